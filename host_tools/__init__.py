@@ -1,0 +1,1 @@
+"""The engineer's tools: the `terrapin` command and what stands behind it."""
