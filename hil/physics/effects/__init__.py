@@ -51,10 +51,16 @@ class Effect:
     expression: str = ""
     constants: tuple[str, ...] = ()  # known constants that must stand in [parameters]
     where: str = "robot"  # where the torque acts in the plant: "robot" (inside, on alpha) or "ground" (on the shell, part of C_t)
-    passive: bool = False  # opposes motion and vanishes at rest: the plant treats it as friction, set-valued at standstill
+    passive: bool = (
+        False  # opposes motion and vanishes at rest: the plant treats it as friction, set-valued at standstill
+    )
     plant: bool = True  # the plant can switch it on
-    apply: Callable[..., Any] | None = None  # contact effects that no expression can say; see host_tools.workbench.models
-    firmware: Mapping[str, str] = field(default_factory=dict)  # effect parameter -> controller parameter that compensates it
+    apply: Callable[..., Any] | None = (
+        None  # contact effects that no expression can say; see host_tools.workbench.models
+    )
+    firmware: Mapping[str, str] = field(
+        default_factory=dict
+    )  # effect parameter -> controller parameter that compensates it
 
 
 @cache

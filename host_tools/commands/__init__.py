@@ -1,0 +1,1 @@
+"""One module a sub-command; each registers itself with `register(app)`."""
