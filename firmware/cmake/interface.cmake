@@ -1,0 +1,25 @@
+# Codec, tables, DBC and reference from the one description. Any Python from 3.11 on will do.
+find_package(Python3 3.11 REQUIRED COMPONENTS Interpreter)
+
+set(INTERFACE_DIR ${CMAKE_SOURCE_DIR}/firmware/interface)
+file(GLOB INTERFACE_SCRIPTS CONFIGURE_DEPENDS ${INTERFACE_DIR}/*.py)
+set(CDEF_HEADERS
+    ${CMAKE_SOURCE_DIR}/firmware/core/terrapin.h
+    ${CMAKE_SOURCE_DIR}/firmware/link/slcan.h
+    ${CMAKE_SOURCE_DIR}/firmware/link/dispatch.h)
+set(HEADER_OPTIONS ${CDEF_HEADERS})
+list(TRANSFORM HEADER_OPTIONS PREPEND "--header=")
+
+# The stamp is what the build waits for: a generated file whose text stays the same keeps its time.
+add_custom_command(
+    OUTPUT ${GENERATED}/stamp
+    BYPRODUCTS
+        ${GENERATED}/terrapin_interface.c ${GENERATED}/terrapin_interface.h ${GENERATED}/terrapin_cdef.h
+        ${GENERATED}/terrapin.dbc ${GENERATED}/interface.json ${GENERATED}/interface.md
+    COMMAND ${Python3_EXECUTABLE} -B ${INTERFACE_DIR}/generate.py --out ${GENERATED} ${HEADER_OPTIONS}
+    COMMAND ${CMAKE_COMMAND} -E touch ${GENERATED}/stamp
+    DEPENDS ${INTERFACE_SCRIPTS} ${INTERFACE_DIR}/controller.toml ${CDEF_HEADERS}
+    COMMENT "Generating the interface from controller.toml"
+    VERBATIM)
+add_custom_target(interface ALL DEPENDS ${GENERATED}/stamp)
+set_source_files_properties(${GENERATED}/terrapin_interface.c ${GENERATED}/terrapin_interface.h PROPERTIES GENERATED TRUE)

@@ -1,0 +1,50 @@
+"""Size and symbols of the linked core for the chip.
+
+    size_report.py [--check] --nm NM --size SIZE IMAGE
+
+Prints the text (code and constants) in bytes and its largest parts. With --check, status 1 when the text is not below the
+limit, or when a heap or floating-point symbol was linked in. Standard library only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import subprocess
+import sys
+
+TEXT_LIMIT = 12_000  # bytes, with the compiler's integer helpers and memcpy
+# Run-time helpers of the ARM EABI for float and double, and their kin in libgcc; what allocates.
+FORBIDDEN = re.compile(
+    r"__aeabi_(c?[fd]|(ui|i|ul|l|h)2[fd]|[fd]2|h2f)\w*|__(add|sub|mul|div|neg|fix|float|extend|trunc)\w*[sdh]f\w*"
+    r"|malloc|calloc|realloc|free|_sbrk|alloca"
+)
+
+
+def run(*command: str) -> list[str]:
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Size and symbols of the linked core.")
+    parser.add_argument("--check", action="store_true")
+    parser.add_argument("--nm", required=True)
+    parser.add_argument("--size", required=True)
+    parser.add_argument("image")
+    options = parser.parse_args()
+
+    text, data, bss = (int(word) for word in run(options.size, options.image)[1].split()[:3])
+    symbols = [line.split() for line in run(options.nm, "-S", "--size-sort", "-r", options.image)]
+    names = [line.split()[-1] for line in run(options.nm, options.image)]
+    codec = sum(int(s[1], 16) for s in symbols if re.match(r"terrapin_(encode|decode|e2e|crc8)", s[3]))
+    print(f"core on Cortex-M4 -Os: text {text} bytes (limit {TEXT_LIMIT}), data {data}, bss {bss}; codec {codec}")
+    for symbol in symbols[:12]:
+        print(f"  {int(symbol[1], 16):6d} {symbol[3]}")
+    bad = sorted({name for name in names if FORBIDDEN.fullmatch(name)})
+    if bad:
+        print(f"forbidden symbols: {' '.join(bad)}")
+    return 1 if options.check and (text >= TEXT_LIMIT or data or bss or bad) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

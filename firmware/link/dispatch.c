@@ -1,0 +1,201 @@
+#include "dispatch.h"
+#include "terrapin_interface.h"
+
+static void reset_controller(terrapin_state *state, terrapin_inputs *inputs) {
+    static const terrapin_inputs nothing = {0};
+    *inputs = nothing;
+    terrapin_init(state);
+}
+
+/* True when a protected frame may be used; counts it otherwise. */
+static bool genuine(terrapin_link *link, const terrapin_frame *frame, uint8_t length, uint8_t *last_counter) {
+    bool good = false;
+    if (frame->length != length) {
+        link->malformed++;
+    } else {
+        switch (terrapin_e2e_check(frame, last_counter)) {
+        case TERRAPIN_E2E_OK:
+            good = true;
+            break;
+        case TERRAPIN_E2E_REPEATED:
+            link->repeated++;
+            break;
+        case TERRAPIN_E2E_BAD_CRC:
+        default:
+            link->bad_crc++;
+            break;
+        }
+    }
+    return good;
+}
+
+static void accept_command(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
+    terrapin_command_t message;
+    if (!genuine(link, frame, TERRAPIN_LENGTH_COMMAND, &link->command_counter) ||
+        !terrapin_decode_command(frame, &message)) {
+        return;
+    }
+    if ((message.request > TERRAPIN_REQUEST_CLEAR) || (message.control > TERRAPIN_CONTROL_SPEED)) {
+        link->malformed++;
+        return;
+    }
+    inputs->command.request = (uint8_t)message.request;
+    inputs->command.control = (uint8_t)message.control;
+    inputs->command.limiter = message.limiter != 0;
+    inputs->command.setpoint = (int16_t)message.setpoint;
+    inputs->command_fresh = true;
+}
+
+static void accept_test_mode(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
+                             terrapin_inputs *inputs) {
+    terrapin_test_mode_t message;
+    if (!genuine(link, frame, TERRAPIN_LENGTH_TEST_MODE, &link->test_counter) ||
+        !terrapin_decode_test_mode(frame, &message)) {
+        return;
+    }
+    const bool arm = message.key == TERRAPIN_TEST_MODE_KEY;
+    if (arm || link->test_mode) {
+        reset_controller(state, inputs);
+    }
+    link->test_mode = arm;
+    link->stepped = false;
+    link->reply_counter = 0U;
+    link->command_counter = TERRAPIN_E2E_NO_COUNTER; /* an earlier run leaves nothing behind */
+    link->write_counter = TERRAPIN_E2E_NO_COUNTER;
+}
+
+/* Answer with the value that stands now and the result of the access. */
+static void parameter_value(terrapin_link *link, const terrapin_state *state, uint16_t index,
+                            terrapin_parameter_result result, terrapin_frame *reply) {
+    int32_t value = 0;
+    const terrapin_parameter_result read = terrapin_parameter_get(state, index, &value);
+    const terrapin_parameter_value_t answer = {
+        .index = index,
+        .value = (read == TERRAPIN_PARAMETER_OK) ? value : 0,
+        .status = (result == TERRAPIN_PARAMETER_OK) ? (int32_t)read : (int32_t)result,
+    };
+    (void)terrapin_encode_parameter_value(&answer, reply); /* cannot saturate: the fields have the signals' widths */
+    terrapin_e2e_protect(reply, link->reply_counter);
+    link->reply_counter = (link->reply_counter < TERRAPIN_E2E_COUNTER_MAX) ? (uint8_t)(link->reply_counter + 1U) : 0U;
+}
+
+static terrapin_accept_result accept_parameter_write(terrapin_link *link, terrapin_state *state,
+                                                     const terrapin_frame *frame, terrapin_frame *reply) {
+    terrapin_parameter_write_t message;
+    if (!genuine(link, frame, TERRAPIN_LENGTH_PARAMETER_WRITE, &link->write_counter) ||
+        !terrapin_decode_parameter_write(frame, &message)) {
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    const uint16_t index = (uint16_t)message.index;
+    parameter_value(link, state, index, terrapin_parameter_set(state, index, message.value), reply);
+    return TERRAPIN_ACCEPT_REPLY;
+}
+
+static terrapin_accept_result accept_parameter_read(terrapin_link *link, const terrapin_state *state,
+                                                    const terrapin_frame *frame, terrapin_frame *reply) {
+    terrapin_parameter_read_t message;
+    if (!terrapin_decode_parameter_read(frame, &message)) {
+        link->malformed++;
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    parameter_value(link, state, (uint16_t)message.index, TERRAPIN_PARAMETER_OK, reply);
+    return TERRAPIN_ACCEPT_REPLY;
+}
+
+static void accept_sensors_slow(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
+    terrapin_sensors_slow_t message;
+    if (!terrapin_decode_sensors_slow(frame, &message)) {
+        link->malformed++;
+        return;
+    }
+    if (message.slow_channel == 0) {
+        inputs->supply_code = (uint16_t)message.slow_code;
+    } else {
+        inputs->temperature_code = (uint16_t)message.slow_code;
+    }
+    inputs->swing_angle_mrad = (int16_t)message.swing_angle;
+    inputs->swing_rate_centirad_s = (int16_t)message.swing_rate;
+    inputs->pitch_mrad = (int16_t)message.pitch;
+    inputs->ground_speed_mm_s = (int16_t)message.ground_speed;
+}
+
+static terrapin_accept_result accept_sensors_fast(terrapin_link *link, const terrapin_frame *frame,
+                                                  terrapin_inputs *inputs) {
+    terrapin_sensors_fast_t message;
+    if (!terrapin_decode_sensors_fast(frame, &message)) {
+        link->malformed++;
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    /* The full tick follows from its low half: ticks only go forward, by less than 65536. */
+    const uint32_t advance = ((uint32_t)message.tick - inputs->tick) & 0xFFFFU;
+    if (link->stepped && (advance == 0U)) {
+        link->repeated++;
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    inputs->tick += advance;
+    inputs->current_code = (uint16_t)message.current_code;
+    inputs->motor_count = (uint16_t)message.motor_count;
+    inputs->ground_count = (uint16_t)message.ground_count;
+    inputs->estop = message.estop != 0;
+    inputs->swing_valid = message.swing_valid != 0;
+    inputs->pitch_valid = message.pitch_valid != 0;
+    inputs->ground_speed_valid = message.ground_speed_valid != 0;
+    link->stepped = true;
+    return TERRAPIN_ACCEPT_STEP;
+}
+
+void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs) {
+    static const terrapin_link fresh = {
+        .command_counter = TERRAPIN_E2E_NO_COUNTER,
+        .write_counter = TERRAPIN_E2E_NO_COUNTER,
+        .test_counter = TERRAPIN_E2E_NO_COUNTER,
+    };
+    *link = fresh;
+    reset_controller(state, inputs);
+}
+
+terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
+                                       terrapin_inputs *inputs, terrapin_frame *reply) {
+    terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
+    switch (frame->id) {
+    case TERRAPIN_ID_COMMAND:
+        accept_command(link, frame, inputs);
+        break;
+    case TERRAPIN_ID_TEST_MODE:
+        accept_test_mode(link, state, frame, inputs);
+        break;
+    case TERRAPIN_ID_PARAMETER_WRITE:
+        result = accept_parameter_write(link, state, frame, reply);
+        break;
+    case TERRAPIN_ID_PARAMETER_READ:
+        result = accept_parameter_read(link, state, frame, reply);
+        break;
+    case TERRAPIN_ID_SENSORS_SLOW:
+        if (link->test_mode) {
+            accept_sensors_slow(link, frame, inputs);
+        } else {
+            link->out_of_place++;
+        }
+        break;
+    case TERRAPIN_ID_SENSORS_FAST:
+        if (link->test_mode) {
+            result = accept_sensors_fast(link, frame, inputs);
+        } else {
+            link->out_of_place++;
+        }
+        break;
+    default:
+        link->unknown++;
+        break;
+    }
+    return result;
+}
+
+void terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin_outputs *outputs) {
+    terrapin_step(state, inputs, outputs);
+    inputs->command_fresh = false;
+}
+
+bool terrapin_link_bridge_allowed(const terrapin_link *link) {
+    return !link->test_mode;
+}

@@ -1,0 +1,63 @@
+/* From frames to the step's inputs: what every port does with a received frame, whatever brought it.
+ *
+ * A port is an edge; all of it that differs is
+ *     receive:  give each received frame to terrapin_accept
+ *     TERRAPIN_ACCEPT_REPLY:  send *reply
+ *     TERRAPIN_ACCEPT_STEP (test mode), or each millisecond of an own clock with own sensors in *inputs (otherwise):
+ *         terrapin_link_step, send its frames in order,
+ *         apply duty and enable to the bridge if terrapin_link_bridge_allowed, else hold the bridge off
+ *     leaving, for whatever reason:  bridge off
+ *
+ * Test mode (armed by TEST_MODE, off after reset): sensors come from SENSORS_SLOW and SENSORS_FAST, and each
+ * SENSORS_FAST is one tick. Arming and leaving reset the controller, so that a run in test mode is a function of its
+ * frames alone.
+ */
+#ifndef TERRAPIN_DISPATCH_H
+#define TERRAPIN_DISPATCH_H
+
+#include "terrapin.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define TERRAPIN_TEST_MODE_KEY 0x7E57A4EDU
+
+typedef struct {
+    uint8_t command_counter; /* E2E counters of the last accepted frames; TERRAPIN_E2E_NO_COUNTER at first */
+    uint8_t write_counter;
+    uint8_t test_counter;
+    uint8_t reply_counter; /* of the next PARAMETER_VALUE */
+    bool test_mode;
+    bool stepped;          /* a tick was taken since test mode was armed */
+    uint32_t bad_crc;      /* frames dropped, by cause; these wrap */
+    uint32_t repeated;     /* counter or tick of the last accepted frame */
+    uint32_t malformed;    /* wrong length, or a value that controller.toml does not know */
+    uint32_t out_of_place; /* SENSORS_* outside test mode */
+    uint32_t unknown;      /* other traffic on the bus */
+} terrapin_link;
+
+typedef enum {
+    TERRAPIN_ACCEPT_NOTHING = 0,
+    TERRAPIN_ACCEPT_REPLY = 1, /* *reply was written: send it */
+    TERRAPIN_ACCEPT_STEP = 2   /* the inputs of a tick are complete: step now */
+} terrapin_accept_result;
+
+/* Reset of the link, the inputs (all zero, nothing valid) and the controller. */
+TERRAPIN_API void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs);
+
+/* Take one frame. A frame that is dropped changes nothing but its counter in *link. */
+TERRAPIN_API terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state,
+                                                    const terrapin_frame *frame, terrapin_inputs *inputs,
+                                                    terrapin_frame *reply);
+
+/* One tick: terrapin_step, after which the command is no longer fresh. */
+TERRAPIN_API void terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin_outputs *outputs);
+
+/* The physical bridge may follow the outputs: false while test mode lasts. */
+TERRAPIN_API bool terrapin_link_bridge_allowed(const terrapin_link *link);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

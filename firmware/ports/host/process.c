@@ -1,0 +1,284 @@
+/* terrapin-controller: the controller as a process that speaks SLCAN, like a board on USB.
+ *
+ *     terrapin-controller --pty [LINK]    make a pseudo-terminal, print its path, serve the first peer that opens it
+ *     terrapin-controller DEVICE          serve a tty (its speed is left as stty set it)
+ *
+ * It has no sensors of its own and no bridge: it steps in test mode only, once a SENSORS_FAST. It ends, with the
+ * outputs off, when the peer goes away (status 0), on SIGTERM, SIGINT or SIGHUP (status 0), or when the device fails
+ * (status 1). What one read brought is answered by one write; both buffers are bounded.
+ */
+#define _GNU_SOURCE /* ppoll, posix_openpt, ptsname_r, cfmakeraw */
+
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include "dispatch.h"
+#include "slcan.h"
+#include "terrapin_interface.h"
+
+#define IN_SIZE 512
+/* The shortest line with the longest answer decides: "F\r" gives 4 bytes, "t1008...\r" (22) two frames and "\r" (45),
+ * "t0822....\r" (10) one frame and "\r" (23). A line that an earlier read began adds one more answer. */
+#define OUT_SIZE (4 * IN_SIZE)
+_Static_assert(OUT_SIZE >= (3 * IN_SIZE) + (TERRAPIN_MAX_FRAMES * TERRAPIN_SLCAN_TEXT_MAX) + TERRAPIN_SLCAN_REPLY_MAX,
+               "answers to one read must fit");
+
+typedef struct {
+    int fd;
+    terrapin_slcan parser;
+    terrapin_link link;
+    terrapin_inputs inputs;
+    terrapin_outputs outputs;
+    terrapin_state *state;
+    unsigned long ticks;
+    uint8_t out[OUT_SIZE];
+    size_t out_length;
+} controller;
+
+static volatile sig_atomic_t stop_signal;
+
+static void on_signal(int number) {
+    stop_signal = number;
+}
+
+/* Signals are open only while ppoll waits, so that none slips in between the check and the wait. */
+static int catch_signals(sigset_t *while_waiting) {
+    static const int numbers[] = {SIGTERM, SIGINT, SIGHUP};
+    struct sigaction action = {.sa_handler = on_signal};
+    sigset_t blocked;
+    (void)sigemptyset(&blocked);
+    (void)sigprocmask(SIG_SETMASK, NULL, while_waiting);
+    for (size_t i = 0; i < (sizeof numbers / sizeof numbers[0]); i++) {
+        if (sigaction(numbers[i], &action, NULL) != 0) {
+            return -1;
+        }
+        (void)sigaddset(&blocked, numbers[i]);
+        (void)sigdelset(while_waiting, numbers[i]);
+    }
+    (void)signal(SIGPIPE, SIG_IGN);
+    return sigprocmask(SIG_BLOCK, &blocked, NULL);
+}
+
+static void fail(const char *what, const char *name) {
+    (void)fprintf(stderr, "terrapin-controller: %s %s: %s\n", what, name, strerror(errno));
+}
+
+static int make_raw(int fd) {
+    struct termios settings;
+    if (tcgetattr(fd, &settings) != 0) {
+        return -1;
+    }
+    cfmakeraw(&settings);
+    settings.c_cflag |= CLOCAL | CREAD;
+    return tcsetattr(fd, TCSANOW, &settings);
+}
+
+/* A raw pty; its slave's path is printed and, when link is not NULL, linked there. The master, or -1 (said why). */
+static int open_pty(const char *link) {
+    char path[128];
+    const int master = posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
+    if ((master < 0) || (grantpt(master) != 0) || (unlockpt(master) != 0) ||
+        (ptsname_r(master, path, sizeof path) != 0) || (make_raw(master) != 0)) {
+        fail("cannot make", "a pseudo-terminal");
+        return -1;
+    }
+    if (link != NULL) {
+        /* A link that an earlier run left behind is replaced; anything else under this name is the user's. */
+        struct stat old;
+        if ((lstat(link, &old) == 0) && S_ISLNK(old.st_mode)) {
+            (void)unlink(link);
+        }
+        if (symlink(path, link) != 0) {
+            fail("cannot link", link);
+            return -1;
+        }
+    }
+    if ((printf("%s\n", (link != NULL) ? link : path) < 0) || (fflush(stdout) != 0)) {
+        fail("cannot print", path);
+        return -1;
+    }
+    return master;
+}
+
+static int open_tty(const char *device) {
+    const int fd = open(device, O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
+    if ((fd < 0) || (make_raw(fd) != 0)) {
+        fail("cannot open", device);
+        return -1;
+    }
+    return fd;
+}
+
+static void queue(controller *c, const uint8_t *bytes, size_t length) {
+    if (length > (OUT_SIZE - c->out_length)) {
+        (void)fprintf(stderr, "terrapin-controller: answer buffer overflow\n"); /* excluded by OUT_SIZE */
+        abort();
+    }
+    memcpy(&c->out[c->out_length], bytes, length);
+    c->out_length += length;
+}
+
+static void queue_frame(controller *c, const terrapin_frame *frame) {
+    uint8_t text[TERRAPIN_SLCAN_TEXT_MAX];
+    queue(c, text, terrapin_slcan_encode(frame, text));
+}
+
+static void take_frame(controller *c, const terrapin_frame *frame) {
+    terrapin_frame reply;
+    switch (terrapin_accept(&c->link, c->state, frame, &c->inputs, &reply)) {
+    case TERRAPIN_ACCEPT_REPLY:
+        queue_frame(c, &reply);
+        break;
+    case TERRAPIN_ACCEPT_STEP:
+        terrapin_link_step(c->state, &c->inputs, &c->outputs);
+        c->ticks++;
+        for (uint8_t i = 0; i < c->outputs.frame_count; i++) {
+            queue_frame(c, &c->outputs.frames[i]);
+        }
+        break;
+    case TERRAPIN_ACCEPT_NOTHING:
+    default:
+        break;
+    }
+}
+
+static void take_bytes(controller *c, const uint8_t *bytes, size_t length) {
+    terrapin_frame frame;
+    terrapin_slcan_reply reply;
+    for (size_t i = 0; i < length; i++) {
+        const terrapin_slcan_event event = terrapin_slcan_feed(&c->parser, bytes[i], &frame, &reply);
+        if (event == TERRAPIN_SLCAN_FRAME) {
+            take_frame(c, &frame);
+        }
+        if (event != TERRAPIN_SLCAN_MORE) {
+            queue(c, reply.text, reply.length);
+        }
+    }
+}
+
+/* Wait until the device is ready for events. 1: ready, 0: the peer is gone or a signal came, -1: failed. */
+static int wait_for(const controller *c, short events, const sigset_t *while_waiting) {
+    struct pollfd device = {.fd = c->fd, .events = events};
+    for (;;) {
+        if (stop_signal != 0) {
+            return 0;
+        }
+        if (ppoll(&device, 1, NULL, while_waiting) < 0) {
+            if (errno != EINTR) {
+                return -1;
+            }
+        } else if ((device.revents & events) != 0) {
+            return 1;
+        } else if ((device.revents & (POLLHUP | POLLERR | POLLNVAL)) != 0) {
+            return 0;
+        }
+    }
+}
+
+/* Answers of one read go out in one write, as far as the terminal takes them. Same results as wait_for. */
+static int flush(controller *c, const sigset_t *while_waiting) {
+    size_t done = 0;
+    while (done < c->out_length) {
+        const ssize_t n = write(c->fd, &c->out[done], c->out_length - done);
+        if (n >= 0) {
+            done += (size_t)n;
+        } else if (errno == EIO) {
+            return 0;
+        } else if ((errno != EAGAIN) && (errno != EINTR)) {
+            return -1;
+        }
+        if (done < c->out_length) {
+            const int ready = wait_for(c, POLLOUT, while_waiting);
+            if (ready != 1) {
+                return ready;
+            }
+        }
+    }
+    c->out_length = 0;
+    return 1;
+}
+
+/* Until the peer goes away or a signal comes (0) or the device fails (-1). */
+static int serve(controller *c, const sigset_t *while_waiting) {
+    uint8_t in[IN_SIZE];
+    int going = wait_for(c, POLLIN, while_waiting);
+    while (going == 1) {
+        const ssize_t n = read(c->fd, in, sizeof in);
+        if (n > 0) {
+            take_bytes(c, in, (size_t)n);
+            going = flush(c, while_waiting);
+        } else if ((n == 0) || (errno == EIO)) {
+            going = 0;
+        } else if ((errno != EAGAIN) && (errno != EINTR)) {
+            going = -1;
+        }
+        if (going == 1) {
+            going = wait_for(c, POLLIN, while_waiting);
+        }
+    }
+    return going;
+}
+
+/* Whatever the reason for leaving, nothing drives the bridge any more. */
+static void outputs_off(controller *c) {
+    c->outputs.enable = false;
+    c->outputs.duty_q15 = 0;
+}
+
+static int usage(int status) {
+    (void)fprintf((status == 0) ? stdout : stderr,
+                  "usage: terrapin-controller --pty [LINK]   serve a new pseudo-terminal; its path is printed\n"
+                  "       terrapin-controller DEVICE         serve a serial port (set its speed with stty)\n"
+                  "The controller speaks SLCAN. Example: terrapin-controller --pty /tmp/terrapin\n");
+    return status;
+}
+
+int main(int argc, char **argv) {
+    static controller c;
+    sigset_t while_waiting;
+    const bool pty = (argc >= 2) && (strcmp(argv[1], "--pty") == 0);
+    if ((argc == 2) && (strcmp(argv[1], "--help") == 0)) {
+        return usage(0);
+    }
+    if ((argc < 2) || (argc > (pty ? 3 : 2)) || (!pty && (argv[1][0] == '-'))) {
+        return usage(2);
+    }
+    const char *link = (pty && (argc == 3)) ? argv[2] : NULL;
+    if (catch_signals(&while_waiting) != 0) {
+        fail("cannot catch", "signals");
+        return 1;
+    }
+    c.state = calloc(1, terrapin_state_size());
+    c.fd = (c.state == NULL) ? -1 : (pty ? open_pty(link) : open_tty(argv[1]));
+    if (c.fd < 0) {
+        free(c.state);
+        return 1;
+    }
+    terrapin_slcan_init(&c.parser);
+    terrapin_link_init(&c.link, c.state, &c.inputs);
+
+    const int result = serve(&c, &while_waiting);
+    if (result != 0) {
+        fail("lost", pty ? "the pseudo-terminal" : argv[1]);
+    }
+    outputs_off(&c);
+    (void)fprintf(stderr,
+                  "terrapin-controller: %s after %lu ticks, outputs off; dropped: %lu bad CRC, %lu repeated, "
+                  "%lu malformed frames, %lu malformed lines\n",
+                  (stop_signal != 0) ? "stopped by a signal" : "peer gone", c.ticks, (unsigned long)c.link.bad_crc,
+                  (unsigned long)c.link.repeated, (unsigned long)c.link.malformed, (unsigned long)c.parser.malformed);
+    if (link != NULL) {
+        (void)unlink(link);
+    }
+    (void)close(c.fd);
+    free(c.state);
+    return (result == 0) ? 0 : 1;
+}
