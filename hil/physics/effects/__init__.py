@@ -1,34 +1,38 @@
 """The catalogue of physical effects: one file an effect, found by looking into this folder.
 
 An effect states its equation, its source, its parameters with units and bounds, what it needs and what it changes.
-The simulator (which compiles `expression` into the plant's loop), the workbench (which evaluates it over arrays, or calls
-`apply` where an expression cannot say it) and the export to the firmware all use that one file; nothing else in the
-program knows an effect's name.
+The simulator (which compiles `expression` into the plant's loop), the workbench (which evaluates it over arrays) and
+the export to the firmware all use that one file; nothing else in the program knows an effect's name.
 """
 
 from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any
+from math import inf
 
 __all__ = ["Effect", "Parameter", "catalogue"]
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One fitted parameter of an effect. `start`, `minimum` and `maximum` are in `unit` (pint's spelling)."""
+    """One fitted parameter of an effect. `start`, `minimum` and `maximum` are in `unit` (pint's spelling).
+
+    `grid` holds further values from which a fit starts, for a parameter that shapes the effect (a phase, a threshold):
+    a fit that starts from one value only would stop in the nearest hollow.
+    """
 
     name: str
     unit: str
     start: float
-    minimum: float
-    maximum: float
-    meaning: str
+    minimum: float = -inf
+    maximum: float = inf
+    meaning: str = ""
     whole: bool = False  # takes whole numbers only (a harmonic's order)
+    grid: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -36,8 +40,11 @@ class Effect:
     """A physical effect that a base model may lack.
 
     `target` says what the effect acts on: "resistance" (the expression is a torque dC [N m] added to the resisting
-    side), the name of a channel (the expression is added to it), or the name of a model parameter (which is multiplied by
-    1 + expression). Names in the expression are roles, parameters of the model, and the effect's own parameters.
+    side), "drag" (contact models: a force X [N] that traction - X and torque - R X feel), the name of a channel (the
+    expression is added to it), or the name of a model parameter (which is multiplied by 1 + expression). Names in the
+    expression are roles, parameters of the model, and the effect's own parameters; temperatures are in degC.
+
+    The first parameter is the effect's size: where it is 0 the effect is absent, whatever the others are.
     """
 
     name: str
@@ -47,20 +54,18 @@ class Effect:
     bases: tuple[str, ...]  # base models that it can be added to
     parameters: tuple[Parameter, ...]
     needs: tuple[tuple[str, ...], ...]  # each entry: roles of which one must be mapped
+    expression: str
     target: str = "resistance"
-    expression: str = ""
-    constants: tuple[str, ...] = ()  # known constants that must stand in [parameters]
-    where: str = "robot"  # where the torque acts in the plant: "robot" (inside, on alpha) or "ground" (on the shell, part of C_t)
-    passive: bool = (
-        False  # opposes motion and vanishes at rest: the plant treats it as friction, set-valued at standstill
+    additive: bool = False  # target is a parameter: the expression is added to it, not multiplied on
+    stage: str = (
+        "channel"  # target is a channel: "channel" adds, then "gain" multiplies by 1 + it, then "measured" adds
     )
+    constants: Mapping[str, str] = field(default_factory=dict)  # known constants of [parameters]: name -> unit
+    options: Mapping[str, float] = field(default_factory=dict)  # names that [parameters] may set: name -> default
+    where: str = "robot"  # in the plant: a torque inside the robot (on alpha), or "ground": on the shell, part of C_t
+    passive: bool = False  # opposes motion and vanishes at rest: friction in the plant, set-valued at standstill
     plant: bool = True  # the plant can switch it on
-    apply: Callable[..., Any] | None = (
-        None  # contact effects that no expression can say; see host_tools.workbench.models
-    )
-    firmware: Mapping[str, str] = field(
-        default_factory=dict
-    )  # effect parameter -> controller parameter that compensates it
+    firmware: Mapping[str, str] = field(default_factory=dict)  # parameter -> controller parameter that compensates it
 
 
 @cache

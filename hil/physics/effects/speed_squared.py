@@ -8,9 +8,10 @@ EFFECT = Effect(
     equation=r"\Delta C = f_s\,\omega^2 R W\,\mathrm{sgn}\,\omega",
     source="Reina et al. 2006, Eq. (2)",
     bases=("rolling_steady",),
-    parameters=(Parameter("f_s", "s^2/rad^2", 0.0, -0.01, 0.01, "speed effect coefficient of the ground"),),
+    parameters=(Parameter("f_s", "s^2/rad^2", 0.0, meaning="speed coefficient of the ground's resistance"),),
     needs=(("omega",),),
     expression="f_s * omega**2 * radius * load * sign(omega)",
     where="ground",
     passive=True,
+    firmware={"f_s": "comp_speed_squared"},
 )

@@ -1,0 +1,20 @@
+"""A shell whose centre of mass is off its axis."""
+
+from math import pi
+
+from hil.physics.effects import Effect, Parameter
+
+EFFECT = Effect(
+    name="shell_imbalance",
+    title="Imbalance of the shell",
+    equation=r"\Delta C = m_e \sin(\alpha + \varphi)",
+    source="Moment of the shell's weight about the axle, once a turn",
+    bases=("rolling_steady",),
+    parameters=(
+        Parameter("m_e", "N m", 0.0, 0.0, meaning="weight times eccentricity"),
+        Parameter("phase", "rad", 0.0, -2 * pi, 2 * pi, "angle at which it starts", grid=(-pi / 2, 0.0, pi / 2, pi)),
+    ),
+    needs=(("angle",),),
+    expression="m_e * sin(angle + phase)",
+    firmware={"m_e": "comp_imbalance", "phase": "comp_imbalance_phase"},
+)
