@@ -1,0 +1,265 @@
+#include "body.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { SWEEPS = 200, NEWTON = 60 };
+
+typedef struct {
+    double inverse[3][3];
+    double velocity[3]; /* what the impulses change */
+    double impulse[3];  /* dry frictions */
+    double bound[3];
+} contact;
+
+static double clamp(double value, double bound) {
+    return fmin(fmax(value, -bound), bound);
+}
+
+static void matrices(const hil_robot *robot, const hil_robot_derived *d, const hil_ground *ground,
+                     const double *position, const double *rate, double mass[3][3], double *force) {
+    const double swing = position[HIL_ALPHA] - position[HIL_BETA];
+    const double swing_rate = rate[HIL_ALPHA] - rate[HIL_BETA];
+    const double sine = sin(swing);
+    const double cosine = cos(swing);
+    const double slope_sine = ground->slope == 0.0 ? 0.0 : sin(ground->slope);
+    const double slope_cosine = ground->slope == 0.0 ? 1.0 : cos(ground->slope);
+    const double along = d->imbalance * (cosine * slope_cosine + sine * slope_sine);
+    const double across = d->imbalance * (sine * slope_cosine - cosine * slope_sine);
+    mass[0][0] = d->mass;
+    mass[0][1] = mass[1][0] = -along;
+    mass[0][2] = mass[2][0] = along;
+    mass[1][1] = robot->shell_inertia + d->swing_inertia + robot->drive_inertia;
+    mass[1][2] = mass[2][1] = robot->drive_inertia * d->roll - d->swing_inertia;
+    mass[2][2] = d->swing_inertia + robot->drive_inertia * d->roll * d->roll;
+    const double restoring =
+        robot->gravity * d->imbalance * sine + across * ground->curvature * rate[HIL_X] * rate[HIL_X];
+    force[HIL_X] = across * swing_rate * swing_rate - d->weight * slope_sine;
+    force[HIL_BETA] = restoring;
+    force[HIL_ALPHA] = -restoring;
+}
+
+void hil_body_matrices(const hil_robot *robot, const hil_ground *ground, const double *position, const double *rate,
+                       double *mass, double *force) {
+    const hil_robot_derived d = hil_robot_derive(robot);
+    double m[3][3];
+    matrices(robot, &d, ground, position, rate, m, force);
+    memcpy(mass, m, sizeof m);
+}
+
+static void invert3(double m[3][3], double inverse[3][3]) {
+    const double a = m[1][1] * m[2][2] - m[1][2] * m[1][2];
+    const double b = m[0][2] * m[1][2] - m[0][1] * m[2][2];
+    const double c = m[0][1] * m[1][2] - m[0][2] * m[1][1];
+    const double scale = 1.0 / (m[0][0] * a + m[0][1] * b + m[0][2] * c);
+    inverse[0][0] = a * scale;
+    inverse[0][1] = inverse[1][0] = b * scale;
+    inverse[0][2] = inverse[2][0] = c * scale;
+    inverse[1][1] = (m[0][0] * m[2][2] - m[0][2] * m[0][2]) * scale;
+    inverse[1][2] = inverse[2][1] = (m[0][1] * m[0][2] - m[0][0] * m[1][2]) * scale;
+    inverse[2][2] = (m[0][0] * m[1][1] - m[0][1] * m[0][1]) * scale;
+}
+
+/* With x imposed only beta and alpha answer to impulses: the row and column of x are zero. */
+static void invert2(double m[3][3], double inverse[3][3]) {
+    const double scale = 1.0 / (m[1][1] * m[2][2] - m[1][2] * m[1][2]);
+    memset(inverse, 0, 9 * sizeof(double));
+    inverse[1][1] = m[2][2] * scale;
+    inverse[2][2] = m[1][1] * scale;
+    inverse[1][2] = inverse[2][1] = -m[1][2] * scale;
+}
+
+static void push(contact *c, int i, double impulse) {
+    for (int j = 0; j < 3; j++) {
+        c->velocity[j] += c->inverse[j][i] * impulse;
+    }
+}
+
+/* Solves w + k (1 - exp(-w / scale)) = w_free for the slip speed w between 0 and w_free >= 0: the left side is concave
+ * and rising, so that Newton's steps from the left of the root rise to it and never pass it. */
+static double slip_speed(double w_free, double k, double scale, double guess) {
+    double w = fmax(fmin(guess, w_free), fmax(w_free - k, 0.0));
+    for (int i = 0; i < NEWTON; i++) {
+        const double decay = exp(-w / scale);
+        const double step = (w_free - w - k * (1.0 - decay)) / (1.0 + k * decay / scale);
+        w = fmin(fmax(w + step, 0.0), w_free);
+        if (fabs(step) <= 1e-13 * w_free) {
+            break;
+        }
+    }
+    return w;
+}
+
+/* The three dry frictions and the traction impulse along (1, -R, 0); returns the traction impulse. */
+static double solve_contact(contact *c, double radius, double strength, double scale, double traction) {
+    const double lever[3] = {1.0, -radius, 0.0};
+    double answer[3]; /* change of the velocities by a unit traction impulse */
+    for (int j = 0; j < 3; j++) {
+        answer[j] = c->inverse[j][0] * lever[0] + c->inverse[j][1] * lever[1];
+    }
+    const double compliance = answer[0] * lever[0] + answer[1] * lever[1];
+    for (int i = 0; i < 3; i++) {
+        push(c, i, c->impulse[i]);
+        c->velocity[i] += answer[i] * traction;
+    }
+    for (int sweep = 0; sweep < SWEEPS; sweep++) {
+        bool changed = false;
+        for (int i = 2; i >= 0; i--) {
+            if (c->bound[i] <= 0.0 || c->inverse[i][i] <= 0.0) {
+                continue;
+            }
+            const double wanted = clamp(c->impulse[i] - c->velocity[i] / c->inverse[i][i], c->bound[i]);
+            const double change = wanted - c->impulse[i];
+            if (change != 0.0) {
+                push(c, i, change);
+                c->impulse[i] = wanted;
+                changed = changed || fabs(change) > 1e-10 * c->bound[i];
+            }
+        }
+        if (sweep > 0 && !changed) {
+            break;
+        }
+        const double w = radius * c->velocity[HIL_BETA] - c->velocity[HIL_X];
+        const double w_free = w + compliance * traction;
+        const double found = copysign(slip_speed(fabs(w_free), compliance * strength, scale, fabs(w)), w_free);
+        const double change = (w_free - found) / compliance - traction;
+        for (int j = 0; j < 3; j++) {
+            c->velocity[j] += answer[j] * change;
+        }
+        traction += change;
+    }
+    return traction;
+}
+
+typedef struct {
+    hil_terms robot;
+    hil_terms ground;
+    double robot_inertia;
+    double ground_inertia;
+} effect_sum;
+
+static hil_terms call_effect(hil_effect_function function, hil_roles roles, int inertial, double *inertia) {
+    hil_terms terms;
+    memset(&terms, 0, sizeof terms);
+    function(&roles, &terms);
+    if (inertial != 0) {
+        hil_terms moved;
+        memset(&moved, 0, sizeof moved);
+        roles.acceleration = 1.0;
+        function(&roles, &moved);
+        *inertia = moved.active - terms.active;
+    }
+    return terms;
+}
+
+static effect_sum evaluate_effects(const hil_effects *effects, const hil_surroundings *around, const hil_body *body,
+                                   const double *position, const double *rate, const hil_ground *ground,
+                                   double radius) {
+    effect_sum sum;
+    memset(&sum, 0, sizeof sum);
+    if (effects->robot == NULL && effects->ground == NULL) {
+        return sum;
+    }
+    hil_roles roles;
+    roles.time = around->time;
+    roles.acceleration = 0.0;
+    roles.slip = hil_slip(radius * rate[HIL_BETA], rate[HIL_X], HIL_SLIP_FLOOR);
+    roles.speed = rate[HIL_X];
+    roles.load = body->load;
+    roles.slope = ground->slope;
+    roles.temperature = around->temperature;
+    roles.voltage = around->drive.enabled ? around->drive.duty * around->drive.supply : 0.0;
+    roles.pass = around->pass;
+    roles.moisture = around->moisture;
+    if (effects->robot != NULL) {
+        roles.omega = rate[HIL_ALPHA];
+        roles.angle = position[HIL_ALPHA];
+        sum.robot = call_effect(effects->robot, roles, effects->robot_inertial, &sum.robot_inertia);
+    }
+    if (effects->ground != NULL) {
+        roles.omega = rate[HIL_BETA];
+        roles.angle = position[HIL_BETA];
+        sum.ground = call_effect(effects->ground, roles, effects->ground_inertial, &sum.ground_inertia);
+    }
+    return sum;
+}
+
+static void dig(const hil_path *path, double softness, double rim, double axle, double dt, hil_body *body) {
+    const double slip = fabs(hil_slip(rim, axle, HIL_SLIP_FLOOR));
+    const double grow = softness * fabs(rim - axle) / path->dig_length * fmax(slip - 0.5, 0.0);
+    const double leave = fabs(axle) / path->leave_length;
+    /* Implicit in the depth: stays in 0..1 for any step. */
+    body->rut = (body->rut + dt * grow) / (1.0 + dt * (grow + leave));
+}
+
+void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil_path *path, const hil_effects *effects,
+                   const hil_surroundings *around, double dt, hil_body *body) {
+    double position[3];
+    double rate[3];
+    for (int i = 0; i < 3; i++) {
+        rate[i] = body->rate[i] + 0.5 * dt * body->acceleration[i];
+        position[i] = body->position[i] + 0.5 * dt * body->rate[i];
+    }
+    const hil_ground ground = hil_path_at(path, position[HIL_X]);
+    double mass[3][3];
+    double force[3];
+    matrices(robot, d, &ground, position, rate, mass, force);
+    body->load = ground.slope == 0.0 ? d->weight : d->weight * cos(ground.slope);
+    const effect_sum e = evaluate_effects(effects, around, body, position, rate, &ground, robot->radius);
+
+    hil_drive drive = around->drive;
+    drive.torque_constant *= 1.0 + e.robot.torque_constant;
+    drive.armature_resistance *= 1.0 + e.robot.armature_resistance;
+    const double motor = drive.torque_constant * hil_motor_current(&drive, d->gear, rate[HIL_ALPHA]);
+    const double smooth_friction = robot->viscous * (1.0 + e.robot.viscous) * rate[HIL_ALPHA] + e.robot.active;
+    force[HIL_ALPHA] += d->gear * motor - smooth_friction;
+    force[HIL_BETA] -= e.ground.active;
+    mass[HIL_ALPHA][HIL_ALPHA] += e.robot_inertia;
+    mass[HIL_BETA][HIL_BETA] += e.ground_inertia;
+
+    contact c;
+    if (around->carried) {
+        invert2(mass, c.inverse);
+        const double pull = (around->carriage_speed - body->rate[HIL_X]) / dt;
+        force[HIL_BETA] -= mass[HIL_BETA][HIL_X] * pull;
+        force[HIL_ALPHA] -= mass[HIL_ALPHA][HIL_X] * pull;
+    } else {
+        invert3(mass, c.inverse);
+    }
+    const double coefficient =
+        ground.terrain.f_o * (1.0 + e.ground.f_o) + ground.terrain.f_s * rate[HIL_BETA] * rate[HIL_BETA];
+    c.bound[HIL_X] = around->carried ? 0.0 : dt * path->rut_friction * body->rut * d->weight;
+    c.bound[HIL_BETA] = dt * fmax(coefficient * robot->radius * body->load + e.ground.passive, 0.0);
+    c.bound[HIL_ALPHA] = dt * fmax(robot->coulomb * (1.0 + e.robot.coulomb) + e.robot.passive, 0.0);
+    for (int i = 0; i < 3; i++) {
+        c.velocity[i] =
+            body->rate[i] + dt * (c.inverse[i][0] * force[0] + c.inverse[i][1] * force[1] + c.inverse[i][2] * force[2]);
+        c.impulse[i] = clamp(-dt * body->friction[i], c.bound[i]);
+    }
+    if (around->carried) {
+        c.velocity[HIL_X] = around->carriage_speed;
+    }
+    const double scale =
+        ground.terrain.s_k * fmax(HIL_SLIP_FLOOR, fmax(fabs(robot->radius * rate[HIL_BETA]), fabs(rate[HIL_X])));
+    const double strength = dt * ground.terrain.mu * body->load;
+    body->traction = solve_contact(&c, robot->radius, strength, scale, dt * body->traction) / dt;
+
+    for (int i = 0; i < 3; i++) {
+        body->position[i] += 0.5 * dt * (body->rate[i] + c.velocity[i]);
+        body->acceleration[i] = (c.velocity[i] - body->rate[i]) / dt;
+        body->rate[i] = c.velocity[i];
+        body->friction[i] = -c.impulse[i] / dt;
+    }
+    body->carriage_force = 0.0;
+    if (around->carried) {
+        body->carriage_force = mass[0][0] * body->acceleration[0] + mass[0][1] * body->acceleration[1] +
+                               mass[0][2] * body->acceleration[2] - force[HIL_X] - body->traction;
+    }
+    body->internal_friction =
+        smooth_friction + e.robot_inertia * body->acceleration[HIL_ALPHA] + body->friction[HIL_ALPHA];
+    body->ground_torque = e.ground.active + e.ground_inertia * body->acceleration[HIL_BETA];
+    body->current = hil_motor_current(&drive, d->gear, body->rate[HIL_ALPHA]);
+    body->sensed_current = body->current + e.robot.current + e.ground.current;
+    body->motor_torque = drive.torque_constant * body->current;
+    dig(path, ground.terrain.softness, robot->radius * body->rate[HIL_BETA], body->rate[HIL_X], dt, body);
+}
