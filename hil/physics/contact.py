@@ -1,14 +1,15 @@
 """Stress under a stack of thin discs that sink into soil: what a sphere and a wheel have in common.
 
-Every disc of radius r enters the soil at theta_1, leaves it at theta_2 = -recovery theta_1 (0: the rut stays as it is) and
-carries its largest normal stress at theta_m. Front zone, theta_m to theta_1:
+Every disc of radius r enters the soil at theta_1, leaves it at theta_2 = -recovery theta_1 (0: the rut stays as it
+is) and carries its largest normal stress at theta_m. Front zone, theta_m to theta_1:
 
     sigma = stiffness (cos theta - cos theta_1)^n
-    tau   = (c + sigma tan phi) (1 - exp(-|j|/k)) sgn(j),   j = r [(theta_1 - theta) - (1 - slip)(sin theta_1 - sin theta)]
+    tau   = (c + sigma tan phi) (1 - exp(-|j|/k)) sgn(j)
+    j     = r [(theta_1 - theta) - (1 - slip)(sin theta_1 - sin theta)]
 
 Behind theta_m the normal stress is that in front, mapped linearly from [theta_2, theta_m]; the shear law is the same.
-With linear stresses sigma and tau fall in straight lines from their values at theta_m to 0 at both ends, and the integrals
-over theta are closed forms.
+With linear stresses sigma and tau fall in straight lines from their values at theta_m to 0 at both ends, and the
+integrals over theta are closed forms.
 
 Sources: Li et al. 2024, Eqs. (3) to (7); Reina et al. 2006, Eqs. (9) to (15) with the shear displacement put right
 (printed without "(theta_1 - theta) -", by which torque would fall with slip).
@@ -67,7 +68,7 @@ def _shear(discs: Discs, sigma: Array, travel: Array, modulus: Array, cohesion: 
 
 
 def _full(d: Discs, nodes: int) -> tuple[Array, Array, Array]:
-    # theta = theta_1 - front q^2 and theta_2 + rear q^2: the square takes the root-like end of sigma out of the integrand
+    # theta = theta_1 - front q^2 and theta_2 + rear q^2: the square takes sigma's root-like end out of the integrand
     q, w = gauss(nodes)
     step, w = q * q, 2.0 * q * w
     front, rear = (d.theta_1 - d.theta_m)[..., None], (d.theta_m - d.theta_2)[..., None]
@@ -111,8 +112,8 @@ def solve_entry_angle(
     """Entry angle [rad] at which `vertical(theta)` carries `load`, row by row.
 
     A secant in the logarithms (the force is nearly a power `slope` of the angle), kept inside a bracket. A row whose
-    load no angle up to 1.55 rad carries gets that limit: the caller sees it by `theta >= THETA_MAX`. Convergence to 1e-12
-    of the load takes 5 to 7 calls of `vertical`, 2 to 4 from a near start.
+    load no angle up to 1.55 rad carries gets that limit: the caller sees it by `theta >= THETA_MAX`. Convergence to
+    1e-12 of the load takes 5 to 7 calls of `vertical`, 2 to 4 from a near start.
     """
     low = np.full(load.shape, np.log(1e-7))
     high = np.full(load.shape, np.log(THETA_MAX))

@@ -1,7 +1,7 @@
 """A sphere that rolls on sand (Li et al., Actuators 2024, 13(8), 289, Eqs. 1 to 10).
 
-The sphere is a stack of discs of radius r_x = sqrt(R^2 - x^2), all with the same forward speed, so the slip of a disc is
-1 - s_x = R (1 - s) / r_x. Every function works on rows: arrays of one shape (rows,), or scalars.
+The sphere is a stack of discs of radius r_x = sqrt(R^2 - x^2), all with the same forward speed, so the slip of a disc
+is 1 - s_x = R (1 - s) / r_x. Every function works on rows: arrays of one shape (rows,), or scalars.
 
 Accuracy of the default quadrature: 1e-8 of every force where slip > sinkage / R. Below that the rim's discs skid while
 the middle slips, the shear stress has a kink inside the integral, and 12 nodes give 2e-5, 96 nodes 1e-8.
@@ -76,7 +76,7 @@ def _rows(*values: Rows) -> tuple[Array, ...]:
 def forces(
     theta: Rows, slip: Rows, radius: Rows, soil: Soil, linear: bool = False, nodes: int = NODES
 ) -> tuple[Array, Array, Array]:
-    """Vertical force [N], traction [N], torque [N m] at the entry angle theta [rad] of the sphere's mid plane (Eqs. 4-6)."""
+    """Vertical force [N], traction [N], torque [N m] at the mid plane's entry angle theta [rad] (Eqs. 4 to 6)."""
     theta, slip, radius = _rows(theta, slip, radius)
     return integrate(_discs(theta, slip, radius, soil, nodes), linear, nodes)
 
@@ -103,7 +103,7 @@ def entry_angle(
 def sinkage(theta: Rows, radius: Rows) -> Array:
     """Depth [m] of the lowest point at the entry angle theta [rad]."""
     theta, radius = _rows(theta, radius)
-    return 2.0 * radius * np.sin(0.5 * theta) ** 2
+    return np.asarray(2.0 * radius * np.sin(0.5 * theta) ** 2)
 
 
 def bulldozing_factors(friction_angle: Rows, n_c: Rows, n_gamma: Rows) -> tuple[Array, Array]:

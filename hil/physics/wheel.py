@@ -1,8 +1,8 @@
-"""A rigid wheel (or cylindrical shell) on soft ground (Reina et al. 2006, Eqs. 9 to 15, corrected; Wong and Reece's form).
+"""A rigid wheel (or cylindrical shell) on soft ground: Reina et al. 2006, Eqs. 9 to 15, corrected.
 
 One disc of constant radius: theta_2 = 0, theta_m = theta_1 / 2, sigma = (k_c + k_phi b) (z / b)^n.
 
->>> soil = Soil(k_c=24e3, k_phi=1528e3, exponent=1.1, cohesion=700.0, friction_angle=np.radians(30), shear_modulus=0.025)
+>>> soil = Soil(24e3, 1528e3, exponent=1.1, cohesion=700.0, friction_angle=np.radians(30), shear_modulus=0.025)
 >>> vertical, traction, torque = forces(np.radians(10), 0.3, 0.08, 0.15, soil)
 >>> print(f"{vertical[0]:.6f} {traction[0]:.8f} {torque[0]:.9f}")
 1.035583 0.07638168 0.013322173
@@ -78,7 +78,7 @@ def entry_angle(
 def sinkage(theta: Rows, radius: Rows) -> Array:
     """Depth [m] of the lowest point at the entry angle theta [rad]."""
     theta, radius = _rows(theta, radius)
-    return 2.0 * radius * np.sin(0.5 * theta) ** 2
+    return np.asarray(2.0 * radius * np.sin(0.5 * theta) ** 2)
 
 
 def bulldozing(

@@ -1,0 +1,222 @@
+"""Measurements from files: CSV, Parquet, and bus logs with a DBC, as columns of text or numbers with their place.
+
+A table keeps for each row where it stands, so that a complaint about a value names the file and the line.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from host_tools.errors import UserError
+
+__all__ = ["LOG_SUFFIXES", "Table", "read", "resample"]
+
+LOG_SUFFIXES = (".log", ".blf", ".asc", ".mf4")
+Column = npt.NDArray[Any]  # float64, or str where the file holds text
+
+
+@dataclass(frozen=True)
+class Table:
+    """One file's rows. `columns` all have the same length; `first_line` is the line of row 0 (0: rows are counted)."""
+
+    path: Path
+    columns: dict[str, Column]
+    first_line: int
+
+    @property
+    def rows(self) -> int:
+        return len(next(iter(self.columns.values()))) if self.columns else 0
+
+    def place(self, row: int) -> str:
+        """Where a row stands, for a message."""
+        return f"{self.path.name}:{row + self.first_line}" if self.first_line else f"{self.path.name}: row {row + 1}"
+
+    def numbers(self, name: str) -> npt.NDArray[np.float64]:
+        """A column as finite numbers. UserError with file, line and field where it is not."""
+        column = self.columns[name]
+        if column.dtype.kind not in "fiub":
+            try:
+                column = column.astype(np.float64)
+            except ValueError:
+                row = next(i for i, text in enumerate(column) if not _is_number(text))
+                found = f"text {str(column[row])!r}" if str(column[row]).strip() else "an empty cell"
+                raise UserError(f"{self.place(row)}: column {name}: found {found}, expected a number") from None
+        values = column.astype(np.float64)
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            row = int(bad[0])
+            found = "NaN" if np.isnan(values[row]) else "infinity"
+            raise UserError(f"{self.place(row)}: column {name}: found {found}, expected a finite number")
+        return values
+
+    def text(self, name: str) -> list[str]:
+        """A column as text; whole numbers without a decimal point, so that run 3.0 of a Parquet file is "3"."""
+        column = self.columns[name]
+        if column.dtype.kind == "f":
+            return [str(int(v)) if float(v).is_integer() else str(v) for v in column]
+        return [str(v).strip() for v in column]
+
+
+def _is_number(text: object) -> bool:
+    try:
+        float(str(text))
+    except ValueError:
+        return False
+    return True
+
+
+def read(path: Path, dbc: Path | None = None, period: float | None = None) -> Table:
+    """Read one file by its suffix. `dbc` and `period` [s] are needed for logs. UserError names what is wrong."""
+    suffix = path.suffix.lower()
+    if not path.is_file():
+        raise UserError(f"{path}: no such file (data.files)")
+    if suffix == ".csv":
+        return _read_csv(path)
+    if suffix == ".parquet":
+        return _read_parquet(path)
+    if suffix in LOG_SUFFIXES:
+        if dbc is None or period is None:
+            raise UserError(f"{path.name}: a log needs data.dbc and data.period in case.toml")
+        return resample(path, _frames(path, dbc), period)
+    raise UserError(f"{path.name}: unknown kind of file {suffix!r}, expected .csv .parquet {' '.join(LOG_SUFFIXES)}")
+
+
+def _read_csv(path: Path) -> Table:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file)
+            header = [name.strip() for name in next(reader, [])]
+            if not header:
+                raise UserError(f"{path.name}:1: found nothing, expected a line of column names")
+            twice = {name for name in header if header.count(name) > 1}
+            if twice:
+                raise UserError(f"{path.name}:1: column {sorted(twice)[0]!r} stands twice, expected once")
+            rows = []
+            for row in reader:
+                if not row:
+                    continue
+                if len(row) != len(header):
+                    raise UserError(f"{path.name}:{reader.line_num}: found {len(row)} fields, expected {len(header)}")
+                rows.append(row)
+                if len(rows) + 1 != reader.line_num:
+                    raise UserError(f"{path.name}:{reader.line_num}: found an empty or broken line before this one")
+    except UnicodeDecodeError as error:
+        raise UserError(f"{path.name}: byte {error.start} is not UTF-8 text, expected a CSV file") from None
+    except csv.Error as error:
+        raise UserError(f"{path.name}: {error}, expected a CSV file") from None
+    columns = {name: np.array([row[i] for row in rows], dtype=str) for i, name in enumerate(header)}
+    return Table(path, {name: _as_numbers(column) for name, column in columns.items()}, 2)
+
+
+def _as_numbers(column: Column) -> Column:
+    try:
+        return column.astype(np.float64)
+    except ValueError:
+        return column
+
+
+def _read_parquet(path: Path) -> Table:
+    import pyarrow
+    import pyarrow.parquet
+
+    try:
+        table = pyarrow.parquet.read_table(path)
+    except (pyarrow.ArrowException, OSError) as error:
+        raise UserError(f"{path.name}: {str(error).splitlines()[0]}, expected a Parquet file") from None
+    columns = {}
+    for name in table.column_names:
+        column = table.column(name).to_numpy()
+        columns[name] = column.astype(np.float64) if column.dtype.kind in "fiub" else column.astype(str)
+    return Table(path, columns, 0)
+
+
+def _frames(path: Path, dbc: Path) -> Iterator[tuple[float, dict[str, float]]]:
+    """Time [s] and signals, named MESSAGE.SIGNAL, of every frame of the log that the DBC knows."""
+    import cantools
+
+    if not dbc.is_file():
+        raise UserError(f"{dbc}: no such file (data.dbc)")
+    try:
+        database = cantools.database.load_file(dbc)
+    except (cantools.database.Error, UnicodeDecodeError, ValueError) as error:
+        raise UserError(f"{dbc.name}: {str(error).splitlines()[0]}, expected a DBC file") from None
+    messages = {message.frame_id: message for message in database.messages}
+    for time, identifier, data, place in _candump(path) if path.suffix == ".log" else _other_log(path):
+        message = messages.get(identifier)
+        if message is None:
+            continue
+        try:
+            signals = message.decode(data, decode_choices=False, allow_truncated=True)
+        except (cantools.database.DecodeError, ValueError) as error:
+            raise UserError(f"{place}: message {message.name}: {error}") from None
+        yield time, {f"{message.name}.{name}": float(value) for name, value in signals.items()}
+
+
+def _candump(path: Path) -> Iterator[tuple[float, int, bytes, str]]:
+    with path.open(encoding="ascii", errors="replace") as file:
+        for number, line in enumerate(file, 1):
+            if not line.strip():
+                continue
+            place = f"{path.name}:{number}"
+            try:
+                stamp, _, frame = line.split()[:3]
+                identifier, _, data = frame.partition("#")
+                if not (stamp.startswith("(") and stamp.endswith(")")):
+                    raise ValueError("no time stamp")
+                if data[:1] in ("R", "#"):  # remote frames carry no signal; CAN FD marks itself with a second #
+                    if data[:1] == "R":
+                        continue
+                    data = data[2:]
+                yield float(stamp[1:-1]), int(identifier, 16), bytes.fromhex(data), place
+            except ValueError:
+                raise UserError(f"{place}: found {line.strip()[:60]!r}, expected (seconds) channel ID#DATA") from None
+
+
+def _other_log(path: Path) -> Iterator[tuple[float, int, bytes, str]]:
+    import can
+
+    try:
+        with can.LogReader(path) as reader:
+            for number, message in enumerate(reader, 1):
+                if not (message.is_remote_frame or message.is_error_frame):
+                    place = f"{path.name}: frame {number}"
+                    yield message.timestamp, message.arbitration_id, bytes(message.data), place
+    except UserError:
+        raise
+    except Exception as error:  # each reader of python-can has its own way of failing on a broken file
+        raise UserError(f"{path.name}: {type(error).__name__}: {error}, expected a bus log") from None
+
+
+def resample(path: Path, frames: Iterator[tuple[float, dict[str, float]]], period: float) -> Table:
+    """Signals on the grid 0, period, 2 period ... [s] from the first frame on; the last value is held.
+
+    A signal counts from the frame that carries it on. Rows before the first in which every signal has come are dropped.
+    """
+    times: dict[str, list[float]] = {}
+    values: dict[str, list[float]] = {}
+    first = last = None
+    for time, signals in frames:
+        first = time if first is None else first
+        last = time if last is None or time > last else last
+        for name, value in signals.items():
+            times.setdefault(name, []).append(time - first)
+            values.setdefault(name, []).append(value)
+    if first is None or last is None:
+        raise UserError(f"{path.name}: found no frame that the DBC knows")
+    grid = np.arange(int((last - first) / period + 1e-9) + 1) * period
+    columns: dict[str, Column] = {}
+    start = 0.0
+    for name, stamps in times.items():
+        stamp, order = np.array(stamps), np.argsort(stamps, kind="stable")
+        index = np.searchsorted(stamp[order], grid + 1e-9 * period, side="right") - 1
+        columns[name] = np.array(values[name])[order][np.maximum(index, 0)]
+        start = max(start, float(stamp.min()))
+    keep = grid + 1e-9 * period >= start
+    return Table(path, {"time": grid[keep], **{name: column[keep] for name, column in columns.items()}}, 0)
