@@ -1,7 +1,7 @@
 # The simulator's compiled part. No contraction and no fast maths: a run is a function of scenario, seed and firmware.
 file(GLOB HIL_SOURCES CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/hil/physics/*.c ${CMAKE_SOURCE_DIR}/hil/native/*.c)
 if(HIL_SOURCES)
-    add_library(terrapin_hil SHARED ${HIL_SOURCES})
+    add_library(terrapin_hil SHARED ${HIL_SOURCES} ${GENERATED}/terrapin_interface.c)
     target_include_directories(terrapin_hil PRIVATE
         ${CMAKE_SOURCE_DIR}/hil/physics ${CMAKE_SOURCE_DIR}/hil/native ${CMAKE_SOURCE_DIR}/firmware/core ${GENERATED})
     target_compile_options(terrapin_hil PRIVATE ${STRICT} -O2 -ffp-contract=off)

@@ -197,7 +197,7 @@ void hil_sense(hil_simulator *simulator, hil_record *record) {
     record->host_count = 0;
     record->answer_count = 0;
     const double values[HIL_CHANNELS] = {
-        body->sensed_current,
+        body->current,
         simulator->supply,
         simulator->temperature,
         simulator->derived.gear * body->position[HIL_ALPHA],

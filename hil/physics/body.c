@@ -134,23 +134,7 @@ static double solve_contact(contact *c, double radius, double strength, double s
 typedef struct {
     hil_terms robot;
     hil_terms ground;
-    double robot_inertia;
-    double ground_inertia;
 } effect_sum;
-
-static hil_terms call_effect(hil_effect_function function, hil_roles roles, int inertial, double *inertia) {
-    hil_terms terms;
-    memset(&terms, 0, sizeof terms);
-    function(&roles, &terms);
-    if (inertial != 0) {
-        hil_terms moved;
-        memset(&moved, 0, sizeof moved);
-        roles.acceleration = 1.0;
-        function(&roles, &moved);
-        *inertia = moved.active - terms.active;
-    }
-    return terms;
-}
 
 static effect_sum evaluate_effects(const hil_effects *effects, const hil_surroundings *around, const hil_body *body,
                                    const double *position, const double *rate, const hil_ground *ground,
@@ -162,7 +146,6 @@ static effect_sum evaluate_effects(const hil_effects *effects, const hil_surroun
     }
     hil_roles roles;
     roles.time = around->time;
-    roles.acceleration = 0.0;
     roles.slip = hil_slip(radius * rate[HIL_BETA], rate[HIL_X], HIL_SLIP_FLOOR);
     roles.speed = rate[HIL_X];
     roles.load = body->load;
@@ -174,12 +157,12 @@ static effect_sum evaluate_effects(const hil_effects *effects, const hil_surroun
     if (effects->robot != NULL) {
         roles.omega = rate[HIL_ALPHA];
         roles.angle = position[HIL_ALPHA];
-        sum.robot = call_effect(effects->robot, roles, effects->robot_inertial, &sum.robot_inertia);
+        effects->robot(&roles, &sum.robot);
     }
     if (effects->ground != NULL) {
         roles.omega = rate[HIL_BETA];
         roles.angle = position[HIL_BETA];
-        sum.ground = call_effect(effects->ground, roles, effects->ground_inertial, &sum.ground_inertia);
+        effects->ground(&roles, &sum.ground);
     }
     return sum;
 }
@@ -214,8 +197,6 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
     const double smooth_friction = robot->viscous * (1.0 + e.robot.viscous) * rate[HIL_ALPHA] + e.robot.active;
     force[HIL_ALPHA] += d->gear * motor - smooth_friction;
     force[HIL_BETA] -= e.ground.active;
-    mass[HIL_ALPHA][HIL_ALPHA] += e.robot_inertia;
-    mass[HIL_BETA][HIL_BETA] += e.ground_inertia;
 
     contact c;
     if (around->carried) {
@@ -255,11 +236,9 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
         body->carriage_force = mass[0][0] * body->acceleration[0] + mass[0][1] * body->acceleration[1] +
                                mass[0][2] * body->acceleration[2] - force[HIL_X] - body->traction;
     }
-    body->internal_friction =
-        smooth_friction + e.robot_inertia * body->acceleration[HIL_ALPHA] + body->friction[HIL_ALPHA];
-    body->ground_torque = e.ground.active + e.ground_inertia * body->acceleration[HIL_BETA];
+    body->internal_friction = smooth_friction + body->friction[HIL_ALPHA];
+    body->ground_torque = e.ground.active;
     body->current = hil_motor_current(&drive, d->gear, body->rate[HIL_ALPHA]);
-    body->sensed_current = body->current + e.robot.current + e.ground.current;
     body->motor_torque = drive.torque_constant * body->current;
     dig(path, ground.terrain.softness, robot->radius * body->rate[HIL_BETA], body->rate[HIL_X], dt, body);
 }

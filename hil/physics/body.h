@@ -28,7 +28,6 @@ typedef struct {
     double carriage_force;    /* that the carriage exerts on the axle, along x [N] */
     double internal_friction; /* C_o as a whole [N m] */
     double current;           /* motor, at the end of the step [A] */
-    double sensed_current;    /* the same with what effects add for the sensor [A] */
     double motor_torque;      /* C_m [N m] */
     double rut;               /* depth d, 0..1 */
     double load;              /* normal to the ground [N] */

@@ -9,10 +9,9 @@
 #define HIL_EFFECTS_H
 
 typedef struct {
-    double time;         /* [s] */
-    double omega;        /* rate on which the effect acts: alpha_dot inside the robot, beta_dot on the ground [rad/s] */
-    double acceleration; /* its derivative [rad/s^2] */
-    double angle;        /* [rad] */
+    double time;  /* [s] */
+    double omega; /* rate on which the effect acts: alpha_dot inside the robot, beta_dot on the ground [rad/s] */
+    double angle; /* [rad] */
     double slip;
     double speed;       /* axle [m/s] */
     double load;        /* normal to the ground [N] */
@@ -31,7 +30,6 @@ typedef struct {
     double coulomb;
     double viscous;
     double f_o;
-    double current; /* added to what the current sensor sees [A] */
 } hil_terms;
 
 typedef void (*hil_effect_function)(const hil_roles *roles, hil_terms *terms);
