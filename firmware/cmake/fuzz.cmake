@@ -1,6 +1,5 @@
 # Fuzz targets of everything that reads bytes from outside. With clang's libFuzzer (preset fuzz) they search; otherwise the
 # same targets run over the corpus and over a bounded, deterministic set of mutations of it.
-option(TERRAPIN_LIBFUZZER "Link the fuzz targets with libFuzzer (clang)" OFF)
 set(FUZZ_DIR ${CMAKE_SOURCE_DIR}/tests/firmware/fuzz)
 set(FUZZ_SECONDS 10 CACHE STRING "Seconds that one libFuzzer test runs")
 set(FUZZ_MUTATIONS 200000 CACHE STRING "Mutated inputs that one test without libFuzzer runs")

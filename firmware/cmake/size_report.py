@@ -2,8 +2,8 @@
 
     size_report.py [--check] --nm NM --size SIZE IMAGE
 
-Prints the text (code and constants) in bytes and its largest parts. With --check, status 1 when the text is not below the
-limit, or when a heap or floating-point symbol was linked in. Standard library only.
+Prints the text (code and constants) in bytes and its largest parts. With --check, status 1 when the text is not below
+the limit, or when a heap or floating-point symbol was linked in. Standard library only.
 """
 
 from __future__ import annotations

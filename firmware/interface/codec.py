@@ -59,10 +59,9 @@ def source(d: Description) -> str:
             flags = "TERRAPIN_PARAMETER_PROTECTED" if p.protects else "0"
             out.append(f"    {{{_c(p.default)}, {_c(p.minimum)}, {_c(p.maximum)}, {flags}}}, /* {p.index} {p.name} */")
         out += ["};", ""]
-    out.append(_HELPERS)
-    for message in d.messages:
-        out += [*_encoder(message), "", *_decoder(message), ""]
-    return "\n".join(out)
+    messages = [line for m in d.messages for line in (*_encoder(m), "", *_decoder(m), "")]
+    used = [text for name, text in _OPTIONAL_HELPERS.items() if any(f" {name}(" in line for line in messages)]
+    return "\n".join([*out, *used, _HELPERS, *messages])
 
 
 def _c(value: int) -> str:
@@ -167,7 +166,9 @@ TERRAPIN_API terrapin_e2e_result terrapin_e2e_check(const terrapin_frame *frame,
  * terrapin_decode_... returns false, and leaves *message alone, when the frame has another id or length. */
 """
 
-_HELPERS = """\
+# Written only when some message needs them: a compiler may refuse an unused function.
+_OPTIONAL_HELPERS = {
+    "fit": """\
 static inline uint32_t fit(int32_t value, int32_t minimum, int32_t maximum, uint32_t *lost) {
     int32_t fitted = value;
     if (fitted < minimum) {
@@ -179,7 +180,8 @@ static inline uint32_t fit(int32_t value, int32_t minimum, int32_t maximum, uint
     *lost |= (uint32_t)fitted ^ (uint32_t)value;
     return (uint32_t)fitted;
 }
-
+""",
+    "fit_unsigned": """\
 static inline uint32_t fit_unsigned(uint32_t value, uint32_t minimum, uint32_t maximum, uint32_t *lost) {
     uint32_t fitted = value;
     if (fitted < minimum) {
@@ -191,12 +193,16 @@ static inline uint32_t fit_unsigned(uint32_t value, uint32_t minimum, uint32_t m
     *lost |= fitted ^ value;
     return fitted;
 }
-
+""",
+    "extend": """\
 /* Two's complement of fewer than 32 bits; sign is the value of the top bit. */
 static inline int32_t extend(uint32_t raw, uint32_t sign) {
     return (int32_t)(raw ^ sign) - (int32_t)sign;
 }
+""",
+}
 
+_HELPERS = """\
 static void store(uint8_t *bytes, uint32_t word) {
     bytes[0] = (uint8_t)(word & 0xFFU);
     bytes[1] = (uint8_t)((word >> 8U) & 0xFFU);

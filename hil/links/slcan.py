@@ -1,0 +1,239 @@
+"""SLCAN over a pty or serial port, read by our own code: fast enough for lockstep.
+
+The controller acknowledges each frame after everything that the frame caused (for SENSORS_FAST: the tick's ACTUATE and
+telemetry), so `exchange` knows from counting acknowledgements, not from waiting, that an answer is complete.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import signal
+import subprocess
+import termios
+import time
+import tty
+from collections.abc import Collection, Iterable
+from pathlib import Path
+from types import TracebackType
+
+from hil import paths
+from hil.messages import Frame
+
+__all__ = ["ControllerProcess", "LinkError", "SlcanPort", "slcan_line", "slcan_parse"]
+
+CHUNK = 65536  # bytes asked of one read
+GONE = {errno.EIO, errno.ENXIO, errno.ENODEV, errno.EPIPE, errno.EBADF}
+
+
+class LinkError(OSError):
+    """The link failed: it disappeared, the other side stopped answering, or it sent what is no SLCAN. One line."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+def slcan_line(frame: Frame) -> bytes:
+    """A frame as SLCAN text.
+
+    >>> slcan_line((0x100, bytes([1, 0xAB])))
+    b't100201ab\\r'
+    """
+    identifier, data = frame
+    return b"t%03X%d%s\r" % (identifier, len(data), data.hex().encode())
+
+
+def slcan_parse(line: bytes) -> Frame:
+    """The frame in a line (without its end). ValueError when it is none.
+
+    >>> slcan_parse(b"t100201AB")
+    (256, b'\\x01\\xab')
+    """
+    length = line[4] - 48 if len(line) > 4 else -1
+    if line[:1] != b"t" or not 0 <= length <= 8 or len(line) != 5 + 2 * length or b"_" in line:
+        raise ValueError(f"no SLCAN frame: {line!r}")
+    identifier, data = int(line[1:4], 16), bytes.fromhex(line[5:].decode("ascii"))
+    if not 0 <= identifier <= 0x7FF or len(data) != length:
+        raise ValueError(f"no SLCAN frame: {line!r}")
+    return identifier, data
+
+
+class SlcanPort:
+    """One open channel. `timeout` [s] bounds every wait; all failures are LinkError."""
+
+    def __init__(self, path: str | Path, timeout: float = 2.0) -> None:
+        self.path = str(path)
+        self.timeout = timeout
+        self._rest = b""
+        self._frames: list[Frame] = []
+        self._acknowledged = 0
+        try:
+            self._fd = os.open(self.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+            tty.setraw(self._fd, termios.TCSANOW)
+        except (OSError, termios.error) as error:
+            reason = error.strerror if isinstance(error, OSError) else "not a terminal"
+            raise LinkError(f"{self.path}: cannot open the link: {reason}") from None
+        self._readable = select.poll()
+        self._readable.register(self._fd, select.POLLIN)
+        self._writable = select.poll()
+        self._writable.register(self._fd, select.POLLOUT)
+
+    @classmethod
+    def open(cls, path: str | Path, timeout: float = 2.0) -> SlcanPort:
+        """Open the port and its CAN channel at 500 kbit/s (which a board on USB ignores)."""
+        port = cls(path, timeout)
+        try:
+            port.command(b"\rC\rS6\rO\r", 4)
+        except LinkError:
+            port.close()
+            raise
+        return port
+
+    def command(self, text: bytes, replies: int) -> None:
+        """Send lines that make no frames and wait for their replies."""
+        self.send(text)
+        self._wait_acknowledged(replies)
+        self._acknowledged = 0
+
+    def close(self) -> None:
+        """Close the port; the controller's process then ends. Closing twice is allowed."""
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
+
+    def __enter__(self) -> SlcanPort:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def send(self, text: bytes) -> None:
+        """Write bytes that are SLCAN already (see `slcan_line`), all of them."""
+        while text:
+            try:
+                text = text[os.write(self._fd, text) :]
+            except BlockingIOError:
+                if not self._writable.poll(int(self.timeout * 1000)):
+                    raise LinkError(f"{self.path}: the other side takes no data for {self.timeout:g} s") from None
+            except OSError as error:
+                raise self._lost(error) from None
+
+    def exchange(self, text: bytes, count: int) -> list[Frame]:
+        """Send `count` frames (as text) and wait for all that they caused: the frames received, in order."""
+        self.send(text)
+        if self._acknowledged < count:
+            self._wait_acknowledged(count)
+        self._acknowledged -= count
+        frames, self._frames = self._frames, []
+        return frames
+
+    def exchange_frames(self, frames: Iterable[Frame]) -> list[Frame]:
+        """As `exchange`, for frames."""
+        lines = [slcan_line(frame) for frame in frames]
+        return self.exchange(b"".join(lines), len(lines))
+
+    def receive_until(self, ids: Collection[int], timeout: float | None = None) -> list[Frame]:
+        """Frames received up to the first whose identifier is in `ids`, that one included; the rest is kept."""
+        end = time.monotonic() + (self.timeout if timeout is None else timeout)
+        seen = 0
+        while True:
+            for i in range(seen, len(self._frames)):
+                if self._frames[i][0] in ids:
+                    frames, self._frames = self._frames[: i + 1], self._frames[i + 1 :]
+                    return frames
+            seen = len(self._frames)
+            self._read(end)
+
+    def _wait_acknowledged(self, count: int) -> None:
+        end = time.monotonic() + self.timeout
+        while self._acknowledged < count:
+            self._read(end)
+
+    def _read(self, end: float) -> None:
+        """Take what has come; wait for it until `end` (monotonic clock) at most."""
+        try:
+            data = os.read(self._fd, CHUNK)
+        except BlockingIOError:
+            wait = end - time.monotonic()
+            if wait <= 0 or not self._readable.poll(int(wait * 1000) + 1):
+                raise LinkError(f"{self.path}: no answer within {self.timeout:g} s") from None
+            return
+        except OSError as error:
+            raise self._lost(error) from None
+        if not data:
+            raise LinkError(f"{self.path}: the link disappeared")
+        if b"\a" in data:
+            data = data.replace(b"\a", b"\a\r")
+        *lines, self._rest = (self._rest + data).split(b"\r")
+        for line in lines:
+            if line[:1] == b"t":
+                try:
+                    self._frames.append(slcan_parse(line))
+                except ValueError as error:
+                    raise LinkError(f"{self.path}: {error}") from None
+            elif line[-1:] == b"\a":
+                raise LinkError(f"{self.path}: the other side refused a line (wrong state, or damaged on the way)")
+            elif not line or line[:1] in b"zZVNF":
+                self._acknowledged += 1
+            else:
+                raise LinkError(f"{self.path}: no SLCAN: {line[:40]!r}")
+        if len(self._rest) > CHUNK:
+            raise LinkError(f"{self.path}: no SLCAN: {self._rest[:40]!r}...")
+
+    def _lost(self, error: OSError) -> LinkError:
+        if error.errno in GONE:
+            return LinkError(f"{self.path}: the link disappeared")
+        return LinkError(f"{self.path}: {error.strerror}")
+
+
+class ControllerProcess:
+    """The firmware as a process that speaks SLCAN on a pty of its own: `with ControllerProcess() as path: ...`.
+
+    LinkError when it does not start. It is stopped on leaving; `process` is its subprocess.Popen.
+    """
+
+    def __init__(self, program: Path | None = None) -> None:
+        self.program = program or paths.build() / "terrapin-controller"
+        self.process: subprocess.Popen[str] | None = None
+
+    def start(self) -> str:
+        """Start it; the path of its pty."""
+        try:
+            self.process = subprocess.Popen(
+                [str(self.program), "--pty"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+            )
+        except OSError as error:
+            raise LinkError(f"{self.program}: cannot start the controller: {error.strerror}") from None
+        assert self.process.stdout is not None
+        path = self.process.stdout.readline().strip()
+        if not path:
+            self.stop()
+            raise LinkError(f"{self.program}: the controller did not start")
+        return path
+
+    def stop(self) -> int:
+        """Stop it, if it still runs; its exit status."""
+        if self.process is None:
+            return 0
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+        try:
+            status = self.process.wait(5)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            status = self.process.wait()
+        if self.process.stdout is not None:
+            self.process.stdout.close()
+        self.process = None
+        return status
+
+    def __enter__(self) -> str:
+        return self.start()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
