@@ -2,7 +2,7 @@
 # same targets run over the corpus and over a bounded, deterministic set of mutations of it.
 set(FUZZ_DIR ${CMAKE_SOURCE_DIR}/tests/firmware/fuzz)
 set(FUZZ_SECONDS 10 CACHE STRING "Seconds that one libFuzzer test runs")
-set(FUZZ_MUTATIONS 200000 CACHE STRING "Mutated inputs that one test without libFuzzer runs")
+set(FUZZ_MUTATIONS 50000 CACHE STRING "Mutated inputs that one test without libFuzzer runs")
 
 foreach(name slcan can)
     add_executable(fuzz_${name} ${FUZZ_DIR}/fuzz_${name}.c)

@@ -1,0 +1,325 @@
+/* The dispatcher against a controller that only notes what is done to it. */
+#include <string.h>
+
+#include "unity.h"
+
+#include "dispatch.c"
+#include "terrapin_interface.c"
+
+struct terrapin_state {
+    int resets;
+    int steps;
+    bool fresh_at_step;
+    bool locked;
+    int32_t value; /* of parameter 0, the only one; 0 to 10 */
+};
+
+static terrapin_state state;
+static terrapin_link link;
+static terrapin_inputs inputs;
+static terrapin_frame reply;
+
+void terrapin_init(terrapin_state *s) {
+    s->resets++;
+    s->value = 5;
+}
+
+void terrapin_step(terrapin_state *s, const terrapin_inputs *in, terrapin_outputs *out) {
+    s->steps++;
+    s->fresh_at_step = in->command_fresh;
+    memset(out, 0, sizeof *out);
+}
+
+terrapin_parameter_result terrapin_parameter_set(terrapin_state *s, uint16_t index, int32_t value) {
+    if (index != 0U) {
+        return TERRAPIN_PARAMETER_UNKNOWN;
+    }
+    if ((value < 0) || (value > 10)) {
+        return TERRAPIN_PARAMETER_RANGE;
+    }
+    if (s->locked) {
+        return TERRAPIN_PARAMETER_LOCKED;
+    }
+    s->value = value;
+    return TERRAPIN_PARAMETER_OK;
+}
+
+terrapin_parameter_result terrapin_parameter_get(const terrapin_state *s, uint16_t index, int32_t *value) {
+    if (index != 0U) {
+        return TERRAPIN_PARAMETER_UNKNOWN;
+    }
+    *value = s->value;
+    return TERRAPIN_PARAMETER_OK;
+}
+
+void setUp(void) {
+    memset(&state, 0, sizeof state);
+    memset(&inputs, 0xA5, sizeof inputs);
+    terrapin_link_init(&link, &state, &inputs);
+}
+
+void tearDown(void) {}
+
+static terrapin_accept_result accept(const terrapin_frame *frame) {
+    return terrapin_accept(&link, &state, frame, &inputs, &reply);
+}
+
+static terrapin_frame command(int32_t request, int32_t control, int32_t setpoint, uint32_t counter) {
+    terrapin_frame frame;
+    const terrapin_command_t message = {.request = request, .control = control, .limiter = 1, .setpoint = setpoint};
+    TEST_ASSERT_TRUE(terrapin_encode_command(&message, &frame));
+    terrapin_e2e_protect(&frame, counter);
+    return frame;
+}
+
+static terrapin_frame test_mode(uint32_t key, uint32_t counter) {
+    terrapin_frame frame;
+    const terrapin_test_mode_t message = {.key = key};
+    TEST_ASSERT_TRUE(terrapin_encode_test_mode(&message, &frame));
+    terrapin_e2e_protect(&frame, counter);
+    return frame;
+}
+
+static void arm(uint32_t counter) {
+    const terrapin_frame frame = test_mode(TERRAPIN_TEST_MODE_KEY, counter);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&frame));
+    TEST_ASSERT_TRUE(link.test_mode);
+}
+
+static terrapin_frame fast(uint32_t tick) {
+    terrapin_frame frame;
+    const terrapin_sensors_fast_t message = {.current_code = 4095,
+                                             .estop = 1,
+                                             .swing_valid = 1,
+                                             .ground_speed_valid = 1,
+                                             .motor_count = 65535,
+                                             .ground_count = 1234,
+                                             .tick = (int32_t)(tick & 0xFFFFU)};
+    TEST_ASSERT_TRUE(terrapin_encode_sensors_fast(&message, &frame));
+    return frame;
+}
+
+static void test_reset_clears_everything(void) {
+    static const terrapin_inputs nothing = {0};
+    TEST_ASSERT_EQUAL(1, state.resets);
+    TEST_ASSERT_EQUAL(nothing.tick, inputs.tick);
+    TEST_ASSERT_EQUAL(0, inputs.command.request);
+    TEST_ASSERT_FALSE(inputs.command_fresh);
+    TEST_ASSERT_FALSE(link.test_mode);
+    TEST_ASSERT_TRUE(terrapin_link_bridge_allowed(&link));
+}
+
+static void test_command_arrives_and_is_fresh_for_one_step(void) {
+    terrapin_outputs outputs;
+    const terrapin_frame frame = command(TERRAPIN_REQUEST_RUN, TERRAPIN_CONTROL_SPEED, -300, 0);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&frame));
+    TEST_ASSERT_EQUAL(TERRAPIN_REQUEST_RUN, inputs.command.request);
+    TEST_ASSERT_EQUAL(TERRAPIN_CONTROL_SPEED, inputs.command.control);
+    TEST_ASSERT_TRUE(inputs.command.limiter);
+    TEST_ASSERT_EQUAL(-300, inputs.command.setpoint);
+    terrapin_link_step(&state, &inputs, &outputs);
+    TEST_ASSERT_TRUE(state.fresh_at_step);
+    terrapin_link_step(&state, &inputs, &outputs);
+    TEST_ASSERT_FALSE(state.fresh_at_step);
+    TEST_ASSERT_EQUAL_MESSAGE(-300, inputs.command.setpoint, "the command itself stays");
+}
+
+static void test_protected_frames_are_checked(void) {
+    const terrapin_frame good = command(TERRAPIN_REQUEST_RUN, 0, 1000, 3);
+    for (size_t bit = 0; bit < 64U; bit++) {
+        terrapin_frame bad = good;
+        bad.data[bit / 8U] ^= (uint8_t)(1U << (bit % 8U));
+        (void)accept(&bad);
+        TEST_ASSERT_FALSE(inputs.command_fresh);
+    }
+    TEST_ASSERT_EQUAL(64, link.bad_crc);
+    (void)accept(&good);
+    TEST_ASSERT_TRUE(inputs.command_fresh);
+    inputs.command_fresh = false;
+    (void)accept(&good);
+    TEST_ASSERT_FALSE(inputs.command_fresh);
+    TEST_ASSERT_EQUAL(1, link.repeated);
+    const terrapin_frame later = command(TERRAPIN_REQUEST_RUN, 0, 1000, 9); /* five frames lost: tolerated */
+    (void)accept(&later);
+    TEST_ASSERT_TRUE(inputs.command_fresh);
+}
+
+static void test_wrong_lengths_and_values(void) {
+    static const uint16_t ids[] = {TERRAPIN_ID_COMMAND,   TERRAPIN_ID_PARAMETER_WRITE, TERRAPIN_ID_PARAMETER_READ,
+                                   TERRAPIN_ID_TEST_MODE, TERRAPIN_ID_SENSORS_SLOW,    TERRAPIN_ID_SENSORS_FAST};
+    arm(0);
+    for (uint32_t i = 0; i < 6U; i++) {
+        const terrapin_frame frame = {.id = ids[i], .length = 3};
+        TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&frame));
+        TEST_ASSERT_EQUAL(i + 1U, link.malformed);
+    }
+    const terrapin_frame request = command(TERRAPIN_REQUEST_CLEAR + 1, 0, 0, 0);
+    const terrapin_frame control = command(TERRAPIN_REQUEST_RUN, TERRAPIN_CONTROL_SPEED + 1, 0, 1);
+    (void)accept(&request);
+    (void)accept(&control);
+    TEST_ASSERT_EQUAL(8, link.malformed);
+    TEST_ASSERT_FALSE(inputs.command_fresh);
+}
+
+static void test_other_traffic_is_counted(void) {
+    const terrapin_frame frame = {.id = 0x7FF, .length = 8};
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&frame));
+    TEST_ASSERT_EQUAL(1, link.unknown);
+}
+
+static void test_sensors_only_in_test_mode(void) {
+    const terrapin_frame step = fast(0);
+    const terrapin_frame slow = {.id = TERRAPIN_ID_SENSORS_SLOW, .length = 8, .data = {0xFF, 0xFF}};
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&step));
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&slow));
+    TEST_ASSERT_EQUAL(2, link.out_of_place);
+    TEST_ASSERT_EQUAL(0, inputs.current_code);
+    TEST_ASSERT_EQUAL(0, inputs.temperature_code);
+    arm(0);
+    TEST_ASSERT_FALSE(terrapin_link_bridge_allowed(&link));
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_STEP, accept(&step));
+    const terrapin_frame leave = test_mode(0, 1);
+    (void)accept(&leave);
+    TEST_ASSERT_FALSE(link.test_mode);
+    TEST_ASSERT_TRUE(terrapin_link_bridge_allowed(&link));
+    TEST_ASSERT_EQUAL_MESSAGE(3, state.resets, "arming and leaving reset the controller");
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&step));
+    TEST_ASSERT_EQUAL_MESSAGE(0, inputs.current_code, "injected sensors are forgotten");
+}
+
+static void test_wrong_key_does_not_reset_a_controller_at_work(void) {
+    const terrapin_frame frame = test_mode(TERRAPIN_TEST_MODE_KEY ^ 1U, 0);
+    (void)accept(&frame);
+    TEST_ASSERT_FALSE(link.test_mode);
+    TEST_ASSERT_EQUAL(1, state.resets);
+}
+
+static void test_sensors_reach_the_inputs(void) {
+    terrapin_sensors_slow_t slow = {.slow_code = 3000,
+                                    .slow_channel = 0,
+                                    .swing_angle = -4096,
+                                    .swing_rate = 4095,
+                                    .pitch = -2048,
+                                    .ground_speed = -4096};
+    terrapin_frame frame;
+    arm(0);
+    TEST_ASSERT_TRUE(terrapin_encode_sensors_slow(&slow, &frame));
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&frame));
+    slow.slow_code = 2000;
+    slow.slow_channel = 1;
+    TEST_ASSERT_TRUE(terrapin_encode_sensors_slow(&slow, &frame));
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&frame));
+    frame = fast(7);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_STEP, accept(&frame));
+    TEST_ASSERT_EQUAL(3000, inputs.supply_code);
+    TEST_ASSERT_EQUAL(2000, inputs.temperature_code);
+    TEST_ASSERT_EQUAL(-4096, inputs.swing_angle_mrad);
+    TEST_ASSERT_EQUAL(4095, inputs.swing_rate_centirad_s);
+    TEST_ASSERT_EQUAL(-2048, inputs.pitch_mrad);
+    TEST_ASSERT_EQUAL(-4096, inputs.ground_speed_mm_s);
+    TEST_ASSERT_EQUAL(4095, inputs.current_code);
+    TEST_ASSERT_EQUAL(65535, inputs.motor_count);
+    TEST_ASSERT_EQUAL(1234, inputs.ground_count);
+    TEST_ASSERT_EQUAL(7, inputs.tick);
+    TEST_ASSERT_TRUE(inputs.estop && inputs.swing_valid && inputs.ground_speed_valid);
+    TEST_ASSERT_FALSE(inputs.pitch_valid);
+}
+
+static void test_ticks_continue_past_16_bits(void) {
+    arm(0);
+    for (uint32_t tick = 65000U; tick < 140000U; tick += 1000U) {
+        const terrapin_frame frame = fast(tick);
+        TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_STEP, accept(&frame));
+        TEST_ASSERT_EQUAL(tick, inputs.tick);
+        TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_ACCEPT_NOTHING, accept(&frame), "a tick is taken once");
+    }
+    TEST_ASSERT_EQUAL(75, link.repeated);
+    arm(1);
+    const terrapin_frame zero = fast(0);
+    TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_ACCEPT_STEP, accept(&zero), "arming anew begins a new count");
+    TEST_ASSERT_EQUAL(0, inputs.tick);
+}
+
+static void test_arming_forgets_the_counters_of_an_earlier_host(void) {
+    const terrapin_frame frame = command(TERRAPIN_REQUEST_RUN, 0, 0, 4);
+    (void)accept(&frame);
+    arm(0);
+    TEST_ASSERT_FALSE(inputs.command_fresh);
+    (void)accept(&frame);
+    TEST_ASSERT_TRUE(inputs.command_fresh);
+}
+
+static terrapin_parameter_value_t expect_value(uint32_t counter) {
+    terrapin_parameter_value_t value;
+    TEST_ASSERT_TRUE(terrapin_decode_parameter_value(&reply, &value));
+    uint8_t last = TERRAPIN_E2E_NO_COUNTER;
+    TEST_ASSERT_EQUAL(TERRAPIN_E2E_OK, terrapin_e2e_check(&reply, &last));
+    TEST_ASSERT_EQUAL(counter, last);
+    return value;
+}
+
+static void write_parameter(int32_t index, int32_t value, uint32_t counter) {
+    terrapin_frame frame;
+    const terrapin_parameter_write_t message = {.index = index, .value = value};
+    TEST_ASSERT_TRUE(terrapin_encode_parameter_write(&message, &frame));
+    terrapin_e2e_protect(&frame, counter);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, accept(&frame));
+}
+
+static void test_parameters(void) {
+    write_parameter(0, 7, 0);
+    terrapin_parameter_value_t value = expect_value(0);
+    TEST_ASSERT_EQUAL(0, value.index);
+    TEST_ASSERT_EQUAL(7, value.value);
+    TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_OK, value.status);
+    write_parameter(0, -1, 1);
+    value = expect_value(1);
+    TEST_ASSERT_EQUAL_MESSAGE(7, value.value, "a refused write shows the value that stands");
+    TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_RANGE, value.status);
+    state.locked = true;
+    write_parameter(0, 3, 2);
+    value = expect_value(2);
+    TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_LOCKED, value.status);
+    write_parameter(1, 3, 3);
+    value = expect_value(3);
+    TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_UNKNOWN, value.status);
+    TEST_ASSERT_EQUAL(1, value.index);
+    TEST_ASSERT_EQUAL(0, value.value);
+    terrapin_frame frame;
+    for (uint32_t i = 4; i < 40U; i++) { /* the reply's counter runs 0 to 14 */
+        const terrapin_parameter_read_t read = {.index = 0};
+        TEST_ASSERT_TRUE(terrapin_encode_parameter_read(&read, &frame));
+        TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, accept(&frame));
+        value = expect_value(i % 15U);
+        TEST_ASSERT_EQUAL(7, value.value);
+        TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_OK, value.status);
+    }
+}
+
+static void test_damaged_write_is_not_answered(void) {
+    terrapin_frame frame;
+    const terrapin_parameter_write_t message = {.index = 0, .value = 9};
+    TEST_ASSERT_TRUE(terrapin_encode_parameter_write(&message, &frame));
+    terrapin_e2e_protect(&frame, 0);
+    frame.data[2] ^= 1U;
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&frame));
+    TEST_ASSERT_EQUAL(5, state.value);
+    TEST_ASSERT_EQUAL(1, link.bad_crc);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_reset_clears_everything);
+    RUN_TEST(test_command_arrives_and_is_fresh_for_one_step);
+    RUN_TEST(test_protected_frames_are_checked);
+    RUN_TEST(test_wrong_lengths_and_values);
+    RUN_TEST(test_other_traffic_is_counted);
+    RUN_TEST(test_sensors_only_in_test_mode);
+    RUN_TEST(test_wrong_key_does_not_reset_a_controller_at_work);
+    RUN_TEST(test_sensors_reach_the_inputs);
+    RUN_TEST(test_ticks_continue_past_16_bits);
+    RUN_TEST(test_arming_forgets_the_counters_of_an_earlier_host);
+    RUN_TEST(test_parameters);
+    RUN_TEST(test_damaged_write_is_not_answered);
+    return UNITY_END();
+}
