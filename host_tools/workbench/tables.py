@@ -6,7 +6,7 @@ A table keeps for each row where it stands, so that a complaint about a value na
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -72,8 +72,12 @@ def _is_number(text: object) -> bool:
     return True
 
 
-def read(path: Path, dbc: Path | None = None, period: float | None = None) -> Table:
-    """Read one file by its suffix. `dbc` and `period` [s] are needed for logs. UserError names what is wrong."""
+def read(path: Path, dbc: Path | None = None, period: float | None = None, needed: Collection[str] = ()) -> Table:
+    """Read one file by its suffix. UserError names what is wrong.
+
+    Logs need `dbc` and `period` [s]; they give columns MESSAGE.SIGNAL and `time` [s], from the first row on in which
+    all the `needed` signals have come.
+    """
     suffix = path.suffix.lower()
     if not path.is_file():
         raise UserError(f"{path}: no such file (data.files)")
@@ -84,7 +88,7 @@ def read(path: Path, dbc: Path | None = None, period: float | None = None) -> Ta
     if suffix in LOG_SUFFIXES:
         if dbc is None or period is None:
             raise UserError(f"{path.name}: a log needs data.dbc and data.period in case.toml")
-        return resample(path, _frames(path, dbc), period)
+        return resample(path, _frames(path, dbc), period, needed)
     raise UserError(f"{path.name}: unknown kind of file {suffix!r}, expected .csv .parquet {' '.join(LOG_SUFFIXES)}")
 
 
@@ -111,15 +115,7 @@ def _read_csv(path: Path) -> Table:
         raise UserError(f"{path.name}: byte {error.start} is not UTF-8 text, expected a CSV file") from None
     except csv.Error as error:
         raise UserError(f"{path.name}: {error}, expected a CSV file") from None
-    columns = {name: np.array([row[i] for row in rows], dtype=str) for i, name in enumerate(header)}
-    return Table(path, {name: _as_numbers(column) for name, column in columns.items()}, 2)
-
-
-def _as_numbers(column: Column) -> Column:
-    try:
-        return column.astype(np.float64)
-    except ValueError:
-        return column
+    return Table(path, {name: np.array([row[i] for row in rows], dtype=str) for i, name in enumerate(header)}, 2)
 
 
 def _read_parquet(path: Path) -> Table:
@@ -144,8 +140,8 @@ def _frames(path: Path, dbc: Path) -> Iterator[tuple[float, dict[str, float]]]:
     if not dbc.is_file():
         raise UserError(f"{dbc}: no such file (data.dbc)")
     try:
-        database = cantools.database.load_file(dbc)
-    except (cantools.database.Error, UnicodeDecodeError, ValueError) as error:
+        database: Any = cantools.database.load_file(dbc)
+    except (cantools.Error, UnicodeDecodeError, ValueError) as error:
         raise UserError(f"{dbc.name}: {str(error).splitlines()[0]}, expected a DBC file") from None
     messages = {message.frame_id: message for message in database.messages}
     for time, identifier, data, place in _candump(path) if path.suffix == ".log" else _other_log(path):
@@ -154,7 +150,7 @@ def _frames(path: Path, dbc: Path) -> Iterator[tuple[float, dict[str, float]]]:
             continue
         try:
             signals = message.decode(data, decode_choices=False, allow_truncated=True)
-        except (cantools.database.DecodeError, ValueError) as error:
+        except (cantools.Error, ValueError) as error:
             raise UserError(f"{place}: message {message.name}: {error}") from None
         yield time, {f"{message.name}.{name}": float(value) for name, value in signals.items()}
 
@@ -194,10 +190,12 @@ def _other_log(path: Path) -> Iterator[tuple[float, int, bytes, str]]:
         raise UserError(f"{path.name}: {type(error).__name__}: {error}, expected a bus log") from None
 
 
-def resample(path: Path, frames: Iterator[tuple[float, dict[str, float]]], period: float) -> Table:
+def resample(
+    path: Path, frames: Iterator[tuple[float, dict[str, float]]], period: float, needed: Collection[str] = ()
+) -> Table:
     """Signals on the grid 0, period, 2 period ... [s] from the first frame on; the last value is held.
 
-    A signal counts from the frame that carries it on. Rows before the first in which every signal has come are dropped.
+    Rows before the first in which all `needed` signals have come are dropped; other signals are NaN until they come.
     """
     times: dict[str, list[float]] = {}
     values: dict[str, list[float]] = {}
@@ -216,7 +214,8 @@ def resample(path: Path, frames: Iterator[tuple[float, dict[str, float]]], perio
     for name, stamps in times.items():
         stamp, order = np.array(stamps), np.argsort(stamps, kind="stable")
         index = np.searchsorted(stamp[order], grid + 1e-9 * period, side="right") - 1
-        columns[name] = np.array(values[name])[order][np.maximum(index, 0)]
-        start = max(start, float(stamp.min()))
+        columns[name] = np.where(index >= 0, np.array(values[name])[order][np.maximum(index, 0)], np.nan)
+        if name in needed:
+            start = max(start, float(stamp.min()))
     keep = grid + 1e-9 * period >= start
     return Table(path, {"time": grid[keep], **{name: column[keep] for name, column in columns.items()}}, 0)

@@ -11,7 +11,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -60,7 +60,8 @@ def convert(values: Numbers, unit: str, to: str) -> Numbers:
         raise ValueError(f"{unit!r} does not convert to {to!r}")
     if source == target:
         return values
-    return cast(Numbers, registry().Quantity(values, source).to(target).magnitude)
+    converted: Numbers = registry().Quantity(values, source).to(target).magnitude
+    return converted
 
 
 def convert_difference(value: float, unit: str, to: str) -> float:

@@ -62,6 +62,7 @@ class Effect:
     )
     constants: Mapping[str, str] = field(default_factory=dict)  # known constants of [parameters]: name -> unit
     options: Mapping[str, float] = field(default_factory=dict)  # names that [parameters] may set: name -> default
+    positive: tuple[str, ...] = ()  # roles that must be above 0 in every row
     where: str = "robot"  # in the plant: a torque inside the robot (on alpha), or "ground": on the shell, part of C_t
     passive: bool = False  # opposes motion and vanishes at rest: friction in the plant, set-valued at standstill
     plant: bool = True  # the plant can switch it on

@@ -10,6 +10,7 @@ EFFECT = Effect(
     bases=("sphere_contact", "wheel_contact"),
     parameters=(Parameter("kappa", "1", 0.0, -3.0, 3.0, "exponent of the number of the pass"),),
     needs=(("pass",),),
+    positive=("pass",),
     target="k_s",
     expression="pass_**kappa - 1",
     plant=False,  # the plant's default ground knows no rut

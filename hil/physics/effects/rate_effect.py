@@ -10,6 +10,7 @@ EFFECT = Effect(
     bases=("sphere_contact", "wheel_contact"),
     parameters=(Parameter("m", "1", 0.0, -2.0, 2.0, "exponent of the speed"),),
     needs=(("speed",),),
+    positive=("speed",),
     target="k_s",
     expression="(speed/0.1)**m - 1",
     plant=False,  # the plant's default ground knows no sinkage

@@ -1,0 +1,232 @@
+"""The measurements of a case: files into roles and channels in canonical units, runs, and what is held out."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.physics.expression import Expression, parse
+from host_tools.errors import UserError
+from host_tools.workbench import units
+from host_tools.workbench.bases import CHANNELS, ROLES, Base
+from host_tools.workbench.case import Tables
+from host_tools.workbench.tables import LOG_SUFFIXES, Table, read
+
+__all__ = ["Measurements", "read_measurements"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """One entry of [data.columns]."""
+
+    name: str
+    column: str
+    unit: str
+    canonical: str
+    sigma: float | None  # in the canonical unit
+    channel: bool
+
+
+@dataclass(frozen=True)
+class Measurements:
+    roles: Mapping[str, Array]
+    channels: Mapping[str, Array]
+    sigma: Mapping[str, float | None]
+    units: Mapping[str, str]
+    extra: Mapping[str, Array]
+    column_of: Mapping[str, str]
+    run_names: tuple[str, ...]
+    run: npt.NDArray[np.int64]
+    train: npt.NDArray[np.bool_]
+    test: npt.NDArray[np.bool_]
+    place: Callable[[int], str]
+    equations: Mapping[str, Expression]
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        return tuple(self.channels)
+
+    def case_fields(self) -> dict[str, Any]:
+        """Everything but the equations, as fields of a Case."""
+        return {name: value for name, value in vars(self).items() if name != "equations"}
+
+
+def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
+    """Read the files that [data] names. UserError when anything is wrong."""
+    tables.allow(("data",), "files", "run", "train", "test", "columns", "dbc", "period")
+    equations = _equations(tables, base)
+    mapped = _columns(tables, base, equations)
+    files = tables.texts("data", "files")
+    if not files:
+        raise tables.complain("found an empty list, expected file names", "data", "files")
+    loaded = _read_files(folder, tables, files, mapped)
+    run_column = tables.text("data", "run", default="")
+    starts = np.cumsum([0, *(table.rows for table in loaded)]).tolist()
+
+    def place(row: int) -> str:
+        index = bisect_right(starts, row) - 1
+        return loaded[index].place(row - starts[index])
+
+    for entry in mapped:
+        for table in loaded:
+            if entry.column not in table.columns:
+                names = ", ".join(table.columns)
+                raise tables.complain(
+                    f"column {entry.column!r} is not in {table.path.name}, expected one of {names}",
+                    *("data", "columns", entry.name, "column"),
+                )
+    if starts[-1] == 0:
+        raise tables.complain(f"{files[0]} has no rows, expected at least one", "data", "files")
+    run_text = _run_names(tables, loaded, run_column)
+    names = tuple(sorted(set(run_text)))
+    index = {name: i for i, name in enumerate(names)}
+    run = np.array([index[name] for name in run_text], dtype=np.int64)
+    train_runs, test_runs = _split(tables, names)
+    values: dict[str, Array] = {}
+    for entry in mapped:
+        raw = np.concatenate([table.numbers(entry.column) for table in loaded])
+        values[entry.name] = units.convert(raw, entry.unit, entry.canonical)
+    used = {entry.column for entry in mapped} | {run_column}
+    return Measurements(
+        roles={e.name: values[e.name] for e in mapped if not e.channel},
+        channels={e.name: values[e.name] for e in mapped if e.channel},
+        sigma={e.name: e.sigma for e in mapped if e.channel},
+        units={e.name: e.canonical for e in mapped},
+        extra=_extra(loaded, used | set(values)),
+        column_of={e.name: e.column for e in mapped},
+        run_names=names,
+        run=run,
+        train=np.isin(run, [index[name] for name in train_runs]),
+        test=np.isin(run, [index[name] for name in test_runs]),
+        place=place,
+        equations=equations,
+    )
+
+
+def _equations(tables: Tables, base: Base) -> dict[str, Expression]:
+    found = tables.table("model", "equation")
+    if base.name != "equation":
+        if found:
+            raise tables.complain(f'expected only with base = "equation", found base {base.name}', "model", "equation")
+        return {}
+    if not found:
+        raise tables.complain("missing, expected one line CHANNEL = FORMULA for each channel", "model", "equation")
+    equations = {}
+    for channel in found:
+        path = ("model", "equation", channel)
+        try:
+            equations[channel] = parse(tables.text(*path))
+        except ValueError as error:
+            raise tables.complain(str(error), *path) from None
+    return equations
+
+
+def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) -> list[Mapped]:
+    mapped = []
+    for name in tables.table("data", "columns"):
+        path = ("data", "columns", name)
+        free = base.name == "equation"
+        channel = name in (equations if free else base.channels)
+        if free and not name.isidentifier():
+            raise tables.complain("found a name that formulas cannot use, expected letters, digits and _", *path)
+        if not free and not channel and name not in ROLES:
+            expected = ", ".join([*base.channels, *ROLES])
+            raise tables.complain(f"unknown role or channel, expected one of {expected}", *path)
+        if not isinstance(tables.get(*path), dict):
+            raise tables.complain(f"found {tables.get(*path)!r}, expected {{ column = , unit = }}", *path)
+        tables.allow(path, "column", "unit", *(("sigma",) if channel else ()))
+        unit = tables.text(*path, "unit", default="1" if free else None)
+        canonical = unit if free else CHANNELS.get(name) or ROLES[name]
+        try:
+            units.check(unit)
+            if not units.same_kind(unit, canonical):
+                raise ValueError(f"found {unit!r}, which does not convert to {canonical!r}")
+            sigma = None
+            if tables.get(*path, "sigma") is not None:
+                sigma = units.convert_difference(tables.number(unit, *path, "sigma"), unit, canonical)
+        except ValueError as error:
+            raise tables.complain(str(error), *path, "unit") from None
+        if sigma is not None and sigma <= 0:
+            raise tables.complain(f"found {sigma:g}, expected more than 0", *path, "sigma")
+        mapped.append(Mapped(name, tables.text(*path, "column"), unit, canonical, sigma, channel))
+    for channel in equations:
+        if channel not in {entry.name for entry in mapped}:
+            raise tables.complain(f"{channel} is missing, expected the column that measures it", "data", "columns")
+    return mapped
+
+
+def _read_files(folder: Path, tables: Tables, files: list[str], mapped: list[Mapped]) -> list[Table]:
+    dbc = period = None
+    if any(Path(name).suffix.lower() in LOG_SUFFIXES for name in files):
+        dbc = folder / tables.text("data", "dbc")
+        period = tables.number("s", "data", "period")
+        if period <= 0:
+            raise tables.complain(f"found {period:g} s, expected more than 0", "data", "period")
+    return [read(folder / name, dbc, period, {entry.column for entry in mapped}) for name in files]
+
+
+def _run_names(tables: Tables, loaded: list[Table], column: str) -> list[str]:
+    names: list[str] = []
+    for table in loaded:
+        if table.path.suffix.lower() in LOG_SUFFIXES or not column:
+            names += [table.path.stem] * table.rows
+            continue
+        if column not in table.columns:
+            expected = ", ".join(table.columns)
+            raise tables.complain(
+                f"column {column!r} is not in {table.path.name}, expected one of {expected}", "data", "run"
+            )
+        found = table.text(column)
+        if "" in found:
+            raise UserError(f"{table.place(found.index(''))}: column {column}: found nothing, expected a run's name")
+        names += found
+    return names
+
+
+def _split(tables: Tables, names: tuple[str, ...]) -> tuple[list[str], list[str]]:
+    """Training and held-out runs. Without lists the runs are sorted by name and the 5th, 10th, ... are held out."""
+    train: list[str] | None = None
+    test: list[str] | None = None
+    if tables.get("data", "train") is not None:
+        train = tables.texts("data", "train")
+    if tables.get("data", "test") is not None:
+        test = tables.texts("data", "test")
+    for key, listed in (("train", train), ("test", test)):
+        for run in listed or []:
+            if run not in names:
+                expected = ", ".join(names)
+                raise tables.complain(f"run {run!r} is not in the data, expected one of {expected}", "data", key)
+    if train is None and test is None:
+        test = list(names[4::5]) if len(names) >= 5 else [names[-1]]
+    if train is None:
+        train = [name for name in names if name not in (test or [])]
+    if test is None:
+        test = [name for name in names if name not in train]
+    both = sorted(set(train) & set(test))
+    if both:
+        raise tables.complain(f"run {both[0]!r} is in train and in test, expected in one of them", "data", "test")
+    if not train:
+        reason = "the only run would be held out" if len(names) == 1 else "found an empty list"
+        raise tables.complain(f"{reason}, expected at least one run to train on", "data", "train")
+    return train, test
+
+
+def _extra(loaded: list[Table], used: set[str]) -> dict[str, Array]:
+    """Columns that are not mapped but numeric in every file: the residual may depend on them."""
+    extra = {}
+    for name in loaded[0].columns:
+        if name in used or any(name not in table.columns for table in loaded):
+            continue
+        try:
+            extra[name] = np.concatenate([table.numbers(name) for table in loaded])
+        except UserError:
+            continue  # text or gaps: nothing a formula could use, and nothing the contract asks to complain about
+    return extra
