@@ -34,6 +34,10 @@ typedef struct {
 
 typedef void (*hil_effect_function)(const hil_roles *roles, hil_terms *terms);
 
+/* The two functions of a compiled set of effects. */
+void hil_effect_robot(const hil_roles *roles, hil_terms *terms);
+void hil_effect_ground(const hil_roles *roles, hil_terms *terms);
+
 /* Either may be NULL. `inertial` says that some active term depends (linearly) on the acceleration, which then joins
  * the mass matrix instead of being taken from the step before. */
 typedef struct {

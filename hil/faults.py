@@ -1,0 +1,50 @@
+"""Faults that a scenario injects over time; hil/native/faults.h says what each does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hil.reading import Section
+from hil.sensors import ADCS, CHANNELS, DIGITALS, ENCODERS
+
+__all__ = ["KINDS", "Fault", "read_fault"]
+
+MAX_FAULTS = 16
+FOREVER = 1e9  # s
+
+# kind: number in faults.h, channels that it may name, unit of its value ("" for none)
+KINDS: dict[str, tuple[int, tuple[str, ...], str]] = {
+    "stuck": (0, CHANNELS, ""),
+    "forced": (1, ADCS, "1"),
+    "absent": (2, DIGITALS, ""),
+    "lost_counts": (3, ENCODERS, "1"),
+    "estop_pressed": (4, (), ""),
+    "estop_wire_broken": (4, (), ""),
+    "supply": (5, (), "V"),
+    "command_silence": (6, (), ""),
+    "link_silence": (7, (), ""),
+}
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Active from `begin` to `end` [s]. `value`: ADC code (forced), probability (lost_counts) or volts (supply)."""
+
+    kind: str
+    channel: str = ""
+    value: float = 0.0
+    begin: float = 0.0
+    end: float = FOREVER
+
+
+def read_fault(section: Section) -> Fault:
+    """One table [[fault]]: `kind`, `from`, `to`, and `channel` and `value` where the kind has them."""
+    kind = section.choice("kind", KINDS)
+    _, channels, unit = KINDS[kind]
+    channel = section.choice("channel", channels) if channels else ""
+    low, high = {"forced": (0.0, 4095.0), "lost_counts": (0.0, 1.0), "supply": (0.0, 100.0)}.get(kind, (0.0, 0.0))
+    value = section.quantity("value", unit, None, low, high) if unit else 0.0
+    begin = section.quantity("from", "s", 0.0, 0.0)
+    end = section.quantity("to", "s", FOREVER, begin)
+    section.done(("channel", "value"))
+    return Fault(kind, channel, value, begin, end)

@@ -1,0 +1,97 @@
+"""Links to a controller: in this process, over SLCAN on a pty or serial port, over any bus that python-can knows.
+
+A link is opened, started (reset, parameters), advanced by ticks, closed:
+
+    with open_link("pty") as link:
+        link.start({"supply_compensation": 1.0})
+        link.advance(simulation, 1000)
+
+Names: `inprocess`, `pty`, `serial:DEVICE`, `socketcan:CHANNEL`, `can:INTERFACE:CHANNEL`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import Protocol, Self
+
+from hil.simulation import Simulation
+
+__all__ = ["LINKS", "Link", "LinkNameError", "open_link"]
+
+LINKS = "inprocess, pty, serial:DEVICE, socketcan:CHANNEL, can:INTERFACE:CHANNEL"
+
+
+class LinkNameError(ValueError):
+    """No link has that name."""
+
+
+class Link(Protocol):
+    """A controller that can be driven in lockstep. Failures are LinkError: one line that names the link."""
+
+    name: str
+
+    def start(self, parameters: Mapping[str, float]) -> None:
+        """Resets the controller and sets parameters, in their units. ValueError for one that it refuses."""
+
+    def advance(self, simulation: Simulation, ticks: int) -> None:
+        """`ticks` ticks of lockstep; `simulation.done` says how far it came when it fails."""
+
+    def close(self) -> None:
+        """Lets go of the controller; its bridge is off then. Closing twice is allowed."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+def _inprocess(where: str) -> Link:
+    from hil.links.inprocess import InProcess
+
+    if where:
+        raise LinkNameError(f"link 'inprocess:{where}': inprocess takes no address")
+    return InProcess()
+
+
+def _pty(where: str) -> Link:
+    from hil.links.wire import SlcanLink
+
+    if where:
+        raise LinkNameError(f"link 'pty:{where}': pty takes no address; for a device write serial:{where}")
+    return SlcanLink.of_process()
+
+
+def _serial(where: str) -> Link:
+    from hil.links.wire import SlcanLink
+
+    return SlcanLink.of_device(where)
+
+
+def _can(where: str) -> Link:
+    from hil.links.pythoncan import PythonCan
+
+    interface, _, channel = where.partition(":")
+    return PythonCan(interface, channel)
+
+
+def _socketcan(where: str) -> Link:
+    return _can(f"socketcan:{where}")
+
+
+_OPEN: dict[str, Callable[[str], Link]] = {
+    "inprocess": _inprocess,
+    "pty": _pty,
+    "serial": _serial,
+    "socketcan": _socketcan,
+    "can": _can,
+}
+
+
+def open_link(name: str) -> Link:
+    """The link of that name, open. LinkNameError, or LinkError when it does not open."""
+    kind, _, where = name.partition(":")
+    if kind not in _OPEN or (kind in ("serial", "socketcan", "can") and not where):
+        raise LinkNameError(f"link {name!r}: expected one of {LINKS}")
+    return _OPEN[kind](where)

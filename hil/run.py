@@ -1,0 +1,208 @@
+"""Runs a scenario over a link.
+
+    from pathlib import Path
+    from hil.run import run
+    from hil.scenario import load_scenario
+
+    result = run(load_scenario(Path("hil/scenarios/steady_sand.toml")))      # in this process
+    result.truth["contact_torque"], result.truth["slip"]                     # arrays, one value a tick, SI
+    result.telemetry["GROUND"]["torque"], result.telemetry["GROUND"]["time"] # decoded, SI, one value a frame
+    result.passed, result.outcomes, result.output_hash
+
+`dataclasses.replace(scenario, seed=7)` and its like make variants. `run(scenario, "pty")` takes the controller's
+process; `parameters={"name": value}` sets controller parameters in their units, over those of the scenario.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.checks import CheckError, Outcome
+from hil.links import Link, open_link
+from hil.messages import Interface, interface
+from hil.scenario import Scenario
+from hil.simulation import TICK, TRUTH, Simulation, output_hash
+from hil.telemetry import decode
+
+__all__ = ["Observer", "Result", "Timing", "run"]
+
+Array = npt.NDArray[np.float64]
+
+CHUNK = 500  # ticks between looks at progress, log and Ctrl-C
+
+
+class Observer(Protocol):
+    """Sees the log as it grows."""
+
+    def write(self, records: npt.NDArray[Any]) -> None:
+        """The next rows of the log, in order."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Wall clock of a run [s]; lateness of ticks against their time, for real-time runs."""
+
+    seconds: float = 0.0
+    latest: float = 0.0
+    rms: float = 0.0
+
+
+@dataclass
+class Result:
+    """A run, or what there is of one that was cut short."""
+
+    scenario: Scenario
+    link: str
+    parameters: Mapping[str, float]
+    records: npt.NDArray[Any]
+    interface: Interface
+    outcomes: tuple[Outcome, ...] = ()
+    timing: Timing = field(default_factory=Timing)
+
+    @property
+    def passed(self) -> bool:
+        """Every check of the scenario held."""
+        return all(outcome.passed for outcome in self.outcomes)
+
+    @cached_property
+    def output_hash(self) -> str:
+        """SHA-256 over every frame that the controller sent."""
+        return output_hash(self.records)
+
+    @cached_property
+    def truth(self) -> dict[str, Array]:
+        """Column of the plant's truth -> one value a tick."""
+        return {name: self.records["truth"][:, i] for i, name in enumerate(TRUTH)}
+
+    @cached_property
+    def time(self) -> Array:
+        """Time of each tick [s]."""
+        return np.arange(len(self.records), dtype=np.float64) * TICK
+
+    @cached_property
+    def telemetry(self) -> Mapping[str, dict[str, Array]]:
+        """Message -> signal (and "time") -> one value a frame, SI."""
+        frames = self.records["answer"]
+        used = np.arange(frames.shape[1]) < self.records["answer_count"][:, None]
+        times = np.broadcast_to(self.time[:, None], used.shape)[used]
+        flat = frames[used]
+        return decode(self.interface, times, flat["id"], flat["data"])
+
+    def held(self, message: str, signal: str) -> Array:
+        """A signal of the telemetry on the grid of ticks, last value held, NaN before the first."""
+        table = self.telemetry.get(message)
+        if table is None:
+            return np.full(len(self.records), np.nan)
+        ticks = np.round(table["time"] / TICK).astype(np.int64)
+        index = np.searchsorted(ticks, np.arange(len(self.records)), side="right") - 1
+        return np.where(index < 0, np.nan, table[signal][index])
+
+    def _signals(self) -> tuple[Mapping[str, Array], Mapping[str, Mapping[str, int]]]:
+        enums = {
+            f"{message.name}.{signal.name}": self.interface.enums[signal.enum]
+            for message in self.interface.messages.values()
+            for signal in message.signals
+            if signal.enum
+        }
+        return _Signals(self), enums
+
+    def check(self) -> tuple[Outcome, ...]:
+        """Holds the scenario's checks against the run and keeps what came out. CheckError names a check that cannot."""
+        signals, enums = self._signals()
+        outcomes = []
+        for check in self.scenario.checks:
+            try:
+                outcomes.append(check.evaluate(self.time, signals, enums))
+            except CheckError as error:
+                raise CheckError(f"check {check.text!r}: {error}") from None
+        self.outcomes = tuple(outcomes)
+        return self.outcomes
+
+
+class _Signals(Mapping[str, Array]):
+    """Truth and telemetry by name, each decoded when it is asked for."""
+
+    def __init__(self, result: Result) -> None:
+        self._result = result
+        self._names = dict.fromkeys(TRUTH, ("", ""))
+        for message in result.interface.messages.values():
+            if message.sender == "controller":
+                for signal in message.signals:
+                    self._names[f"{message.name}.{signal.name}"] = (message.name, signal.name)
+
+    def __getitem__(self, name: str) -> Array:
+        message, signal = self._names[name]
+        return self._result.held(message, signal) if message else self._result.truth[name]
+
+    def __iter__(self) -> Any:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
+def _real_time(link: Link, simulation: Simulation, ticks: int, start: float, late: list[float]) -> None:
+    for _ in range(ticks):
+        due = start + simulation.done * TICK
+        wait = due - time.monotonic()
+        if wait > 0:
+            time.sleep(wait)
+        late.append(time.monotonic() - due)
+        link.advance(simulation, 1)
+
+
+def run(
+    scenario: Scenario,
+    link: str | Link = "inprocess",
+    *,
+    parameters: Mapping[str, float] | None = None,
+    observers: Iterable[Observer] = (),
+    progress: Callable[[float], None] | None = None,
+) -> Result:
+    """Runs `scenario` and holds its checks against it.
+
+    `link` is a name (see hil.links) or an open link, which is then left open. `progress` gets the share done, 0 to 1.
+    Observers get every tick up to the moment at which a run fails, whatever made it fail. LinkError, ParameterError,
+    CheckError, EffectError.
+    """
+    values = {**scenario.firmware, **(parameters or {})}
+    observers = tuple(observers)
+    with contextlib.ExitStack() as stack:
+        opened = stack.enter_context(open_link(link)) if isinstance(link, str) else link
+        simulation = Simulation(scenario)
+        opened.start(values)
+        begin, late, written = time.monotonic(), list[float](), 0
+
+        def flush() -> None:
+            nonlocal written
+            rows = simulation.records[written : simulation.done]
+            written = simulation.done
+            for observer in observers:
+                observer.write(rows)
+
+        try:
+            while simulation.done < scenario.ticks:
+                ticks = min(CHUNK, scenario.ticks - simulation.done)
+                if scenario.real_time:
+                    _real_time(opened, simulation, ticks, begin, late)
+                else:
+                    opened.advance(simulation, ticks)
+                flush()
+                if progress is not None:
+                    progress(simulation.done / scenario.ticks)
+        except BaseException:
+            flush()
+            raise
+        seconds = time.monotonic() - begin
+    timing = Timing(seconds, max(late), float(np.sqrt(np.mean(np.square(late))))) if late else Timing(seconds)
+    result = Result(scenario, opened.name, values, simulation.records, interface(), timing=timing)
+    result.check()
+    return result

@@ -1,0 +1,240 @@
+"""Scenario files: what robot, on what ground, with what sensors, faults and operator, for how long, and what must hold.
+
+    from hil.scenario import load_scenario
+    scenario = load_scenario(Path("hil/scenarios/steady_sand.toml"))
+
+Numbers are SI, strings carry units. `ReadingError` names file, line and field of what is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+
+from hil import paths
+from hil.checks import Check, parse_check
+from hil.compiled_effects import ActiveEffect
+from hil.faults import MAX_FAULTS, Fault, read_fault
+from hil.physics.effects import catalogue
+from hil.plant import TERRAINS, Ground, Robot, Segment, Terrain, Winding
+from hil.reading import ReadingError, Section, load, quantities
+from hil.sensors import Sensors, kit, read_sensors
+
+__all__ = ["CONTROLS", "REQUESTS", "Order", "Scenario", "find_scenario", "load_scenario"]
+
+REQUESTS = {"idle": 0, "calibrate": 1, "run": 2, "clear": 3}
+CONTROLS = {"voltage": 0, "speed": 1}
+LIMITS = {"voltage": ("V", 32.0), "speed": ("m/s", 32.0)}
+MAX_SEGMENTS, MAX_ORDERS, MAX_POINTS = 16, 64, 64  # of the C structs
+LONGEST = 3600.0  # s: a tick of the log takes 232 bytes of memory
+
+
+@dataclass(frozen=True)
+class Order:
+    """From `time` on [s] the operator asks for this; setpoint in V or, with speed control, m/s of the shell's rim."""
+
+    time: float
+    request: str
+    control: str = "voltage"
+    setpoint: float = 0.0
+    limiter: bool = True
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One run, whole: together with a firmware it determines every bit of the log."""
+
+    name: str
+    duration: float
+    ground: Ground
+    operator: tuple[Order, ...]
+    title: str = ""
+    seed: int = 1
+    robot: Robot = field(default_factory=Robot)
+    sensors: Sensors = field(default_factory=lambda: kit("ideal"))
+    winding: Winding = field(default_factory=Winding)
+    supply: float = 12.0
+    supply_resistance: float = 0.0
+    start_position: float = 0.0
+    moisture: float = 0.0
+    pass_number: float = 1.0
+    carriage: tuple[tuple[float, float], ...] = ()
+    faults: tuple[Fault, ...] = ()
+    effects: tuple[ActiveEffect, ...] = ()
+    firmware: Mapping[str, float] = field(default_factory=dict)  # controller parameters, in their units
+    checks: tuple[Check, ...] = ()
+    real_time: bool = False
+    source: str = ""  # text of the file
+
+    @property
+    def ticks(self) -> int:
+        """Length in ticks of 1 ms."""
+        return round(self.duration * 1000)
+
+
+def find_scenario(name: str) -> Path:
+    """A file as it is, or the shipped scenario of that name (hil/scenarios/NAME.toml). ReadingError when neither is."""
+    path = Path(name)
+    if path.is_file():
+        return path
+    shipped = paths.ROOT / "hil" / "scenarios" / f"{name}.toml"
+    if shipped.is_file():
+        return shipped
+    names = ", ".join(sorted(p.stem for p in shipped.parent.glob("*.toml")))
+    raise ReadingError(f"{name}: no such file, and no scenario of that name; shipped: {names}")
+
+
+def _terrain(section: Section) -> Terrain:
+    """`terrain` names a kind of ground; f_o, f_s, mu, s_k and softness beside it change it."""
+    base = TERRAINS[section.choice("terrain", TERRAINS)]
+    changed = {
+        name: section.quantity(name, unit, None, low, high)
+        for name, unit, low, high in (
+            ("f_o", "1", 0.0, 1.0),
+            ("f_s", "s^2/rad^2", 0.0, 1.0),
+            ("mu", "1", 1e-6, 5.0),
+            ("s_k", "1", 1e-3, 10.0),
+            ("softness", "1", 0.0, 1.0),
+        )
+        if name in section
+    }
+    return replace(base, **changed)
+
+
+def _ground(root: Section) -> Ground:
+    segments: list[Segment] = []
+    for section in root.sections("path"):
+        first = not segments
+        start = section.quantity("from", "m", 0.0 if first else None)
+        if not first and start <= segments[-1].start:
+            raise section.error("from", f"found {start:g} m, expected more than {segments[-1].start:g} m")
+        slope = section.quantity("slope", "rad", 0.0, -1.2, 1.2)
+        transition = section.quantity("transition", "m", 0.05, 1e-6, 1e3)
+        segments.append(Segment(_terrain(section), start, slope, transition))
+        section.done()
+    if not 1 <= len(segments) <= MAX_SEGMENTS:
+        raise root.error("path", f"found {len(segments)} tables [[path]], expected 1 to {MAX_SEGMENTS}")
+    for here, following in pairwise(segments):
+        if here.start + here.transition > following.start and here is not segments[0]:
+            raise root.error("path", f"the transition that begins at {here.start:g} m reaches into the next segment")
+    rut = root.section("rut")
+    read = quantities(rut, _Rut)
+    return Ground(tuple(segments), read.dig_length, read.leave_length, read.rut_friction)
+
+
+@dataclass(frozen=True)
+class _Rut:
+    dig_length: float = field(default=0.10, metadata={"unit": "m", "low": 1e-6})
+    leave_length: float = field(default=0.10, metadata={"unit": "m", "low": 1e-6})
+    rut_friction: float = field(default=1.0, metadata={"unit": "1", "low": 0.0, "high": 10.0})
+
+
+def _operator(root: Section) -> tuple[Order, ...]:
+    orders: list[Order] = []
+    for section in root.sections("operator"):
+        time = section.quantity("at", "s", None, 0.0)
+        if orders and time <= orders[-1].time:
+            raise section.error("at", f"found {time:g} s, expected more than {orders[-1].time:g} s")
+        request = section.choice("request", REQUESTS)
+        control = section.choice("control", CONTROLS, "voltage")
+        unit, limit = LIMITS[control]
+        setpoint = section.quantity("setpoint", unit, 0.0, -limit, limit)
+        orders.append(Order(time, request, control, setpoint, section.flag("limiter", True)))
+        section.done()
+    if not 1 <= len(orders) <= MAX_ORDERS:
+        raise root.error("operator", f"found {len(orders)} tables [[operator]], expected 1 to {MAX_ORDERS}")
+    return tuple(orders)
+
+
+def _profile(section: Section, key: str, unit: str) -> tuple[tuple[float, float], ...]:
+    points = section.points(key, unit) if key in section else ()
+    if len(points) > MAX_POINTS:
+        raise section.error(key, f"found {len(points)} points, expected at most {MAX_POINTS}")
+    return points
+
+
+def _effects(root: Section) -> tuple[ActiveEffect, ...]:
+    section = root.section("effect")
+    known = {name: effect for name, effect in catalogue().items() if effect.plant and "rolling_steady" in effect.bases}
+    active = []
+    for name in section:
+        if name not in known:
+            raise section.error(name, f"no effect that the plant can take; known: {', '.join(known)}")
+        table = section.section(name)
+        values = {
+            parameter.name: table.quantity(
+                parameter.name,
+                parameter.unit,
+                parameter.start if number else None,  # the first parameter is the effect's size
+                parameter.minimum,
+                parameter.maximum,
+            )
+            for number, parameter in enumerate(known[name].parameters)
+        }
+        table.done()
+        active.append(ActiveEffect(known[name], values))
+    return tuple(active)
+
+
+def _checks(root: Section) -> tuple[Check, ...]:
+    texts = root.raw("checks") if "checks" in root else []
+    if not isinstance(texts, list) or any(not isinstance(text, str) for text in texts):
+        raise root.error("checks", f"found {texts!r}, expected a list of texts")
+    checks = []
+    for text in texts:
+        try:
+            checks.append(parse_check(text))
+        except ValueError as error:
+            raise root.error("checks", f"{text!r}: {error}") from None
+    return tuple(checks)
+
+
+def _firmware(root: Section) -> dict[str, float]:
+    section = root.section("firmware")
+    values = {}
+    for name in section:
+        value = section.raw(name)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise section.error(name, f"found {value!r}, expected a number in the parameter's unit")
+        values[name] = float(value)
+    return values
+
+
+def load_scenario(path: Path) -> Scenario:
+    """Reads and checks a scenario file. ReadingError: one line that names file, line, field and what was expected."""
+    root = load(path)
+    winding = root.section("winding")
+    profile = _profile(winding, "profile", "degC")
+    heating = replace(quantities(winding, Winding), profile=profile)
+    supply = root.section("supply")
+    scenario = Scenario(
+        name=path.stem,
+        title=root.text("title", ""),
+        duration=root.quantity("duration", "s", None, 0.001, LONGEST),
+        seed=root.whole("seed", 1, 0, 2**63 - 1),
+        robot=quantities(root.section("robot"), Robot),
+        ground=_ground(root),
+        sensors=read_sensors(root.section("sensors")),
+        winding=heating,
+        supply=supply.quantity("voltage", "V", 12.0, 0.0, 60.0),
+        supply_resistance=supply.quantity("resistance", "ohm", 0.0, 0.0, 100.0),
+        start_position=root.quantity("start_position", "m", 0.0),
+        moisture=root.quantity("moisture", "1", 0.0, 0.0, 1.0),
+        pass_number=root.quantity("pass", "1", 1.0, 1.0),
+        carriage=_profile(root, "carriage", "m/s"),
+        operator=_operator(root),
+        faults=tuple(read_fault(section) for section in root.sections("fault")),
+        effects=_effects(root),
+        firmware=_firmware(root),
+        checks=_checks(root),
+        real_time=root.flag("real_time", False),
+        source=path.read_text(encoding="utf-8"),
+    )
+    supply.done()
+    root.choice("ground", ["default"], "default")
+    if len(scenario.faults) > MAX_FAULTS:
+        raise root.error("fault", f"found {len(scenario.faults)} tables [[fault]], expected at most {MAX_FAULTS}")
+    root.done()
+    return scenario

@@ -1,0 +1,58 @@
+"""Frames to arrays: the controller's telemetry in SI units, from the interface description."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.messages import Interface, Signal
+from hil.physics.expression import units
+
+__all__ = ["decode", "decode_signal", "si_factor"]
+
+Array = npt.NDArray[np.float64]
+
+
+@cache
+def si_factor(unit: str) -> float:
+    """What a value in `unit` is multiplied by to be SI; temperatures stay in degC.
+
+    >>> si_factor("mA")
+    0.001
+    """
+    if unit in ("", "1", "degC"):
+        return 1.0
+    return float(units().Quantity(1.0, unit).to_base_units().magnitude)
+
+
+def decode_signal(signal: Signal, words: npt.NDArray[np.uint64]) -> Array:
+    """Physical values (SI) of a signal from the data of frames as little-endian 64-bit words."""
+    raw = (words >> np.uint64(signal.start)) & np.uint64((1 << signal.length) - 1)
+    values = raw.astype(np.int64)
+    if signal.signed:
+        values = np.where(values >> (signal.length - 1) != 0, values - (1 << signal.length), values)
+    return np.asarray(values * (signal.scale * si_factor(signal.unit)), dtype=np.float64)
+
+
+def decode(
+    interface: Interface, times: Array, identifiers: npt.NDArray[Any], data: npt.NDArray[np.uint8]
+) -> Mapping[str, dict[str, Array]]:
+    """Message -> signal (and "time") -> array, one entry a frame. `data` is (frames, 8), padded with zeros.
+
+    Frames whose identifier the interface does not know are left out.
+    """
+    words = np.ascontiguousarray(data).view("<u8").reshape(-1)
+    found: dict[str, dict[str, Array]] = {}
+    for message in interface.messages.values():
+        mine = identifiers == message.id
+        if not np.any(mine):
+            continue
+        table = {"time": times[mine]}
+        for signal in message.signals:
+            table[signal.name] = decode_signal(signal, words[mine])
+        found[message.name] = table
+    return found
