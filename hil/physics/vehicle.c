@@ -1,0 +1,252 @@
+#include "vehicle.h"
+
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+enum { FRONT = 0, REAR = 1, AXLES = 2, STATE = HIL_VEHICLE_STATE, SOIL = HIL_VEHICLE_SOIL };
+
+typedef struct {
+    double y[STATE];
+    double by[STATE][SOIL];
+} state;
+
+/* What is kept between calls so that the next contact starts near its solution. */
+typedef struct {
+    double sinkage;
+    double load;
+    double sinkage_by_load;
+} guess;
+
+typedef struct {
+    const hil_vehicle *vehicle;
+    const hil_tyre *tyre;
+    const hil_tyre_soil *soil;
+    double step;
+    int columns;
+    guess guess[AXLES];
+    hil_vehicle_failure *failure;
+} run;
+
+/* Load of one wheel, and its derivatives by the soil's numbers. */
+typedef struct {
+    double value;
+    double by[SOIL];
+} quantity;
+
+static void wheel_loads(const hil_vehicle *v, const state *s, int columns, quantity *load) {
+    const double base = v->front_distance + v->rear_distance;
+    const double shift = v->mass * v->height / (2.0 * base);
+    const double speed = s->y[HIL_VEHICLE_SPEED];
+    const double thrust = 2.0 * (s->y[HIL_VEHICLE_FORCE + FRONT] + s->y[HIL_VEHICLE_FORCE + REAR]);
+    const double acceleration = (thrust - v->drag * speed * speed) / v->mass;
+    const double arm[AXLES] = {v->rear_distance, v->front_distance};
+    for (int axle = 0; axle < AXLES; axle++) {
+        const double sign = axle == FRONT ? -1.0 : 1.0;
+        const double plain = v->mass * v->gravity * arm[axle] / (2.0 * base) + sign * shift * acceleration;
+        const int held = plain < v->load_floor;
+        load[axle].value = held ? v->load_floor : plain;
+        for (int p = 0; p < SOIL && columns > 1; p++) {
+            const double by = 2.0 * (s->by[HIL_VEHICLE_FORCE + FRONT][p] + s->by[HIL_VEHICLE_FORCE + REAR][p]) -
+                              2.0 * v->drag * speed * s->by[HIL_VEHICLE_SPEED][p];
+            load[axle].by[p] = held ? 0.0 : sign * shift * by / v->mass;
+        }
+    }
+}
+
+/* One wheel: derivatives of its omega, F_x and M_y. */
+static int wheel(run *r, int axle, const state *s, const quantity *load, const quantity *torque, state *rate) {
+    const hil_vehicle *v = r->vehicle;
+    const int i_omega = HIL_VEHICLE_OMEGA + axle;
+    const int i_force = HIL_VEHICLE_FORCE + axle;
+    const int i_torque = HIL_VEHICLE_TORQUE + axle;
+    const double speed = s->y[HIL_VEHICLE_SPEED];
+    const double omega = s->y[i_omega];
+    const double radius = r->tyre->radius - load->value / (3.0 * r->tyre->stiffness); /* R_e */
+    const double rim = radius * omega;
+    guess *g = &r->guess[axle];
+    double by_axle, by_rim;
+    hil_tyre_contact c;
+    const double slip = hil_tyre_slip(speed, rim, v->speed_floor, &by_axle, &by_rim);
+    double sinkage = g->sinkage + g->sinkage_by_load * (load->value - g->load);
+    r->failure->axle = axle;
+    r->failure->load = load->value;
+    r->failure->slip = slip;
+    const int status = hil_tyre_equilibrium(r->tyre, r->soil, load->value, slip, r->columns, &sinkage, &c);
+    if (status != HIL_TYRE_OK) {
+        return status;
+    }
+    const double slope = c.derivative[HIL_TYRE_LOAD][HIL_TYRE_BY_Z];
+    g->sinkage = sinkage;
+    g->load = load->value;
+    g->sinkage_by_load = 1.0 / slope;
+    const double fastest = fmax(fmax(fabs(speed), fabs(rim)), v->speed_floor);
+    const double quickness = fastest / v->relaxation_length;
+    r->failure->longest_step = 0.5 / quickness;
+    if (r->step > r->failure->longest_step) {
+        return HIL_TYRE_STEP_TOO_LONG;
+    }
+    const double force_gap = c.value[HIL_TYRE_FORCE] - s->y[i_force];
+    const double torque_gap = c.value[HIL_TYRE_TORQUE] - s->y[i_torque];
+    rate->y[i_omega] = (torque->value - s->y[i_torque]) / v->wheel_inertia;
+    rate->y[i_force] = quickness * force_gap;
+    rate->y[i_torque] = quickness * torque_gap;
+    for (int p = 0; p < SOIL && r->columns > 1; p++) {
+        const double deflection_by = load->by[p] / r->tyre->stiffness;
+        const double speed_by = s->by[HIL_VEHICLE_SPEED][p];
+        const double rim_by = radius * s->by[i_omega][p] - omega * deflection_by / 3.0;
+        const double slip_by = by_axle * speed_by + by_rim * rim_by;
+        double steady_by[3];
+        for (int k = 0; k < 3; k++) {
+            const double *d = c.derivative[k];
+            steady_by[k] =
+                d[HIL_TYRE_BY_DEFLECTION] * deflection_by + d[HIL_TYRE_BY_SLIP] * slip_by + d[HIL_TYRE_BY_SOIL + p];
+        }
+        const double sinkage_by = (load->by[p] - steady_by[HIL_TYRE_LOAD]) / slope; /* F_z(z, ...) = load */
+        double quickness_by = 0.0;
+        if (fastest > v->speed_floor) {
+            quickness_by =
+                (fabs(rim) >= fabs(speed) ? copysign(rim_by, rim * rim_by) : speed_by) / v->relaxation_length;
+        }
+        rate->by[i_omega][p] = (torque->by[p] - s->by[i_torque][p]) / v->wheel_inertia;
+        rate->by[i_force][p] =
+            quickness_by * force_gap +
+            quickness * (steady_by[HIL_TYRE_FORCE] + c.derivative[HIL_TYRE_FORCE][HIL_TYRE_BY_Z] * sinkage_by -
+                         s->by[i_force][p]);
+        rate->by[i_torque][p] =
+            quickness_by * torque_gap +
+            quickness * (steady_by[HIL_TYRE_TORQUE] + c.derivative[HIL_TYRE_TORQUE][HIL_TYRE_BY_Z] * sinkage_by -
+                         s->by[i_torque][p]);
+    }
+    return HIL_TYRE_OK;
+}
+
+static int rates(run *r, const state *s, double rear_torque, state *rate) {
+    const hil_vehicle *v = r->vehicle;
+    quantity load[AXLES];
+    quantity torque[AXLES] = {{0.0, {0.0}}, {rear_torque, {0.0}}};
+    wheel_loads(v, s, r->columns, load);
+    const double ratio = load[FRONT].value / load[REAR].value;
+    torque[FRONT].value = rear_torque * ratio;
+    const double speed = s->y[HIL_VEHICLE_SPEED];
+    rate->y[HIL_VEHICLE_SPEED] =
+        (2.0 * (s->y[HIL_VEHICLE_FORCE + FRONT] + s->y[HIL_VEHICLE_FORCE + REAR]) - v->drag * speed * speed) / v->mass;
+    for (int p = 0; p < SOIL && r->columns > 1; p++) {
+        torque[FRONT].by[p] = rear_torque * (load[FRONT].by[p] - ratio * load[REAR].by[p]) / load[REAR].value;
+        rate->by[HIL_VEHICLE_SPEED][p] =
+            (2.0 * (s->by[HIL_VEHICLE_FORCE + FRONT][p] + s->by[HIL_VEHICLE_FORCE + REAR][p]) -
+             2.0 * v->drag * speed * s->by[HIL_VEHICLE_SPEED][p]) /
+            v->mass;
+    }
+    for (int axle = 0; axle < AXLES; axle++) {
+        const int status = wheel(r, axle, s, &load[axle], &torque[axle], rate);
+        if (status != HIL_TYRE_OK) {
+            return status;
+        }
+    }
+    return HIL_TYRE_OK;
+}
+
+/* result = base + h * rate */
+static void advance(const state *base, const state *rate, double h, int columns, state *result) {
+    for (int i = 0; i < STATE; i++) {
+        result->y[i] = base->y[i] + h * rate->y[i];
+        for (int p = 0; p < SOIL && columns > 1; p++) {
+            result->by[i][p] = base->by[i][p] + h * rate->by[i][p];
+        }
+    }
+}
+
+/* One RK4 step with the torque at its start, middle and end. */
+static int step(run *r, const double *torque, state *s) {
+    const double h = r->step;
+    state k[4], at;
+    int status = rates(r, s, torque[0], &k[0]);
+    for (int stage = 1; stage < 4 && status == HIL_TYRE_OK; stage++) {
+        advance(s, &k[stage - 1], stage == 3 ? h : 0.5 * h, r->columns, &at);
+        status = rates(r, &at, torque[stage == 3 ? 2 : 1], &k[stage]);
+    }
+    if (status != HIL_TYRE_OK) {
+        return status;
+    }
+    for (int stage = 0; stage < 4; stage++) {
+        advance(s, &k[stage], stage == 0 || stage == 3 ? h / 6.0 : h / 3.0, r->columns, s);
+    }
+    for (int i = HIL_VEHICLE_SPEED; i < HIL_VEHICLE_FORCE; i++) {
+        if (s->y[i] < 0.0) {
+            s->y[i] = 0.0;
+            memset(s->by[i], 0, sizeof s->by[i]);
+        }
+    }
+    return HIL_TYRE_OK;
+}
+
+static void note(const run *r, const state *s, ptrdiff_t sample, double *record, double *sensitivity) {
+    double *row = &record[sample * HIL_VEHICLE_RECORD];
+    memcpy(row, s->y, sizeof s->y);
+    for (int axle = 0; axle < AXLES; axle++) {
+        row[HIL_VEHICLE_SINKAGE + axle] = r->guess[axle].sinkage;
+    }
+    if (sensitivity != NULL) {
+        double *rows = &sensitivity[sample * HIL_VEHICLE_RECORD * SOIL];
+        memset(rows, 0, sizeof(double) * HIL_VEHICLE_RECORD * SOIL);
+        memcpy(rows, s->by, sizeof s->by);
+    }
+}
+
+/* Longest step that resolves the wheel's swing against the relaxed torque at standstill, J w'' + J q w' + M' w = 0 with
+ * M' = q dM/domega = dM/di R_e / lambda [N m]: half its time 1/sqrt(M'/J). The slip torque is steepest at i = 0. */
+static int swing_limit(run *r, const state *s) {
+    const hil_vehicle *v = r->vehicle;
+    quantity load[AXLES];
+    wheel_loads(v, s, 1, load);
+    for (int axle = 0; axle < AXLES; axle++) {
+        hil_tyre_contact c;
+        double sinkage = r->guess[axle].sinkage;
+        r->failure->axle = axle;
+        r->failure->load = load[axle].value;
+        r->failure->slip = 0.0;
+        const int status =
+            hil_tyre_equilibrium(r->tyre, r->soil, load[axle].value, 0.0, HIL_TYRE_COLUMNS, &sinkage, &c);
+        if (status != HIL_TYRE_OK) {
+            return status;
+        }
+        const double by_slip = fabs(c.derivative[HIL_TYRE_TORQUE][HIL_TYRE_BY_SLIP]);
+        r->failure->longest_step = 0.5 * sqrt(v->wheel_inertia * v->relaxation_length / (by_slip * c.effective_radius));
+        if (r->step > r->failure->longest_step) {
+            return HIL_TYRE_STEP_TOO_LONG;
+        }
+    }
+    return HIL_TYRE_OK;
+}
+
+int hil_vehicle_run(const hil_vehicle *vehicle, const hil_tyre *tyre, const hil_tyre_soil *soil, int samples,
+                    double period, int substeps, const double *torque, double *record, double *sensitivity,
+                    hil_vehicle_failure *failure) {
+    const guess start = {0.05, 0.0, 0.0};
+    run r = {vehicle,        tyre,   soil, period / substeps, sensitivity == NULL ? 1 : HIL_TYRE_COLUMNS,
+             {start, start}, failure};
+    state s;
+    memset(&s, 0, sizeof s);
+    note(&r, &s, 0, record, sensitivity);
+    failure->time = 0.0;
+    const int limit = swing_limit(&r, &s);
+    if (limit != HIL_TYRE_OK) {
+        return limit;
+    }
+    for (int k = 0; k + 1 < samples; k++) {
+        const double rise = torque[k + 1] - torque[k];
+        for (int i = 0; i < substeps; i++) {
+            const double parts = 2.0 * substeps;
+            const double t[3] = {torque[k] + rise * (2.0 * i / parts), torque[k] + rise * ((2.0 * i + 1.0) / parts),
+                                 torque[k] + rise * ((2.0 * i + 2.0) / parts)};
+            failure->time = k * period + i * r.step;
+            const int status = step(&r, t, &s);
+            if (status != HIL_TYRE_OK) {
+                return status;
+            }
+        }
+        note(&r, &s, k + 1, record, sensitivity);
+    }
+    return HIL_TYRE_OK;
+}
