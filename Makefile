@@ -1,0 +1,31 @@
+# Terrapin's front door. The work is done by the scripts that each target names.
+.DEFAULT_GOAL := help
+export PATH := $(CURDIR)/.venv/bin:$(PATH)
+.PHONY: help setup demo test check bench firmware lock clean
+
+help: ## list the targets
+	@sed -n 's/^\([a-z]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
+
+setup: ## make .venv and build firmware and simulator for this machine
+	@tests/setup/setup.sh runtime && tests/tools/build.sh host
+
+demo: setup ## run the whole circle once: firmware, simulated robot, link, log, comparison; results under out/
+	@.venv/bin/terrapin demo
+
+test: ## set up what tests need, run all of them
+	@tests/setup/setup.sh test && .venv/bin/python tests/tools/suite.py
+
+check: ## formatting, types, static analysis, MISRA, hygiene
+	@tests/setup/setup.sh test && tests/tools/build.sh host && .venv/bin/python tests/tools/gate.py
+
+bench: ## speed of simulator and link, instructions of one step
+	@tests/setup/setup.sh bench && tests/tools/build.sh host && .venv/bin/python tests/tools/bench.py
+
+firmware: ## build the firmware for this machine and the core for Cortex-M4, with its size
+	@tests/setup/setup.sh test && tests/tools/build.sh host cortex-m4 && tests/tools/build.sh size
+
+lock: ## renew the lock files from pyproject.toml
+	@tests/setup/setup.sh test && tests/tools/lock.sh
+
+clean: ## remove what was built; .venv and out/ stay
+	rm -rf build

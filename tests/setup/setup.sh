@@ -1,0 +1,69 @@
+#!/usr/bin/env bash
+# setup.sh runtime   the virtual environment .venv with the exact packages of requirements.lock and this project
+# setup.sh test      that with requirements-dev.lock, and what tests need from the system (32-bit and ARM compilers, clang, cppcheck)
+# setup.sh bench     that, and valgrind
+# Doing it again does no work twice. pip's own environment settings (index, certificates) are respected.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+. tests/setup/system.sh
+level=${1:?runtime, test or bench}
+
+find_python() {
+    local name
+    for name in ${PYTHON:+"$PYTHON"} python3 python3.13 python3.12 python3.11; do
+        if "$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
+            "$name" -c 'import sys; print(sys.executable)'
+            return
+        fi
+    done
+    fail "Python 3.11 or newer not found; install it, or name it: make PYTHON=/path/to/python3"
+}
+
+make_environment() {
+    local python version
+    python=$(find_python)
+    if ! "$python" -c 'import ensurepip, venv' 2>/dev/null; then # Debian keeps them in a package of their own
+        version=$("$python" -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])')
+        apt_install "$version" || exit 1
+    fi
+    say "creating .venv with $("$python" --version)"
+    quietly venv "$python" -m venv --clear .venv || exit 1
+}
+
+# install_python LOCK: exact, hashed versions; the lock is complete, so nothing is resolved, and nothing is built but the project.
+install_python() {
+    local lock=$1 stamp
+    local done=.venv/installed-$lock
+    stamp="$PWD $(cat "$lock" pyproject.toml | sha256sum)"
+    [ -f "$done" ] && [ "$(cat "$done")" = "$stamp" ] && .venv/bin/python -c '' 2>/dev/null && return
+    # An environment of another folder or without a working pip is made anew.
+    if [ "$(cat .venv/folder 2>/dev/null)" != "$PWD" ] || ! .venv/bin/python -m pip --version >/dev/null 2>&1; then
+        make_environment
+        printf '%s' "$PWD" >.venv/folder
+    fi
+    say "installing $(grep -c '^[A-Za-z].*==' "$lock") Python packages of $lock (about a minute)"
+    quietly pip .venv/bin/python -m pip install --no-deps --no-compile --require-hashes -r "$lock" || exit 1
+    quietly pip-project .venv/bin/python -m pip install --no-deps --no-build-isolation -e . || exit 1
+    printf '%s' "$stamp" >"$done"
+}
+
+can_compile cc || apt_install gcc libc6-dev || exit 1
+case $level in
+runtime) # whoever has the larger set has this one
+    lock=requirements.lock
+    [ ! -f .venv/installed-requirements-dev.lock ] || lock=requirements-dev.lock
+    install_python "$lock"
+    ;;
+test | bench)
+    install_python requirements-dev.lock
+    packages=()
+    [ "$(uname -m)" = x86_64 ] && ! has_m32 && packages+=(gcc-multilib)
+    has_arm || packages+=(gcc-arm-none-eabi libnewlib-arm-none-eabi)
+    has_fuzzer || packages+=(clang libclang-rt-dev)
+    command -v cppcheck >/dev/null || packages+=(cppcheck)
+    [ "$level" = bench ] && ! command -v valgrind >/dev/null && packages+=(valgrind)
+    # What cannot be had is named in the closing lines of the tests.
+    [ ${#packages[@]} = 0 ] || apt_install "${packages[@]}" || true
+    ;;
+*) fail "unknown level '$level': runtime, test or bench" ;;
+esac

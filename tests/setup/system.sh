@@ -1,0 +1,50 @@
+# Sourced by the set-up scripts: messages, logs, and packages of the system through apt.
+# shellcheck shell=bash
+
+LOGS=build/log
+
+say() { printf '%s\n' "$*" >&2; }
+fail() {
+    say "setup: $*"
+    exit 1
+}
+
+# quietly NAME COMMAND...: its output goes to a log; the log's end is shown when the command fails.
+quietly() {
+    local log=$LOGS/$1.log
+    shift
+    mkdir -p "$LOGS"
+    "$@" >"$log" 2>&1 </dev/null && return 0
+    say "failed: $*"
+    tail -n 20 "$log" >&2
+    return 1
+}
+
+# apt_install PACKAGE...: install them if this user may; otherwise one line that names them, and status 1.
+apt_install() {
+    local -a root=(env DEBIAN_FRONTEND=noninteractive)
+    if ! command -v apt-get >/dev/null; then
+        say "please install with the system's package manager (Debian's names): $*"
+        return 1
+    elif [ "$(id -u)" != 0 ]; then
+        if ! sudo -n true 2>/dev/null; then
+            say "please install as root: apt-get install $*"
+            return 1
+        fi
+        root=(sudo -n "${root[@]}")
+    fi
+    say "installing: $*"
+    # An update that fails for one of several sources need not stop the install, which tells for itself.
+    quietly apt-update "${root[@]}" apt-get -q -o DPkg::Lock::Timeout=120 update || true
+    quietly apt-install "${root[@]}" apt-get -q -y -o DPkg::Lock::Timeout=120 install --no-install-recommends "$@" ||
+        { say "please install as root: apt-get install $*" && return 1; }
+}
+
+# What a compiler can do is asked by using it: a package's name says less.
+can_compile() { printf '#include <stdint.h>\n#include <stdio.h>\nint main(void) { return 0; }\n' | "$@" -x c - -o /dev/null 2>/dev/null; }
+has_m32() { can_compile cc -m32; }
+has_arm() { printf '#include <string.h>\nint main(void) { return 0; }\n' | arm-none-eabi-gcc --specs=nosys.specs -x c - -o /dev/null 2>/dev/null; }
+has_fuzzer() {
+    printf '#include <stdint.h>\n#include <stddef.h>\nint LLVMFuzzerTestOneInput(const uint8_t *d, size_t n) { (void)d; (void)n; return 0; }\n' |
+        clang -fsanitize=fuzzer,address -x c - -o /dev/null 2>/dev/null
+}

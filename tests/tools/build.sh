@@ -1,0 +1,17 @@
+#!/usr/bin/env bash
+# build.sh PRESET...   configures and builds CMake presets; silent when there is nothing to do, the log's end when it fails.
+# build.sh size        prints the size of the core on Cortex-M4.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+. tests/setup/system.sh
+export PATH="$PWD/.venv/bin:$PATH"
+for preset in "$@"; do
+    if [ "$preset" = size ]; then
+        ctest --preset cortex-m4 -V | sed -n 's/^[0-9]*: //p' | grep -v '^Test'
+        continue
+    fi
+    [ -f "build/$preset/build.ninja" ] || say "building $preset"
+    # Programs that are found once stay in CMake's cache, so the interpreter is named.
+    quietly "configure-$preset" cmake --preset "$preset" "-DPython3_EXECUTABLE=$PWD/.venv/bin/python" ${UNITY_ROOT:+"-DUNITY_ROOT=$UNITY_ROOT"}
+    quietly "build-$preset" cmake --build --preset "$preset"
+done
