@@ -1,0 +1,1 @@
+"""Campaigns with known answers: many runs, one figure each."""

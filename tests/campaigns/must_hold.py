@@ -1,0 +1,187 @@
+"""The bounds of "the circle, end to end", measured: `python -m tests.campaigns.must_hold` prints a row for each.
+
+A short form of every campaign runs in tests/python/test_must_hold.py.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hil.run import Result, run
+from hil.scenario import find_scenario, load_scenario
+from tests.campaigns.scenarios import CALIBRATION, TABLE_1, level, ordinary_robot
+
+
+@dataclass(frozen=True)
+class Row:
+    """One bound. `met` is the comparison of `value` with it."""
+
+    what: str
+    value: float
+    bound: float
+    unit: str
+    at_least: bool = False
+
+    @property
+    def met(self) -> bool:
+        return self.value >= self.bound if self.at_least else self.value <= self.bound
+
+    def __str__(self) -> str:
+        sign = ">=" if self.at_least else "<="
+        return (
+            f"{'met    ' if self.met else 'NOT MET'} {self.what}: {self.value:.4g} {self.unit} ({sign} {self.bound:g})"
+        )
+
+
+def ground_errors(result: Result, start: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(time [s], error of C_t [N m], stated sd [N m]) of every valid GROUND from `start` on.
+
+    The truth is the contact torque on the shell at the tick of the frame.
+    """
+    ground = result.telemetry["GROUND"]
+    use = (ground["valid"] > 0) & (ground["time"] >= start)
+    ticks = np.round(ground["time"][use] * 1000).astype(int)
+    return ground["time"][use], ground["torque"][use] - result.truth["contact_torque"][ticks], ground["torque_sd"][use]
+
+
+def steady_ideal(voltages: tuple[float, ...]) -> list[Row]:
+    """Four terrains; from standstill to each voltage, then a step of 1 V more and back."""
+    worst_error = worst_sd = worst_wait = 0.0
+    for terrain in TABLE_1:
+        for volt in voltages:
+            other = volt + 1.0 if volt < 8.0 else volt - 1.0
+            steps = [(0.05, volt), (9.05, other), (18.05, volt)]
+            result = run(level(terrain, steps, 27.0))
+            time, error, sd = ground_errors(result)
+            worst_error = max(worst_error, float(np.max(np.abs(error), initial=0.0)))
+            worst_sd = max(worst_sd, float(np.max(sd, initial=0.0)))
+            for at, _ in steps:
+                after = time[(time >= at + 0.3) & (time < at + 9.0)]
+                worst_wait = max(worst_wait, float(after[0]) - at if len(after) else np.inf)
+    return [
+        Row("C_t at steady state, ideal sensors: greatest error", 1e3 * worst_error, 0.5, "mN m"),
+        Row("C_t at steady state, ideal sensors: greatest stated sd", 1e3 * worst_sd, 2.0, "mN m"),
+        Row("C_t, ideal sensors: longest wait for a valid value after a voltage step", worst_wait, 4.5, "s"),
+    ]
+
+
+def steady_real(seeds: int) -> list[Row]:
+    """Robots with ordinary parts, after their calibration on the floor."""
+    largest, sds, ratios = [], [], []
+    for seed in range(seeds):
+        result = run(ordinary_robot(seed))
+        _, error, sd = ground_errors(result, CALIBRATION + 0.5)
+        on_terrain = result.truth["segment"][-1] == 1
+        if not on_terrain or len(error) == 0:
+            largest.append(np.inf)
+            continue
+        largest.append(float(np.max(np.abs(error))))
+        sds.append(float(np.max(sd)))
+        ratios.append(float(np.max(np.abs(error) / sd)))
+    return [
+        Row(
+            f"C_t, real sensors, {seeds} seeds: 95th percentile of the greatest error",
+            1e3 * float(np.quantile(largest, 0.95)),
+            5.0,
+            "mN m",
+        ),
+        Row(f"C_t, real sensors, {seeds} seeds: greatest stated sd", 1e3 * max(sds), 5.0, "mN m"),
+        Row(f"C_t, real sensors, {seeds} seeds: greatest error over stated sd while valid", max(ratios), 4.0, "1"),
+    ]
+
+
+def carriage() -> list[Row]:
+    """The axle's speed is imposed, falling from 0.36 to 0.04 m/s in 10 s, at 8 V on sand."""
+    limited, free = (run(load_scenario(find_scenario(name))) for name in ("carriage_limiter", "carriage_free"))
+    imposed = limited.truth["carriage_force"] != 0.0
+    slip, time = limited.truth["slip"][imposed], limited.time[imposed]
+    late = time >= time[0] + 5.0
+    return [
+        Row("limiter on the carriage: greatest slip", float(np.max(slip)), 0.55, "1"),
+        Row(
+            "limiter on the carriage: greatest distance from 0.5 from 5 s to the end",
+            float(np.max(np.abs(slip[late] - 0.5))),
+            0.02,
+            "1",
+        ),
+        Row(
+            "carriage without limiter: greatest slip",
+            float(np.max(free.truth["slip"][free.truth["carriage_force"] != 0.0])),
+            0.9,
+            "1",
+            at_least=True,
+        ),
+    ]
+
+
+def slope() -> list[Row]:
+    """A free slope of 14 degrees, 8 V, sand."""
+    limited, free = (run(load_scenario(find_scenario(name))) for name in ("slope_limiter", "slope_free"))
+    states = limited.interface.enums["state"]
+    reports = limited.interface.enums["report"]
+    status = limited.telemetry["STATUS"]
+    ending = free.time >= free.time[-1] - 2.0
+    return [
+        Row("slope with limiter: speed at the end", float(np.max(np.abs(limited.truth["speed"][-500:]))), 1e-3, "m/s"),
+        Row(
+            "slope with limiter: reported as extricated",
+            float(np.any(status["report"] == reports["extricated"])),
+            1.0,
+            "1",
+            at_least=True,
+        ),
+        Row(
+            "slope with limiter: idle and ready at the end",
+            float(status["ready"][-1] == 1 and status["state"][-1] == states["idle"]),
+            1.0,
+            "1",
+            at_least=True,
+        ),
+        Row(
+            "slope with limiter: slope under the shell at the end", float(abs(limited.truth["slope"][-1])), 1e-3, "rad"
+        ),
+        Row("slope without limiter: greatest slip", float(np.max(free.truth["slip"])), 0.9, "1", at_least=True),
+        Row(
+            "slope without limiter: stuck, greatest speed in the last 2 s",
+            float(np.max(np.abs(free.truth["speed"][ending]))),
+            0.01,
+            "m/s",
+        ),
+    ]
+
+
+def determinism(seeds: int, links: tuple[str, ...] = ("inprocess", "pty")) -> list[Row]:
+    """Output hashes over links and repeats that differ from the first, out of all."""
+    different = 0
+    for seed in range(seeds):
+        scenario = replace(ordinary_robot(seed), duration=3.0)
+        hashes = {run(scenario, link).output_hash for link in (*links, links[0])}
+        different += len(hashes) != 1
+    return [Row(f"seeds of {seeds} whose hashes differ between {', '.join(links)} and a repeat", different, 0, "1")]
+
+
+CAMPAIGNS: dict[str, Callable[[], list[Row]]] = {
+    "steady_ideal": lambda: steady_ideal((2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)),
+    "steady_real": lambda: steady_real(200),
+    "carriage": carriage,
+    "slope": slope,
+    "determinism": lambda: determinism(20),
+}
+
+
+def main() -> int:
+    chosen = sys.argv[1:] or list(CAMPAIGNS)
+    failed = 0
+    for name in chosen:
+        for row in CAMPAIGNS[name]():
+            print(row, flush=True)
+            failed += not row.met
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
