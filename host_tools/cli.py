@@ -7,7 +7,6 @@ import os
 import pkgutil
 import sys
 
-import click
 import typer
 
 from host_tools import commands
@@ -38,14 +37,12 @@ def main() -> None:
     except UserError as error:
         print(f"terrapin: {error}", file=sys.stderr)
         sys.exit(error.status)
-    except click.exceptions.Abort:
+    except (typer.Abort, KeyboardInterrupt):
         print("terrapin: interrupted", file=sys.stderr)
         sys.exit(130)
-    except KeyboardInterrupt:
-        print("terrapin: interrupted", file=sys.stderr)
-        sys.exit(130)
-    except click.ClickException as error:
-        error.show()
+    except typer.TyperException as error:  # a wrong command line; without any argument its message is the help
+        message = error.format_message()
+        print(f"terrapin: {message}" if len(sys.argv) > 1 else message, file=sys.stderr)
         sys.exit(error.exit_code)
     except BrokenPipeError:  # the reader of a pipe went away: not an error of ours
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
