@@ -1,0 +1,44 @@
+"""The compiled contacts and bodies of this folder, through cffi's ABI mode: the C headers are their description."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import cffi
+import numpy as np
+import numpy.typing as npt
+
+from firmware.interface.cdef import cdef
+from hil import paths
+
+__all__ = ["ffi", "library", "pointer"]
+
+HEADERS = ("sixteen.h", "tyre.h", "vehicle.h")
+
+
+@cache
+def ffi() -> cffi.FFI:
+    """Declarations of the headers."""
+    found = cffi.FFI()
+    folder = paths.ROOT / "hil" / "physics"
+    found.cdef(cdef([(folder / name).read_text(encoding="utf-8") for name in HEADERS]))
+    return found
+
+
+@cache
+def library() -> Any:
+    """The shared library, whose calls release the interpreter's lock. OSError, naming the file, when not yet built."""
+    path = paths.build() / "libterrapin_hil.so"
+    if not path.is_file():
+        raise OSError(2, "not built yet; run `make setup`", str(path))
+    return ffi().dlopen(str(path))
+
+
+def pointer(array: npt.NDArray[np.float64] | None) -> Any:
+    """double * into an array (C order, float64), which the caller keeps alive; NULL for None."""
+    if array is None:
+        return ffi().NULL
+    if array.dtype != np.float64 or not array.flags.c_contiguous:
+        raise TypeError(f"array: found {array.dtype} with strides {array.strides}, expected contiguous float64")
+    return ffi().cast("double *", array.ctypes.data)
