@@ -107,7 +107,13 @@ def _parameters(d: Description) -> Iterator[list[str]]:
 
 
 def _limits(d: Description) -> Iterator[list[str]]:
-    yield [*(f"#define TERRAPIN_LIMIT_{x.name.upper()} {_c(x.value)}" for x in d.limits), ""]
+    """Whole numbers alone: the firmware knows no fractions."""
+    whole = [x for x in d.limits if x.value.is_integer() and abs(x.value) <= INT32_MAX]
+    yield [
+        "/* Limits, in the units of controller.toml. */",
+        *(f"#define TERRAPIN_LIMIT_{x.name.upper()} {_c(int(x.value))}" for x in whole),
+        "",
+    ]
 
 
 def _messages(d: Description) -> Iterator[list[str]]:

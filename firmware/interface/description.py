@@ -112,12 +112,11 @@ class Fault:
 
 @dataclass(frozen=True)
 class Limit:
-    """A constant that parameters and inputs cannot change."""
+    """A constant that parameters and inputs cannot change; `value` is in `unit`."""
 
     name: str
-    value: int
+    value: float
     unit: str
-    scale: float
     meaning: str
 
 
@@ -368,10 +367,11 @@ def _limit(name: str, table: Any) -> Limit:
     reader = _Table(f"limit {_name(f'limit {name}', name)}", table)
     limit = Limit(
         name=name,
-        value=reader.integer("value", INT32_MIN, INT32_MAX),
+        value=reader.take("value", float),
         unit=reader.take("unit", str, ""),
-        scale=reader.scale(),
         meaning=reader.take("meaning", str),
     )
     reader.done()
+    if not math.isfinite(limit.value):
+        raise reader.fail(f"'value' must be a finite number, found {limit.value}")
     return limit

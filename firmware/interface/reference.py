@@ -85,5 +85,5 @@ def markdown(d: Description) -> str:
     for f in sorted(d.faults, key=lambda fault: fault.number):
         out.append(_row(f.number, f"`{f.name}`", f.cause, f.reaction, "yes" if f.latched else "no"))
     out += ["", "## Limits", "", *_table("name", "value", "unit", "meaning")]
-    out += [_row(f"`{x.name}`", _physical(x.value, x.scale), x.unit, x.meaning) for x in d.limits]
+    out += [_row(f"`{x.name}`", f"{x.value:.9g}", x.unit, x.meaning) for x in d.limits]
     return "\n".join(out) + "\n"

@@ -1,6 +1,6 @@
 """SLCAN over a pty or serial port, read by our own code: fast enough for lockstep.
 
-The controller acknowledges each frame after everything that the frame caused (for SENSORS_FAST: the tick's ACTUATE and
+The controller acknowledges each line after everything that the line caused (for SENSORS_FAST: the tick's ACTUATE and
 telemetry), so `exchange` knows from counting acknowledgements, not from waiting, that an answer is complete.
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import select
 import signal
 import subprocess
@@ -23,6 +24,7 @@ from hil.messages import Frame
 
 __all__ = ["ControllerProcess", "LinkError", "SlcanPort", "slcan_line", "slcan_parse"]
 
+_FRAME = re.compile(rb"t[0-7][0-9A-Fa-f]{2}[0-8][0-9A-Fa-f]{0,16}").fullmatch
 CHUNK = 65536  # bytes asked of one read
 GONE = {errno.EIO, errno.ENXIO, errno.ENODEV, errno.EPIPE, errno.EBADF}
 
@@ -50,13 +52,9 @@ def slcan_parse(line: bytes) -> Frame:
     >>> slcan_parse(b"t100201AB")
     (256, b'\\x01\\xab')
     """
-    length = line[4] - 48 if len(line) > 4 else -1
-    if line[:1] != b"t" or not 0 <= length <= 8 or len(line) != 5 + 2 * length or b"_" in line:
-        raise ValueError(f"no SLCAN frame: {line!r}")
-    identifier, data = int(line[1:4], 16), bytes.fromhex(line[5:].decode("ascii"))
-    if not 0 <= identifier <= 0x7FF or len(data) != length:
-        raise ValueError(f"no SLCAN frame: {line!r}")
-    return identifier, data
+    if not _FRAME(line) or len(line) != 5 + 2 * (line[4] - 48):
+        raise ValueError(f"no SLCAN frame: {line[:40]!r}")
+    return int(line[1:4], 16), bytes.fromhex(line[5:].decode("ascii"))
 
 
 class SlcanPort:
@@ -67,7 +65,8 @@ class SlcanPort:
         self.timeout = timeout
         self._rest = b""
         self._frames: list[Frame] = []
-        self._acknowledged = 0
+        self._pending = 0  # lines sent that are not acknowledged yet
+        self._lenient = False  # refusals are nobody's fault: clearing what an earlier host left in the line
         try:
             self._fd = os.open(self.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
             tty.setraw(self._fd, termios.TCSANOW)
@@ -84,17 +83,15 @@ class SlcanPort:
         """Open the port and its CAN channel at 500 kbit/s (which a board on USB ignores)."""
         port = cls(path, timeout)
         try:
-            port.command(b"\rC\rS6\rO\r", 4)
-        except LinkError:
+            termios.tcflush(port._fd, termios.TCIFLUSH)
+            port._lenient = True
+            port.exchange(b"\r")
+            port._lenient = False
+            port.exchange(b"C\rS6\rO\r")
+        except BaseException:
             port.close()
             raise
         return port
-
-    def command(self, text: bytes, replies: int) -> None:
-        """Send lines that make no frames and wait for their replies."""
-        self.send(text)
-        self._wait_acknowledged(replies)
-        self._acknowledged = 0
 
     def close(self) -> None:
         """Close the port; the controller's process then ends. Closing twice is allowed."""
@@ -112,6 +109,7 @@ class SlcanPort:
 
     def send(self, text: bytes) -> None:
         """Write bytes that are SLCAN already (see `slcan_line`), all of them."""
+        self._pending += text.count(b"\r")
         while text:
             try:
                 text = text[os.write(self._fd, text) :]
@@ -121,19 +119,19 @@ class SlcanPort:
             except OSError as error:
                 raise self._lost(error) from None
 
-    def exchange(self, text: bytes, count: int) -> list[Frame]:
-        """Send `count` frames (as text) and wait for all that they caused: the frames received, in order."""
+    def exchange(self, text: bytes) -> list[Frame]:
+        """Send lines and wait until all lines sent so far are acknowledged: the frames received, in order."""
         self.send(text)
-        if self._acknowledged < count:
-            self._wait_acknowledged(count)
-        self._acknowledged -= count
+        if self._pending > 0:
+            end = time.monotonic() + self.timeout
+            while self._pending > 0:
+                self._read(end)
         frames, self._frames = self._frames, []
         return frames
 
     def exchange_frames(self, frames: Iterable[Frame]) -> list[Frame]:
         """As `exchange`, for frames."""
-        lines = [slcan_line(frame) for frame in frames]
-        return self.exchange(b"".join(lines), len(lines))
+        return self.exchange(b"".join(map(slcan_line, frames)))
 
     def receive_until(self, ids: Collection[int], timeout: float | None = None) -> list[Frame]:
         """Frames received up to the first whose identifier is in `ids`, that one included; the rest is kept."""
@@ -145,11 +143,6 @@ class SlcanPort:
                     frames, self._frames = self._frames[: i + 1], self._frames[i + 1 :]
                     return frames
             seen = len(self._frames)
-            self._read(end)
-
-    def _wait_acknowledged(self, count: int) -> None:
-        end = time.monotonic() + self.timeout
-        while self._acknowledged < count:
             self._read(end)
 
     def _read(self, end: float) -> None:
@@ -175,9 +168,11 @@ class SlcanPort:
                 except ValueError as error:
                     raise LinkError(f"{self.path}: {error}") from None
             elif line[-1:] == b"\a":
-                raise LinkError(f"{self.path}: the other side refused a line (wrong state, or damaged on the way)")
+                self._pending -= 1
+                if not self._lenient:
+                    raise LinkError(f"{self.path}: the other side refused a line (wrong state, or damaged on the way)")
             elif not line or line[:1] in b"zZVNF":
-                self._acknowledged += 1
+                self._pending -= 1
             else:
                 raise LinkError(f"{self.path}: no SLCAN: {line[:40]!r}")
         if len(self._rest) > CHUNK:

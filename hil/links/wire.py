@@ -75,8 +75,7 @@ class SlcanLink:
             for _ in range(ticks):
                 frames = simulation.sense()
                 if frames:
-                    lines = [slcan_line(frame) for frame in frames]
-                    simulation.answer(port.exchange(b"".join(lines), len(lines)))
+                    simulation.answer(port.exchange(b"".join(map(slcan_line, frames))))
                 else:
                     simulation.answer(())
         except AnswerError as error:

@@ -1,0 +1,376 @@
+"""The controller's process on a pty: lockstep, its rate, python-can, and every way of going away."""
+
+from __future__ import annotations
+
+import os
+import random
+import select
+import signal
+import subprocess
+import termios
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import can
+import pytest
+
+from hil import paths
+from hil.firmware import Firmware
+from hil.links.slcan import ControllerProcess, LinkError, SlcanPort, slcan_line, slcan_parse
+from hil.messages import Frame, Sender, interface
+
+PROGRAM = paths.build() / "terrapin-controller"
+ACTUATE = interface().messages["ACTUATE"]
+
+
+@pytest.fixture
+def controller() -> Iterator[ControllerProcess]:
+    process = ControllerProcess()
+    yield process
+    process.stop()
+
+
+@pytest.fixture
+def port(controller: ControllerProcess) -> Iterator[SlcanPort]:
+    with SlcanPort.open(controller.start()) as opened:
+        yield opened
+
+
+def sensor_values(tick: int, generator: random.Random) -> tuple[dict[str, int], dict[str, int]]:
+    slow = {"slow_code": 2400 if tick % 2 == 0 else 2000, "slow_channel": tick & 1, "pitch": 20, "ground_speed": 150,
+            "swing_angle": generator.randint(-40, 40), "swing_rate": generator.randint(-50, 50)}  # fmt: skip
+    fast = {"current_code": 2048 + generator.randint(-30, 30), "swing_valid": 1, "ground_speed_valid": tick // 300 % 2,
+            "estop": int(tick % 1999 == 1998), "motor_count": tick * 5 & 0xFFFF, "ground_count": tick * 2 & 0xFFFF,
+            "tick": tick & 0xFFFF}  # fmt: skip
+    return slow, fast
+
+
+def host_frames(ticks: int, seed: int) -> list[list[Frame]]:
+    """What a simulator sends in each tick: SENSORS_SLOW, or COMMAND every 50th, then SENSORS_FAST."""
+    generator, sender = random.Random(seed), Sender()
+    out = []
+    for tick in range(ticks):
+        slow, fast = sensor_values(tick, generator)
+        command = {"request": 1 if tick < 500 else 2, "limiter": 1, "setpoint": 4000}
+        first = sender.frame("COMMAND", command) if tick % 50 == 0 else sender.frame("SENSORS_SLOW", slow)
+        out.append([first, sender.frame("SENSORS_FAST", fast)])
+    return out
+
+
+def in_memory(frames: list[list[Frame]]) -> list[list[Frame]]:
+    """The same frames through the same C in this process."""
+    firmware = Firmware.open()
+    ffi, lib = firmware.ffi, firmware.lib
+    state, link = firmware.new_state(), ffi.new("terrapin_link *")
+    inputs, outputs = ffi.new("terrapin_inputs *"), ffi.new("terrapin_outputs *")
+    frame, reply = ffi.new("terrapin_frame *"), ffi.new("terrapin_frame *")
+    lib.terrapin_link_init(link, state, inputs)
+    answers = []
+    for group in [Sender().test_mode(), *frames]:
+        answer = []
+        for identifier, data in group:
+            frame.id, frame.length = identifier, len(data)
+            frame.data[0 : len(data)] = data
+            if lib.terrapin_accept(link, state, frame, inputs, reply) == lib.TERRAPIN_ACCEPT_STEP:
+                lib.terrapin_link_step(state, inputs, outputs)
+                answer += [(f.id, bytes(f.data)[: f.length]) for f in outputs.frames[0 : outputs.frame_count]]
+        answers.append(answer)
+    return answers[1:]
+
+
+def test_lockstep_gives_the_same_frames_as_memory(port: SlcanPort) -> None:
+    frames = host_frames(3000, 1)
+    armed = port.exchange_frames(Sender().test_mode())[-1]
+    node = interface().messages["NODE"]
+    assert armed[0] == node.id
+    assert node.decode(armed[1]) == {"version": interface().version, "test_mode": 1, "dropped": 0}
+    answers = [port.exchange_frames(group) for group in frames]
+    assert answers == in_memory(frames)
+    assert [ACTUATE.decode(answer[0][1])["tick"] for answer in answers] == list(range(3000))
+
+
+def test_a_second_run_is_as_the_first(port: SlcanPort) -> None:
+    """Arming resets the controller: nothing of an earlier run, not even an earlier host's counters, stays behind."""
+    runs = []
+    for _ in range(2):
+        port.exchange_frames(Sender().test_mode())
+        runs.append([port.exchange_frames(group) for group in host_frames(200, 2)])
+    assert runs[0] == runs[1]
+
+
+def test_rate_of_lockstep(port: SlcanPort) -> None:
+    """At least 3,000 ticks a second, making and reading all frames included; the best of three, for a busy machine."""
+    slow, fast = (interface().messages[name] for name in ("SENSORS_SLOW", "SENSORS_FAST"))
+    sender = Sender()
+    port.exchange_frames(sender.test_mode())
+    rates = []
+    for start in (0, 2000, 4000):
+        begin = time.perf_counter()
+        for tick in range(start, start + 2000):
+            first = (slow.id, slow.encode({"slow_code": 2000, "slow_channel": tick & 1, "swing_angle": -3})[0])
+            if tick % 50 == 0:
+                first = sender.frame("COMMAND", {"request": 2, "setpoint": 3000})
+            second = (
+                fast.id,
+                fast.encode({"current_code": 2100, "motor_count": tick & 0xFFFF, "tick": tick & 0xFFFF})[0],
+            )
+            answer = port.exchange(slcan_line(first) + slcan_line(second))
+            assert ACTUATE.decode(answer[0][1])["tick"] == tick & 0xFFFF
+        rates.append(2000 / (time.perf_counter() - begin))
+    print(f"pty lockstep: {max(rates):.0f} ticks/s")
+    assert max(rates) >= 3000
+
+
+def test_parameters_over_the_wire(port: SlcanPort) -> None:
+    sender = Sender()
+    value_message = interface().messages["PARAMETER_VALUE"]
+    for parameter in interface().parameters.values():
+        write = sender.frame("PARAMETER_WRITE", {"index": parameter.index, "value": parameter.maximum})
+        written = port.exchange_frames([write])
+        assert value_message.decode(written[0][1])["value"] == parameter.maximum
+        answer = port.exchange_frames([sender.frame("PARAMETER_READ", {"index": parameter.index})])
+        found = value_message.decode(answer[-1][1])
+        assert (found["index"], found["value"], found["status"]) == (parameter.index, parameter.maximum, 0)
+    beyond = port.exchange_frames([sender.frame("PARAMETER_READ", {"index": 65535})])
+    assert value_message.decode(beyond[0][1])["status"] == 1
+
+
+def test_receive_until_keeps_the_rest(port: SlcanPort) -> None:
+    read = interface().messages["PARAMETER_READ"]
+    value = interface().messages["PARAMETER_VALUE"]
+    lines = [slcan_line((read.id, read.encode({"index": index})[0])) for index in range(3)]
+    port.send(b"".join(lines))
+    found = [port.receive_until({value.id}) for _ in range(3)]
+    assert [len(frames) for frames in found] == [1, 1, 1]
+    assert [value.decode(frames[0][1])["index"] for frames in found] == [0, 1, 2]
+    assert len(port.exchange(lines[0])) == 1
+
+
+def test_any_cut_of_the_stream_gives_the_same_answers(port: SlcanPort) -> None:
+    """The text of 40 ticks in random pieces, single bytes among them."""
+    frames = host_frames(40, 3)
+    port.exchange_frames(Sender().test_mode())
+    text = b"".join(slcan_line(frame) for group in frames for frame in group)
+    generator = random.Random(5)
+    while text:
+        cut = generator.choice([1, 2, 7, 300, 900])
+        port.send(text[:cut])
+        text = text[cut:]
+    answers = port.exchange(b"")
+    assert len(answers) > 40
+    assert answers == [frame for answer in in_memory(frames) for frame in answer]
+
+
+def test_opening_clears_what_an_earlier_host_left(controller: ControllerProcess) -> None:
+    path = controller.start()
+    fd = os.open(path, os.O_RDWR | os.O_NOCTTY)
+    try:
+        os.write(fd, b"O\rt1238")  # half a frame, and a channel left open
+        with SlcanPort.open(path) as port:
+            assert port.exchange_frames([(0x7FF, b"")]) == []
+    finally:
+        os.close(fd)
+
+
+def test_without_test_mode_no_tick(port: SlcanPort) -> None:
+    """Sensors from the bus are taken only after arming; the first frame here is a COMMAND, which is always taken."""
+    assert port.exchange_frames(host_frames(1, 1)[0]) == []
+
+
+def test_python_can(controller: ControllerProcess) -> None:
+    path = controller.start()
+    frames = host_frames(100, 4)
+    with can.Bus(interface="slcan", channel=path, bitrate=500000, sleep_after_open=0) as bus:
+        assert bus.get_version(1.0) == (1, 1)
+        assert bus.get_serial_number(1.0) == "TRPN"
+        for identifier, data in Sender().test_mode():
+            bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+        answers: list[Frame] = []
+        for group in frames:
+            for identifier, data in group:
+                bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+            while True:
+                message = bus.recv(2.0)
+                assert message is not None
+                answers.append((message.arbitration_id, bytes(message.data)))
+                if message.arbitration_id == ACTUATE.id:
+                    break
+        while (message := bus.recv(0.05)) is not None:
+            answers.append((message.arbitration_id, bytes(message.data)))
+    ours = [frame for frame in answers if frame[0] != interface().messages["NODE"].id]  # NODE answers the arming
+    assert ours == [frame for answer in in_memory(frames) for frame in answer]
+
+
+def test_process_ends_when_the_peer_goes_away(controller: ControllerProcess) -> None:
+    port = SlcanPort.open(controller.start())
+    assert controller.process is not None
+    assert controller.process.poll() is None
+    port.close()
+    assert controller.process.wait(5) == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize("opened", [False, True])
+def test_process_ends_on_a_signal(number: signal.Signals, opened: bool) -> None:
+    process = subprocess.Popen([PROGRAM, "--pty"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    path = process.stdout.readline().strip()
+    port = SlcanPort.open(path) if opened else None
+    process.send_signal(number)
+    _, error = process.communicate(timeout=5)
+    assert process.returncode == 0
+    assert error.startswith("terrapin-controller: stopped by a signal after 0 ticks, outputs off")
+    if port is not None:
+        port.close()
+
+
+def test_link_that_disappears(controller: ControllerProcess, port: SlcanPort) -> None:
+    sender = Sender()
+    port.exchange_frames(sender.test_mode())
+    port.exchange_frames(host_frames(1, 1)[0])
+    assert controller.process is not None
+    controller.process.kill()
+    controller.process.wait()
+    with pytest.raises(LinkError) as caught:
+        port.exchange_frames([sender.frame("PARAMETER_READ", {"index": 0})])
+    assert str(caught.value) == f"{port.path}: the link disappeared"
+
+
+def test_firmware_that_stops_answering(controller: ControllerProcess) -> None:
+    with SlcanPort.open(controller.start()) as port:
+        port.timeout = 0.2
+        assert controller.process is not None
+        controller.process.send_signal(signal.SIGSTOP)
+        try:
+            begin = time.monotonic()
+            with pytest.raises(LinkError) as caught:
+                port.exchange_frames([Sender().frame("PARAMETER_READ", {"index": 0})])
+            assert str(caught.value) == f"{port.path}: no answer within 0.2 s"
+            with pytest.raises(LinkError, match="no answer within"):
+                port.receive_until({0x123})
+            with pytest.raises(LinkError, match=r"takes no data for 0\.2 s"):
+                port.send(b"t1230\r" * 100_000)
+            assert time.monotonic() - begin < 5
+        finally:
+            controller.process.send_signal(signal.SIGCONT)
+
+
+def test_peer_that_does_not_read_blocks_nobody_for_ever(controller: ControllerProcess) -> None:
+    """The process waits for room with bounded buffers, and still hears a signal while it waits."""
+    fd = os.open(controller.start(), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        end = time.monotonic() + 10
+        stuck_since = None
+        while stuck_since is None or time.monotonic() - stuck_since < 0.2:
+            assert time.monotonic() < end
+            try:
+                os.write(fd, b"V\r" * 500)
+                stuck_since = None
+            except BlockingIOError:
+                stuck_since = stuck_since or time.monotonic()
+                time.sleep(0.01)
+        assert controller.stop() == 0
+    finally:
+        os.close(fd)
+
+
+@pytest.mark.parametrize(
+    ("answer", "expected"),
+    [(b"\a", "refused a line"), (b"hello\r", "no SLCAN: b'hello'"), (b"t12\r", "no SLCAN frame: b't12'"),
+     (b"x" * 70_000, "no SLCAN")],
+)  # fmt: skip
+def test_nonsense_from_the_other_side(answer: bytes, expected: str) -> None:
+    master, slave = os.openpty()
+
+    def speak() -> None:
+        rest = answer
+        while rest:
+            rest = rest[os.write(master, rest) :]
+
+    speaker = threading.Thread(target=speak, daemon=True)
+    try:
+        with SlcanPort(os.ttyname(slave), 1.0) as port:
+            speaker.start()
+            with pytest.raises(LinkError) as caught:
+                port.receive_until({0x7FF})
+            assert expected in str(caught.value)
+            termios.tcflush(slave, termios.TCIFLUSH)  # frees a speaker that waits for room
+            speaker.join(5)
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+def test_paths_that_are_no_link(tmp_path: Path) -> None:
+    with pytest.raises(LinkError, match=r"cannot open the link: No such file or directory"):
+        SlcanPort.open(tmp_path / "nothing")
+    (tmp_path / "file").touch()
+    with pytest.raises(LinkError, match=r"cannot open the link: not a terminal"):
+        SlcanPort.open(tmp_path / "file")
+    with pytest.raises(LinkError, match=r"cannot start the controller"):
+        ControllerProcess(tmp_path / "nothing").start()
+    with pytest.raises(LinkError, match=r"did not start"):
+        ControllerProcess(Path("/bin/false")).start()
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([PROGRAM, *arguments], capture_output=True, text=True, timeout=10)
+
+
+def test_command_line(tmp_path: Path) -> None:
+    assert run("--help").returncode == 0
+    assert "--pty [LINK]" in run("--help").stdout
+    for arguments in ([], ["--pty", "a", "b"], ["a", "b"], ["--nonsense"]):
+        assert run(*arguments).returncode == 2
+    missing = run(str(tmp_path / "nothing"))
+    assert (missing.returncode, missing.stderr.count("\n")) == (1, 1)
+    assert "cannot open" in missing.stderr
+    (tmp_path / "file").touch()
+    occupied = run("--pty", str(tmp_path / "file"))
+    assert (occupied.returncode, occupied.stderr.count("\n")) == (1, 1)
+    assert "File exists" in occupied.stderr
+
+
+def test_pty_under_a_name(tmp_path: Path) -> None:
+    """The name is a link, made anew over one that an earlier run left behind, and gone at the end."""
+    name = tmp_path / "terrapin"
+    name.symlink_to("/dev/pts/nonexistent")
+    process = subprocess.Popen(
+        [PROGRAM, "--pty", str(name)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == f"{name}\n"
+    with SlcanPort.open(name) as port:
+        assert port.exchange_frames([Sender().frame("PARAMETER_READ", {"index": 0})]) != []
+    assert process.wait(5) == 0
+    assert not name.is_symlink()
+
+
+def test_on_a_tty() -> None:
+    """Given a device, the process serves it, and ends when it hangs up."""
+    master, slave = os.openpty()
+    process = subprocess.Popen([PROGRAM, os.ttyname(slave)], stderr=subprocess.PIPE, text=True)
+    try:
+        read = interface().messages["PARAMETER_READ"]
+        request = slcan_line((read.id, read.encode({"index": 0})[0]))
+        received = b""
+        end = time.monotonic() + 5
+        os.set_blocking(master, False)
+        while b"t" not in received or not received.endswith(b"\r\r"):
+            assert time.monotonic() < end
+            if select.select([master], [], [], 0.1)[0]:
+                received += os.read(master, 4096)
+            elif b"V0101" not in received:
+                os.write(master, b"V\r")  # until its side is raw and listening
+            elif b"t" not in received:
+                os.write(master, b"O\r" + request)
+        frame = slcan_parse(received[received.rindex(b"t") :].rstrip(b"\r"))
+        assert frame[0] == interface().messages["PARAMETER_VALUE"].id
+    finally:
+        os.close(slave)
+        os.close(master)
+    _, error = process.communicate(timeout=5)
+    assert process.returncode == 0
+    assert "peer gone" in error

@@ -1,0 +1,356 @@
+"""The one description: what is made of it agrees with an independent reader, and bad descriptions are refused."""
+
+from __future__ import annotations
+
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import cantools
+import pint
+import pytest
+
+from firmware.interface import description as description_module
+from firmware.interface.description import CONTROLLER_TOML, DescriptionError, load, parse
+from firmware.interface.generate import generate
+from hil import paths
+from hil.firmware import Firmware, ParameterError
+from hil.messages import crc8, interface, protect
+
+FRAMES = 100_000
+
+
+@pytest.fixture(scope="module")
+def firmware() -> Firmware:
+    return Firmware.open()
+
+
+@pytest.fixture(scope="module")
+def database() -> cantools.database.Database:
+    return cantools.database.load_file(paths.build() / "generated" / "terrapin.dbc")
+
+
+def fields(message, struct):
+    return {signal.name: int(getattr(struct, signal.name)) for signal in message.signals}
+
+
+def test_differential_random_frames(firmware: Firmware, database) -> None:
+    """100,000 random frames: cantools, the compiled codec and the Python codec read the same numbers, and write them
+    back to the same bits."""
+    ffi, lib = firmware.ffi, firmware.lib
+    messages = list(firmware.interface.messages.values())
+    generator = random.Random(1)
+    frame, again = ffi.new("terrapin_frame *"), ffi.new("terrapin_frame *")
+    for number, message in enumerate(messages):
+        name = message.name.lower()
+        struct = ffi.new(f"terrapin_{name}_t *")
+        decode, encode = getattr(lib, f"terrapin_decode_{name}"), getattr(lib, f"terrapin_encode_{name}")
+        oracle = database.get_message_by_frame_id(message.id)
+        assert oracle.length == message.length
+        mask = sum(((1 << s.length) - 1) << s.start for s in message.signals)
+        full_range = all((s.minimum, s.maximum) == _bits_range(s) for s in message.signals)
+        frame.id, frame.length = message.id, message.length
+        for _ in range(FRAMES // len(messages) + (number < FRAMES % len(messages))):
+            data = generator.randbytes(message.length)
+            frame.data[0 : message.length] = data
+            assert decode(frame, struct)
+            raw = fields(message, struct)
+            assert raw == oracle.decode(data, decode_choices=False, scaling=False)
+            assert raw == message.decode(data)
+            if full_range:
+                assert encode(struct, again)
+                used = int.from_bytes(data, "little") & mask
+                assert bytes(again.data)[: message.length] == used.to_bytes(message.length, "little")
+                assert (again.id, again.length) == (message.id, message.length)
+
+
+def _bits_range(signal) -> tuple[int, int]:
+    if signal.signed:
+        return -(1 << (signal.length - 1)), (1 << (signal.length - 1)) - 1
+    return 0, (1 << signal.length) - 1
+
+
+def test_differential_scaled_values(firmware: Firmware, database) -> None:
+    generator = random.Random(2)
+    for message in firmware.interface.messages.values():
+        oracle = database.get_message_by_frame_id(message.id)
+        for _ in range(200):
+            data = generator.randbytes(message.length)
+            assert message.physical(data) == pytest.approx(oracle.decode(data, decode_choices=False), rel=1e-12, abs=0)
+
+
+def test_encoders_clamp_and_flag(firmware: Firmware, database) -> None:
+    """Values far outside: each encoder clamps to the signal's range, says so, and touches no neighbouring signal."""
+    ffi, lib = firmware.ffi, firmware.lib
+    generator = random.Random(3)
+    for message in firmware.interface.messages.values():
+        name = message.name.lower()
+        struct, frame = ffi.new(f"terrapin_{name}_t *"), ffi.new("terrapin_frame *")
+        oracle = database.get_message_by_frame_id(message.id)
+        for _ in range(2000):
+            wanted = {}
+            for signal in message.signals:
+                low, high = (0, 2**32 - 1) if signal.maximum > 2**31 - 1 else (-(2**31), 2**31 - 1)
+                edge = generator.choice(
+                    [signal.minimum, signal.maximum, signal.minimum - 1, signal.maximum + 1, low, high]
+                )
+                value = min(max(generator.choice([edge, generator.randint(signal.minimum, signal.maximum)]), low), high)
+                setattr(struct, signal.name, value)
+                wanted[signal.name] = value
+            clamped = {s.name: min(max(wanted[s.name], s.minimum), s.maximum) for s in message.signals}
+            exact = getattr(lib, f"terrapin_encode_{name}")(struct, frame)
+            data = bytes(frame.data)[: message.length]
+            assert exact == (clamped == wanted)
+            assert oracle.decode(data, decode_choices=False, scaling=False) == clamped
+            assert message.encode(wanted) == (data, exact)
+
+
+def test_dbc_says_what_the_description_says(database) -> None:
+    d = load()
+    assert [m.frame_id for m in sorted(database.messages, key=lambda m: m.frame_id)] == sorted(m.id for m in d.messages)
+    for message in d.messages:
+        found = database.get_message_by_frame_id(message.id)
+        assert found.name == message.name
+        assert found.senders == [d.nodes[message.sender]]
+        assert (found.cycle_time or 0) == message.cycle_ms
+        assert (found.comment or "") == message.comment.replace('"', "'")
+        for signal in message.signals:
+            entry = found.get_signal_by_name(signal.name)
+            assert (entry.unit or "") == signal.unit
+            assert (entry.comment or "") == signal.comment.replace('"', "'")
+            assert float(entry.scale) == signal.scale
+            choices = {int(k): str(v) for k, v in (entry.choices or {}).items()}
+            assert choices == ({v: k for k, v in d.enums[signal.enum].items()} if signal.enum else {})
+
+
+def test_e2e_agrees_between_c_and_python(firmware: Firmware) -> None:
+    ffi, lib = firmware.ffi, firmware.lib
+    generator = random.Random(4)
+    frame, last = ffi.new("terrapin_frame *"), ffi.new("uint8_t *")
+    for counter in range(1000):
+        identifier, data = generator.randrange(0x800), generator.randbytes(8)
+        frame.id, frame.length, frame.data = identifier, 8, data
+        lib.terrapin_e2e_protect(frame, counter)
+        assert bytes(frame.data) == protect(identifier, data, counter)
+        last[0] = 0xFF
+        assert lib.terrapin_e2e_check(frame, last) == lib.TERRAPIN_E2E_OK
+        assert last[0] == counter % 15
+        assert lib.terrapin_e2e_check(frame, last) == lib.TERRAPIN_E2E_REPEATED
+        assert crc8(data) == lib.terrapin_crc8(0, data, len(data))
+
+
+def test_units_are_units() -> None:
+    registry = pint.UnitRegistry()
+    d = load()
+    for unit in {s.unit for m in d.messages for s in m.signals} | {x.unit for x in (*d.parameters, *d.limits)}:
+        registry.parse_units(unit)
+
+
+def test_reference_page_names_everything() -> None:
+    page = (paths.build() / "generated" / "interface.md").read_text(encoding="utf-8")
+    d = load()
+    for entry in (*d.messages, *d.parameters, *d.faults, *d.limits):
+        assert entry.name in page
+
+
+def test_parameters_in_their_units(firmware: Firmware) -> None:
+    state = firmware.new_state()
+    for parameter in firmware.interface.parameters.values():
+        for raw in (parameter.default, parameter.minimum, parameter.maximum):
+            firmware.set_parameter(state, parameter.name, raw * parameter.scale)
+            assert firmware.get_parameter(state, parameter.name) == raw * parameter.scale
+        with pytest.raises(ParameterError, match=f"parameter {parameter.name}: .* is outside"):
+            firmware.set_parameter(state, parameter.name, (parameter.maximum + 2) * parameter.scale)
+        with pytest.raises(ParameterError, match="is outside"):
+            firmware.set_parameter(state, parameter.name, float("nan"))
+        assert firmware.get_parameter(state, parameter.name) == parameter.maximum * parameter.scale
+        firmware.set_parameter(state, parameter.name, parameter.default * parameter.scale)
+
+
+def test_defaults_and_bounds_reach_the_c_table(firmware: Firmware) -> None:
+    table = firmware.lib.terrapin_parameters
+    for p in load().parameters:
+        entry = table[p.index]
+        assert (entry.default_value, entry.minimum, entry.maximum) == (p.default, p.minimum, p.maximum)
+        assert bool(entry.flags & firmware.lib.TERRAPIN_PARAMETER_PROTECTED) == bool(p.protects)
+
+
+def test_unknown_parameter_names_the_nearest(firmware: Firmware) -> None:
+    name = next(iter(firmware.interface.parameters))
+    with pytest.raises(ParameterError, match=f"no parameter '{name}x'.*{name}"):
+        firmware.get_parameter(firmware.new_state(), name + "x")
+
+
+def test_python_encoder_refuses_unknown_signals() -> None:
+    with pytest.raises(KeyError, match="message COMMAND has no signal speed"):
+        interface().messages["COMMAND"].encode({"speed": 1})
+    with pytest.raises(ValueError, match="has 8 bytes, found 3"):
+        interface().messages["COMMAND"].decode(b"abc")
+
+
+# ---------------------------------------------------------------- bad descriptions
+
+GOOD = """
+[controller]
+name = "toy"
+version = 1
+tick_hz = 1000
+[node]
+controller = "CTRL"
+host = "HOST"
+[enum.mode]
+values = { off = 0, on = 1, both = 2 }
+[message.ONE]
+id = 0x10
+sender = "host"
+e2e = true
+signals = [
+  { name = "mode", start = 0, length = 2, enum = "mode" },
+  { name = "level", start = 2, length = 10, signed = true, scale = 0.5, unit = "V", min = -100, max = 100 },
+  { name = "counter", start = 48, length = 4 },
+  { name = "crc", start = 56, length = 8 },
+]
+[message.TWO]
+id = 0x11
+sender = "controller"
+signals = [ { name = "wide", start = 8, length = 32 }, { name = "tail", start = 40, length = 3, min = 1, max = 6 } ]
+[parameter.gain]
+default = 5
+min = -3
+max = 9
+unit = "V"
+scale = 0.001
+meaning = "a gain"
+protects = "the motor"
+[fault.hot]
+number = 3
+cause = "too hot"
+reaction = "bridge off"
+latched = true
+[fault.cold]
+number = 4
+cause = "too cold"
+reaction = "none"
+latched = false
+[limit.top]
+value = 7
+unit = "V"
+meaning = "the top"
+"""
+
+PLANTED = [
+    ("start = 2, length = 10", "start = 1, length = 10", "message ONE, signal level: bit 1 overlaps signal mode"),
+    ("start = 8, length = 32", "start = 40, length = 32", "message TWO, signal wide: bits 40 to 71 do not fit"),
+    ("length = 32", "length = 33", "message TWO, signal wide: 'length' must be 1 to 32, found 33"),
+    ("length = 10, signed", "length = 1, signed", "message ONE, signal level: a signed signal needs at least 2 bits"),
+    ("length = 10, signed", "length = 0, signed", "message ONE, signal level: 'length' must be 1 to 32, found 0"),
+    ('enum = "mode"', 'enum = "moode"', "message ONE, signal mode: unknown enum 'moode' (known: mode)"),
+    ("length = 2, enum", "length = 1, enum", "signal mode: enum 'mode' needs an unsigned signal that holds 2"),
+    ("id = 0x11", "id = 0x10", "message TWO: id 0x010 is already taken by message ONE"),
+    ("id = 0x11", "id = 0x800", "message TWO: 'id' must be 0 to 2047, found 2048"),
+    ("id = 0x11", 'id = "11"', "message TWO: 'id' must be an integer, found '11'"),
+    ("id = 0x11", "id = true", "message TWO: 'id' must be an integer, found True"),
+    ("id = 0x11\n", "", "message TWO: 'id' is missing"),
+    ('sender = "controller"', 'sender = "cat"', "message TWO: sender 'cat' is no node (known: controller, host)"),
+    ("min = -100", "min = -600", "message ONE, signal level: 'min' must be -512 to 511, found -600"),
+    ("max = 100 }", "max = -101 }", "message ONE, signal level: 'max' must be -100 to 511, found -101"),
+    ("scale = 0.5", "scale = 0.0", "message ONE, signal level: 'scale' must be a positive number, found 0.0"),
+    ("scale = 0.5", "scale = nan", "message ONE, signal level: 'scale' must be a positive number, found nan"),
+    ("scale = 0.5", "skale = 0.5", "message ONE, signal level: unknown key 'skale'"),
+    ('name = "tail"', 'name = "WIDE"', "signal WIDE: name wide is already taken by message TWO, signal wide"),
+    ('name = "tail"', 'name = "int"', "message TWO, signal number 2: 'int' cannot be a name in C"),
+    ('name = "tail"', 'name = "a b"', "message TWO, signal number 2: 'a b' cannot be a name in C"),
+    ("start = 48", "start = 47", "message ONE: e2e needs an unsigned signal 'counter' with start 48 and length 4"),
+    ('name = "crc", start = 56', 'name = "crk", start = 56', "message ONE: e2e needs an unsigned signal 'crc'"),
+    ("number = 4", "number = 3", "fault cold: number 3 is already taken by fault hot"),
+    ("number = 4", "number = 32", "fault cold: 'number' must be 0 to 31, found 32"),
+    ("latched = false", "latched = 0", "fault cold: 'latched' must be true or false, found 0"),
+    ("default = 5", "default = 10", "parameter gain: default 10 is outside -3 to 9"),
+    ("default = 5", "default = 5.0", "parameter gain: 'default' must be an integer, found 5.0"),
+    ("min = -3", "min = 10", "parameter gain: 'max' must be 10 to 2147483647, found 9"),
+    ('meaning = "a gain"\n', "", "parameter gain: 'meaning' is missing"),
+    ("[parameter.gain]", "[parameter.count]", "parameter count: the name is reserved"),
+    ("on = 1, both = 2", "on = 1, both = 1", "enum mode, both: value 1 is already taken by enum mode, on"),
+    ("on = 1, both = 2", "on = -1", "enum mode: value 'on' must be an integer from 0, found -1"),
+    ("{ off = 0, on = 1, both = 2 }", "{}", "enum mode: has no values"),
+    ("value = 7", "value = inf", "limit top: 'value' must be a finite number, found inf"),
+    ("[limit.top]", "[limits.top]", "top level: unknown key 'limits'"),
+    ("tick_hz = 1000", "tick_hz = 0", "[controller]: 'tick_hz' must be 1 to 1000000, found 0"),
+    ("[node]", "[nodde]", "top level: 'node' is missing"),
+    ("version = 1", "version = ", "not TOML"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "expected"), PLANTED, ids=[entry[2] for entry in PLANTED])
+def test_planted_errors_are_named(old: str, new: str, expected: str) -> None:
+    assert GOOD.count(old) >= 1
+    with pytest.raises(DescriptionError) as caught:
+        parse(GOOD.replace(old, new, 1))
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_good_description_is_good() -> None:
+    d = parse(GOOD)
+    level = d.messages[0].signals[1]
+    assert (level.minimum, level.maximum, level.signed, level.scale, level.unit) == (-100, 100, True, 0.5, "V")
+    assert (d.messages[0].length, d.messages[1].length) == (8, 6)
+    assert [(p.index, p.default) for p in d.parameters] == [(0, 5)]
+    assert {f.name: f.latched for f in d.faults} == {"hot": True, "cold": False}
+
+
+def test_names_that_meet_in_c_are_refused(tmp_path: Path) -> None:
+    """Enum `fault` with the value `hot` and fault `hot` both want TERRAPIN_FAULT_HOT."""
+    file = tmp_path / "toy.toml"
+    file.write_text(GOOD + "\n[enum.fault]\nvalues = { hot = 1 }\n")
+    with pytest.raises(DescriptionError, match="TERRAPIN_FAULT_HOT"):
+        generate(file, [], tmp_path)
+
+
+def test_generated_code_of_another_description_compiles_and_clamps(tmp_path: Path) -> None:
+    """Ranges narrower than the bits, a 32-bit field across the words: features that the controller may not use."""
+    file = tmp_path / "toy.toml"
+    file.write_text(GOOD)
+    core = paths.ROOT / "firmware" / "core"
+    generate(file, [core / "terrapin.h"], tmp_path)
+    program = tmp_path / "main.c"
+    program.write_text("""
+#include "terrapin_interface.h"
+int main(void) {
+    terrapin_frame f;
+    terrapin_one_t one = {.level = 101};
+    terrapin_two_t two = {.wide = 0xFEDCBA98U, .tail = 0}, back;
+    if (terrapin_encode_one(&one, &f)) return 1;
+    if (!terrapin_decode_one(&f, &one) || one.level != 100) return 2;
+    one.level = -100;
+    if (!terrapin_encode_one(&one, &f)) return 3;
+    if (terrapin_encode_two(&two, &f) || f.length != 6) return 4;
+    if (!terrapin_decode_two(&f, &back) || back.wide != 0xFEDCBA98U || back.tail != 1) return 5;
+    two.tail = 7;
+    if (terrapin_encode_two(&two, &f) || !terrapin_decode_two(&f, &back) || back.tail != 6) return 6;
+    return terrapin_parameters[TERRAPIN_PARAMETER_GAIN].minimum == -3 && TERRAPIN_FAULTS_LATCHED == 8 ? 0 : 7;
+}
+""")
+    command = ["cc", "-std=c11", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"]
+    command += ["-fsanitize=undefined", "-fno-sanitize-recover=all"]
+    include = [f"-I{core}", f"-I{tmp_path}"]
+    subprocess.run(
+        [*command, *include, program, tmp_path / "terrapin_interface.c", "-o", tmp_path / "toy"], check=True, timeout=60
+    )
+    assert subprocess.run([tmp_path / "toy"], timeout=10).returncode == 0
+
+
+def test_command_line_of_the_generator(tmp_path: Path) -> None:
+    """Runs as a plain file with isolated Python, writes nothing twice, and says what is wrong in one line."""
+    script = Path(description_module.__file__).with_name("generate.py")
+    run = [sys.executable, "-I", str(script), "--out", str(tmp_path)]
+    header = paths.ROOT / "firmware" / "core" / "terrapin.h"
+    subprocess.run([*run, "--header", str(header)], check=True, timeout=30)
+    assert len(list(tmp_path.iterdir())) == 6
+    assert generate(CONTROLLER_TOML, [header], tmp_path) == []
+    bad = tmp_path / "bad.toml"
+    bad.write_text(GOOD.replace("default = 5", "default = 50"))
+    failed = subprocess.run([*run, "--description", str(bad)], capture_output=True, text=True, timeout=30)
+    assert failed.returncode == 1
+    assert failed.stderr == "generate: bad.toml: parameter gain: default 50 is outside -3 to 9\n"
