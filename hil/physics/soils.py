@@ -40,7 +40,7 @@ class Footing(NamedTuple):
 
 @dataclass(frozen=True)
 class Soil:
-    """A soil in SI units, angles in rad; None is what its source does not state. ValueError for a value out of range."""
+    """A soil in SI units, angles in rad; None where its source says nothing. ValueError for a value out of range."""
 
     name: str
     source: str
@@ -154,7 +154,8 @@ def _number(field: str, text: str, unit: str) -> float:
         target = registry.Unit(unit if unit != "1" else "dimensionless")
     except Exception as error:  # pint lets Python's tokenizer errors through
         raise ValueError(expected) from error
-    left, right = dict(given.dimensionality), dict(target.dimensionality)
+    left: dict[Any, Any] = dict(given.dimensionality)
+    right: dict[Any, Any] = dict(target.dimensionality)
     # 10 ** -3 of a dimension: what is left when 0.71 is written for 0.7 is refused, rounding is not
     if any(abs(float(left.get(d, 0)) - float(right.get(d, 0))) > 1e-6 for d in {*left, *right}):
         raise ValueError(expected)
@@ -188,8 +189,8 @@ def library() -> dict[str, Soil]:
     angle = math.radians
     wong = f"{WONG}, {{}}".format
     soils = [
-        # K_s is printed in kN/m; sigma = K_s z^n makes it kN/m^(n+2). 535.3 is Wong's 6.94 / b + 505.8 at the tyre's own
-        # width b = 0.235 m, so it holds for that width.
+        # K_s is printed in kN/m; sigma = K_s z^n makes it kN/m^(n+2). 535.3 is Wong's 6.94 / b + 505.8 at b = 0.235 m,
+        # so it holds for that width.
         Soil("lete_sand", f"{VELLA}, nominal", "bekker", 0.71, 0.0, 535.3e3, 1150.0, angle(31.5), 0.036, width=0.235),
         Soil("sand_vella", f"{VELLA}, fitted", "bekker", 0.71, 0.0, 357.6e3, 1150.0, angle(31.5), 0.036, width=0.235),
         Soil(

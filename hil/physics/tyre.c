@@ -274,6 +274,9 @@ int hil_tyre_equilibrium(const hil_tyre *tyre, const hil_tyre_soil *soil, double
     if (!(load > 0.0) || !isfinite(load) || !isfinite(slip) || !isfinite(z)) {
         return HIL_TYRE_BAD_INPUT;
     }
+    if (deflection >= tyre->radius) {
+        return HIL_TYRE_TOO_HEAVY;
+    }
     if (!(z > 0.0 && z < deepest)) {
         z = 0.1 * deepest;
     }

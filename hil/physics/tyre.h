@@ -42,7 +42,7 @@ typedef struct {
 
 enum {
     HIL_TYRE_OK = 0,
-    HIL_TYRE_TOO_HEAVY = 1,     /* not even sunk to th_f = 90 degrees does the soil carry the load */
+    HIL_TYRE_TOO_HEAVY = 1,     /* flattened to the axle, or not carried even at th_f = 90 degrees */
     HIL_TYRE_NOT_CONVERGED = 2, /* no sinkage within 1e-9 of the load in 60 steps */
     HIL_TYRE_BAD_INPUT = 3,     /* a value that is not finite or not positive */
     HIL_TYRE_STEP_TOO_LONG = 4  /* the time step does not resolve the contact (vehicle.h) */

@@ -130,7 +130,7 @@ def _points(
     if len(shape) != 1:
         raise ContactError(f"load, slip, sinkage: found shape {shape}, expected one dimension")
     w, s, z = (np.array(np.broadcast_to(np.asarray(a, dtype=np.float64), shape)) for a in (load, slip, sinkage))
-    _range("load", w, 0.0, np.inf, "N")
+    _range("load", w, 0.0, tyre.stiffness * tyre.radius, "N")  # flattened to the axle
     _range("slip", s, -1.0 - 1e-15, 1.0 + 1e-15, "")
     native = tyre.native()
     deepest = 0.5 * (tyre.radius + np.sqrt(tyre.radius * (tyre.radius + 4.0 * w / tyre.stiffness)))

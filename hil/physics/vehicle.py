@@ -129,7 +129,7 @@ def simulate(
             )
         if status == library().HIL_TYRE_TOO_HEAVY:
             raise ContactError(
-                f"load: found {failure.load:.6g} N, more than this soil carries at any sinkage ({where})"
+                f"load: found {failure.load:.6g} N, more than tyre or soil carries at any sinkage ({where})"
             )
         raise ContactError(f"load: found {failure.load:.6g} N, no sinkage found that carries it ({where})")
     return Run(
