@@ -25,6 +25,7 @@ from hil.messages import Frame
 __all__ = ["ControllerProcess", "LinkError", "SlcanPort", "slcan_line", "slcan_parse"]
 
 _FRAME = re.compile(rb"t[0-7][0-9A-Fa-f]{2}[0-8][0-9A-Fa-f]{0,16}").fullmatch
+_SERIAL_NUMBER = re.compile(rb"N[^\r\a]{4}\r").search
 CHUNK = 65536  # bytes asked of one read
 GONE = {errno.EIO, errno.ENXIO, errno.ENODEV, errno.EPIPE, errno.EBADF}
 
@@ -66,7 +67,6 @@ class SlcanPort:
         self._rest = b""
         self._frames: list[Frame] = []
         self._pending = 0  # lines sent that are not acknowledged yet
-        self._lenient = False  # refusals are nobody's fault: clearing what an earlier host left in the line
         try:
             self._fd = os.open(self.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
             tty.setraw(self._fd, termios.TCSANOW)
@@ -83,15 +83,23 @@ class SlcanPort:
         """Open the port and its CAN channel at 500 kbit/s (which a board on USB ignores)."""
         port = cls(path, timeout)
         try:
-            termios.tcflush(port._fd, termios.TCIFLUSH)
-            port._lenient = True
-            port.exchange(b"\r")
-            port._lenient = False
+            port._clear()
             port.exchange(b"C\rS6\rO\r")
         except BaseException:
             port.close()
             raise
         return port
+
+    def _clear(self) -> None:
+        """End a line that an earlier host may have left unfinished, ask for the serial number, and drop all that comes
+        before it: answers keep their order, so from there on each acknowledgement is for a line of ours."""
+        self.send(b"\rN\r")
+        end = time.monotonic() + self.timeout
+        seen = b""
+        while (found := _SERIAL_NUMBER(seen)) is None:
+            seen = seen[-CHUNK:] + self._receive(end)
+        self._rest = seen[found.end() :]
+        self._pending = 0
 
     def close(self) -> None:
         """Close the port; the controller's process then ends. Closing twice is allowed."""
@@ -145,19 +153,24 @@ class SlcanPort:
             seen = len(self._frames)
             self._read(end)
 
-    def _read(self, end: float) -> None:
-        """Take what has come; wait for it until `end` (monotonic clock) at most."""
+    def _receive(self, end: float) -> bytes:
+        """What has come, perhaps nothing yet; LinkError when nothing comes until `end` (monotonic clock)."""
         try:
             data = os.read(self._fd, CHUNK)
         except BlockingIOError:
             wait = end - time.monotonic()
             if wait <= 0 or not self._readable.poll(int(wait * 1000) + 1):
                 raise LinkError(f"{self.path}: no answer within {self.timeout:g} s") from None
-            return
+            return b""
         except OSError as error:
             raise self._lost(error) from None
         if not data:
             raise LinkError(f"{self.path}: the link disappeared")
+        return data
+
+    def _read(self, end: float) -> None:
+        """Take the lines that have come; wait for some until `end` at most."""
+        data = self._receive(end)
         if b"\a" in data:
             data = data.replace(b"\a", b"\a\r")
         *lines, self._rest = (self._rest + data).split(b"\r")
@@ -169,8 +182,7 @@ class SlcanPort:
                     raise LinkError(f"{self.path}: {error}") from None
             elif line[-1:] == b"\a":
                 self._pending -= 1
-                if not self._lenient:
-                    raise LinkError(f"{self.path}: the other side refused a line (wrong state, or damaged on the way)")
+                raise LinkError(f"{self.path}: the other side refused a line (wrong state, or damaged on the way)")
             elif not line or line[:1] in b"zZVNF":
                 self._pending -= 1
             else:
