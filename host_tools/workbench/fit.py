@@ -1,8 +1,8 @@
 """Weighted least squares: the model's and the effects' parameters together, within bounds, from several starts.
 
-Residuals are in noise standard deviations. A model with one effect more starts where its parent ended (with the effect's
-size at 0), so its error can never be larger than the parent's; further starts come from the effect's grid, screened by a
-linear fit.
+Residuals are in noise standard deviations. A model with one effect more starts where its parent ended (with the
+effect's size at 0), so its error can never be larger than the parent's; further starts come from the effect's grid,
+screened by a linear fit.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from host_tools.workbench.models import Bound, Model
 __all__ = ["Fit", "covariance", "extend", "fit_model", "minimise"]
 
 Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 Evaluate = Callable[[Array], tuple[Array, Array]]
 
 SCREENED = 4  # starts kept of an effect's grid
@@ -42,7 +43,7 @@ class Fit:
 
 
 def minimise(
-    evaluate: Evaluate, residual: Callable[[Array], Array], start: Array, lower: Array, upper: Array, free: Array
+    evaluate: Evaluate, residual: Callable[[Array], Array], start: Array, lower: Array, upper: Array, free: Mask
 ) -> tuple[Array, float]:
     """Levenberg and Marquardt's method inside a box; only parameters whose `free` is true move.
 
@@ -57,7 +58,7 @@ def minimise(
         if not np.isfinite(cost):
             return theta, np.inf
         gradient = jac.T @ r
-        held = ~free.astype(bool) | ((theta <= lower) & (gradient > 0)) | ((theta >= upper) & (gradient < 0))
+        held = ~free | ((theta <= lower) & (gradient > 0)) | ((theta >= upper) & (gradient < 0))
         moving = ~held & (np.abs(jac).max(axis=0, initial=0.0) > 0)
         if not moving.any():
             break
@@ -120,9 +121,8 @@ def fit_model(bound: Bound, measured: Array, sigma: Array, starts: Sequence[Arra
     best = _wrapped(model, best)
     residual, slopes = problem.evaluate(best)
     shape = measured.shape
-    span = np.where(np.isfinite(model.upper - model.lower), model.upper - model.lower, np.inf)
-    near = ((best - model.lower) < 1e-9 * span) | ((model.upper - best) < 1e-9 * span)
-    near |= (best == model.lower) | (best == model.upper)
+    close = 1e-9 * np.abs(best)
+    near = (best - model.lower <= close) | (model.upper - best <= close)
     return Fit(
         bound=bound,
         theta=best,
@@ -209,7 +209,7 @@ def covariance(fit: Fit, run: npt.NDArray[np.int64], rho: float = 0.0) -> tuple[
     `run` (rows,) names the run of each training row. The second makes no assumption about noise or misfit inside a run,
     but with few runs it is itself noisy (small-sample factor G / (G - 1)).
     """
-    channels, rows, count = fit.jacobian.shape
+    channels, _, count = fit.jacobian.shape
     flat = fit.jacobian.reshape(-1, count)
     scale = np.sqrt((flat * flat).sum(axis=0))
     scale = np.where(scale > 0, scale, 1.0)

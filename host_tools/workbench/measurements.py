@@ -86,10 +86,10 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
     if starts[-1] == 0:
         raise tables.complain(f"{files[0]} has no rows, expected at least one", "data", "files")
     run_text = _run_names(tables, loaded, run_column)
-    names = tuple(sorted(set(run_text)))
-    index = {name: i for i, name in enumerate(names)}
+    run_names = tuple(sorted(set(run_text)))
+    index = {name: i for i, name in enumerate(run_names)}
     run = np.array([index[name] for name in run_text], dtype=np.int64)
-    train_runs, test_runs = _split(tables, names)
+    train_runs, test_runs = _split(tables, run_names)
     values: dict[str, Array] = {}
     for entry in mapped:
         raw = np.concatenate([table.numbers(entry.column) for table in loaded])
@@ -102,7 +102,7 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
         units={e.name: e.canonical for e in mapped},
         extra=_extra(loaded, used | set(values)),
         column_of={e.name: e.column for e in mapped},
-        run_names=names,
+        run_names=run_names,
         run=run,
         train=np.isin(run, [index[name] for name in train_runs]),
         test=np.isin(run, [index[name] for name in test_runs]),
@@ -157,9 +157,9 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
         if sigma is not None and sigma <= 0:
             raise tables.complain(f"found {sigma:g}, expected more than 0", *path, "sigma")
         mapped.append(Mapped(name, tables.text(*path, "column"), unit, canonical, sigma, channel))
-    for channel in equations:
-        if channel not in {entry.name for entry in mapped}:
-            raise tables.complain(f"{channel} is missing, expected the column that measures it", "data", "columns")
+    for predicted in equations:
+        if predicted not in {entry.name for entry in mapped}:
+            raise tables.complain(f"{predicted} is missing, expected the column that measures it", "data", "columns")
     return mapped
 
 

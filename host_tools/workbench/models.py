@@ -13,7 +13,7 @@ The order in which things act: effects that change a parameter, then the base mo
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -61,21 +61,12 @@ class Model:
         chosen = tuple(case.library[name] for name in (case.effects if effects is None else effects))
         fitted = [Fitted(e.name, e.name, None, e.unit, e.value, e.minimum, e.maximum) for e in case.fit.values()]
         for effect in chosen:
-            for p in effect.parameters:
-                limits = (p.start, p.minimum, p.maximum, p.whole, p.grid)
-                fitted.append(Fitted(f"{effect.name}.{p.name}", p.name, effect.name, p.unit, *limits))
+            fitted += _fitted(effect)
         return cls(case, chosen, tuple(fitted))
 
     def having(self, effect: Effect) -> Model:
         """This model with one more effect."""
-        larger = Model.of(self.case, ())
-        mine = [
-            Fitted(
-                f"{effect.name}.{p.name}", p.name, effect.name, p.unit, p.start, p.minimum, p.maximum, p.whole, p.grid
-            )
-            for p in effect.parameters
-        ]
-        return Model(larger.case, (*self.effects, effect), (*self.fitted, *mine))
+        return replace(self, effects=(*self.effects, effect), fitted=(*self.fitted, *_fitted(effect)))
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -192,7 +183,7 @@ class Bound:
         if self.contact:
             values["recovery"] = 0.0
         if name == "rolling_steady" and "speed" not in values:
-            values["speed"] = np.asarray(values["radius"] * values["omega"])  # type: ignore[operator]
+            values["speed"] = np.asarray(values["radius"] * values["omega"])
         if name != "equation":
             self._change_parameters(values, local)
         vertical = None
@@ -311,6 +302,13 @@ class Bound:
         return resistance.reshape(shape)
 
 
+def _fitted(effect: Effect) -> list[Fitted]:
+    return [
+        Fitted(f"{effect.name}.{p.name}", p.name, effect.name, p.unit, p.start, p.minimum, p.maximum, p.whole, p.grid)
+        for p in effect.parameters
+    ]
+
+
 def _scale(fitted: Fitted) -> float:
     """A size against which a step in this parameter is small, where its value is 0."""
     if fitted.start:
@@ -320,7 +318,7 @@ def _scale(fitted: Fitted) -> float:
 
 
 def _rolling(values: Mapping[str, Array | float], resistance: Array) -> Array:
-    """Motor current [A] of steady rolling (Reina et al. 2006, Eq. 12): (R/r) K_t i = C_r + A sgn(omega) + B omega + dC."""
+    """Motor current [A], Reina et al. 2006, Eq. (12): (R/r) K_t i = C_r + A sgn(omega) + B omega + dC."""
     v = {name: np.asarray(value) for name, value in values.items()}
     direction = np.sign(v["omega"])
     rolling = v["f_o"] * v["radius"] * v["load"] * direction

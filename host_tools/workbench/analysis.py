@@ -1,0 +1,178 @@
+"""Compare a case's model with its measurements: fit, noise, adequacy, where it fails, and the ladder of errors.
+
+    analysis = analyse(case, seed=0)
+    analysis.fit.theta, analysis.noise.sigma, analysis.adequacy.p_value, analysis.ladder
+
+Discovery builds on the same pieces: `fitted_on` fits any set of effects on any runs with the noise already known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from host_tools.workbench.adequacy import Adequacy, Failure, assess, where_it_fails
+from host_tools.workbench.case import Case
+from host_tools.workbench.directions import (
+    Direction,
+    Shapes,
+    catalogue_directions,
+    column_shapes,
+    numeric_columns,
+)
+from host_tools.workbench.fit import Fit, covariance, extend, fit_model
+from host_tools.workbench.models import Model
+from host_tools.workbench.noise import Noise, estimate_noise
+
+__all__ = ["LEVEL", "Analysis", "Rung", "analyse", "error", "fitted_on", "measured", "predict"]
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+LEVEL = 0.05
+STARTS = 3  # of a base model whose parameters are bounded: the case's own, and these many less one inside the bounds
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One step of the ladder: the model with effects up to and including `added`; errors in noise sd."""
+
+    added: str | None
+    train_error: float
+    heldout_error: float | None
+    fit: Fit
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """The answer of compare. Arrays over all rows that are trained on or held out (`rows`), in the case's order."""
+
+    case: Case
+    model: Model
+    level: float
+    noise: Noise
+    fit: Fit  # on the training runs
+    sd: Array  # of the fitted parameters
+    adequacy: Adequacy
+    where: list[Failure]
+    ladder: list[Rung]
+    rows: Mask
+    prediction: Array  # (channels, rows)
+    residual: Array  # measured - predicted (channels, rows)
+
+    @property
+    def missing(self) -> bool:
+        return self.adequacy.p_value < self.level
+
+
+def measured(model: Model, rows: Mask) -> Array:
+    """What was measured of the model's channels (channels, rows)."""
+    return np.stack([model.case.channels[c][rows] for c in model.channels])
+
+
+def predict(fit: Fit, rows: Mask) -> Array:
+    """Prediction (channels, rows) of a fitted model on any rows of its case."""
+    return fit.model.bind(fit.model.case.inputs, rows).predict(fit.theta)
+
+
+def error(fit: Fit, rows: Mask, sigma: Array) -> float | None:
+    """Rms of the residuals in noise sd over all channels; None without rows."""
+    if not rows.any():
+        return None
+    scaled = (measured(fit.model, rows) - predict(fit, rows)) / sigma[:, None]
+    return float(np.sqrt(np.mean(scaled * scaled)))
+
+
+def _base_starts(model: Model, seed: int) -> list[Array]:
+    """The case's start values, and points inside the bounds (logarithmic where both bounds are positive)."""
+    starts = [model.start]
+    bounded = np.isfinite(model.lower) & np.isfinite(model.upper)
+    if model.case.base.name == "rolling_steady" or not bounded.all() or not bounded.size:
+        return starts  # rolling_steady is linear in f_o: one start finds the one minimum
+    random = np.random.default_rng([seed, 0x57A7])
+    for _ in range(STARTS - 1):
+        share = random.uniform(0.1, 0.9, len(model.start))
+        positive = (model.lower > 0) & (model.upper > 10.0 * model.lower)
+        low, high = np.where(positive, model.lower, 1.0), np.where(positive, model.upper, 1.0)
+        geometric = low * (high / low) ** share
+        starts.append(np.where(positive, geometric, model.lower + share * (model.upper - model.lower)))
+    return starts
+
+
+def fitted_on(case: Case, effects: Sequence[str], rows: Mask, sigma: Array, seed: int = 0) -> list[Fit]:
+    """Fits of the base model and of each larger one, effects added in the given order, each started at its parent."""
+    model = Model.of(case, ())
+    values = measured(model, rows)
+    fits = [fit_model(model.bind(case.inputs, rows), values, sigma, _base_starts(model, seed))]
+    for name in effects:
+        model = model.having(case.library[name])
+        fits.append(extend(fits[-1], name, model.bind(case.inputs, rows), values, sigma))
+    return fits
+
+
+def _unscaled(fit: Fit, sigma: Array, rows: Mask) -> tuple[Array, Array, Array]:
+    """Prediction, residual and derivatives in the channels' units on the given rows."""
+    prediction, slopes = fit.model.bind(fit.model.case.inputs, rows).jacobian(fit.theta)
+    return prediction, measured(fit.model, rows) - prediction, slopes
+
+
+def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
+    """Fit the case's model on its training runs, predict every run, and say whether and where it fails."""
+    rows = case.train | case.test
+    model = Model.of(case)
+    given = [case.sigma[c] for c in model.channels]
+    values = measured(model, case.train)
+    rough = 0.05 * np.sqrt(np.mean(values * values, axis=1)) + 1e-300
+    sigma = np.array([r if g is None else g for r, g in zip(rough, given, strict=True)])
+    shapes = column_shapes(case, rows)
+    for _ in range(1 if all(g is not None for g in given) else 2):
+        fits = fitted_on(case, case.effects, case.train, sigma, seed)
+        prediction, residual, slopes = _unscaled(fits[-1], sigma, rows)
+        directions = catalogue_directions(model, fits[-1].theta, rows)
+        roles = {name: v[rows] for name, v in case.roles.items()}
+        noise = estimate_noise(residual, slopes, case.run[rows], given, roles, _pools(model, directions, shapes, rows))
+        sigma = noise.sigma
+    if not all(g is not None for g in given):
+        fits = fitted_on(case, case.effects, case.train, sigma, seed)
+        prediction, residual, slopes = _unscaled(fits[-1], sigma, rows)
+        directions = catalogue_directions(model, fits[-1].theta, rows)
+    adequacy = assess(case, residual, slopes, noise, directions, shapes, rows, seed)
+    missing = adequacy.p_value < level
+    scaled = residual / sigma[:, None]
+    where = where_it_fails(case, adequacy, scaled, rows, numeric_columns(case), model.channels) if missing else []
+    from_noise, robust = covariance(fits[-1], case.run[case.train], noise.rho)
+    variance = np.diag(from_noise)
+    if missing:  # the misfit then outweighs the noise, and only its scatter over runs says how uncertain we are
+        variance = np.maximum(variance, np.diag(robust))
+    names: list[str | None] = [None, *case.effects]
+    ladder = []
+    for name, fit in zip(names, fits, strict=True):
+        train_error = error(fit, case.train, sigma)
+        assert train_error is not None, "a case has training rows"
+        ladder.append(Rung(name, train_error, error(fit, case.test, sigma), fit))
+    return Analysis(
+        case=case,
+        model=model,
+        level=level,
+        noise=noise,
+        fit=fits[-1],
+        sd=np.sqrt(np.maximum(variance, 0.0)),
+        adequacy=adequacy,
+        where=where,
+        ladder=ladder,
+        rows=rows,
+        prediction=prediction,
+        residual=residual,
+    )
+
+
+def _pools(model: Model, directions: Sequence[Direction], shapes: dict[str, Shapes], rows: Mask) -> list[Array]:
+    """Shapes for the smoothest model a channel: those of the columns and those of the catalogue."""
+    pools = []
+    columns = [one for shape in shapes.values() for one in (*shape.together, *shape.singly)]
+    for channel in range(len(model.channels)):
+        effects = [d.change[channel] for d in directions if np.any(d.change[channel])]
+        pools.append(np.array([*columns, *effects]) if columns or effects else np.zeros((0, int(rows.sum()))))
+    return pools

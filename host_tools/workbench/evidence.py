@@ -1,0 +1,151 @@
+"""How well a set of effects explains the measurements: the marginal likelihood under noise correlated within runs.
+
+A hypothesis is a linear model around a fit: residual = base columns * (anything) + effect columns * coefficients +
+AR(1) noise. The base parameters are integrated over all values, the coefficients over a normal prior whose width (in
+noise sd of the effect's rms) is itself spread over a grid, the correlation over a grid, and the noise sd over all values
+where the case does not give it. What is left is one number a hypothesis. It falls with every needless parameter, and by
+the chain rule it is the likelihood of the training runs times that of the held-out runs predicted from them.
+
+Sources: MacKay, Information Theory, Inference, and Learning Algorithms (2003), ch. 28; Harville (1974) for the restricted
+likelihood that integrating over the base parameters gives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import log_ndtr, logsumexp
+
+from host_tools.workbench.noise import RHO_GRID, Ar1, orthonormal
+
+__all__ = ["SIZES", "Evidence", "Gram"]
+
+Array = npt.NDArray[np.float64]
+
+SIZES = np.array([0.3, 1.0, 3.0, 10.0, 40.0])  # prior widths of an effect's rms, in noise sd, equally likely
+UNCORRELATED = 0.4  # prior probability that rows of a run are independent; the rest is spread over the grid
+CHUNK = 256  # columns that are whitened at once
+
+
+@dataclass(frozen=True)
+class Gram:
+    """Columns beyond the base, at each correlation: inner products with each other and with the residual."""
+
+    products: Array  # (rho, D, D)
+    scores: Array  # (rho, D)
+
+
+class Evidence:
+    """Marginal likelihoods of hypotheses around one fit.
+
+    `residual` (channels, rows) and `base` (channels, rows, parameters) are in noise sd. `known`: the noise sd is given;
+    else it is integrated over (one factor for all channels).
+    """
+
+    def __init__(self, ar1: Ar1, residual: Array, base: Array, known: bool) -> None:
+        self.ar1, self.known = ar1, known
+        self.channels, self.rows = residual.shape
+        flat = base.reshape(self.channels * self.rows, -1)
+        scale = np.sqrt((flat * flat).sum(axis=0))
+        self.flat = flat[:, scale > 0]
+        self.residual = residual.reshape(-1)
+        self.rho = np.array(RHO_GRID)
+        weights = np.where(self.rho == 0.0, UNCORRELATED, (1.0 - UNCORRELATED) / (len(self.rho) - 1))
+        self.basis: list[Array] = []
+        self.white: list[Array] = []
+        total, start = [], []
+        for rho in self.rho:
+            columns = self._whiten(self.flat, rho)
+            basis = orthonormal(columns)
+            white = self._whiten(self.residual[:, None], rho)[:, 0]
+            white = white - basis @ (basis.T @ white)
+            # |X' V^-1 X| over that at rho = 0: the scale of the base parameters cancels between hypotheses
+            sign, log_design = np.linalg.slogdet(columns.T @ columns / np.outer(scale[scale > 0], scale[scale > 0]))
+            self.basis.append(basis)
+            self.white.append(white)
+            total.append(float(white @ white))
+            start.append(-0.5 * (self.channels * ar1.log_determinant(rho) + (log_design if sign > 0 else 0.0)))
+        self.total = np.array(total)
+        self.freedom = self.channels * self.rows - self.flat.shape[1]
+        self.start = np.array(start) + np.log(weights)
+
+    def _whiten(self, columns: Array, rho: float) -> Array:
+        split = columns.reshape(self.channels, self.rows, -1)
+        return np.concatenate([self.ar1.whiten(split[c], rho) for c in range(self.channels)])
+
+    def _fit_term(self, squares: Array) -> Array:
+        if self.known:
+            return -0.5 * squares
+        return -0.5 * self.freedom * np.log(np.maximum(squares, 1e-300))
+
+    @property
+    def nothing(self) -> float:
+        """Log evidence of "nothing is missing"."""
+        return float(logsumexp(self.start + self._fit_term(self.total)))
+
+    def correlation(self, gain: Array | float = 0.0) -> Array:
+        """Posterior of the correlation over RHO_GRID; `gain` (rho,) is what a hypothesis takes off the squares."""
+        logs = self.start + self._fit_term(self.total - gain)
+        return np.asarray(np.exp(logs - logsumexp(logs)))
+
+    def project(self, columns: Array, index: int) -> Array:
+        """Columns (channels * rows, D) whitened at RHO_GRID[index], freed of what the base can take up."""
+        white = self._whiten(columns, self.rho[index])
+        return np.asarray(white - self.basis[index] @ (self.basis[index].T @ white))
+
+    def gram(self, columns: Array) -> Gram:
+        products, scores = [], []
+        for index in range(len(self.rho)):
+            free = self.project(columns, index)
+            products.append(free.T @ free)
+            scores.append(free.T @ self.white[index])
+        return Gram(np.array(products), np.array(scores))
+
+    def single(self, columns: Array) -> Array:
+        """Log evidence of each column (channels * rows, D) alone, size free in sign: (D,)."""
+        found = []
+        for begin in range(0, columns.shape[1], CHUNK):
+            part = columns[:, begin : begin + CHUNK]
+            norms = np.empty((len(self.rho), part.shape[1]))
+            scores = np.empty_like(norms)
+            for index in range(len(self.rho)):
+                free = self.project(part, index)
+                norms[index] = (free * free).sum(axis=0)
+                scores[index] = free.T @ self.white[index]
+            variance = SIZES[:, None, None] ** 2
+            shrink = 1.0 + variance * norms
+            gain = variance * scores**2 / shrink
+            logs = self.start[:, None] + self._fit_term(self.total[:, None] - gain) - 0.5 * np.log(shrink)
+            found.append(logsumexp(logs, axis=(0, 1)) - np.log(len(SIZES)))
+        return np.concatenate(found) if found else np.zeros(0)
+
+    def blocks(self, gram: Gram, picks: npt.NDArray[np.int64], signs: Array, offset: Array | None = None) -> Array:
+        """Log evidence of sets of columns, all picked from one Gram: (sets,).
+
+        `picks` (sets, d) indices into its columns; `signs` (sets, d): 1 where a coefficient cannot be negative, -1 where
+        it cannot be positive, 0 where it is free. `offset` (D,): the residual was taken at these coefficients.
+        """
+        count = picks.shape[1]
+        a = gram.products[:, picks[:, :, None], picks[:, None, :]]  # (rho, sets, d, d)
+        scores, totals = gram.scores, self.total[:, None]
+        if offset is not None:  # the residual at coefficients 0 is that at `offset` plus columns * offset
+            moved = np.einsum("rij,j->ri", gram.products, offset)
+            totals = totals + (2.0 * gram.scores @ offset + moved @ offset)[:, None]
+            scores = gram.scores + moved
+        b = scores[:, picks]
+        best = np.full((len(SIZES), *b.shape[:2]), -np.inf)
+        for i, size in enumerate(SIZES):
+            inner = np.eye(count) + size * size * a
+            solved = np.linalg.solve(inner, b[..., None])[..., 0] * size * size
+            gain = (b * solved).sum(axis=-1)
+            logs = self._fit_term(totals - gain) - 0.5 * np.linalg.slogdet(inner)[1]
+            if np.any(signs):
+                spread = size * np.sqrt(np.maximum(np.diagonal(np.linalg.inv(inner), axis1=-2, axis2=-1), 1e-300))
+                inside = np.log(2.0) + log_ndtr(signs * solved / spread)
+                logs = logs + np.where(signs != 0, inside, 0.0).sum(axis=-1)
+            best[i] = logs
+        logs = best + self.start[:, None]
+        return np.asarray(logsumexp(logs, axis=(0, 1)) - np.log(len(SIZES)))

@@ -1,0 +1,250 @@
+"""Noise that is correlated from row to row within a run (AR(1)), and what is known of it from the data.
+
+The standard deviation is the one given, else that of repeated settings, else what is left after the smoothest model
+that the data support: the fitted model plus those shapes in the data's columns that earn their place. The correlation
+always comes from that smoothest model, by restricted maximum likelihood on a grid (which the simulated null repeats, so
+that its uncertainty is part of every p-value).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from host_tools.workbench.bases import RUNNING
+
+__all__ = ["RHO_GRID", "Ar1", "Noise", "estimate_noise", "repeated_settings", "restricted_likelihood"]
+
+Array = npt.NDArray[np.float64]
+
+RHO_GRID = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.78, 0.84, 0.89, 0.925, 0.95, 0.97, 0.98, 0.988, 0.994)
+SHAPES_LIMIT = 12  # shapes that the smoothest model may take up
+ENTRY = (
+    20.0  # squared score, in noise variances, at which a shape enters: 1e-5 a shape by chance, over hundreds of them
+)
+FEW_REPEATS = 30  # degrees of freedom below which their scatter is itself too rough to stand alone
+REPEATS_NEEDED = 4  # degrees of freedom that repeated settings must give
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of each channel: its sd in the channel's unit, where that comes from, and the correlation from row to row."""
+
+    sigma: Array  # (channels,)
+    known: npt.NDArray[np.bool_]  # (channels,): given in the case
+    rho: float
+    source: str  # one sentence for people
+    freedom: Array  # degrees of freedom behind each sigma; inf when given
+    groups: npt.NDArray[np.int64] | None  # (rows,) repeated settings that gave sigma, None when they did not
+
+
+class Ar1:
+    """The correlation rho^|lag| of rows of one run, for rows in file order."""
+
+    def __init__(self, run: npt.NDArray[np.int64]) -> None:
+        self.order = np.argsort(run, kind="stable")
+        sorted_run = run[self.order]
+        self.first = np.ones(len(run), dtype=bool)
+        self.first[1:] = sorted_run[1:] != sorted_run[:-1]
+        self.rows = len(run)
+        self.runs = int(self.first.sum())
+
+    def whiten(self, values: Array, rho: float) -> Array:
+        """Rows (rows, ...) made independent with unit variance, if their noise had unit variance; in sorted order."""
+        ordered = values[self.order]
+        if rho == 0.0:
+            return ordered
+        white = ordered.copy()
+        white[1:] = (ordered[1:] - rho * ordered[:-1]) / np.sqrt(1.0 - rho * rho)
+        white[self.first] = ordered[self.first]
+        return white
+
+    def colour(self, white: Array, rho: float) -> Array:
+        """Noise (rows, ...) of unit variance and correlation rho from independent normal numbers, in file order."""
+        coloured = white * np.sqrt(1.0 - rho * rho)
+        coloured[self.first] = white[self.first]
+        if rho > 0.0:
+            for row in np.flatnonzero(~self.first):
+                coloured[row] += rho * coloured[row - 1]
+        result = np.empty_like(white)
+        result[self.order] = coloured
+        return result
+
+    def log_determinant(self, rho: float) -> float:
+        return float((self.rows - self.runs) * np.log1p(-rho * rho))
+
+
+def orthonormal(columns: Array) -> Array:
+    """An orthonormal basis of the columns (rows, count); columns that add nothing are left out."""
+    if columns.shape[1] == 0:
+        return columns
+    norm = np.sqrt((columns * columns).sum(axis=0))
+    kept = columns[:, norm > 0] / norm[norm > 0]
+    if kept.shape[1] == 0:
+        return np.zeros((columns.shape[0], 0))
+    u, s, _ = np.linalg.svd(kept, full_matrices=False)
+    return np.asarray(u[:, s > 1e-9 * s[0]])
+
+
+def restricted_likelihood(
+    ar1: Ar1, residuals: Sequence[Array], bases: Sequence[Array], sigma: Sequence[float | None]
+) -> tuple[Array, Array]:
+    """-2 log restricted likelihood (grid, sets) and residual sums of squares (grid, channels, sets).
+
+    `residuals` (rows, sets) a channel; `bases` orthonormal columns (rows, count) that were fitted; `sigma` None:
+    profiled.
+    """
+    sets = residuals[0].shape[1]
+    criterion = np.zeros((len(RHO_GRID), sets))
+    squares = np.zeros((len(RHO_GRID), len(residuals), sets))
+    for i, rho in enumerate(RHO_GRID):
+        log_correlation = ar1.log_determinant(rho)
+        for channel, (residual, basis, sd) in enumerate(zip(residuals, bases, sigma, strict=True)):
+            white = ar1.whiten(residual, rho)
+            total = (white * white).sum(axis=0)
+            log_design = 0.0
+            if basis.shape[1]:
+                q, r = np.linalg.qr(ar1.whiten(basis, rho))
+                total = total - ((q.T @ white) ** 2).sum(axis=0)
+                log_design = 2.0 * float(np.log(np.abs(np.diag(r))).sum())
+            total = np.maximum(total, 1e-300)
+            squares[i, channel] = total
+            free = ar1.rows - basis.shape[1]
+            fit = total / (sd * sd) if sd is not None else free * np.log(total)
+            criterion[i] += log_correlation + log_design + fit
+    return criterion, squares
+
+
+def repeated_settings(roles: Mapping[str, Array], rows: int) -> npt.NDArray[np.int64]:
+    """A number for each row; rows with the same number are repeated settings.
+
+    All mapped roles except time, angle and acceleration agree within 1 % of their range.
+    """
+    settings = [values for name, values in roles.items() if name not in RUNNING]
+    if not settings:
+        return np.arange(rows)
+    stacked = np.column_stack(settings)
+    span = np.ptp(stacked, axis=0)
+    tolerance = np.where(span > 0, 0.01 * span, np.inf)
+    group = np.full(rows, -1, dtype=np.int64)
+    order = np.argsort(stacked[:, 0], kind="stable")
+    sorted_first = stacked[order, 0]
+    count = 0
+    for row in range(rows):
+        if group[row] >= 0:
+            continue
+        low, high = np.searchsorted(sorted_first, [stacked[row, 0] - tolerance[0], stacked[row, 0] + tolerance[0]])
+        near = order[low : high + 1]
+        near = near[group[near] < 0]
+        agree = near[(np.abs(stacked[near] - stacked[row]) <= tolerance).all(axis=1)]
+        group[agree] = count
+        group[row] = count
+        count += 1
+    return group
+
+
+def estimate_noise(
+    residual: Array,
+    jacobian: Array,
+    run: npt.NDArray[np.int64],
+    given: Sequence[float | None],
+    roles: Mapping[str, Array],
+    shapes: Sequence[Array],
+) -> Noise:
+    """Noise of the residuals (channels, rows) of a fitted model with derivatives (channels, rows, parameters).
+
+    `shapes` a channel: (count, rows) functions of the data's columns, candidates for the smoothest model.
+    """
+    channels, rows, _ = jacobian.shape
+    ar1 = Ar1(run)
+    bases = [orthonormal(jacobian[c]) for c in range(channels)]
+    residuals = [residual[c][:, None] for c in range(channels)]
+    pools = [np.ascontiguousarray(shape.T) for shape in shapes]
+    limit = min(SHAPES_LIMIT, max(0, (rows - bases[0].shape[1]) // 4), max(0, ar1.runs - bases[0].shape[1] - 3))
+    taken = 0
+    while True:
+        criterion, squares = restricted_likelihood(ar1, residuals, bases, given)
+        best = int(np.argmin(criterion[:, 0]))
+        rho = RHO_GRID[best]
+        free = np.array([rows - basis.shape[1] for basis in bases], dtype=np.float64)
+        estimated = np.sqrt(squares[best, :, 0] / np.maximum(free, 1.0))
+        sigma = np.array([e if g is None else g for e, g in zip(estimated, given, strict=True)])
+        if taken >= limit:
+            break
+        scores = [
+            _strongest(ar1, residuals[c][:, 0], bases[c], pools[c], rho, sigma[c], free[c], given[c] is not None)
+            for c in range(channels)
+        ]
+        channel = int(np.argmax([score for score, _ in scores]))
+        score, index = scores[channel]
+        if score < ENTRY:
+            break
+        bases[channel] = orthonormal(np.column_stack([bases[channel], pools[channel][:, index]]))
+        taken += 1
+    known = np.array([g is not None for g in given], dtype=bool)
+    if known.all():
+        return Noise(sigma, known, rho, "noise sd as given", np.full(channels, np.inf), None)
+    group: npt.NDArray[np.int64] | None = repeated_settings(roles, rows)
+    assert group is not None
+    repeats = rows - (int(group.max()) + 1)
+    if repeats >= REPEATS_NEEDED:
+        repeated, freedom = _from_repeats(ar1, residual, group, rho)
+        agree = [_agree(sigma[c], free[c], repeated[c], freedom) for c in range(channels)]
+        if freedom < FEW_REPEATS and all(agree):
+            pooled = np.sqrt((free * sigma**2 + freedom * repeated**2) / (free + freedom))
+            sigma, free, group = np.where(known, sigma, pooled), free + freedom, None
+            source = f"noise sd from {repeats} repeats of settings and, agreeing with them, the smoothest model"
+        else:
+            sigma, free = np.where(known, sigma, repeated), np.full(channels, freedom)
+            source = f"noise sd from repeated settings ({repeats} repeats)"
+    else:
+        group = None
+        source = f"no repeated settings: noise sd from the smoothest model ({taken} shapes beside the model's own)"
+    return Noise(sigma, known, rho, source, np.where(known, np.inf, free), group)
+
+
+def _agree(smooth: float, smooth_freedom: float, repeated: float, freedom: float) -> bool:
+    """Whether what the smoothest model leaves is no larger than the repeats' scatter, at 1 % (F test)."""
+    ratio = (smooth / repeated) ** 2
+    return bool(_f_tail(ratio, smooth_freedom, freedom) > 0.01)
+
+
+def _f_tail(ratio: float, above: float, below: float) -> float:
+    from scipy.special import betainc
+
+    return float(betainc(below / 2.0, above / 2.0, below / (below + above * ratio)))
+
+
+def _strongest(
+    ar1: Ar1, residual: Array, basis: Array, pool: Array, rho: float, sigma: float, free: float, known: bool
+) -> tuple[float, int]:
+    """The largest squared score, in noise variances, of the pool's shapes beyond the basis, and its index."""
+    if pool.shape[1] == 0:
+        return 0.0, 0
+    white = ar1.whiten(residual, rho)
+    columns = ar1.whiten(pool, rho)
+    before = (columns * columns).sum(axis=0)
+    if basis.shape[1]:
+        q = np.linalg.qr(ar1.whiten(basis, rho))[0]
+        white = white - q @ (q.T @ white)
+        columns = columns - q @ (q.T @ columns)
+    norm = (columns * columns).sum(axis=0)
+    usable = norm > 1e-8 * before
+    gain = np.where(usable, (columns.T @ white) ** 2 / np.where(usable, norm, 1.0), 0.0)
+    index = int(np.argmax(gain))
+    rest = sigma * sigma if known else max((float(white @ white) - gain[index]) / max(free - 1.0, 1.0), 1e-300)
+    return float(gain[index] / rest), index
+
+
+def _from_repeats(ar1: Ar1, residual: Array, group: npt.NDArray[np.int64], rho: float) -> tuple[Array, float]:
+    """Noise sd a channel from the scatter within groups, at the given correlation; and the degrees of freedom."""
+    members = np.zeros((len(group), int(group.max()) + 1))
+    members[np.arange(len(group)), group] = 1.0
+    q = np.linalg.qr(ar1.whiten(members, rho))[0]
+    white = ar1.whiten(residual.T, rho)
+    left = (white * white).sum(axis=0) - ((q.T @ white) ** 2).sum(axis=0)
+    freedom = float(len(group) - members.shape[1])
+    return np.sqrt(np.maximum(left, 1e-300) / freedom), freedom
