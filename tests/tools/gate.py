@@ -1,0 +1,93 @@
+"""All static checks: formatting, lint, types, static analysis, MISRA C:2012, hygiene. Run by `make check`.
+
+    gate.py [--root DIR] [STEP...]   all steps or those named, here or in another folder; status 1 on a finding
+
+The C is read with the compile commands of build/host. MISRA holds for what every port carries: core and link layer.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from hygiene import tracked
+from steps import ROOT, Result, report, run
+
+HERE = Path(__file__).resolve().parent
+Command = list[str]
+
+
+def c_files(root: Path, *folders: str, suffixes: tuple[str, ...] = (".c", ".h")) -> list[str]:
+    return [str(p) for p in tracked(root) if p.suffix in suffixes and p.as_posix().startswith(folders)]
+
+
+def clang_tidy(root: Path) -> list[Command]:
+    return [["clang-tidy", "--quiet", "-p", "build/host", *c_files(root, "firmware/", "hil/", suffixes=(".c",))]]
+
+
+def cppcheck(root: Path) -> list[Command]:
+    return [
+        ["cppcheck", "--addon=misra", "--enable=warning,style,performance,portability", "--std=c11", "--inline-suppr",
+         "--platform=unix64", "--error-exitcode=1", "--quiet", "-j", str(os.cpu_count()),
+         "--suppressions-list=firmware/misra-disapplied.txt", "-Ifirmware/core", "-Ifirmware/link",
+         "-Ibuild/host/generated", *c_files(root, "firmware/core/", "firmware/link/", suffixes=(".c",))]
+    ]  # fmt: skip
+
+
+STEPS: dict[str, Callable[[Path], list[Command]]] = {
+    "clang-tidy": clang_tidy,
+    "cppcheck": cppcheck,
+    "mypy": lambda _: [["mypy"]],
+    "mypy-tools": lambda _: [
+        ["mypy", "--strict", "--cache-dir=.mypy_cache/tools", *map(str, sorted(HERE.glob("*.py")))]
+    ],
+    "ruff-check": lambda _: [["ruff", "check", "."]],
+    "ruff-format": lambda _: [["ruff", "format", "--check", "."]],
+    "clang-format": lambda root: [
+        ["clang-format", "--dry-run", "-Werror", *c_files(root, "firmware/", "hil/", "tests/")]
+    ],
+    "hygiene": lambda root: [[sys.executable, str(HERE / "hygiene.py"), str(root)]],
+}
+
+
+def check(root: Path, names: list[str]) -> list[Result]:
+    """Run the steps, as many at a time as there are cores; their results in the order of `names`."""
+
+    def one(name: str) -> Result:
+        return run(name, *STEPS[name](root), cwd=root)
+
+    results = []
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for result in pool.map(one, names):
+            report(result)
+            results.append(result)
+    return results
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="All static checks.")
+    parser.add_argument("--root", type=Path, default=ROOT)
+    parser.add_argument("step", nargs="*", choices=[[], *STEPS], help="steps to run; all when none is named")
+    options = parser.parse_args()
+    start = time.monotonic()
+    names = options.step or list(STEPS)
+    absent = [] if shutil.which("cppcheck") else [name for name in names if name == "cppcheck"]
+    results = check(options.root, [name for name in names if name not in absent])
+    failed = [result.name for result in results if not result.passed]
+    print(f"\n== make check: {time.monotonic() - start:.0f} s")
+    print(
+        "not run here: " + ("nothing, all of it ran" if not absent else "cppcheck with MISRA (cppcheck not installed)")
+    )
+    print(f"failed: {', '.join(failed)}" if failed else "all that ran has passed")
+    print(f"{len(results) - len(failed)} passed, {len(failed)} failed")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,122 @@
+"""All tests: the C tests in every build, the fuzz corpus, pytest, coverage of the core; then what cannot run here.
+
+Run by `make test`, after tests/setup/setup.sh test. Exit status 1 when anything failed.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ElementTree
+
+from steps import LOGS, ROOT, TOOLS, Result, report, run
+
+CLOSING = r"tests passed|tests failed|core on Cortex-M4"
+COVERED = r"firmware/core/.*\.c"
+
+
+def probe(function: str) -> bool:
+    """Ask a probe of tests/setup/system.sh, the same that the set-up asked."""
+    command = ["bash", "-c", f". tests/setup/system.sh && {function}"]
+    return subprocess.run(command, cwd=ROOT, check=False, capture_output=True).returncode == 0
+
+
+def missing_tools() -> dict[str, str]:
+    """What this machine lacks: preset -> reason. The set-up has already tried to install it."""
+    missing = {}
+    if platform.machine() != "x86_64":
+        missing["m32"] = f"needs x86-64, this is {platform.machine()}"
+    elif not probe("has_m32"):
+        missing["m32"] = "cc cannot compile with -m32: gcc-multilib"
+    if not probe("has_fuzzer"):
+        missing["fuzz"] = "clang with libFuzzer not found: clang libclang-rt-dev"
+    if not probe("has_arm"):
+        missing["cortex-m4"] = "ARM cross compiler not found: gcc-arm-none-eabi libnewlib-arm-none-eabi"
+    return missing
+
+
+def find_unity() -> str | None:
+    done = subprocess.run(["tests/setup/unity.sh"], cwd=ROOT, check=False, stdout=subprocess.PIPE, text=True)
+    return done.stdout.strip() if done.returncode == 0 else None
+
+
+def build_and_test(preset: str, unity: str | None) -> Result:
+    configure = ["cmake", "--preset", preset, f"-DPython3_EXECUTABLE={sys.executable}"]
+    if unity and preset != "cortex-m4":
+        configure.append(f"-DUNITY_ROOT={unity}")
+    for counts in (ROOT / "build" / preset).rglob("*.gcda"):  # counts of an earlier run
+        counts.unlink()
+    return run(
+        preset,
+        configure,
+        ["cmake", "--build", "--preset", preset],
+        ["ctest", "--preset", preset, "--no-tests=error", "-j", str(os.cpu_count()), "--output-on-failure"],
+        # The size of the core is worth seeing on every run.
+        *([["ctest", "--preset", preset, "-V", "-R", "core_size"]] if preset == "cortex-m4" else []),
+    )
+
+
+def coverage() -> Result:
+    """Line coverage of the core by the C tests: 100 %."""
+    return run(
+        "coverage-of-core",
+        ["gcovr", "--root", ".", "--filter", COVERED, "--txt-metric", "line", "--fail-under-line", "100",
+         "--gcov-ignore-parse-errors=negative_hits.warn", "build/coverage"],
+    )  # fmt: skip
+
+
+def pytest() -> tuple[Result, list[str]]:
+    """Run all Python tests and doctests, their progress shown as it comes. Also what they skipped, with the reason."""
+    start = time.monotonic()
+    junit = ROOT / LOGS / "pytest.xml"
+    command = [
+        str(TOOLS / "python"), "-m", "pytest", "-q", "--doctest-modules", "--durations=8", "--durations-min=5",
+        f"--junitxml={junit}", "tests", "hil", "host_tools", "firmware/interface",
+    ]  # fmt: skip
+    status = subprocess.run(command, cwd=ROOT, check=False, stdin=subprocess.DEVNULL).returncode
+    skipped = []
+    if junit.is_file():
+        for case in ElementTree.parse(junit).iter("testcase"):
+            skipped += [f"{case.get('name')}: {skip.get('message')}" for skip in case.iter("skipped")]
+    return Result("pytest", status == 0, "", time.monotonic() - start), skipped
+
+
+def main() -> int:
+    start = time.monotonic()
+    results: list[Result] = []
+    missing = missing_tools()
+    unity = find_unity()
+    absent = [f"{name} build and its tests ({reason})" for name, reason in missing.items()]
+    if unity is None:
+        absent.append("C unit tests and the coverage of the core (Unity could not be fetched)")
+    for preset in ("host", "o0", "m32", "asan", "fuzz", "coverage", "cortex-m4"):
+        if preset in missing or (preset == "coverage" and unity is None):
+            continue
+        results.append(build_and_test(preset, unity))
+        report(results[-1], CLOSING)
+    if unity is not None:
+        results.append(coverage())
+        report(results[-1], r"^firmware|^TOTAL|lines:")
+    python, skipped = pytest()
+    results.append(python)
+    absent += skipped
+    failed = [result.name for result in results if not result.passed]
+
+    print(f"\n== make test: {time.monotonic() - start:.0f} s")
+    for result in results:
+        report(Result(result.name, result.passed, "", result.seconds))
+    print("not run here: " + ("nothing, all of it ran" if not absent else ""))
+    for line in absent:
+        print(f"  {line}")
+    print(f"failed: {', '.join(failed)}" if failed else "all that ran has passed")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    if shutil.which("bash") is None:
+        sys.exit("suite: bash not found")
+    sys.exit(main())
