@@ -18,7 +18,14 @@ def double(value: float) -> float:
     """Return twice the value."""
     return 2.0 * value
 '''
-CLEAN_H = "#pragma once\n#include <stdint.h>\n\nint32_t terrapin_double(int32_t value);\n"
+CLEAN_H = """#ifndef CLEAN_H
+#define CLEAN_H
+#include <stdint.h>
+
+int32_t terrapin_double(int32_t value);
+
+#endif
+"""
 CLEAN_C = '#include "clean.h"\n\nint32_t terrapin_double(int32_t value) {\n    return value * 2;\n}\n'
 PLANTED = {
     "ruff-check": ("hil/clean.py", CLEAN_PYTHON.replace("\n\n\n", "\n\nimport os\n\n\n", 1)),
