@@ -31,7 +31,7 @@ REPEATS_NEEDED = 4  # degrees of freedom that repeated settings must give
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of each channel: its sd in the channel's unit, where that comes from, and the correlation from row to row."""
+    """Noise of each channel: its sd in the channel's unit, where that comes from, and how rows are correlated."""
 
     sigma: Array  # (channels,)
     known: npt.NDArray[np.bool_]  # (channels,): given in the case

@@ -66,7 +66,7 @@ class Effect:
     where: str = "robot"  # in the plant: a torque inside the robot (on alpha), or "ground": on the shell, part of C_t
     passive: bool = False  # opposes motion and vanishes at rest: friction in the plant, set-valued at standstill
     plant: bool = True  # the plant can switch it on
-    firmware: Mapping[str, str] = field(default_factory=dict)  # parameter -> controller parameter that compensates it
+    firmware: Mapping[str, str] = field(default_factory=dict)  # controller parameter that compensates it -> formula
 
 
 @cache

@@ -13,4 +13,5 @@ EFFECT = Effect(
     expression="0.5 * 1.225 * cda * speed * abs(speed) * radius",
     where="ground",
     passive=True,
+    firmware={"comp_speed_squared": "0.5 * 1.225 * cda * radius**3"},  # v = R omega
 )

@@ -12,5 +12,5 @@ EFFECT = Effect(
     needs=(("omega",),),
     expression="da * sign(omega)",
     passive=True,
-    firmware={"da": "comp_coulomb"},
+    firmware={"comp_coulomb": "da"},
 )

@@ -14,5 +14,5 @@ EFFECT = Effect(
     stage="measured",
     expression="i_0",
     plant=False,  # a sensor's fault: a scenario sets the current sensor's offset
-    firmware={"i_0": "comp_current_offset"},
+    firmware={"comp_current_offset": "i_0"},
 )

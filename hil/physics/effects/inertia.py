@@ -12,5 +12,5 @@ EFFECT = Effect(
     needs=(("acceleration",),),
     expression="j * acceleration",
     plant=False,  # the plant's mass matrix holds it: a scenario sets masses and moments
-    firmware={"j": "comp_inertia"},
+    firmware={"comp_inertia": "j"},
 )

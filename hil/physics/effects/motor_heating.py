@@ -12,5 +12,5 @@ EFFECT = Effect(
     needs=(("temperature",),),
     target="torque_constant",
     expression="-a_t * (temperature - 25)",
-    firmware={"a_t": "comp_heating"},
+    firmware={"comp_heating": "a_t"},
 )

@@ -16,5 +16,5 @@ EFFECT = Effect(
     ),
     needs=(("angle",),),
     expression="m_e * sin(angle + phase)",
-    firmware={"m_e": "comp_imbalance", "phase": "comp_imbalance_phase"},
+    firmware={"comp_imbalance": "m_e", "comp_imbalance_phase": "phase"},
 )

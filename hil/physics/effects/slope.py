@@ -13,5 +13,5 @@ EFFECT = Effect(
     expression="gain * load * sin(slope) * radius",
     where="ground",
     plant=False,  # the plant's ground has its own slope: a scenario sets that
-    firmware={"gain": "comp_slope"},
+    firmware={"comp_slope": "gain"},
 )

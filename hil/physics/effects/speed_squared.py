@@ -13,5 +13,4 @@ EFFECT = Effect(
     expression="f_s * omega**2 * radius * load * sign(omega)",
     where="ground",
     passive=True,
-    firmware={"f_s": "comp_speed_squared"},
 )

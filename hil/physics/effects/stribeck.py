@@ -15,5 +15,5 @@ EFFECT = Effect(
     needs=(("omega",),),
     expression="a_s * exp(-(omega/omega_s)**2) * sign(omega)",
     passive=True,
-    firmware={"a_s": "comp_stribeck", "omega_s": "comp_stribeck_speed"},
+    firmware={"comp_stribeck": "a_s", "comp_stribeck_speed": "omega_s"},
 )

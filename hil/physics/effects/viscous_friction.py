@@ -12,5 +12,5 @@ EFFECT = Effect(
     needs=(("omega",),),
     expression="b * omega",
     passive=True,
-    firmware={"b": "comp_viscous"},
+    firmware={"comp_viscous": "b"},
 )
