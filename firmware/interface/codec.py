@@ -81,8 +81,8 @@ def _check_unique(blocks: Iterable[list[str]]) -> None:
 
 def _enums(d: Description) -> Iterator[list[str]]:
     for name, values in d.enums.items():
-        entries = [f"    TERRAPIN_{name.upper()}_{key.upper()} = {value}," for key, value in values.items()]
-        yield [f"/* {name} */", "enum {", *entries, "};", ""]
+        entries = [f"#define TERRAPIN_{name.upper()}_{key.upper()} {value}" for key, value in values.items()]
+        yield [f"/* {name} */", *entries, ""]
 
 
 def _faults(d: Description) -> Iterator[list[str]]:
@@ -118,8 +118,8 @@ def _limits(d: Description) -> Iterator[list[str]]:
 
 def _messages(d: Description) -> Iterator[list[str]]:
     yield [
-        *(f"#define TERRAPIN_ID_{m.name.upper()} 0x{m.id:03X}" for m in d.messages),
-        *(f"#define TERRAPIN_LENGTH_{m.name.upper()} {m.length}" for m in d.messages),
+        *(f"#define TERRAPIN_ID_{m.name.upper()} 0x{m.id:03X}U" for m in d.messages),
+        *(f"#define TERRAPIN_LENGTH_{m.name.upper()} {m.length}U" for m in d.messages),
         "",
     ]
 
@@ -152,8 +152,8 @@ _E2E_HEADER = """\
 /* End-to-end protection, after AUTOSAR E2E profile 1: a 4-bit counter that runs 0 to 14 (low bits of byte 6) and the
  * CRC-8 of SAE J1850 (polynomial 0x1D, start 0xFF, final XOR 0xFF; "123456789" gives 0x4B) in byte 7, over the data id
  * (the CAN id, low byte first) and bytes 0 to 6. Lost frames are tolerated, repeated ones are not. */
-#define TERRAPIN_E2E_COUNTER_MAX 14
-#define TERRAPIN_E2E_NO_COUNTER  0xFF /* last counter of a receiver that has seen no frame yet: any counter is good */
+#define TERRAPIN_E2E_COUNTER_MAX 14U
+#define TERRAPIN_E2E_NO_COUNTER  0xFFU /* last counter of a receiver that has seen no frame yet: any counter is good */
 
 typedef enum {
     TERRAPIN_E2E_OK = 0,
@@ -203,7 +203,8 @@ static inline uint32_t fit_unsigned(uint32_t value, uint32_t minimum, uint32_t m
     "extend": """\
 /* Two's complement of fewer than 32 bits; sign is the value of the top bit. */
 static inline int32_t extend(uint32_t raw, uint32_t sign) {
-    return (int32_t)(raw ^ sign) - (int32_t)sign;
+    const uint32_t flipped = raw ^ sign;
+    return (int32_t)flipped - (int32_t)sign;
 }
 """,
 }
@@ -231,13 +232,14 @@ uint8_t terrapin_crc8(uint8_t crc, const uint8_t *bytes, size_t length) {
     /* Half a byte at a time: 16 bytes of table, twice as quick as bit by bit. */
     static const uint8_t table[16] = {0x00U, 0x1DU, 0x3AU, 0x27U, 0x74U, 0x69U, 0x4EU, 0x53U,
                                       0xE8U, 0xF5U, 0xD2U, 0xCFU, 0x9CU, 0x81U, 0xA6U, 0xBBU};
-    uint32_t c = crc ^ 0xFFU;
+    uint32_t c = (uint32_t)crc ^ 0xFFU;
     for (size_t i = 0; i < length; i++) {
         c ^= bytes[i];
         c = ((c << 4U) & 0xFFU) ^ table[c >> 4U];
         c = ((c << 4U) & 0xFFU) ^ table[c >> 4U];
     }
-    return (uint8_t)(c ^ 0xFFU);
+    c ^= 0xFFU;
+    return (uint8_t)c;
 }
 
 static uint8_t frame_crc(const terrapin_frame *frame) {
@@ -246,7 +248,8 @@ static uint8_t frame_crc(const terrapin_frame *frame) {
 }
 
 void terrapin_e2e_protect(terrapin_frame *frame, uint32_t counter) {
-    frame->data[6] = (uint8_t)((frame->data[6] & 0xF0U) | (counter % (TERRAPIN_E2E_COUNTER_MAX + 1U)));
+    const uint32_t byte = ((uint32_t)frame->data[6] & 0xF0U) | (counter % (TERRAPIN_E2E_COUNTER_MAX + 1U));
+    frame->data[6] = (uint8_t)byte;
     frame->data[7] = frame_crc(frame);
 }
 
@@ -322,22 +325,29 @@ def _extract(signal: Signal) -> str:
 
 def _decoder(message: Message) -> list[str]:
     name, upper = message.name.lower(), message.name.upper()
-    wrong = f"(frame->id != TERRAPIN_ID_{upper}) || (frame->length != TERRAPIN_LENGTH_{upper})"
-    lines = [
-        f"bool terrapin_decode_{name}(const terrapin_frame *frame, terrapin_{name}_t *message) {{",
-        f"    if ({wrong}) {{",
-        "        return false;",
-        "    }",
-    ]
-    if any(s.start < 32 for s in message.signals):
-        lines.append("    const uint32_t low = fetch(&frame->data[0]);")
-    if any(s.start + s.length > 32 for s in message.signals):
-        lines.append("    const uint32_t high = fetch(&frame->data[4]);")
+    body: list[str] = []
     for s in message.signals:
         value = _extract(s)
         if s.signed and s.length < 32:
             value = f"extend({value}, 0x{2 ** (s.length - 1):X}U)"
         elif _kind(s) == "int32_t":
-            value = f"(int32_t){value}"
-        lines.append(f"    message->{s.name} = {value};")
-    return [*lines, "    return true;", "}"]
+            body.append(f"        field = {value};")
+            value = "(int32_t)field"
+        body.append(f"        message->{s.name} = {value};")
+    words = []
+    if any(s.start < 32 for s in message.signals):
+        words.append("        const uint32_t low = fetch(&frame->data[0]);")
+    if any(s.start + s.length > 32 for s in message.signals):
+        words.append("        const uint32_t high = fetch(&frame->data[4]);")
+    if any("field" in line for line in body):
+        words.append("        uint32_t field;")
+    return [
+        f"bool terrapin_decode_{name}(const terrapin_frame *frame, terrapin_{name}_t *message) {{",
+        f"    const bool ours = (frame->id == TERRAPIN_ID_{upper}) && (frame->length == TERRAPIN_LENGTH_{upper});",
+        "    if (ours) {",
+        *words,
+        *body,
+        "    }",
+        "    return ours;",
+        "}",
+    ]

@@ -46,27 +46,12 @@ static void accept_command(terrapin_link *link, const terrapin_frame *frame, ter
     inputs->command_fresh = true;
 }
 
-static uint32_t dropped(const terrapin_link *link) {
-    return link->bad_crc + link->repeated + link->malformed;
-}
-
-static void node(const terrapin_link *link, terrapin_frame *reply) {
-    const uint32_t count = dropped(link);
-    const terrapin_node_t answer = {
-        .version = TERRAPIN_INTERFACE_VERSION,
-        .test_mode = link->test_mode ? 1 : 0,
-        .dropped = (count < 65535U) ? (int32_t)count : 65535,
-    };
-    (void)terrapin_encode_node(&answer, reply); /* cannot saturate: clamped above */
-}
-
-/* True when the frame was genuine. */
-static bool accept_test_mode(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
+static void accept_test_mode(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
                              terrapin_inputs *inputs) {
     terrapin_test_mode_t message;
     if (!genuine(link, frame, TERRAPIN_LENGTH_TEST_MODE, &link->test_counter) ||
         !terrapin_decode_test_mode(frame, &message)) {
-        return false;
+        return;
     }
     const bool arm = message.key == TERRAPIN_TEST_MODE_KEY;
     if (arm || link->test_mode) {
@@ -74,14 +59,14 @@ static bool accept_test_mode(terrapin_link *link, terrapin_state *state, const t
     }
     link->test_mode = arm;
     link->stepped = false;
+    link->reply_counter = 0U;
     link->command_counter = TERRAPIN_E2E_NO_COUNTER; /* an earlier run leaves nothing behind */
     link->write_counter = TERRAPIN_E2E_NO_COUNTER;
-    return true;
 }
 
 /* Answer with the value that stands now and the result of the access. */
-static void parameter_value(const terrapin_state *state, uint16_t index, terrapin_parameter_result result,
-                            terrapin_frame *reply) {
+static void parameter_value(terrapin_link *link, const terrapin_state *state, uint16_t index,
+                            terrapin_parameter_result result, terrapin_frame *reply) {
     int32_t value = 0;
     const terrapin_parameter_result read = terrapin_parameter_get(state, index, &value);
     const terrapin_parameter_value_t answer = {
@@ -90,6 +75,8 @@ static void parameter_value(const terrapin_state *state, uint16_t index, terrapi
         .status = (result == TERRAPIN_PARAMETER_OK) ? (int32_t)read : (int32_t)result,
     };
     (void)terrapin_encode_parameter_value(&answer, reply); /* cannot saturate: the fields have the signals' widths */
+    terrapin_e2e_protect(reply, link->reply_counter);
+    link->reply_counter = (link->reply_counter < TERRAPIN_E2E_COUNTER_MAX) ? (uint8_t)(link->reply_counter + 1U) : 0U;
 }
 
 static terrapin_accept_result accept_parameter_write(terrapin_link *link, terrapin_state *state,
@@ -100,7 +87,7 @@ static terrapin_accept_result accept_parameter_write(terrapin_link *link, terrap
         return TERRAPIN_ACCEPT_NOTHING;
     }
     const uint16_t index = (uint16_t)message.index;
-    parameter_value(state, index, terrapin_parameter_set(state, index, message.value), reply);
+    parameter_value(link, state, index, terrapin_parameter_set(state, index, message.value), reply);
     return TERRAPIN_ACCEPT_REPLY;
 }
 
@@ -111,7 +98,7 @@ static terrapin_accept_result accept_parameter_read(terrapin_link *link, const t
         link->malformed++;
         return TERRAPIN_ACCEPT_NOTHING;
     }
-    parameter_value(state, (uint16_t)message.index, TERRAPIN_PARAMETER_OK, reply);
+    parameter_value(link, state, (uint16_t)message.index, TERRAPIN_PARAMETER_OK, reply);
     return TERRAPIN_ACCEPT_REPLY;
 }
 
@@ -169,15 +156,13 @@ void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inp
 
 terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
                                        terrapin_inputs *inputs, terrapin_frame *reply) {
-    const uint32_t dropped_before = dropped(link);
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
-    bool announce = false;
     switch (frame->id) {
     case TERRAPIN_ID_COMMAND:
         accept_command(link, frame, inputs);
         break;
     case TERRAPIN_ID_TEST_MODE:
-        announce = accept_test_mode(link, state, frame, inputs);
+        accept_test_mode(link, state, frame, inputs);
         break;
     case TERRAPIN_ID_PARAMETER_WRITE:
         result = accept_parameter_write(link, state, frame, reply);
@@ -202,10 +187,6 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
     default:
         link->unknown++;
         break;
-    }
-    if (announce || (dropped(link) != dropped_before)) {
-        node(link, reply);
-        result = TERRAPIN_ACCEPT_REPLY;
     }
     return result;
 }

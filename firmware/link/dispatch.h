@@ -27,6 +27,7 @@ typedef struct {
     uint8_t command_counter; /* E2E counters of the last accepted frames; TERRAPIN_E2E_NO_COUNTER at first */
     uint8_t write_counter;
     uint8_t test_counter;
+    uint8_t reply_counter; /* of the next PARAMETER_VALUE */
     bool test_mode;
     bool stepped;          /* a tick was taken since test mode was armed */
     uint32_t bad_crc;      /* frames dropped, by cause; these wrap */
@@ -45,8 +46,7 @@ typedef enum {
 /* Reset of the link, the inputs (all zero, nothing valid) and the controller. */
 TERRAPIN_API void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs);
 
-/* Take one frame. A frame that is dropped changes nothing but its counter in *link. Replies are PARAMETER_VALUE, and
- * NODE after TEST_MODE and after a frame was dropped for its CRC, its counter, its length or its value. */
+/* Take one frame. A frame that is dropped changes nothing but its counter in *link. */
 TERRAPIN_API terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state,
                                                     const terrapin_frame *frame, terrapin_inputs *inputs,
                                                     terrapin_frame *reply);

@@ -43,11 +43,11 @@ static verdict parse_frame(const terrapin_slcan *parser, terrapin_frame *frame) 
     const uint8_t kind = parser->line[0];
     const bool extended = (kind == (uint8_t)'T') || (kind == (uint8_t)'R');
     const bool remote = (kind == (uint8_t)'r') || (kind == (uint8_t)'R');
-    const size_t id_digits = extended ? 8U : 3U;
-    const size_t start = 2U + id_digits; /* of the data */
+    const uint8_t id_digits = extended ? 8U : 3U;
+    const uint32_t start = 2U + (uint32_t)id_digits; /* of the data */
     uint32_t id = 0U;
     uint32_t length = 0U;
-    uint8_t data[8] = {0U};
+    uint8_t data[8] = {0};
 
     if ((parser->length < start) || !number(&parser->line[1], id_digits, &id) ||
         !number(&parser->line[1U + id_digits], 1U, &length)) {
@@ -78,12 +78,14 @@ static verdict parse_frame(const terrapin_slcan *parser, terrapin_frame *frame) 
     return VERDICT_FRAME;
 }
 
+/* text has at most TERRAPIN_SLCAN_REPLY_MAX - 1 characters: the end of the line follows. */
 static void answer(terrapin_slcan_reply *reply, const char *text) {
-    reply->length = 0U;
-    while ((text[reply->length] != '\0') && (reply->length < (TERRAPIN_SLCAN_REPLY_MAX - 1U))) {
-        reply->text[reply->length] = (uint8_t)text[reply->length];
-        reply->length++;
+    uint8_t n = 0U;
+    while (text[n] != '\0') {
+        reply->text[n] = (uint8_t)text[n];
+        n++;
     }
+    reply->length = n;
 }
 
 static verdict set_open(terrapin_slcan *parser, bool open) {
@@ -206,21 +208,28 @@ terrapin_slcan_event terrapin_slcan_feed(terrapin_slcan *parser, uint8_t byte, t
     return (result == VERDICT_FRAME) ? TERRAPIN_SLCAN_FRAME : TERRAPIN_SLCAN_DONE;
 }
 
+/* The digit of the low half of a byte. */
+static uint8_t hex(uint32_t value) {
+    static const char digits[] = "0123456789ABCDEF";
+    return (uint8_t)digits[value & 0x0FU];
+}
+
 size_t terrapin_slcan_encode(const terrapin_frame *frame, uint8_t text[TERRAPIN_SLCAN_TEXT_MAX]) {
-    static const char hex[] = "0123456789ABCDEF";
-    if ((frame->id > STANDARD_ID_MAX) || (frame->length > 8U)) {
-        return 0U;
-    }
     size_t n = 0U;
-    text[n++] = (uint8_t)'t';
-    text[n++] = (uint8_t)hex[frame->id >> 8U];
-    text[n++] = (uint8_t)hex[(frame->id >> 4U) & 0x0FU];
-    text[n++] = (uint8_t)hex[frame->id & 0x0FU];
-    text[n++] = (uint8_t)hex[frame->length];
-    for (size_t i = 0U; i < frame->length; i++) {
-        text[n++] = (uint8_t)hex[frame->data[i] >> 4U];
-        text[n++] = (uint8_t)hex[frame->data[i] & 0x0FU];
+    if ((frame->id <= STANDARD_ID_MAX) && (frame->length <= 8U)) {
+        text[0] = (uint8_t)'t';
+        text[1] = hex((uint32_t)frame->id >> 8U);
+        text[2] = hex((uint32_t)frame->id >> 4U);
+        text[3] = hex(frame->id);
+        text[4] = hex(frame->length);
+        n = 5U;
+        for (size_t i = 0U; i < frame->length; i++) {
+            text[n] = hex((uint32_t)frame->data[i] >> 4U);
+            text[n + 1U] = hex(frame->data[i]);
+            n += 2U;
+        }
+        text[n] = CR;
+        n++;
     }
-    text[n++] = CR;
     return n;
 }

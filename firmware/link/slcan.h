@@ -16,9 +16,9 @@
 extern "C" {
 #endif
 
-#define TERRAPIN_SLCAN_LINE_MAX  32 /* longest line kept, terminator not counted; a longer one is refused */
-#define TERRAPIN_SLCAN_REPLY_MAX 6  /* longest answer to a line */
-#define TERRAPIN_SLCAN_TEXT_MAX  22 /* longest frame as text: t, 3 digits, length, 16 digits, \r */
+#define TERRAPIN_SLCAN_LINE_MAX  32U /* longest line kept, terminator not counted; a longer one is refused */
+#define TERRAPIN_SLCAN_REPLY_MAX 6U  /* longest answer to a line */
+#define TERRAPIN_SLCAN_TEXT_MAX  22U /* longest frame as text: t, 3 digits, length, 16 digits, \r */
 
 typedef struct {
     uint8_t line[TERRAPIN_SLCAN_LINE_MAX];

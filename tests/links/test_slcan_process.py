@@ -19,7 +19,7 @@ import pytest
 from hil import paths
 from hil.firmware import Firmware
 from hil.links.slcan import ControllerProcess, LinkError, SlcanPort, slcan_line, slcan_parse
-from hil.messages import Frame, Sender, interface
+from hil.messages import Frame, Sender, interface, protect
 
 PROGRAM = paths.build() / "terrapin-controller"
 ACTUATE = interface().messages["ACTUATE"]
@@ -82,10 +82,7 @@ def in_memory(frames: list[list[Frame]]) -> list[list[Frame]]:
 
 def test_lockstep_gives_the_same_frames_as_memory(port: SlcanPort) -> None:
     frames = host_frames(3000, 1)
-    armed = port.exchange_frames(Sender().test_mode())[-1]
-    node = interface().messages["NODE"]
-    assert armed[0] == node.id
-    assert node.decode(armed[1]) == {"version": interface().version, "test_mode": 1, "dropped": 0}
+    assert port.exchange_frames(Sender().test_mode()) == []
     answers = [port.exchange_frames(group) for group in frames]
     assert answers == in_memory(frames)
     assert [ACTUATE.decode(answer[0][1])["tick"] for answer in answers] == list(range(3000))
@@ -130,6 +127,7 @@ def test_parameters_over_the_wire(port: SlcanPort) -> None:
         write = sender.frame("PARAMETER_WRITE", {"index": parameter.index, "value": parameter.maximum})
         written = port.exchange_frames([write])
         assert value_message.decode(written[0][1])["value"] == parameter.maximum
+        assert protect(*written[0], written[0][1][6] & 0x0F) == written[0][1]
         answer = port.exchange_frames([sender.frame("PARAMETER_READ", {"index": parameter.index})])
         found = value_message.decode(answer[-1][1])
         assert (found["index"], found["value"], found["status"]) == (parameter.index, parameter.maximum, 0)
@@ -199,8 +197,7 @@ def test_python_can(controller: ControllerProcess) -> None:
                     break
         while (message := bus.recv(0.05)) is not None:
             answers.append((message.arbitration_id, bytes(message.data)))
-    ours = [frame for frame in answers if frame[0] != interface().messages["NODE"].id]  # NODE answers the arming
-    assert ours == [frame for answer in in_memory(frames) for frame in answer]
+    assert answers == [frame for answer in in_memory(frames) for frame in answer]
 
 
 def test_process_ends_when_the_peer_goes_away(controller: ControllerProcess) -> None:

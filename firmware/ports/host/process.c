@@ -127,8 +127,9 @@ static void queue(controller *c, const uint8_t *bytes, size_t length) {
 }
 
 static void queue_frame(controller *c, const terrapin_frame *frame) {
-    uint8_t text[TERRAPIN_SLCAN_TEXT_MAX];
-    queue(c, text, terrapin_slcan_encode(frame, text));
+    uint8_t text[TERRAPIN_SLCAN_TEXT_MAX] = {0};
+    const size_t length = terrapin_slcan_encode(frame, text);
+    queue(c, text, length);
 }
 
 static void take_frame(controller *c, const terrapin_frame *frame) {

@@ -47,8 +47,7 @@ static void send(terrapin_link *link, terrapin_state *state, const terrapin_fram
         check_outputs(&outputs);
     } else if (result == TERRAPIN_ACCEPT_REPLY) {
         terrapin_parameter_value_t value;
-        terrapin_node_t node;
-        CHECK(terrapin_decode_parameter_value(&reply, &value) != terrapin_decode_node(&reply, &node));
+        CHECK(terrapin_decode_parameter_value(&reply, &value));
     } else {
         /* dropped, or taken without an answer */
     }
