@@ -67,8 +67,8 @@ class Digital:
 @dataclass(frozen=True)
 class Sensors:
     current: Adc = field(default_factory=lambda: Adc(lsb=1e-3, zero=2048.0))  # A
-    supply: Adc = field(default_factory=lambda: Adc(lsb=5e-3))  # V
-    temperature: Adc = field(default_factory=lambda: Adc(lsb=0.1, zero=500.0))  # degC
+    supply: Adc = field(default_factory=lambda: Adc(lsb=4e-3))  # V
+    temperature: Adc = field(default_factory=lambda: Adc(lsb=0.05, zero=1000.0))  # degC
     motor: Encoder = field(default_factory=Encoder)
     wheel: Encoder = field(default_factory=Encoder)
     swing_angle: Digital = field(default_factory=lambda: Digital(resolution=1e-3))

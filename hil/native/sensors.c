@@ -3,6 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "extremes.h"
+
 #define TWO_PI   6.28318530717958647692
 #define ADC_FULL 4095.0
 
@@ -39,7 +41,7 @@ uint16_t hil_adc_read(const hil_sensors *sensors, hil_sensor_state *state, int i
     if (adc->inl != 0.0) {
         code += adc->inl * sin(TWO_PI * adc->inl_cycles * ideal / ADC_FULL);
     }
-    return (uint16_t)lrint(fmin(fmax(code, 0.0), ADC_FULL));
+    return (uint16_t)lrint(smaller(larger(code, 0.0), ADC_FULL));
 }
 
 uint16_t hil_encoder_read(const hil_sensors *sensors, hil_sensor_state *state, int i, double loss) {
@@ -71,5 +73,5 @@ int16_t hil_digital_read(const hil_sensors *sensors, hil_sensor_state *state, in
     const int channel = HIL_SWING_ANGLE + i;
     const double value = delayed(sensors, state, channel) + digital->offset + normal(state, channel, digital->noise);
     const double raw = rint(value / digital->resolution);
-    return (int16_t)fmin(fmax(raw, -digital->largest - 1.0), digital->largest);
+    return (int16_t)smaller(larger(raw, -digital->largest - 1.0), digital->largest);
 }

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "terrapin_interface.h"
+#include "extremes.h"
 
 #define TICK          1e-3
 #define SLIP_DEADBAND 0.01
@@ -18,7 +19,7 @@ static double profile_at(const hil_profile *profile, double time) {
         return profile->value[profile->count - 1];
     }
     const double share = (time - profile->time[i - 1]) / (profile->time[i] - profile->time[i - 1]);
-    return profile->value[i - 1] + fmax(share, 0.0) * (profile->value[i] - profile->value[i - 1]);
+    return profile->value[i - 1] + larger(share, 0.0) * (profile->value[i] - profile->value[i - 1]);
 }
 
 static bool carried(const hil_profile *carriage, double time) {
@@ -164,7 +165,7 @@ static void write_truth(const hil_simulator *simulator, double *truth) {
     const hil_body *body = &simulator->body;
     const double rim = simulator->config.robot.radius * body->rate[HIL_BETA];
     const double axle = body->rate[HIL_X];
-    const double fastest = fmax(fabs(rim), fabs(axle));
+    const double fastest = larger(fabs(rim), fabs(axle));
     const hil_ground ground = hil_path_at(&simulator->config.path, body->position[HIL_X]);
     truth[HIL_TRUTH_TIME] = now(simulator);
     truth[HIL_TRUTH_POSITION] = body->position[HIL_X];
@@ -255,7 +256,7 @@ void hil_act(hil_simulator *simulator, int16_t duty, bool enabled) {
     around->pass = config->pass;
     around->moisture = config->moisture;
 
-    const double fastest = fmax(fabs(config->robot.radius * body->rate[HIL_BETA]), fabs(body->rate[HIL_X]));
+    const double fastest = larger(fabs(config->robot.radius * body->rate[HIL_BETA]), fabs(body->rate[HIL_X]));
     const int steps = fastest < config->fine_below ? config->fine_substeps : config->substeps;
     const double dt = TICK / steps;
     double torque = 0.0;

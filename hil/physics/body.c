@@ -3,17 +3,20 @@
 #include <math.h>
 #include <string.h>
 
+#include "extremes.h"
+
 enum { SWEEPS = 200, NEWTON = 60 };
 
 typedef struct {
-    double inverse[3][3];
-    double velocity[3]; /* what the impulses change */
-    double impulse[3];  /* dry frictions */
-    double bound[3];
+    double inverse[3][3]; /* of the mass matrix */
+    double velocity[3];   /* at the end of the step, under all impulses so far */
+    double friction[3];   /* impulses of the dry frictions */
+    double bound[3];      /* their greatest magnitudes */
+    double traction;      /* impulse along (1, -R, 0) */
 } contact;
 
 static double clamp(double value, double bound) {
-    return fmin(fmax(value, -bound), bound);
+    return smaller(larger(value, -bound), bound);
 }
 
 static void matrices(const hil_robot *robot, const hil_robot_derived *d, const hil_ground *ground,
@@ -78,57 +81,51 @@ static void push(contact *c, int i, double impulse) {
 /* Solves w + k (1 - exp(-w / scale)) = w_free for the slip speed w between 0 and w_free >= 0: the left side is concave
  * and rising, so that Newton's steps from the left of the root rise to it and never pass it. */
 static double slip_speed(double w_free, double k, double scale, double guess) {
-    double w = fmax(fmin(guess, w_free), fmax(w_free - k, 0.0));
+    double w = larger(smaller(guess, w_free), larger(w_free - k, 0.0));
     for (int i = 0; i < NEWTON; i++) {
         const double decay = exp(-w / scale);
         const double step = (w_free - w - k * (1.0 - decay)) / (1.0 + k * decay / scale);
-        w = fmin(fmax(w + step, 0.0), w_free);
-        if (fabs(step) <= 1e-13 * w_free) {
+        w = smaller(larger(w + step, 0.0), w_free);
+        if (fabs(step) <= 1e-6 * scale) { /* Newton leaves less than step^2 / (2 scale) */
             break;
         }
     }
     return w;
 }
 
-/* The three dry frictions and the traction impulse along (1, -R, 0); returns the traction impulse. */
-static double solve_contact(contact *c, double radius, double strength, double scale, double traction) {
-    const double lever[3] = {1.0, -radius, 0.0};
-    double answer[3]; /* change of the velocities by a unit traction impulse */
-    for (int j = 0; j < 3; j++) {
-        answer[j] = c->inverse[j][0] * lever[0] + c->inverse[j][1] * lever[1];
-    }
-    const double compliance = answer[0] * lever[0] + answer[1] * lever[1];
+/* Finds the three dry frictions and the traction, beginning from those of the last step. `strength` is the greatest
+ * traction impulse, `scale` the slip speed at which it has grown to 63 %. */
+static void solve_contact(contact *c, double radius, double strength, double scale) {
+    double answer[3];    /* change of the velocities by a unit traction impulse */
+    double stiffness[3]; /* friction impulse for a unit change of its rate */
     for (int i = 0; i < 3; i++) {
-        push(c, i, c->impulse[i]);
-        c->velocity[i] += answer[i] * traction;
+        answer[i] = c->inverse[i][0] - radius * c->inverse[i][1];
+        stiffness[i] = c->bound[i] > 0.0 ? 1.0 / c->inverse[i][i] : 0.0;
     }
+    const double compliance = answer[0] - radius * answer[1];
     for (int sweep = 0; sweep < SWEEPS; sweep++) {
-        bool changed = false;
+        bool changed = sweep == 0;
         for (int i = 2; i >= 0; i--) {
-            if (c->bound[i] <= 0.0 || c->inverse[i][i] <= 0.0) {
-                continue;
-            }
-            const double wanted = clamp(c->impulse[i] - c->velocity[i] / c->inverse[i][i], c->bound[i]);
-            const double change = wanted - c->impulse[i];
+            const double wanted = clamp(c->friction[i] - c->velocity[i] * stiffness[i], c->bound[i]);
+            const double change = wanted - c->friction[i];
             if (change != 0.0) {
                 push(c, i, change);
-                c->impulse[i] = wanted;
+                c->friction[i] = wanted;
                 changed = changed || fabs(change) > 1e-10 * c->bound[i];
             }
         }
-        if (sweep > 0 && !changed) {
+        if (!changed) {
             break;
         }
         const double w = radius * c->velocity[HIL_BETA] - c->velocity[HIL_X];
-        const double w_free = w + compliance * traction;
+        const double w_free = w + compliance * c->traction;
         const double found = copysign(slip_speed(fabs(w_free), compliance * strength, scale, fabs(w)), w_free);
-        const double change = (w_free - found) / compliance - traction;
+        const double change = (w - found) / compliance;
         for (int j = 0; j < 3; j++) {
             c->velocity[j] += answer[j] * change;
         }
-        traction += change;
+        c->traction += change;
     }
-    return traction;
 }
 
 typedef struct {
@@ -168,8 +165,12 @@ static effect_sum evaluate_effects(const hil_effects *effects, const hil_surroun
 }
 
 static void dig(const hil_path *path, double softness, double rim, double axle, double dt, hil_body *body) {
+    const double beyond = fabs(rim - axle) - 0.5 * larger(fabs(rim), fabs(axle));
+    if (body->rut == 0.0 && (softness == 0.0 || beyond <= 0.0)) {
+        return;
+    }
     const double slip = fabs(hil_slip(rim, axle, HIL_SLIP_FLOOR));
-    const double grow = softness * fabs(rim - axle) / path->dig_length * fmax(slip - 0.5, 0.0);
+    const double grow = softness * fabs(rim - axle) / path->dig_length * larger(slip - 0.5, 0.0);
     const double leave = fabs(axle) / path->leave_length;
     /* Implicit in the depth: stays in 0..1 for any step. */
     body->rut = (body->rut + dt * grow) / (1.0 + dt * (grow + leave));
@@ -210,26 +211,35 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
     const double coefficient =
         ground.terrain.f_o * (1.0 + e.ground.f_o) + ground.terrain.f_s * rate[HIL_BETA] * rate[HIL_BETA];
     c.bound[HIL_X] = around->carried ? 0.0 : dt * path->rut_friction * body->rut * d->weight;
-    c.bound[HIL_BETA] = dt * fmax(coefficient * robot->radius * body->load + e.ground.passive, 0.0);
-    c.bound[HIL_ALPHA] = dt * fmax(robot->coulomb * (1.0 + e.robot.coulomb) + e.robot.passive, 0.0);
+    c.bound[HIL_BETA] = dt * larger(coefficient * robot->radius * body->load + e.ground.passive, 0.0);
+    c.bound[HIL_ALPHA] = dt * larger(robot->coulomb * (1.0 + e.robot.coulomb) + e.robot.passive, 0.0);
+    c.traction = dt * body->traction;
+    double impulse[3];
     for (int i = 0; i < 3; i++) {
-        c.velocity[i] =
-            body->rate[i] + dt * (c.inverse[i][0] * force[0] + c.inverse[i][1] * force[1] + c.inverse[i][2] * force[2]);
-        c.impulse[i] = clamp(-dt * body->friction[i], c.bound[i]);
+        c.friction[i] = clamp(-dt * body->friction[i], c.bound[i]);
+        impulse[i] = dt * force[i] + c.friction[i];
+    }
+    impulse[HIL_X] += c.traction;
+    impulse[HIL_BETA] -= robot->radius * c.traction;
+    for (int i = 0; i < 3; i++) {
+        c.velocity[i] = body->rate[i] +
+                        (c.inverse[i][0] * impulse[0] + c.inverse[i][1] * impulse[1] + c.inverse[i][2] * impulse[2]);
     }
     if (around->carried) {
         c.velocity[HIL_X] = around->carriage_speed;
     }
     const double scale =
-        ground.terrain.s_k * fmax(HIL_SLIP_FLOOR, fmax(fabs(robot->radius * rate[HIL_BETA]), fabs(rate[HIL_X])));
+        ground.terrain.s_k * larger(HIL_SLIP_FLOOR, larger(fabs(robot->radius * rate[HIL_BETA]), fabs(rate[HIL_X])));
     const double strength = dt * ground.terrain.mu * body->load;
-    body->traction = solve_contact(&c, robot->radius, strength, scale, dt * body->traction) / dt;
+    solve_contact(&c, robot->radius, strength, scale);
 
+    const double per_dt = 1.0 / dt;
+    body->traction = c.traction * per_dt;
     for (int i = 0; i < 3; i++) {
         body->position[i] += 0.5 * dt * (body->rate[i] + c.velocity[i]);
-        body->acceleration[i] = (c.velocity[i] - body->rate[i]) / dt;
+        body->acceleration[i] = (c.velocity[i] - body->rate[i]) * per_dt;
         body->rate[i] = c.velocity[i];
-        body->friction[i] = -c.impulse[i] / dt;
+        body->friction[i] = -c.friction[i] * per_dt;
     }
     body->carriage_force = 0.0;
     if (around->carried) {

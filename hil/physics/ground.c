@@ -2,6 +2,8 @@
 
 #include <math.h>
 
+#include "extremes.h"
+
 static double blend(double from, double to, double share) {
     return from + share * (to - from);
 }
@@ -30,6 +32,6 @@ hil_ground hil_path_at(const hil_path *path, double x) {
 }
 
 double hil_slip(double rim_speed, double axle_speed, double floor) {
-    const double scale = fmax(floor, fmax(fabs(rim_speed), fabs(axle_speed)));
+    const double scale = larger(floor, larger(fabs(rim_speed), fabs(axle_speed)));
     return (rim_speed - axle_speed) / scale;
 }
