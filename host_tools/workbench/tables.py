@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from host_tools.errors import UserError
 
-__all__ = ["LOG_SUFFIXES", "Table", "read", "resample"]
+__all__ = ["LOG_SUFFIXES", "Table", "log_frames", "read", "resample"]
 
 LOG_SUFFIXES = (".log", ".blf", ".asc", ".mf4")
 Column = npt.NDArray[Any]  # float64, or str where the file holds text
@@ -88,7 +88,7 @@ def read(path: Path, dbc: Path | None = None, period: float | None = None, neede
     if suffix in LOG_SUFFIXES:
         if dbc is None or period is None:
             raise UserError(f"{path.name}: a log needs data.dbc and data.period in case.toml")
-        return resample(path, _frames(path, dbc), period, needed)
+        return resample(path, log_frames(path, dbc), period, needed)
     raise UserError(f"{path.name}: unknown kind of file {suffix!r}, expected .csv .parquet {' '.join(LOG_SUFFIXES)}")
 
 
@@ -133,8 +133,8 @@ def _read_parquet(path: Path) -> Table:
     return Table(path, columns, 0)
 
 
-def _frames(path: Path, dbc: Path) -> Iterator[tuple[float, dict[str, float]]]:
-    """Time [s] and signals, named MESSAGE.SIGNAL, of every frame of the log that the DBC knows."""
+def log_frames(path: Path, dbc: Path, wanted: Collection[str] = ()) -> Iterator[tuple[float, dict[str, float]]]:
+    """Time [s] and signals, named MESSAGE.SIGNAL, of every frame that the DBC knows (and `wanted` names, if any)."""
     import cantools
 
     if not dbc.is_file():
@@ -143,7 +143,7 @@ def _frames(path: Path, dbc: Path) -> Iterator[tuple[float, dict[str, float]]]:
         database: Any = cantools.database.load_file(dbc)
     except (cantools.Error, UnicodeDecodeError, ValueError) as error:
         raise UserError(f"{dbc.name}: {str(error).splitlines()[0]}, expected a DBC file") from None
-    messages = {message.frame_id: message for message in database.messages}
+    messages = {m.frame_id: m for m in database.messages if not wanted or m.name in wanted}
     for time, identifier, data, place in _candump(path) if path.suffix == ".log" else _other_log(path):
         message = messages.get(identifier)
         if message is None:

@@ -1,0 +1,43 @@
+"""`terrapin case RUN_DIR... --to CASE`: turn logged runs into a case."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from host_tools.errors import UserError
+
+__all__ = ["register"]
+
+
+def case(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN_DIR...", help="folders that `terrapin run --out` wrote")],
+    to: Annotated[Path, typer.Option("--to", metavar="CASE", help="the case's folder; made if it is not there")],
+    title: Annotated[str, typer.Option("--title", help="of the case")] = "Logged runs",
+    effect: Annotated[
+        list[str] | None, typer.Option("--effect", metavar="EFFECT", help="already in the model; repeat for more")
+    ] = None,
+    after: Annotated[float, typer.Option("--after", metavar="SECONDS", help="leave out windows before")] = 0.0,
+    before: Annotated[float, typer.Option("--before", metavar="SECONDS", help="leave out windows from here")] = 1e18,
+    dbc: Annotated[str, typer.Option("--dbc", metavar="FILE", help="DBC; else that of the host build")] = "",
+) -> None:
+    """Turn logged runs into a case of rolling_steady: one row for each steady window that the controller called valid.
+
+    Example: terrapin case out/runs/* --to out/case --effect speed_squared --after 2
+    """
+    from hil.paths import build
+    from hil.physics.effects import catalogue
+    from host_tools.workbench.from_runs import read_run, write_case
+
+    for name in effect or []:
+        if name not in catalogue() or "rolling_steady" not in catalogue()[name].bases:
+            known = ", ".join(n for n, e in catalogue().items() if "rolling_steady" in e.bases)
+            raise UserError(f"--effect: found {name!r}, expected one of {known}")
+    file = Path(dbc) if dbc else build() / "generated" / "terrapin.dbc"
+    print(write_case(to, [read_run(folder, file, after, before) for folder in runs], title, effect or []))
+
+
+def register(app: typer.Typer) -> None:
+    app.command("case")(case)

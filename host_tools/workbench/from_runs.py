@@ -1,0 +1,164 @@
+"""A case from logged runs: one row for each steady window that the controller declared valid.
+
+The controller's WINDOW message holds the means of current, speed and voltage over the window of its last C_t; `fresh`
+says that a window which shares no sample with the one before has just ended. Those rows, while the controller runs and
+does not limit, are what `rolling_steady` predicts. Winding temperature, slope, angle and acceleration come from the
+messages beside.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from hil.messages import Interface, interface
+from host_tools.errors import UserError
+from host_tools.workbench.edit import write_whole
+from host_tools.workbench.tables import log_frames
+
+__all__ = ["Run", "read_run", "write_case"]
+
+COLUMNS = {
+    "time": "s",
+    "omega": "rad/s",
+    "current": "A",
+    "voltage": "V",
+    "temperature": "degC",
+    "slope": "rad",
+    "angle": "rad",
+    "acceleration": "rad/s^2",
+}
+KNOWN = ("radius", "drive_radius", "torque_constant", "coulomb", "viscous", "weight")  # parameters of the controller
+
+
+@dataclass(frozen=True)
+class Run:
+    """Rows of one run, and the model's constants as its controller had them (SI)."""
+
+    name: str
+    rows: list[dict[str, float]]
+    constants: Mapping[str, float]
+
+
+def _parameters(folder: Path, description: Interface) -> dict[str, float]:
+    """The controller's parameters in the run: its defaults, changed as run.toml says."""
+    values = {name: p.default * p.scale for name, p in description.parameters.items()}
+    file = folder / "run.toml"
+    if not file.is_file():
+        return values
+    try:
+        document = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UserError(f"{file}: not TOML: {error}") from None
+    for table in ("firmware", "parameters"):
+        found = document.get(table, {})
+        for name, value in found.items() if isinstance(found, dict) else ():
+            if name in values and isinstance(value, (int, float)) and not isinstance(value, bool):
+                values[name] = float(value)
+    return values
+
+
+def read_run(folder: Path, dbc: Path, after: float = 0.0, before: float = float("inf")) -> Run:
+    """The valid windows of a run's telemetry.log between `after` and `before` [s]. UserError when it has none."""
+    log = folder / "telemetry.log"
+    if not log.is_file():
+        raise UserError(f"{log}: no such file, expected a run's folder (terrapin run --out)")
+    description = interface()
+    wanted = ("STATUS", "WINDOW", "ELECTRICAL", "ATTITUDE", "CALIBRATION")
+    running = description.enums["state"]["run"]
+    last: dict[str, Any] = {}
+    rows: list[dict[str, float]] = []
+    for time, signals in log_frames(log, dbc, wanted):
+        last.update(signals)
+        if not (signals.get("WINDOW.fresh") and signals.get("WINDOW.valid") and after <= time < before):
+            continue
+        if last.get("STATUS.state") != running:
+            continue
+        row = {
+            "time": time,
+            "omega": signals["WINDOW.omega"],
+            "current": signals["WINDOW.current"],
+            "voltage": signals["WINDOW.voltage"],
+        }
+        if "ELECTRICAL.temperature" in last:
+            row["temperature"] = last["ELECTRICAL.temperature"]
+        if "ATTITUDE.angle" in last:
+            row["angle"], row["acceleration"] = last["ATTITUDE.angle"], last["ATTITUDE.acceleration"]
+            if last.get("ATTITUDE.pitch_valid"):
+                row["slope"] = last["ATTITUDE.pitch"]
+        rows.append(row)
+    if not rows:
+        raise UserError(f"{log}: found no valid steady window of a running robot, expected at least one")
+    parameters = _parameters(folder, description)
+    constants = {name: parameters[name] for name in KNOWN}
+    for name in ("coulomb", "viscous"):  # what the calibration found, or the parameter in use before it
+        constants[name] = last.get(f"CALIBRATION.{name}", constants[name])
+    return Run(folder.resolve().name, rows, constants)
+
+
+def write_case(folder: Path, runs: Sequence[Run], title: str, effects: Sequence[str]) -> str:
+    """Write runs.csv and case.toml of a new case; returns a sentence about it. UserError when the folder is in use."""
+    if (folder / "case.toml").exists():
+        raise UserError(f"{folder / 'case.toml'}: exists, expected a new folder for the case")
+    names = [run.name for run in runs]
+    for name in names:
+        if names.count(name) > 1:
+            raise UserError(f"run {name!r} is given twice, expected folders of different names")
+    if len(runs) < 2:
+        raise UserError("found one run, expected at least two: one of them is held out")
+    common = [column for column in COLUMNS if all(column in row for run in runs for row in run.rows)]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["run", *common])
+    for run in runs:
+        for row in run.rows:
+            writer.writerow([run.name, *(f"{row[column]:.9g}" for column in common)])
+    varying = {c for c in common if len({row[c] for run in runs for row in run.rows}) > 1 or c == "omega"}
+    document = _document(runs, title, effects, [c for c in common if c in varying or c == "current"])
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(folder / "runs.csv", text.getvalue())
+    write_whole(folder / "case.toml", document)
+    rows = sum(len(run.rows) for run in runs)
+    return f"{folder}: {rows} steady windows of {len(runs)} runs"
+
+
+def _document(runs: Sequence[Run], title: str, effects: Sequence[str], columns: Sequence[str]) -> str:
+    document = tomlkit.document()
+    document.add(tomlkit.comment("made by `terrapin case` from logged runs: one row a steady window"))
+    case = tomlkit.table()
+    case["title"] = title
+    document["case"] = case
+    model = tomlkit.table()
+    model["base"] = "rolling_steady"
+    model["effects"] = list(effects)
+    document["model"] = model
+    parameters = tomlkit.table()
+    units = {"radius": "m", "drive_radius": "m", "torque_constant": "N m/A", "coulomb": "N m", "viscous": "N m s/rad"}
+    for name, unit in units.items():
+        value = sum(run.constants[name] for run in runs) / len(runs)
+        parameters[name] = f"{value:.9g} {unit}"
+    parameters["load"] = f"{sum(run.constants['weight'] for run in runs) / len(runs):.9g} N"
+    document["parameters"] = parameters
+    fit = tomlkit.table()
+    start = tomlkit.inline_table()
+    start.update({"value": 0.05, "min": 0.0, "max": 0.5})
+    fit["f_o"] = start
+    document["fit"] = fit
+    data = tomlkit.table()
+    data["files"] = ["runs.csv"]
+    data["run"] = "run"
+    mapped = tomlkit.table()
+    for column in columns:
+        entry = tomlkit.inline_table()
+        entry.update({"column": column, "unit": COLUMNS[column]})
+        mapped[column] = entry
+    data["columns"] = mapped
+    document["data"] = data
+    return tomlkit.dumps(document)
