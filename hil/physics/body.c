@@ -7,6 +7,8 @@
 
 enum { SWEEPS = 200, NEWTON = 60 };
 
+#define GONE 1e-9 /* a rut shallower than this is left behind: without an end it would fall to denormal numbers */
+
 typedef struct {
     double inverse[3][3]; /* of the mass matrix */
     double velocity[3];   /* at the end of the step, under all impulses so far */
@@ -173,7 +175,8 @@ static void dig(const hil_path *path, double softness, double rim, double axle, 
     const double grow = softness * fabs(rim - axle) / path->dig_length * larger(slip - 0.5, 0.0);
     const double leave = fabs(axle) / path->leave_length;
     /* Implicit in the depth: stays in 0..1 for any step. */
-    body->rut = (body->rut + dt * grow) / (1.0 + dt * (grow + leave));
+    const double depth = (body->rut + dt * grow) / (1.0 + dt * (grow + leave));
+    body->rut = grow == 0.0 && depth < GONE ? 0.0 : depth;
 }
 
 void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil_path *path, const hil_effects *effects,

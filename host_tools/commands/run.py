@@ -1,0 +1,134 @@
+"""`terrapin run`: a scenario over a link, its log and its checks."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hil.checks import CheckError
+from hil.compiled_effects import EffectError
+from hil.firmware import ParameterError
+from hil.links import LINKS, LinkNameError
+from hil.messages import Interface, interface
+from hil.reading import ReadingError, load, parse_quantity
+from hil.run import Result, run
+from hil.scenario import find_scenario, load_scenario
+from host_tools.errors import UserError
+from host_tools.logs.folder import RunFolder
+
+__all__ = ["register"]
+
+HELP = f"""Run a scenario: the simulated robot against the controller, in lockstep.
+
+Example: terrapin run slope_limiter --link pty --out out/slope
+
+SCENARIO is a TOML file, or the name of a shipped one (hil/scenarios). Links: {LINKS}.
+Exit status: 0 when every check of the scenario holds, 1 when one fails or the run breaks off, 2 for bad input."""
+
+
+def read_parameters(path: Path, description: Interface) -> dict[str, float]:
+    """The table [parameters] of a TOML file, in the units of controller.toml. ReadingError names what is wrong."""
+    root = load(path)
+    section = root.section("parameters")
+    if "parameters" not in root:
+        raise root.error(None, "found no table [parameters], expected one with a line for each parameter")
+    values = {}
+    for name in section:
+        try:
+            parameter = description.parameter(name)
+            values[name] = parse_quantity(section.raw(name), parameter.unit)
+            parameter.raw(values[name])
+        except KeyError as error:
+            raise section.error(name, error.args[0]) from None
+        except ValueError as error:
+            raise section.error(name, str(error)) from None
+    return values
+
+
+@contextlib.contextmanager
+def _progress(name: str) -> Iterator[Callable[[float], None] | None]:
+    """A bar on standard error when that is a terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(name, total=1.0)
+        yield lambda share: bar.update(task, completed=share)
+
+
+def _as_json(result: Result, folder: Path | None) -> str:
+    return json.dumps(
+        {
+            "scenario": result.scenario.name,
+            "link": result.link,
+            "seed": result.scenario.seed,
+            "duration": result.scenario.duration,
+            "wall_seconds": result.timing.seconds,
+            "passed": result.passed,
+            "checks": [{"check": o.text, "passed": o.passed, "found": o.found} for o in result.outcomes],
+            "output_sha256": result.output_hash,
+            "out": str(folder) if folder else None,
+        },
+        indent=2,
+    )
+
+
+def _as_text(result: Result, folder: Path | None) -> str:
+    scenario, timing = result.scenario, result.timing
+    speed = scenario.duration / max(timing.seconds, 1e-9)
+    rows = [
+        f"{scenario.name}: {scenario.title}" if scenario.title else scenario.name,
+        f"  {scenario.duration:g} s in {timing.seconds:.3g} s ({speed:.3g} x real time), {result.link}, "
+        f"seed {scenario.seed}",
+    ]
+    if scenario.real_time:
+        rows.append(f"  real time: ticks late by {timing.rms * 1e6:.0f} us rms, {timing.latest * 1e6:.0f} us at most")
+    rows += [f"  {'ok  ' if o.passed else 'FAIL'}  {o.text}    ({o.found})" for o in result.outcomes]
+    rows.append(f"  output sha256 {result.output_hash}")
+    if folder is not None:
+        rows.append(f"  log in {folder}")
+    return "\n".join(rows)
+
+
+def command(
+    scenario: Annotated[str, typer.Argument(help="scenario file, or the name of a shipped scenario")],
+    link: Annotated[str, typer.Option(help="where the controller is")] = "inprocess",
+    out: Annotated[Path | None, typer.Option(help="folder for telemetry.log, truth.csv and run.toml")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="instead of the scenario's")] = None,
+    parameters: Annotated[Path | None, typer.Option(help="TOML file with a table [parameters]")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="the result as JSON on standard output")] = False,
+) -> int:
+    try:
+        chosen = load_scenario(find_scenario(scenario))
+        if seed is not None:
+            chosen = replace(chosen, seed=seed)
+        description = interface()
+        values = read_parameters(parameters, description) if parameters else {}
+        folder = RunFolder(out, chosen, link, values, description) if out else None
+        with contextlib.ExitStack() as stack:
+            if folder is not None:
+                stack.callback(folder.close)
+            progress = stack.enter_context(_progress(chosen.name))
+            observers = [folder] if folder else []
+            result = run(chosen, link, parameters=values, observers=observers, progress=progress)
+            if folder is not None:
+                folder.finish(result)
+    except (ReadingError, CheckError, EffectError, LinkNameError, ParameterError) as error:
+        raise UserError(str(error)) from None
+    print(_as_json(result, out) if as_json else _as_text(result, out))
+    return 0 if result.passed else 1
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command."""
+    app.command("run", help=HELP)(command)
