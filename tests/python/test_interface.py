@@ -173,7 +173,7 @@ def test_defaults_and_bounds_reach_the_c_table(firmware: Firmware) -> None:
     for p in load().parameters:
         entry = table[p.index]
         assert (entry.default_value, entry.minimum, entry.maximum) == (p.default, p.minimum, p.maximum)
-        assert bool(entry.flags & firmware.lib.TERRAPIN_PARAMETER_PROTECTED) == bool(p.protects)
+        assert firmware.lib.terrapin_parameter_protected(p.index) == bool(p.protects)
 
 
 def test_unknown_parameter_names_the_nearest(firmware: Firmware) -> None:
