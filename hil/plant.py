@@ -90,7 +90,7 @@ class Ground:
     """The path, and how a spinning shell digs in (our assumption; see hil/physics/ground.h)."""
 
     segments: tuple[Segment, ...]
-    dig_length: float = _q(0.10, "m")
+    dig_length: float = _q(0.30, "m")
     leave_length: float = _q(0.10, "m")
     rut_friction: float = _q(1.0, "1", 0.0, 10.0)
 

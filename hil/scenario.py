@@ -126,7 +126,7 @@ def _ground(root: Section) -> Ground:
 
 @dataclass(frozen=True)
 class _Rut:
-    dig_length: float = field(default=0.10, metadata={"unit": "m", "low": 1e-6})
+    dig_length: float = field(default=0.30, metadata={"unit": "m", "low": 1e-6})
     leave_length: float = field(default=0.10, metadata={"unit": "m", "low": 1e-6})
     rut_friction: float = field(default=1.0, metadata={"unit": "1", "low": 0.0, "high": 10.0})
 

@@ -29,7 +29,7 @@ __all__ = ["TICK", "TRUTH", "AnswerError", "Simulation", "output_hash", "record_
 
 TICK = 1e-3  # s
 WHEEL_RADIUS = 0.030  # m, the trailing wheel that the controller's ground encoder sits on
-SUBSTEPS, FINE_SUBSTEPS, FINE_BELOW = 2, 8, 0.05  # finer while axle and rim are slower than this [m/s]
+SUBSTEPS, FINE_SUBSTEPS, FINE_BELOW = 2, 8, 0.05  # of a tick; finer while axle and rim are slower [m/s]
 
 
 def _truth_names() -> tuple[str, ...]:
@@ -140,9 +140,12 @@ def _config(scenario: Scenario) -> dict[str, Any]:
 
 
 class Simulation:
-    """State and log of one run. `records` has one row a tick; rows up to `done` are filled."""
+    """State and log of one run. `records` has one row a tick; rows up to `done` are filled.
 
-    def __init__(self, scenario: Scenario) -> None:
+    `substeps` of a tick are taken by the plant, `fine_substeps` while axle and rim are slower than 0.05 m/s.
+    """
+
+    def __init__(self, scenario: Scenario, substeps: int = SUBSTEPS, fine_substeps: int = FINE_SUBSTEPS) -> None:
         self.scenario = scenario
         self._ffi, self._lib = ffi(), library()
         constants = {
@@ -154,8 +157,9 @@ class Simulation:
         }
         self._effects = compile_effects(scenario.effects, constants)
         self._simulator = self._ffi.new("hil_simulator *")
-        config = self._simulator.config = self._ffi.new("hil_config *", _config(scenario))[0]
-        del config
+        self._simulator.config = self._ffi.new("hil_config *", _config(scenario))[0]
+        config = self._simulator.config
+        config.substeps, config.fine_substeps = substeps, fine_substeps
         for place in ("robot", "ground"):
             address = getattr(self._effects, place)
             setattr(self._simulator.config.effects, place, self._ffi.cast("hil_effect_function", address))
@@ -171,6 +175,18 @@ class Simulation:
         ticks = min(ticks, len(self.records) - self.done)
         self._lib.hil_run(self._simulator, function, memory, ticks, self._rows + self.done)
         self.done += ticks
+
+    def drive(self, voltage: float | None, ticks: int) -> None:
+        """`ticks` ticks of the robot alone at a motor voltage [V], or with the bridge open (None)."""
+        duty = 0 if voltage is None else round(voltage / self.scenario.supply * 32768)
+        duty = max(-32768, min(32767, duty))
+        ticks = min(ticks, len(self.records) - self.done)
+        self._lib.hil_move(self._simulator, duty, voltage is not None, ticks, self._rows + self.done)
+        self.done += ticks
+
+    def truth(self) -> dict[str, npt.NDArray[np.float64]]:
+        """Column of the truth -> one value for each tick that was done."""
+        return {name: self.records["truth"][: self.done, i] for i, name in enumerate(TRUTH)}
 
     def sense(self) -> list[Frame]:
         """Frames for the controller at this tick; none while a fault silences the link."""

@@ -276,6 +276,13 @@ void hil_act(hil_simulator *simulator, int16_t duty, bool enabled) {
     simulator->tick++;
 }
 
+void hil_move(hil_simulator *simulator, int16_t duty, bool enabled, uint32_t ticks, hil_record *records) {
+    for (uint32_t i = 0; i < ticks; i++) {
+        hil_sense(simulator, &records[i]);
+        hil_act(simulator, duty, enabled);
+    }
+}
+
 int hil_answer(hil_simulator *simulator, const hil_record *record) {
     if (simulator->silent) {
         hil_act(simulator, simulator->duty, simulator->enabled);

@@ -128,6 +128,9 @@ void hil_sense(hil_simulator *simulator, hil_record *record);
 /* Moves the plant by one tick under `duty` (Q15) and `enabled`. */
 void hil_act(hil_simulator *simulator, int16_t duty, bool enabled);
 
+/* `ticks` ticks of the robot alone under one duty; fills records[0..ticks). */
+void hil_move(hil_simulator *simulator, int16_t duty, bool enabled, uint32_t ticks, hil_record *records);
+
 /* Results of hil_answer. */
 enum { HIL_ANSWERED = 0, HIL_NO_ACTUATE = 1, HIL_WRONG_TICK = 2, HIL_BAD_CRC = 3 };
 
