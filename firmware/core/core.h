@@ -1,0 +1,82 @@
+/* The parts of the step, in the order in which terrapin_step calls them. Private to the core; units as in state.h. */
+#ifndef TERRAPIN_CORE_H
+#define TERRAPIN_CORE_H
+
+#include "integer.h"
+#include "state.h"
+
+/* ---- gains.c: what follows from the parameters */
+void gains_prepare(terrapin_state *state);
+/* True when no two parameters contradict each other. */
+bool gains_consistent(const terrapin_state *state);
+
+/* ---- sense.c: raw codes and counts to engineering units, and the faults that they show */
+/* Returns the causes of faults that stand at this tick, one bit a fault; *gap is set when ticks did not follow on. */
+uint32_t sense_update(terrapin_state *state, const terrapin_inputs *inputs, bool *gap);
+int32_t sense_supply_mv(const terrapin_state *state);
+int32_t sense_temperature_mc(const terrapin_state *state);
+
+/* ---- slip.c */
+void slip_restart(terrapin_state *state);
+void slip_update(terrapin_state *state, const terrapin_inputs *inputs);
+
+/* ---- estimator.c */
+void estimator_restart(terrapin_state *state);
+void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs);
+/* At the end of a slot: a new window, a new C_t. */
+void estimator_slot(terrapin_state *state, const terrapin_inputs *inputs);
+/* (R/r) K_t I [uN m] of a window: sum of its current codes, zero taken off, in 1/256 code (within 2^32).
+ * heat_q20 is K_t over K_t at 25 degC. */
+int64_t estimator_motor_torque(const terrapin_gains *gains, int64_t current_q8, int32_t heat_q20);
+/* A sgn(w) + B w [uN m] of a window with `counts` motor counts (within 2^20). */
+int64_t estimator_friction(const terrapin_gains *gains, int32_t coulomb_unm, int32_t counts);
+/* C_t of a window, held within the full scale; *saturated says when it was. */
+int32_t estimator_contact_torque(int64_t torque_unm, bool *saturated);
+/* A record `slots` back from the newest; slots < estimator.slots. */
+const terrapin_record *estimator_record(const terrapin_estimator *estimator, uint32_t slots);
+
+/* ---- compensation.c: what the robot's model lacks, all zero by default */
+/* K_t(T)/K_t(25 degC) in Q20, within 1/4 to 4. */
+int32_t compensation_heat_q20(const terrapin_state *state);
+/* Torque inside the robot beyond A sgn + B w [uN m]. */
+int32_t compensation_torque(const terrapin_state *state, const terrapin_inputs *inputs, int32_t counts);
+
+/* ---- uncertainty.c */
+/* Standard deviation of C_t [uN m] from the budget of cmr.md A4; reads the estimator's results. */
+int32_t uncertainty_unm(const terrapin_state *state);
+
+/* ---- ground.c: f_r, the nearest terrain, the quadratic fit */
+void ground_update(terrapin_state *state, const terrapin_inputs *inputs);
+/* f_o + f_s omega^2 of terrain 1 to TERRAINS [1e-6]. */
+int32_t ground_curve_ppm(const terrapin_state *state, uint32_t terrain, int32_t omega_urad_s);
+
+/* ---- calibration.c */
+typedef enum { CALIBRATION_BUSY = 0, CALIBRATION_DONE = 1, CALIBRATION_FAILED = 2 } calibration_result;
+void calibration_start(terrapin_state *state);
+/* One tick at the speed that *voltage_mv makes. DONE: A and B are fitted and taken over. FAILED: nothing changed. */
+calibration_result calibration_update(terrapin_state *state, int32_t *voltage_mv);
+
+/* ---- supervisor.c: states, faults, what the drive shall do */
+void supervisor_update(terrapin_state *state, const terrapin_inputs *inputs, uint32_t causes, bool gap,
+                       terrapin_demand *demand);
+/* Idle without a latched fault: a new request is taken. */
+bool supervisor_ready(const terrapin_state *state);
+/* Enters a state and phase, timer at zero. */
+void supervisor_enter(terrapin_state *state, uint8_t next, terrapin_phase phase);
+void supervisor_report(terrapin_state *state, uint8_t report, int32_t distance_mm);
+
+/* ---- extrication.c: stuck, and the way back */
+/* Watches a drive in direction -1 or 1 for digging in without progress; true when stuck. */
+bool extrication_watch(terrapin_state *state, int32_t direction);
+/* Stuck: reports it and stops. */
+void extrication_start(terrapin_state *state, const terrapin_inputs *inputs, int32_t direction);
+/* One tick of stuck or extricate; true when it is over and reported. */
+bool extrication_update(terrapin_state *state, const terrapin_inputs *inputs, terrapin_demand *demand);
+
+/* ---- drive.c: speed loop, slip limiter, current limit, supply compensation */
+void drive_update(terrapin_state *state, const terrapin_demand *demand);
+
+/* ---- telemetry.c */
+void telemetry_emit(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs);
+
+#endif

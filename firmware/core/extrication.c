@@ -1,0 +1,93 @@
+/* Stuck, and the way back: stop, roll back over the way since slip passed its limit, come to rest, report.
+ *
+ * The rut just made is the one ground that is known to carry the robot. On a slope that is too steep it slides down by
+ * itself, faster than asked: the rim then turns at (1 - slip_limit) of the ground speed, which brakes as hard as the
+ * ground allows without digging.
+ */
+#include "core.h"
+
+enum {
+    STOP_MS = 200,             /* stop before backing out */
+    REST_MS = 300              /* at rest for this long is the end */
+};
+
+static int32_t ground_way_mm(const terrapin_state *state) {
+    const int64_t counts = integer_difference(state->sense.ground_position, state->supervisor.dig_ground_counts);
+    return integer_saturate(integer_shift(counts * state->gains.ground_um_q16, 16U) / 1000);
+}
+
+bool extrication_watch(terrapin_state *state, int32_t direction) {
+    terrapin_supervisor *s = &state->supervisor;
+    const bool limiting = state->drive.limiting;
+    const int64_t forward_um_s = (int64_t)direction * state->slip.ground_um_s;
+    const int64_t slowest_um_s = (int64_t)state->parameter[TERRAPIN_PARAMETER_STUCK_SPEED] * 1000;
+    if (!limiting) {
+        s->digging = false;
+        s->no_progress_ms = 0U;
+    } else if (!s->digging) {
+        s->digging = true;
+        s->dig_ground_counts = state->sense.ground_position;
+    } else {
+        s->no_progress_ms = (forward_um_s < slowest_um_s) ? (s->no_progress_ms + 1U) : 0U;
+    }
+    return s->no_progress_ms >= (uint32_t)state->parameter[TERRAPIN_PARAMETER_STUCK_TIME];
+}
+
+void extrication_start(terrapin_state *state, const terrapin_inputs *inputs, int32_t direction) {
+    terrapin_supervisor *s = &state->supervisor;
+    s->direction = direction;
+    s->stuck_pitch_mrad = inputs->pitch_valid ? inputs->pitch_mrad : 0;
+    supervisor_report(state, TERRAPIN_REPORT_STOPPED, ground_way_mm(state));
+    s->episode_ms = 0U;
+    supervisor_enter(state, TERRAPIN_STATE_STUCK, PHASE_FIRST);
+}
+
+/* Back over the whole way, and off the slope that stopped the robot if its pitch is known. */
+static bool backed_out(const terrapin_state *state, const terrapin_inputs *inputs) {
+    const terrapin_supervisor *s = &state->supervisor;
+    const int64_t way_mm = (int64_t)s->direction * ground_way_mm(state); /* negative: behind where it began */
+    const bool far = way_mm <= -(int64_t)state->parameter[TERRAPIN_PARAMETER_EXTRICATE_MARGIN];
+    const int64_t pitch = integer_abs(inputs->pitch_mrad);
+    const bool flat = !inputs->pitch_valid || ((2 * pitch) <= integer_abs(s->stuck_pitch_mrad));
+    return far && flat;
+}
+
+/* Rim speed of backing out, as a shell speed. */
+static int32_t back_speed(const terrapin_state *state) {
+    const int32_t *p = state->parameter;
+    const int64_t back = -state->supervisor.direction;
+    const int64_t sliding_um_s = back * state->slip.ground_um_s; /* positive: backwards */
+    const int64_t kept_e4 = 10000 - p[TERRAPIN_PARAMETER_SLIP_LIMIT];
+    int64_t rim_um_s = (int64_t)p[TERRAPIN_PARAMETER_EXTRICATE_SPEED] * 1000;
+    if (((sliding_um_s * kept_e4) / 10000) > rim_um_s) {
+        rim_um_s = (sliding_um_s * kept_e4) / 10000;
+    }
+    return integer_saturate((back * rim_um_s * 1000000) / p[TERRAPIN_PARAMETER_RADIUS]);
+}
+
+bool extrication_update(terrapin_state *state, const terrapin_inputs *inputs, terrapin_demand *demand) {
+    terrapin_supervisor *s = &state->supervisor;
+    const bool late = s->episode_ms > (uint32_t)state->parameter[TERRAPIN_PARAMETER_EXTRICATE_TIMEOUT];
+    bool over = false;
+    demand->mode = DEMAND_VOLTAGE; /* 0 V unless said otherwise: the shorted motor brakes */
+    if (late || (s->command.request != TERRAPIN_REQUEST_RUN)) {
+        supervisor_report(state, TERRAPIN_REPORT_EXTRICATION_FAILED, ground_way_mm(state));
+        over = true;
+    } else if (s->state == TERRAPIN_STATE_STUCK) {
+        if (s->timer_ms >= STOP_MS) {
+            supervisor_enter(state, TERRAPIN_STATE_EXTRICATE, PHASE_FIRST);
+        }
+    } else if (s->phase == PHASE_FIRST) {
+        demand->mode = DEMAND_SPEED;
+        demand->speed_urad_s = back_speed(state);
+        if (backed_out(state, inputs)) {
+            supervisor_enter(state, TERRAPIN_STATE_EXTRICATE, PHASE_HALT);
+        }
+    } else if (s->still_ms >= REST_MS) {
+        supervisor_report(state, TERRAPIN_REPORT_EXTRICATED, ground_way_mm(state));
+        over = true;
+    } else {
+        /* coming to rest */
+    }
+    return over;
+}

@@ -1,0 +1,47 @@
+/* Integer arithmetic of the core: saturating, rounding, and the few functions that need more than + - * /.
+ *
+ * Every function is total over the range that its comment states; callers keep to it, and say why at the call.
+ */
+#ifndef TERRAPIN_INTEGER_H
+#define TERRAPIN_INTEGER_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+/* value, held within low..high; low <= high. */
+int32_t integer_clamp(int64_t value, int32_t low, int32_t high);
+
+/* value held within the range of int32_t. */
+int32_t integer_saturate(int64_t value);
+
+/* numerator/denominator to the nearest, halves away from zero. denominator > 0, |numerator| < 2^62. */
+int64_t integer_divide(int64_t numerator, int64_t denominator);
+
+/* value/2^bits to the nearest, halves away from zero. 0 < bits < 62, |value| < 2^62. */
+int64_t integer_shift(int64_t value, uint32_t bits);
+
+/* |value|; value > INT64_MIN. */
+int64_t integer_abs(int64_t value);
+
+/* -1, 0 or 1. */
+int32_t integer_sign(int64_t value);
+
+/* later - earlier of two counts that wrap at 2^32, as the signed number of least magnitude. */
+int32_t integer_difference(uint32_t later, uint32_t earlier);
+
+/* Largest integer whose square is at most value. Any value. */
+uint32_t integer_root(uint64_t value);
+
+/* 32767 sin(2 pi turn / 2^32), error at most 4 (1.2e-4). Any turn. */
+int32_t integer_sine(uint32_t turn);
+
+/* 32767 cos(2 pi turn / 2^32), error at most 4. */
+int32_t integer_cosine(uint32_t turn);
+
+/* The part of a turn (2^32) that an angle is. |angle_mrad| < 2^31. */
+uint32_t integer_turn(int32_t angle_mrad);
+
+/* 65536 exp(-x / 65536), error at most 9 (1.4e-4). Any x. */
+int32_t integer_exp(uint32_t x_q16);
+
+#endif

@@ -1,0 +1,173 @@
+#include "core.h"
+
+enum {
+    CODE_LOW = 2,             /* codes at or beyond these are the ends of a 12-bit converter */
+    CODE_HIGH = 4093,
+    FAST_FAULT_TICKS = 3,
+    SLOW_FAULT_TICKS = 20,
+    ENCODER_FAULT_TICKS = 200,
+    SETTLE_TICKS = 20,        /* after the bridge went off, until the current's zero is looked at */
+    OFF_TICKS_MAX = 1000,
+    TRIM_LIMIT_CODES = 16,    /* a zero farther away than this is no offset but a defect */
+    FILTER_BITS = 4,          /* supply and temperature: time constant of 16 samples */
+    ZERO_DEGC_MC = 25000      /* the temperature assumed until the first sample */
+};
+
+static uint32_t fault_bit(uint32_t number) {
+    return (uint32_t)1U << number;
+}
+
+int32_t sense_supply_mv(const terrapin_state *state) {
+    return state->sense.supply_q8_mv / 256;
+}
+
+int32_t sense_temperature_mc(const terrapin_state *state) {
+    return state->sense.temperature_known ? (state->sense.temperature_q8_mc / 256) : ZERO_DEGC_MC;
+}
+
+/* One step of a first-order low-pass; the rest that the shift would lose is kept by the eight bits below the unit. */
+static int32_t filter(int32_t value_q8, int64_t sample_q8) {
+    return (int32_t)(value_q8 + integer_shift(sample_q8 - value_q8, (uint32_t)FILTER_BITS));
+}
+
+static void read_slow(terrapin_state *state, const terrapin_inputs *inputs) {
+    const int32_t *p = state->parameter;
+    terrapin_sense *sense = &state->sense;
+    /* at most 4095 * 20 mV * 256: below 2^25 */
+    const int64_t supply_q8 = ((int64_t)inputs->supply_code * p[TERRAPIN_PARAMETER_SUPPLY_SCALE] * 256) / 1000;
+    /* within (4095 * 500 + 100000) * 256: below 2^30 */
+    const int64_t temperature_q8 = (((int64_t)inputs->temperature_code * p[TERRAPIN_PARAMETER_TEMPERATURE_SCALE]) +
+                                    p[TERRAPIN_PARAMETER_TEMPERATURE_ZERO]) *
+                                   256;
+    sense->supply_q8_mv = (sense->supply_q8_mv == 0) ? (int32_t)supply_q8 : filter(sense->supply_q8_mv, supply_q8);
+    if (sense->temperature_known) {
+        sense->temperature_q8_mc = filter(sense->temperature_q8_mc, temperature_q8);
+    } else if (inputs->temperature_code != 0U) {
+        sense->temperature_q8_mc = (int32_t)temperature_q8;
+        sense->temperature_known = true;
+    } else {
+        /* not sampled yet */
+    }
+}
+
+/* The mean of TRIM_TICKS codes with the bridge off is the zero of the current. Returns false when it cannot be. */
+static bool trim(terrapin_state *state) {
+    terrapin_sense *sense = &state->sense;
+    bool plausible = true;
+    if (state->drive.enable) {
+        sense->off_ticks = 0U;
+    } else if (sense->off_ticks < OFF_TICKS_MAX) {
+        sense->off_ticks++;
+    } else {
+        /* long enough */
+    }
+    if (sense->off_ticks <= SETTLE_TICKS) {
+        sense->trim_sum_codes = 0U;
+        sense->trim_count = 0U;
+    } else {
+        sense->trim_sum_codes += (uint32_t)sense->current_code;
+        sense->trim_count++;
+    }
+    if (sense->trim_count == TRIM_TICKS) {
+        const int32_t zero_q8 = state->parameter[TERRAPIN_PARAMETER_CURRENT_ZERO_CODE];
+        const int32_t off_q8 = (int32_t)((sense->trim_sum_codes * 256U) / (uint32_t)TRIM_TICKS) - zero_q8;
+        plausible = integer_abs(off_q8) <= (TRIM_LIMIT_CODES * 256);
+        sense->trimmed = plausible && (state->parameter[TERRAPIN_PARAMETER_TRIM_CURRENT] != 0);
+        sense->trim_q8_codes = sense->trimmed ? off_q8 : 0;
+        sense->trim_sum_codes = 0U;
+        sense->trim_count = 0U;
+    }
+    return plausible;
+}
+
+/* Counts how long a cause has lasted; true from `ticks` on. */
+static bool lasting(uint16_t *counter, bool cause, int32_t ticks) {
+    if (!cause) {
+        *counter = 0U;
+    } else if (*counter < (uint16_t)ticks) {
+        (*counter)++;
+    } else {
+        /* stays */
+    }
+    return *counter >= (uint16_t)ticks;
+}
+
+static bool at_rail(uint16_t code) {
+    return (code <= CODE_LOW) || (code >= CODE_HIGH);
+}
+
+static uint32_t watch(terrapin_state *state, const terrapin_inputs *inputs) {
+    const int32_t *p = state->parameter;
+    const int32_t supply = sense_supply_mv(state);
+    const int64_t current_ma = integer_abs(state->sense.current_ua) / 1000;
+    const struct {
+        uint8_t fault;
+        bool cause;
+        uint8_t ticks;
+    } causes[] = {
+        {TERRAPIN_FAULT_OVER_CURRENT, current_ma >= p[TERRAPIN_PARAMETER_OVER_CURRENT], FAST_FAULT_TICKS},
+        {TERRAPIN_FAULT_CURRENT_SENSOR, at_rail(inputs->current_code), FAST_FAULT_TICKS},
+        {TERRAPIN_FAULT_SUPPLY_SENSOR, at_rail(inputs->supply_code), SLOW_FAULT_TICKS},
+        {TERRAPIN_FAULT_TEMPERATURE_SENSOR, at_rail(inputs->temperature_code), SLOW_FAULT_TICKS},
+        {TERRAPIN_FAULT_SUPPLY_LOW, supply < p[TERRAPIN_PARAMETER_SUPPLY_LOW], SLOW_FAULT_TICKS},
+        {TERRAPIN_FAULT_SUPPLY_HIGH, supply > p[TERRAPIN_PARAMETER_SUPPLY_HIGH], SLOW_FAULT_TICKS},
+        {TERRAPIN_FAULT_OVER_TEMPERATURE, sense_temperature_mc(state) > p[TERRAPIN_PARAMETER_TEMPERATURE_HIGH],
+         SLOW_FAULT_TICKS},
+    };
+    uint32_t standing = 0U;
+    for (uint32_t i = 0U; i < (sizeof causes / sizeof causes[0]); i++) {
+        if (lasting(&state->sense.over_ticks[causes[i].fault], causes[i].cause, causes[i].ticks)) {
+            standing |= fault_bit(causes[i].fault);
+        }
+    }
+    return standing;
+}
+
+/* The encoder against the motor's own equation V = R_e I + back-EMF, with the speed of the last ticks. */
+static bool encoder_lies(terrapin_state *state) {
+    const int32_t *p = state->parameter;
+    const int64_t emf_mv = ((int64_t)state->gains.torque_unm_per_a * state->slip.wheel_urad_s) / 1000000000;
+    const int64_t drop_mv = ((int64_t)p[TERRAPIN_PARAMETER_ARMATURE_RESISTANCE] * state->sense.current_ua) / 1000000;
+    const bool off = integer_abs(state->drive.applied_mv - drop_mv - emf_mv) > p[TERRAPIN_PARAMETER_ENCODER_TOLERANCE];
+    const bool looked_at = state->drive.enable && (state->slip.ticks > SPEED_TICKS);
+    return lasting(&state->sense.encoder_ticks, looked_at && off, ENCODER_FAULT_TICKS);
+}
+
+static void read_counts(terrapin_sense *sense, const terrapin_inputs *inputs) {
+    const uint32_t motor = ((uint32_t)inputs->motor_count - sense->motor_count) & 0xFFFFU;
+    const uint32_t ground = ((uint32_t)inputs->ground_count - sense->ground_count) & 0xFFFFU;
+    sense->motor_step = (int32_t)motor - ((motor >= 0x8000U) ? 0x10000 : 0);
+    sense->motor_position += (uint32_t)sense->motor_step;
+    sense->ground_position += (uint32_t)((int32_t)ground - ((ground >= 0x8000U) ? 0x10000 : 0));
+    sense->motor_count = inputs->motor_count;
+    sense->ground_count = inputs->ground_count;
+}
+
+uint32_t sense_update(terrapin_state *state, const terrapin_inputs *inputs, bool *gap) {
+    terrapin_sense *sense = &state->sense;
+    *gap = sense->started && (inputs->tick != (sense->tick + 1U));
+    if (!sense->started) {
+        sense->motor_count = inputs->motor_count;
+        sense->ground_count = inputs->ground_count;
+        sense->started = true;
+    }
+    sense->tick = inputs->tick;
+    read_counts(sense, inputs);
+    sense->current_code = inputs->current_code;
+    const bool plausible_zero = trim(state);
+    const int32_t zero_q8 = state->parameter[TERRAPIN_PARAMETER_CURRENT_ZERO_CODE] + sense->trim_q8_codes;
+    /* |code| < 65536: a code from a broken port still fits */
+    sense->current_ua = integer_saturate(
+        (((int64_t)sense->current_code * 256) - zero_q8) * state->parameter[TERRAPIN_PARAMETER_CURRENT_SCALE] / 256);
+    read_slow(state, inputs);
+
+    uint32_t causes = watch(state, inputs);
+    if (!plausible_zero) {
+        causes |= fault_bit(TERRAPIN_FAULT_CURRENT_SENSOR);
+    }
+    const bool jump = integer_abs(sense->motor_step) > TERRAPIN_LIMIT_ENCODER_JUMP;
+    if ((jump && !*gap) || encoder_lies(state)) {
+        causes |= fault_bit(TERRAPIN_FAULT_MOTOR_ENCODER);
+    }
+    return causes;
+}

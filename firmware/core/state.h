@@ -1,0 +1,211 @@
+/* What the controller remembers from tick to tick. Private to the core.
+ *
+ * Units stand last in names; formats that are not plain integers of a unit say so: _q16 is 65536 times the unit.
+ * Ranges: angular speeds up to 2^31 urad/s (2147 rad/s), ground speeds up to 2^31 um/s, torques in uN m up to 2^31,
+ * voltages in mV or uV up to 2^31; each is saturated where it is made.
+ */
+#ifndef TERRAPIN_STATE_H
+#define TERRAPIN_STATE_H
+
+#include "terrapin_interface.h"
+
+enum {
+    SLOT_MS = 10,                /* telemetry cycle; the estimator works once a cycle */
+    WINDOW_MAX_SLOTS = 60,       /* 600 ms, the range of parameter window */
+    BLOCK_SLOTS = 10,            /* positions are averaged over this many slots where acceleration is taken */
+    SWING_SLOTS = 3,             /* swing rates are averaged over this many slots at a window's ends */
+    HISTORY_SLOTS = 136,         /* at least 2 * WINDOW_MAX_SLOTS + BLOCK_SLOTS + 1 */
+    FAST_TICKS = 128,            /* a power of two above the range of parameter slip_window */
+    SPEED_TICKS = 20,            /* window of the drive wheel's speed that the drive uses */
+    TRIM_TICKS = 128,            /* ticks with the bridge off that make one zero of the current */
+    CALIBRATE_WINDOWS = 3,       /* disjoint valid windows averaged at each calibration speed */
+    TERRAINS = 5,                /* entries of the table of terrains: TERRAIN_SAND to TERRAIN_HARD_FLOOR */
+    FIT_WINDOWS = 64             /* memory of the terrain fit, in windows */
+};
+
+_Static_assert(HISTORY_SLOTS > (2 * WINDOW_MAX_SLOTS) + BLOCK_SLOTS, "the history holds two windows and a block");
+_Static_assert((int)TERRAPIN_TERRAIN_HARD_FLOOR == (int)TERRAINS, "terrains are numbered from 1 without a gap");
+
+/* Derived from the parameters whenever one changes, so that no tick divides by them. */
+typedef struct {
+    int32_t count_urad_q16;      /* alpha of one motor count; at most 2 pi/2048 rad: below 2^28 */
+    int32_t ground_um_q16;       /* way of one count of the ground wheel; below 2^26 */
+    int32_t turn_per_count;      /* shell's angle of one motor count, one turn = 2^32; at most 2^21 */
+    int32_t current_gain_q16;    /* G_I: uN m of C_t for one code in one sample of the window; below 1.7e9 */
+    int32_t speed_gain_q16;      /* G_w: uN m of C_o for one count over the window; at most 2.1e8 */
+    int32_t torque_unm_per_a;    /* (R/r) K_t; also back-EMF in uV for one rad/s of alpha; at most 5e8 */
+    int32_t weight_unm;          /* R W; 1e4 to 2.5e8 */
+    uint32_t window_slots;       /* 10 to WINDOW_MAX_SLOTS */
+} terrapin_gains;
+
+/* The sensors in engineering units. */
+typedef struct {
+    uint32_t tick;               /* last tick seen */
+    bool started;                /* a tick was seen */
+    uint16_t motor_count;        /* as last read */
+    uint16_t ground_count;
+    int32_t motor_step;          /* counts since the last tick */
+    uint32_t motor_position;     /* counts since reset, wraps at 2^32 */
+    uint32_t ground_position;
+    int32_t current_code;
+    int32_t current_ua;          /* zero taken off; within 21 A */
+    int32_t supply_q8_mv;        /* filtered, 256 = 1 mV; 0 until the first sample */
+    int32_t temperature_q8_mc;   /* filtered, 256 = 1 mdegC; within 2^30 */
+    bool temperature_known;
+    int32_t trim_q8_codes;       /* measured zero of the current less current_zero_code; within 16 codes */
+    bool trimmed;
+    uint32_t trim_sum_codes;     /* of the block that is being averaged */
+    uint16_t trim_count;
+    uint16_t off_ticks;          /* ticks since the bridge went off, stops at 1000 */
+    uint16_t over_ticks[9];      /* how long each cause of a fault has lasted; index: fault number */
+    uint16_t encoder_ticks;      /* how long encoder and back-EMF have disagreed */
+} terrapin_sense;
+
+/* One record of the history, written at the end of every slot. Sums wrap; only their differences mean something. */
+typedef struct {
+    uint32_t current_sum_codes;
+    uint32_t position_sum_counts;
+    uint32_t position_counts;
+    uint32_t ground_counts;
+    uint32_t swing_sum_centirad_s;
+    uint32_t voltage_sum_mv;
+} terrapin_record;
+
+typedef struct {
+    terrapin_record sum;         /* running */
+    terrapin_record history[HISTORY_SLOTS];
+    uint16_t newest;             /* index of the newest record */
+    uint16_t slots;              /* records since the history began anew, stops at HISTORY_SLOTS */
+    uint16_t swing_ticks;        /* ticks for which the swing was measured without a gap, stops at 2000 */
+    uint8_t quiet_slots;         /* slots for which the gate has been met, stops at QUIET_SLOTS */
+    uint16_t since_fresh;        /* slots since the last disjoint valid window */
+    /* results */
+    int32_t motor_unm;           /* (R/r) C_m, compensated for what acts on motor or current */
+    int32_t friction_unm;        /* A sgn + B w */
+    int32_t torque_unm;          /* C_t, within the full scale */
+    int32_t sd_unm;
+    int32_t omega_urad_s;        /* mean alpha_dot */
+    int32_t acceleration_urad_s2;
+    int32_t momentum_unm;        /* bound of |delta P|/T_w */
+    int32_t current_10ua;        /* window mean */
+    int32_t recent_ua;           /* mean of the last slot */
+    int32_t voltage_mv;          /* window mean */
+    bool valid;
+    bool saturated;
+    bool fresh;                  /* this valid window shares no sample with the last fresh one */
+    uint8_t index;               /* counts fresh windows */
+} terrapin_estimator;
+
+typedef struct {
+    int64_t weight_q6;           /* sums of 1, x, x^2, y, x y, 64 times; x = omega^2 in 0.01 rad^2/s^2, y = f_r in 1e-6 */
+    int64_t x_q6;
+    int64_t xx_q6;
+    int64_t y_q6;
+    int64_t xy_q6;
+    uint8_t windows;
+    /* results */
+    int32_t f_r_ppm;
+    int32_t f_r_sd_ppm;
+    uint8_t terrain;
+    uint8_t fitted_terrain;      /* that the fit belongs to */
+    int32_t margin_q3;           /* in 1/8 sd */
+    int32_t f_o_10ppm;
+    int32_t f_o_sd_ppm;
+    int32_t f_s_e7;              /* 1e-7 s^2/rad^2 */
+    int32_t f_s_sd_e7;
+} terrapin_ground_fit;
+
+typedef struct {
+    uint16_t motor_counts[FAST_TICKS];
+    uint16_t ground_counts[FAST_TICKS];
+    uint32_t swing_sum_centirad_s[FAST_TICKS];
+    uint32_t swing_sum;          /* running */
+    uint16_t ticks;              /* filled, stops at FAST_TICKS */
+    uint8_t newest;
+    /* results */
+    int32_t wheel_urad_s;        /* alpha_dot over SPEED_TICKS */
+    int32_t shell_urad_s;        /* alpha_dot - phi_dot over slip_window, or alpha_dot over window */
+    int32_t ground_um_s;
+    int32_t slip_e4;             /* 1e-4; within 4 */
+    bool valid;
+    bool slow;                   /* over a whole swing period: no swing sensor */
+    bool external;               /* ground speed from outside */
+    bool implausible;            /* the two ground speeds disagree */
+    uint16_t disagree_ticks;
+    int32_t peak_e4;             /* largest since the last request */
+} terrapin_slip_state;
+
+typedef enum { DEMAND_OFF = 0, DEMAND_VOLTAGE = 1, DEMAND_SPEED = 2 } terrapin_demand_mode;
+
+/* What the supervisor wants of the drive. */
+typedef struct {
+    terrapin_demand_mode mode;
+    int32_t voltage_mv;
+    int32_t speed_urad_s;        /* of the shell */
+    bool limiter;
+} terrapin_demand;
+
+typedef struct {
+    int32_t reference_urad_s;    /* speed loop, after the slew limit */
+    int32_t speed_integral_uv;
+    int32_t limiter_integral_uv;
+    bool limiting;
+    bool current_limiting;
+    int32_t trim_mv;             /* what the current limit takes off beyond its model of the motor */
+    int32_t applied_mv;          /* at the motor since the last tick */
+    int16_t duty_q15;
+    bool enable;
+} terrapin_drive;
+
+typedef enum { PHASE_FIRST = 0, PHASE_SECOND = 1, PHASE_HALT = 2 } terrapin_phase;
+
+typedef struct {
+    uint8_t state;               /* enum state of controller.toml */
+    terrapin_phase phase;        /* within calibrate, run and extricate */
+    uint32_t timer_ms;           /* in this state and phase */
+    uint32_t still_ms;           /* how long nothing has moved */
+    uint32_t command_tick;       /* of the last fresh command */
+    terrapin_command command;    /* the last fresh one */
+    uint8_t request_taken;       /* the request that is being served or was: it must change before it counts again */
+    uint32_t faults;
+    uint32_t overrun_ms;         /* how long the flag still stands */
+    uint32_t no_progress_ms;
+    uint32_t episode_ms;         /* since the request, then since stuck */
+    uint32_t dig_ground_counts;  /* position of the ground wheel where slip passed its limit */
+    bool digging;
+    int32_t direction;           /* of the drive when it got stuck: -1 or 1 */
+    int32_t stuck_pitch_mrad;
+    uint8_t report;
+    uint8_t report_number;
+    int32_t report_distance_mm;
+    int32_t report_duration_10ms;
+} terrapin_supervisor;
+
+typedef struct {
+    uint8_t step;
+    uint8_t windows;
+    uint8_t seen;                /* estimator.index of the last window taken */
+    uint32_t timer_ms;           /* at this speed */
+    int64_t omega_sum_urad_s;
+    int64_t torque_sum_unm;
+    int32_t omega_mrad_s[TERRAPIN_LIMIT_CALIBRATE_SPEEDS];
+    int32_t torque_unm[TERRAPIN_LIMIT_CALIBRATE_SPEEDS]; /* motor's less the floor's: A + B omega */
+    int32_t residual_unm;
+} terrapin_calibration_state;
+
+struct terrapin_state {
+    int32_t parameter[TERRAPIN_PARAMETER_COUNT];
+    terrapin_gains gains;
+    terrapin_sense sense;
+    terrapin_estimator estimator;
+    terrapin_ground_fit ground;
+    terrapin_slip_state slip;
+    terrapin_drive drive;
+    terrapin_supervisor supervisor;
+    terrapin_calibration_state calibration;
+    uint8_t counter;             /* of ACTUATE */
+    bool saturated;              /* a telemetry signal of the running cycle did not fit */
+    bool saturated_shown;        /* of the last whole cycle */
+};
+
+#endif

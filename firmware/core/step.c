@@ -1,0 +1,38 @@
+#include "core.h"
+
+size_t terrapin_state_size(void) {
+    return sizeof(terrapin_state);
+}
+
+void terrapin_init(terrapin_state *state) {
+    static const terrapin_state reset = {0};
+    *state = reset;
+    for (uint32_t i = 0U; i < (uint32_t)TERRAPIN_PARAMETER_COUNT; i++) {
+        state->parameter[i] = terrapin_parameters[i].default_value;
+    }
+    gains_prepare(state);
+}
+
+void terrapin_step(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs) {
+    bool gap = false;
+    const uint32_t causes = sense_update(state, inputs, &gap);
+    if (gap) {
+        slip_restart(state);
+        estimator_restart(state);
+    }
+    estimator_tick(state, inputs);
+    if ((inputs->tick % (uint32_t)SLOT_MS) == 1U) { /* just before GROUND is sent */
+        estimator_slot(state, inputs);
+        ground_update(state, inputs);
+    }
+    slip_update(state, inputs);
+
+    terrapin_demand demand;
+    supervisor_update(state, inputs, causes, gap, &demand);
+    drive_update(state, &demand);
+
+    outputs->duty_q15 = state->drive.duty_q15;
+    outputs->enable = state->drive.enable;
+    outputs->faults = state->supervisor.faults;
+    telemetry_emit(state, inputs, outputs);
+}

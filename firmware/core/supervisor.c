@@ -1,0 +1,235 @@
+/* States, faults, and what the drive shall do.
+ *
+ *     boot -> self_test -> idle -> calibrate -> idle
+ *                          idle -> run <-> limiting -> stuck -> extricate -> idle
+ *     any -> safe (a latched fault) -> idle (clear)
+ *
+ * A request is served once: after it has ended by itself, it must change before it counts again.
+ */
+#include "core.h"
+
+enum {
+    BOOT_MS = 10,
+    SELF_TEST_MS = 180,        /* long enough for one zero of the current */
+    STILL_MS = 200,            /* still for this long is at rest */
+    HALT_MS = 4000,            /* braking may take this long; then the bridge goes off, moving or not */
+    OVERRUN_MS = 1000,
+    STILL_URAD_S = 40000,      /* just above one count in SPEED_TICKS */
+    STILL_UM_S = 5000
+};
+
+static uint32_t fault_bit(uint32_t number) {
+    return (uint32_t)1U << number;
+}
+
+void supervisor_enter(terrapin_state *state, uint8_t next, terrapin_phase phase) {
+    state->supervisor.state = next;
+    state->supervisor.phase = phase;
+    state->supervisor.timer_ms = 0U;
+}
+
+void supervisor_report(terrapin_state *state, uint8_t report, int32_t distance_mm) {
+    terrapin_supervisor *s = &state->supervisor;
+    s->report = report;
+    s->report_number = (uint8_t)((s->report_number + 1U) & 0xFU);
+    s->report_distance_mm = distance_mm;
+    s->report_duration_10ms = integer_clamp((int64_t)s->episode_ms / 10, 0, UINT16_MAX);
+}
+
+bool supervisor_ready(const terrapin_state *state) {
+    return (state->supervisor.state == TERRAPIN_STATE_IDLE) &&
+           ((state->supervisor.faults & TERRAPIN_FAULTS_LATCHED) == 0U);
+}
+
+static bool driving(uint8_t state) {
+    return (state >= TERRAPIN_STATE_CALIBRATE) && (state <= TERRAPIN_STATE_EXTRICATE);
+}
+
+static bool command_late(const terrapin_state *state) {
+    const uint32_t age = state->sense.tick - state->supervisor.command_tick;
+    return age > (uint32_t)state->parameter[TERRAPIN_PARAMETER_COMMAND_TIMEOUT];
+}
+
+static void listen(terrapin_state *state, const terrapin_inputs *inputs) {
+    terrapin_supervisor *s = &state->supervisor;
+    if (inputs->command_fresh) {
+        s->command = inputs->command;
+        s->command_tick = inputs->tick;
+        if ((s->command.request == TERRAPIN_REQUEST_IDLE) || (s->command.request == TERRAPIN_REQUEST_CLEAR)) {
+            s->request_taken = s->command.request;
+        }
+    }
+}
+
+static void judge(terrapin_state *state, const terrapin_inputs *inputs, uint32_t sensed, bool gap) {
+    terrapin_supervisor *s = &state->supervisor;
+    uint32_t causes = sensed;
+    if (inputs->estop) {
+        causes |= fault_bit(TERRAPIN_FAULT_ESTOP);
+    }
+    if (driving(s->state) && command_late(state)) {
+        causes |= fault_bit(TERRAPIN_FAULT_COMMAND_TIMEOUT);
+    }
+    if (!gains_consistent(state)) {
+        causes |= fault_bit(TERRAPIN_FAULT_PARAMETER);
+    }
+    if (state->slip.implausible) {
+        causes |= fault_bit(TERRAPIN_FAULT_GROUND_SPEED);
+    }
+    if (state->saturated_shown || state->estimator.saturated) {
+        causes |= fault_bit(TERRAPIN_FAULT_SATURATED);
+    }
+    if (gap) {
+        s->overrun_ms = OVERRUN_MS;
+    }
+    if (s->overrun_ms > 0U) {
+        s->overrun_ms--;
+        causes |= fault_bit(TERRAPIN_FAULT_OVERRUN);
+    }
+    const bool clear = inputs->command_fresh && (s->command.request == TERRAPIN_REQUEST_CLEAR);
+    if (clear) {
+        s->report = TERRAPIN_REPORT_NONE;
+    }
+    const uint32_t kept = clear ? 0U : (s->faults & TERRAPIN_FAULTS_LATCHED);
+    s->faults = kept | causes;
+    const bool latched = (s->faults & TERRAPIN_FAULTS_LATCHED) != 0U;
+    if (latched) {
+        supervisor_enter(state, TERRAPIN_STATE_SAFE, PHASE_FIRST);
+    } else if (s->state == TERRAPIN_STATE_SAFE) {
+        supervisor_enter(state, TERRAPIN_STATE_IDLE, PHASE_FIRST);
+    } else {
+        /* goes on */
+    }
+}
+
+static void watch_motion(terrapin_state *state) {
+    const bool still = (integer_abs(state->slip.wheel_urad_s) < STILL_URAD_S) &&
+                       (integer_abs(state->slip.ground_um_s) < STILL_UM_S);
+    state->supervisor.still_ms = still ? (state->supervisor.still_ms + 1U) : 0U;
+}
+
+static void idle(terrapin_state *state) {
+    terrapin_supervisor *s = &state->supervisor;
+    const bool asked = !command_late(state) && (s->command.request != s->request_taken);
+    const bool at_rest = s->still_ms >= STILL_MS;
+    const bool zeroed = state->sense.trimmed || (state->parameter[TERRAPIN_PARAMETER_TRIM_CURRENT] == 0);
+    if (asked && (s->command.request == TERRAPIN_REQUEST_RUN)) {
+        s->request_taken = s->command.request;
+        s->episode_ms = 0U;
+        s->digging = false;
+        s->no_progress_ms = 0U;
+        state->slip.peak_e4 = 0;
+        supervisor_enter(state, TERRAPIN_STATE_RUN, PHASE_FIRST);
+    } else if (asked && at_rest && zeroed) {
+        s->request_taken = s->command.request; /* calibrate: the other two are always taken */
+        s->episode_ms = 0U;
+        calibration_start(state);
+        supervisor_enter(state, TERRAPIN_STATE_CALIBRATE, PHASE_FIRST);
+    } else {
+        /* waits */
+    }
+}
+
+/* The shorted motor brakes; true at rest, or when it has taken too long. */
+static bool halted(terrapin_state *state, terrapin_demand *demand) {
+    demand->mode = DEMAND_VOLTAGE;
+    return (state->supervisor.still_ms >= STILL_MS) || (state->supervisor.timer_ms >= HALT_MS);
+}
+
+static void calibrate(terrapin_state *state, terrapin_demand *demand) {
+    terrapin_supervisor *s = &state->supervisor;
+    demand->mode = DEMAND_VOLTAGE;
+    if (s->phase == PHASE_HALT) {
+        if (halted(state, demand)) {
+            supervisor_enter(state, TERRAPIN_STATE_IDLE, PHASE_FIRST);
+        }
+    } else {
+        calibration_result result = CALIBRATION_FAILED;
+        if (s->command.request == TERRAPIN_REQUEST_CALIBRATE) {
+            result = calibration_update(state, &demand->voltage_mv);
+        }
+        if (result != CALIBRATION_BUSY) {
+            const bool done = result == CALIBRATION_DONE;
+            supervisor_report(state, done ? TERRAPIN_REPORT_CALIBRATED : TERRAPIN_REPORT_CALIBRATION_FAILED, 0);
+            supervisor_enter(state, TERRAPIN_STATE_CALIBRATE, PHASE_HALT);
+            demand->voltage_mv = 0;
+        }
+    }
+}
+
+/* The shell speed of a rim speed in mm/s; R is at least 1e4 um. */
+static int32_t shell_speed(const terrapin_state *state, int16_t rim_mm_s) {
+    return integer_saturate(((int64_t)rim_mm_s * 1000000000) / state->parameter[TERRAPIN_PARAMETER_RADIUS]);
+}
+
+static void run(terrapin_state *state, const terrapin_inputs *inputs, terrapin_demand *demand) {
+    terrapin_supervisor *s = &state->supervisor;
+    const terrapin_command *command = &s->command;
+    if ((s->phase != PHASE_HALT) && (command->request != TERRAPIN_REQUEST_RUN)) {
+        supervisor_enter(state, TERRAPIN_STATE_RUN, PHASE_HALT);
+    }
+    if (s->phase == PHASE_HALT) {
+        if (halted(state, demand)) {
+            supervisor_enter(state, TERRAPIN_STATE_IDLE, PHASE_FIRST);
+        }
+    } else {
+        const int32_t direction = (command->setpoint < 0) ? -1 : 1;
+        const bool speed = command->control == TERRAPIN_CONTROL_SPEED;
+        demand->mode = speed ? DEMAND_SPEED : DEMAND_VOLTAGE;
+        demand->voltage_mv = command->setpoint;
+        demand->speed_urad_s = shell_speed(state, command->setpoint);
+        demand->limiter = command->limiter;
+        s->state = state->drive.limiting ? TERRAPIN_STATE_LIMITING : TERRAPIN_STATE_RUN;
+        if (extrication_watch(state, direction)) {
+            extrication_start(state, inputs, direction);
+            demand->mode = DEMAND_VOLTAGE;
+            demand->voltage_mv = 0;
+        }
+    }
+}
+
+static void wait(terrapin_state *state, uint32_t ms, uint8_t next) {
+    if (state->supervisor.timer_ms >= ms) {
+        supervisor_enter(state, next, PHASE_FIRST);
+    }
+}
+
+void supervisor_update(terrapin_state *state, const terrapin_inputs *inputs, uint32_t causes, bool gap,
+                       terrapin_demand *demand) {
+    terrapin_supervisor *s = &state->supervisor;
+    static const terrapin_demand off = {.mode = DEMAND_OFF};
+    *demand = off;
+    listen(state, inputs);
+    watch_motion(state);
+    s->timer_ms++;
+    s->episode_ms++;
+    judge(state, inputs, causes, gap);
+    switch (s->state) {
+    case TERRAPIN_STATE_BOOT:
+        wait(state, BOOT_MS, TERRAPIN_STATE_SELF_TEST);
+        break;
+    case TERRAPIN_STATE_SELF_TEST:
+        wait(state, SELF_TEST_MS, TERRAPIN_STATE_IDLE);
+        break;
+    case TERRAPIN_STATE_IDLE:
+        idle(state);
+        break;
+    case TERRAPIN_STATE_CALIBRATE:
+        calibrate(state, demand);
+        break;
+    case TERRAPIN_STATE_RUN:
+    case TERRAPIN_STATE_LIMITING:
+        run(state, inputs, demand);
+        break;
+    case TERRAPIN_STATE_STUCK:
+    case TERRAPIN_STATE_EXTRICATE:
+        if (extrication_update(state, inputs, demand)) {
+            supervisor_enter(state, TERRAPIN_STATE_IDLE, PHASE_FIRST);
+            *demand = off;
+        }
+        break;
+    case TERRAPIN_STATE_SAFE:
+    default: /* a state that does not exist would be a defect of memory: off as well */
+        break;
+    }
+}
