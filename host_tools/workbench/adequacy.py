@@ -286,13 +286,25 @@ def where_it_fails(
         if name in columns:  # a wave in the angle is no polynomial, but it is a dependence on the angle
             key = max((k for k in ranked if k[0] == name), key=lambda k: ranked[k], default=(name, 0))
             ranked[key] = max(ranked.get(key, -np.inf), value)
+    everywhere: set[int] = set()
+    for index in range(len(channels)):
+        offset = adequacy.gain.get(f"constant::{index}", 0.0)
+        mine = [key for key in ranked if key[1] == index]
+        if mine and offset > 0.0:
+            strongest = max(mine, key=lambda key: (key[0] in case.roles, ranked[key]))
+            if offset > ranked[strongest]:  # off by a constant: the range is all there is
+                ranked[strongest] = offset
+                everywhere.add(index)
     failures: list[Failure] = []
     for name, channel in sorted(ranked, key=lambda key: -ranked[key]):
-        if any(f.variable == name for f in failures):
+        if any(f.variable == name and f.channel == channels[channel] for f in failures):
             continue
         if failures and ranked[name, channel] <= 0.0:
             break
-        failures.append(_range(case, name, columns[name][rows], scaled, channel, rows, channels, ranked[name, channel]))
+        share = 1.0 if channel in everywhere else 0.7
+        failures.append(
+            _range(case, name, columns[name][rows], scaled, channel, rows, channels, ranked[name, channel], share)
+        )
         if len(failures) == limit:
             break
     return failures
@@ -323,8 +335,9 @@ def _range(
     rows: npt.NDArray[np.bool_],
     channels: Sequence[str],
     gain: float,
+    share: float,
 ) -> Failure:
-    """The stretch of the column in which the residual's sum stands out most from noise (a scan over its rows)."""
+    """The stretch of the column, at most `share` of the rows, in which the residual's sum stands out most."""
     order = np.argsort(values, kind="stable")
     x, plain = values[order], scaled[channel][order]
     omega = case.roles.get("omega")
@@ -340,7 +353,7 @@ def _range(
         for i, begin in enumerate(edges[:-1]):
             for end in edges[i + 1 :]:
                 size = end - begin
-                if size < smallest or size > 0.7 * len(x):
+                if size < smallest or size > share * len(x):
                     continue
                 strength = abs(sums[end] - sums[begin]) / np.sqrt(size)
                 if strength > best[0] * (1.0 + 1e-9):

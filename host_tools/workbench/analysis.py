@@ -113,9 +113,13 @@ def fitted_on(case: Case, effects: Sequence[str], rows: Mask, sigma: Array, seed
 
 
 def _unscaled(fit: Fit, sigma: Array, rows: Mask) -> tuple[Array, Array, Array]:
-    """Prediction, residual and derivatives in the channels' units on the given rows."""
+    """Prediction, residual and derivatives in the channels' units on the given rows.
+
+    A parameter that ended at its bound could not take up what the residual wants of it: its derivative is left out.
+    """
     prediction, slopes = fit.model.bind(fit.model.case.inputs, rows).jacobian(fit.theta)
-    return prediction, measured(fit.model, rows) - prediction, slopes
+    free = [f.key not in fit.at_bound for f in fit.model.fitted]
+    return prediction, measured(fit.model, rows) - prediction, slopes[..., free]
 
 
 def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:

@@ -209,8 +209,8 @@ def covariance(fit: Fit, run: npt.NDArray[np.int64], rho: float = 0.0) -> tuple[
     `run` (rows,) names the run of each training row. The second makes no assumption about noise or misfit inside a run,
     but with few runs it is itself noisy (small-sample factor G / (G - 1)).
     """
-    channels, _, count = fit.jacobian.shape
-    flat = fit.jacobian.reshape(-1, count)
+    channels, rows, count = fit.jacobian.shape
+    flat = fit.jacobian.reshape(channels * rows, count)
     scale = np.sqrt((flat * flat).sum(axis=0))
     scale = np.where(scale > 0, scale, 1.0)
     inverse = np.linalg.pinv((flat / scale).T @ (flat / scale), rcond=1e-12)
