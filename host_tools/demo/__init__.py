@@ -1,0 +1,1 @@
+"""The demonstration: the whole circle, once, with a page to look at."""
