@@ -5,16 +5,22 @@
 
 #include "extremes.h"
 
-enum { SWEEPS = 200, NEWTON = 60 };
+enum { ATTEMPTS = 8, SWEEPS = 100, NEWTON = 60 };
 
 #define GONE 1e-9 /* a rut shallower than this is left behind: without an end it would fall to denormal numbers */
 
+/* Impulses of one step. Direction of the traction: (1, -R, 0). */
 typedef struct {
-    double inverse[3][3]; /* of the mass matrix */
-    double velocity[3];   /* at the end of the step, under all impulses so far */
-    double friction[3];   /* impulses of the dry frictions */
-    double bound[3];      /* their greatest magnitudes */
-    double traction;      /* impulse along (1, -R, 0) */
+    double mass[3][3];
+    double inverse[3][3]; /* of the mass matrix; zero where a coordinate is imposed */
+    double free[3];       /* velocities at the end of the step without friction and traction */
+    double bound[3];      /* greatest magnitudes of the dry frictions */
+    double friction[3];
+    double traction;
+    double velocity[3]; /* at the end of the step */
+    double radius;
+    double strength; /* greatest traction impulse */
+    double scale;    /* slip speed at which the traction has grown to 63 % */
 } contact;
 
 static double clamp(double value, double bound) {
@@ -74,12 +80,6 @@ static void invert2(double m[3][3], double inverse[3][3]) {
     inverse[1][2] = inverse[2][1] = -m[1][2] * scale;
 }
 
-static void push(contact *c, int i, double impulse) {
-    for (int j = 0; j < 3; j++) {
-        c->velocity[j] += c->inverse[j][i] * impulse;
-    }
-}
-
 /* Solves w + k (1 - exp(-w / scale)) = w_free for the slip speed w between 0 and w_free >= 0: the left side is concave
  * and rising, so that Newton's steps from the left of the root rise to it and never pass it. */
 static double slip_speed(double w_free, double k, double scale, double guess) {
@@ -95,39 +95,134 @@ static double slip_speed(double w_free, double k, double scale, double guess) {
     return w;
 }
 
-/* Finds the three dry frictions and the traction, beginning from those of the last step. `strength` is the greatest
- * traction impulse, `scale` the slip speed at which it has grown to 63 %. */
-static void solve_contact(contact *c, double radius, double strength, double scale) {
-    double answer[3];    /* change of the velocities by a unit traction impulse */
-    double stiffness[3]; /* friction impulse for a unit change of its rate */
-    for (int i = 0; i < 3; i++) {
-        answer[i] = c->inverse[i][0] - radius * c->inverse[i][1];
-        stiffness[i] = c->bound[i] > 0.0 ? 1.0 / c->inverse[i][i] : 0.0;
+/* Traction impulse when the slip speed would be w_free without it and falls by `compliance` for each unit of it. */
+static double traction_impulse(const contact *c, double w_free, double compliance, double guess, double *w) {
+    const double k = compliance * c->strength;
+    const double size = fabs(w_free);
+    if (k < 1e-9 * c->scale) { /* held by frictions: the slip does not answer to the traction */
+        *w = w_free;
+        return copysign(c->strength * (1.0 - exp(-size / c->scale)), w_free);
     }
-    const double compliance = answer[0] - radius * answer[1];
-    for (int sweep = 0; sweep < SWEEPS; sweep++) {
-        bool changed = sweep == 0;
-        for (int i = 2; i >= 0; i--) {
-            const double wanted = clamp(c->friction[i] - c->velocity[i] * stiffness[i], c->bound[i]);
-            const double change = wanted - c->friction[i];
-            if (change != 0.0) {
-                push(c, i, change);
-                c->friction[i] = wanted;
-                changed = changed || fabs(change) > 1e-10 * c->bound[i];
+    const double found = slip_speed(size, k, c->scale, fabs(guess));
+    *w = copysign(found, w_free);
+    return copysign((size - found) / compliance, w_free);
+}
+
+/* Velocities and traction when the coordinates in `stuck` stand still and the other frictions are as given. Each stuck
+ * coordinate is eliminated from the response of the velocities (a Schur complement); then one scalar equation is left.
+ */
+static void solve_with(contact *c, const bool *stuck, double slip_guess) {
+    double response[3][3];
+    double velocity[3];
+    double pull[3]; /* change of the velocities by a unit traction impulse */
+    for (int i = 0; i < 3; i++) {
+        velocity[i] = c->free[i];
+        pull[i] = c->inverse[i][HIL_X] - c->radius * c->inverse[i][HIL_BETA];
+        for (int j = 0; j < 3; j++) {
+            response[i][j] = c->inverse[i][j];
+            velocity[i] += stuck[j] ? 0.0 : c->inverse[i][j] * c->friction[j];
+        }
+    }
+    for (int i = 0; i < 3; i++) {
+        if (!stuck[i]) {
+            continue;
+        }
+        const double pivot = 1.0 / response[i][i];
+        for (int j = 0; j < 3; j++) {
+            const double share = response[j][i] * pivot;
+            if (j == i) {
+                continue;
+            }
+            velocity[j] -= share * velocity[i];
+            pull[j] -= share * pull[i];
+            for (int k = 0; k < 3; k++) {
+                response[j][k] -= share * response[i][k];
             }
         }
-        if (!changed) {
-            break;
-        }
-        const double w = radius * c->velocity[HIL_BETA] - c->velocity[HIL_X];
-        const double w_free = w + compliance * c->traction;
-        const double found = copysign(slip_speed(fabs(w_free), compliance * strength, scale, fabs(w)), w_free);
-        const double change = (w - found) / compliance;
+        velocity[i] = 0.0;
+        pull[i] = 0.0;
         for (int j = 0; j < 3; j++) {
-            c->velocity[j] += answer[j] * change;
+            response[i][j] = response[j][i] = 0.0;
         }
-        c->traction += change;
     }
+    const double w_free = c->radius * velocity[HIL_BETA] - velocity[HIL_X];
+    const double compliance = pull[HIL_X] - c->radius * pull[HIL_BETA];
+    double w;
+    c->traction = traction_impulse(c, w_free, compliance, slip_guess, &w);
+    for (int i = 0; i < 3; i++) {
+        c->velocity[i] = velocity[i] + pull[i] * c->traction;
+    }
+    for (int i = 0; i < 3; i++) { /* what the stuck frictions must have been: momentum that is still missing */
+        if (stuck[i]) {
+            double missing = i == HIL_X ? -c->traction : (i == HIL_BETA ? c->radius * c->traction : 0.0);
+            for (int j = 0; j < 3; j++) {
+                missing += c->mass[i][j] * (c->velocity[j] - c->free[j]);
+            }
+            c->friction[i] = missing;
+        }
+    }
+}
+
+/* Projected Gauss-Seidel over the three frictions and the traction: converges slowly, but always. */
+static void solve_by_sweeps(contact *c) {
+    double pull[3];
+    for (int i = 0; i < 3; i++) {
+        pull[i] = c->inverse[i][HIL_X] - c->radius * c->inverse[i][HIL_BETA];
+        c->friction[i] = clamp(c->friction[i], c->bound[i]);
+    }
+    const double compliance = pull[HIL_X] - c->radius * pull[HIL_BETA];
+    for (int i = 0; i < 3; i++) {
+        c->velocity[i] = c->free[i] + pull[i] * c->traction;
+        for (int j = 0; j < 3; j++) {
+            c->velocity[i] += c->inverse[i][j] * c->friction[j];
+        }
+    }
+    for (int sweep = 0; sweep < SWEEPS; sweep++) {
+        for (int i = 0; i < 3; i++) {
+            if (c->bound[i] > 0.0 && c->inverse[i][i] > 0.0) {
+                const double wanted = clamp(c->friction[i] - c->velocity[i] / c->inverse[i][i], c->bound[i]);
+                const double change = wanted - c->friction[i];
+                c->friction[i] = wanted;
+                for (int j = 0; j < 3; j++) {
+                    c->velocity[j] += c->inverse[j][i] * change;
+                }
+            }
+        }
+        double w = c->radius * c->velocity[HIL_BETA] - c->velocity[HIL_X];
+        const double traction = traction_impulse(c, w + compliance * c->traction, compliance, w, &w);
+        for (int j = 0; j < 3; j++) {
+            c->velocity[j] += pull[j] * (traction - c->traction);
+        }
+        c->traction = traction;
+    }
+}
+
+/* Finds frictions and traction. The first guess is that what stood still does so further and what moved slides on; a
+ * guess that contradicts itself is mended and tried again. `rate` and `slip_guess` are those before the step. */
+static void solve_contact(contact *c, const double *rate, double slip_guess) {
+    bool stuck[3];
+    for (int i = 0; i < 3; i++) {
+        stuck[i] = rate[i] == 0.0 && c->bound[i] > 0.0;
+        c->friction[i] = -copysign(c->bound[i], rate[i]);
+    }
+    for (int attempt = 0; attempt < ATTEMPTS; attempt++) {
+        solve_with(c, stuck, slip_guess);
+        bool consistent = true;
+        for (int i = 0; i < 3; i++) {
+            if (stuck[i] && fabs(c->friction[i]) > c->bound[i]) {
+                c->friction[i] = clamp(c->friction[i], c->bound[i]);
+                stuck[i] = false;
+                consistent = false;
+            } else if (!stuck[i] && c->friction[i] * c->velocity[i] > 0.0) { /* it would push */
+                stuck[i] = true;
+                consistent = false;
+            }
+        }
+        if (consistent) {
+            return;
+        }
+    }
+    solve_by_sweeps(c);
 }
 
 typedef struct {
@@ -188,9 +283,9 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
         position[i] = body->position[i] + 0.5 * dt * body->rate[i];
     }
     const hil_ground ground = hil_path_at(path, position[HIL_X]);
-    double mass[3][3];
+    contact c;
     double force[3];
-    matrices(robot, d, &ground, position, rate, mass, force);
+    matrices(robot, d, &ground, position, rate, c.mass, force);
     body->load = ground.slope == 0.0 ? d->weight : d->weight * cos(ground.slope);
     const effect_sum e = evaluate_effects(effects, around, body, position, rate, &ground, robot->radius);
 
@@ -202,39 +297,32 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
     force[HIL_ALPHA] += d->gear * motor - smooth_friction;
     force[HIL_BETA] -= e.ground.active;
 
-    contact c;
     if (around->carried) {
-        invert2(mass, c.inverse);
+        invert2(c.mass, c.inverse);
         const double pull = (around->carriage_speed - body->rate[HIL_X]) / dt;
-        force[HIL_BETA] -= mass[HIL_BETA][HIL_X] * pull;
-        force[HIL_ALPHA] -= mass[HIL_ALPHA][HIL_X] * pull;
+        force[HIL_BETA] -= c.mass[HIL_BETA][HIL_X] * pull;
+        force[HIL_ALPHA] -= c.mass[HIL_ALPHA][HIL_X] * pull;
     } else {
-        invert3(mass, c.inverse);
+        invert3(c.mass, c.inverse);
     }
     const double coefficient =
         ground.terrain.f_o * (1.0 + e.ground.f_o) + ground.terrain.f_s * rate[HIL_BETA] * rate[HIL_BETA];
     c.bound[HIL_X] = around->carried ? 0.0 : dt * path->rut_friction * body->rut * d->weight;
     c.bound[HIL_BETA] = dt * larger(coefficient * robot->radius * body->load + e.ground.passive, 0.0);
     c.bound[HIL_ALPHA] = dt * larger(robot->coulomb * (1.0 + e.robot.coulomb) + e.robot.passive, 0.0);
-    c.traction = dt * body->traction;
-    double impulse[3];
     for (int i = 0; i < 3; i++) {
-        c.friction[i] = clamp(-dt * body->friction[i], c.bound[i]);
-        impulse[i] = dt * force[i] + c.friction[i];
-    }
-    impulse[HIL_X] += c.traction;
-    impulse[HIL_BETA] -= robot->radius * c.traction;
-    for (int i = 0; i < 3; i++) {
-        c.velocity[i] = body->rate[i] +
-                        (c.inverse[i][0] * impulse[0] + c.inverse[i][1] * impulse[1] + c.inverse[i][2] * impulse[2]);
+        c.free[i] =
+            body->rate[i] + dt * (c.inverse[i][0] * force[0] + c.inverse[i][1] * force[1] + c.inverse[i][2] * force[2]);
     }
     if (around->carried) {
-        c.velocity[HIL_X] = around->carriage_speed;
+        c.free[HIL_X] = around->carriage_speed;
     }
-    const double scale =
+    c.radius = robot->radius;
+    c.traction = dt * body->traction;
+    c.strength = dt * ground.terrain.mu * body->load;
+    c.scale =
         ground.terrain.s_k * larger(HIL_SLIP_FLOOR, larger(fabs(robot->radius * rate[HIL_BETA]), fabs(rate[HIL_X])));
-    const double strength = dt * ground.terrain.mu * body->load;
-    solve_contact(&c, robot->radius, strength, scale);
+    solve_contact(&c, body->rate, robot->radius * body->rate[HIL_BETA] - body->rate[HIL_X]);
 
     const double per_dt = 1.0 / dt;
     body->traction = c.traction * per_dt;
@@ -246,8 +334,8 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
     }
     body->carriage_force = 0.0;
     if (around->carried) {
-        body->carriage_force = mass[0][0] * body->acceleration[0] + mass[0][1] * body->acceleration[1] +
-                               mass[0][2] * body->acceleration[2] - force[HIL_X] - body->traction;
+        body->carriage_force = c.mass[0][0] * body->acceleration[0] + c.mass[0][1] * body->acceleration[1] +
+                               c.mass[0][2] * body->acceleration[2] - force[HIL_X] - body->traction;
     }
     body->internal_friction = smooth_friction + body->friction[HIL_ALPHA];
     body->ground_torque = e.ground.active;

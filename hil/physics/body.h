@@ -6,8 +6,9 @@
  * pure rolling of rolling.h. The torque on the shell at the contact is T = C_r + R H.
  *
  * Method: velocity-level time stepping (Moreau 1988). Smooth forces at the extrapolated middle of the step, the stiff
- * traction H implicitly, and the three dry frictions as impulses bounded by friction times step, found by projected
- * Gauss-Seidel: at standstill they take whatever value keeps the rate at zero. First order at the instants where a
+ * traction H implicitly, and the three dry frictions as impulses bounded by friction times step: at standstill they
+ * take whatever value keeps the rate at zero. Which of them do is guessed from the step before and mended until nothing
+ * contradicts it; should that not end, projected Gauss-Seidel does. First order at the instants where a
  * friction switches or the slip is stiff, second order in between; one step never adds energy through friction.
  */
 #ifndef HIL_BODY_H
