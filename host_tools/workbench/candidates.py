@@ -65,7 +65,7 @@ def response(model: Model, theta: Array, target: str, rows: Mask, sigma: Array) 
 
 
 def shapes_of(model: Model, theta: Array, effect: Effect, rows: Mask, sigma: Array) -> list[Shape]:
-    """Every shape of an effect beside a fitted model. Nearly equal shapes are given once, shapes without effect never."""
+    """Every shape of an effect beside a fitted model; nearly equal shapes are given once."""
     fresh = effect.parameters
     if not fresh:
         return []

@@ -2,17 +2,16 @@
 
 A hypothesis is a linear model around a fit: residual = base columns * (anything) + effect columns * coefficients +
 AR(1) noise. The base parameters are integrated over all values, the coefficients over a normal prior whose width (in
-noise sd of the effect's rms) is itself spread over a grid, the correlation over a grid, and the noise sd over all values
-where the case does not give it. What is left is one number a hypothesis. It falls with every needless parameter, and by
+noise sd of the effect's rms) is itself spread over a grid, the correlation over a grid, and the noise sd over all
+values where the case does not give it. What is left is one number a hypothesis. It falls with every needless parameter, and by
 the chain rule it is the likelihood of the training runs times that of the held-out runs predicted from them.
 
-Sources: MacKay, Information Theory, Inference, and Learning Algorithms (2003), ch. 28; Harville (1974) for the restricted
-likelihood that integrating over the base parameters gives.
+Sources: MacKay, Information Theory, Inference, and Learning Algorithms (2003), ch. 28; Harville (1974) for the
+restricted likelihood that integrating over the base parameters gives.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,9 +76,8 @@ class Evidence:
         return np.concatenate([self.ar1.whiten(split[c], rho) for c in range(self.channels)])
 
     def _fit_term(self, squares: Array) -> Array:
-        if self.known:
-            return -0.5 * squares
-        return -0.5 * self.freedom * np.log(np.maximum(squares, 1e-300))
+        logs = -0.5 * squares if self.known else -0.5 * self.freedom * np.log(np.maximum(squares, 1e-300))
+        return np.asarray(logs)
 
     @property
     def nothing(self) -> float:
@@ -125,8 +123,8 @@ class Evidence:
     def blocks(self, gram: Gram, picks: npt.NDArray[np.int64], signs: Array, offset: Array | None = None) -> Array:
         """Log evidence of sets of columns, all picked from one Gram: (sets,).
 
-        `picks` (sets, d) indices into its columns; `signs` (sets, d): 1 where a coefficient cannot be negative, -1 where
-        it cannot be positive, 0 where it is free. `offset` (D,): the residual was taken at these coefficients.
+        `picks` (sets, d) indices into its columns; `signs` (sets, d): 1 where a coefficient cannot be negative, -1
+        where it cannot be positive, 0 where it is free. `offset` (D,): the residual was taken at these coefficients.
         """
         count = picks.shape[1]
         a = gram.products[:, picks[:, :, None], picks[:, None, :]]  # (rho, sets, d, d)

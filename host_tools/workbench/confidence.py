@@ -1,0 +1,88 @@
+"""How sure: posterior probabilities as rates of being right, and what these very data could have shown.
+
+The posterior is a rate only as far as the prior and the noise model are right. The map below was fitted to campaigns
+with known answers (tests/campaigns/discovery_campaign.py, which prints both); it changes the log odds only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import logsumexp
+
+from host_tools.workbench.evidence import SIZES
+from host_tools.workbench.ranking import Ranking
+
+__all__ = ["Operating", "calibrated", "operating_characteristic"]
+
+Array = npt.NDArray[np.float64]
+
+SLOPE, SHIFT = 1.0, 0.0  # log odds of being right = SLOPE * log odds of the posterior + SHIFT
+CEILING = 0.995  # no answer is surer than the campaigns could check
+DRAWS = 200
+
+
+@dataclass(frozen=True)
+class Operating:
+    """With these runs, an effect of `size` (rms, noise sd) is named first in `named` of all cases."""
+
+    effect: str
+    size: float
+    named: float
+
+
+def calibrated(probability: float) -> float:
+    """A posterior probability as a rate of being right."""
+    p = min(max(probability, 1e-12), 1.0 - 1e-12)
+    odds = SLOPE * np.log(p / (1.0 - p)) + SHIFT
+    return float(min(1.0 / (1.0 + np.exp(-odds)), CEILING))
+
+
+def operating_characteristic(
+    ranking: Ranking, effect: str, size: float, rivals: Mapping[str, str], seed: int
+) -> Operating | None:
+    """How often an effect of this size (rms in noise sd, all its rows) would be named first among single effects.
+
+    Simulated on the case's own rows with its likeliest correlation: noise plus the effect at its likeliest shape,
+    ranked by the same evidence. `rivals` maps effects to the equivalence class in which any member counts.
+    """
+    evidence, shapes = ranking.evidence, ranking.shapes
+    mine = [i for i, s in enumerate(shapes) if s.effect == effect]
+    if evidence is None or not mine or size <= 0.0:
+        return None
+    at = int(np.argmax(evidence.correlation()))
+    columns = [evidence.project(s.columns, at) for s in shapes]
+    chosen = max(mine, key=lambda i: _fit(columns[i], evidence.white[at]))
+    random = np.random.default_rng([seed, 0x0C])
+    noise = random.standard_normal((len(evidence.residual), DRAWS))
+    basis = evidence.basis[at]
+    noise -= basis @ (basis.T @ noise)
+    scale = size * (1.0 if shapes[chosen].columns.shape[1] == 1 else np.sqrt(2.0))
+    sign = -1.0 if shapes[chosen].upper <= 0.0 else 1.0
+    draws = noise + sign * scale * columns[chosen][:, :1]
+    logs: dict[str, list[Array]] = {}
+    for shape, block in zip(shapes, columns, strict=True):
+        logs.setdefault(shape.effect, []).append(_log_odds(block, draws))
+    names = list(logs)
+    table = np.array([logsumexp(np.array(logs[n]), axis=0) - np.log(len(logs[n])) for n in names])
+    first = np.array([rivals.get(names[i], names[i]) for i in np.argmax(table, axis=0)])
+    return Operating(effect, size, float(np.mean(first == rivals.get(effect, effect))))
+
+
+def _fit(columns: Array, residual: Array) -> float:
+    q = np.linalg.qr(columns)[0]
+    return float(((q.T @ residual) ** 2).sum())
+
+
+def _log_odds(columns: Array, draws: Array) -> Array:
+    """Log evidence of a block against nothing, for each draw."""
+    products, scores = columns.T @ columns, columns.T @ draws
+    logs = []
+    for width in SIZES:
+        inner = np.eye(len(products)) + width * width * products
+        gain = (scores * np.linalg.solve(inner, scores)).sum(axis=0) * width * width
+        logs.append(0.5 * gain - 0.5 * np.linalg.slogdet(inner)[1])
+    return np.asarray(logsumexp(np.array(logs), axis=0) - np.log(len(SIZES)))

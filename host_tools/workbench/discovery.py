@@ -1,0 +1,318 @@
+"""Discover what a case's model lacks: verdict, set, probability, rivals, next experiment.
+
+discovery = discover(case, seed=0)
+discovery.verdict, discovery.missing, discovery.answer_probability
+discover_answer(discovery, seconds)      the JSON of the contract
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.physics.effects import Effect
+from host_tools.workbench.adequacy import Failure
+from host_tools.workbench.analysis import LEVEL, Analysis, Rung, analyse, error, measured, predict
+from host_tools.workbench.answer import compare_answer
+from host_tools.workbench.case import Case
+from host_tools.workbench.confidence import Operating, calibrated, operating_characteristic
+from host_tools.workbench.experiment import Experiment, propose
+from host_tools.workbench.fit import Fit, covariance
+from host_tools.workbench.ranking import Hypothesis, Ranking, rank
+
+__all__ = ["Candidate", "Discovery", "discover", "discover_answer"]
+
+Array = npt.NDArray[np.float64]
+
+AS_GOOD = 0.25  # posterior, relative to the likeliest set's, from which another set does equally well
+ENOUGH_EXPLAINED = 0.7  # share of the misfit that an expression must take away to be an answer
+LISTED = 0.5  # probability of one odd run, from which it is named
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect alone: its probability to be part of what is missing, and what adding it alone does."""
+
+    effect: Effect
+    kind: str
+    probability: float
+    heldout_rmse: dict[str, float | None]
+    noise_ratio: float | None
+    explains: float
+    fit: Fit
+    sd: Array
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """The answer of discover."""
+
+    analysis: Analysis
+    ranking: Ranking
+    verdict: str
+    missing: tuple[str, ...]
+    answer_probability: float
+    candidates: tuple[Candidate, ...]
+    rivals: tuple[tuple[str, ...], ...]
+    experiment: Experiment | None
+    indistinguishable: bool  # rivals, and no experiment within the rig's limits tells them apart
+    where: tuple[Failure, ...]
+    ladder: tuple[Rung, ...]
+    odd_runs: tuple[str, ...]
+    operating: tuple[Operating, ...]
+
+
+def discover(
+    case: Case, seed: int = 0, level: float = LEVEL, report: Callable[[str], None] = lambda _: None
+) -> Discovery:
+    """Find what the model of a case lacks. `report` is told what is being done."""
+    report("fit of the present model, noise, adequacy")
+    analysis = analyse(case, seed, level)
+    ranking = rank(analysis, report)
+    nothing = ranking.probability("nothing")
+    verdict, top, rivals, probability = _verdict(ranking, analysis)
+    if not analysis.missing:
+        verdict, top, rivals, probability = "adequate", None, [], calibrated(nothing)
+    missing = top.effects if top is not None and verdict != "unexplained" else ()
+    odd = _odd_runs(ranking) if analysis.missing else ()
+    report("what to measure next")
+    experiment = None
+    if verdict == "ambiguous":
+        experiment = propose(analysis, [(h.effects, h.fit) for h in rivals if h.fit is not None])
+    candidates = _candidates(analysis, ranking)
+    return Discovery(
+        analysis=analysis,
+        ranking=ranking,
+        verdict=verdict,
+        missing=missing,
+        answer_probability=probability,
+        candidates=candidates,
+        rivals=tuple(h.effects for h in rivals) if verdict == "ambiguous" else (),
+        experiment=experiment,
+        indistinguishable=verdict == "ambiguous" and experiment is None,
+        where=_where(analysis, ranking, top),
+        ladder=_ladder(analysis, top if missing else None),
+        odd_runs=odd,
+        operating=_operating(ranking, top, rivals, analysis, seed),
+    )
+
+
+def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | None, list[Hypothesis], float]:
+    """Verdict, likeliest hypothesis, sets that do equally well (with the likeliest, first), probability."""
+    kinds = {kind: ranking.probability(kind) for kind in ("catalogue", "expression", "run")}
+    kind = max(kinds, key=lambda k: kinds[k])
+    pairs = list(zip(ranking.hypotheses, ranking.posterior, strict=True))
+    if kind == "catalogue":
+        sets = [(h, p) for h, p in pairs if h.kind == "catalogue"]
+        top, best = sets[0]
+        rivals = [top]
+        for other, p in sets[1:]:
+            nested = any(set(r.effects) <= set(other.effects) or set(other.effects) <= set(r.effects) for r in rivals)
+            if p >= AS_GOOD * best and not nested:
+                rivals.append(other)
+        verdict = "ambiguous" if len(rivals) > 1 else "missing"
+        return verdict, top, rivals, calibrated(float(best))
+    if kind == "run":
+        return "unexplained", None, [], calibrated(kinds["run"])
+    named = [(h, p) for h, p in pairs if h.kind == "expression" and h.effects]
+    if named and named[0][0].fit is not None:
+        top, best = named[0]
+        column = sum(p for h, p in pairs if h.kind == "expression" and h.column == top.column)
+        if _explained(analysis, top.fit) >= ENOUGH_EXPLAINED:
+            return "missing", top, [top], calibrated(float(column))
+    return "unexplained", named[0][0] if named else None, [], calibrated(kinds["expression"])
+
+
+def _explained(analysis: Analysis, fit: Fit | None) -> float:
+    """Share of the mean square above the noise floor, over all rows, that a fit takes away."""
+    before = _total(analysis, analysis.fit)
+    after = _total(analysis, fit) if fit is not None else before
+    return float((before - after) / (before - 1.0)) if before > 1.0 else 0.0
+
+
+def _total(analysis: Analysis, fit: Fit) -> float:
+    found = error(fit, analysis.rows, analysis.noise.sigma)
+    assert found is not None
+    return found * found
+
+
+def _odd_runs(ranking: Ranking) -> tuple[str, ...]:
+    share = ranking.probability("run")
+    if share < LISTED:
+        return ()
+    runs = [(h, p) for h, p in zip(ranking.hypotheses, ranking.posterior, strict=True) if h.kind == "run"]
+    return tuple(h.column for h, p in runs if p >= LISTED * share)
+
+
+def _where(analysis: Analysis, ranking: Ranking, top: Hypothesis | None) -> tuple[Failure, ...]:
+    """What compare says; where an expression is the likeliest answer, its column first."""
+    where = list(analysis.where)
+    if top is None or top.kind != "expression":
+        return tuple(where)
+    first = [f for f in where if f.variable == top.column]
+    if first:
+        return (first[0], *(f for f in where if f.variable != top.column))
+    values = {**analysis.case.roles, **analysis.case.extra}.get(top.column)
+    if values is None or not where:
+        return tuple(where)
+    seen = values[analysis.rows]
+    return (replace(where[0], variable=top.column, low=float(seen.min()), high=float(seen.max())), *where)
+
+
+def _ladder(analysis: Analysis, top: Hypothesis | None) -> tuple[Rung, ...]:
+    rungs = list(analysis.ladder)
+    if top is None or top.fit is None:
+        return tuple(rungs)
+    rungs.append(_rung(analysis, "+".join(top.effects), top.fit))
+    return tuple(rungs)
+
+
+def _rung(analysis: Analysis, name: str, fit: Fit) -> Rung:
+    sigma = analysis.noise.sigma
+    train = error(fit, analysis.case.train, sigma)
+    assert train is not None
+    return Rung(name, train, error(fit, analysis.case.test, sigma), fit)
+
+
+def _candidates(analysis: Analysis, ranking: Ranking) -> tuple[Candidate, ...]:
+    found = []
+    hypotheses = list(ranking.singles.values())
+    hypotheses += [h for h in ranking.hypotheses if h.kind == "expression" and h.effects]
+    for hypothesis in hypotheses:
+        assert hypothesis.fit is not None
+        (name,) = hypothesis.effects
+        probability = ranking.inclusion(name)
+        if hypothesis.kind == "expression":  # the column is what it stands for, whatever its shape turns out to be
+            same = [h.effects[0] for h in hypotheses if h.kind == "expression" and h.column == hypothesis.column]
+            if same and same[0] == name:
+                probability = sum(
+                    float(p)
+                    for h, p in zip(ranking.hypotheses, ranking.posterior, strict=True)
+                    if h.kind == "expression" and h.column == hypothesis.column
+                )
+        found.append(_candidate(analysis, hypothesis, calibrated(probability) if probability > 1e-9 else 0.0))
+    order = {h.effects: i for i, h in enumerate(ranking.hypotheses)}
+    lead = next((h.effects for h in ranking.hypotheses if h.effects), ())
+    found.sort(key=lambda c: (-c.probability, c.effect.name not in lead, order.get((c.effect.name,), len(order))))
+    return tuple(found)
+
+
+def _candidate(analysis: Analysis, hypothesis: Hypothesis, probability: float) -> Candidate:
+    fit = hypothesis.fit
+    assert fit is not None
+    case, sigma = analysis.case, analysis.noise.sigma
+    effect = fit.model.effects[-1]
+    rows = case.test if case.test.any() else case.train
+    gap = measured(fit.model, rows) - predict(fit, rows)
+    each = np.sqrt(np.mean(gap * gap, axis=1))
+    held = error(fit, case.test, sigma)
+    after = error(fit, rows, sigma)
+    before = error(analysis.fit, rows, sigma)
+    assert after is not None
+    assert before is not None
+    above = before * before - 1.0
+    explains = (before * before - after * after) / above if above > 1e-9 else 0.0
+    covered = covariance(fit, case.run[case.train], analysis.noise.rho)[0]
+    return Candidate(
+        effect=effect,
+        kind=hypothesis.kind,
+        probability=probability,
+        heldout_rmse={c: float(v) if case.test.any() else None for c, v in zip(fit.model.channels, each, strict=True)},
+        noise_ratio=held,
+        explains=float(np.clip(explains, -1.0, 1.0)),
+        fit=fit,
+        sd=np.sqrt(np.maximum(np.diag(covered), 0.0)),
+    )
+
+
+def _operating(
+    ranking: Ranking, top: Hypothesis | None, rivals: Sequence[Hypothesis], analysis: Analysis, seed: int
+) -> tuple[Operating, ...]:
+    """For the likeliest effect: its estimated size, and 1 noise sd."""
+    if top is None or top.kind != "catalogue" or top.fit is None:
+        return ()
+    name = top.effects[0]
+    classes = {h.effects[0]: name for h in rivals if len(h.effects) == 1}
+    size = _size(analysis, top.fit, name)
+    found = [operating_characteristic(ranking, name, s, classes, seed) for s in (size, 1.0)]
+    return tuple(o for o in found if o is not None)
+
+
+def _size(analysis: Analysis, fit: Fit, name: str) -> float:
+    """Root mean square of an effect's contribution in noise sd, in its loudest channel."""
+    bound = fit.model.bind(analysis.case.inputs, analysis.rows)
+    absent = fit.theta.copy()
+    at = next(i for i, f in enumerate(fit.model.fitted) if f.effect == name)
+    absent[at] = np.clip(0.0, fit.model.lower[at], fit.model.upper[at])
+    change = (bound.predict(fit.theta) - bound.predict(absent)) / analysis.noise.sigma[:, None]
+    return float(np.sqrt((change * change).mean(axis=1).max()))
+
+
+def discover_answer(discovery: Discovery, seconds: float) -> dict[str, Any]:
+    """The JSON of the contract (docs/cases.md, schema terrapin.case/1)."""
+    answer = compare_answer(replace(discovery.analysis, where=list(discovery.where)), seconds)
+    extra = ("noise", "at_bound", "ladder", "seconds")
+    head = {key: value for key, value in answer.items() if key not in extra}
+    head.update(
+        verdict=discovery.verdict,
+        missing=list(discovery.missing),
+        answer_probability=discovery.answer_probability,
+        candidates=[_candidate_answer(c) for c in discovery.candidates],
+        rivals=[list(effects) for effects in discovery.rivals],
+        next_experiment=_experiment_answer(discovery.experiment),
+        ladder=[
+            {"added": rung.added, "train_error": rung.train_error, "heldout_error": rung.heldout_error}
+            for rung in discovery.ladder
+        ],
+        noise=answer["noise"],
+        at_bound=answer["at_bound"],
+        odd_runs=list(discovery.odd_runs),
+        operating=[vars(o) for o in discovery.operating],
+        seconds=seconds,
+    )
+    return head
+
+
+def _candidate_answer(candidate: Candidate) -> dict[str, Any]:
+    count = len(candidate.fit.theta) - len(candidate.effect.parameters)
+    parameters: dict[str, dict[str, Any]] = {}
+    for i, parameter in enumerate(candidate.effect.parameters):
+        entry: dict[str, Any] = {
+            "value": float(candidate.fit.theta[count + i]),
+            "sd": float(candidate.sd[count + i]),
+            "unit": parameter.unit or "1",
+        }
+        if candidate.kind == "expression":
+            for key, bound in (("min", parameter.minimum), ("max", parameter.maximum)):
+                if np.isfinite(bound):
+                    entry[key] = bound
+        parameters[parameter.name] = entry
+    return {
+        "effect": candidate.effect.name,
+        "kind": candidate.kind,
+        "expression": candidate.effect.expression,
+        "target": candidate.effect.target,
+        "probability": candidate.probability,
+        "heldout_rmse": candidate.heldout_rmse,
+        "noise_ratio": candidate.noise_ratio,
+        "parameters": parameters,
+        "explains": candidate.explains,
+    }
+
+
+def _experiment_answer(experiment: Experiment | None) -> dict[str, Any] | None:
+    if experiment is None:
+        return None
+    return {
+        "vary": list(experiment.vary),
+        "settings": [dict(setting) for setting in experiment.settings],
+        "hold": dict(experiment.hold),
+        "separates": list(experiment.separates),
+        "runs": experiment.runs,
+        "error_rate": experiment.error_rate,
+        "reason": experiment.reason,
+    }

@@ -1,0 +1,192 @@
+"""The next experiment: settings at which sets of effects that are the same on the present data come apart.
+
+For two refitted models A and B, a design is worth D, the weighted sum of squares of f_A - f_B that is left over old and
+new rows together when B's parameters may follow (Atkinson and Fedorov 1975, linearised). With D known the wrong one
+of the two is preferred with probability Phi(-sqrt(D)/2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+import numpy.typing as npt
+
+from host_tools.workbench.analysis import Analysis, measured
+from host_tools.workbench.bases import BASES, RUNNING, formula_name
+from host_tools.workbench.fit import Fit
+from host_tools.workbench.noise import orthonormal
+
+__all__ = ["Experiment", "propose"]
+
+Array = npt.NDArray[np.float64]
+
+EXTENSION = 0.25  # of the observed span, to either side; a constant role is taken to half and to one and a half of it
+ENOUGH = 16.0  # D at which the wrong one is preferred in 2 of 100
+RUNS_LIMIT = 64
+SETTLED = 12  # rows of one run that count, where runs are longer
+PLAIN = 0.5  # a design that varies one role is preferred while it is worth this share of one that varies two
+LOWEST = {"speed": 1e-3, "pass": 1.0, "moisture": 0.0, "load": 1e-3, "slip": -0.9}
+HIGHEST = {"slip": 0.95}
+NOT_SET = (*RUNNING, "temperature", "voltage")  # what follows from a run rather than being chosen for it
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Roles to vary, settings (one run each, canonical units), what to hold, and how many runs in all."""
+
+    vary: tuple[str, ...]
+    settings: tuple[Mapping[str, float], ...]
+    hold: Mapping[str, float]
+    separates: tuple[str, ...]
+    runs: int
+    error_rate: float  # probability that the wrong one is preferred afterwards
+    reason: str
+
+
+def propose(analysis: Analysis, rivals: Sequence[tuple[tuple[str, ...], Fit]]) -> Experiment | None:
+    """The design that separates the first rival from the others best; None when no design does."""
+    case = analysis.case
+    if len(rivals) < 2:
+        return None
+    ranges = _ranges(analysis)
+    hold = {role: float(np.median(case.roles[role][analysis.rows])) for role in case.roles if role not in RUNNING}
+    hold.update({role: 0.0 for role in case.roles if role in RUNNING})
+    hold.update({role: case.parameters[role] for role in ranges if role not in hold})
+    best: tuple[float, tuple[str, ...], list[dict[str, float]]] | None = None
+    for count in (1, 2):
+        for roles in combinations(ranges, count):
+            levels = [ranges[role] for role in roles]
+            settings = [dict(zip(roles, values, strict=True)) for values in product(*levels)]
+            worth = min(
+                _worth(analysis, rivals[0][1], other, settings, hold, 1.0) / len(settings) for _, other in rivals[1:]
+            )
+            if np.isfinite(worth) and (best is None or worth * (PLAIN if count == 2 else 1.0) > best[0]):
+                best = (worth, roles, settings)
+    names = [_name(effects, [r[0] for r in rivals]) for effects, _ in rivals]
+    if best is None or best[0] < 1e-3:
+        return None
+    _, roles, settings = best
+    repeats, worth = 1, 0.0
+    while repeats * len(settings) <= RUNS_LIMIT:
+        worth = min(_worth(analysis, rivals[0][1], other, settings, hold, float(repeats)) for _, other in rivals[1:])
+        if worth >= ENOUGH:
+            break
+        repeats += 1
+    from scipy.stats import norm
+
+    runs = min(repeats * len(settings), RUNS_LIMIT)
+    others = " and ".join(names[1:])
+    held = "constant" if all(np.ptp(case.roles[r][analysis.rows]) == 0.0 for r in roles if r in case.roles) else "tied"
+    if any(role not in case.roles for role in roles):
+        held = "constant"
+    why = "stays constant in these runs" if held == "constant" else "never varies by itself in these runs"
+    reason = (
+        f"{names[0]} and {others} predict the same here because {' and '.join(roles)} {why}; "
+        f"over these settings they differ by {np.sqrt(worth):.1f} noise sd in all."
+    )
+    return Experiment(
+        vary=tuple(roles),
+        settings=tuple({role: float(value) for role, value in s.items()} for s in settings),
+        hold={role: value for role, value in hold.items() if role not in roles and role not in RUNNING},
+        separates=tuple(dict.fromkeys(name for effects, _ in rivals for name in effects)),
+        runs=runs,
+        error_rate=float(norm.cdf(-0.5 * np.sqrt(worth))),
+        reason=reason,
+    )
+
+
+def _name(effects: tuple[str, ...], sets: Sequence[tuple[str, ...]]) -> str:
+    """What distinguishes a set from the others."""
+    shared = set.intersection(*(set(s) for s in sets))
+    return " + ".join(e for e in effects if e not in shared) or " + ".join(effects)
+
+
+def _ranges(analysis: Analysis) -> dict[str, list[float]]:
+    """Levels of every role that can be set: the ends of the observed range, extended, and between them."""
+    case = analysis.case
+    found: dict[str, list[float]] = {}
+    constants = [r for r in BASES[case.base.name].needs if r in case.parameters] if case.base.name in BASES else []
+    values = {
+        **{r: v[analysis.rows] for r, v in case.roles.items()},
+        **{r: np.array([case.parameters[r]]) for r in constants},
+    }
+    for role, observed in values.items():
+        if role in NOT_SET:
+            continue
+        low, high = float(observed.min()), float(observed.max())
+        span = high - low
+        if span <= 0.02 * max(abs(low), abs(high)):  # constant: to half of it and half as much again
+            centre = 0.5 * (low + high)
+            if centre == 0.0:
+                continue
+            low, high = sorted((0.5 * centre, 1.5 * centre))
+        else:
+            low, high = low - EXTENSION * span, high + EXTENSION * span
+            if float(observed.min()) >= 0.0:
+                low = max(low, 0.5 * float(observed.min()))
+        low, high = max(low, LOWEST.get(role, -np.inf)), min(high, HIGHEST.get(role, np.inf))
+        levels = [low + share * (high - low) for share in (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)]
+        if role == "pass":
+            levels = sorted({float(round(v)) for v in levels})
+        if role == "omega" and low > 0.0:
+            levels = [-high, -low, low, high]
+        found[role] = [float(f"{v:.4g}") for v in levels if role != "omega" or abs(v) > 1e-6]
+    return found
+
+
+def _worth(
+    analysis: Analysis,
+    first: Fit,
+    other: Fit,
+    settings: Sequence[Mapping[str, float]],
+    hold: Mapping[str, float],
+    repeats: float,
+) -> float:
+    """D of a design: each setting run `repeats` times, beside all the rows there are."""
+    case, sigma = analysis.case, analysis.noise.sigma
+    inputs = _inputs(analysis, settings, hold)
+    old = [fit.model.bind(case.inputs, analysis.rows).jacobian(fit.theta) for fit in (first, other)]
+    new = [fit.model.bind(inputs).jacobian(fit.theta) for fit in (first, other)]
+    if not all(np.isfinite(part).all() for pair in (*old, *new) for part in pair):
+        return -np.inf
+    rows = float(np.median(np.bincount(case.run[analysis.rows])[np.unique(case.run[analysis.rows])]))
+    rho = analysis.noise.rho
+    count = min(rows, SETTLED)
+    effective = (
+        repeats * count * (1.0 - rho) / (1.0 + rho - 2.0 * rho * (1.0 - rho**count) / (count * (1.0 - rho)) + 1e-12)
+    )
+    effective = max(effective, repeats)
+    thin = (1.0 - rho) / (1.0 + rho)  # rows of the present data count less where they are correlated
+    gaps, slopes = [], []
+    for (a, _), (b, jac), weight in zip((old[0], new[0]), (old[1], new[1]), (thin, effective), strict=True):
+        gaps.append(((a - b) / sigma[:, None] * np.sqrt(weight)).reshape(-1))
+        slopes.append((jac / sigma[:, None, None] * np.sqrt(weight)).reshape(-1, jac.shape[-1]))
+    gap = np.concatenate(gaps)
+    basis = orthonormal(np.concatenate(slopes))
+    left = gap - basis @ (basis.T @ gap)
+    return float(left @ left)
+
+
+def _inputs(analysis: Analysis, settings: Sequence[Mapping[str, float]], hold: Mapping[str, float]) -> dict[str, Array]:
+    """Inputs of new rows: one a setting. The axle's speed follows omega unless it is what is varied."""
+    case = analysis.case
+    inputs = {formula_name(role): np.array([s.get(role, hold[role]) for s in settings]) for role in hold}
+    if case.base.name == "rolling_steady" and "speed" in hold and not any("speed" in s for s in settings):
+        omega, speed = case.roles["omega"][analysis.rows], case.roles["speed"][analysis.rows]
+        turning = np.abs(omega) > 1e-9
+        inputs["speed"] = inputs["omega"] * float(np.median(speed[turning] / omega[turning]))
+    for name, values in case.inputs.items():
+        if name not in inputs:
+            inputs[name] = np.full(len(settings), float(np.median(values[analysis.rows])))
+    return inputs
+
+
+def fitted_gap(analysis: Analysis, first: Fit, other: Fit) -> float:
+    """How far apart two fits are on the present rows, rms in noise sd."""
+    rows = analysis.rows
+    a, b = (fit.model.bind(analysis.case.inputs, rows).predict(fit.theta) for fit in (first, other))
+    assert a.shape == measured(first.model, rows).shape
+    return float(np.sqrt(np.mean(((a - b) / analysis.noise.sigma[:, None]) ** 2)))

@@ -1,0 +1,322 @@
+"""What is missing: every effect, every pair, three where two do not suffice, and short expressions, by posterior.
+
+Singles and pairs are first looked at in full as a linear model around the present fit; the best are then refitted with
+the model's own parameters on the training runs (several starts, bounds and signs respected) and judged anew around that
+refit. All pairs are looked at, so the best pair is found also where neither of the two is the best single effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations, product
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import logsumexp
+
+from hil.physics.effects import Effect
+from host_tools.workbench.analysis import Analysis, measured
+from host_tools.workbench.candidates import Shape, is_phase, loudness, shapes_of
+from host_tools.workbench.directions import candidates
+from host_tools.workbench.evidence import Evidence
+from host_tools.workbench.expressions import Library, Sketch, as_effect, library
+from host_tools.workbench.fit import Fit, extend
+from host_tools.workbench.noise import Ar1
+
+__all__ = ["Hypothesis", "Ranking", "rank"]
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+PRIOR = {"nothing": 0.2, "one": 0.38, "two": 0.15, "three": 0.01, "expression": 0.24, "run": 0.02}
+PAIRS_REFITTED = 10
+TRIPLES_FROM = 2  # best pairs that a third effect is tried on
+EXPRESSIONS_REFITTED = 4
+WITHIN = 12.0  # log evidence behind the best at which a set is no longer worth a refit
+AT_BOUND = 3.0  # log evidence taken off an effect whose size wants to leave its bounds
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A set of effects that may be missing, with its log of evidence times prior. `kind`: nothing, catalogue,
+    expression or run."""
+
+    effects: tuple[str, ...]
+    kind: str
+    log_weight: float
+    fit: Fit | None = None
+    column: str = ""  # of an expression; of a run: its name
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Hypotheses with their posterior probabilities, likeliest first; and what the ranking was made from."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    posterior: Array
+    singles: Mapping[str, Hypothesis]
+    expressions: Mapping[str, Effect]  # by the name they were given
+    column_weight: Mapping[str, float]  # log weight of the best expression in each column, for "where"
+    shapes: tuple[Shape, ...] = field(repr=False, default=())
+    evidence: Evidence | None = field(repr=False, default=None)
+
+    def probability(self, *kinds: str) -> float:
+        return float(sum(p for h, p in zip(self.hypotheses, self.posterior, strict=True) if h.kind in kinds))
+
+    def inclusion(self, effect: str) -> float:
+        """Probability that an effect is part of what is missing."""
+        return float(sum(p for h, p in zip(self.hypotheses, self.posterior, strict=True) if effect in h.effects))
+
+
+class _Ranker:
+    def __init__(self, analysis: Analysis, report: Callable[[str], None]) -> None:
+        self.analysis, self.report = analysis, report
+        self.case, self.model, self.rows = analysis.case, analysis.model, analysis.rows
+        self.sigma = analysis.noise.sigma
+        self.known = bool(analysis.noise.known.all())
+        self.ar1 = Ar1(self.case.run[self.rows])
+        self.values = measured(self.model, self.rows)
+        self.train = measured(self.model, self.case.train)
+        self.effects: dict[str, Effect] = {effect.name: effect for effect in candidates(self.model)}
+        self.shapes = {
+            name: shapes_of(self.model, analysis.fit.theta, effect, self.rows, self.sigma)
+            for name, effect in self.effects.items()
+        }
+        self.flat = [shape for shapes in self.shapes.values() for shape in shapes]
+        self.fits: dict[tuple[str, ...], Fit] = {(): analysis.fit}
+        slopes = self.model.bind(self.case.inputs, self.rows).jacobian(analysis.fit.theta)[1]
+        self.base = slopes / self.sigma[:, None, None]
+        self.evidence = Evidence(self.ar1, analysis.residual / self.sigma[:, None], self.base, self.known)
+
+    # -- linear, around the present fit ------------------------------------------------------------------------------
+
+    def screen(self) -> tuple[dict[tuple[str, ...], float], dict[tuple[str, ...], float]]:
+        """Log evidence of every single and pair, averaged over shapes; and what the average lies below the best."""
+        width = [shape.columns.shape[1] for shape in self.flat]
+        edges = np.concatenate([[0], np.cumsum(width)]).astype(int)
+        if not self.flat:
+            return {}, {}
+        gram = self.evidence.gram(np.concatenate([s.columns for s in self.flat], axis=1))
+        index: dict[str, list[int]] = {}
+        for i, shape in enumerate(self.flat):
+            index.setdefault(shape.effect, []).append(i)
+        jobs: dict[int, list[tuple[tuple[str, ...], tuple[int, ...]]]] = {}
+        for count in (1, 2):
+            for names in combinations(index, count):
+                for picked in product(*(index[name] for name in names)):
+                    jobs.setdefault(sum(width[i] for i in picked), []).append((names, picked))
+        found: dict[tuple[str, ...], list[float]] = {}
+        for size, entries in sorted(jobs.items()):
+            picks = np.array([[c for i in p for c in range(edges[i], edges[i + 1])] for _, p in entries]).reshape(
+                -1, size
+            )
+            signs = np.array([[_sign(self.flat[i]) for i in p for _ in range(width[i])] for _, p in entries], float)
+            logs = self.evidence.blocks(gram, picks, signs.reshape(-1, size))
+            for (names, _), value in zip(entries, logs, strict=True):
+                found.setdefault(names, []).append(float(value))
+        average = {names: float(logsumexp(logs) - np.log(len(logs))) for names, logs in found.items()}
+        razor = {names: average[names] - max(logs) for names, logs in found.items()}
+        return average, razor
+
+    # -- refits ------------------------------------------------------------------------------------------------------
+
+    def fit(self, names: tuple[str, ...], effects: Mapping[str, Effect] | None = None) -> Fit:
+        """The present model with more effects, fitted on the training runs, warm-started at its parent."""
+        if names not in self.fits:
+            parent = self.fit(names[:-1], effects)
+            effect = {**self.effects, **(effects or {})}[names[-1]]
+            bound = parent.model.having(effect).bind(self.case.inputs, self.case.train)
+            self.fits[names] = extend(parent, effect.name, bound, self.train, self.sigma)
+        return self.fits[names]
+
+    def around(self, fit: Fit, names: Sequence[str]) -> float | None:
+        """Log evidence of a refitted set, its shapes as fitted; None when a size is 0 and nothing can be told."""
+        prediction, slopes = fit.model.bind(self.case.inputs, self.rows).jacobian(fit.theta)
+        residual = (self.values - prediction) / self.sigma[:, None]
+        slopes = slopes / self.sigma[:, None, None]
+        own = np.array([f.effect not in names for f in fit.model.fitted])
+        evidence = Evidence(self.ar1, residual, slopes[..., own], self.known)
+        columns: list[Array] = []
+        offset: list[float] = []
+        signs: list[float] = []
+        lost = 0.0
+        for name in names:
+            effect = next(e for e in fit.model.effects if e.name == name)
+            at = next(i for i, f in enumerate(fit.model.fitted) if f.effect == name)
+            first = fit.model.fitted[at]
+            size = float(fit.theta[at])
+            block = [slopes[..., at]]
+            loud = loudness(slopes[..., at : at + 1])
+            if loud == 0.0 or not np.isfinite(loud):
+                return None
+            if size != 0.0 and first.key in fit.at_bound:
+                lost += AT_BOUND
+                continue
+            for i, parameter in enumerate(effect.parameters):
+                if is_phase(parameter):
+                    if size == 0.0:
+                        return None
+                    block.append(slopes[..., at + i] / size)
+            waves = len(block) > 1
+            columns += [(b / loud).reshape(-1) for b in block]
+            offset += [size * loud, *([0.0] * (len(block) - 1))]
+            free = 0.0 if waves else 1.0 if first.lower >= 0.0 else -1.0 if first.upper <= 0.0 else 0.0
+            signs += [free] * len(block)
+        if not columns:
+            return evidence.nothing - lost
+        gram = evidence.gram(np.array(columns).T)
+        picks = np.arange(len(columns))[None, :]
+        return float(evidence.blocks(gram, picks, np.array([signs]), np.array(offset))[0]) - lost
+
+    def refitted(self, names: tuple[str, ...], razor: float, linear: float) -> tuple[float, Fit]:
+        fit = self.fit(names)
+        found = self.around(fit, names)
+        return (linear if found is None or not np.isfinite(found) else found + razor), fit
+
+    def beyond(self, fit: Fit) -> tuple[Evidence, Array]:
+        """Evidence around a fit with all of its parameters free: what could still be added to it."""
+        prediction, slopes = fit.model.bind(self.case.inputs, self.rows).jacobian(fit.theta)
+        residual = (self.values - prediction) / self.sigma[:, None]
+        scaled = slopes / self.sigma[:, None, None]
+        return Evidence(self.ar1, residual, scaled, self.known), scaled.reshape(residual.size, -1)
+
+
+def _sign(shape: Shape) -> float:
+    if not shape.one_sided:
+        return 0.0
+    return 1.0 if shape.lower >= 0.0 else -1.0
+
+
+def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> Ranking:
+    """Rank everything that could be missing from a case's model."""
+    ranker = _Ranker(analysis, report)
+    count = max(1, len(ranker.effects))
+    log_prior = {
+        1: np.log(PRIOR["one"] / count),
+        2: np.log(PRIOR["two"] / max(1, count * (count - 1) // 2)),
+        3: np.log(PRIOR["three"] / max(1, count * (count - 1) * (count - 2) // 6)),
+    }
+    report(f"{count} effects and their pairs around the present fit")
+    average, razor = ranker.screen()
+    found: list[Hypothesis] = [Hypothesis((), "nothing", ranker.evidence.nothing + np.log(PRIOR["nothing"]))]
+    singles: dict[str, Hypothesis] = {}
+    order: list[str] = []
+    for one in sorted((n for n in average if len(n) == 1), key=lambda n: -average[n]):
+        value, fit = ranker.refitted(one, razor[one], average[one])
+        singles[one[0]] = Hypothesis(one, "catalogue", value + log_prior[1], fit)
+        order.append(one[0])
+    found += singles.values()
+    best = max(h.log_weight for h in found)
+    pairs = sorted((n for n in average if len(n) == 2), key=lambda n: -average[n])
+    report("refits of the best pairs")
+    refitted_pairs: list[Hypothesis] = []
+    for names in pairs[:PAIRS_REFITTED]:
+        if average[names] + log_prior[2] < best - WITHIN and refitted_pairs:
+            break
+        ordered = tuple(sorted(names, key=order.index))
+        value, fit = ranker.refitted(ordered, razor[names], average[names])
+        refitted_pairs.append(Hypothesis(ordered, "catalogue", value + log_prior[2], fit))
+        best = max(best, refitted_pairs[-1].log_weight)
+    found += refitted_pairs
+    found += _triples(ranker, refitted_pairs, log_prior)
+    found += _runs(ranker)
+    report("short expressions in every column")
+    expressions, effects, column_weight = _expressions(ranker, max(h.log_weight for h in found))
+    found += expressions
+    found.sort(key=lambda h: -h.log_weight)
+    logs = np.array([h.log_weight for h in found])
+    return Ranking(
+        tuple(found),
+        np.exp(logs - logsumexp(logs)),
+        singles,
+        effects,
+        column_weight,
+        tuple(ranker.flat),
+        ranker.evidence,
+    )
+
+
+def _triples(ranker: _Ranker, pairs: Sequence[Hypothesis], log_prior: Mapping[int, float]) -> list[Hypothesis]:
+    found: dict[frozenset[str], Hypothesis] = {}
+    for pair in sorted(pairs, key=lambda h: -h.log_weight)[:TRIPLES_FROM]:
+        assert pair.fit is not None
+        beyond, _ = ranker.beyond(pair.fit)
+        gains = {}
+        for name, shapes in ranker.shapes.items():
+            singles = [s.columns for s in shapes if s.columns.shape[1] == 1]
+            if name in pair.effects or not singles:
+                continue
+            logs = beyond.single(np.concatenate(singles, axis=1))
+            gains[name] = float(logsumexp(logs) - np.log(len(logs)) - beyond.nothing)
+        if not gains:
+            continue
+        third = max(gains, key=lambda n: gains[n])
+        key = frozenset((*pair.effects, third))
+        weight = pair.log_weight - log_prior[2] + gains[third] + log_prior[3]
+        if key not in found and gains[third] > 0.0:
+            fit = ranker.fit((*pair.effects, third))
+            found[key] = Hypothesis((*pair.effects, third), "catalogue", weight, fit)
+    return list(found.values())
+
+
+def _runs(ranker: _Ranker) -> list[Hypothesis]:
+    """One run that stands out by itself: an offset of one channel in that run alone."""
+    run = ranker.case.run[ranker.rows]
+    runs = np.unique(run)
+    channels = len(ranker.model.channels)
+    if len(runs) < 4:
+        return []
+    columns = np.zeros((channels, len(run), len(runs) * channels))
+    for i, one in enumerate(runs):
+        for channel in range(channels):
+            columns[channel, run == one, i * channels + channel] = 1.0
+    logs = ranker.evidence.single(columns.reshape(channels * len(run), -1))
+    prior = np.log(PRIOR["run"] / len(logs))
+    return [
+        Hypothesis(
+            (),
+            "run",
+            float(logsumexp(logs[i * channels : (i + 1) * channels])) + prior,
+            None,
+            ranker.case.run_names[one],
+        )
+        for i, one in enumerate(runs)
+    ]
+
+
+def _expressions(ranker: _Ranker, best: float) -> tuple[list[Hypothesis], dict[str, Effect], dict[str, float]]:
+    """Expressions around the present fit; the best are refitted. Others keep their weight as a group."""
+    case, flat = ranker.case, ranker.base.reshape(ranker.evidence.residual.size, -1)
+    catalogue = (
+        np.concatenate([s.columns for s in ranker.flat], axis=1) if ranker.flat else np.zeros((flat.shape[0], 0))
+    )
+    listed: Library = library(ranker.model, ranker.analysis.fit.theta, ranker.rows, ranker.sigma, catalogue, flat)
+    if not listed.sketches:
+        return [], {}, {}
+    logs = ranker.evidence.single(listed.columns)
+    weight = logs + np.log([s.prior for s in listed.sketches]) + np.log(PRIOR["expression"])
+    columns: dict[str, list[float]] = {}
+    for sketch, value in zip(listed.sketches, weight, strict=True):
+        columns.setdefault(sketch.column, []).append(float(value))
+    column_weight = {name: float(logsumexp(values)) for name, values in columns.items()}
+    order = np.argsort(-weight, kind="stable")
+    found: list[Hypothesis] = []
+    effects: dict[str, Effect] = {}
+    grouped: dict[str, list[float]] = {}
+    for place, index in enumerate(order):
+        chosen: Sketch = listed.sketches[index]
+        close = weight[index] > max(best, weight[order[0]]) - WITHIN
+        if place < EXPRESSIONS_REFITTED and close:
+            name = f"expression_{len(effects) + 1}"
+            effect = as_effect(chosen, case, name)
+            fit = ranker.fit((name,), {name: effect})
+            value = ranker.around(fit, (name,))
+            refitted = float(weight[index]) if value is None else value + float(weight[index] - logs[index])
+            effects[name] = effect
+            found.append(Hypothesis((name,), "expression", refitted, fit, chosen.column))
+        else:
+            grouped.setdefault(chosen.column, []).append(float(weight[index]))
+    for column, values in grouped.items():
+        found.append(Hypothesis((), "expression", float(logsumexp(values)), None, column))
+    return found, effects, column_weight
