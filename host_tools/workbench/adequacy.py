@@ -287,14 +287,14 @@ def where_it_fails(
             key = max((k for k in ranked if k[0] == name), key=lambda k: ranked[k], default=(name, 0))
             ranked[key] = max(ranked.get(key, -np.inf), value)
     everywhere: set[int] = set()
-    for index in range(len(channels)):
-        offset = adequacy.gain.get(f"constant::{index}", 0.0)
-        mine = [key for key in ranked if key[1] == index]
+    for number in range(len(channels)):
+        offset = adequacy.gain.get(f"constant::{number}", 0.0)
+        mine = [key for key in ranked if key[1] == number]
         if mine and offset > 0.0:
             strongest = max(mine, key=lambda key: (key[0] in case.roles, ranked[key]))
             if offset > ranked[strongest]:  # off by a constant: the range is all there is
                 ranked[strongest] = offset
-                everywhere.add(index)
+                everywhere.add(number)
     failures: list[Failure] = []
     for name, channel in sorted(ranked, key=lambda key: -ranked[key]):
         if any(f.variable == name and f.channel == channels[channel] for f in failures):
