@@ -7,10 +7,10 @@
 #include "core.h"
 
 enum {
-    QUIET_SLOTS = 15,          /* the gate must hold this long: a transient passes through zero faster */
+    QUIET_SLOTS = 20,          /* the gate must hold this long: a transient passes through zero faster */
     MOVING_COUNTS = 20,        /* fewer counts a window are no rolling: the friction's sign would be a guess */
     SWING_TICKS_MAX = 2000,
-    CURRENT_STEP_UNM = 3000    /* the last slot's torque may differ by this from the window's: the ground changed */
+    CURRENT_STEP_UNM = 1500    /* the last slot's torque may differ by this from the window's: the ground changed */
 };
 
 void estimator_restart(terrapin_state *state) {
@@ -91,16 +91,16 @@ static int64_t swing_momentum(const terrapin_state *state, const terrapin_inputs
     const terrapin_estimator *e = &state->estimator;
     const uint32_t n = state->gains.window_slots;
     int64_t torque = 0;
-    if (e->swing_ticks >= ((n + (uint32_t)SWING_SLOTS) * (uint32_t)SLOT_MS)) {
+    if (e->swing_ticks >= ((n + (uint32_t)BLOCK_SLOTS) * (uint32_t)SLOT_MS)) {
         const int64_t now = integer_difference(estimator_record(e, 0U)->swing_sum_centirad_s,
-                                               estimator_record(e, SWING_SLOTS)->swing_sum_centirad_s);
+                                               estimator_record(e, BLOCK_SLOTS)->swing_sum_centirad_s);
         const int64_t then = integer_difference(estimator_record(e, n)->swing_sum_centirad_s,
-                                                estimator_record(e, n + (uint32_t)SWING_SLOTS)->swing_sum_centirad_s);
+                                                estimator_record(e, n + (uint32_t)BLOCK_SLOTS)->swing_sum_centirad_s);
         const int64_t cosine = integer_cosine(integer_turn(inputs->swing_angle_mrad));
         const int64_t inertia = state->parameter[TERRAPIN_PARAMETER_INERTIA_SHELL] -
                                 integer_shift(state->parameter[TERRAPIN_PARAMETER_INERTIA_SWING] * cosine, 15U);
-        /* 1e-6 kg m^2 * 0.01 rad/s, sums over 30 ms, in a window of 10 n ms */
-        torque = integer_abs((inertia * (now - then)) / (3 * (int64_t)n));
+        /* 1e-6 kg m^2 * 0.01 rad/s, sums over 10 BLOCK_SLOTS ms, in a window of 10 n ms */
+        torque = integer_abs((inertia * (now - then)) / (SLOT_MS * BLOCK_SLOTS * (int64_t)n));
     }
     return torque;
 }

@@ -1,8 +1,9 @@
 /* The ground from C_t: f_r = C_t/(R W), the nearest terrain of the table, and f_r = f_o + f_s omega^2 fitted over the
  * windows of one terrain.
  *
- * The fit is recursive least squares in information form: five sums that forget with a memory of FIT_WINDOWS windows.
- * A prior on f_s keeps its covariance bounded while the speed has not varied; forgetting keeps the gain from vanishing.
+ * The fit is recursive least squares, centred: means and second moments of x = omega^2 and y = f_r that forget with a
+ * memory of FIT_WINDOWS windows. A prior on f_s bounds the covariance while the speed has not varied; forgetting keeps
+ * the gain from vanishing.
  */
 #include "core.h"
 
@@ -77,53 +78,43 @@ static void nearest(terrapin_state *state) {
 }
 
 static void fit_begin(terrapin_ground_fit *ground) {
-    ground->weight_q6 = 0;
-    ground->x_q6 = 0;
-    ground->xx_q6 = 0;
-    ground->y_q6 = 0;
-    ground->xy_q6 = 0;
+    ground->weight_q8 = 0;
+    ground->x_q8 = 0;
+    ground->y_q8 = 0;
+    ground->xx = 0;
+    ground->xy = 0;
     ground->windows = 0U;
     ground->fitted_terrain = ground->terrain;
 }
 
-/* One term of a sum that forgets. */
-static void gather(int64_t *sum_q6, int64_t value) {
-    *sum_q6 += (value * 64) - (*sum_q6 / FIT_WINDOWS);
-}
-
 static void fit_add(terrapin_state *state) {
-    terrapin_ground_fit *ground = &state->ground;
-    const int64_t x = integer_clamp(omega_squared(state->estimator.omega_urad_s), 0, X_MAX);
-    const int64_t y = ground->f_r_ppm; /* within Y_MAX */
-    gather(&ground->weight_q6, 1);
-    gather(&ground->x_q6, x);
-    gather(&ground->xx_q6, x * x);
-    gather(&ground->y_q6, y);
-    gather(&ground->xy_q6, x * y);
-    if (ground->windows < WINDOWS_MAX) {
-        ground->windows++;
+    terrapin_ground_fit *g = &state->ground;
+    g->weight_q8 += 256 - (g->weight_q8 / FIT_WINDOWS); /* 256 to 64 * 256 */
+    const int64_t dx = (integer_clamp(omega_squared(state->estimator.omega_urad_s), 0, X_MAX) * 256) - g->x_q8;
+    const int64_t dy = (g->f_r_ppm * 256) - g->y_q8;
+    const int64_t step = integer_divide(dx * 256, g->weight_q8);
+    g->x_q8 += (int32_t)step;
+    g->y_q8 += (int32_t)integer_divide(dy * 256, g->weight_q8);
+    /* |dx| < 2^26, |dy| < 2^30: products below 2^56, sums below 64 * 2^40 */
+    g->xx += integer_shift(dx * (dx - step), 16U) - (g->xx / FIT_WINDOWS);
+    g->xy += integer_shift(dy * (dx - step), 16U) - (g->xy / FIT_WINDOWS);
+    if (g->windows < WINDOWS_MAX) {
+        g->windows++;
     }
 }
 
-/* Sums are at most FIT_WINDOWS * 64 = 4096 times their largest term: xx below 2^46, xy below 2^49. */
-static void fit_solve(terrapin_ground_fit *ground) {
-    const int64_t weight = ground->weight_q6; /* at least 64 */
-    const int64_t x_mean = integer_divide(ground->x_q6, weight);
-    const int64_t y_mean = integer_divide(ground->y_q6, weight);
-    const int64_t sxx = (ground->xx_q6 - (2 * x_mean * ground->x_q6)) + (x_mean * x_mean * weight);
-    const int64_t sxy = ((ground->xy_q6 - (x_mean * ground->y_q6)) - (y_mean * ground->x_q6)) + (x_mean * y_mean * weight);
-    const int64_t information = ((sxx > 0) ? (sxx / 64) : 0) + FIT_PRIOR;
+static void fit_solve(terrapin_ground_fit *g) {
+    const int64_t information = g->xx + FIT_PRIOR;
     /* slope in 1e-6 a 0.01 rad^2/s^2, that is 1e-4 s^2/rad^2 */
-    const int64_t slope_e7 = integer_divide((sxy / 64) * 1000, information);
-    ground->f_s_e7 = integer_saturate(slope_e7);
-    ground->f_o_10ppm = integer_saturate(integer_divide((y_mean * 1000) - (slope_e7 * x_mean), 10000));
-    /* sd of the slope: noise / sqrt(information); of f_o: the mean's and the slope's over x_mean */
+    g->f_s_e7 = integer_saturate(integer_divide(g->xy * 1000, information));
+    const int64_t f_o_ppm = (g->y_q8 / 256) - integer_divide((int64_t)g->f_s_e7 * g->x_q8, 256000);
+    g->f_o_10ppm = integer_saturate(integer_divide(f_o_ppm, 10));
+    /* sd of the slope: noise / sqrt(information); of f_o: the mean's and the slope's over the mean of x */
     const int64_t root = integer_root((uint64_t)information); /* at least 100 */
-    const int64_t slope_sd_e7 = ((int64_t)FIT_NOISE_PPM * 1000) / root;
-    const int64_t mean_sd = ((int64_t)FIT_NOISE_PPM * 8) / (int64_t)integer_root((uint64_t)weight);
-    const int64_t far_sd = (slope_sd_e7 * x_mean) / 1000;
-    ground->f_s_sd_e7 = integer_saturate(slope_sd_e7);
-    ground->f_o_sd_ppm = (int32_t)integer_root((uint64_t)((mean_sd * mean_sd) + (far_sd * far_sd)));
+    const int64_t mean_sd = ((int64_t)FIT_NOISE_PPM * 16) / (int64_t)integer_root((uint64_t)g->weight_q8);
+    g->f_s_sd_e7 = integer_saturate(((int64_t)FIT_NOISE_PPM * 1000) / root);
+    const int64_t far_sd = ((int64_t)g->f_s_sd_e7 * g->x_q8) / 256000;
+    g->f_o_sd_ppm = (int32_t)integer_root((uint64_t)((mean_sd * mean_sd) + (far_sd * far_sd)));
 }
 
 void ground_update(terrapin_state *state, const terrapin_inputs *inputs) {

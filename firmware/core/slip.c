@@ -105,7 +105,7 @@ void slip_update(terrapin_state *state, const terrapin_inputs *inputs) {
         const int64_t rim = ((int64_t)state->parameter[TERRAPIN_PARAMETER_RADIUS] * slip->shell_urad_s) / 1000000;
         const int64_t gone = integer_sign(rim) * (((int64_t)slip->ground_um_s * 10000) / integer_abs(rim));
         slip->slip_e4 = integer_clamp(10000 - gone, -SLIP_MAX_E4, SLIP_MAX_E4);
-        if (slip->slip_e4 > slip->peak_e4) {
+        if ((slip->slip_e4 > slip->peak_e4) && (slip->slip_e4 <= 10000)) { /* above 1 it rolls back */
             slip->peak_e4 = slip->slip_e4;
         }
     }

@@ -12,8 +12,7 @@
 enum {
     SLOT_MS = 10,                /* telemetry cycle; the estimator works once a cycle */
     WINDOW_MAX_SLOTS = 60,       /* 600 ms, the range of parameter window */
-    BLOCK_SLOTS = 10,            /* positions are averaged over this many slots where acceleration is taken */
-    SWING_SLOTS = 3,             /* swing rates are averaged over this many slots at a window's ends */
+    BLOCK_SLOTS = 10,            /* positions and swing rates are averaged over this many slots at a window's ends */
     HISTORY_SLOTS = 136,         /* at least 2 * WINDOW_MAX_SLOTS + BLOCK_SLOTS + 1 */
     FAST_TICKS = 128,            /* a power of two above the range of parameter slip_window */
     SPEED_TICKS = 20,            /* window of the drive wheel's speed that the drive uses */
@@ -97,11 +96,11 @@ typedef struct {
 } terrapin_estimator;
 
 typedef struct {
-    int64_t weight_q6;           /* sums of 1, x, x^2, y, x y, 64 times; x = omega^2 in 0.01 rad^2/s^2, y = f_r in 1e-6 */
-    int64_t x_q6;
-    int64_t xx_q6;
-    int64_t y_q6;
-    int64_t xy_q6;
+    int32_t weight_q8;           /* number of windows, forgetting; at most 64 */
+    int32_t x_q8;                /* mean of omega^2 in 0.01 rad^2/s^2; below 2^26 */
+    int32_t y_q8;                /* mean of f_r in 1e-6; below 2^29 */
+    int64_t xx;                  /* second moments about the means, same units */
+    int64_t xy;
     uint8_t windows;
     /* results */
     int32_t f_r_ppm;
