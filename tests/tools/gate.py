@@ -32,7 +32,9 @@ def clang_tidy(root: Path) -> list[Command]:
 
 
 def cppcheck(root: Path) -> list[Command]:
-    (root / "build/cppcheck").mkdir(parents=True, exist_ok=True)  # its notes; without it they land beside the sources
+    # Its notes: without this folder they land beside the sources, and those of an earlier run contradict edited headers.
+    shutil.rmtree(root / "build/cppcheck", ignore_errors=True)
+    (root / "build/cppcheck").mkdir(parents=True)
     return [
         ["cppcheck", "--addon=misra", "--enable=warning,style,performance,portability", "--std=c11", "--inline-suppr",
          "--platform=unix64", "--cppcheck-build-dir=build/cppcheck", "--error-exitcode=1", "--quiet", "-j", str(os.cpu_count()),
