@@ -13,6 +13,7 @@ from itertools import combinations, product
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtr
 
 from host_tools.workbench.analysis import Analysis, measured
 from host_tools.workbench.bases import BASES, RUNNING, formula_name
@@ -75,8 +76,6 @@ def propose(analysis: Analysis, rivals: Sequence[tuple[tuple[str, ...], Fit]]) -
         if worth >= ENOUGH:
             break
         repeats += 1
-    from scipy.stats import norm
-
     runs = min(repeats * len(settings), RUNS_LIMIT)
     others = " and ".join(names[1:])
     held = "constant" if all(np.ptp(case.roles[r][analysis.rows]) == 0.0 for r in roles if r in case.roles) else "tied"
@@ -93,7 +92,7 @@ def propose(analysis: Analysis, rivals: Sequence[tuple[tuple[str, ...], Fit]]) -
         hold={role: value for role, value in hold.items() if role not in roles and role not in RUNNING},
         separates=tuple(dict.fromkeys(name for effects, _ in rivals for name in effects)),
         runs=runs,
-        error_rate=float(norm.cdf(-0.5 * np.sqrt(worth))),
+        error_rate=float(ndtr(-0.5 * np.sqrt(worth))),
         reason=reason,
     )
 

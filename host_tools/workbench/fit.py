@@ -22,6 +22,7 @@ Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Evaluate = Callable[[Array], tuple[Array, Array]]
 
+ENOUGH = 1e-9  # relative gain at which a fit stops
 SCREENED = 4  # starts kept of an effect's grid
 GRID_LIMIT = 300  # combinations of an effect's grid that are looked at
 
@@ -48,12 +49,15 @@ def minimise(
     """Levenberg and Marquardt's method inside a box; only parameters whose `free` is true move.
 
     `evaluate` gives residuals (m,) and their derivatives (m, parameters), `residual` the residuals alone. Stops when a
-    step gains less than 1e-12 of the cost. Returns parameters and cost, which is never above that of the start.
+    step gains, or promises, less than 1e-9 of the cost (a thousandth of a noise sd in the parameters), or when three
+    in a row gain less than 1e-6 (a valley that the data do not close). Returns parameters and cost, which is never
+    above that of the start.
     """
     theta = np.clip(start, lower, upper)
     r, jac = evaluate(theta)
     cost = float(r @ r)
     damping = 1e-4
+    slow = 0
     for _ in range(100):
         if not np.isfinite(cost):
             return theta, np.inf
@@ -71,7 +75,7 @@ def minimise(
             damped = normal + damping * np.eye(len(scale))
             step[moving] = -np.linalg.solve(damped, gradient[moving] / scale) / scale
             new = np.clip(theta + step, lower, upper)
-            if np.array_equal(new, theta):
+            if np.array_equal(new, theta) or abs(float(gradient @ (new - theta))) <= 0.1 * ENOUGH * cost:
                 break
             new_r = residual(new)
             new_cost = float(new_r @ new_r)
@@ -83,7 +87,8 @@ def minimise(
             break
         gain = cost - new_cost
         theta, cost = new, new_cost
-        if gain <= 1e-12 * cost:
+        slow = slow + 1 if gain <= 1e-6 * cost else 0
+        if gain <= ENOUGH * cost or slow == 3:
             break
         damping = max(damping / 20.0, 1e-14)
         r, jac = evaluate(theta)

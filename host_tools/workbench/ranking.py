@@ -30,7 +30,9 @@ Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 PRIOR = {"nothing": 0.2, "one": 0.38, "two": 0.15, "three": 0.01, "expression": 0.24, "run": 0.02}
-PAIRS_REFITTED = 10
+PAIRS_REFITTED = 8
+PAIRS_LOOKED_AT = 40
+WORTH_A_REFIT = 0.0  # log evidence that a second effect must add to the first for a refit of the two
 TRIPLES_FROM = 2  # best pairs that a third effect is tried on
 EXPRESSIONS_REFITTED = 4
 WITHIN = 12.0  # log evidence behind the best at which a set is no longer worth a refit
@@ -211,10 +213,17 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
     pairs = sorted((n for n in average if len(n) == 2), key=lambda n: -average[n])
     report("refits of the best pairs")
     refitted_pairs: list[Hypothesis] = []
-    for names in pairs[:PAIRS_REFITTED]:
-        if average[names] + log_prior[2] < best - WITHIN and refitted_pairs:
+    for names in pairs[:PAIRS_LOOKED_AT]:
+        if average[names] + log_prior[2] < best - WITHIN:
             break
         ordered = tuple(sorted(names, key=order.index))
+        member = max(names, key=lambda n: average[n,])
+        gain = average[names] - average[member,]
+        if gain < WORTH_A_REFIT or len(refitted_pairs) == PAIRS_REFITTED:
+            # the second adds nothing to the first: its price is known without a refit
+            alone = singles[member].log_weight - log_prior[1]
+            found.append(Hypothesis(ordered, "catalogue", alone + gain + log_prior[2]))
+            continue
         value, fit = ranker.refitted(ordered, razor[names], average[names])
         refitted_pairs.append(Hypothesis(ordered, "catalogue", value + log_prior[2], fit))
         best = max(best, refitted_pairs[-1].log_weight)
