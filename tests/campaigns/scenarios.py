@@ -13,8 +13,8 @@ from hil.scenario import Order, Scenario
 from hil.sensors import Sensors, kit
 
 TABLE_1 = ("sand", "dry_peat", "red_terrain", "agricultural")
-FLOOR_LENGTH = 16.0  # m: the calibration must end on the floor
-CALIBRATION = 16.0  # s until the operator drives on
+FLOOR_LENGTH = 11.0  # m: the calibration must end on the floor
+CALIBRATION = 14.0  # s until the operator drives on
 
 
 def level(terrain: str, steps: list[tuple[float, float]], duration: float, sensors: Sensors | None = None) -> Scenario:
