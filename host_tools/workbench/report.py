@@ -41,6 +41,7 @@ def render(analysis: Analysis, discovered: dict[str, Any] | None = None) -> str:
         verdict="missing" if analysis.missing else "adequate",
         chip="something is missing" if analysis.missing else "adequate",
         base_key="<span> &#9473; base model</span>" if case.effects else "",
+        fail_key='<span style="color:var(--red)"> &#9646; fails here</span>' if analysis.where else "",
         choices=f"<label>{choices}</label>",
         sentence=html.escape(verdict_line(analysis)),
         where=_where(analysis),

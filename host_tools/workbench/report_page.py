@@ -40,10 +40,11 @@ const D = JSON.parse(document.getElementById('data').textContent);
 const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const base = (extra) => Object.assign({paper_bgcolor:'rgba(0,0,0,0)', plot_bgcolor:'rgba(0,0,0,0)',
   font:{color:css('--ink'), family:'Inter,system-ui,sans-serif', size:12}, margin:{l:64,r:12,t:8,b:40},
-  showlegend:false, hovermode:'closest'}, extra);
+  showlegend:false, hovermode:'closest', modebar:{bgcolor:'rgba(0,0,0,0)', color:css('--soft')}}, extra);
 const axis = (title, extra) => Object.assign({title:{text:title, standoff:8}, gridcolor:css('--line'),
   zerolinecolor:css('--line'), linecolor:css('--line')}, extra);
-const config = {displaylogo:false, responsive:true, modeBarButtonsToRemove:['lasso2d','select2d','autoScale2d']};
+const config = {displaylogo:false, responsive:true,
+  modeBarButtons:[['toImage', 'zoom2d', 'pan2d', 'zoomIn2d', 'zoomOut2d', 'resetScale2d']]};
 const label = (name, unit) => unit && unit !== '1' ? name + ', ' + unit : name;
 let variable = D.variable, channel = 0;
 const held = D.held.map(Boolean);
@@ -79,14 +80,14 @@ function draw() {
   Plotly.react('residual', [dots(x, c.residual, false, 'training', 'sd'), dots(x, c.residual, true, 'held out', 'sd')],
     base({height:230, xaxis:axis(label(variable, unit)), yaxis:axis('residual, noise sd'),
     shapes:[floor, ...ranges()]}), config);
-  const names = D.ladder.map(r => r.added === null ? 'base model' : '+ ' + r.added);
+  const names = D.ladder.map(r => r.added === null ? 'base model' : '+ ' + r.added.replaceAll('_', '<br>'));
   const bars = (key, color, title) => ({x:names, y:D.ladder.map(r => r[key]), type:'bar', name:title,
     marker:{color:color}, text:D.ladder.map(r => r[key] === null ? '' : r[key].toPrecision(3)), textposition:'outside',
     cliponaxis:false, hovertemplate:'%{x}<br>%{y:.3g} noise sd<extra>' + title + '</extra>'});
   Plotly.react('ladder', [bars('train_error', css('--soft'), 'training'), bars('heldout_error', css('--blue'),
     'held out')], base({height:220, barmode:'group', margin:{l:44,r:8,t:18,b:44}, yaxis:axis('', {rangemode:'tozero'}),
-    xaxis:axis('', {automargin:true}), shapes:[{type:'line', xref:'paper', x0:0, x1:1, y0:1, y1:1,
-    line:{color:css('--teal'), width:1.6, dash:'dash'}}]}), config);
+    xaxis:axis('', {automargin:true, tickangle:0}), shapes:[{type:'line', xref:'paper', x0:0, x1:1, y0:1, y1:1,
+    line:{color:css('--teal'), width:1.6, dash:'dash'}}]}), {displayModeBar:false, responsive:true});
 }
 for (const [id, set] of [['variable', v => { variable = v; }], ['channel', v => { channel = +v; }]]) {
   const select = document.getElementById(id);
@@ -103,8 +104,7 @@ PAGE = Template(
 <header><h1>$title</h1><span class="what">$what</span><span class="verdict $verdict">$chip</span></header>
 <main><div>
 <section><h2>Model and measurement <span class="soft">&#9679; training &#9671; held out
-<span style="color:var(--blue)">&#9473; model, 95 % of the noise</span>$base_key
-<span style="color:var(--red)">&#9646; fails here</span></span>$choices</h2>
+<span style="color:var(--blue)">&#9473; model, 95 % of the noise</span>$base_key$fail_key</span>$choices</h2>
 <div id="overlay" role="img" aria-label="measured and predicted values"></div></section>
 <section><h2>Residual, measured - predicted <span class="soft">in noise sd; the band holds 95 % of noise</span></h2>
 <div id="residual" role="img" aria-label="residuals"></div></section>
