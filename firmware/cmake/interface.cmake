@@ -10,14 +10,17 @@ set(CDEF_HEADERS
 set(HEADER_OPTIONS ${CDEF_HEADERS})
 list(TRANSFORM HEADER_OPTIONS PREPEND "--header=")
 
-# The stamp is what the build waits for: a generated file whose text stays the same keeps its time.
+# The stamp is what the build waits for: a generated file whose text stays the same keeps its time. It carries the time
+# before the reading, so that an edit made meanwhile is seen by the next build.
 add_custom_command(
     OUTPUT ${GENERATED}/stamp
     BYPRODUCTS
         ${GENERATED}/terrapin_interface.c ${GENERATED}/terrapin_interface.h ${GENERATED}/terrapin_cdef.h
         ${GENERATED}/terrapin.dbc ${GENERATED}/interface.json ${GENERATED}/interface.md
+    COMMAND ${CMAKE_COMMAND} -E make_directory ${GENERATED}
+    COMMAND ${CMAKE_COMMAND} -E touch ${GENERATED}/stamp.begun
     COMMAND ${Python3_EXECUTABLE} -B ${INTERFACE_DIR}/generate.py --out ${GENERATED} ${HEADER_OPTIONS}
-    COMMAND ${CMAKE_COMMAND} -E touch ${GENERATED}/stamp
+    COMMAND ${CMAKE_COMMAND} -E rename ${GENERATED}/stamp.begun ${GENERATED}/stamp
     DEPENDS ${INTERFACE_SCRIPTS} ${INTERFACE_DIR}/controller.toml ${CDEF_HEADERS}
     COMMENT "Generating the interface from controller.toml"
     VERBATIM)
