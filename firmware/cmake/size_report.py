@@ -20,6 +20,10 @@ FORBIDDEN = re.compile(
     r"|malloc|calloc|realloc|free|_sbrk|alloca"
 )
 
+CODEC = r"terrapin_(encode_|decode_|e2e_|crc8).*|layout_.*|encode|decode|fit|frame_crc"
+TABLE = r"terrapin_parameters"
+HELPERS = r"__.*|mem(set|cpy|move|cmp)"
+
 
 def run(*command: str) -> list[str]:
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
@@ -36,9 +40,13 @@ def main() -> int:
     text, data, bss = (int(word) for word in run(options.size, options.image)[1].split()[:3])
     symbols = [line.split() for line in run(options.nm, "-S", "--size-sort", "-r", options.image)]
     names = [line.split()[-1] for line in run(options.nm, options.image)]
-    codec = sum(int(s[1], 16) for s in symbols if re.match(r"terrapin_(encode|decode|e2e|crc8)", s[3]))
-    print(f"core on Cortex-M4 -Os: text {text} bytes (limit {TEXT_LIMIT}), data {data}, bss {bss}; codec {codec}")
-    for symbol in symbols[:12]:
+
+    def part(pattern: str) -> int:
+        return sum(int(s[1], 16) for s in symbols if re.fullmatch(pattern, s[3]))
+
+    print(f"core on Cortex-M4 -Os: text {text} bytes (limit {TEXT_LIMIT}), data {data}, bss {bss}; of it")
+    print(f"  {part(CODEC):6d} codec, {part(TABLE)} parameter table, {part(HELPERS)} helpers of compiler and C library")
+    for symbol in symbols[:10]:
         print(f"  {int(symbol[1], 16):6d} {symbol[3]}")
     bad = sorted({name for name in names if FORBIDDEN.fullmatch(name)})
     if bad:
