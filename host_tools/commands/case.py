@@ -21,13 +21,11 @@ def case(
     ] = None,
     after: Annotated[float, typer.Option("--after", metavar="SECONDS", help="leave out windows before")] = 0.0,
     before: Annotated[float, typer.Option("--before", metavar="SECONDS", help="leave out windows from here")] = 1e18,
-    dbc: Annotated[str, typer.Option("--dbc", metavar="FILE", help="DBC; else that of the host build")] = "",
 ) -> None:
     """Turn logged runs into a case of rolling_steady: one row for each steady window that the controller called valid.
 
     Example: terrapin case out/runs/* --to out/case --effect speed_squared --after 2
     """
-    from hil.paths import build
     from hil.physics.effects import catalogue
     from host_tools.workbench.from_runs import read_run, write_case
 
@@ -35,8 +33,7 @@ def case(
         if name not in catalogue() or "rolling_steady" not in catalogue()[name].bases:
             known = ", ".join(n for n, e in catalogue().items() if "rolling_steady" in e.bases)
             raise UserError(f"--effect: found {name!r}, expected one of {known}")
-    file = Path(dbc) if dbc else build() / "generated" / "terrapin.dbc"
-    print(write_case(to, [read_run(folder, file, after, before) for folder in runs], title, effect or []))
+    print(write_case(to, [read_run(folder, after, before) for folder in runs], title, effect or []))
 
 
 def register(app: typer.Typer) -> None:

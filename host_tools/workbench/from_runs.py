@@ -14,16 +14,21 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import tomlkit
 
 from hil.messages import Interface, interface
+from hil.telemetry import si_factor
 from host_tools.errors import UserError
+from host_tools.logs import candump
+from host_tools.logs.candump import telemetry
 from host_tools.workbench.edit import write_whole
-from host_tools.workbench.tables import log_frames
 
 __all__ = ["Run", "read_run", "write_case"]
+
+Array = npt.NDArray[np.float64]
 
 COLUMNS = {
     "time": "s",
@@ -65,42 +70,59 @@ def _parameters(folder: Path, description: Interface) -> dict[str, float]:
     return values
 
 
-def read_run(folder: Path, dbc: Path, after: float = 0.0, before: float = float("inf")) -> Run:
+def read_run(folder: Path, after: float = 0.0, before: float = float("inf")) -> Run:
     """The valid windows of a run's telemetry.log between `after` and `before` [s]. UserError when it has none."""
     log = folder / "telemetry.log"
     if not log.is_file():
         raise UserError(f"{log}: no such file, expected a run's folder (terrapin run --out)")
     description = interface()
-    wanted = ("STATUS", "WINDOW", "ELECTRICAL", "ATTITUDE", "CALIBRATION")
-    running = description.enums["state"]["run"]
-    last: dict[str, Any] = {}
-    rows: list[dict[str, float]] = []
-    for time, signals in log_frames(log, dbc, wanted):
-        last.update(signals)
-        if not (signals.get("WINDOW.fresh") and signals.get("WINDOW.valid") and after <= time < before):
-            continue
-        if last.get("STATUS.state") != running:
-            continue
-        row = {
-            "time": time,
-            "omega": signals["WINDOW.omega"],
-            "current": signals["WINDOW.current"],
-            "voltage": signals["WINDOW.voltage"],
-        }
-        if "ELECTRICAL.temperature" in last:
-            row["temperature"] = last["ELECTRICAL.temperature"]
-        if "ATTITUDE.angle" in last:
-            row["angle"], row["acceleration"] = last["ATTITUDE.angle"], last["ATTITUDE.acceleration"]
-            if last.get("ATTITUDE.pitch_valid"):
-                row["slope"] = last["ATTITUDE.pitch"]
-        rows.append(row)
-    if not rows:
-        raise UserError(f"{log}: found no valid steady window of a running robot, expected at least one")
+    tables = telemetry(candump.read(log), description)
     parameters = _parameters(folder, description)
+    times = _window_ends(tables, description.enums["state"]["run"], after, before)
+    if len(times) == 0:
+        raise UserError(f"{log}: found no valid steady window of a running robot, expected at least one")
+    span = parameters["window"] * si_factor(description.parameters["window"].unit)
+    columns = {"time": times}
+    for name in ("omega", "current", "voltage"):
+        columns[name] = _held(tables["WINDOW"], name, times)
+    if "ELECTRICAL" in tables:
+        columns["temperature"] = _mean(tables["ELECTRICAL"], "temperature", times, span)
+    if "ATTITUDE" in tables:
+        columns["angle"] = _held(tables["ATTITUDE"], "angle", times)
+        columns["acceleration"] = _held(tables["ATTITUDE"], "acceleration", times)
+        if np.all(_held(tables["ATTITUDE"], "pitch_valid", times) > 0):
+            columns["slope"] = _mean(tables["ATTITUDE"], "pitch", times, span)
+    rows = [dict(zip(columns, map(float, values), strict=True)) for values in zip(*columns.values(), strict=True)]
     constants = {name: parameters[name] for name in KNOWN}
     for name in ("coulomb", "viscous"):  # what the calibration found, or the parameter in use before it
-        constants[name] = last.get(f"CALIBRATION.{name}", constants[name])
+        if "CALIBRATION" in tables:
+            constants[name] = float(_held(tables["CALIBRATION"], name, times[-1:])[0])
     return Run(folder.resolve().name, rows, constants)
+
+
+def _window_ends(tables: Mapping[str, dict[str, Array]], running: int, after: float, before: float) -> Array:
+    """Times of the WINDOW frames that end a disjoint valid window of a running robot."""
+    if "WINDOW" not in tables or "STATUS" not in tables:
+        return np.empty(0)
+    window = tables["WINDOW"]
+    use = (window["fresh"] > 0) & (window["valid"] > 0) & (window["time"] >= after) & (window["time"] < before)
+    use &= window["time"] >= tables["STATUS"]["time"][0]
+    times = window["time"][use]
+    return np.asarray(times[_held(tables["STATUS"], "state", times) == running])
+
+
+def _held(table: Mapping[str, Array], signal: str, times: Array) -> Array:
+    """The signal's last value at each time, its first before there is one."""
+    index = np.searchsorted(table["time"], times, side="right") - 1
+    return np.asarray(table[signal][np.maximum(index, 0)])
+
+
+def _mean(table: Mapping[str, Array], signal: str, times: Array, span: float) -> Array:
+    """The signal's mean over the `span` [s] up to each time: what belongs to a window's mean current and speed."""
+    sums = np.concatenate(([0.0], np.cumsum(table[signal])))
+    last = np.maximum(np.searchsorted(table["time"], times, side="right"), 1)
+    first = np.minimum(np.searchsorted(table["time"], times - span, side="right"), last - 1)
+    return np.asarray((sums[last] - sums[first]) / (last - first))
 
 
 def write_case(folder: Path, runs: Sequence[Run], title: str, effects: Sequence[str]) -> str:
