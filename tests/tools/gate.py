@@ -38,8 +38,8 @@ def cppcheck(root: Path) -> list[Command]:
     return [
         ["cppcheck", "--addon=misra", "--enable=warning,style,performance,portability", "--std=c11", "--inline-suppr",
          "--platform=unix64", "--cppcheck-build-dir=build/cppcheck", "--error-exitcode=1", "--quiet",
-         "-j", str(os.cpu_count()), "--suppressions-list=firmware/misra-disapplied.txt", "-Ifirmware/core", "-Ifirmware/link",
-         "-Ibuild/host/generated", *c_files(root, "firmware/core/", "firmware/link/", suffixes=(".c",))]
+         "-j", str(os.cpu_count()), "--suppressions-list=firmware/misra-disapplied.txt", "-Ifirmware/core",
+         "-Ifirmware/link", "-Ibuild/host/generated", *c_files(root, "firmware/core/", "firmware/link/", suffixes=(".c",))]
     ]  # fmt: skip
 
 
