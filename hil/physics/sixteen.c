@@ -8,7 +8,7 @@
 #define LN2_HIGH 0.693147180369123816490 /* its last 20 bits are zero: times an exponent it is exact */
 #define LN2_LOW  1.90821492927058770002e-10
 
-void hil_exp16(const double *x, double *result) {
+HIL_WIDE void hil_exp16(const double *restrict x, double *restrict result) {
     for (int k = 0; k < HIL_SIXTEEN; k++) {
         const double shifted = x[k] * LOG2E + SHIFT;
         const double whole = shifted - SHIFT;
@@ -33,7 +33,7 @@ void hil_exp16(const double *x, double *result) {
     }
 }
 
-void hil_log16(const double *x, double *result) {
+HIL_WIDE void hil_log16(const double *restrict x, double *restrict result) {
     const uint64_t middle = 0x3FE6A09E667F3BCDu; /* sqrt(1/2): the mantissa is brought into [0.707, 1.414) */
     const uint64_t magic = 0x4330000000000000u;  /* 2^52 */
     for (int k = 0; k < HIL_SIXTEEN; k++) {
@@ -63,7 +63,7 @@ void hil_log16(const double *x, double *result) {
     }
 }
 
-void hil_sincos8(const double *x, double *sine, double *cosine) {
+HIL_WIDE void hil_sincos8(const double *restrict x, double *restrict sine, double *restrict cosine) {
     for (int k = 0; k < HIL_SIXTEEN / 2; k++) {
         const double g = x[k] * x[k];
         double s = -1.0 / 121645100408832000.0;
@@ -89,7 +89,7 @@ void hil_sincos8(const double *x, double *sine, double *cosine) {
     }
 }
 
-double hil_sum16(const double *x) {
+HIL_WIDE double hil_sum16(const double *x) {
     double part[8];
     for (int k = 0; k < 8; k++) {
         part[k] = x[k] + x[k + 8];

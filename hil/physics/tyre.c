@@ -88,7 +88,7 @@ static arc arc_of(const hil_tyre *tyre, double z, double d, double slip) {
 }
 
 /* Nodes by the addition theorem: one sine and cosine serve the two nodes at equal distance from the centre. */
-static void place(double start, double end, side *s) {
+HIL_WIDE static void place(double start, double end, side *s) {
     const double half = 0.5 * (end - start);
     const double centre = 0.5 * (end + start);
     const double centre_sine = sin(centre);
@@ -113,7 +113,7 @@ static void place(double start, double end, side *s) {
 }
 
 /* Normal stress ahead of th_m, and behind it, where it is the same read backwards. */
-static void press(const arc *a, const hil_tyre_soil *soil, int directions, side *front, side *rear) {
+HIL_WIDE static void press(const arc *a, const hil_tyre_soil *soil, int directions, side *front, side *rear) {
     double depth[NODES], inverse[NODES], power[NODES];
     for (int k = 0; k < NODES; k++) {
         const double drop = front->cosine[k] - a->front_cosine;
@@ -146,7 +146,7 @@ static void press(const arc *a, const hil_tyre_soil *soil, int directions, side 
 }
 
 /* The three weighted sums of stresses `normal` and `tangential` at the nodes of a side. */
-static void weigh(const side *s, const double *normal, const double *tangential, double *sum) {
+HIL_WIDE static void weigh(const side *s, const double *normal, const double *tangential, double *sum) {
     double force[NODES], load[NODES], torque[NODES];
     for (int k = 0; k < NODES; k++) {
         force[k] = weight[k] * (tangential[k] * s->cosine[k] - normal[k] * s->sine[k]);
@@ -158,8 +158,8 @@ static void weigh(const side *s, const double *normal, const double *tangential,
     sum[2] = hil_sum16(torque);
 }
 
-static void add_side(const side *s, const arc *a, const hil_tyre_soil *soil, double slip, double tangent, int columns,
-                     sums *total) {
+HIL_WIDE static void add_side(const side *s, const arc *a, const hil_tyre_soil *soil, double slip, double tangent,
+                              int columns, sums *total) {
     const double ratio = 1.0 - slip; /* V / (R_e omega) */
     const double inverse = 1.0 / soil->shear_modulus;
     const double half = 0.5 * (s->end - s->start);

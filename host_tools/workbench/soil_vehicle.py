@@ -28,7 +28,20 @@ from hil.physics.soils import Footing
 from hil.physics.tyre import ContactError, Tyre
 from hil.physics.vehicle import PERIOD, SUBSTEPS, Run, Vehicle, profile_torque, simulate
 
-__all__ = ["MASK", "PARAMETERS", "TABLE_1", "WHEELS", "Cost", "Drive", "Fit", "Objective", "estimate", "synthetic"]
+__all__ = [
+    "MASK",
+    "PARAMETERS",
+    "TABLE_1",
+    "WHEELS",
+    "Cost",
+    "Drive",
+    "Fit",
+    "Objective",
+    "bounds_of",
+    "estimate",
+    "optimum",
+    "synthetic",
+]
 
 Array = npt.NDArray[np.float64]
 Cost = Literal["least_squares", "eq5"]
@@ -37,6 +50,8 @@ PARAMETERS = ("k_s", "n", "cohesion", "friction_angle", "shear_modulus")  # in t
 WHEELS = ("fl", "fr", "rl", "rr")
 AXLE = (0, 0, 1, 1)  # of each wheel: left and right are equal in the model
 MASK = 2.0  # [rad/s]
+COHESION = 1e3  # [Pa], unit in which the optimiser counts cohesion
+TOLERANCE = 1e-7  # relative change of the objective at which an optimisation stops
 TABLE_1 = (0.46, 0.14, 0.31, 0.22, 0.41)  # relative half ranges of the paper's Table 1
 
 
@@ -183,8 +198,7 @@ def estimate(
                 raise
             progress(f"start {number + 1} of {starts}: this soil does not carry the car; left out")
             continue
-        value = objective.cost(x) if cost == "eq5" else objective.squares(x)
-        found.append((x, value))
+        found.append((x, objective.cost(x) if cost == "eq5" else objective.squares(x)))
         progress(f"start {number + 1} of {starts}: cost of Eq. 5 {objective.cost(x):.3f} %")
     found.sort(key=lambda pair: pair[1])
     best = found[0][0]
@@ -216,18 +230,19 @@ def _starts(first: Array, low: Array, high: Array, free: npt.NDArray[np.bool_], 
 def optimum(objective: Objective, x0: Array, low: Array, high: Array, free: npt.NDArray[np.bool_], cost: Cost) -> Array:
     """The local optimum reached from x0 [5]. ContactError where x0 cannot be simulated."""
     objective(x0)
+    x = _trust_region(objective, x0, low, high, free, [np.ones(m.size) for m in objective.measured], tolerance)
     if cost == "least_squares":
-        return _trust_region(objective, x0, low, high, free, [np.ones(m.size) for m in objective.measured])
-    x, value = x0, objective.cost(x0)
-    for _ in range(20):
+        return x
+    value = objective.cost(x)
+    for _ in range(30):
         errors = np.maximum(objective.errors(x), 1e-12)
         weights = [1.0 / (m * np.sqrt(m.size * e)) for m, e in zip(objective.measured, errors, strict=True)]
-        trial = _trust_region(objective, x, low, high, free, weights)
+        trial = _trust_region(objective, x, low, high, free, weights, 10.0 * tolerance)
         gained = value - objective.cost(trial)
         if gained <= 0.0:
             return x
         x, value = trial, value - gained
-        if gained < 1e-6 * value:
+        if gained < 10.0 * tolerance * value:
             return x
     return x
 
@@ -239,36 +254,48 @@ def _trust_region(
     high: Array,
     free: npt.NDArray[np.bool_],
     weights: Sequence[Array],
+    tolerance: float,
 ) -> Array:
-    scale = np.abs(x0[free])
-
-    def whole(y: Array) -> Array:
+    def whole(u: Array) -> Array:
         x = x0.copy()
-        x[free] = np.clip(y * scale, low[free], high[free])
+        x[free] = np.clip(_from_straight(u, x0, free), low[free], high[free])
         return x
 
-    def residuals(y: Array) -> Array:
+    def residuals(u: Array) -> Array:
         try:
-            differences = objective(whole(y))[0]
+            differences = objective(whole(u))[0]
         except ContactError:  # a trial soil that does not carry the car: the trust region shrinks on infinity
             return np.full(sum(w.size for w in weights), np.inf)
         return np.concatenate([w * d for w, d in zip(weights, differences, strict=True)])
 
-    def jacobian(y: Array) -> Array:
-        derivatives = objective(whole(y))[1]
-        return np.concatenate([w[:, None] * d[:, free] * scale for w, d in zip(weights, derivatives, strict=True)])
+    def jacobian(u: Array) -> Array:
+        x = whole(u)
+        rates = np.array([x[0], 1.0, COHESION, np.cos(x[3]) ** 2, x[4]])[free]
+        derivatives = objective(x)[1]
+        return np.concatenate([w[:, None] * d[:, free] * rates for w, d in zip(weights, derivatives, strict=True)])
 
-    inside = np.clip(x0[free] / scale, low[free] / scale, high[free] / scale)
+    least, most = _straight(low)[free], _straight(high)[free]
     solution = least_squares(
         residuals,
-        inside,
+        np.clip(_straight(x0)[free], least, most),
         jacobian,
-        bounds=(low[free] / scale, high[free] / scale),
+        bounds=(least, most),
         method="trf",
         x_scale="jac",
-        ftol=1e-9,
-        xtol=1e-8,
+        ftol=tolerance,
+        xtol=1e-7,
         gtol=1e-10,
         max_nfev=100,
     )
     return whole(solution.x)
+
+
+def _straight(x: Array) -> Array:
+    """(ln k_s, n, c / COHESION, tan phi, ln K): valleys of equal pressure or equal strength are straight in these."""
+    return np.array([np.log(x[0]), x[1], x[2] / COHESION, np.tan(x[3]), np.log(x[4])])
+
+
+def _from_straight(u: Array, x0: Array, free: npt.NDArray[np.bool_]) -> Array:
+    v = _straight(x0)
+    v[free] = u
+    return np.array([np.exp(v[0]), v[1], v[2] * COHESION, np.arctan(v[3]), np.exp(v[4])])[free]
