@@ -1,0 +1,1 @@
+"""Designed experiments: which settings to run, and what the results allow one to conclude."""
