@@ -227,8 +227,16 @@ def _starts(first: Array, low: Array, high: Array, free: npt.NDArray[np.bool_], 
     return points
 
 
-def optimum(objective: Objective, x0: Array, low: Array, high: Array, free: npt.NDArray[np.bool_], cost: Cost) -> Array:
-    """The local optimum reached from x0 [5]. ContactError where x0 cannot be simulated."""
+def optimum(
+    objective: Objective,
+    x0: Array,
+    low: Array,
+    high: Array,
+    free: npt.NDArray[np.bool_],
+    cost: Cost,
+    tolerance: float = TOLERANCE,
+) -> Array:
+    """The local optimum reached from x0 (5,). ContactError where x0 cannot be simulated."""
     objective(x0)
     x = _trust_region(objective, x0, low, high, free, [np.ones(m.size) for m in objective.measured], tolerance)
     if cost == "least_squares":

@@ -1,9 +1,9 @@
 """What runs of a car say about the soil, and what they cannot: intervals, correlations, combinations.
 
 Stiffness and exponent act almost only through the pressure k_s z^n at one depth, cohesion and friction angle through
-the strength c + p tan(phi) at one normal stress. Both are found here as the combination with the least variance. Intervals
-come from profile likelihoods: one parameter is held, the others are fitted again, until the sum of squares has risen by
-the 95 % point of chi squared with one degree of freedom.
+the strength c + p tan(phi) at one normal stress. Both are found here as the combination with the least variance.
+Intervals come from profile likelihoods: one parameter is held, the others are fitted again, until the sum of squares
+has risen by the 95 % point of chi squared with one degree of freedom.
 
 The noise of the torque enters through the simulation, so residuals are correlated in time: the variance of the fit is
 multiplied by the residuals' integrated correlation time. What the model gets wrong (a torque gain of 3 % moves k_s by
