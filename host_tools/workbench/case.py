@@ -57,6 +57,7 @@ class Case:
         str, Effect
     ]  # effects that this base may take: catalogue with the case's bounds, and the user's own
     equations: Mapping[str, Expression]
+    scales: Mapping[str, float]  # equation with all units given: what takes a name's number to SI; else empty
     roles: Mapping[str, Array]
     channels: Mapping[str, Array]
     sigma: Mapping[str, float | None]
@@ -140,6 +141,7 @@ def parse_case(folder: Path, text: str) -> Case:
         fit=fit,
         library=library,
         equations=measured.equations,
+        scales=_scales(measured.equations, {**parameter_units, **_fit_units(fit), **measured.units}, complain),
         **measured.case_fields(),
     )
     _check_names(case, complain)
@@ -326,6 +328,31 @@ def read_estimate(tables: Tables, path: tuple[str, ...], unit: str, standard: Es
     if not low <= value <= high:
         raise tables.complain(f"found value {value:g}, expected between min {low:g} and max {high:g}", *path)
     return Estimate(path[-1], value, low, high, unit)
+
+
+def _fit_units(fit: Mapping[str, Estimate]) -> dict[str, str]:
+    return {name: estimate.unit for name, estimate in fit.items() if estimate.unit}
+
+
+def _scales(equations: Mapping[str, Expression], units: Mapping[str, str], complain: Complaint) -> dict[str, float]:
+    """Check the units of equations whose names all have one; their numbers then go through SI.
+
+    Where a unit is missing the formula works on the numbers as they stand in the file.
+    """
+    from host_tools.workbench.units import same_kind, si_factor
+
+    if not equations or not all(e.names <= units.keys() for e in equations.values()):
+        return {}
+    for channel, expression in equations.items():
+        path = ("model", "equation", channel)
+        try:
+            found = str(expression.unit(units)) or "1"
+        except ValueError as error:
+            raise complain(str(error), *path) from None
+        if not same_kind(found, units[channel]):
+            raise complain(f"{expression} is in {found}, expected {units[channel]}", *path)
+    names = {*equations, *(name for e in equations.values() for name in e.names)}
+    return {name: si_factor(units[name]) for name in names}
 
 
 def _check_names(case: Case, complain: Complaint) -> None:

@@ -165,6 +165,11 @@ class Bound:
         slopes = slopes - along[None] * ratio[:, None, :]
         return self._expand(values[:1])[0], np.moveaxis(self._expand(slopes), 0, -1)
 
+    def _equations(self, values: Mapping[str, Array | float]) -> dict[str, Array]:
+        case = self.model.case
+        scaled = {name: value * case.scales.get(name, 1.0) for name, value in values.items()}
+        return {c: case.equations[c].evaluate(scaled) / case.scales.get(c, 1.0) for c in self.model.channels}
+
     def _expand(self, values: Array) -> Array:
         return values if self.inverse is None else values[..., self.inverse]
 
@@ -190,7 +195,7 @@ class Bound:
         if name == "rolling_steady":
             channels = {"current": _rolling(values, self._sum(values, local, "resistance"))}
         elif name == "equation":
-            channels = {c: self.model.case.equations[c].evaluate(values) for c in self.model.channels}
+            channels = self._equations(values)
         else:
             entry, vertical, channels = self._contact(values, shape, entry)
             if self.needs_bulldozing:

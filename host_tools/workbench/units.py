@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from hil.physics.expression import units as registry
 
-__all__ = ["check", "convert", "convert_difference", "quantity", "same_kind"]
+__all__ = ["check", "convert", "convert_difference", "quantity", "same_kind", "si_factor"]
 
 Numbers = TypeVar("Numbers", float, npt.NDArray[np.float64])
 
@@ -62,6 +62,17 @@ def convert(values: Numbers, unit: str, to: str) -> Numbers:
         return values
     converted: Numbers = registry().Quantity(values, source).to(target).magnitude
     return converted
+
+
+def si_factor(unit: str) -> float:
+    """What takes a difference in `unit` to coherent SI units; temperatures stay in degrees.
+
+    >>> round(si_factor("kPa min/L"))
+    60000000
+    """
+    if unit.strip() in ("degC", "celsius", "degree_Celsius"):
+        return 1.0
+    return float(registry().Quantity(1.0, _parse(unit)).to_base_units().magnitude)
 
 
 def convert_difference(value: float, unit: str, to: str) -> float:

@@ -1,0 +1,100 @@
+"""Cases made up for the tests: true models with noise of a fixed seed, written as a user would write them."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+R, DRIVE, K_T, A, B = 0.08, 0.018, 0.1, 0.012, 1e-3
+
+ROLLING = """# a comment that must stay
+[case]
+title = "Rolling"          # and this one
+
+[model]
+base = "rolling_steady"
+effects = []               # none yet
+
+[parameters]
+radius = "80 mm"
+drive_radius = "18 mm"
+torque_constant = 0.1
+coulomb = "12 mN m"
+viscous = 1e-3
+
+[fit]
+f_o = { value = 0.05, min = 0.0, max = 0.5 }
+
+[data]
+files = ["runs.csv"]
+run = "run"
+
+[data.columns]
+omega = { column = "w", unit = "rpm" }
+load = { column = "W", unit = "N" }
+temperature = { column = "temp", unit = "degF" }
+current = { column = "i", unit = "mA", sigma = 4.0 }
+"""
+
+
+def ar1(random: np.random.Generator, count: int, rho: float) -> npt.NDArray[np.float64]:
+    """Noise of unit variance with the correlation rho from row to row."""
+    noise = random.standard_normal(count)
+    for i in range(1, count):
+        noise[i] = rho * noise[i - 1] + np.sqrt(1 - rho * rho) * noise[i]
+    return noise
+
+
+def rolling(
+    folder: Path,
+    seed: int,
+    *,
+    runs: int = 10,
+    rows: int = 12,
+    rho: float = 0.0,
+    sigma: float = 0.004,
+    heating: float = 0.0,
+    text: str = ROLLING,
+) -> Path:
+    """A case of rolling_steady with f_o = 0.09; `heating` is the true loss of torque constant a kelvin."""
+    random = np.random.default_rng(seed)
+    lines = ["run,w,W,temp,i,humidity"]
+    for run in range(runs):
+        speed = random.uniform(2, 10) * (1 if run % 3 else -1)
+        load = random.uniform(15, 40)
+        first = random.uniform(20, 35)
+        noise = ar1(random, rows, rho)
+        for row in range(rows):
+            omega = speed * (1 + 0.02 * random.standard_normal())
+            celsius = first + 2.5 * row
+            torque = 0.09 * R * load * np.sign(omega) + A * np.sign(omega) + B * omega
+            current = torque * DRIVE / (R * K_T * (1 - heating * (celsius - 25))) + sigma * noise[row]
+            values = (omega * 30 / np.pi, load, celsius * 1.8 + 32, 1000 * current, random.normal(50, 5))
+            lines.append(",".join([f"r{run:02d}", *(f"{v:.8g}" for v in values)]))
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "runs.csv").write_text("\n".join(lines) + "\n")
+    (folder / "case.toml").write_text(text)
+    return folder
+
+
+def terrapin(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    """Run the command in this process: exit status, standard output, standard error."""
+    from host_tools.cli import main
+
+    before = sys.argv
+    sys.argv = ["terrapin", *map(str, arguments)]
+    try:
+        main()
+    except SystemExit as stop:
+        code: Any = stop.code
+    else:
+        code = 0
+    finally:
+        sys.argv = before
+    captured = capsys.readouterr()
+    return int(code or 0), captured.out, captured.err
