@@ -7,19 +7,23 @@
 
 enum {
     SETTLE_MS = 500,           /* no window counts so soon after a voltage step, whatever the gate says */
-    OMEGA_MAX_MRAD_S = 100000,
+    OMEGA_MAX_URAD_S = 100000000, /* three windows of it fit 2^30 */
     TORQUE_MAX_UNM = 2000000,
     SPREAD_MRAD2 = 1000000     /* n^2 times the variance of the speeds; less than 1 rad/s apart says nothing of B */
 };
 
+static void restart_step(terrapin_calibration_state *c) {
+    c->windows = 0U;
+    c->omega_sum_urad_s = 0;
+    c->torque_sum_unm = 0;
+}
+
 void calibration_start(terrapin_state *state) {
     terrapin_calibration_state *c = &state->calibration;
     c->step = 0U;
-    c->windows = 0U;
     c->timer_ms = 0U;
     c->seen = state->estimator.index;
-    c->omega_sum_urad_s = 0;
-    c->torque_sum_unm = 0;
+    restart_step(c);
 }
 
 static int32_t direction(const terrapin_state *state) {
@@ -36,28 +40,24 @@ static int32_t voltage(const terrapin_state *state) {
 
 static void close_step(terrapin_state *state) {
     terrapin_calibration_state *c = &state->calibration;
-    const int64_t omega = integer_divide(c->omega_sum_urad_s, CALIBRATE_WINDOWS);
-    const int64_t torque = integer_divide(c->torque_sum_unm, CALIBRATE_WINDOWS);
-    const int64_t floor_ppm = ground_curve_ppm(state, TERRAPIN_TERRAIN_HARD_FLOOR, (int32_t)omega);
-    const int64_t floor_unm = (floor_ppm * state->gains.weight_unm) / 1000000;
-    c->omega_mrad_s[c->step] = integer_clamp(integer_divide(omega, 1000), 0, OMEGA_MAX_MRAD_S);
-    c->torque_unm[c->step] = integer_clamp(torque - floor_unm, -TORQUE_MAX_UNM, TORQUE_MAX_UNM);
+    const int32_t omega = c->omega_sum_urad_s / CALIBRATE_WINDOWS;
+    const int32_t torque = c->torque_sum_unm / CALIBRATE_WINDOWS;
+    c->omega_mrad_s[c->step] = omega / 1000;
+    c->torque_unm[c->step] = torque - ground_floor_unm(state, omega);
     c->step++;
-    c->windows = 0U;
     c->timer_ms = 0U;
-    c->omega_sum_urad_s = 0;
-    c->torque_sum_unm = 0;
+    restart_step(c);
 }
 
 /* Largest residual of the line [uN m]. */
-static int32_t worst(const terrapin_calibration_state *c, int64_t coulomb_unm, int64_t viscous_e8) {
-    int64_t largest = 0;
+static int32_t worst(const terrapin_calibration_state *c, int32_t coulomb_unm, int32_t viscous_e8) {
+    int32_t largest = 0;
     for (uint32_t i = 0U; i < c->step; i++) {
-        const int64_t line = coulomb_unm + integer_divide(viscous_e8 * c->omega_mrad_s[i], 100000);
-        const int64_t off = integer_abs(c->torque_unm[i] - line);
+        const int32_t line = coulomb_unm + integer_scale(viscous_e8, c->omega_mrad_s[i], 100000);
+        const int32_t off = integer_abs(c->torque_unm[i] - line);
         largest = (off > largest) ? off : largest;
     }
-    return integer_saturate(largest);
+    return largest;
 }
 
 static bool fit(terrapin_state *state) {
@@ -83,7 +83,7 @@ static bool fit(terrapin_state *state) {
         good = (viscous >= b->minimum) && (viscous <= b->maximum);
         const int64_t coulomb = good ? integer_divide((t * 100000) - (viscous * w), n * 100000) : 0;
         good = good && (coulomb >= a->minimum) && (coulomb <= a->maximum);
-        c->residual_unm = good ? worst(c, coulomb, viscous) : 0;
+        c->residual_unm = good ? worst(c, (int32_t)coulomb, (int32_t)viscous) : 0;
         good = good && (c->residual_unm <= state->parameter[TERRAPIN_PARAMETER_CALIBRATE_TOLERANCE]);
         if (good) {
             state->parameter[TERRAPIN_PARAMETER_VISCOUS] = (int32_t)viscous;
@@ -103,12 +103,10 @@ calibration_result calibration_update(terrapin_state *state, int32_t *voltage_mv
     c->seen = e->index;
     c->timer_ms++;
     if (!e->valid) { /* the three windows follow on each other */
-        c->windows = 0U;
-        c->omega_sum_urad_s = 0;
-        c->torque_sum_unm = 0;
+        restart_step(c);
     } else if (!taken && (c->timer_ms > SETTLE_MS)) {
-        c->omega_sum_urad_s += (int64_t)direction(state) * e->omega_urad_s;
-        c->torque_sum_unm += (int64_t)direction(state) * e->motor_unm;
+        c->omega_sum_urad_s += integer_clamp((int64_t)direction(state) * e->omega_urad_s, 0, OMEGA_MAX_URAD_S);
+        c->torque_sum_unm += integer_clamp((int64_t)direction(state) * e->motor_unm, -TORQUE_MAX_UNM, TORQUE_MAX_UNM);
         c->windows++;
     } else {
         /* no new window */

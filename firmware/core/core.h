@@ -25,13 +25,13 @@ void estimator_restart(terrapin_state *state);
 void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs);
 /* At the end of a slot: a new window, a new C_t. */
 void estimator_slot(terrapin_state *state, const terrapin_inputs *inputs);
-/* (R/r) K_t I [uN m] of a window: sum of its current codes, zero taken off, in 1/256 code (within 2^32).
+/* (R/r) K_t I [uN m] of a window: sum of its current codes, zero taken off, in 1/256 code (within 2^30).
  * heat_q20 is K_t over K_t at 25 degC. */
-int64_t estimator_motor_torque(const terrapin_gains *gains, int64_t current_q8, int32_t heat_q20);
-/* A sgn(w) + B w [uN m] of a window with `counts` motor counts (within 2^20). */
-int64_t estimator_friction(const terrapin_gains *gains, int32_t coulomb_unm, int32_t counts);
+int32_t estimator_motor_torque(const terrapin_gains *gains, int32_t current_q8, int32_t heat_q20);
+/* A sgn(w) + B w [uN m] of a window with `counts` motor counts. coulomb_unm within 2^29. */
+int32_t estimator_friction(const terrapin_gains *gains, int32_t coulomb_unm, int32_t counts);
 /* C_t of a window, held within the full scale; *saturated says when it was. */
-int32_t estimator_contact_torque(int64_t torque_unm, bool *saturated);
+int32_t estimator_contact_torque(int32_t torque_unm, bool *saturated);
 /* A record `slots` back from the newest; slots < estimator.slots. */
 const terrapin_record *estimator_record(const terrapin_estimator *estimator, uint32_t slots);
 
@@ -49,6 +49,9 @@ int32_t uncertainty_unm(const terrapin_state *state);
 void ground_update(terrapin_state *state, const terrapin_inputs *inputs);
 /* f_o + f_s omega^2 of terrain 1 to TERRAINS [1e-6]. */
 int32_t ground_curve_ppm(const terrapin_state *state, uint32_t terrain, int32_t omega_urad_s);
+
+/* Torque of the hard floor at a speed, along the motion [uN m]. */
+int32_t ground_floor_unm(const terrapin_state *state, int32_t omega_urad_s);
 
 /* ---- calibration.c */
 typedef enum { CALIBRATION_BUSY = 0, CALIBRATION_DONE = 1, CALIBRATION_FAILED = 2 } calibration_result;

@@ -9,7 +9,7 @@
 
 enum {
     SLEW_URAD_S_TICK = 10000,  /* the speed loop's reference changes by at most 10 rad/s^2 */
-    GROUND_MAX_UM_S = 100000000,
+    INTEGRAL_MAX_UV = 20000000,
     SUPPLY_MIN_MV = 1000,      /* below this there is no bridge to speak of */
     DUTY_ONE = 32768,
     DUTY_MAX = 32767,
@@ -25,9 +25,9 @@ typedef struct {
     int32_t high_mv;
 } bounds;
 
-/* Back-EMF of a shell speed [uV]: at most 5e8 * 2^31 / 1e6, below 2^41 */
-static int64_t emf_uv(const terrapin_state *state, int32_t speed_urad_s) {
-    return ((int64_t)state->gains.torque_unm_per_a * speed_urad_s) / 1000000;
+/* Back-EMF of a shell speed [uV]. */
+static int32_t emf_uv(const terrapin_state *state, int32_t speed_urad_s) {
+    return integer_scale(state->gains.torque_unm_per_a, speed_urad_s, 1000000);
 }
 
 /* The voltages that keep the current within its limit, by the motor's model and by what the current says. */
@@ -36,51 +36,54 @@ static bounds allowed(terrapin_state *state) {
     terrapin_drive *d = &state->drive;
     const int32_t limit = p[TERRAPIN_PARAMETER_CURRENT_LIMIT];
     const int32_t resistance = p[TERRAPIN_PARAMETER_ARMATURE_RESISTANCE];
-    const int64_t span = ((int64_t)resistance * limit) / 1000;
-    const int64_t excess_ma = (integer_abs(state->sense.current_ua) / 1000) - limit;
+    const int32_t span = integer_scale(resistance, limit, 1000); /* at most 100 ohm * 2 A */
+    const int32_t excess_ma = (integer_abs(state->sense.current_ua) / 1000) - limit;
     if (excess_ma > 0) {
-        d->trim_mv = integer_clamp(d->trim_mv + (((excess_ma * resistance) / 1000) / TRIM_RISE) + 1, 0, (int32_t)span);
+        d->trim_mv = integer_clamp((int64_t)d->trim_mv + integer_scale(excess_ma, resistance, 1000 * TRIM_RISE) + 1, 0, span);
     } else {
         d->trim_mv -= (d->trim_mv + TRIM_FALL - 1) / TRIM_FALL;
     }
-    const int64_t emf_mv = emf_uv(state, state->slip.wheel_urad_s) / 1000;
+    const int32_t emf_mv = emf_uv(state, state->slip.wheel_urad_s) / 1000;
+    const int32_t reach = span - d->trim_mv;
     const int32_t most = p[TERRAPIN_PARAMETER_VOLTAGE_LIMIT];
     const bounds result = {
-        .low_mv = integer_clamp(emf_mv - span + d->trim_mv, -most, most),
-        .high_mv = integer_clamp(emf_mv + span - d->trim_mv, -most, most),
+        .low_mv = integer_clamp((int64_t)emf_mv - reach, -most, most),
+        .high_mv = integer_clamp((int64_t)emf_mv + reach, -most, most),
     };
     return result;
 }
 
+static int32_t hold_integral(int64_t value_uv) {
+    return integer_clamp(value_uv, -INTEGRAL_MAX_UV, INTEGRAL_MAX_UV);
+}
+
 /* One tick of a PI loop [mV]. kp [mV s/rad], ki [mV/rad], speeds [urad/s]; the integral is held where it cannot act. */
-static int32_t loop(int64_t feed_uv, int64_t error_urad_s, const int32_t *gains, bounds within, int32_t *integral_uv) {
-    const int64_t error = integer_clamp(error_urad_s, -1000000000, 1000000000);
-    const int64_t fixed_uv = feed_uv + ((gains[0] * error) / 1000);
-    const int64_t wanted_mv = (fixed_uv + *integral_uv) / 1000;
+static int32_t loop(int32_t feed_uv, int32_t error_urad_s, const int32_t *gains, bounds within, int32_t *integral_uv) {
+    const int64_t proportional_uv = integer_scale(gains[0], error_urad_s, 1000);
+    const int32_t wanted_mv = integer_saturate(proportional_uv + feed_uv + *integral_uv) / 1000;
     const int32_t held_mv = integer_clamp(wanted_mv, within.low_mv, within.high_mv);
-    const bool winds_up = ((wanted_mv > held_mv) && (error > 0)) || ((wanted_mv < held_mv) && (error < 0));
+    const bool winds_up =
+        ((wanted_mv > held_mv) && (error_urad_s > 0)) || ((wanted_mv < held_mv) && (error_urad_s < 0));
     if (!winds_up) {
-        *integral_uv = integer_clamp(*integral_uv + ((gains[1] * error) / 1000000), -20000000, 20000000);
+        *integral_uv = hold_integral((int64_t)*integral_uv + integer_scale(gains[1], error_urad_s, 1000000));
     }
     return held_mv;
 }
 
 static int32_t hold_speed(terrapin_state *state, const terrapin_demand *demand, bounds within) {
     terrapin_drive *d = &state->drive;
-    const int64_t change = (int64_t)demand->speed_urad_s - d->reference_urad_s;
+    const int32_t change = demand->speed_urad_s - d->reference_urad_s;
     d->reference_urad_s += integer_clamp(change, -SLEW_URAD_S_TICK, SLEW_URAD_S_TICK);
-    return loop(emf_uv(state, d->reference_urad_s), (int64_t)d->reference_urad_s - state->slip.wheel_urad_s,
+    return loop(emf_uv(state, d->reference_urad_s), d->reference_urad_s - state->slip.wheel_urad_s,
                 &state->parameter[TERRAPIN_PARAMETER_SPEED_KP], within, &d->speed_integral_uv);
 }
 
 /* Shell speed at which slip is slip_limit, but never less than the dead band, so that a robot at rest can start. */
 static int32_t limiter_reference(const terrapin_state *state, int32_t direction) {
     const int32_t *p = state->parameter;
-    const int64_t ground_um_s =
-        integer_clamp((int64_t)direction * state->slip.ground_um_s, 0, GROUND_MAX_UM_S);
-    const int64_t kept_e4 = 10000 - (int64_t)p[TERRAPIN_PARAMETER_SLIP_LIMIT]; /* at least 1000 */
-    const int64_t reference = (ground_um_s * 1000000) / p[TERRAPIN_PARAMETER_RADIUS] * 10000 / kept_e4;
-    return integer_clamp(reference, p[TERRAPIN_PARAMETER_SLIP_DEAD_BAND] * 1000, INT32_MAX);
+    const int32_t rolling = integer_scale(direction * state->slip.ground_um_s, 1000000, p[TERRAPIN_PARAMETER_RADIUS]);
+    const int32_t reference = integer_scale(rolling, 10000, 10000 - p[TERRAPIN_PARAMETER_SLIP_LIMIT]); /* at least 1000 */
+    return integer_clamp(reference, p[TERRAPIN_PARAMETER_SLIP_DEAD_BAND] * 1000, INTEGER_MOST);
 }
 
 /* wanted_mv, or less where slip would pass its limit; in the direction of wanted_mv, positive here. */
@@ -89,21 +92,18 @@ static int32_t limit_slip(terrapin_state *state, int32_t wanted_mv, bounds withi
     terrapin_drive *d = &state->drive;
     const int32_t limit = p[TERRAPIN_PARAMETER_SLIP_LIMIT];
     const int32_t reference = limiter_reference(state, direction);
-    const int64_t speed = (int64_t)direction * state->slip.shell_urad_s;
-    const int64_t error = reference - speed;
-    const int64_t feed_uv = emf_uv(state, reference);
+    const int32_t speed = direction * state->slip.shell_urad_s;
+    const int32_t error = reference - speed;
+    const int32_t feed_uv = emf_uv(state, reference);
     int32_t voltage = wanted_mv;
     if (!d->limiting && (speed > 0) && (state->slip.slip_e4 >= limit)) {
-        const int64_t proportional_uv = (p[TERRAPIN_PARAMETER_SLIP_KP] * error) / 1000;
-        d->limiter_integral_uv =
-            integer_clamp(((int64_t)direction * d->applied_mv * 1000) - feed_uv - proportional_uv, -20000000, 20000000);
+        const int32_t proportional_uv = integer_scale(p[TERRAPIN_PARAMETER_SLIP_KP], error, 1000);
+        d->limiter_integral_uv = hold_integral(((int64_t)direction * d->applied_mv * 1000) - feed_uv - proportional_uv);
         d->limiting = true;
     }
     if (d->limiting) {
-        const bounds least = {.low_mv = (within.low_mv > 0) ? within.low_mv : 0, .high_mv = wanted_mv};
-        voltage = loop(feed_uv, error, &p[TERRAPIN_PARAMETER_SLIP_KP],
-                       (least.low_mv < wanted_mv) ? least : (bounds){.low_mv = wanted_mv, .high_mv = wanted_mv},
-                       &d->limiter_integral_uv);
+        const bounds span = {.low_mv = integer_clamp(within.low_mv, 0, wanted_mv), .high_mv = wanted_mv};
+        voltage = loop(feed_uv, error, &p[TERRAPIN_PARAMETER_SLIP_KP], span, &d->limiter_integral_uv);
         d->limiting = (voltage < wanted_mv) || (state->slip.slip_e4 >= (limit - p[TERRAPIN_PARAMETER_SLIP_HYSTERESIS]));
     }
     return voltage;
@@ -136,11 +136,11 @@ static void switch_off(terrapin_drive *d) {
 
 static void modulate(terrapin_state *state, int32_t voltage_mv) {
     terrapin_drive *d = &state->drive;
-    const int64_t supply = sense_supply_mv(state);
-    const int64_t duty = (supply >= SUPPLY_MIN_MV) ? integer_divide((int64_t)voltage_mv * DUTY_ONE, supply) : 0;
+    const int32_t supply = sense_supply_mv(state);
+    const int32_t duty = (supply >= SUPPLY_MIN_MV) ? integer_scale(voltage_mv, DUTY_ONE, supply) : 0;
     d->enable = true;
     d->duty_q15 = (int16_t)integer_clamp(duty, -DUTY_MAX, DUTY_MAX);
-    d->applied_mv = (int32_t)((d->duty_q15 * supply) / DUTY_ONE);
+    d->applied_mv = integer_scale(d->duty_q15, supply, DUTY_ONE);
 }
 
 void drive_update(terrapin_state *state, const terrapin_demand *demand) {
@@ -162,7 +162,7 @@ void drive_update(terrapin_state *state, const terrapin_demand *demand) {
         if (!speed || (voltage != wanted)) {
             /* something else sets the output: the speed loop follows it, and takes over without a step */
             d->reference_urad_s = state->slip.wheel_urad_s;
-            d->speed_integral_uv = integer_saturate(((int64_t)held * 1000) - emf_uv(state, d->reference_urad_s));
+            d->speed_integral_uv = hold_integral(((int64_t)held * 1000) - emf_uv(state, d->reference_urad_s));
         }
         d->current_limiting = (held != voltage) || (d->trim_mv > 0);
         modulate(state, held);

@@ -10,15 +10,12 @@ enum {
     QUIET_SLOTS = 20,          /* the gate must hold this long: a transient passes through zero faster */
     MOVING_COUNTS = 20,        /* fewer counts a window are no rolling: the friction's sign would be a guess */
     SWING_TICKS_MAX = 2000,
+    CURRENT_MAX_10UA = 10000000, /* 100 A: more than any code at any current_scale */
     CURRENT_STEP_UNM = 1500    /* the last slot's torque may differ by this from the window's: the ground changed */
 };
 
 void estimator_restart(terrapin_state *state) {
-    static const terrapin_record nothing = {0};
-    terrapin_estimator *e = &state->estimator;
-    e->sum = nothing;
-    e->sum.position_counts = state->sense.motor_position;
-    e->sum.ground_counts = state->sense.ground_position;
+    terrapin_estimator *e = &state->estimator; /* the sums run on: only their differences mean something */
     e->slots = 0U;
     e->swing_ticks = 0U;
     e->quiet_slots = 0U;
@@ -50,18 +47,15 @@ void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs) {
     }
 }
 
-int64_t estimator_motor_torque(const terrapin_gains *gains, int64_t current_q8, int32_t heat_q20) {
-    /* gain < 2^31, |current_q8| < 2^32: below 2^63; the result, below 2^39, times 4 in Q20 stays below 2^61 */
-    const int64_t torque = integer_shift(gains->current_gain_q16 * current_q8, 24U);
-    return integer_shift(torque * heat_q20, 20U);
+int32_t estimator_motor_torque(const terrapin_gains *gains, int32_t current_q8, int32_t heat_q20) {
+    return integer_scale(integer_scale(current_q8, gains->current_gain_q16, 1 << 24), heat_q20, 1 << 20);
 }
 
-int64_t estimator_friction(const terrapin_gains *gains, int32_t coulomb_unm, int32_t counts) {
-    const int64_t viscous = integer_shift((int64_t)gains->speed_gain_q16 * counts, 16U);
-    return ((int64_t)coulomb_unm * integer_sign(counts)) + viscous;
+int32_t estimator_friction(const terrapin_gains *gains, int32_t coulomb_unm, int32_t counts) {
+    return (coulomb_unm * integer_sign(counts)) + integer_scale(counts, gains->speed_gain_q16, 1 << 16);
 }
 
-int32_t estimator_contact_torque(int64_t torque_unm, bool *saturated) {
+int32_t estimator_contact_torque(int32_t torque_unm, bool *saturated) {
     const int32_t held = integer_clamp(torque_unm, -TERRAPIN_LIMIT_TORQUE_FULL_SCALE, TERRAPIN_LIMIT_TORQUE_FULL_SCALE);
     *saturated = held != torque_unm;
     return held;
@@ -71,46 +65,44 @@ int32_t estimator_contact_torque(int64_t torque_unm, bool *saturated) {
 static int32_t acceleration(const terrapin_state *state) {
     const terrapin_estimator *e = &state->estimator;
     const uint32_t n = state->gains.window_slots;
-    int64_t blocks = 0;
-    static const int8_t weight[3] = {1, -2, 1};
+    static const uint32_t weight[3] = {1U, 0xFFFFFFFEU, 1U}; /* 1, -2, 1 modulo 2^32 */
+    uint32_t blocks = 0U;
     for (uint32_t i = 0U; i < 3U; i++) {
         const uint32_t later = estimator_record(e, i * n)->position_sum_counts;
         const uint32_t earlier = estimator_record(e, (i * n) + (uint32_t)BLOCK_SLOTS)->position_sum_counts;
-        blocks += weight[i] * (int64_t)(later - earlier);
+        blocks += weight[i] * (later - earlier);
     }
     /* Each block is a sum modulo 2^32; so is the difference, which is small: 100 * 600 * 200 counts at the very most. */
-    const int64_t counts = integer_difference((uint32_t)blocks, 0U);
-    const int64_t ticks = (int64_t)n * SLOT_MS;
-    const int64_t block_ticks = (int64_t)BLOCK_SLOTS * SLOT_MS;
-    const int64_t scaled = (counts * state->gains.count_urad_q16) / ((block_ticks * ticks * ticks) / 1000);
-    return integer_saturate(integer_shift(scaled * 1000, 16U)); /* below 2^59 / 1000 * 1000 */
+    const int32_t counts = integer_difference(blocks, 0U);
+    /* 1e-5 urad summed over 10 BLOCK_SLOTS ms, over (10 n ms)^2: 1e-5 * 1e6 / (100 * 100 n^2) */
+    return integer_scale(counts, state->gains.count_e5_urad, BLOCK_SLOTS * 100 * (int32_t)(n * n));
 }
 
 /* What the swing takes from the angular momentum between the window's ends, over the window [uN m], as a magnitude. */
-static int64_t swing_momentum(const terrapin_state *state, const terrapin_inputs *inputs) {
+static int32_t swing_momentum(const terrapin_state *state, const terrapin_inputs *inputs) {
     const terrapin_estimator *e = &state->estimator;
     const uint32_t n = state->gains.window_slots;
-    int64_t torque = 0;
+    int32_t torque = 0;
     if (e->swing_ticks >= ((n + (uint32_t)BLOCK_SLOTS) * (uint32_t)SLOT_MS)) {
-        const int64_t now = integer_difference(estimator_record(e, 0U)->swing_sum_centirad_s,
-                                               estimator_record(e, BLOCK_SLOTS)->swing_sum_centirad_s);
-        const int64_t then = integer_difference(estimator_record(e, n)->swing_sum_centirad_s,
-                                                estimator_record(e, n + (uint32_t)BLOCK_SLOTS)->swing_sum_centirad_s);
-        const int64_t cosine = integer_cosine(integer_turn(inputs->swing_angle_mrad));
-        const int64_t inertia = state->parameter[TERRAPIN_PARAMETER_INERTIA_SHELL] -
-                                integer_shift(state->parameter[TERRAPIN_PARAMETER_INERTIA_SWING] * cosine, 15U);
+        const uint32_t now =
+            estimator_record(e, 0U)->swing_sum_centirad_s - estimator_record(e, BLOCK_SLOTS)->swing_sum_centirad_s;
+        const uint32_t then = estimator_record(e, n)->swing_sum_centirad_s -
+                              estimator_record(e, n + (uint32_t)BLOCK_SLOTS)->swing_sum_centirad_s;
+        const int32_t cosine = integer_cosine(integer_turn(inputs->swing_angle_mrad));
+        const int32_t inertia = state->parameter[TERRAPIN_PARAMETER_INERTIA_SHELL] -
+                                integer_scale(state->parameter[TERRAPIN_PARAMETER_INERTIA_SWING], cosine, 32767);
         /* 1e-6 kg m^2 * 0.01 rad/s, sums over 10 BLOCK_SLOTS ms, in a window of 10 n ms */
-        torque = integer_abs((inertia * (now - then)) / (SLOT_MS * BLOCK_SLOTS * (int64_t)n));
+        torque = integer_abs(integer_scale(inertia, integer_difference(now, then), SLOT_MS * BLOCK_SLOTS * (int32_t)n));
     }
     return torque;
 }
 
 static bool gate(terrapin_state *state, const terrapin_inputs *inputs, int32_t counts) {
     terrapin_estimator *e = &state->estimator;
-    const int64_t inertial = integer_abs((int64_t)state->parameter[TERRAPIN_PARAMETER_INERTIA] * e->acceleration_urad_s2);
-    e->momentum_unm = integer_saturate((inertial / 1000000) + swing_momentum(state, inputs));
-    const int64_t step_ua = (int64_t)e->recent_ua - ((int64_t)e->current_10ua * 10);
-    const int64_t step_unm = integer_abs((step_ua * state->gains.torque_unm_per_a) / 1000000);
+    const int32_t inertial = integer_scale(state->parameter[TERRAPIN_PARAMETER_INERTIA], e->acceleration_urad_s2, 1000000);
+    e->momentum_unm = integer_saturate((int64_t)integer_abs(inertial) + swing_momentum(state, inputs));
+    const int32_t step_ua = e->recent_ua - (e->current_10ua * 10);
+    const int32_t step_unm = integer_abs(integer_scale(step_ua, state->gains.torque_unm_per_a, 1000000));
     const bool still = integer_abs(counts) < MOVING_COUNTS;
     if (still || (e->momentum_unm >= state->parameter[TERRAPIN_PARAMETER_GATE]) || (step_unm >= CURRENT_STEP_UNM)) {
         e->quiet_slots = 0U;
@@ -122,25 +114,28 @@ static bool gate(terrapin_state *state, const terrapin_inputs *inputs, int32_t c
     return e->quiet_slots >= QUIET_SLOTS;
 }
 
+/* A sum of codes over `ticks`, less the zero, in 1/256 code. Held within 2^30: 1.7 times what any 12-bit code makes. */
+static int32_t codes_q8(uint32_t sum_codes, int32_t zero_q8, int32_t ticks) {
+    return integer_saturate(((int64_t)sum_codes * 256) - ((int64_t)zero_q8 * ticks));
+}
+
 /* Means over the window of `n` slots that ends now; the codes' sum less their zero in 1/256 code. */
-static int64_t window_means(terrapin_state *state, uint32_t n, int32_t counts) {
+static int32_t window_means(terrapin_state *state, uint32_t n, int32_t counts) {
     terrapin_estimator *e = &state->estimator;
     const terrapin_record *now = estimator_record(e, 0U);
     const terrapin_record *then = estimator_record(e, n);
     const terrapin_record *last = estimator_record(e, 1U);
-    const int64_t ticks = (int64_t)n * SLOT_MS;
-    const int64_t scale = state->parameter[TERRAPIN_PARAMETER_CURRENT_SCALE];
-    const int64_t zero_q8 = (int64_t)state->parameter[TERRAPIN_PARAMETER_CURRENT_ZERO_CODE] +
-                            state->sense.trim_q8_codes +
-                            integer_divide((int64_t)state->parameter[TERRAPIN_PARAMETER_COMP_CURRENT_OFFSET] * 256, scale);
-    /* at most 600 * (65535 * 256 + 2.6e6 * 1) and the offset's 600 * 2.6e6: below 2^34 for any code, below 2^32 for real */
-    const int64_t sum_q8 = ((int64_t)(now->current_sum_codes - then->current_sum_codes) * 256) - (zero_q8 * ticks);
-    const int64_t recent_q8 = ((int64_t)(now->current_sum_codes - last->current_sum_codes) * 256) - (zero_q8 * SLOT_MS);
-    e->current_10ua = integer_saturate(integer_divide(sum_q8 * scale, ticks * 2560));
-    e->recent_ua = integer_saturate(integer_divide(recent_q8 * scale, (int64_t)SLOT_MS * 256));
-    e->voltage_mv = integer_difference(now->voltage_sum_mv, then->voltage_sum_mv) / (int32_t)ticks;
-    e->omega_urad_s = integer_saturate(integer_shift((counts * (int64_t)state->gains.count_urad_q16 * 1000) / ticks, 16U));
-    return integer_clamp(sum_q8, INT32_MIN, INT32_MAX);
+    const int32_t ticks = (int32_t)n * SLOT_MS;
+    const int32_t scale = state->parameter[TERRAPIN_PARAMETER_CURRENT_SCALE];
+    const int32_t zero_q8 = state->parameter[TERRAPIN_PARAMETER_CURRENT_ZERO_CODE] + state->sense.trim_q8_codes +
+                            integer_scale(state->parameter[TERRAPIN_PARAMETER_COMP_CURRENT_OFFSET], 256, scale);
+    const int32_t sum_q8 = codes_q8(now->current_sum_codes - then->current_sum_codes, zero_q8, ticks);
+    const int32_t recent_q8 = codes_q8(now->current_sum_codes - last->current_sum_codes, zero_q8, SLOT_MS);
+    e->current_10ua = integer_clamp(integer_scale(sum_q8, scale, ticks * 2560), -CURRENT_MAX_10UA, CURRENT_MAX_10UA);
+    e->recent_ua = integer_scale(recent_q8, scale, SLOT_MS * 256);
+    e->voltage_mv = integer_difference(now->voltage_sum_mv, then->voltage_sum_mv) / ticks;
+    e->omega_urad_s = integer_scale(counts, state->gains.count_e5_urad, 100 * ticks);
+    return sum_q8;
 }
 
 static void mark_fresh(terrapin_state *state) {
@@ -165,18 +160,16 @@ void estimator_slot(terrapin_state *state, const terrapin_inputs *inputs) {
     }
     e->valid = false;
     if (e->slots > n) {
-        const int32_t counts = integer_clamp(
-            integer_difference(estimator_record(e, 0U)->position_counts, estimator_record(e, n)->position_counts),
-            -0xFFFFF, 0xFFFFF);
-        const int64_t current_q8 = window_means(state, n, counts);
+        const int32_t counts =
+            integer_difference(estimator_record(e, 0U)->position_counts, estimator_record(e, n)->position_counts);
+        const int32_t current_q8 = window_means(state, n, counts);
         const bool full = e->slots > ((2U * n) + (uint32_t)BLOCK_SLOTS);
         e->acceleration_urad_s2 = full ? acceleration(state) : 0;
-        const int64_t motor = estimator_motor_torque(&state->gains, current_q8, compensation_heat_q20(state)) -
-                              compensation_torque(state, inputs, counts);
-        const int64_t friction = estimator_friction(&state->gains, state->parameter[TERRAPIN_PARAMETER_COULOMB], counts);
-        e->motor_unm = integer_saturate(motor);
-        e->friction_unm = integer_saturate(friction);
-        e->torque_unm = estimator_contact_torque(motor - friction, &e->saturated);
+        const int32_t drawn = estimator_motor_torque(&state->gains, current_q8, compensation_heat_q20(state));
+        e->motor_unm = integer_saturate((int64_t)drawn - compensation_torque(state, inputs, counts));
+        e->friction_unm = estimator_friction(&state->gains, state->parameter[TERRAPIN_PARAMETER_COULOMB], counts);
+        e->torque_unm =
+            estimator_contact_torque(integer_saturate((int64_t)e->motor_unm - e->friction_unm), &e->saturated);
         e->valid = gate(state, inputs, counts) && full && !e->saturated;
         e->sd_unm = uncertainty_unm(state);
     }

@@ -12,15 +12,15 @@ enum {
 };
 
 static int32_t ground_way_mm(const terrapin_state *state) {
-    const int64_t counts = integer_difference(state->sense.ground_position, state->supervisor.dig_ground_counts);
-    return integer_saturate(integer_shift(counts * state->gains.ground_um_q16, 16U) / 1000);
+    const int32_t counts = integer_difference(state->sense.ground_position, state->supervisor.dig_ground_counts);
+    return integer_scale(counts, state->gains.ground_e5_um, 100000000);
 }
 
 bool extrication_watch(terrapin_state *state, int32_t direction) {
     terrapin_supervisor *s = &state->supervisor;
     const bool limiting = state->drive.limiting;
-    const int64_t forward_um_s = (int64_t)direction * state->slip.ground_um_s;
-    const int64_t slowest_um_s = (int64_t)state->parameter[TERRAPIN_PARAMETER_STUCK_SPEED] * 1000;
+    const int32_t forward_um_s = direction * state->slip.ground_um_s;
+    const int32_t slowest_um_s = state->parameter[TERRAPIN_PARAMETER_STUCK_SPEED] * 1000;
     if (!limiting) {
         s->digging = false;
         s->no_progress_ms = 0U;
@@ -45,24 +45,21 @@ void extrication_start(terrapin_state *state, const terrapin_inputs *inputs, int
 /* Back over the whole way, and off the slope that stopped the robot if its pitch is known. */
 static bool backed_out(const terrapin_state *state, const terrapin_inputs *inputs) {
     const terrapin_supervisor *s = &state->supervisor;
-    const int64_t way_mm = (int64_t)s->direction * ground_way_mm(state); /* negative: behind where it began */
-    const bool far = way_mm <= -(int64_t)state->parameter[TERRAPIN_PARAMETER_EXTRICATE_MARGIN];
-    const int64_t pitch = integer_abs(inputs->pitch_mrad);
-    const bool flat = !inputs->pitch_valid || ((2 * pitch) <= integer_abs(s->stuck_pitch_mrad));
+    const int32_t way_mm = s->direction * ground_way_mm(state); /* negative: behind where it began */
+    const bool far = way_mm <= -state->parameter[TERRAPIN_PARAMETER_EXTRICATE_MARGIN];
+    const bool flat = !inputs->pitch_valid || ((2 * integer_abs(inputs->pitch_mrad)) <= integer_abs(s->stuck_pitch_mrad));
     return far && flat;
 }
 
 /* Rim speed of backing out, as a shell speed. */
 static int32_t back_speed(const terrapin_state *state) {
     const int32_t *p = state->parameter;
-    const int64_t back = -state->supervisor.direction;
-    const int64_t sliding_um_s = back * state->slip.ground_um_s; /* positive: backwards */
-    const int64_t kept_e4 = 10000 - p[TERRAPIN_PARAMETER_SLIP_LIMIT];
-    int64_t rim_um_s = (int64_t)p[TERRAPIN_PARAMETER_EXTRICATE_SPEED] * 1000;
-    if (((sliding_um_s * kept_e4) / 10000) > rim_um_s) {
-        rim_um_s = (sliding_um_s * kept_e4) / 10000;
-    }
-    return integer_saturate((back * rim_um_s * 1000000) / p[TERRAPIN_PARAMETER_RADIUS]);
+    const int32_t back = -state->supervisor.direction;
+    const int32_t sliding_um_s = back * state->slip.ground_um_s; /* positive: backwards */
+    const int32_t braked_um_s = integer_scale(sliding_um_s, 10000 - p[TERRAPIN_PARAMETER_SLIP_LIMIT], 10000);
+    const int32_t asked_um_s = p[TERRAPIN_PARAMETER_EXTRICATE_SPEED] * 1000;
+    const int32_t rim_um_s = (braked_um_s > asked_um_s) ? braked_um_s : asked_um_s;
+    return integer_scale(rim_um_s, back * 1000000, p[TERRAPIN_PARAMETER_RADIUS]);
 }
 
 bool extrication_update(terrapin_state *state, const terrapin_inputs *inputs, terrapin_demand *demand) {

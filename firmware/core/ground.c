@@ -14,7 +14,8 @@ enum {
     UNKNOWN_Q3 = 64,           /* farther than 8 sd from every curve is no terrain of the table */
     MARGIN_MAX_Q3 = 255,
     FIT_NOISE_PPM = 1000,      /* sd of f_r over windows that the prior is weighed against */
-    FIT_PRIOR = 10000,         /* f_s is 0 +- 1e-3 s^2/rad^2, ten of the slope's units: (FIT_NOISE_PPM / 10)^2 */
+    MOMENT_Q16 = 64 * 65536,   /* moments are kept in 64 times the product of their units */
+    FIT_PRIOR = 156,           /* f_s is 0 +- 1e-3 s^2/rad^2, ten of the slope's units: (FIT_NOISE_PPM / 10)^2 / 64 */
     WINDOWS_MAX = 127
 };
 
@@ -23,44 +24,48 @@ _Static_assert(TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_S ==
                "the table of terrains stands in the parameters as pairs, in the order of enum terrain");
 
 static int32_t omega_squared(int32_t omega_urad_s) {
-    const int64_t mrad = omega_urad_s / 1000;
-    return integer_saturate((mrad * mrad) / 10000); /* 0.01 rad^2/s^2 */
+    const int32_t mrad_s = omega_urad_s / 1000;
+    return integer_scale(mrad_s, mrad_s, 10000); /* 0.01 rad^2/s^2 */
 }
 
 int32_t ground_curve_ppm(const terrapin_state *state, uint32_t terrain, int32_t omega_urad_s) {
     const int32_t *pair = &state->parameter[TERRAPIN_PARAMETER_TERRAIN_SAND_F_O + (2 * ((int32_t)terrain - 1))];
-    /* 1e-9 * 0.01: at most 1e7 * 2^31 */
-    return integer_saturate(pair[0] + integer_divide((int64_t)pair[1] * omega_squared(omega_urad_s), 100000));
+    return integer_saturate((int64_t)pair[0] + integer_scale(pair[1], omega_squared(omega_urad_s), 100000)); /* 1e-9 0.01 */
+}
+
+int32_t ground_floor_unm(const terrapin_state *state, int32_t omega_urad_s) {
+    return integer_scale(ground_curve_ppm(state, TERRAPIN_TERRAIN_HARD_FLOOR, omega_urad_s), state->gains.weight_unm, PPM);
 }
 
 /* f_r and its sd, the slope's share of W taken out where comp_slope asks for it. */
 static void resistance(terrapin_state *state, const terrapin_inputs *inputs) {
     const terrapin_estimator *e = &state->estimator;
     terrapin_ground_fit *ground = &state->ground;
-    int64_t torque = e->torque_unm;
-    int64_t load = state->gains.weight_unm;
+    int32_t torque = e->torque_unm;
+    int32_t load = state->gains.weight_unm; /* at least 1e4 */
     if (inputs->pitch_valid) {
         const uint32_t turn = integer_turn(inputs->pitch_mrad);
-        const int64_t along = integer_shift(load * integer_sine(turn), 15U); /* below 2^28 */
-        torque -= (along * state->parameter[TERRAPIN_PARAMETER_COMP_SLOPE]) / 10000;
-        load = integer_shift(load * integer_clamp(integer_cosine(turn), 8192, 32767), 15U); /* down to a quarter: no zero */
+        const int32_t along = integer_scale(load, integer_sine(turn), 32767); /* below 2^28 */
+        torque = integer_saturate((int64_t)torque - integer_scale(along, state->parameter[TERRAPIN_PARAMETER_COMP_SLOPE], 10000));
+        /* down to a quarter: no division by zero, whatever the pitch */
+        load = integer_scale(load, integer_clamp(integer_cosine(turn), 8192, 32767), 32767);
     }
-    const int64_t sign = (e->omega_urad_s < 0) ? -1 : 1;
-    ground->f_r_ppm = integer_clamp((sign * torque * PPM) / load, -Y_MAX, Y_MAX);
-    ground->f_r_sd_ppm = integer_clamp(((int64_t)e->sd_unm * PPM) / load, 1, Y_MAX);
+    const int32_t sign = (e->omega_urad_s < 0) ? -1 : 1;
+    ground->f_r_ppm = integer_clamp(integer_scale(torque, sign * PPM, load), -Y_MAX, Y_MAX);
+    ground->f_r_sd_ppm = integer_clamp(integer_scale(e->sd_unm, PPM, load), 1, Y_MAX);
 }
 
 static void nearest(terrapin_state *state) {
     terrapin_ground_fit *ground = &state->ground;
     const int64_t own = ground->f_r_sd_ppm;
     const int64_t spread = state->parameter[TERRAPIN_PARAMETER_SD_TERRAIN];
-    const int64_t sd = integer_root((uint64_t)((own * own) + (spread * spread))); /* at least 1 */
-    int64_t first = INT32_MAX;
-    int64_t second = INT32_MAX;
+    const int32_t sd = (int32_t)integer_root((uint64_t)((own * own) + (spread * spread))); /* 1 to 2^21 */
+    int32_t first = INTEGER_MOST;
+    int32_t second = INTEGER_MOST;
     ground->terrain = TERRAPIN_TERRAIN_UNKNOWN;
     for (uint32_t i = 1U; i <= (uint32_t)TERRAINS; i++) {
-        const int64_t off = (int64_t)ground->f_r_ppm - ground_curve_ppm(state, i, state->estimator.omega_urad_s);
-        const int64_t distance_q3 = (integer_abs(off) * 8) / sd;
+        const int32_t off = ground->f_r_ppm - ground_curve_ppm(state, i, state->estimator.omega_urad_s);
+        const int32_t distance_q3 = integer_scale(integer_abs(off), 8, sd);
         if (distance_q3 < first) {
             second = first;
             first = distance_q3;
@@ -74,7 +79,7 @@ static void nearest(terrapin_state *state) {
     if (first > UNKNOWN_Q3) {
         ground->terrain = TERRAPIN_TERRAIN_UNKNOWN;
     }
-    ground->margin_q3 = integer_clamp(second - first, 0, MARGIN_MAX_Q3);
+    ground->margin_q3 = integer_clamp((int64_t)second - first, 0, MARGIN_MAX_Q3);
 }
 
 static void fit_begin(terrapin_ground_fit *ground) {
@@ -90,14 +95,14 @@ static void fit_begin(terrapin_ground_fit *ground) {
 static void fit_add(terrapin_state *state) {
     terrapin_ground_fit *g = &state->ground;
     g->weight_q8 += 256 - (g->weight_q8 / FIT_WINDOWS); /* 256 to 64 * 256 */
-    const int64_t dx = (integer_clamp(omega_squared(state->estimator.omega_urad_s), 0, X_MAX) * 256) - g->x_q8;
-    const int64_t dy = (g->f_r_ppm * 256) - g->y_q8;
-    const int64_t step = integer_divide(dx * 256, g->weight_q8);
-    g->x_q8 += (int32_t)step;
-    g->y_q8 += (int32_t)integer_divide(dy * 256, g->weight_q8);
-    /* |dx| < 2^26, |dy| < 2^30: products below 2^56, sums below 64 * 2^40 */
-    g->xx += integer_shift(dx * (dx - step), 16U) - (g->xx / FIT_WINDOWS);
-    g->xy += integer_shift(dy * (dx - step), 16U) - (g->xy / FIT_WINDOWS);
+    const int32_t dx = (integer_clamp(omega_squared(state->estimator.omega_urad_s), 0, X_MAX) * 256) - g->x_q8;
+    const int32_t dy = (g->f_r_ppm * 256) - g->y_q8;
+    const int32_t step = integer_scale(dx, 256, g->weight_q8);
+    g->x_q8 += step;
+    g->y_q8 += integer_scale(dy, 256, g->weight_q8);
+    /* |dx| < 2^26, |dy| < 2^29: in units of 64 the products fit, and the sums stay below 64 * 2^30 */
+    g->xx += integer_scale(dx, dx - step, MOMENT_Q16) - (g->xx / FIT_WINDOWS);
+    g->xy += integer_scale(dy, dx - step, MOMENT_Q16) - (g->xy / FIT_WINDOWS);
     if (g->windows < WINDOWS_MAX) {
         g->windows++;
     }
@@ -107,13 +112,12 @@ static void fit_solve(terrapin_ground_fit *g) {
     const int64_t information = g->xx + FIT_PRIOR;
     /* slope in 1e-6 a 0.01 rad^2/s^2, that is 1e-4 s^2/rad^2 */
     g->f_s_e7 = integer_saturate(integer_divide(g->xy * 1000, information));
-    const int64_t f_o_ppm = (g->y_q8 / 256) - integer_divide((int64_t)g->f_s_e7 * g->x_q8, 256000);
-    g->f_o_10ppm = integer_saturate(integer_divide(f_o_ppm, 10));
+    const int32_t far_ppm = integer_scale(g->f_s_e7, g->x_q8, 256000);
+    g->f_o_10ppm = integer_scale((g->y_q8 / 256) - far_ppm, 1, 10);
     /* sd of the slope: noise / sqrt(information); of f_o: the mean's and the slope's over the mean of x */
-    const int64_t root = integer_root((uint64_t)information); /* at least 100 */
-    const int64_t mean_sd = ((int64_t)FIT_NOISE_PPM * 16) / (int64_t)integer_root((uint64_t)g->weight_q8);
-    g->f_s_sd_e7 = integer_saturate(((int64_t)FIT_NOISE_PPM * 1000) / root);
-    const int64_t far_sd = ((int64_t)g->f_s_sd_e7 * g->x_q8) / 256000;
+    g->f_s_sd_e7 = (FIT_NOISE_PPM * 1000) / (int32_t)(8U * integer_root((uint64_t)information)); /* the root is at least 12 */
+    const int64_t mean_sd = (FIT_NOISE_PPM * 16) / (int32_t)integer_root((uint64_t)g->weight_q8);
+    const int64_t far_sd = integer_scale(g->f_s_sd_e7, g->x_q8, 256000);
     g->f_o_sd_ppm = (int32_t)integer_root((uint64_t)((mean_sd * mean_sd) + (far_sd * far_sd)));
 }
 

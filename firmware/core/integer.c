@@ -12,27 +12,58 @@ int32_t integer_clamp(int64_t value, int32_t low, int32_t high) {
 }
 
 int32_t integer_saturate(int64_t value) {
-    return integer_clamp(value, INT32_MIN, INT32_MAX);
+    return integer_clamp(value, -INTEGER_MOST, INTEGER_MOST);
 }
 
-int64_t integer_abs(int64_t value) {
+int32_t integer_abs(int32_t value) {
     return (value < 0) ? -value : value;
 }
 
-int32_t integer_sign(int64_t value) {
+int32_t integer_sign(int32_t value) {
     return ((value > 0) ? 1 : 0) - ((value < 0) ? 1 : 0);
 }
 
-int64_t integer_divide(int64_t numerator, int64_t denominator) {
-    const int64_t half = denominator / 2;
-    return (numerator < 0) ? -((half - numerator) / denominator) : ((numerator + half) / denominator);
+/* n / d. A 32-bit machine would link a helper of 700 bytes for it; the remainder always stays below d, below 2^30. */
+static uint64_t quotient(uint64_t n, uint32_t d) {
+#if UINTPTR_MAX > 0xFFFFFFFFU
+    return n / d;
+#else
+    uint32_t rest = 0U;
+    uint64_t result = n;
+    for (uint32_t i = 0U; i < 64U; i++) {
+        rest = (rest << 1U) | (uint32_t)(result >> 63U);
+        result <<= 1U;
+        if (rest >= d) {
+            rest -= d;
+            result |= 1U;
+        }
+    }
+    return result;
+#endif
 }
 
-int64_t integer_shift(int64_t value, uint32_t bits) {
-    /* On magnitudes: what a right shift makes of a negative number is the compiler's choice. */
-    const uint64_t half = (uint64_t)1U << (bits - 1U);
-    const int64_t size = (int64_t)(((uint64_t)integer_abs(value) + half) >> bits);
-    return (value < 0) ? -size : size;
+int64_t integer_divide(int64_t numerator, int64_t denominator) {
+    uint64_t n = (numerator < 0) ? (uint64_t)-numerator : (uint64_t)numerator;
+    uint64_t d = (uint64_t)denominator;
+    while (d > (uint64_t)INTEGER_MOST) {
+        n >>= 1U;
+        d >>= 1U;
+    }
+    const int64_t size = (int64_t)quotient(n + (d / 2U), (uint32_t)d);
+    return (numerator < 0) ? -size : size;
+}
+
+int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor) {
+    const int64_t product = (int64_t)value * factor; /* at most 2^62 */
+    int32_t result;
+    if ((product < INTEGER_MOST) && (product > -INTEGER_MOST)) { /* mostly; 32-bit division is an instruction */
+        const int32_t half = divisor / 2;
+        const int32_t small = (int32_t)product;
+        result = ((small < 0) ? (small - half) : (small + half)) / divisor;
+    } else {
+        result = integer_saturate(integer_divide(product, divisor));
+    }
+    return result;
 }
 
 int32_t integer_difference(uint32_t later, uint32_t earlier) {
@@ -55,13 +86,14 @@ uint32_t integer_root(uint64_t value) {
 }
 
 int32_t integer_sine(uint32_t turn) {
-    /* sin(pi/2 z), |z| <= 1 in Q15, is z (1.570320 - 0.642113 z^2 + 0.071860 z^4) to 6.8e-5: minimax of this form. */
+    /* sin(pi/2 z), |z| <= 1 in Q15, is z (1.570320 - 0.642113 z^2 + 0.071860 z^4) to 6.8e-5: minimax of this form.
+     * Each product stays below 51456 * 32768, below 2^31. */
     const uint32_t folded = ((turn + 0x40000000U) < 0x80000000U) ? turn : (0x80000000U - turn);
-    const int64_t z = integer_shift(integer_difference(folded, 0U), 15U); /* -32768..32768 */
-    const int64_t square = integer_shift(z * z, 15U);
-    const int64_t inner = integer_shift(2355 * square, 15U) - 21041;
-    const int64_t gain = integer_shift(inner * square, 15U) + 51456;
-    return integer_clamp(integer_shift(gain * z, 15U), -32767, 32767);
+    const int32_t z = integer_difference(folded, 0U) / 32768; /* -32768..32768 */
+    const int32_t square = (z * z) / 32768;
+    const int32_t inner = ((2355 * square) / 32768) - 21041;
+    const int32_t gain = ((inner * square) / 32768) + 51456;
+    return integer_clamp((gain * z) / 32768, -32767, 32767);
 }
 
 int32_t integer_cosine(uint32_t turn) {
@@ -73,13 +105,14 @@ uint32_t integer_turn(int32_t angle_mrad) {
     return (uint32_t)((uint64_t)((int64_t)angle_mrad * 683565) & 0xFFFFFFFFU);
 }
 
-int32_t integer_exp(uint32_t x_q16) {
-    /* exp(-x) = 2^-(k + f), y = x log2(e) = k + f; 2^-f by a cubic (Chebyshev), error 1.02e-4 over 0 <= f < 1. */
-    const uint64_t y = ((uint64_t)x_q16 * 94548U) >> 16U;
-    const uint64_t whole = y >> 16U;
-    const int64_t f = (int64_t)(y & 0xFFFFU);
-    const int64_t cubic = 15112 - integer_shift(2589 * f, 16U);
-    const int64_t square = integer_shift(cubic * f, 16U) - 45290;
-    const int64_t power = integer_shift(square * f, 16U) + 65529;
-    return (whole < 31U) ? (int32_t)(power >> whole) : 0;
+int32_t integer_exp(int32_t x_q16) {
+    /* exp(-x) = 2^-(k + f), x log2(e) = k + f; 2^-f by a cubic (Chebyshev), error 1.02e-4 over 0 <= f < 1.
+     * f in Q15: each product stays below 45290 * 32768, below 2^31. */
+    const int32_t y = integer_scale(x_q16, 94548, 65536);
+    const int32_t whole = y / 65536;
+    const int32_t f = (y % 65536) / 2;
+    const int32_t cubic = 15112 - ((2589 * f) / 32768);
+    const int32_t square = ((cubic * f) / 32768) - 45290;
+    const int32_t power = ((square * f) / 32768) + 65529;
+    return (whole < 31) ? (int32_t)((uint32_t)power >> (uint32_t)whole) : 0;
 }

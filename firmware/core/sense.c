@@ -1,5 +1,9 @@
 #include "core.h"
 
+_Static_assert((TERRAPIN_FAULT_CURRENT_SENSOR == (TERRAPIN_FAULT_OVER_CURRENT + 1)) &&
+                   (TERRAPIN_FAULT_OVER_TEMPERATURE == (TERRAPIN_FAULT_OVER_CURRENT + 6)),
+               "the faults that watch() sees follow on each other");
+
 enum {
     CODE_LOW = 2,             /* codes at or beyond these are the ends of a 12-bit converter */
     CODE_HIGH = 4093,
@@ -9,7 +13,7 @@ enum {
     SETTLE_TICKS = 20,        /* after the bridge went off, until the current's zero is looked at */
     OFF_TICKS_MAX = 1000,
     TRIM_LIMIT_CODES = 16,    /* a zero farther away than this is no offset but a defect */
-    FILTER_BITS = 4,          /* supply and temperature: time constant of 16 samples */
+    FILTER_SAMPLES = 16,      /* time constant of supply and temperature */
     ZERO_DEGC_MC = 25000      /* the temperature assumed until the first sample */
 };
 
@@ -25,28 +29,26 @@ int32_t sense_temperature_mc(const terrapin_state *state) {
     return state->sense.temperature_known ? (state->sense.temperature_q8_mc / 256) : ZERO_DEGC_MC;
 }
 
-/* One step of a first-order low-pass; the rest that the shift would lose is kept by the eight bits below the unit. */
-static int32_t filter(int32_t value_q8, int64_t sample_q8) {
-    return (int32_t)(value_q8 + integer_shift(sample_q8 - value_q8, (uint32_t)FILTER_BITS));
+/* One step of a first-order low-pass towards a sample that is `off` away; eight bits below the unit keep the rest. */
+static int32_t low_pass(int32_t off) {
+    return integer_scale(off, 1, FILTER_SAMPLES);
 }
 
 static void read_slow(terrapin_state *state, const terrapin_inputs *inputs) {
     const int32_t *p = state->parameter;
     terrapin_sense *sense = &state->sense;
-    /* at most 4095 * 20 mV * 256: below 2^25 */
-    const int64_t supply_q8 = ((int64_t)inputs->supply_code * p[TERRAPIN_PARAMETER_SUPPLY_SCALE] * 256) / 1000;
-    /* within (4095 * 500 + 100000) * 256: below 2^30 */
-    const int64_t temperature_q8 = (((int64_t)inputs->temperature_code * p[TERRAPIN_PARAMETER_TEMPERATURE_SCALE]) +
-                                    p[TERRAPIN_PARAMETER_TEMPERATURE_ZERO]) *
-                                   256;
-    sense->supply_q8_mv = (sense->supply_q8_mv == 0) ? (int32_t)supply_q8 : filter(sense->supply_q8_mv, supply_q8);
-    if (sense->temperature_known) {
-        sense->temperature_q8_mc = filter(sense->temperature_q8_mc, temperature_q8);
-    } else if (inputs->temperature_code != 0U) {
-        sense->temperature_q8_mc = (int32_t)temperature_q8;
-        sense->temperature_known = true;
-    } else {
-        /* not sampled yet */
+    /* at most 65535 * 20 mV * 256: below 2^29 */
+    const int32_t supply_q8 = integer_scale((int32_t)inputs->supply_code * 256, p[TERRAPIN_PARAMETER_SUPPLY_SCALE], 1000);
+    /* within (4095 * 500 + 100000) * 256: below 2^30, and held there */
+    const int32_t mc = ((int32_t)inputs->temperature_code * p[TERRAPIN_PARAMETER_TEMPERATURE_SCALE]) +
+                       p[TERRAPIN_PARAMETER_TEMPERATURE_ZERO];
+    const int32_t temperature_q8 = integer_scale(mc, 256, 1);
+    const bool first = !sense->temperature_known;
+    sense->supply_q8_mv += (sense->supply_q8_mv == 0) ? supply_q8 : low_pass(supply_q8 - sense->supply_q8_mv);
+    sense->temperature_q8_mc += first ? temperature_q8 : low_pass(temperature_q8 - sense->temperature_q8_mc);
+    sense->temperature_known = inputs->temperature_code != 0U;
+    if (!sense->temperature_known) { /* not sampled yet, or broken, which is a fault of its own */
+        sense->temperature_q8_mc = 0;
     }
 }
 
@@ -99,25 +101,22 @@ static bool at_rail(uint16_t code) {
 static uint32_t watch(terrapin_state *state, const terrapin_inputs *inputs) {
     const int32_t *p = state->parameter;
     const int32_t supply = sense_supply_mv(state);
-    const int64_t current_ma = integer_abs(state->sense.current_ua) / 1000;
-    const struct {
-        uint8_t fault;
-        bool cause;
-        uint8_t ticks;
-    } causes[] = {
-        {TERRAPIN_FAULT_OVER_CURRENT, current_ma >= p[TERRAPIN_PARAMETER_OVER_CURRENT], FAST_FAULT_TICKS},
-        {TERRAPIN_FAULT_CURRENT_SENSOR, at_rail(inputs->current_code), FAST_FAULT_TICKS},
-        {TERRAPIN_FAULT_SUPPLY_SENSOR, at_rail(inputs->supply_code), SLOW_FAULT_TICKS},
-        {TERRAPIN_FAULT_TEMPERATURE_SENSOR, at_rail(inputs->temperature_code), SLOW_FAULT_TICKS},
-        {TERRAPIN_FAULT_SUPPLY_LOW, supply < p[TERRAPIN_PARAMETER_SUPPLY_LOW], SLOW_FAULT_TICKS},
-        {TERRAPIN_FAULT_SUPPLY_HIGH, supply > p[TERRAPIN_PARAMETER_SUPPLY_HIGH], SLOW_FAULT_TICKS},
-        {TERRAPIN_FAULT_OVER_TEMPERATURE, sense_temperature_mc(state) > p[TERRAPIN_PARAMETER_TEMPERATURE_HIGH],
-         SLOW_FAULT_TICKS},
+    const int32_t current_ma = integer_abs(state->sense.current_ua) / 1000;
+    /* from TERRAPIN_FAULT_OVER_CURRENT on */
+    const bool causes[SENSED_FAULTS] = {
+        current_ma >= p[TERRAPIN_PARAMETER_OVER_CURRENT],
+        at_rail(inputs->current_code),
+        at_rail(inputs->supply_code),
+        at_rail(inputs->temperature_code),
+        supply < p[TERRAPIN_PARAMETER_SUPPLY_LOW],
+        supply > p[TERRAPIN_PARAMETER_SUPPLY_HIGH],
+        sense_temperature_mc(state) > p[TERRAPIN_PARAMETER_TEMPERATURE_HIGH],
     };
     uint32_t standing = 0U;
-    for (uint32_t i = 0U; i < (sizeof causes / sizeof causes[0]); i++) {
-        if (lasting(&state->sense.over_ticks[causes[i].fault], causes[i].cause, causes[i].ticks)) {
-            standing |= fault_bit(causes[i].fault);
+    for (uint32_t i = 0U; i < (uint32_t)SENSED_FAULTS; i++) {
+        const int32_t ticks = (i <= 1U) ? FAST_FAULT_TICKS : SLOW_FAULT_TICKS;
+        if (lasting(&state->sense.fault_ticks[i], causes[i], ticks)) {
+            standing |= fault_bit((uint32_t)TERRAPIN_FAULT_OVER_CURRENT + i);
         }
     }
     return standing;
@@ -126,9 +125,10 @@ static uint32_t watch(terrapin_state *state, const terrapin_inputs *inputs) {
 /* The encoder against the motor's own equation V = R_e I + back-EMF, with the speed of the last ticks. */
 static bool encoder_lies(terrapin_state *state) {
     const int32_t *p = state->parameter;
-    const int64_t emf_mv = ((int64_t)state->gains.torque_unm_per_a * state->slip.wheel_urad_s) / 1000000000;
-    const int64_t drop_mv = ((int64_t)p[TERRAPIN_PARAMETER_ARMATURE_RESISTANCE] * state->sense.current_ua) / 1000000;
-    const bool off = integer_abs(state->drive.applied_mv - drop_mv - emf_mv) > p[TERRAPIN_PARAMETER_ENCODER_TOLERANCE];
+    const int32_t emf_mv = integer_scale(state->gains.torque_unm_per_a, state->slip.wheel_urad_s, 1000000000);
+    const int32_t drop_mv = integer_scale(p[TERRAPIN_PARAMETER_ARMATURE_RESISTANCE], state->sense.current_ua, 1000000);
+    const int32_t seen_mv = state->drive.applied_mv - drop_mv; /* below 2^22: 100 ohm at 21 A */
+    const bool off = integer_abs(seen_mv - emf_mv) > p[TERRAPIN_PARAMETER_ENCODER_TOLERANCE];
     const bool looked_at = state->drive.enable && (state->slip.ticks > SPEED_TICKS);
     return lasting(&state->sense.encoder_ticks, looked_at && off, ENCODER_FAULT_TICKS);
 }
@@ -156,9 +156,9 @@ uint32_t sense_update(terrapin_state *state, const terrapin_inputs *inputs, bool
     sense->current_code = inputs->current_code;
     const bool plausible_zero = trim(state);
     const int32_t zero_q8 = state->parameter[TERRAPIN_PARAMETER_CURRENT_ZERO_CODE] + sense->trim_q8_codes;
-    /* |code| < 65536: a code from a broken port still fits */
-    sense->current_ua = integer_saturate(
-        (((int64_t)sense->current_code * 256) - zero_q8) * state->parameter[TERRAPIN_PARAMETER_CURRENT_SCALE] / 256);
+    /* a code from a broken port, below 65536, still fits */
+    sense->current_ua =
+        integer_scale((sense->current_code * 256) - zero_q8, state->parameter[TERRAPIN_PARAMETER_CURRENT_SCALE], 256);
     read_slow(state, inputs);
 
     uint32_t causes = watch(state, inputs);

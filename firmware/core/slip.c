@@ -17,10 +17,9 @@ static int32_t counted(const uint16_t *counts, uint8_t newest, uint32_t ticks) {
     return (int32_t)forward - ((forward >= 0x8000U) ? 0x10000 : 0);
 }
 
-/* counts * unit_q16 / 65536 in `ticks` ms, as a rate per second. No motion makes more than 2^23 counts in a window. */
-static int32_t rate(int64_t counts, int32_t unit_q16, uint32_t ticks) {
-    const int64_t held = integer_clamp(counts, -0x7FFFFF, 0x7FFFFF);
-    return integer_saturate(integer_shift((held * unit_q16 * 1000) / (int64_t)ticks, 16U)); /* below 2^61 */
+/* Counts of a unit of 1e-5 in `ticks` ms, as a rate per second. */
+static int32_t rate(int32_t counts, int32_t unit_e5, uint32_t ticks) {
+    return integer_scale(counts, unit_e5, 100 * (int32_t)ticks);
 }
 
 static void record(terrapin_state *state, const terrapin_inputs *inputs) {
@@ -46,16 +45,16 @@ static bool speeds(terrapin_state *state) {
     slip->slow = estimator->swing_ticks < fast;
     if (!slip->slow && (slip->ticks > fast)) {
         const uint32_t then = ((uint32_t)slip->newest - fast) & (FAST_TICKS - 1U);
-        const int64_t swung = integer_difference(slip->swing_sum, slip->swing_sum_centirad_s[then]);
-        const int64_t alpha = rate(counted(slip->motor_counts, slip->newest, fast), g->count_urad_q16, fast);
-        slip->shell_urad_s = integer_saturate(alpha - ((swung * 10000) / (int64_t)fast));
-        slip->ground_um_s = rate(counted(slip->ground_counts, slip->newest, fast), g->ground_um_q16, fast);
+        const int32_t swung = integer_difference(slip->swing_sum, slip->swing_sum_centirad_s[then]);
+        const int32_t alpha = rate(counted(slip->motor_counts, slip->newest, fast), g->count_e5_urad, fast);
+        slip->shell_urad_s = integer_saturate((int64_t)alpha - integer_scale(swung, 10000, (int32_t)fast));
+        slip->ground_um_s = rate(counted(slip->ground_counts, slip->newest, fast), g->ground_e5_um, fast);
     } else if (slip->slow && (estimator->slots > g->window_slots)) {
         const terrapin_record *now = estimator_record(estimator, 0U);
         const terrapin_record *then = estimator_record(estimator, g->window_slots);
         const uint32_t ticks = g->window_slots * (uint32_t)SLOT_MS;
-        slip->shell_urad_s = rate(integer_difference(now->position_counts, then->position_counts), g->count_urad_q16, ticks);
-        slip->ground_um_s = rate(integer_difference(now->ground_counts, then->ground_counts), g->ground_um_q16, ticks);
+        slip->shell_urad_s = rate(integer_difference(now->position_counts, then->position_counts), g->count_e5_urad, ticks);
+        slip->ground_um_s = rate(integer_difference(now->ground_counts, then->ground_counts), g->ground_e5_um, ticks);
     } else {
         known = false;
     }
@@ -66,11 +65,11 @@ static bool speeds(terrapin_state *state) {
 static void compare_grounds(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_slip_state *slip = &state->slip;
     const int32_t outside = (int32_t)inputs->ground_speed_mm_s * 1000;
-    const int64_t larger = (integer_abs(outside) > integer_abs(slip->ground_um_s)) ? integer_abs(outside)
-                                                                                  : integer_abs(slip->ground_um_s);
-    const int64_t tolerance = ((int64_t)state->parameter[TERRAPIN_PARAMETER_GROUND_TOLERANCE] * 1000) + (larger / 10);
-    const bool disagree =
-        inputs->ground_speed_valid && (integer_abs((int64_t)outside - slip->ground_um_s) > tolerance);
+    const int32_t outer = integer_abs(outside);
+    const int32_t other = integer_abs(slip->ground_um_s);
+    const int32_t larger = (outer > other) ? outer : other;
+    const int32_t tolerance = (state->parameter[TERRAPIN_PARAMETER_GROUND_TOLERANCE] * 1000) + (larger / 10);
+    const bool disagree = inputs->ground_speed_valid && (integer_abs(outside - slip->ground_um_s) > tolerance);
     if (!disagree) {
         slip->disagree_ticks = 0U;
     } else if (slip->disagree_ticks < DISAGREE_TICKS) {
@@ -79,7 +78,7 @@ static void compare_grounds(terrapin_state *state, const terrapin_inputs *inputs
         /* a fault by now */
     }
     slip->implausible = slip->disagree_ticks >= DISAGREE_TICKS;
-    slip->external = slip->implausible && (integer_abs(outside) < integer_abs(slip->ground_um_s));
+    slip->external = slip->implausible && (outer < other);
     if (slip->external) {
         slip->ground_um_s = outside;
     }
@@ -90,21 +89,21 @@ void slip_update(terrapin_state *state, const terrapin_inputs *inputs) {
     record(state, inputs);
     if (slip->ticks > SPEED_TICKS) {
         slip->wheel_urad_s = rate(counted(slip->motor_counts, slip->newest, (uint32_t)SPEED_TICKS),
-                                  state->gains.count_urad_q16, (uint32_t)SPEED_TICKS);
+                                  state->gains.count_e5_urad, (uint32_t)SPEED_TICKS);
     }
     const bool known = speeds(state);
     if (known) {
         compare_grounds(state, inputs);
     }
-    const int64_t dead_band = (int64_t)state->parameter[TERRAPIN_PARAMETER_SLIP_DEAD_BAND] * 1000;
+    const int32_t dead_band = state->parameter[TERRAPIN_PARAMETER_SLIP_DEAD_BAND] * 1000;
     const bool moving = integer_abs(slip->shell_urad_s) >= dead_band; /* at least 50 mrad/s: no division by zero */
     slip->slip_e4 = 0;
     slip->valid = known && moving && !slip->implausible;
     if (known && moving) {
-        /* R in um, omega in urad/s: below 2^50; the rim's speed in um/s is then at least 1e4 * 5e4 / 1e6 = 500 */
-        const int64_t rim = ((int64_t)state->parameter[TERRAPIN_PARAMETER_RADIUS] * slip->shell_urad_s) / 1000000;
-        const int64_t gone = integer_sign(rim) * (((int64_t)slip->ground_um_s * 10000) / integer_abs(rim));
-        slip->slip_e4 = integer_clamp(10000 - gone, -SLIP_MAX_E4, SLIP_MAX_E4);
+        /* R in um, omega in urad/s: the rim's speed in um/s is at least 1e4 * 5e4 / 1e6 = 500 */
+        const int32_t rim = integer_scale(state->parameter[TERRAPIN_PARAMETER_RADIUS], slip->shell_urad_s, 1000000);
+        const int32_t gone = integer_scale(slip->ground_um_s, integer_sign(rim) * 10000, integer_abs(rim));
+        slip->slip_e4 = integer_clamp((int64_t)10000 - gone, -SLIP_MAX_E4, SLIP_MAX_E4);
         if ((slip->slip_e4 > slip->peak_e4) && (slip->slip_e4 <= 10000)) { /* above 1 it rolls back */
             slip->peak_e4 = slip->slip_e4;
         }

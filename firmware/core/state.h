@@ -1,8 +1,8 @@
 /* What the controller remembers from tick to tick. Private to the core.
  *
  * Units stand last in names; formats that are not plain integers of a unit say so: _q16 is 65536 times the unit.
- * Ranges: angular speeds up to 2^31 urad/s (2147 rad/s), ground speeds up to 2^31 um/s, torques in uN m up to 2^31,
- * voltages in mV or uV up to 2^31; each is saturated where it is made.
+ * Ranges: speeds, torques and voltages are held within 2^30 of their unit (1074 rad/s, 1074 m/s, 1074 N m, 1074 V) where
+ * they are made, so that sums and differences of two fit an int32_t.
  */
 #ifndef TERRAPIN_STATE_H
 #define TERRAPIN_STATE_H
@@ -19,7 +19,8 @@ enum {
     TRIM_TICKS = 128,            /* ticks with the bridge off that make one zero of the current */
     CALIBRATE_WINDOWS = 3,       /* disjoint valid windows averaged at each calibration speed */
     TERRAINS = 5,                /* entries of the table of terrains: TERRAIN_SAND to TERRAIN_HARD_FLOOR */
-    FIT_WINDOWS = 64             /* memory of the terrain fit, in windows */
+    SENSED_FAULTS = 7,
+    FIT_WINDOWS = 64             /* memory of the terrain fit, a power of two */
 };
 
 _Static_assert(HISTORY_SLOTS > (2 * WINDOW_MAX_SLOTS) + BLOCK_SLOTS, "the history holds two windows and a block");
@@ -27,8 +28,8 @@ _Static_assert((int)TERRAPIN_TERRAIN_HARD_FLOOR == (int)TERRAINS, "terrains are 
 
 /* Derived from the parameters whenever one changes, so that no tick divides by them. */
 typedef struct {
-    int32_t count_urad_q16;      /* alpha of one motor count; at most 2 pi/2048 rad: below 2^28 */
-    int32_t ground_um_q16;       /* way of one count of the ground wheel; below 2^26 */
+    int32_t count_e5_urad;       /* alpha of one motor count in 1e-5 urad; at most 2 pi/2048 rad: below 2^29 */
+    int32_t ground_e5_um;        /* way of one count of the ground wheel in 1e-5 um; below 2^26 */
     int32_t turn_per_count;      /* shell's angle of one motor count, one turn = 2^32; at most 2^21 */
     int32_t current_gain_q16;    /* G_I: uN m of C_t for one code in one sample of the window; below 1.7e9 */
     int32_t speed_gain_q16;      /* G_w: uN m of C_o for one count over the window; at most 2.1e8 */
@@ -56,7 +57,7 @@ typedef struct {
     uint32_t trim_sum_codes;     /* of the block that is being averaged */
     uint16_t trim_count;
     uint16_t off_ticks;          /* ticks since the bridge went off, stops at 1000 */
-    uint16_t over_ticks[9];      /* how long each cause of a fault has lasted; index: fault number */
+    uint16_t fault_ticks[SENSED_FAULTS]; /* how long each cause has lasted, from over_current to over_temperature */
     uint16_t encoder_ticks;      /* how long encoder and back-EMF have disagreed */
 } terrapin_sense;
 
@@ -99,7 +100,7 @@ typedef struct {
     int32_t weight_q8;           /* number of windows, forgetting; at most 64 */
     int32_t x_q8;                /* mean of omega^2 in 0.01 rad^2/s^2; below 2^26 */
     int32_t y_q8;                /* mean of f_r in 1e-6; below 2^29 */
-    int64_t xx;                  /* second moments about the means, same units */
+    int64_t xx;                  /* second moments about the means, in 64 times the product of the units */
     int64_t xy;
     uint8_t windows;
     /* results */
@@ -185,8 +186,8 @@ typedef struct {
     uint8_t windows;
     uint8_t seen;                /* estimator.index of the last window taken */
     uint32_t timer_ms;           /* at this speed */
-    int64_t omega_sum_urad_s;
-    int64_t torque_sum_unm;
+    int32_t omega_sum_urad_s;    /* along the motion */
+    int32_t torque_sum_unm;
     int32_t omega_mrad_s[TERRAPIN_LIMIT_CALIBRATE_SPEEDS];
     int32_t torque_unm[TERRAPIN_LIMIT_CALIBRATE_SPEEDS]; /* motor's less the floor's: A + B omega */
     int32_t residual_unm;

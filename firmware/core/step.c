@@ -5,8 +5,11 @@ size_t terrapin_state_size(void) {
 }
 
 void terrapin_init(terrapin_state *state) {
-    static const terrapin_state reset = {0};
-    *state = reset;
+    /* All bytes zero is zero, false and the first state. volatile, or the compiler links a memset for this one use. */
+    volatile uint8_t *bytes = (volatile uint8_t *)state;
+    for (size_t i = 0U; i < sizeof(terrapin_state); i++) {
+        bytes[i] = 0U;
+    }
     for (uint32_t i = 0U; i < (uint32_t)TERRAPIN_PARAMETER_COUNT; i++) {
         state->parameter[i] = terrapin_parameters[i].default_value;
     }

@@ -159,7 +159,7 @@ static void calibrate(terrapin_state *state, terrapin_demand *demand) {
 
 /* The shell speed of a rim speed in mm/s; R is at least 1e4 um. */
 static int32_t shell_speed(const terrapin_state *state, int16_t rim_mm_s) {
-    return integer_saturate(((int64_t)rim_mm_s * 1000000000) / state->parameter[TERRAPIN_PARAMETER_RADIUS]);
+    return integer_scale(rim_mm_s, 1000000000, state->parameter[TERRAPIN_PARAMETER_RADIUS]);
 }
 
 static void run(terrapin_state *state, const terrapin_inputs *inputs, terrapin_demand *demand) {
@@ -197,8 +197,10 @@ static void wait(terrapin_state *state, uint32_t ms, uint8_t next) {
 void supervisor_update(terrapin_state *state, const terrapin_inputs *inputs, uint32_t causes, bool gap,
                        terrapin_demand *demand) {
     terrapin_supervisor *s = &state->supervisor;
-    static const terrapin_demand off = {.mode = DEMAND_OFF};
-    *demand = off;
+    demand->mode = DEMAND_OFF;
+    demand->voltage_mv = 0;
+    demand->speed_urad_s = 0;
+    demand->limiter = false;
     listen(state, inputs);
     watch_motion(state);
     s->timer_ms++;
@@ -225,7 +227,7 @@ void supervisor_update(terrapin_state *state, const terrapin_inputs *inputs, uin
     case TERRAPIN_STATE_EXTRICATE:
         if (extrication_update(state, inputs, demand)) {
             supervisor_enter(state, TERRAPIN_STATE_IDLE, PHASE_FIRST);
-            *demand = off;
+            demand->mode = DEMAND_OFF;
         }
         break;
     case TERRAPIN_STATE_SAFE:

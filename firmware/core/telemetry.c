@@ -63,16 +63,15 @@ static bool ground(const terrapin_state *state, terrapin_frame *frame) {
 
 static bool motion(const terrapin_state *state, terrapin_frame *frame) {
     const terrapin_slip_state *s = &state->slip;
-    /* (R/r) alpha_dot in 0.005 rad/s: torque_unm_per_a is (R/r) K_t */
-    const int64_t wheel = (s->wheel_urad_s * (int64_t)state->parameter[TERRAPIN_PARAMETER_RADIUS]) /
-                          state->parameter[TERRAPIN_PARAMETER_DRIVE_RADIUS];
+    const int32_t wheel = integer_scale(s->wheel_urad_s, state->parameter[TERRAPIN_PARAMETER_RADIUS],
+                                        state->parameter[TERRAPIN_PARAMETER_DRIVE_RADIUS]);
     const terrapin_motion_t message = {
         .slip = s->slip_e4 / 10,
         .slip_valid = flag(s->valid),
         .slow = flag(s->slow),
         .external = flag(s->external),
         .shell_speed = s->shell_urad_s / 1000,
-        .motor_speed = integer_saturate(wheel / 5000),
+        .motor_speed = wheel / 5000,
         .ground_speed = s->ground_um_s / 100,
     };
     return terrapin_encode_motion(&message, frame);
