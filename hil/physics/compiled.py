@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from threading import RLock
 from typing import Any
 
 import cffi
@@ -15,11 +16,23 @@ from hil import paths
 __all__ = ["ffi", "library", "pointer"]
 
 HEADERS = ("sixteen.h", "tyre.h", "vehicle.h")
+_ONE_AT_A_TIME = RLock()  # two threads that make declarations at once would get types that do not mix
+
+
+def ffi() -> cffi.FFI:
+    """Declarations of the headers."""
+    with _ONE_AT_A_TIME:
+        return _ffi()
+
+
+def library() -> Any:
+    """The shared library, whose calls release the interpreter's lock. OSError, naming the file, when not yet built."""
+    with _ONE_AT_A_TIME:
+        return _library()
 
 
 @cache
-def ffi() -> cffi.FFI:
-    """Declarations of the headers."""
+def _ffi() -> cffi.FFI:
     found = cffi.FFI()
     folder = paths.ROOT / "hil" / "physics"
     found.cdef(cdef([(folder / name).read_text(encoding="utf-8") for name in HEADERS]))
@@ -27,12 +40,11 @@ def ffi() -> cffi.FFI:
 
 
 @cache
-def library() -> Any:
-    """The shared library, whose calls release the interpreter's lock. OSError, naming the file, when not yet built."""
+def _library() -> Any:
     path = paths.build() / "libterrapin_hil.so"
     if not path.is_file():
         raise OSError(2, "not built yet; run `make setup`", str(path))
-    return ffi().dlopen(str(path))
+    return _ffi().dlopen(str(path))
 
 
 def pointer(array: npt.NDArray[np.float64] | None) -> Any:

@@ -6,7 +6,7 @@ al. 2024, Tables 2 and 3, whose numbers this reproduces.
 
 >>> analysis = analyse(LI_2024)
 >>> [f"{f.f_ratio:.3f}" for f in analysis.factors], [f"{f.p_value:.5f}" for f in analysis.factors]
-(['506.835', '243.687', '0.850'], ['0.00197', '0.00409', '0.54041'])
+(['506.835', '243.687', '0.850'], ['0.00197', '0.00409', '0.54040'])
 """
 
 from __future__ import annotations
@@ -35,15 +35,16 @@ class Design:
     settings: tuple[tuple[float, ...], ...]  # (9, 3)
     response: tuple[float, ...]  # (9,)
     response_name: str
+    levels: tuple[tuple[float, ...], ...] = ()  # of each factor, in the order in which they are numbered; rising if ()
 
 
 @dataclass(frozen=True)
 class FactorAnalysis:
-    """One factor: sums and means of the response at each level (in rising order of the level), and its variance."""
+    """One factor: sums and means of the response at each level, and its variance."""
 
     name: str
     levels: tuple[float, float, float]
-    sums: tuple[float, float, float]  # K1 to K3, in the order in which the levels appear
+    sums: tuple[float, float, float]  # K1 to K3
     means: tuple[float, float, float]
     range_of_means: float  # what Li et al. print as R
     sum_of_squares: float
@@ -92,7 +93,7 @@ def analyse(design: Design, level: float = 0.05) -> Analysis:
     total = float(((response - grand) ** 2).sum())
     found = []
     for column, name in enumerate(design.factors):
-        levels = tuple(dict.fromkeys(settings[:, column].tolist()))
+        levels = design.levels[column] if design.levels else tuple(sorted(set(settings[:, column].tolist())))
         groups = [response[settings[:, column] == value] for value in levels]
         sums = tuple(float(group.sum()) for group in groups)
         means = tuple(float(group.mean()) for group in groups)
@@ -160,8 +161,11 @@ def _check(design: Design, settings: np.ndarray, response: np.ndarray) -> None:
     if not np.isfinite(response).all() or not np.isfinite(settings).all():
         raise ValueError("runs: found a value that is not finite, expected numbers")
     for one in range(3):
-        if len(set(settings[:, one])) != 3:
-            raise ValueError(f"{design.factors[one]}: found {len(set(settings[:, one]))} levels, expected 3")
+        found = set(settings[:, one].tolist())
+        if len(found) != 3:
+            raise ValueError(f"{design.factors[one]}: found {len(found)} levels, expected 3")
+        if design.levels and set(design.levels[one]) != found:
+            raise ValueError(f"{design.factors[one]}: found levels {sorted(found)}, expected {design.levels[one]}")
         for other in range(one):
             if len(set(zip(settings[:, one], settings[:, other], strict=True))) != 9:
                 raise ValueError(
@@ -192,8 +196,8 @@ def _conclude(
         "to be seen, so only large ones are."
     )
     said.append(
-        "No run was repeated: what stands as error is measuring error and the interactions of the factors together; they "
-        "cannot be told apart, and an interaction also hides inside the factors' own columns."
+        "No run was repeated: what stands as error is measuring error and the interactions of the factors together; "
+        "they cannot be told apart, and an interaction also hides inside the factors' own columns."
     )
     return said
 
@@ -213,4 +217,5 @@ LI_2024 = Design(
     ),
     response=(1.375, 1.658, 1.811, 1.671, 1.870, 2.05, 1.989, 2.22, 2.387),
     response_name="rolling distance [m]",
+    levels=((8.3, 8.0, 7.7), (0.3, 0.4, 0.5), (1.0, 1.125, 1.25)),
 )

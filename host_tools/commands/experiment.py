@@ -1,0 +1,120 @@
+"""`terrapin experiment`: designed experiments, their plan and what their results allow one to conclude."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from host_tools.errors import UserError
+from host_tools.workbench.commandline import Json, Level, deliver
+
+if TYPE_CHECKING:
+    from host_tools.experiments.l9 import Analysis, Design
+
+__all__ = ["register"]
+
+
+def l9(
+    file: Annotated[
+        Path | None, typer.Argument(metavar="[FILE.csv]", help="nine rows: three factors, and last the response")
+    ] = None,
+    factor: Annotated[
+        list[str] | None, typer.Option("--factor", help="NAME=LEVEL,LEVEL,LEVEL, three times: prints the plan as CSV")
+    ] = None,
+    json: Json = "",
+    level: Level = 0.05,
+) -> None:
+    """Range analysis and analysis of variance of three factors at three levels in nine runs (orthogonal array L9).
+
+    Without FILE.csv it takes the rolling distances of Li et al. 2024 and gives their Tables 2 and 3.
+
+    Example: terrapin experiment l9 --factor "mass [kg]=7.7,8.0,8.3" --factor "a=0.3,0.4,0.5" --factor "w=1,1.125,1.25"
+    """
+    from host_tools.experiments.l9 import LI_2024, analyse
+
+    if not 0.0 < level < 1.0:
+        raise UserError(f"--level: found {level:g}, expected between 0 and 1")
+    if factor:
+        if file is not None:
+            raise UserError("--factor makes a plan and FILE.csv is analysed, expected one of the two")
+        print(_plan(factor))
+        return
+    try:
+        analysis = analyse(LI_2024 if file is None else _read(file), level)
+    except ValueError as error:
+        raise UserError(f"{file or 'Li et al. 2024'}: {error}") from None
+    deliver({"schema": "terrapin.l9/1", **asdict(analysis)}, _describe(analysis), json)
+
+
+def _plan(factors: list[str]) -> str:
+    from host_tools.experiments.l9 import plan
+
+    names, levels = [], []
+    for text in factors:
+        name, equals, values = text.rpartition("=")
+        try:
+            numbers = [float(value) for value in values.split(",")]
+        except ValueError:
+            numbers = []
+        if not equals or not name.strip() or not numbers or "," in name:
+            raise UserError(f"--factor: found {text!r}, expected NAME=LEVEL,LEVEL,LEVEL")
+        names.append(name.strip())
+        levels.append(numbers)
+    try:
+        runs = plan(levels)
+    except ValueError as error:
+        raise UserError(f"--factor: {error}") from None
+    rows = [",".join(f"{value:g}" for value in run) for run in runs]
+    return "\n".join([",".join([*names, "response"]), *(f"{row}," for row in rows)])
+
+
+def _read(file: Path) -> Design:
+    from host_tools.experiments.l9 import Design
+    from host_tools.workbench.tables import read
+
+    table = read(file)
+    names = list(table.columns)
+    if len(names) != 4:
+        raise UserError(f"{file.name}: found {len(names)} columns, expected three factors and the response")
+    columns = [table.numbers(name).tolist() for name in names]
+    return Design(
+        factors=tuple(names[:3]),
+        settings=tuple(zip(*columns[:3], strict=True)),
+        response=tuple(columns[3]),
+        response_name=names[3],
+    )
+
+
+def _describe(analysis: Analysis) -> str:
+    width = max(len(factor.name) for factor in analysis.factors)
+    lines = [f"{analysis.response_name}, range analysis (K: sums at the levels, R: range of their means)"]
+    for factor in analysis.factors:
+        levels = "  ".join(f"{value:g}: {total:.3f}" for value, total in zip(factor.levels, factor.sums, strict=True))
+        lines.append(f"  {factor.name.ljust(width)}  K  {levels}   R {factor.range_of_means:.2f}")
+    lines.append(f"  strongest first: {', '.join(analysis.order)}")
+    lines.append("")
+    lines.append("Analysis of variance")
+    lines.append(f"  {'source'.ljust(width)}  {'squares':>8}  df  {'F':>8}  p")
+    for factor in analysis.factors:
+        mark = " *" if factor.p_value < analysis.level else ""
+        lines.append(
+            f"  {factor.name.ljust(width)}  {factor.sum_of_squares:8.4f}  {factor.degrees:2d}  "
+            f"{factor.f_ratio:8.3f}  {factor.p_value:.3g}{mark}"
+        )
+    lines.append(f"  {'error'.ljust(width)}  {analysis.error_squares:8.4f}  {analysis.error_degrees:2d}")
+    lines.append(f"  critical F at {analysis.level:g}: {analysis.critical_f:.2f}")
+    if analysis.pooled and analysis.pooled_degrees > analysis.error_degrees:
+        lines.append(f"  with factors below F = 1 taken as error ({analysis.pooled_degrees} degrees of freedom):")
+        lines += [f"    {name}: F = {ratio:.0f}, p = {p:.2g}" for name, ratio, p in analysis.pooled]
+    lines += ["", "What this allows one to conclude", *(f"  {text}" for text in analysis.conclusions)]
+    return "\n".join(lines)
+
+
+def register(app: typer.Typer) -> None:
+    group = typer.Typer(help="Designed experiments: plans and their analysis.", no_args_is_help=True)
+    group.callback()(lambda: None)
+    group.command("l9")(l9)
+    app.add_typer(group, name="experiment")
