@@ -27,7 +27,7 @@ __all__ = ["Combination", "Interval", "Limits", "analyse"]
 
 Array = npt.NDArray[np.float64]
 LEVEL = 0.95
-SEPARATE = 0.95  # two parameters whose estimates correlate more than this are not told apart
+FIXED = 0.1  # the data fix a parameter when its interval is at most this share of the range that the bounds allow
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Limits:
     intervals: dict[str, Interval]
     correlation: dict[str, dict[str, float]]
     combinations: tuple[Combination, ...]
-    fixed: tuple[str, ...]  # parameters that the data fix by themselves
+    fixed: tuple[str, ...]  # parameters whose interval is at most FIXED of their range, and not cut by a bound
     not_fixed: tuple[str, ...]
 
 
@@ -104,8 +104,12 @@ def analyse(
         if a in names
     }
     combinations = _combinations(x, whole, free)
-    tied = {name for c in combinations if abs(c.correlation) > SEPARATE for name in c.parameters}
-    fixed = tuple(n for n in names if n not in tied and not (intervals[n].low_open or intervals[n].high_open))
+    width = dict(zip(PARAMETERS, high - low, strict=True))
+    fixed = tuple(
+        name
+        for name, i in intervals.items()
+        if not (i.low_open or i.high_open) and i.high - i.low <= FIXED * width[name]
+    )
     return Limits(
         noise=float(np.sqrt(squares / objective.samples)),
         correlation_samples=inflation,
