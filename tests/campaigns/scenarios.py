@@ -10,22 +10,23 @@ from hil.compiled_effects import ActiveEffect
 from hil.physics.effects import catalogue
 from hil.plant import TERRAINS, Ground, Robot, Segment, Winding
 from hil.scenario import Order, Scenario
-from hil.sensors import Sensors, kit
+from hil.sensors import kit
 
 TABLE_1 = ("sand", "dry_peat", "red_terrain", "agricultural")
 FLOOR_LENGTH = 11.0  # m: the calibration must end on the floor
 CALIBRATION = 14.0  # s until the operator drives on
 
 
-def level(terrain: str, steps: list[tuple[float, float]], duration: float, sensors: Sensors | None = None) -> Scenario:
-    """Level ground; `steps` are (time [s], voltage [V])."""
-    orders = tuple(Order(time, "run", "voltage", volt, limiter=False) for time, volt in steps)
+def level(terrain: str, steps: list[tuple[float, float]], duration: float) -> Scenario:
+    """Ideal sensors; calibrates on the floor, rolls onto the terrain at 6 V; then `steps` of (time [s], voltage [V])."""
+    orders = (Order(0.0, "calibrate"), Order(CALIBRATION, "run", "voltage", 6.0, limiter=False))
+    orders += tuple(Order(time, "run", "voltage", volt, limiter=False) for time, volt in steps)
     return Scenario(
         name=f"level_{terrain}",
         duration=duration,
-        ground=Ground((Segment(TERRAINS[terrain]),)),
+        ground=Ground((Segment(TERRAINS["hard_floor"]), Segment(TERRAINS[terrain], FLOOR_LENGTH))),
         operator=orders,
-        sensors=sensors or kit("ideal"),
+        sensors=kit("ideal"),
     )
 
 
