@@ -18,7 +18,7 @@ CALIBRATION = 14.0  # s until the operator drives on
 
 
 def level(terrain: str, steps: list[tuple[float, float]], duration: float) -> Scenario:
-    """Ideal sensors; calibrates on the floor, rolls onto the terrain at 6 V; then `steps` of (time [s], voltage [V])."""
+    """Ideal sensors; calibrates on the floor, rolls onto the terrain at 6 V; `steps` are (time [s], voltage [V])."""
     orders = (Order(0.0, "calibrate"), Order(CALIBRATION, "run", "voltage", 6.0, limiter=False))
     orders += tuple(Order(time, "run", "voltage", volt, limiter=False) for time, volt in steps)
     return Scenario(
