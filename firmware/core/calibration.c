@@ -102,14 +102,10 @@ calibration_result calibration_update(terrapin_state *state, int32_t *voltage_mv
     const bool taken = c->seen == e->index;
     c->seen = e->index;
     c->timer_ms++;
-    if (!e->valid) { /* the three windows follow on each other */
-        restart_step(c);
-    } else if (!taken && (c->timer_ms > SETTLE_MS)) {
+    if (!taken && (c->timer_ms > SETTLE_MS)) {
         c->omega_sum_urad_s += integer_clamp((int64_t)direction(state) * e->omega_urad_s, 0, OMEGA_MAX_URAD_S);
         c->torque_sum_unm += integer_clamp((int64_t)direction(state) * e->motor_unm, -TORQUE_MAX_UNM, TORQUE_MAX_UNM);
         c->windows++;
-    } else {
-        /* no new window */
     }
     if (c->windows == CALIBRATE_WINDOWS) {
         close_step(state);

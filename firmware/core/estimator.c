@@ -83,16 +83,16 @@ static int32_t swing_momentum(const terrapin_state *state, const terrapin_inputs
     const terrapin_estimator *e = &state->estimator;
     const uint32_t n = state->gains.window_slots;
     int32_t torque = 0;
-    if (e->swing_ticks >= ((n + (uint32_t)BLOCK_SLOTS) * (uint32_t)SLOT_MS)) {
+    if (e->swing_ticks >= ((n + (uint32_t)SWING_SLOTS) * (uint32_t)SLOT_MS)) {
         const uint32_t now =
-            estimator_record(e, 0U)->swing_sum_centirad_s - estimator_record(e, BLOCK_SLOTS)->swing_sum_centirad_s;
+            estimator_record(e, 0U)->swing_sum_centirad_s - estimator_record(e, SWING_SLOTS)->swing_sum_centirad_s;
         const uint32_t then = estimator_record(e, n)->swing_sum_centirad_s -
-                              estimator_record(e, n + (uint32_t)BLOCK_SLOTS)->swing_sum_centirad_s;
+                              estimator_record(e, n + (uint32_t)SWING_SLOTS)->swing_sum_centirad_s;
         const int32_t cosine = integer_cosine(integer_turn(inputs->swing_angle_mrad));
         const int32_t inertia = state->parameter[TERRAPIN_PARAMETER_INERTIA_SHELL] -
                                 integer_scale(state->parameter[TERRAPIN_PARAMETER_INERTIA_SWING], cosine, 32767);
-        /* 1e-6 kg m^2 * 0.01 rad/s, sums over 10 BLOCK_SLOTS ms, in a window of 10 n ms */
-        torque = integer_abs(integer_scale(inertia, integer_difference(now, then), SLOT_MS * BLOCK_SLOTS * (int32_t)n));
+        /* 1e-6 kg m^2 * 0.01 rad/s, sums over 10 SWING_SLOTS ms, in a window of 10 n ms */
+        torque = integer_abs(integer_scale(inertia, integer_difference(now, then), SLOT_MS * SWING_SLOTS * (int32_t)n));
     }
     return torque;
 }

@@ -12,8 +12,9 @@
 enum {
     SLOT_MS = 10,                /* telemetry cycle; the estimator works once a cycle */
     WINDOW_MAX_SLOTS = 60,       /* 600 ms, the range of parameter window */
-    BLOCK_SLOTS = 10,            /* positions and swing rates are averaged over this many slots at a window's ends */
-    HISTORY_SLOTS = 136,         /* at least 2 * WINDOW_MAX_SLOTS + BLOCK_SLOTS + 1 */
+    BLOCK_SLOTS = 20,            /* positions are averaged over this many slots at a window's ends */
+    SWING_SLOTS = 10,            /* swing rates over this many: a third of a swing period */
+    HISTORY_SLOTS = 144,         /* at least 2 * WINDOW_MAX_SLOTS + BLOCK_SLOTS + 1 */
     FAST_TICKS = 128,            /* a power of two above the range of parameter slip_window */
     SPEED_TICKS = 20,            /* window of the drive wheel's speed that the drive uses */
     TRIM_TICKS = 128,            /* ticks with the bridge off that make one zero of the current */
