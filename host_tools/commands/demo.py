@@ -41,7 +41,8 @@ def demo(
 
     Example: terrapin demo --out out
     """
-    from host_tools.demo.story import Demo, Stage
+    from host_tools.demo.stage import Stage
+    from host_tools.demo.story import Demo
 
     out.mkdir(parents=True, exist_ok=True)
     with _progress() as progress:

@@ -114,6 +114,7 @@ def slope(limited: Result, free: Result, file: Path) -> Path:
     middle.set_ylabel("slip")
     middle.set_ylim(-1.05, 1.05)
     low.set_ylabel("rut depth, 0 to 1")
+    low.set_xlim(0.0, 12.0)  # nothing moves after that
     low.set_xlabel("time, s")
     return _save(figure, file)
 

@@ -4,35 +4,21 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import cantools
 import numpy as np
-import numpy.typing as npt
 
 from hil import paths
 from hil.run import Result, run
 from hil.scenario import Scenario, find_scenario, load_scenario
 from host_tools.demo import figures, workbench
 from host_tools.demo.page import Chapter, Table, write_page
+from host_tools.demo.stage import Stage
 
-__all__ = ["Demo", "Stage"]
-
-Array = npt.NDArray[np.float64]
-Say = Callable[[str], None]
-Progress = Callable[[float], None]
-
-
-@dataclass
-class Stage:
-    """Where the demonstration plays: what it writes to, and how it tells people."""
-
-    out: Path
-    say: Say
-    progress: Progress
+__all__ = ["Demo"]
 
 
 @dataclass
@@ -42,11 +28,6 @@ class Demo:
     stage: Stage
     chapters: list[Chapter] = field(default_factory=list)
     floor_to_sand: Result | None = None
-
-    def tell(self, chapter: Chapter, line: str) -> None:
-        """A sentence for the terminal and the page."""
-        chapter.text.append(line)
-        self.stage.say(line)
 
     def play(self) -> Path:
         """All chapters; returns the page."""
@@ -73,14 +54,14 @@ class Demo:
         result = self.floor_to_sand = self._run("floor_to_sand", "pty", "floor_to_sand")
         seconds = time.monotonic() - begin
         on_sand = result.truth["segment"] == 1
-        self.tell(
+        self.stage.tell(
             chapter,
             "The controller runs as a process of its own and speaks SLCAN on a pseudo-terminal, as a board on USB "
             "would; the simulated robot (R = 80 mm, r = 18 mm) gives it ADC codes and encoder counts and obeys its "
             "bridge duty, one exchange a millisecond.",
         )
         ticks = len(result.time)
-        self.tell(
+        self.stage.tell(
             chapter,
             f"{ticks} ticks in lockstep in {seconds:.1f} s ({ticks / seconds:.0f} ticks/s). On the sand from "
             f"{result.time[np.argmax(on_sand)]:.2f} s on; final speed {result.truth['speed'][-1]:.3f} m/s.",
@@ -107,12 +88,12 @@ class Demo:
         worst = float(np.max(np.abs(ground["torque"][use] - truth)))
         last = {name: float(values[use][-1]) for name, values in ground.items()}
         names = {number: name for name, number in result.interface.enums["terrain"].items()}
-        self.tell(
+        self.stage.tell(
             chapter,
             f"Calibrated {calibrated_at:.1f} s after the start; "
             "the floor's own resistance (0.010 ± 0.0005) is subtracted and its sd carried on.",
         )
-        self.tell(
+        self.stage.tell(
             chapter,
             f"On the sand: C_t = {1e3 * last['torque']:.2f} ± {1e3 * last['torque_sd']:.2f} mN m (truth "
             f"{1e3 * truth[-1]:.2f}; greatest error of {len(truth)} valid values {1e3 * worst:.2f}), "
@@ -126,7 +107,7 @@ class Demo:
         """Slip is held at 0.5, and a slope too steep ends in a way back"""
         limited, free = self._run("carriage_limiter"), self._run("carriage_free")
         slip, slip_free = (r.truth["slip"][r.truth["carriage_force"] != 0.0] for r in (limited, free))
-        self.tell(
+        self.stage.tell(
             chapter,
             "A carriage slows the axle on sand from 0.36 to 0.04 m/s within 10 s, at 8 V. With the limiter slip peaks "
             f"at {np.max(slip):.3f} and stays between {np.min(slip[5000:]):.3f} and {np.max(slip[5000:]):.3f} from 5 s "
@@ -140,7 +121,7 @@ class Demo:
         ready = "ready again" if up.telemetry["STATUS"]["ready"][-1] else "not ready"
         way = up.truth["position"]
         crawl = 1e3 * float(np.max(np.abs(stuck.truth["speed"][-1000:])))
-        self.tell(
+        self.stage.tell(
             chapter,
             "A free slope of 14 degrees, where this sand carries at most 11.3: with the limiter the shell comes to a "
             f"stop {np.max(way):.2f} m from its start, backs out to {way[-1]:.2f} m, reports '{report}' and is "
@@ -170,7 +151,7 @@ class Demo:
                 shown[message.name] = ", ".join(
                     f"{k} = {v:.6g}" if isinstance(v, float) else f"{k} = {v}" for k, v in values.items()
                 )
-        self.tell(chapter, f"{len(lines)} frames; the last of each message, decoded by cantools:")
+        self.stage.tell(chapter, f"{len(lines)} frames; the last of each message, decoded by cantools:")
         rows = tuple((name, shown[name]) for name in ("ACTUATE", "GROUND", "MOTION", "ELECTRICAL") if name in shown)
         for name, text in rows:
             self.stage.say(f"  {name}: {text}")
@@ -180,8 +161,8 @@ class Demo:
 
     def forced_slip(self, chapter: Chapter) -> None:
         """A model against real measurements: the forced-slip table of Li et al."""
-        workbench.forced_slip(self, chapter)
+        workbench.forced_slip(self.stage, chapter)
 
     def heated(self, chapter: Chapter) -> None:
         """A winding heats by 40 K: found in the data, added to the model, sent to the controller"""
-        workbench.heated(self, chapter)
+        workbench.heated(self.stage, chapter)

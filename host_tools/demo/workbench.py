@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,15 +19,13 @@ from hil.scenario import Scenario, find_scenario, load_scenario
 from host_tools.commands.run import read_parameters
 from host_tools.demo import figures
 from host_tools.demo.page import Chapter, Table
+from host_tools.demo.stage import Stage
 from host_tools.logs.folder import RunFolder
 from host_tools.workbench.analysis import Analysis, analyse
 from host_tools.workbench.case import load_case, parse_case
 from host_tools.workbench.edit import add_effects, write_whole
 from host_tools.workbench.export import export_parameters, parameters_toml
 from host_tools.workbench.from_runs import read_run, write_case
-
-if TYPE_CHECKING:
-    from host_tools.demo.story import Demo
 
 __all__ = ["forced_slip", "heated", "logged_run"]
 
@@ -79,7 +77,7 @@ def _share(prediction: Array, measured: Array) -> str:
     return f"{100.0 * float(np.mean(np.abs(prediction - measured) / measured)):.1f} %"
 
 
-def forced_slip(demo: Demo, chapter: Chapter) -> None:
+def forced_slip(stage: Stage, chapter: Chapter) -> None:
     """Table 4 of Li et al. against the sphere on sand: what each step mends, and what none does."""
     source = paths.ROOT / "cases" / "forced_slip_sand"
     base = load_case(source)
@@ -97,13 +95,13 @@ def forced_slip(demo: Demo, chapter: Chapter) -> None:
         errors = (_share(predicted[name], measured[name]) for name in ("traction", "torque"))
         verdict = "something is missing" if analysis.missing else "adequate"
         rows.append((label, *errors, f"{rung.train_error:.2f}", verdict))
-        demo.stage.say(f"  {label}: {', '.join(rows[-1][1:3])} off in traction and torque; {verdict}")
-        demo.stage.progress(number / len(FORCED_SLIP_STEPS))
+        stage.say(f"  {label}: {', '.join(rows[-1][1:3])} off in traction and torque; {verdict}")
+        stage.progress(number / len(FORCED_SLIP_STEPS))
     head = ("model, soil stiffness refitted", "traction, mean error", "torque, mean error", "noise sd", "verdict")
     chapter.tables.append(Table("W = 150 N, R = 0.22 m, actual slip 1 - r/R", head, tuple(rows)))
     for line in FORCED_SLIP_TEXT:
-        demo.tell(chapter, line)
-    picture = figures.forced_slip(slip, measured, curves, demo.stage.out / "forced_slip.png")
+        stage.tell(chapter, line)
+    picture = figures.forced_slip(slip, measured, curves, stage.out / "forced_slip.png")
     chapter.pictures.append(
         (picture, "Measured traction and torque against slip, and the model with its soil refitted")
     )
@@ -113,11 +111,11 @@ def forced_slip(demo: Demo, chapter: Chapter) -> None:
     ]
 
 
-def _compare(demo: Demo, chapter: Chapter, case: Path, label: str) -> Analysis:
+def _compare(stage: Stage, chapter: Chapter, case: Path, label: str) -> Analysis:
     analysis = analyse(load_case(case))
     rung = analysis.ladder[-1]
     held = "" if rung.heldout_error is None else f", held out {rung.heldout_error:.2f}"
-    demo.tell(
+    stage.tell(
         chapter,
         f"{label}: error {rung.train_error:.2f} noise sd on the training runs{held}; "
         f"p = {analysis.adequacy.p_value:.2g}: {'something is missing' if analysis.missing else 'adequate'}.",
@@ -125,9 +123,9 @@ def _compare(demo: Demo, chapter: Chapter, case: Path, label: str) -> Analysis:
     return analysis
 
 
-def heated(demo: Demo, chapter: Chapter) -> None:
+def heated(stage: Stage, chapter: Chapter) -> None:
     """A series over which the winding heats; compare, add, export, and a run with the parameters written back."""
-    out = demo.stage.out
+    out = stage.out
     scenario = load_scenario(find_scenario("heated_winding"))
     folders = []
     for number, (volt, celsius) in enumerate(HEATED_RUNS, 1):
@@ -137,8 +135,8 @@ def heated(demo: Demo, chapter: Chapter) -> None:
         winding = replace(scenario.winding, profile=((0.0, celsius), (1.0, celsius)))
         variant = replace(scenario, seed=number, duration=10.0, operator=orders, winding=winding, checks=(), source="")
         folders.append(out / "runs" / f"heated_{number}")
-        logged_run(variant, "inprocess", folders[-1], partial(_part, demo.stage.progress, number - 1))
-    demo.tell(
+        logged_run(variant, "inprocess", folders[-1], partial(_part, stage.progress, number - 1))
+    stage.tell(
         chapter,
         "Eight runs on sand, one after the other; from the first to the last the winding warms from 25 to 65 °C, which "
         "weakens the simulated robot's magnets. The model knows nothing of it.",
@@ -146,22 +144,22 @@ def heated(demo: Demo, chapter: Chapter) -> None:
     case = out / "heated"
     shutil.rmtree(case, ignore_errors=True)
     runs = [read_run(folder, 5.0) for folder in folders]
-    demo.tell(
+    stage.tell(
         chapter, write_case(case, runs, "Winding that heats by 40 K over eight runs, sand", ["speed_squared"]) + "."
     )
-    before = _compare(demo, chapter, case, "Model as it stands")
+    before = _compare(stage, chapter, case, "Model as it stands")
     for failure in before.where[:1]:
-        demo.tell(
+        stage.tell(
             chapter,
             f"It fails with {failure.variable} from {failure.low:.4g} to {failure.high:.4g}: mean residual "
             f"{failure.mean_residual:+.1f} sd there.",
         )
     write_whole(case / "case.toml", add_effects(load_case(case).text, ["motor_heating"], {}))
-    after = _compare(demo, chapter, case, "With motor_heating added")
+    after = _compare(stage, chapter, case, "With motor_heating added")
     names = [fitted.name for fitted in after.model.fitted]
     where = next(i for i, fitted in enumerate(after.model.fitted) if fitted.effect == "motor_heating")
     true = next(active.values["a_t"] for active in scenario.effects if active.effect.name == "motor_heating")
-    demo.tell(
+    stage.tell(
         chapter,
         f"{names[where]} = ({1e3 * after.fit.theta[where]:.4f} ± {1e3 * after.sd[where]:.4f}) 1e-3/K; "
         f"the simulated robot has {1e3 * true:.4f} 1e-3/K.",
@@ -182,17 +180,17 @@ def heated(demo: Demo, chapter: Chapter) -> None:
     exported, refused = export_parameters(after)
     write_whole(out / "firmware.toml", parameters_toml(after, exported, refused))
     for entry in exported:
-        demo.tell(
+        stage.tell(
             chapter,
             f"Sent to the controller: {entry.name} = {entry.held:.6g} {entry.unit} (rounding {entry.rounding:+.1g}).",
         )
     trial = replace(scenario, seed=99)
-    plain = run(trial, "inprocess", progress=demo.stage.progress)
+    plain = run(trial, "inprocess", progress=stage.progress)
     written = run(
-        trial, "inprocess", parameters=read_parameters(out / "firmware.toml", interface()), progress=demo.stage.progress
+        trial, "inprocess", parameters=read_parameters(out / "firmware.toml", interface()), progress=stage.progress
     )
     errors = [_error(plain), _error(written)]
-    demo.tell(
+    stage.tell(
         chapter,
         "Back on the robot, which now heats by 40 K within one run: rms error of the controller's C_t "
         f"{errors[0]:.2f} mN m before, {errors[1]:.2f} mN m with the parameters written back.",
@@ -208,7 +206,7 @@ def heated(demo: Demo, chapter: Chapter) -> None:
     chapter.pictures.append(
         (picture, "What the model lacks against the winding's temperature, and the controller's error of C_t")
     )
-    demo.stage.say(f"  case in {case}")
+    stage.say(f"  case in {case}")
     chapter.commands += [
         "terrapin case out/runs/heated_* --to my_case --effect speed_squared --after 5",
         "terrapin compare my_case",
