@@ -42,18 +42,18 @@ def calibrated(probability: float) -> float:
 
 
 def operating_characteristic(
-    ranking: Ranking, effect: str, size: float, rivals: Mapping[str, str], seed: int
+    ranking: Ranking, effect: str, size: float, rho: float, rivals: Mapping[str, str], seed: int
 ) -> Operating | None:
     """How often an effect of this size (rms in noise sd, all its rows) would be named first among single effects.
 
-    Simulated on the case's own rows with its likeliest correlation: noise plus the effect at its likeliest shape,
+    Simulated on the case's own rows with its correlation `rho`: noise plus the effect at its likeliest shape,
     ranked by the same evidence. `rivals` maps effects to the equivalence class in which any member counts.
     """
     evidence, shapes = ranking.evidence, ranking.shapes
     mine = [i for i, s in enumerate(shapes) if s.effect == effect]
     if evidence is None or not mine or size <= 0.0:
         return None
-    at = int(np.argmax(evidence.correlation()))
+    at = int(np.argmin(np.abs(evidence.rho - rho)))
     columns = [evidence.project(s.columns, at) for s in shapes]
     chosen = max(mine, key=lambda i: _fit(columns[i], evidence.white[at]))
     random = np.random.default_rng([seed, 0x0C])

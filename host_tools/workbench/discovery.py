@@ -28,7 +28,9 @@ __all__ = ["Candidate", "Discovery", "discover", "discover_answer"]
 
 Array = npt.NDArray[np.float64]
 
-AS_GOOD = 0.25  # posterior, relative to the likeliest set's, from which another set does equally well
+AS_GOOD = 0.6  # posterior, relative to the likeliest set's, from which another set does equally well
+SAME_AS_GOOD = 0.2  # the same, for a set that these data could not tell from the likeliest in any case:
+SAME = 4.0  # squared distance of the two sets' predictions, in noise sd, that the other's parameters cannot take up
 ENOUGH_EXPLAINED = 0.7  # share of the misfit that an expression must take away to be an answer
 LISTED = 0.5  # probability of one odd run, from which it is named
 
@@ -112,7 +114,9 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
         rivals = [top]
         for other, p in sets[1:]:
             nested = any(set(r.effects) <= set(other.effects) or set(other.effects) <= set(r.effects) for r in rivals)
-            if p >= AS_GOOD * best and not nested:
+            if nested or p < SAME_AS_GOOD * best:
+                continue
+            if p >= AS_GOOD * best or _distance(analysis, ranking, top.fit, other.fit) < SAME:
                 rivals.append(other)
         verdict = "ambiguous" if len(rivals) > 1 else "missing"
         return verdict, top, rivals, calibrated(float(best))
@@ -125,6 +129,18 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
         if _explained(analysis, top.fit) >= ENOUGH_EXPLAINED:
             return "missing", top, [top], calibrated(float(column))
     return "unexplained", named[0][0] if named else None, [], calibrated(kinds["expression"])
+
+
+def _distance(analysis: Analysis, ranking: Ranking, first: Fit | None, other: Fit | None) -> float:
+    """How far the first fit's predictions lie from what the other's parameters can reach, squared, in noise sd."""
+    if first is None or other is None or ranking.evidence is None:
+        return np.inf
+    case, rows, sigma = analysis.case, analysis.rows, analysis.noise.sigma
+    wanted = first.model.bind(case.inputs, rows).predict(first.theta)
+    reached, slopes = other.model.bind(case.inputs, rows).jacobian(other.theta)
+    return ranking.evidence.distance(
+        (wanted - reached) / sigma[:, None], slopes / sigma[:, None, None], analysis.noise.rho
+    )
 
 
 def _explained(analysis: Analysis, fit: Fit | None) -> float:
@@ -238,7 +254,7 @@ def _operating(
     name = top.effects[0]
     classes = {h.effects[0]: name for h in rivals if len(h.effects) == 1}
     size = _size(analysis, top.fit, name)
-    found = [operating_characteristic(ranking, name, s, classes, seed) for s in (size, 1.0)]
+    found = [operating_characteristic(ranking, name, s, analysis.noise.rho, classes, seed) for s in (size, 1.0)]
     return tuple(o for o in found if o is not None)
 
 

@@ -3,8 +3,9 @@
 A hypothesis is a linear model around a fit: residual = base columns * (anything) + effect columns * coefficients +
 AR(1) noise. The base parameters are integrated over all values, the coefficients over a normal prior whose width (in
 noise sd of the effect's rms) is itself spread over a grid, the correlation over a grid, and the noise sd over all
-values where the case does not give it. What is left is one number a hypothesis. It falls with every needless parameter, and by
-the chain rule it is the likelihood of the training runs times that of the held-out runs predicted from them.
+values where the case does not give it. What is left is one number a hypothesis. It falls with every needless
+parameter, and by the chain rule it is the likelihood of the training runs times that of the held-out runs predicted
+from them.
 
 Sources: MacKay, Information Theory, Inference, and Learning Algorithms (2003), ch. 28; Harville (1974) for the
 restricted likelihood that integrating over the base parameters gives.
@@ -84,15 +85,17 @@ class Evidence:
         """Log evidence of "nothing is missing"."""
         return float(logsumexp(self.start + self._fit_term(self.total)))
 
-    def correlation(self, gain: Array | float = 0.0) -> Array:
-        """Posterior of the correlation over RHO_GRID; `gain` (rho,) is what a hypothesis takes off the squares."""
-        logs = self.start + self._fit_term(self.total - gain)
-        return np.asarray(np.exp(logs - logsumexp(logs)))
-
     def project(self, columns: Array, index: int) -> Array:
         """Columns (channels * rows, D) whitened at RHO_GRID[index], freed of what the base can take up."""
         white = self._whiten(columns, self.rho[index])
         return np.asarray(white - self.basis[index] @ (self.basis[index].T @ white))
+
+    def distance(self, gap: Array, slopes: Array, rho: float) -> float:
+        """Squared length of `gap` (channels, rows) beyond `slopes` (channels, rows, P), at a correlation."""
+        white = self._whiten(gap.reshape(-1, 1), rho)[:, 0]
+        basis = orthonormal(self._whiten(slopes.reshape(gap.size, -1), rho))
+        left = white - basis @ (basis.T @ white)
+        return float(left @ left)
 
     def gram(self, columns: Array) -> Gram:
         products, scores = [], []

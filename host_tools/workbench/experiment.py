@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr
 
-from host_tools.workbench.analysis import Analysis, measured
+from host_tools.workbench.analysis import Analysis
 from host_tools.workbench.bases import BASES, RUNNING, formula_name
 from host_tools.workbench.fit import Fit
 from host_tools.workbench.noise import orthonormal
@@ -28,7 +28,7 @@ EXTENSION = 0.25  # of the observed span, to either side; a constant role is tak
 ENOUGH = 16.0  # D at which the wrong one is preferred in 2 of 100
 RUNS_LIMIT = 64
 SETTLED = 12  # rows of one run that count, where runs are longer
-PLAIN = 0.5  # a design that varies one role is preferred while it is worth this share of one that varies two
+PLAIN = 16  # runs up to which a design that varies one role is preferred to one that varies two
 LOWEST = {"speed": 1e-3, "pass": 1.0, "moisture": 0.0, "load": 1e-3, "slip": -0.9}
 HIGHEST = {"slip": 0.95}
 NOT_SET = (*RUNNING, "temperature", "voltage")  # what follows from a run rather than being chosen for it
@@ -55,28 +55,42 @@ def propose(analysis: Analysis, rivals: Sequence[tuple[tuple[str, ...], Fit]]) -
     ranges = _ranges(analysis)
     hold = {role: float(np.median(case.roles[role][analysis.rows])) for role in case.roles if role not in RUNNING}
     hold.update({role: 0.0 for role in case.roles if role in RUNNING})
+    if "pass" in hold:
+        hold["pass"] = float(round(hold["pass"]))
     hold.update({role: case.parameters[role] for role in ranges if role not in hold})
-    best: tuple[float, tuple[str, ...], list[dict[str, float]]] | None = None
+    first = rivals[0][1]
+    old = [
+        (_rows(first, case.inputs, analysis, True), _rows(other, case.inputs, analysis, True))
+        for _, other in rivals[1:]
+    ]
+    plans: list[tuple[int, float, tuple[str, ...], list[dict[str, float]]]] = []
     for count in (1, 2):
         for roles in combinations(ranges, count):
-            levels = [ranges[role] for role in roles]
-            settings = [dict(zip(roles, values, strict=True)) for values in product(*levels)]
-            worth = min(
-                _worth(analysis, rivals[0][1], other, settings, hold, 1.0) / len(settings) for _, other in rivals[1:]
-            )
-            if np.isfinite(worth) and (best is None or worth * (PLAIN if count == 2 else 1.0) > best[0]):
-                best = (worth, roles, settings)
-    names = [_name(effects, [r[0] for r in rivals]) for effects, _ in rivals]
-    if best is None or best[0] < 1e-3:
+            settings = [dict(zip(roles, v, strict=True)) for v in product(*(ranges[role] for role in roles))]
+            inputs = _inputs(analysis, settings, hold)
+            new = [(_rows(first, inputs, analysis), _rows(other, inputs, analysis)) for _, other in rivals[1:]]
+            repeats, worth = 1, 0.0
+            while repeats * len(settings) <= RUNS_LIMIT:
+                worth = min(_worth(analysis, o, n, float(repeats)) for o, n in zip(old, new, strict=True))
+                if (
+                    worth >= ENOUGH
+                    or not np.isfinite(worth)
+                    or worth < ENOUGH * repeats * len(settings) / RUNS_LIMIT / 2
+                ):
+                    break
+                repeats += 1
+            if np.isfinite(worth):
+                plans.append((repeats * len(settings), worth, roles, settings))
+        if any(runs <= PLAIN and worth >= ENOUGH for runs, worth, _, _ in plans):
+            break  # one role does: simpler to run, and to explain
+    good = [plan for plan in plans if plan[1] >= ENOUGH]
+    if good:
+        runs, worth, roles, settings = min(good, key=lambda plan: (plan[0], -plan[1]))
+    elif plans and max(plan[1] for plan in plans) > 1.0:
+        runs, worth, roles, settings = max(plans, key=lambda plan: plan[1])
+    else:
         return None
-    _, roles, settings = best
-    repeats, worth = 1, 0.0
-    while repeats * len(settings) <= RUNS_LIMIT:
-        worth = min(_worth(analysis, rivals[0][1], other, settings, hold, float(repeats)) for _, other in rivals[1:])
-        if worth >= ENOUGH:
-            break
-        repeats += 1
-    runs = min(repeats * len(settings), RUNS_LIMIT)
+    names = [_name(effects, [r[0] for r in rivals]) for effects, _ in rivals]
     others = " and ".join(names[1:])
     held = "constant" if all(np.ptp(case.roles[r][analysis.rows]) == 0.0 for r in roles if r in case.roles) else "tied"
     if any(role not in case.roles for role in roles):
@@ -136,35 +150,30 @@ def _ranges(analysis: Analysis) -> dict[str, list[float]]:
     return found
 
 
-def _worth(
-    analysis: Analysis,
-    first: Fit,
-    other: Fit,
-    settings: Sequence[Mapping[str, float]],
-    hold: Mapping[str, float],
-    repeats: float,
-) -> float:
+Rows = tuple[Array, Array]  # prediction (channels, rows) and its derivatives, in noise sd
+
+
+def _rows(fit: Fit, inputs: Mapping[str, Array], analysis: Analysis, present: bool = False) -> Rows:
+    sigma = analysis.noise.sigma
+    prediction, slopes = fit.model.bind(inputs, analysis.rows if present else None).jacobian(fit.theta)
+    return prediction / sigma[:, None], slopes / sigma[:, None, None]
+
+
+def _worth(analysis: Analysis, old: tuple[Rows, Rows], new: tuple[Rows, Rows], repeats: float) -> float:
     """D of a design: each setting run `repeats` times, beside all the rows there are."""
-    case, sigma = analysis.case, analysis.noise.sigma
-    inputs = _inputs(analysis, settings, hold)
-    old = [fit.model.bind(case.inputs, analysis.rows).jacobian(fit.theta) for fit in (first, other)]
-    new = [fit.model.bind(inputs).jacobian(fit.theta) for fit in (first, other)]
-    if not all(np.isfinite(part).all() for pair in (*old, *new) for part in pair):
-        return -np.inf
-    rows = float(np.median(np.bincount(case.run[analysis.rows])[np.unique(case.run[analysis.rows])]))
     rho = analysis.noise.rho
-    count = min(rows, SETTLED)
-    effective = (
-        repeats * count * (1.0 - rho) / (1.0 + rho - 2.0 * rho * (1.0 - rho**count) / (count * (1.0 - rho)) + 1e-12)
-    )
-    effective = max(effective, repeats)
-    thin = (1.0 - rho) / (1.0 + rho)  # rows of the present data count less where they are correlated
+    lengths = np.bincount(analysis.case.run[analysis.rows])
+    count = min(float(np.median(lengths[lengths > 0])), SETTLED)
+    thin = (1.0 - rho) / (1.0 + rho)  # rows count for less where they are correlated
+    weights = (thin, repeats * max(1.0, count * thin))
     gaps, slopes = [], []
-    for (a, _), (b, jac), weight in zip((old[0], new[0]), (old[1], new[1]), (thin, effective), strict=True):
-        gaps.append(((a - b) / sigma[:, None] * np.sqrt(weight)).reshape(-1))
-        slopes.append((jac / sigma[:, None, None] * np.sqrt(weight)).reshape(-1, jac.shape[-1]))
-    gap = np.concatenate(gaps)
-    basis = orthonormal(np.concatenate(slopes))
+    for (first, other), weight in zip((old, new), weights, strict=True):
+        gaps.append(((first[0] - other[0]) * np.sqrt(weight)).reshape(-1))
+        slopes.append((other[1] * np.sqrt(weight)).reshape(-1, other[1].shape[-1]))
+    gap, slope = np.concatenate(gaps), np.concatenate(slopes)
+    if not (np.isfinite(gap).all() and np.isfinite(slope).all()):
+        return -np.inf
+    basis = orthonormal(slope)
     left = gap - basis @ (basis.T @ gap)
     return float(left @ left)
 
@@ -181,11 +190,3 @@ def _inputs(analysis: Analysis, settings: Sequence[Mapping[str, float]], hold: M
         if name not in inputs:
             inputs[name] = np.full(len(settings), float(np.median(values[analysis.rows])))
     return inputs
-
-
-def fitted_gap(analysis: Analysis, first: Fit, other: Fit) -> float:
-    """How far apart two fits are on the present rows, rms in noise sd."""
-    rows = analysis.rows
-    a, b = (fit.model.bind(analysis.case.inputs, rows).predict(fit.theta) for fit in (first, other))
-    assert a.shape == measured(first.model, rows).shape
-    return float(np.sqrt(np.mean(((a - b) / analysis.noise.sigma[:, None]) ** 2)))

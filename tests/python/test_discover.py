@@ -1,0 +1,153 @@
+"""Discovery on cases with known answers: what it names, what it says when the data cannot tell, and what it costs."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaigns"))
+
+from discovery_cases import Made, confounded, make  # noqa: E402
+
+from host_tools.workbench.analysis import error, fitted_on  # noqa: E402
+from host_tools.workbench.answer import to_json  # noqa: E402
+from host_tools.workbench.discovery import Discovery, discover, discover_answer  # noqa: E402
+from host_tools.workbench.words import tell  # noqa: E402
+
+
+def made(*arguments: object, seed: int, **options: object) -> Made:
+    """The first case from this seed on whose columns are those that the effect needs."""
+    for attempt in range(20):
+        found = make(*arguments, np.random.default_rng([seed, attempt]), **options)  # type: ignore[arg-type]
+        if found is not None:
+            return found
+    raise AssertionError("no case in 20 has the columns that the effect needs")
+
+
+def heldout_ratio(case: Made, found: Discovery) -> float:
+    sigma = np.array([case.sigma[c] for c in found.analysis.model.channels])
+    best = error(fitted_on(case.case, sorted(case.truth), case.case.train, sigma)[-1], case.case.test, sigma)
+    after = error(found.ladder[-1].fit, case.case.test, sigma)
+    assert best is not None
+    assert after is not None
+    return after / best
+
+
+@pytest.mark.parametrize(
+    ("effect", "seed"),
+    [
+        ("speed_squared", 1),
+        ("coulomb_friction", 2),
+        ("viscous_friction", 3),
+        ("inertia", 6),
+        ("shell_imbalance", 4),
+        ("cogging", 9),
+        ("motor_heating", 10),
+        ("current_offset", 5),
+    ],
+)
+def test_names_the_one_hidden_effect(effect: str, seed: int) -> None:
+    case = made("rolling_steady", (effect,), 14, 0.5, 3.0, seed=seed)
+    found = discover(case.case)
+    assert found.verdict == "missing"
+    assert found.missing == (effect,)
+    assert found.answer_probability > 0.5
+    assert found.candidates[0].effect.name == effect
+    assert heldout_ratio(case, found) < 1.05
+
+
+@pytest.mark.parametrize(("effect", "seed"), [("slip_sinkage", 2), ("force_offset", 3), ("rut_recovery", 4)])
+def test_names_the_one_hidden_effect_on_soft_ground(effect: str, seed: int) -> None:
+    case = made("sphere_contact", (effect,), 18, 0.0, 3.0, seed=seed)
+    found = discover(case.case)
+    assert (found.verdict, found.missing) == ("missing", (effect,))
+
+
+def test_names_two_hidden_effects() -> None:
+    case = made("rolling_steady", ("viscous_friction", "current_offset"), 16, 0.5, 2.0, seed=11)
+    found = discover(case.case)
+    assert found.verdict == "missing"
+    assert set(found.missing) == {"viscous_friction", "current_offset"}
+    assert heldout_ratio(case, found) < 1.05
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.8])
+def test_keeps_silent_when_nothing_is_missing(rho: float) -> None:
+    case = made("rolling_steady", (), 14, rho, 1.0, seed=21)
+    found = discover(case.case)
+    assert found.verdict == "adequate"
+    assert found.missing == ()
+    assert found.rivals == ()
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_says_when_the_data_cannot_tell_and_what_to_vary(seed: int) -> None:
+    case, pair = confounded(np.random.default_rng(seed), 16, 0.0, 3.0)
+    assert case is not None
+    found = discover(case.case)
+    assert found.verdict == "ambiguous"
+    assert pair <= {frozenset(r) for r in found.rivals}
+    assert found.experiment is not None
+    wanted = {"load", "speed", "pass"}
+    assert wanted & set(found.experiment.vary)
+    assert found.experiment.runs >= len(found.experiment.settings)
+    for setting in found.experiment.settings:
+        for role, value in setting.items():
+            seen = case.case.roles.get(role, np.array([case.case.parameters.get(role, np.nan)]))
+            span = max(float(np.ptp(seen)), abs(float(seen.mean())))
+            assert seen.min() - 0.51 * span <= value <= seen.max() + 0.51 * span
+
+
+def test_finds_an_expression_in_a_column_that_is_not_mapped() -> None:
+    hidden = ("resistance", "k*humidity*sign(omega)", "humidity")
+    case = made("rolling_steady", (), 14, 0.0, 3.0, seed=31, expression=hidden)
+    found = discover(case.case)
+    assert found.verdict == "missing"
+    (name,) = found.missing
+    candidate = next(c for c in found.candidates if c.effect.name == name)
+    assert candidate.kind == "expression"
+    assert "humidity" in candidate.effect.expression
+    assert found.where[0].variable == "humidity"
+
+
+def test_names_a_single_bad_run() -> None:
+    case = made("rolling_steady", (), 14, 0.0, 1.0, seed=41).case
+    current = case.channels["current"].copy()
+    current[case.run == 5] += 8.0 * float(case.sigma["current"] or 0.0)
+    found = discover(replace(case, channels={"current": current}))
+    assert found.verdict == "unexplained"
+    assert found.odd_runs == (case.run_names[5],)
+    assert "stands out" in tell(found)
+
+
+def test_the_same_seed_gives_the_same_bytes() -> None:
+    case = made("rolling_steady", ("viscous_friction",), 10, 0.5, 2.0, seed=3)
+    first, second = (to_json(discover_answer(discover(case.case, seed=7), 0.0)) for _ in range(2))
+    assert first == second
+
+
+def test_the_answer_has_what_the_contract_asks_for() -> None:
+    case = made("rolling_steady", ("motor_heating",), 12, 0.0, 3.0, seed=10)
+    found = discover(case.case)
+    answer = discover_answer(found, 1.0)
+    assert answer["schema"] == "terrapin.case/1"
+    for key in ("case", "model", "parameters", "channels", "adequacy", "where", "verdict", "missing"):
+        assert key in answer
+    assert answer["ladder"][0]["added"] is None
+    assert answer["ladder"][-1]["heldout_error"] < answer["ladder"][0]["heldout_error"]
+    first = answer["candidates"][0]
+    assert first["effect"] == "motor_heating"
+    assert first["kind"] == "catalogue"
+    assert set(first["heldout_rmse"]) == {"current"}
+    value, sd = first["parameters"]["a_t"]["value"], first["parameters"]["a_t"]["sd"]
+    assert abs(value - case.theta["motor_heating.a_t"]) < 4 * sd
+    assert first["explains"] > 0.8
+    probabilities = [c["probability"] for c in answer["candidates"]]
+    assert probabilities == sorted(probabilities, reverse=True)
+    assert all(0.0 <= p <= 1.0 for p in probabilities)
+    text = tell(found)
+    assert "Missing: motor_heating" in text
