@@ -183,6 +183,8 @@ def run(
 
         def flush() -> None:
             nonlocal written
+            if observers:
+                simulation.write_frames(written)
             rows = simulation.records[written : simulation.done]
             written = simulation.done
             for observer in observers:

@@ -44,13 +44,17 @@ TRUTH = _truth_names()
 def record_type() -> np.dtype[Any]:
     """hil_record as a NumPy structure."""
     frame = np.dtype([("id", "<u2"), ("length", "u1"), ("data", "u1", (8,))], align=True)
+    inputs = ffi().sizeof("terrapin_inputs")
     record = np.dtype(
         [
             ("truth", "<f8", (len(TRUTH),)),
-            ("host", frame, (2,)),
-            ("answer", frame, (2,)),
+            ("inputs", "<u4", (inputs // 4,)),  # terrapin_inputs, opaque here: its numbers are in the host's frames
+            ("commands", "<u4"),
+            ("silent", "?"),
             ("host_count", "u1"),
             ("answer_count", "u1"),
+            ("host", frame, (2,)),
+            ("answer", frame, (2,)),
         ],
         align=True,
     )
@@ -192,11 +196,16 @@ class Simulation:
         """Frames for the controller at this tick; none while a fault silences the link."""
         row = self._rows[self.done]
         self._lib.hil_sense(self._simulator, self._ffi.addressof(row))
+        self._lib.hil_frames(self._ffi.addressof(row), 1)
         frames = []
         for i in range(row.host_count):
             frame = row.host[i]
             frames.append((frame.id, bytes(frame.data[0 : frame.length])))
         return frames
+
+    def write_frames(self, first: int) -> None:
+        """Fills the host's frames in the records from `first` on; runs in this process leave them out until then."""
+        self._lib.hil_frames(self._rows + first, self.done - first)
 
     def answer(self, frames: Iterable[Frame]) -> None:
         """The controller's frames of this tick, ACTUATE first. AnswerError when that is missing, damaged or late."""

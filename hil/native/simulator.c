@@ -120,34 +120,37 @@ static void read_command(hil_simulator *simulator) {
     }
     terrapin_inputs *in = &simulator->inputs;
     in->command_fresh = true;
+    simulator->commands++;
     in->command.request = order->request;
     in->command.control = order->control;
     in->command.limiter = order->limiter;
     in->command.setpoint = order->setpoint;
 }
 
-static void encode(hil_simulator *simulator, bool slow, hil_record *record) {
-    const terrapin_inputs *in = &simulator->inputs;
-    if (slow) {
-        const bool supply = (simulator->tick & 1U) == 0U;
-        const terrapin_sensors_slow_t message = {
-            .slow_code = supply ? in->supply_code : in->temperature_code,
-            .slow_channel = supply ? 0 : 1,
-            .swing_angle = in->swing_angle_mrad,
-            .swing_rate = in->swing_rate_centirad_s,
-            .pitch = in->pitch_mrad,
-            .ground_speed = in->ground_speed_mm_s,
-        };
-        (void)terrapin_encode_sensors_slow(&message, &record->host[record->host_count++]); /* read within its range */
-    } else if (in->command_fresh) {
-        const terrapin_command_t message = {.request = in->command.request,
-                                            .control = in->command.control,
-                                            .limiter = in->command.limiter ? 1 : 0,
-                                            .setpoint = in->command.setpoint};
-        terrapin_frame *frame = &record->host[record->host_count++];
-        (void)terrapin_encode_command(&message, frame);
-        terrapin_e2e_protect(frame, simulator->commands++);
-    }
+static void encode_slow(const terrapin_inputs *in, hil_record *record) {
+    const bool supply = (in->tick & 1U) == 0U;
+    const terrapin_sensors_slow_t message = {
+        .slow_code = supply ? in->supply_code : in->temperature_code,
+        .slow_channel = supply ? 0 : 1,
+        .swing_angle = in->swing_angle_mrad,
+        .swing_rate = in->swing_rate_centirad_s,
+        .pitch = in->pitch_mrad,
+        .ground_speed = in->ground_speed_mm_s,
+    };
+    (void)terrapin_encode_sensors_slow(&message, &record->host[record->host_count++]); /* read within its range */
+}
+
+static void encode_command(const terrapin_inputs *in, hil_record *record) {
+    const terrapin_command_t message = {.request = in->command.request,
+                                        .control = in->command.control,
+                                        .limiter = in->command.limiter ? 1 : 0,
+                                        .setpoint = in->command.setpoint};
+    terrapin_frame *frame = &record->host[record->host_count++];
+    (void)terrapin_encode_command(&message, frame);
+    terrapin_e2e_protect(frame, record->commands);
+}
+
+static void encode_fast(const terrapin_inputs *in, hil_record *record) {
     const terrapin_sensors_fast_t message = {
         .current_code = in->current_code,
         .estop = in->estop ? 1 : 0,
@@ -159,6 +162,23 @@ static void encode(hil_simulator *simulator, bool slow, hil_record *record) {
         .tick = (int32_t)(in->tick & 0xFFFFU),
     };
     (void)terrapin_encode_sensors_fast(&message, &record->host[record->host_count++]);
+}
+
+void hil_frames(hil_record *records, uint32_t count) {
+    for (uint32_t i = 0; i < count; i++) {
+        hil_record *record = &records[i];
+        const terrapin_inputs *in = &record->inputs;
+        record->host_count = 0;
+        if (record->silent) {
+            continue;
+        }
+        if (in->tick % HIL_COMMAND_TICKS != 0U) {
+            encode_slow(in, record);
+        } else if (in->command_fresh) {
+            encode_command(in, record);
+        }
+        encode_fast(in, record);
+    }
 }
 
 static void write_truth(const hil_simulator *simulator, double *truth) {
@@ -210,19 +230,20 @@ void hil_sense(hil_simulator *simulator, hil_record *record) {
     };
     hil_sensors_push(&simulator->sensors, values);
     simulator->silent = failing(simulator, HIL_FAULT_LINK_SILENCE, -1);
+    record->silent = simulator->silent;
     if (simulator->silent) {
         return;
     }
-    const bool slow = simulator->tick % HIL_COMMAND_TICKS != 0U;
+    record->commands = simulator->commands;
     simulator->inputs.tick = simulator->tick;
     simulator->inputs.command_fresh = false;
     read_fast(simulator);
-    if (slow) {
+    if (simulator->tick % HIL_COMMAND_TICKS != 0U) {
         read_slow(simulator);
     } else {
         read_command(simulator);
     }
-    encode(simulator, slow, record);
+    record->inputs = simulator->inputs;
 }
 
 static void warm(hil_simulator *simulator) {

@@ -1,8 +1,8 @@
 /* The simulated robot in lockstep with a controller: plant, sensors, faults and operator, one tick of 1 ms at a time.
  *
  *     hil_start(sim);
- *     for each tick:  hil_sense(sim, record);      fills the frames for the controller, the inputs, the truth
- *                     controller steps, its frames go into record->answer
+ *     for each tick:  hil_sense(sim, record);      fills the inputs and the truth
+ *                     controller steps (over a wire: hil_frames(record, 1) first), its frames go into record->answer
  *                     hil_act(sim, duty, enable);  moves the plant by 1 ms
  *
  * hil_run does this with a controller in the same process; hil_answer takes the duty from the frames of one over a
@@ -92,13 +92,16 @@ enum hil_truth {
     HIL_TRUTH_COUNT
 };
 
-/* One tick of the log. */
+/* One tick of the log. The host's frames are made by hil_frames when somebody wants to see or send them. */
 typedef struct {
     double truth[HIL_TRUTH_COUNT];
-    terrapin_frame host[HIL_HOST_FRAMES];
-    terrapin_frame answer[TERRAPIN_MAX_FRAMES];
+    terrapin_inputs inputs;
+    uint32_t commands; /* COMMAND frames before this tick */
+    bool silent;       /* no exchange at this tick */
     uint8_t host_count;
     uint8_t answer_count;
+    terrapin_frame host[HIL_HOST_FRAMES];
+    terrapin_frame answer[TERRAPIN_MAX_FRAMES];
 } hil_record;
 
 typedef struct {
@@ -123,7 +126,11 @@ typedef void (*hil_step)(void *state, const terrapin_inputs *inputs, terrapin_ou
 /* Sets the state to the start of the run that `simulator->config` describes. */
 void hil_start(hil_simulator *simulator);
 
+/* Samples the robot: inputs and truth of this tick. */
 void hil_sense(hil_simulator *simulator, hil_record *record);
+
+/* Writes the host's frames of `count` records, as their inputs say. */
+void hil_frames(hil_record *records, uint32_t count);
 
 /* Moves the plant by one tick under `duty` (Q15) and `enabled`. */
 void hil_act(hil_simulator *simulator, int16_t duty, bool enabled);
