@@ -25,6 +25,7 @@ from host_tools.errors import UserError
 from host_tools.logs import candump
 from host_tools.logs.candump import telemetry
 from host_tools.workbench.edit import write_whole
+from host_tools.workbench.units import quantity
 
 __all__ = ["Run", "read_run", "write_case"]
 
@@ -65,8 +66,12 @@ def _parameters(folder: Path, description: Interface) -> dict[str, float]:
     for table in ("firmware", "parameters"):
         found = document.get(table, {})
         for name, value in found.items() if isinstance(found, dict) else ():
-            if name in values and isinstance(value, (int, float)) and not isinstance(value, bool):
-                values[name] = float(value)
+            if name not in values:
+                continue
+            try:
+                values[name] = quantity(value, description.parameters[name].unit or "1")
+            except ValueError as error:
+                raise UserError(f"{file}: {table}.{name}: {error}") from None
     return values
 
 
