@@ -32,8 +32,12 @@ def ffi() -> cffi.FFI:
 
 @cache
 def library() -> Any:
-    """The shared library. OSError, naming the file, when it has not been built."""
+    """The shared library. OSError, naming the file, when it has not been built or is out of date."""
     path = paths.build() / "libterrapin_hil.so"
     if not path.is_file():
         raise OSError(2, "not built yet; run `make setup`", str(path))
-    return ffi().dlopen(str(path))
+    lib = ffi().dlopen(str(path))
+    layout = ffi().sizeof("hil_simulator") << 32 | ffi().sizeof("hil_record")
+    if getattr(lib, "hil_layout", lambda: 0)() != layout:
+        raise OSError(8, "built from other sources; run `make setup`", str(path))
+    return lib

@@ -35,6 +35,10 @@ static bool failing(const hil_simulator *simulator, int kind, int channel) {
            hil_fault_active(&simulator->config.faults, kind, channel, now(simulator)) != NULL;
 }
 
+uint64_t hil_layout(void) {
+    return ((uint64_t)sizeof(hil_simulator) << 32U) | sizeof(hil_record);
+}
+
 void hil_start(hil_simulator *simulator) {
     const hil_config *config = &simulator->config;
     simulator->derived = hil_robot_derive(&config->robot);

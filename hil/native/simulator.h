@@ -123,6 +123,9 @@ typedef struct {
 
 typedef void (*hil_step)(void *state, const terrapin_inputs *inputs, terrapin_outputs *outputs);
 
+/* Sizes of hil_simulator and hil_record as compiled, for callers that read this header on their own. */
+uint64_t hil_layout(void);
+
 /* Sets the state to the start of the run that `simulator->config` describes. */
 void hil_start(hil_simulator *simulator);
 
