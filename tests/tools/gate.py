@@ -35,11 +35,12 @@ def cppcheck(root: Path) -> list[Command]:
     # Its notes: without this folder they land beside the sources; those of an earlier run contradict edited headers.
     shutil.rmtree(root / "build/cppcheck", ignore_errors=True)
     (root / "build/cppcheck").mkdir(parents=True)
+    files = c_files(root, "firmware/core/", "firmware/link/", suffixes=(".c",))
     return [
         ["cppcheck", "--addon=misra", "--enable=warning,style,performance,portability", "--std=c11", "--inline-suppr",
          "--platform=unix64", "--cppcheck-build-dir=build/cppcheck", "--error-exitcode=1", "--quiet",
-         "-j", str(os.cpu_count()), "--suppressions-list=firmware/misra-disapplied.txt", "-Ifirmware/core",
-         "-Ifirmware/link", "-Ibuild/host/generated", *c_files(root, "firmware/core/", "firmware/link/", suffixes=(".c",))]
+         "-j", str(os.cpu_count()), "--suppressions-list=firmware/misra-disapplied.txt",
+         "-Ifirmware/core", "-Ifirmware/link", "-Ibuild/host/generated", *files]
     ]  # fmt: skip
 
 
