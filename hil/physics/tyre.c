@@ -26,6 +26,7 @@ static const double weight[NODES] = {
 /* Angles of one evaluation and their derivatives by sinkage, deflection and slip. */
 typedef struct {
     double radius; /* R* */
+    double ratio;  /* z / R* = 1 - cos th_f */
     double front;  /* th_f */
     double middle; /* th_m */
     double rear;   /* th_r */
@@ -62,6 +63,7 @@ static arc arc_of(const hil_tyre *tyre, double z, double d, double slip) {
     const double ratio = z * z / (tyre->radius * (z + d)); /* z / R* */
     const double ratio_by_z = ratio * (2.0 / z - 1.0 / (z + d));
     const double ratio_by_d = -ratio / (z + d);
+    a.ratio = ratio;
     a.radius = tyre->radius * (1.0 + d / z);
     a.radius_by[HIL_TYRE_BY_Z] = -tyre->radius * d / (z * z);
     a.radius_by[HIL_TYRE_BY_DEFLECTION] = tyre->radius / z;
@@ -116,7 +118,8 @@ HIL_WIDE static void place(double start, double end, side *s) {
 HIL_WIDE static void press(const arc *a, const hil_tyre_soil *soil, int directions, side *front, side *rear) {
     double depth[NODES], inverse[NODES], power[NODES];
     for (int k = 0; k < NODES; k++) {
-        const double drop = front->cosine[k] - a->front_cosine;
+        /* cos th - cos th_f without its cancellation at small angles: (z/R*) - (1 - cos th) */
+        const double drop = a->ratio - front->sine[k] * front->sine[k] / (1.0 + front->cosine[k]);
         inverse[k] = 1.0 / drop;
         depth[k] = a->radius * drop;
     }
