@@ -61,11 +61,13 @@ def build_and_test(preset: str, unity: str | None) -> Result:
 
 
 def coverage() -> Result:
-    """Line coverage of the core by the C tests: 100 %."""
+    """Line coverage of the core by the C tests and the shipped scenarios: 100 %."""
     return run(
         "coverage-of-core",
+        *(["terrapin", "run", path.stem] for path in sorted((ROOT / "hil/scenarios").glob("*.toml"))),
         ["gcovr", "--root", ".", "--filter", COVERED, "--txt-metric", "line", "--fail-under-line", "100",
          "--gcov-ignore-parse-errors=negative_hits.warn", "build/coverage"],
+        env={"TERRAPIN_BUILD": str(ROOT / "build/coverage")},
     )  # fmt: skip
 
 
