@@ -11,7 +11,9 @@ enum {
     MOVING_COUNTS = 20,        /* fewer counts a window are no rolling: the friction's sign would be a guess */
     SWING_TICKS_MAX = 2000,
     CURRENT_MAX_10UA = 10000000, /* 100 A: more than any code at any current_scale */
-    CURRENT_STEP_UNM = 1500    /* the last slot's torque may differ by this from the window's: the ground changed */
+    CURRENT_STEP_UNM = 1500,   /* the last slot's torque may differ by this from the window's, and by */
+    RIPPLE_TIMES = 5,          /* five times its own mean deviation, four sd, else the ground has changed */
+    RIPPLE_SLOTS = 64
 };
 
 void estimator_restart(terrapin_state *state) {
@@ -103,8 +105,10 @@ static bool gate(terrapin_state *state, const terrapin_inputs *inputs, int32_t c
     e->momentum_unm = integer_saturate((int64_t)integer_abs(inertial) + swing_momentum(state, inputs));
     const int32_t step_ua = e->recent_ua - (e->current_10ua * 10);
     const int32_t step_unm = integer_abs(integer_scale(step_ua, state->gains.torque_unm_per_a, 1000000));
+    const bool step = step_unm >= integer_saturate(CURRENT_STEP_UNM + (RIPPLE_TIMES * (int64_t)e->ripple_unm));
+    e->ripple_unm += integer_scale(step_unm - e->ripple_unm, 1, RIPPLE_SLOTS);
     const bool still = integer_abs(counts) < MOVING_COUNTS;
-    if (still || (e->momentum_unm >= state->parameter[TERRAPIN_PARAMETER_GATE]) || (step_unm >= CURRENT_STEP_UNM)) {
+    if (still || step || (e->momentum_unm >= state->parameter[TERRAPIN_PARAMETER_GATE])) {
         e->quiet_slots = 0U;
     } else if (e->quiet_slots < QUIET_SLOTS) {
         e->quiet_slots++;

@@ -7,6 +7,8 @@
 #include "core.h"
 
 enum {
+    MOVED_TIMES = 4,           /* faster than this many times stuck_speed is progress */
+    SLOWED_MS = 10,
     STOP_MS = 200,             /* stop before backing out */
     REST_MS = 300              /* at rest for this long is the end */
 };
@@ -21,6 +23,9 @@ bool extrication_watch(terrapin_state *state, int32_t direction) {
     const bool limiting = state->drive.limiting;
     const int32_t forward_um_s = direction * state->slip.ground_um_s;
     const int32_t slowest_um_s = state->parameter[TERRAPIN_PARAMETER_STUCK_SPEED] * 1000;
+    if (forward_um_s > (MOVED_TIMES * slowest_um_s)) {
+        s->moved = true;
+    }
     if (!limiting) {
         s->digging = false;
         s->no_progress_ms = 0U;
@@ -30,7 +35,9 @@ bool extrication_watch(terrapin_state *state, int32_t direction) {
     } else {
         s->no_progress_ms = (forward_um_s < slowest_um_s) ? (s->no_progress_ms + 1U) : 0U;
     }
-    return s->no_progress_ms >= (uint32_t)state->parameter[TERRAPIN_PARAMETER_STUCK_TIME];
+    /* A robot that slowed down to this will not move again; one that has not moved yet may still be starting. */
+    const uint32_t patience = s->moved ? (uint32_t)SLOWED_MS : (uint32_t)state->parameter[TERRAPIN_PARAMETER_STUCK_TIME];
+    return s->no_progress_ms >= patience;
 }
 
 void extrication_start(terrapin_state *state, const terrapin_inputs *inputs, int32_t direction) {

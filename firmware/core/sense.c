@@ -37,8 +37,8 @@ static int32_t low_pass(int32_t off) {
 static void read_slow(terrapin_state *state, const terrapin_inputs *inputs) {
     const int32_t *p = state->parameter;
     terrapin_sense *sense = &state->sense;
-    /* at most 65535 * 20 mV * 256: below 2^29 */
-    const int32_t supply_q8 = integer_scale((int32_t)inputs->supply_code * 256, p[TERRAPIN_PARAMETER_SUPPLY_SCALE], 1000);
+    /* at most 65535 * 20000 uV, below 2^31; in 1/8 mV, then in 1/256 mV below 2^29 */
+    const int32_t supply_q8 = (((int32_t)inputs->supply_code * p[TERRAPIN_PARAMETER_SUPPLY_SCALE]) / 125) * 32;
     /* within (4095 * 500 + 100000) * 256: below 2^30, and held there */
     const int32_t mc = ((int32_t)inputs->temperature_code * p[TERRAPIN_PARAMETER_TEMPERATURE_SCALE]) +
                        p[TERRAPIN_PARAMETER_TEMPERATURE_ZERO];

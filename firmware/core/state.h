@@ -80,6 +80,7 @@ typedef struct {
     uint16_t swing_ticks;        /* ticks for which the swing was measured without a gap, stops at 2000 */
     uint8_t quiet_slots;         /* slots for which the gate has been met, stops at QUIET_SLOTS */
     uint16_t since_fresh;        /* slots since the last disjoint valid window */
+    int32_t ripple_unm;          /* mean deviation of the last slot's torque from the window's */
     /* results */
     int32_t motor_unm;           /* (R/r) C_m, compensated for what acts on motor or current */
     int32_t friction_unm;        /* A sgn + B w */
@@ -174,6 +175,7 @@ typedef struct {
     uint32_t episode_ms;         /* since the request, then since stuck */
     uint32_t dig_ground_counts;  /* position of the ground wheel where slip passed its limit */
     bool digging;
+    bool moved;                  /* since the request */
     int32_t direction;           /* of the drive when it got stuck: -1 or 1 */
     int32_t stuck_pitch_mrad;
     uint8_t report;

@@ -117,6 +117,7 @@ static void idle(terrapin_state *state) {
         s->request_taken = s->command.request;
         s->episode_ms = 0U;
         s->digging = false;
+        s->moved = false;
         s->no_progress_ms = 0U;
         state->slip.peak_e4 = 0;
         supervisor_enter(state, TERRAPIN_STATE_RUN, PHASE_FIRST);
