@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from host_tools.workbench.case import Case
 from host_tools.workbench.directions import Direction, Shapes
-from host_tools.workbench.noise import RHO_GRID, Ar1, Noise, orthonormal, restricted_likelihood
+from host_tools.workbench.noise import RHO_GRID, Ar1, Noise, orthonormal, restricted_likelihood, within_scatter
 
 __all__ = ["Adequacy", "Failure", "assess", "where_it_fails"]
 
@@ -242,9 +242,7 @@ def _null(
 def _spread(ar1: Ar1, values: Array, basis: Array, groups: npt.NDArray[np.int64] | None, rho: float) -> Array:
     """The noise sd that each simulated set (rows, sets) would be said to have."""
     if groups is not None:
-        members = np.zeros((len(groups), int(groups.max()) + 1))
-        members[np.arange(len(groups)), groups] = 1.0
-        basis = members
+        return within_scatter(ar1, values, groups, rho)
     white = ar1.whiten(values, rho)
     left = (white * white).sum(axis=0)
     if basis.shape[1]:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from host_tools.workbench.bases import RUNNING
 
-__all__ = ["RHO_GRID", "Ar1", "Noise", "estimate_noise", "repeated_settings", "restricted_likelihood"]
+__all__ = ["RHO_GRID", "Ar1", "Noise", "estimate_noise", "repeated_settings", "restricted_likelihood", "within_scatter"]
 
 Array = npt.NDArray[np.float64]
 
@@ -25,6 +25,7 @@ SHAPES_LIMIT = 12  # shapes that the smoothest model may take up
 ENTRY = (
     20.0  # squared score, in noise variances, at which a shape enters: 1e-5 a shape by chance, over hundreds of them
 )
+TRIED = (0, 5, 9, 12)  # correlations of the grid at which a shape is tried beside the present one
 FEW_REPEATS = 30  # degrees of freedom below which their scatter is itself too rough to stand alone
 REPEATS_NEEDED = 4  # degrees of freedom that repeated settings must give
 
@@ -50,6 +51,10 @@ class Ar1:
         self.first = np.ones(len(run), dtype=bool)
         self.first[1:] = sorted_run[1:] != sorted_run[:-1]
         self.rows = len(run)
+        self.run = run
+        begin = np.maximum.accumulate(np.where(self.first, np.arange(len(run)), 0))
+        self.position = np.empty(len(run), dtype=np.int64)  # of a row within its run
+        self.position[self.order] = np.arange(len(run)) - begin
         self.runs = int(self.first.sum())
 
     def whiten(self, values: Array, rho: float) -> Array:
@@ -163,7 +168,7 @@ def estimate_noise(
     bases = [orthonormal(jacobian[c]) for c in range(channels)]
     residuals = [residual[c][:, None] for c in range(channels)]
     pools = [np.ascontiguousarray(shape.T) for shape in shapes]
-    limit = min(SHAPES_LIMIT, max(0, (rows - bases[0].shape[1]) // 4), max(0, ar1.runs - bases[0].shape[1] - 3))
+    limit = min(SHAPES_LIMIT, max(0, (rows - bases[0].shape[1]) // 4))
     taken = 0
     while True:
         criterion, squares = restricted_likelihood(ar1, residuals, bases, given)
@@ -174,13 +179,8 @@ def estimate_noise(
         sigma = np.array([e if g is None else g for e, g in zip(estimated, given, strict=True)])
         if taken >= limit:
             break
-        scores = [
-            _strongest(ar1, residuals[c][:, 0], bases[c], pools[c], rho, sigma[c], free[c], given[c] is not None)
-            for c in range(channels)
-        ]
-        channel = int(np.argmax([score for score, _ in scores]))
-        score, index = scores[channel]
-        if score < ENTRY:
+        gain, channel, index = _strongest(ar1, residuals, bases, pools, given, squares[:, :, 0], best)
+        if gain < ENTRY:
             break
         bases[channel] = orthonormal(np.column_stack([bases[channel], pools[channel][:, index]]))
         taken += 1
@@ -218,33 +218,70 @@ def _f_tail(ratio: float, above: float, below: float) -> float:
     return float(betainc(below / 2.0, above / 2.0, below / (below + above * ratio)))
 
 
+def _likelihood(squares: Array, rows: int, sigma: float | None) -> Array:
+    """-2 log likelihood of whitened sums of squares, but for what depends on the correlation alone."""
+    return squares / (sigma * sigma) if sigma is not None else rows * np.log(np.maximum(squares, 1e-300))
+
+
 def _strongest(
-    ar1: Ar1, residual: Array, basis: Array, pool: Array, rho: float, sigma: float, free: float, known: bool
-) -> tuple[float, int]:
-    """The largest squared score, in noise variances, of the pool's shapes beyond the basis, and its index."""
-    if pool.shape[1] == 0:
-        return 0.0, 0
-    white = ar1.whiten(residual, rho)
-    columns = ar1.whiten(pool, rho)
-    before = (columns * columns).sum(axis=0)
-    if basis.shape[1]:
-        q = np.linalg.qr(ar1.whiten(basis, rho))[0]
-        white = white - q @ (q.T @ white)
-        columns = columns - q @ (q.T @ columns)
-    norm = (columns * columns).sum(axis=0)
-    usable = norm > 1e-8 * before
-    gain = np.where(usable, (columns.T @ white) ** 2 / np.where(usable, norm, 1.0), 0.0)
-    index = int(np.argmax(gain))
-    rest = sigma * sigma if known else max((float(white @ white) - gain[index]) / max(free - 1.0, 1.0), 1e-300)
-    return float(gain[index] / rest), index
+    ar1: Ar1,
+    residuals: Sequence[Array],
+    bases: Sequence[Array],
+    pools: Sequence[Array],
+    sigma: Sequence[float | None],
+    squares: Array,
+    best: int,
+) -> tuple[float, int, int]:
+    """Largest gain of -2 log likelihood by one shape more, the correlation being free to change; channel and index.
+
+    A misfit that drifts looks like strong correlation, under which its own shape would hardly count: so the shape is
+    also tried at weaker ones.
+    """
+    own = np.array([[float(_likelihood(q, ar1.rows, sd)) for q, sd in zip(row, sigma, strict=True)] for row in squares])
+    whole = own.sum(axis=1) + np.array([len(sigma) * ar1.log_determinant(rho) for rho in RHO_GRID])
+    present = float(whole.min())
+    found = (0.0, 0, 0)
+    for trial in sorted({best, *TRIED}):
+        rho = RHO_GRID[trial]
+        for channel, pool in enumerate(pools):
+            if pool.shape[1] == 0:
+                continue
+            white, columns = ar1.whiten(residuals[channel][:, 0], rho), ar1.whiten(pool, rho)
+            before = (columns * columns).sum(axis=0)
+            if bases[channel].shape[1]:
+                q = np.linalg.qr(ar1.whiten(bases[channel], rho))[0]
+                white = white - q @ (q.T @ white)
+                columns = columns - q @ (q.T @ columns)
+            norm = (columns * columns).sum(axis=0)
+            usable = norm > 1e-8 * before
+            taken = np.where(usable, (columns.T @ white) ** 2 / np.where(usable, norm, 1.0), 0.0)
+            index = int(np.argmax(taken))
+            left = np.asarray(max(float(white @ white) - float(taken[index]), 1e-300))
+            new = whole[trial] - own[trial, channel] + float(_likelihood(left, ar1.rows, sigma[channel]))
+            found = max(found, (present - float(new), channel, index), key=lambda entry: entry[0])
+    return found
+
+
+def within_scatter(ar1: Ar1, values: Array, group: npt.NDArray[np.int64], rho: float) -> Array:
+    """Noise sd (sets,) from the scatter of values (rows, sets) within groups of repeated settings.
+
+    Neighbouring rows of a run are alike when the noise is correlated: what is left of the variance within a group is
+    that share of it which the correlation rho leaves.
+    """
+    order = np.argsort(group, kind="stable")
+    starts = np.flatnonzero(np.diff(group[order], prepend=-1))
+    sizes = np.diff(np.append(starts, len(order)))
+    sums = np.add.reduceat(values[order], starts, axis=0)
+    scatter = (values * values).sum(axis=0) - (sums * sums / sizes[:, None]).sum(axis=0)
+    share = 0.0
+    for begin, size in zip(starts[sizes > 1], sizes[sizes > 1], strict=True):
+        rows = order[begin : begin + size]
+        same = ar1.run[rows][:, None] == ar1.run[rows][None, :]
+        lag = np.abs(ar1.position[rows][:, None] - ar1.position[rows][None, :])
+        share += size - float((same * (rho**lag if rho > 0 else lag == 0)).sum()) / size
+    return np.asarray(np.sqrt(np.maximum(scatter, 1e-300) / max(share, 1e-12)))
 
 
 def _from_repeats(ar1: Ar1, residual: Array, group: npt.NDArray[np.int64], rho: float) -> tuple[Array, float]:
     """Noise sd a channel from the scatter within groups, at the given correlation; and the degrees of freedom."""
-    members = np.zeros((len(group), int(group.max()) + 1))
-    members[np.arange(len(group)), group] = 1.0
-    q = np.linalg.qr(ar1.whiten(members, rho))[0]
-    white = ar1.whiten(residual.T, rho)
-    left = (white * white).sum(axis=0) - ((q.T @ white) ** 2).sum(axis=0)
-    freedom = float(len(group) - members.shape[1])
-    return np.sqrt(np.maximum(left, 1e-300) / freedom), freedom
+    return within_scatter(ar1, residual.T, group, rho), float(len(group) - (int(group.max()) + 1))
