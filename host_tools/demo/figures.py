@@ -85,13 +85,13 @@ def slip_limiter(limited: Result, free: Result, file: Path) -> Path:
     figure, (top, low) = _panels(2, 5.5)
     for result, color, label in ((free, RED, "without limiter"), (limited, BLUE, "with limiter")):
         cut = _thin(result)
-        held = result.truth["carriage_force"][cut] != 0.0
-        top.plot(result.time[cut], np.where(held, result.truth["slip"][cut], np.nan), color=color, label=label)
+        top.plot(result.time[cut], result.truth["slip"][cut], color=color, label=label)
         low.plot(result.time[cut], 0.08 * result.truth["omega"][cut], color=color, label=f"rim, {label}")
     low.plot(limited.time, limited.truth["speed"], color=GREY, label="axle, imposed")
     top.axhline(0.5, color=GREY, lw=0.8, ls="--")
     top.set_ylabel("slip")
     top.set_ylim(0.0, 1.0)
+    top.set_xlim(1.0, limited.time[-1])
     top.legend(loc="upper left")
     low.set_ylabel("speed, m/s")
     low.set_xlabel("time, s")

@@ -93,25 +93,16 @@ def steady_real(seeds: int) -> list[Row]:
 
 
 def carriage() -> list[Row]:
-    """The axle's speed is imposed, falling from 0.36 to 0.04 m/s in 10 s, at 8 V on sand."""
+    """The axle's speed is imposed, falling from 0.36 to 0.04 m/s in 10 s; 8 V, sand. Times count from the fall on."""
     limited, free = (run(load_scenario(find_scenario(name))) for name in ("carriage_limiter", "carriage_free"))
-    imposed = limited.truth["carriage_force"] != 0.0
-    slip, time = limited.truth["slip"][imposed], limited.time[imposed]
-    late = time >= time[0] + 5.0
+    fall = limited.time >= limited.scenario.carriage[-2][0]
+    slip = limited.truth["slip"][fall]
+    late = slip[5000:]
     return [
         Row("limiter on the carriage: greatest slip", float(np.max(slip)), 0.55, "1"),
+        Row("limiter on the carriage: farthest from 0.5, from 5 s on", float(np.max(np.abs(late - 0.5))), 0.02, "1"),
         Row(
-            "limiter on the carriage: greatest distance from 0.5 from 5 s to the end",
-            float(np.max(np.abs(slip[late] - 0.5))),
-            0.02,
-            "1",
-        ),
-        Row(
-            "carriage without limiter: greatest slip",
-            float(np.max(free.truth["slip"][free.truth["carriage_force"] != 0.0])),
-            0.9,
-            "1",
-            at_least=True,
+            "carriage without limiter: greatest slip", float(np.max(free.truth["slip"][fall])), 0.9, "1", at_least=True
         ),
     ]
 
