@@ -161,7 +161,7 @@ class Demo:
         chapter.commands.append("cantools decode out/terrapin.dbc < out/runs/floor_to_sand/telemetry.log")
 
     def forced_slip(self, chapter: Chapter) -> None:
-        """A model against real measurements: the forced-slip table of Li et al."""
+        """A model against real measurements: the forced-slip table of Li and others"""
         workbench.forced_slip(self.stage, chapter)
 
     def heated(self, chapter: Chapter) -> None:

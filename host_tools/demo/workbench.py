@@ -97,7 +97,7 @@ def forced_slip(stage: Stage, chapter: Chapter) -> None:
         rows.append((label, *errors, f"{rung.train_error:.2f}", verdict))
         stage.say(f"  {label}: {', '.join(rows[-1][1:3])} off in traction and torque; {verdict}")
         stage.progress(number / len(FORCED_SLIP_STEPS))
-    head = ("model, soil stiffness refitted", "traction, mean error", "torque, mean error", "noise sd", "verdict")
+    head = ("model, soil stiffness refitted", "traction off by", "torque off by", "rms error, noise sd", "verdict")
     chapter.tables.append(Table("W = 150 N, R = 0.22 m, actual slip 1 - r/R", head, tuple(rows)))
     for line in FORCED_SLIP_TEXT:
         stage.tell(chapter, line)
@@ -206,7 +206,6 @@ def heated(stage: Stage, chapter: Chapter) -> None:
     chapter.pictures.append(
         (picture, "What the model lacks against the winding's temperature, and the controller's error of C_t")
     )
-    stage.say(f"  case in {case}")
     chapter.commands += [
         "terrapin case out/runs/heated_* --to my_case --effect speed_squared --after 5",
         "terrapin compare my_case",
