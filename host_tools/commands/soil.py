@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["register"]
 
-SHOWN = {  # parameter: factor to the unit that people read, that unit
-    "k_s": (1e-3, "kPa/m^n"),
+SHOWN = {  # parameter: factor to the unit that people read, that unit (of k_s its prefix, since it follows n)
+    "k_s": (1e-3, "k"),
     "n": (1.0, ""),
     "cohesion": (1e-3, "kPa"),
     "friction_angle": (57.29577951308232, "deg"),
@@ -84,7 +84,11 @@ def _answer(
     start, found = np.array(read.start), np.array(fit.footing)
     parameters = {}
     for name, value in zip(PARAMETERS, fit.footing, strict=True):
-        entry: dict[str, Any] = {"value": value, "unit": SI_UNITS[name], "at_bound": name in fit.at_bound}
+        entry: dict[str, Any] = {
+            "value": value,
+            "unit": SI_UNITS[name].replace("^n", f"^{fit.footing.exponent:.6g}"),
+            "at_bound": name in fit.at_bound,
+        }
         interval = limits.intervals.get(name)
         entry["known"] = interval is None
         if interval is not None:
@@ -136,7 +140,9 @@ def _describe(answer: dict[str, Any]) -> str:
     lines = [f"{answer['case']}: soil by {answer['cost']}"]
     for name, entry in answer["parameters"].items():
         factor, unit = SHOWN[name]
-        text = f"  {name:<15}{entry['value'] * factor:10.4g} {unit:<8}"
+        if name == "k_s":
+            unit += entry["unit"]
+        text = f"  {name:<15}{entry['value'] * factor:10.4g} {unit:<14}"
         if entry["known"]:
             lines.append(f"{text} known")
             continue
