@@ -144,9 +144,8 @@ def heated(stage: Stage, chapter: Chapter) -> None:
     case = out / "heated"
     shutil.rmtree(case, ignore_errors=True)
     runs = [read_run(folder, 5.0) for folder in folders]
-    stage.tell(
-        chapter, write_case(case, runs, "Winding that heats by 40 K over eight runs, sand", ["speed_squared"]) + "."
-    )
+    title = "Winding that heats by 40 K over eight runs, sand"
+    stage.say("  " + write_case(case, runs, title, ["speed_squared"]))
     before = _compare(stage, chapter, case, "Model as it stands")
     for failure in before.where[:1]:
         stage.tell(
