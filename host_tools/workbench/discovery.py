@@ -105,7 +105,7 @@ def discover(
 
 def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | None, list[Hypothesis], float]:
     """Verdict, likeliest hypothesis, sets that do equally well (with the likeliest, first), probability."""
-    kinds = {kind: ranking.probability(kind) for kind in ("catalogue", "expression", "run")}
+    kinds = {kind: ranking.probability(kind) for kind in ("catalogue", "expression", "mixed", "run")}
     kind = max(kinds, key=lambda k: kinds[k])
     pairs = list(zip(ranking.hypotheses, ranking.posterior, strict=True))
     if kind == "catalogue":
@@ -120,6 +120,9 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
                 rivals.append(other)
         verdict = "ambiguous" if len(rivals) > 1 else "missing"
         return verdict, top, rivals, calibrated(float(best))
+    if kind == "mixed":
+        top = next(h for h, _ in pairs if h.kind == "mixed")
+        return "missing", top, [top], calibrated(kinds["mixed"])
     if kind == "run":
         return "unexplained", None, [], calibrated(kinds["run"])
     named = [(h, p) for h, p in pairs if h.kind == "expression" and h.effects]
@@ -198,9 +201,10 @@ def _candidates(analysis: Analysis, ranking: Ranking) -> tuple[Candidate, ...]:
     found = []
     hypotheses = list(ranking.singles.values())
     hypotheses += [h for h in ranking.hypotheses if h.kind == "expression" and h.effects]
+    hypotheses += [h for h in ranking.hypotheses if h.kind == "mixed"]
     for hypothesis in hypotheses:
         assert hypothesis.fit is not None
-        (name,) = hypothesis.effects
+        name = hypothesis.effects[-1]
         probability = ranking.inclusion(name)
         if hypothesis.kind == "expression":  # the column is what it stands for, whatever its shape turns out to be
             same = [h.effects[0] for h in hypotheses if h.kind == "expression" and h.column == hypothesis.column]

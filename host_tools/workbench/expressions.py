@@ -66,6 +66,9 @@ def _shapes(name: str, values: Array, unit: str) -> list[tuple[str, dict[str, fl
         found += [(f"sin({name})", {}, SHAPE_COST), (f"cos({name})", {}, SHAPE_COST)]
     found.append((f"{name}**2", {}, SHAPE_COST))
     found.append((f"{name}**3", {}, SHAPE_COST**1.5))
+    found.append((f"abs({name})**1.5", {}, SHAPE_COST**2))
+    for share in (0.3, 0.6):  # nothing below a threshold
+        found.append((f"max({name} - w, 0)", {"w": low + share * span}, 0.5 * SHAPE_COST**2))
     if not one_sign:
         found.append((f"abs({name})", {}, SHAPE_COST))
         found.append((f"{name}*abs({name})", {}, SHAPE_COST))
@@ -211,9 +214,7 @@ def as_effect(sketch: Sketch, case: Case, name: str) -> Effect:
     expression: Expression = parse(sketch.text)
     parameters = [Parameter("k", _unit(sketch, case), 0.0, meaning="size")]
     for key, value in sketch.scales.items():
-        parameters.append(
-            Parameter(key, sketch.units[key], value, value / 30.0, value * 30.0, grid=(value / 2.0, value, value * 2.0))
-        )
+        parameters.append(_scale_parameter(key, sketch.units[key], value))
     return Effect(
         name=name,
         title="expression found in the data",
@@ -225,6 +226,14 @@ def as_effect(sketch: Sketch, case: Case, name: str) -> Effect:
         expression=sketch.text,
         target=sketch.target,
     )
+
+
+def _scale_parameter(name: str, unit: str, start: float) -> Parameter:
+    """A scale keeps its sign; a fit starts from it, from half and from twice of it."""
+    if start == 0.0:
+        return Parameter(name, unit, start, meaning="threshold")
+    low, high = sorted((start / 30.0, start * 30.0))
+    return Parameter(name, unit, start, low, high, "scale", grid=(start / 2.0, start, start * 2.0))
 
 
 def _unit(sketch: Sketch, case: Case) -> str:

@@ -228,9 +228,9 @@ def _measure(
     if expression is not None:
         target, text, _ = expression
         library["hidden"] = Effect("hidden", "", "", "", (), (Parameter("k", "1", 0.0),), (), text, target)
-        hidden = ("hidden",)
+    names = (*hidden, "hidden") if expression is not None else hidden
     model = Model.of(case, ())
-    for name in hidden:
+    for name in names:
         if name not in library or case.missing_role(library[name]) is not None:
             return None
         model = model.having(library[name])
@@ -248,7 +248,7 @@ def _measure(
             if fitted.whole:
                 theta[i] = round(theta[i])
     bound = model.bind(case.inputs)
-    first = {name: next(i for i, f in enumerate(model.fitted) if f.effect == name) for name in hidden}
+    first = {name: next(i for i, f in enumerate(model.fitted) if f.effect == name) for name in names}
     absent = theta.copy()
     for at in first.values():
         absent[at] = 0.0
@@ -276,7 +276,7 @@ def _measure(
     )
     return Made(
         final,
-        () if expression is not None else hidden,
+        hidden,
         expression[2] if expression is not None else "",
         sigma,
         rho,
