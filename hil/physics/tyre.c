@@ -362,9 +362,10 @@ int hil_tyre_points(const hil_tyre *tyre, const hil_tyre_soil *soils, int soil_s
             value[3 * i + r] = contact.value[r];
         }
         /* from the sinkage itself: the last step may have been taken on the tangent */
-        geometry[3 * i] = tyre->radius * (1.0 + load[i] / (tyre->stiffness * sinkage[i]));
-        geometry[3 * i + 1] = acos(fmax(0.0, 1.0 - sinkage[i] / geometry[3 * i]));
-        geometry[3 * i + 2] = contact.effective_radius;
+        double *const row = &geometry[(ptrdiff_t)i * 3];
+        row[0] = tyre->radius * (1.0 + load[i] / (tyre->stiffness * sinkage[i]));
+        row[1] = acos(fmax(0.0, 1.0 - sinkage[i] / row[0]));
+        row[2] = contact.effective_radius;
         for (int r = 0; derivative != NULL && r < 3; r++) {
             for (int q = 0; q < HIL_TYRE_COLUMNS; q++) {
                 derivative[(ptrdiff_t)(3 * i + r) * HIL_TYRE_COLUMNS + q] = contact.derivative[r][q];

@@ -5,9 +5,9 @@
  * [th_r, th_m] j = R* [(th_f - th) - (1 - i)(sin th_f - sin th)],  tau = sgn(j) (c + sigma tan phi)(1 - exp(-|j|/K))
  *     F_x = b R* int(tau cos - sigma sin),  F_z = b R* int(sigma cos + tau sin),  M_y = b R* R_e int tau
  * The paper names these parts and prints none of their formulas: the formulas and the tyre's data are our assumption.
- * Gauss-Legendre, 16 nodes on each side of th_m: relative error of F_z about 8e-6, at most 1.1e-5 (the stress has a root
- * at both ends, which the rule does not follow; it is kept because published runs were made with it).
- * Derivatives are exact for that sum. SI units, angles in rad. No allocation, no global state.
+ * Gauss-Legendre, 16 nodes on each side of th_m: relative error of F_z about 8e-6, at most 1.1e-5 (the stress has a
+ * root at both ends, which the rule does not follow; it is kept because published runs were made with it). Derivatives
+ * are exact for that sum. SI units, angles in rad. No allocation, no global state.
  */
 #ifndef HIL_TYRE_H
 #define HIL_TYRE_H
