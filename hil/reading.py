@@ -36,15 +36,13 @@ def parse_quantity(value: object, unit: str) -> float:
     """
     expected = "a number" if unit in ("", "1") else f"a number in {unit} or a string with a unit that converts to it"
     if isinstance(value, str):
-        import pint
-
         match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", value)
         if match is None:
             raise ValueError(f"found {value!r}, expected {expected}")
         try:
             given = units().Quantity(float(match[1]), match[2] or "dimensionless")
             number = float(given.to(unit or "dimensionless").magnitude)
-        except (pint.PintError, AttributeError, TypeError, ValueError, SyntaxError):
+        except Exception:  # pint's parser lets the tokenizer's errors and its own assertions through
             raise ValueError(f"found {value!r}, expected {expected}") from None
     elif isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"found {value!r}, expected {expected}")
@@ -109,6 +107,7 @@ class Section:
 
     def value(self, key: str, convert: Callable[[Any], T], default: T | None = None) -> T:
         """`convert` raises ValueError with "found ..., expected ..."; without `default` the key must be there."""
+        self._read.add(key)
         if key not in self._values:
             if default is None:
                 raise self.error(key, "missing, and it has no default")
@@ -180,6 +179,7 @@ class Section:
     def section(self, key: str) -> Section:
         """The table `key`, empty when absent."""
         value = self.raw(key) if key in self._values else {}
+        self._read.add(key)
         if not isinstance(value, dict):
             raise self.error(key, f"found {value!r}, expected a table")
         return Section(value, self._file, self._text, ".".join(part for part in (self._table, key) if part))
@@ -187,6 +187,7 @@ class Section:
     def sections(self, key: str) -> list[Section]:
         """The array of tables `key`, empty when absent."""
         value = self.raw(key) if key in self._values else []
+        self._read.add(key)
         if not isinstance(value, list) or any(not isinstance(item, dict) for item in value):
             raise self.error(key, f"found {value!r}, expected tables, each begun with [[{key}]]")
         name = ".".join(part for part in (self._table, key) if part)

@@ -125,6 +125,8 @@ def command(
                 folder.finish(result)
     except (ReadingError, CheckError, EffectError, LinkNameError, ParameterError) as error:
         raise UserError(str(error)) from None
+    except KeyboardInterrupt:
+        raise UserError(f"interrupted; the log up to here is in {out}" if out else "interrupted", status=130) from None
     print(_as_json(result, out) if as_json else _as_text(result, out))
     return 0 if result.passed else 1
 

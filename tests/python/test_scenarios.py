@@ -1,0 +1,23 @@
+"""Every shipped scenario is a test: it runs, its checks hold, and they are checks that can fail."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hil import paths
+from hil.run import run
+from hil.scenario import load_scenario
+
+SHIPPED = sorted((paths.ROOT / "hil" / "scenarios").glob("*.toml"))
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
+def test_scenario(path: Path) -> None:
+    scenario = load_scenario(path)
+    assert scenario.title
+    assert scenario.checks
+    result = run(scenario)
+    failed = [f"{outcome.text}: {outcome.found}" for outcome in result.outcomes if not outcome.passed]
+    assert failed == []
