@@ -16,16 +16,17 @@ int main(int argc, char **argv) {
         return 2;
     }
     terrapin_init(state);
-    /* Codes of a robot that rolls steadily: 0.6 A, 12 V, 25 degC, drive wheel about 20 rad/s. */
-    terrapin_inputs inputs = {.current_code = 2648U, .supply_code = 3000U, .temperature_code = 1500U};
+    /* Codes of a robot that rolls steadily while the bridge is on: 0.6 A, 12 V, 25 degC, drive wheel about 20 rad/s. */
+    terrapin_inputs inputs = {.supply_code = 3000U, .temperature_code = 1500U};
     inputs.swing_valid = true;
     inputs.command.limiter = true;
     inputs.command.setpoint = 5000;
     inputs.command.request = TERRAPIN_REQUEST_RUN;
     for (uint32_t tick = 0U; tick < ticks; tick++) {
         inputs.tick = tick;
-        inputs.motor_count = (uint16_t)(tick * 65U / 10U);
-        inputs.ground_count = (uint16_t)(tick * 4U);
+        inputs.current_code = outputs.enable ? 2648U : 2048U;
+        inputs.motor_count = (uint16_t)(inputs.motor_count + (outputs.enable ? 6U + (tick & 1U) : 0U));
+        inputs.ground_count = (uint16_t)(inputs.ground_count + (outputs.enable ? 4U : 0U));
         inputs.command_fresh = tick % 50U == 0U;
         terrapin_step(state, &inputs, &outputs);
     }
