@@ -335,11 +335,15 @@ double hil_tyre_slip(double axle, double rim, double floor, double *by_axle, dou
     if (rim >= axle) {
         return slip;
     }
-    const double ratio = 1.0 / (1.0 + slip + 1e-9);
-    const double rate = ratio < 3.0 ? ratio * ratio : 0.0;
-    *by_axle *= rate;
-    *by_rim *= rate;
-    return 1.0 - fmin(ratio, 3.0);
+    /* A rim that stands still or, within a step, turns back is at the limit too. */
+    const double turned = 1.0 + slip + 1e-9;
+    if (turned <= 1.0 / 3.0) {
+        *by_axle = *by_rim = 0.0;
+        return -2.0;
+    }
+    *by_axle /= turned * turned;
+    *by_rim /= turned * turned;
+    return 1.0 - 1.0 / turned;
 }
 
 int hil_tyre_points(const hil_tyre *tyre, const hil_tyre_soil *soils, int soil_stride, int count, int solve,

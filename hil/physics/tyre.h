@@ -51,7 +51,7 @@ enum {
 
 /* Slip i, 1 - i = V / (R_e omega), from the axle's speed V and the rim's u = R_e omega [m/s], the larger one held above
  * `floor`: driving i = (u - V)/max(u, floor); braking 1 - i = min(1/(1 + i_b + 1e-9), 3), i_b = (u - V)/max(V, floor).
- * Sets *by_axle and *by_rim, its derivatives. */
+ * The limit also holds where the rim stands or turns back. Sets *by_axle and *by_rim, its derivatives. */
 double hil_tyre_slip(double axle, double rim, double floor, double *by_axle, double *by_rim);
 
 /* Integrals at given sinkage [m] and vertical deflection d [m]; `columns` 1 or 8 derivatives. Sinkage and deflection >

@@ -114,6 +114,19 @@ def test_a_value_out_of_range_is_named(call: object, message: str) -> None:
         call()
 
 
+def test_braking_to_a_stop_and_starting_again() -> None:
+    # A torque that jumps makes the wheels swing through standstill, where the braking slip has its limit.
+    torque = np.repeat([0.0, 700.0, -400.0, 600.0], [10, 290, 100, 401])
+    run = simulate(Vehicle(), Tyre(), FITTED, torque, sensitivities=True)
+    assert run.omega_by_soil is not None
+    assert np.isfinite(run.omega_by_soil).all()
+    assert (run.speed >= 0).all()
+    assert (run.omega >= 0).all()
+    assert run.speed[300] > 5
+    assert run.speed[400] < 0.5 * run.speed[300]
+    assert run.speed[800] > run.speed[400] + 5
+
+
 def test_a_fast_car_needs_shorter_steps() -> None:
     with pytest.raises(ContactError, match=r"step: found 0.009 s, expected at most 0.008\d* s \(.* wheel at \d"):
         simulate(Vehicle(), Tyre(), FITTED, np.full(1200, 900.0), period=0.009, substeps=1)
