@@ -6,10 +6,10 @@
 #include "core.h"
 
 enum {
-    SETTLE_MS = 500,           /* no window counts so soon after a voltage step, whatever the gate says */
+    SETTLE_MS = 500,              /* no window counts so soon after a voltage step, whatever the gate says */
     OMEGA_MAX_URAD_S = 100000000, /* three windows of it fit 2^30 */
     TORQUE_MAX_UNM = 2000000,
-    SPREAD_MRAD2 = 1000000     /* n^2 times the variance of the speeds; less than 1 rad/s apart says nothing of B */
+    SPREAD_MRAD2 = 1000000 /* n^2 times the variance of the speeds; less than 1 rad/s apart says nothing of B */
 };
 
 static void restart_step(terrapin_calibration_state *c) {

@@ -3,10 +3,10 @@
 enum { REFERENCE_MC = 25000, HEAT_ONE_Q20 = 1 << 20 };
 
 int32_t compensation_heat_q20(const terrapin_state *state) {
-    /* a_t [1e-6/K] * dT [1e-3 K], in Q20: 2^20 / 1e9 = 1 / 953.674; 1e4 * 4.3e6 below 2^36, and held within 2^30 */
-    const int32_t fall = integer_scale(state->parameter[TERRAPIN_PARAMETER_COMP_HEATING],
-                                       sense_temperature_mc(state) - REFERENCE_MC, 1);
-    return integer_clamp((int64_t)HEAT_ONE_Q20 - integer_scale(fall, 1000, 953674), HEAT_ONE_Q20 / 4, HEAT_ONE_Q20 * 4);
+    /* a_t [1e-6/K] * dT [1e-3 K], in Q20: 2^20 / 1e9 = 1 / 953.674; held within 2^30, a factor of 2.1 */
+    const int32_t fall =
+        integer_scale(state->parameter[TERRAPIN_PARAMETER_COMP_HEATING], sense_temperature_mc(state) - REFERENCE_MC, 1);
+    return integer_clamp((int64_t)HEAT_ONE_Q20 - integer_scale(fall, 1000, 953674), HEAT_ONE_Q20 / 4, HEAT_ONE_Q20 * 2);
 }
 
 /* a_s exp(-(omega/omega_s)^2) [uN m]; omega_mrad_s >= 0 */
@@ -16,25 +16,26 @@ static int32_t stribeck(const int32_t *p, int32_t omega_mrad_s) {
     return integer_scale(p[TERRAPIN_PARAMETER_COMP_STRIBECK], power, 65536);
 }
 
-/* Mean of m_e sin(angle + phase) over a window at steady speed: m_e sin(middle + phase) sin(h)/h, 2 h the way turned. */
+/* Mean of m_e sin(angle + phase) over a window at steady speed: m_e sin(middle + phase) sin(h)/h, 2 h the way turned.
+ */
 static int32_t imbalance(const terrapin_state *state, const terrapin_inputs *inputs, int32_t counts) {
     const int32_t *p = state->parameter;
-    const terrapin_gains *g = &state->gains;
-    const int32_t half = counts / 2;
-    const uint32_t middle = state->sense.motor_position - (uint32_t)half;
+    const uint32_t unit = (uint32_t)state->gains.turn_per_count;
+    const uint32_t size = (uint32_t)integer_abs(counts);
+    const uint32_t way = ((size / 2U) * unit) + ((size & 1U) * (unit / 2U)); /* h, 2^32 a turn */
+    const uint32_t ahead = (counts < 0) ? (0U - way) : way;
     /* the shell's angle is alpha less the swing */
     const uint32_t swing = inputs->swing_valid ? integer_turn(inputs->swing_angle_mrad) : 0U;
     const uint32_t phase = (uint32_t)integer_divide((int64_t)p[TERRAPIN_PARAMETER_COMP_IMBALANCE_PHASE] * 683565, 10);
-    const uint32_t turn = (middle * (uint32_t)g->turn_per_count) - swing + phase;
-    int32_t mean = integer_scale(p[TERRAPIN_PARAMETER_COMP_IMBALANCE], integer_sine(turn), 32767);
-    const int32_t way_urad = integer_abs(integer_scale(counts, g->count_e5_urad, 200000));
-    if (way_urad < 300000) { /* sin(h)/h = 1 - h^2/6 to 7e-5 */
+    const uint32_t middle = (((state->sense.motor_position * unit) - ahead) - swing) + phase;
+    int32_t mean = integer_scale(p[TERRAPIN_PARAMETER_COMP_IMBALANCE], integer_sine(middle), 32767);
+    const int32_t way_urad = integer_abs(integer_scale(counts, state->gains.count_e5_urad, 200000));
+    if (way_urad < 450000) { /* sin(h)/h = 1 - h^2/6 to 3.5e-4 */
         const int32_t way_mrad = way_urad / 1000;
         mean -= integer_scale(mean, way_mrad * way_mrad, 6000000);
     } else {
-        const int32_t sine = integer_sine((uint32_t)integer_abs(half) * (uint32_t)g->turn_per_count);
-        /* sin(h)/h in Q30, so that a long way loses nothing; 32768^2 / 32767 is 32769 to 1e-9 */
-        mean = integer_scale(mean, integer_scale(sine * 32769, 1000000, way_urad), 1 << 30);
+        /* sin(h)/h in Q30, so that a long way loses nothing; 32767 * 32769 is 2^30 to 1e-9 */
+        mean = integer_scale(mean, integer_scale(integer_sine(way) * 32769, 1000000, way_urad), 1 << 30);
     }
     return mean;
 }
@@ -47,7 +48,8 @@ int32_t compensation_torque(const terrapin_state *state, const terrapin_inputs *
     int64_t along = p[TERRAPIN_PARAMETER_COMP_COULOMB];
     along += stribeck(p, size_mrad_s);
     /* 1e-9 N m s^2/rad^2 * (1e-3 rad/s)^2 */
-    along += integer_scale(p[TERRAPIN_PARAMETER_COMP_SPEED_SQUARED], integer_scale(size_mrad_s, size_mrad_s, 1000), 1000000);
+    along +=
+        integer_scale(p[TERRAPIN_PARAMETER_COMP_SPEED_SQUARED], integer_scale(size_mrad_s, size_mrad_s, 1000), 1000000);
     int64_t torque = along * integer_sign(counts);
     torque += integer_scale(p[TERRAPIN_PARAMETER_COMP_VISCOUS], omega, 100000000); /* 1e-8 * 1e-6 */
     torque += integer_scale(p[TERRAPIN_PARAMETER_COMP_INERTIA], state->estimator.acceleration_urad_s2, 10000000);

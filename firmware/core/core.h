@@ -36,7 +36,7 @@ int32_t estimator_contact_torque(int32_t torque_unm, bool *saturated);
 const terrapin_record *estimator_record(const terrapin_estimator *estimator, uint32_t slots);
 
 /* ---- compensation.c: what the robot's model lacks, all zero by default */
-/* K_t(T)/K_t(25 degC) in Q20, within 1/4 to 4. */
+/* K_t(T)/K_t(25 degC) in Q20, within 1/4 to 2. */
 int32_t compensation_heat_q20(const terrapin_state *state);
 /* Torque inside the robot beyond A sgn + B w [uN m]. */
 int32_t compensation_torque(const terrapin_state *state, const terrapin_inputs *inputs, int32_t counts);

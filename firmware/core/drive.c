@@ -1,19 +1,20 @@
 /* From what is wanted to the bridge's duty: speed loop, slip limiter, current limit, supply compensation.
  *
  * Both loops are PI on the shell's speed with the motor's back-EMF as feed-forward, so that their integrals hold the
- * load alone. The limiter's reference is the shell speed at which slip is just slip_limit, v / (R (1 - slip_limit)): its
- * loop gain then does not change with speed, as that of a loop on slip itself would. The lower of its voltage and the
- * wanted one reaches the motor; it starts from the voltage that stands (bumpless), and integrates only what can act.
+ * load alone. The limiter's reference is the shell speed at which slip is just slip_limit, v / (R (1 - slip_limit)):
+ * its loop gain then does not change with speed, as that of a loop on slip itself would. The lower of its voltage and
+ * the wanted one reaches the motor; it starts from the voltage that stands (bumpless), and integrates only what can
+ * act.
  */
 #include "core.h"
 
 enum {
-    SLEW_URAD_S_TICK = 10000,  /* the speed loop's reference changes by at most 10 rad/s^2 */
+    SLEW_URAD_S_TICK = 10000, /* the speed loop's reference changes by at most 10 rad/s^2 */
     INTEGRAL_MAX_UV = 20000000,
-    SUPPLY_MIN_MV = 1000,      /* below this there is no bridge to speak of */
+    SUPPLY_MIN_MV = 1000, /* below this there is no bridge to speak of */
     DUTY_ONE = 32768,
     DUTY_MAX = 32767,
-    TRIM_RISE = 32,            /* the current limit's trim gains 1/32 of an excess a tick, and loses 1/256 of itself */
+    TRIM_RISE = 32, /* the current limit's trim gains 1/32 of an excess a tick, and loses 1/256 of itself */
     TRIM_FALL = 256
 };
 
@@ -39,7 +40,8 @@ static bounds allowed(terrapin_state *state) {
     const int32_t span = integer_scale(resistance, limit, 1000); /* at most 100 ohm * 2 A */
     const int32_t excess_ma = (integer_abs(state->sense.current_ua) / 1000) - limit;
     if (excess_ma > 0) {
-        d->trim_mv = integer_clamp((int64_t)d->trim_mv + integer_scale(excess_ma, resistance, 1000 * TRIM_RISE) + 1, 0, span);
+        d->trim_mv =
+            integer_clamp((int64_t)d->trim_mv + integer_scale(excess_ma, resistance, 1000 * TRIM_RISE) + 1, 0, span);
     } else {
         d->trim_mv -= (d->trim_mv + TRIM_FALL - 1) / TRIM_FALL;
     }
@@ -82,7 +84,8 @@ static int32_t hold_speed(terrapin_state *state, const terrapin_demand *demand, 
 static int32_t limiter_reference(const terrapin_state *state, int32_t direction) {
     const int32_t *p = state->parameter;
     const int32_t rolling = integer_scale(direction * state->slip.ground_um_s, 1000000, p[TERRAPIN_PARAMETER_RADIUS]);
-    const int32_t reference = integer_scale(rolling, 10000, 10000 - p[TERRAPIN_PARAMETER_SLIP_LIMIT]); /* at least 1000 */
+    const int32_t reference =
+        integer_scale(rolling, 10000, 10000 - p[TERRAPIN_PARAMETER_SLIP_LIMIT]); /* at least 1000 */
     return integer_clamp(reference, p[TERRAPIN_PARAMETER_SLIP_DEAD_BAND] * 1000, INTEGER_MOST);
 }
 

@@ -7,12 +7,12 @@
 #include "core.h"
 
 enum {
-    QUIET_SLOTS = 20,          /* the gate must hold this long: a transient passes through zero faster */
-    MOVING_COUNTS = 20,        /* fewer counts a window are no rolling: the friction's sign would be a guess */
+    QUIET_SLOTS = 20,   /* the gate must hold this long: a transient passes through zero faster */
+    MOVING_COUNTS = 20, /* fewer counts a window are no rolling: the friction's sign would be a guess */
     SWING_TICKS_MAX = 2000,
     CURRENT_MAX_10UA = 10000000, /* 100 A: more than any code at any current_scale */
-    CURRENT_STEP_UNM = 1500,   /* the last slot's torque may differ by this from the window's, and by */
-    RIPPLE_TIMES = 5,          /* five times its own mean deviation, four sd, else the ground has changed */
+    CURRENT_STEP_UNM = 1500,     /* the last slot's torque may differ by this from the window's, and by */
+    RIPPLE_TIMES = 5,            /* five times its own mean deviation, four sd, else the ground has changed */
     RIPPLE_SLOTS = 64
 };
 
@@ -74,7 +74,8 @@ static int32_t acceleration(const terrapin_state *state) {
         const uint32_t earlier = estimator_record(e, (i * n) + (uint32_t)BLOCK_SLOTS)->position_sum_counts;
         blocks += weight[i] * (later - earlier);
     }
-    /* Each block is a sum modulo 2^32; so is the difference, which is small: 100 * 600 * 200 counts at the very most. */
+    /* Each block is a sum modulo 2^32; so is the difference, which is small: 100 * 600 * 200 counts at the very most.
+     */
     const int32_t counts = integer_difference(blocks, 0U);
     /* 1e-5 urad summed over 10 BLOCK_SLOTS ms, over (10 n ms)^2: 1e-5 * 1e6 / (100 * 100 n^2) */
     return integer_scale(counts, state->gains.count_e5_urad, BLOCK_SLOTS * 100 * (int32_t)(n * n));
@@ -101,7 +102,8 @@ static int32_t swing_momentum(const terrapin_state *state, const terrapin_inputs
 
 static bool gate(terrapin_state *state, const terrapin_inputs *inputs, int32_t counts) {
     terrapin_estimator *e = &state->estimator;
-    const int32_t inertial = integer_scale(state->parameter[TERRAPIN_PARAMETER_INERTIA], e->acceleration_urad_s2, 1000000);
+    const int32_t inertial =
+        integer_scale(state->parameter[TERRAPIN_PARAMETER_INERTIA], e->acceleration_urad_s2, 1000000);
     e->momentum_unm = integer_saturate((int64_t)integer_abs(inertial) + swing_momentum(state, inputs));
     const int32_t step_ua = e->recent_ua - (e->current_10ua * 10);
     const int32_t step_unm = integer_abs(integer_scale(step_ua, state->gains.torque_unm_per_a, 1000000));

@@ -7,10 +7,10 @@
 #include "core.h"
 
 enum {
-    MOVED_TIMES = 4,           /* faster than this many times stuck_speed is progress */
+    MOVED_TIMES = 4, /* faster than this many times stuck_speed is progress */
     SLOWED_MS = 10,
-    STOP_MS = 200,             /* stop before backing out */
-    REST_MS = 300              /* at rest for this long is the end */
+    STOP_MS = 200, /* stop before backing out */
+    REST_MS = 300  /* at rest for this long is the end */
 };
 
 static int32_t ground_way_mm(const terrapin_state *state) {
@@ -36,7 +36,8 @@ bool extrication_watch(terrapin_state *state, int32_t direction) {
         s->no_progress_ms = (forward_um_s < slowest_um_s) ? (s->no_progress_ms + 1U) : 0U;
     }
     /* A robot that slowed down to this will not move again; one that has not moved yet may still be starting. */
-    const uint32_t patience = s->moved ? (uint32_t)SLOWED_MS : (uint32_t)state->parameter[TERRAPIN_PARAMETER_STUCK_TIME];
+    const uint32_t patience =
+        s->moved ? (uint32_t)SLOWED_MS : (uint32_t)state->parameter[TERRAPIN_PARAMETER_STUCK_TIME];
     return s->no_progress_ms >= patience;
 }
 
@@ -54,7 +55,8 @@ static bool backed_out(const terrapin_state *state, const terrapin_inputs *input
     const terrapin_supervisor *s = &state->supervisor;
     const int32_t way_mm = s->direction * ground_way_mm(state); /* negative: behind where it began */
     const bool far = way_mm <= -state->parameter[TERRAPIN_PARAMETER_EXTRICATE_MARGIN];
-    const bool flat = !inputs->pitch_valid || ((2 * integer_abs(inputs->pitch_mrad)) <= integer_abs(s->stuck_pitch_mrad));
+    const bool flat =
+        !inputs->pitch_valid || ((2 * integer_abs(inputs->pitch_mrad)) <= integer_abs(s->stuck_pitch_mrad));
     return far && flat;
 }
 

@@ -9,18 +9,17 @@
 
 enum {
     PPM = 1000000,
-    X_MAX = 131072,            /* omega^2 up to 36 rad/s squared, in 0.01 rad^2/s^2 */
-    Y_MAX = 1048576,           /* f_r up to 1.05, in 1e-6 */
-    UNKNOWN_Q3 = 64,           /* farther than 8 sd from every curve is no terrain of the table */
+    X_MAX = 131072,  /* omega^2 up to 36 rad/s squared, in 0.01 rad^2/s^2 */
+    Y_MAX = 1048576, /* f_r up to 1.05, in 1e-6 */
+    UNKNOWN_Q3 = 64, /* farther than 8 sd from every curve is no terrain of the table */
     MARGIN_MAX_Q3 = 255,
-    FIT_NOISE_PPM = 1000,      /* sd of f_r over windows that the prior is weighed against */
-    MOMENT_Q16 = 64 * 65536,   /* moments are kept in 64 times the product of their units */
-    FIT_PRIOR = 156,           /* f_s is 0 +- 1e-3 s^2/rad^2, ten of the slope's units: (FIT_NOISE_PPM / 10)^2 / 64 */
+    FIT_NOISE_PPM = 1000,    /* sd of f_r over windows that the prior is weighed against */
+    MOMENT_Q16 = 64 * 65536, /* moments are kept in 64 times the product of their units */
+    FIT_PRIOR = 156,         /* f_s is 0 +- 1e-3 s^2/rad^2, ten of the slope's units: (FIT_NOISE_PPM / 10)^2 / 64 */
     WINDOWS_MAX = 127
 };
 
-_Static_assert(TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_S ==
-                   (TERRAPIN_PARAMETER_TERRAIN_SAND_F_O + (2 * TERRAINS) - 1),
+_Static_assert(TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_S == (TERRAPIN_PARAMETER_TERRAIN_SAND_F_O + (2 * TERRAINS) - 1),
                "the table of terrains stands in the parameters as pairs, in the order of enum terrain");
 
 static int32_t omega_squared(int32_t omega_urad_s) {
@@ -30,11 +29,13 @@ static int32_t omega_squared(int32_t omega_urad_s) {
 
 int32_t ground_curve_ppm(const terrapin_state *state, uint32_t terrain, int32_t omega_urad_s) {
     const int32_t *pair = &state->parameter[TERRAPIN_PARAMETER_TERRAIN_SAND_F_O + (2 * ((int32_t)terrain - 1))];
-    return integer_saturate((int64_t)pair[0] + integer_scale(pair[1], omega_squared(omega_urad_s), 100000)); /* 1e-9 0.01 */
+    return integer_saturate((int64_t)pair[0] +
+                            integer_scale(pair[1], omega_squared(omega_urad_s), 100000)); /* 1e-9 0.01 */
 }
 
 int32_t ground_floor_unm(const terrapin_state *state, int32_t omega_urad_s) {
-    return integer_scale(ground_curve_ppm(state, TERRAPIN_TERRAIN_HARD_FLOOR, omega_urad_s), state->gains.weight_unm, PPM);
+    return integer_scale(ground_curve_ppm(state, TERRAPIN_TERRAIN_HARD_FLOOR, omega_urad_s), state->gains.weight_unm,
+                         PPM);
 }
 
 /* f_r and its sd, the slope's share of W taken out where comp_slope asks for it. */
@@ -46,7 +47,8 @@ static void resistance(terrapin_state *state, const terrapin_inputs *inputs) {
     if (inputs->pitch_valid) {
         const uint32_t turn = integer_turn(inputs->pitch_mrad);
         const int32_t along = integer_scale(load, integer_sine(turn), 32767); /* below 2^28 */
-        torque = integer_saturate((int64_t)torque - integer_scale(along, state->parameter[TERRAPIN_PARAMETER_COMP_SLOPE], 10000));
+        torque = integer_saturate((int64_t)torque -
+                                  integer_scale(along, state->parameter[TERRAPIN_PARAMETER_COMP_SLOPE], 10000));
         /* down to a quarter: no division by zero, whatever the pitch */
         load = integer_scale(load, integer_clamp(integer_cosine(turn), 8192, 32767), 32767);
     }
@@ -115,7 +117,8 @@ static void fit_solve(terrapin_ground_fit *g) {
     const int32_t far_ppm = integer_scale(g->f_s_e7, g->x_q8, 256000);
     g->f_o_10ppm = integer_scale((g->y_q8 / 256) - far_ppm, 1, 10);
     /* sd of the slope: noise / sqrt(information); of f_o: the mean's and the slope's over the mean of x */
-    g->f_s_sd_e7 = (FIT_NOISE_PPM * 1000) / (int32_t)(8U * integer_root((uint64_t)information)); /* the root is at least 12 */
+    g->f_s_sd_e7 =
+        (FIT_NOISE_PPM * 1000) / (int32_t)(8U * integer_root((uint64_t)information)); /* the root is at least 12 */
     const int64_t mean_sd = (FIT_NOISE_PPM * 16) / (int32_t)integer_root((uint64_t)g->weight_q8);
     const int64_t far_sd = integer_scale(g->f_s_sd_e7, g->x_q8, 256000);
     g->f_o_sd_ppm = (int32_t)integer_root((uint64_t)((mean_sd * mean_sd) + (far_sd * far_sd)));

@@ -20,8 +20,8 @@ int32_t integer_saturate(int64_t value);
 /* value * factor / divisor to the nearest, halves away from zero, held within INTEGER_MOST. divisor > 0; any others. */
 int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor);
 
-/* numerator/denominator to the nearest, halves away from zero. denominator > 0, |numerator| < 2^62. Denominators from 2^30
- * on lose low bits, with the numerator: the result is then good to 4e-9 of itself. */
+/* numerator/denominator to the nearest, halves away from zero. denominator > 0, |numerator| < 2^62. Denominators from
+ * 2^30 on lose low bits, with the numerator: the result is then good to 4e-9 of itself. */
 int64_t integer_divide(int64_t numerator, int64_t denominator);
 
 /* |value|; value > INT32_MIN. */
@@ -36,10 +36,10 @@ int32_t integer_difference(uint32_t later, uint32_t earlier);
 /* Largest integer whose square is at most value. Any value. */
 uint32_t integer_root(uint64_t value);
 
-/* 32767 sin(2 pi turn / 2^32), error at most 4 (1.2e-4). Any turn. */
+/* 32767 sin(2 pi turn / 2^32), error at most 5 (1.5e-4). Any turn. */
 int32_t integer_sine(uint32_t turn);
 
-/* 32767 cos(2 pi turn / 2^32), error at most 4. */
+/* 32767 cos(2 pi turn / 2^32), error at most 5. */
 int32_t integer_cosine(uint32_t turn);
 
 /* The part of a turn (2^32) that an angle is. |angle_mrad| < 2^31. */

@@ -5,16 +5,16 @@ _Static_assert((TERRAPIN_FAULT_CURRENT_SENSOR == (TERRAPIN_FAULT_OVER_CURRENT + 
                "the faults that watch() sees follow on each other");
 
 enum {
-    CODE_LOW = 2,             /* codes at or beyond these are the ends of a 12-bit converter */
+    CODE_LOW = 2, /* codes at or beyond these are the ends of a 12-bit converter */
     CODE_HIGH = 4093,
     FAST_FAULT_TICKS = 3,
     SLOW_FAULT_TICKS = 20,
     ENCODER_FAULT_TICKS = 200,
-    SETTLE_TICKS = 20,        /* after the bridge went off, until the current's zero is looked at */
+    SETTLE_TICKS = 20, /* after the bridge went off, until the current's zero is looked at */
     OFF_TICKS_MAX = 1000,
-    TRIM_LIMIT_CODES = 16,    /* a zero farther away than this is no offset but a defect */
-    FILTER_SAMPLES = 16,      /* time constant of supply and temperature */
-    ZERO_DEGC_MC = 25000      /* the temperature assumed until the first sample */
+    TRIM_LIMIT_CODES = 16, /* a zero farther away than this is no offset but a defect */
+    FILTER_SAMPLES = 16,   /* time constant of supply and temperature */
+    ZERO_DEGC_MC = 25000   /* the temperature assumed until the first sample */
 };
 
 static uint32_t fault_bit(uint32_t number) {
@@ -108,8 +108,8 @@ static uint32_t watch(terrapin_state *state, const terrapin_inputs *inputs) {
         at_rail(inputs->current_code),
         at_rail(inputs->supply_code),
         at_rail(inputs->temperature_code),
-        supply < p[TERRAPIN_PARAMETER_SUPPLY_LOW],
-        supply > p[TERRAPIN_PARAMETER_SUPPLY_HIGH],
+        supply<p[TERRAPIN_PARAMETER_SUPPLY_LOW], supply>
+            p[TERRAPIN_PARAMETER_SUPPLY_HIGH],
         sense_temperature_mc(state) > p[TERRAPIN_PARAMETER_TEMPERATURE_HIGH],
     };
     uint32_t standing = 0U;

@@ -1,9 +1,6 @@
 #include "core.h"
 
-enum {
-    SLIP_MAX_E4 = 40000,
-    DISAGREE_TICKS = 500
-};
+enum { SLIP_MAX_E4 = 40000, DISAGREE_TICKS = 500 };
 
 void slip_restart(terrapin_state *state) {
     state->slip.ticks = 0U;
@@ -53,7 +50,8 @@ static bool speeds(terrapin_state *state) {
         const terrapin_record *now = estimator_record(estimator, 0U);
         const terrapin_record *then = estimator_record(estimator, g->window_slots);
         const uint32_t ticks = g->window_slots * (uint32_t)SLOT_MS;
-        slip->shell_urad_s = rate(integer_difference(now->position_counts, then->position_counts), g->count_e5_urad, ticks);
+        slip->shell_urad_s =
+            rate(integer_difference(now->position_counts, then->position_counts), g->count_e5_urad, ticks);
         slip->ground_um_s = rate(integer_difference(now->ground_counts, then->ground_counts), g->ground_e5_um, ticks);
     } else {
         known = false;

@@ -1,8 +1,8 @@
 /* What the controller remembers from tick to tick. Private to the core.
  *
  * Units stand last in names; formats that are not plain integers of a unit say so: _q16 is 65536 times the unit.
- * Ranges: speeds, torques and voltages are held within 2^30 of their unit (1074 rad/s, 1074 m/s, 1074 N m, 1074 V) where
- * they are made, so that sums and differences of two fit an int32_t.
+ * Ranges: speeds, torques and voltages are held within 2^30 of their unit (1074 rad/s, 1074 m/s, 1074 N m, 1074 V)
+ * where they are made, so that sums and differences of two fit an int32_t.
  */
 #ifndef TERRAPIN_STATE_H
 #define TERRAPIN_STATE_H
@@ -10,18 +10,18 @@
 #include "terrapin_interface.h"
 
 enum {
-    SLOT_MS = 10,                /* telemetry cycle; the estimator works once a cycle */
-    WINDOW_MAX_SLOTS = 60,       /* 600 ms, the range of parameter window */
-    BLOCK_SLOTS = 20,            /* positions are averaged over this many slots at a window's ends */
-    SWING_SLOTS = 10,            /* swing rates over this many: a third of a swing period */
-    HISTORY_SLOTS = 144,         /* at least 2 * WINDOW_MAX_SLOTS + BLOCK_SLOTS + 1 */
-    FAST_TICKS = 128,            /* a power of two above the range of parameter slip_window */
-    SPEED_TICKS = 20,            /* window of the drive wheel's speed that the drive uses */
-    TRIM_TICKS = 128,            /* ticks with the bridge off that make one zero of the current */
-    CALIBRATE_WINDOWS = 3,       /* disjoint valid windows averaged at each calibration speed */
-    TERRAINS = 5,                /* entries of the table of terrains: TERRAIN_SAND to TERRAIN_HARD_FLOOR */
+    SLOT_MS = 10,          /* telemetry cycle; the estimator works once a cycle */
+    WINDOW_MAX_SLOTS = 60, /* 600 ms, the range of parameter window */
+    BLOCK_SLOTS = 20,      /* positions are averaged over this many slots at a window's ends */
+    SWING_SLOTS = 10,      /* swing rates over this many: a third of a swing period */
+    HISTORY_SLOTS = 144,   /* at least 2 * WINDOW_MAX_SLOTS + BLOCK_SLOTS + 1 */
+    FAST_TICKS = 128,      /* a power of two above the range of parameter slip_window */
+    SPEED_TICKS = 20,      /* window of the drive wheel's speed that the drive uses */
+    TRIM_TICKS = 128,      /* ticks with the bridge off that make one zero of the current */
+    CALIBRATE_WINDOWS = 3, /* disjoint valid windows averaged at each calibration speed */
+    TERRAINS = 5,          /* entries of the table of terrains: TERRAIN_SAND to TERRAIN_HARD_FLOOR */
     SENSED_FAULTS = 7,
-    FIT_WINDOWS = 64             /* memory of the terrain fit, a power of two */
+    FIT_WINDOWS = 64 /* memory of the terrain fit, a power of two */
 };
 
 _Static_assert(HISTORY_SLOTS > (2 * WINDOW_MAX_SLOTS) + BLOCK_SLOTS, "the history holds two windows and a block");
@@ -29,37 +29,37 @@ _Static_assert((int)TERRAPIN_TERRAIN_HARD_FLOOR == (int)TERRAINS, "terrains are 
 
 /* Derived from the parameters whenever one changes, so that no tick divides by them. */
 typedef struct {
-    int32_t count_e5_urad;       /* alpha of one motor count in 1e-5 urad; at most 2 pi/2048 rad: below 2^29 */
-    int32_t ground_e5_um;        /* way of one count of the ground wheel in 1e-5 um; below 2^26 */
-    int32_t turn_per_count;      /* shell's angle of one motor count, one turn = 2^32; at most 2^21 */
-    int32_t current_gain_q16;    /* G_I: uN m of C_t for one code in one sample of the window; below 1.7e9 */
-    int32_t speed_gain_q16;      /* G_w: uN m of C_o for one count over the window; at most 2.1e8 */
-    int32_t torque_unm_per_a;    /* (R/r) K_t; also back-EMF in uV for one rad/s of alpha; at most 5e8 */
-    int32_t weight_unm;          /* R W; 1e4 to 2.5e8 */
-    uint32_t window_slots;       /* 10 to WINDOW_MAX_SLOTS */
+    int32_t count_e5_urad;    /* alpha of one motor count in 1e-5 urad; at most 2 pi/2048 rad: below 2^29 */
+    int32_t ground_e5_um;     /* way of one count of the ground wheel in 1e-5 um; below 2^26 */
+    int32_t turn_per_count;   /* shell's angle of one motor count, one turn = 2^32; at most 2^21 */
+    int32_t current_gain_q16; /* G_I: uN m of C_t for one code in one sample of the window; below 1.7e9 */
+    int32_t speed_gain_q16;   /* G_w: uN m of C_o for one count over the window; at most 2.1e8 */
+    int32_t torque_unm_per_a; /* (R/r) K_t; also back-EMF in uV for one rad/s of alpha; at most 5e8 */
+    int32_t weight_unm;       /* R W; 1e4 to 2.5e8 */
+    uint32_t window_slots;    /* 10 to WINDOW_MAX_SLOTS */
 } terrapin_gains;
 
 /* The sensors in engineering units. */
 typedef struct {
-    uint32_t tick;               /* last tick seen */
-    bool started;                /* a tick was seen */
-    uint16_t motor_count;        /* as last read */
+    uint32_t tick;        /* last tick seen */
+    bool started;         /* a tick was seen */
+    uint16_t motor_count; /* as last read */
     uint16_t ground_count;
-    int32_t motor_step;          /* counts since the last tick */
-    uint32_t motor_position;     /* counts since reset, wraps at 2^32 */
+    int32_t motor_step;      /* counts since the last tick */
+    uint32_t motor_position; /* counts since reset, wraps at 2^32 */
     uint32_t ground_position;
     int32_t current_code;
-    int32_t current_ua;          /* zero taken off; within 21 A */
-    int32_t supply_q8_mv;        /* filtered, 256 = 1 mV; 0 until the first sample */
-    int32_t temperature_q8_mc;   /* filtered, 256 = 1 mdegC; within 2^30 */
+    int32_t current_ua;        /* zero taken off; within 21 A */
+    int32_t supply_q8_mv;      /* filtered, 256 = 1 mV; 0 until the first sample */
+    int32_t temperature_q8_mc; /* filtered, 256 = 1 mdegC; within 2^30 */
     bool temperature_known;
-    int32_t trim_q8_codes;       /* measured zero of the current less current_zero_code; within 16 codes */
+    int32_t trim_q8_codes; /* measured zero of the current less current_zero_code; within 16 codes */
     bool trimmed;
-    uint32_t trim_sum_codes;     /* of the block that is being averaged */
+    uint32_t trim_sum_codes; /* of the block that is being averaged */
     uint16_t trim_count;
-    uint16_t off_ticks;          /* ticks since the bridge went off, stops at 1000 */
+    uint16_t off_ticks;                  /* ticks since the bridge went off, stops at 1000 */
     uint16_t fault_ticks[SENSED_FAULTS]; /* how long each cause has lasted, from over_current to over_temperature */
-    uint16_t encoder_ticks;      /* how long encoder and back-EMF have disagreed */
+    uint16_t encoder_ticks;              /* how long encoder and back-EMF have disagreed */
 } terrapin_sense;
 
 /* One record of the history, written at the end of every slot. Sums wrap; only their differences mean something. */
@@ -73,47 +73,47 @@ typedef struct {
 } terrapin_record;
 
 typedef struct {
-    terrapin_record sum;         /* running */
+    terrapin_record sum; /* running */
     terrapin_record history[HISTORY_SLOTS];
-    uint16_t newest;             /* index of the newest record */
-    uint16_t slots;              /* records since the history began anew, stops at HISTORY_SLOTS */
-    uint16_t swing_ticks;        /* ticks for which the swing was measured without a gap, stops at 2000 */
-    uint8_t quiet_slots;         /* slots for which the gate has been met, stops at QUIET_SLOTS */
-    uint16_t since_fresh;        /* slots since the last disjoint valid window */
-    int32_t ripple_unm;          /* mean deviation of the last slot's torque from the window's */
+    uint16_t newest;      /* index of the newest record */
+    uint16_t slots;       /* records since the history began anew, stops at HISTORY_SLOTS */
+    uint16_t swing_ticks; /* ticks for which the swing was measured without a gap, stops at 2000 */
+    uint8_t quiet_slots;  /* slots for which the gate has been met, stops at QUIET_SLOTS */
+    uint16_t since_fresh; /* slots since the last disjoint valid window */
+    int32_t ripple_unm;   /* mean deviation of the last slot's torque from the window's */
     /* results */
-    int32_t motor_unm;           /* (R/r) C_m, compensated for what acts on motor or current */
-    int32_t friction_unm;        /* A sgn + B w */
-    int32_t torque_unm;          /* C_t, within the full scale */
+    int32_t motor_unm;    /* (R/r) C_m, compensated for what acts on motor or current */
+    int32_t friction_unm; /* A sgn + B w */
+    int32_t torque_unm;   /* C_t, within the full scale */
     int32_t sd_unm;
-    int32_t omega_urad_s;        /* mean alpha_dot */
+    int32_t omega_urad_s; /* mean alpha_dot */
     int32_t acceleration_urad_s2;
-    int32_t momentum_unm;        /* bound of |delta P|/T_w */
-    int32_t current_10ua;        /* window mean */
-    int32_t recent_ua;           /* mean of the last slot */
-    int32_t voltage_mv;          /* window mean */
+    int32_t momentum_unm; /* bound of |delta P|/T_w */
+    int32_t current_10ua; /* window mean */
+    int32_t recent_ua;    /* mean of the last slot */
+    int32_t voltage_mv;   /* window mean */
     bool valid;
     bool saturated;
-    bool fresh;                  /* this valid window shares no sample with the last fresh one */
-    uint8_t index;               /* counts fresh windows */
+    bool fresh;    /* this valid window shares no sample with the last fresh one */
+    uint8_t index; /* counts fresh windows */
 } terrapin_estimator;
 
 typedef struct {
-    int32_t weight_q8;           /* number of windows, forgetting; at most 64 */
-    int32_t x_q8;                /* mean of omega^2 in 0.01 rad^2/s^2; below 2^26 */
-    int32_t y_q8;                /* mean of f_r in 1e-6; below 2^29 */
-    int64_t xx;                  /* second moments about the means, in 64 times the product of the units */
+    int32_t weight_q8; /* number of windows, forgetting; at most 64 */
+    int32_t x_q8;      /* mean of omega^2 in 0.01 rad^2/s^2; below 2^26 */
+    int32_t y_q8;      /* mean of f_r in 1e-6; below 2^29 */
+    int64_t xx;        /* second moments about the means, in 64 times the product of the units */
     int64_t xy;
     uint8_t windows;
     /* results */
     int32_t f_r_ppm;
     int32_t f_r_sd_ppm;
     uint8_t terrain;
-    uint8_t fitted_terrain;      /* that the fit belongs to */
-    int32_t margin_q3;           /* in 1/8 sd */
+    uint8_t fitted_terrain; /* that the fit belongs to */
+    int32_t margin_q3;      /* in 1/8 sd */
     int32_t f_o_10ppm;
     int32_t f_o_sd_ppm;
-    int32_t f_s_e7;              /* 1e-7 s^2/rad^2 */
+    int32_t f_s_e7; /* 1e-7 s^2/rad^2 */
     int32_t f_s_sd_e7;
 } terrapin_ground_fit;
 
@@ -121,20 +121,20 @@ typedef struct {
     uint16_t motor_counts[FAST_TICKS];
     uint16_t ground_counts[FAST_TICKS];
     uint32_t swing_sum_centirad_s[FAST_TICKS];
-    uint32_t swing_sum;          /* running */
-    uint16_t ticks;              /* filled, stops at FAST_TICKS */
+    uint32_t swing_sum; /* running */
+    uint16_t ticks;     /* filled, stops at FAST_TICKS */
     uint8_t newest;
     /* results */
-    int32_t wheel_urad_s;        /* alpha_dot over SPEED_TICKS */
-    int32_t shell_urad_s;        /* alpha_dot - phi_dot over slip_window, or alpha_dot over window */
+    int32_t wheel_urad_s; /* alpha_dot over SPEED_TICKS */
+    int32_t shell_urad_s; /* alpha_dot - phi_dot over slip_window, or alpha_dot over window */
     int32_t ground_um_s;
-    int32_t slip_e4;             /* 1e-4; within 4 */
+    int32_t slip_e4; /* 1e-4; within 4 */
     bool valid;
-    bool slow;                   /* over a whole swing period: no swing sensor */
-    bool external;               /* ground speed from outside */
-    bool implausible;            /* the two ground speeds disagree */
+    bool slow;        /* over a whole swing period: no swing sensor */
+    bool external;    /* ground speed from outside */
+    bool implausible; /* the two ground speeds disagree */
     uint16_t disagree_ticks;
-    int32_t peak_e4;             /* largest since the last request */
+    int32_t peak_e4; /* largest since the last request */
 } terrapin_slip_state;
 
 typedef enum { DEMAND_OFF = 0, DEMAND_VOLTAGE = 1, DEMAND_SPEED = 2 } terrapin_demand_mode;
@@ -143,18 +143,18 @@ typedef enum { DEMAND_OFF = 0, DEMAND_VOLTAGE = 1, DEMAND_SPEED = 2 } terrapin_d
 typedef struct {
     terrapin_demand_mode mode;
     int32_t voltage_mv;
-    int32_t speed_urad_s;        /* of the shell */
+    int32_t speed_urad_s; /* of the shell */
     bool limiter;
 } terrapin_demand;
 
 typedef struct {
-    int32_t reference_urad_s;    /* speed loop, after the slew limit */
+    int32_t reference_urad_s; /* speed loop, after the slew limit */
     int32_t speed_integral_uv;
     int32_t limiter_integral_uv;
     bool limiting;
     bool current_limiting;
-    int32_t trim_mv;             /* what the current limit takes off beyond its model of the motor */
-    int32_t applied_mv;          /* at the motor since the last tick */
+    int32_t trim_mv;    /* what the current limit takes off beyond its model of the motor */
+    int32_t applied_mv; /* at the motor since the last tick */
     int16_t duty_q15;
     bool enable;
 } terrapin_drive;
@@ -162,21 +162,21 @@ typedef struct {
 typedef enum { PHASE_FIRST = 0, PHASE_SECOND = 1, PHASE_HALT = 2 } terrapin_phase;
 
 typedef struct {
-    uint8_t state;               /* enum state of controller.toml */
-    terrapin_phase phase;        /* within calibrate, run and extricate */
-    uint32_t timer_ms;           /* in this state and phase */
-    uint32_t still_ms;           /* how long nothing has moved */
-    uint32_t command_tick;       /* of the last fresh command */
-    terrapin_command command;    /* the last fresh one */
-    uint8_t request_taken;       /* the request that is being served or was: it must change before it counts again */
+    uint8_t state;            /* enum state of controller.toml */
+    terrapin_phase phase;     /* within calibrate, run and extricate */
+    uint32_t timer_ms;        /* in this state and phase */
+    uint32_t still_ms;        /* how long nothing has moved */
+    uint32_t command_tick;    /* of the last fresh command */
+    terrapin_command command; /* the last fresh one */
+    uint8_t request_taken;    /* the request that is being served or was: it must change before it counts again */
     uint32_t faults;
-    uint32_t overrun_ms;         /* how long the flag still stands */
+    uint32_t overrun_ms; /* how long the flag still stands */
     uint32_t no_progress_ms;
-    uint32_t episode_ms;         /* since the request, then since stuck */
-    uint32_t dig_ground_counts;  /* position of the ground wheel where slip passed its limit */
+    uint32_t episode_ms;        /* since the request, then since stuck */
+    uint32_t dig_ground_counts; /* position of the ground wheel where slip passed its limit */
     bool digging;
-    bool moved;                  /* since the request */
-    int32_t direction;           /* of the drive when it got stuck: -1 or 1 */
+    bool moved;        /* since the request */
+    int32_t direction; /* of the drive when it got stuck: -1 or 1 */
     int32_t stuck_pitch_mrad;
     uint8_t report;
     uint8_t report_number;
@@ -187,9 +187,9 @@ typedef struct {
 typedef struct {
     uint8_t step;
     uint8_t windows;
-    uint8_t seen;                /* estimator.index of the last window taken */
-    uint32_t timer_ms;           /* at this speed */
-    int32_t omega_sum_urad_s;    /* along the motion */
+    uint8_t seen;             /* estimator.index of the last window taken */
+    uint32_t timer_ms;        /* at this speed */
+    int32_t omega_sum_urad_s; /* along the motion */
     int32_t torque_sum_unm;
     int32_t omega_mrad_s[TERRAPIN_LIMIT_CALIBRATE_SPEEDS];
     int32_t torque_unm[TERRAPIN_LIMIT_CALIBRATE_SPEEDS]; /* motor's less the floor's: A + B omega */
@@ -206,9 +206,9 @@ struct terrapin_state {
     terrapin_drive drive;
     terrapin_supervisor supervisor;
     terrapin_calibration_state calibration;
-    uint8_t counter;             /* of ACTUATE */
-    bool saturated;              /* a telemetry signal of the running cycle did not fit */
-    bool saturated_shown;        /* of the last whole cycle */
+    uint8_t counter;      /* of ACTUATE */
+    bool saturated;       /* a telemetry signal of the running cycle did not fit */
+    bool saturated_shown; /* of the last whole cycle */
 };
 
 #endif

@@ -10,11 +10,11 @@
 
 enum {
     BOOT_MS = 10,
-    SELF_TEST_MS = 180,        /* long enough for one zero of the current */
-    STILL_MS = 200,            /* still for this long is at rest */
-    HALT_MS = 4000,            /* braking may take this long; then the bridge goes off, moving or not */
+    SELF_TEST_MS = 180, /* long enough for one zero of the current */
+    STILL_MS = 200,     /* still for this long is at rest */
+    HALT_MS = 4000,     /* braking may take this long; then the bridge goes off, moving or not */
     OVERRUN_MS = 1000,
-    STILL_URAD_S = 40000,      /* just above one count in SPEED_TICKS */
+    STILL_URAD_S = 40000, /* just above one count in SPEED_TICKS */
     STILL_UM_S = 5000
 };
 
@@ -103,8 +103,8 @@ static void judge(terrapin_state *state, const terrapin_inputs *inputs, uint32_t
 }
 
 static void watch_motion(terrapin_state *state) {
-    const bool still = (integer_abs(state->slip.wheel_urad_s) < STILL_URAD_S) &&
-                       (integer_abs(state->slip.ground_um_s) < STILL_UM_S);
+    const bool still =
+        (integer_abs(state->slip.wheel_urad_s) < STILL_URAD_S) && (integer_abs(state->slip.ground_um_s) < STILL_UM_S);
     state->supervisor.still_ms = still ? (state->supervisor.still_ms + 1U) : 0U;
 }
 

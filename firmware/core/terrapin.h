@@ -9,7 +9,8 @@
  * The same inputs give the same outputs, bit for bit, on every machine and at every optimisation level.
  * Ports gather inputs and deliver outputs; nothing else decides anything.
  *
- * Units stand last in names. Angles are in mrad, angular speeds in mrad/s, torques in uN m, unless the name says otherwise.
+ * Units stand last in names. Angles are in mrad, angular speeds in mrad/s, torques in uN m, unless the name says
+ * otherwise.
  */
 #ifndef TERRAPIN_H
 #define TERRAPIN_H
@@ -28,7 +29,7 @@ extern "C" {
 #define TERRAPIN_API
 #endif
 
-#define TERRAPIN_TICK_HZ 1000
+#define TERRAPIN_TICK_HZ    1000
 #define TERRAPIN_MAX_FRAMES 2 /* frames that one step may emit: ACTUATE, and at most one telemetry frame */
 
 /* One classic CAN frame with an 11-bit identifier. length is 0 to 8. */
@@ -40,38 +41,38 @@ typedef struct {
 
 /* What the operator asks for; the latest accepted COMMAND frame. Values are those of COMMAND in controller.toml. */
 typedef struct {
-    uint8_t request;      /* terrapin_request: 0 idle, 1 calibrate, 2 run, 3 clear faults and reports */
-    uint8_t control;      /* terrapin_control: 0 voltage (setpoint in mV), 1 shell rim speed (setpoint in mm/s) */
-    bool limiter;         /* slip limiter, stuck detection and extrication enabled */
-    int16_t setpoint;     /* mV or mm/s, signed */
+    uint8_t request;  /* terrapin_request: 0 idle, 1 calibrate, 2 run, 3 clear faults and reports */
+    uint8_t control;  /* terrapin_control: 0 voltage (setpoint in mV), 1 shell rim speed (setpoint in mm/s) */
+    bool limiter;     /* slip limiter, stuck detection and extrication enabled */
+    int16_t setpoint; /* mV or mm/s, signed */
 } terrapin_command;
 
 /* Everything the controller senses at one tick. Each field has the resolution of its CAN signal, so that a run through
  * memory and one over a wire see the same numbers. Fields that are not sampled at a tick hold their last value. */
 typedef struct {
-    uint32_t tick;                    /* ms since reset, wraps */
-    uint16_t current_code;            /* 12-bit ADC, motor current; parameter current_zero_code reads as 0 A */
-    uint16_t supply_code;             /* 12-bit ADC, bridge supply */
-    uint16_t temperature_code;        /* 12-bit ADC, winding temperature */
-    uint16_t motor_count;             /* drive wheel, 2048 counts a turn relative to the inner device, wraps */
-    uint16_t ground_count;            /* trailing wheel of 30 mm radius, 2048 counts a turn, wraps */
-    int16_t swing_angle_mrad;         /* phi, bob forward positive */
-    int16_t swing_rate_centirad_s;    /* phi_dot in 0.01 rad/s */
-    int16_t pitch_mrad;               /* slope of the ground, uphill positive */
-    int16_t ground_speed_mm_s;        /* axle speed from outside (vision) */
-    bool swing_valid;                 /* swing_angle_mrad and swing_rate_centirad_s are measured */
+    uint32_t tick;                 /* ms since reset, wraps */
+    uint16_t current_code;         /* 12-bit ADC, motor current; parameter current_zero_code reads as 0 A */
+    uint16_t supply_code;          /* 12-bit ADC, bridge supply */
+    uint16_t temperature_code;     /* 12-bit ADC, winding temperature */
+    uint16_t motor_count;          /* drive wheel, 2048 counts a turn relative to the inner device, wraps */
+    uint16_t ground_count;         /* trailing wheel of 30 mm radius, 2048 counts a turn, wraps */
+    int16_t swing_angle_mrad;      /* phi, bob forward positive */
+    int16_t swing_rate_centirad_s; /* phi_dot in 0.01 rad/s */
+    int16_t pitch_mrad;            /* slope of the ground, uphill positive */
+    int16_t ground_speed_mm_s;     /* axle speed from outside (vision) */
+    bool swing_valid;              /* swing_angle_mrad and swing_rate_centirad_s are measured */
     bool pitch_valid;
     bool ground_speed_valid;
-    bool estop;                       /* emergency stop pressed, or its wire broken */
-    bool command_fresh;               /* a COMMAND with a good counter and CRC arrived since the last tick */
+    bool estop;         /* emergency stop pressed, or its wire broken */
+    bool command_fresh; /* a COMMAND with a good counter and CRC arrived since the last tick */
     terrapin_command command;
 } terrapin_inputs;
 
 typedef struct {
-    int16_t duty_q15;                 /* bridge duty, -32767 to 32767: applied voltage = duty / 32768 * supply */
-    bool enable;                      /* bridge enabled; when false duty_q15 is 0 */
-    uint32_t faults;                  /* one bit a fault, numbers of controller.toml */
-    uint8_t frame_count;              /* 0 to TERRAPIN_MAX_FRAMES */
+    int16_t duty_q15;    /* bridge duty, -32767 to 32767: applied voltage = duty / 32768 * supply */
+    bool enable;         /* bridge enabled; when false duty_q15 is 0 */
+    uint32_t faults;     /* one bit a fault, numbers of controller.toml */
+    uint8_t frame_count; /* 0 to TERRAPIN_MAX_FRAMES */
     terrapin_frame frames[TERRAPIN_MAX_FRAMES];
 } terrapin_outputs;
 
@@ -80,9 +81,9 @@ typedef struct terrapin_state terrapin_state;
 /* Result of a parameter access. */
 typedef enum {
     TERRAPIN_PARAMETER_OK = 0,
-    TERRAPIN_PARAMETER_UNKNOWN = 1,   /* no such index */
-    TERRAPIN_PARAMETER_RANGE = 2,     /* value outside the range of controller.toml; nothing written */
-    TERRAPIN_PARAMETER_LOCKED = 3     /* bridge on; nothing written */
+    TERRAPIN_PARAMETER_UNKNOWN = 1, /* no such index */
+    TERRAPIN_PARAMETER_RANGE = 2,   /* value outside the range of controller.toml; nothing written */
+    TERRAPIN_PARAMETER_LOCKED = 3   /* bridge on; nothing written */
 } terrapin_parameter_result;
 
 /* Bytes that a state needs; constant for a build. */
@@ -96,7 +97,8 @@ TERRAPIN_API void terrapin_step(terrapin_state *state, const terrapin_inputs *in
 
 /* Raw integer value of a parameter, in the unit and scale of controller.toml. index counts from 0 in file order. */
 TERRAPIN_API terrapin_parameter_result terrapin_parameter_set(terrapin_state *state, uint16_t index, int32_t value);
-TERRAPIN_API terrapin_parameter_result terrapin_parameter_get(const terrapin_state *state, uint16_t index, int32_t *value);
+TERRAPIN_API terrapin_parameter_result terrapin_parameter_get(const terrapin_state *state, uint16_t index,
+                                                              int32_t *value);
 
 #ifdef __cplusplus
 }

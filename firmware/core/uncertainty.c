@@ -7,7 +7,7 @@
 #include "core.h"
 
 enum {
-    TRIMMED_Q8_CODES = 77,    /* 0.3 code: what a trimmed zero may be off by when no noise dithers the converter */
+    TRIMMED_Q8_CODES = 77, /* 0.3 code: what a trimmed zero may be off by when no noise dithers the converter */
     PPM = 1000000
 };
 
@@ -39,13 +39,13 @@ int32_t uncertainty_unm(const terrapin_state *state) {
     int32_t scaled = e->motor_unm; /* what a wrong gain scales */
     uint64_t variance = squared_torque(state, zero_ua) +
                         squared_torque(state, p[TERRAPIN_PARAMETER_SD_CURRENT_LINEARITY]) +
-                        squared(noise_unm / (int32_t)integer_root(samples)) +
-                        squared(p[TERRAPIN_PARAMETER_GATE] / 2);
+                        squared(noise_unm / (int32_t)integer_root(samples)) + squared(p[TERRAPIN_PARAMETER_GATE] / 2);
     if (p[TERRAPIN_PARAMETER_CALIBRATED] != 0) {
         scaled = integer_abs(e->torque_unm) - ground_floor_unm(state, e->omega_urad_s);
         variance += squared(integer_scale(p[TERRAPIN_PARAMETER_SD_FLOOR], state->gains.weight_unm, PPM));
     } else {
-        const int32_t viscous = integer_scale(p[TERRAPIN_PARAMETER_SD_VISCOUS], e->omega_urad_s, 100000000); /* 1e-8 1e-6 */
+        const int32_t viscous =
+            integer_scale(p[TERRAPIN_PARAMETER_SD_VISCOUS], e->omega_urad_s, 100000000); /* 1e-8 1e-6 */
         variance += squared(p[TERRAPIN_PARAMETER_SD_COULOMB]) + squared(viscous);
     }
     variance += squared(integer_scale(scaled, gain_ppm(p), PPM));
