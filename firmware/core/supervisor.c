@@ -131,21 +131,22 @@ static void idle(terrapin_state *state) {
     }
 }
 
-/* The shorted motor brakes; true at rest, or when it has taken too long. */
-static bool halted(terrapin_state *state, terrapin_demand *demand) {
-    demand->mode = DEMAND_VOLTAGE;
-    return (state->supervisor.still_ms >= STILL_MS) || (state->supervisor.timer_ms >= HALT_MS);
+/* The shorted motor brakes, into idle at rest or when it has taken too long. */
+static void halt(terrapin_state *state, terrapin_demand *demand) {
+    if ((state->supervisor.still_ms >= STILL_MS) || (state->supervisor.timer_ms >= HALT_MS)) {
+        supervisor_enter(state, TERRAPIN_STATE_IDLE, PHASE_FIRST);
+    } else {
+        demand->mode = DEMAND_VOLTAGE;
+    }
 }
 
 static void calibrate(terrapin_state *state, terrapin_demand *demand) {
     terrapin_supervisor *s = &state->supervisor;
-    demand->mode = DEMAND_VOLTAGE;
     if (s->phase == PHASE_HALT) {
-        if (halted(state, demand)) {
-            supervisor_enter(state, TERRAPIN_STATE_IDLE, PHASE_FIRST);
-        }
+        halt(state, demand);
     } else {
         calibration_result result = CALIBRATION_FAILED;
+        demand->mode = DEMAND_VOLTAGE;
         if (s->command.request == TERRAPIN_REQUEST_CALIBRATE) {
             result = calibration_update(state, &demand->voltage_mv);
         }
@@ -170,9 +171,7 @@ static void run(terrapin_state *state, const terrapin_inputs *inputs, terrapin_d
         supervisor_enter(state, TERRAPIN_STATE_RUN, PHASE_HALT);
     }
     if (s->phase == PHASE_HALT) {
-        if (halted(state, demand)) {
-            supervisor_enter(state, TERRAPIN_STATE_IDLE, PHASE_FIRST);
-        }
+        halt(state, demand);
     } else {
         const int32_t direction = (command->setpoint < 0) ? -1 : 1;
         const bool speed = command->control == TERRAPIN_CONTROL_SPEED;

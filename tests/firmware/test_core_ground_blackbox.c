@@ -1,0 +1,287 @@
+/* Calibration on the floor, the nearest terrain, the quadratic fit, and what the telemetry says of it all. */
+#include "rig.h"
+
+void setUp(void) {
+    rig_start();
+}
+
+void tearDown(void) {}
+
+static void calibrate(int16_t setpoint) {
+    rig_request(TERRAPIN_REQUEST_CALIBRATE, setpoint);
+    rig_until(TERRAPIN_STATE_CALIBRATE, 600U);
+    rig_until(TERRAPIN_STATE_IDLE, 30000U);
+}
+
+static void test_calibration_finds_the_friction(void) {
+    for (int direction = 1; direction >= -1; direction -= 2) {
+        rig_start();
+        rig.coulomb = 0.0141;
+        rig.viscous = 1.37e-3;
+        rig.offset_codes = 3.4;
+        calibrate((int16_t)(direction * 1000));
+        TEST_ASSERT_EQUAL_UINT8(TERRAPIN_REPORT_CALIBRATED, rig.state.supervisor.report);
+        TEST_ASSERT_INT32_WITHIN(150, 14100, rig_get(TERRAPIN_PARAMETER_COULOMB));
+        TEST_ASSERT_INT32_WITHIN(1500, 137000, rig_get(TERRAPIN_PARAMETER_VISCOUS));
+        TEST_ASSERT_EQUAL_INT32(1, rig_get(TERRAPIN_PARAMETER_CALIBRATED));
+        TEST_ASSERT_TRUE(rig.state.calibration.residual_unm < 200);
+        TEST_ASSERT_TRUE_MESSAGE(direction * rig.ground > 3.0, "the sign of the setpoint is the direction");
+        TEST_ASSERT_TRUE(fabs(rig.omega) < 0.1);
+
+        rig.f_o = 0.092;
+        rig_request(TERRAPIN_REQUEST_RUN, 6000);
+        rig_run(6000);
+        TEST_ASSERT_TRUE(rig.state.estimator.valid);
+        TEST_ASSERT_TRUE(fabs(rig.state.estimator.torque_unm - rig_contact_unm()) < 400.0);
+        TEST_ASSERT_TRUE(rig.state.estimator.sd_unm < 2000);
+    }
+}
+
+static void expect_failed_calibration(void) {
+    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_REPORT_CALIBRATION_FAILED, rig.state.supervisor.report);
+    TEST_ASSERT_EQUAL_INT32(12000, rig_get(TERRAPIN_PARAMETER_COULOMB));
+    TEST_ASSERT_EQUAL_INT32(100000, rig_get(TERRAPIN_PARAMETER_VISCOUS));
+    TEST_ASSERT_EQUAL_INT32(0, rig_get(TERRAPIN_PARAMETER_CALIBRATED));
+    TEST_ASSERT_FALSE(rig.out.enable);
+}
+
+static void test_calibration_without_a_steady_state_fails(void) {
+    rig.f_o = 0.5; /* it does not move at all */
+    calibrate(0);
+    expect_failed_calibration();
+    TEST_ASSERT_EQUAL_UINT8(0U, rig.state.calibration.step);
+}
+
+static void test_calibration_on_another_ground_fails(void) {
+    rig.f_s = 6e-4; /* grows with speed: no straight line */
+    calibrate(0);
+    expect_failed_calibration();
+    TEST_ASSERT_TRUE(rig.state.calibration.residual_unm > 2000);
+}
+
+static void test_calibration_to_an_impossible_friction_fails(void) {
+    rig.viscous = 0.0; /* with the floor said to grow with speed, B comes out negative */
+    rig_set(TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_S, 20000);
+    calibrate(0);
+    expect_failed_calibration();
+
+    rig_start();
+    rig_set(TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_O, 200000); /* and with a floor of 0.2, A does */
+    calibrate(0);
+    expect_failed_calibration();
+}
+
+static void test_calibration_with_speeds_too_near_fails(void) {
+    rig_set(TERRAPIN_PARAMETER_CALIBRATE_LOW, 5990);
+    rig_set(TERRAPIN_PARAMETER_CALIBRATE_STEPS, 2);
+    calibrate(0);
+    expect_failed_calibration();
+}
+
+static void test_calibration_ends_when_the_operator_says_so(void) {
+    rig_request(TERRAPIN_REQUEST_CALIBRATE, 0);
+    rig_until(TERRAPIN_STATE_CALIBRATE, 600U);
+    rig_run(2000);
+    rig_request(TERRAPIN_REQUEST_IDLE, 0);
+    rig_until(TERRAPIN_STATE_IDLE, 5000U);
+    expect_failed_calibration();
+}
+
+static void test_calibration_waits_for_rest(void) {
+    rig_request(TERRAPIN_REQUEST_CALIBRATE, 0);
+    for (int ms = 0; ms < 2000; ms++) {
+        rig.omega = 2.0; /* still rolling */
+        rig_tick();
+        TEST_ASSERT_NOT_EQUAL(TERRAPIN_STATE_CALIBRATE, rig_state());
+    }
+    rig.omega = 0.0;
+    rig_until(TERRAPIN_STATE_CALIBRATE, 400U);
+}
+
+static void test_names_the_terrain_or_none(void) {
+    static const double level[] = {0.092, 0.045, 0.028, 0.010};
+    static const uint8_t name[] = {TERRAPIN_TERRAIN_SAND, TERRAPIN_TERRAIN_DRY_PEAT, TERRAPIN_TERRAIN_AGRICULTURAL,
+                                   TERRAPIN_TERRAIN_HARD_FLOOR};
+    for (size_t i = 0; i < sizeof level / sizeof level[0]; i++) {
+        rig_start();
+        rig.f_o = level[i];
+        rig_drive((int16_t)(i == 0 ? 3000 : 2000), TERRAPIN_CONTROL_VOLTAGE);
+        rig_run(6000);
+        TEST_ASSERT_EQUAL_UINT8(name[i], rig.state.ground.terrain);
+        TEST_ASSERT_TRUE(rig.state.ground.margin_q3 > 8);
+        TEST_ASSERT_INT32_WITHIN(1000, (int32_t)(1e6 * level[i]), rig.state.ground.f_r_ppm);
+    }
+    rig_start();
+    rig.f_o = 0.2;
+    rig_drive(5000, TERRAPIN_CONTROL_VOLTAGE);
+    rig_run(6000);
+    TEST_ASSERT_TRUE(rig.state.estimator.valid);
+    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_TERRAIN_UNKNOWN, rig.state.ground.terrain);
+}
+
+static void test_fit_learns_f_o_and_f_s(void) {
+    rig.f_o = 0.092;
+    rig.f_s = 0.28e-3;
+    rig_drive(4000, TERRAPIN_CONTROL_VOLTAGE);
+    rig_run(6000);
+    const int32_t sd_at_one_speed = rig.state.ground.f_s_sd_e7;
+    TEST_ASSERT_TRUE(sd_at_one_speed > 4000);
+    for (int16_t millivolt = 5000; millivolt <= 8000; millivolt = (int16_t)(millivolt + 1000)) {
+        rig_request(TERRAPIN_REQUEST_RUN, millivolt);
+        rig_run(8000);
+    }
+    TEST_ASSERT_INT32_WITHIN(60, 9200, rig.state.ground.f_o_10ppm);
+    TEST_ASSERT_INT32_WITHIN(60, 2800, rig.state.ground.f_s_e7);
+    TEST_ASSERT_TRUE(rig.state.ground.f_s_sd_e7 < sd_at_one_speed / 10);
+    rig.f_o = 0.045; /* another terrain: the fit begins anew */
+    rig.f_s = 0.12e-3;
+    rig_run(6000);
+    TEST_ASSERT_TRUE(rig.state.ground.windows < 12U);
+    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_TERRAIN_DRY_PEAT, rig.state.ground.fitted_terrain);
+}
+
+static void test_fit_counts_to_its_end_and_stays_bounded(void) {
+    rig.f_o = 0.092;
+    rig_drive(5000, TERRAPIN_CONTROL_VOLTAGE);
+    rig_run(50000);
+    TEST_ASSERT_EQUAL_UINT8(127U, rig.state.ground.windows);
+    TEST_ASSERT_TRUE(rig.state.ground.weight_q8 <= 64 * 256);
+    TEST_ASSERT_TRUE(rig.state.ground.f_o_sd_ppm > 0);
+    TEST_ASSERT_INT32_WITHIN(100, 9200, rig.state.ground.f_o_10ppm);
+}
+
+static void test_slope_stays_in_torque_and_leaves_f_r(void) {
+    rig_run(400);
+    rig_set(TERRAPIN_PARAMETER_COMP_SLOPE, 10000);
+    rig.state.estimator.torque_unm = 300000;
+    rig.state.estimator.sd_unm = 1500;
+    rig.state.estimator.omega_urad_s = 5000000;
+    rig.in.pitch_valid = true;
+    for (int16_t mrad = -300; mrad <= 300; mrad = (int16_t)(mrad + 50)) {
+        rig.in.pitch_mrad = mrad;
+        ground_update(&rig.state, &rig.in);
+        const double load = RADIUS * WEIGHT;
+        const double f_r = (0.3 - load * sin(mrad * 1e-3)) / (load * cos(mrad * 1e-3));
+        TEST_ASSERT_TRUE(fabs(rig.state.ground.f_r_ppm * 1e-6 - f_r) < 4e-4);
+        TEST_ASSERT_EQUAL_INT32(300000, rig.state.estimator.torque_unm);
+    }
+    rig.in.pitch_mrad = 1571; /* upright: nothing to divide by, nothing breaks */
+    ground_update(&rig.state, &rig.in);
+    rig.state.estimator.omega_urad_s = -5000000; /* f_r is that of the motion's direction */
+    rig.in.pitch_valid = false;
+    ground_update(&rig.state, &rig.in);
+    TEST_ASSERT_TRUE(rig.state.ground.f_r_ppm < 0);
+}
+
+static void test_one_message_a_slot_and_an_empty_one(void) {
+    static const uint16_t id[10] = {
+        TERRAPIN_ID_STATUS, TERRAPIN_ID_GROUND, TERRAPIN_ID_MOTION,      TERRAPIN_ID_ELECTRICAL, TERRAPIN_ID_WINDOW,
+        TERRAPIN_ID_FIT,    TERRAPIN_ID_REPORT, TERRAPIN_ID_CALIBRATION, TERRAPIN_ID_ATTITUDE,   0U};
+    uint8_t last = TERRAPIN_E2E_NO_COUNTER;
+    for (int ms = 0; ms < 100; ms++) {
+        rig_tick();
+        const uint32_t slot = rig.in.tick % 10U;
+        TEST_ASSERT_EQUAL_UINT8(slot == 9U ? 1U : 2U, rig.out.frame_count);
+        TEST_ASSERT_EQUAL(TERRAPIN_E2E_OK, terrapin_e2e_check(&rig.out.frames[0], &last));
+        if (slot != 9U) {
+            TEST_ASSERT_EQUAL_HEX16(id[slot], rig.out.frames[1].id);
+        }
+        terrapin_actuate_t actuate;
+        TEST_ASSERT_TRUE(terrapin_decode_actuate(&rig.out.frames[0], &actuate));
+        TEST_ASSERT_EQUAL_INT32((int32_t)(rig.in.tick & 0xFFFFU), actuate.tick);
+    }
+}
+
+static void test_telemetry_says_what_the_state_holds(void) {
+    rig.f_o = 0.092;
+    rig.f_s = 0.28e-3;
+    rig_drive(5000, TERRAPIN_CONTROL_VOLTAGE);
+    rig_run(6000);
+    while (rig.in.tick % 10U != 9U) {
+        rig_tick();
+    }
+    const terrapin_estimator *e = &rig.state.estimator;
+    terrapin_status_t status;
+    terrapin_ground_t ground;
+    terrapin_motion_t motion;
+    terrapin_electrical_t electrical;
+    terrapin_window_t window;
+    terrapin_fit_t fit;
+    TEST_ASSERT_TRUE(terrapin_decode_status(&rig.last[0], &status));
+    TEST_ASSERT_TRUE(terrapin_decode_ground(&rig.last[1], &ground));
+    TEST_ASSERT_TRUE(terrapin_decode_motion(&rig.last[2], &motion));
+    TEST_ASSERT_TRUE(terrapin_decode_electrical(&rig.last[3], &electrical));
+    TEST_ASSERT_TRUE(terrapin_decode_window(&rig.last[4], &window));
+    TEST_ASSERT_TRUE(terrapin_decode_fit(&rig.last[5], &fit));
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_RUN, status.state);
+    TEST_ASSERT_EQUAL_INT32(1, status.trimmed);
+    TEST_ASSERT_EQUAL_INT32(0, status.saturated);
+    TEST_ASSERT_EQUAL_INT32(e->torque_unm, ground.torque);
+    TEST_ASSERT_EQUAL_INT32(1, ground.valid);
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_TERRAIN_SAND, ground.terrain);
+    TEST_ASSERT_INT32_WITHIN(2, (int32_t)lrint(1e3 * rig.omega), motion.shell_speed);
+    TEST_ASSERT_INT32_WITHIN(40, (int32_t)lrint(200.0 * GEAR * rig.omega), motion.motor_speed);
+    TEST_ASSERT_INT32_WITHIN(40, (int32_t)lrint(1e4 * rig.speed), motion.ground_speed);
+    TEST_ASSERT_INT32_WITHIN(10, (int32_t)lrint(1e4 * rig.current), electrical.current);
+    TEST_ASSERT_EQUAL_INT32(12000, electrical.supply);
+    TEST_ASSERT_EQUAL_INT32(1250, electrical.temperature);
+    TEST_ASSERT_INT32_WITHIN(2, 5000, electrical.voltage);
+    TEST_ASSERT_INT32_WITHIN(20, (int32_t)lrint(1e5 * rig.current), window.current);
+    TEST_ASSERT_INT32_WITHIN(30, (int32_t)lrint(1e4 * rig.omega), window.omega);
+    TEST_ASSERT_INT32_WITHIN(2, 5000, window.voltage);
+    TEST_ASSERT_EQUAL_INT32(1, window.valid);
+    TEST_ASSERT_TRUE(fit.windows > 0);
+    /* A row of a case closes the balance: (R/r) K_t I - A - B w = C_t */
+    const double balance = GEAR * TORQUE_CONST * window.current * 1e-5 - 0.012 - 1e-3 * window.omega * 1e-4;
+    TEST_ASSERT_TRUE(fabs(balance - ground.torque * 1e-6) < 1e-5);
+}
+
+static void test_attitude_and_report(void) {
+    rig.in.pitch_valid = true;
+    rig.in.pitch_mrad = -123;
+    rig.in.swing_angle_mrad = 321;
+    rig_run(400);
+    supervisor_report(&rig.state, TERRAPIN_REPORT_STOPPED, -77);
+    rig_run(20);
+    terrapin_attitude_t attitude;
+    terrapin_report_t report;
+    TEST_ASSERT_TRUE(terrapin_decode_attitude(&rig.last[8], &attitude));
+    TEST_ASSERT_TRUE(terrapin_decode_report(&rig.last[6], &report));
+    TEST_ASSERT_EQUAL_INT32(-123, attitude.pitch);
+    TEST_ASSERT_EQUAL_INT32(321, attitude.swing_angle);
+    TEST_ASSERT_INT32_WITHIN(3, 65536 - (int32_t)lrint(0.321 / WHEEL_TURN * 65536.0), attitude.angle);
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_REPORT_STOPPED, report.report);
+    TEST_ASSERT_EQUAL_INT32(1, report.number);
+    TEST_ASSERT_EQUAL_INT32(-77, report.distance);
+}
+
+static void test_saturation_raises_its_flag_and_goes_with_its_cause(void) {
+    rig_run(300);
+    rig.in.swing_angle_mrad = 5000; /* more than its signal carries */
+    rig_run(20);
+    TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_SATURATED));
+    TEST_ASSERT_EQUAL_UINT8_MESSAGE(TERRAPIN_STATE_IDLE, rig_state(), "a flag only");
+    rig.in.swing_angle_mrad = 0;
+    rig_run(20);
+    TEST_ASSERT_FALSE(rig_fault(TERRAPIN_FAULT_SATURATED));
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_calibration_finds_the_friction);
+    RUN_TEST(test_calibration_without_a_steady_state_fails);
+    RUN_TEST(test_calibration_on_another_ground_fails);
+    RUN_TEST(test_calibration_to_an_impossible_friction_fails);
+    RUN_TEST(test_calibration_with_speeds_too_near_fails);
+    RUN_TEST(test_calibration_ends_when_the_operator_says_so);
+    RUN_TEST(test_calibration_waits_for_rest);
+    RUN_TEST(test_names_the_terrain_or_none);
+    RUN_TEST(test_fit_learns_f_o_and_f_s);
+    RUN_TEST(test_fit_counts_to_its_end_and_stays_bounded);
+    RUN_TEST(test_slope_stays_in_torque_and_leaves_f_r);
+    RUN_TEST(test_one_message_a_slot_and_an_empty_one);
+    RUN_TEST(test_telemetry_says_what_the_state_holds);
+    RUN_TEST(test_attitude_and_report);
+    RUN_TEST(test_saturation_raises_its_flag_and_goes_with_its_cause);
+    return UNITY_END();
+}
