@@ -15,11 +15,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
 
-from hil.physics.expression import units
+from hil.units import read_unit, units
 
-__all__ = ["ReadingError", "Section", "load", "parse_quantity", "quantities"]
+__all__ = ["ReadingError", "Section", "load", "parse_quantity", "parse_toml", "quantities", "shorten"]
 
 T = TypeVar("T")
+LARGEST = 1e300  # of a number in a file; a whole number in TOML has no limit of its own
+MAX_SHOWN = 60  # characters of a wrong value in a message
 
 
 class ReadingError(ValueError):
@@ -38,39 +40,57 @@ def parse_quantity(value: object, unit: str) -> float:
     if isinstance(value, str):
         match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", value)
         if match is None:
-            raise ValueError(f"found {value!r}, expected {expected}")
+            raise ValueError(f"found {shorten(value)}, expected {expected}")
         try:
-            given = units().Quantity(float(match[1]), match[2] or "dimensionless")
-            number = float(given.to(unit or "dimensionless").magnitude)
-        except Exception:  # pint's parser lets the tokenizer's errors and its own assertions through
-            raise ValueError(f"found {value!r}, expected {expected}") from None
+            given = units().Quantity(float(match[1]), read_unit(match[2]))
+            number = float(given.to(read_unit(unit)).magnitude)
+        except (TypeError, ValueError, ArithmeticError):  # pint says TypeError when kinds of quantity differ
+            raise ValueError(f"found {shorten(value)}, expected {expected}") from None
     elif isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"found {value!r}, expected {expected}")
+        raise ValueError(f"found {shorten(value)}, expected {expected}")
     else:
-        number = float(value)
+        number = float(value) if abs(value) <= LARGEST else math.inf
     if not math.isfinite(number):
-        raise ValueError(f"found {value!r}, expected a finite number")
+        raise ValueError(f"found {shorten(value)}, expected a finite number")
     return number
 
 
+def shorten(value: object) -> str:
+    """A value as it stands in a message: one line, not a page.
+
+    >>> shorten("x" * 200)
+    "'xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx..."
+    """
+    text = repr(value)
+    return text if len(text) <= MAX_SHOWN else text[:MAX_SHOWN] + "..."
+
+
+_HEADER = re.compile(r"\s*\[{1,2}([^\[\],=]+)\]{1,2}\s*(?:#.*)?$")
+_KEY = re.compile(r"""\s*((?:"[^"]*"|'[^']*'|[A-Za-z0-9_-]+|\s*\.\s*)+?)\s*=""")
+
+
+def _parts(dotted: str) -> tuple[str, ...]:
+    return tuple(a or b or c for a, b, c in re.findall(r'"([^"]*)"|\'([^\']*)\'|([A-Za-z0-9_-]+)', dotted))
+
+
 def _locate(text: str, table: str, index: int | None, key: str | None) -> int | None:
-    """Line of `key` in the table `table` (its `index`-th copy if it is an array of tables), or of the table."""
-    current, seen, header = "", -1, None
+    """Line of `key` in `table` (its `index`-th copy if it is an array of tables), else of the table, else None."""
+    home = _parts(table)
+    wanted = home if key is None else (*home, key)
+    found, depth, seen = None, 0, -1
+    current: tuple[str, ...] = ()
     for number, line in enumerate(text.splitlines(), 1):
-        if match := re.match(r"\s*\[\[?\s*([^\[\]]+?)\s*\]\]?", line):
-            current = match[1].replace(" ", "")
-            if current == table:
-                seen += 1
-                if index is None or seen == index:
-                    header = number
-        elif (
-            key is not None
-            and current == table
-            and (index is None or seen == index)
-            and re.match(rf"\s*[\"']?{re.escape(key)}[\"']?\s*[=.]", line)
-        ):
-            return number
-    return header
+        if header := _HEADER.match(line):
+            here = current = _parts(header[1])
+            seen += current == home
+        elif entry := _KEY.match(line):
+            here = (*current, *_parts(entry[1]))
+        else:
+            continue
+        inside = index is None or (seen == index and current[: len(home)] == home)
+        if inside and len(here) > depth and here == wanted[: len(here)]:
+            found, depth = number, len(here)
+    return found
 
 
 class Section:
@@ -124,7 +144,7 @@ class Section:
             number = parse_quantity(value, unit)
             if not low <= number <= high:
                 shown = "" if unit == "1" else f" {unit}"
-                raise ValueError(f"found {value!r}, expected {low:g} to {high:g}{shown}")
+                raise ValueError(f"found {shorten(value)}, expected {low:g} to {high:g}{shown}")
             return number
 
         return self.value(key, convert, default)
@@ -132,7 +152,7 @@ class Section:
     def whole(self, key: str, default: int | None = None, low: int = 0, high: int = 2**63 - 1) -> int:
         def convert(value: Any) -> int:
             if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-                raise ValueError(f"found {value!r}, expected a whole number from {low} to {high}")
+                raise ValueError(f"found {shorten(value)}, expected a whole number from {low} to {high}")
             return value
 
         return self.value(key, convert, default)
@@ -140,7 +160,7 @@ class Section:
     def flag(self, key: str, default: bool | None = None) -> bool:
         def convert(value: Any) -> bool:
             if not isinstance(value, bool):
-                raise ValueError(f"found {value!r}, expected true or false")
+                raise ValueError(f"found {shorten(value)}, expected true or false")
             return value
 
         return self.value(key, convert, default)
@@ -148,7 +168,7 @@ class Section:
     def text(self, key: str, default: str | None = None) -> str:
         def convert(value: Any) -> str:
             if not isinstance(value, str):
-                raise ValueError(f"found {value!r}, expected text")
+                raise ValueError(f"found {shorten(value)}, expected text")
             return value
 
         return self.value(key, convert, default)
@@ -158,20 +178,22 @@ class Section:
 
         def convert(value: Any) -> str:
             if value not in names:
-                raise ValueError(f"found {value!r}, expected one of {', '.join(names)}")
+                raise ValueError(f"found {shorten(value)}, expected one of {', '.join(names)}")
             return str(value)
 
         return self.value(key, convert, default)
 
-    def points(self, key: str, unit: str) -> tuple[tuple[float, float], ...]:
-        """A function of time as [[time, value], ...], times rising."""
+    def points(self, key: str, unit: str, low: float, high: float) -> tuple[tuple[float, float], ...]:
+        """A function of time as [[time, value], ...], times rising, values within `low` and `high`."""
 
         def convert(value: Any) -> tuple[tuple[float, float], ...]:
             if not isinstance(value, list) or not value or any(not isinstance(p, list) or len(p) != 2 for p in value):
-                raise ValueError(f"found {value!r}, expected a list of [time, value] pairs")
+                raise ValueError(f"found {shorten(value)}, expected a list of [time, value] pairs")
             found = tuple((parse_quantity(t, "s"), parse_quantity(v, unit)) for t, v in value)
             if any(b[0] <= a[0] for a, b in pairwise(found)):
-                raise ValueError(f"found {value!r}, expected rising times")
+                raise ValueError(f"found {shorten(value)}, expected rising times")
+            if outside := [number for _, number in found if not low <= number <= high]:
+                raise ValueError(f"found {outside[0]:g}, expected {low:g} to {high:g} {unit}")
             return found
 
         return self.value(key, convert)
@@ -181,7 +203,7 @@ class Section:
         value = self.raw(key) if key in self._values else {}
         self._read.add(key)
         if not isinstance(value, dict):
-            raise self.error(key, f"found {value!r}, expected a table")
+            raise self.error(key, f"found {shorten(value)}, expected a table")
         return Section(value, self._file, self._text, ".".join(part for part in (self._table, key) if part))
 
     def sections(self, key: str) -> list[Section]:
@@ -189,7 +211,7 @@ class Section:
         value = self.raw(key) if key in self._values else []
         self._read.add(key)
         if not isinstance(value, list) or any(not isinstance(item, dict) for item in value):
-            raise self.error(key, f"found {value!r}, expected tables, each begun with [[{key}]]")
+            raise self.error(key, f"found {shorten(value)}, expected tables, each begun with [[{key}]]")
         name = ".".join(part for part in (self._table, key) if part)
         return [Section(item, self._file, self._text, name, index) for index, item in enumerate(value)]
 
@@ -224,13 +246,22 @@ def quantities(section: Section, kind: type[T], default: T | None = None) -> T:
 def load(path: Path) -> Section:
     """The file as its root table. ReadingError for what is no TOML, OSError when it cannot be read."""
     try:
-        text = path.read_text(encoding="utf-8")
-        values = tomllib.loads(text)
+        text = path.read_text(encoding="utf-8-sig")  # some editors begin a file with a byte order mark
+    except UnicodeDecodeError:
+        raise ReadingError(f"{path}: not a text file in UTF-8") from None
+    return Section(parse_toml(text, path), str(path), text)
+
+
+def parse_toml(text: str, path: Path) -> dict[str, Any]:
+    """The document; ReadingError with file and line when it is none."""
+    try:
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         match = re.search(r"^(.*) \(at line (\d+), column (\d+)\)$", str(error))
         if match:
             raise ReadingError(f"{path}:{match[2]}: not TOML: {match[1]}, column {match[3]}") from None
         raise ReadingError(f"{path}: not TOML: {error}") from None
-    except UnicodeDecodeError:
-        raise ReadingError(f"{path}: not a text file in UTF-8") from None
-    return Section(values, str(path), text)
+    except RecursionError:
+        raise ReadingError(f"{path}: not TOML: lists or tables too deep inside each other") from None
+    except ValueError as error:  # a whole number of thousands of digits
+        raise ReadingError(f"{path}: not TOML: {str(error).partition(';')[0]}") from None

@@ -28,6 +28,7 @@ REQUESTS = {"idle": 0, "calibrate": 1, "run": 2, "clear": 3}
 CONTROLS = {"voltage": 0, "speed": 1}
 LIMITS = {"voltage": ("V", 32.0), "speed": ("m/s", 32.0)}
 MAX_SEGMENTS, MAX_ORDERS, MAX_POINTS = 16, 64, 64  # of the C structs
+FARTHEST = 1e6  # m along the path
 LONGEST = 3600.0  # s: a tick of the log takes 232 bytes of memory
 
 
@@ -148,8 +149,8 @@ def _operator(root: Section) -> tuple[Order, ...]:
     return tuple(orders)
 
 
-def _profile(section: Section, key: str, unit: str) -> tuple[tuple[float, float], ...]:
-    points = section.points(key, unit) if key in section else ()
+def _profile(section: Section, key: str, unit: str, low: float, high: float) -> tuple[tuple[float, float], ...]:
+    points = section.points(key, unit, low, high) if key in section else ()
     if len(points) > MAX_POINTS:
         raise section.error(key, f"found {len(points)} points, expected at most {MAX_POINTS}")
     return points
@@ -206,7 +207,7 @@ def load_scenario(path: Path) -> Scenario:
     """Reads and checks a scenario file. ReadingError: one line that names file, line, field and what was expected."""
     root = load(path)
     winding = root.section("winding")
-    profile = _profile(winding, "profile", "degC")
+    profile = _profile(winding, "profile", "degC", -50.0, 300.0)
     heating = replace(quantities(winding, Winding), profile=profile)
     supply = root.section("supply")
     scenario = Scenario(
@@ -220,10 +221,10 @@ def load_scenario(path: Path) -> Scenario:
         winding=heating,
         supply=supply.quantity("voltage", "V", 12.0, 0.0, 60.0),
         supply_resistance=supply.quantity("resistance", "ohm", 0.0, 0.0, 100.0),
-        start_position=root.quantity("start_position", "m", 0.0),
+        start_position=root.quantity("start_position", "m", 0.0, -FARTHEST, FARTHEST),
         moisture=root.quantity("moisture", "1", 0.0, 0.0, 1.0),
         pass_number=root.quantity("pass", "1", 1.0, 1.0),
-        carriage=_profile(root, "carriage", "m/s"),
+        carriage=_profile(root, "carriage", "m/s", -32.0, 32.0),
         operator=_operator(root),
         faults=tuple(read_fault(section) for section in root.sections("fault")),
         effects=_effects(root),

@@ -25,6 +25,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from hil.units import read_unit, units
+
 if TYPE_CHECKING:
     import pint
 
@@ -85,15 +87,6 @@ _NUMPY: dict[str, Any] = {
     "min": np.minimum,
     "max": np.maximum,
 }
-
-
-@lru_cache(maxsize=1)
-def units() -> pint.UnitRegistry[Any]:
-    """The one registry of units of the whole program (a second one could not compare with it)."""
-    import pint  # takes a quarter of a second: only those who need units pay
-
-    registry: pint.UnitRegistry[Any] = pint.UnitRegistry(cache_folder=None)
-    return registry
 
 
 @lru_cache(maxsize=1024)
@@ -286,12 +279,9 @@ def _to_c(node: Node, names: Mapping[str, str]) -> str:
 
 @lru_cache(maxsize=256)
 def _registry_unit(text: str) -> pint.Unit:
-    spelling = text.strip().replace("^", "**")
-    if spelling in ("", "1"):
-        return units().Unit("dimensionless")
-    if spelling in ("degC", "celsius", "degree_Celsius", "°C"):
+    if text.strip() in ("degC", "celsius", "degree_Celsius", "°C"):
         return units().Unit("kelvin")  # only differences of temperatures mean anything in a formula
-    return units().Unit(spelling)
+    return read_unit(text)
 
 
 def _unit(node: Node, given: Mapping[str, str], text: str) -> Any:
