@@ -6,14 +6,11 @@
 #ifndef HIL_RANDOM_H
 #define HIL_RANDOM_H
 
-#include <stdbool.h>
 #include <stdint.h>
 
 typedef struct {
     uint64_t key;
     uint64_t index;
-    double spare; /* second normal of a pair */
-    bool has_spare;
 } hil_random;
 
 /* Stream number `stream` of `seed`. */
@@ -22,7 +19,7 @@ hil_random hil_random_split(uint64_t seed, uint64_t stream);
 /* Uniform in (0, 1). */
 double hil_random_uniform(hil_random *random);
 
-/* Standard normal (Box-Muller). */
+/* Standard normal, by a ziggurat. */
 double hil_random_normal(hil_random *random);
 
 #endif

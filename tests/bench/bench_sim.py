@@ -1,0 +1,66 @@
+"""How fast the simulator runs: `python tests/bench/bench_sim.py [--json]`.
+
+In process: the default ground, real sensors with noise, the controller, the log in memory; times real time on one core,
+by CPU time. Over a pty: lockstep with its process, ticks a second. Medians and best of several rounds: on a machine that
+others use the best is what it can do, the median what it did. The bounds are 1,000 times and 3,000 ticks a second.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+from hil.links import Link, open_link
+from hil.plant import TERRAINS, Ground, Segment
+from hil.scenario import Order, Scenario
+from hil.sensors import kit
+from hil.simulation import Simulation
+
+SCENARIO = Scenario(
+    name="bench",
+    duration=20.0,
+    ground=Ground((Segment(TERRAINS["hard_floor"]), Segment(TERRAINS["sand"], 5.0))),
+    operator=(Order(0.0, "run", "voltage", 8.0),),
+    sensors=kit("real"),
+)
+
+
+def seconds(link: Link, scenario: Scenario, clock: Callable[[], float]) -> float:
+    """Time that one run takes [s], the log's memory already in place."""
+    simulation = Simulation(scenario)
+    simulation.records.fill(0)
+    link.start({})
+    begin = clock()
+    link.advance(simulation, scenario.ticks)
+    return clock() - begin
+
+
+def rounds(name: str, scenario: Scenario, count: int, clock: Callable[[], float]) -> list[float]:
+    """Ticks a second of `count` runs over a link."""
+    with open_link(name) as link:
+        return [scenario.ticks / seconds(link, scenario, clock) for _ in range(count)]
+
+
+def main() -> int:
+    """Prints a table, or JSON; 0."""
+    here = [ticks / 1000 for ticks in rounds("inprocess", SCENARIO, 15, time.process_time)]
+    there = rounds("pty", replace(SCENARIO, duration=3.0), 5, time.perf_counter)
+    rows = {
+        "in process, times real time": (here, 1000.0),
+        "pty lockstep, ticks a second": (there, 3000.0),
+    }
+    if "--json" in sys.argv[1:]:
+        table = {k: {"median": statistics.median(v), "best": max(v), "bound": b} for k, (v, b) in rows.items()}
+        print(json.dumps(table, indent=2))
+    else:
+        for what, (values, bound) in rows.items():
+            print(f"{what}: median {statistics.median(values):.0f}, best {max(values):.0f} (bound {bound:.0f})")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
