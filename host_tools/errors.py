@@ -2,7 +2,7 @@
 
 
 class UserError(Exception):
-    """Something outside the program is wrong. `str()` is one line: where, which field, what was found, what was expected."""
+    """Something outside the program is wrong. `str()` is one line: where, which field, found, expected."""
 
     def __init__(self, message: str, status: int = 2) -> None:
         super().__init__(message)

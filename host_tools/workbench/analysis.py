@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from host_tools.errors import UserError
 from host_tools.workbench.adequacy import Adequacy, Failure, assess, where_it_fails
 from host_tools.workbench.case import Case
 from host_tools.workbench.directions import (
@@ -26,6 +27,7 @@ from host_tools.workbench.directions import (
 from host_tools.workbench.fit import Fit, covariance, extend, fit_model
 from host_tools.workbench.models import Model
 from host_tools.workbench.noise import Noise, estimate_noise
+from host_tools.workbench.units import LARGEST
 
 __all__ = ["LEVEL", "Analysis", "Rung", "analyse", "error", "fitted_on", "measured", "predict"]
 
@@ -126,6 +128,7 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     """Fit the case's model on its training runs, predict every run, and say whether and where it fails."""
     rows = case.train | case.test
     model = Model.of(case)
+    _require_numbers(case, model, model.bind(case.inputs, rows).predict(model.start), rows, "at the start values")
     given = [case.sigma[c] for c in model.channels]
     values = measured(model, case.train)
     rough = 0.05 * np.sqrt(np.mean(values * values, axis=1)) + 1e-300
@@ -134,6 +137,7 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     for _ in range(1 if all(g is not None for g in given) else 2):
         fits = fitted_on(case, case.effects, case.train, sigma, seed)
         prediction, residual, slopes = _unscaled(fits[-1], sigma, rows)
+        _require_numbers(case, model, prediction, rows, "after the fit")
         directions = catalogue_directions(model, fits[-1].theta, rows)
         roles = {name: v[rows] for name, v in case.roles.items()}
         noise = estimate_noise(residual, slopes, case.run[rows], given, roles, _pools(model, directions, shapes, rows))
@@ -170,6 +174,15 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
         prediction=prediction,
         residual=residual,
     )
+
+
+def _require_numbers(case: Case, model: Model, prediction: Array, rows: Mask, when: str) -> None:
+    """UserError that names the first row at which the model gives no number (log of a negative one, 1/0, overflow)."""
+    bad = np.argwhere(~(np.abs(prediction.T) <= LARGEST))
+    if bad.size:
+        row, channel = (int(index) for index in bad[0])
+        place, value = case.place(int(np.flatnonzero(rows)[row])), prediction[channel, row]
+        raise UserError(f"{place}: the model gives {value:g} for {model.channels[channel]} {when}, expected a number")
 
 
 def _pools(model: Model, directions: Sequence[Direction], shapes: dict[str, Shapes], rows: Mask) -> list[Array]:

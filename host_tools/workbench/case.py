@@ -5,7 +5,6 @@ Anything wrong is a UserError of one line: file, line or row, field, what was fo
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,11 +16,12 @@ import numpy.typing as npt
 
 from hil.physics.effects import Effect, catalogue
 from hil.physics.expression import Expression
+from hil.reading import ReadingError, parse_toml, shorten
 from host_tools.errors import UserError
 from host_tools.workbench.bases import BASES, ROLES, Base, formula_name
 from host_tools.workbench.places import locate
 
-__all__ = ["Case", "Complaint", "Estimate", "load_case", "parse_case"]
+__all__ = ["Case", "Complaint", "Estimate", "load_case", "parse_case", "read_case_text", "read_document"]
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -90,14 +90,29 @@ class Case:
 
 def load_case(folder: Path) -> Case:
     """Read a case folder. UserError when anything in it is wrong."""
+    return parse_case(folder, read_case_text(folder))
+
+
+def read_case_text(folder: Path) -> str:
+    """The text of case.toml, its line ends as they are. UserError when it cannot be read."""
     file = folder / "case.toml"
     try:
-        text = file.read_text(encoding="utf-8")
+        with file.open(encoding="utf-8-sig", newline="") as opened:
+            return opened.read()
     except (FileNotFoundError, NotADirectoryError):
         raise UserError(f"{file}: no such file, expected a case folder with a case.toml") from None
     except (UnicodeDecodeError, IsADirectoryError):
         raise UserError(f"{file}: found something that is not UTF-8 text, expected TOML") from None
-    return parse_case(folder, text)
+    except OSError as error:
+        raise UserError(f"{file}: {error.strerror}, expected a readable file") from None
+
+
+def read_document(file: Path, text: str) -> dict[str, Any]:
+    """TOML as a dictionary. UserError with file and line when it is none."""
+    try:
+        return parse_toml(text, file)
+    except ReadingError as error:
+        raise UserError(str(error)) from None
 
 
 def parse_case(folder: Path, text: str) -> Case:
@@ -108,11 +123,7 @@ def parse_case(folder: Path, text: str) -> Case:
     def complain(message: str, *path: str) -> UserError:
         return UserError(f"{folder / 'case.toml'}:{locate(text, *path)}: {'.'.join(path)}: {message}")
 
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(f"{folder / 'case.toml'}: not TOML: {error}") from None
-    tables = _Tables(document, complain)
+    tables = _Tables(read_document(folder / "case.toml", text), complain)
     tables.allow((), "case", "model", "parameters", "fit", "effect", "data")
     tables.allow(("case",), "title", "notes", "source", "comment", "license", "date")
     tables.allow(("model",), "base", "effects", "equation")
@@ -159,7 +170,7 @@ class _Tables:
         value: Any = self.document
         for depth, key in enumerate(path):
             if not isinstance(value, dict):
-                raise self.complain(f"found {value!r}, expected a table", *path[:depth])
+                raise self.complain(f"found {shorten(value)}, expected a table", *path[:depth])
             if key not in value:
                 return default
             value = value[key]
@@ -168,7 +179,7 @@ class _Tables:
     def table(self, *path: str) -> dict[str, Any]:
         value = self.get(*path, default={})
         if not isinstance(value, dict):
-            raise self.complain(f"found {value!r}, expected a table", *path)
+            raise self.complain(f"found {shorten(value)}, expected a table", *path)
         return value
 
     def allow(self, path: tuple[str, ...], *names: str) -> None:
@@ -181,7 +192,7 @@ class _Tables:
         if value is None:
             raise self.complain("missing, expected text", *path)
         if not isinstance(value, str):
-            raise self.complain(f"found {value!r}, expected text", *path)
+            raise self.complain(f"found {shorten(value)}, expected text", *path)
         return value
 
     def texts(self, *path: str, default: list[str] | None = None) -> list[str]:
@@ -189,7 +200,7 @@ class _Tables:
         if value is None:
             raise self.complain("missing, expected a list of names", *path)
         if not isinstance(value, list) or any(isinstance(v, bool) or not isinstance(v, (str, int)) for v in value):
-            raise self.complain(f"found {value!r}, expected a list of names", *path)
+            raise self.complain(f"found {shorten(value)}, expected a list of names", *path)
         names = [str(v) for v in value]
         for name in names:
             if names.count(name) > 1:
@@ -260,23 +271,22 @@ def _exponent(tables: Tables) -> float:
     value = tables.get("parameters", "n", default=tables.get("fit", "n", "value", default=1.0))
     try:
         return float(value)
-    except (TypeError, ValueError):
-        raise tables.complain(f"found {value!r}, expected a number", "parameters", "n") from None
+    except (TypeError, ValueError, OverflowError):
+        raise tables.complain(f"found {shorten(value)}, expected a number", "parameters", "n") from None
 
 
 def _free_number(tables: Tables, *path: str) -> tuple[float, str]:
     """A constant of the user's own: a number is SI; text carries its unit and is taken to SI."""
-    from hil.physics.expression import units as registry
-    from host_tools.workbench.units import check, quantity
+    from hil.units import read_unit, units
+    from host_tools.workbench.units import quantity
 
     value = tables.get(*path)
     if isinstance(value, str):
         _, _, unit = value.strip().partition(" ")
         try:
-            check(unit.strip() or "1")
-            base_unit = str(registry().Quantity(1.0, unit.strip() or "").to_base_units().units)
+            base_unit = str(units().Quantity(1.0, read_unit(unit)).to_base_units().units)
             return quantity(value, base_unit), base_unit
-        except ValueError as error:
+        except (TypeError, ValueError, ArithmeticError) as error:
             raise tables.complain(str(error), *path) from None
     return tables.number("1", *path), ""
 

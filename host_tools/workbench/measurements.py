@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from bisect import bisect_right
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -149,6 +150,7 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
             units.check(unit)
             if not units.same_kind(unit, canonical):
                 raise ValueError(f"found {unit!r}, which does not convert to {canonical!r}")
+            units.convert(1.0, unit, canonical)
             sigma = None
             if tables.get(*path, "sigma") is not None:
                 sigma = units.convert_difference(tables.number(unit, *path, "sigma"), unit, canonical)
@@ -165,6 +167,10 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
 
 def _read_files(folder: Path, tables: Tables, files: list[str], mapped: list[Mapped]) -> list[Table]:
     dbc = period = None
+    places = [os.path.normpath(folder / name) for name in files]
+    for name, place in zip(files, places, strict=True):
+        if places.count(place) > 1:
+            raise tables.complain(f"found {name!r} under two names, expected each file once", "data", "files")
     if any(Path(name).suffix.lower() in LOG_SUFFIXES for name in files):
         dbc = folder / tables.text("data", "dbc")
         period = tables.number("s", "data", "period")

@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from hil.reading import shorten
 from host_tools.errors import UserError
+from host_tools.workbench.units import LARGEST
 
 __all__ = ["LOG_SUFFIXES", "Table", "log_frames", "read", "resample"]
 
@@ -42,18 +44,19 @@ class Table:
         """A column as finite numbers. UserError with file, line and field where it is not."""
         column = self.columns[name]
         if column.dtype.kind not in "fiub":
-            try:
-                column = column.astype(np.float64)
-            except ValueError:
-                row = next(i for i, text in enumerate(column) if not _is_number(text))
-                found = f"text {str(column[row])!r}" if str(column[row]).strip() else "an empty cell"
-                raise UserError(f"{self.place(row)}: column {name}: found {found}, expected a number") from None
+            texts = column.tolist()
+            row = next((i for i, text in enumerate(texts) if not _is_number(text)), None)
+            if row is not None:
+                found = f"text {shorten(texts[row])}" if str(texts[row]).strip() else "an empty cell"
+                raise UserError(f"{self.place(row)}: column {name}: found {found}, expected a number")
         values = column.astype(np.float64)
-        bad = np.flatnonzero(~np.isfinite(values))
+        bad = np.flatnonzero(~(np.abs(values) <= LARGEST))
         if bad.size:
             row = int(bad[0])
-            found = "NaN" if np.isnan(values[row]) else "infinity"
-            raise UserError(f"{self.place(row)}: column {name}: found {found}, expected a finite number")
+            found = "NaN" if np.isnan(values[row]) else "infinity" if np.isinf(values[row]) else f"{values[row]:g}"
+            raise UserError(
+                f"{self.place(row)}: column {name}: found {found}, expected a finite number below {LARGEST:g}"
+            )
         return values
 
     def text(self, name: str) -> list[str]:
@@ -65,11 +68,13 @@ class Table:
 
 
 def _is_number(text: object) -> bool:
+    """As people write numbers in tables: Python's 1_000 and digits of other scripts are text."""
+    spelling = str(text)
     try:
-        float(str(text))
+        float(spelling)
     except ValueError:
         return False
-    return True
+    return spelling.isascii() and "_" not in spelling
 
 
 def read(path: Path, dbc: Path | None = None, period: float | None = None, needed: Collection[str] = ()) -> Table:
@@ -79,8 +84,17 @@ def read(path: Path, dbc: Path | None = None, period: float | None = None, neede
     all the `needed` signals have come.
     """
     suffix = path.suffix.lower()
-    if not path.is_file():
-        raise UserError(f"{path}: no such file (data.files)")
+    try:
+        if path.is_dir():
+            raise UserError(f"{path}: is a folder, expected a file (data.files)")
+        if not path.is_file():
+            raise UserError(f"{path}: no such file (data.files)")
+        return _read(path, suffix, dbc, period, needed)
+    except OSError as error:
+        raise UserError(f"{path}: {error.strerror or error}, expected a readable file (data.files)") from None
+
+
+def _read(path: Path, suffix: str, dbc: Path | None, period: float | None, needed: Collection[str]) -> Table:
     if suffix == ".csv":
         return _read_csv(path)
     if suffix == ".parquet":
@@ -97,8 +111,12 @@ def _read_csv(path: Path) -> Table:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file)
             header = [name.strip() for name in next(reader, [])]
-            if not header:
+            if not any(header):
                 raise UserError(f"{path.name}:1: found nothing, expected a line of column names")
+            if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
+                raise UserError(f"{path.name}:1: found {shorten(header[0])}, expected names separated by commas")
+            if any("\0" in name for name in header):
+                raise UserError(f"{path.name}:1: found a byte 0, expected text")
             twice = {name for name in header if header.count(name) > 1}
             if twice:
                 raise UserError(f"{path.name}:1: column {sorted(twice)[0]!r} stands twice, expected once")
@@ -108,6 +126,8 @@ def _read_csv(path: Path) -> Table:
                     continue
                 if len(row) != len(header):
                     raise UserError(f"{path.name}:{reader.line_num}: found {len(row)} fields, expected {len(header)}")
+                if any("\0" in cell for cell in row):
+                    raise UserError(f"{path.name}:{reader.line_num}: found a byte 0, expected text")
                 rows.append(row)
                 if len(rows) + 1 != reader.line_num:
                     raise UserError(f"{path.name}:{reader.line_num}: found an empty or broken line before this one")

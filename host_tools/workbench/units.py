@@ -10,44 +10,31 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from hil.physics.expression import units as registry
+from hil.reading import shorten
+from hil.units import read_unit
+from hil.units import units as registry
 
 __all__ = ["check", "convert", "convert_difference", "quantity", "same_kind", "si_factor"]
 
 Numbers = TypeVar("Numbers", float, npt.NDArray[np.float64])
 
 
-def _spelling(unit: str) -> str:
-    return "dimensionless" if unit.strip() in ("1", "") else unit
-
-
-@lru_cache(maxsize=512)
-def _parse(unit: str) -> Any:
-    import pint
-
-    try:
-        parsed = registry().parse_units(_spelling(unit))
-    except (pint.errors.UndefinedUnitError, pint.errors.DefinitionSyntaxError) as error:
-        raise ValueError(f"{unit!r} is not a unit: {error}") from None
-    except Exception as error:  # pint's parser lets Python's tokenizer errors and its own assertions through
-        raise ValueError(f"{unit!r} is not a unit ({type(error).__name__})") from None
-    return parsed
+LARGEST = 1e100  # of a number in a case: its square is still a number
 
 
 def check(unit: str) -> None:
     """ValueError unless pint reads `unit`."""
-    _parse(unit)
+    read_unit(unit)
 
 
 def same_kind(unit: str, other: str) -> bool:
     """Whether values in the one convert to the other (exponents agree to 1e-6, so m^0.97 works)."""
-    left, right = dict(_parse(unit).dimensionality), dict(_parse(other).dimensionality)
+    left, right = dict(read_unit(unit).dimensionality), dict(read_unit(other).dimensionality)
     return all(abs(float(left.get(d, 0)) - float(right.get(d, 0))) < 1e-6 for d in {*left, *right})
 
 
@@ -55,12 +42,15 @@ def convert(values: Numbers, unit: str, to: str) -> Numbers:
     """Values in `unit` as values in `to`; offsets (degC, degF, K) are right. ValueError when the kinds differ."""
     if unit == to:
         return values
-    source, target = _parse(unit), _parse(to)
+    source, target = read_unit(unit), read_unit(to)
     if not same_kind(unit, to):
         raise ValueError(f"{unit!r} does not convert to {to!r}")
     if source == target:
         return values
-    converted: Numbers = registry().Quantity(values, source).to(target).magnitude
+    try:
+        converted: Numbers = registry().Quantity(values, source).to(target).magnitude
+    except (TypeError, ValueError, ArithmeticError):  # a difference (delta_degF), a logarithm (dBm)
+        raise ValueError(f"{unit!r} does not convert to {to!r}") from None
     return converted
 
 
@@ -72,7 +62,8 @@ def si_factor(unit: str) -> float:
     """
     if unit.strip() in ("degC", "celsius", "degree_Celsius"):
         return 1.0
-    return float(registry().Quantity(1.0, _parse(unit)).to_base_units().magnitude)
+    scaled: Any = registry().Quantity(1.0, read_unit(unit)).to_base_units()
+    return float(scaled.magnitude)
 
 
 def convert_difference(value: float, unit: str, to: str) -> float:
@@ -87,16 +78,16 @@ def quantity(value: float | str, unit: str) -> float:
     1945000.0
     """
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        raise ValueError(f"found {value!r}, expected a number, or text with a unit such as '80 mm'")
+        raise ValueError(f"found {shorten(value)}, expected a number, or text with a unit such as '80 mm'")
     if not isinstance(value, str):
-        number = float(value)
+        number = float(value) if abs(value) <= LARGEST or value != value else np.inf
     else:
         head, _, tail = value.strip().partition(" ")
         try:
             number = float(head)
         except ValueError:
-            raise ValueError(f"found {value!r}, expected a number, a space and a unit such as '80 mm'") from None
+            raise ValueError(f"found {shorten(value)}, expected a number, a space and a unit such as '80 mm'") from None
         number = convert(number, tail.strip() or "1", unit)
-    if not np.isfinite(number):
-        raise ValueError(f"found {value!r}, expected a finite number")
+    if not abs(number) <= LARGEST:
+        raise ValueError(f"found {shorten(value)}, expected a finite number below {LARGEST:g}")
     return float(number)

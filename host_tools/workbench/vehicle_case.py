@@ -21,7 +21,6 @@ k_s is in Pa/m^n, with n as its start value has it. Everything wrong is a UserEr
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -34,7 +33,7 @@ from hil.physics.tyre import Tyre
 from hil.physics.vehicle import Vehicle
 from host_tools.errors import UserError
 from host_tools.workbench import units
-from host_tools.workbench.case import Tables, read_estimate
+from host_tools.workbench.case import Tables, read_case_text, read_document, read_estimate
 from host_tools.workbench.places import locate
 from host_tools.workbench.soil_vehicle import MASK, PARAMETERS, WHEELS, Drive
 from host_tools.workbench.tables import Table, read
@@ -76,20 +75,12 @@ class VehicleCase:
 def load_vehicle_case(folder: Path) -> VehicleCase:
     """Read a case folder. UserError when anything in it is wrong."""
     file = folder / "case.toml"
-    try:
-        text = file.read_text(encoding="utf-8")
-        document = tomllib.loads(text)
-    except (FileNotFoundError, NotADirectoryError):
-        raise UserError(f"{file}: no such file, expected a case folder with a case.toml") from None
-    except (UnicodeDecodeError, IsADirectoryError):
-        raise UserError(f"{file}: found something that is not UTF-8 text, expected TOML") from None
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(f"{file}: not TOML: {error}") from None
+    text = read_case_text(folder)
 
     def complain(message: str, *path: str) -> UserError:
         return UserError(f"{file}:{locate(text, *path)}: {'.'.join(path)}: {message}")
 
-    tables = Tables(document, complain)
+    tables = Tables(read_document(file, text), complain)
     tables.allow((), "case", "model", "parameters", "fit", "data")
     tables.allow(("case",), "title", "notes", "source", "comment", "license", "date")
     tables.allow(("model",), "base", "effects")
