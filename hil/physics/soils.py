@@ -180,6 +180,7 @@ def _within(
 
 
 VELLA = "Vella et al. (2024), doi:10.1007/978-3-031-64569-3_25, Table 1"
+# The three rows of Wong's table are as other papers reprint them; the book itself was not at hand.
 WONG = "J. Y. Wong, Theory of Ground Vehicles, 3rd ed. (2001), Table 2.3"
 
 
