@@ -92,7 +92,14 @@ def remove_effect(text: str, name: str) -> str:
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Replace a file in one step: at every moment it holds the old text or the new. OSError when it cannot."""
+    """Replace a file in one step: at every moment it holds the old text or the new. OSError when it cannot.
+
+    A link is followed. What is no file (a device such as /dev/null, a pipe) is written to and never replaced.
+    """
+    path = path.resolve()
+    if path.exists() and not path.is_file():
+        path.write_text(text, encoding="utf-8")
+        return
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as file:
