@@ -27,7 +27,7 @@ void calibration_start(terrapin_state *state) {
 }
 
 static int32_t direction(const terrapin_state *state) {
-    return (state->supervisor.command.setpoint < 0) ? -1 : 1;
+    return integer_direction(state->supervisor.setpoint);
 }
 
 static int32_t voltage(const terrapin_state *state) {

@@ -1,6 +1,6 @@
 #include "core.h"
 
-enum { REFERENCE_MC = 25000, HEAT_ONE_Q20 = 1 << 20 };
+enum { REFERENCE_MC = 25000, HEAT_ONE_Q20 = 0x100000, ONE_Q30 = 0x40000000 };
 
 int32_t compensation_heat_q20(const terrapin_state *state) {
     /* a_t [1e-6/K] * dT [1e-3 K], in Q20: 2^20 / 1e9 = 1 / 953.674; held within 2^30, a factor of 2.1 */
@@ -23,7 +23,8 @@ static int32_t imbalance(const terrapin_state *state, const terrapin_inputs *inp
     const uint32_t unit = (uint32_t)state->gains.turn_per_count;
     const uint32_t size = (uint32_t)integer_abs(counts);
     const uint32_t way = ((size / 2U) * unit) + ((size & 1U) * (unit / 2U)); /* h, 2^32 a turn */
-    const uint32_t ahead = (counts < 0) ? (0U - way) : way;
+    const uint32_t back = 0U - way;
+    const uint32_t ahead = (counts < 0) ? back : way;
     /* the shell's angle is alpha less the swing */
     const uint32_t swing = inputs->swing_valid ? integer_turn(inputs->swing_angle_mrad) : 0U;
     const uint32_t phase = (uint32_t)integer_divide((int64_t)p[TERRAPIN_PARAMETER_COMP_IMBALANCE_PHASE] * 683565, 10);
@@ -35,7 +36,7 @@ static int32_t imbalance(const terrapin_state *state, const terrapin_inputs *inp
         mean -= integer_scale(mean, way_mrad * way_mrad, 6000000);
     } else {
         /* sin(h)/h in Q30, so that a long way loses nothing; 32767 * 32769 is 2^30 to 1e-9 */
-        mean = integer_scale(mean, integer_scale(integer_sine(way) * 32769, 1000000, way_urad), 1 << 30);
+        mean = integer_scale(mean, integer_scale(integer_sine(way) * 32769, 1000000, way_urad), ONE_Q30);
     }
     return mean;
 }

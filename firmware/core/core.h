@@ -48,7 +48,7 @@ int32_t uncertainty_unm(const terrapin_state *state);
 /* ---- ground.c: f_r, the nearest terrain, the quadratic fit */
 void ground_update(terrapin_state *state, const terrapin_inputs *inputs);
 /* f_o + f_s omega^2 of terrain 1 to TERRAINS [1e-6]. */
-int32_t ground_curve_ppm(const terrapin_state *state, uint32_t terrain, int32_t omega_urad_s);
+int32_t ground_curve_ppm(const terrapin_state *state, int32_t terrain, int32_t omega_urad_s);
 
 /* Torque of the hard floor at a speed, along the motion [uN m]. */
 int32_t ground_floor_unm(const terrapin_state *state, int32_t omega_urad_s);
@@ -65,8 +65,8 @@ void supervisor_update(terrapin_state *state, const terrapin_inputs *inputs, uin
 /* Idle without a latched fault: a new request is taken. */
 bool supervisor_ready(const terrapin_state *state);
 /* Enters a state and phase, timer at zero. */
-void supervisor_enter(terrapin_state *state, uint8_t next, terrapin_phase phase);
-void supervisor_report(terrapin_state *state, uint8_t report, int32_t distance_mm);
+void supervisor_enter(terrapin_state *state, int32_t next, terrapin_phase phase);
+void supervisor_report(terrapin_state *state, int32_t report, int32_t distance_mm);
 
 /* ---- extrication.c: stuck, and the way back */
 /* Watches a drive in direction -1 or 1 for digging in without progress; true when stuck. */

@@ -7,6 +7,9 @@
 #include "core.h"
 
 enum {
+    ONE_Q16 = 0x10000,
+    ONE_Q20 = 0x100000,
+    ONE_Q24 = 0x1000000,
     QUIET_SLOTS = 20,   /* the gate must hold this long: a transient passes through zero faster */
     MOVING_COUNTS = 20, /* fewer counts a window are no rolling: the friction's sign would be a guess */
     SWING_TICKS_MAX = 2000,
@@ -28,7 +31,8 @@ void estimator_restart(terrapin_state *state) {
 
 const terrapin_record *estimator_record(const terrapin_estimator *estimator, uint32_t slots) {
     const uint32_t newest = estimator->newest;
-    return &estimator->history[(newest >= slots) ? (newest - slots) : ((newest + (uint32_t)HISTORY_SLOTS) - slots)];
+    const uint32_t wrap = (newest >= slots) ? 0U : (uint32_t)HISTORY_SLOTS;
+    return &estimator->history[(newest + wrap) - slots];
 }
 
 void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs) {
@@ -50,11 +54,11 @@ void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs) {
 }
 
 int32_t estimator_motor_torque(const terrapin_gains *gains, int32_t current_q8, int32_t heat_q20) {
-    return integer_scale(integer_scale(current_q8, gains->current_gain_q16, 1 << 24), heat_q20, 1 << 20);
+    return integer_scale(integer_scale(current_q8, gains->current_gain_q16, ONE_Q24), heat_q20, ONE_Q20);
 }
 
 int32_t estimator_friction(const terrapin_gains *gains, int32_t coulomb_unm, int32_t counts) {
-    return (coulomb_unm * integer_sign(counts)) + integer_scale(counts, gains->speed_gain_q16, 1 << 16);
+    return (coulomb_unm * integer_sign(counts)) + integer_scale(counts, gains->speed_gain_q16, ONE_Q16);
 }
 
 int32_t estimator_contact_torque(int32_t torque_unm, bool *saturated) {
@@ -78,7 +82,8 @@ static int32_t acceleration(const terrapin_state *state) {
      */
     const int32_t counts = integer_difference(blocks, 0U);
     /* 1e-5 urad summed over 10 BLOCK_SLOTS ms, over (10 n ms)^2: 1e-5 * 1e6 / (100 * 100 n^2) */
-    return integer_scale(counts, state->gains.count_e5_urad, BLOCK_SLOTS * 100 * (int32_t)(n * n));
+    const int32_t slots = (int32_t)n;
+    return integer_scale(counts, state->gains.count_e5_urad, BLOCK_SLOTS * 100 * slots * slots);
 }
 
 /* What the swing takes from the angular momentum between the window's ends, over the window [uN m], as a magnitude. */

@@ -76,7 +76,7 @@ bool extrication_update(terrapin_state *state, const terrapin_inputs *inputs, te
     const bool late = s->episode_ms > (uint32_t)state->parameter[TERRAPIN_PARAMETER_EXTRICATE_TIMEOUT];
     bool over = false;
     demand->mode = DEMAND_VOLTAGE; /* 0 V unless said otherwise: the shorted motor brakes */
-    if (late || (s->command.request != TERRAPIN_REQUEST_RUN)) {
+    if (late || (s->request != TERRAPIN_REQUEST_RUN)) {
         supervisor_report(state, TERRAPIN_REPORT_EXTRICATION_FAILED, ground_way_mm(state));
         over = true;
     } else if (s->state == TERRAPIN_STATE_STUCK) {

@@ -27,8 +27,8 @@ static int32_t omega_squared(int32_t omega_urad_s) {
     return integer_scale(mrad_s, mrad_s, 10000); /* 0.01 rad^2/s^2 */
 }
 
-int32_t ground_curve_ppm(const terrapin_state *state, uint32_t terrain, int32_t omega_urad_s) {
-    const int32_t *pair = &state->parameter[TERRAPIN_PARAMETER_TERRAIN_SAND_F_O + (2 * ((int32_t)terrain - 1))];
+int32_t ground_curve_ppm(const terrapin_state *state, int32_t terrain, int32_t omega_urad_s) {
+    const int32_t *pair = &state->parameter[TERRAPIN_PARAMETER_TERRAIN_SAND_F_O + (2 * (terrain - 1))];
     return integer_saturate((int64_t)pair[0] +
                             integer_scale(pair[1], omega_squared(omega_urad_s), 100000)); /* 1e-9 0.01 */
 }
@@ -52,7 +52,7 @@ static void resistance(terrapin_state *state, const terrapin_inputs *inputs) {
         /* down to a quarter: no division by zero, whatever the pitch */
         load = integer_scale(load, integer_clamp(integer_cosine(turn), 8192, 32767), 32767);
     }
-    const int32_t sign = (e->omega_urad_s < 0) ? -1 : 1;
+    const int32_t sign = integer_direction(e->omega_urad_s);
     ground->f_r_ppm = integer_clamp(integer_scale(torque, sign * PPM, load), -Y_MAX, Y_MAX);
     ground->f_r_sd_ppm = integer_clamp(integer_scale(e->sd_unm, PPM, load), 1, Y_MAX);
 }
@@ -61,17 +61,18 @@ static void nearest(terrapin_state *state) {
     terrapin_ground_fit *ground = &state->ground;
     const int64_t own = ground->f_r_sd_ppm;
     const int64_t spread = state->parameter[TERRAPIN_PARAMETER_SD_TERRAIN];
-    const int32_t sd = (int32_t)integer_root((uint64_t)((own * own) + (spread * spread))); /* 1 to 2^21 */
+    const int64_t variance = (own * own) + (spread * spread);
+    const int32_t sd = (int32_t)integer_root((uint64_t)variance); /* 1 to 2^21 */
     int32_t first = INTEGER_MOST;
     int32_t second = INTEGER_MOST;
     ground->terrain = TERRAPIN_TERRAIN_UNKNOWN;
-    for (uint32_t i = 1U; i <= (uint32_t)TERRAINS; i++) {
+    for (int32_t i = 1; i <= TERRAINS; i++) {
         const int32_t off = ground->f_r_ppm - ground_curve_ppm(state, i, state->estimator.omega_urad_s);
         const int32_t distance_q3 = integer_scale(integer_abs(off), 8, sd);
         if (distance_q3 < first) {
             second = first;
             first = distance_q3;
-            ground->terrain = (uint8_t)i;
+            ground->terrain = i;
         } else if (distance_q3 < second) {
             second = distance_q3;
         } else {
@@ -117,11 +118,13 @@ static void fit_solve(terrapin_ground_fit *g) {
     const int32_t far_ppm = integer_scale(g->f_s_e7, g->x_q8, 256000);
     g->f_o_10ppm = integer_scale((g->y_q8 / 256) - far_ppm, 1, 10);
     /* sd of the slope: noise / sqrt(information); of f_o: the mean's and the slope's over the mean of x */
-    g->f_s_sd_e7 =
-        (FIT_NOISE_PPM * 1000) / (int32_t)(8U * integer_root((uint64_t)information)); /* the root is at least 12 */
+    const int32_t root =
+        (int32_t)integer_root((uint64_t)information); /* at least 12; the moments' unit makes it 8 times */
+    g->f_s_sd_e7 = (FIT_NOISE_PPM * 1000) / (8 * root);
     const int64_t mean_sd = (FIT_NOISE_PPM * 16) / (int32_t)integer_root((uint64_t)g->weight_q8);
     const int64_t far_sd = integer_scale(g->f_s_sd_e7, g->x_q8, 256000);
-    g->f_o_sd_ppm = (int32_t)integer_root((uint64_t)((mean_sd * mean_sd) + (far_sd * far_sd)));
+    const int64_t variance = (mean_sd * mean_sd) + (far_sd * far_sd);
+    g->f_o_sd_ppm = (int32_t)integer_root((uint64_t)variance);
 }
 
 void ground_update(terrapin_state *state, const terrapin_inputs *inputs) {

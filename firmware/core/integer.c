@@ -19,13 +19,17 @@ int32_t integer_abs(int32_t value) {
     return (value < 0) ? -value : value;
 }
 
+int32_t integer_direction(int32_t value) {
+    return 1 - ((value < 0) ? 2 : 0);
+}
+
 int32_t integer_sign(int32_t value) {
     return ((value > 0) ? 1 : 0) - ((value < 0) ? 1 : 0);
 }
 
 /* n / d. A 32-bit machine would link a helper of 700 bytes for it; the remainder always stays below d, below 2^30. */
 static uint64_t quotient(uint64_t n, uint32_t d) {
-#if UINTPTR_MAX > 0xFFFFFFFFU
+#ifdef __LP64__
     return n / d;
 #else
     uint32_t rest = 0U;
@@ -57,9 +61,8 @@ int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor) {
     const int64_t product = (int64_t)value * factor; /* at most 2^62 */
     int32_t result;
     if ((product < INTEGER_MOST) && (product > -INTEGER_MOST)) { /* mostly; 32-bit division is an instruction */
-        const int32_t half = divisor / 2;
-        const int32_t small = (int32_t)product;
-        result = ((small < 0) ? (small - half) : (small + half)) / divisor;
+        const int32_t half = (product < 0) ? -(divisor / 2) : (divisor / 2);
+        result = ((int32_t)product + half) / divisor;
     } else {
         result = integer_saturate(integer_divide(product, divisor));
     }
@@ -68,7 +71,9 @@ int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor) {
 
 int32_t integer_difference(uint32_t later, uint32_t earlier) {
     const uint32_t forward = later - earlier;
-    return (forward < 0x80000000U) ? (int32_t)forward : -(int32_t)(~forward) - 1;
+    const uint32_t backward = ~forward;
+    /* cppcheck-suppress knownConditionTrueFalse ; one caller of several keeps below */
+    return (forward < 0x80000000U) ? (int32_t)forward : (-(int32_t)backward - 1);
 }
 
 uint32_t integer_root(uint64_t value) {
@@ -102,7 +107,8 @@ int32_t integer_cosine(uint32_t turn) {
 
 uint32_t integer_turn(int32_t angle_mrad) {
     /* 2^32 / 2 pi / 1000 = 683565.28; the product stays below 2^51, the part above one turn falls away. */
-    return (uint32_t)((uint64_t)((int64_t)angle_mrad * 683565) & 0xFFFFFFFFU);
+    const int64_t turns_q32 = (int64_t)angle_mrad * 683565;
+    return (uint32_t)turns_q32; /* modulo 2^32 */
 }
 
 int32_t integer_exp(int32_t x_q16) {
@@ -114,5 +120,6 @@ int32_t integer_exp(int32_t x_q16) {
     const int32_t cubic = 15112 - ((2589 * f) / 32768);
     const int32_t square = ((cubic * f) / 32768) - 45290;
     const int32_t power = ((square * f) / 32768) + 65529;
-    return (whole < 31) ? (int32_t)((uint32_t)power >> (uint32_t)whole) : 0;
+    const uint32_t shifted = (whole < 31) ? ((uint32_t)power >> (uint32_t)whole) : 0U;
+    return (int32_t)shifted;
 }

@@ -27,6 +27,9 @@ int64_t integer_divide(int64_t numerator, int64_t denominator);
 /* |value|; value > INT32_MIN. */
 int32_t integer_abs(int32_t value);
 
+/* -1 of a negative number, else 1. */
+int32_t integer_direction(int32_t value);
+
 /* -1, 0 or 1. */
 int32_t integer_sign(int32_t value);
 

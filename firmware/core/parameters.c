@@ -2,7 +2,8 @@
 
 terrapin_parameter_result terrapin_parameter_set(terrapin_state *state, uint16_t index, int32_t value) {
     terrapin_parameter_result result = TERRAPIN_PARAMETER_OK;
-    if (index >= TERRAPIN_PARAMETER_COUNT) {
+    const int32_t number = index;
+    if (number >= TERRAPIN_PARAMETER_COUNT) {
         result = TERRAPIN_PARAMETER_UNKNOWN;
     } else {
         const terrapin_parameter_entry *entry = &terrapin_parameters[index];
@@ -14,7 +15,7 @@ terrapin_parameter_result terrapin_parameter_set(terrapin_state *state, uint16_t
         } else {
             state->parameter[index] = value;
             gains_prepare(state);
-            if (index == TERRAPIN_PARAMETER_WINDOW) { /* the only one that the windows under way depend on */
+            if (number == TERRAPIN_PARAMETER_WINDOW) { /* the only one that the windows under way depend on */
                 estimator_restart(state);
             }
         }
@@ -24,7 +25,8 @@ terrapin_parameter_result terrapin_parameter_set(terrapin_state *state, uint16_t
 
 terrapin_parameter_result terrapin_parameter_get(const terrapin_state *state, uint16_t index, int32_t *value) {
     terrapin_parameter_result result = TERRAPIN_PARAMETER_UNKNOWN;
-    if (index < TERRAPIN_PARAMETER_COUNT) {
+    const int32_t number = index;
+    if (number < TERRAPIN_PARAMETER_COUNT) {
         *value = state->parameter[index];
         result = TERRAPIN_PARAMETER_OK;
     }

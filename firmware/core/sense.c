@@ -72,7 +72,8 @@ static bool trim(terrapin_state *state) {
     }
     if (sense->trim_count == TRIM_TICKS) {
         const int32_t zero_q8 = state->parameter[TERRAPIN_PARAMETER_CURRENT_ZERO_CODE];
-        const int32_t off_q8 = (int32_t)((sense->trim_sum_codes * 256U) / (uint32_t)TRIM_TICKS) - zero_q8;
+        const uint32_t mean_q8 = (sense->trim_sum_codes * 256U) / (uint32_t)TRIM_TICKS;
+        const int32_t off_q8 = (int32_t)mean_q8 - zero_q8;
         plausible = integer_abs(off_q8) <= (TRIM_LIMIT_CODES * 256);
         sense->trimmed = plausible && (state->parameter[TERRAPIN_PARAMETER_TRIM_CURRENT] != 0);
         sense->trim_q8_codes = sense->trimmed ? off_q8 : 0;
@@ -138,7 +139,7 @@ static void read_counts(terrapin_sense *sense, const terrapin_inputs *inputs) {
     const uint32_t ground = ((uint32_t)inputs->ground_count - sense->ground_count) & 0xFFFFU;
     sense->motor_step = (int32_t)motor - ((motor >= 0x8000U) ? 0x10000 : 0);
     sense->motor_position += (uint32_t)sense->motor_step;
-    sense->ground_position += (uint32_t)((int32_t)ground - ((ground >= 0x8000U) ? 0x10000 : 0));
+    sense->ground_position += ground - ((ground >= 0x8000U) ? 0x10000U : 0U);
     sense->motor_count = inputs->motor_count;
     sense->ground_count = inputs->ground_count;
 }

@@ -108,8 +108,8 @@ typedef struct {
     /* results */
     int32_t f_r_ppm;
     int32_t f_r_sd_ppm;
-    uint8_t terrain;
-    uint8_t fitted_terrain; /* that the fit belongs to */
+    int32_t terrain;        /* enum terrain */
+    int32_t fitted_terrain; /* that the fit belongs to */
     int32_t margin_q3;      /* in 1/8 sd */
     int32_t f_o_10ppm;
     int32_t f_o_sd_ppm;
@@ -162,13 +162,16 @@ typedef struct {
 typedef enum { PHASE_FIRST = 0, PHASE_SECOND = 1, PHASE_HALT = 2 } terrapin_phase;
 
 typedef struct {
-    uint8_t state;            /* enum state of controller.toml */
-    terrapin_phase phase;     /* within calibrate, run and extricate */
-    uint32_t timer_ms;        /* in this state and phase */
-    uint32_t still_ms;        /* how long nothing has moved */
-    uint32_t command_tick;    /* of the last fresh command */
-    terrapin_command command; /* the last fresh one */
-    uint8_t request_taken;    /* the request that is being served or was: it must change before it counts again */
+    int32_t state;         /* enum state of controller.toml */
+    terrapin_phase phase;  /* within calibrate, run and extricate */
+    uint32_t timer_ms;     /* in this state and phase */
+    uint32_t still_ms;     /* how long nothing has moved */
+    uint32_t command_tick; /* of the last fresh command */
+    int32_t request;       /* the last fresh command: enum request, */
+    int32_t control;       /* enum control, */
+    int32_t setpoint;      /* mV or mm/s, */
+    bool limiter;          /* and whether the slip limiter is wanted */
+    int32_t request_taken; /* the request that is being served or was: it must change before it counts again */
     uint32_t faults;
     uint32_t overrun_ms; /* how long the flag still stands */
     uint32_t no_progress_ms;
@@ -178,7 +181,7 @@ typedef struct {
     bool moved;        /* since the request */
     int32_t direction; /* of the drive when it got stuck: -1 or 1 */
     int32_t stuck_pitch_mrad;
-    uint8_t report;
+    int32_t report; /* enum report */
     uint8_t report_number;
     int32_t report_distance_mm;
     int32_t report_duration_10ms;

@@ -22,13 +22,13 @@ static uint32_t fault_bit(uint32_t number) {
     return (uint32_t)1U << number;
 }
 
-void supervisor_enter(terrapin_state *state, uint8_t next, terrapin_phase phase) {
+void supervisor_enter(terrapin_state *state, int32_t next, terrapin_phase phase) {
     state->supervisor.state = next;
     state->supervisor.phase = phase;
     state->supervisor.timer_ms = 0U;
 }
 
-void supervisor_report(terrapin_state *state, uint8_t report, int32_t distance_mm) {
+void supervisor_report(terrapin_state *state, int32_t report, int32_t distance_mm) {
     terrapin_supervisor *s = &state->supervisor;
     s->report = report;
     s->report_number = (uint8_t)((s->report_number + 1U) & 0xFU);
@@ -41,7 +41,7 @@ bool supervisor_ready(const terrapin_state *state) {
            ((state->supervisor.faults & TERRAPIN_FAULTS_LATCHED) == 0U);
 }
 
-static bool driving(uint8_t state) {
+static bool driving(int32_t state) {
     return (state >= TERRAPIN_STATE_CALIBRATE) && (state <= TERRAPIN_STATE_EXTRICATE);
 }
 
@@ -53,10 +53,13 @@ static bool command_late(const terrapin_state *state) {
 static void listen(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_supervisor *s = &state->supervisor;
     if (inputs->command_fresh) {
-        s->command = inputs->command;
+        s->request = inputs->command.request;
+        s->control = inputs->command.control;
+        s->setpoint = inputs->command.setpoint;
+        s->limiter = inputs->command.limiter;
         s->command_tick = inputs->tick;
-        if ((s->command.request == TERRAPIN_REQUEST_IDLE) || (s->command.request == TERRAPIN_REQUEST_CLEAR)) {
-            s->request_taken = s->command.request;
+        if ((s->request == TERRAPIN_REQUEST_IDLE) || (s->request == TERRAPIN_REQUEST_CLEAR)) {
+            s->request_taken = s->request;
         }
     }
 }
@@ -86,7 +89,7 @@ static void judge(terrapin_state *state, const terrapin_inputs *inputs, uint32_t
         s->overrun_ms--;
         causes |= fault_bit(TERRAPIN_FAULT_OVERRUN);
     }
-    const bool clear = inputs->command_fresh && (s->command.request == TERRAPIN_REQUEST_CLEAR);
+    const bool clear = inputs->command_fresh && (s->request == TERRAPIN_REQUEST_CLEAR);
     if (clear) {
         s->report = TERRAPIN_REPORT_NONE;
     }
@@ -110,11 +113,11 @@ static void watch_motion(terrapin_state *state) {
 
 static void idle(terrapin_state *state) {
     terrapin_supervisor *s = &state->supervisor;
-    const bool asked = !command_late(state) && (s->command.request != s->request_taken);
+    const bool asked = !command_late(state) && (s->request != s->request_taken);
     const bool at_rest = s->still_ms >= STILL_MS;
     const bool zeroed = state->sense.trimmed || (state->parameter[TERRAPIN_PARAMETER_TRIM_CURRENT] == 0);
-    if (asked && (s->command.request == TERRAPIN_REQUEST_RUN)) {
-        s->request_taken = s->command.request;
+    if (asked && (s->request == TERRAPIN_REQUEST_RUN)) {
+        s->request_taken = s->request;
         s->episode_ms = 0U;
         s->digging = false;
         s->moved = false;
@@ -122,7 +125,7 @@ static void idle(terrapin_state *state) {
         state->slip.peak_e4 = 0;
         supervisor_enter(state, TERRAPIN_STATE_RUN, PHASE_FIRST);
     } else if (asked && at_rest && zeroed) {
-        s->request_taken = s->command.request; /* calibrate: the other two are always taken */
+        s->request_taken = s->request; /* calibrate: the other two are always taken */
         s->episode_ms = 0U;
         calibration_start(state);
         supervisor_enter(state, TERRAPIN_STATE_CALIBRATE, PHASE_FIRST);
@@ -147,7 +150,7 @@ static void calibrate(terrapin_state *state, terrapin_demand *demand) {
     } else {
         calibration_result result = CALIBRATION_FAILED;
         demand->mode = DEMAND_VOLTAGE;
-        if (s->command.request == TERRAPIN_REQUEST_CALIBRATE) {
+        if (s->request == TERRAPIN_REQUEST_CALIBRATE) {
             result = calibration_update(state, &demand->voltage_mv);
         }
         if (result != CALIBRATION_BUSY) {
@@ -160,25 +163,24 @@ static void calibrate(terrapin_state *state, terrapin_demand *demand) {
 }
 
 /* The shell speed of a rim speed in mm/s; R is at least 1e4 um. */
-static int32_t shell_speed(const terrapin_state *state, int16_t rim_mm_s) {
+static int32_t shell_speed(const terrapin_state *state, int32_t rim_mm_s) {
     return integer_scale(rim_mm_s, 1000000000, state->parameter[TERRAPIN_PARAMETER_RADIUS]);
 }
 
 static void run(terrapin_state *state, const terrapin_inputs *inputs, terrapin_demand *demand) {
     terrapin_supervisor *s = &state->supervisor;
-    const terrapin_command *command = &s->command;
-    if ((s->phase != PHASE_HALT) && (command->request != TERRAPIN_REQUEST_RUN)) {
+    if ((s->phase != PHASE_HALT) && (s->request != TERRAPIN_REQUEST_RUN)) {
         supervisor_enter(state, TERRAPIN_STATE_RUN, PHASE_HALT);
     }
     if (s->phase == PHASE_HALT) {
         halt(state, demand);
     } else {
-        const int32_t direction = (command->setpoint < 0) ? -1 : 1;
-        const bool speed = command->control == TERRAPIN_CONTROL_SPEED;
+        const int32_t direction = integer_direction(s->setpoint);
+        const bool speed = s->control == TERRAPIN_CONTROL_SPEED;
         demand->mode = speed ? DEMAND_SPEED : DEMAND_VOLTAGE;
-        demand->voltage_mv = command->setpoint;
-        demand->speed_urad_s = shell_speed(state, command->setpoint);
-        demand->limiter = command->limiter;
+        demand->voltage_mv = s->setpoint;
+        demand->speed_urad_s = shell_speed(state, s->setpoint);
+        demand->limiter = s->limiter;
         s->state = state->drive.limiting ? TERRAPIN_STATE_LIMITING : TERRAPIN_STATE_RUN;
         if (extrication_watch(state, direction)) {
             extrication_start(state, inputs, direction);
@@ -188,7 +190,7 @@ static void run(terrapin_state *state, const terrapin_inputs *inputs, terrapin_d
     }
 }
 
-static void wait(terrapin_state *state, uint32_t ms, uint8_t next) {
+static void wait(terrapin_state *state, uint32_t ms, int32_t next) {
     if (state->supervisor.timer_ms >= ms) {
         supervisor_enter(state, next, PHASE_FIRST);
     }

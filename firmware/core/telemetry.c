@@ -12,11 +12,16 @@ static int32_t flag(bool value) {
     return value ? 1 : 0;
 }
 
+static int32_t short_tick(const terrapin_inputs *inputs) {
+    const uint32_t low = inputs->tick & (uint32_t)TICK_MASK;
+    return (int32_t)low;
+}
+
 static bool actuate(terrapin_state *state, const terrapin_inputs *inputs, terrapin_frame *frame) {
     const terrapin_drive *d = &state->drive;
     const terrapin_actuate_t message = {
         .duty = d->duty_q15,
-        .tick = (int32_t)(inputs->tick & (uint32_t)TICK_MASK),
+        .tick = short_tick(inputs),
         .state = state->supervisor.state,
         .enable = flag(d->enable),
         .limiting = flag(d->limiting),
@@ -40,7 +45,7 @@ static bool status(const terrapin_state *state, const terrapin_inputs *inputs, t
         .limiter_slow = flag(state->slip.slow),
         .saturated = flag(state->saturated_shown),
         .ready = flag(supervisor_ready(state)),
-        .tick = (int32_t)(inputs->tick & (uint32_t)TICK_MASK),
+        .tick = short_tick(inputs),
     };
     return terrapin_encode_status(&message, frame);
 }
@@ -142,14 +147,15 @@ static bool calibration(const terrapin_state *state, terrapin_frame *frame) {
 
 static bool attitude(const terrapin_state *state, const terrapin_inputs *inputs, terrapin_frame *frame) {
     const uint32_t swing = inputs->swing_valid ? integer_turn(inputs->swing_angle_mrad) : 0U;
-    const uint32_t turn = (state->sense.motor_position * (uint32_t)state->gains.turn_per_count) - swing;
+    const uint32_t whole = (state->sense.motor_position * (uint32_t)state->gains.turn_per_count) - swing;
+    const uint32_t turn = whole >> 16U;
     const terrapin_attitude_t message = {
         .pitch = inputs->pitch_mrad,
         .pitch_valid = flag(inputs->pitch_valid),
         .swing_valid = flag(inputs->swing_valid),
         .swing_angle = inputs->swing_angle_mrad,
         .acceleration = ceiling(state->estimator.acceleration_urad_s2 / 1000, INT16_MAX),
-        .angle = (int32_t)(turn >> 16U),
+        .angle = (int32_t)turn,
     };
     return terrapin_encode_attitude(&message, frame);
 }

@@ -13,7 +13,8 @@ enum {
 
 static uint64_t squared(int32_t value) {
     const int64_t held = integer_clamp(value, -500000000, 500000000);
-    return (uint64_t)(held * held);
+    const int64_t square = held * held;
+    return (uint64_t)square;
 }
 
 /* Square of the torque of a current [uA]. */

@@ -129,16 +129,16 @@ static inline void rig_run(uint32_t ms) {
     }
 }
 
-static inline uint8_t rig_state(void) {
+static inline int32_t rig_state(void) {
     return rig.state.supervisor.state;
 }
 
 /* Runs until the state is reached; fails when it is not within ms. */
-static inline void rig_until(uint8_t state, uint32_t ms) {
+static inline void rig_until(int32_t state, uint32_t ms) {
     for (uint32_t i = 0; i < ms && rig_state() != state; i++) {
         rig_tick();
     }
-    TEST_ASSERT_EQUAL_UINT8(state, rig_state());
+    TEST_ASSERT_EQUAL_INT32(state, rig_state());
 }
 
 static inline void rig_request(uint8_t request, int16_t setpoint) {

@@ -43,7 +43,7 @@ static void test_limiter_holds_the_slip_on_a_carriage(void) {
     const double worst = carriage(5000U, &greatest);
     TEST_ASSERT_TRUE(greatest < 0.55);
     TEST_ASSERT_TRUE(worst < 0.02);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_LIMITING, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_LIMITING, rig_state());
     TEST_ASSERT_INT32_WITHIN(300, 5000, rig.state.slip.slip_e4);
     TEST_ASSERT_FALSE(rig.state.slip.slow);
 }
@@ -55,7 +55,7 @@ static void test_without_the_limiter_slip_runs_away(void) {
     rig_request(TERRAPIN_REQUEST_RUN, 8000);
     (void)carriage(5000U, &greatest);
     TEST_ASSERT_TRUE(greatest > 0.9);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_RUN, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_RUN, rig_state());
 }
 
 static void test_limiter_works_backwards_and_with_the_speed_loop(void) {
@@ -73,7 +73,7 @@ static void test_limiter_works_backwards_and_with_the_speed_loop(void) {
         TEST_ASSERT_INT16_WITHIN(2500, before, rig.out.duty_q15);
         before = rig.out.duty_q15;
     }
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_RUN, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_RUN, rig_state());
     TEST_ASSERT_TRUE(fabs(RADIUS * rig.omega + 0.7) < 0.02);
 }
 
@@ -217,17 +217,17 @@ static void climb(int16_t millivolt) {
 
 static void test_stuck_on_a_slope_backs_out_and_reports(void) {
     climb(8000);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_REPORT_STOPPED, rig.state.supervisor.report);
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_REPORT_STOPPED, rig.state.supervisor.report);
     TEST_ASSERT_TRUE(fabs(rig.speed) < 0.1);
     rig_until(TERRAPIN_STATE_EXTRICATE, 1000U);
     rig_until(TERRAPIN_STATE_IDLE, 15000U);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_REPORT_EXTRICATED, rig.state.supervisor.report);
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_REPORT_EXTRICATED, rig.state.supervisor.report);
     TEST_ASSERT_TRUE(rig.state.supervisor.report_distance_mm < -300);
     TEST_ASSERT_TRUE(fabs(rig.speed) < 0.01);
     TEST_ASSERT_TRUE(rig.ground < 1.0);
     TEST_ASSERT_TRUE(supervisor_ready(&rig.state));
     rig_run(1000);
-    TEST_ASSERT_EQUAL_UINT8_MESSAGE(TERRAPIN_STATE_IDLE, rig_state(), "the old request does not start it again");
+    TEST_ASSERT_EQUAL_INT32_MESSAGE(TERRAPIN_STATE_IDLE, rig_state(), "the old request does not start it again");
     rig_request(TERRAPIN_REQUEST_IDLE, 0);
     rig_run(60);
     rig_request(TERRAPIN_REQUEST_RUN, 3000);
@@ -244,11 +244,11 @@ static void test_backs_out_until_the_pitch_is_gone(void) {
     rig.in.pitch_mrad = 244;
     rig_until(TERRAPIN_STATE_EXTRICATE, 20000U);
     rig_run(4000); /* the pitch still reads 14 degrees */
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_EXTRICATE, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_EXTRICATE, rig_state());
     TEST_ASSERT_EQUAL(PHASE_FIRST, rig.state.supervisor.phase);
     rig.in.pitch_mrad = 10;
     rig_until(TERRAPIN_STATE_IDLE, 4000U);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_REPORT_EXTRICATED, rig.state.supervisor.report);
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_REPORT_EXTRICATED, rig.state.supervisor.report);
 }
 
 static void test_extrication_is_bounded_in_time(void) {
@@ -256,7 +256,7 @@ static void test_extrication_is_bounded_in_time(void) {
     rig.traction = 1e-6; /* no grip at all, and held by a wall */
     rig.carriage = 0.0;
     rig_until(TERRAPIN_STATE_IDLE, 21000U);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_REPORT_EXTRICATION_FAILED, rig.state.supervisor.report);
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_REPORT_EXTRICATION_FAILED, rig.state.supervisor.report);
     TEST_ASSERT_FALSE(rig.out.enable);
 }
 
@@ -265,8 +265,8 @@ static void test_the_operator_may_end_the_extrication(void) {
     rig_until(TERRAPIN_STATE_EXTRICATE, 1000U);
     rig_request(TERRAPIN_REQUEST_IDLE, 0);
     rig_run(60);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_IDLE, rig_state());
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_REPORT_EXTRICATION_FAILED, rig.state.supervisor.report);
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_REPORT_EXTRICATION_FAILED, rig.state.supervisor.report);
     TEST_ASSERT_FALSE(rig.out.enable);
 }
 
@@ -276,7 +276,7 @@ static void test_a_robot_that_never_moved_is_given_its_time(void) {
     rig_drive(8000, TERRAPIN_CONTROL_VOLTAGE);
     rig_until(TERRAPIN_STATE_LIMITING, 500U);
     rig_run(350);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_LIMITING, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_LIMITING, rig_state());
     rig_until(TERRAPIN_STATE_STUCK, 200U);
 }
 
@@ -287,7 +287,7 @@ static void test_a_setpoint_of_nothing_does_not_limit(void) {
     rig_until(TERRAPIN_STATE_LIMITING, 2000U);
     rig_request(TERRAPIN_REQUEST_RUN, 0);
     rig_run(100);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_RUN, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_RUN, rig_state());
     TEST_ASSERT_FALSE(rig.state.drive.limiting);
 }
 

@@ -105,7 +105,7 @@ static void test_steady_state_on_four_terrains(void) {
                 TEST_ASSERT_TRUE_MESSAGE(rig.state.estimator.valid, "stays valid");
                 TEST_ASSERT_TRUE_MESSAGE(fabs(rig.state.estimator.torque_unm - rig_contact_unm()) <= 500.0, "0.5 mN m");
             }
-            TEST_ASSERT_EQUAL_UINT8(names[i], rig.state.ground.terrain);
+            TEST_ASSERT_EQUAL_INT32(names[i], rig.state.ground.terrain);
             TEST_ASSERT_TRUE(fabs(rig.state.estimator.omega_urad_s * 1e-6 - rig.omega) < 3e-3);
         }
     }
@@ -144,7 +144,7 @@ static void test_not_valid_while_the_inner_device_swings(void) {
 
 static void test_at_rest_nothing_is_valid(void) {
     rig_run(6000);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_IDLE, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
     TEST_ASSERT_FALSE(rig.state.estimator.valid);
     TEST_ASSERT_INT32_WITHIN(200, 0, rig.state.estimator.torque_unm);
 }

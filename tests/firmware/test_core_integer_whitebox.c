@@ -34,6 +34,9 @@ static void test_abs_and_sign(void) {
     TEST_ASSERT_EQUAL_INT32(3, integer_abs(3));
     TEST_ASSERT_EQUAL_INT32(0, integer_abs(0));
     TEST_ASSERT_EQUAL_INT32(-1, integer_sign(INT32_MIN));
+    TEST_ASSERT_EQUAL_INT32(-1, integer_direction(-1));
+    TEST_ASSERT_EQUAL_INT32(1, integer_direction(0));
+    TEST_ASSERT_EQUAL_INT32(1, integer_direction(5));
     TEST_ASSERT_EQUAL_INT32(0, integer_sign(0));
     TEST_ASSERT_EQUAL_INT32(1, integer_sign(INT32_MAX));
 }

@@ -9,13 +9,13 @@ void tearDown(void) {}
 
 static void test_boots_through_self_test_into_idle(void) {
     rig.command = false;
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_BOOT, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_BOOT, rig_state());
     rig_until(TERRAPIN_STATE_SELF_TEST, 20U);
     rig_until(TERRAPIN_STATE_IDLE, 250U);
     TEST_ASSERT_TRUE(supervisor_ready(&rig.state));
     TEST_ASSERT_TRUE(rig.state.sense.trimmed);
     rig_run(1000);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_IDLE, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
     TEST_ASSERT_FALSE(rig.out.enable);
     TEST_ASSERT_EQUAL_HEX32(0U, rig.out.faults);
 }
@@ -28,7 +28,7 @@ static void test_runs_and_brakes_to_idle(void) {
     TEST_ASSERT_TRUE(rig.omega > 11.0);
     rig_request(TERRAPIN_REQUEST_IDLE, 0);
     rig_run(100);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_RUN, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_RUN, rig_state());
     TEST_ASSERT_EQUAL_INT16(0, rig.out.duty_q15);
     rig_until(TERRAPIN_STATE_IDLE, 3000U);
     TEST_ASSERT_TRUE(fabs(rig.omega) < 0.1);
@@ -43,7 +43,7 @@ static void test_braking_ends_even_when_the_robot_does_not_stop(void) {
         rig.omega = 5.0; /* something pushes it */
         rig_tick();
     }
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_IDLE, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
     TEST_ASSERT_FALSE(rig.out.enable);
 }
 
@@ -55,19 +55,19 @@ static void test_emergency_stop_within_one_tick_and_latched(void) {
     rig_tick();
     TEST_ASSERT_FALSE(rig.out.enable);
     TEST_ASSERT_EQUAL_INT16(0, rig.out.duty_q15);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_SAFE, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_SAFE, rig_state());
     TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_ESTOP));
     rig.in.estop = false;
     rig_run(500);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_SAFE, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_SAFE, rig_state());
     TEST_ASSERT_FALSE_MESSAGE(rig.out.enable, "the request to run still stands, the fault too");
     rig.in.estop = true;
     rig_request(TERRAPIN_REQUEST_CLEAR, 0);
     rig_run(100);
-    TEST_ASSERT_EQUAL_UINT8_MESSAGE(TERRAPIN_STATE_SAFE, rig_state(), "its cause still stands");
+    TEST_ASSERT_EQUAL_INT32_MESSAGE(TERRAPIN_STATE_SAFE, rig_state(), "its cause still stands");
     rig.in.estop = false;
     rig_run(100);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_IDLE, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
     TEST_ASSERT_EQUAL_HEX32(0U, rig.out.faults);
     rig_request(TERRAPIN_REQUEST_RUN, 6000);
     rig_run(100);
@@ -75,14 +75,14 @@ static void test_emergency_stop_within_one_tick_and_latched(void) {
 }
 
 static void test_emergency_stop_in_every_state(void) {
-    for (uint8_t state = TERRAPIN_STATE_BOOT; state <= TERRAPIN_STATE_SAFE; state++) {
+    for (int32_t state = TERRAPIN_STATE_BOOT; state <= TERRAPIN_STATE_SAFE; state++) {
         rig_start();
         rig_run(300);
         rig.state.supervisor.state = state;
         rig.in.estop = true;
         rig_tick();
         TEST_ASSERT_FALSE(rig.out.enable);
-        TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_SAFE, rig_state());
+        TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_SAFE, rig_state());
     }
 }
 
@@ -99,7 +99,7 @@ static void test_watchdog_at_200_ms(void) {
     rig_tick();
     TEST_ASSERT_FALSE(rig.out.enable);
     TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_COMMAND_TIMEOUT));
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_SAFE, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_SAFE, rig_state());
 }
 
 static void test_an_old_request_does_not_start_anything(void) {
@@ -109,13 +109,13 @@ static void test_an_old_request_does_not_start_anything(void) {
     rig_run(20); /* heard once, during the self test, 140 ms before its end */
     rig.command = false;
     rig_run(1000);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_IDLE, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
     TEST_ASSERT_FALSE(rig.out.enable);
 }
 
 static void test_a_state_that_does_not_exist_keeps_the_bridge_off(void) {
     rig_drive(6000, TERRAPIN_CONTROL_VOLTAGE);
-    rig.state.supervisor.state = 13U;
+    rig.state.supervisor.state = 13;
     rig_tick();
     TEST_ASSERT_FALSE(rig.out.enable);
 }
@@ -148,7 +148,7 @@ static void expect_fault(expected e, void (*break_it)(void)) {
     TEST_ASSERT_TRUE(ms <= e.within_ms);
     TEST_ASSERT_TRUE(ms >= e.not_before_ms);
     TEST_ASSERT_FALSE(rig.out.enable);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_SAFE, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_SAFE, rig_state());
 }
 
 static void too_much_current(void) {
@@ -225,7 +225,7 @@ static void test_no_plausible_zero_is_a_fault(void) {
     rig_run(300);
     TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_CURRENT_SENSOR));
     TEST_ASSERT_FALSE(rig.state.sense.trimmed);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_SAFE, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_SAFE, rig_state());
 }
 
 static void test_parameters_that_contradict_each_other(void) {
@@ -240,11 +240,11 @@ static void test_parameters_that_contradict_each_other(void) {
         rig_set((uint16_t)rows[i][0], rows[i][1]);
         rig_run(1);
         TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_PARAMETER));
-        TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_SAFE, rig_state());
+        TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_SAFE, rig_state());
         rig_set((uint16_t)rows[i][2], rows[i][3]);
         rig_request(TERRAPIN_REQUEST_CLEAR, 0);
         rig_run(60);
-        TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_IDLE, rig_state());
+        TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
     }
 }
 
@@ -285,7 +285,7 @@ static void test_ticks_wrap_without_a_word(void) {
     rig_run(6000);
     TEST_ASSERT_EQUAL_HEX32(0U, rig.out.faults);
     TEST_ASSERT_TRUE(rig.in.tick < 6000U);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_STATE_RUN, rig_state());
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_RUN, rig_state());
 }
 
 static void test_clear_takes_the_report_away(void) {
@@ -293,7 +293,7 @@ static void test_clear_takes_the_report_away(void) {
     supervisor_report(&rig.state, TERRAPIN_REPORT_STOPPED, 5);
     rig_request(TERRAPIN_REQUEST_CLEAR, 0);
     rig_run(60);
-    TEST_ASSERT_EQUAL_UINT8(TERRAPIN_REPORT_NONE, rig.state.supervisor.report);
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_REPORT_NONE, rig.state.supervisor.report);
 }
 
 static void test_parameter_access(void) {
