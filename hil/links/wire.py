@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
@@ -49,9 +50,9 @@ class SlcanLink:
         self._sender = Sender(self._interface)
 
     @classmethod
-    def of_process(cls) -> SlcanLink:
-        """Starts the host build's controller on a pty. LinkError when it does not start."""
-        process = ControllerProcess()
+    def of_process(cls, program: Path | None = None) -> SlcanLink:
+        """Starts a controller (the host build's by default) on a pty. LinkError when it does not start."""
+        process = ControllerProcess(program)
         path = process.start()
         try:
             return cls("pty", SlcanPort.open(path), process)

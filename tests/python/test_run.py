@@ -83,6 +83,18 @@ def test_in_process_and_over_a_pty_give_the_same_hash(name: str) -> None:
     assert run(replace(scenario, seed=99)).output_hash != here.output_hash
 
 
+@pytest.mark.parametrize("preset", ["o0", "m32"])
+def test_other_builds_give_the_same_hash(preset: str) -> None:
+    """Not optimised, and 32 bit: the same controller. These builds come from `cmake --preset o0` and `m32`."""
+    program = paths.ROOT / "build" / preset / "terrapin-controller"
+    if not program.is_file():
+        pytest.skip(f"build/{preset} is not built on this machine")
+    for name in ("floor_calibration", "slope_limiter"):
+        scenario = short(name, 5.0)
+        with SlcanLink.of_process(program) as link:
+            assert run(scenario, link).output_hash == run(scenario).output_hash
+
+
 def test_python_can_gives_the_same_hash() -> None:
     scenario = short(seconds=0.5)
     with ControllerProcess() as path, open_link(f"can:slcan:{path}") as link:
