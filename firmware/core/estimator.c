@@ -144,7 +144,7 @@ static int32_t window_means(terrapin_state *state, uint32_t n, int32_t counts) {
     const int32_t recent_q8 = codes_q8(now->current_sum_codes - last->current_sum_codes, zero_q8, SLOT_MS);
     e->current_10ua = integer_clamp(integer_scale(sum_q8, scale, ticks * 2560), -CURRENT_MAX_10UA, CURRENT_MAX_10UA);
     e->recent_ua = integer_scale(recent_q8, scale, SLOT_MS * 256);
-    e->voltage_mv = integer_difference(now->voltage_sum_mv, then->voltage_sum_mv) / ticks;
+    e->voltage_mv = integer_scale(integer_difference(now->voltage_sum_mv, then->voltage_sum_mv), 1, ticks);
     e->omega_urad_s = integer_scale(counts, state->gains.count_e5_urad, 100 * ticks);
     return sum_q8;
 }

@@ -115,11 +115,11 @@ int32_t integer_exp(int32_t x_q16) {
     /* exp(-x) = 2^-(k + f), x log2(e) = k + f; 2^-f by a cubic (Chebyshev), error 1.02e-4 over 0 <= f < 1.
      * f in Q15: each product stays below 45290 * 32768, below 2^31. */
     const int32_t y = integer_scale(x_q16, 94548, 65536);
-    const int32_t whole = y / 65536;
+    const uint32_t whole = (uint32_t)y / 65536U;
     const int32_t f = (y % 65536) / 2;
     const int32_t cubic = 15112 - ((2589 * f) / 32768);
     const int32_t square = ((cubic * f) / 32768) - 45290;
     const int32_t power = ((square * f) / 32768) + 65529;
-    const uint32_t shifted = (whole < 31) ? ((uint32_t)power >> (uint32_t)whole) : 0U;
+    const uint32_t shifted = (whole < 31U) ? ((uint32_t)power >> whole) : 0U;
     return (int32_t)shifted;
 }

@@ -25,7 +25,7 @@ enum {
 };
 
 _Static_assert(HISTORY_SLOTS > (2 * WINDOW_MAX_SLOTS) + BLOCK_SLOTS, "the history holds two windows and a block");
-_Static_assert((int)TERRAPIN_TERRAIN_HARD_FLOOR == (int)TERRAINS, "terrains are numbered from 1 without a gap");
+_Static_assert(TERRAPIN_TERRAIN_HARD_FLOOR == TERRAINS, "terrains are numbered from 1 without a gap");
 
 /* Derived from the parameters whenever one changes, so that no tick divides by them. */
 typedef struct {
