@@ -29,7 +29,7 @@ __all__ = ["TICK", "TRUTH", "AnswerError", "Simulation", "output_hash", "record_
 
 TICK = 1e-3  # s
 WHEEL_RADIUS = 0.030  # m, the trailing wheel that the controller's ground encoder sits on
-SUBSTEPS, FINE_SUBSTEPS, FINE_BELOW = 2, 8, 0.05  # of a tick; finer while axle and rim are slower [m/s]
+SUBSTEPS, FINE_SUBSTEPS, FINE_BELOW = 1, 8, 0.05  # of a tick; finer while axle and rim are slower [m/s]
 
 
 def _truth_names() -> tuple[str, ...]:
