@@ -10,7 +10,7 @@ value of the enumeration of the signal it is compared with: `any(ACTUATE.state =
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,6 +82,10 @@ class Check:
             raise CheckError(f"{self.text!r} is a signal, not yes or no; put any() or all() around it")
         return Outcome(self.text, bool(value), "; ".join(run.seen))
 
+    def require(self, signals: Iterable[str], enums: Mapping[str, Mapping[str, int]]) -> None:
+        """CheckError unless a run with these signals can be held against the check: found out before the run."""
+        self.evaluate(np.zeros(2), dict.fromkeys(signals, np.zeros(2)), enums)
+
 
 class _Run:
     def __init__(self, time: Array, signals: Mapping[str, Array], enums: Mapping[str, Mapping[str, int]]) -> None:
@@ -90,7 +94,9 @@ class _Run:
 
     def value(self, node: ast.expr) -> Any:
         if isinstance(node, ast.Constant):
-            return np.float64(str(node.value)) if isinstance(node.value, int | float) else node.value
+            if isinstance(node.value, str):
+                raise CheckError(f"{node.value!r} is a word, which can only be compared with a signal")
+            return np.float64(str(node.value))
         if isinstance(node, ast.Name | ast.Attribute):
             return self._signal(ast.unparse(node))
         if isinstance(node, ast.Subscript):
@@ -102,6 +108,9 @@ class _Run:
             return BINARY[type(node.op)](self.value(node.left), self.value(node.right))
         if isinstance(node, ast.BoolOp):
             values = [self.value(value) for value in node.values]  # all of them, so that each is reported
+            for part, value in zip(node.values, values, strict=True):
+                if isinstance(value, np.ndarray):
+                    raise CheckError(f"{ast.unparse(part)!r} is a signal, not yes or no; put any() or all() around it")
             return all(values) if isinstance(node.op, ast.And) else any(values)
         if isinstance(node, ast.Compare):
             return self._compare(node)
@@ -123,10 +132,15 @@ class _Run:
 
     def _window(self, node: ast.Subscript) -> Array:
         assert isinstance(node.slice, ast.Slice)
-        low = -np.inf if node.slice.lower is None else float(self.value(node.slice.lower))
-        high = np.inf if node.slice.upper is None else float(self.value(node.slice.upper))
+        low, high = self._second(node.slice.lower, -np.inf), self._second(node.slice.upper, np.inf)
         inside = (self.time >= low) & (self.time <= high)
         return np.where(inside, np.asarray(self.value(node.value), dtype=float), np.nan)
+
+    def _second(self, node: ast.expr | None, absent: float) -> float:
+        value = absent if node is None else self.value(node)
+        if isinstance(value, np.ndarray):
+            raise CheckError("the bound of a time window is a number of seconds, found a signal")
+        return float(value)
 
     def _compare(self, node: ast.Compare) -> Any:
         left: ast.expr = node.left

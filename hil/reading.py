@@ -115,6 +115,11 @@ class Section:
         place = self._file if line is None else f"{self._file}:{line}"
         return ReadingError(f"{place}: {name}: {message}" if name else f"{place}: {message}")
 
+    @property
+    def source(self) -> str:
+        """The whole file, as text."""
+        return self._text
+
     def __contains__(self, key: str) -> bool:
         return key in self._values
 

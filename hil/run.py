@@ -30,7 +30,7 @@ from hil.links import Link, open_link
 from hil.messages import Interface, interface
 from hil.scenario import Scenario
 from hil.simulation import TICK, TRUTH, Simulation, output_hash
-from hil.telemetry import decode
+from hil.telemetry import decode, signals, words
 
 __all__ = ["Observer", "Result", "Timing", "run"]
 
@@ -105,22 +105,13 @@ class Result:
         index = np.searchsorted(ticks, np.arange(len(self.records)), side="right") - 1
         return np.where(index < 0, np.nan, table[signal][index])
 
-    def _signals(self) -> tuple[Mapping[str, Array], Mapping[str, Mapping[str, int]]]:
-        enums = {
-            f"{message.name}.{signal.name}": self.interface.enums[signal.enum]
-            for message in self.interface.messages.values()
-            for signal in message.signals
-            if signal.enum
-        }
-        return _Signals(self), enums
-
     def check(self) -> tuple[Outcome, ...]:
         """Holds the scenario's checks against the run and keeps what came out. CheckError names a check that cannot."""
-        signals, enums = self._signals()
+        found, enums = _Signals(self), words(self.interface)
         outcomes = []
         for check in self.scenario.checks:
             try:
-                outcomes.append(check.evaluate(self.time, signals, enums))
+                outcomes.append(check.evaluate(self.time, found, enums))
             except CheckError as error:
                 raise CheckError(f"check {check.text!r}: {error}") from None
         self.outcomes = tuple(outcomes)
@@ -132,11 +123,7 @@ class _Signals(Mapping[str, Array]):
 
     def __init__(self, result: Result) -> None:
         self._result = result
-        self._names = dict.fromkeys(TRUTH, ("", ""))
-        for message in result.interface.messages.values():
-            if message.sender == "controller":
-                for signal in message.signals:
-                    self._names[f"{message.name}.{signal.name}"] = (message.name, signal.name)
+        self._names = {**dict.fromkeys(TRUTH, ("", "")), **signals(result.interface)}
 
     def __getitem__(self, name: str) -> Array:
         message, signal = self._names[name]

@@ -17,12 +17,14 @@ from hil import paths
 from hil.checks import Check, parse_check
 from hil.compiled_effects import ActiveEffect
 from hil.faults import MAX_FAULTS, Fault, read_fault
+from hil.messages import Interface, interface
 from hil.physics.effects import catalogue
 from hil.plant import TERRAINS, Ground, Robot, Segment, Terrain, Winding
-from hil.reading import ReadingError, Section, load, quantities
+from hil.reading import ReadingError, Section, load, parse_quantity, quantities
 from hil.sensors import Sensors, kit, read_sensors
+from hil.telemetry import signals, words
 
-__all__ = ["CONTROLS", "REQUESTS", "Order", "Scenario", "find_scenario", "load_scenario"]
+__all__ = ["CONTROLS", "REQUESTS", "Order", "Scenario", "find_scenario", "load_scenario", "parameters_of"]
 
 REQUESTS = {"idle": 0, "calibrate": 1, "run": 2, "clear": 3}
 CONTROLS = {"voltage": 0, "speed": 1}
@@ -179,7 +181,10 @@ def _effects(root: Section) -> tuple[ActiveEffect, ...]:
     return tuple(active)
 
 
-def _checks(root: Section) -> tuple[Check, ...]:
+def _checks(root: Section, description: Interface) -> tuple[Check, ...]:
+    from hil.simulation import TRUTH  # it needs Scenario
+
+    names, enums = [*TRUTH, *signals(description)], words(description)
     texts = root.raw("checks") if "checks" in root else []
     if not isinstance(texts, list) or any(not isinstance(text, str) for text in texts):
         raise root.error("checks", f"found {texts!r}, expected a list of texts")
@@ -187,25 +192,31 @@ def _checks(root: Section) -> tuple[Check, ...]:
     for text in texts:
         try:
             checks.append(parse_check(text))
+            checks[-1].require(names, enums)
         except ValueError as error:
             raise root.error("checks", f"{text!r}: {error}") from None
     return tuple(checks)
 
 
-def _firmware(root: Section) -> dict[str, float]:
-    section = root.section("firmware")
+def parameters_of(section: Section, description: Interface) -> dict[str, float]:
+    """Parameters of the controller, in their units; a number, or text with its own unit. ReadingError as always."""
     values = {}
     for name in section:
-        value = section.raw(name)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise section.error(name, f"found {value!r}, expected a number in the parameter's unit")
-        values[name] = float(value)
+        try:
+            parameter = description.parameter(name)
+            values[name] = parse_quantity(section.raw(name), parameter.unit)
+            parameter.raw(values[name])
+        except KeyError as error:
+            raise section.error(name, error.args[0]) from None
+        except ValueError as error:
+            raise section.error(name, str(error)) from None
     return values
 
 
 def load_scenario(path: Path) -> Scenario:
     """Reads and checks a scenario file. ReadingError: one line that names file, line, field and what was expected."""
     root = load(path)
+    description = interface()
     winding = root.section("winding")
     profile = _profile(winding, "profile", "degC", -50.0, 300.0)
     heating = replace(quantities(winding, Winding), profile=profile)
@@ -228,10 +239,10 @@ def load_scenario(path: Path) -> Scenario:
         operator=_operator(root),
         faults=tuple(read_fault(section) for section in root.sections("fault")),
         effects=_effects(root),
-        firmware=_firmware(root),
-        checks=_checks(root),
+        firmware=parameters_of(root.section("firmware"), description),
+        checks=_checks(root, description),
         real_time=root.flag("real_time", False),
-        source=path.read_text(encoding="utf-8"),
+        source=root.source,
     )
     supply.done()
     root.choice("ground", ["default"], "default")

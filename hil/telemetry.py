@@ -12,9 +12,29 @@ import numpy.typing as npt
 from hil.messages import Interface, Signal
 from hil.physics.expression import units
 
-__all__ = ["decode", "decode_signal", "si_factor"]
+__all__ = ["decode", "decode_signal", "si_factor", "signals", "words"]
 
 Array = npt.NDArray[np.float64]
+
+
+def signals(interface: Interface) -> dict[str, tuple[str, str]]:
+    """MESSAGE.signal -> (message, signal), of everything that the controller sends."""
+    return {
+        f"{message.name}.{signal.name}": (message.name, signal.name)
+        for message in interface.messages.values()
+        if message.sender == "controller"
+        for signal in message.signals
+    }
+
+
+def words(interface: Interface) -> dict[str, Mapping[str, int]]:
+    """MESSAGE.signal -> word -> value, of the signals that have words for their values."""
+    return {
+        f"{message.name}.{signal.name}": interface.enums[signal.enum]
+        for message in interface.messages.values()
+        for signal in message.signals
+        if signal.enum
+    }
 
 
 @cache

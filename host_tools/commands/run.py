@@ -17,9 +17,9 @@ from hil.compiled_effects import EffectError
 from hil.firmware import ParameterError
 from hil.links import LINKS, LinkNameError
 from hil.messages import Interface, interface
-from hil.reading import ReadingError, load, parse_quantity
+from hil.reading import ReadingError, load
 from hil.run import Result, run
-from hil.scenario import find_scenario, load_scenario
+from hil.scenario import find_scenario, load_scenario, parameters_of
 from host_tools.errors import UserError
 from host_tools.logs.folder import RunFolder
 
@@ -36,20 +36,9 @@ Exit status: 0 when every check of the scenario holds, 1 when one fails or the r
 def read_parameters(path: Path, description: Interface) -> dict[str, float]:
     """The table [parameters] of a TOML file, in the units of controller.toml. ReadingError names what is wrong."""
     root = load(path)
-    section = root.section("parameters")
     if "parameters" not in root:
         raise root.error(None, "found no table [parameters], expected one with a line for each parameter")
-    values = {}
-    for name in section:
-        try:
-            parameter = description.parameter(name)
-            values[name] = parse_quantity(section.raw(name), parameter.unit)
-            parameter.raw(values[name])
-        except KeyError as error:
-            raise section.error(name, error.args[0]) from None
-        except ValueError as error:
-            raise section.error(name, str(error)) from None
-    return values
+    return parameters_of(root.section("parameters"), description)
 
 
 @contextlib.contextmanager

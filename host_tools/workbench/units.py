@@ -34,7 +34,8 @@ def check(unit: str) -> None:
 
 def same_kind(unit: str, other: str) -> bool:
     """Whether values in the one convert to the other (exponents agree to 1e-6, so m^0.97 works)."""
-    left, right = dict(read_unit(unit).dimensionality), dict(read_unit(other).dimensionality)
+    left: dict[Any, Any] = dict(read_unit(unit).dimensionality)
+    right: dict[Any, Any] = dict(read_unit(other).dimensionality)
     return all(abs(float(left.get(d, 0)) - float(right.get(d, 0))) < 1e-6 for d in {*left, *right})
 
 
