@@ -20,7 +20,9 @@ __all__ = ["Operating", "calibrated", "operating_characteristic"]
 
 Array = npt.NDArray[np.float64]
 
-SLOPE, SHIFT = 1.0, 0.0  # log odds of being right = SLOPE * log odds of the posterior + SHIFT
+# log odds of being right = slope * log odds of the posterior + shift, for a claim and for "nothing is missing"
+CLAIM = (1.0, 0.0)
+NOTHING = (1.6, 0.8)
 CEILING = 0.995  # no answer is surer than the campaigns could check
 DRAWS = 200
 
@@ -34,10 +36,11 @@ class Operating:
     named: float
 
 
-def calibrated(probability: float) -> float:
-    """A posterior probability as a rate of being right."""
+def calibrated(probability: float, nothing: bool = False) -> float:
+    """A posterior probability as a rate of being right; `nothing`: of the verdict that nothing is missing."""
+    slope, shift = NOTHING if nothing else CLAIM
     p = min(max(probability, 1e-12), 1.0 - 1e-12)
-    odds = SLOPE * np.log(p / (1.0 - p)) + SHIFT
+    odds = slope * np.log(p / (1.0 - p)) + shift
     return float(min(1.0 / (1.0 + np.exp(-odds)), CEILING))
 
 

@@ -78,7 +78,7 @@ def discover(
     nothing = ranking.probability("nothing")
     verdict, top, rivals, probability = _verdict(ranking, analysis)
     if not analysis.missing:
-        verdict, top, rivals, probability = "adequate", None, [], calibrated(nothing)
+        verdict, top, rivals, probability = "adequate", None, [], calibrated(nothing, nothing=True)
     missing = top.effects if top is not None and verdict != "unexplained" else ()
     odd = _odd_runs(ranking) if analysis.missing else ()
     report("what to measure next")

@@ -9,7 +9,7 @@ as short as the measurements allow.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,7 @@ from host_tools.workbench.case import Case
 from host_tools.workbench.models import Model
 from host_tools.workbench.noise import orthonormal
 
-__all__ = ["Library", "Sketch", "as_effect", "library"]
+__all__ = ["SCALE_COST", "Library", "Sketch", "as_effect", "library"]
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -32,6 +32,8 @@ LIMIT = 4000  # expressions
 DUPLICATE = 0.985  # correlation, beyond what the model can take up, above which an expression is another one
 SHAPE_COST = 0.35  # prior factor of a shape other than the column itself
 PRODUCT_COST = 0.35  # prior factor of a further column
+UNMAPPED_COST = 0.5  # prior factor of a column that the case does not map
+SCALE_COST = 1.5  # log evidence taken off a refit for each scale that it could choose
 TARGET_COST = {"resistance": 1.0, "channel": 0.7, "drag": 0.5, "parameter": 0.25}
 
 
@@ -44,6 +46,7 @@ class Sketch:
     column: str  # the column whose shape it is, as the file or the role has it
     scales: Mapping[str, float]
     units: Mapping[str, str]
+    limits: tuple[float, float]  # of the scales
     prior: float
 
 
@@ -67,8 +70,10 @@ def _shapes(name: str, values: Array, unit: str) -> list[tuple[str, dict[str, fl
     found.append((f"{name}**2", {}, SHAPE_COST))
     found.append((f"{name}**3", {}, SHAPE_COST**1.5))
     found.append((f"abs({name})**1.5", {}, SHAPE_COST**2))
-    for share in (0.3, 0.6):  # nothing below a threshold
-        found.append((f"max({name} - w, 0)", {"w": low + share * span}, 0.5 * SHAPE_COST**2))
+    size = f"abs({name})" if not one_sign else name
+    floor, top = (0.0, max(-low, high)) if not one_sign else (low, high)
+    for share in (0.45, 0.7):  # nothing below a threshold
+        found.append((f"max({size} - w, 0)", {"w": floor + share * (top - floor)}, SHAPE_COST**3))
     if not one_sign:
         found.append((f"abs({name})", {}, SHAPE_COST))
         found.append((f"{name}*abs({name})", {}, SHAPE_COST))
@@ -91,6 +96,17 @@ def _shapes(name: str, values: Array, unit: str) -> list[tuple[str, dict[str, fl
         for share in (0.15, 0.5):
             found.append((f"exp(-abs({name})/tau)", {"tau": share * max(-low, high)}, 0.5 * SHAPE_COST**1.5))
     return found
+
+
+def _limits(text: str, values: Array) -> tuple[float, float]:
+    """Between which the scale of a shape lies: a threshold inside the column's range, others up to its size."""
+    low, high = float(values.min()), float(values.max())
+    if text.startswith("max("):  # lower, a threshold is a straight line: two effects of the catalogue in disguise
+        if low < 0.0 < high:
+            low, high = 0.0, max(-low, high)
+        return low + 0.3 * (high - low), low + 0.85 * (high - low)
+    size = max(abs(low), abs(high))
+    return 0.02 * size, 1.2 * size
 
 
 def _targets(case: Case) -> list[tuple[str, float]]:
@@ -165,10 +181,11 @@ def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, 
                         Sketch(
                             "*".join(["k", _bracketed(text), *([factor] if factor else [])]),
                             target,
-                            case.column_of.get(name, name) if name not in roles else {"pass_": "pass"}.get(name, name),
+                            {"pass_": "pass"}.get(name, name),
                             start,
                             dict.fromkeys(start, unit),
-                            target_prior * shape_prior * factor_prior,
+                            _limits(text, values[name]),
+                            target_prior * shape_prior * factor_prior * (1.0 if name in roles else UNMAPPED_COST),
                         )
                     )
                     columns.append((change / size).reshape(-1))
@@ -179,7 +196,7 @@ def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, 
     keep = _distinct(stacked, basis, catalogue, np.array([s.prior for s in sketches]))
     chosen = [sketches[i] for i in keep]
     total = sum(s.prior for s in chosen)
-    final = tuple(Sketch(s.text, s.target, s.column, s.scales, s.units, s.prior / total) for s in chosen)
+    final = tuple(replace(s, prior=s.prior / total) for s in chosen)
     return Library(final, stacked[:, keep], np.array(scales)[keep])
 
 
@@ -214,7 +231,7 @@ def as_effect(sketch: Sketch, case: Case, name: str) -> Effect:
     expression: Expression = parse(sketch.text)
     parameters = [Parameter("k", _unit(sketch, case), 0.0, meaning="size")]
     for key, value in sketch.scales.items():
-        parameters.append(_scale_parameter(key, sketch.units[key], value))
+        parameters.append(_scale_parameter(key, sketch, value))
     return Effect(
         name=name,
         title="expression found in the data",
@@ -228,12 +245,11 @@ def as_effect(sketch: Sketch, case: Case, name: str) -> Effect:
     )
 
 
-def _scale_parameter(name: str, unit: str, start: float) -> Parameter:
-    """A scale keeps its sign; a fit starts from it, from half and from twice of it."""
-    if start == 0.0:
-        return Parameter(name, unit, start, meaning="threshold")
-    low, high = sorted((start / 30.0, start * 30.0))
-    return Parameter(name, unit, start, low, high, "scale", grid=(start / 2.0, start, start * 2.0))
+def _scale_parameter(name: str, sketch: Sketch, start: float) -> Parameter:
+    """A scale or threshold stays where the data can see it: outside, every shape is a straight line."""
+    low, high = sketch.limits
+    grid = tuple(v for v in (start / 2.0, start, start * 2.0) if low <= v <= high)
+    return Parameter(name, sketch.units[name], start, low, high, "scale of the shape", grid=grid)
 
 
 def _unit(sketch: Sketch, case: Case) -> str:

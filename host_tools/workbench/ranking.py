@@ -20,7 +20,7 @@ from host_tools.workbench.analysis import Analysis, measured
 from host_tools.workbench.candidates import Shape, is_phase, loudness, shapes_of
 from host_tools.workbench.directions import candidates
 from host_tools.workbench.evidence import Evidence
-from host_tools.workbench.expressions import Library, Sketch, as_effect, library
+from host_tools.workbench.expressions import SCALE_COST, Library, Sketch, as_effect, library
 from host_tools.workbench.fit import Fit, extend
 from host_tools.workbench.noise import Ar1
 
@@ -326,7 +326,11 @@ def _expressions(ranker: _Ranker, best: float) -> tuple[list[Hypothesis], dict[s
             effect = as_effect(chosen, case, name)
             fit = ranker.fit((name,), {name: effect})
             value = ranker.around(fit, (name,))
-            refitted = float(weight[index]) if value is None else value + float(weight[index] - logs[index])
+            refitted = (
+                float(weight[index])
+                if value is None
+                else value + float(weight[index] - logs[index]) - SCALE_COST * len(chosen.scales)
+            )
             effects[name] = effect
             found.append(Hypothesis((name,), "expression", refitted, fit, chosen.column))
         else:

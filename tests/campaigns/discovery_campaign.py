@@ -11,16 +11,17 @@ import json
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from discovery_cases import CONTACT, HIDDEN, ROLLING, confounded, make  # noqa: E402
+from discovery_cases import CONTACT, HIDDEN, ROLLING, confounded, make
 
-from host_tools.workbench.analysis import error, fitted_on  # noqa: E402
-from host_tools.workbench.discovery import discover  # noqa: E402
+from host_tools.workbench.analysis import error, fitted_on
+from host_tools.workbench.discovery import discover
 
 KINDS = ("adequate", "single", "pair", "ambiguous", "hidden")
 
@@ -57,9 +58,20 @@ def one(job: tuple[str, int, dict]) -> dict | None:  # type: ignore[type-arg]
     named = set(found.missing)
     expressions = [c for c in found.candidates if c.effect.name in named and c.kind == "expression"]
     result = {
-        **{"kind": kind, "number": number, "base": base, "runs": runs, "rho": rho, "size": size, "known": known},
-        **{"truth": sorted(truth), "column": made.column, "verdict": found.verdict, "missing": sorted(named)},
-        **{"rivals": [sorted(r) for r in listed], "probability": found.answer_probability, "seconds": seconds},
+        "kind": kind,
+        "number": number,
+        "base": made.case.base.name,
+        "runs": runs,
+        "rho": rho,
+        "size": made.size,
+        "known": known,
+        "truth": sorted(truth),
+        "column": made.column,
+        "verdict": found.verdict,
+        "missing": sorted(named),
+        "rivals": [sorted(r) for r in listed],
+        "probability": found.answer_probability,
+        "seconds": seconds,
         "p_value": found.analysis.adequacy.p_value,
         "first": found.candidates[0].effect.name if found.candidates else "",
         "where": found.where[0].variable if found.where else "",
@@ -91,9 +103,8 @@ def one(job: tuple[str, int, dict]) -> dict | None:  # type: ignore[type-arg]
 
 def table(results: list[dict]) -> str:  # type: ignore[type-arg]
     """Rates by kind, runs and size."""
-    lines = [
-        f"{'kind':10} {'base':15} {'size':>5} {'n':>4} {'right':>6} {'alarm':>6} {'first':>6} {'conf.wrong':>10} {'ratio95':>8} {'s':>5}"
-    ]
+    heads = ("kind", "base", "size", "n", "right", "alarm", "first", "conf.wrong", "ratio95", "s")
+    lines = ["{:10}{:15}{:>6}{:>5}{:>7}{:>7}{:>7}{:>11}{:>9}{:>6}".format(*heads)]
     keys = sorted({(r["kind"], r["base"], r["size"] if r["kind"] != "adequate" else 0.0) for r in results})
     for kind, base, size in keys:
         mine = [
@@ -107,7 +118,8 @@ def table(results: list[dict]) -> str:  # type: ignore[type-arg]
         tail = np.quantile(ratios, 0.95) if ratios else float("nan")
         seconds = np.mean([r["seconds"] for r in mine])
         lines.append(
-            f"{kind:10} {base:15} {size:5.1f} {len(mine):4d} {right:6.2f} {alarm:6.2f} {first:6.2f} {wrong:10.3f} {tail:8.3f} {seconds:5.1f}"
+            f"{kind:10}{base:15}{size:6.1f}{len(mine):5d}{right:7.2f}{alarm:7.2f}{first:7.2f}"
+            f"{wrong:11.3f}{tail:9.3f}{seconds:6.1f}"
         )
     return "\n".join(lines)
 
@@ -119,7 +131,7 @@ def reliability(results: list[dict]) -> str:  # type: ignore[type-arg]
     lines = ["answer probability: given, observed, cases"]
     edges = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.97, 1.0])
     total = 0.0
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         inside = (p > low) & (p <= high)
         if inside.any():
             lines.append(f"  {p[inside].mean():.3f}  {right[inside].mean():.3f}  {inside.sum()}")
@@ -138,14 +150,18 @@ def main() -> None:
     parser.add_argument("--size", type=float)
     parser.add_argument("--base", choices=["rolling_steady", "sphere_contact"])
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--json", type=Path)
+    parser.add_argument("--json", type=Path, help="append results, one line a case")
     arguments = parser.parse_args()
     options = {key: getattr(arguments, key) for key in ("seed", "runs", "rho", "size", "base")}
-    jobs = [(kind, number, options) for kind in arguments.kinds.split(",") for number in range(arguments.cases)]
+    jobs = [(kind, number, options) for number in range(arguments.cases) for kind in arguments.kinds.split(",")]
+    results = []
     with ProcessPoolExecutor(arguments.jobs) as pool:
-        results = [r for r in pool.map(one, jobs, chunksize=4) if r is not None]
-    if arguments.json:
-        arguments.json.write_text(json.dumps(results, indent=1), encoding="utf-8")
+        for result in pool.map(one, jobs):
+            if result is not None:
+                results.append(result)
+                if arguments.json:  # as they come: a campaign that is cut short still says something
+                    with arguments.json.open("a", encoding="utf-8") as file:
+                        file.write(json.dumps(result) + "\n")
     print(table(results))
     print(reliability(results))
 

@@ -1,7 +1,7 @@
 """Cases with a hidden effect and its answer, from the formulas of the contract (docs/cases.md). Used by the campaigns.
 
-Rows are steady rolling (runs of 10 to 30 rows, one load and speed a run, both directions) or a contact rig (runs of three
-repeats at one setting). Sizes are the effect's root mean square in noise sd, in the channel where it is loudest.
+Rows are steady rolling (runs of 10 to 30 rows, one load and speed a run, both directions) or a contact rig (runs of
+three repeats at one setting). Sizes are the effect's root mean square in noise sd, in the channel where it is loudest.
 """
 
 from __future__ import annotations
@@ -16,11 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.physics.effects import Effect, Parameter
+from host_tools.workbench.bases import CHANNELS, ROLES
 from host_tools.workbench.case import Case, load_case
 from host_tools.workbench.models import Model
 from host_tools.workbench.noise import Ar1
 
-__all__ = ["ROLLING", "CONTACT", "Made", "confounded", "make"]
+__all__ = ["CONTACT", "ROLLING", "Made", "confounded", "make"]
 
 Array = npt.NDArray[np.float64]
 
@@ -163,9 +164,8 @@ def _contact(
 
 
 UNITS = {
-    **{"time": "s", "omega": "rad/s", "acceleration": "rad/s^2", "angle": "rad", "slope": "rad", "load": "N"},
-    **{"temperature": "degC", "moisture": "1", "speed": "m/s", "slip": "1", "pass": "1"},
-    **{"current": "A", "traction": "N", "torque": "N m", "sinkage": "m"},
+    **ROLES,
+    **CHANNELS,
 }
 TRUTH = {  # parameters other than an effect's size: how they are drawn
     "stribeck": {"omega_s": (1.0, 4.0)},
