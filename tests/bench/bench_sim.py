@@ -46,7 +46,7 @@ def rounds(name: str, scenario: Scenario, count: int, clock: Callable[[], float]
 
 
 def main() -> int:
-    """Prints a table, or JSON; 0."""
+    """Prints a table, or JSON; 1 when the best round misses a bound."""
     here = [ticks / 1000 for ticks in rounds("inprocess", SCENARIO, 15, time.process_time)]
     there = rounds("pty", replace(SCENARIO, duration=3.0), 5, time.perf_counter)
     rows = {
@@ -59,7 +59,7 @@ def main() -> int:
     else:
         for what, (values, bound) in rows.items():
             print(f"{what}: median {statistics.median(values):.0f}, best {max(values):.0f} (bound {bound:.0f})")
-    return 0
+    return 0 if all(max(values) >= bound for values, bound in rows.values()) else 1
 
 
 if __name__ == "__main__":
