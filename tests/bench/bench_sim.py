@@ -1,7 +1,7 @@
 """How fast the simulator runs: `python tests/bench/bench_sim.py [--json]`.
 
-In process: the default ground, real sensors with noise, the controller, the log in memory; times real time on one core,
-by CPU time. Over a pty: lockstep with its process, ticks a second. Medians and best of several rounds: on a machine that
+In process: default ground, real sensors with noise, the controller, the log in memory; times real time on one core, by
+CPU time. Over a pty: lockstep with its process, ticks a second. Medians and best of several rounds: on a machine that
 others use the best is what it can do, the median what it did. The bounds are 1,000 times and 3,000 ticks a second.
 """
 
