@@ -17,7 +17,7 @@ from typing import Protocol, Self
 
 from hil.simulation import Simulation
 
-__all__ = ["LINKS", "Link", "LinkNameError", "open_link"]
+__all__ = ["LINKS", "Link", "LinkNameError", "check_link_name", "open_link"]
 
 LINKS = "inprocess, pty, serial:DEVICE, socketcan:CHANNEL, can:INTERFACE:CHANNEL"
 
@@ -50,16 +50,12 @@ class Link(Protocol):
 def _inprocess(where: str) -> Link:
     from hil.links.inprocess import InProcess
 
-    if where:
-        raise LinkNameError(f"link 'inprocess:{where}': inprocess takes no address")
     return InProcess()
 
 
 def _pty(where: str) -> Link:
     from hil.links.wire import SlcanLink
 
-    if where:
-        raise LinkNameError(f"link 'pty:{where}': pty takes no address; for a device write serial:{where}")
     return SlcanLink.of_process()
 
 
@@ -89,9 +85,19 @@ _OPEN: dict[str, Callable[[str], Link]] = {
 }
 
 
+def check_link_name(name: str) -> tuple[str, str]:
+    """The name's kind and address. LinkNameError when no link can have that name."""
+    kind, colon, where = name.partition(":")
+    if kind not in _OPEN or (kind in ("serial", "socketcan", "can") and not where) or "\0" in name:
+        raise LinkNameError(f"link {name!r}: expected one of {LINKS}")
+    if kind == "inprocess" and colon:
+        raise LinkNameError(f"link {name!r}: inprocess takes no address")
+    if kind == "pty" and colon:
+        raise LinkNameError(f"link {name!r}: pty takes no address; for a device write serial:{where}")
+    return kind, where
+
+
 def open_link(name: str) -> Link:
     """The link of that name, open. LinkNameError, or LinkError when it does not open."""
-    kind, _, where = name.partition(":")
-    if kind not in _OPEN or (kind in ("serial", "socketcan", "can") and not where):
-        raise LinkNameError(f"link {name!r}: expected one of {LINKS}")
+    kind, where = check_link_name(name)
     return _OPEN[kind](where)

@@ -210,7 +210,11 @@ class ControllerProcess:
         """Start it; the path of its pty."""
         try:
             self.process = subprocess.Popen(
-                [str(self.program), "--pty"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+                [str(self.program), "--pty"],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+                process_group=0,  # Ctrl-C in a terminal is for us; the controller ends when we let it go
             )
         except OSError as error:
             raise LinkError(f"{self.program}: cannot start the controller: {error.strerror}") from None
@@ -227,6 +231,7 @@ class ControllerProcess:
             return 0
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGTERM)
+            self.process.send_signal(signal.SIGCONT)  # a stopped process would not hear it
         try:
             status = self.process.wait(5)
         except subprocess.TimeoutExpired:

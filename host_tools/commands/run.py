@@ -15,7 +15,7 @@ import typer
 from hil.checks import CheckError
 from hil.compiled_effects import EffectError
 from hil.firmware import ParameterError
-from hil.links import LINKS, LinkNameError
+from hil.links import LINKS, LinkNameError, check_link_name
 from hil.messages import Interface, interface
 from hil.reading import ReadingError, load
 from hil.run import Result, run
@@ -93,11 +93,12 @@ def command(
     scenario: Annotated[str, typer.Argument(help="scenario file, or the name of a shipped scenario")],
     link: Annotated[str, typer.Option(help="where the controller is")] = "inprocess",
     out: Annotated[Path | None, typer.Option(help="folder for telemetry.log, truth.csv and run.toml")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="instead of the scenario's")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="instead of the scenario's")] = None,
     parameters: Annotated[Path | None, typer.Option(help="TOML file with a table [parameters]")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="the result as JSON on standard output")] = False,
 ) -> int:
     try:
+        check_link_name(link)
         chosen = load_scenario(find_scenario(scenario))
         if seed is not None:
             chosen = replace(chosen, seed=seed)

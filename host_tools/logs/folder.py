@@ -5,6 +5,7 @@ It is whole at any moment: the log is flushed as the run goes on, and run.toml s
 
 from __future__ import annotations
 
+import fcntl
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -40,13 +41,23 @@ class RunFolder:
         self._parameters = _all_parameters(interface, {**scenario.firmware, **parameters})
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._log: TextIO = (folder / "telemetry.log").open("w", encoding="ascii")
+            self._log: TextIO = (folder / "telemetry.log").open("a", encoding="ascii")
+            self._take()
             self._truth: TextIO = (folder / "truth.csv").open("w", encoding="ascii")
             self._truth.write(",".join(TRUTH) + "\n")
             shutil.copyfile(paths.build() / "generated" / "terrapin.dbc", folder / "terrapin.dbc")
             self._describe({"complete": False})
         except OSError as error:
             raise self._failed(error) from None
+
+    def _take(self) -> None:
+        """Empties the log for this run. UserError when another run is writing it."""
+        try:
+            fcntl.flock(self._log, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise UserError(f"{self.folder}: another run is writing its log here", status=1) from None
+        if (self.folder / "telemetry.log").is_file():  # not a device
+            self._log.truncate(0)
 
     def write(self, records: npt.NDArray[Any]) -> None:
         """Appends rows of the log."""
