@@ -45,7 +45,7 @@ static bounds allowed(terrapin_state *state) {
     } else {
         d->trim_mv -= (d->trim_mv + TRIM_FALL - 1) / TRIM_FALL;
     }
-    const int32_t emf_mv = emf_uv(state, state->slip.wheel_urad_s) / 1000;
+    const int32_t emf_mv = state->slip.emf_uv / 1000;
     const int32_t reach = span - d->trim_mv;
     const int32_t most = p[TERRAPIN_PARAMETER_VOLTAGE_LIMIT];
     const bounds result = {
@@ -94,18 +94,19 @@ static int32_t limit_slip(terrapin_state *state, int32_t wanted_mv, bounds withi
     const int32_t *p = state->parameter;
     terrapin_drive *d = &state->drive;
     const int32_t limit = p[TERRAPIN_PARAMETER_SLIP_LIMIT];
-    const int32_t reference = limiter_reference(state, direction);
     const int32_t speed = direction * state->slip.shell_urad_s;
-    const int32_t error = reference - speed;
-    const int32_t feed_uv = emf_uv(state, reference);
+    const bool passed = (speed > 0) && (state->slip.slip_e4 >= limit);
     int32_t voltage = wanted_mv;
-    if (!d->limiting && (speed > 0) && (state->slip.slip_e4 >= limit)) {
-        const int32_t proportional_uv = integer_scale(p[TERRAPIN_PARAMETER_SLIP_KP], error, 1000);
-        d->limiter_integral_uv = hold_integral(((int64_t)direction * d->applied_mv * 1000) - feed_uv - proportional_uv);
-        d->limiting = true;
-    }
-    if (d->limiting) {
+    if (d->limiting || passed) {
+        const int32_t reference = limiter_reference(state, direction);
+        const int32_t error = reference - speed;
+        const int32_t feed_uv = emf_uv(state, reference);
         const bounds span = {.low_mv = integer_clamp(within.low_mv, 0, wanted_mv), .high_mv = wanted_mv};
+        if (!d->limiting) {
+            const int32_t proportional_uv = integer_scale(p[TERRAPIN_PARAMETER_SLIP_KP], error, 1000);
+            const int64_t standing_uv = (int64_t)direction * d->applied_mv * 1000;
+            d->limiter_integral_uv = hold_integral(standing_uv - feed_uv - proportional_uv);
+        }
         voltage = loop(feed_uv, error, &p[TERRAPIN_PARAMETER_SLIP_KP], span, &d->limiter_integral_uv);
         d->limiting = (voltage < wanted_mv) || (state->slip.slip_e4 >= (limit - p[TERRAPIN_PARAMETER_SLIP_HYSTERESIS]));
     }
@@ -116,13 +117,17 @@ static int32_t limited(terrapin_state *state, int32_t wanted_mv, bounds within) 
     terrapin_drive *d = &state->drive;
     const int32_t direction = integer_sign(wanted_mv);
     int32_t voltage = wanted_mv;
-    if (direction == 0) {
+    if (direction != d->limiter_direction) { /* what was learnt in the other direction does not hold in this one */
         d->limiting = false;
-    } else if (direction > 0) {
+        d->limiter_direction = direction;
+    }
+    if (direction > 0) {
         voltage = limit_slip(state, wanted_mv, within, 1);
-    } else {
+    } else if (direction < 0) {
         const bounds mirrored = {.low_mv = -within.high_mv, .high_mv = -within.low_mv};
         voltage = -limit_slip(state, -wanted_mv, mirrored, -1);
+    } else {
+        /* nothing is wanted */
     }
     return voltage;
 }
@@ -165,7 +170,7 @@ void drive_update(terrapin_state *state, const terrapin_demand *demand) {
         if (!speed || (voltage != wanted)) {
             /* something else sets the output: the speed loop follows it, and takes over without a step */
             d->reference_urad_s = state->slip.wheel_urad_s;
-            d->speed_integral_uv = hold_integral(((int64_t)held * 1000) - emf_uv(state, d->reference_urad_s));
+            d->speed_integral_uv = hold_integral(((int64_t)held * 1000) - state->slip.emf_uv);
         }
         d->current_limiting = (held != voltage) || (d->trim_mv > 0);
         modulate(state, held);

@@ -126,10 +126,10 @@ static uint32_t watch(terrapin_state *state, const terrapin_inputs *inputs) {
 /* The encoder against the motor's own equation V = R_e I + back-EMF, with the speed of the last ticks. */
 static bool encoder_lies(terrapin_state *state) {
     const int32_t *p = state->parameter;
-    const int32_t emf_mv = integer_scale(state->gains.torque_unm_per_a, state->slip.wheel_urad_s, 1000000000);
+
     const int32_t drop_mv = integer_scale(p[TERRAPIN_PARAMETER_ARMATURE_RESISTANCE], state->sense.current_ua, 1000000);
     const int32_t seen_mv = state->drive.applied_mv - drop_mv; /* below 2^22: 100 ohm at 21 A */
-    const bool off = integer_abs(seen_mv - emf_mv) > p[TERRAPIN_PARAMETER_ENCODER_TOLERANCE];
+    const bool off = integer_abs(seen_mv - (state->slip.emf_uv / 1000)) > p[TERRAPIN_PARAMETER_ENCODER_TOLERANCE];
     const bool looked_at = state->drive.enable && (state->slip.ticks > SPEED_TICKS);
     return lasting(&state->sense.encoder_ticks, looked_at && off, ENCODER_FAULT_TICKS);
 }

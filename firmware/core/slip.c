@@ -88,6 +88,7 @@ void slip_update(terrapin_state *state, const terrapin_inputs *inputs) {
     if (slip->ticks > SPEED_TICKS) {
         slip->wheel_urad_s = rate(counted(slip->motor_counts, slip->newest, (uint32_t)SPEED_TICKS),
                                   state->gains.count_e5_urad, (uint32_t)SPEED_TICKS);
+        slip->emf_uv = integer_scale(state->gains.torque_unm_per_a, slip->wheel_urad_s, 1000000);
     }
     const bool known = speeds(state);
     if (known) {

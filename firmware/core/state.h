@@ -126,6 +126,7 @@ typedef struct {
     uint8_t newest;
     /* results */
     int32_t wheel_urad_s; /* alpha_dot over SPEED_TICKS */
+    int32_t emf_uv;       /* back-EMF at wheel_urad_s */
     int32_t shell_urad_s; /* alpha_dot - phi_dot over slip_window, or alpha_dot over window */
     int32_t ground_um_s;
     int32_t slip_e4; /* 1e-4; within 4 */
@@ -152,6 +153,7 @@ typedef struct {
     int32_t speed_integral_uv;
     int32_t limiter_integral_uv;
     bool limiting;
+    int32_t limiter_direction;
     bool current_limiting;
     int32_t trim_mv;    /* what the current limit takes off beyond its model of the motor */
     int32_t applied_mv; /* at the motor since the last tick */

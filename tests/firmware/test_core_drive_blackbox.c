@@ -280,6 +280,17 @@ static void test_a_robot_that_never_moved_is_given_its_time(void) {
     rig_until(TERRAPIN_STATE_STUCK, 200U);
 }
 
+static void test_a_change_of_direction_lets_the_limiter_go(void) {
+    on_sand();
+    rig.carriage = 0.15;
+    rig_drive(8000, TERRAPIN_CONTROL_VOLTAGE);
+    rig_until(TERRAPIN_STATE_LIMITING, 2000U);
+    rig_request(TERRAPIN_REQUEST_RUN, -3000);
+    rig_run(51);
+    TEST_ASSERT_FALSE(rig.state.drive.limiting);
+    TEST_ASSERT_TRUE(rig.out.duty_q15 < 0);
+}
+
 static void test_a_setpoint_of_nothing_does_not_limit(void) {
     on_sand();
     rig.carriage = 0.15;
@@ -311,6 +322,7 @@ int main(void) {
     RUN_TEST(test_extrication_is_bounded_in_time);
     RUN_TEST(test_the_operator_may_end_the_extrication);
     RUN_TEST(test_a_robot_that_never_moved_is_given_its_time);
+    RUN_TEST(test_a_change_of_direction_lets_the_limiter_go);
     RUN_TEST(test_a_setpoint_of_nothing_does_not_limit);
     return UNITY_END();
 }
