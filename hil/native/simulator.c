@@ -262,6 +262,11 @@ static void warm(hil_simulator *simulator) {
     simulator->temperature += TICK * (loss - out) / winding->heat_capacity;
 }
 
+/* Frictions stop shell and body exactly; the axle, where nothing but the contact holds it, comes to rest by and by. */
+static bool stands(const hil_body *body) {
+    return fabs(body->rate[HIL_X]) < 1e-9 && body->rate[HIL_BETA] == 0.0 && body->rate[HIL_ALPHA] == 0.0;
+}
+
 void hil_act(hil_simulator *simulator, int16_t duty, bool enabled) {
     const hil_config *config = &simulator->config;
     hil_surroundings *around = &simulator->around;
@@ -284,17 +289,21 @@ void hil_act(hil_simulator *simulator, int16_t duty, bool enabled) {
     const double fastest = larger(fabs(config->robot.radius * body->rate[HIL_BETA]), fabs(body->rate[HIL_X]));
     const int steps = fastest < config->fine_below ? config->fine_substeps : config->substeps;
     const double dt = TICK / steps;
+    const bool standing = stands(body) && config->carriage.count == 0;
     double torque = 0.0;
-    for (int i = 0; i < steps; i++) {
-        around->time = start + i * dt;
+    int taken = 0;
+    /* What stands still under constant forces does so in the next step as well: one step then says it for the tick. */
+    while (taken < steps && !(taken == 1 && standing && stands(body))) {
+        around->time = start + taken * dt;
         around->carried = carried(&config->carriage, around->time + dt);
         if (around->carried) {
             around->carriage_speed = profile_at(&config->carriage, around->time + dt);
         }
         hil_body_step(&config->robot, &simulator->derived, &config->path, &config->effects, around, dt, body);
         torque += body->friction[HIL_BETA] + config->robot.radius * body->traction + body->ground_torque;
+        taken++;
     }
-    simulator->contact_torque = torque / steps;
+    simulator->contact_torque = torque / taken;
     simulator->supply =
         around->drive.supply - (enabled ? config->supply_resistance * around->drive.duty * body->current : 0.0);
     warm(simulator);
