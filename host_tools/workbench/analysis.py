@@ -128,7 +128,9 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     """Fit the case's model on its training runs, predict every run, and say whether and where it fails."""
     rows = case.train | case.test
     model = Model.of(case)
-    _require_numbers(case, model, model.bind(case.inputs, rows).predict(model.start), rows, "at the start values")
+    with np.errstate(all="ignore"):
+        first = model.bind(case.inputs, rows).predict(model.start)
+    _require_numbers(case, model, first, rows, "at the start values")
     given = [case.sigma[c] for c in model.channels]
     values = measured(model, case.train)
     rough = 0.05 * np.sqrt(np.mean(values * values, axis=1)) + 1e-300

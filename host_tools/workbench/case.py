@@ -28,6 +28,14 @@ Mask = npt.NDArray[np.bool_]
 Complaint = Callable[..., UserError]
 
 
+_POSITIVE = (1e-30, np.inf, "more than 0")
+RANGES = {  # known constants: lowest, what they stay below, in words
+    **dict.fromkeys(("radius", "drive_radius", "torque_constant", "width", "n", "shear_modulus", "load"), _POSITIVE),
+    "cohesion": (0.0, np.inf, "0 or more"),
+    "friction_angle": (0.0, np.pi / 2, "0 to less than 90 deg"),
+}
+
+
 @dataclass(frozen=True)
 class Estimate:
     """A parameter to be fitted: start value and bounds, in `unit`."""
@@ -261,9 +269,10 @@ def _constants(
         else:
             names = sorted({*known, *base.options, *flags})
             raise tables.complain(f"unknown name, expected one of {', '.join(names)}", *path)
-    for name in ("radius", "drive_radius", "torque_constant", "width", "n", "shear_modulus"):
-        if name in base.parameters and name in values and values[name] <= 0:
-            raise tables.complain(f"found {values[name]:g}, expected more than 0", "parameters", name)
+    for name, (low, high, expected) in RANGES.items():
+        if name in known and name in values and base.name != "equation" and not low <= values[name] < high:
+            shown = "" if units[name] == "1" else f" {units[name]}"
+            raise tables.complain(f"found {values[name]:g}{shown}, expected {expected}", "parameters", name)
     return values, units, options
 
 

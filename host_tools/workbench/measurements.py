@@ -156,8 +156,8 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
                 sigma = units.convert_difference(tables.number(unit, *path, "sigma"), unit, canonical)
         except ValueError as error:
             raise tables.complain(str(error), *path, "unit") from None
-        if sigma is not None and sigma <= 0:
-            raise tables.complain(f"found {sigma:g}, expected more than 0", *path, "sigma")
+        if sigma is not None and sigma * units.LARGEST < 1.0:
+            raise tables.complain(f"found {sigma:g} {canonical}, expected more than 0", *path, "sigma")
         mapped.append(Mapped(name, tables.text(*path, "column"), unit, canonical, sigma, channel))
     for predicted in equations:
         if predicted not in {entry.name for entry in mapped}:

@@ -6,6 +6,7 @@ A table keeps for each row where it stands, so that a complaint about a value na
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,8 @@ from host_tools.workbench.units import LARGEST
 __all__ = ["LOG_SUFFIXES", "Table", "log_frames", "read", "resample"]
 
 LOG_SUFFIXES = (".log", ".blf", ".asc", ".mf4")
+DISORDER = 1.0  # s by which frames of several channels may be out of order
+MOST_ROWS = 1e7  # that a log may give
 Column = npt.NDArray[Any]  # float64, or str where the file holds text
 
 
@@ -63,7 +66,7 @@ class Table:
         """A column as text; whole numbers without a decimal point, so that run 3.0 of a Parquet file is "3"."""
         column = self.columns[name]
         if column.dtype.kind == "f":
-            return [str(int(v)) if float(v).is_integer() else str(v) for v in column]
+            return ["" if np.isnan(v) else str(int(v)) if float(v).is_integer() else str(v) for v in column]
         return [str(v).strip() for v in column]
 
 
@@ -149,7 +152,10 @@ def _read_parquet(path: Path) -> Table:
     columns = {}
     for name in table.column_names:
         column = table.column(name).to_numpy()
-        columns[name] = column.astype(np.float64) if column.dtype.kind in "fiub" else column.astype(str)
+        if column.dtype.kind in "fiub":
+            columns[name] = column.astype(np.float64)
+        else:
+            columns[name] = np.array(["" if cell is None else str(cell) for cell in column], dtype=str)
     return Table(path, columns, 0)
 
 
@@ -163,8 +169,12 @@ def log_frames(path: Path, dbc: Path, wanted: Collection[str] = ()) -> Iterator[
         database: Any = cantools.database.load_file(dbc)
     except (cantools.Error, UnicodeDecodeError, ValueError) as error:
         raise UserError(f"{dbc.name}: {str(error).splitlines()[0]}, expected a DBC file") from None
-    messages = {m.frame_id: m for m in database.messages if not wanted or m.name in wanted}
-    for time, identifier, data, place in _candump(path) if path.suffix == ".log" else _other_log(path):
+    messages = {(m.frame_id, m.is_extended_frame): m for m in database.messages if not wanted or m.name in wanted}
+    latest = -np.inf
+    for time, identifier, data, place in _candump(path) if path.suffix.lower() == ".log" else _other_log(path):
+        if time < latest - DISORDER:
+            raise UserError(f"{place}: found time {time:.6f} s after {latest:.6f} s, expected times that rise")
+        latest = max(latest, time)
         message = messages.get(identifier)
         if message is None:
             continue
@@ -175,27 +185,30 @@ def log_frames(path: Path, dbc: Path, wanted: Collection[str] = ()) -> Iterator[
         yield time, {f"{message.name}.{name}": float(value) for name, value in signals.items()}
 
 
-def _candump(path: Path) -> Iterator[tuple[float, int, bytes, str]]:
+# ID#DATA, ID#R (remote), ID##FDATA (CAN FD, with a digit of flags); candump -x adds the direction.
+_LINE = re.compile(
+    r"\((\d+(?:\.\d+)?)\)\s+\S+\s+([0-9A-F]{3}|[0-9A-F]{8})#(?:(R)\d?|(?:#[0-9A-F])?((?:[0-9A-F]{2})*))(?:\s+[RT])?\s*",
+    re.IGNORECASE,
+)
+
+
+def _candump(path: Path) -> Iterator[tuple[float, tuple[int, bool], bytes, str]]:
+    """Data frames; a last line without its end is one that a crash cut off, and is left out."""
     with path.open(encoding="ascii", errors="replace") as file:
         for number, line in enumerate(file, 1):
-            if not line.strip():
+            if not line.strip() or not line.endswith("\n"):
                 continue
-            place = f"{path.name}:{number}"
-            try:
-                stamp, _, frame = line.split()[:3]
-                identifier, _, data = frame.partition("#")
-                if not (stamp.startswith("(") and stamp.endswith(")")):
-                    raise ValueError("no time stamp")
-                if data[:1] in ("R", "#"):  # remote frames carry no signal; CAN FD marks itself with a second #
-                    if data[:1] == "R":
-                        continue
-                    data = data[2:]
-                yield float(stamp[1:-1]), int(identifier, 16), bytes.fromhex(data), place
-            except ValueError:
-                raise UserError(f"{place}: found {line.strip()[:60]!r}, expected (seconds) channel ID#DATA") from None
+            match = _LINE.fullmatch(line)
+            if match is None:
+                raise UserError(
+                    f"{path.name}:{number}: found {shorten(line.strip())}, expected (seconds) channel ID#DATA"
+                )
+            if match[3] is None:
+                identifier = int(match[2], 16), len(match[2]) == 8
+                yield float(match[1]), identifier, bytes.fromhex(match[4]), f"{path.name}:{number}"
 
 
-def _other_log(path: Path) -> Iterator[tuple[float, int, bytes, str]]:
+def _other_log(path: Path) -> Iterator[tuple[float, tuple[int, bool], bytes, str]]:
     import can
 
     try:
@@ -203,7 +216,8 @@ def _other_log(path: Path) -> Iterator[tuple[float, int, bytes, str]]:
             for number, message in enumerate(reader, 1):
                 if not (message.is_remote_frame or message.is_error_frame):
                     place = f"{path.name}: frame {number}"
-                    yield message.timestamp, message.arbitration_id, bytes(message.data), place
+                    identifier = message.arbitration_id, message.is_extended_id
+                    yield message.timestamp, identifier, bytes(message.data), place
     except UserError:
         raise
     except Exception as error:  # each reader of python-can has its own way of failing on a broken file
@@ -228,7 +242,13 @@ def resample(
             values.setdefault(name, []).append(value)
     if first is None or last is None:
         raise UserError(f"{path.name}: found no frame that the DBC knows")
-    grid = np.arange(int((last - first) / period + 1e-9) + 1) * period
+    steps = (last - first) / period
+    if not steps < MOST_ROWS:
+        raise UserError(
+            f"{path.name}: found {last - first:g} s of log, {steps:.3g} rows with data.period {period:g} s, "
+            f"expected at most {MOST_ROWS:g}"
+        )
+    grid = np.arange(int(steps + 1e-9) + 1) * period
     columns: dict[str, Column] = {}
     start = 0.0
     for name, stamps in times.items():
