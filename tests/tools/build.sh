@@ -7,7 +7,7 @@ cd "$(dirname "$0")/../.."
 export PATH="$PWD/.venv/bin:$PATH"
 for preset in "$@"; do
     if [ "$preset" = size ]; then
-        ctest --preset cortex-m4 -V | sed -n 's/^[0-9]*: //p' | grep -v '^Test'
+        ctest --preset cortex-m4 -V | sed -n 's/^[0-9]*: //p' | grep -Ev '^(Test|Working)'
         continue
     fi
     [ -f "build/$preset/build.ninja" ] || say "building $preset"
