@@ -249,11 +249,13 @@ def quantities(section: Section, kind: type[T], default: T | None = None) -> T:
 
 
 def load(path: Path) -> Section:
-    """The file as its root table. ReadingError for what is no TOML, OSError when it cannot be read."""
+    """The file as its root table. ReadingError when it cannot be read or is no TOML."""
     try:
         text = path.read_text(encoding="utf-8-sig")  # some editors begin a file with a byte order mark
     except UnicodeDecodeError:
         raise ReadingError(f"{path}: not a text file in UTF-8") from None
+    except OSError as error:
+        raise ReadingError(f"{path}: {error.strerror}, expected a readable file") from None
     return Section(parse_toml(text, path), str(path), text)
 
 

@@ -20,7 +20,7 @@ from hil.faults import MAX_FAULTS, Fault, read_fault
 from hil.messages import Interface, interface
 from hil.physics.effects import catalogue
 from hil.plant import TERRAINS, Ground, Robot, Segment, Terrain, Winding
-from hil.reading import ReadingError, Section, load, parse_quantity, quantities
+from hil.reading import ReadingError, Section, load, parse_quantity, quantities, shorten
 from hil.sensors import Sensors, kit, read_sensors
 from hil.telemetry import signals, words
 
@@ -80,13 +80,18 @@ class Scenario:
 def find_scenario(name: str) -> Path:
     """A file as it is, or the shipped scenario of that name (hil/scenarios/NAME.toml). ReadingError when neither is."""
     path = Path(name)
-    if path.is_file():
-        return path
-    shipped = paths.ROOT / "hil" / "scenarios" / f"{name}.toml"
-    if shipped.is_file():
-        return shipped
-    names = ", ".join(sorted(p.stem for p in shipped.parent.glob("*.toml")))
-    raise ReadingError(f"{name}: no such file, and no scenario of that name; shipped: {names}")
+    folder = paths.ROOT / "hil" / "scenarios"
+    names = sorted(p.stem for p in folder.glob("*.toml"))
+    try:
+        if path.is_file():
+            return path
+    except OSError as error:  # a name that is too long, a folder that may not be searched
+        raise ReadingError(f"{shorten(name)}: {error.strerror}") from None
+    if name in names:
+        return folder / f"{name}.toml"
+    raise ReadingError(
+        f"{name if len(name) < 200 else shorten(name)}: no such file, and no scenario of that name; shipped: {', '.join(names)}"
+    )
 
 
 def _terrain(section: Section) -> Terrain:

@@ -96,10 +96,11 @@ def main() -> None:
         _say(f"stopped by {signal.Signals(stopped.number).name}")
         sys.exit(128 + stopped.number)
     except typer.TyperException as error:  # a wrong command line; without any argument its message is the help
-        if len(sys.argv) > 1:
-            _say(error.format_message())
+        message = error.format_message()
+        if message.startswith("Usage:"):  # a command without its sub-command: help, not a complaint
+            print(message, file=sys.stderr)
         else:
-            print(error.format_message(), file=sys.stderr)
+            _say(message)
         sys.exit(error.exit_code)
     except BrokenPipeError:  # the reader of a pipe went away: not an error of ours
         _discard_output()

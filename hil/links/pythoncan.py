@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Mapping, Sequence
 from types import TracebackType
@@ -17,6 +18,13 @@ from hil.simulation import AnswerError, Simulation
 __all__ = ["PythonCan"]
 
 
+logging.getLogger("can").addHandler(logging.NullHandler())  # what matters of its words comes as an error
+
+
+def _reason(error: Exception) -> str:
+    return next(iter(str(error).splitlines()), "") or type(error).__name__
+
+
 class PythonCan:
     """Lockstep over a CAN bus. A bus gives no sign that an answer is complete, so a telemetry frame that follows
     ACTUATE is taken in with the next tick and logged with its own."""
@@ -27,8 +35,8 @@ class PythonCan:
         options: dict[str, Any] = {"sleep_after_open": 0.0} if kind == "slcan" else {}
         try:
             self._bus = can.Bus(interface=kind, channel=channel, bitrate=500_000, **options)
-        except (can.CanError, OSError, ValueError, NotImplementedError) as error:
-            raise LinkError(f"{self.name}: cannot open the link: {str(error).splitlines()[0]}") from None
+        except Exception as error:  # each adapter's driver has its own way of not being there
+            raise LinkError(f"{self.name}: cannot open the link: {_reason(error)}") from None
         self._interface = interface()
         self._own = {m.id for m in self._interface.messages.values() if m.sender == "controller"}
         self._actuate = self._interface.messages["ACTUATE"].id
@@ -41,7 +49,7 @@ class PythonCan:
                     can.Message(arbitration_id=identifier, data=data, is_extended_id=False), timeout=self._timeout
                 )
             except (can.CanError, OSError) as error:
-                raise LinkError(f"{self.name}: {str(error).splitlines()[0]}") from None
+                raise LinkError(f"{self.name}: {_reason(error)}") from None
 
     def _receive(self, until: int) -> list[Frame]:
         """The controller's frames up to the first with identifier `until`, that one included."""

@@ -74,7 +74,12 @@ def _own_effects(
             raise UserError(f"--expression: found {len(effects)} effect names, expected one")
         if not effects[0].isidentifier():
             raise UserError(f"found {effects[0]!r}, expected a name of letters, digits and _ for the expression")
-        found = dict(parse_parameter(text) for text in parameters)
+        pairs = [parse_parameter(text) for text in parameters]
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            names = [name for name, _ in pairs]
+            twice = next(name for name in names if names.count(name) > 1)
+            raise UserError(f"--parameter: found {twice} twice, expected it once")
         return {effects[0]: OwnEffect(expression, target or None, found)}
     if target or parameters:
         raise UserError("--target and --parameter: expected together with --expression")

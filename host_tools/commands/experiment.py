@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -59,7 +60,7 @@ def _plan(factors: list[str]) -> str:
             numbers = [float(value) for value in values.split(",")]
         except ValueError:
             numbers = []
-        if not equals or not name.strip() or not numbers or "," in name:
+        if not equals or not name.strip() or not numbers or "," in name or not all(map(math.isfinite, numbers)):
             raise UserError(f"--factor: found {text!r}, expected NAME=LEVEL,LEVEL,LEVEL")
         names.append(name.strip())
         levels.append(numbers)

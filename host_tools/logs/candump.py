@@ -23,13 +23,14 @@ __all__ = ["Frames", "line", "lines", "read", "telemetry"]
 
 Array = npt.NDArray[np.float64]
 
-_LINE = re.compile(r"\((\d+(?:\.\d+)?)\) (\S+) ([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#([0-9A-Fa-f]*|R\d?)")
+_LINE = re.compile(r"\((\d+(?:\.\d+)?)\) (\S+) ([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#([0-9A-Fa-f]*|R\d?)(?: [RT])?\s*")
 
 
 @dataclass(frozen=True)
 class Frames:
     """Frames of a log in order: times [s], identifiers, lengths, and data padded with zeros to 8 bytes."""
 
+    path: Path
     times: Array
     identifiers: npt.NDArray[np.int64]
     lengths: npt.NDArray[np.int64]
@@ -67,7 +68,7 @@ def read(path: Path) -> Frames:
     for number, row in enumerate(whole.splitlines(), 1):
         if not row.strip():
             continue
-        match = _LINE.match(row)
+        match = _LINE.fullmatch(row)
         if match is None or (match[4][:1] != "R" and (len(match[4]) % 2 or len(match[4]) > 16)):
             found = row[:60]
             raise UserError(
@@ -81,6 +82,7 @@ def read(path: Path) -> Frames:
         lengths.append(len(payload))
         data.append(payload.ljust(8, b"\0"))
     return Frames(
+        path,
         np.array(times, dtype=np.float64),
         np.array(identifiers, dtype=np.int64),
         np.array(lengths, dtype=np.int64),
@@ -89,5 +91,15 @@ def read(path: Path) -> Frames:
 
 
 def telemetry(frames: Frames, interface: Interface) -> Mapping[str, dict[str, Array]]:
-    """Message -> signal (and "time") -> array in SI units, for the frames that the controller's interface knows."""
+    """Message -> signal (and "time") -> array in SI units, for the frames that the controller's interface knows.
+
+    UserError when one of them has another length than its message: it is damaged, or another version's.
+    """
+    for message in interface.messages.values():
+        wrong = np.flatnonzero((frames.identifiers == message.id) & (frames.lengths != message.length))
+        if wrong.size:
+            raise UserError(
+                f"{frames.path}: {message.name} at {frames.times[wrong[0]]:.6f} s: "
+                f"found {frames.lengths[wrong[0]]} bytes, expected {message.length}"
+            )
     return decode(interface, frames.times, frames.identifiers, frames.data)

@@ -97,13 +97,17 @@ def write_whole(path: Path, text: str) -> None:
     A link is followed. What is no file (a device such as /dev/null, a pipe) is written to and never replaced.
     """
     path = path.resolve()
+    try:
+        _write_whole(path, text)
+    except OSError as error:  # name the file that was asked for
+        raise type(error)(error.errno, error.strerror, str(path)) from None
+
+
+def _write_whole(path: Path, text: str) -> None:
     if path.exists() and not path.is_file():
         path.write_text(text, encoding="utf-8")
         return
-    try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    except OSError as error:  # name the file that was asked for
-        raise type(error)(error.errno, error.strerror, str(path)) from None
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:100]}.")
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as file:
             file.write(text)

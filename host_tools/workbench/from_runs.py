@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import csv
 import io
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ import numpy.typing as npt
 import tomlkit
 
 from hil.messages import Interface, interface
+from hil.reading import ReadingError, parse_toml
 from hil.telemetry import si_factor
 from host_tools.errors import UserError
 from host_tools.logs import candump
@@ -60,9 +60,11 @@ def _parameters(folder: Path, description: Interface) -> dict[str, float]:
     if not file.is_file():
         return values
     try:
-        document = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UserError(f"{file}: not TOML: {error}") from None
+        document = parse_toml(file.read_text(encoding="utf-8-sig"), file)
+    except ReadingError as error:
+        raise UserError(str(error)) from None
+    except UnicodeDecodeError:
+        raise UserError(f"{file}: not TOML: found something that is not UTF-8 text") from None
     for table in ("firmware", "parameters"):
         found = document.get(table, {})
         for name, value in found.items() if isinstance(found, dict) else ():
