@@ -89,9 +89,8 @@ def find_scenario(name: str) -> Path:
         raise ReadingError(f"{shorten(name)}: {error.strerror}") from None
     if name in names:
         return folder / f"{name}.toml"
-    raise ReadingError(
-        f"{name if len(name) < 200 else shorten(name)}: no such file, and no scenario of that name; shipped: {', '.join(names)}"
-    )
+    shown = name if len(name) < 200 else shorten(name)
+    raise ReadingError(f"{shown}: no such file, and no scenario of that name; shipped: {', '.join(names)}")
 
 
 def _terrain(section: Section) -> Terrain:
