@@ -32,11 +32,15 @@ from hil.scenario import Scenario
 from hil.simulation import TICK, TRUTH, Simulation, output_hash
 from hil.telemetry import decode, signals, words
 
-__all__ = ["Observer", "Result", "Timing", "run"]
+__all__ = ["DivergedError", "Observer", "Result", "Timing", "run"]
 
 Array = npt.NDArray[np.float64]
 
 CHUNK = 500  # ticks between looks at progress, log and Ctrl-C
+
+
+class DivergedError(RuntimeError):
+    """The simulated robot moves in a way that the plant cannot follow."""
 
 
 class Observer(Protocol):
@@ -136,6 +140,18 @@ class _Signals(Mapping[str, Array]):
         return len(self._names)
 
 
+def _require_motion(simulation: Simulation) -> None:
+    """DivergedError when the plant's numbers have run away; once they have, they stay so."""
+    truth = simulation.records["truth"]
+    if np.all(np.isfinite(truth[simulation.done - 1])):
+        return
+    tick = int(np.flatnonzero(~np.isfinite(truth[: simulation.done]).all(axis=1))[0])
+    raise DivergedError(
+        f"{simulation.scenario.name}: the simulated motion has no finite value at {tick * TICK:.3f} s: "
+        "robot or effects are beyond what steps of 1 ms can follow"
+    )
+
+
 def _real_time(link: Link, simulation: Simulation, ticks: int, start: float, late: list[float]) -> None:
     for _ in range(ticks):
         due = start + simulation.done * TICK
@@ -158,7 +174,7 @@ def run(
 
     `link` is a name (see hil.links) or an open link, which is then left open. `progress` gets the share done, 0 to 1.
     Observers get every tick up to the moment at which a run fails, whatever made it fail. LinkError, ParameterError,
-    CheckError, EffectError.
+    CheckError, EffectError, DivergedError.
     """
     values = {**scenario.firmware, **(parameters or {})}
     observers = tuple(observers)
@@ -185,6 +201,7 @@ def run(
                 else:
                     opened.advance(simulation, ticks)
                 flush()
+                _require_motion(simulation)
                 if progress is not None:
                     progress(simulation.done / scenario.ticks)
         except BaseException:

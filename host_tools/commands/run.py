@@ -18,7 +18,7 @@ from hil.firmware import ParameterError
 from hil.links import LINKS, LinkNameError, check_link_name
 from hil.messages import Interface, interface
 from hil.reading import ReadingError, load
-from hil.run import Result, run
+from hil.run import DivergedError, Result, run
 from hil.scenario import find_scenario, load_scenario, parameters_of
 from host_tools.errors import UserError
 from host_tools.logs.folder import RunFolder
@@ -115,6 +115,8 @@ def command(
                 folder.finish(result)
     except (ReadingError, CheckError, EffectError, LinkNameError, ParameterError) as error:
         raise UserError(str(error)) from None
+    except DivergedError as error:
+        raise UserError(str(error), status=1) from None
     except KeyboardInterrupt:
         raise UserError(f"interrupted; the log up to here is in {out}" if out else "interrupted", status=130) from None
     print(_as_json(result, out) if as_json else _as_text(result, out))

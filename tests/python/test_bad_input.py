@@ -201,6 +201,14 @@ def test_no_scenario(capsys: pytest.CaptureFixture[str], name: str, expected: li
     refused(capsys, expected, "run", name)
 
 
+def test_a_robot_that_no_step_can_follow(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Allowed by every bound, but stiff beyond 1 ms: said, and not passed as a run whose checks hold."""
+    file = tmp_path / "stiff.toml"
+    file.write_text(SCENARIO.replace('"0.1 s"', '"1 s"') + "[robot]\nviscous = 1e6\n")
+    refused(capsys, ["stiff: ", "no finite value at 0.1"], "run", file, "--out", tmp_path / "out", status=1)
+    assert "complete = false" in (tmp_path / "out" / "run.toml").read_text()
+
+
 # ------------------------------------------------------------------ --parameters
 
 PARAMETERS: dict[str, tuple[bytes, list[str]]] = {
