@@ -30,7 +30,7 @@ REQUESTS = {"idle": 0, "calibrate": 1, "run": 2, "clear": 3}
 CONTROLS = {"voltage": 0, "speed": 1}
 LIMITS = {"voltage": ("V", 32.0), "speed": ("m/s", 32.0)}
 MAX_SEGMENTS, MAX_ORDERS, MAX_POINTS = 16, 64, 64  # of the C structs
-FARTHEST = 1e6  # m along the path
+FARTHEST = 1e4  # m along the path: encoders count in 32 bits
 LONGEST = 3600.0  # s: a tick of the log takes 232 bytes of memory
 
 

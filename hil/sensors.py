@@ -45,9 +45,9 @@ class Adc:
 class Encoder:
     """Incremental encoder; `misalignment` is the amplitude of an error once a turn, `loss` the share of lost counts."""
 
-    counts_per_turn: float = _q(2048.0, "1", 1.0)
-    misalignment: float = _q(0.0, "rad")
-    phase: float = _q(0.0, "rad")
+    counts_per_turn: float = _q(2048.0, "1", 1.0, 65536.0)
+    misalignment: float = _q(0.0, "rad", -1.0, 1.0)
+    phase: float = _q(0.0, "rad", -10.0, 10.0)
     loss: float = _q(0.0, "1", 0.0, 1.0)
     delay: float = _q(0.0, "s", 0.0, MAX_DELAY)
 

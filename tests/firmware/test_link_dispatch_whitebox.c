@@ -296,6 +296,28 @@ static void test_parameters(void) {
     }
 }
 
+/* Counters are per message: a write that carries the counter of the last command is no repetition. */
+static void test_each_message_has_its_own_counter(void) {
+    const terrapin_frame first = command(TERRAPIN_REQUEST_RUN, 0, 1000, 4);
+    (void)accept(&first);
+    write_parameter(0, 8, 4);
+    TEST_ASSERT_EQUAL(8, state.value);
+    write_parameter(0, 9, 5);
+    const terrapin_frame second = command(TERRAPIN_REQUEST_RUN, 0, 2000, 5);
+    (void)accept(&second);
+    TEST_ASSERT_EQUAL(2000, inputs.command.setpoint);
+    arm(5);
+    TEST_ASSERT_EQUAL(0, link.repeated);
+    write_parameter(0, 7, 4);
+    terrapin_frame repeated;
+    const terrapin_parameter_write_t message = {.index = 0, .value = 6};
+    TEST_ASSERT_TRUE(terrapin_encode_parameter_write(&message, &repeated));
+    terrapin_e2e_protect(&repeated, 4);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&repeated));
+    TEST_ASSERT_EQUAL(7, state.value);
+    TEST_ASSERT_EQUAL(1, link.repeated);
+}
+
 static void test_damaged_write_is_not_answered(void) {
     terrapin_frame frame;
     const terrapin_parameter_write_t message = {.index = 0, .value = 9};
@@ -320,6 +342,7 @@ int main(void) {
     RUN_TEST(test_ticks_continue_past_16_bits);
     RUN_TEST(test_arming_forgets_the_counters_of_an_earlier_host);
     RUN_TEST(test_parameters);
+    RUN_TEST(test_each_message_has_its_own_counter);
     RUN_TEST(test_damaged_write_is_not_answered);
     return UNITY_END();
 }

@@ -136,7 +136,7 @@ WRONG: dict[str, tuple[bytes, list[str]]] = {
     "a speed beyond the rails": (before("carriage = [[0, 1e300]]\n"), [":1: carriage", "1e+300", "-32 to 32 m/s"]),
     "times that fall": (before("carriage = [[1, 1], [0, 1]]\n"), [":1: carriage", "rising"]),
     "colder than cold": (more("[winding]\nprofile = [[0, -400]]\n"), [":13: winding.profile", "-400", "-50 to 300"]),
-    "beyond the earth": (before("start_position = 1e300\n"), [":1: start_position", "1e+06 m"]),
+    "beyond the earth": (before("start_position = 1e300\n"), [":1: start_position", "10000 m"]),
     # parameters of the controller
     "unknown parameter": (more("[firmware]\nradios = 1\n"), [":13: firmware.radios", "radius"]),
     "parameter out of range": (more("[firmware]\nradius = 8\n"), [":13: firmware.radius", "0.01 to 0.5 m"]),

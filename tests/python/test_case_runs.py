@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import tomllib
 from pathlib import Path
 
 import pytest
 from casekit import terrapin
+
+from hil.messages import interface
 
 SCENARIO = """title = "warming motor"
 duration = "12 s"
@@ -53,6 +56,12 @@ def test_runs_become_a_case_that_knows_what_the_controller_knew(
     assert document["model"] == {"base": "rolling_steady", "effects": ["speed_squared"]}
     assert document["parameters"]["load"].endswith(" N")
     assert float(document["parameters"]["radius"].split()[0]) == pytest.approx(0.08)
+    span = interface().parameters["window"].default * 1e-3
+    with (case / "runs.csv").open() as file:  # a row's temperature is the mean of its window, the last `span` seconds
+        rows = [(float(row["time"]), float(row["temperature"])) for row in csv.DictReader(file)]
+    warming = [25 + 5 * (time - span / 2 - 4) - celsius for time, celsius in rows if time > 4 + span]
+    assert len(warming) > 40
+    assert max(map(abs, warming)) < 0.25
     _, out, _ = terrapin(capsys, "add", case, "motor_heating", "--json", "-")
     answer = json.loads(out)
     assert answer["before"]["heldout_error"] > 5 * answer["after"]["heldout_error"]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from hil.library import ffi, library
-from hil.plant import TERRAINS, Ground, Robot, Segment, Terrain, rolling, rolling_steady_speed
+from hil.plant import TERRAINS, Ground, Robot, Segment, Terrain, Winding, rolling, rolling_steady_speed
 from hil.scenario import Order, Scenario
 from hil.simulation import Simulation
 
@@ -156,6 +156,17 @@ def test_slip_with_imposed_axle_speed(speed: float, published: float) -> None:
 def test_carriage_force_balances_traction() -> None:
     truth = drive(8.0, scenario(Segment(SAND), duration=40.0, carriage=((0.0, 0.2), (100.0, 0.2))))
     assert np.mean(truth["carriage_force"][-600:]) == pytest.approx(-np.mean(truth["traction"][-600:]), rel=1e-3)
+
+
+@pytest.mark.parametrize("celsius", [-10.0, 25.0, 65.0])
+def test_resistance_of_a_warm_winding(celsius: float) -> None:
+    """A stalled motor draws V / R, R = R_25 (1 + slope (T - 25 degC)); huge friction holds it."""
+    robot = replace(ROBOT, coulomb=100.0, resistance_slope=0.004)
+    winding = Winding(profile=((0.0, celsius), (1.0, celsius)))
+    truth = drive(6.0, scenario(Segment(SAND), duration=0.1, robot=robot, winding=winding))
+    assert truth["omega"][-1] == 0.0
+    expected = 6.0 / (ROBOT.armature_resistance * (1.0 + 0.004 * (celsius - 25.0)))
+    assert truth["current"][-1] == pytest.approx(expected, rel=1e-6)
 
 
 def test_climbing_a_slope_balances_weight() -> None:

@@ -131,6 +131,17 @@ def test_lost_counts() -> None:
     assert sound - count == pytest.approx(0.1 * sound, rel=0.1)
 
 
+def test_counts_are_lost_in_both_directions() -> None:
+    """Each loss shortens the way that is counted, whichever way it goes: there and back the losses do not add up."""
+    bench = Bench()
+    steps = np.arange(0, 20 * np.pi, 0.01)
+    there = [bench.encoder(float(angle), loss=0.1) for angle in steps][-1]
+    back = [bench.encoder(float(angle), loss=0.1) for angle in steps[::-1]][-1]
+    signed = (back + 0x8000) % 0x10000 - 0x8000
+    assert there - signed == pytest.approx(0.9 * 20480, rel=0.02)
+    assert abs(signed) < 300
+
+
 # ------------------------------------------------------------------ digital sensors, delay
 
 
