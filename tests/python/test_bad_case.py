@@ -192,12 +192,12 @@ def test_wrong_case(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: st
         refused(capsys, folder, expected)
 
 
-@pytest.mark.parametrize("command", ["discover", "report", "add", "remove", "export"])
+@pytest.mark.parametrize("command", ["discover", "report", "add", "export"])
 def test_every_command_refuses_a_wrong_case(tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str) -> None:
     folder = rolling(tmp_path / "case", 1, runs=4, rows=4)
     cell("fast")(folder)
     target = tmp_path / "written"
-    more = {"report": ["-o", target], "export": ["--to", target], "add": ["motor_heating"], "remove": ["x"]}
+    more = {"report": ["-o", target], "export": ["--to", target], "add": ["motor_heating"]}
     expected = ["runs.csv:4", "column w", "'fast'", "expected a number"]
     refused(capsys, folder, expected, command, folder, *more.get(command, []))
     assert not target.exists()

@@ -270,7 +270,6 @@ def test_no_parameters(capsys: pytest.CaptureFixture[str], file: str, words: str
         (["experiment", "l9", "--level", "nan"], ["--level"], 2),
         (["experiment", "l9", "/nowhere.csv"], ["/nowhere.csv", "no such file"], 2),
         (["effects", "warp"], ["'warp'"], 2),
-        (["demo", "--out", "/proc/x"], ["/proc/x"], 1),
         (["case", "/nowhere", "--to", "/tmp/x"], ["/nowhere/telemetry.log", "no such file"], 2),
         (["soil", "vehicle", "/nowhere"], ["/nowhere/case.toml", "no such file"], 2),
         (["compare", "/nowhere\n\x1b[31m"], ["/nowhere\\n\\x1b[31m/case.toml", "no such file"], 2),
