@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from firmware.interface.description import Signal
 from hil import paths
 
 __all__ = [
@@ -62,22 +63,6 @@ def protect(identifier: int, data: bytes, counter: int) -> bytes:
     """The 8 bytes `data` with E2E counter (modulo 15) and CRC set, for the message `identifier`."""
     body = data[:6] + bytes([data[6] & 0xF0 | counter % E2E_COUNTERS])
     return body + bytes([crc8(identifier.to_bytes(2, "little") + body)])
-
-
-@dataclass(frozen=True)
-class Signal:
-    """Bits of a message: physical value = raw * scale, in `unit`. `minimum` and `maximum` are raw."""
-
-    name: str
-    start: int
-    length: int
-    signed: bool
-    scale: float
-    unit: str
-    minimum: int
-    maximum: int
-    enum: str | None
-    comment: str
 
 
 @dataclass(frozen=True)

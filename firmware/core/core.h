@@ -42,7 +42,7 @@ int32_t compensation_heat_q20(const terrapin_state *state);
 int32_t compensation_torque(const terrapin_state *state, const terrapin_inputs *inputs, int32_t counts);
 
 /* ---- uncertainty.c */
-/* Standard deviation of C_t [uN m] from the budget of cmr.md A4; reads the estimator's results. */
+/* Standard deviation of C_t [uN m] from the sensors' budget (uncertainty.c); reads the estimator's results. */
 int32_t uncertainty_unm(const terrapin_state *state);
 
 /* ---- ground.c: f_r, the nearest terrain, the quadratic fit */

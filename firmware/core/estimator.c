@@ -1,8 +1,9 @@
 /* C_t = (R/r) C_m - C_o over a window of one swing period, valid at steady state only.
  *
  * A window's mean of this equation errs by exactly (P(t) - P(t - T_w)) / T_w, P the angular momentum of shell and inner
- * device (cmr.md, A2). The gate bounds that by J times the mean acceleration, seen by the encoder, plus the part that a
- * swing sensor sees. Sums run for ever and wrap; windows are differences of their records, ten milliseconds apart.
+ * device: the energies of Reina et al. (2006), Eqs. 3 to 6, depend on the difference of the two angles alone. The gate
+ * bounds that by J times the mean acceleration, seen by the encoder, plus the part that a swing sensor sees. Sums run
+ * for ever and wrap; windows are differences of their records, ten milliseconds apart.
  */
 #include "core.h"
 

@@ -1,4 +1,5 @@
-/* Standard deviation of C_t at steady state: the budget of cmr.md A4, with what a calibration takes out of it.
+/* Standard deviation of C_t at steady state: the budget of the sensors' and constants' errors, with what a
+ * calibration takes out of it.
  *
  * A calibration measures A + B omega = (R/r) C_m - C_floor with the same current sensor and the same K_t. What is wrong
  * with these by a factor is thereby taken out up to the torque of the floor, and what the floor itself is not known to

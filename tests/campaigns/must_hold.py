@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from hil import paths
+from hil.links.wire import SlcanLink
 from hil.run import Result, run
 from hil.scenario import find_scenario, load_scenario
 from tests.campaigns.scenarios import TABLE_1, level, ordinary_robot
@@ -143,14 +145,19 @@ def slope() -> list[Row]:
     ]
 
 
-def determinism(seeds: int, links: tuple[str, ...] = ("inprocess", "pty")) -> list[Row]:
-    """Output hashes over links and repeats that differ from the first, out of all."""
+def determinism(seeds: int, presets: tuple[str, ...] = ()) -> list[Row]:
+    """Seeds whose output hashes differ between a run in this process, a repeat, and ptys to controllers of the host
+    build and of other `presets` (which must be built: tests/tools/build.sh PRESET)."""
     different = 0
     for seed in range(seeds):
         scenario = replace(ordinary_robot(seed), duration=3.0)
-        hashes = {run(scenario, link).output_hash for link in (*links, links[0])}
+        hashes = {run(scenario, link).output_hash for link in ("inprocess", "inprocess", "pty")}
+        for preset in presets:
+            with SlcanLink.of_process(paths.ROOT / "build" / preset / "terrapin-controller") as other:
+                hashes.add(run(scenario, other).output_hash)
         different += len(hashes) != 1
-    return [Row(f"seeds of {seeds} whose hashes differ between {', '.join(links)} and a repeat", different, 0, "1")]
+    where = ", ".join(("in process", "a repeat", "pty", *(f"{preset} on a pty" for preset in presets)))
+    return [Row(f"seeds of {seeds} whose hashes differ between {where}", different, 0, "1")]
 
 
 CAMPAIGNS: dict[str, Callable[[], list[Row]]] = {
@@ -158,7 +165,7 @@ CAMPAIGNS: dict[str, Callable[[], list[Row]]] = {
     "steady_real": lambda: steady_real(200),
     "carriage": carriage,
     "slope": slope,
-    "determinism": lambda: determinism(20),
+    "determinism": lambda: determinism(20, ("o0", "m32")),
 }
 
 

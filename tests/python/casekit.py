@@ -98,3 +98,12 @@ def terrapin(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[in
         sys.argv = before
     captured = capsys.readouterr()
     return int(code or 0), captured.out, captured.err
+
+
+def one_line(err: str, expected: list[str]) -> None:
+    """Standard error holds one printable line of the program's, with all of `expected` in it."""
+    assert err.startswith("terrapin: ")
+    assert err.count("\n") == 1, err
+    assert err.rstrip("\n").isprintable()
+    for text in expected:
+        assert text in err
