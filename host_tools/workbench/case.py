@@ -77,6 +77,9 @@ class Case:
     train: Mask
     test: Mask
     place: Callable[[int], str] = field(repr=False)  # row -> "runs.csv:17"
+    limits: Mapping[str, tuple[float, float]] = field(
+        default_factory=dict
+    )  # what the rig can set: role -> lowest, highest
 
     @property
     def rows(self) -> int:
@@ -125,14 +128,15 @@ def read_document(file: Path, text: str) -> dict[str, Any]:
 
 def parse_case(folder: Path, text: str) -> Case:
     """Read a case whose case.toml has `text`; the measurements come from `folder`."""
-    from host_tools.workbench.measurements import read_measurements  # keeps each file to one idea
+    from host_tools.workbench.limits import read_limits  # keeps each file to one idea
+    from host_tools.workbench.measurements import read_measurements
     from host_tools.workbench.user_effects import read_library
 
     def complain(message: str, *path: str) -> UserError:
         return UserError(f"{folder / 'case.toml'}:{locate(text, *path)}: {'.'.join(path)}: {message}")
 
     tables = _Tables(read_document(folder / "case.toml", text), complain)
-    tables.allow((), "case", "model", "parameters", "fit", "effect", "data")
+    tables.allow((), "case", "model", "parameters", "fit", "effect", "limits", "data")
     tables.allow(("case",), "title", "notes", "source", "comment", "license", "date")
     tables.allow(("model",), "base", "effects", "equation")
     title = tables.text("case", "title", default=folder.resolve().name)
@@ -161,6 +165,7 @@ def parse_case(folder: Path, text: str) -> Case:
         library=library,
         equations=measured.equations,
         scales=_scales(measured.equations, {**parameter_units, **_fit_units(fit), **measured.units}, complain),
+        limits=read_limits(tables, base, measured.units, measured.extra, measured.column_of),
         **measured.case_fields(),
     )
     _check_names(case, complain)
