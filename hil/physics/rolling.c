@@ -6,11 +6,11 @@ typedef struct {
     double m11;
     double m12;
     double m22;
-} inertia;
+} rolling_inertia;
 
-static inertia inertia_of(const hil_robot *robot, const hil_robot_derived *d, double swing) {
+static rolling_inertia inertia_of(const hil_robot *robot, const hil_robot_derived *d, double swing) {
     const double coupling = robot->radius * d->imbalance * cos(swing);
-    inertia m;
+    rolling_inertia m;
     m.m11 = robot->radius * robot->radius * d->mass + robot->shell_inertia + d->swing_inertia + robot->drive_inertia -
             2.0 * coupling;
     m.m12 = robot->drive_inertia * d->roll + coupling - d->swing_inertia;
@@ -31,21 +31,30 @@ hil_rolling_torques hil_rolling_evaluate(const hil_robot *robot, const hil_rolli
     return t;
 }
 
-void hil_rolling_accelerations(const hil_robot *robot, const hil_rolling_load *load, const hil_rolling_state *state,
-                               double *accelerations) {
+void hil_rolling_respond(const hil_robot *robot, const hil_rolling_state *state, const double *torque,
+                         const double *inertia, double *accelerations) {
     const hil_robot_derived d = hil_robot_derive(robot);
     const double swing = state->alpha - state->beta;
     const double swing_rate = state->alpha_rate - state->beta_rate;
-    const inertia m = inertia_of(robot, &d, swing);
-    const hil_rolling_torques t = hil_rolling_evaluate(robot, load, state);
+    const rolling_inertia m = inertia_of(robot, &d, swing);
+    const double m11 = m.m11 + inertia[0];
+    const double m22 = m.m22 + inertia[1];
     const double gravity_torque = robot->gravity * d.imbalance * sin(swing);
     const double centrifugal = robot->radius * d.imbalance * sin(swing) * swing_rate * swing_rate;
-    const double q1 = -t.resistance + gravity_torque + centrifugal;
-    const double q2 = d.gear * t.motor - t.internal_friction - gravity_torque;
+    const double q1 = torque[0] + gravity_torque + centrifugal;
+    const double q2 = torque[1] - gravity_torque;
     /* C12 = -C11 turns the two rate products into one with swing_rate squared, on the first row only. */
-    const double determinant = m.m11 * m.m22 - m.m12 * m.m12;
-    accelerations[0] = (m.m22 * q1 - m.m12 * q2) / determinant;
-    accelerations[1] = (m.m11 * q2 - m.m12 * q1) / determinant;
+    const double determinant = m11 * m22 - m.m12 * m.m12;
+    accelerations[0] = (m22 * q1 - m.m12 * q2) / determinant;
+    accelerations[1] = (m11 * q2 - m.m12 * q1) / determinant;
+}
+
+void hil_rolling_accelerations(const hil_robot *robot, const hil_rolling_load *load, const hil_rolling_state *state,
+                               double *accelerations) {
+    const hil_rolling_torques t = hil_rolling_evaluate(robot, load, state);
+    const double torque[2] = {-t.resistance, robot->radius / robot->drive_radius * t.motor - t.internal_friction};
+    const double nothing[2] = {0.0, 0.0};
+    hil_rolling_respond(robot, state, torque, nothing, accelerations);
 }
 
 typedef struct {
@@ -83,7 +92,7 @@ void hil_rolling_run(const hil_robot *robot, const hil_rolling_load *load, doubl
 double hil_rolling_energy(const hil_robot *robot, const hil_rolling_state *state) {
     const hil_robot_derived d = hil_robot_derive(robot);
     const double swing = state->alpha - state->beta;
-    const inertia m = inertia_of(robot, &d, swing);
+    const rolling_inertia m = inertia_of(robot, &d, swing);
     const double kinetic = 0.5 * m.m11 * state->beta_rate * state->beta_rate +
                            m.m12 * state->beta_rate * state->alpha_rate +
                            0.5 * m.m22 * state->alpha_rate * state->alpha_rate;
@@ -94,7 +103,7 @@ double hil_rolling_momentum_rate(const hil_robot *robot, const hil_rolling_state
     const hil_robot_derived d = hil_robot_derive(robot);
     const double swing = state->alpha - state->beta;
     const double swing_rate = state->alpha_rate - state->beta_rate;
-    const inertia m = inertia_of(robot, &d, swing);
+    const rolling_inertia m = inertia_of(robot, &d, swing);
     return (m.m11 + m.m12) * accelerations[0] + (m.m12 + m.m22) * accelerations[1] -
            robot->radius * d.imbalance * sin(swing) * swing_rate * swing_rate;
 }

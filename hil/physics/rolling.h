@@ -33,6 +33,11 @@ typedef struct {
 hil_rolling_torques hil_rolling_evaluate(const hil_robot *robot, const hil_rolling_load *load,
                                          const hil_rolling_state *state);
 
+/* Accelerations under torques on beta and alpha (gravity and the swing's own come on top), with `inertia` [kg m^2]
+ * added to the two coordinates. */
+void hil_rolling_respond(const hil_robot *robot, const hil_rolling_state *state, const double *torque,
+                         const double *inertia, double *accelerations);
+
 /* accelerations[0] = beta_dd, [1] = alpha_dd [rad/s^2]. */
 void hil_rolling_accelerations(const hil_robot *robot, const hil_rolling_load *load, const hil_rolling_state *state,
                                double *accelerations);

@@ -1,5 +1,6 @@
 #include "vehicle.h"
 
+#include <assert.h>
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
@@ -26,7 +27,58 @@ typedef struct {
     int columns;
     guess guess[AXLES];
     hil_vehicle_failure *failure;
+    const hil_vehicle_effects *effects; /* or NULL */
+    int sample;                         /* that this step follows, of effects->input */
+    double begin;                       /* of the step: share of the way from this sample to the next */
+    double share;                       /* of the present stage */
+    double angle[AXLES];                /* of the wheels at the start of the step [rad] */
+    double into;                        /* time from there to the present stage [s] */
 } run;
+
+/* Parameters of this moment, as effects change them, and what the effects add. */
+typedef struct {
+    hil_vehicle vehicle;
+    hil_tyre tyre;
+    hil_tyre_soil soil;
+    double torque;  /* of the rear half shaft [N m] */
+    double resist;  /* [N] on the car, or [N m] on the wheel */
+    double inertia; /* [kg], or [kg m^2] */
+} moment;
+
+/* Fills `now` for one axle, or for the car as a whole (axle = AXLES). */
+static void evaluate_effects(const run *r, int axle, const state *s, double load, double torque, moment *now) {
+    const hil_vehicle_effects *e = r->effects;
+    const int car = axle == AXLES;
+    const int wheel = car ? REAR : axle;
+    double v[HIL_VEHICLE_VALUES];
+    memcpy(v, e->values, sizeof(double) * (size_t)e->count);
+    for (int i = 0; i < e->inputs; i++) {
+        const double *at = &e->input[r->sample * e->inputs + i];
+        v[e->slot[i]] = at[0] + r->share * (at[e->inputs] - at[0]);
+    }
+    const double speed = s->y[HIL_VEHICLE_SPEED];
+    const double omega = s->y[HIL_VEHICLE_OMEGA + wheel];
+    double by_axle, by_rim;
+    v[HIL_ROLE_OMEGA] = omega;
+    v[HIL_ROLE_ANGLE] = r->angle[wheel] + r->into * omega;
+    v[HIL_ROLE_ACCELERATION] = 0.0;
+    v[HIL_ROLE_SPEED] = car ? speed : fmax(fabs(speed), r->vehicle->speed_floor);
+    v[HIL_ROLE_SLIP] = hil_tyre_slip(speed, r->tyre->radius * omega, r->vehicle->speed_floor, &by_axle, &by_rim);
+    v[HIL_ROLE_LOAD] = load;
+    v[HIL_ROLE_PASS] = 2.0 * v[HIL_ROLE_PASS] - (wheel == FRONT ? 1.0 : 0.0);
+    v[HIL_ROLE_DRIVE_TORQUE] = torque;
+    hil_additions_change(e->additions, 0, v);
+    hil_additions_change(e->additions, 1, v);
+    now->resist = hil_additions_torque(e->additions, car, v, &now->inertia);
+    now->torque = v[HIL_ROLE_DRIVE_TORQUE];
+    memcpy(&now->vehicle, &v[HIL_VEHICLE_CAR], sizeof now->vehicle);
+    memcpy(&now->tyre, &v[HIL_VEHICLE_TYRE], sizeof now->tyre);
+    memcpy(&now->soil, &v[HIL_VEHICLE_GROUND], sizeof now->soil);
+    if (car) {
+        now->resist /= now->tyre.radius;
+        now->inertia /= now->tyre.radius * now->tyre.radius;
+    }
+}
 
 /* Load of one wheel, and its derivatives by the soil's numbers. */
 typedef struct {
@@ -34,12 +86,12 @@ typedef struct {
     double by[SOIL];
 } quantity;
 
-static void wheel_loads(const hil_vehicle *v, const state *s, int columns, quantity *load) {
+static void wheel_loads(const hil_vehicle *v, const state *s, int columns, double resist, quantity *load) {
     const double base = v->front_distance + v->rear_distance;
     const double shift = v->mass * v->height / (2.0 * base);
     const double speed = s->y[HIL_VEHICLE_SPEED];
     const double thrust = 2.0 * (s->y[HIL_VEHICLE_FORCE + FRONT] + s->y[HIL_VEHICLE_FORCE + REAR]);
-    const double acceleration = (thrust - v->drag * speed * speed) / v->mass;
+    const double acceleration = (thrust - v->drag * speed * speed - resist) / v->mass;
     const double arm[AXLES] = {v->rear_distance, v->front_distance};
     for (int axle = 0; axle < AXLES; axle++) {
         const double sign = axle == FRONT ? -1.0 : 1.0;
@@ -56,13 +108,26 @@ static void wheel_loads(const hil_vehicle *v, const state *s, int columns, quant
 
 /* One wheel: derivatives of its omega, F_x and M_y. */
 static int wheel(run *r, int axle, const state *s, const quantity *load, const quantity *torque, state *rate) {
+    moment now;
     const hil_vehicle *v = r->vehicle;
+    const hil_tyre *tyre = r->tyre;
+    const hil_tyre_soil *soil = r->soil;
+    double resist = 0.0;
+    double inertia = 0.0;
+    if (r->effects != NULL) {
+        evaluate_effects(r, axle, s, load->value, torque->value, &now);
+        v = &now.vehicle;
+        tyre = &now.tyre;
+        soil = &now.soil;
+        resist = now.resist;
+        inertia = now.inertia;
+    }
     const int i_omega = HIL_VEHICLE_OMEGA + axle;
     const int i_force = HIL_VEHICLE_FORCE + axle;
     const int i_torque = HIL_VEHICLE_TORQUE + axle;
     const double speed = s->y[HIL_VEHICLE_SPEED];
     const double omega = s->y[i_omega];
-    const double radius = r->tyre->radius - load->value / (3.0 * r->tyre->stiffness); /* R_e */
+    const double radius = tyre->radius - load->value / (3.0 * tyre->stiffness); /* R_e */
     const double rim = radius * omega;
     guess *g = &r->guess[axle];
     double by_axle, by_rim;
@@ -72,7 +137,7 @@ static int wheel(run *r, int axle, const state *s, const quantity *load, const q
     r->failure->axle = axle;
     r->failure->load = load->value;
     r->failure->slip = slip;
-    const int status = hil_tyre_equilibrium(r->tyre, r->soil, load->value, slip, r->columns, &sinkage, &c);
+    const int status = hil_tyre_equilibrium(tyre, soil, load->value, slip, r->columns, &sinkage, &c);
     if (status != HIL_TYRE_OK) {
         return status;
     }
@@ -88,11 +153,11 @@ static int wheel(run *r, int axle, const state *s, const quantity *load, const q
     }
     const double force_gap = c.value[HIL_TYRE_FORCE] - s->y[i_force];
     const double torque_gap = c.value[HIL_TYRE_TORQUE] - s->y[i_torque];
-    rate->y[i_omega] = (torque->value - s->y[i_torque]) / v->wheel_inertia;
+    rate->y[i_omega] = (torque->value - s->y[i_torque] - resist) / (v->wheel_inertia + inertia);
     rate->y[i_force] = quickness * force_gap;
     rate->y[i_torque] = quickness * torque_gap;
     for (int p = 0; p < SOIL && r->columns > 1; p++) {
-        const double deflection_by = load->by[p] / r->tyre->stiffness;
+        const double deflection_by = load->by[p] / tyre->stiffness;
         const double speed_by = s->by[HIL_VEHICLE_SPEED][p];
         const double rim_by = radius * s->by[i_omega][p] - omega * deflection_by / 3.0;
         const double slip_by = by_axle * speed_by + by_rim * rim_by;
@@ -121,16 +186,28 @@ static int wheel(run *r, int axle, const state *s, const quantity *load, const q
     return HIL_TYRE_OK;
 }
 
-static int rates(run *r, const state *s, double rear_torque, state *rate) {
+static int rates(run *r, const state *s, double measured_torque, state *rate) {
+    moment now;
     const hil_vehicle *v = r->vehicle;
+    double rear_torque = measured_torque;
+    double resist = 0.0;
+    double mass = v->mass;
+    if (r->effects != NULL) {
+        evaluate_effects(r, AXLES, s, v->mass * v->gravity, measured_torque, &now);
+        v = &now.vehicle;
+        rear_torque = now.torque;
+        resist = now.resist;
+        mass = v->mass + now.inertia;
+    }
     quantity load[AXLES];
     quantity torque[AXLES] = {{0.0, {0.0}}, {rear_torque, {0.0}}};
-    wheel_loads(v, s, r->columns, load);
+    wheel_loads(v, s, r->columns, resist, load);
     const double ratio = load[FRONT].value / load[REAR].value;
     torque[FRONT].value = rear_torque * ratio;
     const double speed = s->y[HIL_VEHICLE_SPEED];
     rate->y[HIL_VEHICLE_SPEED] =
-        (2.0 * (s->y[HIL_VEHICLE_FORCE + FRONT] + s->y[HIL_VEHICLE_FORCE + REAR]) - v->drag * speed * speed) / v->mass;
+        (2.0 * (s->y[HIL_VEHICLE_FORCE + FRONT] + s->y[HIL_VEHICLE_FORCE + REAR]) - v->drag * speed * speed - resist) /
+        mass;
     for (int p = 0; p < SOIL && r->columns > 1; p++) {
         torque[FRONT].by[p] = rear_torque * (load[FRONT].by[p] - ratio * load[REAR].by[p]) / load[REAR].value;
         rate->by[HIL_VEHICLE_SPEED][p] =
@@ -160,10 +237,16 @@ static void advance(const state *base, const state *rate, double h, int columns,
 /* One RK4 step with the torque at its start, middle and end. */
 static int step(run *r, const double *torque, state *s) {
     const double h = r->step;
+    const double width = r->share - r->begin;
+    const double omega[AXLES] = {s->y[HIL_VEHICLE_OMEGA + FRONT], s->y[HIL_VEHICLE_OMEGA + REAR]};
     state k[4], at;
+    r->share = r->begin;
+    r->into = 0.0;
     int status = rates(r, s, torque[0], &k[0]);
     for (int stage = 1; stage < 4 && status == HIL_TYRE_OK; stage++) {
         advance(s, &k[stage - 1], stage == 3 ? h : 0.5 * h, r->columns, &at);
+        r->share = r->begin + (stage == 3 ? 1.0 : 0.5) * width;
+        r->into = stage == 3 ? h : 0.5 * h;
         status = rates(r, &at, torque[stage == 3 ? 2 : 1], &k[stage]);
     }
     if (status != HIL_TYRE_OK) {
@@ -177,6 +260,9 @@ static int step(run *r, const double *torque, state *s) {
             s->y[i] = 0.0;
             memset(s->by[i], 0, sizeof s->by[i]);
         }
+    }
+    for (int axle = 0; axle < AXLES; axle++) {
+        r->angle[axle] += 0.5 * h * (omega[axle] + s->y[HIL_VEHICLE_OMEGA + axle]);
     }
     return HIL_TYRE_OK;
 }
@@ -199,7 +285,7 @@ static void note(const run *r, const state *s, ptrdiff_t sample, double *record,
 static int swing_limit(run *r, const state *s) {
     const hil_vehicle *v = r->vehicle;
     quantity load[AXLES];
-    wheel_loads(v, s, 1, load);
+    wheel_loads(v, s, 1, 0.0, load);
     for (int axle = 0; axle < AXLES; axle++) {
         hil_tyre_contact c;
         double sinkage = r->guess[axle].sinkage;
@@ -221,13 +307,31 @@ static int swing_limit(run *r, const state *s) {
 }
 
 int hil_vehicle_run(const hil_vehicle *vehicle, const hil_tyre *tyre, const hil_tyre_soil *soil, int samples,
-                    double period, int substeps, const double *torque, double *record, double *sensitivity,
-                    hil_vehicle_failure *failure) {
-    const guess start = {0.05, 0.0, 0.0};
-    run r = {vehicle,        tyre,   soil, period / substeps, sensitivity == NULL ? 1 : HIL_TYRE_COLUMNS,
-             {start, start}, failure};
+                    double period, int substeps, const double *torque, double start, const hil_vehicle_effects *effects,
+                    double *record, double *sensitivity, hil_vehicle_failure *failure) {
+    assert(effects == NULL || (sensitivity == NULL && effects->count <= HIL_VEHICLE_VALUES));
+    const guess first = {0.05, 0.0, 0.0};
+    run r;
+    memset(&r, 0, sizeof r);
+    r.vehicle = vehicle;
+    r.tyre = tyre;
+    r.soil = soil;
+    r.step = period / substeps;
+    r.columns = sensitivity == NULL ? 1 : HIL_TYRE_COLUMNS;
+    r.guess[FRONT] = r.guess[REAR] = first;
+    r.failure = failure;
+    r.effects = effects;
     state s;
     memset(&s, 0, sizeof s);
+    if (start > 0.0) {
+        quantity load[AXLES];
+        wheel_loads(vehicle, &s, 1, 0.0, load);
+        s.y[HIL_VEHICLE_OMEGA + FRONT] = s.y[HIL_VEHICLE_OMEGA + REAR] = start;
+        s.y[HIL_VEHICLE_SPEED] =
+            start * (tyre->radius - (load[FRONT].value + load[REAR].value) / (6.0 * tyre->stiffness));
+        s.y[HIL_VEHICLE_TORQUE + FRONT] = torque[0] * load[FRONT].value / load[REAR].value;
+        s.y[HIL_VEHICLE_TORQUE + REAR] = torque[0];
+    }
     note(&r, &s, 0, record, sensitivity);
     failure->time = 0.0;
     const int limit = swing_limit(&r, &s);
@@ -241,6 +345,9 @@ int hil_vehicle_run(const hil_vehicle *vehicle, const hil_tyre *tyre, const hil_
             const double t[3] = {torque[k] + rise * (2.0 * i / parts), torque[k] + rise * ((2.0 * i + 1.0) / parts),
                                  torque[k] + rise * ((2.0 * i + 2.0) / parts)};
             failure->time = k * period + i * r.step;
+            r.sample = k;
+            r.begin = (double)i / substeps;
+            r.share = (double)(i + 1) / substeps; /* of the step's end, until the step begins */
             const int status = step(&r, t, &s);
             if (status != HIL_TYRE_OK) {
                 return status;

@@ -11,6 +11,7 @@
 #ifndef HIL_VEHICLE_H
 #define HIL_VEHICLE_H
 
+#include "program.h"
 #include "tyre.h"
 
 typedef struct {
@@ -48,12 +49,38 @@ typedef struct {
     double longest_step;
 } hil_vehicle_failure;
 
-/* `samples` records at k * period from standstill; torque [N m] of one rear half shaft at these instants, linear
- * between them; `substeps` steps a sample. record: samples x 9. sensitivity: samples x 9 x 5, derivatives by the soil's
- * five numbers (0 for the sinkages), or NULL. Returns HIL_TYRE_OK, or what failed, with *failure set; record is then
- * incomplete. A step is too long where it exceeds half the relaxation time. */
+/* Effects on a run: terms, and a table of `count` values (at most HIL_VEHICLE_VALUES) in which the car's numbers stand
+ * from slot HIL_ROLES on, the tyre's and the soil's after them, then whatever the terms use; `inputs` columns of
+ * `input` (samples x inputs) go into their slots, linear between samples.
+ *
+ * Terms that change a parameter act on each axle with its own wheel's roles (omega, angle, slip, load, pass: the rear
+ * wheels roll in the front wheels' ruts; speed held above speed_floor) and on the car with those of the rear axle and
+ * its whole weight as load. A torque at the ground resists the car by torque / tyre radius, one in the drive each
+ * wheel.
+ */
+typedef struct {
+    const hil_additions *additions;
+    int count;
+    const double *values;
+    int inputs;
+    const int *slot;
+    const double *input;
+} hil_vehicle_effects;
+
+enum {
+    HIL_VEHICLE_CAR = HIL_ROLES,
+    HIL_VEHICLE_TYRE = HIL_ROLES + 10,
+    HIL_VEHICLE_GROUND = HIL_ROLES + 15,
+    HIL_VEHICLE_VALUES = 160
+};
+
+/* `samples` records at k * period, from standstill or rolling without slip at `start` [rad/s]; torque [N m] of one rear
+ * half shaft at these instants, linear between them; `substeps` steps a sample. record: samples x 9. sensitivity:
+ * samples x 9 x 5, derivatives by the soil's five numbers (0 for the sinkages), or NULL; they do not know of effects,
+ * which then must be NULL too. Returns HIL_TYRE_OK, or what failed, with *failure set; record is then incomplete. A
+ * step is too long where it exceeds half the relaxation time. */
 int hil_vehicle_run(const hil_vehicle *vehicle, const hil_tyre *tyre, const hil_tyre_soil *soil, int samples,
-                    double period, int substeps, const double *torque, double *record, double *sensitivity,
-                    hil_vehicle_failure *failure);
+                    double period, int substeps, const double *torque, double start, const hil_vehicle_effects *effects,
+                    double *record, double *sensitivity, hil_vehicle_failure *failure);
 
 #endif

@@ -117,6 +117,8 @@ def simulate(
         period,
         substeps,
         pointer(driven),
+        0.0,
+        ffi().NULL,
         pointer(record),
         pointer(by_soil),
         failure,
