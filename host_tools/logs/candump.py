@@ -7,8 +7,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,28 +17,30 @@ import numpy.typing as npt
 from hil.messages import Interface
 from hil.telemetry import decode
 from host_tools.errors import UserError
+from host_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, frames, joined
 
-__all__ = ["Frames", "line", "lines", "read", "telemetry"]
+__all__ = ["blocks", "line", "lines", "read", "telemetry"]
 
 Array = npt.NDArray[np.float64]
 
-_LINE = re.compile(r"\((\d+(?:\.\d+)?)\) (\S+) ([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#([0-9A-Fa-f]*|R\d?)(?: [RT])?\s*")
+BLOCK = 4 << 20  # bytes of text taken at once
+
+# ID#DATA, ID#R (remote), ID##FDATA (CAN FD, with a digit of flags); candump -x adds the direction.
+_LINE = re.compile(
+    rb"^\((\d+(?:\.\d+)?)\)[ \t]+(\S+)[ \t]+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#"
+    rb"(?:(R)\d?|(#[0-9A-Fa-f])?((?:[0-9A-Fa-f]{2}){0,64}))(?:[ \t]+([RT]))?[ \t\r]*$",
+    re.MULTILINE,
+)
+_ERROR_FRAME = 0x2000_0000  # as the kernel marks them, in an identifier of 8 digits
 
 
-@dataclass(frozen=True)
-class Frames:
-    """Frames of a log in order: times [s], identifiers, lengths, and data padded with zeros to 8 bytes."""
-
-    path: Path
-    times: Array
-    identifiers: npt.NDArray[np.int64]
-    lengths: npt.NDArray[np.int64]
-    data: npt.NDArray[np.uint8]  # (frames, 8)
-
-
-def line(time: float, identifier: int, data: bytes, channel: str = "can0") -> str:
-    """One frame with an 11-bit identifier, without the end of line."""
-    return f"({time:.6f}) {channel} {identifier:03X}#{data.hex().upper()}"
+def line(time: float, identifier: int, data: bytes, channel: str = "can0", flags: int = 0) -> str:
+    """One frame, without the end of line. `flags` as in Frames."""
+    if flags & ERROR:
+        identifier |= _ERROR_FRAME
+    name = f"{identifier:08X}" if flags & (EXTENDED | ERROR) else f"{identifier:03X}"
+    body = "R" if flags & REMOTE else f"#0{data.hex().upper()}" if flags & FD else data.hex().upper()
+    return f"({time:.6f}) {channel} {name}#{body}{' T' if flags & SENT else ''}"
 
 
 def lines(records: npt.NDArray[Any], first_tick: int, channel: str = "can0") -> str:
@@ -59,47 +60,71 @@ def lines(records: npt.NDArray[Any], first_tick: int, channel: str = "can0") -> 
     return "".join(out)
 
 
+def blocks(path: Path, told: Callable[[int], None] = lambda _: None) -> Iterator[Frames]:
+    """All frames of a log, some ten thousand at a time; `told` gets the bytes read so far.
+
+    A last line without its end is one that a crash cut off and is left out. UserError names file and line of what is
+    no candump text.
+    """
+    number, done, rest = 1, 0, b""
+    with path.open("rb") as file:
+        while piece := file.read(BLOCK):
+            done += len(piece)
+            text = rest + piece
+            end = text.rfind(b"\n") + 1
+            if end == 0 and len(text) > BLOCK:
+                raise _no_candump(path, number, text)
+            text, rest = text[:end], text[end:]
+            if end:
+                yield _parse(path, text, number)
+            number += text.count(b"\n")
+            told(done)
+
+
+def _parse(path: Path, text: bytes, first: int) -> Frames:
+    rows = _LINE.findall(text)
+    if len(rows) != text.count(b"\n"):  # empty lines, or something else
+        for number, row in enumerate(text.split(b"\n"), first):
+            if row.strip() and not _LINE.fullmatch(row):
+                raise _no_candump(path, number, row)
+    times, _, names, remote, fd, body, sent = zip(*rows, strict=True) if rows else ((),) * 7
+    if not any(fd):
+        long = next((i for i, hexes in enumerate(body) if len(hexes) > 16), None)
+        if long is not None:
+            raise _no_candump(path, first + long, b"%s#%s" % (names[long], body[long]))
+    identifiers = [int(name, 16) for name in names]
+    flags = [
+        (EXTENDED if len(name) == 8 else 0) | (REMOTE if r else 0) | (FD if f else 0) | (SENT if s == b"T" else 0)
+        for name, r, f, s in zip(names, remote, fd, sent, strict=True)
+    ]
+    for i, identifier in enumerate(identifiers):
+        if identifier & _ERROR_FRAME:
+            flags[i] = flags[i] & ~EXTENDED | ERROR
+            identifiers[i] = identifier & ~_ERROR_FRAME
+    stamps = np.array(times, dtype="S").astype(np.float64) if times else np.zeros(0)
+    return frames(path, stamps, identifiers, [bytes.fromhex(hexes.decode()) for hexes in body], flags)
+
+
+def _no_candump(path: Path, number: int, row: bytes) -> UserError:
+    found = row[:60].decode("ascii", "replace")
+    return UserError(f"{path}:{number}: found {found!r}, expected candump text, such as (1.000000) can0 182#00FF")
+
+
 def read(path: Path) -> Frames:
-    """All data frames of a log; error and remote frames are left out. A last line without its end is one that a crash
-    cut off and is left out as well. UserError names file and line of what is no candump text."""
-    times, identifiers, lengths, data = [], [], [], []
-    text = path.read_text(encoding="ascii", errors="replace")
-    whole = text[: text.rfind("\n") + 1]
-    for number, row in enumerate(whole.splitlines(), 1):
-        if not row.strip():
-            continue
-        match = _LINE.fullmatch(row)
-        if match is None or (match[4][:1] != "R" and (len(match[4]) % 2 or len(match[4]) > 16)):
-            found = row[:60]
-            raise UserError(
-                f"{path}:{number}: found {found!r}, expected candump text, such as (1.000000) can0 182#00FF"
-            )
-        if match[4][:1] == "R":
-            continue
-        payload = bytes.fromhex(match[4])
-        times.append(float(match[1]))
-        identifiers.append(int(match[3], 16))
-        lengths.append(len(payload))
-        data.append(payload.ljust(8, b"\0"))
-    return Frames(
-        path,
-        np.array(times, dtype=np.float64),
-        np.array(identifiers, dtype=np.int64),
-        np.array(lengths, dtype=np.int64),
-        np.frombuffer(b"".join(data), dtype=np.uint8).reshape(-1, 8),
-    )
+    """All data frames of a log; error and remote frames are left out. As `blocks`, at once."""
+    return joined(path, list(blocks(path))).data_frames
 
 
-def telemetry(frames: Frames, interface: Interface) -> Mapping[str, dict[str, Array]]:
+def telemetry(log: Frames, interface: Interface) -> Mapping[str, dict[str, Array]]:
     """Message -> signal (and "time") -> array in SI units, for the frames that the controller's interface knows.
 
     UserError when one of them has another length than its message: it is damaged, or another version's.
     """
     for message in interface.messages.values():
-        wrong = np.flatnonzero((frames.identifiers == message.id) & (frames.lengths != message.length))
+        wrong = np.flatnonzero((log.identifiers == message.id) & (log.lengths != message.length))
         if wrong.size:
             raise UserError(
-                f"{frames.path}: {message.name} at {frames.times[wrong[0]]:.6f} s: "
-                f"found {frames.lengths[wrong[0]]} bytes, expected {message.length}"
+                f"{log.path}: {message.name} at {log.times[wrong[0]]:.6f} s: "
+                f"found {log.lengths[wrong[0]]} bytes, expected {message.length}"
             )
-    return decode(interface, frames.times, frames.identifiers, frames.data)
+    return decode(interface, log.times, log.identifiers, log.data[:, :8])

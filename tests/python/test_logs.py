@@ -1,0 +1,262 @@
+"""Logs of every kind: round trips checked by other tools' readers, cut files, decoding against cantools."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import can
+import cantools
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hil import paths
+from host_tools.errors import UserError
+from host_tools.logs.decoding import Decoder
+from host_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, frames
+from host_tools.logs.reading import LogReader, read_log
+from host_tools.logs.writing import LogWriter
+
+DBC = paths.build() / "generated" / "terrapin.dbc"
+KINDS = (".log", ".blf", ".asc", ".mf4", ".mcap", ".parquet")
+
+
+def some(count: int = 500, begin: float = 1000.0, plain: bool = False) -> Frames:
+    random = np.random.default_rng(3)
+    times = begin + np.cumsum(random.integers(1, 9, count)) * 1e-4
+    rows = []
+    for i in range(count):
+        kind = 0 if plain else int(random.choice([0, 0, 0, EXTENDED, FD, FD | EXTENDED, SENT]))
+        identifier = int(random.integers(0, 1 << (29 if kind & EXTENDED else 11)))
+        size = int(random.choice([12, 16, 64] if kind & FD else [0, 1, 7, 8]))
+        rows.append((identifier, random.bytes(size), kind))
+        del i
+    return frames(Path("made"), times, *(list(column) for column in zip(*rows, strict=True)))
+
+
+def same(a: Frames, b: Frames, tolerance: float = 1.1e-6) -> None:
+    assert len(a) == len(b)
+    np.testing.assert_allclose(a.times, b.times, rtol=0, atol=tolerance)
+    np.testing.assert_array_equal(a.identifiers, b.identifiers)
+    np.testing.assert_array_equal(a.lengths, b.lengths)
+    np.testing.assert_array_equal(a.flags, b.flags)
+    assert [a.payload(i) for i in range(len(a))] == [b.payload(i) for i in range(len(b))]
+
+
+def write(path: Path, log: Frames, decoder: Decoder | None = None) -> None:
+    with LogWriter(path, decoder) as file:
+        half = len(log) // 2
+        file.write(log.pick(np.arange(half)))
+        file.write(log.pick(np.arange(half, len(log))))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_round_trip(tmp_path: Path, kind: str) -> None:
+    """What is written comes back; ASC keeps times from its first frame on, to a microsecond."""
+    log = some(begin=0.0 if kind == ".asc" else 1_700_000_000.25)
+    path = tmp_path / f"x{kind}"
+    write(path, log)
+    back, cut = read_log(path)
+    assert cut == ""
+    if kind == ".asc":
+        log = Frames(log.path, log.times - log.times[0], log.identifiers, log.lengths, log.data, log.flags)
+    same(log, back)
+
+
+@pytest.mark.parametrize("kind", [k for k in KINDS if k not in (".asc", ".parquet")])
+def test_simulated_times(tmp_path: Path, kind: str) -> None:
+    """Logs of the simulator begin at 0 s, not in our century."""
+    log = some(begin=0.0, plain=True)
+    write(tmp_path / f"x{kind}", log)
+    same(log, read_log(tmp_path / f"x{kind}")[0])
+
+
+def test_remote_and_error_frames(tmp_path: Path) -> None:
+    log = frames(
+        Path("made"), [0.0, 0.1, 0.2], [0x12, 0x4, 0x1ABCDEF], [b"", bytes(8), b"\1"], [REMOTE, ERROR, EXTENDED]
+    )
+    for kind in (".log", ".mcap", ".parquet"):
+        write(tmp_path / f"x{kind}", log)
+        back, _ = read_log(tmp_path / f"x{kind}")
+        same(log, back)
+        assert len(back.data_frames) == 1
+
+
+@pytest.mark.parametrize("kind", [".log", ".blf", ".asc", ".mf4"])
+def test_python_can_reads_it(tmp_path: Path, kind: str) -> None:
+    log = some(200, plain=True)
+    write(tmp_path / f"x{kind}", log)
+    with can.LogReader(tmp_path / f"x{kind}") as reader:
+        messages = list(reader)
+    assert [m.arbitration_id for m in messages] == log.identifiers.tolist()
+    assert [bytes(m.data) for m in messages] == [log.payload(i) for i in range(200)]
+
+
+def test_asammdf_reads_it(tmp_path: Path) -> None:
+    """The bus log's signals come out by asammdf's own extraction with the DBC."""
+    from asammdf import MDF
+
+    log = telemetry(50)
+    write(tmp_path / "x.mf4", log)
+    with MDF(tmp_path / "x.mf4") as file:
+        extracted = file.extract_bus_logging({"CAN": [(str(DBC), 0)]})
+        torque = extracted.get("torque").samples
+    np.testing.assert_allclose(torque, Decoder(DBC).decode(log)["GROUND"].signals["torque"], rtol=1e-12)
+
+
+def test_mcap_reads_it(tmp_path: Path) -> None:
+    """Frames and decoded signals by the library's own reader; chunked and indexed as players want it."""
+    from mcap.reader import make_reader
+
+    log = telemetry(50)
+    write(tmp_path / "x.mcap", log, Decoder(DBC))
+    with (tmp_path / "x.mcap").open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert {c.topic for c in summary.channels.values()} == {"/can", "/GROUND"}
+        assert summary.chunk_indexes
+        values = [json.loads(m.data)["torque"] for _, c, m in reader.iter_messages(topics=["/GROUND"])]
+    np.testing.assert_allclose(values, Decoder(DBC).decode(log)["GROUND"].signals["torque"])
+
+
+def telemetry(count: int) -> Frames:
+    message = cantools.database.load_file(DBC).get_message_by_name("GROUND")
+    random = np.random.default_rng(1)
+    payloads = [random.bytes(8) for _ in range(count)]
+    return frames(Path("made"), np.arange(count) * 0.01, [message.frame_id] * count, payloads, [0] * count)
+
+
+@pytest.mark.parametrize("kind", [".log", ".blf", ".mcap"])
+def test_cut_by_kill(tmp_path: Path, kind: str) -> None:
+    """A recorder that is killed leaves a log that reads up to its last flush, and reading says that it is cut."""
+    path = tmp_path / f"x{kind}"
+    script = f"""
+import sys, time
+sys.path[:0] = [{str(Path(__file__).parent)!r}]
+from test_logs import some
+from pathlib import Path
+from host_tools.logs.writing import LogWriter
+import numpy as np
+log = some(400, plain=True)
+file = LogWriter(Path({str(path)!r}), growing=True)
+file.write(log.pick(np.arange(300))); file.flush()
+print("flushed", flush=True)
+file.write(log.pick(np.arange(300, 400)))
+time.sleep(60)
+"""
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "flushed\n"
+        process.send_signal(signal.SIGKILL)
+    log = some(400, plain=True)
+    back, cut = read_log(path)
+    assert len(back) >= 300
+    same(log.pick(np.arange(len(back))), back)
+    assert cut or kind != ".mcap"  # the others are whole after each flush
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
+def test_cut_anywhere(tmp_path: Path, kind: str, share: float) -> None:
+    """A cut file gives the frames before the cut and says so, or one clear error; never others, never a traceback."""
+    log = some(3000, plain=True, begin=0.0)
+    path = tmp_path / f"x{kind}"
+    write(path, log)
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    said = ""
+    back, cut = log.pick(np.arange(0)), ""
+    try:
+        back, cut = read_log(path)
+    except UserError as error:
+        said = str(error)
+    assert said.count("\n") == 0
+    assert not said or str(path) in said
+    assert said or cut or len(back) == 0 or kind == ".asc"  # ASC is text: a cut between lines does not show
+    if kind != ".asc":
+        same(log.pick(np.arange(len(back))), back)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_junk(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"x{kind}"
+    path.write_bytes(bytes(range(256)) * 50)
+    with pytest.raises(UserError, match="expected"):
+        read_log(path)
+
+
+def test_unknown_kind(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"unknown kind of log '\.txt'"):
+        LogReader(tmp_path / "x.txt")
+    with pytest.raises(UserError, match="No such file"):
+        LogReader(tmp_path / "x.log")
+
+
+@st.composite
+def messages(draw: st.DrawFn) -> cantools.database.Message:
+    size = draw(st.sampled_from([8, 8, 5, 64]))
+    free = set(range(size * 8))
+    signals = []
+    for number in range(draw(st.integers(1, 6))):
+        kind = draw(st.sampled_from(["int", "int", "int", "f32", "f64"]))
+        length = {"int": draw(st.integers(1, 64)), "f32": 32, "f64": 64}[kind]
+        big = draw(st.booleans())
+        start = draw(st.integers(0, size * 8 - 1))
+        bits = set()
+        at = start
+        for _ in range(length):
+            bits.add(at)
+            at = (at + 1) if not big else (at - 1 if at % 8 else at + 15)
+        if not bits <= free:
+            continue
+        free -= bits
+        signals.append(
+            cantools.database.Signal(
+                f"s{number}",
+                start,
+                length,
+                byte_order="big_endian" if big else "little_endian",
+                is_signed=kind == "int" and draw(st.booleans()),
+                conversion=cantools.database.conversion.BaseConversion.factory(
+                    scale=draw(st.sampled_from([1, 0.5, 0.001, -2])),
+                    offset=draw(st.sampled_from([0, -40])),
+                    is_float=kind != "int",
+                ),
+            )
+        )
+    return cantools.database.Message(0x123, "M", size, signals, strict=True)
+
+
+@settings(max_examples=150, deadline=None)
+@given(messages(), st.randoms(use_true_random=False))
+def test_decoding_like_cantools(message: cantools.database.Message, random: object) -> None:
+    """Any layout, any data: the numbers of cantools, message by message."""
+    if not message.signals:
+        return
+    payloads = [bytes(random.randrange(256) for _ in range(message.length)) for _ in range(5)]  # type: ignore[attr-defined]
+    decoder = Decoder.__new__(Decoder)
+    decoder.messages = {(0x123, False): message}
+    log = frames(Path("made"), np.zeros(5), [0x123] * 5, payloads, [0] * 5)
+    found = decoder.decode(log)["M"].signals
+    for row, payload in enumerate(payloads):
+        expected = message.decode(payload, decode_choices=False)
+        for name, value in expected.items():
+            np.testing.assert_allclose(found[name][row], value, rtol=1e-14, err_msg=name)
+
+
+def test_multiplexed_and_short(tmp_path: Path) -> None:
+    """Signals that a frame does not carry are NaN."""
+    dbc = tmp_path / "x.dbc"
+    dbc.write_text(
+        'VERSION ""\nBU_: A\nBO_ 100 M: 8 A\n SG_ mode M : 0|8@1+ (1,0) [0|255] "" A\n'
+        ' SG_ a m0 : 8|16@1- (0.1,0) [0|0] "V" A\n SG_ b m1 : 8|8@1+ (1,0) [0|0] "" A\n'
+    )
+    log = frames(Path("made"), np.zeros(3), [100] * 3, [b"\0\xff\xff", b"\1\7\0", b"\0\1"], [0] * 3)
+    found = Decoder(dbc).decode(log)["M"].signals
+    np.testing.assert_allclose(found["a"], [-0.1, np.nan, np.nan])
+    np.testing.assert_allclose(found["b"], [np.nan, 7.0, np.nan])
