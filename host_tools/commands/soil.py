@@ -178,8 +178,34 @@ def _describe(answer: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def tactile(
+    case: CaseFolder,
+    margin: Annotated[float, typer.Option("--margin", help="least margin 1 - tau/tau_max that counts as safe")] = 0.1,
+    json: Json = "",
+) -> None:
+    """Cohesion and friction angle from a driven wheel at several loads and drawbar levels, with confidence regions.
+
+    The case has base = "driven_wheel". One operating point cannot tell the two apart: it gives tau_max instead.
+
+    Example: terrapin soil tactile cases/driven_rig_sand --json soil.json
+    """
+    from host_tools.soil.tactile import Unsolved
+    from host_tools.soil.tactile_answer import answer, describe
+    from host_tools.soil.tactile_case import load_tactile_case
+
+    if not 0.0 <= margin < 1.0:
+        raise UserError(f"--margin: found {margin:g}, expected 0 to less than 1")
+    read = load_tactile_case(case)
+    try:
+        found = answer(read, margin)
+    except Unsolved as error:
+        raise UserError(f"{case}: {error}") from None
+    deliver(found, describe(found), json)
+
+
 def register(app: typer.Typer) -> None:
     group = typer.Typer(help="The properties of the ground from what a machine measured on it.", no_args_is_help=True)
     group.callback()(lambda: None)
     group.command("vehicle")(vehicle)
+    group.command("tactile")(tactile)
     app.add_typer(group, name="soil")
