@@ -21,19 +21,29 @@ def case(
     ] = None,
     after: Annotated[float, typer.Option("--after", metavar="SECONDS", help="leave out windows before")] = 0.0,
     before: Annotated[float, typer.Option("--before", metavar="SECONDS", help="leave out windows from here")] = 1e18,
+    span: Annotated[
+        float | None,
+        typer.Option("--span", metavar="SECONDS", help="rows of this length, steady or not, in place of the windows"),
+    ] = None,
 ) -> None:
     """Turn logged runs into a case of rolling_steady: one row for each steady window that the controller called valid.
 
     Example: terrapin case out/runs/* --to out/case --effect speed_squared --after 2
+
+    With --span 0.1 the rows show what goes with the shell's angle; inertia then belongs to the model:
+
+    terrapin case out/runs/* --to out/case --effect speed_squared --effect inertia --span 0.1
     """
     from hil.physics.effects import catalogue
     from host_tools.workbench.from_runs import read_run, write_case
 
+    if span is not None and not 0.02 <= span <= 10.0:
+        raise UserError(f"--span: found {span:g}, expected 0.02 to 10 s")
     for name in effect or []:
         if name not in catalogue() or "rolling_steady" not in catalogue()[name].bases:
             known = ", ".join(n for n, e in catalogue().items() if "rolling_steady" in e.bases)
             raise UserError(f"--effect: found {name!r}, expected one of {known}")
-    print(write_case(to, [read_run(folder, after, before) for folder in runs], title, effect or []))
+    print(write_case(to, [read_run(folder, after, before, span) for folder in runs], title, effect or []))
 
 
 def register(app: typer.Typer) -> None:

@@ -2,8 +2,13 @@
 
 The controller's WINDOW message holds the means of current, speed and voltage over the window of its last C_t; `fresh`
 says that a window which shares no sample with the one before has just ended. Those rows, while the controller runs and
-does not limit, are what `rolling_steady` predicts. Winding temperature, slope, angle and acceleration come from the
-messages beside.
+does not limit, are what `rolling_steady` predicts. Winding temperature, slope, speed, angle and acceleration come from
+the messages beside, as means over the same window (the angle: in its middle). Where the weight differs from run to run
+it is a column, otherwise a constant.
+
+What goes with the angle (an imbalance, cogging) or with the acceleration keeps the robot from ever being steady and is
+averaged out of such windows. For it `span` makes rows of the telemetry's 10 ms means instead, steady or not; speed and
+acceleration are then the derivatives of a cubic through the shell's angle over twice the span.
 """
 
 from __future__ import annotations
@@ -36,11 +41,14 @@ COLUMNS = {
     "omega": "rad/s",
     "current": "A",
     "voltage": "V",
+    "load": "N",
+    "speed": "m/s",
     "temperature": "degC",
     "slope": "rad",
     "angle": "rad",
     "acceleration": "rad/s^2",
 }
+TELEMETRY_PERIOD = 0.01  # s
 KNOWN = ("radius", "drive_radius", "torque_constant", "coulomb", "viscous", "weight")  # parameters of the controller
 
 
@@ -77,34 +85,91 @@ def _parameters(folder: Path, description: Interface) -> dict[str, float]:
     return values
 
 
-def read_run(folder: Path, after: float = 0.0, before: float = float("inf")) -> Run:
-    """The valid windows of a run's telemetry.log between `after` and `before` [s]. UserError when it has none."""
+def read_run(folder: Path, after: float = 0.0, before: float = float("inf"), span: float | None = None) -> Run:
+    """Rows of a run's telemetry.log between `after` and `before` [s]: its valid steady windows, or, with `span` [s],
+    means over that time of a running robot that does not limit. UserError when it has none."""
     log = folder / "telemetry.log"
     if not log.is_file():
         raise UserError(f"{log}: no such file, expected a run's folder (terrapin run --out)")
     description = interface()
     tables = telemetry(candump.read(log), description)
     parameters = _parameters(folder, description)
-    times = _window_ends(tables, description.enums["state"]["run"], after, before)
-    if len(times) == 0:
-        raise UserError(f"{log}: found no valid steady window of a running robot, expected at least one")
-    span = parameters["window"] * si_factor(description.parameters["window"].unit)
-    columns = {"time": times}
-    for name in ("omega", "current", "voltage"):
-        columns[name] = _held(tables["WINDOW"], name, times)
-    if "ELECTRICAL" in tables:
-        columns["temperature"] = _mean(tables["ELECTRICAL"], "temperature", times, span)
-    if "ATTITUDE" in tables:
-        columns["angle"] = _held(tables["ATTITUDE"], "angle", times)
-        columns["acceleration"] = _held(tables["ATTITUDE"], "acceleration", times)
-        if np.all(_held(tables["ATTITUDE"], "pitch_valid", times) > 0):
-            columns["slope"] = _mean(tables["ATTITUDE"], "pitch", times, span)
+    running = description.enums["state"]["run"]
+    if span is None:
+        width = parameters["window"] * si_factor(description.parameters["window"].unit)
+        times = _window_ends(tables, running, after, before)
+        columns = _windows(tables, times, width)
+    else:
+        width = span
+        columns = _means(tables, running, after, before, span)
+    if len(columns["time"]) == 0:
+        kind = "valid steady window" if span is None else f"stretch of {2 * width:g} s"
+        hint = "; terrapin case --span makes rows of motion that is not steady" if span is None else ""
+        raise UserError(f"{log}: found no {kind} of a running robot, expected at least one{hint}")
+    columns["load"] = np.full(len(columns["time"]), parameters["weight"])
     rows = [dict(zip(columns, map(float, values), strict=True)) for values in zip(*columns.values(), strict=True)]
     constants = {name: parameters[name] for name in KNOWN}
     for name in ("coulomb", "viscous"):  # what the calibration found, or the parameter in use before it
         if "CALIBRATION" in tables:
-            constants[name] = float(_held(tables["CALIBRATION"], name, times[-1:])[0])
+            constants[name] = float(_held(tables["CALIBRATION"], name, columns["time"][-1:])[0])
     return Run(folder.resolve().name, rows, constants)
+
+
+def _windows(tables: Mapping[str, dict[str, Array]], times: Array, span: float) -> dict[str, Array]:
+    """Means over the steady windows that end at `times`."""
+    columns = {"time": times}
+    if len(times) == 0:
+        return columns
+    for name in ("omega", "current", "voltage"):
+        columns[name] = _held(tables["WINDOW"], name, times)
+    columns.update(_beside(tables, times, span))
+    if "ATTITUDE" in tables:
+        columns["angle"] = _held(tables["ATTITUDE"], "angle", times - 0.5 * span)
+        columns["acceleration"] = _held(tables["ATTITUDE"], "acceleration", times)
+    return columns
+
+
+def _means(
+    tables: Mapping[str, dict[str, Array]], running: int, after: float, before: float, span: float
+) -> dict[str, Array]:
+    """Means over consecutive stretches of `span`, wherever the robot runs and does not limit for twice that."""
+    needed = ("STATUS", "GROUND", "ELECTRICAL", "ATTITUDE")
+    if any(message not in tables for message in needed):
+        return {"time": np.empty(0)}
+    clock = tables["ATTITUDE"]["time"]
+    count = max(2, round(span / TELEMETRY_PERIOD))
+    free = _held(tables["STATUS"], "state", clock) == running
+    free &= _held(tables["GROUND"], "limiting", clock) == 0
+    free &= _held(tables["ELECTRICAL"], "current_limiting", clock) == 0
+    free &= (clock >= after) & (clock < before)
+    middle = np.arange(count, len(clock) - count, count)
+    around = middle[:, None] + np.arange(-count, count + 1)
+    middle = middle[free[around].all(axis=1) & (np.ptp(clock[around], axis=1) < 2.5 * count * TELEMETRY_PERIOD)]
+    lag = np.arange(-count, count + 1) * TELEMETRY_PERIOD
+    cubic = np.linalg.pinv(np.vander(lag, 4, increasing=True))
+    turned = np.unwrap(tables["ATTITUDE"]["angle"])
+    local = turned[middle[:, None] + np.arange(-count, count + 1)]
+    fitted = (local - turned[middle, None]) @ cubic.T
+    ends = clock[middle] + 0.5 * span
+    columns = {"time": clock[middle], "omega": fitted[:, 1]}
+    for name in ("current", "voltage"):
+        columns[name] = _mean(tables["ELECTRICAL"], name, ends, span)
+    columns.update(_beside(tables, ends, span))
+    columns["angle"] = np.mod(turned[middle] + fitted[:, 0], 2.0 * np.pi)
+    columns["acceleration"] = 2.0 * fitted[:, 2]
+    return columns
+
+
+def _beside(tables: Mapping[str, dict[str, Array]], ends: Array, span: float) -> dict[str, Array]:
+    """Speed, temperature and slope, where they are known, as means over the `span` up to each end."""
+    columns = {}
+    if "MOTION" in tables:
+        columns["speed"] = _mean(tables["MOTION"], "ground_speed", ends, span)
+    if "ELECTRICAL" in tables:
+        columns["temperature"] = _mean(tables["ELECTRICAL"], "temperature", ends, span)
+    if "ATTITUDE" in tables and np.all(_held(tables["ATTITUDE"], "pitch_valid", ends) > 0):
+        columns["slope"] = _mean(tables["ATTITUDE"], "pitch", ends, span)
+    return columns
 
 
 def _window_ends(tables: Mapping[str, dict[str, Array]], running: int, after: float, before: float) -> Array:
@@ -155,12 +220,12 @@ def write_case(folder: Path, runs: Sequence[Run], title: str, effects: Sequence[
     write_whole(folder / "runs.csv", text.getvalue())
     write_whole(folder / "case.toml", document)
     rows = sum(len(run.rows) for run in runs)
-    return f"{folder}: {rows} steady windows of {len(runs)} runs"
+    return f"{folder}: {rows} rows of {len(runs)} runs"
 
 
 def _document(runs: Sequence[Run], title: str, effects: Sequence[str], columns: Sequence[str]) -> str:
     document = tomlkit.document()
-    document.add(tomlkit.comment("made by `terrapin case` from logged runs: one row a steady window"))
+    document.add(tomlkit.comment("made by `terrapin case` from logged runs"))
     case = tomlkit.table()
     case["title"] = title
     document["case"] = case
@@ -173,7 +238,8 @@ def _document(runs: Sequence[Run], title: str, effects: Sequence[str], columns: 
     for name, unit in units.items():
         value = sum(run.constants[name] for run in runs) / len(runs)
         parameters[name] = f"{value:.9g} {unit}"
-    parameters["load"] = f"{sum(run.constants['weight'] for run in runs) / len(runs):.9g} N"
+    if "load" not in columns:
+        parameters["load"] = f"{runs[0].constants['weight']:.9g} N"
     document["parameters"] = parameters
     fit = tomlkit.table()
     start = tomlkit.inline_table()
