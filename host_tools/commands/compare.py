@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
-import time
-
 import typer
 
-from host_tools.workbench.commandline import CaseFolder, Jobs, Json, Level, Seed, check_options, deliver, step
+from host_tools.workbench.commandline import Cases, Cluster, Jobs, Json, Level, Seed, check_options, deliver, step
 
 __all__ = ["register"]
 
 
-def compare(case: CaseFolder, json: Json = "", seed: Seed = 0, jobs: Jobs = 1, level: Level = 0.05) -> None:
+def compare(
+    case: Cases, json: Json = "", seed: Seed = 0, jobs: Jobs = 1, level: Level = 0.05, cluster: Cluster = ""
+) -> None:
     """Fit the model on the training runs, predict every run, say whether anything is missing and where it fails.
+
+    A folder of cases is answered case by case, in sorted order: with --json one line each.
 
     Example: terrapin compare cases/forced_slip_sand --json answer.json
     """
-    from host_tools.workbench.analysis import analyse
-    from host_tools.workbench.answer import compare_answer
-    from host_tools.workbench.case import load_case
-    from host_tools.workbench.show import describe
+    from host_tools.workbench import fleet
 
     check_options(seed, jobs, level)
-    begin = time.monotonic()
+    question = fleet.Question("compare", seed, level)
+    folders = fleet.cases_in(case)
+    if folders is not None:
+        from host_tools.workbench.fleet_lines import answer_all
+
+        answer_all(folders, question, json, jobs, cluster, lambda folder, answer: None)
+        return
     with step("compare"):
-        analysis = analyse(load_case(case), seed, level)
-    deliver(compare_answer(analysis, time.monotonic() - begin), describe(analysis), json)
+        answer, words = fleet.answer_one(case, question, cluster)
+    deliver(answer, words, json)
 
 
 def register(app: typer.Typer) -> None:

@@ -5,24 +5,27 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import typer
 
-from host_tools.workbench.commandline import CaseFolder, Jobs, Json, Level, Seed, check_options, deliver
+from host_tools.workbench.commandline import Cases, Cluster, Jobs, Json, Level, Seed, check_options, deliver
 
 __all__ = ["register"]
 
 
-def discover(case: CaseFolder, json: Json = "", seed: Seed = 0, jobs: Jobs = 1, level: Level = 0.05) -> None:
+def discover(
+    case: Cases, json: Json = "", seed: Seed = 0, jobs: Jobs = 1, level: Level = 0.05, cluster: Cluster = ""
+) -> None:
     """Say whether anything is missing from the model, where it fails, what is missing, how sure, and what to do next.
 
-    Example: terrapin discover cases/forced_slip_sand --json answer.json
+    A folder of cases is answered case by case, in sorted order: with --json one line each.
+
+    Examples: terrapin discover cases/forced_slip_sand --json answer.json
+
+    terrapin discover fleet --json answers.jsonl --jobs 8
     """
-    from host_tools.workbench.answer import to_json
-    from host_tools.workbench.case import load_case
-    from host_tools.workbench.discovery import discover as find
-    from host_tools.workbench.discovery import discover_answer
-    from host_tools.workbench.words import tell
+    from host_tools.workbench import fleet
 
     check_options(seed, jobs, level)
     begin = time.monotonic()
@@ -31,20 +34,27 @@ def discover(case: CaseFolder, json: Json = "", seed: Seed = 0, jobs: Jobs = 1, 
         if sys.stderr.isatty():
             print(f"{time.monotonic() - begin:5.1f} s  {text} ...", file=sys.stderr, flush=True)
 
-    found = find(load_case(case), seed, level, report)
-    answer = discover_answer(found, time.monotonic() - begin)
-    _keep(case, to_json(answer))
-    deliver(answer, tell(found), json)
+    question = fleet.Question("discover", seed, level)
+    folders = fleet.cases_in(case)
+    if folders is not None:
+        from host_tools.workbench.fleet_lines import answer_all
+
+        answer_all(folders, question, json, jobs, cluster, _keep)
+        return
+    answer, words = fleet.answer_one(case, question, cluster, report)
+    _keep(case, answer)
+    deliver(answer, words, json)
 
 
-def _keep(case: Path, text: str) -> None:
+def _keep(case: Path, answer: dict[str, Any]) -> None:
     """The last answer stays in the case, so that `terrapin add` knows the expressions that it proposed."""
+    from host_tools.workbench.answer import to_json
     from host_tools.workbench.edit import write_whole
 
     folder = case / ".terrapin"
     try:
         folder.mkdir(exist_ok=True)
-        write_whole(folder / "discover.json", text)
+        write_whole(folder / "discover.json", to_json(answer))
     except OSError as error:  # a case on read-only media can still be looked at
         reason = error.strerror or str(error)
         print(f"terrapin: {folder}: {reason}; terrapin add will not know this answer", file=sys.stderr)

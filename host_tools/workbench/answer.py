@@ -10,7 +10,7 @@ import numpy as np
 
 from host_tools.workbench.analysis import Analysis
 
-__all__ = ["SCHEMA", "compare_answer", "parameter_answer", "to_json"]
+__all__ = ["SCHEMA", "compare_answer", "finite", "parameter_answer", "to_json"]
 
 SCHEMA = "terrapin.case/1"
 
@@ -65,12 +65,13 @@ def compare_answer(analysis: Analysis, seconds: float) -> dict[str, Any]:
 
 def to_json(answer: dict[str, Any]) -> str:
     """One line feed at the end, two spaces of indent; a number that is not finite becomes null."""
-    return json.dumps(_finite(answer), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(finite(answer), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
+    """The value with null for every number in it that is not finite, which JSON does not know."""
     if isinstance(value, dict):
-        return {key: _finite(entry) for key, entry in value.items()}
+        return {key: finite(entry) for key, entry in value.items()}
     if isinstance(value, list):
-        return [_finite(entry) for entry in value]
+        return [finite(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -12,16 +12,32 @@ from typing import Annotated, Any
 import typer
 
 from host_tools.errors import UserError
-from host_tools.workbench.answer import to_json
-from host_tools.workbench.edit import write_whole
 
-__all__ = ["CaseFolder", "Jobs", "Json", "Level", "Seed", "check_options", "deliver", "step"]
+__all__ = [
+    "CaseFolder",
+    "Cases",
+    "Cluster",
+    "Jobs",
+    "Json",
+    "Level",
+    "Seed",
+    "check_options",
+    "deliver",
+    "step",
+]
 
 CaseFolder = Annotated[Path, typer.Argument(metavar="CASE", help="folder that holds case.toml and measurements")]
+Cases = Annotated[
+    Path,
+    typer.Argument(metavar="CASE", help="folder that holds case.toml and measurements, or a folder of such folders"),
+]
 Json = Annotated[str, typer.Option("--json", metavar="FILE", help="write the answer as JSON; - for standard output")]
 Seed = Annotated[int, typer.Option("--seed", help="of everything drawn at random; same seed, same answer")]
 Jobs = Annotated[int, typer.Option("--jobs", help="processes to use at most")]
 Level = Annotated[float, typer.Option("--level", help="false alarm rate of the verdict")]
+Cluster = Annotated[
+    str, typer.Option("--cluster", metavar="ADDRESS", help="of a Dask scheduler that does the work, tcp://host:8786")
+]
 
 
 def check_options(seed: int, jobs: int, level: float = 0.05) -> None:
@@ -50,6 +66,9 @@ def step(text: str) -> Iterator[None]:
 
 def deliver(answer: dict[str, Any], words: str, target: str) -> None:
     """Words to standard output; JSON to a file, or, for -, to standard output in their place."""
+    from host_tools.workbench.answer import to_json
+    from host_tools.workbench.edit import write_whole
+
     if target == "-":
         sys.stdout.write(to_json(answer))
         return

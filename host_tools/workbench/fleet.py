@@ -1,0 +1,339 @@
+"""Many cases, one after the other in sorted order: on the cores of this machine, or on a Dask cluster.
+
+    for result in answers(cases_in(folder), Question("discover", seed=0, level=0.05), jobs=4):
+        result.name, result.answer or result.error
+
+Each case is read here and sent whole, so that workers need no files, only the same program; its answer is the same byte
+for byte wherever it is computed (`seconds` apart): nothing in it depends on other cases, and linear algebra runs on one
+thread, since several add up in another order. A case that is broken, or takes its worker down, is one result with an
+error. Only a few cases for each worker are under way, so memory does not grow with their number.
+"""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import BrokenExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Protocol
+
+from host_tools.errors import UserError
+from host_tools.workbench.case import Case, load_case
+
+__all__ = ["Question", "Result", "answer_one", "answers", "cases_in", "solve"]
+
+AHEAD = 4  # cases under way for each worker: enough that none waits while the first in line is slow
+IDLE = 60.0  # s after which a worker without work ends, so that none outlives a killed parent for long
+CONNECT = 10.0  # s for a cluster to answer
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of every case: "compare" or "discover"."""
+
+    command: str
+    seed: int
+    level: float
+
+
+@dataclass(frozen=True)
+class Result:
+    """The answer for one folder, as JSON and in words; or the one line that says what is wrong with it."""
+
+    folder: Path
+    answer: dict[str, Any] | None
+    words: str
+    error: str
+
+    @property
+    def name(self) -> str:
+        return self.folder.name
+
+
+def cases_in(folder: Path) -> list[Path] | None:
+    """The cases of a folder of cases, sorted by name; None when it is none (it is a case itself, or holds no case).
+
+    Every folder in it counts, so that one whose case.toml is missing is told of; hidden ones do not.
+    """
+    if (folder / "case.toml").exists() or not folder.is_dir():
+        return None
+    inside = sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
+    return inside if any((p / "case.toml").exists() for p in inside) else None
+
+
+def solve(question: Question, case: Case, report: Callable[[str], None] = lambda _: None) -> tuple[dict[str, Any], str]:
+    """The answer for one case, as JSON and in words. UserError when the case is wrong."""
+    from threadpoolctl import threadpool_limits
+
+    begin = time.monotonic()
+    with threadpool_limits(limits=1):
+        if question.command == "compare":
+            from host_tools.workbench.analysis import analyse
+            from host_tools.workbench.answer import compare_answer
+            from host_tools.workbench.show import describe
+
+            analysis = analyse(case, question.seed, question.level)
+            return compare_answer(analysis, time.monotonic() - begin), describe(analysis)
+        from host_tools.workbench.discovery import discover, discover_answer
+        from host_tools.workbench.words import tell
+
+        found = discover(case, question.seed, question.level, report)
+        return discover_answer(found, time.monotonic() - begin), tell(found)
+
+
+def answer_one(
+    folder: Path, question: Question, cluster: str = "", report: Callable[[str], None] = lambda _: None
+) -> tuple[dict[str, Any], str]:
+    """The answer for one case, here or on a cluster. UserError when anything is wrong with it."""
+    if not cluster:
+        return solve(question, load_case(folder), report)
+    (result,) = answers([folder], question, cluster=cluster)
+    if result.answer is None:
+        raise UserError(result.error)
+    return result.answer, result.words
+
+
+def answers(folders: Iterable[Path], question: Question, jobs: int = 1, cluster: str = "") -> Iterator[Result]:
+    """A result for each folder, in the order given. UserError when the cluster cannot be reached or is lost."""
+    with _pool(jobs, cluster) as pool:
+        under_way: deque[tuple[Path, Future | Outcome]] = deque()
+        for folder in folders:
+            under_way.append((folder, _begin(pool, folder, question)))
+            if len(under_way) > pool.room():
+                yield _end(pool, *under_way.popleft(), question)
+        while under_way:
+            yield _end(pool, *under_way.popleft(), question)
+
+
+Outcome = tuple[dict[str, Any] | None, str, str]  # answer, words, error
+
+
+class Future(Protocol):
+    def result(self) -> Outcome: ...
+
+
+class Pool(Protocol):
+    """Where cases are worked on. `died` is what a lost worker raises."""
+
+    @property
+    def died(self) -> type[Exception]: ...
+    def room(self) -> int: ...
+    def submit(self, question: Question, case: Case) -> Future: ...
+    def again(self, question: Question, case: Case) -> Outcome: ...
+
+
+def _begin(pool: Pool, folder: Path, question: Question) -> Future | Outcome:
+    try:
+        case = load_case(folder)
+    except UserError as error:
+        return None, "", str(error)
+    return pool.submit(question, case)
+
+
+def _end(pool: Pool, folder: Path, begun: Future | Outcome, question: Question) -> Result:
+    if isinstance(begun, tuple):
+        return Result(folder, *begun)
+    try:
+        return Result(folder, *begun.result())
+    except pool.died:
+        return Result(folder, *pool.again(question, load_case(folder)))
+
+
+def attempt(question: Question, case: Case) -> Outcome:
+    """What a worker does with a case: `solve`, with everything that can go wrong as text."""
+    try:
+        return (*solve(question, case), "")
+    except UserError as error:
+        return None, "", str(error)
+    except MemoryError:
+        return None, "", f"{case.folder}: out of memory"
+    except Exception as error:  # one case that shows a mistake of ours must not end a night's run
+        return None, "", f"{case.folder}: {type(error).__name__}: {error} (a mistake of the program: please report it)"
+
+
+@contextmanager
+def _pool(jobs: int, cluster: str) -> Iterator[Pool]:
+    if cluster:
+        with _cluster(cluster) as remote:
+            yield remote
+    elif jobs == 1:
+        yield _Here()
+    else:
+        local = _Processes(jobs)
+        try:
+            yield local
+        finally:
+            local.close()
+
+
+class _Here:
+    """In this process, one at a time."""
+
+    died: type[Exception] = BrokenExecutor
+
+    def room(self) -> int:
+        return 0
+
+    def submit(self, question: Question, case: Case) -> Future:
+        return _Done(attempt(question, case))
+
+    def again(self, question: Question, case: Case) -> Outcome:
+        raise AssertionError("nothing dies here but all of us")
+
+
+@dataclass(frozen=True)
+class _Done:
+    outcome: Outcome
+
+    def result(self) -> Outcome:
+        return self.outcome
+
+
+def _start_worker() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent ends its workers
+
+
+class _Processes:
+    """Processes of this machine, through joblib's loky. One that dies takes its case down, not the others."""
+
+    died: type[Exception] = BrokenExecutor
+
+    def __init__(self, jobs: int) -> None:
+        self.jobs = jobs
+        self.executor: Any = None
+
+    def room(self) -> int:
+        return AHEAD * self.jobs
+
+    def submit(self, question: Question, case: Case) -> Future:
+        self.executor = self.executor or _executor(self.jobs)
+        try:
+            future: Future = self.executor.submit(attempt, question, case)
+        except BrokenExecutor:
+            self.close()
+            self.executor = _executor(self.jobs)
+            future = self.executor.submit(attempt, question, case)
+        return future
+
+    def again(self, question: Question, case: Case) -> Outcome:
+        """Alone, since it is not known which of the cases under way brought the workers down."""
+        alone = _executor(1)
+        try:
+            outcome: Outcome = alone.submit(attempt, question, case).result()
+            return outcome
+        except BrokenExecutor:
+            return None, "", f"{case.folder}: the process that worked on it was killed twice (out of memory?)"
+        finally:
+            alone.shutdown(wait=True, kill_workers=True)
+
+    def close(self) -> None:
+        if self.executor is not None:
+            self.executor.shutdown(wait=True, kill_workers=True)
+
+
+def _executor(jobs: int) -> Any:
+    from joblib.externals.loky import ProcessPoolExecutor
+
+    return ProcessPoolExecutor(jobs, timeout=IDLE, initializer=_start_worker, env={"OPENBLAS_NUM_THREADS": "1"})
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[Pool]:
+    try:
+        import distributed
+    except ImportError:
+        raise UserError("--cluster: needs Dask, which is not installed: pip install 'terrapin[cluster]'") from None
+    import logging
+    import warnings
+
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what goes wrong is told below, in one line
+    try:
+        connect: Any = distributed.Client  # untyped
+        client = connect(address, timeout=CONNECT, set_as_default=False)
+    except (OSError, ValueError) as error:
+        reason = "no answer" if isinstance(error, TimeoutError) else str(error).splitlines()[0]
+        raise UserError(f"--cluster: {address}: {reason}, expected the address of a Dask scheduler") from None
+    try:
+        _check_workers(client, address)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Sending large graph", UserWarning)  # a case is sent whole, on purpose
+            yield _Cluster(client, address)
+    finally:
+        client.close(timeout=2.0)
+
+
+def _check_workers(client: Any, address: str) -> None:
+    """UserError unless there is a worker, and all run this very program."""
+    try:
+        client.wait_for_workers(1, timeout=CONNECT)
+    except TimeoutError:
+        raise UserError(f"--cluster: {address}: found no worker, expected at least one") from None
+    try:
+        found = client.run(fingerprint)
+    except Exception as error:  # whatever a worker's Python raises when it lacks the program
+        text = str(error).splitlines()[0] if str(error) else ""
+        raise UserError(f"--cluster: {address}: a worker cannot run terrapin: {type(error).__name__} {text}") from None
+    for worker, other in sorted(found.items()):
+        if other != fingerprint():
+            raise UserError(f"--cluster: {worker}: has {other}, expected {fingerprint()}, as here")
+
+
+@cache
+def fingerprint() -> str:
+    """What must be the same on all machines for the same bytes: this program's sources, NumPy and SciPy."""
+    import hashlib
+
+    import numpy
+    import scipy
+
+    import hil
+    import host_tools
+
+    digest = hashlib.sha256()
+    for package in (hil, host_tools):
+        for folder in package.__path__:
+            for file in sorted(Path(folder).rglob("*.py")):
+                digest.update(file.read_bytes())
+    return f"terrapin {digest.hexdigest()[:12]}, numpy {numpy.__version__}, scipy {scipy.__version__}"
+
+
+class _Cluster:
+    """A Dask cluster. Dask gives the cases of a lost worker to another one, a few times."""
+
+    def __init__(self, client: Any, address: str) -> None:
+        from distributed.scheduler import KilledWorker
+
+        self.died: type[Exception] = KilledWorker
+        self.client, self.address = client, address
+        self.counted, self.threads = -1e9, 1
+
+    def room(self) -> int:
+        if time.monotonic() - self.counted > 5.0:  # workers come and go
+            self.counted, self.threads = time.monotonic(), max(1, sum(self.client.nthreads().values()))
+        return AHEAD * self.threads
+
+    def submit(self, question: Question, case: Case) -> Future:
+        return _Remote(self.client.submit(attempt, question, case, pure=False), self.address)
+
+    def again(self, question: Question, case: Case) -> Outcome:
+        return None, "", f"{case.folder}: every worker that worked on it was lost (out of memory?)"
+
+
+@dataclass(frozen=True)
+class _Remote:
+    future: Any
+    address: str
+
+    def result(self) -> Outcome:
+        from concurrent.futures import CancelledError
+
+        try:
+            outcome: Outcome = self.future.result()
+        except (CancelledError, OSError) as error:
+            raise UserError(f"--cluster: {self.address}: lost ({type(error).__name__})", status=1) from None
+        return outcome
