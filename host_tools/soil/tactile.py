@@ -194,8 +194,8 @@ def fit(
     loose = np.array(free, dtype=bool)
     if warm is None:
         theta = wheel.entry_angle(points.load, points.slip, rig.radius, rig.width, rig.soil(q), rig.linear)
-        if (theta >= THETA_MAX).any():
-            at = int(np.argmax(theta))
+        if not (theta < THETA_MAX).all():
+            at = int(np.argmin(theta < THETA_MAX))
             raise Unsolved(f"load: found {points.load[at]:g} N, more than this ground carries at any sinkage")
         u = np.stack([np.log(theta), points.slip], axis=1)
     else:

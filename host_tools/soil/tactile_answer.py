@@ -127,9 +127,11 @@ def _verdict(margin: float, sd: float, least: float) -> str:
 
 
 def _reserve(read: TactileCase, best: Fit) -> list[dict[str, float]]:
-    """What the ground pulls at the greatest slip that this model is good for, at each load (rounded to 5 %)."""
+    """What the ground pulls at the greatest slip that this model is good for, at each load level."""
     rig = read.rig
-    loads = np.unique(np.exp(np.round(np.log(read.points.load) / 0.05) * 0.05))
+    ordered = np.sort(read.points.load)
+    levels = np.split(ordered, np.flatnonzero(np.diff(ordered) > 0.05 * ordered[1:]) + 1)
+    loads = np.array([float(level.mean()) for level in levels])
     theta = wheel.entry_angle(loads, MOST_SLIP, rig.radius, rig.width, rig.soil(best.q), rig.linear)
     pulled = predict(rig, best.q, theta, np.full(loads.size, MOST_SLIP))
     return [
@@ -187,9 +189,7 @@ def _row(name: str, entry: dict[str, Any]) -> str:
 def _identified(result: dict[str, Any]) -> list[str]:
     lines = [_row(name, entry) for name, entry in result["parameters"].items()]
     region, fitted = result["region"], result["fit"]
-    lines.append(
-        f"  joint 95 % region of both: {region['kind']}, correlation {region['correlation']:+.3f}"
-    )
+    lines.append(f"  joint 95 % region of both: {region['kind']}, correlation {region['correlation']:+.3f}")
     if fitted["p_value"] is not None:
         words = "as the noise has it" if fitted["p_value"] >= 0.01 else "MORE than the noise has: the model is wrong"
         lines.append(
