@@ -15,7 +15,17 @@ from hil import paths
 
 __all__ = ["ffi", "library", "pointer"]
 
-HEADERS = ("sixteen.h", "contact.h", "tyre.h", "program.h", "vehicle.h", "robot.h", "rolling.h", "pendulum.h", "dynamic.h")
+HEADERS = (
+    "sixteen.h",
+    "contact.h",
+    "tyre.h",
+    "program.h",
+    "vehicle.h",
+    "robot.h",
+    "rolling.h",
+    "pendulum.h",
+    "dynamic.h",
+)
 _ONE_AT_A_TIME = RLock()  # two threads that make declarations at once would get types that do not mix
 
 

@@ -1,140 +1,217 @@
-"""Stress under a stack of thin discs that sink into soil: what a sphere and a wheel have in common.
+"""Sphere and wheel on soft soil over arrays of points: what sphere.py and wheel.py have in common.
 
-Every disc of radius r enters the soil at theta_1, leaves it at theta_2 = -recovery theta_1 (0: the rut stays as it
-is) and carries its largest normal stress at theta_m. Front zone, theta_m to theta_1:
-
-    sigma = stiffness (cos theta - cos theta_1)^n
-    tau   = (c + sigma tan phi) (1 - exp(-|j|/k)) sgn(j)
-    j     = r [(theta_1 - theta) - (1 - slip)(sin theta_1 - sin theta)]
-
-Behind theta_m the normal stress is that in front, mapped linearly from [theta_2, theta_m]; the shear law is the same.
-With linear stresses sigma and tau fall in straight lines from their values at theta_m to 0 at both ends, and the
-integrals over theta are closed forms.
-
-Sources: Li et al. 2024, Eqs. (3) to (7); Reina et al. 2006, Eqs. (9) to (15) with the shear displacement put right
-(printed without "(theta_1 - theta) -", by which torque would fall with slip).
+The equations stand in disc.h (stress under one disc) and contact.h (sphere, wheel, load equilibrium). Here are the
+calls into the compiled library, the checks of what goes in, and derivatives at equilibrium.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["NODES", "Array", "Discs", "gauss", "integrate", "solve_entry_angle"]
+from hil.physics.compiled import ffi, library, pointer
+from hil.physics.tyre import ContactError
+
+__all__ = ["COLUMNS", "OUTPUTS", "THETA_MAX", "Array", "Contact", "ContactError", "Rows", "Shape"]
 
 Array = npt.NDArray[np.float64]
+Rows = Array | float
+Shape = Literal["sphere", "wheel"]
 
-NODES = 12  # Gauss-Legendre nodes along theta a zone, and across the sphere's half width: 1e-8 of every force
 THETA_MAX = 1.55  # rad; beyond it the axle would be below the ground
 
+OUTPUTS = ("vertical", "traction", "torque")
+FIELDS = (
+    "slip",
+    "radius",
+    "width",
+    "stiffness",
+    "exponent",
+    "cohesion",
+    "friction_angle",
+    "shear_modulus",
+    "c1",
+    "c2",
+    "recovery",
+)
+COLUMNS = ("entry", *FIELDS)  # of the derivatives
 
-@cache
-def gauss(count: int) -> tuple[Array, Array]:
-    """Nodes and weights of Gauss-Legendre quadrature on [0, 1]."""
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return 0.5 * (nodes + 1.0), 0.5 * weights
+# (low, high, unit), both ends allowed; the smallest positive number where 0 is not
+TINY = np.nextafter(0.0, 1.0)
+RANGES: Mapping[str, tuple[float, float, str]] = {
+    "load": (TINY, np.inf, "N"),
+    "entry": (TINY, THETA_MAX, "rad"),
+    "slip": (-1.0, 1.0, ""),
+    "radius": (TINY, np.inf, "m"),
+    "width": (TINY, np.inf, "m"),
+    "stiffness": (TINY, np.inf, "Pa/m^n"),
+    "exponent": (TINY, 3.0, ""),
+    "cohesion": (0.0, np.inf, "Pa"),
+    "friction_angle": (0.0, 1.5, "rad"),
+    "shear_modulus": (TINY, np.inf, "m"),
+    "c1": (-1.0, 2.0, ""),
+    "c2": (-2.0, 2.0, ""),
+    "recovery": (0.0, 0.99, ""),
+}
 
 
 @dataclass(frozen=True)
-class Discs:
-    """Discs under load; every field is an array that broadcasts to (rows, discs). SI units, angles in rad."""
+class Contact:
+    """Contacts of points; arrays (points,).
 
-    radius: Array
-    weight: Array  # width [m] that the disc stands for
-    theta_1: Array  # entry angle
-    theta_m: Array  # angle of the largest normal stress
-    theta_2: Array  # exit angle, 0 or negative
-    rolled: Array  # 1 - slip of this disc
-    stiffness: Array  # Pa; normal stress where cos theta - cos theta_1 = 1
-    exponent: Array
-    cohesion: Array  # Pa
-    tan_phi: Array
-    shear_modulus: Array  # m
-
-
-def integrate(discs: Discs, linear: bool, nodes: int = NODES) -> tuple[Array, Array, Array]:
-    """Vertical force [N], traction [N] and torque [N m] of each row (the sum over its discs)."""
-    along, across, moment = (_linear if linear else _full)(discs, nodes)
-    area = discs.weight * discs.radius
-    return (area * across).sum(-1), (area * along).sum(-1), (area * discs.radius * moment).sum(-1)
-
-
-def _shear(discs: Discs, sigma: Array, travel: Array, modulus: Array, cohesion: Array, tan_phi: Array) -> Array:
-    return (cohesion + sigma * tan_phi) * -np.expm1(-np.abs(travel) / modulus) * np.sign(travel)
-
-
-def _full(d: Discs, nodes: int) -> tuple[Array, Array, Array]:
-    # theta = theta_1 - front q^2 and theta_2 + rear q^2: the square takes sigma's root-like end out of the integrand
-    q, w = gauss(nodes)
-    step, w = q * q, 2.0 * q * w
-    front, rear = (d.theta_1 - d.theta_m)[..., None], (d.theta_m - d.theta_2)[..., None]
-    one = d.theta_1[..., None]
-    theta_f = one - front * step
-    theta_r = d.theta_2[..., None] + rear * step
-    # cos a - cos b as a product of sines keeps its digits where both angles are small
-    fall = 2.0 * np.sin(0.5 * (one + theta_f)) * np.sin(0.5 * front * step)
-    sigma = d.stiffness[..., None] * np.maximum(fall, 0.0) ** d.exponent[..., None]
-    radius, rolled = d.radius[..., None], d.rolled[..., None]
-    modulus, cohesion, tan_phi = d.shear_modulus[..., None], d.cohesion[..., None], d.tan_phi[..., None]
-    along = across = moment = np.zeros(1)
-    sine_1 = np.sin(one)
-    for theta, length in ((theta_f, front), (theta_r, rear)):
-        sine, cosine = np.sin(theta), np.cos(theta)
-        travel = radius * ((one - theta) - rolled * (sine_1 - sine))
-        tau = _shear(d, sigma, travel, modulus, cohesion, tan_phi)
-        weight = length * w
-        along = along + ((tau * cosine - sigma * sine) * weight).sum(-1)
-        across = across + ((sigma * cosine + tau * sine) * weight).sum(-1)
-        moment = moment + (tau * weight).sum(-1)
-    return along, across, moment
-
-
-def _linear(d: Discs, nodes: int) -> tuple[Array, Array, Array]:
-    front, rear = d.theta_1 - d.theta_m, d.theta_m - d.theta_2
-    fall = 2.0 * np.sin(0.5 * (d.theta_1 + d.theta_m)) * np.sin(0.5 * front)
-    sigma = d.stiffness * np.maximum(fall, 0.0) ** d.exponent
-    travel = d.radius * (front - d.rolled * (np.sin(d.theta_1) - np.sin(d.theta_m)))
-    tau = _shear(d, sigma, travel, d.shear_modulus, d.cohesion, d.tan_phi)
-    before, behind = np.sinc(front / (2 * np.pi)), np.sinc(rear / (2 * np.pi))  # sin(x/2)/(x/2)
-    ahead, back = 0.5 * (d.theta_1 + d.theta_m), 0.5 * (d.theta_m + d.theta_2)
-    cosines = np.sin(ahead) * before - np.sin(back) * behind  # integral of f cos theta
-    sines = np.cos(back) * behind - np.cos(ahead) * before  # integral of f sin theta
-    return tau * cosines - sigma * sines, sigma * cosines + tau * sines, 0.5 * (front + rear) * tau
-
-
-def solve_entry_angle(
-    vertical: Callable[[Array], Array], load: Array, slope: float, start: Array | None = None
-) -> Array:
-    """Entry angle [rad] at which `vertical(theta)` carries `load`, row by row.
-
-    A secant in the logarithms (the force is nearly a power `slope` of the angle), kept inside a bracket. A row whose
-    load no angle up to 1.55 rad carries gets that limit: the caller sees it by `theta >= THETA_MAX`. Convergence to
-    1e-12 of the load takes 5 to 7 calls of `vertical`, 2 to 4 from a near start.
+    derivative[output] is (points, COLUMNS): at given entry angle the plain partial derivatives; at equilibrium the
+    column "entry" is that by the load, all others hold the load, and the output "entry" is there too.
     """
-    low = np.full(load.shape, np.log(1e-7))
-    high = np.full(load.shape, np.log(THETA_MAX))
-    x = np.full(load.shape, np.log(0.4)) if start is None else np.log(np.clip(start, 1e-7, THETA_MAX))
-    power = np.full(load.shape, slope)
-    target = np.log(np.maximum(load, 1e-12))
-    last_x = last_y = None
-    for _ in range(80):
-        y = np.log(np.maximum(vertical(np.exp(x)), 1e-300)) - target
-        if last_x is not None and last_y is not None:
-            moved = x - last_x
-            with np.errstate(divide="ignore", invalid="ignore"):
-                secant = (y - last_y) / moved
-            power = np.where((np.abs(moved) > 1e-9) & (secant > 0.3) & (secant < 60.0), secant, power)
-        done = (np.abs(y) < 1e-12) | (high - low < 1e-15)
-        if done.all():
-            break
-        low = np.where(y < 0, np.maximum(low, x), low)
-        high = np.where(y > 0, np.minimum(high, x), high)
-        new = x - y / power
-        new = np.where((new > low) & (new < high), new, 0.5 * (low + high))
-        last_x, last_y = x, y
-        x = np.where(done, x, new)
-    return np.exp(x)
+
+    entry: Array  # theta_1 of the middle [rad]
+    sinkage: Array  # [m]
+    vertical: Array  # [N]
+    traction: Array  # drawbar pull [N]
+    torque: Array  # [N m]
+    derivative: Mapping[str, Array] | None = None
+
+
+def rows(*values: Rows) -> tuple[Array, ...]:
+    """The values as arrays of one shape (rows,)."""
+    arrays = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, dtype=np.float64)) for v in values))
+    return tuple(np.ascontiguousarray(a) for a in arrays)
+
+
+def points(fields: Mapping[str, Rows], count: int) -> Array:
+    """hil_contact_point of each row: (count, 11)."""
+    packed = np.empty((count, len(FIELDS)))
+    for column, name in enumerate(FIELDS):
+        packed[:, column] = fields[name]
+    return packed
+
+
+def check(name: str, values: Array) -> None:
+    """ContactError unless every value is finite and within its range; it names quantity, value, place and range."""
+    low, high, unit = RANGES[name]
+    bad = np.flatnonzero(~((values >= low) & (values <= high) & np.isfinite(values)))
+    if not bad.size:
+        return
+    tail = f" {unit}" if unit else ""
+    least = "more than 0" if low == TINY else f"at least {low:g}"
+    expected = f"{least}{tail}" if high == np.inf else f"{least} and at most {high:g}{tail}"
+    where = f" (point {int(bad[0])})" if values.size > 1 else ""
+    raise ContactError(f"{name}: found {values[bad[0]]:g}{tail}{where}, expected {expected}")
+
+
+def evaluate(
+    shape: Shape, linear: bool, packed: Array, entry: Array, derivatives: bool = False
+) -> tuple[Array, Array | None]:
+    """Forces (count, 3) at the entry angles, and their derivatives (count, 3, 12) or None. Nothing is checked."""
+    value, slopes, _ = _call(shape, linear, packed, None, entry, derivatives)
+    return value, slopes
+
+
+def equilibrium(
+    shape: Shape, linear: bool, packed: Array, load: Array, start: Array | None, derivatives: bool = False
+) -> tuple[Array, Array, Array | None, npt.NDArray[np.int32]]:
+    """Entry angle, forces, derivatives at given angle, and HIL_CONTACT_... of each row. Nothing is checked.
+
+    A load that no angle carries leaves THETA_MAX, any other failure NaN.
+    """
+    entry = np.zeros(len(load)) if start is None else np.array(start, dtype=np.float64)
+    value, slopes, status = _call(shape, linear, packed, load, entry, derivatives)
+    return entry, value, slopes, status
+
+
+def _call(
+    shape: Shape, linear: bool, packed: Array, load: Array | None, entry: Array, derivatives: bool
+) -> tuple[Array, Array | None, npt.NDArray[np.int32]]:
+    count = len(packed)
+    value = np.empty((count, 3))
+    slopes = np.empty((count, 3, len(COLUMNS))) if derivatives else None
+    status = np.zeros(count, dtype=np.int32)
+    lib = library()
+    lib.hil_contact_points(
+        lib.HIL_WHEEL if shape == "wheel" else lib.HIL_SPHERE,
+        lib.HIL_LINEAR if linear else lib.HIL_FULL,
+        count,
+        ffi().cast("hil_contact_point *", packed.ctypes.data),
+        pointer(load),
+        pointer(entry),
+        pointer(value),
+        pointer(slopes),
+        ffi().cast("int *", status.ctypes.data),
+    )
+    return value, slopes, status
+
+
+def contact(
+    shape: Shape,
+    linear: bool,
+    fields: Mapping[str, Rows],
+    derivatives: bool,
+    *,
+    load: Rows | None = None,
+    entry: Rows | None = None,
+    start: Rows | None = None,
+) -> Contact:
+    """Contacts that carry the loads, or at the entry angles. ContactError where there is none or a value is wrong."""
+    given = {name: np.asarray(value, dtype=np.float64) for name, value in fields.items()}
+    goal = np.asarray(entry if load is None else load, dtype=np.float64)
+    hint = np.asarray(0.0 if start is None else start, dtype=np.float64)
+    shapes = np.broadcast_shapes((1,), goal.shape, hint.shape, *(value.shape for value in given.values()))
+    if len(shapes) != 1:
+        raise ContactError(f"points: found shape {shapes}, expected one dimension")
+    for name, value in given.items():
+        if name != "width" or shape == "wheel":
+            check(name, np.atleast_1d(value))
+    check("entry" if load is None else "load", np.atleast_1d(goal))
+    count = shapes[0]
+    packed = points(given, count)
+    goal = np.array(np.broadcast_to(goal, count))
+    if load is None:
+        found = goal
+        value, slopes = evaluate(shape, linear, packed, found, derivatives)
+    else:
+        found, value, slopes, status = equilibrium(
+            shape, linear, packed, goal, np.broadcast_to(hint, count), derivatives
+        )
+        if status.any():
+            raise _failure(shape, linear, packed, goal, int(np.flatnonzero(status)[0]), status)
+    if not np.isfinite(value).all():
+        at = int(np.flatnonzero(~np.isfinite(value).all(axis=1))[0])
+        raise ContactError(f"forces: found {value[at]} at point {at}, expected finite numbers")
+    radius = packed[:, FIELDS.index("radius")]
+    by = None if slopes is None else _derivative(slopes, load is not None)
+    vertical, traction, torque = (column.copy() for column in value.T)
+    return Contact(found, 2.0 * radius * np.sin(0.5 * found) ** 2, vertical, traction, torque, by)
+
+
+def _derivative(slopes: Array, balanced: bool) -> Mapping[str, Array]:
+    named = {name: slopes[:, i] for i, name in enumerate(OUTPUTS)}
+    if not balanced:
+        return named
+    rise = named["vertical"][:, :1]
+    follow = -named["vertical"] / rise  # of the entry angle, the load held
+    follow[:, 0] = 1.0 / rise[:, 0]
+    found = {"entry": follow}
+    for name in ("traction", "torque"):
+        along = named[name][:, :1]
+        found[name] = named[name] + along * follow
+        found[name][:, 0] = along[:, 0] * follow[:, 0]
+    found["vertical"] = np.zeros_like(follow)
+    found["vertical"][:, 0] = 1.0
+    return found
+
+
+def _failure(
+    shape: Shape, linear: bool, packed: Array, load: Array, at: int, status: npt.NDArray[np.int32]
+) -> ContactError:
+    where = f" (point {at})" if len(load) > 1 else ""
+    slip = packed[at, FIELDS.index("slip")]
+    if status[at] == library().HIL_CONTACT_TOO_HEAVY:
+        most = evaluate(shape, linear, packed[at : at + 1], np.array([THETA_MAX]))[0][0, 0]
+        return ContactError(
+            f"load: found {load[at]:.6g} N{where}, expected at most {most:.6g} N: this soil carries no more, even with "
+            f"the {shape} sunk to its axle, at slip {slip:.3g}"
+        )
+    return ContactError(f"load: found {load[at]:.6g} N{where} at slip {slip:.3g}: no entry angle found within 1e-9")

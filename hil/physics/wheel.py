@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.physics.contact import NODES, Array, Discs, integrate, solve_entry_angle
-from hil.physics.sphere import Rows, _rows, bulldozing_factors
+from hil.physics.contact import Array, Rows, equilibrium, evaluate, points, rows
+from hil.physics.sphere import bulldozing_factors
 
 __all__ = ["Soil", "bulldozing", "entry_angle", "forces", "sinkage"]
 
@@ -33,26 +33,30 @@ class Soil:
     recovery: Rows = 0.0  # exit angle = -recovery * entry angle
 
 
+def _fields(slip: Rows, radius: Rows, width: Rows, soil: Soil) -> dict[str, Rows]:
+    stiffness = (soil.k_c + soil.k_phi * width) / np.asarray(width) ** np.asarray(soil.exponent)
+    return {
+        "slip": slip,
+        "radius": radius,
+        "width": width,
+        "stiffness": stiffness,
+        "exponent": soil.exponent,
+        "cohesion": soil.cohesion,
+        "friction_angle": soil.friction_angle,
+        "shear_modulus": soil.shear_modulus,
+        "c1": 0.5,
+        "c2": 0.0,
+        "recovery": soil.recovery,
+    }
+
+
 def forces(
-    theta: Rows, slip: Rows, radius: Rows, width: Rows, soil: Soil, linear: bool = False, nodes: int = 2 * NODES
+    theta: Rows, slip: Rows, radius: Rows, width: Rows, soil: Soil, linear: bool = False
 ) -> tuple[Array, Array, Array]:
     """Vertical force [N], traction [N], torque [N m] at the entry angle theta [rad]."""
-    theta, slip, radius, width = (a[:, None] for a in _rows(theta, slip, radius, width))
-    rows = {name: np.broadcast_to(np.asarray(v, float), theta.shape[:1])[:, None] for name, v in vars(soil).items()}
-    discs = Discs(
-        radius=radius,
-        weight=width,
-        theta_1=theta,
-        theta_m=0.5 * theta,
-        theta_2=-rows["recovery"] * theta,
-        rolled=1.0 - slip,
-        stiffness=(rows["k_c"] + rows["k_phi"] * width) * (radius / width) ** rows["exponent"],
-        exponent=rows["exponent"],
-        cohesion=rows["cohesion"],
-        tan_phi=np.tan(rows["friction_angle"]),
-        shear_modulus=rows["shear_modulus"],
-    )
-    return integrate(discs, linear, nodes)
+    theta, slip, radius, width = rows(theta, slip, radius, width)
+    value, _ = evaluate("wheel", linear, points(_fields(slip, radius, width, soil), len(theta)), theta)
+    return value[:, 0], value[:, 1], value[:, 2]
 
 
 def entry_angle(
@@ -62,22 +66,17 @@ def entry_angle(
     width: Rows,
     soil: Soil,
     linear: bool = False,
-    nodes: int = 2 * NODES,
     start: Array | None = None,
 ) -> Array:
-    """Entry angle [rad] at which the ground carries the load [N]; 1.55 where no angle does."""
-    load, slip, radius, width = _rows(load, slip, radius, width)
-    exponent = float(np.mean(soil.exponent))
-
-    def vertical(theta: Array) -> Array:
-        return forces(theta, slip, radius, width, soil, linear, nodes)[0]
-
-    return solve_entry_angle(vertical, load, 2.0 * exponent + 1.0, start)
+    """Entry angle [rad] at which the ground carries the load [N]; 1.55 where no angle does (`solve` says why)."""
+    load, slip, radius, width = rows(load, slip, radius, width)
+    packed = points(_fields(slip, radius, width, soil), len(load))
+    return equilibrium("wheel", linear, packed, np.maximum(load, 1e-12), start)[0]
 
 
 def sinkage(theta: Rows, radius: Rows) -> Array:
     """Depth [m] of the lowest point at the entry angle theta [rad]."""
-    theta, radius = _rows(theta, radius)
+    theta, radius = rows(theta, radius)
     return np.asarray(2.0 * radius * np.sin(0.5 * theta) ** 2)
 
 

@@ -68,12 +68,11 @@ def test_reference_numbers(
         ("linear", 0.0, -13.6864575, 1.61204989),
     ],
 )
-def test_skidding_rim_needs_more_nodes(stress: str, slip: float, traction: float, torque: float) -> None:
-    """Below slip = z/R the rim skids: a kink inside the integral. 12 nodes give 1e-4 of it, 96 give 1e-8."""
-    for nodes, tolerance in ((12, 1e-4), (96, 1e-8)):
-        theta = sphere.entry_angle(150.0, slip, 0.22, SAND, stress == "linear", nodes)
-        _, along, moment = sphere.forces(theta, slip, 0.22, SAND, stress == "linear", nodes)
-        np.testing.assert_allclose([along[0], moment[0]], [traction, torque], rtol=tolerance)
+def test_skidding_rim(stress: str, slip: float, traction: float, torque: float) -> None:
+    """Below slip = z/R the rim skids: a kink inside the integral, which the quadrature must split."""
+    theta = sphere.entry_angle(150.0, slip, 0.22, SAND, stress == "linear")
+    _, along, moment = sphere.forces(theta, slip, 0.22, SAND, stress == "linear")
+    np.testing.assert_allclose([along[0], moment[0]], [traction, torque], rtol=5e-7)
 
 
 def test_given_entry_angle() -> None:
@@ -103,7 +102,7 @@ def test_compaction_resistance_of_bekker() -> None:
     """Without shear and with the peak at the bottom, -traction is the work of pressing the rut down."""
     radius, theta, n = 0.22, 0.4, 0.97
     soil = sphere.Soil(1.945e6, n, 0.0, 0.0, 0.01778, c1=0.0, c2=0.0)
-    _, traction, torque = sphere.forces(theta, 0.5, radius, soil, nodes=40)
+    _, traction, torque = sphere.forces(theta, 0.5, radius, soil)
     u, w = np.polynomial.legendre.leggauss(400)
     angle = np.pi / 4 * (u + 1)
     x = radius * np.sin(theta) * np.sin(angle)
