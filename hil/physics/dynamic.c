@@ -70,7 +70,7 @@ static double pendulum(const model *m, double *v, const double *state, double jo
     v[HIL_ROLE_LOAD] = (p.shell_mass + p.frame_mass + p.bob_mass) * p.gravity;
     take_roles(v, state, SHELL);
     hil_additions_change(m->additions, 1, v);
-    hil_pendulum_around around = {0.0, 0.0, 0.0};
+    hil_pendulum_around around = {0.0, 0.0};
     around.ground = hil_additions_torque(m->additions, 1, v, &around.ground_inertia);
     take_roles(v, state, DRIVE);
     hil_additions_change(m->additions, 0, v);

@@ -14,16 +14,16 @@ typedef struct {
 static rows rows_of(const hil_pendulum *p, const hil_pendulum_around *around, const hil_pendulum_state *s) {
     const double arm = p->radius * p->bob_mass * p->length;
     const double mass = p->shell_mass + p->frame_mass + p->bob_mass;
-    const double lean = s->swing - around->slope;
+    const double lean = s->swing - p->slope;
     const double joint_rate = s->swing_rate + s->angle_rate;
-    const double normal = mass * p->gravity * cos(around->slope);
+    const double normal = mass * p->gravity * cos(p->slope);
     rows r;
     r.m11 = mass * p->radius * p->radius + p->shell_inertia + around->ground_inertia;
     r.m12 = arm * cos(lean);
     r.m22 = p->bob_mass * p->length * p->length + p->frame_inertia + p->bob_inertia;
-    r.shell = -arm * sin(lean) * s->swing_rate * s->swing_rate + p->radius * mass * p->gravity * sin(around->slope) +
-              p->rolling_arm * normal * tanh(s->angle_rate / p->smoothing) + p->shell_viscous * joint_rate +
-              around->ground;
+    r.shell = -arm * sin(lean) * s->swing_rate * s->swing_rate + p->radius * mass * p->gravity * sin(p->slope) +
+              p->f_o * p->radius * normal * tanh(s->angle_rate / p->smoothing) +
+              p->shell_share * p->viscous * joint_rate + around->ground;
     r.pendulum = p->bob_mass * p->gravity * p->length * sin(s->swing) + p->viscous * joint_rate;
     return r;
 }
@@ -51,7 +51,7 @@ void hil_pendulum_free(const hil_pendulum *pendulum, const hil_pendulum_around *
 }
 
 double hil_pendulum_energy(const hil_pendulum *pendulum, const hil_pendulum_state *state) {
-    const hil_pendulum_around level = {0.0, 0.0, 0.0};
+    const hil_pendulum_around level = {0.0, 0.0};
     const rows r = rows_of(pendulum, &level, state);
     return 0.5 * r.m11 * state->angle_rate * state->angle_rate + r.m12 * state->angle_rate * state->swing_rate +
            0.5 * r.m22 * state->swing_rate * state->swing_rate +

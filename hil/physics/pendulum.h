@@ -4,12 +4,12 @@
  * the joint between them has turned by psi = theta + phi, and T [N m] acts there.
  *
  *     (a R^2) theta'' + R m3 l cos(phi - g) phi'' - R m3 l sin(phi - g) phi'^2 + R M g sin g + C sgn(theta')
- *         + [mu psi'] = T,          a = m1 + m2 + m3 + I1/R^2,   C = arm M g cos g
+ *         + [mu psi'] = T,          a = m1 + m2 + m3 + I1/R^2,   C = f_o R M g cos g
  *     R m3 l cos(phi - g) theta'' + (m3 l^2 + I2 + I3) phi'' + m3 g l sin(phi) + mu psi' = T
  *
  * The bracket is missing in the print: with it friction in the joint is internal, as it must be. The paper has 5/3 m1
- * for m1 + I1/R^2, a thin shell. `arm` of the rolling friction is mu' where that is a length, R mu' where it is a
- * number. sgn is tanh(theta' / smoothing).
+ * for m1 + I1/R^2, a thin shell. f_o is mu' where that is a number, mu'/R where it is a length. sgn is tanh(theta' /
+ * smoothing).
  */
 #ifndef HIL_PENDULUM_H
 #define HIL_PENDULUM_H
@@ -24,10 +24,11 @@ typedef struct {
     double frame_inertia; /* I2 */
     double bob_inertia;   /* I3 */
     double gravity;       /* [m/s^2] */
-    double viscous;       /* mu of the joint, on the pendulum [N m s] */
-    double shell_viscous; /* mu of the joint, on the shell: equal to `viscous`, 0 as printed */
-    double rolling_arm;   /* [m] */
+    double viscous;       /* mu of the joint [N m s] */
+    double shell_share;   /* of the joint's friction that the shell feels: 1, or 0 as printed */
+    double f_o;           /* rolling friction: C = f_o R M g cos g */
     double slip;          /* steady slip of the shell on soft ground: v = R theta' (1 - slip) */
+    double slope;         /* gamma of the ground [rad] */
     double smoothing;     /* [rad/s] */
 } hil_pendulum;
 
@@ -41,7 +42,6 @@ typedef struct {
 
 /* Extra torques [N m]: `ground` resists the shell, and grows by `ground_inertia` [kg m^2] times theta''. */
 typedef struct {
-    double slope;
     double ground;
     double ground_inertia;
 } hil_pendulum_around;
@@ -56,7 +56,7 @@ double hil_pendulum_driven(const hil_pendulum *pendulum, const hil_pendulum_arou
 void hil_pendulum_free(const hil_pendulum *pendulum, const hil_pendulum_around *around, const hil_pendulum_state *state,
                        double torque, double *accelerations);
 
-/* Mechanical energy on level ground [J], zero at rest with the bob below. */
+/* Mechanical energy without that of height [J], zero at rest with the bob below. */
 double hil_pendulum_energy(const hil_pendulum *pendulum, const hil_pendulum_state *state);
 
 #endif

@@ -40,9 +40,11 @@ class Effect:
     """A physical effect that a base model may lack.
 
     `target` says what the effect acts on: "resistance" (the expression is a torque dC [N m] added to the resisting
-    side), "drag" (contact models: a force X [N] that traction - X and torque - R X feel), the name of a channel (the
-    expression is added to it), or the name of a model parameter (which is multiplied by 1 + expression). Names in the
-    expression are roles, parameters of the model, and the effect's own parameters; temperatures are in degC.
+    side), "rolling_resistance" (the same, on the shell of a pendulum sphere instead of in its joint), "drag" (contact
+    models: a force X [N] that traction - X and torque - R X feel), the name of a channel (the expression is added to
+    it), "encoder" or "measured" (dynamic models: the channels that an encoder gives, or all), or the name of a model
+    parameter or of what drives a dynamic model (which is multiplied by 1 + expression). Names in the expression are
+    roles, parameters of the model, and the effect's own parameters; temperatures are in degC.
 
     The first parameter is the effect's size: where it is 0 the effect is absent, whatever the others are.
     """
@@ -63,6 +65,11 @@ class Effect:
     constants: Mapping[str, str] = field(default_factory=dict)  # known constants of [parameters]: name -> unit
     options: Mapping[str, float] = field(default_factory=dict)  # names that [parameters] may set: name -> default
     positive: tuple[str, ...] = ()  # roles that must be above 0 in every row
+    on: Mapping[str, str] = field(default_factory=dict)  # base model -> target there, where it is another
+    # dynamic models: the target as measured is late by the expression ("delay" [s]), follows it through a gap ("play"
+    # [rad]), or errs by it in the angle that is measured ("angle" [rad])
+    transform: str = ""
+    sensor: Mapping[str, str] = field(default_factory=dict)  # in the plant: CHANNEL.SETTING of sensors -> own parameter
     where: str = "robot"  # in the plant: a torque inside the robot (on alpha), or "ground": on the shell, part of C_t
     passive: bool = False  # opposes motion and vanishes at rest: friction in the plant, set-valued at standstill
     plant: bool = True  # the plant can switch it on

@@ -9,7 +9,7 @@ EFFECT = Effect(
     title="Cogging",
     equation=r"\Delta C = m_c \sin(k\,\alpha + \varphi)",
     source="First harmonic of a periodic detent torque; k whole, 2 to 64",
-    bases=("rolling_steady",),
+    bases=("rolling_steady", "cmr"),
     parameters=(
         Parameter("m_c", "N m", 0.0, 0.0, meaning="amplitude of the ripple"),
         Parameter("k", "1", 2.0, 2.0, 64.0, "waves a turn", whole=True, grid=tuple(map(float, range(2, 65)))),

@@ -7,7 +7,7 @@ EFFECT = Effect(
     title="Offset of the current sensor",
     equation=r"i \to i + i_0",
     source="Zero error of the current sensor",
-    bases=("rolling_steady",),
+    bases=("rolling_steady", "cmr"),
     parameters=(Parameter("i_0", "A", 0.0, meaning="reading at zero current"),),
     needs=(),
     target="current",

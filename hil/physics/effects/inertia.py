@@ -7,7 +7,7 @@ EFFECT = Effect(
     title="Inertia",
     equation=r"\Delta C = J\,\dot\omega",
     source="Reina et al. 2006, impulse identity: J = R^2 sum(m) + I_c + I_r (R/r)^2",
-    bases=("rolling_steady",),
+    bases=("rolling_steady", "cmr", "pendulum_sphere"),
     parameters=(Parameter("j", "kg m^2", 0.0, 0.0, meaning="moment of inertia at the shell"),),
     needs=(("acceleration",),),
     expression="j * acceleration",

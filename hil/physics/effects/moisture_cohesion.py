@@ -7,7 +7,7 @@ EFFECT = Effect(
     title="Moisture gives cohesion",
     equation=r"c \to c + c_w\,w",
     source="Capillary cohesion, first order in the water content",
-    bases=("sphere_contact", "wheel_contact"),
+    bases=("sphere_contact", "wheel_contact", "vehicle"),
     parameters=(Parameter("c_w", "Pa", 0.0, meaning="cohesion gained a unit of gravimetric water content"),),
     needs=(("moisture",),),
     target="cohesion",

@@ -1,4 +1,4 @@
-"""A rut that was rolled before is firmer."""
+"""A rut that was rolled before is firmer; a car's rear wheels always roll in one."""
 
 from hil.physics.effects import Effect, Parameter
 
@@ -7,7 +7,7 @@ EFFECT = Effect(
     title="Soil stiffens with every pass",
     equation=r"k_s \to k_s\,N^\kappa",
     source="Power law of the number of passes, after Holm 1969",
-    bases=("sphere_contact", "wheel_contact"),
+    bases=("sphere_contact", "wheel_contact", "vehicle"),
     parameters=(Parameter("kappa", "1", 0.0, -3.0, 3.0, "exponent of the number of the pass"),),
     needs=(("pass",),),
     positive=("pass",),

@@ -7,7 +7,7 @@ EFFECT = Effect(
     title="Slope of the ground",
     equation=r"\Delta C = g_\gamma\,W \sin\gamma\,R",
     source="Weight's component along the slope; gain 1 if the inclinometer is right",
-    bases=("rolling_steady",),
+    bases=("rolling_steady", "cmr", "pendulum_sphere", "vehicle"),
     parameters=(Parameter("gain", "1", 0.0, meaning="share of the measured slope that acts", grid=(1.0,)),),
     needs=(("slope",),),
     expression="gain * load * sin(slope) * radius",

@@ -7,7 +7,7 @@ EFFECT = Effect(
     title="Rolling resistance grows with speed squared",
     equation=r"\Delta C = f_s\,\omega^2 R W\,\mathrm{sgn}\,\omega",
     source="Reina et al. 2006, Eq. (2)",
-    bases=("rolling_steady",),
+    bases=("rolling_steady", "cmr", "pendulum_sphere"),
     parameters=(Parameter("f_s", "s^2/rad^2", 0.0, meaning="speed coefficient of the ground's resistance"),),
     needs=(("omega",),),
     expression="f_s * omega**2 * radius * load * sign(omega)",

@@ -7,7 +7,7 @@ EFFECT = Effect(
     title="Stribeck friction",
     equation=r"\Delta C = a_s\,e^{-(\omega/\omega_s)^2}\,\mathrm{sgn}\,\omega",
     source="Armstrong-Helouvry et al. 1994, Gaussian form",
-    bases=("rolling_steady",),
+    bases=("rolling_steady", "cmr", "pendulum_sphere", "vehicle"),
     parameters=(
         Parameter("a_s", "N m", 0.0, meaning="excess of dry friction at rest"),
         Parameter("omega_s", "rad/s", 2.0, 0.05, 100.0, "speed at which it has fallen to 37 %", grid=(0.5, 1, 2, 4, 8)),

@@ -7,7 +7,7 @@ EFFECT = Effect(
     title="Change of viscous friction",
     equation=r"\Delta C = b\,\omega",
     source="Reina et al. 2006, Eq. (4), second term",
-    bases=("rolling_steady",),
+    bases=("rolling_steady", "cmr", "pendulum_sphere", "vehicle"),
     parameters=(Parameter("b", "N m s/rad", 0.0, meaning="change of the viscous friction coefficient"),),
     needs=(("omega",),),
     expression="b * omega",
