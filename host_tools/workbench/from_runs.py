@@ -9,6 +9,9 @@ it is a column, otherwise a constant.
 What goes with the angle (an imbalance, cogging) or with the acceleration keeps the robot from ever being steady and is
 averaged out of such windows. For it `span` makes rows of the telemetry's 10 ms means instead, steady or not; speed and
 acceleration are then the derivatives of a cubic through the shell's angle over twice the span.
+
+The voltage is left out on purpose: with the speed it gives the current by the motor's own circuit, i = (U - K omega)/R,
+whatever resists the motion. As a column it would explain every missing effect, and say nothing of any.
 """
 
 from __future__ import annotations
@@ -40,7 +43,6 @@ COLUMNS = {
     "time": "s",
     "omega": "rad/s",
     "current": "A",
-    "voltage": "V",
     "load": "N",
     "speed": "m/s",
     "temperature": "degC",
@@ -59,6 +61,7 @@ class Run:
     name: str
     rows: list[dict[str, float]]
     constants: Mapping[str, float]
+    sigma: float | None = None  # sd of a row's current [A] by the scatter inside the rows, where that is known
 
 
 def _parameters(folder: Path, description: Interface) -> dict[str, float]:
@@ -95,6 +98,7 @@ def read_run(folder: Path, after: float = 0.0, before: float = float("inf"), spa
     tables = telemetry(candump.read(log), description)
     parameters = _parameters(folder, description)
     running = description.enums["state"]["run"]
+    sigma = None
     if span is None:
         width = parameters["window"] * si_factor(description.parameters["window"].unit)
         times = _window_ends(tables, running, after, before)
@@ -102,6 +106,8 @@ def read_run(folder: Path, after: float = 0.0, before: float = float("inf"), spa
     else:
         width = span
         columns = _means(tables, running, after, before, span)
+        if len(columns["time"]):
+            sigma = _scatter(tables["ELECTRICAL"], columns["time"], span)
     if len(columns["time"]) == 0:
         kind = "valid steady window" if span is None else f"stretch of {2 * width:g} s"
         hint = "; terrapin case --span makes rows of motion that is not steady" if span is None else ""
@@ -112,7 +118,7 @@ def read_run(folder: Path, after: float = 0.0, before: float = float("inf"), spa
     for name in ("coulomb", "viscous"):  # what the calibration found, or the parameter in use before it
         if "CALIBRATION" in tables:
             constants[name] = float(_held(tables["CALIBRATION"], name, columns["time"][-1:])[0])
-    return Run(folder.resolve().name, rows, constants)
+    return Run(folder.resolve().name, rows, constants, sigma)
 
 
 def _windows(tables: Mapping[str, dict[str, Array]], times: Array, span: float) -> dict[str, Array]:
@@ -120,7 +126,7 @@ def _windows(tables: Mapping[str, dict[str, Array]], times: Array, span: float) 
     columns = {"time": times}
     if len(times) == 0:
         return columns
-    for name in ("omega", "current", "voltage"):
+    for name in ("omega", "current"):
         columns[name] = _held(tables["WINDOW"], name, times)
     columns.update(_beside(tables, times, span))
     if "ATTITUDE" in tables:
@@ -152,12 +158,21 @@ def _means(
     fitted = (local - turned[middle, None]) @ cubic.T
     ends = clock[middle] + 0.5 * span
     columns = {"time": clock[middle], "omega": fitted[:, 1]}
-    for name in ("current", "voltage"):
-        columns[name] = _mean(tables["ELECTRICAL"], name, ends, span)
+    columns["current"] = _mean(tables["ELECTRICAL"], "current", ends, span)
     columns.update(_beside(tables, ends, span))
     columns["angle"] = np.mod(turned[middle] + fitted[:, 0], 2.0 * np.pi)
     columns["acceleration"] = 2.0 * fitted[:, 2]
     return columns
+
+
+def _scatter(table: Mapping[str, Array], middle: Array, span: float) -> float:
+    """Sd of the mean current of a row [A], from its samples' scatter around a parabola: noise without the motion."""
+    count = max(5, round(span / TELEMETRY_PERIOD))
+    last = np.clip(np.searchsorted(table["time"], middle + 0.5 * span, side="right"), count, None)
+    samples = table["current"][last[:, None] + np.arange(-count, 0)]
+    basis = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, count), 3))[0]
+    left = samples - samples @ basis @ basis.T
+    return float(np.sqrt(np.mean(left * left) * count / (count - 3) / count))
 
 
 def _beside(tables: Mapping[str, dict[str, Array]], ends: Array, span: float) -> dict[str, Array]:
@@ -253,6 +268,9 @@ def _document(runs: Sequence[Run], title: str, effects: Sequence[str], columns: 
     for column in columns:
         entry = tomlkit.inline_table()
         entry.update({"column": column, "unit": COLUMNS[column]})
+        if column == "current" and runs[0].sigma is not None:
+            pooled = np.sqrt(np.mean([run.sigma * run.sigma for run in runs if run.sigma is not None]))
+            entry["sigma"] = float(f"{pooled:.3g}")
         mapped[column] = entry
     data["columns"] = mapped
     document["data"] = data
