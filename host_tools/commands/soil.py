@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
@@ -203,9 +204,35 @@ def tactile(
     deliver(found, describe(found), json)
 
 
+def plates(
+    file: Annotated[Path, typer.Argument(metavar="FILE.csv", help="rows of plate tests of at least three sizes")],
+    size: Annotated[str, typer.Option("--size", metavar="COLUMN [UNIT]", help="plate size")] = "plate_mm [mm]",
+    depth: Annotated[str, typer.Option("--depth", metavar="COLUMN [UNIT]", help="sinkage")] = "z_m [m]",
+    pressure: Annotated[str, typer.Option("--pressure", metavar="COLUMN [UNIT]", help="pressure")] = "p_kPa [kPa]",
+    test: Annotated[str, typer.Option("--test", metavar="COLUMN", help="which test a row belongs to")] = "test",
+    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE", help="draw it, as .png or .svg")] = None,
+    json: Json = "",
+) -> None:
+    """Fit pressure-sinkage laws to plates of several sizes, and test each on a size that it has not seen.
+
+    Example: terrapin soil plates plates.csv --plot plates.png
+    """
+    from host_tools.soil import plates_answer
+    from host_tools.soil.plates import read_plates
+
+    if plot is not None and plot.suffix.lower() not in (".png", ".svg"):
+        raise UserError(f"--plot: found {plot.name!r}, expected a name that ends in .png or .svg")
+    read = read_plates(file, size, depth, pressure, test)
+    found, fits = plates_answer.answer(file.name, read)
+    if plot is not None:
+        plates_answer.plot(found, fits, read, plot)
+    deliver(found, plates_answer.describe(found), json)
+
+
 def register(app: typer.Typer) -> None:
     group = typer.Typer(help="The properties of the ground from what a machine measured on it.", no_args_is_help=True)
     group.callback()(lambda: None)
     group.command("vehicle")(vehicle)
     group.command("tactile")(tactile)
+    group.command("plates")(plates)
     app.add_typer(group, name="soil")
