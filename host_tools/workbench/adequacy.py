@@ -1,25 +1,26 @@
 """Is anything missing, and where does the model fail?
 
-The residuals of all runs, freed of everything that the model's own parameters could take up, are scored against three
-families of alternatives: what each catalogued effect would add, smooth shapes in every numeric column (mapped or not),
-and an offset of any single run; where the noise sd is known also the sum of squares. Each score has a nominal p-value
-under AR(1) noise; the families share the level equally, and the smallest counts. Its distribution when nothing is
-missing comes from simulation: AR(1) noise of the estimated sd and correlation on the very rows of the case, with sd and
-correlation estimated anew from each simulated set. A test that takes rows as independent would raise a false alarm
-nearly always at a correlation of 0.9.
+The statistic is a Bayes factor (bayes_factor.py): how much likelier the residuals are if the model lacks an effect of
+the catalogue, a smooth shape in any numeric column (mapped or not), an offset of any single run, or noise beyond what
+is stated, than if it lacks nothing. Its distribution when nothing is missing comes from simulation: AR(1) noise on the
+very rows of the case, each set with a correlation drawn from what the data say about it; where the sd is not given it
+is integrated over in each set as in the data. A test that takes rows as independent would raise a false alarm nearly
+always at a correlation of 0.9.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from host_tools.workbench.bayes_factor import BayesFactor, blocks_of
+from host_tools.workbench.candidates import Shape
 from host_tools.workbench.case import Case
 from host_tools.workbench.directions import Direction, Shapes
-from host_tools.workbench.noise import RHO_GRID, Ar1, Noise, orthonormal, restricted_likelihood, within_scatter
+from host_tools.workbench.noise import RHO_GRID, Ar1, Noise, orthonormal
 
 __all__ = ["Adequacy", "Failure", "assess", "where_it_fails"]
 
@@ -48,16 +49,16 @@ class Adequacy:
     """p-value of "nothing is missing", and what raised it."""
 
     p_value: float
-    strongest: str  # label of the alternative with the smallest nominal p-value
+    log_bayes_factor: float  # of "something" against "nothing"
+    strongest: str  # label of the alternative with the largest gain
     gain: Mapping[str, float]  # by alternative: what it would take from n log(sum of squares), penalised for its size
 
 
 @dataclass(frozen=True)
 class _Alternative:
-    """A block of columns (channels * rows, count) whose squared scores are summed, in one family."""
+    """A block of columns (channels * rows, count) whose squared scores are summed."""
 
     label: str
-    family: str
     columns: Array
 
 
@@ -68,94 +69,21 @@ def _alternatives(
     found = []
     for direction in directions:
         flat = (direction.change / sigma[:, None]).reshape(-1, 1)
-        found.append(_Alternative(f"effect:{direction.effect}", "catalogue", flat))
+        found.append(_Alternative(f"effect:{direction.effect}", flat))
     for name, shape in shapes.items():
         for channel in range(channels):
             for kind, columns in (("column", shape.together), *(("plain", one[None]) for one in shape.singly)):
                 block = np.zeros((channels, rows, len(columns)))
                 block[channel] = columns.T
                 label = f"{kind if name else 'constant'}:{name}:{channel}"
-                found.append(_Alternative(label, "column", block.reshape(channels * rows, -1)))
+                found.append(_Alternative(label, block.reshape(channels * rows, -1)))
     if len(np.unique(run)) > 2:
         for one in np.unique(run):
             for channel in range(channels):
                 block = np.zeros((channels, rows, 1))
                 block[channel, run == one, 0] = 1.0
-                found.append(_Alternative(f"run:{one}:{channel}", "run", block.reshape(channels * rows, 1)))
+                found.append(_Alternative(f"run:{one}:{channel}", block.reshape(channels * rows, 1)))
     return found
-
-
-class _Scores:
-    """Scores of many residual vectors against the alternatives, at one correlation."""
-
-    def __init__(self, ar1: Ar1, jacobian: Array, alternatives: Sequence[_Alternative], rho: float) -> None:
-        self.ar1, self.rho = ar1, rho
-        self.channels, self.rows = jacobian.shape[:2]
-        self.basis = orthonormal(self.white(jacobian.reshape(self.channels * self.rows, -1)))
-        blocks, self.sizes = [], []
-        for alternative in alternatives:
-            columns = self.white(alternative.columns)
-            before = np.sqrt((columns * columns).sum(axis=0))
-            columns = columns - self.basis @ (self.basis.T @ columns)
-            after = np.sqrt((columns * columns).sum(axis=0))
-            usable = after > 1e-4 * before  # what the model's own parameters can take up is no alternative
-            block = orthonormal(columns[:, usable]) if usable.sum() > 1 else columns[:, usable] / after[usable]
-            blocks.append(block)
-            self.sizes.append(block.shape[1])
-        self.matrix = np.concatenate(blocks, axis=1) if blocks else np.zeros((self.channels * self.rows, 0))
-
-    def white(self, values: Array) -> Array:
-        """Whiten (channels * rows, count) a channel at a time."""
-        split = values.reshape(self.channels, self.rows, -1)
-        return np.concatenate([self.ar1.whiten(split[c], self.rho) for c in range(self.channels)])
-
-    def __call__(self, residuals: Array) -> tuple[Array, Array]:
-        """Squared scores (alternatives, sets) and sums of squares (sets,) of residuals (channels * rows, sets)."""
-        white = self.white(residuals)
-        inside = self.basis.T @ white
-        total = (white * white).sum(axis=0) - (inside * inside).sum(axis=0)
-        squares = (self.matrix.T @ white) ** 2
-        edges = np.concatenate([[0], np.cumsum(self.sizes)[:-1]]).astype(int)
-        summed = np.add.reduceat(np.vstack([squares, np.zeros((1, white.shape[1]))]), edges, axis=0)
-        summed[np.array(self.sizes) == 0] = 0.0
-        return summed, total
-
-
-def _log_p(
-    scores: Array, total: Array, sizes: Sequence[int], freedom: int, known: bool, spread: float
-) -> tuple[Array, Array]:
-    """Nominal log p of every alternative (alternatives, sets) and of the sum of squares (sets,)."""
-    from scipy.special import betainc, gammaincc
-
-    result = np.zeros_like(scores)
-    for size in set(sizes):
-        if size == 0:
-            continue
-        pick = np.array(sizes) == size
-        if known:
-            tail = gammaincc(size / 2.0, scores[pick] / 2.0)
-        else:  # an F distribution: the sd itself was estimated
-            tail = betainc(spread / 2.0, size / 2.0, spread / (spread + scores[pick]))
-        result[pick] = np.log(np.maximum(tail, TINY))
-    omnibus = np.log(np.maximum(gammaincc(freedom / 2.0, total / 2.0), TINY)) if known else np.zeros_like(total)
-    return result, omnibus
-
-
-def _combine(log_p: Array, omnibus: Array, families: Sequence[str], known: bool) -> Array:
-    """-log of the smallest p-value, each family counted as one test of equal weight (sets,)."""
-    statistics = []
-    names = np.array(families)
-    for family in dict.fromkeys(families):
-        block = log_p[names == family]
-        statistics.append(-(block.min(axis=0) + np.log(_effective(block.shape[0]))))
-    if known:
-        statistics.append(-omnibus)
-    return np.asarray(np.max(statistics, axis=0))
-
-
-def _effective(count: int) -> float:
-    """Independent tests that `count` overlapping ones amount to, roughly; the simulation makes the level exact."""
-    return float(max(1.0, count**0.75))
 
 
 def assess(
@@ -164,6 +92,7 @@ def assess(
     jacobian: Array,
     noise: Noise,
     directions: Sequence[Direction],
+    effects: Mapping[str, Sequence[Shape]],
     shapes: Mapping[str, Shapes],
     rows: npt.NDArray[np.bool_],
     seed: int = 0,
@@ -173,82 +102,62 @@ def assess(
     `rows` is the mask of the case's rows that these are; the draw of simulated noise depends on `seed` alone.
     """
     run = case.run[rows]
-    sigma = noise.sigma
-    channels, count = residual.shape
+    channels = len(residual)
     ar1 = Ar1(run)
-    scaled = residual / sigma[:, None]
-    slopes = jacobian / sigma[:, None, None]
-    alternatives = _alternatives(directions, shapes, run, sigma)
-    families = [a.family for a in alternatives]
-    known = bool(noise.known.all())
-    cache: dict[float, _Scores] = {}
-
-    def scores_at(rho: float) -> _Scores:
-        if rho not in cache:
-            cache[rho] = _Scores(ar1, slopes, alternatives, rho)
-        return cache[rho]
-
-    freedom = channels * count - slopes.shape[2]
-    spread = float(np.min(noise.freedom))
-    here = scores_at(noise.rho)
-    observed, total = here(scaled.reshape(-1, 1))
-    log_p, omnibus = _log_p(observed, total, here.sizes, freedom, known, spread)
-    statistic = float(_combine(log_p, omnibus, families, known)[0]) if alternatives else float(-omnibus[0])
-    null = _null(ar1, slopes, noise, families, scores_at, freedom, spread, known, seed)
-    gain: dict[str, float] = {}
-    sample, rest = channels * count, np.maximum(total[0] - observed[:, 0], TINY)
-    gains = sample * np.log(total[0] / rest) - np.array(here.sizes) * np.log(sample)
-    for alternative, value in zip(alternatives, gains, strict=True):
-        gain[alternative.label] = max(gain.get(alternative.label, -np.inf), float(value))
-    strongest = max(gain, key=lambda label: gain[label]) if gain else "sum of squares"
-    return Adequacy(max(_p_value(statistic, null), TINY), strongest, gain)
-
-
-def _null(
-    ar1: Ar1,
-    slopes: Array,
-    noise: Noise,
-    families: Sequence[str],
-    scores_at: Callable[[float], _Scores],
-    freedom: int,
-    spread: float,
-    known: bool,
-    seed: int,
-) -> Array:
-    """The statistic's values on simulated noise, with sd and correlation estimated from each set."""
-    channels, count, _ = slopes.shape
+    slopes = jacobian / noise.sigma[:, None, None]
+    scaled = (residual / noise.sigma[:, None]).reshape(-1, 1)
+    blocks = blocks_of(effects, shapes, run, channels)
+    statistic = BayesFactor(ar1, slopes, bool(noise.known.all()), blocks)
+    observed, posterior = statistic(scaled)
     random = np.random.default_rng([seed, 0x7E57])
-    drawn = [ar1.colour(random.standard_normal((count, SETS)), noise.rho) for _ in range(channels)]
-    bases = [orthonormal(slopes[c]) for c in range(channels)]
-    given = [1.0 if is_known else None for is_known in noise.known]
-    criterion, _ = restricted_likelihood(ar1, drawn, bases, given)
-    chosen = np.argmin(criterion, axis=0)
-    result = np.empty(SETS)
-    for index in np.unique(chosen):
-        sets = chosen == index
-        rho = RHO_GRID[int(index)]
-        block = np.stack([d[:, sets] for d in drawn])
-        for channel in range(channels):
-            if noise.known[channel]:
-                continue
-            block[channel] /= _spread(ar1, block[channel], bases[channel], noise.groups, rho)
-        scores = scores_at(rho)
-        values, total = scores(block.reshape(channels * count, -1))
-        log_p, omnibus = _log_p(values, total, scores.sizes, freedom, known, spread)
-        result[sets] = _combine(log_p, omnibus, families, known) if families else -omnibus
-    return result
+    null, _ = statistic(_simulated(ar1, channels, posterior[:, 0], random))
+    gain = _gains(ar1, slopes, scaled, noise.rho, _alternatives(directions, shapes, run, noise.sigma))
+    strongest = max(gain, key=lambda label: gain[label]) if gain else "sum of squares"
+    return Adequacy(max(_p_value(float(observed[0]), null), TINY), float(observed[0]), strongest, gain)
 
 
-def _spread(ar1: Ar1, values: Array, basis: Array, groups: npt.NDArray[np.int64] | None, rho: float) -> Array:
-    """The noise sd that each simulated set (rows, sets) would be said to have."""
-    if groups is not None:
-        return within_scatter(ar1, values, groups, rho)
-    white = ar1.whiten(values, rho)
-    left = (white * white).sum(axis=0)
-    if basis.shape[1]:
-        q = np.linalg.qr(ar1.whiten(basis, rho))[0]
-        left = left - ((q.T @ white) ** 2).sum(axis=0)
-    return np.asarray(np.sqrt(np.maximum(left, 1e-300) / max(len(values) - basis.shape[1], 1)))
+def _simulated(ar1: Ar1, channels: int, posterior: Array, random: np.random.Generator) -> Array:
+    """Noise (channels * rows, SETS) of unit sd, the correlation of each set drawn from its posterior."""
+    # the middle of SETS equal slices of probability: the same spread as random draws, without their scatter
+    drawn = np.searchsorted(np.cumsum(posterior), (np.arange(SETS) + 0.5) / SETS)
+    noise = random.standard_normal((ar1.rows, channels, SETS))
+    for index in np.unique(drawn):
+        mine = drawn == index
+        noise[..., mine] = ar1.colour(noise[..., mine], RHO_GRID[min(int(index), len(RHO_GRID) - 1)])
+    return np.ascontiguousarray(np.moveaxis(noise, 0, 1)).reshape(channels * ar1.rows, SETS)
+
+
+def _gains(
+    ar1: Ar1, slopes: Array, scaled: Array, rho: float, alternatives: Sequence[_Alternative]
+) -> dict[str, float]:
+    """By alternative: the fall of n log(sum of squares) at one correlation, penalised for its number of columns."""
+
+    def white(values: Array) -> Array:
+        split = values.reshape(channels, rows, -1)
+        return np.concatenate([ar1.whiten(split[c], rho) for c in range(channels)])
+
+    channels, rows, _ = slopes.shape
+    basis = orthonormal(white(slopes.reshape(channels * rows, -1)))
+    residual = white(scaled)[:, 0]
+    residual = residual - basis @ (basis.T @ residual)
+    total, sample = float(residual @ residual), channels * rows
+    width = [alternative.columns.shape[1] for alternative in alternatives]
+    everything = white(np.concatenate([a.columns for a in alternatives], axis=1)) if alternatives else np.zeros((0, 0))
+    before = np.sqrt((everything * everything).sum(axis=0))
+    everything = everything - basis @ (basis.T @ everything) if alternatives else everything
+    after = np.sqrt((everything * everything).sum(axis=0))
+    gain: dict[str, float] = {}
+    begin = 0
+    for alternative, count in zip(alternatives, width, strict=True):
+        part = slice(begin, begin + count)
+        begin += count
+        usable = after[part] > 1e-4 * before[part]  # what the model's own parameters can take up is no alternative
+        columns = everything[:, part][:, usable]
+        block = orthonormal(columns) if columns.shape[1] > 1 else columns / after[part][usable]
+        left = max(total - float(((block.T @ residual) ** 2).sum()), TINY)
+        value = sample * np.log(max(total, TINY) / left) - block.shape[1] * np.log(sample)
+        gain[alternative.label] = max(gain.get(alternative.label, -np.inf), float(value))
+    return gain
 
 
 def _p_value(statistic: float, null: Array) -> float:

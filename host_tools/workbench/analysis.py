@@ -8,18 +8,20 @@ Discovery builds on the same pieces: `fitted_on` fits any set of effects on any 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from host_tools.errors import UserError
 from host_tools.workbench.adequacy import Adequacy, Failure, assess, where_it_fails
+from host_tools.workbench.candidates import Shape, shapes_of
 from host_tools.workbench.case import Case
 from host_tools.workbench.directions import (
     Direction,
     Shapes,
+    candidates,
     catalogue_directions,
     column_shapes,
     numeric_columns,
@@ -63,6 +65,7 @@ class Analysis:
     rows: Mask
     prediction: Array  # (channels, rows)
     residual: Array  # measured - predicted (channels, rows)
+    shapes: Mapping[str, Sequence[Shape]] = field(repr=False)  # of every effect that could be added
 
     @property
     def missing(self) -> bool:
@@ -148,7 +151,8 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
         fits = fitted_on(case, case.effects, case.train, sigma, seed)
         prediction, residual, slopes = _unscaled(fits[-1], sigma, rows)
         directions = catalogue_directions(model, fits[-1].theta, rows)
-    adequacy = assess(case, residual, slopes, noise, directions, shapes, rows, seed)
+    effects = {e.name: shapes_of(model, fits[-1].theta, e, rows, sigma) for e in candidates(model)}
+    adequacy = assess(case, residual, slopes, noise, directions, effects, shapes, rows, seed)
     missing = adequacy.p_value < level
     scaled = residual / sigma[:, None]
     where = where_it_fails(case, adequacy, scaled, rows, numeric_columns(case), model.channels) if missing else []
@@ -175,6 +179,7 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
         rows=rows,
         prediction=prediction,
         residual=residual,
+        shapes=effects,
     )
 
 

@@ -76,14 +76,14 @@ class Evidence:
         split = columns.reshape(self.channels, self.rows, -1)
         return np.concatenate([self.ar1.whiten(split[c], rho) for c in range(self.channels)])
 
-    def _fit_term(self, squares: Array) -> Array:
+    def fit_term(self, squares: Array) -> Array:
         logs = -0.5 * squares if self.known else -0.5 * self.freedom * np.log(np.maximum(squares, 1e-300))
         return np.asarray(logs)
 
     @property
     def nothing(self) -> float:
         """Log evidence of "nothing is missing"."""
-        return float(logsumexp(self.start + self._fit_term(self.total)))
+        return float(logsumexp(self.start + self.fit_term(self.total)))
 
     def project(self, columns: Array, index: int) -> Array:
         """Columns (channels * rows, D) whitened at RHO_GRID[index], freed of what the base can take up."""
@@ -119,7 +119,7 @@ class Evidence:
             variance = SIZES[:, None, None] ** 2
             shrink = 1.0 + variance * norms
             gain = variance * scores**2 / shrink
-            logs = self.start[:, None] + self._fit_term(self.total[:, None] - gain) - 0.5 * np.log(shrink)
+            logs = self.start[:, None] + self.fit_term(self.total[:, None] - gain) - 0.5 * np.log(shrink)
             found.append(logsumexp(logs, axis=(0, 1)) - np.log(len(SIZES)))
         return np.concatenate(found) if found else np.zeros(0)
 
@@ -142,7 +142,7 @@ class Evidence:
             inner = np.eye(count) + size * size * a
             solved = np.linalg.solve(inner, b[..., None])[..., 0] * size * size
             gain = (b * solved).sum(axis=-1)
-            logs = self._fit_term(totals - gain) - 0.5 * np.linalg.slogdet(inner)[1]
+            logs = self.fit_term(totals - gain) - 0.5 * np.linalg.slogdet(inner)[1]
             if np.any(signs):
                 spread = size * np.sqrt(np.maximum(np.diagonal(np.linalg.inv(inner), axis1=-2, axis2=-1), 1e-300))
                 inside = np.log(2.0) + log_ndtr(signs * solved / spread)

@@ -17,7 +17,7 @@ from scipy.special import logsumexp
 
 from hil.physics.effects import Effect
 from host_tools.workbench.analysis import Analysis, measured
-from host_tools.workbench.candidates import Shape, is_phase, loudness, shapes_of
+from host_tools.workbench.candidates import Shape, is_phase, loudness
 from host_tools.workbench.directions import candidates
 from host_tools.workbench.evidence import Evidence
 from host_tools.workbench.expressions import Library
@@ -70,10 +70,7 @@ class _Ranker:
         self.values = measured(self.model, self.rows)
         self.train = measured(self.model, self.case.train)
         self.effects: dict[str, Effect] = {effect.name: effect for effect in candidates(self.model)}
-        self.shapes = {
-            name: shapes_of(self.model, analysis.fit.theta, effect, self.rows, self.sigma)
-            for name, effect in self.effects.items()
-        }
+        self.shapes = analysis.shapes
         self.flat = [shape for shapes in self.shapes.values() for shape in shapes]
         self.listed: Library | None = None
         self.fits: dict[tuple[str, ...], Fit] = {(): analysis.fit}

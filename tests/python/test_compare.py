@@ -74,7 +74,7 @@ def test_same_seed_same_bytes(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 
 
 def test_level_decides_the_verdict(tmp_path: Path) -> None:
-    folder = rolling(tmp_path, 14, heating=0.00012, rows=10)
+    folder = rolling(tmp_path, 14, heating=0.0003, rows=10)
     p = _analysis(folder).adequacy.p_value
     assert 1e-6 < p < 0.9
     case = load_case(folder)

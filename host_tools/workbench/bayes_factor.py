@@ -1,0 +1,122 @@
+"""How much likelier the residuals are if something is missing than if nothing is: one number for a whole data set.
+
+Every alternative (an effect of the catalogue at one shape, shapes of one column, an offset of one run, more noise than
+stated) gets its marginal likelihood under AR(1) noise as in evidence.py: its size, the correlation and, where it is not
+given, the noise sd are integrated over *under that alternative*. A missing effect makes the noise look larger and more
+correlated than it is; a test that estimates both before it looks for the effect hides it. Alternatives are averaged
+with prior weights, so many unlikely shapes cost the likely ones little. The logarithm of the average's ratio to the
+likelihood of "nothing" is the statistic; its distribution when nothing is missing hardly depends on the correlation.
+
+Sources: Good (1957) and Berger & Delampady (1987) for the Bayes factor as a test statistic; evidence.py for the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import logsumexp
+
+from host_tools.workbench.candidates import Shape
+from host_tools.workbench.directions import Shapes
+from host_tools.workbench.evidence import SIZES, Evidence
+from host_tools.workbench.noise import Ar1
+
+__all__ = ["BayesFactor", "Block", "blocks_of"]
+
+Array = npt.NDArray[np.float64]
+
+WEIGHT = {"catalogue": 0.6, "column": 0.3, "run": 0.06, "scale": 0.04}  # prior of each family, given that one is true
+SCALES = np.array([1.1, 1.25, 1.5, 2.0, 4.0])  # true noise sd over the stated one, in the family "scale"
+
+
+@dataclass(frozen=True)
+class Block:
+    """One alternative: columns (channels * rows, count) in noise sd of unit size, and its share of the family."""
+
+    family: str
+    columns: Array
+    share: float
+
+
+def blocks_of(
+    effects: Mapping[str, Sequence[Shape]], shapes: Mapping[str, Shapes], run: npt.NDArray[np.int64], channels: int
+) -> list[Block]:
+    """The alternatives on these rows: each effect, column and run has the same share of its family."""
+    rows = len(run)
+    found: list[Block] = []
+    present = [listed for listed in effects.values() if listed]
+    for listed in present:
+        found += [Block("catalogue", shape.columns, 1.0 / len(present) / len(listed)) for shape in listed]
+    for shape in shapes.values():
+        kinds = [*([shape.together] if len(shape.together) else []), *(one[None] for one in shape.singly)]
+        for channel in range(channels):
+            for kind in kinds:
+                block = np.zeros((channels, rows, len(kind)))
+                block[channel] = kind.T
+                share = 1.0 / len(shapes) / channels / len(kinds)
+                found.append(Block("column", block.reshape(channels * rows, -1), share))
+    runs = np.unique(run)
+    for one in runs if len(runs) > 2 else ():
+        for channel in range(channels):
+            offset = np.zeros((channels, rows, 1))
+            offset[channel, run == one] = 1.0
+            found.append(Block("run", offset.reshape(channels * rows, 1), 1.0 / len(runs) / channels))
+    return found
+
+
+class BayesFactor:
+    """The statistic for any number of residual vectors on the same rows.
+
+    `base` (channels, rows, parameters): derivatives of the prediction in noise sd. `known`: the noise sd is given.
+    """
+
+    def __init__(self, ar1: Ar1, base: Array, known: bool, blocks: Sequence[Block]) -> None:
+        channels, rows, _ = base.shape
+        self.evidence = Evidence(ar1, np.zeros((channels, rows)), base, known)
+        self.weight = np.log([WEIGHT[block.family] * block.share for block in blocks])
+        width = [block.columns.shape[1] for block in blocks]
+        self.edges = np.concatenate([[0], np.cumsum(width)[:-1]]).astype(int)
+        columns = np.concatenate([np.zeros((channels * rows, 0)), *(block.columns for block in blocks)], axis=1)
+        self.columns: list[Array] = []  # by correlation: orthogonal within each block, so sizes shrink one at a time
+        self.squares: list[Array] = []
+        for index in range(len(self.evidence.rho)):
+            free = self.evidence.project(columns, index)
+            squares = (free * free).sum(axis=0)
+            for begin, count in zip(self.edges, width, strict=True):
+                if count > 1:
+                    part = slice(begin, begin + count)
+                    values, vectors = np.linalg.eigh(free[:, part].T @ free[:, part])
+                    free[:, part] = free[:, part] @ vectors
+                    squares[part] = np.maximum(values, 0.0)
+            self.columns.append(free)
+            self.squares.append(squares)
+
+    def __call__(self, residuals: Array) -> tuple[Array, Array]:
+        """Log Bayes factors (sets,) of residuals (channels * rows, sets), in noise sd, and the posterior of the
+        correlation (grid, sets) if nothing is missing."""
+        evidence, sets = self.evidence, residuals.shape[1]
+        grid = len(evidence.rho)
+        null = np.empty((grid, sets))
+        parts = np.empty((grid, sets))
+        for index in range(grid):
+            white = evidence.project(residuals, index)
+            total = np.maximum((white * white).sum(axis=0), 1e-300)
+            null[index] = evidence.start[index] + evidence.fit_term(total)
+            scores = (self.columns[index].T @ white) ** 2
+            logs = np.empty((len(SIZES), len(self.weight), sets))
+            for place, variance in enumerate(SIZES**2):
+                shrink = 1.0 + variance * self.squares[index]
+                gain = np.add.reduceat(scores * (variance / shrink)[:, None], self.edges, axis=0)
+                price = 0.5 * np.add.reduceat(np.log(shrink), self.edges)
+                logs[place] = evidence.fit_term(total - gain) + (self.weight - price)[:, None]
+            top = logs.max(axis=(0, 1))
+            parts[index] = evidence.start[index] + top + np.log(np.exp(logs - top).sum(axis=(0, 1)) / len(SIZES))
+            if evidence.known:
+                noisier = -0.5 * total / SCALES[:, None] ** 2 - evidence.freedom * np.log(SCALES)[:, None]
+                weight = np.log(WEIGHT["scale"] / len(SCALES))
+                parts[index] = np.logaddexp(parts[index], evidence.start[index] + weight + logsumexp(noisier, axis=0))
+        nothing = logsumexp(null, axis=0)
+        return logsumexp(parts, axis=0) - nothing, np.exp(null - nothing)
