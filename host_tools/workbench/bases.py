@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from hil.physics.dynamic import MODELS, DynamicModel
+
 __all__ = ["BASES", "CHANNELS", "ROLES", "RUNNING", "Base", "formula_name"]
 
 ROLES: Mapping[str, str] = {
@@ -23,9 +25,17 @@ ROLES: Mapping[str, str] = {
     "pass": "1",
     "moisture": "1",
     "voltage": "V",
+    "joint_rate": "rad/s",
+    "drive_torque": "N m",
 }
 
-CHANNELS: Mapping[str, str] = {"current": "A", "traction": "N", "torque": "N m", "sinkage": "m"}
+CHANNELS: Mapping[str, str] = {
+    "current": "A",
+    "traction": "N",
+    "torque": "N m",
+    "sinkage": "m",
+    **{name: unit for model in MODELS.values() for name, unit in model.channels.items() if name not in ROLES},
+}
 
 # Repeated settings may differ in these: they run on while the setting stays
 RUNNING = ("time", "angle", "acceleration")
@@ -40,10 +50,26 @@ class Base:
     parameters: Mapping[str, str]
     needs: tuple[str, ...]
     options: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # the first is the default
+    defaults: Mapping[str, float] = field(default_factory=dict)  # of parameters that a case need not state
+    provides: tuple[str, ...] = ()  # roles and names that the model itself gives to effects
+    dynamic: DynamicModel | None = None  # integrates over time within a run
 
 
 _SOIL = {"n": "1", "cohesion": "Pa", "friction_angle": "rad", "shear_modulus": "m"}
 _STRESS = {"stress": ("full", "linear")}
+
+
+def _dynamic(model: DynamicModel) -> Base:
+    return Base(
+        model.name,
+        tuple(model.channels),
+        {name: unit for name, (unit, _) in model.parameters.items()},
+        ("time", *model.inputs),
+        defaults={name: value for name, (_, value) in model.parameters.items() if value is not None},
+        provides=(*model.states, *model.aliases, "gear", *(("pass",) if model.name == "vehicle" else ())),
+        dynamic=model,
+    )
+
 
 BASES: Mapping[str, Base] = {
     base.name: base
@@ -76,6 +102,7 @@ BASES: Mapping[str, Base] = {
             _STRESS,
         ),
         Base("equation", (), {}, ()),
+        *map(_dynamic, MODELS.values()),
     )
 }
 

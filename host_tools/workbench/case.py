@@ -94,7 +94,10 @@ class Case:
     def missing_role(self, effect: Effect) -> str | None:
         """The role that an effect needs and the case does not map; None when it could be added."""
         for group in effect.needs:
-            if not any(formula_name(role) in self.inputs or role in self.parameters for role in group):
+            if not any(
+                formula_name(role) in self.inputs or role in self.parameters or role in self.base.provides
+                for role in group
+            ):
                 return " or ".join(group)
         return next((name for name in effect.constants if name not in self.parameters), None)
 
@@ -151,6 +154,9 @@ def parse_case(folder: Path, text: str) -> Case:
     library, effect_names = read_library(tables, base)
     parameters, parameter_units, options = _constants(tables, base, library, effect_names)
     fit = _estimates(tables, base, parameters)
+    for name, value in base.defaults.items():
+        if name not in fit and name not in parameters:
+            parameters[name], parameter_units[name] = value, base.parameters[name]
     case = Case(
         folder=folder,
         text=text,
@@ -414,6 +420,7 @@ def require_effect(case: Case, name: str, complain: Complaint) -> Effect:
         raise complain(f"{name} needs the {kind} {role}, which the case does not have", *path)
     known = {*case.inputs, *case.parameters, *case.fit, *case.base.parameters, *effect.options}
     known |= {parameter.name for parameter in effect.parameters} | {"bulldozing_resistance", "speed"}
+    known |= {formula_name(name) for name in case.base.provides}
     from hil.physics.expression import parse
 
     unknown = sorted(parse(effect.expression).names - known)

@@ -91,6 +91,10 @@ class Model:
 
     def bind(self, inputs: Mapping[str, Array], rows: npt.NDArray[np.bool_] | None = None) -> Bound:
         """The model on rows: `inputs` as Case.inputs gives them, all rows or those of a mask."""
+        if self.case.base.dynamic is not None:
+            from host_tools.workbench.dynamic import bind  # which builds on this module
+
+            return bind(self, inputs, rows)
         used = set().union(
             *(e.names for e in self.expressions.values()), *(e.names for e in self.case.equations.values())
         )

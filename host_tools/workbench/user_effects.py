@@ -15,6 +15,8 @@ __all__ = ["default_target", "read_library", "targets"]
 
 def targets(base: Base) -> tuple[str, ...]:
     """What an expression may act on under this base model."""
+    if base.dynamic is not None:
+        return (*base.channels, "resistance", "rolling_resistance", *base.dynamic.inputs, *base.parameters)
     torque = {"rolling_steady": ("resistance",), "equation": ()}.get(base.name, ("drag",))
     stiffness = ("k_s",) if base.name == "wheel_contact" else ()
     return (*base.channels, *torque, *base.parameters, *stiffness)
@@ -22,7 +24,7 @@ def targets(base: Base) -> tuple[str, ...]:
 
 def default_target(base: Base) -> str:
     """The target of an expression that names none: resistance, else the only (or first) channel."""
-    return "resistance" if base.name == "rolling_steady" else base.channels[0]
+    return "resistance" if base.name == "rolling_steady" or base.dynamic is not None else base.channels[0]
 
 
 def read_library(tables: Tables, base: Base) -> tuple[dict[str, Effect], frozenset[str]]:
