@@ -82,6 +82,10 @@ class SlcanLink:
         except AnswerError as error:
             raise LinkError(f"{self.name}: {error}") from None
 
+    def exchange(self, frames: Sequence[Frame]) -> list[Frame]:
+        """Sends frames; what the controller answers to them. LinkError when it does not."""
+        return self._port.exchange(b"".join(map(slcan_line, frames)))
+
     def close(self) -> None:
         self._port.close()
         if self._process is not None:

@@ -1,0 +1,267 @@
+"""`terrapin log`: record, convert, look into and replay logs of a CAN bus."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from host_tools.errors import UserError
+
+if TYPE_CHECKING:
+    from host_tools.logs.decoding import Decoder
+
+__all__ = ["register"]
+
+LogFile = Annotated[Path, typer.Argument(metavar="LOG", help=".log .blf .asc .mf4 .mcap .parquet, or a run's folder")]
+Dbc = Annotated[
+    Path | None, typer.Option("--dbc", help="names and scales of signals; default: terrapin.dbc beside the log")
+]
+JsonFile = Annotated[str, typer.Option("--json", metavar="FILE", help="the answer as JSON; - for standard output")]
+
+FLUSH = 0.5  # s between flushes of a recording: what a kill -9 may cost
+
+
+@contextmanager
+def _progress(text: str, total: int) -> Iterator[Callable[[int], None]]:
+    """A bar of bytes on standard error when that is a terminal."""
+    if not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(text, total=total)
+        yield lambda done: bar.update(task, completed=done)
+
+
+def _decoder(log: Path, dbc: Path | None) -> Decoder | None:
+    from host_tools.logs.decoding import Decoder
+
+    if dbc is None:
+        beside = (log if log.is_dir() else log.parent) / "terrapin.dbc"
+        dbc = beside if beside.is_file() else None
+    return Decoder(dbc) if dbc is not None else None
+
+
+def _warn(log: Path, cut: str) -> None:
+    if cut:
+        print(f"terrapin: {log}: read up to where it was cut off: {cut}", file=sys.stderr)
+
+
+def info(log: LogFile, dbc: Dbc = None, json: JsonFile = "") -> None:
+    """What a log holds: how long, which frames how often, errors, gaps in time, whether its end is missing.
+
+    Example: terrapin log info out/slope/telemetry.log
+    """
+    from host_tools.logs.info import Summary, describe
+    from host_tools.logs.reading import LogReader
+    from host_tools.workbench.commandline import deliver
+
+    reader, decoder = LogReader(log), _decoder(log, dbc)
+    summary = Summary(decoder)
+    with _progress("reading", reader.size) as told:
+        for block in reader.blocks(told):
+            summary.take(block)
+    answer = {"log": str(reader.path), "bytes": reader.size, "cut": reader.cut, **summary.answer()}
+    deliver(answer, describe(answer), json)
+
+
+def convert(
+    log: LogFile,
+    to: Annotated[Path, typer.Argument(metavar="TO", help="the kind is that of its suffix; also .csv (signals)")],
+    dbc: Dbc = None,
+    period: Annotated[
+        str, typer.Option("--period", help="signals on this grid instead of frames (.csv, .parquet)")
+    ] = "",
+    force: Annotated[bool, typer.Option("--force", help="replace TO if it exists")] = False,
+) -> None:
+    """Convert a log to another kind. Frames stay frames; to MCAP with a DBC, signals are added for plotting.
+
+    Example: terrapin log convert out/slope/telemetry.log slope.mcap
+    """
+    from host_tools.logs.reading import READABLE, LogReader
+    from host_tools.logs.writing import LogWriter
+
+    kinds = (*READABLE, ".csv")
+    if to.suffix.lower() not in kinds:
+        raise UserError(f"{to}: unknown kind of log {to.suffix!r}, expected one of {' '.join(kinds)}")
+    if to.exists() and not force:
+        raise UserError(f"{to}: exists already; --force replaces it")
+    reader, decoder = LogReader(log), _decoder(log, dbc)
+    if to.exists() and to.samefile(reader.path):
+        raise UserError(f"{to}: is the log itself, expected another file")
+    temporary = to.with_name(f".{to.stem}.part{to.suffix}")
+    count = 0
+    try:
+        if period or to.suffix.lower() == ".csv":
+            count = _signals(reader.path, decoder, period or "10 ms", temporary)
+        else:
+            with LogWriter(temporary, decoder) as writer, _progress("converting", reader.size) as told:
+                for block in reader.blocks(told):
+                    writer.write(block)
+                    count += len(block)
+        temporary.replace(to)
+    except OSError as error:
+        raise UserError(f"{to}: cannot write the log: {error.strerror or error}", status=1) from None
+    finally:
+        temporary.unlink(missing_ok=True)
+    _warn(reader.path, reader.cut)
+    print(f"{count} {'rows' if period or to.suffix.lower() == '.csv' else 'frames'} in {to}")
+
+
+def _signals(path: Path, decoder: Decoder | None, period: str, to: Path) -> int:
+    """All signals on a grid, last value held, as CSV or Parquet; the number of rows."""
+    import pyarrow
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    from host_tools.workbench import units
+    from host_tools.workbench.tables import log_frames, resample
+
+    if decoder is None:
+        raise UserError("signals need a DBC: --dbc FILE")
+    if to.suffix.lower() not in (".csv", ".parquet"):
+        raise UserError(f"--period: signals go to .csv or .parquet, found {to.suffix!r}")
+    try:
+        number, _, unit = period.strip().partition(" ")
+        grid = units.convert(float(number), unit or "s", "s")
+    except ValueError as error:
+        raise UserError(f"--period: {error}, expected a time such as '10 ms'") from None
+    if not grid > 0:
+        raise UserError(f"--period: found {period!r}, expected more than 0")
+    table = resample(path, log_frames(path, decoder.path), float(grid))
+    arrow = pyarrow.table(table.columns)
+    if to.suffix.lower() == ".csv":
+        pyarrow.csv.write_csv(arrow, to, pyarrow.csv.WriteOptions(quoting_style="none"))
+    else:
+        pyarrow.parquet.write_table(arrow, to)
+    return table.rows
+
+
+def record(
+    to: Annotated[Path, typer.Argument(metavar="TO", help=".log, .blf or .mcap: kinds that survive a crash")],
+    link: Annotated[
+        str, typer.Option("--link", help="socketcan:CHANNEL, serial:DEVICE (SLCAN), can:INTERFACE:CHANNEL")
+    ],
+    duration: Annotated[float, typer.Option("--duration", help="seconds; 0: until Ctrl-C")] = 0.0,
+    dbc: Dbc = None,
+    bitrate: Annotated[int, typer.Option("--bitrate", help="bit/s")] = 500_000,
+) -> None:
+    """Record a bus. It only listens. What came is in the file at least twice a second, so a crash costs little.
+
+    Example: terrapin log record drive.blf --link socketcan:can0
+    """
+    from host_tools.logs.bus import open_bus, receive
+    from host_tools.logs.writing import GROWING, LogWriter
+
+    if to.suffix.lower() not in GROWING:
+        kinds = " ".join(GROWING)
+        raise UserError(f"{to}: found {to.suffix!r}, expected one of {kinds}; `terrapin log convert` makes the others")
+    if not 0.0 <= duration < 1e9:
+        raise UserError(f"--duration: found {duration:g} s, expected 0 or more")
+    if to.exists():
+        raise UserError(f"{to}: exists already, expected a new file")
+    bus = open_bus(link, bitrate)
+    frames = 0
+    begin = time.monotonic()
+    shown = sys.stderr.isatty()
+    try:
+        with LogWriter(to, _decoder(to, dbc), growing=True) as writer:
+            try:
+                while not duration or time.monotonic() - begin < duration:
+                    block = receive(bus, FLUSH if not duration else min(FLUSH, duration))
+                    writer.write(block)
+                    writer.flush()
+                    frames += len(block)
+                    if shown:
+                        rate = len(block) / FLUSH
+                        print(f"\r{frames} frames, {rate:.0f}/s, Ctrl-C ends ", end="", file=sys.stderr, flush=True)
+            except KeyboardInterrupt:
+                pass
+    finally:
+        bus.shutdown()
+        if shown:
+            print(file=sys.stderr)
+    print(f"{frames} frames in {to}")
+
+
+def replay(
+    log: LogFile,
+    link: Annotated[str, typer.Option("--link", help="pty (this build's controller) or serial:DEVICE")] = "pty",
+    real_time: Annotated[
+        bool, typer.Option("--real-time", help="at the log's pace instead of as fast as it goes")
+    ] = False,
+    parameters: Annotated[
+        Path | None, typer.Option("--parameters", help="TOML; default: run.toml beside the log")
+    ] = None,
+    json: JsonFile = "",
+) -> None:
+    """Send a recorded run to the firmware again and compare its answers with the recorded ones.
+
+    Exit status 0 when all are the same, 1 when some differ.
+
+    Example: terrapin log replay out/slope
+    """
+    from hil.firmware import ParameterError
+    from hil.links.slcan import LinkError
+    from hil.links.wire import SlcanLink
+    from hil.messages import interface
+    from hil.reading import ReadingError
+    from host_tools.commands.run import read_parameters
+    from host_tools.logs.reading import LogReader, read_log
+    from host_tools.logs.replay import replay as again
+    from host_tools.workbench.commandline import deliver
+
+    description = interface()
+    path = LogReader(log).path
+    beside = path.parent / "run.toml"
+    source = parameters or (beside if beside.is_file() else None)
+    try:
+        values = read_parameters(source, description) if source else {}
+    except ReadingError as error:
+        raise UserError(str(error)) from None
+    frames, cut = read_log(path)
+    _warn(path, cut)
+    kind, _, where = link.partition(":")
+    if (kind, bool(where)) not in (("pty", False), ("serial", True)):
+        raise UserError(f"--link: found {link!r}, expected pty or serial:DEVICE")
+    try:
+        with SlcanLink.of_process() if kind == "pty" else SlcanLink.of_device(where) as opened:
+            found = again(frames, opened, values, description, real_time)
+    except (LinkError, ParameterError) as error:
+        raise UserError(str(error), status=1) from None
+    answer: dict[str, Any] = {
+        "log": str(path),
+        "ticks": found.ticks,
+        "frames": found.frames,
+        "different_ticks": found.different,
+        "first": [vars(d) for d in found.differences],
+        "seconds": found.seconds,
+    }
+    text = [f"{found.ticks} ticks, {found.frames} answers compared in {found.seconds:.2f} s"]
+    if found.different:
+        text.append(f"{found.different} ticks differ; the first:")
+        for d in found.differences:
+            said = f"{d.signal}: recorded {d.recorded:g}, now {d.now:g}" if d.signal else "another frame, or none"
+            text.append(f"  {d.time:.3f} s  {d.message} {said}")
+    else:
+        text.append("every answer is the recorded one")
+    deliver(answer, "\n".join(text), json)
+    if found.different:
+        raise typer.Exit(1)
+
+
+def register(app: typer.Typer) -> None:
+    group = typer.Typer(help="Record, convert, look into and replay logs of a CAN bus.", no_args_is_help=True)
+    group.callback()(lambda: None)
+    for command in (info, convert, record, replay):
+        group.command(command.__name__)(command)
+    app.add_typer(group, name="log")

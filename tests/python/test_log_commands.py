@@ -1,0 +1,153 @@
+"""`terrapin log`, as a user types it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import can
+import numpy as np
+import pyarrow.parquet
+import pytest
+
+from hil import paths
+from host_tools.errors import UserError
+from host_tools.logs.reading import read_log
+from host_tools.logs.writing import LogWriter
+
+TERRAPIN = str(Path(sys.executable).parent / "terrapin")
+
+
+def terrapin(*arguments: object, status: int = 0) -> subprocess.CompletedProcess[str]:
+    command = [TERRAPIN, *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == status, done.stderr
+    assert "Traceback" not in done.stderr
+    return done
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    scenario = folder / "short.toml"
+    text = (paths.ROOT / "hil" / "scenarios" / "steady_sand.toml").read_text()
+    lines = [line for line in text.splitlines() if not line.startswith(("checks", "duration", "  \"", "]"))]
+    scenario.write_text("\n".join(['duration = "2 s"', *lines]))
+    terrapin("run", scenario, "--out", folder / "out")
+    return folder / "out"
+
+
+def test_info(run: Path) -> None:
+    answer = json.loads(terrapin("log", "info", run, "--json", "-").stdout)
+    assert answer["cut"] == ""
+    assert (answer["begin"], answer["end"]) == (0.0, 1.999)
+    counts = {m["name"]: m["frames"] for m in answer["messages"]}
+    assert counts["ACTUATE"] == counts["SENSORS_FAST"] == 2000
+    assert all(m["gap"] is None for m in answer["messages"])
+
+
+def test_info_of_gap_cut_and_steps_back(tmp_path: Path) -> None:
+    """What is wrong with a log is said: a silence, a clock that jumps, an end without its line feed."""
+    times = [*np.arange(100) * 0.01, *(5.0 + np.arange(100) * 0.01), 5.5]
+    rows = "".join(f"({t:.6f}) can0 123#00\n" for t in times)
+    (tmp_path / "x.log").write_text(rows + "(6.0) can0 12")
+    answer = json.loads(terrapin("log", "info", tmp_path / "x.log", "--json", "-").stdout)
+    assert answer["messages"][0]["gap"] == pytest.approx({"begin": 0.99, "seconds": 4.01})
+    assert answer["steps_back"] == 1
+    assert answer["cut"]
+
+
+@pytest.mark.parametrize("kind", ["blf", "asc", "mf4", "mcap", "parquet"])
+def test_convert_and_replay(run: Path, tmp_path: Path, kind: str) -> None:
+    """There and back the firmware gives the same answers."""
+    terrapin("log", "convert", run, tmp_path / f"x.{kind}")
+    terrapin("log", "convert", tmp_path / f"x.{kind}", tmp_path / "back.log")
+    assert (tmp_path / "back.log").read_text() == (run / "telemetry.log").read_text()
+
+
+def test_convert_to_signals(run: Path, tmp_path: Path) -> None:
+    terrapin("log", "convert", run, tmp_path / "x.parquet", "--period", "20 ms")
+    table = pyarrow.parquet.read_table(tmp_path / "x.parquet")
+    np.testing.assert_allclose(table["time"].to_numpy(), np.arange(100) * 0.02)
+    assert "GROUND.torque" in table.column_names
+
+
+def test_convert_refuses(run: Path, tmp_path: Path) -> None:
+    there = tmp_path / "x.log"
+    there.write_text("keep")
+    assert "exists already" in terrapin("log", "convert", run, there, status=2).stderr
+    assert there.read_text() == "keep"
+    assert "unknown kind of log '.txt'" in terrapin("log", "convert", run, tmp_path / "x.txt", status=2).stderr
+    assert "expected a time" in terrapin("log", "convert", run, tmp_path / "x.csv", "--period", "soon", status=2).stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["x.log"]
+
+
+def test_replay(run: Path, tmp_path: Path) -> None:
+    """The same answers; with one parameter changed, others, told with message, signal and time."""
+    assert "every answer is the recorded one" in terrapin("log", "replay", run).stdout
+    text = (run / "run.toml").read_text()
+    (tmp_path / "p.toml").write_text(text.replace('torque_constant = "0.1 N m/A"', 'torque_constant = "0.11 N m/A"'))
+    done = terrapin("log", "replay", run, "--parameters", tmp_path / "p.toml", "--json", "-", status=1)
+    answer = json.loads(done.stdout)
+    assert 0 < answer["different_ticks"] < answer["ticks"]
+    assert answer["first"][0]["message"] in ("GROUND", "STATUS", "ELECTRICAL", "ACTUATE")
+    assert answer["first"][0]["recorded"] != answer["first"][0]["now"]
+
+
+def test_replay_needs_ticks(tmp_path: Path) -> None:
+    (tmp_path / "x.log").write_text("(0.0) can0 123#00\n")
+    assert "no SENSORS_FAST" in terrapin("log", "replay", tmp_path / "x.log", status=2).stderr
+
+
+@pytest.mark.parametrize("kind", ["log", "blf", "mcap"])
+def test_record_survives_kill(tmp_path: Path, kind: str) -> None:
+    """A recorder killed in the act leaves all but the last half second; nothing is lost until then."""
+    port = 20_000 + os.getpid() % 20_000
+    link = f"can:udp_multicast:239.74.163.{port % 250 + 2}"
+    path = tmp_path / f"x.{kind}"
+    command = [TERRAPIN, "log", "record", str(path), "--link", link]
+    with (
+        can.Bus(interface="udp_multicast", channel=link.rpartition(":")[2]) as bus,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process,
+    ):
+        end = time.monotonic() + 30
+        sent = 0
+        while time.monotonic() < end:
+            bus.send(can.Message(arbitration_id=0x123, data=sent.to_bytes(4, "big"), is_extended_id=False))
+            sent += 1
+            time.sleep(0.002)
+            if sent % 100 == 0 and path.is_file() and path.stat().st_size > 3000:
+                break
+        process.send_signal(signal.SIGKILL)
+    frames, _ = read_log(path)
+    numbers = [int.from_bytes(frames.payload(i), "big") for i in range(len(frames))]
+    assert len(numbers) > 20
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+
+
+def test_record_refuses(tmp_path: Path) -> None:
+    done = terrapin("log", "record", tmp_path / "x.mf4", "--link", "can:virtual:x", status=2)
+    assert "expected one of .log .blf .mcap" in done.stderr
+    done = terrapin("log", "record", tmp_path / "x.log", "--link", "nonsense", status=2)
+    assert "expected one of socketcan:CHANNEL" in done.stderr
+    done = terrapin("log", "record", tmp_path / "x.log", "--link", "socketcan:can9", status=1)
+    assert "cannot open the bus" in done.stderr
+    assert not (tmp_path / "x.log").exists()
+
+
+def test_record_for_a_time(tmp_path: Path) -> None:
+    terrapin("log", "record", tmp_path / "x.mcap", "--link", "can:virtual:terrapin", "--duration", 0.3)
+    frames, cut = read_log(tmp_path / "x.mcap")
+    assert (len(frames), cut) == (0, "")
+
+
+def test_full_disk(run: Path, tmp_path: Path) -> None:
+    """A log that cannot be written is one clear error."""
+    (tmp_path / "x.log").symlink_to("/dev/full")
+    with pytest.raises(UserError, match="No space left"), LogWriter(tmp_path / "x.log") as writer:
+        writer.write(read_log(run)[0])
