@@ -14,7 +14,7 @@ enum { OUTPUTS = 3, ITERATIONS = 80 };
 static void roll(int stress, const hil_contact_point *point, double entry, int derivatives,
                  hil_contact_forces *forces) {
     static const hil_disc_change by[3] = {{0.0, 1.0, 0.0, 0.0}, {0.0, 0.0, -1.0, 0.0}, {1.0, 0.0, 0.0, 0.0}};
-    const hil_disc disc = hil_disc_of(point, point->radius, entry, 1.0 - point->slip);
+    const hil_disc disc = hil_disc_of(point, point->radius, entry, sin(entry), cos(entry), 1.0 - point->slip);
     const hil_disc_soil soil = hil_disc_soil_of(point);
     hil_disc_forces found;
     (stress == HIL_LINEAR ? hil_disc_linear : hil_disc_full)(&disc, &soil, derivatives, &found);

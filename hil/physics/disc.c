@@ -201,7 +201,7 @@ HIL_WIDE static void add_zone(const hil_disc *d, const hil_disc_soil *soil, cons
 /* Both zones for q in [start, end]. */
 HIL_WIDE static void add_panel(const hil_disc *d, const hil_disc_soil *soil, double start, double end, int derivatives,
                                sums *total) {
-    const double sine_1 = sin(d->entry), cosine_1 = cos(d->entry);
+    const double sine_1 = d->sine, cosine_1 = d->cosine;
     const double ahead = d->entry - d->peak, behind = d->peak - d->exit, whole = d->entry - d->exit;
     press p;
     zone front, rear;
@@ -232,7 +232,7 @@ static double q_of(const hil_disc *d, double theta) {
 /* Where j changes sign below theta_1: none, one or (with theta_2 < 0) two angles. Started from the solution for small
  * angles; a root that is missed or coarse costs accuracy in proportion, never correctness. */
 static int reversals(const hil_disc *d, double *q) {
-    if (d->rolled <= 1.0 || d->rolled * cos(d->entry) >= 1.0) {
+    if (d->rolled <= 1.0 || d->rolled * d->cosine >= 1.0) {
         return 0; /* j > 0 or j < 0 all along */
     }
     const double square = 6.0 * (1.0 - 1.0 / d->rolled) - 0.75 * d->entry * d->entry;
@@ -354,12 +354,12 @@ void hil_disc_linear(const hil_disc *disc, const hil_disc_soil *soil, int deriva
     double sigma_by[HIL_DISC_COLUMNS] = {0.0}, travel_by[HIL_DISC_COLUMNS] = {0.0}, tau_by[HIL_DISC_COLUMNS] = {0.0};
     const double per_drop = drop > 0.0 ? soil->exponent * sigma / drop : 0.0;
     sigma_by[HIL_DISC_BY_RADIUS] = soil->exponent * sigma / r;
-    sigma_by[HIL_DISC_BY_ENTRY] = per_drop * sin(disc->entry);
+    sigma_by[HIL_DISC_BY_ENTRY] = per_drop * disc->sine;
     sigma_by[HIL_DISC_BY_PEAK] = -per_drop * sin(disc->peak);
     sigma_by[HIL_DISC_BY_STIFFNESS] = sigma / soil->stiffness;
     sigma_by[HIL_DISC_BY_EXPONENT] = depth > 0.0 ? sigma * log(depth) : 0.0;
     travel_by[HIL_DISC_BY_RADIUS] = travel / r;
-    travel_by[HIL_DISC_BY_ENTRY] = r * (1.0 - disc->rolled * cos(disc->entry));
+    travel_by[HIL_DISC_BY_ENTRY] = r * (1.0 - disc->rolled * disc->cosine);
     travel_by[HIL_DISC_BY_PEAK] = r * (disc->rolled * cos(disc->peak) - 1.0);
     travel_by[HIL_DISC_BY_ROLLED] = -r * 2.0 * cos(middle) * sin(half);
     tau_by[HIL_DISC_BY_COHESION] = mobilised;

@@ -20,6 +20,8 @@ typedef struct {
     double peak;   /* theta_m */
     double exit;   /* theta_2 >= -theta_1 */
     double rolled; /* 1 - slip of this disc */
+    double sine;   /* of theta_1 */
+    double cosine;
 } hil_disc;
 
 typedef struct {
@@ -32,7 +34,7 @@ typedef struct {
 
 enum { HIL_VERTICAL = 0, HIL_TRACTION = 1, HIL_TORQUE = 2 };
 
-/* Columns of the derivatives: the fields above in their order. */
+/* Columns of the derivatives: the fields above in their order, without sine and cosine. */
 enum {
     HIL_DISC_BY_RADIUS,
     HIL_DISC_BY_ENTRY,

@@ -3,11 +3,11 @@
 #include <math.h>
 #include <string.h>
 
-enum { OUTPUTS = 3, WHOLE = 12, PART = 10, BREAKS = 6 };
+enum { OUTPUTS = 3, WHOLE = 12, PART = 8, BREAKS = 6 };
 
 #define QUARTER 1.5707963267948966
 
-/* Gauss-Legendre on [0, 1], n = 12 and n = 10. */
+/* Gauss-Legendre on [0, 1], n = 12 and n = 8. */
 static const double whole_share[WHOLE] = {0.009219682876640375, 0.047941371814762572, 0.115048662902847656,
                                           0.206341022856691276, 0.316084250500909903, 0.437383295744265542,
                                           0.562616704255734458, 0.683915749499090097, 0.793658977143308724,
@@ -16,12 +16,12 @@ static const double whole_weight[WHOLE] = {0.023587668193255914, 0.0534696629976
                                            0.101583713361532961, 0.116746268269177404, 0.124573522906701393,
                                            0.124573522906701393, 0.116746268269177404, 0.101583713361532961,
                                            0.080039164271673113, 0.053469662997659215, 0.023587668193255914};
-static const double part_share[PART] = {
-    0.013046735741414140, 0.067468316655507745, 0.160295215850487797, 0.283302302935376405, 0.425562830509184395,
-    0.574437169490815605, 0.716697697064623595, 0.839704784149512203, 0.932531683344492255, 0.986953264258585860};
-static const double part_weight[PART] = {
-    0.033335672154344069, 0.074725674575290297, 0.109543181257991022, 0.134633359654998178, 0.147762112357376435,
-    0.147762112357376435, 0.134633359654998178, 0.109543181257991022, 0.074725674575290297, 0.033335672154344069};
+static const double part_share[PART] = {0.019855071751231884, 0.101666761293186636, 0.237233795041835505,
+                                        0.408282678752175110, 0.591717321247824946, 0.762766204958164495,
+                                        0.898333238706813364, 0.980144928248768088};
+static const double part_weight[PART] = {0.050614268145188129, 0.111190517226687241, 0.156853322938943635,
+                                         0.181341891689180995, 0.181341891689180995, 0.156853322938943635,
+                                         0.111190517226687241, 0.050614268145188129};
 
 static double peak_share(const hil_contact_point *point, double rolled) {
     return point->peak_share + point->peak_slip * (1.0 - rolled);
@@ -31,9 +31,10 @@ static int free_share(double share) {
     return share > 0.0 && share < 1.0;
 }
 
-hil_disc hil_disc_of(const hil_contact_point *point, double radius, double entry, double rolled) {
+hil_disc hil_disc_of(const hil_contact_point *point, double radius, double entry, double sine, double cosine,
+                     double rolled) {
     const double share = fmin(fmax(peak_share(point, rolled), 0.0), 1.0);
-    const hil_disc disc = {radius, entry, share * entry, -point->recovery * entry, rolled};
+    const hil_disc disc = {radius, entry, share * entry, -point->recovery * entry, rolled, sine, cosine};
     return disc;
 }
 
@@ -170,7 +171,8 @@ static void add_disc(const ball *b, int stress, const hil_disc_soil *soil, doubl
     const double radius = p->radius * sqrt(b->cosine * b->cosine + b->sine * b->sine * cosine * cosine);
     const double ratio = p->radius / radius;
     const double rolled = ratio * (1.0 - p->slip);
-    const hil_disc disc = hil_disc_of(p, radius, atan2(b->sine * cosine, b->cosine), rolled);
+    const double entry = atan2(b->sine * cosine, b->cosine);
+    const hil_disc disc = hil_disc_of(p, radius, entry, ratio * b->sine * cosine, ratio * b->cosine, rolled);
     const double weight = 2.0 * p->radius * b->sine * cosine * du; /* both halves of the sphere */
     const double shrinks = -p->radius * ratio * b->sine * b->cosine * sine * sine;
     const hil_disc_change by[3] = {
@@ -190,17 +192,15 @@ void hil_stack_evaluate(int stress, const hil_contact_point *point, double entry
     double breaks[BREAKS];
     const int count = find_breaks(&b, stress, breaks);
     memset(forces, 0, derivatives ? sizeof *forces : sizeof forces->value);
-    if (count == 0) {
-        for (int i = 0; i < WHOLE; i++) {
-            add_disc(&b, stress, &soil, QUARTER * whole_share[i], QUARTER * whole_weight[i], derivatives, forces);
-        }
-        return;
-    }
+    const int few = count > 0 && stress == HIL_FULL && 1.0 - point->slip > b.cosine; /* kinks, costly discs */
+    const int nodes = few ? PART : WHOLE;
+    const double *share = few ? part_share : whole_share;
+    const double *weight = few ? part_weight : whole_weight;
     double start = 0.0;
     for (int part = 0; part <= count; part++) {
         const double length = (part < count ? breaks[part] : QUARTER) - start;
-        for (int i = 0; i < PART && length > 0.0; i++) {
-            add_disc(&b, stress, &soil, start + length * part_share[i], length * part_weight[i], derivatives, forces);
+        for (int i = 0; i < nodes; i++) {
+            add_disc(&b, stress, &soil, start + length * share[i], length * weight[i], derivatives, forces);
         }
         start += length;
     }

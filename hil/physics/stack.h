@@ -24,8 +24,9 @@ enum {
 typedef void (*hil_disc_function)(const hil_disc *disc, const hil_disc_soil *soil, int derivatives,
                                   hil_disc_forces *forces);
 
-/* A disc of radius r with entry angle theta_1 and rolled = 1 - slip, and how its own columns follow the point's. */
-hil_disc hil_disc_of(const hil_contact_point *point, double radius, double entry, double rolled);
+/* A disc of radius r with entry angle theta_1 (sine and cosine as well) and rolled = 1 - slip. */
+hil_disc hil_disc_of(const hil_contact_point *point, double radius, double entry, double sine, double cosine,
+                     double rolled);
 
 hil_disc_soil hil_disc_soil_of(const hil_contact_point *point);
 
