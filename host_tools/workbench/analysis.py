@@ -144,7 +144,8 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
         prediction, residual, slopes = _unscaled(fits[-1], sigma, rows)
         _require_numbers(case, model, prediction, rows, "after the fit")
         directions = catalogue_directions(model, fits[-1].theta, rows)
-        roles = {name: v[rows] for name, v in case.roles.items()}
+        # a dynamic model's motion depends on what went before: equal inputs are no repeated settings
+        roles = {} if case.base.dynamic is not None else {name: v[rows] for name, v in case.roles.items()}
         noise = estimate_noise(residual, slopes, case.run[rows], given, roles, _pools(model, directions, shapes, rows))
         sigma = noise.sigma
     if not all(g is not None for g in given):

@@ -8,7 +8,8 @@ coefficient is the effect's size in noise standard deviations, comparable betwee
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from itertools import product
 from math import pi
 
@@ -19,7 +20,7 @@ from hil.physics.effects import Effect, Parameter
 from host_tools.workbench.directions import GRID_LIMIT
 from host_tools.workbench.models import Model
 
-__all__ = ["Shape", "is_phase", "loudness", "response", "shapes_of"]
+__all__ = ["Shape", "acting", "is_phase", "loudness", "response", "shapes_of"]
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -62,6 +63,28 @@ def response(model: Model, theta: Array, target: str, rows: Mask, sigma: Array) 
     bound = model.having(unit).bind(model.case.inputs, rows)
     slopes = bound.jacobian(np.append(theta, 0.0))[1]
     return np.asarray(slopes[..., -1] / sigma[:, None])
+
+
+def acting(model: Model, theta: Array, target: str, rows: Mask, sigma: Array) -> Callable[[Array], Array]:
+    """What a small addition to `target` that is `feature` (rows,) changes (channels, rows), in noise sd.
+
+    A dynamic model remembers what acted before: there each feature takes a simulation.
+    """
+    if model.case.base.dynamic is None or target in model.channels:
+        unit_change = response(model, theta, target, rows, sigma)
+        return lambda feature: unit_change * feature
+    base = model.bind(model.case.inputs, rows).predict(theta)
+    unit = Effect("probe", "", "", "", (model.case.base.name,), (Parameter("probe_", "1", 0.0),), (), "probe_*shape_")
+    larger = model.having(replace(unit, target=target))
+
+    def act(feature: Array) -> Array:
+        whole = np.zeros(model.case.rows)
+        whole[rows] = feature
+        step = 1e-4 / max(float(np.abs(feature).max()), 1e-300)
+        bound = larger.bind({**model.case.inputs, "shape_": whole}, rows)
+        return np.asarray((bound.predict(np.append(theta, step)) - base) / step / sigma[:, None])
+
+    return act
 
 
 def shapes_of(model: Model, theta: Array, effect: Effect, rows: Mask, sigma: Array) -> list[Shape]:
