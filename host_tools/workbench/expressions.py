@@ -1,9 +1,9 @@
-"""Short expressions for an effect that no catalogue has: one shape in one column, times at most one further column.
+"""Short expressions for an effect that no catalogue has: one shape in one column, times a factor beside it.
 
-Every expression is `k * (shape of a column) * (modulator)` on one target. k carries whatever unit makes it sound, so no
-expression mixes units, and shapes that need a scale (exp, tanh) get a parameter with the column's unit. The library is
-listed in full and judged by its evidence; longer expressions start with a smaller prior probability, so the answer is
-as short as the measurements allow.
+Every expression is `k * shape * factor` on one target (terms.py has the vocabulary). k carries whatever unit makes it
+sound, so no expression mixes units, and shapes that need a scale (exp, tanh, a threshold) get a parameter with the
+column's unit. The library is listed in full and judged by its evidence; longer expressions start with a smaller prior
+probability, so the answer is as short as the measurements allow. Sums of expressions are made in unknown.py.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ import numpy.typing as npt
 from hil.physics.effects import Effect, Parameter
 from hil.physics.expression import Expression, parse
 from host_tools.workbench.bases import ROLES, formula_name
-from host_tools.workbench.candidates import response
+from host_tools.workbench.candidates import acting
 from host_tools.workbench.case import Case
 from host_tools.workbench.models import Model
 from host_tools.workbench.noise import orthonormal
+from host_tools.workbench.terms import Term, factors, product_text, shapes, targets
 
 __all__ = ["SCALE_COST", "Library", "Sketch", "as_effect", "library"]
 
@@ -28,13 +29,13 @@ Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 COLUMNS = 24  # columns of the data that are looked at, roles first
-LIMIT = 4000  # expressions
-DUPLICATE = 0.985  # correlation, beyond what the model can take up, above which an expression is another one
-SHAPE_COST = 0.35  # prior factor of a shape other than the column itself
-PRODUCT_COST = 0.35  # prior factor of a further column
+LIMIT = 6000  # expressions
+DUPLICATE = 0.9995  # correlation, beyond what the model can take up, above which an expression is a catalogued effect
+SAME = 0.9999  # the same between two expressions
+BLOCK = 256  # expressions that are compared at once
 UNMAPPED_COST = 0.5  # prior factor of a column that the case does not map
+CONSTANT_COST = 1.0  # prior factor of an expression that depends on no column but the direction
 SCALE_COST = 1.5  # log evidence taken off a refit for each scale that it could choose
-TARGET_COST = {"resistance": 1.0, "channel": 0.7, "drag": 0.5, "parameter": 0.25}
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ class Sketch:
     scales: Mapping[str, float]
     units: Mapping[str, str]
     limits: tuple[float, float]  # of the scales
+    grid: tuple[float, ...]  # further starts of a scale
     prior: float
 
 
@@ -57,92 +59,6 @@ class Library:
     sketches: tuple[Sketch, ...]
     columns: Array
     scales: Array  # k = coefficient * scale
-
-
-def _shapes(name: str, values: Array, unit: str) -> list[tuple[str, dict[str, float], float]]:
-    """(text, start values of scales, prior factor) of shapes in a column."""
-    low, high = float(values.min()), float(values.max())
-    span = high - low
-    one_sign = low >= 0.0 or high <= 0.0
-    found: list[tuple[str, dict[str, float], float]] = [(name, {}, 1.0)]
-    if unit == "rad" and span > 1.0:
-        found += [(f"sin({name})", {}, SHAPE_COST), (f"cos({name})", {}, SHAPE_COST)]
-    found.append((f"{name}**2", {}, SHAPE_COST))
-    found.append((f"{name}**3", {}, SHAPE_COST**1.5))
-    found.append((f"abs({name})**1.5", {}, SHAPE_COST**2))
-    size = f"abs({name})" if not one_sign else name
-    floor, top = (0.0, max(-low, high)) if not one_sign else (low, high)
-    for share in (0.45, 0.7):  # nothing below a threshold
-        found.append((f"max({size} - w, 0)", {"w": floor + share * (top - floor)}, SHAPE_COST**3))
-    if not one_sign:
-        found.append((f"abs({name})", {}, SHAPE_COST))
-        found.append((f"{name}*abs({name})", {}, SHAPE_COST))
-        found.append((f"sign({name})", {}, SHAPE_COST))
-        found.append((f"abs({name})**3", {}, SHAPE_COST**2))
-        found.append((f"sqrt(abs({name}))", {}, SHAPE_COST**1.5))
-        found.append((f"sign({name})*sqrt(abs({name}))", {}, SHAPE_COST**1.5))
-        for share in (0.1, 0.3):
-            found.append((f"tanh({name}/w)", {"w": share * max(-low, high)}, 0.5 * SHAPE_COST**1.5))
-    else:
-        found.append((f"sqrt(abs({name}))", {}, SHAPE_COST))
-    if low > 0.0:
-        found.append((f"log({name})", {}, SHAPE_COST))
-        if low > 0.02 * high:
-            found.append((f"1/{name}", {}, SHAPE_COST))
-    if low >= 0.0 and span > 0.0:
-        for share in (0.06, 0.15, 0.4, 1.0):
-            found.append((f"exp(-{name}/tau)", {"tau": share * high}, 0.25 * SHAPE_COST))
-    else:
-        for share in (0.15, 0.5):
-            found.append((f"exp(-abs({name})/tau)", {"tau": share * max(-low, high)}, 0.5 * SHAPE_COST**1.5))
-    return found
-
-
-def _limits(text: str, values: Array) -> tuple[float, float]:
-    """Between which the scale of a shape lies: a threshold inside the column's range, others up to its size."""
-    low, high = float(values.min()), float(values.max())
-    if text.startswith("max("):  # lower, a threshold is a straight line: two effects of the catalogue in disguise
-        if low < 0.0 < high:
-            low, high = 0.0, max(-low, high)
-        return low + 0.3 * (high - low), low + 0.85 * (high - low)
-    size = max(abs(low), abs(high))
-    return 0.02 * size, 1.2 * size
-
-
-def _targets(case: Case) -> list[tuple[str, float]]:
-    """Targets and their prior factors."""
-    name = case.base.name
-    found = [(c, TARGET_COST["channel"]) for c in case.base.channels if c in case.channels]
-    if name == "rolling_steady":
-        found = [("resistance", TARGET_COST["resistance"]), *found, ("torque_constant", TARGET_COST["parameter"])]
-    elif name != "equation":
-        found += [("drag", TARGET_COST["drag"])]
-        found += [(p, TARGET_COST["parameter"]) for p in ("k_s", "cohesion", "friction_angle", "shear_modulus")]
-    return found
-
-
-def _modulators(case: Case, target: str, main: str, values: Mapping[str, Array]) -> list[tuple[str, float]]:
-    """Factors that may stand beside a shape, with their prior factors."""
-    found: list[tuple[str, float]] = [("", 1.0)]
-    if case.base.name == "rolling_steady":
-        omega = values.get("omega")
-        reverses = omega is not None and omega.min() < 0.0 < omega.max()
-        resists = target == "resistance"
-        if reverses and target != "torque_constant":
-            found.append(("sign(omega)", 1.0 if resists else PRODUCT_COST))
-        if resists and "load" in values:
-            found.append(("load*sign(omega)" if reverses else "load", PRODUCT_COST))
-        if resists:
-            found.append(("omega", PRODUCT_COST))
-        return [f for f in found if f[0] != main]
-    for name in values:
-        role = name if case.base.name == "equation" else {"pass_": "pass"}.get(name, name)
-        if name == main or role not in case.roles or role == "time":
-            continue
-        found.append((name, PRODUCT_COST))
-        if case.base.name == "equation" and values[name].min() < 0.0 < values[name].max():
-            found.append((f"sign({name})", PRODUCT_COST))
-    return found
 
 
 def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, base: Array) -> Library:
@@ -160,32 +76,41 @@ def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, 
     catalogue = known - basis @ (basis.T @ known)
     norms = np.sqrt((catalogue * catalogue).sum(axis=0))
     catalogue = catalogue[:, norms > 0] / norms[norms > 0]
+    terms = {name: shapes(name, v, case.units.get(name) or _role_unit(name)) for name, v in values.items()}
+    features = {(name, i): _feature(t, values) for name, ts in terms.items() for i, t in enumerate(ts)}
+    terms[""] = [Term("", {}, (-np.inf, np.inf), CONSTANT_COST)]
+    features["", 0] = np.ones(int(rows.sum()))
     sketches: list[Sketch] = []
     columns: list[Array] = []
     scales: list[float] = []
-    for target, target_prior in _targets(case):
+    for target, target_prior in targets(case):
         if (target in case.base.parameters and not case.parameters.get(target, 1.0)) or len(sketches) > LIMIT:
             continue
-        unit_change = response(model, theta, target, rows, sigma)
-        for name in usable:
-            unit = case.units.get(name) or ROLES.get({"pass_": "pass"}.get(name, name), "1")
-            for text, start, shape_prior in _shapes(name, values[name], unit):
-                feature = parse(text).evaluate({**values, **start})
-                for factor, factor_prior in _modulators(case, target, name, values):
-                    whole = feature * parse(factor).evaluate(values) if factor else feature
-                    change = unit_change * whole
+        act = acting(model, theta, target, rows, sigma)
+        for name, listed in terms.items():
+            beside = [
+                (f, p, step, parse(f).evaluate(values) if f else 1.0)
+                for f, p, step in factors(case, target, name, values)
+            ]
+            own_prior = 1.0 if name in roles or not name else UNMAPPED_COST
+            for i, term in enumerate(listed):
+                for factor, factor_prior, beside_step, numbers in beside:
+                    if not (term.plain or beside_step):
+                        continue
+                    change = act(features[name, i] * numbers)
                     size = float(np.sqrt((change * change).mean(axis=1).max()))
                     if not np.isfinite(size) or size == 0.0:
                         continue
                     sketches.append(
                         Sketch(
-                            "*".join(["k", _bracketed(text), *([factor] if factor else [])]),
+                            product_text("k", term.text, factor),
                             target,
                             {"pass_": "pass"}.get(name, name),
-                            start,
-                            dict.fromkeys(start, unit),
-                            _limits(text, values[name]),
-                            target_prior * shape_prior * factor_prior * (1.0 if name in roles else UNMAPPED_COST),
+                            term.scales,
+                            dict.fromkeys(term.scales, case.units.get(name) or _role_unit(name)),
+                            term.limits,
+                            term.grid,
+                            target_prior * term.prior * factor_prior * own_prior,
                         )
                     )
                     columns.append((change / size).reshape(-1))
@@ -200,8 +125,12 @@ def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, 
     return Library(final, stacked[:, keep], np.array(scales)[keep])
 
 
-def _bracketed(text: str) -> str:
-    return text if not text.startswith("1/") else f"({text})"
+def _role_unit(name: str) -> str:
+    return ROLES.get({"pass_": "pass"}.get(name, name), "1")
+
+
+def _feature(term: Term, values: Mapping[str, Array]) -> Array:
+    return parse(term.text).evaluate({**values, **term.scales})
 
 
 def _distinct(columns: Array, basis: Array, catalogue: Array, prior: Array) -> list[int]:
@@ -213,16 +142,21 @@ def _distinct(columns: Array, basis: Array, catalogue: Array, prior: Array) -> l
     free = free / np.where(visible, after, 1.0)
     if catalogue.shape[1]:
         visible &= np.abs(catalogue.T @ free).max(axis=0) < DUPLICATE
+    order = np.argsort(-prior, kind="stable")
+    order = order[visible[order]]
     kept: list[int] = []
-    matrix = np.zeros((columns.shape[0], len(prior)))
-    for index in np.argsort(-prior, kind="stable"):
-        if not visible[index]:
-            continue
-        count = len(kept)
-        if count and np.abs(matrix[:, :count].T @ free[:, index]).max() > 0.9999:
-            continue
-        matrix[:, count] = free[:, index]
-        kept.append(int(index))
+    matrix = np.zeros((columns.shape[0], len(order)))
+    for begin in range(0, len(order), BLOCK):
+        block = order[begin : begin + BLOCK]
+        part = free[:, block]
+        new = np.abs(matrix[:, : len(kept)].T @ part).max(axis=0, initial=0.0) <= SAME
+        alike = np.abs(part.T @ part) > SAME
+        chosen: list[int] = []
+        for place in np.flatnonzero(new):
+            if not alike[place, chosen].any():
+                chosen.append(int(place))
+        matrix[:, len(kept) : len(kept) + len(chosen)] = part[:, chosen]
+        kept += [int(block[place]) for place in chosen]
     return kept
 
 
@@ -248,7 +182,7 @@ def as_effect(sketch: Sketch, case: Case, name: str) -> Effect:
 def _scale_parameter(name: str, sketch: Sketch, start: float) -> Parameter:
     """A scale or threshold stays where the data can see it: outside, every shape is a straight line."""
     low, high = sketch.limits
-    grid = tuple(v for v in (start / 2.0, start, start * 2.0) if low <= v <= high)
+    grid = tuple(v for v in (*(sketch.grid or (start / 2.0, start * 2.0)), start) if low <= v <= high)
     return Parameter(name, sketch.units[name], start, low, high, "scale of the shape", grid=grid)
 
 

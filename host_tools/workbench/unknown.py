@@ -1,15 +1,22 @@
-"""What no catalogue has: short expressions alone, and beside effects of the catalogue, as answers that compete."""
+"""What no catalogue has: short expressions alone, sums of them, and beside effects of the catalogue.
+
+They compete with all other answers. A sum takes its next term where the evidence gains more than chance would give and
+the held-out runs are predicted better; at most three terms, so that an answer stays one that a person can read.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import logsumexp
 
 from hil.physics.effects import Effect
+from host_tools.workbench.analysis import error
 from host_tools.workbench.expressions import SCALE_COST, Library, Sketch, as_effect, library
+from host_tools.workbench.fit import Fit
 from host_tools.workbench.hypothesis import Hypothesis
 
 if TYPE_CHECKING:
@@ -17,10 +24,39 @@ if TYPE_CHECKING:
 
 __all__ = ["beside_effects", "expressions"]
 
-EXPRESSIONS_REFITTED = 4
+REFITTED = 6  # expressions
+OF_ONE_COLUMN = 2  # of them at most: shapes of one column look alike, and another column must get its chance
 WITHIN = 12.0  # log evidence behind the best at which an expression is no longer worth a refit
-MIXED = 3.0  # log evidence by which an expression beside catalogued effects must beat the best answer without it
+TERMS = 3  # of a sum
+SUMMED = 2  # expressions that a second term is looked for beside
+NEXT_TERM = 0.1  # prior factor of a further term
+MIXED = 3.0  # log evidence by which a sum, or an expression beside catalogued effects, must beat all shorter answers
 MISFIT = 3.0  # standard deviations of the sum of squares above its mean, from which a set leaves more than noise
+
+
+@dataclass(frozen=True)
+class _Longer:
+    """The best sketch to add to a hypothesis: the weight of all that could be added, and the sketch."""
+
+    weight: float
+    sketch: Sketch
+    base: Hypothesis
+
+
+def _longer(ranker: _Ranker, base: Hypothesis, share: float) -> _Longer:
+    """What an expression more would do; `share` is the prior probability that there is one more."""
+    listed = ranker.listed
+    assert listed is not None
+    assert base.fit is not None
+    beyond, _ = ranker.beyond(base.fit)
+    gains = beyond.single(listed.columns) - beyond.nothing + np.log([s.prior for s in listed.sketches]) + np.log(share)
+    return _Longer(base.log_weight + float(logsumexp(gains)), listed.sketches[int(np.argmax(gains))], base)
+
+
+def _better_heldout(ranker: _Ranker, longer: Fit, shorter: Fit) -> bool:
+    test, sigma = ranker.case.test, ranker.sigma
+    after, before = error(longer, test, sigma), error(shorter, test, sigma)
+    return after is None or before is None or after < before
 
 
 def expressions(
@@ -45,10 +81,13 @@ def expressions(
     found: list[Hypothesis] = []
     effects: dict[str, Effect] = {}
     grouped: dict[str, list[float]] = {}
-    for place, index in enumerate(order):
+    tried: dict[str, int] = {}
+    for index in order:
         chosen: Sketch = listed.sketches[index]
         close = weight[index] > max(best, weight[order[0]]) - WITHIN
-        if place < EXPRESSIONS_REFITTED and close and ranker.analysis.missing:
+        room = len(effects) < REFITTED and tried.get(chosen.column, 0) < OF_ONE_COLUMN
+        if room and close and ranker.analysis.missing:
+            tried[chosen.column] = tried.get(chosen.column, 0) + 1
             name = f"expression_{len(effects) + 1}"
             effect = as_effect(chosen, case, name)
             fit = ranker.fit((name,), {name: effect})
@@ -62,9 +101,40 @@ def expressions(
             found.append(Hypothesis((name,), "expression", refitted, fit, chosen.column))
         else:
             grouped.setdefault(chosen.column, []).append(float(weight[index]))
+    found += _sums(ranker, found, effects, max([best, *(h.log_weight for h in found)]))
     for column, values in grouped.items():
         found.append(Hypothesis((), "expression", float(logsumexp(values)), None, column))
     return found, effects, column_weight
+
+
+def _add(ranker: _Ranker, longer: _Longer, kind: str, effects: dict[str, Effect]) -> Hypothesis | None:
+    """The longer answer, refitted; None when it predicts the held-out runs no better."""
+    name = f"expression_{len(effects) + 1}"
+    effect = as_effect(longer.sketch, ranker.case, name)
+    fit = ranker.fit((*longer.base.effects, name), {**effects, name: effect})
+    assert longer.base.fit is not None
+    if not _better_heldout(ranker, fit, longer.base.fit):
+        return None
+    effects[name] = effect
+    column = longer.base.column or longer.sketch.column
+    return Hypothesis((*longer.base.effects, name), kind, longer.weight, fit, column)
+
+
+def _sums(ranker: _Ranker, singles: Sequence[Hypothesis], effects: dict[str, Effect], best: float) -> list[Hypothesis]:
+    """Two or three terms, each next one found around the refitted sum so far."""
+    found: list[Hypothesis] = []
+    for single in sorted(singles, key=lambda h: -h.log_weight)[:SUMMED]:
+        present = single
+        while len(present.effects) < TERMS:
+            longer = _longer(ranker, present, NEXT_TERM)
+            if longer.weight < max([best, *(h.log_weight for h in found)]) + MIXED:
+                break
+            added = _add(ranker, longer, "expression", effects)
+            if added is None:
+                break
+            found.append(added)
+            present = added
+    return found
 
 
 def beside_effects(
@@ -82,27 +152,16 @@ def beside_effects(
     best = max(h.log_weight for h in found)
     top = max(sets, key=lambda h: h.log_weight)
     assert top.fit is not None
-    prior = np.log([s.prior for s in listed.sketches]) + np.log(share)
-
-    def beside(base: Hypothesis) -> tuple[float, int, Hypothesis]:
-        assert base.fit is not None
-        beyond, _ = ranker.beyond(base.fit)
-        gains = beyond.single(listed.columns) - beyond.nothing + prior
-        return base.log_weight + float(logsumexp(gains)), int(np.argmax(gains)), base
-
-    choices = [beside(top)] if top.log_weight > best - WITHIN else []
+    choices = [_longer(ranker, top, share)] if top.log_weight > best - WITHIN else []
     index = int(np.argmin(np.abs(ranker.evidence.rho - ranker.analysis.noise.rho)))
     beyond, _ = ranker.beyond(top.fit)
     excess = (beyond.total[index] - beyond.freedom) / np.sqrt(2.0 * beyond.freedom)
-    if any(weight > best + MIXED for weight, _, _ in choices) or (ranker.known and excess > MISFIT):
-        choices += [beside(h) for h in sets if len(h.effects) == 1]
+    if any(c.weight > best + MIXED for c in choices) or (ranker.known and excess > MISFIT):
+        choices += [_longer(ranker, h, share) for h in sets if len(h.effects) == 1]
     if not choices:
         return []
-    weight, chosen, base = max(choices, key=lambda choice: choice[0])
-    if weight < best + MIXED:
+    chosen = max(choices, key=lambda c: c.weight)
+    if chosen.weight < best + MIXED:
         return []
-    sketch = listed.sketches[chosen]
-    name = f"expression_{len(effects) + 1}"
-    effects[name] = as_effect(sketch, ranker.case, name)
-    fit = ranker.fit((*base.effects, name), {name: effects[name]})
-    return [Hypothesis((*base.effects, name), "mixed", weight, fit, sketch.column)]
+    added = _add(ranker, chosen, "mixed", effects)
+    return [] if added is None else [added]

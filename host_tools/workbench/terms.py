@@ -1,0 +1,172 @@
+"""The vocabulary of expressions: shapes in one column, factors beside them, and what they may act on.
+
+Every shape is something an engineer would write down: a power, a root, a magnitude, a saturation, a dead zone, a step,
+a decay, a deviation from a reference value. A prior factor says how much more a longer one must explain to be chosen.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from host_tools.workbench.case import Case
+
+__all__ = ["Term", "factors", "product_text", "shapes", "targets"]
+
+Array = npt.NDArray[np.float64]
+
+SHAPE_COST = 0.35  # prior factor of a shape other than the column itself
+PRODUCT_COST = 0.35  # prior factor of a further column
+TARGET_COST = {"resistance": 1.0, "channel": 0.7, "drag": 0.5, "parameter": 0.25}
+STEPS = 7  # thresholds of a step that are looked at
+EDGES = 60  # thresholds of a step that its refit starts from
+
+
+@dataclass(frozen=True)
+class Term:
+    """A shape in one column: its formula, start values of its scales, bounds of them, and its prior factor."""
+
+    text: str
+    scales: Mapping[str, float]
+    limits: tuple[float, float]
+    prior: float
+    plain: bool = True  # stands beside any factor; a step beside the direction of motion only
+    grid: tuple[float, ...] = ()  # further start values of its scale, for a refit
+
+
+def shapes(name: str, values: Array, unit: str) -> list[Term]:
+    """Terms in a column with these values (rows,) and unit ("" where it is not known)."""
+    low, high = float(values.min()), float(values.max())
+    size, span = max(abs(low), abs(high)), high - low
+    one_sign = low >= 0.0 or high <= 0.0
+    scale = (0.02 * size, 1.2 * size)
+
+    def term(text: str, prior: float, plain: bool = True) -> Term:
+        return Term(text, {}, (-np.inf, np.inf), prior, plain)
+
+    magnitude = name if low >= 0.0 else f"abs({name})"
+    floor, top = (low, high) if one_sign and low >= 0.0 else (0.0, size)
+    found = [
+        term(name, 1.0),
+        term(f"{name}**2", SHAPE_COST),
+        term(f"{name}**3", SHAPE_COST**1.5),
+        term(f"{magnitude}**1.5", SHAPE_COST**2),
+    ]
+    if unit == "rad" and span > 1.0:
+        found += [term(f"sin({name})", SHAPE_COST), term(f"cos({name})", SHAPE_COST)]
+    if one_sign:
+        found.append(term(f"sqrt({magnitude})", SHAPE_COST))
+        if (
+            low >= 0.0
+        ):  # a deviation from a reference; a threshold in the middle of the range finds its place in the fit
+            for share in (0.25, 0.5, 0.75):
+                start = {"x0": low + share * span}
+                found.append(Term(f"({name} - x0)", start, (low, high), 0.3 * SHAPE_COST))
+    else:
+        found += [
+            term(f"abs({name})", SHAPE_COST),
+            term(f"{name}*abs({name})", SHAPE_COST),
+            term(f"sign({name})", SHAPE_COST),
+            term(f"abs({name})**3", SHAPE_COST**2),
+            term(f"sqrt(abs({name}))", SHAPE_COST**1.5),
+            term(f"sign({name})*sqrt(abs({name}))", SHAPE_COST**1.5),
+        ]
+    dead = (floor + 0.3 * (top - floor), floor + 0.85 * (top - floor))  # outside, a threshold is a straight line
+    for share in (0.45, 0.7):
+        start = {"w": floor + share * (top - floor)}
+        found.append(Term(f"max({magnitude} - w, 0)", start, dead, SHAPE_COST**3))
+        if not one_sign:
+            found.append(Term(f"sign({name})*max({magnitude} - w, 0)", start, dead, SHAPE_COST**3))
+    if floor < 0.5 * top:  # else a saturation is out of sight
+        for share in (0.1, 0.3):
+            prior = 0.5 * SHAPE_COST**1.5
+            found.append(Term(f"tanh({name}/w)", {"w": share * size}, scale, prior))
+    if low > 0.0:
+        found.append(term(f"log({name})", SHAPE_COST))
+        if low > 0.02 * high:
+            found.append(term(f"1/{name}", SHAPE_COST))
+    if low >= 0.0 and span > 0.0:
+        for share in (0.06, 0.15, 0.4, 1.0):
+            found.append(Term(f"exp(-{name}/tau)", {"tau": share * high}, scale, 0.25 * SHAPE_COST))
+    else:
+        for share in (0.15, 0.5):
+            start = {"tau": share * size}
+            found.append(Term(f"exp(-abs({name})/tau)", start, scale, 0.5 * SHAPE_COST**1.5))
+    found += _steps(name, values)
+    if not one_sign:
+        found += _steps(f"abs({name})", np.abs(values))
+    return found
+
+
+def _steps(name: str, values: Array) -> list[Term]:
+    """A jump where the column passes a value that lies between two that occur."""
+    known = np.unique(values)
+    if len(known) < 3:
+        return []
+    between = 0.5 * (known[1:] + known[:-1])
+    inside = between[(between > np.quantile(values, 0.05)) & (between < np.quantile(values, 0.95))]
+    if not len(inside):
+        return []
+    grid = sorted({float(f"{v:.6g}") for v in inside[np.linspace(0, len(inside) - 1, EDGES).astype(int)]})
+    edges = sorted({grid[i] for i in np.linspace(0, len(grid) - 1, STEPS).astype(int)})
+    limits, prior = (float(known[0]), float(known[-1])), SHAPE_COST**2 / len(edges)
+    return [Term(f"({name} > w)", {"w": edge}, limits, prior, False, tuple(grid)) for edge in edges]
+
+
+def factors(case: Case, target: str, main: str, values: Mapping[str, Array]) -> list[tuple[str, float, bool]]:
+    """What may stand beside a shape of column `main` on a target: formula, prior factor, whether also beside a step."""
+    found: list[tuple[str, float, bool]] = [("", 1.0, True)]
+    if case.base.name == "rolling_steady":
+        omega = values.get("omega")
+        reverses = omega is not None and omega.min() < 0.0 < omega.max()
+        resists = target == "resistance"
+        if reverses and target != "torque_constant":
+            found.append(("sign(omega)", 1.0 if resists else PRODUCT_COST, True))
+        if resists and "load" in values:
+            found.append(("load*sign(omega)" if reverses else "load", PRODUCT_COST, True))
+        if resists and omega is not None:
+            found.append(("omega", PRODUCT_COST, False))
+            found.append(("omega*abs(omega)", PRODUCT_COST**2, False))
+        return [f for f in found if f[0] != main]
+    for name in values:
+        role = name if case.base.name == "equation" else {"pass_": "pass"}.get(name, name)
+        if name == main or role not in case.roles or role == "time":
+            continue
+        found.append((name, PRODUCT_COST, False))
+        if case.base.name == "equation" and values[name].min() < 0.0 < values[name].max():
+            found.append((f"sign({name})", PRODUCT_COST, True))
+            found.append((f"{name}*abs({name})", PRODUCT_COST**2, False))
+    return found
+
+
+def targets(case: Case) -> list[tuple[str, float]]:
+    """What an expression may act on, with prior factors."""
+    name = case.base.name
+    found = [(c, TARGET_COST["channel"]) for c in case.base.channels if c in case.channels]
+    if name == "rolling_steady":
+        found = [("resistance", TARGET_COST["resistance"]), *found, ("torque_constant", TARGET_COST["parameter"])]
+    elif case.base.dynamic is not None:
+        found = [("resistance", TARGET_COST["resistance"]), *found]
+    elif name != "equation":
+        found += [("drag", TARGET_COST["drag"])]
+        found += [(p, TARGET_COST["parameter"]) for p in ("k_s", "cohesion", "friction_angle", "shear_modulus")]
+    return found
+
+
+def product_text(size: str, shape: str, factor: str) -> str:
+    """`size * shape * factor` as one would write it.
+
+    >>> product_text("k", "omega", "sign(omega)"), product_text("k", "sign(x)", "sign(x)"), product_text("k", "", "")
+    ('k*abs(omega)', 'k', 'k')
+    >>> product_text("k", "load", "load*sign(omega)")
+    'k*load**2*sign(omega)'
+    """
+    shape = f"({shape})" if shape.startswith("1/") else shape
+    text = "*".join(part for part in (size, shape, factor) if part)
+    text = re.sub(r"\*sign\((\w+)\)(.*)\*sign\(\1\)$", r"\2", text)
+    text = re.sub(r"\*(\w+)\*sign\(\1\)(?!\*\*)", r"*abs(\1)", text)
+    return re.sub(r"\*([A-Za-z]\w*)\*\1(?!\w|\*\*)", r"*\1**2", text)

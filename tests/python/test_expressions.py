@@ -1,0 +1,169 @@
+"""Expressions for effects that no catalogue has: shapes, units, sums, equations, steps; and what they may not claim."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaigns"))
+
+from discovery_cases import Made, make
+
+from hil.physics.expression import parse
+from host_tools.workbench.analysis import error
+from host_tools.workbench.case import Case, load_case
+from host_tools.workbench.discovery import Discovery, discover
+from host_tools.workbench.noise import Ar1
+from host_tools.workbench.terms import product_text, shapes
+
+
+def rolling(target: str, text: str, column: str, seed: int, size: float = 3.0, runs: int = 18) -> Made:
+    """The first case of steady rolling from this seed on that has the columns of the expression."""
+    for attempt in range(30):
+        random = np.random.default_rng([seed, attempt])
+        found = make("rolling_steady", (), runs, 0.0, size, random, expression=(target, text, column))
+        if found is not None:
+            return found
+    raise AssertionError("no case in 30 has the column")
+
+
+def named(found: Discovery) -> list[str]:
+    """Formulas of what is said to be missing."""
+    by_name = {c.effect.name: c.effect.expression for c in found.candidates}
+    return [by_name[name] for name in found.missing]
+
+
+def spring(folder: Path, hidden: str, size: float, seed: int, sigma: str = ", sigma = 0.5") -> Case:
+    """A spring and damper in equations with units; `hidden` is in the measured force, its rms `size` noise sd."""
+    random = np.random.default_rng(seed)
+    runs, rows = 12, 25
+    run = np.repeat(np.arange(runs), rows)
+
+    def each(low: float, high: float) -> np.ndarray:
+        return np.repeat(random.uniform(low, high, runs), rows)
+
+    t = np.tile(0.1 * np.arange(rows), runs)
+    amplitude, rate, phase = each(0.02, 0.1), each(2, 8), each(0, 6)
+    x, v = amplitude * np.sin(rate * t + phase), amplitude * rate * np.cos(rate * t + phase)
+    oil = each(15, 35)
+    extra = parse(hidden).evaluate({"x": x, "v": v, "t": t, "oil": oil})
+    noise = Ar1(run).colour(random.standard_normal((len(run), 1)), 0.0)[:, 0]
+    force = 900.0 * x + 25.0 * v + 0.5 * (size * extra / np.sqrt(np.mean(extra**2)) + noise)
+    lines = ["run,x,v,t,oil,force"]
+    for i in range(len(run)):
+        values = (x[i], v[i], t[i], oil[i], force[i])
+        lines.append(",".join([f"m{run[i]:02d}", *(f"{value:.8g}" for value in values)]))
+    folder.mkdir()
+    (folder / "runs.csv").write_text("\n".join(lines) + "\n")
+    (folder / "case.toml").write_text(
+        f"""[case]
+title = "spring"
+[model]
+base = "equation"
+[model.equation]
+force = "stiffness*x + damping*v"
+[fit]
+stiffness = {{ value = 500.0, min = 0.0, max = 1e5, unit = "N/m" }}
+damping = {{ value = 10.0, min = 0.0, max = 1e4, unit = "N s/m" }}
+[data]
+files = ["runs.csv"]
+run = "run"
+[data.columns]
+x = {{ column = "x", unit = "m" }}
+v = {{ column = "v", unit = "m/s" }}
+t = {{ column = "t", unit = "s" }}
+force = {{ column = "force", unit = "N"{sigma} }}
+"""
+    )
+    return load_case(folder)
+
+
+@pytest.mark.parametrize(
+    ("parts", "text"),
+    [
+        (("k", "omega", "sign(omega)"), "k*abs(omega)"),
+        (("k", "sign(omega)*sqrt(abs(omega))", "sign(omega)"), "k*sqrt(abs(omega))"),
+        (("k", "load", "load*sign(omega)"), "k*load**2*sign(omega)"),
+        (("k", "1/x", "y"), "k*(1/x)*y"),
+        (("k", "omega**2", "sign(omega)"), "k*omega**2*sign(omega)"),
+    ],
+)
+def test_formulas_are_written_as_one_would(parts: tuple[str, str, str], text: str) -> None:
+    random = np.random.default_rng(1)
+    values = {name: random.uniform(0.5, 2.0, 9) * random.choice([-1.0, 1.0], 9) for name in ("omega", "load", "x", "y")}
+    values["k"] = np.full(9, 2.0)
+    whole = product_text(*parts)
+    assert whole == text
+    by_hand = values["k"] * parse(f"({parts[1]})").evaluate(values) * parse(parts[2]).evaluate(values)
+    assert parse(whole).evaluate(values) == pytest.approx(by_hand)
+
+
+@pytest.mark.parametrize(("low", "high"), [(30.0, 70.0), (-8.0, 8.0), (0.0, 50.0), (-5.0, -1.0)])
+def test_every_shape_is_a_number_on_its_column(low: float, high: float) -> None:
+    values = np.linspace(low, high, 50)
+    for term in shapes("x", values, "m"):
+        numbers = parse(term.text).evaluate({"x": values, **term.scales})
+        assert np.isfinite(numbers).all(), term.text
+        assert 0.0 < term.prior <= 1.0
+        for start in (*term.scales.values(), *term.grid):
+            assert term.limits[0] <= start <= term.limits[1], term.text
+
+
+@pytest.mark.parametrize(
+    ("target", "text", "column", "seed"),
+    [
+        ("resistance", "k*humidity**2*sign(omega)", "humidity", 1),
+        ("resistance", "k*(board_temp - 33)*sign(omega)", "board_temp", 2),
+        ("resistance", "k*abs(omega)", "omega", 3),
+        ("resistance", "k*(humidity > 52)*sign(omega)", "humidity", 4),
+        ("current", "k*exp(-time/3)", "time", 5),
+    ],
+)
+def test_finds_what_no_catalogue_has(target: str, text: str, column: str, seed: int) -> None:
+    case = rolling(target, text, column, seed)
+    found = discover(case.case)
+    assert found.verdict == "missing"
+    assert any(column in formula for formula in named(found))
+    after = error(found.ladder[-1].fit, case.case.test, found.analysis.noise.sigma)
+    assert after is not None
+    assert after < 1.2  # noise sd; the held-out error of the true model is 1 give or take 0.1
+    assert found.ladder[0].heldout_error is not None
+    assert found.ladder[0].heldout_error > 1.1 * after
+
+
+@pytest.mark.parametrize("hidden", ["x**3", "sign(v)*max(abs(v) - 0.25, 0)", "v*abs(v)", "oil*v"])
+def test_equations_get_expressions_in_their_columns(tmp_path: Path, hidden: str) -> None:
+    case = spring(tmp_path / "case", hidden, 2.5, seed=7)
+    found = discover(case)
+    assert found.verdict == "missing"
+    (formula,) = named(found)
+    assert parse(hidden).names & parse(formula).names
+    assert found.ladder[-1].heldout_error is not None
+    assert found.ladder[-1].heldout_error < 1.15
+
+
+def test_units_of_an_expression_are_sound(tmp_path: Path) -> None:
+    case = spring(tmp_path / "case", "v*abs(v)", 3.0, seed=3)
+    found = discover(case)
+    (name,) = found.missing
+    effect = next(c.effect for c in found.candidates if c.effect.name == name)
+    units = {"x": "m", "v": "m/s", "t": "s", **{p.name: p.unit for p in effect.parameters}}
+    given = parse(effect.expression).unit(units)
+    assert given.dimensionality == parse("force").unit({"force": "N"}).dimensionality
+
+
+def test_two_terms_where_the_heldout_runs_pay_for_them(tmp_path: Path) -> None:
+    case = spring(tmp_path / "case", "20*x**3/0.001 + 0.7*sign(v)*(1 + 0.0*t) + 0.03*oil", 5.0, seed=11)
+    found = discover(case)
+    assert found.verdict == "missing"
+    assert 2 <= len(found.missing) <= 3
+    assert found.ladder[-1].heldout_error is not None
+    assert found.ladder[-1].heldout_error < 1.15
+
+
+def test_one_term_stays_one_term(tmp_path: Path) -> None:
+    case = spring(tmp_path / "case", "x**3", 5.0, seed=12)
+    assert len(discover(case).missing) == 1
