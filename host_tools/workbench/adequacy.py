@@ -25,7 +25,7 @@ from host_tools.workbench.noise import RHO_GRID, Ar1, Noise, orthonormal
 __all__ = ["Adequacy", "Failure", "assess", "where_it_fails"]
 
 Array = npt.NDArray[np.float64]
-SETS = 600  # simulated sets of noise
+SETS = 400  # simulated sets of noise
 MARGIN = 6.0  # of gain: strong evidence on the scale of the Bayesian information criterion
 TINY = 1e-300  # p-values below this are as good as 0, and have no logarithm
 TAIL = 0.05  # share of them from which the tail beyond is continued

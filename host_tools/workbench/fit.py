@@ -159,13 +159,18 @@ def _wrapped(model: Model, theta: Array) -> Array:
     return np.where(phase, np.pi - np.mod(np.pi - theta, turn), theta)
 
 
-def extend(parent: Fit, effect_name: str, inputs_bound: Bound, measured: Array, sigma: Array) -> Fit:
-    """Fit a model that has one effect more than `parent`, warm-started there. Its cost is at most the parent's."""
+def extend(
+    parent: Fit, effect_name: str, inputs_bound: Bound, measured: Array, sigma: Array, more: Sequence[Array] = ()
+) -> Fit:
+    """Fit a model that has one effect more than `parent`, warm-started there and at the starts `more`.
+
+    Its cost is at most the parent's.
+    """
     model = inputs_bound.model
     count = len(parent.theta)
     assert len(model.fitted) > count or not any(f.effect == effect_name for f in model.fitted)
     absent = np.concatenate([parent.theta, model.start[count:]])
-    starts = [absent, *_screened(parent, inputs_bound, absent, measured, sigma)]
+    starts = [absent, *_screened(parent, inputs_bound, absent, measured, sigma), *more]
     fit = fit_model(inputs_bound, measured, sigma, starts)
     nested = model.fitted[count:] and model.start[count] == 0.0
     assert not nested or fit.cost <= parent.cost * (1.0 + 1e-6) + 1e-9, "a larger model fits worse: stuck optimiser"

@@ -31,7 +31,7 @@ __all__ = ["Hypothesis", "Ranking", "rank"]
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-PRIOR = {"nothing": 0.2, "one": 0.38, "two": 0.15, "three": 0.01, "expression": 0.21, "mixed": 0.03, "run": 0.02}
+PRIOR = {"nothing": 0.2, "one": 0.36, "two": 0.18, "three": 0.01, "expression": 0.21, "mixed": 0.03, "run": 0.02}
 PAIRS_REFITTED = 8
 PAIRS_LOOKED_AT = 40
 WORTH_A_REFIT = 0.0  # log evidence that a second effect must add to the first for a refit of the two
@@ -73,6 +73,7 @@ class _Ranker:
         self.shapes = analysis.shapes
         self.flat = [shape for shapes in self.shapes.values() for shape in shapes]
         self.listed: Library | None = None
+        self.together: dict[tuple[str, ...], list[tuple[str, Array]]] = {}  # start values of a pair's parameters
         self.fits: dict[tuple[str, ...], Fit] = {(): analysis.fit}
         slopes = self.model.bind(self.case.inputs, self.rows).jacobian(analysis.fit.theta)[1]
         self.base = slopes / self.sigma[:, None, None]
@@ -96,17 +97,37 @@ class _Ranker:
                 for picked in product(*(index[name] for name in names)):
                     jobs.setdefault(sum(width[i] for i in picked), []).append((names, picked))
         found: dict[tuple[str, ...], list[float]] = {}
+        highest: dict[tuple[str, ...], float] = {}
+        at = int(np.argmin(np.abs(self.evidence.rho - self.analysis.noise.rho)))
         for size, entries in sorted(jobs.items()):
             picks = np.array([[c for i in p for c in range(edges[i], edges[i + 1])] for _, p in entries]).reshape(
                 -1, size
             )
             signs = np.array([[_sign(self.flat[i]) for i in p for _ in range(width[i])] for _, p in entries], float)
             logs = self.evidence.blocks(gram, picks, signs.reshape(-1, size))
-            for (names, _), value in zip(entries, logs, strict=True):
+            for (names, picked), columns, value in zip(entries, picks, logs, strict=True):
                 found.setdefault(names, []).append(float(value))
+                if len(names) > 1 and value > highest.get(names, -np.inf):
+                    highest[names] = float(value)
+                    products = gram.products[at][np.ix_(columns, columns)] + 1e-6 * np.eye(size)
+                    solved = np.linalg.solve(products, gram.scores[at][columns])
+                    self.together[names] = [
+                        self._start(self.flat[i], solved[(columns >= edges[i]) & (columns < edges[i + 1])])
+                        for i in picked
+                    ]
         average = {names: float(logsumexp(logs) - np.log(len(logs))) for names, logs in found.items()}
         razor = {names: average[names] - max(logs) for names, logs in found.items()}
         return average, razor
+
+    def _start(self, shape: Shape, coefficients: Array) -> tuple[str, Array]:
+        """The effect's parameters at a shape and these coefficients of its columns."""
+        values = list(shape.values)
+        size = float(np.clip(coefficients[0], shape.lower, shape.upper))
+        if len(coefficients) == 2:  # sine and cosine
+            size = float(np.hypot(*coefficients))
+            wave = next(i for i, p in enumerate(self.effects[shape.effect].parameters[1:]) if is_phase(p))
+            values[wave] = float(np.arctan2(coefficients[1], coefficients[0]))
+        return shape.effect, np.array([size * shape.scale, *values])
 
     # -- refits ------------------------------------------------------------------------------------------------------
 
@@ -116,7 +137,9 @@ class _Ranker:
             parent = self.fit(names[:-1], effects)
             effect = {**self.effects, **(effects or {})}[names[-1]]
             bound = parent.model.having(effect).bind(self.case.inputs, self.case.train)
-            self.fits[names] = extend(parent, effect.name, bound, self.train, self.sigma)
+            linear = dict(self.together.get(names) or self.together.get(names[::-1]) or ())
+            starts = [np.concatenate([self.analysis.fit.theta, *(linear[name] for name in names)])] if linear else []
+            self.fits[names] = extend(parent, effect.name, bound, self.train, self.sigma, starts)
         return self.fits[names]
 
     def around(self, fit: Fit, names: Sequence[str]) -> float | None:
