@@ -154,7 +154,7 @@ def _start(case: Case, mine: npt.NDArray[np.int64], time: Array) -> float:
         return 0.0
     rate = np.mean(rates, axis=0)
     few = min(FIRST_ROWS, len(rate))
-    if np.abs(rate[:few]).mean() < AT_REST * np.abs(rate).max():
+    if abs(rate[0]) < AT_REST * np.abs(rate).max():
         return 0.0
     return float(np.polynomial.Polynomial.fit(time[:few] - time[0], rate[:few], 1)(0.0))
 
