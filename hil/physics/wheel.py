@@ -10,14 +10,31 @@ One disc of constant radius: theta_2 = 0, theta_m = theta_1 / 2, sigma = (k_c + 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.physics.contact import Array, Rows, equilibrium, evaluate, points, rows
+from hil.physics import soils
+from hil.physics.contact import COLUMNS as ALL
+from hil.physics.contact import Array, Contact, Rows, contact, equilibrium, evaluate, points, rows
 from hil.physics.sphere import bulldozing_factors
 
-__all__ = ["Soil", "bulldozing", "entry_angle", "forces", "sinkage"]
+__all__ = ["COLUMNS", "Soil", "at", "bulldozing", "entry_angle", "forces", "sinkage", "soil_of", "solve"]
+
+# of the derivatives; "entry" is the load where a load was given
+COLUMNS = (
+    "entry",
+    "slip",
+    "radius",
+    "width",
+    "k_c",
+    "k_phi",
+    "exponent",
+    "cohesion",
+    "friction_angle",
+    "shear_modulus",
+    "recovery",
+)
 
 
 @dataclass(frozen=True)
@@ -31,6 +48,17 @@ class Soil:
     friction_angle: Rows  # rad
     shear_modulus: Rows  # m
     recovery: Rows = 0.0  # exit angle = -recovery * entry angle
+
+
+def soil_of(soil: soils.Soil, width: float) -> Soil:
+    """A soil of the library as a wheel of `width` [m] feels it, from either form. ValueError without shear modulus.
+
+    >>> soil_of(replace(soils.library()["dry_sand_lll"], shear_modulus=0.025), 0.15).k_phi.__round__()
+    1264313
+    """
+    footing = soil.footing(width)
+    reece = soil.converted("reece", width)
+    return Soil(reece.k_c, reece.k_phi, soil.exponent, soil.cohesion, soil.friction_angle, footing.shear_modulus)
 
 
 def _fields(slip: Rows, radius: Rows, width: Rows, soil: Soil) -> dict[str, Rows]:
@@ -72,6 +100,52 @@ def entry_angle(
     load, slip, radius, width = rows(load, slip, radius, width)
     packed = points(_fields(slip, radius, width, soil), len(load))
     return equilibrium("wheel", linear, packed, np.maximum(load, 1e-12), start)[0]
+
+
+def at(
+    theta: Rows, slip: Rows, radius: Rows, width: Rows, soil: Soil, linear: bool = False, derivatives: bool = False
+) -> Contact:
+    """Contacts at the entry angles [rad]; derivatives by COLUMNS. ContactError for a value out of range."""
+    fields = _fields(slip, radius, width, soil)
+    return _by_soil(contact("wheel", linear, fields, derivatives, entry=theta), width, soil)
+
+
+def solve(
+    load: Rows,
+    slip: Rows,
+    radius: Rows,
+    width: Rows,
+    soil: Soil,
+    linear: bool = False,
+    derivatives: bool = False,
+    start: Rows | None = None,
+) -> Contact:
+    """Contacts that carry the loads [N] within 1e-9; derivatives by COLUMNS.
+
+    ContactError where no sinkage carries a load, or for a value out of range.
+    """
+    fields = _fields(slip, radius, width, soil)
+    return _by_soil(contact("wheel", linear, fields, derivatives, load=load, start=start), width, soil)
+
+
+def _by_soil(found: Contact, width: Rows, soil: Soil) -> Contact:
+    """From derivatives by the stiffness [Pa/m^n] to those by k_c and k_phi: (k_c + k_phi b) b^-n."""
+    if found.derivative is None:
+        return found
+    b, n, k_phi, k_c = (np.asarray(v, dtype=np.float64) for v in (width, soil.exponent, soil.k_phi, soil.k_c))
+    stiffness = (k_c + k_phi * b) * b**-n
+    given = dict(zip(ALL, range(len(ALL)), strict=True))
+    by: dict[str, Array] = {}
+    for output, old in found.derivative.items():
+        rigid = old[:, given["stiffness"]]
+        chain = {
+            "k_c": rigid * b**-n,
+            "k_phi": rigid * b ** (1.0 - n),
+            "width": old[:, given["width"]] + rigid * (k_phi * b**-n - n * stiffness / b),
+            "exponent": old[:, given["exponent"]] - rigid * stiffness * np.log(b),
+        }
+        by[output] = np.stack([chain[c] if c in chain else old[:, given[c]] for c in COLUMNS], axis=1)
+    return replace(found, derivative=by)
 
 
 def sinkage(theta: Rows, radius: Rows) -> Array:
