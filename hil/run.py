@@ -37,6 +37,7 @@ __all__ = ["DivergedError", "Observer", "Result", "Timing", "run"]
 Array = npt.NDArray[np.float64]
 
 CHUNK = 500  # ticks between looks at progress, log and Ctrl-C
+LIVE_CHUNK = 33  # the same in real time, where somebody may be watching
 
 
 class DivergedError(RuntimeError):
@@ -195,7 +196,7 @@ def run(
 
         try:
             while simulation.done < scenario.ticks:
-                ticks = min(CHUNK, scenario.ticks - simulation.done)
+                ticks = min(LIVE_CHUNK if scenario.real_time else CHUNK, scenario.ticks - simulation.done)
                 if scenario.real_time:
                     _real_time(opened, simulation, ticks, begin, late)
                 else:

@@ -1,0 +1,1 @@
+"""`terrapin monitor`: live telemetry in a terminal."""

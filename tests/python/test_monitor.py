@@ -1,0 +1,195 @@
+"""The monitor: what it makes of frames, and the display through Textual's pilot and in a real terminal."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import pty
+import select
+import struct
+import sys
+import termios
+import time
+from fcntl import ioctl
+from pathlib import Path
+
+import numpy as np
+import pytest
+from textual.widgets import DataTable, Input, Static
+
+from hil import paths
+from hil.messages import interface
+from host_tools.logs.decoding import Decoder
+from host_tools.logs.frames import ERROR, Frames, frames
+from host_tools.monitor.app import MonitorApp
+from host_tools.monitor.live import Live
+from host_tools.monitor.plot import braille
+from host_tools.monitor.sources import LogFile, Simulator
+
+DBC = paths.build() / "generated" / "terrapin.dbc"
+TERRAPIN = str(Path(sys.executable).parent / "terrapin")
+
+
+def live() -> Live:
+    return Live(Decoder(DBC), interface())
+
+
+def block(*rows: tuple[float, str, dict[str, int]]) -> Frames:
+    messages = interface().messages
+    payloads = [messages[name].encode(values)[0] for _, name, values in rows]
+    return frames(Path("made"), [r[0] for r in rows], [messages[r[1]].id for r in rows], payloads, [0] * len(rows))
+
+
+def test_values_faults_events() -> None:
+    bus = live()
+    states = interface().enums["state"]
+    bus.take(block((0.0, "STATUS", {"state": states["run"], "faults": 0}), (0.1, "MOTION", {"slip": 312})))
+    assert bus.values["MOTION.slip"] == pytest.approx(0.312)
+    assert bus.word("state", "STATUS.state") == "run"
+    assert not bus.faults
+    estop = 1 << interface().faults["estop"]
+    bus.take(block((0.2, "STATUS", {"state": states["safe"], "faults": estop})))
+    assert [f["name"] for f in bus.faults] == ["estop"]
+    assert "emergency stop" in bus.faults[0]["cause"]
+    assert [(e.time, e.text) for e in bus.events] == [(0.2, "estop"), (0.2, "state safe")]
+    bus.take(block((0.3, "STATUS", {"state": states["safe"], "faults": 0})))
+    assert bus.events[-1].text == "estop gone"
+
+
+def test_every_change_in_a_block_is_an_event() -> None:
+    bus = live()
+    rows = [(0.01 * i, "ACTUATE", {"limiting": i // 2 % 2}) for i in range(9)]
+    bus.take(block(*rows))
+    assert [round(e.time, 3) for e in bus.events] == [0.02, 0.04, 0.06, 0.08]
+
+
+def test_rate_load_and_health() -> None:
+    bus = live()
+    times = np.arange(8000) / 8000
+    log = frames(Path("made"), times, [0x180] * 8000, [bytes(8)] * 8000, [0] * 8000)
+    for part in np.array_split(np.arange(8000), 30):
+        bus.take(log.pick(part))
+    assert bus.rate == pytest.approx(8000, rel=0.05)
+    assert bus.load == pytest.approx(8000 * 111 / 500_000, rel=0.05)
+    assert bus.health(0.1) == "no error frames"
+    assert "acknowledge" in bus.health(5.0)
+    bus.take(frames(Path("made"), [1.1], [0x020], [bytes(8)], [ERROR]))
+    assert "nobody acknowledges" in bus.health(0.0)
+    assert bus.total == 8001
+
+
+def test_unknown_frames_are_counted() -> None:
+    bus = live()
+    bus.take(frames(Path("made"), [0.0, 0.1], [0x7AB, 0x7AB], [b"", b"\1"], [0, 0]))
+    assert bus.unknown == {(0x7AB, False): 2}
+
+
+def test_braille_keeps_spikes() -> None:
+    times, values = np.linspace(0, 10, 5000), np.zeros(5000)
+    values[2500] = 7.0
+    lines, low, high = braille(times, values, 40, 5, 20.0)
+    assert (low, high) == (0.0, 7.0)
+    assert all(len(line) == 40 for line in lines)
+    assert any(c != "\u2800" for c in lines[0])  # one of 5,000 points reaches the top
+    lines, low, high = braille([], [], 10, 2, 1.0)
+    assert lines == [" " * 10] * 2
+    assert np.isnan(low)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("log") / "x.log"
+    rows = []
+    states = interface().enums["state"]
+    for i in range(200):
+        rows.append((0.01 * i, "STATUS", {"state": states["run"], "ready": 1}))
+        rows.append((0.01 * i, "MOTION", {"slip": i, "slip_valid": 1}))
+        rows.append((0.01 * i, "GROUND", {"torque": 150_000, "torque_sd": 400, "valid": 1, "terrain": 1}))
+    from host_tools.logs.writing import LogWriter
+
+    with LogWriter(path) as file:
+        file.write(block(*rows))
+    return path
+
+
+def text(app: MonitorApp, name: str) -> str:
+    return str(app.query_one(f"#{name}", Static).render())
+
+
+@pytest.mark.parametrize("size", [(80, 24), (140, 50)])
+def test_display(log: Path, size: tuple[int, int]) -> None:
+    """All that matters is on the screen; filter, plot, pause and mark do what they say."""
+
+    async def use() -> None:
+        app = MonitorApp(live(), LogFile(log, speed=1000.0), 0.5)
+        async with app.run_test(size=size) as pilot:
+            for _ in range(100):
+                await pilot.pause(0.05)
+                if app.source.over and app.live.total == 600:
+                    break
+            app.draw()
+            assert "run" in text(app, "controller")
+            assert "none" in text(app, "controller")
+            assert "x.log" in text(app, "head")
+            assert "MOTION.slip  0 to 0.199" in text(app, "plot")
+            table = app.query_one("#signals", DataTable)
+            everything = table.row_count
+            await pilot.press("slash", *"torque")
+            await pilot.pause(0.05)
+            assert app.query_one("#filter", Input).value == "torque"
+            assert {str(key.value) for key in table.rows} == {"GROUND.torque", "GROUND.torque_sd"}
+            await pilot.press("backspace", *"e[")  # no regular expression: the last good one stays
+            await pilot.pause(0.05)
+            assert 0 < table.row_count < everything
+            await pilot.press("enter", "p")
+            await pilot.press("m")
+            assert app.live.events[-1].text == "mark 1"
+            await pilot.press("space")
+            assert app.paused
+            await pilot.press("q")
+        assert app.failed is None
+
+    asyncio.run(use())
+
+
+def test_simulator_source() -> None:
+    """The simulator's frames come as they are made, in order, with nothing lost; closing ends the run."""
+    source = Simulator("steady_sand")
+    try:
+        times: list[float] = []
+        end = time.monotonic() + 20
+        while time.monotonic() < end and len(times) < 400:
+            times += source.poll().times.tolist()
+            time.sleep(0.02)
+    finally:
+        source.close()
+    assert len(times) >= 400
+    assert times == sorted(times)
+    assert np.unique(times) == pytest.approx(np.arange(len(np.unique(times))) * 1e-3)
+
+
+def test_in_a_terminal(log: Path) -> None:
+    """As a process in a terminal of 80 x 24: it draws, and q ends it with status 0."""
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.environ["TERM"] = "xterm-256color"
+        os.execv(TERRAPIN, [TERRAPIN, "monitor", str(log), "--speed", "100"])
+    ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    shown, end, quitting = b"", time.monotonic() + 60, False
+    while time.monotonic() < end:
+        if select.select([terminal], [], [], 0.2)[0]:
+            try:
+                piece = os.read(terminal, 65536)
+            except OSError:  # the process has ended
+                break
+            if not piece:
+                break
+            shown += piece
+        if b"MOTION.slip" in shown and not quitting:
+            os.write(terminal, b"q")
+            quitting = True
+    os.close(terminal)
+    _, status = os.waitpid(pid, 0)
+    assert quitting, shown[-500:]
+    assert os.waitstatus_to_exitcode(status) == 0
+    assert b"Traceback" not in shown
