@@ -79,7 +79,10 @@ class Live:
         if decoder is not None:
             for message in decoder.messages.values():
                 self.units.update(
-                    {f"{message.name}.{name}": unit.removeprefix("1") for name, unit in decoder.units(message.name)}
+                    {
+                        f"{message.name}.{name}": "" if unit == "1" else unit
+                        for name, unit in decoder.units(message.name)
+                    }
                 )
 
     def plot(self, signal: str, shown: bool) -> None:
