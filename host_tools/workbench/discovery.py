@@ -23,12 +23,13 @@ from host_tools.workbench.confidence import Operating, calibrated, operating_cha
 from host_tools.workbench.experiment import Experiment, propose
 from host_tools.workbench.fit import Fit, covariance
 from host_tools.workbench.ranking import Hypothesis, Ranking, rank
+from host_tools.workbench.resampling import Selected, selection
 
 __all__ = ["Candidate", "Discovery", "discover", "discover_answer"]
 
 Array = npt.NDArray[np.float64]
 
-AS_GOOD = 0.6  # posterior, relative to the likeliest set's, from which another set does equally well
+AS_GOOD = 0.75  # posterior, relative to the likeliest set's, from which another set does equally well
 SAME_AS_GOOD = 0.2  # the same, for a set that these data could not tell from the likeliest in any case:
 SAME = 4.0  # squared distance of the two sets' predictions, in noise sd, that the other's parameters cannot take up
 ENOUGH_EXPLAINED = 0.7  # share of the misfit that an expression must take away to be an answer
@@ -66,12 +67,20 @@ class Discovery:
     ladder: tuple[Rung, ...]
     odd_runs: tuple[str, ...]
     operating: tuple[Operating, ...]
+    selected: tuple[Selected, ...]  # by a bootstrap over runs, when one was asked for
 
 
 def discover(
-    case: Case, seed: int = 0, level: float = LEVEL, report: Callable[[str], None] = lambda _: None
+    case: Case,
+    seed: int = 0,
+    level: float = LEVEL,
+    report: Callable[[str], None] = lambda _: None,
+    bootstrap: int = 0,
 ) -> Discovery:
-    """Find what the model of a case lacks. `report` is told what is being done."""
+    """Find what the model of a case lacks. `report` is told what is being done.
+
+    `bootstrap`: number of resampled sets of runs in which the choice between the answers is made anew.
+    """
     report("fit of the present model, noise, adequacy")
     analysis = analyse(case, seed, level)
     ranking = rank(analysis, report)
@@ -100,6 +109,7 @@ def discover(
         ladder=_ladder(analysis, top if missing else None),
         odd_runs=odd,
         operating=_operating(ranking, top, rivals, analysis, seed),
+        selected=selection(analysis, ranking, bootstrap, seed) if bootstrap else (),
     )
 
 
@@ -292,6 +302,7 @@ def discover_answer(discovery: Discovery, seconds: float) -> dict[str, Any]:
         at_bound=answer["at_bound"],
         odd_runs=list(discovery.odd_runs),
         operating=[vars(o) for o in discovery.operating],
+        selected=[{"effects": list(s.effects), "kind": s.kind, "frequency": s.frequency} for s in discovery.selected],
         seconds=seconds,
     )
     return head

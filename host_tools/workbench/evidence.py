@@ -53,7 +53,6 @@ class Evidence:
         self.flat = flat[:, scale > 0]
         self.residual = residual.reshape(-1)
         self.rho = np.array(RHO_GRID)
-        weights = np.where(self.rho == 0.0, UNCORRELATED, (1.0 - UNCORRELATED) / (len(self.rho) - 1))
         self.basis: list[Array] = []
         self.white: list[Array] = []
         total, start = [], []
@@ -70,7 +69,7 @@ class Evidence:
             start.append(-0.5 * (self.channels * ar1.log_determinant(rho) + (log_design if sign > 0 else 0.0)))
         self.total = np.array(total)
         self.freedom = self.channels * self.rows - self.flat.shape[1]
-        self.start = np.array(start) + np.log(weights)
+        self.start = np.array(start) + self.log_prior()
 
     def _whiten(self, columns: Array, rho: float) -> Array:
         split = columns.reshape(self.channels, self.rows, -1)
@@ -79,6 +78,12 @@ class Evidence:
     def fit_term(self, squares: Array) -> Array:
         logs = -0.5 * squares if self.known else -0.5 * self.freedom * np.log(np.maximum(squares, 1e-300))
         return np.asarray(logs)
+
+    @staticmethod
+    def log_prior() -> Array:
+        """Log prior probability of each correlation of RHO_GRID."""
+        rho = np.array(RHO_GRID)
+        return np.asarray(np.log(np.where(rho == 0.0, UNCORRELATED, (1.0 - UNCORRELATED) / (len(rho) - 1))))
 
     @property
     def nothing(self) -> float:

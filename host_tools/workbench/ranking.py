@@ -17,12 +17,13 @@ from scipy.special import logsumexp
 
 from hil.physics.effects import Effect
 from host_tools.workbench.analysis import Analysis, measured
-from host_tools.workbench.candidates import Shape, is_phase, loudness
+from host_tools.workbench.candidates import Shape, is_phase
 from host_tools.workbench.directions import candidates
 from host_tools.workbench.evidence import Evidence
 from host_tools.workbench.expressions import Library
 from host_tools.workbench.fit import Fit, extend
 from host_tools.workbench.hypothesis import Hypothesis
+from host_tools.workbench.linear import linearise
 from host_tools.workbench.noise import Ar1
 from host_tools.workbench.unknown import beside_effects, expressions
 
@@ -37,7 +38,6 @@ PAIRS_LOOKED_AT = 40
 WORTH_A_REFIT = 0.0  # log evidence that a second effect must add to the first for a refit of the two
 TRIPLES_FROM = 2  # best pairs that a third effect is tried on
 WITHIN = 12.0  # log evidence behind the best at which a set is no longer worth a refit
-AT_BOUND = 3.0  # log evidence taken off an effect whose size wants to leave its bounds
 
 
 @dataclass(frozen=True)
@@ -144,42 +144,16 @@ class _Ranker:
 
     def around(self, fit: Fit, names: Sequence[str]) -> float | None:
         """Log evidence of a refitted set, its shapes as fitted; None when a size is 0 and nothing can be told."""
-        prediction, slopes = fit.model.bind(self.case.inputs, self.rows).jacobian(fit.theta)
-        residual = (self.values - prediction) / self.sigma[:, None]
-        slopes = slopes / self.sigma[:, None, None]
-        own = np.array([f.effect not in names for f in fit.model.fitted])
-        evidence = Evidence(self.ar1, residual, slopes[..., own], self.known)
-        columns: list[Array] = []
-        offset: list[float] = []
-        signs: list[float] = []
-        lost = 0.0
-        for name in names:
-            effect = next(e for e in fit.model.effects if e.name == name)
-            at = next(i for i, f in enumerate(fit.model.fitted) if f.effect == name)
-            first = fit.model.fitted[at]
-            size = float(fit.theta[at])
-            block = [slopes[..., at]]
-            loud = loudness(slopes[..., at : at + 1])
-            if loud == 0.0 or not np.isfinite(loud):
-                return None
-            if size != 0.0 and first.key in fit.at_bound:
-                lost += AT_BOUND
-                continue
-            for i, parameter in enumerate(effect.parameters):
-                if is_phase(parameter):
-                    if size == 0.0:
-                        return None
-                    block.append(slopes[..., at + i] / size)
-            waves = len(block) > 1
-            columns += [(b / loud).reshape(-1) for b in block]
-            offset += [size * loud, *([0.0] * (len(block) - 1))]
-            free = 0.0 if waves else 1.0 if first.lower >= 0.0 else -1.0 if first.upper <= 0.0 else 0.0
-            signs += [free] * len(block)
-        if not columns:
-            return evidence.nothing - lost
-        gram = evidence.gram(np.array(columns).T)
-        picks = np.arange(len(columns))[None, :]
-        return float(evidence.blocks(gram, picks, np.array([signs]), np.array(offset))[0]) - lost
+        try:
+            linear = linearise(fit, names, self.values, self.rows, self.sigma)
+        except ValueError:
+            return None
+        evidence = Evidence(self.ar1, linear.residual, linear.base, self.known)
+        if not linear.columns.shape[1]:
+            return evidence.nothing - linear.lost
+        picks = np.arange(linear.columns.shape[1])[None, :]
+        logs = evidence.blocks(evidence.gram(linear.columns), picks, linear.signs[None, :], linear.offset)
+        return float(logs[0]) - linear.lost
 
     def refitted(self, names: tuple[str, ...], razor: float, linear: float) -> tuple[float, Fit]:
         fit = self.fit(names)
