@@ -1,7 +1,7 @@
 # Terrapin's front door. The work is done by the scripts that each target names.
 .DEFAULT_GOAL := help
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
-.PHONY: help setup demo test check bench firmware lock clean
+.PHONY: help setup demo test check bench campaigns firmware lock clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -20,6 +20,9 @@ check: ## formatting, types, static analysis, MISRA, hygiene
 
 bench: ## speed of simulator and link, instructions of one step
 	@tests/setup/setup.sh bench && tests/tools/build.sh host && .venv/bin/python tests/tools/bench.py
+
+campaigns: ## how often discovery is right: every bound, measured on cases with known answers (hours; ARGS="--cases 100")
+	@tests/setup/setup.sh test && tests/tools/build.sh host && .venv/bin/python -m tests.campaigns $(ARGS)
 
 firmware: ## build the firmware for this machine and the core for Cortex-M4, with its size
 	@tests/setup/setup.sh test && tests/tools/build.sh host cortex-m4 && tests/tools/build.sh size

@@ -1,0 +1,102 @@
+"""Bounds on the commands themselves: how long they take, and that the same seed gives the same bytes."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from tests.campaigns.drawn import CATALOGUE, draw, write
+from tests.campaigns.pools import make
+from tests.campaigns.table import FEW, Line
+
+__all__ = ["LINES"]
+
+ROUNDS = 3
+OWN = (  # nine of the user's own beside the catalogue's eleven: twenty effects
+    *(
+        "k*omega**3",
+        "k*omega**4*sign(omega)",
+        "k*sqrt(abs(omega))*sign(omega)",
+        "k*load*omega",
+        "k*load**2*sign(omega)",
+    ),
+    *("k*tanh(omega)", "k*exp(-abs(omega)/3)*sign(omega)", "k*load*tanh(omega/2)", "k*cos(omega)*sign(omega)"),
+)
+
+
+def terrapin(*arguments: object, **environment: str) -> str:
+    """Standard output of the command in a process of its own."""
+    command = [sys.executable, "-c", "from host_tools.cli import main; main()", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **environment}, check=False)
+    if done.returncode != 0:
+        raise RuntimeError(f"terrapin {' '.join(map(str, arguments))}: {done.stderr.strip()}")
+    return done.stdout
+
+
+def twenty(folder: Path, seed: int) -> Path:
+    """30 runs with a hidden effect and a library of 20, all of which can be candidates."""
+    needs = {role for hidden in CATALOGUE["rolling_steady"].values() for role in hidden.needs}
+    for attempt in range(200):
+        drawn = draw("rolling_steady", 30, 0.5, 1.0, np.random.default_rng([seed, 99, attempt]), ["speed_squared"])
+        if needs <= set(drawn.design.mapped) and not drawn.design.notes["constant_load"]:
+            break
+    own = "".join(
+        f'[effect.own_{i}]\nexpression = "{text}"\nk = {{ value = 0.0, min = -1.0, max = 1.0 }}\n'
+        for i, text in enumerate(OWN)
+    )
+    return write(drawn, folder, own)
+
+
+def timed(seed: int) -> list[Line]:
+    """Best wall time of three, start of the program included: other work on the machine is not the program's."""
+    with tempfile.TemporaryDirectory() as folder:
+        case = twenty(Path(folder) / "case", seed)
+        found = {}
+        for name, arguments in (("first answer", ("compare", case)), ("everything", ("discover", case))):
+            took = []
+            for _ in range(ROUNDS):
+                begin = time.perf_counter()
+                output = terrapin(*arguments, "--json", "-", "--jobs", min(2, os.cpu_count() or 1))
+                took.append(time.perf_counter() - begin)
+            found[name] = took
+        listed = len(json.loads(output)["candidates"])
+    lines = []
+    for name, bound in (("first answer", 5.0), ("everything", 60.0)):
+        low, high = min(found[name]), max(found[name])
+        lines.append(
+            Line(
+                f"30 runs, {listed} candidates: {name}",
+                f"{low:.1f} s",
+                f"{low:.1f} to {high:.1f} s",
+                FEW,
+                f"<= {bound:g} s",
+                low <= bound,
+            )
+        )
+    return lines
+
+
+def same(seed: int) -> list[Line]:
+    """Each command twice: other hash seed, other --jobs."""
+    equal = []
+    for number, pool in enumerate(("single12", "pair30", "tied", "removed", "mixed", "mixed")):
+        with tempfile.TemporaryDirectory() as folder:
+            case = write(make(pool, seed, number)[1], Path(folder) / "case")
+            texts = []
+            for jobs, hashed in ((1, "1"), (2, "2")):
+                text = terrapin("discover", case, "--json", "-", "--seed", 3, "--jobs", jobs, PYTHONHASHSEED=hashed)
+                texts.append("\n".join(line for line in text.splitlines() if '"seconds"' not in line))
+            equal.append(texts[0] == texts[1])
+    share = f"{sum(equal)} of {len(equal)}"
+    return [Line("same seed, same bytes", share, "", FEW, "all", all(equal))]
+
+
+LINES: Mapping[str, Callable[[int], list[Line]]] = {"time": timed, "same": same}
