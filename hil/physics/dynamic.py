@@ -38,7 +38,7 @@ class DynamicModel:
     parameters: Mapping[str, tuple[str, float | None]]
     inputs: tuple[str, ...]  # roles that drive it
     channels: Mapping[str, str]  # name -> unit
-    longest_step: float = 4e-3  # [s]
+    longest_step: float = 2e-3  # [s]: 1e-5 of the rates at start-up, where friction turns on
     aliases: Mapping[str, str] = field(default_factory=dict)  # further names of parameters in formulas
     encoder: tuple[str, ...] = ()  # channels that an encoder gives
     states = ("omega", "angle", "acceleration", "slip", "speed", "load")  # roles that it computes itself

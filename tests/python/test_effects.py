@@ -25,6 +25,10 @@ CONTACT = (
     *("bulldozing", "slip_sinkage", "bearing_friction", "force_offset", "torque_gain", "rate_effect", "multipass"),
     *("moisture_cohesion", "rut_recovery"),
 )
+DYNAMIC = (
+    *("load_transfer", "relaxation_length", "tyre_flexibility", "torque_ripple", "winding_temperature"),
+    *("sensor_delay", "encoder_misalignment", "backlash"),
+)
 R, DRIVE, K_T, A, B, F_O = 0.08, 0.018, 0.1, 0.012, 1e-3, 0.09
 TABLE = {
     "omega": [3.0, -6.0, 8.0, 1.0],
@@ -91,11 +95,14 @@ def _torque_change(folder: Path, name: str, values: dict[str, float]) -> npt.NDA
 
 
 def test_catalogue_is_complete() -> None:
-    assert set(catalogue()) == {*ROLLING, *CONTACT}
+    assert set(catalogue()) == {*ROLLING, *CONTACT, *DYNAMIC}
+    dynamic = {"cmr", "pendulum_sphere", "vehicle"}
     for name in ROLLING:
-        assert catalogue()[name].bases == ("rolling_steady",)
+        assert set(catalogue()[name].bases) - dynamic == {"rolling_steady"}
     for name in CONTACT:
-        assert catalogue()[name].bases == ("sphere_contact", "wheel_contact")
+        assert set(catalogue()[name].bases) - dynamic == {"sphere_contact", "wheel_contact"}
+    for name in DYNAMIC:
+        assert set(catalogue()[name].bases) <= dynamic
 
 
 @pytest.mark.parametrize("effect", catalogue().values(), ids=lambda e: e.name)
@@ -132,6 +139,7 @@ def test_units_agree(effect: object) -> None:
         known.update({k: v.replace("^n", "") for k, v in BASES[base].parameters.items()})
     known.update({p.name: p.unit for p in effect.parameters})
     known.update({**effect.constants, **dict.fromkeys(effect.options, "1"), "bulldozing_resistance": "N"})
+    known |= {"gear": "1", "radius": "m"} if set(effect.bases) & {"cmr", "vehicle"} else {}
     text = effect.expression
     if effect.name in CARRIES:
         literal, name, unit = CARRIES[effect.name]
@@ -141,7 +149,8 @@ def test_units_agree(effect: object) -> None:
     if effect.stage == "gain":
         wanted = "1"
     if effect.additive:
-        wanted = {"cohesion": "Pa", "recovery": "1"}[effect.target]
+        wanted = {"cohesion": "Pa", "recovery": "1", "height": "m", "relaxation_length": "m"}[effect.target]
+    wanted = {"delay": "s", "play": "rad", "angle": "rad"}.get(effect.transform, wanted)
     registry = units()
     assert found.dimensionality == registry.parse_units("dimensionless" if wanted == "1" else wanted).dimensionality
 
