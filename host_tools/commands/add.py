@@ -34,6 +34,7 @@ def add(
 
     terrapin add CASE my_drag --expression "k * omega**3" --parameter "k=0:-1:1:N m s^3/rad^3"
     """
+    from host_tools.workbench import memory
     from host_tools.workbench.analysis import analyse
     from host_tools.workbench.answer import compare_answer
     from host_tools.workbench.case import load_case, parse_case
@@ -58,6 +59,7 @@ def add(
     answer["added"] = list(effects)
     answer["before"] = {"train_error": old.train_error, "heldout_error": old.heldout_error}
     answer["after"] = {"train_error": new.train_error, "heldout_error": new.heldout_error}
+    memory.remember(case, "added", list(effects), answer)
     words = (
         f"Added {', '.join(effects)} to {case / 'case.toml'}.\n"
         f"Error in noise sd, before -> after: training {number(old.train_error)} -> {number(new.train_error)}, "

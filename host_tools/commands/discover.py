@@ -47,17 +47,10 @@ def discover(
 
 
 def _keep(case: Path, answer: dict[str, Any]) -> None:
-    """The last answer stays in the case, so that `terrapin add` knows the expressions that it proposed."""
-    from host_tools.workbench.answer import to_json
-    from host_tools.workbench.edit import write_whole
+    """The last answer stays in the case: `add` knows the expressions that it proposed, `report` shows it."""
+    from host_tools.workbench import memory
 
-    folder = case / ".terrapin"
-    try:
-        folder.mkdir(exist_ok=True)
-        write_whole(folder / "discover.json", to_json(answer))
-    except OSError as error:  # a case on read-only media can still be looked at
-        reason = error.strerror or str(error)
-        print(f"terrapin: {folder}: {reason}; terrapin add will not know this answer", file=sys.stderr)
+    memory.keep(case, answer)
 
 
 def register(app: typer.Typer) -> None:

@@ -25,6 +25,7 @@ def remove(
 
     Example: terrapin remove CASE motor_heating
     """
+    from host_tools.workbench import memory
     from host_tools.workbench.analysis import analyse
     from host_tools.workbench.answer import compare_answer
     from host_tools.workbench.case import load_case, parse_case
@@ -47,6 +48,7 @@ def remove(
     answer["removed"] = effect
     answer["before"] = {"train_error": old.train_error, "heldout_error": old.heldout_error}
     answer["after"] = {"train_error": new.train_error, "heldout_error": new.heldout_error}
+    memory.remember(case, "removed", [effect], answer)
     words = (
         f"Removed {effect} from {case / 'case.toml'}.\n"
         f"Error in noise sd, before -> after: training {number(old.train_error)} -> {number(new.train_error)}, "

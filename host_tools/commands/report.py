@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json as jsonlib
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -18,36 +17,47 @@ __all__ = ["register"]
 def report(
     case: CaseFolder,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.html", help="the page; works offline")],
+    discover: Annotated[
+        bool, typer.Option("--discover/--no-discover", help="look for what is missing, if the case has no answer yet")
+    ] = True,
     json: Json = "",
     seed: Seed = 0,
     jobs: Jobs = 1,
     level: Level = 0.05,
 ) -> None:
-    """Write one HTML page: verdict, overlay, residuals where the model fails, error ladder, parameters, notes.
+    """Write one HTML page: verdict, overlay, residuals where the model fails, ranking, ladder, next experiment, notes.
+
+    It shows the last answer of `terrapin discover` if the case is as it was then, and else finds one.
 
     Example: terrapin report cases/forced_slip_sand -o forced_slip.html
     """
+    from host_tools.workbench import memory
     from host_tools.workbench.analysis import analyse
     from host_tools.workbench.answer import compare_answer
     from host_tools.workbench.case import load_case
+    from host_tools.workbench.discovery import discover as find
+    from host_tools.workbench.discovery import discover_answer
     from host_tools.workbench.report import render
 
     check_options(seed, jobs, level)
     begin = time.monotonic()
     loaded = load_case(case)
-    with step("compare"):
-        analysis = analyse(loaded, seed, level)
-    write_whole(output, render(analysis, _discovered(case, list(loaded.effects))))
-    deliver(compare_answer(analysis, time.monotonic() - begin), str(output), json)
-
-
-def _discovered(case: Path, effects: list[str]) -> dict[str, Any] | None:
-    """The last answer of discover, if it was about the model as it stands; a broken file is as good as none."""
-    try:
-        answer = jsonlib.loads((case / ".terrapin" / "discover.json").read_text(encoding="utf-8"))
-        return answer if answer["model"]["effects"] == effects else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+    answer = memory.recall(case)
+    if answer is not None and answer["adequacy"]["false_alarm_rate"] != level:
+        answer = None
+    if answer is None and discover:
+        with step("discover"):
+            found = find(loaded, seed, level)
+        analysis = found.analysis
+        answer = discover_answer(found, time.monotonic() - begin)
+        memory.keep(case, answer)
+    else:
+        with step("compare"):
+            analysis = analyse(loaded, seed, level)
+    with step("page"):
+        page = render(analysis, answer, memory.history(case))
+    write_whole(output, page)
+    deliver(answer or compare_answer(analysis, time.monotonic() - begin), str(output), json)
 
 
 def register(app: typer.Typer) -> None:
