@@ -2,7 +2,8 @@
 
 For two refitted models A and B, a design is worth D, the weighted sum of squares of f_A - f_B that is left over old and
 new rows together when B's parameters may follow (Atkinson and Fedorov 1975, linearised). With D known the wrong one
-of the two is preferred with probability Phi(-sqrt(D)/2).
+of the two is preferred with probability Phi(-sqrt(D)/2). A design starts as a full grid of levels and loses the run
+that it misses least, as long as D stays large enough for every pair of rivals, whichever of the two is true.
 """
 
 from __future__ import annotations
@@ -16,27 +17,24 @@ import numpy.typing as npt
 from scipy.special import ndtr
 
 from host_tools.workbench.analysis import Analysis
-from host_tools.workbench.bases import BASES, RUNNING, formula_name
 from host_tools.workbench.fit import Fit
-from host_tools.workbench.noise import orthonormal
+from host_tools.workbench.settings import held, levels, observed, rows_of, run_length
 
 __all__ = ["Experiment", "propose"]
 
 Array = npt.NDArray[np.float64]
 
-EXTENSION = 0.25  # of the observed span, to either side; a constant role is taken to half and to one and a half of it
-ENOUGH = 16.0  # D at which the wrong one is preferred in 2 of 100
+ENOUGH = 25.0  # D at which the wrong one is preferred in 1 of 160; the sizes it rests on are estimates themselves
 RUNS_LIMIT = 64
-SETTLED = 12  # rows of one run that count, where runs are longer
 PLAIN = 16  # runs up to which a design that varies one role is preferred to one that varies two
-LOWEST = {"speed": 1e-3, "pass": 1.0, "moisture": 0.0, "load": 1e-3, "slip": -0.9}
-HIGHEST = {"slip": 0.95}
-NOT_SET = (*RUNNING, "temperature", "voltage")  # what follows from a run rather than being chosen for it
+CONSTANT = 0.02  # of its size, below which a role has not varied
+TOGETHER = 0.8  # correlation from which two roles are said to go together
+DISTINCT = 1.0  # D that some design must reach for the rivals to count as two things
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Roles to vary, settings (one run each, canonical units), what to hold, and how many runs in all."""
+    """Roles to vary, settings (one run each, canonical units), what to hold, and how sure one is afterwards."""
 
     vary: tuple[str, ...]
     settings: tuple[Mapping[str, float], ...]
@@ -47,67 +45,63 @@ class Experiment:
     reason: str
 
 
+@dataclass(frozen=True)
+class _Plan:
+    roles: tuple[str, ...]
+    settings: tuple[Mapping[str, float], ...]
+    worth: float
+
+
 def propose(analysis: Analysis, rivals: Sequence[tuple[tuple[str, ...], Fit]]) -> Experiment | None:
-    """The design that separates the first rival from the others best; None when no design does."""
-    case = analysis.case
-    if len(rivals) < 2:
+    """The design with the fewest runs that tells the rivals apart; None when no design tells any two of them apart.
+
+    Two rivals that no setting tells apart (a constant and an exponential that hardly falls) do not stand in the way of
+    telling the others apart.
+    """
+    case, rows = analysis.case, analysis.rows
+    steps, hold = levels(case, rows), held(case, rows)
+    old = [_rows(fit, analysis, None) for _, fit in rivals]
+    grids = []
+    for roles in [*combinations(steps, 1), *combinations(steps, 2)]:
+        settings = [dict(zip(roles, v, strict=True)) for v in product(*(steps[role] for role in roles))]
+        grid = _Grid.of(analysis, [fit for _, fit in rivals], old, roles, settings, hold)
+        if grid is not None:
+            grids.append(grid)
+    reach: dict[tuple[int, int], float] = {}
+    for grid in grids:
+        for pair, value in grid.each(grid.most).items():
+            reach[pair] = max(reach.get(pair, 0.0), float(value[-1]))
+    pairs = [pair for pair, value in reach.items() if value > DISTINCT]
+    if not pairs:
         return None
-    ranges = _ranges(analysis)
-    hold = {role: float(np.median(case.roles[role][analysis.rows])) for role in case.roles if role not in RUNNING}
-    hold.update({role: 0.0 for role in case.roles if role in RUNNING})
-    if "pass" in hold:
-        hold["pass"] = float(round(hold["pass"]))
-    hold.update({role: case.parameters[role] for role in ranges if role not in hold})
-    first = rivals[0][1]
-    old = [
-        (_rows(first, case.inputs, analysis, True), _rows(other, case.inputs, analysis, True))
-        for _, other in rivals[1:]
-    ]
-    plans: list[tuple[int, float, tuple[str, ...], list[dict[str, float]]]] = []
-    for count in (1, 2):
-        for roles in combinations(ranges, count):
-            settings = [dict(zip(roles, v, strict=True)) for v in product(*(ranges[role] for role in roles))]
-            inputs = _inputs(analysis, settings, hold)
-            new = [(_rows(first, inputs, analysis), _rows(other, inputs, analysis)) for _, other in rivals[1:]]
-            repeats, worth = 1, 0.0
-            while repeats * len(settings) <= RUNS_LIMIT:
-                worth = min(_worth(analysis, o, n, float(repeats)) for o, n in zip(old, new, strict=True))
-                if (
-                    worth >= ENOUGH
-                    or not np.isfinite(worth)
-                    or worth < ENOUGH * repeats * len(settings) / RUNS_LIMIT / 2
-                ):
-                    break
-                repeats += 1
-            if np.isfinite(worth):
-                plans.append((repeats * len(settings), worth, roles, settings))
-        if any(runs <= PLAIN and worth >= ENOUGH for runs, worth, _, _ in plans):
-            break  # one role does: simpler to run, and to explain
-    good = [plan for plan in plans if plan[1] >= ENOUGH]
-    if good:
-        runs, worth, roles, settings = min(good, key=lambda plan: (plan[0], -plan[1]))
-    elif plans and max(plan[1] for plan in plans) > 1.0:
-        runs, worth, roles, settings = max(plans, key=lambda plan: plan[1])
-    else:
-        return None
+    alone = [grid.smallest(pairs) for grid in grids if len(grid.roles) == 1]
+    plain = [plan for plan in alone if len(plan.settings) <= PLAIN and plan.worth >= ENOUGH]
+    # one role does: simpler to run, and to explain
+    plans = plain or [*alone, *(grid.smallest(pairs) for grid in grids if len(grid.roles) == 2)]
+    good = [plan for plan in plans if plan.worth >= ENOUGH]
+    best = min(good, key=lambda p: (len(p.settings), -p.worth)) if good else max(plans, key=lambda p: p.worth)
+    rivals = [rival for i, rival in enumerate(rivals) if any(i in pair for pair in pairs)]
+    same = {r: best.settings[0][r] for r in best.roles if len({setting[r] for setting in best.settings}) == 1}
+    if len(same) < len(best.roles):  # what is the same in all of them is held, not varied
+        hold, roles = {**hold, **same}, tuple(role for role in best.roles if role not in same)
+        best = _Plan(roles, tuple({r: setting[r] for r in roles} for setting in best.settings), best.worth)
     names = [_name(effects, [r[0] for r in rivals]) for effects, _ in rivals]
-    others = " and ".join(names[1:])
-    held = "constant" if all(np.ptp(case.roles[r][analysis.rows]) == 0.0 for r in roles if r in case.roles) else "tied"
-    if any(role not in case.roles for role in roles):
-        held = "constant"
-    why = "stays constant in these runs" if held == "constant" else "never varies by itself in these runs"
-    reason = (
-        f"{names[0]} and {others} predict the same here because {' and '.join(roles)} {why}; "
-        f"over these settings they differ by {np.sqrt(worth):.1f} noise sd in all."
-    )
+    follows = {"speed"} if case.base.name == "rolling_steady" and "speed" not in case.limits else set()
     return Experiment(
-        vary=tuple(roles),
-        settings=tuple({role: float(value) for role, value in s.items()} for s in settings),
-        hold={role: value for role, value in hold.items() if role not in roles and role not in RUNNING},
+        vary=best.roles,
+        settings=best.settings,
+        hold={
+            role: value
+            for role, value in hold.items()
+            if role in steps and role not in best.roles and role not in follows and role != "acceleration"
+        },
         separates=tuple(dict.fromkeys(name for effects, _ in rivals for name in effects)),
-        runs=runs,
-        error_rate=float(ndtr(-0.5 * np.sqrt(worth))),
-        reason=reason,
+        runs=len(best.settings),
+        error_rate=float(ndtr(-0.5 * np.sqrt(best.worth))),
+        reason=(
+            f"{_listed(names)} predict the same here because {_why(analysis, best)}; "
+            f"in the proposed runs they differ by {np.sqrt(best.worth):.1f} noise sd in all."
+        ),
     )
 
 
@@ -117,76 +111,152 @@ def _name(effects: tuple[str, ...], sets: Sequence[tuple[str, ...]]) -> str:
     return " + ".join(e for e in effects if e not in shared) or " + ".join(effects)
 
 
-def _ranges(analysis: Analysis) -> dict[str, list[float]]:
-    """Levels of every role that can be set: the ends of the observed range, extended, and between them."""
+def _listed(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _why(analysis: Analysis, plan: _Plan) -> str:
+    """What would have to vary and does not, or what varies only together with something else."""
     case = analysis.case
-    found: dict[str, list[float]] = {}
-    constants = [r for r in BASES[case.base.name].needs if r in case.parameters] if case.base.name in BASES else []
-    values = {
-        **{r: v[analysis.rows] for r, v in case.roles.items()},
-        **{r: np.array([case.parameters[r]]) for r in constants},
-    }
-    for role, observed in values.items():
-        if role in NOT_SET:
-            continue
-        low, high = float(observed.min()), float(observed.max())
-        span = high - low
-        if span <= 0.02 * max(abs(low), abs(high)):  # constant: to half of it and half as much again
-            centre = 0.5 * (low + high)
-            if centre == 0.0:
-                continue
-            low, high = sorted((0.5 * centre, 1.5 * centre))
+    seen = observed(case, analysis.rows)
+    constant, tied, other = [], [], []
+    for role in plan.roles:
+        values, unit = seen[role], case.units.get(role, case.parameter_units.get(role, ""))
+        new = np.array([setting[role] for setting in plan.settings])
+        if np.ptp(values) <= CONSTANT * float(np.abs(values).max()):
+            shown = f"{float(np.median(values)):.4g}" + (f" {unit}" if unit not in ("", "1") else "")
+            constant.append(f"{role} stays at {shown} in all runs")
+        elif (values.min() >= 0.0 > new.min()) or (values.max() <= 0.0 < new.max()):
+            constant.append(f"{role} has one direction in all runs")
         else:
-            low, high = low - EXTENSION * span, high + EXTENSION * span
-            if float(observed.min()) >= 0.0:
-                low = max(low, 0.5 * float(observed.min()))
-        low, high = max(low, LOWEST.get(role, -np.inf)), min(high, HIGHEST.get(role, np.inf))
-        levels = [low + share * (high - low) for share in (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)]
-        if role == "pass":
-            levels = sorted({float(round(v)) for v in levels})
-        if role == "omega" and low > 0.0:
-            levels = [-high, -low, low, high]
-        found[role] = [float(f"{v:.4g}") for v in levels if role != "omega" or abs(v) > 1e-6]
-    return found
+            partner, how = _partner(role, seen)
+            if how >= TOGETHER:
+                pair = " and ".join(sorted((role, partner)))
+                tied.append(f"{pair} go together in all runs (correlation {how:.2f})")
+            else:
+                other.append(f"{role} varies too little by itself")
+    return " and ".join(dict.fromkeys(constant or tied or other))
+
+
+def _partner(role: str, seen: Mapping[str, Array]) -> tuple[str, float]:
+    """The other role that goes with this one most, and the size of their correlation."""
+    best = ("", 0.0)
+    for other, values in seen.items():
+        if other in (role, "time", "angle") or len(values) != len(seen[role]) or np.ptp(values) == 0.0:
+            continue
+        for one in (values, np.abs(values)):
+            if np.ptp(one) > 0.0:
+                how = float(np.abs(np.corrcoef(seen[role], one)[0, 1]))
+                best = max(best, (other, how), key=lambda entry: entry[1])
+    return best
 
 
 Rows = tuple[Array, Array]  # prediction (channels, rows) and its derivatives, in noise sd
+Sums = tuple[Array, Array, Array]  # of slopes x slopes (P, P), slopes x gap (P,) and gap x gap (), with leading axes
 
 
-def _rows(fit: Fit, inputs: Mapping[str, Array], analysis: Analysis, present: bool = False) -> Rows:
+def _rows(fit: Fit, analysis: Analysis, inputs: Mapping[str, Array] | None) -> Rows:
     sigma = analysis.noise.sigma
-    prediction, slopes = fit.model.bind(inputs, analysis.rows if present else None).jacobian(fit.theta)
+    bound = fit.model.bind(analysis.case.inputs, analysis.rows) if inputs is None else fit.model.bind(inputs)
+    prediction, slopes = bound.jacobian(fit.theta)
     return prediction / sigma[:, None], slopes / sigma[:, None, None]
 
 
-def _worth(analysis: Analysis, old: tuple[Rows, Rows], new: tuple[Rows, Rows], repeats: float) -> float:
-    """D of a design: each setting run `repeats` times, beside all the rows there are."""
-    rho = analysis.noise.rho
-    lengths = np.bincount(analysis.case.run[analysis.rows])
-    count = min(float(np.median(lengths[lengths > 0])), SETTLED)
-    thin = (1.0 - rho) / (1.0 + rho)  # rows count for less where they are correlated
-    weights = (thin, repeats * max(1.0, count * thin))
-    gaps, slopes = [], []
-    for (first, other), weight in zip((old, new), weights, strict=True):
-        gaps.append(((first[0] - other[0]) * np.sqrt(weight)).reshape(-1))
-        slopes.append((other[1] * np.sqrt(weight)).reshape(-1, other[1].shape[-1]))
-    gap, slope = np.concatenate(gaps), np.concatenate(slopes)
-    if not (np.isfinite(gap).all() and np.isfinite(slope).all()):
-        return -np.inf
-    basis = orthonormal(slope)
-    left = gap - basis @ (basis.T @ gap)
-    return float(left @ left)
+def _sums(true: Rows, other: Rows, runs: int, weight: float) -> Sums:
+    """Sums over the rows of each of `runs` equal blocks."""
+    gap, slopes = true[0] - other[0], other[1]
+    count = gap.shape[1] // runs
+    gap = gap.reshape(gap.shape[0], runs, count)
+    slopes = slopes.reshape(gap.shape[0], runs, count, -1)
+    return (
+        weight * np.einsum("crip,criq->rpq", slopes, slopes),
+        weight * np.einsum("crip,cri->rp", slopes, gap),
+        weight * np.einsum("cri,cri->r", gap, gap),
+    )
 
 
-def _inputs(analysis: Analysis, settings: Sequence[Mapping[str, float]], hold: Mapping[str, float]) -> dict[str, Array]:
-    """Inputs of new rows: one a setting. The axle's speed follows omega unless it is what is varied."""
-    case = analysis.case
-    inputs = {formula_name(role): np.array([s.get(role, hold[role]) for s in settings]) for role in hold}
-    if case.base.name == "rolling_steady" and "speed" in hold and not any("speed" in s for s in settings):
-        omega, speed = case.roles["omega"][analysis.rows], case.roles["speed"][analysis.rows]
-        turning = np.abs(omega) > 1e-9
-        inputs["speed"] = inputs["omega"] * float(np.median(speed[turning] / omega[turning]))
-    for name, values in case.inputs.items():
-        if name not in inputs:
-            inputs[name] = np.full(len(settings), float(np.median(values[analysis.rows])))
-    return inputs
+def _left(sums: Sums) -> Array:
+    """The gap's sum of squares beyond the slopes, for each entry of the leading axis."""
+    products, scores, total = sums
+    scale = np.sqrt(np.maximum(np.diagonal(products, axis1=-2, axis2=-1), 1e-300))
+    inner = products / (scale[..., :, None] * scale[..., None, :]) + 1e-9 * np.eye(scale.shape[-1])
+    side = scores / scale
+    if side.shape[-1] == 0:
+        return total
+    return np.asarray(total - (side * np.linalg.solve(inner, side[..., None])[..., 0]).sum(axis=-1))
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """A full grid of settings of some roles, and what a run at each of them adds to each pair of rivals."""
+
+    roles: tuple[str, ...]
+    settings: Sequence[Mapping[str, float]]
+    old: Mapping[tuple[int, int], Sequence[Sums]]  # both ways round
+    new: Mapping[tuple[int, int], Sequence[Sums]]
+
+    @classmethod
+    def of(
+        cls,
+        analysis: Analysis,
+        fits: Sequence[Fit],
+        old: Sequence[Rows],
+        roles: tuple[str, ...],
+        settings: Sequence[Mapping[str, float]],
+        hold: Mapping[str, float],
+    ) -> _Grid | None:
+        case, rho = analysis.case, analysis.noise.rho
+        thin = (1.0 - rho) / (1.0 + rho)  # rows count for less where they are correlated
+        count = run_length(case, analysis.rows)
+        inputs = rows_of(case, analysis.rows, settings, hold, count)
+        with np.errstate(all="ignore"):
+            new = [_rows(fit, analysis, inputs) for fit in fits]
+        if not all(np.isfinite(part).all() for rows in new for part in rows):
+            return None
+        weight, runs = max(thin, 1.0 / count), len(settings)
+        pairs = list(combinations(range(len(fits)), 2))
+        return cls(
+            roles,
+            settings,
+            {(a, b): [_sums(old[i], old[j], 1, thin) for i, j in ((a, b), (b, a))] for a, b in pairs},
+            {(a, b): [_sums(new[i], new[j], runs, weight) for i, j in ((a, b), (b, a))] for a, b in pairs},
+        )
+
+    @property
+    def most(self) -> Array:
+        """Designs (designs, settings) of one run, two, ... at every setting."""
+        copies = max(1, RUNS_LIMIT // len(self.settings))
+        return np.arange(1, copies + 1, dtype=np.float64)[:, None] * np.ones(len(self.settings))
+
+    def each(self, times: Array) -> dict[tuple[int, int], Array]:
+        """D of every pair, whichever of the two is true, for numbers of runs a setting (designs, settings)."""
+        found = {}
+        for pair in self.old:
+            both = []
+            for before, fresh in zip(self.old[pair], self.new[pair], strict=True):
+                total = [b[0] + np.tensordot(times, f, axes=1) for b, f in zip(before, fresh, strict=True)]
+                both.append(_left((total[0], total[1], total[2])))
+            found[pair] = np.minimum(*both)
+        return found
+
+    def smallest(self, pairs: Sequence[tuple[int, int]]) -> _Plan:
+        """The fewest runs that tell these pairs apart; where none do, all that the limit allows."""
+
+        def worth(designs: Array) -> Array:
+            each = self.each(designs)
+            return np.asarray(np.min([each[pair] for pair in pairs], axis=0))
+
+        trial = self.most
+        values = worth(trial)
+        enough = np.flatnonzero(values >= ENOUGH)
+        times = trial[enough[0]] if len(enough) else trial[-1]
+        value = float(values[enough[0]] if len(enough) else values[-1])
+        while len(enough) and times.sum() > 2:
+            fewer = np.array([times - np.eye(len(times))[i] for i in np.flatnonzero(times > 0)])
+            values = worth(fewer)
+            best = int(np.argmax(values))
+            if values[best] < ENOUGH:
+                break
+            times, value = fewer[best], float(values[best])
+        runs = [dict(self.settings[i]) for i in range(len(self.settings)) for _ in range(int(times[i]))]
+        return _Plan(self.roles, tuple(runs), value)
