@@ -1,0 +1,1 @@
+"""What three papers print, regenerated from the models and judged by stated rules: `terrapin papers`."""
