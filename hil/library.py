@@ -15,7 +15,7 @@ from hil import paths
 
 __all__ = ["ffi", "library"]
 
-PHYSICS = ("robot.h", "rolling.h", "ground.h", "effects.h", "body.h")
+PHYSICS = ("robot.h", "rolling.h", "grip.h", "ground.h", "effects.h", "body.h")
 NATIVE = ("random.h", "sensors.h", "faults.h", "simulator.h")
 
 

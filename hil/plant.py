@@ -14,8 +14,19 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.library import ffi, library
+from hil.physics import soils
 
-__all__ = ["TERRAINS", "Ground", "Robot", "Segment", "Terrain", "Winding", "rolling", "rolling_steady_speed"]
+__all__ = [
+    "TERRAINS",
+    "Ground",
+    "Robot",
+    "Segment",
+    "SoftGround",
+    "Terrain",
+    "Winding",
+    "rolling",
+    "rolling_steady_speed",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -86,13 +97,25 @@ class Segment:
 
 
 @dataclass(frozen=True)
+class SoftGround:
+    """Soil whose contact model (Reina et al. 2006, Eqs. 9-15) carries and drives the shell; see hil/physics/grip.h."""
+
+    soil: soils.Soil
+    width: float = 0.15  # of the shell [m]; the paper does not print it
+
+
+@dataclass(frozen=True)
 class Ground:
-    """The path, and how a spinning shell digs in (our assumption; see hil/physics/ground.h)."""
+    """The path, and how a spinning shell digs in (our assumption; see hil/physics/ground.h).
+
+    With `contact` the soil replaces terrains and rut; of the segments only the slope counts.
+    """
 
     segments: tuple[Segment, ...]
     dig_length: float = _q(0.30, "m")
     leave_length: float = _q(0.10, "m")
     rut_friction: float = _q(1.0, "1", 0.0, 10.0)
+    contact: SoftGround | None = None
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from hil.physics.effects import catalogue
 from hil.plant import TERRAINS, Ground, Robot, Segment, Terrain, Winding
 from hil.reading import ReadingError, Section, load, parse_quantity, quantities, shorten
 from hil.sensors import Sensors, kit, read_sensors
+from hil.soft_ground import check_step, grip_table, read_soft_ground
 from hil.telemetry import signals, words
 
 __all__ = ["CONTROLS", "REQUESTS", "Order", "Scenario", "find_scenario", "load_scenario", "parameters_of"]
@@ -112,20 +113,25 @@ def _terrain(section: Section) -> Terrain:
 
 def _ground(root: Section) -> Ground:
     segments: list[Segment] = []
+    soft = root.choice("ground", ["default", "contact"], "default") == "contact"
     for section in root.sections("path"):
         first = not segments
         start = section.quantity("from", "m", 0.0 if first else None)
+        if soft and "terrain" in section:
+            raise section.error("terrain", 'with ground = "contact" the ground is what [soil] says')
         if not first and start <= segments[-1].start:
             raise section.error("from", f"found {start:g} m, expected more than {segments[-1].start:g} m")
         slope = section.quantity("slope", "rad", 0.0, -1.2, 1.2)
         transition = section.quantity("transition", "m", 0.05, 1e-6, 1e3)
-        segments.append(Segment(_terrain(section), start, slope, transition))
+        segments.append(Segment(Terrain() if soft else _terrain(section), start, slope, transition))
         section.done()
     if not 1 <= len(segments) <= MAX_SEGMENTS:
         raise root.error("path", f"found {len(segments)} tables [[path]], expected 1 to {MAX_SEGMENTS}")
     for here, following in pairwise(segments):
         if here.start + here.transition > following.start and here is not segments[0]:
             raise root.error("path", f"the transition that begins at {here.start:g} m reaches into the next segment")
+    if soft:
+        return Ground(tuple(segments), contact=read_soft_ground(root.section("soil")))
     rut = root.section("rut")
     read = quantities(rut, _Rut)
     return Ground(tuple(segments), read.dig_length, read.leave_length, read.rut_friction)
@@ -249,7 +255,14 @@ def load_scenario(path: Path) -> Scenario:
         source=root.source,
     )
     supply.done()
-    root.choice("ground", ["default"], "default")
+    if scenario.ground.contact is not None:
+        try:
+            grip_table(scenario.ground, scenario.robot)
+            robot = scenario.robot
+            free = scenario.supply * robot.drive_radius / max(robot.torque_constant, 1e-12)  # rim without load
+            check_step(scenario.ground.contact, robot, 1e-3, free)
+        except ValueError as error:
+            raise root.error("soil", str(error)) from None
     if len(scenario.faults) > MAX_FAULTS:
         raise root.error("fault", f"found {len(scenario.faults)} tables [[fault]], expected at most {MAX_FAULTS}")
     root.done()

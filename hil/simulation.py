@@ -24,6 +24,7 @@ from hil.messages import Frame
 from hil.plant import Ground
 from hil.scenario import CONTROLS, REQUESTS, Scenario
 from hil.sensors import ADCS, CHANNELS, DIGITALS, ENCODERS, Sensors
+from hil.soft_ground import grip_table
 
 __all__ = ["TICK", "TRUTH", "AnswerError", "Simulation", "output_hash", "record_type"]
 
@@ -164,6 +165,10 @@ class Simulation:
         self._simulator.config = self._ffi.new("hil_config *", _config(scenario))[0]
         config = self._simulator.config
         config.substeps, config.fine_substeps = substeps, fine_substeps
+        if scenario.ground.contact is not None:
+            table = grip_table(scenario.ground, scenario.robot)
+            self._grip = table, table.native()  # kept alive: the C side holds their addresses only
+            config.path.contact = self._grip[1]
         for place in ("robot", "ground"):
             address = getattr(self._effects, place)
             setattr(self._simulator.config.effects, place, self._ffi.cast("hil_effect_function", address))

@@ -213,6 +213,7 @@ static void write_truth(const hil_simulator *simulator, double *truth) {
     truth[HIL_TRUTH_RUT] = body->rut;
     truth[HIL_TRUTH_CARRIAGE_FORCE] = body->carriage_force;
     truth[HIL_TRUTH_SEGMENT] = ground.segment;
+    truth[HIL_TRUTH_SINKAGE] = body->sinkage;
 }
 
 void hil_sense(hil_simulator *simulator, hil_record *record) {

@@ -89,6 +89,7 @@ enum hil_truth {
     HIL_TRUTH_RUT,
     HIL_TRUTH_CARRIAGE_FORCE,
     HIL_TRUTH_SEGMENT, /* number of the path's segment, from 0 */
+    HIL_TRUTH_SINKAGE, /* on a contact model's ground [m], else 0 */
     HIL_TRUTH_COUNT
 };
 

@@ -117,9 +117,23 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
     } else {
         hil_invert3(c.mass, c.inverse);
     }
+    hil_grip grip;
+    double lever = 0.0, compaction = 0.0, unused;
+    c.grip = NULL;
+    if (path->contact != NULL) {
+        grip = hil_grip_at(path->contact, body->load, robot->radius * rate[HIL_BETA], rate[HIL_X], HIL_SLIP_FLOOR);
+        lever = hil_grip_value(&grip, HIL_LEVER, robot->radius * rate[HIL_BETA] - rate[HIL_X], &unused);
+        force[HIL_BETA] -= lever;
+        c.grip = &grip;
+        c.dt = dt;
+    }
     const double coefficient =
         ground.terrain.f_o * (1.0 + e.ground.f_o) + ground.terrain.f_s * rate[HIL_BETA] * rate[HIL_BETA];
     c.bound[HIL_X] = around->carried ? 0.0 : dt * path->rut_friction * body->rut * d->weight;
+    if (c.grip != NULL) {
+        compaction = hil_grip_value(&grip, HIL_COMPACTION, robot->radius * rate[HIL_BETA] - rate[HIL_X], &unused);
+        c.bound[HIL_X] = around->carried ? 0.0 : dt * larger(compaction, 0.0);
+    }
     c.bound[HIL_BETA] = dt * larger(coefficient * robot->radius * body->load + e.ground.passive, 0.0);
     c.bound[HIL_ALPHA] = dt * larger(robot->coulomb * (1.0 + e.robot.coulomb) + e.robot.passive, 0.0);
     for (int i = 0; i < 3; i++) {
@@ -143,6 +157,15 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
         body->acceleration[i] = (c.velocity[i] - body->rate[i]) * per_dt;
         body->rate[i] = c.velocity[i];
         body->friction[i] = -c.friction[i] * per_dt;
+    }
+    if (c.grip != NULL) { /* net traction H = F - X; the rest of the contact's torque is the resistance C_r = T - R H */
+        const double moving = smaller(larger(around->carriage_speed / 1e-3, -1.0), 1.0);
+        const double held = around->carried ? compaction * moving : body->friction[HIL_X];
+        body->traction -= held;
+        body->friction[HIL_BETA] += lever + robot->radius * held;
+        if (fabs(grip.direction) >= 1.0 || body->sinkage == 0.0) {
+            body->sinkage = hil_grip_value(&grip, HIL_SINKAGE, robot->radius * rate[HIL_BETA] - rate[HIL_X], &unused);
+        }
     }
     body->carriage_force = 0.0;
     if (around->carried) {

@@ -33,6 +33,7 @@ typedef struct {
     double rut;               /* depth d, 0..1 */
     double load;              /* normal to the ground [N] */
     double ground_torque;     /* active effects on the shell [N m], part of the contact torque */
+    double sinkage;           /* on a contact model's ground [m], else 0 */
 } hil_body;
 
 /* What acts from outside during one step. */

@@ -11,6 +11,8 @@
 #ifndef HIL_GROUND_H
 #define HIL_GROUND_H
 
+#include "grip.h"
+
 enum { HIL_MAX_SEGMENTS = 16 };
 
 typedef struct {
@@ -31,9 +33,10 @@ typedef struct {
 typedef struct {
     int count; /* 1 to HIL_MAX_SEGMENTS, by rising start */
     hil_segment segment[HIL_MAX_SEGMENTS];
-    double dig_length;   /* [m] */
-    double leave_length; /* [m] */
-    double rut_friction; /* [1] */
+    double dig_length;             /* [m] */
+    double leave_length;           /* [m] */
+    double rut_friction;           /* [1] */
+    const hil_grip_table *contact; /* instead of terrain and rut: a contact model (grip.h); else NULL */
 } hil_path;
 
 typedef struct {

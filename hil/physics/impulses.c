@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <stdbool.h>
+#include <stddef.h>
 #include <string.h>
 
 #include "extremes.h"
@@ -54,8 +55,36 @@ static double slip_speed(double w_free, double k, double scale, double guess) {
     return w;
 }
 
+/* The same for a contact model's thrust: solves w + compliance dt F(w) = w_free by Newton's method in a bracket. The
+ * left side rises with w. */
+static double thrust_impulse(const hil_impulses *s, double w_free, double compliance, double guess) {
+    double slope;
+    double w = compliance > 0.0 ? guess : w_free;
+    const double k = compliance * s->dt;
+    double low = -INFINITY;
+    double high = INFINITY;
+    for (int i = 0; i < NEWTON && compliance > 0.0; i++) {
+        const double miss = w + k * hil_grip_value(s->grip, HIL_THRUST, w, &slope) - w_free;
+        if (miss < 0.0) {
+            low = w;
+        } else {
+            high = w;
+        }
+        const double next = w - miss / (1.0 + k * larger(slope, 0.0));
+        if (fabs(next - w) <= 1e-9 * s->grip->scale) {
+            w = next;
+            break;
+        }
+        w = next > low && next < high ? next : 0.5 * (low + high);
+    }
+    return s->dt * hil_grip_value(s->grip, HIL_THRUST, w, &slope);
+}
+
 /* Traction impulse when the slip speed would be w_free without it and falls by `compliance` for each unit of it. */
 static double traction_impulse(const hil_impulses *s, double w_free, double compliance, double guess) {
+    if (s->grip != NULL) {
+        return thrust_impulse(s, w_free, compliance, guess);
+    }
     const double k = compliance * s->strength;
     const double size = fabs(w_free);
     if (k < 1e-9 * s->slip_scale) { /* held by frictions: the slip does not answer to the traction */

@@ -2,6 +2,8 @@
 #ifndef HIL_IMPULSES_H
 #define HIL_IMPULSES_H
 
+#include "grip.h"
+
 /* One step's problem and its solution. Coordinates are x, beta, alpha; the traction acts along (1, -R, 0). */
 typedef struct {
     double mass[3][3];
@@ -10,8 +12,10 @@ typedef struct {
     double smooth[3];     /* impulses of the smooth forces */
     double bound[3];      /* greatest magnitudes of the dry frictions */
     double radius;
-    double strength;   /* greatest traction impulse */
-    double slip_scale; /* slip speed R beta' - x' at which the traction has grown to 63 % */
+    double strength;      /* greatest traction impulse */
+    double slip_scale;    /* slip speed R beta' - x' at which the traction has grown to 63 % */
+    const hil_grip *grip; /* instead of these two: a contact model; else NULL */
+    double dt;            /* for it [s] */
     /* the solution */
     double friction[3];
     double traction;

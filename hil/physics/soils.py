@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Literal, NamedTuple
 
-__all__ = ["Footing", "Form", "Soil", "library", "read_soil"]
+__all__ = ["Footing", "Form", "Soil", "library", "number", "read_soil"]
 
 Form = Literal["bekker", "reece"]
 
@@ -136,14 +136,19 @@ def read_soil(name: str, source: str, form: Form, exponent: float, **quantities:
     ValueError: k_c: found '0 Pa', expected a quantity that converts to Pa/m^-0.3
     """
     blank = Soil(name, source, form, exponent, 0.0, 1.0, 0.0, 0.0)
-    numbers: dict[str, Any] = {field: _number(field, text, blank.unit(field)) for field, text in quantities.items()}
+    numbers: dict[str, Any] = {field: number(field, text, blank.unit(field)) for field, text in quantities.items()}
     missing = [field for field in ("k_c", "k_phi", "cohesion", "friction_angle") if field not in numbers]
     if missing:
         raise ValueError(f"{missing[0]}: missing, expected a quantity that converts to {blank.unit(missing[0])}")
     return replace(blank, **numbers)
 
 
-def _number(field: str, text: str, unit: str) -> float:
+def number(field: str, text: str, unit: str) -> float:
+    """The quantity `text` in `unit`. ValueError where it is of another kind.
+
+    >>> number("k_phi", "505.8 kN/m^2.7", "Pa/m^0.7")
+    505800.0
+    """
     from hil.physics.expression import units  # pint takes a quarter of a second: only those who need units pay
 
     registry = units()

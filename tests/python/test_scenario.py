@@ -123,7 +123,7 @@ WRONG = {
     "effect's size": (GOOD.replace('b = "0.2 mN m s/rad"', ""), r"effect\.viscous_friction\.b: missing"),
     "check": (GOOD.replace("max(slip) < 2", "max(slip <"), r":5: checks: 'max\(slip <': cannot be read"),
     "checks": (GOOD.replace('["max(slip) < 2"]', "3"), r"checks: found 3, expected a list of texts"),
-    "ground": (GOOD.replace("seed = 9", 'ground = "contact"'), r"ground: found 'contact', expected one of default"),
+    "ground": (GOOD.replace("seed = 9", 'ground = "deep"'), r"ground: found 'deep', expected one of default, contact"),
 }
 
 
