@@ -114,7 +114,7 @@ def read_case_text(folder: Path) -> str:
         with file.open(encoding="utf-8-sig", newline="") as opened:
             return opened.read()
     except (FileNotFoundError, NotADirectoryError):
-        raise UserError(f"{file}: no such file, expected a case folder with a case.toml") from None
+        raise UserError(f"{file}: no such file, expected a case folder with a case.toml, or a folder of such") from None
     except (UnicodeDecodeError, IsADirectoryError):
         raise UserError(f"{file}: found something that is not UTF-8 text, expected TOML") from None
     except OSError as error:

@@ -251,36 +251,40 @@ def _cluster(address: str) -> Iterator[Pool]:
     import logging
     import warnings
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what goes wrong is told below, in one line
+    _check_address(address)
+    logging.disable(logging.CRITICAL)  # what goes wrong is told here, in one line
+    connect: Any = distributed.Client  # untyped
     try:
-        connect: Any = distributed.Client  # untyped
         client = connect(address, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
-        reason = "no answer" if isinstance(error, TimeoutError) else str(error).splitlines()[0]
-        raise UserError(f"--cluster: {address}: {reason}, expected the address of a Dask scheduler") from None
+        logging.disable(logging.NOTSET)
+        reason = str(error).splitlines()[0]
+        raise UserError(f"--cluster: {reason}, expected the address of a Dask scheduler") from None
     try:
-        _check_workers(client, address)
+        try:
+            client.wait_for_workers(1, timeout=CONNECT)
+        except TimeoutError:
+            raise UserError(f"--cluster: {address}: found no worker, expected at least one") from None
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Sending large graph", UserWarning)  # a case is sent whole, on purpose
             yield _Cluster(client, address)
     finally:
         client.close(timeout=2.0)
+        logging.disable(logging.NOTSET)
 
 
-def _check_workers(client: Any, address: str) -> None:
-    """UserError unless there is a worker, and all run this very program."""
+def _check_address(address: str) -> None:
+    """UserError unless it is one that Dask could connect to. Its client would leave threads behind."""
+    from distributed.comm import addressing, registry
+
     try:
-        client.wait_for_workers(1, timeout=CONNECT)
-    except TimeoutError:
-        raise UserError(f"--cluster: {address}: found no worker, expected at least one") from None
-    try:
-        found = client.run(fingerprint)
-    except Exception as error:  # whatever a worker's Python raises when it lacks the program
-        text = str(error).splitlines()[0] if str(error) else ""
-        raise UserError(f"--cluster: {address}: a worker cannot run terrapin: {type(error).__name__} {text}") from None
-    for worker, other in sorted(found.items()):
-        if other != fingerprint():
-            raise UserError(f"--cluster: {worker}: has {other}, expected {fingerprint()}, as here")
+        scheme, place = addressing.parse_address(address)
+        registry.get_backend(scheme)
+        _, port = addressing.parse_host_port(place)
+        if not 0 < port < 65536:
+            raise ValueError(f"found port {port}, expected 1 to 65535")
+    except ValueError as error:
+        raise UserError(f"--cluster: {address}: {error}; expected an address such as tcp://host:8786") from None
 
 
 @cache
@@ -302,6 +306,13 @@ def fingerprint() -> str:
     return f"terrapin {digest.hexdigest()[:12]}, numpy {numpy.__version__}, scipy {scipy.__version__}"
 
 
+def attempt_elsewhere(program: str, question: Question, case: Case) -> Outcome:
+    """`attempt` on a worker of a cluster, which has to run the same program."""
+    if fingerprint() != program:
+        raise UserError(f"--cluster: a worker has {fingerprint()}, expected {program}, as here")
+    return attempt(question, case)
+
+
 class _Cluster:
     """A Dask cluster. Dask gives the cases of a lost worker to another one, a few times."""
 
@@ -318,7 +329,8 @@ class _Cluster:
         return AHEAD * self.threads
 
     def submit(self, question: Question, case: Case) -> Future:
-        return _Remote(self.client.submit(attempt, question, case, pure=False), self.address)
+        future = self.client.submit(attempt_elsewhere, fingerprint(), question, case, pure=False)
+        return _Remote(future, self.address, self.died)
 
     def again(self, question: Question, case: Case) -> Outcome:
         return None, "", f"{case.folder}: every worker that worked on it was lost (out of memory?)"
@@ -328,12 +340,18 @@ class _Cluster:
 class _Remote:
     future: Any
     address: str
+    died: type[Exception]
 
     def result(self) -> Outcome:
         from concurrent.futures import CancelledError
 
         try:
             outcome: Outcome = self.future.result()
+        except (UserError, self.died):
+            raise
         except (CancelledError, OSError) as error:
             raise UserError(f"--cluster: {self.address}: lost ({type(error).__name__})", status=1) from None
+        except Exception as error:  # whatever a Python raises that lacks the program
+            text = f"{type(error).__name__}: {error}".splitlines()[0]
+            raise UserError(f"--cluster: {self.address}: a worker cannot run terrapin: {text}") from None
         return outcome
