@@ -14,13 +14,12 @@ from host_tools.workbench.answer import compare_answer
 from host_tools.workbench.markdown import to_html
 from host_tools.workbench.mathml import from_latex
 from host_tools.workbench.reasons import headline, reason
-from host_tools.workbench.report_data import page_data, previews
+from host_tools.workbench.report_data import CARDS, page_data, previews
 from host_tools.workbench.report_page import fill
 from host_tools.workbench.show import number
 
 __all__ = ["render"]
 
-CARDS = 4  # candidates shown in full; the others in a table
 CHIPS = {
     "adequate": "adequate",
     "missing": "something is missing",
@@ -147,7 +146,7 @@ def _ranking(analysis: Analysis, answer: dict[str, Any] | None, shown: Sequence[
     first = [c for c in answer["candidates"] if c["effect"] in named]
     first.sort(key=lambda c: named.index(c["effect"]))
     others = [c for c in answer["candidates"] if c["effect"] not in named]
-    full = [*first, *others[: max(0, CARDS - len(first))]] if answer["verdict"] != "adequate" else others[:2]
+    full = [*first, *others[: max(0, CARDS - len(first))]] if answer["verdict"] != "adequate" else others[: CARDS // 2]
     for candidate in full:
         parts.append(_card(analysis, answer, candidate, sets.get((candidate["effect"],)), candidate in first))
     rest = [c for c in answer["candidates"] if c not in full]

@@ -15,14 +15,15 @@ from host_tools.workbench.case import parse_case
 from host_tools.workbench.directions import numeric_columns
 from host_tools.workbench.edit import OwnEffect, OwnParameter, add_effects
 
-__all__ = ["Preview", "page_data", "previews"]
+__all__ = ["CARDS", "Preview", "page_data", "previews"]
 
 Array = npt.NDArray[np.float64]
 
 MAX_ROWS = 20_000
 MAX_NUMBERS = 220_000  # of all arrays together: some 1.8 MB of text
 MAX_COLUMNS = 40
-MAX_PREVIEWS = 6
+MAX_PREVIEWS = 8
+CARDS = 4  # candidates shown in full
 HEAT_COLUMNS, HEAT_BINS, HEAT_RUNS = 8, 12, 60
 
 
@@ -39,7 +40,8 @@ def previews(analysis: Analysis, answer: dict[str, Any] | None) -> list[Preview]
     if answer is None:
         return []
     sets = [tuple(answer["missing"]), *(tuple(effects) for effects in answer["rivals"])]
-    sets += [(candidate["effect"],) for candidate in answer["candidates"]]
+    cards = CARDS if answer["verdict"] != "adequate" else CARDS // 2
+    sets += [(candidate["effect"],) for candidate in answer["candidates"][:cards]]
     found: list[Preview] = []
     for effects in dict.fromkeys(one for one in sets if one):
         if len(found) == MAX_PREVIEWS:

@@ -6,13 +6,17 @@ import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from casekit import ROLLING, rolling, terrapin
 
 from hil.paths import ROOT
+from hil.physics.effects import catalogue
+from host_tools.workbench import report_data
 from host_tools.workbench.markdown import to_html
+from host_tools.workbench.mathml import from_expression, from_latex
 
 
 class Page(HTMLParser):
@@ -52,8 +56,8 @@ class Page(HTMLParser):
         return dict(json.loads(found))
 
 
-def _report(folder: Path, output: Path, capsys: pytest.CaptureFixture[str]) -> Page:
-    status, out, err = terrapin(capsys, "report", folder, "-o", output)
+def _report(folder: Path, output: Path, capsys: pytest.CaptureFixture[str], *options: str) -> Page:
+    status, out, err = terrapin(capsys, "report", folder, "-o", output, *(options or ["--no-discover"]))
     assert (status, err) == (0, "")
     assert out.strip() == str(output)
     return Page(output.read_text(encoding="utf-8"))
@@ -70,8 +74,11 @@ def test_page_of_a_failing_model(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert data["variable"] == "temperature"
     channel = data["channels"][0]  # type: ignore[index]
     measured, predicted = np.array(channel["measured"]), np.array(channel["predicted"])
-    np.testing.assert_allclose((measured - predicted) / channel["noise_sd"], channel["residual"], atol=2e-3)
-    assert sum(data["held"]) == 24  # type: ignore[arg-type]
+    error = np.sqrt(np.mean((measured - predicted) ** 2)) / channel["noise_sd"]
+    rungs = answer["ladder"][-1]
+    assert min(rungs["train_error"], rungs["heldout_error"]) < error < max(rungs["train_error"], rungs["heldout_error"])
+    held = data["held"]
+    assert sum(held[run] for run in data["run"]) == 24  # type: ignore[index, attr-defined]
     assert "humidity" in data["columns"]  # type: ignore[operator]
     assert "Something is missing from the model" in page.text
     assert "temperature" in page.text
@@ -108,23 +115,79 @@ def test_page_of_the_shipped_table_says_what_is_true(tmp_path: Path, capsys: pyt
     assert "319 mm" in page.text
 
 
-def test_ranking_of_discover_is_shown_for_the_same_model_only(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_page_says_what_discover_found_of_the_very_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = rolling(tmp_path / "case", 34, heating=0.003)
+    page = _report(folder, tmp_path / "r.html", capsys, "--discover")
+    answer = json.loads((folder / ".terrapin" / "discover.json").read_text())
+    assert answer["missing"] == ["motor_heating"]
+    assert f"With probability {answer['answer_probability']:.2f} the model lacks motor_heating" in page.text
+    assert "terrapin add case motor_heating" in page.text
+    data = page.data
+    assert data["ladder"] == answer["ladder"]
+    shown = data["previews"]
+    assert isinstance(shown, list)
+    assert shown[0] == "motor_heating"
+    channel = data["channels"][0]  # type: ignore[index]
+    gap = (np.array(channel["measured"]) - channel["previews"][0]) / channel["noise_sd"]
+    held = [data["held"][run] for run in data["run"]]  # type: ignore[index, attr-defined]
+    assert np.sqrt(np.mean(gap[held] ** 2)) == pytest.approx(answer["ladder"][-1]["heldout_error"], rel=0.01)
+    assert any(tag == "math" for tag, _ in page.tags)
+    buttons = [attributes for tag, attributes in page.tags if tag == "button" and "data-preview" in attributes]
+    assert {attributes["data-preview"] for attributes in buttons} == {str(i) for i in range(len(shown))}
+    assert all(attributes["aria-pressed"] in ("true", "false") for attributes in buttons)
+
+    kept = (folder / ".terrapin" / "discover.json").read_text().replace("motor_heating", "winding_heating")
+    (folder / ".terrapin" / "discover.json").write_text(kept)  # the same state: it is shown, not found again
+    assert "winding_heating" in _report(folder, tmp_path / "r.html", capsys).text
+    rows = (folder / "runs.csv").read_text()
+    (folder / "runs.csv").write_text(rows + "\n")
+    assert "winding_heating" not in _report(folder, tmp_path / "r.html", capsys).text
+    (folder / "runs.csv").write_text(rows)
+    (folder / "case.toml").write_text((folder / "case.toml").read_text() + "# changed\n")
+    assert "winding_heating" not in _report(folder, tmp_path / "r.html", capsys).text
+
+
+def test_history_of_what_was_added_and_removed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = rolling(tmp_path / "case", 36, runs=6, rows=8, heating=0.003)
+    assert terrapin(capsys, "add", folder, "motor_heating")[0] == 0
+    assert terrapin(capsys, "remove", folder, "motor_heating")[0] == 0
+    text = _report(folder, tmp_path / "r.html", capsys).text
+    assert "History: 2 steps" in text
+    assert re.search(r"added motor_heating : held out [\d.]+ → [\d.]+ removed motor_heating", text)
+
+
+def test_many_rows_are_thinned_and_the_worst_stays(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = rolling(tmp_path / "case", 34, runs=5, rows=5)
-    answer = {
-        "model": {"effects": []},
-        "candidates": [{"effect": "motor_heating", "probability": 0.93}],
-        "next_experiment": {"reason": "Warm it up."},
-    }
-    (folder / ".terrapin").mkdir()
-    file = folder / ".terrapin" / "discover.json"
-    file.write_text(json.dumps(answer))
+    monkeypatch.setattr(report_data, "MAX_ROWS", 40)
+    folder = rolling(tmp_path / "case", 37, runs=10, rows=30)
+    lines = (folder / "runs.csv").read_text().splitlines()
+    cells = lines[177].split(",")
+    cells[lines[0].split(",").index("i")] = "9999"
+    lines[177] = ",".join(cells)
+    (folder / "runs.csv").write_text("\n".join(lines) + "\n")
     page = _report(folder, tmp_path / "r.html", capsys)
-    assert "93 %" in page.text
-    assert "Warm it up." in page.text
-    file.write_text(json.dumps({**answer, "model": {"effects": ["cogging"]}}))
-    assert "93 %" not in _report(folder, tmp_path / "r.html", capsys).text
+    data = page.data
+    assert data["rows"] == 300
+    assert data["kept"] == len(data["run"]) == 40  # type: ignore[arg-type]
+    assert "40 of 300 rows are drawn" in page.text
+    assert max(data["channels"][0]["measured"]) == pytest.approx(9.999)  # type: ignore[index]
+
+
+def test_equations_are_typeset() -> None:
+    assert from_latex(r"\Delta C = \tfrac12\,b\,\omega^2") == (
+        '<math><mi>Δ</mi><mi>C</mi><mo stretchy="false">=</mo><mfrac><mn>1</mn><mn>2</mn></mfrac>'
+        '<mspace width="0.17em"></mspace><mi>b</mi><mspace width="0.17em"></mspace>'
+        "<msup><mi>ω</mi><mn>2</mn></msup></math>"
+    )
+    assert from_latex(r"P \to P - R_f,\; T \to T").count("<math>") == 2
+    assert from_latex(r"(s - \xi_2)^{\xi_3}").startswith("<math><msup><mrow>")
+    for effect in catalogue().values():
+        for text in (from_latex(effect.equation), from_expression(effect.expression) if effect.expression else ""):
+            for equation in re.findall(r"<math>.*?</math>", text):
+                ElementTree.fromstring(equation)  # well formed
+            assert "\\" not in text
+            assert "mathrm" not in text
 
 
 def test_notes_in_markdown() -> None:
