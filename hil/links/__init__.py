@@ -6,7 +6,8 @@ A link is opened, started (reset, parameters), advanced by ticks, closed:
         link.start({"supply_compensation": 1.0})
         link.advance(simulation, 1000)
 
-Names: `inprocess`, `pty`, `serial:DEVICE`, `socketcan:CHANNEL`, `can:INTERFACE:CHANNEL`.
+Names: `inprocess`, `pty`, `qemu` (the ARM image on an emulated Cortex-M4), `serial:DEVICE`, `socketcan:CHANNEL`,
+`can:INTERFACE:CHANNEL`.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from hil.simulation import Simulation
 
 __all__ = ["LINKS", "Link", "LinkNameError", "check_link_name", "open_link"]
 
-LINKS = "inprocess, pty, serial:DEVICE, socketcan:CHANNEL, can:INTERFACE:CHANNEL"
+LINKS = "inprocess, pty, qemu, serial:DEVICE, socketcan:CHANNEL, can:INTERFACE:CHANNEL"
 
 
 class LinkNameError(ValueError):
@@ -59,6 +60,12 @@ def _pty(where: str) -> Link:
     return SlcanLink.of_process()
 
 
+def _qemu(where: str) -> Link:
+    from hil.links.qemu import open_qemu
+
+    return open_qemu()
+
+
 def _serial(where: str) -> Link:
     from hil.links.wire import SlcanLink
 
@@ -79,6 +86,7 @@ def _socketcan(where: str) -> Link:
 _OPEN: dict[str, Callable[[str], Link]] = {
     "inprocess": _inprocess,
     "pty": _pty,
+    "qemu": _qemu,
     "serial": _serial,
     "socketcan": _socketcan,
     "can": _can,
@@ -92,6 +100,8 @@ def check_link_name(name: str) -> tuple[str, str]:
         raise LinkNameError(f"link {name!r}: expected one of {LINKS}")
     if kind == "inprocess" and colon:
         raise LinkNameError(f"link {name!r}: inprocess takes no address")
+    if kind == "qemu" and colon:
+        raise LinkNameError(f"link {name!r}: qemu takes no address")
     if kind == "pty" and colon:
         raise LinkNameError(f"link {name!r}: pty takes no address; for a device write serial:{where}")
     return kind, where

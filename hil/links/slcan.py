@@ -61,34 +61,43 @@ def slcan_parse(line: bytes) -> Frame:
 class SlcanPort:
     """One open channel. `timeout` [s] bounds every wait; all failures are LinkError."""
 
-    def __init__(self, path: str | Path, timeout: float = 2.0) -> None:
+    def __init__(self, path: str | Path, timeout: float = 2.0, descriptors: tuple[int, int] | None = None) -> None:
+        """`descriptors`: open ones to read from and to write to, not blocking, instead of the terminal `path`."""
         self.path = str(path)
         self.timeout = timeout
         self._rest = b""
         self._frames: list[Frame] = []
         self._pending = 0  # lines sent that are not acknowledged yet
+        self._from, self._to = descriptors or self._open_terminal()
+        self._readable = select.poll()
+        self._readable.register(self._from, select.POLLIN)
+        self._writable = select.poll()
+        self._writable.register(self._to, select.POLLOUT)
+
+    def _open_terminal(self) -> tuple[int, int]:
         try:
-            self._fd = os.open(self.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
-            tty.setraw(self._fd, termios.TCSANOW)
+            descriptor = os.open(self.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+            tty.setraw(descriptor, termios.TCSANOW)
         except (OSError, termios.error) as error:
             reason = error.strerror if isinstance(error, OSError) else "not a terminal"
             raise LinkError(f"{self.path}: cannot open the link: {reason}") from None
-        self._readable = select.poll()
-        self._readable.register(self._fd, select.POLLIN)
-        self._writable = select.poll()
-        self._writable.register(self._fd, select.POLLOUT)
+        return descriptor, descriptor
 
     @classmethod
     def open(cls, path: str | Path, timeout: float = 2.0) -> SlcanPort:
         """Open the port and its CAN channel at 500 kbit/s (which a board on USB ignores)."""
         port = cls(path, timeout)
-        try:
-            port._clear()
-            port.exchange(b"C\rS6\rO\r")
-        except BaseException:
-            port.close()
-            raise
+        port.begin()
         return port
+
+    def begin(self) -> None:
+        """Open the CAN channel. The port is closed when that fails."""
+        try:
+            self._clear()
+            self.exchange(b"C\rS6\rO\r")
+        except BaseException:
+            self.close()
+            raise
 
     def _clear(self) -> None:
         """End a line that an earlier host may have left unfinished, ask for the serial number, and drop all that comes
@@ -103,9 +112,9 @@ class SlcanPort:
 
     def close(self) -> None:
         """Close the port; the controller's process then ends. Closing twice is allowed."""
-        if self._fd >= 0:
-            os.close(self._fd)
-            self._fd = -1
+        for descriptor in {self._from, self._to} - {-1}:
+            os.close(descriptor)
+        self._from = self._to = -1
 
     def __enter__(self) -> SlcanPort:
         return self
@@ -120,7 +129,7 @@ class SlcanPort:
         self._pending += text.count(b"\r")
         while text:
             try:
-                text = text[os.write(self._fd, text) :]
+                text = text[os.write(self._to, text) :]
             except BlockingIOError:
                 if not self._writable.poll(int(self.timeout * 1000)):
                     raise LinkError(f"{self.path}: the other side takes no data for {self.timeout:g} s") from None
@@ -156,7 +165,7 @@ class SlcanPort:
     def _receive(self, end: float) -> bytes:
         """What has come, perhaps nothing yet; LinkError when nothing comes until `end` (monotonic clock)."""
         try:
-            data = os.read(self._fd, CHUNK)
+            data = os.read(self._from, CHUNK)
         except BlockingIOError:
             wait = end - time.monotonic()
             if wait <= 0 or not self._readable.poll(int(wait * 1000) + 1):

@@ -61,6 +61,7 @@ test | bench)
     has_arm || packages+=(gcc-arm-none-eabi libnewlib-arm-none-eabi)
     has_fuzzer || packages+=(clang libclang-rt-dev)
     command -v cppcheck >/dev/null || packages+=(cppcheck)
+    command -v qemu-system-arm >/dev/null || packages+=(qemu-system-arm)
     [ "$level" = bench ] && ! command -v valgrind >/dev/null && packages+=(valgrind)
     # What cannot be had is named in the closing lines of the tests.
     [ ${#packages[@]} = 0 ] || apt_install "${packages[@]}" || true

@@ -20,8 +20,7 @@
 #include <termios.h>
 #include <unistd.h>
 
-#include "dispatch.h"
-#include "slcan.h"
+#include "service.h"
 #include "terrapin_interface.h"
 
 #define IN_SIZE 512
@@ -33,12 +32,7 @@ _Static_assert(OUT_SIZE >= (3 * IN_SIZE) + (TERRAPIN_MAX_FRAMES * TERRAPIN_SLCAN
 
 typedef struct {
     int fd;
-    terrapin_slcan parser;
-    terrapin_link link;
-    terrapin_inputs inputs;
-    terrapin_outputs outputs;
-    terrapin_state *state;
-    unsigned long ticks;
+    terrapin_service service;
     uint8_t out[OUT_SIZE];
     size_t out_length;
 } controller;
@@ -126,42 +120,10 @@ static void queue(controller *c, const uint8_t *bytes, size_t length) {
     c->out_length += length;
 }
 
-static void queue_frame(controller *c, const terrapin_frame *frame) {
-    uint8_t text[TERRAPIN_SLCAN_TEXT_MAX] = {0};
-    const size_t length = terrapin_slcan_encode(frame, text);
-    queue(c, text, length);
-}
-
-static void take_frame(controller *c, const terrapin_frame *frame) {
-    terrapin_frame reply;
-    switch (terrapin_accept(&c->link, c->state, frame, &c->inputs, &reply)) {
-    case TERRAPIN_ACCEPT_REPLY:
-        queue_frame(c, &reply);
-        break;
-    case TERRAPIN_ACCEPT_STEP:
-        terrapin_link_step(c->state, &c->inputs, &c->outputs);
-        c->ticks++;
-        for (uint8_t i = 0; i < c->outputs.frame_count; i++) {
-            queue_frame(c, &c->outputs.frames[i]);
-        }
-        break;
-    case TERRAPIN_ACCEPT_NOTHING:
-    default:
-        break;
-    }
-}
-
 static void take_bytes(controller *c, const uint8_t *bytes, size_t length) {
-    terrapin_frame frame;
-    terrapin_slcan_reply reply;
+    uint8_t answer[TERRAPIN_SERVICE_ANSWER_MAX];
     for (size_t i = 0; i < length; i++) {
-        const terrapin_slcan_event event = terrapin_slcan_feed(&c->parser, bytes[i], &frame, &reply);
-        if (event == TERRAPIN_SLCAN_FRAME) {
-            take_frame(c, &frame);
-        }
-        if (event != TERRAPIN_SLCAN_MORE) {
-            queue(c, reply.text, reply.length);
-        }
+        queue(c, answer, terrapin_service_take(&c->service, bytes[i], answer));
     }
 }
 
@@ -230,8 +192,8 @@ static int serve(controller *c, const sigset_t *while_waiting) {
 
 /* Whatever the reason for leaving, nothing drives the bridge any more. */
 static void outputs_off(controller *c) {
-    c->outputs.enable = false;
-    c->outputs.duty_q15 = 0;
+    c->service.outputs.enable = false;
+    c->service.outputs.duty_q15 = 0;
 }
 
 static int usage(int status) {
@@ -257,14 +219,13 @@ int main(int argc, char **argv) {
         fail("cannot catch", "signals");
         return 1;
     }
-    c.state = calloc(1, terrapin_state_size());
-    c.fd = (c.state == NULL) ? -1 : (pty ? open_pty(link) : open_tty(argv[1]));
+    terrapin_state *state = calloc(1, terrapin_state_size());
+    c.fd = (state == NULL) ? -1 : (pty ? open_pty(link) : open_tty(argv[1]));
     if (c.fd < 0) {
-        free(c.state);
+        free(state);
         return 1;
     }
-    terrapin_slcan_init(&c.parser);
-    terrapin_link_init(&c.link, c.state, &c.inputs);
+    terrapin_service_init(&c.service, state);
 
     const int result = serve(&c, &while_waiting);
     if (result != 0) {
@@ -274,12 +235,13 @@ int main(int argc, char **argv) {
     (void)fprintf(stderr,
                   "terrapin-controller: %s after %lu ticks, outputs off; dropped: %lu bad CRC, %lu repeated, "
                   "%lu malformed frames, %lu malformed lines\n",
-                  (stop_signal != 0) ? "stopped by a signal" : "peer gone", c.ticks, (unsigned long)c.link.bad_crc,
-                  (unsigned long)c.link.repeated, (unsigned long)c.link.malformed, (unsigned long)c.parser.malformed);
+                  (stop_signal != 0) ? "stopped by a signal" : "peer gone", (unsigned long)c.service.ticks,
+                  (unsigned long)c.service.link.bad_crc, (unsigned long)c.service.link.repeated,
+                  (unsigned long)c.service.link.malformed, (unsigned long)c.service.parser.malformed);
     if (link != NULL) {
         (void)unlink(link);
     }
     (void)close(c.fd);
-    free(c.state);
+    free(state);
     return (result == 0) ? 0 : 1;
 }

@@ -1,0 +1,11 @@
+# The controller for the emulated Cortex-M4 (firmware/ports/qemu): the core's and the link's objects as on the chip.
+file(GLOB QEMU_SOURCES CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/firmware/ports/qemu/*.c)
+add_executable(terrapin-qemu ${QEMU_SOURCES} $<TARGET_OBJECTS:core_objects> $<TARGET_OBJECTS:link_objects>)
+set_target_properties(terrapin-qemu PROPERTIES SUFFIX .elf)
+add_dependencies(terrapin-qemu interface)
+target_include_directories(terrapin-qemu PRIVATE ${CMAKE_SOURCE_DIR}/firmware/core ${CMAKE_SOURCE_DIR}/firmware/link ${GENERATED})
+target_compile_options(terrapin-qemu PRIVATE ${STRICT} -ffunction-sections -fdata-sections)
+target_link_options(terrapin-qemu PRIVATE -nostartfiles --specs=nano.specs -Wl,--gc-sections
+    -Wl,--wrap=terrapin_link_step,--wrap=telemetry_emit
+    -T ${CMAKE_SOURCE_DIR}/firmware/ports/qemu/qemu.ld)
+set_target_properties(terrapin-qemu PROPERTIES LINK_DEPENDS ${CMAKE_SOURCE_DIR}/firmware/ports/qemu/qemu.ld)

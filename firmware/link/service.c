@@ -1,0 +1,46 @@
+#include "service.h"
+
+#include <string.h>
+
+void terrapin_service_init(terrapin_service *service, terrapin_state *state) {
+    (void)memset(service, 0, sizeof *service);
+    service->state = state;
+    terrapin_slcan_init(&service->parser);
+    terrapin_link_init(&service->link, state, &service->inputs);
+}
+
+static size_t take_frame(terrapin_service *service, const terrapin_frame *frame, uint8_t *answer) {
+    size_t length = 0;
+    terrapin_frame reply = {0};
+    switch (terrapin_accept(&service->link, service->state, frame, &service->inputs, &reply)) {
+    case TERRAPIN_ACCEPT_REPLY:
+        length = terrapin_slcan_encode(&reply, answer);
+        break;
+    case TERRAPIN_ACCEPT_STEP:
+        terrapin_link_step(service->state, &service->inputs, &service->outputs);
+        service->ticks++;
+        for (uint8_t i = 0; i < service->outputs.frame_count; i++) {
+            length += terrapin_slcan_encode(&service->outputs.frames[i], &answer[length]);
+        }
+        break;
+    case TERRAPIN_ACCEPT_NOTHING:
+    default:
+        break;
+    }
+    return length;
+}
+
+size_t terrapin_service_take(terrapin_service *service, uint8_t byte, uint8_t answer[TERRAPIN_SERVICE_ANSWER_MAX]) {
+    terrapin_frame frame = {0};
+    terrapin_slcan_reply reply = {0};
+    size_t length = 0;
+    const terrapin_slcan_event event = terrapin_slcan_feed(&service->parser, byte, &frame, &reply);
+    if (event == TERRAPIN_SLCAN_FRAME) {
+        length = take_frame(service, &frame, answer);
+    }
+    if (event != TERRAPIN_SLCAN_MORE) {
+        (void)memcpy(&answer[length], reply.text, reply.length);
+        length += reply.length;
+    }
+    return length;
+}
