@@ -14,7 +14,7 @@ from __future__ import annotations
 import signal
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -27,7 +27,9 @@ from host_tools.workbench.case import Case, load_case
 
 __all__ = ["Question", "Result", "answer_one", "answers", "cases_in", "solve"]
 
-AHEAD = 4  # cases under way for each worker: enough that none waits while the first in line is slow
+BUSY = 2  # cases sent to each worker and not done: one in work, one waiting
+HELD = 32  # cases sent for each worker and not given out: so many may overtake a slow one
+POLL = 0.005  # s between looks at what is done
 IDLE = 60.0  # s after which a worker without work ends, so that none outlives a killed parent for long
 CONNECT = 10.0  # s for a cluster to answer
 
@@ -101,19 +103,27 @@ def answer_one(
 def answers(folders: Iterable[Path], question: Question, jobs: int = 1, cluster: str = "") -> Iterator[Result]:
     """A result for each folder, in the order given. UserError when the cluster cannot be reached or is lost."""
     with _pool(jobs, cluster) as pool:
-        under_way: deque[tuple[Path, Future | Outcome]] = deque()
+        line: deque[tuple[Path, Future]] = deque()
         for folder in folders:
-            under_way.append((folder, _begin(pool, folder, question)))
-            if len(under_way) > pool.room():
-                yield _end(pool, *under_way.popleft(), question)
-        while under_way:
-            yield _end(pool, *under_way.popleft(), question)
+            while line and (line[0][1].done() or _full(line, pool.workers())):
+                if line[0][1].done():
+                    yield _end(pool, *line.popleft(), question)
+                else:
+                    time.sleep(POLL)
+            line.append((folder, _begin(pool, folder, question)))
+        while line:
+            yield _end(pool, *line.popleft(), question)
+
+
+def _full(line: Collection[tuple[Path, Future]], workers: int) -> bool:
+    return len(line) >= HELD * workers or sum(not future.done() for _, future in line) >= BUSY * workers
 
 
 Outcome = tuple[dict[str, Any] | None, str, str]  # answer, words, error
 
 
 class Future(Protocol):
+    def done(self) -> bool: ...
     def result(self) -> Outcome: ...
 
 
@@ -122,24 +132,22 @@ class Pool(Protocol):
 
     @property
     def died(self) -> type[Exception]: ...
-    def room(self) -> int: ...
+    def workers(self) -> int: ...
     def submit(self, question: Question, case: Case) -> Future: ...
     def again(self, question: Question, case: Case) -> Outcome: ...
 
 
-def _begin(pool: Pool, folder: Path, question: Question) -> Future | Outcome:
+def _begin(pool: Pool, folder: Path, question: Question) -> Future:
     try:
         case = load_case(folder)
     except UserError as error:
-        return None, "", str(error)
+        return _Done((None, "", str(error)))
     return pool.submit(question, case)
 
 
-def _end(pool: Pool, folder: Path, begun: Future | Outcome, question: Question) -> Result:
-    if isinstance(begun, tuple):
-        return Result(folder, *begun)
+def _end(pool: Pool, folder: Path, future: Future, question: Question) -> Result:
     try:
-        return Result(folder, *begun.result())
+        return Result(folder, *future.result())
     except pool.died:
         return Result(folder, *pool.again(question, load_case(folder)))
 
@@ -176,8 +184,8 @@ class _Here:
 
     died: type[Exception] = BrokenExecutor
 
-    def room(self) -> int:
-        return 0
+    def workers(self) -> int:
+        return 1
 
     def submit(self, question: Question, case: Case) -> Future:
         return _Done(attempt(question, case))
@@ -189,6 +197,9 @@ class _Here:
 @dataclass(frozen=True)
 class _Done:
     outcome: Outcome
+
+    def done(self) -> bool:
+        return True
 
     def result(self) -> Outcome:
         return self.outcome
@@ -207,8 +218,8 @@ class _Processes:
         self.jobs = jobs
         self.executor: Any = None
 
-    def room(self) -> int:
-        return AHEAD * self.jobs
+    def workers(self) -> int:
+        return self.jobs
 
     def submit(self, question: Question, case: Case) -> Future:
         self.executor = self.executor or _executor(self.jobs)
@@ -323,10 +334,10 @@ class _Cluster:
         self.client, self.address = client, address
         self.counted, self.threads = -1e9, 1
 
-    def room(self) -> int:
+    def workers(self) -> int:
         if time.monotonic() - self.counted > 5.0:  # workers come and go
             self.counted, self.threads = time.monotonic(), max(1, sum(self.client.nthreads().values()))
-        return AHEAD * self.threads
+        return self.threads
 
     def submit(self, question: Question, case: Case) -> Future:
         future = self.client.submit(attempt_elsewhere, fingerprint(), question, case, pure=False)
@@ -341,6 +352,9 @@ class _Remote:
     future: Any
     address: str
     died: type[Exception]
+
+    def done(self) -> bool:
+        return bool(self.future.done())
 
     def result(self) -> Outcome:
         from concurrent.futures import CancelledError
