@@ -38,7 +38,8 @@ th { text-align:left; font-weight:600; color:var(--dim); font-size:12.5px; }
 th,td { padding:5px 12px 5px 0; border-bottom:1px solid var(--line); vertical-align:top; }
 td.why { color:var(--dim); font-size:13px; }
 .checks td:nth-child(1) { width:23%; } .checks td:nth-child(2) { width:13%; } .checks td:nth-child(3) { width:31%; }
-.summary td { padding:3px 12px 3px 0; } .summary td:nth-child(-n+3) { white-space:nowrap; } .summary a { color:inherit; }
+.summary td { padding:3px 12px 3px 0; } .summary td:nth-child(-n+3) { white-space:nowrap; }
+.summary a { color:inherit; }
 .rules { border-left:3px solid var(--line); padding-left:14px; margin:14px 0; }
 .data td { white-space:nowrap; } .scroll { overflow-x:auto; }
 @media print { body { background:#fff; } section { break-inside:avoid; border:0; padding:6px 0; } }

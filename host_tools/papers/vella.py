@@ -54,7 +54,7 @@ def _table_1(train: Objective, nominal: Footing, optimal: Footing) -> Part:
     names = table["names"]
     every = {cost: estimate(train, nominal, None, cost, starts=1) for cost in ("least_squares", "eq5")}
     alone = _alone(train, nominal)
-    limits = analyse(train, every["least_squares"], bounds_of(nominal), profiles=True)
+    limits = analyse(train, every["least_squares"], bounds_of(nominal), profiles=False)
     kept = []
     for fit in every.values():
         shown = _shown(fit.footing)
@@ -149,8 +149,9 @@ def _estimates(fit: Fit, alone: Fit, limits: Limits) -> Table:
     rows = []
     for i, (name, key) in enumerate(zip(table["names"], limits.intervals, strict=True)):
         interval = limits.intervals[key]
-        low, high = (end * SCALES[i] for end in (interval.low, interval.high))
-        cut = " (bound)" if interval.low_open or interval.high_open else ""
+        least, most = (bounds[i] for bounds in bounds_of(_footing(numbers(table["nominal"]))))
+        low, high = (min(max(end, least), most) * SCALES[i] for end in (interval.low, interval.high))
+        cut = " (bound)" if interval.low < least or interval.high > most else ""
         rows.append(
             (
                 name,
@@ -169,7 +170,7 @@ def _estimates(fit: Fit, alone: Fit, limits: Limits) -> Table:
             "nominal",
             "optimum printed",
             "all five fitted",
-            "95 % (profile likelihood)",
+            "95 %, linearised",
             "fixed by runs",
             "K_s alone",
         ),
