@@ -33,6 +33,7 @@ AS_GOOD = 0.75  # posterior, relative to the likeliest set's, from which another
 SAME_AS_GOOD = 0.2  # the same, for a set that these data could not tell from the likeliest in any case:
 SAME = 4.0  # squared distance of the two sets' predictions, in noise sd, that the other's parameters cannot take up
 ENOUGH_EXPLAINED = 0.7  # share of the misfit that an expression must take away to be an answer
+LEFT = 2.0  # standard deviations of the mean square above 1, up to which an expression leaves nothing but noise
 LISTED = 0.5  # probability of one odd run, from which it is named
 
 
@@ -139,7 +140,7 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
     if named and named[0][0].fit is not None:
         top, best = named[0]
         column = sum(p for h, p in pairs if h.kind == "expression" and h.column == top.column)
-        if _explained(analysis, top.fit) >= ENOUGH_EXPLAINED:
+        if _explained(analysis, top.fit) >= ENOUGH_EXPLAINED or _nothing_left(analysis, top.fit):
             return "missing", top, [top], calibrated(float(column))
     return "unexplained", named[0][0] if named else None, [], calibrated(kinds["expression"])
 
@@ -161,6 +162,13 @@ def _explained(analysis: Analysis, fit: Fit | None) -> float:
     before = _total(analysis, analysis.fit)
     after = _total(analysis, fit) if fit is not None else before
     return float((before - after) / (before - 1.0)) if before > 1.0 else 0.0
+
+
+def _nothing_left(analysis: Analysis, fit: Fit) -> bool:
+    """Whether what a fit leaves is no more than noise as correlated as this may leave (Bartlett's variance)."""
+    rho, count = analysis.noise.rho, analysis.residual.size
+    spread = np.sqrt(2.0 / count * (1.0 + rho * rho) / (1.0 - rho * rho))
+    return bool(_total(analysis, fit) < 1.0 + LEFT * spread)
 
 
 def _total(analysis: Analysis, fit: Fit) -> float:
