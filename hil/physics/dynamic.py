@@ -260,7 +260,7 @@ class Plan:
         self, table: Array, time: Array, columns: Mapping[str, Array], start: float
     ) -> tuple[dict[str, Array], dict[str, Array]]:
         f, lib = ffi(), library()
-        period = float(time[-1] - time[0]) / max(len(time) - 1, 1)
+        period = float(time[-1] - time[0]) / max(len(time) - 1, 1)  # the samples are evenly spaced
         substeps = max(1, int(np.ceil(period / self.model.longest_step - 1e-9)))
         torque = np.ascontiguousarray(columns["drive_torque"], dtype=np.float64)
         stacked, slots = self._columns({n: c for n, c in columns.items() if n != "drive_torque"})

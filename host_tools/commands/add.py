@@ -113,6 +113,7 @@ def _proposed(case: Path, name: str) -> OwnEffect | None:
 def _check_expressions(own: dict[str, OwnEffect], case: Any) -> None:
     """Complaints about a formula name the option, not a line of a file that is not written."""
     from hil.physics.expression import parse
+    from host_tools.workbench.bases import formula_name
     from host_tools.workbench.user_effects import targets
 
     for effect in own.values():
@@ -121,6 +122,7 @@ def _check_expressions(own: dict[str, OwnEffect], case: Any) -> None:
         except ValueError as error:
             raise UserError(f"--expression: {error}") from None
         known = {*case.inputs, *case.parameters, *case.fit, *effect.parameters, "speed", "bulldozing_resistance"}
+        known |= {formula_name(name) for name in case.base.provides}
         unknown = sorted(names - known)
         if unknown:
             expected = ", ".join(sorted(known))
