@@ -21,7 +21,7 @@ from host_tools.workbench.candidates import acting
 from host_tools.workbench.case import Case
 from host_tools.workbench.models import Model
 from host_tools.workbench.noise import orthonormal
-from host_tools.workbench.terms import Term, factors, product_text, shapes, targets
+from host_tools.workbench.terms import Term, factors, free_name, product_text, shapes, targets
 
 __all__ = ["SCALE_COST", "Library", "Sketch", "as_effect", "library"]
 
@@ -50,6 +50,7 @@ class Sketch:
     limits: tuple[float, float]  # of the scales
     grid: tuple[float, ...]  # further starts of a scale
     prior: float
+    size: str = "k"  # the name of its size
 
 
 @dataclass(frozen=True)
@@ -76,10 +77,11 @@ def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, 
     catalogue = known - basis @ (basis.T @ known)
     norms = np.sqrt((catalogue * catalogue).sum(axis=0))
     catalogue = catalogue[:, norms > 0] / norms[norms > 0]
-    terms = {name: shapes(name, v, case.units.get(name) or _role_unit(name)) for name, v in values.items()}
+    terms = {name: shapes(name, v, case.units.get(name) or _role_unit(name), case.inputs) for name, v in values.items()}
     features = {(name, i): _feature(t, values) for name, ts in terms.items() for i, t in enumerate(ts)}
     terms[""] = [Term("", {}, (-np.inf, np.inf), CONSTANT_COST)]
     features["", 0] = np.ones(int(rows.sum()))
+    size_name = free_name("k", case.inputs)
     sketches: list[Sketch] = []
     columns: list[Array] = []
     scales: list[float] = []
@@ -103,7 +105,7 @@ def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, 
                         continue
                     sketches.append(
                         Sketch(
-                            product_text("k", term.text, factor),
+                            product_text(size_name, term.text, factor),
                             target,
                             {"pass_": "pass"}.get(name, name),
                             term.scales,
@@ -111,6 +113,7 @@ def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, 
                             term.limits,
                             term.grid,
                             target_prior * term.prior * factor_prior * own_prior,
+                            size_name,
                         )
                     )
                     columns.append((change / size).reshape(-1))
@@ -163,7 +166,7 @@ def _distinct(columns: Array, basis: Array, catalogue: Array, prior: Array) -> l
 def as_effect(sketch: Sketch, case: Case, name: str) -> Effect:
     """A sketch as an effect that a model can take: k free from 0, scales positive with further starts around them."""
     expression: Expression = parse(sketch.text)
-    parameters = [Parameter("k", _unit(sketch, case), 0.0, meaning="size")]
+    parameters = [Parameter(sketch.size, _unit(sketch, case), 0.0, meaning="size")]
     for key, value in sketch.scales.items():
         parameters.append(_scale_parameter(key, sketch, value))
     return Effect(
@@ -193,7 +196,7 @@ def _unit(sketch: Sketch, case: Case) -> str:
     known = {formula_name(role): unit for role, unit in ROLES.items()} if case.base.name != "equation" else {}
     known.update({formula_name(name): unit for name, unit in case.units.items()})
     known.update(sketch.units)
-    known["k"] = "1"
+    known[sketch.size] = "1"
     acts_on = {"resistance": "N m", "drag": "N"}.get(sketch.target, case.units.get(sketch.target, "1"))
     shape = parse(sketch.text)
     if not shape.names <= set(known):

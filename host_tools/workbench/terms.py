@@ -7,7 +7,7 @@ a decay, a deviation from a reference value. A prior factor says how much more a
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from host_tools.workbench.case import Case
 
-__all__ = ["Term", "factors", "product_text", "shapes", "targets"]
+__all__ = ["Term", "factors", "free_name", "product_text", "shapes", "targets"]
 
 Array = npt.NDArray[np.float64]
 
@@ -38,8 +38,23 @@ class Term:
     grid: tuple[float, ...] = ()  # further start values of its scale, for a refit
 
 
-def shapes(name: str, values: Array, unit: str) -> list[Term]:
-    """Terms in a column with these values (rows,) and unit ("" where it is not known)."""
+def free_name(name: str, taken: Collection[str]) -> str:
+    """A name for a parameter that no column has.
+
+    >>> free_name("k", {"k", "x"})
+    'k_'
+    """
+    while name in taken:
+        name += "_"
+    return name
+
+
+def shapes(name: str, values: Array, unit: str, taken: Collection[str] = ()) -> list[Term]:
+    """Terms in a column with these values (rows,) and unit ("1" for none or where it is not known).
+
+    Scales have names that are not `taken`. Every term is sound in its units: what exp, tanh or log see has none.
+    """
+    x0, w, tau = (free_name(n, {*taken, name}) for n in ("x0", "w", "tau"))
     low, high = float(values.min()), float(values.max())
     size, span = max(abs(low), abs(high)), high - low
     one_sign = low >= 0.0 or high <= 0.0
@@ -64,8 +79,8 @@ def shapes(name: str, values: Array, unit: str) -> list[Term]:
             low >= 0.0
         ):  # a deviation from a reference; a threshold in the middle of the range finds its place in the fit
             for share in (0.25, 0.5, 0.75):
-                start = {"x0": low + share * span}
-                found.append(Term(f"({name} - x0)", start, (low, high), 0.3 * SHAPE_COST))
+                start = {x0: low + share * span}
+                found.append(Term(f"({name} - {x0})", start, (low, high), 0.3 * SHAPE_COST))
     else:
         found += [
             term(f"abs({name})", SHAPE_COST),
@@ -77,32 +92,35 @@ def shapes(name: str, values: Array, unit: str) -> list[Term]:
         ]
     dead = (floor + 0.3 * (top - floor), floor + 0.85 * (top - floor))  # outside, a threshold is a straight line
     for share in (0.45, 0.7):
-        start = {"w": floor + share * (top - floor)}
-        found.append(Term(f"max({magnitude} - w, 0)", start, dead, SHAPE_COST**3))
+        start = {w: floor + share * (top - floor)}
+        found.append(Term(f"max({magnitude} - {w}, 0)", start, dead, SHAPE_COST**3))
         if not one_sign:
-            found.append(Term(f"sign({name})*max({magnitude} - w, 0)", start, dead, SHAPE_COST**3))
+            found.append(Term(f"sign({name})*max({magnitude} - {w}, 0)", start, dead, SHAPE_COST**3))
     if floor < 0.5 * top:  # else a saturation is out of sight
         for share in (0.1, 0.3):
             prior = 0.5 * SHAPE_COST**1.5
-            found.append(Term(f"tanh({name}/w)", {"w": share * size}, scale, prior))
+            found.append(Term(f"tanh({name}/{w})", {w: share * size}, scale, prior))
     if low > 0.0:
-        found.append(term(f"log({name})", SHAPE_COST))
+        if unit in ("", "1"):
+            found.append(term(f"log({name})", SHAPE_COST))
+        else:
+            found.append(Term(f"log({name}/{x0})", {x0: 0.5 * (low + high)}, (low, high), SHAPE_COST))
         if low > 0.02 * high:
             found.append(term(f"1/{name}", SHAPE_COST))
     if low >= 0.0 and span > 0.0:
         for share in (0.06, 0.15, 0.4, 1.0):
-            found.append(Term(f"exp(-{name}/tau)", {"tau": share * high}, scale, 0.25 * SHAPE_COST))
+            found.append(Term(f"exp(-{name}/{tau})", {tau: share * high}, scale, 0.25 * SHAPE_COST))
     else:
         for share in (0.15, 0.5):
-            start = {"tau": share * size}
-            found.append(Term(f"exp(-abs({name})/tau)", start, scale, 0.5 * SHAPE_COST**1.5))
-    found += _steps(name, values)
+            start = {tau: share * size}
+            found.append(Term(f"exp(-abs({name})/{tau})", start, scale, 0.5 * SHAPE_COST**1.5))
+    found += _steps(name, values, w)
     if not one_sign:
-        found += _steps(f"abs({name})", np.abs(values))
+        found += _steps(f"abs({name})", np.abs(values), w)
     return found
 
 
-def _steps(name: str, values: Array) -> list[Term]:
+def _steps(name: str, values: Array, w: str) -> list[Term]:
     """A jump where the column passes a value that lies between two that occur."""
     known = np.unique(values)
     if len(known) < 3:
@@ -114,7 +132,7 @@ def _steps(name: str, values: Array) -> list[Term]:
     grid = sorted({float(f"{v:.6g}") for v in inside[np.linspace(0, len(inside) - 1, EDGES).astype(int)]})
     edges = sorted({grid[i] for i in np.linspace(0, len(grid) - 1, STEPS).astype(int)})
     limits, prior = (float(known[0]), float(known[-1])), SHAPE_COST**2 / len(edges)
-    return [Term(f"({name} > w)", {"w": edge}, limits, prior, False, tuple(grid)) for edge in edges]
+    return [Term(f"({name} > {w})", {w: edge}, limits, prior, False, tuple(grid)) for edge in edges]
 
 
 def factors(case: Case, target: str, main: str, values: Mapping[str, Array]) -> list[tuple[str, float, bool]]:

@@ -167,3 +167,18 @@ def test_two_terms_where_the_heldout_runs_pay_for_them(tmp_path: Path) -> None:
 def test_one_term_stays_one_term(tmp_path: Path) -> None:
     case = spring(tmp_path / "case", "x**3", 5.0, seed=12)
     assert len(discover(case).missing) == 1
+
+
+def test_columns_may_have_the_names_of_an_expressions_parameters() -> None:
+    for name in ("k", "w", "tau", "x0"):
+        values = np.linspace(1.0, 9.0, 40)
+        for term in shapes(name, values, "m", {name, "other"}):
+            assert name not in term.scales
+            assert np.isfinite(parse(term.text).evaluate({name: values, **term.scales})).all()
+
+
+@pytest.mark.parametrize(("low", "high"), [(1.0, 7.0), (-8.0, 8.0), (0.0, 50.0)])
+def test_every_shape_is_sound_in_its_units(low: float, high: float) -> None:
+    for unit in ("m/s", "degC", "rad", "1"):
+        for term in shapes("x", np.linspace(low, high, 50), unit):
+            parse(term.text).unit({"x": unit, **dict.fromkeys(term.scales, unit)})  # ValueError where kinds mix
