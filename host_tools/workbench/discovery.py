@@ -257,7 +257,7 @@ def _candidate(analysis: Analysis, hypothesis: Hypothesis, probability: float) -
     covered = covariance(fit, case.run[case.train], analysis.noise.rho)[0]
     return Candidate(
         effect=effect,
-        kind=hypothesis.kind,
+        kind="catalogue" if hypothesis.kind == "catalogue" else "expression",
         probability=probability,
         heldout_rmse={c: float(v) if case.test.any() else None for c, v in zip(fit.model.channels, each, strict=True)},
         noise_ratio=held,
