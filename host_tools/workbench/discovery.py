@@ -31,7 +31,7 @@ Array = npt.NDArray[np.float64]
 
 AS_GOOD = 0.75  # posterior, relative to the likeliest set's, from which another set does equally well
 SAME_AS_GOOD = 0.2  # the same, for a set that these data could not tell from the likeliest in any case:
-SAME = 4.0  # squared distance of the two sets' predictions, in noise sd, that the other's parameters cannot take up
+SAME = 2.0  # squared distance of the two sets' predictions, in noise sd, that the other's parameters cannot take up
 ENOUGH_EXPLAINED = 0.7  # share of the misfit that an expression must take away to be an answer
 LEFT = 2.0  # standard deviations of the mean square above 1, up to which an expression leaves nothing but noise
 LISTED = 0.5  # probability of one odd run, from which it is named
@@ -127,7 +127,11 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
             nested = any(set(r.effects) <= set(other.effects) or set(other.effects) <= set(r.effects) for r in rivals)
             if nested or p < SAME_AS_GOOD * best:
                 continue
-            if p >= AS_GOOD * best or _distance(analysis, ranking, top.fit, other.fit) < SAME:
+            if _distance(analysis, ranking, top.fit, other.fit) < SAME:
+                # what can become the likeliest by its shape (a decay so slow that it is a constant) is no rival of it
+                if _size_of(other) <= _size_of(top):
+                    rivals.append(other)
+            elif p >= AS_GOOD * best:
                 rivals.append(other)
         verdict = "ambiguous" if len(rivals) > 1 else "missing"
         return verdict, top, rivals, calibrated(float(best))
@@ -143,6 +147,11 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
         if _explained(analysis, top.fit) >= ENOUGH_EXPLAINED or _nothing_left(analysis, top.fit):
             return "missing", top, [top], calibrated(float(column))
     return "unexplained", named[0][0] if named else None, [], calibrated(kinds["expression"])
+
+
+def _size_of(hypothesis: Hypothesis) -> int:
+    """Number of fitted parameters."""
+    return len(hypothesis.fit.theta) if hypothesis.fit is not None else 0
 
 
 def _distance(analysis: Analysis, ranking: Ranking, first: Fit | None, other: Fit | None) -> float:
@@ -164,11 +173,11 @@ def _explained(analysis: Analysis, fit: Fit | None) -> float:
     return float((before - after) / (before - 1.0)) if before > 1.0 else 0.0
 
 
-def _nothing_left(analysis: Analysis, fit: Fit) -> bool:
+def _nothing_left(analysis: Analysis, fit: Fit | None) -> bool:
     """Whether what a fit leaves is no more than noise as correlated as this may leave (Bartlett's variance)."""
     rho, count = analysis.noise.rho, analysis.residual.size
     spread = np.sqrt(2.0 / count * (1.0 + rho * rho) / (1.0 - rho * rho))
-    return bool(_total(analysis, fit) < 1.0 + LEFT * spread)
+    return fit is not None and bool(_total(analysis, fit) < 1.0 + LEFT * spread)
 
 
 def _total(analysis: Analysis, fit: Fit) -> float:

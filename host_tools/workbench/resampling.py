@@ -21,7 +21,7 @@ from host_tools.workbench.linear import Linear, linearise
 from host_tools.workbench.noise import RHO_GRID, Ar1
 from host_tools.workbench.ranking import Hypothesis, Ranking
 
-__all__ = ["Selected", "selection"]
+__all__ = ["Selected", "Sums", "selection"]
 
 Array = npt.NDArray[np.float64]
 CHANCE = 1e-6  # posterior from which an answer takes part
@@ -56,7 +56,7 @@ def selection(analysis: Analysis, ranking: Ranking, draws: int, seed: int) -> tu
             linear = linearise(fit, hypothesis.effects, values, analysis.rows, analysis.noise.sigma)
         except ValueError:
             continue
-        sums = _Sums(Ar1(run), linear, known)
+        sums = Sums(Ar1(run), linear, known)
         # prior and what the shapes cost stay: only the evidence is drawn anew
         logs.append(hypothesis.log_weight + sums.evidence(weight) - sums.evidence(once))
         taking_part.append(hypothesis)
@@ -68,7 +68,7 @@ def selection(analysis: Analysis, ranking: Ranking, draws: int, seed: int) -> tu
     )
 
 
-class _Sums:
+class Sums:
     """Products of [base, effects, residual], whitened, summed within each run, at each correlation."""
 
     def __init__(self, ar1: Ar1, linear: Linear, known: bool) -> None:

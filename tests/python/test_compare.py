@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,13 @@ import pytest
 from casekit import ROLLING, ar1, rolling, terrapin
 
 from host_tools.workbench.analysis import Analysis, analyse, fitted_on
+from host_tools.workbench.bayes_factor import BayesFactor, blocks_of
 from host_tools.workbench.case import load_case
+from host_tools.workbench.directions import column_shapes
+from host_tools.workbench.evidence import Evidence
 from host_tools.workbench.fit import covariance
 from host_tools.workbench.models import Model
-from host_tools.workbench.noise import Ar1, repeated_settings
+from host_tools.workbench.noise import RHO_GRID, Ar1, repeated_settings
 
 KEYS = {"schema", "case", "model", "parameters", "channels", "adequacy", "where", "verdict", "ladder", "seconds"}
 
@@ -150,6 +154,29 @@ def test_false_alarms(tmp_path: Path, given: bool, rho: float) -> None:
         case = load_case(rolling(tmp_path, 1000 + seed, runs=8, rows=12, rho=rho, text=text))
         alarms += analyse(case, seed).missing
     assert alarms < 5
+
+
+def test_bayes_factor_of_nothing_is_one_on_average(tmp_path: Path) -> None:
+    """Over data drawn from "nothing", correlation from its prior, a Bayes factor has mean 1: of 2,000 sets, 5 % at most
+    lie above 20, and the mean of those cut off at 20 is between what the tail can hold and 1."""
+    case = load_case(rolling(tmp_path, 21, runs=6, rows=8))
+    analysis = analyse(case)
+    base = analysis.fit.jacobian
+    rows = case.train
+    model = analysis.model
+    effects = {n: [replace(s, columns=s.columns[rows[analysis.rows]]) for s in v] for n, v in analysis.shapes.items()}
+    shapes = column_shapes(case, rows)
+    ar1 = Ar1(case.run[rows])
+    statistic = BayesFactor(ar1, base, True, blocks_of(effects, shapes, case.run[rows], len(model.channels)))
+    random = np.random.default_rng(5)
+    prior = np.exp(Evidence.log_prior())
+    drawn = random.choice(len(RHO_GRID), 2000, p=prior / prior.sum())
+    noise = random.standard_normal((ar1.rows, 2000))
+    for index, rho in enumerate(RHO_GRID):
+        noise[:, drawn == index] = ar1.colour(noise[:, drawn == index], rho)
+    factors = np.exp(statistic(noise)[0])
+    assert np.mean(factors > 20.0) < 0.05
+    assert 0.6 < np.mean(np.minimum(factors, 20.0)) < 1.05
 
 
 def test_power_with_correlated_noise(tmp_path: Path) -> None:

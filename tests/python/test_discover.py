@@ -14,9 +14,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaigns"))
 from discovery_campaign import one
 from discovery_cases import Made, confounded, make
 
-from host_tools.workbench.analysis import error, fitted_on
+from host_tools.workbench.analysis import error, fitted_on, measured
 from host_tools.workbench.answer import to_json
 from host_tools.workbench.discovery import Discovery, discover, discover_answer
+from host_tools.workbench.evidence import Evidence
+from host_tools.workbench.linear import linearise
+from host_tools.workbench.noise import Ar1
+from host_tools.workbench.resampling import Sums
 from host_tools.workbench.words import tell
 
 
@@ -120,6 +124,42 @@ def test_finds_an_expression_beside_an_effect() -> None:
     assert found.missing[0] == "viscous_friction"
     candidate = next(c for c in found.candidates if c.effect.name == found.missing[1])
     assert "humidity" in candidate.effect.expression
+
+
+def test_the_limit_of_a_shape_is_no_rival() -> None:
+    """stribeck with a large omega_s is coulomb_friction: the one with fewer parameters is the answer."""
+    case = made("rolling_steady", ("coulomb_friction",), 20, 0.0, 3.0, seed=4)
+    found = discover(case.case)
+    assert (found.verdict, found.missing) == ("missing", ("coulomb_friction",))
+
+
+def test_bootstrap_over_runs() -> None:
+    case = made("rolling_steady", ("motor_heating",), 12, 0.0, 3.0, seed=10)
+    found = discover(case.case, seed=3, bootstrap=50)
+    assert found.selected[0].effects == ("motor_heating",)
+    assert found.selected[0].frequency > 0.9
+    assert sum(s.frequency for s in found.selected) == pytest.approx(1.0)
+    assert discover_answer(found, 0.0)["selected"][0]["effects"] == ["motor_heating"]
+    twins, rivals = confounded(np.random.default_rng([3, 1]), 14, 0.0, 2.0)
+    assert twins is not None
+    both = {frozenset(s.effects) for s in discover(twins.case, bootstrap=50).selected if s.frequency > 0.02}
+    assert both & rivals
+
+
+def test_bootstrap_weights_give_the_evidence_of_all_runs() -> None:
+    """Each run once is the data themselves: sums over runs and the evidence of the whole must be the same number."""
+    case = made("rolling_steady", ("cogging",), 10, 0.5, 2.0, seed=9)
+    analysis = discover(case.case).analysis
+    effects = ("shell_imbalance", "aerodynamic_drag")
+    fit = fitted_on(case.case, effects, case.case.train, analysis.noise.sigma)[-1]
+    values = measured(analysis.model, analysis.rows)
+    linear = linearise(fit, effects, values, analysis.rows, analysis.noise.sigma)
+    ar1 = Ar1(case.case.run[analysis.rows])
+    for known in (True, False):
+        whole = Evidence(ar1, linear.residual, linear.base, known)
+        picks = np.arange(linear.columns.shape[1])[None, :]
+        expected = whole.blocks(whole.gram(linear.columns), picks, linear.signs[None, :], linear.offset)
+        assert Sums(ar1, linear, known).evidence(np.ones((1, 10))) == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_short_campaign() -> None:
