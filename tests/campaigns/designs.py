@@ -100,13 +100,15 @@ def _since(run: npt.NDArray[np.int64], step: Array) -> Array:
 
 
 def _rolling(base: str, runs: int, random: Random, needs: set[str], tied: str, long: bool) -> Design:
-    """tied: "speed" (constant load, no slip mapped: quadratic drags are one), "direction" (one direction only)."""
+    """tied: "speed" (constant load, no slip mapped: quadratic drags are one), "direction" (one direction only), "slope"
+    (one slope, one load), "ramp" (acceleration in proportion to speed)."""
     run, pace = _rows(runs, random, long)
     count = len(run)
     time = _since(run, pace * random.uniform(0.8, 1.2, count))
     speeds = random.permutation(np.linspace(1.0, random.uniform(8, 12), runs))
     both = random.uniform() < 0.7
-    sign = random.choice([-1.0, 1.0], runs) if both and tied != "direction" else np.ones(runs)
+    both = tied == "slope" or (both and tied != "direction")
+    sign = random.permutation(np.where(np.arange(runs) % 2 == 0, 1.0, -1.0)) if both else np.ones(runs)
     ramps = random.uniform() < 0.4
     duration = np.array([time[run == i][-1] for i in range(runs)])
     slope_in_time = speeds * random.uniform(-0.3, 0.3, runs) / duration if ramps else np.zeros(runs)
@@ -115,6 +117,10 @@ def _rolling(base: str, runs: int, random: Random, needs: set[str], tied: str, l
     acceleration = _each(run, sign * slope_in_time) + 0.2 * random.standard_normal(count)
     levels = random.uniform(15, 35) * np.array([1.0, 1.7, 2.4])
     load = _each(run, random.choice(levels[: random.integers(1, 4)], runs))
+    if tied == "ramp":
+        acceleration = random.uniform(0.02, 0.08) * omega
+    if tied == "slope":
+        load = np.full(count, load[0])
     tilted = "slope" in needs or random.uniform() < 0.5
     radius = random.uniform(0.065, 0.095)
     columns = {
@@ -134,6 +140,8 @@ def _rolling(base: str, runs: int, random: Random, needs: set[str], tied: str, l
         "battery_voltage": 12.5 - 0.07 * run + 0.012 * random.standard_normal(count),
         "gyro_z": 0.02 * random.standard_normal(count),
     }
+    if tied == "slope":
+        columns["slope"] = np.full(count, random.uniform(0.03, 0.1))
     constants = {
         "radius": radius,
         "drive_radius": random.uniform(0.015, 0.023),

@@ -35,6 +35,8 @@ def after_experiment(drawn: Drawn, experiment: Mapping[str, Any], random: np.ran
                 continue
             if role == "omega":
                 ratio = piece["speed"] / piece["omega"] if "speed" in piece else None
+                if "acceleration" not in experiment["vary"]:  # a run at one speed
+                    piece["acceleration"] = 0.05 * random.standard_normal(len(rows))
                 piece["omega"] = value * (1.0 + 0.015 * random.standard_normal(len(rows)))
                 if ratio is not None and "speed" not in experiment["vary"]:
                     piece["speed"] = piece["omega"] * ratio

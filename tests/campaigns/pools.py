@@ -58,6 +58,8 @@ TIES = (  # base, confounding, the two
     ("sphere_contact", "pass", ("rate_effect", "multipass")),
     ("rolling_steady", "direction", ("coulomb_friction", "current_offset")),
     ("wheel_contact", "pass", ("rate_effect", "multipass")),
+    ("rolling_steady", "slope", ("slope", "current_offset")),
+    ("rolling_steady", "ramp", ("inertia", "viscous_friction")),
 )
 KINDS = ("nothing",) * 3 + ("single",) * 9 + ("pair",) * 2 + ("tied",) * 2 + ("foreign",) * 4
 
@@ -80,11 +82,12 @@ def make(pool: str, seed: int, number: int) -> tuple[str, Drawn, np.random.Gener
         size = 4.0 if random.uniform() < 0.2 else float(random.choice(SIZES))
         runs = int(random.integers(8, 31))
     elif pool == "tied":
-        kind, size, runs = "tied", (2.0, 4.0)[(number // 4) % 2], int(random.integers(12, 31))
+        kind, size, runs = "tied", (2.0, 4.0)[(number // 24) % 2], int(random.integers(12, 31))
+        rho = RHOS[(number // 6) % 4]
     else:
         kind, size, runs = "removed", (1.0, 2.0, 4.0)[(number // 4) % 3], int(random.integers(12, 31))
     if kind == "tied":
-        base, tied, pair = TIES[int(random.integers(len(TIES)))] if pool == "mixed" else TIES[(number // 8) % 4]
+        base, tied, pair = TIES[int(random.integers(len(TIES)))] if pool == "mixed" else TIES[number % 6]
         hidden = [str(random.choice(pair))]
         return kind, draw(base, runs, rho, size, random, hidden, tied=tied, long=_long(base, random)), random
     if kind == "removed":
@@ -208,7 +211,7 @@ def _intervals(drawn: Drawn, candidates: list[Record]) -> list[list[Any]]:
 
 def _settle(record: Record, drawn: Drawn, answer: Record, random: np.random.Generator, folder: Path) -> None:
     """Tied effects: were both named as rivals, and does the proposed experiment leave the true one?"""
-    pair = next(p for base, _, p in TIES if base == record["base"] and set(record["truth"]) <= set(p))
+    pair = TIES[record["number"] % 6][2]
     record["said"] = answer["verdict"] == "ambiguous" and all([name] in answer["rivals"] for name in pair)
     experiment = answer["next_experiment"]
     record["proposed"] = experiment is not None

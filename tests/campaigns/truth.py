@@ -24,7 +24,7 @@ from scipy.stats import ncx2
 from tests.campaigns.drawn import CATALOGUE, Drawn
 from tests.campaigns.formulas import predict
 
-__all__ = ["SAME", "distance", "oracle_heldout", "power", "right_columns"]
+__all__ = ["SAME", "SHAPES", "Set", "distance", "oracle_heldout", "power", "refit", "right_columns"]
 
 Array = npt.NDArray[np.float64]
 SAME = 4.0
@@ -191,17 +191,19 @@ def power(squared: float, level: float = 0.05) -> float:
 
 def oracle_heldout(drawn: Drawn, noise_sd: Mapping[str, float]) -> float:
     """Held-out error of the true model refitted on the training runs, in units of `noise_sd`."""
-    chosen = Set(drawn, tuple(drawn.hidden), drawn.foreign is not None)
-    values = np.stack([drawn.measured[c] / drawn.sigma[c] for c in drawn.channels])
-    held = drawn.held_out
-
-    def gap(theta: Array) -> Array:
-        return (chosen.predict(theta) - values)[:, ~held].reshape(-1)
-
-    theta, _ = _minimise(chosen, gap, chosen.truth())
-    left = (chosen.predict(theta) - values)[:, held]
+    _, left = refit(Set(drawn, tuple(drawn.hidden), drawn.foreign is not None))
+    left = left[:, drawn.held_out]
     scale = np.array([drawn.sigma[c] / noise_sd[c] for c in drawn.channels])[:, None]
     return float(np.sqrt(np.mean((left * scale) ** 2)))
+
+
+def refit(chosen: Set) -> tuple[Array, Array]:
+    """Parameters of a set fitted to the measured training runs, and the residual of every row in true noise sd."""
+    drawn = chosen.drawn
+    values = np.stack([drawn.measured[c] / drawn.sigma[c] for c in drawn.channels])
+    training = ~drawn.held_out
+    theta, _ = _minimise(chosen, lambda t: (chosen.predict(t) - values)[:, training].reshape(-1), chosen.truth())
+    return theta, values - chosen.predict(theta)
 
 
 def right_columns(drawn: Drawn) -> set[str]:
