@@ -124,7 +124,8 @@ def _figure_4() -> Part:
         for axis in (left, right):
             axis.set_xlabel("time, s")
             axis.set_ylabel("driving torque, N m")
-            axis.legend(fontsize=7)
+            axis.set_ylim(-0.5, 3.6)
+            axis.legend(fontsize=7, loc="upper right")
 
     return Part(
         paper="li",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -41,7 +42,7 @@ td.why { color:var(--dim); font-size:13px; }
 .summary td { padding:3px 12px 3px 0; } .summary td:nth-child(-n+3) { white-space:nowrap; }
 .summary a { color:inherit; }
 .rules { border-left:3px solid var(--line); padding-left:14px; margin:14px 0; }
-.data td { white-space:nowrap; } .scroll { overflow-x:auto; }
+table.data { width:auto; } .data th,.data td { white-space:nowrap; padding-right:22px; } .scroll { overflow-x:auto; }
 @media print { body { background:#fff; } section { break-inside:avoid; border:0; padding:6px 0; } }
 """
 
@@ -57,6 +58,24 @@ RULES: Mapping[Outcome, str] = {
 
 def _escape(text: str) -> str:
     return html.escape(text, quote=True)
+
+
+GREEK = {"theta": "&theta;", "tau": "&tau;", "sigma": "&sigma;", "phi": "&phi;", "xi": "&xi;"}
+SUBSCRIPT = re.compile(r"\b([A-Za-z]|theta|tau|sigma|phi|xi)_([A-Za-z0-9]{1,3})\b")
+WORDS = re.compile(r"\b([a-z]{3,})_([a-z]{3,})\b")
+POWER = re.compile(r"\^(-?\d+(?:\.\d+)?|\([^)]*\)|[a-z])")
+
+
+def _typeset(text: str) -> str:
+    """Escaped text with indices, powers and Greek letters as a paper sets them.
+
+    >>> _typeset("tau_max = c + sigma tan(phi), 2 kN/m^2.71 <= K_s")
+    '&tau;<sub>max</sub> = c + &sigma; tan(&phi;), 2 kN/m<sup>2.71</sup> &le; K<sub>s</sub>'
+    """
+    found = _escape(text).replace("&lt;=", "&le;").replace("&gt;=", "&ge;").replace("+-", "&plusmn;")
+    found = WORDS.sub(r"\1 \2", SUBSCRIPT.sub(lambda m: f"{m[1]}<sub>{m[2]}</sub>", found))
+    found = POWER.sub(lambda m: f"<sup>{m[1].strip('()')}</sup>", found)
+    return re.sub(r"\b(theta|tau|sigma|phi|xi)\b", lambda m: GREEK[m[1]], found)
 
 
 def _chip(outcome: Outcome) -> str:
@@ -78,26 +97,26 @@ def _anchor(part: Part) -> str:
 
 
 def _check(check: Check) -> str:
-    why = f'<div class="dim">{_escape(check.why)}</div>' if check.why else ""
+    why = f'<div class="dim">{_typeset(check.why)}</div>' if check.why else ""
     return (
-        f"<tr><td>{_escape(check.what)}</td><td>{_escape(check.printed)}</td><td>{_escape(check.found)}{why}</td>"
-        f"<td>{_escape(check.near)}</td><td>{_chip(check.outcome)}</td></tr>"
+        f"<tr><td>{_typeset(check.what)}</td><td>{_typeset(check.printed)}</td><td>{_typeset(check.found)}{why}</td>"
+        f"<td>{_typeset(check.near)}</td><td>{_chip(check.outcome)}</td></tr>"
     )
 
 
 def _table(table: Table) -> str:
-    head = "".join(f"<th>{_escape(cell)}</th>" for cell in table.head)
-    rows = "".join("<tr>" + "".join(f"<td>{_escape(cell)}</td>" for cell in row) + "</tr>" for row in table.rows)
+    head = "".join(f"<th>{_typeset(cell)}</th>" for cell in table.head)
+    rows = "".join("<tr>" + "".join(f"<td>{_typeset(cell)}</td>" for cell in row) + "</tr>" for row in table.rows)
     return (
-        f'<div class="scroll"><table class="data"><caption>{_escape(table.caption)}</caption><tr>{head}</tr>{rows}'
+        f'<div class="scroll"><table class="data"><caption>{_typeset(table.caption)}</caption><tr>{head}</tr>{rows}'
         "</table></div>"
     )
 
 
 def _part(part: Part, files: Mapping[str, Path]) -> str:
     pieces = [
-        f'<section id="{_anchor(part)}"><header class="part"><h3>{_escape(part.title)}</h3>{_chips(part)}'
-        f'<span class="dim">{_escape(part.about)}</span></header>'
+        f'<section id="{_anchor(part)}"><header class="part"><h3>{_typeset(part.title)}</h3>{_chips(part)}'
+        f'<span class="dim">{_typeset(part.about)}</span></header>'
     ]
     for figure in part.figures:
         data = base64.b64encode(files[figure.name].read_bytes()).decode("ascii")
@@ -107,7 +126,7 @@ def _part(part: Part, files: Mapping[str, Path]) -> str:
             f'alt="{label}">'
             f"<figcaption>{label}</figcaption></figure>"
         )
-    pieces += [f"<p>{_escape(text)}</p>" for text in part.text]
+    pieces += [f"<p>{_typeset(text)}</p>" for text in part.text]
     pieces.append(
         '<table class="checks"><tr><th>what</th><th>printed</th><th>found here</th><th>how near</th>'
         "<th>verdict</th></tr>" + "".join(_check(check) for check in part.checks) + "</table>"

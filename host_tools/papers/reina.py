@@ -238,7 +238,7 @@ def _figure_7() -> Part:
 
 def _figure_8() -> Part:
     table = printed()["reina"]["table_1"]
-    omega = np.linspace(0.0, 14.0, 60)
+    omega = np.linspace(0.0, 16.0, 60)
     checks = (unchecked("f_r against angular speed, measured", "a picture", ("the measured points",)),)
 
     def draw(figure: Any) -> None:

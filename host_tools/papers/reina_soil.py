@@ -135,7 +135,7 @@ def _table_2() -> Part:
             "(terrapin soil tactile)",
         ),
         states(
-            "Eq. (10) as printed: torque from shear displacement",
+            "by Eq. (10) as printed torque grows with slip",
             as_printed[-1] > as_printed[0],
             f"T at entry angle 22 deg falls from {as_printed[0]:.3f} to {as_printed[-1]:.3f} N m as slip grows from 0 "
             f"to 0.99; with (theta_1 - theta) put back it rises from {corrected[0]:.3f} to {corrected[-1]:.3f} N m",
@@ -145,16 +145,10 @@ def _table_2() -> Part:
 
     def draw(figure: Any) -> None:
         left, right = figure.subplots(1, 2)
-        for modulus, shade in zip(MODULI, np.linspace(0.35, 1.0, len(MODULI)), strict=True):
+        for modulus, style in zip(MODULI, ("-", "--", ":", "x"), strict=True):
             widths = [w for w in WIDTHS if (w, modulus) in ratios]
-            left.plot(
-                [1e3 * w for w in widths],
-                [ratios[w, modulus] for w in widths],
-                ".-",
-                color=BLUE,
-                alpha=float(shade),
-                label=f"k = {1e3 * modulus:g} mm",
-            )
+            rows = [ratios[w, modulus] for w in widths]
+            left.plot([1e3 * w for w in widths], rows, style, color=BLUE, label=f"k = {1e3 * modulus:g} mm")
         left.axhspan(f_o, f_o + f_s * fastest**2, color=RED, alpha=0.3, lw=0, label="Table 1, sand")
         left.set_xlabel("assumed width b, mm")
         left.set_ylabel("T / (R W) at no drawbar pull")

@@ -84,8 +84,10 @@ def digits(
     ]
     most = max(shares)
     good = most <= 1.0 + 1e-9
-    unit = "half a unit of the last digit" if extra is None else "what rounding explains"
-    words = f"within {most:.2f} of {unit}" if good else f"off by up to {most:.3g} times {unit}"
+    apart = max(abs(v - float(t)) / max(abs(float(t)), half_unit(t)) for t, v in zip(texts, found, strict=True))
+    words = "to the last digit" if extra is None else "as near as the rounded inputs allow"
+    if not good:
+        words = f"off by up to {100 * apart:.0f} %" if apart < 10 else f"off by a factor of up to {1 + apart:.0f}"
     return Check(
         what,
         ", ".join(texts),
