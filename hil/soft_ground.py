@@ -38,7 +38,7 @@ class GripTable:
 
     loads: Array  # (loads,) [N], rising
     row: Array
-    error: float  # greatest error found between the nodes, as a share of ACCURACY's measure
+    error: float  # greatest errors found half-way between nodes, along slip and load, added: a share of ACCURACY
 
     def native(self) -> Any:
         """hil_grip_table *; this object must outlive it."""
@@ -115,14 +115,15 @@ def grip_table(ground: Ground, robot: Robot) -> GripTable:
         if count > 1:
             between = _grid(soft, robot.radius, 0.5 * (loads[1:] + loads[:-1]), nodes[::8])[..., 0]
             across = _miss(0.5 * (row[1:, ::8, :, 0] + row[:-1, ::8, :, 0]), between, scale)
-        if max(along, across) <= 0.5 * ACCURACY:  # the other half is for what lies elsewhere between the nodes
-            return GripTable(loads, np.ascontiguousarray(row), max(along, across) / ACCURACY)
-        if (along > 0.5 * ACCURACY and slips >= MOST_SLIPS) or (across > 0.5 * ACCURACY and count >= MOST_LOADS):
+        enough = 0.3 * ACCURACY  # both add up, and elsewhere between the nodes it may be a little more
+        if max(along, across) <= enough:
+            return GripTable(loads, np.ascontiguousarray(row), (along + across) / ACCURACY)
+        if (along > enough and slips >= MOST_SLIPS) or (across > enough and count >= MOST_LOADS):
             raise ContactError(
                 f"contact table: found an error of {max(along, across):.2g}, expected at most {ACCURACY:g}"
             )
-        slips = 2 * slips - 1 if along > 0.5 * ACCURACY else slips
-        count = 2 * count - 1 if across > 0.5 * ACCURACY else count
+        slips = 2 * slips - 1 if along > enough else slips
+        count = 2 * count - 1 if across > enough else count
 
 
 def read_soft_ground(section: Section) -> SoftGround:
@@ -142,7 +143,10 @@ def read_soft_ground(section: Section) -> SoftGround:
     def read(field: str) -> float:
         def convert(value: Any) -> float:
             if isinstance(value, str):
-                return soils.number(field, value, base.unit(field))
+                try:
+                    return soils.number(field, value, base.unit(field))
+                except ValueError as error:
+                    raise ValueError(str(error).removeprefix(f"{field}: ")) from None
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise ValueError(f"found {shorten(value)}, expected a number or a text with unit {base.unit(field)}")
             return float(value)

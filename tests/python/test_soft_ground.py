@@ -1,0 +1,247 @@
+"""The plant's ground = "contact": its table against the integrals, motion against them, and what is refused."""
+
+from __future__ import annotations
+
+import doctest
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hil.contact_runs
+import hil.soft_ground
+from hil.contact_runs import time_response
+from hil.library import ffi, library
+from hil.physics import soils, wheel
+from hil.physics.contact import ContactError
+from hil.plant import Ground, Robot, Segment, SoftGround, Terrain
+from hil.reading import ReadingError
+from hil.scenario import Order, Scenario, load_scenario
+from hil.simulation import Simulation
+from hil.soft_ground import ACCURACY, _exact, check_step, contact_steady, grip_table
+
+ROBOT = Robot()
+SAND = SoftGround(replace(soils.library()["sand_reina"], shear_modulus=0.025))
+LLL = SoftGround(replace(soils.library()["dry_sand_lll"], shear_modulus=0.010))
+
+
+def path(slope: float = 0.0, ground: SoftGround = SAND) -> Ground:
+    return Ground((Segment(Terrain(), slope=slope),), contact=ground)
+
+
+def drive(voltage: float | None, duration: float, slope: float = 0.0, **more: object) -> dict[str, np.ndarray]:
+    scenario = Scenario("test", duration, path(slope), (Order(0.0, "idle"),), **more)  # type: ignore[arg-type]
+    simulation = Simulation(scenario)
+    simulation.drive(voltage, scenario.ticks)
+    return simulation.truth()
+
+
+def test_docstring_examples() -> None:
+    assert doctest.testmod(hil.soft_ground).failed == 0
+    assert doctest.testmod(hil.contact_runs).failed == 0
+
+
+@pytest.mark.parametrize("ground", [SAND, LLL], ids=["reina", "lll"])
+@pytest.mark.parametrize("slope", [0.0, 0.25])
+def test_table_is_within_its_accuracy(ground: SoftGround, slope: float) -> None:
+    """The compiled interpolation at points of its own choosing: 1e-4 of each value, or of 1 % of its scale."""
+    table = grip_table(path(slope, ground), ROBOT)
+    native = table.native()
+    rng = np.random.default_rng(3)
+    count = 1500
+    slip = np.concatenate([rng.uniform(-1.0, 1.0, count - 4), [-1.0, 1.0, 0.0, -0.9999]])
+    load = ROBOT.weight * rng.uniform(np.cos(slope), 1.0, count)
+    exact, by = _exact(ground, ROBOT.radius, load, slip)
+    derivative = ffi().new("double *")
+    found, slopes = np.empty_like(exact), np.empty_like(exact)
+    for i in range(count):
+        grip = ffi().new("hil_grip *", (native, load[i], 1.0, 2.0))
+        for value in range(4):
+            found[i, value] = library().hil_grip_value(grip, value, 2.0 * slip[i], derivative)
+            slopes[i, value] = 2.0 * derivative[0]
+    scale = ROBOT.weight * np.array([1.0, 1.0, ROBOT.radius, np.abs(exact[:, 3]).max() / ROBOT.weight])
+    assert (np.abs(found - exact) / np.maximum(np.abs(exact), 0.01 * scale)).max() <= ACCURACY
+    inside = np.abs(slip) < 0.99
+    assert (np.abs(slopes - by)[inside] / scale).max() <= 2e-2  # of a cubic, one order less
+
+
+def test_thrust_less_compaction_is_drawbar_pull() -> None:
+    slip = np.linspace(-0.4, 1.0, 8)
+    values, _ = _exact(SAND, ROBOT.radius, np.full(8, ROBOT.weight), slip)
+    inner = np.where(slip < 0, slip / (1 + slip), slip)
+    c = wheel.solve(ROBOT.weight, inner, ROBOT.radius, SAND.width, wheel.soil_of(SAND.soil, SAND.width))
+    np.testing.assert_allclose(values[:, 0] - values[:, 1], c.traction, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(values[:, 2] + ROBOT.radius * values[:, 0], c.torque, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(values[:, 3], c.sinkage, rtol=1e-9)
+
+
+def test_steady_rolling_is_that_of_the_integrals() -> None:
+    """Slip 0.46867, 7.3765 mm and 0.32169 N m at zero pull are the independent reference's; the plant arrives there."""
+    steady = contact_steady(ROBOT, SAND, [2.0, 6.0, 8.0])
+    np.testing.assert_allclose(steady["slip"], 0.4686655738, rtol=1e-6)
+    np.testing.assert_allclose(steady["torque"], 0.3216918512, rtol=1e-6)
+    np.testing.assert_allclose(steady["sinkage"], 7.376478078e-3, rtol=1e-6)
+    assert steady["omega"][0] == steady["speed"][0] == 0.0  # 2 V do not start it
+    for i, voltage in ((1, 6.0), (2, 8.0)):
+        end = {name: column[-1] for name, column in drive(voltage, 20.0).items()}
+        for name, column in (("slip", "slip"), ("omega", "omega"), ("speed", "speed"), ("sinkage", "sinkage")):
+            assert end[column] == pytest.approx(steady[name][i], rel=1e-4)
+        assert end["contact_torque"] == pytest.approx(steady["torque"][i], rel=1e-4)
+        assert end["current"] == pytest.approx(steady["current"][i], rel=1e-4)
+        assert abs(end["traction"]) < 1e-4  # net: nothing pulls
+        assert end["resistance"] == pytest.approx(steady["torque"][i], rel=1e-4)
+
+
+def test_backwards_is_the_mirror() -> None:
+    there, back = drive(6.0, 3.0), drive(-6.0, 3.0)
+    for name in ("position", "omega", "contact_torque", "traction", "swing_angle"):
+        np.testing.assert_allclose(back[name], -there[name], rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(back["sinkage"], there["sinkage"], rtol=1e-7)
+    assert there["speed"][-1] > 0.1
+
+
+def test_energy() -> None:
+    """The contact takes power from shell and axle together at every moment: T omega >= H v."""
+    for voltage, slope in ((8.0, 0.0), (5.0, -0.2), (8.0, 0.05)):
+        run = drive(voltage, 6.0, slope)
+        given = 0.5 * (run["contact_torque"][1:] * (run["omega"][1:] + run["omega"][:-1]))
+        taken = 0.5 * (run["traction"][1:] * (run["speed"][1:] + run["speed"][:-1]))
+        assert (given - taken).min() > -1e-3
+
+
+def test_steps_converge() -> None:
+    ends = []
+    for substeps in (1, 4, 16):
+        simulation = Simulation(Scenario("t", 1.0, path(), (Order(0.0, "idle"),)), substeps, 8 * substeps)
+        simulation.drive(7.0, 1000)
+        ends.append(simulation.truth()["position"][-1])
+    assert abs(ends[1] - ends[2]) < 0.5 * abs(ends[0] - ends[2])
+    assert abs(ends[0] - ends[2]) < 2e-3 * abs(ends[2])
+
+
+def test_at_rest_it_stays_and_keeps_its_sinkage() -> None:
+    scenario = Scenario("t", 6.0, path(), (Order(0.0, "idle"),))
+    simulation = Simulation(scenario)
+    simulation.drive(8.0, 3000)
+    simulation.drive(None, 3000)
+    run = simulation.truth()
+    assert run["speed"][2999] > 0.2
+    assert abs(run["position"][-1] - run["position"][5000]) < 1e-4
+    assert run["sinkage"][-1] == run["sinkage"][5500] > 6e-3
+    assert drive(None, 0.5)["sinkage"][-1] == pytest.approx(  # a robot put down sinks in by its weight
+        wheel.solve(ROBOT.weight, 0.0, ROBOT.radius, 0.15, wheel.soil_of(SAND.soil, 0.15)).sinkage[0], rel=1e-4
+    )
+
+
+def test_a_slope_above_the_drawbar_limit_is_not_climbed() -> None:
+    """Pull at full slip over load is the tangent of the steepest slope; compaction holds a robot on gentle ones."""
+    c = wheel.solve(ROBOT.weight, 1.0, ROBOT.radius, 0.15, wheel.soil_of(SAND.soil, 0.15))
+    limit = float(np.arctan(c.traction[0] / ROBOT.weight))
+    assert 0.0 < limit < 0.3
+    strong = replace(ROBOT, body_mass=0.5, torque_constant=0.14)
+    for slope, climbs in ((0.6 * limit, True), (1.6 * limit, False)):
+        simulation = Simulation(Scenario("t", 12.0, path(slope), (Order(0.0, "idle"),), robot=strong, supply=24.0))
+        simulation.drive(20.0, 12000)
+        assert (simulation.truth()["speed"][-1] > 0.01) == climbs
+    idle = drive(None, 3.0, slope=0.05)
+    assert abs(idle["position"][-1] - idle["position"][1000]) < 1e-3
+
+
+def test_carriage_measures_the_pull() -> None:
+    """A carriage that imposes the axle's speed feels minus the drawbar pull of that slip."""
+    run = drive(8.0, 16.0, carriage=((0.0, 0.2), (16.0, 0.2)))
+    slip = run["slip"][-1]
+    c = wheel.solve(ROBOT.weight, slip, ROBOT.radius, 0.15, wheel.soil_of(SAND.soil, 0.15))
+    assert run["traction"][-1] == pytest.approx(c.traction[0], rel=2e-4)
+    assert run["contact_torque"][-1] == pytest.approx(c.torque[0], rel=2e-4)
+    assert run["carriage_force"][-1] == pytest.approx(-c.traction[0], rel=2e-4)
+
+
+def test_time_response_is_the_simulation() -> None:
+    run = time_response(ROBOT, SAND, 5.0, 2.0)
+    assert set(run) >= {"time", "speed", "omega", "swing_angle", "slip", "sinkage", "contact_torque", "current"}
+    assert len(run["time"]) == 2000
+    np.testing.assert_array_equal(run["speed"], drive(5.0, 2.0)["speed"])
+
+
+# ------------------------------------------------------------------ what is refused
+
+
+def test_too_heavy_and_too_fast() -> None:
+    soft = SoftGround(soils.Soil("mud", "test", "bekker", 1.0, 0.0, 5e3, 100.0, 0.2, 0.02))
+    with pytest.raises(ContactError, match=r"load: found 18.639 N.*expected at most"):
+        grip_table(path(ground=soft), ROBOT)
+    with pytest.raises(ContactError, match=r"load: found 18.639 N"):
+        contact_steady(ROBOT, soft, 5.0)
+    with pytest.raises(ContactError, match=r"step: found 0.001 s, expected more than 0 s and at most"):
+        check_step(SAND, ROBOT, 1e-3, 50.0)
+    check_step(SAND, ROBOT, 1e-3, 2.0)
+    slippery = SoftGround(replace(SAND.soil, cohesion=0.0, friction_angle=0.05))
+    with pytest.raises(ContactError, match=r"drawbar pull: found -.* N at slip 1, expected more than 0 N"):
+        contact_steady(ROBOT, slippery, 5.0)
+
+
+GOOD = """duration = "1 s"
+ground = "contact"
+checks = ["max(slip) < 2"]
+[soil]
+name = "sand_reina"
+shear_modulus = "25 mm"
+[[path]]
+from = "0 m"
+[[operator]]
+at = "0 s"
+request = "run"
+"""
+VALUES = """form = "bekker"
+exponent = 1.1
+k_c = "0.99 kN/m^2.1"
+k_phi = "1528.43 kN/m^3.1"
+cohesion = "1.04 kPa"
+friction_angle = "28 deg"
+shear_modulus = "10 mm"
+width = "15 cm"
+"""
+NAMED = 'name = "sand_reina"\nshear_modulus = "25 mm"\n'
+
+WRONG = {
+    "name": (GOOD.replace("sand_reina", "sand_rain"), "5: soil.name: found 'sand_rain', expected one of lete_sand, "),
+    "no modulus": (GOOD.replace('shear_modulus = "25 mm"\n', ""), "soil: shear_modulus: Reina et al. (2006)"),
+    "negative": (GOOD.replace("[[path]]", 'k_phi = "-3 kPa/m"\n[[path]]'), "soil: k_phi: found -3000 Pa/m, expected"),
+    "unit": (
+        GOOD.replace("[[path]]", 'k_phi = "3 kPa"\n[[path]]'),
+        "7: soil.k_phi: found '3 kPa', expected a quantity",
+    ),
+    "number": (
+        GOOD.replace("[[path]]", "cohesion = true\n[[path]]"),
+        "7: soil.cohesion: found True, expected a number",
+    ),
+    "missing": (GOOD.replace(NAMED, VALUES.replace('k_c = "0.99 kN/m^2.1"\n', "")), "soil.k_c: missing"),
+    "terrain": (GOOD.replace('from = "0 m"', 'terrain = "sand"'), "path[1].terrain: with ground ="),
+    "too soft": (GOOD.replace("[[path]]", 'k_phi = "1 kPa/m"\nk_c = 0\n[[path]]'), "soil: load: found 18.639 N"),
+    "no contact": (GOOD.replace('ground = "contact"\n', "").replace("from", 'terrain = "sand"\nfrom'), "soil: no such"),
+    "too fast": (GOOD + '[robot]\ntorque_constant = "1 uN m/A"\n', "soil: step: found 0.001 s, expected more than 0 s"),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), WRONG.values(), ids=WRONG.keys())
+def test_wrong_scenarios(tmp_path: Path, text: str, message: str) -> None:
+    file = tmp_path / "wrong.toml"
+    file.write_text(text)
+    with pytest.raises(ReadingError, match=re.escape(message)) as found:
+        load_scenario(file)
+    assert "\n" not in str(found.value)
+
+
+def test_soil_by_name_or_by_values(tmp_path: Path) -> None:
+    file = tmp_path / "good.toml"
+    file.write_text(GOOD)
+    assert load_scenario(file).ground.contact == SAND
+    file.write_text(GOOD.replace(NAMED, VALUES))
+    found = load_scenario(file).ground.contact
+    assert found is not None
+    for name in ("form", "exponent", "k_c", "k_phi", "cohesion", "friction_angle", "shear_modulus"):
+        expected = getattr(LLL.soil, name)
+        assert getattr(found.soil, name) == (expected if name == "form" else pytest.approx(expected, rel=1e-12))
