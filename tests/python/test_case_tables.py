@@ -1,0 +1,105 @@
+"""A case from tables: what is guessed from the columns' names, and that a guess is never more than that."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from casekit import one_line, rolling, terrapin
+
+from host_tools.workbench.case import load_case
+from host_tools.workbench.from_table import guess_columns, split_unit
+
+
+@pytest.mark.parametrize(
+    ("column", "name", "unit"),
+    [
+        ("w_shell [rad/s]", "w_shell", "rad/s"),
+        ("i_motor_mA", "i_motor", "mA"),
+        ("Fz (N)", "Fz", "N"),
+        ("slip [-]", "slip", "1"),
+        ("torque [Nm]", "torque", "N m"),
+        ("travel_speed_mm_s", "travel_speed", "mm/s"),
+        ("T_winding_degC", "T_winding", "degC"),
+        ("voltage", "voltage", ""),
+        ("note [see page 3]", "note [see page 3]", ""),
+        ("v", "v", ""),
+    ],
+)
+def test_units_in_names(column: str, name: str, unit: str) -> None:
+    assert split_unit(column) == (name, unit)
+
+
+def test_roles_are_guessed_by_words_and_never_against_the_unit() -> None:
+    names = ["clock_s", "slip_angle_deg", "slip", "travel_speed_mm_s", "rim_speed_mm_s", "drawbar_N", "load_N",
+             "sinkage_mm", "winding [degC]", "room [degC]", "current [rad/s]", "humidity"]  # fmt: skip
+    found = {guess.column: guess.name for guess in guess_columns(names)}
+    assert found == {
+        "clock_s": "time", "slip_angle_deg": None, "slip": "slip", "travel_speed_mm_s": "speed",
+        "rim_speed_mm_s": None, "drawbar_N": "traction", "load_N": "load", "sinkage_mm": "sinkage",
+        "winding [degC]": "temperature", "room [degC]": None, "current [rad/s]": None, "humidity": None,
+    }  # fmt: skip
+
+
+def test_case_of_a_table_loads_after_the_guess(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = rolling(tmp_path / "made", 41, runs=6, rows=5)
+    table = tmp_path / "day.csv"
+    head, rows = (folder / "runs.csv").read_text().split("\n", 1)
+    assert head == "run,w,W,temp,i,humidity"
+    table.write_text("run,omega_rpm,W [N],temp_degF,i_motor_mA,u_V,humidity,who\n" + "\n".join(
+        ",".join([*row.split(",")[:5], "6", row.split(",")[5], "me"]) for row in rows.split()
+    ) + "\n")  # fmt: skip
+    case = tmp_path / "case"
+    status, out, err = terrapin(capsys, "case", table, "--to", case)
+    assert (status, err) == (0, "")
+    assert "rolling_steady, 6 runs" in out
+    assert "Not numbers: who" in out
+    text = (case / "case.toml").read_text()
+    assert tomllib.loads(text)["data"]["columns"] == {
+        "omega": {"column": "omega_rpm", "unit": "rpm"}, "load": {"column": "W [N]", "unit": "N"},
+        "temperature": {"column": "temp_degF", "unit": "degF"}, "current": {"column": "i_motor_mA", "unit": "mA"},
+    }  # fmt: skip
+    assert "# u_V: left out" in text
+    loaded = load_case(case)
+    made = load_case(folder)
+    for name, values in made.roles.items():
+        assert loaded.roles[name] == pytest.approx(values, rel=1e-9)
+    assert loaded.channels["current"] == pytest.approx(made.channels["current"], rel=1e-9)
+    before = (case / "case.toml").read_bytes()
+    status, _, err = terrapin(capsys, "case", table, "--to", case)
+    assert status == 2
+    one_line(err, ["case.toml", "exists"])
+    assert (case / "case.toml").read_bytes() == before
+
+
+def test_a_table_of_something_else_becomes_an_equation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "pump.csv"
+    lines = ["terrain,run,flow [l/min],dp_kPa"]
+    lines += [f"{t},{r},{f},{3.0 * f + r}" for t in ("sand", "clay") for r in range(6) for f in (1.0, 2.0, 4.0)]
+    table.write_text("\n".join(lines) + "\n")
+    status, out, _ = terrapin(capsys, "case", table, "--to", tmp_path / "case", "--title", 'A "pump"')
+    assert status == 0
+    assert "flow [l/min] = flow, l/min" in out
+    assert "terrain differs within a run" in out
+    loaded = load_case(tmp_path / "case")
+    assert loaded.title == 'A "pump"'
+    assert list(loaded.channels) == ["dp"]
+    assert terrapin(capsys, "compare", tmp_path / "case")[0] == 0
+
+
+def test_tables_that_cannot_be_a_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words, other = tmp_path / "words.csv", tmp_path / "other.csv"
+    words.write_text("a,b\nx,y\nz,w\n")
+    other.write_text("c\n1\n2\n")
+    for arguments, expected in (
+        ([words], "no column of numbers"),
+        ([words, other], "no column in common"),
+        ([tmp_path / "none.csv"], "none.csv"),
+        ([other, tmp_path], "beside tables"),
+        ([other, "--after", "3"], "folders of runs"),
+    ):
+        status, _, err = terrapin(capsys, "case", *arguments, "--to", tmp_path / "case")
+        assert status == 2
+        one_line(err, [expected])
+        assert not (tmp_path / "case").exists()
