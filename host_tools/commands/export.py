@@ -27,7 +27,7 @@ def export(
     """
     from host_tools.workbench.analysis import analyse
     from host_tools.workbench.case import load_case
-    from host_tools.workbench.export import export_parameters, parameters_toml, torque_cost
+    from host_tools.workbench.export import export_parameters, parameters_toml, torque_cost, why_not
     from host_tools.workbench.show import number
 
     check_options(seed, jobs)
@@ -41,12 +41,13 @@ def export(
     for entry in exported:
         origin = f"{entry.effect}; rounding {entry.rounding:+.2g}, raw {entry.raw}"
         lines.append(f"  {entry.name} = {entry.held:.9g} {entry.unit} ({origin})")
-    for name in refused:
-        lines.append(f"  {name}: the controller does not compensate it")
+    reasons = {effect.name: why_not(effect) for effect in analysis.model.effects if effect.name in refused}
+    lines += [f"  {name}: not compensated: {reason}" for name, reason in reasons.items()]
     lines.append(f"Rounding costs at most {number(cost * 1e6)} uN m of the torque on the shell.")
     answer: dict[str, Any] = {
         "parameters": {e.name: {"value": e.held, "raw": e.raw, "fit": e.value, "unit": e.unit} for e in exported},
         "not_compensated": refused,
+        "reasons": reasons,
         "rounding_torque": cost,
         "seconds": time.monotonic() - begin,
     }

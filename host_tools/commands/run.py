@@ -20,6 +20,7 @@ from hil.messages import Interface, interface
 from hil.reading import ReadingError, load
 from hil.run import DivergedError, Result, run
 from hil.scenario import find_scenario, load_scenario, parameters_of
+from host_tools.contact_error import ContactError, contact_error
 from host_tools.errors import UserError
 from host_tools.logs.folder import RunFolder
 
@@ -55,6 +56,26 @@ def _progress(name: str) -> Iterator[Callable[[float], None] | None]:
         yield lambda share: bar.update(task, completed=share)
 
 
+def _before(result: Result) -> ContactError | None:
+    """The error of C_t without the parameters: the same run once more, in this process."""
+    plain = replace(result.scenario, real_time=False, checks=())
+    return contact_error(run(plain, "inprocess", parameters={}))
+
+
+def _contact(result: Result) -> dict[str, dict[str, float | int | bool] | None]:
+    found = {"after": contact_error(result), "before": _before(result)}
+    return {key: vars(error) if error is not None else None for key, error in found.items()}
+
+
+def _contact_words(result: Result) -> str:
+    before, after = _before(result), contact_error(result)
+    if before is None or after is None:
+        return "  C_t error: the robot never ran for a whole window"
+    kind = "valid" if after.valid else "unsteady"
+    change = f"{1e3 * before.rms:.3g} -> {1e3 * after.rms:.3g} mN m"
+    return f"  C_t error {change} rms with these parameters (over {after.windows} {kind} windows)"
+
+
 def _as_json(result: Result, folder: Path | None) -> str:
     return json.dumps(
         {
@@ -67,6 +88,7 @@ def _as_json(result: Result, folder: Path | None) -> str:
             "checks": [{"check": o.text, "passed": o.passed, "found": o.found} for o in result.outcomes],
             "output_sha256": result.output_hash,
             "out": str(folder) if folder else None,
+            **({"contact_error": _contact(result)} if result.parameters else {}),
         },
         indent=2,
     )
@@ -83,6 +105,8 @@ def _as_text(result: Result, folder: Path | None) -> str:
     if scenario.real_time:
         rows.append(f"  real time: ticks late by {timing.rms * 1e6:.0f} us rms, {timing.latest * 1e6:.0f} us at most")
     rows += [f"  {'ok  ' if o.passed else 'FAIL'}  {o.text}    ({o.found})" for o in result.outcomes]
+    if result.parameters:
+        rows.append(_contact_words(result))
     rows.append(f"  output sha256 {result.output_hash}")
     if folder is not None:
         rows.append(f"  log in {folder}")

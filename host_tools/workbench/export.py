@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.messages import interface
+from hil.messages import Parameter, interface
+from hil.physics.effects import Effect, catalogue
 from hil.physics.expression import parse
 from host_tools.errors import UserError
 from host_tools.workbench.analysis import Analysis
 
-__all__ = ["Exported", "export_parameters", "parameters_toml", "torque_cost"]
+__all__ = ["Exported", "export_parameters", "parameters_toml", "torque_cost", "why_not"]
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,24 @@ class Exported:
         return self.held - self.value
 
 
+def why_not(effect: Effect) -> str:
+    """Why the controller does not compensate an effect."""
+    if effect.name not in catalogue():
+        return "a formula of your own, and the controller computes only those that it has parameters for"
+    if effect.where == "ground" and effect.plant:
+        return "acts on the shell from outside: it is part of C_t, which is what the controller measures"
+    if set(effect.bases) <= {"sphere_contact", "wheel_contact", "vehicle"}:
+        return "belongs to the model of the soil or of the test rig; the controller computes neither"
+    return "the controller has no parameter for it"
+
+
+def _within(value: float, parameter: Parameter) -> float:
+    """An angle that is outside the parameter's range, a whole number of turns nearer to zero."""
+    if parameter.unit == "rad" and abs(value) > np.pi:
+        return float(np.remainder(value + np.pi, 2.0 * np.pi) - np.pi)
+    return value
+
+
 def export_parameters(analysis: Analysis) -> tuple[list[Exported], list[str]]:
     """Parameters for the effects that the controller can compensate, and the names of those that it cannot.
 
@@ -50,13 +69,15 @@ def export_parameters(analysis: Analysis) -> tuple[list[Exported], list[str]]:
             own = {p.name: float(values[f"{effect.name}.{p.name}"]) for p in effect.parameters}
             value = float(parse(formula).evaluate({**constants, **own}))
             parameter = description.parameter(name)
+            value = _within(value, parameter)
             try:
                 raw = parameter.raw(value)
             except ValueError as error:
                 raise UserError(f"{effect.name}: {error}: the controller cannot hold it") from None
             exported.append(Exported(name, effect.name, parameter.unit, value, raw, parameter.scale))
     if not exported:
-        found = ", ".join(refused) or "none"
+        refusals = [f"{e.name} ({why_not(e)})" for e in analysis.model.effects]
+        found = "; ".join(refusals) or "none"
         raise UserError(
             f"{analysis.case.folder}: effects in the model: {found}; expected one that the controller compensates"
         )
@@ -86,8 +107,7 @@ def torque_cost(analysis: Analysis, exported: list[Exported]) -> float:
 def parameters_toml(analysis: Analysis, exported: list[Exported], refused: list[str]) -> str:
     """The file that `terrapin run --parameters` reads: values in the parameters' units."""
     lines = [f"# Compensation found in the case {analysis.case.title!r}; made by `terrapin export`."]
-    if refused:
-        lines.append(f"# Not compensated by the controller: {', '.join(refused)}.")
+    lines += [f"# Not compensated: {e.name}: {why_not(e)}." for e in analysis.model.effects if e.name in refused]
     lines += ["", "[parameters]"]
     for entry in exported:
         digits = f"{entry.held:.12g}"

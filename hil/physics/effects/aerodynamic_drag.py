@@ -13,5 +13,4 @@ EFFECT = Effect(
     expression="0.5 * 1.225 * cda * speed * abs(speed) * radius",
     where="ground",
     passive=True,
-    firmware={"comp_speed_squared": "0.5 * 1.225 * cda * radius**3"},  # v = R omega
-)
+)  # no compensation: what the contact balances is part of C_t
