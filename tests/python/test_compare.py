@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from casekit import ROLLING, ar1, rolling, terrapin
+from scipy.linalg import null_space
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal
 
 from host_tools.workbench.analysis import Analysis, analyse, fitted_on
-from host_tools.workbench.bayes_factor import BayesFactor, blocks_of
+from host_tools.workbench.bayes_factor import SCALES, WEIGHT, BayesFactor, Block
 from host_tools.workbench.case import load_case
-from host_tools.workbench.directions import column_shapes
-from host_tools.workbench.evidence import Evidence
+from host_tools.workbench.evidence import SIZES, Evidence
 from host_tools.workbench.fit import covariance
 from host_tools.workbench.models import Model
 from host_tools.workbench.noise import RHO_GRID, Ar1, repeated_settings
@@ -156,27 +157,38 @@ def test_false_alarms(tmp_path: Path, given: bool, rho: float) -> None:
     assert alarms < 5
 
 
-def test_bayes_factor_of_nothing_is_one_on_average(tmp_path: Path) -> None:
-    """Over data drawn from "nothing", correlation from its prior, a Bayes factor has mean 1: of 2,000 sets, 5 % at most
-    lie above 20, and the mean of those cut off at 20 is between what the tail can hold and 1."""
-    case = load_case(rolling(tmp_path, 21, runs=6, rows=8))
-    analysis = analyse(case)
-    base = analysis.fit.jacobian
-    rows = case.train
-    model = analysis.model
-    effects = {n: [replace(s, columns=s.columns[rows[analysis.rows]]) for s in v] for n, v in analysis.shapes.items()}
-    shapes = column_shapes(case, rows)
-    ar1 = Ar1(case.run[rows])
-    statistic = BayesFactor(ar1, base, True, blocks_of(effects, shapes, case.run[rows], len(model.channels)))
-    random = np.random.default_rng(5)
-    prior = np.exp(Evidence.log_prior())
-    drawn = random.choice(len(RHO_GRID), 2000, p=prior / prior.sum())
-    noise = random.standard_normal((ar1.rows, 2000))
-    for index, rho in enumerate(RHO_GRID):
-        noise[:, drawn == index] = ar1.colour(noise[:, drawn == index], rho)
-    factors = np.exp(statistic(noise)[0])
-    assert np.mean(factors > 20.0) < 0.05
-    assert 0.6 < np.mean(np.minimum(factors, 20.0)) < 1.05
+def test_bayes_factor_is_that_of_dense_covariances() -> None:
+    """The same number from normal densities of what the model's own parameters leave, written out in full."""
+    random = np.random.default_rng(2)
+    run = np.repeat([0, 1, 2], [4, 6, 5])
+    ar1, base = Ar1(run), random.standard_normal((1, 15, 2))
+    blocks = [
+        Block("catalogue", random.standard_normal((15, 1)), 0.7),
+        Block("catalogue", random.standard_normal((15, 2)), 0.3),
+        Block("run", (run == 1).astype(float)[:, None], 1.0),
+    ]
+    residual = random.standard_normal((15, 2)) + 2.0 * blocks[0].columns
+    found, posterior = BayesFactor(ar1, base, True, blocks)(residual)
+    assert posterior.sum(axis=0) == pytest.approx([1.0, 1.0])
+    lag = np.abs(np.arange(15)[:, None] - np.arange(15)[None, :])
+    rest = null_space(base[0].T)
+    for one in range(2):
+        observed = rest.T @ residual[:, one]
+        nothing, something = [], []
+        for rho, prior in zip(RHO_GRID, Evidence.log_prior(), strict=True):
+            noise = rest.T @ np.where(run[:, None] == run[None, :], rho**lag, 0.0) @ rest
+
+            def density(covariance: np.ndarray, observed: np.ndarray = observed) -> float:
+                return float(multivariate_normal.logpdf(observed, np.zeros(len(observed)), covariance))
+
+            nothing.append(prior + density(noise))
+            for block in blocks:
+                inside = rest.T @ block.columns
+                weight = prior + np.log(WEIGHT[block.family] * block.share / len(SIZES))
+                something += [weight + density(noise + size**2 * inside @ inside.T) for size in SIZES]
+            weight = prior + np.log(WEIGHT["scale"] / len(SCALES))
+            something += [weight + density(scale**2 * noise) for scale in SCALES]
+        assert found[one] == pytest.approx(logsumexp(something) - logsumexp(nothing), abs=1e-8)
 
 
 def test_power_with_correlated_noise(tmp_path: Path) -> None:
