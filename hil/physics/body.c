@@ -117,7 +117,7 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
     } else {
         hil_invert3(c.mass, c.inverse);
     }
-    hil_grip grip;
+    hil_grip grip = {NULL, 0.0, 0.0, 1.0};
     double lever = 0.0, compaction = 0.0, unused;
     c.grip = NULL;
     if (path->contact != NULL) {

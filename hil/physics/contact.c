@@ -43,14 +43,12 @@ static double first_guess(int shape, const hil_contact_point *p, double load) {
     return log(load / factor) / (2.0 * n + 2.0);
 }
 
-static int usable(const hil_contact_point *point, double load) {
-    const double *fields = &point->slip;
-    for (int i = 0; i < HIL_CONTACT_COLUMNS - 1; i++) {
-        if (!isfinite(fields[i])) {
-            return 0;
-        }
-    }
-    return load > 0.0 && isfinite(load) && point->stiffness >= 0.0 && point->radius > 0.0 && point->shear_modulus > 0.0;
+static int usable(const hil_contact_point *p, double load) {
+    /* a sum of numbers that are not all finite is not finite */
+    const double sum = p->slip + p->width + p->exponent + p->cohesion + p->friction_angle + p->peak_share +
+                       p->peak_slip + p->recovery + p->stiffness + p->radius + p->shear_modulus;
+    return load > 0.0 && isfinite(load) && isfinite(sum) && p->stiffness >= 0.0 && p->radius > 0.0 &&
+           p->shear_modulus > 0.0;
 }
 
 int hil_contact_solve(int shape, int stress, const hil_contact_point *point, double load, double *entry,
