@@ -6,7 +6,7 @@ What the peers are given, so that the comparison is fair, and in their favour:
 - PySINDy a library that fits these cases as well as any could: for each effect of the catalogue its derivative with
   respect to the effect's size at the fitted model, for effects with a shape parameter one term for each value of a grid
   (both phases of every harmonic), and all freed of what the model's own parameters take up;
-- pyoperon every numeric column and the direction of motion, SECONDS of processor time, on the loudest channel.
+- pyoperon every numeric column and the direction of motion, EVALUATIONS of formulas, on the loudest channel.
 Judged as the campaigns judge: PySINDy is right when the effects that it claims are the truth, or as good as it on these
 data; pyoperon, which knows no effects, already when its formula reads only columns on which the residual depends.
 A claim that is not right is a wrong claim: neither peer says how sure it is. Claims of discovery are answers with the
@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -35,8 +36,9 @@ ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = ROOT / "build" / "peers"
 LOCK = Path(__file__).with_name("requirements-peers.lock")
 WORKER = Path(__file__).with_name("discovery_peers_worker.py")
+ONE_THREAD = {**os.environ, **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")}
 POOLS = ("nothing", "single12", "single30", "pair30")
-SECONDS = 10.0
+EVALUATIONS = 500_000
 
 
 def set_up() -> Path:
@@ -53,7 +55,7 @@ def set_up() -> Path:
     return python
 
 
-def task(drawn: Drawn, seed: int, seconds: float) -> dict[str, Any]:
+def task(drawn: Drawn, seed: int, evaluations: int) -> dict[str, Any]:
     """What both peers are given. Rows of all channels one after the other for PySINDy, the loudest for pyoperon."""
     none = Set(drawn, ())
     theta, residual = refit(none)
@@ -91,7 +93,7 @@ def task(drawn: Drawn, seed: int, seconds: float) -> dict[str, Any]:
             "residual": residual[loudest].tolist(),
             "run": drawn.design.run.tolist(),
             "held": held.tolist(),
-            "seconds": seconds,
+            "evaluations": evaluations,
             "seed": seed,
         },
     }
@@ -160,15 +162,17 @@ def main() -> int:
     parser.add_argument("--cases", type=int, default=40, help="of each pool")
     parser.add_argument("--pools", default=",".join(POOLS))
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--seconds", type=float, default=SECONDS, help="pyoperon's, each case")
+    parser.add_argument("--evaluations", type=int, default=EVALUATIONS, help="pyoperon's, each case")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "peers")
     arguments = parser.parse_args()
     python = set_up()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    file = arguments.out / f"peers-{arguments.seed}-{arguments.seconds:g}s.jsonl"
+    file = arguments.out / f"peers-{arguments.seed}-{arguments.evaluations}.jsonl"
     done = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     have = {(r["pool"], r["number"]) for r in done}
-    with subprocess.Popen([python, WORKER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as worker:
+    with subprocess.Popen(
+        [python, WORKER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=ONE_THREAD
+    ) as worker:
         assert worker.stdin is not None
         assert worker.stdout is not None
         for number in range(arguments.cases):
@@ -183,7 +187,7 @@ def main() -> int:
                     "number": number,
                     "terrapin": judge_own(run(pool, arguments.seed, number)),
                 }
-                for asked in task(drawn, number, arguments.seconds).values():
+                for asked in task(drawn, number, arguments.evaluations).values():
                     worker.stdin.write(json.dumps(asked) + "\n")
                     worker.stdin.flush()
                     record[asked["peer"]] = judge(asked["peer"], drawn, json.loads(worker.stdout.readline()))

@@ -2,7 +2,8 @@
 
 PySINDy: sparse regression (STLSQ) of the residual on the library's terms, which come scaled to unit rms, so that the
 threshold is a size in noise sd. pyoperon: genetic programming on the columns, standardised, with local fits of the
-constants and minimum description length as criterion. Both see the training runs only; of PySINDy's thresholds the
+constants and minimum description length as criterion; its effort is a number of evaluations, not a time, so that other
+work on the machine does not weaken it. Both see the training runs only; of PySINDy's thresholds the
 largest within one standard error (over held-out runs) of the best is taken, and a claim of either counts only if it
 lowers the held-out error by more than one standard error: the usual guard against fitting noise.
 """
@@ -68,10 +69,8 @@ def operon(task: dict) -> dict:
         allowed_symbols=SYMBOLS,
         optimizer_iterations=5,
         max_length=15,
-        population_size=500,
-        generations=1000,
-        max_evaluations=10**7,
-        max_time=int(task["seconds"]),
+        generations=10**6,
+        max_evaluations=int(task["evaluations"]),
         n_threads=1,
         random_state=int(task["seed"]),
         uncertainty=[1.0],
