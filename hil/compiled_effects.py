@@ -17,11 +17,25 @@ from hil.library import ffi
 from hil.physics.effects import Effect
 from hil.physics.expression import parse
 
-__all__ = ["ROLES", "TARGETS", "ActiveEffect", "CompiledEffects", "EffectError", "compile_effects", "source"]
+__all__ = [
+    "ROLES",
+    "TARGETS",
+    "ActiveEffect",
+    "CompiledEffects",
+    "EffectError",
+    "compile_effects",
+    "in_plant",
+    "source",
+]
 
 ROLES = ("time", "omega", "angle", "slip", "speed", "load", "slope", "temperature", "voltage", "moisture")
 TARGETS = ("torque_constant", "armature_resistance", "coulomb", "viscous", "f_o")
 SMALLEST_RATE = "1e-9"  # friction levels are taken at the magnitude of a rate that is never 0: sign(0) = 0
+
+
+def in_plant(effect: Effect) -> bool:
+    """Whether the simulated robot can have the effect: in its equations, or as a setting of its sensors."""
+    return effect.plant and bool({"rolling_steady", "cmr"} & set(effect.bases))
 
 
 class EffectError(ValueError):
@@ -47,7 +61,7 @@ class CompiledEffects:
 
 def _statement(active: ActiveEffect, constants: Mapping[str, float]) -> str:
     effect = active.effect
-    if not effect.plant or "rolling_steady" not in effect.bases:
+    if not in_plant(effect):
         raise EffectError(f"{effect.name}: the plant cannot take this effect")
     expression = parse(effect.expression)
     names: dict[str, str] = {}
@@ -102,6 +116,7 @@ def _build(text: str, target: Path) -> None:
 
 def compile_effects(effects: Sequence[ActiveEffect], constants: Mapping[str, float]) -> CompiledEffects:
     """Functions for the plant. `constants` are the model's parameters by name (radius, load is a role, f_o, ...)."""
+    effects = [active for active in effects if not active.effect.sensor]  # those set the sensors
     if not effects:
         return CompiledEffects()
     text = source(effects, constants)

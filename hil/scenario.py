@@ -15,13 +15,13 @@ from pathlib import Path
 
 from hil import paths
 from hil.checks import Check, parse_check
-from hil.compiled_effects import ActiveEffect
+from hil.compiled_effects import ActiveEffect, in_plant
+from hil.effect_files import known_effects
 from hil.faults import MAX_FAULTS, Fault, read_fault
 from hil.messages import Interface, interface
-from hil.physics.effects import catalogue
 from hil.plant import TERRAINS, Ground, Robot, Segment, Terrain, Winding
 from hil.reading import ReadingError, Section, load, parse_quantity, quantities, shorten
-from hil.sensors import Sensors, kit, read_sensors
+from hil.sensors import Sensors, kit, read_sensors, with_effects
 from hil.soft_ground import check_step, grip_table, read_soft_ground
 from hil.telemetry import signals, words
 
@@ -65,6 +65,7 @@ class Scenario:
     moisture: float = 0.0
     pass_number: float = 1.0
     carriage: tuple[tuple[float, float], ...] = ()
+    steering: tuple[tuple[float, float], ...] = ()  # heading [rad] that the inner device is steered to, over time [s]
     faults: tuple[Fault, ...] = ()
     effects: tuple[ActiveEffect, ...] = ()
     firmware: Mapping[str, float] = field(default_factory=dict)  # controller parameters, in their units
@@ -170,7 +171,7 @@ def _profile(section: Section, key: str, unit: str, low: float, high: float) -> 
 
 def _effects(root: Section) -> tuple[ActiveEffect, ...]:
     section = root.section("effect")
-    known = {name: effect for name, effect in catalogue().items() if effect.plant and "rolling_steady" in effect.bases}
+    known = {name: effect for name, effect in known_effects().items() if in_plant(effect)}
     active = []
     for name in section:
         if name not in known:
@@ -246,6 +247,7 @@ def load_scenario(path: Path) -> Scenario:
         moisture=root.quantity("moisture", "1", 0.0, 0.0, 1.0),
         pass_number=root.quantity("pass", "1", 1.0, 1.0),
         carriage=_profile(root, "carriage", "m/s", -32.0, 32.0),
+        steering=_profile(root, "steering", "rad", -1000.0, 1000.0),
         operator=_operator(root),
         faults=tuple(read_fault(section) for section in root.sections("fault")),
         effects=_effects(root),
@@ -255,6 +257,11 @@ def load_scenario(path: Path) -> Scenario:
         source=root.source,
     )
     supply.done()
+    try:
+        gear = scenario.robot.radius / scenario.robot.drive_radius
+        scenario = replace(scenario, sensors=with_effects(scenario.sensors, scenario.effects, gear))
+    except ValueError as error:
+        raise root.error("effect", str(error)) from None
     if scenario.ground.contact is not None:
         try:
             grip_table(scenario.ground, scenario.robot)

@@ -7,13 +7,17 @@ channel can be set on its own.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from hil.compiled_effects import ActiveEffect
 from hil.reading import Section, quantities
 
-__all__ = ["ADCS", "CHANNELS", "DIGITALS", "ENCODERS", "Adc", "Digital", "Encoder", "Sensors", "kit", "read_sensors"]
+__all__ = [
+    *("ADCS", "CHANNELS", "DIGITALS", "ENCODERS", "Adc", "Digital", "Encoder", "Sensors"),
+    *("kit", "read_sensors", "with_effects"),
+]
 
 ADCS = ("current", "supply", "temperature")
 ENCODERS = ("motor", "wheel")
@@ -43,12 +47,16 @@ class Adc:
 
 @dataclass(frozen=True)
 class Encoder:
-    """Incremental encoder; `misalignment` is the amplitude of an error once a turn, `loss` the share of lost counts."""
+    """Incremental encoder; `misalignment` is the amplitude of an error once a turn, `loss` the share of lost counts.
+
+    `play` is the width of a gap through which it follows its shaft.
+    """
 
     counts_per_turn: float = _q(2048.0, "1", 1.0, 65536.0)
     misalignment: float = _q(0.0, "rad", -1.0, 1.0)
     phase: float = _q(0.0, "rad", -10.0, 10.0)
     loss: float = _q(0.0, "1", 0.0, 1.0)
+    play: float = _q(0.0, "rad", 0.0, 10.0)
     delay: float = _q(0.0, "s", 0.0, MAX_DELAY)
 
 
@@ -113,6 +121,25 @@ def kit(name: str) -> Sensors:
     2.0
     """
     return KITS[name]()
+
+
+def with_effects(sensors: Sensors, effects: Sequence[ActiveEffect], gear: float) -> Sensors:
+    """The sensors with what effects on them set, beside what they have already. ValueError for what they cannot do.
+
+    An effect's gap is at the shell: the motor's encoder turns `gear` times as far. Phases replace, the rest adds up.
+    """
+    for active in effects:
+        for place, name in active.effect.sensor.items():
+            channel, setting = place.split(".")
+            present = getattr(sensors, channel)
+            value = active.values[name] * (gear if setting == "play" else 1.0)
+            total = value if setting == "phase" else getattr(present, setting) + value
+            if setting == "delay" and total > MAX_DELAY:
+                raise ValueError(
+                    f"{active.effect.name}: found {total:g} s for {channel}, expected at most {MAX_DELAY} s"
+                )
+            sensors = replace(sensors, **{channel: replace(present, **{setting: total})})
+    return sensors
 
 
 def read_sensors(section: Section) -> Sensors:

@@ -129,6 +129,7 @@ def _config(scenario: Scenario) -> dict[str, Any]:
         "sensors": _sensors(scenario.sensors),
         "faults": {"count": len(scenario.faults), "fault": [_fault(fault) for fault in scenario.faults]},
         "carriage": _profile(scenario.carriage),
+        "steering": _profile(scenario.steering),
         "wheel_radius": WHEEL_RADIUS,
         "supply": scenario.supply,
         "supply_resistance": scenario.supply_resistance,

@@ -48,6 +48,11 @@ uint16_t hil_encoder_read(const hil_sensors *sensors, hil_sensor_state *state, i
     const hil_encoder *encoder = &sensors->encoder[i];
     const int channel = HIL_MOTOR + i;
     double angle = delayed(sensors, state, channel);
+    if (encoder->play > 0.0) {
+        const double half = 0.5 * encoder->play;
+        state->followed[i] = smaller(larger(state->followed[i], angle - half), angle + half);
+        angle = state->followed[i];
+    }
     if (encoder->misalignment != 0.0) {
         angle += encoder->misalignment * sin(angle + encoder->phase);
     }

@@ -40,12 +40,14 @@ typedef struct {
     double noise; /* rms [codes]; half a code dithers the rounding away */
 } hil_adc;
 
-/* Incremental encoder, 16-bit counter that wraps. Misalignment errs by misalignment * sin(angle + phase). */
+/* Incremental encoder, 16-bit counter that wraps. It follows its shaft through a gap of `play`; misalignment errs by
+ * misalignment * sin(angle + phase). */
 typedef struct {
     double counts_per_turn;
     double misalignment; /* [rad] */
     double phase;        /* [rad] */
     double loss;         /* probability that a count is lost */
+    double play;         /* [rad] */
 } hil_encoder;
 
 /* A number from a chip that measures and sends it: value + offset + noise, rounded to the resolution. */
@@ -69,6 +71,7 @@ typedef struct {
     hil_random random[HIL_CHANNELS];
     int32_t count[HIL_ENCODERS]; /* ideal count so far */
     int32_t lost[HIL_ENCODERS];
+    double followed[HIL_ENCODERS]; /* where within its gap the encoder stands [rad] */
     uint32_t tick;
 } hil_sensor_state;
 

@@ -5,6 +5,7 @@
 
 #include "terrapin_interface.h"
 #include "extremes.h"
+#include "heading.h"
 
 #define TICK          1e-3
 #define SLIP_DEADBAND 0.01
@@ -50,6 +51,8 @@ void hil_start(hil_simulator *simulator) {
     hil_sensors_start(&simulator->sensors, config->seed);
     simulator->temperature =
         config->winding.profile.count > 0 ? profile_at(&config->winding.profile, 0.0) : config->winding.start;
+    simulator->heading = config->steering.count > 0 ? profile_at(&config->steering, 0.0) : 0.0;
+    simulator->path[0] = simulator->path[1] = 0.0;
     simulator->contact_torque = 0.0;
     simulator->supply = config->supply;
     simulator->duty = 0;
@@ -213,7 +216,19 @@ static void write_truth(const hil_simulator *simulator, double *truth) {
     truth[HIL_TRUTH_RUT] = body->rut;
     truth[HIL_TRUTH_CARRIAGE_FORCE] = body->carriage_force;
     truth[HIL_TRUTH_SEGMENT] = ground.segment;
+    truth[HIL_TRUTH_HEADING] = simulator->heading;
+    truth[HIL_TRUTH_PATH_X] = simulator->path[0];
+    truth[HIL_TRUTH_PATH_Y] = simulator->path[1];
     truth[HIL_TRUTH_SINKAGE] = body->sinkage;
+}
+
+static void steer(hil_simulator *simulator, double travelled) {
+    const hil_profile *steering = &simulator->config.steering;
+    const double before = simulator->heading;
+    if (steering->count > 0) {
+        simulator->heading = profile_at(steering, now(simulator) + TICK);
+    }
+    hil_heading_advance(travelled, before, simulator->heading, simulator->path);
 }
 
 void hil_sense(hil_simulator *simulator, hil_record *record) {
@@ -291,6 +306,7 @@ void hil_act(hil_simulator *simulator, int16_t duty, bool enabled) {
     const int steps = fastest < config->fine_below ? config->fine_substeps : config->substeps;
     const double dt = TICK / steps;
     const bool standing = stands(body) && config->carriage.count == 0;
+    const double position = body->position[HIL_X];
     double torque = 0.0;
     int taken = 0;
     /* What stands still under constant forces does so in the next step as well: one step then says it for the tick. */
@@ -308,6 +324,7 @@ void hil_act(hil_simulator *simulator, int16_t duty, bool enabled) {
     simulator->supply =
         around->drive.supply - (enabled ? config->supply_resistance * around->drive.duty * body->current : 0.0);
     warm(simulator);
+    steer(simulator, body->position[HIL_X] - position);
     simulator->tick++;
 }
 

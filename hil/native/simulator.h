@@ -50,6 +50,7 @@ typedef struct {
     hil_winding winding;
     hil_sensors sensors;
     hil_faults faults;
+    hil_profile steering; /* heading [rad] that the inner device is steered to */
     hil_profile carriage; /* axle speed [m/s]; the axle is free before the first and after the last point */
     double wheel_radius;  /* trailing wheel [m] */
     double supply;        /* open-circuit voltage [V] */
@@ -90,6 +91,9 @@ enum hil_truth {
     HIL_TRUTH_CARRIAGE_FORCE,
     HIL_TRUTH_SEGMENT, /* number of the path's segment, from 0 */
     HIL_TRUTH_SINKAGE, /* on a contact model's ground [m], else 0 */
+    HIL_TRUTH_HEADING, /* of the motion on the plane [rad] */
+    HIL_TRUTH_PATH_X,  /* on the plane, from the start; position is along the path */
+    HIL_TRUTH_PATH_Y,
     HIL_TRUTH_COUNT
 };
 
@@ -112,6 +116,8 @@ typedef struct {
     hil_sensor_state sensors;
     terrapin_inputs inputs;
     hil_surroundings around;
+    double heading;
+    double path[2];
     double contact_torque;
     double temperature;
     double supply; /* at the bridge [V] */

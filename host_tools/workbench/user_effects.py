@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
+from hil.effect_files import known_effects, read_effect_folder
 from hil.physics.effects import Effect, Parameter, catalogue
 from hil.physics.expression import parse
+from hil.reading import ReadingError
+from hil.units import read_unit
+from host_tools.errors import UserError
 from host_tools.workbench import units
-from host_tools.workbench.bases import Base
+from host_tools.workbench.bases import BASES, CHANNELS, ROLES, Base, formula_name
 from host_tools.workbench.case import Estimate, Tables, read_estimate
+from host_tools.workbench.unit_check import open_units, plain, unit_problem
 
-__all__ = ["default_target", "read_library", "targets"]
+__all__ = ["default_target", "read_library", "sound", "targets"]
+
+OPEN = ""  # unit of a parameter that states none: `sound` gives it the one that makes the expression sound
 
 
 def targets(base: Base) -> tuple[str, ...]:
     """What an expression may act on under this base model."""
     if base.dynamic is not None:
-        return (*base.channels, "resistance", "rolling_resistance", *base.dynamic.inputs, *base.parameters)
+        driven = [role for role in base.dynamic.inputs if role != "joint_rate"]  # which is imposed, with its derivative
+        return (*base.channels, "resistance", "rolling_resistance", *driven, *base.parameters)
     torque = {"rolling_steady": ("resistance",), "equation": ()}.get(base.name, ("drag",))
     stiffness = ("k_s",) if base.name == "wheel_contact" else ()
     return (*base.channels, *torque, *base.parameters, *stiffness)
@@ -27,20 +37,56 @@ def default_target(base: Base) -> str:
     return "resistance" if base.name == "rolling_steady" or base.dynamic is not None else base.channels[0]
 
 
-def read_library(tables: Tables, base: Base) -> tuple[dict[str, Effect], frozenset[str]]:
+def _from_files(folder: Path, tables: Tables, base: Base) -> dict[str, Effect]:
+    """The catalogue, the user's own effects, and those of the case's folders `effects` and model.effects_folder."""
+    folders = [folder / "effects"]
+    named = tables.text("model", "effects_folder", default="")
+    if named:
+        folders.append(folder / named)
+        if not folders[-1].is_dir():
+            raise tables.complain(f"found {named!r}, expected a folder of effects", "model", "effects_folder")
+    try:
+        found = known_effects()
+        for one in dict.fromkeys(path.resolve() for path in folders):
+            found.update(read_effect_folder(one, found))
+    except ReadingError as error:
+        raise UserError(str(error)) from None
+    for name in found.keys() - catalogue().keys():
+        _check_terms(found[name], base)
+    return found
+
+
+def _check_terms(effect: Effect, base: Base) -> None:
+    """UserError when an effect from a file speaks of bases, roles or targets that there are not."""
+    for name in effect.bases:
+        if name not in BASES:
+            raise UserError(f"effect {effect.name}: bases: found {name!r}, expected some of {', '.join(BASES)}")
+    for role in {role for group in effect.needs for role in group} | set(effect.positive):
+        if role not in ROLES and base.name != "equation":
+            raise UserError(f"effect {effect.name}: needs: found {role!r}, expected some of {', '.join(ROLES)}")
+    if base.name in effect.bases and effect.target not in targets(base):
+        expected = ", ".join(targets(base))
+        raise UserError(f"effect {effect.name}: target: found {effect.target!r}, expected one of {expected}")
+
+
+def read_library(folder: Path, tables: Tables, base: Base) -> tuple[dict[str, Effect], frozenset[str]]:
     """Effects by name, and every name that a user's own expression uses (constants of theirs may have those names)."""
-    library = {name: effect for name, effect in catalogue().items() if base.name in effect.bases}
+    known = _from_files(folder, tables, base)
+    library = {name: effect for name, effect in known.items() if base.name in effect.bases}
     names: set[str] = set()
     for name, entry in tables.table("effect").items():
         path = ("effect", name)
         if not isinstance(entry, dict):
             raise tables.complain(f"found {entry!r}, expected a table", *path)
         if "expression" in entry:
+            if name in known:
+                kind = "a catalogued effect" if name in catalogue() else "an effect of a file"
+                raise tables.complain(f"is the name of {kind}, expected another for your own expression", *path)
             library[name] = _own(tables, base, name)
             names |= parse(library[name].expression).names
         elif name in library:
             library[name] = _with_bounds(tables, library[name])
-        elif name not in catalogue():  # an effect of another base may keep its bounds here
+        elif name not in known:  # an effect of another base may keep its bounds here
             expected = ", ".join(library) or "a name with an expression"
             raise tables.complain(f"unknown effect without an expression, expected one of {expected}", *path)
     return library, frozenset(names)
@@ -75,8 +121,6 @@ def _with_bounds(tables: Tables, effect: Effect) -> Effect:
 
 def _own(tables: Tables, base: Base, name: str) -> Effect:
     path = ("effect", name)
-    if name in catalogue():
-        raise tables.complain("is the name of a catalogued effect, expected another for your own expression", *path)
     try:
         expression = parse(tables.text(*path, "expression"))
     except ValueError as error:
@@ -91,13 +135,7 @@ def _own(tables: Tables, base: Base, name: str) -> Effect:
         if not isinstance(entry, dict):
             raise tables.complain(f"found {entry!r}, expected {{ value = , min = , max = , unit = }}", *path, key)
         _only(tables, (*path, key), "value", "min", "max", "unit")
-        unit = tables.text(*path, key, "unit", default="1")
-        try:
-            units.check(unit)
-        except ValueError as error:
-            raise tables.complain(str(error), *path, key, "unit") from None
-        found = read_estimate(tables, (*path, key), unit)
-        parameters.append(Parameter(key, unit, found.value, found.minimum, found.maximum))
+        parameters.append(_own_parameter(tables, base, (*path, key)))
     unused = sorted({parameter.name for parameter in parameters} - expression.names)
     if unused:
         raise tables.complain(f"{unused[0]} does not occur in the expression", *path, unused[0])
@@ -112,6 +150,70 @@ def _own(tables: Tables, base: Base, name: str) -> Effect:
         expression=expression.text,
         target=target,
     )
+
+
+def _own_parameter(tables: Tables, base: Base, path: tuple[str, ...]) -> Parameter:
+    """A parameter of the user's own; under a base model whose formulas are in SI it is taken to SI."""
+    unit = tables.text(*path, "unit", default=OPEN)
+    try:
+        units.check(unit)
+        if base.name == "equation" or not unit:
+            factor, spelt = 1.0, unit or ("1" if base.name == "equation" else OPEN)
+        elif units.convert(0.0, unit, plain(read_unit(unit))) != 0.0 and units.si_factor(unit) != 1.0:
+            raise ValueError(f"found {unit!r}, whose zero is not that of SI, expected degC, or K for a difference")
+        else:
+            factor = units.si_factor(unit)
+            spelt = unit if factor == 1.0 else plain(read_unit(unit))
+    except ValueError as error:
+        raise tables.complain(str(error), *path, "unit") from None
+    found = read_estimate(tables, path, unit or "1")
+    return Parameter(path[-1], spelt, factor * found.value, factor * found.minimum, factor * found.maximum)
+
+
+def sound(tables: Tables, base: Base, library: Mapping[str, Effect], given: Mapping[str, str]) -> dict[str, Effect]:
+    """The library with the units of own effects checked against their targets and open ones filled in.
+
+    `given` holds the units of the model's parameters and constants. An expression that uses a column or a constant
+    without a unit is taken as it stands.
+    """
+    if base.name == "equation":
+        return dict(library)
+    known = {formula_name(role): unit for role, unit in ROLES.items()}
+    known.update({**{name: unit for name, unit in base.parameters.items() if "^n" not in unit}, **given})
+    known["bulldozing_resistance"] = "N"
+    checked = {}
+    for name, effect in library.items():
+        if name in catalogue():
+            checked[name] = effect
+            continue
+        expression = parse(effect.expression)
+        own = {p.name: p.unit for p in effect.parameters if p.unit != OPEN}
+        without = [p.name for p in effect.parameters if p.unit == OPEN]
+        wanted = _wanted(effect, known)
+        if expression.names <= known.keys() | own.keys() | set(without) and wanted is not None:
+            found = {**own, **open_units(expression, {**known, **own}, without, wanted)}
+            problem = unit_problem(expression, {**known, **found}, wanted)
+            if problem is not None:
+                units_given = ", ".join(f"{key} [{unit}]" for key, unit in own.items())
+                hint = f" (with {units_given})" if own and not without else ""
+                if tables.get("effect", name, "expression") is None:
+                    raise UserError(f"effect {name}: expression: {problem}{hint}")
+                raise tables.complain(problem + hint, "effect", name, "expression")
+        else:
+            found = {**own, **dict.fromkeys(without, "1")}
+        parameters = tuple(replace(p, unit=found[p.name]) for p in effect.parameters)
+        checked[name] = replace(effect, parameters=parameters)
+    return checked
+
+
+def _wanted(effect: Effect, known: Mapping[str, str]) -> str | None:
+    """The unit that an effect's expression has to come out in."""
+    fixed = {"resistance": "N m", "drag": "N"}
+    if effect.target in fixed:
+        return fixed[effect.target]
+    if effect.target in CHANNELS:
+        return "1" if effect.stage == "gain" else CHANNELS[effect.target]
+    return known.get(effect.target) if effect.additive else "1"
 
 
 def _only(tables: Tables, path: tuple[str, ...], *names: str) -> None:

@@ -207,3 +207,14 @@ def test_streams_do_not_touch_each_other() -> None:
     quiet = replace(sensors, pitch=replace(sensors.pitch, present=False))
     current = [words(frames(s), 1) & np.uint64(0xFFF) for s in (sensors, quiet)]
     assert np.array_equal(*current)
+
+
+def test_an_encoder_with_play_follows_through_its_gap() -> None:
+    bench = Bench(encoder={"play": 0.2})
+    there = [bench.encoder(a) for a in np.linspace(0.0, 1.0, 11)]
+    back = [bench.encoder(a) for a in np.linspace(1.0, 0.0, 11)]
+    per = 2048 / (2 * np.pi)
+    assert there[0] == 0
+    assert there[-1] == int(np.floor(0.9 * per))
+    assert back[1] == back[2] == there[-1]  # crossing the gap
+    assert back[-1] == int(np.floor(0.1 * per))
