@@ -208,7 +208,7 @@ def sound(tables: Tables, base: Base, library: Mapping[str, Effect], given: Mapp
 
 def _wanted(effect: Effect, known: Mapping[str, str]) -> str | None:
     """The unit that an effect's expression has to come out in."""
-    fixed = {"resistance": "N m", "drag": "N"}
+    fixed = {"resistance": "N m", "rolling_resistance": "N m", "drag": "N"}
     if effect.target in fixed:
         return fixed[effect.target]
     if effect.target in CHANNELS:
