@@ -247,6 +247,7 @@ def _table_4() -> Part:
         for linear, t in models.items()
     }
     moved = max(float(np.max(np.abs(one - two))) for one, two in left.values())
+    moved_by = "less than 1e-9" if moved < 1e-9 else f"{moved:.1g}"
     short = [float(np.mean(rest / one)) for one, _ in left.values()]
     needed = np.degrees(table4.needed_friction())
     friction = float(paper["table_1"]["friction_deg"])
@@ -274,7 +275,7 @@ def _table_4() -> Part:
             f"T/R - DP: measured {', '.join(f'{v:.1f}' for v in rest)} N; model "
             f"{', '.join(f'{v:.1f}' for v in left[False][0])} N (full), "
             f"{', '.join(f'{v:.1f}' for v in left[True][0])} N (linear)",
-            f"R_c and R_f cancel in T/R - DP (they change it by {moved:.1g} N), and it misses by a factor of "
+            f"R_c and R_f cancel in T/R - DP (they change it by {moved_by} N), and it misses by a factor of "
             f"{short[0]:.2f} (full) and {short[1]:.2f} (linear)",
         ),
         states(
