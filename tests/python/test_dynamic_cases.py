@@ -89,9 +89,9 @@ def write(folder: Path, text: str, runs: Sequence[Mapping[str, Array]]) -> Path:
 
 
 def cylinder(folder: Path, effects: dict[str, dict[str, float]], runs: int = 4, text: str = CMR) -> Path:
-    random, t, found = np.random.default_rng(3), np.arange(0.0, 2.4, 0.04), []
+    random, t, found = np.random.default_rng(3), np.arange(0.0, 1.8, 0.04), []
     for number in range(runs):
-        voltage = np.where(t < 1.2, 3.0 + number, 7.0 - 0.7 * number)
+        voltage = np.where(t < 0.9, 3.0 + number, 7.0 - 0.7 * number)
         run = simulate("cmr", {"f_o": 0.092}, {"time": t, "voltage": voltage}, effects).channels
         noise = random.normal(size=(2, t.size))
         found.append(
@@ -204,7 +204,8 @@ def test_the_car_recovers_its_soil_and_its_ruts(tmp_path: Path) -> None:
 
 
 def test_an_own_expression_acts_inside_the_integrator(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    own = '[effect.my_drag]\nexpression = "k * omega * abs(omega)"\nk = { value = 0, unit = "N m s^2" }\n[data]\n'
+    own = '[effect.my_drag]\nexpression = "k * omega * abs(omega)"\n'
+    own += 'target = "rolling_resistance"\nk = { value = 0, unit = "N m s^2" }\n[data]\n'
     folder = cylinder(tmp_path / "case", {"speed_squared": {"f_s": 2e-3}}, 3, CMR.replace("[data]\n", own))
     found, reached = fitted(folder, ["my_drag"])
     assert 0.9 < reached < 1.1
