@@ -15,20 +15,21 @@ import numpy as np
 
 from tests.campaigns.drawn import CATALOGUE, draw, write
 from tests.campaigns.pools import make
-from tests.campaigns.table import FEW, Line
+from tests.campaigns.table import 0, Line
 
 __all__ = ["LINES"]
 
 ROUNDS = 3
-OWN = (  # nine of the user's own beside the catalogue's eleven: twenty effects
-    *(
-        "k*omega**3",
-        "k*omega**4*sign(omega)",
-        "k*sqrt(abs(omega))*sign(omega)",
-        "k*load*omega",
-        "k*load**2*sign(omega)",
-    ),
-    *("k*tanh(omega)", "k*exp(-abs(omega)/3)*sign(omega)", "k*load*tanh(omega/2)", "k*cos(omega)*sign(omega)"),
+OWN = (  # nine of the user's own beside the catalogue's eleven: twenty effects; with the unit of k
+    ("k*omega**3", "N m s^3/rad^3"),
+    ("k*omega**4*sign(omega)", "N m s^4/rad^4"),
+    ("k*sqrt(abs(omega))*sign(omega)", "N m s^0.5/rad^0.5"),
+    ("k*load*omega", "m s/rad"),
+    ("k*load**2*sign(omega)", "m/N"),
+    ("k*slope*abs(omega)", "N m s/rad^2"),
+    ("k*moisture*load*sign(omega)", "m"),
+    ("k*moisture*omega", "N m s/rad"),
+    ("k*acceleration*abs(omega)", "N m s^3/rad^2"),
 )
 
 
@@ -44,13 +45,14 @@ def terrapin(*arguments: object, **environment: str) -> str:
 def twenty(folder: Path, seed: int) -> Path:
     """30 runs with a hidden effect and a library of 20, all of which can be candidates."""
     needs = {role for hidden in CATALOGUE["rolling_steady"].values() for role in hidden.needs}
+    needs.add("moisture")
     for attempt in range(200):
         drawn = draw("rolling_steady", 30, 0.5, 1.0, np.random.default_rng([seed, 99, attempt]), ["speed_squared"])
         if needs <= set(drawn.design.mapped) and not drawn.design.notes["constant_load"]:
             break
     own = "".join(
-        f'[effect.own_{i}]\nexpression = "{text}"\nk = {{ value = 0.0, min = -1.0, max = 1.0 }}\n'
-        for i, text in enumerate(OWN)
+        f'[effect.own_{i}]\nexpression = "{text}"\nk = {{ value = 0.0, min = -9.0, max = 9.0, unit = "{unit}" }}\n'
+        for i, (text, unit) in enumerate(OWN)
     )
     return write(drawn, folder, own)
 
@@ -73,7 +75,7 @@ def timed(seed: int) -> list[Line]:
             effects = len(CATALOGUE["rolling_steady"]) + len(OWN)
             limits = f"processor {min(used):.1f} s"
             row = f"30 runs, {effects} effects: {name} ({command})"
-            lines.append(Line(row, f"{min(took):.1f} s", limits, FEW, f"<= {bound:g} s", min(took) <= bound))
+            lines.append(Line(row, f"{min(took):.1f} s", limits, 0, f"<= {bound:g} s", min(took) <= bound))
     listed = {entry["effect"] for entry in json.loads(output)["candidates"]}
     if len(listed & {f"own_{i}" for i in range(len(OWN))}) < len(OWN):
         raise RuntimeError("the user's own effects were not among the candidates: the time is not that of 20 effects")
@@ -92,7 +94,7 @@ def same(seed: int) -> list[Line]:
                 texts.append("\n".join(line for line in text.splitlines() if '"seconds"' not in line))
             equal.append(texts[0] == texts[1])
     share = f"{sum(equal)} of {len(equal)}"
-    return [Line("same seed, same bytes", share, "", FEW, "all", all(equal))]
+    return [Line("same seed, same bytes", share, "", 0, "all", all(equal))]
 
 
 LINES: Mapping[str, Callable[[int], list[Line]]] = {"time": timed, "same": same}

@@ -18,7 +18,7 @@ import numpy as np
 
 from host_tools.workbench.case import load_case
 from host_tools.workbench.discovery import discover, discover_answer
-from tests.campaigns.table import FEW, Line
+from tests.campaigns.table import 0, Line
 
 __all__ = ["lines"]
 
@@ -36,7 +36,7 @@ def lines(folder: Path) -> list[Line]:
         if complaint:
             detail.append(f"{name} ({expected['kind']}): {complaint}")
     share = f"{right} of {len(answers)}"
-    return [Line("practice cases", share, "", FEW, "all", right == len(answers), tuple(detail))]
+    return [Line("practice cases", share, "", 0, "all", right == len(answers), tuple(detail))]
 
 
 def judge(answer: Mapping[str, Any], expected: Mapping[str, Any]) -> str:

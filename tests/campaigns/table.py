@@ -26,7 +26,7 @@ Z90 = 1.645
 
 @dataclass(frozen=True)
 class Line:
-    """One bound."""
+    """One bound. `count` is 0 where it is not a number of cases."""
 
     row: str
     figure: str
@@ -38,7 +38,7 @@ class Line:
 
     @property
     def verdict(self) -> str:
-        return "met" if self.met and self.count >= FEW else "few" if self.met else "NOT MET"
+        return "NOT MET" if not self.met else "few" if 0 < self.count < FEW else "met"
 
 
 def _rate(
@@ -318,7 +318,7 @@ ROWS: Mapping[str, tuple[tuple[str, ...], Callable[[Sequence[Record]], list[Line
 def show(lines: Sequence[Line], details: bool = True) -> str:
     """The table, and under it the details of each bound that has some."""
     head = ("row", "figure", "95 % limits", "cases", "bound", "")
-    cells = [head, *((e.row, e.figure, e.limits, str(e.count), e.bound, e.verdict) for e in lines)]
+    cells = [head, *((e.row, e.figure, e.limits, str(e.count or ""), e.bound, e.verdict) for e in lines)]
     widths = [max(len(row[i]) for row in cells) for i in range(6)]
     text = ["  ".join(value.ljust(width) for value, width in zip(row, widths, strict=True)).rstrip() for row in cells]
     if details:
