@@ -206,4 +206,4 @@ def _unit(sketch: Sketch, case: Case) -> str:
         unit = registry().Unit(acts_on.replace("^", "**") if acts_on != "1" else "dimensionless") / given
     except (ValueError, KeyError):
         return "1"
-    return f"{unit:~}" or "1"
+    return f"{unit:~C}".replace("**", "^") or "1"
