@@ -15,7 +15,7 @@ import numpy as np
 
 from tests.campaigns.drawn import CATALOGUE, draw, write
 from tests.campaigns.pools import make
-from tests.campaigns.table import 0, Line
+from tests.campaigns.table import Line
 
 __all__ = ["LINES"]
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from host_tools.workbench.case import load_case
 from host_tools.workbench.discovery import discover, discover_answer
-from tests.campaigns.table import 0, Line
+from tests.campaigns.table import Line
 
 __all__ = ["lines"]
 
