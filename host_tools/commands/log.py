@@ -123,8 +123,8 @@ def _signals(path: Path, decoder: Decoder | None, period: str, to: Path) -> int:
     import pyarrow.csv
     import pyarrow.parquet
 
+    from host_tools.logs.resample import signals_on_grid
     from host_tools.workbench import units
-    from host_tools.workbench.tables import log_frames, resample
 
     if decoder is None:
         raise UserError("signals need a DBC: --dbc FILE")
@@ -137,13 +137,13 @@ def _signals(path: Path, decoder: Decoder | None, period: str, to: Path) -> int:
         raise UserError(f"--period: {error}, expected a time such as '10 ms'") from None
     if not grid > 0:
         raise UserError(f"--period: found {period!r}, expected more than 0")
-    table = resample(path, log_frames(path, decoder.path), float(grid))
-    arrow = pyarrow.table(table.columns)
+    columns = signals_on_grid(path, decoder, float(grid))
+    arrow = pyarrow.table(columns)
     if to.suffix.lower() == ".csv":
         pyarrow.csv.write_csv(arrow, to, pyarrow.csv.WriteOptions(quoting_style="none"))
     else:
         pyarrow.parquet.write_table(arrow, to)
-    return table.rows
+    return len(columns["time"])
 
 
 def record(

@@ -107,7 +107,7 @@ def _parse(path: Path, text: bytes, first: int) -> Frames:
 
 def _no_candump(path: Path, number: int, row: bytes) -> UserError:
     found = row[:60].decode("ascii", "replace")
-    return UserError(f"{path}:{number}: found {found!r}, expected candump text, such as (1.000000) can0 182#00FF")
+    return UserError(f"{path}:{number}: found {found!r}, expected candump text: (seconds) channel ID#DATA")
 
 
 def read(path: Path) -> Frames:

@@ -84,7 +84,7 @@ class LogReader:
         except Exception as error:  # each reader of python-can has its own way of failing on a broken file
             _bury(error)
             if not collected.total:
-                raise UserError(f"{self.path}: {_brief(error)}, expected a {self.kind[1:].upper()} log") from None
+                raise UserError(f"{self.path}: {_brief(error)}, expected a {self.kind[1:].upper()} bus log") from None
             self.cut = f"unreadable after {collected.last:.6f} s ({_brief(error)})"
         yield collected.take()
         if self.kind == ".blf" and not self.cut:
@@ -95,7 +95,7 @@ class LogReader:
         with self.path.open("rb") as file:
             begin = file.read(3)
         if begin not in (b"MDF", b"UnF"):  # UnFinMF: unfinished
-            raise UserError(f"{self.path}: begins with {begin!r}, expected an MF4 log")
+            raise UserError(f"{self.path}: begins with {begin!r}, expected an MF4 bus log")
 
     def _mcap(self, told: Callable[[int], None]) -> Iterator[Frames]:
         from mcap.exceptions import McapError

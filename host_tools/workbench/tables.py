@@ -6,8 +6,7 @@ A table keeps for each row where it stands, so that a complaint about a value na
 from __future__ import annotations
 
 import csv
-import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,11 +18,9 @@ from hil.reading import shorten
 from host_tools.errors import UserError
 from host_tools.workbench.units import LARGEST
 
-__all__ = ["LOG_SUFFIXES", "Table", "log_frames", "read", "resample"]
+__all__ = ["LOG_SUFFIXES", "Table", "read"]
 
-LOG_SUFFIXES = (".log", ".blf", ".asc", ".mf4")
-DISORDER = 1.0  # s by which frames of several channels may be out of order
-MOST_ROWS = 1e7  # that a log may give
+LOG_SUFFIXES = (".log", ".blf", ".asc", ".mf4", ".mcap")
 Column = npt.NDArray[Any]  # float64, or str where the file holds text
 
 
@@ -105,7 +102,7 @@ def _read(path: Path, suffix: str, dbc: Path | None, period: float | None, neede
     if suffix in LOG_SUFFIXES:
         if dbc is None or period is None:
             raise UserError(f"{path.name}: a log needs data.dbc and data.period in case.toml")
-        return resample(path, log_frames(path, dbc), period, needed)
+        return _read_log(path, dbc, period, needed)
     raise UserError(f"{path.name}: unknown kind of file {suffix!r}, expected .csv .parquet {' '.join(LOG_SUFFIXES)}")
 
 
@@ -159,103 +156,10 @@ def _read_parquet(path: Path) -> Table:
     return Table(path, columns, 0)
 
 
-def log_frames(path: Path, dbc: Path, wanted: Collection[str] = ()) -> Iterator[tuple[float, dict[str, float]]]:
-    """Time [s] and signals, named MESSAGE.SIGNAL, of every frame that the DBC knows (and `wanted` names, if any)."""
-    import cantools
+def _read_log(path: Path, dbc: Path, period: float, needed: Collection[str]) -> Table:
+    from host_tools.logs.decoding import Decoder
+    from host_tools.logs.resample import signals_on_grid
 
     if not dbc.is_file():
         raise UserError(f"{dbc}: no such file (data.dbc)")
-    try:
-        database: Any = cantools.database.load_file(dbc)
-    except (cantools.Error, UnicodeDecodeError, ValueError) as error:
-        raise UserError(f"{dbc.name}: {str(error).splitlines()[0]}, expected a DBC file") from None
-    messages = {(m.frame_id, m.is_extended_frame): m for m in database.messages if not wanted or m.name in wanted}
-    latest = -np.inf
-    for time, identifier, data, place in _candump(path) if path.suffix.lower() == ".log" else _other_log(path):
-        if time < latest - DISORDER:
-            raise UserError(f"{place}: found time {time:.6f} s after {latest:.6f} s, expected times that rise")
-        latest = max(latest, time)
-        message = messages.get(identifier)
-        if message is None:
-            continue
-        try:
-            signals = message.decode(data, decode_choices=False, allow_truncated=True)
-        except (cantools.Error, ValueError) as error:
-            raise UserError(f"{place}: message {message.name}: {error}") from None
-        yield time, {f"{message.name}.{name}": float(value) for name, value in signals.items()}
-
-
-# ID#DATA, ID#R (remote), ID##FDATA (CAN FD, with a digit of flags); candump -x adds the direction.
-_LINE = re.compile(
-    r"\((\d+(?:\.\d+)?)\)\s+\S+\s+([0-9A-F]{3}|[0-9A-F]{8})#(?:(R)\d?|(?:#[0-9A-F])?((?:[0-9A-F]{2})*))(?:\s+[RT])?\s*",
-    re.IGNORECASE,
-)
-
-
-def _candump(path: Path) -> Iterator[tuple[float, tuple[int, bool], bytes, str]]:
-    """Data frames; a last line without its end is one that a crash cut off, and is left out."""
-    with path.open(encoding="ascii", errors="replace") as file:
-        for number, line in enumerate(file, 1):
-            if not line.strip() or not line.endswith("\n"):
-                continue
-            match = _LINE.fullmatch(line)
-            if match is None:
-                raise UserError(
-                    f"{path.name}:{number}: found {shorten(line.strip())}, expected (seconds) channel ID#DATA"
-                )
-            if match[3] is None:
-                identifier = int(match[2], 16), len(match[2]) == 8
-                yield float(match[1]), identifier, bytes.fromhex(match[4]), f"{path.name}:{number}"
-
-
-def _other_log(path: Path) -> Iterator[tuple[float, tuple[int, bool], bytes, str]]:
-    import can
-
-    try:
-        with can.LogReader(path) as reader:
-            for number, message in enumerate(reader, 1):
-                if not (message.is_remote_frame or message.is_error_frame):
-                    place = f"{path.name}: frame {number}"
-                    identifier = message.arbitration_id, message.is_extended_id
-                    yield message.timestamp, identifier, bytes(message.data), place
-    except UserError:
-        raise
-    except Exception as error:  # each reader of python-can has its own way of failing on a broken file
-        raise UserError(f"{path.name}: {type(error).__name__}: {error}, expected a bus log") from None
-
-
-def resample(
-    path: Path, frames: Iterator[tuple[float, dict[str, float]]], period: float, needed: Collection[str] = ()
-) -> Table:
-    """Signals on the grid 0, period, 2 period ... [s] from the first frame on; the last value is held.
-
-    Rows before the first in which all `needed` signals have come are dropped; other signals are NaN until they come.
-    """
-    times: dict[str, list[float]] = {}
-    values: dict[str, list[float]] = {}
-    first = last = None
-    for time, signals in frames:
-        first = time if first is None else first
-        last = time if last is None or time > last else last
-        for name, value in signals.items():
-            times.setdefault(name, []).append(time - first)
-            values.setdefault(name, []).append(value)
-    if first is None or last is None:
-        raise UserError(f"{path.name}: found no frame that the DBC knows")
-    steps = (last - first) / period
-    if not steps < MOST_ROWS:
-        raise UserError(
-            f"{path.name}: found {last - first:g} s of log, {steps:.3g} rows with data.period {period:g} s, "
-            f"expected at most {MOST_ROWS:g}"
-        )
-    grid = np.arange(int(steps + 1e-9) + 1) * period
-    columns: dict[str, Column] = {}
-    start = 0.0
-    for name, stamps in times.items():
-        stamp, order = np.array(stamps), np.argsort(stamps, kind="stable")
-        index = np.searchsorted(stamp[order], grid + 1e-9 * period, side="right") - 1
-        columns[name] = np.where(index >= 0, np.array(values[name])[order][np.maximum(index, 0)], np.nan)
-        if name in needed:
-            start = max(start, float(stamp.min()))
-    keep = grid + 1e-9 * period >= start
-    return Table(path, {"time": grid[keep], **{name: column[keep] for name, column in columns.items()}}, 0)
+    return Table(path, dict(signals_on_grid(path, Decoder(dbc), period, needed)), 0)
