@@ -3,32 +3,72 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hil.physics.effects import Effect, catalogue
 from host_tools.errors import UserError
+
+if TYPE_CHECKING:
+    from hil.physics.effects import Effect
 
 __all__ = ["register"]
 
 
-def effects(name: Annotated[str, typer.Argument(help="an effect to explain")] = "") -> None:
-    """List the catalogue of effects, or explain one.
+def effects(
+    name: Annotated[str, typer.Argument(help="an effect to explain")] = "",
+    plot: Annotated[str, typer.Option("--plot", metavar="FILE", help="picture of its shape, .png or .svg")] = "",
+    case: Annotated[str, typer.Option("--case", metavar="CASE", help="also the effects that this case brings")] = "",
+) -> None:
+    """List the catalogue of effects and your own, or explain one and show its shape.
 
-    Example: terrapin effects motor_heating
+    Example: terrapin effects motor_heating --plot heating.svg
     """
-    if name:
-        if name not in catalogue():
-            raise UserError(f"found {name!r}, expected one of {', '.join(catalogue())}")
-        print(_explain(catalogue()[name]))
+    known = _known(case)
+    if not name:
+        if plot:
+            raise UserError("--plot: expected together with the name of an effect")
+        _list(known)
         return
-    width = max(map(len, catalogue()))
-    for base in dict.fromkeys(base for effect in catalogue().values() for base in effect.bases):
+    if name not in known:
+        raise UserError(f"found {name!r}, expected one of {', '.join(known)}")
+    from host_tools.workbench.shape import as_text, draw, held_text, shape_of
+
+    effect = known[name]
+    shape = shape_of(effect)
+    if plot:
+        draw(effect, shape, Path(plot))
+    print(_explain(effect))
+    print(f"  shape       {effect.expression}" + (f", at {held_text(shape)}" if shape.held else ""))
+    print("\n".join(as_text(shape)))
+
+
+def _known(case: str) -> dict[str, Effect]:
+    from hil.effect_files import known_effects
+    from hil.reading import ReadingError
+
+    try:
+        known = known_effects()
+    except ReadingError as error:
+        raise UserError(str(error)) from None
+    if case:
+        from host_tools.workbench.case import load_case
+
+        known.update(load_case(Path(case)).library)
+    return known
+
+
+def _list(known: dict[str, Effect]) -> None:
+    from hil.physics.effects import catalogue
+
+    width = max(map(len, known))
+    for base in dict.fromkeys(base for effect in known.values() for base in effect.bases):
         print(f"On {base}:")
-        for effect in catalogue().values():
+        for effect in known.values():
             if base in effect.bases:
-                print(f"  {effect.name.ljust(width)}  {effect.title}")
+                mark = "" if effect.name in catalogue() else "  (your own)"
+                print(f"  {effect.name.ljust(width)}  {effect.title}{mark}")
 
 
 def _explain(effect: Effect) -> str:

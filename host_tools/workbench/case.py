@@ -133,7 +133,7 @@ def parse_case(folder: Path, text: str) -> Case:
     """Read a case whose case.toml has `text`; the measurements come from `folder`."""
     from host_tools.workbench.limits import read_limits  # keeps each file to one idea
     from host_tools.workbench.measurements import read_measurements
-    from host_tools.workbench.user_effects import read_library
+    from host_tools.workbench.user_effects import read_library, sound
 
     def complain(message: str, *path: str) -> UserError:
         return UserError(f"{folder / 'case.toml'}:{locate(text, *path)}: {'.'.join(path)}: {message}")
@@ -141,7 +141,7 @@ def parse_case(folder: Path, text: str) -> Case:
     tables = _Tables(read_document(folder / "case.toml", text), complain)
     tables.allow((), "case", "model", "parameters", "fit", "effect", "limits", "data")
     tables.allow(("case",), "title", "notes", "source", "comment", "license", "date")
-    tables.allow(("model",), "base", "effects", "equation")
+    tables.allow(("model",), "base", "effects", "effects_folder", "equation")
     title = tables.text("case", "title", default=folder.resolve().name)
     base_name = tables.text("model", "base")
     if base_name not in BASES:
@@ -151,7 +151,7 @@ def parse_case(folder: Path, text: str) -> Case:
     measured = read_measurements(folder, tables, base)
     if base.name == "equation":
         base = Base("equation", measured.channel_names, {}, ())
-    library, effect_names = read_library(tables, base)
+    library, effect_names = read_library(folder, tables, base)
     parameters, parameter_units, options = _constants(tables, base, library, effect_names)
     fit = _estimates(tables, base, parameters)
     for name, value in base.defaults.items():
@@ -168,7 +168,7 @@ def parse_case(folder: Path, text: str) -> Case:
         parameter_units=parameter_units,
         options=options,
         fit=fit,
-        library=library,
+        library=sound(tables, base, library, {**measured.units, **parameter_units, **_fit_units(fit)}),
         equations=measured.equations,
         scales=_scales(measured.equations, {**parameter_units, **_fit_units(fit), **measured.units}, complain),
         limits=read_limits(tables, base, measured.units, measured.extra, measured.column_of),

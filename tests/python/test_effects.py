@@ -291,10 +291,11 @@ def test_own_expressions(tmp_path: Path) -> None:
     base = _predict(_case(tmp_path, "rolling_steady", ROLES_ROLLING, []), {})[0]
     got = _predict(_case(tmp_path, "rolling_steady", ROLES_ROLLING, ["mine"], OWN), {})[0]
     np.testing.assert_allclose(got, base + 1e-4 * W**3 * DRIVE / (R * K_T), rtol=1e-9)
-    on_channel = OWN.replace('"k * omega**3"', '"k * load"\ntarget = "current"')
+    unitless = OWN.replace(', unit = "N m s^3/rad^3"', "")
+    on_channel = unitless.replace('"k * omega**3"', '"k * load"\ntarget = "current"')
     got = _predict(_case(tmp_path, "rolling_steady", ROLES_ROLLING, ["mine"], on_channel), {})[0]
     np.testing.assert_allclose(got, base + 1e-4 * _column("load"), rtol=1e-9)
-    on_parameter = OWN.replace('"k * omega**3"', '"k * temperature"\ntarget = "torque_constant"')
+    on_parameter = unitless.replace('"k * omega**3"', '"k * temperature"\ntarget = "torque_constant"')
     got = _predict(_case(tmp_path, "rolling_steady", ROLES_ROLLING, ["mine"], on_parameter), {})[0]
     np.testing.assert_allclose(got, base / (1 + 1e-4 * _column("temperature")), rtol=1e-9)
 
