@@ -1,4 +1,4 @@
-"""`terrapin papers`, the car of Vella et al.: the estimate on simulated runs, and what follows for Table 1 and Fig. 3."""
+"""`terrapin papers`, the car of Vella et al.: estimates on simulated runs, what follows for Table 1 and Fig. 3."""
 
 from __future__ import annotations
 
