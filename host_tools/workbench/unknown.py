@@ -29,7 +29,7 @@ OF_ONE_COLUMN = 2  # of them at most: shapes of one column look alike, and anoth
 WITHIN = 12.0  # log evidence behind the best at which an expression is no longer worth a refit
 TERMS = 3  # of a sum
 SUMMED = 2  # expressions that a second term is looked for beside
-NEXT_TERM = 0.1  # prior factor of a further term
+NEXT_TERM = 0.02  # prior factor of a further term
 MIXED = 3.0  # log evidence by which a sum, or an expression beside catalogued effects, must beat all shorter answers
 MISFIT = 3.0  # standard deviations of the sum of squares above its mean, from which a set leaves more than noise
 
@@ -149,7 +149,7 @@ def beside_effects(
     sets = [h for h in found if h.kind == "catalogue" and h.fit is not None]
     if not sets or listed is None or not listed.sketches or not ranker.analysis.missing:
         return []
-    best = max(h.log_weight for h in found)
+    best = max(h.log_weight for h in found if h.kind != "expression" or len(h.effects) < 2)  # sums compete with these
     top = max(sets, key=lambda h: h.log_weight)
     assert top.fit is not None
     choices = [_longer(ranker, top, share)] if top.log_weight > best - WITHIN else []
