@@ -11,7 +11,7 @@ from hil.telemetry import si_factor
 
 __all__ = ["ContactError", "contact_error"]
 
-SETTLED = 1.0  # s after an order until which nothing counts
+SETTLED = 1.0  # s after the start until which no unsteady window counts
 TICKS = 1000  # a second
 
 
@@ -27,8 +27,8 @@ class ContactError:
 def contact_error(result: Result) -> ContactError | None:
     """C_t against the mean of the true contact torque over the same window; None when the robot never ran for one.
 
-    Where no window is valid (an imbalance keeps the robot from being steady) all those of a running robot count that
-    lie a second after an order.
+    Where no window is valid (an imbalance keeps the robot from being steady) all those of a running robot count, but
+    for the first second.
     """
     tables, interface = result.telemetry, result.interface
     ground, status = tables["GROUND"], tables["STATUS"]
@@ -41,9 +41,7 @@ def contact_error(result: Result) -> ContactError | None:
     valid = use & (ground["valid"] > 0)
     steady = bool(valid.any())
     if not steady:
-        orders = np.array([order.time for order in result.scenario.operator])
-        since = ground["time"][:, None] - orders
-        valid = use & (np.where(since >= 0, since, np.inf).min(axis=1) > SETTLED + value * si_factor(window.unit))
+        valid = use & (ground["time"] > result.scenario.operator[0].time + SETTLED + length / TICKS)
     if not valid.any():
         return None
     sums = np.concatenate(([0.0], np.cumsum(result.truth["contact_torque"])))

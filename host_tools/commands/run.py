@@ -76,7 +76,7 @@ def _contact_words(result: Result) -> str:
     return f"  C_t error {change} rms with these parameters (over {after.windows} {kind} windows)"
 
 
-def _as_json(result: Result, folder: Path | None) -> str:
+def _as_json(result: Result, folder: Path | None, written: bool) -> str:
     return json.dumps(
         {
             "scenario": result.scenario.name,
@@ -88,13 +88,13 @@ def _as_json(result: Result, folder: Path | None) -> str:
             "checks": [{"check": o.text, "passed": o.passed, "found": o.found} for o in result.outcomes],
             "output_sha256": result.output_hash,
             "out": str(folder) if folder else None,
-            **({"contact_error": _contact(result)} if result.parameters else {}),
+            **({"contact_error": _contact(result)} if written else {}),
         },
         indent=2,
     )
 
 
-def _as_text(result: Result, folder: Path | None) -> str:
+def _as_text(result: Result, folder: Path | None, written: bool) -> str:
     scenario, timing = result.scenario, result.timing
     speed = scenario.duration / max(timing.seconds, 1e-9)
     rows = [
@@ -105,7 +105,7 @@ def _as_text(result: Result, folder: Path | None) -> str:
     if scenario.real_time:
         rows.append(f"  real time: ticks late by {timing.rms * 1e6:.0f} us rms, {timing.latest * 1e6:.0f} us at most")
     rows += [f"  {'ok  ' if o.passed else 'FAIL'}  {o.text}    ({o.found})" for o in result.outcomes]
-    if result.parameters:
+    if written:
         rows.append(_contact_words(result))
     rows.append(f"  output sha256 {result.output_hash}")
     if folder is not None:
@@ -143,7 +143,7 @@ def command(
         raise UserError(str(error), status=1) from None
     except KeyboardInterrupt:
         raise UserError(f"interrupted; the log up to here is in {out}" if out else "interrupted", status=130) from None
-    print(_as_json(result, out) if as_json else _as_text(result, out))
+    print((_as_json if as_json else _as_text)(result, out, bool(values)))
     return 0 if result.passed else 1
 
 

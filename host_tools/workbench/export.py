@@ -59,7 +59,8 @@ def export_parameters(analysis: Analysis) -> tuple[list[Exported], list[str]]:
     UserError when none can be, or a value is outside the controller's range.
     """
     description = interface()
-    constants = dict(analysis.case.parameters)
+    roles = {role: float(np.mean(values[analysis.rows])) for role, values in analysis.case.roles.items()}
+    constants = {**roles, **analysis.case.parameters}
     values = dict(zip((f.key for f in analysis.model.fitted), analysis.fit.theta, strict=True))
     exported, refused = [], []
     for effect in analysis.model.effects:

@@ -72,8 +72,10 @@ function dots(x, y, which, name, unit, color) {
     hovertemplate:'run %{text}<br>' + variable + ' %{x:.4g}<br>%{y:.4g} ' + unit + '<extra>' + name + '</extra>'};
 }
 function fails(extra) {
+  const x = D.columns[variable].values, span = x.reduce((a, v) => [Math.min(a[0], v), Math.max(a[1], v)], [x[0], x[0]]);
+  const pad = .012 * (span[1] - span[0]);
   return D.where.filter(w => w.variable === variable && w.channel === D.channels[channel].name).map(w =>
-    Object.assign({type:'rect', xref:'x', yref:'paper', x0:w.range[0], x1:w.range[1], y0:0, y1:1,
+    Object.assign({type:'rect', xref:'x', yref:'paper', x0:w.range[0] - pad, x1:w.range[1] + pad, y0:0, y1:1,
     fillcolor:css('--fail'), line:{width:0}, layer:'below'}, extra));
 }
 function drawFit() {
@@ -98,7 +100,8 @@ function drawFit() {
   Plotly.react('residual', left, layout({height:200, xaxis:axis(label(variable, unit)),
     yaxis:axis('noise sd'), shapes:[floor, ...fails()]}), quiet);
   const mine = D.where.find(w => w.variable === variable && w.channel === c.name);
-  $('range').textContent = mine ? 'fails from ' + mine.range.map(v => v.toPrecision(4) * 1).join(' to ') : '';
+  $('range').textContent = !mine ? '' :
+    'fails ' + [...new Set(mine.range.map(v => v.toPrecision(4) * 1))].join(' to ');
   $('previewed').hidden = preview < 0;
   $('previewed').textContent = preview < 0 ? '' : '\\u2501 with ' + D.previews[preview];
 }

@@ -12,5 +12,5 @@ EFFECT = Effect(
     needs=(("acceleration",),),
     expression="j * acceleration",
     plant=False,  # the plant's mass matrix holds it: a scenario sets masses and moments
-    firmware={"comp_inertia": "j"},
+    firmware={"comp_inertia": "j - load / 9.81 * radius**2"},  # the mass is moved by the contact: that part is C_t
 )
