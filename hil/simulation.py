@@ -54,7 +54,7 @@ def record_type() -> np.dtype[Any]:
             ("silent", "?"),
             ("host_count", "u1"),
             ("answer_count", "u1"),
-            ("host", frame, (2,)),
+            ("host", frame, (3,)),
             ("answer", frame, (2,)),
         ],
         align=True,

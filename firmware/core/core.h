@@ -79,6 +79,9 @@ bool extrication_update(terrapin_state *state, const terrapin_inputs *inputs, te
 /* ---- drive.c: speed loop, slip limiter, current limit, supply compensation */
 void drive_update(terrapin_state *state, const terrapin_demand *demand);
 
+/* ---- heading.c: heading and path on the plane, once a slot before HEADING is sent */
+void heading_slot(terrapin_state *state, const terrapin_inputs *inputs);
+
 /* ---- telemetry.c */
 void telemetry_emit(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs);
 

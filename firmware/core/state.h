@@ -201,6 +201,15 @@ typedef struct {
     int32_t residual_unm;
 } terrapin_calibration_state;
 
+/* Where the path has led on the plane. */
+typedef struct {
+    uint32_t ground_position; /* counts when last looked */
+    uint16_t turn;            /* heading then */
+    bool known;               /* both are */
+    int32_t x_um;             /* within 520 m */
+    int32_t y_um;
+} terrapin_heading;
+
 struct terrapin_state {
     int32_t parameter[TERRAPIN_PARAMETER_COUNT];
     terrapin_gains gains;
@@ -211,6 +220,7 @@ struct terrapin_state {
     terrapin_drive drive;
     terrapin_supervisor supervisor;
     terrapin_calibration_state calibration;
+    terrapin_heading heading;
     uint8_t counter;      /* of ACTUATE */
     bool saturated;       /* a telemetry signal of the running cycle did not fit */
     bool saturated_shown; /* of the last whole cycle */

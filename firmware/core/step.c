@@ -28,6 +28,9 @@ void terrapin_step(terrapin_state *state, const terrapin_inputs *inputs, terrapi
         estimator_slot(state, inputs);
         ground_update(state, inputs);
     }
+    if ((inputs->tick % (uint32_t)SLOT_MS) == ((uint32_t)SLOT_MS - 1U)) {
+        heading_slot(state, inputs);
+    }
     slip_update(state, inputs);
 
     terrapin_demand demand;

@@ -160,6 +160,15 @@ static bool attitude(const terrapin_state *state, const terrapin_inputs *inputs,
     return terrapin_encode_attitude(&message, frame);
 }
 
+static bool heading(const terrapin_state *state, terrapin_frame *frame) {
+    const terrapin_heading_t message = {
+        .heading = state->heading.turn,
+        .path_x = state->heading.x_um / 1000,
+        .path_y = state->heading.y_um / 1000,
+    };
+    return terrapin_encode_heading(&message, frame);
+}
+
 /* The message of this slot; false when the slot is empty. */
 static bool slot(const terrapin_state *state, const terrapin_inputs *inputs, terrapin_frame *frame, bool *fits) {
     bool sent = true;
@@ -192,7 +201,10 @@ static bool slot(const terrapin_state *state, const terrapin_inputs *inputs, ter
         *fits = attitude(state, inputs, frame);
         break;
     default:
-        sent = false;
+        sent = state->heading.known;
+        if (sent) {
+            *fits = heading(state, frame);
+        }
         break;
     }
     return sent;

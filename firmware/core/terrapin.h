@@ -60,9 +60,11 @@ typedef struct {
     int16_t swing_rate_centirad_s; /* phi_dot in 0.01 rad/s */
     int16_t pitch_mrad;            /* slope of the ground, uphill positive */
     int16_t ground_speed_mm_s;     /* axle speed from outside (vision) */
+    uint16_t heading_turn;         /* steering of the inner device, one turn = 65536; anticlockwise */
     bool swing_valid;              /* swing_angle_mrad and swing_rate_centirad_s are measured */
     bool pitch_valid;
     bool ground_speed_valid;
+    bool heading_valid; /* the inner device is steered, and its encoder read */
     bool estop;         /* emergency stop pressed, or its wire broken */
     bool command_fresh; /* a COMMAND with a good counter and CRC arrived since the last tick */
     terrapin_command command;

@@ -119,6 +119,16 @@ static void accept_sensors_slow(terrapin_link *link, const terrapin_frame *frame
     inputs->ground_speed_mm_s = (int16_t)message.ground_speed;
 }
 
+static void accept_sensors_heading(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
+    terrapin_sensors_heading_t message;
+    if (!terrapin_decode_sensors_heading(frame, &message)) {
+        link->malformed++;
+        return;
+    }
+    inputs->heading_turn = (uint16_t)message.heading;
+    inputs->heading_valid = message.heading_valid != 0;
+}
+
 static terrapin_accept_result accept_sensors_fast(terrapin_link *link, const terrapin_frame *frame,
                                                   terrapin_inputs *inputs) {
     terrapin_sensors_fast_t message;
@@ -173,6 +183,13 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
     case TERRAPIN_ID_SENSORS_SLOW:
         if (link->test_mode) {
             accept_sensors_slow(link, frame, inputs);
+        } else {
+            link->out_of_place++;
+        }
+        break;
+    case TERRAPIN_ID_SENSORS_HEADING:
+        if (link->test_mode) {
+            accept_sensors_heading(link, frame, inputs);
         } else {
             link->out_of_place++;
         }

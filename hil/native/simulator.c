@@ -10,6 +10,7 @@
 #define TICK          1e-3
 #define SLIP_DEADBAND 0.01
 #define DUTY_ONE      32768.0
+#define TWO_PI        6.28318530717958647692
 
 static double profile_at(const hil_profile *profile, double time) {
     int i = 1;
@@ -91,6 +92,8 @@ static void read_fast(hil_simulator *simulator) {
     in->pitch_valid = config->sensors.digital[2].present && !failing(simulator, HIL_FAULT_ABSENT, HIL_PITCH);
     in->ground_speed_valid =
         config->sensors.digital[3].present && !failing(simulator, HIL_FAULT_ABSENT, HIL_GROUND_SPEED);
+    in->heading_valid = config->steering.count > 0;
+    in->heading_turn = (uint16_t)(uint32_t)(int32_t)floor(simulator->heading * (65536.0 / TWO_PI) + 0.5);
     in->estop = failing(simulator, HIL_FAULT_ESTOP, -1);
 }
 
@@ -157,6 +160,11 @@ static void encode_command(const terrapin_inputs *in, hil_record *record) {
     terrapin_e2e_protect(frame, record->commands);
 }
 
+static void encode_heading(const terrapin_inputs *in, hil_record *record) {
+    const terrapin_sensors_heading_t message = {.heading = in->heading_turn, .heading_valid = 1};
+    (void)terrapin_encode_sensors_heading(&message, &record->host[record->host_count++]);
+}
+
 static void encode_fast(const terrapin_inputs *in, hil_record *record) {
     const terrapin_sensors_fast_t message = {
         .current_code = in->current_code,
@@ -183,6 +191,9 @@ void hil_frames(hil_record *records, uint32_t count) {
             encode_slow(in, record);
         } else if (in->command_fresh) {
             encode_command(in, record);
+        }
+        if (in->heading_valid) {
+            encode_heading(in, record);
         }
         encode_fast(in, record);
     }

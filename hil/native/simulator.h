@@ -6,7 +6,8 @@
  *                     hil_act(sim, duty, enable);  moves the plant by 1 ms
  *
  * hil_run does this with a controller in the same process; hil_answer takes the duty from the frames of one over a
- * wire. Both see the same sampled numbers: per tick SENSORS_SLOW (or COMMAND at every 50th), then SENSORS_FAST.
+ * wire. Both see the same sampled numbers: per tick SENSORS_SLOW (or COMMAND at every 50th), from a
+ * robot that is steered also SENSORS_HEADING, then SENSORS_FAST.
  */
 #ifndef HIL_SIMULATOR_H
 #define HIL_SIMULATOR_H
@@ -16,7 +17,7 @@
 #include "sensors.h"
 #include "terrapin.h"
 
-enum { HIL_MAX_ORDERS = 64, HIL_MAX_POINTS = 64, HIL_COMMAND_TICKS = 50, HIL_HOST_FRAMES = 2 };
+enum { HIL_MAX_ORDERS = 64, HIL_MAX_POINTS = 64, HIL_COMMAND_TICKS = 50, HIL_HOST_FRAMES = 3 };
 
 /* From `time` on the operator asks for this. */
 typedef struct {

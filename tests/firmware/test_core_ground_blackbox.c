@@ -193,6 +193,55 @@ static void test_one_message_a_slot_and_an_empty_one(void) {
     }
 }
 
+static void head(uint16_t turn, bool valid, uint32_t counts) {
+    rig.in.heading_turn = turn;
+    rig.in.heading_valid = valid;
+    rig.state.sense.ground_position += counts;
+    heading_slot(&rig.state, &rig.in);
+}
+
+/* A quarter of a circle to the left, through the wrap of the turn; then unknown, then held at its ends. */
+static void test_path_is_the_way_along_the_heading(void) {
+    const double count_um = rig.state.gains.ground_e5_um * 1e-5;
+    head(0xF000, true, 12345U); /* the first look moves nothing */
+    TEST_ASSERT_EQUAL_INT32(0, rig.state.heading.x_um);
+    for (uint32_t i = 1; i <= 256U; i++) {
+        head((uint16_t)(0xF000U + (i * 64U)), true, 50U);
+    }
+    const double radius = 256.0 * 50.0 * count_um / (3.14159265358979 / 2.0);
+    const double from = -3.14159265358979 / 8.0;
+    const double to = from + (3.14159265358979 / 2.0);
+    TEST_ASSERT_TRUE(fabs(rig.state.heading.x_um - (radius * (sin(to) - sin(from)))) < 300.0);
+    TEST_ASSERT_TRUE(fabs(rig.state.heading.y_um - (radius * (cos(from) - cos(to)))) < 300.0);
+    const int32_t x_um = rig.state.heading.x_um;
+    head(0, false, 1000U);
+    head(0, true, 1000U);
+    TEST_ASSERT_EQUAL_INT32(x_um, rig.state.heading.x_um);
+    head(0, true, (uint32_t)-100);
+    TEST_ASSERT_TRUE(fabs(x_um - rig.state.heading.x_um - (100.0 * count_um)) < 2.0);
+    for (int i = 0; i < 64; i++) {
+        head(0x8000, true, 0x7FFFFFU);
+    }
+    TEST_ASSERT_EQUAL_INT32(-520000000, rig.state.heading.x_um);
+}
+
+static void test_heading_takes_the_empty_slot(void) {
+    rig.in.heading_valid = true;
+    rig.in.heading_turn = 0x4000;
+    bool seen = false;
+    for (int ms = 0; ms < 30; ms++) {
+        rig_tick();
+        if (rig.in.tick % 10U == 9U) {
+            terrapin_heading_t message;
+            TEST_ASSERT_EQUAL_UINT8(2U, rig.out.frame_count);
+            TEST_ASSERT_TRUE(terrapin_decode_heading(&rig.out.frames[1], &message));
+            TEST_ASSERT_EQUAL_INT32(0x4000, message.heading);
+            seen = true;
+        }
+    }
+    TEST_ASSERT_TRUE(seen);
+}
+
 static void test_telemetry_says_what_the_state_holds(void) {
     rig.f_o = 0.092;
     rig.f_s = 0.28e-3;
@@ -281,6 +330,8 @@ int main(void) {
     RUN_TEST(test_fit_counts_to_its_end_and_stays_bounded);
     RUN_TEST(test_slope_stays_in_torque_and_leaves_f_r);
     RUN_TEST(test_one_message_a_slot_and_an_empty_one);
+    RUN_TEST(test_path_is_the_way_along_the_heading);
+    RUN_TEST(test_heading_takes_the_empty_slot);
     RUN_TEST(test_telemetry_says_what_the_state_holds);
     RUN_TEST(test_attitude_and_report);
     RUN_TEST(test_saturation_raises_its_flag_and_goes_with_its_cause);

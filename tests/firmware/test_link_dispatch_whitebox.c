@@ -145,11 +145,12 @@ static void test_protected_frames_are_checked(void) {
 }
 
 static void test_wrong_lengths_and_values(void) {
-    static const uint16_t ids[] = {TERRAPIN_ID_COMMAND,   TERRAPIN_ID_PARAMETER_WRITE, TERRAPIN_ID_PARAMETER_READ,
-                                   TERRAPIN_ID_TEST_MODE, TERRAPIN_ID_SENSORS_SLOW,    TERRAPIN_ID_SENSORS_FAST};
+    static const uint16_t ids[] = {TERRAPIN_ID_COMMAND,        TERRAPIN_ID_PARAMETER_WRITE, TERRAPIN_ID_PARAMETER_READ,
+                                   TERRAPIN_ID_TEST_MODE,      TERRAPIN_ID_SENSORS_SLOW,    TERRAPIN_ID_SENSORS_FAST,
+                                   TERRAPIN_ID_SENSORS_HEADING};
     arm(0);
-    for (uint32_t i = 0; i < 6U; i++) {
-        const terrapin_frame frame = {.id = ids[i], .length = 3};
+    for (uint32_t i = 0; i < 7U; i++) {
+        const terrapin_frame frame = {.id = ids[i], .length = 1};
         TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&frame));
         TEST_ASSERT_EQUAL(i + 1U, link.malformed);
     }
@@ -157,7 +158,7 @@ static void test_wrong_lengths_and_values(void) {
     const terrapin_frame control = command(TERRAPIN_REQUEST_RUN, TERRAPIN_CONTROL_SPEED + 1, 0, 1);
     (void)accept(&request);
     (void)accept(&control);
-    TEST_ASSERT_EQUAL(8, link.malformed);
+    TEST_ASSERT_EQUAL(9, link.malformed);
     TEST_ASSERT_FALSE(inputs.command_fresh);
 }
 
@@ -172,7 +173,10 @@ static void test_sensors_only_in_test_mode(void) {
     const terrapin_frame slow = {.id = TERRAPIN_ID_SENSORS_SLOW, .length = 8, .data = {0xFF, 0xFF}};
     TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&step));
     TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&slow));
-    TEST_ASSERT_EQUAL(2, link.out_of_place);
+    const terrapin_frame steered = {.id = TERRAPIN_ID_SENSORS_HEADING, .length = 8, .data = {0xFF, 0xFF, 1}};
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&steered));
+    TEST_ASSERT_EQUAL(3, link.out_of_place);
+    TEST_ASSERT_FALSE(inputs.heading_valid);
     TEST_ASSERT_EQUAL(0, inputs.current_code);
     TEST_ASSERT_EQUAL(0, inputs.temperature_code);
     arm(0);
@@ -209,8 +213,13 @@ static void test_sensors_reach_the_inputs(void) {
     slow.slow_channel = 1;
     TEST_ASSERT_TRUE(terrapin_encode_sensors_slow(&slow, &frame));
     TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&frame));
+    const terrapin_sensors_heading_t heading = {.heading = 65535, .heading_valid = 1};
+    TEST_ASSERT_TRUE(terrapin_encode_sensors_heading(&heading, &frame));
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&frame));
     frame = fast(7);
     TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_STEP, accept(&frame));
+    TEST_ASSERT_EQUAL(65535, inputs.heading_turn);
+    TEST_ASSERT_TRUE(inputs.heading_valid);
     TEST_ASSERT_EQUAL(3000, inputs.supply_code);
     TEST_ASSERT_EQUAL(2000, inputs.temperature_code);
     TEST_ASSERT_EQUAL(-4096, inputs.swing_angle_mrad);

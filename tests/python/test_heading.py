@@ -13,6 +13,7 @@ from hil.physics import heading
 from hil.physics.heading import path, sideways
 from hil.physics.tyre import ContactError
 from hil.reading import ReadingError
+from hil.run import Result, run
 from hil.scenario import load_scenario
 from hil.simulation import Simulation
 
@@ -126,3 +127,33 @@ def test_effects_on_sensors_are_settings_of_the_simulators(tmp_path: Path) -> No
     np.testing.assert_array_equal(loose.truth()["omega"], effects(tmp_path, "").truth()["omega"])
     with pytest.raises(ReadingError, match=r"effect: sensor_delay: found 0.1 s for motor, expected at most 0.063 s"):
         effects(tmp_path, "[effect.sensor_delay]\ndelay = '100 ms'")
+
+
+def steered(folder: Path, ticks: float = 6.0) -> Result:
+    """The controller drives at 5 V while the device is steered through three quarters of a turn."""
+    file = folder / "led.toml"
+    file.write_text(
+        f'duration = {ticks}\nsteering = [[0, "0 deg"], [2, "0 deg"], [5, "270 deg"], [6, "270 deg"]]\n'
+        '[[path]]\nterrain = "agricultural"\n'
+        '[[operator]]\nat = 0.2\nrequest = "run"\nsetpoint = "5 V"\n'
+    )
+    return run(load_scenario(file))
+
+
+def test_the_controller_tells_heading_and_path(tmp_path: Path) -> None:
+    result = steered(tmp_path)
+    table, truth = result.telemetry["HEADING"], result.truth
+    at = np.searchsorted(truth["time"], table["time"] - 1e-9)
+    error = np.angle(np.exp(1j * (table["heading"] - truth["heading"][at])))
+    assert np.abs(error).max() < 1.0 * 2.0 * np.pi / 65536, "one step of the steering encoder"
+    assert np.ptp(truth["path_x"]) > 0.5
+    for axis in ("path_x", "path_y"):
+        assert np.abs(table[axis] - truth[axis][at]).max() < 2e-3  # one count of the wheel is 0.09 mm, the signal 1 mm
+
+
+def test_a_robot_that_is_not_steered_says_nothing_of_a_heading(tmp_path: Path) -> None:
+    file = tmp_path / "straight.toml"
+    file.write_text(
+        'duration = 1\n[[path]]\nterrain = "sand"\n[[operator]]\nat = 0.2\nrequest = "run"\nsetpoint = "5 V"\n'
+    )
+    assert not len(run(load_scenario(file)).telemetry.get("HEADING", {}).get("time", ()))

@@ -1,0 +1,29 @@
+/* Heading and path of a sphere whose inner device is steered: the ground wheel's way, laid along the mean heading of
+ * each slot. A slot of 10 ms errs by at most 1 um and by the arc's sagitta: 4e-6 of the way while turning at 1 rad/s.
+ */
+#include "core.h"
+
+enum { FARTHEST_UM = 520000000, GROUND_DIVISOR = 100000 };
+
+static int32_t moved(int32_t from_um, int32_t way_um, int32_t share_q15) {
+    const int64_t to = (int64_t)from_um + integer_scale(way_um, share_q15, 32767);
+    return integer_clamp(to, -FARTHEST_UM, FARTHEST_UM);
+}
+
+void heading_slot(terrapin_state *state, const terrapin_inputs *inputs) {
+    terrapin_heading *h = &state->heading;
+    const uint32_t position = state->sense.ground_position;
+    const uint32_t turn = inputs->heading_turn;
+    if (inputs->heading_valid && h->known) {
+        const int32_t way_um =
+            integer_scale((int32_t)(position - h->ground_position), state->gains.ground_e5_um, GROUND_DIVISOR);
+        /* Half of the shorter way round from the last heading: the difference in 1/2^32 turn, taken as signed. */
+        const int32_t turned = (int32_t)((turn - h->turn) << 16U);
+        const uint32_t middle = ((uint32_t)h->turn << 16U) + (uint32_t)(turned / 2);
+        h->x_um = moved(h->x_um, way_um, integer_cosine(middle));
+        h->y_um = moved(h->y_um, way_um, integer_sine(middle));
+    }
+    h->ground_position = position;
+    h->turn = (uint16_t)turn;
+    h->known = inputs->heading_valid;
+}
