@@ -7,6 +7,7 @@ set -euo pipefail
 cd "$(dirname "$0")/../.."
 . tests/setup/system.sh
 level=${1:?runtime, test or bench}
+one_at_a_time "${TERRAPIN_WAIT:-900}" "set-up"
 
 find_python() {
     local name

@@ -9,12 +9,23 @@ fail() {
     exit 1
 }
 
+# one_at_a_time WAIT WHAT: holds this tree until the script ends, so that two runs of make do not write over each other.
+# Waits for another run up to WAIT seconds. The lock is on a folder, so nothing is left behind; the system takes it back
+# whatever ends the script. Where there is no flock (it comes with Linux), nothing is locked.
+one_at_a_time() {
+    command -v flock >/dev/null || return 0
+    exec 9<tests/setup
+    flock -n 9 && return 0
+    say "another run is busy with $2 in this folder; waiting up to $1 s for it"
+    flock -w "$1" 9 || fail "another run was still busy with $2 in $PWD after $1 s: let it end, or end it, then try again"
+}
+
 # quietly NAME COMMAND...: its output goes to a log; the log's end is shown when the command fails.
 quietly() {
     local log=$LOGS/$1.log
     shift
     mkdir -p "$LOGS"
-    "$@" >"$log" 2>&1 </dev/null && return 0
+    "$@" >"$log" 2>&1 </dev/null 9<&- && return 0 # a daemon that it starts must not keep the lock
     say "failed: $*"
     tail -n 20 "$log" >&2
     return 1

@@ -5,6 +5,7 @@ set -euo pipefail
 cd "$(dirname "$0")/../.."
 . tests/setup/system.sh
 export PATH="$PWD/.venv/bin:$PATH"
+one_at_a_time "${TERRAPIN_WAIT:-900}" "a build"
 for preset in "$@"; do
     if [ "$preset" = size ]; then
         ctest --preset cortex-m4 -V | sed -n 's/^[0-9]*: //p' | grep -Ev '^(Test|Working)'
