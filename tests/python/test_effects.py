@@ -328,9 +328,8 @@ def test_firmware_formulas_name_real_parameters() -> None:
         for name, formula in effect.firmware.items():
             assert name in controller
             own = {p.name: p.unit for p in effect.parameters}
-            known = {**own, **BASES["rolling_steady"].parameters}
-            if effect.name == "aerodynamic_drag":
-                formula, known = formula.replace("1.225", "rho"), {**known, "rho": "kg/m^3"}
+            known = {**own, **BASES["rolling_steady"].parameters, "load": "N"}
+            formula, known = formula.replace("9.81", "gravity"), {**known, "gravity": "m/s^2"}
             unit = controller[name]["unit"]
             wanted = units().parse_units("dimensionless" if unit == "1" else unit)
             assert parse(formula).unit(known).dimensionality == wanted.dimensionality
