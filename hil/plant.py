@@ -102,6 +102,7 @@ class SoftGround:
 
     soil: soils.Soil
     width: float = 0.15  # of the shell [m]; the paper does not print it
+    recovery: float = 0.0  # exit angle over entry angle
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from hil.messages import Interface, interface
 from hil.plant import TERRAINS, Ground, Robot, Segment, Terrain, Winding
 from hil.reading import ReadingError, Section, load, parse_quantity, quantities, shorten
 from hil.sensors import Sensors, kit, read_sensors, with_effects
-from hil.soft_ground import check_step, grip_table, read_soft_ground
+from hil.soft_ground import affected, affects_soil, check_step, grip_table, read_soft_ground
 from hil.telemetry import signals, words
 
 __all__ = ["CONTROLS", "REQUESTS", "Order", "Scenario", "find_scenario", "load_scenario", "parameters_of"]
@@ -171,7 +171,8 @@ def _profile(section: Section, key: str, unit: str, low: float, high: float) -> 
 
 def _effects(root: Section) -> tuple[ActiveEffect, ...]:
     section = root.section("effect")
-    known = {name: effect for name, effect in known_effects().items() if in_plant(effect)}
+    soft = "ground" in root and root.raw("ground") == "contact"
+    known = {n: effect for n, effect in known_effects().items() if in_plant(effect) or (soft and affects_soil(effect))}
     active = []
     for name in section:
         if name not in known:
@@ -264,7 +265,8 @@ def load_scenario(path: Path) -> Scenario:
         raise root.error("effect", str(error)) from None
     if scenario.ground.contact is not None:
         try:
-            grip_table(scenario.ground, scenario.robot)
+            ground, _ = affected(scenario.ground, scenario.effects, scenario.pass_number, scenario.moisture)
+            grip_table(ground, scenario.robot)
             robot = scenario.robot
             free = scenario.supply * robot.drive_radius / max(robot.torque_constant, 1e-12)  # rim without load
             check_step(scenario.ground.contact, robot, 1e-3, free)

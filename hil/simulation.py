@@ -24,7 +24,7 @@ from hil.messages import Frame
 from hil.plant import Ground
 from hil.scenario import CONTROLS, REQUESTS, Scenario
 from hil.sensors import ADCS, CHANNELS, DIGITALS, ENCODERS, Sensors
-from hil.soft_ground import grip_table
+from hil.soft_ground import affected, grip_table
 
 __all__ = ["TICK", "TRUTH", "AnswerError", "Simulation", "output_hash", "record_type"]
 
@@ -161,13 +161,14 @@ class Simulation:
             "coulomb": scenario.robot.coulomb,
             "viscous": scenario.robot.viscous,
         }
-        self._effects = compile_effects(scenario.effects, constants)
+        ground, effects = affected(scenario.ground, scenario.effects, scenario.pass_number, scenario.moisture)
+        self._effects = compile_effects(effects, constants)
         self._simulator = self._ffi.new("hil_simulator *")
         self._simulator.config = self._ffi.new("hil_config *", _config(scenario))[0]
         config = self._simulator.config
         config.substeps, config.fine_substeps = substeps, fine_substeps
-        if scenario.ground.contact is not None:
-            table = grip_table(scenario.ground, scenario.robot)
+        if ground.contact is not None:
+            table = grip_table(ground, scenario.robot)
             self._grip = table, table.native()  # kept alive: the C side holds their addresses only
             config.path.contact = self._grip[1]
         for place in ("robot", "ground"):

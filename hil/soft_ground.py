@@ -19,14 +19,18 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
+from hil.compiled_effects import ActiveEffect, EffectError
 from hil.library import ffi
 from hil.physics import contact, soils, wheel
 from hil.physics.contact import FIELDS, Array, ContactError
+from hil.physics.effects import Effect
+from hil.physics.expression import parse
 from hil.plant import Ground, Robot, SoftGround
 from hil.reading import Section, shorten
 
-__all__ = ["GripTable", "check_step", "contact_steady", "grip_table", "read_soft_ground"]
+__all__ = ["GripTable", "affected", "affects_soil", "check_step", "contact_steady", "grip_table", "read_soft_ground"]
 
+SOIL_TARGETS = ("k_s", "cohesion", "recovery")
 VALUES = ("thrust", "compaction", "lever", "sinkage")
 ACCURACY = 1e-4  # of each value, or of 1 % of its scale: load, load, load R, greatest sinkage
 MOST_SLIPS, MOST_LOADS = 2049, 65
@@ -47,14 +51,56 @@ class GripTable:
         return ffi().new("hil_grip_table *", (*self.row.shape[:2], float(self.loads[0]), step, data))
 
 
+def affects_soil(effect: Effect) -> bool:
+    """Whether `effect` changes the soil of a whole run: an effect of the wheel's contact that needs no motion."""
+    names = parse(effect.expression).names - {parameter.name for parameter in effect.parameters}
+    return "wheel_contact" in effect.bases and effect.target in SOIL_TARGETS and names <= {"pass_", "moisture"}
+
+
+def affected(
+    ground: Ground, effects: tuple[ActiveEffect, ...], pass_number: float, moisture: float
+) -> tuple[Ground, tuple[ActiveEffect, ...]]:
+    """The ground as the effects on its soil leave it, and the effects that act on the robot as it moves.
+
+    Without contact model all effects are of the second kind. EffectError where an effect would act on Table 1's
+    resistance, which a contact model does not have; ContactError where the soil that comes out is none.
+    """
+    soft = ground.contact
+    if soft is None:
+        return ground, effects
+    rest = []
+    for active in effects:
+        effect = active.effect
+        if effect.target == "f_o":
+            raise EffectError(f'{effect.name}: acts on f_o, which ground = "contact" does not have')
+        if not affects_soil(effect):
+            rest.append(active)
+            continue
+        values = {**active.values, "pass_": pass_number, "moisture": moisture}
+        change = float(parse(effect.expression).evaluate(values))
+        if effect.target == "recovery":
+            contact.check("recovery", np.array([soft.recovery + change]))
+            soft = replace(soft, recovery=soft.recovery + change)
+        elif effect.target == "cohesion":
+            soft = replace(soft, soil=replace(soft.soil, cohesion=soft.soil.cohesion + change))
+        else:
+            soil = soft.soil
+            soft = replace(soft, soil=replace(soil, k_c=soil.k_c * (1.0 + change), k_phi=soil.k_phi * (1.0 + change)))
+    return replace(ground, contact=soft), tuple(rest)
+
+
+def _soil(ground: SoftGround) -> wheel.Soil:
+    return replace(wheel.soil_of(ground.soil, ground.width), recovery=ground.recovery)
+
+
 def _exact(ground: SoftGround, radius: float, load: Array, slip: Array) -> tuple[Array, Array]:
     """VALUES (points, 4) and their derivatives by the plant's slip. ContactError where no sinkage carries a load."""
-    soil = wheel.soil_of(ground.soil, ground.width)
+    soil = _soil(ground)
     share = np.maximum(1.0 + np.minimum(slip, 0.0), 1e-9)  # slip and R omega / v - 1 agree when driving only
     inner = np.where(slip < 0.0, np.minimum(slip, 0.0) / share, slip)
     stiffness = (soil.k_c + soil.k_phi * ground.width) * ground.width ** -float(soil.exponent)
     given = (inner, radius, ground.width, stiffness, soil.exponent, soil.cohesion, soil.friction_angle)
-    fields = dict(zip(FIELDS, (*given, soil.shear_modulus, 0.5, 0.0, 0.0), strict=True))
+    fields = dict(zip(FIELDS, (*given, soil.shear_modulus, 0.5, 0.0, ground.recovery), strict=True))
     packed = contact.points(fields, len(load))
     entry, value, slopes, status = contact.equilibrium("wheel", False, packed, load, None, derivatives=True)
     assert slopes is not None
@@ -166,14 +212,14 @@ def read_soft_ground(section: Section) -> SoftGround:
 
 def check_soft_ground(ground: SoftGround, robot: Robot, steepest: float = 0.0) -> None:
     """ContactError or ValueError where the soil, at any slip and on any slope up to `steepest`, cannot carry it."""
-    soil = wheel.soil_of(ground.soil, ground.width)
+    soil = _soil(ground)
     loads = robot.weight * np.cos([0.0, 0.0, 0.0, steepest])
     wheel.solve(loads, np.array([-1.0, 0.0, 1.0, 1.0]), robot.radius, ground.width, soil)
 
 
 def check_step(ground: SoftGround, robot: Robot, step: float, speed: float) -> None:
     """ContactError where the rim, at `speed` [m/s], passes over a quarter of the contact's length in `step` [s]."""
-    entry = wheel.entry_angle(robot.weight, 0.0, robot.radius, ground.width, wheel.soil_of(ground.soil, ground.width))
+    entry = wheel.entry_angle(robot.weight, 0.0, robot.radius, ground.width, _soil(ground))
     longest = 0.25 * robot.radius * math.sin(float(entry[0])) / max(abs(speed), 1e-9)
     if not 0.0 < step <= longest:
         raise ContactError(
@@ -189,7 +235,7 @@ def contact_steady(robot: Robot, ground: SoftGround, voltage: npt.ArrayLike) -> 
     speed are 0 and the current is what the winding takes at rest. ContactError where the soil gives no such slip.
     """
     volts = np.atleast_1d(np.asarray(voltage, dtype=np.float64))
-    soil = wheel.soil_of(ground.soil, ground.width)
+    soil = _soil(ground)
 
     def pull(slip: float) -> float:
         return float(wheel.solve(robot.weight, slip, robot.radius, ground.width, soil).traction[0])

@@ -12,15 +12,17 @@ import pytest
 
 import hil.contact_runs
 import hil.soft_ground
+from hil.compiled_effects import ActiveEffect, EffectError
 from hil.contact_runs import time_response
 from hil.library import ffi, library
 from hil.physics import soils, wheel
 from hil.physics.contact import ContactError
+from hil.physics.effects import catalogue
 from hil.plant import Ground, Robot, Segment, SoftGround, Terrain
 from hil.reading import ReadingError
 from hil.scenario import Order, Scenario, load_scenario
 from hil.simulation import Simulation
-from hil.soft_ground import ACCURACY, _exact, check_step, contact_steady, grip_table
+from hil.soft_ground import ACCURACY, _exact, affected, check_step, contact_steady, grip_table
 
 ROBOT = Robot()
 SAND = SoftGround(replace(soils.library()["sand_reina"], shear_modulus=0.025))
@@ -166,6 +168,30 @@ def test_time_response_is_the_simulation() -> None:
     np.testing.assert_array_equal(run["speed"], drive(5.0, 2.0)["speed"])
 
 
+def active(name: str, **values: float) -> ActiveEffect:
+    return ActiveEffect(catalogue()[name], values)
+
+
+def test_effects_on_the_soil_are_those_of_the_workbench() -> None:
+    """A second pass, water and a rut that springs back change the soil by the catalogue's expressions."""
+    effects = (active("multipass", kappa=0.4), active("moisture_cohesion", c_w=5e3), active("rut_recovery", lam=0.2))
+    run = drive(8.0, 15.0, effects=(*effects, active("stribeck", a_s=1e-3, omega_s=2.0)), pass_number=3.0, moisture=0.1)
+    firm = 3.0**0.4
+    soil = wheel.Soil(24e3 * firm, 1528e3 * firm, 1.1, 700.0 + 500.0, np.radians(30), 0.025, recovery=0.2)
+    found = wheel.solve(ROBOT.weight, run["slip"][-1], ROBOT.radius, 0.15, soil)
+    assert run["sinkage"][-1] == pytest.approx(found.sinkage[0], rel=1e-4)
+    assert found.traction[0] == pytest.approx(0.0, abs=2e-3)
+    assert run["slip"][-1] < 0.9 * contact_steady(ROBOT, SAND, 8.0)["slip"][0]
+    ground, rest = affected(path(), (*effects, active("stribeck")), 3.0, 0.1)
+    assert [a.effect.name for a in rest] == ["stribeck"]
+    assert affected(replace(path(), contact=None), effects, 3.0, 0.1)[1] == effects
+    assert ground.contact is not None
+    assert ground.contact.soil.cohesion == 1200.0
+    own = replace(catalogue()["stribeck"], name="own", target="f_o")
+    with pytest.raises(EffectError, match="own: acts on f_o"):
+        affected(path(), (ActiveEffect(own, {}),), 1.0, 0.0)
+
+
 # ------------------------------------------------------------------ what is refused
 
 
@@ -184,6 +210,7 @@ def test_too_heavy_and_too_fast() -> None:
 
 
 GOOD = """duration = "1 s"
+moisture = 0.1
 ground = "contact"
 checks = ["max(slip) < 2"]
 [soil]
@@ -207,21 +234,24 @@ width = "15 cm"
 NAMED = 'name = "sand_reina"\nshear_modulus = "25 mm"\n'
 
 WRONG = {
-    "name": (GOOD.replace("sand_reina", "sand_rain"), "5: soil.name: found 'sand_rain', expected one of lete_sand, "),
+    "name": (GOOD.replace("sand_reina", "sand_rain"), "6: soil.name: found 'sand_rain', expected one of lete_sand, "),
     "no modulus": (GOOD.replace('shear_modulus = "25 mm"\n', ""), "soil: shear_modulus: Reina et al. (2006)"),
     "negative": (GOOD.replace("[[path]]", 'k_phi = "-3 kPa/m"\n[[path]]'), "soil: k_phi: found -3000 Pa/m, expected"),
     "unit": (
         GOOD.replace("[[path]]", 'k_phi = "3 kPa"\n[[path]]'),
-        "7: soil.k_phi: found '3 kPa', expected a quantity",
+        "8: soil.k_phi: found '3 kPa', expected a quantity",
     ),
     "number": (
         GOOD.replace("[[path]]", "cohesion = true\n[[path]]"),
-        "7: soil.cohesion: found True, expected a number",
+        "8: soil.cohesion: found True, expected a number",
     ),
     "missing": (GOOD.replace(NAMED, VALUES.replace('k_c = "0.99 kN/m^2.1"\n', "")), "soil.k_c: missing"),
     "terrain": (GOOD.replace('from = "0 m"', 'terrain = "sand"'), "path[1].terrain: with ground ="),
     "too soft": (GOOD.replace("[[path]]", 'k_phi = "1 kPa/m"\nk_c = 0\n[[path]]'), "soil: load: found 18.639 N"),
     "no contact": (GOOD.replace('ground = "contact"\n', "").replace("from", 'terrain = "sand"\nfrom'), "soil: no such"),
+    "rate": (GOOD + "[effect.rate_effect]\nm = 0.2\n", "effect.rate_effect: no effect that the plant can take"),
+    "recovery": (GOOD + "[effect.rut_recovery]\nlam = 1.2\n", "effect.rut_recovery.lam: found 1.2, expected 0 to 0.9"),
+    "dry": (GOOD + "[effect.moisture_cohesion]\nc_w = -1e6\n", "soil: cohesion: found -"),
     "too fast": (GOOD + '[robot]\ntorque_constant = "1 uN m/A"\n', "soil: step: found 0.001 s, expected more than 0 s"),
 }
 
