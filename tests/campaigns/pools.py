@@ -123,13 +123,16 @@ def run(pool: str, seed: int, number: int) -> Record:
         "truth": sorted(drawn.hidden) or ([drawn.foreign[0].text] if drawn.foreign else []),
     }
     with tempfile.TemporaryDirectory() as folder:
-        case = load_case(write(drawn, Path(folder)))
+        write(drawn, Path(folder))
         begin = time.process_time()
         try:
+            case = load_case(Path(folder))
             if pool == "nothing":
                 record["p_value"] = analyse(case, seed=number).adequacy.p_value
             else:
                 _judge(record, kind, drawn, case, random, Path(folder))
+        except ImportError:
+            raise  # the program is not whole
         except Exception as error:  # an engine that falls over is a result, not the end of the campaign
             record["failed"] = f"{type(error).__name__}: {error}"[:300]
         record["seconds"] = round(time.process_time() - begin, 3)
