@@ -139,6 +139,8 @@ def parse_case(folder: Path, text: str) -> Case:
         return UserError(f"{folder / 'case.toml'}:{locate(text, *path)}: {'.'.join(path)}: {message}")
 
     tables = _Tables(read_document(folder / "case.toml", text), complain)
+    if tables.get("model", "base") == "driven_wheel":  # its case.toml has more tables
+        raise complain("found 'driven_wheel', which is for terrapin soil tactile", "model", "base")
     tables.allow((), "case", "model", "parameters", "fit", "effect", "limits", "data")
     tables.allow(("case",), "title", "notes", "source", "comment", "license", "date")
     tables.allow(("model",), "base", "effects", "effects_folder", "equation")

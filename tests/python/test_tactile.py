@@ -217,3 +217,30 @@ def test_a_wrong_row_is_named(
     assert captured.err.count("\n") == 1
     assert message in captured.err
     assert not captured.out
+
+
+def test_other_commands_say_whose_case_it_is(
+    case: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["terrapin", "compare", str(case)])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    assert "found 'driven_wheel', which is for terrapin soil tactile" in capsys.readouterr().err
+
+
+def test_a_wrong_stiffness_is_said_and_can_be_freed(
+    case: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (case / "case.toml").read_text().replace('"1528 kN/m^3"', '"1375.2 kN/m^3"').replace('"24 kN', '"21.6 kN')
+    (case / "case.toml").write_text(text)
+    assert command(monkeypatch, str(case)) == 0
+    assert "MORE than the noise has: the model is wrong" in capsys.readouterr().out
+    (case / "case.toml").write_text(text.replace('stiffness_sd = "0 %"', 'stiffness_sd = "10 %"'))
+    assert command(monkeypatch, str(case), "--json", "-") == 0
+    answer = json.loads(capsys.readouterr().out)
+    low, high = answer["parameters"]["stiffness_factor"]["interval"]
+    assert low < 1.0 / 0.9 < high
+    low, high = answer["parameters"]["cohesion"]["interval"]
+    assert low < 700.0 < high
+    assert answer["fit"]["p_value"] > 0.01
