@@ -124,10 +124,12 @@ def _friction(name: str, values: Mapping[str, float], volts: Callable[[int], Seq
 
 
 def _ramp(i: int) -> Scenario:
-    """The voltage rises by 1.5 V and falls again over 12 s, in 60 steps that are too small to set the body swinging."""
+    """The voltage rises (or falls) by 2 V over 12 s, in 60 steps that are too small to set the body swinging."""
     scenario = _scenario(i, [VOLTS[i]], hold=12.0)
-    steps = [VOLTS[i] + 1.5 * (1.0 - abs(k / 30.0 - 1.0)) for k in range(60)]
-    orders = tuple(Order(0.2 * k, "run", "voltage", round(v, 3), limiter=False) for k, v in enumerate(steps))
+    share = [k / 59.0 if i % 2 else 1.0 - k / 59.0 for k in range(60)]
+    orders = tuple(
+        Order(0.2 * k, "run", "voltage", round(VOLTS[i] + 2.0 * s, 3), limiter=False) for k, s in enumerate(share)
+    )
     return replace(scenario, operator=orders)
 
 
@@ -159,13 +161,13 @@ DESIGNS: Mapping[str, Design] = {
     "slope": Design(lambda i: _scenario(i, [max(v, 5.0) for v in _forward(i)], slope=SLOPES[i]), {"gain": 1.0}),
     "inertia": Design(_ramp, {"j": _inertia()}, span=0.3, tolerance=0.15),
     "shell_imbalance": Design(
-        lambda i: _scenario(i, [0.7 + 1.3 * SHARES[i]], _active("shell_imbalance", IMBALANCE), hold=8.0, floor=True),
+        lambda i: _scenario(i, [0.7 + 0.9 * SHARES[i]], _active("shell_imbalance", IMBALANCE), hold=8.0, floor=True),
         IMBALANCE,
         known=("inertia",),
         span=0.2,
     ),
     "cogging": Design(
-        lambda i: _scenario(i, [0.6 + 0.6 * SHARES[i]], _active("cogging", COGGING), hold=8.0, floor=True),
+        lambda i: _scenario(i, [0.55 + 0.4 * SHARES[i]], _active("cogging", COGGING), hold=8.0, floor=True),
         COGGING,
         known=("inertia",),
         span=0.2,
