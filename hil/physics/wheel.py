@@ -19,7 +19,7 @@ from hil.physics.contact import COLUMNS as ALL
 from hil.physics.contact import Array, Contact, Rows, contact, equilibrium, evaluate, points, rows
 from hil.physics.sphere import bulldozing_factors
 
-__all__ = ["COLUMNS", "Soil", "at", "bulldozing", "entry_angle", "forces", "sinkage", "soil_of", "solve"]
+__all__ = ["COLUMNS", "Soil", "at", "bulldozing", "entry_angle", "forces", "sinkage", "slopes", "soil_of", "solve"]
 
 # of the derivatives; "entry" is the load where a load was given
 COLUMNS = (
@@ -87,6 +87,15 @@ def forces(
     return value[:, 0], value[:, 1], value[:, 2]
 
 
+def slopes(theta: Rows, slip: Rows, radius: Rows, width: Rows, soil: Soil, linear: bool = False) -> tuple[Array, Array]:
+    """As `forces`, (3, rows), with derivatives (3, rows, 11) at fixed theta by COLUMNS. Nothing is checked."""
+    theta, slip, radius, width = rows(theta, slip, radius, width)
+    packed = points(_fields(slip, radius, width, soil), len(theta))
+    value, by = evaluate("wheel", linear, packed, theta, derivatives=True)
+    assert by is not None
+    return value.T, np.stack([_by_soil(by[:, output], width, soil) for output in range(3)])
+
+
 def entry_angle(
     load: Rows,
     slip: Rows,
@@ -107,7 +116,7 @@ def at(
 ) -> Contact:
     """Contacts at the entry angles [rad]; derivatives by COLUMNS. ContactError for a value out of range."""
     fields = _fields(slip, radius, width, soil)
-    return _by_soil(contact("wheel", linear, fields, derivatives, entry=theta), width, soil)
+    return _named(contact("wheel", linear, fields, derivatives, entry=theta), width, soil)
 
 
 def solve(
@@ -125,27 +134,25 @@ def solve(
     ContactError where no sinkage carries a load, or for a value out of range.
     """
     fields = _fields(slip, radius, width, soil)
-    return _by_soil(contact("wheel", linear, fields, derivatives, load=load, start=start), width, soil)
+    return _named(contact("wheel", linear, fields, derivatives, load=load, start=start), width, soil)
 
 
-def _by_soil(found: Contact, width: Rows, soil: Soil) -> Contact:
-    """From derivatives by the stiffness [Pa/m^n] to those by k_c and k_phi: (k_c + k_phi b) b^-n."""
+def _named(found: Contact, width: Rows, soil: Soil) -> Contact:
     if found.derivative is None:
         return found
+    return replace(found, derivative={o: _by_soil(old, width, soil) for o, old in found.derivative.items()})
+
+
+def _by_soil(old: Array, width: Rows, soil: Soil) -> Array:
+    """From columns by the stiffness [Pa/m^n] to those by k_c and k_phi, of which it is (k_c + k_phi b) b^-n."""
     b, n, k_phi, k_c = (np.asarray(v, dtype=np.float64) for v in (width, soil.exponent, soil.k_phi, soil.k_c))
     stiffness = (k_c + k_phi * b) * b**-n
-    given = dict(zip(ALL, range(len(ALL)), strict=True))
-    by: dict[str, Array] = {}
-    for output, old in found.derivative.items():
-        rigid = old[:, given["stiffness"]]
-        chain = {
-            "k_c": rigid * b**-n,
-            "k_phi": rigid * b ** (1.0 - n),
-            "width": old[:, given["width"]] + rigid * (k_phi * b**-n - n * stiffness / b),
-            "exponent": old[:, given["exponent"]] - rigid * stiffness * np.log(b),
-        }
-        by[output] = np.stack([chain[c] if c in chain else old[:, given[c]] for c in COLUMNS], axis=1)
-    return replace(found, derivative=by)
+    given = {name: old[:, i] for i, name in enumerate(ALL)}
+    rigid = given["stiffness"]
+    given["k_c"], given["k_phi"] = rigid * b**-n, rigid * b ** (1.0 - n)
+    given["width"] = given["width"] + rigid * (k_phi * b**-n - n * stiffness / b)
+    given["exponent"] = given["exponent"] - rigid * stiffness * np.log(b)
+    return np.stack([given[name] for name in COLUMNS], axis=1)
 
 
 def sinkage(theta: Rows, radius: Rows) -> Array:

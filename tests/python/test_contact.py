@@ -256,6 +256,21 @@ def test_derivatives_at_equilibrium_hold_the_load() -> None:
         np.testing.assert_allclose(got, exact, rtol=1e-6, atol=3e-7 * np.abs(exact).max(), err_msg=name)
 
 
+def test_unchecked_slopes_are_the_checked_ones() -> None:
+    theta, slip = np.array([0.2, 0.5]), np.array([0.1, 0.7])
+    value, by = wheel.slopes(theta, slip, 0.08, 0.15, WHEEL)
+    c = wheel.at(theta, slip, 0.08, 0.15, WHEEL, derivatives=True)
+    assert c.derivative is not None
+    np.testing.assert_array_equal(value[1], c.traction)
+    np.testing.assert_array_equal(by[2], c.derivative["torque"])
+    assert by.shape == (3, 2, len(wheel.COLUMNS))
+    value, by = sphere.slopes(theta, slip, 0.2, SAND)
+    d = sphere.at(theta, slip, 0.2, SAND, derivatives=True)
+    assert d.derivative is not None
+    np.testing.assert_array_equal(value, np.array(sphere.forces(theta, slip, 0.2, SAND)))
+    np.testing.assert_array_equal(by[0], d.derivative["vertical"])
+
+
 # ------------------------------------------------------------------ soils
 
 
