@@ -36,6 +36,7 @@ PRIOR = {"nothing": 0.2, "one": 0.36, "two": 0.18, "three": 0.01, "expression": 
 PAIRS_REFITTED = 8
 PAIRS_LOOKED_AT = 40
 WORTH_A_REFIT = 0.0  # log evidence that a second effect must add to the first for a refit of the two
+PAIRS_FROM = 3  # best single effects that a second one is tried on once more
 TRIPLES_FROM = 2  # best pairs that a third effect is tried on
 WITHIN = 12.0  # log evidence behind the best at which a set is no longer worth a refit
 
@@ -194,6 +195,9 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
         order.append(one[0])
     found += singles.values()
     best = max(h.log_weight for h in found)
+    onward = _onward(ranker, singles, best)
+    for names, gain in onward.items():
+        average[names] = max(average[names], singles[_first(names, singles)].log_weight - log_prior[1] + gain)
     pairs = sorted((n for n in average if len(n) == 2), key=lambda n: -average[n])
     report("refits of the best pairs")
     refitted_pairs: list[Hypothesis] = []
@@ -202,7 +206,7 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
             break
         ordered = tuple(sorted(names, key=order.index))
         member = max(names, key=lambda n: average[n,])
-        gain = average[names] - average[member,]
+        gain = max(average[names] - average[member,], onward.get(names, -np.inf))
         if gain < WORTH_A_REFIT or len(refitted_pairs) == PAIRS_REFITTED:
             # the second adds nothing to the first: its price is known without a refit
             alone = singles[member].log_weight - log_prior[1]
@@ -231,18 +235,47 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
     )
 
 
+def _gains(ranker: _Ranker, fit: Fit, present: Sequence[str]) -> dict[str, float]:
+    """Log evidence that each further effect would add to a fit whose parameters, shapes included, follow."""
+    beyond, _ = ranker.beyond(fit)
+    gains = {}
+    for name, shapes in ranker.shapes.items():
+        singles = [s.columns for s in shapes if s.columns.shape[1] == 1]
+        if name in present or not singles:
+            continue
+        logs = beyond.single(np.concatenate(singles, axis=1))
+        gains[name] = float(logsumexp(logs) - np.log(len(logs)) - beyond.nothing)
+    return gains
+
+
+def _first(names: Sequence[str], singles: Mapping[str, Hypothesis]) -> str:
+    return max(names, key=lambda name: singles[name].log_weight)
+
+
+def _onward(ranker: _Ranker, singles: Mapping[str, Hypothesis], best: float) -> dict[tuple[str, ...], float]:
+    """Log evidence that a second effect adds to the best refitted ones, by pair.
+
+    Around the present fit a shape is known on a grid only, and where the noise is small no point of it fits: a pair
+    would lose to one whose second effect merely mends that.
+    """
+    order = list(ranker.shapes)
+    found: dict[tuple[str, ...], float] = {}
+    leading = sorted(singles.values(), key=lambda h: -h.log_weight)[:PAIRS_FROM]
+    for single in leading:
+        if single.fit is None or single.log_weight < best - WITHIN:
+            continue
+        for name, gain in _gains(ranker, single.fit, single.effects).items():
+            names = tuple(sorted((single.effects[0], name), key=order.index))
+            if _first(names, singles) == single.effects[0]:
+                found[names] = gain
+    return found
+
+
 def _triples(ranker: _Ranker, pairs: Sequence[Hypothesis], log_prior: Mapping[int, float]) -> list[Hypothesis]:
     found: dict[frozenset[str], Hypothesis] = {}
     for pair in sorted(pairs, key=lambda h: -h.log_weight)[:TRIPLES_FROM]:
         assert pair.fit is not None
-        beyond, _ = ranker.beyond(pair.fit)
-        gains = {}
-        for name, shapes in ranker.shapes.items():
-            singles = [s.columns for s in shapes if s.columns.shape[1] == 1]
-            if name in pair.effects or not singles:
-                continue
-            logs = beyond.single(np.concatenate(singles, axis=1))
-            gains[name] = float(logsumexp(logs) - np.log(len(logs)) - beyond.nothing)
+        gains = _gains(ranker, pair.fit, pair.effects)
         if not gains:
             continue
         third = max(gains, key=lambda n: gains[n])
