@@ -161,7 +161,7 @@ DESIGNS: Mapping[str, Design] = {
     "slope": Design(lambda i: _scenario(i, [max(v, 5.0) for v in _forward(i)], slope=SLOPES[i]), {"gain": 1.0}),
     "inertia": Design(_ramp, {"j": _inertia()}, span=0.3, tolerance=0.15),
     "shell_imbalance": Design(
-        lambda i: _scenario(i, [0.7 + 0.9 * SHARES[i]], _active("shell_imbalance", IMBALANCE), hold=8.0, floor=True),
+        lambda i: _scenario(i, [0.7 + 1.3 * SHARES[i]], _active("shell_imbalance", IMBALANCE), hold=8.0, floor=True),
         IMBALANCE,
         known=("inertia",),
         span=0.2,
