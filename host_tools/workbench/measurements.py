@@ -159,6 +159,13 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
         if sigma is not None and sigma * units.LARGEST < 1.0:
             raise tables.complain(f"found {sigma:g} {canonical}, expected more than 0", *path, "sigma")
         mapped.append(Mapped(name, tables.text(*path, "column"), unit, canonical, sigma, channel))
+    for i, entry in enumerate(mapped):
+        other = next((e for e in mapped[:i] if e.column == entry.column and e.unit != entry.unit), None)
+        if other is not None:
+            raise tables.complain(
+                f"column {entry.column!r} is mapped as {other.name} in {other.unit} too, expected another column",
+                *("data", "columns", entry.name, "column"),
+            )
     for predicted in equations:
         if predicted not in {entry.name for entry in mapped}:
             raise tables.complain(f"{predicted} is missing, expected the column that measures it", "data", "columns")
@@ -176,7 +183,8 @@ def _read_files(folder: Path, tables: Tables, files: list[str], mapped: list[Map
         period = tables.number("s", "data", "period")
         if period <= 0:
             raise tables.complain(f"found {period:g} s, expected more than 0", "data", "period")
-    return [read(folder / name, dbc, period, {entry.column for entry in mapped}) for name in files]
+    needed, run = {entry.column for entry in mapped}, tables.text("data", "run", default="")
+    return [read(folder / name, dbc, period, needed, {run}) for name in files]
 
 
 def _run_names(tables: Tables, loaded: list[Table], column: str) -> list[str]:

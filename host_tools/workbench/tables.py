@@ -5,7 +5,6 @@ A table keeps for each row where it stands, so that a complaint about a value na
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy.typing as npt
 
 from hil.reading import shorten
 from host_tools.errors import UserError
+from host_tools.workbench.csv_files import read_csv
 from host_tools.workbench.units import LARGEST
 
 __all__ = ["LOG_SUFFIXES", "Table", "read"]
@@ -43,12 +43,13 @@ class Table:
     def numbers(self, name: str) -> npt.NDArray[np.float64]:
         """A column as finite numbers. UserError with file, line and field where it is not."""
         column = self.columns[name]
-        if column.dtype.kind not in "fiub":
+        if column.dtype.kind not in "fiub" and not _are_numbers(column):
             texts = column.tolist()
             row = next((i for i, text in enumerate(texts) if not _is_number(text)), None)
             if row is not None:
                 found = f"text {shorten(texts[row])}" if str(texts[row]).strip() else "an empty cell"
-                raise UserError(f"{self.place(row)}: column {name}: found {found}, expected a number")
+                point = " with a decimal point" if "," in str(texts[row]) else ""
+                raise UserError(f"{self.place(row)}: column {name}: found {found}, expected a number{point}")
         values = column.astype(np.float64)
         bad = np.flatnonzero(~(np.abs(values) <= LARGEST))
         if bad.size:
@@ -64,7 +65,19 @@ class Table:
         column = self.columns[name]
         if column.dtype.kind == "f":
             return ["" if np.isnan(v) else str(int(v)) if float(v).is_integer() else str(v) for v in column]
-        return [str(v).strip() for v in column]
+        return [str(v).strip() for v in column.tolist()]
+
+
+def _are_numbers(column: Column) -> bool:
+    """Whether all cells of a column of text surely are numbers, at one look."""
+    letters = np.ascontiguousarray(column).view(np.uint32)
+    if column.dtype.kind != "U" or (letters > 127).any() or (letters == ord("_")).any():
+        return False
+    try:
+        column.astype(np.float64)
+    except ValueError:
+        return False
+    return True
 
 
 def _is_number(text: object) -> bool:
@@ -77,11 +90,17 @@ def _is_number(text: object) -> bool:
     return spelling.isascii() and "_" not in spelling
 
 
-def read(path: Path, dbc: Path | None = None, period: float | None = None, needed: Collection[str] = ()) -> Table:
+def read(
+    path: Path,
+    dbc: Path | None = None,
+    period: float | None = None,
+    needed: Collection[str] = (),
+    texts: Collection[str] = (),
+) -> Table:
     """Read one file by its suffix. UserError names what is wrong.
 
     Logs need `dbc` and `period` [s]; they give columns MESSAGE.SIGNAL and `time` [s], from the first row on in which
-    all the `needed` signals have come.
+    all the `needed` signals have come. Columns in `texts` stay text as they stand in a CSV file.
     """
     suffix = path.suffix.lower()
     try:
@@ -89,14 +108,16 @@ def read(path: Path, dbc: Path | None = None, period: float | None = None, neede
             raise UserError(f"{path}: is a folder, expected a file (data.files)")
         if not path.is_file():
             raise UserError(f"{path}: no such file (data.files)")
-        return _read(path, suffix, dbc, period, needed)
+        return _read(path, suffix, dbc, period, needed, texts)
     except OSError as error:
         raise UserError(f"{path}: {error.strerror or error}, expected a readable file (data.files)") from None
 
 
-def _read(path: Path, suffix: str, dbc: Path | None, period: float | None, needed: Collection[str]) -> Table:
+def _read(
+    path: Path, suffix: str, dbc: Path | None, period: float | None, needed: Collection[str], texts: Collection[str]
+) -> Table:
     if suffix == ".csv":
-        return _read_csv(path)
+        return Table(path, *read_csv(path, texts))
     if suffix == ".parquet":
         return _read_parquet(path)
     if suffix in LOG_SUFFIXES:
@@ -106,46 +127,18 @@ def _read(path: Path, suffix: str, dbc: Path | None, period: float | None, neede
     raise UserError(f"{path.name}: unknown kind of file {suffix!r}, expected .csv .parquet {' '.join(LOG_SUFFIXES)}")
 
 
-def _read_csv(path: Path) -> Table:
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
-            header = [name.strip() for name in next(reader, [])]
-            if not any(header):
-                raise UserError(f"{path.name}:1: found nothing, expected a line of column names")
-            if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
-                raise UserError(f"{path.name}:1: found {shorten(header[0])}, expected names separated by commas")
-            if any("\0" in name for name in header):
-                raise UserError(f"{path.name}:1: found a byte 0, expected text")
-            twice = {name for name in header if header.count(name) > 1}
-            if twice:
-                raise UserError(f"{path.name}:1: column {sorted(twice)[0]!r} stands twice, expected once")
-            rows = []
-            for row in reader:
-                if not row:
-                    continue
-                if len(row) != len(header):
-                    raise UserError(f"{path.name}:{reader.line_num}: found {len(row)} fields, expected {len(header)}")
-                if any("\0" in cell for cell in row):
-                    raise UserError(f"{path.name}:{reader.line_num}: found a byte 0, expected text")
-                rows.append(row)
-                if len(rows) + 1 != reader.line_num:
-                    raise UserError(f"{path.name}:{reader.line_num}: found an empty or broken line before this one")
-    except UnicodeDecodeError as error:
-        raise UserError(f"{path.name}: byte {error.start} is not UTF-8 text, expected a CSV file") from None
-    except csv.Error as error:
-        raise UserError(f"{path.name}: {error}, expected a CSV file") from None
-    return Table(path, {name: np.array([row[i] for row in rows], dtype=str) for i, name in enumerate(header)}, 2)
-
-
 def _read_parquet(path: Path) -> Table:
     import pyarrow
     import pyarrow.parquet
 
     try:
-        table = pyarrow.parquet.read_table(path)
+        with pyarrow.parquet.ParquetFile(path) as file:
+            table = file.read()
     except (pyarrow.ArrowException, OSError) as error:
         raise UserError(f"{path.name}: {str(error).splitlines()[0]}, expected a Parquet file") from None
+    twice = {name for name in table.column_names if table.column_names.count(name) > 1}
+    if twice:
+        raise UserError(f"{path.name}: column {shorten(sorted(twice)[0])} stands twice, expected once")
     columns = {}
     for name in table.column_names:
         column = table.column(name).to_numpy()

@@ -246,7 +246,7 @@ def test_wrong_logs(tmp_path: Path) -> None:
     (folder / "case.toml").write_text(text)
     log = (folder / "slow.log").read_text()
     (folder / "slow.log").write_text(log + "(100.06) can0 zz#\n")
-    with pytest.raises(UserError, match=r"slow\.log:6.*expected \(seconds\) channel ID#DATA"):
+    with pytest.raises(UserError, match=r"slow\.log:6.*expected candump text: \(seconds\) channel ID#DATA"):
         load_case(folder)
     (folder / "slow.log").write_text("")
     with pytest.raises(UserError, match="no frame that the DBC knows"):
