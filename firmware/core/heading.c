@@ -15,11 +15,12 @@ void heading_slot(terrapin_state *state, const terrapin_inputs *inputs) {
     const uint32_t position = state->sense.ground_position;
     const uint32_t turn = inputs->heading_turn;
     if (inputs->heading_valid && h->known) {
-        const int32_t way_um =
-            integer_scale((int32_t)(position - h->ground_position), state->gains.ground_e5_um, GROUND_DIVISOR);
+        const uint32_t counts = position - h->ground_position;
+        const int32_t way_um = integer_scale((int32_t)counts, state->gains.ground_e5_um, GROUND_DIVISOR);
         /* Half of the shorter way round from the last heading: the difference in 1/2^32 turn, taken as signed. */
-        const int32_t turned = (int32_t)((turn - h->turn) << 16U);
-        const uint32_t middle = ((uint32_t)h->turn << 16U) + (uint32_t)(turned / 2);
+        const uint32_t turned = (turn - h->turn) << 16U;
+        const int32_t half = (int32_t)turned / 2;
+        const uint32_t middle = ((uint32_t)h->turn << 16U) + (uint32_t)half;
         h->x_um = moved(h->x_um, way_um, integer_cosine(middle));
         h->y_um = moved(h->y_um, way_um, integer_sine(middle));
     }

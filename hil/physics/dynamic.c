@@ -2,6 +2,7 @@
 
 #include <assert.h>
 #include <math.h>
+#include <stddef.h>
 #include <string.h>
 
 #include "pendulum.h"
@@ -131,7 +132,7 @@ void hil_dynamic_run(int base, const hil_additions *additions, const hil_drive_r
     double state[HIL_DYNAMIC_STATE];
     memcpy(state, start, sizeof state);
     for (int k = 0; k < drive->samples; k++) {
-        double *row = &record[k * HIL_DYNAMIC_RECORD];
+        double *row = &record[(ptrdiff_t)k * HIL_DYNAMIC_RECORD];
         memcpy(row, state, sizeof state);
         row[HIL_DYNAMIC_CHANNEL] = rates(&m, k, 0.0, state, &row[HIL_DYNAMIC_STATE]);
         if (k + 1 < drive->samples) {
