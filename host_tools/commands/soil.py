@@ -182,6 +182,7 @@ def _describe(answer: dict[str, Any]) -> str:
 def tactile(
     case: CaseFolder,
     margin: Annotated[float, typer.Option("--margin", help="least margin 1 - tau/tau_max that counts as safe")] = 0.1,
+    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE", help="draw it, as .png or .svg")] = None,
     json: Json = "",
 ) -> None:
     """Cohesion and friction angle from a driven wheel at several loads and drawbar levels, with confidence regions.
@@ -192,16 +193,27 @@ def tactile(
     """
     from host_tools.soil.tactile import Unsolved
     from host_tools.soil.tactile_answer import answer, describe
+    from host_tools.soil.tactile_answer import plot as draw
     from host_tools.soil.tactile_case import load_tactile_case
 
     if not 0.0 <= margin < 1.0:
         raise UserError(f"--margin: found {margin:g}, expected 0 to less than 1")
+    _check_picture(plot)
     read = load_tactile_case(case)
     try:
         found = answer(read, margin)
     except Unsolved as error:
         raise UserError(f"{case}: {error}") from None
+    if plot is not None and found["identified"]:
+        draw(found, plot)
+    elif plot is not None:
+        print(f"terrapin: --plot: nothing to draw: {found['reason']}", file=sys.stderr)
     deliver(found, describe(found), json)
+
+
+def _check_picture(plot: Path | None) -> None:
+    if plot is not None and plot.suffix.lower() not in (".png", ".svg"):
+        raise UserError(f"--plot: found {plot.name!r}, expected a name that ends in .png or .svg")
 
 
 def plates(
@@ -220,8 +232,7 @@ def plates(
     from host_tools.soil import plates_answer
     from host_tools.soil.plates import read_plates
 
-    if plot is not None and plot.suffix.lower() not in (".png", ".svg"):
-        raise UserError(f"--plot: found {plot.name!r}, expected a name that ends in .png or .svg")
+    _check_picture(plot)
     read = read_plates(file, size, depth, pressure, test)
     found, fits = plates_answer.answer(file.name, read)
     if plot is not None:

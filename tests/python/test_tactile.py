@@ -121,7 +121,9 @@ def test_a_ground_that_cannot_carry_is_named() -> None:
 def test_the_command_on_the_example(
     case: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert command(monkeypatch, str(case), "--json", str(case / "soil.json")) == 0
+    picture = case / "region.png"
+    assert command(monkeypatch, str(case), "--json", str(case / "soil.json"), "--plot", str(picture)) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
     words = capsys.readouterr().out
     answer = json.loads((case / "soil.json").read_text())
     assert answer["schema"] == "terrapin.soil_tactile/1"
@@ -142,8 +144,11 @@ def test_a_single_observation_is_refused_and_gives_tau_max(
 ) -> None:
     lines = (CASE / "points.csv").read_text().splitlines()
     (case / "points.csv").write_text("\n".join([lines[0], lines[3]]) + "\n")
-    assert command(monkeypatch, str(case), "--json", "-") == 0
-    answer = json.loads(capsys.readouterr().out)
+    assert command(monkeypatch, str(case), "--json", "-", "--plot", str(case / "no.png")) == 0
+    captured = capsys.readouterr()
+    assert "nothing to draw: one operating point cannot tell" in captured.err
+    assert not (case / "no.png").exists()
+    answer = json.loads(captured.out)
     assert not answer["identified"]
     assert answer["parameters"] is None
     assert "cannot tell cohesion from friction" in answer["reason"]
