@@ -49,6 +49,13 @@ void hil_start(hil_simulator *simulator) {
     memset(&simulator->around, 0, sizeof simulator->around);
     simulator->body.position[HIL_X] = config->start_position;
     simulator->body.load = simulator->derived.weight;
+    if (config->path.contact != NULL) { /* put down, it sinks in by its weight */
+        double unused;
+        const hil_ground ground = hil_path_at(&config->path, config->start_position);
+        const double load = simulator->derived.weight * cos(ground.slope);
+        const hil_grip grip = hil_grip_at(config->path.contact, load, 0.0, 0.0, 1.0);
+        simulator->body.sinkage = hil_grip_value(&grip, HIL_SINKAGE, 0.0, &unused);
+    }
     hil_sensors_start(&simulator->sensors, config->seed);
     simulator->temperature =
         config->winding.profile.count > 0 ? profile_at(&config->winding.profile, 0.0) : config->winding.start;

@@ -163,7 +163,7 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
         const double held = around->carried ? compaction * moving : body->friction[HIL_X];
         body->traction -= held;
         body->friction[HIL_BETA] += lever + robot->radius * held;
-        if (fabs(grip.direction) >= 1.0 || body->sinkage == 0.0) {
+        if (fabs(grip.direction) >= 1.0) {
             body->sinkage = hil_grip_value(&grip, HIL_SINKAGE, robot->radius * rate[HIL_BETA] - rate[HIL_X], &unused);
         }
     }

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import hil.contact_runs
 import hil.soft_ground
@@ -166,6 +168,31 @@ def test_time_response_is_the_simulation() -> None:
     assert set(run) >= {"time", "speed", "omega", "swing_angle", "slip", "sinkage", "contact_torque", "current"}
     assert len(run["time"]) == 2000
     np.testing.assert_array_equal(run["speed"], drive(5.0, 2.0)["speed"])
+
+
+@given(
+    volts=st.lists(st.floats(-24.0, 24.0), min_size=1, max_size=6),
+    slope=st.sampled_from([-0.25, 0.0, 0.25]),
+    carried=st.booleans(),
+)
+@settings(max_examples=60, deadline=None)
+def test_whatever_drives_it_motion_stays_bounded(volts: list[float], slope: float, carried: bool) -> None:
+    """Jumps of voltage, reversals, slopes, a carriage: finite, no faster than motor and hill can make it."""
+    carriage = ((0.05, 0.0), (0.2, -0.5), (0.3, 0.5)) if carried else ()
+    scenario = Scenario("t", 0.1 * len(volts), path(slope), (Order(0.0, "idle"),), supply=24.0, carriage=carriage)
+    simulation = Simulation(scenario)
+    for voltage in volts:
+        simulation.drive(voltage, 100)
+    run = simulation.truth()
+    assert all(np.isfinite(column).all() for column in run.values())
+    assert np.abs(run["slip"]).max() <= 2.0
+    assert np.abs(run["speed"]).max() < 6.0
+    assert run["sinkage"].min() > 0.0
+    limit = max(
+        float(wheel.solve(ROBOT.weight, s, ROBOT.radius, 0.15, wheel.soil_of(SAND.soil, 0.15)).torque[0])
+        for s in (0, 1)
+    )
+    assert np.abs(run["contact_torque"]).max() < 4.0 * limit + ROBOT.radius * ROBOT.weight
 
 
 def active(name: str, **values: float) -> ActiveEffect:
