@@ -99,10 +99,15 @@ def torque_cost(analysis: Analysis, exported: list[Exported]) -> float:
                 elif fitted.name in parse(formula).names and theta[i] != 0.0:  # proportional to its one parameter
                     value = next(e.value for e in exported if e.name == name)
                     theta[i] *= held[name] / value if value else 1.0
+    if "current" not in analysis.model.channels:
+        raise UserError(
+            f"{analysis.case.folder}: channel current is not mapped, expected it: it tells what rounding costs"
+        )
+    at = analysis.model.channels.index("current")
     bound = analysis.model.bind(analysis.case.inputs, analysis.rows)
     change = bound.predict(theta) - bound.predict(analysis.fit.theta)
     p = analysis.case.parameters
-    return float(np.abs(change[0]).max() * p["torque_constant"] * p["radius"] / p["drive_radius"])
+    return float(np.abs(change[at]).max() * p["torque_constant"] * p["radius"] / p["drive_radius"])
 
 
 def parameters_toml(analysis: Analysis, exported: list[Exported], refused: list[str]) -> str:
