@@ -35,6 +35,7 @@ __all__ = ["FUNCTIONS", "Expression", "parse", "units"]
 Array = npt.NDArray[np.float64]
 
 MAX_LENGTH = 1000  # characters; keeps the parser's and our own recursion bounded
+MAX_DEPTH = 150  # of operations inside each other (a sum of n terms has n): everything below follows the tree
 MAX_C_LENGTH = 20_000  # sign() writes its argument twice, so nesting could grow without bound
 
 
@@ -114,7 +115,10 @@ def parse(text: str) -> Expression:
     except (ValueError, MemoryError, RecursionError) as error:
         raise ValueError(f"column 1: not a formula: {error or 'too deeply nested'}") from None
     try:
-        return Expression(stripped, _convert(tree.body, offset))
+        converted = _convert(tree.body, offset)
+        if _depth(converted) > MAX_DEPTH:
+            raise RecursionError
+        return Expression(stripped, converted)
     except RecursionError:
         raise ValueError("column 1: not a formula: too deeply nested") from None
 
@@ -224,6 +228,14 @@ class Expression:
     def uses(self, kind: str) -> bool:
         """Whether an operator or function occurs in the formula."""
         return _uses(self.tree, kind)
+
+
+def _depth(node: Node) -> int:
+    depth, level = 0, [node]
+    while level:
+        depth += 1
+        level = [a for n in level if isinstance(n, Operation) for a in n.arguments]
+    return depth
 
 
 def _names(node: Node) -> set[str]:

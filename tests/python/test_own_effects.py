@@ -246,6 +246,25 @@ def test_a_hostile_file_is_one_line_and_runs_nothing(
     assert not (tmp_path / "hit").exists()
 
 
+@pytest.mark.parametrize("text", ["-" * 900 + "k", "k" + "+k" * 400, "abs(" * 170 + "k" + ")" * 170])
+def test_a_formula_too_deep_to_follow_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str) -> None:
+    status, _, err = terrapin(capsys, "compare", own(tmp_path, f'expression = "{text}"\nk = {{ value = 0 }}'))
+    assert status == 2
+    one_line(err, ["case.toml:30", "effect.mine.expression", "too deeply nested"])
+
+
+def test_the_simulator_switches_it_on(tmp_path: Path, home: Path) -> None:
+    from hil.scenario import load_scenario
+
+    write(home, GRASS)
+    file = tmp_path / "s.toml"
+    path = '[[path]]\nterrain = "sand"\n[[operator]]\nat = "0 s"\nrequest = "run"\nsetpoint = "8 V"\n'
+    file.write_text('duration = "2 s"\n' + path + '[effect.grass]\nc_g = "10 mN m s^0.5/rad^0.5"\n')
+    (active,) = load_scenario(file).effects
+    assert active.effect.name == "grass"
+    assert active.values["c_g"] == pytest.approx(0.01)
+
+
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     (tmp_path / "a.py").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ReadingError, match=r"a\.py: not"):
