@@ -22,7 +22,7 @@ def _sd(error: float) -> str:
 
 
 def _per_cent(share: float) -> str:
-    return f"{100.0 * share:.0f} %"
+    return f"{100.0 * share:.0f} %" if share >= 0.005 else "nothing"
 
 
 def headline(analysis: Analysis, answer: dict[str, Any] | None) -> str:

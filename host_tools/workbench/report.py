@@ -11,6 +11,7 @@ from hil.physics.effects import Effect
 from hil.physics.expression import parse
 from host_tools.workbench.analysis import Analysis
 from host_tools.workbench.answer import compare_answer
+from host_tools.workbench.bases import ROLES
 from host_tools.workbench.markdown import to_html
 from host_tools.workbench.mathml import from_latex
 from host_tools.workbench.reasons import headline, reason
@@ -213,7 +214,7 @@ def _next(analysis: Analysis, answer: dict[str, Any] | None) -> str:
             "cannot be named."
         )
         return f"<section class='next'><h2>Next</h2><p>{text}</p></section>"
-    units = analysis.case.units
+    units = {**ROLES, **analysis.case.units}
     roles = plan["vary"]
     head = "".join(f"<th class='n'>{html.escape(r)}{html.escape(_unit(units.get(r, '')))}</th>" for r in roles)
     rows = "".join(
@@ -276,13 +277,19 @@ def _errors(analysis: Analysis, answer: dict[str, Any]) -> str:
 
 
 def _operating(answer: dict[str, Any] | None) -> str:
-    if not answer or not answer.get("operating"):
+    """How often such an effect would be named with these runs, and how often the answer came out of a bootstrap."""
+    if not answer or not (answer.get("operating") or answer.get("selected")):
         return ""
     items = "".join(
         f"<tr><td><b>{html.escape(o['effect'])}</b> of {number(o['size'])} noise sd</td>"
         f"<td class='n'>{round(100 * o['named'])} of 100<span class='bar'><i style='width:{100 * o['named']:.0f}%'></i>"
         "</span></td></tr>"
-        for o in answer["operating"]
+        for o in answer.get("operating", [])
+    )
+    items += "".join(
+        f"<tr><td>{html.escape(' + '.join(s['effects']) or s['kind'])} <span class='soft'>runs drawn anew</span></td>"
+        f"<td class='n'>{round(100 * s['frequency'])} of 100</td></tr>"
+        for s in answer.get("selected", [])
     )
     return (
         "<section><h2>What these runs can show</h2><table><thead><tr><th>an effect like this</th>"

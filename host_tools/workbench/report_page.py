@@ -65,7 +65,8 @@ padding:2px 0}math{font-family:"STIX Two Math","Latin Modern Math",
 summary{cursor:pointer;color:var(--soft)}
 .key-model{color:var(--blue)!important}.key-fail{color:var(--red)!important}.key-new{color:var(--teal)!important}
 footer{padding:0 20px 16px;color:var(--soft);font-size:12px;max-width:1640px;margin:auto}
-@media (max-width:980px){main{grid-template-columns:minmax(0,1fr)}}
+@media (max-width:980px){main{display:flex;flex-direction:column;gap:0}main>div:not(.three){display:contents}
+#ranking{order:1}.next{order:2}#heatbox{order:3}.three{order:4}.notes{order:5}}
 @media (max-width:640px){main,.lead{padding-left:10px;padding-right:10px}header{padding:8px 10px}.verdict{margin-left:0}
 .pair{grid-template-columns:minmax(0,1fr)}h2 .choices{margin-left:0}}
 @media print{#theme,.modebar{display:none}section{break-inside:avoid}}

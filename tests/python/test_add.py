@@ -192,6 +192,22 @@ def test_export_without_anything_to_export(tmp_path: Path, capsys: pytest.Captur
     assert not (tmp_path / "f.toml").exists()
 
 
+def test_export_says_why_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = rolling(tmp_path, 29, runs=6, rows=8)
+    terrapin(capsys, "add", folder, "speed_squared", "aerodynamic_drag")
+    status, _, err = terrapin(capsys, "export", folder, "--to", tmp_path / "f.toml")
+    assert status == 2
+    assert err.count("it is part of C_t") == 2
+    terrapin(capsys, "add", folder, "mine", "--expression", "k*omega*abs(omega)*load", "--parameter", "k=0")
+    terrapin(capsys, "add", folder, "viscous_friction")
+    status, out, _ = terrapin(capsys, "export", folder, "--to", tmp_path / "f.toml")
+    assert status == 0
+    assert "mine: not compensated: a formula of your own" in out
+    text = (tmp_path / "f.toml").read_text()
+    assert list(tomllib.loads(text)["parameters"]) == ["comp_viscous"]
+    assert "# Not compensated: aerodynamic_drag: acts on the shell from outside" in text
+
+
 def test_effects_are_listed_and_explained(capsys: pytest.CaptureFixture[str]) -> None:
     _, out, _ = terrapin(capsys, "effects")
     for name in catalogue():
