@@ -20,9 +20,16 @@ __all__ = ["Operating", "calibrated", "operating_characteristic"]
 
 Array = npt.NDArray[np.float64]
 
-# log odds of being right = slope * log odds of the posterior + shift, for a claim and for "nothing is missing"
-CLAIM = (1.0, 0.0)
-NOTHING = (1.6, 0.8)
+# log odds of being right = slope * log odds of the posterior + shift, by verdict, and for an effect to be part of it:
+# logistic regression on 276 answers of a campaign (sizes 0.3 to 4 sd, correlations 0 to 0.95; seeds 9001), with a
+# penalty of half the squared distance from (1, 0)
+MAP = {
+    "effect": (1.0, 0.0),
+    "missing": (1.05, -0.1),
+    "ambiguous": (1.4, 0.5),
+    "expression": (0.6, 0.6),
+    "nothing": (1.4, 0.35),
+}
 CEILING = 0.995  # no answer is surer than the campaigns could check
 DRAWS = 200
 
@@ -36,9 +43,9 @@ class Operating:
     named: float
 
 
-def calibrated(probability: float, nothing: bool = False) -> float:
-    """A posterior probability as a rate of being right; `nothing`: of the verdict that nothing is missing."""
-    slope, shift = NOTHING if nothing else CLAIM
+def calibrated(probability: float, what: str = "effect") -> float:
+    """A posterior probability as a rate of being right: of what, see MAP."""
+    slope, shift = MAP[what]
     p = min(max(probability, 1e-12), 1.0 - 1e-12)
     odds = slope * np.log(p / (1.0 - p)) + shift
     return float(min(1.0 / (1.0 + np.exp(-odds)), CEILING))

@@ -88,7 +88,7 @@ def discover(
     nothing = ranking.probability("nothing")
     verdict, top, rivals, probability = _verdict(ranking, analysis)
     if not analysis.missing:
-        verdict, top, rivals, probability = "adequate", None, [], calibrated(nothing, nothing=True)
+        verdict, top, rivals, probability = "adequate", None, [], calibrated(nothing, "nothing")
     missing = top.effects if top is not None and verdict != "unexplained" else ()
     odd = _odd_runs(ranking) if analysis.missing else ()
     report("what to measure next")
@@ -134,7 +134,7 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
             elif p >= AS_GOOD * best:
                 rivals.append(other)
         verdict = "ambiguous" if len(rivals) > 1 else "missing"
-        return verdict, top, rivals, calibrated(float(best))
+        return verdict, top, rivals, calibrated(float(best), verdict)
     if kind == "mixed":
         top = next(h for h, _ in pairs if h.kind == "mixed")
         return "missing", top, [top], calibrated(kinds["mixed"])
@@ -145,7 +145,7 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
         top, best = named[0]
         column = sum(p for h, p in pairs if h.kind == "expression" and h.column == top.column)
         if _explained(analysis, top.fit) >= ENOUGH_EXPLAINED or _nothing_left(analysis, top.fit):
-            return "missing", top, [top], calibrated(float(column))
+            return "missing", top, [top], calibrated(float(column), "expression")
     return "unexplained", named[0][0] if named else None, [], calibrated(kinds["expression"])
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations, product
+from itertools import chain, combinations, product
 
 import numpy as np
 import numpy.typing as npt
@@ -33,10 +33,11 @@ Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 PRIOR = {"nothing": 0.2, "one": 0.36, "two": 0.18, "three": 0.01, "expression": 0.21, "mixed": 0.03, "run": 0.02}
-PAIRS_REFITTED = 8
+PAIRS_REFITTED = 12
 PAIRS_LOOKED_AT = 40
 WORTH_A_REFIT = 0.0  # log evidence that a second effect must add to the first for a refit of the two
 PAIRS_FROM = 3  # best single effects that a second one is tried on once more
+UNSEEN = 1.0  # log weight by which a pair that was not refitted stays behind the best
 TRIPLES_FROM = 2  # best pairs that a third effect is tried on
 WITHIN = 12.0  # log evidence behind the best at which a set is no longer worth a refit
 
@@ -196,21 +197,24 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
     found += singles.values()
     best = max(h.log_weight for h in found)
     onward = _onward(ranker, singles, best)
+    promise = {names: value for names, value in average.items() if len(names) == 2}
     for names, gain in onward.items():
-        average[names] = max(average[names], singles[_first(names, singles)].log_weight - log_prior[1] + gain)
-    pairs = sorted((n for n in average if len(n) == 2), key=lambda n: -average[n])
+        promise[names] = max(promise[names], singles[_first(names, singles)].log_weight - log_prior[1] + gain)
+    by_average, by_promise = (sorted(promise, key=lambda n: -value[n]) for value in (average, promise))
+    pairs = list(dict.fromkeys(chain.from_iterable(zip(by_average, by_promise, strict=True))))
     report("refits of the best pairs")
     refitted_pairs: list[Hypothesis] = []
     for names in pairs[:PAIRS_LOOKED_AT]:
-        if average[names] + log_prior[2] < best - WITHIN:
-            break
+        if promise[names] + log_prior[2] < best - WITHIN:
+            continue
         ordered = tuple(sorted(names, key=order.index))
         member = max(names, key=lambda n: average[n,])
-        gain = max(average[names] - average[member,], onward.get(names, -np.inf))
-        if gain < WORTH_A_REFIT or len(refitted_pairs) == PAIRS_REFITTED:
+        gain = average[names] - average[member,]  # a promise far from the present fit may not be kept: it earns a refit
+        if max(gain, onward.get(names, gain)) < WORTH_A_REFIT or len(refitted_pairs) == PAIRS_REFITTED:
             # the second adds nothing to the first: its price is known without a refit
             alone = singles[member].log_weight - log_prior[1]
-            found.append(Hypothesis(ordered, "catalogue", alone + gain + log_prior[2]))
+            weight = min(alone + gain + log_prior[2], best - UNSEEN)
+            found.append(Hypothesis(ordered, "catalogue", weight))
             continue
         value, fit = ranker.refitted(ordered, razor[names], average[names])
         refitted_pairs.append(Hypothesis(ordered, "catalogue", value + log_prior[2], fit))
