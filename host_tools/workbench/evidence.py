@@ -27,7 +27,7 @@ Array = npt.NDArray[np.float64]
 
 SIZES = np.array([0.3, 1.0, 3.0, 10.0, 40.0])  # prior widths of an effect's rms, in noise sd, equally likely
 UNCORRELATED = 0.4  # prior probability that rows of a run are independent; the rest is spread over the grid
-CHUNK = 256  # columns that are whitened at once
+CHUNK = 1024  # columns that are gone through at once
 
 
 @dataclass(frozen=True)
@@ -114,19 +114,47 @@ class Evidence:
         """Log evidence of each column (channels * rows, D) alone, size free in sign: (D,)."""
         found = []
         for begin in range(0, columns.shape[1], CHUNK):
-            part = columns[:, begin : begin + CHUNK]
-            norms = np.empty((len(self.rho), part.shape[1]))
-            scores = np.empty_like(norms)
-            for index in range(len(self.rho)):
-                free = self.project(part, index)
-                norms[index] = (free * free).sum(axis=0)
-                scores[index] = free.T @ self.white[index]
+            norms, scores = self._free(columns[:, begin : begin + CHUNK])
             variance = SIZES[:, None, None] ** 2
             shrink = 1.0 + variance * norms
             gain = variance * scores**2 / shrink
             logs = self.start[:, None] + self.fit_term(self.total[:, None] - gain) - 0.5 * np.log(shrink)
             found.append(logsumexp(logs, axis=(0, 1)) - np.log(len(SIZES)))
         return np.concatenate(found) if found else np.zeros(0)
+
+    def _free(self, columns: Array) -> tuple[Array, Array]:
+        """Squared length of each column beyond the base, and its product with the residual: (rho, D) each.
+
+        Whitened products at any correlation follow from four sums (of first rows, of later rows, of their predecessors,
+        of neighbours), so thousands of columns are gone through once, not once for each correlation.
+        """
+        scaled = self.flat / np.sqrt((self.flat * self.flat).sum(axis=0))
+        x, y = self._by_run(columns), self._by_run(np.column_stack([scaled, self.residual]))
+        first = np.tile(self.ar1.first, self.channels)
+        later = np.flatnonzero(~first)
+        xf, xl, xp = x[first], x[later], x[later - 1]
+        yf, yl, yp = y[first], y[later], y[later - 1]
+        own = [(a * b).sum(axis=0) for a, b in ((xf, xf), (xl, xl), (xp, xp), (xl, xp))]
+        cross = [xf.T @ yf, xl.T @ yl, xp.T @ yp, xl.T @ yp + xp.T @ yl]
+        norms = np.empty((len(self.rho), columns.shape[1]))
+        scores = np.empty_like(norms)
+        for index, rho in enumerate(self.rho):
+            scale = 1.0 - rho * rho
+            norm = own[0] + (own[1] + rho * rho * own[2] - 2.0 * rho * own[3]) / scale
+            product = cross[0] + (cross[1] + rho * rho * cross[2] - rho * cross[3]) / scale
+            base = self._whiten(scaled, rho)
+            # base = basis @ triangle, so that products with the basis follow from those with the base
+            triangle = self.basis[index].T @ base
+            inside = product[:, :-1] @ np.linalg.pinv(triangle)
+            white = self._whiten(self.residual[:, None], rho)[:, 0]
+            norms[index] = np.maximum(norm - (inside * inside).sum(axis=1), 0.0)
+            scores[index] = product[:, -1] - inside @ (self.basis[index].T @ white)
+        return norms, scores
+
+    def _by_run(self, columns: Array) -> Array:
+        """Columns (channels * rows, D) in the order in which they are whitened."""
+        split = columns.reshape(self.channels, self.rows, -1)
+        return split[:, self.ar1.order].reshape(self.channels * self.rows, -1)
 
     def blocks(self, gram: Gram, picks: npt.NDArray[np.int64], signs: Array, offset: Array | None = None) -> Array:
         """Log evidence of sets of columns, all picked from one Gram: (sets,).

@@ -16,6 +16,7 @@ from hil.physics.expression import parse
 from host_tools.workbench.analysis import error
 from host_tools.workbench.case import Case, load_case
 from host_tools.workbench.discovery import Discovery, discover
+from host_tools.workbench.evidence import Evidence
 from host_tools.workbench.noise import Ar1
 from host_tools.workbench.terms import product_text, shapes
 
@@ -182,3 +183,14 @@ def test_every_shape_is_sound_in_its_units(low: float, high: float) -> None:
     for unit in ("m/s", "degC", "rad", "1"):
         for term in shapes("x", np.linspace(low, high, 50), unit):
             parse(term.text).unit({"x": unit, **dict.fromkeys(term.scales, unit)})  # ValueError where kinds mix
+
+
+def test_evidence_of_single_columns_is_that_of_blocks_of_one() -> None:
+    random = np.random.default_rng(4)
+    run = random.permutation(np.repeat(np.arange(7), 9))
+    base = random.standard_normal((2, 63, 3)) * np.array([1e-5, 1.0, 1e4])
+    evidence = Evidence(Ar1(run), random.standard_normal((2, 63)), base, True)
+    columns = random.standard_normal((126, 20))
+    picks = np.arange(20)[:, None]
+    blocks = evidence.blocks(evidence.gram(columns), picks, np.zeros((20, 1)))
+    assert evidence.single(columns) == pytest.approx(blocks, abs=1e-8)
