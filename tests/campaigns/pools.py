@@ -175,10 +175,13 @@ def _judge(record: Record, kind: str, drawn: Drawn, case: Case, random: np.rando
     if kind in ("foreign", "removed"):
         columns = right_columns(drawn)
         record["columns"] = sorted(columns)
-        read = set(re.findall(r"[A-Za-z_]\w*", expressions.get(missing[0], ""))) if len(missing) == 1 else set()
-        record["right"] = answer["verdict"] == "missing" and bool(read & {*columns, *(f"{c}_" for c in columns)})
+        read = set(re.findall(r"[A-Za-z_]\w*", " ".join(expressions.get(name, "") for name in missing)))
+        own = bool(missing) and set(missing) <= set(expressions)  # a wave may need two: its sine and its cosine
+        record["right"] = (
+            answer["verdict"] == "missing" and own and bool(read & {*columns, *(f"{c}_" for c in columns)})
+        )
         record["right_where"] = record["where"] in columns
-        record["expression"] = expressions.get(missing[0], "") if missing else ""
+        record["expressions"] = [expressions.get(name, "") for name in missing]
     else:
         record["right"] = bool(missing) and sorted(missing) == truth
     record["alike"] = record["right"] or (
