@@ -195,6 +195,17 @@ def test_the_sphere_knows_the_slope_it_stands_on(tmp_path: Path) -> None:
     assert agrees(found["f_o"], 0.02)
 
 
+@pytest.mark.parametrize(("name", "size", "value"), [("sensor_delay", "delay", 0.03), ("inertia", "j", 0.01)])
+def test_what_was_switched_on_in_the_simulation_is_what_is_fitted(
+    tmp_path: Path, name: str, size: str, value: float
+) -> None:
+    folder = cylinder(tmp_path / "case", {name: {size: value}}, 3)
+    assert fitted(folder, [])[1] > 5.0
+    found, reached = fitted(folder, [name])
+    assert 0.9 < reached < 1.1
+    assert agrees(found[f"{name}.{size}"], value)
+
+
 def test_the_car_recovers_its_soil_and_its_ruts(tmp_path: Path) -> None:
     found, reached = fitted(car(tmp_path / "case", {"multipass": {"kappa": 0.3}}), ["multipass"])
     assert 0.9 < reached < 1.1
