@@ -276,7 +276,9 @@ def _step(
     step = np.zeros(gradient.size)
     if active.any():
         some = reduced[np.ix_(active, active)]
-        scale = np.sqrt(np.maximum(np.diag(some), 1e-300))
+        # A parameter that nothing depends on here (no friction without normal stress) is left where it is.
+        diagonal = np.diag(some)
+        scale = np.sqrt(np.where(diagonal > 1e-12 * np.diag(matrix)[active], diagonal, np.inf))
         step[active] = -np.linalg.lstsq(some / np.outer(scale, scale), slope[active] / scale, rcond=1e-14)[0] / scale
     rest = local + np.einsum("nab,b->na", cross, step)
     return step, -np.einsum("nab,nb->na", inverse, rest)

@@ -22,6 +22,7 @@ SHOWN = {
     "shear_modulus": (1e3, "mm"),
     "stiffness_factor": (1.0, ""),
 }
+GROSS = 5.0  # sd (rms) of residuals beyond which no region has a meaning
 STARTS = ((500.0, 0.5), (5e3, 0.3), (100.0, 0.7))  # cohesion [Pa], friction angle [rad]
 ONE_POINT = (
     "one operating point cannot tell cohesion from friction angle: drawbar pull and torque are nearly one equation "
@@ -52,6 +53,12 @@ def answer(read: TactileCase, least_margin: float) -> dict[str, Any]:
     if points.load.size == 1:
         return _only_strength(read, start, result, ONE_POINT, least_margin)
     best = _best(read)
+    if read.noise_stated and best.squares > GROSS**2 * max(1, best.degrees):
+        rms = float(np.sqrt(best.squares / max(1, best.degrees)))
+        raise Unsolved(
+            f"residuals: found {rms:.3g} sd (rms), expected about 1: no soil comes near these points; check units, "
+            "constants and noise"
+        )
     region = explore(read.rig, points, best, read.noise_stated, read.stiffness_sd)
     result["fit"] = {
         "squares": best.squares,

@@ -209,6 +209,7 @@ def test_a_wrong_case_is_one_line(
         ("18.6,0.1,300,1.2", "points.csv:14: slip: found 1.2, expected -1 to 1"),
         ("-18.6,0.1,300,0.2", "points.csv:14: load: found -18.6 N, expected more than 0 N"),
         ("18.6,0.1,nan,0.2", "points.csv:14: column torque_mNm: found NaN"),
+        ("18.6,0.1,300000,0.2", "sd (rms), expected about 1: no soil comes near these points; check units"),
         ("1e6,0.1,300,0.2", "load: found 1e+06 N, more than this ground carries at any sinkage"),
     ],
 )
