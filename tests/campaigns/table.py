@@ -35,10 +35,11 @@ class Line:
     bound: str
     met: bool
     detail: tuple[str, ...] = ()
+    enough: bool = True  # cases to say so at all
 
     @property
     def verdict(self) -> str:
-        return "NOT MET" if not self.met else "few" if 0 < self.count < FEW else "met"
+        return "NOT MET" if not self.met else "few" if 0 < self.count < FEW or not self.enough else "met"
 
 
 def _rate(
@@ -277,7 +278,7 @@ def probability(records: Sequence[Record]) -> list[Line]:
         detail.append(f"unexplained: given {mean:.3f}, not in the catalogue {share:.3f}, {len(odd)}")
     big = f"{worst:.3f}" if worst else "no bin has 800"
     return [
-        Line("probability: worst bin of 800 or more", big, "", len(mine), "<= 0.05", worst <= 0.05),
+        Line("probability: worst bin of 800 or more", big, "", len(mine), "<= 0.05", worst <= 0.05, (), worst > 0.0),
         Line("expected calibration error", f"{total:.3f}", "", len(mine), "<= 0.03", total <= 0.03, tuple(detail)),
     ]
 

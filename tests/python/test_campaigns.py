@@ -191,6 +191,7 @@ def test_a_missed_bound_is_said() -> None:
     assert line.verdict == "NOT MET"
     assert "NOT MET" in show([line])
     assert Line("a", "", "", 5, "", True).verdict == "few"
+    assert Line("a", "", "", 500, "", True, (), False).verdict == "few"
     (good,) = ROWS["alarms"][1]([{**record, "known": True, "p_value": 0.5}] * 40)
     assert good.verdict == "met"
 
