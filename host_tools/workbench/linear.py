@@ -14,6 +14,9 @@ from host_tools.workbench.fit import Fit
 __all__ = ["AT_BOUND", "Linear", "linearise"]
 
 Array = npt.NDArray[np.float64]
+ABSURD = (
+    1e5  # noise sd (rms): a fit that is so large off the training rows is none, and sums of squares lose all digits
+)
 AT_BOUND = 3.0  # log evidence taken off an effect whose size wants to leave its bounds
 
 
@@ -37,7 +40,7 @@ class Linear:
 def linearise(fit: Fit, names: Sequence[str], measured: Array, rows: npt.NDArray[np.bool_], sigma: Array) -> Linear:
     """The fit on `rows` with the effects `names` as columns, their shapes as fitted.
 
-    Raises ValueError when an effect has no influence, or has size 0 and with it no phase.
+    Raises ValueError when an effect has no influence, an absurd one, or size 0 and with it no phase.
     """
     prediction, slopes = fit.model.bind(fit.model.case.inputs, rows).jacobian(fit.theta)
     residual = (measured - prediction) / sigma[:, None]
@@ -56,6 +59,8 @@ def linearise(fit: Fit, names: Sequence[str], measured: Array, rows: npt.NDArray
         loud = loudness(slopes[..., at : at + 1])
         if loud == 0.0 or not np.isfinite(loud):
             raise ValueError(f"{name} has no influence here")
+        if abs(size) * loud > ABSURD:
+            raise ValueError(f"{name} would be {abs(size) * loud:g} noise sd on rows that were not fitted")
         if size != 0.0 and first.key in fit.at_bound:
             lost += AT_BOUND
             continue
