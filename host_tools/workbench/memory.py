@@ -1,7 +1,7 @@
 """What the commands keep of a case in its folder .terrapin: the last answer of discover, and what was added or removed.
 
-An answer is kept with the state of the case that it is about (a hash of case.toml and every file of data), so that
-nobody shows it for another.
+An answer is kept with the state that it is about (a hash of case.toml, every file of data, and the program that found
+it), so that nobody shows it for another.
 """
 
 from __future__ import annotations
@@ -10,9 +10,11 @@ import hashlib
 import json
 import sys
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+from hil import paths
 from host_tools.workbench.answer import to_json
 from host_tools.workbench.edit import write_whole
 
@@ -23,15 +25,25 @@ HISTORY_LIMIT = 200  # entries
 
 
 def case_state(folder: Path) -> str:
-    """Hash of case.toml and the measurements that it names. OSError when one cannot be read."""
+    """Hash of case.toml, the measurements that it names, and this program. OSError when one cannot be read."""
     text = (folder / "case.toml").read_bytes()
     data = tomllib.loads(text.decode("utf-8-sig")).get("data", {})
     digest = hashlib.sha256(text)
+    digest.update(_program())
     names = [*data.get("files", []), *([data["dbc"]] if "dbc" in data else [])]
     for name in names:
         with (folder / str(name)).open("rb") as file:
             digest.update(hashlib.file_digest(file, "sha256").digest())
     return digest.hexdigest()
+
+
+@cache
+def _program() -> bytes:
+    """Hash of the sources that an answer comes from: another version may answer otherwise."""
+    digest = hashlib.sha256()
+    for source in sorted([*Path(__file__).parent.glob("*.py"), *(paths.ROOT / "hil" / "physics").rglob("*.py")]):
+        digest.update(source.read_bytes())
+    return digest.digest()
 
 
 def keep(folder: Path, answer: dict[str, Any]) -> None:
