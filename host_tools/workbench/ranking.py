@@ -200,7 +200,8 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
     promise = {names: value for names, value in average.items() if len(names) == 2}
     for names, gain in onward.items():
         promise[names] = max(promise[names], singles[_first(names, singles)].log_weight - log_prior[1] + gain)
-    by_average, by_promise = (sorted(promise, key=lambda n: -value[n]) for value in (average, promise))
+    by_average = sorted(promise, key=lambda n: -average[n])
+    by_promise = sorted(promise, key=lambda n: -promise[n])
     pairs = list(dict.fromkeys(chain.from_iterable(zip(by_average, by_promise, strict=True))))
     report("refits of the best pairs")
     refitted_pairs: list[Hypothesis] = []
