@@ -197,7 +197,7 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
     found += singles.values()
     best = max(h.log_weight for h in found)
     onward = _onward(ranker, singles, best)
-    promise = {names: value for names, value in average.items() if len(names) == 2}
+    promise: dict[tuple[str, ...], float] = {names: value for names, value in average.items() if len(names) == 2}
     for names, gain in onward.items():
         promise[names] = max(promise[names], singles[_first(names, singles)].log_weight - log_prior[1] + gain)
     by_average = sorted(promise, key=lambda n: -average[n])
