@@ -17,7 +17,8 @@ extern "C" {
 #endif
 
 /* Longest answer to one byte: the frames of a tick and the end of the line. */
-#define TERRAPIN_SERVICE_ANSWER_MAX ((TERRAPIN_MAX_FRAMES * TERRAPIN_SLCAN_TEXT_MAX) + TERRAPIN_SLCAN_REPLY_MAX)
+#define TERRAPIN_SERVICE_ANSWER_MAX                                                                                    \
+    (((uint32_t)TERRAPIN_MAX_FRAMES * TERRAPIN_SLCAN_TEXT_MAX) + TERRAPIN_SLCAN_REPLY_MAX)
 
 typedef struct {
     terrapin_slcan parser;

@@ -36,7 +36,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
     scenario = folder / "short.toml"
     text = (paths.ROOT / "hil" / "scenarios" / "steady_sand.toml").read_text()
-    lines = [line for line in text.splitlines() if not line.startswith(("checks", "duration", "  \"", "]"))]
+    lines = [line for line in text.splitlines() if not line.startswith(("checks", "duration", '  "', "]"))]
     scenario.write_text("\n".join(['duration = "2 s"', *lines]))
     terrapin("run", scenario, "--out", folder / "out")
     return folder / "out"

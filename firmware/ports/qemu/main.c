@@ -61,9 +61,12 @@ static void put_number(char *text, size_t *length, uint32_t number) {
 
 /* One line: a word and its numbers. */
 static void say(int32_t file, const char *word, const uint32_t *numbers, size_t count) {
-    char text[64] = {0};
-    size_t length = strlen(word);
-    (void)memcpy(text, word, length);
+    char text[80] = {0};
+    size_t length = 0;
+    while (word[length] != '\0') {
+        text[length] = word[length];
+        length++;
+    }
     for (size_t i = 0; i < count; i++) {
         put_number(text, &length, numbers[i]);
     }
