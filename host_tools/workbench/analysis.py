@@ -31,7 +31,7 @@ from host_tools.workbench.models import Model
 from host_tools.workbench.noise import Noise, estimate_noise
 from host_tools.workbench.units import LARGEST
 
-__all__ = ["LEVEL", "Analysis", "Rung", "analyse", "error", "fitted_on", "measured", "predict"]
+__all__ = ["LEVEL", "Analysis", "Rung", "analyse", "error", "fitted_on", "free_slopes", "measured", "predict"]
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -117,7 +117,7 @@ def fitted_on(case: Case, effects: Sequence[str], rows: Mask, sigma: Array, seed
     return fits
 
 
-def _unscaled(fit: Fit, sigma: Array, rows: Mask) -> tuple[Array, Array, Array]:
+def free_slopes(fit: Fit, sigma: Array, rows: Mask) -> tuple[Array, Array, Array]:
     """Prediction, residual and derivatives in the channels' units on the given rows.
 
     A parameter that ended at its bound could not take up what the residual wants of it: its derivative is left out.
@@ -141,7 +141,7 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     shapes = column_shapes(case, rows)
     for _ in range(1 if all(g is not None for g in given) else 2):
         fits = fitted_on(case, case.effects, case.train, sigma, seed)
-        prediction, residual, slopes = _unscaled(fits[-1], sigma, rows)
+        prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)
         _require_numbers(case, model, prediction, rows, "after the fit")
         directions = catalogue_directions(model, fits[-1].theta, rows)
         # a dynamic model's motion depends on what went before: equal inputs are no repeated settings
@@ -150,7 +150,7 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
         sigma = noise.sigma
     if not all(g is not None for g in given):
         fits = fitted_on(case, case.effects, case.train, sigma, seed)
-        prediction, residual, slopes = _unscaled(fits[-1], sigma, rows)
+        prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)
         directions = catalogue_directions(model, fits[-1].theta, rows)
     effects = {e.name: shapes_of(model, fits[-1].theta, e, rows, sigma) for e in candidates(model)}
     adequacy = assess(case, residual, slopes, noise, directions, effects, shapes, rows, seed)

@@ -23,6 +23,7 @@ from host_tools.workbench.confidence import Operating, calibrated, operating_cha
 from host_tools.workbench.experiment import Experiment, propose
 from host_tools.workbench.fit import Fit, covariance
 from host_tools.workbench.ranking import Hypothesis, Ranking, rank
+from host_tools.workbench.remaining import Left, absent, allowed, left, pays
 from host_tools.workbench.resampling import Selected, selection
 
 __all__ = ["Candidate", "Discovery", "discover", "discover_answer"]
@@ -33,7 +34,6 @@ AS_GOOD = 0.75  # posterior, relative to the likeliest set's, from which another
 SAME_AS_GOOD = 0.2  # the same, for a set that these data could not tell from the likeliest in any case:
 SAME = 2.0  # squared distance of the two sets' predictions, in noise sd, that the other's parameters cannot take up
 ENOUGH_EXPLAINED = 0.7  # share of the misfit that an expression must take away to be an answer
-LEFT = 2.0  # standard deviations of the mean square above 1, up to which an expression leaves nothing but noise
 LISTED = 0.5  # probability of one odd run, from which it is named
 
 
@@ -66,6 +66,8 @@ class Discovery:
     indistinguishable: bool  # rivals, and no experiment within the rig's limits tells them apart
     where: tuple[Failure, ...]
     ladder: tuple[Rung, ...]
+    best: Rung | None  # the likeliest set, named or not
+    leaves: Left | None  # what that set leaves, where it clearly is more than noise
     odd_runs: tuple[str, ...]
     operating: tuple[Operating, ...]
     selected: tuple[Selected, ...]  # by a bootstrap over runs, when one was asked for
@@ -89,6 +91,14 @@ def discover(
     verdict, top, rivals, probability = _verdict(ranking, analysis)
     if not analysis.missing:
         verdict, top, rivals, probability = "adequate", None, [], calibrated(nothing, "nothing")
+    leaves: Left | None = None
+    if top is not None and top.fit is not None and verdict in ("missing", "ambiguous"):
+        report("does it bring the model to the noise floor?")
+        leaves = left(analysis, top.fit)
+        if leaves.clearly(level):
+            verdict, rivals, probability = "unexplained", [], calibrated(1.0 - leaves.p_value)
+        else:
+            leaves = None
     missing = top.effects if top is not None and verdict != "unexplained" else ()
     odd = _odd_runs(ranking) if analysis.missing else ()
     report("what to measure next")
@@ -108,8 +118,10 @@ def discover(
         indistinguishable=verdict == "ambiguous" and experiment is None,
         where=_where(analysis, ranking, top),
         ladder=_ladder(analysis, top if missing else None),
+        best=_ladder(analysis, top)[-1] if top is not None and top.fit is not None else None,
+        leaves=leaves,
         odd_runs=odd,
-        operating=_operating(ranking, top, rivals, analysis, seed),
+        operating=_operating(ranking, top if missing else None, rivals, analysis, seed),
         selected=selection(analysis, ranking, bootstrap, seed) if bootstrap else (),
     )
 
@@ -120,7 +132,9 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
     kind = max(kinds, key=lambda k: kinds[k])
     pairs = list(zip(ranking.hypotheses, ranking.posterior, strict=True))
     if kind == "catalogue":
-        sets = [(h, p) for h, p in pairs if h.kind == "catalogue"]
+        sets = [(h, p) for h, p in pairs if h.kind == "catalogue" and not absent(h.fit, h.effects)]
+        if not sets or sets[0][0].fit is None:
+            return "unexplained", None, [], calibrated(kinds["catalogue"])
         top, best = sets[0]
         rivals = [top]
         for other, p in sets[1:]:
@@ -141,7 +155,8 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
     if kind == "run":
         return "unexplained", None, [], calibrated(kinds["run"])
     named = [(h, p) for h, p in pairs if h.kind == "expression" and h.effects]
-    if named and named[0][0].fit is not None:
+    beside = bool(analysis.case.effects)  # then what the model has already is the shorter answer
+    if named and named[0][0].fit is not None and (not beside or pays(analysis, named[0][0].fit, analysis.fit)):
         top, best = named[0]
         column = sum(p for h, p in pairs if h.kind == "expression" and h.column == top.column)
         if _explained(analysis, top.fit) >= ENOUGH_EXPLAINED or _nothing_left(analysis, top.fit):
@@ -175,9 +190,7 @@ def _explained(analysis: Analysis, fit: Fit | None) -> float:
 
 def _nothing_left(analysis: Analysis, fit: Fit | None) -> bool:
     """Whether what a fit leaves is no more than noise as correlated as this may leave (Bartlett's variance)."""
-    rho, count = analysis.noise.rho, analysis.residual.size
-    spread = np.sqrt(2.0 / count * (1.0 + rho * rho) / (1.0 - rho * rho))
-    return fit is not None and bool(_total(analysis, fit) < 1.0 + LEFT * spread)
+    return fit is not None and _total(analysis, fit) < allowed(analysis.residual.size, analysis.noise.rho)
 
 
 def _total(analysis: Analysis, fit: Fit) -> float:

@@ -157,6 +157,14 @@ class _Ranker:
         logs = evidence.blocks(evidence.gram(linear.columns), picks, linear.signs[None, :], linear.offset)
         return float(logs[0]) - linear.lost
 
+    def sound(self, fit: Fit, names: Sequence[str]) -> bool:
+        """Whether the effects have a size and no absurd influence on any row: else nothing can be built on the fit."""
+        try:
+            linearise(fit, names, self.values, self.rows, self.sigma)
+        except ValueError:
+            return False
+        return True
+
     def refitted(self, names: tuple[str, ...], razor: float, linear: float) -> tuple[float, Fit]:
         fit = self.fit(names)
         found = self.around(fit, names)
@@ -242,8 +250,10 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
 
 def _gains(ranker: _Ranker, fit: Fit, present: Sequence[str]) -> dict[str, float]:
     """Log evidence that each further effect would add to a fit whose parameters, shapes included, follow."""
+    gains: dict[str, float] = {}
+    if not ranker.sound(fit, present):  # its evidence is not that of this fit, and gains over it mean nothing
+        return gains
     beyond, _ = ranker.beyond(fit)
-    gains = {}
     for name, shapes in ranker.shapes.items():
         singles = [s.columns for s in shapes if s.columns.shape[1] == 1]
         if name in present or not singles:

@@ -14,10 +14,9 @@ import numpy as np
 from scipy.special import logsumexp
 
 from hil.physics.effects import Effect
-from host_tools.workbench.analysis import error
 from host_tools.workbench.expressions import SCALE_COST, Library, Sketch, as_effect, library
-from host_tools.workbench.fit import Fit
 from host_tools.workbench.hypothesis import Hypothesis
+from host_tools.workbench.remaining import absent, pays
 
 if TYPE_CHECKING:
     from host_tools.workbench.ranking import _Ranker
@@ -51,12 +50,6 @@ def _longer(ranker: _Ranker, base: Hypothesis, share: float) -> _Longer:
     beyond, _ = ranker.beyond(base.fit)
     gains = beyond.single(listed.columns) - beyond.nothing + np.log([s.prior for s in listed.sketches]) + np.log(share)
     return _Longer(base.log_weight + float(logsumexp(gains)), listed.sketches[int(np.argmax(gains))], base)
-
-
-def _better_heldout(ranker: _Ranker, longer: Fit, shorter: Fit) -> bool:
-    test, sigma = ranker.case.test, ranker.sigma
-    after, before = error(longer, test, sigma), error(shorter, test, sigma)
-    return after is None or before is None or after < before
 
 
 def expressions(
@@ -108,12 +101,12 @@ def expressions(
 
 
 def _add(ranker: _Ranker, longer: _Longer, kind: str, effects: dict[str, Effect]) -> Hypothesis | None:
-    """The longer answer, refitted; None when it predicts the held-out runs no better."""
+    """The longer answer, refitted; None when it does not pay on the held-out runs, or leaves an effect no size."""
     name = f"expression_{len(effects) + 1}"
     effect = as_effect(longer.sketch, ranker.case, name)
     fit = ranker.fit((*longer.base.effects, name), {**effects, name: effect})
     assert longer.base.fit is not None
-    if not _better_heldout(ranker, fit, longer.base.fit):
+    if absent(fit, longer.base.effects) or not pays(ranker.analysis, fit, longer.base.fit):
         return None
     effects[name] = effect
     column = longer.base.column or longer.sketch.column
@@ -125,7 +118,7 @@ def _sums(ranker: _Ranker, singles: Sequence[Hypothesis], effects: dict[str, Eff
     found: list[Hypothesis] = []
     for single in sorted(singles, key=lambda h: -h.log_weight)[:SUMMED]:
         present = single
-        while len(present.effects) < TERMS:
+        while len(present.effects) < TERMS and present.fit and ranker.sound(present.fit, present.effects):
             longer = _longer(ranker, present, NEXT_TERM)
             if longer.weight < max([best, *(h.log_weight for h in found)]) + MIXED:
                 break
@@ -146,7 +139,14 @@ def beside_effects(
     effect (the best set may hold a stand-in for what the expression says better).
     """
     listed = ranker.listed
-    sets = [h for h in found if h.kind == "catalogue" and h.fit is not None]
+    sets = [
+        h
+        for h in found
+        if h.kind == "catalogue"
+        and h.fit is not None
+        and not absent(h.fit, h.effects)
+        and ranker.sound(h.fit, h.effects)
+    ]
     if not sets or listed is None or not listed.sketches or not ranker.analysis.missing:
         return []
     best = max(h.log_weight for h in found if h.kind != "expression" or len(h.effects) < 2)  # sums compete with these

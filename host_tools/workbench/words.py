@@ -21,6 +21,7 @@ __all__ = ["tell"]
 SHOWN = 6  # candidates
 NAMED_RUNS = 4  # runs that are named as carrying the misfit
 WIDTH = 110
+EVEN = 0.5  # probability that nothing is missing, below which "adequate" needs explaining
 UNLIKELY = 0.005  # probability below which a candidate is shown only when nothing else is
 
 
@@ -31,6 +32,9 @@ def tell(found: Discovery) -> str:
     lines = [f"{case.title}: {runs} runs, model {' + '.join([case.base.name, *case.effects])}", ""]
     lines += ["1. " + verdict_line(found.analysis)]
     if found.verdict == "adequate":
+        if found.answer_probability < EVEN:
+            analysis = found.analysis
+            lines[-1] = f"1. No alarm (p = {analysis.adequacy.p_value:.2g}, false alarm rate {analysis.level:g})."
         lines += _adequate(found)
         return "\n".join([*lines, "", *_ladder(found)])
     lines += ["", *_where(found), "", *_what(found), "", *_sure(found)]
@@ -51,7 +55,18 @@ def _command(found: Discovery) -> str:
 
 
 def _adequate(found: Discovery) -> list[str]:
-    lines = [f"   The model is adequate (probability {found.answer_probability:.2f} that nothing is missing)."]
+    p = found.answer_probability
+    if p >= EVEN:
+        lines = [f"   The model is adequate (probability {p:.2f} that nothing is missing)."]
+    else:
+        likeliest = max(found.ranking.hypotheses, key=lambda h: h.log_weight)
+        what = " + ".join(likeliest.effects) or f"something that depends on {likeliest.column or 'no one column'}"
+        share = f"{p:.2f}" if p >= 0.01 else "below 0.01"
+        lines = [
+            "   The model passes the test, but that does not make it right: compared with all other answers, that",
+            f"   nothing is missing has probability {share}. Likeliest, but not shown: {what}.",
+            "   Give each channel's sigma, map the columns that may matter, or measure more runs.",
+        ]
     strong = [c for c in found.candidates if c.probability > 0.05][:3]
     if strong:
         names = ", ".join(f"{c.effect.name} ({c.probability:.2f})" for c in strong)
@@ -109,6 +124,9 @@ def _what(found: Discovery) -> list[str]:
         lines = ["3. What is missing: nothing in general. What fails is a single run, not the model."]
     elif found.verdict == "unexplained":
         lines = ["3. What is missing: unknown. No effect of the catalogue and no short expression explains it."]
+        if found.leaves is not None and found.best is not None:
+            errors = f"{number(found.best.train_error)} training, {number(found.best.heldout_error)} held out"
+            lines.append(f"   The best set, {found.best.added}, leaves more than noise: error {errors}.")
     elif found.verdict == "ambiguous":
         sets = " or ".join(" + ".join(effects) for effects in found.rivals)
         lines = [f"3. These data cannot tell: {sets} explain them equally well."]

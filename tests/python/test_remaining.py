@@ -1,0 +1,104 @@
+"""A named set is held to the noise floor, an expression beside effects must pay, and words and numbers agree."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaigns"))
+
+from discovery_cases import Made, make
+
+from hil.paths import ROOT
+from host_tools.workbench.analysis import Analysis, analyse, error, fitted_on
+from host_tools.workbench.case import load_case
+from host_tools.workbench.discovery import discover
+from host_tools.workbench.fit import Fit
+from host_tools.workbench.remaining import absent, allowed, left, pays
+from host_tools.workbench.words import tell
+
+BOTH = ("speed_squared", "motor_heating")
+
+
+@pytest.fixture(scope="module")
+def two() -> tuple[Made, Analysis, list[Fit]]:
+    """A case that lacks two effects of 4 noise sd, and fits with none, one and both of them."""
+    found = next(
+        c for i in range(20) if (c := make("rolling_steady", BOTH, 14, 0.0, 4.0, np.random.default_rng([3, i])))
+    )
+    analysis = analyse(found.case)
+    return found, analysis, fitted_on(found.case, BOTH, found.case.train, analysis.noise.sigma)
+
+
+def test_the_whole_set_leaves_noise_and_a_part_of_it_does_not(two: tuple[Made, Analysis, list[Fit]]) -> None:
+    _, analysis, (nothing, one, both) = two
+    assert left(analysis, nothing).clearly(0.05)
+    assert left(analysis, one).clearly(0.05)
+    assert not left(analysis, both).clearly(0.05)
+
+
+def test_noise_beyond_the_stated_sd_is_left_over() -> None:
+    """No shape in any column: only the sum of squares can tell, and only where the error is well above the floor."""
+    plain = next(c for i in range(20) if (c := make("rolling_steady", (), 14, 0.0, 0.0, np.random.default_rng([4, i]))))
+    sigma = {channel: sd / 1.6 for channel, sd in plain.sigma.items()}
+    analysis = analyse(replace(plain.case, sigma=sigma))
+    assert left(analysis, analysis.fit).clearly(0.05)
+    slightly = analyse(replace(plain.case, sigma={channel: sd / 1.05 for channel, sd in plain.sigma.items()}))
+    assert not left(slightly, slightly.fit).clearly(0.05)
+
+
+def test_an_expression_below_the_floor_does_not_pay(two: tuple[Made, Analysis, list[Fit]]) -> None:
+    case, analysis, (nothing, one, both) = two
+    assert pays(analysis, one, nothing)
+    assert pays(analysis, both, one)
+    assert not pays(analysis, one, both)
+    # the same two fits with a noise sd that makes the smaller one good enough
+    held, train = error(one, case.case.test, analysis.noise.sigma), error(one, case.case.train, analysis.noise.sigma)
+    assert held is not None
+    assert train is not None
+    coarse = replace(analysis, noise=replace(analysis.noise, sigma=analysis.noise.sigma * max(held, train)))
+    assert not pays(coarse, both, one)
+
+
+def test_mean_square_that_noise_allows() -> None:
+    """Bartlett: the mean square of correlated noise scatters as that of fewer independent rows."""
+    random = np.random.default_rng(5)
+    noise = random.standard_normal((400, 2000))
+    for row in range(1, 400):
+        noise[row] = 0.8 * noise[row - 1] + 0.6 * noise[row]
+    above = (noise * noise).mean(axis=0) > allowed(400, 0.8)
+    assert 0.005 < above.mean() < 0.06
+
+
+def test_the_shipped_table_stays_unexplained() -> None:
+    found = discover(load_case(ROOT / "cases" / "forced_slip_sand"))
+    assert found.verdict == "unexplained"
+    assert found.missing == ()
+    assert found.where[0].variable == "slip"
+    assert found.candidates
+    assert found.leaves is not None
+    assert max(found.leaves.train_error, found.leaves.heldout_error or 0.0) > 1.5
+    assert "leaves more than noise" in tell(found)
+
+
+def test_an_effect_of_size_zero_is_not_there() -> None:
+    case = load_case(ROOT / "cases" / "forced_slip_sand")
+    fits = fitted_on(case, ("bulldozing", "slip_sinkage"), case.train, np.array([1.4, 0.42]))
+    assert absent(fits[1], ("bulldozing",))
+    assert not absent(fits[0], ())
+
+
+def test_words_do_not_contradict_the_probability() -> None:
+    plain = next(c for i in range(20) if (c := make("rolling_steady", (), 10, 0.0, 0.0, np.random.default_rng([6, i]))))
+    found = discover(plain.case)
+    assert found.verdict == "adequate"
+    assert found.answer_probability > 0.5
+    assert "The model is adequate (probability" in tell(found)
+    doubtful = tell(replace(found, answer_probability=0.0))
+    assert "The model is adequate" not in doubtful
+    assert "Nothing is missing" not in doubtful
+    assert "probability below 0.01" in doubtful
