@@ -45,18 +45,20 @@ def report(
     answer = memory.recall(case)
     if answer is not None and answer["adequacy"]["false_alarm_rate"] != level:
         answer = None
-    if answer is None and discover:
+    new = answer is None and discover
+    if new:
         with step("discover"):
             found = find(loaded, seed, level)
         analysis = found.analysis
         answer = discover_answer(found, time.monotonic() - begin)
-        memory.keep(case, answer)
     else:
         with step("compare"):
             analysis = analyse(loaded, seed, level)
     with step("page"):
         page = render(analysis, answer, memory.history(case))
     write_whole(output, page)
+    if new and answer is not None:
+        memory.keep(case, answer)
     deliver(answer or compare_answer(analysis, time.monotonic() - begin), str(output), json)
 
 

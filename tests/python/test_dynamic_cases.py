@@ -269,13 +269,21 @@ def _loaded(folder: Path) -> Case:
         ('unit = "V"', 'unit = "A"', r"'A', which does not convert to 'V'"),
         ('base = "cmr"', 'base = "cmr"\neffects = ["load_transfer"]', r"load_transfer acts on vehicle, found base cmr"),
         ('base = "cmr"', 'base = "cmr"\neffects = ["slope"]', r"slope needs the role slope"),
-        ('column = "time"', 'column = "voltage"', r"time: found 3 s twice in run r0, expected it once"),
+        ('column = "time"', 'column = "voltage"', r"column 'voltage' is mapped as time"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, old: str, new: str, message: str) -> None:
     assert old in CMR
     folder = cylinder(tmp_path / "case", {}, 2, CMR.replace(old, new))
     with pytest.raises(UserError, match=message):
+        _loaded(folder)
+
+
+def test_times_of_a_run_differ(tmp_path: Path) -> None:
+    folder = cylinder(tmp_path / "case", {}, 2)
+    lines = (folder / "runs.csv").read_text().splitlines()
+    (folder / "runs.csv").write_text("\n".join([*lines[:4], *lines[3:]]) + "\n")
+    with pytest.raises(UserError, match=r"runs.csv:\d+: time: found .* s twice in run r0, expected it once"):
         _loaded(folder)
 
 
