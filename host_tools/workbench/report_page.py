@@ -57,8 +57,8 @@ border:1px solid var(--line);border-radius:8px;padding:5px 10px;margin-bottom:7p
 .row{display:flex;gap:10px;align-items:center}.row .bar{flex:1}
 .bar{display:block;height:6px;min-width:40px;border-radius:3px;background:var(--line);overflow:hidden}
 .bar i{display:block;height:100%;background:var(--blue)}
-.eq{display:flex;flex-wrap:wrap;gap:2px 14px;font-size:16px;overflow-x:auto;
-padding:2px 0}math{font-family:"STIX Two Math","Latin Modern Math",
+.eq{display:flex;flex-wrap:wrap;gap:2px 14px;font-size:16px;overflow-x:auto;overflow-y:hidden;
+padding:3px 0 5px}math{font-family:"STIX Two Math","Latin Modern Math",
 "Cambria Math",math,serif}
 .value{white-space:nowrap;margin-right:8px}
 .next{border-left:4px solid var(--amber)}.next.ok{border-left-color:var(--teal)}
