@@ -22,6 +22,7 @@ from scipy.special import logsumexp
 from host_tools.workbench.candidates import Shape
 from host_tools.workbench.directions import Shapes
 from host_tools.workbench.evidence import SIZES, Evidence
+from host_tools.workbench.lagged import Lagged
 from host_tools.workbench.noise import Ar1
 
 __all__ = ["BayesFactor", "Block", "blocks_of"]
@@ -80,32 +81,54 @@ class BayesFactor:
         width = [block.columns.shape[1] for block in blocks]
         self.edges = np.concatenate([[0], np.cumsum(width)[:-1]]).astype(int)
         columns = np.concatenate([np.zeros((channels * rows, 0)), *(block.columns for block in blocks)], axis=1)
-        self.columns: list[Array] = []  # by correlation: orthogonal within each block, so sizes shrink one at a time
+        flat = self.evidence.flat
+        self.ar1, self.channels = ar1, channels
+        self.base = Lagged(ar1, channels, flat / np.sqrt((flat * flat).sum(axis=0)))
+        self.columns = Lagged(ar1, channels, columns)
+        crossed, own = self.base.with_each(self.columns), self.columns.squares()
+        several = [(begin, count) for begin, count in zip(self.edges, width, strict=True) if count > 1]
+        parts = [self.columns.part(begin, count) for begin, count in several]
+        within = [part.with_each(part) for part in parts]
+        # by correlation: what maps products with the base to those with its orthonormal basis, the columns' share in
+        # that basis, rotations that make each block orthogonal (so sizes shrink one at a time), and squared lengths
+        self.inward: list[Array] = []
+        self.shared: list[Array] = []
+        self.turns: list[list[tuple[slice, Array]]] = []
         self.squares: list[Array] = []
-        for index in range(len(self.evidence.rho)):
-            free = self.evidence.project(columns, index)
-            squares = (free * free).sum(axis=0)
-            for begin, count in zip(self.edges, width, strict=True):
-                if count > 1:
-                    part = slice(begin, begin + count)
-                    values, vectors = np.linalg.eigh(free[:, part].T @ free[:, part])
-                    free[:, part] = free[:, part] @ vectors
-                    squares[part] = np.maximum(values, 0.0)
-            self.columns.append(free)
+        for index, rho in enumerate(self.evidence.rho):
+            basis = self.evidence.basis[index]
+            inward = np.asarray(np.linalg.pinv(basis.T @ self.evidence.whitened(self.base.columns, rho)).T, float)
+            shared = inward @ crossed.at(rho)
+            squares = np.maximum(own.at(rho) - (shared * shared).sum(axis=0), 0.0)
+            turns: list[tuple[slice, Array]] = []
+            for (begin, count), sums in zip(several, within, strict=True):
+                part = slice(int(begin), int(begin) + count)
+                values, vectors = np.linalg.eigh(sums.at(rho) - shared[:, part].T @ shared[:, part])
+                squares[part] = np.maximum(values, 0.0)
+                turns.append((part, vectors))
+            self.inward.append(inward)
+            self.shared.append(shared)
+            self.turns.append(turns)
             self.squares.append(squares)
 
     def __call__(self, residuals: Array) -> tuple[Array, Array]:
         """Log Bayes factors (sets,) of residuals (channels * rows, sets), in noise sd, and the posterior of the
         correlation (grid, sets) if nothing is missing."""
         evidence, sets = self.evidence, residuals.shape[1]
+        drawn = Lagged(self.ar1, self.channels, residuals)
+        own, with_base, with_columns = drawn.squares(), self.base.with_each(drawn), self.columns.with_each(drawn)
         grid = len(evidence.rho)
         null = np.empty((grid, sets))
         parts = np.empty((grid, sets))
         for index in range(grid):
-            white = evidence.project(residuals, index)
-            total = np.maximum((white * white).sum(axis=0), 1e-300)
+            rho = evidence.rho[index]
+            taken = self.inward[index] @ with_base.at(rho)
+            total = np.maximum(own.at(rho) - (taken * taken).sum(axis=0), 1e-300)
             null[index] = evidence.start[index] + evidence.fit_term(total)
-            scores = (self.columns[index].T @ white) ** 2
+            scores = with_columns.at(rho) - self.shared[index].T @ taken
+            for part, vectors in self.turns[index]:
+                scores[part] = vectors.T @ scores[part]
+            scores *= scores
             logs = np.empty((len(SIZES), len(self.weight), sets))
             for place, variance in enumerate(SIZES**2):
                 shrink = 1.0 + variance * self.squares[index]

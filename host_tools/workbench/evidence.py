@@ -75,6 +75,16 @@ class Evidence:
         split = columns.reshape(self.channels, self.rows, -1)
         return np.concatenate([self.ar1.whiten(split[c], rho) for c in range(self.channels)])
 
+    def whitened(self, ordered: Array, rho: float) -> Array:
+        """As the whitening of `project`, of columns that are sorted by run already."""
+        if rho == 0.0:
+            return ordered
+        white = ordered.copy()
+        white[1:] = (ordered[1:] - rho * ordered[:-1]) / np.sqrt(1.0 - rho * rho)
+        first = np.tile(self.ar1.first, self.channels)
+        white[first] = ordered[first]
+        return white
+
     def fit_term(self, squares: Array) -> Array:
         logs = -0.5 * squares if self.known else -0.5 * self.freedom * np.log(np.maximum(squares, 1e-300))
         return np.asarray(logs)

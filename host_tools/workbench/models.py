@@ -12,7 +12,7 @@ The order in which things act: effects that change a parameter, then the base mo
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.physics import sphere, wheel
+from hil.physics.contact import COLUMNS as SPHERE_COLUMNS
 from hil.physics.contact import THETA_MAX
 from hil.physics.effects import Effect
 from hil.physics.expression import Expression, parse
@@ -139,8 +140,9 @@ class Bound:
     def jacobian(self, theta: Array) -> tuple[Array, Array]:
         """Prediction (channels, rows) and its derivatives (channels, rows, parameters) by difference quotients.
 
-        On contact models the entry angle is solved once; how it follows the parameters comes from the implicit function
-        theorem, so a Jacobian costs one solve and one evaluation for each parameter.
+        On contact models the entry angle is solved once, and how it follows the parameters comes from the implicit
+        function theorem. The forces near it come from their exact derivatives, so a Jacobian costs one solve and one
+        evaluation with derivatives, however many parameters there are; only what is cheap is differenced.
         """
         count = len(theta)
         step = STEP * np.maximum(np.abs(theta), self._scale)
@@ -155,18 +157,19 @@ class Bound:
         _, entry, _ = self._evaluate(theta[None, :])
         assert entry is not None
         moved = entry * (1.0 + STEP)
-        sets = np.vstack([sets, theta[None, :]])
+        sets = np.vstack([theta[None, :], sets[1:], theta[None, :]])
         entries = np.repeat(entry, count + 2, axis=0)
         entries[-1] = moved[0]
         values, _, vertical = self._evaluate(sets, entries)
         assert vertical is not None
-        slopes = (values[1:-1] - values[0]) / step[:, None, None]
-        along = (values[-1] - values[0]) / (moved[0] - entry[0])
-        rise = (vertical[-1] - vertical[0]) / (moved[0] - entry[0])
-        follow = (vertical[1:-1] - vertical[0]) / step[:, None]
-        carried = (entry[0] < 0.999 * THETA_MAX) & (rise > 0)
-        ratio = np.where(carried, follow / np.where(rise > 0, rise, 1.0), 0.0)
-        slopes = slopes - along[None] * ratio[:, None, :]
+        with np.errstate(all="ignore"):  # hopeless parameters have no derivatives; a fit turns away from them
+            slopes = (values[1:-1] - values[0]) / step[:, None, None]
+            along = (values[-1] - values[0]) / (moved[0] - entry[0])
+            rise = (vertical[-1] - vertical[0]) / (moved[0] - entry[0])
+            follow = (vertical[1:-1] - vertical[0]) / step[:, None]
+            carried = (entry[0] < 0.999 * THETA_MAX) & (rise > 0)
+            ratio = np.where(carried, follow / np.where(rise > 0, rise, 1.0), 0.0)
+            slopes = slopes - along[None] * ratio[:, None, :]
         return self._expand(values[:1])[0], np.moveaxis(self._expand(slopes), 0, -1)
 
     def _equations(self, values: Mapping[str, Array | float]) -> dict[str, Array]:
@@ -272,23 +275,33 @@ class Bound:
         start = None
         if entry is None and self._entry is not None:
             start = np.broadcast_to(self._entry, shape).reshape(-1)
+        fixed = None if entry is None else entry.reshape(-1)
         if self.model.case.base.name == "sphere_contact":
             soil = sphere.Soil(flat("k_s"), c1=flat("c1"), c2=flat("c2"), **common)
-            theta = (
-                sphere.entry_angle(load, slip, radius, soil, self.linear, start=start)
-                if entry is None
-                else entry.reshape(-1)
-            )
-            vertical, traction, torque = sphere.forces(theta, slip, radius, soil, self.linear)
+            if fixed is None:
+                theta = sphere.entry_angle(load, slip, radius, soil, self.linear, start=start)
+                forces = np.stack(sphere.forces(theta, slip, radius, soil, self.linear))
+            else:
+                theta = fixed
+                given = {"entry": theta, "slip": slip, "radius": radius, "width": np.zeros_like(slip), **vars(soil)}
+                one = {name: value[: shape[1]] for name, value in given.items()}
+                firm = sphere.Soil(**{name: one[name] for name in vars(soil)})
+                at = sphere.slopes(one["entry"], one["slip"], one["radius"], firm, self.linear)
+                forces = _near(at, [given[name] for name in SPHERE_COLUMNS], shape)
         else:
             width = flat("width")
             ground = wheel.Soil(flat("k_c") * flat("k_s"), flat("k_phi") * flat("k_s"), **common)
-            theta = (
-                wheel.entry_angle(load, slip, radius, width, ground, self.linear, start=start)
-                if entry is None
-                else entry.reshape(-1)
-            )
-            vertical, traction, torque = wheel.forces(theta, slip, radius, width, ground, self.linear)
+            if fixed is None:
+                theta = wheel.entry_angle(load, slip, radius, width, ground, self.linear, start=start)
+                forces = np.stack(wheel.forces(theta, slip, radius, width, ground, self.linear))
+            else:
+                theta = fixed
+                given = {"entry": theta, "slip": slip, "radius": radius, "width": width, **vars(ground)}
+                one = {name: value[: shape[1]] for name, value in given.items()}
+                soft = wheel.Soil(**{name: one[name] for name in vars(ground)})
+                at = wheel.slopes(one["entry"], one["slip"], one["radius"], one["width"], soft, self.linear)
+                forces = _near(at, [given[name] for name in wheel.COLUMNS], shape)
+        vertical, traction, torque = forces
         found = theta.reshape(shape)
         if entry is None:
             self._entry = found[:1].copy()
@@ -316,6 +329,19 @@ def _fitted(effect: Effect) -> list[Fitted]:
         Fitted(f"{effect.name}.{p.name}", p.name, effect.name, p.unit, p.start, p.minimum, p.maximum, p.whole, p.grid)
         for p in effect.parameters
     ]
+
+
+def _near(at: tuple[Array, Array], inputs: Sequence[Array], shape: tuple[int, int]) -> Array:
+    """Forces (3, sets * rows) of sets that differ infinitesimally from the first, from its forces and derivatives.
+
+    `at`: forces (3, rows) and derivatives (3, rows, inputs) of the first set; `inputs`: each (sets * rows,).
+    """
+    value, by = at
+    change = np.stack(inputs).reshape(len(inputs), *shape)
+    change = change - change[:, :1]
+    with np.errstate(all="ignore"):  # hopeless parameters have no numbers; a fit turns away from them
+        found = value[:, None] + np.einsum("orc,csr->osr", by, change)
+    return np.asarray(found.reshape(3, -1))
 
 
 def _scale(fitted: Fitted) -> float:

@@ -72,7 +72,10 @@ class Ar1:
         coloured = white * np.sqrt(1.0 - rho * rho)
         coloured[self.first] = white[self.first]
         if rho > 0.0:
-            for row in np.flatnonzero(~self.first):
+            begin = np.flatnonzero(self.first)
+            length = np.diff(np.append(begin, self.rows))
+            for place in range(1, int(length.max())):  # all runs at once
+                row = begin[length > place] + place
                 coloured[row] += rho * coloured[row - 1]
         result = np.empty_like(white)
         result[self.order] = coloured
