@@ -5,17 +5,32 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
+from host_tools.errors import UserError
 from host_tools.workbench.commandline import Cases, Cluster, Jobs, Json, Level, Seed, check_options, deliver
 
 __all__ = ["register"]
 
 
+MOST_DRAWS = 100_000
+
+Bootstrap = Annotated[
+    int,
+    typer.Option("--bootstrap", metavar="N", help="ask again of N resampled sets of runs: how often each answer wins"),
+]
+
+
 def discover(
-    case: Cases, json: Json = "", seed: Seed = 0, jobs: Jobs = 1, level: Level = 0.05, cluster: Cluster = ""
+    case: Cases,
+    json: Json = "",
+    seed: Seed = 0,
+    jobs: Jobs = 1,
+    level: Level = 0.05,
+    cluster: Cluster = "",
+    bootstrap: Bootstrap = 0,
 ) -> None:
     """Say whether anything is missing from the model, where it fails, what is missing, how sure, and what to do next.
 
@@ -24,17 +39,21 @@ def discover(
     Examples: terrapin discover cases/forced_slip_sand --json answer.json
 
     terrapin discover fleet --json answers.jsonl --jobs 8
+
+    terrapin discover cases/heated_motor --bootstrap 200
     """
     from host_tools.workbench import fleet
 
     check_options(seed, jobs, level)
+    if not 0 <= bootstrap <= MOST_DRAWS:
+        raise UserError(f"--bootstrap: found {bootstrap}, expected 0 to {MOST_DRAWS}")
     begin = time.monotonic()
 
     def report(text: str) -> None:
         if sys.stderr.isatty():
             print(f"{time.monotonic() - begin:5.1f} s  {text} ...", file=sys.stderr, flush=True)
 
-    question = fleet.Question("discover", seed, level)
+    question = fleet.Question("discover", seed, level, bootstrap)
     folders = fleet.cases_in(case)
     if folders is not None:
         from host_tools.workbench.fleet_lines import answer_all

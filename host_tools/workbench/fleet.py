@@ -36,11 +36,12 @@ CONNECT = 10.0  # s for a cluster to answer
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of every case: "compare" or "discover"."""
+    """What is asked of every case: "compare" or "discover"; `bootstrap`: resampled sets of runs, for discover."""
 
     command: str
     seed: int
     level: float
+    bootstrap: int = 0
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ def solve(question: Question, case: Case, report: Callable[[str], None] = lambda
         from host_tools.workbench.discovery import discover, discover_answer
         from host_tools.workbench.words import tell
 
-        found = discover(case, question.seed, question.level, report)
+        found = discover(case, question.seed, question.level, report, question.bootstrap)
         return discover_answer(found, time.monotonic() - begin), tell(found)
 
 

@@ -36,8 +36,8 @@ def tell(found: Discovery) -> str:
             analysis = found.analysis
             lines[-1] = f"1. No alarm (p = {analysis.adequacy.p_value:.2g}, false alarm rate {analysis.level:g})."
         lines += _adequate(found)
-        return "\n".join([*lines, "", *_ladder(found)])
-    lines += ["", *_where(found), "", *_what(found), "", *_sure(found)]
+        return "\n".join([*lines, *_resampled(found), "", *_ladder(found)])
+    lines += ["", *_where(found), "", *_what(found), "", *_sure(found), *_resampled(found)]
     if found.verdict == "ambiguous":
         lines += ["", *_next(found)]
     unknown = _unknown(found)
@@ -206,6 +206,17 @@ def _sure(found: Discovery) -> list[str]:
             f"   With these runs, {operating.effect} of {size} noise sd would be named first in "
             f"{round(100 * operating.named)} of 100 cases."
         )
+    return lines
+
+
+def _resampled(found: Discovery) -> list[str]:
+    """How often each answer wins on resampled sets of runs."""
+    if not found.selected:
+        return []
+    lines = ["   Drawn anew from these runs, the likeliest answer is:"]
+    for one in found.selected[:SHOWN]:
+        name = " + ".join(one.effects) or one.kind
+        lines.append(f"   {name:<48}{100 * one.frequency:>5.1f} %")
     return lines
 
 

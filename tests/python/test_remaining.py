@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +13,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaigns"))
 
+from casekit import terrapin
 from discovery_cases import Made, make
 
 from hil.paths import ROOT
@@ -102,3 +105,17 @@ def test_words_do_not_contradict_the_probability() -> None:
     assert "The model is adequate" not in doubtful
     assert "Nothing is missing" not in doubtful
     assert "probability below 0.01" in doubtful
+
+
+def test_bootstrap_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "heated"
+    shutil.copytree(ROOT / "cases" / "heated_motor", folder, ignore=shutil.ignore_patterns(".terrapin"))
+    status, out, _ = terrapin(capsys, "discover", str(folder), "--bootstrap", "50", "--json", str(tmp_path / "a.json"))
+    assert status == 0
+    assert "Drawn anew from these runs" in out
+    selected = json.loads((tmp_path / "a.json").read_text())["selected"]
+    assert selected[0]["effects"] == ["motor_heating"]
+    assert sum(one["frequency"] for one in selected) == pytest.approx(1.0)
+    status, _, said = terrapin(capsys, "discover", str(folder), "--bootstrap", "-1")
+    assert status == 2
+    assert "--bootstrap: found -1" in said
