@@ -33,6 +33,8 @@ LIMIT = 6000  # expressions
 DUPLICATE = 0.9995  # correlation, beyond what the model can take up, above which an expression is a catalogued effect
 SAME = 0.9999  # the same between two expressions
 BLOCK = 256  # expressions that are compared at once
+PROJECTIONS = 64  # in which two columns of correlation SAME have
+NEAR = 0.999  # less than this with a probability below 1e-12
 UNMAPPED_COST = 0.5  # prior factor of a column that the case does not map
 CONSTANT_COST = 1.0  # prior factor of an expression that depends on no column but the direction
 SCALE_COST = 1.5  # log evidence taken off a refit for each scale that it could choose
@@ -148,17 +150,25 @@ def _distinct(columns: Array, basis: Array, catalogue: Array, prior: Array) -> l
     order = np.argsort(-prior, kind="stable")
     order = order[visible[order]]
     kept: list[int] = []
-    matrix = np.zeros((columns.shape[0], len(order)))
+    # columns alike are alike in a few random projections too: only pairs that are there are compared in full
+    projections = np.random.default_rng(PROJECTIONS).standard_normal((PROJECTIONS, free.shape[0])) @ free[:, order]
+    projections /= np.maximum(np.sqrt((projections * projections).sum(axis=0)), 1e-300)
+    seen = np.zeros((len(order), PROJECTIONS))
+    matrix = np.zeros((len(order), free.shape[0]))
     for begin in range(0, len(order), BLOCK):
         block = order[begin : begin + BLOCK]
-        part = free[:, block]
-        new = np.abs(matrix[:, : len(kept)].T @ part).max(axis=0, initial=0.0) <= SAME
-        alike = np.abs(part.T @ part) > SAME
+        part = np.ascontiguousarray(free[:, block].T)
+        near = np.abs(seen[: len(kept)] @ projections[:, begin : begin + BLOCK]) > NEAR
+        alike = np.abs(part @ part.T) > SAME
         chosen: list[int] = []
-        for place in np.flatnonzero(new):
+        for place in range(len(block)):
+            likely = np.flatnonzero(near[:, place])
+            if likely.size and np.abs(matrix[likely] @ part[place]).max() > SAME:
+                continue
             if not alike[place, chosen].any():
-                chosen.append(int(place))
-        matrix[:, len(kept) : len(kept) + len(chosen)] = part[:, chosen]
+                chosen.append(place)
+        matrix[len(kept) : len(kept) + len(chosen)] = part[chosen]
+        seen[len(kept) : len(kept) + len(chosen)] = projections[:, begin : begin + BLOCK].T[chosen]
         kept += [int(block[place]) for place in chosen]
     return kept
 
