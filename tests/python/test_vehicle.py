@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import doctest
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,21 +19,8 @@ from hil.physics.vehicle import PERIOD, Run, Vehicle, profile_torque, simulate
 NOMINAL = library()["lete_sand"].footing(0.235)
 FITTED = library()["sand_vella"].footing(0.235)
 
-# t, V, omega front and rear, F_x front and rear, M_y front and rear, sinkage front and rear: profile 0, step 2.5 ms
-RUN_FITTED = [
-    (0.5, 0.43461174, 4.7544029, 4.4419443, 1022.9383, 953.38712, 592.43444, 534.54214, 0.10237106, 0.097553343),
-    (1.0, 1.7793784, 7.2412378, 5.4258128, 1116.3281, 1167.8021, 696.45275, 710.74149, 0.099724175, 0.098715695),
-    (2.0, 4.4349962, 15.979424, 16.018586, 1211.4478, 1200.1061, 730.83439, 722.17582, 0.099365637, 0.098467656),
-    (3.0, 6.6255208, 22.692079, 22.977347, 989.31165, 949.49591, 670.50923, 616.43221, 0.10160013, 0.096488278),
-    (6.0, 13.328926, 36.848413, 37.602887, 170.26049, 173.65261, 411.7808, 320.63063, 0.11086016, 0.090651184),
-    (8.0, 17.113513, 54.380103, 55.076119, 936.85975, 876.16945, 649.18628, 593.08537, 0.10280532, 0.09595216),
-]
-RUN_NOMINAL = [
-    (0.5, 0.51300371, 4.6884394, 4.8849352, 1206.8202, 1129.6883, 586.02541, 540.28111, 0.06756226, 0.066592574),
-    (3.0, 7.8525766, 28.136687, 28.502522, 1169.0844, 1158.464, 626.92956, 610.28115, 0.066918179, 0.0657499),
-    (6.0, 15.944638, 46.816509, 47.25012, 470.42722, 404.98945, 397.4723, 328.72975, 0.071709035, 0.061611453),
-    (8.0, 20.618243, 70.186691, 70.529899, 1145.5831, 1101.5973, 617.70626, 590.94646, 0.06751031, 0.065288913),
-]
+# An independent implementation's run: torque profile 0, steps of 2.5 ms, two soils; SI.
+REFERENCE = Path(__file__).parent / "data" / "vehicle_run.csv"
 
 
 def drive(footing: Footing, substeps: int = 4, **options: bool) -> Run:
@@ -42,11 +31,14 @@ def test_examples() -> None:
     assert doctest.testmod(vehicle).failed == 0
 
 
-@pytest.mark.parametrize(("footing", "rows"), [(FITTED, RUN_FITTED), (NOMINAL, RUN_NOMINAL)], ids=["fitted", "nominal"])
-def test_run_meets_the_reference(footing: Footing, rows: list[tuple[float, ...]]) -> None:
+@pytest.mark.parametrize(("soil", "footing"), [("fitted", FITTED), ("nominal", NOMINAL)])
+def test_run_meets_the_reference(soil: str, footing: Footing) -> None:
     run = drive(footing)
-    for t, *expected in rows:
-        k = round(t / PERIOD)
+    rows = [row for row in csv.DictReader(REFERENCE.read_text().splitlines()) if row["soil"] == soil]
+    assert len(rows) == 17
+    for row in rows:
+        time, *expected = (float(value) for name, value in row.items() if name != "soil")
+        k = round(time / PERIOD)
         found = [run.speed[k], *run.omega[k], *run.force[k], *run.torque[k], *run.sinkage[k]]
         assert found == pytest.approx(expected, rel=1e-6)
 
