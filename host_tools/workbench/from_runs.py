@@ -105,9 +105,12 @@ def read_run(folder: Path, after: float = 0.0, before: float = float("inf"), spa
         columns = _windows(tables, times, width)
     else:
         width = span
-        columns = _means(tables, running, after, before, span)
+        columns, turning = _means(tables, running, after, before, span)
         if len(columns["time"]):
-            sigma = _scatter(tables["ELECTRICAL"], columns["time"], span)
+            # What the differentiated angle scatters comes back through the inertia, as if the current did.
+            geared = parameters["drive_radius"] / parameters["radius"] / parameters["torque_constant"]
+            through = parameters["inertia"] * geared * turning
+            sigma = float(np.hypot(_scatter(tables["ELECTRICAL"], columns["time"], span), through))
     if len(columns["time"]) == 0:
         kind = "valid steady window" if span is None else f"stretch of {2 * width:g} s"
         hint = "; terrapin case --span makes rows of motion that is not steady" if span is None else ""
@@ -137,11 +140,12 @@ def _windows(tables: Mapping[str, dict[str, Array]], times: Array, span: float) 
 
 def _means(
     tables: Mapping[str, dict[str, Array]], running: int, after: float, before: float, span: float
-) -> dict[str, Array]:
-    """Means over consecutive stretches of `span`, wherever the robot runs and does not limit for twice that."""
+) -> tuple[dict[str, Array], float]:
+    """Means over consecutive stretches of `span`, wherever the robot runs and does not limit for twice that; and the sd
+    of their acceleration [rad/s^2], by the scatter of the angle around its local cubic."""
     needed = ("STATUS", "GROUND", "ELECTRICAL", "ATTITUDE")
     if any(message not in tables for message in needed):
-        return {"time": np.empty(0)}
+        return {"time": np.empty(0)}, 0.0
     clock = tables["ATTITUDE"]["time"]
     count = max(2, round(span / TELEMETRY_PERIOD))
     free = _held(tables["STATUS"], "state", clock) == running
@@ -152,7 +156,8 @@ def _means(
     around = middle[:, None] + np.arange(-count, count + 1)
     middle = middle[free[around].all(axis=1) & (np.ptp(clock[around], axis=1) < 2.5 * count * TELEMETRY_PERIOD)]
     lag = np.arange(-count, count + 1) * TELEMETRY_PERIOD
-    cubic = np.linalg.pinv(np.vander(lag, 4, increasing=True))
+    powers = np.vander(lag, 4, increasing=True)
+    cubic = np.linalg.pinv(powers)
     turned = np.unwrap(tables["ATTITUDE"]["angle"])
     local = turned[middle[:, None] + np.arange(-count, count + 1)]
     fitted = (local - turned[middle, None]) @ cubic.T
@@ -162,7 +167,9 @@ def _means(
     columns.update(_beside(tables, ends, span))
     columns["angle"] = np.mod(turned[middle] + fitted[:, 0], 2.0 * np.pi)
     columns["acceleration"] = 2.0 * fitted[:, 2]
-    return columns
+    left = local - turned[middle, None] - fitted @ powers.T
+    scatter = float(np.sqrt((left * left).sum() / max(1, left.size - 4 * len(left))))
+    return columns, 2.0 * scatter * float(np.linalg.norm(cubic[2]))
 
 
 def _scatter(table: Mapping[str, Array], middle: Array, span: float) -> float:
