@@ -37,10 +37,10 @@ import numpy.typing as npt
 
 from host_tools.errors import UserError
 from host_tools.soil.tactile import Noise, Points, Rig
-from host_tools.workbench import units
 from host_tools.workbench.case import Tables, read_case_text, read_document
+from host_tools.workbench.measurements import mapped_column
 from host_tools.workbench.places import locate
-from host_tools.workbench.tables import Table, read
+from host_tools.workbench.tables import read
 
 __all__ = ["MOST_SLIP", "TactileCase", "load_tactile_case"]
 
@@ -183,7 +183,7 @@ def _points(folder: Path, tables: Tables) -> tuple[dict[str, Array], tuple[str, 
     for name in files:
         table = read(folder / name)
         for role in COLUMNS:
-            parts[role].append(_column(tables, table, role))
+            parts[role].append(mapped_column(tables, table, role, COLUMNS[role]))
         places += [table.place(row) for row in range(table.rows)]
     values = {role: np.concatenate(columns) for role, columns in parts.items()}
     if not places:
@@ -200,18 +200,3 @@ def _points(folder: Path, tables: Tables) -> tuple[dict[str, Array], tuple[str, 
                 "and the equilibrium's stress distribution no longer holds"
             )
     return values, tuple(places)
-
-
-def _column(tables: Tables, table: Table, role: str) -> Array:
-    path = ("data", "columns", role)
-    if not isinstance(tables.get(*path), dict):
-        raise tables.complain(f"found {tables.get(*path)!r}, expected {{ column = , unit = }}", *path)
-    tables.allow(path, "column", "unit")
-    column, unit = tables.text(*path, "column"), tables.text(*path, "unit")
-    if column not in table.columns:
-        expected = ", ".join(table.columns)
-        raise tables.complain(f"column {column!r} is not in {table.path.name}, expected one of {expected}", *path)
-    try:
-        return units.convert(table.numbers(column), unit, COLUMNS[role])
-    except ValueError as error:
-        raise tables.complain(str(error), *path, "unit") from None

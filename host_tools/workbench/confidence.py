@@ -21,8 +21,8 @@ __all__ = ["Operating", "calibrated", "operating_characteristic"]
 Array = npt.NDArray[np.float64]
 
 # log odds of being right = slope * log odds of the posterior + shift, by verdict, and for an effect to be part of it:
-# from a logistic regression on 308 answers of a campaign (python -m tests.campaigns, pool mixed, seed 2026: sizes 0.3 to
-# 4 sd, correlations 0 to 0.9), rounded towards (1, 0). "nothing" is left halfway: the fit was (0.33, -0.74), because
+# from a logistic regression on 308 answers of a campaign (python -m tests.campaigns, pool mixed, seed 2026: sizes 0.3
+# to 4 sd, correlations 0 to 0.9), rounded towards (1, 0). "nothing" is left halfway: the fit was (0.33, -0.74), because
 # half of the pool's effects that raise no alarm are 0.3 or 0.5 sd small, and only one case in eight lacks nothing.
 MAP = {
     "effect": (1.0, 0.0),

@@ -19,7 +19,7 @@ from host_tools.workbench.bases import CHANNELS, ROLES, Base
 from host_tools.workbench.case import Tables
 from host_tools.workbench.tables import LOG_SUFFIXES, Table, read
 
-__all__ = ["Measurements", "read_measurements"]
+__all__ = ["Measurements", "mapped_column", "read_measurements"]
 
 Array = npt.NDArray[np.float64]
 
@@ -170,6 +170,22 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
         if predicted not in {entry.name for entry in mapped}:
             raise tables.complain(f"{predicted} is missing, expected the column that measures it", "data", "columns")
     return mapped
+
+
+def mapped_column(tables: Tables, table: Table, role: str, canonical: str) -> Array:
+    """The column that [data.columns] maps to a role, in its canonical unit. UserError when the entry is wrong."""
+    path = ("data", "columns", role)
+    if not isinstance(tables.get(*path), dict):
+        raise tables.complain(f"found {tables.get(*path)!r}, expected {{ column = , unit = }}", *path)
+    tables.allow(path, "column", "unit")
+    column, unit = tables.text(*path, "column"), tables.text(*path, "unit")
+    if column not in table.columns:
+        expected = ", ".join(table.columns)
+        raise tables.complain(f"column {column!r} is not in {table.path.name}, expected one of {expected}", *path)
+    try:
+        return units.convert(table.numbers(column), unit, canonical)
+    except ValueError as error:
+        raise tables.complain(str(error), *path, "unit") from None
 
 
 def _read_files(folder: Path, tables: Tables, files: list[str], mapped: list[Mapped]) -> list[Table]:

@@ -32,8 +32,8 @@ from hil.physics.soils import Footing
 from hil.physics.tyre import Tyre
 from hil.physics.vehicle import Vehicle
 from host_tools.errors import UserError
-from host_tools.workbench import units
 from host_tools.workbench.case import Tables, read_case_text, read_document, read_estimate
+from host_tools.workbench.measurements import mapped_column
 from host_tools.workbench.places import locate
 from host_tools.workbench.soil_vehicle import MASK, PARAMETERS, WHEELS, Drive
 from host_tools.workbench.tables import Table, read
@@ -170,28 +170,13 @@ def _drives(folder: Path, tables: Tables, mask: float) -> dict[str, Drive]:
         table = read(folder / name)
         if table.rows == 0:
             raise tables.complain(f"{name} has no rows, expected at least one", "data", "files")
-        values = {role: _column(tables, table, role) for role in COLUMNS if role in mapped}
+        values = {role: mapped_column(tables, table, role, COLUMNS[role]) for role in COLUMNS if role in mapped}
         for run, rows in _rows_of_runs(tables, table).items():
             if run in drives:
                 raise tables.complain(f"run {run!r} is in two files, expected in one", "data", "files")
             parts = {role: column[rows] for role, column in values.items()}
             drives[run] = _drive(run, parts, wheels, table, rows, mask)
     return drives
-
-
-def _column(tables: Tables, table: Table, role: str) -> Array:
-    path = ("data", "columns", role)
-    if not isinstance(tables.get(*path), dict):
-        raise tables.complain(f"found {tables.get(*path)!r}, expected {{ column = , unit = }}", *path)
-    tables.allow(path, "column", "unit")
-    column, unit = tables.text(*path, "column"), tables.text(*path, "unit")
-    if column not in table.columns:
-        expected = ", ".join(table.columns)
-        raise tables.complain(f"column {column!r} is not in {table.path.name}, expected one of {expected}", *path)
-    try:
-        return units.convert(table.numbers(column), unit, COLUMNS[role])
-    except ValueError as error:
-        raise tables.complain(str(error), *path, "unit") from None
 
 
 def _rows_of_runs(tables: Tables, table: Table) -> Mapping[str, npt.NDArray[np.int64]]:
