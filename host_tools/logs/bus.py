@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from pathlib import Path
 from typing import Any
@@ -10,14 +9,13 @@ from typing import Any
 import can
 
 from host_tools.errors import UserError
-from host_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, frames
+from host_tools.logs.frames import Frames, frames
+from host_tools.logs.reading import message_flags
 
 __all__ = ["LISTENABLE", "open_bus", "receive"]
 
 LISTENABLE = "socketcan:CHANNEL, serial:DEVICE, can:INTERFACE:CHANNEL"
 MOST = 100_000  # frames of a block
-
-logging.getLogger("can").addHandler(logging.NullHandler())  # what matters of its words comes as an error
 
 
 def open_bus(link: str, bitrate: int = 500_000) -> can.BusABC:
@@ -51,13 +49,7 @@ def receive(bus: can.BusABC, seconds: float) -> Frames:
             times.append(message.timestamp)
             names.append(message.arbitration_id)
             payloads.append(b"" if message.is_remote_frame else bytes(message.data))
-            flags.append(
-                (EXTENDED if message.is_extended_id else 0)
-                | (REMOTE if message.is_remote_frame else 0)
-                | (ERROR if message.is_error_frame else 0)
-                | (FD if message.is_fd else 0)
-                | (0 if message.is_rx else SENT)
-            )
+            flags.append(message_flags(message))
     except (can.CanError, OSError, ValueError, TypeError) as error:
         raise UserError(f"{bus.channel_info}: the bus went away ({error})", status=1) from None
     return frames(Path("bus"), times, names, payloads, flags)

@@ -23,7 +23,7 @@ from host_tools.errors import UserError
 from host_tools.logs import candump
 from host_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, frames, joined
 
-__all__ = ["RAW_TOPIC", "READABLE", "LogReader", "read_log"]
+__all__ = ["RAW_TOPIC", "READABLE", "LogReader", "message_flags", "read_log"]
 
 BLOCK = 50_000  # frames
 RAW_TOPIC = "/can"  # of MCAP: frames as they are; one topic more a message, with its signals
@@ -147,6 +147,17 @@ class LogReader:
             raise UserError(f"{self.path}: {_brief(error)}, expected a Parquet file of frames") from None
 
 
+def message_flags(message: Any) -> int:
+    """Frames.flags of a python-can message."""
+    return (
+        (EXTENDED if message.is_extended_id else 0)
+        | (REMOTE if message.is_remote_frame else 0)
+        | (ERROR if message.is_error_frame else 0)
+        | (FD if message.is_fd else 0)
+        | (0 if message.is_rx else SENT)
+    )
+
+
 class _Collected:
     """Frames on their way into arrays."""
 
@@ -167,13 +178,7 @@ class _Collected:
         self.last = time
 
     def add_message(self, message: Any) -> None:
-        flags = (
-            (EXTENDED if message.is_extended_id else 0)
-            | (REMOTE if message.is_remote_frame else 0)
-            | (ERROR if message.is_error_frame else 0)
-            | (FD if message.is_fd else 0)
-            | (0 if message.is_rx else SENT)
-        )
+        flags = message_flags(message)
         self.add(message.timestamp, message.arbitration_id, b"" if flags & REMOTE else bytes(message.data), flags)
 
     def add_json(self, time: float, text: bytes) -> None:

@@ -17,24 +17,13 @@ from scipy import stats
 
 from hil.physics import wheel
 from host_tools.soil.tactile import BOUNDS, PARAMETERS, Fit, Points, Rig, Unsolved, fit, predict, strength
+from host_tools.workbench.soil_vehicle_limits import Interval
 
 __all__ = ["LEVEL", "Interval", "Region", "Single", "Strength", "deviance", "explore", "limit", "single", "strengths"]
 
 Array = npt.NDArray[np.float64]
 LEVEL = 0.95
 RAYS = 40  # of the outline
-
-
-@dataclass(frozen=True)
-class Interval:
-    """Profile interval of one parameter; `low_open` and `high_open` where what physics allows ended it."""
-
-    value: float
-    sd: float
-    low: float
-    high: float
-    low_open: bool
-    high_open: bool
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,10 @@ import signal
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("reproducible", derandomize=True)  # the same examples in every run
+settings.load_profile("reproducible")
 
 LIMIT = 20  # s: nothing in a file may keep the program busy
 
