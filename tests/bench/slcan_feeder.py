@@ -1,0 +1,61 @@
+"""An SLCAN adapter on a pty, fed with a full bus: `slcan_feeder.py RATE SECONDS` prints the pty's path, waits until the
+channel is opened, sends, and prints what it sent as JSON. The text is made before; sending costs little.
+
+Frames carry the identifiers of the controller's telemetry in turn, and their number in their first four bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+import tty
+
+from hil.messages import interface
+
+SLICE = 2e-3  # s between writes
+
+
+def texts(rate: int, seconds: float) -> list[bytes]:
+    """What is written every SLICE."""
+    names = [m.id for m in interface().messages.values() if m.sender == "controller" and m.length == 8]
+    lines = []
+    for number in range(round(rate * seconds)):
+        wave = (number // len(names)) % 4096
+        data = number.to_bytes(4, "little") + wave.to_bytes(2, "little") + b"\1\0"
+        lines.append(b"t%03X8%s\r" % (names[number % len(names)], data.hex().upper().encode()))
+    each = max(1, round(rate * SLICE))
+    return [b"".join(lines[i : i + each]) for i in range(0, len(lines), each)]
+
+
+def write(descriptor: int, text: bytes) -> None:
+    while text:
+        text = text[os.write(descriptor, text) :]
+
+
+def main(rate: int, seconds: float) -> None:
+    pieces = texts(rate, seconds)
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    print(os.ttyname(slave), flush=True)
+    heard = b""
+    while not heard.endswith(b"O\r"):
+        heard = (heard + os.read(master, 4096))[-64:]
+    os.close(slave)  # the reader holds it now; its end is then ours to see
+    time.sleep(0.3)
+    begin, latest = time.monotonic(), 0.0
+    for number, piece in enumerate(pieces):
+        due = begin + number * SLICE
+        wait = due - time.monotonic()
+        if wait > 0:
+            time.sleep(wait)
+        write(master, piece)
+        latest = max(latest, time.monotonic() - due)
+    took = time.monotonic() - begin
+    print(json.dumps({"sent": round(rate * seconds), "seconds": took, "latest": latest}), flush=True)
+    sys.stdin.readline()  # keep the pty until told
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), float(sys.argv[2]))
