@@ -22,7 +22,7 @@ from host_tools.workbench.case import Case
 from host_tools.workbench.directions import Direction, Shapes
 from host_tools.workbench.noise import RHO_GRID, Ar1, Noise, orthonormal
 
-__all__ = ["Adequacy", "Failure", "assess", "where_it_fails"]
+__all__ = ["Adequacy", "Failure", "assess", "failure_on", "where_it_fails"]
 
 Array = npt.NDArray[np.float64]
 SETS = 400  # simulated sets of noise
@@ -212,7 +212,7 @@ def where_it_fails(
             break
         share = 1.0 if channel in everywhere else 0.7
         failures.append(
-            _range(case, name, columns[name][rows], scaled, channel, rows, channels, ranked[name, channel], share)
+            failure_on(case, name, columns[name][rows], scaled, channel, rows, channels, ranked[name, channel], share)
         )
         if len(failures) == limit:
             break
@@ -235,7 +235,7 @@ def _by_effect(case: Case, adequacy: Adequacy) -> dict[str, float]:
     return found
 
 
-def _range(
+def failure_on(
     case: Case,
     name: str,
     values: Array,

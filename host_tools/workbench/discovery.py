@@ -15,11 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.physics.effects import Effect
-from host_tools.workbench.adequacy import Failure
+from host_tools.workbench.adequacy import Failure, failure_on
 from host_tools.workbench.analysis import LEVEL, Analysis, Rung, analyse, error, measured, predict
 from host_tools.workbench.answer import compare_answer
 from host_tools.workbench.case import Case
 from host_tools.workbench.confidence import Operating, calibrated, operating_characteristic
+from host_tools.workbench.depends import importance
+from host_tools.workbench.directions import numeric_columns
 from host_tools.workbench.experiment import Experiment, propose
 from host_tools.workbench.fit import Fit, covariance
 from host_tools.workbench.ranking import Hypothesis, Ranking, rank
@@ -35,6 +37,7 @@ SAME_AS_GOOD = 0.2  # the same, for a set that these data could not tell from th
 SAME = 2.0  # squared distance of the two sets' predictions, in noise sd, that the other's parameters cannot take up
 ENOUGH_EXPLAINED = 0.7  # share of the misfit that an expression must take away to be an answer
 LISTED = 0.5  # probability of one odd run, from which it is named
+LAST = 10_000  # place of a column that compare does not list
 
 
 @dataclass(frozen=True)
@@ -208,18 +211,24 @@ def _odd_runs(ranking: Ranking) -> tuple[str, ...]:
 
 
 def _where(analysis: Analysis, ranking: Ranking, top: Hypothesis | None) -> tuple[Failure, ...]:
-    """What compare says; where an expression is the likeliest answer, its column first."""
-    where = list(analysis.where)
-    if top is None or top.kind != "expression":
+    """What compare says; the column on which the likeliest answers depend most comes first, where there are any."""
+    where = analysis.where
+    shares = importance(analysis, ranking) if top is not None and where else {}
+    listed = [f.variable for f in where]
+    ordered = sorted(shares, key=lambda name: (-round(shares[name], 3), listed.index(name) if name in listed else LAST))
+    if not ordered or ordered[0] == listed[0]:
         return tuple(where)
-    first = [f for f in where if f.variable == top.column]
-    if first:
-        return (first[0], *(f for f in where if f.variable != top.column))
-    values = {**analysis.case.roles, **analysis.case.extra}.get(top.column)
-    if values is None or not where:
-        return tuple(where)
-    seen = values[analysis.rows]
-    return (replace(where[0], variable=top.column, low=float(seen.min()), high=float(seen.max())), *where)
+    first = ordered[0]
+    rest = [f for f in where if f.variable != first]
+    found = next((f for f in where if f.variable == first), None)
+    if found is None:
+        channel = analysis.model.channels.index(where[0].channel)
+        values = numeric_columns(analysis.case)[first][analysis.rows]
+        scaled = analysis.residual / analysis.noise.sigma[:, None]
+        found = failure_on(
+            analysis.case, first, values, scaled, channel, analysis.rows, analysis.model.channels, where[0].gain, 0.7
+        )
+    return (found, *rest)
 
 
 def _ladder(analysis: Analysis, top: Hypothesis | None) -> tuple[Rung, ...]:
