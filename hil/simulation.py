@@ -195,6 +195,16 @@ class Simulation:
         self._lib.hil_move(self._simulator, duty, voltage is not None, ticks, self._rows + self.done)
         self.done += ticks
 
+    def set_fault(self, fault: Fault, slot: int | None = None) -> int:
+        """From the next tick on: one fault more, or another in `slot`; its slot. ValueError when there is no room."""
+        faults = self._simulator.config.faults
+        if slot is None:
+            if faults.count == len(faults.fault):
+                raise ValueError(f"found {faults.count} faults, expected at most {len(faults.fault)}")
+            slot, faults.count = int(faults.count), faults.count + 1
+        faults.fault[slot] = _fault(fault)
+        return slot
+
     def truth(self) -> dict[str, npt.NDArray[np.float64]]:
         """Column of the truth -> one value for each tick that was done."""
         return {name: self.records["truth"][: self.done, i] for i, name in enumerate(TRUTH)}

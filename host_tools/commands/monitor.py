@@ -23,6 +23,9 @@ def monitor(
     dbc: Annotated[Path | None, typer.Option("--dbc", help="names of signals; default: the controller's")] = None,
     speed: Annotated[float, typer.Option("--speed", help="of a log: times its own pace")] = 1.0,
     bitrate: Annotated[int, typer.Option("--bitrate", help="bit/s")] = 500_000,
+    controller: Annotated[
+        str, typer.Option("--controller", help="of a scenario: inprocess, pty, qemu or any other link of `run`")
+    ] = "inprocess",
 ) -> None:
     """Watch a controller: state, faults and what they mean, slip, C_t, currents, the bus, any signal as a plot.
 
@@ -45,7 +48,7 @@ def monitor(
     own = paths.build() / "generated" / "terrapin.dbc"
     live = Live(Decoder(dbc or own), interface() if dbc is None else None, bitrate)
     path = Path(source)
-    opened = Bus(link, bitrate) if link else LogFile(path, speed) if path.exists() else Simulator(source)
+    opened = Bus(link, bitrate) if link else LogFile(path, speed) if path.exists() else Simulator(source, controller)
     from host_tools.monitor.app import MonitorApp
 
     limit = interface().parameter("slip_limit")

@@ -23,6 +23,7 @@ class ListenedBus(Protocol):
     """An open bus. Failures are UserError (status 1): one line that names the bus."""
 
     channel_info: str
+    damaged: int  # lines or frames that could not be read
 
     def receive(self, seconds: float) -> Frames: ...
     def send(self, identifier: int, data: bytes) -> None: ...

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.messages import Interface
-from host_tools.logs.decoding import Decoder
+from host_tools.logs.decoding import Decoded, Decoder
 from host_tools.logs.frames import ERROR, EXTENDED, FD, Frames
 
 __all__ = ["Event", "Live", "Trace"]
@@ -21,6 +21,8 @@ WINDOW = 1.0  # s over which rates and load are counted
 EVENTS = 500  # that are kept
 POINTS = 20_000  # of one plotted signal that are kept
 SILENT = 2.0  # s without a frame before the bus is called silent
+BACK, AHEAD = 0.5, 10.0  # s that a clock may step back (frames of several channels do), or a bus be silent, untold
+JUDGED = 50  # frames after which a DBC that knows few of them is told
 OVERHEAD, OVERHEAD_EXTENDED = 47, 67  # bits of a frame beside its data, gap included, before stuffing
 
 # Error frames as SocketCAN gives them: bit of the identifier -> what it says
@@ -41,8 +43,9 @@ class Event:
     """Something that happened at `time` [s] of the bus."""
 
     time: float
-    kind: str  # state, fault, report, limiter, mark, bus
+    kind: str  # state, fault, report, limiter, parameter, injected, mark, clock, bus
     text: str
+    number: int = 0  # counts events
 
 
 @dataclass
@@ -71,11 +74,18 @@ class Live:
         self.traces: dict[str, Trace] = {}
         self.events: deque[Event] = deque(maxlen=EVENTS)
         self.time = float("nan")  # of the last frame
+        self._latest = 0.0
         self.total = 0
         self.errors: dict[str, int] = {}
         self.unknown: dict[tuple[int, bool], int] = {}  # frames that the DBC does not know
         self._recent: deque[tuple[float, int, int]] = deque()  # time, frames, bits of each block
-        self._silent_since: float | None = None
+        self._parameters = {p.index: p for p in interface.parameters.values()} if interface else {}
+        self._data_frames = self._known = 0
+        self._short: dict[str, int] = {}  # message -> frames with fewer bytes than the DBC says
+        self._lengths = {str(m.name): int(m.length) for m in decoder.messages.values()} if decoder else {}
+        self.counters: tuple[int, int] | None = None  # error counters of sending and receiving, once told
+        self.epoch = 0  # counts steps back of the clock: times of one epoch rise
+        self.event_count = 0
         if decoder is not None:
             for message in decoder.messages.values():
                 self.units.update(
@@ -94,20 +104,30 @@ class Live:
 
     def mark(self, text: str) -> None:
         """Notes an event of the user's, now."""
-        self.events.append(Event(self.time, "mark", text))
+        self.tell(self.time, "mark", text)
 
-    def take(self, block: Frames) -> None:
-        """The next frames."""
+    def tell(self, time: float, kind: str, text: str) -> None:
+        """Notes an event."""
+        self.event_count += 1
+        self.events.append(Event(time, kind, text, self.event_count))
+
+    def take(self, block: Frames) -> Mapping[str, Decoded]:
+        """The next frames; their messages, decoded."""
         if not len(block):
-            return
+            return {}
+        self._clock(block)
         self.time = float(block.times[-1])
         self.total += len(block)
         self._count(block)
         if self._decoder is None:
-            return
+            return {}
         seen = np.zeros(len(block), dtype=bool)
-        for message, table in self._decoder.decode(block).items():
+        decoded = self._decoder.decode(block)
+        for message, table in decoded.items():
             seen[table.rows] = True
+            self._check_length(message, block.lengths[table.rows])
+            if message in ("PARAMETER_WRITE", "PARAMETER_VALUE"):
+                self._parameter(message, table)
             for name, values in table.signals.items():
                 key = f"{message}.{name}"
                 trace = self.traces.get(key)
@@ -122,6 +142,60 @@ class Live:
             unknown = (identifier, bool(flags & EXTENDED))
             if unknown in self.unknown or len(self.unknown) < 4096:
                 self.unknown[unknown] = self.unknown.get(unknown, 0) + 1
+        self._data_frames += int((block.flags & 0b110 == 0).sum())
+        self._known += int(seen.sum())
+        return decoded
+
+    def _clock(self, block: Frames) -> None:
+        """Steps back begin another epoch: plots begin anew. Long silences are told."""
+        if not self.total:
+            self._latest = float(block.times[0])
+        steps = np.diff(block.times, prepend=self._latest)
+        for row in np.flatnonzero((steps < -BACK) | (steps > AHEAD)).tolist():
+            step = float(steps[row])
+            if step < 0:
+                self.tell(float(block.times[row]), "clock", f"the clock steps back by {-step:.3f} s")
+                self.epoch += 1
+                self._recent.clear()
+                for trace in self.traces.values():
+                    trace.times.clear()
+                    trace.values.clear()
+            else:
+                text = f"no frame for {step:.3f} s, or the clock jumped ahead"
+                self.tell(float(block.times[row]), "clock", text)
+        self._latest = float(block.times[-1])
+
+    def _check_length(self, message: str, lengths: npt.NDArray[np.int64]) -> None:
+        short = int((lengths < self._lengths[message]).sum())
+        if short:
+            self._short[message] = self._short.get(message, 0) + short
+
+    def _parameter(self, message: str, table: Decoded) -> None:
+        """Writes, and answers that refuse one."""
+        for row, time in enumerate(table.times.tolist()):
+            index, value = (table.signals.get(name, np.full(row + 1, np.nan))[row] for name in ("index", "value"))
+            parameter = self._parameters.get(int(index)) if index == index else None
+            if parameter is None or value != value:
+                continue
+            status = float(table.signals["status"][row]) if message == "PARAMETER_VALUE" else -1.0
+            if status == 0.0:
+                continue  # the write was told
+            unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+            text = f"{parameter.name} = {value * parameter.scale:.6g}{unit}"
+            refused = self._words.get("parameter_status", {}).get(int(status), "refused") if status > 0 else ""
+            self.tell(time, "parameter", f"{parameter.name} refused: {refused}" if refused else text)
+
+    @property
+    def fit(self) -> str:
+        """What speaks against the DBC, in a line; "" when nothing does."""
+        if self._data_frames >= JUDGED and self._known < 0.1 * self._data_frames:
+            names = ", ".join(f"{i:08X}" if extended else f"{i:03X}" for i, extended in list(self.unknown)[:4])
+            return f"the DBC knows {self._known} of {self._data_frames} frames (unknown: {names}): another DBC?"
+        if self._short:
+            message, count = max(self._short.items(), key=lambda item: item[1])
+            expected = self._lengths[message]
+            return f"{count} frames of {message} have fewer than the {expected} bytes that the DBC says: another DBC?"
+        return ""
 
     def _count(self, block: Frames) -> None:
         extended = (block.flags & EXTENDED) != 0
@@ -134,9 +208,11 @@ class Live:
         for row in np.flatnonzero(block.flags & ERROR):
             for bit, text in _ERRORS.items():
                 if int(block.identifiers[row]) & bit:
-                    if text not in self.errors:
-                        self.events.append(Event(float(block.times[row]), "bus", text))
+                    if text not in self.errors or bit == 0x040:
+                        self.tell(float(block.times[row]), "bus", text)
                     self.errors[text] = self.errors.get(text, 0) + 1
+            if int(block.identifiers[row]) & 0x204 and block.lengths[row] >= 8:
+                self.counters = int(block.data[row, 6]), int(block.data[row, 7])
 
     def _watch(self, key: str, times: Array, values: Array) -> None:
         """Changes of state, faults, reports and limiter are events."""
@@ -153,7 +229,7 @@ class Live:
         steps = np.flatnonzero(np.diff(values, prepend=values[0] if before is None else before))
         for row in steps.tolist():
             old = values[row - 1] if row else before
-            self.events.append(Event(float(times[row]), kind, self._say(kind, int(old or 0), int(values[row]))))
+            self.tell(float(times[row]), kind, self._say(kind, int(old or 0), int(values[row])))
 
     def _say(self, kind: str, old: int, new: int) -> str:
         if kind == "fault":
@@ -197,6 +273,10 @@ class Live:
             hint = "is the bus up, the bit rate right, another node there to acknowledge?"
             return f"nothing received for {waited:.0f} s: {hint}"
         worst = ", ".join(f"{text} ({count})" for text, count in self.errors.items())
+        if self.counters is not None:
+            worst += f"; error counters: sending {self.counters[0]}, receiving {self.counters[1]}"
+        if self.fit:
+            return self.fit
         return f"error frames: {worst}" if worst else "no error frames"
 
 

@@ -5,24 +5,37 @@ from __future__ import annotations
 import queue
 import threading
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from hil.faults import FOREVER, Fault
 from host_tools.errors import UserError
-from host_tools.logs.frames import Frames, frames
+from host_tools.logs.frames import Frames, frames, joined
+
+if TYPE_CHECKING:
+    from hil.links import Link
+    from hil.simulation import Simulation
 
 __all__ = ["Bus", "LogFile", "Simulator", "Source"]
 
 
+WAITING = 2_000_000  # frames that a bus may be ahead of who polls (70 MB); more are counted as lost
+SILENCE = 10.0  # s of a log without a frame that are not waited for
+
+
 class Source(Protocol):
-    """`poll` gives what came since the last call; `over`: nothing more will come."""
+    """`poll` gives what came since the last call; `over`: nothing more will come, `note`: and why, if that matters."""
 
     name: str
     over: bool
+    lost: int
+    note: str
 
     def poll(self) -> Frames: ...
     def close(self) -> None: ...
@@ -36,8 +49,11 @@ class Bus:
 
         self.name = link
         self.over = False
-        self.lost = 0
+        self.lost = 0  # frames that nobody polled in time
+        self.note = ""
         self._bus = open_bus(link, bitrate)
+        self._waiting = 0
+        self._lock = threading.Lock()
         self._blocks: queue.SimpleQueue[Frames] = queue.SimpleQueue()
         self._stop = threading.Event()
         self._error: UserError | None = None
@@ -45,13 +61,17 @@ class Bus:
         self._thread.start()
 
     def _listen(self) -> None:
-        from host_tools.logs.bus import receive
-
         try:
             while not self._stop.is_set():
-                block = receive(self._bus, 0.03)
-                if len(block):
-                    self._blocks.put(block)
+                block = self._bus.receive(0.03)
+                if not len(block):
+                    continue
+                with self._lock:
+                    if self._waiting + len(block) > WAITING:
+                        self.lost += len(block)
+                        continue
+                    self._waiting += len(block)
+                self._blocks.put(block)
         except UserError as error:
             self._error = error
 
@@ -61,9 +81,18 @@ class Bus:
             parts.append(self._blocks.get())
         if self._error is not None and not parts:
             raise self._error
-        from host_tools.logs.frames import joined
-
+        with self._lock:
+            self._waiting -= sum(map(len, parts))
         return joined(Path(self.name), parts)
+
+    @property
+    def damaged(self) -> int:
+        """Lines that were no SLCAN."""
+        return self._bus.damaged
+
+    def send(self, identifier: int, data: bytes) -> None:
+        """One frame to the bus. UserError (status 1) when it cannot be sent."""
+        self._bus.send(identifier, data)
 
     def close(self) -> None:
         self._stop.set()
@@ -72,41 +101,75 @@ class Bus:
 
 
 class LogFile:
-    """A log at its own pace, `speed` times as fast."""
+    """A log at its own pace, `speed` times as fast, in the order of the file, read as it goes. Where its clock steps
+    back, or nothing comes for long, it goes on at once. UserError when the file is no log."""
 
     def __init__(self, path: Path, speed: float = 1.0) -> None:
-        from host_tools.logs.reading import read_log
+        from host_tools.logs.reading import LogReader
 
-        self._log, _ = read_log(path)
+        self._reader = LogReader(path)
+        self._blocks = self._reader.blocks()
         self.name = path.name or str(path)
-        self.over = len(self._log) == 0
+        self.over = False
+        self.lost = 0
+        self.note = ""
         self._speed = speed
         self._begin = time.monotonic()
+        self._block = frames(path, [], [], [], [])
+        self._due: npt.NDArray[np.float64] = np.zeros(0)  # s from the log's start at which each frame is shown
+        self._latest, self._elapsed = 0.0, 0.0
         self._done = 0
+        self._next(first=True)
+
+    def _next(self, first: bool = False) -> None:
+        block = next(self._blocks, None)
+        while block is not None and not len(block):
+            block = next(self._blocks, None)
+        if block is None:
+            self.over = True
+            if self._reader.cut:
+                self.note = f"read up to where it was cut off: {self._reader.cut}"
+            return
+        steps = np.diff(block.times, prepend=block.times[0] if first else self._latest)
+        steps[(steps < 0) | (steps > SILENCE)] = 0.0
+        self._block, self._done = block, 0
+        self._due = self._elapsed + np.cumsum(steps)
+        self._latest, self._elapsed = float(block.times[-1]), float(self._due[-1])
 
     def poll(self) -> Frames:
-        first = self._log.times[0] if len(self._log) else 0.0
-        until = first + (time.monotonic() - self._begin) * self._speed
-        end = int(np.searchsorted(self._log.times, until, side="right"))
-        block = self._log.pick(np.arange(self._done, end))
+        until = (time.monotonic() - self._begin) * self._speed
+        end = int(np.searchsorted(self._due, until, side="right"))
+        block = self._block.pick(np.arange(self._done, end))
         self._done = end
-        self.over = end >= len(self._log)
+        if end >= len(self._block) and not self.over:
+            self._next()
         return block
 
     def close(self) -> None:
-        pass
+        self._blocks = iter(())  # closes the file
 
 
 class Simulator:
-    """A scenario in real time with this build's controller; a thread runs it."""
+    """A scenario in real time with this build's controller, in this process or over a link; a thread runs it."""
 
-    def __init__(self, scenario: str) -> None:
+    def __init__(self, scenario: str, link: str = "inprocess") -> None:
+        from hil.links import LinkNameError, open_link
+        from hil.links.slcan import LinkError
+        from hil.reading import ReadingError
         from hil.run import run
         from hil.scenario import find_scenario, load_scenario
 
-        chosen = replace(load_scenario(find_scenario(scenario)), real_time=True)
-        self.name = f"simulator: {chosen.name}"
+        try:
+            self.scenario = replace(load_scenario(find_scenario(scenario)), real_time=True)
+            self._link = _Tapped(open_link(link))
+        except (ReadingError, LinkNameError) as error:
+            raise UserError(str(error)) from None
+        except LinkError as error:
+            raise UserError(str(error), status=1) from None
+        self.name = f"simulator: {self.scenario.name}" + (f" over {link}" if link != "inprocess" else "")
         self.over = False
+        self.lost = 0
+        self.note = ""
         self._stop = False
         self._error: Exception | None = None
         self._tick = 0
@@ -114,7 +177,8 @@ class Simulator:
 
         def work() -> None:
             try:
-                run(chosen, observers=[self])
+                with self._link:
+                    run(self.scenario, self._link, observers=[self])
             except _StoppedError:
                 pass
             except Exception as error:  # told by poll, in the thread that can show it
@@ -123,6 +187,10 @@ class Simulator:
 
         self._thread = threading.Thread(target=work, daemon=True)
         self._thread.start()
+
+    def press_stop(self, pressed: bool) -> None:
+        """Open the emergency stop's circuit from the next tick on, or close it."""
+        self._link.pressed = pressed
 
     def write(self, records: npt.NDArray[Any]) -> None:
         """Rows of the simulator's log (hil.run.Observer)."""
@@ -138,18 +206,49 @@ class Simulator:
         self._blocks.put(frames(Path("simulator"), times, names, payloads, [0] * len(times)))
 
     def poll(self) -> Frames:
-        from host_tools.logs.frames import joined
-
-        if self._error is not None:
-            raise UserError(str(self._error), status=1)
         parts = []
         while not self._blocks.empty():
             parts.append(self._blocks.get())
+        if self._error is not None and not parts:
+            raise UserError(str(self._error), status=1)
         return joined(Path("simulator"), parts)
 
     def close(self) -> None:
         self._stop = True
         self._thread.join(timeout=2.0)
+
+
+class _Tapped:
+    """A link at which somebody may press the emergency stop while it runs."""
+
+    def __init__(self, link: Link) -> None:
+        self.name = link.name
+        self.pressed = False
+        self._link = link
+        self._slot: int | None = None
+        self._was = False
+
+    def start(self, parameters: Mapping[str, float]) -> None:
+        self._link.start(parameters)
+
+    def advance(self, simulation: Simulation, ticks: int) -> None:
+        if self.pressed != self._was:
+            self._was = self.pressed
+            now = simulation.done * 1e-3
+            fault = Fault("estop_pressed", begin=now, end=FOREVER if self.pressed else now)
+            self._slot = simulation.set_fault(fault, self._slot)
+        self._link.advance(simulation, ticks)
+
+    def close(self) -> None:
+        self._link.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
 
 
 class _StoppedError(Exception):
