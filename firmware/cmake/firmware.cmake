@@ -1,12 +1,14 @@
 # The core (with the codec) and the link layer: what every port is made of.
 file(GLOB CORE_SOURCES CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/firmware/core/*.c)
 file(GLOB LINK_SOURCES CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/firmware/link/*.c)
+list(APPEND LINK_SOURCES ${CMAKE_SOURCE_DIR}/firmware/store/parameters.c ${CMAKE_SOURCE_DIR}/firmware/store/crc32.c)
 
 add_library(core_objects OBJECT ${CORE_SOURCES} ${GENERATED}/terrapin_interface.c)
 add_library(link_objects OBJECT ${LINK_SOURCES})
 foreach(part core_objects link_objects)
     add_dependencies(${part} interface)
-    target_include_directories(${part} PUBLIC ${CMAKE_SOURCE_DIR}/firmware/core ${CMAKE_SOURCE_DIR}/firmware/link ${GENERATED})
+    target_include_directories(${part} PUBLIC ${CMAKE_SOURCE_DIR}/firmware/core ${CMAKE_SOURCE_DIR}/firmware/link
+        ${CMAKE_SOURCE_DIR}/firmware/store ${GENERATED})
     target_compile_options(${part} PRIVATE ${STRICT} -ffunction-sections -fdata-sections)
     if(NOT CMAKE_CROSSCOMPILING)
         target_compile_definitions(${part} PRIVATE TERRAPIN_SHARED)

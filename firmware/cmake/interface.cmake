@@ -6,6 +6,9 @@ file(GLOB INTERFACE_SCRIPTS CONFIGURE_DEPENDS ${INTERFACE_DIR}/*.py)
 set(CDEF_HEADERS
     ${CMAKE_SOURCE_DIR}/firmware/core/terrapin.h
     ${CMAKE_SOURCE_DIR}/firmware/link/slcan.h
+    ${CMAKE_SOURCE_DIR}/firmware/store/flash.h
+    ${CMAKE_SOURCE_DIR}/firmware/store/parameters.h
+    ${CMAKE_SOURCE_DIR}/firmware/ports/host/flash_file.h
     ${CMAKE_SOURCE_DIR}/firmware/link/dispatch.h)
 set(HEADER_OPTIONS ${CDEF_HEADERS})
 list(TRANSFORM HEADER_OPTIONS PREPEND "--header=")

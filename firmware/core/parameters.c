@@ -32,3 +32,7 @@ terrapin_parameter_result terrapin_parameter_get(const terrapin_state *state, ui
     }
     return result;
 }
+
+bool terrapin_bridge_on(const terrapin_state *state) {
+    return state->drive.enable;
+}

@@ -102,6 +102,9 @@ TERRAPIN_API terrapin_parameter_result terrapin_parameter_set(terrapin_state *st
 TERRAPIN_API terrapin_parameter_result terrapin_parameter_get(const terrapin_state *state, uint16_t index,
                                                               int32_t *value);
 
+/* True while the bridge is enabled: what would endanger something is refused then. */
+TERRAPIN_API bool terrapin_bridge_on(const terrapin_state *state);
+
 #ifdef __cplusplus
 }
 #endif

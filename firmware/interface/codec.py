@@ -41,6 +41,8 @@ def header(d: Description) -> str:
     ]
     if d.parameters:
         out.append("TERRAPIN_API extern const terrapin_parameter_entry terrapin_parameters[TERRAPIN_PARAMETER_COUNT];")
+        out.append("/* What a stored value is known by: FNV-1a of name, unit and scale. */")
+        out.append("TERRAPIN_API extern const uint32_t terrapin_parameter_hashes[TERRAPIN_PARAMETER_COUNT];")
         out.append(
             "/* True when a wrong value endangers something (`protects`). index is below TERRAPIN_PARAMETER_COUNT. */"
         )
@@ -58,6 +60,9 @@ def source(d: Description) -> str:
         out.append("const terrapin_parameter_entry terrapin_parameters[TERRAPIN_PARAMETER_COUNT] = {")
         out += [f"    {{{_c(p.default)}, {_c(p.minimum)}, {_c(p.maximum)}}}, /* {p.name} */" for p in d.parameters]
         out += ["};", "", *_protected(d), ""]
+        out.append("const uint32_t terrapin_parameter_hashes[TERRAPIN_PARAMETER_COUNT] = {")
+        out += [f"    0x{p.hash:08X}U, /* {p.name} */" for p in d.parameters]
+        out += ["};", ""]
     out.append(_HELPERS)
     for message in d.messages:
         out += [*_layout(message), *_encoder(message), "", *_decoder(message), ""]

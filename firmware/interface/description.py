@@ -98,6 +98,17 @@ class Parameter:
     meaning: str
     protects: str  # what a wrong value would endanger, "" when nothing
 
+    @property
+    def hash(self) -> int:
+        """32-bit FNV-1a of name, unit and scale: which stored value is this parameter's, in whatever order they stand.
+
+        A value that was stored in another unit or scale is another parameter's.
+        """
+        value = 0x811C9DC5
+        for byte in f"{self.name}|{self.unit}|{self.scale!r}".encode():
+            value = ((value ^ byte) * 0x01000193) & 0xFFFFFFFF
+        return value
+
 
 @dataclass(frozen=True)
 class Fault:
@@ -220,6 +231,7 @@ def parse(text: str) -> Description:
     head.done()
     root.done()
     _unique("id", ((m.id, f"message {m.name}") for m in description.messages), "0x{:03X}")
+    _unique("hash", ((p.hash, f"parameter {p.name}") for p in description.parameters), "0x{:08X}")
     _unique("number", ((f.number, f"fault {f.name}") for f in description.faults), "{}")
     for what in (description.messages, description.parameters, description.faults, description.limits):
         _unique("name", ((entry.name.lower(), f"{type(entry).__name__.lower()} {entry.name}") for entry in what), "{}")

@@ -1,4 +1,5 @@
 #include "dispatch.h"
+#include "parameters.h"
 #include "terrapin_interface.h"
 
 static void reset_controller(terrapin_state *state, terrapin_inputs *inputs) {
@@ -54,14 +55,27 @@ static void accept_test_mode(terrapin_link *link, terrapin_state *state, const t
         return;
     }
     const bool arm = message.key == TERRAPIN_TEST_MODE_KEY;
+    if (arm && terrapin_bridge_on(state)) {
+        link->out_of_place++;
+        return;
+    }
     if (arm || link->test_mode) {
         reset_controller(state, inputs);
+    }
+    if (link->test_mode && !arm && (link->store != NULL)) {
+        terrapin_store_apply(link->store, state);
     }
     link->test_mode = arm;
     link->stepped = false;
     link->reply_counter = 0U;
     link->command_counter = TERRAPIN_E2E_NO_COUNTER; /* an earlier run leaves nothing behind */
     link->write_counter = TERRAPIN_E2E_NO_COUNTER;
+    link->store_counter = TERRAPIN_E2E_NO_COUNTER;
+}
+
+static void protect_reply(terrapin_link *link, terrapin_frame *reply) {
+    terrapin_e2e_protect(reply, link->reply_counter);
+    link->reply_counter = (link->reply_counter < TERRAPIN_E2E_COUNTER_MAX) ? (uint8_t)(link->reply_counter + 1U) : 0U;
 }
 
 /* Answer with the value that stands now and the result of the access. */
@@ -75,8 +89,7 @@ static void parameter_value(terrapin_link *link, const terrapin_state *state, ui
         .status = (result == TERRAPIN_PARAMETER_OK) ? (int32_t)read : (int32_t)result,
     };
     (void)terrapin_encode_parameter_value(&answer, reply); /* cannot saturate: the fields have the signals' widths */
-    terrapin_e2e_protect(reply, link->reply_counter);
-    link->reply_counter = (link->reply_counter < TERRAPIN_E2E_COUNTER_MAX) ? (uint8_t)(link->reply_counter + 1U) : 0U;
+    protect_reply(link, reply);
 }
 
 static terrapin_accept_result accept_parameter_write(terrapin_link *link, terrapin_state *state,
@@ -99,6 +112,78 @@ static terrapin_accept_result accept_parameter_read(terrapin_link *link, const t
         return TERRAPIN_ACCEPT_NOTHING;
     }
     parameter_value(link, state, (uint16_t)message.index, TERRAPIN_PARAMETER_OK, reply);
+    return TERRAPIN_ACCEPT_REPLY;
+}
+
+static void store_status(terrapin_link *link, const terrapin_state *state, int32_t result, terrapin_frame *reply) {
+    const terrapin_store *store = link->store;
+    terrapin_store_status_t answer = {.result = result};
+    if (store != NULL) {
+        answer.sequence = store->sequence;
+        answer.origin = store->origin;
+        answer.changed = terrapin_store_differs(store, state) ? 1 : 0;
+        answer.remains = store->remains ? 1 : 0;
+    }
+    (void)terrapin_encode_store_status(&answer, reply); /* cannot saturate: the fields have the signals' widths */
+    protect_reply(link, reply);
+}
+
+static void set_defaults(terrapin_state *state) {
+    for (int32_t i = 0; i < TERRAPIN_PARAMETER_COUNT; i++) {
+        (void)terrapin_parameter_set(state, (uint16_t)i, terrapin_parameters[i].default_value); /* known, in range */
+    }
+}
+
+static terrapin_accept_result accept_store_command(terrapin_link *link, terrapin_state *state,
+                                                   const terrapin_frame *frame, terrapin_frame *reply) {
+    terrapin_store_command_t message;
+    if (!genuine(link, frame, TERRAPIN_LENGTH_STORE_COMMAND, &link->store_counter) ||
+        !terrapin_decode_store_command(frame, &message)) {
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    int32_t result = TERRAPIN_STORE_RESULT_OK;
+    if ((message.action != TERRAPIN_STORE_ACTION_SAVE) && (message.action != TERRAPIN_STORE_ACTION_DEFAULTS)) {
+        result = TERRAPIN_STORE_RESULT_UNKNOWN;
+    } else if (terrapin_bridge_on(state)) {
+        result = TERRAPIN_STORE_RESULT_LOCKED;
+    } else if (message.action == TERRAPIN_STORE_ACTION_DEFAULTS) {
+        set_defaults(state);
+    } else if (link->store == NULL) {
+        result = TERRAPIN_STORE_RESULT_NO_STORE;
+    } else {
+        /* begun now, or one is under way: busy in either case, unless it cannot begin */
+        const bool begun = terrapin_store_save(link->store, state);
+        result = (begun || (link->store->phase != TERRAPIN_STORE_IDLE)) ? TERRAPIN_STORE_RESULT_BUSY
+                                                                        : TERRAPIN_STORE_RESULT_FAILED;
+    }
+    store_status(link, state, result, reply);
+    return TERRAPIN_ACCEPT_REPLY;
+}
+
+static terrapin_accept_result accept_store_read(terrapin_link *link, const terrapin_state *state,
+                                                const terrapin_frame *frame, terrapin_frame *reply) {
+    terrapin_store_read_t message;
+    const terrapin_store *store = link->store;
+    if (!terrapin_decode_store_read(frame, &message) || (message.part > 1)) {
+        link->malformed++;
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    if (message.part == 1) {
+        terrapin_store_found_t found = {0};
+        if (store != NULL) {
+            found.dropped = store->dropped;
+            found.replaced = store->replaced;
+            found.missing = store->missing;
+        }
+        (void)terrapin_encode_store_found(&found, reply); /* cannot saturate: 16 bits each */
+    } else {
+        int32_t result = TERRAPIN_STORE_RESULT_NO_STORE;
+        if (store != NULL) {
+            const int32_t last = store->failed ? TERRAPIN_STORE_RESULT_FAILED : TERRAPIN_STORE_RESULT_OK;
+            result = (store->phase != TERRAPIN_STORE_IDLE) ? TERRAPIN_STORE_RESULT_BUSY : last;
+        }
+        store_status(link, state, result, reply);
+    }
     return TERRAPIN_ACCEPT_REPLY;
 }
 
@@ -159,6 +244,7 @@ void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inp
         .command_counter = TERRAPIN_E2E_NO_COUNTER,
         .write_counter = TERRAPIN_E2E_NO_COUNTER,
         .test_counter = TERRAPIN_E2E_NO_COUNTER,
+        .store_counter = TERRAPIN_E2E_NO_COUNTER,
     };
     *link = fresh;
     reset_controller(state, inputs);
@@ -179,6 +265,12 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
         break;
     case TERRAPIN_ID_PARAMETER_READ:
         result = accept_parameter_read(link, state, frame, reply);
+        break;
+    case TERRAPIN_ID_STORE_COMMAND:
+        result = accept_store_command(link, state, frame, reply);
+        break;
+    case TERRAPIN_ID_STORE_READ:
+        result = accept_store_read(link, state, frame, reply);
         break;
     case TERRAPIN_ID_SENSORS_SLOW:
         if (link->test_mode) {
@@ -211,6 +303,15 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
 void terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin_outputs *outputs) {
     terrapin_step(state, inputs, outputs);
     inputs->command_fresh = false;
+}
+
+void terrapin_link_use_store(terrapin_link *link, terrapin_state *state, struct terrapin_store *store) {
+    link->store = store;
+    terrapin_store_apply(store, state);
+}
+
+bool terrapin_link_store_work(terrapin_link *link, const terrapin_state *state) {
+    return (link->store != NULL) && terrapin_store_work(link->store, !terrapin_bridge_on(state));
 }
 
 bool terrapin_link_bridge_allowed(const terrapin_link *link) {

@@ -8,9 +8,18 @@
  *         apply duty and enable to the bridge if terrapin_link_bridge_allowed, else hold the bridge off
  *     leaving, for whatever reason:  bridge off
  *
+ * A port with flash keeps parameters over a reset by two calls more (flash and pages as in store/parameters.h):
+ *     once, after terrapin_link_init:  terrapin_store_open(&store, &flash, pages);
+ *                                      terrapin_link_use_store(&link, state, &store);
+ *     each tick, after the step:       (void)terrapin_link_store_work(&link, state);
+ *
+ * Each frame is a bounded piece of work, a write of a parameter the longest one; a port that steps when its tick comes
+ * and takes frames in between, one at a time, cannot be starved by them.
+ *
  * Test mode (armed by TEST_MODE, off after reset): sensors come from SENSORS_SLOW and SENSORS_FAST, and each
- * SENSORS_FAST is one tick. Arming and leaving reset the controller, so that a run in test mode is a function of its
- * frames alone.
+ * SENSORS_FAST is one tick. It is not armed while the bridge is enabled. Arming resets the controller, parameters to
+ * their defaults, so that a run in test mode is a function of its frames alone; leaving resets it again, parameters to
+ * the stored ones.
  */
 #ifndef TERRAPIN_DISPATCH_H
 #define TERRAPIN_DISPATCH_H
@@ -23,18 +32,22 @@ extern "C" {
 
 #define TERRAPIN_TEST_MODE_KEY 0x7E57A4EDU
 
+struct terrapin_store; /* store/parameters.h */
+
 typedef struct {
     uint8_t command_counter; /* E2E counters of the last accepted frames; TERRAPIN_E2E_NO_COUNTER at first */
     uint8_t write_counter;
     uint8_t test_counter;
-    uint8_t reply_counter; /* of the next PARAMETER_VALUE */
+    uint8_t store_counter;
+    uint8_t reply_counter; /* of the next PARAMETER_VALUE or STORE_STATUS */
     bool test_mode;
-    bool stepped;          /* a tick was taken since test mode was armed */
-    uint32_t bad_crc;      /* frames dropped, by cause; these wrap */
-    uint32_t repeated;     /* counter or tick of the last accepted frame */
-    uint32_t malformed;    /* wrong length, or a value that controller.toml does not know */
-    uint32_t out_of_place; /* SENSORS_* outside test mode */
-    uint32_t unknown;      /* other traffic on the bus */
+    bool stepped;                 /* a tick was taken since test mode was armed */
+    uint32_t bad_crc;             /* frames dropped, by cause; these wrap */
+    uint32_t repeated;            /* counter or tick of the last accepted frame */
+    uint32_t malformed;           /* wrong length, or a value that controller.toml does not know */
+    uint32_t out_of_place;        /* SENSORS_* outside test mode; arming it while the bridge is enabled */
+    uint32_t unknown;             /* other traffic on the bus */
+    struct terrapin_store *store; /* the port's; NULL: parameters last until a reset */
 } terrapin_link;
 
 typedef enum {
@@ -43,7 +56,7 @@ typedef enum {
     TERRAPIN_ACCEPT_STEP = 2   /* the inputs of a tick are complete: step now */
 } terrapin_accept_result;
 
-/* Reset of the link, the inputs (all zero, nothing valid) and the controller. */
+/* Reset of the link (without a store), the inputs (all zero, nothing valid) and the controller. */
 TERRAPIN_API void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs);
 
 /* Take one frame. A frame that is dropped changes nothing but its counter in *link. */
@@ -53,6 +66,13 @@ TERRAPIN_API terrapin_accept_result terrapin_accept(terrapin_link *link, terrapi
 
 /* One tick: terrapin_step, after which the command is no longer fresh. */
 TERRAPIN_API void terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin_outputs *outputs);
+
+/* Keep parameters in an open store, and give the state those that it holds. */
+TERRAPIN_API void terrapin_link_use_store(terrapin_link *link, terrapin_state *state, struct terrapin_store *store);
+
+/* A bounded piece of the save under way, if there is one: at most one erase, and that with the bridge off. True while
+ * more is to be done. */
+TERRAPIN_API bool terrapin_link_store_work(terrapin_link *link, const terrapin_state *state);
 
 /* The physical bridge may follow the outputs: false while test mode lasts. */
 TERRAPIN_API bool terrapin_link_bridge_allowed(const terrapin_link *link);

@@ -9,6 +9,10 @@ void terrapin_service_init(terrapin_service *service, terrapin_state *state) {
     terrapin_link_init(&service->link, state, &service->inputs);
 }
 
+void terrapin_service_use_store(terrapin_service *service, struct terrapin_store *store) {
+    terrapin_link_use_store(&service->link, service->state, store);
+}
+
 static size_t take_frame(terrapin_service *service, const terrapin_frame *frame, uint8_t *answer) {
     size_t length = 0;
     terrapin_frame reply = {0};
@@ -27,6 +31,7 @@ static size_t take_frame(terrapin_service *service, const terrapin_frame *frame,
     default:
         break;
     }
+    (void)terrapin_link_store_work(&service->link, service->state);
     return length;
 }
 

@@ -32,6 +32,10 @@ typedef struct {
 /* Reset of everything: line closed, outputs off, controller as after terrapin_init. */
 TERRAPIN_API void terrapin_service_init(terrapin_service *service, terrapin_state *state);
 
+/* Keep parameters in an open store (store/parameters.h), and take over those that it holds. Each frame taken, a tick or
+ * not, then does a bounded piece of a save under way. */
+TERRAPIN_API void terrapin_service_use_store(terrapin_service *service, struct terrapin_store *store);
+
 /* Take one byte and write what answers it; the number of bytes, at most TERRAPIN_SERVICE_ANSWER_MAX. */
 TERRAPIN_API size_t terrapin_service_take(terrapin_service *service, uint8_t byte,
                                           uint8_t answer[TERRAPIN_SERVICE_ANSWER_MAX]);

@@ -3,14 +3,16 @@
 
 #include "unity.h"
 
+#include "crc32.c"
 #include "dispatch.c"
+#include "../../firmware/store/parameters.c" /* not the core's, which has the same name */
 #include "terrapin_interface.c"
 
 struct terrapin_state {
     int resets;
     int steps;
     bool fresh_at_step;
-    bool locked;
+    bool locked;   /* the bridge is on */
     int32_t value; /* of parameter 0, the only one; 0 to 10 */
 };
 
@@ -50,6 +52,10 @@ terrapin_parameter_result terrapin_parameter_get(const terrapin_state *s, uint16
     }
     *value = s->value;
     return TERRAPIN_PARAMETER_OK;
+}
+
+bool terrapin_bridge_on(const terrapin_state *s) {
+    return s->locked;
 }
 
 void setUp(void) {

@@ -2,6 +2,7 @@
  *
  *     terrapin-controller --pty [LINK]    make a pseudo-terminal, print its path, serve the first peer that opens it
  *     terrapin-controller DEVICE          serve a tty (its speed is left as stty set it)
+ *     --flash FILE before either          keep parameters in FILE (made when absent); without it a reset forgets them
  *
  * It has no sensors of its own and no bridge: it steps in test mode only, once a SENSORS_FAST. It ends, with the
  * outputs off, when the peer goes away (status 0), on SIGTERM, SIGINT or SIGHUP (status 0), or when the device fails
@@ -20,12 +21,15 @@
 #include <termios.h>
 #include <unistd.h>
 
+#include "flash_file.h"
+#include "parameters.h"
 #include "service.h"
 #include "terrapin_interface.h"
 
 #define IN_SIZE 512
 /* The shortest line with the longest answer decides: "F\r" gives 4 bytes, "t1008...\r" (22) two frames and "\r" (45),
- * "t0822....\r" (10) one frame and "\r" (23). A line that an earlier read began adds one more answer. */
+ * "t0822....\r" (10) and "t085100\r" (8) one frame and "\r" (23). A line that an earlier read began adds one more
+ * answer. */
 #define OUT_SIZE (4 * IN_SIZE)
 _Static_assert(OUT_SIZE >= (3 * IN_SIZE) + (TERRAPIN_MAX_FRAMES * TERRAPIN_SLCAN_TEXT_MAX) + TERRAPIN_SLCAN_REPLY_MAX,
                "answers to one read must fit");
@@ -33,6 +37,8 @@ _Static_assert(OUT_SIZE >= (3 * IN_SIZE) + (TERRAPIN_MAX_FRAMES * TERRAPIN_SLCAN
 typedef struct {
     int fd;
     terrapin_service service;
+    terrapin_flash_file flash;
+    terrapin_store store;
     uint8_t out[OUT_SIZE];
     size_t out_length;
 } controller;
@@ -198,15 +204,41 @@ static void outputs_off(controller *c) {
 
 static int usage(int status) {
     (void)fprintf((status == 0) ? stdout : stderr,
-                  "usage: terrapin-controller --pty [LINK]   serve a new pseudo-terminal; its path is printed\n"
-                  "       terrapin-controller DEVICE         serve a serial port (set its speed with stty)\n"
+                  "usage: terrapin-controller [--flash FILE] --pty [LINK]   serve a new pseudo-terminal; its path is "
+                  "printed\n"
+                  "       terrapin-controller [--flash FILE] DEVICE         serve a serial port (set its speed with "
+                  "stty)\n"
+                  "       --flash FILE                                      keep parameters in FILE over a reset\n"
                   "The controller speaks SLCAN. Example: terrapin-controller --pty /tmp/terrapin\n");
     return status;
+}
+
+/* The stored parameters, when a file was named. */
+static bool use_flash(controller *c, const char *path) {
+    if (path != NULL) {
+        const int error = terrapin_flash_file_open(&c->flash, path);
+        if (error != 0) {
+            (void)fprintf(stderr, "terrapin-controller: cannot use %s: %s\n", path,
+                          (error == EINVAL)        ? "not a file of flash (32768 bytes)"
+                          : (error == EWOULDBLOCK) ? "another controller uses it"
+                                                   : strerror(error));
+            return false;
+        }
+        (void)terrapin_store_open(&c->store, &c->flash.flash, c->flash.pages); /* the pages are large enough */
+        terrapin_service_use_store(&c->service, &c->store);
+    }
+    return true;
 }
 
 int main(int argc, char **argv) {
     static controller c;
     sigset_t while_waiting;
+    const char *flash = NULL;
+    if ((argc >= 3) && (strcmp(argv[1], "--flash") == 0)) {
+        flash = argv[2];
+        argc -= 2;
+        argv += 2;
+    }
     const bool pty = (argc >= 2) && (strcmp(argv[1], "--pty") == 0);
     if ((argc == 2) && (strcmp(argv[1], "--help") == 0)) {
         return usage(0);
@@ -220,12 +252,14 @@ int main(int argc, char **argv) {
         return 1;
     }
     terrapin_state *state = calloc(1, terrapin_state_size());
-    c.fd = (state == NULL) ? -1 : (pty ? open_pty(link) : open_tty(argv[1]));
+    if (state != NULL) {
+        terrapin_service_init(&c.service, state);
+    }
+    c.fd = ((state == NULL) || !use_flash(&c, flash)) ? -1 : (pty ? open_pty(link) : open_tty(argv[1]));
     if (c.fd < 0) {
         free(state);
         return 1;
     }
-    terrapin_service_init(&c.service, state);
 
     const int result = serve(&c, &while_waiting);
     if (result != 0) {
@@ -242,6 +276,9 @@ int main(int argc, char **argv) {
         (void)unlink(link);
     }
     (void)close(c.fd);
+    if (flash != NULL) {
+        terrapin_flash_file_close(&c.flash);
+    }
     free(state);
     return (result == 0) ? 0 : 1;
 }

@@ -47,7 +47,10 @@ static void send(terrapin_link *link, terrapin_state *state, const terrapin_fram
         check_outputs(&outputs);
     } else if (result == TERRAPIN_ACCEPT_REPLY) {
         terrapin_parameter_value_t value;
-        CHECK(terrapin_decode_parameter_value(&reply, &value));
+        terrapin_store_status_t status;
+        terrapin_store_found_t found;
+        CHECK(terrapin_decode_parameter_value(&reply, &value) || terrapin_decode_store_status(&reply, &status) ||
+              terrapin_decode_store_found(&reply, &found));
     } else {
         /* dropped, or taken without an answer */
     }

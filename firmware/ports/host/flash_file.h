@@ -1,0 +1,32 @@
+/* A file as flash: what the host's controller keeps its parameters in.
+ *
+ * The file is as long as its two pages, offsets count from its start, erased bytes are 0xFF. A file that does not exist
+ * is made, all of it erased. It outlives the process, ended in whatever way; against a power loss of the host it is as
+ * safe as the file system (no fsync).
+ */
+#ifndef TERRAPIN_FLASH_FILE_H
+#define TERRAPIN_FLASH_FILE_H
+
+#include "flash.h"
+#include "terrapin.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define TERRAPIN_FLASH_FILE_PAGE 16384U /* bytes; there are two */
+
+typedef struct {
+    int descriptor;
+    terrapin_flash flash; /* its context is this struct: it must not move */
+    terrapin_flash_area pages[2];
+} terrapin_flash_file;
+
+/* Open or make the file. 0, or the errno of what failed; EINVAL for a file of another length. */
+TERRAPIN_API int terrapin_flash_file_open(terrapin_flash_file *file, const char *path);
+TERRAPIN_API void terrapin_flash_file_close(terrapin_flash_file *file);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

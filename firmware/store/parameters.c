@@ -1,0 +1,335 @@
+#include "parameters.h"
+
+#include "crc32.h"
+
+#define MAGIC      0x4D525054U /* "TPRM" */
+#define UNIT       TERRAPIN_STORE_UNIT
+#define ENTRY_SIZE 8U
+#define CRC_SIZE   4U
+#define CRC_AT     (UNIT - CRC_SIZE) /* in a set's last unit */
+#define ERASED     0xFFU
+#define PARAMETERS ((uint32_t)TERRAPIN_PARAMETER_COUNT)
+
+typedef struct {
+    uint32_t entries;
+    uint32_t sequence;
+    uint32_t size; /* bytes of the whole set */
+} set_head;
+
+/* Bytes of a set: the head, the entries, and the CRC at the end of the last unit. */
+static uint32_t set_size(uint32_t entries) {
+    return UNIT + (((entries * ENTRY_SIZE) + CRC_SIZE + (UNIT - 1U)) & ~(UNIT - 1U));
+}
+
+static uint32_t get_word(const uint8_t *bytes) {
+    return (uint32_t)bytes[0] | ((uint32_t)bytes[1] << 8U) | ((uint32_t)bytes[2] << 16U) | ((uint32_t)bytes[3] << 24U);
+}
+
+static void put_word(uint8_t *bytes, uint32_t word) {
+    for (uint32_t i = 0U; i < 4U; i++) {
+        bytes[i] = (uint8_t)(word >> (8U * i));
+    }
+}
+
+static bool read_unit(const terrapin_store *store, uint32_t offset, uint8_t unit[TERRAPIN_STORE_UNIT]) {
+    return store->flash->read(store->flash->context, offset, unit, UNIT);
+}
+
+/* The head at an offset in flash, with `room` bytes left in its page. False when there is none of this layout. */
+static bool read_head(const terrapin_store *store, uint32_t offset, uint32_t room, set_head *head) {
+    uint8_t unit[TERRAPIN_STORE_UNIT];
+    bool good = false;
+    if (read_unit(store, offset, unit) && (get_word(unit) == MAGIC)) {
+        const uint32_t kind = get_word(&unit[4]);
+        head->entries = kind >> 16U;
+        head->sequence = get_word(&unit[8]);
+        head->size = set_size(head->entries);
+        good = ((kind & 0xFFFFU) == TERRAPIN_STORE_LAYOUT) && (head->size <= room);
+    }
+    return good;
+}
+
+/* True when the CRC of the set at an offset in flash is right. */
+static bool whole(const terrapin_store *store, uint32_t offset, uint32_t size) {
+    uint8_t unit[TERRAPIN_STORE_UNIT] = {0};
+    uint32_t crc = 0U;
+    bool good = true;
+    for (uint32_t at = 0U; good && (at < size); at += UNIT) {
+        good = read_unit(store, offset + at, unit);
+        crc = terrapin_crc32(crc, unit, ((at + UNIT) < size) ? UNIT : CRC_AT);
+    }
+    return good && (get_word(&unit[CRC_AT]) == crc);
+}
+
+/* True when `size` bytes at an offset in flash can be written. */
+static bool is_erased(const terrapin_store *store, uint32_t offset, uint32_t size) {
+    uint8_t unit[TERRAPIN_STORE_UNIT];
+    bool erased = true;
+    for (uint32_t at = 0U; erased && (at < size); at += UNIT) {
+        erased = read_unit(store, offset + at, unit);
+        for (uint32_t i = 0U; i < UNIT; i++) {
+            erased = erased && (unit[i] == ERASED);
+        }
+    }
+    return erased;
+}
+
+/* Number of the parameter with this hash, PARAMETERS when there is none. Mostly it stands where it stood: at `guess`.
+ */
+static uint32_t find(uint32_t hash, uint32_t guess) {
+    uint32_t index = PARAMETERS;
+    if ((guess < PARAMETERS) && (terrapin_parameter_hashes[guess] == hash)) {
+        index = guess;
+    }
+    for (uint32_t i = 0U; (index == PARAMETERS) && (i < PARAMETERS); i++) {
+        if (terrapin_parameter_hashes[i] == hash) {
+            index = i;
+        }
+    }
+    return index;
+}
+
+static void count(uint16_t *counter) {
+    *counter = (*counter < UINT16_MAX) ? (uint16_t)(*counter + 1U) : UINT16_MAX;
+}
+
+static void take_entry(terrapin_store *store, const uint8_t *bytes, uint32_t guess) {
+    const uint32_t index = find(get_word(bytes), guess);
+    if (index == PARAMETERS) {
+        count(&store->dropped);
+    } else {
+        const int32_t value = (int32_t)get_word(&bytes[4]);
+        const terrapin_parameter_entry *entry = &terrapin_parameters[index];
+        store->missing = (store->missing > 0U) ? (uint16_t)(store->missing - 1U) : 0U; /* each is named once */
+        if ((value < entry->minimum) || (value > entry->maximum)) {
+            count(&store->replaced);
+        } else {
+            store->value[index] = value;
+        }
+    }
+}
+
+/* The values of the newest set, over the defaults. */
+static void load(terrapin_store *store) {
+    set_head head = {0};
+    store->dropped = 0U;
+    store->replaced = 0U;
+    store->missing = (uint16_t)PARAMETERS;
+    for (uint32_t i = 0U; i < PARAMETERS; i++) {
+        store->value[i] = terrapin_parameters[i].default_value;
+    }
+    if ((store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED) &&
+        read_head(store, store->newest, UINT32_MAX, &head)) {
+        for (uint32_t i = 0U; i < head.entries; i++) {
+            uint8_t unit[TERRAPIN_STORE_UNIT];
+            if (read_unit(store, store->newest + UNIT + ((i / 2U) * UNIT), unit)) {
+                take_entry(store, &unit[(i % 2U) * ENTRY_SIZE], i);
+            }
+        }
+    }
+}
+
+/* Look at every unit of a page: its newest whole set, where it ends, and whether there is anything else. */
+static void scan(terrapin_store *store, uint8_t page) {
+    const terrapin_flash_area area = store->page[page];
+    uint32_t at = 0U;
+    store->next[page] = 0U;
+    while ((at + UNIT) <= area.size) {
+        const uint32_t offset = area.offset + at;
+        set_head head = {0};
+        if (read_head(store, offset, area.size - at, &head) && whole(store, offset, head.size)) {
+            const uint32_t ahead = head.sequence - store->sequence;
+            if ((store->origin != (uint8_t)TERRAPIN_STORE_ORIGIN_STORED) || ((ahead - 1U) < 0x7FFFFFFFU)) {
+                store->origin = (uint8_t)TERRAPIN_STORE_ORIGIN_STORED;
+                store->newest = offset;
+                store->sequence = head.sequence;
+                store->active = page;
+            }
+            at += head.size;
+            store->next[page] = at;
+        } else {
+            at += UNIT;
+            if (!is_erased(store, offset, UNIT)) {
+                store->remains = true;
+                store->next[page] = at;
+            }
+        }
+    }
+}
+
+static bool usable(const terrapin_flash *flash, const terrapin_flash_area pages[2]) {
+    const uint32_t needed = set_size(PARAMETERS);
+    const terrapin_flash_area low = pages[(pages[0].offset <= pages[1].offset) ? 0 : 1];
+    const terrapin_flash_area high = pages[(pages[0].offset <= pages[1].offset) ? 1 : 0];
+    return (pages[0].size >= needed) && (pages[1].size >= needed) && ((high.offset - low.offset) >= low.size) &&
+           (flash->write_size > 0U) && ((UNIT % flash->write_size) == 0U);
+}
+
+bool terrapin_store_open(terrapin_store *store, const terrapin_flash *flash, const terrapin_flash_area pages[2]) {
+    static const terrapin_store fresh = {.origin = (uint8_t)TERRAPIN_STORE_ORIGIN_BLANK};
+    *store = fresh;
+    store->flash = flash;
+    const bool good = usable(flash, pages);
+    if (good) {
+        store->page[0] = pages[0];
+        store->page[1] = pages[1];
+        scan(store, 0U);
+        scan(store, 1U);
+    }
+    if (store->remains && (store->origin != (uint8_t)TERRAPIN_STORE_ORIGIN_STORED)) {
+        store->origin = (uint8_t)TERRAPIN_STORE_ORIGIN_DAMAGED;
+    }
+    load(store);
+    return good;
+}
+
+void terrapin_store_apply(const terrapin_store *store, terrapin_state *state) {
+    for (uint32_t i = 0U; i < PARAMETERS; i++) {
+        (void)terrapin_parameter_set(state, (uint16_t)i, store->value[i]); /* known, and in range */
+    }
+}
+
+bool terrapin_store_differs(const terrapin_store *store, const terrapin_state *state) {
+    bool differs = false;
+    for (uint32_t i = 0U; i < PARAMETERS; i++) {
+        int32_t value = 0;
+        (void)terrapin_parameter_get(state, (uint16_t)i, &value); /* known */
+        differs = differs || (value != store->value[i]);
+    }
+    return differs;
+}
+
+/* The other page than the newest set's, from its start. */
+static void begin_page(terrapin_store *store) {
+    const bool stored = store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED;
+    store->target = (stored && (store->active == 0U)) ? 1U : 0U;
+    store->phase = TERRAPIN_STORE_ERASE;
+}
+
+bool terrapin_store_save(terrapin_store *store, const terrapin_state *state) {
+    if (store->page[0].size == 0U) { /* terrapin_store_open refused the pages */
+        store->failed = true;
+        return false;
+    }
+    if (store->phase != TERRAPIN_STORE_IDLE) {
+        return false;
+    }
+    for (uint32_t i = 0U; i < PARAMETERS; i++) {
+        (void)terrapin_parameter_get(state, (uint16_t)i, &store->value[i]); /* known */
+    }
+    store->failed = false;
+    store->written = 0U;
+    store->crc = 0U;
+    const terrapin_flash_area area = store->page[store->active];
+    const uint32_t next = store->next[store->active];
+    const uint32_t size = set_size(PARAMETERS);
+    if ((store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED) && (size <= (area.size - next)) &&
+        is_erased(store, area.offset + next, size)) {
+        store->target = store->active;
+        store->phase = TERRAPIN_STORE_WRITE;
+    } else {
+        begin_page(store);
+    }
+    return true;
+}
+
+/* Where the set that is being written begins. */
+static uint32_t place(const terrapin_store *store) {
+    return store->page[store->target].offset + store->next[store->target];
+}
+
+/* A write went wrong. In the newest set's page there may be a bad spot: the other page is tried. It is never the one
+ * that holds the newest whole set that is erased. */
+static void give_up(terrapin_store *store) {
+    const bool stored = store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED;
+    if (stored && (store->target == store->active)) {
+        store->next[store->active] = store->page[store->active].size; /* nothing is written here before an erase */
+        store->written = 0U;
+        store->crc = 0U;
+        begin_page(store);
+    } else {
+        store->phase = TERRAPIN_STORE_IDLE;
+        store->failed = true;
+        load(store); /* what stands in flash counts again */
+    }
+}
+
+static void make_unit(terrapin_store *store, uint8_t unit[TERRAPIN_STORE_UNIT]) {
+    for (uint32_t i = 0U; i < UNIT; i++) {
+        unit[i] = ERASED;
+    }
+    if (store->written == 0U) {
+        put_word(unit, MAGIC);
+        put_word(&unit[4], TERRAPIN_STORE_LAYOUT | (PARAMETERS << 16U));
+        put_word(&unit[8], store->sequence + 1U);
+        put_word(&unit[12], (uint32_t)TERRAPIN_INTERFACE_VERSION);
+    } else {
+        const uint32_t first = ((store->written - UNIT) / UNIT) * 2U;
+        for (uint32_t i = 0U; (i < 2U) && ((first + i) < PARAMETERS); i++) {
+            put_word(&unit[i * ENTRY_SIZE], terrapin_parameter_hashes[first + i]);
+            put_word(&unit[(i * ENTRY_SIZE) + 4U], (uint32_t)store->value[first + i]);
+        }
+    }
+    const bool last = (store->written + UNIT) == set_size(PARAMETERS);
+    store->crc = terrapin_crc32(store->crc, unit, last ? CRC_AT : UNIT);
+    if (last) {
+        put_word(&unit[CRC_AT], store->crc);
+    }
+}
+
+static void write_piece(terrapin_store *store) {
+    uint8_t unit[TERRAPIN_STORE_UNIT];
+    make_unit(store, unit);
+    if (store->flash->write(store->flash->context, place(store) + store->written, unit, UNIT)) {
+        store->written += UNIT;
+        store->phase = (store->written == set_size(PARAMETERS)) ? TERRAPIN_STORE_VERIFY : TERRAPIN_STORE_WRITE;
+    } else {
+        give_up(store);
+    }
+}
+
+static void verify(terrapin_store *store) {
+    const uint32_t size = set_size(PARAMETERS);
+    const uint32_t offset = place(store);
+    set_head head = {0};
+    if (read_head(store, offset, size, &head) && whole(store, offset, size) &&
+        (head.sequence == (store->sequence + 1U))) {
+        store->newest = offset;
+        store->sequence = head.sequence;
+        store->active = store->target;
+        store->next[store->active] += size;
+        store->origin = (uint8_t)TERRAPIN_STORE_ORIGIN_STORED;
+        store->phase = TERRAPIN_STORE_IDLE;
+        store->dropped = 0U;
+        store->replaced = 0U;
+        store->missing = 0U;
+    } else {
+        give_up(store);
+    }
+}
+
+bool terrapin_store_work(terrapin_store *store, bool may_erase) {
+    switch (store->phase) {
+    case TERRAPIN_STORE_ERASE:
+        if (!may_erase) {
+            /* waits for the bridge to go off */
+        } else if (store->flash->erase(store->flash->context, store->page[store->target])) {
+            store->next[store->target] = 0U;
+            store->phase = TERRAPIN_STORE_WRITE;
+        } else {
+            store->next[store->target] = store->page[store->target].size;
+            give_up(store);
+        }
+        break;
+    case TERRAPIN_STORE_WRITE:
+        write_piece(store);
+        break;
+    case TERRAPIN_STORE_VERIFY:
+        verify(store);
+        break;
+    case TERRAPIN_STORE_IDLE:
+    default:
+        break;
+    }
+    return store->phase != TERRAPIN_STORE_IDLE;
+}
