@@ -1,0 +1,106 @@
+#include "boot.h"
+
+#include "layout.h"
+#include "terrapin_interface.h"
+
+#define NONE ((uint8_t)TERRAPIN_UPDATE_SLOT_NONE)
+#define A    ((uint8_t)TERRAPIN_UPDATE_SLOT_A)
+#define B    ((uint8_t)TERRAPIN_UPDATE_SLOT_B)
+
+terrapin_flash_area terrapin_boot_slot(uint8_t slot) {
+    const terrapin_flash_area area = {(slot == B) ? TERRAPIN_LAYOUT_SLOT_B : TERRAPIN_LAYOUT_SLOT_A,
+                                      TERRAPIN_LAYOUT_SLOT_SIZE};
+    return area;
+}
+
+terrapin_image_result terrapin_boot_check(const terrapin_boot *boot, uint8_t slot, const terrapin_record *record,
+                                          bool update, terrapin_image *image) {
+    const terrapin_flash_area area = terrapin_boot_slot(slot);
+    terrapin_image_result result =
+        terrapin_image_verify(boot->flash, area, TERRAPIN_LAYOUT_BASE + area.offset, boot->key, image);
+    if (result == (uint8_t)TERRAPIN_UPDATE_RESULT_OK) {
+        if (image->security_counter < record->security_counter) {
+            result = TERRAPIN_UPDATE_RESULT_COUNTER_TOO_LOW;
+        } else if (update && (terrapin_image_compare(image->version, record->version) < 0)) {
+            result = TERRAPIN_UPDATE_RESULT_VERSION_TOO_OLD;
+        } else {
+            /* good */
+        }
+    }
+    return result;
+}
+
+/* Whether the image in the slot may be started; then it is the choice. */
+static bool take(const terrapin_boot *boot, uint8_t slot, const terrapin_record *record, bool update,
+                 terrapin_boot_choice *choice) {
+    const bool good = (slot != NONE) && (terrapin_boot_check(boot, slot, record, update, &choice->image) ==
+                                         (uint8_t)TERRAPIN_UPDATE_RESULT_OK);
+    if (good) {
+        choice->slot = slot;
+        choice->address = TERRAPIN_LAYOUT_BASE + terrapin_boot_slot(slot).offset + TERRAPIN_LAYOUT_HEADER_SIZE;
+    }
+    return good;
+}
+
+void terrapin_boot_choose(const terrapin_boot *boot, terrapin_boot_choice *choice) {
+    static const terrapin_boot_choice stay = {0};
+    terrapin_record record;
+    *choice = stay;
+    (void)terrapin_records_make_room(boot->flash); /* when it fails, so does the append below, which is seen */
+    terrapin_records_read(boot->flash, &record);
+
+    if (record.phase == (uint8_t)TERRAPIN_UPDATE_PHASE_PENDING) {
+        const bool good = take(boot, record.candidate, &record, true, choice);
+        record.phase = good ? (uint8_t)TERRAPIN_UPDATE_PHASE_TRIAL : (uint8_t)TERRAPIN_UPDATE_PHASE_NONE;
+        if (terrapin_records_append(boot->flash, &record) && good) {
+            return;
+        }
+        *choice = stay; /* what cannot be written down is not tried: it might be tried for ever */
+    } else if (record.phase == (uint8_t)TERRAPIN_UPDATE_PHASE_TRIAL) {
+        /* The trial before this start was not confirmed. */
+        record.phase = TERRAPIN_UPDATE_PHASE_NONE;
+        (void)terrapin_records_append(boot->flash, &record); /* if not, it is dropped again at the next start */
+    } else {
+        /* nothing new */
+    }
+
+    if ((record.confirmed != NONE) && !take(boot, record.confirmed, &record, false, choice)) {
+        record.confirmed = NONE; /* the flash has lost it: whatever starts well now takes its place */
+        (void)terrapin_records_append(boot->flash, &record);
+    }
+    if (choice->slot == NONE) { /* nothing is confirmed: what there is, a rejected image last */
+        const uint8_t last = (record.candidate == A) ? A : B;
+        const uint8_t first = (last == A) ? B : A;
+        if (!take(boot, first, &record, false, choice)) {
+            (void)take(boot, last, &record, false, choice);
+        }
+    }
+}
+
+bool terrapin_boot_confirm(const terrapin_boot *boot, uint8_t running) {
+    terrapin_record record;
+    terrapin_image image;
+    const terrapin_flash_area area = terrapin_boot_slot(running);
+    terrapin_records_read(boot->flash, &record);
+    if ((record.confirmed == running) && (running != NONE)) {
+        return true;
+    }
+    const bool trial = (record.phase == (uint8_t)TERRAPIN_UPDATE_PHASE_TRIAL) && (record.candidate == running);
+    if (((running != A) && (running != B)) || (!trial && (record.confirmed != NONE)) ||
+        (terrapin_image_read(boot->flash, area, TERRAPIN_LAYOUT_BASE + area.offset, &image) !=
+         (uint8_t)TERRAPIN_UPDATE_RESULT_OK)) {
+        return false;
+    }
+    record.confirmed = running;
+    if (trial) {
+        record.candidate = NONE;
+        record.phase = TERRAPIN_UPDATE_PHASE_NONE;
+    }
+    if (terrapin_image_compare(image.version, record.version) > 0) {
+        record.version = image.version;
+    }
+    if (image.security_counter > record.security_counter) {
+        record.security_counter = image.security_counter;
+    }
+    return terrapin_records_append(boot->flash, &record);
+}

@@ -1,0 +1,48 @@
+/* Which image is started: the two slots, and the records of what has become of them.
+ *
+ *     update:    the image is written into the slot that is not confirmed, verified  -> pending
+ *     start:     a pending image is verified again, then started once                -> trial
+ *     healthy:   the application calls terrapin_boot_confirm                         -> confirmed
+ *     otherwise: at the next start the trial is over, the confirmed image is started
+ *
+ * Nothing is ever written into the confirmed slot. An image is started only with a good signature and a security
+ * counter that no confirmed image exceeded. Without any such image the boot loader stays and serves updates.
+ */
+#ifndef TERRAPIN_BOOT_H
+#define TERRAPIN_BOOT_H
+
+#include "records.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct {
+    const terrapin_flash *flash;
+    const uint8_t *key; /* 32 bytes: the public key */
+} terrapin_boot;
+
+typedef struct {
+    uint8_t slot;     /* update_slot; none: stay in the boot loader */
+    uint32_t address; /* of the image's vectors */
+    terrapin_image image;
+} terrapin_boot_choice;
+
+/* Decide, and write down, what is started now. To be called once a start. */
+void terrapin_boot_choose(const terrapin_boot *boot, terrapin_boot_choice *choice);
+
+/* Application: this start is healthy. `running` is the slot that it runs from. True when it stands in the records,
+ * which are written only when that is news: 0.1 ms, no erase. */
+bool terrapin_boot_confirm(const terrapin_boot *boot, uint8_t running);
+
+/* Verify the image in a slot, its counter, and, for an update, that its version is none before the confirmed one. */
+terrapin_image_result terrapin_boot_check(const terrapin_boot *boot, uint8_t slot, const terrapin_record *record,
+                                          bool update, terrapin_image *image);
+
+/* The area of slot a or b. */
+terrapin_flash_area terrapin_boot_slot(uint8_t slot);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

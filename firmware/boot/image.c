@@ -1,0 +1,181 @@
+#include "image.h"
+
+#include "ed25519.h"
+#include "layout.h"
+#include "terrapin_interface.h"
+
+#define MAGIC           0x96F3B83DU
+#define FLAG_ROM_FIXED  0x00000100U
+#define PROTECTED_MAGIC 0x6908U
+#define TLV_MAGIC       0x6907U
+#define TLV_KEY_HASH    0x01U
+#define TLV_SHA256      0x10U
+#define TLV_ED25519     0x24U
+#define TLV_COUNTER     0x50U
+#define TLV_HEAD        4U /* bytes before a TLV's value, and before the first TLV */
+
+/* The TLVs after the protected ones, in imgtool's order: their places from the start of the area. */
+#define PLACE_SHA256  TLV_HEAD
+#define PLACE_KEY     (PLACE_SHA256 + TLV_HEAD + 32U)
+#define PLACE_ED25519 (PLACE_KEY + TLV_HEAD + 32U)
+#define TLV_SIZE      (PLACE_ED25519 + TLV_HEAD + 64U)
+
+static uint16_t get16(const uint8_t *bytes) {
+    return (uint16_t)(((uint32_t)bytes[1] << 8U) | bytes[0]);
+}
+
+static uint32_t get32(const uint8_t *bytes) {
+    return ((uint32_t)get16(&bytes[2]) << 16U) | get16(bytes);
+}
+
+bool terrapin_image_header_version(const uint8_t header[32], terrapin_image_version *version) {
+    version->major = header[20];
+    version->minor = header[21];
+    version->revision = get16(&header[22]);
+    version->build = get32(&header[24]);
+    return get32(header) == MAGIC;
+}
+
+/* The one security counter among the protected TLVs, `size` bytes at `offset`. */
+static bool read_counter(const terrapin_flash *flash, uint32_t offset, uint32_t size, uint32_t *counter) {
+    uint8_t bytes[8];
+    uint32_t place = TLV_HEAD;
+    uint32_t found = 0U;
+    bool good = (size > TLV_HEAD) && flash->read(flash->context, offset, bytes, TLV_HEAD) &&
+                (get16(bytes) == PROTECTED_MAGIC) && (get16(&bytes[2]) == size);
+    while (good && (place < size)) { /* each turn advances by TLV_HEAD or more */
+        good = ((size - place) >= TLV_HEAD) && flash->read(flash->context, offset + place, bytes, TLV_HEAD);
+        const uint16_t type = get16(bytes);
+        const uint32_t length = get16(&bytes[2]);
+        good = good && (length <= (size - place - TLV_HEAD));
+        if (good && (type == TLV_COUNTER)) {
+            found++;
+            good = (length == 4U) && flash->read(flash->context, offset + place + TLV_HEAD, bytes, 4U);
+            *counter = get32(bytes);
+        }
+        place += TLV_HEAD + length;
+    }
+    return good && (found == 1U);
+}
+
+/* A TLV of that type and length stands there. */
+static bool tlv_is(const uint8_t *bytes, uint16_t type, uint16_t length) {
+    return (get16(bytes) == type) && (get16(&bytes[2]) == length);
+}
+
+terrapin_image_result terrapin_image_read(const terrapin_flash *flash, terrapin_flash_area slot, uint32_t address,
+                                          terrapin_image *image) {
+    uint8_t header[32];
+    if (!flash->read(flash->context, slot.offset, header, sizeof header)) {
+        return TERRAPIN_UPDATE_RESULT_FLASH;
+    }
+    const uint32_t protected_size = get16(&header[10]);
+    image->code_size = get32(&header[12]);
+    if (!terrapin_image_header_version(header, &image->version) || (get16(&header[8]) != TERRAPIN_LAYOUT_HEADER_SIZE) ||
+        (get32(&header[16]) != FLAG_ROM_FIXED) || (image->code_size == 0U) ||
+        (slot.size < TERRAPIN_LAYOUT_HEADER_SIZE) || (image->code_size > (slot.size - TERRAPIN_LAYOUT_HEADER_SIZE))) {
+        return TERRAPIN_UPDATE_RESULT_NOT_AN_IMAGE;
+    }
+    if (get32(&header[4]) != address) {
+        return TERRAPIN_UPDATE_RESULT_WRONG_SLOT;
+    }
+    const uint32_t code_end = TERRAPIN_LAYOUT_HEADER_SIZE + image->code_size;
+    if ((protected_size + TLV_SIZE) > (slot.size - code_end)) {
+        return TERRAPIN_UPDATE_RESULT_NOT_AN_IMAGE;
+    }
+    image->hashed_size = code_end + protected_size;
+    image->size = image->hashed_size + TLV_SIZE;
+    if (!read_counter(flash, slot.offset + code_end, protected_size, &image->security_counter)) {
+        return TERRAPIN_UPDATE_RESULT_NOT_AN_IMAGE;
+    }
+    return TERRAPIN_UPDATE_RESULT_OK;
+}
+
+void terrapin_image_key_hash(const uint8_t key[32], uint8_t hash[TERRAPIN_SHA256_SIZE]) {
+    static const uint8_t head[12] = {0x30U, 0x2AU, 0x30U, 0x05U, 0x06U, 0x03U,
+                                     0x2BU, 0x65U, 0x70U, 0x03U, 0x21U, 0x00U};
+    terrapin_sha2 sha;
+    terrapin_sha2_begin(&sha, TERRAPIN_SHA256);
+    terrapin_sha2_take(&sha, head, sizeof head);
+    terrapin_sha2_take(&sha, key, 32U);
+    terrapin_sha2_end(&sha, hash);
+}
+
+static bool same32(const uint8_t *a, const uint8_t *b) {
+    uint32_t difference = 0U;
+    for (uint32_t i = 0U; i < 32U; i++) {
+        difference |= (uint32_t)a[i] ^ b[i];
+    }
+    return difference == 0U;
+}
+
+/* SHA-256 of `size` bytes of flash. */
+static bool digest_of(const terrapin_flash *flash, uint32_t offset, uint32_t size, uint8_t *digest) {
+    terrapin_sha2 sha;
+    uint8_t bytes[64];
+    bool good = true;
+    terrapin_sha2_begin(&sha, TERRAPIN_SHA256);
+    for (uint32_t done = 0U; good && (done < size); done += sizeof bytes) {
+        const uint32_t rest = size - done;
+        const uint32_t count = (rest < sizeof bytes) ? rest : (uint32_t)sizeof bytes;
+        good = flash->read(flash->context, offset + done, bytes, count);
+        terrapin_sha2_take(&sha, bytes, count);
+    }
+    terrapin_sha2_end(&sha, digest);
+    return good;
+}
+
+terrapin_image_result terrapin_image_verify(const terrapin_flash *flash, terrapin_flash_area slot, uint32_t address,
+                                            const uint8_t key[32], terrapin_image *image) {
+    uint8_t tlv[TLV_SIZE];
+    uint8_t hash[TERRAPIN_SHA256_SIZE];
+    const terrapin_image_result form = terrapin_image_read(flash, slot, address, image);
+    if (form != TERRAPIN_UPDATE_RESULT_OK) {
+        return form;
+    }
+    if (!flash->read(flash->context, slot.offset + image->hashed_size, tlv, sizeof tlv) ||
+        !digest_of(flash, slot.offset, image->hashed_size, hash)) {
+        return TERRAPIN_UPDATE_RESULT_FLASH;
+    }
+    if ((get16(tlv) != TLV_MAGIC) || !tlv_is(&tlv[PLACE_SHA256], TLV_SHA256, 32U)) {
+        return TERRAPIN_UPDATE_RESULT_NOT_AN_IMAGE;
+    }
+    if (!same32(&tlv[PLACE_SHA256 + TLV_HEAD], hash)) {
+        return TERRAPIN_UPDATE_RESULT_CORRUPTED;
+    }
+    if ((get16(&tlv[2]) != TLV_SIZE) || !tlv_is(&tlv[PLACE_KEY], TLV_KEY_HASH, 32U) ||
+        !tlv_is(&tlv[PLACE_ED25519], TLV_ED25519, 64U)) {
+        return TERRAPIN_UPDATE_RESULT_BAD_SIGNATURE; /* not signed, or in another way */
+    }
+    uint8_t key_hash[TERRAPIN_SHA256_SIZE];
+    terrapin_image_key_hash(key, key_hash);
+    if (!same32(&tlv[PLACE_KEY + TLV_HEAD], key_hash)) {
+        return TERRAPIN_UPDATE_RESULT_WRONG_KEY;
+    }
+    if (!terrapin_ed25519_verify(key, &tlv[PLACE_ED25519 + TLV_HEAD], hash, sizeof hash)) {
+        return TERRAPIN_UPDATE_RESULT_BAD_SIGNATURE;
+    }
+    return TERRAPIN_UPDATE_RESULT_OK;
+}
+
+static int32_t order(uint32_t a, uint32_t b) {
+    int32_t result = 0;
+    if (a != b) {
+        result = (a < b) ? -1 : 1;
+    }
+    return result;
+}
+
+int32_t terrapin_image_compare(terrapin_image_version a, terrapin_image_version b) {
+    int32_t result = order(a.major, b.major);
+    if (result == 0) {
+        result = order(a.minor, b.minor);
+    }
+    if (result == 0) {
+        result = order(a.revision, b.revision);
+    }
+    if (result == 0) {
+        result = order(a.build, b.build);
+    }
+    return result;
+}

@@ -1,0 +1,72 @@
+/* The update over CAN frames, UPDATE_* of controller.toml: what boot loader and application (motor off) both serve.
+ *
+ *     terrapin_update_init(&update, &boot, running);
+ *     for each received frame:
+ *         n = terrapin_update_accept(&update, &frame, motor_on, replies);
+ *         send the n replies; after that, reset if update.reset
+ *
+ *     host                                   controller
+ *     UPDATE_QUERY                           UPDATE_INFO, UPDATE_FLOOR: slots, versions
+ *     UPDATE_BEGIN size, version, slot       UPDATE_STATUS, once the slot is erased (1 s, 2 s at most)
+ *     32 x UPDATE_DATA, UPDATE_BLOCK crc     UPDATE_STATUS, once the 256 bytes are written (1 ms, 7 ms at most)
+ *     ...                                    `again`: send the block `next` (again)
+ *     UPDATE_END crc                         UPDATE_STATUS, once the image is verified (and, if it is refused, erased)
+ *     UPDATE_RESET                           UPDATE_STATUS, then the reset
+ *
+ * The window is one block: a block is answered before the next may be sent, so that no frame comes while the flash is
+ * written, for which the processor stands still. terrapin_update_accept takes that time too: a caller with a watchdog
+ * whose time is shorter than an erase resets into the boot loader for an update instead (UPDATE_RESET with `stay`).
+ */
+#ifndef TERRAPIN_UPDATE_H
+#define TERRAPIN_UPDATE_H
+
+#include "boot.h"
+#include "terrapin.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define TERRAPIN_UPDATE_ID_FIRST  0x0A0U
+#define TERRAPIN_UPDATE_ID_LAST   0x0A7U
+#define TERRAPIN_UPDATE_PROTOCOL  1U
+#define TERRAPIN_UPDATE_RESET_KEY 0x5AFEB007U
+#define TERRAPIN_UPDATE_BLOCK     256U
+#define TERRAPIN_UPDATE_REPLIES   2U /* at most, to one frame */
+
+typedef struct {
+    const terrapin_boot *boot;
+    uint8_t running; /* update_slot that the caller runs from; none: the boot loader */
+    bool reset;      /* send the replies, then reset */
+    bool stay;       /* and stay in the boot loader */
+
+    bool active;                    /* between BEGIN and END */
+    uint8_t slot;                   /* being written */
+    uint32_t size;                  /* announced */
+    terrapin_image_version version; /* announced, build number apart */
+    uint32_t written;               /* bytes, a multiple of the block's size until the last */
+    uint32_t checksum;              /* CRC-32 of those */
+    uint32_t block_checksum;        /* of the last block written, to know it again */
+    uint32_t filled;                /* bytes of `block`; more than its size when too many came */
+    uint8_t block[TERRAPIN_UPDATE_BLOCK];
+
+    uint8_t begin_counter; /* E2E counters of the last accepted frames, and of the next answer */
+    uint8_t end_counter;
+    uint8_t reset_counter;
+    uint8_t reply_counter;
+    uint32_t malformed; /* frames dropped, by cause; these wrap */
+    uint32_t bad_crc;
+    uint32_t repeated;
+} terrapin_update;
+
+/* `boot` must outlive it. */
+void terrapin_update_init(terrapin_update *update, const terrapin_boot *boot, uint8_t running);
+
+/* Take one frame; the number of replies to send. A frame that is no message of an update changes nothing. */
+uint32_t terrapin_update_accept(terrapin_update *update, const terrapin_frame *frame, bool motor_on,
+                                terrapin_frame replies[TERRAPIN_UPDATE_REPLIES]);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
