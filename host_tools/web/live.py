@@ -1,0 +1,307 @@
+"""Routes of the Live tab: what there is to watch, watching it, recording it, stopping the robot."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import shlex
+import stat
+import threading
+from pathlib import Path
+from typing import Annotated, Any, Literal
+from weakref import WeakKeyDictionary
+
+from fastapi import APIRouter, WebSocket
+from pydantic import BaseModel, Field, StringConstraints
+
+from hil import paths
+from host_tools.errors import UserError
+from host_tools.web.context import Context, Terrapin
+from host_tools.web.live_session import Picture, Session
+from host_tools.web.live_socket import Audience
+from host_tools.web.models import Line, Request, problems
+from host_tools.web.workspace import NAME, NotThere, Taken
+
+__all__ = ["begin", "end", "router"]
+
+router = APIRouter(prefix="/api", tags=["live"])
+SOURCE = r"^(simulator|log|socketcan|serial|can):[A-Za-z0-9_./:@+-]{1,200}$"
+_DEVICE = re.compile(r"/dev/[A-Za-z0-9_./-]+(@\d{1,8})?\Z", re.ASCII)
+_CHANNEL = re.compile(r"[A-Za-z0-9_.-]{1,32}\Z", re.ASCII)
+_NAME = re.compile(NAME.removesuffix("$") + r"\Z", re.ASCII)
+CAN_DEVICES = "280"  # ARPHRD_CAN
+
+
+class Link(BaseModel):
+    """Something to watch: `source` is what POST /api/live takes."""
+
+    source: str
+    title: str
+    kind: Literal["bus", "log", "simulator"]
+
+
+class Watch(Request):
+    """What to watch. `dbc` is a DBC in the workspace's logs folder; empty: the controller's own."""
+
+    source: Annotated[str, StringConstraints(pattern=SOURCE, max_length=220)]
+    dbc: Annotated[str, StringConstraints(pattern=r"^([A-Za-z0-9][A-Za-z0-9_.-]{0,63})?$")] = ""
+    speed: Annotated[float, Field(gt=0.0, le=1000.0, description="of a log: times its own pace")] = 1.0
+    bitrate: Annotated[int, Field(ge=1, le=10_000_000, description="bit/s")] = 500_000
+    controller: Literal["inprocess", "pty", "qemu"] = "inprocess"
+
+
+class Watched(BaseModel):
+    """What is being watched, if anything."""
+
+    name: str | None
+    state: str | None
+    command: str | None
+    recording: dict[str, Any] | None = None
+
+
+class Record(Request):
+    """Begin a log (its suffix says of which kind: .log .blf .mf4 .mcap) or end it."""
+
+    do: Literal["start", "stop"]
+    name: Annotated[str, StringConstraints(pattern=NAME, max_length=64)] = "live.mf4"
+
+
+class Recorded(BaseModel):
+    """A log: its name in the workspace's logs folder, what it holds, and the command that records as well."""
+
+    name: str
+    frames: int
+    bytes: int
+    command: str
+
+
+class Command(Request):
+    """`idle`: hold the stop button in; `release`: let it go; `mark`: note an event."""
+
+    request: Literal["idle", "release", "mark"]
+    text: Line = "mark"
+
+
+class Done(BaseModel):
+    """What was done, in words."""
+
+    done: str
+
+
+class _Hub:
+    """The session of a server and those who watch it."""
+
+    def __init__(self) -> None:
+        self.audience = Audience()
+        self.session: Session | None = None
+        self.changing = asyncio.Lock()
+        self._loop = asyncio.get_running_loop()
+
+    async def open(self, context: Context, body: Watch) -> Session:
+        async with self.changing:
+            await self._close()
+            ready = threading.Event()
+            session: Session | None = None
+
+            def tell(picture: Picture | None, status: dict[str, Any] | None) -> None:
+                ready.wait(5.0)
+                if session is not None and not self._loop.is_closed():
+                    self._loop.call_soon_threadsafe(self.audience.show, session, picture, status)
+
+            try:
+                session = await asyncio.to_thread(_open, context, body, tell)
+                self.session = session
+                self.audience.change(session)
+            finally:
+                ready.set()
+            return session
+
+    async def close(self) -> None:
+        async with self.changing:
+            await self._close()
+
+    async def _close(self) -> None:
+        session, self.session = self.session, None
+        if session is not None:
+            self.audience.change(None)
+            await asyncio.to_thread(session.close)
+
+    def watched(self) -> Session:
+        """The session; NotThere when nothing is watched."""
+        if self.session is None:
+            raise NotThere("live: nothing is watched, expected POST /api/live first")
+        return self.session
+
+
+_hubs: WeakKeyDictionary[Context, _Hub] = WeakKeyDictionary()
+
+
+async def begin(context: Context) -> None:
+    """When the server starts."""
+    _hubs[context] = _Hub()
+
+
+async def end(context: Context) -> None:
+    """When it ends: the log is closed."""
+    hub = _hubs.pop(context)
+    await hub.close()
+    hub.audience.close()
+
+
+def _open(context: Context, body: Watch, tell: Any) -> Session:
+    """Opens source and DBC. UserError when one of them cannot be."""
+    from hil.messages import interface
+    from host_tools.logs.decoding import Decoder
+    from host_tools.monitor.sources import Bus, LogFile, Simulator, Source
+
+    logs = context.workspace.folder("logs")
+    own = paths.build() / "generated" / "terrapin.dbc"
+    decoder = Decoder(_stored(logs, body.dbc) if body.dbc else own)
+    kind, _, where = body.source.partition(":")
+    dbc = ["--dbc", str(logs / body.dbc)] if body.dbc else []
+    source: Source
+    if kind == "simulator":
+        if not _NAME.match(where):
+            raise UserError(f"source: found {where!r}, expected a scenario's name")
+        source = Simulator(where, body.controller)
+        controller = ["--controller", body.controller] if body.controller != "inprocess" else []
+        arguments = ["monitor", where, *controller, *dbc]
+    elif kind == "log":
+        log = _stored(logs, where)
+        source = LogFile(log, body.speed)
+        speed = ["--speed", f"{body.speed:g}"] if body.speed != 1.0 else []
+        arguments = ["monitor", str(log), *speed, *dbc]
+    else:
+        _check_bus(kind, where)
+        source = Bus(body.source, body.bitrate)
+        bitrate = ["--bitrate", str(body.bitrate)] if body.bitrate != 500_000 else []
+        arguments = ["monitor", "--link", body.source, *bitrate, *dbc]
+    command = shlex.join(["terrapin", *arguments])
+    return Session(source, decoder, None if body.dbc else interface(), body.bitrate, command, tell)
+
+
+def _stored(folder: Path, name: str) -> Path:
+    """A file of a folder, by its name."""
+    if not _NAME.match(name) or not (folder / name).is_file():
+        raise NotThere(f"logs: found no {name[:80]!r} in the workspace's folder logs")
+    return folder / name
+
+
+def _check_bus(kind: str, where: str) -> None:
+    """Devices are named, never paths to anything else."""
+    import can
+
+    if kind == "serial":
+        device = Path(where.partition("@")[0])
+        if not _DEVICE.match(where) or ".." in device.parts:
+            raise UserError(f"source: found {where[:80]!r}, expected a serial port such as serial:/dev/ttyACM0")
+        try:
+            if not stat.S_ISCHR(device.stat().st_mode):
+                raise UserError(f"source: {device} is no serial port", status=2)
+        except OSError as error:
+            raise UserError(f"source: {device}: {error.strerror}, expected a serial port") from None
+        return
+    interface, _, channel = where.partition(":") if kind == "can" else ("socketcan", "", where)
+    if interface not in can.VALID_INTERFACES:
+        raise UserError(f"source: python-can has no interface {interface[:40]!r}")
+    if not _CHANNEL.match(channel):
+        raise UserError(f"source: found channel {channel[:80]!r}, expected a name such as can0")
+
+
+@router.get("/links", responses=problems())
+async def links(context: Terrapin) -> list[Link]:
+    """What can be watched: buses of this machine, logs of the workspace, scenarios of the simulator."""
+    return await asyncio.to_thread(_links, context)
+
+
+def _links(context: Context) -> list[Link]:
+    import tomllib
+
+    from serial.tools import list_ports
+
+    found = []
+    if re.match(SOURCE, context.link):
+        found.append(Link(source=context.link, title=f"{context.link} (named by --link)", kind="bus"))
+    for path in sorted(Path("/sys/class/net").glob("*/type")):
+        if path.read_text(encoding="ascii").strip() == CAN_DEVICES:
+            found.append(Link(source=f"socketcan:{path.parent.name}", title=f"CAN {path.parent.name}", kind="bus"))
+    for port in sorted(list_ports.comports()):
+        if _DEVICE.match(port.device):
+            title = f"{port.device} {port.description if port.description != 'n/a' else ''}".strip()
+            found.append(Link(source=f"serial:{port.device}", title=title, kind="bus"))
+    for path in sorted((paths.ROOT / "hil" / "scenarios").glob("*.toml")):
+        title = tomllib.loads(path.read_text(encoding="utf-8")).get("title", path.stem)
+        found.append(Link(source=f"simulator:{path.stem}", title=title, kind="simulator"))
+    from host_tools.logs.reading import READABLE
+
+    for path in sorted(context.workspace.folder("logs").iterdir()):
+        if _NAME.match(path.name) and path.suffix.lower() in READABLE:
+            found.append(Link(source=f"log:{path.name}", title=path.name, kind="log"))
+    return found
+
+
+def _answer(session: Session | None) -> Watched:
+    if session is None:
+        return Watched(name=None, state=None, command=None)
+    return Watched(
+        name=session.source.name, state=session.state, command=session.command, recording=session.recording()
+    )
+
+
+@router.get("/live", responses=problems())
+async def live(context: Terrapin) -> Watched:
+    """What is being watched."""
+    return _answer(_hubs[context].session)
+
+
+@router.post("/live", responses=problems(404, 500))
+async def watch(context: Terrapin, body: Watch) -> Watched:
+    """Watch something; every browser sees it. What was watched before ends, with its log."""
+    return _answer(await _hubs[context].open(context, body))
+
+
+@router.delete("/live", responses=problems())
+async def unwatch(context: Terrapin) -> Watched:
+    """Watch nothing any more."""
+    await _hubs[context].close()
+    return _answer(None)
+
+
+@router.post("/live/record", responses=problems(404, 409, 500))
+async def record(context: Terrapin, body: Record) -> Recorded:
+    """Begin or end a log in the workspace's folder logs. It is readable up to the last half second at any moment."""
+    session = _hubs[context].watched()
+    if body.do == "stop":
+        found = await asyncio.to_thread(session.stop_recording) or session.last_log
+        if found is None:
+            raise Taken("record: nothing is being recorded")
+        return Recorded(**{k: found[k] for k in ("name", "frames", "bytes")}, command="")
+    from host_tools.logs.writing import GROWING
+
+    path = context.workspace.folder("logs") / body.name
+    if path.suffix.lower() not in GROWING:
+        raise UserError(f"name: found {path.suffix!r}, expected one of {' '.join(GROWING)}")
+    if path.exists():
+        raise Taken(f"{body.name}: exists already, expected a new name")
+    await asyncio.to_thread(session.record, path)
+    words = session.command.split()
+    link = ["--link", words[words.index("--link") + 1]] if "--link" in words else []
+    command = shlex.join(["terrapin", "log", "record", str(path), *link]) if link else ""
+    return Recorded(name=body.name, frames=0, bytes=0, command=command)
+
+
+@router.post("/live/command", responses=problems(404, 500))
+async def command(context: Terrapin, body: Command) -> Done:
+    """Ask the controller to go idle, again and again until released; or note an event."""
+    session = _hubs[context].watched()
+    if body.request == "mark":
+        await asyncio.to_thread(session.mark, body.text or "mark")
+        return Done(done=f"marked: {body.text or 'mark'}")
+    await asyncio.to_thread(session.hold_stop, body.request == "idle")
+    return Done(done="asking for idle until released" if body.request == "idle" else "released")
+
+
+@router.websocket("/live/socket")
+async def socket(socket: WebSocket) -> None:
+    """Pictures of what is watched; see host_tools/web/live_socket.py."""
+    await _hubs[socket.app.state.terrapin].audience.serve(socket)
