@@ -10,7 +10,17 @@ from typing import Annotated, Any
 import typer
 
 from host_tools.errors import UserError
-from host_tools.workbench.commandline import Cases, Cluster, Jobs, Json, Level, Seed, check_options, deliver
+from host_tools.workbench.commandline import (
+    Cases,
+    Cluster,
+    Jobs,
+    Json,
+    Level,
+    Seed,
+    check_options,
+    deliver,
+    progress_lines,
+)
 
 __all__ = ["register"]
 
@@ -50,7 +60,7 @@ def discover(
     begin = time.monotonic()
 
     def report(text: str) -> None:
-        if sys.stderr.isatty():
+        if sys.stderr.isatty() or progress_lines():
             print(f"{time.monotonic() - begin:5.1f} s  {text} ...", file=sys.stderr, flush=True)
 
     question = fleet.Question("discover", seed, level, bootstrap)

@@ -23,6 +23,7 @@ from hil.scenario import find_scenario, load_scenario, parameters_of
 from host_tools.contact_error import ContactError, contact_error
 from host_tools.errors import UserError
 from host_tools.logs.folder import RunFolder
+from host_tools.workbench.commandline import progress_lines
 
 __all__ = ["register"]
 
@@ -44,7 +45,18 @@ def read_parameters(path: Path, description: Interface) -> dict[str, float]:
 
 @contextlib.contextmanager
 def _progress(name: str) -> Iterator[Callable[[float], None] | None]:
-    """A bar on standard error when that is a terminal."""
+    """A bar on standard error when that is a terminal; a line for each per cent where lines are asked for."""
+    if progress_lines():
+        told = -1
+
+        def tell(share: float) -> None:
+            nonlocal told
+            if int(100.0 * share) > told:
+                told = int(100.0 * share)
+                print(f"{name}: {told} %", file=sys.stderr, flush=True)
+
+        yield tell
+        return
     if not sys.stderr.isatty():
         yield None
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -23,6 +24,7 @@ __all__ = [
     "Seed",
     "check_options",
     "deliver",
+    "progress_lines",
     "step",
 ]
 
@@ -50,18 +52,23 @@ def check_options(seed: int, jobs: int, level: float = 0.05) -> None:
         raise UserError(f"--level: found {level:g}, expected between 0 and 1")
 
 
+def progress_lines() -> bool:
+    """Whether progress goes to standard error line by line, for a program that reads it."""
+    return os.environ.get("TERRAPIN_PROGRESS") == "lines"
+
+
 @contextmanager
 def step(text: str) -> Iterator[None]:
-    """Progress on standard error, on a terminal only: the step while it lasts, then nothing."""
-    shown = sys.stderr.isatty()
-    if shown:
-        print(f"{text} ...", end="", file=sys.stderr, flush=True)
+    """Progress on standard error, on a terminal or where lines are asked for: the step, then its time."""
+    shown, lines = sys.stderr.isatty(), progress_lines()
+    if shown or lines:
+        print(f"{text} ...", end="\n" if lines else "", file=sys.stderr, flush=True)
     begin = time.monotonic()
     try:
         yield
     finally:
-        if shown:
-            print(f"\r{text}: {time.monotonic() - begin:.1f} s", file=sys.stderr, flush=True)
+        if shown or lines:
+            print(f"{'' if lines else chr(13)}{text}: {time.monotonic() - begin:.1f} s", file=sys.stderr, flush=True)
 
 
 def deliver(answer: dict[str, Any], words: str, target: str) -> None:

@@ -35,7 +35,7 @@ class OwnEffect:
 
 
 def parse_parameter(text: str) -> tuple[str, OwnParameter]:
-    """`k=START`, `k=START:MIN:MAX` or `k=START:MIN:MAX:UNIT`.
+    """`k=START`, `k=START:MIN:MAX` or `k=START:MIN:MAX:UNIT`; MIN and MAX may be empty for none.
 
     >>> parse_parameter("k=1e-3:0:1:N m")
     ('k', OwnParameter(value=0.001, minimum=0.0, maximum=1.0, unit='N m'))
@@ -45,11 +45,11 @@ def parse_parameter(text: str) -> tuple[str, OwnParameter]:
     if not equals or not name.strip().isidentifier() or len(parts) == 2:
         raise UserError(f"--parameter: found {text!r}, expected NAME=START:MIN:MAX[:UNIT]")
     try:
-        numbers = [float(part) for part in parts[:3]]
+        start = float(parts[0])
+        limits = [float(part) if part.strip() else None for part in parts[1:3]] or [None, None]
     except ValueError:
         raise UserError(f"--parameter: found {text!r}, expected numbers in NAME=START:MIN:MAX[:UNIT]") from None
-    limits = numbers[1:] if len(numbers) == 3 else [None, None]
-    return name.strip(), OwnParameter(numbers[0], limits[0], limits[1], parts[3].strip() if len(parts) == 4 else "1")
+    return name.strip(), OwnParameter(start, limits[0], limits[1], parts[3].strip() if len(parts) == 4 else "1")
 
 
 def add_effects(text: str, names: Sequence[str], own: Mapping[str, OwnEffect]) -> str:

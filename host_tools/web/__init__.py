@@ -1,0 +1,1 @@
+"""The workbench in a browser: `terrapin web`. See docs/web.md."""
