@@ -11,11 +11,12 @@ import numpy.typing as npt
 
 from host_tools.errors import UserError
 from host_tools.workbench.analysis import Analysis, fitted_on, predict
-from host_tools.workbench.case import parse_case
+from host_tools.workbench.case import Case, parse_case
 from host_tools.workbench.directions import numeric_columns
 from host_tools.workbench.edit import OwnEffect, OwnParameter, add_effects
+from host_tools.workbench.fit import Fit
 
-__all__ = ["CARDS", "Preview", "page_data", "previews"]
+__all__ = ["CARDS", "Preview", "page_data", "previews", "refit"]
 
 Array = npt.NDArray[np.float64]
 
@@ -46,14 +47,17 @@ def previews(analysis: Analysis, answer: dict[str, Any] | None) -> list[Preview]
     for effects in dict.fromkeys(one for one in sets if one):
         if len(found) == MAX_PREVIEWS:
             break
-        prediction = _with(analysis, answer, effects)
-        if prediction is not None:
-            found.append(Preview(effects, prediction))
+        fit = refit(analysis.case, analysis.noise.sigma, answer, effects)
+        if fit is not None:
+            found.append(Preview(effects, predict(fit, analysis.rows)))
     return found
 
 
-def _with(analysis: Analysis, answer: dict[str, Any], effects: tuple[str, ...]) -> Array | None:
-    case = analysis.case
+def refit(case: Case, sigma: Array, answer: dict[str, Any], effects: tuple[str, ...]) -> Fit | None:
+    """The case's model with further effects, fitted on its training runs; None when it gives no prediction.
+
+    `sigma` (channels,) is the noise sd; `answer`, of discover, has the expressions among the effects.
+    """
     own = {
         candidate["effect"]: OwnEffect(
             candidate["expression"],
@@ -70,9 +74,8 @@ def _with(analysis: Analysis, answer: dict[str, Any], effects: tuple[str, ...]) 
         larger = parse_case(case.folder, add_effects(case.text, effects, own))
     except UserError:  # a proposal that case.toml cannot hold: its card stands without a curve
         return None
-    fit = fitted_on(larger, larger.effects, larger.train, analysis.noise.sigma)[-1]
-    prediction = predict(fit, analysis.rows)
-    return prediction if bool(np.isfinite(prediction).all()) else None
+    fit = fitted_on(larger, larger.effects, larger.train, sigma)[-1]
+    return fit if bool(np.isfinite(predict(fit, case.train | case.test)).all()) else None
 
 
 def page_data(analysis: Analysis, answer: dict[str, Any], shown: list[Preview]) -> dict[str, Any]:

@@ -1,0 +1,262 @@
+// The frame of the page: token, requests, jobs, events, tabs, and the strip with the command line.
+// Each tab is a module with `export function mount(element, app)`; it returns { show(rest), hide(), redraw() }, all
+// optional. `rest` is what follows the tab's name in the address: #workbench/heated_motor -> "heated_motor".
+
+const TABS = [
+  { name: 'workbench', title: 'Workbench' },
+  { name: 'simulate', title: 'Simulate' },
+  { name: 'live', title: 'Live' },
+];
+const ENDED = ['done', 'failed', 'cancelled'];
+const POLL_MS = 400;
+const $ = (id) => document.getElementById(id);
+
+// ---------------------------------------------------------------- small helpers, exported for the tabs
+
+/** An element: h('button', { class: 'x', onclick: f, text: 'Add' }, child, ...). Text is never read as HTML. */
+export function h(tag, properties = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [key, value] of Object.entries(properties)) {
+    if (value === undefined || value === null || value === false) continue;
+    if (key === 'text') element.textContent = value;
+    else if (key === 'html') element.innerHTML = value; // only what the server itself has typeset (MathML, notes)
+    else if (key.startsWith('on')) element.addEventListener(key.slice(2), value);
+    else if (key === 'value' || key === 'checked' || key === 'disabled' || key === 'selected') element[key] = value;
+    else element.setAttribute(key, value === true ? '' : value);
+  }
+  element.append(...children.flat().filter((child) => child !== null && child !== undefined && child !== false));
+  return element;
+}
+
+/** Four digits, as short as they go; a dash for what is not there. */
+export function number(value, digits = 4) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return '–';
+  const text = String(Number(value.toPrecision(digits)));
+  return text.replace('-', '−');
+}
+
+/** A unit to stand behind a number; nothing for a plain number. */
+export const unit = (text) => (text && text !== '1' ? ` ${text}` : '');
+
+export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+export const still = () => matchMedia('(prefers-reduced-motion: reduce)').matches;
+
+/** For screen readers: what has just happened. */
+export function announce(text) {
+  $('announce').textContent = '';
+  requestAnimationFrame(() => { $('announce').textContent = text; });
+}
+
+// ---------------------------------------------------------------- token and requests
+
+function takeToken() {
+  const address = new URL(location.href);
+  const given = address.searchParams.get('token');
+  if (given) {
+    sessionStorage.setItem('terrapin-token', given);
+    address.searchParams.delete('token');
+    history.replaceState(null, '', address.pathname + address.search + address.hash);
+  }
+  return sessionStorage.getItem('terrapin-token'); // none after a new tab: the cookie does it then
+}
+const token = takeToken();
+
+/** What the server answered, as an Error whose message is its line. */
+export class Refused extends Error {
+  constructor(status, message) { super(message); this.status = status; }
+}
+
+/** JSON from /api. options: method, body (an object: JSON; a Blob: as it is), signal, headers. */
+export async function api(path, options = {}) {
+  const headers = { ...(options.headers || {}) };
+  if (token) headers.Authorization = `Bearer ${token}`;
+  let body = options.body;
+  if (body !== undefined && !(body instanceof Blob)) {
+    headers['Content-Type'] = 'application/json';
+    body = JSON.stringify(body);
+  }
+  let answer;
+  try {
+    answer = await fetch(`/api/${path.replace(/^\/?(api\/)?/, '')}`, {
+      method: options.method || (body === undefined ? 'GET' : 'POST'), headers, body, signal: options.signal,
+      credentials: 'same-origin',
+    });
+  } catch (error) {
+    if (error.name === 'AbortError') throw error;
+    throw new Refused(0, 'The server does not answer. Is terrapin web still running?');
+  }
+  const text = await answer.text();
+  let content = null;
+  try { content = text ? JSON.parse(text) : null; } catch { /* told below, with the status */ }
+  if (answer.ok) return content;
+  if (answer.status === 401) throw new Refused(401, 'This page has no valid token: open the address that terrapin web printed.');
+  throw new Refused(answer.status, oneLine(content) || `${path}: status ${answer.status}`);
+}
+
+function oneLine(content) {
+  const detail = content && content.detail;
+  if (Array.isArray(detail)) return detail.map((d) => `${(d.loc || []).slice(1).join('.')}: ${d.msg}`).join('; ');
+  return typeof detail === 'string' ? detail : '';
+}
+
+// ---------------------------------------------------------------- jobs
+
+/** Follow a job to its end; onProgress(job) with every change. Resolves with the job, whatever its state. */
+export async function follow(id, onProgress = () => {}) {
+  let said = '';
+  for (;;) {
+    const job = await api(`jobs/${encodeURIComponent(id)}`);
+    const now = JSON.stringify([job.state, job.progress]);
+    if (now !== said) { said = now; onProgress(job); }
+    if (ENDED.includes(job.state)) return job;
+    await woken(id, POLL_MS);
+  }
+}
+
+/** Start a job on a case and follow it. Resolves with its result; throws Refused with the error's line otherwise. */
+export async function job(caseName, body, onProgress = () => {}) {
+  const started = await api(`cases/${encodeURIComponent(caseName)}/jobs`, { body });
+  if (started.command) showCommand(started.command);
+  const ended = await follow(started.id, onProgress);
+  if (ended.state === 'done') return ended.result;
+  throw new Refused(ended.state === 'cancelled' ? 0 : 422, ended.state === 'cancelled' ? 'Cancelled; the case is as it was.' : ended.error);
+}
+
+export const cancel = (id) => api(`jobs/${encodeURIComponent(id)}`, { method: 'DELETE' });
+
+const wakers = new Map(); // job id -> functions to call when it changed
+function woken(id, milliseconds) {
+  return new Promise((resolve) => {
+    const timer = setTimeout(done, milliseconds);
+    const list = wakers.get(id) || [];
+    function done() {
+      clearTimeout(timer);
+      const left = (wakers.get(id) || []).filter((f) => f !== done);
+      if (left.length) wakers.set(id, left); else wakers.delete(id);
+      resolve();
+    }
+    wakers.set(id, [...list, done]);
+  });
+}
+
+// ---------------------------------------------------------------- events: what another browser or a job changed
+
+const listeners = new Set();
+/** fn(event) for every event of the server, and { lost: true } / { back: true }. Returns what stops it. */
+export function onEvent(fn) { listeners.add(fn); return () => listeners.delete(fn); }
+const tell = (event) => { for (const fn of listeners) fn(event); };
+
+let wait = 500, wasLost = false;
+function connect() {
+  const scheme = location.protocol === 'https:' ? 'wss' : 'ws';
+  const query = token ? `?token=${encodeURIComponent(token)}` : '';
+  const socket = new WebSocket(`${scheme}://${location.host}/api/events${query}`);
+  socket.onopen = () => {
+    wait = 500;
+    $('connection').textContent = '';
+    if (wasLost) { wasLost = false; tell({ back: true }); }
+  };
+  socket.onmessage = (message) => {
+    let event;
+    try { event = JSON.parse(message.data); } catch { return; }
+    if (event.job !== undefined) for (const wake of wakers.get(String(event.job)) || []) wake();
+    tell(event);
+  };
+  socket.onclose = () => {
+    if (!wasLost) { wasLost = true; tell({ lost: true }); }
+    $('connection').textContent = 'no connection, trying again';
+    setTimeout(connect, wait);
+    wait = Math.min(8000, wait * 2);
+  };
+}
+
+// ---------------------------------------------------------------- the command line strip
+
+/** Show the command that does what was just done. */
+export function showCommand(text) {
+  $('command').textContent = text;
+  $('copy').textContent = 'Copy';
+}
+
+/** Copy text; true when it was. */
+export async function copyText(text) {
+  try { await navigator.clipboard.writeText(text); return true; } catch { return false; }
+}
+
+$('copy').addEventListener('click', async () => {
+  const good = await copyText($('command').textContent);
+  if (!good) getSelection().selectAllChildren($('command'));
+  $('copy').textContent = good ? 'Copied' : 'Press Ctrl+C';
+  announce(good ? 'Command copied' : 'Command selected, press Control C');
+});
+
+// ---------------------------------------------------------------- light and dark
+
+const dark = matchMedia('(prefers-color-scheme: dark)');
+const isDark = () => (document.documentElement.dataset.theme || (dark.matches ? 'dark' : 'light')) === 'dark';
+function setTheme(name) {
+  if (name) { document.documentElement.dataset.theme = name; localStorage.setItem('terrapin-theme', name); }
+  $('theme').textContent = isDark() ? 'Light' : 'Dark';
+  for (const tab of mounted.values()) tab.redraw?.();
+}
+$('theme').addEventListener('click', () => setTheme(isDark() ? 'light' : 'dark'));
+dark.addEventListener('change', () => setTheme());
+
+// ---------------------------------------------------------------- tabs
+
+const mounted = new Map(); // name -> what mount returned
+const places = new Map(); // name -> its element
+let current = null;
+
+/** Go to a place: go('workbench', 'heated_motor'). */
+export function go(tab, rest = '') {
+  const hash = `#${tab}${rest ? `/${rest.split('/').map(encodeURIComponent).join('/')}` : ''}`;
+  if (location.hash === hash) route(); else location.hash = hash;
+}
+
+/** Beside the tabs: what is open. */
+export function context(text) { $('context').textContent = text; }
+
+async function route() {
+  const [name, ...rest] = location.hash.slice(1).split('/').map(decodeURIComponent);
+  const tab = TABS.find((one) => one.name === name) || TABS[0];
+  for (const link of $('tabs').children) {
+    if (link.dataset.tab === tab.name) link.setAttribute('aria-current', 'page');
+    else link.removeAttribute('aria-current');
+  }
+  document.title = `${tab.title} – Terrapin`;
+  if (current !== tab.name) {
+    if (current) mounted.get(current)?.hide?.();
+    for (const place of places.values()) place.hidden = true;
+    current = tab.name;
+    context('');
+  }
+  if (!places.has(tab.name)) {
+    const place = h('div', { class: `tab tab-${tab.name}` });
+    places.set(tab.name, place);
+    $('main').append(place);
+    try {
+      const module = await import(`./${tab.name}.js`);
+      mounted.set(tab.name, module.mount(place, app) || {});
+    } catch (error) {
+      place.append(h('p', { class: 'notice', role: 'alert', text: `This part could not be loaded: ${error.message}` }));
+      console.warn(error);
+    }
+  }
+  if (current !== tab.name) return; // gone on while it loaded
+  places.get(tab.name).hidden = false;
+  mounted.get(tab.name)?.show?.(rest.join('/'));
+}
+
+export const app = {
+  api, job, follow, cancel, showCommand, copyText, onEvent, go, context, announce, h, number, unit, css, still, Refused,
+  token: () => token,
+};
+
+for (const tab of TABS) $('tabs').append(h('a', { href: `#${tab.name}`, 'data-tab': tab.name, text: tab.title }));
+document.documentElement.dataset.theme = localStorage.getItem('terrapin-theme') || '';
+if (!document.documentElement.dataset.theme) delete document.documentElement.dataset.theme;
+addEventListener('hashchange', route);
+setTheme();
+connect();
+route();

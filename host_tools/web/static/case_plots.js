@@ -1,0 +1,115 @@
+// The overlay and the residual of a case: what is drawn of a view, and the choice of variable and channel.
+import { css, h, number, unit } from './app.js';
+import { curve, Plot } from './plot.js';
+
+export class CasePlots {
+  constructor(app, changed) {
+    this.app = app;
+    this.changed = changed;
+    this.variable = null;
+    this.channel = null;
+    const overlay = h('div', { class: 'tall' }), residual = h('div');
+    this.overlay = new Plot(overlay, 'Model and measurement');
+    this.residual = new Plot(residual, 'Residual');
+    overlay.classList.add('tall');
+    this.keys = h('span', { class: 'row' });
+    this.choices = h('span', { class: 'choices' });
+    this.range = h('span', { class: 'key fails' });
+    this.overlayPanel = h('section', { class: 'panel' },
+      h('div', { class: 'panel-head' }, h('h2', { text: 'Model and measurement' }), this.keys, this.choices), overlay);
+    this.residualPanel = h('section', { class: 'panel' },
+      h('div', { class: 'panel-head' }, h('h2', { text: 'Residual' }), h('span', { text: 'shaded: 95 % of the noise' }), this.range,
+        h('span', { class: 'choices' }, this.tableButton())), residual);
+  }
+
+  tableButton() {
+    return h('button', {
+      type: 'button', class: 'quiet', 'aria-pressed': 'false', text: 'Table', onclick: (event) => {
+        const on = event.target.getAttribute('aria-pressed') !== 'true';
+        event.target.setAttribute('aria-pressed', String(on));
+        this.residual.showTable(on);
+      },
+    });
+  }
+
+  take(view) {
+    this.view = view;
+    const plot = view.plot;
+    if (!plot.columns[this.variable]) this.variable = plot.variable;
+    if (!plot.channels.some((c) => c.name === this.channel)) this.channel = plot.channels[0].name;
+    const select = (label, names, chosen, set) => h('label', {}, `${label} `, h('select', { onchange: (event) => { set(event.target.value); this.changed(); } },
+      names.map((name) => h('option', { value: name, selected: name === chosen, text: name }))));
+    this.choices.replaceChildren(...[
+      plot.channels.length > 1 ? select('channel', plot.channels.map((c) => c.name), this.channel, (v) => { this.channel = v; }) : null,
+      select('against', Object.keys(plot.columns), this.variable, (v) => { this.variable = v; }),
+    ].filter(Boolean));
+  }
+
+  choose(variable, channel) {
+    const { plot } = this.view;
+    if (plot.columns[variable]) this.variable = variable;
+    if (plot.channels.some((c) => c.name === channel)) this.channel = channel;
+    this.take(this.view);
+    this.changed();
+  }
+
+  draw(preview) {
+    const { plot } = this.view;
+    const c = plot.channels.find((one) => one.name === this.channel), column = plot.columns[this.variable];
+    const x = { values: column.values, name: this.variable, unit: column.unit }, noise = c.noise_sd;
+    const along = (values) => curve(x.values, values, noise, plot.run, plot.runs.length);
+    const held = plot.run.map((r) => plot.held[r]);
+    const rows = [held.flatMap((on, i) => (on ? [] : [i])), held.flatMap((on, i) => (on ? [i] : []))];
+    const fails = plot.where.filter((w) => w.variable === this.variable && w.channel === this.channel);
+    const predicted = along(c.predicted), added = preview?.channels?.[this.channel];
+    const lines = [];
+    if (c.base) lines.push({ values: c.base, lines: along(c.base), color: css('--soft'), width: 1.6, dash: [3, 4] });
+    lines.push({ values: c.predicted, lines: predicted, color: css('--blue'), width: 2.2 });
+    if (added) lines.push({ values: added, lines: along(added), color: css('--teal'), width: 2.4 });
+    const both = (values, extra = {}) => [
+      { values, rows: rows[0], kind: 'dot', color: css('--ink'), ...extra },
+      { values, rows: rows[1], kind: 'held', color: css('--ink'), ...extra },
+    ];
+    const tell = (i) => `run ${plot.runs[plot.run[i]]}${held[i] ? ', held out' : ''}\n${this.variable} ${number(x.values[i])}${unit(x.unit)}\nmeasured ${number(c.measured[i])}${unit(c.unit)}\nmodel ${number(c.predicted[i])}${unit(c.unit)}`
+      + (added ? `\nwith it ${number(added[i])}${unit(c.unit)}` : '') + `\nresidual ${number(left[i], 3)} noise sd`;
+    const left = c.measured.map((m, i) => (m - c.predicted[i]) / noise);
+    const ranges = fails.map((w) => w.range);
+    const span = fails.map((w) => [...new Set(w.range.map((v) => number(v)))].join(' to ')).join(', ');
+    this.overlay.draw({
+      x, y: { name: c.name, unit: c.unit }, points: both(c.measured), lines, ranges, describe: tell,
+      bands: [{ values: c.predicted, lines: predicted, half: 1.96 * noise, color: css('--band') },
+        ...(added ? [{ values: added, lines: along(added), half: 1.96 * noise, color: css('--floor') }] : [])],
+      table: () => this.table(x, c, left),
+      alt: `${c.name} measured and predicted against ${this.variable}, ${x.values.length} rows of ${plot.runs.length} runs.${span ? ` The model fails at ${span}${unit(x.unit)}.` : ''} Arrow keys step through the rows.`,
+    });
+    const after = added ? c.measured.map((m, i) => (m - added[i]) / noise) : null;
+    this.residual.draw({
+      x, y: { name: 'residual', unit: 'noise sd' }, ranges, lines: [], bands: [], level: [-1.96, 1.96], describe: tell,
+      points: [...both(left), ...(after ? both(after, { color: css('--teal'), size: 2.4, alpha: 0.9 }) : [])],
+      table: () => this.table(x, c, left),
+      alt: `Residual of ${c.name} in noise sd against ${this.variable}.${span ? ` It stands out at ${span}${unit(x.unit)}.` : ' It stands out nowhere.'} Arrow keys step through the rows.`,
+    });
+    this.range.textContent = span ? `fails ${span}${unit(x.unit)}` : '';
+    this.legend(c.base, added, preview, fails.length);
+  }
+
+  table(x, c, left) {
+    const { plot } = this.view;
+    const name = (one) => (one.unit && one.unit !== '1' ? `${one.name}, ${one.unit}` : one.name);
+    return {
+      columns: ['run', name(x), `measured ${name(c)}`, 'model', 'residual, noise sd'],
+      rows: x.values.map((v, i) => [plot.runs[plot.run[i]], v, c.measured[i], c.predicted[i], left[i]]),
+    };
+  }
+
+  legend(base, added, preview, fails) {
+    const key = (kind, mark, text) => h('span', { class: `key ${kind}` }, h('i', { class: mark }), text);
+    this.keys.replaceChildren(...[
+      key('', 'dot', 'training'), key('', 'ring', 'held out'),
+      base ? key('base', 'dashed', 'base model') : null,
+      key('model', '', `${base ? 'extended model' : 'base model'} ± 95 %`),
+      added ? key('with', '', `with ${preview.effects.join(' + ')}`) : null,
+      fails ? key('fails', 'box', 'fails here') : null,
+    ].filter(Boolean));
+  }
+}

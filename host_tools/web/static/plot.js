@@ -1,0 +1,400 @@
+// Plots of the workbench: points, bands, curves and marked ranges on a canvas, with hover, keyboard and a table; and
+// the ladder of errors as SVG, whose bars fall to their new height.
+import { css, h, number, still, unit } from './app.js';
+
+const MARGIN = { left: 56, right: 10, top: 10, bottom: 34 };
+const REACH = 22; // pixels within which a point answers the mouse
+const TABLE_ROWS = 400;
+
+/** About `count` round numbers from low to high. */
+export function ticks(low, high, count) {
+  const span = high - low;
+  if (!(span > 0)) return [low];
+  const raw = span / count, power = 10 ** Math.floor(Math.log10(raw));
+  const step = [1, 2, 2.5, 5, 10].map((m) => m * power).find((s) => s >= raw * 0.999);
+  const found = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * span; k++) found.push(Number((k * step).toPrecision(12)));
+  return found;
+}
+
+function span(lists, pad) {
+  let low = Infinity, high = -Infinity;
+  for (const list of lists) for (const v of list) if (v !== null && Number.isFinite(v)) { if (v < low) low = v; if (v > high) high = v; }
+  if (low > high) return [0, 1];
+  const room = (high - low || Math.abs(high) || 1) * pad;
+  return [low - room, high + room];
+}
+
+// ---------------------------------------------------------------- a prediction as a curve
+
+function rough(line, y, sd) {
+  const turns = [];
+  for (let i = 1; i + 1 < line.length; i++) turns.push(Math.abs(y[line[i]] - (y[line[i - 1]] + y[line[i + 1]]) / 2));
+  turns.sort((a, b) => a - b);
+  return turns.length ? turns[Math.floor(0.9 * turns.length)] / sd : 0;
+}
+
+/** Lists of rows along which a prediction is a curve over x: over all runs, or within each; null where it is none. */
+export function curve(x, y, sd, run, runs) {
+  const sorted = (list) => list.sort((a, b) => x[a] - x[b] || y[a] - y[b]);
+  const all = sorted(x.map((_, i) => i));
+  if (!all.length) return null;
+  const distinct = new Set(x).size;
+  const gap = distinct > 40 ? 0.04 * (x[all[all.length - 1]] - x[all[0]]) : Infinity;
+  const broken = (line) => {
+    const parts = [[]];
+    line.forEach((i, n) => { if (n && x[i] - x[line[n - 1]] > gap) parts.push([]); parts[parts.length - 1].push(i); });
+    return parts;
+  };
+  const smooth = (parts) => parts.filter((p) => rough(p, y, sd) < 0.6).length >= 0.9 * parts.length;
+  const whole = broken(all);
+  if (distinct > 3 && smooth(whole)) return whole;
+  const byRun = Array.from({ length: runs }, () => []);
+  run.forEach((r, i) => byRun[r].push(i));
+  const lines = byRun.filter((l) => l.length > 2).flatMap((l) => broken(sorted(l)));
+  const sizes = lines.map((l) => new Set(l.map((i) => x[i])).size).sort((a, b) => a - b);
+  if (lines.length && sizes[sizes.length >> 1] > 3 && smooth(lines)) return lines;
+  return null;
+}
+
+// ---------------------------------------------------------------- canvas plot
+
+/**
+ * plot.draw({ x: {values, name, unit}, y: {name, unit}, points: [{values, rows, kind, color, name}],
+ *   lines: [{values, lines|null, color, width, dash, name}], bands: [{values, lines|null, half, color}],
+ *   ranges: [[low, high]], level: [low, high] | null, describe(row) -> text, alt: text })
+ */
+export class Plot {
+  constructor(host, name) {
+    this.name = name;
+    this.host = host;
+    host.classList.add('plot');
+    this.canvas = h('canvas', { tabindex: '0', role: 'img', 'aria-label': name });
+    this.tip = h('div', { class: 'tip', hidden: true });
+    this.said = h('div', { class: 'visually-hidden', 'aria-live': 'polite' });
+    host.replaceChildren(this.canvas, this.tip, this.said);
+    this.canvas.addEventListener('pointermove', (event) => this.hover(event));
+    this.canvas.addEventListener('pointerleave', () => this.point(null));
+    this.canvas.addEventListener('blur', () => this.point(null));
+    this.canvas.addEventListener('keydown', (event) => this.key(event));
+    new ResizeObserver(() => this.redraw()).observe(host);
+  }
+
+  draw(spec) {
+    this.spec = spec;
+    this.at = null;
+    this.canvas.setAttribute('aria-label', spec.alt || this.name);
+    const rows = spec.points.flatMap((p) => p.rows);
+    this.order = rows.sort((a, b) => spec.x.values[a] - spec.x.values[b]);
+    if (this.table) this.showTable(true);
+    this.redraw();
+  }
+
+  redraw() {
+    const { spec } = this;
+    const width = this.host.clientWidth, height = this.host.clientHeight;
+    if (!spec || !width || !height) return;
+    const scale = devicePixelRatio || 1;
+    this.canvas.width = Math.round(width * scale);
+    this.canvas.height = Math.round(height * scale);
+    const c = this.canvas.getContext('2d');
+    c.scale(scale, scale);
+    c.clearRect(0, 0, width, height);
+    const box = { x0: MARGIN.left, x1: width - MARGIN.right, y0: height - MARGIN.bottom, y1: MARGIN.top };
+    const xs = span([spec.x.values], 0.03);
+    const tall = [...spec.points.map((p) => p.rows.map((i) => p.values[i])), ...spec.lines.map((l) => l.values)];
+    for (const band of spec.bands) tall.push(band.values.map((v) => v + band.half), band.values.map((v) => v - band.half));
+    if (spec.level) tall.push(spec.level);
+    const ys = span(tall, 0.05);
+    const X = (v) => box.x0 + ((v - xs[0]) / (xs[1] - xs[0])) * (box.x1 - box.x0);
+    const Y = (v) => box.y0 + ((v - ys[0]) / (ys[1] - ys[0])) * (box.y1 - box.y0);
+    this.map = { X, Y, box };
+    this.frame(c, box, xs, ys, X, Y);
+    c.save();
+    c.beginPath();
+    c.rect(box.x0, box.y1, box.x1 - box.x0, box.y0 - box.y1);
+    c.clip();
+    for (const band of spec.bands) this.band(c, band, X, Y);
+    for (const line of spec.lines.filter((l) => l.under)) this.line(c, line, X, Y);
+    for (const points of spec.points) this.points(c, points, X, Y);
+    for (const line of spec.lines.filter((l) => !l.under)) this.line(c, line, X, Y);
+    c.restore();
+    if (this.at !== null) this.mark(c);
+  }
+
+  frame(c, box, xs, ys, X, Y) {
+    const { spec } = this;
+    c.font = '12px system-ui, sans-serif';
+    c.lineWidth = 1;
+    if (spec.level) {
+      c.fillStyle = css('--floor');
+      c.fillRect(box.x0, Y(spec.level[1]), box.x1 - box.x0, Y(spec.level[0]) - Y(spec.level[1]));
+    }
+    const pad = 0.012 * (xs[1] - xs[0]);
+    for (const [low, high] of spec.ranges) {
+      c.fillStyle = css('--fail');
+      const left = Math.max(box.x0, X(low - pad)), right = Math.min(box.x1, X(high + pad));
+      c.fillRect(left, box.y1, right - left, box.y0 - box.y1);
+      c.fillStyle = css('--red');
+      c.fillRect(left, box.y0 - 2, right - left, 3);
+    }
+    c.strokeStyle = css('--hair');
+    c.fillStyle = css('--soft');
+    c.textBaseline = 'middle';
+    c.textAlign = 'right';
+    for (const t of ticks(ys[0], ys[1], Math.max(2, (box.y0 - box.y1) / 42))) {
+      line(c, box.x0, Y(t), box.x1, Y(t));
+      c.fillText(number(t), box.x0 - 7, Y(t));
+    }
+    c.textAlign = 'center';
+    c.textBaseline = 'top';
+    const room = (box.x1 - box.x0) / 90;
+    for (const t of ticks(xs[0], xs[1], Math.max(2, room))) {
+      if (X(t) > box.x1 - 4 || X(t) < box.x0) continue;
+      line(c, X(t), box.y0, X(t), box.y0 + 4);
+      c.fillText(number(t), X(t), box.y0 + 6);
+    }
+    c.strokeStyle = css('--mute');
+    line(c, box.x0, box.y0, box.x1, box.y0);
+    if (spec.level) { c.strokeStyle = css('--mute'); line(c, box.x0, Y(0), box.x1, Y(0)); }
+    c.fillStyle = css('--ink');
+    c.textAlign = 'right';
+    c.textBaseline = 'bottom';
+    c.fillText(label(spec.x), box.x1, box.y0 + MARGIN.bottom - 1);
+    c.save();
+    c.translate(12, (box.y0 + box.y1) / 2);
+    c.rotate(-Math.PI / 2);
+    c.textAlign = 'center';
+    c.textBaseline = 'middle';
+    c.fillText(label(spec.y), 0, 0);
+    c.restore();
+  }
+
+  band(c, band, X, Y) {
+    const x = this.spec.x.values;
+    c.fillStyle = band.color;
+    if (!band.lines) { // no curve: a short bar about each prediction
+      const up = Math.abs(Y(band.half) - Y(0));
+      x.forEach((v, i) => c.fillRect(X(v) - 4, Y(band.values[i]) - up, 8, 2 * up));
+      return;
+    }
+    for (const rows of band.lines) {
+      c.beginPath();
+      rows.forEach((i, n) => c[n ? 'lineTo' : 'moveTo'](X(x[i]), Y(band.values[i] + band.half)));
+      [...rows].reverse().forEach((i) => c.lineTo(X(x[i]), Y(band.values[i] - band.half)));
+      c.closePath();
+      c.fill();
+    }
+  }
+
+  line(c, one, X, Y) {
+    const x = this.spec.x.values;
+    c.strokeStyle = one.color;
+    c.lineWidth = one.width;
+    c.setLineDash(one.dash || []);
+    c.lineJoin = 'round';
+    c.beginPath();
+    if (one.lines) {
+      for (const rows of one.lines) rows.forEach((i, n) => c[n ? 'lineTo' : 'moveTo'](X(x[i]), Y(one.values[i])));
+    } else {
+      c.setLineDash([]);
+      x.forEach((v, i) => { c.moveTo(X(v) - 5, Y(one.values[i])); c.lineTo(X(v) + 5, Y(one.values[i])); });
+    }
+    c.stroke();
+    c.setLineDash([]);
+  }
+
+  points(c, one, X, Y) {
+    const x = this.spec.x.values, dense = x.length > 600, size = one.size || (dense ? 2.2 : 3.4);
+    c.globalAlpha = one.alpha ?? (dense ? 0.55 : 0.8);
+    c.fillStyle = c.strokeStyle = one.color;
+    c.lineWidth = 1.5;
+    for (const i of one.rows) {
+      const u = X(x[i]), v = Y(one.values[i]);
+      c.beginPath();
+      if (one.kind === 'held') {
+        const d = size * 1.35;
+        c.moveTo(u - d, v); c.lineTo(u, v - d); c.lineTo(u + d, v); c.lineTo(u, v + d); c.closePath();
+        c.stroke();
+      } else { c.arc(u, v, size, 0, 6.2832); c.fill(); }
+    }
+    c.globalAlpha = 1;
+  }
+
+  mark(c) {
+    const { X, Y } = this.map, one = this.spec.points.find((p) => p.rows.includes(this.at));
+    if (!one) return;
+    c.strokeStyle = css('--ink');
+    c.lineWidth = 1.5;
+    c.beginPath();
+    c.arc(X(this.spec.x.values[this.at]), Y(one.values[this.at]), 7, 0, 6.2832);
+    c.stroke();
+  }
+
+  hover(event) {
+    if (!this.map) return;
+    const box = this.canvas.getBoundingClientRect(), { X, Y } = this.map;
+    const u = event.clientX - box.left, v = event.clientY - box.top;
+    let best = null, near = REACH ** 2;
+    for (const one of this.spec.points) {
+      for (const i of one.rows) {
+        const d = (X(this.spec.x.values[i]) - u) ** 2 + (Y(one.values[i]) - v) ** 2;
+        if (d < near) { near = d; best = i; }
+      }
+    }
+    this.point(best);
+  }
+
+  key(event) {
+    const step = { ArrowRight: 1, ArrowLeft: -1, PageDown: 10, PageUp: -10 }[event.key];
+    if (event.key === 'Escape') this.point(null);
+    if (!step && event.key !== 'Home' && event.key !== 'End') return;
+    event.preventDefault();
+    const last = this.order.length - 1, now = this.at === null ? (step > 0 ? -1 : last + 1) : this.order.indexOf(this.at);
+    const next = event.key === 'Home' ? 0 : event.key === 'End' ? last : Math.min(last, Math.max(0, now + step));
+    this.point(this.order[next]);
+    this.said.textContent = this.tip.textContent;
+  }
+
+  point(row) {
+    if (row === this.at) return;
+    this.at = row ?? null;
+    this.tip.hidden = this.at === null;
+    this.redraw();
+    if (this.at === null) return;
+    const one = this.spec.points.find((p) => p.rows.includes(row));
+    this.tip.textContent = this.spec.describe(row);
+    const { X, Y } = this.map, u = X(this.spec.x.values[row]), v = Y(one.values[row]);
+    const left = u + this.tip.offsetWidth + 16 > this.host.clientWidth ? u - this.tip.offsetWidth - 12 : u + 12;
+    this.tip.style.left = `${Math.max(0, left)}px`;
+    this.tip.style.top = `${Math.max(0, Math.min(v - 14, this.host.clientHeight - this.tip.offsetHeight))}px`;
+  }
+
+  /** The same numbers as a table, in place of the drawing. */
+  showTable(on) {
+    this.table?.remove();
+    this.table = null;
+    if (!on || !this.spec) return;
+    const { columns, rows } = this.spec.table();
+    const body = rows.slice(0, TABLE_ROWS).map((row) => h('tr', {}, row.map((cell) => h('td', { text: typeof cell === 'number' ? number(cell) : cell }))));
+    this.table = h('div', { class: 'table', tabindex: '0', role: 'region', 'aria-label': `${this.name}, table` },
+      rows.length > TABLE_ROWS ? h('p', { class: 'soft', text: `The first ${TABLE_ROWS} of ${rows.length} rows.` }) : null,
+      h('table', {}, h('thead', {}, h('tr', {}, columns.map((name) => h('th', { text: name })))), h('tbody', {}, body)));
+    this.host.append(this.table);
+  }
+}
+
+const label = (axis) => (axis.unit && axis.unit !== '1' ? `${axis.name}, ${axis.unit}` : axis.name);
+function line(c, x0, y0, x1, y1) {
+  c.beginPath();
+  c.moveTo(Math.round(x0) + 0.5, Math.round(y0) + 0.5);
+  c.lineTo(Math.round(x1) + 0.5, Math.round(y1) + 0.5);
+  c.stroke();
+}
+
+// ---------------------------------------------------------------- ladder
+
+const FALL_MS = 650;
+const svg = (tag, attributes = {}, text) => {
+  const element = document.createElementNS('http://www.w3.org/2000/svg', tag);
+  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  if (text !== undefined) element.textContent = text;
+  return element;
+};
+const sd = (v) => (v === null || v === undefined ? '' : v >= 100 ? v.toFixed(0) : v.toPrecision(3));
+
+/** ladder.show([{added, train_error, heldout_error}], ghost | null): a rung that is new falls from the one before. */
+export class Ladder {
+  constructor(host) {
+    this.host = host;
+    host.classList.add('plot', 'ladder');
+    this.rungs = [];
+    this.shown = [];
+    this.svg = svg('svg', { role: 'img', 'aria-label': 'Error ladder' });
+    host.replaceChildren(this.svg);
+    new ResizeObserver(() => this.redraw()).observe(host);
+  }
+
+  show(rungs, ghost = null) {
+    const same = (a, b) => a && b && a.added === b.added;
+    let common = 0;
+    while (common < rungs.length && same(rungs[common], this.rungs[common])) common++;
+    const first = this.rungs.length === 0;
+    this.ghost = ghost;
+    const from = rungs.map((rung, i) => {
+      if (i < common && this.shown[i]) return this.shown[i];
+      return first ? { train: rung.train_error, held: rung.heldout_error }
+        : { train: rungs[Math.max(0, common - 1)].train_error, held: rungs[Math.max(0, common - 1)].heldout_error };
+    });
+    const moving = rungs.some((r, i) => from[i].train !== r.train_error || from[i].held !== r.heldout_error);
+    this.rungs = rungs;
+    this.svg.setAttribute('aria-label', this.words());
+    cancelAnimationFrame(this.timer);
+    if (!moving || still()) { this.shown = rungs.map((r) => ({ train: r.train_error, held: r.heldout_error })); this.redraw(); return; }
+    const begin = performance.now();
+    const tick = (now) => {
+      let busy = false;
+      this.shown = rungs.map((rung, i) => { // one after the other, as they were added
+        const t = Math.min(1, Math.max(0, (now - begin - Math.max(0, i - common) * FALL_MS * 0.8) / FALL_MS));
+        const ease = t * t * (3 - 2 * t);
+        if (t < 1) busy = true;
+        const mix = (a, b) => (a === null || b === null ? b : a * (b / a) ** ease || b);
+        return { train: mix(from[i].train, rung.train_error), held: mix(from[i].held, rung.heldout_error) };
+      });
+      this.redraw();
+      if (busy) this.timer = requestAnimationFrame(tick);
+    };
+    tick(begin);
+  }
+
+  words() {
+    const rungs = this.rungs.map((r) => `${r.added === null ? 'base model' : `with ${r.added}`}: training ${sd(r.train_error)}`
+      + (r.heldout_error === null ? '' : `, held out ${sd(r.heldout_error)}`));
+    return `Error ladder in noise sd, 1.0 is the noise floor. ${rungs.join('; ')}.`;
+  }
+
+  redraw() {
+    const width = this.host.clientWidth, height = this.host.clientHeight;
+    if (!width || !this.rungs.length) return;
+    const box = { x0: 34, x1: width - 4, y0: height - 40, y1: 14 };
+    const ghost = this.ghost ? [{ added: this.ghost.added, ghost: true, train: this.ghost.train_error, held: this.ghost.heldout_error }] : [];
+    const all = [...this.rungs.map((r, i) => ({ added: r.added, ...this.shown[i] })), ...ghost];
+    const values = [...this.rungs.flatMap((r) => [r.train_error, r.heldout_error]), ...ghost.flatMap((g) => [g.train, g.held])].filter((v) => v > 0);
+    const top = Math.max(1.3, ...values), log = top > 12;
+    const low = log ? Math.min(0.5, ...values.map((v) => v * 0.8)) : 0;
+    const share = (v) => (log ? Math.log(Math.max(v, low) / low) / Math.log((top * 1.6) / low) : v / (top * 1.13));
+    const Y = (v) => box.y0 - share(v) * (box.y0 - box.y1);
+    const parts = [];
+    const marks = log ? [1, 3, 10, 30, 100, 300, 1000, 1e4].filter((t) => t > low && t < top * 1.6) : ticks(0, top * 1.1, 4);
+    for (const t of marks) {
+      parts.push(svg('line', { class: 'grid', x1: box.x0, x2: box.x1, y1: Y(t), y2: Y(t) }));
+      parts.push(svg('text', { x: box.x0 - 6, y: Y(t) + 4, 'text-anchor': 'end' }, number(t)));
+    }
+    const step = (box.x1 - box.x0) / all.length, wide = Math.min(34, step * 0.3);
+    all.forEach((rung, i) => {
+      const middle = box.x0 + (i + 0.5) * step;
+      [['train', rung.train, middle - wide - 2], ['held', rung.held, middle + 2]].forEach(([kind, value, x]) => {
+        if (value === null || value === undefined) return;
+        const y = Y(value);
+        parts.push(svg('rect', { class: rung.ghost ? 'ghost' : kind, x, y, width: wide, height: Math.max(0, box.y0 - y), rx: 2 }));
+        parts.push(svg('text', { class: rung.ghost ? 'ghost-text' : 'value', x: x + wide / 2, y: y - 4, 'text-anchor': 'middle' }, sd(value)));
+      });
+      const names = rung.added === null ? ['base'] : `${rung.added}`.split(' + ').map((n) => `+ ${n.replaceAll('_', ' ')}`);
+      const fit = Math.max(6, Math.floor(step / 6.2));
+      names.slice(0, 2).forEach((name, n) => {
+        const short = name.length > fit ? `${name.slice(0, fit - 1)}…` : name;
+        const text = svg('text', { class: rung.ghost ? 'ghost-text' : '', x: middle, y: box.y0 + 15 + 13 * n, 'text-anchor': 'middle' }, short);
+        text.append(svg('title', {}, rung.added || 'base model'));
+        parts.push(text);
+      });
+      if (rung.ghost) parts.push(svg('text', { class: 'ghost-text', x: middle, y: box.y0 + 15 + 13 * Math.min(2, names.length), 'text-anchor': 'middle' }, 'preview'));
+    });
+    parts.push(svg('line', { class: 'floor', x1: box.x0, x2: box.x1, y1: Y(1), y2: Y(1) }));
+    parts.push(svg('text', { class: 'floor-text', x: box.x1, y: Y(1) - 5, 'text-anchor': 'end' }, 'noise floor'));
+    this.svg.setAttribute('viewBox', `0 0 ${width} ${height}`);
+    this.svg.replaceChildren(...parts);
+    this.host.dataset.rungs = String(this.rungs.length);
+    const last = this.rungs[this.rungs.length - 1];
+    this.host.dataset.heldout = String(last.heldout_error ?? last.train_error);
+  }
+}
