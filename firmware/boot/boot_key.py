@@ -1,0 +1,73 @@
+"""The public key of the boot loader as C, from a PEM; makes the development key when there is none yet.
+
+    boot_key.py --key KEY.pem [--make] --out boot_key.h
+
+KEY.pem holds an Ed25519 key, private or public. With --make a missing one is made, private and readable to its owner
+alone: images that it signs are for the bench, and it never leaves the build folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+
+
+def make(path: Path) -> None:
+    """A new private key in `path`, unless it exists."""
+    if path.exists():
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = Ed25519PrivateKey.generate().private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    )
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+        file.write(text)
+    try:
+        os.link(temporary, path)  # never replaces the key of another build that was quicker
+    except FileExistsError:
+        pass
+    finally:
+        temporary.unlink()
+
+
+def public(path: Path) -> bytes:
+    """The 32 bytes of the public key in a PEM. ValueError when it is none of Ed25519."""
+    text = path.read_bytes()
+    private = b"PRIVATE KEY" in text
+    key = serialization.load_pem_private_key(text, None) if private else serialization.load_pem_public_key(text)
+    if isinstance(key, Ed25519PrivateKey):
+        key = key.public_key()
+    if not isinstance(key, Ed25519PublicKey):
+        raise ValueError("no Ed25519 key")
+    return key.public_bytes_raw()
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="The boot loader's public key as C.")
+    parser.add_argument("--key", type=Path, required=True)
+    parser.add_argument("--make", action="store_true")
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    try:
+        if options.make:
+            make(options.key)
+        key = public(options.key)
+    except (OSError, ValueError, TypeError) as error:
+        print(f"boot_key: {options.key}: {error}", file=sys.stderr)
+        return 1
+    digits = ", ".join(f"0x{byte:02X}U" for byte in key)
+    options.out.write_text(
+        "/* The public key that images must be signed with. Generated. */\n#include <stdint.h>\n"
+        f"static const uint8_t terrapin_boot_key[32] = {{{digits}}};\n"
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
