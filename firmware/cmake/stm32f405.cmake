@@ -1,0 +1,48 @@
+# Images for the STM32F405 (firmware/ports/stm32f405): each board alone at the start of flash, and for slots A and B of the
+# boot loader, with room for MCUboot's header in front.
+set(F405_DIR ${CMAKE_SOURCE_DIR}/firmware/ports/stm32f405)
+set(F405_BOARDS f405_h_bridge emulated)
+set(F405_PLACES "alone|0x08000000|0|0x20000" "slot-a|0x08020000|0x200|0x20000" "slot-b|0x08040000|0x200|0x20000")
+find_program(TARGET_OBJCOPY arm-none-eabi-objcopy REQUIRED)
+
+# What every image of this chip begins with; the boot loader uses it as well.
+add_library(f405_chip OBJECT ${F405_DIR}/startup.c ${F405_DIR}/retained.c ${F405_DIR}/clock.c ${F405_DIR}/pins.c
+    ${F405_DIR}/ring.c ${F405_DIR}/usart.c ${F405_DIR}/can.c ${F405_DIR}/flash.c ${F405_DIR}/watchdog.c)
+add_dependencies(f405_chip interface)
+target_include_directories(f405_chip PUBLIC ${F405_DIR} ${CMAKE_SOURCE_DIR}/firmware ${CMAKE_SOURCE_DIR}/firmware/core
+    ${CMAKE_SOURCE_DIR}/firmware/link ${CMAKE_SOURCE_DIR}/firmware/store ${GENERATED})
+target_compile_options(f405_chip PRIVATE ${STRICT} -ffunction-sections -fdata-sections)
+
+# f405_link(TARGET ORIGIN HEADER LIMIT): link an image for a place in flash; also as .bin, which begins at its vectors.
+function(f405_link target origin header limit)
+    target_link_options(${target} PRIVATE -nostartfiles --specs=nano.specs -Wl,--gc-sections -Wl,--fatal-warnings
+        -Wl,--no-warn-rwx-segments
+        -Wl,--defsym=image_origin=${origin},--defsym=image_header=${header},--defsym=image_limit=${limit}
+        -T ${F405_DIR}/stm32f405.ld)
+    set_target_properties(${target} PROPERTIES SUFFIX .elf LINK_DEPENDS ${F405_DIR}/stm32f405.ld)
+    add_custom_command(TARGET ${target} POST_BUILD
+        COMMAND ${TARGET_OBJCOPY} -O binary $<TARGET_FILE:${target}> ${CMAKE_BINARY_DIR}/${target}.bin VERBATIM)
+endfunction()
+
+set(F405_IMAGES "")
+foreach(board IN LISTS F405_BOARDS)
+    add_library(f405_${board} OBJECT ${F405_DIR}/main.c ${F405_DIR}/port.c ${F405_DIR}/phases.c ${F405_DIR}/analog.c
+        ${F405_DIR}/bridge.c ${F405_DIR}/encoder.c ${F405_DIR}/reset_cause.c)
+    target_link_libraries(f405_${board} PRIVATE f405_chip)
+    target_compile_options(f405_${board} PRIVATE ${STRICT} -ffunction-sections -fdata-sections)
+    target_compile_definitions(f405_${board} PRIVATE TERRAPIN_BOARD="boards/${board}.h")
+    foreach(place IN LISTS F405_PLACES)
+        string(REPLACE "|" ";" words ${place})
+        list(GET words 0 name)
+        list(GET words 1 origin)
+        list(GET words 2 header)
+        list(GET words 3 limit)
+        set(image terrapin-${board}-${name})
+        string(REPLACE "_" "-" image ${image})
+        add_executable(${image} $<TARGET_OBJECTS:f405_${board}> $<TARGET_OBJECTS:f405_chip>
+            $<TARGET_OBJECTS:core_objects> $<TARGET_OBJECTS:link_objects>)
+        set_target_properties(${image} PROPERTIES LINKER_LANGUAGE C)
+        f405_link(${image} ${origin} ${header} ${limit})
+        list(APPEND F405_IMAGES ${image})
+    endforeach()
+endforeach()

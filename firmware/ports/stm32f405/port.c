@@ -1,0 +1,265 @@
+#include "port.h"
+
+#include "parameters.h"
+#include "terrapin_interface.h"
+
+#define STATUS_TICKS   100U
+#define IDENTITY_TICKS 1000U
+#define STARTING_TICKS 1000U /* a bus that is not quiet for 11 bits in this time is taken for absent */
+#define ANSWER_MAX     ((2U * TERRAPIN_SLCAN_TEXT_MAX) + TERRAPIN_SLCAN_REPLY_MAX) /* to one byte of the line */
+_Static_assert(TERRAPIN_MAX_FRAMES == 2, "ANSWER_MAX");
+
+typedef enum { FROM_BUS, FROM_LINE } source;
+
+static uint8_t capped(uint32_t value) {
+    return (uint8_t)((value > 255U) ? 255U : value);
+}
+
+static void send_line(port *p, const terrapin_frame *frame) {
+    uint8_t text[TERRAPIN_SLCAN_TEXT_MAX];
+    const size_t length = terrapin_slcan_encode(frame, text);
+    if (!usart_send(p->line, text, (uint32_t)length)) {
+        p->send_lost++;
+    }
+}
+
+/* Where everybody may hear it. */
+static void publish(port *p, const terrapin_frame *frame) {
+    (void)can_send(p->bus, frame, CAN_REPLACE); /* counted by the driver */
+    if (p->parser.open) {
+        send_line(p, frame);
+    }
+}
+
+static void answer(port *p, source from, const terrapin_frame *frame) {
+    if (from == FROM_LINE) {
+        send_line(p, frame);
+    } else {
+        (void)can_send(p->bus, frame, CAN_KEEP);
+    }
+}
+
+static void step(port *p) {
+    const uint32_t start = port_cycles();
+    terrapin_link_step(p->state, &p->inputs, &p->outputs);
+    phases_note(&p->times, PHASE_STEP, port_cycles() - start);
+}
+
+static void take_frame(port *p, source from, const terrapin_frame *frame) {
+    const bool test_mode = p->link.test_mode;
+    terrapin_frame reply = {0};
+    switch (terrapin_accept(&p->link, p->state, frame, &p->inputs, &reply)) {
+    case TERRAPIN_ACCEPT_REPLY:
+        answer(p, from, &reply);
+        break;
+    case TERRAPIN_ACCEPT_STEP:
+        step(p);
+        for (uint8_t i = 0; i < p->outputs.frame_count; i++) {
+            answer(p, from, &p->outputs.frames[i]);
+        }
+        break;
+    case TERRAPIN_ACCEPT_NOTHING:
+    default:
+        break;
+    }
+    if (p->link.test_mode != test_mode) {
+        port_drive(p, 0, false);
+        if (test_mode) {
+            terrapin_port_parameters(p);
+        }
+    }
+}
+
+static void take_byte(port *p, uint8_t byte) {
+    terrapin_frame frame = {0};
+    terrapin_slcan_reply reply = {0};
+    const terrapin_slcan_event event = terrapin_slcan_feed(&p->parser, byte, &frame, &reply);
+    if (event == TERRAPIN_SLCAN_FRAME) {
+        take_frame(p, FROM_LINE, &frame);
+    }
+    if ((event != TERRAPIN_SLCAN_MORE) && !usart_send(p->line, reply.text, reply.length)) {
+        p->send_lost++;
+    }
+}
+
+/* A few frames and bytes; true when there was one. */
+static bool receive(port *p) {
+    bool any = false;
+    terrapin_frame frame = {0};
+    for (uint32_t i = 0; (i < PORT_FRAMES_A_PASS) && can_take(p->bus, &frame); i++) {
+        take_frame(p, FROM_BUS, &frame);
+        any = true;
+    }
+    /* Nothing is taken whose answer has no room: a host that sends on without reading loses its own lines, not ours. */
+    uint8_t byte = 0;
+    for (uint32_t i = 0;
+         (i < PORT_BYTES_A_PASS) && (ring_free(&p->line->out) >= ANSWER_MAX) && usart_take(p->line, &byte); i++) {
+        take_byte(p, byte);
+        any = true;
+    }
+    if (any) {
+        can_poll(p->bus); /* answers leave now */
+    }
+    return any;
+}
+
+static uint32_t lost_frames(const port *p) {
+    return p->bus->in_lost + p->line->in.lost + p->line->damaged;
+}
+
+static void tell_status(port *p) {
+    const port_hardware *hardware = &p->hardware;
+    const can_state *bus = &p->bus->state;
+    const bool absent =
+        (p->bus->phase == CAN_ABSENT) || ((p->bus->phase == CAN_STARTING) && (p->bus->starting >= STARTING_TICKS));
+    const uint32_t lost = lost_frames(p);
+    const uint32_t send_lost = p->send_lost + p->bus->out_lost;
+    const terrapin_port_status_t message = {
+        .clock_fallback = hardware->clock_fallback ? 1 : 0,
+        .adc_silent = hardware->adc_silent ? 1 : 0,
+        .can_absent = absent ? 1 : 0,
+        .can_bus_off = bus->bus_off ? 1 : 0,
+        .can_passive = bus->passive ? 1 : 0,
+        .can_no_acknowledge = bus->no_acknowledge ? 1 : 0,
+        .receive_overflow = (lost != p->told.lost) ? 1 : 0,
+        .send_overflow = (send_lost != p->told.send_lost) ? 1 : 0,
+        .watchdog_reset = (hardware->reset_cause == TERRAPIN_RESET_CAUSE_WATCHDOG) ? 1 : 0,
+        .watchdog_absent = hardware->watchdog_absent ? 1 : 0,
+        .bridge_break = hardware->bridge_break ? 1 : 0,
+        .brown_out = hardware->brown_out ? 1 : 0,
+        .brown_out_unset = hardware->brown_out_unset ? 1 : 0,
+        .overrun = (p->overruns != p->told.overruns) ? 1 : 0,
+        .reset_cause = hardware->reset_cause,
+        .bus_off_count = capped(bus->bus_off_count),
+        .transmit_errors = bus->transmit_errors,
+        .receive_errors = bus->receive_errors,
+        .lost_frames = capped(lost),
+        .overruns = capped(p->overruns),
+    };
+    p->told.overruns = p->overruns;
+    p->told.lost = lost;
+    p->told.send_lost = send_lost;
+    terrapin_frame frame = {0};
+    (void)terrapin_encode_port_status(&message, &frame); /* the fields have the signals' widths */
+    publish(p, &frame);
+}
+
+static void tell_times(port *p) {
+    terrapin_port_times_t message = {0};
+    message.receive = (int32_t)phases_take(&p->times, PHASE_RECEIVE);
+    message.sense = (int32_t)phases_take(&p->times, PHASE_SENSE);
+    message.step = (int32_t)phases_take(&p->times, PHASE_STEP);
+    message.send = (int32_t)phases_take(&p->times, PHASE_SEND);
+    message.late = (int32_t)phases_take(&p->times, PHASE_LATE);
+    terrapin_frame frame = {0};
+    (void)terrapin_encode_port_times(&message, &frame);
+    publish(p, &frame);
+}
+
+static void tell_identity(port *p) {
+    const terrapin_port_identity_t message = {
+        .unique = p->hardware.unique,
+        .board = p->hardware.board,
+        .slot = p->hardware.slot,
+        .core_clock = (int32_t)(p->hardware.core_hz / 1000000U),
+        .stack_used = (int32_t)port_stack_used(),
+    };
+    terrapin_frame frame = {0};
+    (void)terrapin_encode_port_identity(&message, &frame);
+    publish(p, &frame);
+}
+
+/* The port's own messages, one a tick at most. */
+static void tell(port *p) {
+    switch (p->tick % STATUS_TICKS) {
+    case 0U:
+        tell_status(p);
+        break;
+    case 1U:
+        tell_times(p);
+        break;
+    case 2U:
+        if ((p->tick % IDENTITY_TICKS) == 2U) {
+            tell_identity(p);
+        }
+        break;
+    default:
+        break;
+    }
+}
+
+/* A save under way, piece by piece; an erase holds the processor for longer than a tick. */
+static void keep_parameters(port *p) {
+    if ((p->store == NULL) || (p->store->phase == TERRAPIN_STORE_IDLE)) {
+        return;
+    }
+    port_flash_work(true);
+    if (!terrapin_link_store_work(&p->link, p->state)) {
+        port_flash_work(false);
+    }
+}
+
+/* Own sensors, own clock. What endangers somebody reaches the core as an emergency stop: off, and latched. */
+static void own_tick(port *p) {
+    const uint32_t begin = port_cycles();
+    port_sense(p, &p->inputs);
+    p->inputs.tick = p->tick;
+    p->inputs.estop = p->inputs.estop || p->hardware.bridge_break || p->hardware.brown_out;
+    phases_note(&p->times, PHASE_SENSE, port_cycles() - begin);
+    step(p);
+    const uint32_t stepped = port_cycles();
+    port_drive(p, p->outputs.duty_q15, p->outputs.enable && terrapin_link_bridge_allowed(&p->link));
+    for (uint8_t i = 0; i < p->outputs.frame_count; i++) {
+        publish(p, &p->outputs.frames[i]);
+    }
+    tell(p);
+    phases_note(&p->times, PHASE_SEND, port_cycles() - stepped);
+}
+
+static void tick(port *p, uint32_t now) {
+    phases_note(&p->times, PHASE_LATE, port_cycles() - port_tick_cycles());
+    p->overruns += now - p->tick - 1U;
+    p->tick = now;
+    if (p->link.test_mode) {
+        port_drive(p, 0, false);
+    } else {
+        own_tick(p);
+    }
+    can_poll(p->bus);
+    keep_parameters(p);
+    port_alive(p);
+}
+
+void terrapin_port_parameters(port *p) {
+    if (p->store != NULL) {
+        terrapin_link_use_store(&p->link, p->state, p->store);
+        if (p->store->origin == TERRAPIN_STORE_ORIGIN_STORED) {
+            return; /* a stored set is whole */
+        }
+    }
+    for (uint32_t i = 0; i < port_parameter_count; i++) {
+        (void)terrapin_parameter_set(p->state, port_parameters[i].index, port_parameters[i].value); /* a test checks */
+    }
+}
+
+void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct terrapin_store *store,
+               const port_hardware *hardware) {
+    *p = (port){.state = state, .bus = bus, .line = line, .store = store, .hardware = *hardware};
+    phases_open(&p->times, hardware->core_hz);
+    terrapin_slcan_init(&p->parser);
+    terrapin_link_init(&p->link, state, &p->inputs);
+    terrapin_port_parameters(p);
+}
+
+bool port_pass(port *p, uint32_t now) {
+    if (now != p->tick) {
+        tick(p, now);
+        return true;
+    }
+    const uint32_t begin = port_cycles();
+    const bool any = receive(p);
+    if (any) {
+        phases_note(&p->times, PHASE_RECEIVE, port_cycles() - begin);
+    }
+    return any;
+}
