@@ -23,6 +23,7 @@
 
 #include "flash_file.h"
 #include "parameters.h"
+#include "process.h"
 #include "service.h"
 #include "terrapin_interface.h"
 
@@ -230,7 +231,7 @@ static bool use_flash(controller *c, const char *path) {
     return true;
 }
 
-int main(int argc, char **argv) {
+int terrapin_process(int argc, char **argv) {
     static controller c;
     sigset_t while_waiting;
     const char *flash = NULL;
