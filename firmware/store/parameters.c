@@ -61,15 +61,12 @@ static bool whole(const terrapin_store *store, uint32_t offset, uint32_t size) {
     return good && (get_word(&unit[CRC_AT]) == crc);
 }
 
-/* True when `size` bytes at an offset in flash can be written. */
-static bool is_erased(const terrapin_store *store, uint32_t offset, uint32_t size) {
+/* True when the unit at an offset in flash can be written. */
+static bool is_erased(const terrapin_store *store, uint32_t offset) {
     uint8_t unit[TERRAPIN_STORE_UNIT];
-    bool erased = true;
-    for (uint32_t at = 0U; erased && (at < size); at += UNIT) {
-        erased = read_unit(store, offset + at, unit);
-        for (uint32_t i = 0U; i < UNIT; i++) {
-            erased = erased && (unit[i] == ERASED);
-        }
+    bool erased = read_unit(store, offset, unit);
+    for (uint32_t i = 0U; erased && (i < UNIT); i++) {
+        erased = unit[i] == ERASED;
     }
     return erased;
 }
@@ -149,7 +146,7 @@ static void scan(terrapin_store *store, uint8_t page) {
             store->next[page] = at;
         } else {
             at += UNIT;
-            if (!is_erased(store, offset, UNIT)) {
+            if (!is_erased(store, offset)) {
                 store->remains = true;
                 store->next[page] = at;
             }
@@ -220,11 +217,8 @@ bool terrapin_store_save(terrapin_store *store, const terrapin_state *state) {
     store->failed = false;
     store->written = 0U;
     store->crc = 0U;
-    const terrapin_flash_area area = store->page[store->active];
-    const uint32_t next = store->next[store->active];
-    const uint32_t size = set_size(PARAMETERS);
-    if ((store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED) && (size <= (area.size - next)) &&
-        is_erased(store, area.offset + next, size)) {
+    const uint32_t room = store->page[store->active].size - store->next[store->active];
+    if ((store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED) && (room >= set_size(PARAMETERS))) {
         store->target = store->active;
         store->phase = TERRAPIN_STORE_WRITE;
     } else {
