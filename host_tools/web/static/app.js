@@ -214,11 +214,13 @@ export function go(tab, rest = '') {
   if (location.hash === hash) route(); else location.hash = hash;
 }
 
-/** Beside the tabs: what is open. */
-export function context(text) { $('context').textContent = text; }
+/** Beside the tabs: what is open, as text or elements. */
+export function context(...parts) { $('context').replaceChildren(...parts.filter(Boolean)); }
 
 async function route() {
-  const [name, ...rest] = location.hash.slice(1).split('/').map(decodeURIComponent);
+  let parts;
+  try { parts = location.hash.slice(1).split('/').map(decodeURIComponent); } catch { parts = ['']; }
+  const [name, ...rest] = parts;
   const tab = TABS.find((one) => one.name === name) || TABS[0];
   for (const link of $('tabs').children) {
     if (link.dataset.tab === tab.name) link.setAttribute('aria-current', 'page');

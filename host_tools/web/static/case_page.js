@@ -1,14 +1,21 @@
 // One case: verdict, plots, ranking, ladder, and what can be done with it.
-import { Plot, Ladder } from './plot.js';
-import { CasePlots } from './case_plots.js';
 import { ranking } from './cards.js';
+import { CasePlots } from './case_plots.js';
+import { below, OwnEffect, nextStep, Controller } from './panels.js';
+import { Ladder } from './plot.js';
 
-const WORDS = { compare: 'Comparing', discover: 'Looking for what is missing', add: 'Adding', remove: 'Removing', report: 'Writing the report', export: 'Exporting', experiment: 'Running the experiment' };
+const WORDS = {
+  compare: 'Comparing', discover: 'Looking for what is missing', add: 'Adding', remove: 'Removing',
+  report: 'Writing the report', export: 'Exporting, and running the controller with it', experiment: 'Running the experiment',
+};
+const ACTIVE = ['queued', 'running'];
 
 export class CasePage {
   constructor(element, app, name) {
-    Object.assign(this, { element, app, name, view: null, preview: null, picked: null, jobs: new Map(), closed: false });
+    Object.assign(this, { element, app, name, view: null, preview: null, jobs: new Map(), closed: false, turn: 0 });
     this.path = `cases/${encodeURIComponent(name)}`;
+    this.own = new OwnEffect(this);
+    this.controller = new Controller(this);
     this.build();
   }
 
@@ -22,70 +29,80 @@ export class CasePage {
     this.side = h('div', { class: 'side' });
     this.below = h('div', { class: 'below' });
     this.problem = h('div', { role: 'alert' });
-    this.ladderPanel = h('section', { class: 'panel' },
+    this.said = h('div', { role: 'status' });
+    const ladder = h('section', { class: 'panel', 'aria-label': 'Error ladder' },
       h('div', { class: 'panel-head' }, h('h2', { text: 'Error ladder' }), h('span', { text: 'noise sd' }),
         h('span', { class: 'key train' }, h('i', { class: 'box' }), 'training'),
-        h('span', { class: 'key held' }, h('i', { class: 'box' }), 'held out')),
+        h('span', { class: 'key held' }, h('i', { class: 'box' }), 'held out'),
+        h('span', { class: 'key floor' }, h('i', { class: 'dashed' }), 'floor')),
       this.ladderHost);
     this.grid = h('div', { class: 'case-grid', hidden: true },
-      h('div', { class: 'plots' }, this.plots.overlayPanel, h('div', { class: 'pair' }, this.plots.residualPanel, this.ladderPanel)),
+      h('div', { class: 'plots' }, this.plots.overlayPanel, h('div', { class: 'pair' }, this.plots.residualPanel, ladder)),
       this.side);
-    this.element.replaceChildren(this.top, this.problem, this.jobBar, this.grid, this.below);
+    this.element.replaceChildren(this.top, this.problem, this.said, this.jobBar, this.grid, this.below);
     this.top.replaceChildren(h('p', { class: 'soft', role: 'status', text: 'Comparing model and measurements…' }));
   }
 
   show() {
-    this.app.showCommand(`terrapin compare ${this.name}`);
+    this.head();
+    if (!this.view) this.app.showCommand(`terrapin compare ${this.name}`);
     this.load();
     this.resume();
   }
 
-  close() { this.closed = true; }
+  close() { this.closed = true; this.own.close(); }
   redraw() { if (this.view) this.draw(); }
 
   /** Fetch what the server knows and draw it. */
   async load() {
-    const turn = (this.turn = (this.turn || 0) + 1);
+    const turn = ++this.turn;
     try {
       const view = await this.app.api(`${this.path}/view`);
-      if (this.closed || turn !== this.turn) return;
-      this.take(view);
+      if (!this.closed && turn === this.turn) this.take(view);
     } catch (error) {
       if (this.closed || turn !== this.turn) return;
       this.complain(error);
-      if (!this.view) this.top.replaceChildren(this.back());
+      if (!this.view) this.top.replaceChildren();
     }
   }
 
   take(view) {
-    const { app } = this;
     const before = this.view;
     this.view = view;
-    const sets = view.cards.map((card) => card.effect);
-    if (this.preview && !this.preview.effects.every((name) => sets.includes(name))) this.preview = null;
+    const known = view.cards.map((card) => card.effect);
+    if (this.preview && !this.preview.effects.every((name) => known.includes(name))) this.preview = null;
+    if (before && JSON.stringify(before) === JSON.stringify(view)) return;
     this.grid.hidden = false;
-    app.context(view.title);
     this.plots.take(view);
+    this.head();
     this.lead();
-    this.renderSide();
-    this.renderBelow();
+    this.side.replaceChildren(...ranking(this), nextStep(this), this.own.element, this.controller.element);
+    this.own.take(view);
+    this.controller.take(view);
+    this.below.replaceChildren(...below(this));
+    this.mark();
     this.draw();
-    if (!before || before.headline !== view.headline) app.announce(`${view.chip}. ${view.headline}`);
+    if (!before || before.headline !== view.headline) this.app.announce(`${view.chip}. ${view.headline}`);
     if (view.discovered && !before?.discovered && view.missing.length) this.showPreview(view.missing, true);
-  }
-
-  back() {
-    const { h } = this.app;
-    return h('p', {}, h('a', { href: '#workbench', text: 'All cases' }));
   }
 
   complain(error) {
     const { h } = this.app;
-    if (!error) { this.problem.replaceChildren(); return; }
-    this.problem.replaceChildren(h('p', { class: 'notice bad', text: error.message || String(error) }));
+    this.problem.replaceChildren(...(error ? [h('p', { class: 'notice bad', text: error.message || String(error) })] : []));
+  }
+
+  /** A line that stays until the next action: elements or text. */
+  say(...parts) {
+    this.said.replaceChildren(...(parts.length ? [this.app.h('p', { class: 'notice fine' }, ...parts)] : []));
   }
 
   // ---------------------------------------------------------------- the verdict
+
+  head() {
+    const { h } = this.app, { view } = this;
+    this.app.context(h('a', { href: '#workbench', text: 'Cases' }), ' / ', h('b', { text: view?.title || this.name }),
+      view ? ` · ${view.runs} runs, ${view.held_out.length} held out · ${[view.base, ...view.effects].join(' + ')}` : '');
+  }
 
   lead() {
     const { h } = this.app, { view } = this;
@@ -94,30 +111,19 @@ export class CasePage {
     }, h('b', { text: one.variable }), ` ${one.text}`)));
     const main = view.next.do;
     this.top.replaceChildren(h('div', { class: 'lead' },
-      h('div', {},
-        h('p', { class: 'headline', text: view.headline })),
+      h('div', { class: 'row' }, h('span', { class: `chip ${view.verdict}`, text: view.chip }), h('h1', { class: 'headline grow', text: view.headline })),
       h('div', { class: 'actions' },
-        h('span', { class: `chip ${view.verdict}`, text: view.chip }),
         h('button', { type: 'button', text: 'Compare', onclick: () => this.run({ do: 'compare' }) }),
         h('button', { type: 'button', class: main === 'discover' ? 'main' : '', text: 'Discover', onclick: () => this.run({ do: 'discover' }) }),
-        h('button', { type: 'button', text: 'Report', onclick: () => this.run({ do: 'report' }) }),
-        h('a', { href: '#workbench', class: 'small', text: 'All cases' })),
-      h('ul', { class: 'facts' }, where.slice(0, 3), h('li', { text: `${view.runs} runs, ${view.held_out.length} held out · ${[view.base, ...view.effects].join(' + ')}` }))));
+        h('button', { type: 'button', text: 'Report', onclick: () => this.report() })),
+      h('ul', { class: 'facts' }, where.slice(0, 4))));
   }
-
-  // ---------------------------------------------------------------- right side
-
-  renderSide() {
-    this.side.replaceChildren(...ranking(this));
-  }
-
-  renderBelow() {}
 
   draw() {
-    this.plots.draw(this.preview);
     const { view, preview } = this;
-    const ghost = preview?.channels ? { added: preview.effects.join(' + '), train_error: preview.train_error, heldout_error: preview.heldout_error } : null;
-    this.ladder.show(view.plot.ladder, ghost);
+    this.plots.draw(preview);
+    const inside = view.plot.ladder.slice(0, 1 + view.effects.length); // what discover found is not in the model yet
+    this.ladder.show(inside, preview?.channels ? { added: preview.effects.join(' + '), train_error: preview.train_error, heldout_error: preview.heldout_error } : null);
   }
 
   /** Fetch and show what the model would predict with effects added; a second time: hide it. */
@@ -125,8 +131,10 @@ export class CasePage {
     const same = this.preview && this.preview.effects.join() === effects.join();
     this.preview = same ? null : { effects };
     this.mark();
-    if (same) { this.draw(); return; }
+    this.draw();
+    if (same) return;
     const wanted = this.preview;
+    if (!quietly) this.app.showCommand(`terrapin add ${this.name} ${effects.join(' ')}`);
     try {
       const query = effects.map((name) => `effect=${encodeURIComponent(name)}`).join('&');
       const found = await this.app.api(`${this.path}/view?${query}`);
@@ -134,9 +142,8 @@ export class CasePage {
       this.preview = found;
       this.draw();
       if (!quietly) this.app.announce(`With ${effects.join(' and ')} the held-out error would be ${this.app.number(found.heldout_error ?? found.train_error, 3)} noise sd.`);
-      this.app.showCommand(`terrapin add ${this.name} ${effects.join(' ')}`);
     } catch (error) {
-      if (this.preview !== wanted) return;
+      if (this.preview !== wanted || this.closed) return;
       this.preview = null;
       this.mark();
       if (!quietly) this.complain(error);
@@ -152,35 +159,59 @@ export class CasePage {
     }
   }
 
-  // ---------------------------------------------------------------- jobs
+  // ---------------------------------------------------------------- what can be done
 
+  /** Run a command as a job; its result, or null when it failed or was cancelled (which the page then says). */
   async run(body) {
     this.complain(null);
+    this.say();
     try {
       const result = await this.app.job(this.name, body, (job) => this.progress(job));
-      if (body.do === 'add' || body.do === 'remove') {
-        this.preview = null;
-        if (result?.ladder) { this.view.plot.ladder = result.ladder; this.draw(); } // falls at once; the rest follows
-      }
+      if (this.closed) return result;
+      if (body.do === 'add' || body.do === 'remove') this.fall(body, result);
       return result;
     } catch (error) {
-      this.complain(error);
+      if (!this.closed) this.complain(error);
       return null;
     } finally {
       if (!this.closed) await this.load();
     }
   }
 
-  /** Jobs of this case that run already (after a reload, or from another browser). */
+  /** The ladder moves as soon as the command has answered; the rest of the page follows. */
+  fall(body, result) {
+    this.preview = null;
+    this.view.plot.ladder = result.ladder;
+    this.view.effects = result.model.effects;
+    this.draw();
+    const last = result.ladder[result.ladder.length - 1], n = this.app.number;
+    this.app.announce(`${body.do === 'add' ? 'Added' : 'Removed'} ${(body.effects || [body.effect]).join(', ')}: held-out error ${n(last.heldout_error ?? last.train_error, 3)} noise sd.`);
+  }
+
+  async report() {
+    if (await this.run({ do: 'report' })) this.reportLink();
+  }
+
+  reportLink() {
+    const { h } = this.app;
+    this.say('The report is written: ', h('a', { href: `/api/${this.path}/report`, target: '_blank', rel: 'noopener', text: 'open it' }), ', or ',
+      h('a', { href: `/api/${this.path}/report`, download: `${this.name}.html`, text: 'save it' }), '.');
+  }
+
+  /** Jobs of this case that run (after a reload, or from another browser), and what the last export said. */
   async resume() {
-    try {
-      for (const job of await this.app.api('jobs')) if (job.case === this.name) this.progress(job);
-    } catch { /* the view says what is wrong */ }
+    let jobs;
+    try { jobs = await this.app.api('jobs'); } catch { return; } // the view says what is wrong
+    if (this.closed) return;
+    const mine = jobs.filter((job) => job.case === this.name);
+    for (const job of mine) if (ACTIVE.includes(job.state)) this.progress(job);
+    const exported = mine.find((job) => job.do === 'export' && job.state === 'done');
+    if (exported) this.controller.restore(exported.id);
   }
 
   progress(job) {
     const { h } = this.app;
-    if (['queued', 'running'].includes(job.state)) this.jobs.set(job.id, job); else this.jobs.delete(job.id);
+    if (ACTIVE.includes(job.state)) this.jobs.set(job.id, job); else this.jobs.delete(job.id);
     const [first] = this.jobs.values();
     this.jobBar.hidden = !first;
     if (!first) return;
@@ -192,10 +223,12 @@ export class CasePage {
   }
 
   async event(event) {
-    if (event.case !== this.name && !event.back) return;
-    if (event.job !== undefined) {
-      try { this.progress(await this.app.api(`jobs/${encodeURIComponent(event.job)}`)); } catch { this.jobs.delete(event.job); }
-    } else { this.load(); }
-    if (event.back) this.resume();
+    if (event.back) { this.load(); this.resume(); return; }
+    if (event.case !== this.name) return;
+    if (event.deleted) { this.app.go('workbench'); return; }
+    if (event.job === undefined) { this.load(); return; }
+    if (event.state && !ACTIVE.includes(event.state)) { this.progress({ id: event.job, state: event.state }); return; }
+    const known = this.jobs.get(event.job) || { id: event.job, progress: [] };
+    this.progress({ ...known, ...event, id: event.job, progress: event.line ? [event.line] : known.progress });
   }
 }

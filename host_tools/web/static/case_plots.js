@@ -14,9 +14,11 @@ export class CasePlots {
     overlay.classList.add('tall');
     this.keys = h('span', { class: 'row' });
     this.choices = h('span', { class: 'choices' });
+    this.axis = h('span', { class: 'axis' });
     this.range = h('span', { class: 'key fails' });
     this.overlayPanel = h('section', { class: 'panel' },
       h('div', { class: 'panel-head' }, h('h2', { text: 'Model and measurement' }), this.keys, this.choices), overlay);
+    overlay.append(this.axis); // the choice of variable stands where the name of the axis would
     this.residualPanel = h('section', { class: 'panel' },
       h('div', { class: 'panel-head' }, h('h2', { text: 'Residual' }), h('span', { text: 'shaded: 95 % of the noise' }), this.range,
         h('span', { class: 'choices' }, this.tableButton())), residual);
@@ -38,11 +40,11 @@ export class CasePlots {
     if (!plot.columns[this.variable]) this.variable = plot.variable;
     if (!plot.channels.some((c) => c.name === this.channel)) this.channel = plot.channels[0].name;
     const select = (label, names, chosen, set) => h('label', {}, `${label} `, h('select', { onchange: (event) => { set(event.target.value); this.changed(); } },
-      names.map((name) => h('option', { value: name, selected: name === chosen, text: name }))));
-    this.choices.replaceChildren(...[
-      plot.channels.length > 1 ? select('channel', plot.channels.map((c) => c.name), this.channel, (v) => { this.channel = v; }) : null,
-      select('against', Object.keys(plot.columns), this.variable, (v) => { this.variable = v; }),
-    ].filter(Boolean));
+      names.map(([name, text]) => h('option', { value: name, selected: name === chosen, text }))));
+    const named = (name, one) => [name, one.unit && one.unit !== '1' ? `${name}, ${one.unit}` : name];
+    this.axis.replaceChildren(select('against', Object.entries(plot.columns).map(([name, one]) => named(name, one)), this.variable, (v) => { this.variable = v; }));
+    this.choices.replaceChildren(...(plot.channels.length > 1
+      ? [select('channel', plot.channels.map((c) => named(c.name, c)), this.channel, (v) => { this.channel = v; })] : []));
   }
 
   choose(variable, channel) {
@@ -56,7 +58,7 @@ export class CasePlots {
   draw(preview) {
     const { plot } = this.view;
     const c = plot.channels.find((one) => one.name === this.channel), column = plot.columns[this.variable];
-    const x = { values: column.values, name: this.variable, unit: column.unit }, noise = c.noise_sd;
+    const x = { values: column.values, name: this.variable, unit: column.unit, chosen: true }, noise = c.noise_sd;
     const along = (values) => curve(x.values, values, noise, plot.run, plot.runs.length);
     const held = plot.run.map((r) => plot.held[r]);
     const rows = [held.flatMap((on, i) => (on ? [] : [i])), held.flatMap((on, i) => (on ? [i] : []))];
@@ -84,7 +86,7 @@ export class CasePlots {
     });
     const after = added ? c.measured.map((m, i) => (m - added[i]) / noise) : null;
     this.residual.draw({
-      x, y: { name: 'residual', unit: 'noise sd' }, ranges, lines: [], bands: [], level: [-1.96, 1.96], describe: tell,
+      x: { ...x, chosen: false }, y: { name: 'residual', unit: 'noise sd' }, ranges, lines: [], bands: [], level: [-1.96, 1.96], describe: tell,
       points: [...both(left), ...(after ? both(after, { color: css('--teal'), size: 2.4, alpha: 0.9 }) : [])],
       table: () => this.table(x, c, left),
       alt: `Residual of ${c.name} in noise sd against ${this.variable}.${span ? ` It stands out at ${span}${unit(x.unit)}.` : ' It stands out nowhere.'} Arrow keys step through the rows.`,
@@ -107,7 +109,7 @@ export class CasePlots {
     this.keys.replaceChildren(...[
       key('', 'dot', 'training'), key('', 'ring', 'held out'),
       base ? key('base', 'dashed', 'base model') : null,
-      key('model', '', `${base ? 'extended model' : 'base model'} ± 95 %`),
+      key('model', '', `${base ? 'extended model' : 'base model'}, 95 % band`),
       added ? key('with', '', `with ${preview.effects.join(' + ')}`) : null,
       fails ? key('fails', 'box', 'fails here') : null,
     ].filter(Boolean));

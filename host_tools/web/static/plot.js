@@ -160,7 +160,7 @@ export class Plot {
     c.fillStyle = css('--ink');
     c.textAlign = 'right';
     c.textBaseline = 'bottom';
-    c.fillText(label(spec.x), box.x1, box.y0 + MARGIN.bottom - 1);
+    if (!spec.x.chosen) c.fillText(label(spec.x), box.x1, box.y0 + MARGIN.bottom - 1);
     c.save();
     c.translate(12, (box.y0 + box.y1) / 2);
     c.rotate(-Math.PI / 2);
@@ -303,6 +303,18 @@ const svg = (tag, attributes = {}, text) => {
 };
 const sd = (v) => (v === null || v === undefined ? '' : v >= 100 ? v.toFixed(0) : v.toPrecision(3));
 
+/** Words in two lines of at most `fit` letters; what is left over is cut. */
+function wrap(text, fit) {
+  const lines = [''];
+  for (const word of text.split(' ')) {
+    const last = lines[lines.length - 1];
+    if (!last || last === '+' || `${last} ${word}`.length <= fit) lines[lines.length - 1] = last ? `${last} ${word}` : word;
+    else lines.push(word);
+  }
+  if (lines.length > 2) lines[1] += '…';
+  return lines.slice(0, 2).map((part) => (part.length > fit + 1 ? `${part.slice(0, fit)}…` : part));
+}
+
 /** ladder.show([{added, train_error, heldout_error}], ghost | null): a rung that is new falls from the one before. */
 export class Ladder {
   constructor(host) {
@@ -370,27 +382,24 @@ export class Ladder {
       parts.push(svg('line', { class: 'grid', x1: box.x0, x2: box.x1, y1: Y(t), y2: Y(t) }));
       parts.push(svg('text', { x: box.x0 - 6, y: Y(t) + 4, 'text-anchor': 'end' }, number(t)));
     }
-    const step = (box.x1 - box.x0) / all.length, wide = Math.min(34, step * 0.3);
+    const step = (box.x1 - box.x0) / all.length, wide = Math.min(34, step * 0.36);
     all.forEach((rung, i) => {
       const middle = box.x0 + (i + 0.5) * step;
       [['train', rung.train, middle - wide - 2], ['held', rung.held, middle + 2]].forEach(([kind, value, x]) => {
         if (value === null || value === undefined) return;
         const y = Y(value);
         parts.push(svg('rect', { class: rung.ghost ? 'ghost' : kind, x, y, width: wide, height: Math.max(0, box.y0 - y), rx: 2 }));
-        parts.push(svg('text', { class: rung.ghost ? 'ghost-text' : 'value', x: x + wide / 2, y: y - 4, 'text-anchor': 'middle' }, sd(value)));
+        if (wide < 24 && kind === 'train' && rung.held !== null) return; // no room for both numbers
+        parts.push(svg('text', { class: rung.ghost ? 'ghost-text' : 'value', x: wide < 24 ? middle : x + wide / 2, y: y - 4, 'text-anchor': 'middle' }, sd(value)));
       });
-      const names = rung.added === null ? ['base'] : `${rung.added}`.split(' + ').map((n) => `+ ${n.replaceAll('_', ' ')}`);
-      const fit = Math.max(6, Math.floor(step / 6.2));
-      names.slice(0, 2).forEach((name, n) => {
-        const short = name.length > fit ? `${name.slice(0, fit - 1)}…` : name;
-        const text = svg('text', { class: rung.ghost ? 'ghost-text' : '', x: middle, y: box.y0 + 15 + 13 * n, 'text-anchor': 'middle' }, short);
-        text.append(svg('title', {}, rung.added || 'base model'));
+      const name = rung.added === null ? 'base model' : `${rung.ghost ? 'with' : '+'} ${rung.added.replaceAll('_', ' ')}`;
+      wrap(name, Math.max(6, Math.floor(step / 6.4))).forEach((part, n) => {
+        const text = svg('text', { class: rung.ghost ? 'ghost-text' : '', x: middle, y: box.y0 + 15 + 13 * n, 'text-anchor': 'middle' }, part);
+        text.append(svg('title', {}, name));
         parts.push(text);
       });
-      if (rung.ghost) parts.push(svg('text', { class: 'ghost-text', x: middle, y: box.y0 + 15 + 13 * Math.min(2, names.length), 'text-anchor': 'middle' }, 'preview'));
     });
     parts.push(svg('line', { class: 'floor', x1: box.x0, x2: box.x1, y1: Y(1), y2: Y(1) }));
-    parts.push(svg('text', { class: 'floor-text', x: box.x1, y: Y(1) - 5, 'text-anchor': 'end' }, 'noise floor'));
     this.svg.setAttribute('viewBox', `0 0 ${width} ${height}`);
     this.svg.replaceChildren(...parts);
     this.host.dataset.rungs = String(this.rungs.length);

@@ -10,7 +10,7 @@ export function mount(element, app) {
   async function list() {
     page?.close();
     page = null;
-    app.context('');
+    app.context();
     const place = h('div', { class: 'start' });
     const cases = h('section', { class: 'panel', 'aria-labelledby': 'cases-title' });
     const examples = h('section', { class: 'panel', 'aria-labelledby': 'examples-title' });

@@ -1,0 +1,245 @@
+// Strip charts over one time axis, on one canvas: each signal in a lane of its own, events in the last, one cursor over
+// all. Where several points fall on a pixel, the line spans from the lowest to the highest: no spike is lost.
+import { css, h, number, unit } from './app.js';
+import { ticks } from './plot.js';
+
+const KEPT = 1 << 15; // points of a signal
+const RATE = 30; // redraws a second
+const LEFT = 64, RIGHT = 12, TITLE = 18, GAP = 8, AXIS = 20, EVENTS = 52;
+export const COLOURS = ['--blue', '--teal', '--amber', '--red', '--soft', '--ink'];
+const MARKS = { fault: '--red', injected: '--amber', limiter: '--blue', parameter: '--teal', mark: '--ink', clock: '--red', bus: '--red', state: '--soft', report: '--soft' };
+
+/** The latest points of one signal; times rise. */
+export class Ring {
+  constructor() { this.times = new Float64Array(KEPT); this.values = new Float32Array(KEPT); this.count = 0; }
+  push(time, value) {
+    const place = this.count % KEPT;
+    this.times[place] = time; this.values[place] = value; this.count++;
+  }
+  clear() { this.count = 0; }
+  get first() { return Math.max(0, this.count - KEPT); }
+  time(index) { return this.times[index % KEPT]; }
+  value(index) { return this.values[index % KEPT]; }
+  /** Index of the first point at or after a time. */
+  find(time) {
+    let low = this.first, high = this.count;
+    while (low < high) { const middle = (low + high) >> 1; if (this.time(middle) < time) low = middle + 1; else high = middle; }
+    return low;
+  }
+  /** The value that held at a time; null before the first. */
+  at(time) {
+    const index = this.find(time + 1e-9) - 1;
+    return index < this.first ? null : this.value(index);
+  }
+}
+
+/**
+ * A column of pixels for each stretch of time from begin to end: [first, lowest, highest, last] of the points in it.
+ * Columns without a point are left out. Exported for its test.
+ */
+export function columns(ring, begin, end, width) {
+  const found = [], scale = width / (end - begin);
+  let index = Math.max(ring.first, ring.find(begin) - 1), column = null;
+  for (; index < ring.count; index++) {
+    const time = ring.time(index);
+    if (time > end) break;
+    const x = Math.round((time - begin) * scale), value = ring.value(index);
+    if (column && column.x === x) {
+      if (value < column.low) column.low = value;
+      if (value > column.high) column.high = value;
+      column.last = value;
+    } else found.push(column = { x, first: value, low: value, high: value, last: value });
+  }
+  return found;
+}
+
+/** strip.lanes = [{ name, unit, words, colour, ring }]; strip.events = [{ time, kind, text }]; strip.end: latest time. */
+export class Strip {
+  constructor(host, onCursor = () => {}) {
+    this.host = host;
+    this.onCursor = onCursor;
+    this.lanes = []; this.events = []; this.seconds = 15; this.end = 0;
+    this.paused = null; // the time at which the picture stands
+    this.cursor = null; // a time
+    this.redraws = 0; this.rate = 0;
+    this.canvas = h('canvas', { tabindex: '0', role: 'img', 'aria-label': 'Strip charts; arrow keys move the time cursor' });
+    host.classList.add('strip-charts');
+    host.replaceChildren(this.canvas);
+    this.canvas.addEventListener('pointermove', (event) => this.point(event));
+    this.canvas.addEventListener('pointerleave', () => { this.cursorX = null; this.cursor = null; this.onCursor(null); });
+    this.canvas.addEventListener('keydown', (event) => this.key(event));
+    this.canvas.addEventListener('wheel', (event) => this.wheel(event), { passive: false });
+    this.canvas.addEventListener('pointerdown', (event) => { this.drag = { x: event.offsetX, at: this.until }; });
+    addEventListener('pointerup', () => { this.drag = null; });
+    this.running = false;
+    this.last = 0; this.counted = performance.now(); this.before = 0;
+  }
+
+  get until() { return this.paused ?? this.end; }
+
+  start() {
+    if (this.running) return;
+    this.running = true;
+    const step = (now) => {
+      if (!this.running) return;
+      requestAnimationFrame(step);
+      if (now - this.last < 1000 / RATE - 5) return;
+      this.last = now;
+      this.draw();
+    };
+    requestAnimationFrame(step);
+  }
+
+  stop() { this.running = false; }
+
+  pause(on) { this.paused = on ? this.end : null; }
+
+  point(event) {
+    if (this.drag && this.paused !== null) {
+      this.paused = this.drag.at - (event.offsetX - this.drag.x) * this.seconds / Math.max(1, this.wide);
+      return;
+    }
+    this.cursorX = event.offsetX;
+  }
+
+  wheel(event) {
+    if (this.paused === null) return; // the page scrolls
+    event.preventDefault();
+    this.seconds = Math.min(300, Math.max(0.5, this.seconds * (event.deltaY > 0 ? 1.25 : 0.8)));
+  }
+
+  key(event) {
+    const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (event.key === 'Escape') { this.cursorX = null; this.cursor = null; this.onCursor(null); return; }
+    if (!step) return;
+    event.preventDefault();
+    this.cursorX = Math.min(LEFT + this.wide, Math.max(LEFT, (this.cursorX ?? LEFT + this.wide) + step * (event.shiftKey ? 40 : 4)));
+  }
+
+  draw() {
+    const width = this.host.clientWidth, height = this.host.clientHeight, ratio = devicePixelRatio || 1;
+    if (!width || !height) return;
+    const { canvas } = this;
+    if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+      canvas.width = Math.round(width * ratio); canvas.height = Math.round(height * ratio);
+    }
+    const pen = canvas.getContext('2d');
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    pen.clearRect(0, 0, width, height);
+    pen.font = '12px system-ui, sans-serif';
+    pen.textBaseline = 'middle';
+    this.wide = width - LEFT - RIGHT;
+    const end = this.until, begin = end - this.seconds;
+    const x = (time) => LEFT + (time - begin) / this.seconds * this.wide;
+    this.cursor = this.cursorX === null || this.cursorX === undefined || this.cursorX < LEFT ? null : begin + (this.cursorX - LEFT) / this.wide * this.seconds;
+    const colours = Object.fromEntries(['--ink', '--soft', '--line', '--hair', '--mute', ...COLOURS].map((name) => [name, css(name)]));
+    const bottom = height - AXIS - EVENTS;
+    const each = this.lanes.length ? bottom / this.lanes.length : 0;
+    this.lanes.forEach((lane, place) => this.lane(pen, lane, place * each, each, begin, end, colours));
+    if (!this.lanes.length) {
+      pen.fillStyle = colours['--soft'];
+      pen.fillText('Tick a signal in the list to see it here.', LEFT, bottom / 2);
+    }
+    this.lastLane(pen, bottom, begin, end, x, colours);
+    pen.strokeStyle = colours['--line'];
+    pen.fillStyle = colours['--soft'];
+    pen.textAlign = 'center';
+    for (const tick of ticks(begin, end, Math.max(2, this.wide / 110))) {
+      pen.fillText(`${number(tick, 7)} s`, Math.min(width - 28, x(tick)), height - AXIS / 2);
+    }
+    if (this.cursor !== null) {
+      pen.strokeStyle = colours['--ink'];
+      pen.globalAlpha = 0.6;
+      line(pen, x(this.cursor), 0, x(this.cursor), height - AXIS);
+      pen.globalAlpha = 1;
+    }
+    this.onCursor(this.cursor);
+    this.redraws++;
+    const now = performance.now();
+    if (now - this.counted >= 1000) {
+      this.rate = (this.redraws - this.before) * 1000 / (now - this.counted);
+      this.counted = now; this.before = this.redraws;
+    }
+  }
+
+  lane(pen, lane, top, height, begin, end, colours) {
+    const found = columns(lane.ring, begin, end, this.wide);
+    const base = top + height - GAP, room = height - TITLE - GAP;
+    let low = Infinity, high = -Infinity;
+    for (const c of found) { if (c.low < low) low = c.low; if (c.high > high) high = c.high; }
+    if (low > high) { low = 0; high = 1; }
+    if (lane.words) { low = Math.min(low, 0); high = Math.max(high, low + 1); }
+    const pad = (high - low) * 0.06 || Math.max(Math.abs(high) * 0.05, 1e-9);
+    const bottom = low - pad, span = high + pad - bottom;
+    const y = (value) => base - (value - bottom) / span * room;
+    pen.lineWidth = 1;
+    pen.textAlign = 'right';
+    for (const tick of ticks(bottom, bottom + span, Math.max(1, room / 34))) {
+      pen.strokeStyle = colours['--hair'];
+      line(pen, LEFT, y(tick), LEFT + this.wide, y(tick));
+      pen.fillStyle = colours['--soft'];
+      const word = lane.words && Number.isInteger(tick) ? lane.words[tick] : null;
+      if (!lane.words || word) pen.fillText(word ? word.slice(0, 10) : number(tick), LEFT - 6, y(tick));
+    }
+    pen.save();
+    pen.beginPath();
+    pen.rect(LEFT, top, this.wide, height);
+    pen.clip();
+    pen.strokeStyle = colours[lane.colour];
+    pen.lineWidth = 1.5;
+    pen.lineJoin = 'round';
+    pen.beginPath();
+    let before = null;
+    for (const c of found) {
+      const at = LEFT + c.x;
+      if (before === null) pen.moveTo(at, y(c.first));
+      else {
+        if (lane.words) pen.lineTo(at, y(before));
+        pen.lineTo(at, y(c.first));
+      }
+      if (c.low !== c.high) { pen.lineTo(at, y(c.low)); pen.lineTo(at, y(c.high)); pen.lineTo(at, y(c.last)); }
+      before = c.last;
+    }
+    pen.stroke();
+    pen.restore();
+    const shown = lane.ring.at(this.cursor ?? end);
+    const said = shown === null ? '–' : lane.words ? lane.words[shown] ?? number(shown) : `${number(shown)}${unit(lane.unit)}`;
+    pen.textAlign = 'left';
+    pen.fillStyle = colours[lane.colour];
+    pen.fillRect(LEFT, top + 5, 8, 8);
+    pen.fillStyle = colours['--ink'];
+    pen.fillText(`${lane.name}   ${said}`, LEFT + 14, top + 9);
+  }
+
+  lastLane(pen, top, begin, end, x, colours) {
+    pen.strokeStyle = colours['--line'];
+    pen.lineWidth = 1;
+    line(pen, LEFT, top + 1, LEFT + this.wide, top + 1);
+    pen.fillStyle = colours['--soft'];
+    pen.textAlign = 'right';
+    pen.fillText('events', LEFT - 6, top + 14);
+    pen.textAlign = 'left';
+    const free = [LEFT, LEFT, LEFT]; // where each row of words has room again
+    for (const event of this.events) {
+      if (event.time === null || event.time < begin || event.time > end) continue;
+      const at = x(event.time);
+      pen.strokeStyle = pen.fillStyle = css(MARKS[event.kind] || '--soft');
+      line(pen, at, top + 1, at, top + EVENTS);
+      pen.fillRect(at - 2, top + 1, 4, 6);
+      const row = free.findIndex((from) => from <= at);
+      if (row < 0) continue;
+      const text = event.text.length > 34 ? `${event.text.slice(0, 33)}…` : event.text;
+      const wide = pen.measureText(text).width;
+      if (at + 5 + wide > LEFT + this.wide + RIGHT) continue;
+      pen.fillText(text, at + 5, top + 10 + row * 15);
+      free[row] = at + wide + 12;
+    }
+  }
+}
+
+function line(pen, x1, y1, x2, y2) {
+  pen.beginPath();
+  pen.moveTo(Math.round(x1) + 0.5, Math.round(y1) + 0.5);
+  pen.lineTo(Math.round(x2) + 0.5, Math.round(y2) + 0.5);
+  pen.stroke();
+}
