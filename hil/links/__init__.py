@@ -6,8 +6,8 @@ A link is opened, started (reset, parameters), advanced by ticks, closed:
         link.start({"supply_compensation": 1.0})
         link.advance(simulation, 1000)
 
-Names: `inprocess`, `pty`, `qemu` (the ARM image on an emulated Cortex-M4), `serial:DEVICE`, `socketcan:CHANNEL`,
-`can:INTERFACE:CHANNEL`.
+Names: `inprocess`, `pty`, `qemu` (the ARM core on an emulated Cortex-M4), `qemu-usart` (the STM32F405's image over its
+emulated USART), `serial:DEVICE`, `socketcan:CHANNEL`, `can:INTERFACE:CHANNEL`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from hil.simulation import Simulation
 
 __all__ = ["LINKS", "Link", "LinkNameError", "check_link_name", "open_link"]
 
-LINKS = "inprocess, pty, qemu, serial:DEVICE, socketcan:CHANNEL, can:INTERFACE:CHANNEL"
+LINKS = "inprocess, pty, qemu, qemu-usart, serial:DEVICE, socketcan:CHANNEL, can:INTERFACE:CHANNEL"
 
 
 class LinkNameError(ValueError):
@@ -66,6 +66,12 @@ def _qemu(where: str) -> Link:
     return open_qemu()
 
 
+def _qemu_usart(where: str) -> Link:
+    from hil.links.qemu_usart import open_qemu_usart
+
+    return open_qemu_usart()
+
+
 def _serial(where: str) -> Link:
     from hil.links.wire import SlcanLink
 
@@ -87,6 +93,7 @@ _OPEN: dict[str, Callable[[str], Link]] = {
     "inprocess": _inprocess,
     "pty": _pty,
     "qemu": _qemu,
+    "qemu-usart": _qemu_usart,
     "serial": _serial,
     "socketcan": _socketcan,
     "can": _can,
@@ -100,8 +107,8 @@ def check_link_name(name: str) -> tuple[str, str]:
         raise LinkNameError(f"link {name!r}: expected one of {LINKS}")
     if kind == "inprocess" and colon:
         raise LinkNameError(f"link {name!r}: inprocess takes no address")
-    if kind == "qemu" and colon:
-        raise LinkNameError(f"link {name!r}: qemu takes no address")
+    if kind in ("qemu", "qemu-usart") and colon:
+        raise LinkNameError(f"link {name!r}: {kind} takes no address")
     if kind == "pty" and colon:
         raise LinkNameError(f"link {name!r}: pty takes no address; for a device write serial:{where}")
     return kind, where

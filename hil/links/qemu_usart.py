@@ -1,0 +1,119 @@
+"""The STM32F405's image (firmware/ports/stm32f405) on QEMU's netduinoplus2, driven over its emulated USART1.
+
+Unlike `qemu` (semihosting) the image runs on by its own clock, as on a board: bytes reach it at any moment. What it
+answers in test mode is the same all the same.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import socket
+import subprocess
+import time
+from pathlib import Path
+
+from hil import paths
+from hil.links.qemu import ANSWER_LIMIT, MACHINE
+from hil.links.slcan import LinkError, SlcanPort
+from hil.links.wire import SlcanLink
+
+__all__ = ["QemuUsart", "QemuUsartLink", "image", "open_qemu_usart"]
+
+BOOT_LIMIT = 20.0  # s until the image answers
+ASK_EVERY = 0.05  # s: what comes before the image has opened its receiver is lost
+
+
+def image(board: str = "emulated", place: str = "alone") -> Path:
+    """An image that `make firmware` builds: board `emulated` or `f405-h-bridge`, place `alone`, `slot-a` or `slot-b`."""
+    return paths.ROOT / "build" / "cortex-m4" / f"terrapin-{board}-{place}.elf"
+
+
+class QemuUsart:
+    """QEMU with an image whose USART1 is a socket of ours. LinkError when it does not start."""
+
+    def __init__(self, program: Path | None = None) -> None:
+        self._program = program or image()
+        self._process: subprocess.Popen[bytes] | None = None
+        if not self._program.is_file():
+            raise LinkError(f"qemu-usart: no image {self._program}; run `make firmware`")
+
+    @property
+    def pid(self) -> int | None:
+        """Of the emulator, while it runs."""
+        return self._process.pid if self._process is not None else None
+
+    def start(self) -> SlcanPort:
+        """Boot it; the open port."""
+        ours, theirs = socket.socketpair()
+        command = ["qemu-system-arm", "-M", MACHINE, "-nodefaults", "-display", "none", "-monitor", "none"]
+        command += ["-chardev", f"socket,id=usart1,fd={theirs.fileno()}", "-serial", "chardev:usart1"]
+        command += ["-kernel", str(self._program)]
+        try:
+            with theirs:
+                self._process = subprocess.Popen(
+                    command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.PIPE,
+                    process_group=0,
+                    pass_fds=(theirs.fileno(),),
+                )
+            ours.setblocking(False)
+            self._await_boot(ours)
+            descriptor = os.dup(ours.fileno())
+            port = SlcanPort("qemu-usart", ANSWER_LIMIT, (descriptor, descriptor))
+            port.begin()
+        except FileNotFoundError:
+            raise LinkError("qemu-usart: qemu-system-arm is not installed") from None
+        except BaseException:
+            self.stop()
+            raise
+        finally:
+            ours.close()
+        return port
+
+    def _await_boot(self, line: socket.socket) -> None:
+        """Send empty lines until one is answered."""
+        assert self._process is not None
+        end = time.monotonic() + BOOT_LIMIT
+        while time.monotonic() < end and self._process.poll() is None:
+            with contextlib.suppress(OSError):  # not there yet, or no longer: told below
+                line.send(b"\r")
+                if select.select([line], [], [], ASK_EVERY)[0] and line.recv(64):
+                    return
+        raise LinkError(f"qemu-usart: the image does not answer{self._words()}")
+
+    def _words(self) -> str:
+        """What QEMU said when it has ended."""
+        if self._process is None or self._process.poll() is None or self._process.stderr is None:
+            return ""
+        words = self._process.stderr.read().decode(errors="replace").strip().splitlines()
+        return f" (status {self._process.returncode}{': ' + words[0] if words else ''})"
+
+    def stop(self) -> None:
+        """End the emulator; the image itself never ends. Stopping twice is allowed."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            if self._process.stderr is not None:
+                self._process.stderr.close()
+            self._process = None
+
+
+class QemuUsartLink(SlcanLink):
+    """Lockstep with the emulated chip."""
+
+    def __init__(self, machine: QemuUsart) -> None:
+        super().__init__("qemu-usart", machine.start())
+        self.machine = machine
+
+    def close(self) -> None:
+        super().close()
+        self.machine.stop()
+
+
+def open_qemu_usart(program: Path | None = None) -> QemuUsartLink:
+    """The link. LinkError when it cannot be opened."""
+    return QemuUsartLink(QemuUsart(program))
