@@ -26,7 +26,7 @@ ASK_EVERY = 0.05  # s: what comes before the image has opened its receiver is lo
 
 
 def image(board: str = "emulated", place: str = "alone") -> Path:
-    """An image that `make firmware` builds: board `emulated` or `f405-h-bridge`, place `alone`, `slot-a` or `slot-b`."""
+    """An image of `make firmware`: board `emulated` or `f405-h-bridge`, place `alone`, `slot-a` or `slot-b`."""
     return paths.ROOT / "build" / "cortex-m4" / f"terrapin-{board}-{place}.elf"
 
 
