@@ -209,6 +209,7 @@ class Session:
             return None
         self._heard = time.monotonic()
         self._record(block)
+        self._inject(float(block.times[-1]))
         first = self.live.total
         epoch = self.live.epoch
         decoded = self.live.take(block)
@@ -217,7 +218,6 @@ class Session:
             back = np.flatnonzero(np.diff(block.times) < 0)  # points of the epoch before are not drawn
             row = int(back[-1]) if back.size else -1
             decoded = {message: _after(table, row) for message, table in decoded.items()}
-        self._inject(float(block.times[-1]))
         self._pictures += 1
         picture = Picture(self._pictures, self.live.epoch, first, len(block), float(block.times[-1]))
         for message, table in decoded.items():

@@ -1,6 +1,6 @@
 // The Live tab: one source that the server watches; every browser sees the same. Pause, filter and the choice of signals
 // are this browser's own.
-import { COLOURS, Ring, Strip } from './strip.js';
+import { COLOURS, Ring, Strip, style } from './strip.js';
 
 const FIRST = ['MOTION.slip', 'GROUND.torque', 'ELECTRICAL.current', 'ACTUATE.state'];
 const SECONDS = [5, 15, 30, 60, 120, 300];
@@ -15,7 +15,8 @@ const STOP_WORDS = {
 const KEY = 'terrapin-live-signals';
 
 export function mount(element, app) {
-  const { h, api, number, unit } = app;
+  const { h, api, number } = app;
+  style();
   const state = { signals: [], index: new Map(), values: [], epoch: 0, frames: 0, next: null, missed: 0, pictures: 0, skipped: 0, last: 0, status: null, hello: null };
   const rings = new Map(); // name -> Ring, of the signals that were ever looked at
   let chosen = JSON.parse(localStorage.getItem(KEY) || 'null') || FIRST;

@@ -9,10 +9,16 @@ const LEFT = 64, RIGHT = 12, TITLE = 18, GAP = 8, AXIS = 20, EVENTS = 52;
 export const COLOURS = ['--blue', '--teal', '--amber', '--red', '--soft', '--ink'];
 const MARKS = { fault: '--red', injected: '--amber', limiter: '--blue', parameter: '--teal', mark: '--ink', clock: '--red', bus: '--red', state: '--soft', report: '--soft' };
 
+/** The style sheet of the Live and Simulate tabs, once. */
+export function style() {
+  if (!document.querySelector('link[href="/static/live.css"]')) document.head.append(h('link', { rel: 'stylesheet', href: '/static/live.css' }));
+}
+
 /** The latest points of one signal; times rise. */
 export class Ring {
   constructor() { this.times = new Float64Array(KEPT); this.values = new Float32Array(KEPT); this.count = 0; }
   push(time, value) {
+    if (this.count && time < this.time(this.count - 1)) return; // sent twice, once as the past
     const place = this.count % KEPT;
     this.times[place] = time; this.values[place] = value; this.count++;
   }
