@@ -62,7 +62,7 @@ class Measurements:
 
 def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
     """Read the files that [data] names. UserError when anything is wrong."""
-    tables.allow(("data",), "files", "run", "train", "test", "columns", "dbc", "period")
+    tables.allow(("data",), "files", "run", "train", "test", "columns", "dbc", "period", "ignore")
     equations = _equations(tables, base)
     mapped = _columns(tables, base, equations)
     files = tables.texts("data", "files")
@@ -101,7 +101,7 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
         channels={e.name: values[e.name] for e in mapped if e.channel},
         sigma={e.name: e.sigma for e in mapped if e.channel},
         units={e.name: e.canonical for e in mapped},
-        extra=_extra(loaded, used | set(values)),
+        extra=_extra(loaded, used | set(values) | _ignored(tables, loaded, used)),
         column_of={e.name: e.column for e in mapped},
         run_names=run_names,
         run=run,
@@ -247,6 +247,19 @@ def _split(tables: Tables, names: tuple[str, ...]) -> tuple[list[str], list[str]
         reason = "the only run would be held out" if len(names) == 1 else "found an empty list"
         raise tables.complain(f"{reason}, expected at least one run to train on", "data", "train")
     return train, test
+
+
+def _ignored(tables: Tables, loaded: list[Table], used: set[str]) -> set[str]:
+    """Columns that the case asks not to look at: a row's number, a sum of others."""
+    names = tables.texts("data", "ignore", default=[])
+    free = [name for name in loaded[0].columns if name not in used]
+    for name in names:
+        if name not in free:
+            where = "is mapped" if name in used else "is not in the files"
+            raise tables.complain(
+                f"column {name!r} {where}, expected one of {', '.join(free) or 'none'}", "data", "ignore"
+            )
+    return set(names)
 
 
 def _extra(loaded: list[Table], used: set[str]) -> dict[str, Array]:

@@ -34,6 +34,15 @@ def test_everything_arrives_in_canonical_units(tmp_path: Path) -> None:
     assert case.place(119) == "runs.csv:121"
 
 
+def test_columns_can_be_ignored(tmp_path: Path) -> None:
+    text = ROLLING.replace('run = "run"', 'run = "run"\nignore = ["humidity"]')
+    assert list(load_case(rolling(tmp_path, 1, text=text)).extra) == []
+    for name, why in (("w", "is mapped"), ("dust", "is not in the files")):
+        wrong = text.replace('ignore = ["humidity"]', f'ignore = ["{name}"]')
+        with pytest.raises(UserError, match=rf"case.toml:\d+: data.ignore: column '{name}' {why}, expected one of "):
+            load_case(rolling(tmp_path / name, 1, text=wrong))
+
+
 def test_every_fifth_run_is_held_out_unless_the_case_says_otherwise(tmp_path: Path) -> None:
     case = load_case(rolling(tmp_path, 1, runs=11))
     assert {case.run_names[i] for i in case.run[case.test]} == {"r04", "r09"}
