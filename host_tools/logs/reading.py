@@ -11,6 +11,7 @@ import base64
 import gc
 import json
 import logging
+import struct
 import sys
 import traceback
 from collections.abc import Callable, Iterator
@@ -118,7 +119,16 @@ class LogReader:
                     if len(collected.times) >= BLOCK:
                         yield collected.take()
                         told(file.tell())
-            except (McapError, ValueError, KeyError, TypeError, EOFError, OverflowError, MemoryError) as error:
+            except (
+                McapError,
+                struct.error,
+                ValueError,
+                KeyError,
+                TypeError,
+                EOFError,
+                OverflowError,
+                MemoryError,
+            ) as error:
                 if not collected.total and not raw:
                     raise UserError(f"{self.path}: {_brief(error)}, expected an MCAP file") from None
                 self.cut = "the end is missing" if collected.total else f"unreadable ({_brief(error)})"

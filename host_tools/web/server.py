@@ -21,7 +21,7 @@ from fastapi.responses import FileResponse, JSONResponse
 from starlette.exceptions import HTTPException
 
 from host_tools.errors import UserError
-from host_tools.web import cases_api, events, jobs_api
+from host_tools.web import cases_api, events, jobs_api, new_case, uploads
 from host_tools.web.context import Context
 from host_tools.web.events import Events
 from host_tools.web.jobs import Jobs
@@ -31,7 +31,8 @@ from host_tools.web.workspace import NotThere, Taken, Workspace
 
 __all__ = ["application"]
 
-PARTS = ("uploads", "view_api", "view", "live", "simulate")
+PARTS = ("view_api", "view", "live", "simulate")
+STATUS = {NotThere: 404, Taken: 409, uploads.TooLarge: 413, uploads.NoSpace: 507}
 STATIC = Path(__file__).parent / "static"
 KINDS = {
     ".html": "text/html; charset=utf-8",
@@ -81,12 +82,12 @@ def application(workspace: Workspace, token: str, link: str = "") -> Door:
         redirect_slashes=False,
         lifespan=life,
     )
-    for module in (cases_api, jobs_api, events, *parts):
+    for module in (cases_api, new_case, jobs_api, uploads, events, *parts):
         app.include_router(module.router)
     _describe(app)
     _complaints(app)
     _static(app, token)
-    return Door(app, token, {path for part in parts for path in getattr(part, "STREAMED", ())})
+    return Door(app, token, uploads.STREAMED)
 
 
 def _parts() -> list[ModuleType]:
@@ -124,7 +125,7 @@ def _complaints(app: FastAPI) -> None:
 
     async def user(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, UserError)
-        status = {NotThere: 404, Taken: 409}.get(type(error), 500 if error.status == 1 else 422)
+        status = STATUS.get(type(error), 500 if error.status == 1 else 422)
         return say(status, str(error))
 
     async def invalid(request: Request, error: Exception) -> JSONResponse:

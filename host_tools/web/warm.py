@@ -17,7 +17,7 @@ import os
 import signal
 import socket
 import sys
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import suppress
 from typing import IO, Any
 
@@ -37,7 +37,7 @@ class Process:
         self._errors = errors
         self._status = status
 
-    async def lines(self) -> Any:
+    async def lines(self) -> AsyncIterator[str]:
         """Lines of standard error as they come; a line too long for a terminal is cut."""
         while True:
             try:
@@ -106,10 +106,12 @@ class Warm:
         """`terrapin ARGUMENTS` with standard output into `out`."""
         return await self._fork({"argv": arguments, "environment": environment or {}}, out.fileno())
 
-    async def call(self, function: str, *arguments: Any, seconds: float = 120.0) -> Any:
+    async def call(
+        self, function: str, *arguments: Any, seconds: float = 120.0, told: Callable[[str], None] | None = None
+    ) -> Any:
         """The answer of "module:function" to JSON arguments. UserError as the function raised it; stops at `seconds`.
 
-        Cancelling the awaiting task stops the work.
+        `told` gets its lines of progress. Cancelling the awaiting task stops the work.
         """
         reading, writing = os.pipe()
         try:
@@ -122,7 +124,7 @@ class Warm:
         stream = await _stream(reading)
         try:
             async with asyncio.timeout(seconds):
-                said, answer = await asyncio.gather(_all(process.lines()), stream.read(-1))
+                said, answer = await asyncio.gather(_all(process.lines(), told), stream.read(-1))
                 status = await process.wait()
         except TimeoutError:
             raise UserError(f"found no answer after {seconds:g} s") from None
@@ -204,5 +206,11 @@ async def _stream(reading: int) -> asyncio.StreamReader:
     return reader
 
 
-async def _all(lines: Any) -> list[str]:
-    return [line async for line in lines][-20:]
+async def _all(lines: AsyncIterator[str], told: Callable[[str], None] | None) -> list[str]:
+    """The last lines."""
+    kept: list[str] = []
+    async for line in lines:
+        kept = [*kept[-19:], line]
+        if told is not None:
+            told(line)
+    return kept

@@ -37,6 +37,8 @@ MODULES = (
     "host_tools.workbench.memory",
     "host_tools.workbench.report",
     "host_tools.workbench.words",
+    "host_tools.web.mapper",
+    "host_tools.web.preview",
     "host_tools.web.summary",
     "pyarrow.csv",
     "pyarrow.parquet",

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from hil.reading import shorten
 from host_tools.errors import UserError
 
-__all__ = ["read_csv"]
+__all__ = ["read_csv", "read_header"]
 
 Columns = dict[str, npt.NDArray[Any]]
 LARGE = 1_000_000  # bytes from which Arrow reads the file, if it can
@@ -30,7 +30,7 @@ def read_csv(path: Path, texts: Collection[str] = ()) -> tuple[Columns, int]:
     Columns in `texts` stay text. UserError with file and line; OSError when the file cannot be read.
     """
     try:
-        header, delimiter, first = _header(path)
+        header, delimiter, first = read_header(path)
         columns = _read_large(path, header, delimiter, first, texts) if path.stat().st_size >= LARGE else None
         if columns is None:
             columns = _read_any(path, header, delimiter, first)
@@ -42,8 +42,8 @@ def read_csv(path: Path, texts: Collection[str] = ()) -> tuple[Columns, int]:
     return columns, first
 
 
-def _header(path: Path) -> tuple[list[str], str, int]:
-    """Names, delimiter, and the number of the line after them."""
+def read_header(path: Path) -> tuple[list[str], str, int]:
+    """Names, delimiter, and the number of the line after them. UserError, UnicodeDecodeError or csv.Error for none."""
     with path.open(encoding="utf-8-sig", newline="") as file:
         number = 1
         for line in file:

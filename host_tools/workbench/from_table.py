@@ -20,7 +20,7 @@ from host_tools.workbench.bases import BASES, CHANNELS, ROLES
 from host_tools.workbench.edit import write_whole
 from host_tools.workbench.tables import Table, read
 
-__all__ = ["Guess", "guess_columns", "split_unit", "write_table_case"]
+__all__ = ["Guess", "guess_base", "guess_columns", "guess_run", "split_unit", "write_table_case"]
 
 SUFFIXES = {  # endings of names that are units, longest first where one ends another
     "rad_per_s": "rad/s", "rad_s2": "rad/s^2", "rad_s": "rad/s", "radps": "rad/s", "rpm": "rpm", "deg_s": "deg/s",
@@ -143,7 +143,7 @@ def write_table_case(folder: Path, files: Sequence[Path], title: str) -> str:
     if not numeric:
         raise UserError(f"{files[0]}: found no column of numbers, expected at least one")
     guesses = guess_columns(numeric)
-    base = _base(guesses)
+    base = guess_base(guesses)
     document = _document(folder, files, title, base, run, guesses)
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "case.toml", document)
@@ -191,6 +191,11 @@ def _numeric(tables: Sequence[Table], name: str) -> bool:
     return True
 
 
+def guess_run(names: Sequence[str]) -> str | None:
+    """The column that by its name tells the runs apart."""
+    return next((name for word in RUN_WORDS for name in names if word in _words(name)), None)
+
+
 def _run_column(tables: Sequence[Table], common: Sequence[str]) -> tuple[str | None, int]:
     """The column that names the run and the number of runs; without one each file is a run."""
     for word in RUN_WORDS:
@@ -202,7 +207,8 @@ def _run_column(tables: Sequence[Table], common: Sequence[str]) -> tuple[str | N
     return None, len(tables)
 
 
-def _base(guesses: Sequence[Guess]) -> str:
+def guess_base(guesses: Sequence[Guess]) -> str:
+    """The base model whose roles and channels the columns seem to be; "equation" for none of them."""
     found = {guess.name for guess in guesses}
     if {"omega", "current"} <= found:
         return "rolling_steady"

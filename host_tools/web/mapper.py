@@ -1,0 +1,147 @@
+"""A case from uploaded files and the mapper's columns: case.toml is written, and read as any other case is.
+
+Runs in the warm worker. What is wrong is the complaint of `terrapin compare` about the same case.toml.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from host_tools.errors import UserError
+from host_tools.web.preview import controller_dbc, stream
+from host_tools.workbench.case import load_case
+from host_tools.workbench.edit import write_whole
+from host_tools.workbench.from_table import split_unit
+from host_tools.workbench.tables import LOG_SUFFIXES
+
+__all__ = ["make"]
+
+MAX_ROWS = 2_000_000  # of a case made here
+THINNED = ".parquet"
+
+
+def make(folder: str, files: list[str], dbc: str, order: dict[str, Any]) -> dict[str, Any]:
+    """Write case.toml and the measurements into the (empty) folder; `order` is the body of POST /api/cases.
+
+    Returns {"rows", "runs", "warnings"}. UserError when the case could not be compared.
+    """
+    place = Path(folder)
+    sources = [Path(file) for file in files]
+    logs = [source for source in sources if source.suffix in LOG_SUFFIXES]
+    _check_units(sources)
+    names = [_bring(place, source, order["every"]) for source in sources]
+    if logs:
+        _link(Path(dbc) if dbc else controller_dbc(), place / "bus.dbc")
+    write_whole(place / "case.toml", _document(order, names, bool(logs)))
+    case = load_case(place)
+    if case.rows > MAX_ROWS:
+        raise UserError(f"data.files: found {case.rows} rows, expected at most {MAX_ROWS}: take every n-th")
+    sets = {"training": case.train, "held-out": case.test}
+    runs = {name: len({*case.run[rows].tolist()}) for name, rows in sets.items()}
+    warnings = [f"found no {name} run, expected at least one" for name, count in runs.items() if not count]
+    return {"rows": case.rows, "runs": len(case.run_names), "warnings": warnings}
+
+
+def _check_units(sources: list[Path]) -> None:
+    """The same quantity has the same unit in all tables."""
+    seen: dict[str, tuple[str, str]] = {}
+    for source in sources:
+        if source.suffix in LOG_SUFFIXES:
+            continue
+        first = next(stream(source))
+        for column in first.columns:
+            name, unit = split_unit(column)
+            other, file = seen.setdefault(name.lower(), (unit, source.name))
+            if unit and other and unit != other and file != source.name:
+                raise UserError(
+                    f"{source.name}: column {column}: found {unit}, expected {other} as in {file}: mixed units"
+                )
+
+
+def _bring(folder: Path, source: Path, every: int) -> str:
+    """The file's name in the case: a link to the upload's bytes, or every n-th row of them."""
+    thin = every > 1 and source.suffix not in LOG_SUFFIXES
+    suffix = THINNED if thin else source.suffix
+    name, number = f"{source.stem}{suffix}", 1
+    while (folder / name).exists():
+        number += 1
+        name = f"{source.stem}_{number}{suffix}"
+    if thin:
+        _thin(source, folder / name, every)
+    else:
+        _link(source, folder / name)
+    return name
+
+
+def _link(source: Path, target: Path) -> None:
+    """The bytes of `source` under another name: uploads are never changed, so that both may have the same."""
+    try:
+        os.link(source, target)
+    except OSError:  # another disk, or none that knows links
+        import shutil
+
+        shutil.copyfile(source, target)
+
+
+def _thin(source: Path, target: Path, every: int) -> None:
+    """Every n-th row, a block at a time. A column is of numbers if it is in the first block."""
+    import pyarrow
+    import pyarrow.parquet
+
+    writer, done = None, 0
+    try:
+        for table in stream(source):
+            first = -done % every
+            done += table.rows
+            columns = {name: column[first::every] for name, column in table.columns.items()}
+            block = pyarrow.table({name: pyarrow.array(column.tolist()) for name, column in columns.items()})
+            if writer is None:
+                writer = pyarrow.parquet.ParquetWriter(target, block.schema)
+            try:
+                writer.write_table(block.cast(writer.schema))
+            except (pyarrow.ArrowException, ValueError) as error:
+                raise UserError(f"{table.place(0)}: {error}, expected columns of one kind throughout") from None
+    finally:
+        if writer is not None:
+            writer.close()
+
+
+def _document(order: dict[str, Any], files: Iterable[str], log: bool) -> str:
+    document = tomlkit.document()
+    document.add(tomlkit.comment("made in the workbench (terrapin web); docs/cases.md says what can stand here"))
+    document["case"] = {"title": order["title"] or order["name"]}
+    model: dict[str, Any] = {"base": order["base"], "effects": order["effects"]}
+    if order["equation"]:
+        model["equation"] = order["equation"]
+    document["model"] = model
+    if order["parameters"]:
+        document["parameters"] = order["parameters"]
+    if order["fit"]:
+        document["fit"] = _inline(order["fit"])
+    if order["limits"]:
+        document["limits"] = _inline(order["limits"])
+    data = tomlkit.table()
+    data["files"] = list(files)
+    for key in ("run", "train", "test"):
+        if order[key]:
+            data[key] = order[key]
+    if log:
+        data["dbc"], data["period"] = "bus.dbc", order["period"]
+    data["columns"] = _inline(order["columns"])
+    document["data"] = data
+    return tomlkit.dumps(document)
+
+
+def _inline(entries: dict[str, dict[str, Any]]) -> tomlkit.items.Table:
+    """One line an entry; what is not given is left out."""
+    table = tomlkit.table()
+    for name, entry in entries.items():
+        line = tomlkit.inline_table()
+        line.update({key: value for key, value in entry.items() if value not in (None, "")})
+        table[name] = line
+    return table

@@ -1,0 +1,117 @@
+"""POST /api/cases: a case from uploads, columns mapped, constants given."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+from typing import Annotated
+
+from fastapi import APIRouter
+from pydantic import BaseModel, Field, FiniteFloat, StringConstraints
+
+from host_tools.errors import UserError
+from host_tools.web.context import Terrapin
+from host_tools.web.models import EffectName, Formula, Line, Name, Request, problems
+from host_tools.web.uploads import upload_file, upload_view
+
+__all__ = ["router"]
+
+router = APIRouter(prefix="/api", tags=["cases"])
+Identifier = Annotated[str, StringConstraints(pattern="^[0-9a-f]{12}$")]
+Quantity = FiniteFloat | Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]+$", max_length=100)]
+Key = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,63}$")]
+SECONDS = 600.0
+
+
+class MappedColumn(Request):
+    """One line of [data.columns]."""
+
+    column: Line
+    unit: Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]*$", max_length=100)] = ""
+    sigma: Annotated[FiniteFloat, Field(gt=0)] | None = Field(default=None, description="sd of a row, in `unit`")
+
+
+class Fitted(Request):
+    """One line of [fit]: start value and bounds; `unit` for the base model equation only."""
+
+    value: Quantity
+    min: Quantity | None = None
+    max: Quantity | None = None
+    unit: Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]*$", max_length=100)] = ""
+
+
+class Limit(Request):
+    """What the rig can set."""
+
+    min: Quantity
+    max: Quantity
+    unit: Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]*$", max_length=100)] = ""
+
+
+class NewCase(Request):
+    """What case.toml says (docs/cases.md), with uploads for files."""
+
+    name: Name
+    title: Line = ""
+    base: Key
+    effects: Annotated[list[EffectName], Field(default_factory=list, max_length=20)]
+    uploads: Annotated[list[Identifier], Field(min_length=1, max_length=100)]
+    dbc: Identifier | None = Field(
+        default=None, description="upload of a DBC; a log without one takes the controller's"
+    )
+    period: Quantity = Field(default="10 ms", description="of the grid that a log is sampled on")
+    every: Annotated[int, Field(ge=1, le=1_000_000, description="take every n-th row of a table")] = 1
+    run: Line = Field(default="", description="column that names the run; empty: each file is one")
+    train: Annotated[list[Line], Field(default_factory=list, max_length=10_000)]
+    test: Annotated[list[Line], Field(default_factory=list, max_length=10_000)]
+    columns: dict[Key, MappedColumn] = Field(min_length=1, max_length=200)
+    equation: dict[Key, Formula] = Field(default={}, max_length=20)
+    parameters: dict[Key, Quantity | bool] = Field(default={}, max_length=200)
+    fit: dict[Key, Fitted] = Field(default={}, max_length=100)
+    limits: dict[Key, Limit] = Field(default={}, max_length=50)
+
+
+class Made(BaseModel):
+    """The new case."""
+
+    name: str
+    rows: int
+    runs: int
+    warnings: list[str]
+    command: str = Field(description="the command line that looks at it")
+
+
+@router.post("/cases", responses=problems(404, 409, 507), status_code=201)
+async def new_case(context: Terrapin, body: NewCase) -> Made:
+    """Make a case of uploaded files. It is read before it is kept: what is wrong is one line, nothing is written."""
+    workspace = context.workspace
+    target = workspace.new_case(body.name)
+    kinds = {identifier: upload_view(workspace, identifier)["kind"] for identifier in body.uploads}
+    if "dbc" in kinds.values():
+        raise UserError("uploads: found a DBC, expected it as dbc")
+    if body.dbc is not None and upload_view(workspace, body.dbc)["kind"] != "dbc":
+        raise UserError("dbc: found an upload that is none, expected a DBC")
+    if len(kinds) < len(body.uploads):
+        raise UserError("uploads: found one twice, expected each once")
+    files = [str(upload_file(workspace, identifier)) for identifier in body.uploads]
+    dbc = str(upload_file(workspace, body.dbc)) if body.dbc is not None else ""
+    scratch = workspace.scratch()
+
+    def told(line: str) -> None:
+        context.events.send({"case": body.name, "state": "making", "line": line})
+
+    try:
+        order = body.model_dump()
+        made = await context.warm.call(
+            "host_tools.web.mapper:make", str(scratch), files, dbc, order, seconds=SECONDS, told=told
+        )
+        workspace.new_case(body.name)  # somebody may have made one meanwhile
+        os.replace(scratch, target)
+    except UserError as error:
+        error.args = (str(error).replace(f"{scratch}/", ""),)
+        raise
+    finally:
+        await asyncio.to_thread(shutil.rmtree, scratch, True)
+    context.events.send({"cases": True})
+    return Made(name=body.name, command=f"terrapin compare {target}", **made)
