@@ -23,7 +23,7 @@ export class CasePage {
     const { h } = this.app;
     this.top = h('div');
     this.jobBar = h('div', { class: 'job', role: 'status', hidden: true });
-    this.plots = new CasePlots(this.app, () => this.draw());
+    this.plots = new CasePlots(this.app, () => { this.draw(); this.below.replaceChildren(...below(this)); });
     this.ladderHost = h('div');
     this.ladder = new Ladder(this.ladderHost);
     this.side = h('div', { class: 'side' });
@@ -76,7 +76,7 @@ export class CasePage {
     this.plots.take(view);
     this.head();
     this.lead();
-    this.side.replaceChildren(...ranking(this), nextStep(this), this.own.element, this.controller.element);
+    this.side.replaceChildren(...ranking(this), ...nextStep(this), this.own.element, this.controller.element);
     this.own.take(view);
     this.controller.take(view);
     this.below.replaceChildren(...below(this));
@@ -113,6 +113,7 @@ export class CasePage {
     this.top.replaceChildren(h('div', { class: 'lead' },
       h('div', { class: 'row' }, h('span', { class: `chip ${view.verdict}`, text: view.chip }), h('h1', { class: 'headline grow', text: view.headline })),
       h('div', { class: 'actions' },
+        main === 'add' ? h('button', { type: 'button', class: 'main', text: `Add ${view.next.effects.join(' + ')}`, onclick: () => this.run({ do: 'add', effects: view.next.effects }) }) : null,
         h('button', { type: 'button', text: 'Compare', onclick: () => this.run({ do: 'compare' }) }),
         h('button', { type: 'button', class: main === 'discover' ? 'main' : '', text: 'Discover', onclick: () => this.run({ do: 'discover' }) }),
         h('button', { type: 'button', text: 'Report', onclick: () => this.report() })),

@@ -5,16 +5,12 @@ const WAIT_MS = 250; // after the last key, before an expression is checked
 
 // ---------------------------------------------------------------- the next step
 
+/** What to measure or do next; nothing where the ranking or the button above says it already. */
 export function nextStep(page) {
-  const { next } = page.view;
-  const fine = next.do === 'add' || next.do === 'nothing';
-  const section = h('section', { class: `panel next${fine ? ' fine' : ''}`, 'aria-label': 'Next' },
-    h('h2', { text: next.do === 'experiment' ? 'Next experiment' : 'Next' }));
-  if (next.do === 'add') {
-    section.append(h('p', { text: next.text }), h('button', { type: 'button', class: 'main', text: `Add ${next.effects.join(' + ')}`, onclick: () => page.run({ do: 'add', effects: next.effects }) }));
-  } else if (next.do === 'experiment') section.append(...experiment(page, next));
-  else section.append(h('p', { text: next.text }));
-  return section;
+  const { next, discovered } = page.view;
+  if (next.do === 'experiment') return [h('section', { class: 'panel next', 'aria-label': 'Next experiment' }, h('h2', { text: 'Next experiment' }), experiment(page, next))];
+  if (next.do === 'nothing' && discovered) return [h('section', { class: 'panel next', 'aria-label': 'Next' }, h('h2', { text: 'Next' }), h('p', { text: next.text }))];
+  return [];
 }
 
 function experiment(page, next) {
@@ -47,7 +43,7 @@ export class OwnEffect {
     const form = h('form', { class: 'form', onsubmit: (event) => { event.preventDefault(); this.add(); } },
       h('div', { class: 'two' }, h('label', {}, 'name', this.name), h('label', {}, 'acts on', this.target)),
       h('label', {}, 'expression', this.expression), this.formula, this.table, this.answer, this.names, h('div', {}, this.button));
-    this.element = h('details', { class: 'panel own' }, h('summary', {}, h('h2', { text: 'Own effect' }), h('span', { class: 'soft small', text: 'an expression, its units checked as you type' })), form);
+    this.element = h('details', { class: 'panel own' }, h('summary', {}, h('h2', { text: 'Own effect' }), h('span', { class: 'soft small', text: 'units checked as you type' })), form);
     form.addEventListener('input', () => this.later());
     this.target.addEventListener('change', () => this.later());
   }
@@ -171,13 +167,14 @@ export class Controller {
 
   show(result) {
     const { page } = this;
-    if (!result?.export) return;
-    const rows = Object.entries(result.export.parameters).map(([name, p]) => h('tr', {}, h('td', { text: name }), h('td', { class: 'n', text: number(p.value, 6) }), h('td', { text: p.unit })));
-    const error = result.run?.contact_error;
+    const [found, run] = Array.isArray(result) ? result : [result];
+    if (!found?.parameters) return;
+    const rows = Object.entries(found.parameters).map(([name, p]) => h('tr', {}, h('td', { text: name }), h('td', { class: 'n', text: number(p.value, 6) }), h('td', { text: p.unit })));
+    const error = run?.contact_error;
     const change = error?.before && error?.after
-      ? h('p', {}, 'C', h('sub', { text: 't' }), ' error ', h('b', { text: `${number(1e3 * error.before.rms, 3)} → ${number(1e3 * error.after.rms, 3)} mN m` }), ` rms in ${result.run.scenario.replaceAll('_', ' ')} (rounding costs at most ${number(1e6 * result.export.rounding_torque, 3)} µN m)`)
+      ? h('p', {}, 'C', h('sub', { text: 't' }), ' error ', h('b', { text: `${number(1e3 * error.before.rms, 3)} → ${number(1e3 * error.after.rms, 3)} mN m` }), ` rms in ${run.scenario.replaceAll('_', ' ')} (rounding costs at most ${number(1e6 * found.rounding_torque, 3)} µN m)`)
       : h('p', { class: 'soft', text: 'In this scenario the robot never ran for a whole window: no C_t error to compare.' });
-    const refused = Object.entries(result.export.reasons || {}).map(([name, reason]) => h('p', { class: 'soft small', text: `${name}: not compensated: ${reason}.` }));
+    const refused = Object.entries(found.reasons || {}).map(([name, reason]) => h('p', { class: 'soft small', text: `${name}: not compensated: ${reason}.` }));
     this.result.replaceChildren(change, h('table', {}, h('tbody', {}, rows)), ...refused,
       h('p', {}, h('a', { href: `/api/${page.path}/export`, download: `${page.name}.toml`, text: 'Save the parameters' }), h('span', { class: 'soft small', text: ' for terrapin run --parameters' })));
   }
@@ -189,7 +186,7 @@ export function below(page) {
   const { view } = page;
   const parameters = h('section', { class: 'panel' }, h('h2', { text: 'Parameters of the model' }),
     h('table', {}, h('tbody', {}, view.parameters.map((p) => h('tr', {}, h('td', {}, p.key, p.at_bound ? h('span', { class: 'warn small', text: ' at its bound' }) : null),
-      h('td', { class: 'n', text: `${number(p.value, 5)} ± ${number(p.sd, 2)}` }), h('td', { text: unit(p.unit) }))))));
+      h('td', { class: 'wrap', text: `${number(p.value, 5)} ± ${number(p.sd, 2)}${unit(p.unit)}` }))))));
   const errors = h('section', { class: 'panel' }, h('h2', { text: 'Errors and noise' }),
     h('table', {}, h('thead', {}, h('tr', {}, ['', 'noise sd', 'training', 'held out', ''].map((text, i) => h('th', { class: i ? 'n' : '', text })))),
       h('tbody', {}, Object.entries(view.channels).map(([name, c]) => h('tr', {}, h('td', { text: name }), [c.noise_sd, c.train_rmse, c.heldout_rmse].map((v) => h('td', { class: 'n', text: number(v) })), h('td', { text: unit(c.unit) }))))),
@@ -200,6 +197,26 @@ export function below(page) {
       h('tbody', {}, view.operating.map((o) => h('tr', {}, h('td', { text: `${o.effect} of ${number(o.size)} noise sd` }), h('td', { class: 'n', text: `${Math.round(100 * o.named)} of 100` })))))));
   if (view.history.length) found.push(h('section', { class: 'panel' }, h('h2', { text: 'History' }),
     h('ol', { class: 'small' }, view.history.slice(-12).map((one) => h('li', {}, `${one.action} `, h('b', { text: one.effects.join(' + ') }), `: held out ${number(one.before.heldout_error, 3)} → ${number(one.after.heldout_error, 3)}`)))));
+  const map = heat(page);
+  if (map) found.unshift(map);
   if (view.notes) found.push(h('section', { class: 'panel notes', html: view.notes }));
   return found;
+}
+
+/** Mean residual by run and range of the variable, as a table with coloured cells. */
+function heat(page) {
+  const { plot } = page.view, { variable, channel } = page.plots;
+  const one = plot.heat.columns[variable];
+  if (!one) return null;
+  const bins = one.mean[channel][0].length, short = (v) => number(v, 3);
+  const name = (i) => (one.single ? short(one.edges[i]) : `${short(one.edges[i])} to ${short(one.edges[i + 1])}`);
+  const size = Math.max(3, ...one.mean[channel].flat().filter((v) => v !== null).map(Math.abs));
+  const cell = (value, i, count) => {
+    const td = h('td', { text: value === null ? '' : number(value, 2), title: `${name(i)}: ${count} rows` });
+    if (value !== null) td.style.background = `color-mix(in srgb, var(${value > 0 ? '--red' : '--blue'}) ${Math.round(45 * Math.min(1, Math.abs(value) / size))}%, transparent)`;
+    return td;
+  };
+  const rows = plot.heat.runs.map((run, r) => h('tr', {}, h('th', { scope: 'row', text: `${plot.runs[run]}${plot.held[run] ? ' ◇' : ''}` }), one.mean[channel][r].map((value, i) => cell(value, i, one.count[r][i]))));
+  return h('section', { class: 'panel heat' }, h('div', { class: 'panel-head' }, h('h2', { text: page.view.verdict === 'adequate' ? 'Residual by run' : 'Which runs carry it' }), h('span', { text: `mean residual of ${channel} in noise sd, by ${variable}; ◇ held out` })),
+    h('div', { class: 'scroll wide', tabindex: '0', role: 'region', 'aria-label': 'Residual by run' }, h('table', {}, h('thead', {}, h('tr', {}, h('th', { text: 'run' }), Array.from({ length: bins }, (_, i) => h('th', { scope: 'col', text: name(i) })))), h('tbody', {}, rows))));
 }
