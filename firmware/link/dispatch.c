@@ -151,10 +151,12 @@ static terrapin_accept_result accept_store_command(terrapin_link *link, terrapin
     } else if (link->store == NULL) {
         result = TERRAPIN_STORE_RESULT_NO_STORE;
     } else {
-        /* begun now, or one is under way: busy in either case, unless it cannot begin */
-        const bool begun = terrapin_store_save(link->store, state);
-        result = (begun || (link->store->phase != TERRAPIN_STORE_IDLE)) ? TERRAPIN_STORE_RESULT_BUSY
-                                                                        : TERRAPIN_STORE_RESULT_FAILED;
+        (void)terrapin_store_save(link->store, state); /* refused while one is under way, which is busy as well */
+        if (link->store->phase == TERRAPIN_STORE_IDLE) {
+            result = TERRAPIN_STORE_RESULT_FAILED;
+        } else {
+            result = TERRAPIN_STORE_RESULT_BUSY;
+        }
     }
     store_status(link, state, result, reply);
     return TERRAPIN_ACCEPT_REPLY;

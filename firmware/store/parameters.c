@@ -265,7 +265,7 @@ static void make_unit(terrapin_store *store, uint8_t unit[TERRAPIN_STORE_UNIT]) 
         }
     }
     const bool last = (store->written + UNIT) == set_size(PARAMETERS);
-    store->crc = terrapin_crc32(store->crc, unit, last ? CRC_AT : UNIT);
+    store->crc = terrapin_crc32(store->crc, unit, UNIT - (last ? CRC_SIZE : 0U));
     if (last) {
         put_word(&unit[CRC_AT], store->crc);
     }

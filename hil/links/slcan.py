@@ -15,7 +15,7 @@ import subprocess
 import termios
 import time
 import tty
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -211,15 +211,16 @@ class ControllerProcess:
     LinkError when it does not start. It is stopped on leaving; `process` is its subprocess.Popen.
     """
 
-    def __init__(self, program: Path | None = None) -> None:
+    def __init__(self, program: Path | None = None, arguments: Sequence[str] = ()) -> None:
         self.program = program or paths.build() / "terrapin-controller"
+        self.arguments = tuple(arguments)
         self.process: subprocess.Popen[str] | None = None
 
     def start(self) -> str:
         """Start it; the path of its pty."""
         try:
             self.process = subprocess.Popen(
-                [str(self.program), "--pty"],
+                [str(self.program), *self.arguments, "--pty"],
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
                 text=True,

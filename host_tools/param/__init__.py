@@ -1,0 +1,1 @@
+"""Parameters of a controller over any link: read, written, kept in its flash, as files."""
