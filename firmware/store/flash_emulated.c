@@ -41,6 +41,10 @@ static bool inside(const terrapin_flash_emulated *memory, uint32_t offset, uint3
 static bool operate(terrapin_flash_emulated *memory, uint32_t offset, const uint8_t *target, uint32_t size) {
     const bool cut = memory->operations == memory->cut_at;
     memory->operations++;
+    if (!cut && (target == NULL)) {
+        (void)memset(&memory->bytes[offset], (int)ERASED, size);
+        return true;
+    }
     for (uint32_t i = 0U; i < size; i++) {
         uint8_t *byte = &memory->bytes[offset + i];
         const uint8_t before = *byte;

@@ -1,0 +1,77 @@
+"""Ed25519 keys in PEM files: the private one signs images, the public one is compiled into the boot loader."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+
+from hil import paths
+from host_tools.errors import UserError
+
+__all__ = ["development_key", "key_hash", "new_key", "private_key", "public_key"]
+
+
+def development_key() -> Path:
+    """The key that the build made for the bench; a boot loader built without -DTERRAPIN_KEY knows it."""
+    return paths.ROOT / "build" / "keys" / "development.pem"
+
+
+def new_key(path: Path) -> Ed25519PublicKey:
+    """Make a private key in `path`, readable to its owner alone. UserError when the file exists or cannot be made."""
+    key = Ed25519PrivateKey.generate()
+    text = key.private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    )
+    try:
+        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+            os.fchmod(file.fileno(), 0o600)  # whatever the umask is
+            file.write(text)
+    except FileExistsError:
+        raise UserError(f"{path}: exists already; a key is never replaced") from None
+    except OSError as error:
+        raise UserError(f"{path}: cannot write the key: {error.strerror}") from None
+    return key.public_key()
+
+
+def _load(path: Path) -> Ed25519PrivateKey | Ed25519PublicKey:
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        hint = "; `terrapin keys new` makes one" if isinstance(error, FileNotFoundError) else ""
+        raise UserError(f"{path}: cannot read the key: {error.strerror}{hint}") from None
+    try:
+        key = (
+            serialization.load_pem_private_key(text, None)
+            if b"PRIVATE KEY" in text
+            else serialization.load_pem_public_key(text)
+        )
+    except (ValueError, TypeError):
+        raise UserError(f"{path}: expected an Ed25519 key in PEM without a password") from None
+    if not isinstance(key, Ed25519PrivateKey | Ed25519PublicKey):
+        raise UserError(f"{path}: found another kind of key, expected Ed25519")
+    return key
+
+
+def private_key(path: Path) -> Ed25519PrivateKey:
+    """The private key in a PEM. UserError when there is none."""
+    key = _load(path)
+    if not isinstance(key, Ed25519PrivateKey):
+        raise UserError(f"{path}: a public key, expected the private one")
+    return key
+
+
+def public_key(path: Path) -> Ed25519PublicKey:
+    """The public key in a PEM, or that of the private key in it. UserError when there is neither."""
+    key = _load(path)
+    return key.public_key() if isinstance(key, Ed25519PrivateKey) else key
+
+
+def key_hash(key: Ed25519PublicKey) -> bytes:
+    """SHA-256 of the SubjectPublicKeyInfo: the name that images and boot loaders know the key by."""
+    return hashlib.sha256(
+        key.public_bytes(serialization.Encoding.DER, serialization.PublicFormat.SubjectPublicKeyInfo)
+    ).digest()

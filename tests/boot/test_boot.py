@@ -1,0 +1,214 @@
+"""Which image is started, and what an update may do: trial, confirmation, fall back, versions, counters, messages."""
+
+from __future__ import annotations
+
+import zlib
+
+import pytest
+from bootlib import NONE, PENDING, SLOT, TRIAL, Chip, data_frames, send
+from kit import OTHER_KEY, PUBLIC, image
+
+from hil.messages import Sender, interface
+
+RESULT = {name: number for name, number in interface().enums["update_result"].items()}
+
+
+@pytest.fixture
+def chip() -> Chip:
+    """Runs a confirmed 1.0.0 from slot A."""
+    chip = Chip(PUBLIC)
+    chip.put("a", image("a", "1.0.0"))
+    assert chip.start() == "a"
+    assert chip.confirm()
+    return chip
+
+
+def test_an_empty_chip_stays_and_takes_an_image() -> None:
+    chip = Chip(PUBLIC)
+    assert chip.start() == ""
+    assert send(chip, image("a", "1.0.0"), "a") == "ok"
+    assert chip.start() == "a"
+    assert chip.confirm()
+    assert chip.start() == "a"
+
+
+def test_update_trial_confirmation(chip: Chip) -> None:
+    assert send(chip, image("b", "1.1.0", counter=2), "b") == "ok"
+    assert chip.record().phase == PENDING
+    assert chip.start() == "b"
+    assert chip.record().phase == TRIAL
+    assert chip.record().confirmed == SLOT["a"]
+    assert chip.confirm()
+    record = chip.record()
+    assert (record.confirmed, record.phase, record.security_counter, record.version.minor) == (SLOT["b"], NONE, 2, 1)
+    for _ in range(3):
+        assert chip.start() == "b"
+        assert chip.confirm()
+
+
+def test_without_confirmation_the_old_one_comes_back_and_stays(chip: Chip) -> None:
+    assert send(chip, image("b", "1.1.0", counter=2), "b") == "ok"
+    assert chip.start() == "b"
+    for _ in range(3):
+        assert chip.start() == "a"
+        assert chip.record().phase == NONE
+    assert chip.record().security_counter == 1
+
+
+def test_many_updates_fill_both_pages_of_records(chip: Chip) -> None:
+    """3 records an update, 512 and 2,048 places: each page is left and taken again; the application never erases."""
+    chip.put("b", image("b", "1.0.0"))
+    begun = chip.memory.busy_us
+    for n in range(1200):
+        slot = "a" if n % 2 else "b"
+        record = chip.record()
+        assert record.confirmed == SLOT["b" if n % 2 else "a"], n
+        record.candidate, record.phase = SLOT[slot], PENDING  # as the end of an update leaves it
+        assert chip.lib.terrapin_records_append(chip.flash, record)
+        assert chip.start() == slot
+        before = chip.memory.busy_us
+        assert chip.confirm()
+        assert chip.memory.busy_us - before == 8 * 16  # 32 bytes, 16 us a word, no erase
+    assert chip.memory.busy_us - begun - 3 * 1200 * 8 * 16 >= 250_000 + 550_000  # each page was erased once at least
+
+
+def test_a_lost_confirmed_image_is_replaced_by_the_other(chip: Chip) -> None:
+    assert send(chip, image("b", "1.1.0"), "b") == "ok"
+    assert chip.start() == "b"
+    assert chip.confirm()
+    chip.bytes[0x40000 + 700] ^= 1
+    assert chip.start() == "a"
+    assert chip.confirm()
+    assert chip.record().confirmed == SLOT["a"]
+    assert chip.record().version.minor == 1  # an update still needs at least 1.1.0
+    chip.bytes[0x20000 + 700] ^= 1
+    assert chip.start() == ""
+    assert send(chip, image("b", "1.1.0"), "b") == "ok"
+    assert chip.start() == "b"
+
+
+def test_neither_the_running_nor_the_confirmed_slot_is_written(chip: Chip) -> None:
+    assert send(chip, image("a", "2.0.0"), "a") == "slot_in_use"
+    assert send(chip, image("b", "1.1.0"), "b") == "ok"
+    assert chip.start() == "b"  # on trial
+    before = chip.contents()
+    assert send(chip, image("a", "2.0.0"), "a") == "slot_in_use"
+    assert send(chip, image("b", "2.0.0"), "b") == "slot_in_use"
+    assert chip.contents() == before
+
+
+@pytest.mark.parametrize(("data", "result"), [
+    (image("b", "0.9.9"), "version_too_old"),
+    (image("b", "1.1.0", counter=0), "counter_too_low"),
+    (image("b", "1.1.0", key=OTHER_KEY), "wrong_key"),
+    (image("a", "1.1.0"), "wrong_slot"),
+    (image("b", "1.1.0")[:-4], "bad_signature"),
+    (image("b", "1.1.0")[:-200], "not_an_image"),
+    (image("b", "1.1.0") + bytes(4), "not_an_image"),
+    (bytes(800), "not_an_image"),
+    (image("b", "1.1.0")[:512], "too_large"),
+])  # fmt: skip
+def test_refused_and_nothing_of_it_stays(chip: Chip, data: bytes, result: str) -> None:
+    version = (1, 1, 0) if not any(data[:32]) else None
+    assert send(chip, data, "b", version) == result
+    if result not in ("version_too_old", "too_large"):
+        assert set(chip.contents()[0x40000:]) == {0xFF} or result == "not_an_image"
+    assert chip.start() == "a"
+
+
+def test_an_announced_version_must_be_that_of_the_header(chip: Chip) -> None:
+    """An old image under a new name is refused with its first block, before anything is written."""
+    operations = chip.memory.operations
+    assert send(chip, image("b", "0.9.0"), "b", version=(1, 5, 0)) == "not_an_image"
+    assert chip.memory.operations == operations + 1  # the erase
+
+
+def test_the_motor_is_on(chip: Chip) -> None:
+    chip.motor_on = True
+    before = chip.memory.operations
+    assert send(chip, image("b", "1.1.0"), "b") == "motor_on"
+    assert chip.ask(Sender().frame("UPDATE_RESET", {"key": 0x5AFEB007}))["result"] == RESULT["motor_on"]
+    assert not chip.update.reset
+    assert chip.memory.operations == before
+    chip.motor_on = False
+    sender = Sender()
+    begin(chip, sender, image("b", "1.1.0"))
+    chip.motor_on = True  # meanwhile
+    values = {"index": 0, "size": 256, "checksum": 0}
+    assert chip.ask(sender.frame("UPDATE_BLOCK", values))["result"] == RESULT["motor_on"]
+
+
+def test_reset_needs_its_key(chip: Chip) -> None:
+    sender = Sender()
+    assert chip.accept(*sender.frame("UPDATE_RESET", {"key": 1})) == []
+    assert not chip.update.reset
+    assert chip.ask(sender.frame("UPDATE_RESET", {"key": 0x5AFEB007, "stay": 1}))["result"] == RESULT["ok"]
+    assert chip.update.reset
+    assert chip.update.stay
+
+
+def begin(chip: Chip, sender: Sender, data: bytes) -> None:
+    chip.accept(*sender.frame("UPDATE_QUERY", {"protocol": 1}))
+    values = {"size": len(data) // 4, "slot": SLOT["b"], "major": 1, "minor": 1, "revision": 0}
+    answer = chip.ask(sender.frame("UPDATE_BEGIN", values))
+    assert (answer["request"], answer["result"], answer["next"]) == (1, RESULT["ok"], 0)
+
+
+def test_flow_control(chip: Chip) -> None:
+    """Lost, doubled and reordered frames, a lost answer, blocks out of order: sent again, and the image is whole."""
+    data, sender = image("b", "1.1.0"), Sender()
+    begin(chip, sender, data)
+    first, second = data[:256], data[256:512]
+
+    def block(index: int, body: bytes, frames: list[tuple[int, bytes]]) -> tuple[str, int]:
+        for frame in frames:
+            chip.accept(*frame)
+        values = {"index": index, "size": len(body), "checksum": zlib.crc32(body)}
+        answer = chip.ask(sender.frame("UPDATE_BLOCK", values))
+        return next(name for name, number in RESULT.items() if number == answer["result"]), answer["next"]
+
+    good = list(data_frames(first))
+    assert block(0, first, good[1:]) == ("again", 0)
+    assert block(0, first, [*good, good[0]]) == ("again", 0)
+    assert block(0, first, [good[1], good[0], *good[2:]]) == ("again", 0)
+    assert block(0, first, good * 3) == ("again", 0)
+    assert block(1, second, list(data_frames(second))) == ("sequence", 0)
+    assert block(0, first[:128], list(data_frames(first[:128]))) == ("sequence", 0)
+    assert block(0, first, good) == ("ok", 1)
+    assert block(0, first, good) == ("ok", 1)  # its answer was lost
+    assert block(0, second, list(data_frames(second))) == ("sequence", 1)
+    assert chip.ask(sender.frame("UPDATE_END", {"checksum": zlib.crc32(data)}))["result"] == RESULT["sequence"]
+    for index in range(1, (len(data) + 255) // 256):
+        body = data[256 * index : 256 * index + 256]
+        assert block(index, body, list(data_frames(body)))[0] == "ok"
+    assert block(9, first, good)[0] == "sequence"
+    assert chip.ask(sender.frame("UPDATE_END", {"checksum": zlib.crc32(data)}))["result"] == RESULT["ok"]
+    assert chip.start() == "b"
+
+
+def test_frames_that_are_wrong_change_nothing(chip: Chip) -> None:
+    sender = Sender()
+    before = chip.memory.operations
+    identifier, good = sender.frame("UPDATE_BEGIN", {"size": 200, "slot": 2, "major": 2})
+    for bit in range(64):
+        bad = (int.from_bytes(good, "little") ^ 1 << bit).to_bytes(8, "little")
+        assert chip.accept(identifier, bad) == [], bit
+    for first in range(0xA0, 0xA8):
+        for length in range(9):
+            if (first, length) not in ((0xA4, 1), (0xA2, 8)):
+                assert chip.accept(first, bytes(length)) == [], (first, length)
+    assert chip.accept(0x080, good) == []
+    assert chip.memory.operations == before
+    assert chip.update.bad_crc >= 64
+    assert chip.ask((identifier, good))["result"] == RESULT["ok"]
+    assert chip.accept(identifier, good) == []  # repeated
+
+
+def test_query(chip: Chip) -> None:
+    info, least = (chip.accept(*Sender().frame("UPDATE_QUERY", {"protocol": 1})))
+    messages = interface().messages
+    assert messages["UPDATE_INFO"].decode(info[1]) == {
+        "protocol": 1, "running": 1, "confirmed": 1, "candidate": 0, "phase": 0, "major": 1, "minor": 0, "revision": 0,
+        "target": 2,
+    }  # fmt: skip
+    assert messages["UPDATE_FLOOR"].decode(least[1])["security_counter"] == 1

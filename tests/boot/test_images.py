@@ -1,0 +1,119 @@
+"""Images: the same bytes as imgtool's, taken by imgtool and by the boot loader, refused when anything is wrong."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from bootlib import START, library
+from bootlib import Chip as _Chip
+from cryptography.hazmat.primitives import serialization
+from kit import KEY, OTHER_KEY, PUBLIC, code, image
+
+from hil.messages import interface
+from host_tools.flash.image import ImageError, Version, parse, sign, verify
+from host_tools.flash.layout import BASE, SLOTS
+
+
+def imgtool(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [str(Path(sys.executable).with_name("imgtool")), *arguments], capture_output=True, text=True, check=False
+    )
+
+
+@pytest.fixture
+def key_file(tmp_path: Path) -> Path:
+    path = tmp_path / "key.pem"
+    path.write_bytes(
+        KEY.private_bytes(
+            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+        )
+    )
+    return path
+
+
+def by_loader(data: bytes, slot: str = "a") -> str:
+    """What the boot loader says of these bytes in a slot."""
+    chip = _Chip(PUBLIC)
+    chip.put(slot, data)
+    _, lib = library()
+    image_ = chip.ffi.new("terrapin_image *")
+    area = chip.ffi.new("terrapin_flash_area *", (START[slot], 0x20000))
+    number = lib.terrapin_image_verify(chip.flash, area[0], BASE + START[slot], chip.key, image_)
+    return next(name for name, value in interface().enums["update_result"].items() if value == number)
+
+
+@pytest.mark.parametrize("slot", ["a", "b"])
+def test_the_same_bytes_as_imgtool(slot: str, key_file: Path, tmp_path: Path) -> None:
+    body = tmp_path / "code.bin"
+    body.write_bytes(code(slot, 5000))
+    out = tmp_path / "imgtool.bin"
+    done = imgtool(
+        "sign", "-k", str(key_file), "-v", "1.2.3+4", "-s", "7", "-H", "0x200", "--pad-header", "-S", "0x20000",
+        "-F", hex(SLOTS[slot]), "--align", "4", str(body), str(out),
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    own = sign(body.read_bytes(), KEY, Version(1, 2, 3, 4), 7, slot)
+    assert own == out.read_bytes()
+    assert by_loader(out.read_bytes(), slot) == "ok"
+    mine = tmp_path / "own.bin"
+    mine.write_bytes(own)
+    verified = imgtool("verify", "-k", str(key_file), str(mine))
+    assert verified.returncode == 0
+    assert "correctly validated" in verified.stdout
+    assert "1.2.3+4" in verified.stdout
+
+
+def test_what_an_image_says() -> None:
+    found = parse(image("b", "3.4.5+6", counter=9, size=1000))
+    assert (found.version, found.slot, found.security_counter) == (Version(3, 4, 5, 6), "b", 9)
+    assert found.code_size == 1000
+    verify(found, KEY.public_key())
+    with pytest.raises(ImageError, match="another key"):
+        verify(found, OTHER_KEY.public_key())
+
+
+def test_loader_and_host_name_the_same_reason() -> None:
+    good = image("a", "1.0.0")
+    tlvs = len(good) - 144
+    unsigned = bytearray(good[: tlvs + 40])
+    unsigned[tlvs + 2 : tlvs + 4] = (40).to_bytes(2, "little")
+    flipped = bytearray(good)
+    flipped[0x200 + 99] ^= 1
+    forged = bytearray(good)
+    forged[-1] ^= 1
+    assert by_loader(good) == "ok"
+    assert by_loader(image("b", "1.0.0")) == "wrong_slot"
+    assert by_loader(image("a", "1.0.0", key=OTHER_KEY)) == "wrong_key"
+    assert by_loader(bytes(unsigned)) == "bad_signature"
+    assert by_loader(bytes(flipped)) == "corrupted"
+    assert by_loader(bytes(forged)) == "bad_signature"
+    assert by_loader(good[:-1] + b"\xff") == "bad_signature"
+    assert by_loader(b"\xff" * 100) == "not_an_image"
+    for data, reason in [(unsigned, "not signed"), (flipped, "corrupted"), (forged, "forged")]:
+        with pytest.raises(ImageError, match=reason):
+            verify(parse(bytes(data)), KEY.public_key())
+    for data in (good[:-1], good[:700], good[:20], good + b"more"):
+        with pytest.raises(ImageError):
+            parse(bytes(data))
+
+
+def test_largest_and_too_large() -> None:
+    overhead = len(image("a", "1.0.0", size=600)) - 600
+    largest = image("a", "1.0.0", size=0x20000 - overhead)
+    assert len(largest) == 0x20000
+    assert by_loader(largest) == "ok"
+    with pytest.raises(ImageError, match="131073|bytes of code"):
+        image("a", "1.0.0", size=0x20000 - overhead + 1)
+
+
+@pytest.mark.parametrize(("offset", "value"), [
+    (4, 0x08020004), (8, 0x100), (12, 0xFFFFFFF0), (12, 0x1FFFF), (12, 0), (16, 0), (16, 0x120), (10, 0), (10, 0xFFFF),
+])  # fmt: skip
+def test_headers_that_lie_about_sizes(offset: int, value: int) -> None:
+    data = bytearray(image("a", "1.0.0"))
+    width = 2 if offset in (8, 10) else 4
+    data[offset : offset + width] = value.to_bytes(width, "little")
+    assert by_loader(bytes(data)) in ("not_an_image", "wrong_slot")

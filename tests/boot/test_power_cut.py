@@ -1,0 +1,119 @@
+"""Power fails in every single write and erase of an update, in five ways each: never a brick, always the old or the new.
+
+After each cut the next start is cut too, at each of its own writes and erases, before one is left alone. What is
+counted is printed; a case is named (cut, way), so that it can be run again.
+"""
+
+from __future__ import annotations
+
+import pytest
+from bootlib import CUTS, Chip, send
+from kit import PUBLIC, image
+
+OLD, NEW = image("a", "1.0.0", counter=1, size=64), image("b", "1.1.0", counter=2, size=64)
+
+
+def before_update(records: int = 0) -> Chip:
+    """A chip that runs 1.0.0 from A, with so many records more in its log."""
+    chip = Chip(PUBLIC)
+    chip.put("a", OLD)
+    assert chip.start() == "a"
+    assert chip.confirm()
+    for _ in range(records):
+        assert chip.lib.terrapin_records_append(chip.flash, chip.record())
+    return chip
+
+
+def life(chip: Chip) -> None:
+    """The update, the start, the confirmation; power may fail anywhere in it."""
+    if send(chip, NEW, "b") == "ok" and chip.start() == "b":
+        chip.confirm()
+
+
+def fails_at(chip: Chip, cut: int, way: int) -> None:
+    chip.memory.operations, chip.memory.cut_at, chip.memory.cut = 0, cut, way
+    chip.memory.random = 1 + (cut * 2654435761 + way) % 0xFFFFFFFE
+
+
+def check_whole(chip: Chip, name: object) -> str:
+    """Start with power that stays: the old or the new runs, confirms itself, and takes the update (again)."""
+    chip.power_on()
+    started = chip.start()
+    assert started in ("a", "b"), name
+    version = chip.choice.image.version
+    assert (started, version.major, version.minor) in (("a", 1, 0), ("b", 1, 1)), name
+    assert chip.confirm(), name
+    assert chip.start() == started, name
+    if started == "a":
+        assert send(chip, NEW, "b") == "ok", name
+        assert chip.start() == "b", name
+        assert chip.confirm(), name
+    assert chip.start() == "b", name
+    return started
+
+
+@pytest.mark.parametrize("way", range(len(CUTS)), ids=CUTS)
+def test_every_write_and_erase(way: int) -> None:
+    chip = before_update()
+    fresh = chip.contents()
+    fails_at(chip, 0xFFFFFFFF, way)
+    life(chip)
+    operations = chip.memory.operations
+    assert operations > 170  # the erase, the image's words, three records of eight words
+    ended = {"a": 0, "b": 0}
+    for cut in range(operations):
+        chip.restore(fresh)
+        assert chip.start() == "a"
+        fails_at(chip, cut, way)
+        life(chip)
+        assert chip.memory.off, cut
+        ended[check_whole(chip, (cut, way))] += 1
+    assert ended["a"] > 100
+    assert ended["b"] > 0
+    print(f"{CUTS[way]}: {operations} cuts, {ended['a']} ended with the old image, {ended['b']} with the new, 0 bricks")
+
+
+@pytest.mark.parametrize("way", [CUTS.index("torn"), CUTS.index("noise")], ids=["torn", "noise"])
+def test_the_start_after_a_cut_is_cut_too(way: int) -> None:
+    """Cuts in the records (before and after the image's words), and in each operation of the start that follows."""
+    chip = before_update()
+    fresh = chip.contents()
+    life(chip)
+    chip.restore(fresh)
+    chip.start()
+    fails_at(chip, 0xFFFFFFFF, way)
+    life(chip)
+    operations = chip.memory.operations
+    seconds = 0
+    for cut in range(operations - 25, operations):
+        for second in range(64):
+            chip.restore(fresh)
+            assert chip.start() == "a"
+            fails_at(chip, cut, way)
+            life(chip)
+            chip.power_on()
+            fails_at(chip, second, way)
+            if chip.start() in ("a", "b"):
+                chip.confirm()
+            if not chip.memory.off:
+                break
+            seconds += 1
+            check_whole(chip, (cut, second, way))
+    assert seconds > 100
+    print(f"{CUTS[way]}: {seconds} second cuts, 0 bricks")
+
+
+@pytest.mark.parametrize("way", range(len(CUTS)), ids=CUTS)
+@pytest.mark.parametrize("used", [503, 504, 505, 508, 511])
+def test_a_page_of_records_is_full(used: int, way: int) -> None:
+    """The change of pages is cut at its erase and at each of its words; the state is the one before."""
+    chip = before_update(used - 1)
+    full = chip.contents()
+    chip.memory.operations = 0
+    chip.start()
+    for cut in range(chip.memory.operations):
+        chip.restore(full)
+        fails_at(chip, cut, way)
+        chip.start()
+        assert chip.memory.off
+        check_whole(chip, (used, cut, way))
