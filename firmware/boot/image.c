@@ -12,6 +12,7 @@
 #define TLV_SHA256      0x10U
 #define TLV_ED25519     0x24U
 #define TLV_COUNTER     0x50U
+#define ERASED          0xFFU
 #define TLV_HEAD        4U /* bytes before a TLV's value, and before the first TLV */
 
 /* The TLVs after the protected ones, in imgtool's order: their places from the start of the area. */
@@ -125,6 +126,21 @@ static bool digest_of(const terrapin_flash *flash, uint32_t offset, uint32_t siz
     return good;
 }
 
+/* Every byte from `offset` to `end` reads erased. */
+static bool erased(const terrapin_flash *flash, uint32_t offset, uint32_t end) {
+    uint8_t bytes[64];
+    bool good = true;
+    for (uint32_t at = offset; good && (at < end); at += sizeof bytes) {
+        const uint32_t rest = end - at;
+        const uint32_t count = (rest < sizeof bytes) ? rest : (uint32_t)sizeof bytes;
+        good = flash->read(flash->context, at, bytes, count);
+        for (uint32_t i = 0U; i < count; i++) {
+            good = good && (bytes[i] == ERASED);
+        }
+    }
+    return good;
+}
+
 terrapin_image_result terrapin_image_verify(const terrapin_flash *flash, terrapin_flash_area slot, uint32_t address,
                                             const uint8_t key[32], terrapin_image *image) {
     uint8_t tlv[TLV_SIZE];
@@ -154,6 +170,9 @@ terrapin_image_result terrapin_image_verify(const terrapin_flash *flash, terrapi
     }
     if (!terrapin_ed25519_verify(key, &tlv[PLACE_ED25519 + TLV_HEAD], hash, sizeof hash)) {
         return TERRAPIN_UPDATE_RESULT_BAD_SIGNATURE;
+    }
+    if (!erased(flash, slot.offset + image->size, slot.offset + slot.size)) {
+        return TERRAPIN_UPDATE_RESULT_NOT_AN_IMAGE; /* something follows it */
     }
     return TERRAPIN_UPDATE_RESULT_OK;
 }

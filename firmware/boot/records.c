@@ -77,28 +77,31 @@ static bool blank(const uint8_t *bytes) {
     return all;
 }
 
+/* A page that holds the newest record was erased whole before its first one, and is filled in order: its first blank
+ * place ends it. What stands behind one in the other page (an erase that was cut) is older. */
 static void find(const terrapin_flash *flash, position *where) {
     static const position nothing = {0};
     uint32_t used[PAGES] = {0U};
     *where = nothing;
     for (uint32_t page = 0U; page < PAGES; page++) {
         const uint32_t count = pages[page].size / TERRAPIN_RECORD_SIZE;
-        for (uint32_t i = 0U; i < count; i++) {
+        bool ended = false;
+        while (!ended && (used[page] < count)) { /* each turn but the last takes a place */
             uint8_t bytes[TERRAPIN_RECORD_SIZE];
             terrapin_record record;
             uint32_t sequence = 0U;
-            if (!flash->read(flash->context, pages[page].offset + (i * TERRAPIN_RECORD_SIZE), bytes, sizeof bytes)) {
-                used[page] = count; /* nothing is written where nothing can be read */
-            } else if (!blank(bytes)) {
-                used[page] = i + 1U;
-                if (decode(bytes, &record, &sequence) && (!where->any || (sequence > where->sequence))) {
+            const uint32_t offset = pages[page].offset + (used[page] * TERRAPIN_RECORD_SIZE);
+            const bool readable = flash->read(flash->context, offset, bytes, sizeof bytes);
+            if (readable && blank(bytes)) {
+                ended = true;
+            } else {
+                if (readable && decode(bytes, &record, &sequence) && (!where->any || (sequence > where->sequence))) {
                     where->any = true;
                     where->sequence = sequence;
                     where->page = page;
                     where->newest = record;
                 }
-            } else {
-                /* free */
+                used[page]++;
             }
         }
     }

@@ -82,6 +82,12 @@ class Chip:
         self.lib.terrapin_update_init(self.update, self.boot, self.running)
         return {0: "", 1: "a", 2: "b"}[self.running]
 
+    def check(self, slot: str) -> str:
+        """The result of what a start asks of a pending image."""
+        image = self.ffi.new("terrapin_image *")
+        number = self.lib.terrapin_boot_check(self.boot, SLOT[slot], self.record(), True, image)
+        return next(name for name, value in interface().enums["update_result"].items() if value == number)
+
     def confirm(self) -> bool:
         return bool(self.lib.terrapin_boot_confirm(self.boot, self.running))
 
