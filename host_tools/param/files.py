@@ -7,7 +7,6 @@ from pathlib import Path
 
 from hil.messages import Interface, Parameter
 from hil.reading import ReadingError, load, parse_quantity
-from hil.scenario import parameters_of
 from host_tools.errors import UserError
 
 __all__ = ["find", "raw_of", "read_file", "text_of", "to_toml"]
@@ -53,6 +52,8 @@ def raw_of(parameter: Parameter, text: str, is_raw: bool = False) -> int:
 
 def read_file(path: Path, description: Interface) -> dict[str, int]:
     """Parameter -> raw value, of the table [parameters] in a TOML file. UserError names file, line and field."""
+    from hil.scenario import parameters_of  # brings SciPy along, which takes most of a second
+
     try:
         root = load(path)
         if "parameters" not in root:

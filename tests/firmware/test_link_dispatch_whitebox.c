@@ -204,6 +204,80 @@ static void test_wrong_key_does_not_reset_a_controller_at_work(void) {
     TEST_ASSERT_EQUAL(1, state.resets);
 }
 
+static void test_test_mode_is_not_armed_while_the_bridge_is_on(void) {
+    const terrapin_frame arming = test_mode(TERRAPIN_TEST_MODE_KEY, 0);
+    const terrapin_frame sensors = fast(1);
+    state.locked = true;
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&arming));
+    TEST_ASSERT_FALSE(link.test_mode);
+    TEST_ASSERT_TRUE(terrapin_link_bridge_allowed(&link));
+    TEST_ASSERT_EQUAL_MESSAGE(1, state.resets, "the drive goes on");
+    TEST_ASSERT_EQUAL(1, link.out_of_place);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&sensors));
+    TEST_ASSERT_EQUAL(0, inputs.current_code);
+    state.locked = false;
+    const terrapin_frame again = test_mode(TERRAPIN_TEST_MODE_KEY, 1);
+    (void)accept(&again);
+    TEST_ASSERT_TRUE(link.test_mode);
+    state.locked = true; /* the bridge of the run in test mode: it is left, not armed anew */
+    const terrapin_frame rearm = test_mode(TERRAPIN_TEST_MODE_KEY, 2);
+    (void)accept(&rearm);
+    TEST_ASSERT_EQUAL(2, state.resets);
+    const terrapin_frame leave = test_mode(0, 3);
+    (void)accept(&leave);
+    TEST_ASSERT_FALSE(link.test_mode);
+    TEST_ASSERT_EQUAL(3, state.resets);
+}
+
+static void test_test_mode_is_off_after_a_reset(void) {
+    arm(0);
+    TEST_ASSERT_TRUE(link.test_mode);
+    terrapin_link_init(&link, &state, &inputs);
+    TEST_ASSERT_FALSE(link.test_mode);
+    const terrapin_frame sensors = fast(1);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&sensors));
+    TEST_ASSERT_EQUAL(1, link.out_of_place);
+}
+
+static void test_store_commands_without_a_store(void) {
+    terrapin_frame frame;
+    terrapin_store_status_t status;
+    terrapin_store_command_t message = {.action = TERRAPIN_STORE_ACTION_SAVE};
+    static const int32_t results[] = {TERRAPIN_STORE_RESULT_NO_STORE, TERRAPIN_STORE_RESULT_OK,
+                                      TERRAPIN_STORE_RESULT_UNKNOWN, TERRAPIN_STORE_RESULT_UNKNOWN};
+    static const int32_t actions[] = {TERRAPIN_STORE_ACTION_SAVE, TERRAPIN_STORE_ACTION_DEFAULTS, 0, 255};
+    for (uint32_t i = 0; i < 4U; i++) {
+        message.action = actions[i];
+        TEST_ASSERT_TRUE(terrapin_encode_store_command(&message, &frame));
+        terrapin_e2e_protect(&frame, i);
+        TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, accept(&frame));
+        TEST_ASSERT_TRUE(terrapin_decode_store_status(&reply, &status));
+        TEST_ASSERT_EQUAL(results[i], status.result);
+        TEST_ASSERT_EQUAL(i, status.counter);
+    }
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&frame)); /* repeated */
+    TEST_ASSERT_EQUAL(1, link.repeated);
+    frame.data[0] ^= 1U;
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&frame));
+    TEST_ASSERT_EQUAL(1, link.bad_crc);
+    const terrapin_frame part = {.id = TERRAPIN_ID_STORE_READ, .length = 1, .data = {2}};
+    const terrapin_frame longer = {.id = TERRAPIN_ID_STORE_READ, .length = 2};
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&part));
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&longer));
+    TEST_ASSERT_EQUAL(2, link.malformed);
+    const terrapin_frame found = {.id = TERRAPIN_ID_STORE_READ, .length = 1, .data = {1}};
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, accept(&found));
+    TEST_ASSERT_EQUAL(TERRAPIN_ID_STORE_FOUND, reply.id);
+    TEST_ASSERT_FALSE(terrapin_link_store_work(&link, &state));
+    state.locked = true;
+    message.action = TERRAPIN_STORE_ACTION_DEFAULTS;
+    TEST_ASSERT_TRUE(terrapin_encode_store_command(&message, &frame));
+    terrapin_e2e_protect(&frame, 9);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, accept(&frame));
+    TEST_ASSERT_TRUE(terrapin_decode_store_status(&reply, &status));
+    TEST_ASSERT_EQUAL(TERRAPIN_STORE_RESULT_LOCKED, status.result);
+}
+
 static void test_sensors_reach_the_inputs(void) {
     terrapin_sensors_slow_t slow = {.slow_code = 3000,
                                     .slow_channel = 0,
@@ -353,6 +427,9 @@ int main(void) {
     RUN_TEST(test_other_traffic_is_counted);
     RUN_TEST(test_sensors_only_in_test_mode);
     RUN_TEST(test_wrong_key_does_not_reset_a_controller_at_work);
+    RUN_TEST(test_test_mode_is_not_armed_while_the_bridge_is_on);
+    RUN_TEST(test_test_mode_is_off_after_a_reset);
+    RUN_TEST(test_store_commands_without_a_store);
     RUN_TEST(test_sensors_reach_the_inputs);
     RUN_TEST(test_ticks_continue_past_16_bits);
     RUN_TEST(test_arming_forgets_the_counters_of_an_earlier_host);
