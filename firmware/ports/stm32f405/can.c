@@ -10,11 +10,12 @@
 uint32_t can_timing(uint32_t apb_hz, uint32_t bit_rate) {
     for (uint32_t quanta = 18U; quanta >= 8U; quanta--) { /* the most quanta that divide: the finest sampling point */
         const uint32_t prescaler = apb_hz / (bit_rate * quanta);
-        const uint32_t segment2 = (quanta / 8U) + ((quanta > 15U) ? 1U : 0U); /* sampled at 80 to 88 % */
+        const uint32_t segment2 = (quanta < 10U) ? 1U : 2U; /* sampled at 80 to 89 % */
         const uint32_t segment1 = quanta - 1U - segment2;
         if ((prescaler >= 1U) && (prescaler <= 1024U) && ((prescaler * bit_rate * quanta) == apb_hz) &&
             (segment1 <= SEGMENT1_MAX) && (segment2 <= SEGMENT2_MAX)) {
-            return (prescaler - 1U) | ((segment1 - 1U) << CAN_BTR_TS1) | ((segment2 - 1U) << CAN_BTR_TS2);
+            return (prescaler - 1U) | ((segment1 - 1U) << CAN_BTR_TS1) | ((segment2 - 1U) << CAN_BTR_TS2) |
+                   ((segment2 - 1U) << CAN_BTR_SJW); /* may jump as far as that: clocks that differ more */
         }
     }
     return 0U;

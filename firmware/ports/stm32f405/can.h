@@ -53,7 +53,7 @@ typedef struct {
     } box[3];
 } can;
 
-/* Bit timing register for a bit rate: at 16 MHz and above 500 kbit/s and 1 Mbit/s are exact, sampled at 80 to 88 %.
+/* Bit timing register for a bit rate: at 16 MHz and above 500 kbit/s and 1 Mbit/s are exact, sampled at 80 to 89 %.
  * 0 when no whole division gives it. */
 uint32_t can_timing(uint32_t apb_hz, uint32_t bit_rate);
 

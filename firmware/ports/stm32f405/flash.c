@@ -34,10 +34,10 @@ static bool unlock(flash_registers *registers, uint32_t tries) {
         return false;
     }
     if ((registers->CR & FLASH_CR_LOCK) != 0U) {
-        registers->KEYR = FLASH_KEY1;
-        registers->KEYR = FLASH_KEY2;
+        TERRAPIN_PUT(registers->KEYR, FLASH_KEY1);
+        TERRAPIN_PUT(registers->KEYR, FLASH_KEY2);
     }
-    registers->SR = FLASH_SR_ERRORS | FLASH_SR_EOP; /* of an earlier operation; cleared by writing them */
+    TERRAPIN_PUT(registers->SR, FLASH_SR_ERRORS | FLASH_SR_EOP); /* of an earlier operation; cleared by writing them */
     return (registers->CR & FLASH_CR_LOCK) == 0U;
 }
 
@@ -45,7 +45,7 @@ static bool unlock(flash_registers *registers, uint32_t tries) {
 static bool finish(flash_registers *registers, uint32_t tries) {
     const bool ended = wait_for(&registers->SR, FLASH_SR_BSY, 0U, tries);
     const bool good = ended && ((registers->SR & FLASH_SR_ERRORS) == 0U);
-    registers->CR = FLASH_CR_LOCK;
+    TERRAPIN_PUT(registers->CR, FLASH_CR_LOCK);
     return good;
 }
 
@@ -54,8 +54,8 @@ static bool erase_sector(flash_driver *driver, uint32_t sector) {
     if (!unlock(registers, TRIES_ERASE)) {
         return false;
     }
-    registers->CR = FLASH_CR_PSIZE_32 | FLASH_CR_SER | (sector << FLASH_CR_SNB);
-    registers->CR |= FLASH_CR_STRT;
+    TERRAPIN_PUT(registers->CR, FLASH_CR_PSIZE_32 | FLASH_CR_SER | (sector << FLASH_CR_SNB));
+    TERRAPIN_PUT(registers->CR, registers->CR | FLASH_CR_STRT);
     const bool good = finish(registers, TRIES_ERASE);
     const uint32_t acr = registers->ACR; /* the data cache still holds what was there (RM0090, 3.5.2) */
     registers->ACR = acr & ~FLASH_ACR_DCEN;
@@ -100,8 +100,8 @@ static bool write(void *context, uint32_t offset, const uint8_t *bytes, uint32_t
                               ((uint32_t)bytes[at + 2U] << 16U) | ((uint32_t)bytes[at + 3U] << 24U);
         good = unlock(registers, TRIES_WRITE);
         if (good) {
-            registers->CR = FLASH_CR_PSIZE_32 | FLASH_CR_PG;
-            *unit = word;
+            TERRAPIN_PUT(registers->CR, FLASH_CR_PSIZE_32 | FLASH_CR_PG);
+            TERRAPIN_PUT(*unit, word);
             good = finish(registers, TRIES_WRITE) && (*unit == word);
         }
     }

@@ -7,8 +7,8 @@
 #ifndef TERRAPIN_FLASH_DRIVER_H
 #define TERRAPIN_FLASH_DRIVER_H
 
+#include "flash.h"
 #include "registers.h"
-#include "store/flash.h"
 
 typedef struct {
     flash_registers *registers;

@@ -1,4 +1,4 @@
-/* Waiting for hardware, never for ever. */
+/* Waiting for hardware, never for ever; and writing registers where a write is more than a value kept. */
 #ifndef TERRAPIN_WAIT_H
 #define TERRAPIN_WAIT_H
 
@@ -7,6 +7,9 @@
 
 #ifndef TERRAPIN_SPIN
 #define TERRAPIN_SPIN() ((void)0) /* a test's hardware moves here */
+#endif
+#ifndef TERRAPIN_PUT
+#define TERRAPIN_PUT(reg, value) ((reg) = (value)) /* and sees here what is written */
 #endif
 
 /* Read a register until the bits of mask are those of value, at most `tries` times; false when that never came.

@@ -1,0 +1,587 @@
+/* The chip's parts against registers made of memory: a clock that does not come, flash that refuses, samples that fail
+ * to arrive, a dead time that must not be shorter than asked. */
+#include <string.h>
+
+#include "unity.h"
+
+#include <stdint.h>
+
+static void hardware_moves(void);
+static void hardware_takes(volatile uint32_t *address, uint32_t value);
+#define TERRAPIN_SPIN()          hardware_moves()
+#define TERRAPIN_PUT(reg, value) hardware_takes(&(reg), (value))
+
+#include "../../firmware/ports/stm32f405/analog.c"
+#include "../../firmware/ports/stm32f405/bridge.c"
+#include "../../firmware/ports/stm32f405/clock.c"
+#include "../../firmware/ports/stm32f405/encoder.c"
+#include "../../firmware/ports/stm32f405/flash.c"
+#include "../../firmware/ports/stm32f405/phases.c"
+#include "../../firmware/ports/stm32f405/pins.c"
+#include "../../firmware/ports/stm32f405/reset_cause.c"
+#include "../../firmware/ports/stm32f405/retained.c"
+#include "../../firmware/ports/stm32f405/ring.c"
+#include "../../firmware/ports/stm32f405/usart.c"
+#include "../../firmware/ports/stm32f405/watchdog.c"
+#include "terrapin_interface.h"
+
+static rcc_registers rcc;
+static pwr_registers pwr;
+static flash_registers flash_chip;
+static iwdg_registers watchdog;
+static tim_registers timer;
+static tim_registers relay;
+static adc_registers adc;
+static adc_common_registers adc_common;
+static dma_registers dma;
+static usart_registers serial;
+static uint8_t memory[0x40000]; /* sectors 0 to 5 */
+static uint32_t spins;
+static bool crystal_comes, pll_comes, switch_comes;
+static uint32_t flash_error; /* raised by the next operation */
+static bool flash_stuck;
+static uint32_t keys;
+static uint32_t erased;
+
+static void hardware_moves(void) {
+    spins++;
+    if (crystal_comes && ((rcc.CR & RCC_CR_HSEON) != 0U) && (spins > 1000U)) {
+        rcc.CR |= RCC_CR_HSERDY;
+    }
+    if (pll_comes && ((rcc.CR & RCC_CR_PLLON) != 0U)) {
+        rcc.CR |= RCC_CR_PLLRDY;
+    }
+    if (switch_comes && ((rcc.CFGR & RCC_CFGR_SW) == RCC_CFGR_SW_PLL)) {
+        rcc.CFGR = (rcc.CFGR & ~RCC_CFGR_SWS) | RCC_CFGR_SWS_PLL;
+    }
+    if (!flash_stuck) {
+        flash_chip.SR &= ~FLASH_SR_BSY;
+    }
+}
+
+/* RM0090, 3.6 to 3.8: keys, errors cleared by ones, erase by STRT, a write that only clears bits and only when PG. */
+static void hardware_takes(volatile uint32_t *address, uint32_t value) {
+    if (address == &flash_chip.KEYR) {
+        keys = (value == FLASH_KEY1) ? 1U : (((keys == 1U) && (value == FLASH_KEY2)) ? 2U : 3U);
+        flash_chip.CR &= (keys == 2U) ? ~FLASH_CR_LOCK : 0xFFFFFFFFU;
+    } else if (address == &flash_chip.SR) {
+        flash_chip.SR &= ~(value & FLASH_SR_ERRORS);
+    } else if (address == &flash_chip.CR) {
+        TEST_ASSERT_TRUE(((flash_chip.CR & FLASH_CR_LOCK) == 0U) || (value == FLASH_CR_LOCK));
+        flash_chip.CR = value;
+        if ((value & FLASH_CR_STRT) != 0U) {
+            const uint32_t sector = (value >> FLASH_CR_SNB) & 0xFU;
+            uint32_t start = 0;
+            for (uint32_t i = 0; i < sector; i++) {
+                start += flash_sector_size(i);
+            }
+            memset(&memory[start], 0xFF, flash_sector_size(sector));
+            erased |= BIT(sector);
+            flash_chip.SR |= FLASH_SR_BSY | flash_error;
+        }
+    } else {
+        TEST_ASSERT_TRUE((flash_chip.CR & (FLASH_CR_PG | FLASH_CR_LOCK)) == FLASH_CR_PG);
+        TEST_ASSERT_EQUAL_HEX32(FLASH_CR_PSIZE_32, flash_chip.CR & FLASH_CR_PSIZE_32);
+        *address &= value;
+        flash_chip.SR |= FLASH_SR_BSY | flash_error;
+    }
+}
+
+void setUp(void) {
+    memset(&rcc, 0, sizeof rcc);
+    memset(&pwr, 0, sizeof pwr);
+    memset(&flash_chip, 0, sizeof flash_chip);
+    memset(&watchdog, 0, sizeof watchdog);
+    memset(&timer, 0, sizeof timer);
+    memset(&adc, 0, sizeof adc);
+    memset(&dma, 0, sizeof dma);
+    memset(&serial, 0, sizeof serial);
+    memset(memory, 0xFF, sizeof memory);
+    flash_chip.CR = FLASH_CR_LOCK;
+    spins = 0;
+    crystal_comes = pll_comes = switch_comes = true;
+    flash_error = 0;
+    flash_stuck = false;
+    keys = 0;
+    erased = 0;
+}
+
+void tearDown(void) {}
+
+/* ---- clock */
+
+static clocks start(void) {
+    return clock_start(&rcc, &flash_chip, &pwr, 8000000U, CLOCK_HSI_HZ);
+}
+
+static void test_clock_from_the_crystal(void) {
+    const clocks speed = start();
+    TEST_ASSERT_EQUAL(CLOCK_GOOD, speed.result);
+    TEST_ASSERT_EQUAL_UINT32(168000000U, speed.core_hz);
+    TEST_ASSERT_EQUAL_UINT32(42000000U, speed.apb1_hz);
+    TEST_ASSERT_EQUAL_UINT32(84000000U, speed.apb2_hz);
+    /* 8 MHz / M * N / 2 = 168 MHz */
+    const uint32_t m = rcc.PLLCFGR & 0x3FU;
+    const uint32_t n = (rcc.PLLCFGR >> RCC_PLLCFGR_N) & 0x1FFU;
+    TEST_ASSERT_EQUAL_UINT32(168000000U, 8000000U / m * n / 2U);
+    TEST_ASSERT_EQUAL_UINT32(0U, (rcc.PLLCFGR >> RCC_PLLCFGR_P) & 3U);
+    TEST_ASSERT_EQUAL_UINT32(5U, flash_chip.ACR & FLASH_ACR_LATENCY);
+    TEST_ASSERT_TRUE((rcc.CR & RCC_CR_CSSON) != 0U);
+    TEST_ASSERT_FALSE(clock_failed(&rcc));
+}
+
+static void falls_back(clock_result expected) {
+    const clocks speed = start();
+    TEST_ASSERT_EQUAL(expected, speed.result);
+    TEST_ASSERT_EQUAL_UINT32(16000000U, speed.core_hz);
+    TEST_ASSERT_EQUAL_UINT32(16000000U, speed.apb1_hz);
+    TEST_ASSERT_EQUAL_UINT32(16000000U, speed.apb2_hz);
+    TEST_ASSERT_EQUAL_UINT32(0U, rcc.CR & (RCC_CR_HSEON | RCC_CR_PLLON | RCC_CR_CSSON));
+    TEST_ASSERT_EQUAL_UINT32(0U, rcc.CFGR & (RCC_CFGR_SW | RCC_CFGR_PRE));
+    TEST_ASSERT_LESS_THAN(400000U, spins);                 /* 0.2 s at 16 MHz */
+    TEST_ASSERT_TRUE((rcc.APB1ENR & RCC_APB1_CAN1) != 0U); /* the rest runs all the same */
+}
+
+static void test_clock_without_crystal(void) {
+    crystal_comes = false;
+    falls_back(CLOCK_NO_CRYSTAL);
+}
+
+static void test_clock_without_pll(void) {
+    pll_comes = false;
+    falls_back(CLOCK_NO_PLL);
+}
+
+static void test_clock_that_does_not_switch(void) {
+    switch_comes = false;
+    falls_back(CLOCK_NO_SWITCH);
+}
+
+/* ---- reset */
+
+static void test_reset_causes(void) {
+    static const struct {
+        uint32_t flags;
+        retained_reason noted;
+        uint8_t cause;
+    } cases[] = {
+        {RCC_CSR_PORRSTF | RCC_CSR_BORRSTF | RCC_CSR_PINRSTF, RETAINED_NOTHING, TERRAPIN_RESET_CAUSE_POWER_ON},
+        {RCC_CSR_BORRSTF | RCC_CSR_PINRSTF, RETAINED_NOTHING, TERRAPIN_RESET_CAUSE_BROWN_OUT},
+        {RCC_CSR_IWDGRSTF | RCC_CSR_PINRSTF, RETAINED_NOTHING, TERRAPIN_RESET_CAUSE_WATCHDOG},
+        {RCC_CSR_SFTRSTF | RCC_CSR_PINRSTF, RETAINED_NOTHING, TERRAPIN_RESET_CAUSE_SOFTWARE},
+        {RCC_CSR_SFTRSTF | RCC_CSR_PINRSTF, RETAINED_UPDATE, TERRAPIN_RESET_CAUSE_SOFTWARE},
+        {RCC_CSR_SFTRSTF, RETAINED_PROCESSOR_FAULT, TERRAPIN_RESET_CAUSE_PROCESSOR_FAULT},
+        {RCC_CSR_SFTRSTF, RETAINED_STACK_OVERFLOW, TERRAPIN_RESET_CAUSE_STACK_OVERFLOW},
+        {RCC_CSR_SFTRSTF, RETAINED_CRYSTAL_STOPPED, TERRAPIN_RESET_CAUSE_CRYSTAL_STOPPED},
+        {RCC_CSR_LPWRRSTF | RCC_CSR_PINRSTF, RETAINED_NOTHING, TERRAPIN_RESET_CAUSE_LOW_POWER},
+        {RCC_CSR_PINRSTF, RETAINED_NOTHING, TERRAPIN_RESET_CAUSE_PIN},
+        {0U, RETAINED_NOTHING, TERRAPIN_RESET_CAUSE_UNKNOWN},
+    };
+    for (size_t i = 0; i < (sizeof cases / sizeof cases[0]); i++) {
+        TEST_ASSERT_EQUAL_UINT8(cases[i].cause, reset_cause(cases[i].flags, cases[i].noted));
+    }
+    reset_cause_forget(&rcc);
+    TEST_ASSERT_EQUAL_HEX32(RCC_CSR_RMVF, rcc.CSR);
+}
+
+static void test_retained_memory_is_not_believed_blindly(void) {
+    retained_memory kept;
+    memset(&kept, 0xA5, sizeof kept); /* after power-on: anything */
+    TEST_ASSERT_EQUAL(RETAINED_NOTHING, retained_take(&kept));
+    retained_note(&kept, RETAINED_STACK_OVERFLOW, 0x08001234U, 0x82U);
+    kept.status ^= 1U; /* damaged */
+    TEST_ASSERT_EQUAL(RETAINED_NOTHING, retained_look(&kept));
+    kept.status ^= 1U;
+    TEST_ASSERT_EQUAL(RETAINED_STACK_OVERFLOW, retained_look(&kept));
+    TEST_ASSERT_EQUAL(RETAINED_STACK_OVERFLOW, retained_take(&kept));
+    TEST_ASSERT_EQUAL(RETAINED_NOTHING, retained_take(&kept)); /* once */
+}
+
+static void test_watchdog(void) {
+    TEST_ASSERT_TRUE(watchdog_set(&watchdog, WATCHDOG_WORK));
+    TEST_ASSERT_EQUAL_HEX32(IWDG_KR_RELOAD, watchdog.KR);
+    /* divider 4 at the fastest and slowest 32 kHz (17 to 47): longer than ten ticks, shorter than a command's time-out
+     */
+    TEST_ASSERT_EQUAL_UINT32(0U, watchdog.PR);
+    TEST_ASSERT_GREATER_THAN(10U, watchdog.RLR * 4U / 47U);
+    TEST_ASSERT_LESS_THAN(200U, watchdog.RLR * 4U / 17U);
+    TEST_ASSERT_TRUE(watchdog_set(&watchdog, WATCHDOG_ERASE));
+    TEST_ASSERT_GREATER_THAN(4000U, watchdog.RLR * (4U << watchdog.PR) / 47U); /* ms: 128 kB take 4 s at most */
+    watchdog.KR = 0U;
+    watchdog_feed(&watchdog);
+    TEST_ASSERT_EQUAL_HEX32(IWDG_KR_RELOAD, watchdog.KR);
+    watchdog.SR = 1U; /* its clock does not run */
+    TEST_ASSERT_FALSE(watchdog_set(&watchdog, WATCHDOG_WORK));
+}
+
+/* ---- flash */
+
+static flash_driver driver;
+static const terrapin_flash_area pages = {0x4000U, 0x8000U}; /* sectors 1 and 2 */
+
+static terrapin_flash open_pages(void) {
+    return flash_open(&driver, &flash_chip, memory, pages);
+}
+
+static void test_flash_sectors(void) {
+    static const uint32_t starts[] = {0x0U,     0x4000U,  0x8000U,  0xC000U,  0x10000U, 0x20000U,
+                                      0x40000U, 0x60000U, 0x80000U, 0xA0000U, 0xC0000U, 0xE0000U};
+    for (int32_t i = 0; i < 12; i++) {
+        TEST_ASSERT_EQUAL_INT32(i, flash_sector_at(starts[i]));
+    }
+    TEST_ASSERT_EQUAL_INT32(-1, flash_sector_at(0x2000U));
+    TEST_ASSERT_EQUAL_INT32(-1, flash_sector_at(0x100000U));
+}
+
+static void test_flash_writes_and_erases(void) {
+    const terrapin_flash flash = open_pages();
+    static const uint8_t bytes[8] = {1, 2, 3, 4, 5, 6, 7, 8};
+    uint8_t back[8] = {0};
+    TEST_ASSERT_TRUE(flash.write(flash.context, 0x4010U, bytes, 8U));
+    TEST_ASSERT_EQUAL_MEMORY(bytes, &memory[0x4010], 8U);
+    TEST_ASSERT_TRUE(flash.read(flash.context, 0x4010U, back, 8U));
+    TEST_ASSERT_EQUAL_MEMORY(bytes, back, 8U);
+    TEST_ASSERT_TRUE((flash_chip.CR & FLASH_CR_LOCK) != 0U); /* locked in between */
+    static const uint8_t others[4] = {2, 2, 3, 4};
+    TEST_ASSERT_FALSE(flash.write(flash.context, 0x4010U, others, 4U)); /* bits only go down: seen by reading back */
+    memory[0x3FFF] = 0x11;
+    memory[0x8000] = 0x22;
+    TEST_ASSERT_TRUE(flash.erase(flash.context, (terrapin_flash_area){0x4000U, 0x4000U}));
+    TEST_ASSERT_EQUAL_HEX32(BIT(1), erased);
+    TEST_ASSERT_EACH_EQUAL_HEX8(0xFF, &memory[0x4000], 0x4000);
+    TEST_ASSERT_EQUAL_HEX8(0x11, memory[0x3FFF]);
+    TEST_ASSERT_EQUAL_HEX8(0x22, memory[0x8000]);
+    TEST_ASSERT_TRUE(flash.erase(flash.context, pages)); /* both */
+    TEST_ASSERT_EQUAL_HEX32(BIT(1) | BIT(2), erased);
+}
+
+static void test_flash_refuses_what_is_not_its_own(void) {
+    const terrapin_flash flash = open_pages();
+    uint8_t bytes[8] = {0};
+    static const terrapin_flash_area bad[] = {
+        {0x0U, 0x4000U},    {0xC000U, 0x4000U}, {0x4000U, 0x2000U}, {0x4000U, 0x6000U},     {0x4000U, 0xC000U},
+        {0x5000U, 0x3000U}, {0x4000U, 0U},      {0x8000U, 0x8000U}, {0x4000U, 0xFFFFFFFFU}, {0xFFFFC000U, 0x4000U},
+    };
+    for (size_t i = 0; i < (sizeof bad / sizeof bad[0]); i++) {
+        TEST_ASSERT_FALSE(flash.erase(flash.context, bad[i]));
+    }
+    TEST_ASSERT_EQUAL_HEX32(0U, erased);
+    static const struct {
+        uint32_t offset, size;
+    } places[] = {{0x3FFCU, 4U}, {0xBFFCU, 8U}, {0xC000U, 4U}, {0x4001U, 4U}, {0x4000U, 3U}, {0xFFFFFFFCU, 8U}};
+    for (size_t i = 0; i < (sizeof places / sizeof places[0]); i++) {
+        TEST_ASSERT_FALSE(flash.write(flash.context, places[i].offset, bytes, places[i].size));
+    }
+    TEST_ASSERT_FALSE(flash.read(flash.context, 0x3FFFU, bytes, 1U));
+    TEST_ASSERT_FALSE(flash.read(flash.context, 0xBFFFU, bytes, 2U));
+    TEST_ASSERT_TRUE(flash.read(flash.context, 0xBFFFU, bytes, 1U));
+}
+
+static void test_flash_says_errors_and_gives_up(void) {
+    const terrapin_flash flash = open_pages();
+    static const uint8_t bytes[4] = {0};
+    flash_error = BIT(4); /* write protected */
+    TEST_ASSERT_FALSE(flash.write(flash.context, 0x4000U, bytes, 4U));
+    TEST_ASSERT_FALSE(flash.erase(flash.context, pages));
+    flash_error = 0U; /* and what comes after is not tainted by it */
+    TEST_ASSERT_TRUE(flash.erase(flash.context, pages));
+    TEST_ASSERT_TRUE(flash.write(flash.context, 0x4000U, bytes, 4U));
+    flash_stuck = true;
+    TEST_ASSERT_FALSE(flash.write(flash.context, 0x4004U, bytes, 4U));
+    TEST_ASSERT_LESS_THAN(3U * TRIES_WRITE, spins);
+}
+
+/* ---- ADC */
+
+static analog sensors;
+static uint32_t dma_at; /* samples written so far */
+
+static void sample(uint16_t current, uint16_t supply, uint16_t temperature) {
+    const uint16_t codes[3] = {current, supply, temperature};
+    for (uint32_t i = 0; i < 3U; i++) {
+        sensors.samples[dma_at % (ANALOG_ROUNDS * ANALOG_CHANNELS)] = codes[i];
+        dma_at++;
+    }
+    const uint32_t total = ANALOG_ROUNDS * ANALOG_CHANNELS;
+    dma.stream[0].NDTR = total - (dma_at % total); /* reloaded at 0 */
+}
+
+static void open_adc(void) {
+    static const uint8_t channels[3] = {10U, 11U, 12U};
+    dma_at = 0U;
+    analog_open(&sensors, &adc, &adc_common, &dma, &relay, channels);
+    TEST_ASSERT_EQUAL_HEX32(10U | (11U << 5U) | (12U << 10U), adc.SQR3);
+    TEST_ASSERT_EQUAL_HEX32(2U << 20U, adc.SQR1);
+    TEST_ASSERT_TRUE((dma.stream[0].CR & DMA_CR_EN) != 0U);
+}
+
+static void test_adc_means_of_a_tick(void) {
+    open_adc();
+    for (uint32_t tick = 0; tick < 100U; tick++) { /* round and round in the buffer */
+        for (uint32_t i = 0; i < 20U; i++) {
+            sample((uint16_t)(2000U + tick + (i % 2U)), 3000U, (uint16_t)(i + 1U)); /* means .5, exact, 10.5 */
+        }
+        TEST_ASSERT_TRUE(analog_read(&sensors));
+        TEST_ASSERT_EQUAL_UINT16(2001U + tick, sensors.codes[0]); /* half rounds up */
+        TEST_ASSERT_EQUAL_UINT16(3000U, sensors.codes[1]);
+        TEST_ASSERT_EQUAL_UINT16(11U, sensors.codes[2]);
+    }
+    for (uint32_t i = 0; i < 20U; i++) {
+        sample(4095U, 4095U, 0U);
+    }
+    TEST_ASSERT_TRUE(analog_read(&sensors));
+    TEST_ASSERT_EQUAL_UINT16(4095U, sensors.codes[0]);
+}
+
+static void test_adc_that_falls_silent_reads_zero(void) {
+    open_adc();
+    sample(2048U, 3000U, 1500U);
+    TEST_ASSERT_TRUE(analog_read(&sensors));
+    TEST_ASSERT_TRUE(analog_read(&sensors)); /* one late sample is no fault */
+    TEST_ASSERT_TRUE(analog_read(&sensors));
+    TEST_ASSERT_EQUAL_UINT16(2048U, sensors.codes[0]);
+    TEST_ASSERT_FALSE(analog_read(&sensors));
+    TEST_ASSERT_EQUAL_UINT16(0U, sensors.codes[0]);
+    TEST_ASSERT_EQUAL_UINT16(0U, sensors.codes[1]);
+    sample(2048U, 3000U, 1500U);
+    TEST_ASSERT_TRUE(analog_read(&sensors));
+    TEST_ASSERT_EQUAL_UINT16(2048U, sensors.codes[0]);
+}
+
+static void test_absent_adc_is_silent(void) {
+    open_adc();
+    dma.stream[0].NDTR = 0U; /* as an emulator without one reads */
+    for (uint32_t i = 0; i < ANALOG_SILENT; i++) {
+        (void)analog_read(&sensors);
+    }
+    TEST_ASSERT_FALSE(analog_read(&sensors));
+}
+
+static void test_adc_overrun_begins_anew(void) {
+    open_adc();
+    sample(1000U, 1000U, 1000U);
+    (void)analog_read(&sensors);
+    adc.SR = ADC_SR_OVR;
+    sample(1234U, 1U, 1U); /* channels may be mixed up: not to be believed */
+    TEST_ASSERT_TRUE(analog_read(&sensors));
+    TEST_ASSERT_EQUAL_UINT16(1000U, sensors.codes[0]);
+    TEST_ASSERT_EQUAL_UINT32(0U, adc.SR);
+    TEST_ASSERT_EQUAL_UINT32(ANALOG_ROUNDS * ANALOG_CHANNELS, dma.stream[0].NDTR);
+    dma_at = 0U;
+    sample(2222U, 1U, 1U);
+    TEST_ASSERT_TRUE(analog_read(&sensors));
+    TEST_ASSERT_EQUAL_UINT16(2222U, sensors.codes[0]);
+}
+
+static void test_what_a_code_is_worth(void) {
+    TEST_ASSERT_EQUAL_INT32(1007, ANALOG_UA_PER_CODE(3300U, 20000U, 40U));    /* 3.3 V / (4096 * 0.8 V/A) */
+    TEST_ASSERT_EQUAL_INT32(4592, ANALOG_UV_PER_CODE(3300U, 47000U, 10000U)); /* 3.3 V * 5.7 / 4096 */
+    TEST_ASSERT_EQUAL_INT32(1000, ANALOG_UA_PER_CODE(4096U, 1000000U, 1U));
+}
+
+/* ---- bridge */
+
+/* Nanoseconds that a register code gives (RM0090, 17.4.18). */
+static uint32_t dead_ns(uint32_t code, uint32_t hz) {
+    uint32_t steps = code & 0x7FU;
+    if ((code >> 5U) == 7U) {
+        steps = (32U + (code & 0x1FU)) * 16U;
+    } else if ((code >> 5U) == 6U) {
+        steps = (32U + (code & 0x1FU)) * 8U;
+    } else if ((code >> 7U) == 1U) {
+        steps = (64U + (code & 0x3FU)) * 2U;
+    } else {
+        /* as it stands */
+    }
+    return (uint32_t)((uint64_t)steps * 1000000000U / hz);
+}
+
+static void test_dead_time_is_never_shorter_than_asked(void) {
+    for (uint32_t hz = 16000000U; hz <= 168000000U; hz += 152000000U) {
+        for (uint32_t ns = 0; ns <= 5900U; ns++) {
+            const uint32_t code = bridge_dead_time(hz, ns);
+            const uint32_t step_ns = 16000000U / (hz / 1000U);          /* the coarsest */
+            TEST_ASSERT_GREATER_OR_EQUAL(ns, dead_ns(code, hz) + 1U); /* 1: of the division */
+            TEST_ASSERT_LESS_OR_EQUAL(ns + step_ns, dead_ns(code, hz));
+        }
+    }
+    TEST_ASSERT_EQUAL_HEX32(0xFFU, bridge_dead_time(168000000U, 1000000U));
+}
+
+static void test_bridge_follows_duty(void) {
+    bridge b;
+    bridge_open(&b, &timer, 168000000U, 20000U, 500U);
+    TEST_ASSERT_EQUAL_UINT32(4200U, timer.ARR); /* up and down: 20 kHz */
+    TEST_ASSERT_EQUAL_UINT32(0U, timer.BDTR & TIM_BDTR_MOE);
+    TEST_ASSERT_TRUE((timer.BDTR & TIM_BDTR_BKE) != 0U);
+    TEST_ASSERT_EQUAL_UINT32(0U, timer.BDTR & (TIM_BDTR_BKP | BIT(14))); /* active low; no automatic return */
+    TEST_ASSERT_EQUAL_UINT32(84U, timer.BDTR & 0xFFU);
+    bridge_drive(&b, 16384, true);
+    TEST_ASSERT_EQUAL_UINT32(2100U, timer.CCR1);
+    TEST_ASSERT_EQUAL_UINT32(0U, timer.CCR2);
+    TEST_ASSERT_TRUE((timer.BDTR & TIM_BDTR_MOE) != 0U);
+    bridge_drive(&b, -32767, true);
+    TEST_ASSERT_EQUAL_UINT32(0U, timer.CCR1);
+    TEST_ASSERT_EQUAL_UINT32(4200U, timer.CCR2);
+    bridge_drive(&b, -32768, true);
+    TEST_ASSERT_EQUAL_UINT32(4200U, timer.CCR2);
+    bridge_drive(&b, 100, false);
+    TEST_ASSERT_EQUAL_UINT32(0U, timer.BDTR & TIM_BDTR_MOE);
+    TEST_ASSERT_EQUAL_UINT32(0U, timer.CCR1 | timer.CCR2);
+    bridge_drive(&b, 100, true);
+    bridge_off(&timer);
+    TEST_ASSERT_EQUAL_UINT32(0U, timer.BDTR & TIM_BDTR_MOE);
+}
+
+static void test_break_holds_until_off_was_asked_for(void) {
+    bridge b;
+    bridge_open(&b, &timer, 168000000U, 20000U, 500U);
+    bridge_drive(&b, 1000, true);
+    timer.BDTR &= ~TIM_BDTR_MOE; /* the hardware does this by itself */
+    timer.SR = TIM_SR_BIF;
+    bridge_drive(&b, 1000, true);
+    TEST_ASSERT_TRUE(b.broken);
+    TEST_ASSERT_EQUAL_UINT32(0U, timer.BDTR & TIM_BDTR_MOE);
+    timer.SR = 0U;
+    bridge_drive(&b, 1000, true); /* quiet again, but not asked off yet */
+    TEST_ASSERT_TRUE(b.broken);
+    TEST_ASSERT_EQUAL_UINT32(0U, timer.BDTR & TIM_BDTR_MOE);
+    bridge_drive(&b, 0, false);
+    TEST_ASSERT_FALSE(b.broken);
+    bridge_drive(&b, 1000, true);
+    TEST_ASSERT_TRUE((timer.BDTR & TIM_BDTR_MOE) != 0U);
+}
+
+/* ---- small things */
+
+static void test_encoder(void) {
+    encoder_open(&timer, false);
+    TEST_ASSERT_EQUAL_UINT32(3U, timer.SMCR);
+    TEST_ASSERT_EQUAL_UINT32(0U, timer.CCER);
+    timer.CNT = 0xFFFFU;
+    TEST_ASSERT_EQUAL_UINT16(0xFFFFU, encoder_read(&timer));
+    encoder_open(&timer, true);
+    TEST_ASSERT_EQUAL_UINT32(BIT(1), timer.CCER);
+    TEST_ASSERT_EQUAL_UINT16(0U, encoder_read(&timer));
+}
+
+static void test_pins(void) {
+    gpio_registers port;
+    memset(&port, 0, sizeof port);
+    port.MODER = 0xFFFFFFFFU;
+    static const pin p = {4U, 9U, PIN_FUNCTION, PIN_DOWN, 1U};
+    pin_setup(&port, &p);
+    TEST_ASSERT_EQUAL_HEX32(0xFFFBFFFFU, port.MODER);
+    TEST_ASSERT_EQUAL_HEX32(2U << 18U, port.PUPDR);
+    TEST_ASSERT_EQUAL_HEX32(1U << 4U, port.AFR[1]);
+    TEST_ASSERT_EQUAL_HEX32(0U, port.AFR[0]);
+    pin_write(&port, &p, true);
+    TEST_ASSERT_EQUAL_HEX32(BIT(9), port.BSRR);
+    pin_write(&port, &p, false);
+    TEST_ASSERT_EQUAL_HEX32(BIT(25), port.BSRR);
+    port.IDR = BIT(9);
+    TEST_ASSERT_TRUE(pin_read(&port, &p));
+}
+
+static void test_phases(void) {
+    phases p;
+    phases_open(&p, 168000000U);
+    phases_note(&p, PHASE_STEP, 168U * 100U);
+    phases_note(&p, PHASE_STEP, 168U * 50U);
+    phases_note(&p, PHASE_SEND, 1U);
+    TEST_ASSERT_EQUAL_UINT32(400U, phases_take(&p, PHASE_STEP)); /* 100 us, the longest */
+    TEST_ASSERT_EQUAL_UINT32(0U, phases_take(&p, PHASE_STEP));   /* begins anew */
+    TEST_ASSERT_EQUAL_UINT32(1U, phases_take(&p, PHASE_SEND));   /* rounded up */
+    phases_note(&p, PHASE_LATE, 0xFFFFFFFFU);
+    TEST_ASSERT_EQUAL_UINT32(4095U, phases_take(&p, PHASE_LATE));
+}
+
+static void test_ring(void) {
+    uint8_t bytes[8];
+    ring r;
+    ring_init(&r, bytes, sizeof bytes);
+    r.head = r.tail = 0xFFFFFFFCU; /* the counters wrap */
+    uint8_t next_in = 0;
+    uint8_t next_out = 0;
+    uint8_t byte = 0;
+    for (uint32_t round = 0; round < 20U; round++) {
+        while (ring_put(&r, next_in)) {
+            next_in++;
+        }
+        TEST_ASSERT_EQUAL_UINT32(8U, ring_used(&r));
+        for (uint32_t i = 0; i < 5U; i++) {
+            TEST_ASSERT_TRUE(ring_take(&r, &byte));
+            TEST_ASSERT_EQUAL_UINT8(next_out, byte);
+            next_out++;
+        }
+    }
+    TEST_ASSERT_EQUAL_UINT32(20U, r.lost);
+    TEST_ASSERT_FALSE(ring_put_all(&r, (const uint8_t *)"123456", 6U)); /* all or nothing */
+    TEST_ASSERT_EQUAL_UINT32(3U, ring_used(&r));
+    TEST_ASSERT_EQUAL_UINT32(26U, r.lost);
+}
+
+static void test_usart(void) {
+    static usart u;
+    usart_open(&u, &serial, 84000000U, 1000000U);
+    TEST_ASSERT_EQUAL_UINT32(84U, serial.BRR);
+    TEST_ASSERT_TRUE((serial.CR1 & USART_CR1_RXNEIE) != 0U);
+    usart_open(&u, &serial, 16000000U, 115200U);
+    TEST_ASSERT_EQUAL_UINT32(139U, serial.BRR); /* 0.08 % off */
+    uint8_t byte = 0;
+    serial.SR = USART_SR_RXNE;
+    serial.DR = 'A';
+    usart_interrupt(&u);
+    serial.SR = USART_SR_RXNE | USART_SR_FE;
+    serial.DR = 'B';
+    usart_interrupt(&u);
+    serial.SR = USART_SR_ORE;
+    usart_interrupt(&u);
+    serial.SR = 0U;
+    usart_interrupt(&u);
+    TEST_ASSERT_EQUAL_UINT32(2U, u.damaged);
+    TEST_ASSERT_TRUE(usart_take(&u, &byte));
+    TEST_ASSERT_EQUAL_UINT8('A', byte);
+    TEST_ASSERT_TRUE(usart_take(&u, &byte));
+    TEST_ASSERT_FALSE(usart_take(&u, &byte));
+    /* A transmitter that is busy asks by its interrupt. */
+    TEST_ASSERT_TRUE(usart_send(&u, (const uint8_t *)"xy", 2U));
+    TEST_ASSERT_TRUE((serial.CR1 & USART_CR1_TXEIE) != 0U);
+    TEST_ASSERT_EQUAL_UINT32(2U, ring_used(&u.out));
+    serial.SR = USART_SR_TXE;
+    usart_interrupt(&u);
+    TEST_ASSERT_EQUAL_UINT32('y', serial.DR);
+    TEST_ASSERT_EQUAL_UINT32(0U, serial.CR1 & USART_CR1_TXEIE);
+    TEST_ASSERT_FALSE(usart_flush(&u, 10U)); /* never complete */
+    serial.SR = USART_SR_TXE | USART_SR_TC;
+    TEST_ASSERT_TRUE(usart_flush(&u, 10U));
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_clock_from_the_crystal);
+    RUN_TEST(test_clock_without_crystal);
+    RUN_TEST(test_clock_without_pll);
+    RUN_TEST(test_clock_that_does_not_switch);
+    RUN_TEST(test_reset_causes);
+    RUN_TEST(test_retained_memory_is_not_believed_blindly);
+    RUN_TEST(test_watchdog);
+    RUN_TEST(test_flash_sectors);
+    RUN_TEST(test_flash_writes_and_erases);
+    RUN_TEST(test_flash_refuses_what_is_not_its_own);
+    RUN_TEST(test_flash_says_errors_and_gives_up);
+    RUN_TEST(test_adc_means_of_a_tick);
+    RUN_TEST(test_adc_that_falls_silent_reads_zero);
+    RUN_TEST(test_absent_adc_is_silent);
+    RUN_TEST(test_adc_overrun_begins_anew);
+    RUN_TEST(test_what_a_code_is_worth);
+    RUN_TEST(test_dead_time_is_never_shorter_than_asked);
+    RUN_TEST(test_bridge_follows_duty);
+    RUN_TEST(test_break_holds_until_off_was_asked_for);
+    RUN_TEST(test_encoder);
+    RUN_TEST(test_pins);
+    RUN_TEST(test_phases);
+    RUN_TEST(test_ring);
+    RUN_TEST(test_usart);
+    return UNITY_END();
+}

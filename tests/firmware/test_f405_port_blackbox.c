@@ -1,0 +1,407 @@
+/* The port's passes, with the real controller, a chip and a clock made of memory: nothing that comes from outside makes
+ * it miss a tick, its queues stay bounded, its own frames leave by priority, and the bridge follows what it may. */
+#include <string.h>
+
+#include "unity.h"
+
+#include "fake_can.h"
+#include "port.h"
+#include "state.h"
+#include "terrapin_interface.h"
+
+/* What things take, in microseconds; the chip is faster (docs/stm32f405.md). */
+#define TICK_US      1000U
+#define OWN_TICK_US  400U
+#define EMPTY_US     1U
+#define FRAME_BIT_US 1U /* 1 Mbit/s */
+
+static terrapin_state state;
+static fake_can chip;
+static can bus;
+static usart_registers serial;
+static usart line;
+static port controller;
+static bool driven;
+static int16_t duty;
+static uint32_t now_us;
+static uint32_t alive;
+static bool estop;
+
+const port_parameter port_parameters[] = {{TERRAPIN_PARAMETER_SUPPLY_SCALE, 4592}};
+const uint32_t port_parameter_count = 1U;
+
+void port_sense(port *p, terrapin_inputs *inputs) {
+    (void)p;
+    inputs->current_code = 2048U;
+    inputs->supply_code = 2613U; /* 12 V at 4592 uV a code */
+    inputs->temperature_code = 1500U;
+    inputs->estop = estop;
+}
+
+void port_drive(port *p, int16_t duty_q15, bool on) {
+    (void)p;
+    driven = on;
+    duty = on ? duty_q15 : 0;
+}
+
+void port_flash_work(bool begins) {
+    (void)begins;
+    TEST_FAIL_MESSAGE("there is no store here");
+}
+
+void port_alive(port *p) {
+    (void)p;
+    alive++;
+}
+
+uint32_t port_cycles(void) {
+    return now_us * 168U;
+}
+
+uint32_t port_tick_cycles(void) {
+    return (now_us / TICK_US) * TICK_US * 168U;
+}
+
+uint32_t port_stack_used(void) {
+    return 1000U;
+}
+
+void setUp(void) {
+    static const can_filter all = {0U, 0U};
+    fake_open(&chip);
+    memset(&serial, 0, sizeof serial);
+    usart_open(&line, &serial, 84000000U, 1000000U);
+    (void)can_open(&bus, &chip.r, can_timing(42000000U, 1000000U), &all, 1U);
+    chip.r.MSR = 0U;
+    can_poll(&bus);
+    const port_hardware hardware = {.core_hz = 168000000U, .reset_cause = TERRAPIN_RESET_CAUSE_POWER_ON};
+    estop = false;
+    driven = false;
+    now_us = 0U;
+    alive = 0U;
+    port_open(&controller, &state, &bus, &line, NULL, &hardware);
+}
+
+void tearDown(void) {}
+
+/* ---- a bus at 1 Mbit/s that is never idle */
+
+typedef struct {
+    terrapin_frame foreign; /* somebody always wants to send this */
+    uint32_t foreign_bits;  /* that it takes */
+    uint32_t frame_us;      /* what one received frame costs us */
+    uint32_t busy_until_us; /* the bus */
+    uint32_t own[0x800];    /* own frames that left, by identifier */
+    uint16_t last_own;
+    uint32_t inversions; /* an own frame left while one before it waited in a mailbox */
+    uint32_t worst_queue;
+} traffic;
+
+/* The bus up to the present: each frame goes to the lowest identifier that wants to send. */
+static void run_bus(traffic *t) {
+    while (t->busy_until_us <= now_us) {
+        fake_settle(&chip);
+        const int box = fake_first(&chip);
+        const uint16_t ours = (box >= 0) ? (uint16_t)(chip.r.tx[box].IR >> CAN_IR_STID) : 0xFFFFU;
+        if (ours < t->foreign.id) {
+            t->own[fake_sent(&chip, box)]++;
+            t->last_own = ours;
+            t->busy_until_us += 135U * FRAME_BIT_US; /* 8 bytes, stuffed */
+        } else {
+            fake_receive(&chip, &bus, &t->foreign);
+            t->busy_until_us += t->foreign_bits * FRAME_BIT_US;
+        }
+        const uint32_t queue = bus.in_head - bus.in_tail;
+        t->worst_queue = (queue > t->worst_queue) ? queue : t->worst_queue;
+    }
+}
+
+/* The processor and the bus for some time: each pass takes as long as what it did. */
+static void run_for(traffic *t, uint32_t duration_us) {
+    const uint32_t end = now_us + duration_us;
+    while (now_us < end) {
+        const uint32_t tick = controller.tick;
+        const uint32_t tail = bus.in_tail;
+        (void)port_pass(&controller, now_us / TICK_US);
+        now_us += EMPTY_US + ((bus.in_tail - tail) * t->frame_us) + ((controller.tick != tick) ? OWN_TICK_US : 0U);
+        run_bus(t);
+    }
+}
+
+static void test_foreign_frames_at_full_load(void) {
+    /* The shortest frames there are, past the filters, behind ours in priority: 21 a tick. */
+    static traffic t;
+    t = (traffic){.foreign = {.id = 0x300U}, .foreign_bits = 47U, .frame_us = 5U};
+    run_for(&t, 5U * 1000U * 1000U);
+    TEST_ASSERT_EQUAL_UINT32(0U, controller.overruns);
+    TEST_ASSERT_EQUAL_UINT32(5000U, controller.tick + 1U); /* 0 to 4999 */
+    TEST_ASSERT_EQUAL_UINT32(controller.tick, alive);
+    TEST_ASSERT_EQUAL_UINT32(0U, bus.in_lost);
+    TEST_ASSERT_LESS_OR_EQUAL(CAN_IN_SIZE, t.worst_queue);
+    TEST_ASSERT_GREATER_THAN(30000U, controller.link.unknown); /* and they did come */
+    /* Own frames all left: one ACTUATE a tick, each message of telemetry in its slot, the port's own. */
+    TEST_ASSERT_EQUAL_UINT32(0U, bus.out_lost);
+    TEST_ASSERT_GREATER_OR_EQUAL(4997U, t.own[TERRAPIN_ID_ACTUATE]);
+    TEST_ASSERT_GREATER_OR_EQUAL(498U, t.own[TERRAPIN_ID_GROUND]);
+    TEST_ASSERT_GREATER_OR_EQUAL(48U, t.own[TERRAPIN_ID_PORT_STATUS]);
+    TEST_ASSERT_GREATER_OR_EQUAL(48U, t.own[TERRAPIN_ID_PORT_TIMES]);
+    TEST_ASSERT_GREATER_OR_EQUAL(4U, t.own[TERRAPIN_ID_PORT_IDENTITY]);
+}
+
+static void test_more_frames_than_it_can_take(void) {
+    /* Frames that cost more than there is time for: 21 times 60 us in a tick. Ticks still come first. */
+    static traffic t;
+    t = (traffic){.foreign = {.id = 0x300U}, .foreign_bits = 47U, .frame_us = 60U};
+    run_for(&t, 2U * 1000U * 1000U);
+    TEST_ASSERT_EQUAL_UINT32(0U, controller.overruns);
+    TEST_ASSERT_EQUAL_UINT32(2000U, controller.tick + 1U);
+    TEST_ASSERT_EQUAL_UINT32(CAN_IN_SIZE, t.worst_queue); /* full, no more */
+    TEST_ASSERT_GREATER_THAN(1000U, bus.in_lost);         /* and said */
+    TEST_ASSERT_GREATER_OR_EQUAL(1997U, t.own[TERRAPIN_ID_ACTUATE]);
+}
+
+static void test_flood_of_parameter_writes(void) {
+    /* Well-formed, 8 bytes, each the same counter: dropped, but only after their CRC was computed. */
+    static traffic t;
+    t = (traffic){.foreign = {.id = TERRAPIN_ID_PARAMETER_WRITE, .length = 8}, .foreign_bits = 111U, .frame_us = 30U};
+    terrapin_e2e_protect(&t.foreign, 3U);
+    run_for(&t, 2U * 1000U * 1000U);
+    TEST_ASSERT_EQUAL_UINT32(0U, controller.overruns);
+    TEST_ASSERT_EQUAL_UINT32(2000U, controller.tick + 1U);
+    TEST_ASSERT_GREATER_THAN(10000U, controller.link.repeated);
+}
+
+static void test_babbling_idiot_before_us(void) {
+    /* Somebody sends before all our identifiers, without a gap: nothing of ours gets out, nothing piles up. */
+    static traffic t;
+    t = (traffic){.foreign = {.id = 0x001U, .length = 8}, .foreign_bits = 111U, .frame_us = 5U};
+    run_for(&t, 1000U * 1000U);
+    TEST_ASSERT_EQUAL_UINT32(0U, controller.overruns);
+    TEST_ASSERT_EQUAL_UINT32(0U, t.own[TERRAPIN_ID_ACTUATE]);
+    TEST_ASSERT_LESS_OR_EQUAL(CAN_OUT_SIZE, bus.out_count);
+    TEST_ASSERT_EQUAL_UINT32(0U, bus.out_lost); /* telemetry is replaced by newer telemetry */
+    /* When it ends, the first of ours leaves first, and what leaves is of now. */
+    t.foreign.id = 0x7FFU;
+    t.own[TERRAPIN_ID_ACTUATE] = 0U;
+    run_for(&t, 100U * 1000U);
+    TEST_ASSERT_GREATER_OR_EQUAL(99U, t.own[TERRAPIN_ID_ACTUATE]);
+    TEST_ASSERT_LESS_OR_EQUAL(103U, t.own[TERRAPIN_ID_ACTUATE]);
+}
+
+/* ---- what the bridge follows */
+
+static terrapin_frame command(uint8_t request, int16_t setpoint, uint32_t counter) {
+    const terrapin_command_t message = {.request = request, .control = TERRAPIN_CONTROL_VOLTAGE, .setpoint = setpoint};
+    terrapin_frame frame = {0};
+    (void)terrapin_encode_command(&message, &frame);
+    terrapin_e2e_protect(&frame, counter);
+    return frame;
+}
+
+static terrapin_frame test_mode(uint32_t key, uint32_t counter) {
+    const terrapin_test_mode_t message = {.key = key};
+    terrapin_frame frame = {0};
+    (void)terrapin_encode_test_mode(&message, &frame);
+    terrapin_e2e_protect(&frame, counter);
+    return frame;
+}
+
+static void give(const terrapin_frame *frame) {
+    fake_receive(&chip, &bus, frame);
+    (void)port_pass(&controller, controller.tick);
+}
+
+/* Ticks with a command each 50 ms; the bridge's state at the end. */
+static bool ticks(uint32_t count, uint8_t request) {
+    for (uint32_t i = 0; i < count; i++) {
+        if ((i % 50U) == 0U) {
+            static uint32_t counter;
+            const terrapin_frame frame = command(request, 1000, counter % 15U);
+            counter++;
+            give(&frame);
+        }
+        (void)port_pass(&controller, controller.tick + 1U);
+    }
+    return driven;
+}
+
+static void test_runs_and_stops_on_the_port_s_faults(void) {
+    TEST_ASSERT_FALSE(ticks(1500U, TERRAPIN_REQUEST_IDLE)); /* never starts with the bridge on */
+    TEST_ASSERT_TRUE(ticks(300U, TERRAPIN_REQUEST_RUN));
+    TEST_ASSERT_GREATER_THAN(0, duty);
+    controller.hardware.bridge_break = true;
+    (void)port_pass(&controller, controller.tick + 1U);
+    TEST_ASSERT_FALSE(driven); /* in the same tick */
+    TEST_ASSERT_TRUE((controller.outputs.faults & BIT(TERRAPIN_FAULT_ESTOP)) != 0U);
+    controller.hardware.bridge_break = false;
+    TEST_ASSERT_FALSE(ticks(300U, TERRAPIN_REQUEST_RUN)); /* latched */
+    (void)ticks(300U, TERRAPIN_REQUEST_CLEAR);
+    (void)ticks(300U, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_TRUE(ticks(300U, TERRAPIN_REQUEST_RUN));
+    controller.hardware.brown_out = true;
+    (void)port_pass(&controller, controller.tick + 1U);
+    TEST_ASSERT_FALSE(driven);
+}
+
+static void test_test_mode_holds_the_bridge_off_and_stops_the_own_clock(void) {
+    (void)ticks(1500U, TERRAPIN_REQUEST_IDLE);
+    const terrapin_frame arm = test_mode(TERRAPIN_TEST_MODE_KEY, 1U);
+    give(&arm);
+    TEST_ASSERT_TRUE(controller.link.test_mode);
+    int32_t scale = 0;
+    (void)terrapin_parameter_get(&state, TERRAPIN_PARAMETER_SUPPLY_SCALE, &scale);
+    TEST_ASSERT_EQUAL_INT32(terrapin_parameters[TERRAPIN_PARAMETER_SUPPLY_SCALE].default_value, scale);
+    const uint32_t before = state.sense.tick;
+    for (int i = 0; i < 100; i++) {
+        (void)port_pass(&controller, controller.tick + 1U);
+        TEST_ASSERT_FALSE(driven);
+    }
+    TEST_ASSERT_EQUAL_UINT32(before, state.sense.tick);
+    /* A tick by frames is one step, answered where it came from; the bridge stays off whatever it says. */
+    for (uint32_t tick = 1; tick < 1500U; tick++) {
+        if ((tick % 50U) == 0U) {
+            const terrapin_frame run = command((tick < 1200U) ? 0U : TERRAPIN_REQUEST_RUN, 1000, (tick / 50U) % 15U);
+            give(&run);
+        }
+        for (int32_t channel = 0; channel < 2; channel++) {
+            const terrapin_sensors_slow_t slow = {.slow_channel = channel, .slow_code = 3000};
+            terrapin_frame frame = {0};
+            (void)terrapin_encode_sensors_slow(&slow, &frame);
+            give(&frame);
+        }
+        const terrapin_sensors_fast_t fast = {.current_code = 2048, .tick = (int32_t)(tick & 0xFFFFU)};
+        terrapin_frame frame = {0};
+        (void)terrapin_encode_sensors_fast(&fast, &frame);
+        give(&frame);
+        TEST_ASSERT_FALSE(driven);
+    }
+    TEST_ASSERT_TRUE(controller.outputs.enable);
+    const terrapin_frame leave = test_mode(0U, 2U);
+    give(&leave);
+    TEST_ASSERT_FALSE(controller.link.test_mode);
+    (void)terrapin_parameter_get(&state, TERRAPIN_PARAMETER_SUPPLY_SCALE, &scale);
+    TEST_ASSERT_EQUAL_INT32(4592, scale); /* the board's again */
+    TEST_ASSERT_FALSE(ticks(100U, TERRAPIN_REQUEST_IDLE));
+}
+
+/* ---- what is told */
+
+static bool told(uint16_t id, terrapin_frame *frame, uint32_t most) {
+    for (uint32_t i = 0; i < most; i++) {
+        (void)port_pass(&controller, controller.tick + 1U);
+        for (uint32_t k = 0; k < 8U; k++) {
+            fake_settle(&chip);
+            const int box = fake_first(&chip);
+            if (box < 0) {
+                break;
+            }
+            const can_mailbox_registers *m = &chip.r.tx[box];
+            for (uint32_t b = 0; b < 4U; b++) {
+                frame->data[b] = (uint8_t)(m->DLR >> (8U * b));
+                frame->data[b + 4U] = (uint8_t)(m->DHR >> (8U * b));
+            }
+            frame->length = (uint8_t)m->DTR;
+            frame->id = fake_sent(&chip, box);
+            can_poll(&bus);
+            if (frame->id == id) {
+                return true;
+            }
+        }
+    }
+    return false;
+}
+
+static void test_tells_status_once_and_counts(void) {
+    terrapin_frame frame = {0};
+    terrapin_port_status_t status;
+    controller.hardware.clock_fallback = true;
+    controller.hardware.watchdog_absent = true;
+    TEST_ASSERT_TRUE(told(TERRAPIN_ID_PORT_STATUS, &frame, 101U));
+    TEST_ASSERT_TRUE(terrapin_decode_port_status(&frame, &status));
+    TEST_ASSERT_EQUAL(1, status.clock_fallback);
+    TEST_ASSERT_EQUAL(1, status.watchdog_absent);
+    TEST_ASSERT_EQUAL(0, status.overrun);
+    TEST_ASSERT_EQUAL(0, status.receive_overflow);
+    TEST_ASSERT_EQUAL(TERRAPIN_RESET_CAUSE_POWER_ON, status.reset_cause);
+
+    (void)port_pass(&controller, controller.tick + 4U); /* three missed */
+    line.in.lost += 2U;
+    chip.r.ESR = CAN_ESR_LEC_AK | CAN_ESR_EPVF | (128U << CAN_ESR_TEC);
+    TEST_ASSERT_TRUE(told(TERRAPIN_ID_PORT_STATUS, &frame, 101U));
+    TEST_ASSERT_TRUE(terrapin_decode_port_status(&frame, &status));
+    TEST_ASSERT_EQUAL(1, status.overrun);
+    TEST_ASSERT_EQUAL(3, status.overruns);
+    TEST_ASSERT_EQUAL(1, status.receive_overflow);
+    TEST_ASSERT_EQUAL(2, status.lost_frames);
+    TEST_ASSERT_EQUAL(1, status.can_passive);
+    TEST_ASSERT_EQUAL(128, status.transmit_errors);
+
+    TEST_ASSERT_TRUE(told(TERRAPIN_ID_PORT_STATUS, &frame, 101U));
+    TEST_ASSERT_TRUE(terrapin_decode_port_status(&frame, &status));
+    TEST_ASSERT_EQUAL(0, status.overrun); /* told already; the count stays */
+    TEST_ASSERT_EQUAL(3, status.overruns);
+    TEST_ASSERT_EQUAL(0, status.receive_overflow);
+}
+
+static void test_missed_ticks_are_the_core_s_fault_too(void) {
+    (void)ticks(100U, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_EQUAL_HEX32(0U, controller.outputs.faults & BIT(TERRAPIN_FAULT_OVERRUN));
+    (void)port_pass(&controller, controller.tick + 2U);
+    TEST_ASSERT_NOT_EQUAL(0U, controller.outputs.faults & BIT(TERRAPIN_FAULT_OVERRUN));
+}
+
+static void test_absent_bus_is_told_on_the_line(void) {
+    memset(&chip, 0, sizeof chip);
+    (void)can_open(&bus, &chip.r, can_timing(42000000U, 1000000U), NULL, 0U);
+    static const char hello[] = "O\r";
+    for (size_t i = 0; i < (sizeof hello - 1U); i++) {
+        (void)ring_put(&line.in, (uint8_t)hello[i]);
+    }
+    (void)port_pass(&controller, 0U);
+    bool found = false;
+    uint8_t text[32];
+    uint32_t length = 0;
+    for (uint32_t i = 1; (i <= 101U) && !found; i++) {
+        (void)port_pass(&controller, i);
+        uint8_t byte = 0;
+        while (ring_take(&line.out, &byte)) {
+            text[length % sizeof text] = byte;
+            length++;
+            if (byte == (uint8_t)'\r') {
+                found = found || ((length > 8U) && (memcmp(text, "t191", 4U) == 0));
+                if (found) {
+                    TEST_ASSERT_EQUAL_UINT8('4', text[6]); /* low digit of byte 0: can_absent, bit 2 */
+                }
+                length = 0;
+            }
+        }
+    }
+    TEST_ASSERT_TRUE(found);
+}
+
+static void test_host_that_does_not_read_loses_its_own_lines(void) {
+    /* No byte leaves (the transmitter is never empty), lines keep coming: nothing overflows but the receive ring. */
+    for (uint32_t i = 0; i < 4000U; i++) {
+        (void)ring_put(&line.in, (uint8_t)(((i % 2U) == 0U) ? 'V' : '\r'));
+        (void)port_pass(&controller, controller.tick);
+    }
+    TEST_ASSERT_EQUAL_UINT32(0U, controller.send_lost);
+    TEST_ASSERT_EQUAL_UINT32(0U, line.out.lost);
+    TEST_ASSERT_GREATER_THAN(1000U, line.in.lost);
+    TEST_ASSERT_LESS_OR_EQUAL(USART_IN_SIZE, ring_used(&line.in));
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_foreign_frames_at_full_load);
+    RUN_TEST(test_more_frames_than_it_can_take);
+    RUN_TEST(test_flood_of_parameter_writes);
+    RUN_TEST(test_babbling_idiot_before_us);
+    RUN_TEST(test_runs_and_stops_on_the_port_s_faults);
+    RUN_TEST(test_test_mode_holds_the_bridge_off_and_stops_the_own_clock);
+    RUN_TEST(test_tells_status_once_and_counts);
+    RUN_TEST(test_missed_ticks_are_the_core_s_fault_too);
+    RUN_TEST(test_absent_bus_is_told_on_the_line);
+    RUN_TEST(test_host_that_does_not_read_loses_its_own_lines);
+    return UNITY_END();
+}
