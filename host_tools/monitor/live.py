@@ -84,6 +84,7 @@ class Live:
         self._short: dict[str, int] = {}  # message -> frames with fewer bytes than the DBC says
         self._lengths = {str(m.name): int(m.length) for m in decoder.messages.values()} if decoder else {}
         self.counters: tuple[int, int] | None = None  # error counters of sending and receiving, once told
+        self.begin = float("nan")  # of the first frame of the epoch
         self.epoch = 0  # counts steps back of the clock: times of one epoch rise
         self.event_count = 0
         if decoder is not None:
@@ -149,13 +150,14 @@ class Live:
     def _clock(self, block: Frames) -> None:
         """Steps back begin another epoch: plots begin anew. Long silences are told."""
         if not self.total:
-            self._latest = float(block.times[0])
+            self._latest = self.begin = float(block.times[0])
         steps = np.diff(block.times, prepend=self._latest)
         for row in np.flatnonzero((steps < -BACK) | (steps > AHEAD)).tolist():
             step = float(steps[row])
             if step < 0:
                 self.tell(float(block.times[row]), "clock", f"the clock steps back by {-step:.3f} s")
                 self.epoch += 1
+                self.begin = float(block.times[row])
                 self._recent.clear()
                 for trace in self.traces.values():
                     trace.times.clear()

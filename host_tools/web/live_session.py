@@ -290,6 +290,7 @@ class Session:
             "state": self.state,
             "note": self.note,
             "time": _number(live.time),
+            "begin": _number(live.begin),
             "epoch": live.epoch,
             "total": live.total,
             "rate": live.rate,

@@ -56,6 +56,7 @@ export class CasePage {
   /** Fetch what the server knows and draw it. */
   async load() {
     const turn = ++this.turn;
+    if (!this.view) this.sketch();
     try {
       const view = await this.app.api(`${this.path}/view`);
       if (!this.closed && turn === this.turn) this.take(view);
@@ -64,6 +65,19 @@ export class CasePage {
       this.complain(error);
       if (!this.view) this.top.replaceChildren();
     }
+  }
+
+  /** The plot before the verdict, which takes longer on many rows. */
+  async sketch() {
+    const { h } = this.app;
+    let found;
+    try { found = await this.app.api(`${this.path}/view?draft=true`); } catch { return; } // the view says what is wrong
+    if (this.view || this.closed) return;
+    this.grid.hidden = false;
+    this.plots.take(found);
+    this.plots.draw(null);
+    this.app.context(h('a', { href: '#workbench', text: 'Cases' }), ' / ', h('b', { text: found.title }));
+    this.side.replaceChildren(h('section', { class: 'panel' }, h('p', { class: 'soft', text: 'Estimating the noise, and whether anything is missing…' })));
   }
 
   take(view) {

@@ -2,6 +2,11 @@
 import { css, h, number, unit } from './app.js';
 import { curve, Plot } from './plot.js';
 
+const spread = (values) => {
+  const mean = values.reduce((a, v) => a + v, 0) / values.length;
+  return Math.sqrt(values.reduce((a, v) => a + (v - mean) ** 2, 0) / values.length) || 1;
+};
+
 export class CasePlots {
   constructor(app, changed) {
     this.app = app;
@@ -58,8 +63,9 @@ export class CasePlots {
   draw(preview) {
     const { plot } = this.view;
     const c = plot.channels.find((one) => one.name === this.channel), column = plot.columns[this.variable];
-    const x = { values: column.values, name: this.variable, unit: column.unit, chosen: true }, noise = c.noise_sd;
-    const along = (values) => curve(x.values, values, noise, plot.run, plot.runs.length);
+    const x = { values: column.values, name: this.variable, unit: column.unit, chosen: true };
+    const known = c.noise_sd !== null, noise = known ? c.noise_sd : 1; // not known before the case is judged
+    const along = (values) => curve(x.values, values, known ? noise : 0.05 * spread(c.measured), plot.run, plot.runs.length);
     const held = plot.run.map((r) => plot.held[r]);
     const rows = [held.flatMap((on, i) => (on ? [] : [i])), held.flatMap((on, i) => (on ? [i] : []))];
     const fails = plot.where.filter((w) => w.variable === this.variable && w.channel === this.channel);
@@ -73,20 +79,20 @@ export class CasePlots {
       { values, rows: rows[1], kind: 'held', color: css('--ink'), ...extra },
     ];
     const tell = (i) => `run ${plot.runs[plot.run[i]]}${held[i] ? ', held out' : ''}\n${this.variable} ${number(x.values[i])}${unit(x.unit)}\nmeasured ${number(c.measured[i])}${unit(c.unit)}\nmodel ${number(c.predicted[i])}${unit(c.unit)}`
-      + (added ? `\nwith it ${number(added[i])}${unit(c.unit)}` : '') + `\nresidual ${number(left[i], 3)} noise sd`;
+      + (added ? `\nwith it ${number(added[i])}${unit(c.unit)}` : '') + `\nresidual ${number(left[i], 3)}${known ? ' noise sd' : unit(c.unit)}`;
     const left = c.measured.map((m, i) => (m - c.predicted[i]) / noise);
     const ranges = fails.map((w) => w.range);
     const span = fails.map((w) => [...new Set(w.range.map((v) => number(v)))].join(' to ')).join(', ');
     this.overlay.draw({
       x, y: { name: c.name, unit: c.unit }, points: both(c.measured), lines, ranges, describe: tell,
-      bands: [{ values: c.predicted, lines: predicted, half: 1.96 * noise, color: css('--band') },
+      bands: !known ? [] : [{ values: c.predicted, lines: predicted, half: 1.96 * noise, color: css('--band') },
         ...(added ? [{ values: added, lines: along(added), half: 1.96 * noise, color: css('--floor') }] : [])],
       table: () => this.table(x, c, left),
       alt: `${c.name} measured and predicted against ${this.variable}, ${x.values.length} rows of ${plot.runs.length} runs.${span ? ` The model fails at ${span}${unit(x.unit)}.` : ''} Arrow keys step through the rows.`,
     });
     const after = added ? c.measured.map((m, i) => (m - added[i]) / noise) : null;
     this.residual.draw({
-      x: { ...x, chosen: false }, y: { name: 'residual', unit: 'noise sd' }, ranges, lines: [], bands: [], level: [-1.96, 1.96], describe: tell,
+      x: { ...x, chosen: false }, y: { name: 'residual', unit: known ? 'noise sd' : c.unit }, ranges, lines: [], bands: [], level: known ? [-1.96, 1.96] : null, describe: tell,
       points: [...both(left), ...(after ? both(after, { color: css('--teal'), size: 2.4, alpha: 0.9 }) : [])],
       table: () => this.table(x, c, left),
       alt: `Residual of ${c.name} in noise sd against ${this.variable}.${span ? ` It stands out at ${span}${unit(x.unit)}.` : ' It stands out nowhere.'} Arrow keys step through the rows.`,
@@ -99,7 +105,7 @@ export class CasePlots {
     const { plot } = this.view;
     const name = (one) => (one.unit && one.unit !== '1' ? `${one.name}, ${one.unit}` : one.name);
     return {
-      columns: ['run', name(x), `measured ${name(c)}`, 'model', 'residual, noise sd'],
+      columns: ['run', name(x), `measured ${name(c)}`, 'model', 'residual'],
       rows: x.values.map((v, i) => [plot.runs[plot.run[i]], v, c.measured[i], c.predicted[i], left[i]]),
     };
   }

@@ -140,7 +140,7 @@ export function mount(element, app) {
     events = [];
     strip.end = 0; strip.events = events;
     setPaused(false);
-    if (!chosen.some((name) => state.index.has(name))) chosen = state.signals.slice(0, 3).map((s) => s.name);
+    if (state.signals.length && !chosen.some((name) => state.index.has(name))) chosen = state.signals.slice(0, 3).map((s) => s.name);
     if (said.command) app.showCommand(said.command);
     app.context(said.name || '');
     stop.disabled = !said.stop;
@@ -187,6 +187,7 @@ export function mount(element, app) {
   function status(said) {
     state.status = said;
     state.values = said.values;
+    strip.zero = said.begin > 1e6 ? said.begin : 0; // times of a bus count from 1970
     for (const event of said.events) if (!events.some((e) => e.number === event.number)) { events.push(event); addEvent(event); }
     if (events.length > 500) events.splice(0, events.length - 500);
     const words = { live: said.silent ? 'silent' : 'live', over: 'over', gone: 'gone' }[said.state];
@@ -225,8 +226,8 @@ export function mount(element, app) {
       const slip = value('MOTION.slip'), over = slip > said.slip_limit;
       one('Slip', number(slip, 3), over ? 'bad' : '', `${value('MOTION.slip_valid') ? '' : 'not valid, '}limit ${number(said.slip_limit)}`);
       const sd = value('GROUND.torque_sd');
-      one('Contact torque C_t', `${number(value('GROUND.torque') * 1e3, 3)} ± ${number(sd * 1e3, 2)} mN m`, '', value('GROUND.valid') ? 'valid' : 'not valid: not steady');
-      one('Terrain', word('GROUND.terrain'), '', `second is ${number(value('GROUND.margin'), 2)} sd farther`);
+      one('C_t, mN m', value('GROUND.torque') === null ? '–' : `${number(value('GROUND.torque') * 1e3, 3)} ± ${number(sd * 1e3, 2)}`, '', value('GROUND.valid') ? 'valid' : 'not valid: not steady');
+      one('Terrain', word('GROUND.terrain'), '', `by ${number(value('GROUND.margin'), 2)} sd`);
       one('Motor', `${number(value('ELECTRICAL.current'), 3)} A`, '', `${number(value('ELECTRICAL.voltage'), 3)} V, ${number(value('ELECTRICAL.temperature'), 3)} °C`);
       one('Speed', `${number(value('MOTION.ground_speed'), 3)} m/s`, '', `shell ${number(value('MOTION.shell_speed'), 3)} rad/s`);
       one('Supply', `${number(value('ELECTRICAL.supply'), 4)} V`, '', value('ACTUATE.limiting') ? 'the slip limiter holds' : 'no limiter at work');
@@ -294,11 +295,11 @@ export function mount(element, app) {
     list();
   }
   function addEvent(event) {
-    log.prepend(h('li', { class: `event ${event.kind}` }, h('span', { class: 'soft n', text: event.time === null ? '–' : `${event.time.toFixed(2)} s` }), h('b', { text: event.kind }), h('span', { text: event.text })));
+    log.prepend(h('li', { class: `event ${event.kind}` }, h('span', { class: 'soft n', text: event.time === null ? '–' : `${(event.time - strip.zero).toFixed(2)} s` }), h('b', { text: event.kind }), h('span', { text: event.text })));
     while (log.children.length > 200) log.lastChild.remove();
   }
   function cursorMoved(time) {
-    const text = time === null ? '' : `cursor at ${time.toFixed(3)} s`;
+    const text = time === null ? '' : `cursor at ${(time - strip.zero).toFixed(3)} s`;
     if (cursorSaid.textContent !== text) cursorSaid.textContent = text;
   }
   function setPaused(on) {

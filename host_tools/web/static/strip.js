@@ -67,18 +67,25 @@ export class Strip {
     this.lanes = []; this.events = []; this.seconds = 15; this.end = 0;
     this.paused = null; // the time at which the picture stands
     this.cursor = null; // a time
+    this.fixed = null; // a time that the cursor shows while nobody points
+    this.zero = 0; // what the axis calls 0 s
+    this.onPick = null; // (time) => ..., when somebody clicks
     this.redraws = 0; this.rate = 0;
     this.canvas = h('canvas', { tabindex: '0', role: 'img', 'aria-label': 'Strip charts; arrow keys move the time cursor' });
     host.classList.add('strip-charts');
     host.replaceChildren(this.canvas);
     this.canvas.addEventListener('pointermove', (event) => this.point(event));
-    this.canvas.addEventListener('pointerleave', () => { this.cursorX = null; this.cursor = null; this.onCursor(null); });
+    this.canvas.addEventListener('pointerleave', () => { this.cursorX = null; this.still(); });
     this.canvas.addEventListener('keydown', (event) => this.key(event));
     this.canvas.addEventListener('wheel', (event) => this.wheel(event), { passive: false });
-    this.canvas.addEventListener('pointerdown', (event) => { this.drag = { x: event.offsetX, at: this.until }; });
+    this.canvas.addEventListener('pointerdown', (event) => {
+      this.drag = { x: event.offsetX, at: this.until };
+      if (this.onPick && this.cursor !== null) this.onPick(this.cursor);
+    });
     addEventListener('pointerup', () => { this.drag = null; });
+    new ResizeObserver(() => this.still()).observe(host);
     this.running = false;
-    this.last = 0; this.counted = performance.now(); this.before = 0;
+    this.due = 0; this.counted = performance.now(); this.before = 0;
   }
 
   get until() { return this.paused ?? this.end; }
@@ -89,14 +96,17 @@ export class Strip {
     const step = (now) => {
       if (!this.running) return;
       requestAnimationFrame(step);
-      if (now - this.last < 1000 / RATE - 5) return;
-      this.last = now;
+      if (now < this.due - 4) return;
+      this.due = Math.max(this.due + 1000 / RATE, now - 1000 / RATE); // a late one does not make the next late
       this.draw();
     };
     requestAnimationFrame(step);
   }
 
   stop() { this.running = false; }
+
+  /** Draw now, where nothing else does. */
+  still() { if (!this.running) this.draw(); }
 
   pause(on) { this.paused = on ? this.end : null; }
 
@@ -106,6 +116,7 @@ export class Strip {
       return;
     }
     this.cursorX = event.offsetX;
+    this.still();
   }
 
   wheel(event) {
@@ -116,10 +127,11 @@ export class Strip {
 
   key(event) {
     const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
-    if (event.key === 'Escape') { this.cursorX = null; this.cursor = null; this.onCursor(null); return; }
+    if (event.key === 'Escape') { this.cursorX = null; this.still(); return; }
     if (!step) return;
     event.preventDefault();
     this.cursorX = Math.min(LEFT + this.wide, Math.max(LEFT, (this.cursorX ?? LEFT + this.wide) + step * (event.shiftKey ? 40 : 4)));
+    this.still();
   }
 
   draw() {
@@ -137,7 +149,7 @@ export class Strip {
     this.wide = width - LEFT - RIGHT;
     const end = this.until, begin = end - this.seconds;
     const x = (time) => LEFT + (time - begin) / this.seconds * this.wide;
-    this.cursor = this.cursorX === null || this.cursorX === undefined || this.cursorX < LEFT ? null : begin + (this.cursorX - LEFT) / this.wide * this.seconds;
+    this.cursor = this.cursorX === null || this.cursorX === undefined || this.cursorX < LEFT ? this.fixed : begin + (this.cursorX - LEFT) / this.wide * this.seconds;
     const colours = Object.fromEntries(['--ink', '--soft', '--line', '--hair', '--mute', ...COLOURS].map((name) => [name, css(name)]));
     const bottom = height - AXIS - EVENTS;
     const each = this.lanes.length ? bottom / this.lanes.length : 0;
@@ -150,8 +162,8 @@ export class Strip {
     pen.strokeStyle = colours['--line'];
     pen.fillStyle = colours['--soft'];
     pen.textAlign = 'center';
-    for (const tick of ticks(begin, end, Math.max(2, this.wide / 110))) {
-      pen.fillText(`${number(tick, 7)} s`, Math.min(width - 28, x(tick)), height - AXIS / 2);
+    for (const tick of ticks(begin - this.zero, end - this.zero, Math.max(2, this.wide / 110))) {
+      if (tick > -1e-9) pen.fillText(`${number(tick, 7)} s`, Math.min(width - 28, x(tick + this.zero)), height - AXIS / 2);
     }
     if (this.cursor !== null) {
       pen.strokeStyle = colours['--ink'];
