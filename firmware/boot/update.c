@@ -3,52 +3,9 @@
 #include "crc32.h"
 #include "layout.h"
 #include "terrapin_interface.h"
+#include "update_requests.h"
 
-#define NONE ((uint8_t)TERRAPIN_UPDATE_SLOT_NONE)
-#define A    ((uint8_t)TERRAPIN_UPDATE_SLOT_A)
-#define B    ((uint8_t)TERRAPIN_UPDATE_SLOT_B)
-#define OK   ((uint8_t)TERRAPIN_UPDATE_RESULT_OK)
-
-void terrapin_update_init(terrapin_update *update, const terrapin_boot *boot, uint8_t running) {
-    static const terrapin_update fresh = {
-        .begin_counter = TERRAPIN_E2E_NO_COUNTER,
-        .end_counter = TERRAPIN_E2E_NO_COUNTER,
-        .reset_counter = TERRAPIN_E2E_NO_COUNTER,
-    };
-    *update = fresh;
-    update->boot = boot;
-    update->running = running;
-}
-
-/* The slot that an update may write: not the confirmed one, not the one that runs. */
-static bool writable(const terrapin_update *update, const terrapin_record *record, uint8_t slot) {
-    return ((slot == A) || (slot == B)) && (slot != record->confirmed) && (slot != update->running);
-}
-
-static uint32_t status(terrapin_update *update, uint8_t request, uint8_t result, terrapin_frame *reply) {
-    const terrapin_update_status_t answer = {
-        .request = (int32_t)request,
-        .result = (int32_t)result,
-        .next = (int32_t)(update->written / TERRAPIN_UPDATE_BLOCK),
-    };
-    (void)terrapin_encode_update_status(&answer, reply); /* cannot saturate: 512 blocks at most */
-    terrapin_e2e_protect(reply, update->reply_counter);
-    update->reply_counter =
-        (update->reply_counter < TERRAPIN_E2E_COUNTER_MAX) ? (uint8_t)(update->reply_counter + 1U) : 0U;
-    return 1U;
-}
-
-static bool genuine(terrapin_update *update, const terrapin_frame *frame, uint8_t *last_counter) {
-    const terrapin_e2e_result result = terrapin_e2e_check(frame, last_counter);
-    if (result == TERRAPIN_E2E_BAD_CRC) {
-        update->bad_crc++;
-    } else if (result == TERRAPIN_E2E_REPEATED) {
-        update->repeated++;
-    } else {
-        /* good */
-    }
-    return result == TERRAPIN_E2E_OK;
-}
+#define OK ((uint8_t)TERRAPIN_UPDATE_RESULT_OK)
 
 /* Nothing of the slot counts any more, then it is erased. */
 static uint8_t clear_slot(const terrapin_update *update, uint8_t slot) {
@@ -77,7 +34,7 @@ static uint8_t begin(terrapin_update *update, const terrapin_update_begin_t *mes
     uint8_t result = OK;
     if (motor_on) {
         result = TERRAPIN_UPDATE_RESULT_MOTOR_ON;
-    } else if (!writable(update, &record, slot)) {
+    } else if (!update_writable(update, &record, slot)) {
         result = TERRAPIN_UPDATE_RESULT_SLOT_IN_USE;
     } else if ((size > TERRAPIN_LAYOUT_SLOT_SIZE) || (size <= TERRAPIN_LAYOUT_HEADER_SIZE)) {
         result = TERRAPIN_UPDATE_RESULT_TOO_LARGE;
@@ -100,10 +57,10 @@ static uint8_t begin(terrapin_update *update, const terrapin_update_begin_t *mes
 static uint32_t accept_begin(terrapin_update *update, const terrapin_frame *frame, bool motor_on,
                              terrapin_frame *reply) {
     terrapin_update_begin_t message;
-    if (!genuine(update, frame, &update->begin_counter) || !terrapin_decode_update_begin(frame, &message)) {
+    if (!update_genuine(update, frame, &update->begin_counter) || !terrapin_decode_update_begin(frame, &message)) {
         return 0U;
     }
-    return status(update, TERRAPIN_UPDATE_REQUEST_BEGIN, begin(update, &message, motor_on), reply);
+    return update_status(update, TERRAPIN_UPDATE_REQUEST_BEGIN, begin(update, &message, motor_on), reply);
 }
 
 static void accept_data(terrapin_update *update, const terrapin_frame *frame) {
@@ -176,7 +133,7 @@ static uint32_t accept_block(terrapin_update *update, const terrapin_frame *fram
         return 0U;
     }
     const uint8_t result = motor_on ? (uint8_t)TERRAPIN_UPDATE_RESULT_MOTOR_ON : take_block(update, &message);
-    return status(update, TERRAPIN_UPDATE_REQUEST_BLOCK, result, reply);
+    return update_status(update, TERRAPIN_UPDATE_REQUEST_BLOCK, result, reply);
 }
 
 static uint8_t end(terrapin_update *update, uint32_t checksum) {
@@ -206,70 +163,11 @@ static uint8_t end(terrapin_update *update, uint32_t checksum) {
 
 static uint32_t accept_end(terrapin_update *update, const terrapin_frame *frame, bool motor_on, terrapin_frame *reply) {
     terrapin_update_end_t message;
-    if (!genuine(update, frame, &update->end_counter) || !terrapin_decode_update_end(frame, &message)) {
+    if (!update_genuine(update, frame, &update->end_counter) || !terrapin_decode_update_end(frame, &message)) {
         return 0U;
     }
     const uint8_t result = motor_on ? (uint8_t)TERRAPIN_UPDATE_RESULT_MOTOR_ON : end(update, message.checksum);
-    return status(update, TERRAPIN_UPDATE_REQUEST_END, result, reply);
-}
-
-static uint32_t accept_reset(terrapin_update *update, const terrapin_frame *frame, bool motor_on,
-                             terrapin_frame *reply) {
-    terrapin_update_reset_t message;
-    if (!genuine(update, frame, &update->reset_counter) || !terrapin_decode_update_reset(frame, &message)) {
-        return 0U;
-    }
-    if (message.key != TERRAPIN_UPDATE_RESET_KEY) {
-        update->malformed++;
-        return 0U;
-    }
-    update->reset = !motor_on;
-    update->stay = message.stay != 0;
-    return status(update, TERRAPIN_UPDATE_REQUEST_RESET, motor_on ? (uint8_t)TERRAPIN_UPDATE_RESULT_MOTOR_ON : OK,
-                  reply);
-}
-
-/* A new host asks first: its counters begin anew. */
-static uint32_t accept_query(terrapin_update *update, const terrapin_frame *frame,
-                             terrapin_frame replies[TERRAPIN_UPDATE_REPLIES]) {
-    terrapin_record record;
-    terrapin_update_query_t message;
-    uint8_t hash[TERRAPIN_SHA256_SIZE];
-    if (!terrapin_decode_update_query(frame, &message)) {
-        update->malformed++;
-        return 0U;
-    }
-    update->begin_counter = TERRAPIN_E2E_NO_COUNTER;
-    update->end_counter = TERRAPIN_E2E_NO_COUNTER;
-    update->reset_counter = TERRAPIN_E2E_NO_COUNTER;
-    terrapin_records_read(update->boot->flash, &record);
-    uint8_t target = NONE;
-    if (writable(update, &record, A)) {
-        target = A;
-    } else if (writable(update, &record, B)) {
-        target = B;
-    } else {
-        /* a trial runs: it must be confirmed first */
-    }
-    const terrapin_update_info_t info = {
-        .protocol = (int32_t)TERRAPIN_UPDATE_PROTOCOL,
-        .running = (int32_t)update->running,
-        .confirmed = (int32_t)record.confirmed,
-        .candidate = (int32_t)record.candidate,
-        .phase = (int32_t)record.phase,
-        .major = (int32_t)record.version.major,
-        .minor = (int32_t)record.version.minor,
-        .revision = (int32_t)record.version.revision,
-        .target = (int32_t)target,
-    };
-    terrapin_image_key_hash(update->boot->key, hash);
-    const terrapin_update_floor_t least = {
-        .security_counter = record.security_counter,
-        .key = ((uint32_t)hash[3] << 24U) | ((uint32_t)hash[2] << 16U) | ((uint32_t)hash[1] << 8U) | hash[0],
-    };
-    (void)terrapin_encode_update_info(&info, &replies[0]); /* the fields have the signals' widths */
-    (void)terrapin_encode_update_floor(&least, &replies[1]);
-    return TERRAPIN_UPDATE_REPLIES;
+    return update_status(update, TERRAPIN_UPDATE_REQUEST_END, result, reply);
 }
 
 uint32_t terrapin_update_accept(terrapin_update *update, const terrapin_frame *frame, bool motor_on,
@@ -289,10 +187,10 @@ uint32_t terrapin_update_accept(terrapin_update *update, const terrapin_frame *f
         count = accept_end(update, frame, motor_on, &replies[0]);
         break;
     case TERRAPIN_ID_UPDATE_QUERY:
-        count = accept_query(update, frame, replies);
+        count = update_query(update, frame, replies);
         break;
     case TERRAPIN_ID_UPDATE_RESET:
-        count = accept_reset(update, frame, motor_on, &replies[0]);
+        count = update_reset(update, frame, motor_on, &replies[0]);
         break;
     default:
         /* another's */

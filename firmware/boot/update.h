@@ -66,6 +66,12 @@ void terrapin_update_init(terrapin_update *update, const terrapin_boot *boot, ui
 uint32_t terrapin_update_accept(terrapin_update *update, const terrapin_frame *frame, bool motor_on,
                                 terrapin_frame replies[TERRAPIN_UPDATE_REPLIES]);
 
+/* The same for an application that leaves the writing to the boot loader (its watchdog is shorter than an erase):
+ * UPDATE_QUERY and UPDATE_RESET are served, the others refused as `boot_loader_only`. The host then resets with `stay`.
+ * Links neither signatures nor the flash's writing. */
+uint32_t terrapin_update_application(terrapin_update *update, const terrapin_frame *frame, bool motor_on,
+                                     terrapin_frame replies[TERRAPIN_UPDATE_REPLIES]);
+
 #ifdef __cplusplus
 }
 #endif
