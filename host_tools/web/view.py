@@ -1,9 +1,10 @@
 """What the Workbench tab draws of a case: one JSON object a view, one a preview.
 
+    draft(folder)                                      the fitted model beside the measurements, not yet judged
     view(folder)                                       verdict in words, plots, ranking, ladder, what to do next
     preview(folder, ["bulldozing"], noise, kept)       the curve and the errors with effects that are not added yet
 
-Everything comes from the pieces that the commands and the report use; nothing is computed a second way. Both are called
+Everything comes from the pieces that the commands and the report use; nothing is computed a second way. They are called
 in a process of their own (warm.py), and view_api.py keeps what they answer.
 """
 
@@ -15,7 +16,7 @@ from typing import Any
 
 from host_tools.errors import UserError
 
-__all__ = ["preview", "view"]
+__all__ = ["draft", "preview", "view"]
 
 CHIPS = {  # verdict -> the few words beside the title
     "adequate": "adequate",
@@ -23,6 +24,41 @@ CHIPS = {  # verdict -> the few words beside the title
     "ambiguous": "the data cannot tell",
     "unexplained": "unexplained",
 }
+
+
+def draft(folder: str | Path) -> dict[str, Any]:
+    """The plot of a case as soon as the model is fitted; what takes longer (the noise, the verdict) is `view`'s.
+
+    Of a channel whose noise is not stated `noise_sd` is None.
+    """
+    import numpy as np
+
+    from host_tools.workbench.analysis import fitted_on, measured, predict
+    from host_tools.workbench.case import load_case
+    from host_tools.workbench.models import Model
+    from host_tools.workbench.report_data import Drawn, drawn_data
+
+    case = load_case(Path(folder))
+    rows = case.train | case.test
+    channels = Model.of(case).channels
+    given = [case.sigma[name] for name in channels]
+    scale = np.std([case.channels[name][case.train] for name in channels], axis=1)
+    sigma = np.array([max(s, 1e-300) if g is None else g for s, g in zip(scale, given, strict=True)])
+    fits = fitted_on(case, case.effects, case.train, sigma)
+    prediction = predict(fits[-1], rows)
+    base = predict(fits[0], rows) if case.effects else None
+    drawn = Drawn(case, rows, channels, sigma, prediction, measured(fits[-1].model, rows) - prediction, base)
+    plot = drawn_data(drawn, {"where": [], "ladder": []}, [])
+    for channel in plot["channels"]:
+        channel["noise_sd"] = case.sigma[channel["name"]]
+    return {
+        "title": case.title,
+        "base": case.base.name,
+        "effects": list(case.effects),
+        "runs": len({*case.run[rows].tolist()}),
+        "held_out": sorted({case.run_names[i] for i in case.run[case.test]}),
+        "plot": plot,
+    }
 
 
 def view(folder: str | Path) -> dict[str, Any]:

@@ -66,10 +66,16 @@ async def _answer(context: Context, folder: File, function: str, *arguments: Any
 async def case_view(
     context: Terrapin,
     name: Annotated[str, Path(pattern=NAME)],
+    draft: bool = False,
     effect: Annotated[list[Annotated[str, Query(pattern=NAME)]] | None, Query(max_length=MOST_EFFECTS)] = None,
 ) -> dict[str, Any]:
-    """Verdict, plots, ranking and ladder of a case; with `effect` (repeat for more) the curve with them added."""
+    """Verdict, plots, ranking and ladder of a case; with `effect` (repeat for more) the curve with them added.
+
+    With `draft` the plot alone, which is there sooner.
+    """
     folder = context.workspace.case(name)
+    if draft and not effect:
+        return await _answer(context, folder, "draft")
     shown = await _answer(context, folder, "view")
     if not effect:
         return shown

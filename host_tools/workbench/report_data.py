@@ -16,9 +16,10 @@ from host_tools.workbench.directions import numeric_columns
 from host_tools.workbench.edit import OwnEffect, OwnParameter, add_effects
 from host_tools.workbench.fit import Fit
 
-__all__ = ["CARDS", "Preview", "page_data", "previews", "refit"]
+__all__ = ["CARDS", "Drawn", "Preview", "drawn_data", "page_data", "previews", "refit"]
 
 Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
 MAX_ROWS = 20_000
 MAX_NUMBERS = 220_000  # of all arrays together: some 1.8 MB of text
@@ -34,6 +35,27 @@ class Preview:
 
     effects: tuple[str, ...]
     prediction: Array
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What of a fitted model is drawn; arrays (channels, rows) over all rows that are trained on or held out."""
+
+    case: Case
+    rows: Mask
+    channels: tuple[str, ...]
+    sigma: Array  # (channels,)
+    prediction: Array
+    residual: Array
+    base: Array | None  # prediction of the base model, where effects have been added to it
+
+    @classmethod
+    def of(cls, analysis: Analysis) -> Drawn:
+        base = predict(analysis.ladder[0].fit, analysis.rows) if analysis.case.effects else None
+        sigma, prediction = analysis.noise.sigma, analysis.prediction
+        return cls(
+            analysis.case, analysis.rows, tuple(analysis.model.channels), sigma, prediction, analysis.residual, base
+        )
 
 
 def previews(analysis: Analysis, answer: dict[str, Any] | None) -> list[Preview]:
@@ -80,15 +102,19 @@ def refit(case: Case, sigma: Array, answer: dict[str, Any], effects: tuple[str, 
 
 def page_data(analysis: Analysis, answer: dict[str, Any], shown: list[Preview]) -> dict[str, Any]:
     """Everything that the page's script draws. `answer`: of discover, else of compare."""
-    case, rows = analysis.case, analysis.rows
+    return drawn_data(Drawn.of(analysis), answer, shown)
+
+
+def drawn_data(drawn: Drawn, answer: dict[str, Any], shown: list[Preview]) -> dict[str, Any]:
+    """The same of a model that is fitted and not yet judged, with an answer that has `where` and `ladder` only."""
+    case, rows, base = drawn.case, drawn.rows, drawn.base
     columns = numeric_columns(case)
-    names = _order(analysis, answer, columns)
-    order = list(analysis.model.channels)
+    names = _order(drawn, answer, columns)
+    order = list(drawn.channels)
     failing = answer["where"][0]["channel"] if answer["where"] else order[0]
     order.sort(key=lambda name: name != failing)
-    base = predict(analysis.ladder[0].fit, rows) if case.effects else None
     arrays = len(names) + 2 + len(order) * (2 + (base is not None) + len(shown))
-    scaled = analysis.residual / analysis.noise.sigma[:, None]
+    scaled = drawn.residual / drawn.sigma[:, None]
     kept = _thin(scaled, min(MAX_ROWS, MAX_NUMBERS // arrays))
 
     def numbers(values: Array) -> list[float]:
@@ -98,14 +124,14 @@ def page_data(analysis: Analysis, answer: dict[str, Any], shown: list[Preview]) 
     present = np.unique(run)
     channels = []
     for name in order:
-        i = analysis.model.channels.index(name)
+        i = drawn.channels.index(name)
         channels.append(
             {
                 "name": name,
                 "unit": case.units[name],
-                "noise_sd": float(analysis.noise.sigma[i]),
-                "measured": numbers(analysis.prediction[i] + analysis.residual[i]),
-                "predicted": numbers(analysis.prediction[i]),
+                "noise_sd": float(drawn.sigma[i]),
+                "measured": numbers(drawn.prediction[i] + drawn.residual[i]),
+                "predicted": numbers(drawn.prediction[i]),
                 "base": None if base is None else numbers(base[i]),
                 "previews": [numbers(preview.prediction[i]) for preview in shown],
             }
@@ -124,18 +150,18 @@ def page_data(analysis: Analysis, answer: dict[str, Any], shown: list[Preview]) 
         "held": [bool(held[run == i].any()) for i in present],
         "where": answer["where"],
         "ladder": answer["ladder"],
-        "heat": _heat(analysis, names[:HEAT_COLUMNS], columns, order, present),
+        "heat": _heat(drawn, names[:HEAT_COLUMNS], columns, order, present),
         "rows": len(run),
         "kept": len(kept),
     }
 
 
-def _order(analysis: Analysis, answer: dict[str, Any], columns: dict[str, Array]) -> list[str]:
+def _order(drawn: Drawn, answer: dict[str, Any], columns: dict[str, Array]) -> list[str]:
     """Columns worth looking at, the one on which the residual depends most first; those that do not vary left out."""
-    case = analysis.case
+    case = drawn.case
     wanted = [failure["variable"] for failure in answer["where"]]
     wanted += [role for role in (*case.base.needs, *case.roles, *case.extra) if role in columns]
-    return [n for n in dict.fromkeys(wanted) if n in columns and np.ptp(columns[n][analysis.rows]) > 0][:MAX_COLUMNS]
+    return [n for n in dict.fromkeys(wanted) if n in columns and np.ptp(columns[n][drawn.rows]) > 0][:MAX_COLUMNS]
 
 
 def _thin(scaled: Array, limit: int) -> npt.NDArray[np.int64]:
@@ -153,11 +179,11 @@ def _thin(scaled: Array, limit: int) -> npt.NDArray[np.int64]:
 
 
 def _heat(
-    analysis: Analysis, names: list[str], columns: dict[str, Array], channels: list[str], present: npt.NDArray[np.int64]
+    drawn: Drawn, names: list[str], columns: dict[str, Array], channels: list[str], present: npt.NDArray[np.int64]
 ) -> dict[str, Any]:
     """Mean residual in noise sd by run and range of a column, over all rows; the worst runs where there are many."""
-    case, rows = analysis.case, analysis.rows
-    scaled = analysis.residual / analysis.noise.sigma[:, None]
+    case, rows = drawn.case, drawn.rows
+    scaled = drawn.residual / drawn.sigma[:, None]
     run = np.searchsorted(present, case.run[rows])
     square = np.bincount(run, (scaled**2).mean(axis=0), len(present)) / np.bincount(run, minlength=len(present))
     worst = np.sort(np.argsort(-square)[:HEAT_RUNS])
@@ -176,8 +202,7 @@ def _heat(
         count = np.bincount(cell, minlength=bins * len(present))
         with np.errstate(invalid="ignore"):
             means = {
-                c: np.bincount(cell, scaled[analysis.model.channels.index(c)], bins * len(present)) / count
-                for c in channels
+                c: np.bincount(cell, scaled[drawn.channels.index(c)], bins * len(present)) / count for c in channels
             }
         found[name] = {
             "edges": [float(f"{v:.5g}") for v in edges],
