@@ -36,21 +36,23 @@ export function mount(element, app) {
   const clock = h('output', { class: 'n', text: '–' });
   const facts = h('p', { class: 'small soft', 'aria-live': 'off' });
   const charts = h('div');
+  charts.style.height = '150px';
   const strip = new Strip(charts);
+  strip.empty = 'Slip, torque, swing and more, once there is a run.';
   strip.onPick = (picked) => { if (run) { time = picked; setPlaying(false); draw(); } };
   const checks = h('ul', { class: 'checks' });
   const checksTitle = h('h2', { text: 'Checks' });
   const keepName = h('input', { type: 'text', id: 'sim-keep', 'aria-label': 'Name of the case', maxlength: '64' });
   const keep = h('button', { type: 'button', text: 'Keep as a case', disabled: true, onclick: keepCase });
-  const keepNote = h('p', { class: 'small soft', text: 'A case needs two runs, as one is held out: tick others below, or the scenario is run once more with the next seed.' });
+  const keepNote = h('p', { class: 'small soft', text: 'A case needs two runs, as one is held out: tick others above, or the scenario is run once more with the next seed.' });
   const runs = h('div', { class: 'runs', tabindex: '0', role: 'region', 'aria-label': 'Runs' });
 
   element.append(
     h('div', { class: 'sim-grid' },
       h('section', { class: 'panel sim-form' },
         h('div', { class: 'panel-head' }, h('h2', { text: 'Scenario' })),
-        h('label', { for: 'sim-scenario', class: 'visually-hidden', text: 'Scenario' }), select, title, form,
-        h('div', { class: 'row' }, start, reset), link),
+        h('label', { for: 'sim-scenario', class: 'visually-hidden', text: 'Scenario' }), select, title,
+        h('div', { class: 'row' }, start, reset), link, form),
       h('div', { class: 'plots' },
         notice, bar,
         h('section', { class: 'panel' }, h('div', { class: 'panel-head' }, name),

@@ -69,6 +69,7 @@ export class Strip {
     this.cursor = null; // a time
     this.fixed = null; // a time that the cursor shows while nobody points
     this.zero = 0; // what the axis calls 0 s
+    this.empty = 'Tick a signal in the list to see it here.';
     this.onPick = null; // (time) => ..., when somebody clicks
     this.redraws = 0; this.rate = 0;
     this.canvas = h('canvas', { tabindex: '0', role: 'img', 'aria-label': 'Strip charts; arrow keys move the time cursor' });
@@ -156,7 +157,7 @@ export class Strip {
     this.lanes.forEach((lane, place) => this.lane(pen, lane, place * each, each, begin, end, colours));
     if (!this.lanes.length) {
       pen.fillStyle = colours['--soft'];
-      pen.fillText('Tick a signal in the list to see it here.', LEFT, bottom / 2);
+      pen.fillText(this.empty, LEFT, bottom / 2);
     }
     this.lastLane(pen, bottom, begin, end, x, colours);
     pen.strokeStyle = colours['--line'];
@@ -192,12 +193,15 @@ export class Strip {
     const y = (value) => base - (value - bottom) / span * room;
     pen.lineWidth = 1;
     pen.textAlign = 'right';
-    for (const tick of ticks(bottom, bottom + span, Math.max(1, room / 34))) {
+    const marks = lane.words ? [...new Set(found.flatMap((c) => [c.low, c.high]))] : ticks(bottom, bottom + span, Math.max(1, room / 34));
+    let free = Infinity; // words that would lie on each other are left out
+    for (const tick of marks.sort((a, b) => a - b)) {
       pen.strokeStyle = colours['--hair'];
       line(pen, LEFT, y(tick), LEFT + this.wide, y(tick));
       pen.fillStyle = colours['--soft'];
-      const word = lane.words && Number.isInteger(tick) ? lane.words[tick] : null;
-      if (!lane.words || word) pen.fillText(word ? word.slice(0, 10) : number(tick), LEFT - 6, y(tick));
+      if (free - y(tick) < 11) continue;
+      free = y(tick);
+      pen.fillText(lane.words ? (lane.words[tick] ?? number(tick)).slice(0, 10) : number(tick), LEFT - 6, y(tick));
     }
     pen.save();
     pen.beginPath();
