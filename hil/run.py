@@ -185,14 +185,17 @@ def run(
         opened.start(values)
         begin, late, written = time.monotonic(), list[float](), 0
 
-        def flush() -> None:
+        def flush(whole: bool = True) -> None:
+            # On a bus a tick's telemetry may come with the next tick's answer: its row is kept back until then.
             nonlocal written
+            end = simulation.done if whole else max(written, simulation.done - 1)
             if observers:
                 simulation.write_frames(written)
-            rows = simulation.records[written : simulation.done]
-            written = simulation.done
+            rows = simulation.records[written:end]
+            written = simulation.done  # an observer that fails is not asked again
             for observer in observers:
                 observer.write(rows)
+            written = end
 
         try:
             while simulation.done < scenario.ticks:
@@ -201,7 +204,7 @@ def run(
                     _real_time(opened, simulation, ticks, begin, late)
                 else:
                     opened.advance(simulation, ticks)
-                flush()
+                flush(whole=simulation.done == scenario.ticks)
                 _require_motion(simulation)
                 if progress is not None:
                     progress(simulation.done / scenario.ticks)

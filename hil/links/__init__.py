@@ -79,14 +79,16 @@ def _serial(where: str) -> Link:
 
 
 def _can(where: str) -> Link:
-    from hil.links.pythoncan import PythonCan
+    from hil.links.pythoncan import open_pythoncan
 
     interface, _, channel = where.partition(":")
-    return PythonCan(interface, channel)
+    return open_pythoncan(interface, channel)
 
 
 def _socketcan(where: str) -> Link:
-    return _can(f"socketcan:{where}")
+    from hil.links.socketcan import open_socketcan
+
+    return open_socketcan(where)
 
 
 _OPEN: dict[str, Callable[[str], Link]] = {

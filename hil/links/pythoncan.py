@@ -1,21 +1,18 @@
-"""The controller on any bus that python-can knows: SocketCAN, slcan on a port, vendors' adapters."""
+"""The controller on any bus that python-can knows: slcan on a port, vendors' adapters, SocketCAN as well."""
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Mapping, Sequence
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import can
 
+from hil.links.bus import BusLink
 from hil.links.slcan import LinkError
-from hil.links.wire import write_parameters
-from hil.messages import Frame, Sender, interface
-from hil.simulation import AnswerError, Simulation
+from hil.messages import Frame, interface
 
-__all__ = ["PythonCan"]
+__all__ = ["PythonCan", "open_pythoncan"]
 
 
 logging.getLogger("can").addHandler(logging.NullHandler())  # what matters of its words comes as an error
@@ -26,8 +23,7 @@ def _reason(error: Exception) -> str:
 
 
 class PythonCan:
-    """Lockstep over a CAN bus. A bus gives no sign that an answer is complete, so a telemetry frame that follows
-    ACTUATE is taken in with the next tick and logged with its own."""
+    """An open bus of python-can (see hil.links.bus.Bus)."""
 
     def __init__(self, kind: str, channel: str, timeout: float = 2.0) -> None:
         self.name = f"{kind}:{channel}"
@@ -37,79 +33,34 @@ class PythonCan:
             self._bus = can.Bus(interface=kind, channel=channel, bitrate=500_000, **options)
         except Exception as error:  # each adapter's driver has its own way of not being there
             raise LinkError(f"{self.name}: cannot open the link: {_reason(error)}") from None
-        self._interface = interface()
-        self._own = {m.id for m in self._interface.messages.values() if m.sender == "controller"}
-        self._actuate = self._interface.messages["ACTUATE"].id
-        self._sender = Sender(self._interface)
+        self._own = {m.id for m in interface().messages.values() if m.sender == "controller"}
 
-    def _send(self, frames: Sequence[Frame]) -> None:
-        for identifier, data in frames:
-            try:
-                self._bus.send(
-                    can.Message(arbitration_id=identifier, data=data, is_extended_id=False), timeout=self._timeout
-                )
-            except (can.CanError, OSError) as error:
-                raise LinkError(f"{self.name}: {_reason(error)}") from None
+    def send(self, frame: Frame) -> None:
+        identifier, data = frame
+        try:
+            self._bus.send(
+                can.Message(arbitration_id=identifier, data=data, is_extended_id=False), timeout=self._timeout
+            )
+        except (can.CanError, OSError) as error:
+            raise LinkError(f"{self.name}: {_reason(error)}") from None
 
-    def _receive(self, until: int) -> list[Frame]:
-        """The controller's frames up to the first with identifier `until`, that one included."""
-        end = time.monotonic() + self._timeout
-        frames: list[Frame] = []
+    def receive(self, wait: float) -> Frame | None:
+        end = time.monotonic() + wait
         while True:
             try:
                 message = self._bus.recv(max(0.0, end - time.monotonic()))
             except (can.CanError, OSError, ValueError, TypeError) as error:
                 raise LinkError(f"{self.name}: the link disappeared ({error})") from None
             if message is None:
-                raise LinkError(f"{self.name}: no answer within {self._timeout:g} s")
-            if message.arbitration_id in self._own and not message.is_extended_id:
-                frames.append((message.arbitration_id, bytes(message.data)))
-                if message.arbitration_id == until:
-                    return frames
-
-    def _drain(self, wait: float = 0.05) -> list[Frame]:
-        frames: list[Frame] = []
-        while (message := self._bus.recv(wait)) is not None:
-            if message.arbitration_id in self._own:
-                frames.append((message.arbitration_id, bytes(message.data)))
-        return frames
-
-    def start(self, parameters: Mapping[str, float]) -> None:
-        self._send([*self._sender.test_mode(False), *self._sender.test_mode()])
-        self._drain()
-        reply = self._interface.messages["PARAMETER_VALUE"].id
-
-        def exchange(frames: Sequence[Frame]) -> list[Frame]:
-            self._send(frames)
-            return self._receive(reply)
-
-        write_parameters(self._sender, self._interface, parameters, exchange)
-
-    def advance(self, simulation: Simulation, ticks: int) -> None:
-        try:
-            for _ in range(ticks):
-                frames = simulation.sense()
-                if not frames:
-                    simulation.answer(())
-                    continue
-                self._send(frames)
-                *late, actuate = self._receive(self._actuate)
-                for frame in late:
-                    simulation.append(simulation.done - 1, frame)
-                simulation.answer([actuate])
-            if simulation.done == len(simulation.records):
-                for frame in self._drain():
-                    simulation.append(simulation.done - 1, frame)
-        except AnswerError as error:
-            raise LinkError(f"{self.name}: {error}") from None
+                return None
+            plain = not (message.is_extended_id or message.is_remote_frame or message.is_error_frame)
+            if plain and message.arbitration_id in self._own:
+                return message.arbitration_id, bytes(message.data)
 
     def close(self) -> None:
         self._bus.shutdown()
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+def open_pythoncan(kind: str, channel: str, timeout: float = 2.0) -> BusLink:
+    """Link over a bus of python-can. LinkError when it does not open."""
+    return BusLink(PythonCan(kind, channel, timeout), timeout)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -85,6 +86,12 @@ class SlcanLink:
     def exchange(self, frames: Sequence[Frame]) -> list[Frame]:
         """Sends frames; what the controller answers to them. LinkError when it does not."""
         return self._port.exchange(b"".join(map(slcan_line, frames)))
+
+    def talk(self, frames: Sequence[Frame], wait: float) -> list[Frame]:
+        """Sends frames to a controller that steps by itself; what it sends within `wait` seconds."""
+        heard = self._port.exchange_frames(frames)
+        time.sleep(wait)
+        return [*heard, *self._port.exchange(b"F\r")]  # all that has come stands before the answer to this
 
     def close(self) -> None:
         self._port.close()
