@@ -12,12 +12,13 @@ from typing import Annotated
 
 import typer
 
-from hil.checks import CheckError
+from hil.checks import CheckError, Outcome
 from hil.compiled_effects import EffectError
 from hil.firmware import ParameterError
-from hil.links import LINKS, LinkNameError, check_link_name
+from hil.links import LINKS, Link, LinkNameError, check_link_name, open_link
 from hil.messages import Interface, interface
 from hil.reading import ReadingError, load
+from hil.rig import Rig, RigError, load_rig
 from hil.run import DivergedError, Result, run
 from hil.scenario import find_scenario, load_scenario, parameters_of
 from host_tools.contact_error import ContactError, contact_error
@@ -125,12 +126,32 @@ def _as_text(result: Result, folder: Path | None, written: bool) -> str:
     return "\n".join(rows)
 
 
+@contextlib.contextmanager
+def _within(path: Path, link: str) -> Iterator[tuple[Link, list[Outcome]]]:
+    """The link in a rig: the board reset, its e-stop measured, its enable line watched while the run lasts."""
+    from hil.rig_checks import bridge_stays_off, estop_outcome
+
+    outcomes: list[Outcome] = []
+    with contextlib.ExitStack() as stack:
+        rig = stack.enter_context(Rig(load_rig(path)))
+        if rig.has("reset"):
+            rig.reset()
+        opened = stack.enter_context(open_link(link))
+        if rig.has("estop", "enable"):
+            outcomes.append(estop_outcome(rig, opened))  # type: ignore[arg-type]  # links of boards talk
+        if rig.has("enable"):
+            stack.enter_context(bridge_stays_off(rig, outcomes))
+        yield opened, outcomes
+
+
 def command(
     scenario: Annotated[str, typer.Argument(help="scenario file, or the name of a shipped scenario")],
     link: Annotated[str, typer.Option(help="where the controller is")] = "inprocess",
     out: Annotated[Path | None, typer.Option(help="folder for telemetry.log, truth.csv and run.toml")] = None,
     seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="instead of the scenario's")] = None,
     parameters: Annotated[Path | None, typer.Option(help="TOML file with a table [parameters]")] = None,
+    real_time: Annotated[bool, typer.Option("--real-time", help="keep to the clock; lateness is reported")] = False,
+    rig: Annotated[Path | None, typer.Option(help="TOML file that names the GPIO lines around a real board")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="the result as JSON on standard output")] = False,
 ) -> int:
     try:
@@ -138,6 +159,10 @@ def command(
         chosen = load_scenario(find_scenario(scenario))
         if seed is not None:
             chosen = replace(chosen, seed=seed)
+        if real_time:
+            chosen = replace(chosen, real_time=True)
+        if rig is not None and not link.startswith(("serial:", "socketcan:", "can:")):
+            raise UserError(f"--rig is around a real board: found --link {link}, expected serial: or socketcan:")
         description = interface()
         values = read_parameters(parameters, description) if parameters else {}
         folder = RunFolder(out, chosen, link, values, description) if out else None
@@ -146,12 +171,17 @@ def command(
                 stack.callback(folder.close)
             progress = stack.enter_context(_progress(chosen.name))
             observers = [folder] if folder else []
-            result = run(chosen, link, parameters=values, observers=observers, progress=progress)
+            if rig is None:
+                result = run(chosen, link, parameters=values, observers=observers, progress=progress)
+            else:
+                with _within(rig, link) as (opened, outcomes):
+                    result = run(chosen, opened, parameters=values, observers=observers, progress=progress)
+                result.outcomes = (*outcomes, *result.outcomes)
             if folder is not None:
                 folder.finish(result)
     except (ReadingError, CheckError, EffectError, LinkNameError, ParameterError) as error:
         raise UserError(str(error)) from None
-    except DivergedError as error:
+    except (DivergedError, RigError) as error:
         raise UserError(str(error), status=1) from None
     except KeyboardInterrupt:
         raise UserError(f"interrupted; the log up to here is in {out}" if out else "interrupted", status=130) from None

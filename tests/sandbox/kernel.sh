@@ -4,14 +4,14 @@
 # kernel.sh find    prints the path of the kernel that stands in the cache; status 1 and the reason when there is none
 # kernel.sh build   builds it there first when it is missing (Debian's packaged source, some minutes, once)
 #
-# The cache is ${XDG_CACHE_HOME:-~/.cache}/terrapin/uml/SOURCE_VERSION-KEY/linux; KEY is of configuration, patch and
+# The cache is ${XDG_CACHE_HOME:-~/.cache}/terrapin/uml/SOURCE_VERSION-KEY/linux; KEY is of configuration, patches and
 # machine. A newer source version alone is no reason to build again.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 series=6.1 # the source package linux-source-6.1 (Debian 12)
 limit=${TERRAPIN_KERNEL_LIMIT:-1500} # s for the compiler
 cache=${XDG_CACHE_HOME:-$HOME/.cache}/terrapin/uml
-key=$(cat "$here/kernel/config" "$here/kernel/irq.patch" <(uname -m) | sha256sum | cut -c1-12)
+key=$(cat "$here/kernel/config" "$here"/kernel/*.patch <(uname -m) | sha256sum | cut -c1-12)
 
 say() { printf '%s\n' "$*" >&2; }
 fail() {
@@ -53,9 +53,11 @@ unpack() {
 
 # compile FOLDER: make, with a line of progress now and then; its words are in FOLDER/log
 compile() {
-    local folder=$1 pid start=$SECONDS shown=0
+    local folder=$1 patch pid start=$SECONDS shown=0
     cp "$here/kernel/config" "$folder/source/arch/um/configs/terrapin_defconfig"
-    patch -s -p1 -d "$folder/source" <"$here/kernel/irq.patch" >>"$folder/log" 2>&1 || fail "the patch does not fit: $(tail -n 3 "$folder/log")"
+    for patch in "$here"/kernel/*.patch; do
+        patch -s -p1 -d "$folder/source" <"$patch" >>"$folder/log" 2>&1 || fail "${patch##*/} does not fit: $(tail -n 3 "$folder/log")"
+    done
     (
         cd "$folder/source"
         timeout 120 make ARCH=um "O=$folder/out" terrapin_defconfig
