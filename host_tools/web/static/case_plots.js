@@ -11,8 +11,8 @@ export class CasePlots {
   constructor(app, changed) {
     this.app = app;
     this.changed = changed;
-    this.variable = null;
-    this.channel = null;
+    this.variable = this.channel = null; // what is shown
+    this.picked = {}; // what the user chose; else the view says what matters most
     const overlay = h('div', { class: 'tall' }), residual = h('div');
     this.overlay = new Plot(overlay, 'Model and measurement');
     this.residual = new Plot(residual, 'Residual');
@@ -42,20 +42,21 @@ export class CasePlots {
   take(view) {
     this.view = view;
     const plot = view.plot;
-    if (!plot.columns[this.variable]) this.variable = plot.variable;
-    if (!plot.channels.some((c) => c.name === this.channel)) this.channel = plot.channels[0].name;
+    const { variable, channel } = this.picked;
+    this.variable = plot.columns[variable] ? variable : plot.variable;
+    this.channel = plot.channels.some((c) => c.name === channel) ? channel : plot.channels[0].name;
     const select = (label, names, chosen, set) => h('label', {}, `${label} `, h('select', { onchange: (event) => { set(event.target.value); this.changed(); } },
       names.map(([name, text]) => h('option', { value: name, selected: name === chosen, text }))));
     const named = (name, one) => [name, one.unit && one.unit !== '1' ? `${name}, ${one.unit}` : name];
-    this.axis.replaceChildren(select('against', Object.entries(plot.columns).map(([name, one]) => named(name, one)), this.variable, (v) => { this.variable = v; }));
+    this.axis.replaceChildren(select('against', Object.entries(plot.columns).map(([name, one]) => named(name, one)), this.variable, (v) => { this.variable = this.picked.variable = v; }));
     this.choices.replaceChildren(...(plot.channels.length > 1
-      ? [select('channel', plot.channels.map((c) => named(c.name, c)), this.channel, (v) => { this.channel = v; })] : []));
+      ? [select('channel', plot.channels.map((c) => named(c.name, c)), this.channel, (v) => { this.channel = this.picked.channel = v; })] : []));
   }
 
   choose(variable, channel) {
     const { plot } = this.view;
-    if (plot.columns[variable]) this.variable = variable;
-    if (plot.channels.some((c) => c.name === channel)) this.channel = channel;
+    if (plot.columns[variable]) this.picked.variable = variable;
+    if (plot.channels.some((c) => c.name === channel)) this.picked.channel = channel;
     this.take(this.view);
     this.changed();
   }

@@ -150,10 +150,10 @@ export class Controller {
       ? `The controller compensates ${view.exports.join(', ')}. The run shows its C_t error without and with these parameters.`
       : 'Nothing in the model that the controller compensates.';
     if (this.scenario.options.length) return;
-    let names = ['heated_winding', 'steady_sand'];
-    try { names = (await this.page.app.api('scenarios')).map((one) => one.name ?? one); } catch { /* the two that always ship */ }
-    const usual = view.effects.includes('motor_heating') || view.missing.includes('motor_heating') ? 'heated_winding' : 'steady_sand';
-    this.scenario.replaceChildren(...names.map((name) => h('option', { value: name, text: name.replaceAll('_', ' '), selected: name === usual })));
+    const usual = [...view.effects, ...view.missing].includes('motor_heating') ? 'heated_winding' : 'steady_sand';
+    const fill = (names) => this.scenario.replaceChildren(...names.map((name) => h('option', { value: name, text: name.replaceAll('_', ' '), selected: name === (this.scenario.value || usual) })));
+    fill(['heated_winding', 'steady_sand']);
+    try { fill((await this.page.app.api('scenarios')).scenarios.map((one) => one.name)); } catch { /* the two that always ship */ }
   }
 
   async export() {

@@ -46,7 +46,9 @@ export function curve(x, y, sd, run, runs) {
     line.forEach((i, n) => { if (n && x[i] - x[line[n - 1]] > gap) parts.push([]); parts[parts.length - 1].push(i); });
     return parts;
   };
-  const smooth = (parts) => parts.filter((p) => rough(p, y, sd) < 0.6).length >= 0.9 * parts.length;
+  const [low, high] = span([y], 0);
+  const fine = Math.max(sd, 0.15 * (high - low)); // a bend of that size is seen as a bend, not as scatter
+  const smooth = (parts) => parts.filter((p) => rough(p, y, fine) < 0.6).length >= 0.9 * parts.length;
   const whole = broken(all);
   if (distinct > 3 && smooth(whole)) return whole;
   const byRun = Array.from({ length: runs }, () => []);
@@ -205,8 +207,8 @@ export class Plot {
   }
 
   points(c, one, X, Y) {
-    const x = this.spec.x.values, dense = x.length > 600, size = one.size || (dense ? 2.2 : 3.4);
-    c.globalAlpha = one.alpha ?? (dense ? 0.55 : 0.8);
+    const x = this.spec.x.values, many = x.length, size = one.size || (many > 3000 ? 1.5 : many > 600 ? 2.2 : 3.4);
+    c.globalAlpha = one.alpha ?? (many > 3000 ? 0.3 : many > 600 ? 0.55 : 0.8);
     c.fillStyle = c.strokeStyle = one.color;
     c.lineWidth = 1.5;
     for (const i of one.rows) {

@@ -1,0 +1,68 @@
+"""A browser and a server for the tests through the page. Without Chromium they skip, with the reason."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "web"))
+
+from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
+from serving import Server
+
+CHROMIUM = next((found for name in ("chromium", "google-chrome") if (found := shutil.which(name))), None)
+FLAGS = [
+    "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync",
+]  # fmt: skip
+SECONDS = 30  # that a busy machine may take for a step
+
+
+@pytest.fixture(scope="session")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """A server on a fresh workspace, shared."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium here")
+    running = Server(tmp_path_factory.mktemp("browser"))
+    yield running
+    running.stop()
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """Chromium, without a window."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium here")
+    with sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield running
+        running.close()
+
+
+@pytest.fixture
+def page(browser: Browser, server: Server) -> Iterator[Page]:
+    """The page at 1280 x 800, open with its token. At the end its console must be empty."""
+    context = browser.new_context(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
+    opened = context.new_page()
+    opened.set_default_timeout(1000 * SECONDS)
+    said: list[str] = []
+
+    def told(message: ConsoleMessage) -> None:
+        if message.type in ("error", "warning"):
+            said.append(f"{message.type}: {message.text} ({message.location.get('url')})")
+
+    opened.on("console", told)
+    opened.on("pageerror", lambda error: said.append(f"error: {error}"))
+    opened.goto(server.line)
+    yield opened
+    keep = os.environ.get("TERRAPIN_SCREENSHOTS")  # a folder for pictures to look at
+    if keep:
+        Path(keep).mkdir(parents=True, exist_ok=True)
+        opened.screenshot(path=str(Path(keep) / "last.png"))
+    context.close()
+    assert said == []
