@@ -26,13 +26,13 @@ def web(
 
     Example: terrapin web --port 8765 --workspace my-work
     """
+    if not 0 <= port <= 65535:
+        raise UserError(f"--port: found {port}, expected 0 to 65535")
     import asyncio
     import secrets
 
     from host_tools.web.serve import serve
 
-    if not 0 <= port <= 65535:
-        raise UserError(f"--port: found {port}, expected 0 to 65535")
     listening = _listen(port)
     token = secrets.token_urlsafe(24)
     address = f"http://127.0.0.1:{listening.getsockname()[1]}/?token={token}"

@@ -160,7 +160,8 @@ class Warm:
             message = json.dumps({**request, "number": number}).encode()
             if len(message) > 100_000:
                 raise UserError(f"found a command line of {len(message)} bytes, expected at most 100000")
-            self._started[number], self._ended[number] = loop.create_future(), loop.create_future()
+            started, ended = loop.create_future(), loop.create_future()
+            self._started[number], self._ended[number] = started, ended
             assert self._socket is not None
             socket.send_fds(self._socket, [message], [out, writing])
         except BaseException:
@@ -169,10 +170,16 @@ class Warm:
         finally:
             os.close(writing)
         errors = await _stream(reading)
-        pid = await self._started[number]
+        try:
+            pid = await asyncio.shield(started)
+        except asyncio.CancelledError:  # nobody wants it any more
+            pid = await started
+            if pid:
+                await Process(pid, errors, ended).stop()
+            raise
         if not pid:
             raise UserError("the process that does the work ended; is there too little memory?", 1)
-        return Process(pid, errors, self._ended[number])
+        return Process(pid, errors, ended)
 
     def _read(self, ours: socket.socket) -> None:
         try:
