@@ -147,7 +147,7 @@ def _signals(path: Path, decoder: Decoder | None, period: str, to: Path) -> int:
 
 
 def record(
-    to: Annotated[Path, typer.Argument(metavar="TO", help=".log, .blf or .mcap: kinds that survive a crash")],
+    to: Annotated[Path, typer.Argument(metavar="TO", help=".log, .blf, .mf4 or .mcap: kinds that survive a crash")],
     link: Annotated[
         str, typer.Option("--link", help="socketcan:CHANNEL, serial:DEVICE (SLCAN), can:INTERFACE:CHANNEL")
     ],

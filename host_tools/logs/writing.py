@@ -3,8 +3,8 @@
 with LogWriter(path, decoder) as log:
     log.write(frames)
 
-Candump text, BLF and MCAP grow as frames come, and what stands can be read after a crash; the others are whole when
-they are closed.
+Candump text, BLF, MF4 and MCAP can grow as frames come (growing=True): what stands can then be read after a crash. ASC
+and Parquet are whole when they are closed.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Mapping
-from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self
@@ -23,11 +22,12 @@ from host_tools.errors import UserError
 from host_tools.logs.candump import line
 from host_tools.logs.decoding import Decoder
 from host_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames
+from host_tools.logs.mf4 import GrowingMf4, WholeMf4
 from host_tools.logs.reading import RAW_TOPIC, READABLE
 
 __all__ = ["GROWING", "LogWriter"]
 
-GROWING = (".log", ".blf", ".mcap")  # readable up to the last flush, whatever happens
+GROWING = (".log", ".blf", ".mf4", ".mcap")  # readable up to the last flush, whatever happens
 EVENTS_TOPIC = "/events"
 
 
@@ -46,7 +46,7 @@ class LogWriter:
             ".log": lambda: _Candump(path),
             ".blf": lambda: _PythonCan(path),
             ".asc": lambda: _PythonCan(path),
-            ".mf4": lambda: _Mf4(path),
+            ".mf4": lambda: GrowingMf4(path) if growing else WholeMf4(path),
             ".mcap": lambda: _Mcap(path, decoder, growing),
             ".parquet": lambda: _Parquet(path),
         }
@@ -160,65 +160,6 @@ class _PythonCan:
 
     def close(self) -> None:
         self._writer.stop()
-
-
-_MF4_TYPE = [  # names and widths of ASAM's bus logging
-    ("CAN_DataFrame.BusChannel", "u1"),
-    ("CAN_DataFrame.ID", "<u4"),
-    ("CAN_DataFrame.IDE", "u1"),
-    ("CAN_DataFrame.DLC", "u1"),
-    ("CAN_DataFrame.DataLength", "u1"),
-    ("CAN_DataFrame.DataBytes", "u1", (64,)),
-    ("CAN_DataFrame.Dir", "u1"),
-    ("CAN_DataFrame.EDL", "u1"),
-    ("CAN_DataFrame.BRS", "u1"),
-    ("CAN_DataFrame.ESI", "u1"),
-]
-_FD_LENGTHS = np.array([*range(9), 12, 16, 20, 24, 32, 48, 64])
-
-
-class _Mf4:
-    """Data frames as ASAM MDF 4 bus logging; remote and error frames are left out."""
-
-    def __init__(self, path: Path) -> None:
-        from asammdf import MDF
-
-        with path.open("wb"):
-            pass  # complain now, not at the end
-        self._path = path
-        self._mdf: Any = MDF(version="4.10")
-        self._start: float | None = None
-
-    def write(self, frames: Frames) -> None:
-        from asammdf import Signal
-        from asammdf.blocks.source_utils import Source
-
-        frames = frames.data_frames
-        if not len(frames):
-            return
-        samples = np.zeros(len(frames), dtype=_MF4_TYPE)
-        samples["CAN_DataFrame.BusChannel"] = 1
-        samples["CAN_DataFrame.ID"] = frames.identifiers
-        samples["CAN_DataFrame.IDE"] = (frames.flags & EXTENDED) != 0
-        samples["CAN_DataFrame.DLC"] = np.searchsorted(_FD_LENGTHS, frames.lengths)
-        samples["CAN_DataFrame.DataLength"] = frames.lengths
-        samples["CAN_DataFrame.DataBytes"][:, : frames.data.shape[1]] = frames.data
-        samples["CAN_DataFrame.Dir"] = (frames.flags & SENT) != 0
-        samples["CAN_DataFrame.EDL"] = (frames.flags & FD) != 0
-        if self._start is None:
-            self._start = float(np.floor(frames.times[0]))
-            self._mdf.header.start_time = datetime.fromtimestamp(self._start, UTC)
-            source = Source("CAN", "CAN1", "", Source.SOURCE_BUS, Source.BUS_TYPE_CAN)
-            self._mdf.append([Signal(samples, frames.times - self._start, name="CAN_DataFrame", source=source)])
-        else:
-            self._mdf.extend(0, [(frames.times - self._start, None), (samples, None)])
-
-    def flush(self) -> None:
-        pass  # not before close
-
-    def close(self) -> None:
-        self._mdf.save(self._path, overwrite=True, compression=2)
-        self._mdf.close()
 
 
 _RAW_SCHEMA = {

@@ -104,7 +104,7 @@ def test_replay_needs_ticks(tmp_path: Path) -> None:
     assert "no SENSORS_FAST" in terrapin("log", "replay", tmp_path / "x.log", status=2).stderr
 
 
-@pytest.mark.parametrize("kind", ["log", "blf", "mcap"])
+@pytest.mark.parametrize("kind", ["log", "blf", "mf4", "mcap"])
 def test_record_survives_kill(tmp_path: Path, kind: str) -> None:
     """A recorder killed in the act leaves all but the last half second; nothing is lost until then."""
     port = 20_000 + os.getpid() % 20_000
@@ -131,8 +131,8 @@ def test_record_survives_kill(tmp_path: Path, kind: str) -> None:
 
 
 def test_record_refuses(tmp_path: Path) -> None:
-    done = terrapin("log", "record", tmp_path / "x.mf4", "--link", "can:virtual:x", status=2)
-    assert "expected one of .log .blf .mcap" in done.stderr
+    done = terrapin("log", "record", tmp_path / "x.parquet", "--link", "can:virtual:x", status=2)
+    assert "expected one of .log .blf .mf4 .mcap" in done.stderr
     done = terrapin("log", "record", tmp_path / "x.log", "--link", "nonsense", status=2)
     assert "expected one of socketcan:CHANNEL" in done.stderr
     done = terrapin("log", "record", tmp_path / "x.log", "--link", "socketcan:can9", status=1)

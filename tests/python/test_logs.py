@@ -18,9 +18,9 @@ from hypothesis import strategies as st
 from hil import paths
 from host_tools.errors import UserError
 from host_tools.logs.decoding import Decoder
-from host_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, frames
+from host_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, frames, joined
 from host_tools.logs.reading import LogReader, read_log
-from host_tools.logs.writing import LogWriter
+from host_tools.logs.writing import GROWING, LogWriter
 
 DBC = paths.build() / "generated" / "terrapin.dbc"
 KINDS = (".log", ".blf", ".asc", ".mf4", ".mcap", ".parquet")
@@ -132,7 +132,7 @@ def telemetry(count: int) -> Frames:
     return frames(Path("made"), np.arange(count) * 0.01, [message.frame_id] * count, payloads, [0] * count)
 
 
-@pytest.mark.parametrize("kind", [".log", ".blf", ".mcap"])
+@pytest.mark.parametrize("kind", GROWING)
 def test_cut_by_kill(tmp_path: Path, kind: str) -> None:
     """A recorder that is killed leaves a log that reads up to its last flush, and reading says that it is cut."""
     path = tmp_path / f"x{kind}"
@@ -188,6 +188,45 @@ def test_junk(tmp_path: Path, kind: str) -> None:
     path.write_bytes(bytes(range(256)) * 50)
     with pytest.raises(UserError, match="expected"):
         read_log(path)
+
+
+@pytest.mark.parametrize("kind", GROWING)
+def test_growing_is_whole_after_each_flush(tmp_path: Path, kind: str) -> None:
+    """A copy of the file at any flush reads up to there, by our reader; CAN FD may begin in the middle."""
+    narrow, wide = some(300, plain=True), some(200, begin=2000.0)
+    parts = [narrow.pick(np.arange(0, 100)), narrow.pick(np.arange(100, 300)), wide, wide.pick(np.arange(0))]
+    written: list[Frames] = []
+    with LogWriter(tmp_path / f"x{kind}", growing=True) as file:
+        for number, part in enumerate(parts):
+            file.write(part)
+            file.flush()
+            written.append(part)
+            copy = tmp_path / f"copy{number}{kind}"
+            copy.write_bytes((tmp_path / f"x{kind}").read_bytes())
+            same(joined(copy, written), read_log(copy)[0])
+    same(joined(Path("x"), written), read_log(tmp_path / f"x{kind}")[0])
+    assert {path.name for path in tmp_path.iterdir() if "copy" not in path.name} == {f"x{kind}"}
+
+
+@pytest.mark.parametrize("kind", GROWING)
+def test_growing_and_empty(tmp_path: Path, kind: str) -> None:
+    with LogWriter(tmp_path / f"x{kind}", growing=True):
+        pass
+    assert len(read_log(tmp_path / f"x{kind}")[0]) == 0
+
+
+def test_asammdf_reads_a_growing_one(tmp_path: Path) -> None:
+    """While it is being written: asammdf's own extraction finds the signals."""
+    from asammdf import MDF
+
+    log = telemetry(50)
+    file = LogWriter(tmp_path / "x.mf4", growing=True)
+    file.write(log)
+    file.flush()
+    with MDF(tmp_path / "x.mf4") as mdf:
+        torque = mdf.extract_bus_logging({"CAN": [(str(DBC), 0)]}).get("torque").samples
+    np.testing.assert_allclose(torque, Decoder(DBC).decode(log)["GROUND"].signals["torque"], rtol=1e-12)
+    file.close()
 
 
 def test_unknown_kind(tmp_path: Path) -> None:
