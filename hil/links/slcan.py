@@ -62,7 +62,8 @@ class SlcanPort:
     """One open channel. `timeout` [s] bounds every wait; all failures are LinkError."""
 
     def __init__(self, path: str | Path, timeout: float = 2.0, descriptors: tuple[int, int] | None = None) -> None:
-        """`descriptors`: open ones to read from and to write to, not blocking, instead of the terminal `path`."""
+        """`path`: of a terminal, left at its speed, or DEVICE@BAUD. `descriptors`: open ones to read from and to write
+        to, not blocking, instead of it."""
         self.path = str(path)
         self.timeout = timeout
         self._rest = b""
@@ -75,9 +76,19 @@ class SlcanPort:
         self._writable.register(self._to, select.POLLOUT)
 
     def _open_terminal(self) -> tuple[int, int]:
+        device, at, baud = self.path.rpartition("@")
+        if not at or not baud.isdigit():
+            device, baud = self.path, ""
+        speed = getattr(termios, f"B{baud}", None)
+        if baud and speed is None:
+            raise LinkError(f"{self.path}: no serial line has {baud} bit/s; 1000000 is what the boards use")
         try:
-            descriptor = os.open(self.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+            descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
             tty.setraw(descriptor, termios.TCSANOW)
+            if speed is not None:
+                settings = termios.tcgetattr(descriptor)
+                settings[4] = settings[5] = speed  # in and out
+                termios.tcsetattr(descriptor, termios.TCSANOW, settings)
         except (OSError, termios.error) as error:
             reason = error.strerror if isinstance(error, OSError) else "not a terminal"
             raise LinkError(f"{self.path}: cannot open the link: {reason}") from None

@@ -1,0 +1,227 @@
+"""The STM32F405's very image in QEMU, over USART1: it boots without crystal, ADC, CAN and watchdog, says so, and
+answers every tick with the host build's bits. QEMU does 110 to 400 ticks a second, so three scenarios of 2 s."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import struct
+import subprocess
+import time
+import tomllib
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hil.links import open_link
+from hil.links.qemu_usart import QemuUsart, QemuUsartLink, image, open_qemu_usart
+from hil.links.slcan import LinkError, SlcanPort
+from hil.links.wire import SlcanLink
+from hil.messages import Frame, Sender, interface
+from hil.run import run
+from hil.scenario import Scenario, find_scenario, load_scenario
+
+BUDGET = tomllib.loads((Path(__file__).parent / "budget.toml").read_text())["stm32f405"]
+BOARDS = ("emulated", "f405-h-bridge")
+PLACES = {"alone": (0x0800_0000, 0), "slot-a": (0x0802_0000, 0x200), "slot-b": (0x0804_0000, 0x200)}
+IMAGES = [(board, place) for board in BOARDS for place in PLACES]
+
+pytestmark = [
+    pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="qemu-system-arm is not installed"),
+    pytest.mark.skipif(not image().is_file(), reason="the ARM images are not built (no ARM cross compiler)"),
+]
+
+
+def shortened(name: str) -> Scenario:
+    """The first two seconds of a scenario; its checks are another test's."""
+    return replace(load_scenario(find_scenario(name)), duration=2.0, checks=())
+
+
+@pytest.fixture
+def port() -> Iterator[SlcanPort]:
+    """The emulated board, freshly booted."""
+    machine = QemuUsart()
+    with machine.start() as opened:
+        yield opened
+    machine.stop()
+
+
+def listen(port: SlcanPort, seconds: float, frames: list[Frame] | None = None) -> list[Frame]:
+    """What the board sends by itself, while `frames` go to it once."""
+    heard = port.exchange_frames(frames or [])
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        heard += port.exchange(b"F\r")
+        time.sleep(0.005)
+    return heard
+
+
+def hear(port: SlcanPort, name: str) -> list[Frame]:
+    """What the board sends up to and with a message, on a machine however busy."""
+    heard: list[Frame] = []
+    end = time.monotonic() + 30.0
+    while not values(heard, name):
+        assert time.monotonic() < end, f"no {name}"
+        heard += listen(port, 0.05)
+    return heard
+
+
+def values(frames: list[Frame], name: str) -> list[dict[str, int]]:
+    message = interface().messages[name]
+    return [message.decode(data) for identifier, data in frames if identifier == message.id]
+
+
+def test_boots_tests_itself_and_says_what_is_missing(port: SlcanPort) -> None:
+    heard = [*hear(port, "PORT_IDENTITY"), *hear(port, "PORT_IDENTITY")]  # a second
+    status = values(heard, "PORT_STATUS")[-1]
+    for fault in ("clock_fallback", "adc_silent", "can_absent", "watchdog_absent"):
+        assert status[fault] == 1, fault
+    for fault in ("can_bus_off", "can_no_acknowledge", "bridge_break", "brown_out", "receive_overflow"):
+        assert status[fault] == 0, fault
+    assert status["reset_cause"] == 0  # no register tells
+    states = interface().enums["state"]
+    last = values(heard, "STATUS")[-1]
+    faults = {name for name, number in interface().faults.items() if last["faults"] >> number & 1}
+    # Without an ADC there is no current: the self test ends in `safe`, for that reason and no hidden other.
+    assert last["state"] == states["safe"]
+    assert {"current_sensor", "supply_sensor", "temperature_sensor"} <= faults
+    assert not faults & {"estop", "parameter", "command_timeout"}
+    assert all(not actuate["enable"] and not actuate["duty"] for actuate in values(heard, "ACTUATE"))
+    identity = values(heard, "PORT_IDENTITY")[-1]
+    assert identity["board"] == interface().enums["board"]["emulated"]
+    assert identity["core_clock"] == 168
+    assert identity["unique"] == 0  # a read that QEMU refuses, survived
+    assert 100 < identity["stack_used"] <= BUDGET["stack"]
+    times = values(heard, "PORT_TIMES")
+    assert times
+    assert all(not any(row.values()) for row in times)  # no cycle counter here
+
+
+def test_ticks_by_itself_at_1_khz(port: SlcanPort) -> None:
+    """Its own clock: never faster than 1 kHz; slower only as far as this machine lacks time for the emulator."""
+    port.exchange(b"F\r")
+    start = time.monotonic()
+    ticks = [row["tick"] for row in values(listen(port, 2.0), "ACTUATE")]
+    rate = ((ticks[-1] - ticks[0]) & 0xFFFF) / (time.monotonic() - start)
+    assert 50 < rate < 1100
+
+
+@pytest.mark.parametrize("name", ["steady_sand", "slope_limiter", "floor_calibration"])
+def test_same_bits(name: str) -> None:
+    scenario = shortened(name)
+    with open_link("qemu-usart") as link:
+        emulated = run(scenario, link)
+    assert len(emulated.records) == scenario.ticks
+    assert emulated.output_hash == run(scenario).output_hash
+
+
+def test_parameters_reach_the_chip() -> None:
+    """Another parameter, another hash, the same on both: the comparison can fail."""
+    scenario = replace(shortened("steady_sand"), duration=0.6)
+    changed = {"torque_constant": 0.11}
+    plain = run(scenario).output_hash
+    assert run(scenario, "qemu-usart", parameters=changed).output_hash == run(scenario, parameters=changed).output_hash
+    assert run(scenario, parameters=changed).output_hash != plain
+
+
+def start_for_slot(folder: Path, board: str, place: str) -> Path:
+    """The image of a slot, and in front of it what a boot loader does: its vectors where the processor looks."""
+    origin, header = PLACES[place]
+    program = folder / "flash.bin"
+    text = (image(board, place).with_suffix(".bin")).read_bytes()
+    flash = bytearray(b"\xff" * (origin + header - 0x0800_0000))
+    flash[:8] = text[:8]
+    program.write_bytes(bytes(flash) + text)
+    return program
+
+
+@pytest.mark.parametrize("place", ["slot-a", "slot-b"])
+def test_an_image_of_a_slot_runs_from_there(tmp_path: Path, place: str) -> None:
+    machine = QemuUsart(start_for_slot(tmp_path, "emulated", place))
+    with machine.start() as port:
+        identity = values(hear(port, "PORT_IDENTITY"), "PORT_IDENTITY")[-1]
+    machine.stop()
+    assert identity["slot"] == interface().enums["update_slot"][place[-1]]
+
+
+def test_the_other_board_answers_the_same() -> None:
+    """The generic board's image believes to run at 16 MHz here; in lockstep that makes no difference."""
+    scenario = replace(shortened("steady_sand"), duration=0.5)
+    with open_qemu_usart(image("f405-h-bridge")) as link:
+        assert run(scenario, link).output_hash == run(scenario).output_hash
+
+
+def test_a_flood_on_the_line_is_survived(port: SlcanPort) -> None:
+    """Rubbish and foreign frames, as fast as they go in: the ticks go on and a command is still answered."""
+    sender = Sender(interface())
+    for _ in range(20):
+        port.send(b"t3FF80123456789ABCDEF\r" * 50)
+    assert values(hear(port, "PORT_STATUS"), "ACTUATE")
+    read = sender.frame("PARAMETER_READ", {"index": 0})
+    answers = values(port.exchange_frames([read]), "PARAMETER_VALUE")
+    assert [answer["value"] for answer in answers] == [interface().parameters["radius"].default]
+
+
+def test_serial_device_works_as_a_board_does(tmp_path: Path) -> None:
+    """A terminal of the system in between, as with a USB adapter: lockstep, and python-can's own SLCAN."""
+    can = pytest.importorskip("can")
+    command = ["qemu-system-arm", "-M", "netduinoplus2", "-nodefaults", "-display", "none", "-monitor", "none"]
+    command += ["-chardev", "pty,id=usart1", "-serial", "chardev:usart1", "-kernel", str(image())]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+        try:
+            assert process.stdout is not None
+            found = re.search(r"/dev/\S+", process.stdout.readline())
+            assert found is not None
+            time.sleep(0.5)  # what comes before it has booted is lost, as with a board
+            scenario = replace(shortened("steady_sand"), duration=0.5)
+            with SlcanLink.of_device(f"{found[0]}@1000000") as link:
+                assert run(scenario, link).output_hash == run(scenario).output_hash
+                link.exchange(Sender(interface()).test_mode(False))
+            with can.Bus(interface="slcan", channel=found[0], bitrate=500_000, sleep_after_open=0.0) as bus:
+                heard = {message.arbitration_id for _ in range(400) if (message := bus.recv(1.0)) is not None}
+            assert {interface().messages[name].id for name in ("ACTUATE", "STATUS", "PORT_STATUS")} <= heard
+        finally:
+            process.kill()
+
+
+@pytest.mark.parametrize(("board", "place"), IMAGES)
+def test_images_keep_their_budget_and_place(board: str, place: str) -> None:
+    origin, header = PLACES[place]
+    elf = image(board, place)
+    done = subprocess.run(["arm-none-eabi-size", "-A", elf], capture_output=True, text=True, check=True)
+    rows = re.findall(r"^(\.\S+) +(\d+) +(\d+)", done.stdout, re.MULTILINE)
+    sections = {name: (int(size), int(at)) for name, size, at in rows}
+    text = sum(sections.get(name, (0, 0))[0] for name in (".text", ".ARM.exidx", ".data"))
+    ram = sum(sections.get(name, (0, 0))[0] for name in (".stack", ".data", ".bss"))
+    assert 15_000 < text <= BUDGET["text"]
+    assert 8_000 < ram <= BUDGET["ram"]
+    assert sections[".text"][1] == origin + header
+    stack, reset = struct.unpack_from("<II", elf.with_suffix(".bin").read_bytes())  # it begins behind the header
+    assert 0x2000_0000 < stack <= 0x2000_0000 + 16 * 1024
+    assert stack % 8 == 0
+    assert origin + header < reset < origin + header + text
+    assert reset & 1  # Thumb
+
+
+def test_killed_emulator_is_one_error() -> None:
+    link = open_qemu_usart()
+    with link:
+        link.start({})
+        assert isinstance(link, QemuUsartLink)
+        assert link.machine.pid is not None
+        os.kill(link.machine.pid, signal.SIGKILL)
+        os.waitid(os.P_PID, link.machine.pid, os.WEXITED | os.WNOWAIT)
+        with pytest.raises(LinkError, match="qemu-usart"):
+            link.exchange([(0x100, bytes(8))])
+
+
+def test_no_image_no_start(tmp_path: Path) -> None:
+    with pytest.raises(LinkError, match="make firmware"):
+        QemuUsart(tmp_path / "absent.elf")
+    (tmp_path / "bad.elf").write_bytes(b"no image")
+    with pytest.raises(LinkError, match="does not answer"):
+        QemuUsart(tmp_path / "bad.elf").start()
