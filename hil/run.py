@@ -28,6 +28,7 @@ import numpy.typing as npt
 from hil.checks import CheckError, Outcome
 from hil.links import Link, open_link
 from hil.messages import Interface, interface
+from hil.reaction import reaction
 from hil.scenario import Scenario
 from hil.simulation import TICK, TRUTH, Simulation, output_hash
 from hil.telemetry import decode, signals, words
@@ -111,7 +112,10 @@ class Result:
         return np.where(index < 0, np.nan, table[signal][index])
 
     def check(self) -> tuple[Outcome, ...]:
-        """Holds the scenario's checks against the run and keeps what came out. CheckError names a check that cannot."""
+        """Holds the scenario's checks and the time of the fault that it provokes against the run, and keeps them.
+
+        CheckError names a check that cannot be held.
+        """
         found, enums = _Signals(self), words(self.interface)
         outcomes = []
         for check in self.scenario.checks:
@@ -119,6 +123,8 @@ class Result:
                 outcomes.append(check.evaluate(self.time, found, enums))
             except CheckError as error:
                 raise CheckError(f"check {check.text!r}: {error}") from None
+        if self.scenario.provokes is not None:
+            outcomes += reaction(self.scenario.provokes, self.interface, self.held)
         self.outcomes = tuple(outcomes)
         return self.outcomes
 

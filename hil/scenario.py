@@ -17,7 +17,7 @@ from hil import paths
 from hil.checks import Check, parse_check
 from hil.compiled_effects import ActiveEffect, in_plant
 from hil.effect_files import known_effects
-from hil.faults import MAX_FAULTS, Fault, read_fault
+from hil.faults import MAX_FAULTS, Fault, Provocation, read_fault, read_provocation
 from hil.messages import Interface, interface
 from hil.plant import TERRAINS, Ground, Robot, Segment, Terrain, Winding
 from hil.reading import ReadingError, Section, load, parse_quantity, quantities, shorten
@@ -70,6 +70,7 @@ class Scenario:
     effects: tuple[ActiveEffect, ...] = ()
     firmware: Mapping[str, float] = field(default_factory=dict)  # controller parameters, in their units
     checks: tuple[Check, ...] = ()
+    provokes: Provocation | None = None
     real_time: bool = False
     source: str = ""  # text of the file
 
@@ -254,6 +255,7 @@ def load_scenario(path: Path) -> Scenario:
         effects=_effects(root),
         firmware=parameters_of(root.section("firmware"), description),
         checks=_checks(root, description),
+        provokes=read_provocation(root, description.faults),
         real_time=root.flag("real_time", False),
         source=root.source,
     )

@@ -25,6 +25,7 @@ from hil.plant import Ground
 from hil.scenario import CONTROLS, REQUESTS, Scenario
 from hil.sensors import ADCS, CHANNELS, DIGITALS, ENCODERS, Sensors
 from hil.soft_ground import affected, grip_table
+from hil.wire_faults import Disturbance
 
 __all__ = ["TICK", "TRUTH", "AnswerError", "Simulation", "output_hash", "record_type"]
 
@@ -178,6 +179,7 @@ class Simulation:
         self.records = np.zeros(scenario.ticks, record_type())
         self._rows = self._ffi.from_buffer("hil_record[]", self.records)
         self.done = 0
+        self._disturbance = Disturbance(scenario.faults, scenario.seed)
 
     def run(self, step: int, state: int, ticks: int) -> None:
         """`ticks` ticks with the controller at the address `step` and its state at `state`."""
@@ -218,7 +220,12 @@ class Simulation:
         for i in range(row.host_count):
             frame = row.host[i]
             frames.append((frame.id, bytes(frame.data[0 : frame.length])))
-        return frames
+        return self._disturbance.apply(self.done, frames) if self.disturbed else frames
+
+    @property
+    def disturbed(self) -> bool:
+        """Something is wrong on the bus in this run: what the controller gets is `sense`, not the inputs."""
+        return bool(self._disturbance.faults)
 
     def write_frames(self, first: int) -> None:
         """Fills the host's frames in the records from `first` on; runs in this process leave them out until then."""

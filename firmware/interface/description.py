@@ -119,6 +119,8 @@ class Fault:
     cause: str
     reaction: str
     latched: bool
+    within_ms: int  # from the tick in which the cause first shows to the one that reacts, both counted
+    scenarios: tuple[str, ...]  # of hil/scenarios, that provoke it
 
 
 @dataclass(frozen=True)
@@ -370,6 +372,8 @@ def _fault(name: str, table: Any) -> Fault:
         cause=reader.take("cause", str),
         reaction=reader.take("reaction", str),
         latched=reader.take("latched", bool),
+        within_ms=reader.integer("within_ms", 1, 60_000),
+        scenarios=tuple(_name(f"{reader.where}, scenarios", str(s)) for s in reader.take("scenarios", list, [])),
     )
     reader.done()
     return fault

@@ -81,9 +81,19 @@ def markdown(d: Description) -> str:
     ]
     out += _table("index", "name", "default", "range", "unit", "raw default; scale", "meaning", "protects")
     out += [_parameter(p) for p in d.parameters]
-    out += ["", "## Faults", "", *_table("bit", "name", "cause", "reaction", "latched")]
+    out += [
+        "",
+        "## Faults",
+        "",
+        "Within: from the tick in which the cause first shows to the one that reacts, both counted. A scenario in",
+        "hil/scenarios provokes it (`terrapin run NAME`) and checks that time.",
+        "",
+        *_table("bit", "name", "cause", "reaction", "within", "latched", "provoked by"),
+    ]
     for f in sorted(d.faults, key=lambda fault: fault.number):
-        out.append(_row(f.number, f"`{f.name}`", f.cause, f.reaction, "yes" if f.latched else "no"))
+        scenarios = ", ".join(f"`{name}`" for name in f.scenarios)
+        latched = "yes" if f.latched else "no"
+        out.append(_row(f.number, f"`{f.name}`", f.cause, f.reaction, f"{f.within_ms} ms", latched, scenarios))
     out += ["", "## Limits", "", *_table("name", "value", "unit", "meaning")]
     out += [_row(f"`{x.name}`", f"{x.value:.9g}", x.unit, x.meaning) for x in d.limits]
     return "\n".join(out) + "\n"

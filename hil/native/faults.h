@@ -13,6 +13,7 @@ enum {
     HIL_FAULT_SUPPLY = 5,          /* supply voltage is `value` [V] */
     HIL_FAULT_COMMAND_SILENCE = 6, /* no COMMAND frames */
     HIL_FAULT_LINK_SILENCE = 7,    /* no frames at all: the controller does not step, the bridge holds its duty */
+    HIL_FAULT_REVERSED = 8,        /* `channel`, an encoder, counts backwards from now on */
     HIL_MAX_FAULTS = 16
 };
 

@@ -58,7 +58,9 @@ uint16_t hil_encoder_read(const hil_sensors *sensors, hil_sensor_state *state, i
     }
     const int32_t count = (int32_t)floor(angle * encoder->counts_per_turn / TWO_PI);
     const double probability = encoder->loss + loss;
-    if (probability > 0.0) {
+    if (loss >= HIL_REVERSED) {
+        state->lost[i] += 2 * (count - state->count[i]);
+    } else if (probability > 0.0) {
         const int32_t sign = count >= state->count[i] ? 1 : -1;
         for (int32_t c = state->count[i]; c != count; c += sign) {
             if (hil_random_uniform(&state->random[channel]) < probability) {

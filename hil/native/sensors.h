@@ -83,7 +83,8 @@ void hil_sensors_push(hil_sensor_state *state, const double *values);
 /* Reads channel HIL_CURRENT + i. */
 uint16_t hil_adc_read(const hil_sensors *sensors, hil_sensor_state *state, int i);
 
-/* Reads channel HIL_MOTOR + i; `loss` adds to the encoder's own. */
+/* Reads channel HIL_MOTOR + i; `loss` adds to the encoder's own. HIL_REVERSED as loss: each count is lost twice. */
+#define HIL_REVERSED 2.0
 uint16_t hil_encoder_read(const hil_sensors *sensors, hil_sensor_state *state, int i, double loss);
 
 /* Reads channel HIL_SWING_ANGLE + i, as a raw signed number. */

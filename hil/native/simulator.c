@@ -78,7 +78,9 @@ static void read_fast(hil_simulator *simulator) {
     uint16_t count[HIL_ENCODERS];
     for (int i = 0; i < HIL_ENCODERS; i++) {
         const hil_fault *fault = hil_fault_active(&config->faults, HIL_FAULT_LOST_COUNTS, HIL_MOTOR + i, time);
-        count[i] = hil_encoder_read(&config->sensors, &simulator->sensors, i, fault != NULL ? fault->value : 0.0);
+        const double lost = fault != NULL ? fault->value : 0.0;
+        const bool reversed = failing(simulator, HIL_FAULT_REVERSED, HIL_MOTOR + i);
+        count[i] = hil_encoder_read(&config->sensors, &simulator->sensors, i, reversed ? HIL_REVERSED : lost);
     }
     if (!failing(simulator, HIL_FAULT_STUCK, HIL_CURRENT)) {
         in->current_code = code;

@@ -227,11 +227,14 @@ protects = "the motor"
 number = 3
 cause = "too hot"
 reaction = "bridge off"
+within_ms = 3
 latched = true
+scenarios = ["heat"]
 [fault.cold]
 number = 4
 cause = "too cold"
 reaction = "none"
+within_ms = 10
 latched = false
 [limit.top]
 value = 7
@@ -266,6 +269,8 @@ PLANTED = [
     ("number = 4", "number = 3", "fault cold: number 3 is already taken by fault hot"),
     ("number = 4", "number = 32", "fault cold: 'number' must be 0 to 31, found 32"),
     ("latched = false", "latched = 0", "fault cold: 'latched' must be true or false, found 0"),
+    ("within_ms = 3", "within_ms = 0", "fault hot: 'within_ms' must be 1 to 60000, found 0"),
+    ('["heat"]', '["a b"]', "fault hot, scenarios: 'a b' cannot be a name in C"),
     ("default = 5", "default = 10", "parameter gain: default 10 is outside -3 to 9"),
     ("default = 5", "default = 5.0", "parameter gain: 'default' must be an integer, found 5.0"),
     ("min = -3", "min = 10", "parameter gain: 'max' must be 10 to 2147483647, found 9"),
