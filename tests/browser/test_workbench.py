@@ -27,7 +27,7 @@ def rungs(page: Page) -> tuple[int, float]:
 def open_example(page: Page, name: str) -> None:
     page.get_by_role("link", name="Workbench").click()
     page.get_by_role("button", name=f"Open the example {name}").click()
-    expect(page.get_by_role("heading", level=1)).to_contain_text("missing")
+    expect(page.locator(".lead .chip")).to_be_visible()
 
 
 def test_from_the_example_to_the_noise_floor_and_back(page: Page, server: Server) -> None:
