@@ -1,7 +1,7 @@
 # Terrapin's front door. The work is done by the scripts that each target names.
 .DEFAULT_GOAL := help
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
-.PHONY: help setup demo test check bench campaigns firmware lock clean
+.PHONY: help setup demo test sandbox check bench campaigns firmware lock clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -15,6 +15,9 @@ demo: setup ## run the whole circle once: firmware, simulated robot, link, log, 
 test: ## set up what tests need, run all of them
 	@tests/setup/setup.sh test && .venv/bin/python tests/tools/suite.py
 
+sandbox: ## build the kernel that the tests of real CAN and GPIO run in, once (some minutes); `make test` then runs them
+	@tests/setup/setup.sh sandbox && tests/sandbox/kernel.sh build
+
 check: ## formatting, types, static analysis, MISRA, hygiene
 	@tests/setup/setup.sh test && tests/tools/build.sh host && .venv/bin/python tests/tools/gate.py
 
@@ -24,7 +27,7 @@ bench: ## speed of simulator and link, instructions of one step
 campaigns: ## how often discovery is right: every bound, measured on cases with known answers (hours; ARGS="--cases 100")
 	@tests/setup/setup.sh test && tests/tools/build.sh host && .venv/bin/python -m tests.campaigns $(ARGS)
 
-firmware: ## build the firmware for this machine and the core for Cortex-M4, with its size
+firmware: ## build the firmware for this machine and every image for the chip, with their sizes
 	@tests/setup/setup.sh test && tests/tools/build.sh host cortex-m4 && tests/tools/build.sh size
 
 lock: ## renew the lock files from pyproject.toml

@@ -35,6 +35,8 @@ elseif(HAS_LIBGPIOD_1)
     target_link_libraries(terrapin-controller PRIVATE gpiod)
 else()
     message(STATUS "libgpiod not found (libgpiod-dev): terrapin-controller is built without GPIO lines")
+    unset(HAS_LIBGPIOD_1 CACHE) # looked for again next time: it may be installed by then
+    unset(HAS_LIBGPIOD_2 CACHE)
 endif()
 
 if(TERRAPIN_COVERAGE)

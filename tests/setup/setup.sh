@@ -2,11 +2,12 @@
 # setup.sh runtime   the virtual environment .venv with the exact packages of requirements.lock and this project
 # setup.sh test      that with requirements-dev.lock, and what tests need from the system (32-bit and ARM compilers, clang, cppcheck)
 # setup.sh bench     that, and valgrind
+# setup.sh sandbox   that of test, and what the kernel of tests/sandbox is built with
 # Doing it again does no work twice. pip's own environment settings (index, certificates) are respected.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 . tests/setup/system.sh
-level=${1:?runtime, test or bench}
+level=${1:?runtime, test, bench or sandbox}
 one_at_a_time "${TERRAPIN_WAIT:-900}" "set-up"
 
 find_python() {
@@ -55,7 +56,7 @@ runtime) # whoever has the larger set has this one
     [ ! -f .venv/installed-requirements-dev.lock ] || lock=requirements-dev.lock
     install_python "$lock"
     ;;
-test | bench)
+test | bench | sandbox)
     install_python requirements-dev.lock
     packages=()
     [ "$(uname -m)" = x86_64 ] && ! has_m32 && packages+=(gcc-multilib)
@@ -63,9 +64,20 @@ test | bench)
     has_fuzzer || packages+=(clang libclang-rt-dev)
     command -v cppcheck >/dev/null || packages+=(cppcheck)
     command -v qemu-system-arm >/dev/null || packages+=(qemu-system-arm)
+    if [ "$(uname -s)" = Linux ]; then
+        has_gpiod || packages+=(libgpiod-dev)
+        command -v candump >/dev/null || packages+=(can-utils)
+        command -v ip >/dev/null || packages+=(iproute2)
+    fi
     [ "$level" = bench ] && ! command -v valgrind >/dev/null && packages+=(valgrind)
+    if [ "$level" = sandbox ]; then
+        for tool in flex bison bc m4 make patch; do
+            command -v "$tool" >/dev/null || packages+=("$tool")
+        done
+        command -v xz >/dev/null || packages+=(xz-utils)
+    fi
     # What cannot be had is named in the closing lines of the tests.
     [ ${#packages[@]} = 0 ] || apt_install "${packages[@]}" || true
     ;;
-*) fail "unknown level '$level': runtime, test or bench" ;;
+*) fail "unknown level '$level': runtime, test, bench or sandbox" ;;
 esac

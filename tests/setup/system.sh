@@ -55,6 +55,7 @@ apt_install() {
 can_compile() { printf '#include <stdint.h>\n#include <stdio.h>\nint main(void) { return 0; }\n' | "$@" -x c - -o /dev/null 2>/dev/null; }
 has_m32() { can_compile cc -m32; }
 has_arm() { printf '#include <string.h>\nint main(void) { return 0; }\n' | arm-none-eabi-gcc --specs=nosys.specs -x c - -o /dev/null 2>/dev/null; }
+has_gpiod() { printf '#include <gpiod.h>\nint main(void) { return 0; }\n' | cc -x c - -lgpiod -o /dev/null 2>/dev/null; }
 has_fuzzer() {
     printf '#include <stdint.h>\n#include <stddef.h>\nint LLVMFuzzerTestOneInput(const uint8_t *d, size_t n) { (void)d; (void)n; return 0; }\n' |
         clang -fsanitize=fuzzer,address -x c - -o /dev/null 2>/dev/null
