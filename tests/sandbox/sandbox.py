@@ -43,7 +43,7 @@ class SandboxError(RuntimeError):
 
 
 def run_inside(command: Sequence[str], *, virtual_time: bool = False, limit: float = 120.0) -> Done:
-    """Boots the kernel, runs `command` in it (cwd: the repository; environment JOB: a folder it can write) and halts it.
+    """Boots the kernel, runs `command` in it and halts it. Its cwd is the repository, $JOB a folder that it can write.
 
     `virtual_time`: computing takes no time, waiting is skipped over. SandboxError after `limit` seconds, or when the
     kernel died.

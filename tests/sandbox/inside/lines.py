@@ -1,0 +1,243 @@
+"""E-stop, enable line, LED and encoders of the Linux controller on simulated GPIO."""
+
+from __future__ import annotations
+
+import os
+import signal
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from kit import Controller, Lines, Peer, codes, count, lines, run_shell, vcan, wait_for, wired
+
+from hil import paths
+
+NAMES = ("ESTOP", "ENABLE", "LED", "MA", "MB", "PRESS", "WATCH", "RESET")
+LINES = ["--estop", "ESTOP", "--enable", "ENABLE", "--led", "LED"]
+TERRAPIN = str(paths.ROOT / ".venv/bin/terrapin")
+
+if not (version := run_shell([str(paths.build() / "terrapin-controller"), "--version"]).stdout).count("libgpiod"):
+    raise RuntimeError(f"no controller: {version}")
+pytestmark = pytest.mark.skipif("without libgpiod" in version, reason="terrapin-controller was built without libgpiod")
+
+
+@pytest.fixture
+def chip() -> Iterator[Lines]:
+    with vcan(), lines(*NAMES) as made:
+        made.pull("ESTOP", True)  # the closed circuit of an e-stop that is not pressed
+        yield made
+
+
+@pytest.fixture
+def options() -> Iterator[list[str]]:
+    with tempfile.TemporaryDirectory() as folder:
+        yield ["--can", "vcan0", *LINES, *codes(Path(folder))]
+
+
+def enabled(chip: Lines, peer: Peer) -> None:
+    peer.keep("clear", lambda: peer.last.get("STATUS", {}).get("faults") == 0, "no fault")
+    peer.keep("run", lambda: chip.value("ENABLE"), "the enable line on")
+
+
+def faults(peer: Peer) -> int:
+    peer.listen()
+    return peer.last["STATUS"]["faults"]
+
+
+def test_estop_puts_the_bridge_off(chip: Lines, options: list[str]) -> None:
+    with Controller(*options) as controller, Peer() as peer:
+        assert not chip.value("ENABLE")
+        enabled(chip, peer)
+        chip.pull("ESTOP", False)
+        wait_for(lambda: not chip.value("ENABLE"), "enable off", 1.0)
+        peer.keep("run", lambda: faults(peer) & 1 == 1, "fault estop")
+        for _ in range(10):  # pressed, it stays off whatever is asked
+            peer.command("clear")
+            peer.command("run")
+            time.sleep(0.01)
+            assert not chip.value("ENABLE")
+        chip.pull("ESTOP", True)
+        time.sleep(0.1)
+        peer.keep("run", lambda: peer.last["STATUS"]["state"] == 8, "safe until cleared", 1.0)
+        assert not chip.value("ENABLE")
+        enabled(chip, peer)
+        assert controller.stop() == 0
+    assert not chip.value("ENABLE")
+    print(f"enable off within {count(controller.text.replace('within ', ''), 'us; encoders')} us of the e-stop's edge")
+    assert count(controller.text.replace("e-stop ", ""), "times, enable") == 1
+
+
+def test_a_bounce_is_a_press(chip: Lines, options: list[str]) -> None:
+    """The line comes back within a millisecond: the edge counts, and holds for the whole debouncing time."""
+    with Controller(*options, "--debounce", "200") as controller, Peer() as peer:
+        enabled(chip, peer)
+        chip.pull("ESTOP", False)
+        chip.pull("ESTOP", True)
+        begin = time.monotonic()
+        wait_for(lambda: not chip.value("ENABLE"), "enable off", 1.0)
+        while time.monotonic() < begin + 0.15:
+            peer.command("clear")
+            peer.command("run")
+            time.sleep(0.005)
+            assert not chip.value("ENABLE")
+        enabled(chip, peer)
+        assert controller.stop() == 0
+
+
+@pytest.mark.parametrize("wiring", ["ESTOP", "ESTOP,active-low"])
+def test_broken_wire_never_runs(chip: Lines, options: list[str], wiring: str) -> None:
+    """Without its wire the line goes where its pull takes it, and that is `pressed`."""
+    options[options.index("--estop") + 1] = wiring
+    chip.pull("ESTOP", "active-low" in wiring)
+    with Controller(*options) as controller, Peer() as peer:
+        end = time.monotonic() + 1.0
+        while time.monotonic() < end:
+            peer.command("clear")
+            peer.command("run")
+            time.sleep(0.01)
+            assert not chip.value("ENABLE")
+        assert faults(peer) & 1 == 1
+        chip.pull("ESTOP", "active-low" not in wiring)
+        enabled(chip, peer)
+        assert controller.stop() == 0
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT", "SIGHUP", "SIGQUIT", "SIGSEGV", "SIGABRT", "SIGKILL"])
+def test_every_end_puts_the_bridge_off(chip: Lines, options: list[str], name: str) -> None:
+    """Also a kill -9, here: gpio-sim gives a line back to its pull when its process is gone. What real chips do is
+    their drivers' affair (docs/linux.md)."""
+    chip.pull("ENABLE", False)
+    with Controller(*options) as controller, Peer() as peer:
+        enabled(chip, peer)
+        status = controller.stop(getattr(signal, name))
+        wait_for(lambda: not chip.value("ENABLE"), "enable off", 1.0)
+    orderly = name in ("SIGTERM", "SIGINT", "SIGHUP", "SIGQUIT")
+    assert status == (0 if orderly else -getattr(signal, name))
+    assert ("outputs off" in controller.text) == orderly
+
+
+def test_off_puts_outputs_off(chip: Lines) -> None:
+    """What systemd runs after the controller, however that ended."""
+    with tempfile.TemporaryDirectory() as folder:
+        for attribute, text in (("period", "50000\n"), ("duty_cycle", "20000\n"), ("enable", "0\n")):
+            (Path(folder) / attribute).write_text(text)
+        with Controller("--off", "--enable", "ENABLE", "--pwm", folder) as controller:
+            assert controller.process.wait(10) == 0
+        assert int((Path(folder) / "duty_cycle").read_text().split()[0]) == 0
+    assert not chip.value("ENABLE")
+    with Controller("--off", "--enable", "NOPE") as controller:
+        assert controller.process.wait(10) == 1
+    assert controller.text.startswith("terrapin-controller: line NOPE: no such line")
+
+
+def test_command_silence_puts_the_bridge_off(chip: Lines, options: list[str]) -> None:
+    with Controller(*options) as controller, Peer() as peer:
+        enabled(chip, peer)
+        begin = time.monotonic()
+        wait_for(lambda: not chip.value("ENABLE"), "enable off", 2.0)
+        assert time.monotonic() - begin > 0.1  # command_timeout is 200 ms, less the age of the last command
+        wait_for(lambda: faults(peer) & 2 == 2, "fault command_timeout")
+        assert controller.stop() == 0
+
+
+def test_test_mode_keeps_the_line_off(chip: Lines, options: list[str]) -> None:
+    from dataclasses import replace
+
+    from hil.run import run
+    from hil.scenario import find_scenario, load_scenario
+
+    scenario = replace(load_scenario(find_scenario("steady_sand")), duration=1.0, checks=())
+    with Controller(*options) as controller, Peer() as peer:
+        enabled(chip, peer)
+        for frame in peer.sender.test_mode():  # not while the bridge is on
+            peer.send(frame)
+        peer.keep("run", lambda: peer.last["STATUS"]["state"] == 4, "still running", 1.0)
+        assert chip.value("ENABLE")
+        peer.command("idle")
+        wait_for(lambda: not chip.value("ENABLE"), "enable off")
+        result = run(scenario, "socketcan:vcan0")
+        assert max(result.held("ACTUATE", "enable")) == 1  # the firmware would
+        assert not chip.value("ENABLE")  # the line does not
+        assert result.output_hash == run(scenario).output_hash
+        assert controller.stop() == 0
+
+
+def test_led_says_what_it_does(chip: Lines, options: list[str]) -> None:
+    def changes(seconds: float) -> int:
+        last, seen, end = chip.value("LED"), 0, time.monotonic() + seconds
+        while time.monotonic() < end:
+            now = chip.value("LED")
+            seen += now is not last
+            last = now
+            peer.command("idle")
+            time.sleep(0.01)
+        return seen
+
+    with Controller(*options) as controller, Peer() as peer:
+        peer.keep("clear", lambda: peer.last.get("STATUS", {}).get("faults") == 0, "no fault")
+        assert 2 <= changes(2.0) <= 5  # idle: once a second
+        chip.pull("ESTOP", False)
+        assert changes(2.0) >= 12  # fault: five times a second
+        assert controller.stop() == 0
+    assert not chip.value("LED")
+
+
+def test_encoder_counts(chip: Lines, options: list[str]) -> None:
+    """40 periods forward, 10 back, seen in the shell's angle: 120 counts of 2048, and the gear between."""
+    with Controller(*options, "--motor-encoder", "MA+MB") as controller, Peer() as peer:
+        wait_for(lambda: (peer.listen(), "ATTITUDE" in peer.last)[1], "telemetry")
+        phases = [(True, False), (True, True), (False, True), (False, False)]
+        start = peer.last["ATTITUDE"]["angle"]
+        for turn in [phases] * 40 + [[*phases[2::-1], phases[3]]] * 10:
+            for a, b in turn:
+                chip.pull("MA", a)
+                chip.pull("MB", b)
+        time.sleep(0.1)
+        peer.listen()
+        parameters = peer.interface.parameters
+        gear = parameters["drive_radius"].default / parameters["radius"].default
+        moved = (peer.last["ATTITUDE"]["angle"] - start + 32768) % 65536 - 32768
+        assert moved == pytest.approx(120 * 32 * gear, abs=40)
+        assert controller.stop() == 0
+    assert controller.text.rstrip().endswith("encoders skipped 0")
+
+
+def test_lines_that_are_not_there(chip: Lines) -> None:
+    for line, words in (("NOPE", "no such line"), ("nochip:3", "no such chip"), (f"{chip.chip}:99", "no such line")):
+        with Controller("--can", "vcan0", "--estop", line) as controller:
+            assert controller.process.wait(10) == 1
+        assert controller.text.startswith(f"terrapin-controller: line {line}: {words}"), controller.text
+        assert controller.text.count("\n") == 1
+
+
+def test_rig_measures_the_estop(chip: Lines, options: list[str]) -> None:
+    """A run in a rig. The wires between its lines and the board's are a thread here, so the limit is wide."""
+    rig = Path(os.environ["TMPDIR"]) / "rig.toml"
+    rig.write_text('estop = "PRESS"\nenable = "WATCH"\nreset = "RESET"\nstart_time = "50 ms"\nestop_limit = "200 ms"\n')
+    wires = {
+        lambda: chip.value("PRESS"): lambda pressed: chip.pull("ESTOP", not pressed),
+        lambda: chip.value("ENABLE"): lambda on: chip.pull("WATCH", on),
+    }
+    command = [TERRAPIN, "run", "steady_sand", "--link", "socketcan:vcan0", "--rig", str(rig)]
+    with Controller(*options) as controller, wired(wires):
+        done = run_shell(command)
+        assert controller.stop() == 0
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "ok    e-stop to enable line off <= 200 ms" in done.stdout
+    assert "ok    enable line off in test mode" in done.stdout
+    print(next(row.strip() for row in done.stdout.splitlines() if "e-stop" in row))
+    # Without the wire of the e-stop the measurement fails, and says so.
+    with Controller(*options) as controller, wired(dict([list(wires.items())[1]])):
+        done = run_shell(command)
+        assert controller.stop() == 0
+    assert done.returncode == 1
+    assert done.stderr == "terrapin: the enable line is still on 0.2 s after the e-stop was pressed\n"
+
+
+def test_rig_that_is_not_there(chip: Lines) -> None:
+    rig = Path(os.environ["TMPDIR"]) / "rig.toml"
+    rig.write_text('enable = "NOPE"\n')
+    done = run_shell([TERRAPIN, "run", "steady_sand", "--link", "socketcan:vcan0", "--rig", str(rig)])
+    assert (done.returncode, done.stderr) == (1, "terrapin: no such line: NOPE\n")
