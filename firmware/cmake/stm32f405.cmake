@@ -46,3 +46,8 @@ foreach(board IN LISTS F405_BOARDS)
         list(APPEND F405_IMAGES ${image})
     endforeach()
 endforeach()
+
+# Printed by `make firmware`, and a test.
+list(TRANSFORM F405_IMAGES REPLACE "(.+)" "$<TARGET_FILE:\\1>" OUTPUT_VARIABLE F405_FILES)
+add_test(NAME image_size
+    COMMAND ${Python3_EXECUTABLE} -B ${CMAKE_SOURCE_DIR}/firmware/cmake/image_report.py --size ${TARGET_SIZE} ${F405_FILES})

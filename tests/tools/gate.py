@@ -22,7 +22,7 @@ from hygiene import tracked
 from steps import ROOT, Result, report, run
 
 HERE = Path(__file__).resolve().parent
-ARM_FOLDERS = ("firmware/ports/qemu/",)  # read as the cross compiler does
+ARM_FOLDERS = ("firmware/ports/qemu/", "firmware/ports/stm32f405/")  # read as the cross compiler does
 ARM_COMPILER = "arm-none-eabi-gcc"
 Command = list[str]
 

@@ -42,7 +42,7 @@ bool analog_read(analog *a) {
     /* NDTR counts down; whole rounds alone count. */
     const uint32_t left = a->stream->NDTR;
     const uint32_t total = ANALOG_ROUNDS * ANALOG_CHANNELS;
-    const uint32_t written = ((left == 0U) || (left > total)) ? 0U : (((total - left) / ANALOG_CHANNELS));
+    const uint32_t written = ((left == 0U) || (left > total)) ? 0U : ((total - left) / ANALOG_CHANNELS);
     const uint32_t count = (written + ANALOG_ROUNDS - a->read) % ANALOG_ROUNDS;
     if ((a->adc->SR & ADC_SR_OVR) != 0U) {
         /* A sample was not fetched in time and the chain has stopped (RM0090, 13.8.1): begin it anew. */

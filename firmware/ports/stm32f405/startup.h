@@ -29,7 +29,7 @@ uint32_t stack_used(void);
 /* Reset the chip. */
 _Noreturn void system_reset(void);
 
-/* Leave for another image, whose vectors stand at an address: interrupts off, its stack, its reset. */
-_Noreturn void start_image(uint32_t vectors);
+/* Leave for another image, whose vectors stand at `address`: interrupts off, its stack, its reset. */
+_Noreturn void start_image(uint32_t address);
 
 #endif
