@@ -57,6 +57,7 @@ def monitor(
         app.run()
     finally:
         opened.close()
+    print(f"{live.total} frames seen, {opened.lost} lost" + (f"; {opened.note}" if opened.note else ""))
     if app.failed is not None:
         raise app.failed
 

@@ -138,7 +138,9 @@ class MonitorApp(App[None]):
             text.append("none\n")
         waited = 0.0 if self.source.over else time.monotonic() - self._heard
         text.append("bus     ", style="dim")
-        text.append(live.health(waited))
+        lost = f"{self.source.lost} frames lost: this machine is too slow; " if self.source.lost else ""
+        over = f"; {self.source.note}" if self.source.over and self.source.note else ""
+        text.append(lost + live.health(waited) + over)
         return text
 
     def _values(self) -> Table:

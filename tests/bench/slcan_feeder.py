@@ -1,5 +1,6 @@
 """An SLCAN adapter on a pty, fed with a full bus: `slcan_feeder.py RATE SECONDS` prints the pty's path, waits until the
-channel is opened, sends, and prints what it sent as JSON. The text is made before; sending costs little.
+channel is opened, sends, and prints what it sent as JSON. The text is made before; sending costs little. RATE 0 sends
+1,000 frames a "second" as fast as they are taken.
 
 Frames carry the identifiers of the controller's telemetry in turn, and their number in their first four bytes.
 """
@@ -8,9 +9,11 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 import sys
 import time
 import tty
+from pathlib import Path
 
 from hil.messages import interface
 
@@ -29,13 +32,45 @@ def texts(rate: int, seconds: float) -> list[bytes]:
     return [b"".join(lines[i : i + each]) for i in range(0, len(lines), each)]
 
 
+class Feeder:
+    """The feeder as a process: `path` to be opened as serial:PATH, `sent()` once it has sent everything."""
+
+    def __init__(self, rate: int, seconds: float) -> None:
+        command = [sys.executable, str(Path(__file__).resolve()), str(rate), str(seconds)]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        assert self._process.stdout is not None
+        self.path = self._process.stdout.readline().strip()
+
+    @property
+    def output(self) -> int:
+        """Descriptor that is readable once everything is sent."""
+        assert self._process.stdout is not None
+        return self._process.stdout.fileno()
+
+    def sent(self) -> dict[str, float]:
+        """Waits until all is sent: frames, seconds, and by how much the latest write was late."""
+        assert self._process.stdout is not None
+        return dict(json.loads(self._process.stdout.readline()))
+
+    def close(self) -> None:
+        """Pulls the plug."""
+        self._process.kill()
+        self._process.communicate()
+
+    def __enter__(self) -> Feeder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
 def write(descriptor: int, text: bytes) -> None:
     while text:
         text = text[os.write(descriptor, text) :]
 
 
 def main(rate: int, seconds: float) -> None:
-    pieces = texts(rate, seconds)
+    pieces = texts(rate or 1000, seconds)
     master, slave = os.openpty()
     tty.setraw(slave)
     print(os.ttyname(slave), flush=True)
@@ -46,14 +81,14 @@ def main(rate: int, seconds: float) -> None:
     time.sleep(0.3)
     begin, latest = time.monotonic(), 0.0
     for number, piece in enumerate(pieces):
-        due = begin + number * SLICE
+        due = begin + number * SLICE if rate else 0.0
         wait = due - time.monotonic()
         if wait > 0:
             time.sleep(wait)
         write(master, piece)
-        latest = max(latest, time.monotonic() - due)
+        latest = max(latest, time.monotonic() - due) if rate else 0.0
     took = time.monotonic() - begin
-    print(json.dumps({"sent": round(rate * seconds), "seconds": took, "latest": latest}), flush=True)
+    print(json.dumps({"sent": round((rate or 1000) * seconds), "seconds": took, "latest": latest}), flush=True)
     sys.stdin.readline()  # keep the pty until told
 
 

@@ -7,6 +7,7 @@ const SECONDS = [5, 15, 30, 60, 120, 300];
 const MOST = 8; // lanes
 const HEAD = 32; // bytes of a picture's head
 const SAMPLES = 1;
+const ROWS_EVERY = 250; // ms between looks at the numbers of the table
 const STOP_WORDS = {
   bus: 'Asks the controller for idle, thirty times a second, until it is pressed again. It needs this page, this computer and the bus: it is no emergency stop and cuts no power. Another node that asks for run can win in between. The red button on the robot works always.',
   simulator: 'Opens the emergency stop of the simulated robot until it is pressed again: the bridge goes off in the same tick. A controller that has been stopped wants “clear” before it runs again, as the real one does.',
@@ -196,7 +197,7 @@ export function mount(element, app) {
     if (said.state === 'gone') tell(`${said.note}. What was recorded is whole. Watch connects again.`);
     else if (said.note) tell(said.note);
     else if (said.fit) tell(said.fit);
-    if (shown) { tile(); bus(); recording(); rows(); }
+    if (shown) { tile(); bus(); recording(); if (tableSeen && performance.now() - drawnRows > ROWS_EVERY) rows(); }
   }
 
   // ---------------------------------------------------------------- drawn from the status
@@ -235,17 +236,20 @@ export function mount(element, app) {
       one('Frames', String(now.total), '', `${now.rate.toFixed(0)}/s`);
     }
   }
+  let healthSaid = '';
   function bus() {
     const now = state.status;
     load.value = Math.min(1, now.load);
     const line = (text, kind = '') => h('p', { class: `small ${kind}`, text });
     const worst = Object.keys(now.errors).length > 0 || now.silent || now.fit;
-    health.replaceChildren(
+    const parts = [
       line(`load ${(100 * now.load).toFixed(0)} %, ${now.rate.toFixed(0)} frames/s, ${now.total.toLocaleString('en')} frames`),
       line(now.health, worst ? 'bad' : 'good'),
       line(`bus off ${now.bus_off} times; error counters ${now.counters ? `sending ${now.counters[0]}, receiving ${now.counters[1]}` : 'not told by this bus'}`),
       ...(now.damaged ? [line(`${now.damaged} damaged lines`, 'bad')] : []),
-      ...(now.unknown.length ? [line(`unknown: ${now.unknown.slice(0, 6).map(([id, n]) => `${id} (${n})`).join(', ')}`, 'warn')] : []));
+      ...(now.unknown.length ? [line(`unknown: ${now.unknown.slice(0, 6).map(([id, n]) => `${id} (${n})`).join(', ')}`, 'warn')] : [])];
+    const saidNow = parts.map((p) => p.className + p.textContent).join('\n');
+    if (saidNow !== healthSaid) { healthSaid = saidNow; health.replaceChildren(...parts); }
     const text = `${state.frames.toLocaleString('en')} frames in pictures, ${(state.missed).toLocaleString('en')} missed by this page, ${now.lost} lost before the log; ${strip.rate.toFixed(0)} redraws/s`;
     if (counts.textContent !== text) counts.textContent = text;
     Object.assign(element.dataset, { frames: state.frames, total: now.total, missed: state.missed, lost: now.lost, redraws: strip.redraws, rate: strip.rate.toFixed(1), state: now.state, skipped: state.skipped });
@@ -266,7 +270,8 @@ export function mount(element, app) {
     stop.disabled = !state.hello?.stop || now.state !== 'live';
   }
 
-  let cells = [];
+  let cells = [], tableSeen = false, drawnRows = 0;
+  new IntersectionObserver((entries) => { tableSeen = entries[entries.length - 1].isIntersecting; }).observe(table.closest('.signal-table'));
   function list() {
     cells = [];
     table.replaceChildren(...state.signals.filter((s) => pattern.test(s.name)).map((signal) => {
@@ -278,6 +283,7 @@ export function mount(element, app) {
     rows();
   }
   function rows() {
+    drawnRows = performance.now();
     for (const [cell, i, signal] of cells) {
       const v = state.values[i];
       const text = v === null || v === undefined ? '–' : signal.words?.[v] ?? number(v, 6);
@@ -335,6 +341,6 @@ export function mount(element, app) {
   return {
     show() { shown = true; offer(); strip.start(); if (!socket) connect(); app.context(state.hello?.name || ''); if (state.hello?.command) app.showCommand(state.hello.command); },
     hide() { shown = false; strip.stop(); socket?.close(); },
-    redraw() { strip.draw(); },
+    redraw() { strip.recolour(); },
   };
 }

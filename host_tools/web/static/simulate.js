@@ -323,6 +323,6 @@ export function mount(element, app) {
   return {
     show() { shown = true; if (!description) load(); list(); running(); if (run) draw(); else robot.draw(); },
     hide() { shown = false; setPlaying(false); },
-    redraw() { draw(); strip.draw(); },
+    redraw() { draw(); strip.recolour(); },
   };
 }

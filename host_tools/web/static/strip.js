@@ -84,12 +84,16 @@ export class Strip {
       if (this.onPick && this.cursor !== null) this.onPick(this.cursor);
     });
     addEventListener('pointerup', () => { this.drag = null; });
-    new ResizeObserver(() => this.still()).observe(host);
+    this.size = [0, 0];
+    new ResizeObserver(() => { this.size = [host.clientWidth, host.clientHeight]; this.still(); }).observe(host);
     this.running = false;
     this.due = 0; this.counted = performance.now(); this.before = 0;
   }
 
   get until() { return this.paused ?? this.end; }
+
+  /** After a change between light and dark. */
+  recolour() { this.colours = null; this.draw(); }
 
   start() {
     if (this.running) return;
@@ -136,22 +140,24 @@ export class Strip {
   }
 
   draw() {
-    const width = this.host.clientWidth, height = this.host.clientHeight, ratio = devicePixelRatio || 1;
+    const [width, height] = this.size, ratio = devicePixelRatio || 1; // asking the page itself would make it lay out anew
     if (!width || !height) return;
     const { canvas } = this;
     if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
       canvas.width = Math.round(width * ratio); canvas.height = Math.round(height * ratio);
     }
-    const pen = canvas.getContext('2d');
+    const pen = this.pen ??= canvas.getContext('2d', { alpha: false });
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-    pen.clearRect(0, 0, width, height);
+    pen.fillStyle = this.colours?.['--card'] || css('--card');
+    pen.fillRect(0, 0, width, height);
     pen.font = '12px system-ui, sans-serif';
     pen.textBaseline = 'middle';
     this.wide = width - LEFT - RIGHT;
     const end = this.until, begin = end - this.seconds;
     const x = (time) => LEFT + (time - begin) / this.seconds * this.wide;
     this.cursor = this.cursorX === null || this.cursorX === undefined || this.cursorX < LEFT ? this.fixed : begin + (this.cursorX - LEFT) / this.wide * this.seconds;
-    const colours = Object.fromEntries(['--ink', '--soft', '--line', '--hair', '--mute', ...COLOURS].map((name) => [name, css(name)]));
+    this.colours ??= Object.fromEntries(['--card', '--ink', '--soft', '--line', '--hair', '--mute', ...COLOURS].map((name) => [name, css(name)]));
+    const { colours } = this;
     const bottom = height - AXIS - EVENTS;
     const each = this.lanes.length ? bottom / this.lanes.length : 0;
     this.lanes.forEach((lane, place) => this.lane(pen, lane, place * each, each, begin, end, colours));
@@ -245,7 +251,7 @@ export class Strip {
     for (const event of this.events) {
       if (event.time === null || event.time < begin || event.time > end) continue;
       const at = x(event.time);
-      pen.strokeStyle = pen.fillStyle = css(MARKS[event.kind] || '--soft');
+      pen.strokeStyle = pen.fillStyle = colours[MARKS[event.kind] || '--soft'];
       line(pen, at, top + 1, at, top + EVENTS);
       pen.fillRect(at - 2, top + 1, 4, 6);
       const row = free.findIndex((from) => from <= at);
