@@ -12,7 +12,8 @@
 #include "slcan.h"
 #include "terrapin.h"
 
-#define BUS_AT_ONCE 16 /* frames taken from the bus at a time, so that no flood of them delays the step */
+#define BUS_TEXT_MAX (TERRAPIN_MAX_FRAMES * TERRAPIN_SLCAN_TEXT_MAX) /* of the frames of a tick */
+#define BUS_AT_ONCE  16 /* frames taken from the bus at a time, so that no flood of them delays the step */
 
 typedef enum { BUS_ACTIVE, BUS_WARNING, BUS_PASSIVE, BUS_OFF, BUS_DOWN } bus_state;
 
@@ -34,7 +35,9 @@ typedef struct {
     int descriptor;       /* to poll for input; -1 while the bus is gone */
     bus_state state;
     bus_counts counts;
-    terrapin_slcan parser; /* of an adapter's lines */
+    terrapin_slcan parser;      /* of an adapter's lines */
+    uint8_t rest[BUS_TEXT_MAX]; /* of a line that the port took only in part */
+    uint8_t rest_length;
 } bus;
 
 /* False, and the reason on stderr, when it cannot be opened. */

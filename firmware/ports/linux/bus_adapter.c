@@ -53,6 +53,7 @@ bool adapter_open(bus *b) {
     }
     terrapin_slcan_init(&b->parser);
     b->parser.open = true; /* we are the side that opens */
+    b->rest_length = 0;
     b->descriptor = fd;
     return true;
 }
@@ -92,23 +93,37 @@ int adapter_receive(bus *b, terrapin_frame frames[BUS_AT_ONCE]) {
     return taken;
 }
 
-/* A line that the port takes only in part is lost with its rest: the carriage return below ends it. */
+/* Write what a line begun earlier still lacks. True when nothing of it is left. */
+static bool finish_line(bus *b) {
+    if (b->rest_length > 0U) {
+        const ssize_t n = write(b->descriptor, b->rest, b->rest_length);
+        const size_t done = (n > 0) ? (size_t)n : 0U;
+        b->rest_length -= (uint8_t)done;
+        (void)memmove(b->rest, &b->rest[done], b->rest_length);
+    }
+    return b->rest_length == 0U;
+}
+
+/* A port that takes a line only in part gets its rest before anything else. */
 void adapter_send(bus *b, const terrapin_frame *frames, uint8_t count) {
-    uint8_t text[(TERRAPIN_MAX_FRAMES * TERRAPIN_SLCAN_TEXT_MAX)];
+    uint8_t text[BUS_TEXT_MAX];
     size_t length = 0;
+    if (!finish_line(b)) {
+        b->counts.unsent += count;
+        return;
+    }
     for (uint8_t i = 0; i < count; i++) {
         length += terrapin_slcan_encode(&frames[i], &text[length]);
     }
     const ssize_t n = write(b->descriptor, text, length);
-    if (n == (ssize_t)length) {
+    if (n > 0) {
+        b->rest_length = (uint8_t)(length - (size_t)n);
+        (void)memcpy(b->rest, &text[n], b->rest_length);
         b->counts.sent += count;
-    } else if ((n < 0) && (errno != EAGAIN) && (errno != EINTR)) {
-        b->counts.unsent += count;
-        bus_lost(b, errno);
     } else {
         b->counts.unsent += count;
-        if (n > 0) {
-            (void)!write(b->descriptor, "\r", 1);
+        if ((n < 0) && (errno != EAGAIN) && (errno != EINTR)) {
+            bus_lost(b, errno);
         }
     }
 }

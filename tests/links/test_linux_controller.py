@@ -1,0 +1,216 @@
+"""The Linux controller where there is neither CAN nor GPIO: its command line, and its bus through an SLCAN adapter.
+
+What needs a kernel with both is in tests/sandbox."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import time
+import tty
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hil import paths
+from hil.links.bus import BusLink
+from hil.links.slcan import slcan_line, slcan_parse
+from hil.messages import Frame, Sender, interface
+from hil.run import run
+from hil.scenario import Scenario, find_scenario, load_scenario
+
+PROGRAM = paths.build() / "terrapin-controller"
+TERRAPIN = [sys.executable, "-c", "from host_tools.cli import main; main()"]
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the Linux controller is built on Linux")
+
+
+class Adapter:
+    """An SLCAN adapter's side of a pty (hil.links.bus.Bus): acknowledges each line, as adapters do."""
+
+    def __init__(self) -> None:
+        self.name = "adapter"
+        self._master, slave = pty.openpty()
+        tty.setraw(slave)
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(slave)
+        self._slave = slave
+        self._rest = b""
+        self._frames: list[Frame] = []
+        self.commands: list[bytes] = []
+        self.bell = False
+
+    def write(self, text: bytes) -> None:
+        os.write(self._master, text)
+
+    def send(self, frame: Frame) -> None:
+        self.write(slcan_line(frame))
+
+    def receive(self, wait: float) -> Frame | None:
+        end = time.monotonic() + wait
+        while not self._frames:
+            left = end - time.monotonic()
+            if left <= 0 or not select.select([self._master], [], [], left)[0]:
+                return None
+            *lines, self._rest = (self._rest + os.read(self._master, 65536)).split(b"\r")
+            for line in lines:
+                if line[:1] == b"t":
+                    self._frames.append(slcan_parse(line))
+                else:
+                    self.commands.append(line)
+                self.write(b"\a" if self.bell else b"z\r" if line[:1] == b"t" else b"\r")
+        return self._frames.pop(0)
+
+    def close(self) -> None:
+        if self._master >= 0:
+            os.close(self._master)
+            os.close(self._slave)
+        self._master = self._slave = -1
+
+
+@pytest.fixture
+def adapter() -> Iterator[Adapter]:
+    made = Adapter()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def controller(adapter: Adapter) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(
+        [PROGRAM, "--adapter", adapter.path, "--priority", "0"], stderr=subprocess.PIPE, text=True
+    )
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def finish(process: subprocess.Popen[str]) -> str:
+    process.send_signal(signal.SIGTERM)
+    _, said = process.communicate(timeout=10)
+    assert process.returncode == 0
+    return said
+
+
+def short(seconds: float) -> Scenario:
+    return replace(load_scenario(find_scenario("steady_sand")), duration=seconds, checks=())
+
+
+def test_lockstep_through_an_adapter(adapter: Adapter, controller: subprocess.Popen[str]) -> None:
+    with BusLink(adapter) as link:
+        assert adapter.receive(5.0) is not None
+        assert adapter.commands == [b"", b"C", b"S6", b"O"]
+        result = run(short(1.0), link)
+        assert result.output_hash == run(short(1.0)).output_hash
+        said = finish(controller)
+    assert "adapter: 0 lines refused, 0 malformed" in said
+    assert "0 bad CRC, 0 repeated, 0 malformed" in said
+
+
+def test_free_running_steps_by_the_clock(adapter: Adapter, controller: subprocess.Popen[str]) -> None:
+    """Without test mode: its own ticks, without sensors faults of them, and never the bridge."""
+    with BusLink(adapter) as link:
+        sender = Sender()
+        run_request = {"request": interface().enums["request"]["run"], "control": 0, "setpoint": 1000}
+        heard = []
+        for _ in range(25):
+            heard += link.talk([sender.frame("COMMAND", run_request)], 0.02)
+        said = finish(controller)
+    names = interface().by_id
+    actuate = [names[i].decode(data) for i, data in heard if names[i].name == "ACTUATE"]
+    status = [names[i].decode(data) for i, data in heard if names[i].name == "STATUS"]
+    assert len(actuate) > 100
+    assert all(tick["enable"] == 0 and tick["duty"] == 0 for tick in actuate)
+    assert status[-1]["state"] == interface().enums["state"]["safe"]
+    assert "late by" in said
+
+
+def test_an_adapter_that_refuses_is_counted(adapter: Adapter, controller: subprocess.Popen[str]) -> None:
+    adapter.bell = True
+    for _ in range(20):
+        assert adapter.receive(2.0) is not None
+    adapter.write(b"rubbish\rt08\r")
+    time.sleep(0.1)
+    said = finish(controller)
+    refused, malformed = (int(said.split("adapter: ")[1].split()[i]) for i in (0, 3))
+    assert refused >= 20
+    assert malformed == 2
+
+
+def test_an_adapter_that_is_unplugged(adapter: Adapter, controller: subprocess.Popen[str]) -> None:
+    assert adapter.receive(5.0) is not None
+    path = adapter.path
+    adapter.close()
+    time.sleep(0.5)
+    assert controller.poll() is None
+    assert f"{path} went away" in finish(controller)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ([], "--can, --adapter: expected one of them"),
+        (["--can"], "--can: needs a value"),
+        (["--nope"], "--nope: unknown option"),
+        (["--can", "a", "b"], "b: unexpected"),
+        (["--can", "a", "--adapter", "b"], "--can, --adapter: expected one of them"),
+        (["--can", "a", "--enable", "gpiochip0:1"], "--enable, --pwm: need --estop"),
+        (["--can", "a", "--estop", "5"], "--estop: an offset needs its chip, as in gpiochip0:5"),
+        (["--can", "a", "--estop", "x,active-high"], "--estop: 'active-high' is none of"),
+        (["--can", "a", "--estop", ":3"], "--estop: expected LINE or CHIP:LINE"),
+        (["--can", "a", "--estop", "x" * 300], "--estop: the name is too long"),
+        (["--can", "a", "--motor-encoder", "a"], "--motor-encoder: expected two lines, A+B"),
+        (["--can", "a", "--priority", "100"], "--priority: found '100', expected a number from 0 to 99"),
+        (["--can", "a", "--debounce", "2x"], "--debounce: found '2x', expected a number"),
+        (["--adapter", "a", "--bitrate", "123456"], "--bitrate: expected one of 10000, 20000"),
+        (["--off"], "--off: needs --enable or --pwm"),
+    ],
+)
+def test_bad_options_are_one_line(options: list[str], words: str) -> None:
+    done = subprocess.run([PROGRAM, *options], capture_output=True, text=True, timeout=10, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"terrapin-controller: {words}")
+    assert done.stderr.count("\n") == 1
+
+
+def test_help_has_an_example() -> None:
+    done = subprocess.run([PROGRAM, "--help"], capture_output=True, text=True, timeout=10, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "Example: terrapin-controller --can can0 --estop" in done.stdout
+
+
+def test_rig_files(tmp_path: Path) -> None:
+    from hil.reading import ReadingError
+    from hil.rig import load_rig
+
+    good = 'reset = "gpiochip0:4,active-low"\nenable = "WATCH,pull-down"\nestop_limit = "3 ms"\n'
+    (tmp_path / "rig.toml").write_text(good)
+    config = load_rig(tmp_path / "rig.toml")
+    assert config.reset is not None
+    assert (config.reset.active_low, config.estop, config.estop_limit) == (True, None, 3e-3)
+    for text, words in (
+        ("", "found no line"),
+        ('rset = "a"\nreset = "a"', r"rig.toml:1: rset: no such field; is `reset` meant"),
+        ("reset = 4", r"rig.toml:1: reset: found 4, expected text"),
+        ('reset = "4"', "an offset needs its chip"),
+        ('reset = "a,b"', "expected .CHIP:.NAME_OR_OFFSET"),
+        ('reset = "a"\nboot = "a"', "the same line twice"),
+        ('reset = "a"\nestop_limit = "0 s"', "estop_limit: found '0 s', expected 0.0001 to 1 s"),
+    ):
+        (tmp_path / "rig.toml").write_text(text)
+        with pytest.raises(ReadingError, match=words):
+            load_rig(tmp_path / "rig.toml")
+
+
+def test_a_rig_needs_a_board(tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text('reset = "gpiochip0:4"\n')
+    command = [*TERRAPIN, "run", "steady_sand", "--rig", str(tmp_path / "rig.toml")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("terrapin: --rig is around a real board: found --link inprocess")
