@@ -2,8 +2,8 @@
 
     imgtool sign -k KEY.pem -v VERSION -s COUNTER -H 0x200 --pad-header -S 0x20000 -F ADDRESS --align 4
 
-Header (0x200 bytes), code, protected TLVs (security counter), TLVs: SHA-256, key hash, Ed25519 signature of the SHA-256.
-What the boot loader asks of an image stands in firmware/boot/image.h; `parse` asks the same.
+Header (0x200 bytes), code, protected TLVs (security counter), TLVs: SHA-256, key hash, Ed25519 signature of the
+SHA-256. What the boot loader asks of an image stands in firmware/boot/image.h; `parse` asks the same.
 """
 
 from __future__ import annotations

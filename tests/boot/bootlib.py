@@ -46,9 +46,7 @@ class Chip:
         self.ffi, self.lib = library()
         self.bytes = self.ffi.new("uint8_t[]", b"\xff" * SIZE)
         self.memory = self.ffi.new("terrapin_flash_emulated *")
-        self.lib.terrapin_flash_emulated_init(
-            self.memory, self.bytes, self.lib.terrapin_flash_f405_sectors, SECTORS, 4
-        )
+        self.lib.terrapin_flash_emulated_init(self.memory, self.bytes, self.lib.terrapin_flash_f405_sectors, SECTORS, 4)
         self.flash = self.ffi.new("terrapin_flash *", self.lib.terrapin_flash_emulated_driver(self.memory))
         self.key = self.ffi.new("uint8_t[32]", key)
         self.boot = self.ffi.new("terrapin_boot *", {"flash": self.flash, "key": self.key})

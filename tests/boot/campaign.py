@@ -2,9 +2,10 @@
 
     python tests/boot/campaign.py [--cases 10000] [--seed 1]
 
-Each case is sent as an update; then, behind the protocol's back, it is put into the slot and asked for as a start would.
-Both must be refused. In every tenth case the records say pending and the chip does start: its confirmed image. Prints the cases of each kind and
-the reasons given; status 1 when one was taken. BOOT_LIBRARY names another build's library (the sanitizers').
+Each case is sent as an update; then, behind the protocol's back, it is put into the slot and asked for as a start
+would. Both must be refused. In every tenth case the records say pending and the chip does start: its confirmed image.
+Prints the cases of each kind and the reasons given; status 1 when one was taken. BOOT_LIBRARY names another build's
+library (the sanitizers').
 """
 
 from __future__ import annotations
@@ -124,7 +125,9 @@ def forged(rng: random.Random, data: bytes) -> bytes:
     if kind == 1:
         return resign(bytes(changed))
     if kind == 2:  # honestly signed, with another key under its own name
-        return out[:-104] + out[-104:-100] + key_hash(OTHER_KEY.public_key())[:32] + out[-68:-64] + OTHER_KEY.sign(digest)
+        return (
+            out[:-104] + out[-104:-100] + key_hash(OTHER_KEY.public_key())[:32] + out[-68:-64] + OTHER_KEY.sign(digest)
+        )
     if kind == 3:
         return out[:-64] + rng.randbytes(64)
     if kind == 4:

@@ -10,7 +10,7 @@ from kit import OTHER_KEY, PUBLIC, image
 
 from hil.messages import Sender, interface
 
-RESULT = {name: number for name, number in interface().enums["update_result"].items()}
+RESULT = interface().enums["update_result"]
 
 
 @pytest.fixture
@@ -205,7 +205,7 @@ def test_frames_that_are_wrong_change_nothing(chip: Chip) -> None:
 
 
 def test_query(chip: Chip) -> None:
-    info, least = (chip.accept(*Sender().frame("UPDATE_QUERY", {"protocol": 1})))
+    info, least = chip.accept(*Sender().frame("UPDATE_QUERY", {"protocol": 1}))
     messages = interface().messages
     assert messages["UPDATE_INFO"].decode(info[1]) == {
         "protocol": 1, "running": 1, "confirmed": 1, "candidate": 0, "phase": 0, "major": 1, "minor": 0, "revision": 0,

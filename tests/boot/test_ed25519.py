@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 
-
 import pytest
 from bootlib import library
 from cryptography.exceptions import InvalidSignature
@@ -28,7 +27,7 @@ VECTORS = [
      "dc2a4459e7369633a52b1bf277839a00201009a3efbf3ecb69bea2186c26b58909351fc9ac90b3ecfdfbc7c66431e0303dca179c138ac17ad9bef1177331a704"),
 ]  # fmt: skip
 
-# The eight points of small order, y canonical, both signs of x where there are two; and encodings that are not canonical.
+# The eight points of small order, y canonical, both signs of x where there are two; and encodings not canonical.
 SMALL_ORDER = [
     "0100000000000000000000000000000000000000000000000000000000000000",
     "ecffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff7f",
@@ -39,9 +38,10 @@ SMALL_ORDER = [
     "26e8958fc2b227b045c3f489f2ef98f0d5dfac05d3c63339b13802886d53fc05",
     "26e8958fc2b227b045c3f489f2ef98f0d5dfac05d3c63339b13802886d53fc85",
 ]
-NOT_CANONICAL = [
-    (P + offset | sign << 255).to_bytes(32, "little").hex() for offset in range(19) for sign in (0, 1)
-] + ["0100000000000000000000000000000000000000000000000000000000000080", (P - 1 | 1 << 255).to_bytes(32, "little").hex()]
+NOT_CANONICAL = [(P + offset | sign << 255).to_bytes(32, "little").hex() for offset in range(19) for sign in (0, 1)] + [
+    "0100000000000000000000000000000000000000000000000000000000000080",
+    (P - 1 | 1 << 255).to_bytes(32, "little").hex(),
+]
 
 
 def ours(key: bytes, signature: bytes, message: bytes) -> bool:

@@ -27,9 +27,7 @@ def imgtool(*arguments: str) -> subprocess.CompletedProcess[str]:
 def key_file(tmp_path: Path) -> Path:
     path = tmp_path / "key.pem"
     path.write_bytes(
-        KEY.private_bytes(
-            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
-        )
+        KEY.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
     )
     return path
 
@@ -105,7 +103,7 @@ def test_largest_and_too_large() -> None:
     largest = image("a", "1.0.0", size=0x20000 - overhead)
     assert len(largest) == 0x20000
     assert by_loader(largest) == "ok"
-    with pytest.raises(ImageError, match="131073|bytes of code"):
+    with pytest.raises(ImageError, match="bytes of code"):
         image("a", "1.0.0", size=0x20000 - overhead + 1)
 
 

@@ -1,4 +1,4 @@
-"""Power fails in every single write and erase of an update, in five ways each: never a brick, always the old or the new.
+"""Power fails in every single write and erase of an update, in five ways each: never a brick, always old or new.
 
 After each cut the next start is cut too, at each of its own writes and erases, before one is left alone. What is
 counted is printed; a case is named (cut, way), so that it can be run again.

@@ -1,0 +1,74 @@
+"""What a programmer that writes the whole flash (SWD, the chip's own boot loader) has to erase and write.
+
+The records of the project's boot loader are erased with it, and the slot that gets no image: so that what is written is
+what starts, whatever was there before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from hil import paths
+from host_tools.errors import UserError
+from host_tools.flash.layout import BASE, RECORDS, SLOT_SIZE, SLOTS
+from host_tools.flash.update import SignedFile
+
+__all__ = ["BOOT_SIZE", "Plan", "Programmer", "boot_loader", "perform", "plan"]
+
+BOOT_SIZE = 0x4000
+RAM = range(0x2000_0000, 0x2002_0001)
+
+Told = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Regions to erase, (address, bytes), whole sectors; and data to write into them, (address, data)."""
+
+    erase: tuple[tuple[int, int], ...]
+    write: tuple[tuple[int, bytes], ...]
+
+
+class Programmer(Protocol):
+    """A connection that can do it. Failures are UserError."""
+
+    def erase(self, regions: Sequence[tuple[int, int]], told: Told) -> None: ...
+    def write(self, address: int, data: bytes, told: Told) -> None: ...
+    def verify(self, address: int, data: bytes, told: Told) -> None: ...
+    def start(self) -> None: ...
+
+
+def boot_loader(path: Path) -> bytes:
+    """The boot loader in a .bin. UserError when it cannot be one."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        built = paths.ROOT / "build" / "cortex-m4"
+        raise UserError(f"{path}: cannot read: {error.strerror} (`make firmware` puts it into {built})") from None
+    stack, reset = int.from_bytes(data[:4], "little"), int.from_bytes(data[4:8], "little")
+    if not 8 <= len(data) <= BOOT_SIZE or stack not in RAM or not BASE <= reset < BASE + len(data):
+        raise UserError(f"{path}: no boot loader: expected at most {BOOT_SIZE} bytes linked for 0x{BASE:08x}")
+    return data
+
+
+def plan(files: Sequence[SignedFile], loader: bytes | None) -> Plan:
+    """For these images, at most one a slot, and perhaps the boot loader."""
+    erase = [*RECORDS, *((start, SLOT_SIZE) for start in SLOTS.values())]
+    write = [(SLOTS[file.image.slot], file.data[: file.image.size]) for file in files]
+    if loader is not None:
+        erase.insert(0, (BASE, BOOT_SIZE))
+        write.insert(0, (BASE, loader))
+    return Plan(tuple(erase), tuple(write))
+
+
+def perform(programmer: Programmer, what: Plan, told: Told) -> None:
+    """Erase, write, read back, start."""
+    programmer.erase(what.erase, told)
+    for address, data in what.write:
+        programmer.write(address, data, told)
+    for address, data in what.write:
+        programmer.verify(address, data, told)
+    programmer.start()

@@ -1,0 +1,495 @@
+"""`terrapin flash`, `image` and `keys`, end to end: the boot loader's process on a pty, a CAN bus, ST's boot loader."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import shutil
+import stat
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest import mock
+
+import can
+import pytest
+from an3155 import Emulator
+from bootlib import Chip
+from kit import KEY, OTHER_KEY, PUBLIC, code, image
+
+from hil import paths
+from host_tools import cli
+from host_tools.errors import UserError
+from host_tools.flash import swd
+from host_tools.flash.image import Version, parse, sign
+from host_tools.flash.keys import development_key, private_key
+from host_tools.flash.layout import BASE, SLOTS
+from host_tools.flash.plan import plan
+from host_tools.flash.update import Outcome, SignedFile, query, update
+from host_tools.flash.wires import CanWire, SerialWire
+
+PROGRAM = paths.build() / "terrapin-bootloader"
+
+
+def quiet(what: str, done: int, total: int) -> None:
+    pass
+
+
+def terrapin(*arguments: object) -> SimpleNamespace:
+    """The command line in this process, which has imported everything already: status, stdout, stderr."""
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        mock.patch.object(sys, "argv", ["terrapin", *map(str, arguments)]),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        pytest.raises(SystemExit) as ended,
+    ):
+        cli.main()
+    return SimpleNamespace(returncode=ended.value.code, stdout=out.getvalue(), stderr=err.getvalue())
+
+
+def signed(folder: Path, slot: str, version: str, counter: int = 1) -> Path:
+    path = folder / f"{version}-{slot}.bin"
+    key = private_key(development_key())
+    path.write_bytes(sign(code(slot, 3000, version), key, Version.of(version), counter, slot))
+    return path
+
+
+def file(slot: str, version: str, counter: int = 1, size: int = 3000) -> SignedFile:
+    data = image(slot, version, counter, size)
+    return SignedFile(f"{version}-{slot}", parse(data), data)
+
+
+@contextlib.contextmanager
+def board(folder: Path, *options: str) -> Iterator[str]:
+    """The boot loader's process over folder/flash.bin; its port. What it said is in folder/log."""
+    port = folder / "port"
+    with (folder / "log").open("a") as log:
+        process = subprocess.Popen([PROGRAM, *options, folder / "flash.bin", port], stdout=subprocess.PIPE, stderr=log)
+    assert process.stdout is not None
+    with process.stdout:
+        assert process.stdout.readline().decode().strip() == str(port)
+        try:
+            yield str(port)
+        finally:
+            process.terminate()
+            assert process.wait(5) == 0
+
+
+def said(folder: Path) -> list[str]:
+    return [line.partition(": ")[2] for line in (folder / "log").read_text().splitlines()]
+
+
+def test_serial_end_to_end(tmp_path: Path) -> None:
+    """An empty chip takes 1.0.0, then 1.1.0 while that runs; old, forged and other images are refused with a reason."""
+    first, second = signed(tmp_path, "a", "1.0.0"), signed(tmp_path, "b", "1.1.0", counter=2)
+    with board(tmp_path) as port:
+        done = terrapin("flash", first, "--via", "serial", "--port", port)
+        assert (done.returncode, done.stdout) == (0, "slot a: started and confirmed\n"), done.stderr
+        done = terrapin("flash", first, second, "--via", "serial", "--port", port)
+        assert (done.returncode, done.stdout) == (0, "slot b: started and confirmed\n"), done.stderr
+        for bad, reason in [
+            (signed(tmp_path, "a", "1.0.9", counter=2), "version too old: 1.0.9, expected 1.1.0 or newer"),
+            (signed(tmp_path, "a", "1.2.0", counter=1), "security counter 1, expected 2 or more"),
+            (signed(tmp_path, "b", "1.2.0"), "expected the image for slot a"),
+        ]:
+            done = terrapin("flash", bad, "--via", "serial", "--port", port)
+            assert done.returncode == 2
+            assert reason in done.stderr
+    assert said(tmp_path) == [
+        "stays",
+        "started slot A, version 1.0.0+0, confirmed",
+        "stays",
+        "started slot B, version 1.1.0+0, confirmed",
+    ]
+    with board(tmp_path):  # power off and on
+        pass
+    assert said(tmp_path)[-1] == "started slot B, version 1.1.0+0, confirmed"
+
+
+def test_an_image_that_does_not_confirm_itself(tmp_path: Path) -> None:
+    with board(tmp_path) as port:
+        assert terrapin("flash", signed(tmp_path, "a", "1.0.0"), "--via", "serial", "--port", port).returncode == 0
+    with board(tmp_path, "--unhealthy") as port:
+        done = terrapin("flash", signed(tmp_path, "b", "1.1.0"), "--via", "serial", "--port", port)
+        assert done.returncode == 0
+        assert "not confirmed yet" in done.stdout
+    with board(tmp_path):
+        pass
+    assert said(tmp_path)[-1] == "started slot A, version 1.0.0+0, confirmed"
+
+
+def test_the_motor_is_on(tmp_path: Path) -> None:
+    with board(tmp_path) as port:
+        assert terrapin("flash", signed(tmp_path, "a", "1.0.0"), "--via", "serial", "--port", port).returncode == 0
+    before = (tmp_path / "flash.bin").read_bytes()
+    with board(tmp_path, "--motor-on") as port:
+        done = terrapin("flash", signed(tmp_path, "b", "1.1.0"), "--via", "serial", "--port", port)
+    assert done.returncode == 2
+    assert "the motor is on; stop it first" in done.stderr
+    assert (tmp_path / "flash.bin").read_bytes() == before
+
+
+class Node(threading.Thread):
+    """A chip on python-can's virtual bus; `lose`: every so many-th frame, of both directions, is lost."""
+
+    def __init__(self, channel: str, lose: int = 0) -> None:
+        super().__init__(daemon=True)
+        self.bus = can.Bus(interface="virtual", channel=channel, receive_own_messages=False)
+        self.chip = Chip(PUBLIC)
+        self.chip.start()
+        self.lose, self.count, self.resets = lose, 0, 0
+        self.going = True
+
+    def lost(self) -> bool:
+        self.count += 1
+        return self.lose > 0 and self.count % self.lose == 0
+
+    def run(self) -> None:
+        while self.going:
+            message = self.bus.recv(0.05)
+            if message is None or self.lost():
+                continue
+            for identifier, data in self.chip.accept(message.arbitration_id, bytes(message.data)):
+                if not self.lost():
+                    self.bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+            if self.chip.update.reset:
+                self.resets += 1
+                if self.chip.update.stay:
+                    self.chip.lib.terrapin_update_init(self.chip.update, self.chip.boot, 0)
+                elif self.chip.start():
+                    self.chip.confirm()
+
+
+@contextlib.contextmanager
+def on_bus(lose: int = 0) -> Iterator[tuple[Node, CanWire]]:
+    channel = f"flash-{os.getpid()}-{time.monotonic_ns()}"
+    node = Node(channel, lose)
+    node.start()
+    wire = CanWire("virtual", channel)
+    try:
+        yield node, wire
+    finally:
+        wire.close()
+        node.going = False
+        node.join(5)
+        node.bus.shutdown()
+
+
+def test_can_end_to_end() -> None:
+    with on_bus() as (node, wire):
+        assert update(wire, [file("a", "1.0.0")], quiet) == Outcome("a", "confirmed")
+        assert update(wire, [file("a", "1.1.0"), file("b", "1.1.0")], quiet) == Outcome("b", "confirmed")
+        assert node.resets == 3  # one of them into the boot loader
+        found = query(wire)
+        assert (found.running, found.confirmed, found.version) == ("b", "b", Version(1, 1, 0))
+        assert found.key == parse(image("a", "1.0.0")).key_hash[:4]  # type: ignore[index]
+        data = image("a", "2.0.0", key=OTHER_KEY)
+        with pytest.raises(UserError, match="signed with key"):
+            update(wire, [SignedFile("x", parse(data), data)], quiet)
+
+
+def test_a_bus_that_loses_frames() -> None:
+    """Each 61st frame is lost: blocks are sent again, and the image is whole."""
+    with on_bus(lose=61) as (node, wire):
+        assert update(wire, [file("a", "1.0.0", size=1500)], quiet).slot == "a"
+        assert node.count > 61 * 3
+
+
+def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("host_tools.flash.update.ANSWER", 0.1)
+    wire = CanWire("virtual", "nobody")
+    with contextlib.closing(wire), pytest.raises(UserError, match="no controller answers"):
+        query(wire, 0.1)
+
+
+def test_bad_input(tmp_path: Path) -> None:
+    good = signed(tmp_path, "a", "1.0.0")
+    raw = tmp_path / "raw.bin"
+    raw.write_bytes(code("a", 900))
+    unsigned = tmp_path / "unsigned.bin"
+    data = bytearray(good.read_bytes()[:-104])
+    data[-38:-36] = (40).to_bytes(2, "little")
+    unsigned.write_bytes(bytes(data))
+    cut = tmp_path / "cut.bin"
+    cut.write_bytes(good.read_bytes()[:-9])
+    for arguments, reason in [
+        ([good], "--via: found ''"),
+        ([good, "--via", "jtag"], "expected one of swd, stm32, can, serial"),
+        (["--via", "serial"], "no IMAGE"),
+        ([tmp_path / "none.bin", "--via", "serial", "--port", "x"], "No such file"),
+        ([raw, "--via", "serial", "--port", "x"], "not an image (no MCUboot header)"),
+        ([unsigned, "--via", "serial", "--port", "x"], "not signed"),
+        ([cut, "--via", "serial", "--port", "x"], "cut off"),
+        ([good, good, "--via", "serial", "--port", "x"], "expected one image a slot"),
+        ([good, "--via", "can", "--port", "can0"], "expected socketcan:CHANNEL"),
+        ([good, "--via", "can", "--boot-loader", raw], "cannot be written via can"),
+        ([good, "--via", "stm32", "--port", "x", "--boot-loader", raw], "no boot loader"),
+    ]:
+        done = terrapin("flash", *arguments)
+        assert done.returncode == 2, arguments
+        assert reason in done.stderr, (arguments, done.stderr)
+        assert len(done.stderr.splitlines()) == 1
+        assert done.stdout == ""
+    for arguments, reason in [
+        ([good, "--via", "serial", "--port", tmp_path / "no-port"], "cannot open the serial port"),
+        ([good, "--via", "can", "--port", "socketcan:no-such-bus"], "cannot open the bus"),
+        ([good, "--via", "can", "--port", "can:nonsense:1"], "cannot open the bus"),
+        ([good, "--via", "swd", "--port", "no-such-probe"], "no debug probe no-such-probe"),
+    ]:
+        done = terrapin("flash", *arguments)
+        assert done.returncode == 1, arguments
+        assert reason in done.stderr, (arguments, done.stderr)
+        assert len(done.stderr.splitlines()) == 1
+
+
+def test_list() -> None:
+    done = terrapin("flash", "--list")
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"debug probes.*serial ports.*CAN interfaces", done.stdout, re.DOTALL)
+    assert done.stderr == ""
+
+
+# ---- the chip's own boot loader
+
+
+def boot_file(folder: Path) -> Path:
+    path = folder / "boot.bin"
+    path.write_bytes(code("a", 5000)[:4] + (BASE + 0x199).to_bytes(4, "little") + bytes(4992))
+    return path
+
+
+def test_stm32_end_to_end(tmp_path: Path) -> None:
+    emulator = Emulator()
+    loader, good = boot_file(tmp_path), signed(tmp_path, "a", "1.0.0")
+    with emulator as port:
+        done = terrapin("flash", good, "--via", "stm32", "--port", port, "--boot-loader", loader)
+    assert (done.returncode, done.stdout) == (0, "boot loader, slot a: written and read back, started\n"), done.stderr
+    flash = bytes(emulator.flash)
+    assert flash[:5000] == loader.read_bytes()
+    assert flash[0x20000:].startswith(good.read_bytes() + b"\xff" * 64)
+    assert flash[0x4000:0xC000] == b"\x5a" * 0x8000  # the parameters are left alone
+    assert set(flash[0xC000:0x20000]) == {0xFF}  # the records and the other slot are not
+    assert set(flash[0x40000:0x60000]) == {0xFF}
+    assert emulator.started == 0
+
+
+def test_stm32_what_goes_wrong(tmp_path: Path) -> None:
+    good = signed(tmp_path, "a", "1.0.0")
+    for emulator, status, reason in [
+        (Emulator(identifier=0x419), 2, "wrong chip: identifier 0x419, expected 0x413 (STM32F405)"),
+        (Emulator(protected=True), 1, "protected?"),
+        (Emulator(damage=0x08020300), 1, "does not read back"),
+    ]:
+        with emulator as port:
+            done = terrapin("flash", good, "--via", "stm32", "--port", port)
+        assert (done.returncode, reason in done.stderr) == (status, True), done.stderr
+    silent, other = os.openpty()
+    try:
+        done = terrapin("flash", good, "--via", "stm32", "--port", os.ttyname(other))
+    finally:
+        os.close(silent)
+        os.close(other)
+    assert done.returncode == 1
+    assert "BOOT0 high" in done.stderr
+
+
+@pytest.mark.skipif(shutil.which("stm32flash") is None, reason="stm32flash is not installed")
+def test_stm32flash_agrees_with_the_emulator(tmp_path: Path) -> None:
+    """ST's protocol as another program speaks it, against the same emulator."""
+    data = tmp_path / "data.bin"
+    data.write_bytes(code("a", 4096))
+    emulator = Emulator()
+    with emulator as port:
+        words = ["stm32flash", "-m", "8n1", "-w", str(data), "-v", "-S", "0x08020000", port]
+        done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert bytes(emulator.flash[0x20000:0x21000]) == data.read_bytes()
+
+
+# ---- a debug probe: pyOCD with a chip of ours behind it
+
+
+class Target:
+    """What of pyOCD's target is used, over a flash in memory."""
+
+    def __init__(self, identifier: int) -> None:
+        self.identifier = identifier
+        self.flash = bytearray(b"\x5a" * 0x10_0000)
+        self.resets = 0
+
+    def read32(self, address: int) -> int:
+        assert address == 0xE004_2000
+        return 0x1000_0000 | self.identifier
+
+    def read_memory_block8(self, address: int, size: int) -> list[int]:
+        return list(self.flash[address - BASE : address - BASE + size])
+
+    def reset(self) -> None:
+        self.resets += 1
+
+
+@pytest.fixture
+def probe(monkeypatch: pytest.MonkeyPatch) -> Target:
+    pytest.importorskip("pyocd", reason="pyOCD is not installed")
+    import pyocd.core.session
+    import pyocd.flash.eraser
+    import pyocd.flash.loader
+    from pyocd.core import helpers
+
+    target = Target(0x413)
+    session = SimpleNamespace(open=lambda: None, close=lambda: None, target=target)
+
+    class Eraser:
+        Mode = pyocd.flash.eraser.FlashEraser.Mode
+
+        def __init__(self, session: Any, mode: Any) -> None:
+            assert mode == self.Mode.SECTOR
+
+        def erase(self, ranges: list[tuple[int, int]]) -> None:
+            for start, end in ranges:
+                target.flash[start - BASE : end - BASE] = b"\xff" * (end - start)
+
+    class Loader:
+        def __init__(self, session: Any, progress: Any, chip_erase: str) -> None:
+            self.progress = progress
+
+        def add_data(self, address: int, data: bytes) -> None:
+            self.address, self.data = address, data
+
+        def commit(self) -> None:
+            at = self.address - BASE
+            assert set(target.flash[at : at + len(self.data)]) == {0xFF}
+            target.flash[at : at + len(self.data)] = self.data
+            self.progress(1.0)
+
+    found = [SimpleNamespace(unique_id="P1", description="probe")]
+    monkeypatch.setattr(helpers.ConnectHelper, "get_all_connected_probes", staticmethod(lambda **_: found))
+    monkeypatch.setattr(pyocd.core.session, "Session", lambda *_, **__: session)
+    monkeypatch.setattr(pyocd.flash.eraser, "FlashEraser", Eraser)
+    monkeypatch.setattr(pyocd.flash.loader, "FlashLoader", Loader)
+    target.found = found  # type: ignore[attr-defined]
+    return target
+
+
+def by_probe(files: list[SignedFile], loader: bytes | None = None) -> None:
+    from host_tools.flash.plan import perform
+
+    programmer = swd.Swd()
+    with contextlib.closing(programmer):
+        perform(programmer, plan(files, loader), quiet)
+
+
+def test_swd(probe: Target) -> None:
+    good = file("b", "1.0.0")
+    by_probe([good], b"loader")
+    assert bytes(probe.flash[0x40000:]).startswith(good.data)
+    assert probe.flash[:6] == b"loader"
+    assert set(probe.flash[0xC000:0x40000]) == {0xFF}
+    assert probe.resets == 1
+    assert swd.probes() == [("P1", "probe")]
+
+
+def test_swd_what_goes_wrong(probe: Target, monkeypatch: pytest.MonkeyPatch) -> None:
+    good = file("b", "1.0.0")
+    probe.identifier = 0x419
+    with pytest.raises(UserError, match="wrong chip: identifier 0x419"):
+        by_probe([good])
+    probe.identifier = 0x413
+    monkeypatch.setattr(probe, "read_memory_block8", lambda address, size: [0] * size)
+    with pytest.raises(UserError, match="does not read back"):
+        by_probe([good])
+    found: list[Any] = probe.found  # type: ignore[attr-defined]
+    found.append(SimpleNamespace(unique_id="P2", description="another"))
+    with pytest.raises(UserError, match="several debug probes: P1, P2"):
+        by_probe([good])
+    found.clear()
+    with pytest.raises(UserError, match="no debug probe"):
+        by_probe([good])
+
+
+# ---- keys and images
+
+
+def test_keys_new(tmp_path: Path) -> None:
+    path = tmp_path / "robot.pem"
+    done = terrapin("keys", "new", path)
+    assert done.returncode == 0, done.stderr
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    before = path.read_bytes()
+    assert before.startswith(b"-----BEGIN PRIVATE KEY-----")
+    done = terrapin("keys", "new", path)
+    assert done.returncode == 2
+    assert "exists already" in done.stderr
+    assert path.read_bytes() == before
+    assert before.decode().splitlines()[1] not in done.stdout + done.stderr
+
+
+def test_image_sign_verify_info(tmp_path: Path) -> None:
+    body, out, key = tmp_path / "code.bin", tmp_path / "image.bin", tmp_path / "key.pem"
+    body.write_bytes(code("b", 1001))
+    assert terrapin("keys", "new", key).returncode == 0
+    done = terrapin("image", "sign", body, out, "--version", "1.2.3+4", "--key", key, "--counter", "7")
+    assert done.returncode == 0, done.stderr
+    assert "slot b, version 1.2.3+4, security counter 7" in done.stdout
+    assert terrapin("image", "verify", out, "--key", key).returncode == 0
+    checked = subprocess.run(
+        [str(Path(sys.executable).with_name("imgtool")), "verify", "-k", str(key), str(out)],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert checked.returncode == 0, checked.stderr
+    done = terrapin("image", "info", out)
+    assert "version           1.2.3+4" in done.stdout
+    assert "signature         Ed25519" in done.stdout
+    other = tmp_path / "other.pem"
+    assert terrapin("keys", "new", other).returncode == 0
+    done = terrapin("image", "verify", out, "--key", other)
+    assert (done.returncode, "signed with another key" in done.stderr) == (2, True)
+    out.write_bytes(out.read_bytes()[:-1] + b"\x7f")
+    done = terrapin("image", "verify", out, "--key", key)
+    assert (done.returncode, "forged" in done.stderr) == (2, True)
+
+
+def test_image_bad_input(tmp_path: Path) -> None:
+    body, out = tmp_path / "code.bin", tmp_path / "image.bin"
+    body.write_bytes(code("a", 1000))
+    alone = tmp_path / "alone.bin"
+    alone.write_bytes(bytes(4) + (BASE + 0x101).to_bytes(4, "little") + bytes(100))
+    large = tmp_path / "large.bin"
+    large.write_bytes(code("a", 0x20000))
+    for arguments, reason in [
+        ([body, out, "--version", "1.2"], "expected MAJOR.MINOR.REVISION"),
+        ([body, out, "--version", "256.0.0"], "at most 255.255.65535"),
+        ([body, out, "--version", "1.0.0", "--counter", "-1"], "expected 0 to"),
+        ([body, out, "--version", "1.0.0", "--key", tmp_path / "no.pem"], "terrapin keys new"),
+        ([body, out, "--version", "1.0.0", "--key", body], "expected an Ed25519 key"),
+        ([alone, out, "--version", "1.0.0"], "reset vector is in no slot"),
+        ([large, out, "--version", "1.0.0"], "bytes of code, expected"),
+    ]:
+        done = terrapin("image", "sign", *arguments)
+        assert (done.returncode, reason in done.stderr) == (2, True), (arguments, done.stderr)
+        assert not out.exists()
+    assert terrapin("image", "info", body).returncode == 2
+
+
+def test_a_serial_port_that_goes_away(tmp_path: Path) -> None:
+    with board(tmp_path) as port:
+        wire = SerialWire(os.path.realpath(port))
+        assert query(wire).running == ""
+    with contextlib.closing(wire), pytest.raises(UserError, match=r"no controller answers|disappeared"):
+        query(wire, 0.3)
+
+
+def test_the_slots_of_host_and_loader_are_the_same() -> None:
+    text = (paths.ROOT / "firmware" / "boot" / "layout.h").read_text()
+    found = {name: int(value, 16) for name, value in re.findall(r"#define TERRAPIN_LAYOUT_(\w+) +(0x\w+?)U", text)}
+    assert found["BASE"] == BASE
+    assert {"a": BASE + found["SLOT_A"], "b": BASE + found["SLOT_B"]} == SLOTS
+    assert KEY.public_key().public_bytes_raw() == PUBLIC
