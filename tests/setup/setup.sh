@@ -64,6 +64,7 @@ test | bench | sandbox)
     has_fuzzer || packages+=(clang libclang-rt-dev)
     command -v cppcheck >/dev/null || packages+=(cppcheck)
     command -v qemu-system-arm >/dev/null || packages+=(qemu-system-arm)
+    command -v stm32flash >/dev/null || packages+=(stm32flash)
     if [ "$(uname -s)" = Linux ]; then
         has_gpiod || packages+=(libgpiod-dev)
         command -v candump >/dev/null || packages+=(can-utils)
