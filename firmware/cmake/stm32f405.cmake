@@ -24,11 +24,16 @@ function(f405_link target origin header limit)
         COMMAND ${TARGET_OBJCOPY} -O binary $<TARGET_FILE:${target}> ${CMAKE_BINARY_DIR}/${target}.bin VERBATIM)
 endfunction()
 
+# What an application needs of the boot loader (to say what runs, to confirm a start): as a library, taken by need.
+add_library(boot_client STATIC $<TARGET_OBJECTS:boot_objects>)
+
 set(F405_IMAGES "")
 foreach(board IN LISTS F405_BOARDS)
-    add_library(f405_${board} OBJECT ${F405_DIR}/main.c ${F405_DIR}/port.c ${F405_DIR}/phases.c ${F405_DIR}/analog.c
+    add_library(f405_${board} OBJECT ${F405_DIR}/main.c ${F405_DIR}/state_memory.c ${F405_DIR}/port.c ${F405_DIR}/phases.c ${F405_DIR}/analog.c
         ${F405_DIR}/bridge.c ${F405_DIR}/encoder.c ${F405_DIR}/reset_cause.c)
     target_link_libraries(f405_${board} PRIVATE f405_chip)
+    target_include_directories(f405_${board} PRIVATE ${CMAKE_SOURCE_DIR}/firmware/boot)
+    add_dependencies(f405_${board} boot_key)
     target_compile_options(f405_${board} PRIVATE ${STRICT} -ffunction-sections -fdata-sections)
     target_compile_definitions(f405_${board} PRIVATE TERRAPIN_BOARD="boards/${board}.h")
     foreach(place IN LISTS F405_PLACES)
@@ -42,6 +47,7 @@ foreach(board IN LISTS F405_BOARDS)
         add_executable(${image} $<TARGET_OBJECTS:f405_${board}> $<TARGET_OBJECTS:f405_chip>
             $<TARGET_OBJECTS:core_objects> $<TARGET_OBJECTS:link_objects>)
         set_target_properties(${image} PROPERTIES LINKER_LANGUAGE C)
+        target_link_libraries(${image} PRIVATE boot_client)
         f405_link(${image} ${origin} ${header} ${limit})
         list(APPEND F405_IMAGES ${image})
     endforeach()

@@ -5,8 +5,9 @@
 #include "unity.h"
 
 #include "fake_can.h"
+#include "flash_emulated.h"
+#include "parameters.h"
 #include "port.h"
-#include "state.h"
 #include "terrapin_interface.h"
 
 /* What things take, in microseconds; the chip is faster (docs/stm32f405.md). */
@@ -15,7 +16,8 @@
 #define EMPTY_US     1U
 #define FRAME_BIT_US 1U /* 1 Mbit/s */
 
-static terrapin_state state;
+static _Alignas(8) uint8_t memory[16384];
+static terrapin_state *const state = (terrapin_state *)memory;
 static fake_can chip;
 static can bus;
 static usart_registers serial;
@@ -26,6 +28,7 @@ static int16_t duty;
 static uint32_t now_us;
 static uint32_t alive;
 static bool estop;
+static uint32_t flash_work, flash_rest, healthy, resets;
 
 const port_parameter port_parameters[] = {{TERRAPIN_PARAMETER_SUPPLY_SCALE, 4592}};
 const uint32_t port_parameter_count = 1U;
@@ -45,8 +48,20 @@ void port_drive(port *p, int16_t duty_q15, bool on) {
 }
 
 void port_flash_work(bool begins) {
-    (void)begins;
-    TEST_FAIL_MESSAGE("there is no store here");
+    flash_work += begins ? 1U : 0U;
+    flash_rest += begins ? 0U : 1U;
+}
+
+void port_healthy(port *p) {
+    TEST_ASSERT_EQUAL_UINT32(PORT_HEALTHY_TICKS, p->tick);
+    TEST_ASSERT_FALSE(driven);
+    healthy++;
+}
+
+void port_reset(port *p, bool stay) {
+    (void)p;
+    TEST_ASSERT_FALSE(driven);
+    resets += stay ? 100U : 1U;
 }
 
 void port_alive(port *p) {
@@ -79,7 +94,9 @@ void setUp(void) {
     driven = false;
     now_us = 0U;
     alive = 0U;
-    port_open(&controller, &state, &bus, &line, NULL, &hardware);
+    flash_work = flash_rest = healthy = resets = 0U;
+    TEST_ASSERT_LESS_OR_EQUAL(sizeof memory, terrapin_state_size());
+    port_open(&controller, state, &bus, &line, NULL, NULL, &hardware);
 }
 
 void tearDown(void) {}
@@ -249,14 +266,14 @@ static void test_test_mode_holds_the_bridge_off_and_stops_the_own_clock(void) {
     give(&arm);
     TEST_ASSERT_TRUE(controller.link.test_mode);
     int32_t scale = 0;
-    (void)terrapin_parameter_get(&state, TERRAPIN_PARAMETER_SUPPLY_SCALE, &scale);
+    (void)terrapin_parameter_get(state, TERRAPIN_PARAMETER_SUPPLY_SCALE, &scale);
     TEST_ASSERT_EQUAL_INT32(terrapin_parameters[TERRAPIN_PARAMETER_SUPPLY_SCALE].default_value, scale);
-    const uint32_t before = state.sense.tick;
+    const terrapin_outputs before = controller.outputs;
     for (int i = 0; i < 100; i++) {
         (void)port_pass(&controller, controller.tick + 1U);
         TEST_ASSERT_FALSE(driven);
     }
-    TEST_ASSERT_EQUAL_UINT32(before, state.sense.tick);
+    TEST_ASSERT_EQUAL_MEMORY(&before, &controller.outputs, sizeof before); /* no step was taken */
     /* A tick by frames is one step, answered where it came from; the bridge stays off whatever it says. */
     for (uint32_t tick = 1; tick < 1500U; tick++) {
         if ((tick % 50U) == 0U) {
@@ -279,9 +296,88 @@ static void test_test_mode_holds_the_bridge_off_and_stops_the_own_clock(void) {
     const terrapin_frame leave = test_mode(0U, 2U);
     give(&leave);
     TEST_ASSERT_FALSE(controller.link.test_mode);
-    (void)terrapin_parameter_get(&state, TERRAPIN_PARAMETER_SUPPLY_SCALE, &scale);
+    (void)terrapin_parameter_get(state, TERRAPIN_PARAMETER_SUPPLY_SCALE, &scale);
     TEST_ASSERT_EQUAL_INT32(4592, scale); /* the board's again */
     TEST_ASSERT_FALSE(ticks(100U, TERRAPIN_REQUEST_IDLE));
+}
+
+/* ---- what is kept, and what the boot loader is told */
+
+static uint8_t pages[32768];
+
+static port_hardware plain(void) {
+    return (port_hardware){.core_hz = 168000000U};
+}
+
+static void test_saves_parameters_and_finds_them_again(void) {
+    static const uint32_t sectors[2] = {16384U, 16384U};
+    static const terrapin_flash_area areas[2] = {{0U, 16384U}, {16384U, 16384U}};
+    static terrapin_flash_emulated chip_memory;
+    static terrapin_store store;
+    memset(pages, 0xFF, sizeof pages);
+    terrapin_flash_emulated_init(&chip_memory, pages, sectors, 2U, 4U);
+    const terrapin_flash flash = terrapin_flash_emulated_driver(&chip_memory);
+    const port_hardware hardware = plain();
+    TEST_ASSERT_TRUE(terrapin_store_open(&store, &flash, areas));
+    port_open(&controller, state, &bus, &line, &store, NULL, &hardware);
+    int32_t value = 0;
+    (void)terrapin_parameter_get(state, TERRAPIN_PARAMETER_SUPPLY_SCALE, &value);
+    TEST_ASSERT_EQUAL_INT32(4592, value); /* nothing stored yet: the board's */
+    (void)terrapin_parameter_set(state, TERRAPIN_PARAMETER_RADIUS, 81234);
+
+    const terrapin_store_command_t save = {.action = TERRAPIN_STORE_ACTION_SAVE};
+    terrapin_frame frame = {0};
+    (void)terrapin_encode_store_command(&save, &frame);
+    terrapin_e2e_protect(&frame, 0U);
+    give(&frame);
+    for (uint32_t i = 0; i < 2000U; i++) {
+        (void)port_pass(&controller, controller.tick + 1U);
+    }
+    TEST_ASSERT_EQUAL_UINT32(1U, flash_work); /* the watchdog got its time, and lost it again */
+    TEST_ASSERT_EQUAL_UINT32(1U, flash_rest);
+    TEST_ASSERT_EQUAL_UINT32(0U, controller.overruns);
+
+    TEST_ASSERT_TRUE(terrapin_store_open(&store, &flash, areas));
+    port_open(&controller, state, &bus, &line, &store, NULL, &hardware);
+    (void)terrapin_parameter_get(state, TERRAPIN_PARAMETER_RADIUS, &value);
+    TEST_ASSERT_EQUAL_INT32(81234, value);
+    (void)terrapin_parameter_get(state, TERRAPIN_PARAMETER_SUPPLY_SCALE, &value);
+    TEST_ASSERT_EQUAL_INT32(4592, value);
+}
+
+static void test_a_start_is_healthy_once(void) {
+    (void)ticks(PORT_HEALTHY_TICKS - 1U, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_EQUAL_UINT32(0U, healthy);
+    (void)ticks(3000U, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_EQUAL_UINT32(1U, healthy);
+}
+
+static void test_update_resets_with_the_motor_off_alone(void) {
+    static uint8_t bytes[TERRAPIN_FLASH_F405_SIZE];
+    static const uint8_t key[32] = {0};
+    static terrapin_flash_emulated chip_memory;
+    static terrapin_update update;
+    memset(bytes, 0xFF, sizeof bytes);
+    terrapin_flash_emulated_init(&chip_memory, bytes, terrapin_flash_f405_sectors, TERRAPIN_FLASH_F405_SECTORS, 4U);
+    const terrapin_flash flash = terrapin_flash_emulated_driver(&chip_memory);
+    const terrapin_boot boot = {.flash = &flash, .key = key};
+    const port_hardware hardware = plain();
+    terrapin_update_init(&update, &boot, TERRAPIN_UPDATE_SLOT_A);
+    port_open(&controller, state, &bus, &line, NULL, &update, &hardware);
+    (void)ticks(1500U, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_TRUE(ticks(100U, TERRAPIN_REQUEST_RUN));
+    const terrapin_update_reset_t message = {.key = TERRAPIN_UPDATE_RESET_KEY, .stay = 1};
+    terrapin_frame frame = {0};
+    (void)terrapin_encode_update_reset(&message, &frame);
+    terrapin_e2e_protect(&frame, 0U);
+    give(&frame);
+    TEST_ASSERT_EQUAL_UINT32(0U, resets);
+    TEST_ASSERT_TRUE(driven);
+    (void)ticks(3000U, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_FALSE(driven);
+    terrapin_e2e_protect(&frame, 1U);
+    give(&frame);
+    TEST_ASSERT_EQUAL_UINT32(100U, resets); /* and stays in the boot loader */
 }
 
 /* ---- what is told */
@@ -399,6 +495,9 @@ int main(void) {
     RUN_TEST(test_babbling_idiot_before_us);
     RUN_TEST(test_runs_and_stops_on_the_port_s_faults);
     RUN_TEST(test_test_mode_holds_the_bridge_off_and_stops_the_own_clock);
+    RUN_TEST(test_saves_parameters_and_finds_them_again);
+    RUN_TEST(test_a_start_is_healthy_once);
+    RUN_TEST(test_update_resets_with_the_motor_off_alone);
     RUN_TEST(test_tells_status_once_and_counts);
     RUN_TEST(test_missed_ticks_are_the_core_s_fault_too);
     RUN_TEST(test_absent_bus_is_told_on_the_line);

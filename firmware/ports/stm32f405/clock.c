@@ -59,7 +59,3 @@ clocks clock_start(rcc_registers *rcc, flash_registers *flash, pwr_registers *pw
                          .tim_hz = CLOCK_FAST_HZ};
     return fast;
 }
-
-bool clock_failed(const rcc_registers *rcc) {
-    return (rcc->CIR & RCC_CIR_CSSF) != 0U;
-}

@@ -19,11 +19,8 @@ typedef struct {
 
 /* Start them. crystal_hz is a whole number of MHz, 4 to 26; internal_hz what the core runs at without it (CLOCK_HSI_HZ
  * on every chip). Takes at most about 0.2 s, whatever is missing. The clocks of all peripherals that the port uses are
- * on afterwards. */
+ * on afterwards. When the crystal stops later, the chip goes on with 16 MHz by itself and raises an NMI. */
 clocks clock_start(rcc_registers *rcc, flash_registers *flash, pwr_registers *pwr, uint32_t crystal_hz,
                    uint32_t internal_hz);
-
-/* The crystal has stopped since (clock security system): the core runs at 16 MHz now. */
-bool clock_failed(const rcc_registers *rcc);
 
 #endif

@@ -1,27 +1,28 @@
 /* The controller's image: the chip's parts put together. What is decided is decided in the other files. */
 #include "analog.h"
 #include "boards/selected.h"
+#include "boot_key.h"
 #include "bridge.h"
 #include "clock.h"
 #include "crc32.h"
 #include "encoder.h"
 #include "flash_driver.h"
+#include "layout.h"
 #include "parameters.h"
 #include "pins.h"
 #include "port.h"
 #include "reset_cause.h"
 #include "startup.h"
-#include "state.h"
+#include "state_memory.h"
 #include "watchdog.h"
 
-#define SLOT_SIZE 0x20000U
-#define SLOT_A    0x20000U
-#define SLOT_B    0x40000U
+#define FLUSH_TRIES 2000000U /* 0.1 s at 168 MHz */
 
-static terrapin_state state;
 static terrapin_store store;
-static flash_driver flash_memory;
-static terrapin_flash flash;
+static flash_driver store_memory, boot_memory;
+static terrapin_flash store_flash, boot_flash;
+static const terrapin_boot boot = {.flash = &boot_flash, .key = terrapin_boot_key};
+static terrapin_update update;
 static can bus;
 static usart line;
 static analog sensors;
@@ -30,6 +31,7 @@ static port controller;
 
 static volatile uint32_t ticks;
 static volatile uint32_t tick_cycles;
+static uint32_t tick_period; /* cycles */
 
 const port_parameter port_parameters[] = BOARD_PARAMETERS;
 const uint32_t port_parameter_count = sizeof port_parameters / sizeof port_parameters[0];
@@ -41,11 +43,26 @@ static const pin led_pin = BOARD_LED;
 /* COMMAND to STORE_READ, updates, SENSORS_*: eight identifiers each. All other traffic stays in the chip. */
 static const can_filter filters[] = {{0x080U, 0x7F8U}, {0x0A0U, 0x7F8U}, {0x100U, 0x7F8U}};
 
+/* ---- which image this is */
+
+static uint8_t slot(void) {
+    switch (SCB->VTOR - TERRAPIN_LAYOUT_BASE - TERRAPIN_LAYOUT_HEADER_SIZE) {
+    case TERRAPIN_LAYOUT_SLOT_A:
+        return TERRAPIN_UPDATE_SLOT_A;
+    case TERRAPIN_LAYOUT_SLOT_B:
+        return TERRAPIN_UPDATE_SLOT_B;
+    default:
+        return TERRAPIN_UPDATE_SLOT_NONE; /* alone */
+    }
+}
+
 /* ---- interrupts */
 
 void systick_interrupt(void) {
-    ticks++;
-    tick_cycles = DWT->CYCCNT;
+    static uint32_t base;
+    const uint32_t now = DWT->CYCCNT;
+    ticks += phases_periods(&base, now, tick_period);
+    tick_cycles = base;
 }
 
 void usart1_interrupt(void) {
@@ -84,6 +101,20 @@ void port_flash_work(bool begins) {
     (void)watchdog_set(IWDG, begins ? WATCHDOG_ERASE : WATCHDOG_WORK); /* absent: said at the start */
 }
 
+void port_healthy(port *p) {
+    if (p->update != NULL) {
+        (void)terrapin_boot_confirm(&boot, slot()); /* refused: the boot loader falls back at the next start */
+    }
+}
+
+void port_reset(port *p, bool stay) {
+    (void)usart_flush(p->line, FLUSH_TRIES);
+    if (stay) {
+        retained_note(&retained, RETAINED_UPDATE, 0U, 0U);
+    }
+    system_reset();
+}
+
 void port_alive(port *p) {
     watchdog_feed(IWDG);
     pin_write(GPIO(led_pin.port), &led_pin, (p->tick & (p->outputs.enable ? 0x80U : 0x200U)) != 0U);
@@ -113,22 +144,6 @@ static void setup_pins(void) {
     pin_setup(GPIO(estop_pin.port), &estop_pin);
 }
 
-/* Offset of this image from the start of flash. */
-static uint32_t image_offset(void) {
-    return SCB->VTOR - FLASH_MEMORY;
-}
-
-static uint8_t slot(void) {
-    switch (image_offset() / SLOT_SIZE) {
-    case SLOT_A / SLOT_SIZE:
-        return TERRAPIN_UPDATE_SLOT_A;
-    case SLOT_B / SLOT_SIZE:
-        return TERRAPIN_UPDATE_SLOT_B;
-    default:
-        return TERRAPIN_UPDATE_SLOT_NONE;
-    }
-}
-
 /* 96 bits folded to 32; 0 where the chip has none. */
 static uint32_t unique_number(void) {
     uint8_t bytes[12] = {0};
@@ -147,20 +162,31 @@ static uint32_t unique_number(void) {
 /* Behind the boot loader the store has sectors 1 and 2; an image that stands alone covers these, and takes the last
  * two. */
 static terrapin_store *open_store(void) {
-    const bool alone = image_offset() < SLOT_A;
-    const terrapin_flash_area behind[2] = {{0x4000U, 0x4000U}, {0x8000U, 0x4000U}};
-    const terrapin_flash_area last[2] = {{0xC0000U, 0x20000U}, {0xE0000U, 0x20000U}};
-    const terrapin_flash_area *pages = alone ? last : behind;
+    static const terrapin_flash_area behind[2] = {{0x4000U, 0x4000U}, {0x8000U, 0x4000U}};
+    static const terrapin_flash_area last[2] = {{0xC0000U, 0x20000U}, {0xE0000U, 0x20000U}};
+    const terrapin_flash_area *pages = (slot() == (uint8_t)TERRAPIN_UPDATE_SLOT_NONE) ? last : behind;
     const terrapin_flash_area both = {pages[0].offset, pages[0].size + pages[1].size};
-    flash = flash_open(&flash_memory, FLASH, (uint8_t *)FLASH_MEMORY, both);
-    return terrapin_store_open(&store, &flash, pages) ? &store : NULL;
+    store_flash = flash_open(&store_memory, FLASH, (uint8_t *)FLASH_MEMORY, both);
+    return terrapin_store_open(&store, &store_flash, pages) ? &store : NULL;
+}
+
+static terrapin_update *open_update(void) {
+    const terrapin_flash_area records_and_slots = {
+        TERRAPIN_LAYOUT_RECORDS_0, TERRAPIN_LAYOUT_SLOT_B + TERRAPIN_LAYOUT_SLOT_SIZE - TERRAPIN_LAYOUT_RECORDS_0};
+    if (slot() == (uint8_t)TERRAPIN_UPDATE_SLOT_NONE) {
+        return NULL;
+    }
+    boot_flash = flash_open(&boot_memory, FLASH, (uint8_t *)FLASH_MEMORY, records_and_slots);
+    terrapin_update_init(&update, &boot, slot());
+    return &update;
 }
 
 static void start_tick(uint32_t core_hz) {
     DEMCR |= DEMCR_TRCENA;
     DWT->CYCCNT = 0U;
-    DWT->CTRL |= BIT(0);
-    SYSTICK->LOAD = (core_hz / (uint32_t)TERRAPIN_TICK_HZ) - 1U;
+    DWT->CTRL |= DWT_CTRL_CYCCNTENA;
+    tick_period = core_hz / (uint32_t)TERRAPIN_TICK_HZ;
+    SYSTICK->LOAD = tick_period - 1U;
     SYSTICK->VAL = 0U;
     SYSTICK->CTRL = SYSTICK_CORE | SYSTICK_TICKINT | SYSTICK_ENABLE;
 }
@@ -197,7 +223,7 @@ _Noreturn void application(void) {
         .core_hz = speed.core_hz,
     };
     reset_cause_forget(RCC);
-    port_open(&controller, &state, &bus, &line, open_store(), &hardware);
+    port_open(&controller, state_memory(), &bus, &line, open_store(), open_update(), &hardware);
     enable_interrupt(IRQ_USART1);
     enable_interrupt(IRQ_CAN1_RX0);
     start_tick(speed.core_hz);

@@ -17,3 +17,9 @@ uint32_t phases_take(phases *p, phase which) {
     p->longest[which] = 0U;
     return (quarters > CEILING) ? CEILING : (uint32_t)quarters;
 }
+
+uint32_t phases_periods(uint32_t *base, uint32_t now, uint32_t period) {
+    const uint32_t periods = (now - *base) / period;
+    *base += periods * period;
+    return (periods > 0U) ? periods : 1U;
+}

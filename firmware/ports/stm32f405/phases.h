@@ -14,6 +14,10 @@ typedef struct {
 void phases_open(phases *p, uint32_t core_hz);
 /* A phase took this many cycles (a difference of the cycle counter, which wraps). */
 void phases_note(phases *p, phase which, uint32_t cycles);
+/* Periods that went by since *base, which moves on by as many: 1, unless the processor stood still (an erase of the
+ * flash) and missed interrupts of its tick. now and *base count cycles, from before the first period began; where
+ * nothing counts them, 1 each time. */
+uint32_t phases_periods(uint32_t *base, uint32_t now, uint32_t period);
 /* The longest since the last call, in 0.25 us, rounded up and at most 4095. */
 uint32_t phases_take(phases *p, phase which);
 

@@ -5,6 +5,7 @@
 
 #define STATUS_TICKS   100U
 #define IDENTITY_TICKS 1000U
+#define IDENTITY_AT    502U
 #define STARTING_TICKS 1000U /* a bus that is not quiet for 11 bits in this time is taken for absent */
 #define ANSWER_MAX     ((2U * TERRAPIN_SLCAN_TEXT_MAX) + TERRAPIN_SLCAN_REPLY_MAX) /* to one byte of the line */
 _Static_assert(TERRAPIN_MAX_FRAMES == 2, "ANSWER_MAX");
@@ -45,7 +46,25 @@ static void step(port *p) {
     phases_note(&p->times, PHASE_STEP, port_cycles() - start);
 }
 
+/* What the boot loader's protocol leaves to an application: to say what runs, and to reset. */
+static void take_update(port *p, source from, const terrapin_frame *frame) {
+    terrapin_frame replies[TERRAPIN_UPDATE_REPLIES];
+    const uint32_t count = terrapin_update_application(p->update, frame, terrapin_bridge_on(p->state), replies);
+    for (uint32_t i = 0; i < count; i++) {
+        answer(p, from, &replies[i]);
+    }
+    if (p->update->reset) {
+        port_drive(p, 0, false);
+        can_poll(p->bus);
+        port_reset(p, p->update->stay);
+    }
+}
+
 static void take_frame(port *p, source from, const terrapin_frame *frame) {
+    if ((p->update != NULL) && (frame->id >= TERRAPIN_UPDATE_ID_FIRST) && (frame->id <= TERRAPIN_UPDATE_ID_LAST)) {
+        take_update(p, from, frame);
+        return;
+    }
     const bool test_mode = p->link.test_mode;
     terrapin_frame reply = {0};
     switch (terrapin_accept(&p->link, p->state, frame, &p->inputs, &reply)) {
@@ -179,7 +198,7 @@ static void tell(port *p) {
         tell_times(p);
         break;
     case 2U:
-        if ((p->tick % IDENTITY_TICKS) == 2U) {
+        if ((p->tick % IDENTITY_TICKS) == IDENTITY_AT) {
             tell_identity(p);
         }
         break;
@@ -190,12 +209,13 @@ static void tell(port *p) {
 
 /* A save under way, piece by piece; an erase holds the processor for longer than a tick. */
 static void keep_parameters(port *p) {
-    if ((p->store == NULL) || (p->store->phase == TERRAPIN_STORE_IDLE)) {
-        return;
+    const bool saving = (p->store != NULL) && (p->store->phase != TERRAPIN_STORE_IDLE);
+    if (saving != p->flash_work) {
+        p->flash_work = saving;
+        port_flash_work(saving);
     }
-    port_flash_work(true);
-    if (!terrapin_link_store_work(&p->link, p->state)) {
-        port_flash_work(false);
+    if (saving) {
+        (void)terrapin_link_store_work(&p->link, p->state);
     }
 }
 
@@ -227,6 +247,10 @@ static void tick(port *p, uint32_t now) {
     }
     can_poll(p->bus);
     keep_parameters(p);
+    if (!p->judged && (now >= PORT_HEALTHY_TICKS) && !terrapin_bridge_on(p->state)) {
+        p->judged = true;
+        port_healthy(p);
+    }
     port_alive(p);
 }
 
@@ -243,8 +267,8 @@ void terrapin_port_parameters(port *p) {
 }
 
 void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct terrapin_store *store,
-               const port_hardware *hardware) {
-    *p = (port){.state = state, .bus = bus, .line = line, .store = store, .hardware = *hardware};
+               terrapin_update *update, const port_hardware *hardware) {
+    *p = (port){.state = state, .bus = bus, .line = line, .store = store, .update = update, .hardware = *hardware};
     phases_open(&p->times, hardware->core_hz);
     terrapin_slcan_init(&p->parser);
     terrapin_link_init(&p->link, state, &p->inputs);

@@ -15,10 +15,12 @@
 #include "dispatch.h"
 #include "phases.h"
 #include "slcan.h"
+#include "update.h"
 #include "usart.h"
 
 #define PORT_FRAMES_A_PASS 4U
 #define PORT_BYTES_A_PASS  32U
+#define PORT_HEALTHY_TICKS 2000U
 
 /* What only the hardware knows; the image fills it at the start, and each tick where it changes. */
 typedef struct {
@@ -38,6 +40,7 @@ typedef struct {
 typedef struct {
     terrapin_state *state;
     struct terrapin_store *store; /* NULL: no parameters are kept */
+    terrapin_update *update;      /* NULL: no boot loader that would serve one */
     can *bus;
     usart *line;
     terrapin_slcan parser;
@@ -49,14 +52,16 @@ typedef struct {
     uint32_t tick;
     uint32_t overruns;  /* ticks missed; wraps, like the others */
     uint32_t send_lost; /* own frames and answers that the line had no room for */
+    bool flash_work;    /* a save is under way */
+    bool judged;        /* this start was told to be healthy */
     struct {
         uint32_t overruns, lost, send_lost;
     } told; /* by the last PORT_STATUS */
 } port;
 
-/* Reset of everything. bus, line and state stay the caller's; store may be NULL, and is open otherwise. */
+/* Reset of everything. What is pointed to stays the caller's; store and update may be NULL, and are open otherwise. */
 void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct terrapin_store *store,
-               const port_hardware *hardware);
+               terrapin_update *update, const port_hardware *hardware);
 
 /* One pass; `now` counts the ticks since reset. False when there was nothing to do. */
 bool port_pass(port *p, uint32_t now);
@@ -73,6 +78,10 @@ void port_sense(port *p, terrapin_inputs *inputs);
 void port_drive(port *p, int16_t duty_q15, bool on);
 /* The flash is about to be worked on, for up to seconds (true), or no longer. */
 void port_flash_work(bool begins);
+/* PORT_HEALTHY_TICKS went by, and the bridge is off: a boot loader may count this start as a good one. Called once. */
+void port_healthy(port *p);
+/* A host asked for it (UPDATE_RESET), and was answered: reset, and with `stay` remain in the boot loader. */
+void port_reset(port *p, bool stay);
 /* A tick is done: the watchdog may be fed. */
 void port_alive(port *p);
 /* Cycles of the core, and those at the last tick's beginning; 0 where nothing counts them. */

@@ -25,8 +25,6 @@ typedef struct {
 _Static_assert(offsetof(rcc_registers, AHB1ENR) == 0x30, "RM0090, 7.3.28");
 _Static_assert(offsetof(rcc_registers, CSR) == 0x74, "RM0090, 7.3.28");
 
-#define RCC_CR_HSION      BIT(0)
-#define RCC_CR_HSIRDY     BIT(1)
 #define RCC_CR_HSEON      BIT(16)
 #define RCC_CR_HSERDY     BIT(17)
 #define RCC_CR_CSSON      BIT(19)
@@ -37,15 +35,12 @@ _Static_assert(offsetof(rcc_registers, CSR) == 0x74, "RM0090, 7.3.28");
 #define RCC_PLLCFGR_HSE   BIT(22)
 #define RCC_PLLCFGR_Q     24U
 #define RCC_CFGR_SW       (BIT(0) | BIT(1))
-#define RCC_CFGR_SW_HSI   0U
 #define RCC_CFGR_SW_PLL   BIT(1)
 #define RCC_CFGR_SWS      (BIT(2) | BIT(3))
 #define RCC_CFGR_SWS_PLL  BIT(3)
 #define RCC_CFGR_PRE      0x0000FCF0U /* HPRE, PPRE1, PPRE2 */
 #define RCC_CFGR_PPRE1_4  (5U << 10U)
 #define RCC_CFGR_PPRE2_2  (4U << 13U)
-#define RCC_CIR_CSSF      BIT(7)
-#define RCC_CIR_CSSC      BIT(23)
 #define RCC_AHB1_GPIO_ALL 0x1FU /* ports A to E */
 #define RCC_AHB1_DMA2     BIT(22)
 #define RCC_APB1_TIM2     BIT(0)
@@ -73,7 +68,6 @@ typedef struct {
 #define PWR_CR_PLS_2V7  (5U << 5U) /* about 2.7 V, DS8626 table 19 */
 #define PWR_CR_VOS_FAST BIT(14)    /* scale 1: up to 168 MHz */
 #define PWR_CSR_PVDO    BIT(2)
-#define PWR_CSR_VOSRDY  BIT(14)
 
 /* ---- FLASH: the interface to the flash memory (RM0090, 3) */
 typedef struct {
@@ -83,7 +77,6 @@ typedef struct {
 #define FLASH_ACR_PRFTEN    BIT(8)
 #define FLASH_ACR_ICEN      BIT(9)
 #define FLASH_ACR_DCEN      BIT(10)
-#define FLASH_ACR_ICRST     BIT(11)
 #define FLASH_ACR_DCRST     BIT(12)
 #define FLASH_KEY1          0x45670123U
 #define FLASH_KEY2          0xCDEF89ABU
@@ -138,8 +131,6 @@ _Static_assert(offsetof(can_registers, FMR) == 0x200, "RM0090, 32.9.5");
 _Static_assert(offsetof(can_registers, filter) == 0x240, "RM0090, 32.9.5");
 
 #define CAN_MCR_INRQ   BIT(0)
-#define CAN_MCR_SLEEP  BIT(1)
-#define CAN_MCR_TXFP   BIT(2)
 #define CAN_MCR_ABOM   BIT(6)
 #define CAN_MSR_INAK   BIT(0)
 #define CAN_TSR_RQCP0  BIT(0)
@@ -150,7 +141,6 @@ _Static_assert(offsetof(can_registers, filter) == 0x240, "RM0090, 32.9.5");
 #define CAN_RF0R_FMP   3U
 #define CAN_RF0R_FOVR  BIT(4)
 #define CAN_RF0R_RFOM  BIT(5)
-#define CAN_IER_TMEIE  BIT(0)
 #define CAN_IER_FMPIE0 BIT(1)
 #define CAN_ESR_EPVF   BIT(1)
 #define CAN_ESR_BOFF   BIT(2)
@@ -240,11 +230,8 @@ typedef struct {
 typedef struct {
     reg32 CPUID, ICSR, VTOR, AIRCR, SCR, CCR, SHPR[3], SHCSR, CFSR, HFSR, DFSR, MMFAR, BFAR, AFSR;
 } scb_registers;
-#define SCB_AIRCR_RESET    (0x05FA0000U | BIT(2))
-#define SCB_SHCSR_BUSFAULT BIT(17)
-#define SCB_CFSR_BUS       0x0000FF00U
-#define SCB_CFSR_PRECISE   BIT(9)
-#define SCB_CFSR_STACK     (BIT(4) | BIT(12) | BIT(1) | BIT(9)) /* stacking or data access refused: MPU or bus */
+#define SCB_AIRCR_RESET  (0x05FA0000U | BIT(2))
+#define SCB_CFSR_PRECISE BIT(9)
 typedef struct {
     reg32 TYPE, CTRL, RNR, RBAR, RASR;
 } mpu_registers;
@@ -256,6 +243,7 @@ typedef struct {
 typedef struct {
     reg32 CTRL, CYCCNT;
 } dwt_registers;
+#define DWT_CTRL_CYCCNTENA BIT(0)
 
 #define RCC          ((rcc_registers *)0x40023800U)
 #define PWR          ((pwr_registers *)0x40007000U)
@@ -283,7 +271,6 @@ typedef struct {
 #define FLASH_MEMORY 0x08000000U
 #define UNIQUE_ID    0x1FFF7A10U /* three words, RM0090, 39.1 */
 
-#define IRQ_CAN1_TX  19U
 #define IRQ_CAN1_RX0 20U
 #define IRQ_USART1   37U
 #define IRQ_COUNT    82U
