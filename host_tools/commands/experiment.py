@@ -1,4 +1,4 @@
-"""`terrapin experiment`: designed experiments, their plan and what their results allow one to conclude."""
+"""`terrapin experiment`: designed experiments, their plan, what their results allow one to conclude, simulated runs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from host_tools.errors import UserError
-from host_tools.workbench.commandline import Json, Level, deliver
+from host_tools.workbench.commandline import CaseFolder, Json, Level, deliver
 
 if TYPE_CHECKING:
     from host_tools.experiments.l9 import Analysis, Design
@@ -48,6 +48,51 @@ def l9(
     except ValueError as error:
         raise UserError(f"{file or 'Li et al. 2024'}: {error}") from None
     deliver({"schema": "terrapin.l9/1", **asdict(analysis)}, _describe(analysis), json)
+
+
+def carry(
+    case: CaseFolder,
+    to: Annotated[Path, typer.Option("--to", metavar="NEW_CASE", help="the case with the new runs; a new folder")],
+    truth: Annotated[
+        list[str] | None,
+        typer.Option("--truth", metavar="EFFECT", help="what the simulated robot has; repeat for more"),
+    ] = None,
+    json: Json = "",
+    seed: Annotated[int, typer.Option("--seed", min=0, help="of the simulated sensors' noise")] = 1,
+) -> None:
+    """Run the experiment that the last `discover` proposes in the simulator, as if one of the rivals were true.
+
+    The new case holds the old rows and those of the simulated runs; discover on it shows whether they decide.
+
+    Example: terrapin experiment run my_case --to my_case_more --truth aerodynamic_drag
+    """
+    import sys
+
+    from host_tools.workbench import memory
+    from host_tools.workbench.carry_out import carry_out, write_larger
+    from host_tools.workbench.case import load_case
+
+    loaded = load_case(case)
+    if to.exists():
+        raise UserError(f"--to: {to} exists, expected a new folder for the case")
+    answer = memory.recall(case)
+    if answer is None:
+        raise UserError(f"{case}: has no answer of discover as it stands, expected terrapin discover first")
+
+    def told(done: int, of: int) -> None:
+        print(f"run {done + 1} of {of}", file=sys.stderr, flush=True)
+
+    carried = carry_out(loaded, answer, tuple(truth or ()), seed, told)
+    rows = write_larger(loaded, carried, to)
+    found = {
+        "case": str(to),
+        "truth": list(carried.truth),
+        "settings": [dict(setting) for setting in carried.settings],
+        "runs": len(carried.runs),
+        "rows": rows,
+    }
+    words = f"{to}: {rows} rows of {len(carried.runs)} simulated runs with {' + '.join(carried.truth)} added"
+    deliver(found, words, json)
 
 
 def _plan(factors: list[str]) -> str:
@@ -115,7 +160,8 @@ def _describe(analysis: Analysis) -> str:
 
 
 def register(app: typer.Typer) -> None:
-    group = typer.Typer(help="Designed experiments: plans and their analysis.", no_args_is_help=True)
+    group = typer.Typer(help="Experiments: plans, their analysis, simulated runs.", no_args_is_help=True)
     group.callback()(lambda: None)
     group.command("l9")(l9)
+    group.command("run")(carry)
     app.add_typer(group, name="experiment")

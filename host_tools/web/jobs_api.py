@@ -84,7 +84,19 @@ class Export(Request):
     seed: Seed = 0
 
 
-Body = Annotated[Compare | Discover | Add | Remove | Report | Export, Field(discriminator="do")]
+class Experiment(Request):
+    """terrapin experiment run: the proposed experiment in the simulator, into the new case `to`; then discover there"""
+
+    do: Literal["experiment"]
+    to: Name
+    truth: Annotated[
+        list[EffectName],
+        Field(default_factory=list, max_length=20, description="one of the rivals; empty: the likeliest"),
+    ]
+    seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 1
+
+
+Body = Annotated[Compare | Discover | Add | Remove | Report | Export | Experiment, Field(discriminator="do")]
 
 
 @router.post("/cases/{name}/jobs", responses=problems(404, 409), status_code=202)
@@ -96,13 +108,16 @@ async def start(context: Terrapin, name: Name, body: Body) -> JobStarted:
     async def keep(job: Job) -> None:
         await context.warm.call("host_tools.web.summary:keep", str(folder), job.result)
 
+    async def told(job: Job) -> None:
+        context.events.send({"cases": True})
+
     changes = isinstance(body, Add | Remove)
     job = context.jobs.add(
         body.do,
         name,
         steps,
         restore=folder if changes else None,
-        done=keep if changes or isinstance(body, Compare) else None,
+        done=keep if changes or isinstance(body, Compare) else told if isinstance(body, Experiment) else None,
     )
     return JobStarted(id=job.id, command=job.command)
 
@@ -130,6 +145,11 @@ def _steps(context: Context, name: str, folder: FilePath, body: Any) -> list[lis
             if body.scenario is not None:
                 steps.append(["run", body.scenario, "--parameters", file, "--json"])
             return steps
+        case Experiment():
+            to = str(context.workspace.new_case(body.to))
+            chosen = [word for effect in body.truth for word in ("--truth", effect)]
+            step = ["experiment", "run", str(folder), "--to", to, *chosen, *_option("--seed", body.seed, 1), *answer]
+            return [step, ["discover", to, *answer]]
     raise AssertionError(body)
 
 

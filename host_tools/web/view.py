@@ -248,6 +248,7 @@ def _cards(analysis: Any, answer: dict[str, Any] | None) -> list[dict[str, Any]]
 def _next(analysis: Any, answer: dict[str, Any] | None) -> dict[str, Any]:
     """What to do next: `do` is discover, add, experiment or nothing; `text` says it in words."""
     from host_tools.workbench.bases import ROLES
+    from host_tools.workbench.settings import SETTABLE
 
     if answer is None:
         if analysis.missing:
@@ -261,6 +262,7 @@ def _next(analysis: Any, answer: dict[str, Any] | None) -> dict[str, Any]:
     plan = answer.get("next_experiment")
     if plan is not None:
         units = {**ROLES, **analysis.case.units}
+        simulator = analysis.case.base.name == "rolling_steady" and set(plan["vary"]) <= set(SETTABLE)
         return {
             "do": "experiment",
             "text": plan["reason"],
@@ -270,6 +272,7 @@ def _next(analysis: Any, answer: dict[str, Any] | None) -> dict[str, Any]:
             "hold": [{"role": r, "value": v, "unit": units.get(r, "1")} for r, v in plan["hold"].items()],
             "separates": plan["separates"],
             "error_rate": plan["error_rate"],
+            "simulator": simulator,
         }
     if answer["verdict"] == "ambiguous":
         text = "No experiment within the limits of these runs would tell the rivals apart: treat them as one effect."

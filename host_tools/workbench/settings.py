@@ -10,7 +10,7 @@ import numpy.typing as npt
 from host_tools.workbench.bases import BASES, RUNNING, formula_name
 from host_tools.workbench.case import Case
 
-__all__ = ["held", "levels", "observed", "rows_of", "run_length"]
+__all__ = ["SETTABLE", "held", "levels", "observed", "rows_of", "run_length"]
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -20,6 +20,7 @@ SETTLED = 12  # rows of one run that count, where runs are longer
 LOWEST = {"speed": 1e-3, "pass": 1.0, "moisture": 0.0, "load": 1e-3, "slip": -0.9}
 HIGHEST = {"slip": 0.95}
 FOLLOWS = ("time", "angle", "temperature", "voltage")  # what follows from a run rather than being chosen for it
+SETTABLE = ("omega", "load", "slope", "temperature")  # what a run of the simulated robot can be given
 STEADY = ("rolling_steady", "sphere_contact", "wheel_contact", "equation")
 SHARES = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)  # where between the ends the levels lie
 

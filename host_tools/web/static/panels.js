@@ -14,15 +14,28 @@ export function nextStep(page) {
 }
 
 function experiment(page, next) {
+  const { view } = page;
   const head = h('tr', {}, next.vary.map((v) => h('th', { class: 'n', scope: 'col', text: `${v.role}${v.unit && v.unit !== '1' ? `, ${v.unit}` : ''}` })));
   const rows = next.settings.map((row) => h('tr', {}, row.map((value) => h('td', { class: 'n', text: number(value) }))));
-  const wrong = Math.max(1, Math.round(100 * next.error_rate));
-  const hold = next.hold.map((one) => `${one.role} ${number(one.value)}${unit(one.unit)}`).join(', ');
+  const wrong = 100 * next.error_rate, hold = next.hold.map((one) => `${one.role} ${number(one.value)}${unit(one.unit)}`).join(', ');
+  const truth = h('select', { 'aria-label': 'What the simulated robot has' }, view.rivals.map((set, i) => h('option', { value: String(i), text: set.join(' + ') })));
+  const run = h('button', { type: 'button', class: 'main', text: 'Run it in the simulator', onclick: () => simulate(page, view.rivals[Number(truth.value)]) });
   return [
     h('p', {}, h('b', { text: `${next.runs} runs` }), ` over these settings of ${next.vary.map((v) => v.role).join(' and ')} tell ${next.separates.join(' and ')} apart. ${next.text}`),
     h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'Settings of the proposed runs' }, h('table', {}, h('thead', {}, head), h('tbody', {}, rows))),
-    h('p', { class: 'soft small', text: `${hold ? `Hold ${hold}. ` : ''}Afterwards the wrong one would be preferred in ${wrong} of 100 cases.` }),
+    h('p', { class: 'soft small', text: `${hold ? `Hold ${hold}. ` : ''}Afterwards the wrong one would be preferred in ${wrong < 1 ? 'fewer than 1' : Math.round(wrong)} of 100 cases.` }),
+    ...(next.simulator ? [h('div', { class: 'row' }, run, h('label', {}, 'as if true: ', truth)),
+      h('p', { class: 'soft small', text: 'Simulated runs are no measurements: they come into a new case, beside the measured ones.' })]
+      : [h('p', { class: 'soft small', text: 'The simulator has no such rig: measure these runs.' })]),
   ];
+}
+
+/** The proposed runs in a new case, and discover there. */
+async function simulate(page, truth) {
+  let to = `${page.name}-simulated`.slice(0, 60);
+  const taken = (await page.app.api('cases')).map((one) => one.name);
+  for (let n = 2; taken.includes(to); n++) to = `${`${page.name}-simulated`.slice(0, 56)}-${n}`;
+  if (await page.run({ do: 'experiment', to, truth })) page.app.go('workbench', to);
 }
 
 // ---------------------------------------------------------------- an effect of one's own
