@@ -20,28 +20,30 @@ from host_tools.web.context import Context, Terrapin
 from host_tools.web.live_session import Picture, Session
 from host_tools.web.live_socket import Audience
 from host_tools.web.models import Line, Request, problems
+from host_tools.web.uploads import upload_file, upload_view
 from host_tools.web.workspace import NAME, NotThere, Taken
 
 __all__ = ["begin", "end", "router"]
 
 router = APIRouter(prefix="/api", tags=["live"])
-SOURCE = r"^(simulator|log|socketcan|serial|can):[A-Za-z0-9_./:@+-]{1,200}$"
+SOURCE = r"^(simulator|log|upload|socketcan|serial|can):[A-Za-z0-9_./:@+-]{1,200}$"
 _DEVICE = re.compile(r"/dev/[A-Za-z0-9_./-]+(@\d{1,8})?\Z", re.ASCII)
 _CHANNEL = re.compile(r"[A-Za-z0-9_.-]{1,32}\Z", re.ASCII)
 _NAME = re.compile(NAME.removesuffix("$") + r"\Z", re.ASCII)
+_UPLOAD = re.compile(r"[0-9a-f]{12}\Z")
 CAN_DEVICES = "280"  # ARPHRD_CAN
 
 
 class Link(BaseModel):
-    """Something to watch: `source` is what POST /api/live takes."""
+    """Something to watch: `source` is what POST /api/live takes (of kind dbc: as `dbc`)."""
 
     source: str
     title: str
-    kind: Literal["bus", "log", "simulator"]
+    kind: Literal["bus", "log", "simulator", "dbc"]
 
 
 class Watch(Request):
-    """What to watch. `dbc` is a DBC in the workspace's logs folder; empty: the controller's own."""
+    """What to watch. `dbc`: an uploaded DBC's id, or a file in the workspace's logs folder; empty: the controller's."""
 
     source: Annotated[str, StringConstraints(pattern=SOURCE, max_length=220)]
     dbc: Annotated[str, StringConstraints(pattern=r"^([A-Za-z0-9][A-Za-z0-9_.-]{0,63})?$")] = ""
@@ -154,11 +156,11 @@ def _open(context: Context, body: Watch, tell: Any) -> Session:
     from host_tools.logs.decoding import Decoder
     from host_tools.monitor.sources import Bus, LogFile, Simulator, Source
 
-    logs = context.workspace.folder("logs")
     own = paths.build() / "generated" / "terrapin.dbc"
-    decoder = Decoder(_stored(logs, body.dbc) if body.dbc else own)
+    given = _stored(context, body.dbc) if body.dbc else None
+    decoder = Decoder(given or own)
     kind, _, where = body.source.partition(":")
-    dbc = ["--dbc", str(logs / body.dbc)] if body.dbc else []
+    dbc = ["--dbc", str(given)] if given is not None else []
     source: Source
     if kind == "simulator":
         if not _NAME.match(where):
@@ -166,8 +168,8 @@ def _open(context: Context, body: Watch, tell: Any) -> Session:
         source = Simulator(where, body.controller)
         controller = ["--controller", body.controller] if body.controller != "inprocess" else []
         arguments = ["monitor", where, *controller, *dbc]
-    elif kind == "log":
-        log = _stored(logs, where)
+    elif kind in ("log", "upload"):
+        log = _stored(context, where)
         source = LogFile(log, body.speed)
         speed = ["--speed", f"{body.speed:g}"] if body.speed != 1.0 else []
         arguments = ["monitor", str(log), *speed, *dbc]
@@ -180,11 +182,14 @@ def _open(context: Context, body: Watch, tell: Any) -> Session:
     return Session(source, decoder, None if body.dbc else interface(), body.bitrate, command, tell)
 
 
-def _stored(folder: Path, name: str) -> Path:
-    """A file of a folder, by its name."""
-    if not _NAME.match(name) or not (folder / name).is_file():
+def _stored(context: Context, name: str) -> Path:
+    """An upload by its id, or a file of the folder logs by its name."""
+    if _UPLOAD.match(name):
+        return upload_file(context.workspace, name)
+    path = context.workspace.folder("logs") / name
+    if not _NAME.match(name) or not path.is_file():
         raise NotThere(f"logs: found no {name[:80]!r} in the workspace's folder logs")
-    return folder / name
+    return path
 
 
 def _check_bus(kind: str, where: str) -> None:
@@ -237,6 +242,16 @@ def _links(context: Context) -> list[Link]:
     for path in sorted(context.workspace.folder("logs").iterdir()):
         if _NAME.match(path.name) and path.suffix.lower() in READABLE:
             found.append(Link(source=f"log:{path.name}", title=path.name, kind="log"))
+        elif _NAME.match(path.name) and path.suffix.lower() == ".dbc":
+            found.append(Link(source=path.name, title=path.name, kind="dbc"))
+    for path in sorted(context.workspace.folder("uploads").glob("*.json")):
+        if not _UPLOAD.match(path.stem):
+            continue
+        upload = upload_view(context.workspace, path.stem)
+        if upload["kind"] == "log":
+            found.append(Link(source=f"upload:{path.stem}", title=f"{upload['name']} (uploaded)", kind="log"))
+        elif upload["kind"] == "dbc":
+            found.append(Link(source=path.stem, title=f"{upload['name']} (uploaded)", kind="dbc"))
     return found
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 import threading
 import time
+import traceback
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -122,7 +123,7 @@ class Recording:
             self._flushed = time.monotonic()
 
     def event(self, event: Event) -> None:
-        self._writer.event(event.time, f"{event.kind}: {event.text}")
+        self._writer.event(event.time if np.isfinite(event.time) else 0.0, f"{event.kind}: {event.text}")
 
     def close(self) -> None:
         self._writer.close()
@@ -186,6 +187,11 @@ class Session:
                     picture = self._look()
                 except UserError as error:
                     self.state, self.note = "gone", str(error)
+                except Exception as error:  # a fault of ours ends the view and is told, here and in the page
+                    traceback.print_exception(error)
+                    self.state, self.note = "gone", f"internal error: {type(error).__name__}: {error}"
+                if self.state == "gone":
+                    self._end_recording()
                 now = time.monotonic()
                 status = None
                 if now >= status_due or self.state == "gone":
@@ -193,8 +199,6 @@ class Session:
             if picture is not None or status is not None:
                 self._tell(picture, status)
             if self.state == "gone":
-                self.stop_recording()
-                self._tell(None, self.status())
                 return
             due = max(due + 1.0 / PICTURES, time.monotonic())
             self._stop.wait(due - time.monotonic())
@@ -312,7 +316,7 @@ class Session:
             "recording": self._recording.answer() if self._recording is not None else None,
             "last_log": self.last_log,
             "stop_held": self.stop_held,
-            "events": [vars(e) for e in new],
+            "events": [_plain(e) for e in new],
         }
 
     def past(self, wanted: Collection[int]) -> bytes:
@@ -328,7 +332,7 @@ class Session:
     def events(self) -> list[dict[str, Any]]:
         """All events that are kept and were told."""
         with self._lock:
-            return [vars(e) for e in self.live.events if e.number <= self._told]
+            return [_plain(e) for e in self.live.events if e.number <= self._told]
 
     def recording(self) -> dict[str, Any] | None:
         """The log that is being written."""
@@ -401,6 +405,10 @@ def _injections(source: Simulator) -> list[tuple[float, str]]:
 def _after(table: Decoded, row: int) -> Decoded:
     keep = table.rows > row
     return Decoded(table.rows[keep], table.times[keep], {n: v[keep] for n, v in table.signals.items()})
+
+
+def _plain(event: Event) -> dict[str, Any]:
+    return {**vars(event), "time": _number(event.time)}  # no time before the first frame
 
 
 def _number(value: float) -> float | None:

@@ -32,7 +32,9 @@ export function mount(element, app) {
   const speed = h('select', { id: 'live-speed', 'aria-label': 'Speed of a log' }, ...[1, 2, 5, 10, 100].map((s) => h('option', { value: String(s), text: `${s} ×` })));
   const bitrate = h('select', { id: 'live-bitrate', 'aria-label': 'Bit rate of the bus' }, ...[125, 250, 500, 1000].map((k) => h('option', { value: String(k * 1000), text: `${k} kbit/s`, selected: k === 500 })));
   const controller = h('select', { id: 'live-controller', 'aria-label': 'Controller of the simulator' }, h('option', { value: 'inprocess', text: 'in this process' }), h('option', { value: 'pty', text: 'a process, over a pty' }));
-  const dbc = h('input', { type: 'text', id: 'live-dbc', placeholder: 'the controller’s own DBC', 'aria-label': 'DBC in the workspace’s folder logs', size: '18' });
+  const dbc = h('select', { id: 'live-dbc', 'aria-label': 'DBC' });
+  const file = h('input', { type: 'file', id: 'live-file', hidden: true, accept: '.log,.blf,.asc,.mf4,.mcap,.parquet,.dbc', onchange: uploadFile });
+  const openFile = h('button', { type: 'button', text: 'Open a log or DBC …', onclick: () => file.click() });
   const chip = h('span', { class: 'chip small', role: 'status' });
   const notice = h('p', { class: 'notice bad', role: 'alert', hidden: true });
   const tiles = h('dl', { class: 'tiles' });
@@ -58,7 +60,7 @@ export function mount(element, app) {
 
   element.append(
     h('div', { class: 'panel live-bar row' },
-      h('label', { for: 'live-source', text: 'Source' }), source, typed, bitrate, speed, controller, dbc, watch, leave, chip),
+      h('label', { for: 'live-source', text: 'Source' }), source, typed, bitrate, speed, controller, dbc, openFile, file, watch, leave, chip),
     notice, tiles,
     h('div', { class: 'live-grid' },
       h('section', { class: 'panel' },
@@ -92,21 +94,37 @@ export function mount(element, app) {
       group('Logs in the workspace', 'log'), group('Simulator', 'simulator'));
     const named = links[0]?.title.endsWith('--link)') ? links[0].source : 'simulator:steady_sand';
     source.value = [...source.options].some((o) => o.value === before) && before ? before : named;
+    const dbcBefore = dbc.value;
+    dbc.replaceChildren(h('option', { value: '', text: 'the controller’s DBC' }), ...links.filter((l) => l.kind === 'dbc').map((l) => h('option', { value: l.source, text: l.title })));
+    dbc.value = [...dbc.options].some((o) => o.value === dbcBefore) ? dbcBefore : '';
     options();
   }
   function options() {
     const kind = source.value.split(':')[0];
     typed.hidden = source.value !== 'typed';
-    speed.hidden = kind !== 'log';
+    speed.hidden = kind !== 'log' && kind !== 'upload';
     controller.hidden = kind !== 'simulator';
-    bitrate.hidden = kind === 'log' || kind === 'simulator';
+    bitrate.hidden = ['log', 'upload', 'simulator'].includes(kind);
   }
   async function begin() {
-    const body = { source: source.value === 'typed' ? typed.value.trim() : source.value, dbc: dbc.value.trim(), speed: Number(speed.value), bitrate: Number(bitrate.value), controller: controller.value };
+    const body = { source: source.value === 'typed' ? typed.value.trim() : source.value, dbc: dbc.value, speed: Number(speed.value), bitrate: Number(bitrate.value), controller: controller.value };
     watch.disabled = true;
     const answer = await run(() => api('live', { body }));
     watch.disabled = false;
     if (answer) app.showCommand(answer.command);
+  }
+  async function uploadFile() {
+    const [chosenFile] = file.files;
+    file.value = '';
+    if (!chosenFile) return;
+    chip.textContent = `sending ${chosenFile.name} …`;
+    const found = await run(() => api(`uploads?name=${encodeURIComponent(chosenFile.name)}`, { method: 'POST', body: chosenFile }));
+    chip.textContent = '';
+    if (!found) return;
+    await offer();
+    if (found.kind === 'dbc') dbc.value = found.id;
+    else if (found.kind === 'log') { source.value = `upload:${found.id}`; options(); } else tell(`${found.name} is a table, expected a log: the workbench takes tables.`);
+    if (found.warnings.length) tell(`${found.name}: ${found.warnings.join('; ')}`);
   }
   async function end() { await run(() => api('live', { method: 'DELETE' })); }
 

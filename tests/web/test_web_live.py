@@ -1,0 +1,373 @@
+"""The live view's server side: a bus over a pty, a log, the simulator; what is recorded, lost, refused and told."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import websockets
+from serving import Server
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "bench"))
+
+from slcan_feeder import Feeder
+
+from host_tools.logs.frames import frames
+from host_tools.logs.reading import read_log
+from host_tools.logs.writing import LogWriter
+from host_tools.web.live_session import reduced
+
+HEAD = struct.Struct("<BBHIIIdd")
+RATE = 8000
+
+
+class Watcher:
+    """A browser as the socket sees it."""
+
+    def __init__(self) -> None:
+        self.frames = self.pictures = self.missed = 0
+        self.next: float | None = None
+        self.numbers: list[int] = []
+        self.points: dict[str, list[tuple[float, float]]] = {}
+        self.past: dict[str, list[tuple[float, float]]] = {}
+        self.events: list[dict[str, Any]] = []
+        self.hello: dict[str, Any] = {}
+        self.status: dict[str, Any] = {}
+
+    def take(self, message: str | bytes) -> str:
+        """One message; what the browser answers, if anything."""
+        if isinstance(message, str):
+            said = json.loads(message)
+            if said["type"] == "hello":
+                self.hello = said
+                return json.dumps({"want": [i for i, s in enumerate(said.get("signals", [])) if s["name"] in WANTED]})
+            self.status = said
+            self.events += said["events"]
+            return ""
+        _, kind, columns, number, _, count, first, base = HEAD.unpack_from(message)
+        at = HEAD.size
+        for _ in range(columns):
+            signal, points = struct.unpack_from("<HH", message, at)
+            pairs = np.frombuffer(message, "<f4", 2 * points, at + 4).reshape(-1, 2)
+            name = self.hello["signals"][signal]["name"]
+            into = self.points if kind == 1 else self.past
+            into.setdefault(name, []).extend((base + float(t), float(v)) for t, v in pairs)
+            at += 4 + 8 * points
+        assert at == len(message)
+        if kind != 1:
+            return ""
+        if self.next is not None:
+            self.missed += int(first - self.next)
+        self.next = first + count
+        self.frames += count
+        self.numbers.append(number)
+        return json.dumps({"seen": number})
+
+
+WANTED = ("MOTION.slip", "GROUND.torque", "ACTUATE.state")
+
+
+def watch(
+    server: Server, until: Callable[[Watcher], bool], begin: Callable[[], object] = lambda: None, seconds: float = 40.0
+) -> Watcher:
+    """Listen until a condition holds; `begin` is called once the socket is open."""
+
+    async def listen() -> Watcher:
+        found, end = Watcher(), time.monotonic() + seconds
+        address = f"ws://127.0.0.1:{server.port}/api/live/socket?token={server.token}"
+        async with websockets.connect(address) as socket:
+            task = asyncio.get_running_loop().run_in_executor(None, begin)
+            while not (task.done() and until(found)):
+                if time.monotonic() > end:
+                    raise AssertionError((found.status, found.events, found.frames))
+                try:
+                    reply = found.take(await asyncio.wait_for(socket.recv(), 1.0))
+                except TimeoutError:
+                    continue
+                if reply:
+                    await socket.send(reply)
+            await task
+        return found
+
+    return asyncio.run(listen())
+
+
+def post(server: Server, path: str, status: int = 200, **body: Any) -> Any:
+    answer = server.ask("POST", f"/api/{path}", body)
+    assert answer.status == status, answer.body
+    return answer.json
+
+
+@pytest.fixture
+def live(server: Server) -> Iterator[Server]:
+    """A server that watches nothing, before and after."""
+    yield server
+    assert server.ask("DELETE", "/api/live").status == 200
+
+
+def kept(frames_: Any) -> list[int]:
+    """The numbers that the feeder wrote into its frames."""
+    return list(np.ascontiguousarray(frames_.data[:, :4]).view("<u4").ravel())
+
+
+@pytest.mark.parametrize("kind", [".mf4", ".log"])
+def test_full_bus(live: Server, kind: str) -> None:
+    """8,000 frames/s over a pty: every frame in the log and in the pictures (60 s of it: tests/bench/bench_live.py)."""
+    seconds = 3.0
+    with Feeder(RATE, seconds) as feeder:
+
+        def begin() -> None:
+            post(live, "live", source=f"serial:{feeder.path}", bitrate=1_000_000)
+            answer = post(live, "live/record", do="start", name=f"full{kind}")
+            assert f"--link serial:{feeder.path}" in answer["command"]
+
+        found = watch(live, lambda w: w.status.get("total", 0) == RATE * seconds == w.frames, begin)
+        assert found.missed == 0
+        assert found.status["lost"] == found.status["damaged"] == 0
+        assert found.status["load"] == pytest.approx(RATE * 111 / 1e6, rel=0.2)
+        done = post(live, "live/record", do="stop")
+    log, cut = read_log(live.workspace / "logs" / f"full{kind}")
+    assert cut == ""
+    numbers = kept(log)
+    assert len(numbers) == done["frames"]
+    assert numbers == list(range(numbers[0], int(RATE * seconds)))  # none lost from the moment it was asked for
+
+
+def test_pulled_cable(live: Server) -> None:
+    """The source vanishes: the page is told in a line, and the log is whole."""
+    with Feeder(2000, 1.0) as feeder:
+        watch(
+            live,
+            lambda w: w.status.get("total", 0) == 2000,
+            lambda: (
+                post(live, "live", source=f"serial:{feeder.path}"),
+                post(live, "live/record", do="start", name="pulled.mf4"),
+            ),
+        )
+    found = watch(live, lambda w: w.status.get("state") == "gone")
+    assert "the bus went away" in found.status["note"]
+    assert found.status["recording"] is None
+    log, _ = read_log(live.workspace / "logs" / "pulled.mf4")
+    assert len(log) == found.status["last_log"]["frames"] > 0
+    assert kept(log)[-1] == 1999
+
+
+def test_slow_browser_loses_pictures_and_never_the_log(live: Server) -> None:
+    """A browser that does not answer gets no more pictures than fit; what it missed shows in the numbers of frames."""
+
+    async def listen(feeder: Feeder) -> tuple[int, int]:
+        address = f"ws://127.0.0.1:{live.port}/api/live/socket?token={live.token}"
+        async with websockets.connect(address) as socket:
+            await asyncio.to_thread(post, live, "live", source=f"serial:{feeder.path}")
+            await asyncio.to_thread(post, live, "live/record", do="start", name="slow.log")
+            pictures, seen, total = 0, 0, 0
+            while total < 8000:
+                message = await asyncio.wait_for(socket.recv(), 20)
+                if isinstance(message, bytes):
+                    pictures += 1
+                    seen += HEAD.unpack_from(message)[5]  # and nothing is answered
+                else:
+                    total = json.loads(message).get("total", 0)
+            return pictures, seen
+
+    with Feeder(2000, 4.0) as feeder:
+        pictures, seen = asyncio.run(listen(feeder))
+    assert pictures <= 45
+    assert seen < 8000
+    post(live, "live/record", do="stop")
+    numbers = kept(read_log(live.workspace / "logs" / "slow.log")[0])
+    assert numbers == list(range(numbers[0], 8000))
+
+
+def test_simulator_over_a_pty(live: Server) -> None:
+    """The controller's process on a pty: state, the stop button, a mark; all of it in the log."""
+    answer = post(live, "live", source="simulator:estop", controller="pty")
+    assert answer["command"] == "terrapin monitor estop --controller pty"
+    post(live, "live/record", do="start", name="sim.mcap")
+    post(live, "live/command", request="mark", text="look here")
+    found = watch(live, lambda w: (w.status.get("time") or 0) > 1.5 and len(w.points.get("MOTION.slip", [])) > 50)
+    assert found.hello["stop"] == "simulator"
+    assert found.missed == 0
+    assert found.numbers == list(range(found.numbers[0], found.numbers[0] + len(found.numbers)))
+    times = [t for t, _ in found.past["MOTION.slip"] + found.points["MOTION.slip"]]
+    assert times == sorted(times)
+    assert np.diff(times).max() < 0.03  # telemetry every 10 ms: nothing is thinned out of it
+    post(live, "live/command", request="idle")
+    stopped = watch(live, lambda w: any(f["name"] == "estop" for f in w.status.get("faults", [])))
+    assert stopped.status["stop_held"]
+    post(live, "live/command", request="release")
+    last = watch(live, lambda w: not w.status.get("stop_held", True))
+    texts = [(e["kind"], e["text"]) for e in last.events]
+    assert ("mark", "look here") in texts
+    assert ("injected", "stop button held in") in texts
+    assert ("state", "state safe") in texts
+    post(live, "live/record", do="stop")
+    log = (live.workspace / "logs" / "sim.mcap").read_bytes()
+    assert b"stop button held in" in log
+    assert b"/GROUND" in log
+
+
+def test_injected_faults_are_events(live: Server) -> None:
+    found = watch(
+        live,
+        lambda w: any("over" in e["text"] for e in w.events),
+        lambda: post(live, "live", source="simulator:estop"),
+    )
+    kinds = [(e["kind"], e["text"], e["time"]) for e in found.events]
+    assert ("injected", "estop_pressed injected", 4.0) in kinds
+    assert ("injected", "estop_pressed over", 5.0) in kinds
+    assert [e["number"] for e in found.events] == list(range(1, len(found.events) + 1))
+
+
+def a_log(path: Path, times: Any, identifier: int = 0x183) -> Path:
+    times = np.asarray(times)
+    with LogWriter(path) as log:
+        log.write(frames(path, times, [identifier] * len(times), [bytes(8)] * len(times), [0] * len(times)))
+    return path
+
+
+def test_clock_jumps(live: Server) -> None:
+    """A log whose clock steps back and jumps ahead: both are told, every frame is shown, plots begin anew."""
+    parts = [100 + np.arange(50) * 0.01, 20 + np.arange(50) * 0.01, 5000 + np.arange(50) * 0.01]
+    a_log(live.workspace / "logs" / "jumps.log", np.concatenate(parts))
+    found = watch(
+        live, lambda w: w.status.get("state") == "over", lambda: post(live, "live", source="log:jumps.log", speed=5.0)
+    )
+    texts = [e["text"] for e in found.events if e["kind"] == "clock"]
+    assert texts == ["the clock steps back by 80.490 s", "no frame for 4979.510 s, or the clock jumped ahead"]
+    assert found.status["total"] == found.frames == 150
+    assert found.status["epoch"] == 1
+    assert found.status["begin"] == 20.0
+
+
+def test_cut_log_says_so(live: Server) -> None:
+    path = a_log(live.workspace / "logs" / "cut.log", np.arange(100) * 0.001)
+    path.write_bytes(path.read_bytes()[:-5])
+    found = watch(live, lambda w: w.status.get("state") == "over", lambda: post(live, "live", source="log:cut.log"))
+    assert found.status["note"].startswith("read up to where it was cut off")
+    assert found.status["total"] == 99
+
+
+def test_dbc_that_does_not_fit(live: Server) -> None:
+    """A DBC that knows none of the frames, or other lengths, is told; frames are counted all the same."""
+    logs = live.workspace / "logs"
+    (logs / "other.dbc").write_text('VERSION ""\nBU_: A\nBO_ 5 M: 8 A\n SG_ a : 0|8@1+ (1,0) [0|0] "V" A\n')
+    a_log(logs / "plain.log", np.arange(200) * 0.001)
+    body = {"source": "log:plain.log", "dbc": "other.dbc"}
+    found = watch(live, lambda w: w.status.get("total") == 200, lambda: post(live, "live", **body))
+    assert found.status["fit"].startswith("the DBC knows 0 of 200 frames (unknown: 183)")
+    with LogWriter(logs / "short.log") as log:
+        log.write(frames(Path("x"), np.arange(60) * 0.001, [0x183] * 60, [bytes(4)] * 60, [0] * 60))
+    found = watch(live, lambda w: w.status.get("total") == 60, lambda: post(live, "live", source="log:short.log"))
+    assert found.status["fit"].startswith("60 frames of MOTION have fewer than the 8 bytes")
+
+
+def test_uploaded_log_and_dbc(live: Server, tmp_path: Path) -> None:
+    log = live.upload("drive.log", a_log(tmp_path / "drive.log", np.arange(100) * 0.001).read_bytes()).json["id"]
+    assert {"source": f"upload:{log}", "title": "drive.log (uploaded)", "kind": "log"} in live.get("/api/links")
+    found = watch(live, lambda w: w.status.get("total") == 100, lambda: post(live, "live", source=f"upload:{log}"))
+    assert found.hello["name"] == "drive.log"
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "said"),
+    [
+        ({"source": "log:none.log"}, 404, "found no 'none.log'"),
+        ({"source": "log:../jobs"}, 404, "found no"),
+        ({"source": "upload:000000000000"}, 404, "found none of id"),
+        ({"source": "serial:/etc/passwd"}, 422, "expected a serial port"),
+        ({"source": "serial:/dev/../etc/passwd"}, 422, "expected a serial port"),
+        ({"source": "serial:/dev/shm"}, 422, "is no serial port"),
+        ({"source": "serial:/dev/null"}, 500, "cannot open the bus"),
+        ({"source": "serial:/dev/none"}, 422, "No such file"),
+        ({"source": "socketcan:none9"}, 500, "cannot open the bus"),
+        ({"source": "can:nonsense:x"}, 422, "no interface"),
+        ({"source": "simulator:../x"}, 422, "expected a scenario's name"),
+        ({"source": "simulator:none"}, 422, "no scenario of that name"),
+        ({"source": "file:///etc/passwd"}, 422, "source"),
+        ({"source": "simulator:estop", "speed": 0.0}, 422, "speed"),
+        ({"source": "simulator:estop", "dbc": "none.dbc"}, 404, "found no"),
+        ({"source": "simulator:estop", "more": 1}, 422, "more"),
+    ],
+)
+def test_refused(live: Server, body: dict[str, Any], status: int, said: str) -> None:
+    answer = live.ask("POST", "/api/live", body)
+    assert answer.status == status, answer.body
+    assert said in answer.detail
+
+
+def test_no_log(live: Server) -> None:
+    """A file that is no log, put into the folder by hand."""
+    (live.workspace / "logs" / "junk.mf4").write_bytes(bytes(range(256)) * 40)
+    answer = live.ask("POST", "/api/live", {"source": "log:junk.mf4"})
+    assert (answer.status, "expected an MF4 bus log" in answer.detail) == (422, True)
+    (live.workspace / "logs" / "half.log").write_text("(0.0) can0 123#00\nnonsense\n")
+    found = live.ask("POST", "/api/live", {"source": "log:half.log"})
+    assert (found.status, "half.log:2" in found.detail) == (422, True)
+
+
+def test_nothing_to_record_or_stop(live: Server) -> None:
+    live.ask("DELETE", "/api/live")
+    assert live.ask("POST", "/api/live/record", {"do": "start", "name": "x.log"}).status == 404
+    assert live.ask("POST", "/api/live/command", {"request": "idle"}).status == 404
+    a_log(live.workspace / "logs" / "still.log", np.arange(5000) * 0.01)
+    post(live, "live", source="log:still.log")
+    assert "nothing to stop" in live.ask("POST", "/api/live/command", {"request": "idle"}).detail
+    assert live.ask("POST", "/api/live/record", {"do": "stop"}).status == 409
+    for name in ("x.txt", "x.parquet", "../x.log", "/etc/x.log", ""):
+        assert live.ask("POST", "/api/live/record", {"do": "start", "name": name}).status == 422, name
+    post(live, "live/record", do="start", name="once.log")
+    assert live.ask("POST", "/api/live/record", {"do": "start", "name": "twice.log"}).status == 422
+    post(live, "live/record", do="stop")
+    assert live.ask("POST", "/api/live/record", {"do": "start", "name": "once.log"}).status == 409
+
+
+@pytest.mark.parametrize(
+    "message", ["no json", "[]", '{"want": "x"}', '{"want": [-1]}', '{"seen": 1.5}', '{"x": 1}', "[" * 4000, b"\0\1"]
+)
+def test_malformed_messages_end_the_socket(live: Server, message: str | bytes) -> None:
+    async def send() -> int:
+        address = f"ws://127.0.0.1:{live.port}/api/live/socket?token={live.token}"
+        async with websockets.connect(address) as socket:
+            await socket.recv()
+            await socket.send(message)
+            await asyncio.wait_for(socket.wait_closed(), 10)
+            return int(socket.close_code or 0)
+
+    assert asyncio.run(send()) == 1008
+    assert live.get("/api/live")["name"] is None
+
+
+def test_killed_server_leaves_a_log(own_server: Server) -> None:
+    """kill -9 of the server: the log holds everything up to the last half second and more."""
+    with Feeder(2000, 3.0) as feeder:
+        post(own_server, "live", source=f"serial:{feeder.path}")
+        post(own_server, "live/record", do="start", name="x.mf4")
+        found = watch(own_server, lambda w: w.status.get("total", 0) >= 4000)
+        at_kill = found.status["total"]
+        own_server.kill()
+    log, _ = read_log(own_server.workspace / "logs" / "x.mf4")
+    numbers = kept(log)
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    assert numbers[-1] > at_kill - 2000  # the last second
+
+
+def test_reduced_keeps_the_extremes() -> None:
+    random = np.random.default_rng(2)
+    for count in (0, 1, 3, 4, 5, 17, 300):
+        times, values = np.arange(count) * 1e-3, random.normal(size=count)
+        t, v = reduced(times, values)
+        assert len(t) <= 4
+        assert list(t) == sorted(t)
+        if count:
+            assert (v.min(), v.max()) == (values.min(), values.max())
+    t, v = reduced(np.arange(6.0), np.array([np.nan] * 6))
+    assert len(t) == len(v) == 0
