@@ -90,6 +90,7 @@ class Emulator:
         self.commands.append(command)
         known = {
             0x00: self._get,
+            0x01: self._version,
             0x02: self._id,
             0x11: self._read,
             0x21: self._go,
@@ -104,6 +105,9 @@ class Emulator:
 
     def _get(self) -> None:
         self._give(bytes([11, 0x31, 0x00, 0x01, 0x02, 0x11, 0x21, 0x31, 0x44, 0x63, 0x73, 0x82, 0x92]) + ACK)
+
+    def _version(self) -> None:
+        self._give(b"\x31\x00\x00" + ACK)
 
     def _id(self) -> None:
         self._give(b"\x01" + self.identifier.to_bytes(2, "big") + ACK)
