@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy.typing as npt
 import tomlkit
 
 from host_tools.errors import UserError
@@ -17,7 +18,7 @@ from host_tools.web.preview import controller_dbc, stream
 from host_tools.workbench.case import load_case
 from host_tools.workbench.edit import write_whole
 from host_tools.workbench.from_table import split_unit
-from host_tools.workbench.tables import LOG_SUFFIXES
+from host_tools.workbench.tables import LOG_SUFFIXES, Table
 
 __all__ = ["make"]
 
@@ -34,7 +35,7 @@ def make(folder: str, files: list[str], dbc: str, order: dict[str, Any]) -> dict
     sources = [Path(file) for file in files]
     logs = [source for source in sources if source.suffix in LOG_SUFFIXES]
     _check_units(sources)
-    names = [_bring(place, source, order["every"]) for source in sources]
+    names = [_bring(place, source, order["every"], order["run"]) for source in sources]
     if logs:
         _link(Path(dbc) if dbc else controller_dbc(), place / "bus.dbc")
     write_whole(place / "case.toml", _document(order, names, bool(logs)))
@@ -63,7 +64,7 @@ def _check_units(sources: list[Path]) -> None:
                 )
 
 
-def _bring(folder: Path, source: Path, every: int) -> str:
+def _bring(folder: Path, source: Path, every: int, run: str) -> str:
     """The file's name in the case: a link to the upload's bytes, or every n-th row of them."""
     thin = every > 1 and source.suffix not in LOG_SUFFIXES
     suffix = THINNED if thin else source.suffix
@@ -72,7 +73,7 @@ def _bring(folder: Path, source: Path, every: int) -> str:
         number += 1
         name = f"{source.stem}_{number}{suffix}"
     if thin:
-        _thin(source, folder / name, every)
+        _thin(source, folder / name, every, run)
     else:
         _link(source, folder / name)
     return name
@@ -88,18 +89,18 @@ def _link(source: Path, target: Path) -> None:
         shutil.copyfile(source, target)
 
 
-def _thin(source: Path, target: Path, every: int) -> None:
-    """Every n-th row, a block at a time. A column is of numbers if it is in the first block."""
+def _thin(source: Path, target: Path, every: int, run: str) -> None:
+    """Every n-th row, a block at a time. A column is of numbers if it is in the first block; names of runs are text."""
     import pyarrow
     import pyarrow.parquet
 
     writer, done = None, 0
     try:
-        for table in stream(source):
+        for table in stream(source, {run}):
             first = -done % every
             done += table.rows
-            columns = {name: column[first::every] for name, column in table.columns.items()}
-            block = pyarrow.table({name: pyarrow.array(column.tolist()) for name, column in columns.items()})
+            columns = {name: _values(table, name, name == run)[first::every].tolist() for name in table.columns}
+            block = pyarrow.table(columns)
             if writer is None:
                 writer = pyarrow.parquet.ParquetWriter(target, block.schema)
             try:
@@ -109,6 +110,13 @@ def _thin(source: Path, target: Path, every: int) -> None:
     finally:
         if writer is not None:
             writer.close()
+
+
+def _values(table: Table, name: str, text: bool) -> npt.NDArray[Any]:
+    try:
+        return table.columns[name] if text else table.numbers(name)
+    except UserError:  # words or gaps
+        return table.columns[name]
 
 
 def _document(order: dict[str, Any], files: Iterable[str], log: bool) -> str:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import csv
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -206,17 +206,20 @@ class _Told:
             print(f"{self.name}: {min(100, 100 * done // self.size)} %", file=sys.stderr, flush=True)
 
 
-def stream(path: Path) -> Iterator[Table]:
-    """A CSV or Parquet file as tables, some megabytes at a time. UserError where it is broken."""
+def stream(path: Path, texts: Collection[str] = ()) -> Iterator[Table]:
+    """A CSV or Parquet file as tables, some megabytes at a time; columns in `texts` of a CSV stay text.
+
+    UserError where the file is broken.
+    """
     if path.suffix.lower() == ".parquet":
         yield from _stream_parquet(path)
     elif path.stat().st_size < LARGE:
         yield read(path)
     else:
-        yield from _stream_csv(path)
+        yield from _stream_csv(path, texts)
 
 
-def _stream_csv(path: Path) -> Iterator[Table]:
+def _stream_csv(path: Path, texts: Collection[str]) -> Iterator[Table]:
     import pyarrow
     import pyarrow.compute
     import pyarrow.csv
@@ -243,7 +246,8 @@ def _stream_csv(path: Path) -> Iterator[Table]:
             for batch in reader:
                 columns: dict[str, npt.NDArray[Any]] = {}
                 for name, number in zip(header, names, strict=True):
-                    columns[name] = _cells(batch.column(int(number)), delimiter)
+                    cells = batch.column(int(number))
+                    columns[name] = _texts(cells) if name in texts else _cells(cells, delimiter)
                 columns.pop("", None)
                 yield Table(path, columns, line)
                 line += batch.num_rows
@@ -266,7 +270,11 @@ def _cells(column: Any, delimiter: str) -> npt.NDArray[Any]:
     try:
         return np.asarray(pyarrow.compute.cast(plain, pyarrow.float64()).to_numpy(zero_copy_only=False))
     except pyarrow.ArrowException:
-        return np.asarray(column.to_numpy(zero_copy_only=False).astype(str))
+        return _texts(column)
+
+
+def _texts(column: Any) -> npt.NDArray[Any]:
+    return np.asarray(column.to_numpy(zero_copy_only=False).astype(str))
 
 
 def _stream_parquet(path: Path) -> Iterator[Table]:

@@ -87,6 +87,12 @@ def upload_file(workspace: Workspace, identifier: str) -> FilePath:
     return workspace.folder("uploads") / identifier / str(view["name"])
 
 
+def _dbc(workspace: Workspace, identifier: str) -> FilePath:
+    if upload_view(workspace, identifier)["kind"] != "dbc":
+        raise UserError("dbc: found an upload that is none, expected a DBC")
+    return upload_file(workspace, identifier)
+
+
 def upload_view(workspace: Workspace, identifier: str) -> dict[str, Any]:
     """What is known of an upload; NotThere for none of that id."""
     file = workspace.folder("uploads") / f"{identifier}.json"
@@ -106,9 +112,11 @@ async def upload(
     context: Terrapin,
     request: Request,
     name: Annotated[str, Query(min_length=1, max_length=200, description="the file's, with its suffix")],
+    dbc: Annotated[str, Query(pattern="^([0-9a-f]{12})?$", description="upload of a DBC, for a log")] = "",
 ) -> Upload:
     """Send a file as it is, as the body. Nothing is kept when it is broken off, too large or no file of its kind."""
     tidy = _tidy(name)
+    bus = str(_dbc(context.workspace, dbc)) if dbc else ""
     announced = _announced(request)
     await _drop_oldest(context.workspace)
     identifier = secrets.token_hex(6)
@@ -119,7 +127,7 @@ async def upload(
         place = folder / identifier
         place.mkdir()
         part.replace(place / tidy)
-        found = await _looked_at(context, request, place / tidy, identifier)
+        found = await _looked_at(context, request, place / tidy, bus)
         view = {"id": identifier, "name": tidy, "bytes": size, "created": time.time(), **found}
         write_whole(folder / f"{identifier}.json", json.dumps(view) + "\n")
     except BaseException:
@@ -169,14 +177,14 @@ async def _receive(context: Context, request: Request, part: FilePath, identifie
                 context.events.send({"upload": identifier, "state": "receiving", "bytes": size, "of": announced})
 
 
-async def _looked_at(context: Context, request: Request, file: FilePath, identifier: str) -> dict[str, Any]:
+async def _looked_at(context: Context, request: Request, file: FilePath, bus: str) -> dict[str, Any]:
     """What is in the file. The work ends when the browser goes away."""
 
     def told(line: str) -> None:
-        context.events.send({"upload": identifier, "state": "reading", "line": line})
+        context.events.send({"upload": file.parent.name, "state": "reading", "line": line})
 
     look = asyncio.create_task(
-        context.warm.call("host_tools.web.preview:look", str(file), "", seconds=LOOK_SECONDS, told=told)
+        context.warm.call("host_tools.web.preview:look", str(file), bus, seconds=LOOK_SECONDS, told=told)
     )
     gone = asyncio.create_task(_gone(request))
     try:
@@ -228,9 +236,7 @@ async def preview(
     if dbc:
         if view["kind"] != "log":
             raise UserError(f"dbc: found with {view['name']}, expected with a log")
-        if upload_view(context.workspace, dbc)["kind"] != "dbc":
-            raise UserError("dbc: found an upload that is none, expected a DBC")
-        files = [str(upload_file(context.workspace, one)) for one in (identifier, dbc)]
+        files = [str(upload_file(context.workspace, identifier)), str(_dbc(context.workspace, dbc))]
         view |= await context.warm.call("host_tools.web.preview:look", *files, seconds=LOOK_SECONDS)
     return Upload(**view)
 

@@ -16,7 +16,6 @@ from typing import Any
 __all__ = ["Answer", "Server"]
 
 START = "import sys; from host_tools.cli import main; sys.argv[0] = 'terrapin'; main()"
-START_SECONDS = 60.0  # on a busy machine
 JOB_SECONDS = 60.0
 
 
