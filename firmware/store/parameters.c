@@ -120,7 +120,7 @@ static void load(terrapin_store *store) {
         for (uint32_t i = 0U; i < head.entries; i++) {
             uint8_t unit[TERRAPIN_STORE_UNIT];
             if (read_unit(store, store->newest + UNIT + ((i / 2U) * UNIT), unit)) {
-                take_entry(store, &unit[(i % 2U) * ENTRY_SIZE], i);
+                take_entry(store, ((i % 2U) == 0U) ? unit : &unit[ENTRY_SIZE], i);
             }
         }
     }
@@ -259,9 +259,11 @@ static void make_unit(terrapin_store *store, uint8_t unit[TERRAPIN_STORE_UNIT]) 
         put_word(&unit[12], (uint32_t)TERRAPIN_INTERFACE_VERSION);
     } else {
         const uint32_t first = ((store->written - UNIT) / UNIT) * 2U;
-        for (uint32_t i = 0U; (i < 2U) && ((first + i) < PARAMETERS); i++) {
-            put_word(&unit[i * ENTRY_SIZE], terrapin_parameter_hashes[first + i]);
-            put_word(&unit[(i * ENTRY_SIZE) + 4U], (uint32_t)store->value[first + i]);
+        uint8_t *entry = unit;
+        for (uint32_t i = first; (i < (first + 2U)) && (i < PARAMETERS); i++) {
+            put_word(entry, terrapin_parameter_hashes[i]);
+            put_word(&entry[4], (uint32_t)store->value[i]);
+            entry = &unit[ENTRY_SIZE];
         }
     }
     const bool last = (store->written + UNIT) == set_size(PARAMETERS);

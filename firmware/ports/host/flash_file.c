@@ -39,7 +39,7 @@ static bool erase_area(void *context, terrapin_flash_area area) {
 
 /* A write clears bits and sets none, as flash does. */
 static bool write_bytes(void *context, uint32_t offset, const uint8_t *bytes, uint32_t size) {
-    uint8_t unit[WRITE_SIZE];
+    uint8_t unit[WRITE_SIZE] = {0};
     bool good = inside(offset, size) && ((offset % WRITE_SIZE) == 0U) && ((size % WRITE_SIZE) == 0U);
     for (uint32_t at = 0U; good && (at < size); at += WRITE_SIZE) {
         good = read_bytes(context, offset + at, unit, WRITE_SIZE);
