@@ -3,10 +3,12 @@ answers every tick with the host build's bits. QEMU does 110 to 400 ticks a seco
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import shutil
 import signal
+import socket
 import struct
 import subprocess
 import time
@@ -24,6 +26,7 @@ from hil.links.wire import SlcanLink
 from hil.messages import Frame, Sender, interface
 from hil.run import run
 from hil.scenario import Scenario, find_scenario, load_scenario
+from host_tools.logs.bus import open_bus
 
 BUDGET = tomllib.loads((Path(__file__).parent / "budget.toml").read_text())["stm32f405"]
 BOARDS = ("emulated", "f405-h-bridge")
@@ -167,7 +170,7 @@ def test_a_flood_on_the_line_is_survived(port: SlcanPort) -> None:
 
 
 def test_serial_device_works_as_a_board_does(tmp_path: Path) -> None:
-    """A terminal of the system in between, as with a USB adapter: lockstep, and python-can's own SLCAN."""
+    """A terminal of the system in between, as with a USB adapter: lockstep, the monitor's bus, python-can's SLCAN."""
     can = pytest.importorskip("can")
     command = ["qemu-system-arm", "-M", "netduinoplus2", "-nodefaults", "-display", "none", "-monitor", "none"]
     command += ["-chardev", "pty,id=usart1", "-serial", "chardev:usart1", "-kernel", str(image())]
@@ -181,9 +184,59 @@ def test_serial_device_works_as_a_board_does(tmp_path: Path) -> None:
             with SlcanLink.of_device(f"{found[0]}@1000000") as link:
                 assert run(scenario, link).output_hash == run(scenario).output_hash
                 link.exchange(Sender(interface()).test_mode(False))
+            bus = open_bus(f"serial:{found[0]}@1000000")
+            known = interface().by_id
+            names = {known[int(i)].name for _ in range(20) for i in bus.receive(0.1).identifiers}
+            bus.shutdown()
+            assert {"ACTUATE", "STATUS", "PORT_STATUS", "PORT_TIMES"} <= names
             with can.Bus(interface="slcan", channel=found[0], bitrate=500_000, sleep_after_open=0.0) as bus:
                 heard = {message.arbitration_id for _ in range(400) if (message := bus.recv(1.0)) is not None}
             assert {interface().messages[name].id for name in ("ACTUATE", "STATUS", "PORT_STATUS")} <= heard
+        finally:
+            process.kill()
+
+
+def sabotaged(folder: Path, symbol: str, code: bytes) -> Path:
+    """The image with other instructions at the beginning of a function."""
+    names = subprocess.run(["arm-none-eabi-nm", "-S", image()], capture_output=True, text=True, check=True).stdout
+    found = re.search(rf"^([0-9a-f]+) ([0-9a-f]+) . {symbol}$", names, re.MULTILINE)
+    assert found is not None
+    assert int(found[2], 16) >= len(code)
+    at = (int(found[1], 16) & ~1) - PLACES["alone"][0]
+    program = folder / "sabotaged.bin"
+    flash = bytearray(image().with_suffix(".bin").read_bytes())
+    flash[at : at + len(code)] = code
+    program.write_bytes(bytes(flash))
+    return program
+
+
+SABOTAGE = {
+    "stack_overflow": bytes.fromhex("ffb5 fff7fdff"),  # itself: push {r0-r7, lr}; bl itself
+    "processor_fault": bytes.fromhex("00de"),  # udf #0
+}
+
+
+@pytest.mark.parametrize("cause", SABOTAGE)
+def test_a_fault_resets_and_is_told_at_the_next_start(tmp_path: Path, cause: str) -> None:
+    """stack_used is first called half a second after the start: that start ends, the next one says why."""
+    program = sabotaged(tmp_path, "stack_used", SABOTAGE[cause])
+    causes = interface().enums["reset_cause"]
+    message = interface().messages["PORT_STATUS"]
+    ours, theirs = socket.socketpair()
+    command = ["qemu-system-arm", "-M", "netduinoplus2", "-nodefaults", "-display", "none", "-monitor", "none"]
+    command += ["-chardev", f"socket,id=usart1,fd={theirs.fileno()}", "-serial", "chardev:usart1"]
+    with ours, theirs, subprocess.Popen([*command, "-kernel", str(program)], pass_fds=(theirs.fileno(),)) as process:
+        try:
+            seen, text, end = [], b"", time.monotonic() + 60.0
+            ours.settimeout(0.02)
+            while causes[cause] not in seen and time.monotonic() < end:
+                ours.send(b"O\r")  # a new start has its line closed
+                with contextlib.suppress(TimeoutError):
+                    text += ours.recv(65536)
+                lines = re.findall(rb"t1918([0-9A-F]{16})\r", text)
+                seen = [message.decode(bytes.fromhex(line.decode()))["reset_cause"] for line in lines]
+            assert seen[0] == causes["unknown"]
+            assert seen[-1] == causes[cause]
         finally:
             process.kill()
 
