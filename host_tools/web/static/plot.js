@@ -197,10 +197,14 @@ export class Plot {
     c.lineJoin = 'round';
     c.beginPath();
     if (one.lines) {
-      for (const rows of one.lines) rows.forEach((i, n) => c[n ? 'lineTo' : 'moveTo'](X(x[i]), Y(one.values[i])));
+      for (const rows of one.lines) {
+        const wide = X(x[rows[rows.length - 1]]) - X(x[rows[0]]);
+        if (wide < 6) dash(c, X(x[rows[0]]) + wide / 2, Y(one.values[rows[0]]) / 2 + Y(one.values[rows[rows.length - 1]]) / 2); // a run at one setting
+        else rows.forEach((i, n) => c[n ? 'lineTo' : 'moveTo'](X(x[i]), Y(one.values[i])));
+      }
     } else {
       c.setLineDash([]);
-      x.forEach((v, i) => { c.moveTo(X(v) - 5, Y(one.values[i])); c.lineTo(X(v) + 5, Y(one.values[i])); });
+      x.forEach((v, i) => dash(c, X(v), Y(one.values[i])));
     }
     c.stroke();
     c.setLineDash([]);
@@ -286,6 +290,7 @@ export class Plot {
   }
 }
 
+const dash = (c, x, y) => { c.moveTo(x - 5, y); c.lineTo(x + 5, y); };
 const label = (axis) => (axis.unit && axis.unit !== '1' ? `${axis.name}, ${axis.unit}` : axis.name);
 function line(c, x0, y0, x1, y1) {
   c.beginPath();
