@@ -333,8 +333,8 @@ static void test_saves_parameters_and_finds_them_again(void) {
     for (uint32_t i = 0; i < 2000U; i++) {
         (void)port_pass(&controller, controller.tick + 1U);
     }
-    TEST_ASSERT_EQUAL_UINT32(1U, flash_work); /* the watchdog got its time, and lost it again */
-    TEST_ASSERT_EQUAL_UINT32(1U, flash_rest);
+    TEST_ASSERT_GREATER_OR_EQUAL(1U, flash_work); /* the watchdog got its time, and lost it again */
+    TEST_ASSERT_EQUAL_UINT32(flash_work, flash_rest);
     TEST_ASSERT_EQUAL_UINT32(0U, controller.overruns);
 
     TEST_ASSERT_TRUE(terrapin_store_open(&store, &flash, areas));
@@ -373,8 +373,18 @@ static void test_update_resets_with_the_motor_off_alone(void) {
     give(&frame);
     TEST_ASSERT_EQUAL_UINT32(0U, resets);
     TEST_ASSERT_TRUE(driven);
+    const terrapin_update_query_t question = {0};
+    terrapin_frame query = {0};
+    (void)terrapin_encode_update_query(&question, &query);
+    give(&query); /* reads the log of the boot loader, which takes long: not while the motor is on */
+    TEST_ASSERT_EQUAL_UINT32(0U, flash_work);
+    TEST_ASSERT_EQUAL_UINT32(1U, controller.link.out_of_place);
     (void)ticks(3000U, TERRAPIN_REQUEST_IDLE);
     TEST_ASSERT_FALSE(driven);
+    const uint32_t before = flash_work;
+    give(&query);
+    TEST_ASSERT_EQUAL_UINT32(before + 1U, flash_work);
+    TEST_ASSERT_EQUAL_UINT32(before + 1U, flash_rest);
     terrapin_e2e_protect(&frame, 1U);
     give(&frame);
     TEST_ASSERT_EQUAL_UINT32(100U, resets); /* and stays in the boot loader */

@@ -64,8 +64,8 @@ bool can_open(can *c, can_registers *registers, uint32_t timing, const can_filte
 void can_receive_interrupt(can *c) {
     can_registers *registers = c->registers;
     const uint32_t fifo = registers->RF0R;
-    if ((fifo & CAN_RF0R_FMP) == 0U) {
-        return;
+    if (((fifo & CAN_RF0R_FMP) == 0U) || ((fifo & CAN_RF0R_RFOM) != 0U)) {
+        return; /* nothing, or the last one is not yet gone */
     }
     if ((fifo & CAN_RF0R_FOVR) != 0U) {
         c->in_lost++; /* at least one */

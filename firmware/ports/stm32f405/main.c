@@ -214,7 +214,7 @@ _Noreturn void application(void) {
 
     const port_hardware hardware = {
         .clock_fallback = speed.result != CLOCK_GOOD,
-        .watchdog_absent = !watchdog_set(IWDG, WATCHDOG_WORK),
+        .watchdog_absent = !watchdog_set(IWDG, WATCHDOG_ERASE), /* the stored parameters are read first */
         .brown_out_unset = (FLASH->OPTCR & FLASH_OPTCR_BOR) == FLASH_OPTCR_BOR_OFF,
         .reset_cause = reset_cause(flags, retained_take(&retained)),
         .board = BOARD_NUMBER,
@@ -227,6 +227,7 @@ _Noreturn void application(void) {
     enable_interrupt(IRQ_USART1);
     enable_interrupt(IRQ_CAN1_RX0);
     start_tick(speed.core_hz);
+    (void)watchdog_set(IWDG, WATCHDOG_WORK);
     for (;;) {
         if (!port_pass(&controller, ticks)) {
             /* Masked, so that what comes between the last look and the sleep still ends it. */

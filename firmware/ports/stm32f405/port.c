@@ -49,7 +49,19 @@ static void step(port *p) {
 /* What the boot loader's protocol leaves to an application: to say what runs, and to reset. */
 static void take_update(port *p, source from, const terrapin_frame *frame) {
     terrapin_frame replies[TERRAPIN_UPDATE_REPLIES];
-    const uint32_t count = terrapin_update_application(p->update, frame, terrapin_bridge_on(p->state), replies);
+    const bool motor_on = terrapin_bridge_on(p->state);
+    const bool query = frame->id == TERRAPIN_ID_UPDATE_QUERY;
+    if (motor_on && query) {
+        p->link.out_of_place++; /* it reads the whole log of the boot loader: up to 15 ms at 168 MHz */
+        return;
+    }
+    if (query) {
+        port_flash_work(true);
+    }
+    const uint32_t count = terrapin_update_application(p->update, frame, motor_on, replies);
+    if (query) {
+        port_flash_work(p->flash_work);
+    }
     for (uint32_t i = 0; i < count; i++) {
         answer(p, from, &replies[i]);
     }
@@ -249,7 +261,9 @@ static void tick(port *p, uint32_t now) {
     keep_parameters(p);
     if (!p->judged && (now >= PORT_HEALTHY_TICKS) && !terrapin_bridge_on(p->state)) {
         p->judged = true;
+        port_flash_work(true);
         port_healthy(p);
+        port_flash_work(p->flash_work);
     }
     port_alive(p);
 }

@@ -76,7 +76,7 @@ void terrapin_port_parameters(port *p);
 void port_sense(port *p, terrapin_inputs *inputs);
 /* The bridge: duty when on, off otherwise. */
 void port_drive(port *p, int16_t duty_q15, bool on);
-/* The flash is about to be worked on, for up to seconds (true), or no longer. */
+/* What follows may take longer than the watchdog allows: an erase, a long read (true); or no longer. */
 void port_flash_work(bool begins);
 /* PORT_HEALTHY_TICKS went by, and the bridge is off: a boot loader may count this start as a good one. Called once. */
 void port_healthy(port *p);
