@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
+from random import Random
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
@@ -63,6 +65,20 @@ def test_from_the_example_to_the_noise_floor_and_back(page: Page, server: Server
     assert ladder[-1]["heldout_error"] == pytest.approx(error)
     assert serious(page) == []
 
+    page.get_by_role("button", name="Export parameters").click()
+    controller = page.get_by_role("region", name="Send to controller")
+    expect(controller).to_contain_text("comp_heating")
+    before, after = controller.locator("b").inner_text().removesuffix(" mN m").split(" → ")
+    assert float(after) < 0.2 * float(before)
+    expect(page.locator("#command")).to_contain_text("&& terrapin run heated_winding --parameters ")
+
+    page.get_by_role("button", name="Report").click()
+    link = page.get_by_role("link", name="open it")
+    expect(link).to_be_visible()
+    report = page.request.get(str(link.evaluate("a => a.href")))
+    assert report.ok
+    assert "Steady rolling on dry sand" in report.text()
+
     page.get_by_role("button", name="Remove motor_heating").click()
     expect(page.locator(".ladder")).to_have_attribute("data-rungs", "2")
     expect(page.locator(".chip.missing")).to_be_visible()
@@ -101,6 +117,42 @@ def test_a_dropped_table_becomes_a_case(page: Page, server: Server) -> None:
     form.get_by_role("button", name="Make the case").click()
     expect(page.get_by_role("heading", level=1)).to_contain_text("missing")
     assert server.get("/api/cases/day_1")["columns"]["current"]["unit"] == "A"
+
+
+def one_load(folder: Path) -> None:
+    """A case in which two effects are the same: only one load was measured."""
+    folder.mkdir()
+    random = Random(3)
+    lines = ["run,w,i"]
+    for run in range(10):
+        middle = random.uniform(2.5, 9.0)
+        for _ in range(8):
+            omega = middle * random.gauss(1.0, 0.02)
+            torque = 0.092 * 0.08 * 18.639 + 0.012 + 1e-3 * omega + 0.28e-3 * omega**2 * 0.08 * 18.639
+            lines.append(f"r{run:02d},{omega:.5f},{1e3 * (torque * 18 / 80 / 0.1 + random.gauss(0, 0.0015)):.3f}")
+    (folder / "m.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "case.toml").write_text(
+        '[case]\ntitle = "One load"\n[model]\nbase = "rolling_steady"\neffects = []\n[parameters]\nradius = 0.08\n'
+        "drive_radius = 0.018\ntorque_constant = 0.1\ncoulomb = 0.012\nviscous = 1e-3\nload = 18.639\n"
+        '[fit]\nf_o = { value = 0.05, min = 0.0, max = 0.5 }\n[data]\nfiles = ["m.csv"]\nrun = "run"\n[data.columns]\n'
+        'omega = { column = "w", unit = "rad/s" }\ncurrent = { column = "i", unit = "mA", sigma = 1.5 }\n',
+        encoding="utf-8",
+    )
+
+
+def test_the_proposed_experiment_is_run_in_the_simulator(page: Page, server: Server) -> None:
+    one_load(server.workspace / "cases" / "one_load")
+    page.goto(f"{server.line.partition('?')[0]}#workbench/one_load")
+    page.get_by_role("button", name="Discover").first.click()
+    expect(page.locator(".chip.ambiguous")).to_be_visible()
+    plan = page.get_by_role("region", name="Next experiment")
+    expect(plan).to_contain_text("load, N")
+    plan.get_by_label("What the simulated robot has").select_option("speed_squared")
+    plan.get_by_role("button", name="Run it in the simulator").click()
+    expect(page.locator("#context")).to_contain_text("One load, and 2 simulated runs")
+    expect(page.locator(".chip.missing")).to_be_visible()
+    expect(page.get_by_role("heading", level=1)).to_contain_text("the model lacks speed_squared")
+    assert "not measured" in server.get("/api/cases/one_load-simulated")["toml"]
 
 
 def test_an_effect_of_ones_own_is_checked_as_it_is_typed(page: Page) -> None:
