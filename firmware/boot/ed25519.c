@@ -15,25 +15,13 @@ typedef struct {
     uint32_t limb[8];
 } scalar;
 
-static const field zero = {{0U}};
-static const field one = {{1U}};
-static const field curve_d = {
-    {0x135978A3U, 0x75EB4DCAU, 0x4141D8ABU, 0x00700A4DU, 0x7779E898U, 0x8CC74079U, 0x2B6FFE73U, 0x52036CEEU}};
-static const field curve_2d = {
-    {0x26B2F159U, 0xEBD69B94U, 0x8283B156U, 0x00E0149AU, 0xEEF3D130U, 0x198E80F2U, 0x56DFFCE7U, 0x2406D9DCU}};
-static const field root_of_minus_1 = {
-    {0x4A0EA0B0U, 0xC4EE1B27U, 0xAD2FE478U, 0x2F431806U, 0x3DFBD7A7U, 0x2B4D0099U, 0x4FC1DF0BU, 0x2B832480U}};
-static const field base_x = {
-    {0x8F25D51AU, 0xC9562D60U, 0x9525A7B2U, 0x692CC760U, 0xFDD6DC5CU, 0xC0A4E231U, 0xCD6E53FEU, 0x216936D3U}};
-static const field base_y = {
-    {0x66666658U, 0x66666666U, 0x66666666U, 0x66666666U, 0x66666666U, 0x66666666U, 0x66666666U, 0x66666666U}};
-static const field base_t = {
-    {0xA5B7DDA3U, 0x6DDE8AB3U, 0x775152F5U, 0x20F09F80U, 0x64ABE37DU, 0x66EA4E8EU, 0xD78B7665U, 0x67875F0FU}};
-static const scalar order = {
-    {0x5CF5D3EDU, 0x5812631AU, 0xA2F79CD6U, 0x14DEF9DEU, 0x00000000U, 0x00000000U, 0x00000000U, 0x10000000U}};
+static const field zero = {0};
+static const field one = {{1U, 0U, 0U, 0U, 0U, 0U, 0U, 0U}};
 
 /* Hisil et al. 2008, "add-2008-hwcd-3": complete on this curve, so it doubles too. */
 static void point_add(point *sum, const point *p, const point *q) {
+    static const field curve_2d = {
+        {0x26B2F159U, 0xEBD69B94U, 0x8283B156U, 0x00E0149AU, 0xEEF3D130U, 0x198E80F2U, 0x56DFFCE7U, 0x2406D9DCU}};
     field a;
     field b;
     field c;
@@ -61,6 +49,10 @@ static void point_add(point *sum, const point *p, const point *q) {
 
 /* RFC 8032, 5.1.3. False when the 32 bytes are no point. */
 static bool point_decode(point *p, const uint8_t bytes[32]) {
+    static const field curve_d = {
+        {0x135978A3U, 0x75EB4DCAU, 0x4141D8ABU, 0x00700A4DU, 0x7779E898U, 0x8CC74079U, 0x2B6FFE73U, 0x52036CEEU}};
+    static const field root_of_minus_1 = {
+        {0x4A0EA0B0U, 0xC4EE1B27U, 0xAD2FE478U, 0x2F431806U, 0x3DFBD7A7U, 0x2B4D0099U, 0x4FC1DF0BU, 0x2B832480U}};
     const bool odd = (bytes[31] & 0x80U) != 0U;
     field u;
     field v;
@@ -116,7 +108,8 @@ static void point_encode(uint8_t bytes[32], const point *p) {
 }
 
 static bool small_order(const point *p) {
-    point q = *p;
+    point q;
+    q = *p;
     for (uint32_t i = 0U; i < 3U; i++) {
         point_add(&q, &q, &q);
     }
@@ -125,6 +118,8 @@ static bool small_order(const point *p) {
 
 /* s - order when that is not negative; whether it was. */
 static bool reduce(scalar *s) {
+    static const scalar order = {
+        {0x5CF5D3EDU, 0x5812631AU, 0xA2F79CD6U, 0x14DEF9DEU, 0x00000000U, 0x00000000U, 0x00000000U, 0x10000000U}};
     scalar less;
     uint32_t borrow = 0U;
     for (uint32_t i = 0U; i < 8U; i++) {
@@ -140,7 +135,7 @@ static bool reduce(scalar *s) {
 
 /* `size` bytes, the least first, modulo the group's order; a bit at a time, which is small. */
 static void scalar_of(scalar *s, const uint8_t *bytes, uint32_t size) {
-    static const scalar nothing = {{0U}};
+    static const scalar nothing = {0};
     *s = nothing;
     for (uint32_t bit = size * 8U; bit > 0U; bit--) {
         uint32_t carry = ((uint32_t)bytes[(bit - 1U) / 8U] >> ((bit - 1U) % 8U)) & 1U;
@@ -160,7 +155,11 @@ static uint32_t scalar_bit(const scalar *s, uint32_t bit) {
 /* a P + b Q, a bit of both at a time (Shamir's trick). */
 static void double_multiply(point *sum, const scalar *a, const point *p, const scalar *b, const point *q) {
     point both;
-    point r = {.x = zero, .y = one, .z = one, .t = zero};
+    point r;
+    r.x = zero;
+    r.y = one;
+    r.z = one;
+    r.t = zero;
     point_add(&both, p, q);
     for (uint32_t bit = 253U; bit > 0U; bit--) { /* both are below 2^253 */
         const bool first = scalar_bit(a, bit - 1U) != 0U;
@@ -176,7 +175,7 @@ static void double_multiply(point *sum, const scalar *a, const point *p, const s
 /* The 32 bytes are below the group's order. */
 static bool canonical(const uint8_t bytes[32]) {
     scalar s;
-    for (uint32_t i = 0U; i < 8U; i++) {
+    for (size_t i = 0U; i < 8U; i++) {
         const uint8_t *b = &bytes[4U * i];
         s.limb[i] = ((uint32_t)b[3] << 24U) | ((uint32_t)b[2] << 16U) | ((uint32_t)b[1] << 8U) | b[0];
     }
@@ -185,6 +184,12 @@ static bool canonical(const uint8_t bytes[32]) {
 
 bool terrapin_ed25519_verify(const uint8_t key[32], const uint8_t signature[64], const uint8_t *message,
                              uint32_t length) {
+    static const field base_x = {
+        {0x8F25D51AU, 0xC9562D60U, 0x9525A7B2U, 0x692CC760U, 0xFDD6DC5CU, 0xC0A4E231U, 0xCD6E53FEU, 0x216936D3U}};
+    static const field base_y = {
+        {0x66666658U, 0x66666666U, 0x66666666U, 0x66666666U, 0x66666666U, 0x66666666U, 0x66666666U, 0x66666666U}};
+    static const field base_t = {
+        {0xA5B7DDA3U, 0x6DDE8AB3U, 0x775152F5U, 0x20F09F80U, 0x64ABE37DU, 0x66EA4E8EU, 0xD78B7665U, 0x67875F0FU}};
     point public_key;
     if (!canonical(&signature[32]) || !point_decode(&public_key, key) || small_order(&public_key)) {
         return false;
@@ -202,7 +207,11 @@ bool terrapin_ed25519_verify(const uint8_t key[32], const uint8_t signature[64],
     scalar_of(&response, &signature[32], 32U);
 
     /* R = S B - k A */
-    const point base = {.x = base_x, .y = base_y, .z = one, .t = base_t};
+    point base;
+    base.x = base_x;
+    base.y = base_y;
+    base.z = one;
+    base.t = base_t;
     field_subtract(&public_key.x, &zero, &public_key.x);
     field_subtract(&public_key.t, &zero, &public_key.t);
     point commitment;

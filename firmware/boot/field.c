@@ -39,15 +39,15 @@ static uint32_t subtract(field *difference, const field *a, const field *b) {
 }
 
 void field_subtract(field *difference, const field *a, const field *b) {
-    static const field none = {{0U}};
-    static const field once = {{FOLD}};
+    static const field none = {0};
+    static const field once = {{FOLD, 0U, 0U, 0U, 0U, 0U, 0U, 0U}};
     uint32_t borrow = subtract(difference, a, b);
     borrow = subtract(difference, difference, (borrow != 0U) ? &once : &none);
     (void)subtract(difference, difference, (borrow != 0U) ? &once : &none);
 }
 
 void field_multiply(field *product, const field *a, const field *b) {
-    uint32_t wide[2U * LIMBS] = {0U};
+    uint32_t wide[2U * LIMBS] = {0};
     for (uint32_t i = 0U; i < LIMBS; i++) {
         uint64_t c = 0U;
         for (uint32_t k = 0U; k < LIMBS; k++) {
@@ -68,8 +68,10 @@ void field_multiply(field *product, const field *a, const field *b) {
 
 /* a^(2^250 - 1), then `count` further bits of the exponent. */
 static void power(field *result, const field *a, uint32_t bits, uint32_t count) {
-    const field base = *a;
-    field x = base;
+    field base;
+    field x;
+    base = *a; /* the result may stand where it stood */
+    x = base;
     for (uint32_t i = 0U; i < 249U; i++) {
         field_multiply(&x, &x, &x);
         field_multiply(&x, &x, &base);
@@ -115,13 +117,14 @@ bool field_equal(const field *a, const field *b) {
 }
 
 bool field_decode(field *a, const uint8_t bytes[32]) {
-    for (uint32_t i = 0U; i < LIMBS; i++) {
+    for (size_t i = 0U; i < LIMBS; i++) {
         const uint8_t *b = &bytes[4U * i];
         a->limb[i] = ((uint32_t)b[3] << 24U) | ((uint32_t)b[2] << 16U) | ((uint32_t)b[1] << 8U) | b[0];
     }
     a->limb[7] &= ~TOP_BIT;
-    field below = *a;
+    field below;
     bool same = true;
+    below = *a;
     freeze(&below);
     for (uint32_t i = 0U; i < LIMBS; i++) {
         same = same && (below.limb[i] == a->limb[i]);
@@ -130,7 +133,8 @@ bool field_decode(field *a, const uint8_t bytes[32]) {
 }
 
 void field_encode(uint8_t bytes[32], const field *a) {
-    field x = *a;
+    field x;
+    x = *a;
     freeze(&x);
     for (uint32_t i = 0U; i < 32U; i++) {
         bytes[i] = (uint8_t)((x.limb[i / 4U] >> (8U * (i % 4U))) & 0xFFU);

@@ -7,6 +7,7 @@
 #define TERRAPIN_FIELD_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 typedef struct {
@@ -19,7 +20,7 @@ void field_multiply(field *product, const field *a, const field *b);
 /* 1/a, and 0 for 0. */
 void field_invert(field *inverse, const field *a);
 /* a^((p - 5) / 8): what a square root is made of. */
-void field_root_power(field *power, const field *a);
+void field_root_power(field *result, const field *a);
 bool field_equal(const field *a, const field *b);
 
 /* 32 bytes, the least first. The top bit is left out; false when the rest is not below p. */

@@ -146,7 +146,7 @@ terrapin_image_result terrapin_image_verify(const terrapin_flash *flash, terrapi
     uint8_t tlv[TLV_SIZE];
     uint8_t hash[TERRAPIN_SHA256_SIZE];
     const terrapin_image_result form = terrapin_image_read(flash, slot, address, image);
-    if (form != TERRAPIN_UPDATE_RESULT_OK) {
+    if (form != (uint8_t)TERRAPIN_UPDATE_RESULT_OK) {
         return form;
     }
     if (!flash->read(flash->context, slot.offset + image->hashed_size, tlv, sizeof tlv) ||
@@ -179,8 +179,12 @@ terrapin_image_result terrapin_image_verify(const terrapin_flash *flash, terrapi
 
 static int32_t order(uint32_t a, uint32_t b) {
     int32_t result = 0;
-    if (a != b) {
-        result = (a < b) ? -1 : 1;
+    if (a < b) {
+        result = -1;
+    } else if (a > b) {
+        result = 1;
+    } else {
+        /* same */
     }
     return result;
 }

@@ -4,8 +4,7 @@
 #include "layout.h"
 #include "terrapin_interface.h"
 
-#define MAGIC       0x5442U /* "BT" */
-#define FORMAT      1U
+#define MAGIC       0x00015442U /* "BT", format 1 */
 #define PAGES       2U
 #define CRC_PLACE   (TERRAPIN_RECORD_SIZE - 4U)
 #define ROOM        8U /* records kept free for an update and its confirmation */
@@ -36,7 +35,7 @@ static uint32_t get32(const uint8_t *bytes) {
 }
 
 static void encode(const terrapin_record *record, uint32_t sequence, uint8_t *bytes) {
-    put32(bytes, MAGIC | (FORMAT << 16U));
+    put32(bytes, MAGIC);
     put32(&bytes[4], sequence);
     bytes[8] = record->confirmed;
     bytes[9] = record->candidate;
@@ -62,8 +61,7 @@ static bool decode(const uint8_t *bytes, terrapin_record *record, uint32_t *sequ
     record->version.revision = (uint16_t)(((uint32_t)bytes[19] << 8U) | bytes[18]);
     record->version.build = get32(&bytes[20]);
     *sequence = get32(&bytes[4]);
-    return (get32(bytes) == (MAGIC | (FORMAT << 16U))) &&
-           (get32(&bytes[CRC_PLACE]) == terrapin_crc32(0U, bytes, CRC_PLACE)) &&
+    return (get32(bytes) == MAGIC) && (get32(&bytes[CRC_PLACE]) == terrapin_crc32(0U, bytes, CRC_PLACE)) &&
            (record->confirmed <= (uint8_t)TERRAPIN_UPDATE_SLOT_B) &&
            (record->candidate <= (uint8_t)TERRAPIN_UPDATE_SLOT_B) &&
            (record->phase <= (uint8_t)TERRAPIN_UPDATE_PHASE_TRIAL);
@@ -81,7 +79,7 @@ static bool blank(const uint8_t *bytes) {
  * place ends it. What stands behind one in the other page (an erase that was cut) is older. */
 static void find(const terrapin_flash *flash, position *where) {
     static const position nothing = {0};
-    uint32_t used[PAGES] = {0U};
+    uint32_t used[PAGES] = {0};
     *where = nothing;
     for (uint32_t page = 0U; page < PAGES; page++) {
         const uint32_t count = pages[page].size / TERRAPIN_RECORD_SIZE;

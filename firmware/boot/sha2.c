@@ -1,9 +1,6 @@
 #include "sha2.h"
 
-/* First 64 bits of the fractions of the square roots of the first 8 primes, of the cube roots of the first 80. */
-static const uint64_t start[8] = {0x6A09E667F3BCC908U, 0xBB67AE8584CAA73BU, 0x3C6EF372FE94F82BU, 0xA54FF53A5F1D36F1U,
-                                  0x510E527FADE682D1U, 0x9B05688C2B3E6C1FU, 0x1F83D9ABFB41BD6BU, 0x5BE0CD19137E2179U};
-
+/* First 64 bits of the fractions of the cube roots of the first 80 primes. */
 static const uint64_t constants[80] = {
     0x428A2F98D728AE22U, 0x7137449123EF65CDU, 0xB5C0FBCFEC4D3B2FU, 0xE9B5DBA58189DBBCU, 0x3956C25BF348B538U,
     0x59F111F1B605D019U, 0x923F82A4AF194F9BU, 0xAB1C5ED5DA6D8118U, 0xD807AA98A3030242U, 0x12835B0145706FBEU,
@@ -27,19 +24,20 @@ static uint32_t rotate32(uint32_t x, uint32_t n) {
 }
 
 static uint64_t rotate64(uint64_t x, uint32_t n) {
-    return (x >> n) | (x << (64U - n));
+    const uint32_t left = 64U - n;
+    return (x >> n) | (x << left);
 }
 
 /* The schedule is kept as a ring of the last 16 words. FIPS 180-4, 6.2.2. */
 static void block256(terrapin_sha2 *hash) {
     uint32_t w[16];
     uint32_t s[8];
-    for (uint32_t i = 0U; i < 16U; i++) {
+    for (size_t i = 0U; i < 16U; i++) {
         const uint8_t *b = &hash->block[4U * i];
         w[i] = ((uint32_t)b[0] << 24U) | ((uint32_t)b[1] << 16U) | ((uint32_t)b[2] << 8U) | b[3];
     }
     for (uint32_t i = 0U; i < 8U; i++) {
-        s[i] = hash->state.narrow[i];
+        s[i] = (uint32_t)(hash->state[i] & 0xFFFFFFFFU);
     }
     for (uint32_t t = 0U; t < 64U; t++) {
         const uint32_t e = s[4];
@@ -59,7 +57,7 @@ static void block256(terrapin_sha2 *hash) {
                       (rotate32(y, 17U) ^ rotate32(y, 19U) ^ (y >> 10U));
     }
     for (uint32_t i = 0U; i < 8U; i++) {
-        hash->state.narrow[i] += s[i];
+        hash->state[i] += s[i];
     }
 }
 
@@ -74,7 +72,7 @@ static void block512(terrapin_sha2 *hash) {
         }
     }
     for (uint32_t i = 0U; i < 8U; i++) {
-        s[i] = hash->state.wide[i];
+        s[i] = hash->state[i];
     }
     for (uint32_t t = 0U; t < 80U; t++) {
         const uint64_t e = s[4];
@@ -94,7 +92,7 @@ static void block512(terrapin_sha2 *hash) {
                       (rotate64(y, 19U) ^ rotate64(y, 61U) ^ (y >> 6U));
     }
     for (uint32_t i = 0U; i < 8U; i++) {
-        hash->state.wide[i] += s[i];
+        hash->state[i] += s[i];
     }
 }
 
@@ -115,14 +113,14 @@ static void put(terrapin_sha2 *hash, uint32_t place, uint8_t byte) {
 }
 
 void terrapin_sha2_begin(terrapin_sha2 *hash, terrapin_sha2_kind kind) {
+    /* First 64 bits of the fractions of the square roots of the first 8 primes. */
+    static const uint64_t start[8] = {0x6A09E667F3BCC908U, 0xBB67AE8584CAA73BU, 0x3C6EF372FE94F82BU,
+                                      0xA54FF53A5F1D36F1U, 0x510E527FADE682D1U, 0x9B05688C2B3E6C1FU,
+                                      0x1F83D9ABFB41BD6BU, 0x5BE0CD19137E2179U};
     hash->kind = kind;
     hash->length = 0U;
     for (uint32_t i = 0U; i < 8U; i++) {
-        if (kind == TERRAPIN_SHA512) {
-            hash->state.wide[i] = start[i];
-        } else {
-            hash->state.narrow[i] = (uint32_t)(start[i] >> 32U);
-        }
+        hash->state[i] = (kind == TERRAPIN_SHA512) ? start[i] : (start[i] >> 32U);
     }
 }
 
@@ -151,11 +149,11 @@ void terrapin_sha2_end(terrapin_sha2 *hash, uint8_t *digest) {
     for (uint32_t i = 0U; i < 8U; i++) {
         if (hash->kind == TERRAPIN_SHA512) {
             for (uint32_t k = 0U; k < 8U; k++) {
-                digest[(8U * i) + k] = (uint8_t)((hash->state.wide[i] >> (56U - (8U * k))) & 0xFFU);
+                digest[(8U * i) + k] = (uint8_t)((hash->state[i] >> (56U - (8U * k))) & 0xFFU);
             }
         } else {
             for (uint32_t k = 0U; k < 4U; k++) {
-                digest[(4U * i) + k] = (uint8_t)((hash->state.narrow[i] >> (24U - (8U * k))) & 0xFFU);
+                digest[(4U * i) + k] = (uint8_t)((hash->state[i] >> (24U - (8U * k))) & 0xFFU);
             }
         }
     }

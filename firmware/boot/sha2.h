@@ -11,6 +11,7 @@
 #ifndef TERRAPIN_SHA2_H
 #define TERRAPIN_SHA2_H
 
+#include <stddef.h>
 #include <stdint.h>
 
 #ifdef __cplusplus
@@ -23,10 +24,7 @@ extern "C" {
 typedef enum { TERRAPIN_SHA256 = 0, TERRAPIN_SHA512 = 1 } terrapin_sha2_kind;
 
 typedef struct {
-    union {
-        uint32_t narrow[8]; /* SHA-256 */
-        uint64_t wide[8];   /* SHA-512 */
-    } state;
+    uint64_t state[8]; /* SHA-256: the lower halves */
     uint8_t block[128];
     uint32_t length; /* bytes taken so far */
     terrapin_sha2_kind kind;

@@ -22,10 +22,11 @@ bool update_writable(const terrapin_update *update, const terrapin_record *recor
 }
 
 uint32_t update_status(terrapin_update *update, uint8_t request, uint8_t result, terrapin_frame *reply) {
+    const uint32_t next = update->written / TERRAPIN_UPDATE_BLOCK;
     const terrapin_update_status_t answer = {
         .request = (int32_t)request,
         .result = (int32_t)result,
-        .next = (int32_t)(update->written / TERRAPIN_UPDATE_BLOCK),
+        .next = (int32_t)next,
     };
     (void)terrapin_encode_update_status(&answer, reply); /* cannot saturate: 512 blocks at most */
     terrapin_e2e_protect(reply, update->reply_counter);
