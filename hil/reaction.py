@@ -33,6 +33,10 @@ def reaction(provoked: Provocation, description: Interface, held: Callable[[str,
     name, within, cause = fault["name"], fault["within_ms"], round(provoked.at * 1000)
     mask = np.nan_to_num(held("STATUS", "faults")).astype(np.int64) >> fault["number"] & 1 != 0
     enable, state = held("ACTUATE", "enable"), held("ACTUATE", "state")
+    if cause >= len(mask):
+        return [
+            Outcome(f"{name}: its cause comes at {provoked.at:g} s", False, f"the run ends at {len(mask) / 1000:g} s")
+        ]
     outcomes = [
         Outcome(
             f"{name}: not before its cause at {provoked.at:g} s", not mask[:cause].any(), f"{mask[:cause].sum()} ticks"

@@ -33,6 +33,23 @@ terrapin_parameter_result terrapin_parameter_get(const terrapin_state *state, ui
     return result;
 }
 
+terrapin_parameter_result terrapin_parameter_set_all(terrapin_state *state, const int32_t *values) {
+    terrapin_parameter_result result = state->drive.enable ? TERRAPIN_PARAMETER_LOCKED : TERRAPIN_PARAMETER_OK;
+    for (int32_t i = 0; (values != NULL) && (i < TERRAPIN_PARAMETER_COUNT); i++) {
+        if ((values[i] < terrapin_parameters[i].minimum) || (values[i] > terrapin_parameters[i].maximum)) {
+            result = TERRAPIN_PARAMETER_RANGE;
+        }
+    }
+    if (result == TERRAPIN_PARAMETER_OK) {
+        for (int32_t i = 0; i < TERRAPIN_PARAMETER_COUNT; i++) {
+            state->parameter[i] = (values != NULL) ? values[i] : terrapin_parameters[i].default_value;
+        }
+        gains_prepare(state);
+        estimator_restart(state);
+    }
+    return result;
+}
+
 bool terrapin_bridge_on(const terrapin_state *state) {
     return state->drive.enable;
 }

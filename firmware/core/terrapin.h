@@ -102,6 +102,10 @@ TERRAPIN_API terrapin_parameter_result terrapin_parameter_set(terrapin_state *st
 TERRAPIN_API terrapin_parameter_result terrapin_parameter_get(const terrapin_state *state, uint16_t index,
                                                               int32_t *value);
 
+/* All parameters, in file order (NULL: the defaults); nothing is written unless all are in range and the bridge is off.
+ * About the work of one terrapin_parameter_set. */
+TERRAPIN_API terrapin_parameter_result terrapin_parameter_set_all(terrapin_state *state, const int32_t *values);
+
 /* True while the bridge is enabled: what would endanger something is refused then. */
 TERRAPIN_API bool terrapin_bridge_on(const terrapin_state *state);
 

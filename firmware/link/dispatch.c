@@ -128,12 +128,6 @@ static void store_status(terrapin_link *link, const terrapin_state *state, int32
     protect_reply(link, reply);
 }
 
-static void set_defaults(terrapin_state *state) {
-    for (int32_t i = 0; i < TERRAPIN_PARAMETER_COUNT; i++) {
-        (void)terrapin_parameter_set(state, (uint16_t)i, terrapin_parameters[i].default_value); /* known, in range */
-    }
-}
-
 static terrapin_accept_result accept_store_command(terrapin_link *link, terrapin_state *state,
                                                    const terrapin_frame *frame, terrapin_frame *reply) {
     terrapin_store_command_t message;
@@ -147,7 +141,7 @@ static terrapin_accept_result accept_store_command(terrapin_link *link, terrapin
     } else if (terrapin_bridge_on(state)) {
         result = TERRAPIN_STORE_RESULT_LOCKED;
     } else if (message.action == TERRAPIN_STORE_ACTION_DEFAULTS) {
-        set_defaults(state);
+        (void)terrapin_parameter_set_all(state, NULL); /* the bridge is off */
     } else if (link->store == NULL) {
         result = TERRAPIN_STORE_RESULT_NO_STORE;
     } else {

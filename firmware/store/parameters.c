@@ -181,9 +181,7 @@ bool terrapin_store_open(terrapin_store *store, const terrapin_flash *flash, con
 }
 
 void terrapin_store_apply(const terrapin_store *store, terrapin_state *state) {
-    for (uint32_t i = 0U; i < PARAMETERS; i++) {
-        (void)terrapin_parameter_set(state, (uint16_t)i, store->value[i]); /* known, and in range */
-    }
+    (void)terrapin_parameter_set_all(state, store->value); /* in range: load() saw to that, or they come from a state */
 }
 
 bool terrapin_store_differs(const terrapin_store *store, const terrapin_state *state) {

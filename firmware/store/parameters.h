@@ -66,8 +66,8 @@ typedef struct terrapin_store {
 TERRAPIN_API bool terrapin_store_open(terrapin_store *store, const terrapin_flash *flash,
                                       const terrapin_flash_area pages[2]);
 
-/* Give the state the stored values, defaults where there are none. Its bridge must be off: protected ones are refused
- * otherwise. */
+/* Give the state the stored values, defaults where there are none. Its bridge must be off: otherwise
+ * nothing changes. */
 TERRAPIN_API void terrapin_store_apply(const terrapin_store *store, terrapin_state *state);
 
 /* Begin to save the values of the state as they are now. False, and nothing is written, while a save is under way or

@@ -54,6 +54,11 @@ terrapin_parameter_result terrapin_parameter_get(const terrapin_state *s, uint16
     return TERRAPIN_PARAMETER_OK;
 }
 
+terrapin_parameter_result terrapin_parameter_set_all(terrapin_state *s, const int32_t *values) {
+    s->value = (values == NULL) ? 5 : values[0];
+    return TERRAPIN_PARAMETER_OK;
+}
+
 bool terrapin_bridge_on(const terrapin_state *s) {
     return s->locked;
 }

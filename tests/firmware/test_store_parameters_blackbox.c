@@ -105,6 +105,25 @@ static void test_nothing_stored_is_blank_and_defaults(void) {
     TEST_ASSERT_EQUAL_UINT32(0, memory.operations);
 }
 
+static void test_all_at_once_or_none(void) {
+    int32_t values[COUNT];
+    for (uint16_t i = 0; i < COUNT; i++) {
+        values[i] = value_of(i, 3U);
+    }
+    TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_OK, terrapin_parameter_set_all(state, values));
+    TEST_ASSERT_TRUE(has_all(3U));
+    for (uint16_t i = 0; i < COUNT; i++) {
+        values[i] = terrapin_parameters[i].minimum - 1;
+        TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_RANGE, terrapin_parameter_set_all(state, values));
+        values[i] = terrapin_parameters[i].maximum + 1;
+        TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_RANGE, terrapin_parameter_set_all(state, values));
+        values[i] = value_of(i, 4U);
+    }
+    TEST_ASSERT_TRUE(has_all(3U));
+    TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_OK, terrapin_parameter_set_all(state, NULL));
+    TEST_ASSERT_TRUE(has_defaults());
+}
+
 static void test_saved_values_come_back(void) {
     save_generation(1U);
     TEST_ASSERT_FALSE(terrapin_store_differs(&store, state));
@@ -492,6 +511,7 @@ static void test_hashes_are_fnv1a_of_name_unit_and_scale(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_nothing_stored_is_blank_and_defaults);
+    RUN_TEST(test_all_at_once_or_none);
     RUN_TEST(test_saved_values_come_back);
     RUN_TEST(test_every_width_of_write);
     RUN_TEST(test_pieces_are_bounded);

@@ -83,6 +83,11 @@ def test_a_fault_that_never_comes_is_found() -> None:
     assert not all(outcome.passed for outcome in outcomes)
 
 
+def test_a_run_that_ends_too_soon_proves_nothing() -> None:
+    short = run(replace(scenario("estop"), duration=2.0, checks=()))
+    assert [(outcome.passed, outcome.found) for outcome in short.outcomes] == [(False, "the run ends at 2 s")]
+
+
 # ---------------------------------------------------------------- faults of the bus
 
 
