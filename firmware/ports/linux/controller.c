@@ -210,7 +210,7 @@ static void report(const controller *c) {
         (unsigned long)c->steps, (unsigned long)c->link.bad_crc, (unsigned long)c->link.repeated,
         (unsigned long)c->link.malformed, (unsigned long)c->link.out_of_place, (unsigned long)c->link.unknown,
         (unsigned long)c->presses, (unsigned long)(c->slowest_off_ns / 1000U),
-        (unsigned long)(c->motor.skipped + c->ground.skipped));
+        (unsigned long)c->motor.skipped + (unsigned long)c->ground.skipped);
 }
 
 /* True when it is to go on. */
