@@ -16,7 +16,6 @@ target_compile_options(f405_chip PRIVATE ${STRICT} -ffunction-sections -fdata-se
 # f405_link(TARGET ORIGIN HEADER LIMIT): link an image for a place in flash; also as .bin, which begins at its vectors.
 function(f405_link target origin header limit)
     target_link_options(${target} PRIVATE -nostartfiles --specs=nano.specs -Wl,--gc-sections -Wl,--fatal-warnings
-        -Wl,--no-warn-rwx-segments
         -Wl,--defsym=image_origin=${origin},--defsym=image_header=${header},--defsym=image_limit=${limit}
         -T ${F405_DIR}/stm32f405.ld)
     set_target_properties(${target} PROPERTIES SUFFIX .elf LINK_DEPENDS ${F405_DIR}/stm32f405.ld)

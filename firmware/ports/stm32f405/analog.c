@@ -1,10 +1,14 @@
 #include "analog.h"
 
-#define FIRST_CHANNEL 10U /* of SMPR1 */
+#include "wait.h"
+
+#define FIRST_CHANNEL 10U  /* of SMPR1 */
+#define TRIES_STOP    100U /* a transfer under way ends within a few cycles */
 
 void analog_open(analog *a, adc_registers *adc, adc_common_registers *common, dma_registers *dma, tim_registers *relay,
                  const uint8_t channels[ANALOG_CHANNELS]) {
     a->adc = adc;
+    a->dma = dma;
     a->stream = &dma->stream[0];
     a->read = 0U;
     a->silent_ticks = 0U;
@@ -38,6 +42,19 @@ void analog_open(analog *a, adc_registers *adc, adc_common_registers *common, dm
     relay->CR1 = TIM_CR1_CEN;
 }
 
+/* A sample was not fetched in time and the chain has stopped: RM0090, 13.8.1 and 10.3.17. */
+static void begin_anew(analog *a) {
+    a->stream->CR &= ~DMA_CR_EN;
+    (void)wait_for(&a->stream->CR, DMA_CR_EN, 0U, TRIES_STOP); /* if it does not stop, the samples stay away: told */
+    a->dma->LIFCR = DMA_LIFCR_STREAM0;
+    a->stream->NDTR = ANALOG_ROUNDS * ANALOG_CHANNELS;
+    a->read = 0U;
+    a->adc->CR2 &= ~ADC_CR2_DMA;
+    a->adc->SR = 0U;
+    a->stream->CR |= DMA_CR_EN;
+    a->adc->CR2 |= ADC_CR2_DMA;
+}
+
 bool analog_read(analog *a) {
     /* NDTR counts down; whole rounds alone count. */
     const uint32_t left = a->stream->NDTR;
@@ -45,14 +62,7 @@ bool analog_read(analog *a) {
     const uint32_t written = ((left == 0U) || (left > total)) ? 0U : ((total - left) / ANALOG_CHANNELS);
     const uint32_t count = (written + ANALOG_ROUNDS - a->read) % ANALOG_ROUNDS;
     if ((a->adc->SR & ADC_SR_OVR) != 0U) {
-        /* A sample was not fetched in time and the chain has stopped (RM0090, 13.8.1): begin it anew. */
-        a->stream->CR &= ~DMA_CR_EN;
-        a->stream->NDTR = total;
-        a->read = 0U;
-        a->adc->CR2 &= ~ADC_CR2_DMA;
-        a->adc->SR = 0U;
-        a->stream->CR |= DMA_CR_EN;
-        a->adc->CR2 |= ADC_CR2_DMA;
+        begin_anew(a);
     } else if (count > 0U) {
         uint32_t sums[ANALOG_CHANNELS] = {0};
         for (uint32_t n = 0U; n < count; n++) {

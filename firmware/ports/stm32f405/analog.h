@@ -15,6 +15,7 @@
 
 typedef struct {
     adc_registers *adc;
+    dma_registers *dma;
     dma_stream_registers *stream;
     uint32_t read;         /* rounds read so far, modulo ANALOG_ROUNDS */
     uint32_t silent_ticks; /* stops at ANALOG_SILENT */
