@@ -22,7 +22,7 @@ from hygiene import tracked
 from steps import ROOT, Result, report, run
 
 HERE = Path(__file__).resolve().parent
-ARM_FOLDERS = ("firmware/ports/qemu/", "firmware/ports/stm32f405/")  # read as the cross compiler does
+ARM_FOLDERS = ("firmware/ports/qemu/", "firmware/ports/stm32f405/", "firmware/ports/stm32f405_boot/")  # read as the cross compiler does
 ARM_COMPILER = "arm-none-eabi-gcc"
 Command = list[str]
 
@@ -61,12 +61,12 @@ def cppcheck(root: Path) -> list[Command]:
     shutil.rmtree(root / "build/cppcheck", ignore_errors=True)
     (root / "build/cppcheck").mkdir(parents=True)
     store = ("firmware/store/parameters.c", "firmware/store/crc32.c")  # the rest of that folder is for tests
-    files = c_files(root, "firmware/core/", "firmware/link/", *store, suffixes=(".c",))
+    files = c_files(root, "firmware/core/", "firmware/link/", "firmware/boot/", *store, suffixes=(".c",))
     return [
         ["cppcheck", "--addon=misra", "--enable=warning,style,performance,portability", "--std=c11", "--inline-suppr",
          "--platform=unix64", "--cppcheck-build-dir=build/cppcheck", "--error-exitcode=1", "--quiet",
          "-j", str(os.cpu_count()), "--suppressions-list=firmware/misra-disapplied.txt",
-         "-Ifirmware/core", "-Ifirmware/link", "-Ifirmware/store", "-Ibuild/host/generated", *files]
+         "-Ifirmware/core", "-Ifirmware/link", "-Ifirmware/store", "-Ifirmware/boot", "-Ibuild/host/generated", *files]
     ]  # fmt: skip
 
 
