@@ -22,7 +22,8 @@ from hygiene import tracked
 from steps import ROOT, Result, report, run
 
 HERE = Path(__file__).resolve().parent
-ARM_FOLDERS = ("firmware/ports/qemu/", "firmware/ports/stm32f405/", "firmware/ports/stm32f405_boot/")  # read as the cross compiler does
+# Read as the cross compiler does.
+ARM_FOLDERS = ("firmware/ports/qemu/", "firmware/ports/stm32f405/", "firmware/ports/stm32f405_boot/")
 ARM_COMPILER = "arm-none-eabi-gcc"
 Command = list[str]
 
