@@ -172,6 +172,7 @@ class Session:
         self._stop = threading.Event()
         self._sender = Sender(interface) if interface is not None else None
         self._asked = 0.0
+        self._asked_past: list[tuple[Collection[int], Callable[[bytes], object]]] = []
         self._faults = _injections(source) if isinstance(source, Simulator) else []
         self._thread = threading.Thread(target=self._work, name="live", daemon=True)
         self._thread.start()
@@ -196,8 +197,11 @@ class Session:
                 status = None
                 if now >= status_due or self.state == "gone":
                     status, status_due = self.status(), now + STATUS_EVERY
+                asked, self._asked_past = self._asked_past, []
             if picture is not None or status is not None:
                 self._tell(picture, status)
+            for wanted, give in asked:
+                give(self._past(wanted))
             if self.state == "gone":
                 return
             due = max(due + 1.0 / PICTURES, time.monotonic())
@@ -282,12 +286,20 @@ class Session:
 
     def status(self) -> dict[str, Any]:
         """How it stands now, with the events since the last status."""
-        live = self.live
-        new = [e for e in live.events if e.number > self._told]
-        self._told = live.event_count
+        new = [e for e in self.live.events if e.number > self._told]
+        self._told = self.live.event_count
         if self._recording is not None:
             for event in new:
                 self._recording.event(event)
+        return {**self._snapshot(), "events": [_plain(e) for e in new]}
+
+    def so_far(self) -> dict[str, Any]:
+        """How it stands now, with all events that are kept and were told: for a browser that begins to look."""
+        with self._lock:
+            return {**self._snapshot(), "events": [_plain(e) for e in self.live.events if e.number <= self._told]}
+
+    def _snapshot(self) -> dict[str, Any]:
+        live = self.live
         waited = 0.0 if self.state != "live" else time.monotonic() - self._heard
         return {
             "type": "status",
@@ -316,23 +328,23 @@ class Session:
             "recording": self._recording.answer() if self._recording is not None else None,
             "last_log": self.last_log,
             "stop_held": self.stop_held,
-            "events": [_plain(e) for e in new],
         }
 
-    def past(self, wanted: Collection[int]) -> bytes:
-        """The points of these signals that are kept, as one packet."""
+    def past(self, wanted: Collection[int], give: Callable[[bytes], object]) -> None:
+        """Gives the points of these signals that are kept as one packet, in its place between the pictures."""
         with self._lock:
-            base = self.live.time if self.live.total else 0.0
-            picture = Picture(0, self.live.epoch, 0, 0, base)
-            for number in wanted:
-                if number in self._rings:
-                    picture.add(number, *self._rings[number].points())
-            return picture.packet(frozenset(wanted), PAST)
+            if self.state == "gone":
+                give(self._past(wanted))
+            else:
+                self._asked_past.append((wanted, give))
 
-    def events(self) -> list[dict[str, Any]]:
-        """All events that are kept and were told."""
-        with self._lock:
-            return [_plain(e) for e in self.live.events if e.number <= self._told]
+    def _past(self, wanted: Collection[int]) -> bytes:
+        base = self.live.time if self.live.total else 0.0
+        picture = Picture(0, self.live.epoch, 0, 0, base)
+        for number in wanted:
+            if number in self._rings:
+                picture.add(number, *self._rings[number].points())
+        return picture.packet(frozenset(wanted), PAST)
 
     def recording(self) -> dict[str, Any] | None:
         """The log that is being written."""

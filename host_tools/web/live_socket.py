@@ -56,9 +56,9 @@ class Audience:
         client.in_flight.clear()
         client.events.clear()
         client.wanted = frozenset()
-        client.status = None
         client.hello = self._session.hello() if self._session is not None else {"type": "hello", "name": None}
-        client.events.extend(self._session.events() if self._session is not None else [])
+        client.status = self._session.so_far() if self._session is not None else None
+        client.events.extend(client.status["events"] if client.status is not None else [])
         client.news.set()
 
     def show(self, session: Session, picture: Picture | None, status: dict[str, Any] | None) -> None:
@@ -135,10 +135,18 @@ class Audience:
                 return
             wanted &= frozenset(range(len(self._session.names)))
             new = wanted - client.wanted
-            client.wanted = wanted
-            if new:
-                client.packets.append(self._session.past(sorted(new)))
-                client.news.set()
+            client.wanted &= wanted
+            if new:  # in pictures from the moment on that their past ends
+                loop, session = asyncio.get_running_loop(), self._session
+                session.past(
+                    new, lambda packet: loop.call_soon_threadsafe(self._begin_with, session, client, new, packet)
+                )
+
+    def _begin_with(self, session: Session, client: _Client, signals: frozenset[int], past: bytes) -> None:
+        if session is self._session:
+            client.packets.append(past)
+            client.wanted |= signals
+            client.news.set()
 
 
 def _request(text: str | None) -> dict[str, Any]:

@@ -163,9 +163,9 @@ def _description() -> dict[str, Any]:
         for effect in known_effects().values()
         if in_plant(effect) or affects_soil(effect)
     ]
-    high = {"forced": 4095.0, "lost_counts": 1.0, "supply": 20.0}
+    high = {"forced": 4095.0, "lost_counts": 1.0, "supply": 20.0, "babble": 40.0}
     faults = {
-        kind: {"channels": list(channels), "unit": unit, "high": high.get(kind)}
+        kind: {"channels": list(channels), "unit": unit, "high": high.get(kind, 1.0) if unit else None}
         for kind, (_, channels, unit) in KINDS.items()
     }
     return {

@@ -228,7 +228,7 @@ export function mount(element, app) {
     if (!part || !part.dd.isConnected) {
       part = { dd: h('dd'), hint: h('span', { class: 'hint' }) };
       tileParts.set(title, part);
-      tiles.append(h('div', { class: 'tile' }, h('dt', { text: title }), part.dd, h('dd', { class: 'hint-line' }, part.hint)));
+      tiles.append(h('div', { class: 'tile', 'data-tile': title }, h('dt', { text: title }), part.dd, h('dd', { class: 'hint-line' }, part.hint)));
     }
     if (part.dd.textContent !== text) part.dd.textContent = text;
     if (part.dd.className !== kind) part.dd.className = kind;

@@ -1,0 +1,170 @@
+"""Live and Simulate as a user goes through them: pictures counted against what was sent, record, stop, roll, keep."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, Page, expect
+from serving import Server
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "bench"))
+
+from slcan_feeder import Feeder
+
+from host_tools.logs.reading import read_log
+
+SERIOUS = ("serious", "critical")
+
+
+def serious(page: Page) -> list[str]:
+    """What axe finds that would keep somebody from using the page."""
+    found = Axe().run(page).response["violations"]
+    return [f"{v['id']}: {v['nodes'][0]['target']}: {v['help']}" for v in found if v["impact"] in SERIOUS]
+
+
+def said(page: Page) -> dict[str, Any]:
+    """Counts that the Live tab keeps beside the picture."""
+    found = page.eval_on_selector(".tab-live", "e => ({...e.dataset})")
+    assert isinstance(found, dict)
+    return found
+
+
+def wait_for(page: Page, name: str, value: str) -> None:
+    expect(page.locator(".tab-live")).to_have_attribute(f"data-{name}", value)
+
+
+def test_full_bus_is_counted_and_recorded(page: Page, server: Server) -> None:
+    """8,000 frames/s over a pty for some seconds: each frame in a picture and in the log (a minute: bench_live.py)."""
+    seconds = 3.0
+    page.get_by_role("link", name="Live").click()
+    expect(page.get_by_text("nothing is watched")).to_be_visible()
+    with Feeder(8000, seconds) as feeder:
+        page.locator("#live-source").select_option("typed")
+        page.locator("#live-typed").fill(f"serial:{feeder.path}")
+        page.locator("#live-bitrate").select_option("1000000")
+        page.get_by_role("button", name="Watch").click()
+        expect(page.locator("#command")).to_contain_text(f"terrapin monitor --link serial:{feeder.path}")
+        page.get_by_label("Name of the log").fill("browser_full")
+        page.get_by_role("button", name="Record", exact=True).click()
+        expect(page.locator("#command")).to_contain_text("terrapin log record ")
+        wait_for(page, "total", str(int(8000 * seconds)))
+        wait_for(page, "frames", str(int(8000 * seconds)))
+        counts = said(page)
+        assert (counts["missed"], counts["lost"]) == ("0", "0")
+        assert int(counts["redraws"]) > 5  # how many a second: bench_live.py, on a machine with nothing else to do
+        page.get_by_role("button", name="End the log").click()
+        expect(page.get_by_text("it is among the sources now")).to_be_visible()
+    wait_for(page, "state", "gone")
+    expect(page.locator(".tab-live .notice")).to_contain_text("the bus went away")
+    log, cut = read_log(server.workspace / "logs" / "browser_full.mf4")
+    assert cut == ""
+    numbers = [int.from_bytes(log.payload(row)[:4], "little") for row in range(len(log))]
+    assert numbers == list(range(numbers[0], int(8000 * seconds)))
+    assert serious(page) == []
+
+
+def test_simulator_signals_events_and_stop(page: Page, server: Server) -> None:
+    page.get_by_role("link", name="Live").click()
+    page.locator("#live-source").select_option("simulator:slope_limiter")
+    page.locator("#live-controller").select_option("pty")
+    page.get_by_role("button", name="Watch").click()
+    expect(page.locator(".event.state").first).to_be_visible()
+    expect(page.locator("[data-tile=State]")).to_contain_text(re.compile("run|limiting|stuck"))
+    page.get_by_label("Filter signals").fill("torque|duty")
+    expect(page.locator(".signal-table tbody tr")).to_have_count(3)
+    page.get_by_label("Filter signals").fill("torque[")  # no regular expression yet: the last good one stays
+    expect(page.locator(".signal-table tbody tr")).to_have_count(3)
+    page.get_by_label("Filter signals").fill("duty")
+    page.get_by_label("Plot ACTUATE.duty").check()
+    page.get_by_label("Words of the mark").fill("here")
+    page.get_by_role("button", name="Mark", exact=True).click()
+    expect(page.locator(".event.mark")).to_contain_text("here")
+    page.get_by_role("button", name="Pause").click()
+    expect(page.get_by_role("button", name="Go on")).to_have_attribute("aria-pressed", "true")
+    page.locator(".strip-charts canvas").focus()
+    page.keyboard.press("ArrowLeft")
+    expect(page.get_by_text("cursor at")).to_be_visible()
+    page.keyboard.press("Space")
+    expect(page.get_by_role("button", name="Pause")).to_be_visible()
+    expect(page.locator(".stop-panel")).to_contain_text("Opens the emergency stop of the simulated robot")
+    page.get_by_role("button", name="Stop the robot").click()
+    expect(page.locator("[data-tile=Faults]")).to_contain_text("estop")
+    expect(page.locator("[data-tile=State]")).to_contain_text("bridge off")
+    page.get_by_role("button", name="Stopped: release").click()
+    expect(page.get_by_role("button", name="Stop the robot")).to_be_visible()
+    assert said(page)["missed"] == "0"
+    assert serious(page) == []
+    page.get_by_role("button", name="Light").or_(page.get_by_role("button", name="Switch between")).click()
+    assert serious(page) == []
+
+
+def test_second_browser_and_reload_see_the_same(page: Page, server: Server, browser: Browser) -> None:
+    assert server.ask("POST", "/api/live", {"source": "simulator:steady_sand"}).status == 200
+    page.get_by_role("link", name="Live").click()
+    expect(page.locator("#context")).to_have_text("simulator: steady_sand")
+    expect(page.locator(".event.state").first).to_be_visible()
+    page.reload()
+    expect(page.locator("#context")).to_have_text("simulator: steady_sand")
+    expect(page.locator(".event.state").first).to_be_visible()  # what happened before the reload is there
+    context = browser.new_context(viewport={"width": 820, "height": 1180})  # a tablet
+    other = context.new_page()
+    other.goto(f"{server.line}#live")
+    expect(other.locator("#context")).to_have_text("simulator: steady_sand")
+    wide = other.evaluate("document.documentElement.scrollWidth - innerWidth")
+    assert wide <= 0
+    page.get_by_role("button", name="Leave").click()
+    expect(other.get_by_text("nothing is watched")).to_be_visible()
+    context.close()
+
+
+def test_bad_files(page: Page, server: Server, tmp_path: Path) -> None:
+    """A file that is no log, and a DBC that does not fit: one clear line in the page, which goes on."""
+    (tmp_path / "junk.mf4").write_bytes(bytes(range(256)) * 40)
+    (tmp_path / "other.dbc").write_text('VERSION ""\nBU_: A\nBO_ 5 M: 8 A\n SG_ a : 0|8@1+ (1,0) [0|0] "V" A\n')
+    (tmp_path / "drive.log").write_text("".join(f"({i / 1000:.6f}) can0 183#0011223344556677\n" for i in range(200)))
+    page.get_by_role("link", name="Live").click()
+    page.locator("#live-file").set_input_files(tmp_path / "drive.log")
+    expect(page.locator("#live-source option", has_text="drive.log")).to_have_count(1)
+    page.locator("#live-file").set_input_files(tmp_path / "other.dbc")
+    expect(page.locator("#live-dbc option", has_text="other.dbc")).to_have_count(1)
+    page.get_by_role("button", name="Watch").click()
+    expect(page.locator(".tab-live .notice")).to_contain_text("the DBC knows 0 of 200 frames")
+    wait_for(page, "state", "over")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_run_rolls_and_is_kept(page: Page, server: Server, scheme: str) -> None:
+    page.emulate_media(color_scheme=scheme)
+    page.get_by_role("link", name="Simulate").click()
+    page.locator("#sim-scenario").select_option("slope_limiter")
+    page.get_by_label("slope from 1.5 m").fill("4")
+    page.get_by_label("Ground from 1.5 m").select_option("agricultural")
+    page.get_by_label("Add an effect …").select_option("stribeck")
+    page.get_by_label("Add a fault …").select_option("supply")
+    page.get_by_label("duration").fill("6")
+    assert serious(page) == []
+    page.get_by_role("button", name="Run", exact=True).click()
+    expect(page.locator("#command")).to_contain_text(re.compile(r"terrapin run .*slope_limiter\.toml --out "))
+    expect(page.get_by_label("Moment")).to_be_enabled()
+    expect(page.locator(".play output")).to_contain_text("0.00 s")  # reduced motion: it waits to be played
+    before = page.locator(".robot canvas").screenshot()
+    page.get_by_label("Moment").fill("3")
+    expect(page.locator(".play output")).to_contain_text("3.00 s")
+    expect(page.get_by_text("state run")).to_be_visible()
+    assert page.locator(".robot canvas").screenshot() != before
+    page.get_by_role("button", name="Play").click()
+    expect(page.locator(".play output")).not_to_contain_text("3.00 s")
+    page.get_by_role("button", name="Pause").click()
+    assert serious(page) == []
+    page.get_by_label("Name of the case").fill(f"rolled_{scheme}")
+    page.get_by_role("button", name="Keep as a case").click()
+    expect(page.get_by_role("link", name=f"rolled_{scheme}")).to_be_visible()
+    assert (server.workspace / "cases" / f"rolled_{scheme}" / "case.toml").is_file()
+    scenario = next((server.workspace / "runs").glob("slope_limiter-*/slope_limiter.toml")).read_text()
+    assert "stribeck" in scenario
+    assert 'terrain = "agricultural"' in scenario
