@@ -12,7 +12,7 @@ from fastapi.responses import FileResponse
 from host_tools.web import models
 from host_tools.web.context import Terrapin
 from host_tools.web.models import Name, problems
-from host_tools.web.workspace import NotThere, Taken, examples
+from host_tools.web.workspace import NAME, NotThere, Taken, examples
 
 __all__ = ["router"]
 
@@ -164,7 +164,9 @@ async def bases(context: Terrapin) -> list[models.Base]:
 async def effects(
     context: Terrapin,
     base: Annotated[str, Query(max_length=64, description="only what acts on this base model")] = "",
-    case: Annotated[str, Query(max_length=64, description="also the effects that this case brings")] = "",
+    case: Annotated[
+        str, Query(max_length=64, pattern=f"^$|{NAME}", description="also the effects that this case brings")
+    ] = "",
 ) -> list[models.Effect]:
     """The catalogue of effects and one's own, with equations as MathML."""
     folder = str(context.workspace.case(case)) if case else ""

@@ -12,6 +12,7 @@ from host_tools.errors import UserError
 from host_tools.web.context import Context, Terrapin
 from host_tools.web.jobs import Job
 from host_tools.web.models import (
+    CLOSED,
     EffectName,
     Formula,
     JobStarted,
@@ -55,7 +56,7 @@ class Add(Request):
     effects: Annotated[list[EffectName], Field(min_length=1, max_length=20)]
     expression: Formula | None = None
     target: Line = ""
-    parameters: dict[EffectName, Parameter] = Field(default={}, max_length=20)
+    parameters: dict[EffectName, Parameter] = Field(default={}, max_length=20, json_schema_extra=CLOSED)
     seed: Seed = 0
 
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraints
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, JsonValue, StringConstraints
 
 from host_tools.web.workspace import NAME
 
 __all__ = [
-    "Base", "CaseDetail", "CaseSummary", "Effect", "EffectName", "Example", "ExpressionAnswer", "ExpressionRequest",
-    "JobStarted", "JobView", "Name", "Named", "Parameter", "Problem", "Request", "Status", "problems",
+    "CLOSED", "Base", "CaseDetail", "CaseSummary", "Effect", "EffectName", "Example", "ExpressionAnswer",
+    "ExpressionRequest", "JobStarted", "JobView", "Name", "Named", "Parameter", "Problem", "Request", "Status",
+    "problems",
 ]  # fmt: skip
 
+CLOSED: dict[str, JsonValue] = {"additionalProperties": False}  # of a dictionary whose keys have a pattern: no others
 Name = Annotated[str, StringConstraints(pattern=NAME, max_length=64)]
 EffectName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,63}$", max_length=64)]
 Line = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]*$", max_length=200)]
@@ -180,7 +182,7 @@ class ExpressionRequest(Request):
     case: Name
     expression: Formula
     target: Line = ""
-    parameters: dict[EffectName, Parameter] = Field(default={}, max_length=20)
+    parameters: dict[EffectName, Parameter] = Field(default={}, max_length=20, json_schema_extra=CLOSED)
 
 
 class ExpressionAnswer(BaseModel):

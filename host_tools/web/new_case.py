@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field, FiniteFloat, StringConstraints
 
 from host_tools.errors import UserError
 from host_tools.web.context import Terrapin
-from host_tools.web.models import EffectName, Formula, Line, Name, Request, problems
+from host_tools.web.models import CLOSED, EffectName, Formula, Line, Name, Request, problems
 from host_tools.web.uploads import upload_file, upload_view
 
 __all__ = ["router"]
@@ -65,11 +65,11 @@ class NewCase(Request):
     run: Line = Field(default="", description="column that names the run; empty: each file is one")
     train: Annotated[list[Line], Field(default_factory=list, max_length=10_000)]
     test: Annotated[list[Line], Field(default_factory=list, max_length=10_000)]
-    columns: dict[Key, MappedColumn] = Field(min_length=1, max_length=200)
-    equation: dict[Key, Formula] = Field(default={}, max_length=20)
-    parameters: dict[Key, Quantity | bool] = Field(default={}, max_length=200)
-    fit: dict[Key, Fitted] = Field(default={}, max_length=100)
-    limits: dict[Key, Limit] = Field(default={}, max_length=50)
+    columns: dict[Key, MappedColumn] = Field(min_length=1, max_length=200, json_schema_extra=CLOSED)
+    equation: dict[Key, Formula] = Field(default={}, max_length=20, json_schema_extra=CLOSED)
+    parameters: dict[Key, Quantity | bool] = Field(default={}, max_length=200, json_schema_extra=CLOSED)
+    fit: dict[Key, Fitted] = Field(default={}, max_length=100, json_schema_extra=CLOSED)
+    limits: dict[Key, Limit] = Field(default={}, max_length=50, json_schema_extra=CLOSED)
 
 
 class Made(BaseModel):

@@ -12,6 +12,7 @@ from fastapi import APIRouter, Path, Query
 
 from host_tools.errors import UserError
 from host_tools.web.context import Context, Terrapin
+from host_tools.web.models import problems
 from host_tools.web.workspace import NAME
 
 __all__ = ["router", "state_of"]
@@ -62,7 +63,7 @@ async def _answer(context: Context, folder: File, function: str, *arguments: Any
         raise
 
 
-@router.get("/api/cases/{name}/view")
+@router.get("/api/cases/{name}/view", responses=problems(404))
 async def case_view(
     context: Terrapin,
     name: Annotated[str, Path(pattern=NAME)],
