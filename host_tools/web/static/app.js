@@ -217,7 +217,21 @@ export function go(tab, rest = '') {
 /** Beside the tabs: what is open, as text or elements. */
 export function context(...parts) { $('context').replaceChildren(...parts.filter(Boolean)); }
 
+const loading = new Map(); // name -> until it is mounted
+
+async function load(name, place) {
+  try {
+    const module = await import(`./${name}.js`);
+    mounted.set(name, module.mount(place, app) || {});
+  } catch (error) {
+    place.append(h('p', { class: 'notice', role: 'alert', text: `This part could not be loaded: ${error.message}` }));
+    console.warn(error);
+  }
+}
+
+let turns = 0;
 async function route() {
+  const turn = ++turns;
   let parts;
   try { parts = location.hash.slice(1).split('/').map(decodeURIComponent); } catch { parts = ['']; }
   const [name, ...rest] = parts;
@@ -237,15 +251,10 @@ async function route() {
     const place = h('div', { class: `tab tab-${tab.name}` });
     places.set(tab.name, place);
     $('main').append(place);
-    try {
-      const module = await import(`./${tab.name}.js`);
-      mounted.set(tab.name, module.mount(place, app) || {});
-    } catch (error) {
-      place.append(h('p', { class: 'notice', role: 'alert', text: `This part could not be loaded: ${error.message}` }));
-      console.warn(error);
-    }
+    loading.set(tab.name, load(tab.name, place));
   }
-  if (current !== tab.name) return; // gone on while it loaded
+  await loading.get(tab.name);
+  if (turn !== turns) return; // gone on while it loaded
   places.get(tab.name).hidden = false;
   mounted.get(tab.name)?.show?.(rest.join('/'));
 }

@@ -150,11 +150,13 @@ export class Controller {
   constructor(page) {
     this.page = page;
     this.result = h('div', { role: 'status' });
-    this.scenario = h('select', { 'aria-label': 'Scenario to try the parameters in' });
+    this.scenario = h('select', { 'aria-label': 'Scenario to try the parameters in', onchange: () => { this.picked = this.scenario.value; this.choose(); } });
+    this.scenarios = [{ name: 'heated_winding', effects: { motor_heating: {} } }, { name: 'steady_sand', effects: {} }]; // until the server has told
+    this.warning = h('p', { class: 'warn small', hidden: true });
     this.button = h('button', { type: 'button', text: 'Export parameters', onclick: () => this.export() });
     this.hint = h('p', { class: 'soft small' });
     this.element = h('section', { class: 'panel', 'aria-label': 'Send to controller' }, h('h2', { text: 'Send to controller' }), this.hint,
-      h('div', { class: 'row' }, this.button, h('label', {}, 'try in ', this.scenario)), this.result);
+      h('div', { class: 'row' }, this.button, h('label', {}, 'try in ', this.scenario)), this.warning, this.result);
   }
 
   async take(view) {
@@ -162,11 +164,24 @@ export class Controller {
     this.hint.textContent = view.exports.length
       ? `The controller compensates ${view.exports.join(', ')}. The run shows its C_t error without and with these parameters.`
       : 'Nothing in the model that the controller compensates.';
-    if (this.scenario.options.length) return;
-    const usual = [...view.effects, ...view.missing].includes('motor_heating') ? 'heated_winding' : 'steady_sand';
-    const fill = (names) => this.scenario.replaceChildren(...names.map((name) => h('option', { value: name, text: name.replaceAll('_', ' '), selected: name === (this.scenario.value || usual) })));
-    fill(['heated_winding', 'steady_sand']);
-    try { fill((await this.page.app.api('scenarios')).scenarios.map((one) => one.name)); } catch { /* the two that always ship */ }
+    this.view = view;
+    this.choose();
+    if (this.told) return;
+    this.told = true;
+    try { this.scenarios = (await this.page.app.api('scenarios')).scenarios; } catch { return; } // the two that always ship
+    this.choose();
+  }
+
+  /** The scenario that was picked, else the one whose robot has most of what the controller is to compensate. */
+  choose() {
+    const wanted = this.view.exports.length ? this.view.exports : this.view.missing;
+    const common = (one) => wanted.filter((name) => name in one.effects).length;
+    const best = [...this.scenarios].sort((a, b) => common(b) - common(a) || (b.name === 'steady_sand') - (a.name === 'steady_sand'))[0];
+    const chosen = this.scenarios.find((one) => one.name === this.picked) || best;
+    this.scenario.replaceChildren(...this.scenarios.map((one) => h('option', { value: one.name, text: one.name.replaceAll('_', ' '), selected: one === chosen })));
+    const lacks = this.view.exports.filter((name) => !(name in chosen.effects));
+    this.warning.hidden = !lacks.length;
+    this.warning.textContent = `The robot of this scenario has no ${lacks.join(', ')}: there the parameters have nothing to compensate.`;
   }
 
   async export() {
