@@ -6,6 +6,6 @@ add_dependencies(terrapin-qemu interface)
 target_include_directories(terrapin-qemu PRIVATE ${CMAKE_SOURCE_DIR}/firmware/core ${CMAKE_SOURCE_DIR}/firmware/link ${GENERATED})
 target_compile_options(terrapin-qemu PRIVATE ${STRICT} -ffunction-sections -fdata-sections)
 target_link_options(terrapin-qemu PRIVATE -nostartfiles --specs=nano.specs -Wl,--gc-sections
-    -Wl,--wrap=terrapin_link_step,--wrap=telemetry_emit
+    -Wl,--wrap=terrapin_link_step,--wrap=telemetry_emit,--wrap=terrapin_accept
     -T ${CMAKE_SOURCE_DIR}/firmware/ports/qemu/qemu.ld)
 set_target_properties(terrapin-qemu PROPERTIES LINK_DEPENDS ${CMAKE_SOURCE_DIR}/firmware/ports/qemu/qemu.ld)

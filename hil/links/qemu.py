@@ -40,7 +40,7 @@ class QemuMachine:
     """QEMU with an image, and its pipes. LinkError when it does not start.
 
     Known after `stop`: `stack`, bytes of stack that the run took; with `count` (about a third as fast) also
-    `instructions`, of `step` and `step-without-telemetry`.
+    `instructions`, of `step`, `step-without-telemetry` and `frame` (taking in one frame).
     """
 
     def __init__(self, program: Path | None = None, count: bool = False) -> None:
@@ -137,7 +137,7 @@ class QemuMachine:
             os.set_blocking(self._rest, False)
             try:
                 while piece := os.read(self._rest, 65536):
-                    words = (words + piece)[-256:]
+                    words = (words + piece)[-512:]
             except BlockingIOError:
                 pass
             os.close(self._rest)
@@ -151,7 +151,7 @@ class QemuMachine:
         found = re.search(r"stack (\d+)\n", words)
         self.stack = int(found[1]) if found else None
         if self._count:
-            for name, *numbers in re.findall(r"(step\S*) (\d+) (\d+) (\d+) (\d+)\n", words):
+            for name, *numbers in re.findall(r"(step\S*|frame) (\d+) (\d+) (\d+) (\d+)\n", words):
                 self.instructions[name] = Instructions(*map(int, numbers))
 
 

@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 
 from hil import paths
-from hil.links.qemu import QemuMachine, image, open_qemu
+from hil.links.qemu import Instructions, QemuMachine, image, open_qemu
 from hil.links.slcan import LinkError
+from hil.messages import Frame, Sender, interface
 from hil.run import run
 from hil.scenario import Scenario, find_scenario, load_scenario
 
@@ -69,6 +70,35 @@ def test_instructions(name: str) -> None:
     assert whole.steps == bare.steps == 4000
     assert 0 < bare.minimum < whole.minimum <= whole.median <= BUDGET["step_median"]
     assert whole.maximum <= BUDGET["step_maximum"]
+
+
+def frame_instructions(frames: list[Frame]) -> Instructions:
+    machine = QemuMachine(count=True)
+    port = machine.start()
+    for i in range(0, len(frames), 10):
+        port.exchange_frames(frames[i : i + 10])
+    port.close()
+    machine.stop()
+    counted = machine.instructions["frame"]
+    assert counted.steps == len(frames)
+    return counted
+
+
+def test_no_frame_takes_long() -> None:
+    """Writes of every parameter, resets to the defaults, foreign frames: each is a bounded piece of work, so that a
+    flood of them cannot starve a port that steps in between."""
+    sender, description = Sender(), interface()
+    frames = [(0x7DF, bytes(8)), sender.frame("COMMAND", {"request": 2})]
+    for parameter in description.parameters.values():
+        for raw in (parameter.minimum, parameter.maximum, parameter.default):
+            frames.append(sender.frame("PARAMETER_WRITE", {"index": parameter.index, "value": raw}))
+        frames.append(sender.frame("PARAMETER_READ", {"index": parameter.index}))
+    frames += [sender.frame("STORE_COMMAND", {"action": action}) for action in (1, 2, 3)]
+    frames += [sender.frame("STORE_READ", {"part": part}) for part in (0, 1)]
+    counted = frame_instructions(frames)
+    assert 0 < counted.minimum < counted.maximum <= BUDGET["frame_maximum"]
+    resets = frame_instructions([*sender.test_mode(), *sender.test_mode(False)])
+    assert counted.maximum < resets.maximum <= BUDGET["reset_maximum"]
 
 
 def test_image_size() -> None:

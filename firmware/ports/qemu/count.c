@@ -21,11 +21,16 @@ typedef struct {
 
 static histogram whole;
 static histogram bare;
+static histogram frame_taken;
 static uint32_t telemetry; /* SysTick's counts within telemetry_emit in this step */
 
 void __real_terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin_outputs *outputs);
 void __real_telemetry_emit(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs);
 void __wrap_terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin_outputs *outputs);
+terrapin_accept_result __real_terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
+                                              terrapin_inputs *inputs, terrapin_frame *reply);
+terrapin_accept_result __wrap_terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
+                                              terrapin_inputs *inputs, terrapin_frame *reply);
 void __wrap_telemetry_emit(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs);
 
 void count_start(void) {
@@ -77,6 +82,18 @@ void __wrap_terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, t
     const uint32_t counts = elapsed(before, SYSTICK_VALUE);
     add(&whole, instructions(counts));
     add(&bare, instructions(counts - telemetry));
+}
+
+terrapin_accept_result __wrap_terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
+                                              terrapin_inputs *inputs, terrapin_frame *reply) {
+    const uint32_t before = SYSTICK_VALUE;
+    const terrapin_accept_result result = __real_terrapin_accept(link, state, frame, inputs, reply);
+    add(&frame_taken, instructions(elapsed(before, SYSTICK_VALUE)));
+    return result;
+}
+
+count_summary count_frame(void) {
+    return summary(&frame_taken);
 }
 
 count_summary count_whole(void) {

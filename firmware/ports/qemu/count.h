@@ -1,7 +1,7 @@
-/* Instructions of each step, counted by SysTick: under `-icount` an instruction takes a fixed virtual time, so that the
- * counts are exact and the same in every run. Without `-icount` they mean nothing.
+/* Instructions of each step and of each frame taken in, counted by SysTick: under `-icount` an instruction takes a
+ * fixed virtual time, so that the counts are exact and the same in every run. Without `-icount` they mean nothing.
  *
- * The linker puts __wrap_terrapin_link_step and __wrap_telemetry_emit in the place of those two.
+ * The linker puts __wrap_terrapin_link_step, __wrap_telemetry_emit and __wrap_terrapin_accept in the place of those.
  */
 #ifndef TERRAPIN_COUNT_H
 #define TERRAPIN_COUNT_H
@@ -24,5 +24,8 @@ void count_start(void);
 /* The whole step, and the step without the encoding of its frames. */
 count_summary count_whole(void);
 count_summary count_without_telemetry(void);
+
+/* Taking in one frame (terrapin_accept), without the step that it may cause. */
+count_summary count_frame(void);
 
 #endif

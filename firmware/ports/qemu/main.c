@@ -6,7 +6,7 @@
  * It ends when IN ends (status 0), when a file cannot be opened or written (1), on a bad command line (2) or a
  * processor fault (3). Its last lines are "stack BYTES", the stack that the run took, and, with a third word `count`
  * and -icount shift=7, the instructions of the steps: "step STEPS MINIMUM MEDIAN MAXIMUM", "step-without-telemetry
- * ...".
+ * ...", and "frame ..." of taking in frames.
  */
 #include <string.h>
 
@@ -118,5 +118,6 @@ int main(void) {
     say(to, "stack", &used, 1U);
     say_counts(to, "step", count_whole());
     say_counts(to, "step-without-telemetry", count_without_telemetry());
+    say_counts(to, "frame", count_frame());
     return result;
 }
