@@ -1,10 +1,13 @@
 /* Fuzz target: any sequence of CAN frames through the dispatcher and the step. 11 bytes a frame: id (low byte first;
  * bit 15 asks for a repaired counter and CRC, so that the search gets past the protection), length, 8 data bytes. Test
- * mode is armed first. Checked beyond the sanitizers: the inputs stay within their signals, outputs within their
- * bounds, bridge and duty agree. */
+ * mode is armed first. A store on emulated flash is attached. Checked beyond the sanitizers: the inputs stay within
+ * their signals, outputs within their bounds, bridge and duty agree, no call to the flash is refused, and none erases
+ * with the bridge on. */
 #include <stdlib.h>
 
 #include "dispatch.h"
+#include "flash_emulated.c"
+#include "parameters.h"
 #include "terrapin_interface.h"
 
 #define CHECK(condition)                                                                                               \
@@ -14,6 +17,7 @@
         }                                                                                                              \
     } while (0)
 #define RECORD 11U
+#define PAGE   1024U /* one set */
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size);
 
@@ -36,6 +40,8 @@ static void check_outputs(const terrapin_outputs *out) {
     }
 }
 
+static terrapin_flash_emulated memory;
+
 static void send(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame, terrapin_inputs *inputs) {
     terrapin_frame reply;
     terrapin_outputs outputs;
@@ -54,6 +60,11 @@ static void send(terrapin_link *link, terrapin_state *state, const terrapin_fram
     } else {
         /* dropped, or taken without an answer */
     }
+    const bool erasing = link->store->phase == TERRAPIN_STORE_ERASE;
+    const uint32_t before = memory.operations;
+    (void)terrapin_link_store_work(link, state);
+    CHECK(!erasing || !terrapin_bridge_on(state) || (memory.operations == before));
+    CHECK((memory.misuse == 0U) && !link->store->failed);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
@@ -67,7 +78,16 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
         state = malloc(terrapin_state_size());
         CHECK(state != NULL);
     }
+    static const uint32_t sectors[2] = {PAGE, PAGE};
+    static const terrapin_flash_area pages[2] = {{0U, PAGE}, {PAGE, PAGE}};
+    static uint8_t cells[2U * PAGE];
+    terrapin_store store;
+    (void)memset(cells, 0xFF, sizeof cells);
+    terrapin_flash_emulated_init(&memory, cells, sectors, 2U, 4U);
+    const terrapin_flash flash = terrapin_flash_emulated_driver(&memory);
+    CHECK(terrapin_store_open(&store, &flash, pages));
     terrapin_link_init(&link, state, &inputs);
+    terrapin_link_use_store(&link, state, &store);
     CHECK(terrapin_encode_test_mode(&arm, &frame));
     terrapin_e2e_protect(&frame, counter);
     send(&link, state, &frame, &inputs);
