@@ -16,11 +16,14 @@ add_custom_command(
 add_custom_target(boot_key DEPENDS ${GENERATED}/boot_key.h)
 
 file(GLOB BOOT_SOURCES CONFIGURE_DEPENDS ${BOOT_DIR}/*.c)
-add_library(boot_objects OBJECT ${BOOT_SOURCES} ${CMAKE_SOURCE_DIR}/firmware/store/crc32.c)
+add_library(boot_objects OBJECT ${BOOT_SOURCES})
 add_dependencies(boot_objects interface)
 target_include_directories(boot_objects PUBLIC ${BOOT_DIR} ${CMAKE_SOURCE_DIR}/firmware/store
     ${CMAKE_SOURCE_DIR}/firmware/core ${CMAKE_SOURCE_DIR}/firmware/link ${GENERATED})
 target_compile_options(boot_objects PRIVATE ${STRICT} -ffunction-sections -fdata-sections)
+if(TERRAPIN_LIBFUZZER)
+    target_compile_options(boot_objects PRIVATE -fsanitize=fuzzer-no-link)
+endif()
 if(TERRAPIN_COVERAGE)
     target_compile_options(boot_objects PRIVATE --coverage)
     target_link_options(boot_objects PUBLIC --coverage)
@@ -29,7 +32,8 @@ endif()
 if(NOT CMAKE_CROSSCOMPILING)
     set_target_properties(boot_objects PROPERTIES POSITION_INDEPENDENT_CODE ON)
     # What stands beside the boot loader's objects in its host programs.
-    add_library(boot_host OBJECT ${CMAKE_SOURCE_DIR}/firmware/store/flash_emulated.c ${GENERATED}/terrapin_interface.c
+    add_library(boot_host OBJECT ${CMAKE_SOURCE_DIR}/firmware/store/flash_emulated.c
+        ${CMAKE_SOURCE_DIR}/firmware/store/crc32.c ${GENERATED}/terrapin_interface.c
         ${CMAKE_SOURCE_DIR}/firmware/link/slcan.c)
     add_dependencies(boot_host interface)
     target_include_directories(boot_host PRIVATE ${CMAKE_SOURCE_DIR}/firmware/store ${CMAKE_SOURCE_DIR}/firmware/core
