@@ -130,7 +130,8 @@ export class CasePage {
         main === 'add' ? h('button', { type: 'button', class: 'main', text: `Add ${view.next.effects.join(' + ')}`, onclick: () => this.run({ do: 'add', effects: view.next.effects }) }) : null,
         h('button', { type: 'button', text: 'Compare', onclick: () => this.run({ do: 'compare' }) }),
         h('button', { type: 'button', class: main === 'discover' ? 'main' : '', text: 'Discover', onclick: () => this.run({ do: 'discover' }) }),
-        h('button', { type: 'button', text: 'Report', onclick: () => this.report() })),
+        h('button', { type: 'button', text: 'Report', onclick: () => this.report() }),
+        this.reported ? h('a', { class: 'small', href: `/api/${this.path}/report`, target: '_blank', rel: 'noopener', text: 'Last report' }) : null),
       h('ul', { class: 'facts' }, where.slice(0, 4))));
   }
 
@@ -204,7 +205,10 @@ export class CasePage {
   }
 
   async report() {
-    if (await this.run({ do: 'report' })) this.reportLink();
+    if (!await this.run({ do: 'report' })) return;
+    this.reported = true;
+    this.lead();
+    this.reportLink();
   }
 
   reportLink() {
@@ -222,6 +226,8 @@ export class CasePage {
     for (const job of mine) if (ACTIVE.includes(job.state)) this.progress(job);
     const exported = mine.find((job) => job.do === 'export' && job.state === 'done');
     if (exported) this.controller.restore(exported.id);
+    this.reported = mine.some((job) => job.do === 'report' && job.state === 'done');
+    if (this.view) this.lead();
   }
 
   progress(job) {

@@ -106,7 +106,9 @@ export class Mapper {
     this.form.replaceChildren(form);
     this.constants();
     this.app.showCommand(`terrapin case ${this.data.map((one) => one.name).join(' ')} --to ${this.caseName.value}`);
-    form.addEventListener('change', () => this.constants());
+    form.addEventListener('change', (event) => { // what is typed in a constant changes no other, and keeps the focus
+      if (!this.extra.contains(event.target) || event.target.dataset.key === 'channel') this.constants();
+    });
   }
 
   row(column) {

@@ -86,8 +86,8 @@ export class Plot {
     this.spec = spec;
     this.at = null;
     this.canvas.setAttribute('aria-label', spec.alt || this.name);
-    const rows = spec.points.flatMap((p) => p.rows);
-    this.order = rows.sort((a, b) => spec.x.values[a] - spec.x.values[b]);
+    const rows = new Set(spec.points.flatMap((p) => p.rows)); // each once, however often it is drawn
+    this.order = [...rows].sort((a, b) => spec.x.values[a] - spec.x.values[b]);
     if (this.table) this.showTable(true);
     this.redraw();
   }
