@@ -18,7 +18,7 @@ list(TRANSFORM HEADER_OPTIONS PREPEND "--header=")
 add_custom_command(
     OUTPUT ${GENERATED}/stamp
     BYPRODUCTS
-        ${GENERATED}/terrapin_interface.c ${GENERATED}/terrapin_interface.h ${GENERATED}/terrapin_cdef.h
+        ${GENERATED}/terrapin_interface.c ${GENERATED}/terrapin_interface.h ${GENERATED}/terrapin_pack.h ${GENERATED}/terrapin_cdef.h
         ${GENERATED}/terrapin.dbc ${GENERATED}/interface.json ${GENERATED}/interface.md
     COMMAND ${CMAKE_COMMAND} -E make_directory ${GENERATED}
     COMMAND ${CMAKE_COMMAND} -E touch ${GENERATED}/stamp.begun
@@ -28,4 +28,4 @@ add_custom_command(
     COMMENT "Generating the interface from controller.toml"
     VERBATIM)
 add_custom_target(interface ALL DEPENDS ${GENERATED}/stamp)
-set_source_files_properties(${GENERATED}/terrapin_interface.c ${GENERATED}/terrapin_interface.h PROPERTIES GENERATED TRUE)
+set_source_files_properties(${GENERATED}/terrapin_interface.c ${GENERATED}/terrapin_interface.h ${GENERATED}/terrapin_pack.h PROPERTIES GENERATED TRUE)

@@ -21,7 +21,7 @@ FORBIDDEN = re.compile(
 )
 
 CODEC = r"terrapin_(encode_|decode_|e2e_|crc8).*|layout_.*|encode|decode|fit|frame_crc"
-TABLE = r"terrapin_parameters"
+TABLE = r"terrapin_parameter|(number|place)\.\d+"
 HELPERS = r"__.*|mem(set|cpy|move|cmp)"
 
 
@@ -37,9 +37,12 @@ def main() -> int:
     parser.add_argument("image")
     options = parser.parse_args()
 
-    text, data, bss = (int(word) for word in run(options.size, options.image)[1].split()[:3])
+    text = int(run(options.size, options.image)[1].split()[0])
     symbols = [line.split() for line in run(options.nm, "-S", "--size-sort", "-r", options.image)]
     names = [line.split()[-1] for line in run(options.nm, options.image)]
+
+    # By symbols: the linker's padding of empty sections is no variable.
+    data, bss = (sum(int(s[1], 16) for s in symbols if s[2] in kinds) for kinds in ("dD", "bBcC"))
 
     def part(pattern: str) -> int:
         return sum(int(s[1], 16) for s in symbols if re.fullmatch(pattern, s[3]))

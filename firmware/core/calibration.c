@@ -78,18 +78,18 @@ static bool fit(terrapin_state *state) {
     if (good) {
         /* uN m a mrad/s to 1e-8 N m s/rad: times 1e5; |n wt| is at most 64 * 1e5 * 2e6, below 2^44 */
         const int64_t viscous = integer_divide(((n * wt) - (w * t)) * 100000, spread);
-        const terrapin_parameter_entry *b = &terrapin_parameters[TERRAPIN_PARAMETER_VISCOUS];
-        const terrapin_parameter_entry *a = &terrapin_parameters[TERRAPIN_PARAMETER_COULOMB];
-        good = (viscous >= b->minimum) && (viscous <= b->maximum);
+        const terrapin_parameter_entry b = terrapin_parameter(TERRAPIN_PARAMETER_VISCOUS);
+        const terrapin_parameter_entry a = terrapin_parameter(TERRAPIN_PARAMETER_COULOMB);
+        good = (viscous >= b.minimum) && (viscous <= b.maximum);
         const int64_t coulomb = good ? integer_divide((t * 100000) - (viscous * w), n * 100000) : 0;
-        good = good && (coulomb >= a->minimum) && (coulomb <= a->maximum);
+        good = good && (coulomb >= a.minimum) && (coulomb <= a.maximum);
         c->residual_unm = good ? worst(c, (int32_t)coulomb, (int32_t)viscous) : 0;
         good = good && (c->residual_unm <= state->parameter[TERRAPIN_PARAMETER_CALIBRATE_TOLERANCE]);
         if (good) {
             state->parameter[TERRAPIN_PARAMETER_VISCOUS] = (int32_t)viscous;
             state->parameter[TERRAPIN_PARAMETER_COULOMB] = (int32_t)coulomb;
             state->parameter[TERRAPIN_PARAMETER_CALIBRATED] = 1;
-            gains_prepare(state);
+            gains_friction(state);
         }
     }
     return good;
@@ -103,8 +103,8 @@ calibration_result calibration_update(terrapin_state *state, int32_t *voltage_mv
     c->seen = e->index;
     c->timer_ms++;
     if (!taken && (c->timer_ms > SETTLE_MS)) {
-        c->omega_sum_urad_s += integer_clamp((int64_t)direction(state) * e->omega_urad_s, 0, OMEGA_MAX_URAD_S);
-        c->torque_sum_unm += integer_clamp((int64_t)direction(state) * e->motor_unm, -TORQUE_MAX_UNM, TORQUE_MAX_UNM);
+        c->omega_sum_urad_s += integer_clamp(direction(state) * e->omega_urad_s, 0, OMEGA_MAX_URAD_S);
+        c->torque_sum_unm += integer_clamp(direction(state) * e->motor_unm, -TORQUE_MAX_UNM, TORQUE_MAX_UNM);
         c->windows++;
     }
     if (c->windows == CALIBRATE_WINDOWS) {

@@ -4,9 +4,12 @@ enum { REFERENCE_MC = 25000, HEAT_ONE_Q20 = 0x100000, ONE_Q30 = 0x40000000 };
 
 int32_t compensation_heat_q20(const terrapin_state *state) {
     /* a_t [1e-6/K] * dT [1e-3 K], in Q20: 2^20 / 1e9 = 1 / 953.674; held within 2^30, a factor of 2.1 */
-    const int32_t fall =
-        integer_scale(state->parameter[TERRAPIN_PARAMETER_COMP_HEATING], sense_temperature_mc(state) - REFERENCE_MC, 1);
-    return integer_clamp((int64_t)HEAT_ONE_Q20 - integer_scale(fall, 1000, 953674), HEAT_ONE_Q20 / 4, HEAT_ONE_Q20 * 2);
+    const int32_t slope = state->parameter[TERRAPIN_PARAMETER_COMP_HEATING];
+    if (slope == 0) {
+        return HEAT_ONE_Q20;
+    }
+    const int32_t fall = integer_scale(slope, sense_temperature_mc(state) - REFERENCE_MC, 1);
+    return integer_clamp(HEAT_ONE_Q20 - integer_scale(fall, 1000, 953674), HEAT_ONE_Q20 / 4, HEAT_ONE_Q20 * 2);
 }
 
 /* a_s exp(-(omega/omega_s)^2) [uN m]; omega_mrad_s >= 0 */
@@ -27,7 +30,8 @@ static int32_t imbalance(const terrapin_state *state, const terrapin_inputs *inp
     const uint32_t ahead = (counts < 0) ? back : way;
     /* the shell's angle is alpha less the swing */
     const uint32_t swing = inputs->swing_valid ? integer_turn(inputs->swing_angle_mrad) : 0U;
-    const uint32_t phase = (uint32_t)integer_divide((int64_t)p[TERRAPIN_PARAMETER_COMP_IMBALANCE_PHASE] * 683565, 10);
+    const int32_t phase_e4 = p[TERRAPIN_PARAMETER_COMP_IMBALANCE_PHASE]; /* times 68356.5, rounded */
+    const uint32_t phase = ((uint32_t)phase_e4 * 68356U) + (uint32_t)integer_ratio(phase_e4, 2);
     const uint32_t middle = (((state->sense.motor_position * unit) - ahead) - swing) + phase;
     int32_t mean = integer_scale(p[TERRAPIN_PARAMETER_COMP_IMBALANCE], integer_sine(middle), 32767);
     const int32_t way_urad = integer_abs(integer_scale(counts, state->gains.count_e5_urad, 200000));
@@ -43,6 +47,9 @@ static int32_t imbalance(const terrapin_state *state, const terrapin_inputs *inp
 
 int32_t compensation_torque(const terrapin_state *state, const terrapin_inputs *inputs, int32_t counts) {
     const int32_t *p = state->parameter;
+    if (!state->gains.compensated) {
+        return 0;
+    }
     const int32_t omega = state->estimator.omega_urad_s;
     const int32_t size_mrad_s = integer_abs(omega) / 1000; /* below 2^21 */
     /* Along the motion; each term is held within 2^30, and 1e9 of each is far more than the full scale of C_t. */

@@ -7,8 +7,8 @@
 
 /* ---- gains.c: what follows from the parameters */
 void gains_prepare(terrapin_state *state);
-/* True when no two parameters contradict each other. */
-bool gains_consistent(const terrapin_state *state);
+/* What follows from `viscous` alone, which the calibration changes. */
+void gains_friction(terrapin_state *state);
 
 /* ---- sense.c: raw codes and counts to engineering units, and the faults that they show */
 /* Returns the causes of faults that stand at this tick, one bit a fault; *gap is set when ticks did not follow on. */
@@ -23,8 +23,16 @@ void slip_update(terrapin_state *state, const terrapin_inputs *inputs);
 /* ---- estimator.c */
 void estimator_restart(terrapin_state *state);
 void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs);
-/* At the end of a slot: a new window, a new C_t. */
-void estimator_slot(terrapin_state *state, const terrapin_inputs *inputs);
+/* At the end of a slot a new window, a new C_t, in five steps: the window's means, */
+void estimator_window(terrapin_state *state);
+/* its change of momentum, */
+void estimator_momentum(terrapin_state *state, const terrapin_inputs *inputs);
+/* C_t, */
+void estimator_torque(terrapin_state *state, const terrapin_inputs *inputs);
+/* whether it is valid, */
+void estimator_gate(terrapin_state *state);
+/* and its sd. */
+void estimator_deviation(terrapin_state *state);
 /* (R/r) K_t I [uN m] of a window: sum of its current codes, zero taken off, in 1/256 code (within 2^30).
  * heat_q20 is K_t over K_t at 25 degC. */
 int32_t estimator_motor_torque(const terrapin_gains *gains, int32_t current_q8, int32_t heat_q20);
@@ -33,7 +41,7 @@ int32_t estimator_friction(const terrapin_gains *gains, int32_t coulomb_unm, int
 /* C_t of a window, held within the full scale; *saturated says when it was. */
 int32_t estimator_contact_torque(int32_t torque_unm, bool *saturated);
 /* A record `slots` back from the newest; slots < estimator.slots. */
-const terrapin_record *estimator_record(const terrapin_estimator *estimator, uint32_t slots);
+const terrapin_record *estimator_record(const terrapin_state *state, uint32_t slots);
 
 /* ---- compensation.c: what the robot's model lacks, all zero by default */
 /* K_t(T)/K_t(25 degC) in Q20, within 1/4 to 2. */
@@ -44,12 +52,16 @@ int32_t compensation_torque(const terrapin_state *state, const terrapin_inputs *
 /* ---- uncertainty.c */
 /* Standard deviation of C_t [uN m] from the sensors' budget (uncertainty.c); reads the estimator's results. */
 int32_t uncertainty_unm(const terrapin_state *state);
+/* The part of it that follows from the parameters; the gains of C_t are there already. */
+void uncertainty_prepare(terrapin_state *state);
 
-/* ---- ground.c: f_r, the nearest terrain, the quadratic fit */
-void ground_update(terrapin_state *state, const terrapin_inputs *inputs);
-/* f_o + f_s omega^2 of terrain 1 to TERRAINS [1e-6]. */
-int32_t ground_curve_ppm(const terrapin_state *state, int32_t terrain, int32_t omega_urad_s);
-
+/* ---- ground.c: f_r, the nearest terrain, the quadratic fit; one step each */
+void ground_resistance(terrapin_state *state, const terrapin_inputs *inputs);
+void ground_terrain(terrapin_state *state);
+/* Take a fresh window into the fit; its slope; what is left of the fit. */
+void ground_fit_add(terrapin_state *state);
+void ground_fit_slope(terrapin_state *state);
+void ground_fit_rest(terrapin_state *state);
 /* Torque of the hard floor at a speed, along the motion [uN m]. */
 int32_t ground_floor_unm(const terrapin_state *state, int32_t omega_urad_s);
 

@@ -13,13 +13,15 @@ enum {
     INTEGRAL_MAX_UV = 20000000,
     SUPPLY_MIN_MV = 1000, /* below this there is no bridge to speak of */
     DUTY_ONE = 32768,
+    DUTY_BITS = 15,
     DUTY_MAX = 32767,
-    TRIM_RISE = 32, /* the current limit's trim gains 1/32 of an excess a tick, and loses 1/256 of itself */
+    SUM_MAX_UV = 2100000000, /* beyond it no integral brings a sum back within INTEGER_MOST */
+    TRIM_RISE = 32,          /* the current limit's trim gains 1/32 of an excess a tick, and loses 1/256 of itself */
     TRIM_FALL = 256
 };
 
-_Static_assert(TERRAPIN_PARAMETER_SLIP_KI == (TERRAPIN_PARAMETER_SLIP_KP + 1), "a loop's gains stand together");
-_Static_assert(TERRAPIN_PARAMETER_SPEED_KI == (TERRAPIN_PARAMETER_SPEED_KP + 1), "a loop's gains stand together");
+_Static_assert((INT32_MAX - SUM_MAX_UV) > INTEGRAL_MAX_UV, "room for the integral");
+_Static_assert((SUM_MAX_UV - INTEGRAL_MAX_UV) > INTEGER_MOST, "held either way");
 
 typedef struct {
     int32_t low_mv;
@@ -28,7 +30,7 @@ typedef struct {
 
 /* Back-EMF of a shell speed [uV]. */
 static int32_t emf_uv(const terrapin_state *state, int32_t speed_urad_s) {
-    return integer_scale(state->gains.torque_unm_per_a, speed_urad_s, 1000000);
+    return integer_millionth(speed_urad_s, (uint32_t)state->gains.torque_unm_per_a);
 }
 
 /* The voltages that keep the current within its limit, by the motor's model and by what the current says. */
@@ -36,38 +38,41 @@ static bounds allowed(terrapin_state *state) {
     const int32_t *p = state->parameter;
     terrapin_drive *d = &state->drive;
     const int32_t limit = p[TERRAPIN_PARAMETER_CURRENT_LIMIT];
-    const int32_t resistance = p[TERRAPIN_PARAMETER_ARMATURE_RESISTANCE];
-    const int32_t span = integer_scale(resistance, limit, 1000); /* at most 100 ohm * 2 A */
+    const int32_t span = state->gains.span_mv; /* at most 100 ohm * 2 A */
     const int32_t excess_ma = (integer_abs(state->sense.current_ua) / 1000) - limit;
     if (excess_ma > 0) {
-        d->trim_mv =
-            integer_clamp((int64_t)d->trim_mv + integer_scale(excess_ma, resistance, 1000 * TRIM_RISE) + 1, 0, span);
-    } else {
+        const int32_t rise =
+            integer_scale(excess_ma, p[TERRAPIN_PARAMETER_ARMATURE_RESISTANCE], 1000 * TRIM_RISE); /* below 2^30 */
+        d->trim_mv = integer_clamp(d->trim_mv + rise + 1, 0, span);
+    } else if (d->trim_mv > 0) {
         d->trim_mv -= (d->trim_mv + TRIM_FALL - 1) / TRIM_FALL;
+    } else {
+        /* nothing is taken off */
     }
     const int32_t emf_mv = state->slip.emf_uv / 1000;
     const int32_t reach = span - d->trim_mv;
     const int32_t most = p[TERRAPIN_PARAMETER_VOLTAGE_LIMIT];
     const bounds result = {
-        .low_mv = integer_clamp((int64_t)emf_mv - reach, -most, most),
-        .high_mv = integer_clamp((int64_t)emf_mv + reach, -most, most),
+        .low_mv = integer_clamp(emf_mv - reach, -most, most),
+        .high_mv = integer_clamp(emf_mv + reach, -most, most),
     };
     return result;
 }
 
-static int32_t hold_integral(int64_t value_uv) {
+static int32_t hold_integral(int32_t value_uv) {
     return integer_clamp(value_uv, -INTEGRAL_MAX_UV, INTEGRAL_MAX_UV);
 }
 
 /* One tick of a PI loop [mV]. kp [mV s/rad], ki [mV/rad], speeds [urad/s]; the integral is held where it cannot act. */
-static int32_t loop(int32_t feed_uv, int32_t error_urad_s, const int32_t *gains, bounds within, int32_t *integral_uv) {
-    const int64_t proportional_uv = integer_scale(gains[0], error_urad_s, 1000);
-    const int32_t wanted_mv = integer_saturate(proportional_uv + feed_uv + *integral_uv) / 1000;
+static int32_t loop(int32_t feed_uv, int32_t error_urad_s, int32_t kp, int32_t ki, bounds within,
+                    int32_t *integral_uv) {
+    const int32_t sum_uv = integer_clamp(integer_scale(error_urad_s, kp, 1000) + feed_uv, -SUM_MAX_UV, SUM_MAX_UV);
+    const int32_t wanted_mv = integer_hold(sum_uv + *integral_uv) / 1000;
     const int32_t held_mv = integer_clamp(wanted_mv, within.low_mv, within.high_mv);
     const bool winds_up =
         ((wanted_mv > held_mv) && (error_urad_s > 0)) || ((wanted_mv < held_mv) && (error_urad_s < 0));
     if (!winds_up) {
-        *integral_uv = hold_integral((int64_t)*integral_uv + integer_scale(gains[1], error_urad_s, 1000000));
+        *integral_uv = hold_integral(*integral_uv + integer_millionth(error_urad_s, (uint32_t)ki));
     }
     return held_mv;
 }
@@ -77,15 +82,15 @@ static int32_t hold_speed(terrapin_state *state, const terrapin_demand *demand, 
     const int32_t change = demand->speed_urad_s - d->reference_urad_s;
     d->reference_urad_s += integer_clamp(change, -SLEW_URAD_S_TICK, SLEW_URAD_S_TICK);
     return loop(emf_uv(state, d->reference_urad_s), d->reference_urad_s - state->slip.wheel_urad_s,
-                &state->parameter[TERRAPIN_PARAMETER_SPEED_KP], within, &d->speed_integral_uv);
+                state->parameter[TERRAPIN_PARAMETER_SPEED_KP], state->parameter[TERRAPIN_PARAMETER_SPEED_KI], within,
+                &d->speed_integral_uv);
 }
 
 /* Shell speed at which slip is slip_limit, but never less than the dead band, so that a robot at rest can start. */
 static int32_t limiter_reference(const terrapin_state *state, int32_t direction) {
     const int32_t *p = state->parameter;
     const int32_t rolling = integer_scale(direction * state->slip.ground_um_s, 1000000, p[TERRAPIN_PARAMETER_RADIUS]);
-    const int32_t reference =
-        integer_scale(rolling, 10000, 10000 - p[TERRAPIN_PARAMETER_SLIP_LIMIT]); /* at least 1000 */
+    const int32_t reference = integer_scale(rolling, 10000, 10000 - p[TERRAPIN_PARAMETER_SLIP_LIMIT]);
     return integer_clamp(reference, p[TERRAPIN_PARAMETER_SLIP_DEAD_BAND] * 1000, INTEGER_MOST);
 }
 
@@ -103,11 +108,13 @@ static int32_t limit_slip(terrapin_state *state, int32_t wanted_mv, bounds withi
         const int32_t feed_uv = emf_uv(state, reference);
         const bounds span = {.low_mv = integer_clamp(within.low_mv, 0, wanted_mv), .high_mv = wanted_mv};
         if (!d->limiting) {
-            const int32_t proportional_uv = integer_scale(p[TERRAPIN_PARAMETER_SLIP_KP], error, 1000);
-            const int64_t standing_uv = (int64_t)direction * d->applied_mv * 1000;
-            d->limiter_integral_uv = hold_integral(standing_uv - feed_uv - proportional_uv);
+            const int32_t standing_uv = direction * d->applied_mv * 1000; /* as was wanted: 16 V */
+            const int64_t load_uv =
+                (int64_t)standing_uv - feed_uv - integer_scale(error, p[TERRAPIN_PARAMETER_SLIP_KP], 1000);
+            d->limiter_integral_uv = integer_narrow(load_uv, -INTEGRAL_MAX_UV, INTEGRAL_MAX_UV);
         }
-        voltage = loop(feed_uv, error, &p[TERRAPIN_PARAMETER_SLIP_KP], span, &d->limiter_integral_uv);
+        voltage = loop(feed_uv, error, p[TERRAPIN_PARAMETER_SLIP_KP], p[TERRAPIN_PARAMETER_SLIP_KI], span,
+                       &d->limiter_integral_uv);
         d->limiting = (voltage < wanted_mv) || (state->slip.slip_e4 >= (limit - p[TERRAPIN_PARAMETER_SLIP_HYSTERESIS]));
     }
     return voltage;
@@ -145,10 +152,10 @@ static void switch_off(terrapin_drive *d) {
 static void modulate(terrapin_state *state, int32_t voltage_mv) {
     terrapin_drive *d = &state->drive;
     const int32_t supply = sense_supply_mv(state);
-    const int32_t duty = (supply >= SUPPLY_MIN_MV) ? integer_scale(voltage_mv, DUTY_ONE, supply) : 0;
+    const int32_t duty = (supply >= SUPPLY_MIN_MV) ? integer_ratio(voltage_mv * DUTY_ONE, supply) : 0; /* 16 V */
     d->enable = true;
     d->duty_q15 = (int16_t)integer_clamp(duty, -DUTY_MAX, DUTY_MAX);
-    d->applied_mv = integer_scale(d->duty_q15, supply, DUTY_ONE);
+    d->applied_mv = integer_shift(d->duty_q15, (uint32_t)supply, DUTY_BITS);
 }
 
 void drive_update(terrapin_state *state, const terrapin_demand *demand) {
@@ -170,7 +177,7 @@ void drive_update(terrapin_state *state, const terrapin_demand *demand) {
         if (!speed || (voltage != wanted)) {
             /* something else sets the output: the speed loop follows it, and takes over without a step */
             d->reference_urad_s = state->slip.wheel_urad_s;
-            d->speed_integral_uv = hold_integral(((int64_t)held * 1000) - state->slip.emf_uv);
+            d->speed_integral_uv = hold_integral((held * 1000) - state->slip.emf_uv); /* 16 V and 2^30 */
         }
         d->current_limiting = (held != voltage) || (d->trim_mv > 0);
         modulate(state, held);

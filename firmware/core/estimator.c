@@ -8,15 +8,13 @@
 #include "core.h"
 
 enum {
-    ONE_Q16 = 0x10000,
-    ONE_Q20 = 0x100000,
-    ONE_Q24 = 0x1000000,
     QUIET_SLOTS = 20,   /* the gate must hold this long: a transient passes through zero faster */
     MOVING_COUNTS = 20, /* fewer counts a window are no rolling: the friction's sign would be a guess */
     SWING_TICKS_MAX = 2000,
     CURRENT_MAX_10UA = 10000000, /* 100 A: more than any code at any current_scale */
     CURRENT_STEP_UNM = 1500,     /* the last slot's torque may differ by this from the window's, and by */
     RIPPLE_TIMES = 5,            /* five times its own mean deviation, four sd, else the ground has changed */
+    RIPPLE_MAX_UNM = 214748064,  /* above, the step is never so large: it is held within 2^30 */
     RIPPLE_SLOTS = 64
 };
 
@@ -30,19 +28,17 @@ void estimator_restart(terrapin_state *state) {
     e->fresh = false;
 }
 
-const terrapin_record *estimator_record(const terrapin_estimator *estimator, uint32_t slots) {
-    const uint32_t newest = estimator->newest;
+const terrapin_record *estimator_record(const terrapin_state *state, uint32_t slots) {
+    const uint32_t newest = state->estimator.newest;
     const uint32_t wrap = (newest >= slots) ? 0U : (uint32_t)HISTORY_SLOTS;
-    return &estimator->history[(newest + wrap) - slots];
+    return &state->history[(newest + wrap) - slots];
 }
 
 void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_estimator *e = &state->estimator;
     const int32_t swing_rate = inputs->swing_rate_centirad_s;
     e->sum.current_sum_codes += (uint32_t)state->sense.current_code;
-    e->sum.position_counts = state->sense.motor_position;
     e->sum.position_sum_counts += state->sense.motor_position;
-    e->sum.ground_counts = state->sense.ground_position;
     e->sum.swing_sum_centirad_s += (uint32_t)swing_rate;
     e->sum.voltage_sum_mv += (uint32_t)state->drive.applied_mv;
     if (!inputs->swing_valid) {
@@ -55,11 +51,11 @@ void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs) {
 }
 
 int32_t estimator_motor_torque(const terrapin_gains *gains, int32_t current_q8, int32_t heat_q20) {
-    return integer_scale(integer_scale(current_q8, gains->current_gain_q16, ONE_Q24), heat_q20, ONE_Q20);
+    return integer_shift(integer_shift(current_q8, (uint32_t)gains->current_gain_q16, 24U), (uint32_t)heat_q20, 20U);
 }
 
 int32_t estimator_friction(const terrapin_gains *gains, int32_t coulomb_unm, int32_t counts) {
-    return (coulomb_unm * integer_sign(counts)) + integer_scale(counts, gains->speed_gain_q16, ONE_Q16);
+    return (coulomb_unm * integer_sign(counts)) + integer_shift(counts, (uint32_t)gains->speed_gain_q16, 16U);
 }
 
 int32_t estimator_contact_torque(int32_t torque_unm, bool *saturated) {
@@ -68,23 +64,28 @@ int32_t estimator_contact_torque(int32_t torque_unm, bool *saturated) {
     return held;
 }
 
+/* Sum of the positions over the block that ended `slots` ago. */
+static uint32_t block(const terrapin_state *state, uint32_t slots) {
+    return estimator_record(state, slots)->position_sum_counts -
+           estimator_record(state, slots + (uint32_t)BLOCK_SLOTS)->position_sum_counts;
+}
+
+/* Swing rates summed over the SWING_SLOTS that ended `slots` ago. */
+static uint32_t swung(const terrapin_state *state, uint32_t slots) {
+    return estimator_record(state, slots)->swing_sum_centirad_s -
+           estimator_record(state, slots + (uint32_t)SWING_SLOTS)->swing_sum_centirad_s;
+}
+
 /* Second difference of the position, averaged over a block so that the encoder's steps vanish [urad/s^2]. */
 static int32_t acceleration(const terrapin_state *state) {
-    const terrapin_estimator *e = &state->estimator;
     const uint32_t n = state->gains.window_slots;
-    static const uint32_t weight[3] = {1U, 0xFFFFFFFEU, 1U}; /* 1, -2, 1 modulo 2^32 */
-    uint32_t blocks = 0U;
-    for (uint32_t i = 0U; i < 3U; i++) {
-        const uint32_t later = estimator_record(e, i * n)->position_sum_counts;
-        const uint32_t earlier = estimator_record(e, (i * n) + (uint32_t)BLOCK_SLOTS)->position_sum_counts;
-        blocks += weight[i] * (later - earlier);
-    }
+    const uint32_t blocks = block(state, 0U) - (2U * block(state, n)) + block(state, 2U * n);
     /* Each block is a sum modulo 2^32; so is the difference, which is small: 100 * 600 * 200 counts at the very most.
      */
     const int32_t counts = integer_difference(blocks, 0U);
     /* 1e-5 urad summed over 10 BLOCK_SLOTS ms, over (10 n ms)^2: 1e-5 * 1e6 / (100 * 100 n^2) */
     const int32_t slots = (int32_t)n;
-    return integer_scale(counts, state->gains.count_e5_urad, BLOCK_SLOTS * 100 * slots * slots);
+    return integer_scale(state->gains.count_e5_urad, counts, BLOCK_SLOTS * 100 * slots * slots);
 }
 
 /* What the swing takes from the angular momentum between the window's ends, over the window [uN m], as a magnitude. */
@@ -93,29 +94,80 @@ static int32_t swing_momentum(const terrapin_state *state, const terrapin_inputs
     const uint32_t n = state->gains.window_slots;
     int32_t torque = 0;
     if (e->swing_ticks >= ((n + (uint32_t)SWING_SLOTS) * (uint32_t)SLOT_MS)) {
-        const uint32_t now =
-            estimator_record(e, 0U)->swing_sum_centirad_s - estimator_record(e, SWING_SLOTS)->swing_sum_centirad_s;
-        const uint32_t then = estimator_record(e, n)->swing_sum_centirad_s -
-                              estimator_record(e, n + (uint32_t)SWING_SLOTS)->swing_sum_centirad_s;
         const int32_t cosine = integer_cosine(integer_turn(inputs->swing_angle_mrad));
         const int32_t inertia = state->parameter[TERRAPIN_PARAMETER_INERTIA_SHELL] -
                                 integer_scale(state->parameter[TERRAPIN_PARAMETER_INERTIA_SWING], cosine, 32767);
         /* 1e-6 kg m^2 * 0.01 rad/s, sums over 10 SWING_SLOTS ms, in a window of 10 n ms */
-        torque = integer_abs(integer_scale(inertia, integer_difference(now, then), SLOT_MS * SWING_SLOTS * (int32_t)n));
+        torque = integer_abs(integer_scale(inertia, integer_difference(swung(state, 0U), swung(state, n)),
+                                           SLOT_MS * SWING_SLOTS * (int32_t)n));
     }
     return torque;
 }
 
-static bool gate(terrapin_state *state, const terrapin_inputs *inputs, int32_t counts) {
+void estimator_momentum(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_estimator *e = &state->estimator;
-    const int32_t inertial =
-        integer_scale(state->parameter[TERRAPIN_PARAMETER_INERTIA], e->acceleration_urad_s2, 1000000);
-    e->momentum_unm = integer_saturate((int64_t)integer_abs(inertial) + swing_momentum(state, inputs));
+    if (e->ready) {
+        e->acceleration_urad_s2 = e->full ? acceleration(state) : 0;
+        const int32_t inertial =
+            integer_millionth(e->acceleration_urad_s2, (uint32_t)state->parameter[TERRAPIN_PARAMETER_INERTIA]);
+        e->momentum_unm = integer_hold(integer_abs(inertial) + swing_momentum(state, inputs));
+    }
+}
+
+void estimator_window(terrapin_state *state) {
+    terrapin_estimator *e = &state->estimator;
+    const uint32_t n = state->gains.window_slots;
+    e->newest = (uint16_t)((e->newest < (HISTORY_SLOTS - 1)) ? (e->newest + 1U) : 0U);
+    terrapin_record *now = &state->history[e->newest];
+    *now = e->sum;
+    now->position_counts = state->sense.motor_position;
+    now->ground_counts = state->sense.ground_position;
+    if (e->slots < HISTORY_SLOTS) {
+        e->slots++;
+    }
+    e->ready = e->slots > n;
+    e->full = e->slots > ((2U * n) + (uint32_t)BLOCK_SLOTS);
+    if (e->ready) {
+        const terrapin_record *then = estimator_record(state, n);
+        const terrapin_record *last = estimator_record(state, 1U);
+        const int32_t ticks = (int32_t)n * SLOT_MS;
+        const int32_t scale = state->parameter[TERRAPIN_PARAMETER_CURRENT_SCALE];
+        const int32_t zero_q8 = state->gains.zero_q8 + state->sense.trim_q8_codes;
+        e->counts = integer_difference(now->position_counts, then->position_counts);
+        /* held within 2^30: 1.7 times what any 12-bit code makes */
+        const uint32_t sum_codes = now->current_sum_codes - then->current_sum_codes;
+        e->current_q8 = integer_saturate(((int64_t)sum_codes * 256) - ((int64_t)zero_q8 * ticks));
+        const uint32_t recent_codes = now->current_sum_codes - last->current_sum_codes;
+        /* ten codes of 16 bits, ten times a zero: below 2^28 */
+        const int32_t recent_q8 = ((int32_t)recent_codes * 256) - (zero_q8 * SLOT_MS);
+        e->current_10ua =
+            integer_clamp(integer_scale(e->current_q8, scale, ticks * 2560), -CURRENT_MAX_10UA, CURRENT_MAX_10UA);
+        e->recent_ua = integer_scale(recent_q8, scale, SLOT_MS * 256);
+        e->voltage_mv = integer_scale(integer_difference(now->voltage_sum_mv, then->voltage_sum_mv), 1, ticks);
+        e->omega_urad_s = integer_scale(state->gains.count_e5_urad, e->counts, 100 * ticks);
+    }
+}
+
+void estimator_torque(terrapin_state *state, const terrapin_inputs *inputs) {
+    terrapin_estimator *e = &state->estimator;
+    if (e->ready) {
+        const int32_t drawn = estimator_motor_torque(&state->gains, e->current_q8, compensation_heat_q20(state));
+        e->motor_unm = integer_hold(drawn - compensation_torque(state, inputs, e->counts));
+        e->friction_unm = estimator_friction(&state->gains, state->parameter[TERRAPIN_PARAMETER_COULOMB], e->counts);
+        e->torque_unm =
+            estimator_contact_torque(integer_saturate((int64_t)e->motor_unm - e->friction_unm), &e->saturated);
+    }
+}
+
+/* True when the gate has been met for long enough. */
+static bool quiet(terrapin_state *state) {
+    terrapin_estimator *e = &state->estimator;
     const int32_t step_ua = e->recent_ua - (e->current_10ua * 10);
-    const int32_t step_unm = integer_abs(integer_scale(step_ua, state->gains.torque_unm_per_a, 1000000));
-    const bool step = step_unm >= integer_saturate(CURRENT_STEP_UNM + (RIPPLE_TIMES * (int64_t)e->ripple_unm));
-    e->ripple_unm += integer_scale(step_unm - e->ripple_unm, 1, RIPPLE_SLOTS);
-    const bool still = integer_abs(counts) < MOVING_COUNTS;
+    const int32_t step_unm = integer_abs(integer_millionth(step_ua, (uint32_t)state->gains.torque_unm_per_a));
+    const int32_t ripple = integer_clamp(e->ripple_unm, 0, RIPPLE_MAX_UNM);
+    const bool step = step_unm >= (CURRENT_STEP_UNM + (RIPPLE_TIMES * ripple));
+    e->ripple_unm += integer_ratio(step_unm - e->ripple_unm, RIPPLE_SLOTS);
+    const bool still = integer_abs(e->counts) < MOVING_COUNTS;
     if (still || step || (e->momentum_unm >= state->parameter[TERRAPIN_PARAMETER_GATE])) {
         e->quiet_slots = 0U;
     } else if (e->quiet_slots < QUIET_SLOTS) {
@@ -126,32 +178,9 @@ static bool gate(terrapin_state *state, const terrapin_inputs *inputs, int32_t c
     return e->quiet_slots >= QUIET_SLOTS;
 }
 
-/* A sum of codes over `ticks`, less the zero, in 1/256 code. Held within 2^30: 1.7 times what any 12-bit code makes. */
-static int32_t codes_q8(uint32_t sum_codes, int32_t zero_q8, int32_t ticks) {
-    return integer_saturate(((int64_t)sum_codes * 256) - ((int64_t)zero_q8 * ticks));
-}
-
-/* Means over the window of `n` slots that ends now; the codes' sum less their zero in 1/256 code. */
-static int32_t window_means(terrapin_state *state, uint32_t n, int32_t counts) {
+void estimator_gate(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator;
-    const terrapin_record *now = estimator_record(e, 0U);
-    const terrapin_record *then = estimator_record(e, n);
-    const terrapin_record *last = estimator_record(e, 1U);
-    const int32_t ticks = (int32_t)n * SLOT_MS;
-    const int32_t scale = state->parameter[TERRAPIN_PARAMETER_CURRENT_SCALE];
-    const int32_t zero_q8 = state->parameter[TERRAPIN_PARAMETER_CURRENT_ZERO_CODE] + state->sense.trim_q8_codes +
-                            integer_scale(state->parameter[TERRAPIN_PARAMETER_COMP_CURRENT_OFFSET], 256, scale);
-    const int32_t sum_q8 = codes_q8(now->current_sum_codes - then->current_sum_codes, zero_q8, ticks);
-    const int32_t recent_q8 = codes_q8(now->current_sum_codes - last->current_sum_codes, zero_q8, SLOT_MS);
-    e->current_10ua = integer_clamp(integer_scale(sum_q8, scale, ticks * 2560), -CURRENT_MAX_10UA, CURRENT_MAX_10UA);
-    e->recent_ua = integer_scale(recent_q8, scale, SLOT_MS * 256);
-    e->voltage_mv = integer_scale(integer_difference(now->voltage_sum_mv, then->voltage_sum_mv), 1, ticks);
-    e->omega_urad_s = integer_scale(counts, state->gains.count_e5_urad, 100 * ticks);
-    return sum_q8;
-}
-
-static void mark_fresh(terrapin_state *state) {
-    terrapin_estimator *e = &state->estimator;
+    e->valid = e->ready && quiet(state) && e->full && !e->saturated;
     if (e->since_fresh < state->gains.window_slots) {
         e->since_fresh++;
     }
@@ -162,28 +191,8 @@ static void mark_fresh(terrapin_state *state) {
     }
 }
 
-void estimator_slot(terrapin_state *state, const terrapin_inputs *inputs) {
-    terrapin_estimator *e = &state->estimator;
-    const uint32_t n = state->gains.window_slots;
-    e->newest = (uint16_t)((e->newest + 1U) % (uint32_t)HISTORY_SLOTS);
-    e->history[e->newest] = e->sum;
-    if (e->slots < HISTORY_SLOTS) {
-        e->slots++;
+void estimator_deviation(terrapin_state *state) {
+    if (state->estimator.ready) {
+        state->estimator.sd_unm = uncertainty_unm(state);
     }
-    e->valid = false;
-    if (e->slots > n) {
-        const int32_t counts =
-            integer_difference(estimator_record(e, 0U)->position_counts, estimator_record(e, n)->position_counts);
-        const int32_t current_q8 = window_means(state, n, counts);
-        const bool full = e->slots > ((2U * n) + (uint32_t)BLOCK_SLOTS);
-        e->acceleration_urad_s2 = full ? acceleration(state) : 0;
-        const int32_t drawn = estimator_motor_torque(&state->gains, current_q8, compensation_heat_q20(state));
-        e->motor_unm = integer_saturate((int64_t)drawn - compensation_torque(state, inputs, counts));
-        e->friction_unm = estimator_friction(&state->gains, state->parameter[TERRAPIN_PARAMETER_COULOMB], counts);
-        e->torque_unm =
-            estimator_contact_torque(integer_saturate((int64_t)e->motor_unm - e->friction_unm), &e->saturated);
-        e->valid = gate(state, inputs, counts) && full && !e->saturated;
-        e->sd_unm = uncertainty_unm(state);
-    }
-    mark_fresh(state);
 }

@@ -68,7 +68,7 @@ static int32_t back_speed(const terrapin_state *state) {
     const int32_t braked_um_s = integer_scale(sliding_um_s, 10000 - p[TERRAPIN_PARAMETER_SLIP_LIMIT], 10000);
     const int32_t asked_um_s = p[TERRAPIN_PARAMETER_EXTRICATE_SPEED] * 1000;
     const int32_t rim_um_s = (braked_um_s > asked_um_s) ? braked_um_s : asked_um_s;
-    return integer_scale(rim_um_s, back * 1000000, p[TERRAPIN_PARAMETER_RADIUS]);
+    return back * integer_scale(rim_um_s, 1000000, p[TERRAPIN_PARAMETER_RADIUS]);
 }
 
 bool extrication_update(terrapin_state *state, const terrapin_inputs *inputs, terrapin_demand *demand) {

@@ -1,35 +1,54 @@
 #include "core.h"
 
+static bool consistent(const int32_t *p) {
+    return (p[TERRAPIN_PARAMETER_DRIVE_RADIUS] < p[TERRAPIN_PARAMETER_RADIUS]) &&
+           (p[TERRAPIN_PARAMETER_SUPPLY_LOW] < p[TERRAPIN_PARAMETER_SUPPLY_HIGH]) &&
+           (p[TERRAPIN_PARAMETER_CALIBRATE_LOW] < p[TERRAPIN_PARAMETER_CALIBRATE_HIGH]);
+}
+
+void gains_friction(terrapin_state *state) {
+    terrapin_gains *g = &state->gains;
+    const int64_t samples = (int64_t)g->window_slots * SLOT_MS;
+    /* B [1e-8 N m s/rad] * one count [1e-5 urad], at most 3.1e15; then over the window, in Q16 of uN m */
+    const int64_t count =
+        integer_divide((int64_t)state->parameter[TERRAPIN_PARAMETER_VISCOUS] * g->count_e5_urad, 100000);
+    g->speed_gain_q16 = (int32_t)integer_divide(count * 65536, samples * 100000);
+}
+
+static bool compensated(const int32_t *p) {
+    return (p[TERRAPIN_PARAMETER_COMP_SPEED_SQUARED] != 0) || (p[TERRAPIN_PARAMETER_COMP_VISCOUS] != 0) ||
+           (p[TERRAPIN_PARAMETER_COMP_COULOMB] != 0) || (p[TERRAPIN_PARAMETER_COMP_STRIBECK] != 0) ||
+           (p[TERRAPIN_PARAMETER_COMP_INERTIA] != 0) || (p[TERRAPIN_PARAMETER_COMP_IMBALANCE] != 0);
+}
+
 /* Ranges are those of controller.toml; every product below stays under 2^62. */
 void gains_prepare(terrapin_state *state) {
     const int32_t *p = state->parameter;
     terrapin_gains *g = &state->gains;
-    const int64_t radius = p[TERRAPIN_PARAMETER_RADIUS]; /* 1e4..5e5 um */
+    const int32_t radius = p[TERRAPIN_PARAMETER_RADIUS]; /* 1e4..5e5 um */
     /* A drive wheel larger than the shell is refused by gains_consistent; here it must only not overflow. */
-    const int64_t drive = integer_clamp(p[TERRAPIN_PARAMETER_DRIVE_RADIUS], 1, (int32_t)radius);
-    const int64_t torque_constant = p[TERRAPIN_PARAMETER_TORQUE_CONSTANT]; /* 1e3..2e6 uN m/A */
+    const int32_t drive = integer_clamp(p[TERRAPIN_PARAMETER_DRIVE_RADIUS], 1, radius);
+    const int32_t torque_constant = p[TERRAPIN_PARAMETER_TORQUE_CONSTANT]; /* 1e3..2e6 uN m/A */
     const int64_t slots = p[TERRAPIN_PARAMETER_WINDOW] / SLOT_MS;
     const int64_t samples = slots * SLOT_MS; /* 100..600 */
 
     /* 2 pi / 2048 rad = 3067.96158 urad */
-    g->count_e5_urad = (int32_t)integer_divide(306796158 * drive, radius);
+    g->count_e5_urad = integer_scale(306796158, drive, radius);
     g->ground_e5_um = integer_scale(306796158, p[TERRAPIN_PARAMETER_GROUND_WHEEL_RADIUS], 1000000);
-    g->turn_per_count = (int32_t)integer_divide(2097152 * drive, radius); /* 2^32 / 2048 r/R */
-    g->torque_unm_per_a = (int32_t)integer_divide(radius * torque_constant, drive);
-    g->weight_unm = integer_scale((int32_t)radius, p[TERRAPIN_PARAMETER_WEIGHT], 1000);
+    g->turn_per_count = integer_scale(2097152, drive, radius); /* 2^32 / 2048 r/R */
+    g->torque_unm_per_a = integer_scale(radius, torque_constant, drive);
+    g->weight_unm = integer_scale(radius, p[TERRAPIN_PARAMETER_WEIGHT], 1000);
     g->window_slots = (uint32_t)slots;
 
     /* torque of one code in 1e-12 N m, at most 5e5 * 2e6 * 5e3 / 2e3 = 2.5e12; then a window's mean, in Q16 of 1e-6 */
-    const int64_t code = integer_divide(radius * torque_constant * p[TERRAPIN_PARAMETER_CURRENT_SCALE], drive);
-    g->current_gain_q16 = integer_clamp(integer_divide(code * 65536, samples * 1000000), 0, INT32_MAX);
-    /* B [1e-8 N m s/rad] * one count [1e-5 urad], at most 3.1e15; then over the window, in Q16 of uN m */
-    const int64_t count = integer_divide((int64_t)p[TERRAPIN_PARAMETER_VISCOUS] * g->count_e5_urad, 100000);
-    g->speed_gain_q16 = (int32_t)integer_divide(count * 65536, samples * 100000);
-}
+    const int64_t code = integer_divide((int64_t)radius * torque_constant * p[TERRAPIN_PARAMETER_CURRENT_SCALE], drive);
+    g->current_gain_q16 = integer_narrow(integer_divide(code * 65536, samples * 1000000), 0, INT32_MAX);
+    gains_friction(state);
 
-bool gains_consistent(const terrapin_state *state) {
-    const int32_t *p = state->parameter;
-    return (p[TERRAPIN_PARAMETER_DRIVE_RADIUS] < p[TERRAPIN_PARAMETER_RADIUS]) &&
-           (p[TERRAPIN_PARAMETER_SUPPLY_LOW] < p[TERRAPIN_PARAMETER_SUPPLY_HIGH]) &&
-           (p[TERRAPIN_PARAMETER_CALIBRATE_LOW] < p[TERRAPIN_PARAMETER_CALIBRATE_HIGH]);
+    g->span_mv = integer_scale(p[TERRAPIN_PARAMETER_ARMATURE_RESISTANCE], p[TERRAPIN_PARAMETER_CURRENT_LIMIT], 1000);
+    g->consistent = consistent(p);
+    g->zero_q8 = p[TERRAPIN_PARAMETER_CURRENT_ZERO_CODE] +
+                 integer_scale(p[TERRAPIN_PARAMETER_COMP_CURRENT_OFFSET], 256, p[TERRAPIN_PARAMETER_CURRENT_SCALE]);
+    g->compensated = compensated(p);
+    uncertainty_prepare(state);
 }

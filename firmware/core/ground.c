@@ -8,7 +8,6 @@
 #include "core.h"
 
 enum {
-    PPM = 1000000,
     X_MAX = 131072,  /* omega^2 up to 36 rad/s squared, in 0.01 rad^2/s^2 */
     Y_MAX = 1048576, /* f_r up to 1.05, in 1e-6 */
     UNKNOWN_Q3 = 64, /* farther than 8 sd from every curve is no terrain of the table */
@@ -27,48 +26,53 @@ static int32_t omega_squared(int32_t omega_urad_s) {
     return integer_scale(mrad_s, mrad_s, 10000); /* 0.01 rad^2/s^2 */
 }
 
-int32_t ground_curve_ppm(const terrapin_state *state, int32_t terrain, int32_t omega_urad_s) {
+/* f_o + f_s omega^2 of terrain 1 to TERRAINS [1e-6]; omega^2 in 0.01 rad^2/s^2. */
+static int32_t curve_ppm(const terrapin_state *state, int32_t terrain, int32_t square) {
     const int32_t *pair = &state->parameter[TERRAPIN_PARAMETER_TERRAIN_SAND_F_O + (2 * (terrain - 1))];
-    return integer_saturate((int64_t)pair[0] +
-                            integer_scale(pair[1], omega_squared(omega_urad_s), 100000)); /* 1e-9 0.01 */
+    return integer_hold(pair[0] + integer_scale(pair[1], square, 100000)); /* 1e-9 0.01 */
 }
 
 int32_t ground_floor_unm(const terrapin_state *state, int32_t omega_urad_s) {
-    return integer_scale(ground_curve_ppm(state, TERRAPIN_TERRAIN_HARD_FLOOR, omega_urad_s), state->gains.weight_unm,
-                         PPM);
+    return integer_millionth(curve_ppm(state, TERRAPIN_TERRAIN_HARD_FLOOR, omega_squared(omega_urad_s)),
+                             (uint32_t)state->gains.weight_unm);
 }
 
 /* f_r and its sd, the slope's share of W taken out where comp_slope asks for it. */
-static void resistance(terrapin_state *state, const terrapin_inputs *inputs) {
+void ground_resistance(terrapin_state *state, const terrapin_inputs *inputs) {
     const terrapin_estimator *e = &state->estimator;
     terrapin_ground_fit *ground = &state->ground;
     int32_t torque = e->torque_unm;
     int32_t load = state->gains.weight_unm; /* at least 1e4 */
     if (inputs->pitch_valid) {
         const uint32_t turn = integer_turn(inputs->pitch_mrad);
-        const int32_t along = integer_scale(load, integer_sine(turn), 32767); /* below 2^28 */
-        torque = integer_saturate((int64_t)torque -
-                                  integer_scale(along, state->parameter[TERRAPIN_PARAMETER_COMP_SLOPE], 10000));
+        const int32_t share = integer_scale(load, integer_sine(turn), 32767); /* below 2^28 */
+        torque = integer_hold(torque - integer_scale(share, state->parameter[TERRAPIN_PARAMETER_COMP_SLOPE], 10000));
         /* down to a quarter: no division by zero, whatever the pitch */
         load = integer_scale(load, integer_clamp(integer_cosine(turn), 8192, 32767), 32767);
     }
-    const int32_t sign = integer_direction(e->omega_urad_s);
-    ground->f_r_ppm = integer_clamp(integer_scale(torque, sign * PPM, load), -Y_MAX, Y_MAX);
-    ground->f_r_sd_ppm = integer_clamp(integer_scale(e->sd_unm, PPM, load), 1, Y_MAX);
+    const int32_t along = (e->omega_urad_s < 0) ? -torque : torque;
+    ground->f_r_ppm = integer_clamp(integer_scale(along, 1000000, load), -Y_MAX, Y_MAX);
+    ground->f_r_sd_ppm = integer_clamp(integer_scale(e->sd_unm, 1000000, load), 1, Y_MAX);
 }
 
-static void nearest(terrapin_state *state) {
+/* Distance of f_r from a curve in 1/8 sd. */
+static int32_t eighths(uint32_t off_ppm, int32_t sd_ppm) {
+    return integer_scale((int32_t)off_ppm, 8, sd_ppm);
+}
+
+void ground_terrain(terrapin_state *state) {
     terrapin_ground_fit *ground = &state->ground;
     const int64_t own = ground->f_r_sd_ppm;
     const int64_t spread = state->parameter[TERRAPIN_PARAMETER_SD_TERRAIN];
     const int64_t variance = (own * own) + (spread * spread);
     const int32_t sd = (int32_t)integer_root((uint64_t)variance); /* 1 to 2^21 */
+    const int32_t square = omega_squared(state->estimator.omega_urad_s);
     int32_t first = INTEGER_MOST;
     int32_t second = INTEGER_MOST;
     ground->terrain = TERRAPIN_TERRAIN_UNKNOWN;
     for (int32_t i = 1; i <= TERRAINS; i++) {
-        const int32_t off = ground->f_r_ppm - ground_curve_ppm(state, i, state->estimator.omega_urad_s);
-        const int32_t distance_q3 = integer_scale(integer_abs(off), 8, sd);
+        const int32_t off = ground->f_r_ppm - curve_ppm(state, i, square);
+        const int32_t distance_q3 = eighths((uint32_t)integer_abs(off), sd);
         if (distance_q3 < first) {
             second = first;
             first = distance_q3;
@@ -82,7 +86,7 @@ static void nearest(terrapin_state *state) {
     if (first > UNKNOWN_Q3) {
         ground->terrain = TERRAPIN_TERRAIN_UNKNOWN;
     }
-    ground->margin_q3 = integer_clamp((int64_t)second - first, 0, MARGIN_MAX_Q3);
+    ground->margin_q3 = integer_clamp(second - first, 0, MARGIN_MAX_Q3);
 }
 
 static void fit_begin(terrapin_ground_fit *ground) {
@@ -95,8 +99,19 @@ static void fit_begin(terrapin_ground_fit *ground) {
     ground->fitted_terrain = ground->terrain;
 }
 
-static void fit_add(terrapin_state *state) {
+/* A second moment that takes in a product, and forgets. */
+static int64_t moment(int64_t sum, int32_t one, int32_t other) {
+    return sum + integer_scale(one, other, MOMENT_Q16) - (sum / FIT_WINDOWS);
+}
+
+void ground_fit_add(terrapin_state *state) {
     terrapin_ground_fit *g = &state->ground;
+    if (!state->estimator.fresh) {
+        return;
+    }
+    if (g->terrain != g->fitted_terrain) {
+        fit_begin(g);
+    }
     g->weight_q8 += 256 - (g->weight_q8 / FIT_WINDOWS); /* 256 to 64 * 256 */
     const int32_t dx = (integer_clamp(omega_squared(state->estimator.omega_urad_s), 0, X_MAX) * 256) - g->x_q8;
     const int32_t dy = (g->f_r_ppm * 256) - g->y_q8;
@@ -104,38 +119,34 @@ static void fit_add(terrapin_state *state) {
     g->x_q8 += step;
     g->y_q8 += integer_scale(dy, 256, g->weight_q8);
     /* |dx| < 2^26, |dy| < 2^29: in units of 64 the products fit, and the sums stay below 64 * 2^30 */
-    g->xx += integer_scale(dx, dx - step, MOMENT_Q16) - (g->xx / FIT_WINDOWS);
-    g->xy += integer_scale(dy, dx - step, MOMENT_Q16) - (g->xy / FIT_WINDOWS);
+    g->xx = moment(g->xx, dx, dx - step);
+    g->xy = moment(g->xy, dy, dx - step);
     if (g->windows < WINDOWS_MAX) {
         g->windows++;
     }
 }
 
-static void fit_solve(terrapin_ground_fit *g) {
-    const int64_t information = g->xx + FIT_PRIOR;
-    /* slope in 1e-6 a 0.01 rad^2/s^2, that is 1e-4 s^2/rad^2 */
-    g->f_s_e7 = integer_saturate(integer_divide(g->xy * 1000, information));
-    const int32_t far_ppm = integer_scale(g->f_s_e7, g->x_q8, 256000);
-    g->f_o_10ppm = integer_scale((g->y_q8 / 256) - far_ppm, 1, 10);
-    /* sd of the slope: noise / sqrt(information); of f_o: the mean's and the slope's over the mean of x */
-    const int32_t root =
-        (int32_t)integer_root((uint64_t)information); /* at least 12; the moments' unit makes it 8 times */
-    g->f_s_sd_e7 = (FIT_NOISE_PPM * 1000) / (8 * root);
-    const int64_t mean_sd = (FIT_NOISE_PPM * 16) / (int32_t)integer_root((uint64_t)g->weight_q8);
-    const int64_t far_sd = integer_scale(g->f_s_sd_e7, g->x_q8, 256000);
-    const int64_t variance = (mean_sd * mean_sd) + (far_sd * far_sd);
-    g->f_o_sd_ppm = (int32_t)integer_root((uint64_t)variance);
+void ground_fit_slope(terrapin_state *state) {
+    terrapin_ground_fit *g = &state->ground;
+    if (state->estimator.fresh) {
+        /* slope in 1e-6 a 0.01 rad^2/s^2, that is 1e-4 s^2/rad^2 */
+        g->f_s_e7 = integer_saturate(integer_divide(g->xy * 1000, g->xx + FIT_PRIOR));
+        const int32_t far_ppm = integer_scale(g->f_s_e7, g->x_q8, 256000);
+        g->f_o_10ppm = integer_ratio((g->y_q8 / 256) - far_ppm, 10);
+    }
 }
 
-void ground_update(terrapin_state *state, const terrapin_inputs *inputs) {
-    terrapin_ground_fit *ground = &state->ground;
-    resistance(state, inputs);
-    nearest(state);
+void ground_fit_rest(terrapin_state *state) {
+    terrapin_ground_fit *g = &state->ground;
     if (state->estimator.fresh) {
-        if (ground->terrain != ground->fitted_terrain) {
-            fit_begin(ground);
-        }
-        fit_add(state);
-        fit_solve(ground);
+        /* sd of the slope: noise / sqrt(information); of f_o: the mean's and the slope's over the mean of x */
+        const int64_t information = g->xx + FIT_PRIOR;
+        const int32_t root =
+            (int32_t)integer_root((uint64_t)information); /* at least 12; the moments' unit makes it 8 times */
+        g->f_s_sd_e7 = (FIT_NOISE_PPM * 1000) / (8 * root);
+        const int64_t mean_sd = (FIT_NOISE_PPM * 16) / (int32_t)integer_root((uint64_t)g->weight_q8);
+        const int64_t far_sd = integer_scale(g->f_s_sd_e7, g->x_q8, 256000);
+        const int64_t variance = (mean_sd * mean_sd) + (far_sd * far_sd);
+        g->f_o_sd_ppm = (int32_t)integer_root((uint64_t)variance);
     }
 }

@@ -6,8 +6,7 @@
 enum { FARTHEST_UM = 520000000, GROUND_DIVISOR = 100000 };
 
 static int32_t moved(int32_t from_um, int32_t way_um, int32_t share_q15) {
-    const int64_t to = (int64_t)from_um + integer_scale(way_um, share_q15, 32767);
-    return integer_clamp(to, -FARTHEST_UM, FARTHEST_UM);
+    return integer_clamp(from_um + integer_scale(way_um, share_q15, 32767), -FARTHEST_UM, FARTHEST_UM);
 }
 
 void heading_slot(terrapin_state *state, const terrapin_inputs *inputs) {

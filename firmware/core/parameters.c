@@ -6,11 +6,11 @@ terrapin_parameter_result terrapin_parameter_set(terrapin_state *state, uint16_t
     if (number >= TERRAPIN_PARAMETER_COUNT) {
         result = TERRAPIN_PARAMETER_UNKNOWN;
     } else {
-        const terrapin_parameter_entry *entry = &terrapin_parameters[index];
+        const terrapin_parameter_entry entry = terrapin_parameter(index);
         const bool locked = state->drive.enable && terrapin_parameter_protected(index);
         if (locked) {
             result = TERRAPIN_PARAMETER_LOCKED;
-        } else if ((value < entry->minimum) || (value > entry->maximum)) {
+        } else if ((value < entry.minimum) || (value > entry.maximum)) {
             result = TERRAPIN_PARAMETER_RANGE;
         } else {
             state->parameter[index] = value;
@@ -36,13 +36,14 @@ terrapin_parameter_result terrapin_parameter_get(const terrapin_state *state, ui
 terrapin_parameter_result terrapin_parameter_set_all(terrapin_state *state, const int32_t *values) {
     terrapin_parameter_result result = state->drive.enable ? TERRAPIN_PARAMETER_LOCKED : TERRAPIN_PARAMETER_OK;
     for (int32_t i = 0; (values != NULL) && (i < TERRAPIN_PARAMETER_COUNT); i++) {
-        if ((values[i] < terrapin_parameters[i].minimum) || (values[i] > terrapin_parameters[i].maximum)) {
+        const terrapin_parameter_entry entry = terrapin_parameter((uint16_t)i);
+        if ((values[i] < entry.minimum) || (values[i] > entry.maximum)) {
             result = TERRAPIN_PARAMETER_RANGE;
         }
     }
     if (result == TERRAPIN_PARAMETER_OK) {
         for (int32_t i = 0; i < TERRAPIN_PARAMETER_COUNT; i++) {
-            state->parameter[i] = (values != NULL) ? values[i] : terrapin_parameters[i].default_value;
+            state->parameter[i] = (values != NULL) ? values[i] : terrapin_parameter((uint16_t)i).default_value;
         }
         gains_prepare(state);
         estimator_restart(state);

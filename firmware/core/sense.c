@@ -14,6 +14,7 @@ enum {
     OFF_TICKS_MAX = 1000,
     TRIM_LIMIT_CODES = 16, /* a zero farther away than this is no offset but a defect */
     FILTER_SAMPLES = 16,   /* time constant of supply and temperature */
+    HELD_MC = 4194304,     /* 2^22: from here on the filter's 1/256 are held */
     ZERO_DEGC_MC = 25000   /* the temperature assumed until the first sample */
 };
 
@@ -31,7 +32,7 @@ int32_t sense_temperature_mc(const terrapin_state *state) {
 
 /* One step of a first-order low-pass towards a sample that is `off` away; eight bits below the unit keep the rest. */
 static int32_t low_pass(int32_t off) {
-    return integer_scale(off, 1, FILTER_SAMPLES);
+    return integer_ratio(off, FILTER_SAMPLES); /* |off| < 2^31 - 8 */
 }
 
 static void read_slow(terrapin_state *state, const terrapin_inputs *inputs) {
@@ -42,7 +43,8 @@ static void read_slow(terrapin_state *state, const terrapin_inputs *inputs) {
     /* within (4095 * 500 + 100000) * 256: below 2^30, and held there */
     const int32_t mc = ((int32_t)inputs->temperature_code * p[TERRAPIN_PARAMETER_TEMPERATURE_SCALE]) +
                        p[TERRAPIN_PARAMETER_TEMPERATURE_ZERO];
-    const int32_t temperature_q8 = integer_scale(mc, 256, 1);
+    const int32_t temperature_q8 =
+        integer_clamp(integer_clamp(mc, -HELD_MC, HELD_MC) * 256, -INTEGER_MOST, INTEGER_MOST);
     const bool first = !sense->temperature_known;
     sense->supply_q8_mv += (sense->supply_q8_mv == 0) ? supply_q8 : low_pass(supply_q8 - sense->supply_q8_mv);
     sense->temperature_q8_mc += first ? temperature_q8 : low_pass(temperature_q8 - sense->temperature_q8_mc);
@@ -101,37 +103,56 @@ static bool at_rail(uint16_t code) {
 
 static uint32_t watch(terrapin_state *state, const terrapin_inputs *inputs) {
     const int32_t *p = state->parameter;
+    terrapin_sense *sense = &state->sense;
     const int32_t supply = sense_supply_mv(state);
-    const int32_t current_ma = integer_abs(state->sense.current_ua) / 1000;
-    /* from TERRAPIN_FAULT_OVER_CURRENT on */
-    const bool causes[SENSED_FAULTS] = {
-        current_ma >= p[TERRAPIN_PARAMETER_OVER_CURRENT],
-        at_rail(inputs->current_code),
-        at_rail(inputs->supply_code),
-        at_rail(inputs->temperature_code),
-        supply<p[TERRAPIN_PARAMETER_SUPPLY_LOW], supply>
-            p[TERRAPIN_PARAMETER_SUPPLY_HIGH],
-        sense_temperature_mc(state) > p[TERRAPIN_PARAMETER_TEMPERATURE_HIGH],
-    };
+    uint32_t causes = 0U; /* bit 0: TERRAPIN_FAULT_OVER_CURRENT, and so on */
+    if (integer_abs(sense->current_ua) >= (p[TERRAPIN_PARAMETER_OVER_CURRENT] * 1000)) {
+        causes |= 1U;
+    }
+    if (at_rail(inputs->current_code)) {
+        causes |= 2U;
+    }
+    if (at_rail(inputs->supply_code)) {
+        causes |= 4U;
+    }
+    if (at_rail(inputs->temperature_code)) {
+        causes |= 8U;
+    }
+    if (supply < p[TERRAPIN_PARAMETER_SUPPLY_LOW]) {
+        causes |= 16U;
+    }
+    if (supply > p[TERRAPIN_PARAMETER_SUPPLY_HIGH]) {
+        causes |= 32U;
+    }
+    if (sense_temperature_mc(state) > p[TERRAPIN_PARAMETER_TEMPERATURE_HIGH]) {
+        causes |= 64U;
+    }
     uint32_t standing = 0U;
-    for (uint32_t i = 0U; i < (uint32_t)SENSED_FAULTS; i++) {
+    uint32_t changing = causes | sense->causes; /* the counters of all others are 0 and stay so */
+    uint32_t i = 0U;
+    while (changing != 0U) {
         const int32_t ticks = (i <= 1U) ? FAST_FAULT_TICKS : SLOW_FAULT_TICKS;
-        if (lasting(&state->sense.fault_ticks[i], causes[i], ticks)) {
+        if (((changing & 1U) != 0U) && lasting(&sense->fault_ticks[i], ((causes >> i) & 1U) != 0U, ticks)) {
             standing |= fault_bit((uint32_t)TERRAPIN_FAULT_OVER_CURRENT + i);
         }
+        changing >>= 1U;
+        i++;
     }
+    sense->causes = causes;
     return standing;
 }
 
 /* The encoder against the motor's own equation V = R_e I + back-EMF, with the speed of the last ticks. */
 static bool encoder_lies(terrapin_state *state) {
     const int32_t *p = state->parameter;
-
-    const int32_t drop_mv = integer_scale(p[TERRAPIN_PARAMETER_ARMATURE_RESISTANCE], state->sense.current_ua, 1000000);
-    const int32_t seen_mv = state->drive.applied_mv - drop_mv; /* below 2^22: 100 ohm at 21 A */
-    const bool off = integer_abs(seen_mv - (state->slip.emf_uv / 1000)) > p[TERRAPIN_PARAMETER_ENCODER_TOLERANCE];
-    const bool looked_at = state->drive.enable && (state->slip.ticks > SPEED_TICKS);
-    return lasting(&state->sense.encoder_ticks, looked_at && off, ENCODER_FAULT_TICKS);
+    bool off = false;
+    if (state->drive.enable && (state->slip.ticks > SPEED_TICKS)) {
+        const int32_t drop_mv =
+            integer_millionth(state->sense.current_ua, (uint32_t)p[TERRAPIN_PARAMETER_ARMATURE_RESISTANCE]);
+        const int32_t seen_mv = state->drive.applied_mv - drop_mv; /* below 2^22: 100 ohm at 21 A */
+        off = integer_abs(seen_mv - (state->slip.emf_uv / 1000)) > p[TERRAPIN_PARAMETER_ENCODER_TOLERANCE];
+    }
+    return lasting(&state->sense.encoder_ticks, off, ENCODER_FAULT_TICKS);
 }
 
 static void read_counts(terrapin_sense *sense, const terrapin_inputs *inputs) {
@@ -158,8 +179,8 @@ uint32_t sense_update(terrapin_state *state, const terrapin_inputs *inputs, bool
     const bool plausible_zero = trim(state);
     const int32_t zero_q8 = state->parameter[TERRAPIN_PARAMETER_CURRENT_ZERO_CODE] + sense->trim_q8_codes;
     /* a code from a broken port, below 65536, still fits */
-    sense->current_ua =
-        integer_scale((sense->current_code * 256) - zero_q8, state->parameter[TERRAPIN_PARAMETER_CURRENT_SCALE], 256);
+    sense->current_ua = integer_shift((sense->current_code * 256) - zero_q8,
+                                      (uint32_t)state->parameter[TERRAPIN_PARAMETER_CURRENT_SCALE], 8U);
     read_slow(state, inputs);
 
     uint32_t causes = watch(state, inputs);

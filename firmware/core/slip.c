@@ -15,18 +15,39 @@ static int32_t counted(const uint16_t *counts, uint8_t newest, uint32_t ticks) {
 }
 
 /* Counts of a unit of 1e-5 in `ticks` ms, as a rate per second. */
-static int32_t rate(int32_t counts, int32_t unit_e5, uint32_t ticks) {
-    return integer_scale(counts, unit_e5, 100 * (int32_t)ticks);
+static int32_t rate(int32_t counts, int32_t unit_e5, int32_t ticks) {
+    return integer_scale(unit_e5, counts, 100 * ticks);
+}
+
+/* slip_e4 where the ground passes under the rim at `ground`, both of any unit, rim not 0 [1e-4]. Three steps of long
+ * division, whose products fit as long as the rim is slower than 42 m/s. */
+static int32_t slip_of(int32_t ground_um_s, int32_t rim_um_s) {
+    const int32_t along = (rim_um_s < 0) ? -ground_um_s : ground_um_s;
+    const uint32_t rim = (uint32_t)integer_abs(rim_um_s);
+    const uint32_t way = (uint32_t)integer_abs(along);
+    int32_t gone;
+    if (rim < 42000000U) {
+        const uint32_t ones = way / rim;
+        const uint32_t rest = (way - (ones * rim)) * 100U;
+        const uint32_t hundredths = rest / rim;
+        const uint32_t last = (((rest - (hundredths * rim)) * 100U) + (rim / 2U)) / rim;
+        const uint32_t size = (((ones < 6U) ? ones : 6U) * 10000U) + (hundredths * 100U) + last; /* from 5 on held */
+        gone = (int32_t)size;
+        gone = (along < 0) ? -gone : gone;
+    } else {
+        gone = integer_scale(along, 10000, (int32_t)rim);
+    }
+    return integer_clamp(10000 - gone, -SLIP_MAX_E4, SLIP_MAX_E4);
 }
 
 static void record(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_slip_state *slip = &state->slip;
     const int32_t swing_rate = inputs->swing_rate_centirad_s;
     slip->newest = (uint8_t)((slip->newest + 1U) & (FAST_TICKS - 1U));
-    slip->swing_sum += (uint32_t)swing_rate;
-    slip->motor_counts[slip->newest] = state->sense.motor_count;
-    slip->ground_counts[slip->newest] = state->sense.ground_count;
-    slip->swing_sum_centirad_s[slip->newest] = slip->swing_sum;
+    slip->swing_sum_centirad_s += (uint32_t)swing_rate;
+    state->fast.motor_counts[slip->newest] = state->sense.motor_count;
+    state->fast.ground_counts[slip->newest] = state->sense.ground_count;
+    state->fast.swing_sum_centirad_s[slip->newest] = slip->swing_sum_centirad_s;
     if (slip->ticks < FAST_TICKS) {
         slip->ticks++;
     }
@@ -42,14 +63,16 @@ static bool speeds(terrapin_state *state) {
     slip->slow = estimator->swing_ticks < fast;
     if (!slip->slow && (slip->ticks > fast)) {
         const uint32_t then = ((uint32_t)slip->newest - fast) & (FAST_TICKS - 1U);
-        const int32_t swung = integer_difference(slip->swing_sum, slip->swing_sum_centirad_s[then]);
-        const int32_t alpha = rate(counted(slip->motor_counts, slip->newest, fast), g->count_e5_urad, fast);
-        slip->shell_urad_s = integer_saturate((int64_t)alpha - integer_scale(swung, 10000, (int32_t)fast));
-        slip->ground_um_s = rate(counted(slip->ground_counts, slip->newest, fast), g->ground_e5_um, fast);
+        const int32_t swung = integer_difference(slip->swing_sum_centirad_s, state->fast.swing_sum_centirad_s[then]);
+        const int32_t alpha =
+            rate(counted(state->fast.motor_counts, slip->newest, fast), g->count_e5_urad, (int32_t)fast);
+        slip->shell_urad_s = integer_hold(alpha - integer_scale(swung, 10000, (int32_t)fast));
+        slip->ground_um_s =
+            rate(counted(state->fast.ground_counts, slip->newest, fast), g->ground_e5_um, (int32_t)fast);
     } else if (slip->slow && (estimator->slots > g->window_slots)) {
-        const terrapin_record *now = estimator_record(estimator, 0U);
-        const terrapin_record *then = estimator_record(estimator, g->window_slots);
-        const uint32_t ticks = g->window_slots * (uint32_t)SLOT_MS;
+        const terrapin_record *now = estimator_record(state, 0U);
+        const terrapin_record *then = estimator_record(state, g->window_slots);
+        const int32_t ticks = (int32_t)g->window_slots * SLOT_MS;
         slip->shell_urad_s =
             rate(integer_difference(now->position_counts, then->position_counts), g->count_e5_urad, ticks);
         slip->ground_um_s = rate(integer_difference(now->ground_counts, then->ground_counts), g->ground_e5_um, ticks);
@@ -62,12 +85,18 @@ static bool speeds(terrapin_state *state) {
 /* Two ways to know the ground's speed: they must agree, and when they do not the lower one makes the larger slip. */
 static void compare_grounds(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_slip_state *slip = &state->slip;
+    slip->implausible = false;
+    slip->external = false;
+    if (!inputs->ground_speed_valid) {
+        slip->disagree_ticks = 0U;
+        return;
+    }
     const int32_t outside = (int32_t)inputs->ground_speed_mm_s * 1000;
     const int32_t outer = integer_abs(outside);
     const int32_t other = integer_abs(slip->ground_um_s);
     const int32_t larger = (outer > other) ? outer : other;
     const int32_t tolerance = (state->parameter[TERRAPIN_PARAMETER_GROUND_TOLERANCE] * 1000) + (larger / 10);
-    const bool disagree = inputs->ground_speed_valid && (integer_abs(outside - slip->ground_um_s) > tolerance);
+    const bool disagree = integer_abs(outside - slip->ground_um_s) > tolerance;
     if (!disagree) {
         slip->disagree_ticks = 0U;
     } else if (slip->disagree_ticks < DISAGREE_TICKS) {
@@ -86,9 +115,9 @@ void slip_update(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_slip_state *slip = &state->slip;
     record(state, inputs);
     if (slip->ticks > SPEED_TICKS) {
-        slip->wheel_urad_s = rate(counted(slip->motor_counts, slip->newest, (uint32_t)SPEED_TICKS),
-                                  state->gains.count_e5_urad, (uint32_t)SPEED_TICKS);
-        slip->emf_uv = integer_scale(state->gains.torque_unm_per_a, slip->wheel_urad_s, 1000000);
+        slip->wheel_urad_s = rate(counted(state->fast.motor_counts, slip->newest, (uint32_t)SPEED_TICKS),
+                                  state->gains.count_e5_urad, SPEED_TICKS);
+        slip->emf_uv = integer_millionth(slip->wheel_urad_s, (uint32_t)state->gains.torque_unm_per_a);
     }
     const bool known = speeds(state);
     if (known) {
@@ -100,9 +129,9 @@ void slip_update(terrapin_state *state, const terrapin_inputs *inputs) {
     slip->valid = known && moving && !slip->implausible;
     if (known && moving) {
         /* R in um, omega in urad/s: the rim's speed in um/s is at least 1e4 * 5e4 / 1e6 = 500 */
-        const int32_t rim = integer_scale(state->parameter[TERRAPIN_PARAMETER_RADIUS], slip->shell_urad_s, 1000000);
-        const int32_t gone = integer_scale(slip->ground_um_s, integer_sign(rim) * 10000, integer_abs(rim));
-        slip->slip_e4 = integer_clamp((int64_t)10000 - gone, -SLIP_MAX_E4, SLIP_MAX_E4);
+        slip->slip_e4 =
+            slip_of(slip->ground_um_s,
+                    integer_millionth(slip->shell_urad_s, (uint32_t)state->parameter[TERRAPIN_PARAMETER_RADIUS]));
         if ((slip->slip_e4 > slip->peak_e4) && (slip->slip_e4 <= 10000)) { /* above 1 it rolls back */
             slip->peak_e4 = slip->slip_e4;
         }

@@ -7,6 +7,7 @@
 #ifndef TERRAPIN_STATE_H
 #define TERRAPIN_STATE_H
 
+#include "integer.h"
 #include "terrapin_interface.h"
 
 enum {
@@ -36,7 +37,17 @@ typedef struct {
     int32_t speed_gain_q16;   /* G_w: uN m of C_o for one count over the window; at most 2.1e8 */
     int32_t torque_unm_per_a; /* (R/r) K_t; also back-EMF in uV for one rad/s of alpha; at most 5e8 */
     int32_t weight_unm;       /* R W; 1e4 to 2.5e8 */
+    int32_t span_mv;          /* R_e times current_limit: within the supply, what the motor's model allows */
     uint32_t window_slots;    /* 10 to WINDOW_MAX_SLOTS */
+    bool consistent;          /* no two parameters contradict each other */
+    int32_t zero_q8;          /* of the current's code, before it is trimmed */
+    bool compensated;         /* some comp_ parameter that acts on C_t is not zero */
+    /* the budget of the sd of C_t [uN m], each held within 5e8 */
+    uint64_t fixed_variance; /* (uN m)^2 */
+    int32_t trimmed_unm;     /* of the current's zero when it is trimmed, */
+    int32_t untrimmed_unm;   /* and when not */
+    int32_t floor_unm;       /* when calibrated */
+    int32_t gain_ppm;        /* relative sd of what a wrong gain scales */
 } terrapin_gains;
 
 /* The sensors in engineering units. */
@@ -59,6 +70,7 @@ typedef struct {
     uint16_t trim_count;
     uint16_t off_ticks;                  /* ticks since the bridge went off, stops at 1000 */
     uint16_t fault_ticks[SENSED_FAULTS]; /* how long each cause has lasted, from over_current to over_temperature */
+    uint32_t causes;                     /* of the last tick, one bit each from over_current on */
     uint16_t encoder_ticks;              /* how long encoder and back-EMF have disagreed */
 } terrapin_sense;
 
@@ -73,8 +85,7 @@ typedef struct {
 } terrapin_record;
 
 typedef struct {
-    terrapin_record sum; /* running */
-    terrapin_record history[HISTORY_SLOTS];
+    terrapin_record sum;  /* running */
     uint16_t newest;      /* index of the newest record */
     uint16_t slots;       /* records since the history began anew, stops at HISTORY_SLOTS */
     uint16_t swing_ticks; /* ticks for which the swing was measured without a gap, stops at 2000 */
@@ -92,6 +103,11 @@ typedef struct {
     int32_t current_10ua; /* window mean */
     int32_t recent_ua;    /* mean of the last slot */
     int32_t voltage_mv;   /* window mean */
+    /* of the window that is being worked out */
+    bool ready;         /* the history holds a window */
+    bool full;          /* the history holds two windows and a block */
+    int32_t counts;     /* of the motor */
+    int32_t current_q8; /* sum of codes less their zero in 1/256 code */
     bool valid;
     bool saturated;
     bool fresh;    /* this valid window shares no sample with the last fresh one */
@@ -117,12 +133,16 @@ typedef struct {
     int32_t f_s_sd_e7;
 } terrapin_ground_fit;
 
+/* The last FAST_TICKS ticks. */
 typedef struct {
     uint16_t motor_counts[FAST_TICKS];
     uint16_t ground_counts[FAST_TICKS];
     uint32_t swing_sum_centirad_s[FAST_TICKS];
-    uint32_t swing_sum; /* running */
-    uint16_t ticks;     /* filled, stops at FAST_TICKS */
+} terrapin_fast_history;
+
+typedef struct {
+    uint32_t swing_sum_centirad_s; /* running */
+    uint16_t ticks;                /* filled, stops at FAST_TICKS */
     uint8_t newest;
     /* results */
     int32_t wheel_urad_s; /* alpha_dot over SPEED_TICKS */
@@ -211,19 +231,22 @@ typedef struct {
 } terrapin_heading;
 
 struct terrapin_state {
-    int32_t parameter[TERRAPIN_PARAMETER_COUNT];
-    terrapin_gains gains;
+    terrapin_slip_state slip;
+    terrapin_supervisor supervisor;
+    terrapin_drive drive;
     terrapin_sense sense;
+    terrapin_gains gains;
+    int32_t parameter[TERRAPIN_PARAMETER_COUNT];
     terrapin_estimator estimator;
     terrapin_ground_fit ground;
-    terrapin_slip_state slip;
-    terrapin_drive drive;
-    terrapin_supervisor supervisor;
     terrapin_calibration_state calibration;
     terrapin_heading heading;
     uint8_t counter;      /* of ACTUATE */
     bool saturated;       /* a telemetry signal of the running cycle did not fit */
     bool saturated_shown; /* of the last whole cycle */
+    /* long arrays last: what lies near is read with fewer instructions */
+    terrapin_fast_history fast;
+    terrapin_record history[HISTORY_SLOTS];
 };
 
 #endif

@@ -11,7 +11,7 @@ void terrapin_init(terrapin_state *state) {
         bytes[i] = 0U;
     }
     for (uint32_t i = 0U; i < (uint32_t)TERRAPIN_PARAMETER_COUNT; i++) {
-        state->parameter[i] = terrapin_parameters[i].default_value;
+        state->parameter[i] = terrapin_parameter((uint16_t)i).default_value;
     }
     gains_prepare(state);
 }
@@ -24,11 +24,20 @@ void terrapin_step(terrapin_state *state, const terrapin_inputs *inputs, terrapi
         estimator_restart(state);
     }
     estimator_tick(state, inputs);
-    if ((inputs->tick % (uint32_t)SLOT_MS) == 1U) { /* just before GROUND is sent */
-        estimator_slot(state, inputs);
-        ground_update(state, inputs);
+    const uint32_t number = inputs->tick % (uint32_t)SLOT_MS;
+    if (number == 1U) { /* just before GROUND is sent */
+        estimator_window(state);
+        estimator_momentum(state, inputs);
+        estimator_torque(state, inputs);
+        estimator_gate(state);
+        estimator_deviation(state);
+        ground_resistance(state, inputs);
+        ground_terrain(state);
+        ground_fit_add(state);
+        ground_fit_slope(state);
+        ground_fit_rest(state);
     }
-    if ((inputs->tick % (uint32_t)SLOT_MS) == ((uint32_t)SLOT_MS - 1U)) {
+    if (number == ((uint32_t)SLOT_MS - 1U)) {
         heading_slot(state, inputs);
     }
     slip_update(state, inputs);

@@ -33,7 +33,9 @@ void supervisor_report(terrapin_state *state, int32_t report, int32_t distance_m
     s->report = report;
     s->report_number = (uint8_t)((s->report_number + 1U) & 0xFU);
     s->report_distance_mm = distance_mm;
-    s->report_duration_10ms = integer_clamp((int64_t)s->episode_ms / 10, 0, UINT16_MAX);
+    const uint32_t duration = s->episode_ms / 10U;
+    const uint32_t held = (duration < UINT16_MAX) ? duration : UINT16_MAX;
+    s->report_duration_10ms = (int32_t)held;
 }
 
 bool supervisor_ready(const terrapin_state *state) {
@@ -73,7 +75,7 @@ static void judge(terrapin_state *state, const terrapin_inputs *inputs, uint32_t
     if (driving(s->state) && command_late(state)) {
         causes |= fault_bit(TERRAPIN_FAULT_COMMAND_TIMEOUT);
     }
-    if (!gains_consistent(state)) {
+    if (!state->gains.consistent) {
         causes |= fault_bit(TERRAPIN_FAULT_PARAMETER);
     }
     if (state->slip.implausible) {
@@ -164,7 +166,7 @@ static void calibrate(terrapin_state *state, terrapin_demand *demand) {
 
 /* The shell speed of a rim speed in mm/s; R is at least 1e4 um. */
 static int32_t shell_speed(const terrapin_state *state, int32_t rim_mm_s) {
-    return integer_scale(rim_mm_s, 1000000000, state->parameter[TERRAPIN_PARAMETER_RADIUS]);
+    return integer_scale(rim_mm_s * 1000, 1000000, state->parameter[TERRAPIN_PARAMETER_RADIUS]);
 }
 
 static void run(terrapin_state *state, const terrapin_inputs *inputs, terrapin_demand *demand) {

@@ -1,10 +1,11 @@
 /* ACTUATE every tick, and the message whose slot it is. */
 #include "core.h"
+#include "terrapin_pack.h"
 
 enum { E2E_COUNTERS = 15, TICK_MASK = 0xFFFF };
 
 /* ceiling: a value that is not known better is shown as the largest, which is no fault */
-static int32_t ceiling(int64_t value, int32_t most) {
+static int32_t ceiling(int32_t value, int32_t most) {
     return integer_clamp(value, -most, most);
 }
 
@@ -28,7 +29,7 @@ static bool actuate(terrapin_state *state, const terrapin_inputs *inputs, terrap
         .current_limiting = flag(d->current_limiting),
         .ground_valid = flag(state->estimator.valid),
     };
-    const bool fits = terrapin_encode_actuate(&message, frame);
+    const bool fits = terrapin_pack_actuate(&message, frame);
     terrapin_e2e_protect(frame, state->counter);
     state->counter = (uint8_t)((state->counter + 1U) % (uint32_t)E2E_COUNTERS);
     return fits;
@@ -170,9 +171,10 @@ static bool heading(const terrapin_state *state, terrapin_frame *frame) {
 }
 
 /* The message of this slot; false when the slot is empty. */
-static bool slot(const terrapin_state *state, const terrapin_inputs *inputs, terrapin_frame *frame, bool *fits) {
+static bool slot(const terrapin_state *state, const terrapin_inputs *inputs, uint32_t number, terrapin_frame *frame,
+                 bool *fits) {
     bool sent = true;
-    switch (inputs->tick % (uint32_t)SLOT_MS) {
+    switch (number) {
     case 0U:
         *fits = status(state, inputs, frame);
         break;
@@ -213,16 +215,17 @@ static bool slot(const terrapin_state *state, const terrapin_inputs *inputs, ter
 void telemetry_emit(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs) {
     static const terrapin_frame nothing = {0};
     const bool actuate_fits = actuate(state, inputs, &outputs->frames[0]);
+    const uint32_t number = inputs->tick % (uint32_t)SLOT_MS;
     bool slot_fits = true;
-    outputs->frames[1] = nothing;
-    outputs->frame_count = 1U;
-    if (slot(state, inputs, &outputs->frames[1], &slot_fits)) {
-        outputs->frame_count = 2U;
+    outputs->frame_count = 2U;
+    if (!slot(state, inputs, number, &outputs->frames[1], &slot_fits)) {
+        outputs->frames[1] = nothing;
+        outputs->frame_count = 1U;
     }
     if (!actuate_fits || !slot_fits) {
         state->saturated = true;
     }
-    if ((inputs->tick % (uint32_t)SLOT_MS) == ((uint32_t)SLOT_MS - 1U)) {
+    if (number == ((uint32_t)SLOT_MS - 1U)) {
         state->saturated_shown = state->saturated;
         state->saturated = false;
     }

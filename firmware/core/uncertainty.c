@@ -8,48 +8,47 @@
 #include "core.h"
 
 enum {
-    TRIMMED_Q8_CODES = 77, /* 0.3 code: what a trimmed zero may be off by when no noise dithers the converter */
-    PPM = 1000000
+    TRIMMED_Q8_CODES = 77 /* 0.3 code: what a trimmed zero may be off by when no noise dithers the converter */
 };
 
 static uint64_t squared(int32_t value) {
-    const int64_t held = integer_clamp(value, -500000000, 500000000);
-    const int64_t square = held * held;
+    const int32_t held = integer_clamp(value, -500000000, 500000000);
+    const int64_t square = (int64_t)held * held;
     return (uint64_t)square;
 }
 
-/* Square of the torque of a current [uA]. */
-static uint64_t squared_torque(const terrapin_state *state, int32_t current_ua) {
-    return squared(integer_scale(current_ua, state->gains.torque_unm_per_a, PPM));
-}
-
-/* Relative sd of K_t and of the current's gain, together [1e-6]. */
-static int32_t gain_ppm(const int32_t *p) {
+void uncertainty_prepare(terrapin_state *state) {
+    const int32_t *p = state->parameter;
+    terrapin_gains *g = &state->gains;
+    const uint32_t torque = (uint32_t)g->torque_unm_per_a;
+    const int32_t noise_unm = integer_millionth(p[TERRAPIN_PARAMETER_SD_CURRENT_NOISE], torque);
     const int32_t heat = integer_scale(p[TERRAPIN_PARAMETER_COMP_HEATING], p[TERRAPIN_PARAMETER_SD_TEMPERATURE], 1000);
-    return (int32_t)integer_root(squared(p[TERRAPIN_PARAMETER_SD_TORQUE_CONSTANT]) +
-                                 squared(p[TERRAPIN_PARAMETER_SD_CURRENT_GAIN]) + squared(heat)); /* below 6e5 */
+    g->fixed_variance = squared(integer_millionth(p[TERRAPIN_PARAMETER_SD_CURRENT_LINEARITY], torque)) +
+                        squared(noise_unm / (int32_t)integer_root((uint64_t)g->window_slots * (uint64_t)SLOT_MS)) +
+                        squared(p[TERRAPIN_PARAMETER_GATE] / 2);
+    g->trimmed_unm =
+        integer_millionth(integer_shift(p[TERRAPIN_PARAMETER_CURRENT_SCALE], TRIMMED_Q8_CODES, 8U), torque);
+    g->untrimmed_unm = integer_millionth(p[TERRAPIN_PARAMETER_SD_CURRENT_OFFSET], torque);
+    g->floor_unm = integer_millionth(p[TERRAPIN_PARAMETER_SD_FLOOR], (uint32_t)g->weight_unm);
+    g->gain_ppm = (int32_t)integer_root(squared(p[TERRAPIN_PARAMETER_SD_TORQUE_CONSTANT]) +
+                                        squared(p[TERRAPIN_PARAMETER_SD_CURRENT_GAIN]) + squared(heat)); /* below 6e5 */
 }
 
 int32_t uncertainty_unm(const terrapin_state *state) {
     const int32_t *p = state->parameter;
+    const terrapin_gains *g = &state->gains;
     const terrapin_estimator *e = &state->estimator;
-    const int32_t zero_ua = state->sense.trimmed
-                                ? integer_scale(p[TERRAPIN_PARAMETER_CURRENT_SCALE], TRIMMED_Q8_CODES, 256)
-                                : p[TERRAPIN_PARAMETER_SD_CURRENT_OFFSET];
-    const uint64_t samples = (uint64_t)state->gains.window_slots * (uint64_t)SLOT_MS;
-    const int32_t noise_unm = integer_scale(p[TERRAPIN_PARAMETER_SD_CURRENT_NOISE], state->gains.torque_unm_per_a, PPM);
     int32_t scaled = e->motor_unm; /* what a wrong gain scales */
-    uint64_t variance = squared_torque(state, zero_ua) +
-                        squared_torque(state, p[TERRAPIN_PARAMETER_SD_CURRENT_LINEARITY]) +
-                        squared(noise_unm / (int32_t)integer_root(samples)) + squared(p[TERRAPIN_PARAMETER_GATE] / 2);
+    int32_t own = p[TERRAPIN_PARAMETER_SD_COULOMB];
+    int32_t viscous = 0;
     if (p[TERRAPIN_PARAMETER_CALIBRATED] != 0) {
         scaled = integer_abs(e->torque_unm) - ground_floor_unm(state, e->omega_urad_s);
-        variance += squared(integer_scale(p[TERRAPIN_PARAMETER_SD_FLOOR], state->gains.weight_unm, PPM));
+        own = g->floor_unm;
     } else {
-        const int32_t viscous =
-            integer_scale(p[TERRAPIN_PARAMETER_SD_VISCOUS], e->omega_urad_s, 100000000); /* 1e-8 1e-6 */
-        variance += squared(p[TERRAPIN_PARAMETER_SD_COULOMB]) + squared(viscous);
+        viscous = integer_scale(e->omega_urad_s, p[TERRAPIN_PARAMETER_SD_VISCOUS], 100000000); /* 1e-8 1e-6 */
     }
-    variance += squared(integer_scale(scaled, gain_ppm(p), PPM));
+    const uint64_t variance = g->fixed_variance + squared(state->sense.trimmed ? g->trimmed_unm : g->untrimmed_unm) +
+                              squared(own) + squared(viscous) +
+                              squared(integer_millionth(scaled, (uint32_t)g->gain_ppm));
     return (int32_t)integer_root(variance); /* seven squares of at most 2.5e17: below 1.4e9 */
 }

@@ -1,7 +1,9 @@
-"""The C face of the description: terrapin_interface.h and .c.
+"""The C face of the description: terrapin_interface.h and .c, terrapin_pack.h.
 
 One packer walks a table of two bytes a signal. On a Cortex-M4 that is a quarter of the size of straight-line shifts
-(1.9 kB for the ten messages that the controller sends), and two frames a millisecond leave it time.
+(1.9 kB for the ten messages that the controller sends). For the one message that goes out every millisecond
+terrapin_pack.h has the straight shifts as well, as inline functions: where a message is made and packed in one place,
+the struct never reaches memory.
 """
 
 from __future__ import annotations
@@ -10,7 +12,7 @@ from collections.abc import Iterable, Iterator
 
 from firmware.interface.description import INT32_MAX, Description, DescriptionError, Message, Signal
 
-__all__ = ["NOTICE", "header", "source"]
+__all__ = ["NOTICE", "header", "pack_header", "source"]
 
 NOTICE = "Generated from controller.toml by firmware/interface/generate.py; not to be edited."
 
@@ -40,7 +42,8 @@ def header(d: Description) -> str:
         "} terrapin_parameter_entry;",
     ]
     if d.parameters:
-        out.append("TERRAPIN_API extern const terrapin_parameter_entry terrapin_parameters[TERRAPIN_PARAMETER_COUNT];")
+        out.append("/* index is below TERRAPIN_PARAMETER_COUNT. */")
+        out.append("TERRAPIN_API terrapin_parameter_entry terrapin_parameter(uint16_t index);")
         out.append("/* What a stored value is known by: FNV-1a of name, unit and scale. */")
         out.append("TERRAPIN_API extern const uint32_t terrapin_parameter_hashes[TERRAPIN_PARAMETER_COUNT];")
         out.append(
@@ -57,9 +60,7 @@ def source(d: Description) -> str:
     """Text of terrapin_interface.c."""
     out = [f"/* {NOTICE} */", '#include "terrapin_interface.h"', ""]
     if d.parameters:
-        out.append("const terrapin_parameter_entry terrapin_parameters[TERRAPIN_PARAMETER_COUNT] = {")
-        out += [f"    {{{_c(p.default)}, {_c(p.minimum)}, {_c(p.maximum)}}}, /* {p.name} */" for p in d.parameters]
-        out += ["};", "", *_protected(d), ""]
+        out += [*_table(d), "", *_protected(d), ""]
         out.append("const uint32_t terrapin_parameter_hashes[TERRAPIN_PARAMETER_COUNT] = {")
         out += [f"    0x{p.hash:08X}U, /* {p.name} */" for p in d.parameters]
         out += ["};", ""]
@@ -67,6 +68,42 @@ def source(d: Description) -> str:
     for message in d.messages:
         out += [*_layout(message), *_encoder(message), "", *_decoder(message), ""]
     return "\n".join(out)
+
+
+def pack_header(d: Description) -> str:
+    """Text of terrapin_pack.h."""
+    out = [f"/* {NOTICE} */", "#ifndef TERRAPIN_PACK_H", "#define TERRAPIN_PACK_H", ""]
+    out += ['#include "terrapin_interface.h"', "", _PACK_HELPERS]
+    for message in d.messages:
+        out += [*_packer(message), ""]
+    return "\n".join([*out, "#endif", ""])
+
+
+def _table(d: Description) -> list[str]:
+    """Each number once, and three bytes a parameter that say which: many share theirs, and a word is four bytes."""
+    numbers = sorted({value for p in d.parameters for value in (p.default, p.minimum, p.maximum)})
+    place = {value: i for i, value in enumerate(numbers)}
+    kind = "uint8_t" if len(numbers) <= 256 else "uint16_t"
+    return [
+        "terrapin_parameter_entry terrapin_parameter(uint16_t index) {",
+        f"    static const int32_t number[{len(numbers)}] = {{",
+        *(f"        {_c(value)}," for value in numbers),
+        "    };",
+        f"    static const {kind} place[{-(-3 * len(d.parameters) // 4) * 4}] = {{",
+        *(
+            f"        {place[p.default]}U, {place[p.minimum]}U, {place[p.maximum]}U, /* {p.name} */"
+            for p in d.parameters
+        ),
+        "    };",
+        f"    const {kind} *own = &place[3U * (uint32_t)index];",
+        "    const terrapin_parameter_entry entry = {",
+        "        .default_value = number[own[0]],",
+        "        .minimum = number[own[1]],",
+        "        .maximum = number[own[2]],",
+        "    };",
+        "    return entry;",
+        "}",
+    ]
 
 
 def _protected(d: Description) -> list[str]:
@@ -310,6 +347,39 @@ terrapin_e2e_result terrapin_e2e_check(const terrapin_frame *frame, uint8_t *las
 """
 
 
+_PACK_HELPERS = """\
+/* terrapin_pack_... is terrapin_encode_..., several times as quick and as long, to be compiled where it is used. */
+
+/* value within low..high, as bits; *lost is not 0 any more when it was outside. */
+static inline uint32_t terrapin_hold(int32_t value, int32_t low, int32_t high, uint32_t *lost) {
+    const int32_t raised = (value < low) ? low : value;
+    const int32_t held = (raised > high) ? high : raised;
+    *lost |= (uint32_t)held ^ (uint32_t)value;
+    return (uint32_t)held;
+}
+
+static inline uint32_t terrapin_hold_unsigned(uint32_t value, uint32_t low, uint32_t high, uint32_t *lost) {
+    const uint32_t raised = (value < low) ? low : value;
+    const uint32_t held = (raised > high) ? high : raised;
+    *lost |= held ^ value;
+    return held;
+}
+
+static inline void terrapin_fill(terrapin_frame *frame, uint16_t id, uint8_t length, uint32_t low, uint32_t high) {
+    frame->id = id;
+    frame->length = length;
+    frame->data[0] = (uint8_t)low;
+    frame->data[1] = (uint8_t)(low >> 8U);
+    frame->data[2] = (uint8_t)(low >> 16U);
+    frame->data[3] = (uint8_t)(low >> 24U);
+    frame->data[4] = (uint8_t)high;
+    frame->data[5] = (uint8_t)(high >> 8U);
+    frame->data[6] = (uint8_t)(high >> 16U);
+    frame->data[7] = (uint8_t)(high >> 24U);
+}
+"""
+
+
 def _layout(message: Message) -> list[str]:
     name, upper = message.name.lower(), message.name.upper()
     head = f"TERRAPIN_ID_{upper}, TERRAPIN_LENGTH_{upper}, {len(message.signals)}U"
@@ -320,6 +390,39 @@ def _layout(message: Message) -> list[str]:
         "};",
         f'_Static_assert(sizeof(terrapin_{name}_t) == (4U * {len(message.signals)}U), "words alone");',
         "",
+    ]
+
+
+def _packer(message: Message) -> list[str]:
+    """Straight shifts into the two halves of a frame; each field held within its range."""
+    name = message.name.lower()
+    lines = [
+        f"static inline bool terrapin_pack_{name}(const terrapin_{name}_t *message, terrapin_frame *frame) {{",
+        "    uint32_t low = 0U;",
+        "    uint32_t high = 0U;",
+        "    uint32_t lost = 0U;",
+        "    uint32_t bits;",
+    ]
+    for s in message.signals:
+        field = f"message->{s.name}"
+        if _kind(s) == "uint32_t":
+            held = f"terrapin_hold_unsigned({field}, {s.minimum}U, {s.maximum}U, &lost)"
+        else:
+            held = f"terrapin_hold({field}, {_c(s.minimum)}, {_c(s.maximum)}, &lost)"
+        mask = f" & 0x{(1 << s.length) - 1:X}U" if s.minimum < 0 and s.length < 32 else ""
+        lines.append(f"    bits = {held}{mask};")
+        if s.start < 32:
+            lines.append(f"    low |= bits << {s.start}U;" if s.start else "    low |= bits;")
+            if s.start + s.length > 32:
+                lines.append(f"    high |= bits >> {32 - s.start}U;")
+        else:
+            lines.append(f"    high |= bits << {s.start - 32}U;" if s.start > 32 else "    high |= bits;")
+    upper = message.name.upper()
+    return [
+        *lines,
+        f"    terrapin_fill(frame, TERRAPIN_ID_{upper}, TERRAPIN_LENGTH_{upper}, low, high);",
+        "    return lost == 0U;",
+        "}",
     ]
 
 

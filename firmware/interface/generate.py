@@ -2,9 +2,9 @@
 
     python -m firmware.interface.generate --out build/host/generated [--description FILE] [--header FILE ...]
 
-Writes terrapin_interface.h and .c (codec and tables), terrapin.dbc, interface.md, interface.json and terrapin_cdef.h
-(the declarations of the given headers and of the codec, for cffi). A file whose text has not changed is left alone, so
-that a build does not run again for nothing. Standard library only.
+Writes terrapin_interface.h and .c and terrapin_pack.h (codec and tables), terrapin.dbc, interface.md, interface.json
+and terrapin_cdef.h (the declarations of the given headers and of the codec, for cffi). A
+file whose text has not changed is left alone, so that a build does not run again for nothing. Standard library only.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if __package__ in (None, ""):  # run as a file
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent.parent))
 
 from firmware.interface.cdef import cdef
-from firmware.interface.codec import header, source
+from firmware.interface.codec import header, pack_header, source
 from firmware.interface.dbc import dbc
 from firmware.interface.description import CONTROLLER_TOML, DescriptionError, load
 from firmware.interface.reference import as_json, markdown
@@ -32,6 +32,7 @@ def generate(description: Path, headers: list[Path], out: Path) -> list[Path]:
     texts = {
         "terrapin_interface.h": interface,
         "terrapin_interface.c": source(d),
+        "terrapin_pack.h": pack_header(d),
         "terrapin.dbc": dbc(d),
         "interface.md": markdown(d),
         "interface.json": as_json(d),

@@ -96,9 +96,9 @@ static void take_entry(terrapin_store *store, const uint8_t *bytes, uint32_t gue
         count(&store->dropped);
     } else {
         const int32_t value = (int32_t)get_word(&bytes[4]);
-        const terrapin_parameter_entry *entry = &terrapin_parameters[index];
+        const terrapin_parameter_entry entry = terrapin_parameter((uint16_t)index);
         store->missing = (store->missing > 0U) ? (uint16_t)(store->missing - 1U) : 0U; /* each is named once */
-        if ((value < entry->minimum) || (value > entry->maximum)) {
+        if ((value < entry.minimum) || (value > entry.maximum)) {
             count(&store->replaced);
         } else {
             store->value[index] = value;
@@ -113,7 +113,7 @@ static void load(terrapin_store *store) {
     store->replaced = 0U;
     store->missing = (uint16_t)PARAMETERS;
     for (uint32_t i = 0U; i < PARAMETERS; i++) {
-        store->value[i] = terrapin_parameters[i].default_value;
+        store->value[i] = terrapin_parameter((uint16_t)i).default_value;
     }
     if ((store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED) &&
         read_head(store, store->newest, UINT32_MAX, &head)) {

@@ -149,8 +149,10 @@ static void test_counter_15_is_refused(void) {
 
 static void test_parameter_table(void) {
     for (size_t i = 0; i < TERRAPIN_PARAMETER_COUNT; i++) {
-        TEST_ASSERT_LESS_OR_EQUAL(terrapin_parameters[i].default_value, terrapin_parameters[i].minimum);
-        TEST_ASSERT_GREATER_OR_EQUAL(terrapin_parameters[i].default_value, terrapin_parameters[i].maximum);
+        TEST_ASSERT_LESS_OR_EQUAL(terrapin_parameter((uint16_t)i).default_value,
+                                  terrapin_parameter((uint16_t)i).minimum);
+        TEST_ASSERT_GREATER_OR_EQUAL(terrapin_parameter((uint16_t)i).default_value,
+                                     terrapin_parameter((uint16_t)i).maximum);
     }
 }
 

@@ -65,8 +65,8 @@ static void test_gains_over_the_whole_range_of_parameters(void) {
                                      TERRAPIN_PARAMETER_WEIGHT};
     for (uint32_t corner = 0U; corner < 128U; corner++) {
         for (uint32_t i = 0U; i < 7U; i++) {
-            const terrapin_parameter_entry *entry = &terrapin_parameters[index[i]];
-            rig_set(index[i], ((corner >> i) & 1U) != 0U ? entry->maximum : entry->minimum);
+            const terrapin_parameter_entry entry = terrapin_parameter((uint16_t)index[i]);
+            rig_set(index[i], ((corner >> i) & 1U) != 0U ? entry.maximum : entry.minimum);
         }
         const int32_t *p = rig.state.parameter;
         const terrapin_gains *g = &rig.state.gains;
@@ -82,7 +82,7 @@ static void test_gains_over_the_whole_range_of_parameters(void) {
         TEST_ASSERT_TRUE(fabs(g->speed_gain_q16 - drag) <= 1.0 + drag * 1e-5);
         TEST_ASSERT_EQUAL_UINT32((uint32_t)(window / 10.0), g->window_slots);
         TEST_ASSERT_EQUAL(p[TERRAPIN_PARAMETER_DRIVE_RADIUS] < p[TERRAPIN_PARAMETER_RADIUS],
-                          gains_consistent(&rig.state));
+                          rig.state.gains.consistent);
     }
 }
 

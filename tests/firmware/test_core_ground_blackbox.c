@@ -160,17 +160,17 @@ static void test_slope_stays_in_torque_and_leaves_f_r(void) {
     rig.in.pitch_valid = true;
     for (int16_t mrad = -300; mrad <= 300; mrad = (int16_t)(mrad + 50)) {
         rig.in.pitch_mrad = mrad;
-        ground_update(&rig.state, &rig.in);
+        ground_resistance(&rig.state, &rig.in);
         const double load = RADIUS * WEIGHT;
         const double f_r = (0.3 - load * sin(mrad * 1e-3)) / (load * cos(mrad * 1e-3));
         TEST_ASSERT_TRUE(fabs(rig.state.ground.f_r_ppm * 1e-6 - f_r) < 4e-4);
         TEST_ASSERT_EQUAL_INT32(300000, rig.state.estimator.torque_unm);
     }
     rig.in.pitch_mrad = 1571; /* upright: nothing to divide by, nothing breaks */
-    ground_update(&rig.state, &rig.in);
+    ground_resistance(&rig.state, &rig.in);
     rig.state.estimator.omega_urad_s = -5000000; /* f_r is that of the motion's direction */
     rig.in.pitch_valid = false;
-    ground_update(&rig.state, &rig.in);
+    ground_resistance(&rig.state, &rig.in);
     TEST_ASSERT_TRUE(rig.state.ground.f_r_ppm < 0);
 }
 

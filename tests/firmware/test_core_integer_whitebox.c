@@ -19,8 +19,12 @@ static int32_t any(void) {
 }
 
 static void test_clamp_and_saturate(void) {
-    TEST_ASSERT_EQUAL_INT32(-5, integer_clamp(INT64_MIN, -5, 7));
-    TEST_ASSERT_EQUAL_INT32(7, integer_clamp(INT64_MAX, -5, 7));
+    TEST_ASSERT_EQUAL_INT32(-5, integer_narrow(INT64_MIN, -5, 7));
+    TEST_ASSERT_EQUAL_INT32(7, integer_narrow(INT64_MAX, -5, 7));
+    TEST_ASSERT_EQUAL_INT32(-5, integer_clamp(INT32_MIN, -5, 7));
+    TEST_ASSERT_EQUAL_INT32(7, integer_clamp(INT32_MAX, -5, 7));
+    TEST_ASSERT_EQUAL_INT32(INTEGER_MOST, integer_hold(INT32_MAX));
+    TEST_ASSERT_EQUAL_INT32(-INTEGER_MOST, integer_hold(INT32_MIN));
     TEST_ASSERT_EQUAL_INT32(-5, integer_clamp(-5, -5, 7));
     TEST_ASSERT_EQUAL_INT32(7, integer_clamp(7, -5, 7));
     TEST_ASSERT_EQUAL_INT32(0, integer_clamp(0, -5, 7));
@@ -85,6 +89,50 @@ static void test_scale_equals_the_rounded_quotient(void) {
     }
 }
 
+/* The rounded quotient by double precision's wider kin, held within INTEGER_MOST. */
+static int32_t quotient_of(int32_t a, int32_t b, int32_t d) {
+    const long double exact = roundl((long double)a * (long double)b / (long double)d);
+    const long double most = INTEGER_MOST;
+    return (int32_t)(exact > most ? most : (exact < -most ? -most : exact));
+}
+
+/* Where 32 bits, one digit or the hold take over: quotients just below and above 2^30, divisors about powers of two. */
+static void test_scale_at_its_edges(void) {
+    for (int i = 0; i < 200000; i++) {
+        const int32_t d = (int32_t)((1U << (rand() % 31)) + (uint32_t)(rand() % 3)) - 1;
+        const int32_t a = (rand() % 2 == 0) ? INTEGER_MOST - 2 + (rand() % 5) : any() >> (rand() % 31);
+        const int32_t b = (rand() % 2 == 0) ? d : any() >> (rand() % 31);
+        if (d > 0) {
+            TEST_ASSERT_EQUAL_INT32(quotient_of(a, b, d), integer_scale(a, b, d));
+            TEST_ASSERT_EQUAL_INT32(quotient_of(-a, b, d), integer_scale(-a, b, d));
+        }
+    }
+}
+
+static void test_millionth_and_shift_equal_scale(void) {
+    for (int i = 0; i < 200000; i++) {
+        const int32_t a = any() >> (rand() % 31);
+        const int32_t factor = (any() & INT32_MAX) >> (rand() % 31);
+        const uint32_t bits = 2U + (uint32_t)(rand() % 29);
+        TEST_ASSERT_EQUAL_INT32(quotient_of(a, factor, 1000000), integer_millionth(a, (uint32_t)factor));
+        TEST_ASSERT_EQUAL_INT32(quotient_of(a, factor, (int32_t)(1U << bits)),
+                                integer_shift(a, (uint32_t)factor, bits));
+        const int64_t edge = ((int64_t)INTEGER_MOST * 1000000) / (factor + 1); /* where the hold begins */
+        if (edge < INT32_MAX) {
+            const int32_t near = (int32_t)edge + (rand() % 3) - 1;
+            TEST_ASSERT_EQUAL_INT32(quotient_of(near, factor, 1000000), integer_millionth(near, (uint32_t)factor));
+        }
+    }
+}
+
+static void test_ratio_rounds_halves_away_from_zero(void) {
+    for (int32_t value = -100; value <= 100; value++) {
+        for (int32_t divisor = 1; divisor < 20; divisor++) {
+            TEST_ASSERT_EQUAL_INT32(quotient_of(value, 1, divisor), integer_ratio(value, divisor));
+        }
+    }
+}
+
 static void test_difference_wraps(void) {
     TEST_ASSERT_EQUAL_INT32(2, integer_difference(1U, 0xFFFFFFFFU));
     TEST_ASSERT_EQUAL_INT32(-2, integer_difference(0xFFFFFFFFU, 1U));
@@ -103,6 +151,13 @@ static void test_root_is_the_floor_of_the_square_root(void) {
         }
     }
     TEST_ASSERT_EQUAL_UINT32(0xFFFFFFFFU, integer_root(UINT64_MAX));
+    for (int i = 0; i < 200000; i++) { /* squares of every size, and what is just below and above */
+        const uint64_t root = (((uint64_t)(uint32_t)any() << 1U) >> (rand() % 32)) & 0xFFFFFFFFU;
+        const uint64_t value = (root * root) + (uint64_t)(rand() % 3);
+        const uint64_t found = integer_root(value);
+        TEST_ASSERT_TRUE((found * found) <= value);
+        TEST_ASSERT_TRUE((found == 0xFFFFFFFFU) || (((found + 1U) * (found + 1U)) > value));
+    }
 }
 
 static void test_sine_and_cosine_within_five(void) {
@@ -147,6 +202,9 @@ int main(void) {
     RUN_TEST(test_divide_rounds_halves_away_from_zero);
     RUN_TEST(test_divide_by_large_denominators_is_good_to_4e_9);
     RUN_TEST(test_scale_equals_the_rounded_quotient);
+    RUN_TEST(test_scale_at_its_edges);
+    RUN_TEST(test_millionth_and_shift_equal_scale);
+    RUN_TEST(test_ratio_rounds_halves_away_from_zero);
     RUN_TEST(test_difference_wraps);
     RUN_TEST(test_root_is_the_floor_of_the_square_root);
     RUN_TEST(test_sine_and_cosine_within_five);

@@ -111,9 +111,9 @@ static void test_noise_keeps_every_promise(void) {
     for (int i = 0; i < 200000; i++) {
         if (i % 1000 == 0) { /* parameters anywhere in their ranges */
             for (uint16_t p = 0U; p < TERRAPIN_PARAMETER_COUNT; p++) {
-                const terrapin_parameter_entry *entry = &terrapin_parameters[p];
-                const uint64_t span = (uint64_t)((int64_t)entry->maximum - entry->minimum) + 1U;
-                const int64_t value = entry->minimum + (int64_t)(((uint64_t)draw() << 8U) % span);
+                const terrapin_parameter_entry entry = terrapin_parameter((uint16_t)p);
+                const uint64_t span = (uint64_t)((int64_t)entry.maximum - entry.minimum) + 1U;
+                const int64_t value = entry.minimum + (int64_t)(((uint64_t)draw() << 8U) % span);
                 const terrapin_parameter_result result = terrapin_parameter_set(state, p, (int32_t)value);
                 TEST_ASSERT_TRUE(result == TERRAPIN_PARAMETER_OK || result == TERRAPIN_PARAMETER_LOCKED);
             }

@@ -301,15 +301,15 @@ static void test_parameter_access(void) {
     TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_UNKNOWN, terrapin_parameter_get(&rig.state, TERRAPIN_PARAMETER_COUNT, &value));
     TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_UNKNOWN, terrapin_parameter_set(&rig.state, TERRAPIN_PARAMETER_COUNT, 0));
     for (uint16_t i = 0U; i < TERRAPIN_PARAMETER_COUNT; i++) {
-        const terrapin_parameter_entry *entry = &terrapin_parameters[i];
-        TEST_ASSERT_EQUAL_INT32(entry->default_value, rig_get(i));
-        TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_RANGE, terrapin_parameter_set(&rig.state, i, entry->minimum - 1));
-        TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_RANGE, terrapin_parameter_set(&rig.state, i, entry->maximum + 1));
-        TEST_ASSERT_EQUAL_INT32(entry->default_value, rig_get(i));
-        rig_set(i, entry->minimum);
-        rig_set(i, entry->maximum);
-        TEST_ASSERT_EQUAL_INT32(entry->maximum, rig_get(i));
-        rig_set(i, entry->default_value);
+        const terrapin_parameter_entry entry = terrapin_parameter((uint16_t)i);
+        TEST_ASSERT_EQUAL_INT32(entry.default_value, rig_get(i));
+        TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_RANGE, terrapin_parameter_set(&rig.state, i, entry.minimum - 1));
+        TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_RANGE, terrapin_parameter_set(&rig.state, i, entry.maximum + 1));
+        TEST_ASSERT_EQUAL_INT32(entry.default_value, rig_get(i));
+        rig_set(i, entry.minimum);
+        rig_set(i, entry.maximum);
+        TEST_ASSERT_EQUAL_INT32(entry.maximum, rig_get(i));
+        rig_set(i, entry.default_value);
     }
 }
 
@@ -317,11 +317,11 @@ static void test_protected_parameters_are_locked_while_the_bridge_is_on(void) {
     rig_drive(5000, TERRAPIN_CONTROL_VOLTAGE);
     rig_run(10);
     for (uint16_t i = 0U; i < TERRAPIN_PARAMETER_COUNT; i++) {
-        const int32_t value = terrapin_parameters[i].maximum;
+        const int32_t value = terrapin_parameter((uint16_t)i).maximum;
         const terrapin_parameter_result expected_result =
             terrapin_parameter_protected(i) ? TERRAPIN_PARAMETER_LOCKED : TERRAPIN_PARAMETER_OK;
         TEST_ASSERT_EQUAL(expected_result, terrapin_parameter_set(&rig.state, i, value));
-        TEST_ASSERT_EQUAL_INT32(terrapin_parameter_protected(i) ? terrapin_parameters[i].default_value : value,
+        TEST_ASSERT_EQUAL_INT32(terrapin_parameter_protected(i) ? terrapin_parameter((uint16_t)i).default_value : value,
                                 rig_get(i));
     }
 }

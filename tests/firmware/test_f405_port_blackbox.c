@@ -267,7 +267,7 @@ static void test_test_mode_holds_the_bridge_off_and_stops_the_own_clock(void) {
     TEST_ASSERT_TRUE(controller.link.test_mode);
     int32_t scale = 0;
     (void)terrapin_parameter_get(state, TERRAPIN_PARAMETER_SUPPLY_SCALE, &scale);
-    TEST_ASSERT_EQUAL_INT32(terrapin_parameters[TERRAPIN_PARAMETER_SUPPLY_SCALE].default_value, scale);
+    TEST_ASSERT_EQUAL_INT32(terrapin_parameter((uint16_t)TERRAPIN_PARAMETER_SUPPLY_SCALE).default_value, scale);
     const terrapin_outputs before = controller.outputs;
     for (int i = 0; i < 100; i++) {
         (void)port_pass(&controller, controller.tick + 1U);

@@ -50,9 +50,9 @@ void tearDown(void) {
 
 /* A value of parameter i that is in range and differs from one generation to the next wherever the range allows it. */
 static int32_t value_of(uint16_t i, uint32_t generation) {
-    const terrapin_parameter_entry *e = &terrapin_parameters[i];
-    const uint32_t span = (uint32_t)e->maximum - (uint32_t)e->minimum + 1U;
-    return (int32_t)((uint32_t)e->minimum + ((generation + i) % span));
+    const terrapin_parameter_entry e = terrapin_parameter((uint16_t)i);
+    const uint32_t span = (uint32_t)e.maximum - (uint32_t)e.minimum + 1U;
+    return (int32_t)((uint32_t)e.minimum + ((generation + i) % span));
 }
 
 static void set_all(uint32_t generation) {
@@ -76,7 +76,7 @@ static bool has_defaults(void) {
     for (uint16_t i = 0; i < COUNT; i++) {
         int32_t value = 0;
         same = same && (terrapin_parameter_get(state, i, &value) == TERRAPIN_PARAMETER_OK) &&
-               (value == terrapin_parameters[i].default_value);
+               (value == terrapin_parameter((uint16_t)i).default_value);
     }
     return same;
 }
@@ -113,9 +113,9 @@ static void test_all_at_once_or_none(void) {
     TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_OK, terrapin_parameter_set_all(state, values));
     TEST_ASSERT_TRUE(has_all(3U));
     for (uint16_t i = 0; i < COUNT; i++) {
-        values[i] = terrapin_parameters[i].minimum - 1;
+        values[i] = terrapin_parameter((uint16_t)i).minimum - 1;
         TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_RANGE, terrapin_parameter_set_all(state, values));
-        values[i] = terrapin_parameters[i].maximum + 1;
+        values[i] = terrapin_parameter((uint16_t)i).maximum + 1;
         TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_RANGE, terrapin_parameter_set_all(state, values));
         values[i] = value_of(i, 4U);
     }
@@ -436,7 +436,8 @@ static void test_reordered_unknown_and_impossible_values(void) {
     for (uint16_t i = COUNT; i > 2U; i--) { /* in reverse, and without the first two */
         const uint16_t index = (uint16_t)(i - 1U);
         const bool impossible = (index == 5U) || (index == 9U);
-        const int32_t bad = (index == 5U) ? (terrapin_parameters[5].maximum + 1) : (terrapin_parameters[9].minimum - 1);
+        const int32_t bad = (index == 5U) ? (terrapin_parameter((uint16_t)5).maximum + 1)
+                                          : (terrapin_parameter((uint16_t)9).minimum - 1);
         const int32_t value = impossible ? bad : value_of(index, 4U);
         make_entry(terrapin_parameter_hashes[index], value);
     }
@@ -451,7 +452,7 @@ static void test_reordered_unknown_and_impossible_values(void) {
         const bool defaulted = (i < 2U) || (i == 5U) || (i == 9U);
         int32_t value = 0;
         TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_OK, terrapin_parameter_get(state, i, &value));
-        TEST_ASSERT_EQUAL_INT32(defaulted ? terrapin_parameters[i].default_value : value_of(i, 4U), value);
+        TEST_ASSERT_EQUAL_INT32(defaulted ? terrapin_parameter((uint16_t)i).default_value : value_of(i, 4U), value);
     }
     save_generation(6U);
     restart();

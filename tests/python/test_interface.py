@@ -169,9 +169,8 @@ def test_parameters_in_their_units(firmware: Firmware) -> None:
 
 
 def test_defaults_and_bounds_reach_the_c_table(firmware: Firmware) -> None:
-    table = firmware.lib.terrapin_parameters
     for p in load().parameters:
-        entry = table[p.index]
+        entry = firmware.lib.terrapin_parameter(p.index)
         assert (entry.default_value, entry.minimum, entry.maximum) == (p.default, p.minimum, p.maximum)
         assert firmware.lib.terrapin_parameter_protected(p.index) == bool(p.protects)
 
@@ -334,7 +333,7 @@ int main(void) {
     if (!terrapin_decode_two(&f, &back) || back.wide != 0xFEDCBA98U || back.tail != 1) return 5;
     two.tail = 7;
     if (terrapin_encode_two(&two, &f) || !terrapin_decode_two(&f, &back) || back.tail != 6) return 6;
-    return terrapin_parameters[TERRAPIN_PARAMETER_GAIN].minimum == -3 && TERRAPIN_FAULTS_LATCHED == 8 ? 0 : 7;
+    return terrapin_parameter(TERRAPIN_PARAMETER_GAIN).minimum == -3 && TERRAPIN_FAULTS_LATCHED == 8 ? 0 : 7;
 }
 """)
     command = ["cc", "-std=c11", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"]
@@ -352,7 +351,7 @@ def test_command_line_of_the_generator(tmp_path: Path) -> None:
     run = [sys.executable, "-I", str(script), "--out", str(tmp_path)]
     header = paths.ROOT / "firmware" / "core" / "terrapin.h"
     subprocess.run([*run, "--header", str(header)], check=True, timeout=30)
-    assert len(list(tmp_path.iterdir())) == 6
+    assert len(list(tmp_path.iterdir())) == 7
     assert generate(CONTROLLER_TOML, [header], tmp_path) == []
     bad = tmp_path / "bad.toml"
     bad.write_text(GOOD.replace("default = 5", "default = 50"))
