@@ -48,9 +48,11 @@ def shortened(name: str) -> Scenario:
 def port() -> Iterator[SlcanPort]:
     """The emulated board, freshly booted."""
     machine = QemuUsart()
-    with machine.start() as opened:
-        yield opened
-    machine.stop()
+    try:
+        with machine.start() as opened:
+            yield opened
+    finally:
+        machine.stop()
 
 
 def listen(port: SlcanPort, seconds: float, frames: list[Frame] | None = None) -> list[Frame]:
@@ -145,9 +147,11 @@ def start_for_slot(folder: Path, board: str, place: str) -> Path:
 @pytest.mark.parametrize("place", ["slot-a", "slot-b"])
 def test_an_image_of_a_slot_runs_from_there(tmp_path: Path, place: str) -> None:
     machine = QemuUsart(start_for_slot(tmp_path, "emulated", place))
-    with machine.start() as port:
-        identity = values(hear(port, "PORT_IDENTITY"), "PORT_IDENTITY")[-1]
-    machine.stop()
+    try:
+        with machine.start() as port:
+            identity = values(hear(port, "PORT_IDENTITY"), "PORT_IDENTITY")[-1]
+    finally:
+        machine.stop()
     assert identity["slot"] == interface().enums["update_slot"][place[-1]]
 
 
