@@ -236,7 +236,7 @@ def test_kill_in_the_middle_of_saves(tmp_path: Path) -> None:
             steps = {talk.get(parameter) - parameter.default for parameter in names}
             assert steps in ({last}, {last + 1})
             last = steps.pop()
-            assert talk.store().origin == ("stored" if last else "blank")
+            assert talk.store().origin in (("stored",) if last else ("blank", "damaged"))  # damaged: half a first set
 
 
 class Robot:
