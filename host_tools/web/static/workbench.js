@@ -12,8 +12,8 @@ export function mount(element, app) {
     page = null;
     app.context();
     const place = h('div', { class: 'start' });
-    const cases = h('section', { class: 'panel', 'aria-labelledby': 'cases-title' });
-    const examples = h('section', { class: 'panel', 'aria-labelledby': 'examples-title' });
+    const cases = h('section', { class: 'panel cases', 'aria-label': 'Cases in this workspace' });
+    const examples = h('section', { class: 'panel', 'aria-label': 'Examples' });
     const mapper = new Mapper(app, (name) => app.go('workbench', name));
     place.append(h('div', {}, mapper.element, cases), examples);
     element.replaceChildren(h('h1', { class: 'visually-hidden', text: 'Workbench' }), place);
@@ -30,14 +30,14 @@ export function mount(element, app) {
         h('div', { class: 'soft small', text: facts(one) })),
       one.verdict ? h('span', { class: `chip small ${one.verdict}`, text: VERDICTS[one.verdict] || one.verdict }) : null,
       h('button', { type: 'button', class: 'quiet', text: 'Delete', 'aria-label': `Delete ${one.name}`, onclick: () => remove(one.name, section) })));
-    section.replaceChildren(h('h2', { id: 'cases-title', text: 'Cases in this workspace' }),
+    section.replaceChildren(h('h2', { text: 'Cases in this workspace' }),
       rows.length ? h('ul', { class: 'case-list' }, rows) : h('p', { class: 'soft', text: 'None yet: open an example, or drop measurements above.' }));
   }
 
   async function fillExamples(section) {
     let found;
     try { found = await app.api('examples'); } catch (error) { section.replaceChildren(notice(error.message)); return; }
-    section.replaceChildren(h('h2', { id: 'examples-title', text: 'Examples' }),
+    section.replaceChildren(h('h2', { text: 'Examples' }),
       h('p', { class: 'soft small', text: 'Opened as a copy in the workspace; the example itself stays as it is.' }),
       h('ul', { class: 'case-list' }, found.map((one) => h('li', {},
         h('div', { class: 'grow' }, h('div', { text: one.title }), h('div', { class: 'soft small', text: one.name })),
@@ -63,7 +63,7 @@ export function mount(element, app) {
   app.onEvent((event) => {
     if (page) page.event(event);
     else if ((event.case || event.cases || event.back) && element.isConnected && !element.hidden) {
-      const section = element.querySelector('[aria-labelledby=cases-title]');
+      const section = element.querySelector('.cases');
       if (section) fillCases(section);
     }
   });
