@@ -76,7 +76,7 @@ WANTED = ("MOTION.slip", "GROUND.torque", "ACTUATE.state")
 
 
 def watch(
-    server: Server, until: Callable[[Watcher], bool], begin: Callable[[], object] = lambda: None, seconds: float = 40.0
+    server: Server, until: Callable[[Watcher], bool], begin: Callable[[], object] = lambda: None, seconds: float = 120.0
 ) -> Watcher:
     """Listen until a condition holds; `begin` is called once the socket is open."""
 
@@ -106,8 +106,19 @@ def post(server: Server, path: str, status: int = 200, **body: Any) -> Any:
     return answer.json
 
 
+@pytest.fixture(scope="module", autouse=True)
+def warm(server: Server) -> None:
+    """The first look at a source imports and compiles: some seconds, on a busy machine more than an answer may take."""
+    for _ in range(4):
+        try:
+            assert server.ask("POST", "/api/live", {"source": "simulator:steady_sand"}).status == 200
+            break
+        except TimeoutError:
+            continue
+
+
 @pytest.fixture
-def live(server: Server) -> Iterator[Server]:
+def live(server: Server, warm: None) -> Iterator[Server]:
     """A server that watches nothing, before and after."""
     yield server
     assert server.ask("DELETE", "/api/live").status == 200
