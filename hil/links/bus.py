@@ -14,13 +14,15 @@ from hil.simulation import AnswerError, Simulation
 
 __all__ = ["Bus", "BusLink"]
 
+MOST_OLD = 10_000  # frames that may wait in a bus's queue
+
 
 class Bus(Protocol):
     """An open bus. Failures are LinkError: one line that names the bus."""
 
     name: str
 
-    def send(self, frame: Frame) -> None: ...
+    def send(self, frames: Sequence[Frame]) -> None: ...
 
     def receive(self, wait: float) -> Frame | None:
         """The next frame with an identifier of the controller; None when none comes within `wait` seconds."""
@@ -40,10 +42,6 @@ class BusLink:
         self._actuate = self._interface.messages["ACTUATE"].id
         self._sender = Sender(self._interface)
 
-    def _send(self, frames: Sequence[Frame]) -> None:
-        for frame in frames:
-            self._bus.send(frame)
-
     def _receive(self, until: int) -> list[Frame]:
         """The controller's frames up to the first with identifier `until`, that one included."""
         end = 0.0
@@ -62,19 +60,23 @@ class BusLink:
 
     def _drain(self, wait: float = 0.05) -> list[Frame]:
         frames: list[Frame] = []
-        end = time.monotonic() + 20 * wait  # a controller that steps by itself never falls silent
-        while time.monotonic() < end and (frame := self._bus.receive(wait)) is not None:
+        while (frame := self._bus.receive(wait)) is not None:
             frames.append(frame)
         return frames
 
     def start(self, parameters: Mapping[str, float]) -> None:
-        self._send([*self._sender.test_mode(False), *self._sender.test_mode()])
-        self._drain()
         reply = self._interface.messages["PARAMETER_VALUE"].id
 
         def exchange(frames: Sequence[Frame]) -> list[Frame]:
-            self._send(frames)
+            self._bus.send(frames)
             return self._receive(reply)
+
+        for _ in range(MOST_OLD):  # a full queue would have no place for the answer
+            if self._bus.receive(0.0) is None:
+                break
+        # What comes before the answer is of the time before test mode, when the controller may step by itself.
+        question = self._sender.frame("PARAMETER_READ", {"index": 0})
+        exchange([*self._sender.test_mode(False), *self._sender.test_mode(), question])
 
         write_parameters(self._sender, self._interface, parameters, exchange)
 
@@ -85,7 +87,7 @@ class BusLink:
                 if not frames:
                     simulation.answer(())
                     continue
-                self._send(frames)
+                self._bus.send(frames)
                 *late, actuate = self._receive(self._actuate)
                 for frame in late:
                     simulation.append(simulation.done - 1, frame)
@@ -98,7 +100,7 @@ class BusLink:
 
     def talk(self, frames: Sequence[Frame], wait: float) -> list[Frame]:
         """Sends frames to a controller that steps by itself; what it sends within `wait` seconds."""
-        self._send(frames)
+        self._bus.send(frames)
         end = time.monotonic() + wait
         heard: list[Frame] = []
         while (left := end - time.monotonic()) > 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import can
@@ -35,12 +36,12 @@ class PythonCan:
             raise LinkError(f"{self.name}: cannot open the link: {_reason(error)}") from None
         self._own = {m.id for m in interface().messages.values() if m.sender == "controller"}
 
-    def send(self, frame: Frame) -> None:
-        identifier, data = frame
+    def send(self, frames: Sequence[Frame]) -> None:
         try:
-            self._bus.send(
-                can.Message(arbitration_id=identifier, data=data, is_extended_id=False), timeout=self._timeout
-            )
+            for identifier, data in frames:
+                self._bus.send(
+                    can.Message(arbitration_id=identifier, data=data, is_extended_id=False), timeout=self._timeout
+                )
         except (can.CanError, OSError) as error:
             raise LinkError(f"{self.name}: {_reason(error)}") from None
 

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 import tty
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,8 +49,8 @@ class Adapter:
     def write(self, text: bytes) -> None:
         os.write(self._master, text)
 
-    def send(self, frame: Frame) -> None:
-        self.write(slcan_line(frame))
+    def send(self, frames: Sequence[Frame]) -> None:
+        self.write(b"".join(map(slcan_line, frames)))
 
     def receive(self, wait: float) -> Frame | None:
         end = time.monotonic() + wait

@@ -50,7 +50,7 @@ def outcome(name: str) -> tuple[dict[str, list[ElementTree.Element]], str]:
     """Function -> its cases in the report of that file's run; and what the run said."""
     command = [PYTHON, "-m", "pytest", "-q", "-s", "-p", "no:cacheprovider", "-c", "/dev/null", "--rootdir"]
     command += [str(HERE / "inside"), f"--junitxml={{job}}/{name}.xml", str(HERE / "inside" / f"{name}.py")]
-    done = run_inside(["sh", "-c", " ".join(command).format(job="$JOB")], limit=240)
+    done = run_inside(["sh", "-c", " ".join(command).format(job="$JOB")], limit=900)
     cases: dict[str, list[ElementTree.Element]] = {}
     if f"{name}.xml" in done.files:
         for case in ElementTree.fromstring(done.files[f"{name}.xml"]).iter("testcase"):

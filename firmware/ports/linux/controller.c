@@ -230,6 +230,7 @@ static bool take_signal(const controller *c) {
 int controller_run(controller *c) {
     bool going = true;
     bool good = tick_clock_start(&c->clock, TICK_NS);
+    (void)fprintf(stderr, "terrapin-controller: ready on %s\n", c->bus.name);
     systemd_tell("READY=1");
     while (going && good && !c->broken) {
         struct pollfd waiting[] = {

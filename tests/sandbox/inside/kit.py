@@ -138,6 +138,7 @@ class Controller:
         return status
 
     def __enter__(self) -> Controller:
+        wait_for(lambda: "ready on" in self.said() or self.process.poll() is not None, "its start", 20.0)
         return self
 
     def __exit__(self, *_: object) -> None:
