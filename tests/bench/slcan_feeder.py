@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import select
 import subprocess
 import sys
 import time
@@ -46,6 +47,10 @@ class Feeder:
         """Descriptor that is readable once everything is sent."""
         assert self._process.stdout is not None
         return self._process.stdout.fileno()
+
+    def waiting(self) -> bool:
+        """Whether it still sends."""
+        return not select.select([self.output], [], [], 0)[0]
 
     def sent(self) -> dict[str, float]:
         """Waits until all is sent: frames, seconds, and by how much the latest write was late."""
