@@ -135,7 +135,9 @@ uint32_t terrapin_update_application(terrapin_update *update, const terrapin_fra
     } else if (frame->id == TERRAPIN_ID_UPDATE_RESET) {
         count = update_reset(update, frame, motor_on, &replies[0]);
     } else if (request != (uint8_t)TERRAPIN_UPDATE_REQUEST_NONE) {
-        count = update_status(update, request, TERRAPIN_UPDATE_RESULT_BOOT_LOADER_ONLY, &replies[0]);
+        const uint8_t result =
+            motor_on ? (uint8_t)TERRAPIN_UPDATE_RESULT_MOTOR_ON : (uint8_t)TERRAPIN_UPDATE_RESULT_BOOT_LOADER_ONLY;
+        count = update_status(update, request, result, &replies[0]);
     } else {
         /* data, or another's */
     }

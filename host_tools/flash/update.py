@@ -116,8 +116,13 @@ def _ask(wire: Wire, sender: Sender, seconds: float) -> Controller | None:
 
 def query(wire: Wire, seconds: float = ANSWER) -> Controller:
     """What the controller says of itself. UserError when it does not answer."""
-    found = _ask(wire, Sender(), seconds)
+    sender = Sender()
+    found = _ask(wire, sender, seconds)
     if found is None:
+        # A running motor leaves no time to answer a query; a block out of turn is refused with the reason.
+        answer = _request(wire, [sender.frame("UPDATE_BLOCK", {})], "block", min(seconds, BLOCK_ANSWER))
+        if answer is not None and answer[0] == "motor_on":
+            raise UserError(f"{wire.name}: {REASONS['motor_on']}")
         raise UserError(
             f"{wire.name}: no controller answers; expected one with power and its boot loader or an application that "
             f"serves updates, at this bit rate",

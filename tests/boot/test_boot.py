@@ -212,3 +212,31 @@ def test_query(chip: Chip) -> None:
         "target": 2,
     }  # fmt: skip
     assert messages["UPDATE_FLOOR"].decode(least[1])["security_counter"] == 1
+
+
+def test_what_an_application_leaves_to_the_boot_loader(chip: Chip) -> None:
+    """It answers queries and resets, and refuses the rest with the reason; its flash is not touched."""
+    operations = chip.memory.operations
+    frames, replies = chip.ffi.new("terrapin_frame *"), chip.ffi.new("terrapin_frame[2]")
+    status = interface().messages["UPDATE_STATUS"]
+
+    def ask(name: str, values: dict[str, int], motor_on: bool) -> int | list[int]:
+        identifier, data = Sender().frame(name, values)
+        frames.id, frames.length = identifier, len(data)
+        chip.ffi.memmove(frames.data, data, len(data))
+        count = chip.lib.terrapin_update_application(chip.update, frames, motor_on, replies)
+        ids = [reply.id for reply in replies[0:count]]
+        return status.decode(bytes(replies[0].data)[:8])["result"] if ids == [status.id] else ids
+
+    assert ask("UPDATE_QUERY", {"protocol": 1}, False) == [0x1A1, 0x1A2]
+    for name in ("UPDATE_BEGIN", "UPDATE_BLOCK", "UPDATE_END"):
+        assert ask(name, {}, False) == RESULT["boot_loader_only"], name
+        assert ask(name, {}, True) == RESULT["motor_on"], name
+    assert ask("UPDATE_DATA", {}, False) == []
+    assert ask("UPDATE_RESET", {"key": 0x5AFEB007, "stay": 1}, True) == RESULT["motor_on"]
+    assert not chip.update.reset
+    ask("UPDATE_QUERY", {"protocol": 1}, False)  # a new host: its counters begin anew
+    assert ask("UPDATE_RESET", {"key": 0x5AFEB007, "stay": 1}, False) == RESULT["ok"]
+    assert chip.update.reset
+    assert chip.update.stay
+    assert chip.memory.operations == operations

@@ -38,6 +38,13 @@ from host_tools.flash.wires import CanWire, SerialWire
 PROGRAM = paths.build() / "terrapin-bootloader"
 
 
+@pytest.fixture(autouse=True)
+def brief(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The emulated boot loader starts at once, and what confirms itself has done so by then."""
+    monkeypatch.setattr("host_tools.flash.update.START", 0.05)
+    monkeypatch.setattr("host_tools.flash.update.CONFIRM", 1.0)
+
+
 def quiet(what: str, done: int, total: int) -> None:
     pass
 
@@ -147,6 +154,7 @@ class Node(threading.Thread):
         self.chip.start()
         self.lose, self.count, self.resets = lose, 0, 0
         self.going = True
+        self.mute: set[int] = set()  # identifiers that it does not hear
 
     def lost(self) -> bool:
         self.count += 1
@@ -155,7 +163,7 @@ class Node(threading.Thread):
     def run(self) -> None:
         while self.going:
             message = self.bus.recv(0.05)
-            if message is None or self.lost():
+            if message is None or message.arbitration_id in self.mute or self.lost():
                 continue
             for identifier, data in self.chip.accept(message.arbitration_id, bytes(message.data)):
                 if not self.lost():
@@ -201,6 +209,15 @@ def test_a_bus_that_loses_frames() -> None:
     with on_bus(lose=61) as (node, wire):
         assert update(wire, [file("a", "1.0.0", size=1500)], quiet).slot == "a"
         assert node.count > 61 * 3
+
+
+def test_an_application_whose_motor_is_on_answers_no_query() -> None:
+    """As the F405's does: it has no time to read the records then. It still says why."""
+    with on_bus() as (node, wire):
+        node.mute = {0x0A4}
+        node.chip.motor_on = True
+        with pytest.raises(UserError, match="the motor is on; stop it first"):
+            query(wire, 0.3)
 
 
 def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -99,8 +99,8 @@ def test_a_host_that_asks_at_once_keeps_it_from_starting(tmp_path: Path) -> None
         assert query(line, time.monotonic() + LIMIT)["running"] == 0
 
 
-def started(line: socket.socket) -> bool:
-    """Whether the application in slot A speaks; a boot loader that stays is asked, and says so."""
+def started(line: socket.socket, patience: float) -> bool:
+    """Whether the application in slot A speaks; after `patience` seconds a boot loader that stays is asked for."""
     identity = interface().messages["PORT_IDENTITY"]
     begin = time.monotonic()
     asked = 0.0
@@ -112,14 +112,25 @@ def started(line: socket.socket) -> bool:
             asked = now
             with contextlib.suppress(OSError):
                 line.send(b"\rO\r")
-        if now - begin > LIMIT / 5:
+        if now - begin > patience:
             return query(line, begin + LIMIT)["running"] != 0
     return False
 
 
 def test_a_signed_image_is_started(tmp_path: Path) -> None:
     with machine(slot_file(tmp_path, development_key())) as line:
-        assert started(line)
+        assert started(line, LIMIT)
+
+
+def test_the_application_resets_into_the_boot_loader(tmp_path: Path) -> None:
+    """What `terrapin flash` does first: the application says what runs, and comes back as a boot loader that stays."""
+    with machine(slot_file(tmp_path, development_key())) as line:
+        assert started(line, LIMIT)
+        assert query(line, time.monotonic() + LIMIT)["running"] == interface().enums["update_slot"]["a"]
+        line.send(slcan_line(Sender().frame("UPDATE_RESET", {"key": 0x5AFEB007, "stay": 1})))
+        end = time.monotonic() + LIMIT
+        while query(line, end)["running"] != 0:
+            assert time.monotonic() < end
 
 
 @pytest.mark.parametrize("why", ["another key", "a bit is another"])
@@ -129,7 +140,7 @@ def test_no_other_is_started(why: str, tmp_path: Path) -> None:
         key = tmp_path / "key.pem"
         new_key(key)
     with machine(slot_file(tmp_path, key, damaged=why != "another key")) as line:
-        assert not started(line)
+        assert not started(line, LIMIT / 5)
 
 
 def test_its_size() -> None:
