@@ -9,7 +9,7 @@
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 series=6.1 # the source package linux-source-6.1 (Debian 12)
-limit=${TERRAPIN_KERNEL_LIMIT:-1500} # s for the compiler
+limit=${TERRAPIN_KERNEL_LIMIT:-3600} # s for the compiler: six minutes of a processor, on a busy machine ten times that
 cache=${XDG_CACHE_HOME:-$HOME/.cache}/terrapin/uml
 key=$(cat "$here/kernel/config" "$here"/kernel/*.patch <(uname -m) | sha256sum | cut -c1-12)
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 from kit import Controller, Peer, count, vcan
@@ -42,6 +43,10 @@ def stepping() -> None:
     print(f"late {text.split('late by ')[1].splitlines()[0]}")
     print(f"heard {peer.heard}")
     if dump is not None:
+        words = [row.split("#")[1] for row in log.read_text().splitlines() if " 180#" in row]
+        ticks = [int(word[6:8] + word[4:6], 16) for word in words]
+        late = [b for a, b in pairwise(ticks) if b != (a + 1) % 65536 and b > 100]
+        print(f"gaps after the first 100 ms: {len(late)}")
         print(f"candump {hashlib.sha256(log.read_bytes()).hexdigest()} {len(log.read_text().splitlines())} lines")
 
 
