@@ -1,7 +1,7 @@
 # Terrapin's front door. The work is done by the scripts that each target names.
 .DEFAULT_GOAL := help
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
-.PHONY: help setup demo test sandbox check bench campaigns firmware lock clean
+.PHONY: help setup demo test sandbox check bench campaigns firmware docs lock clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -29,6 +29,9 @@ campaigns: ## how often discovery is right: every bound, measured on cases with 
 
 firmware: ## build the firmware for this machine and every image for the chip, with their sizes
 	@tests/setup/setup.sh test && tests/tools/build.sh host cortex-m4 && tests/tools/build.sh size
+
+docs: ## the pages of docs/ as a site: build/docs/index.html
+	@tests/setup/setup.sh test && tests/tools/build.sh host && tests/tools/docs.sh
 
 lock: ## renew the lock files from pyproject.toml
 	@tests/setup/setup.sh test && tests/tools/lock.sh
