@@ -1,5 +1,5 @@
-"""The way of docs/tutorial.md through the page, and its pictures: taken anew under build/pictures and held loosely against
-those of docs/pictures (fonts differ from machine to machine). TERRAPIN_PICTURES=renew writes the latter.
+"""The way of docs/tutorial.md through the page, and its pictures: taken anew under build/pictures and held loosely
+against those of docs/pictures (fonts differ from machine to machine). TERRAPIN_PICTURES=renew writes the latter.
 """
 
 from __future__ import annotations
