@@ -223,9 +223,14 @@ def test_rig_measures_the_estop(chip: Lines, options: list[str]) -> None:
         lambda: chip.value("PRESS"): lambda pressed: chip.pull("ESTOP", not pressed),
         lambda: chip.value("ENABLE"): lambda on: chip.pull("WATCH", on),
     }
-    command = [TERRAPIN, "run", "steady_sand", "--link", "socketcan:vcan0", "--rig", str(rig)]
+    scenario = rig.with_name("short.toml")
+    scenario.write_text(
+        'duration = "1 s"\nseed = 1\nchecks = []\n[[path]]\nterrain = "sand"\n'
+        '[[operator]]\nat = "0 s"\nrequest = "run"\nsetpoint = "6 V"\n'
+    )
+    command = [TERRAPIN, "run", str(scenario), "--link", "socketcan:vcan0", "--rig", str(rig)]
     with Controller(*options) as controller, wired(wires):
-        done = run_shell(command)
+        done = run_shell(command, 120.0)
         assert controller.stop() == 0
     assert done.returncode == 0, done.stdout + done.stderr
     assert "ok    e-stop to enable line off <= 200 ms" in done.stdout
@@ -233,7 +238,7 @@ def test_rig_measures_the_estop(chip: Lines, options: list[str]) -> None:
     print(next(row.strip() for row in done.stdout.splitlines() if "e-stop" in row))
     # Without the wire of the e-stop the measurement fails, and says so.
     with Controller(*options) as controller, wired(dict([list(wires.items())[1]])):
-        done = run_shell(command)
+        done = run_shell(command, 120.0)
         assert controller.stop() == 0
     assert done.returncode == 1
     assert done.stderr == "terrapin: the enable line is still on 0.2 s after the e-stop was pressed\n"
