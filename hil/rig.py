@@ -101,7 +101,7 @@ def load_rig(path: Path) -> RigConfig:
         **lines,
         reset_time=root.quantity("reset_time", "s", defaults.reset_time, 1e-3, 10.0),
         start_time=root.quantity("start_time", "s", defaults.start_time, 0.0, 60.0),
-        estop_limit=root.quantity("estop_limit", "s", defaults.estop_limit, 1e-4, 1.0),
+        estop_limit=root.quantity("estop_limit", "s", defaults.estop_limit, 1e-4, 0.1),
     )
     root.done()
     named = [line for line in lines.values() if line is not None]
@@ -229,11 +229,11 @@ class Rig:
         finally:
             self.set(name, False)
 
-    def press_estop(self, wait: float = 0.2) -> float:
+    def press_estop(self, wait: float = 0.1) -> float:
         """Presses the e-stop (it stays pressed) while the bridge is enabled; seconds until the enable line was off.
 
         From just before the line is driven to the kernel's time of the edge: never less than the controller took.
-        RigError when nothing happens within `wait`.
+        RigError when nothing happens within `wait`, which is well below the time after which a missing COMMAND puts it off.
         """
         self.enable_edges()
         if not self.enabled():

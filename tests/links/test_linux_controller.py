@@ -201,7 +201,7 @@ def test_rig_files(tmp_path: Path) -> None:
         ('reset = "4"', "an offset needs its chip"),
         ('reset = "a,b"', "expected .CHIP:.NAME_OR_OFFSET"),
         ('reset = "a"\nboot = "a"', "the same line twice"),
-        ('reset = "a"\nestop_limit = "0 s"', "estop_limit: found '0 s', expected 0.0001 to 1 s"),
+        ('reset = "a"\nestop_limit = "0 s"', "estop_limit: found '0 s', expected 0.0001 to 0.1 s"),
     ):
         (tmp_path / "rig.toml").write_text(text)
         with pytest.raises(ReadingError, match=words):

@@ -218,7 +218,7 @@ def test_lines_that_are_not_there(chip: Lines) -> None:
 def test_rig_measures_the_estop(chip: Lines, options: list[str]) -> None:
     """A run in a rig. The wires between its lines and the board's are a thread here, so the limit is wide."""
     rig = Path(os.environ["TMPDIR"]) / "rig.toml"
-    rig.write_text('estop = "PRESS"\nenable = "WATCH"\nreset = "RESET"\nstart_time = "50 ms"\nestop_limit = "200 ms"\n')
+    rig.write_text('estop = "PRESS"\nenable = "WATCH"\nreset = "RESET"\nstart_time = "50 ms"\nestop_limit = "100 ms"\n')
     wires = {
         lambda: chip.value("PRESS"): lambda pressed: chip.pull("ESTOP", not pressed),
         lambda: chip.value("ENABLE"): lambda on: chip.pull("WATCH", on),
@@ -233,7 +233,7 @@ def test_rig_measures_the_estop(chip: Lines, options: list[str]) -> None:
         done = run_shell(command, 120.0)
         assert controller.stop() == 0
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "ok    e-stop to enable line off <= 200 ms" in done.stdout
+    assert "ok    e-stop to enable line off <= 100 ms" in done.stdout
     assert "ok    enable line off in test mode" in done.stdout
     print(next(row.strip() for row in done.stdout.splitlines() if "e-stop" in row))
     # Without the wire of the e-stop the measurement fails, and says so.
@@ -241,7 +241,7 @@ def test_rig_measures_the_estop(chip: Lines, options: list[str]) -> None:
         done = run_shell(command, 120.0)
         assert controller.stop() == 0
     assert done.returncode == 1
-    assert done.stderr == "terrapin: the enable line is still on 0.2 s after the e-stop was pressed\n"
+    assert done.stderr == "terrapin: the enable line is still on 0.1 s after the e-stop was pressed\n"
 
 
 def test_rig_that_is_not_there(chip: Lines) -> None:
