@@ -233,7 +233,7 @@ class Rig:
         """Presses the e-stop (it stays pressed) while the bridge is enabled; seconds until the enable line was off.
 
         From just before the line is driven to the kernel's time of the edge: never less than the controller took.
-        RigError when nothing happens within `wait`, which is well below the time after which a missing COMMAND puts it off.
+        RigError when nothing happens within `wait`, well below the time after which a missing COMMAND puts it off.
         """
         self.enable_edges()
         if not self.enabled():
