@@ -102,6 +102,7 @@ async def delete_case(context: Terrapin, name: Name) -> models.Named:
     if context.jobs.busy(name):
         raise Taken(f"case: a job works on {name!r}, expected it cancelled or ended")
     await asyncio.to_thread(context.workspace.delete_case, name)
+    context.jobs.forget(name)
     context.events.send({"case": name, "deleted": True})
     context.events.send({"cases": True})
     return models.Named(name=name)

@@ -21,7 +21,7 @@ import sys
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +63,9 @@ class Job:
 
     def view(self) -> dict[str, Any]:
         """What the API gives."""
-        view = {k: v for k, v in asdict(self).items() if k not in ("steps", "restore", "begun")}
+        view = {
+            k: v for k, v in vars(self).items() if k not in ("steps", "restore", "begun")
+        }  # no copy: results are large
         if self.begun is not None:
             view["seconds"] = time.monotonic() - self.begun
         return view
@@ -131,24 +133,36 @@ class Jobs:
         if job.state == "queued":
             self._end(job, "cancelled", None)
         elif job.state == "running":
-            self._cancelled.add(identifier)
             task = self._tasks[identifier]
-            task.cancel()
+            if identifier not in self._cancelled:  # a second time would not wait until its process has ended
+                self._cancelled.add(identifier)
+                task.cancel()
             with suppress(asyncio.CancelledError):
                 await asyncio.shield(asyncio.wait([task]))
+            if job.state == "running":  # cancelled before its first step: nothing of _run has run
+                self._tasks.pop(identifier, None)
+                self._cancelled.discard(identifier)
+                self._end(job, "cancelled", None)
+                self._next()
         return job
 
     async def close(self) -> None:
         """End what runs; it is marked as interrupted."""
         self._closing = True
         tasks = list(self._tasks.values())
-        for task in tasks:
-            task.cancel()
+        for identifier, task in self._tasks.items():
+            if identifier not in self._cancelled:
+                task.cancel()
         if tasks:
             await asyncio.wait(tasks)
         for job in self._jobs.values():
-            if job.state == "queued":
+            if job.state not in ENDED:
                 self._end(job, "failed", INTERRUPTED)
+
+    def forget(self, case: str) -> None:
+        """Drop the ended jobs of a case that was deleted: another of its name is not about them."""
+        for job in [job for job in self._jobs.values() if job.case == case and job.state in ENDED]:
+            self._drop(job)
 
     def _next(self) -> None:
         """Start what may start, in order of arrival."""
@@ -195,8 +209,10 @@ class Jobs:
         finally:
             self._tasks.pop(job.id, None)
             self._cancelled.discard(job.id)
-            self._end(job, state, error)
-            self._next()
+            try:
+                self._end(job, state, error)
+            finally:  # on a full disk too
+                self._next()
 
     async def _step(self, job: Job, step: list[str]) -> tuple[str | None, Any]:
         """Run one command line: its complaint (None when it ended well) and its answer. Cancelling ends the process."""
@@ -248,7 +264,7 @@ class Jobs:
             self._events.send({"case": job.case})
 
     def _save(self, job: Job) -> None:
-        kept = {key: value for key, value in asdict(job).items() if key != "begun"}
+        kept = {key: value for key, value in vars(job).items() if key != "begun"}
         write_whole(self._folder / f"{job.id}.json", json.dumps(kept, allow_nan=False) + "\n")
 
     def _keep_before(self, job: Job) -> None:
@@ -279,8 +295,11 @@ class Jobs:
         """The oldest ended jobs beyond KEPT."""
         ended = [job for job in self.all() if job.state in ENDED]
         for job in ended[KEPT:]:
-            del self._jobs[job.id]
-            (self._folder / f"{job.id}.json").unlink(missing_ok=True)
+            self._drop(job)
+
+    def _drop(self, job: Job) -> None:
+        del self._jobs[job.id]
+        (self._folder / f"{job.id}.json").unlink(missing_ok=True)
 
     def _load(self) -> None:
         """Jobs of the servers before; what they had not ended has failed, and its case is put back."""

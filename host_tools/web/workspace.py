@@ -104,16 +104,19 @@ class Workspace:
             os.replace(scratch, target)
         except BaseException:
             shutil.rmtree(scratch, ignore_errors=True)
+            if (target / "case.toml").exists():  # somebody opened it meanwhile
+                return False
             raise
         return True
 
     def delete_case(self, name: str) -> None:
-        """Remove a case and its report."""
+        """Remove a case, its report and its export."""
         folder = self.case(name)
         away = self.folder("cases") / f".new-{secrets.token_hex(6)}"
         os.replace(folder, away)
         shutil.rmtree(away)
         (self.folder("reports") / f"{name}.html").unlink(missing_ok=True)
+        (self.folder("exports") / f"{name}.toml").unlink(missing_ok=True)
 
     def _path(self, kind: str, name: str) -> Path:
         if not _NAME.match(name):

@@ -1,0 +1,106 @@
+"""The queue of jobs by itself: what happens when two browsers, or one in a hurry, cancel at the wrong moment."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Iterator
+from pathlib import Path
+from typing import IO, Any
+
+import pytest
+
+from host_tools.web.events import Events
+from host_tools.web.jobs import Jobs
+from host_tools.web.warm import Warm
+from host_tools.web.workspace import Workspace
+
+
+class SlowProcess:
+    """Work that changes case.toml while it is being ended, as a process does that was about to."""
+
+    def __init__(self, case: Path) -> None:
+        self.case = case
+        self.begun = asyncio.Event()
+
+    async def lines(self) -> AsyncIterator[str]:
+        self.begun.set()
+        yield "at work"
+        await asyncio.Event().wait()
+
+    async def wait(self) -> int:
+        raise AssertionError("it never ends by itself")
+
+    async def stop(self) -> None:
+        await asyncio.sleep(0.05)
+        (self.case / "case.toml").write_text("half done\n")
+
+
+class SlowWarm(Warm):
+    def __init__(self, process: Any) -> None:
+        super().__init__()
+        self.process = process
+
+    async def run(self, arguments: list[str], out: IO[bytes], environment: dict[str, str] | None = None) -> Any:
+        return self.process
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Iterator[Workspace]:
+    place = Workspace(tmp_path)
+    folder = place.folder("cases") / "one"
+    folder.mkdir()
+    (folder / "case.toml").write_text("as it was\n")
+    yield place
+    place.release()
+
+
+def test_cancelled_twice_waits_until_the_process_has_ended(workspace: Workspace) -> None:
+    """The second click must not put the case back while the process still writes it."""
+    folder = workspace.folder("cases") / "one"
+
+    async def go() -> str:
+        process = SlowProcess(folder)
+        jobs = Jobs(workspace, SlowWarm(process), Events())
+        job = jobs.add("add", "one", [["add"]], restore=folder)
+        await process.begun.wait()
+        first = asyncio.create_task(jobs.cancel(job.id))
+        await asyncio.sleep(0.01)
+        await asyncio.gather(first, jobs.cancel(job.id))
+        await asyncio.sleep(0.1)
+        return job.state
+
+    assert asyncio.run(go()) == "cancelled"
+    assert (folder / "case.toml").read_text() == "as it was\n"
+
+
+def test_cancelled_before_its_first_step_ends_and_frees_the_case(workspace: Workspace) -> None:
+    folder = workspace.folder("cases") / "one"
+
+    async def go() -> tuple[str, str, int]:
+        process = SlowProcess(folder)
+        jobs = Jobs(workspace, SlowWarm(process), Events())
+        job = jobs.add("compare", "one", [["compare"]])
+        await jobs.cancel(job.id)
+        after = jobs.add("compare", "one", [["compare"]])
+        await asyncio.wait_for(process.begun.wait(), 5.0)
+        await jobs.close()
+        return job.state, after.state, jobs.running()
+
+    assert asyncio.run(go()) == ("cancelled", "failed", 0)
+
+
+def test_a_deleted_case_leaves_no_export_and_no_jobs(workspace: Workspace) -> None:
+    """A new case of the same name shows nothing of the old one."""
+    (workspace.folder("exports") / "one.toml").write_text("comp_heating = 1\n")
+
+    async def go() -> list[str]:
+        jobs = Jobs(workspace, SlowWarm(SlowProcess(workspace.folder("cases") / "one")), Events())
+        for case in ("one", "two"):
+            await jobs.cancel(jobs.add("export", case, [["export"]]).id)
+        workspace.delete_case("one")
+        jobs.forget("one")
+        return [str(job.case) for job in jobs.all()]
+
+    assert asyncio.run(go()) == ["two"]
+    assert list(workspace.folder("exports").iterdir()) == []
+    assert len(list(workspace.folder("jobs").glob("*.json"))) == 1
