@@ -150,8 +150,9 @@ bool pwm_set(pwm_output *pwm, int16_t duty_q15) {
     if ((pwm->descriptor < 0) || (duty == pwm->duty_ns)) {
         return true;
     }
-    pwm->duty_ns = duty;
-    return write_number(pwm->descriptor, duty);
+    const bool good = write_number(pwm->descriptor, duty);
+    pwm->duty_ns = good ? duty : UINT64_MAX; /* unknown: the next call writes whatever it is */
+    return good;
 }
 
 void pwm_close(pwm_output *pwm) {
