@@ -94,8 +94,9 @@ static void watch_estop(controller *c, uint32_t elapsed_ms) {
     } else if (gpio_get(c->estop) != 1) {
         stop(c);
     } else {
-        c->healthy_ms = (c->healthy_ms < 1000000U) ? (c->healthy_ms + elapsed_ms) : c->healthy_ms;
+        /* By the looks before this one: a step follows each press, however short it was and however long the ticks. */
         c->stopped = c->stopped && (c->healthy_ms < c->options->debounce_ms);
+        c->healthy_ms = (c->healthy_ms < 1000000U) ? (c->healthy_ms + elapsed_ms) : c->healthy_ms;
     }
 }
 
