@@ -230,8 +230,9 @@ typedef struct {
 typedef struct {
     reg32 CPUID, ICSR, VTOR, AIRCR, SCR, CCR, SHPR[3], SHCSR, CFSR, HFSR, DFSR, MMFAR, BFAR, AFSR;
 } scb_registers;
-#define SCB_AIRCR_RESET  (0x05FA0000U | BIT(2))
-#define SCB_CFSR_PRECISE BIT(9)
+#define SCB_ICSR_PENDSTCLR BIT(25)
+#define SCB_AIRCR_RESET    (0x05FA0000U | BIT(2))
+#define SCB_CFSR_PRECISE   BIT(9)
 typedef struct {
     reg32 TYPE, CTRL, RNR, RBAR, RASR;
 } mpu_registers;

@@ -169,6 +169,7 @@ _Noreturn void start_image(uint32_t address) {
     const uint32_t *table = (const uint32_t *)address;
     __asm__ volatile("cpsid i" ::: "memory");
     SYSTICK->CTRL = 0U;
+    SCB->ICSR = SCB_ICSR_PENDSTCLR; /* a tick that came meanwhile would be the image's, before it has any memory */
     for (uint32_t i = 0U; i < ((IRQ_COUNT + 31U) / 32U); i++) {
         NVIC_ICER[i] = 0xFFFFFFFFU;
         NVIC_ICPR[i] = 0xFFFFFFFFU;
