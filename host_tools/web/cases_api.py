@@ -17,6 +17,7 @@ from host_tools.web.workspace import NAME, NotThere, Taken, examples
 __all__ = ["router"]
 
 router = APIRouter(prefix="/api", tags=["cases"])
+AT_ONCE = 100  # cases that are read with one request, whose size is bounded
 REPORT_POLICY = (  # the report is one page with its scripts inside: alone in a sandbox, without a way to this server
     "sandbox allow-scripts allow-popups; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data:; font-src data:"
@@ -35,9 +36,10 @@ class _Index:
         states = {name: _state(folder) for name, folder in folders.items()}
         new = [n for n in names if self._known.get(folders[n], (None,))[0] != states[n]]
         if new:
-            found = await context.warm.call("host_tools.web.summary:summaries", [str(folders[n]) for n in new])
-            for name, line in zip(new, found, strict=True):
-                self._known[folders[name]] = (states[name], line)
+            for some in (new[i : i + AT_ONCE] for i in range(0, len(new), AT_ONCE)):
+                found = await context.warm.call("host_tools.web.summary:summaries", [str(folders[n]) for n in some])
+                for name, line in zip(some, found, strict=True):
+                    self._known[folders[name]] = (states[name], line)
         for gone in self._known.keys() - set(folders.values()):
             del self._known[gone]
         return [

@@ -19,7 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 __all__ = ["COOKIE", "MAX_BODY", "Door", "loopback"]
 
-COOKIE = "terrapin_token"
+COOKIE = "terrapin_token"  # with the port behind it: a browser gives cookies of one port to all
 MAX_BODY = 1 << 20  # bytes; uploads have their own bound
 BODY_SECONDS = 30.0  # in which a small body has to arrive
 _LOOPBACK = re.compile(r"(?:localhost|127\.0\.0\.1|\[::1\])(?::\d{1,5})?", re.ASCII | re.IGNORECASE)
@@ -56,8 +56,9 @@ class _Refused(Exception):
 class Door:
     """ASGI middleware around the whole application. `streamed` are paths whose route reads and bounds its own body."""
 
-    def __init__(self, app: ASGIApp, token: str, streamed: Iterable[str] = ()) -> None:
+    def __init__(self, app: ASGIApp, token: str, streamed: Iterable[str] = (), cookie: str = COOKIE) -> None:
         self.app = app
+        self._cookie = cookie
         self._token = token.encode()
         self._streamed = frozenset(streamed)
 
@@ -101,7 +102,7 @@ class Door:
         found = [value[7:] for value in headers.all("authorization") if value[:7].lower() == "bearer "]
         for text in headers.all("cookie"):
             try:
-                cookie = SimpleCookie(text).get(COOKIE)
+                cookie = SimpleCookie(text).get(self._cookie)
             except CookieError:
                 continue
             found += [cookie.value] if cookie is not None else []

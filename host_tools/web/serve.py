@@ -23,7 +23,7 @@ async def serve(listening: socket.socket, workspace: Path, token: str, link: str
     place = Workspace(workspace)
     try:
         config = uvicorn.Config(
-            application(place, token, link),
+            application(place, token, link, listening.getsockname()[1]),
             log_level="error",
             access_log=False,
             server_header=False,

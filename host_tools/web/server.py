@@ -46,9 +46,10 @@ KINDS = {
 }
 
 
-def application(workspace: Workspace, token: str, link: str = "") -> Door:
+def application(workspace: Workspace, token: str, link: str, port: int) -> Door:
     """The whole server as an ASGI application behind its door."""
     parts = _parts()
+    cookie = f"{COOKIE}_{port}"  # two servers on this machine do not overwrite each other's
 
     @asynccontextmanager
     async def life(app: FastAPI) -> AsyncIterator[None]:
@@ -84,10 +85,10 @@ def application(workspace: Workspace, token: str, link: str = "") -> Door:
     )
     for module in (cases_api, new_case, jobs_api, uploads, events, *parts):
         app.include_router(module.router)
-    _describe(app)
+    _describe(app, cookie)
     _complaints(app)
-    _static(app, token)
-    return Door(app, token, uploads.STREAMED)
+    _static(app, token, cookie)
+    return Door(app, token, uploads.STREAMED, cookie)
 
 
 def _parts() -> list[ModuleType]:
@@ -97,7 +98,7 @@ def _parts() -> list[ModuleType]:
     return [module for module in found if hasattr(module, "router")]
 
 
-def _describe(app: FastAPI) -> None:
+def _describe(app: FastAPI, cookie: str) -> None:
     """The OpenAPI description says how to show the token."""
     plain = app.openapi
 
@@ -106,7 +107,7 @@ def _describe(app: FastAPI) -> None:
             schema = plain()
             schema.setdefault("components", {})["securitySchemes"] = {
                 "token": {"type": "http", "scheme": "bearer", "description": "printed by `terrapin web`"},
-                "cookie": {"type": "apiKey", "in": "cookie", "name": COOKIE},
+                "cookie": {"type": "apiKey", "in": "cookie", "name": cookie},
             }
             schema["security"] = [{"token": []}, {"cookie": []}]
             app.openapi_schema = schema
@@ -152,14 +153,14 @@ def _complaints(app: FastAPI) -> None:
     app.add_exception_handler(Exception, other)
 
 
-def _static(app: FastAPI, token: str) -> None:
+def _static(app: FastAPI, token: str, cookie: str) -> None:
     """The page and its files. A path is looked up among the files that are there and never becomes part of a path."""
 
     @app.get("/", include_in_schema=False)
     async def index(request: Request) -> Response:
         response = _file("index.html", request)
         if any(value == token for value in request.query_params.getlist("token")):
-            response.set_cookie(COOKIE, token, httponly=True, samesite="strict", path="/")
+            response.set_cookie(cookie, token, httponly=True, samesite="strict", path="/")
         return response
 
     @app.get("/static/{path:path}", include_in_schema=False)

@@ -10,7 +10,6 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query
 
-from host_tools.errors import UserError
 from host_tools.web.context import Context, Terrapin
 from host_tools.web.models import problems
 from host_tools.web.workspace import NAME
@@ -58,8 +57,9 @@ async def _answer(context: Context, folder: File, function: str, *arguments: Any
         _kept.move_to_end(key)
     try:
         return await asyncio.shield(task)
-    except UserError:
-        _kept.pop(key, None)
+    except BaseException:
+        if task.done() and _kept.get(key) is task:  # it failed: who asks again has another try
+            del _kept[key]
         raise
 
 

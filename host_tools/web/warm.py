@@ -124,7 +124,7 @@ class Warm:
         stream = await _stream(reading)
         try:
             async with asyncio.timeout(seconds):
-                said, answer = await asyncio.gather(_all(process.lines(), told), stream.read(-1))
+                said, answer = await asyncio.gather(_all(process.lines(), told), _whole(stream))
                 status = await process.wait()
         except TimeoutError:
             raise UserError(f"found no answer after {seconds:g} s") from None
@@ -211,6 +211,16 @@ async def _stream(reading: int) -> asyncio.StreamReader:
     loop = asyncio.get_running_loop()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(reading, "rb", 0))
     return reader
+
+
+async def _whole(stream: asyncio.StreamReader) -> bytes:
+    """All of it. UserError beyond MAX_ANSWER."""
+    found = bytearray()
+    while data := await stream.read(1 << 16):
+        found += data
+        if len(found) > MAX_ANSWER:
+            raise UserError(f"found an answer of more than {MAX_ANSWER} bytes")
+    return bytes(found)
 
 
 async def _all(lines: AsyncIterator[str], told: Callable[[str], None] | None) -> list[str]:

@@ -1,7 +1,7 @@
 """The process behind warm.py: imports everything once, then forks for each request that comes through the socket.
 
-It has one thread and no state of its own, so that what is forked is as good as a fresh start. A request is a JSON
-message with two file descriptors, standard output and standard error of the work.
+It works in one thread, while the libraries' pools idle, and has no state of its own, so that what is forked is as good
+as a fresh start. A request is a JSON message with two file descriptors, standard output and standard error of the work.
 """
 
 from __future__ import annotations

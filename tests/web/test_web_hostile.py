@@ -52,7 +52,7 @@ def test_without_the_token_nothing_is_answered(server: Server, method: str, path
         {"Authorization": f"Bearer {server.token[:-1]}"},
         {"Authorization": f"Basic {server.token}"},
         {"Authorization": "Bearer \xff\xfe"},
-        {"Cookie": "terrapin_token=; other=1"},
+        {"Cookie": f"terrapin_token_{server.port}=; other=1"},
         {"Cookie": f"terrapin={server.token}"},
         {"Cookie": "\x7f=;;;=,=" * 50},
         {"X-Token": server.token},
@@ -148,7 +148,7 @@ def test_another_page(server: Server, origin: str) -> None:
         answer = server.ask(method, path, headers=headers)
         assert answer.status == 403
         assert not any(name.startswith("access-control") for name in answer.headers)
-    cookie = {"Cookie": f"terrapin_token={server.token}", "Sec-Fetch-Site": "same-site"}
+    cookie = {"Cookie": f"terrapin_token_{server.port}={server.token}", "Sec-Fetch-Site": "same-site"}
     assert server.ask("GET", "/api/status", headers=cookie, token=False).status == 403
     with pytest.raises(InvalidStatus) as refused:
         connect(f"ws://127.0.0.1:{server.port}/api/events?token={server.token}", additional_headers=headers)

@@ -72,6 +72,7 @@ def test_token_in_the_address_becomes_a_cookie(server: Server) -> None:
     cookie = index.headers["set-cookie"]
     assert "HttpOnly" in cookie
     assert "SameSite=strict" in cookie
+    assert cookie.startswith(f"terrapin_token_{server.port}=")  # another server on this machine has one of its own
     value = cookie.partition(";")[0]
     assert server.ask("GET", "/api/status", token=False, headers={"Cookie": value}).status == 200
     wrong = server.ask("GET", "/?token=nonsense", token=False)
@@ -244,7 +245,7 @@ def test_events_reach_every_browser(server: Server) -> None:
     address = f"ws://127.0.0.1:{server.port}/api/events"
     with (
         connect(f"{address}?token={server.token}") as one,
-        connect(address, additional_headers={"Cookie": f"terrapin_token={server.token}"}) as two,
+        connect(address, additional_headers={"Cookie": f"terrapin_token_{server.port}={server.token}"}) as two,
     ):
         job = server.start("told", do="compare")
         for socket in (one, two):
