@@ -20,7 +20,7 @@ from pydantic import BaseModel, Field, FiniteFloat
 from hil import paths
 from host_tools.errors import UserError
 from host_tools.web.context import Context, Terrapin
-from host_tools.web.jobs import Job
+from host_tools.web.jobs import ENDED, Job
 from host_tools.web.models import EffectName, Line, Name, Request, problems
 from host_tools.web.workspace import NAME, NotThere, Taken
 
@@ -123,8 +123,18 @@ async def begin(context: Context) -> None:
     """When the server starts."""
     try:
         _folder(context).mkdir(exist_ok=True)
+        for path in _folder(context).iterdir():
+            if _never_begun(path):  # no list shows it, and it would count
+                shutil.rmtree(path)
     except OSError as error:
         raise UserError(f"{_folder(context)}: {error.strerror}") from None
+
+
+def _never_begun(run: Path) -> bool:
+    """Whether it is the folder of a run that was cancelled while it waited: our name, and a scenario at most."""
+    if re.fullmatch(r"[a-z0-9_.-]+-\d+", run.name) is None or not run.is_dir():
+        return False
+    return {file.name for file in run.iterdir()} <= {re.sub(r"-\d+\Z", ".toml", run.name)}
 
 
 @router.get("/scenarios", responses=problems())
@@ -341,16 +351,17 @@ def _runs(folder: Path) -> list[RunLine]:
 @router.get("/simulate/{name}/signals", responses=problems(404))
 async def signals(context: Terrapin, name: Name) -> dict[str, Any]:
     """What the robot did: columns of the truth, what the controller said beside them, the ground's height."""
-    from host_tools.web.simulate_data import run_signals
-
-    return await asyncio.to_thread(run_signals, _run(context, name))
+    run = _run(context, name)  # read in a process of its own: a long run takes many seconds, and the live view goes on
+    found: dict[str, Any] = await context.warm.call("host_tools.web.simulate_data:run_signals", str(run))
+    return found
 
 
 @router.delete("/simulate/{name}", responses=problems(404, 409))
 async def remove(context: Terrapin, name: Name) -> Removed:
     """Remove a run; 409 while it goes on."""
     run = _run(context, name)
-    if any(job.state in ("queued", "running") and str(run) in job.command for job in context.jobs.all()):
+    going = [job for job in context.jobs.all() if job.state not in ENDED]
+    if any(run == Path(word) or run in Path(word).parents for job in going for step in job.steps for word in step):
         raise Taken(f"run: {name} goes on, expected it cancelled or ended")
     await asyncio.to_thread(shutil.rmtree, run)
     return Removed(name=name)

@@ -30,10 +30,11 @@ SHOWN = (
 )
 
 
-def run_signals(folder: Path) -> dict[str, Any]:
+def run_signals(folder: str | Path) -> dict[str, Any]:
     """Columns as lists, SI; `angle` is the shell's [rad]. UserError when the folder holds no run, or an empty one."""
     from hil.messages import interface
 
+    folder = Path(folder)
     try:
         text = (folder / "truth.csv").read_text(encoding="ascii")
         run = tomllib.loads((folder / "run.toml").read_text(encoding="utf-8"))

@@ -14,7 +14,7 @@ from hil import paths
 from hil.run import run
 from hil.scenario import load_scenario
 from host_tools.errors import UserError
-from host_tools.web.simulate import FaultAt, Segment, Simulate, _description, _runs, changed_scenario
+from host_tools.web.simulate import FaultAt, Segment, Simulate, _description, _never_begun, _runs, changed_scenario
 from host_tools.web.simulate_data import ground_height, run_signals
 
 SCENARIOS = sorted((paths.ROOT / "hil" / "scenarios").glob("*.toml"))
@@ -116,6 +116,9 @@ def test_cancelled_run_is_cut_short(server: Server) -> None:
         if job["state"] == "running" and server.files().get(f"runs/{started['run']}/telemetry.log", 0) > 10_000:
             break
     assert server.ask("DELETE", f"/api/simulate/{started['run']}").status == 409
+    shorter = started["run"][:-1]
+    (server.workspace / "runs" / shorter).mkdir()  # its name begins as that of the one that goes on
+    assert server.ask("DELETE", f"/api/simulate/{shorter}").status == 200
     assert server.ask("DELETE", f"/api/jobs/{started['id']}").json["state"] == "cancelled"
     line = next(one for one in server.get("/api/simulate") if one["name"] == started["run"])
     assert (line["complete"], line["passed"]) == (False, None)
@@ -192,6 +195,14 @@ def test_half_written_folders(tmp_path: Path) -> None:
         run_signals(tmp_path / "other")
     assert {one.name for one in _runs(tmp_path)} == {"killed", "empty"}
     assert tomllib.loads(run_toml)["run"]["complete"] is False
+
+
+def test_what_never_began_is_swept_and_nothing_else(tmp_path: Path) -> None:
+    for name, file in (("soft_sand-1", "soft_sand.toml"), ("soft_sand-2", "run.toml"), ("mine", "soft_sand.toml")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / file).write_text("")
+    (tmp_path / "x-3").mkdir()
+    assert {path.name for path in tmp_path.iterdir() if _never_begun(path)} == {"soft_sand-1", "x-3"}
 
 
 def test_ground_height_is_the_slope_integrated() -> None:
