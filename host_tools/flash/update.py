@@ -131,8 +131,13 @@ def query(wire: Wire, seconds: float = ANSWER) -> Controller:
     return found
 
 
-def _request(wire: Wire, frames: Sequence[Frame], request: str, seconds: float) -> tuple[str, int] | None:
-    """Send frames whose last is answered: the result's name and the block that is expected next; None: no answer."""
+def _request(
+    wire: Wire, frames: Sequence[Frame], request: str, seconds: float, beyond: int = -1
+) -> tuple[str, int] | None:
+    """Send frames whose last is answered: the result's name and the block that is expected next; None: no answer.
+
+    An `ok` that expects no block after `beyond` answers an earlier request, which was sent twice, and is passed over.
+    """
     status, enums = interface().messages["UPDATE_STATUS"], interface().enums
     wire.send(frames)
     end = time.monotonic() + seconds
@@ -142,7 +147,9 @@ def _request(wire: Wire, frames: Sequence[Frame], request: str, seconds: float) 
             values = status.decode(data)
             if values["request"] == enums["update_request"][request]:
                 names = {number: name for name, number in enums["update_result"].items()}
-                return names.get(values["result"], f"result {values['result']}"), values["next"]
+                result = names.get(values["result"], f"result {values['result']}")
+                if result != "ok" or values["next"] > beyond:
+                    return result, values["next"]
     return None
 
 
@@ -199,7 +206,8 @@ def _send_blocks(wire: Wire, sender: Sender, data: bytes, told: Told) -> None:
         block = data[BLOCK * index : BLOCK * (index + 1)]
         frames = [(identifier, block[at : at + 8].ljust(8, b"\xff")) for at in range(0, len(block), 8)]
         values = {"index": index, "size": len(block), "checksum": zlib.crc32(block)}
-        answer = _request(wire, [*frames, sender.frame("UPDATE_BLOCK", values)], "block", BLOCK_ANSWER)
+        beyond = index if index + 1 < count else -1  # the last one may be a part, which `next` does not count
+        answer = _request(wire, [*frames, sender.frame("UPDATE_BLOCK", values)], "block", BLOCK_ANSWER, beyond)
         if answer is not None and answer[0] == "ok":
             index, tries = index + 1, 0
             told("writing", min(len(data), BLOCK * index), len(data))

@@ -155,6 +155,7 @@ class Node(threading.Thread):
         self.lose, self.count, self.resets = lose, 0, 0
         self.going = True
         self.mute: set[int] = set()  # identifiers that it does not hear
+        self.answers = 1  # to each request, as to one that was sent as often
 
     def lost(self) -> bool:
         self.count += 1
@@ -166,7 +167,7 @@ class Node(threading.Thread):
             if message is None or message.arbitration_id in self.mute or self.lost():
                 continue
             for identifier, data in self.chip.accept(message.arbitration_id, bytes(message.data)):
-                if not self.lost():
+                for _ in range(0 if self.lost() else self.answers):
                     self.bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
             if self.chip.update.reset:
                 self.resets += 1
@@ -209,6 +210,14 @@ def test_a_bus_that_loses_frames() -> None:
     with on_bus(lose=61) as (node, wire):
         assert update(wire, [file("a", "1.0.0", size=1500)], quiet).slot == "a"
         assert node.count > 61 * 3
+
+
+def test_late_answers() -> None:
+    """Each answer comes twice, as when a request is sent again while its answer is on its way: the second one is not
+    taken for the next block's."""
+    with on_bus(lose=61) as (node, wire):
+        node.answers = 2
+        assert update(wire, [file("a", "1.0.0", size=1500)], quiet).slot == "a"
 
 
 def test_an_application_whose_motor_is_on_answers_no_query() -> None:
