@@ -345,6 +345,29 @@ static void test_saves_parameters_and_finds_them_again(void) {
     TEST_ASSERT_EQUAL_INT32(4592, value);
 }
 
+/* A save that begins while the bridge is off and has to wait while it is on: the watchdog stays short. */
+static void test_the_watchdog_has_no_more_time_while_the_motor_is_on(void) {
+    static const uint32_t sectors[2] = {16384U, 16384U};
+    static const terrapin_flash_area areas[2] = {{0U, 16384U}, {16384U, 16384U}};
+    static terrapin_flash_emulated chip_memory;
+    static terrapin_store store;
+    memset(pages, 0xFF, sizeof pages);
+    terrapin_flash_emulated_init(&chip_memory, pages, sectors, 2U, 4U);
+    const terrapin_flash flash = terrapin_flash_emulated_driver(&chip_memory);
+    const port_hardware hardware = plain();
+    TEST_ASSERT_TRUE(terrapin_store_open(&store, &flash, areas));
+    port_open(&controller, state, &bus, &line, &store, NULL, &hardware);
+    (void)ticks(1500U, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_TRUE(ticks(300U, TERRAPIN_REQUEST_RUN));
+    store.phase = TERRAPIN_STORE_ERASE; /* the other page, after a write that failed */
+    TEST_ASSERT_TRUE(ticks(100U, TERRAPIN_REQUEST_RUN));
+    TEST_ASSERT_EQUAL_UINT32(0U, flash_work);
+    (void)ticks(3000U, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_EQUAL_INT(TERRAPIN_STORE_IDLE, store.phase);
+    TEST_ASSERT_GREATER_OR_EQUAL(1U, flash_work);
+    TEST_ASSERT_EQUAL_UINT32(flash_work, flash_rest);
+}
+
 static void test_a_start_is_healthy_once(void) {
     (void)ticks(PORT_HEALTHY_TICKS - 1U, TERRAPIN_REQUEST_IDLE);
     TEST_ASSERT_EQUAL_UINT32(0U, healthy);
@@ -506,6 +529,7 @@ int main(void) {
     RUN_TEST(test_runs_and_stops_on_the_port_s_faults);
     RUN_TEST(test_test_mode_holds_the_bridge_off_and_stops_the_own_clock);
     RUN_TEST(test_saves_parameters_and_finds_them_again);
+    RUN_TEST(test_the_watchdog_has_no_more_time_while_the_motor_is_on);
     RUN_TEST(test_a_start_is_healthy_once);
     RUN_TEST(test_update_resets_with_the_motor_off_alone);
     RUN_TEST(test_tells_status_once_and_counts);

@@ -222,9 +222,10 @@ static void tell(port *p) {
 /* A save under way, piece by piece; an erase holds the processor for longer than a tick. */
 static void keep_parameters(port *p) {
     const bool saving = (p->store != NULL) && (p->store->phase != TERRAPIN_STORE_IDLE);
-    if (saving != p->flash_work) {
-        p->flash_work = saving;
-        port_flash_work(saving);
+    const bool slow = saving && !terrapin_bridge_on(p->state); /* the erase waits for that, and so does the watchdog */
+    if (slow != p->flash_work) {
+        p->flash_work = slow;
+        port_flash_work(slow);
     }
     if (saving) {
         (void)terrapin_link_store_work(&p->link, p->state);

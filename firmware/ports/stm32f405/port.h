@@ -52,7 +52,7 @@ typedef struct {
     uint32_t tick;
     uint32_t overruns;  /* ticks missed; wraps, like the others */
     uint32_t send_lost; /* own frames and answers that the line had no room for */
-    bool flash_work;    /* a save is under way */
+    bool flash_work;    /* a save is under way, with the bridge off: the watchdog has time */
     bool judged;        /* this start was told to be healthy */
     struct {
         uint32_t overruns, lost, send_lost;
