@@ -1,5 +1,7 @@
 #include "can.h"
 
+#include <stdatomic.h>
+
 #include "wait.h"
 
 #define TRIES_INIT   20000U /* entering takes at most a frame's time: 0.3 ms at 500 kbit/s */
@@ -98,6 +100,7 @@ bool can_take(can *c, terrapin_frame *frame) {
         return false;
     }
     *frame = c->in[tail % CAN_IN_SIZE];
+    atomic_signal_fence(memory_order_acq_rel); /* copied before the interrupt may write there again */
     c->in_tail = tail + 1U;
     return true;
 }

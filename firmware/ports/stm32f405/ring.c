@@ -1,5 +1,7 @@
 #include "ring.h"
 
+#include <stdatomic.h>
+
 void ring_init(ring *r, uint8_t *bytes, uint32_t size) {
     r->bytes = bytes;
     r->size = size;
@@ -29,7 +31,8 @@ bool ring_put_all(ring *r, const uint8_t *bytes, uint32_t length) {
     for (uint32_t i = 0; i < length; i++) {
         r->bytes[(head + i) & (r->size - 1U)] = bytes[i];
     }
-    r->head = head + length; /* last: from here on the reader sees them */
+    atomic_signal_fence(memory_order_release); /* the compiler may move plain accesses over volatile ones */
+    r->head = head + length;                   /* last: from here on the reader sees them */
     return true;
 }
 
@@ -39,6 +42,7 @@ bool ring_take(ring *r, uint8_t *byte) {
         return false;
     }
     *byte = r->bytes[tail & (r->size - 1U)];
+    atomic_signal_fence(memory_order_acq_rel);
     r->tail = tail + 1U;
     return true;
 }
