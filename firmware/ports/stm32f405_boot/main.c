@@ -17,6 +17,7 @@
 #include "serial.h"
 #include "startup.h"
 #include "usart.h"
+#include "watchdog.h"
 
 #define LISTEN_MS 100U
 #define IDLE_MS   60000U
@@ -124,6 +125,8 @@ _Noreturn void application(void) {
         terrapin_boot_choose(&boot, &choice);
         if (choice.slot != (uint8_t)TERRAPIN_UPDATE_SLOT_NONE) {
             (void)usart_flush(&line, FLUSH);
+            /* For an image that hangs before it has set it itself: its trial ends by this. */
+            (void)watchdog_set(IWDG, WATCHDOG_ERASE);
             start_image(choice.address);
         }
     } else {
