@@ -14,13 +14,17 @@ from pathlib import Path
 import pytest
 
 from hil import paths
-from hil.links.qemu import image, open_qemu
+from hil.links.qemu import MACHINE, image, open_qemu
 from hil.links.qemu_usart import QemuUsart
 from hil.links.qemu_usart import image as board_image
 from hil.messages import Sender, interface
 from hil.run import run
 from hil.scenario import find_scenario, load_scenario
+from host_tools.flash.image import Version, sign
+from host_tools.flash.keys import development_key, private_key
+from host_tools.flash.layout import SLOT_SIZE, SLOTS
 
+PATTERN = 0x5AFE57AC  # of startup.c
 SCRIPT = paths.ROOT / "firmware" / "cmake" / "stack_report.py"
 SPEC = importlib.util.spec_from_file_location("stack_report", SCRIPT)
 assert SPEC is not None
@@ -162,3 +166,50 @@ def test_the_bound_holds_what_the_board_says() -> None:
     finally:
         machine.stop()
     assert 0.25 * bound < used <= bound < aside
+
+
+@built
+@emulated
+def test_the_bound_holds_what_the_boot_loader_takes(tmp_path: Path) -> None:
+    """It verifies an image whose signature is another's by one bit, which takes it deepest, and stays."""
+    loader = image().with_name("terrapin-boot-emulated.elf")
+    _, [(bound, aside)] = bounds(loader)
+    application = board_image(place="slot-a").with_suffix(".bin").read_bytes()
+    data = bytearray(sign(application, private_key(development_key()), Version(1, 0, 0), 1, "a"))
+    data[-40] ^= 1  # in the point R, the first half of the 64 bytes
+    slot = tmp_path / "slot.bin"
+    slot.write_bytes(bytes(data).ljust(SLOT_SIZE, b"\xff"))
+    command = ["qemu-system-arm", "-M", MACHINE, "-nodefaults", "-display", "none", "-monitor", "stdio"]
+    command += ["-device", f"loader,file={slot},addr=0x{SLOTS['a']:08x},force-raw=on", "-kernel", str(loader)]
+    used, end = 0, time.monotonic() + 60.0
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            while used <= 0.5 * bound and time.monotonic() < end:
+                time.sleep(0.5)
+                words = stack_words(process, aside // 4)
+                used = aside - 4 * next((i for i, word in enumerate(words) if word != PATTERN), len(words))
+        finally:
+            process.kill()
+    assert 0.5 * bound < used <= bound < aside
+
+
+def stack_words(process: subprocess.Popen[str], count: int) -> list[int]:
+    """Words from the beginning of RAM, where the stack stands, by QEMU's monitor."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write(f"xp /{count}xw 0x20000000\n")
+    process.stdin.flush()
+    words: list[int] = []
+    while len(words) < count:
+        line = process.stdout.readline()
+        assert line, "the emulator has ended"
+        if row := re.match(r"[0-9a-f]{16}: (.*)", line):
+            words += [int(word, 16) for word in row[1].split()]
+    return words
+
+
+def test_no_port_sets_a_priority() -> None:
+    """Else interrupts could preempt each other, which the bound excludes."""
+    sources = [*(paths.ROOT / "firmware" / "ports").glob("stm32f405*/*.[ch]")]
+    assert len(sources) > 20
+    assert not [path for path in sources if re.search(r"->\s*SHPR|NVIC_IPR|BASEPRI", path.read_text(), re.IGNORECASE)]
