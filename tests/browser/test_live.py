@@ -104,9 +104,20 @@ def test_simulator_signals_events_and_stop(page: Page, server: Server) -> None:
     page.keyboard.press("Space")
     expect(page.get_by_role("button", name="Pause")).to_be_visible()
     expect(page.locator(".stop-panel")).to_contain_text("Opens the emergency stop of the simulated robot")
-    page.get_by_role("button", name="Stop the robot").click()
+    page.evaluate(  # pressed, and pressed again as soon as the button has become the one that lets go
+        """() => {
+            const stop = document.querySelector('button.stop');
+            new MutationObserver((_, seen) => {
+                if (stop.getAttribute('aria-pressed') !== 'true') return;
+                seen.disconnect();
+                stop.click();
+            }).observe(stop, { attributes: true });
+            stop.click();
+        }"""
+    )
     expect(page.locator("[data-tile=Faults]")).to_contain_text("estop")
     expect(page.locator("[data-tile=State]")).to_contain_text("bridge off")
+    page.wait_for_timeout(1000)  # in which it does not let go
     page.get_by_role("button", name="Stopped: release").click()
     expect(page.get_by_role("button", name="Stop the robot")).to_be_visible()
     assert said(page)["missed"] == "0"

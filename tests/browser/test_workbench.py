@@ -92,11 +92,15 @@ def test_a_reload_and_a_second_browser_show_the_same(page: Page, server: Server)
     other = page.context.new_page()
     other.goto(page.url)  # without a token in the address: the cookie is enough
     expect(other.get_by_role("heading", level=1)).to_contain_text("missing")
+    page.get_by_text("Own effect").click()
+    typing = page.locator(".own").get_by_label("expression")
+    typing.fill("k * omega")
     job = server.start("forced_slip_sand", do="add", effects=["torque_gain"])
     assert server.wait(job)["state"] == "done"
     for one in (page, other):
         expect(one.get_by_role("button", name="Remove torque_gain")).to_be_visible()
         expect(one.locator(".ladder")).to_have_attribute("data-rungs", "2")
+    expect(typing).to_be_focused()  # who types goes on typing
 
 
 def test_a_dropped_table_becomes_a_case(page: Page, server: Server) -> None:
@@ -112,6 +116,11 @@ def test_a_dropped_table_becomes_a_case(page: Page, server: Server) -> None:
     expect(form.get_by_label("what w_shell [rad/s] is")).to_have_value("omega")
     expect(form.get_by_label("what i_motor_mA is")).to_have_value("current")
     expect(form.get_by_label("unit of i_motor_mA")).to_have_value("mA")
+    page.get_by_role("link", name="Live").click()  # and back: what is being mapped is still there
+    page.get_by_role("link", name="Workbench").click()
+    form.get_by_label("noise sd of i_motor_mA").fill("1,0")
+    form.get_by_role("button", name="Make the case").click()
+    expect(form.get_by_role("alert")).to_contain_text("found 1,0, expected a number above 0")
     form.get_by_label("noise sd of i_motor_mA").fill("1.0")
     assert serious(page) == []
     form.get_by_role("button", name="Make the case").click()

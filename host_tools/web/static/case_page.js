@@ -8,6 +8,7 @@ const WORDS = {
   compare: 'Comparing', discover: 'Looking for what is missing', add: 'Adding', remove: 'Removing',
   report: 'Writing the report', export: 'Exporting, and running the controller with it', experiment: 'Running the experiment',
 };
+const CHANGES = ['add', 'remove']; // after these an export is no longer the model's
 const ACTIVE = ['queued', 'running'];
 
 export class CasePage {
@@ -90,7 +91,9 @@ export class CasePage {
     this.plots.take(view);
     this.head();
     this.lead();
+    const focus = document.activeElement; // moving an element takes the focus from it, and from who types in it
     this.side.replaceChildren(...ranking(this), ...nextStep(this), this.own.element, this.controller.element);
+    if (this.side.contains(focus) && focus !== document.activeElement) focus.focus({ preventScroll: true });
     this.own.take(view);
     this.controller.take(view);
     this.below.replaceChildren(...below(this));
@@ -223,9 +226,10 @@ export class CasePage {
     try { jobs = await this.app.api('jobs'); } catch { return; } // the view says what is wrong
     if (this.closed) return;
     const mine = jobs.filter((job) => job.case === this.name);
-    for (const job of mine) if (ACTIVE.includes(job.state)) this.progress(job);
-    const exported = mine.find((job) => job.do === 'export' && job.state === 'done');
-    if (exported) this.controller.restore(exported.id);
+    for (const id of [...this.jobs.keys()]) if (!mine.some((job) => job.id === id)) this.progress({ id, state: 'failed' }); // gone
+    for (const job of mine) if (ACTIVE.includes(job.state) || this.jobs.has(job.id)) this.progress(job); // ended while we were away
+    const last = mine.find((job) => ['export', ...CHANGES].includes(job.do) && job.state === 'done'); // newest first
+    if (last?.do === 'export') this.controller.restore(last.id);
     this.reported = mine.some((job) => job.do === 'report' && job.state === 'done');
     if (this.view) this.lead();
   }
@@ -248,6 +252,7 @@ export class CasePage {
     if (event.case !== this.name) return;
     if (event.deleted) { this.app.go('workbench'); return; }
     if (event.job === undefined) { this.load(); return; }
+    if (event.state === 'done' && CHANGES.includes(event.do)) this.controller.result.replaceChildren();
     if (event.state && !ACTIVE.includes(event.state)) { this.progress({ id: event.job, state: event.state }); return; }
     const known = this.jobs.get(event.job) || { id: event.job, progress: [] };
     this.progress({ ...known, ...event, id: event.job, progress: event.line ? [event.line] : known.progress });

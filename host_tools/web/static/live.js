@@ -8,6 +8,7 @@ const MOST = 8; // lanes
 const HEAD = 32; // bytes of a picture's head
 const SAMPLES = 1;
 const ROWS_EVERY = 250; // ms between looks at the numbers of the table
+const STOP_MS = 1000; // after the button has become “release”, in which it does not
 const STOP_WORDS = {
   bus: 'Asks the controller for idle, thirty times a second, until it is pressed again. It needs this page, this computer and the bus: it is no emergency stop and cuts no power. Another node that asks for run can win in between. The red button on the robot works always.',
   simulator: 'Opens the emergency stop of the simulated robot until it is pressed again: the bridge goes off in the same tick. A controller that has been stopped wants “clear” before it runs again, as the real one does.',
@@ -254,7 +255,7 @@ export function mount(element, app) {
       one('Frames', String(now.total), '', `${now.rate.toFixed(0)}/s`);
     }
   }
-  let healthSaid = '';
+  let healthSaid = '', heldSince = 0;
   function bus() {
     const now = state.status;
     load.value = Math.min(1, now.load);
@@ -283,6 +284,7 @@ export function mount(element, app) {
     const done = now.last_log;
     recorded.textContent = on ? `${on.name}: ${on.frames.toLocaleString('en')} frames, ${size(on.bytes)}, ${on.seconds.toFixed(0)} s`
       : done ? `${done.name} holds ${done.frames.toLocaleString('en')} frames, ${size(done.bytes)}; it is among the sources now.` : 'Into the workspace’s folder logs. A crash costs the last half second at most.';
+    if (now.stop_held && stop.getAttribute('aria-pressed') !== 'true') heldSince = performance.now();
     stop.setAttribute('aria-pressed', String(now.stop_held));
     stop.textContent = now.stop_held ? 'Stopped: release' : 'Stop the robot';
     stop.disabled = !state.hello?.stop || now.state !== 'live';
@@ -348,6 +350,7 @@ export function mount(element, app) {
   }
   async function toggleStop() {
     const held = Boolean(state.status?.stop_held);
+    if (held && performance.now() - heldSince < STOP_MS) return; // a hurried second click does not let go
     const answer = await run(() => api('live/command', { body: { request: held ? 'release' : 'idle' } }));
     if (answer) app.announce(answer.done);
   }

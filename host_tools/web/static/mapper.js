@@ -92,6 +92,7 @@ export class Mapper {
     this.rows = first.columns.filter((c) => c.numeric && c.name !== first.run_guess).map((c) => this.row(c));
     this.extra = h('div', { class: 'form' });
     this.problem = h('div', { role: 'alert' });
+    this.submit = h('button', { type: 'submit', class: 'main', text: 'Make the case' });
     const label = (words, input) => h('label', {}, words, input);
     const form = h('form', { class: 'panel form', 'aria-label': 'Map the columns', onsubmit: (event) => { event.preventDefault(); this.make(); } },
       h('h2', { text: 'Map the columns' }),
@@ -102,7 +103,7 @@ export class Mapper {
         h('thead', {}, h('tr', {}, ['column', 'first values', 'is', 'unit', 'noise sd'].map((words) => h('th', { scope: 'col', text: words })))),
         h('tbody', {}, this.rows.map((one) => one.element)))),
       this.extra, this.problem,
-      h('div', { class: 'row' }, h('button', { type: 'submit', class: 'main', text: 'Make the case' }), h('button', { type: 'button', text: 'Discard', onclick: () => this.discard() })));
+      h('div', { class: 'row' }, this.submit, h('button', { type: 'button', text: 'Discard', onclick: () => this.discard() })));
     this.form.replaceChildren(form);
     this.constants();
     this.app.showCommand(`terrapin case ${this.data.map((one) => one.name).join(' ')} --to ${this.caseName.value}`);
@@ -157,7 +158,10 @@ export class Mapper {
     const columns = {};
     for (const one of this.rows) {
       if (!one.is.value || (base.name === 'equation' && !/^[A-Za-z_]\w*$/.test(one.is.value))) continue;
-      columns[one.is.value] = { column: one.column.name, unit: one.unit.value.trim(), ...(Number(one.sigma.value) > 0 ? { sigma: Number(one.sigma.value) } : {}) };
+      const sigma = one.sigma.value.trim();
+      if (columns[one.is.value]) { this.refuse(`${one.is.value}: two columns are mapped to it, expected one`); return; }
+      if (sigma && !(Number(sigma) > 0)) { this.refuse(`noise sd of ${one.column.name}: found ${sigma}, expected a number above 0, or nothing`); return; }
+      columns[one.is.value] = { column: one.column.name, unit: one.unit.value.trim(), ...(sigma ? { sigma: Number(sigma) } : {}) };
     }
     const parameters = {}, fit = {}, equation = {};
     for (const input of this.extra.querySelectorAll('[data-constant]')) {
@@ -179,13 +183,16 @@ export class Mapper {
       columns, parameters, fit, equation, ...(this.dbc ? { dbc: this.dbc.id } : {}), ...(this.period ? { period: this.period.value.trim() } : {}),
     };
     this.problem.replaceChildren();
+    this.submit.disabled = true;
     try {
       const made = await app.api('cases', { body });
       app.showCommand(made.command);
       this.discard();
       this.opened(made.name);
-    } catch (error) { this.problem.replaceChildren(app.h('p', { class: 'notice bad', text: error.message })); }
+    } catch (error) { this.refuse(error.message); } finally { this.submit.disabled = false; }
   }
+
+  refuse(text) { this.problem.replaceChildren(this.app.h('p', { class: 'notice bad', text })); }
 
   discard() {
     this.uploads = [];

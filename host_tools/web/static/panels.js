@@ -78,7 +78,10 @@ export class OwnEffect {
   body() {
     const parameters = {};
     for (const [name, inputs] of this.parameters) {
-      const of = (key) => (inputs[key].value.trim() === '' ? null : Number(inputs[key].value));
+      const of = (key) => { // what is no number goes as it is, and the server says so
+        const text = inputs[key].value.trim();
+        return text === '' ? null : Number.isFinite(Number(text)) ? Number(text) : text;
+      };
       parameters[name] = { value: of('value') ?? 0, min: of('min'), max: of('max'), unit: inputs.unit.value.trim() };
     }
     return { expression: this.expression.value.trim(), target: this.target.value, parameters };

@@ -24,7 +24,7 @@ export function mount(element, app) {
   const bar = h('div', { class: 'job', hidden: true });
   const line = h('span', { class: 'line' });
   const progress = h('progress', { max: '100', value: 0, 'aria-label': 'Progress' });
-  const cancel = h('button', { type: 'button', text: 'Cancel', onclick: () => job && app.cancel(job) });
+  const cancel = h('button', { type: 'button', text: 'Cancel', onclick: () => job && attempt(() => app.cancel(job)) });
   bar.append(progress, line, cancel);
   const notice = h('p', { class: 'notice bad', role: 'alert', hidden: true });
   const name = h('h2', { text: 'The robot' });
@@ -283,9 +283,11 @@ export function mount(element, app) {
   async function list() {
     const found = await attempt(() => api('simulate'));
     if (!found) return;
+    const ticked = new Set([...runs.querySelectorAll('tr[data-run]')].filter((l) => l.querySelector('input').checked).map((l) => l.dataset.run));
+    if (run) ticked.delete(run.name); // marked below
     runs.replaceChildren(found.length ? h('table', {}, h('thead', {}, h('tr', {}, ...['In the case', 'Run', 'Seed', 'Checks', ''].map((t) => h('th', { scope: 'col', text: t })))),
       h('tbody', {}, ...found.map((one) => h('tr', { 'data-run': one.name },
-        h('td', {}, h('input', { type: 'checkbox', 'aria-label': `${one.name} in the case`, disabled: !one.complete })),
+        h('td', {}, h('input', { type: 'checkbox', 'aria-label': `${one.name} in the case`, checked: ticked.has(one.name), disabled: !one.complete })),
         h('td', {}, h('button', { type: 'button', class: 'quiet', text: one.name, onclick: () => open(one.name) })),
         h('td', { text: String(one.seed) }),
         h('td', { class: one.passed ? 'good' : 'warn', text: one.complete ? (one.passed ? 'hold' : 'some fail') : 'cut short' }),
@@ -319,6 +321,12 @@ export function mount(element, app) {
     const mine = jobs?.find((one) => one.do === 'simulate' && (one.state === 'running' || one.state === 'queued'));
     if (mine && !job) watch(mine.id, /runs\/([^/ ]+)/.exec(mine.command.split('--out ')[1] || '')?.[1] || null);
   }
+
+  app.onEvent((event) => { // what another browser runs
+    if (!shown || job || start.disabled || !(event.back || event.do === 'simulate' || event.do === 'case')) return;
+    if (event.state === 'running') running();
+    else if (event.back || event.error !== undefined) list();
+  });
 
   return {
     show() { shown = true; if (!description) load(); list(); running(); if (run) draw(); else robot.draw(); },

@@ -6,6 +6,7 @@ import { Mapper } from './mapper.js';
 export function mount(element, app) {
   const { h } = app;
   let page = null; // the case that is open
+  let mapper = null;
 
   async function list() {
     page?.close();
@@ -14,7 +15,7 @@ export function mount(element, app) {
     const place = h('div', { class: 'start' });
     const cases = h('section', { class: 'panel cases', 'aria-label': 'Cases in this workspace' });
     const examples = h('section', { class: 'panel', 'aria-label': 'Examples' });
-    const mapper = new Mapper(app, (name) => app.go('workbench', name));
+    mapper ??= new Mapper(app, (name) => app.go('workbench', name)); // what is being mapped stays while one looks elsewhere
     place.append(h('div', {}, mapper.element, cases), examples);
     element.replaceChildren(h('h1', { class: 'visually-hidden', text: 'Workbench' }), place);
     app.showCommand('terrapin case TABLE... --to CASE');
@@ -27,7 +28,7 @@ export function mount(element, app) {
     const rows = found.map((one) => h('li', {},
       h('div', { class: 'grow' },
         h('a', { href: `#workbench/${encodeURIComponent(one.name)}`, text: one.title || one.name }),
-        h('div', { class: 'soft small', text: facts(one) })),
+        h('div', { class: one.error ? 'bad small' : 'soft small', text: one.error || facts(one) })),
       one.verdict ? h('span', { class: `chip small ${one.verdict}`, text: VERDICTS[one.verdict] || one.verdict }) : null,
       h('button', { type: 'button', class: 'quiet', text: 'Delete', 'aria-label': `Delete ${one.name}`, onclick: () => remove(one.name, section) })));
     section.replaceChildren(h('h2', { text: 'Cases in this workspace' }),
