@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Query, Request
 from pydantic import BaseModel, Field
+from starlette.requests import ClientDisconnect
 
 from host_tools.errors import UserError
 from host_tools.web.context import Context, Terrapin
@@ -161,6 +162,8 @@ async def _receive(context: Context, request: Request, part: FilePath, identifie
                     chunk = await anext(chunks, None)
             except TimeoutError:
                 raise UserError(f"body: found nothing for {SILENCE:g} s, expected the rest of the file") from None
+            except ClientDisconnect:
+                raise UserError("body: the other end went away, expected the rest of the file") from None
             waiting += chunk or b""
             size += len(chunk or b"")
             if size > MAX_UPLOAD:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import http.client
 import json
 import os
@@ -78,7 +79,8 @@ class Server:
             connection.putheader(name, value)
         if body is not None:
             connection.putheader("Content-Length", str(len(body)))
-        connection.endheaders(body)
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # refused before all of it was sent
+            connection.endheaders(body)
         with connection.getresponse() as got:
             return Answer(got.status, {k.lower(): v for k, v in got.getheaders()}, got.read())
 

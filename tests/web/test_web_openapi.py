@@ -59,9 +59,10 @@ def test_requests_made_from_the_description(server: Server) -> None:
     """No answer but those that are described, no error of the server's own, nothing wrong accepted."""
     operations = [result.ok() for result in described(server).get_all_operations()]
     assert len(operations) > 15
+    before = len(server.errors())  # a library tells what other tests sent it
     for operation in operations:
         excluded = [positive_data_acceptance] if f"{operation.method.upper()} {operation.path}" in CONTENT else []
         for mode in (GenerationMode.POSITIVE, GenerationMode.NEGATIVE):
             asked(server, operation, mode, excluded)
     assert server.process.poll() is None
-    assert "Traceback" not in server.errors()
+    assert "Traceback" not in server.errors()[before:]
