@@ -162,6 +162,7 @@ class SlcanBus:
         """Closes channel and port, if it is still there."""
         try:
             self._port.write(b"C\r")
-            self._port.close()
         except OSError:
             pass  # gone already
+        finally:
+            self._port.close()

@@ -7,6 +7,7 @@ and `async def end(context)`, awaited when the server starts and ends.
 from __future__ import annotations
 
 import hashlib
+import hmac
 import importlib
 import importlib.util
 from collections.abc import AsyncIterator
@@ -159,7 +160,7 @@ def _static(app: FastAPI, token: str, cookie: str) -> None:
     @app.get("/", include_in_schema=False)
     async def index(request: Request) -> Response:
         response = _file("index.html", request)
-        if any(value == token for value in request.query_params.getlist("token")):
+        if any(hmac.compare_digest(v.encode(), token.encode()) for v in request.query_params.getlist("token")):
             response.set_cookie(cookie, token, httponly=True, samesite="strict", path="/")
         return response
 

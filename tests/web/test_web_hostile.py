@@ -237,15 +237,18 @@ def test_methods_and_routes_that_are_not_there(server: Server) -> None:
 
 
 def test_an_upload_that_is_broken_off_leaves_nothing(server: Server) -> None:
+    before = server.files()
     start = f"POST /api/uploads?name=a.csv HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n"
     start += f"Authorization: Bearer {server.token}\r\n"
     with socket.create_connection(("127.0.0.1", server.port)) as line:
         line.sendall(f"{start}Content-Length: 100000000\r\n\r\n".encode() + b"time\n" * 200_000)
-        time.sleep(0.3)
-    until = time.monotonic() + 10
-    while any((server.workspace / "uploads").iterdir()) and time.monotonic() < until:
+        until = time.monotonic() + 10
+        while server.files().keys() == before.keys() and time.monotonic() < until:
+            time.sleep(0.02)
+        assert any(name.endswith(".part") for name in server.files())  # it had begun
+    while server.files() != before and time.monotonic() < until:
         time.sleep(0.05)
-    assert not any(path.suffix == ".part" for path in (server.workspace / "uploads").iterdir())
+    assert server.files() == before
 
 
 def websocket(server: Server) -> Any:

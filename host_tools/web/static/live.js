@@ -10,7 +10,7 @@ const SAMPLES = 1;
 const ROWS_EVERY = 250; // ms between looks at the numbers of the table
 const STOP_MS = 1000; // after the button has become “release”, in which it does not
 const STOP_WORDS = {
-  bus: 'Asks the controller for idle, thirty times a second, until it is pressed again. It needs this page, this computer and the bus: it is no emergency stop and cuts no power. Another node that asks for run can win in between. The red button on the robot works always.',
+  bus: 'Asks the controller for idle, thirty times a second, until it is pressed again. It goes on when this page is closed; it needs this computer and the bus: it is no emergency stop and cuts no power. Another node that asks for run can win in between. The red button on the robot works always.',
   simulator: 'Opens the emergency stop of the simulated robot until it is pressed again: the bridge goes off in the same tick. A controller that has been stopped wants “clear” before it runs again, as the real one does.',
   '': 'A log has nothing to stop.',
 };
