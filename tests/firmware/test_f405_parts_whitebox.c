@@ -42,6 +42,7 @@ static uint32_t flash_error; /* raised by the next operation */
 static bool flash_stuck;
 static uint32_t keys;
 static uint32_t erased;
+static uint32_t caches_emptied;
 
 static void hardware_moves(void) {
     spins++;
@@ -79,6 +80,11 @@ static void hardware_takes(volatile uint32_t *address, uint32_t value) {
             erased |= BIT(sector);
             flash_chip.SR |= FLASH_SR_BSY | flash_error;
         }
+    } else if (address == &flash_chip.ACR) {
+        const uint32_t emptied = value & (FLASH_ACR_ICRST | FLASH_ACR_DCRST);
+        TEST_ASSERT_TRUE((emptied == 0U) || ((flash_chip.ACR & (FLASH_ACR_ICEN | FLASH_ACR_DCEN)) == 0U));
+        caches_emptied |= emptied;
+        flash_chip.ACR = value;
     } else {
         TEST_ASSERT_TRUE((flash_chip.CR & (FLASH_CR_PG | FLASH_CR_LOCK)) == FLASH_CR_PG);
         TEST_ASSERT_EQUAL_HEX32(FLASH_CR_PSIZE_32, flash_chip.CR & FLASH_CR_PSIZE_32);
@@ -97,6 +103,7 @@ void setUp(void) {
     memset(&dma, 0, sizeof dma);
     memset(&serial, 0, sizeof serial);
     memset(memory, 0xFF, sizeof memory);
+    caches_emptied = 0U;
     flash_chip.CR = FLASH_CR_LOCK;
     spins = 0;
     crystal_comes = pll_comes = switch_comes = true;
@@ -250,6 +257,7 @@ static void test_flash_writes_and_erases(void) {
     TEST_ASSERT_EACH_EQUAL_HEX8(0xFF, &memory[0x4000], 0x4000);
     TEST_ASSERT_EQUAL_HEX8(0x11, memory[0x3FFF]);
     TEST_ASSERT_EQUAL_HEX8(0x22, memory[0x8000]);
+    TEST_ASSERT_EQUAL_HEX32(FLASH_ACR_ICRST | FLASH_ACR_DCRST, caches_emptied);
     TEST_ASSERT_TRUE(flash.erase(flash.context, pages)); /* both */
     TEST_ASSERT_EQUAL_HEX32(BIT(1) | BIT(2), erased);
 }
@@ -410,7 +418,8 @@ static void test_dead_time_is_never_shorter_than_asked(void) {
 static void test_bridge_follows_duty(void) {
     bridge b;
     bridge_open(&b, &timer, 168000000U, 20000U, 500U);
-    TEST_ASSERT_EQUAL_UINT32(4200U, timer.ARR); /* up and down: 20 kHz */
+    TEST_ASSERT_GREATER_OR_EQUAL(2U * 4U, 2U * (timer.ARR - timer.CCR3)); /* four clocks of TIM2: it sees the trigger */
+    TEST_ASSERT_EQUAL_UINT32(4200U, timer.ARR);                           /* up and down: 20 kHz */
     TEST_ASSERT_EQUAL_UINT32(0U, timer.BDTR & TIM_BDTR_MOE);
     TEST_ASSERT_TRUE((timer.BDTR & TIM_BDTR_BKE) != 0U);
     TEST_ASSERT_EQUAL_UINT32(0U, timer.BDTR & (TIM_BDTR_BKP | BIT(14))); /* active low; no automatic return */

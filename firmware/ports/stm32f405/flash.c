@@ -3,7 +3,7 @@
 
 #define SECTORS     12U
 #define TRIES_WRITE 4000U      /* 100 us for a word */
-#define TRIES_ERASE 120000000U /* 4 s for 128 kB at 168 MHz; the processor stands still, so that few tries go by */
+#define TRIES_ERASE 120000000U /* over 4 s at 168 MHz; the processor stands still, so that few tries go by */
 #define WORD        4U
 
 uint32_t flash_sector_size(uint32_t sector) {
@@ -57,10 +57,11 @@ static bool erase_sector(flash_driver *driver, uint32_t sector) {
     TERRAPIN_PUT(registers->CR, FLASH_CR_PSIZE_32 | FLASH_CR_SER | (sector << FLASH_CR_SNB));
     TERRAPIN_PUT(registers->CR, registers->CR | FLASH_CR_STRT);
     const bool good = finish(registers, TRIES_ERASE);
-    const uint32_t acr = registers->ACR; /* the data cache still holds what was there (RM0090, 3.5.2) */
-    registers->ACR = acr & ~FLASH_ACR_DCEN;
-    registers->ACR = (acr & ~FLASH_ACR_DCEN) | FLASH_ACR_DCRST;
-    registers->ACR = acr;
+    const uint32_t acr = registers->ACR; /* the caches still hold what was there (RM0090, 3.5.2) */
+    const uint32_t off = acr & ~(FLASH_ACR_ICEN | FLASH_ACR_DCEN);
+    TERRAPIN_PUT(registers->ACR, off); /* they can be emptied only then */
+    TERRAPIN_PUT(registers->ACR, off | FLASH_ACR_ICRST | FLASH_ACR_DCRST);
+    TERRAPIN_PUT(registers->ACR, acr);
     return good;
 }
 

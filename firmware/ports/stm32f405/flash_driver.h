@@ -1,8 +1,8 @@
 /* The chip's own flash memory behind store/flash.h: 12 sectors of 16, 64 and 128 kB (RM0090, table 5).
  *
  * The processor stands still while a sector that shares its bank is erased or written (all of an STM32F405's does): up
- * to 1 s for 16 kB, 2 s for 64 kB, 4 s for 128 kB (DS8626, table 40). The caller has the motor off by then and gives
- * the watchdog time (watchdog.h).
+ * to 0.5 s for 16 kB, 1.1 s for 64 kB, 2 s for 128 kB (DS8626, table 40, 32 bits at a time). The caller has the motor
+ * off by then and gives the watchdog time (watchdog.h).
  */
 #ifndef TERRAPIN_FLASH_DRIVER_H
 #define TERRAPIN_FLASH_DRIVER_H

@@ -77,6 +77,7 @@ typedef struct {
 #define FLASH_ACR_PRFTEN    BIT(8)
 #define FLASH_ACR_ICEN      BIT(9)
 #define FLASH_ACR_DCEN      BIT(10)
+#define FLASH_ACR_ICRST     BIT(11)
 #define FLASH_ACR_DCRST     BIT(12)
 #define FLASH_KEY1          0x45670123U
 #define FLASH_KEY2          0xCDEF89ABU
