@@ -1,5 +1,7 @@
 #include "bridge.h"
 
+#define TRIGGER_CLOCKS 8U /* before the top, 48 ns; TIM2, at half of TIM1's clock, could miss a pulse of one or two */
+
 uint32_t bridge_dead_time(uint32_t timer_hz, uint32_t dead_time_ns) {
     const uint32_t steps = (uint32_t)((((uint64_t)timer_hz * dead_time_ns) + 999999999U) / 1000000000U);
     if (steps < 128U) {
@@ -30,7 +32,8 @@ void bridge_open(bridge *b, tim_registers *timer, uint32_t timer_hz, uint32_t pw
     timer->CCER = TIM_CCER_BRIDGE;
     timer->CCR1 = 0U;
     timer->CCR2 = 0U;
-    timer->CCR3 = b->period - 1U; /* its reference rises at the top, where both low sides conduct: sample there */
+    /* Its reference is high around the top, where both low sides conduct: sample there. */
+    timer->CCR3 = (uint32_t)b->period - TRIGGER_CLOCKS;
     timer->CR2 = TIM_CR2_MMS_OC3REF;
     timer->EGR = TIM_EGR_UG; /* preloaded values in force */
     /* Off means driven off, not floating. The break input is active low; AOE stays 0: only software switches on. */
