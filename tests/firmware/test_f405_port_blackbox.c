@@ -309,17 +309,24 @@ static port_hardware plain(void) {
     return (port_hardware){.core_hz = 168000000U};
 }
 
-static void test_saves_parameters_and_finds_them_again(void) {
+static terrapin_store store;
+static terrapin_flash store_flash;
+static const terrapin_flash_area areas[2] = {{0U, 16384U}, {16384U, 16384U}};
+
+/* The port with an erased store. */
+static void open_with_a_store(void) {
     static const uint32_t sectors[2] = {16384U, 16384U};
-    static const terrapin_flash_area areas[2] = {{0U, 16384U}, {16384U, 16384U}};
     static terrapin_flash_emulated chip_memory;
-    static terrapin_store store;
+    const port_hardware hardware = plain();
     memset(pages, 0xFF, sizeof pages);
     terrapin_flash_emulated_init(&chip_memory, pages, sectors, 2U, 4U);
-    const terrapin_flash flash = terrapin_flash_emulated_driver(&chip_memory);
-    const port_hardware hardware = plain();
-    TEST_ASSERT_TRUE(terrapin_store_open(&store, &flash, areas));
+    store_flash = terrapin_flash_emulated_driver(&chip_memory);
+    TEST_ASSERT_TRUE(terrapin_store_open(&store, &store_flash, areas));
     port_open(&controller, state, &bus, &line, &store, NULL, &hardware);
+}
+
+static void test_saves_parameters_and_finds_them_again(void) {
+    open_with_a_store();
     int32_t value = 0;
     (void)terrapin_parameter_get(state, TERRAPIN_PARAMETER_SUPPLY_SCALE, &value);
     TEST_ASSERT_EQUAL_INT32(4592, value); /* nothing stored yet: the board's */
@@ -337,7 +344,8 @@ static void test_saves_parameters_and_finds_them_again(void) {
     TEST_ASSERT_EQUAL_UINT32(flash_work, flash_rest);
     TEST_ASSERT_EQUAL_UINT32(0U, controller.overruns);
 
-    TEST_ASSERT_TRUE(terrapin_store_open(&store, &flash, areas));
+    const port_hardware hardware = plain();
+    TEST_ASSERT_TRUE(terrapin_store_open(&store, &store_flash, areas));
     port_open(&controller, state, &bus, &line, &store, NULL, &hardware);
     (void)terrapin_parameter_get(state, TERRAPIN_PARAMETER_RADIUS, &value);
     TEST_ASSERT_EQUAL_INT32(81234, value);
@@ -347,16 +355,7 @@ static void test_saves_parameters_and_finds_them_again(void) {
 
 /* A save that begins while the bridge is off and has to wait while it is on: the watchdog stays short. */
 static void test_the_watchdog_has_no_more_time_while_the_motor_is_on(void) {
-    static const uint32_t sectors[2] = {16384U, 16384U};
-    static const terrapin_flash_area areas[2] = {{0U, 16384U}, {16384U, 16384U}};
-    static terrapin_flash_emulated chip_memory;
-    static terrapin_store store;
-    memset(pages, 0xFF, sizeof pages);
-    terrapin_flash_emulated_init(&chip_memory, pages, sectors, 2U, 4U);
-    const terrapin_flash flash = terrapin_flash_emulated_driver(&chip_memory);
-    const port_hardware hardware = plain();
-    TEST_ASSERT_TRUE(terrapin_store_open(&store, &flash, areas));
-    port_open(&controller, state, &bus, &line, &store, NULL, &hardware);
+    open_with_a_store();
     (void)ticks(1500U, TERRAPIN_REQUEST_IDLE);
     TEST_ASSERT_TRUE(ticks(300U, TERRAPIN_REQUEST_RUN));
     store.phase = TERRAPIN_STORE_ERASE; /* the other page, after a write that failed */
