@@ -10,6 +10,7 @@ import ctypes
 import importlib
 import json
 import os
+import resource
 import select
 import signal
 import socket
@@ -26,6 +27,7 @@ __all__ = ["main"]
 
 PR_SET_PDEATHSIG = 1
 GRACE = 2.0  # s
+MEMORY = max(2 << 30, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2)  # bytes that a function may take
 MODULES = (
     *(f"host_tools.commands.{name}" for name in ("add", "case", "compare", "discover", "export", "remove", "report")),
     "host_tools.commands.run",
@@ -166,6 +168,7 @@ def _function(request: dict[str, Any]) -> int:
     from host_tools.workbench.answer import finite
 
     module, _, name = request["call"].partition(":")
+    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))  # some kB may unpack to more than there is
     try:
         answer = getattr(importlib.import_module(module), name)(*request["arguments"])
     except UserError as error:
