@@ -69,7 +69,7 @@ def render(analysis: Analysis, discovered: dict[str, Any] | None = None, history
         operating=_operating(discovered),
         notes=f'<section class="wide notes">{to_html(case.notes)}</section>' if case.notes else "",
         thinned=thinned,
-        data=json.dumps(data, separators=(",", ":")).replace("</", "<\\/"),
+        data=json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
         plotly=get_plotlyjs().replace("</script", "<\\/script"),
     )
 
