@@ -98,7 +98,9 @@ class SocketCan:
     def _send_packed(self, count: int) -> None:
         done, end = 0, 0.0
         while True:
-            sent = self._sendmmsg(self._socket.fileno(), ctypes.byref(self._headers[done]), count - done, socket.MSG_DONTWAIT)
+            sent = self._sendmmsg(
+                self._socket.fileno(), ctypes.byref(self._headers[done]), count - done, socket.MSG_DONTWAIT
+            )
             done += max(sent, 0)
             if done == count:
                 return
