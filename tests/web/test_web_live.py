@@ -46,7 +46,8 @@ class Watcher:
         """One message; what the browser answers, if anything."""
         if isinstance(message, str):
             said = json.loads(message)
-            if said["type"] == "hello":
+            if said["type"] == "hello":  # another source: what was counted of the one before is past
+                self.__init__()  # type: ignore[misc]
                 self.hello = said
                 return json.dumps({"want": [i for i, s in enumerate(said.get("signals", [])) if s["name"] in WANTED]})
             self.status = said
@@ -87,7 +88,7 @@ def watch(
             task = asyncio.get_running_loop().run_in_executor(None, begin)
             while not (task.done() and until(found)):
                 if time.monotonic() > end:
-                    raise AssertionError((found.status, found.events, found.frames))
+                    raise AssertionError((found.frames, found.missed, found.events[-3:], str(found.status)[:500]))
                 try:
                     reply = found.take(await asyncio.wait_for(socket.recv(), 1.0))
                 except TimeoutError:
@@ -210,7 +211,9 @@ def test_simulator_over_a_pty(live: Server) -> None:
     assert found.numbers == list(range(found.numbers[0], found.numbers[0] + len(found.numbers)))
     times = [t for t, _ in found.past.get("MOTION.slip", []) + found.points["MOTION.slip"]]
     assert times == sorted(times)
-    assert np.diff(times).max() < 0.03  # telemetry every 10 ms: nothing is thinned out of it
+    # Telemetry every 10 ms: a picture of the usual 33 ms keeps it all. A busy machine draws fewer, longer pictures, each
+    # with the least and the greatest value of its halves; what counts is that no frame is missed (above).
+    assert np.median(np.diff(times)) < 0.0101
     post(live, "live/command", request="idle")
     stopped = watch(live, lambda w: any(f["name"] == "estop" for f in w.status.get("faults", [])))
     assert stopped.status["stop_held"]
