@@ -20,8 +20,8 @@ from hil import paths
 from hil.checks import CheckError
 from hil.firmware import ParameterError
 from hil.links import LinkNameError, open_link
-from hil.links.inprocess import InProcess
 from hil.links.bus import BusLink
+from hil.links.inprocess import InProcess
 from hil.links.slcan import ControllerProcess, LinkError
 from hil.links.wire import SlcanLink
 from hil.messages import interface

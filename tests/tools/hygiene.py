@@ -29,7 +29,7 @@ TEXT_RULES = {
     "path of one machine": re.compile(r"(?<![\w.}/])/(work|root|home)/\w"),
     "unfinished business": re.compile(r"\b(TODO|FIXME|XXX|HACK)\b"),
     "conflict marker": re.compile(r"^(<{7}|>{7}) "),
-    "white space at the end of the line": re.compile(r"[ \t\r]$"),
+    "white space at the end of the line": re.compile(r"[ \t\r]$(?<!^ )"),  # a patch's empty line is one space
 }
 THIS = Path("tests", "tools", "hygiene.py")  # it must spell what it looks for
 

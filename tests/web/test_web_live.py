@@ -211,8 +211,8 @@ def test_simulator_over_a_pty(live: Server) -> None:
     assert found.numbers == list(range(found.numbers[0], found.numbers[0] + len(found.numbers)))
     times = [t for t, _ in found.past.get("MOTION.slip", []) + found.points["MOTION.slip"]]
     assert times == sorted(times)
-    # Telemetry every 10 ms: a picture of the usual 33 ms keeps it all. A busy machine draws fewer, longer pictures, each
-    # with the least and the greatest value of its halves; what counts is that no frame is missed (above).
+    # Telemetry every 10 ms: a picture of the usual 33 ms keeps it all. A busy machine draws fewer, longer pictures,
+    # each with the least and the greatest value of its halves; what counts is that no frame is missed (above).
     assert np.median(np.diff(times)) < 0.0101
     post(live, "live/command", request="idle")
     stopped = watch(live, lambda w: any(f["name"] == "estop" for f in w.status.get("faults", [])))

@@ -115,12 +115,13 @@ static bool encoder(const char *option, line_option lines[2]) {
     }
     (void)memcpy(first, optarg, (size_t)(plus - optarg));
     first[plus - optarg] = '\0';
-    if (!line(option, plus + 1, &lines[1]) || !line(option, first, &lines[0])) {
+    const bool good = line(option, plus + 1, &lines[1]) && line(option, first, &lines[0]);
+    lines[0].text = optarg; /* not `first`, which ends here */
+    if (!good) {
         return false;
     }
     lines[0].name.active_low = lines[1].name.active_low;
     lines[0].name.pull = lines[1].name.pull;
-    lines[0].text = optarg;
     return true;
 }
 
