@@ -2,8 +2,9 @@
 
 An answer's own contribution is free of noise: the column without which most of it is gone is the one that matters. A
 factor that hardly varies changes nothing when it is held at its median, so `k*log(humidity)*sign(current)` depends on
-the current. An effect that reads no column (a constant torque, a gain) depends on what the model's own parameters leave
-of it. The likeliest answers count by their probability.
+the current. A direction counts less than a size, so `k*humidity*sign(omega)` depends on a humidity that does vary. An
+effect that reads no column (a constant torque, a gain) depends on what the model's own parameters leave of it. The
+likeliest answers count by their probability.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ Array = npt.NDArray[np.float64]
 
 ANSWERS = 8  # likeliest ones that are looked at
 BINS = 8  # of equal count
+DIRECTION = 0.1  # weight of a column's sign beside its size
 
 
 def importance(analysis: Analysis, ranking: Ranking) -> dict[str, float]:
@@ -78,12 +80,14 @@ def _shares(analysis: Analysis, answer: Hypothesis) -> dict[str, float]:
         return {name: explained(loudest, values[rows]) for name, values in columns.items()}
     shares = {}
     for name in reads:
-        key = named[name]
-        held = {**case.inputs, key: np.full_like(case.inputs[key], np.median(case.inputs[key][rows]))}
-        with np.errstate(all="ignore"):
-            lost = full - visible(contribution(held))
-        share = float(lost @ lost) / power
-        shares[name] = min(1.0, share) if np.isfinite(share) else 1.0
+        key, values = named[name], case.inputs[named[name]]
+        middle, size = np.median(values[rows]), np.median(np.abs(values[rows]))
+        shares[name] = 0.0
+        for held, weight in ((np.full_like(values, middle), DIRECTION), (np.sign(values) * size, 1.0 - DIRECTION)):
+            with np.errstate(all="ignore"):
+                lost = full - visible(contribution({**case.inputs, key: held}))
+            share = float(lost @ lost) / power
+            shares[name] += weight * (min(1.0, share) if np.isfinite(share) else 1.0)
     return shares
 
 
