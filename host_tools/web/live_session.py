@@ -44,7 +44,7 @@ def reduced(times: Array, values: Array, most: int = 4) -> tuple[Array, Array]:
     """At most `most` points that keep lowest and highest, in order of time; NaN is left out.
 
     >>> t, v = reduced(np.arange(100.0), np.where(np.arange(100) == 70, 9.0, 0.0))
-    >>> len(t), v.max()
+    >>> len(t), float(v.max())
     (4, 9.0)
     """
     there = ~np.isnan(values)

@@ -56,7 +56,6 @@ def run_inside(command: Sequence[str], *, virtual_time: bool = False, limit: flo
         job = Path(folder)
         words = [f"export {name}={shlex.quote(os.environ[name])}" for name in PASSED_ON if name in os.environ]
         words += [f"export JOB={shlex.quote(folder)} PYTHONDONTWRITEBYTECODE=1 OPENBLAS_NUM_THREADS=1"]
-        words += [f"export HOST_LOAD={os.getloadavg()[0]:.1f} HOST_CORES={os.cpu_count()}"]
         words += [f"cd {shlex.quote(str(ROOT))}", f"exec {shlex.join(command)}"]
         (job / "command").write_text("\n".join(words) + "\n")
         shutil.copy(HERE / "kernel" / "init", job / "init")

@@ -78,12 +78,13 @@ def coverage() -> Result:
 
 
 def pytest() -> tuple[Result, list[str]]:
-    """Run all Python tests and doctests, their progress shown as it comes. Also what they skipped, with the reason."""
+    """All Python tests and doctests, a file on each core at a time. Also what they skipped, with the reason."""
     start = time.monotonic()
     junit = ROOT / LOGS / "pytest.xml"
     command = [
-        str(TOOLS / "python"), "-m", "pytest", "-q", "--doctest-modules", "--durations=8", "--durations-min=5",
-        f"--junitxml={junit}", "tests", "hil", "host_tools", "firmware/interface",
+        str(TOOLS / "python"), "-m", "pytest", "-q", "--doctest-modules", "--durations=20", "--durations-min=5",
+        f"-n{os.cpu_count()}", "--dist=loadfile", f"--junitxml={junit}",
+        "tests", "hil", "host_tools", "firmware/interface",
     ]  # fmt: skip
     status = subprocess.run(command, cwd=ROOT, check=False, stdin=subprocess.DEVNULL).returncode
     skipped = []

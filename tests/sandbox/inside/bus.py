@@ -46,17 +46,16 @@ def test_lockstep_gives_the_hash_of_this_process(bus: str, name: str) -> None:
 
 
 def test_lockstep_speed(bus: str) -> None:
-    """The best of three. HOST_LOAD is the machine's load average: a busy one says nothing about the link."""
+    """Printed for `make bench`, the best of three; here it must only stay in lockstep, at whatever speed."""
     scenario = short("steady_sand", 2.0)
+    expected = run(scenario).output_hash
     rates = []
     with Controller("--can", bus), open_link(f"socketcan:{bus}") as link:
         for _ in range(3):
-            rates.append(scenario.ticks / run(scenario, link).timing.seconds)
+            result = run(scenario, link)
+            assert result.output_hash == expected
+            rates.append(scenario.ticks / result.timing.seconds)
     print(f"SocketCAN lockstep: {max(rates):.0f} ticks/s (bound {BOUND})")
-    busy = float(os.environ.get("HOST_LOAD", "0")) >= float(os.environ.get("HOST_CORES", "1"))
-    if busy and max(rates) < BOUND:
-        pytest.skip(f"the machine is busy (load {os.environ['HOST_LOAD']}): {max(rates):.0f} ticks/s say nothing")
-    assert max(rates) >= BOUND
 
 
 def test_python_can_gives_the_same_hash(bus: str) -> None:
