@@ -107,7 +107,7 @@ async def start(context: Terrapin, name: Name, body: Body) -> JobStarted:
     steps = _steps(context, name, folder, body)
 
     async def keep(job: Job) -> None:
-        await context.warm.call("host_tools.web.summary:keep", str(folder), job.result)
+        await context.warm.call("host_tools.web.summary:keep", str(folder), job.result, kind="keep")
 
     async def told(job: Job) -> None:
         context.events.send({"cases": True})

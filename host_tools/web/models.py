@@ -35,7 +35,7 @@ class Problem(BaseModel):
 
 def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """The answers to refused requests, for the description."""
-    always = (400, 401, 403, 408, 413, 421, 422)
+    always = (400, 401, 403, 408, 413, 421, 422, 503)
     return {status: {"model": Problem} for status in sorted({*always, *statuses})}
 
 

@@ -27,13 +27,13 @@ from host_tools.web.context import Context
 from host_tools.web.events import Events
 from host_tools.web.jobs import Jobs
 from host_tools.web.security import COOKIE, Door
-from host_tools.web.warm import Warm
+from host_tools.web.warm import Busy, Warm
 from host_tools.web.workspace import NotThere, Taken, Workspace
 
 __all__ = ["application"]
 
 PARTS = ("view_api", "view", "live", "simulate")
-STATUS = {NotThere: 404, Taken: 409, uploads.TooLarge: 413, uploads.NoSpace: 507}
+STATUS = {NotThere: 404, Taken: 409, Busy: 503, uploads.TooLarge: 413, uploads.NoSpace: 507}
 STATIC = Path(__file__).parent / "static"
 KINDS = {
     ".html": "text/html; charset=utf-8",
@@ -128,7 +128,7 @@ def _complaints(app: FastAPI) -> None:
     async def user(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, UserError)
         status = STATUS.get(type(error), 500 if error.status == 1 else 422)
-        return say(status, str(error))
+        return say(status, str(error), {"retry-after": "1"} if status == 503 else None)
 
     async def invalid(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, RequestValidationError)

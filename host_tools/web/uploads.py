@@ -187,7 +187,7 @@ async def _looked_at(context: Context, request: Request, file: FilePath, bus: st
         context.events.send({"upload": file.parent.name, "state": "reading", "line": line})
 
     look = asyncio.create_task(
-        context.warm.call("host_tools.web.preview:look", str(file), bus, seconds=LOOK_SECONDS, told=told)
+        context.warm.call("host_tools.web.preview:look", str(file), bus, seconds=LOOK_SECONDS, told=told, kind="read")
     )
     gone = asyncio.create_task(_gone(request))
     try:
@@ -240,7 +240,7 @@ async def preview(
         if view["kind"] != "log":
             raise UserError(f"dbc: found with {view['name']}, expected with a log")
         files = [str(upload_file(context.workspace, identifier)), str(_dbc(context.workspace, dbc))]
-        view |= await context.warm.call("host_tools.web.preview:look", *files, seconds=LOOK_SECONDS)
+        view |= await context.warm.call("host_tools.web.preview:look", *files, seconds=LOOK_SECONDS, kind="read")
     return Upload(**view)
 
 

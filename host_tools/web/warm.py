@@ -18,15 +18,46 @@ import signal
 import socket
 import sys
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import suppress
-from typing import IO, Any
+from contextlib import asynccontextmanager, suppress
+from typing import IO, Any, Literal
 
 from host_tools.errors import UserError
 
-__all__ = ["Process", "Warm"]
+__all__ = ["Busy", "Process", "Warm"]
 
 MAX_ANSWER = 256 << 20  # bytes of a function's answer
 GRACE = 3.0  # s between SIGTERM and SIGKILL
+AT_ONCE = {"look": 4, "read": 2, "keep": 2}  # calls: for a page that waits, of an upload, of a job that has ended
+MOST_WAITING = 100  # of each kind
+
+Kind = Literal["look", "read", "keep"]
+
+
+class Busy(UserError):
+    """More is asked for than can be worked off."""
+
+
+class Line:
+    """Calls of one kind: some run, some wait for their turn, the others are turned away."""
+
+    def __init__(self, at_once: int) -> None:
+        self._free = asyncio.Semaphore(at_once)
+        self._waiting = 0
+
+    @asynccontextmanager
+    async def turn(self) -> AsyncIterator[None]:
+        """Wait for a turn, and have it. Busy when too many wait already."""
+        if self._waiting >= MOST_WAITING:
+            raise Busy(f"found {MOST_WAITING} requests that wait for an answer, expected fewer: try again")
+        self._waiting += 1
+        try:
+            await self._free.acquire()
+        finally:
+            self._waiting -= 1
+        try:
+            yield
+        finally:
+            self._free.release()
 
 
 class Process:
@@ -76,6 +107,7 @@ class Warm:
         self._ended: dict[int, asyncio.Future[int]] = {}
         self._number = 0
         self._starting = asyncio.Lock()
+        self._lines = {kind: Line(at_once) for kind, at_once in AT_ONCE.items()}
 
     async def start(self) -> None:
         """Start the process; work may be asked for at once and begins when it is ready."""
@@ -107,15 +139,27 @@ class Warm:
         return await self._fork({"argv": arguments, "environment": environment or {}}, out.fileno())
 
     async def call(
-        self, function: str, *arguments: Any, seconds: float = 120.0, told: Callable[[str], None] | None = None
+        self,
+        function: str,
+        *arguments: Any,
+        seconds: float = 120.0,
+        told: Callable[[str], None] | None = None,
+        kind: Kind = "look",
     ) -> Any:
         """The answer of "module:function" to JSON arguments. UserError as the function raised it; stops at `seconds`.
 
-        `told` gets its lines of progress. Cancelling the awaiting task stops the work.
+        `told` gets its lines of progress. Cancelling the awaiting task stops the work. Of each kind AT_ONCE run, the
+        next wait for their turn; Busy when MOST_WAITING wait already.
         """
+        async with self._lines[kind].turn():
+            return await self._call(function, list(arguments), seconds, told)
+
+    async def _call(
+        self, function: str, arguments: list[Any], seconds: float, told: Callable[[str], None] | None
+    ) -> Any:
         reading, writing = os.pipe()
         try:
-            process = await self._fork({"call": function, "arguments": list(arguments)}, writing)
+            process = await self._fork({"call": function, "arguments": arguments}, writing)
         except BaseException:
             os.close(reading)
             raise

@@ -178,7 +178,7 @@ def _function(request: dict[str, Any]) -> int:
     except MemoryError:
         print("out of memory", file=sys.stderr)
         return 2
-    json.dump(finite(answer), sys.stdout, allow_nan=False)
+    sys.stdout.write(json.dumps(finite(answer), allow_nan=False))  # dump() takes four times as long
     return 0
 
 
