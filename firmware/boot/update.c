@@ -20,10 +20,22 @@ static uint8_t clear_slot(const terrapin_update *update, uint8_t slot) {
     return good ? OK : (uint8_t)TERRAPIN_UPDATE_RESULT_FLASH;
 }
 
+/* The BEGIN that was accepted last, and nothing was written since: its answer was lost. */
+static bool begun(const terrapin_update *update, const terrapin_update_begin_t *message) {
+    return update->active && (update->written == 0U) && (update->slot == (uint8_t)message->slot) &&
+           (update->size == ((uint32_t)message->size * 4U)) && (update->version.major == (uint8_t)message->major) &&
+           (update->version.minor == (uint8_t)message->minor) &&
+           (update->version.revision == (uint16_t)message->revision);
+}
+
 static uint8_t begin(terrapin_update *update, const terrapin_update_begin_t *message, bool motor_on) {
     terrapin_record record;
     const uint8_t slot = (uint8_t)message->slot;
     const uint32_t size = (uint32_t)message->size * 4U;
+    if (!motor_on && begun(update, message)) {
+        update->filled = 0U;
+        return OK;
+    }
     update->version.major = (uint8_t)message->major;
     update->version.minor = (uint8_t)message->minor;
     update->version.revision = (uint16_t)message->revision;
@@ -31,6 +43,7 @@ static uint8_t begin(terrapin_update *update, const terrapin_update_begin_t *mes
     terrapin_image_version least = record.version;
     least.build = 0U; /* is not announced */
     update->active = false;
+    update->ended = false;
     uint8_t result = OK;
     if (motor_on) {
         result = TERRAPIN_UPDATE_RESULT_MOTOR_ON;
@@ -143,6 +156,8 @@ static uint8_t end(terrapin_update *update, uint32_t checksum) {
         return TERRAPIN_UPDATE_RESULT_SEQUENCE;
     }
     update->active = false;
+    update->ended = true;
+    update->end_checksum = checksum;
     terrapin_records_read(update->boot->flash, &record);
     uint8_t result = (checksum == update->checksum) ? OK : (uint8_t)TERRAPIN_UPDATE_RESULT_CORRUPTED;
     if (result == OK) {
@@ -158,6 +173,7 @@ static uint8_t end(terrapin_update *update, uint32_t checksum) {
     } else {
         (void)clear_slot(update, update->slot); /* what was refused does not stay; the reason is the answer */
     }
+    update->end_result = result;
     return result;
 }
 
@@ -166,7 +182,14 @@ static uint32_t accept_end(terrapin_update *update, const terrapin_frame *frame,
     if (!update_genuine(update, frame, &update->end_counter) || !terrapin_decode_update_end(frame, &message)) {
         return 0U;
     }
-    const uint8_t result = motor_on ? (uint8_t)TERRAPIN_UPDATE_RESULT_MOTOR_ON : end(update, message.checksum);
+    uint8_t result = TERRAPIN_UPDATE_RESULT_MOTOR_ON;
+    if (motor_on) {
+        /* refused */
+    } else if (update->ended && (update->end_checksum == message.checksum)) {
+        result = update->end_result; /* our answer was lost */
+    } else {
+        result = end(update, message.checksum);
+    }
     return update_status(update, TERRAPIN_UPDATE_REQUEST_END, result, reply);
 }
 

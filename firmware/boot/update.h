@@ -13,6 +13,9 @@
  *     UPDATE_END crc                         UPDATE_STATUS, once the image is verified (and, if it is refused, erased)
  *     UPDATE_RESET                           UPDATE_STATUS, then the reset
  *
+ * A host whose answer does not come sends its request again, with its next E2E counter: the same BEGIN before the first
+ * block, the last block and the same END are answered as before and do nothing again.
+ *
  * The window is one block: a block is answered before the next may be sent, so that no frame comes while the flash is
  * written, for which the processor stands still. terrapin_update_accept takes that time too: a caller with a watchdog
  * whose time is shorter than an erase resets into the boot loader for an update instead (UPDATE_RESET with `stay`).
@@ -48,6 +51,9 @@ typedef struct {
     uint32_t checksum;              /* CRC-32 of those */
     uint32_t block_checksum;        /* of the last block written, to know it again */
     uint32_t filled;                /* bytes of `block`; more than its size when too many came */
+    bool ended;                     /* since the last BEGIN; */
+    uint8_t end_result;             /* what END was answered, */
+    uint32_t end_checksum;          /* and of which END */
     uint8_t block[TERRAPIN_UPDATE_BLOCK];
 
     uint8_t begin_counter; /* E2E counters of the last accepted frames, and of the next answer */

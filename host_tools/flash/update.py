@@ -2,7 +2,7 @@
 
 An application answers queries and resets into the boot loader; that takes the image into the slot that is not
 confirmed, verifies it, starts it on trial, and the application confirms itself. One block of 256 bytes is under way at
-a time; what is lost is sent again.
+a time; what is lost, or whose answer is lost, is sent again.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ VERIFY = 12.0  # s: on 16 MHz, and an erase when it fails
 START = 1.0  # s in which the boot loader, just reset, is not asked: it would stay
 CONFIRM = 5.0  # s
 TRIES = 8  # of one block
+REQUESTS = 3  # of any other request that is not answered
 
 REASONS = {
     "motor_on": "the motor is on; stop it first",
@@ -153,13 +154,37 @@ def _request(
     return None
 
 
-def _demand(wire: Wire, frame: Frame, request: str, seconds: float, name: str) -> None:
-    """A request that must succeed."""
+def _asked(wire: Wire, frame: Frame, request: str, seconds: float, name: str) -> bool:
+    """A request that must not be refused; whether it was answered."""
     answer = _request(wire, [frame], request, seconds)
-    if answer is None:
-        raise UserError(f"{wire.name}: the controller stopped answering ({request})", status=1)
-    if answer[0] != "ok":
+    if answer is not None and answer[0] != "ok":
         raise UserError(f"{name}: refused: {REASONS.get(answer[0], answer[0])}")
+    return answer is not None
+
+
+def _silent(wire: Wire, request: str) -> UserError:
+    return UserError(f"{wire.name}: the controller stopped answering ({request})", status=1)
+
+
+def _demand(wire: Wire, sender: Sender, request: str, values: dict[str, int], seconds: float, name: str) -> None:
+    """BEGIN or END, which must succeed. Sent again when the answer does not come: the boot loader knows it again."""
+    for _ in range(REQUESTS):
+        if _asked(wire, sender.frame(f"UPDATE_{request.upper()}", values), request, seconds, name):
+            return
+        wire.wake()
+    raise _silent(wire, request)
+
+
+def _reset(wire: Wire, sender: Sender, values: dict[str, int], name: str, done: Callable[[Controller], bool]) -> None:
+    """RESET. Without an answer the controller is asked first whether it is `done`: another reset of an image on trial
+    would end its trial."""
+    for _ in range(REQUESTS):
+        if _asked(wire, sender.frame("UPDATE_RESET", {"key": RESET_KEY} | values), "reset", BLOCK_ANSWER, name):
+            return
+        found = _ask(wire, sender, ANSWER)
+        if found is not None and done(found):
+            return
+    raise _silent(wire, "reset")
 
 
 def _choose(files: Sequence[SignedFile], controller: Controller) -> SignedFile:
@@ -189,7 +214,7 @@ def _choose(files: Sequence[SignedFile], controller: Controller) -> SignedFile:
 
 
 def _enter_loader(wire: Wire, sender: Sender, name: str) -> Controller:
-    _demand(wire, sender.frame("UPDATE_RESET", {"key": RESET_KEY, "stay": 1}), "reset", BLOCK_ANSWER, name)
+    _reset(wire, sender, {"stay": 1}, name, lambda found: not found.running)
     end = time.monotonic() + ANSWER
     while time.monotonic() < end:
         found = _ask(wire, sender, ANSWER)
@@ -235,12 +260,12 @@ def update(wire: Wire, files: Sequence[SignedFile], told: Told) -> Outcome:
     told("erasing", 0, len(data))
     begin = {"size": len(data) // 4, "slot": interface().enums["update_slot"][image.slot]}
     begin |= {"major": image.version.major, "minor": image.version.minor, "revision": image.version.revision}
-    _demand(wire, sender.frame("UPDATE_BEGIN", begin), "begin", ERASE, file.name)
+    _demand(wire, sender, "begin", begin, ERASE, file.name)
     _send_blocks(wire, sender, data, told)
     told("verifying", len(data), len(data))
-    _demand(wire, sender.frame("UPDATE_END", {"checksum": zlib.crc32(data)}), "end", VERIFY, file.name)
+    _demand(wire, sender, "end", {"checksum": zlib.crc32(data)}, VERIFY, file.name)
     told("starting", len(data), len(data))
-    _demand(wire, sender.frame("UPDATE_RESET", {"key": RESET_KEY}), "reset", BLOCK_ANSWER, file.name)
+    _reset(wire, sender, {}, file.name, lambda found: bool(found.running))
     return Outcome(image.slot, _started(wire, sender, image.slot, file.name))
 
 

@@ -240,3 +240,40 @@ def test_what_an_application_leaves_to_the_boot_loader(chip: Chip) -> None:
     assert chip.update.reset
     assert chip.update.stay
     assert chip.memory.operations == operations
+
+
+def test_a_request_that_comes_again_is_done_once(chip: Chip) -> None:
+    """BEGIN and END whose answers were lost: answered as before, the slot is neither erased nor written again."""
+    sender, data = Sender(), image("b", "1.1.0")
+    begin(chip, sender, data)
+    operations = chip.memory.operations
+    begin(chip, sender, data)
+    assert chip.memory.operations == operations
+    for index in range((len(data) + 255) // 256):
+        body = data[256 * index : 256 * index + 256]
+        for frame in data_frames(body):
+            chip.accept(*frame)
+        values = {"index": index, "size": len(body), "checksum": zlib.crc32(body)}
+        assert chip.ask(sender.frame("UPDATE_BLOCK", values))["result"] == RESULT["ok"]
+    end = {"checksum": zlib.crc32(data)}
+    assert chip.ask(sender.frame("UPDATE_END", end))["result"] == RESULT["ok"]
+    operations = chip.memory.operations
+    for _ in range(3):
+        assert chip.ask(sender.frame("UPDATE_END", end))["result"] == RESULT["ok"]
+    assert chip.ask(sender.frame("UPDATE_END", {"checksum": 0}))["result"] == RESULT["sequence"]
+    assert chip.memory.operations == operations
+    assert chip.record().phase == PENDING
+    begin(chip, sender, data)  # a new one, after which the end of the last counts no more
+    assert chip.memory.operations > operations
+    assert chip.ask(sender.frame("UPDATE_END", end))["result"] == RESULT["sequence"]
+    assert chip.start() == "a"
+
+
+def test_a_refusal_that_comes_again_keeps_its_reason(chip: Chip) -> None:
+    data = image("b", "1.1.0", key=OTHER_KEY)
+    assert send(chip, data, "b") == "wrong_key"
+    sender = Sender()
+    chip.accept(*sender.frame("UPDATE_QUERY", {"protocol": 1}))
+    operations = chip.memory.operations
+    assert chip.ask(sender.frame("UPDATE_END", {"checksum": zlib.crc32(data)}))["result"] == RESULT["wrong_key"]
+    assert chip.memory.operations == operations

@@ -25,6 +25,7 @@ from bootlib import Chip
 from kit import KEY, OTHER_KEY, PUBLIC, code, image
 
 from hil import paths
+from hil.messages import interface
 from host_tools import cli
 from host_tools.errors import UserError
 from host_tools.flash import swd
@@ -156,6 +157,8 @@ class Node(threading.Thread):
         self.going = True
         self.mute: set[int] = set()  # identifiers that it does not hear
         self.answers = 1  # to each request, as to one that was sent as often
+        self.lose_once: list[int] = []  # identifiers of requests that are lost, once each,
+        self.lose_answer: list[int] = []  # and of those whose answer is
 
     def lost(self) -> bool:
         self.count += 1
@@ -166,7 +169,14 @@ class Node(threading.Thread):
             message = self.bus.recv(0.05)
             if message is None or message.arbitration_id in self.mute or self.lost():
                 continue
-            for identifier, data in self.chip.accept(message.arbitration_id, bytes(message.data)):
+            if message.arbitration_id in self.lose_once:
+                self.lose_once.remove(message.arbitration_id)
+                continue
+            replies = self.chip.accept(message.arbitration_id, bytes(message.data))
+            if message.arbitration_id in self.lose_answer:
+                self.lose_answer.remove(message.arbitration_id)
+                replies = []
+            for identifier, data in replies:
                 for _ in range(0 if self.lost() else self.answers):
                     self.bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
             if self.chip.update.reset:
@@ -210,6 +220,30 @@ def test_a_bus_that_loses_frames() -> None:
     with on_bus(lose=61) as (node, wire):
         assert update(wire, [file("a", "1.0.0", size=1500)], quiet).slot == "a"
         assert node.count > 61 * 3
+
+
+REQUESTS = [interface().messages[f"UPDATE_{name}"].id for name in ("BEGIN", "END", "RESET")]
+
+
+@pytest.mark.parametrize("what", ["lose_once", "lose_answer"])
+def test_a_request_or_its_answer_is_lost(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """BEGIN, END and RESET, each once: sent again, and done once."""
+    for name in ("ERASE", "VERIFY", "BLOCK_ANSWER"):
+        monkeypatch.setattr(f"host_tools.flash.update.{name}", 1.0)
+    with on_bus() as (node, wire):
+        assert update(wire, [file("a", "1.0.0")], quiet) == Outcome("a", "confirmed")
+        setattr(node, what, [*REQUESTS, REQUESTS[2]])  # a reset into the boot loader, and one out of it
+        assert update(wire, [file("b", "1.1.0")], quiet) == Outcome("b", "confirmed")
+        assert getattr(node, what) == []
+        assert node.resets == 3  # no more than those that were wanted
+
+
+def test_requests_that_nobody_answers_end_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("host_tools.flash.update.ERASE", 0.05)
+    with on_bus() as (node, wire):
+        node.mute = {REQUESTS[0]}
+        with pytest.raises(UserError, match=r"the controller stopped answering \(begin\)"):
+            update(wire, [file("a", "1.0.0")], quiet)
 
 
 def test_late_answers() -> None:
