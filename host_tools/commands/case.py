@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from host_tools.errors import UserError
+from host_tools.workbench.commandline import Json
 
 __all__ = ["register"]
 
 TABLES = (".csv", ".parquet")
+Texts = list[str] | None
 
 
 def case(
-    sources: Annotated[
-        list[Path], typer.Argument(metavar="RUN_DIR...|TABLE...", help="folders of `terrapin run --out`, or tables")
-    ],
     to: Annotated[Path, typer.Option("--to", metavar="CASE", help="the case's folder; made if it is not there")],
     title: Annotated[str, typer.Option("--title", help="of the case")] = "",
     effect: Annotated[
@@ -29,6 +30,26 @@ def case(
         float | None,
         typer.Option("--span", metavar="SECONDS", help="rows of this length, steady or not, in place of the windows"),
     ] = None,
+    sources: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="RUN_DIR...|TABLE...", help="folders of `terrapin run --out`, or tables"),
+    ] = None,
+    example: Annotated[str, typer.Option("--example", metavar="NAME", help="copy a case that ships with this")] = "",
+    base: Annotated[str, typer.Option("--base", help="base model of tables whose columns you map yourself")] = "",
+    column: Annotated[Texts, typer.Option("--column", metavar="NAME=COLUMN", help="what a column is")] = None,
+    unit: Annotated[Texts, typer.Option("--unit", metavar="NAME=UNIT", help="of a column")] = None,
+    noise: Annotated[Texts, typer.Option("--noise", metavar="NAME=SD", help="of a row, in the column's unit")] = None,
+    constant: Annotated[Texts, typer.Option("--constant", metavar="NAME=VALUE", help="known parameter")] = None,
+    fit: Annotated[Texts, typer.Option("--fit", metavar="NAME=START[:MIN:MAX[:UNIT]]", help="to be fitted")] = None,
+    equation: Annotated[Texts, typer.Option("--equation", metavar="NAME=FORMULA", help="of base equation")] = None,
+    limit: Annotated[Texts, typer.Option("--limit", metavar="NAME=MIN:MAX[:UNIT]", help="what the rig can set")] = None,
+    run: Annotated[str, typer.Option("--run", metavar="COLUMN", help="that names the run; none: a file each")] = "",
+    train: Annotated[Texts, typer.Option("--train", metavar="RUN", help="a training run; repeat for more")] = None,
+    test: Annotated[Texts, typer.Option("--test", metavar="RUN", help="a held-out run; repeat for more")] = None,
+    every: Annotated[int, typer.Option("--every", metavar="N", help="take every n-th row of a table")] = 1,
+    dbc: Annotated[Path | None, typer.Option("--dbc", metavar="FILE", help="of a log; else the controller's")] = None,
+    period: Annotated[str, typer.Option("--period", help="of the grid that a log is sampled on")] = "10 ms",
+    json: Json = "",
 ) -> None:
     """Turn logged runs into a case of rolling_steady: one row for each steady window that the controller called valid.
 
@@ -41,11 +62,39 @@ def case(
     Tables (CSV, Parquet) of your own: roles and units are guessed from the columns' names, for you to correct.
 
     terrapin case day_1.csv day_2.csv --to my_case
+
+    With --base nothing is guessed: you say what the columns are, and the tables (or logs) are copied into the case.
+
+    terrapin case day_1.csv --to my_case --base equation --column "f=force" --unit f=N --column "x=way [mm]" --unit x=mm
+    --equation "f=k*x" --fit k=1:0:9
+
+    terrapin case --example heated_motor --to my_case
     """
     from hil.physics.effects import catalogue
     from host_tools.workbench.from_runs import read_run, write_case
     from host_tools.workbench.from_table import write_table_case
 
+    sources = sources or []
+    if example:
+        if sources or base or effect:
+            raise UserError("--example: found with other sources or options, expected it alone with --to")
+        print(_copy_example(example, to))
+        return
+    if not sources:
+        raise UserError("found no RUN_DIR and no TABLE, expected at least one, or --example")
+    if base:
+        if span is not None or after > 0.0 or before < 1e18:
+            raise UserError("--after, --before and --span: expected with folders of runs, found --base")
+        given = {
+            "title": title or to.resolve().name, "base": base, "effects": effect or [],
+            "columns": column or [], "units": unit or [], "noises": noise or [],
+            "constants": constant or [], "fits": fit or [], "equations": equation or [], "limits": limit or [],
+            "run": run, "train": train or [], "test": test or [], "every": every, "period": period,
+        }  # fmt: skip
+        _map(sources, to, dbc, given, json)
+        return
+    if any((column, unit, noise, constant, fit, equation, limit, run, train, test, dbc, json)) or every != 1:
+        raise UserError("--base: found none, expected one with --column and what belongs to it")
     tables = [path for path in sources if path.suffix.lower() in TABLES and not path.is_dir()]
     if tables:
         if len(tables) < len(sources):
@@ -63,6 +112,56 @@ def case(
             raise UserError(f"--effect: found {name!r}, expected one of {known}")
     runs = [read_run(folder, after, before, span) for folder in sources]
     print(write_case(to, runs, title or "Logged runs", effect or []))
+
+
+def _copy_example(name: str, to: Path) -> str:
+    import shutil
+
+    from host_tools.web.workspace import examples
+
+    if name not in examples():
+        raise UserError(f"--example: found {name!r}, expected one of {', '.join(examples())}")
+    with _whole(to) as scratch:
+        shutil.copytree(examples()[name], scratch, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".terrapin"))
+    return f"{to / 'case.toml'}: a copy of {name}"
+
+
+def _map(sources: list[Path], to: Path, dbc: Path | None, given: dict[str, Any], json: str) -> None:
+    """A case of tables or logs whose columns are mapped by hand."""
+    from host_tools.web import order
+    from host_tools.web.mapper import make
+    from host_tools.workbench.commandline import deliver
+
+    for path in [*sources, *([dbc] if dbc else [])]:
+        if not path.is_file():
+            raise UserError(f"{path}: no such file")
+    asked = order.read(**given)
+    with _whole(to) as scratch:
+        made = make(str(scratch), list(map(str, sources)), str(dbc or ""), asked)
+    words = [f"{to / 'case.toml'}: {given['base']}, {made['rows']} rows of {made['runs']} runs", *made["warnings"]]
+    deliver(made, "\n".join(words), json)
+
+
+@contextmanager
+def _whole(to: Path) -> Iterator[Path]:
+    """A folder beside `to` that gets its name when all in it is done; else nothing is left of it."""
+    import os
+    import secrets
+    import shutil
+
+    if to.exists():
+        raise UserError(f"{to}: exists, expected a new folder for the case")
+    scratch = to.parent / f".new-{to.name}~{secrets.token_hex(6)}"
+    try:
+        scratch.mkdir(parents=True)
+        yield scratch
+        os.replace(scratch, to)
+    except UserError as error:
+        raise UserError(str(error).replace(str(scratch), str(to)), error.status) from None
+    except OSError as error:
+        raise UserError(f"{to}: {error.strerror or error}, expected a folder that can be written") from None
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
 
 
 def register(app: typer.Typer) -> None:

@@ -136,11 +136,13 @@ async def list_examples() -> list[models.Example]:
     return [models.Example(name=name, title=title) for name, title in _titles().items()]
 
 
-@router.post("/examples/{name}", responses=problems(404))
+@router.post("/examples/{name}", responses=problems(404, 409))
 async def open_example(context: Terrapin, name: Name) -> models.Named:
     """Copy an example into the workspace, if it is not there yet."""
     if name not in _titles():
         raise NotThere(f"example: found no {name!r}, expected one of {', '.join(_titles())}")
+    if context.jobs.busy(name):
+        raise Taken(f"case: a job works on {name!r}, expected it cancelled or ended")
     if await asyncio.to_thread(context.workspace.open_example, name):
         context.events.send({"cases": True})
     return models.Named(name=name)

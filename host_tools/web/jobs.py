@@ -53,6 +53,7 @@ class Job:
     command: str  # all steps, for a shell
     steps: list[list[str]]
     restore: str | None = None  # the case's folder, when the job changes it
+    fresh: str | None = None  # the case's folder, when the job makes it
     state: str = "queued"
     progress: list[str] = field(default_factory=list)
     result: Any = None
@@ -64,7 +65,7 @@ class Job:
     def view(self) -> dict[str, Any]:
         """What the API gives."""
         view = {
-            k: v for k, v in vars(self).items() if k not in ("steps", "restore", "begun")
+            k: v for k, v in vars(self).items() if k not in ("steps", "restore", "fresh", "begun")
         }  # no copy: results are large
         if self.begun is not None:
             view["seconds"] = time.monotonic() - self.begun
@@ -82,6 +83,7 @@ class Jobs:
         self._jobs: dict[str, Job] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._cancelled: set[str] = set()
+        self._making: set[str] = set()  # jobs whose new case was not there when they began
         self._done: dict[str, Callable[[Job], Awaitable[None]]] = {}
         self._closing = False
         self._load()
@@ -93,13 +95,20 @@ class Jobs:
         steps: list[list[str]],
         restore: Path | None = None,
         done: Callable[[Job], Awaitable[None]] | None = None,
+        fresh: Path | None = None,
     ) -> Job:
-        """Queue command lines. `restore`: a case to put back unless they end well; `done`: awaited if they do."""
+        """Queue command lines. `restore`: a case to put back unless they end well; `done`: awaited if they do.
+
+        `fresh`: a case that they make, of which nothing stays when they are cancelled.
+        """
         if sum(job.state == "queued" for job in self._jobs.values()) >= MOST_QUEUED:
             raise Taken(f"jobs: found {MOST_QUEUED} waiting, expected to wait for some of them")
         command = " && ".join(map(_for_a_shell, steps))
         identifier = secrets.token_hex(6)
-        job = Job(identifier, do, case, command, steps, str(restore) if restore else None, created=time.time())
+        job = Job(
+            identifier, do, case, command, steps, str(restore) if restore else None, str(fresh) if fresh else None,
+            created=time.time(),
+        )  # fmt: skip
         self._jobs[identifier] = job
         if done is not None:
             self._done[identifier] = done
@@ -269,6 +278,10 @@ class Jobs:
 
     def _keep_before(self, job: Job) -> None:
         """A copy of what the job may change: case.toml and what the commands keep. The measurements nobody changes."""
+        if job.fresh is not None:
+            if Path(job.fresh).exists():
+                raise UserError(f"case: {Path(job.fresh).name!r} exists, expected a new name")
+            self._making.add(job.id)
         if job.restore is None:
             return
         folder, part = Path(job.restore), self._folder / f"{job.id}.part"
@@ -279,6 +292,11 @@ class Jobs:
         os.replace(part, self._folder / f"{job.id}.before")  # there whole or not at all
 
     def _put_back(self, job: Job) -> None:
+        if job.id in self._making and job.state == "cancelled":
+            target = Path(job.fresh or "")
+            for path in [target, *target.parent.glob(f".new-{target.name}~*")]:  # its processes have ended
+                shutil.rmtree(path, ignore_errors=True)
+        self._making.discard(job.id)
         before = self._folder / f"{job.id}.before"
         if not before.is_dir():
             return

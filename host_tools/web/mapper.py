@@ -1,11 +1,11 @@
-"""A case from uploaded files and the mapper's columns: case.toml is written, and read as any other case is.
+"""A case from files and the mapper's columns: case.toml is written, and read as any other case is.
 
-Runs in the warm worker. What is wrong is the complaint of `terrapin compare` about the same case.toml.
+`terrapin case --base` runs it. What is wrong is the complaint of `terrapin compare` about the same case.toml.
 """
 
 from __future__ import annotations
 
-import os
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,8 @@ import tomlkit
 from host_tools.errors import UserError
 from host_tools.web.preview import controller_dbc, stream
 from host_tools.workbench.case import load_case
+from host_tools.workbench.commandline import step
+from host_tools.workbench.csv_files import LARGE
 from host_tools.workbench.edit import write_whole
 from host_tools.workbench.from_table import split_unit
 from host_tools.workbench.tables import LOG_SUFFIXES, Table
@@ -27,7 +29,7 @@ THINNED = ".parquet"
 
 
 def make(folder: str, files: list[str], dbc: str, order: dict[str, Any]) -> dict[str, Any]:
-    """Write case.toml and the measurements into the (empty) folder; `order` is the body of POST /api/cases.
+    """Write case.toml and the measurements into the (empty) folder; `order` is that of order.py.
 
     Returns {"rows", "runs", "warnings"}. UserError when the case could not be compared.
     """
@@ -35,11 +37,13 @@ def make(folder: str, files: list[str], dbc: str, order: dict[str, Any]) -> dict
     sources = [Path(file) for file in files]
     logs = [source for source in sources if source.suffix in LOG_SUFFIXES]
     _check_units(sources)
+    _check_size(sources, order["every"])
     names = [_bring(place, source, order["every"], order["run"]) for source in sources]
     if logs:
-        _link(Path(dbc) if dbc else controller_dbc(), place / "bus.dbc")
+        shutil.copyfile(Path(dbc) if dbc else controller_dbc(), place / "bus.dbc")
     write_whole(place / "case.toml", _document(order, names, bool(logs)))
-    case = load_case(place)
+    with step("reading the case"):
+        case = load_case(place)
     if case.rows > MAX_ROWS:
         raise UserError(f"data.files: found {case.rows} rows, expected at most {MAX_ROWS}: take every n-th")
     sets = {"training": case.train, "held-out": case.test}
@@ -64,8 +68,24 @@ def _check_units(sources: list[Path]) -> None:
                 )
 
 
+def _check_size(sources: list[Path], every: int) -> None:
+    """UserError for more rows than a case may have, before all of them are read."""
+    rows = 0
+    for source in sources:
+        if source.suffix == ".parquet":
+            import pyarrow.parquet
+
+            rows += pyarrow.parquet.read_metadata(source).num_rows
+        elif source.suffix == ".csv" and source.stat().st_size >= LARGE:
+            with source.open("rb") as file:
+                rows += sum(block.count(b"\n") for block in iter(lambda: file.read(1 << 20), b""))
+    if rows // every > MAX_ROWS:
+        least = -(-rows // MAX_ROWS)
+        raise UserError(f"found {rows} rows, expected at most {MAX_ROWS}: take one of {least} (--every {least})")
+
+
 def _bring(folder: Path, source: Path, every: int, run: str) -> str:
-    """The file's name in the case: a link to the upload's bytes, or every n-th row of them."""
+    """The file's name in the case: a copy, or every n-th row of it."""
     thin = every > 1 and source.suffix not in LOG_SUFFIXES
     suffix = THINNED if thin else source.suffix
     name, number = f"{source.stem}{suffix}", 1
@@ -75,18 +95,8 @@ def _bring(folder: Path, source: Path, every: int, run: str) -> str:
     if thin:
         _thin(source, folder / name, every, run)
     else:
-        _link(source, folder / name)
+        shutil.copyfile(source, folder / name)
     return name
-
-
-def _link(source: Path, target: Path) -> None:
-    """The bytes of `source` under another name: uploads are never changed, so that both may have the same."""
-    try:
-        os.link(source, target)
-    except OSError:  # another disk, or none that knows links
-        import shutil
-
-        shutil.copyfile(source, target)
 
 
 def _thin(source: Path, target: Path, every: int, run: str) -> None:
@@ -99,7 +109,7 @@ def _thin(source: Path, target: Path, every: int, run: str) -> None:
         for table in stream(source, {run}):
             first = -done % every
             done += table.rows
-            columns = {name: _values(table, name, name == run)[first::every].tolist() for name in table.columns}
+            columns = {name: _values(table, name, name == run)[first::every].copy() for name in table.columns}
             block = pyarrow.table(columns)
             if writer is None:
                 writer = pyarrow.parquet.ParquetWriter(target, block.schema)
@@ -122,7 +132,7 @@ def _values(table: Table, name: str, text: bool) -> npt.NDArray[Any]:
 def _document(order: dict[str, Any], files: Iterable[str], log: bool) -> str:
     document = tomlkit.document()
     document.add(tomlkit.comment("made in the workbench (terrapin web); docs/cases.md says what can stand here"))
-    document["case"] = {"title": order["title"] or order["name"]}
+    document["case"] = {"title": order["title"]}
     model: dict[str, Any] = {"base": order["base"], "effects": order["effects"]}
     if order["equation"]:
         model["equation"] = order["equation"]

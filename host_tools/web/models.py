@@ -168,7 +168,7 @@ class Base(BaseModel):
 
 
 class Parameter(Request):
-    """A parameter of an expression of one's own."""
+    """A parameter that is fitted: start value and bounds, of an expression of one's own or of a base model."""
 
     value: FiniteFloat
     min: FiniteFloat | None = None

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import asyncio
-import os
-import shutil
 from typing import Annotated
 
 from fastapi import APIRouter
-from pydantic import BaseModel, Field, FiniteFloat, StringConstraints
+from pydantic import Field, FiniteFloat, StringConstraints
 
 from host_tools.errors import UserError
 from host_tools.web.context import Terrapin
-from host_tools.web.models import CLOSED, EffectName, Formula, Line, Name, Request, problems
-from host_tools.web.uploads import upload_file, upload_view
+from host_tools.web.jobs import Job
+from host_tools.web.models import CLOSED, EffectName, Formula, JobStarted, Line, Name, Parameter, Request, problems
+from host_tools.web.order import arguments
+from host_tools.web.uploads import Identifier, keep_draft, upload_file, upload_view
+from host_tools.web.workspace import Taken
 
 __all__ = ["router"]
 
 router = APIRouter(prefix="/api", tags=["cases"])
-Identifier = Annotated[str, StringConstraints(pattern="^[0-9a-f]{12}$")]
 Quantity = FiniteFloat | Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]+$", max_length=100)]
 Key = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,63}$")]
-SECONDS = 600.0
 
 
 class MappedColumn(Request):
@@ -30,15 +28,6 @@ class MappedColumn(Request):
     column: Line
     unit: Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]*$", max_length=100)] = ""
     sigma: Annotated[FiniteFloat, Field(gt=0)] | None = Field(default=None, description="sd of a row, in `unit`")
-
-
-class Fitted(Request):
-    """One line of [fit]: start value and bounds; `unit` for the base model equation only."""
-
-    value: Quantity
-    min: Quantity | None = None
-    max: Quantity | None = None
-    unit: Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]*$", max_length=100)] = ""
 
 
 class Limit(Request):
@@ -68,25 +57,19 @@ class NewCase(Request):
     columns: dict[Key, MappedColumn] = Field(min_length=1, max_length=200, json_schema_extra=CLOSED)
     equation: dict[Key, Formula] = Field(default={}, max_length=20, json_schema_extra=CLOSED)
     parameters: dict[Key, Quantity | bool] = Field(default={}, max_length=200, json_schema_extra=CLOSED)
-    fit: dict[Key, Fitted] = Field(default={}, max_length=100, json_schema_extra=CLOSED)
+    fit: dict[Key, Parameter] = Field(
+        default={}, max_length=100, json_schema_extra=CLOSED, description="`unit` for the base model equation only"
+    )
     limits: dict[Key, Limit] = Field(default={}, max_length=50, json_schema_extra=CLOSED)
 
 
-class Made(BaseModel):
-    """The new case."""
-
-    name: str
-    rows: int
-    runs: int
-    warnings: list[str]
-    command: str = Field(description="the command line that looks at it")
-
-
-@router.post("/cases", responses=problems(404, 409, 507), status_code=201)
-async def new_case(context: Terrapin, body: NewCase) -> Made:
-    """Make a case of uploaded files. It is read before it is kept: what is wrong is one line, nothing is written."""
-    workspace = context.workspace
+@router.post("/cases", responses=problems(404, 409), status_code=202)
+async def new_case(context: Terrapin, body: NewCase) -> JobStarted:
+    """Make a case of uploaded files, as a job. It is read before it is kept: what is wrong is the job's error."""
+    workspace, jobs = context.workspace, context.jobs
     target = workspace.new_case(body.name)
+    if jobs.busy(body.name):
+        raise Taken(f"case: {body.name!r} is being made, expected a new name")
     kinds = {identifier: upload_view(workspace, identifier)["kind"] for identifier in body.uploads}
     if "dbc" in kinds.values():
         raise UserError("uploads: found a DBC, expected it as dbc")
@@ -96,22 +79,13 @@ async def new_case(context: Terrapin, body: NewCase) -> Made:
         raise UserError("uploads: found one twice, expected each once")
     files = [str(upload_file(workspace, identifier)) for identifier in body.uploads]
     dbc = str(upload_file(workspace, body.dbc)) if body.dbc is not None else ""
-    scratch = workspace.scratch()
+    order = {**body.model_dump(), "title": body.title or body.name}
 
-    def told(line: str) -> None:
-        context.events.send({"case": body.name, "state": "making", "line": line})
+    async def made(job: Job) -> None:
+        for identifier in body.uploads:
+            keep_draft(context, identifier, None)
+        context.events.send({"cases": True})
 
-    try:
-        order = body.model_dump()
-        made = await context.warm.call(
-            "host_tools.web.mapper:make", str(scratch), files, dbc, order, seconds=SECONDS, told=told
-        )
-        workspace.new_case(body.name)  # somebody may have made one meanwhile
-        os.replace(scratch, target)
-    except UserError as error:
-        error.args = (str(error).replace(f"{scratch}/", ""),)
-        raise
-    finally:
-        await asyncio.to_thread(shutil.rmtree, scratch, True)
-    context.events.send({"cases": True})
-    return Made(name=body.name, command=f"terrapin compare {target}", **made)
+    step = [*arguments(order, files, dbc, str(target)), "--json", "-"]
+    job = jobs.add("make", body.name, [step], done=made, fresh=target)
+    return JobStarted(id=job.id, command=job.command)

@@ -13,16 +13,19 @@ from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Query, Request
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, StringConstraints
 from starlette.requests import ClientDisconnect
 
 from host_tools.errors import UserError
+from host_tools.web import models
 from host_tools.web.context import Context, Terrapin
 from host_tools.web.models import problems
 from host_tools.web.workspace import NotThere, Workspace
 from host_tools.workbench.edit import write_whole
 
-__all__ = ["STREAMED", "NoSpace", "TooLarge", "UploadId", "router", "upload_file", "upload_view"]
+__all__ = [
+    "STREAMED", "Identifier", "NoSpace", "TooLarge", "UploadId", "keep_draft", "router", "upload_file", "upload_view",
+]  # fmt: skip
 
 STREAMED = ("/api/uploads",)  # the body is read, and bounded, here
 MAX_UPLOAD = 2 << 30  # bytes
@@ -33,6 +36,8 @@ MOST = 1000  # uploads that are kept
 EVERY = 0.25  # s between events of progress
 SUFFIXES = (".csv", ".parquet", ".dbc", ".log", ".blf", ".asc", ".mf4", ".mcap")
 
+Identifier = Annotated[str, StringConstraints(pattern="^[0-9a-f]{12}$")]
+Typed = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]*$", max_length=2000)]
 UploadId = Annotated[str, Path(pattern="^[0-9a-f]{12}$")]
 router = APIRouter(prefix="/api", tags=["uploads"])
 
@@ -57,6 +62,26 @@ class UploadColumn(BaseModel):
     max: float | None
 
 
+class DraftColumn(models.Request):
+    """What is typed beside a column."""
+
+    column: Typed
+    name: Typed = Field(default="", description="role, channel or name; empty: not mapped")
+    unit: Typed = ""
+    sigma: Typed = ""
+
+
+class Draft(models.Request):
+    """A mapping that is half done, as it is typed: a reload or another browser goes on with it."""
+
+    uploads: Annotated[list[Identifier], Field(min_length=1, max_length=100)]
+    dbc: Identifier | None = None
+    base: Typed = ""
+    fields: dict[models.EffectName, Typed] = Field(default={}, max_length=20, json_schema_extra=models.CLOSED)
+    columns: Annotated[list[DraftColumn], Field(default_factory=list, max_length=1000)]
+    constants: dict[models.EffectName, Typed] = Field(default={}, max_length=300, json_schema_extra=models.CLOSED)
+
+
 class Upload(BaseModel):
     """An uploaded file. `rows` are frames of a log, messages of a DBC."""
 
@@ -70,6 +95,7 @@ class Upload(BaseModel):
     run_guess: str | None
     base_guess: str | None
     created: float = Field(description="s since 1970")
+    draft: Draft | None = Field(default=None, description="mapping of these columns that is half done")
 
 
 def _tidy(name: str) -> str:
@@ -242,6 +268,27 @@ async def preview(
         files = [str(upload_file(context.workspace, identifier)), str(_dbc(context.workspace, dbc))]
         view |= await context.warm.call("host_tools.web.preview:look", *files, seconds=LOOK_SECONDS, kind="read")
     return Upload(**view)
+
+
+def keep_draft(context: Context, identifier: str, draft: Draft | None) -> None:
+    """Write a draft into the upload's record, or drop it; nothing for an upload that is gone."""
+    try:
+        view = upload_view(context.workspace, identifier)
+    except NotThere:
+        return
+    if draft is None and not view.get("draft"):
+        return
+    view["draft"] = draft.model_dump() if draft is not None else None
+    write_whole(context.workspace.folder("uploads") / f"{identifier}.json", json.dumps(view) + "\n")
+    context.events.send({"upload": identifier, "state": "draft" if draft is not None else "mapped"})
+
+
+@router.put("/uploads/{identifier}/draft", responses=problems(404))
+async def put_draft(context: Terrapin, identifier: UploadId, body: Draft) -> Draft:
+    """Keep a mapping that is half done with the (first) upload that it is about."""
+    upload_view(context.workspace, identifier)
+    keep_draft(context, identifier, body)
+    return body
 
 
 @router.delete("/uploads/{identifier}", responses=problems(404))

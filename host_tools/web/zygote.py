@@ -156,8 +156,13 @@ def _command(request: dict[str, Any]) -> int:
 
     os.environ.update(request["environment"])
     sys.argv = ["terrapin", *request["argv"]]
+    if request["argv"][0] == "case":  # reads what came from outside
+        resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
     try:
         command_line()
+    except MemoryError:
+        print("terrapin: out of memory", file=sys.stderr)
+        return 2
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
     return 0

@@ -56,6 +56,15 @@ def order(name: str, *uploads: str, **changes: Any) -> dict[str, Any]:
     }
 
 
+def made(server: Server, body: dict[str, Any]) -> dict[str, Any]:
+    """The job that makes a case, when it has ended."""
+    answer = server.ask("POST", "/api/cases", body)
+    assert answer.status == 202, answer.body
+    job = server.wait(answer.json["id"])
+    assert job["command"] == answer.json["command"]
+    return job
+
+
 def log(times: list[float]) -> bytes:
     return "".join(f"({t:.6f}) can0 123#{i % 256:02X}0001000000 \n" for i, t in enumerate(times)).encode()
 
@@ -71,11 +80,9 @@ def test_a_table_becomes_a_case_that_answers_as_the_original(server: Server) -> 
     assert columns["shell_speed"]["preview"][0] == "2.8217"
     assert not columns["run"]["numeric"]
     assert server.get(f"/api/uploads/{upload['id']}/preview") == upload
-    made = server.ask("POST", "/api/cases", order("from_table", upload["id"]))
-    assert made.status == 201, made.body
-    assert made.json == {
-        "name": "from_table", "rows": 72, "runs": 12, "warnings": [], "command": "terrapin compare ws/cases/from_table",
-    }  # fmt: skip
+    job = made(server, order("from_table", upload["id"]))
+    assert job["state"] == "done", job["error"]
+    assert job["result"] == {"rows": 72, "runs": 12, "warnings": []}
     server.ask("POST", "/api/examples/heated_motor")
     answers = [server.wait(server.start(name, do="compare"))["result"] for name in ("from_table", "heated_motor")]
     for answer in answers:
@@ -101,17 +108,18 @@ def test_a_table_becomes_a_case_that_answers_as_the_original(server: Server) -> 
 def test_a_case_that_would_be_broken_is_not_made(server: Server, changes: dict[str, Any], words: str) -> None:
     upload = good(server, "runs.csv", HEATED)
     before = server.files()
-    answer = server.ask("POST", "/api/cases", order("never", upload["id"], **changes))
-    assert answer.status == 422
-    assert words in answer.detail
-    assert ".new-" not in answer.detail
-    assert server.files() == before
+    job = made(server, order("never", upload["id"], **changes))
+    assert job["state"] == "failed"
+    assert words in job["error"]
+    assert ".new-" not in job["error"]
+    assert "\n" not in job["error"]
+    after = {path: size for path, size in server.files().items() if not path.startswith("jobs")}
+    assert after == {path: size for path, size in before.items() if not path.startswith("jobs")}
 
 
 def test_every_nth_row(server: Server) -> None:
     upload = good(server, "runs.csv", HEATED)
-    made = server.ask("POST", "/api/cases", order("thinned", upload["id"], every=3)).json
-    assert made["rows"] == 24
+    assert made(server, order("thinned", upload["id"], every=3))["result"]["rows"] == 24
     lines = HEATED.decode().splitlines()
     table = pyarrow.parquet.read_table(server.workspace / "cases" / "thinned" / "runs.parquet")
     assert table.column("shell_speed").to_pylist() == [float(line.split(",")[2]) for line in lines[1::3]]
@@ -157,9 +165,9 @@ def test_a_log_with_its_dbc(server: Server) -> None:
             "current": {"column": "MOTOR.current", "unit": "mA"},
         },
     )
-    made = server.ask("POST", "/api/cases", body)
-    assert made.status == 201, made.body
-    assert made.json["runs"] == 2
+    job = made(server, body)
+    assert job["state"] == "done", job["error"]
+    assert job["result"]["runs"] == 2
     assert sorted(p.name for p in (server.workspace / "cases" / "from_log").iterdir()) == [
         "bus.dbc", "case.toml", "run_a.log", "run_b.log",
     ]  # fmt: skip
@@ -243,9 +251,9 @@ def test_tables_of_different_units_are_not_joined(server: Server) -> None:
     one = good(server, "one.csv", b"w [rad/s],i [A]\n1,2\n2,3\n")["id"]
     two = good(server, "two.csv", b"w [rpm],i [A]\n1,2\n2,3\n")["id"]
     columns = {"omega": {"column": "w [rad/s]", "unit": "rad/s"}, "current": {"column": "i [A]", "unit": "A"}}
-    answer = server.ask("POST", "/api/cases", order("mixed", one, two, columns=columns, run=""))
-    assert answer.status == 422
-    assert "two.csv: column w [rpm]: found rpm, expected rad/s as in one.csv: mixed units" in answer.detail
+    job = made(server, order("mixed", one, two, columns=columns, run=""))
+    assert job["state"] == "failed"
+    assert "two.csv: column w [rpm]: found rpm, expected rad/s as in one.csv: mixed units" in job["error"]
 
 
 def test_progress_of_a_large_upload_is_told(server: Server) -> None:
