@@ -6,27 +6,33 @@ python tests/bench/bench_live.py [SECONDS] [monitor] [page]
 from __future__ import annotations
 
 import fcntl
-import json
 import os
 import pty
 import re
 import select
+import shutil
 import struct
-import subprocess
 import sys
 import tempfile
 import termios
 import time
-import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 from slcan_feeder import Feeder
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "web"))
+
+from serving import Server  # beside the tests that use it
 
 from host_tools.logs.reading import read_log
 
 RATE, SECONDS = 8000, 60.0
 CORES, REDRAWS = 1.0, 25.0
+PIECE = 10.0  # s over which redraws are counted too, so that a page that stands still for a while shows
+FLAGS = ["--no-sandbox", "--disable-gpu"]  # as tests/browser: drawn by the processor
 TERRAPIN = str(Path(sys.executable).parent / "terrapin")
 
 
@@ -66,54 +72,97 @@ def monitor(seconds: float) -> bool:
     return os.waitstatus_to_exitcode(status) == 0 and seen == sent["sent"] and lost == 0 and cores <= CORES
 
 
-def call(address: str, path: str, body: dict[str, Any] | None = None) -> Any:
-    base, _, token = address.partition("?token=")
-    headers = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
-    data = json.dumps(body).encode() if body is not None else None
-    with urllib.request.urlopen(urllib.request.Request(f"{base}api/{path}", data, headers)) as answer:
-        return json.loads(answer.read())
+@contextmanager
+def running(server: Server) -> Iterator[Server]:
+    try:
+        yield server
+    finally:
+        server.stop()
+
+
+def processor_seconds(root: int) -> dict[str, float]:
+    """Processor time [s] of a process and all below it, by role: Chromium tells its own (renderer, gpu-process ...)."""
+    parents: dict[int, int] = {}
+    used: dict[int, float] = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (folder / "stat").read_text().rpartition(")")[2].split()
+        except OSError:  # it ended meanwhile
+            continue
+        parents[int(folder.name)] = int(fields[1])
+        used[int(folder.name)] = sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")  # with children that ended
+    found: dict[str, float] = {}
+    for process, seconds in used.items():
+        above = process
+        while above not in (root, 0):
+            above = parents.get(above, 0)
+        if above == root:
+            with suppress(OSError):
+                words = Path(f"/proc/{process}/cmdline").read_bytes().replace(b" ", b"\0").split(b"\0")
+                kinds = [w[7:].decode() for w in words if w.startswith(b"--type=")]
+                role = kinds[0] if kinds else Path(words[0].decode()).name
+                found[role] = found.get(role, 0.0) + seconds
+    return found
 
 
 def page(seconds: float) -> bool:
-    """The Live tab in Chromium: frames in its pictures, in the log, redraws a second."""
-    from playwright.sync_api import sync_playwright
+    """The Live tab in Chromium: frames in its pictures, in the log, redraws a second, cores of server and browser."""
+    from playwright.sync_api import TimeoutError, sync_playwright
 
-    with tempfile.TemporaryDirectory() as folder:
-        command = [TERRAPIN, "web", "--no-open", "--workspace", folder]
-        with (
-            subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server,
-            sync_playwright() as playwright,
-            Feeder(RATE, seconds) as feeder,
-        ):
-            assert server.stdout is not None
-            address = server.stdout.readline().strip()
-            browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
-            tab = browser.new_page(viewport={"width": 1280, "height": 800})
-            tab.goto(f"{address}#live")
-            tab.wait_for_selector(".tab-live .stop")
-            tab.wait_for_timeout(1500)
-            call(address, "live", {"source": f"serial:{feeder.path}", "bitrate": 1_000_000})
-            call(address, "live/record", {"do": "start", "name": "full.mf4"})
-            tab.wait_for_timeout(1000)
-            state = "e => ({...e.dataset})"
-            before, begin = tab.eval_on_selector(".tab-live", state), time.monotonic()
-            tab.wait_for_timeout((seconds - 3) * 1000)
-            after, took = tab.eval_on_selector(".tab-live", state), time.monotonic() - begin
-            sent = feeder.sent()
-            tab.wait_for_timeout(1500)
-            last = tab.eval_on_selector(".tab-live", state)
-            call(address, "live/record", {"do": "stop"})
-            browser.close()
-            server.terminate()
-        log, cut = read_log(Path(folder) / "logs" / "full.mf4")
-    redraws = (int(after["redraws"]) - int(before["redraws"])) / took
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        running(Server(Path(folder))) as server,
+        sync_playwright() as playwright,
+        Feeder(RATE, seconds) as feeder,
+    ):
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
+        tab = browser.new_page(viewport={"width": 1280, "height": 800})
+        tab.goto(f"{server.line}#live")
+        tab.wait_for_selector(".tab-live .stop")
+        tab.wait_for_timeout(2000)  # what the page loads is no part of this
+
+        def state() -> dict[str, float]:
+            found = tab.eval_on_selector(".tab-live", "e => ({...e.dataset})")
+            return {name: float(value) for name, value in found.items() if name != "state"}
+
+        def processors() -> dict[str, float]:
+            browsers = processor_seconds(os.getpid())
+            parts = {name: browsers.get(name, 0.0) for name in ("renderer", "gpu-process", "chromium")}
+            return {"server": sum(processor_seconds(server.process.pid).values()), **parts}
+
+        source = {"source": f"serial:{feeder.path}", "bitrate": 1_000_000}
+        assert server.ask("POST", "/api/live", source).status == 200
+        assert server.ask("POST", "/api/live/record", {"do": "start", "name": "full.mf4"}).status == 200
+        tab.wait_for_selector(".tab-live[data-total]")
+        before, used, begin = state(), processors(), time.monotonic()
+        slowest = 1e9
+        while feeder.waiting():  # the page counts its own redraws; each piece of ten seconds is looked at too
+            first, since = state(), time.monotonic()
+            while feeder.waiting() and time.monotonic() < since + PIECE:
+                time.sleep(0.2)
+            took = time.monotonic() - since
+            if took > 0.5 * PIECE or slowest == 1e9:
+                slowest = min(slowest, (state()["redraws"] - first["redraws"]) / took)
+        after, now, took = state(), processors(), time.monotonic() - begin
+        sent = feeder.sent()
+        with suppress(TimeoutError):  # the counts below say what is missing
+            tab.wait_for_selector(f".tab-live[data-total='{sent['sent']:.0f}']", timeout=10_000)
+        last = state()
+        assert server.ask("POST", "/api/live/record", {"do": "stop"}).status == 200
+        browser.close()
+        log, cut = read_log(server.workspace / "logs" / "full.mf4")
+    redraws = (after["redraws"] - before["redraws"]) / took
+    cores = ", ".join(f"{name} {(now[name] - used[name]) / took:.2f}" for name in now)
     print(
-        f"page: {sent['sent']:.0f} frames sent in {sent['seconds']:.1f} s, {last['frames']} in pictures, "
-        f"{last['missed']} missed, {len(log)} in the log{f' ({cut})' if cut else ''}, {last['lost']} lost, "
-        f"{redraws:.1f} redraws/s (bound {REDRAWS:g})"
+        f"page: {sent['sent']:.0f} frames sent in {sent['seconds']:.1f} s (late by {sent['latest'] * 1e3:.0f} ms at "
+        f"most), {last['frames']:.0f} in pictures, {last['missed']:.0f} missed, {len(log)} in the log"
+        f"{f' ({cut})' if cut else ''}, {last['lost']:.0f} lost; {redraws:.1f} redraws/s in all (bound {REDRAWS:g}), "
+        f"{slowest:.1f} in the slowest {PIECE:.0f} s; cores: {cores}, sender {sent['cores']:.2f}; "
+        f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
     )
-    counts = {int(last["frames"]), len(log), round(sent["sent"])}
-    return len(counts) == 1 and last["missed"] == "0" and redraws >= REDRAWS
+    numbers = np.ascontiguousarray(log.data[:, :4]).view("<u4").ravel()
+    whole = bool(np.array_equal(numbers, np.arange(round(sent["sent"]))))  # each frame once, in order
+    return whole and last["frames"] == sent["sent"] and last["missed"] == 0 and redraws >= REDRAWS
 
 
 if __name__ == "__main__":

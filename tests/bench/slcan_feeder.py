@@ -18,7 +18,7 @@ from pathlib import Path
 
 from hil.messages import interface
 
-SLICE = 2e-3  # s between writes
+SLICE = 5e-3  # s between writes: less than a kB of a full bus, as an adapter on USB gives it
 
 
 def texts(rate: int, seconds: float) -> list[bytes]:
@@ -53,7 +53,7 @@ class Feeder:
         return not select.select([self.output], [], [], 0)[0]
 
     def sent(self) -> dict[str, float]:
-        """Waits until all is sent: frames, seconds, and by how much the latest write was late."""
+        """Waits until all is sent: frames, seconds, by how much the latest write was late, its own share of a core."""
         assert self._process.stdout is not None
         return dict(json.loads(self._process.stdout.readline()))
 
@@ -84,7 +84,7 @@ def main(rate: int, seconds: float) -> None:
         heard = (heard + os.read(master, 4096))[-64:]
     os.close(slave)  # the reader holds it now; its end is then ours to see
     time.sleep(0.3)
-    begin, latest = time.monotonic(), 0.0
+    begin, latest, busy = time.monotonic(), 0.0, time.process_time()
     for number, piece in enumerate(pieces):
         due = begin + number * SLICE if rate else 0.0
         wait = due - time.monotonic()
@@ -93,7 +93,9 @@ def main(rate: int, seconds: float) -> None:
         write(master, piece)
         latest = max(latest, time.monotonic() - due) if rate else 0.0
     took = time.monotonic() - begin
-    print(json.dumps({"sent": round((rate or 1000) * seconds), "seconds": took, "latest": latest}), flush=True)
+    cores = (time.process_time() - busy) / took
+    sent = {"sent": round((rate or 1000) * seconds), "seconds": took, "latest": latest, "cores": cores}
+    print(json.dumps(sent), flush=True)
     sys.stdin.readline()  # keep the pty until told
 
 

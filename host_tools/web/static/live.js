@@ -7,7 +7,8 @@ const SECONDS = [5, 15, 30, 60, 120, 300];
 const MOST = 8; // lanes
 const HEAD = 32; // bytes of a picture's head
 const SAMPLES = 1;
-const ROWS_EVERY = 250; // ms between looks at the numbers of the table
+const ROWS_EVERY = 250; // ms between looks at the numbers of the table, and at the list of events
+const EVENTS = 500, LISTED = 100; // that are drawn, that are listed
 const STOP_MS = 1000; // after the button has become “release”, in which it does not
 const STOP_WORDS = {
   bus: 'Asks the controller for idle, thirty times a second, until it is pressed again. It goes on when this page is closed; it needs this computer and the bus: it is no emergency stop and cuts no power. Another node that asks for run can win in between. The red button on the robot works always.',
@@ -167,6 +168,7 @@ export function mount(element, app) {
     stopWords.textContent = STOP_WORDS[said.stop || ''];
     record.disabled = !state.hello;
     log.replaceChildren();
+    newest = listed = 0;
     want(); list();
     if (!state.hello) { chip.textContent = 'nothing is watched'; chip.className = 'chip small'; tiles.replaceChildren(); health.replaceChildren(); counts.textContent = ''; tell(''); }
   }
@@ -208,15 +210,15 @@ export function mount(element, app) {
     state.status = said;
     state.values = said.values;
     strip.zero = said.begin > 1e6 ? said.begin : 0; // times of a bus count from 1970
-    for (const event of said.events) if (!events.some((e) => e.number === event.number)) { events.push(event); addEvent(event); }
-    if (events.length > 500) events.splice(0, events.length - 500);
+    events.push(...said.events.filter((event) => event.number > (events.at(-1)?.number ?? 0)));
+    if (events.length > EVENTS) events.splice(0, events.length - EVENTS);
     const words = { live: said.silent ? 'silent' : 'live', over: 'over', gone: 'gone' }[said.state];
     chip.textContent = words;
     chip.className = `chip small ${said.state === 'gone' ? 'missing' : said.silent || said.state === 'over' ? 'ambiguous' : 'adequate'}`;
     if (said.state === 'gone') tell(`${said.note}. What was recorded is whole. Watch connects again.`);
     else if (said.note) tell(said.note);
     else if (said.fit) tell(said.fit);
-    if (shown) { tile(); bus(); recording(); if (tableSeen && performance.now() - drawnRows > ROWS_EVERY) rows(); }
+    if (shown) { tile(); bus(); recording(); if (performance.now() - listed > ROWS_EVERY) listEvents(); if (tableSeen && performance.now() - drawnRows > ROWS_EVERY) rows(); }
   }
 
   // ---------------------------------------------------------------- drawn from the status
@@ -320,9 +322,14 @@ export function mount(element, app) {
     try { pattern = new RegExp(filter.value, 'i'); filter.removeAttribute('aria-invalid'); } catch { filter.setAttribute('aria-invalid', 'true'); return; }
     list();
   }
-  function addEvent(event) {
-    log.prepend(h('li', { class: `event ${event.kind}` }, h('span', { class: 'soft n', text: event.time === null ? '–' : `${(event.time - strip.zero).toFixed(2)} s` }), h('b', { text: event.kind }), h('span', { text: event.text })));
-    while (log.children.length > 200) log.lastChild.remove();
+  let listed = 0, newest = 0;
+  function listEvents() {
+    const rows = events.slice(-LISTED).filter((event) => event.number > newest).reverse();
+    if (!rows.length) return;
+    listed = performance.now();
+    newest = rows[0].number;
+    for (let more = log.children.length + rows.length - LISTED; more > 0 && log.lastChild; more--) log.lastChild.remove();
+    log.prepend(...rows.map((event) => h('li', { class: `event ${event.kind}` }, h('span', { class: 'soft n', text: event.time === null ? '–' : `${(event.time - strip.zero).toFixed(2)} s` }), h('b', { text: event.kind }), h('span', { text: event.text }))));
   }
   function cursorMoved(time) {
     const text = time === null ? '' : `cursor at ${(time - strip.zero).toFixed(3)} s`;
