@@ -1,9 +1,11 @@
-#define _GNU_SOURCE /* O_CLOEXEC, pread, pwrite */
+#define _GNU_SOURCE /* O_CLOEXEC, pread, pwrite, fdatasync */
 
 #include "flash_file.h"
 
 #include <errno.h>
 #include <fcntl.h>
+#include <libgen.h>
+#include <limits.h>
 #include <string.h>
 #include <sys/file.h>
 #include <sys/stat.h>
@@ -18,40 +20,77 @@ static bool inside(uint32_t offset, uint32_t size) {
     return (offset <= SIZE) && (size <= (SIZE - offset));
 }
 
-static bool put(const terrapin_flash_file *file, uint32_t offset, const uint8_t *bytes, uint32_t size) {
+static bool put(terrapin_flash_file *file, uint32_t offset, const uint8_t *bytes, uint32_t size) {
+    file->unsynced = true;
     return pwrite(file->descriptor, bytes, size, (off_t)offset) == (ssize_t)size;
 }
 
-static bool read_bytes(void *context, uint32_t offset, uint8_t *bytes, uint32_t size) {
-    const terrapin_flash_file *file = context;
-    return inside(offset, size) && (pread(file->descriptor, bytes, size, (off_t)offset) == (ssize_t)size);
+static bool get(const terrapin_flash_file *file, uint32_t offset, uint8_t *bytes, uint32_t size) {
+    return pread(file->descriptor, bytes, size, (off_t)offset) == (ssize_t)size;
 }
 
+/* What was written is on the disk. */
+static bool sync_file(terrapin_flash_file *file) {
+    if (file->unsynced && (fdatasync(file->descriptor) == 0)) {
+        file->unsynced = false;
+    }
+    return !file->unsynced;
+}
+
+/* What is read back stays, whatever happens to the power: so a store that verifies its set waits for the disk once a
+ * set, not once a unit. */
+static bool read_bytes(void *context, uint32_t offset, uint8_t *bytes, uint32_t size) {
+    terrapin_flash_file *file = context;
+    return inside(offset, size) && sync_file(file) && get(file, offset, bytes, size);
+}
+
+/* What was written before is on the disk before, the erase itself after. */
 static bool erase_area(void *context, terrapin_flash_area area) {
+    terrapin_flash_file *file = context;
     uint8_t erased[PIECE];
-    bool good = inside(area.offset, area.size) && ((area.offset % PAGE) == 0U) && ((area.size % PAGE) == 0U);
+    bool good =
+        inside(area.offset, area.size) && ((area.offset % PAGE) == 0U) && ((area.size % PAGE) == 0U) && sync_file(file);
     memset(erased, 0xFF, sizeof erased);
     for (uint32_t at = 0U; good && (at < area.size); at += PIECE) {
-        good = put(context, area.offset + at, erased, PIECE);
+        good = put(file, area.offset + at, erased, PIECE);
     }
-    return good;
+    return good && sync_file(file);
 }
 
 /* A write clears bits and sets none, as flash does. */
 static bool write_bytes(void *context, uint32_t offset, const uint8_t *bytes, uint32_t size) {
+    terrapin_flash_file *file = context;
     uint8_t unit[WRITE_SIZE] = {0};
     bool good = inside(offset, size) && ((offset % WRITE_SIZE) == 0U) && ((size % WRITE_SIZE) == 0U);
     for (uint32_t at = 0U; good && (at < size); at += WRITE_SIZE) {
-        good = read_bytes(context, offset + at, unit, WRITE_SIZE);
+        good = get(file, offset + at, unit, WRITE_SIZE);
         for (uint32_t i = 0U; i < WRITE_SIZE; i++) {
             unit[i] &= bytes[at + i];
         }
-        good = good && put(context, offset + at, unit, WRITE_SIZE);
+        good = good && put(file, offset + at, unit, WRITE_SIZE);
     }
     return good;
 }
 
-static int prepare(terrapin_flash_file *file) {
+/* A new file's name is on the disk as well. */
+static bool sync_folder(const char *path) {
+    char copy[PATH_MAX];
+    if (strlen(path) >= sizeof copy) {
+        errno = ENAMETOOLONG;
+        return false;
+    }
+    (void)memcpy(copy, path, strlen(path) + 1U);
+    const int folder = open(dirname(copy), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    const bool good = (folder >= 0) && (fsync(folder) == 0);
+    if (folder >= 0) {
+        const int reason = errno;
+        (void)close(folder);
+        errno = reason;
+    }
+    return good;
+}
+
+static int prepare(terrapin_flash_file *file, const char *path) {
     struct stat about;
     if (flock(file->descriptor, LOCK_EX | LOCK_NB) != 0) { /* one controller a file */
         return errno;
@@ -62,7 +101,8 @@ static int prepare(terrapin_flash_file *file) {
     if (!S_ISREG(about.st_mode) || ((about.st_size != 0) && (about.st_size != (off_t)SIZE))) {
         return EINVAL;
     }
-    if ((about.st_size == 0) && !erase_area(file, (terrapin_flash_area){.offset = 0U, .size = SIZE})) {
+    if ((about.st_size == 0) &&
+        !(erase_area(file, (terrapin_flash_area){.offset = 0U, .size = SIZE}) && sync_folder(path))) {
         return (errno != 0) ? errno : EIO;
     }
     return 0;
@@ -79,7 +119,7 @@ int terrapin_flash_file_open(terrapin_flash_file *file, const char *path) {
     if (file->descriptor < 0) {
         return errno;
     }
-    const int result = prepare(file);
+    const int result = prepare(file, path);
     if (result != 0) {
         terrapin_flash_file_close(file);
     }

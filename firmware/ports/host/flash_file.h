@@ -1,8 +1,8 @@
 /* A file as flash: what the host's controller keeps its parameters in.
  *
  * The file is as long as its two pages, offsets count from its start, erased bytes are 0xFF. A file that does not exist
- * is made, all of it erased. It outlives the process, ended in whatever way; against a power loss of the host it is as
- * safe as the file system (no fsync).
+ * is made, all of it erased. It outlives the process, ended in whatever way. Of a power loss of the host the header
+ * flash.h holds as of the chip's: an erase, and whatever was read back after a write, is on the disk (fdatasync).
  */
 #ifndef TERRAPIN_FLASH_FILE_H
 #define TERRAPIN_FLASH_FILE_H
@@ -18,6 +18,7 @@ extern "C" {
 
 typedef struct {
     int descriptor;
+    bool unsynced;        /* something was written that may not be on the disk yet */
     terrapin_flash flash; /* its context is this struct: it must not move */
     terrapin_flash_area pages[2];
 } terrapin_flash_file;

@@ -214,18 +214,25 @@ static int usage(int status) {
     return status;
 }
 
+bool terrapin_process_store(terrapin_flash_file *file, terrapin_store *store, const char *path) {
+    const int error = terrapin_flash_file_open(file, path);
+    if (error != 0) {
+        (void)fprintf(stderr, "terrapin-controller: cannot use %s: %s\n", path,
+                      (error == EINVAL)        ? "not a file of flash (32768 bytes)"
+                      : (error == EWOULDBLOCK) ? "another controller uses it"
+                                               : strerror(error));
+        return false;
+    }
+    (void)terrapin_store_open(store, &file->flash, file->pages); /* the pages are large enough */
+    return true;
+}
+
 /* The stored parameters, when a file was named. */
 static bool use_flash(controller *c, const char *path) {
     if (path != NULL) {
-        const int error = terrapin_flash_file_open(&c->flash, path);
-        if (error != 0) {
-            (void)fprintf(stderr, "terrapin-controller: cannot use %s: %s\n", path,
-                          (error == EINVAL)        ? "not a file of flash (32768 bytes)"
-                          : (error == EWOULDBLOCK) ? "another controller uses it"
-                                                   : strerror(error));
+        if (!terrapin_process_store(&c->flash, &c->store, path)) {
             return false;
         }
-        (void)terrapin_store_open(&c->store, &c->flash.flash, c->flash.pages); /* the pages are large enough */
         terrapin_service_use_store(&c->service, &c->store);
     }
     return true;

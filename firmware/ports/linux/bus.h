@@ -20,7 +20,7 @@ typedef enum { BUS_ACTIVE, BUS_WARNING, BUS_PASSIVE, BUS_OFF, BUS_DOWN } bus_sta
 /* All of them wrap. */
 typedef struct {
     uint32_t received;   /* frames for this controller */
-    uint32_t overflowed; /* frames that the receive queue had no place for */
+    uint32_t overflowed; /* frames that the receive queue, or once each time the interface's, had no place for */
     uint32_t sent;
     uint32_t unsent; /* frames that the send queue had no place for, or the interface was down */
     uint32_t error_warning, error_passive, bus_off, restarted, no_acknowledge, other_error; /* error frames */
@@ -35,6 +35,7 @@ typedef struct {
     int descriptor;       /* to poll for input; -1 while the bus is gone */
     bus_state state;
     bus_counts counts;
+    uint32_t queue_lost;        /* as the kernel last counted them for this socket */
     terrapin_slcan parser;      /* of an adapter's lines */
     uint8_t rest[BUS_TEXT_MAX]; /* of a line that the port took only in part */
     uint8_t rest_length;

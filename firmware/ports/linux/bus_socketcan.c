@@ -65,6 +65,7 @@ bool socketcan_open(bus *b) {
         return false;
     }
     b->descriptor = s;
+    b->queue_lost = 0U; /* a new socket counts from zero */
     return true;
 }
 
@@ -106,13 +107,14 @@ static void take_error(bus *b, const struct can_frame *frame) {
     }
 }
 
-/* The kernel's count of frames that the queue had no place for; it comes with the next frame that had one. */
+/* The kernel's count of frames that this socket's queue had no place for; it comes with the next frame that had one. */
 static void note_overflow(bus *b, struct msghdr *header) {
     for (struct cmsghdr *c = CMSG_FIRSTHDR(header); c != NULL; c = CMSG_NXTHDR(header, c)) {
         if ((c->cmsg_level == SOL_SOCKET) && (c->cmsg_type == SO_RXQ_OVFL)) {
             uint32_t lost = 0;
             (void)memcpy(&lost, CMSG_DATA(c), sizeof lost);
-            b->counts.overflowed = lost;
+            b->counts.overflowed += lost - b->queue_lost;
+            b->queue_lost = lost;
         }
     }
 }

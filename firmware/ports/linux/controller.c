@@ -11,6 +11,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "process.h"
 #include "systemd.h"
 #include "terrapin_interface.h"
 
@@ -66,12 +67,15 @@ static void stop(controller *c) {
     }
 }
 
-/* An edge acts at once, before the next step and whatever the line does then. */
-static void take_estop_edges(controller *c) {
+/* An edge acts at once, before the next step and whatever the line does then. A line that is gone (its chip was
+ * unplugged) stays pressed until a new start, and is polled no more: its descriptor would always be ready. */
+static void take_estop_edges(controller *c, short events) {
     gpio_edge edges[BUS_AT_ONCE];
     const int count = gpio_edges(c->estop, edges, BUS_AT_ONCE);
-    if (count < 0) {
+    if ((count < 0) || ((count == 0) && ((events & (POLLERR | POLLHUP | POLLNVAL)) != 0))) {
+        c->estop_gone = true;
         stop(c);
+        (void)fprintf(stderr, "terrapin-controller: the e-stop's line is gone: stopped until a new start\n");
     }
     for (int i = 0; i < count; i++) {
         if (!edges[i].active) {
@@ -80,8 +84,10 @@ static void take_estop_edges(controller *c) {
             stop(c);
             (void)clock_gettime(CLOCK_MONOTONIC, &now);
             const uint64_t now_ns = ((uint64_t)now.tv_sec * 1000000000U) + (uint64_t)now.tv_nsec;
-            if (was_driving && (now_ns > edges[i].time_ns) && ((now_ns - edges[i].time_ns) > c->slowest_off_ns)) {
-                c->slowest_off_ns = now_ns - edges[i].time_ns;
+            if (was_driving && (now_ns >= edges[i].time_ns)) {
+                c->timed++;
+                c->slowest_off_ns =
+                    ((now_ns - edges[i].time_ns) > c->slowest_off_ns) ? (now_ns - edges[i].time_ns) : c->slowest_off_ns;
             }
         }
     }
@@ -91,7 +97,7 @@ static void take_estop_edges(controller *c) {
 static void watch_estop(controller *c, uint32_t elapsed_ms) {
     if (c->estop == NULL) {
         c->stopped = false; /* then there is no bridge either (options.c) */
-    } else if (gpio_get(c->estop) != 1) {
+    } else if (c->estop_gone || (gpio_get(c->estop) != 1)) {
         stop(c);
     } else {
         /* By the looks before this one: a step follows each press, however short it was and however long the ticks. */
@@ -202,15 +208,20 @@ static bool take_frames(controller *c) {
 /* ---- the loop */
 
 static void report(const controller *c) {
+    char off[64] = "";
+    if (c->timed > 0U) {
+        (void)snprintf(off, sizeof off, ", enable off within %lu us of it",
+                       (unsigned long)((c->slowest_off_ns + 999U) / 1000U));
+    }
     bus_report(&c->bus, stderr);
     tick_clock_report(&c->clock, stderr);
     (void)fprintf(
         stderr,
         "terrapin-controller: %lu steps; dropped: %lu bad CRC, %lu repeated, %lu malformed, %lu out of place, "
-        "%lu unknown; e-stop %lu times, enable off within %lu us; encoders skipped %lu\n",
+        "%lu unknown; e-stop %lu times, %lu timed from the edge%s; encoders skipped %lu\n",
         (unsigned long)c->steps, (unsigned long)c->link.bad_crc, (unsigned long)c->link.repeated,
         (unsigned long)c->link.malformed, (unsigned long)c->link.out_of_place, (unsigned long)c->link.unknown,
-        (unsigned long)c->presses, (unsigned long)(c->slowest_off_ns / 1000U),
+        (unsigned long)c->presses, (unsigned long)c->timed, off,
         (unsigned long)c->motor.skipped + (unsigned long)c->ground.skipped);
 }
 
@@ -236,7 +247,7 @@ int controller_run(controller *c) {
     while (going && good && !c->broken) {
         struct pollfd waiting[] = {
             {.fd = c->clock.descriptor, .events = POLLIN},
-            {.fd = (c->estop != NULL) ? gpio_descriptor(c->estop) : -1, .events = POLLIN},
+            {.fd = ((c->estop != NULL) && !c->estop_gone) ? gpio_descriptor(c->estop) : -1, .events = POLLIN},
             {.fd = c->bus.descriptor, .events = POLLIN},
             {.fd = c->signals, .events = POLLIN},
         };
@@ -244,7 +255,7 @@ int controller_run(controller *c) {
             good = false;
         }
         if (waiting[1].revents != 0) {
-            take_estop_edges(c);
+            take_estop_edges(c, waiting[1].revents);
         }
         if (waiting[0].revents != 0) {
             tick(c);
@@ -311,18 +322,11 @@ static bool open_signals(controller *c) {
 
 /* The stored parameters, when a file was named. */
 static bool use_flash(controller *c) {
-    const char *path = c->options->flash;
-    if (path != NULL) {
-        const int error = terrapin_flash_file_open(&c->flash, path);
-        if (error != 0) {
-            (void)fprintf(stderr, "terrapin-controller: cannot use %s: %s\n", path,
-                          (error == EINVAL)        ? "not a file of flash (32768 bytes)"
-                          : (error == EWOULDBLOCK) ? "another controller uses it"
-                                                   : strerror(error));
+    if (c->options->flash != NULL) {
+        if (!terrapin_process_store(&c->flash, &c->store, c->options->flash)) {
             return false;
         }
         c->flash_open = true;
-        (void)terrapin_store_open(&c->store, &c->flash.flash, c->flash.pages); /* the pages are large enough */
         terrapin_link_use_store(&c->link, c->state, &c->store);
     }
     return true;

@@ -35,12 +35,14 @@ typedef struct {
     int signals;         /* descriptor */
     bool driving;        /* the bridge is enabled */
     bool stopped;        /* the e-stop, debounced; true until the line was seen healthy */
+    bool estop_gone;     /* its line cannot be read any more, for good */
     bool broken;         /* an output cannot be set: leave */
     uint32_t healthy_ms; /* for so long has the e-stop's line been active */
     uint32_t uptime_ms;
     uint32_t steps;          /* wraps, like all counts here */
     uint32_t presses;        /* of the e-stop */
-    uint64_t slowest_off_ns; /* from the e-stop's edge to the enable line off */
+    uint32_t timed;          /* presses whose edge came before the level was seen: those are timed */
+    uint64_t slowest_off_ns; /* from such an edge to the enable line off */
 } controller;
 
 /* False, and one line on stderr, when something that was asked for cannot be had. */

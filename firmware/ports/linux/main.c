@@ -10,6 +10,8 @@
 #include "process.h"
 #include "systemd.h"
 
+#define SIGNAL_STACK 65536 /* bytes: above what any processor's registers need (sysconf(_SC_MINSIGSTKSZ)) */
+
 static controller the_controller;
 static controller_options options;
 
@@ -18,9 +20,14 @@ static void on_fatal(int number) {
     (void)raise(number); /* SA_RESETHAND: now with its ordinary end */
 }
 
+/* On a stack of its own: the end of the ordinary one is such a signal, too. */
 static void catch_fatal(void) {
     static const int numbers[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGSYS, SIGXCPU};
-    const struct sigaction action = {.sa_handler = on_fatal, .sa_flags = (int)SA_RESETHAND | (int)SA_NODEFER};
+    static uint8_t memory[SIGNAL_STACK];
+    const stack_t stack = {.ss_sp = memory, .ss_size = sizeof memory};
+    const struct sigaction action = {.sa_handler = on_fatal,
+                                     .sa_flags = (int)SA_RESETHAND | (int)SA_NODEFER | (int)SA_ONSTACK};
+    (void)sigaltstack(&stack, NULL);
     for (size_t i = 0; i < (sizeof numbers / sizeof numbers[0]); i++) {
         (void)sigaction(numbers[i], &action, NULL);
     }

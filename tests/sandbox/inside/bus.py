@@ -131,6 +131,31 @@ def test_flood_leaves_the_step_alone(bus: str) -> None:
         assert count(text, "ticks by the clock") + count(text, "missed") > 1000
 
 
+def test_what_the_queue_loses_is_counted_to_the_frame(bus: str) -> None:
+    """The controller stands still while frames come: those that have no place are told with the next that has one."""
+    with Controller("--can", bus) as controller, Peer(bus) as peer:
+        wait_for(lambda: count(controller.report(), "steps") > 10, "it runs")
+        lost = received = sent = 0
+        for turn in (1, 2):
+            controller.send_signal(signal.SIGSTOP)
+            for _ in range(400):
+                peer.send((0x0A8, b"\x01"))
+                time.sleep(0.0002)
+            controller.send_signal(signal.SIGCONT)
+            wait_for(lambda before=received: count(controller.report(), "frames received") > before, "it goes on")
+            peer.send((0x0A8, b"\x01"))
+            sent += 401
+            wait_for(
+                lambda sent=sent: (
+                    count(text := controller.report(), "frames received") + count(text, "lost to a full queue") == sent
+                ),
+                f"each of {sent} frames is received or lost, turn {turn}",
+            )
+            now = count(controller.said(), "lost to a full queue")
+            assert now > lost
+            lost, received = now, count(controller.said(), "frames received")
+
+
 def test_error_frames_are_counted_and_said(bus: str) -> None:
     with Controller("--can", bus) as controller, Peer(bus) as peer:
         wait_for(lambda: count(controller.report(), "steps") > 10, "it runs")

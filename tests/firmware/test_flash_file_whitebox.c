@@ -1,0 +1,116 @@
+/* The file as flash, on a disk that loses what was not synced when the power fails. */
+#define _GNU_SOURCE
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/types.h>
+#include <unistd.h>
+
+#include "unity.h"
+
+static ssize_t disk_pwrite(int descriptor, const void *bytes, size_t size, off_t at);
+static int disk_fdatasync(int descriptor);
+#define pwrite    disk_pwrite
+#define fdatasync disk_fdatasync
+#include "../../firmware/ports/host/flash_file.c"
+#undef pwrite
+#undef fdatasync
+
+static uint8_t disk[SIZE]; /* what outlives the power */
+static char folder[] = "/tmp/terrapin-flash-XXXXXX";
+static char path[64];
+static int writes;
+static int syncs;
+static bool refuse;
+static terrapin_flash_file file;
+
+static ssize_t disk_pwrite(int descriptor, const void *bytes, size_t size, off_t at) {
+    writes++;
+    return pwrite(descriptor, bytes, size, at);
+}
+
+static int disk_fdatasync(int descriptor) {
+    syncs++;
+    if (refuse) {
+        errno = EIO;
+        return -1;
+    }
+    return (pread(descriptor, disk, sizeof disk, 0) == (ssize_t)sizeof disk) ? 0 : -1;
+}
+
+void setUp(void) {
+    writes = 0;
+    syncs = 0;
+    refuse = false;
+    memset(disk, 0, sizeof disk);
+    TEST_ASSERT_EQUAL(0, terrapin_flash_file_open(&file, path));
+}
+
+void tearDown(void) {
+    terrapin_flash_file_close(&file);
+    (void)unlink(path);
+}
+
+static void test_a_new_file_is_on_the_disk(void) {
+    TEST_ASSERT_EQUAL(1, syncs);
+    for (size_t i = 0; i < sizeof disk; i++) {
+        TEST_ASSERT_EQUAL_HEX8(0xFF, disk[i]);
+    }
+}
+
+static void test_what_was_read_back_stays(void) {
+    const uint8_t words[8] = {1, 2, 3, 4, 5, 6, 7, 8};
+    uint8_t back[8] = {0};
+    const int before = syncs;
+    for (uint32_t at = 0; at < 256U; at += 8U) {
+        TEST_ASSERT_TRUE(file.flash.write(&file, at, words, 8U));
+    }
+    TEST_ASSERT_EQUAL_MESSAGE(before, syncs, "a unit does not wait for the disk");
+    TEST_ASSERT_TRUE(file.flash.read(&file, 0U, back, 8U));
+    TEST_ASSERT_EQUAL(before + 1, syncs);
+    TEST_ASSERT_EQUAL_MEMORY(words, back, 8);
+    TEST_ASSERT_EQUAL_MEMORY(words, &disk[248], 8);
+    TEST_ASSERT_TRUE(file.flash.read(&file, 8U, back, 8U));
+    TEST_ASSERT_EQUAL_MESSAGE(before + 1, syncs, "nothing new was written");
+}
+
+/* An erase of the older page must not reach the disk before the newer set does. */
+static void test_an_erase_waits_for_what_was_written_before(void) {
+    const uint8_t word[4] = {9, 9, 9, 9};
+    TEST_ASSERT_TRUE(file.flash.write(&file, 0U, word, 4U));
+    TEST_ASSERT_TRUE(file.flash.write(&file, PAGE, word, 4U));
+    writes = 0;
+    refuse = true;
+    TEST_ASSERT_FALSE(file.flash.erase(&file, file.pages[1]));
+    TEST_ASSERT_EQUAL_MESSAGE(0, writes, "the disk did not take what stood before");
+    refuse = false;
+    TEST_ASSERT_TRUE(file.flash.erase(&file, file.pages[1]));
+    TEST_ASSERT_EQUAL_HEX8(9, disk[0]);
+    TEST_ASSERT_EQUAL_HEX8(0xFF, disk[PAGE]);
+}
+
+static void test_a_disk_that_refuses_is_no_success(void) {
+    const uint8_t word[4] = {9, 9, 9, 9};
+    uint8_t back[4] = {0};
+    TEST_ASSERT_TRUE(file.flash.write(&file, 0U, word, 4U));
+    refuse = true;
+    TEST_ASSERT_FALSE(file.flash.read(&file, 0U, back, 4U));
+    TEST_ASSERT_FALSE(file.flash.read(&file, 0U, back, 4U));
+    refuse = false;
+    TEST_ASSERT_TRUE(file.flash.read(&file, 0U, back, 4U));
+}
+
+int main(void) {
+    if (mkdtemp(folder) == NULL) {
+        return 1;
+    }
+    (void)snprintf(path, sizeof path, "%s/flash", folder);
+    UNITY_BEGIN();
+    RUN_TEST(test_a_new_file_is_on_the_disk);
+    RUN_TEST(test_what_was_read_back_stays);
+    RUN_TEST(test_an_erase_waits_for_what_was_written_before);
+    RUN_TEST(test_a_disk_that_refuses_is_no_success);
+    (void)rmdir(folder);
+    return UNITY_END();
+}

@@ -1,0 +1,296 @@
+/* The Linux controller's loop and its end, on lines that vanish and on a stack that ends. The step, the bus and the
+ * command line are stand-ins; descriptors, poll, signals and the clock are the system's. */
+#define _GNU_SOURCE
+
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+
+#include "unity.h"
+
+#include "../../firmware/ports/linux/clock.c"
+#include "../../firmware/ports/linux/controller.c"
+#define main    linux_main
+#define options linux_options
+int linux_main(int argc, char **argv);
+#include "../../firmware/ports/linux/main.c"
+#undef main
+#undef options
+
+struct gpio_line {
+    int descriptor;
+    int level;
+    int looks;             /* for edges */
+    bool gone;             /* reading fails, and its descriptor hangs up */
+    volatile bool *output; /* as last set */
+    gpio_edge edge;
+    bool has_edge;
+};
+
+static int steps;
+static int steps_with_estop;
+static int steps_until_the_end;
+
+/* ---- stand-ins */
+
+gpio_line *gpio_open(const gpio_name *name, gpio_direction direction, char *why, size_t size) {
+    (void)name, (void)direction, (void)why, (void)size;
+    return NULL;
+}
+int gpio_get(gpio_line *line) {
+    return line->gone ? -1 : line->level;
+}
+bool gpio_set(gpio_line *line, bool active) {
+    *line->output = active;
+    return true;
+}
+int gpio_descriptor(const gpio_line *line) {
+    return line->descriptor;
+}
+int gpio_edges(gpio_line *line, gpio_edge *edges, int most) {
+    line->looks++;
+    if (line->has_edge && (most > 0)) {
+        char byte = 0;
+        edges[0] = line->edge;
+        line->has_edge = false;
+        return (read(line->descriptor, &byte, 1) == 1) ? 1 : -1;
+    }
+    return line->gone ? -1 : 0;
+}
+void gpio_close(gpio_line *line) {
+    (void)line;
+}
+bool analog_open(analog_input *input, const char *path, unsigned int bits) {
+    (void)input, (void)path, (void)bits;
+    return true;
+}
+uint16_t analog_read(const analog_input *input) {
+    (void)input;
+    return 2048;
+}
+void analog_close(analog_input *input) {
+    (void)input;
+}
+bool quadrature_open(quadrature *encoder, const gpio_name names[2], char *why, size_t size) {
+    (void)encoder, (void)names, (void)why, (void)size;
+    return true;
+}
+void quadrature_update(quadrature *encoder) {
+    (void)encoder;
+}
+void quadrature_close(quadrature *encoder) {
+    (void)encoder;
+}
+bool pwm_open(pwm_output *pwm, const char *folder) {
+    (void)pwm, (void)folder;
+    return true;
+}
+bool pwm_set(pwm_output *pwm, int16_t duty_q15) {
+    (void)pwm, (void)duty_q15;
+    return true;
+}
+void pwm_close(pwm_output *pwm) {
+    (void)pwm;
+}
+bool bus_open(bus *b) {
+    (void)b;
+    return true;
+}
+bool bus_reopen(bus *b) {
+    (void)b;
+    return true;
+}
+int bus_receive(bus *b, terrapin_frame frames[BUS_AT_ONCE]) {
+    (void)b, (void)frames;
+    return 0;
+}
+void bus_send(bus *b, const terrapin_frame *frames, uint8_t count) {
+    (void)b, (void)frames, (void)count;
+}
+void bus_close(bus *b) {
+    (void)b;
+}
+void bus_report(const bus *b, FILE *to) {
+    (void)b, (void)to;
+}
+size_t terrapin_state_size(void) {
+    return 1;
+}
+void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs) {
+    (void)link, (void)state, (void)inputs;
+}
+void terrapin_link_use_store(terrapin_link *link, terrapin_state *state, struct terrapin_store *store) {
+    (void)link, (void)state, (void)store;
+}
+terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
+                                       terrapin_inputs *inputs, terrapin_frame *reply) {
+    (void)link, (void)state, (void)frame, (void)inputs, (void)reply;
+    return TERRAPIN_ACCEPT_NOTHING;
+}
+bool terrapin_link_store_work(terrapin_link *link, const terrapin_state *state) {
+    (void)link, (void)state;
+    return false;
+}
+bool terrapin_link_bridge_allowed(const terrapin_link *link) {
+    (void)link;
+    return true;
+}
+void terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin_outputs *outputs) {
+    (void)state;
+    steps++;
+    steps_with_estop += inputs->estop ? 1 : 0;
+    outputs->enable = !inputs->estop;
+    if (steps >= steps_until_the_end) {
+        (void)raise(SIGTERM); /* blocked: it waits in the signalfd */
+    }
+}
+bool terrapin_process_store(terrapin_flash_file *file, terrapin_store *store, const char *name) {
+    (void)file, (void)store, (void)name;
+    return true;
+}
+void terrapin_flash_file_close(terrapin_flash_file *file) {
+    (void)file;
+}
+int terrapin_process(int argc, char **argv) {
+    (void)argc, (void)argv;
+    return 0;
+}
+options_result options_read(int argc, char **argv, controller_options *read) {
+    (void)argc, (void)argv, (void)read;
+    return OPTIONS_DONE;
+}
+void systemd_tell(const char *state) {
+    (void)state;
+}
+void real_time(int priority) {
+    (void)priority;
+}
+
+/* ---- tests */
+
+static volatile bool *enable_output;
+static gpio_line estop;
+static gpio_line enable;
+static controller c;
+static int ends[2];
+static const controller_options defaults = {.debounce_ms = 20U};
+
+void setUp(void) {
+    TEST_ASSERT_EQUAL(0, pipe2(ends, O_NONBLOCK | O_CLOEXEC));
+    steps = 0;
+    steps_with_estop = 0;
+    TEST_ASSERT_TRUE(controller_open(&c, &defaults));
+    estop = (gpio_line){.descriptor = ends[0], .level = 1};
+    enable = (gpio_line){.output = enable_output};
+    c.estop = &estop;
+    c.enable = &enable;
+}
+
+void tearDown(void) {
+    c.estop = NULL;
+    controller_close(&c);
+    (void)close(ends[0]);
+    if (ends[1] >= 0) {
+        (void)close(ends[1]);
+    }
+}
+
+/* The other end of the line's descriptor is closed: poll says POLLHUP, at once and for ever. */
+static void vanishes(bool told) {
+    steps_until_the_end = 60;
+    TEST_ASSERT_EQUAL(0, controller_run(&c));
+    TEST_ASSERT_GREATER_THAN_MESSAGE(20, steps - steps_with_estop, "it drove");
+    estop.gone = told;
+    (void)close(ends[1]);
+    ends[1] = -1;
+    steps_with_estop = 0;
+    estop.looks = 0;
+    steps_until_the_end = steps + 200;
+    const int before = steps;
+    TEST_ASSERT_EQUAL(0, controller_run(&c));
+    TEST_ASSERT_EQUAL_MESSAGE(steps - before, steps_with_estop, "each step after it knows of the e-stop");
+    TEST_ASSERT_FALSE(*enable_output);
+    TEST_ASSERT_EQUAL_MESSAGE(1, estop.looks, "and it is not polled again, which would burn a core");
+    estop.gone = false; /* a chip of that name comes back: what its line means is not known */
+    steps_until_the_end = steps + 60;
+    TEST_ASSERT_EQUAL(0, controller_run(&c));
+    TEST_ASSERT_FALSE(*enable_output);
+}
+
+static void test_an_estop_that_vanishes_stops_for_good(void) {
+    vanishes(true);
+}
+
+static void test_also_when_only_poll_says_so(void) {
+    vanishes(false);
+}
+
+static void test_an_edge_is_timed(void) {
+    struct timespec now;
+    steps_until_the_end = 60;
+    TEST_ASSERT_EQUAL(0, controller_run(&c));
+    TEST_ASSERT_EQUAL(0, c.timed);
+    (void)clock_gettime(CLOCK_MONOTONIC, &now);
+    c.driving = true;
+    estop.edge.time_ns = ((uint64_t)now.tv_sec * 1000000000U) + (uint64_t)now.tv_nsec;
+    estop.has_edge = true;
+    TEST_ASSERT_EQUAL(1, write(ends[1], "x", 1));
+    steps_until_the_end = steps + 30;
+    TEST_ASSERT_EQUAL(0, controller_run(&c));
+    TEST_ASSERT_EQUAL(1, c.timed);
+    TEST_ASSERT_GREATER_THAN(0, c.slowest_off_ns);
+}
+
+/* The level is seen first, as by gpio-sim: the press counts, but there is no time to tell. */
+static void test_a_press_without_its_edge_is_not_timed(void) {
+    steps_until_the_end = 60;
+    TEST_ASSERT_EQUAL(0, controller_run(&c));
+    estop.level = 0;
+    steps_until_the_end = steps + 30;
+    TEST_ASSERT_EQUAL(0, controller_run(&c));
+    TEST_ASSERT_EQUAL(1, c.presses);
+    TEST_ASSERT_EQUAL(0, c.timed);
+    TEST_ASSERT_FALSE(*enable_output);
+}
+
+/* The compiler must neither see the end nor make a loop of it. */
+static int (*volatile deeper)(int);
+static int dig(int depth) {
+    volatile char frame[4096];
+    frame[0] = (char)depth;
+    return deeper(depth + 1) + frame[0];
+}
+
+static void test_a_stack_that_ends_puts_the_output_off(void) {
+    *enable_output = true;
+    const pid_t child = fork();
+    if (child == 0) {
+        const struct rlimit none = {0, 0};
+        (void)setrlimit(RLIMIT_CORE, &none);
+        the_controller.enable = &enable;
+        the_controller.pwm.descriptor = -1;
+        catch_fatal();
+        deeper = dig;
+        _exit(dig(0));
+    }
+    int status = 0;
+    TEST_ASSERT_EQUAL(child, waitpid(child, &status, 0));
+    TEST_ASSERT_TRUE(WIFSIGNALED(status));
+    TEST_ASSERT_EQUAL(SIGSEGV, WTERMSIG(status));
+    TEST_ASSERT_FALSE(*enable_output);
+}
+
+int main(void) {
+    enable_output = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    if (enable_output == MAP_FAILED) {
+        return 1;
+    }
+    UNITY_BEGIN();
+    RUN_TEST(test_an_estop_that_vanishes_stops_for_good);
+    RUN_TEST(test_also_when_only_poll_says_so);
+    RUN_TEST(test_an_edge_is_timed);
+    RUN_TEST(test_a_press_without_its_edge_is_not_timed);
+    RUN_TEST(test_a_stack_that_ends_puts_the_output_off);
+    return UNITY_END();
+}
