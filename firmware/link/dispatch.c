@@ -59,10 +59,12 @@ static void accept_test_mode(terrapin_link *link, terrapin_state *state, const t
         link->out_of_place++;
         return;
     }
-    if (arm || link->test_mode) {
-        reset_controller(state, inputs);
+    if (!arm && !link->test_mode) { /* a wrong key, or (0) left already: nothing changes, no counter either */
+        link->out_of_place += (message.key != 0U) ? 1U : 0U;
+        return;
     }
-    if (link->test_mode && !arm && (link->store != NULL)) {
+    reset_controller(state, inputs);
+    if (!arm && (link->store != NULL)) {
         terrapin_store_apply(link->store, state);
     }
     link->test_mode = arm;

@@ -209,6 +209,26 @@ static void test_wrong_key_does_not_reset_a_controller_at_work(void) {
     TEST_ASSERT_EQUAL(1, state.resets);
 }
 
+static void test_wrong_key_leaves_the_counters(void) {
+    terrapin_frame command = {0};
+    const terrapin_command_t message = {.request = TERRAPIN_REQUEST_RUN};
+    const terrapin_frame wrong = test_mode(TERRAPIN_TEST_MODE_KEY ^ 1U, 0);
+    const terrapin_frame left = test_mode(0, 1);
+    TEST_ASSERT_TRUE(terrapin_encode_command(&message, &command));
+    terrapin_e2e_protect(&command, 7);
+    (void)accept(&command);
+    TEST_ASSERT_TRUE(inputs.command_fresh);
+    inputs.command_fresh = false;
+    link.reply_counter = 5U;
+    (void)accept(&wrong);
+    (void)accept(&left);
+    (void)accept(&command);
+    TEST_ASSERT_FALSE_MESSAGE(inputs.command_fresh, "a command that was replayed counts as new");
+    TEST_ASSERT_EQUAL(1, link.repeated);
+    TEST_ASSERT_EQUAL(5, link.reply_counter);
+    TEST_ASSERT_EQUAL_MESSAGE(1, link.out_of_place, "the wrong key; to leave what was left already is no error");
+}
+
 static void test_test_mode_is_not_armed_while_the_bridge_is_on(void) {
     const terrapin_frame arming = test_mode(TERRAPIN_TEST_MODE_KEY, 0);
     const terrapin_frame sensors = fast(1);
@@ -432,6 +452,7 @@ int main(void) {
     RUN_TEST(test_other_traffic_is_counted);
     RUN_TEST(test_sensors_only_in_test_mode);
     RUN_TEST(test_wrong_key_does_not_reset_a_controller_at_work);
+    RUN_TEST(test_wrong_key_leaves_the_counters);
     RUN_TEST(test_test_mode_is_not_armed_while_the_bridge_is_on);
     RUN_TEST(test_test_mode_is_off_after_a_reset);
     RUN_TEST(test_store_commands_without_a_store);
