@@ -60,6 +60,9 @@ def sign(
         data = code.read_bytes()
     except OSError as error:
         raise UserError(f"{code}: cannot read: {error.strerror}") from None
+    for source, what in ((code, "code"), (key or development_key(), "key")):
+        if to.exists() and source.exists() and to.samefile(source):
+            raise UserError(f"{to}: is the {what} itself; expected another name for the image")
     slot = code_slot(data)
     if slot is None:
         starts = " or ".join(f"0x{start + HEADER_SIZE:08x}" for start in SLOTS.values())
@@ -69,7 +72,10 @@ def sign(
         image = make(data, private_key(key or development_key()), number, counter, slot)
     except ImageError as error:
         raise UserError(f"{code}: {error}") from None
-    to.write_bytes(image)
+    try:
+        to.write_bytes(image)
+    except OSError as error:
+        raise UserError(f"{to}: cannot write: {error.strerror}") from None
     print(f"{to}: {len(image)} bytes for slot {slot}, version {number}, security counter {counter}")
 
 

@@ -115,3 +115,30 @@ def test_headers_that_lie_about_sizes(offset: int, value: int) -> None:
     width = 2 if offset in (8, 10) else 4
     data[offset : offset + width] = value.to_bytes(width, "little")
     assert by_loader(bytes(data)) in ("not_an_image", "wrong_slot")
+
+
+def test_sign_never_writes_over_what_it_reads(key_file: Path, tmp_path: Path) -> None:
+    """Neither the code nor the key, under whatever name."""
+    body = tmp_path / "code.bin"
+    body.write_bytes(code("a", 900))
+    (tmp_path / "same.bin").symlink_to(body)
+    (tmp_path / "hard.bin").hardlink_to(body)
+    before = [path.read_bytes() for path in (body, key_file)]
+    program = [sys.executable, "-c", "from host_tools.cli import main; main()", "image", "sign"]
+    for to, what in [
+        (body, "code"),
+        (tmp_path / "same.bin", "code"),
+        (tmp_path / "hard.bin", "code"),
+        (key_file, "key"),
+    ]:
+        done = subprocess.run(
+            [*program, body, to, "--version", "1.0.0", "--key", key_file], capture_output=True, text=True, check=False
+        )
+        assert (done.returncode, done.stdout) == (2, "")
+        assert f"{to}: is the {what} itself; expected another name" in done.stderr
+        assert [path.read_bytes() for path in (body, key_file)] == before
+    done = subprocess.run(
+        [*program, body, tmp_path / "no" / "x", "--version", "1.0.0", "--key", key_file],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, "cannot write" in done.stderr) == (2, True)
