@@ -90,7 +90,7 @@ BARS = """async ([points, begin, end, width, steps]) => {
 
 
 def test_lines_are_drawn_as_bars(page: Page) -> None:
-    """A stroked path through a noisy signal takes the processor 40 ms a lane; bars take a twentieth and lose no spike."""
+    """Bars cost the processor a twentieth of a stroked path through a noisy signal, and lose no spike."""
 
     def bars(points: list[tuple[float, float]], width: int, steps: bool = False, begin: float = 0.0) -> list[Any]:
         found = page.evaluate(BARS, [points, begin, points[-1][0], width, steps])
