@@ -238,13 +238,13 @@ def test_encoder_counts(chip: Lines, options: list[str]) -> None:
     with Controller(*options, "--motor-encoder", "MA+MB") as controller, Peer() as peer:
         wait_for(lambda: (peer.listen(), "ATTITUDE" in peer.last)[1], "telemetry")
         parameters = peer.interface.parameters
-        count = 32 * parameters["drive_radius"].default / parameters["radius"].default
+        unit = 32 * parameters["drive_radius"].default / parameters["radius"].default
         start = peer.last["ATTITUDE"]["angle"]
 
         def counted(counts: int) -> bool:
             peer.listen()
             moved = (peer.last["ATTITUDE"]["angle"] - start + 32768) % 65536 - 32768
-            return abs(moved - counts * count) <= 0.25 * count  # the angle is whole
+            return abs(moved - counts * unit) <= 0.25 * unit  # the angle is whole
 
         phases = [(True, False), (True, True), (False, True), (False, False)]
         for at, step in enumerate([1] * 40 + [-1] * 8):  # gpio-sim tells of a line's last edge only: one at a time
