@@ -1,11 +1,14 @@
-"""Memory of `terrapin log record` over many frames, for each kind that survives a crash; an hour of a full bus has 28.8
-million, of which COUNT come here as fast as they are taken. kill -9 ends it, and the log is read.
+"""Memory of `terrapin log record` over an hour of the controller's own telemetry, for each kind of log that survives a
+crash. A bus in its process gives the frames as fast as they are written, half a second of them at a time as a real one
+does; kill -9 ends it in the act, and the log is read.
 
-python tests/bench/bench_record.py [FRAMES] [.log .blf .mf4 .mcap]
+python tests/bench/bench_record.py [SECONDS of telemetry] [.log .blf .mf4 .mcap]
 """
 
 from __future__ import annotations
 
+import mmap
+import os
 import signal
 import subprocess
 import sys
@@ -13,13 +16,60 @@ import tempfile
 import time
 from pathlib import Path
 
-from slcan_feeder import Feeder
+import numpy as np
 
+from hil import paths
+from hil.messages import interface
+from host_tools.logs.frames import Frames
 from host_tools.logs.reading import LogReader
 from host_tools.logs.writing import GROWING
 
-COUNT, HOUR, BOUND = 2_000_000, 8000 * 3600, 300.0  # frames, frames, MB
-TERRAPIN = str(Path(sys.executable).parent / "terrapin")
+HOUR = 3600.0  # s
+LENGTHS = {".mcap": 900.0}  # s: with the signals it takes ten times as long to write as the others
+BOUND = 300.0  # MB
+BLOCK = 0.5  # s: `log record` writes what came so often
+SETTLED = 60.0  # s of telemetry after which everything is imported and every buffer was used
+
+
+def telemetry() -> tuple[list[int], float]:
+    """Identifiers of what the controller sends in a cycle, each as often as it comes in a second; frames a second."""
+    sent = [m for m in interface().messages.values() if m.sender == "controller" and m.cycle_ms]
+    names = [m.id for m in sent for _ in range(1000 // m.cycle_ms)]
+    return names, float(len(names))
+
+
+class Telemetry:
+    """A bus that always has the next half second (host_tools.logs.bus.ListenedBus). Its count of frames outlives it."""
+
+    channel_info, damaged = "telemetry", 0
+
+    def __init__(self, count: mmap.mmap) -> None:
+        names, self._rate = telemetry()
+        self._names = np.array(names)[np.random.default_rng(1).permutation(len(names))]
+        self._begin, self._given, self._count = time.time(), 0, count
+
+    def receive(self, seconds: float) -> Frames:
+        number = np.arange(self._given, self._given + round(self._rate * BLOCK))
+        data = np.zeros((len(number), 8), dtype=np.uint8)
+        data[:, :4] = number.astype("<u4").view(np.uint8).reshape(-1, 4)
+        self._given += len(number)
+        self._count[:8] = self._given.to_bytes(8, "little")
+        names, zeros = self._names[number % len(self._names)], np.zeros(len(number), dtype=np.uint8)
+        return Frames(Path("bus"), self._begin + number / self._rate, names, np.full(len(number), 8), data, zeros)
+
+    def shutdown(self) -> None:
+        """Nothing to let go of."""
+
+
+def recorder(count: Path, log: str, dbc: str) -> None:
+    """The command, with that bus."""
+    from host_tools import cli
+    from host_tools.logs import bus
+
+    with count.open("r+b") as file, mmap.mmap(file.fileno(), 8) as shared:
+        bus.open_bus = lambda *_: Telemetry(shared)
+        sys.argv = ["terrapin", "log", "record", log, "--link", "can:telemetry:0", "--dbc", dbc]
+        cli.main()
 
 
 def resident(pid: int) -> tuple[float, float]:
@@ -29,38 +79,47 @@ def resident(pid: int) -> tuple[float, float]:
     return found["VmRSS"], found["VmHWM"]
 
 
-def measure(kind: str, count: int) -> bool:
-    with tempfile.TemporaryDirectory() as folder, Feeder(0, count / 1000) as feeder:
-        path = Path(folder) / f"x{kind}"
-        begin = time.monotonic()
-        command = [TERRAPIN, "log", "record", str(path), "--link", f"serial:{feeder.path}"]
-        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-            memory: list[tuple[float, float]] = []  # size of the file [MB], resident [MB]
-            while feeder.waiting():
-                time.sleep(0.2)
-                if path.exists():
-                    memory.append((path.stat().st_size / 1e6, resident(process.pid)[0]))
-            seconds = time.monotonic() - begin
-            time.sleep(1.0)  # up to the last second
-            _, most = resident(process.pid)
+def measure(kind: str, seconds: float) -> bool:
+    rate = telemetry()[1]
+    with tempfile.TemporaryDirectory() as folder:
+        path, count = Path(folder) / f"x{kind}", Path(folder) / "count"
+        count.write_bytes(bytes(8))
+        dbc = str(paths.build() / "generated" / "terrapin.dbc")
+        settled, begin = 0.0, time.monotonic()
+        command = [sys.executable, __file__, "recorder", str(count), str(path), dbc]
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+            while (given := int.from_bytes(count.read_bytes(), "little")) < seconds * rate:
+                assert process.poll() is None, "the recorder has ended"
+                if not settled and given >= min(SETTLED, seconds / 2) * rate:
+                    settled = resident(process.pid)[0]
+                time.sleep(0.02)
+            last, most = resident(process.pid)
             process.send_signal(signal.SIGKILL)
-        half = max(memory)[0] / 2
-        first = max(mb for size, mb in memory if size < half)
-        last = max(mb for size, mb in memory if size >= half)
-        growth = (last - first) / (count / 2)  # MB a frame
-        hour = most + max(0.0, growth) * (HOUR - count)
-        read = sum(len(block) for block in LogReader(path).blocks())
+        took = time.monotonic() - begin
+        given = int.from_bytes(count.read_bytes(), "little")
+        reader, read, whole = LogReader(path), 0, True
+        for block in reader.blocks():
+            numbers = np.ascontiguousarray(block.data[:, :4]).view("<u4").ravel()
+            whole &= bool(np.array_equal(numbers, np.arange(read, read + len(block))))
+            read += len(block)
+        lost = (given - read) / rate
         print(
-            f"{kind}: {count} frames in {seconds:.0f} s ({count / seconds:.0f}/s), {path.stat().st_size / 1e6:.0f} MB; "
-            f"memory {first:.0f} MB in the first half, {last:.0f} in the second, {most:.0f} at most; "
-            f"for an hour {hour:.0f} MB (bound {BOUND:.0f}); after kill -9 {read} frames are read",
+            f"{kind}: {given / rate:.0f} s of telemetry, {given} frames ({rate:.0f}/s) written in {took:.0f} s, "
+            f"{path.stat().st_size / 1e6:.0f} MB; memory {settled:.0f} MB after {min(SETTLED, seconds / 2):.0f} s, "
+            f"{last:.0f} MB in the end, {most:.0f} MB at most (bound {BOUND:.0f}); after kill -9 {read} frames are "
+            f"read, {'each in its place' if whole else 'NOT IN ORDER'}, the last {lost:.2f} s missing (bound 1); "
+            f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores",
             flush=True,
         )
-        return read == count and hour <= BOUND
+        return whole and most <= BOUND and lost <= 1.0
 
 
 if __name__ == "__main__":
     given = sys.argv[1:]
-    frames = int(given[0]) if given and given[0].isdigit() else COUNT
-    held = [measure(kind, frames) for kind in GROWING if not set(given) & set(GROWING) or kind in given]
+    if given and given[0] == "recorder":
+        recorder(Path(given[1]), given[2], given[3])
+        sys.exit()
+    length = float(given[0]) if given and given[0].isdigit() else 0.0
+    wanted = [kind for kind in GROWING if not set(given) & set(GROWING) or kind in given]
+    held = [measure(kind, length or LENGTHS.get(kind, HOUR)) for kind in wanted]
     sys.exit(0 if all(held) else 1)
