@@ -31,7 +31,7 @@ from host_tools.web.warm import Process, Warm
 from host_tools.web.workspace import NotThere, Taken, Workspace
 from host_tools.workbench.edit import write_whole
 
-__all__ = ["ENDED", "Job", "Jobs"]
+__all__ = ["ENDED", "Job", "Jobs", "for_a_shell"]
 
 AT_ONCE = 2
 MOST_QUEUED = 50
@@ -103,7 +103,7 @@ class Jobs:
         """
         if sum(job.state == "queued" for job in self._jobs.values()) >= MOST_QUEUED:
             raise Taken(f"jobs: found {MOST_QUEUED} waiting, expected to wait for some of them")
-        command = " && ".join(map(_for_a_shell, steps))
+        command = " && ".join(map(for_a_shell, steps))
         identifier = secrets.token_hex(6)
         job = Job(
             identifier, do, case, command, steps, str(restore) if restore else None, str(fresh) if fresh else None,
@@ -342,7 +342,7 @@ class Jobs:
             shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
 
 
-def _for_a_shell(step: list[str]) -> str:
+def for_a_shell(step: list[str]) -> str:
     """A command line to copy: without `--json -`, it answers in words."""
     return shlex.join(["terrapin", *(step[:-2] if step[-2:] == ["--json", "-"] else step)])
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter
-from pydantic import Field, FiniteFloat, StringConstraints
+from pydantic import BaseModel, Field, FiniteFloat, StringConstraints
 
 from host_tools.errors import UserError
-from host_tools.web.context import Terrapin
-from host_tools.web.jobs import Job
+from host_tools.web.context import Context, Terrapin
+from host_tools.web.jobs import Job, for_a_shell
 from host_tools.web.models import CLOSED, EffectName, Formula, JobStarted, Line, Name, Parameter, Request, problems
 from host_tools.web.order import arguments
 from host_tools.web.uploads import Identifier, keep_draft, upload_file, upload_view
@@ -63,13 +63,37 @@ class NewCase(Request):
     limits: dict[Key, Limit] = Field(default={}, max_length=50, json_schema_extra=CLOSED)
 
 
+class CommandLine(BaseModel):
+    """What to type in a shell."""
+
+    command: str
+
+
+@router.post("/command", responses=problems(404))
+async def command(context: Terrapin, body: NewCase) -> CommandLine:
+    """The command line that would make the case of POST /api/cases. Nothing is written."""
+    return CommandLine(command=for_a_shell(_step(context, body)))
+
+
 @router.post("/cases", responses=problems(404, 409), status_code=202)
 async def new_case(context: Terrapin, body: NewCase) -> JobStarted:
     """Make a case of uploaded files, as a job. It is read before it is kept: what is wrong is the job's error."""
-    workspace, jobs = context.workspace, context.jobs
-    target = workspace.new_case(body.name)
-    if jobs.busy(body.name):
+    target = context.workspace.new_case(body.name)
+    if context.jobs.busy(body.name):
         raise Taken(f"case: {body.name!r} is being made, expected a new name")
+
+    async def made(job: Job) -> None:
+        for identifier in body.uploads:
+            keep_draft(context, identifier, None)
+        context.events.send({"cases": True})
+
+    job = context.jobs.add("make", body.name, [_step(context, body)], done=made, fresh=target)
+    return JobStarted(id=job.id, command=job.command)
+
+
+def _step(context: Context, body: NewCase) -> list[str]:
+    """The command line, without `terrapin`."""
+    workspace = context.workspace
     kinds = {identifier: upload_view(workspace, identifier)["kind"] for identifier in body.uploads}
     if "dbc" in kinds.values():
         raise UserError("uploads: found a DBC, expected it as dbc")
@@ -80,12 +104,5 @@ async def new_case(context: Terrapin, body: NewCase) -> JobStarted:
     files = [str(upload_file(workspace, identifier)) for identifier in body.uploads]
     dbc = str(upload_file(workspace, body.dbc)) if body.dbc is not None else ""
     order = {**body.model_dump(), "title": body.title or body.name}
-
-    async def made(job: Job) -> None:
-        for identifier in body.uploads:
-            keep_draft(context, identifier, None)
-        context.events.send({"cases": True})
-
-    step = [*arguments(order, files, dbc, str(target)), "--json", "-"]
-    job = jobs.add("make", body.name, [step], done=made, fresh=target)
-    return JobStarted(id=job.id, command=job.command)
+    target = workspace.folder("cases") / body.name
+    return [*arguments(order, files, dbc, str(target)), "--json", "-"]

@@ -75,7 +75,6 @@ class Draft(models.Request):
     """A mapping that is half done, as it is typed: a reload or another browser goes on with it."""
 
     uploads: Annotated[list[Identifier], Field(min_length=1, max_length=100)]
-    dbc: Identifier | None = None
     base: Typed = ""
     fields: dict[models.EffectName, Typed] = Field(default={}, max_length=20, json_schema_extra=models.CLOSED)
     columns: Annotated[list[DraftColumn], Field(default_factory=list, max_length=1000)]
@@ -247,11 +246,17 @@ async def _drop_oldest(workspace: Workspace) -> None:
 
 
 @router.get("/uploads", responses=problems())
-async def uploads(context: Terrapin) -> list[Upload]:
+async def uploads(
+    context: Terrapin,
+    drafts: Annotated[bool, Query(description="only those of mappings that are half done")] = False,
+) -> list[Upload]:
     """All uploads, newest first."""
     files = context.workspace.folder("uploads").glob("*.json")
-    found = [Upload(**upload_view(context.workspace, path.stem)) for path in files]
-    return sorted(found, key=lambda one: -one.created)
+    found = [upload_view(context.workspace, path.stem) for path in files]
+    if drafts:
+        wanted = {identifier for one in found if one.get("draft") for identifier in one["draft"]["uploads"]}
+        found = [one for one in found if one.get("draft") or one["id"] in wanted]
+    return sorted((Upload(**one) for one in found), key=lambda one: -one.created)
 
 
 @router.get("/uploads/{identifier}/preview", responses=problems(404))

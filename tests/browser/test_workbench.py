@@ -175,5 +175,5 @@ def test_an_effect_of_ones_own_is_checked_as_it_is_typed(page: Page) -> None:
     form.get_by_label("unit of k").fill("N m")
     expect(form.locator(".bad")).to_contain_text("expected N m")
     expect(form.get_by_role("button", name="Add it")).to_be_disabled()
-    expect(page.locator("#command")).to_contain_text("--expression 'k * omega**3'")
+    expect(page.locator("#command")).to_contain_text("'--expression=k * omega**3'")
     assert json.loads(page.evaluate("JSON.stringify(document.querySelectorAll('.own math').length)")) == 1

@@ -104,3 +104,44 @@ def test_a_deleted_case_leaves_no_export_and_no_jobs(workspace: Workspace) -> No
     assert asyncio.run(go()) == ["two"]
     assert list(workspace.folder("exports").iterdir()) == []
     assert len(list(workspace.folder("jobs").glob("*.json"))) == 1
+
+
+class MakingProcess(SlowProcess):
+    """Work that was just about to give a new case its name when it was ended for good."""
+
+    async def stop(self) -> None:
+        for name in ("fresh", ".new-fresh~0123456789ab", ".new-fresher~0123456789ab"):
+            (self.case.parent / name).mkdir()
+            (self.case.parent / name / "runs.csv").write_text("a,b\n")
+
+
+def test_a_case_whose_making_was_cancelled_leaves_nothing(workspace: Workspace) -> None:
+    cases = workspace.folder("cases")
+
+    async def go() -> str:
+        process = MakingProcess(cases / "one")
+        jobs = Jobs(workspace, SlowWarm(process), Events())
+        job = jobs.add("make", "fresh", [["case"]], fresh=cases / "fresh")
+        await process.begun.wait()
+        await jobs.cancel(job.id)
+        return job.state
+
+    assert asyncio.run(go()) == "cancelled"
+    assert sorted(path.name for path in cases.iterdir()) == [".new-fresher~0123456789ab", "one"]  # of another job
+
+
+def test_a_case_that_is_there_stays_whatever_is_cancelled(workspace: Workspace) -> None:
+    """Somebody has made a case of that name while the job waited."""
+    one = workspace.folder("cases") / "one"
+
+    async def go() -> tuple[str, str | None]:
+        process = SlowProcess(one)
+        jobs = Jobs(workspace, SlowWarm(process), Events())
+        job = jobs.add("make", "one", [["case"]], fresh=one)
+        while job.state == "running":
+            await asyncio.sleep(0.01)
+        await jobs.cancel(job.id)
+        return job.state, job.error
+
+    assert asyncio.run(go()) == ("failed", "case: 'one' exists, expected a new name")
+    assert (one / "case.toml").read_text() == "as it was\n"

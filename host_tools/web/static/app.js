@@ -41,6 +41,31 @@ export const unit = (text) => (text && text !== '1' ? ` ${text}` : '');
 export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 export const still = () => matchMedia('(prefers-reduced-motion: reduce)').matches;
 
+const label = (element) => element.getAttribute('aria-label') || element.textContent.trim();
+const CONTROLS = 'button:not(:disabled), a[href], select, input, summary, [tabindex="0"]';
+
+/** Draw anew inside `root`. Who had the focus there keeps it: on the control of the same name, else the first there is
+ * of those named in `others`, else the heading. */
+export function keepFocus(root, draw, others = []) {
+  const had = document.activeElement, inside = had !== root && root.contains(had);
+  const name = inside ? label(had) : '';
+  draw();
+  const seen = (element) => element.isConnected && element.getClientRects().length > 0 && !element.disabled;
+  if (!inside || (document.activeElement === had && seen(had))) return;
+  const controls = [...root.querySelectorAll(CONTROLS)].filter(seen);
+  const next = seen(had) ? had : [name, ...others].map((text) => controls.find((one) => label(one) === text)).find(Boolean);
+  focus(next || root.querySelector('h1, h2'));
+}
+
+/** Put the focus on an element, whatever it is. */
+export function focus(element) {
+  if (element && element.tabIndex < 0 && !element.matches(CONTROLS)) element.setAttribute('tabindex', '-1');
+  element?.focus({ preventScroll: true });
+}
+
+/** A word for a shell, quoted where it must be. */
+export const quote = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", `'"'"'`)}'`);
+
 /** For screen readers: what has just happened. */
 export function announce(text) {
   $('announce').textContent = '';
@@ -79,7 +104,7 @@ export async function api(path, options = {}) {
   try {
     answer = await fetch(`/api/${path.replace(/^\/?(api\/)?/, '')}`, {
       method: options.method || (body === undefined ? 'GET' : 'POST'), headers, body, signal: options.signal,
-      credentials: 'same-origin',
+      credentials: 'same-origin', keepalive: options.keepalive,
     });
   } catch (error) {
     if (error.name === 'AbortError') throw error;
@@ -138,6 +163,14 @@ function woken(id, milliseconds) {
     wakers.set(id, [...list, done]);
   });
 }
+
+// ---------------------------------------------------------------- the workspace
+
+let workspace = 'terrapin-workspace';
+const known = api('status').then((found) => { workspace = found.workspace; }, () => {}); // whoever asks next says what is wrong
+
+/** Where a thing lies, as a word for a shell: place('cases', 'heated_motor'). */
+export const place = (...parts) => quote([workspace, ...parts].join('/'));
 
 // ---------------------------------------------------------------- events: what another browser or a job changed
 
@@ -253,14 +286,16 @@ async function route() {
     $('main').append(place);
     loading.set(tab.name, load(tab.name, place));
   }
-  await loading.get(tab.name);
+  await Promise.all([loading.get(tab.name), known]);
   if (turn !== turns) return; // gone on while it loaded
   places.get(tab.name).hidden = false;
   mounted.get(tab.name)?.show?.(rest.join('/'));
+  if (turn > 1 && document.activeElement === document.body) focus($('main')); // what was clicked is gone
 }
 
 export const app = {
   api, job, follow, cancel, showCommand, copyText, onEvent, go, context, announce, h, number, unit, css, still, Refused,
+  keepFocus, focus, quote, place,
   token: () => token,
 };
 

@@ -15,6 +15,8 @@ export class CasePage {
   constructor(element, app, name) {
     Object.assign(this, { element, app, name, view: null, preview: null, jobs: new Map(), closed: false, turn: 0 });
     this.path = `cases/${encodeURIComponent(name)}`;
+    this.folder = app.place('cases', name); // for a shell
+    this.after = []; // what may have the focus next, by name, when what had it is gone
     this.own = new OwnEffect(this);
     this.controller = new Controller(this);
     this.build();
@@ -46,7 +48,7 @@ export class CasePage {
 
   show() {
     this.head();
-    if (!this.view) this.app.showCommand(`terrapin compare ${this.name}`);
+    if (!this.view) this.app.showCommand(`terrapin compare ${this.folder}`);
     this.load();
     this.resume();
   }
@@ -88,15 +90,15 @@ export class CasePage {
     if (this.preview && !this.preview.effects.every((name) => known.includes(name))) this.preview = null;
     if (before && JSON.stringify(before) === JSON.stringify(view)) return;
     this.grid.hidden = false;
-    this.plots.take(view);
-    this.head();
-    this.lead();
-    const focus = document.activeElement; // moving an element takes the focus from it, and from who types in it
-    this.side.replaceChildren(...ranking(this), ...nextStep(this), this.own.element, this.controller.element);
-    if (this.side.contains(focus) && focus !== document.activeElement) focus.focus({ preventScroll: true });
-    this.own.take(view);
-    this.controller.take(view);
-    this.below.replaceChildren(...below(this));
+    this.app.keepFocus(this.element, () => { // moving an element takes the focus from it, and from who types in it
+      this.plots.take(view);
+      this.head();
+      this.lead();
+      this.side.replaceChildren(...ranking(this), ...nextStep(this), this.own.element, this.controller.element);
+      this.own.take(view);
+      this.controller.take(view);
+      this.below.replaceChildren(...below(this));
+    }, this.after);
     this.mark();
     this.draw();
     if (!before || before.headline !== view.headline) this.app.announce(`${view.chip}. ${view.headline}`);
@@ -153,7 +155,7 @@ export class CasePage {
     this.draw();
     if (same) return;
     const wanted = this.preview;
-    if (!quietly) this.app.showCommand(`terrapin add ${this.name} ${effects.join(' ')}`);
+    if (!quietly) this.app.showCommand(`terrapin add ${this.folder} ${effects.join(' ')}`);
     try {
       const query = effects.map((name) => `effect=${encodeURIComponent(name)}`).join('&');
       const found = await this.app.api(`${this.path}/view?${query}`);
@@ -184,6 +186,7 @@ export class CasePage {
   async run(body) {
     this.complain(null);
     this.say();
+    this.after = body.do === 'add' ? [`Remove ${body.effects[0]}`] : body.do === 'remove' ? [`Add ${body.effect}`, 'Discover'] : [];
     try {
       const result = await this.app.job(this.name, body, (job) => this.progress(job));
       if (this.closed) return result;
@@ -210,7 +213,7 @@ export class CasePage {
   async report() {
     if (!await this.run({ do: 'report' })) return;
     this.reported = true;
-    this.lead();
+    this.app.keepFocus(this.top, () => this.lead());
     this.reportLink();
   }
 
@@ -231,20 +234,20 @@ export class CasePage {
     const last = mine.find((job) => ['export', ...CHANGES].includes(job.do) && job.state === 'done'); // newest first
     if (last?.do === 'export') this.controller.restore(last.id);
     this.reported = mine.some((job) => job.do === 'report' && job.state === 'done');
-    if (this.view) this.lead();
+    if (this.view) this.app.keepFocus(this.top, () => this.lead());
   }
 
   progress(job) {
     const { h } = this.app;
     if (ACTIVE.includes(job.state)) this.jobs.set(job.id, job); else this.jobs.delete(job.id);
     const [first] = this.jobs.values();
-    this.jobBar.hidden = !first;
+    this.app.keepFocus(this.element, () => { this.jobBar.hidden = !first; }, this.after);
     if (!first) return;
     const line = first.progress?.length ? first.progress[first.progress.length - 1] : '';
-    this.jobBar.replaceChildren(h('progress', { 'aria-label': WORDS[first.do] || first.do }),
+    this.app.keepFocus(this.jobBar, () => this.jobBar.replaceChildren(h('progress', { 'aria-label': WORDS[first.do] || first.do }),
       h('strong', { text: `${WORDS[first.do] || first.do}${first.state === 'queued' ? ' (waiting)' : ''}` }),
       h('span', { class: 'line soft', text: line }),
-      h('button', { type: 'button', text: 'Cancel', onclick: () => this.app.cancel(first.id).catch((error) => this.complain(error)) }));
+      h('button', { type: 'button', text: 'Cancel', onclick: () => this.app.cancel(first.id).catch((error) => this.complain(error)) })));
   }
 
   async event(event) {

@@ -1,7 +1,10 @@
 // Measurements into a case: drop files, see what was guessed of their columns, correct it, make the case.
+// What is typed is kept by the server beside the first of the files (its draft), so that a reload loses nothing.
 import { number } from './app.js';
 
 const KINDS = '.csv,.parquet,.dbc,.log,.blf,.asc,.mf4,.mcap';
+const MOST_ROWS = 2e6; // of a case
+const KEEP_MS = 300; // after the last key, before what is typed is kept
 const FUNCTIONS = ['abs', 'sign', 'sqrt', 'exp', 'log', 'sin', 'cos', 'tan', 'tanh', 'min', 'max'];
 const plain = (name) => {
   const word = name.replace(/\s*[[(].*$/, '').replace(/\W+/g, '_').replace(/^_+|_+$/g, '').toLowerCase();
@@ -11,7 +14,7 @@ const plain = (name) => {
 export class Mapper {
   /** `opened(name)` is called with the case that was made. */
   constructor(app, opened) {
-    Object.assign(this, { app, opened, uploads: [], sending: new Map() });
+    Object.assign(this, { app, opened, uploads: [], job: null, command: '' });
     const { h } = app;
     this.input = h('input', { type: 'file', multiple: true, accept: KINDS, class: 'visually-hidden', id: 'files', onchange: () => { this.send(this.input.files); this.input.value = ''; } });
     this.zone = h('div', { class: 'drop' },
@@ -21,6 +24,8 @@ export class Mapper {
     this.progress = h('div', { 'aria-live': 'polite' });
     this.form = h('div');
     this.element = h('section', { 'aria-label': 'New case from measurements' }, this.zone, this.progress, this.form);
+    addEventListener('pagehide', () => { if (this.timer) this.keep(); });
+    this.restore();
     for (const type of ['dragenter', 'dragover']) this.zone.addEventListener(type, (event) => { event.preventDefault(); this.zone.classList.add('over'); });
     for (const type of ['dragleave', 'drop']) this.zone.addEventListener(type, () => this.zone.classList.remove('over'));
     this.zone.addEventListener('drop', (event) => { event.preventDefault(); this.send(event.dataTransfer.files); });
@@ -32,7 +37,9 @@ export class Mapper {
     for (const file of files) {
       try { this.uploads.push(await this.upload(file)); } catch (error) { this.tell(file.name, error.message); continue; }
     }
-    if (this.uploads.length) await this.map();
+    if (!this.uploads.length) return;
+    await this.map(this.base ? this.draft() : null); // what is typed already stays
+    this.keep();
   }
 
   /** XMLHttpRequest, because fetch does not say how far it has sent. */
@@ -65,7 +72,7 @@ export class Mapper {
 
   // ---------------------------------------------------------------- mapping
 
-  async map() {
+  async map(draft) {
     this.bases ??= await this.app.api('bases');
     const data = this.uploads.filter((one) => one.kind !== 'dbc'), dbc = this.uploads.find((one) => one.kind === 'dbc');
     if (!data.length) { this.form.replaceChildren(this.app.h('p', { class: 'notice', text: `${dbc.name} is here: now drop the log that it describes.` })); return; }
@@ -76,64 +83,125 @@ export class Mapper {
     this.data = data;
     this.dbc = dbc;
     this.first = first;
-    this.draw(first.base_guess || 'equation');
+    this.draw(draft?.base || first.base_guess || 'equation', draft);
   }
 
-  draw(base) {
-    const { h } = this.app, { first } = this;
+  /** The form for a base model; `draft`: what was typed in it before. */
+  draw(base, draft) {
+    const { h } = this.app, { first } = this, fields = draft?.fields || {};
     this.base = this.bases.find((one) => one.name === base);
     const name = plain(first.name.replace(/\.\w+$/, '')).slice(0, 60) || 'case';
     const text = (properties) => h('input', { type: 'text', autocomplete: 'off', spellcheck: 'false', ...properties });
-    this.title = text({ value: this.title?.value ?? first.name.replace(/\.\w+$/, '').replaceAll('_', ' '), maxlength: '200' });
-    this.caseName = text({ value: this.caseName?.value ?? name, maxlength: '64', pattern: '[A-Za-z0-9][A-Za-z0-9_.\\-]{0,63}', required: true });
-    this.model = h('select', { onchange: () => this.draw(this.model.value) }, this.bases.map((one) => h('option', { value: one.name, text: one.name, selected: one === this.base })));
-    this.run = h('select', {}, h('option', { value: '', text: 'each file is one run' }), first.columns.map((c) => h('option', { value: c.name, text: c.name, selected: c.name === first.run_guess })));
-    this.period = first.kind === 'log' ? text({ value: '10 ms' }) : null;
-    this.rows = first.columns.filter((c) => c.numeric && c.name !== first.run_guess).map((c) => this.row(c));
+    this.title = text({ value: fields.title ?? first.name.replace(/\.\w+$/, '').replaceAll('_', ' '), maxlength: '200' });
+    this.caseName = text({ value: fields.name ?? name, maxlength: '64', pattern: '[A-Za-z0-9][A-Za-z0-9_.\\-]{0,63}', required: true });
+    this.model = h('select', { onchange: () => this.remodel() }, this.bases.map((one) => h('option', { value: one.name, text: one.name, selected: one === this.base })));
+    const run = fields.run ?? first.run_guess;
+    this.run = h('select', {}, h('option', { value: '', text: 'each file is one run' }), first.columns.map((c) => h('option', { value: c.name, text: c.name, selected: c.name === run })));
+    this.period = first.kind === 'log' ? text({ value: fields.period ?? '10 ms' }) : null;
+    const rows = this.data.reduce((sum, one) => sum + one.rows, 0);
+    this.every = first.kind === 'log' ? null : text({ inputmode: 'numeric', value: fields.every ?? String(Math.max(1, Math.ceil(rows / MOST_ROWS))) });
+    this.rows = first.columns.filter((c) => c.numeric && c.name !== first.run_guess).map((c) => this.row(c, draft?.columns?.find((one) => one.column === c.name)));
     this.extra = h('div', { class: 'form' });
     this.problem = h('div', { role: 'alert' });
+    this.making = h('div', { class: 'job', role: 'status', hidden: true });
     this.submit = h('button', { type: 'submit', class: 'main', text: 'Make the case' });
     const label = (words, input) => h('label', {}, words, input);
     const form = h('form', { class: 'panel form', 'aria-label': 'Map the columns', onsubmit: (event) => { event.preventDefault(); this.make(); } },
       h('h2', { text: 'Map the columns' }),
       h('p', { class: 'soft small', text: `${this.data.map((one) => one.name).join(', ')}: ${first.rows} ${first.kind === 'log' ? 'frames' : 'rows'}. Guessed from the names of the columns; correct what is wrong. What is not mapped is looked at all the same.` }),
       first.warnings.map((line) => h('p', { class: 'warn small', text: line })),
-      h('div', { class: 'four' }, label('name', this.caseName), label('title', this.title), label('model', this.model), label('run', this.run), this.period ? label('one row every', this.period) : null),
+      h('div', { class: 'four' }, label('name', this.caseName), label('title', this.title), label('model', this.model), label('run', this.run), this.period ? label('one row every', this.period) : label('one row of', this.every)),
       h('div', { class: 'scroll wide', tabindex: '0', role: 'region', 'aria-label': 'Columns' }, h('table', { class: 'inputs' },
         h('thead', {}, h('tr', {}, ['column', 'first values', 'is', 'unit', 'noise sd'].map((words) => h('th', { scope: 'col', text: words })))),
         h('tbody', {}, this.rows.map((one) => one.element)))),
-      this.extra, this.problem,
+      this.extra, this.problem, this.making,
       h('div', { class: 'row' }, this.submit, h('button', { type: 'button', text: 'Discard', onclick: () => this.discard() })));
-    this.form.replaceChildren(form);
-    this.constants();
-    this.app.showCommand(`terrapin case ${this.data.map((one) => one.name).join(' ')} --to ${this.caseName.value}`);
+    this.app.keepFocus(this.form, () => this.form.replaceChildren(form));
+    this.constants(draft?.constants);
     form.addEventListener('change', (event) => { // what is typed in a constant changes no other, and keeps the focus
       if (!this.extra.contains(event.target) || event.target.dataset.key === 'channel') this.constants();
     });
+    for (const type of ['input', 'change']) form.addEventListener(type, () => this.later());
+    this.tellCommand();
   }
 
-  row(column) {
+  /** Another base model: its roles are guessed anew, and what belongs to the columns themselves stays. */
+  remodel() {
+    const { fields, columns } = this.draft();
+    this.draw(this.model.value, { fields, columns: columns.map((one) => ({ ...one, name: undefined })), constants: {} });
+    this.later();
+  }
+
+  // ---------------------------------------------------------------- kept by the server
+
+  /** What is typed. */
+  draft() {
+    const fields = { name: this.caseName, title: this.title, run: this.run, period: this.period, every: this.every };
+    return {
+      uploads: this.uploads.map((one) => one.id), base: this.base.name,
+      fields: Object.fromEntries(Object.entries(fields).flatMap(([key, input]) => (input ? [[key, input.value]] : []))),
+      columns: this.rows.map((one) => ({ column: one.column.name, name: one.is.value, unit: one.unit.value, sigma: one.sigma.value })),
+      constants: Object.fromEntries([...this.extra.querySelectorAll('[data-key]')].map((input) => [input.dataset.key, input.value])),
+    };
+  }
+
+  later() {
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => { this.keep(); this.tellCommand(); }, KEEP_MS);
+  }
+
+  async keep() {
+    clearTimeout(this.timer);
+    this.timer = 0;
+    if (!this.base || !this.uploads.length) return;
+    this.keeping = true;
+    try { await this.app.api(`uploads/${this.uploads[0].id}/draft`, { method: 'PUT', body: this.draft(), keepalive: true }); } catch { /* the next key tries again */ }
+    this.keeping = false;
+  }
+
+  /** Go on with what was half done before a reload, or is in another browser. */
+  async restore() {
+    let all, jobs;
+    try { [all, jobs] = await Promise.all([this.app.api('uploads?drafts=true'), this.app.api('jobs')]); } catch { return; } // the list of cases says what is wrong
+    const one = all.find((upload) => upload.draft);
+    if (!one || (this.uploads.length && this.uploads[0].id !== one.id) || this.job || this.timer || this.keeping || this.form.contains(document.activeElement)) return;
+    if (this.base && JSON.stringify(this.draft()) === JSON.stringify(one.draft)) return; // it is what this browser has told
+    this.uploads = one.draft.uploads.map((id) => all.find((upload) => upload.id === id)).filter(Boolean);
+    await this.map(one.draft);
+    const job = jobs.find((found) => found.do === 'make' && found.case === one.draft.fields.name && ['queued', 'running'].includes(found.state));
+    if (job) this.follow(job.id);
+  }
+
+  event(event) {
+    const mine = this.uploads[0]?.id === event.upload;
+    if (event.back || (event.state === 'draft' && (!this.uploads.length || mine))) this.restore();
+    else if (event.state === 'mapped' && mine && !this.job) this.clear(); // another browser has made the case
+  }
+
+  // ---------------------------------------------------------------- one column, and the constants
+
+  row(column, typed) {
     const { h } = this.app, { base } = this;
     const free = base.name === 'equation';
     const names = free ? [] : [...base.channels.map((c) => c.name), ...base.roles.map((r) => r.name)];
-    const guess = names.includes(column.role_guess) && !(base.name === 'rolling_steady' && column.role_guess === 'voltage') ? column.role_guess : '';
-    const is = free ? h('input', { type: 'text', value: plain(column.name), 'aria-label': `name of ${column.name}; empty: not mapped` })
+    const guess = typed?.name !== undefined ? typed.name : names.includes(column.role_guess) && !(base.name === 'rolling_steady' && column.role_guess === 'voltage') ? column.role_guess : '';
+    const is = free ? h('input', { type: 'text', value: typed?.name ?? plain(column.name), 'aria-label': `name of ${column.name}; empty: not mapped` })
       : h('select', { 'aria-label': `what ${column.name} is` }, h('option', { value: '', text: 'not mapped' }),
         h('optgroup', { label: 'measured (predicted by the model)' }, base.channels.map((c) => h('option', { value: c.name, text: c.name, selected: c.name === guess }))),
         h('optgroup', { label: 'inputs' }, base.roles.filter((r) => !base.channels.some((c) => c.name === r.name)).map((r) => h('option', { value: r.name, text: `${r.name}${r.needed ? ' (needed)' : ''}`, selected: r.name === guess }))));
     const canonical = [...base.channels, ...base.roles].find((one) => one.name === guess)?.unit;
-    const unit = h('input', { type: 'text', class: 'short', value: column.unit_guess || canonical || '', placeholder: '1', 'aria-label': `unit of ${column.name}` });
-    const sigma = h('input', { type: 'text', class: 'short', inputmode: 'decimal', placeholder: 'estimated', 'aria-label': `noise sd of ${column.name}` });
+    const unit = h('input', { type: 'text', class: 'short', value: typed?.unit ?? (column.unit_guess || canonical || ''), placeholder: '1', 'aria-label': `unit of ${column.name}` });
+    const sigma = h('input', { type: 'text', class: 'short', value: typed?.sigma ?? '', inputmode: 'decimal', placeholder: 'estimated', 'aria-label': `noise sd of ${column.name}` });
     const values = column.preview.slice(0, 4).map((v) => (Number.isFinite(Number(v)) ? number(Number(v)) : v)).join('  ');
     const note = column.unit_guess || !canonical ? null : h('span', { class: 'warn small', text: 'unit assumed' });
     return { column, is, unit, sigma, element: h('tr', {}, h('th', { scope: 'row', text: column.name }), h('td', { class: 'soft small', text: values, title: `${number(column.min)} to ${number(column.max)}` }), h('td', {}, is), h('td', {}, unit, note), h('td', {}, sigma)) };
   }
 
   /** Constants that no table can tell, what is fitted, and the formula of an equation. */
-  constants() {
+  constants(typed = {}) {
     const { h } = this.app, { base } = this;
     const mapped = this.rows.map((one) => one.is.value).filter(Boolean);
-    const kept = (key, value) => this.extra.querySelector(`[data-key="${key}"]`)?.value ?? value ?? '';
+    const kept = (key, value) => typed[key] ?? this.extra.querySelector(`[data-key="${key}"]`)?.value ?? value ?? '';
     const input = (key, value, properties = {}) => h('input', { type: 'text', 'data-key': key, value: kept(key, value), autocomplete: 'off', spellcheck: 'false', ...properties });
     const parts = [];
     if (base.name === 'equation') {
@@ -153,14 +221,15 @@ export class Mapper {
     this.extra.replaceChildren(...parts);
   }
 
-  async make() {
-    const { app, base } = this;
+  /** The case that is asked for; an Error says what is missing. */
+  order() {
+    const { base } = this;
     const columns = {};
     for (const one of this.rows) {
       if (!one.is.value || (base.name === 'equation' && !/^[A-Za-z_]\w*$/.test(one.is.value))) continue;
       const sigma = one.sigma.value.trim();
-      if (columns[one.is.value]) { this.refuse(`${one.is.value}: two columns are mapped to it, expected one`); return; }
-      if (sigma && !(Number(sigma) > 0)) { this.refuse(`noise sd of ${one.column.name}: found ${sigma}, expected a number above 0, or nothing`); return; }
+      if (columns[one.is.value]) throw new Error(`${one.is.value}: two columns are mapped to it, expected one`);
+      if (sigma && !(Number(sigma) > 0)) throw new Error(`noise sd of ${one.column.name}: found ${sigma}, expected a number above 0, or nothing`);
       columns[one.is.value] = { column: one.column.name, unit: one.unit.value.trim(), ...(sigma ? { sigma: Number(sigma) } : {}) };
     }
     const parameters = {}, fit = {}, equation = {};
@@ -178,25 +247,79 @@ export class Mapper {
       const found = fitted(base.fit);
       if (found) fit[found.name] = { value: found.value, min: found.min, max: found.max };
     }
-    const body = {
-      name: this.caseName.value.trim(), title: this.title.value.trim(), base: base.name, uploads: this.data.map((one) => one.id), run: this.run.value,
+    const every = this.every ? this.every.value.trim() : '1';
+    if (!/^[1-9]\d{0,6}$/.test(every)) throw new Error(`one row of: found ${every}, expected a whole number from 1`);
+    return {
+      name: this.caseName.value.trim(), title: this.title.value.trim(), base: base.name, uploads: this.data.map((one) => one.id), run: this.run.value, every: Number(every),
       columns, parameters, fit, equation, ...(this.dbc ? { dbc: this.dbc.id } : {}), ...(this.period ? { period: this.period.value.trim() } : {}),
     };
-    this.problem.replaceChildren();
-    this.submit.disabled = true;
+  }
+
+  /** The command line that would make the case as it is mapped now. */
+  async tellCommand() {
+    if (!this.base || !this.form.firstChild.checkValidity()) return; // Make says what is missing
+    let body;
+    try { body = this.order(); } catch { return; }
+    const turn = (this.turn = (this.turn || 0) + 1);
     try {
-      const made = await app.api('cases', { body });
-      app.showCommand(made.command);
-      this.discard();
-      this.opened(made.name);
-    } catch (error) { this.refuse(error.message); } finally { this.submit.disabled = false; }
+      const { command } = await this.app.api('command', { body });
+      if (turn !== this.turn || !this.element.isConnected) return;
+      this.command = command;
+      this.app.showCommand(command);
+    } catch { /* Make says what is wrong */ }
+  }
+
+  async make() {
+    this.problem.replaceChildren();
+    let body, started;
+    try {
+      body = this.order();
+      clearTimeout(this.timer);
+      await this.keep();
+      started = await this.app.api('cases', { body });
+    } catch (error) { this.refuse(error.message); return; }
+    this.app.showCommand(started.command);
+    await this.follow(started.id);
+  }
+
+  /** Show how far the job is that makes the case, to its end. */
+  async follow(id) {
+    const { app } = this, { h } = app;
+    this.job = id;
+    this.submit.disabled = true;
+    const said = h('span', { class: 'line soft' });
+    this.making.hidden = false;
+    const stop = h('button', { type: 'button', text: 'Cancel', onclick: () => app.cancel(id).catch((error) => this.refuse(error.message)) });
+    this.making.replaceChildren(h('progress', { 'aria-label': 'Making the case' }), h('strong', { text: 'Making the case' }), said, stop);
+    app.focus(stop); // what was pressed is pressed
+    let ended = null;
+    try {
+      ended = await app.follow(id, (job) => { said.textContent = job.state === 'queued' ? 'waiting for other work' : job.progress.at(-1) || ''; });
+    } catch (error) { this.refuse(error.message); }
+    const had = this.making.contains(document.activeElement);
+    this.job = null;
+    this.making.hidden = true;
+    this.submit.disabled = false;
+    if (ended?.state === 'done') { this.clear(); this.opened(ended.case); return; }
+    if (ended) this.refuse(ended.state === 'cancelled' ? 'Cancelled: nothing was made.' : ended.error);
+    if (had) app.focus(this.submit);
   }
 
   refuse(text) { this.problem.replaceChildren(this.app.h('p', { class: 'notice bad', text })); }
 
+  /** Forget the mapping and the files. */
   discard() {
+    for (const one of this.uploads) this.app.api(`uploads/${one.id}`, { method: 'DELETE' }).catch((error) => this.tell(one.name, error.message));
+    this.clear();
+    this.app.focus(this.input);
+  }
+
+  clear() {
+    clearTimeout(this.timer);
+    this.timer = 0;
     this.uploads = [];
-    this.caseName = this.title = undefined;
+    this.base = undefined;
+    this.command = '';
     this.form.replaceChildren();
     this.progress.replaceChildren();
   }

@@ -1,5 +1,5 @@
 // Panels of a case beside the ranking: the next step, an effect of one's own, the controller; and the tables below.
-import { h, number, unit } from './app.js';
+import { focus, h, number, quote, unit } from './app.js';
 
 const WAIT_MS = 250; // after the last key, before an expression is checked
 
@@ -88,12 +88,11 @@ export class OwnEffect {
   }
 
   command(body) {
-    const quote = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", `'"'"'`)}'`);
     const options = Object.entries(body.parameters).map(([name, p]) => {
-      const limits = p.min === null && p.max === null && !p.unit ? '' : `:${p.min ?? -1e9}:${p.max ?? 1e9}${p.unit ? `:${p.unit}` : ''}`;
-      return `--parameter ${quote(`${name}=${p.value}${limits}`)}`;
+      const limits = p.min === null && p.max === null && !p.unit ? '' : `:${p.min ?? ''}:${p.max ?? ''}${p.unit ? `:${p.unit}` : ''}`;
+      return quote(`--parameter=${name}=${p.value}${limits}`);
     });
-    return ['terrapin add', this.page.name, this.name.value || 'my_effect', '--expression', quote(body.expression), '--target', body.target, ...options].join(' ');
+    return ['terrapin add', this.page.folder, quote(this.name.value || 'my_effect'), quote(`--expression=${body.expression}`), quote(`--target=${body.target}`), ...options].join(' ');
   }
 
   async check() {
@@ -143,6 +142,7 @@ export class OwnEffect {
       this.table.replaceChildren();
       this.formula.replaceChildren();
       this.told(null, '');
+      if (document.activeElement === document.body || document.activeElement === this.button) focus(this.expression);
     }
   }
 }

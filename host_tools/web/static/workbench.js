@@ -18,7 +18,7 @@ export function mount(element, app) {
     mapper ??= new Mapper(app, (name) => app.go('workbench', name)); // what is being mapped stays while one looks elsewhere
     place.append(h('div', {}, mapper.element, cases), examples);
     element.replaceChildren(h('h1', { class: 'visually-hidden', text: 'Workbench' }), place);
-    app.showCommand('terrapin case TABLE... --to CASE');
+    app.showCommand(mapper.command || `terrapin compare ${app.place('cases')}`);
     await Promise.all([fillCases(cases), fillExamples(examples)]);
   }
 
@@ -31,8 +31,8 @@ export function mount(element, app) {
         h('div', { class: one.error ? 'bad small' : 'soft small', text: one.error || facts(one) })),
       one.verdict ? h('span', { class: `chip small ${one.verdict}`, text: VERDICTS[one.verdict] || one.verdict }) : null,
       h('button', { type: 'button', class: 'quiet', text: 'Delete', 'aria-label': `Delete ${one.name}`, onclick: () => remove(one.name, section) })));
-    section.replaceChildren(h('h2', { text: 'Cases in this workspace' }),
-      rows.length ? h('ul', { class: 'case-list' }, rows) : h('p', { class: 'soft', text: 'None yet: open an example, or drop measurements above.' }));
+    app.keepFocus(section, () => section.replaceChildren(h('h2', { text: 'Cases in this workspace' }),
+      rows.length ? h('ul', { class: 'case-list' }, rows) : h('p', { class: 'soft', text: 'None yet: open an example, or drop measurements above.' })));
   }
 
   async function fillExamples(section) {
@@ -47,6 +47,7 @@ export function mount(element, app) {
 
   async function openExample(name, button) {
     button.disabled = true;
+    app.showCommand(`terrapin case --example ${name} --to ${app.place('cases', name)}`);
     try {
       const made = await app.api(`examples/${encodeURIComponent(name)}`, { method: 'POST' });
       app.go('workbench', made.name);
@@ -54,6 +55,7 @@ export function mount(element, app) {
   }
 
   async function remove(name, section) {
+    app.showCommand(`rm -r ${app.place('cases', name)} && rm -f ${app.place('reports', `${name}.html`)} ${app.place('exports', `${name}.toml`)}`);
     if (!confirm(`Delete the case ${name} with its measurements from the workspace?`)) return;
     try { await app.api(`cases/${encodeURIComponent(name)}`, { method: 'DELETE' }); } catch (error) { section.prepend(notice(error.message)); return; }
     fillCases(section);
@@ -62,6 +64,7 @@ export function mount(element, app) {
   const notice = (text) => h('p', { class: 'notice bad', role: 'alert', text });
 
   app.onEvent((event) => {
+    if (event.upload || event.back) mapper?.event(event);
     if (page) page.event(event);
     else if ((event.case || event.cases || event.back) && element.isConnected && !element.hidden) {
       const section = element.querySelector('.cases');
