@@ -20,6 +20,8 @@ Array = npt.NDArray[np.float64]
 WINDOW = 1.0  # s over which rates and load are counted
 EVENTS = 500  # that are kept
 POINTS = 20_000  # of one plotted signal that are kept
+BLOCKS = 1000  # of frames within WINDOW, more than any poll makes: a bus whose clock stands still has no end to it
+IDENTIFIERS = 4096  # that are unknown and counted one by one; an extended one may be any of 2^29
 SILENT = 2.0  # s without a frame before the bus is called silent
 BACK, AHEAD = 0.5, 10.0  # s that a clock may step back (frames of several channels do), or a bus be silent, untold
 JUDGED = 50  # frames after which a DBC that knows few of them is told
@@ -78,7 +80,7 @@ class Live:
         self.total = 0
         self.errors: dict[str, int] = {}
         self.unknown: dict[tuple[int, bool], int] = {}  # frames that the DBC does not know
-        self._recent: deque[tuple[float, int, int]] = deque()  # time, frames, bits of each block
+        self._recent: deque[tuple[float, int, int]] = deque(maxlen=BLOCKS)  # time, frames, bits of each block
         self._parameters = {p.index: p for p in interface.parameters.values()} if interface else {}
         self._data_frames = self._known = 0
         self._short: dict[str, int] = {}  # message -> frames with fewer bytes than the DBC says
@@ -141,7 +143,7 @@ class Live:
         rest = block.pick(~seen & (block.flags & 0b110 == 0))
         for identifier, flags in zip(rest.identifiers.tolist(), rest.flags.tolist(), strict=True):
             unknown = (identifier, bool(flags & EXTENDED))
-            if unknown in self.unknown or len(self.unknown) < 4096:
+            if unknown in self.unknown or len(self.unknown) < IDENTIFIERS:
                 self.unknown[unknown] = self.unknown.get(unknown, 0) + 1
         self._data_frames += int((block.flags & 0b110 == 0).sum())
         self._known += int(seen.sum())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import queue
 import threading
 import time
 from collections.abc import Mapping
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["Bus", "LogFile", "Simulator", "Source"]
 
 
-WAITING = 2_000_000  # frames that a bus may be ahead of who polls (70 MB); more are counted as lost
+WAITING = 2_000_000  # frames that a source may be ahead of who polls (70 MB); more are counted as lost
 SILENCE = 10.0  # s of a log without a frame that are not waited for
 
 
@@ -34,11 +33,35 @@ class Source(Protocol):
 
     name: str
     over: bool
-    lost: int
     note: str
 
+    @property
+    def lost(self) -> int: ...
     def poll(self) -> Frames: ...
     def close(self) -> None: ...
+
+
+class _Waiting:
+    """Blocks that wait to be polled: WAITING frames at most, more are counted as lost."""
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self._frames = 0
+        self._lock = threading.Lock()
+        self._blocks: list[Frames] = []
+
+    def put(self, block: Frames) -> None:
+        with self._lock:
+            if self._frames + len(block) > WAITING:
+                self.lost += len(block)
+                return
+            self._frames += len(block)
+            self._blocks.append(block)
+
+    def take(self) -> list[Frames]:
+        with self._lock:
+            blocks, self._blocks, self._frames = self._blocks, [], 0
+            return blocks
 
 
 class Bus:
@@ -49,12 +72,9 @@ class Bus:
 
         self.name = link
         self.over = False
-        self.lost = 0  # frames that nobody polled in time
         self.note = ""
         self._bus = open_bus(link, bitrate)
-        self._waiting = 0
-        self._lock = threading.Lock()
-        self._blocks: queue.SimpleQueue[Frames] = queue.SimpleQueue()
+        self._waiting = _Waiting()
         self._stop = threading.Event()
         self._error: UserError | None = None
         self._thread = threading.Thread(target=self._listen, daemon=True)
@@ -64,26 +84,22 @@ class Bus:
         try:
             while not self._stop.is_set():
                 block = self._bus.receive(0.03)
-                if not len(block):
-                    continue
-                with self._lock:
-                    if self._waiting + len(block) > WAITING:
-                        self.lost += len(block)
-                        continue
-                    self._waiting += len(block)
-                self._blocks.put(block)
+                if len(block):
+                    self._waiting.put(block)
         except UserError as error:
             self._error = error
 
     def poll(self) -> Frames:
-        parts = []
-        while not self._blocks.empty():
-            parts.append(self._blocks.get())
-        if self._error is not None and not parts:
-            raise self._error
-        with self._lock:
-            self._waiting -= sum(map(len, parts))
+        error = self._error  # looked at first: what came before it is given before it
+        parts = self._waiting.take()
+        if error is not None and not parts:
+            raise error
         return joined(Path(self.name), parts)
+
+    @property
+    def lost(self) -> int:
+        """Frames that nobody polled in time."""
+        return self._waiting.lost
 
     @property
     def damaged(self) -> int:
@@ -168,12 +184,11 @@ class Simulator:
             raise UserError(str(error), status=1) from None
         self.name = f"simulator: {self.scenario.name}" + (f" over {link}" if link != "inprocess" else "")
         self.over = False
-        self.lost = 0
         self.note = ""
         self._stop = False
         self._error: Exception | None = None
         self._tick = 0
-        self._blocks: queue.SimpleQueue[Frames] = queue.SimpleQueue()
+        self._waiting = _Waiting()
 
         def work() -> None:
             try:
@@ -203,15 +218,19 @@ class Simulator:
                 names.append(int(frame["id"]))
                 payloads.append(frame["data"][: frame["length"]].tobytes())
         self._tick += len(records)
-        self._blocks.put(frames(Path("simulator"), times, names, payloads, [0] * len(times)))
+        self._waiting.put(frames(Path("simulator"), times, names, payloads, [0] * len(times)))
 
     def poll(self) -> Frames:
-        parts = []
-        while not self._blocks.empty():
-            parts.append(self._blocks.get())
-        if self._error is not None and not parts:
-            raise UserError(str(self._error), status=1)
+        error = self._error
+        parts = self._waiting.take()
+        if error is not None and not parts:
+            raise UserError(str(error), status=1)
         return joined(Path("simulator"), parts)
+
+    @property
+    def lost(self) -> int:
+        """Frames that nobody polled in time."""
+        return self._waiting.lost
 
     def close(self) -> None:
         self._stop = True

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 from weakref import WeakKeyDictionary
 
-from fastapi import APIRouter, WebSocket
+from fastapi import APIRouter, Request, WebSocket
 from pydantic import BaseModel, Field, StringConstraints
 
 from hil import paths
@@ -19,7 +19,8 @@ from host_tools.errors import UserError
 from host_tools.web.context import Context, Terrapin
 from host_tools.web.live_session import Picture, Session
 from host_tools.web.live_socket import Audience
-from host_tools.web.models import Line, Request, problems
+from host_tools.web.models import Line, problems
+from host_tools.web.models import Request as Body
 from host_tools.web.uploads import upload_file, upload_view
 from host_tools.web.workspace import NAME, NotThere, Taken
 
@@ -42,7 +43,7 @@ class Link(BaseModel):
     kind: Literal["bus", "log", "simulator", "dbc"]
 
 
-class Watch(Request):
+class Watch(Body):
     """What to watch. `dbc`: an uploaded DBC's id, or a file in the workspace's logs folder; empty: the controller's."""
 
     source: Annotated[str, StringConstraints(pattern=SOURCE, max_length=220)]
@@ -61,7 +62,7 @@ class Watched(BaseModel):
     recording: dict[str, Any] | None = None
 
 
-class Record(Request):
+class Record(Body):
     """Begin a log (its suffix says of which kind: .log .blf .mf4 .mcap) or end it."""
 
     do: Literal["start", "stop"]
@@ -77,7 +78,7 @@ class Recorded(BaseModel):
     command: str
 
 
-class Command(Request):
+class Command(Body):
     """`idle`: hold the stop button in; `release`: let it go; `mark`: note an event."""
 
     request: Literal["idle", "release", "mark"]
@@ -85,9 +86,10 @@ class Command(Request):
 
 
 class Done(BaseModel):
-    """What was done, in words."""
+    """What was done, in words, and the command line that does the same."""
 
     done: str
+    command: str
 
 
 class _Hub:
@@ -101,6 +103,7 @@ class _Hub:
 
     async def open(self, context: Context, body: Watch) -> Session:
         async with self.changing:
+            self._free()
             await self._close()
             ready = threading.Event()
             session: Session | None = None
@@ -118,9 +121,25 @@ class _Hub:
                 ready.set()
             return session
 
+    async def leave(self) -> None:
+        """Watches nothing any more. Taken while the stop button is held in."""
+        async with self.changing:
+            self._free()
+            await self._close()
+
+    async def hold_stop(self, held: bool) -> None:
+        """Holds the stop button of what is watched in, or lets it go; never while that is changed."""
+        async with self.changing:
+            await asyncio.to_thread(self.watched().hold_stop, held)
+
     async def close(self) -> None:
+        """The server ends, and with it a stop that is held in."""
         async with self.changing:
             await self._close()
+
+    def _free(self) -> None:
+        if self.session is not None and self.session.stop_held:
+            raise Taken(f"live: the stop button of {self.session.source.name} is held in, expected it released first")
 
     async def _close(self) -> None:
         session, self.session = self.session, None
@@ -269,28 +288,36 @@ async def live(context: Terrapin) -> Watched:
     return _answer(_hubs[context].session)
 
 
-@router.post("/live", responses=problems(404, 500))
+def _same(request: Request, body: Body | None = None) -> str:
+    """The command line of the same request. TERRAPIN_TOKEN: what follows token= in the address that was printed."""
+    show = '-H "Authorization: Bearer $TERRAPIN_TOKEN"'
+    data = f" --json {shlex.quote(body.model_dump_json(exclude_defaults=True))}" if body is not None else ""
+    return f"curl -X {request.method} {show}{data} {shlex.quote(str(request.url.replace(query='')))}"
+
+
+@router.post("/live", responses=problems(404, 409, 500))
 async def watch(context: Terrapin, body: Watch) -> Watched:
-    """Watch something; every browser sees it. What was watched before ends, with its log."""
+    """Watch something; every browser sees it. What was watched before ends, with its log; 409 while somebody holds its
+    stop button in."""
     return _answer(await _hubs[context].open(context, body))
 
 
-@router.delete("/live", responses=problems())
-async def unwatch(context: Terrapin) -> Watched:
-    """Watch nothing any more."""
-    await _hubs[context].close()
-    return _answer(None)
+@router.delete("/live", responses=problems(409))
+async def unwatch(context: Terrapin, request: Request) -> Watched:
+    """Watch nothing any more; 409 while somebody holds the stop button in."""
+    await _hubs[context].leave()
+    return Watched(name=None, state=None, command=_same(request))
 
 
 @router.post("/live/record", responses=problems(404, 409, 500))
-async def record(context: Terrapin, body: Record) -> Recorded:
+async def record(context: Terrapin, request: Request, body: Record) -> Recorded:
     """Begin or end a log in the workspace's folder logs. It is readable up to the last half second at any moment."""
     session = _hubs[context].watched()
     if body.do == "stop":
         found = await asyncio.to_thread(session.stop_recording) or session.last_log
         if found is None:
             raise Taken("record: nothing is being recorded")
-        return Recorded(**{k: found[k] for k in ("name", "frames", "bytes")}, command="")
+        return Recorded(**{k: found[k] for k in ("name", "frames", "bytes")}, command=_same(request, body))
     from host_tools.logs.writing import GROWING
 
     path = context.workspace.folder("logs") / body.name
@@ -301,19 +328,21 @@ async def record(context: Terrapin, body: Record) -> Recorded:
     await asyncio.to_thread(session.record, path)
     words = session.command.split()
     link = ["--link", words[words.index("--link") + 1]] if "--link" in words else []
-    command = shlex.join(["terrapin", "log", "record", str(path), *link]) if link else ""
+    command = shlex.join(["terrapin", "log", "record", str(path), *link]) if link else _same(request, body)
     return Recorded(name=body.name, frames=0, bytes=0, command=command)
 
 
 @router.post("/live/command", responses=problems(404, 500))
-async def command(context: Terrapin, body: Command) -> Done:
+async def command(context: Terrapin, request: Request, body: Command) -> Done:
     """Ask the controller to go idle, again and again until released; or note an event."""
-    session = _hubs[context].watched()
+    hub = _hubs[context]
     if body.request == "mark":
-        await asyncio.to_thread(session.mark, body.text or "mark")
-        return Done(done=f"marked: {body.text or 'mark'}")
-    await asyncio.to_thread(session.hold_stop, body.request == "idle")
-    return Done(done="asking for idle until released" if body.request == "idle" else "released")
+        await asyncio.to_thread(hub.watched().mark, body.text or "mark")
+        done = f"marked: {body.text or 'mark'}"
+    else:
+        await hub.hold_stop(body.request == "idle")
+        done = "asking for idle until released" if body.request == "idle" else "released"
+    return Done(done=done, command=_same(request, body))
 
 
 @router.websocket("/live/socket")

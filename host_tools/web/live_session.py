@@ -193,6 +193,9 @@ class Session:
                     self.state, self.note = "gone", f"internal error: {type(error).__name__}: {error}"
                 if self.state == "gone":
                     self._end_recording()
+                if self.state != "live" and self.stop_held:
+                    self.stop_held = False
+                    self.live.tell(self.live.time, "bus", "the stop button holds nothing: the source has ended")
                 now = time.monotonic()
                 status = None
                 if now >= status_due or self.state == "gone":
@@ -208,8 +211,9 @@ class Session:
             self._stop.wait(due - time.monotonic())
 
     def _look(self) -> Picture | None:
+        over = self.source.over  # looked at first: the last block may come just before it
         block = self.source.poll()
-        if self.source.over and self.state == "live" and not len(block):
+        if over and self.state == "live" and not len(block):
             self.state, self.note = "over", self.source.note
             self._end_recording()
         self._hold()
@@ -384,10 +388,12 @@ class Session:
     def hold_stop(self, held: bool) -> None:
         """Holds the stop button in, or lets it go. UserError when the source has no controller to stop."""
         with self._lock:
+            if not isinstance(self.source, Simulator) and (not isinstance(self.source, Bus) or self._sender is None):
+                raise UserError("a log has nothing to stop, expected a bus or the simulator")
+            if self.state != "live":
+                raise UserError("the source has ended, expected one that is live")
             if isinstance(self.source, Simulator):
                 self.source.press_stop(held)
-            elif not isinstance(self.source, Bus) or self._sender is None:
-                raise UserError("a log has nothing to stop, expected a bus or the simulator")
             if held != self.stop_held:
                 text = "stop button held in" if held else "stop button let go"
                 self.live.tell(self.live.time, "injected" if isinstance(self.source, Simulator) else "mark", text)

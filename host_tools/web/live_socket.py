@@ -28,7 +28,10 @@ MOST_EVENTS = 1000
 
 class _Client:
     def __init__(self) -> None:
-        self.wanted: frozenset[int] = frozenset()
+        self.asked: frozenset[int] = frozenset()  # what it wants
+        self.wanted: frozenset[int] = frozenset()  # what its pictures hold: what it wants, once their past was given
+        self.past: bytes | None = None  # of these packets
+        self.waits_for_past = False  # until it was sent: a browser that asks and does not read costs one, not many
         self.packets: deque[bytes] = deque()
         self.sent = self.seen = 0  # number of the last picture
         self.hello: dict[str, Any] | None = None
@@ -55,7 +58,8 @@ class Audience:
         client.packets.clear()
         client.in_flight.clear()
         client.events.clear()
-        client.wanted = frozenset()
+        client.asked = client.wanted = frozenset()
+        client.past, client.waits_for_past = None, False
         client.hello = self._session.hello() if self._session is not None else {"type": "hello", "name": None}
         client.status = self._session.so_far() if self._session is not None else None
         client.events.extend(client.status["events"] if client.status is not None else [])
@@ -107,7 +111,11 @@ class Audience:
                 hello, client.hello = client.hello, None
                 await socket.send_text(json.dumps(hello, allow_nan=False))
             while client.packets:
-                await socket.send_bytes(client.packets.popleft())
+                packet = client.packets.popleft()
+                await socket.send_bytes(packet)
+                if packet is client.past:
+                    client.past, client.waits_for_past = None, False
+                    self._ask_past(client)
             if client.status is not None:
                 status, client.status = client.status, None
                 events = list(client.events)
@@ -129,23 +137,25 @@ class Audience:
         if "seen" in request:
             while client.in_flight and client.in_flight[0] <= request["seen"]:
                 client.in_flight.popleft()
-        if "want" in request:
-            wanted = frozenset(request["want"])
-            if self._session is None:
-                return
-            wanted &= frozenset(range(len(self._session.names)))
-            new = wanted - client.wanted
-            client.wanted &= wanted
-            if new:  # in pictures from the moment on that their past ends
-                loop, session = asyncio.get_running_loop(), self._session
-                session.past(
-                    new, lambda packet: loop.call_soon_threadsafe(self._begin_with, session, client, new, packet)
-                )
+        if "want" in request and self._session is not None:
+            client.asked = frozenset(request["want"]) & frozenset(range(len(self._session.names)))
+            client.wanted &= client.asked
+            self._ask_past(client)
+
+    def _ask_past(self, client: _Client) -> None:
+        """Asks for the past of what a browser wants and has not: pictures hold it from the moment on that it ends."""
+        new = client.asked - client.wanted
+        if not new or client.waits_for_past or self._session is None:
+            return
+        client.waits_for_past = True
+        loop, session = asyncio.get_running_loop(), self._session
+        session.past(new, lambda packet: loop.call_soon_threadsafe(self._begin_with, session, client, new, packet))
 
     def _begin_with(self, session: Session, client: _Client, signals: frozenset[int], past: bytes) -> None:
         if session is self._session:
+            client.past = past
             client.packets.append(past)
-            client.wanted |= signals
+            client.wanted |= signals & client.asked
             client.news.set()
 
 

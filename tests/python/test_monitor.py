@@ -10,6 +10,7 @@ import struct
 import sys
 import termios
 import time
+from collections.abc import Callable
 from fcntl import ioctl
 from pathlib import Path
 
@@ -21,17 +22,27 @@ from hil import paths
 from hil.messages import interface
 from host_tools.logs.decoding import Decoder
 from host_tools.logs.frames import ERROR, Frames, frames
+from host_tools.monitor import sources
 from host_tools.monitor.app import MonitorApp
 from host_tools.monitor.live import Live
 from host_tools.monitor.plot import braille
 from host_tools.monitor.sources import LogFile, Simulator
 
 DBC = paths.build() / "generated" / "terrapin.dbc"
+SECONDS = 60  # that a busy machine may take for a step
 TERRAPIN = str(Path(sys.executable).parent / "terrapin")
 
 
 def live() -> Live:
     return Live(Decoder(DBC), interface())
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    """Until it holds; a busy machine may take its time."""
+    end = time.monotonic() + SECONDS
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
 def block(*rows: tuple[float, str, dict[str, int]]) -> Frames:
@@ -76,6 +87,32 @@ def test_rate_load_and_health() -> None:
     bus.take(frames(Path("made"), [1.1], [0x020], [bytes(8)], [ERROR]))
     assert "nobody acknowledges" in bus.health(0.0)
     assert bus.total == 8001
+
+
+def test_what_is_kept_is_bounded() -> None:
+    """A node that babbles in identifiers of its own, on a bus whose clock stands still, for as long as it likes."""
+    bus = Live(None, None)
+    one = frames(Path("x"), [5.0], [0x100], [bytes(8)], [0])
+    for _ in range(3000):
+        bus.take(one)
+    assert bus.total == 3000
+    assert len(bus._recent) <= 1000
+    bus = live()
+    count = 10_000
+    bus.take(frames(Path("x"), [5.0] * count, list(range(count)), [bytes(8)] * count, [1] * count))
+    assert len(bus.unknown) == 4096
+    assert bus.fit.startswith("the DBC knows 0 of 10000 frames")
+
+
+def test_a_simulator_that_nobody_polls_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A terminal that is stopped (Ctrl-S) polls nothing: what is too much is dropped and counted."""
+    monkeypatch.setattr(sources, "WAITING", 2000)
+    source = Simulator("steady_sand")
+    try:
+        wait_until(lambda: source.lost > 0)
+        assert 0 < len(source.poll()) <= 2000
+    finally:
+        source.close()
 
 
 def test_unknown_frames_are_counted() -> None:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
+import shutil
 import struct
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,6 +28,7 @@ from host_tools.logs.frames import frames
 from host_tools.logs.reading import read_log
 from host_tools.logs.writing import LogWriter
 from host_tools.web.live_session import reduced
+from host_tools.web.live_socket import Audience, _Client
 
 HEAD = struct.Struct("<BBHIIIdd")
 RATE = 8000
@@ -227,6 +232,96 @@ def test_simulator_over_a_pty(live: Server) -> None:
     log = (live.workspace / "logs" / "sim.mcap").read_bytes()
     assert b"stop button held in" in log
     assert b"/GROUND" in log
+
+
+def test_a_stop_that_is_held_stays(live: Server) -> None:
+    """Another browser's Watch or Leave does not let go of a stop button that somebody holds in."""
+    post(live, "live", source="simulator:estop")
+    watch(live, lambda w: (w.status.get("time") or 0) > 0.5)
+    post(live, "live/command", request="idle")
+    try:
+        for method, body in (("POST", {"source": "simulator:steady_sand"}), ("DELETE", None)):
+            answer = live.ask(method, "/api/live", body)
+            assert answer.status == 409, answer.body
+            assert "stop button of simulator: estop is held in" in answer.detail
+        assert live.get("/api/live")["name"] == "simulator: estop"
+        assert watch(live, lambda w: bool(w.status)).status["stop_held"]
+    finally:
+        post(live, "live/command", request="release")
+    assert live.ask("DELETE", "/api/live").status == 200
+
+
+def test_a_source_that_ends_lets_go_of_the_stop(live: Server) -> None:
+    """A bus that is gone cannot be stopped: the page says so, and something else can be watched."""
+    with Feeder(100, 1.0) as feeder:
+        post(live, "live", source=f"serial:{feeder.path}")
+        post(live, "live/command", request="idle")
+        assert live.ask("DELETE", "/api/live").status == 409
+    found = watch(live, lambda w: w.status.get("state") == "gone")
+    assert not found.status["stop_held"]
+    assert "the stop button holds nothing: the source has ended" in [e["text"] for e in found.events]
+    assert live.ask("POST", "/api/live/command", {"request": "idle"}).status == 422
+    assert live.ask("DELETE", "/api/live").status == 200
+
+
+@pytest.mark.skipif(shutil.which("curl") is None, reason="no curl here")
+def test_every_action_has_its_command_line(live: Server) -> None:
+    """The lines that the page shows do the same when they are typed in."""
+
+    def type_in(line: str) -> Any:
+        environment = {**os.environ, "TERRAPIN_TOKEN": live.token}
+        done = subprocess.run(["sh", "-c", line], env=environment, capture_output=True, timeout=60, check=True)
+        return json.loads(done.stdout)
+
+    post(live, "live", source="simulator:estop")
+    watch(live, lambda w: bool(w.frames))
+    mark = post(live, "live/command", request="mark", text='it\'s "here"')["command"]
+    assert live.token not in mark
+    assert type_in(mark)["done"] == 'marked: it\'s "here"'
+    start = post(live, "live/record", do="start", name="typed.log")["command"]
+    assert live.ask("POST", "/api/live/record", {"do": "stop"}).status == 200
+    (live.workspace / "logs" / "typed.log").unlink()
+    assert type_in(start)["name"] == "typed.log"
+    end = post(live, "live/record", do="stop")["command"]
+    assert type_in(end)["name"] == "typed.log"  # again: what was recorded last
+    stop = post(live, "live/command", request="idle")["command"]
+    release = post(live, "live/command", request="release")["command"]
+    for line, held in ((stop, True), (release, False)):
+        type_in(line)
+        assert watch(live, lambda w: bool(w.status)).status["stop_held"] is held
+    marks = [e["text"] for e in watch(live, lambda w: bool(w.status)).events if e["kind"] == "mark"]
+    assert marks == ['it\'s "here"'] * 2
+    leave = live.ask("DELETE", "/api/live").json["command"]
+    post(live, "live", source="simulator:estop")
+    type_in(leave)
+    assert live.get("/api/live")["name"] is None
+
+
+def test_a_browser_that_asks_and_does_not_read_costs_one_answer() -> None:
+    """Signals ticked again and again: the past of what is wanted waits once, however often it was asked for."""
+    asked: list[tuple[Any, Callable[[bytes], object]]] = []
+    session: Any = SimpleNamespace(
+        names=["a", "b", "c"],
+        hello=lambda: {"type": "hello"},
+        so_far=lambda: {"events": []},
+        past=lambda wanted, give: asked.append((wanted, give)),
+    )
+
+    async def browse() -> None:
+        audience, client = Audience(), _Client()
+        audience.change(session)
+        audience._begin(client)
+        for number in range(300):
+            audience._do(client, {"want": [number % 3]})
+        assert [wanted for wanted, _ in asked] == [{0}]
+        asked[0][1](b"past of a")
+        await asyncio.sleep(0)  # it comes by way of the loop
+        assert list(client.packets) == [b"past of a"]
+        for number in range(300):
+            audience._do(client, {"want": [number % 3]})
+        assert len(asked) == len(client.packets) == 1
+
+    asyncio.run(browse())
 
 
 def test_injected_faults_are_events(live: Server) -> None:

@@ -45,7 +45,7 @@ export function mount(element, app) {
   const pause = h('button', { type: 'button', text: 'Pause', 'aria-pressed': 'false', onclick: () => setPaused(strip.paused === null) });
   const seconds = h('select', { 'aria-label': 'Seconds shown', onchange: () => { strip.seconds = Number(seconds.value); } }, ...SECONDS.map((s) => h('option', { value: String(s), text: `${s} s`, selected: s === 15 })));
   const markText = h('input', { type: 'text', value: 'mark', maxlength: '60', 'aria-label': 'Words of the mark' });
-  const mark = h('button', { type: 'button', text: 'Mark', onclick: () => run(() => api('live/command', { body: { request: 'mark', text: markText.value || 'mark' } })) });
+  const mark = h('button', { type: 'button', text: 'Mark', onclick: () => command({ request: 'mark', text: markText.value || 'mark' }) });
   const counts = h('p', { class: 'soft small counts' });
   const cursorSaid = h('span', { class: 'soft small' });
   const health = h('div', { class: 'health' });
@@ -128,7 +128,10 @@ export function mount(element, app) {
     else if (found.kind === 'log') { source.value = `upload:${found.id}`; options(); } else tell(`${found.name} is a table, expected a log: the workbench takes tables.`);
     if (found.warnings.length) tell(`${found.name}: ${found.warnings.join('; ')}`);
   }
-  async function end() { await run(() => api('live', { method: 'DELETE' })); }
+  async function end() {
+    const answer = await run(() => api('live', { method: 'DELETE' }));
+    if (answer) app.showCommand(answer.command);
+  }
 
   // ---------------------------------------------------------------- what comes
 
@@ -358,8 +361,11 @@ export function mount(element, app) {
   async function toggleStop() {
     const held = Boolean(state.status?.stop_held);
     if (held && performance.now() - heldSince < STOP_MS) return; // a hurried second click does not let go
-    const answer = await run(() => api('live/command', { body: { request: held ? 'release' : 'idle' } }));
-    if (answer) app.announce(answer.done);
+    await command({ request: held ? 'release' : 'idle' });
+  }
+  async function command(body) {
+    const answer = await run(() => api('live/command', { body }));
+    if (answer) { app.announce(answer.done); app.showCommand(answer.command); }
   }
 
   element.addEventListener('keydown', (event) => {
