@@ -28,6 +28,7 @@ __all__ = ["begin", "end", "router"]
 
 router = APIRouter(prefix="/api", tags=["live"])
 SOURCE = r"^(simulator|log|upload|socketcan|serial|can):[A-Za-z0-9_./:@+-]{1,200}$"
+LOG = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,58}\.(log|blf|mf4|mcap)$"
 _DEVICE = re.compile(r"/dev/[A-Za-z0-9_./-]+(@\d{1,8})?\Z", re.ASCII)
 _CHANNEL = re.compile(r"[A-Za-z0-9_.-]{1,32}\Z", re.ASCII)
 _NAME = re.compile(NAME.removesuffix("$") + r"\Z", re.ASCII)
@@ -66,7 +67,7 @@ class Record(Body):
     """Begin a log (its suffix says of which kind: .log .blf .mf4 .mcap) or end it."""
 
     do: Literal["start", "stop"]
-    name: Annotated[str, StringConstraints(pattern=NAME, max_length=64)] = "live.mf4"
+    name: Annotated[str, StringConstraints(pattern=LOG)] = "live.mf4"
 
 
 class Recorded(BaseModel):
@@ -318,11 +319,7 @@ async def record(context: Terrapin, request: Request, body: Record) -> Recorded:
         if found is None:
             raise Taken("record: nothing is being recorded")
         return Recorded(**{k: found[k] for k in ("name", "frames", "bytes")}, command=_same(request, body))
-    from host_tools.logs.writing import GROWING
-
     path = context.workspace.folder("logs") / body.name
-    if path.suffix.lower() not in GROWING:
-        raise UserError(f"name: found {path.suffix!r}, expected one of {' '.join(GROWING)}")
     if path.exists():
         raise Taken(f"{body.name}: exists already, expected a new name")
     await asyncio.to_thread(session.record, path)
@@ -332,7 +329,7 @@ async def record(context: Terrapin, request: Request, body: Record) -> Recorded:
     return Recorded(name=body.name, frames=0, bytes=0, command=command)
 
 
-@router.post("/live/command", responses=problems(404, 500))
+@router.post("/live/command", responses=problems(404, 409, 500))
 async def command(context: Terrapin, request: Request, body: Command) -> Done:
     """Ask the controller to go idle, again and again until released; or note an event."""
     hub = _hubs[context]

@@ -25,6 +25,7 @@ from host_tools.logs.decoding import Decoded, Decoder
 from host_tools.logs.writing import LogWriter
 from host_tools.monitor.live import Event, Live
 from host_tools.monitor.sources import Bus, Simulator, Source
+from host_tools.web.workspace import Taken
 
 __all__ = ["HEADER", "Picture", "Recording", "Session", "reduced"]
 
@@ -361,12 +362,12 @@ class Session:
             self.live.mark(text)
 
     def record(self, path: Path) -> None:
-        """Begins a log. UserError when there is one already, or it cannot be written."""
+        """Begins a log. Taken when there is one already, UserError when it cannot be written."""
         with self._lock:
             if self.state != "live":
-                raise UserError("the source has ended, expected one that is live")
+                raise Taken("the source has ended, expected one that is live")
             if self._recording is not None:
-                raise UserError(f"{self._recording.path.name} is being recorded, expected to end it first")
+                raise Taken(f"{self._recording.path.name} is being recorded, expected to end it first")
             self._recording = Recording(path, self.decoder)
 
     def stop_recording(self) -> dict[str, Any] | None:
@@ -386,12 +387,12 @@ class Session:
         return self.last_log
 
     def hold_stop(self, held: bool) -> None:
-        """Holds the stop button in, or lets it go. UserError when the source has no controller to stop."""
+        """Holds the stop button in, or lets it go. Taken when the source has no controller to stop."""
         with self._lock:
             if not isinstance(self.source, Simulator) and (not isinstance(self.source, Bus) or self._sender is None):
-                raise UserError("a log has nothing to stop, expected a bus or the simulator")
+                raise Taken("a log has nothing to stop, expected a bus or the simulator")
             if self.state != "live":
-                raise UserError("the source has ended, expected one that is live")
+                raise Taken("the source has ended, expected one that is live")
             if isinstance(self.source, Simulator):
                 self.source.press_stop(held)
             if held != self.stop_held:

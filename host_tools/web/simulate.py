@@ -289,19 +289,9 @@ def _prepare(folder: Path, body: Simulate) -> tuple[str, list[str]]:
     from hil.reading import ReadingError
     from hil.scenario import load_scenario
 
-    if sum(1 for _ in folder.iterdir()) >= MOST_RUNS:
-        raise Taken(f"runs: found {MOST_RUNS}, expected some of them removed")
     source = (paths.ROOT / "hil" / "scenarios" / f"{body.scenario}.toml").read_text(encoding="utf-8")
     text = changed_scenario(source, body)
-    number = 1
-    while True:
-        name = f"{body.scenario[:56]}-{number}"
-        try:
-            (folder / name).mkdir()
-            break
-        except FileExistsError:
-            number += 1
-    run = folder / name
+    run = _new_folder(folder, body.scenario[:56])
     scenario = body.scenario
     if tomllib.loads(text) != tomllib.loads(source):
         file = run / f"{body.scenario}.toml"
@@ -314,7 +304,20 @@ def _prepare(folder: Path, body: Simulate) -> tuple[str, list[str]]:
             raise UserError(str(error).replace(f"{run}/", "")) from None
     seed = ["--seed", str(body.seed)] if body.seed is not None else []
     link = ["--link", body.link] if body.link != "inprocess" else []
-    return name, ["run", scenario, *link, *seed, "--out", str(run), "--json"]
+    return run.name, ["run", scenario, *link, *seed, "--out", str(run), "--json"]
+
+
+def _new_folder(folder: Path, base: str) -> Path:
+    """The next folder of that name. Taken when there are as many runs as are kept."""
+    if sum(1 for _ in folder.iterdir()) >= MOST_RUNS:
+        raise Taken(f"runs: found {MOST_RUNS}, expected some of them removed")
+    number = 1
+    while True:
+        try:
+            (folder / f"{base}-{number}").mkdir()
+            return folder / f"{base}-{number}"
+        except FileExistsError:
+            number += 1
 
 
 def _run(context: Context, name: str) -> Path:
@@ -386,7 +389,12 @@ async def case(context: Terrapin, name: Name, body: KeepCase) -> Started:
     async def told(job: Job) -> None:
         context.events.send({"cases": True})
 
-    job = context.jobs.add("case", None, steps, done=told)
+    try:
+        job = context.jobs.add("case", None, steps, done=told, fresh=target)
+    except UserError:
+        if not body.others:
+            shutil.rmtree(folders[-1], ignore_errors=True)
+        raise
     return Started(id=job.id, run=name, command=job.command)
 
 
@@ -398,12 +406,7 @@ def _again(folder: Path, run: Path) -> list[str]:
     except (OSError, ValueError, KeyError):
         raise UserError(f"{run.name}: the run has not begun, expected one that is complete") from None
     own = run / f"{scenario}.toml"
-    base = re.sub(r"-\d+\Z", "", run.name)
-    number = 1
-    while (folder / f"{base}-{number}").exists():
-        number += 1
-    (folder / f"{base}-{number}").mkdir()
-    out = folder / f"{base}-{number}"
+    out = _new_folder(folder, re.sub(r"-\d+\Z", "", run.name))
     if own.is_file():
         shutil.copyfile(own, out / own.name)
     given = str(out / own.name) if own.is_file() else scenario

@@ -260,7 +260,7 @@ def test_a_source_that_ends_lets_go_of_the_stop(live: Server) -> None:
     found = watch(live, lambda w: w.status.get("state") == "gone")
     assert not found.status["stop_held"]
     assert "the stop button holds nothing: the source has ended" in [e["text"] for e in found.events]
-    assert live.ask("POST", "/api/live/command", {"request": "idle"}).status == 422
+    assert live.ask("POST", "/api/live/command", {"request": "idle"}).status == 409
     assert live.ask("DELETE", "/api/live").status == 200
 
 
@@ -434,7 +434,7 @@ def test_nothing_to_record_or_stop(live: Server) -> None:
     for name in ("x.txt", "x.parquet", "../x.log", "/etc/x.log", ""):
         assert live.ask("POST", "/api/live/record", {"do": "start", "name": name}).status == 422, name
     post(live, "live/record", do="start", name="once.log")
-    assert live.ask("POST", "/api/live/record", {"do": "start", "name": "twice.log"}).status == 422
+    assert live.ask("POST", "/api/live/record", {"do": "start", "name": "twice.log"}).status == 409
     post(live, "live/record", do="stop")
     assert live.ask("POST", "/api/live/record", {"do": "start", "name": "once.log"}).status == 409
 

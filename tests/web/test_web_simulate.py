@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,8 +16,10 @@ from hil import paths
 from hil.run import run
 from hil.scenario import load_scenario
 from host_tools.errors import UserError
+from host_tools.web import simulate
 from host_tools.web.simulate import FaultAt, Segment, Simulate, _description, _never_begun, _runs, changed_scenario
 from host_tools.web.simulate_data import ground_height, run_signals
+from host_tools.web.workspace import Taken
 
 SCENARIOS = sorted((paths.ROOT / "hil" / "scenarios").glob("*.toml"))
 
@@ -211,3 +215,24 @@ def test_ground_height_is_the_slope_integrated() -> None:
     steep = np.gradient(shape["height"], shape["x"])
     assert np.interp(2.5, shape["x"], steep) == pytest.approx(np.tan(0.2), rel=1e-3)
     assert np.interp(0.5, shape["x"], shape["height"]) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_case_that_is_refused_leaves_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The held-out run's folder goes again when no more jobs are taken, and counts among the runs."""
+    folder = tmp_path / "runs" / "x-1"
+    folder.mkdir(parents=True)
+    (folder / "run.toml").write_text('[run]\nscenario = "estop"\nseed = 1\nlink = "inprocess"\n')
+
+    def full(*_: Any, **__: Any) -> Any:
+        raise Taken("jobs: found 100 waiting, expected to wait for some of them")
+
+    context: Any = SimpleNamespace(
+        workspace=SimpleNamespace(root=tmp_path, new_case=lambda name: tmp_path / name), jobs=SimpleNamespace(add=full)
+    )
+    keep = simulate.KeepCase(name="kept")
+    with pytest.raises(Taken, match="jobs: "):
+        asyncio.run(simulate.case(context, "x-1", keep))
+    assert [path.name for path in (tmp_path / "runs").iterdir()] == ["x-1"]
+    monkeypatch.setattr(simulate, "MOST_RUNS", 1)
+    with pytest.raises(Taken, match="runs: found 1"):
+        asyncio.run(simulate.case(context, "x-1", keep))
