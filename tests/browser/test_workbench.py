@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 from random import Random
 
@@ -11,6 +12,7 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page, expect
 from serving import Server
 
+SECONDS = 30.0  # that a busy machine may take for a step
 SERIOUS = ("serious", "critical")
 
 
@@ -103,65 +105,141 @@ def test_a_reload_and_a_second_browser_show_the_same(page: Page, server: Server)
     expect(typing).to_be_focused()  # who types goes on typing
 
 
-def test_a_dropped_table_becomes_a_case(page: Page, server: Server) -> None:
+def one_load() -> bytes:
+    """A table that lacks friction in the bearings, and one of two effects that are the same at the only load."""
+    random = Random(3)
     lines = ["run,w_shell [rad/s],i_motor_mA"]
-    for run in range(6):
-        for row in range(8):
-            omega = 2.0 + row + 0.3 * run
-            torque = 0.09 * 0.08 * 20 + 0.012 + 0.001 * omega + 3e-4 * omega**2 * 0.08 * 20
-            lines.append(f"{run},{omega:.3f},{1e3 * torque * 18 / 80 / 0.1 + 0.7 * ((run * 7 + row * 3) % 5 - 2):.3f}")
-    files = [{"name": "day_1.csv", "mimeType": "text/csv", "buffer": "\n".join(lines).encode()}]
-    page.locator("#files").set_input_files(files)  # type: ignore[arg-type]
+    for run in range(10):
+        middle = random.uniform(2.5, 9.0)
+        for _ in range(8):
+            omega = middle * random.gauss(1.0, 0.1)
+            torque = 0.092 * 0.08 * 18.639 + 0.012 + 3e-3 * omega + 0.28e-3 * omega**2 * 0.08 * 18.639
+            lines.append(f"r{run:02d},{omega:.5f},{1e3 * (torque * 18 / 80 / 0.1 + random.gauss(0, 0.0015)):.3f}")
+    return ("\n".join(lines) + "\n").encode()
+
+
+def drop(page: Page, name: str, content: bytes) -> None:
+    """A file let go over the page."""
+    dropped = page.evaluate_handle(
+        """([name, text]) => {
+          const files = new DataTransfer();
+          files.items.add(new File([text], name, { type: "text/csv" }));
+          return files;
+        }""",
+        [name, content.decode()],
+    )
+    page.locator(".drop").dispatch_event("drop", {"dataTransfer": dropped})
+
+
+def kept(server: Server, constant: str) -> str:
+    """What the server has of a constant of the mapping that is half done."""
+    found = server.get("/api/uploads?drafts=true")
+    return str(found[0]["draft"]["constants"].get(constant)) if found and found[0]["draft"] else ""
+
+
+def test_the_whole_way_from_a_dropped_table_to_the_report(page: Page, server: Server) -> None:
+    """Drop, map, reload, make, compare, discover, experiment, add, remove, own effect, controller, report."""
+    command = page.locator("#command")
+    drop(page, "one_load.csv", one_load())
     form = page.get_by_role("form", name="Map the columns")
     expect(form.get_by_label("what w_shell [rad/s] is")).to_have_value("omega")
     expect(form.get_by_label("what i_motor_mA is")).to_have_value("current")
     expect(form.get_by_label("unit of i_motor_mA")).to_have_value("mA")
+    expect(form.get_by_role("row", name="w_shell [rad/s]")).to_contain_text("3.673  3.596")  # the first values
+    expect(form.get_by_role("combobox", name="run", exact=True)).to_have_value("run")
+    form.get_by_label("title").fill("One load")
+    form.get_by_label("noise sd of i_motor_mA").fill("1,5")
+    form.get_by_role("button", name="Make the case").click()
+    expect(form.get_by_role("alert")).to_contain_text("found 1,5, expected a number above 0")
+    form.get_by_label("noise sd of i_motor_mA").fill("1.5")
+    form.get_by_label("load, N").fill("18.639")
+    until = time.monotonic() + SECONDS
+    while kept(server, "load") != "18.639":
+        assert time.monotonic() < until
+        page.wait_for_timeout(50)
+    assert serious(page) == []
+    page.reload()
+    other = page.context.new_page()  # a second browser sees the same
+    other.goto(page.url)
+    for one in (page, other):
+        again = one.get_by_role("form", name="Map the columns")
+        expect(again.get_by_label("title")).to_have_value("One load")
+        expect(again.get_by_label("noise sd of i_motor_mA")).to_have_value("1.5")
+        expect(again.get_by_label("load, N")).to_have_value("18.639")
     page.get_by_role("link", name="Live").click()  # and back: what is being mapped is still there
     page.get_by_role("link", name="Workbench").click()
-    form.get_by_label("noise sd of i_motor_mA").fill("1,0")
+    expect(command).to_contain_text("'--title=One load'")
+    shown = command.inner_text()
     form.get_by_role("button", name="Make the case").click()
-    expect(form.get_by_role("alert")).to_contain_text("found 1,0, expected a number above 0")
-    form.get_by_label("noise sd of i_motor_mA").fill("1.0")
-    assert serious(page) == []
-    form.get_by_role("button", name="Make the case").click()
-    expect(page.get_by_role("heading", level=1)).to_contain_text("missing")
-    assert server.get("/api/cases/day_1")["columns"]["current"]["unit"] == "A"
+    expect(page.locator(".chip.missing")).to_be_visible()
+    expect(other.get_by_role("form", name="Map the columns")).to_have_count(0)
+    other.close()
+    job = next(job for job in server.get("/api/jobs") if job["do"] == "make")
+    assert job["command"] == shown
+    assert server.get("/api/cases/one_load")["columns"]["current"]["unit"] == "A"
 
-
-def one_load(folder: Path) -> None:
-    """A case in which two effects are the same: only one load was measured."""
-    folder.mkdir()
-    random = Random(3)
-    lines = ["run,w,i"]
-    for run in range(10):
-        middle = random.uniform(2.5, 9.0)
-        for _ in range(8):
-            omega = middle * random.gauss(1.0, 0.02)
-            torque = 0.092 * 0.08 * 18.639 + 0.012 + 1e-3 * omega + 0.28e-3 * omega**2 * 0.08 * 18.639
-            lines.append(f"r{run:02d},{omega:.5f},{1e3 * (torque * 18 / 80 / 0.1 + random.gauss(0, 0.0015)):.3f}")
-    (folder / "m.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (folder / "case.toml").write_text(
-        '[case]\ntitle = "One load"\n[model]\nbase = "rolling_steady"\neffects = []\n[parameters]\nradius = 0.08\n'
-        "drive_radius = 0.018\ntorque_constant = 0.1\ncoulomb = 0.012\nviscous = 1e-3\nload = 18.639\n"
-        '[fit]\nf_o = { value = 0.05, min = 0.0, max = 0.5 }\n[data]\nfiles = ["m.csv"]\nrun = "run"\n[data.columns]\n'
-        'omega = { column = "w", unit = "rad/s" }\ncurrent = { column = "i", unit = "mA", sigma = 1.5 }\n',
-        encoding="utf-8",
-    )
-
-
-def test_the_proposed_experiment_is_run_in_the_simulator(page: Page, server: Server) -> None:
-    one_load(server.workspace / "cases" / "one_load")
-    page.goto(f"{server.line.partition('?')[0]}#workbench/one_load")
+    page.get_by_role("button", name="Compare").click()
+    expect(command).to_have_text("terrapin compare ws/cases/one_load")
+    expect(page.locator(".plots canvas").first).to_be_visible()
     page.get_by_role("button", name="Discover").first.click()
     expect(page.locator(".chip.ambiguous")).to_be_visible()
     plan = page.get_by_role("region", name="Next experiment")
     expect(plan).to_contain_text("load, N")
-    plan.get_by_label("What the simulated robot has").select_option("speed_squared")
+    assert serious(page) == []
+    plan.get_by_label("What the simulated robot has").select_option("speed_squared + viscous_friction")
     plan.get_by_role("button", name="Run it in the simulator").click()
     expect(page.locator("#context")).to_contain_text("One load, and 2 simulated runs")
-    expect(page.locator(".chip.missing")).to_be_visible()
-    expect(page.get_by_role("heading", level=1)).to_contain_text("the model lacks speed_squared")
+    expect(page.get_by_role("heading", level=1)).to_contain_text("the model lacks speed_squared + viscous_friction")
     assert "not measured" in server.get("/api/cases/one_load-simulated")["toml"]
+    assert rungs(page)[0] == 1
+    high = rungs(page)[1]
+
+    both = page.get_by_role("button", name="Add all")
+    both.focus()
+    page.keyboard.press("Enter")
+    expect(page.locator(".ladder")).to_have_attribute("data-rungs", "3")
+    expect(page.locator(".chip.adequate")).to_be_visible()
+    floor = rungs(page)[1]
+    assert floor < 1.3 < 2.0 < high
+    remove = page.get_by_role("button", name="Remove speed_squared")
+    expect(page.get_by_role("button", name="Remove")).to_have_count(2)
+    expect(page.locator("button:focus")).to_have_text("Remove")  # what was pressed is gone: next is what undoes it
+    remove.focus()
+    page.keyboard.press("Enter")
+    expect(page.locator(".ladder")).to_have_attribute("data-rungs", "2")
+    expect(page.locator(".chip.missing")).to_be_visible()
+    focused = page.locator("button:focus")
+    expect(focused).to_have_count(1)
+    assert (focused.get_attribute("aria-label") or focused.inner_text()) in ("Add speed_squared", "Discover")
+
+    page.get_by_text("Own effect").click()
+    own = page.locator(".own")
+    own.get_by_label("name", exact=True).fill("quadratic")
+    own.get_by_label("expression").fill("k * load * omega**2")
+    expect(own.locator(".good")).to_contain_text("sound: k in")
+    own.get_by_role("button", name="Add it").click()
+    expect(page.get_by_role("button", name="Remove quadratic")).to_be_visible()
+    expect(page.locator(".chip.adequate")).to_be_visible()
+    assert rungs(page)[1] < 2.0
+    expect(command).to_contain_text("terrapin add ws/cases/one_load-simulated quadratic '--expression=k * load * omega**2'")
+    page.get_by_role("button", name="Remove quadratic").click()
+    expect(page.locator(".chip.missing")).to_be_visible()
+    page.get_by_role("button", name="Discover").first.click()
+    page.locator(".card[data-effects=speed_squared]").get_by_role("button", name="Add speed_squared").click()
+    expect(remove).to_be_visible()
+    expect(page.locator(".chip.adequate")).to_be_visible()
+    assert rungs(page) == (3, pytest.approx(floor))
+
+    page.get_by_role("button", name="Export parameters").click()
+    controller = page.get_by_role("region", name="Send to controller")
+    expect(controller.get_by_role("link", name="Save the parameters")).to_be_visible(timeout=3000 * SECONDS)
+    expect(controller).to_contain_text("error")
+    expect(command).to_contain_text("&& terrapin run ")
+    page.get_by_role("button", name="Report").click()
+    with page.expect_download() as saved:
+        page.get_by_role("link", name="save it").click()
+    assert "One load, and 2 simulated runs" in Path(saved.value.path()).read_text(encoding="utf-8")
+    assert serious(page) == []
 
 
 def test_an_effect_of_ones_own_is_checked_as_it_is_typed(page: Page) -> None:

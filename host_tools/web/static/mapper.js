@@ -118,8 +118,8 @@ export class Mapper {
       h('div', { class: 'row' }, this.submit, h('button', { type: 'button', text: 'Discard', onclick: () => this.discard() })));
     this.app.keepFocus(this.form, () => this.form.replaceChildren(form));
     this.constants(draft?.constants);
-    form.addEventListener('change', (event) => { // what is typed in a constant changes no other, and keeps the focus
-      if (!this.extra.contains(event.target) || event.target.dataset.key === 'channel') this.constants();
+    form.addEventListener('change', (event) => { // only what a column is changes the constants: who goes on to one keeps it
+      if (this.rows.some((one) => one.is === event.target) || event.target.dataset.key === 'channel') this.app.keepFocus(this.extra, () => this.constants());
     });
     for (const type of ['input', 'change']) form.addEventListener(type, () => this.later());
     this.tellCommand();
