@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import time
 from pathlib import Path
 from random import Random
@@ -221,7 +222,7 @@ def test_the_whole_way_from_a_dropped_table_to_the_report(page: Page, server: Se
     expect(page.get_by_role("button", name="Remove quadratic")).to_be_visible()
     expect(page.locator(".chip.adequate")).to_be_visible()
     assert rungs(page)[1] < 2.0
-    expect(command).to_contain_text("terrapin add ws/cases/one_load-simulated quadratic '--expression=k * load * omega**2'")
+    expect(command).to_contain_text("one_load-simulated quadratic '--expression=k * load * omega**2' --target=")
     page.get_by_role("button", name="Remove quadratic").click()
     expect(page.locator(".chip.missing")).to_be_visible()
     page.get_by_role("button", name="Discover").first.click()
@@ -240,6 +241,51 @@ def test_the_whole_way_from_a_dropped_table_to_the_report(page: Page, server: Se
         page.get_by_role("link", name="save it").click()
     assert "One load, and 2 simulated runs" in Path(saved.value.path()).read_text(encoding="utf-8")
     assert serious(page) == []
+
+
+def test_making_a_case_is_cancelled_in_the_page(page: Page, server: Server) -> None:
+    lines = "".join(f"r{i // 4000},{2.0 + i % 7},{100 + i % 11}\n" for i in range(800_000))
+    content = f"run,w_shell [rad/s],i_motor_mA\n{lines}".encode()
+    file = {"name": "long_one.csv", "mimeType": "text/csv", "buffer": content}
+    page.locator("#files").set_input_files([file])  # type: ignore[list-item]
+    form = page.get_by_role("form", name="Map the columns")
+    expect(form).to_be_visible(timeout=3000 * SECONDS)
+    form.get_by_role("button", name="Make the case").click()
+    bar = form.get_by_role("status")
+    expect(bar).to_contain_text("reading the case ...", timeout=3000 * SECONDS)
+    stop = bar.get_by_role("button", name="Cancel")
+    expect(stop).to_be_focused()
+    page.keyboard.press("Enter")
+    expect(form.get_by_role("alert")).to_have_text("Cancelled: nothing was made.")
+    expect(form.get_by_role("button", name="Make the case")).to_be_focused()
+    assert server.ask("GET", "/api/cases/long_one").status == 404
+    assert list((server.workspace / "cases").glob(".new-*")) == []
+    form.get_by_role("button", name="Discard").click()
+    expect(form).to_have_count(0)
+    until = time.monotonic() + SECONDS
+    while any(one["name"] == "long_one.csv" for one in server.get("/api/uploads")):
+        assert time.monotonic() < until
+        page.wait_for_timeout(50)
+
+
+def test_the_list_shows_commands_that_do_the_same(page: Page, server: Server) -> None:
+    """What stands in the strip, typed into a shell in the server's folder."""
+    command = page.locator("#command")
+    page.get_by_role("button", name="Open the example forced_slip_sand").click()
+    expect(page.locator(".lead .chip")).to_be_visible()
+    folder = "ws/cases/forced_slip_sand"
+    expect(command).to_have_text(f"terrapin case --example forced_slip_sand --to {folder} && terrapin compare {folder}")
+    page.get_by_role("link", name="Cases").click()
+    expect(command).to_have_text("terrapin compare ws/cases")
+    page.on("dialog", lambda dialog: dialog.dismiss())
+    page.get_by_role("button", name="Delete forced_slip_sand").click()
+    shown = command.inner_text()
+    assert server.get("/api/cases/forced_slip_sand")["name"] == "forced_slip_sand"
+    subprocess.run(["sh", "-c", shown], cwd=server.folder, check=True)
+    page.reload()
+    expect(page.get_by_role("button", name="Open the example forced_slip_sand")).to_be_visible()
+    expect(page.get_by_role("button", name="Delete forced_slip_sand")).to_have_count(0)
+    assert server.ask("GET", "/api/cases/forced_slip_sand").status == 404
 
 
 def test_an_effect_of_ones_own_is_checked_as_it_is_typed(page: Page) -> None:

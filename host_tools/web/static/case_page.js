@@ -12,8 +12,9 @@ const CHANGES = ['add', 'remove']; // after these an export is no longer the mod
 const ACTIVE = ['queued', 'running'];
 
 export class CasePage {
-  constructor(element, app, name) {
-    Object.assign(this, { element, app, name, view: null, preview: null, jobs: new Map(), closed: false, turn: 0 });
+  /** `before`: the command line that made the case just now, up to `&& `. */
+  constructor(element, app, name, before = '') {
+    Object.assign(this, { element, app, name, view: null, preview: null, before, jobs: new Map(), closed: false, turn: 0 });
     this.path = `cases/${encodeURIComponent(name)}`;
     this.folder = app.place('cases', name); // for a shell
     this.after = []; // what may have the focus next, by name, when what had it is gone
@@ -48,7 +49,7 @@ export class CasePage {
 
   show() {
     this.head();
-    if (!this.view) this.app.showCommand(`terrapin compare ${this.folder}`);
+    if (!this.view) this.app.showCommand(`${this.before}terrapin compare ${this.folder}`);
     this.load();
     this.resume();
   }
@@ -59,7 +60,8 @@ export class CasePage {
   /** Fetch what the server knows and draw it. */
   async load() {
     const turn = ++this.turn;
-    if (!this.view) this.sketch();
+    if (!this.view) await this.sketch(); // the plot first: the verdict takes the same processors
+    if (this.closed || turn !== this.turn) return;
     try {
       const view = await this.app.api(`${this.path}/view`);
       if (!this.closed && turn === this.turn) this.take(view);

@@ -110,7 +110,7 @@ export class Mapper {
       h('h2', { text: 'Map the columns' }),
       h('p', { class: 'soft small', text: `${this.data.map((one) => one.name).join(', ')}: ${first.rows} ${first.kind === 'log' ? 'frames' : 'rows'}. Guessed from the names of the columns; correct what is wrong. What is not mapped is looked at all the same.` }),
       first.warnings.map((line) => h('p', { class: 'warn small', text: line })),
-      h('div', { class: 'four' }, label('name', this.caseName), label('title', this.title), label('model', this.model), label('run', this.run), this.period ? label('one row every', this.period) : label('one row of', this.every)),
+      h('div', { class: 'four' }, label('name', this.caseName), label('title', this.title), label('model', this.model), label('run', this.run), this.period ? label('one row every', this.period) : label('every n-th row', this.every)),
       h('div', { class: 'scroll wide', tabindex: '0', role: 'region', 'aria-label': 'Columns' }, h('table', { class: 'inputs' },
         h('thead', {}, h('tr', {}, ['column', 'first values', 'is', 'unit', 'noise sd'].map((words) => h('th', { scope: 'col', text: words })))),
         h('tbody', {}, this.rows.map((one) => one.element)))),
@@ -248,7 +248,7 @@ export class Mapper {
       if (found) fit[found.name] = { value: found.value, min: found.min, max: found.max };
     }
     const every = this.every ? this.every.value.trim() : '1';
-    if (!/^[1-9]\d{0,6}$/.test(every)) throw new Error(`one row of: found ${every}, expected a whole number from 1`);
+    if (!/^[1-9]\d{0,6}$/.test(every)) throw new Error(`every n-th row: found ${every}, expected a whole number from 1`);
     return {
       name: this.caseName.value.trim(), title: this.title.value.trim(), base: base.name, uploads: this.data.map((one) => one.id), run: this.run.value, every: Number(every),
       columns, parameters, fit, equation, ...(this.dbc ? { dbc: this.dbc.id } : {}), ...(this.period ? { period: this.period.value.trim() } : {}),

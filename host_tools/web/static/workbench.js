@@ -7,6 +7,7 @@ export function mount(element, app) {
   const { h } = app;
   let page = null; // the case that is open
   let mapper = null;
+  let before = ''; // command line that made the case that is opened next
 
   async function list() {
     page?.close();
@@ -47,9 +48,9 @@ export function mount(element, app) {
 
   async function openExample(name, button) {
     button.disabled = true;
-    app.showCommand(`terrapin case --example ${name} --to ${app.place('cases', name)}`);
     try {
       const made = await app.api(`examples/${encodeURIComponent(name)}`, { method: 'POST' });
+      before = `terrapin case --example ${name} --to ${app.place('cases', name)} && `;
       app.go('workbench', made.name);
     } catch (error) { button.disabled = false; button.after(notice(error.message)); }
   }
@@ -77,7 +78,8 @@ export function mount(element, app) {
       if (!rest) { list(); return; }
       if (page?.name !== rest) {
         page?.close();
-        page = new CasePage(element, app, rest);
+        page = new CasePage(element, app, rest, before);
+        before = '';
       }
       page.show();
     },
