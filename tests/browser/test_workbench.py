@@ -39,7 +39,7 @@ def test_from_the_example_to_the_noise_floor_and_back(page: Page, server: Server
     assert "token" not in page.url
     assert serious(page) == []
     open_example(page, "heated_motor")
-    expect(page.locator(".chip.missing")).to_be_visible()
+    expect(page.locator(".lead .chip.missing")).to_be_visible()
     expect(page.locator(".ladder")).to_have_attribute("data-rungs", "2")
     for place in (".plots .tall", ".plots .pair .plot", ".ladder"):  # all on the first screen
         box = page.locator(place).first.bounding_box()
@@ -63,7 +63,7 @@ def test_from_the_example_to_the_noise_floor_and_back(page: Page, server: Server
     assert (count, error) == (3, pytest.approx(1.10, abs=0.01))  # two held-out runs of six rows: 1.0 and some scatter
     expect(page.locator("#command")).to_contain_text("terrapin add ")
     expect(page.get_by_role("heading", level=1)).to_contain_text("Nothing is missing")
-    expect(page.locator(".chip.adequate")).to_be_visible()
+    expect(page.locator(".lead .chip.adequate")).to_be_visible()
     ladder = server.get("/api/cases/heated_motor")["ladder"]
     assert ladder[-1]["heldout_error"] == pytest.approx(error)
     assert serious(page) == []
@@ -84,7 +84,7 @@ def test_from_the_example_to_the_noise_floor_and_back(page: Page, server: Server
 
     page.get_by_role("button", name="Remove motor_heating").click()
     expect(page.locator(".ladder")).to_have_attribute("data-rungs", "2")
-    expect(page.locator(".chip.missing")).to_be_visible()
+    expect(page.locator(".lead .chip.missing")).to_be_visible()
     assert server.get("/api/cases/heated_motor")["effects"] == ["speed_squared"]
 
 
@@ -172,7 +172,7 @@ def test_the_whole_way_from_a_dropped_table_to_the_report(page: Page, server: Se
     expect(command).to_contain_text("'--title=One load'")
     shown = command.inner_text()
     form.get_by_role("button", name="Make the case").click()
-    expect(page.locator(".chip.missing")).to_be_visible()
+    expect(page.locator(".lead .chip.missing")).to_be_visible()
     expect(other.get_by_role("form", name="Map the columns")).to_have_count(0)
     other.close()
     job = next(job for job in server.get("/api/jobs") if job["do"] == "make")
@@ -183,7 +183,7 @@ def test_the_whole_way_from_a_dropped_table_to_the_report(page: Page, server: Se
     expect(command).to_have_text("terrapin compare ws/cases/one_load")
     expect(page.locator(".plots canvas").first).to_be_visible()
     page.get_by_role("button", name="Discover").first.click()
-    expect(page.locator(".chip.ambiguous")).to_be_visible()
+    expect(page.locator(".lead .chip.ambiguous")).to_be_visible()
     plan = page.get_by_role("region", name="Next experiment")
     expect(plan).to_contain_text("load, N")
     assert serious(page) == []
@@ -199,7 +199,7 @@ def test_the_whole_way_from_a_dropped_table_to_the_report(page: Page, server: Se
     both.focus()
     page.keyboard.press("Enter")
     expect(page.locator(".ladder")).to_have_attribute("data-rungs", "3")
-    expect(page.locator(".chip.adequate")).to_be_visible()
+    expect(page.locator(".lead .chip.adequate")).to_be_visible()
     floor = rungs(page)[1]
     assert floor < 1.3 < 2.0 < high
     remove = page.get_by_role("button", name="Remove speed_squared")
@@ -208,7 +208,7 @@ def test_the_whole_way_from_a_dropped_table_to_the_report(page: Page, server: Se
     remove.focus()
     page.keyboard.press("Enter")
     expect(page.locator(".ladder")).to_have_attribute("data-rungs", "2")
-    expect(page.locator(".chip.missing")).to_be_visible()
+    expect(page.locator(".lead .chip.missing")).to_be_visible()
     focused = page.locator("button:focus")
     expect(focused).to_have_count(1)
     assert (focused.get_attribute("aria-label") or focused.inner_text()) in ("Add speed_squared", "Discover")
@@ -220,15 +220,15 @@ def test_the_whole_way_from_a_dropped_table_to_the_report(page: Page, server: Se
     expect(own.locator(".good")).to_contain_text("sound: k in")
     own.get_by_role("button", name="Add it").click()
     expect(page.get_by_role("button", name="Remove quadratic")).to_be_visible()
-    expect(page.locator(".chip.adequate")).to_be_visible()
+    expect(page.locator(".lead .chip.adequate")).to_be_visible()
     assert rungs(page)[1] < 2.0
     expect(command).to_contain_text("one_load-simulated quadratic '--expression=k * load * omega**2' --target=")
     page.get_by_role("button", name="Remove quadratic").click()
-    expect(page.locator(".chip.missing")).to_be_visible()
+    expect(page.locator(".lead .chip.missing")).to_be_visible()
     page.get_by_role("button", name="Discover").first.click()
     page.locator(".card[data-effects=speed_squared]").get_by_role("button", name="Add speed_squared").click()
     expect(remove).to_be_visible()
-    expect(page.locator(".chip.adequate")).to_be_visible()
+    expect(page.locator(".lead .chip.adequate")).to_be_visible()
     assert rungs(page) == (3, pytest.approx(floor))
 
     page.get_by_role("button", name="Export parameters").click()
