@@ -23,16 +23,8 @@ void slip_update(terrapin_state *state, const terrapin_inputs *inputs);
 /* ---- estimator.c */
 void estimator_restart(terrapin_state *state);
 void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs);
-/* At the end of a slot a new window, a new C_t, in five steps: the window's means, */
-void estimator_window(terrapin_state *state);
-/* its change of momentum, */
-void estimator_momentum(terrapin_state *state, const terrapin_inputs *inputs);
-/* C_t, */
-void estimator_torque(terrapin_state *state, const terrapin_inputs *inputs);
-/* whether it is valid, */
-void estimator_gate(terrapin_state *state);
-/* and its sd. */
-void estimator_deviation(terrapin_state *state);
+/* At the end of a slot: a new window, a new C_t. */
+void estimator_slot(terrapin_state *state, const terrapin_inputs *inputs);
 /* (R/r) K_t I [uN m] of a window: sum of its current codes, zero taken off, in 1/256 code (within 2^30).
  * heat_q20 is K_t over K_t at 25 degC. */
 int32_t estimator_motor_torque(const terrapin_gains *gains, int32_t current_q8, int32_t heat_q20);
@@ -55,13 +47,12 @@ int32_t uncertainty_unm(const terrapin_state *state);
 /* The part of it that follows from the parameters; the gains of C_t are there already. */
 void uncertainty_prepare(terrapin_state *state);
 
-/* ---- ground.c: f_r, the nearest terrain, the quadratic fit; one step each */
-void ground_resistance(terrapin_state *state, const terrapin_inputs *inputs);
-void ground_terrain(terrapin_state *state);
-/* Take a fresh window into the fit; its slope; what is left of the fit. */
-void ground_fit_add(terrapin_state *state);
-void ground_fit_slope(terrapin_state *state);
-void ground_fit_rest(terrapin_state *state);
+/* ---- ground.c: f_r, the nearest terrain, the quadratic fit */
+void ground_slot(terrapin_state *state, const terrapin_inputs *inputs);
+/* A step of taking a fresh window into the fit, where there is one to do; and all of them at once, before what they
+ * take in changes. */
+void ground_fit_work(terrapin_state *state);
+void ground_fit_finish(terrapin_state *state);
 /* Torque of the hard floor at a speed, along the motion [uN m]. */
 int32_t ground_floor_unm(const terrapin_state *state, int32_t omega_urad_s);
 

@@ -20,6 +20,7 @@ enum {
 
 void estimator_restart(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator; /* the sums run on: only their differences mean something */
+    ground_fit_finish(state);
     e->slots = 0U;
     e->swing_ticks = 0U;
     e->quiet_slots = 0U;
@@ -104,17 +105,15 @@ static int32_t swing_momentum(const terrapin_state *state, const terrapin_inputs
     return torque;
 }
 
-void estimator_momentum(terrapin_state *state, const terrapin_inputs *inputs) {
+static void momentum(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_estimator *e = &state->estimator;
-    if (e->ready) {
-        e->acceleration_urad_s2 = e->full ? acceleration(state) : 0;
-        const int32_t inertial =
-            integer_millionth(e->acceleration_urad_s2, (uint32_t)state->parameter[TERRAPIN_PARAMETER_INERTIA]);
-        e->momentum_unm = integer_hold(integer_abs(inertial) + swing_momentum(state, inputs));
-    }
+    e->acceleration_urad_s2 = e->full ? acceleration(state) : 0;
+    const int32_t inertial =
+        integer_millionth(e->acceleration_urad_s2, (uint32_t)state->parameter[TERRAPIN_PARAMETER_INERTIA]);
+    e->momentum_unm = integer_hold(integer_abs(inertial) + swing_momentum(state, inputs));
 }
 
-void estimator_window(terrapin_state *state) {
+static void window(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator;
     const uint32_t n = state->gains.window_slots;
     e->newest = (uint16_t)((e->newest < (HISTORY_SLOTS - 1)) ? (e->newest + 1U) : 0U);
@@ -144,19 +143,16 @@ void estimator_window(terrapin_state *state) {
             integer_clamp(integer_scale(e->current_q8, scale, ticks * 2560), -CURRENT_MAX_10UA, CURRENT_MAX_10UA);
         e->recent_ua = integer_scale(recent_q8, scale, SLOT_MS * 256);
         e->voltage_mv = integer_scale(integer_difference(now->voltage_sum_mv, then->voltage_sum_mv), 1, ticks);
-        e->omega_urad_s = integer_scale(state->gains.count_e5_urad, e->counts, 100 * ticks);
+        e->omega_urad_s = integer_times(&state->rates.motor_window, e->counts);
     }
 }
 
-void estimator_torque(terrapin_state *state, const terrapin_inputs *inputs) {
+static void torque(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_estimator *e = &state->estimator;
-    if (e->ready) {
-        const int32_t drawn = estimator_motor_torque(&state->gains, e->current_q8, compensation_heat_q20(state));
-        e->motor_unm = integer_hold(drawn - compensation_torque(state, inputs, e->counts));
-        e->friction_unm = estimator_friction(&state->gains, state->parameter[TERRAPIN_PARAMETER_COULOMB], e->counts);
-        e->torque_unm =
-            estimator_contact_torque(integer_saturate((int64_t)e->motor_unm - e->friction_unm), &e->saturated);
-    }
+    const int32_t drawn = estimator_motor_torque(&state->gains, e->current_q8, compensation_heat_q20(state));
+    e->motor_unm = integer_hold(drawn - compensation_torque(state, inputs, e->counts));
+    e->friction_unm = estimator_friction(&state->gains, state->parameter[TERRAPIN_PARAMETER_COULOMB], e->counts);
+    e->torque_unm = estimator_contact_torque(integer_saturate((int64_t)e->motor_unm - e->friction_unm), &e->saturated);
 }
 
 /* True when the gate has been met for long enough. */
@@ -178,7 +174,7 @@ static bool quiet(terrapin_state *state) {
     return e->quiet_slots >= QUIET_SLOTS;
 }
 
-void estimator_gate(terrapin_state *state) {
+static void gate(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator;
     e->valid = e->ready && quiet(state) && e->full && !e->saturated;
     if (e->since_fresh < state->gains.window_slots) {
@@ -191,8 +187,15 @@ void estimator_gate(terrapin_state *state) {
     }
 }
 
-void estimator_deviation(terrapin_state *state) {
-    if (state->estimator.ready) {
-        state->estimator.sd_unm = uncertainty_unm(state);
+void estimator_slot(terrapin_state *state, const terrapin_inputs *inputs) {
+    terrapin_estimator *e = &state->estimator;
+    window(state);
+    if (e->ready) {
+        momentum(state, inputs);
+        torque(state, inputs);
+    }
+    gate(state);
+    if (e->ready) {
+        e->sd_unm = uncertainty_unm(state);
     }
 }

@@ -40,6 +40,13 @@ void gains_prepare(terrapin_state *state) {
     g->weight_unm = integer_scale(radius, p[TERRAPIN_PARAMETER_WEIGHT], 1000);
     g->window_slots = (uint32_t)slots;
 
+    const int32_t fast = 100 * p[TERRAPIN_PARAMETER_SLIP_WINDOW]; /* 1e-5 in ms: 100 of them to the second's million */
+    integer_split(&state->rates.motor_speed, g->count_e5_urad, 100 * SPEED_TICKS);
+    integer_split(&state->rates.motor_window, g->count_e5_urad, 100 * (int32_t)samples);
+    integer_split(&state->rates.motor_fast, g->count_e5_urad, fast);
+    integer_split(&state->rates.ground_fast, g->ground_e5_um, fast);
+    integer_split(&state->rates.shell_per_rim, 1000000000, radius);
+
     /* torque of one code in 1e-12 N m, at most 5e5 * 2e6 * 5e3 / 2e3 = 2.5e12; then a window's mean, in Q16 of 1e-6 */
     const int64_t code = integer_divide((int64_t)radius * torque_constant * p[TERRAPIN_PARAMETER_CURRENT_SCALE], drive);
     g->current_gain_q16 = integer_narrow(integer_divide(code * 65536, samples * 1000000), 0, INT32_MAX);

@@ -38,7 +38,7 @@ int32_t ground_floor_unm(const terrapin_state *state, int32_t omega_urad_s) {
 }
 
 /* f_r and its sd, the slope's share of W taken out where comp_slope asks for it. */
-void ground_resistance(terrapin_state *state, const terrapin_inputs *inputs) {
+static void resistance(terrapin_state *state, const terrapin_inputs *inputs) {
     const terrapin_estimator *e = &state->estimator;
     terrapin_ground_fit *ground = &state->ground;
     int32_t torque = e->torque_unm;
@@ -60,33 +60,45 @@ static int32_t eighths(uint32_t off_ppm, int32_t sd_ppm) {
     return integer_scale((int32_t)off_ppm, 8, sd_ppm);
 }
 
-void ground_terrain(terrapin_state *state) {
+static void nearest(terrapin_state *state) {
     terrapin_ground_fit *ground = &state->ground;
     const int64_t own = ground->f_r_sd_ppm;
     const int64_t spread = state->parameter[TERRAPIN_PARAMETER_SD_TERRAIN];
     const int64_t variance = (own * own) + (spread * spread);
     const int32_t sd = (int32_t)integer_root((uint64_t)variance); /* 1 to 2^21 */
     const int32_t square = omega_squared(state->estimator.omega_urad_s);
-    int32_t first = INTEGER_MOST;
-    int32_t second = INTEGER_MOST;
-    ground->terrain = TERRAPIN_TERRAIN_UNKNOWN;
-    for (int32_t i = 1; i <= TERRAINS; i++) {
-        const int32_t off = ground->f_r_ppm - curve_ppm(state, i, square);
-        const int32_t distance_q3 = eighths((uint32_t)integer_abs(off), sd);
-        if (distance_q3 < first) {
-            second = first;
-            first = distance_q3;
-            ground->terrain = i;
-        } else if (distance_q3 < second) {
-            second = distance_q3;
+    uint32_t off[TERRAINS]; /* from each curve; the two least are then told in sd, which keeps their order */
+    uint32_t least = UINT32_MAX;
+    uint32_t next = UINT32_MAX;
+    for (int32_t i = 0; i < TERRAINS; i++) {
+        off[i] = (uint32_t)integer_abs(ground->f_r_ppm - curve_ppm(state, i + 1, square));
+        if (off[i] < least) {
+            next = least;
+            least = off[i];
+        } else if (off[i] < next) {
+            next = off[i];
         } else {
             /* neither */
         }
     }
-    if (first > UNKNOWN_Q3) {
-        ground->terrain = TERRAPIN_TERRAIN_UNKNOWN;
+    const int32_t first = eighths(least, sd);
+    ground->margin_q3 = integer_clamp(eighths(next, sd) - first, 0, MARGIN_MAX_Q3);
+    ground->terrain = TERRAPIN_TERRAIN_UNKNOWN;
+    if (first <= UNKNOWN_Q3) {
+        /* of those that are as near to an eighth of sd, which is rounded, the first in the table */
+        const uint32_t near = (((uint32_t)(first + 1) * (uint32_t)sd) - ((uint32_t)sd / 2U) - 1U) / 8U; /* below 2^25 */
+        int32_t i = 0;
+        while (off[i] > near) { /* the least is not */
+            i++;
+        }
+        ground->terrain = i + 1;
     }
-    ground->margin_q3 = integer_clamp(second - first, 0, MARGIN_MAX_Q3);
+}
+
+void ground_slot(terrapin_state *state, const terrapin_inputs *inputs) {
+    resistance(state, inputs);
+    nearest(state);
+    state->ground.todo = state->estimator.fresh ? (uint8_t)FIT_STEPS : 0U;
 }
 
 static void fit_begin(terrapin_ground_fit *ground) {
@@ -104,11 +116,9 @@ static int64_t moment(int64_t sum, int32_t one, int32_t other) {
     return sum + integer_scale(one, other, MOMENT_Q16) - (sum / FIT_WINDOWS);
 }
 
-void ground_fit_add(terrapin_state *state) {
+/* Takes the fresh window in. */
+static void fit_add(terrapin_state *state) {
     terrapin_ground_fit *g = &state->ground;
-    if (!state->estimator.fresh) {
-        return;
-    }
     if (g->terrain != g->fitted_terrain) {
         fit_begin(g);
     }
@@ -126,27 +136,39 @@ void ground_fit_add(terrapin_state *state) {
     }
 }
 
-void ground_fit_slope(terrapin_state *state) {
-    terrapin_ground_fit *g = &state->ground;
-    if (state->estimator.fresh) {
-        /* slope in 1e-6 a 0.01 rad^2/s^2, that is 1e-4 s^2/rad^2 */
-        g->f_s_e7 = integer_saturate(integer_divide(g->xy * 1000, g->xx + FIT_PRIOR));
-        const int32_t far_ppm = integer_scale(g->f_s_e7, g->x_q8, 256000);
-        g->f_o_10ppm = integer_ratio((g->y_q8 / 256) - far_ppm, 10);
-    }
+static void fit_slope(terrapin_ground_fit *g) {
+    /* slope in 1e-6 a 0.01 rad^2/s^2, that is 1e-4 s^2/rad^2 */
+    g->f_s_e7 = integer_saturate(integer_divide(g->xy * 1000, g->xx + FIT_PRIOR));
+    const int32_t far_ppm = integer_scale(g->f_s_e7, g->x_q8, 256000);
+    g->f_o_10ppm = integer_ratio((g->y_q8 / 256) - far_ppm, 10);
 }
 
-void ground_fit_rest(terrapin_state *state) {
+static void fit_deviations(terrapin_ground_fit *g) {
+    /* sd of the slope: noise / sqrt(information); of f_o: the mean's and the slope's over the mean of x */
+    const int64_t information = g->xx + FIT_PRIOR;
+    const int32_t root =
+        (int32_t)integer_root((uint64_t)information); /* at least 12; the moments' unit makes it 8 times */
+    g->f_s_sd_e7 = (FIT_NOISE_PPM * 1000) / (8 * root);
+    const int64_t mean_sd = (FIT_NOISE_PPM * 16) / (int32_t)integer_root((uint64_t)g->weight_q8);
+    const int64_t far_sd = integer_scale(g->f_s_sd_e7, g->x_q8, 256000);
+    const int64_t variance = (mean_sd * mean_sd) + (far_sd * far_sd);
+    g->f_o_sd_ppm = (int32_t)integer_root((uint64_t)variance);
+}
+
+void ground_fit_work(terrapin_state *state) {
     terrapin_ground_fit *g = &state->ground;
-    if (state->estimator.fresh) {
-        /* sd of the slope: noise / sqrt(information); of f_o: the mean's and the slope's over the mean of x */
-        const int64_t information = g->xx + FIT_PRIOR;
-        const int32_t root =
-            (int32_t)integer_root((uint64_t)information); /* at least 12; the moments' unit makes it 8 times */
-        g->f_s_sd_e7 = (FIT_NOISE_PPM * 1000) / (8 * root);
-        const int64_t mean_sd = (FIT_NOISE_PPM * 16) / (int32_t)integer_root((uint64_t)g->weight_q8);
-        const int64_t far_sd = integer_scale(g->f_s_sd_e7, g->x_q8, 256000);
-        const int64_t variance = (mean_sd * mean_sd) + (far_sd * far_sd);
-        g->f_o_sd_ppm = (int32_t)integer_root((uint64_t)variance);
+    if (g->todo == (uint8_t)FIT_STEPS) {
+        fit_add(state);
+    } else if (g->todo == 2U) {
+        fit_slope(g);
+    } else {
+        fit_deviations(g);
+    }
+    g->todo--;
+}
+
+void ground_fit_finish(terrapin_state *state) {
+    while (state->ground.todo > 0U) {
+        ground_fit_work(state);
     }
 }

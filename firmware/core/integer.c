@@ -88,6 +88,30 @@ int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor) {
     return ((value < 0) != (factor < 0)) ? -(int32_t)size : (int32_t)size;
 }
 
+void integer_split(integer_rate *rate, int32_t value, int32_t divisor) {
+    const uint32_t d = (uint32_t)divisor;
+    const uint32_t ones = (uint32_t)value / d;
+    const uint32_t held = (uint32_t)INTEGER_MOST / (ones + 1U); /* so many keep the result within, */
+    const uint32_t fits = 0x7FFFFFFFU / d;                      /* and so many what is divided within 32 bits */
+    rate->ones = ones;
+    rate->rest = (uint32_t)value - (ones * d);
+    rate->divisor = d;
+    rate->most = (held < fits) ? held : fits;
+}
+
+int32_t integer_times(const integer_rate *rate, int32_t count) {
+    const uint32_t times = magnitude(count);
+    const uint32_t d = rate->divisor;
+    int32_t result;
+    if (times <= rate->most) {
+        result = with_sign_of(count, (rate->ones * times) + (((rate->rest * times) + (d / 2U)) / d));
+    } else {
+        const uint32_t value = (rate->ones * d) + rate->rest;
+        result = integer_scale((int32_t)value, count, (int32_t)d);
+    }
+    return result;
+}
+
 int32_t integer_millionth(int32_t value, uint32_t factor) {
     /* The first 32 bits of n and 33 of the inverse miss less than one half each: the product is the quotient or one
      * less. */

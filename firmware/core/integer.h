@@ -61,6 +61,19 @@ int32_t integer_saturate(int64_t value);
  * Quick while |factor| * divisor is below 2^31. */
 int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor);
 
+/* A value over a divisor, split once so that integer_times is quick. */
+typedef struct {
+    uint32_t ones; /* the value is ones * divisor + rest */
+    uint32_t rest;
+    uint32_t divisor;
+    uint32_t most; /* counts up to this take the quick way */
+} integer_rate;
+
+/* value and divisor > 0. */
+void integer_split(integer_rate *rate, int32_t value, int32_t divisor);
+/* integer_scale(value, count, divisor). Any count. */
+int32_t integer_times(const integer_rate *rate, int32_t count);
+
 /* integer_scale(value, factor, 1000000), and with 2^bits, bits 2 to 30. Factors below 2^31. */
 int32_t integer_millionth(int32_t value, uint32_t factor);
 int32_t integer_shift(int32_t value, uint32_t factor, uint32_t bits);

@@ -14,11 +14,6 @@ static int32_t counted(const uint16_t *counts, uint8_t newest, uint32_t ticks) {
     return (int32_t)forward - ((forward >= 0x8000U) ? 0x10000 : 0);
 }
 
-/* Counts of a unit of 1e-5 in `ticks` ms, as a rate per second. */
-static int32_t rate(int32_t counts, int32_t unit_e5, int32_t ticks) {
-    return integer_scale(unit_e5, counts, 100 * ticks);
-}
-
 /* slip_e4 where the ground passes under the rim at `ground`, both of any unit, rim not 0 [1e-4]. Three steps of long
  * division, whose products fit as long as the rim is slower than 42 m/s. */
 static int32_t slip_of(int32_t ground_um_s, int32_t rim_um_s) {
@@ -65,17 +60,18 @@ static bool speeds(terrapin_state *state) {
         const uint32_t then = ((uint32_t)slip->newest - fast) & (FAST_TICKS - 1U);
         const int32_t swung = integer_difference(slip->swing_sum_centirad_s, state->fast.swing_sum_centirad_s[then]);
         const int32_t alpha =
-            rate(counted(state->fast.motor_counts, slip->newest, fast), g->count_e5_urad, (int32_t)fast);
+            integer_times(&state->rates.motor_fast, counted(state->fast.motor_counts, slip->newest, fast));
         slip->shell_urad_s = integer_hold(alpha - integer_scale(swung, 10000, (int32_t)fast));
         slip->ground_um_s =
-            rate(counted(state->fast.ground_counts, slip->newest, fast), g->ground_e5_um, (int32_t)fast);
+            integer_times(&state->rates.ground_fast, counted(state->fast.ground_counts, slip->newest, fast));
     } else if (slip->slow && (estimator->slots > g->window_slots)) {
         const terrapin_record *now = estimator_record(state, 0U);
         const terrapin_record *then = estimator_record(state, g->window_slots);
         const int32_t ticks = (int32_t)g->window_slots * SLOT_MS;
         slip->shell_urad_s =
-            rate(integer_difference(now->position_counts, then->position_counts), g->count_e5_urad, ticks);
-        slip->ground_um_s = rate(integer_difference(now->ground_counts, then->ground_counts), g->ground_e5_um, ticks);
+            integer_times(&state->rates.motor_window, integer_difference(now->position_counts, then->position_counts));
+        slip->ground_um_s =
+            integer_scale(g->ground_e5_um, integer_difference(now->ground_counts, then->ground_counts), 100 * ticks);
     } else {
         known = false;
     }
@@ -115,8 +111,8 @@ void slip_update(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_slip_state *slip = &state->slip;
     record(state, inputs);
     if (slip->ticks > SPEED_TICKS) {
-        slip->wheel_urad_s = rate(counted(state->fast.motor_counts, slip->newest, (uint32_t)SPEED_TICKS),
-                                  state->gains.count_e5_urad, SPEED_TICKS);
+        slip->wheel_urad_s = integer_times(&state->rates.motor_speed,
+                                           counted(state->fast.motor_counts, slip->newest, (uint32_t)SPEED_TICKS));
         slip->emf_uv = integer_millionth(slip->wheel_urad_s, (uint32_t)state->gains.torque_unm_per_a);
     }
     const bool known = speeds(state);

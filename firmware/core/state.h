@@ -22,7 +22,8 @@ enum {
     CALIBRATE_WINDOWS = 3, /* disjoint valid windows averaged at each calibration speed */
     TERRAINS = 5,          /* entries of the table of terrains: TERRAIN_SAND to TERRAIN_HARD_FLOOR */
     SENSED_FAULTS = 7,
-    FIT_WINDOWS = 64 /* memory of the terrain fit, a power of two */
+    FIT_WINDOWS = 64, /* memory of the terrain fit, a power of two */
+    FIT_STEPS = 3     /* of taking in a window, one a tick */
 };
 
 _Static_assert(HISTORY_SLOTS > (2 * WINDOW_MAX_SLOTS) + BLOCK_SLOTS, "the history holds two windows and a block");
@@ -49,6 +50,15 @@ typedef struct {
     int32_t floor_unm;       /* when calibrated */
     int32_t gain_ppm;        /* relative sd of what a wrong gain scales */
 } terrapin_gains;
+
+/* Derived as well: scales by which counts of every tick become speeds. */
+typedef struct {
+    integer_rate motor_speed;   /* alpha_dot [urad/s] of counts in SPEED_TICKS, */
+    integer_rate motor_window;  /* in the window, */
+    integer_rate motor_fast;    /* in slip_window; */
+    integer_rate ground_fast;   /* and the ground's speed [um/s] there */
+    integer_rate shell_per_rim; /* shell speed [urad/s] of a rim speed [mm/s] */
+} terrapin_rates;
 
 /* The sensors in engineering units. */
 typedef struct {
@@ -121,6 +131,7 @@ typedef struct {
     int64_t xx;        /* second moments about the means, in 64 times the product of the units */
     int64_t xy;
     uint8_t windows;
+    uint8_t todo; /* steps that are left for the last fresh window, of FIT_STEPS */
     /* results */
     int32_t f_r_ppm;
     int32_t f_r_sd_ppm;
@@ -244,6 +255,7 @@ struct terrapin_state {
     uint8_t counter;      /* of ACTUATE */
     bool saturated;       /* a telemetry signal of the running cycle did not fit */
     bool saturated_shown; /* of the last whole cycle */
+    terrapin_rates rates;
     /* long arrays last: what lies near is read with fewer instructions */
     terrapin_fast_history fast;
     terrapin_record history[HISTORY_SLOTS];

@@ -26,16 +26,12 @@ void terrapin_step(terrapin_state *state, const terrapin_inputs *inputs, terrapi
     estimator_tick(state, inputs);
     const uint32_t number = inputs->tick % (uint32_t)SLOT_MS;
     if (number == 1U) { /* just before GROUND is sent */
-        estimator_window(state);
-        estimator_momentum(state, inputs);
-        estimator_torque(state, inputs);
-        estimator_gate(state);
-        estimator_deviation(state);
-        ground_resistance(state, inputs);
-        ground_terrain(state);
-        ground_fit_add(state);
-        ground_fit_slope(state);
-        ground_fit_rest(state);
+        estimator_slot(state, inputs);
+        ground_slot(state, inputs);
+    } else if (state->ground.todo > 0U) { /* in the three ticks that follow, before FIT is sent */
+        ground_fit_work(state);
+    } else {
+        /* nothing is left of it */
     }
     if (number == ((uint32_t)SLOT_MS - 1U)) {
         heading_slot(state, inputs);

@@ -166,7 +166,7 @@ static void calibrate(terrapin_state *state, terrapin_demand *demand) {
 
 /* The shell speed of a rim speed in mm/s; R is at least 1e4 um. */
 static int32_t shell_speed(const terrapin_state *state, int32_t rim_mm_s) {
-    return integer_scale(rim_mm_s * 1000, 1000000, state->parameter[TERRAPIN_PARAMETER_RADIUS]);
+    return integer_times(&state->rates.shell_per_rim, rim_mm_s);
 }
 
 static void run(terrapin_state *state, const terrapin_inputs *inputs, terrapin_demand *demand) {
@@ -181,7 +181,7 @@ static void run(terrapin_state *state, const terrapin_inputs *inputs, terrapin_d
         const bool speed = s->control == TERRAPIN_CONTROL_SPEED;
         demand->mode = speed ? DEMAND_SPEED : DEMAND_VOLTAGE;
         demand->voltage_mv = s->setpoint;
-        demand->speed_urad_s = shell_speed(state, s->setpoint);
+        demand->speed_urad_s = speed ? shell_speed(state, s->setpoint) : 0;
         demand->limiter = s->limiter;
         s->state = state->drive.limiting ? TERRAPIN_STATE_LIMITING : TERRAPIN_STATE_RUN;
         if (extrication_watch(state, direction)) {

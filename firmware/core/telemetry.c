@@ -31,7 +31,7 @@ static bool actuate(terrapin_state *state, const terrapin_inputs *inputs, terrap
     };
     const bool fits = terrapin_pack_actuate(&message, frame);
     terrapin_e2e_protect(frame, state->counter);
-    state->counter = (uint8_t)((state->counter + 1U) % (uint32_t)E2E_COUNTERS);
+    state->counter = (state->counter < (E2E_COUNTERS - 1)) ? (uint8_t)(state->counter + 1U) : 0U;
     return fits;
 }
 

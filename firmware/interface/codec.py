@@ -58,7 +58,7 @@ def header(d: Description) -> str:
 
 def source(d: Description) -> str:
     """Text of terrapin_interface.c."""
-    out = [f"/* {NOTICE} */", '#include "terrapin_interface.h"', ""]
+    out = [f"/* {NOTICE} */", '#include "terrapin_pack.h"', ""]
     if d.parameters:
         out += [*_table(d), "", *_protected(d), ""]
         out.append("const uint32_t terrapin_parameter_hashes[TERRAPIN_PARAMETER_COUNT] = {")
@@ -227,58 +227,37 @@ TERRAPIN_API terrapin_e2e_result terrapin_e2e_check(const terrapin_frame *frame,
 """
 
 _HELPERS = """\
-/* Layout of a message: identifier, length, number of signals, then one word a signal, in the order of the struct: start
- * in bits 0 to 5, length from bit 6, signed in bit 12. All fields of the structs are 32 bits wide, so that a struct is
- * an array of words. */
-#define START(signal)                    ((uint32_t)(signal) & 0x3FU)
-#define LENGTH(signal)                   (((uint32_t)(signal) >> 6U) & 0x3FU)
-#define IS_SIGNED(signal)                (((uint32_t)(signal) & 0x1000U) != 0U)
+/* Layout of a message: identifier, length, number of signals, then one word a signal, in the order of the struct:
+ * start in bits 0 to 5, 32 less its length from bit 6, signed in bit 11. All fields of the structs are 32 bits wide, so
+ * that a struct is an array of words. */
+#define START(signal)                    ((signal) & 0x3FU)
+#define UNUSED(signal)                   (((signal) >> 6U) & 0x1FU)
+#define SIGN(signal)                     (((signal) << 20U) & 0x80000000U)
 #define HEAD_WORDS                       3U
-
-/* The value that the signal's bits can say and that is nearest to word. Fields of 32 bits hold what they can say. */
-static uint32_t fit(uint32_t word, uint16_t signal) {
-    const uint32_t length = LENGTH(signal);
-    uint32_t fitted = word;
-    if (length < 32U) {
-        const uint32_t highest = (1U << (length - (IS_SIGNED(signal) ? 1U : 0U))) - 1U;
-        const uint32_t lowest = IS_SIGNED(signal) ? ~highest : 0U;
-        if ((word & 0x80000000U) != 0U) {
-            fitted = ((word < lowest) || (lowest == 0U)) ? lowest : word; /* two's complement keeps the order */
-        } else {
-            fitted = (word > highest) ? highest : word;
-        }
-    }
-    return fitted;
-}
 
 /* True when nothing was clamped. */
 static bool encode(const void *message, const uint16_t *layout, terrapin_frame *frame) {
     /* A struct of 32-bit integers alone, which is generated below with an assertion of its size. */
     /* cppcheck-suppress misra-c2012-11.5 */
     const uint32_t *words = message;
-    uint32_t low = 0U;
-    uint32_t high = 0U;
-    uint32_t lost = 0U;
-    for (uint32_t i = 0U; i < layout[2]; i++) {
-        const uint16_t signal = layout[HEAD_WORDS + i];
-        const uint32_t start = START(signal);
-        const uint32_t fitted = fit(words[i], signal);
-        const uint32_t bits = fitted & (0xFFFFFFFFU >> (32U - LENGTH(signal)));
-        lost |= fitted ^ words[i];
-        if (start < 32U) {
-            low |= bits << start;
-            high |= (bits >> 1U) >> (31U - start); /* what crosses the middle; a shift by 32 is not defined */
-        } else {
-            high |= bits << (start - 32U);
+    uint64_t packed = 0U;
+    bool fits = true;
+    uint32_t i = layout[2];
+    while (i > 0U) {
+        i--;
+        const uint32_t signal = layout[HEAD_WORDS + i];
+        const uint32_t unused = UNUSED(signal);
+        const uint32_t most = 0xFFFFFFFFU >> unused;
+        const uint32_t half = SIGN(signal) >> unused; /* what the bits say begins at -half and ends at most - half */
+        uint32_t word = words[i];
+        if ((word + half) > most) {
+            word = ((word & 0x80000000U) != 0U) ? (0U - half) : (most - half);
+            fits = false;
         }
+        packed |= (uint64_t)(word & most) << START(signal);
     }
-    frame->id = layout[0];
-    frame->length = (uint8_t)layout[1];
-    for (uint32_t i = 0U; i < 4U; i++) {
-        frame->data[i] = (uint8_t)(low >> (8U * i));
-        frame->data[4U + i] = (uint8_t)(high >> (8U * i));
-    }
-    return lost == 0U;
+    terrapin_fill(frame, layout[0], (uint8_t)layout[1], (uint32_t)packed, (uint32_t)(packed >> 32U));
+    return fits;
 }
 
 /* False when the frame is another message's. */
@@ -294,10 +273,10 @@ static bool decode(const terrapin_frame *frame, const uint16_t *layout, void *me
         high |= (uint32_t)frame->data[4U + i] << (8U * i);
     }
     for (uint32_t i = 0U; ours && (i < layout[2]); i++) {
-        const uint16_t signal = layout[HEAD_WORDS + i];
+        const uint32_t signal = layout[HEAD_WORDS + i];
         const uint32_t start = START(signal);
-        const uint32_t unused = 32U - LENGTH(signal);
-        const uint32_t sign = IS_SIGNED(signal) ? (0x80000000U >> unused) : 0U;
+        const uint32_t unused = UNUSED(signal);
+        const uint32_t sign = SIGN(signal) >> unused;
         uint32_t bits = high >> (start & 0x1FU);
         if (start < 32U) {
             bits = (low >> start) | ((high << 1U) << (31U - start));
@@ -321,9 +300,30 @@ uint8_t terrapin_crc8(uint8_t crc, const uint8_t *bytes, size_t length) {
     return (uint8_t)c;
 }
 
+/* Words of a frame as the CRC takes them: first byte first. */
+static uint32_t big_word(const uint8_t *bytes) {
+    return ((uint32_t)bytes[0] << 24U) | ((uint32_t)bytes[1] << 16U) | ((uint32_t)bytes[2] << 8U) | bytes[3];
+}
+
+/* terrapin_crc8 of the data id and bytes 0 to 6, a word at a time: modulo P = x^8 + x^4 + x^3 + x^2 + 1 the powers
+ * x^25, x^50 and x^14 are x + 1, x^2 + 1 and x^4 + x + 1: a few shifts bring down what stands above them. */
 static uint8_t frame_crc(const terrapin_frame *frame) {
-    const uint8_t data_id[2] = {(uint8_t)(frame->id & 0xFFU), (uint8_t)(frame->id >> 8U)};
-    return terrapin_crc8(terrapin_crc8(0U, data_id, 2U), frame->data, 7U);
+    const uint32_t id = (((uint32_t)frame->id & 0xFFU) << 8U) | ((uint32_t)frame->id >> 8U);
+    const uint32_t begin = id ^ 0xFF00U;
+    const uint32_t first = big_word(frame->data);
+    uint32_t c = big_word(&frame->data[4]) & 0xFFFFFF00U;
+    c ^= (begin << 16U) ^ (begin << 14U); /* begin x^64, as x^14 x^50 */
+    const uint32_t folded = first ^ (first >> 24U) ^ (first >> 25U);
+    c ^= (folded << 8U) ^ (folded << 7U); /* first x^32, as x^7 x^25, and what that pushes out at the top */
+    for (uint32_t i = 0U; i < 2U; i++) { /* 32 bits to 22, to 14 */
+        const uint32_t above = c >> 14U;
+        c = (c & 0x3FFFU) ^ above ^ (above << 1U) ^ (above << 4U);
+    }
+    for (uint32_t i = 0U; i < 2U; i++) { /* to 10, to 8 */
+        const uint32_t above = c >> 8U;
+        c = (c & 0xFFU) ^ above ^ (above << 2U) ^ (above << 3U) ^ (above << 4U);
+    }
+    return (uint8_t)(c ^ 0xFFU);
 }
 
 void terrapin_e2e_protect(terrapin_frame *frame, uint32_t counter) {
@@ -365,17 +365,23 @@ static inline uint32_t terrapin_hold_unsigned(uint32_t value, uint32_t low, uint
     return held;
 }
 
+/* Low byte first. */
+static inline void terrapin_put_word(uint8_t *bytes, uint32_t word) {
+#if defined(__ARM_FEATURE_UNALIGNED) && (__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__)
+    __builtin_memcpy(bytes, &word, sizeof word); /* one store, wherever */
+#else
+    bytes[0] = (uint8_t)word;
+    bytes[1] = (uint8_t)(word >> 8U);
+    bytes[2] = (uint8_t)(word >> 16U);
+    bytes[3] = (uint8_t)(word >> 24U);
+#endif
+}
+
 static inline void terrapin_fill(terrapin_frame *frame, uint16_t id, uint8_t length, uint32_t low, uint32_t high) {
     frame->id = id;
     frame->length = length;
-    frame->data[0] = (uint8_t)low;
-    frame->data[1] = (uint8_t)(low >> 8U);
-    frame->data[2] = (uint8_t)(low >> 16U);
-    frame->data[3] = (uint8_t)(low >> 24U);
-    frame->data[4] = (uint8_t)high;
-    frame->data[5] = (uint8_t)(high >> 8U);
-    frame->data[6] = (uint8_t)(high >> 16U);
-    frame->data[7] = (uint8_t)(high >> 24U);
+    terrapin_put_word(frame->data, low);
+    terrapin_put_word(&frame->data[4], high);
 }
 """
 
@@ -386,7 +392,7 @@ def _layout(message: Message) -> list[str]:
     return [
         f"static const uint16_t layout_{name}[] = {{",
         f"    {head},",
-        *(f"    0x{s.start | s.length << 6 | s.signed << 12:04X}U, /* {s.name} */" for s in message.signals),
+        *(f"    0x{s.start | (32 - s.length) << 6 | s.signed << 11:04X}U, /* {s.name} */" for s in message.signals),
         "};",
         f'_Static_assert(sizeof(terrapin_{name}_t) == (4U * {len(message.signals)}U), "words alone");',
         "",

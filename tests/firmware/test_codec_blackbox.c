@@ -1,5 +1,7 @@
 /* The generated codec on messages whose layout is fixed: known bytes, clamping, E2E. The differential test against an
  * independent DBC reader is tests/python/test_interface.py. */
+#include <string.h>
+
 #include "unity.h"
 
 #include "terrapin_interface.h"
@@ -114,6 +116,28 @@ static void test_protection_detects_every_error_of_up_to_two_bits(void) {
     }
 }
 
+/* The CRC of a frame is worked out by words; terrapin_crc8, byte by byte, is checked against published vectors above.
+ * It is linear, so that each bit alone would do. */
+static void test_protection_is_the_crc_of_the_bytes(void) {
+    uint32_t seed = 1U;
+    for (uint32_t i = 0; i < 20000U; i++) {
+        terrapin_frame frame = {.length = 8};
+        uint8_t bytes[9] = {0};
+        uint8_t words[10];
+        for (size_t k = 0; k < sizeof words; k++) {
+            seed = (seed * 1664525U) + 1013904223U;
+            words[k] = (i < 80U) ? (uint8_t)((k == (i / 8U)) ? (1U << (i % 8U)) : 0U) : (uint8_t)(seed >> 24U);
+        }
+        frame.id = (uint16_t)(words[8] | ((uint32_t)words[9] << 8U));
+        memcpy(frame.data, words, 8);
+        terrapin_e2e_protect(&frame, i);
+        bytes[0] = words[8];
+        bytes[1] = words[9];
+        memcpy(&bytes[2], frame.data, 7);
+        TEST_ASSERT_EQUAL_HEX8(terrapin_crc8(0, bytes, 9), frame.data[7]);
+    }
+}
+
 static void test_protection_covers_the_identifier(void) {
     terrapin_frame frame = {.id = 0x080, .length = 8};
     uint8_t last = TERRAPIN_E2E_NO_COUNTER;
@@ -164,6 +188,7 @@ int main(void) {
     RUN_TEST(test_decode_refuses_other_frames);
     RUN_TEST(test_crc_vectors);
     RUN_TEST(test_protection_detects_every_error_of_up_to_two_bits);
+    RUN_TEST(test_protection_is_the_crc_of_the_bytes);
     RUN_TEST(test_protection_covers_the_identifier);
     RUN_TEST(test_counters);
     RUN_TEST(test_counter_15_is_refused);

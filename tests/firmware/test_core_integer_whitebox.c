@@ -109,6 +109,26 @@ static void test_scale_at_its_edges(void) {
     }
 }
 
+/* Also about the count where the quick way ends. */
+static void test_times_equals_scale(void) {
+    uint32_t quick = 0U;
+    for (int i = 0; i < 300000; i++) {
+        const int32_t value = ((any() & INT32_MAX) >> (rand() % 31)) + (rand() % 2);
+        const int32_t d = ((any() & INTEGER_MOST) >> (rand() % 30)) + (rand() % 2);
+        if ((d > 0) && (value > 0)) {
+            integer_rate rate;
+            integer_split(&rate, value, d);
+            const int32_t edge = (int32_t)rate.most - 1 + (rand() % 3);
+            const int32_t counts[] = {any() >> (rand() % 31), edge, -edge, INT32_MIN, 0};
+            for (size_t k = 0; k < (sizeof counts / sizeof counts[0]); k++) {
+                TEST_ASSERT_EQUAL_INT32(integer_scale(value, counts[k], d), integer_times(&rate, counts[k]));
+            }
+            quick += (magnitude(counts[0]) <= rate.most) ? 1U : 0U;
+        }
+    }
+    TEST_ASSERT_TRUE(quick > 10000U);
+}
+
 static void test_millionth_and_shift_equal_scale(void) {
     for (int i = 0; i < 200000; i++) {
         const int32_t a = any() >> (rand() % 31);
@@ -203,6 +223,7 @@ int main(void) {
     RUN_TEST(test_divide_by_large_denominators_is_good_to_4e_9);
     RUN_TEST(test_scale_equals_the_rounded_quotient);
     RUN_TEST(test_scale_at_its_edges);
+    RUN_TEST(test_times_equals_scale);
     RUN_TEST(test_millionth_and_shift_equal_scale);
     RUN_TEST(test_ratio_rounds_halves_away_from_zero);
     RUN_TEST(test_difference_wraps);
