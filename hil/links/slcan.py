@@ -82,6 +82,7 @@ class SlcanPort:
         speed = getattr(termios, f"B{baud}", None)
         if baud and speed is None:
             raise LinkError(f"{self.path}: no serial line has {baud} bit/s; 1000000 is what the boards use")
+        descriptor = -1
         try:
             descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
             tty.setraw(descriptor, termios.TCSANOW)
@@ -90,6 +91,8 @@ class SlcanPort:
                 settings[4] = settings[5] = speed  # in and out
                 termios.tcsetattr(descriptor, termios.TCSANOW, settings)
         except (OSError, termios.error) as error:
+            if descriptor >= 0:
+                os.close(descriptor)
             reason = error.strerror if isinstance(error, OSError) else "not a terminal"
             raise LinkError(f"{self.path}: cannot open the link: {reason}") from None
         return descriptor, descriptor

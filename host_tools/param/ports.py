@@ -9,13 +9,16 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from hil.firmware import Firmware
 from hil.links import LINKS, check_link_name
-from hil.links.slcan import ControllerProcess, LinkError, SlcanPort, slcan_line
+from hil.links.slcan import ControllerProcess, SlcanPort, slcan_line
 from hil.messages import Frame
 from host_tools.errors import UserError
+
+if TYPE_CHECKING:
+    from hil.links.pythoncan import PythonCan
 
 __all__ = ["FLASH_LINKS", "CanPort", "HostFirmware", "Port", "SerialPort", "open_port"]
 
@@ -101,33 +104,18 @@ class SerialPort:
 class CanPort:
     """A controller on a bus that python-can knows."""
 
-    def __init__(self, kind: str, channel: str, timeout: float) -> None:
-        import can
-
-        self.name = f"{kind}:{channel}"
+    def __init__(self, bus: PythonCan, timeout: float) -> None:
+        self.name = bus.name
+        self._bus = bus
         self._timeout = timeout
-        self._can = can
-        try:
-            self.bus = can.Bus(interface=kind, channel=channel, bitrate=500_000)
-        except Exception as error:  # each adapter's driver has its own way of not being there
-            reason = next(iter(str(error).splitlines()), "") or type(error).__name__
-            raise LinkError(f"{self.name}: cannot open the link: {reason}") from None
 
     def ask(self, frame: Frame, wanted: Callable[[Frame], bool]) -> Frame | None:
         end = time.monotonic() + self._timeout
-        try:
-            self.bus.send(
-                self._can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False), timeout=self._timeout
-            )
-            while (left := end - time.monotonic()) > 0:
-                message = self.bus.recv(left)
-                if message is None or message.is_extended_id or message.is_error_frame or message.is_remote_frame:
-                    continue
-                answer = (message.arbitration_id, bytes(message.data))
-                if wanted(answer):
-                    return answer
-        except (self._can.CanError, OSError) as error:
-            raise LinkError(f"{self.name}: {next(iter(str(error).splitlines()), type(error).__name__)}") from None
+        self._bus.send([frame])
+        while (left := end - time.monotonic()) > 0:
+            answer = self._bus.receive(left)
+            if answer is not None and wanted(answer):
+                return answer
         return None
 
 
@@ -153,8 +141,10 @@ def open_port(name: str, flash: Path | None, timeout: float) -> Iterator[Port]:
             yield SerialPort(name, port)
         elif kind in ("can", "socketcan"):
             interface, channel = ("socketcan", where) if kind == "socketcan" else where.split(":", 1)
-            bus = CanPort(interface, channel, timeout)
-            stack.callback(bus.bus.shutdown)
-            yield bus
+            from hil.links.pythoncan import PythonCan
+
+            bus = PythonCan(interface, channel, timeout)
+            stack.callback(bus.close)
+            yield CanPort(bus, timeout)
         else:
             raise UserError(f"--link: {name} keeps no parameters; expected one of {LINKS} but {kind}")

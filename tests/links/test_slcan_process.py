@@ -304,8 +304,10 @@ def test_paths_that_are_no_link(tmp_path: Path) -> None:
     with pytest.raises(LinkError, match=r"cannot open the link: No such file or directory"):
         SlcanPort.open(tmp_path / "nothing")
     (tmp_path / "file").touch()
+    before = os.listdir("/proc/self/fd")
     with pytest.raises(LinkError, match=r"cannot open the link: not a terminal"):
         SlcanPort.open(tmp_path / "file")
+    assert os.listdir("/proc/self/fd") == before  # none is left open
     with pytest.raises(LinkError, match=r"cannot start the controller"):
         ControllerProcess(tmp_path / "nothing").start()
     with pytest.raises(LinkError, match=r"did not start"):
