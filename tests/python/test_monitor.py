@@ -6,11 +6,13 @@ import asyncio
 import os
 import pty
 import select
+import signal
 import struct
 import sys
 import termios
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from fcntl import ioctl
 from pathlib import Path
 
@@ -160,10 +162,14 @@ def test_display(log: Path, size: tuple[int, int]) -> None:
     async def use() -> None:
         app = MonitorApp(live(), LogFile(log, speed=1000.0), 0.5)
         async with app.run_test(size=size) as pilot:
-            for _ in range(100):
-                await pilot.pause(0.05)
-                if app.source.over and app.live.total == 600:
-                    break
+
+            async def until(holds: Callable[[], bool]) -> None:
+                end = time.monotonic() + SECONDS
+                while not holds():
+                    assert time.monotonic() < end
+                    await pilot.pause(0.05)
+
+            await until(lambda: app.source.over and app.live.total == 600)
             app.draw()
             assert "run" in text(app, "controller")
             assert "none" in text(app, "controller")
@@ -172,21 +178,21 @@ def test_display(log: Path, size: tuple[int, int]) -> None:
             table = app.query_one("#signals", DataTable)
             everything = table.row_count
             await pilot.press("slash", *"torque")
-            await pilot.pause(0.05)
-            assert app.query_one("#filter", Input).value == "torque"
-            assert {str(key.value) for key in table.rows} == {"GROUND.torque", "GROUND.torque_sd"}
+            await until(lambda: app.query_one("#filter", Input).value == "torque")
+            await until(lambda: {str(key.value) for key in table.rows} == {"GROUND.torque", "GROUND.torque_sd"})
             await pilot.press("backspace", *"e[")  # no regular expression: the last good one stays
-            await pilot.pause(0.05)
+            await until(lambda: app.query_one("#filter", Input).value == "torque[")
             assert 0 < table.row_count < everything
             await pilot.press("enter", "p")
             await pilot.press("m")
-            assert app.live.events[-1].text == "mark 1"
+            await until(lambda: app.live.events[-1].text == "mark 1")
             await pilot.press("space")
-            assert app.paused
+            await until(lambda: app.paused)
             await pilot.press("q")
         assert app.failed is None
 
-    asyncio.run(use())
+    with ThreadPoolExecutor(1) as fresh:  # of other tests' event loops
+        fresh.submit(asyncio.run, use()).result()
 
 
 def test_simulator_source() -> None:
@@ -194,7 +200,7 @@ def test_simulator_source() -> None:
     source = Simulator("steady_sand")
     try:
         times: list[float] = []
-        end = time.monotonic() + 20
+        end = time.monotonic() + SECONDS
         while time.monotonic() < end and len(times) < 400:
             times += source.poll().times.tolist()
             time.sleep(0.02)
@@ -225,6 +231,8 @@ def test_in_a_terminal(log: Path) -> None:
         if b"MOTION.slip" in shown and not quitting:
             os.write(terminal, b"q")
             quitting = True
+    else:
+        os.kill(pid, signal.SIGKILL)  # told below
     os.close(terminal)
     _, status = os.waitpid(pid, 0)
     assert quitting, shown[-500:]

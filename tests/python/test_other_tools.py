@@ -75,8 +75,11 @@ def test_cantools_decode(log: Path, frames: Frames) -> None:
 
 
 def test_cantools_monitor(frames: Frames) -> None:
-    """In a terminal of 80 x 24 it shows our messages by name."""
-    group = f"239.74.163.{os.getpid() % 200 + 30}"
+    """In a terminal of 80 x 24 it shows our messages by name. Only those it has room for are sent: which others come
+    before it draws first, and push these off the screen, is a matter of how busy the machine is."""
+    fitting = [identifier for identifier, _ in Decoder(DBC, ("GROUND", "MOTION")).messages]
+    frames = frames.pick(np.isin(frames.identifiers, fitting))
+    group = f"239.74.164.{os.getpid() % 200 + 30}"  # test_log_commands.py has 239.74.163
     pid, terminal = pty.fork()
     if pid == 0:
         os.environ.update(TERM="xterm", LINES="24", COLUMNS="80")
