@@ -97,6 +97,13 @@ def measure(kind: str, seconds: float) -> bool:
             process.send_signal(signal.SIGKILL)
         took = time.monotonic() - begin
         given = int.from_bytes(count.read_bytes(), "little")
+        print(
+            f"{kind}: {given / rate:.0f} s of telemetry, {given} frames ({rate:.0f}/s) written in {took:.0f} s, "
+            f"{path.stat().st_size / 1e6:.0f} MB; memory {settled:.0f} MB after {min(SETTLED, seconds / 2):.0f} s, "
+            f"{last:.0f} MB in the end, {most:.0f} MB at most (bound {BOUND:.0f}); ",
+            end="",
+            flush=True,
+        )
         reader, read, whole = LogReader(path), 0, True
         for block in reader.blocks():
             numbers = np.ascontiguousarray(block.data[:, :4]).view("<u4").ravel()
@@ -104,11 +111,8 @@ def measure(kind: str, seconds: float) -> bool:
             read += len(block)
         lost = (given - read) / rate
         print(
-            f"{kind}: {given / rate:.0f} s of telemetry, {given} frames ({rate:.0f}/s) written in {took:.0f} s, "
-            f"{path.stat().st_size / 1e6:.0f} MB; memory {settled:.0f} MB after {min(SETTLED, seconds / 2):.0f} s, "
-            f"{last:.0f} MB in the end, {most:.0f} MB at most (bound {BOUND:.0f}); after kill -9 {read} frames are "
-            f"read, {'each in its place' if whole else 'NOT IN ORDER'}, the last {lost:.2f} s missing (bound 1); "
-            f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores",
+            f"after kill -9 {read} frames are read, {'each in its place' if whole else 'NOT IN ORDER'}, the last "
+            f"{lost:.2f} s missing (bound 1); load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores",
             flush=True,
         )
         return whole and most <= BOUND and lost <= 1.0

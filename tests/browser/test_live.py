@@ -23,14 +23,7 @@ SERIOUS = ("serious", "critical")
 
 @pytest.fixture(scope="module", autouse=True)
 def warm(server: Server) -> None:
-    """The first look at a source imports and compiles: some seconds, on a busy machine more than a click may take."""
-    for _ in range(4):
-        try:
-            assert server.ask("POST", "/api/live", {"source": "simulator:steady_sand"}).status == 200
-            break
-        except TimeoutError:
-            continue
-    assert server.ask("DELETE", "/api/live").status == 200
+    server.warm_live()
 
 
 def serious(page: Page) -> list[str]:

@@ -114,6 +114,14 @@ class Server:
     def upload(self, name: str, content: bytes) -> Answer:
         return self.ask("POST", f"/api/uploads?name={name}", content)
 
+    def warm_live(self) -> None:
+        """The first look at a source imports and compiles: on a busy machine longer than an answer may take."""
+        for _ in range(4):
+            with contextlib.suppress(TimeoutError):
+                assert self.ask("POST", "/api/live", {"source": "simulator:steady_sand"}).status == 200
+                break
+        assert self.ask("DELETE", "/api/live").status == 200
+
     def files(self) -> dict[str, int]:
         """Every file of the workspace with its size: what was written, and what was not."""
         return {p.relative_to(self.workspace).as_posix(): p.stat().st_size for p in self.workspace.rglob("*")}

@@ -114,13 +114,7 @@ def post(server: Server, path: str, status: int = 200, **body: Any) -> Any:
 
 @pytest.fixture(scope="module", autouse=True)
 def warm(server: Server) -> None:
-    """The first look at a source imports and compiles: some seconds, on a busy machine more than an answer may take."""
-    for _ in range(4):
-        try:
-            assert server.ask("POST", "/api/live", {"source": "simulator:steady_sand"}).status == 200
-            break
-        except TimeoutError:
-            continue
+    server.warm_live()
 
 
 @pytest.fixture
