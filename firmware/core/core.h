@@ -33,7 +33,7 @@ int32_t estimator_friction(const terrapin_gains *gains, int32_t coulomb_unm, int
 /* C_t of a window, held within the full scale; *saturated says when it was. */
 int32_t estimator_contact_torque(int32_t torque_unm, bool *saturated);
 /* A record `slots` back from the newest; slots < estimator.slots. */
-const terrapin_record *estimator_record(const terrapin_state *state, uint32_t slots);
+const terrapin_slot_record *estimator_record(const terrapin_state *state, uint32_t slots);
 
 /* ---- compensation.c: what the robot's model lacks, all zero by default */
 /* K_t(T)/K_t(25 degC) in Q20, within 1/4 to 2. */

@@ -29,7 +29,7 @@ void estimator_restart(terrapin_state *state) {
     e->fresh = false;
 }
 
-const terrapin_record *estimator_record(const terrapin_state *state, uint32_t slots) {
+const terrapin_slot_record *estimator_record(const terrapin_state *state, uint32_t slots) {
     const uint32_t newest = state->estimator.newest;
     const uint32_t wrap = (newest >= slots) ? 0U : (uint32_t)HISTORY_SLOTS;
     return &state->history[(newest + wrap) - slots];
@@ -117,7 +117,7 @@ static void window(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator;
     const uint32_t n = state->gains.window_slots;
     e->newest = (uint16_t)((e->newest < (HISTORY_SLOTS - 1)) ? (e->newest + 1U) : 0U);
-    terrapin_record *now = &state->history[e->newest];
+    terrapin_slot_record *now = &state->history[e->newest];
     *now = e->sum;
     now->position_counts = state->sense.motor_position;
     now->ground_counts = state->sense.ground_position;
@@ -127,8 +127,8 @@ static void window(terrapin_state *state) {
     e->ready = e->slots > n;
     e->full = e->slots > ((2U * n) + (uint32_t)BLOCK_SLOTS);
     if (e->ready) {
-        const terrapin_record *then = estimator_record(state, n);
-        const terrapin_record *last = estimator_record(state, 1U);
+        const terrapin_slot_record *then = estimator_record(state, n);
+        const terrapin_slot_record *last = estimator_record(state, 1U);
         const int32_t ticks = (int32_t)n * SLOT_MS;
         const int32_t scale = state->parameter[TERRAPIN_PARAMETER_CURRENT_SCALE];
         const int32_t zero_q8 = state->gains.zero_q8 + state->sense.trim_q8_codes;
@@ -147,7 +147,7 @@ static void window(terrapin_state *state) {
     }
 }
 
-static void torque(terrapin_state *state, const terrapin_inputs *inputs) {
+static void contact_torque(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_estimator *e = &state->estimator;
     const int32_t drawn = estimator_motor_torque(&state->gains, e->current_q8, compensation_heat_q20(state));
     e->motor_unm = integer_hold(drawn - compensation_torque(state, inputs, e->counts));
@@ -192,7 +192,7 @@ void estimator_slot(terrapin_state *state, const terrapin_inputs *inputs) {
     window(state);
     if (e->ready) {
         momentum(state, inputs);
-        torque(state, inputs);
+        contact_torque(state, inputs);
     }
     gate(state);
     if (e->ready) {

@@ -86,7 +86,9 @@ static void nearest(terrapin_state *state) {
     ground->terrain = TERRAPIN_TERRAIN_UNKNOWN;
     if (first <= UNKNOWN_Q3) {
         /* of those that are as near to an eighth of sd, which is rounded, the first in the table */
-        const uint32_t near = (((uint32_t)(first + 1) * (uint32_t)sd) - ((uint32_t)sd / 2U) - 1U) / 8U; /* below 2^25 */
+        const uint32_t width = (uint32_t)sd;
+        const uint32_t beyond = (uint32_t)first + 1U;
+        const uint32_t near = ((beyond * width) - (width / 2U) - 1U) / 8U; /* below 2^25 */
         int32_t i = 0;
         while (off[i] > near) { /* the least is not */
             i++;

@@ -65,8 +65,8 @@ static bool speeds(terrapin_state *state) {
         slip->ground_um_s =
             integer_times(&state->rates.ground_fast, counted(state->fast.ground_counts, slip->newest, fast));
     } else if (slip->slow && (estimator->slots > g->window_slots)) {
-        const terrapin_record *now = estimator_record(state, 0U);
-        const terrapin_record *then = estimator_record(state, g->window_slots);
+        const terrapin_slot_record *now = estimator_record(state, 0U);
+        const terrapin_slot_record *then = estimator_record(state, g->window_slots);
         const int32_t ticks = (int32_t)g->window_slots * SLOT_MS;
         slip->shell_urad_s =
             integer_times(&state->rates.motor_window, integer_difference(now->position_counts, then->position_counts));

@@ -92,16 +92,16 @@ typedef struct {
     uint32_t ground_counts;
     uint32_t swing_sum_centirad_s;
     uint32_t voltage_sum_mv;
-} terrapin_record;
+} terrapin_slot_record;
 
 typedef struct {
-    terrapin_record sum;  /* running */
-    uint16_t newest;      /* index of the newest record */
-    uint16_t slots;       /* records since the history began anew, stops at HISTORY_SLOTS */
-    uint16_t swing_ticks; /* ticks for which the swing was measured without a gap, stops at 2000 */
-    uint8_t quiet_slots;  /* slots for which the gate has been met, stops at QUIET_SLOTS */
-    uint16_t since_fresh; /* slots since the last disjoint valid window */
-    int32_t ripple_unm;   /* mean deviation of the last slot's torque from the window's */
+    terrapin_slot_record sum; /* running */
+    uint16_t newest;          /* index of the newest record */
+    uint16_t slots;           /* records since the history began anew, stops at HISTORY_SLOTS */
+    uint16_t swing_ticks;     /* ticks for which the swing was measured without a gap, stops at 2000 */
+    uint8_t quiet_slots;      /* slots for which the gate has been met, stops at QUIET_SLOTS */
+    uint16_t since_fresh;     /* slots since the last disjoint valid window */
+    int32_t ripple_unm;       /* mean deviation of the last slot's torque from the window's */
     /* results */
     int32_t motor_unm;    /* (R/r) C_m, compensated for what acts on motor or current */
     int32_t friction_unm; /* A sgn + B w */
@@ -258,7 +258,7 @@ struct terrapin_state {
     terrapin_rates rates;
     /* long arrays last: what lies near is read with fewer instructions */
     terrapin_fast_history fast;
-    terrapin_record history[HISTORY_SLOTS];
+    terrapin_slot_record history[HISTORY_SLOTS];
 };
 
 #endif
