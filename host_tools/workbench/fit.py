@@ -24,6 +24,7 @@ Evaluate = Callable[[Array], tuple[Array, Array]]
 
 ENOUGH = 1e-9  # relative gain at which a fit stops
 SCREENED = 4  # starts kept of an effect's grid
+UNSEEN = 1e-12  # of the largest curvature: less is none
 GRID_LIMIT = 300  # combinations of an effect's grid that are looked at
 
 
@@ -217,13 +218,18 @@ def covariance(fit: Fit, run: npt.NDArray[np.int64], rho: float = 0.0) -> tuple[
     """Covariance of the parameters: from the noise model (AR(1) within runs), and cluster-robust over runs.
 
     `run` (rows,) names the run of each training row. The second makes no assumption about noise or misfit inside a run,
-    but with few runs it is itself noisy (small-sample factor G / (G - 1)).
+    but with few runs it is itself noisy (small-sample factor G / (G - 1)). What the data do not determine (a direction
+    in which nothing changes: an effect that the model's own parameters can take up) has an sd a million times as large
+    as what they do.
     """
     channels, rows, count = fit.jacobian.shape
     flat = fit.jacobian.reshape(channels * rows, count)
     scale = np.sqrt((flat * flat).sum(axis=0))
     scale = np.where(scale > 0, scale, 1.0)
-    inverse = np.linalg.pinv((flat / scale).T @ (flat / scale), rcond=1e-12)
+    values, vectors = np.linalg.eigh((flat / scale).T @ (flat / scale))
+    seen = values > UNSEEN * values.max(initial=0.0)
+    inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
+    free = vectors[:, ~seen] @ vectors[:, ~seen].T / (UNSEEN * max(1.0, values.max(initial=0.0)))
     middle = np.zeros((count, count))
     robust = np.zeros((count, count))
     groups = np.unique(run)
@@ -238,4 +244,4 @@ def covariance(fit: Fit, run: npt.NDArray[np.int64], rho: float = 0.0) -> tuple[
         robust += np.outer(score, score)
     factor = len(groups) / (len(groups) - 1) if len(groups) > 1 else 1.0
     outer = np.outer(scale, scale)
-    return inverse @ middle @ inverse / outer, factor * (inverse @ robust @ inverse) / outer
+    return (inverse @ middle @ inverse + free) / outer, (factor * (inverse @ robust @ inverse) + free) / outer

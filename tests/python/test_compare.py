@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -209,6 +210,26 @@ def test_intervals_cover(tmp_path: Path) -> None:
         sd = float(np.sqrt(covariance(fit, case.run[case.train], 0.8)[0][0, 0]))
         hits += abs(fit.theta[0] - 0.09) < 1.645 * sd
     assert 167 <= hits <= 193
+
+
+def test_what_the_data_do_not_determine_has_no_small_sd(tmp_path: Path) -> None:
+    """Of two columns that are one, either may take up anything; a third keeps its sd; an idle one has none."""
+    random = np.random.default_rng(5)
+    run = np.repeat(np.arange(10), 10)
+    columns = random.standard_normal((1, 100, 2))
+    case = load_case(rolling(tmp_path, 1))
+    fit = fitted_on(case, (), case.train, np.array([0.004]))[-1]
+    residual = random.standard_normal((1, 100))
+
+    def sds(jacobian: np.ndarray) -> np.ndarray:
+        made = replace(fit, jacobian=jacobian, residual=residual)
+        return np.sqrt(np.array([np.diag(c) for c in covariance(made, run, 0.5)]))
+
+    alone = sds(columns)
+    tied = sds(np.concatenate([columns, -3.0 * columns[..., :1], 0.0 * columns[..., :1]], axis=2))
+    assert tied[:, 1] == pytest.approx(alone[:, 1], rel=1e-9)
+    assert (tied[:, [0, 2]] > 1e4 * alone[:, :1]).all()
+    assert (tied[:, 3] > 1e4).all()
 
 
 SPHERE = """[case]
