@@ -91,7 +91,7 @@ def main() -> int:
                 page.locator(".plots canvas, .plots svg").first.wait_for()
 
             say("10,000 rows, compare to the first plot", timed(plot), FIRST_PLOT, "s")
-            page.locator(".lead .chip").wait_for()
+            page.locator(".lead .chip").wait_for(timeout=300_000)  # ms: the verdict, long after the plot
             server.ask("POST", "/api/examples/heated_motor")
             took = [ladder(server, name) for name in ("heated_motor", *others)]
             say("add to ladder, the slowest case", max(took), LADDER, "s")
