@@ -37,6 +37,7 @@ class _Client:
         self.hello: dict[str, Any] | None = None
         self.status: dict[str, Any] | None = None
         self.events: deque[dict[str, Any]] = deque(maxlen=MOST_EVENTS)
+        self.told = 0  # number of the last of them
         self.news = asyncio.Event()
         self.in_flight: deque[int] = deque()
 
@@ -62,8 +63,16 @@ class Audience:
         client.past, client.waits_for_past = None, False
         client.hello = self._session.hello() if self._session is not None else {"type": "hello", "name": None}
         client.status = self._session.so_far() if self._session is not None else None
-        client.events.extend(client.status["events"] if client.status is not None else [])
+        client.told = 0
+        self._tell(client, client.status)
         client.news.set()
+
+    def _tell(self, client: _Client, status: dict[str, Any] | None) -> None:
+        """The events of a status, each once: one on its way may hold some that a browser was given as it came."""
+        for event in status["events"] if status is not None else ():
+            if event["number"] > client.told:
+                client.told = event["number"]
+                client.events.append(event)
 
     def show(self, session: Session, picture: Picture | None, status: dict[str, Any] | None) -> None:
         """Pass on what a session has made."""
@@ -75,7 +84,7 @@ class Audience:
                 client.in_flight.append(picture.number)
             if status is not None:
                 client.status = status
-                client.events.extend(status["events"])
+                self._tell(client, status)
             client.news.set()
 
     async def serve(self, socket: WebSocket) -> None:

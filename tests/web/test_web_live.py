@@ -318,6 +318,19 @@ def test_a_browser_that_asks_and_does_not_read_costs_one_answer() -> None:
     asyncio.run(browse())
 
 
+def test_a_browser_that_comes_in_between_is_told_each_event_once() -> None:
+    """A status that was on its way holds events that the browser was given already."""
+    session: Any = SimpleNamespace(
+        names=[], hello=lambda: {"type": "hello"}, so_far=lambda: {"events": [{"number": 1}, {"number": 2}]}
+    )
+    audience, client = Audience(), _Client()
+    audience.change(session)
+    audience._clients.add(client)
+    audience._begin(client)
+    audience.show(session, None, {"events": [{"number": 2}, {"number": 3}]})
+    assert [event["number"] for event in client.events] == [1, 2, 3]
+
+
 def test_injected_faults_are_events(live: Server) -> None:
     found = watch(
         live,

@@ -213,7 +213,7 @@ export function mount(element, app) {
     state.status = said;
     state.values = said.values;
     strip.zero = said.begin > 1e6 ? said.begin : 0; // times of a bus count from 1970
-    events.push(...said.events.filter((event) => event.number > (events.at(-1)?.number ?? 0)));
+    for (const event of said.events) if (event.number > (events.at(-1)?.number ?? 0)) events.push(event);
     if (events.length > EVENTS) events.splice(0, events.length - EVENTS);
     const words = { live: said.silent ? 'silent' : 'live', over: 'over', gone: 'gone' }[said.state];
     chip.textContent = words;
@@ -251,7 +251,7 @@ export function mount(element, app) {
       const slip = value('MOTION.slip'), over = slip > said.slip_limit;
       one('Slip', number(slip, 3), over ? 'bad' : '', `${value('MOTION.slip_valid') ? '' : 'not valid, '}limit ${number(said.slip_limit)}`);
       const sd = value('GROUND.torque_sd');
-      one('C_t, mN m', value('GROUND.torque') === null ? '–' : `${number(value('GROUND.torque') * 1e3, 3)} ± ${number(sd * 1e3, 2)}`, '', value('GROUND.valid') ? 'valid' : 'not valid: not steady');
+      one('C_t, mN m', value('GROUND.torque') === null ? '–' : `${(value('GROUND.torque') * 1e3).toFixed(1).replace('-', '−')} ± ${(sd * 1e3).toFixed(1)}`, '', value('GROUND.valid') ? 'valid' : 'not valid: not steady');
       one('Terrain', word('GROUND.terrain'), '', `by ${number(value('GROUND.margin'), 2)} sd`);
       one('Motor', `${number(value('ELECTRICAL.current'), 3)} A`, '', `${number(value('ELECTRICAL.voltage'), 3)} V, ${number(value('ELECTRICAL.temperature'), 3)} °C`);
       one('Speed', `${number(value('MOTION.ground_speed'), 3)} m/s`, '', `shell ${number(value('MOTION.shell_speed'), 3)} rad/s`);
