@@ -1,6 +1,7 @@
-"""A full 1 Mbit/s bus, 8,000 frames/s, over a pty: nothing lost in terminal, log and page; cores, redraws a second.
+"""A full 1 Mbit/s bus, 8,000 frames/s, over a pty: nothing lost in terminal, log and page; cores, redraws a second. The
+simulator over a pty into the page for as long.
 
-python tests/bench/bench_live.py [SECONDS] [monitor] [page]
+python tests/bench/bench_live.py [SECONDS] [monitor] [page] [simulator]
 """
 
 from __future__ import annotations
@@ -21,12 +22,14 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
+from playwright.sync_api import Page, Playwright
 from slcan_feeder import Feeder
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "web"))
 
 from serving import Server  # beside the tests that use it
 
+from hil.messages import interface
 from host_tools.logs.reading import read_log
 
 RATE, SECONDS = 8000, 60.0
@@ -105,6 +108,56 @@ def processor_seconds(root: int) -> dict[str, float]:
     return found
 
 
+def live_tab(playwright: Playwright, server: Server) -> Page:
+    browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
+    tab = browser.new_page(viewport={"width": 1280, "height": 800})
+    tab.goto(f"{server.line}#live")
+    tab.wait_for_selector(".tab-live .stop")
+    tab.wait_for_timeout(2000)  # what the page loads is no part of this
+    return tab
+
+
+def counts(tab: Page) -> dict[str, float]:
+    """What the page counts itself."""
+    found = tab.eval_on_selector(".tab-live", "e => ({...e.dataset})")
+    return {name: float(value) for name, value in found.items() if name != "state"}
+
+
+def simulator(seconds: float) -> bool:
+    """The Live tab fed by the simulator, its controller on a pty: shipped scenarios until they make so many seconds."""
+    from playwright.sync_api import sync_playwright
+
+    fast, ticks, rounds, held = interface().messages["SENSORS_FAST"].id, 0, 0, True
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        running(Server(Path(folder))) as server,
+        sync_playwright() as playwright,
+    ):
+        tab = live_tab(playwright, server)
+        while ticks < 1000 * seconds:
+            rounds += 1
+            source = {"source": "simulator:floor_to_sand", "controller": "pty"}
+            assert server.ask("POST", "/api/live", source).status == 200
+            assert server.ask("POST", "/api/live/record", {"do": "start", "name": f"{rounds}.mf4"}).status == 200
+            tab.wait_for_selector(".tab-live[data-state=live]")
+            tab.wait_for_selector(".tab-live[data-state=over]", timeout=120_000)
+            seen = counts(tab)
+            log, _ = read_log(server.workspace / "logs" / f"{rounds}.mf4")
+            made = (
+                np.round(log.times[log.identifiers == fast] * 1e3).astype(int) % 1_000_000
+            )  # a log's own start is apart
+            whole = bool(np.all(np.diff(made) == 1))  # each tick once, in order
+            held &= whole and seen["frames"] == seen["total"] and seen["missed"] == seen["lost"] == 0
+            ticks += len(made)
+            print(
+                f"simulator over a pty: {seen['total']:.0f} frames, {seen['frames']:.0f} in pictures, "
+                f"{seen['missed']:.0f} missed, {seen['lost']:.0f} lost; {len(log)} in the log since it was asked for, "
+                f"{len(made)} ticks {'without a gap' if whole else 'WITH GAPS'}",
+                flush=True,
+            )
+    return held
+
+
 def page(seconds: float) -> bool:
     """The Live tab in Chromium: frames in its pictures, in the log, redraws a second, cores of server and browser."""
     from playwright.sync_api import TimeoutError, sync_playwright
@@ -115,15 +168,10 @@ def page(seconds: float) -> bool:
         sync_playwright() as playwright,
         Feeder(RATE, seconds) as feeder,
     ):
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
-        tab = browser.new_page(viewport={"width": 1280, "height": 800})
-        tab.goto(f"{server.line}#live")
-        tab.wait_for_selector(".tab-live .stop")
-        tab.wait_for_timeout(2000)  # what the page loads is no part of this
+        tab = live_tab(playwright, server)
 
         def state() -> dict[str, float]:
-            found = tab.eval_on_selector(".tab-live", "e => ({...e.dataset})")
-            return {name: float(value) for name, value in found.items() if name != "state"}
+            return counts(tab)
 
         def processors() -> dict[str, float]:
             browsers = processor_seconds(os.getpid())
@@ -149,7 +197,6 @@ def page(seconds: float) -> bool:
             tab.wait_for_selector(f".tab-live[data-total='{sent['sent']:.0f}']", timeout=10_000)
         last = state()
         assert server.ask("POST", "/api/live/record", {"do": "stop"}).status == 200
-        browser.close()
         log, cut = read_log(server.workspace / "logs" / "full.mf4")
     redraws = (after["redraws"] - before["redraws"]) / took
     cores = ", ".join(f"{name} {(now[name] - used[name]) / took:.2f}" for name in now)
@@ -168,6 +215,7 @@ def page(seconds: float) -> bool:
 if __name__ == "__main__":
     given = sys.argv[1:]
     length = float(given[0]) if given and given[0].replace(".", "").isdigit() else SECONDS
-    wanted = [f for f in (monitor, page) if not set(given) & {"monitor", "page"} or f.__name__ in given]
+    every = (monitor, page, simulator)
+    wanted = [f for f in every if not set(given) & {f.__name__ for f in every} or f.__name__ in given]
     held = [f(length) for f in wanted]  # each of them, whatever the first says
     sys.exit(0 if all(held) else 1)
