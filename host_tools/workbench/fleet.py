@@ -12,6 +12,7 @@ error. Only a few cases for each worker are under way, so memory does not grow w
 from __future__ import annotations
 
 import signal
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator
@@ -210,6 +211,19 @@ def _start_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent ends its workers
 
 
+@contextmanager
+def _deaf_children() -> Iterator[None]:
+    """What is started here ignores Ctrl-C from its first instruction; so do we, for as long as starting takes."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may say so
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 class _Processes:
     """Processes of this machine, through joblib's loky. One that dies takes its case down, not the others."""
 
@@ -223,14 +237,16 @@ class _Processes:
         return self.jobs
 
     def submit(self, question: Question, case: Case) -> Future:
-        self.executor = self.executor or _executor(self.jobs)
         try:
-            future: Future = self.executor.submit(attempt, question, case)
+            if self.executor is not None:
+                future: Future = self.executor.submit(attempt, question, case)
+                return future
         except BrokenExecutor:
             self.close()
-            self.executor = _executor(self.jobs)
-            future = self.executor.submit(attempt, question, case)
-        return future
+        self.executor = _executor(self.jobs)
+        with _deaf_children():  # the first call starts the workers
+            first: Future = self.executor.submit(attempt, question, case)
+        return first
 
     def again(self, question: Question, case: Case) -> Outcome:
         """Alone, since it is not known which of the cases under way brought the workers down."""

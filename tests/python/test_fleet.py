@@ -144,6 +144,23 @@ def test_ctrl_c_ends_at_once_and_leaves_whole_lines(tmp_path: Path) -> None:
     wait_for(lambda: not [pid for pid in workers if Path(f"/proc/{pid}").exists()])  # who adopts them may be slow
 
 
+def test_ctrl_c_while_workers_start_says_one_line(tmp_path: Path) -> None:
+    """It reaches them too, before they have been told what to do with it."""
+    folder, target = a_fleet(tmp_path, 3), tmp_path / "answers.jsonl"
+    running = subprocess.Popen(
+        [*TERRAPIN, "discover", folder, "--json", target, "--jobs", "2"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+    wait_for(lambda: workers_of(running.pid))
+    time.sleep(0.1)  # until both run; they import for a second
+    os.killpg(running.pid, signal.SIGINT)
+    _, err = running.communicate(timeout=60)
+    assert err.decode().splitlines() == ["terrapin: interrupted"]
+    assert running.returncode == 130
+
+
 def test_a_reader_that_leaves_is_no_error(tmp_path: Path) -> None:
     folder = a_fleet(tmp_path, 3)
     running = subprocess.Popen(
