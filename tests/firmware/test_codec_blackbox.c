@@ -126,7 +126,8 @@ static void test_protection_is_the_crc_of_the_bytes(void) {
         uint8_t words[10];
         for (size_t k = 0; k < sizeof words; k++) {
             seed = (seed * 1664525U) + 1013904223U;
-            words[k] = (i < 80U) ? (uint8_t)((k == (i / 8U)) ? (1U << (i % 8U)) : 0U) : (uint8_t)(seed >> 24U);
+            const uint32_t one_bit = (k == (i / 8U)) ? (1U << (i % 8U)) : 0U;
+            words[k] = (uint8_t)((i < 80U) ? one_bit : (seed >> 24U));
         }
         frame.id = (uint16_t)(words[8] | ((uint32_t)words[9] << 8U));
         memcpy(frame.data, words, 8);
