@@ -117,7 +117,7 @@ def case(
 def _copy_example(name: str, to: Path) -> str:
     import shutil
 
-    from host_tools.web.workspace import examples
+    from hil.paths import examples
 
     if name not in examples():
         raise UserError(f"--example: found {name!r}, expected one of {', '.join(examples())}")
@@ -128,14 +128,14 @@ def _copy_example(name: str, to: Path) -> str:
 
 def _map(sources: list[Path], to: Path, dbc: Path | None, given: dict[str, Any], json: str) -> None:
     """A case of tables or logs whose columns are mapped by hand."""
-    from host_tools.web import order
-    from host_tools.web.mapper import make
+    from host_tools.workbench import case_order
     from host_tools.workbench.commandline import deliver
+    from host_tools.workbench.from_columns import make
 
     for path in [*sources, *([dbc] if dbc else [])]:
         if not path.is_file():
             raise UserError(f"{path}: no such file")
-    asked = order.read(**given)
+    asked = case_order.read(**given)
     with _whole(to) as scratch:
         made = make(str(scratch), list(map(str, sources)), str(dbc or ""), asked)
     words = [f"{to / 'case.toml'}: {given['base']}, {made['rows']} rows of {made['runs']} runs", *made["warnings"]]

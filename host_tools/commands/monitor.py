@@ -45,7 +45,7 @@ def monitor(
         raise UserError(f"--bitrate: found {bitrate}, expected 1 to 10000000 bit/s")
     if not sys.stdout.isatty():
         raise UserError("monitor needs a terminal; `terrapin log record` and `log info` do without")
-    own = paths.build() / "generated" / "terrapin.dbc"
+    own = paths.dbc()
     live = Live(Decoder(dbc or own), interface() if dbc is None else None, bitrate)
     path = Path(source)
     opened = Bus(link, bitrate) if link else LogFile(path, speed) if path.exists() else Simulator(source, controller)

@@ -138,7 +138,7 @@ class Demo:
     def log(self, chapter: Chapter) -> None:
         """The telemetry, as a candump log, read through the generated DBC"""
         log = self.stage.out / "runs" / "floor_to_sand" / "telemetry.log"
-        shutil.copy(paths.build() / "generated" / "terrapin.dbc", self.stage.out / "terrapin.dbc")
+        shutil.copy(paths.dbc(), self.stage.out / "terrapin.dbc")
         database = cantools.database.can.Database()
         database.add_dbc_file(str(self.stage.out / "terrapin.dbc"))
         lines = log.read_text(encoding="ascii").splitlines()

@@ -45,7 +45,7 @@ class RunFolder:
             self._take()
             self._truth: TextIO = (folder / "truth.csv").open("w", encoding="ascii")
             self._truth.write(",".join(TRUTH) + "\n")
-            shutil.copyfile(paths.build() / "generated" / "terrapin.dbc", folder / "terrapin.dbc")
+            shutil.copyfile(paths.dbc(), folder / "terrapin.dbc")
             self._describe({"complete": False})
         except OSError as error:
             raise self._failed(error) from None

@@ -9,10 +9,11 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query
 from fastapi.responses import FileResponse
 
+from hil import paths
 from host_tools.web import models
 from host_tools.web.context import Terrapin
 from host_tools.web.models import Name, problems
-from host_tools.web.workspace import NAME, NotThere, Taken, examples
+from host_tools.web.workspace import NAME, NotThere, Taken
 
 __all__ = ["router"]
 
@@ -152,7 +153,7 @@ def _titles() -> dict[str, str]:
     import tomllib
 
     found = {}
-    for name, folder in examples().items():
+    for name, folder in paths.examples().items():
         document = tomllib.loads((folder / "case.toml").read_text(encoding="utf-8"))
         if document["model"]["base"] != "driven_wheel":  # terrapin soil tactile reads it
             found[name] = document["case"]["title"]

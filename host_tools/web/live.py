@@ -176,7 +176,7 @@ def _open(context: Context, body: Watch, tell: Any) -> Session:
     from host_tools.logs.decoding import Decoder
     from host_tools.monitor.sources import Bus, LogFile, Simulator, Source
 
-    own = paths.build() / "generated" / "terrapin.dbc"
+    own = paths.dbc()
     given = _stored(context, body.dbc) if body.dbc else None
     decoder = Decoder(given or own)
     kind, _, where = body.source.partition(":")

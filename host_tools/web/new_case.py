@@ -11,9 +11,9 @@ from host_tools.errors import UserError
 from host_tools.web.context import Context, Terrapin
 from host_tools.web.jobs import Job, for_a_shell
 from host_tools.web.models import CLOSED, EffectName, Formula, JobStarted, Line, Name, Parameter, Request, problems
-from host_tools.web.order import arguments
 from host_tools.web.uploads import Identifier, keep_draft, upload_file, upload_view
 from host_tools.web.workspace import Taken
+from host_tools.workbench.case_order import arguments
 
 __all__ = ["router"]
 

@@ -17,7 +17,7 @@ from typing import IO
 from hil import paths
 from host_tools.errors import UserError
 
-__all__ = ["NAME", "NotThere", "Taken", "Workspace", "examples"]
+__all__ = ["NAME", "NotThere", "Taken", "Workspace"]
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
 FOLDERS = ("cases", "jobs", "uploads", "reports", "exports", "logs")
@@ -31,11 +31,6 @@ class NotThere(UserError):
 
 class Taken(UserError):
     """The name is in use, or the case is being worked on."""
-
-
-def examples() -> dict[str, Path]:
-    """The repository's cases by name."""
-    return {path.parent.name: path.parent for path in sorted((paths.ROOT / "cases").glob("*/case.toml"))}
 
 
 class Workspace:
@@ -92,9 +87,9 @@ class Workspace:
 
     def open_example(self, name: str) -> bool:
         """Copy an example into the workspace; False when it was there already. NotThere for none of that name."""
-        found = examples().get(name)
+        found = paths.examples().get(name)
         if found is None:
-            raise NotThere(f"example: found no {name!r}, expected one of {', '.join(examples())}")
+            raise NotThere(f"example: found no {name!r}, expected one of {', '.join(paths.examples())}")
         target = self._path("cases", name)
         if (target / "case.toml").exists():
             return False

@@ -19,7 +19,7 @@ from serving import START, Server
 from test_web_uploads import HEATED, good, made, order
 
 from host_tools.errors import UserError
-from host_tools.web.order import arguments, read
+from host_tools.workbench.case_order import arguments, read
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -1,4 +1,4 @@
-"""A case from files and the mapper's columns: case.toml is written, and read as any other case is.
+"""A case from files whose columns are mapped by hand: case.toml is written, and read as any other case is.
 
 `terrapin case --base` runs it. What is wrong is the complaint of `terrapin compare` about the same case.toml.
 """
@@ -13,13 +13,14 @@ from typing import Any
 import numpy.typing as npt
 import tomlkit
 
+from hil import paths
 from host_tools.errors import UserError
-from host_tools.web.preview import controller_dbc, stream
 from host_tools.workbench.case import load_case
 from host_tools.workbench.commandline import step
 from host_tools.workbench.csv_files import LARGE
 from host_tools.workbench.edit import write_whole
 from host_tools.workbench.from_table import split_unit
+from host_tools.workbench.table_stream import stream
 from host_tools.workbench.tables import LOG_SUFFIXES, Table
 
 __all__ = ["make"]
@@ -29,7 +30,7 @@ THINNED = ".parquet"
 
 
 def make(folder: str, files: list[str], dbc: str, order: dict[str, Any]) -> dict[str, Any]:
-    """Write case.toml and the measurements into the (empty) folder; `order` is that of order.py.
+    """Write case.toml and the measurements into the (empty) folder; `order` is that of case_order.py.
 
     Returns {"rows", "runs", "warnings"}. UserError when the case could not be compared.
     """
@@ -40,7 +41,7 @@ def make(folder: str, files: list[str], dbc: str, order: dict[str, Any]) -> dict
     _check_size(sources, order["every"])
     names = [_bring(place, source, order["every"], order["run"]) for source in sources]
     if logs:
-        shutil.copyfile(Path(dbc) if dbc else controller_dbc(), place / "bus.dbc")
+        shutil.copyfile(Path(dbc) if dbc else paths.dbc(), place / "bus.dbc")
     write_whole(place / "case.toml", _document(order, names, bool(logs)))
     with step("reading the case"):
         case = load_case(place)

@@ -3,7 +3,7 @@
     arguments(order, ["day_1.csv"], "", "my_case")   the words after `terrapin` that make the case
     read(...)                                        what those words ask for
 
-An order is the body of POST /api/cases (new_case.py) as plain values: what case.toml is to say, without the files.
+An order is the body of POST /api/cases (web/new_case.py) as plain values: what case.toml is to say, without the files.
 """
 
 from __future__ import annotations
