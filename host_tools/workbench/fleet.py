@@ -213,15 +213,40 @@ def _start_worker() -> None:
 
 @contextmanager
 def _deaf_children() -> Iterator[None]:
-    """What is started here ignores Ctrl-C from its first instruction; so do we, for as long as starting takes."""
+    """What is started here ignores Ctrl-C from its first instruction on. One that comes meanwhile waits for the end:
+    loky does not survive it between the start of its processes and that of its thread."""
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may say so
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    from joblib.externals.loky.backend import resource_tracker
+
+    resource_tracker.ensure_running()  # started later, it would lift the mask
+    came: list[int] = []
+    usual = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, usual)
+    if came:
+        signal.raise_signal(signal.SIGINT)
+
+
+@contextmanager
+def _quiet_end() -> Iterator[None]:
+    """loky's own thread may still look for work that the end has taken away: its KeyError is no news."""
+    before = threading.excepthook
+
+    def hook(failed: threading.ExceptHookArgs) -> None:
+        if "ExecutorManager" not in type(failed.thread).__name__:
+            before(failed)
+
+    threading.excepthook = hook
+    try:
+        yield
+    finally:
+        threading.excepthook = before
 
 
 class _Processes:
@@ -261,7 +286,8 @@ class _Processes:
 
     def close(self) -> None:
         if self.executor is not None:
-            self.executor.shutdown(wait=True, kill_workers=True)
+            with _quiet_end():
+                self.executor.shutdown(wait=True, kill_workers=True)
 
 
 def _executor(jobs: int) -> Any:

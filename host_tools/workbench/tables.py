@@ -43,14 +43,19 @@ class Table:
     def numbers(self, name: str) -> npt.NDArray[np.float64]:
         """A column as finite numbers. UserError with file, line and field where it is not."""
         column = self.columns[name]
-        if column.dtype.kind not in "fiub" and not _are_numbers(column):
-            texts = column.tolist()
-            row = next((i for i, text in enumerate(texts) if not _is_number(text)), None)
-            if row is not None:
-                found = f"text {shorten(texts[row])}" if str(texts[row]).strip() else "an empty cell"
-                point = " with a decimal point" if "," in str(texts[row]) else ""
-                raise UserError(f"{self.place(row)}: column {name}: found {found}, expected a number{point}")
-        values = column.astype(np.float64)
+        if column.dtype.kind in "fiub":
+            values = column.astype(np.float64)
+        else:
+            texts = [str(cell) for cell in column.tolist()]
+            wrong = next((row for row, text in enumerate(texts) if not _is_number(text)), None)
+            if wrong is not None:
+                text = texts[wrong]
+                found = f"text {shorten(text)}" if text.strip() else "an empty cell"
+                point = " with a decimal point" if "," in text else ""
+                raise UserError(f"{self.place(wrong)}: column {name}: found {found}, expected a number{point}")
+            values = np.array(
+                [float(text) for text in texts]
+            )  # NumPy's astype would lose a Ctrl-C that comes meanwhile
         bad = np.flatnonzero(~(np.abs(values) <= LARGEST))
         if bad.size:
             row = int(bad[0])
@@ -68,21 +73,8 @@ class Table:
         return [str(v).strip() for v in column.tolist()]
 
 
-def _are_numbers(column: Column) -> bool:
-    """Whether all cells of a column of text surely are numbers, at one look."""
-    letters = np.ascontiguousarray(column).view(np.uint32)
-    if column.dtype.kind != "U" or (letters > 127).any() or (letters == ord("_")).any():
-        return False
-    try:
-        column.astype(np.float64)
-    except ValueError:
-        return False
-    return True
-
-
-def _is_number(text: object) -> bool:
+def _is_number(spelling: str) -> bool:
     """As people write numbers in tables: Python's 1_000 and digits of other scripts are text."""
-    spelling = str(text)
     try:
         float(spelling)
     except ValueError:

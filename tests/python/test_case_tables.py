@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import signal
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from casekit import one_line, rolling, terrapin
 
 from host_tools.workbench.case import load_case
 from host_tools.workbench.from_table import guess_columns, split_unit
+from host_tools.workbench.tables import Table
 
 
 @pytest.mark.parametrize(
@@ -103,3 +106,23 @@ def test_tables_that_cannot_be_a_case(tmp_path: Path, capsys: pytest.CaptureFixt
         assert status == 2
         one_line(err, [expected])
         assert not (tmp_path / "case").exists()
+
+
+def test_an_interruption_while_text_is_read_as_numbers_is_not_lost() -> None:
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    def read_for_long() -> None:
+        signal.setitimer(signal.ITIMER_REAL, 0.005)
+        for _ in range(100):  # far longer than the alarm takes
+            table.numbers("u")
+
+    table = Table(Path("a.csv"), {"u": np.array(["0.25"] * 20_000)}, 2)
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        for _ in range(20):
+            with pytest.raises(KeyboardInterrupt):
+                read_for_long()
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)

@@ -52,8 +52,8 @@ def workers_of(parent: int) -> list[int]:
 def leaves_ctrl_c(worker: int) -> bool:
     """Whether a worker has come so far that it leaves Ctrl-C to its parent."""
     status = Path(f"/proc/{worker}/status").read_text()
-    ignored = next(line.split()[1] for line in status.splitlines() if line.startswith("SigIgn"))
-    return bool(int(ignored, 16) >> (signal.SIGINT - 1) & 1)
+    masks = (line.split()[1] for line in status.splitlines() if line.startswith(("SigIgn", "SigBlk")))
+    return any(int(mask, 16) >> (signal.SIGINT - 1) & 1 for mask in masks)
 
 
 def wait_for(condition: Any, seconds: float = 60.0) -> Any:
@@ -124,22 +124,28 @@ def test_a_worker_that_dies_is_replaced_and_changes_nothing(tmp_path: Path) -> N
     assert without_seconds(killed.read_text()) == without_seconds(expected.read_text())
 
 
+def discovering(folder: Path, target: Path) -> subprocess.Popen[bytes]:
+    """A folder on two processes, all in a group of their own."""
+    command = [*TERRAPIN, "discover", folder, "--json", target, "--jobs", "2"]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True)
+
+
+def interrupted(running: subprocess.Popen[bytes]) -> list[str]:
+    """Ctrl-C as a terminal sends it, to the whole group; the lines that were said until it ended, none of them lost."""
+    os.killpg(running.pid, signal.SIGINT)
+    _, err = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert b"Traceback" not in err
+    return err.decode().splitlines()
+
+
 def test_ctrl_c_ends_at_once_and_leaves_whole_lines(tmp_path: Path) -> None:
     folder, target = a_fleet(tmp_path, 12), tmp_path / "answers.jsonl"
-    running = subprocess.Popen(
-        [*TERRAPIN, "discover", folder, "--json", target, "--jobs", "2"],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-    )
+    running = discovering(folder, target)
     wait_for(lambda: target.exists() and target.stat().st_size)
     wait_for(lambda: all(map(leaves_ctrl_c, workers_of(running.pid))))  # on a busy machine the second may be late
     workers = workers_of(running.pid)
-    os.killpg(running.pid, signal.SIGINT)  # as a terminal does: to the whole group
-    _, err = running.communicate(timeout=60)
-    assert running.returncode == 130
-    assert err.decode().splitlines()[-1] == "terrapin: interrupted"
-    assert b"Traceback" not in err
+    assert interrupted(running)[-1] == "terrapin: interrupted"
     assert 1 <= len(lines(target.read_text())) < 12  # at once: what was not begun is not done
     wait_for(lambda: not [pid for pid in workers if Path(f"/proc/{pid}").exists()])  # who adopts them may be slow
 
@@ -147,18 +153,9 @@ def test_ctrl_c_ends_at_once_and_leaves_whole_lines(tmp_path: Path) -> None:
 def test_ctrl_c_while_workers_start_says_one_line(tmp_path: Path) -> None:
     """It reaches them too, before they have been told what to do with it."""
     folder, target = a_fleet(tmp_path, 3), tmp_path / "answers.jsonl"
-    running = subprocess.Popen(
-        [*TERRAPIN, "discover", folder, "--json", target, "--jobs", "2"],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-    )
-    wait_for(lambda: workers_of(running.pid))
-    time.sleep(0.1)  # until both run; they import for a second
-    os.killpg(running.pid, signal.SIGINT)
-    _, err = running.communicate(timeout=60)
-    assert err.decode().splitlines() == ["terrapin: interrupted"]
-    assert running.returncode == 130
+    running = discovering(folder, target)
+    wait_for(lambda: len(workers_of(running.pid)) == 1)  # at once: they import for a second
+    assert interrupted(running) == ["terrapin: interrupted"]
 
 
 def test_a_reader_that_leaves_is_no_error(tmp_path: Path) -> None:
