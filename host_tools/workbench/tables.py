@@ -53,9 +53,8 @@ class Table:
                 found = f"text {shorten(text)}" if text.strip() else "an empty cell"
                 point = " with a decimal point" if "," in text else ""
                 raise UserError(f"{self.place(wrong)}: column {name}: found {found}, expected a number{point}")
-            values = np.array(
-                [float(text) for text in texts]
-            )  # NumPy's astype would lose a Ctrl-C that comes meanwhile
+            # Not by NumPy's astype: a Ctrl-C that comes while it reads text is lost.
+            values = np.array([float(text) for text in texts])
         bad = np.flatnonzero(~(np.abs(values) <= LARGEST))
         if bad.size:
             row = int(bad[0])
