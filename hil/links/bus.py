@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
 from types import TracebackType
 from typing import Protocol, Self
@@ -24,8 +25,8 @@ class Bus(Protocol):
 
     def send(self, frames: Sequence[Frame]) -> None: ...
 
-    def receive(self, wait: float) -> Frame | None:
-        """The next frame with an identifier of the controller; None when none comes within `wait` seconds."""
+    def receive(self, wait: float) -> list[Frame]:
+        """The frames with identifiers of the controller that are there; it waits `wait` seconds for the first."""
 
     def close(self) -> None: ...
 
@@ -41,27 +42,29 @@ class BusLink:
         self._interface = interface()
         self._actuate = self._interface.messages["ACTUATE"].id
         self._sender = Sender(self._interface)
+        self._waiting: deque[Frame] = deque()  # received, not yet asked for
 
     def _receive(self, until: int) -> list[Frame]:
         """The controller's frames up to the first with identifier `until`, that one included."""
         end = 0.0
         frames: list[Frame] = []
         while True:
-            # The clock is asked only when other frames come first: two calls of the system less a tick.
-            wait = self._timeout if not frames else max(0.0, end - time.monotonic())
-            frame = self._bus.receive(wait)
-            if frame is None:
+            while self._waiting:
+                frames.append(self._waiting.popleft())
+                if frames[-1][0] == until:
+                    return frames
+            # The clock is asked only when more than one call is needed: in lockstep each call of the system counts.
+            wait = max(0.0, end - time.monotonic()) if end else self._timeout
+            self._waiting += self._bus.receive(wait)
+            if not self._waiting:
                 raise LinkError(f"{self.name}: no answer within {self._timeout:g} s")
-            frames.append(frame)
-            if frame[0] == until:
-                return frames
-            if len(frames) == 1:
-                end = time.monotonic() + self._timeout
+            end = end or time.monotonic() + self._timeout
 
     def _drain(self, wait: float = 0.05) -> list[Frame]:
-        frames: list[Frame] = []
-        while (frame := self._bus.receive(wait)) is not None:
-            frames.append(frame)
+        while heard := self._bus.receive(wait):
+            self._waiting += heard
+        frames = list(self._waiting)
+        self._waiting.clear()
         return frames
 
     def start(self, parameters: Mapping[str, float]) -> None:
@@ -72,8 +75,9 @@ class BusLink:
             return self._receive(reply)
 
         for _ in range(MOST_OLD):  # a full queue would have no place for the answer
-            if self._bus.receive(0.0) is None:
+            if not self._bus.receive(0.0):
                 break
+        self._waiting.clear()
         # What comes before the answer is of the time before test mode, when the controller may step by itself.
         question = self._sender.frame("PARAMETER_READ", {"index": 0})
         exchange([*self._sender.test_mode(False), *self._sender.test_mode(), question])
@@ -104,8 +108,7 @@ class BusLink:
         end = time.monotonic() + wait
         heard: list[Frame] = []
         while (left := end - time.monotonic()) > 0:
-            if (frame := self._bus.receive(left)) is not None:
-                heard.append(frame)
+            heard += self._bus.receive(left)
         return heard
 
     def close(self) -> None:

@@ -45,7 +45,7 @@ class PythonCan:
         except (can.CanError, OSError) as error:
             raise LinkError(f"{self.name}: {_reason(error)}") from None
 
-    def receive(self, wait: float) -> Frame | None:
+    def receive(self, wait: float) -> list[Frame]:
         end = time.monotonic() + wait
         while True:
             try:
@@ -53,10 +53,10 @@ class PythonCan:
             except (can.CanError, OSError, ValueError, TypeError) as error:
                 raise LinkError(f"{self.name}: the link disappeared ({error})") from None
             if message is None:
-                return None
+                return []
             plain = not (message.is_extended_id or message.is_remote_frame or message.is_error_frame)
             if plain and message.arbitration_id in self._own:
-                return message.arbitration_id, bytes(message.data)
+                return [(message.arbitration_id, bytes(message.data))]
 
     def close(self) -> None:
         self._bus.shutdown()

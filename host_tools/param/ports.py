@@ -113,9 +113,9 @@ class CanPort:
         end = time.monotonic() + self._timeout
         self._bus.send([frame])
         while (left := end - time.monotonic()) > 0:
-            answer = self._bus.receive(left)
-            if answer is not None and wanted(answer):
-                return answer
+            for answer in self._bus.receive(left):
+                if wanted(answer):
+                    return answer
         return None
 
 

@@ -52,12 +52,12 @@ class Adapter:
     def send(self, frames: Sequence[Frame]) -> None:
         self.write(b"".join(map(slcan_line, frames)))
 
-    def receive(self, wait: float) -> Frame | None:
+    def receive(self, wait: float) -> list[Frame]:
         end = time.monotonic() + wait
         while not self._frames:
             left = end - time.monotonic()
             if left <= 0 or not select.select([self._master], [], [], left)[0]:
-                return None
+                return []
             *lines, self._rest = (self._rest + os.read(self._master, 65536)).split(b"\r")
             for line in lines:
                 if line[:1] == b"t":
@@ -65,7 +65,8 @@ class Adapter:
                 else:
                     self.commands.append(line)
                 self.write(b"\a" if self.bell else b"z\r" if line[:1] == b"t" else b"\r")
-        return self._frames.pop(0)
+        frames, self._frames = self._frames, []
+        return frames
 
     def close(self) -> None:
         if self._master >= 0:
@@ -104,7 +105,7 @@ def short(seconds: float) -> Scenario:
 
 def test_lockstep_through_an_adapter(adapter: Adapter, controller: subprocess.Popen[str]) -> None:
     with BusLink(adapter) as link:
-        assert adapter.receive(5.0) is not None
+        assert adapter.receive(5.0)
         assert adapter.commands == [b"", b"C", b"S6", b"O"]
         result = run(short(1.0), link)
         assert result.output_hash == run(short(1.0)).output_hash
@@ -134,7 +135,7 @@ def test_free_running_steps_by_the_clock(adapter: Adapter, controller: subproces
 def test_an_adapter_that_refuses_is_counted(adapter: Adapter, controller: subprocess.Popen[str]) -> None:
     adapter.bell = True
     for _ in range(20):
-        assert adapter.receive(2.0) is not None
+        assert adapter.receive(2.0)
     adapter.write(b"rubbish\rt08\r")
     time.sleep(0.1)
     said = finish(controller)
@@ -144,7 +145,7 @@ def test_an_adapter_that_refuses_is_counted(adapter: Adapter, controller: subpro
 
 
 def test_an_adapter_that_is_unplugged(adapter: Adapter, controller: subprocess.Popen[str]) -> None:
-    assert adapter.receive(5.0) is not None
+    assert adapter.receive(5.0)
     path = adapter.path
     adapter.close()
     time.sleep(0.5)

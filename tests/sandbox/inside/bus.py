@@ -71,12 +71,13 @@ def test_candump_writes_what_both_said(bus: str) -> None:
     scenario = short("steady_sand", 1.0)
     log = Path(os.environ["TMPDIR"]) / "bus.log"
     with log.open("w") as file:
-        dump = subprocess.Popen(["candump", "-L", bus], stdout=file)
+        dump = subprocess.Popen(["candump", "-L", "-r", "8388608", bus], stdout=file)  # it is slower than they are
         time.sleep(0.5)
     with Controller("--can", bus) as controller:
         result = run(scenario, f"socketcan:{bus}")
         assert controller.stop() == 0
-        time.sleep(0.3)
+        wait_for(lambda: log.read_text().count(" 100#") == scenario.ticks, "the log")
+        time.sleep(0.3)  # the last answer
         dump.terminate()
         dump.wait()
     found = read(log).identifiers
