@@ -37,7 +37,7 @@ import numpy.typing as npt
 
 from host_tools.errors import UserError
 from host_tools.soil.tactile import Noise, Points, Rig
-from host_tools.workbench.case import Tables, read_case_text, read_document
+from host_tools.workbench.case_text import Tables, read_case_text, read_document
 from host_tools.workbench.measurements import mapped_column
 from host_tools.workbench.places import locate
 from host_tools.workbench.tables import read

@@ -9,23 +9,28 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from hil.physics.effects import Effect, catalogue
-from hil.physics.expression import Expression
-from hil.reading import ReadingError, parse_toml, shorten
+from hil.physics.expression import Expression, parse
+from hil.reading import shorten
+from hil.units import read_unit
+from hil.units import units as registry
 from host_tools.errors import UserError
 from host_tools.workbench.bases import BASES, ROLES, Base, formula_name
+from host_tools.workbench.case_text import Complaint, Estimate, Tables, read_case_text, read_document, read_estimate
+from host_tools.workbench.limits import read_limits
+from host_tools.workbench.measurements import read_measurements
 from host_tools.workbench.places import locate
+from host_tools.workbench.units import check, quantity, same_kind, si_factor
+from host_tools.workbench.user_effects import read_library, sound
 
-__all__ = ["Case", "Complaint", "Estimate", "load_case", "parse_case", "read_case_text", "read_document"]
+__all__ = ["Case", "load_case", "parse_case", "require_effect"]
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
-Complaint = Callable[..., UserError]
 
 
 _POSITIVE = (1e-30, np.inf, "more than 0")
@@ -34,17 +39,6 @@ RANGES = {  # known constants: lowest, what they stay below, in words
     "cohesion": (0.0, np.inf, "0 or more"),
     "friction_angle": (0.0, np.pi / 2, "0 to less than 90 deg"),
 }
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A parameter to be fitted: start value and bounds, in `unit`."""
-
-    name: str
-    value: float
-    minimum: float
-    maximum: float
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -107,38 +101,13 @@ def load_case(folder: Path) -> Case:
     return parse_case(folder, read_case_text(folder))
 
 
-def read_case_text(folder: Path) -> str:
-    """The text of case.toml, its line ends as they are. UserError when it cannot be read."""
-    file = folder / "case.toml"
-    try:
-        with file.open(encoding="utf-8-sig", newline="") as opened:
-            return opened.read()
-    except (FileNotFoundError, NotADirectoryError):
-        raise UserError(f"{file}: no such file, expected a case folder with a case.toml, or a folder of such") from None
-    except (UnicodeDecodeError, IsADirectoryError):
-        raise UserError(f"{file}: found something that is not UTF-8 text, expected TOML") from None
-    except OSError as error:
-        raise UserError(f"{file}: {error.strerror}, expected a readable file") from None
-
-
-def read_document(file: Path, text: str) -> dict[str, Any]:
-    """TOML as a dictionary. UserError with file and line when it is none."""
-    try:
-        return parse_toml(text, file)
-    except ReadingError as error:
-        raise UserError(str(error)) from None
-
-
 def parse_case(folder: Path, text: str) -> Case:
     """Read a case whose case.toml has `text`; the measurements come from `folder`."""
-    from host_tools.workbench.limits import read_limits  # keeps each file to one idea
-    from host_tools.workbench.measurements import read_measurements
-    from host_tools.workbench.user_effects import read_library, sound
 
     def complain(message: str, *path: str) -> UserError:
         return UserError(f"{folder / 'case.toml'}:{locate(text, *path)}: {'.'.join(path)}: {message}")
 
-    tables = _Tables(read_document(folder / "case.toml", text), complain)
+    tables = Tables(read_document(folder / "case.toml", text), complain)
     if tables.get("model", "base") == "driven_wheel":  # its case.toml has more tables
         raise complain("found 'driven_wheel', which is for terrapin soil tactile", "model", "base")
     tables.allow((), "case", "model", "parameters", "fit", "effect", "limits", "data")
@@ -178,66 +147,6 @@ def parse_case(folder: Path, text: str) -> Case:
     )
     _check_names(case, complain)
     return case
-
-
-class _Tables:
-    """A TOML document and the way to complain about it."""
-
-    def __init__(self, document: dict[str, Any], complain: Complaint) -> None:
-        self.document = document
-        self.complain = complain
-
-    def get(self, *path: str, default: Any = None) -> Any:
-        value: Any = self.document
-        for depth, key in enumerate(path):
-            if not isinstance(value, dict):
-                raise self.complain(f"found {shorten(value)}, expected a table", *path[:depth])
-            if key not in value:
-                return default
-            value = value[key]
-        return value
-
-    def table(self, *path: str) -> dict[str, Any]:
-        value = self.get(*path, default={})
-        if not isinstance(value, dict):
-            raise self.complain(f"found {shorten(value)}, expected a table", *path)
-        return value
-
-    def allow(self, path: tuple[str, ...], *names: str) -> None:
-        for name in self.table(*path) if path else self.document:
-            if name not in names:
-                raise self.complain(f"unknown name, expected one of {', '.join(names)}", *path, name)
-
-    def text(self, *path: str, default: str | None = None) -> str:
-        value = self.get(*path, default=default)
-        if value is None:
-            raise self.complain("missing, expected text", *path)
-        if not isinstance(value, str):
-            raise self.complain(f"found {shorten(value)}, expected text", *path)
-        return value
-
-    def texts(self, *path: str, default: list[str] | None = None) -> list[str]:
-        value = self.get(*path, default=default)
-        if value is None:
-            raise self.complain("missing, expected a list of names", *path)
-        if not isinstance(value, list) or any(isinstance(v, bool) or not isinstance(v, (str, int)) for v in value):
-            raise self.complain(f"found {shorten(value)}, expected a list of names", *path)
-        names = [str(v) for v in value]
-        for name in names:
-            if names.count(name) > 1:
-                raise self.complain(f"found {name!r} twice, expected it once", *path)
-        return names
-
-    def number(self, unit: str, *path: str) -> float:
-        from host_tools.workbench.units import quantity
-
-        try:
-            return quantity(self.get(*path), unit)
-        except ValueError as error:
-            raise self.complain(str(error), *path) from None
-
-
-Tables = _Tables
 
 
 def _notes(folder: Path, tables: Tables) -> str:
@@ -299,14 +208,11 @@ def _exponent(tables: Tables) -> float:
 
 def _free_number(tables: Tables, *path: str) -> tuple[float, str]:
     """A constant of the user's own: a number is SI; text carries its unit and is taken to SI."""
-    from hil.units import read_unit, units
-    from host_tools.workbench.units import quantity
-
     value = tables.get(*path)
     if isinstance(value, str):
         _, _, unit = value.strip().partition(" ")
         try:
-            base_unit = str(units().Quantity(1.0, read_unit(unit)).to_base_units().units)
+            base_unit = str(registry().Quantity(1.0, read_unit(unit)).to_base_units().units)
             return quantity(value, base_unit), base_unit
         except (TypeError, ValueError, ArithmeticError) as error:
             raise tables.complain(str(error), *path) from None
@@ -314,8 +220,6 @@ def _free_number(tables: Tables, *path: str) -> tuple[float, str]:
 
 
 def _estimates(tables: Tables, base: Base, constants: Mapping[str, float]) -> dict[str, Estimate]:
-    from host_tools.workbench.units import check
-
     estimates = {}
     for name, entry in tables.table("fit").items():
         path = ("fit", name)
@@ -339,29 +243,6 @@ def _estimates(tables: Tables, base: Base, constants: Mapping[str, float]) -> di
     return estimates
 
 
-def read_estimate(tables: Tables, path: tuple[str, ...], unit: str, standard: Estimate | None = None) -> Estimate:
-    """{ value, min, max } at `path`, in `unit`; what is missing comes from `standard`."""
-    limits = {"value": None, "min": -np.inf, "max": np.inf}
-    if standard is not None:
-        limits = {"value": standard.value, "min": standard.minimum, "max": standard.maximum}
-    numbers = {}
-    for key, default in limits.items():
-        if tables.get(*path, key) is None:
-            if default is None:
-                raise tables.complain("missing, expected a start value", *path, key)
-            numbers[key] = float(default)
-        else:
-            numbers[key] = tables.number(unit, *path, key)
-    value, low, high = numbers["value"], numbers["min"], numbers["max"]
-    if low >= high:
-        raise tables.complain(f"found min {low:g} and max {high:g}, expected min below max", *path)
-    if tables.get(*path, "value") is None:
-        value = min(max(value, low), high)
-    if not low <= value <= high:
-        raise tables.complain(f"found value {value:g}, expected between min {low:g} and max {high:g}", *path)
-    return Estimate(path[-1], value, low, high, unit)
-
-
 def _fit_units(fit: Mapping[str, Estimate]) -> dict[str, str]:
     return {name: estimate.unit for name, estimate in fit.items() if estimate.unit}
 
@@ -371,8 +252,6 @@ def _scales(equations: Mapping[str, Expression], units: Mapping[str, str], compl
 
     Where a unit is missing the formula works on the numbers as they stand in the file.
     """
-    from host_tools.workbench.units import same_kind, si_factor
-
     if not equations or not all(e.names <= units.keys() for e in equations.values()):
         return {}
     for channel, expression in equations.items():
@@ -423,8 +302,6 @@ def require_effect(case: Case, name: str, complain: Complaint) -> Effect:
     known = {*case.inputs, *case.parameters, *case.fit, *case.base.parameters, *effect.options}
     known |= {parameter.name for parameter in effect.parameters} | {"bulldozing_resistance", "speed"}
     known |= {formula_name(name) for name in case.base.provides}
-    from hil.physics.expression import parse
-
     unknown = sorted(parse(effect.expression).names - known)
     if unknown:
         raise complain(f"{name}: {unknown[0]} is no role, column or parameter", "effect", name, "expression")

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 
 from host_tools.workbench import units
 from host_tools.workbench.bases import ROLES, Base
-from host_tools.workbench.case import Tables
+from host_tools.workbench.case_text import Tables
 
 __all__ = ["read_limits"]
 

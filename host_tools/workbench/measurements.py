@@ -16,7 +16,7 @@ from hil.physics.expression import Expression, parse
 from host_tools.errors import UserError
 from host_tools.workbench import units
 from host_tools.workbench.bases import CHANNELS, ROLES, Base
-from host_tools.workbench.case import Tables
+from host_tools.workbench.case_text import Tables
 from host_tools.workbench.tables import LOG_SUFFIXES, Table, read
 
 __all__ = ["Measurements", "mapped_column", "read_measurements"]

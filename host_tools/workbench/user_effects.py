@@ -14,7 +14,7 @@ from hil.units import read_unit
 from host_tools.errors import UserError
 from host_tools.workbench import units
 from host_tools.workbench.bases import BASES, CHANNELS, ROLES, Base, formula_name
-from host_tools.workbench.case import Estimate, Tables, read_estimate
+from host_tools.workbench.case_text import Estimate, Tables, read_estimate
 from host_tools.workbench.unit_check import open_units, plain, unit_problem
 
 __all__ = ["default_target", "read_library", "sound", "targets"]

@@ -32,7 +32,7 @@ from hil.physics.soils import Footing
 from hil.physics.tyre import Tyre
 from hil.physics.vehicle import Vehicle
 from host_tools.errors import UserError
-from host_tools.workbench.case import Tables, read_case_text, read_document, read_estimate
+from host_tools.workbench.case_text import Tables, read_case_text, read_document, read_estimate
 from host_tools.workbench.measurements import mapped_column
 from host_tools.workbench.places import locate
 from host_tools.workbench.soil_vehicle import MASK, PARAMETERS, WHEELS, Drive
