@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from hil.physics.effects import Effect
 from host_tools.workbench.confidence import Operating
 from host_tools.workbench.discovery import Discovery
 from host_tools.workbench.fit import covariance
@@ -113,6 +114,8 @@ def _carried(found: Discovery) -> str:
             break
         half += each[r]
         carrying.append(r)
+    if not carrying:
+        return "No run is off by more than the noise sd: how the rows follow each other is what no noise does."
     error = {r: float(np.sqrt(max(square[run == r].mean() + 1.0, 0.0))) for r in carrying}
     names = ", ".join(f"{analysis.case.run_names[r]} (error {number(error[r])})" for r in carrying[:NAMED_RUNS])
     more = f" and {len(carrying) - NAMED_RUNS} more" if len(carrying) > NAMED_RUNS else ""
@@ -120,6 +123,7 @@ def _carried(found: Discovery) -> str:
 
 
 def _what(found: Discovery) -> list[str]:
+    case = found.analysis.case
     if found.odd_runs and found.verdict == "unexplained":
         lines = ["3. What is missing: nothing in general. What fails is a single run, not the model."]
     elif found.verdict == "unexplained":
@@ -134,13 +138,16 @@ def _what(found: Discovery) -> list[str]:
         lines = [f"3. Missing: {' + '.join(found.missing)}."]
     lines += _named(found, "catalogue")
     shown = [c for c in found.candidates if c.probability >= UNLIKELY or c.effect.name in found.missing][:SHOWN]
-    lines += ["", "   candidate alone           probability  held-out error  explains"]
-    for candidate in shown or found.candidates[:1]:
+    shown = shown or list(found.candidates[:1])
+    weight = "if one is it" if found.verdict == "unexplained" else " probability"
+    lines += ["", f"   candidate alone          {weight}  held-out error  explains"]
+    for candidate in shown:
         lines.append(
             f"   {candidate.effect.name:<26}{candidate.probability:>11.3f}  {number(candidate.noise_ratio):>14}"
             f"  {100 * candidate.explains:>6.0f} %"
         )
-    return lines
+    unnamed = [c.effect for c in shown if c.kind == "expression" and c.effect.name not in found.missing]
+    return lines + [_formula(effect, case.base.channels) for effect in unnamed]
 
 
 def _unknown(found: Discovery) -> list[str]:
@@ -172,7 +179,7 @@ def _named(found: Discovery, kind: str) -> list[str]:
         if effect.name not in found.missing or kinds.get(effect.name, "catalogue") != kind:
             continue
         if kind == "expression":
-            lines.append(f"   {effect.name} = {effect.expression}, {_acts(effect.target, case.base.channels)}")
+            lines.append(_formula(effect, case.base.channels))
         else:
             lines.append(f"   {effect.name}: {effect.title}")
         for i, fitted in enumerate(fit.model.fitted):
@@ -182,6 +189,11 @@ def _named(found: Discovery, kind: str) -> list[str]:
                 note = " (at its bound)" if fitted.key in fit.at_bound else ""
                 lines.append(f"      {fitted.name} = {fit.theta[i]:.4g}{sd}{unit}{note}")
     return lines
+
+
+def _formula(effect: Effect, channels: Sequence[str]) -> str:
+    """What an expression says: its name tells nothing."""
+    return f"   {effect.name} = {effect.expression}, {_acts(effect.target, channels)}"
 
 
 def _acts(target: str, channels: Sequence[str]) -> str:

@@ -73,6 +73,7 @@ static void test_absent_chip_is_said_and_harmless(void) {
     TEST_ASSERT_FALSE(can_open(&bus, &chip.r, can_timing(42000000U, 500000U), filters, 3U));
     TEST_ASSERT_EQUAL(CAN_ABSENT, bus.phase);
     TEST_ASSERT_FALSE(send(0x180U, 1U, CAN_KEEP));
+    TEST_ASSERT_TRUE(can_idle(&bus));
     can_poll(&bus);
     can_receive_interrupt(&bus);
     terrapin_frame frame;
@@ -183,6 +184,22 @@ static void test_a_late_first_frame_takes_a_mailbox_back(void) {
     TEST_ASSERT_EQUAL_UINT32(0U, bus.out_lost);
 }
 
+/* Before a reset: what is queued, and what a mailbox still sends, would be cut off. */
+static void test_idle_once_the_last_frame_has_left(void) {
+    uint8_t mark = 0;
+    TEST_ASSERT_TRUE(can_idle(&bus));
+    for (uint8_t i = 0; i < 4U; i++) {
+        TEST_ASSERT_TRUE(send((uint16_t)(0x1A0U + i), i, CAN_KEEP));
+    }
+    TEST_ASSERT_FALSE(can_idle(&bus));
+    poll();
+    for (uint8_t i = 0; i < 4U; i++) {
+        TEST_ASSERT_FALSE(can_idle(&bus));
+        (void)leave(&mark);
+    }
+    TEST_ASSERT_TRUE(can_idle(&bus));
+}
+
 static void test_one_identifier_keeps_its_order(void) {
     for (uint8_t i = 0; i < 6U; i++) {
         TEST_ASSERT_TRUE(send(0x190U, i, CAN_KEEP));
@@ -279,6 +296,7 @@ int main(void) {
     RUN_TEST(test_receive_queue_is_bounded_and_counts);
     RUN_TEST(test_leaves_by_priority);
     RUN_TEST(test_a_late_first_frame_takes_a_mailbox_back);
+    RUN_TEST(test_idle_once_the_last_frame_has_left);
     RUN_TEST(test_one_identifier_keeps_its_order);
     RUN_TEST(test_telemetry_that_waits_is_replaced_answers_are_not);
     RUN_TEST(test_full_queue_gives_up_the_last);

@@ -28,7 +28,7 @@ static void hardware_takes(volatile uint32_t *address, uint32_t value);
 static rcc_registers rcc;
 static pwr_registers pwr;
 static flash_registers flash_chip;
-static iwdg_registers watchdog;
+static iwdg_registers iwdg;
 static tim_registers timer;
 static tim_registers relay;
 static adc_registers adc;
@@ -43,6 +43,9 @@ static bool flash_stuck;
 static uint32_t keys;
 static uint32_t erased;
 static uint32_t caches_emptied;
+static uint32_t iwdg_spins; /* until a new time of the watchdog is in force */
+static uint32_t iwdg_slowness;
+static bool bridge_locked, bridge_written;
 
 static void hardware_moves(void) {
     spins++;
@@ -57,6 +60,21 @@ static void hardware_moves(void) {
     }
     if (!flash_stuck) {
         flash_chip.SR &= ~FLASH_SR_BSY;
+    }
+    if (iwdg_spins > 0U) {
+        iwdg_spins--;
+        iwdg.SR = (iwdg_spins == 0U) ? 0U : iwdg.SR;
+    }
+}
+
+/* RM0090, 21.4: written behind the key alone, and ignored while the one before is on its way. */
+static void iwdg_takes(volatile uint32_t *address, uint32_t value) {
+    const uint32_t flag = (address == &iwdg.PR) ? BIT(0) : BIT(1);
+    TEST_ASSERT_EQUAL_HEX32(IWDG_KR_ACCESS, iwdg.KR);
+    if ((iwdg.SR & flag) == 0U) {
+        *address = value;
+        iwdg.SR |= (iwdg_slowness > 0U) ? flag : 0U;
+        iwdg_spins = iwdg_slowness;
     }
 }
 
@@ -85,6 +103,13 @@ static void hardware_takes(volatile uint32_t *address, uint32_t value) {
         TEST_ASSERT_TRUE((emptied == 0U) || ((flash_chip.ACR & (FLASH_ACR_ICEN | FLASH_ACR_DCEN)) == 0U));
         caches_emptied |= emptied;
         flash_chip.ACR = value;
+    } else if ((address == &iwdg.PR) || (address == &iwdg.RLR)) {
+        iwdg_takes(address, value);
+    } else if (address == &timer.BDTR) { /* RM0090, 17.4.18: LOCK is frozen by the first write */
+        const uint32_t lock = BIT(8) | BIT(9);
+        bridge_locked = bridge_written ? bridge_locked : ((value & lock) == TIM_BDTR_LOCK_1);
+        bridge_written = true;
+        timer.BDTR = (value & ~lock) | (bridge_locked ? TIM_BDTR_LOCK_1 : 0U);
     } else {
         TEST_ASSERT_TRUE((flash_chip.CR & (FLASH_CR_PG | FLASH_CR_LOCK)) == FLASH_CR_PG);
         TEST_ASSERT_EQUAL_HEX32(FLASH_CR_PSIZE_32, flash_chip.CR & FLASH_CR_PSIZE_32);
@@ -97,13 +122,16 @@ void setUp(void) {
     memset(&rcc, 0, sizeof rcc);
     memset(&pwr, 0, sizeof pwr);
     memset(&flash_chip, 0, sizeof flash_chip);
-    memset(&watchdog, 0, sizeof watchdog);
+    memset(&iwdg, 0, sizeof iwdg);
     memset(&timer, 0, sizeof timer);
     memset(&adc, 0, sizeof adc);
     memset(&dma, 0, sizeof dma);
     memset(&serial, 0, sizeof serial);
     memset(memory, 0xFF, sizeof memory);
     caches_emptied = 0U;
+    iwdg_spins = 0U;
+    iwdg_slowness = 0U;
+    bridge_locked = bridge_written = false;
     flash_chip.CR = FLASH_CR_LOCK;
     spins = 0;
     crystal_comes = pll_comes = switch_comes = true;
@@ -204,20 +232,52 @@ static void test_retained_memory_is_not_believed_blindly(void) {
 }
 
 static void test_watchdog(void) {
-    TEST_ASSERT_TRUE(watchdog_set(&watchdog, WATCHDOG_WORK));
-    TEST_ASSERT_EQUAL_HEX32(IWDG_KR_RELOAD, watchdog.KR);
+    watchdog w;
+    TEST_ASSERT_TRUE(watchdog_set(&w, &iwdg, WATCHDOG_WORK));
+    TEST_ASSERT_EQUAL_HEX32(IWDG_KR_RELOAD, iwdg.KR);
     /* divider 4 at the fastest and slowest 32 kHz (17 to 47): longer than ten ticks, shorter than a command's time-out
      */
-    TEST_ASSERT_EQUAL_UINT32(0U, watchdog.PR);
-    TEST_ASSERT_GREATER_THAN(10U, watchdog.RLR * 4U / 47U);
-    TEST_ASSERT_LESS_THAN(200U, watchdog.RLR * 4U / 17U);
-    TEST_ASSERT_TRUE(watchdog_set(&watchdog, WATCHDOG_ERASE));
-    TEST_ASSERT_GREATER_THAN(4000U, watchdog.RLR * (4U << watchdog.PR) / 47U); /* ms: 128 kB take 4 s at most */
-    watchdog.KR = 0U;
-    watchdog_feed(&watchdog);
-    TEST_ASSERT_EQUAL_HEX32(IWDG_KR_RELOAD, watchdog.KR);
-    watchdog.SR = 1U; /* its clock does not run */
-    TEST_ASSERT_FALSE(watchdog_set(&watchdog, WATCHDOG_WORK));
+    TEST_ASSERT_EQUAL_UINT32(0U, iwdg.PR);
+    TEST_ASSERT_GREATER_THAN(10U, iwdg.RLR * 4U / 47U);
+    TEST_ASSERT_LESS_THAN(200U, iwdg.RLR * 4U / 17U);
+    TEST_ASSERT_TRUE(watchdog_set(&w, &iwdg, WATCHDOG_ERASE));
+    TEST_ASSERT_GREATER_THAN(4000U, iwdg.RLR * (4U << iwdg.PR) / 47U); /* ms: 128 kB take 4 s at most */
+    iwdg.KR = 0U;
+    watchdog_feed(&w);
+    TEST_ASSERT_EQUAL_HEX32(IWDG_KR_RELOAD, iwdg.KR);
+}
+
+static void test_watchdog_that_does_not_answer(void) {
+    watchdog w;
+    iwdg.SR = 1U; /* its clock does not run */
+    TEST_ASSERT_FALSE(watchdog_set(&w, &iwdg, WATCHDOG_ERASE));
+}
+
+/* A new time takes six periods of the divided clock: at 256 to 32 kHz 48 ms, a million spins at 168 MHz. */
+static void test_watchdog_is_short_again_however_slowly_it_takes_its_times(void) {
+    watchdog w;
+    iwdg_slowness = 1000000U;
+    TEST_ASSERT_TRUE(watchdog_set(&w, &iwdg, WATCHDOG_ERASE)); /* the boot loader's, */
+    TEST_ASSERT_TRUE(watchdog_set(&w, &iwdg, WATCHDOG_ERASE)); /* the application's: an erase may follow each */
+    TEST_ASSERT_EQUAL_UINT32(6U, iwdg.PR);
+    TEST_ASSERT_EQUAL_UINT32(0U, iwdg.SR);
+    TEST_ASSERT_TRUE(watchdog_set(&w, &iwdg, WATCHDOG_WORK)); /* the tick does not wait for it */
+    TEST_ASSERT_TRUE(iwdg.SR != 0U);
+    spins = 0U;
+    TEST_ASSERT_TRUE(watchdog_set(&w, &iwdg, WATCHDOG_ERASE)); /* before that is in force */
+    TEST_ASSERT_GREATER_THAN(iwdg_slowness, spins);
+    TEST_ASSERT_EQUAL_UINT32(6U, iwdg.PR);
+    TEST_ASSERT_EQUAL_UINT32(1000U, iwdg.RLR);
+    iwdg.SR = 3U; /* an update that the boot loader left behind */
+    iwdg_spins = 1000U;
+    TEST_ASSERT_TRUE(watchdog_set(&w, &iwdg, WATCHDOG_WORK));
+    TEST_ASSERT_EQUAL_UINT32(6U, iwdg.PR);
+    for (uint32_t i = 0U; i < 1000U; i++) {
+        hardware_moves();
+    }
+    watchdog_feed(&w);
+    TEST_ASSERT_EQUAL_UINT32(0U, iwdg.PR);
+    TEST_ASSERT_EQUAL_UINT32(160U, iwdg.RLR);
 }
 
 /* ---- flash */
@@ -424,6 +484,7 @@ static void test_bridge_follows_duty(void) {
     TEST_ASSERT_TRUE((timer.BDTR & TIM_BDTR_BKE) != 0U);
     TEST_ASSERT_EQUAL_UINT32(0U, timer.BDTR & (TIM_BDTR_BKP | BIT(14))); /* active low; no automatic return */
     TEST_ASSERT_EQUAL_UINT32(84U, timer.BDTR & 0xFFU);
+    TEST_ASSERT_TRUE(bridge_locked);
     bridge_drive(&b, 16384, true);
     TEST_ASSERT_EQUAL_UINT32(2100U, timer.CCR1);
     TEST_ASSERT_EQUAL_UINT32(0U, timer.CCR2);
@@ -588,6 +649,8 @@ int main(void) {
     RUN_TEST(test_reset_causes);
     RUN_TEST(test_retained_memory_is_not_believed_blindly);
     RUN_TEST(test_watchdog);
+    RUN_TEST(test_watchdog_that_does_not_answer);
+    RUN_TEST(test_watchdog_is_short_again_however_slowly_it_takes_its_times);
     RUN_TEST(test_flash_sectors);
     RUN_TEST(test_flash_writes_and_erases);
     RUN_TEST(test_flash_refuses_what_is_not_its_own);

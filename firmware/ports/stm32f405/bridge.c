@@ -1,5 +1,7 @@
 #include "bridge.h"
 
+#include "wait.h"
+
 #define TRIGGER_CLOCKS 8U /* before the top, 48 ns; TIM2, at half of TIM1's clock, could miss a pulse of one or two */
 
 uint32_t bridge_dead_time(uint32_t timer_hz, uint32_t dead_time_ns) {
@@ -23,7 +25,6 @@ void bridge_open(bridge *b, tim_registers *timer, uint32_t timer_hz, uint32_t pw
     b->timer = timer;
     b->period = (uint16_t)(timer_hz / (2U * pwm_hz));
     b->broken = false;
-    timer->BDTR = 0U;
     timer->CR1 = 0U;
     timer->PSC = 0U;
     timer->ARR = b->period;
@@ -36,9 +37,10 @@ void bridge_open(bridge *b, tim_registers *timer, uint32_t timer_hz, uint32_t pw
     timer->CCR3 = (uint32_t)b->period - TRIGGER_CLOCKS;
     timer->CR2 = TIM_CR2_MMS_OC3REF;
     timer->EGR = TIM_EGR_UG; /* preloaded values in force */
-    /* Off means driven off, not floating. The break input is active low; AOE stays 0: only software switches on. */
-    timer->BDTR =
-        TIM_BDTR_OSSI | TIM_BDTR_OSSR | TIM_BDTR_BKE | TIM_BDTR_LOCK_1 | bridge_dead_time(timer_hz, dead_time_ns);
+    /* Off means driven off, not floating. The break input is active low; AOE stays 0: only software switches on. The
+     * first write to this register since the reset: only that one can set the lock (RM0090, 17.4.18). */
+    TERRAPIN_PUT(timer->BDTR, TIM_BDTR_OSSI | TIM_BDTR_OSSR | TIM_BDTR_BKE | TIM_BDTR_LOCK_1 |
+                                  bridge_dead_time(timer_hz, dead_time_ns));
     timer->SR = 0U;
     timer->CR1 = TIM_CR1_CENTRE | TIM_CR1_ARPE | TIM_CR1_CEN;
 }

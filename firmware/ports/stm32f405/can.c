@@ -258,6 +258,14 @@ static void watch(can *c) {
     }
 }
 
+bool can_idle(const can *c) {
+    bool idle = c->out_count == 0U;
+    for (uint32_t i = 0U; i < BOXES; i++) {
+        idle = idle && !c->box[i].used;
+    }
+    return idle || (c->phase != CAN_RUNNING);
+}
+
 void can_poll(can *c) {
     if (c->phase == CAN_STARTING) {
         c->starting++;

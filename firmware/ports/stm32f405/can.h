@@ -70,6 +70,9 @@ bool can_take(can *c, terrapin_frame *frame);
 /* Queue a frame. False when it, or one of lower priority that gave way to it, is lost; both are counted. */
 bool can_send(can *c, const terrapin_frame *frame, can_policy policy);
 
+/* True when no frame waits to leave, or none can: the bus was not joined. */
+bool can_idle(const can *c);
+
 /* Once a tick, and after can_send: moves frames to the mailboxes and brings `state` up to date. */
 void can_poll(can *c);
 

@@ -17,6 +17,7 @@
 #include "watchdog.h"
 
 #define FLUSH_TRIES 2000000U /* 0.1 s at 168 MHz */
+#define FLUSH_TICKS 5U       /* for the frames that wait for the bus */
 
 static terrapin_store store;
 static flash_driver store_memory, boot_memory;
@@ -26,6 +27,7 @@ static terrapin_update update;
 static can bus;
 static usart line;
 static analog sensors;
+static watchdog guard;
 static bridge motor;
 static port controller;
 
@@ -98,7 +100,7 @@ void port_drive(port *p, int16_t duty_q15, bool on) {
 }
 
 void port_flash_work(bool begins) {
-    (void)watchdog_set(IWDG, begins ? WATCHDOG_ERASE : WATCHDOG_WORK); /* absent: said at the start */
+    (void)watchdog_set(&guard, IWDG, begins ? WATCHDOG_ERASE : WATCHDOG_WORK); /* absent: said at the start */
 }
 
 void port_healthy(port *p) {
@@ -108,15 +110,19 @@ void port_healthy(port *p) {
 }
 
 void port_reset(port *p, bool stay) {
-    (void)usart_flush(p->line, FLUSH_TRIES);
     if (stay) {
         retained_note(&retained, RETAINED_UPDATE, 0U, 0U);
     }
+    const uint32_t begin = ticks;
+    while (!can_idle(p->bus) && ((ticks - begin) < FLUSH_TICKS)) {
+        can_poll(p->bus); /* the answer leaves before the chip does */
+    }
+    (void)usart_flush(p->line, FLUSH_TRIES);
     system_reset();
 }
 
 void port_alive(port *p) {
-    watchdog_feed(IWDG);
+    watchdog_feed(&guard);
     pin_write(GPIO(led_pin.port), &led_pin, (p->tick & (p->outputs.enable ? 0x80U : 0x200U)) != 0U);
 }
 
@@ -214,7 +220,7 @@ _Noreturn void application(void) {
 
     const port_hardware hardware = {
         .clock_fallback = speed.result != CLOCK_GOOD,
-        .watchdog_absent = !watchdog_set(IWDG, WATCHDOG_ERASE), /* the stored parameters are read first */
+        .watchdog_absent = !watchdog_set(&guard, IWDG, WATCHDOG_ERASE), /* the stored parameters are read first */
         .brown_out_unset = (FLASH->OPTCR & FLASH_OPTCR_BOR) == FLASH_OPTCR_BOR_OFF,
         .reset_cause = reset_cause(flags, retained_take(&retained)),
         .board = BOARD_NUMBER,
@@ -227,7 +233,7 @@ _Noreturn void application(void) {
     enable_interrupt(IRQ_USART1);
     enable_interrupt(IRQ_CAN1_RX0);
     start_tick(speed.core_hz);
-    (void)watchdog_set(IWDG, WATCHDOG_WORK);
+    (void)watchdog_set(&guard, IWDG, WATCHDOG_WORK);
     for (;;) {
         if (!port_pass(&controller, ticks)) {
             /* Masked, so that what comes between the last look and the sleep still ends it. */

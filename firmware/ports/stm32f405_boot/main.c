@@ -25,6 +25,7 @@
 
 static can bus;
 static usart line;
+static watchdog guard;
 static flash_driver flash_memory;
 static terrapin_boot_serial serial;
 static volatile uint32_t now_ms;
@@ -126,7 +127,7 @@ _Noreturn void application(void) {
         if (choice.slot != (uint8_t)TERRAPIN_UPDATE_SLOT_NONE) {
             (void)usart_flush(&line, FLUSH);
             /* For an image that hangs before it has set it itself: its trial ends by this. */
-            (void)watchdog_set(IWDG, WATCHDOG_ERASE);
+            (void)watchdog_set(&guard, IWDG, WATCHDOG_ERASE);
             start_image(choice.address);
         }
     } else {
