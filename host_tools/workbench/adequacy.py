@@ -253,8 +253,9 @@ def failure_on(
     series = [(plain, False)]
     if omega is not None and (omega[rows] < 0).any():
         series.append((plain * np.sign(omega[rows][order]), True))
-    edges = np.unique(np.linspace(0, len(x), min(len(x), 40) + 1).astype(int))
-    edges = np.array([e for e in edges if e in (0, len(x)) or x[e] > x[e - 1]])
+    edges = np.linspace(0, len(x), min(len(x), 40) + 1).astype(int)
+    # rows of one value stay together; a converter's codes, or the levels of a plan, may each be hundreds of rows
+    edges = np.unique([*np.searchsorted(x, x[edges[:-1]]), len(x)])
     best = (-1.0, 0, len(x), False)
     smallest = max(3, len(x) // 20)
     for one, directed in series:

@@ -28,7 +28,7 @@ from host_tools.workbench.directions import (
 )
 from host_tools.workbench.fit import Fit, covariance, extend, fit_model
 from host_tools.workbench.models import Model
-from host_tools.workbench.noise import Noise, estimate_noise
+from host_tools.workbench.noise import Noise, estimate_noise, least_noise
 from host_tools.workbench.units import LARGEST
 
 __all__ = ["LEVEL", "Analysis", "Rung", "analyse", "error", "fitted_on", "free_slopes", "measured", "predict"]
@@ -136,7 +136,8 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     _require_numbers(case, model, first, rows, "at the start values")
     given = [case.sigma[c] for c in model.channels]
     values = measured(model, case.train)
-    rough = 0.05 * np.sqrt(np.mean(values * values, axis=1)) + 1e-300
+    least = least_noise(measured(model, rows))
+    rough = np.maximum(0.05 * np.sqrt(np.mean(values * values, axis=1)), least)
     sigma = np.array([r if g is None else g for r, g in zip(rough, given, strict=True)])
     shapes = column_shapes(case, rows)
     for _ in range(1 if all(g is not None for g in given) else 2):
@@ -146,7 +147,8 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
         directions = catalogue_directions(model, fits[-1].theta, rows)
         # a dynamic model's motion depends on what went before: equal inputs are no repeated settings
         roles = {} if case.base.dynamic is not None else {name: v[rows] for name, v in case.roles.items()}
-        noise = estimate_noise(residual, slopes, case.run[rows], given, roles, _pools(model, directions, shapes, rows))
+        pools = _pools(model, directions, shapes, rows)
+        noise = estimate_noise(residual, slopes, case.run[rows], given, roles, pools, least)
         sigma = noise.sigma
     if not all(g is not None for g in given):
         fits = fitted_on(case, case.effects, case.train, sigma, seed)

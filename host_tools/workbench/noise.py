@@ -9,14 +9,23 @@ that its uncertainty is part of every p-value).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from host_tools.workbench.bases import RUNNING
 
-__all__ = ["RHO_GRID", "Ar1", "Noise", "estimate_noise", "repeated_settings", "restricted_likelihood", "within_scatter"]
+__all__ = [
+    "RHO_GRID",
+    "Ar1",
+    "Noise",
+    "estimate_noise",
+    "least_noise",
+    "repeated_settings",
+    "restricted_likelihood",
+    "within_scatter",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -28,6 +37,7 @@ ENTRY = (
 TRIED = (0, 5, 9, 12)  # correlations of the grid at which a shape is tried beside the present one
 FEW_REPEATS = 30  # degrees of freedom below which their scatter is itself too rough to stand alone
 REPEATS_NEEDED = 4  # degrees of freedom that repeated settings must give
+EXACT = 1e-6  # of a channel's spread: noise below it is none that was measured
 
 
 @dataclass(frozen=True)
@@ -161,11 +171,41 @@ def estimate_noise(
     given: Sequence[float | None],
     roles: Mapping[str, Array],
     shapes: Sequence[Array],
+    least: Array,
 ) -> Noise:
     """Noise of the residuals (channels, rows) of a fitted model with derivatives (channels, rows, parameters).
 
-    `shapes` a channel: (count, rows) functions of the data's columns, candidates for the smoothest model.
+    `shapes` a channel: (count, rows) functions of the data's columns, candidates for the smoothest model. `least`
+    (channels,): an sd below it (see `least_noise`) is that of rounding, and this one is taken as if it were given.
     """
+    noise = _estimate(residual, jacobian, run, given, roles, shapes)
+    exact = ~noise.known & (noise.sigma < least)
+    if not exact.any():
+        return noise
+    stated = [float(low) if bare else g for low, bare, g in zip(least, exact, given, strict=True)]
+    source = f"measurements without noise: an sd of {EXACT:g} of their spread is assumed"
+    return replace(_estimate(residual, jacobian, run, stated, roles, shapes), source=source)
+
+
+def least_noise(values: Array) -> Array:
+    """The smallest noise sd (channels,) that is believed of measurements (channels, rows) without a stated one.
+
+    What was computed, not measured, has no noise but its rounding, and errors in units of that mean nothing.
+    """
+    low, high = np.quantile(values, [0.05, 0.95], axis=1)
+    spread = np.where(high > low, high - low, np.ptp(values, axis=1))
+    largest = np.abs(values).max(axis=1)
+    return np.asarray(EXACT * np.where(spread > 0.0, spread, np.where(largest > 0.0, largest, 1.0)))
+
+
+def _estimate(
+    residual: Array,
+    jacobian: Array,
+    run: npt.NDArray[np.int64],
+    given: Sequence[float | None],
+    roles: Mapping[str, Array],
+    shapes: Sequence[Array],
+) -> Noise:
     channels, rows, _ = jacobian.shape
     ar1 = Ar1(run)
     bases = [orthonormal(jacobian[c]) for c in range(channels)]

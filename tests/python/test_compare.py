@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -121,6 +122,75 @@ def test_noise_from_the_smoothest_model(tmp_path: Path) -> None:
     assert bad.missing
     assert bad.noise.sigma[0] == pytest.approx(0.004, rel=0.3)
     assert bad.ladder[0].train_error > 2
+
+
+STRAIGHT = """[case]
+title = "Straight"
+[model]
+base = "equation"
+[model.equation]
+y = "a + b*x"
+[fit]
+a = { value = 0.0 }
+b = { value = 1.0 }
+[data]
+files = ["runs.csv"]
+run = "run"
+[data.columns]
+x = { column = "x", unit = "m" }
+y = { column = "y", unit = "N" }
+"""
+
+
+def _straight(folder: Path, rows: Iterable[tuple[object, ...]], text: str = STRAIGHT) -> Path:
+    """A case of y over x with rows of run, x, y and a column q that is not mapped."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "case.toml").write_text(text)
+    (folder / "runs.csv").write_text("run,x,y,q\n" + "".join(",".join(map(str, row)) + "\n" for row in rows))
+    return folder
+
+
+def test_the_range_that_fails_in_a_column_of_few_levels(tmp_path: Path) -> None:
+    random = np.random.default_rng(5)
+    rows = []
+    for run in range(10):
+        for i in range(60):
+            level = random.choice(7, p=[0.05, 0.2, 0.15, 0.25, 0.15, 0.13, 0.07])  # a converter's codes
+            rows.append((f"r{run}", i / 60, 1.0 + i / 30 + (level > 3) + 0.2 * random.standard_normal(), 0.25 * level))
+    first = _analysis(_straight(tmp_path, rows, STRAIGHT.replace('"N" }', '"N", sigma = 0.2 }'))).where[0]
+    assert (first.variable, first.channel) == ("q", "y")
+    assert (first.low, first.high) in ((0.0, 0.75), (1.0, 1.5))
+    assert abs(first.mean_residual) > 1.5
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("shift", [0.0, 0.1], ids=["repeated settings", "no repeats"])
+@pytest.mark.parametrize("curved", [0.0, 0.3])
+def test_what_was_computed_has_no_noise(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], curved: float, shift: float
+) -> None:
+    settings = [(run, i + shift * run) for run in range(6) for i in range(8)]
+    rows = [(f"r{run}", x, 1.0 + 2.0 * x + curved * x * x, 0) for run, x in settings]
+    status, out, err = terrapin(capsys, "discover", _straight(tmp_path, rows), "--json", "-")
+    assert (status, err) == (0, "")
+    answer = json.loads(out)
+    assert "without noise" in answer["noise"]["source"]
+    assert 1e-7 < answer["channels"]["y"]["noise_sd"] < 1e-4
+    assert answer["ladder"][-1]["heldout_error"] < 0.01
+    if curved:
+        assert (answer["verdict"], len(answer["missing"])) == ("missing", 1)
+        assert answer["candidates"][0]["expression"] == "k*x**2"
+        assert answer["candidates"][0]["parameters"]["k"]["value"] == pytest.approx(0.3)
+    else:
+        assert answer["verdict"] == "adequate"
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_what_was_computed_as_nought(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [(f"r{run}", i, 0, 0) for run in range(6) for i in range(8)]
+    status, out, err = terrapin(capsys, "compare", _straight(tmp_path, rows))
+    assert (status, err) == (0, "")
+    assert "Nothing is missing" in out
 
 
 def test_repeated_settings_leave_running_roles_out() -> None:
