@@ -27,6 +27,10 @@ CHIPS = {
     "ambiguous": "the data cannot tell",
     "unexplained": "unexplained",
 }
+TITLES = {  # of the candidates
+    "adequate": "Too small to tell, if there at all",
+    "unexplained": "What comes nearest; weights if one of these were it",
+}
 
 
 def render(analysis: Analysis, discovered: dict[str, Any] | None = None, history: Sequence[dict[str, Any]] = ()) -> str:
@@ -161,7 +165,7 @@ def _ranking(analysis: Analysis, answer: dict[str, Any] | None, shown: Sequence[
         parts.append(
             f"<details><summary>{len(rest)} less likely</summary><table><tbody>{rows}</tbody></table></details>"
         )
-    title = "Too small to tell, if there at all" if answer["verdict"] == "adequate" else "What is missing"
+    title = TITLES.get(answer["verdict"], "What is missing")
     hint = "<span class='soft'>click: what it would do</span>" if shown else ""
     return f"<section id='ranking'><h2>{title} {hint}</h2>{''.join(parts)}</section>" if parts else ""
 

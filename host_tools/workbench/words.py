@@ -115,7 +115,7 @@ def _carried(found: Discovery) -> str:
         half += each[r]
         carrying.append(r)
     if not carrying:
-        return "No run is off by more than the noise sd: how the rows follow each other is what no noise does."
+        return "No run is further off than its noise: the misfit is in how the rows follow each other."
     error = {r: float(np.sqrt(max(square[run == r].mean() + 1.0, 0.0))) for r in carrying}
     names = ", ".join(f"{analysis.case.run_names[r]} (error {number(error[r])})" for r in carrying[:NAMED_RUNS])
     more = f" and {len(carrying) - NAMED_RUNS} more" if len(carrying) > NAMED_RUNS else ""

@@ -86,6 +86,28 @@ def test_the_shipped_table_stays_unexplained() -> None:
     assert found.leaves is not None
     assert max(found.leaves.train_error, found.leaves.heldout_error or 0.0) > 1.5
     assert "leaves more than noise" in tell(found)
+    assert "if one is it" in tell(found)  # none is: no probability of being right
+
+
+def test_what_an_expression_says_is_told_where_none_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    random = np.random.default_rng(3)
+    x = np.tile(np.linspace(0.0, 4.0, 60), 10)
+    y = 1.0 + x + np.sin(5.0 * x) + 0.2 * random.standard_normal(len(x))  # a wave is no short expression
+    rows = "".join(f"r{i // 60},{a},{b}\n" for i, (a, b) in enumerate(zip(x, y, strict=True)))
+    (tmp_path / "runs.csv").write_text("run,x,y\n" + rows)
+    (tmp_path / "case.toml").write_text(
+        '[case]\ntitle = "Wave"\n[model]\nbase = "equation"\n[model.equation]\ny = "a + b*x"\n'
+        "[fit]\na = { value = 0 }\nb = { value = 1 }\n"
+        '[data]\nfiles = ["runs.csv"]\nrun = "run"\n'
+        '[data.columns]\nx = { column = "x", unit = "m" }\ny = { column = "y", unit = "N", sigma = 0.2 }\n'
+    )
+    status, out, _ = terrapin(capsys, "discover", tmp_path, "--json", tmp_path / "answer.json")
+    answer = json.loads((tmp_path / "answer.json").read_text())
+    assert (status, answer["verdict"]) == (0, "unexplained")
+    first = answer["candidates"][0]
+    assert f"{first['effect']} = {first['expression']}, added to y" in out
 
 
 def test_an_effect_of_size_zero_is_not_there() -> None:

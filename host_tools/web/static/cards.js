@@ -2,6 +2,7 @@
 import { h, number, unit } from './app.js';
 
 const FULL = 4; // candidates shown in full
+const TITLES = { adequate: 'Too small to tell, if there at all', unexplained: 'What comes nearest; weights if one of these were it' };
 
 export function ranking(page) {
   const { view } = page;
@@ -29,7 +30,7 @@ export function chance(probability) {
 
 function missing(page) {
   const { view } = page;
-  const title = view.verdict === 'adequate' && view.discovered ? 'Too small to tell, if there at all' : 'What is missing';
+  const title = (view.discovered && TITLES[view.verdict]) || 'What is missing';
   const section = h('section', { class: 'panel', 'aria-label': title }, h('h2', { text: title }));
   if (!view.discovered) {
     section.append(h('p', { class: 'soft', text: view.next.text }));
