@@ -21,6 +21,7 @@ __all__ = ["read_csv", "read_header"]
 Columns = dict[str, npt.NDArray[Any]]
 LARGE = 1_000_000  # bytes from which Arrow reads the file, if it can
 MAX_TOP = 1000  # comment lines
+_NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?")
 _COMMA = re.compile(r"\s*[-+]?(?:\d+,?\d*|,\d+)(?:[eE][-+]?\d+)?\s*")
 
 
@@ -35,7 +36,7 @@ def read_csv(path: Path, texts: Collection[str] = ()) -> tuple[Columns, int]:
         if columns is None:
             columns = _read_any(path, header, delimiter, first)
     except UnicodeDecodeError as error:
-        raise UserError(f"{path.name}: byte {error.start} is not UTF-8 text, expected a CSV file") from None
+        raise UserError(f"{path.name}: byte {error.start} is not UTF-8 text, expected a CSV file in UTF-8") from None
     except csv.Error as error:
         raise UserError(f"{path.name}: {error}, expected a CSV file") from None
     columns.pop("", None)  # a comma at the end of every line
@@ -60,6 +61,8 @@ def read_header(path: Path) -> tuple[list[str], str, int]:
         raise UserError(f"{path.name}:{number}: found nothing, expected a line of column names")
     if any("\0" in name for name in header):
         raise UserError(f"{path.name}:{number}: found a byte 0, expected text")
+    if all(_NUMBER.fullmatch(name) for name in header if name):
+        raise UserError(f"{path.name}:{number}: found numbers only, expected a line of column names")
     twice = {name for name in header if name and header.count(name) > 1}
     if twice:
         raise UserError(f"{path.name}:{number}: column {shorten(sorted(twice)[0])} stands twice, expected once")

@@ -132,7 +132,7 @@ def _values(table: Table, name: str, text: bool) -> npt.NDArray[Any]:
 
 def _document(order: dict[str, Any], files: Iterable[str], log: bool) -> str:
     document = tomlkit.document()
-    document.add(tomlkit.comment("made in the workbench (terrapin web); docs/cases.md says what can stand here"))
+    document.add(tomlkit.comment("made by `terrapin case --base`; docs/cases.md says what can stand here"))
     document["case"] = {"title": order["title"]}
     model: dict[str, Any] = {"base": order["base"], "effects": order["effects"]}
     if order["equation"]:

@@ -139,9 +139,13 @@ def write_table_case(folder: Path, files: Sequence[Path], title: str) -> str:
     if not common:
         raise UserError(f"{files[0]}: has no column in common with the others, expected tables of one kind")
     run, runs = _run_column(tables, common)
-    numeric = [name for name in common if name != run and _numeric(tables, name)]
+    if not any(table.rows for table in tables):
+        raise UserError(f"{files[0]}: found no row below the column names, expected at least one")
+    wrong = {name: _no_number(tables, name) for name in common if name != run}
+    numeric = [name for name, why in wrong.items() if not why]
     if not numeric:
-        raise UserError(f"{files[0]}: found no column of numbers, expected at least one")
+        why = next(iter(wrong.values()), f"only {run}, which names the run")
+        raise UserError(f"{files[0]}: found no column of numbers ({why}), expected at least one")
     guesses = guess_columns(numeric)
     base = guess_base(guesses)
     document = _document(folder, files, title, base, run, guesses)
@@ -156,9 +160,11 @@ def write_table_case(folder: Path, files: Sequence[Path], title: str) -> str:
     rest = [guess.column for guess in guesses if guess not in used]
     if rest:
         lines.append(f"Not mapped (discover looks at them all the same): {', '.join(rest)}")
-    text = [name for name in common if name != run and name not in numeric]
-    if text:
-        lines.append(f"Not numbers: {', '.join(text)}")
+    text = [name for name in wrong if name not in numeric]
+    words = [name for name in text if not any(_has_numbers(table, name) for table in tables)]
+    if words:
+        lines.append(f"Not numbers: {', '.join(words)}")
+    lines += [f"Left out: {wrong[name]}" for name in text if name not in words]
     lines += _shared_names(tables, run, text)
     if run is None:
         lines.append("No column names the run: each file is one.")
@@ -169,26 +175,35 @@ def write_table_case(folder: Path, files: Sequence[Path], title: str) -> str:
 
 
 def _shared_names(tables: Sequence[Table], run: str | None, text: Sequence[str]) -> list[str]:
-    """A warning for each column of words that differs within a run: two runs may have the same name."""
+    """A warning for each column of words that differs within a run: two runs may have the same name.
+
+    Numbers with gaps and time stamps differ from row to row: they say nothing about the run.
+    """
     if run is None:
         return []
     found = []
     for name in text:
         pairs = {(r, word) for table in tables for r, word in zip(table.text(run), table.text(name), strict=True)}
-        if len(pairs) > len({r for r, _ in pairs}):
+        words = all(re.search(r"[^\W\d]", word) for _, word in pairs)
+        if words and len({r for r, _ in pairs}) < len(pairs) <= sum(table.rows for table in tables) // 2:
             found.append(
                 f"{name} differs within a {run}: are several runs named alike? Then join both into one column."
             )
     return found
 
 
-def _numeric(tables: Sequence[Table], name: str) -> bool:
+def _no_number(tables: Sequence[Table], name: str) -> str:
+    """Where a column has no number, and what stands there; empty where all cells are numbers."""
     try:
         for table in tables:
             table.numbers(name)
-    except UserError:
-        return False
-    return True
+    except UserError as error:
+        return str(error)
+    return ""
+
+
+def _has_numbers(table: Table, name: str) -> bool:
+    return any(re.fullmatch(r"[-+]?\d+\.?\d*(e[-+]?\d+)?", cell, re.IGNORECASE) for cell in table.text(name))
 
 
 def guess_run(names: Sequence[str]) -> str | None:

@@ -58,7 +58,7 @@ def _stream_csv(path: Path, texts: Collection[str]) -> Iterator[Table]:
     try:
         header, delimiter, line = read_header(path)
     except UnicodeDecodeError as error:
-        raise UserError(f"{path.name}: byte {error.start} is not UTF-8 text, expected a CSV file") from None
+        raise UserError(f"{path.name}: byte {error.start} is not UTF-8 text, expected a CSV file in UTF-8") from None
     except csv.Error as error:
         raise UserError(f"{path.name}: {error}, expected a CSV file") from None
     names = [str(i) for i in range(len(header))]

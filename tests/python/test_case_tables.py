@@ -91,12 +91,27 @@ def test_a_table_of_something_else_becomes_an_equation(tmp_path: Path, capsys: p
     assert terrapin(capsys, "compare", tmp_path / "case")[0] == 0
 
 
+def test_a_column_that_is_left_out_says_why(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "gaps.csv"
+    lines = ["run,clock,x,y"] + [f"{i % 3},12:00:{i:02d},{i},{'' if i == 7 else 2 * i}" for i in range(30)]
+    table.write_text("\n".join(lines) + "\n")
+    status, out, _ = terrapin(capsys, "case", table, "--to", tmp_path / "case")
+    assert status == 0
+    assert "Not numbers: clock\n" in out
+    assert "Left out: gaps.csv:9: column y: found an empty cell, expected a number" in out
+    assert "named alike" not in out
+
+
 def test_tables_that_cannot_be_a_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words, other = tmp_path / "words.csv", tmp_path / "other.csv"
+    words, other, bare, names = (tmp_path / f"{name}.csv" for name in ("words", "other", "bare", "names"))
+    bare.write_text("1,0.5,-3e2\n2,0.7,1\n")
+    names.write_text("a,b\n")
     words.write_text("a,b\nx,y\nz,w\n")
     other.write_text("c\n1\n2\n")
     for arguments, expected in (
-        ([words], "no column of numbers"),
+        ([words], "no column of numbers (words.csv:2: column a: found text 'x', expected a number)"),
+        ([bare], "bare.csv:1: found numbers only, expected a line of column names"),
+        ([names], "names.csv: found no row"),
         ([words, other], "no column in common"),
         ([tmp_path / "none.csv"], "none.csv"),
         ([other, tmp_path], "beside tables"),
