@@ -187,10 +187,16 @@ def record(
             except KeyboardInterrupt:
                 pass
     finally:
+        lost, damaged = bus.lost, bus.damaged
         bus.shutdown()
         if shown:
             print(file=sys.stderr)
-    print(f"{frames} frames in {to}")
+        if to.exists():
+            print(f"{frames} frames in {to}")
+        if lost:
+            print(f"{to}: {lost} frames lost before they could be read: this machine was too busy", file=sys.stderr)
+        if damaged:
+            print(f"{to}: {damaged} damaged lines left out", file=sys.stderr)
 
 
 def replay(

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from pathlib import Path
+from socket import SO_RCVBUF, SOL_SOCKET
+from socket import socket as Socket
 from typing import Protocol
 
 import can
@@ -17,6 +20,26 @@ __all__ = ["LISTENABLE", "ListenedBus", "PythonCanBus", "open_bus", "receive"]
 
 LISTENABLE = "socketcan:CHANNEL, serial:DEVICE, can:INTERFACE:CHANNEL"
 MOST = 100_000  # frames of a block
+QUEUE = 8 << 20  # bytes
+RECEIVE_BUFFER_FORCE, MEMORY = 33, 55  # asm-generic/socket.h: SO_RCVBUFFORCE, SO_MEMINFO
+DROPS = 8  # linux/sock_diag.h, SK_MEMINFO_DROPS
+
+
+def enlarge(socket: Socket) -> None:
+    """A queue for a second of a full bus, as far as the system lets us."""
+    try:
+        socket.setsockopt(SOL_SOCKET, RECEIVE_BUFFER_FORCE, QUEUE)
+    except PermissionError:
+        socket.setsockopt(SOL_SOCKET, SO_RCVBUF, QUEUE)  # held within net.core.rmem_max
+
+
+def socket_drops(socket: Socket) -> int:
+    """Messages that a socket's queue had no place for."""
+    try:
+        memory = socket.getsockopt(SOL_SOCKET, MEMORY, 64)
+    except OSError:
+        return 0
+    return int.from_bytes(memory[4 * DROPS : 4 * DROPS + 4], sys.byteorder)
 
 
 class ListenedBus(Protocol):
@@ -24,6 +47,10 @@ class ListenedBus(Protocol):
 
     channel_info: str
     damaged: int  # lines or frames that could not be read
+
+    @property
+    def lost(self) -> int:
+        """Frames that the system had no place for until they were asked for; 0 where it does not say."""
 
     def receive(self, seconds: float) -> Frames: ...
     def send(self, identifier: int, data: bytes) -> None: ...
@@ -37,6 +64,16 @@ class PythonCanBus:
         self._bus = bus
         self.channel_info = bus.channel_info
         self.damaged = 0
+        self._gone: Exception | None = None
+        found = getattr(bus, "socket", None)  # SocketCAN's
+        self._socket = found if isinstance(found, Socket) else None
+        if self._socket is not None:
+            enlarge(self._socket)
+
+    @property
+    def lost(self) -> int:
+        """Of SocketCAN only: other interfaces of python-can do not say."""
+        return 0 if self._socket is None else socket_drops(self._socket)
 
     def receive(self, seconds: float) -> Frames:
         """What comes within `seconds`; what came before the bus went away is not lost."""
@@ -45,18 +82,23 @@ class PythonCanBus:
         names: list[int] = []
         payloads: list[bytes] = []
         flags: list[int] = []
-        try:
-            while (left := end - time.monotonic()) > 0 and len(times) < MOST:
-                message = self._bus.recv(left)
-                if message is None:
-                    continue
+        while (left := end - time.monotonic()) > 0 and len(times) < MOST:
+            try:
+                message = self._bus.recv(0.0 if self._gone else left)
+            except (can.CanError, OSError, ValueError, TypeError) as error:
+                if self._gone is not None:
+                    break
+                self._gone = error  # SocketCAN says it once, and before the frames that still wait
+                continue
+            if message is not None:
                 times.append(message.timestamp)
                 names.append(message.arbitration_id)
                 payloads.append(b"" if message.is_remote_frame else bytes(message.data))
                 flags.append(message_flags(message))
-        except (can.CanError, OSError, ValueError, TypeError) as error:
-            if not times:  # else the next call finds it gone
-                raise UserError(f"{self.channel_info}: the bus went away ({error})", status=1) from None
+            elif self._gone is not None:
+                break
+        if self._gone is not None and not times:
+            raise UserError(f"{self.channel_info}: the bus went away ({self._gone})", status=1)
         return frames(Path("bus"), times, names, payloads, flags)
 
     def send(self, identifier: int, data: bytes) -> None:

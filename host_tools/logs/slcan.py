@@ -106,6 +106,7 @@ class SlcanBus:
             raise UserError(f"--link: found {device!r}, expected serial:DEVICE or serial:DEVICE@BAUD")
         self.channel_info = f"serial:{where}"
         self.damaged = 0
+        self.lost = 0  # a serial port does not say
         self._rest = b""
         self._first = True  # the first line may have begun before we listened
         try:

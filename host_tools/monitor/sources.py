@@ -98,8 +98,8 @@ class Bus:
 
     @property
     def lost(self) -> int:
-        """Frames that nobody polled in time."""
-        return self._waiting.lost
+        """Frames that nobody polled in time, or that the system had no place for."""
+        return self._waiting.lost + self._bus.lost
 
     @property
     def damaged(self) -> int:

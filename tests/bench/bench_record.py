@@ -41,7 +41,7 @@ def telemetry() -> tuple[list[int], float]:
 class Telemetry:
     """A bus that always has the next half second (host_tools.logs.bus.ListenedBus). Its count of frames outlives it."""
 
-    channel_info, damaged = "telemetry", 0
+    channel_info, damaged, lost = "telemetry", 0, 0
 
     def __init__(self, count: mmap.mmap) -> None:
         names, self._rate = telemetry()

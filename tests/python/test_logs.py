@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +19,7 @@ from hypothesis import strategies as st
 
 from hil import paths
 from host_tools.errors import UserError
+from host_tools.logs.bus import PythonCanBus, enlarge, socket_drops
 from host_tools.logs.decoding import Decoder
 from host_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, frames, joined
 from host_tools.logs.reading import LogReader, read_log
@@ -299,3 +302,50 @@ def test_multiplexed_and_short(tmp_path: Path) -> None:
     found = Decoder(dbc).decode(log)["M"].signals
     np.testing.assert_allclose(found["a"], [-0.1, np.nan, np.nan])
     np.testing.assert_allclose(found["b"], [np.nan, 7.0, np.nan])
+
+
+class OnceGone:
+    """A bus that says once that it is gone, before frames that still wait, as a SocketCAN interface does."""
+
+    channel_info = "socketcan channel 'can0'"
+
+    def __init__(self) -> None:
+        first, second = (can.Message(arbitration_id=0x180 + i, is_extended_id=False) for i in range(2))
+        self.answers: list[can.Message | Exception] = [first, can.CanOperationError("No such device"), second]
+
+    def recv(self, timeout: float) -> can.Message | None:
+        answer = self.answers.pop(0) if self.answers else None
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+
+def test_a_bus_that_went_away_is_told_after_its_last_frames() -> None:
+    bus = PythonCanBus(OnceGone())  # type: ignore[arg-type]
+    assert list(bus.receive(1.0).identifiers) == [0x180, 0x181]
+    for _ in range(2):
+        with pytest.raises(UserError, match=r"can0': the bus went away \(No such device"):
+            bus.receive(0.01)
+
+
+def test_what_a_socket_has_no_place_for_is_counted() -> None:
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as to,
+    ):
+        here.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        here.bind(("127.0.0.1", 0))
+        here.setblocking(False)
+        assert socket_drops(here) == 0
+        for _ in range(500):
+            to.sendto(bytes(16), here.getsockname())
+        heard = 0
+        with contextlib.suppress(BlockingIOError):
+            while here.recv(64):
+                heard += 1
+        assert 0 < heard < 500
+        assert socket_drops(here) == 500 - heard
+        enlarge(here)
+        for _ in range(500):
+            to.sendto(bytes(16), here.getsockname())
+        assert socket_drops(here) == 500 - heard

@@ -7,6 +7,7 @@ import pty
 import shutil
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -205,6 +206,36 @@ def test_interface_unplugged_and_back(bus: str) -> None:
         with vcan(bus), Peer(bus) as peer:
             wait_for(lambda: (peer.listen(), "STATUS" in peer.last)[1], "a STATUS on the new interface")
             assert controller.stop() == 0
+
+
+@can_utils
+def test_a_recording_has_every_frame_and_ends_with_its_bus(bus: str) -> None:
+    from host_tools.logs.candump import read as read_candump
+    from host_tools.logs.reading import read_log
+
+    folder = Path(os.environ["TMPDIR"])
+    log, dumped = folder / "recorded.blf", folder / "dumped.log"
+    words = os.memfd_create("words")
+    with dumped.open("w") as file:
+        dump = subprocess.Popen(["candump", "-L", "-r", "8388608", bus], stdout=file)
+    with Controller("--can", bus) as controller:
+        command = [sys.executable, "-c", "from host_tools.cli import main; main()", "log", "record", log]
+        recorder = subprocess.Popen([*command, "--link", f"socketcan:{bus}"], stdout=words, stderr=words)
+        wait_for(lambda: log.exists() and log.stat().st_size > 2000, "frames in the log", 60.0)
+        shell("ip", "link", "del", bus)
+        assert recorder.wait(30) == 1
+        assert controller.stop() == 0
+    dump.wait(10)
+    said = os.pread(words, 1 << 20, 0).decode()
+    assert "the bus went away" in said
+    assert "lost" not in said
+    recorded, seen = (
+        [(int(log.identifiers[i]), log.payload(i)) for i in range(len(log))]
+        for log in (read_log(log)[0], read_candump(dumped))
+    )
+    assert len(recorded) > 100
+    first = next(i for i in range(len(seen)) if seen[i : i + 20] == recorded[:20])  # candump began before
+    assert recorded[: len(seen) - first] == seen[first:]
 
 
 def test_run_over_a_bus_that_goes_away_is_one_error(bus: str) -> None:
