@@ -39,18 +39,17 @@ def _progress() -> Iterator[Told]:
 
 def _files(images: Sequence[Path]) -> list[SignedFile]:
     """The images, read; one a slot."""
-    from host_tools.flash.image import ImageError, parse
+    from host_tools.flash.image import ImageError, intact, parse, read_start
     from host_tools.flash.update import SignedFile
 
     files: list[SignedFile] = []
     for path in images:
+        data = read_start(path)
         try:
-            data = path.read_bytes()
             image = parse(data)
+            intact(image)
         except ImageError as error:
             raise UserError(f"{path}: {error}") from None
-        except OSError as error:
-            raise UserError(f"{path}: cannot read: {error.strerror}") from None
         if image.signature is None:
             raise UserError(f"{path}: not signed; `terrapin image sign` does it")
         same = [file.name for file in files if file.image.slot == image.slot]
@@ -99,14 +98,25 @@ def _update(files: Sequence[SignedFile], wire: Wire) -> str:
 
 def _whole(files: Sequence[SignedFile], via: str, port: str, baud: int, loader: Path | None) -> str:
     from host_tools.flash import plan as plans
+    from host_tools.flash.layout import BASE
     from host_tools.flash.stm32 import Stm32
     from host_tools.flash.swd import Swd
 
-    what = plans.plan(files, plans.boot_loader(loader) if loader else None)
+    data = plans.boot_loader(loader) if loader else None
+    if data is not None:
+        plans.check_starts(data, str(loader), files)
+    what = plans.plan(files, data)
     programmer = Swd(port or None) if via == "swd" else Stm32(_serial_port(port, via), baud or 115_200)
     with closing(programmer), _progress() as told:
         if isinstance(programmer, Stm32):
             programmer.connect()
+        if data is None:
+            there = programmer.read(BASE, plans.BOOT_SIZE, told)
+            if not plans.begins(there):
+                raise UserError(
+                    f"{programmer.name}: the chip has no boot loader to start an image, expected --boot-loader"
+                )
+            plans.check_starts(there, "the chip's boot loader", files)
         plans.perform(programmer, what, told)
     written = ", ".join(f"slot {file.image.slot}" for file in files)
     return f"{'boot loader, ' if loader else ''}{written}: written and read back, started"
@@ -122,7 +132,7 @@ def flash(
         str, typer.Option("--port", help="a probe's id, /dev/ttyUSB0, socketcan:can0, can:INTERFACE:CHANNEL")
     ] = "",
     baud: Annotated[int, typer.Option("--baud", help="of the serial port; default 1000000, stm32: 115200")] = 0,
-    bitrate: Annotated[int, typer.Option("--bitrate", help="of the CAN bus, bit/s; default 500000")] = 0,
+    bitrate: Annotated[int, typer.Option("--bitrate", help="of the CAN adapter, bit/s; default 500000")] = 0,
     loader: Annotated[
         Path | None, typer.Option("--boot-loader", metavar="FILE.bin", help="swd, stm32: write this, too")
     ] = None,
@@ -146,6 +156,12 @@ def flash(
         raise UserError("--baud, --bitrate: expected more than 0")
     if loader and via in ("can", "serial"):
         raise UserError(f"--boot-loader: cannot be written via {via}, expected --via swd or stm32")
+    if baud and via not in ("serial", "stm32"):
+        raise UserError(f"--baud: --via {via} has none, expected it with serial or stm32")
+    if bitrate and via != "can":
+        raise UserError(f"--bitrate: --via {via} has none, expected it with can")
+    if bitrate and (port or "socketcan:").removeprefix("can:").startswith("socketcan:"):
+        raise UserError("--bitrate: socketcan's is set outside (ip link set can0 type can bitrate 500000)")
     if not images:
         raise UserError("no IMAGE; `terrapin image sign` makes one")
     files = _files(images)

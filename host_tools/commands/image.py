@@ -21,15 +21,13 @@ Key = Annotated[
 
 
 def _read(path: Path) -> tuple[Image, bytes]:
-    from host_tools.flash.image import ImageError, parse
+    from host_tools.flash.image import ImageError, parse, read_start
 
+    data = read_start(path)
     try:
-        data = path.read_bytes()
         return parse(data), data
     except ImageError as error:
         raise UserError(f"{path}: {error}") from None
-    except OSError as error:
-        raise UserError(f"{path}: cannot read: {error.strerror}") from None
 
 
 def sign(
@@ -45,10 +43,11 @@ def sign(
 
     Example: terrapin image sign terrapin-f405-h-bridge-slot-a.bin robot-a.bin --version 1.2.0 --key robot.pem
     """
-    from host_tools.flash.image import ImageError, Version, code_slot
+    from host_tools.flash.image import ImageError, Version, code_slot, read_start
     from host_tools.flash.image import sign as make
     from host_tools.flash.keys import development_key, private_key
-    from host_tools.flash.layout import HEADER_SIZE, SLOTS
+    from host_tools.flash.layout import HEADER_SIZE, SLOT_SIZE, SLOTS
+    from host_tools.workbench.edit import write_whole
 
     if not 0 <= counter < 2**32:
         raise UserError(f"--counter: found {counter}, expected 0 to 4294967295")
@@ -56,24 +55,26 @@ def sign(
         number = Version.of(version)
     except ValueError as error:
         raise UserError(f"--version: {error}") from None
-    try:
-        data = code.read_bytes()
-    except OSError as error:
-        raise UserError(f"{code}: cannot read: {error.strerror}") from None
+    data = read_start(code)
     for source, what in ((code, "code"), (key or development_key(), "key")):
         if to.exists() and source.exists() and to.samefile(source):
             raise UserError(f"{to}: is the {what} itself; expected another name for the image")
-    slot = code_slot(data)
+    try:
+        slot = code_slot(data)
+    except ImageError as error:
+        raise UserError(f"{code}: {error}") from None
     if slot is None:
         starts = " or ".join(f"0x{start + HEADER_SIZE:08x}" for start in SLOTS.values())
         raise UserError(f"{code}: its reset vector is in no slot; expected code linked for {starts}")
+    if len(data) > SLOT_SIZE:
+        raise UserError(f"{code}: more than the {SLOT_SIZE} bytes of a slot")
     data += b"\xff" * (-len(data) % 4)
     try:
         image = make(data, private_key(key or development_key()), number, counter, slot)
     except ImageError as error:
         raise UserError(f"{code}: {error}") from None
     try:
-        to.write_bytes(image)
+        write_whole(to, image)
     except OSError as error:
         raise UserError(f"{to}: cannot write: {error.strerror}") from None
     print(f"{to}: {len(image)} bytes for slot {slot}, version {number}, security counter {counter}")

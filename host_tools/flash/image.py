@@ -12,14 +12,16 @@ import hashlib
 import re
 import struct
 from dataclasses import dataclass
+from pathlib import Path
 
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
+from host_tools.errors import UserError
 from host_tools.flash.keys import key_hash
-from host_tools.flash.layout import HEADER_SIZE, SLOT_SIZE, SLOTS, slot_at
+from host_tools.flash.layout import HEADER_SIZE, RAM, SLOT_SIZE, SLOTS, slot_at
 
-__all__ = ["Image", "ImageError", "Version", "code_slot", "parse", "sign", "verify"]
+__all__ = ["Image", "ImageError", "Version", "code_slot", "intact", "parse", "read_start", "sign", "verify"]
 
 MAGIC = 0x96F3B83D
 ROM_FIXED = 0x100
@@ -49,7 +51,7 @@ class Version:
         >>> Version.of("1.2.3")
         Version(major=1, minor=2, revision=3, build=0)
         """
-        found = re.fullmatch(r"(\d{1,3})\.(\d{1,3})\.(\d{1,5})(?:\+(\d{1,10}))?", text)
+        found = re.fullmatch(r"(\d{1,3})\.(\d{1,3})\.(\d{1,5})(?:\+(\d{1,10}))?", text, re.ASCII)
         numbers = [int(part or 0) for part in found.groups()] if found else [256]
         if any(number > limit for number, limit in zip(numbers, (255, 255, 65535, 2**32 - 1), strict=False)):
             raise ValueError(f"version {text!r}: expected MAJOR.MINOR.REVISION[+BUILD], at most 255.255.65535")
@@ -74,9 +76,28 @@ class Image:
     size: int  # bytes, of all
 
 
+def read_start(path: Path) -> bytes:
+    """A file of code or an image: what a slot takes of it, and a byte more when there is more. UserError."""
+    try:
+        with path.open("rb") as file:
+            return file.read(SLOT_SIZE + 1)
+    except OSError as error:
+        raise UserError(f"{path}: cannot read: {error.strerror}") from None
+
+
 def code_slot(code: bytes) -> str | None:
-    """The slot that code is linked for, by its reset vector; None when there is no such vector."""
-    return slot_at(int.from_bytes(code[4:8], "little")) if len(code) >= 8 else None
+    """The slot that code is linked for, by its reset vector; None when there is no such vector.
+
+    ImageError when it is an image already (which would be wrapped again, and never run), or not a program's start.
+    """
+    stack, reset = (int.from_bytes(code[at : at + 4], "little") for at in (0, 4))
+    if stack == MAGIC:
+        raise ImageError("an image already, expected code: the .bin that the linker made")
+    slot = slot_at(reset) if len(code) >= 8 else None
+    # A reset vector of Thumb code is odd, and points behind the header, into the code.
+    if slot and not (stack in RAM and reset % 2 and HEADER_SIZE <= reset - SLOTS[slot] < HEADER_SIZE + len(code)):
+        raise ImageError(f"no program: it would begin at 0x{reset:08x} with its stack at 0x{stack:08x}")
+    return slot
 
 
 def _tlv(kind: int, value: bytes) -> bytes:
@@ -118,6 +139,8 @@ def parse(data: bytes) -> Image:
     """What `data` says about itself: its form is checked, no digest and no signature. ImageError."""
     if len(data) < HEADER_SIZE or int.from_bytes(data[:4], "little") != MAGIC:
         raise ImageError("not an image (no MCUboot header); `terrapin image sign` makes one of code")
+    if len(data) > SLOT_SIZE:
+        raise ImageError(f"more than the {SLOT_SIZE} bytes of a slot")
     _, address, header_size, protected_size, code_size, flags, *numbers = _HEADER.unpack_from(data)
     if header_size != HEADER_SIZE:
         raise ImageError(f"header of {header_size} bytes, expected {HEADER_SIZE}")
@@ -149,10 +172,15 @@ def parse(data: bytes) -> Image:
     )
 
 
-def verify(image: Image, key: Ed25519PublicKey) -> None:
-    """ImageError unless digest, key and signature are good."""
+def intact(image: Image) -> None:
+    """ImageError unless the digest fits, which needs no key."""
     if hashlib.sha256(image.hashed).digest() != image.digest:
         raise ImageError("corrupted: its SHA-256 does not fit")
+
+
+def verify(image: Image, key: Ed25519PublicKey) -> None:
+    """ImageError unless digest, key and signature are good."""
+    intact(image)
     if image.signature is None or image.key_hash is None:
         raise ImageError("not signed with Ed25519")
     if image.key_hash != key_hash(key):

@@ -12,7 +12,10 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 from hil import paths
 from host_tools.errors import UserError
 
-__all__ = ["development_key", "key_hash", "new_key", "private_key", "public_key"]
+__all__ = ["development_key", "key_hash", "key_in", "new_key", "private_key", "public_key"]
+
+_INFO = bytes.fromhex("302a300506032b6570032100")  # what precedes the key in its SubjectPublicKeyInfo
+PEM_LIMIT = 10_000  # bytes of a file that are looked at
 
 
 def development_key() -> Path:
@@ -27,9 +30,14 @@ def new_key(path: Path) -> Ed25519PublicKey:
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
     try:
-        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-            os.fchmod(file.fileno(), 0o600)  # whatever the umask is
-            file.write(text)
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                os.fchmod(handle, 0o600)  # whatever the umask is
+                file.write(text)
+        except BaseException:  # a part of a key is none, and would stand in the next one's way
+            path.unlink()
+            raise
     except FileExistsError:
         raise UserError(f"{path}: exists already; a key is never replaced") from None
     except OSError as error:
@@ -39,7 +47,8 @@ def new_key(path: Path) -> Ed25519PublicKey:
 
 def _load(path: Path) -> Ed25519PrivateKey | Ed25519PublicKey:
     try:
-        text = path.read_bytes()
+        with path.open("rb") as file:
+            text = file.read(PEM_LIMIT)
     except OSError as error:
         hint = "; `terrapin keys new` makes one" if isinstance(error, FileNotFoundError) else ""
         raise UserError(f"{path}: cannot read the key: {error.strerror}{hint}") from None
@@ -75,3 +84,12 @@ def key_hash(key: Ed25519PublicKey) -> bytes:
     return hashlib.sha256(
         key.public_bytes(serialization.Encoding.DER, serialization.PublicFormat.SubjectPublicKeyInfo)
     ).digest()
+
+
+def key_in(data: bytes, named: bytes) -> Ed25519PublicKey | None:
+    """The public key of that name among the bytes of a boot loader, 32 of which it is; None when it is not there."""
+    for at in range(len(data) - 31):
+        raw = data[at : at + 32]
+        if hashlib.sha256(_INFO + raw).digest() == named:
+            return Ed25519PublicKey.from_public_bytes(raw)
+    return None

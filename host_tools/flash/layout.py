@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-__all__ = ["BASE", "HEADER_SIZE", "RECORDS", "SLOTS", "SLOT_SIZE", "slot_at"]
+__all__ = ["BASE", "HEADER_SIZE", "RAM", "RECORDS", "SLOTS", "SLOT_SIZE", "slot_at"]
 
 BASE = 0x0800_0000
 HEADER_SIZE = 0x200
 SLOT_SIZE = 0x2_0000
+RAM = range(0x2000_0000, 0x2002_0001)  # where a stack may begin, which grows down
 SLOTS = {"a": BASE + 0x2_0000, "b": BASE + 0x4_0000}  # name -> address of the image's header
 RECORDS = ((BASE + 0xC000, 0x4000), (BASE + 0x1_0000, 0x1_0000))  # the boot loader's log: (address, bytes)
 

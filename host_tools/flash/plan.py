@@ -13,13 +13,14 @@ from typing import Protocol
 
 from hil import paths
 from host_tools.errors import UserError
-from host_tools.flash.layout import BASE, RECORDS, SLOT_SIZE, SLOTS
+from host_tools.flash.image import ImageError, verify
+from host_tools.flash.keys import key_in
+from host_tools.flash.layout import BASE, RAM, RECORDS, SLOT_SIZE, SLOTS
 from host_tools.flash.update import SignedFile
 
-__all__ = ["BOOT_SIZE", "Plan", "Programmer", "boot_loader", "perform", "plan"]
+__all__ = ["BOOT_SIZE", "Plan", "Programmer", "begins", "boot_loader", "check_starts", "perform", "plan"]
 
 BOOT_SIZE = 0x4000
-RAM = range(0x2000_0000, 0x2002_0001)
 
 Told = Callable[[str, int, int], None]
 
@@ -35,6 +36,7 @@ class Plan:
 class Programmer(Protocol):
     """A connection that can do it. Failures are UserError."""
 
+    def read(self, address: int, size: int, told: Told) -> bytes: ...
     def erase(self, regions: Sequence[tuple[int, int]], told: Told) -> None: ...
     def write(self, address: int, data: bytes, told: Told) -> None: ...
     def verify(self, address: int, data: bytes, told: Told) -> None: ...
@@ -44,14 +46,33 @@ class Programmer(Protocol):
 def boot_loader(path: Path) -> bytes:
     """The boot loader in a .bin. UserError when it cannot be one."""
     try:
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            data = file.read(BOOT_SIZE + 1)
     except OSError as error:
         built = paths.ROOT / "build" / "cortex-m4"
         raise UserError(f"{path}: cannot read: {error.strerror} (`make firmware` puts it into {built})") from None
-    stack, reset = int.from_bytes(data[:4], "little"), int.from_bytes(data[4:8], "little")
-    if not 8 <= len(data) <= BOOT_SIZE or stack not in RAM or not BASE <= reset < BASE + len(data):
+    if len(data) > BOOT_SIZE or not begins(data):
         raise UserError(f"{path}: no boot loader: expected at most {BOOT_SIZE} bytes linked for 0x{BASE:08x}")
     return data
+
+
+def begins(data: bytes) -> bool:
+    """Whether these bytes begin with the vectors of a program at the start of flash."""
+    stack, reset = int.from_bytes(data[:4], "little"), int.from_bytes(data[4:8], "little")
+    return len(data) >= 8 and stack in RAM and BASE <= reset < BASE + len(data)
+
+
+def check_starts(loader: bytes, where: str, files: Sequence[SignedFile]) -> None:
+    """UserError unless this boot loader would start the images: nobody asks it when the whole flash is written."""
+    for file in files:
+        named = file.image.key_hash or b""
+        key = key_in(loader, named)
+        if key is None:
+            raise UserError(f"{file.name}: signed with key {named[:4].hex()}, which is not in {where}")
+        try:
+            verify(file.image, key)
+        except ImageError as error:
+            raise UserError(f"{file.name}: {error}") from None
 
 
 def plan(files: Sequence[SignedFile], loader: bytes | None) -> Plan:

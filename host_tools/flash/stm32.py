@@ -144,16 +144,27 @@ class Stm32:
             self._send(bytes([len(chunk) - 1]) + chunk, f"to write at 0x{address + at:08x}")
             told("writing", at + len(chunk), len(data))
 
+    def _read_chunk(self, address: int, size: int) -> bytes:
+        self._command(READ, "to read")
+        self._send(address.to_bytes(4, "big"), f"to read at 0x{address:08x}")
+        count = size - 1
+        self._write(bytes([count, count ^ 0xFF]))
+        self._acknowledged("to read")
+        return self._read(size)
+
+    def read(self, address: int, size: int, told: Told) -> bytes:
+        """What stands in the flash."""
+        data = b""
+        while len(data) < size:
+            data += self._read_chunk(address + len(data), min(CHUNK, size - len(data)))
+            told("reading", len(data), size)
+        return data
+
     def verify(self, address: int, data: bytes, told: Told) -> None:
         """Read back and compare."""
         for at in range(0, len(data), CHUNK):
             chunk = data[at : at + CHUNK]
-            self._command(READ, "to read")
-            self._send((address + at).to_bytes(4, "big"), f"to read at 0x{address + at:08x}")
-            count = len(chunk) - 1
-            self._write(bytes([count, count ^ 0xFF]))
-            self._acknowledged("to read")
-            if self._read(len(chunk)) != chunk:
+            if self._read_chunk(address + at, len(chunk)) != chunk:
                 raise self._fail(f"verify: what was written at 0x{address + at:08x} does not read back")
             told("verifying", at + len(chunk), len(data))
 

@@ -100,12 +100,21 @@ class Swd:
             loader.add_data(address, data)
             loader.commit()
 
+    def _read_chunk(self, address: int, size: int) -> bytes:
+        with self._trying("read"):
+            return bytes(self._session.target.read_memory_block8(address, size))
+
+    def read(self, address: int, size: int, told: Told) -> bytes:
+        data = b""
+        while len(data) < size:
+            data += self._read_chunk(address + len(data), min(CHUNK, size - len(data)))
+            told("reading", len(data), size)
+        return data
+
     def verify(self, address: int, data: bytes, told: Told) -> None:
         for at in range(0, len(data), CHUNK):
             chunk = data[at : at + CHUNK]
-            with self._trying("read back"):
-                read = bytes(self._session.target.read_memory_block8(address + at, len(chunk)))
-            if read != chunk:
+            if self._read_chunk(address + at, len(chunk)) != chunk:
                 raise UserError(
                     f"{self.name}: verify: what was written at 0x{address + at:08x} does not read back", status=1
                 )

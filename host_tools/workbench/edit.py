@@ -91,26 +91,26 @@ def remove_effect(text: str, name: str) -> str:
     return tomlkit.dumps(document)
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_whole(path: Path, text: str | bytes) -> None:
     """Replace a file in one step: at every moment it holds the old text or the new. OSError when it cannot.
 
     A link is followed. What is no file (a device such as /dev/null, a pipe) is written to and never replaced.
     """
     path = path.resolve()
     try:
-        _write_whole(path, text)
+        _write_whole(path, text.encode() if isinstance(text, str) else text)
     except OSError as error:  # name the file that was asked for
         raise type(error)(error.errno, error.strerror, str(path)) from None
 
 
-def _write_whole(path: Path, text: str) -> None:
+def _write_whole(path: Path, data: bytes) -> None:
     if path.exists() and not path.is_file():
-        path.write_text(text, encoding="utf-8")
+        path.write_bytes(data)
         return
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:100]}.")
     try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
             file.flush()
             os.fsync(file.fileno())
         if path.exists():

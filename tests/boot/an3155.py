@@ -71,10 +71,10 @@ class Emulator:
         return address - BASE
 
     def _run(self) -> None:
-        while self._take(1) != b"\x7f":
-            pass
-        self._give(ACK)
         try:
+            while self._take(1) != b"\x7f":
+                pass
+            self._give(ACK)
             while True:
                 self._serve(self._take(1)[0])
         except SystemExit:

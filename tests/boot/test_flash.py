@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import os
 import re
@@ -280,7 +281,20 @@ def test_bad_input(tmp_path: Path) -> None:
     unsigned.write_bytes(bytes(data))
     cut = tmp_path / "cut.bin"
     cut.write_bytes(good.read_bytes()[:-9])
+    flipped = tmp_path / "flipped.bin"
+    data = bytearray(good.read_bytes())
+    data[1000] ^= 1
+    flipped.write_bytes(bytes(data))
+    padded = tmp_path / "padded.bin"
+    padded.write_bytes(good.read_bytes().ljust(0x20001, b"\xff"))
     for arguments, reason in [
+        ([flipped, "--via", "serial", "--port", "x"], "corrupted"),
+        ([padded, "--via", "serial", "--port", "x"], "more than the 131072 bytes of a slot"),
+        (["/dev/zero", "--via", "serial", "--port", "x"], "not an image"),
+        ([good, "--via", "can", "--baud", "9600"], "--baud: --via can has none"),
+        ([good, "--via", "serial", "--port", "x", "--bitrate", "125000"], "--bitrate: --via serial has none"),
+        ([good, "--via", "can", "--bitrate", "125000"], "socketcan's is set outside"),
+        ([good, "--via", "can", "--port", "can:socketcan:can0", "--bitrate", "125000"], "socketcan's is set outside"),
         ([good], "--via: found ''"),
         ([good, "--via", "jtag"], "expected one of swd, stm32, can, serial"),
         (["--via", "serial"], "no IMAGE"),
@@ -322,7 +336,9 @@ def test_list() -> None:
 
 def boot_file(folder: Path) -> Path:
     path = folder / "boot.bin"
-    path.write_bytes(code("a", 5000)[:4] + (BASE + 0x199).to_bytes(4, "little") + bytes(4992))
+    key = private_key(development_key()).public_key().public_bytes_raw()
+    vectors = code("a", 8)[:4] + (BASE + 0x199).to_bytes(4, "little")
+    path.write_bytes((vectors + bytes(2001) + key).ljust(5000, b"\0"))
     return path
 
 
@@ -342,14 +358,14 @@ def test_stm32_end_to_end(tmp_path: Path) -> None:
 
 
 def test_stm32_what_goes_wrong(tmp_path: Path) -> None:
-    good = signed(tmp_path, "a", "1.0.0")
+    good, loader = signed(tmp_path, "a", "1.0.0"), boot_file(tmp_path)
     for emulator, status, reason in [
         (Emulator(identifier=0x419), 2, "wrong chip: identifier 0x419, expected 0x413 (STM32F405)"),
         (Emulator(protected=True), 1, "protected?"),
         (Emulator(damage=0x08020300), 1, "does not read back"),
     ]:
         with emulator as port:
-            done = terrapin("flash", good, "--via", "stm32", "--port", port)
+            done = terrapin("flash", good, "--via", "stm32", "--port", port, "--boot-loader", loader)
         assert (done.returncode, reason in done.stderr) == (status, True), done.stderr
     silent, other = os.openpty()
     try:
@@ -359,6 +375,37 @@ def test_stm32_what_goes_wrong(tmp_path: Path) -> None:
         os.close(other)
     assert done.returncode == 1
     assert "BOOT0 high" in done.stderr
+
+
+def test_stm32_writes_nothing_that_would_not_start(tmp_path: Path) -> None:
+    """Nobody verifies what is written past the boot loader: its key is looked for in it, in the file or on the chip."""
+    good, loader, empty = signed(tmp_path, "a", "1.0.0"), boot_file(tmp_path), tmp_path / "empty.bin"
+    foreign, forged = tmp_path / "foreign.bin", tmp_path / "forged.bin"
+    foreign.write_bytes(image("a", "1.0.0", key=OTHER_KEY))
+    forged.write_bytes(good.read_bytes()[:-1] + bytes([good.read_bytes()[-1] ^ 1]))
+    empty.write_bytes(loader.read_bytes()[:8].ljust(5000, b"\0"))
+    for arguments, there, reason in [
+        ([foreign, "--boot-loader", loader], b"", "which is not in " + str(loader)),
+        ([good, "--boot-loader", empty], b"", "which is not in " + str(empty)),
+        ([forged, "--boot-loader", loader], b"", "its signature is forged"),
+        ([good], b"\xff" * 5000, "the chip has no boot loader"),
+        ([good], empty.read_bytes(), "which is not in the chip's boot loader"),
+        ([forged], loader.read_bytes(), "its signature is forged"),
+    ]:
+        emulator = Emulator()
+        emulator.flash[: len(there)] = there
+        before = bytes(emulator.flash)
+        with emulator as port:
+            done = terrapin("flash", *arguments, "--via", "stm32", "--port", port)
+        assert (done.returncode, reason in done.stderr) == (2, True), (reason, done.stderr)
+        assert len(done.stderr.splitlines()) == 1
+        assert bytes(emulator.flash) == before
+    emulator = Emulator()
+    emulator.flash[:5000] = loader.read_bytes()
+    with emulator as port:
+        done = terrapin("flash", good, "--via", "stm32", "--port", port)
+    assert (done.returncode, done.stdout) == (0, "slot a: written and read back, started\n"), done.stderr
+    assert emulator.flash[0x20000:].startswith(good.read_bytes() + b"\xff" * 64)
 
 
 @pytest.mark.skipif(shutil.which("stm32flash") is None, reason="stm32flash is not installed")
@@ -455,6 +502,9 @@ def test_swd(probe: Target) -> None:
     assert set(probe.flash[0xC000:0x40000]) == {0xFF}
     assert probe.resets == 1
     assert swd.probes() == [("P1", "probe")]
+    programmer = swd.Swd()
+    with contextlib.closing(programmer):
+        assert programmer.read(BASE, 5000, quiet) == bytes(probe.flash[:5000])
 
 
 def test_swd_what_goes_wrong(probe: Target, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -492,6 +542,29 @@ def test_keys_new(tmp_path: Path) -> None:
     assert before.decode().splitlines()[1] not in done.stdout + done.stderr
 
 
+def test_a_key_that_cannot_be_written_leaves_no_file(tmp_path: Path) -> None:
+    """Otherwise the next try is told that there is a key, which is never replaced."""
+    path = tmp_path / "robot.pem"
+    full = OSError(errno.ENOSPC, "No space left on device")
+    with mock.patch.object(os, "fchmod", side_effect=full):
+        done = terrapin("keys", "new", path)
+    assert (done.returncode, "No space left" in done.stderr) == (2, True)
+    assert not path.exists()
+    assert terrapin("keys", "new", path).returncode == 0
+
+
+def test_an_image_that_cannot_be_written_leaves_the_old_one(tmp_path: Path) -> None:
+    body, out = tmp_path / "code.bin", tmp_path / "image.bin"
+    body.write_bytes(code("a", 1000))
+    assert terrapin("image", "sign", body, out, "--version", "1.0.0").returncode == 0
+    before = out.read_bytes()
+    with mock.patch.object(os, "fsync", side_effect=OSError(errno.ENOSPC, "No space left on device")):
+        done = terrapin("image", "sign", body, out, "--version", "1.0.1")
+    assert (done.returncode, "No space left" in done.stderr) == (2, True)
+    assert out.read_bytes() == before
+    assert sorted(tmp_path.iterdir()) == [body, out]
+
+
 def test_image_sign_verify_info(tmp_path: Path) -> None:
     body, out, key = tmp_path / "code.bin", tmp_path / "image.bin", tmp_path / "key.pem"
     body.write_bytes(code("b", 1001))
@@ -524,7 +597,21 @@ def test_image_bad_input(tmp_path: Path) -> None:
     alone.write_bytes(bytes(4) + (BASE + 0x101).to_bytes(4, "little") + bytes(100))
     large = tmp_path / "large.bin"
     large.write_bytes(code("a", 0x20000))
+    larger = tmp_path / "larger.bin"
+    larger.write_bytes(code("a", 0x20004))
+    already = signed(tmp_path, "a", "1.0.0")
+    arm = tmp_path / "arm.bin"  # not Thumb code
+    arm.write_bytes(code("a", 8)[:4] + (SLOTS["a"] + 0x240).to_bytes(4, "little") + bytes(100))
+    beyond = tmp_path / "beyond.bin"  # cut off before its reset vector
+    beyond.write_bytes(code("a", 0x40))
     for arguments, reason in [
+        ([already, out, "--version", "1.0.1"], "an image already"),
+        ([arm, out, "--version", "1.0.0"], "no program: it would begin at 0x08020240 with its stack at 0x20020000"),
+        ([beyond, out, "--version", "1.0.0"], "no program"),
+        ([larger, out, "--version", "1.0.0"], "more than the 131072 bytes"),
+        (["/dev/zero", out, "--version", "1.0.0"], "reset vector is in no slot"),
+        ([body, out, "--version", "\uff11.0.0"], "expected MAJOR.MINOR.REVISION"),
+        ([body, out, "--version", "1.0.0", "--key", "/dev/zero"], "expected an Ed25519 key"),
         ([body, out, "--version", "1.2"], "expected MAJOR.MINOR.REVISION"),
         ([body, out, "--version", "256.0.0"], "at most 255.255.65535"),
         ([body, out, "--version", "1.0.0", "--counter", "-1"], "expected 0 to"),
