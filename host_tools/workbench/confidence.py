@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 from host_tools.workbench.evidence import SIZES
 from host_tools.workbench.ranking import Ranking
 
-__all__ = ["Operating", "calibrated", "operating_characteristic"]
+__all__ = ["EVEN", "Operating", "calibrated", "operating_characteristic"]
 
 Array = npt.NDArray[np.float64]
 
@@ -33,6 +33,7 @@ MAP = {
     "nothing": (0.7, 0.0),
 }
 CEILING = 0.995  # no answer is surer than the campaigns could check
+EVEN = 0.5  # probability that nothing is missing, below which "adequate" is not the word for it
 DRAWS = 200
 
 

@@ -24,7 +24,7 @@ from host_tools.workbench.depends import importance
 from host_tools.workbench.directions import numeric_columns
 from host_tools.workbench.experiment import Experiment, propose
 from host_tools.workbench.fit import Fit, covariance
-from host_tools.workbench.ranking import Hypothesis, Ranking, rank
+from host_tools.workbench.ranking import PRIOR, Hypothesis, Ranking, rank
 from host_tools.workbench.remaining import Left, absent, allowed, left, pays
 from host_tools.workbench.resampling import Selected, selection
 
@@ -35,6 +35,7 @@ Array = npt.NDArray[np.float64]
 AS_GOOD = 0.75  # posterior, relative to the likeliest set's, from which another set does equally well
 SAME_AS_GOOD = 0.2  # the same, for a set that these data could not tell from the likeliest in any case:
 SAME = 2.0  # squared distance of the two sets' predictions, in noise sd, that the other's parameters cannot take up
+LIKELIER = 2.0  # times as likely as nothing, to be named where there was no misfit beyond the noise sd
 ENOUGH_EXPLAINED = 0.7  # share of the misfit that an expression must take away to be an answer
 LISTED = 0.5  # probability of one odd run, from which it is named
 LAST = 10_000  # place of a column that compare does not list
@@ -90,7 +91,7 @@ def discover(
     report("fit of the present model, noise, adequacy")
     analysis = analyse(case, seed, level)
     ranking = rank(analysis, report)
-    nothing = ranking.probability("nothing")
+    nothing = ranking.probability("nothing") * (PRIOR["nothing"] if ranking.blind else 1.0)
     verdict, top, rivals, probability = _verdict(ranking, analysis)
     if not analysis.missing:
         verdict, top, rivals, probability = "adequate", None, [], calibrated(nothing, "nothing")
@@ -162,7 +163,10 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
     if named and named[0][0].fit is not None and (not beside or pays(analysis, named[0][0].fit, analysis.fit)):
         top, best = named[0]
         column = sum(p for h, p in pairs if h.kind == "expression" and h.column == top.column)
-        if _explained(analysis, top.fit) >= ENOUGH_EXPLAINED or _nothing_left(analysis, top.fit):
+        explained = _explained(analysis, top.fit) >= ENOUGH_EXPLAINED
+        # where the noise sd itself holds the misfit, nothing is left before and after: then it must be likely at least
+        likely = column > LIKELIER * ranking.probability("nothing") or not _nothing_left(analysis, analysis.fit)
+        if explained or (likely and _nothing_left(analysis, top.fit)):
             return "missing", top, [top], calibrated(float(column), "expression")
     return "unexplained", named[0][0] if named else None, [], calibrated(kinds["expression"])
 

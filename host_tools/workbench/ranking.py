@@ -27,7 +27,7 @@ from host_tools.workbench.linear import linearise
 from host_tools.workbench.noise import Ar1
 from host_tools.workbench.unknown import beside_effects, expressions
 
-__all__ = ["Hypothesis", "Ranking", "rank"]
+__all__ = ["PRIOR", "Hypothesis", "Ranking", "rank"]
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -56,6 +56,11 @@ class Ranking:
 
     def probability(self, *kinds: str) -> float:
         return float(sum(p for h, p in zip(self.hypotheses, self.posterior, strict=True) if h.kind in kinds))
+
+    @property
+    def blind(self) -> bool:
+        """No effect could be weighed: the model's own parameters take up whatever the columns could show."""
+        return all(h.kind in ("nothing", "run") for h in self.hypotheses)
 
     def inclusion(self, effect: str) -> float:
         """Probability that an effect is part of what is missing."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from hil.physics.effects import Effect
 from host_tools.workbench.analysis import Analysis
+from host_tools.workbench.confidence import EVEN
 from host_tools.workbench.show import verdict_line
 
 __all__ = ["headline", "reason"]
@@ -32,10 +33,10 @@ def headline(analysis: Analysis, answer: dict[str, Any] | None) -> str:
     sure = float(answer["answer_probability"])
     ladder, missing = answer["ladder"], " + ".join(answer["missing"])
     if answer["verdict"] == "adequate":
-        return (
-            f"The model is adequate: with probability {sure:.2f} nothing is missing (p = "
-            f"{answer['adequacy']['p_value']:.2g} at a false alarm rate of {analysis.level:g})."
-        )
+        test = f"p = {answer['adequacy']['p_value']:.2g} at a false alarm rate of {analysis.level:g}"
+        if sure < EVEN:
+            return f"No alarm ({test}), but that nothing is missing has a probability of {max(sure, 0.01):.2f} only."
+        return f"The model is adequate: with probability {sure:.2f} nothing is missing ({test})."
     if answer["verdict"] == "ambiguous":
         sets = " or ".join(" + ".join(effects) for effects in answer["rivals"])
         return f"Something is missing, and these data cannot tell what: {sets}. Likeliest: {missing} ({sure:.2f})."

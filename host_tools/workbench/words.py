@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hil.physics.effects import Effect
-from host_tools.workbench.confidence import Operating
+from host_tools.workbench.confidence import EVEN, Operating
 from host_tools.workbench.discovery import Discovery
 from host_tools.workbench.fit import covariance
 from host_tools.workbench.show import number, verdict_line
@@ -22,7 +22,6 @@ __all__ = ["tell"]
 SHOWN = 6  # candidates
 NAMED_RUNS = 4  # runs that are named as carrying the misfit
 WIDTH = 110
-EVEN = 0.5  # probability that nothing is missing, below which "adequate" needs explaining
 UNLIKELY = 0.005  # probability below which a candidate is shown only when nothing else is
 
 
@@ -59,6 +58,11 @@ def _adequate(found: Discovery) -> list[str]:
     p = found.answer_probability
     if p >= EVEN:
         lines = [f"   The model is adequate (probability {p:.2f} that nothing is missing)."]
+    elif found.ranking.blind:
+        lines = [
+            "   These runs could not show it either: the model's own parameters take up whatever these columns say.",
+            "   Measure at more settings, or fit fewer parameters.",
+        ]
     else:
         likeliest = max(found.ranking.hypotheses, key=lambda h: h.log_weight)
         what = " + ".join(likeliest.effects) or f"something that depends on {likeliest.column or 'no one column'}"

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaigns"))
@@ -19,12 +20,27 @@ from discovery_cases import Made, make
 from hil.paths import ROOT
 from host_tools.workbench.analysis import Analysis, analyse, error, fitted_on
 from host_tools.workbench.case import load_case
-from host_tools.workbench.discovery import discover
+from host_tools.workbench.discovery import discover, discover_answer
 from host_tools.workbench.fit import Fit
+from host_tools.workbench.reasons import headline
 from host_tools.workbench.remaining import absent, allowed, left, pays
 from host_tools.workbench.words import tell
 
 BOTH = ("speed_squared", "motor_heating")
+
+
+def _line(folder: Path, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], sigma: str = "") -> Path:
+    """A case of a straight line through y over x, in eight runs."""
+    length = len(x) // 8
+    rows = "".join(f"r{i // length},{a},{b}\n" for i, (a, b) in enumerate(zip(x, y, strict=True)))
+    (folder / "runs.csv").write_text("run,x,y\n" + rows)
+    (folder / "case.toml").write_text(
+        '[case]\ntitle = "Line"\n[model]\nbase = "equation"\n[model.equation]\ny = "a + b*x"\n'
+        "[fit]\na = { value = 0 }\nb = { value = 1 }\n"
+        '[data]\nfiles = ["runs.csv"]\nrun = "run"\n'
+        f'[data.columns]\nx = {{ column = "x", unit = "m" }}\ny = {{ column = "y", unit = "N"{sigma} }}\n'
+    )
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -95,15 +111,8 @@ def test_what_an_expression_says_is_told_where_none_is_named(
     random = np.random.default_rng(3)
     x = np.tile(np.linspace(0.0, 4.0, 60), 10)
     y = 1.0 + x + np.sin(5.0 * x) + 0.2 * random.standard_normal(len(x))  # a wave is no short expression
-    rows = "".join(f"r{i // 60},{a},{b}\n" for i, (a, b) in enumerate(zip(x, y, strict=True)))
-    (tmp_path / "runs.csv").write_text("run,x,y\n" + rows)
-    (tmp_path / "case.toml").write_text(
-        '[case]\ntitle = "Wave"\n[model]\nbase = "equation"\n[model.equation]\ny = "a + b*x"\n'
-        "[fit]\na = { value = 0 }\nb = { value = 1 }\n"
-        '[data]\nfiles = ["runs.csv"]\nrun = "run"\n'
-        '[data.columns]\nx = { column = "x", unit = "m" }\ny = { column = "y", unit = "N", sigma = 0.2 }\n'
-    )
-    status, out, _ = terrapin(capsys, "discover", tmp_path, "--json", tmp_path / "answer.json")
+    folder = _line(tmp_path, x, y, ", sigma = 0.2")
+    status, out, _ = terrapin(capsys, "discover", folder, "--json", tmp_path / "answer.json")
     answer = json.loads((tmp_path / "answer.json").read_text())
     assert (status, answer["verdict"]) == (0, "unexplained")
     first = answer["candidates"][0]
@@ -127,6 +136,32 @@ def test_words_do_not_contradict_the_probability() -> None:
     assert "The model is adequate" not in doubtful
     assert "Nothing is missing" not in doubtful
     assert "probability below 0.01" in doubtful
+    answer = discover_answer(found, 0.0)
+    assert headline(found.analysis, answer).startswith("The model is adequate")
+    sentence = headline(found.analysis, {**answer, "answer_probability": 0.3})
+    assert sentence.startswith("No alarm")
+    assert "0.30 only" in sentence
+
+
+def test_settings_that_can_show_nothing_make_no_model_adequate(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    random = np.random.default_rng(2)
+    x = np.repeat([0.0, 1.0], 20)  # two settings, and a straight line through them
+    status, out, _ = terrapin(capsys, "discover", _line(tmp_path, x, 1 + x + 0.1 * random.standard_normal(40)))
+    assert status == 0
+    assert "adequate" not in out
+    assert "could not show it either" in out
+    assert discover(load_case(tmp_path)).answer_probability < 0.5
+
+
+def test_a_wave_that_passes_for_noise_is_no_root_of_time(tmp_path: Path) -> None:
+    random = np.random.default_rng(1)
+    time = np.tile(np.arange(200) / 50.0, 8)
+    y = 3.0 * np.sin(10.0 * time) + 0.1 * random.standard_normal(len(time))
+    found = discover(load_case(_line(tmp_path, time, y)))
+    assert found.analysis.missing
+    assert found.verdict == "unexplained"
 
 
 def test_bootstrap_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
