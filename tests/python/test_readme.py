@@ -11,6 +11,7 @@ import pytest
 
 from hil.physics.effects import Effect
 from hil.physics.expression import parse
+from hil.run import run
 from hil.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -59,13 +60,15 @@ def test_links_lead_somewhere(document: str) -> None:
         assert (ROOT / document).parent.joinpath(target).exists(), f"{document}: {target}"
 
 
-def test_scenario_of_the_documentation_loads(tmp_path: Path) -> None:
+def test_scenario_of_the_documentation_passes(tmp_path: Path) -> None:
     examples = blocks("docs/scenarios.md", "toml")
     assert examples
     for number, text in enumerate(examples):
         path = tmp_path / f"example_{number}.toml"
         path.write_text(text)
-        assert load_scenario(path).checks
+        scenario = load_scenario(path)
+        assert scenario.checks
+        assert [outcome.text for outcome in run(scenario).outcomes if not outcome.passed] == []
 
 
 def test_effect_of_the_documentation_is_one() -> None:
