@@ -48,6 +48,7 @@ WORDS = {  # role or channel -> words of a name that stand for it, and words bes
     "torque": ("torque moment mdrive m", "sd std"),
     "sinkage": ("sinkage depth z", "sd std"),
 }
+NAMED = 3  # columns with gaps whose first gap is told
 RUN_WORDS = ("run", "test", "trial", "experiment", "series", "id")
 PLACEHOLDERS = {  # of known constants, in the case's own words: to be replaced
     "radius": "80 mm", "drive_radius": "18 mm", "torque_constant": "0.1 N m/A", "coulomb": "12 mN m",
@@ -164,7 +165,10 @@ def write_table_case(folder: Path, files: Sequence[Path], title: str) -> str:
     words = [name for name in text if not any(_has_numbers(table, name) for table in tables)]
     if words:
         lines.append(f"Not numbers: {', '.join(words)}")
-    lines += [f"Left out: {wrong[name]}" for name in text if name not in words]
+    gaps = [name for name in text if name not in words]
+    lines += [f"Left out: {wrong[name]}" for name in gaps[:NAMED]]
+    if len(gaps) > NAMED:
+        lines.append(f"Left out, too, with gaps: {', '.join(gaps[NAMED:])}")
     lines += _shared_names(tables, run, text)
     if run is None:
         lines.append("No column names the run: each file is one.")

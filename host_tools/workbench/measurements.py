@@ -244,7 +244,8 @@ def _split(tables: Tables, names: tuple[str, ...]) -> tuple[list[str], list[str]
     if both:
         raise tables.complain(f"run {both[0]!r} is in train and in test, expected in one of them", "data", "test")
     if not train:
-        reason = "the only run would be held out" if len(names) == 1 else "found an empty list"
+        only = f"the only run {names[0]!r} would be held out (name it here, or with --train, to train on it)"
+        reason = only if len(names) == 1 else "found an empty list"
         raise tables.complain(f"{reason}, expected at least one run to train on", "data", "train")
     return train, test
 

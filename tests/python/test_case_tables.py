@@ -102,6 +102,18 @@ def test_a_column_that_is_left_out_says_why(tmp_path: Path, capsys: pytest.Captu
     assert "named alike" not in out
 
 
+def test_of_many_columns_with_gaps_the_first_ones_say_where(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "log.csv"
+    table.write_text("time,a,b,c,d,e,f\n0,1,,,,,\n" + "".join(f"{i},1,2,3,4,5,6\n" for i in range(1, 9)))
+    status, out, _ = terrapin(capsys, "case", table, "--to", tmp_path / "case")
+    assert status == 0
+    assert out.count("log.csv:2") == 3
+    assert "Left out, too, with gaps: e, f\n" in out
+    status, _, err = terrapin(capsys, "compare", tmp_path / "case")
+    assert status == 2
+    one_line(err, ["the only run 'log' would be held out", "--train"])
+
+
 def test_tables_that_cannot_be_a_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words, other, bare, names = (tmp_path / f"{name}.csv" for name in ("words", "other", "bare", "names"))
     bare.write_text("1,0.5,-3e2\n2,0.7,1\n")
