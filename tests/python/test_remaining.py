@@ -26,14 +26,15 @@ from host_tools.workbench.reasons import headline
 from host_tools.workbench.remaining import absent, allowed, left, pays
 from host_tools.workbench.words import tell
 
+Array = npt.NDArray[np.float64]
 BOTH = ("speed_squared", "motor_heating")
 
 
-def _line(folder: Path, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], sigma: str = "") -> Path:
-    """A case of a straight line through y over x, in eight runs."""
-    length = len(x) // 8
-    rows = "".join(f"r{i // length},{a},{b}\n" for i, (a, b) in enumerate(zip(x, y, strict=True)))
-    (folder / "runs.csv").write_text("run,x,y\n" + rows)
+def _line(folder: Path, x: Array, y: Array, sigma: str = "", other: Array | None = None) -> Path:
+    """A case of a straight line through y over x, in eight runs, and a column `other` that is not mapped."""
+    columns = [np.arange(len(x)) * 8 // len(x), x, y, *([] if other is None else [other])]
+    rows = "".join(",".join(map(str, row)) + "\n" for row in zip(*columns, strict=True))
+    (folder / "runs.csv").write_text("run,x,y" + (",other" if len(columns) > 3 else "") + "\n" + rows)
     (folder / "case.toml").write_text(
         '[case]\ntitle = "Line"\n[model]\nbase = "equation"\n[model.equation]\ny = "a + b*x"\n'
         "[fit]\na = { value = 0 }\nb = { value = 1 }\n"
@@ -158,8 +159,9 @@ def test_settings_that_can_show_nothing_make_no_model_adequate(
 def test_a_wave_that_passes_for_noise_is_no_root_of_time(tmp_path: Path) -> None:
     random = np.random.default_rng(1)
     time = np.tile(np.arange(200) / 50.0, 8)
+    x = random.random(len(time))
     y = 3.0 * np.sin(10.0 * time) + 0.1 * random.standard_normal(len(time))
-    found = discover(load_case(_line(tmp_path, time, y)))
+    found = discover(load_case(_line(tmp_path, x, y, other=time)))
     assert found.analysis.missing
     assert found.verdict == "unexplained"
 
