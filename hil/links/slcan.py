@@ -12,6 +12,7 @@ import re
 import select
 import signal
 import subprocess
+import tempfile
 import termios
 import time
 import tty
@@ -232,21 +233,24 @@ class ControllerProcess:
 
     def start(self) -> str:
         """Start it; the path of its pty."""
-        try:
-            self.process = subprocess.Popen(
-                [str(self.program), *self.arguments, "--pty"],
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                text=True,
-                process_group=0,  # Ctrl-C in a terminal is for us; the controller ends when we let it go
-            )
-        except OSError as error:
-            raise LinkError(f"{self.program}: cannot start the controller: {error.strerror}") from None
-        assert self.process.stdout is not None
-        path = self.process.stdout.readline().strip()
-        if not path:
-            self.stop()
-            raise LinkError(f"{self.program}: the controller did not start")
+        with tempfile.TemporaryFile("w+", errors="backslashreplace") as words:
+            try:
+                self.process = subprocess.Popen(
+                    [str(self.program), *self.arguments, "--pty"],
+                    stdout=subprocess.PIPE,
+                    stderr=words,
+                    text=True,
+                    process_group=0,  # Ctrl-C in a terminal is for us; the controller ends when we let it go
+                )
+            except OSError as error:
+                raise LinkError(f"{self.program}: cannot start the controller: {error.strerror}") from None
+            assert self.process.stdout is not None
+            path = self.process.stdout.readline().strip()
+            if not path:
+                self.stop()
+                words.seek(0)
+                said = (words.read().strip() or "the controller did not start").splitlines()[-1]
+                raise LinkError(f"{self.program}: {said.removeprefix(f'{self.program.name}: ')}")
         return path
 
     def stop(self) -> int:

@@ -270,8 +270,7 @@ def load(
     values = read_file(file, interface())
 
     def change(session: Session) -> dict[str, int]:
-        for name, raw in values.items():
-            session.set(session.interface.parameters[name], raw)
+        session.set_all(values)
         return values
 
     _write(change, link, flash, timeout, volatile, json)
@@ -338,9 +337,9 @@ def reset(
         if not chosen:
             session.defaults()
             return session.all()
-        for parameter in chosen:
-            session.set(parameter, parameter.default)
-        return {parameter.name: parameter.default for parameter in chosen}
+        values = {parameter.name: parameter.default for parameter in chosen}
+        session.set_all(values)
+        return values
 
     _write(change, link, flash, timeout, volatile, json)
 

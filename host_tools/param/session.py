@@ -39,7 +39,7 @@ class Store:
 
 
 class Session:
-    """`get`, `set`, `defaults`, `save`: one parameter or the store at a time, each answer checked.
+    """`get`, `set`, `set_all`, `defaults`, `save`: one parameter or the store at a time, each answer checked.
 
     LinkError (Unanswered) when the controller does not answer; UserError when it refuses, with status 1.
     """
@@ -93,6 +93,24 @@ class Session:
         found = self._value_of(parameter, "PARAMETER_WRITE", {"index": parameter.index, "value": raw})
         if found != raw:
             raise LinkError(f"{self.port.name}: {parameter.name}: raw {raw} was written, {found} came back")
+
+    def set_all(self, values: Mapping[str, int]) -> None:
+        """Writes raw values, all or none: what was written before one is refused gets back what it was."""
+        before: dict[str, int] = {}
+        try:
+            for name, raw in values.items():
+                parameter = self.interface.parameters[name]
+                was = self.get(parameter)
+                self.set(parameter, raw)
+                before[name] = was
+        except UserError:
+            for name, raw in before.items():
+                self.set(self.interface.parameters[name], raw)
+            raise
+        except LinkError as error:
+            if not before:
+                raise
+            raise LinkError(f"{error}; {len(before)} of {len(values)} parameters were written, and not kept") from None
 
     def all(self) -> dict[str, int]:
         """Raw values of all parameters."""

@@ -23,10 +23,15 @@ static char path[64];
 static int writes;
 static int syncs;
 static bool refuse;
+static int room; /* writes until the disk is full */
 static terrapin_flash_file file;
 
 static ssize_t disk_pwrite(int descriptor, const void *bytes, size_t size, off_t at) {
     writes++;
+    if (writes > room) {
+        errno = ENOSPC;
+        return -1;
+    }
     return pwrite(descriptor, bytes, size, at);
 }
 
@@ -43,6 +48,7 @@ void setUp(void) {
     writes = 0;
     syncs = 0;
     refuse = false;
+    room = INT_MAX;
     memset(disk, 0, sizeof disk);
     TEST_ASSERT_EQUAL(0, terrapin_flash_file_open(&file, path));
 }
@@ -50,6 +56,16 @@ void setUp(void) {
 void tearDown(void) {
     terrapin_flash_file_close(&file);
     (void)unlink(path);
+}
+
+static void test_a_file_that_could_not_be_made_is_made_next_time(void) {
+    terrapin_flash_file_close(&file);
+    TEST_ASSERT_EQUAL(0, truncate(path, 0));
+    room = writes + 3;
+    TEST_ASSERT_EQUAL(ENOSPC, terrapin_flash_file_open(&file, path));
+    room = INT_MAX;
+    TEST_ASSERT_EQUAL(0, terrapin_flash_file_open(&file, path));
+    TEST_ASSERT_EQUAL(SIZE, lseek(file.descriptor, 0, SEEK_END));
 }
 
 static void test_a_new_file_is_on_the_disk(void) {
@@ -107,6 +123,7 @@ int main(void) {
     }
     (void)snprintf(path, sizeof path, "%s/flash", folder);
     UNITY_BEGIN();
+    RUN_TEST(test_a_file_that_could_not_be_made_is_made_next_time);
     RUN_TEST(test_a_new_file_is_on_the_disk);
     RUN_TEST(test_what_was_read_back_stays);
     RUN_TEST(test_an_erase_waits_for_what_was_written_before);

@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,7 @@ import can
 import pytest
 
 from hil.links.slcan import ControllerProcess, LinkError, SlcanPort
-from hil.messages import Sender, interface
+from hil.messages import Frame, Sender, interface
 from host_tools.cli import main
 from host_tools.errors import UserError
 from host_tools.param.files import find, raw_of, read_file, to_toml
@@ -292,6 +292,41 @@ def test_locked_while_the_bridge_is_on(robot: tuple[Robot, Session]) -> None:
     assert body.run(6000, "idle")["enable"] == 0
     talk.set(RADIUS, 90000)
     assert talk.save().result == "ok"
+
+
+def test_a_file_is_written_whole_or_not_at_all(robot: tuple[Robot, Session]) -> None:
+    """A free parameter comes before a locked one: it gets back what it was."""
+    body, talk = robot
+    free = next(p for p in PARAMETERS.values() if not p.protects)
+    body.arm()
+    assert body.run(400)["enable"] == 1
+    other = free.maximum if free.default != free.maximum else free.minimum
+    with pytest.raises(UserError, match="locked while the bridge is on"):
+        talk.set_all({free.name: other, "radius": 90000})
+    assert talk.get(free) == free.default
+    talk.set_all({free.name: other})
+    assert talk.get(free) == other
+
+
+def test_a_controller_that_goes_away_leaves_word_of_what_was_written() -> None:
+    port = HostFirmware(None)
+    talk, answer, asked = Session(port), port.ask, []
+
+    def ask(frame: Frame, wanted: Callable[[Frame], bool]) -> Frame | None:
+        asked.append(frame)
+        return answer(frame, wanted) if len(asked) <= 4 else None
+
+    with (
+        mock.patch.object(port, "ask", ask),
+        pytest.raises(LinkError, match=r"does not answer to PARAMETER_READ; 2 of 3 parameters were written, and not"),
+    ):
+        talk.set_all({"radius": 90000, "weight": 19000, "inertia": 17000})
+
+
+def test_the_reason_why_a_controller_does_not_start_is_said(tmp_path: Path) -> None:
+    done = terrapin("list", "--link", "pty", "--flash", tmp_path / "none" / "flash", status=1)
+    assert done.stderr.endswith(f"cannot use {tmp_path}/none/flash: No such file or directory\n")
+    assert len(done.stderr.splitlines()) == 1
 
 
 def test_test_mode_is_a_function_of_its_frames(robot: tuple[Robot, Session]) -> None:

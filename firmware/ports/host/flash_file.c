@@ -103,7 +103,9 @@ static int prepare(terrapin_flash_file *file, const char *path) {
     }
     if ((about.st_size == 0) &&
         !(erase_area(file, (terrapin_flash_area){.offset = 0U, .size = SIZE}) && sync_folder(path))) {
-        return (errno != 0) ? errno : EIO;
+        const int reason = (errno != 0) ? errno : EIO;
+        (void)ftruncate(file->descriptor, 0); /* a part of a flash is none; an empty file is made whole next time */
+        return reason;
     }
     return 0;
 }
