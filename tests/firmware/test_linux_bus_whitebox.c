@@ -1,12 +1,24 @@
-/* What the Linux controller counts of a SocketCAN interface's losses. */
+/* What the Linux controller counts of a SocketCAN interface's losses and error frames. */
 #define _GNU_SOURCE
+
+#include <sys/socket.h>
 
 #include "unity.h"
 
+static int refuses(int descriptor, struct mmsghdr *messages, unsigned int count, int flags);
+#define sendmmsg                                            refuses
+#define recvmmsg(descriptor, messages, count, flags, limit) refuses(descriptor, messages, count, flags)
 #include "../../firmware/ports/linux/bus_socketcan.c"
 
 void setUp(void) {}
 void tearDown(void) {}
+
+static int refusal;
+static int refuses(int descriptor, struct mmsghdr *messages, unsigned int count, int flags) {
+    (void)descriptor, (void)messages, (void)count, (void)flags;
+    errno = refusal;
+    return -1;
+}
 
 void bus_enter(bus *b, bus_state state) {
     b->state = state;
@@ -47,9 +59,45 @@ static void test_a_new_socket_counts_from_zero(void) {
     TEST_ASSERT_EQUAL(102, b.counts.overflowed);
 }
 
+/* Its driver puts the chip's error counters into the frame and says so by a bit of its own (Linux 6.0 and later). */
+static void test_error_counters_are_no_error(void) {
+    bus b = {.name = "none"};
+    struct can_frame frame = {.can_id = CAN_ERR_FLAG | CAN_ERR_CRTL | 0x200U, .can_dlc = CAN_ERR_DLC};
+    frame.data[1] = CAN_ERR_CRTL_TX_PASSIVE;
+    frame.data[6] = 128;
+    take_error(&b, &frame);
+    TEST_ASSERT_EQUAL(BUS_PASSIVE, b.state);
+    TEST_ASSERT_EQUAL(1, b.counts.error_passive);
+    TEST_ASSERT_EQUAL(0, b.counts.other_error);
+    frame.can_id |= CAN_ERR_PROT;
+    take_error(&b, &frame);
+    TEST_ASSERT_EQUAL(1, b.counts.other_error);
+}
+
+/* The kernel tells it to the first call after it: a telemetry frame that goes out is as likely as one that comes. */
+static void test_an_interface_that_goes_down_counts_whoever_sees_it_first(void) {
+    bus b = {.name = "none", .state = BUS_ACTIVE};
+    const terrapin_frame out = {.id = 0x180U};
+    terrapin_frame in[BUS_AT_ONCE];
+    refusal = ENETDOWN;
+    socketcan_send(&b, &out, 1);
+    TEST_ASSERT_EQUAL(BUS_DOWN, b.state);
+    TEST_ASSERT_EQUAL(1, b.counts.went_down);
+    TEST_ASSERT_EQUAL(0, socketcan_receive(&b, in));
+    socketcan_send(&b, &out, 1);
+    TEST_ASSERT_EQUAL(1, b.counts.went_down);
+    TEST_ASSERT_EQUAL(2, b.counts.unsent);
+    b.state = BUS_ACTIVE;
+    TEST_ASSERT_EQUAL(0, socketcan_receive(&b, in));
+    socketcan_send(&b, &out, 1);
+    TEST_ASSERT_EQUAL(2, b.counts.went_down);
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_losses_add_up);
     RUN_TEST(test_a_new_socket_counts_from_zero);
+    RUN_TEST(test_error_counters_are_no_error);
+    RUN_TEST(test_an_interface_that_goes_down_counts_whoever_sees_it_first);
     return UNITY_END();
 }

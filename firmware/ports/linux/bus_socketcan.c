@@ -85,9 +85,11 @@ static void controller_error(bus *b, uint8_t problem) {
     }
 }
 
-/* Classes of linux/can/error.h; a frame may have several. */
+/* Classes of linux/can/error.h; a frame may have several. Since Linux 6.0 a driver marks with COUNTERS a frame that
+ * carries the chip's error counters as well: that is no error of its own (older headers lack its name). */
 static void take_error(bus *b, const struct can_frame *frame) {
-    const uint32_t kind = frame->can_id & CAN_ERR_MASK;
+    enum { COUNTERS = 0x200 };
+    const uint32_t kind = frame->can_id & CAN_ERR_MASK & ~(uint32_t)COUNTERS;
     if ((kind & CAN_ERR_CRTL) != 0U) {
         controller_error(b, frame->data[1]);
     }
@@ -116,6 +118,15 @@ static void note_overflow(bus *b, struct msghdr *header) {
             b->counts.overflowed += lost - b->queue_lost;
             b->queue_lost = lost;
         }
+    }
+}
+
+/* The kernel tells it once, to whichever call comes first, then again to each that sends. The socket stays bound, and
+ * works when the interface is up again. */
+static void went_down(bus *b) {
+    if (b->state != BUS_DOWN) {
+        b->counts.went_down++;
+        bus_enter(b, BUS_DOWN);
     }
 }
 
@@ -148,9 +159,8 @@ int socketcan_receive(bus *b, terrapin_frame frames[BUS_AT_ONCE]) {
     }
     const int count = recvmmsg(b->descriptor, messages, BUS_AT_ONCE, MSG_DONTWAIT, NULL);
     if (count < 0) {
-        if (errno == ENETDOWN) { /* told once; the socket stays bound, and works when the interface is up again */
-            b->counts.went_down++;
-            bus_enter(b, BUS_DOWN);
+        if (errno == ENETDOWN) {
+            went_down(b);
         } else if ((errno != EAGAIN) && (errno != EINTR)) {
             bus_lost(b, errno);
         } else {
@@ -194,7 +204,7 @@ void socketcan_send(bus *b, const terrapin_frame *frames, uint8_t count) {
             bus_enter(b, BUS_ACTIVE);
         }
     } else if (reason == ENETDOWN) {
-        bus_enter(b, BUS_DOWN);
+        went_down(b);
     } else if ((reason == ENODEV) || (reason == ENXIO)) {
         bus_lost(b, reason);
     } else {
