@@ -24,6 +24,7 @@ struct gpio_line {
     int looks;             /* for edges */
     bool gone;             /* reading fails, and its descriptor hangs up */
     volatile bool *output; /* as last set */
+    char letter;           /* in outputs_set */
     gpio_edge edge;
     bool has_edge;
 };
@@ -31,6 +32,15 @@ struct gpio_line {
 static int steps;
 static int steps_with_estop;
 static int steps_until_the_end;
+static char outputs_set[64]; /* E, D: enable, direction active, e, d: inactive; +, 0, -: duty */
+
+static void note_output(char what) {
+    const size_t length = strlen(outputs_set);
+    if (length < (sizeof outputs_set - 1U)) {
+        outputs_set[length] = what;
+        outputs_set[length + 1U] = '\0';
+    }
+}
 
 /* ---- stand-ins */
 
@@ -42,6 +52,7 @@ int gpio_get(gpio_line *line) {
     return line->gone ? -1 : line->level;
 }
 bool gpio_set(gpio_line *line, bool active) {
+    note_output((char)(active ? line->letter : (line->letter | 0x20)));
     *line->output = active;
     return true;
 }
@@ -87,7 +98,8 @@ bool pwm_open(pwm_output *pwm, const char *folder) {
     return true;
 }
 bool pwm_set(pwm_output *pwm, int16_t duty_q15) {
-    (void)pwm, (void)duty_q15;
+    (void)pwm;
+    note_output((char)((duty_q15 > 0) ? '+' : ((duty_q15 < 0) ? '-' : '0')));
     return true;
 }
 void pwm_close(pwm_output *pwm) {
@@ -172,6 +184,8 @@ void real_time(int priority) {
 static volatile bool *enable_output;
 static gpio_line estop;
 static gpio_line enable;
+static gpio_line direction;
+static volatile bool backward;
 static controller c;
 static int ends[2];
 static const controller_options defaults = {.debounce_ms = 20U};
@@ -182,7 +196,8 @@ void setUp(void) {
     steps_with_estop = 0;
     TEST_ASSERT_TRUE(controller_open(&c, &defaults));
     estop = (gpio_line){.descriptor = ends[0], .level = 1};
-    enable = (gpio_line){.output = enable_output};
+    enable = (gpio_line){.output = enable_output, .letter = 'E'};
+    direction = (gpio_line){.output = &backward, .letter = 'D'};
     c.estop = &estop;
     c.enable = &enable;
 }
@@ -254,6 +269,42 @@ static void test_a_press_without_its_edge_is_not_timed(void) {
     TEST_ASSERT_FALSE(*enable_output);
 }
 
+/* Released while nobody looked: the time of the ticks that were missed is no time without interruption. */
+static void test_missed_ticks_release_no_estop(void) {
+    const struct timespec stall = {.tv_nsec = 50000000};
+    struct pollfd clock = {.fd = c.clock.descriptor, .events = POLLIN};
+    steps_until_the_end = 1000;
+    c.stopped = false;
+    TEST_ASSERT_TRUE(tick_clock_start(&c.clock, TICK_NS));
+    stop(&c);
+    (void)nanosleep(&stall, NULL); /* more than debounce_ms */
+    for (int i = 0; i < 3; i++) {
+        TEST_ASSERT_EQUAL(1, poll(&clock, 1, 1000));
+        tick(&c);
+        TEST_ASSERT_TRUE_MESSAGE(c.stopped, "three looks are not 20 ms");
+    }
+    TEST_ASSERT_GREATER_THAN(40, c.clock.missed);
+}
+
+/* A line may take its time (an expander on I2C): off does not wait for it, and no duty acts in the other direction. */
+static void test_the_order_of_the_outputs(void) {
+    c.direction = &direction;
+    c.outputs.duty_q15 = -1000;
+    TEST_ASSERT_TRUE(drive(&c, true));
+    outputs_set[0] = '\0';
+    TEST_ASSERT_TRUE(drive(&c, true));
+    TEST_ASSERT_EQUAL_STRING("D-E", outputs_set);
+    outputs_set[0] = '\0';
+    c.outputs.duty_q15 = 1000;
+    TEST_ASSERT_TRUE(drive(&c, true));
+    TEST_ASSERT_EQUAL_STRING("0d+E", outputs_set);
+    outputs_set[0] = '\0';
+    TEST_ASSERT_TRUE(drive(&c, false));
+    TEST_ASSERT_EQUAL_STRING_LEN("e0d", outputs_set, 3);
+    TEST_ASSERT_NULL(strpbrk(outputs_set, "+-ED"));
+    c.direction = NULL;
+}
+
 /* The compiler must neither see the end nor make a loop of it. */
 static int (*volatile deeper)(int);
 static int dig(int depth) {
@@ -291,6 +342,8 @@ int main(void) {
     RUN_TEST(test_also_when_only_poll_says_so);
     RUN_TEST(test_an_edge_is_timed);
     RUN_TEST(test_a_press_without_its_edge_is_not_timed);
+    RUN_TEST(test_missed_ticks_release_no_estop);
+    RUN_TEST(test_the_order_of_the_outputs);
     RUN_TEST(test_a_stack_that_ends_puts_the_output_off);
     return UNITY_END();
 }

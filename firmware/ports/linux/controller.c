@@ -23,12 +23,17 @@
 static bool drive(controller *c, bool on) {
     bool good = true;
     const int16_t duty = on ? c->outputs.duty_q15 : 0;
+    const bool backward = duty < 0;
     if (!on && (c->enable != NULL)) { /* off: first the line that matters */
         good = gpio_set(c->enable, false);
     }
-    if (c->direction != NULL) {
-        good = gpio_set(c->direction, duty < 0) && good;
+    if (!on || (backward != c->backward)) { /* no duty of the one direction in the other */
+        good = pwm_set(&c->pwm, 0) && good;
     }
+    if (c->direction != NULL) {
+        good = gpio_set(c->direction, backward) && good;
+    }
+    c->backward = backward;
     good = pwm_set(&c->pwm, duty) && good;
     if (on && (c->enable != NULL)) {
         good = good && gpio_set(c->enable, true);
@@ -94,15 +99,16 @@ static void take_estop_edges(controller *c, short events) {
 }
 
 /* The level counts as well: an edge may be lost, and a line that cannot be read is a broken wire. */
-static void watch_estop(controller *c, uint32_t elapsed_ms) {
+static void watch_estop(controller *c) {
     if (c->estop == NULL) {
         c->stopped = false; /* then there is no bridge either (options.c) */
     } else if (c->estop_gone || (gpio_get(c->estop) != 1)) {
         stop(c);
     } else {
-        /* By the looks before this one: a step follows each press, however short it was and however long the ticks. */
+        /* By the looks before this one: a step follows each press, however short it was and however long the ticks.
+         * A look stands for one period: nobody looked in those that were missed, and the press may lie in them. */
         c->stopped = c->stopped && (c->healthy_ms < c->options->debounce_ms);
-        c->healthy_ms = (c->healthy_ms < 1000000U) ? (c->healthy_ms + elapsed_ms) : c->healthy_ms;
+        c->healthy_ms += (c->healthy_ms < 1000000U) ? (uint32_t)(c->clock.period_ns / TICK_NS) : 0U;
     }
 }
 
@@ -155,7 +161,7 @@ static void tick(controller *c) {
     if (periods == 0U) {
         return;
     }
-    watch_estop(c, elapsed_ms);
+    watch_estop(c);
     if (c->link.store != NULL) {
         (void)terrapin_link_store_work(&c->link, c->state);
     }

@@ -34,6 +34,7 @@ typedef struct {
     bool flash_open;
     int signals;         /* descriptor */
     bool driving;        /* the bridge is enabled */
+    bool backward;       /* what the direction line says */
     bool stopped;        /* the e-stop, debounced; true until the line was seen healthy */
     bool estop_gone;     /* its line cannot be read any more, for good */
     bool broken;         /* an output cannot be set: leave */
