@@ -254,7 +254,9 @@ class Simulation:
         self.done += 1
 
     def append(self, tick: int, frame: Frame) -> None:
-        """Adds a frame that arrived late to the record of an earlier tick. AnswerError when that is full."""
+        """Adds a frame that arrived late to the record of an earlier tick. AnswerError when it is full or not there."""
+        if tick < 0:
+            raise AnswerError(f"the controller sent {frame[0]:#05x} before the first tick")
         row = self._rows[tick]
         if row.answer_count == len(row.answer):
             raise AnswerError(f"tick {tick}: the controller sent more than {row.answer_count} frames")

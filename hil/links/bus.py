@@ -16,6 +16,7 @@ from hil.simulation import AnswerError, Simulation
 __all__ = ["Bus", "BusLink"]
 
 MOST_OLD = 10_000  # frames that may wait in a bus's queue
+QUIET = 0.03  # s after an answer in which nothing more may come from a controller in test mode
 
 
 class Bus(Protocol):
@@ -81,8 +82,16 @@ class BusLink:
         # What comes before the answer is of the time before test mode, when the controller may step by itself.
         question = self._sender.frame("PARAMETER_READ", {"index": 0})
         exchange([*self._sender.test_mode(False), *self._sender.test_mode(), question])
-
+        self._require_quiet(reply)
         write_parameters(self._sender, self._interface, parameters, exchange)
+
+    def _require_quiet(self, reply: int) -> None:
+        """LinkError when more comes than the one answer (`reply`) to the one question."""
+        heard = [*self._waiting, *self._bus.receive(QUIET)]
+        if any(identifier == reply for identifier, _ in heard):
+            raise LinkError(f"{self.name}: found more than one controller on this bus, expected one")
+        if heard:
+            raise LinkError(f"{self.name}: a controller goes on by itself, out of test mode: is its bridge on?")
 
     def advance(self, simulation: Simulation, ticks: int) -> None:
         try:

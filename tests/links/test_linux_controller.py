@@ -20,10 +20,11 @@ import pytest
 
 from hil import paths
 from hil.links.bus import BusLink
-from hil.links.slcan import slcan_line, slcan_parse
+from hil.links.slcan import LinkError, slcan_line, slcan_parse
 from hil.messages import Frame, Sender, interface
 from hil.run import run
 from hil.scenario import Scenario, find_scenario, load_scenario
+from hil.simulation import AnswerError, Simulation
 
 PROGRAM = paths.build() / "terrapin-controller"
 TERRAPIN = [sys.executable, "-c", "from host_tools.cli import main; main()"]
@@ -55,8 +56,7 @@ class Adapter:
     def receive(self, wait: float) -> list[Frame]:
         end = time.monotonic() + wait
         while not self._frames:
-            left = end - time.monotonic()
-            if left <= 0 or not select.select([self._master], [], [], left)[0]:
+            if not select.select([self._master], [], [], max(0.0, end - time.monotonic()))[0]:
                 return []
             *lines, self._rest = (self._rest + os.read(self._master, 65536)).split(b"\r")
             for line in lines:
@@ -112,6 +112,66 @@ def test_lockstep_through_an_adapter(adapter: Adapter, controller: subprocess.Po
         said = finish(controller)
     assert "adapter: 0 lines refused, 0 malformed" in said
     assert "0 bad CRC, 0 repeated, 0 malformed" in said
+
+
+class Altered:
+    """A bus that loses what `lost` names on the way to the controller, and has `other` on it as well."""
+
+    name = "altered"
+
+    def __init__(self, adapter: Adapter, other: Adapter | None = None, lost: Sequence[str] = ()) -> None:
+        self._adapter, self._other = adapter, other
+        self._lost = {interface().messages[name].id for name in lost}
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        for adapter in filter(None, (self._adapter, self._other)):
+            adapter.send([frame for frame in frames if frame[0] not in self._lost])
+
+    def receive(self, wait: float) -> list[Frame]:
+        end = time.monotonic() + wait
+        adapters = list(filter(None, (self._adapter, self._other)))
+        while True:
+            both = [frame for adapter in adapters for frame in adapter.receive(min(wait, 0.001))]
+            if both or time.monotonic() > end:
+                return both
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_second_controller_on_the_bus_is_one_line(adapter: Adapter, controller: subprocess.Popen[str]) -> None:
+    """Both hear the host and both answer: neither a lockstep, nor a parameter that somebody refuses."""
+    other = Adapter()
+    second = subprocess.Popen([PROGRAM, "--adapter", other.path, "--priority", "0"], stderr=subprocess.DEVNULL)
+    try:
+        assert adapter.receive(5.0)
+        assert other.receive(5.0)
+        for parameters in ({}, {"supply_compensation": 1.0}):
+            with (
+                BusLink(Altered(adapter, other)) as link,
+                pytest.raises(LinkError, match="altered: found more than one controller"),
+            ):
+                run(short(0.1), link, parameters=parameters)
+    finally:
+        second.kill()
+        second.wait()
+        other.close()
+
+
+def test_a_controller_that_steps_by_itself_is_one_line(adapter: Adapter, controller: subprocess.Popen[str]) -> None:
+    """It did not enter test mode, as one whose bridge is on."""
+    assert adapter.receive(5.0)
+    with (
+        BusLink(Altered(adapter, lost=["TEST_MODE"])) as link,
+        pytest.raises(LinkError, match="altered: a controller goes on by itself, out of test mode"),
+    ):
+        run(short(0.1), link)
+
+
+def test_a_frame_before_the_first_tick_is_one_line() -> None:
+    simulation = Simulation(short(0.1))
+    with pytest.raises(AnswerError, match="the controller sent 0x190 before the first tick"):
+        simulation.append(simulation.done - 1, (0x190, bytes(8)))
 
 
 def test_free_running_steps_by_the_clock(adapter: Adapter, controller: subprocess.Popen[str]) -> None:

@@ -246,6 +246,15 @@ def test_run_over_a_bus_that_goes_away_is_one_error(bus: str) -> None:
             run(short("steady_sand", 0.1), link)
 
 
+def test_two_controllers_are_one_error(bus: str) -> None:
+    with Controller("--can", bus), Controller("--can", bus):
+        for link in (f"socketcan:{bus}", f"can:socketcan:{bus}"):
+            with pytest.raises(
+                LinkError, match=rf"{link.removeprefix('can:')}: found more than one controller on this bus"
+            ):
+                run(short("steady_sand", 0.1), link)
+
+
 def test_bus_off_ends_a_run(bus: str) -> None:
     with Peer(bus) as peer, open_link(f"socketcan:{bus}") as link:
         peer.error(0x40)
