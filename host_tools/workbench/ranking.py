@@ -198,7 +198,7 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
         2: np.log(PRIOR["two"] / max(1, count * (count - 1) // 2)),
         3: np.log(PRIOR["three"] / max(1, count * (count - 1) * (count - 2) // 6)),
     }
-    report(f"{count} effects and their pairs around the present fit")
+    report(f"{len(ranker.effects)} effects and their pairs around the present fit")
     average, razor = ranker.screen()
     found: list[Hypothesis] = [Hypothesis((), "nothing", ranker.evidence.nothing + np.log(PRIOR["nothing"]))]
     singles: dict[str, Hypothesis] = {}

@@ -29,7 +29,7 @@ CHIPS = {
 }
 TITLES = {  # of the candidates
     "adequate": "Too small to tell, if there at all",
-    "unexplained": "What comes nearest; weights if one of these were it",
+    "unexplained": "Nearest, if it is one of these",
 }
 
 

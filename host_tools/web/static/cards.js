@@ -2,7 +2,7 @@
 import { h, number, unit } from './app.js';
 
 const FULL = 4; // candidates shown in full
-const TITLES = { adequate: 'Too small to tell, if there at all', unexplained: 'What comes nearest; weights if one of these were it' };
+const TITLES = { adequate: 'Too small to tell, if there at all', unexplained: 'Nearest, if it is one of these' };
 
 export function ranking(page) {
   const { view } = page;
