@@ -52,8 +52,16 @@ static void hardware_moves(void) {
     if (crystal_comes && ((rcc.CR & RCC_CR_HSEON) != 0U) && (spins > 1000U)) {
         rcc.CR |= RCC_CR_HSERDY;
     }
-    if (pll_comes && ((rcc.CR & RCC_CR_PLLON) != 0U)) {
+    if ((rcc.CR & RCC_CR_PLLON) == 0U) {
+        rcc.CR &= ~RCC_CR_PLLRDY;
+    } else if (pll_comes) {
         rcc.CR |= RCC_CR_PLLRDY;
+    } else {
+        /* never comes */
+    }
+    rcc.CR |= ((rcc.CR & RCC_CR_HSION) != 0U) ? RCC_CR_HSIRDY : 0U;
+    if ((rcc.CFGR & RCC_CFGR_SW) == 0U) {
+        rcc.CFGR &= ~RCC_CFGR_SWS;
     }
     if (switch_comes && ((rcc.CFGR & RCC_CFGR_SW) == RCC_CFGR_SW_PLL)) {
         rcc.CFGR = (rcc.CFGR & ~RCC_CFGR_SWS) | RCC_CFGR_SWS_PLL;
@@ -105,6 +113,9 @@ static void hardware_takes(volatile uint32_t *address, uint32_t value) {
         flash_chip.ACR = value;
     } else if ((address == &iwdg.PR) || (address == &iwdg.RLR)) {
         iwdg_takes(address, value);
+    } else if (address ==
+               &rcc.PLLCFGR) { /* RM0090, 7.3.2: written only while the PLL is off; not while it drives all */
+        rcc.PLLCFGR = ((rcc.CR & RCC_CR_PLLON) == 0U) ? value : rcc.PLLCFGR;
     } else if (address == &timer.BDTR) { /* RM0090, 17.4.18: LOCK is frozen by the first write */
         const uint32_t lock = BIT(8) | BIT(9);
         bridge_locked = bridge_written ? bridge_locked : ((value & lock) == TIM_BDTR_LOCK_1);
@@ -162,6 +173,20 @@ static void test_clock_from_the_crystal(void) {
     TEST_ASSERT_EQUAL_UINT32(0U, (rcc.PLLCFGR >> RCC_PLLCFGR_P) & 3U);
     TEST_ASSERT_EQUAL_UINT32(5U, flash_chip.ACR & FLASH_ACR_LATENCY);
     TEST_ASSERT_TRUE((rcc.CR & RCC_CR_CSSON) != 0U);
+}
+
+/* After `GO` of ST's boot loader: 24 MHz from the internal oscillator, by the PLL. */
+static void test_clock_after_another_loader(void) {
+    rcc.CR = RCC_CR_HSION | RCC_CR_HSIRDY | RCC_CR_PLLON | RCC_CR_PLLRDY;
+    rcc.CFGR = RCC_CFGR_SW_PLL | RCC_CFGR_SWS_PLL;
+    rcc.PLLCFGR = BIT(29) | 16U | (192U << RCC_PLLCFGR_N) | (3U << RCC_PLLCFGR_P) | (4U << RCC_PLLCFGR_Q);
+    test_clock_from_the_crystal();
+    spins = 0U;
+    const uint32_t cr = rcc.CR;
+    TEST_ASSERT_TRUE((rcc.PLLCFGR & BIT(29)) != 0U); /* reserved, and 1 after a reset */
+    test_clock_from_the_crystal();                   /* after our own: the clock is left as it is */
+    TEST_ASSERT_EQUAL_HEX32(cr, rcc.CR);
+    TEST_ASSERT_EQUAL_UINT32(0U, spins);
 }
 
 static void falls_back(clock_result expected) {
@@ -643,6 +668,7 @@ static void test_usart(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_clock_from_the_crystal);
+    RUN_TEST(test_clock_after_another_loader);
     RUN_TEST(test_clock_without_crystal);
     RUN_TEST(test_clock_without_pll);
     RUN_TEST(test_clock_that_does_not_switch);

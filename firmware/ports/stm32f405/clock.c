@@ -11,6 +11,20 @@ static clocks internal_clocks(clock_result result, uint32_t hz) {
     return slow;
 }
 
+/* The PLL takes no other setting while it runs: what ran before, such as ST's boot loader, may have left it on. */
+static void set_pll(rcc_registers *rcc, uint32_t setting) {
+    const uint32_t wanted = (rcc->PLLCFGR & ~RCC_PLLCFGR_ALL) | setting;
+    if ((rcc->PLLCFGR != wanted) && ((rcc->CR & RCC_CR_PLLON) != 0U)) {
+        rcc->CR |= RCC_CR_HSION;
+        (void)wait_for(&rcc->CR, RCC_CR_HSIRDY, RCC_CR_HSIRDY, TRIES_PLL);
+        rcc->CFGR &= ~RCC_CFGR_SW;
+        (void)wait_for(&rcc->CFGR, RCC_CFGR_SWS, 0U, TRIES_PLL);
+        rcc->CR &= ~RCC_CR_PLLON;
+        (void)wait_for(&rcc->CR, RCC_CR_PLLRDY, 0U, TRIES_PLL);
+    }
+    TERRAPIN_PUT(rcc->PLLCFGR, wanted);
+}
+
 static clock_result raise_speed(rcc_registers *rcc, flash_registers *flash, pwr_registers *pwr, uint32_t crystal_hz) {
     rcc->CR |= RCC_CR_HSEON;
     if (!wait_for(&rcc->CR, RCC_CR_HSERDY, RCC_CR_HSERDY, TRIES_CRYSTAL)) {
@@ -19,8 +33,8 @@ static clock_result raise_speed(rcc_registers *rcc, flash_registers *flash, pwr_
     }
     pwr->CR |= PWR_CR_VOS_FAST;
     /* 1 MHz into the PLL, its oscillator at 336 MHz, half of that out */
-    rcc->PLLCFGR = (crystal_hz / 1000000U) | (336U << RCC_PLLCFGR_N) | (0U << RCC_PLLCFGR_P) | RCC_PLLCFGR_HSE |
-                   (7U << RCC_PLLCFGR_Q);
+    set_pll(rcc, (crystal_hz / 1000000U) | (336U << RCC_PLLCFGR_N) | (0U << RCC_PLLCFGR_P) | RCC_PLLCFGR_HSE |
+                     (7U << RCC_PLLCFGR_Q));
     rcc->CR |= RCC_CR_PLLON;
     if (!wait_for(&rcc->CR, RCC_CR_PLLRDY, RCC_CR_PLLRDY, TRIES_PLL)) {
         rcc->CR &= ~(RCC_CR_PLLON | RCC_CR_HSEON);

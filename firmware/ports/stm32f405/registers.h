@@ -25,6 +25,8 @@ typedef struct {
 _Static_assert(offsetof(rcc_registers, AHB1ENR) == 0x30, "RM0090, 7.3.28");
 _Static_assert(offsetof(rcc_registers, CSR) == 0x74, "RM0090, 7.3.28");
 
+#define RCC_CR_HSION      BIT(0)
+#define RCC_CR_HSIRDY     BIT(1)
 #define RCC_CR_HSEON      BIT(16)
 #define RCC_CR_HSERDY     BIT(17)
 #define RCC_CR_CSSON      BIT(19)
@@ -34,6 +36,7 @@ _Static_assert(offsetof(rcc_registers, CSR) == 0x74, "RM0090, 7.3.28");
 #define RCC_PLLCFGR_P     16U
 #define RCC_PLLCFGR_HSE   BIT(22)
 #define RCC_PLLCFGR_Q     24U
+#define RCC_PLLCFGR_ALL   0x0F437FFFU /* the rest is reserved, and kept */
 #define RCC_CFGR_SW       (BIT(0) | BIT(1))
 #define RCC_CFGR_SW_PLL   BIT(1)
 #define RCC_CFGR_SWS      (BIT(2) | BIT(3))
