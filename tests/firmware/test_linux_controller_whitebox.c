@@ -269,6 +269,20 @@ static void test_a_press_without_its_edge_is_not_timed(void) {
     TEST_ASSERT_FALSE(*enable_output);
 }
 
+/* Its level cannot be read, though its descriptor is quiet: that is no healthy line. */
+static void test_a_level_that_cannot_be_read_is_a_press(void) {
+    steps_until_the_end = 60;
+    TEST_ASSERT_EQUAL(0, controller_run(&c));
+    TEST_ASSERT_EQUAL(0, c.presses);
+    estop.level = -1;
+    steps_until_the_end = steps + 30;
+    steps_with_estop = 0;
+    TEST_ASSERT_EQUAL(0, controller_run(&c));
+    TEST_ASSERT_EQUAL(30, steps_with_estop);
+    TEST_ASSERT_EQUAL(1, c.presses);
+    TEST_ASSERT_FALSE(*enable_output);
+}
+
 /* Released while nobody looked: the time of the ticks that were missed is no time without interruption. */
 static void test_missed_ticks_release_no_estop(void) {
     const struct timespec stall = {.tv_nsec = 50000000};
@@ -342,6 +356,7 @@ int main(void) {
     RUN_TEST(test_also_when_only_poll_says_so);
     RUN_TEST(test_an_edge_is_timed);
     RUN_TEST(test_a_press_without_its_edge_is_not_timed);
+    RUN_TEST(test_a_level_that_cannot_be_read_is_a_press);
     RUN_TEST(test_missed_ticks_release_no_estop);
     RUN_TEST(test_the_order_of_the_outputs);
     RUN_TEST(test_a_stack_that_ends_puts_the_output_off);

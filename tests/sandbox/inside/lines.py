@@ -14,6 +14,7 @@ import pytest
 from kit import Controller, Lines, Peer, codes, count, lines, run_shell, vcan, wait_for, wired
 
 from hil import paths
+from hil.rig import Rig, RigConfig, parse_line
 
 NAMES = ("ESTOP", "ENABLE", "LED", "MA", "MB", "PRESS", "WATCH", "RESET")
 LINES = ["--estop", "ESTOP", "--enable", "ENABLE", "--led", "LED"]
@@ -135,11 +136,12 @@ def cpu_seconds(process: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-@pytest.mark.parametrize("wiring", ["ESTOP", "ESTOP,active-low"])
+@pytest.mark.parametrize("wiring", ["ESTOP,pull-down", "ESTOP,active-low,pull-up"])
 def test_broken_wire_never_runs(chip: Lines, options: list[str], wiring: str) -> None:
-    """Without its wire the line goes where its pull takes it, and that is `pressed`."""
+    """Without its wire the line goes where its pull takes it, and that is `pressed`: the program asks for that pull,
+    since before it started the line stood the other way."""
     options[options.index("--estop") + 1] = wiring
-    chip.pull("ESTOP", "active-low" in wiring)
+    chip.pull("ESTOP", "active-low" not in wiring)
     with Controller(*options) as controller, Peer() as peer:
         end = time.monotonic() + 1.0
         while time.monotonic() < end:
@@ -292,6 +294,14 @@ def test_rig_measures_the_estop(chip: Lines, options: list[str]) -> None:
         assert controller.stop() == 0
     assert done.returncode == 1
     assert done.stderr == "terrapin: the enable line is still on 0.1 s after the e-stop was pressed\n"
+
+
+def test_a_rig_asks_for_the_pulls_of_its_lines(chip: Lines) -> None:
+    """The watched enable line of a board without supply must read as off."""
+    for option, expected in (("pull-down", False), ("pull-up", True), ("active-low,pull-up", False)):
+        chip.pull("WATCH", option != "pull-up")
+        with Rig(RigConfig(enable=parse_line(f"WATCH,{option}"))) as rig:
+            assert rig.enabled() is expected
 
 
 def test_rig_that_is_not_there(chip: Lines) -> None:
