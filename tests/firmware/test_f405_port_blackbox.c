@@ -353,6 +353,24 @@ static void test_saves_parameters_and_finds_them_again(void) {
     TEST_ASSERT_EQUAL_INT32(4592, value);
 }
 
+/* `terrapin param reset`: a scale that is the board's would otherwise be lost with the save that follows. */
+static void test_defaults_are_the_boards(void) {
+    open_with_a_store();
+    (void)terrapin_parameter_set(state, TERRAPIN_PARAMETER_RADIUS, 81234);
+    (void)terrapin_parameter_set(state, TERRAPIN_PARAMETER_SUPPLY_SCALE, 5000);
+    const terrapin_store_command_t defaults = {.action = TERRAPIN_STORE_ACTION_DEFAULTS};
+    terrapin_frame frame = {0};
+    (void)terrapin_encode_store_command(&defaults, &frame);
+    terrapin_e2e_protect(&frame, 0U);
+    give(&frame);
+    (void)port_pass(&controller, controller.tick);
+    int32_t value = 0;
+    (void)terrapin_parameter_get(state, TERRAPIN_PARAMETER_RADIUS, &value);
+    TEST_ASSERT_EQUAL_INT32(terrapin_parameter(TERRAPIN_PARAMETER_RADIUS).default_value, value);
+    (void)terrapin_parameter_get(state, TERRAPIN_PARAMETER_SUPPLY_SCALE, &value);
+    TEST_ASSERT_EQUAL_INT32(4592, value);
+}
+
 /* A save that begins while the bridge is off and has to wait while it is on: the watchdog stays short. */
 static void test_the_watchdog_has_no_more_time_while_the_motor_is_on(void) {
     open_with_a_store();
@@ -528,6 +546,7 @@ int main(void) {
     RUN_TEST(test_runs_and_stops_on_the_port_s_faults);
     RUN_TEST(test_test_mode_holds_the_bridge_off_and_stops_the_own_clock);
     RUN_TEST(test_saves_parameters_and_finds_them_again);
+    RUN_TEST(test_defaults_are_the_boards);
     RUN_TEST(test_the_watchdog_has_no_more_time_while_the_motor_is_on);
     RUN_TEST(test_a_start_is_healthy_once);
     RUN_TEST(test_update_resets_with_the_motor_off_alone);

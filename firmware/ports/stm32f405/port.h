@@ -67,7 +67,7 @@ void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct ter
 bool port_pass(port *p, uint32_t now);
 
 /* The parameters that stand after a reset: the stored set, or, while there is none, the defaults with the board's own.
- * Called at the start and when test mode is left. */
+ * Called at the start and when test mode is left. A host that asks for the defaults gets the board's own as well. */
 void terrapin_port_parameters(port *p);
 
 /* ---- provided by the image */
