@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import shutil
 import socket
 import subprocess
 import time
@@ -30,6 +31,12 @@ def image(board: str = "emulated", place: str = "alone") -> Path:
     return paths.ROOT / "build" / "cortex-m4" / f"terrapin-{board}-{place}.elf"
 
 
+def _not_longer_than_us() -> list[str]:
+    """What to put before a command that never ends by itself: a kill -9 of this program then ends it, too."""
+    program = shutil.which("setpriv")
+    return [program, "--pdeathsig", "KILL", "--"] if program else []  # of util-linux
+
+
 class QemuUsart:
     """QEMU with an image whose USART1 is a socket of ours. LinkError when it does not start."""
 
@@ -46,8 +53,20 @@ class QemuUsart:
 
     def start(self) -> SlcanPort:
         """Boot it; the open port."""
+        if shutil.which("qemu-system-arm") is None:
+            raise LinkError("qemu-usart: qemu-system-arm is not installed")
         ours, theirs = socket.socketpair()
-        command = ["qemu-system-arm", "-M", MACHINE, "-nodefaults", "-display", "none", "-monitor", "none"]
+        command = [
+            *_not_longer_than_us(),
+            "qemu-system-arm",
+            "-M",
+            MACHINE,
+            "-nodefaults",
+            "-display",
+            "none",
+            "-monitor",
+            "none",
+        ]
         command += ["-chardev", f"socket,id=usart1,fd={theirs.fileno()}", "-serial", "chardev:usart1"]
         command += ["-kernel", str(self._program)]
         try:
@@ -65,8 +84,6 @@ class QemuUsart:
             descriptor = os.dup(ours.fileno())
             port = SlcanPort("qemu-usart", ANSWER_LIMIT, (descriptor, descriptor))
             port.begin()
-        except FileNotFoundError:
-            raise LinkError("qemu-usart: qemu-system-arm is not installed") from None
         except BaseException:
             self.stop()
             raise

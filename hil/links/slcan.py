@@ -28,7 +28,7 @@ __all__ = ["ControllerProcess", "LinkError", "SlcanPort", "slcan_line", "slcan_p
 _FRAME = re.compile(rb"t[0-7][0-9A-Fa-f]{2}[0-8][0-9A-Fa-f]{0,16}").fullmatch
 _SERIAL_NUMBER = re.compile(rb"N[^\r\a]{4}\r").search
 CHUNK = 65536  # bytes asked of one read
-GONE = {errno.EIO, errno.ENXIO, errno.ENODEV, errno.EPIPE, errno.EBADF}
+GONE = {errno.EIO, errno.ENXIO, errno.ENODEV, errno.EPIPE, errno.EBADF, errno.ECONNRESET}
 
 
 class LinkError(OSError):

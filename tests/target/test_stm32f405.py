@@ -6,11 +6,13 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import select
 import shutil
 import signal
 import socket
 import struct
 import subprocess
+import sys
 import time
 import tomllib
 from collections.abc import Iterator
@@ -273,8 +275,30 @@ def test_killed_emulator_is_one_error() -> None:
         assert link.machine.pid is not None
         os.kill(link.machine.pid, signal.SIGKILL)
         os.waitid(os.P_PID, link.machine.pid, os.WEXITED | os.WNOWAIT)
-        with pytest.raises(LinkError, match="qemu-usart"):
+        with pytest.raises(LinkError, match="qemu-usart: the link disappeared"):
             link.exchange([(0x100, bytes(8))])
+
+
+@pytest.mark.skipif(shutil.which("setpriv") is None, reason="setpriv is not installed")
+def test_a_killed_run_leaves_no_emulator() -> None:
+    """The image steps for ever by its own clock: nobody else would end it."""
+    code = "from hil.links.qemu_usart import *; m = QemuUsart(); m.start(); print(m.pid, flush=True); input()"
+    run = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert run.stdout is not None
+    emulator = int(run.stdout.readline())
+    with os.fdopen(os.pidfd_open(emulator), "rb") as handle:
+        run.kill()
+        run.communicate()
+        gone = select.select([handle], [], [], 10.0)[0]
+        if not gone:
+            os.kill(emulator, signal.SIGKILL)
+    assert gone, "the emulator ran on"
+
+
+def test_qemu_that_is_not_there_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(LinkError, match="qemu-usart: qemu-system-arm is not installed"):
+        QemuUsart().start()
 
 
 def test_no_image_no_start(tmp_path: Path) -> None:
