@@ -90,7 +90,7 @@ def discover(
     """
     report("fit of the present model, noise, adequacy")
     analysis = analyse(case, seed, level)
-    ranking = rank(analysis, report)
+    ranking = _without_idle(analysis, rank(analysis, report))
     nothing = ranking.probability("nothing") * (PRIOR["nothing"] if ranking.blind else 1.0)
     verdict, top, rivals, probability = _verdict(ranking, analysis)
     if not analysis.missing:
@@ -169,6 +169,25 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
         if explained or (likely and _nothing_left(analysis, top.fit)):
             return "missing", top, [top], calibrated(float(column), "expression")
     return "unexplained", named[0][0] if named else None, [], calibrated(kinds["expression"])
+
+
+def _without_idle(analysis: Analysis, ranking: Ranking) -> Ranking:
+    """The ranking without the likeliest set as long as a part of it reaches the same predictions.
+
+    An effect far larger than any size that is expected (evidence.SIZES) looks likelier in two halves; so of two that
+    are one on these data both would be named, each with half of it.
+    """
+    while True:
+        top = next((h for h in ranking.hypotheses if h.kind == "catalogue" and h.fit is not None), None)
+        if top is None or len(top.effects) < 2:
+            return ranking
+        parts = (h for h in ranking.hypotheses if h.effects and set(h.effects) < set(top.effects))
+        if all(_distance(analysis, ranking, top.fit, part.fit) >= SAME for part in parts):
+            return ranking
+        kept = [i for i, h in enumerate(ranking.hypotheses) if h is not top]
+        logs = np.array([ranking.hypotheses[i].log_weight for i in kept])
+        share = np.exp(logs - logs.max())
+        ranking = replace(ranking, hypotheses=tuple(ranking.hypotheses[i] for i in kept), posterior=share / share.sum())
 
 
 def _size_of(hypothesis: Hypothesis) -> int:

@@ -104,6 +104,17 @@ def test_says_when_the_data_cannot_tell_and_what_to_vary(seed: int) -> None:
             assert seen.min() - 0.51 * span <= value <= seen.max() + 0.51 * span
 
 
+@pytest.mark.parametrize("size", [20.0, 200.0])
+def test_a_large_effect_is_not_two_halves(size: float) -> None:
+    """Sizes beyond those that are expected look likelier shared between two effects that are one on these data."""
+    made = make("rolling_steady", ("speed_squared",), 16, 0.0, size, np.random.default_rng(1), confound="load")
+    assert made is not None
+    found = discover(made.case)
+    assert found.verdict == "ambiguous"
+    assert {frozenset(r) for r in found.rivals} >= {frozenset(["speed_squared"]), frozenset(["aerodynamic_drag"])}
+    assert found.answer_probability < 0.95
+
+
 def test_finds_an_expression_in_a_column_that_is_not_mapped() -> None:
     hidden = ("resistance", "k*humidity*sign(omega)", "humidity")
     case = made("rolling_steady", (), 14, 0.0, 3.0, seed=31, expression=hidden)
