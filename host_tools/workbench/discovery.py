@@ -35,6 +35,7 @@ Array = npt.NDArray[np.float64]
 AS_GOOD = 0.75  # posterior, relative to the likeliest set's, from which another set does equally well
 SAME_AS_GOOD = 0.2  # the same, for a set that these data could not tell from the likeliest in any case:
 SAME = 2.0  # squared distance of the two sets' predictions, in noise sd, that the other's parameters cannot take up
+IDLE = 0.02  # such a distance, below which a part of a set does what the set does, whatever the correlation
 LIKELIER = 2.0  # times as likely as nothing, to be named where there was no misfit beyond the noise sd
 ENOUGH_EXPLAINED = 0.7  # share of the misfit that an expression must take away to be an answer
 LISTED = 0.5  # probability of one odd run, from which it is named
@@ -182,7 +183,7 @@ def _without_idle(analysis: Analysis, ranking: Ranking) -> Ranking:
         if top is None or len(top.effects) < 2:
             return ranking
         parts = (h for h in ranking.hypotheses if h.effects and set(h.effects) < set(top.effects))
-        if all(_distance(analysis, ranking, top.fit, part.fit) >= SAME for part in parts):
+        if all(_distance(analysis, ranking, top.fit, part.fit) >= IDLE for part in parts):
             return ranking
         kept = [i for i, h in enumerate(ranking.hypotheses) if h is not top]
         logs = np.array([ranking.hypotheses[i].log_weight for i in kept])
