@@ -2,6 +2,7 @@
 
 Signals are columns of the truth (`slip`, `contact_torque`) and of the telemetry (`GROUND.torque`), all on the grid of
 ticks, telemetry held at its last value. `[from:to]` cuts out a time window in seconds, either side may be left out.
+What has no value (an empty window, a message that never came) is neither true nor false, and a check of it fails.
 `max min mean rms std first last any all count` make one number of a signal (values that are not there yet do not
 count), `abs sqrt` act on either; + - * / ** and comparisons as usual, joined by `and`, `or`, `not`. A quoted word is a
 value of the enumeration of the signal it is compared with: `any(ACTUATE.state == "stuck")`.
@@ -80,11 +81,17 @@ class Check:
             value = run.value(self.tree)
         if isinstance(value, np.ndarray):
             raise CheckError(f"{self.text!r} is a signal, not yes or no; put any() or all() around it")
-        return Outcome(self.text, bool(value), "; ".join(run.seen))
+        return Outcome(self.text, bool(value) and not np.isnan(value), "; ".join(run.seen))
 
     def require(self, signals: Iterable[str], enums: Mapping[str, Mapping[str, int]]) -> None:
         """CheckError unless a run with these signals can be held against the check: found out before the run."""
         self.evaluate(np.zeros(2), dict.fromkeys(signals, np.zeros(2)), enums)
+
+
+def _known(outcome: Any, *of: Any) -> Any:
+    """`outcome`, NaN where a value that it was made of is not there: that is neither true nor false."""
+    gone = np.any(np.broadcast_arrays(*(np.isnan(np.asarray(value, dtype=float)) for value in of)), axis=0)
+    return np.where(gone, np.nan, outcome)[()] if np.any(gone) else outcome
 
 
 class _Run:
@@ -103,7 +110,7 @@ class _Run:
             return self._window(node)
         if isinstance(node, ast.UnaryOp):
             value = self.value(node.operand)
-            return np.logical_not(value) if isinstance(node.op, ast.Not) else -value
+            return _known(np.logical_not(value), value) if isinstance(node.op, ast.Not) else -value
         if isinstance(node, ast.BinOp):
             return BINARY[type(node.op)](self.value(node.left), self.value(node.right))
         if isinstance(node, ast.BoolOp):
@@ -111,7 +118,10 @@ class _Run:
             for part, value in zip(node.values, values, strict=True):
                 if isinstance(value, np.ndarray):
                     raise CheckError(f"{ast.unparse(part)!r} is a signal, not yes or no; put any() or all() around it")
-            return all(values) if isinstance(node.op, ast.And) else any(values)
+            decides = isinstance(node.op, ast.Or)
+            if any(bool(value) is decides for value in values if not np.isnan(value)):
+                return decides
+            return np.nan if any(np.isnan(value) for value in values) else not decides
         if isinstance(node, ast.Compare):
             return self._compare(node)
         assert isinstance(node, ast.Call)
@@ -147,10 +157,7 @@ class _Run:
         result: Any = True
         for operator, right in zip(node.ops, node.comparators, strict=True):
             a, b = self._operand(left, right), self._operand(right, left)
-            outcome: Any = COMPARE[type(operator)][1](a, b)
-            if isinstance(outcome, np.ndarray):  # not there yet is neither true nor false
-                gone = np.isnan(np.asarray(a, dtype=float)) | np.isnan(np.asarray(b, dtype=float))
-                outcome = np.where(gone, np.nan, outcome)
+            outcome = _known(COMPARE[type(operator)][1](a, b), a, b)
             result = outcome if result is True else result * outcome
             left = right
         return result

@@ -178,6 +178,15 @@ ENUMS = {"A.state": {"idle": 1, "stuck": 2}}
         ("not any(slip > 1)", True),
         ("first(slip) == 0 or last(slip) == 0", True),
         ("max(slip[7:]) < 1", False),  # an empty window holds no value and proves nothing
+        ("not (max(slip[7:]) < 1)", False),
+        ("any(slip[7:] > 1)", False),
+        ("all(slip[7:] < 1)", False),
+        ("not any(slip[7:] > 1)", False),
+        ("all(slip[7:] < 1) and last(slip) == 0.5", False),
+        ("all(slip[7:] < 1) or last(slip) == 0.5", True),
+        ("not (any(slip[7:] > 1) or last(slip) == 0)", False),
+        ("not (any(slip[7:] > 1) and last(slip) == 0)", True),
+        ("count(not (A.state == 'idle')) == 2", True),  # of the three ticks that have a state
         ("max(slip * (slip > 0.3)) < 0.95", True),
         ("sqrt(max(slip)) < 1 and std(slip) > 0.1 and rms(slip) > 0.1", True),
         ("1 / first(slip) < 5", False),
