@@ -21,6 +21,7 @@ __all__ = ["ReadingError", "Section", "load", "parse_quantity", "parse_toml", "q
 
 T = TypeVar("T")
 LARGEST = 1e300  # of a number in a file; a whole number in TOML has no limit of its own
+LONGEST = 16_000_000  # characters of a file: what is longer was not meant, and may never end (a device)
 MAX_SHOWN = 60  # characters of a wrong value in a message
 
 
@@ -251,11 +252,16 @@ def quantities(section: Section, kind: type[T], default: T | None = None) -> T:
 def load(path: Path) -> Section:
     """The file as its root table. ReadingError when it cannot be read or is no TOML."""
     try:
-        text = path.read_text(encoding="utf-8-sig")  # some editors begin a file with a byte order mark
+        with path.open(encoding="utf-8-sig") as file:  # some editors begin a file with a byte order mark
+            text = file.read(LONGEST + 1)
     except UnicodeDecodeError:
         raise ReadingError(f"{path}: not a text file in UTF-8") from None
     except OSError as error:
         raise ReadingError(f"{path}: {error.strerror}, expected a readable file") from None
+    if len(text) > LONGEST:
+        raise ReadingError(
+            f"{path}: found more than {LONGEST // 1_000_000} million characters, expected a file of TOML"
+        )
     return Section(parse_toml(text, path), str(path), text)
 
 

@@ -222,7 +222,13 @@ def test_wrong_parameters(tmp_path: Path, capsys: pytest.CaptureFixture[str], na
 
 
 @pytest.mark.parametrize(
-    ("file", "words"), [("/nowhere.toml", "No such file"), ("/", "directory"), ("/proc/self/mem", "Input")]
+    ("file", "words"),
+    [
+        ("/nowhere.toml", "No such file"),
+        ("/", "directory"),
+        ("/proc/self/mem", "Input"),
+        ("/dev/zero", "found more than 16 million characters"),
+    ],
 )
 def test_no_parameters(capsys: pytest.CaptureFixture[str], file: str, words: str) -> None:
     refused(capsys, [file, words], "run", "steady_sand", "--parameters", file)
