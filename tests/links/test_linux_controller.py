@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import pty
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -275,3 +276,25 @@ def test_a_rig_needs_a_board(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     assert done.stderr.startswith("terrapin: --rig is around a real board: found --link inprocess")
+
+
+# ---- as a service
+
+
+def test_the_unit_starts_again_whatever_ended_it(tmp_path: Path) -> None:
+    """Also after many failed starts in a row, or an adapter that was unplugged; its end puts off the very line."""
+    unit = (paths.ROOT / "firmware/ports/linux/terrapin-controller.service").read_text()
+    rows = [row.split("=", 1) for row in unit.splitlines() if "=" in row and not row.startswith("#")]
+    said = {row[0]: row[1] for row in rows}
+    assert said["Restart"] == "always"
+    assert said["StartLimitIntervalSec"] == "0"
+    assert said["BindsTo"] in said["WantedBy"].split()
+    enable = said["Environment"].split("--enable ")[1].split()[0]
+    assert said["ExecStopPost"].endswith(f"--off --enable {enable}")
+    if (program := shutil.which("systemd-analyze")) is not None:
+        file = tmp_path / "terrapin-controller.service"
+        file.write_text(
+            unit.replace("/usr/local/bin/terrapin-controller", "/bin/true").replace("/sbin/ip", "/bin/true")
+        )
+        done = subprocess.run([program, "verify", file], capture_output=True, text=True, check=False)
+        assert "Unknown" not in done.stderr, done.stderr
