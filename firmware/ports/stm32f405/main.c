@@ -188,6 +188,7 @@ static terrapin_update *open_update(void) {
 }
 
 static void start_tick(uint32_t core_hz) {
+    DBGMCU_CR |= DBGMCU_SLEEP; /* else the cycle counter stands still while the controller waits */
     DEMCR |= DEMCR_TRCENA;
     DWT->CYCCNT = 0U;
     DWT->CTRL |= DWT_CTRL_CYCCNTENA;

@@ -273,6 +273,8 @@ typedef struct {
 #define DEMCR        (*(reg32 *)0xE000EDFCU)
 #define DEMCR_TRCENA BIT(24)
 #define DWT          ((dwt_registers *)0xE0001000U)
+#define DBGMCU_CR    (*(reg32 *)0xE0042004U)
+#define DBGMCU_SLEEP BIT(0) /* the core's clock goes on in sleep, RM0090, 38.16.1 */
 #define FLASH_MEMORY 0x08000000U
 #define UNIQUE_ID    0x1FFF7A10U /* three words, RM0090, 39.1 */
 
