@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import platform
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -96,6 +97,7 @@ def pytest() -> tuple[Result, list[str]]:
 
 def main() -> int:
     os.environ.pop("TERRAPIN_BUILD", None)  # what is tested is what is built here
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where a shell runs us in its background
     start = time.monotonic()
     results: list[Result] = []
     missing = missing_tools()
