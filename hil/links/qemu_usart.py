@@ -56,17 +56,8 @@ class QemuUsart:
         if shutil.which("qemu-system-arm") is None:
             raise LinkError("qemu-usart: qemu-system-arm is not installed")
         ours, theirs = socket.socketpair()
-        command = [
-            *_not_longer_than_us(),
-            "qemu-system-arm",
-            "-M",
-            MACHINE,
-            "-nodefaults",
-            "-display",
-            "none",
-            "-monitor",
-            "none",
-        ]
+        command = [*_not_longer_than_us(), "qemu-system-arm", "-M", MACHINE]
+        command += ["-nodefaults", "-display", "none", "-monitor", "none"]
         command += ["-chardev", f"socket,id=usart1,fd={theirs.fileno()}", "-serial", "chardev:usart1"]
         command += ["-kernel", str(self._program)]
         try:

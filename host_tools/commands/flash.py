@@ -111,7 +111,7 @@ def _whole(files: Sequence[SignedFile], via: str, port: str, baud: int, loader: 
         if isinstance(programmer, Stm32):
             programmer.connect()
         if data is None:
-            there = programmer.read(BASE, plans.BOOT_SIZE, told)
+            there = plans.read(programmer, BASE, plans.BOOT_SIZE, told)
             if not plans.begins(there):
                 raise UserError(
                     f"{programmer.name}: the chip has no boot loader to start an image, expected --boot-loader"

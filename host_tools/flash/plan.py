@@ -18,7 +18,7 @@ from host_tools.flash.keys import key_in
 from host_tools.flash.layout import BASE, RAM, RECORDS, SLOT_SIZE, SLOTS
 from host_tools.flash.update import SignedFile
 
-__all__ = ["BOOT_SIZE", "Plan", "Programmer", "begins", "boot_loader", "check_starts", "perform", "plan"]
+__all__ = ["BOOT_SIZE", "Plan", "Programmer", "begins", "boot_loader", "check_starts", "perform", "plan", "read"]
 
 BOOT_SIZE = 0x4000
 
@@ -36,10 +36,12 @@ class Plan:
 class Programmer(Protocol):
     """A connection that can do it. Failures are UserError."""
 
-    def read(self, address: int, size: int, told: Told) -> bytes: ...
+    name: str
+    chunk: int  # bytes that are read at a time
+
+    def read(self, address: int, size: int) -> bytes: ...
     def erase(self, regions: Sequence[tuple[int, int]], told: Told) -> None: ...
     def write(self, address: int, data: bytes, told: Told) -> None: ...
-    def verify(self, address: int, data: bytes, told: Told) -> None: ...
     def start(self) -> None: ...
 
 
@@ -85,11 +87,25 @@ def plan(files: Sequence[SignedFile], loader: bytes | None) -> Plan:
     return Plan(tuple(erase), tuple(write))
 
 
+def read(programmer: Programmer, address: int, size: int, told: Told, doing: str = "reading") -> bytes:
+    """What stands in the flash."""
+    data = b""
+    while len(data) < size:
+        data += programmer.read(address + len(data), min(programmer.chunk, size - len(data)))
+        told(doing, len(data), size)
+    return data
+
+
 def perform(programmer: Programmer, what: Plan, told: Told) -> None:
-    """Erase, write, read back, start."""
+    """Erase, write, read back, start. UserError where something else stands than was written."""
     programmer.erase(what.erase, told)
     for address, data in what.write:
         programmer.write(address, data, told)
     for address, data in what.write:
-        programmer.verify(address, data, told)
+        found = read(programmer, address, len(data), told, "verifying")
+        if found != data:
+            first = address + next(i for i, (a, b) in enumerate(zip(found, data, strict=True)) if a != b)
+            raise UserError(
+                f"{programmer.name}: verify: what was written at 0x{first:08x} does not read back", status=1
+            )
     programmer.start()

@@ -18,7 +18,6 @@ ACK, NACK = 0x79, 0x1F
 SYNC = 0x7F
 GET, GET_ID, READ, GO, WRITE, ERASE_EXTENDED = 0x00, 0x02, 0x11, 0x21, 0x31, 0x44
 F405 = 0x413  # product identifier of STM32F405/407/415/417 (AN2606)
-CHUNK = 256  # bytes of one read or write
 ANSWER = 2.0  # s
 POLL = 0.05  # s of one read; never changed, since a pseudo-terminal refuses to be set to even parity twice
 SECTOR_ERASE = 4.0  # s, 128 kB at 8 bits a time (DS8626)
@@ -49,6 +48,8 @@ def _checksum(data: bytes) -> bytes:
 
 class Stm32:
     """An open connection. UserError, status 1, when the chip does not answer as it should; 2 for a wrong chip."""
+
+    chunk = 256  # bytes of one read or write
 
     def __init__(self, port: str, baud: int = 115_200) -> None:
         import serial
@@ -137,36 +138,21 @@ class Stm32:
     def write(self, address: int, data: bytes, told: Told) -> None:
         """Write into erased flash; filled up with 0xFF to a multiple of four."""
         data += b"\xff" * (-len(data) % 4)
-        for at in range(0, len(data), CHUNK):
-            chunk = data[at : at + CHUNK]
+        for at in range(0, len(data), self.chunk):
+            chunk = data[at : at + self.chunk]
             self._command(WRITE, "to write")
             self._send((address + at).to_bytes(4, "big"), f"to write at 0x{address + at:08x}")
             self._send(bytes([len(chunk) - 1]) + chunk, f"to write at 0x{address + at:08x}")
             told("writing", at + len(chunk), len(data))
 
-    def _read_chunk(self, address: int, size: int) -> bytes:
+    def read(self, address: int, size: int) -> bytes:
+        """At most `chunk` bytes of the flash."""
         self._command(READ, "to read")
         self._send(address.to_bytes(4, "big"), f"to read at 0x{address:08x}")
         count = size - 1
         self._write(bytes([count, count ^ 0xFF]))
         self._acknowledged("to read")
         return self._read(size)
-
-    def read(self, address: int, size: int, told: Told) -> bytes:
-        """What stands in the flash."""
-        data = b""
-        while len(data) < size:
-            data += self._read_chunk(address + len(data), min(CHUNK, size - len(data)))
-            told("reading", len(data), size)
-        return data
-
-    def verify(self, address: int, data: bytes, told: Told) -> None:
-        """Read back and compare."""
-        for at in range(0, len(data), CHUNK):
-            chunk = data[at : at + CHUNK]
-            if self._read_chunk(address + at, len(chunk)) != chunk:
-                raise self._fail(f"verify: what was written at 0x{address + at:08x} does not read back")
-            told("verifying", at + len(chunk), len(data))
 
     def start(self, address: int = BASE) -> None:
         """Leave for the code whose vectors stand at an address."""

@@ -18,7 +18,6 @@ __all__ = ["Swd", "probes"]
 TARGET = "stm32f412xg"
 IDENTITY = 0xE004_2000  # DBGMCU_IDCODE; device in its low 12 bits
 F405 = 0x413  # STM32F405/407/415/417
-CHUNK = 4096  # bytes read back at a time
 
 Told = Callable[[str, int, int], None]
 
@@ -40,6 +39,8 @@ def probes() -> list[tuple[str, str]]:
 
 class Swd:
     """An open session. UserError: no probe, several, no chip behind it, another chip."""
+
+    chunk = 4096
 
     def __init__(self, unique_id: str | None = None) -> None:
         helper = _pyocd()
@@ -100,25 +101,10 @@ class Swd:
             loader.add_data(address, data)
             loader.commit()
 
-    def _read_chunk(self, address: int, size: int) -> bytes:
+    def read(self, address: int, size: int) -> bytes:
+        """At most `chunk` bytes of the flash."""
         with self._trying("read"):
             return bytes(self._session.target.read_memory_block8(address, size))
-
-    def read(self, address: int, size: int, told: Told) -> bytes:
-        data = b""
-        while len(data) < size:
-            data += self._read_chunk(address + len(data), min(CHUNK, size - len(data)))
-            told("reading", len(data), size)
-        return data
-
-    def verify(self, address: int, data: bytes, told: Told) -> None:
-        for at in range(0, len(data), CHUNK):
-            chunk = data[at : at + CHUNK]
-            if self._read_chunk(address + at, len(chunk)) != chunk:
-                raise UserError(
-                    f"{self.name}: verify: what was written at 0x{address + at:08x} does not read back", status=1
-                )
-            told("verifying", at + len(chunk), len(data))
 
     def start(self) -> None:
         with self._trying("reset the chip"):

@@ -33,7 +33,7 @@ from host_tools.flash import swd
 from host_tools.flash.image import Version, parse, sign
 from host_tools.flash.keys import development_key, private_key
 from host_tools.flash.layout import BASE, SLOTS
-from host_tools.flash.plan import plan
+from host_tools.flash.plan import plan, read
 from host_tools.flash.update import Outcome, SignedFile, query, update
 from host_tools.flash.wires import CanWire, SerialWire
 
@@ -504,7 +504,7 @@ def test_swd(probe: Target) -> None:
     assert swd.probes() == [("P1", "probe")]
     programmer = swd.Swd()
     with contextlib.closing(programmer):
-        assert programmer.read(BASE, 5000, quiet) == bytes(probe.flash[:5000])
+        assert read(programmer, BASE, 5000, quiet) == bytes(probe.flash[:5000])
 
 
 def test_swd_what_goes_wrong(probe: Target, monkeypatch: pytest.MonkeyPatch) -> None:
