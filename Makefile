@@ -1,7 +1,7 @@
 # Terrapin's front door. The work is done by the scripts that each target names.
 .DEFAULT_GOAL := help
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
-.PHONY: help setup demo test sandbox check bench campaigns firmware docs lock clean
+.PHONY: help setup demo test sandbox check bench campaigns mutants firmware release docs wheel lock clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -27,11 +27,20 @@ bench: ## speed of simulator and link, instructions of one step
 campaigns: ## how often discovery is right: every bound, measured on cases with known answers (hours; ARGS="--cases 100")
 	@tests/setup/setup.sh test && tests/tools/build.sh host && .venv/bin/python -m tests.campaigns $(ARGS)
 
+mutants: ## would a slip in controller.toml or its generator be seen? each number and operator changed in turn (an hour)
+	@tests/setup/setup.sh test && tests/tools/build.sh host && .venv/bin/python -m tests.interface_mutations $(ARGS)
+
 firmware: ## build the firmware for this machine and every image for the chip, with their sizes
 	@tests/setup/setup.sh test && tests/tools/build.sh host cortex-m4 && tests/tools/build.sh size
 
+release: ## the core for somebody else's firmware, as an archive that needs no Python (docs/embedding.md): build/release/
+	@tests/setup/setup.sh runtime && tests/tools/release.sh
+
 docs: ## the pages of docs/ as a site: build/docs/index.html
 	@tests/setup/setup.sh test && tests/tools/build.sh host && tests/tools/docs.sh
+
+wheel: ## what others install with pip: dist/terrapin_robot-*.whl, with everything compiled (docs/install.md)
+	@tests/setup/setup.sh test && tests/tools/wheel.sh dist
 
 lock: ## renew the lock files from pyproject.toml
 	@tests/setup/setup.sh test && tests/tools/lock.sh

@@ -2,6 +2,7 @@
 
 #include "layout.h"
 #include "terrapin_interface.h"
+#include "terrapin_assert.h"
 
 #define NONE ((uint8_t)TERRAPIN_UPDATE_SLOT_NONE)
 #define A    ((uint8_t)TERRAPIN_UPDATE_SLOT_A)
@@ -15,6 +16,7 @@ terrapin_flash_area terrapin_boot_slot(uint8_t slot) {
 
 terrapin_image_result terrapin_boot_check(const terrapin_boot *boot, uint8_t slot, const terrapin_record *record,
                                           bool update, terrapin_image *image) {
+    TERRAPIN_ASSERT((slot == A) || (slot == B));
     const terrapin_flash_area area = terrapin_boot_slot(slot);
     terrapin_image_result result =
         terrapin_image_verify(boot->flash, area, TERRAPIN_LAYOUT_BASE + area.offset, boot->key, image);
@@ -38,16 +40,20 @@ static bool take(const terrapin_boot *boot, uint8_t slot, const terrapin_record 
     if (good) {
         choice->slot = slot;
         choice->address = TERRAPIN_LAYOUT_BASE + terrapin_boot_slot(slot).offset + TERRAPIN_LAYOUT_HEADER_SIZE;
+        TERRAPIN_ASSERT(choice->image.security_counter >= record->security_counter);
     }
     return good;
 }
 
 void terrapin_boot_choose(const terrapin_boot *boot, terrapin_boot_choice *choice) {
+    TERRAPIN_ASSERT((boot != NULL) && (choice != NULL));
     static const terrapin_boot_choice stay = {0};
     terrapin_record record;
     *choice = stay;
     (void)terrapin_records_make_room(boot->flash); /* when it fails, so does the append below, which is seen */
     terrapin_records_read(boot->flash, &record);
+    TERRAPIN_ASSERT((record.confirmed <= B) && (record.candidate <= B));
+    TERRAPIN_ASSERT(record.phase <= (uint8_t)TERRAPIN_UPDATE_PHASE_TRIAL);
 
     if (record.phase == (uint8_t)TERRAPIN_UPDATE_PHASE_PENDING) {
         const bool good = take(boot, record.candidate, &record, true, choice);
@@ -78,6 +84,7 @@ void terrapin_boot_choose(const terrapin_boot *boot, terrapin_boot_choice *choic
 }
 
 bool terrapin_boot_confirm(const terrapin_boot *boot, uint8_t running) {
+    TERRAPIN_ASSERT(boot != NULL);
     terrapin_record record;
     terrapin_image image;
     const terrapin_flash_area area = terrapin_boot_slot(running);

@@ -2,6 +2,7 @@
 
 #include "field.h"
 #include "sha2.h"
+#include "terrapin_assert.h"
 
 /* A point (x, y) of -x^2 + y^2 = 1 + d x^2 y^2 as x = X/Z, y = Y/Z, x y = T/Z. */
 typedef struct {
@@ -144,11 +145,14 @@ static void scalar_of(scalar *s, const uint8_t *bytes, uint32_t size) {
             s->limb[i] = (s->limb[i] << 1U) | carry;
             carry = top;
         }
+        TERRAPIN_ASSERT(carry == 0U);
         (void)reduce(s); /* below the order before, so below twice the order now: 2^254 */
+        TERRAPIN_ASSERT(s->limb[7] <= 0x10000000U);
     }
 }
 
 static uint32_t scalar_bit(const scalar *s, uint32_t bit) {
+    TERRAPIN_ASSERT(bit < 256U);
     return (s->limb[bit / 32U] >> (bit % 32U)) & 1U;
 }
 
@@ -161,6 +165,7 @@ static void double_multiply(point *sum, const scalar *a, const point *p, const s
     r.z = one;
     r.t = zero;
     point_add(&both, p, q);
+    TERRAPIN_ASSERT(((a->limb[7] >> 29U) == 0U) && ((b->limb[7] >> 29U) == 0U));
     for (uint32_t bit = 253U; bit > 0U; bit--) { /* both are below 2^253 */
         const bool first = scalar_bit(a, bit - 1U) != 0U;
         const bool second = scalar_bit(b, bit - 1U) != 0U;
@@ -184,6 +189,7 @@ static bool canonical(const uint8_t bytes[32]) {
 
 bool terrapin_ed25519_verify(const uint8_t key[32], const uint8_t signature[64], const uint8_t *message,
                              uint32_t length) {
+    TERRAPIN_ASSERT((key != NULL) && (signature != NULL) && (message != NULL));
     static const field base_x = {
         {0x8F25D51AU, 0xC9562D60U, 0x9525A7B2U, 0x692CC760U, 0xFDD6DC5CU, 0xC0A4E231U, 0xCD6E53FEU, 0x216936D3U}};
     static const field base_y = {

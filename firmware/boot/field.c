@@ -1,5 +1,7 @@
 #include "field.h"
 
+#include "terrapin_assert.h"
+
 #define LIMBS   8U
 #define FOLD    38U /* 2^256 = 38 modulo p */
 #define TOP_BIT 0x80000000U
@@ -15,6 +17,7 @@ static void fold(field *a, uint32_t carry) {
             c >>= 32U;
         }
     }
+    TERRAPIN_ASSERT(c == 0U);
 }
 
 void field_add(field *sum, const field *a, const field *b) {
@@ -24,6 +27,7 @@ void field_add(field *sum, const field *a, const field *b) {
         sum->limb[i] = (uint32_t)(c & 0xFFFFFFFFU);
         c >>= 32U;
     }
+    TERRAPIN_ASSERT(c <= 1U);
     fold(sum, (uint32_t)c);
 }
 
@@ -63,11 +67,13 @@ void field_multiply(field *product, const field *a, const field *b) {
         product->limb[i] = (uint32_t)(c & 0xFFFFFFFFU);
         c >>= 32U;
     }
+    TERRAPIN_ASSERT(c <= FOLD);
     fold(product, (uint32_t)c);
 }
 
 /* a^(2^250 - 1), then `count` further bits of the exponent. */
 static void power(field *result, const field *a, uint32_t bits, uint32_t count) {
+    TERRAPIN_ASSERT((count <= 5U) && ((bits >> count) == 0U));
     field base;
     field x;
     base = *a; /* the result may stand where it stood */
@@ -103,6 +109,7 @@ static void freeze(field *a) {
             *a = less;
         }
     }
+    TERRAPIN_ASSERT(a->limb[7] <= 0x7FFFFFFFU);
 }
 
 bool field_equal(const field *a, const field *b) {

@@ -3,6 +3,7 @@
 #include "ed25519.h"
 #include "layout.h"
 #include "terrapin_interface.h"
+#include "terrapin_assert.h"
 
 #define MAGIC           0x96F3B83DU
 #define FLAG_ROM_FIXED  0x00000100U
@@ -55,6 +56,7 @@ static bool read_counter(const terrapin_flash *flash, uint32_t offset, uint32_t 
             *counter = get32(bytes);
         }
         place += TLV_HEAD + length;
+        TERRAPIN_ASSERT(!good || (place <= size));
     }
     return good && (found == 1U);
 }
@@ -86,6 +88,7 @@ terrapin_image_result terrapin_image_read(const terrapin_flash *flash, terrapin_
     }
     image->hashed_size = code_end + protected_size;
     image->size = image->hashed_size + TLV_SIZE;
+    TERRAPIN_ASSERT(image->size <= slot.size);
     if (!read_counter(flash, slot.offset + code_end, protected_size, &image->security_counter)) {
         return TERRAPIN_UPDATE_RESULT_NOT_AN_IMAGE;
     }
@@ -93,6 +96,7 @@ terrapin_image_result terrapin_image_read(const terrapin_flash *flash, terrapin_
 }
 
 void terrapin_image_key_hash(const uint8_t key[32], uint8_t hash[TERRAPIN_SHA256_SIZE]) {
+    TERRAPIN_ASSERT((key != NULL) && (hash != NULL));
     static const uint8_t head[12] = {0x30U, 0x2AU, 0x30U, 0x05U, 0x06U, 0x03U,
                                      0x2BU, 0x65U, 0x70U, 0x03U, 0x21U, 0x00U};
     terrapin_sha2 sha;
@@ -120,6 +124,7 @@ static bool digest_of(const terrapin_flash *flash, uint32_t offset, uint32_t siz
         const uint32_t rest = size - done;
         const uint32_t count = (rest < sizeof bytes) ? rest : (uint32_t)sizeof bytes;
         good = flash->read(flash->context, offset + done, bytes, count);
+        TERRAPIN_ASSERT((count > 0U) && (count <= sizeof bytes));
         terrapin_sha2_take(&sha, bytes, count);
     }
     terrapin_sha2_end(&sha, digest);

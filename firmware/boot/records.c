@@ -3,6 +3,7 @@
 #include "crc32.h"
 #include "layout.h"
 #include "terrapin_interface.h"
+#include "terrapin_assert.h"
 
 #define MAGIC       0x00015442U /* "BT", format 1 */
 #define PAGES       2U
@@ -35,6 +36,9 @@ static uint32_t get32(const uint8_t *bytes) {
 }
 
 static void encode(const terrapin_record *record, uint32_t sequence, uint8_t *bytes) {
+    TERRAPIN_ASSERT((record->confirmed <= (uint8_t)TERRAPIN_UPDATE_SLOT_B) &&
+                    (record->candidate <= (uint8_t)TERRAPIN_UPDATE_SLOT_B));
+    TERRAPIN_ASSERT(record->phase <= (uint8_t)TERRAPIN_UPDATE_PHASE_TRIAL);
     put32(bytes, MAGIC);
     put32(&bytes[4], sequence);
     bytes[8] = record->confirmed;
@@ -104,9 +108,11 @@ static void find(const terrapin_flash *flash, position *where) {
         }
     }
     where->next = used[where->page];
+    TERRAPIN_ASSERT(where->next <= (pages[where->page].size / TERRAPIN_RECORD_SIZE));
 }
 
 static bool append(const terrapin_flash *flash, const position *where, uint32_t room, const terrapin_record *record) {
+    TERRAPIN_ASSERT((where->page < PAGES) && (room >= 1U) && (room <= ROOM));
     uint8_t bytes[TERRAPIN_RECORD_SIZE];
     uint8_t back[TERRAPIN_RECORD_SIZE] = {0};
     uint32_t page = where->page;
@@ -117,6 +123,7 @@ static bool append(const terrapin_flash *flash, const position *where, uint32_t 
         place = 0U;
         good = flash->erase(flash->context, pages[page]);
     }
+    TERRAPIN_ASSERT(place < (pages[page].size / TERRAPIN_RECORD_SIZE));
     const uint32_t offset = pages[page].offset + (place * TERRAPIN_RECORD_SIZE);
     encode(record, where->sequence + 1U, bytes);
     good = good && flash->write(flash->context, offset, bytes, sizeof bytes) &&

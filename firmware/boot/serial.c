@@ -1,5 +1,7 @@
 #include "serial.h"
 
+#include "terrapin_assert.h"
+
 void terrapin_boot_serial_init(terrapin_boot_serial *serial, const terrapin_boot *boot, uint8_t running) {
     terrapin_slcan_init(&serial->parser);
     terrapin_update_init(&serial->update, boot, running);
@@ -14,6 +16,7 @@ uint32_t terrapin_boot_serial_take(terrapin_boot_serial *serial, uint8_t byte, b
     const terrapin_slcan_event event = terrapin_slcan_feed(&serial->parser, byte, &frame, &reply);
     if (event == TERRAPIN_SLCAN_FRAME) {
         const uint32_t count = terrapin_update_accept(&serial->update, &frame, motor_on, frames);
+        TERRAPIN_ASSERT(count <= TERRAPIN_UPDATE_REPLIES);
         for (uint32_t i = 0U; i < count; i++) {
             length += (uint32_t)terrapin_slcan_encode(&frames[i], &answer[length]);
         }
@@ -24,5 +27,6 @@ uint32_t terrapin_boot_serial_take(terrapin_boot_serial *serial, uint8_t byte, b
             length++;
         }
     }
+    TERRAPIN_ASSERT(length <= TERRAPIN_BOOT_SERIAL_ANSWER_MAX);
     return length;
 }

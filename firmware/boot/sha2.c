@@ -1,5 +1,7 @@
 #include "sha2.h"
 
+#include "terrapin_assert.h"
+
 /* First 64 bits of the fractions of the cube roots of the first 80 primes. */
 static const uint64_t constants[80] = {
     0x428A2F98D728AE22U, 0x7137449123EF65CDU, 0xB5C0FBCFEC4D3B2FU, 0xE9B5DBA58189DBBCU, 0x3956C25BF348B538U,
@@ -20,10 +22,12 @@ static const uint64_t constants[80] = {
     0x431D67C49C100D4CU, 0x4CC5D4BECB3E42B6U, 0x597F299CFC657E2AU, 0x5FCB6FAB3AD6FAECU, 0x6C44198C4A475817U};
 
 static uint32_t rotate32(uint32_t x, uint32_t n) {
+    TERRAPIN_ASSERT((n > 0U) && (n < 32U));
     return (x >> n) | (x << (32U - n));
 }
 
 static uint64_t rotate64(uint64_t x, uint32_t n) {
+    TERRAPIN_ASSERT((n > 0U) && (n < 64U));
     const uint32_t left = 64U - n;
     return (x >> n) | (x << left);
 }
@@ -102,6 +106,7 @@ static uint32_t block_size(const terrapin_sha2 *hash) {
 
 /* Put a byte at `place` of the block; a full block is worked in. */
 static void put(terrapin_sha2 *hash, uint32_t place, uint8_t byte) {
+    TERRAPIN_ASSERT(place < block_size(hash));
     hash->block[place] = byte;
     if (place == (block_size(hash) - 1U)) {
         if (hash->kind == TERRAPIN_SHA512) {
@@ -125,6 +130,7 @@ void terrapin_sha2_begin(terrapin_sha2 *hash, terrapin_sha2_kind kind) {
 }
 
 void terrapin_sha2_take(terrapin_sha2 *hash, const uint8_t *bytes, uint32_t length) {
+    TERRAPIN_ASSERT(length <= (0x20000000U - hash->length));
     for (uint32_t i = 0U; i < length; i++) {
         put(hash, hash->length & (block_size(hash) - 1U), bytes[i]);
         hash->length++;
@@ -137,6 +143,7 @@ void terrapin_sha2_end(terrapin_sha2 *hash, uint8_t *digest) {
     /* A one bit, zeros, the number of bits in the last 8 (of 16) bytes of a block. */
     const uint32_t used = length & (size - 1U);
     const uint32_t end = (used < (size - (size / 8U))) ? size : (2U * size);
+    TERRAPIN_ASSERT((end - used) > (size / 8U));
     const uint64_t bits = (uint64_t)length * 8U;
     for (uint32_t i = used; i < end; i++) {
         const uint32_t shift = (end - 1U - i) * 8U;

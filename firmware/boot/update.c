@@ -4,11 +4,13 @@
 #include "layout.h"
 #include "terrapin_interface.h"
 #include "update_requests.h"
+#include "terrapin_assert.h"
 
 #define OK ((uint8_t)TERRAPIN_UPDATE_RESULT_OK)
 
 /* Nothing of the slot counts any more, then it is erased. */
 static uint8_t clear_slot(const terrapin_update *update, uint8_t slot) {
+    TERRAPIN_ASSERT(slot != update->running);
     terrapin_record record;
     bool good = true;
     terrapin_records_read(update->boot->flash, &record);
@@ -61,6 +63,7 @@ static uint8_t begin(terrapin_update *update, const terrapin_update_begin_t *mes
         update->slot = slot;
         update->size = size;
     }
+    TERRAPIN_ASSERT((update->active) == (result == OK));
     update->written = 0U;
     update->checksum = 0U;
     update->filled = 0U;
@@ -81,6 +84,7 @@ static void accept_data(terrapin_update *update, const terrapin_frame *frame) {
         update->malformed++;
         return;
     }
+    TERRAPIN_ASSERT((update->filled <= (TERRAPIN_UPDATE_BLOCK + 8U)) && ((update->filled % 8U) == 0U));
     if (update->filled < TERRAPIN_UPDATE_BLOCK) {
         for (uint32_t i = 0U; i < 8U; i++) {
             update->block[update->filled + i] = frame->data[i];
@@ -102,6 +106,7 @@ static uint8_t check_header(const terrapin_update *update) {
 }
 
 static uint8_t take_block(terrapin_update *update, const terrapin_update_block_t *message) {
+    TERRAPIN_ASSERT(!update->active || (update->written <= update->size));
     const uint32_t next = update->written / TERRAPIN_UPDATE_BLOCK;
     const uint32_t index = (uint32_t)message->index;
     const uint32_t size = (uint32_t)message->size;
@@ -127,6 +132,8 @@ static uint8_t take_block(terrapin_update *update, const terrapin_update_block_t
         update->active = false;
         return TERRAPIN_UPDATE_RESULT_NOT_AN_IMAGE;
     }
+    TERRAPIN_ASSERT((size > 0U) && (size <= TERRAPIN_UPDATE_BLOCK));
+    TERRAPIN_ASSERT((update->written + size) <= TERRAPIN_LAYOUT_SLOT_SIZE);
     const terrapin_flash *flash = update->boot->flash;
     if (!flash->write(flash->context, terrapin_boot_slot(update->slot).offset + update->written, update->block, size)) {
         update->active = false;
@@ -195,6 +202,7 @@ static uint32_t accept_end(terrapin_update *update, const terrapin_frame *frame,
 
 uint32_t terrapin_update_accept(terrapin_update *update, const terrapin_frame *frame, bool motor_on,
                                 terrapin_frame replies[TERRAPIN_UPDATE_REPLIES]) {
+    TERRAPIN_ASSERT((update != NULL) && (frame != NULL) && (replies != NULL));
     uint32_t count = 0U;
     switch (frame->id) {
     case TERRAPIN_ID_UPDATE_BEGIN:
@@ -219,5 +227,6 @@ uint32_t terrapin_update_accept(terrapin_update *update, const terrapin_frame *f
         /* another's */
         break;
     }
+    TERRAPIN_ASSERT(count <= TERRAPIN_UPDATE_REPLIES);
     return count;
 }

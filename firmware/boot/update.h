@@ -30,12 +30,11 @@
 extern "C" {
 #endif
 
-#define TERRAPIN_UPDATE_ID_FIRST  0x0A0U
-#define TERRAPIN_UPDATE_ID_LAST   0x0A7U
-#define TERRAPIN_UPDATE_PROTOCOL  1U
-#define TERRAPIN_UPDATE_RESET_KEY 0x5AFEB007U
-#define TERRAPIN_UPDATE_BLOCK     256U
-#define TERRAPIN_UPDATE_REPLIES   2U /* at most, to one frame */
+#define TERRAPIN_UPDATE_ID_FIRST 0x0A0U
+#define TERRAPIN_UPDATE_ID_LAST  0x0A7U
+#define TERRAPIN_UPDATE_PROTOCOL 1U
+#define TERRAPIN_UPDATE_BLOCK    256U
+#define TERRAPIN_UPDATE_REPLIES  2U /* at most, to one frame */
 
 typedef struct {
     const terrapin_boot *boot;

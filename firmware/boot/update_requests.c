@@ -1,12 +1,16 @@
 #include "update_requests.h"
 
+#include "layout.h"
 #include "terrapin_interface.h"
+#include "terrapin_assert.h"
 
 #define NONE ((uint8_t)TERRAPIN_UPDATE_SLOT_NONE)
 #define A    ((uint8_t)TERRAPIN_UPDATE_SLOT_A)
 #define B    ((uint8_t)TERRAPIN_UPDATE_SLOT_B)
 
 void terrapin_update_init(terrapin_update *update, const terrapin_boot *boot, uint8_t running) {
+    TERRAPIN_ASSERT((update != NULL) && (boot != NULL));
+    TERRAPIN_ASSERT(running <= B);
     static const terrapin_update fresh = {
         .begin_counter = TERRAPIN_E2E_NO_COUNTER,
         .end_counter = TERRAPIN_E2E_NO_COUNTER,
@@ -22,6 +26,8 @@ bool update_writable(const terrapin_update *update, const terrapin_record *recor
 }
 
 uint32_t update_status(terrapin_update *update, uint8_t request, uint8_t result, terrapin_frame *reply) {
+    TERRAPIN_ASSERT(update->reply_counter <= TERRAPIN_E2E_COUNTER_MAX);
+    TERRAPIN_ASSERT(update->written <= TERRAPIN_LAYOUT_SLOT_SIZE);
     const uint32_t next = update->written / TERRAPIN_UPDATE_BLOCK;
     const terrapin_update_status_t answer = {
         .request = (int32_t)request,
@@ -36,6 +42,7 @@ uint32_t update_status(terrapin_update *update, uint8_t request, uint8_t result,
 }
 
 bool update_genuine(terrapin_update *update, const terrapin_frame *frame, uint8_t *last_counter) {
+    TERRAPIN_ASSERT((*last_counter <= TERRAPIN_E2E_COUNTER_MAX) || (*last_counter == TERRAPIN_E2E_NO_COUNTER));
     const terrapin_e2e_result result = terrapin_e2e_check(frame, last_counter);
     if (result == TERRAPIN_E2E_BAD_CRC) {
         update->bad_crc++;
@@ -52,7 +59,7 @@ uint32_t update_reset(terrapin_update *update, const terrapin_frame *frame, bool
     if (!update_genuine(update, frame, &update->reset_counter) || !terrapin_decode_update_reset(frame, &message)) {
         return 0U;
     }
-    if (message.key != TERRAPIN_UPDATE_RESET_KEY) {
+    if (message.key != (uint32_t)TERRAPIN_UPDATE_RESET_KEY) {
         update->malformed++;
         return 0U;
     }
@@ -73,6 +80,7 @@ uint32_t update_query(terrapin_update *update, const terrapin_frame *frame,
         update->malformed++;
         return 0U;
     }
+    (void)message.protocol; /* whichever the host speaks: the answer says ours */
     update->begin_counter = TERRAPIN_E2E_NO_COUNTER;
     update->end_counter = TERRAPIN_E2E_NO_COUNTER;
     update->reset_counter = TERRAPIN_E2E_NO_COUNTER;
@@ -141,5 +149,6 @@ uint32_t terrapin_update_application(terrapin_update *update, const terrapin_fra
     } else {
         /* data, or another's */
     }
+    TERRAPIN_ASSERT(count <= TERRAPIN_UPDATE_REPLIES);
     return count;
 }

@@ -23,13 +23,7 @@ foreach(part core_objects link_objects)
     endif()
 endforeach()
 
-# The core's text is near its limit: without these steps of the compiler it is 70 bytes shorter and takes no more
-# instructions.
-if(CMAKE_CROSSCOMPILING)
-    target_compile_options(core_objects PRIVATE -fno-schedule-insns2)
-    set_source_files_properties(${CMAKE_SOURCE_DIR}/firmware/core/integer.c PROPERTIES COMPILE_OPTIONS -fno-tree-ch)
-    set_source_files_properties(${CMAKE_SOURCE_DIR}/firmware/core/sense.c PROPERTIES COMPILE_OPTIONS -fira-region=all)
-endif()
+terrapin_short_core(core_objects)
 
 # No floating point in the core: the compiler itself refuses it where it can.
 check_c_compiler_flag(-mgeneral-regs-only HAS_GENERAL_REGS_ONLY)

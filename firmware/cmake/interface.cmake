@@ -1,7 +1,7 @@
 # Codec, tables, DBC and reference from the one description. Any Python from 3.11 on will do.
 find_package(Python3 3.11 REQUIRED COMPONENTS Interpreter)
 
-set(INTERFACE_DIR ${CMAKE_SOURCE_DIR}/firmware/interface)
+set(INTERFACE_DIR ${CMAKE_SOURCE_DIR}/firmware/terrapin_interface)
 file(GLOB INTERFACE_SCRIPTS CONFIGURE_DEPENDS ${INTERFACE_DIR}/*.py)
 set(CDEF_HEADERS
     ${CMAKE_SOURCE_DIR}/firmware/core/terrapin.h
@@ -18,7 +18,7 @@ list(TRANSFORM HEADER_OPTIONS PREPEND "--header=")
 add_custom_command(
     OUTPUT ${GENERATED}/stamp
     BYPRODUCTS
-        ${GENERATED}/terrapin_interface.c ${GENERATED}/terrapin_interface.h ${GENERATED}/terrapin_pack.h ${GENERATED}/terrapin_cdef.h
+        ${GENERATED}/terrapin_interface.c ${GENERATED}/terrapin_interface.h ${GENERATED}/terrapin_pack.h ${GENERATED}/terrapin_scaling.h ${GENERATED}/terrapin_cdef.h
         ${GENERATED}/terrapin.dbc ${GENERATED}/interface.json ${GENERATED}/interface.md
     COMMAND ${CMAKE_COMMAND} -E make_directory ${GENERATED}
     COMMAND ${CMAKE_COMMAND} -E touch ${GENERATED}/stamp.begun
@@ -28,4 +28,14 @@ add_custom_command(
     COMMENT "Generating the interface from controller.toml"
     VERBATIM)
 add_custom_target(interface ALL DEPENDS ${GENERATED}/stamp)
-set_source_files_properties(${GENERATED}/terrapin_interface.c ${GENERATED}/terrapin_interface.h ${GENERATED}/terrapin_pack.h PROPERTIES GENERATED TRUE)
+set_source_files_properties(${GENERATED}/terrapin_interface.c ${GENERATED}/terrapin_interface.h ${GENERATED}/terrapin_pack.h ${GENERATED}/terrapin_scaling.h PROPERTIES GENERATED TRUE)
+
+# What the description states and no C file uses fails the build.
+file(GLOB_RECURSE FIRMWARE_FILES CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/firmware/*.c ${CMAKE_SOURCE_DIR}/firmware/*.h)
+add_custom_command(
+    OUTPUT ${GENERATED}/all-used
+    COMMAND ${Python3_EXECUTABLE} -B ${INTERFACE_DIR}/unread.py --sources ${CMAKE_SOURCE_DIR}/firmware --stamp ${GENERATED}/all-used
+    DEPENDS ${GENERATED}/stamp ${FIRMWARE_FILES}
+    COMMENT "Looking for limits and signals that no code uses"
+    VERBATIM)
+add_custom_target(unread ALL DEPENDS ${GENERATED}/all-used)

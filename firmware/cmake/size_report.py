@@ -3,7 +3,8 @@
     size_report.py [--check] --nm NM --size SIZE IMAGE
 
 Prints the text (code and constants) in bytes and its largest parts. With --check, status 1 when the text is not below
-the limit, when a heap or floating-point symbol was linked in, or when the core is not there. Standard library only.
+the limit, when a symbol of heap, floating point or assertions was linked in, or when the core is not there. Standard
+library only.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ import subprocess
 import sys
 
 TEXT_LIMIT = 12_000  # bytes, with the compiler's integer helpers and memcpy
-# Run-time helpers of the ARM EABI for float and double, and their kin in libgcc; what allocates.
+# Run-time helpers of the ARM EABI for float and double, and their kin in libgcc; what allocates; what assertions call.
 FORBIDDEN = re.compile(
     r"__aeabi_(c?[fd]|(ui|i|ul|l|h)2[fd]|[fd]2|h2f)\w*|__(add|sub|mul|div|neg|fix|float|extend|trunc)\w*[sdh]f\w*"
-    r"|malloc|calloc|realloc|free|_sbrk|alloca"
+    r"|malloc|calloc|realloc|free|_sbrk|alloca|__assert\w*|abort"
 )
 
 CODEC = r"terrapin_(encode_|decode_|e2e_|crc8).*|layout_.*|encode|decode|fit|frame_crc"

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 EXCEPTION = 36  # bytes: 8 registers, and a word that aligns them (Arm DDI 0403, B1.5.7); no floating point
-GUARD = 32  # bytes at the stack's end that belong to nobody (startup.c)
+GUARD = 32  # bytes at the stack's end that belong to nobody (processor.h)
 HARD_FAULT, NMI, OTHERS = 3, 2, 4  # in the vector table
 
 # Calls through a pointer: all to the flash driver (firmware/store/flash.h). An image without one has none to call.

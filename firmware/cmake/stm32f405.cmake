@@ -6,7 +6,7 @@ set(F405_PLACES "alone|0x08000000|0|0x20000" "slot-a|0x08020000|0x200|0x20000" "
 find_program(TARGET_OBJCOPY arm-none-eabi-objcopy REQUIRED)
 
 # What every image of this chip begins with; the boot loader uses it as well.
-add_library(f405_chip OBJECT ${F405_DIR}/startup.c ${F405_DIR}/retained.c ${F405_DIR}/clock.c ${F405_DIR}/pins.c
+add_library(f405_chip OBJECT ${F405_DIR}/startup.c ${F405_DIR}/processor.c ${F405_DIR}/retained.c ${F405_DIR}/clock.c ${F405_DIR}/pins.c
     ${F405_DIR}/ring.c ${F405_DIR}/usart.c ${F405_DIR}/can.c ${F405_DIR}/flash.c ${F405_DIR}/watchdog.c)
 add_dependencies(f405_chip interface)
 target_include_directories(f405_chip PUBLIC ${F405_DIR} ${CMAKE_SOURCE_DIR}/firmware ${CMAKE_SOURCE_DIR}/firmware/core
@@ -28,7 +28,7 @@ add_library(boot_client STATIC $<TARGET_OBJECTS:boot_objects>)
 
 set(F405_IMAGES "")
 foreach(board IN LISTS F405_BOARDS)
-    add_library(f405_${board} OBJECT ${F405_DIR}/main.c ${F405_DIR}/state_memory.c ${F405_DIR}/port.c ${F405_DIR}/phases.c ${F405_DIR}/analog.c
+    add_library(f405_${board} OBJECT ${F405_DIR}/main.c ${F405_DIR}/hardware.c ${F405_DIR}/port.c ${F405_DIR}/phases.c ${F405_DIR}/analog.c
         ${F405_DIR}/bridge.c ${F405_DIR}/encoder.c ${F405_DIR}/reset_cause.c)
     target_link_libraries(f405_${board} PRIVATE f405_chip)
     target_include_directories(f405_${board} PRIVATE ${CMAKE_SOURCE_DIR}/firmware/boot)

@@ -32,14 +32,18 @@ static int32_t direction(const terrapin_state *state) {
 
 static int32_t voltage(const terrapin_state *state) {
     const int32_t *p = state->parameter;
+    TERRAPIN_ASSERT((int32_t)state->calibration.step < p[TERRAPIN_PARAMETER_CALIBRATE_STEPS]);
     const int32_t low = p[TERRAPIN_PARAMETER_CALIBRATE_LOW];
     const int32_t span = p[TERRAPIN_PARAMETER_CALIBRATE_HIGH] - low;
     const int32_t last = p[TERRAPIN_PARAMETER_CALIBRATE_STEPS] - 1; /* at least 1 */
+    TERRAPIN_ASSERT(last >= 1);
     return direction(state) * (low + ((span * (int32_t)state->calibration.step) / last));
 }
 
 static void close_step(terrapin_state *state) {
     terrapin_calibration_state *c = &state->calibration;
+    TERRAPIN_ASSERT(c->windows == (uint8_t)CALIBRATE_WINDOWS);
+    TERRAPIN_ASSERT((int32_t)c->step < TERRAPIN_LIMIT_CALIBRATE_SPEEDS);
     const int32_t omega = c->omega_sum_urad_s / CALIBRATE_WINDOWS;
     const int32_t torque = c->torque_sum_unm / CALIBRATE_WINDOWS;
     c->omega_mrad_s[c->step] = omega / 1000;
@@ -51,6 +55,7 @@ static void close_step(terrapin_state *state) {
 
 /* Largest residual of the line [uN m]. */
 static int32_t worst(const terrapin_calibration_state *c, int32_t coulomb_unm, int32_t viscous_e8) {
+    TERRAPIN_ASSERT((int32_t)c->step <= TERRAPIN_LIMIT_CALIBRATE_SPEEDS);
     int32_t largest = 0;
     for (uint32_t i = 0U; i < c->step; i++) {
         const int32_t line = coulomb_unm + integer_scale(viscous_e8, c->omega_mrad_s[i], 100000);
@@ -63,6 +68,7 @@ static int32_t worst(const terrapin_calibration_state *c, int32_t coulomb_unm, i
 static bool fit(terrapin_state *state) {
     terrapin_calibration_state *c = &state->calibration;
     const int64_t n = c->step; /* 2..8 */
+    TERRAPIN_ASSERT((n >= 2) && (n <= TERRAPIN_LIMIT_CALIBRATE_SPEEDS));
     int64_t w = 0;
     int64_t ww = 0;
     int64_t t = 0;
@@ -74,6 +80,7 @@ static bool fit(terrapin_state *state) {
         wt += (int64_t)c->omega_mrad_s[i] * c->torque_unm[i];
     }
     const int64_t spread = (n * ww) - (w * w);
+    TERRAPIN_ASSERT(spread >= 0);
     bool good = spread >= SPREAD_MRAD2;
     if (good) {
         /* uN m a mrad/s to 1e-8 N m s/rad: times 1e5; |n wt| is at most 64 * 1e5 * 2e6, below 2^44 */
@@ -99,6 +106,8 @@ calibration_result calibration_update(terrapin_state *state, int32_t *voltage_mv
     terrapin_calibration_state *c = &state->calibration;
     const terrapin_estimator *e = &state->estimator;
     calibration_result result = CALIBRATION_BUSY;
+    TERRAPIN_ASSERT((int32_t)c->step < state->parameter[TERRAPIN_PARAMETER_CALIBRATE_STEPS]);
+    TERRAPIN_ASSERT(c->windows < (uint8_t)CALIBRATE_WINDOWS);
     const bool taken = c->seen == e->index;
     c->seen = e->index;
     c->timer_ms++;

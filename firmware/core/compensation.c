@@ -1,6 +1,6 @@
 #include "core.h"
 
-enum { REFERENCE_MC = 25000, HEAT_ONE_Q20 = 0x100000, ONE_Q30 = 0x40000000 };
+enum { REFERENCE_MC = TERRAPIN_REFERENCE_TEMPERATURE * 1000, HEAT_ONE_Q20 = 0x100000, ONE_Q30 = 0x40000000 };
 
 int32_t compensation_heat_q20(const terrapin_state *state) {
     /* a_t [1e-6/K] * dT [1e-3 K], in Q20: 2^20 / 1e9 = 1 / 953.674; held within 2^30, a factor of 2.1 */
@@ -14,8 +14,10 @@ int32_t compensation_heat_q20(const terrapin_state *state) {
 
 /* a_s exp(-(omega/omega_s)^2) [uN m]; omega_mrad_s >= 0 */
 static int32_t stribeck(const int32_t *p, int32_t omega_mrad_s) {
+    TERRAPIN_ASSERT(omega_mrad_s >= 0);
     const int32_t ratio_q16 = integer_scale(omega_mrad_s, 65536, p[TERRAPIN_PARAMETER_COMP_STRIBECK_SPEED]);
     const int32_t power = integer_exp(integer_scale(ratio_q16, ratio_q16, 65536));
+    TERRAPIN_ASSERT((power >= 0) && (power <= 65545));
     return integer_scale(p[TERRAPIN_PARAMETER_COMP_STRIBECK], power, 65536);
 }
 
@@ -24,6 +26,7 @@ static int32_t stribeck(const int32_t *p, int32_t omega_mrad_s) {
 static int32_t imbalance(const terrapin_state *state, const terrapin_inputs *inputs, int32_t counts) {
     const int32_t *p = state->parameter;
     const uint32_t unit = (uint32_t)state->gains.turn_per_count;
+    TERRAPIN_ASSERT(unit <= 2097152U);
     const uint32_t size = (uint32_t)integer_abs(counts);
     const uint32_t way = ((size / 2U) * unit) + ((size & 1U) * (unit / 2U)); /* h, 2^32 a turn */
     const uint32_t back = 0U - way;
@@ -52,6 +55,7 @@ int32_t compensation_torque(const terrapin_state *state, const terrapin_inputs *
     }
     const int32_t omega = state->estimator.omega_urad_s;
     const int32_t size_mrad_s = integer_abs(omega) / 1000; /* below 2^21 */
+    TERRAPIN_ASSERT(size_mrad_s < 2097152);
     /* Along the motion; each term is held within 2^30, and 1e9 of each is far more than the full scale of C_t. */
     int64_t along = p[TERRAPIN_PARAMETER_COMP_COULOMB];
     along += stribeck(p, size_mrad_s);

@@ -26,17 +26,18 @@ void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs);
 /* At the end of a slot: a new window, a new C_t. */
 void estimator_slot(terrapin_state *state, const terrapin_inputs *inputs);
 /* (R/r) K_t I [uN m] of a window: sum of its current codes, zero taken off, in 1/256 code (within 2^30).
- * heat_q20 is K_t over K_t at 25 degC. */
+ * heat_q20 is K_t over K_t at the reference temperature. */
 int32_t estimator_motor_torque(const terrapin_gains *gains, int32_t current_q8, int32_t heat_q20);
 /* A sgn(w) + B w [uN m] of a window with `counts` motor counts. coulomb_unm within 2^29. */
 int32_t estimator_friction(const terrapin_gains *gains, int32_t coulomb_unm, int32_t counts);
 /* C_t of a window, held within the full scale; *saturated says when it was. */
 int32_t estimator_contact_torque(int32_t torque_unm, bool *saturated);
-/* A record `slots` back from the newest; slots < estimator.slots. */
+/* A record `slots` back from the newest: below HISTORY_SLOTS, and at most estimator.slots, which is the one that the
+ * history began behind. */
 const terrapin_slot_record *estimator_record(const terrapin_state *state, uint32_t slots);
 
 /* ---- compensation.c: what the robot's model lacks, all zero by default */
-/* K_t(T)/K_t(25 degC) in Q20, within 1/4 to 2. */
+/* K_t(T)/K_t(TERRAPIN_REFERENCE_TEMPERATURE) in Q20, within 1/4 to 2. */
 int32_t compensation_heat_q20(const terrapin_state *state);
 /* Torque inside the robot beyond A sgn + B w [uN m]. */
 int32_t compensation_torque(const terrapin_state *state, const terrapin_inputs *inputs, int32_t counts);
@@ -62,14 +63,17 @@ void calibration_start(terrapin_state *state);
 /* One tick at the speed that *voltage_mv makes. DONE: A and B are fitted and taken over. FAILED: nothing changed. */
 calibration_result calibration_update(terrapin_state *state, int32_t *voltage_mv);
 
+/* ---- episode.c: what supervisor.c and extrication.c move from state to state with */
+/* Enters a state and phase, timer at zero. */
+void episode_enter(terrapin_state *state, int32_t next, terrapin_phase phase);
+/* What came of a request, for the operator. */
+void episode_report(terrapin_state *state, int32_t report, int32_t distance_mm);
+
 /* ---- supervisor.c: states, faults, what the drive shall do */
 void supervisor_update(terrapin_state *state, const terrapin_inputs *inputs, uint32_t causes, bool gap,
                        terrapin_demand *demand);
 /* Idle without a latched fault: a new request is taken. */
 bool supervisor_ready(const terrapin_state *state);
-/* Enters a state and phase, timer at zero. */
-void supervisor_enter(terrapin_state *state, int32_t next, terrapin_phase phase);
-void supervisor_report(terrapin_state *state, int32_t report, int32_t distance_mm);
 
 /* ---- extrication.c: stuck, and the way back */
 /* Watches a drive in direction -1 or 1 for digging in without progress; true when stuck. */

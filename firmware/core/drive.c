@@ -39,6 +39,7 @@ static bounds allowed(terrapin_state *state) {
     terrapin_drive *d = &state->drive;
     const int32_t limit = p[TERRAPIN_PARAMETER_CURRENT_LIMIT];
     const int32_t span = state->gains.span_mv; /* at most 100 ohm * 2 A */
+    TERRAPIN_ASSERT((span >= 0) && (span <= 200000));
     const int32_t excess_ma = (integer_abs(state->sense.current_ua) / 1000) - limit;
     if (excess_ma > 0) {
         const int32_t rise =
@@ -49,6 +50,7 @@ static bounds allowed(terrapin_state *state) {
     } else {
         /* nothing is taken off */
     }
+    TERRAPIN_ASSERT((d->trim_mv >= 0) && (d->trim_mv <= span));
     const int32_t emf_mv = state->slip.emf_uv / 1000;
     const int32_t reach = span - d->trim_mv;
     const int32_t most = p[TERRAPIN_PARAMETER_VOLTAGE_LIMIT];
@@ -56,6 +58,7 @@ static bounds allowed(terrapin_state *state) {
         .low_mv = integer_clamp(emf_mv - reach, -most, most),
         .high_mv = integer_clamp(emf_mv + reach, -most, most),
     };
+    TERRAPIN_ASSERT(result.low_mv <= result.high_mv);
     return result;
 }
 
@@ -66,6 +69,8 @@ static int32_t hold_integral(int32_t value_uv) {
 /* One tick of a PI loop [mV]. kp [mV s/rad], ki [mV/rad], speeds [urad/s]; the integral is held where it cannot act. */
 static int32_t loop(int32_t feed_uv, int32_t error_urad_s, int32_t kp, int32_t ki, bounds within,
                     int32_t *integral_uv) {
+    TERRAPIN_ASSERT(within.low_mv <= within.high_mv);
+    TERRAPIN_ASSERT((*integral_uv <= INTEGRAL_MAX_UV) && (*integral_uv >= -INTEGRAL_MAX_UV));
     const int32_t sum_uv = integer_clamp(integer_scale(error_urad_s, kp, 1000) + feed_uv, -SUM_MAX_UV, SUM_MAX_UV);
     const int32_t wanted_mv = integer_hold(sum_uv + *integral_uv) / 1000;
     const int32_t held_mv = integer_clamp(wanted_mv, within.low_mv, within.high_mv);
@@ -79,6 +84,7 @@ static int32_t loop(int32_t feed_uv, int32_t error_urad_s, int32_t kp, int32_t k
 
 static int32_t hold_speed(terrapin_state *state, const terrapin_demand *demand, bounds within) {
     terrapin_drive *d = &state->drive;
+    TERRAPIN_ASSERT(demand->mode == DEMAND_SPEED);
     const int32_t change = demand->speed_urad_s - d->reference_urad_s;
     d->reference_urad_s += integer_clamp(change, -SLEW_URAD_S_TICK, SLEW_URAD_S_TICK);
     return loop(emf_uv(state, d->reference_urad_s), d->reference_urad_s - state->slip.wheel_urad_s,
@@ -89,6 +95,8 @@ static int32_t hold_speed(terrapin_state *state, const terrapin_demand *demand, 
 /* Shell speed at which slip is slip_limit, but never less than the dead band, so that a robot at rest can start. */
 static int32_t limiter_reference(const terrapin_state *state, int32_t direction) {
     const int32_t *p = state->parameter;
+    TERRAPIN_ASSERT((direction == 1) || (direction == -1));
+    TERRAPIN_ASSERT(p[TERRAPIN_PARAMETER_SLIP_LIMIT] < 10000);
     const int32_t rolling = integer_scale(direction * state->slip.ground_um_s, 1000000, p[TERRAPIN_PARAMETER_RADIUS]);
     const int32_t reference = integer_scale(rolling, 10000, 10000 - p[TERRAPIN_PARAMETER_SLIP_LIMIT]);
     return integer_clamp(reference, p[TERRAPIN_PARAMETER_SLIP_DEAD_BAND] * 1000, INTEGER_MOST);
@@ -96,6 +104,7 @@ static int32_t limiter_reference(const terrapin_state *state, int32_t direction)
 
 /* wanted_mv, or less where slip would pass its limit; in the direction of wanted_mv, positive here. */
 static int32_t limit_slip(terrapin_state *state, int32_t wanted_mv, bounds within, int32_t direction) {
+    TERRAPIN_ASSERT(wanted_mv > 0);
     const int32_t *p = state->parameter;
     terrapin_drive *d = &state->drive;
     const int32_t limit = p[TERRAPIN_PARAMETER_SLIP_LIMIT];
@@ -117,11 +126,13 @@ static int32_t limit_slip(terrapin_state *state, int32_t wanted_mv, bounds withi
                        &d->limiter_integral_uv);
         d->limiting = (voltage < wanted_mv) || (state->slip.slip_e4 >= (limit - p[TERRAPIN_PARAMETER_SLIP_HYSTERESIS]));
     }
+    TERRAPIN_ASSERT((voltage >= 0) && (voltage <= wanted_mv));
     return voltage;
 }
 
 static int32_t limited(terrapin_state *state, int32_t wanted_mv, bounds within) {
     terrapin_drive *d = &state->drive;
+    TERRAPIN_ASSERT((d->limiter_direction >= -1) && (d->limiter_direction <= 1));
     const int32_t direction = integer_sign(wanted_mv);
     int32_t voltage = wanted_mv;
     if (direction != d->limiter_direction) { /* what was learnt in the other direction does not hold in this one */
@@ -152,14 +163,18 @@ static void switch_off(terrapin_drive *d) {
 static void modulate(terrapin_state *state, int32_t voltage_mv) {
     terrapin_drive *d = &state->drive;
     const int32_t supply = sense_supply_mv(state);
+    TERRAPIN_ASSERT(supply >= 0);
+    TERRAPIN_ASSERT((voltage_mv <= INT16_MAX) && (voltage_mv >= INT16_MIN));
     const int32_t duty = (supply >= SUPPLY_MIN_MV) ? integer_ratio(voltage_mv * DUTY_ONE, supply) : 0; /* 16 V */
     d->enable = true;
     d->duty_q15 = (int16_t)integer_clamp(duty, -DUTY_MAX, DUTY_MAX);
     d->applied_mv = integer_shift(d->duty_q15, (uint32_t)supply, DUTY_BITS);
+    TERRAPIN_ASSERT(integer_abs(d->applied_mv) <= supply);
 }
 
 void drive_update(terrapin_state *state, const terrapin_demand *demand) {
     terrapin_drive *d = &state->drive;
+    TERRAPIN_ASSERT(demand->mode <= DEMAND_SPEED);
     if (demand->mode == DEMAND_OFF) {
         switch_off(d);
         d->reference_urad_s = state->slip.wheel_urad_s;
@@ -182,4 +197,6 @@ void drive_update(terrapin_state *state, const terrapin_demand *demand) {
         d->current_limiting = (held != voltage) || (d->trim_mv > 0);
         modulate(state, held);
     }
+    TERRAPIN_ASSERT(d->enable == (demand->mode != DEMAND_OFF));
+    TERRAPIN_ASSERT(d->enable || (d->duty_q15 == 0));
 }

@@ -30,7 +30,9 @@ void estimator_restart(terrapin_state *state) {
 }
 
 const terrapin_slot_record *estimator_record(const terrapin_state *state, uint32_t slots) {
+    TERRAPIN_ASSERT((slots <= state->estimator.slots) && (slots < (uint32_t)HISTORY_SLOTS));
     const uint32_t newest = state->estimator.newest;
+    TERRAPIN_ASSERT(newest < (uint32_t)HISTORY_SLOTS);
     const uint32_t wrap = (newest >= slots) ? 0U : (uint32_t)HISTORY_SLOTS;
     return &state->history[(newest + wrap) - slots];
 }
@@ -52,10 +54,13 @@ void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs) {
 }
 
 int32_t estimator_motor_torque(const terrapin_gains *gains, int32_t current_q8, int32_t heat_q20) {
+    TERRAPIN_ASSERT(integer_abs(current_q8) <= INTEGER_MOST);
+    TERRAPIN_ASSERT((heat_q20 >= 0x40000) && (heat_q20 <= 0x200000));
     return integer_shift(integer_shift(current_q8, (uint32_t)gains->current_gain_q16, 24U), (uint32_t)heat_q20, 20U);
 }
 
 int32_t estimator_friction(const terrapin_gains *gains, int32_t coulomb_unm, int32_t counts) {
+    TERRAPIN_ASSERT(integer_abs(coulomb_unm) < 0x20000000);
     return (coulomb_unm * integer_sign(counts)) + integer_shift(counts, (uint32_t)gains->speed_gain_q16, 16U);
 }
 
@@ -79,7 +84,9 @@ static uint32_t swung(const terrapin_state *state, uint32_t slots) {
 
 /* Second difference of the position, averaged over a block so that the encoder's steps vanish [urad/s^2]. */
 static int32_t acceleration(const terrapin_state *state) {
+    TERRAPIN_ASSERT(state->estimator.full);
     const uint32_t n = state->gains.window_slots;
+    TERRAPIN_ASSERT((n >= 10U) && (n <= (uint32_t)WINDOW_MAX_SLOTS));
     const uint32_t blocks = block(state, 0U) - (2U * block(state, n)) + block(state, 2U * n);
     /* Each block is a sum modulo 2^32; so is the difference, which is small: 100 * 600 * 200 counts at the very most.
      */
@@ -107,6 +114,7 @@ static int32_t swing_momentum(const terrapin_state *state, const terrapin_inputs
 
 static void momentum(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_estimator *e = &state->estimator;
+    TERRAPIN_ASSERT(e->ready);
     e->acceleration_urad_s2 = e->full ? acceleration(state) : 0;
     const int32_t inertial =
         integer_millionth(e->acceleration_urad_s2, (uint32_t)state->parameter[TERRAPIN_PARAMETER_INERTIA]);

@@ -19,6 +19,7 @@ static int32_t ground_way_mm(const terrapin_state *state) {
 }
 
 bool extrication_watch(terrapin_state *state, int32_t direction) {
+    TERRAPIN_ASSERT((direction == 1) || (direction == -1));
     terrapin_supervisor *s = &state->supervisor;
     const bool limiting = state->drive.limiting;
     const int32_t forward_um_s = direction * state->slip.ground_um_s;
@@ -42,12 +43,15 @@ bool extrication_watch(terrapin_state *state, int32_t direction) {
 }
 
 void extrication_start(terrapin_state *state, const terrapin_inputs *inputs, int32_t direction) {
+    TERRAPIN_ASSERT((direction == 1) || (direction == -1));
+    TERRAPIN_ASSERT((state->supervisor.state == TERRAPIN_STATE_RUN) ||
+                    (state->supervisor.state == TERRAPIN_STATE_LIMITING));
     terrapin_supervisor *s = &state->supervisor;
     s->direction = direction;
     s->stuck_pitch_mrad = inputs->pitch_valid ? inputs->pitch_mrad : 0;
-    supervisor_report(state, TERRAPIN_REPORT_STOPPED, ground_way_mm(state));
+    episode_report(state, TERRAPIN_REPORT_STOPPED, ground_way_mm(state));
     s->episode_ms = 0U;
-    supervisor_enter(state, TERRAPIN_STATE_STUCK, PHASE_FIRST);
+    episode_enter(state, TERRAPIN_STATE_STUCK, PHASE_FIRST);
 }
 
 /* Back over the whole way, and off the slope that stopped the robot if its pitch is known. */
@@ -63,6 +67,7 @@ static bool backed_out(const terrapin_state *state, const terrapin_inputs *input
 /* Rim speed of backing out, as a shell speed. */
 static int32_t back_speed(const terrapin_state *state) {
     const int32_t *p = state->parameter;
+    TERRAPIN_ASSERT((state->supervisor.direction == 1) || (state->supervisor.direction == -1));
     const int32_t back = -state->supervisor.direction;
     const int32_t sliding_um_s = back * state->slip.ground_um_s; /* positive: backwards */
     const int32_t braked_um_s = integer_scale(sliding_um_s, 10000 - p[TERRAPIN_PARAMETER_SLIP_LIMIT], 10000);
@@ -73,24 +78,26 @@ static int32_t back_speed(const terrapin_state *state) {
 
 bool extrication_update(terrapin_state *state, const terrapin_inputs *inputs, terrapin_demand *demand) {
     terrapin_supervisor *s = &state->supervisor;
+    TERRAPIN_ASSERT((s->state == TERRAPIN_STATE_STUCK) || (s->state == TERRAPIN_STATE_EXTRICATE));
+    TERRAPIN_ASSERT(demand->mode == DEMAND_OFF);
     const bool late = s->episode_ms > (uint32_t)state->parameter[TERRAPIN_PARAMETER_EXTRICATE_TIMEOUT];
     bool over = false;
     demand->mode = DEMAND_VOLTAGE; /* 0 V unless said otherwise: the shorted motor brakes */
     if (late || (s->request != TERRAPIN_REQUEST_RUN)) {
-        supervisor_report(state, TERRAPIN_REPORT_EXTRICATION_FAILED, ground_way_mm(state));
+        episode_report(state, TERRAPIN_REPORT_EXTRICATION_FAILED, ground_way_mm(state));
         over = true;
     } else if (s->state == TERRAPIN_STATE_STUCK) {
         if (s->timer_ms >= STOP_MS) {
-            supervisor_enter(state, TERRAPIN_STATE_EXTRICATE, PHASE_FIRST);
+            episode_enter(state, TERRAPIN_STATE_EXTRICATE, PHASE_FIRST);
         }
     } else if (s->phase == PHASE_FIRST) {
         demand->mode = DEMAND_SPEED;
         demand->speed_urad_s = back_speed(state);
         if (backed_out(state, inputs)) {
-            supervisor_enter(state, TERRAPIN_STATE_EXTRICATE, PHASE_HALT);
+            episode_enter(state, TERRAPIN_STATE_EXTRICATE, PHASE_HALT);
         }
     } else if (s->still_ms >= REST_MS) {
-        supervisor_report(state, TERRAPIN_REPORT_EXTRICATED, ground_way_mm(state));
+        episode_report(state, TERRAPIN_REPORT_EXTRICATED, ground_way_mm(state));
         over = true;
     } else {
         /* coming to rest */

@@ -1,5 +1,13 @@
 #include "core.h"
 
+/* Of one count of an encoder: its part of a turn, in 1e-5 urad (2e11 pi, to the nearest), and of 2^32. */
+enum {
+    COUNT_E5_URAD = (628318530718 + (TERRAPIN_ENCODER_COUNTS / 2)) / TERRAPIN_ENCODER_COUNTS,
+    COUNT_TURN = 4294967296 / TERRAPIN_ENCODER_COUNTS
+};
+
+_Static_assert(COUNT_E5_URAD < 0x20000000, "encoders of 1,171 counts a turn and more");
+
 static bool consistent(const int32_t *p) {
     return (p[TERRAPIN_PARAMETER_DRIVE_RADIUS] < p[TERRAPIN_PARAMETER_RADIUS]) &&
            (p[TERRAPIN_PARAMETER_SUPPLY_LOW] < p[TERRAPIN_PARAMETER_SUPPLY_HIGH]) &&
@@ -32,13 +40,18 @@ void gains_prepare(terrapin_state *state) {
     const int64_t slots = p[TERRAPIN_PARAMETER_WINDOW] / SLOT_MS;
     const int64_t samples = slots * SLOT_MS; /* 100..600 */
 
-    /* 2 pi / 2048 rad = 3067.96158 urad */
-    g->count_e5_urad = integer_scale(306796158, drive, radius);
-    g->ground_e5_um = integer_scale(306796158, p[TERRAPIN_PARAMETER_GROUND_WHEEL_RADIUS], 1000000);
-    g->turn_per_count = integer_scale(2097152, drive, radius); /* 2^32 / 2048 r/R */
+    g->count_e5_urad = integer_scale(COUNT_E5_URAD, drive, radius);
+    g->ground_e5_um = integer_scale(COUNT_E5_URAD, p[TERRAPIN_PARAMETER_GROUND_WHEEL_RADIUS], 1000000);
+    g->turn_per_count = integer_scale(COUNT_TURN, drive, radius);
     g->torque_unm_per_a = integer_scale(radius, torque_constant, drive);
     g->weight_unm = integer_scale(radius, p[TERRAPIN_PARAMETER_WEIGHT], 1000);
     g->window_slots = (uint32_t)slots;
+    TERRAPIN_ASSERT((g->count_e5_urad > 0) && (g->count_e5_urad < 0x20000000));
+    TERRAPIN_ASSERT((g->ground_e5_um > 0) && (g->ground_e5_um < 0x4000000));
+    TERRAPIN_ASSERT((g->turn_per_count >= 0) && (g->turn_per_count <= 0x200000));
+    TERRAPIN_ASSERT((g->torque_unm_per_a > 0) && (g->torque_unm_per_a <= 500000000));
+    TERRAPIN_ASSERT((g->weight_unm >= 10000) && (g->weight_unm <= 250000000));
+    TERRAPIN_ASSERT((g->window_slots >= 10U) && (g->window_slots <= (uint32_t)WINDOW_MAX_SLOTS));
 
     const int32_t fast = 100 * p[TERRAPIN_PARAMETER_SLIP_WINDOW]; /* 1e-5 in ms: 100 of them to the second's million */
     integer_split(&state->rates.motor_speed, g->count_e5_urad, 100 * SPEED_TICKS);

@@ -28,6 +28,8 @@ static int32_t omega_squared(int32_t omega_urad_s) {
 
 /* f_o + f_s omega^2 of terrain 1 to TERRAINS [1e-6]; omega^2 in 0.01 rad^2/s^2. */
 static int32_t curve_ppm(const terrapin_state *state, int32_t terrain, int32_t square) {
+    TERRAPIN_ASSERT((terrain >= 1) && (terrain <= TERRAINS));
+    TERRAPIN_ASSERT(square >= 0);
     const int32_t *pair = &state->parameter[TERRAPIN_PARAMETER_TERRAIN_SAND_F_O + (2 * (terrain - 1))];
     return integer_hold(pair[0] + integer_scale(pair[1], square, 100000)); /* 1e-9 0.01 */
 }
@@ -43,6 +45,7 @@ static void resistance(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_ground_fit *ground = &state->ground;
     int32_t torque = e->torque_unm;
     int32_t load = state->gains.weight_unm; /* at least 1e4 */
+    TERRAPIN_ASSERT(load >= 10000);
     if (inputs->pitch_valid) {
         const uint32_t turn = integer_turn(inputs->pitch_mrad);
         const int32_t share = integer_scale(load, integer_sine(turn), 32767); /* below 2^28 */
@@ -57,6 +60,8 @@ static void resistance(terrapin_state *state, const terrapin_inputs *inputs) {
 
 /* Distance of f_r from a curve in 1/8 sd. */
 static int32_t eighths(uint32_t off_ppm, int32_t sd_ppm) {
+    TERRAPIN_ASSERT(off_ppm <= (uint32_t)INT32_MAX);
+    TERRAPIN_ASSERT(sd_ppm > 0);
     return integer_scale((int32_t)off_ppm, 8, sd_ppm);
 }
 
@@ -66,6 +71,7 @@ static void nearest(terrapin_state *state) {
     const int64_t spread = state->parameter[TERRAPIN_PARAMETER_SD_TERRAIN];
     const int64_t variance = (own * own) + (spread * spread);
     const int32_t sd = (int32_t)integer_root((uint64_t)variance); /* 1 to 2^21 */
+    TERRAPIN_ASSERT((sd >= 1) && (sd <= 0x200000));
     const int32_t square = omega_squared(state->estimator.omega_urad_s);
     uint32_t off[TERRAINS]; /* from each curve; the two least are then told in sd, which keeps their order */
     uint32_t least = UINT32_MAX;
@@ -93,6 +99,7 @@ static void nearest(terrapin_state *state) {
         while (off[i] > near) { /* the least is not */
             i++;
         }
+        TERRAPIN_ASSERT(i < TERRAINS);
         ground->terrain = i + 1;
     }
 }
@@ -125,6 +132,7 @@ static void fit_add(terrapin_state *state) {
         fit_begin(g);
     }
     g->weight_q8 += 256 - (g->weight_q8 / FIT_WINDOWS); /* 256 to 64 * 256 */
+    TERRAPIN_ASSERT((g->weight_q8 >= 256) && (g->weight_q8 <= ((FIT_WINDOWS * 256) + FIT_WINDOWS)));
     const int32_t dx = (integer_clamp(omega_squared(state->estimator.omega_urad_s), 0, X_MAX) * 256) - g->x_q8;
     const int32_t dy = (g->f_r_ppm * 256) - g->y_q8;
     const int32_t step = integer_scale(dx, 256, g->weight_q8);
@@ -133,6 +141,7 @@ static void fit_add(terrapin_state *state) {
     /* |dx| < 2^26, |dy| < 2^29: in units of 64 the products fit, and the sums stay below 64 * 2^30 */
     g->xx = moment(g->xx, dx, dx - step);
     g->xy = moment(g->xy, dy, dx - step);
+    TERRAPIN_ASSERT(g->xx >= 0);
     if (g->windows < WINDOWS_MAX) {
         g->windows++;
     }
@@ -150,6 +159,7 @@ static void fit_deviations(terrapin_ground_fit *g) {
     const int64_t information = g->xx + FIT_PRIOR;
     const int32_t root =
         (int32_t)integer_root((uint64_t)information); /* at least 12; the moments' unit makes it 8 times */
+    TERRAPIN_ASSERT(root >= 12);
     g->f_s_sd_e7 = (FIT_NOISE_PPM * 1000) / (8 * root);
     const int64_t mean_sd = (FIT_NOISE_PPM * 16) / (int32_t)integer_root((uint64_t)g->weight_q8);
     const int64_t far_sd = integer_scale(g->f_s_sd_e7, g->x_q8, 256000);
@@ -159,6 +169,7 @@ static void fit_deviations(terrapin_ground_fit *g) {
 
 void ground_fit_work(terrapin_state *state) {
     terrapin_ground_fit *g = &state->ground;
+    TERRAPIN_ASSERT((g->todo >= 1U) && (g->todo <= (uint8_t)FIT_STEPS));
     if (g->todo == (uint8_t)FIT_STEPS) {
         fit_add(state);
     } else if (g->todo == 2U) {

@@ -6,6 +6,8 @@
 enum { FARTHEST_UM = 520000000, GROUND_DIVISOR = 100000 };
 
 static int32_t moved(int32_t from_um, int32_t way_um, int32_t share_q15) {
+    TERRAPIN_ASSERT(integer_abs(from_um) <= FARTHEST_UM);
+    TERRAPIN_ASSERT(integer_abs(share_q15) <= 32767);
     return integer_clamp(from_um + integer_scale(way_um, share_q15, 32767), -FARTHEST_UM, FARTHEST_UM);
 }
 

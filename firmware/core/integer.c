@@ -1,6 +1,7 @@
 #include "integer.h"
 
 int32_t integer_narrow(int64_t value, int32_t low, int32_t high) {
+    TERRAPIN_ASSERT(low <= high);
     int64_t held = value;
     if (held < low) {
         held = low;
@@ -16,12 +17,15 @@ int32_t integer_saturate(int64_t value) {
 }
 
 static uint32_t leading_zeros(uint32_t value) { /* value > 0 */
+    TERRAPIN_ASSERT(value > 0U);
     return (uint32_t)__builtin_clz(value);
 }
 
 /* One digit of 16 bits of a long division (Knuth 4.3.1, algorithm D): *rest, below d, takes in `next` and keeps what is
  * left. d has its top bit set. */
 static uint32_t digit(uint32_t *rest, uint32_t next, uint32_t d) {
+    TERRAPIN_ASSERT((d >= 0x80000000U) && (*rest < d));
+    TERRAPIN_ASSERT(next <= 0xFFFFU);
     const uint32_t high = d >> 16U;
     uint32_t q = *rest / high;
     uint32_t r = *rest - (q * high);
@@ -31,11 +35,13 @@ static uint32_t digit(uint32_t *rest, uint32_t next, uint32_t d) {
         r += high;
     }
     *rest = ((*rest << 16U) | next) - (q * d); /* modulo 2^32, as the result is below d */
+    TERRAPIN_ASSERT((q <= 0xFFFFU) && (*rest < d));
     return q;
 }
 
 /* (high 2^32 + low) / d; high < d, so that the quotient fits. A 32-bit machine has no such instruction. */
 static uint32_t quotient(uint32_t high, uint32_t low, uint32_t d) {
+    TERRAPIN_ASSERT(high < d);
     const uint32_t shift = leading_zeros(d);
     uint32_t rest = (high << shift) | ((low >> 1U) >> (31U - shift));
     const uint32_t first = digit(&rest, (low << shift) >> 16U, d << shift);
@@ -43,6 +49,8 @@ static uint32_t quotient(uint32_t high, uint32_t low, uint32_t d) {
 }
 
 int64_t integer_divide(int64_t numerator, int64_t denominator) {
+    TERRAPIN_ASSERT(denominator > 0);
+    TERRAPIN_ASSERT((numerator < INT64_C(0x4000000000000000)) && (numerator > -INT64_C(0x4000000000000000)));
     uint64_t n = (numerator < 0) ? (uint64_t)-numerator : (uint64_t)numerator;
     uint64_t d = (uint64_t)denominator;
     while (d > (uint64_t)INTEGER_MOST) {
@@ -67,6 +75,7 @@ static int32_t with_sign_of(int32_t value, uint32_t size) {
 }
 
 int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor) {
+    TERRAPIN_ASSERT(divisor > 0);
     const uint32_t d = (uint32_t)divisor;
     const uint32_t whole = magnitude(value);
     const uint32_t times = magnitude(factor);
@@ -85,14 +94,17 @@ int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor) {
     } else {
         size = quotient(high, (uint32_t)n, d); /* high is below a quarter of d */
     }
+    TERRAPIN_ASSERT(size <= (uint32_t)INTEGER_MOST);
     return ((value < 0) != (factor < 0)) ? -(int32_t)size : (int32_t)size;
 }
 
 void integer_split(integer_rate *rate, int32_t value, int32_t divisor) {
+    TERRAPIN_ASSERT((value > 0) && (divisor > 0));
     const uint32_t d = (uint32_t)divisor;
     const uint32_t ones = (uint32_t)value / d;
     const uint32_t held = (uint32_t)INTEGER_MOST / (ones + 1U); /* so many keep the result within, */
     const uint32_t fits = 0x7FFFFFFFU / d;                      /* and so many what is divided within 32 bits */
+    TERRAPIN_ASSERT(((uint32_t)value - (ones * d)) < d);
     rate->ones = ones;
     rate->rest = (uint32_t)value - (ones * d);
     rate->divisor = d;
@@ -100,6 +112,7 @@ void integer_split(integer_rate *rate, int32_t value, int32_t divisor) {
 }
 
 int32_t integer_times(const integer_rate *rate, int32_t count) {
+    TERRAPIN_ASSERT((rate->divisor > 0U) && (rate->rest < rate->divisor));
     const uint32_t times = magnitude(count);
     const uint32_t d = rate->divisor;
     int32_t result;
@@ -109,10 +122,12 @@ int32_t integer_times(const integer_rate *rate, int32_t count) {
         const uint32_t value = (rate->ones * d) + rate->rest;
         result = integer_scale((int32_t)value, count, (int32_t)d);
     }
+    TERRAPIN_ASSERT((result <= INTEGER_MOST) && (result >= -INTEGER_MOST));
     return result;
 }
 
 int32_t integer_millionth(int32_t value, uint32_t factor) {
+    TERRAPIN_ASSERT(factor < 0x80000000U);
     /* The first 32 bits of n and 33 of the inverse miss less than one half each: the product is the quotient or one
      * less. */
     const uint32_t million = 1000000U;
@@ -128,10 +143,13 @@ int32_t integer_millionth(int32_t value, uint32_t factor) {
         size = (uint32_t)product;
         size += ((low - (size * million)) >= million) ? 1U : 0U;
     }
+    TERRAPIN_ASSERT(size <= (uint32_t)INTEGER_MOST);
     return with_sign_of(value, size);
 }
 
 int32_t integer_shift(int32_t value, uint32_t factor, uint32_t bits) {
+    TERRAPIN_ASSERT((bits >= 2U) && (bits <= 30U));
+    TERRAPIN_ASSERT(factor < 0x80000000U);
     const uint32_t half = (uint32_t)1U << (bits - 1U);
     const uint64_t n = ((uint64_t)magnitude(value) * factor) + half;
     const uint32_t high = (uint32_t)(n >> 32U);
@@ -145,6 +163,7 @@ int32_t integer_shift(int32_t value, uint32_t factor, uint32_t bits) {
 /* Floor of the root of a number with one of its two top bits set. Newton's steps from a straight line that is within
  * 4.2 % are within 9e-4 and 4e-7, and never below. */
 static uint32_t short_root(uint32_t value) {
+    TERRAPIN_ASSERT(value >= 0x40000000U);
     const uint32_t line = 23211U + (((value >> 16U) * 43691U) >> 16U);
     const uint32_t once = (line + (value / line)) / 2U;
     const uint32_t root = (once + (value / once)) / 2U;
@@ -169,6 +188,8 @@ uint32_t integer_root(uint64_t value) {
     } else {
         /* of nothing */
     }
+    TERRAPIN_ASSERT(((uint64_t)root * root) <= value);
+    TERRAPIN_ASSERT((root == UINT32_MAX) || (((uint64_t)root + 1U) * ((uint64_t)root + 1U)) > value);
     return root;
 }
 
@@ -178,6 +199,7 @@ int32_t integer_sine(uint32_t turn) {
     const uint32_t folded = ((turn + 0x40000000U) < 0x80000000U) ? turn : (0x80000000U - turn);
     const int32_t z = integer_difference(folded, 0U) / 32768; /* -32768..32768 */
     const int32_t square = (z * z) / 32768;
+    TERRAPIN_ASSERT((square >= 0) && (square <= 32768));
     const int32_t inner = ((2355 * square) / 32768) - 21041;
     const int32_t gain = ((inner * square) / 32768) + 51456;
     return integer_clamp((gain * z) / 32768, -32767, 32767);
@@ -194,6 +216,7 @@ uint32_t integer_turn(int32_t angle_mrad) {
 }
 
 int32_t integer_exp(int32_t x_q16) {
+    TERRAPIN_ASSERT(x_q16 >= 0);
     /* exp(-x) = 2^-(k + f), x log2(e) = k + f; 2^-f by a cubic (Chebyshev), error 1.02e-4 over 0 <= f < 1.
      * f in Q15: each product stays below 45290 * 32768, below 2^31. */
     const int32_t y = integer_scale(x_q16, 94548, 65536);
@@ -202,6 +225,7 @@ int32_t integer_exp(int32_t x_q16) {
     const int32_t cubic = 15112 - ((2589 * f) / 32768);
     const int32_t square = ((cubic * f) / 32768) - 45290;
     const int32_t power = ((square * f) / 32768) + 65529;
+    TERRAPIN_ASSERT((power > 0) && (power <= 65536));
     const uint32_t shifted = (whole < 31U) ? ((uint32_t)power >> whole) : 0U;
     return (int32_t)shifted;
 }

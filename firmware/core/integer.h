@@ -8,11 +8,14 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "terrapin_assert.h"
+
 /* Results are held within this, so that the sum of any two still fits an int32_t. */
 #define INTEGER_MOST 0x3FFFFFFF
 
 /* value, held within low..high; low <= high. */
 static inline int32_t integer_clamp(int32_t value, int32_t low, int32_t high) {
+    TERRAPIN_ASSERT(low <= high);
     const int32_t held = (value < low) ? low : value;
     return (held > high) ? high : held;
 }
@@ -24,6 +27,7 @@ static inline int32_t integer_hold(int32_t value) {
 
 /* |value|; value > INT32_MIN. */
 static inline int32_t integer_abs(int32_t value) {
+    TERRAPIN_ASSERT(value > INT32_MIN);
     return (value < 0) ? -value : value;
 }
 
@@ -39,7 +43,9 @@ static inline int32_t integer_sign(int32_t value) {
 
 /* value/divisor to the nearest, halves away from zero. |value| + divisor/2 < 2^31, divisor > 0. */
 static inline int32_t integer_ratio(int32_t value, int32_t divisor) {
+    TERRAPIN_ASSERT(divisor > 0);
     const int32_t half = divisor / 2;
+    TERRAPIN_ASSERT((value <= (INT32_MAX - half)) && (value >= (half - INT32_MAX)));
     return (value + ((value < 0) ? -half : half)) / divisor;
 }
 

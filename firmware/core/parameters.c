@@ -1,12 +1,14 @@
 #include "core.h"
 
 terrapin_parameter_result terrapin_parameter_set(terrapin_state *state, uint16_t index, int32_t value) {
+    TERRAPIN_ASSERT(state != NULL);
     terrapin_parameter_result result = TERRAPIN_PARAMETER_OK;
     const int32_t number = index;
     if (number >= TERRAPIN_PARAMETER_COUNT) {
         result = TERRAPIN_PARAMETER_UNKNOWN;
     } else {
         const terrapin_parameter_entry entry = terrapin_parameter(index);
+        TERRAPIN_ASSERT((entry.minimum <= entry.default_value) && (entry.default_value <= entry.maximum));
         const bool locked = state->drive.enable && terrapin_parameter_protected(index);
         if (locked) {
             result = TERRAPIN_PARAMETER_LOCKED;
@@ -24,6 +26,7 @@ terrapin_parameter_result terrapin_parameter_set(terrapin_state *state, uint16_t
 }
 
 terrapin_parameter_result terrapin_parameter_get(const terrapin_state *state, uint16_t index, int32_t *value) {
+    TERRAPIN_ASSERT((state != NULL) && (value != NULL));
     terrapin_parameter_result result = TERRAPIN_PARAMETER_UNKNOWN;
     const int32_t number = index;
     if (number < TERRAPIN_PARAMETER_COUNT) {
@@ -34,6 +37,7 @@ terrapin_parameter_result terrapin_parameter_get(const terrapin_state *state, ui
 }
 
 terrapin_parameter_result terrapin_parameter_set_all(terrapin_state *state, const int32_t *values) {
+    TERRAPIN_ASSERT(state != NULL);
     terrapin_parameter_result result = state->drive.enable ? TERRAPIN_PARAMETER_LOCKED : TERRAPIN_PARAMETER_OK;
     for (int32_t i = 0; (values != NULL) && (i < TERRAPIN_PARAMETER_COUNT); i++) {
         const terrapin_parameter_entry entry = terrapin_parameter((uint16_t)i);
@@ -52,5 +56,6 @@ terrapin_parameter_result terrapin_parameter_set_all(terrapin_state *state, cons
 }
 
 bool terrapin_bridge_on(const terrapin_state *state) {
+    TERRAPIN_ASSERT(state != NULL);
     return state->drive.enable;
 }

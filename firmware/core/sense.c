@@ -12,22 +12,25 @@ enum {
     ENCODER_FAULT_TICKS = 200,
     SETTLE_TICKS = 20, /* after the bridge went off, until the current's zero is looked at */
     OFF_TICKS_MAX = 1000,
-    TRIM_LIMIT_CODES = 16, /* a zero farther away than this is no offset but a defect */
-    FILTER_SAMPLES = 16,   /* time constant of supply and temperature */
-    HELD_MC = 4194304,     /* 2^22: from here on the filter's 1/256 are held */
-    ZERO_DEGC_MC = 25000   /* the temperature assumed until the first sample */
+    TRIM_LIMIT_CODES = 16,                             /* a zero farther away than this is no offset but a defect */
+    FILTER_SAMPLES = 16,                               /* time constant of supply and temperature */
+    HELD_MC = 4194304,                                 /* 2^22: from here on the filter's 1/256 are held */
+    ASSUMED_MC = TERRAPIN_REFERENCE_TEMPERATURE * 1000 /* until the first sample */
 };
 
 static uint32_t fault_bit(uint32_t number) {
+    TERRAPIN_ASSERT(number < 32U);
     return (uint32_t)1U << number;
 }
 
 int32_t sense_supply_mv(const terrapin_state *state) {
+    TERRAPIN_ASSERT(state->sense.supply_q8_mv >= 0);
     return state->sense.supply_q8_mv / 256;
 }
 
 int32_t sense_temperature_mc(const terrapin_state *state) {
-    return state->sense.temperature_known ? (state->sense.temperature_q8_mc / 256) : ZERO_DEGC_MC;
+    TERRAPIN_ASSERT(integer_abs(state->sense.temperature_q8_mc) <= INTEGER_MOST);
+    return state->sense.temperature_known ? (state->sense.temperature_q8_mc / 256) : ASSUMED_MC;
 }
 
 /* One step of a first-order low-pass towards a sample that is `off` away; eight bits below the unit keep the rest. */
@@ -52,11 +55,13 @@ static void read_slow(terrapin_state *state, const terrapin_inputs *inputs) {
     if (!sense->temperature_known) { /* not sampled yet, or broken, which is a fault of its own */
         sense->temperature_q8_mc = 0;
     }
+    TERRAPIN_ASSERT((sense->supply_q8_mv >= 0) && (sense->supply_q8_mv < 0x20000000));
 }
 
 /* The mean of TRIM_TICKS codes with the bridge off is the zero of the current. Returns false when it cannot be. */
 static bool trim(terrapin_state *state) {
     terrapin_sense *sense = &state->sense;
+    TERRAPIN_ASSERT(sense->trim_count < (uint16_t)TRIM_TICKS);
     bool plausible = true;
     if (state->drive.enable) {
         sense->off_ticks = 0U;
@@ -82,11 +87,13 @@ static bool trim(terrapin_state *state) {
         sense->trim_sum_codes = 0U;
         sense->trim_count = 0U;
     }
+    TERRAPIN_ASSERT(integer_abs(sense->trim_q8_codes) <= (TRIM_LIMIT_CODES * 256));
     return plausible;
 }
 
 /* Counts how long a cause has lasted; true from `ticks` on. */
 static bool lasting(uint16_t *counter, bool cause, int32_t ticks) {
+    TERRAPIN_ASSERT((ticks > 0) && (*counter <= (uint16_t)ticks));
     if (!cause) {
         *counter = 0U;
     } else if (*counter < (uint16_t)ticks) {
@@ -131,6 +138,7 @@ static uint32_t watch(terrapin_state *state, const terrapin_inputs *inputs) {
     uint32_t changing = causes | sense->causes; /* the counters of all others are 0 and stay so */
     uint32_t i = 0U;
     while (changing != 0U) {
+        TERRAPIN_ASSERT(i < (uint32_t)SENSED_FAULTS);
         const int32_t ticks = (i <= 1U) ? FAST_FAULT_TICKS : SLOW_FAULT_TICKS;
         if (((changing & 1U) != 0U) && lasting(&sense->fault_ticks[i], ((causes >> i) & 1U) != 0U, ticks)) {
             standing |= fault_bit((uint32_t)TERRAPIN_FAULT_OVER_CURRENT + i);
@@ -159,6 +167,7 @@ static void read_counts(terrapin_sense *sense, const terrapin_inputs *inputs) {
     const uint32_t motor = ((uint32_t)inputs->motor_count - sense->motor_count) & 0xFFFFU;
     const uint32_t ground = ((uint32_t)inputs->ground_count - sense->ground_count) & 0xFFFFU;
     sense->motor_step = (int32_t)motor - ((motor >= 0x8000U) ? 0x10000 : 0);
+    TERRAPIN_ASSERT((sense->motor_step >= INT16_MIN) && (sense->motor_step <= INT16_MAX));
     sense->motor_position += (uint32_t)sense->motor_step;
     sense->ground_position += ground - ((ground >= 0x8000U) ? 0x10000U : 0U);
     sense->motor_count = inputs->motor_count;

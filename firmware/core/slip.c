@@ -9,6 +9,7 @@ void slip_restart(terrapin_state *state) {
 
 /* counts of the last `ticks` ticks as a signed number; |result| < 32768 */
 static int32_t counted(const uint16_t *counts, uint8_t newest, uint32_t ticks) {
+    TERRAPIN_ASSERT((newest < (uint8_t)FAST_TICKS) && (ticks < (uint32_t)FAST_TICKS));
     const uint32_t then = ((uint32_t)newest - ticks) & (FAST_TICKS - 1U);
     const uint32_t forward = ((uint32_t)counts[newest] - counts[then]) & 0xFFFFU;
     return (int32_t)forward - ((forward >= 0x8000U) ? 0x10000 : 0);
@@ -17,6 +18,7 @@ static int32_t counted(const uint16_t *counts, uint8_t newest, uint32_t ticks) {
 /* slip_e4 where the ground passes under the rim at `ground`, both of any unit, rim not 0 [1e-4]. Three steps of long
  * division, whose products fit as long as the rim is slower than 42 m/s. */
 static int32_t slip_of(int32_t ground_um_s, int32_t rim_um_s) {
+    TERRAPIN_ASSERT(rim_um_s != 0);
     const int32_t along = (rim_um_s < 0) ? -ground_um_s : ground_um_s;
     const uint32_t rim = (uint32_t)integer_abs(rim_um_s);
     const uint32_t way = (uint32_t)integer_abs(along);
@@ -39,6 +41,7 @@ static void record(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_slip_state *slip = &state->slip;
     const int32_t swing_rate = inputs->swing_rate_centirad_s;
     slip->newest = (uint8_t)((slip->newest + 1U) & (FAST_TICKS - 1U));
+    TERRAPIN_ASSERT(slip->newest < (uint8_t)FAST_TICKS);
     slip->swing_sum_centirad_s += (uint32_t)swing_rate;
     state->fast.motor_counts[slip->newest] = state->sense.motor_count;
     state->fast.ground_counts[slip->newest] = state->sense.ground_count;
@@ -54,6 +57,7 @@ static bool speeds(terrapin_state *state) {
     const terrapin_gains *g = &state->gains;
     const terrapin_estimator *estimator = &state->estimator;
     const uint32_t fast = (uint32_t)state->parameter[TERRAPIN_PARAMETER_SLIP_WINDOW]; /* 10..120 < FAST_TICKS */
+    TERRAPIN_ASSERT((fast > 0U) && (fast < (uint32_t)FAST_TICKS));
     bool known = true;
     slip->slow = estimator->swing_ticks < fast;
     if (!slip->slow && (slip->ticks > fast)) {
@@ -101,6 +105,7 @@ static void compare_grounds(terrapin_state *state, const terrapin_inputs *inputs
         /* a fault by now */
     }
     slip->implausible = slip->disagree_ticks >= DISAGREE_TICKS;
+    TERRAPIN_ASSERT(slip->disagree_ticks <= (uint16_t)DISAGREE_TICKS);
     slip->external = slip->implausible && (outer < other);
     if (slip->external) {
         slip->ground_um_s = outside;
@@ -132,4 +137,6 @@ void slip_update(terrapin_state *state, const terrapin_inputs *inputs) {
             slip->peak_e4 = slip->slip_e4;
         }
     }
+    TERRAPIN_ASSERT(integer_abs(slip->slip_e4) <= SLIP_MAX_E4);
+    TERRAPIN_ASSERT((slip->slip_e4 == 0) || known);
 }

@@ -20,20 +20,19 @@ enum {
     SPEED_TICKS = 20,      /* window of the drive wheel's speed that the drive uses */
     TRIM_TICKS = 128,      /* ticks with the bridge off that make one zero of the current */
     CALIBRATE_WINDOWS = 3, /* disjoint valid windows averaged at each calibration speed */
-    TERRAINS = 5,          /* entries of the table of terrains: TERRAIN_SAND to TERRAIN_HARD_FLOOR */
     SENSED_FAULTS = 7,
     FIT_WINDOWS = 64, /* memory of the terrain fit, a power of two */
     FIT_STEPS = 3     /* of taking in a window, one a tick */
 };
+enum { TERRAINS = TERRAPIN_TERRAIN_HARD_FLOOR }; /* entries of the table of terrains, of which the hard floor is last */
 
 _Static_assert(HISTORY_SLOTS > (2 * WINDOW_MAX_SLOTS) + BLOCK_SLOTS, "the history holds two windows and a block");
-_Static_assert(TERRAPIN_TERRAIN_HARD_FLOOR == TERRAINS, "terrains are numbered from 1 without a gap");
 
 /* Derived from the parameters whenever one changes, so that no tick divides by them. */
 typedef struct {
-    int32_t count_e5_urad;    /* alpha of one motor count in 1e-5 urad; at most 2 pi/2048 rad: below 2^29 */
+    int32_t count_e5_urad;    /* alpha of one motor count in 1e-5 urad; below 2^29 */
     int32_t ground_e5_um;     /* way of one count of the ground wheel in 1e-5 um; below 2^26 */
-    int32_t turn_per_count;   /* shell's angle of one motor count, one turn = 2^32; at most 2^21 */
+    int32_t turn_per_count;   /* shell's angle of one motor count, one turn = 2^32; below 2^22 */
     int32_t current_gain_q16; /* G_I: uN m of C_t for one code in one sample of the window; below 1.7e9 */
     int32_t speed_gain_q16;   /* G_w: uN m of C_o for one count over the window; at most 2.1e8 */
     int32_t torque_unm_per_a; /* (R/r) K_t; also back-EMF in uV for one rad/s of alpha; at most 5e8 */

@@ -1,10 +1,16 @@
 #include "core.h"
 
+/* Exactly so where 64-bit numbers are aligned to 8 bytes, as on Cortex-M4 and 64-bit hosts. */
+_Static_assert(sizeof(terrapin_state) <= TERRAPIN_STATE_BYTES, "a state fits TERRAPIN_STATE_BYTES");
+_Static_assert((sizeof(terrapin_state) + 8U) > TERRAPIN_STATE_BYTES, "which is not more than it takes");
+_Static_assert((TERRAPIN_STATE_BYTES % 8U) == 0U, "whole words of 8 bytes");
+
 size_t terrapin_state_size(void) {
     return sizeof(terrapin_state);
 }
 
 void terrapin_init(terrapin_state *state) {
+    TERRAPIN_ASSERT(state != NULL);
     /* All bytes zero is zero, false and the first state. volatile, or the compiler links a memset for this one use. */
     volatile uint8_t *bytes = (volatile uint8_t *)state;
     for (size_t i = 0U; i < sizeof(terrapin_state); i++) {
@@ -17,6 +23,7 @@ void terrapin_init(terrapin_state *state) {
 }
 
 void terrapin_step(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs) {
+    TERRAPIN_ASSERT((state != NULL) && (inputs != NULL) && (outputs != NULL));
     bool gap = false;
     const uint32_t causes = sense_update(state, inputs, &gap);
     if (gap) {
@@ -46,4 +53,7 @@ void terrapin_step(terrapin_state *state, const terrapin_inputs *inputs, terrapi
     outputs->enable = state->drive.enable;
     outputs->faults = state->supervisor.faults;
     telemetry_emit(state, inputs, outputs);
+    TERRAPIN_ASSERT(outputs->enable || (outputs->duty_q15 == 0));
+    TERRAPIN_ASSERT(!outputs->enable || ((outputs->faults & TERRAPIN_FAULTS_LATCHED) == 0U));
+    TERRAPIN_ASSERT((outputs->frame_count >= 1U) && (outputs->frame_count <= (uint8_t)TERRAPIN_MAX_FRAMES));
 }

@@ -19,23 +19,8 @@ enum {
 };
 
 static uint32_t fault_bit(uint32_t number) {
+    TERRAPIN_ASSERT(number < 32U);
     return (uint32_t)1U << number;
-}
-
-void supervisor_enter(terrapin_state *state, int32_t next, terrapin_phase phase) {
-    state->supervisor.state = next;
-    state->supervisor.phase = phase;
-    state->supervisor.timer_ms = 0U;
-}
-
-void supervisor_report(terrapin_state *state, int32_t report, int32_t distance_mm) {
-    terrapin_supervisor *s = &state->supervisor;
-    s->report = report;
-    s->report_number = (uint8_t)((s->report_number + 1U) & 0xFU);
-    s->report_distance_mm = distance_mm;
-    const uint32_t duration = s->episode_ms / 10U;
-    const uint32_t held = (duration < UINT16_MAX) ? duration : UINT16_MAX;
-    s->report_duration_10ms = (int32_t)held;
 }
 
 bool supervisor_ready(const terrapin_state *state) {
@@ -99,9 +84,9 @@ static void judge(terrapin_state *state, const terrapin_inputs *inputs, uint32_t
     s->faults = kept | causes;
     const bool latched = (s->faults & TERRAPIN_FAULTS_LATCHED) != 0U;
     if (latched) {
-        supervisor_enter(state, TERRAPIN_STATE_SAFE, PHASE_FIRST);
+        episode_enter(state, TERRAPIN_STATE_SAFE, PHASE_FIRST);
     } else if (s->state == TERRAPIN_STATE_SAFE) {
-        supervisor_enter(state, TERRAPIN_STATE_IDLE, PHASE_FIRST);
+        episode_enter(state, TERRAPIN_STATE_IDLE, PHASE_FIRST);
     } else {
         /* goes on */
     }
@@ -115,6 +100,7 @@ static void watch_motion(terrapin_state *state) {
 
 static void idle(terrapin_state *state) {
     terrapin_supervisor *s = &state->supervisor;
+    TERRAPIN_ASSERT(s->state == TERRAPIN_STATE_IDLE);
     const bool asked = !command_late(state) && (s->request != s->request_taken);
     const bool at_rest = s->still_ms >= STILL_MS;
     const bool zeroed = state->sense.trimmed || (state->parameter[TERRAPIN_PARAMETER_TRIM_CURRENT] == 0);
@@ -125,12 +111,12 @@ static void idle(terrapin_state *state) {
         s->moved = false;
         s->no_progress_ms = 0U;
         state->slip.peak_e4 = 0;
-        supervisor_enter(state, TERRAPIN_STATE_RUN, PHASE_FIRST);
+        episode_enter(state, TERRAPIN_STATE_RUN, PHASE_FIRST);
     } else if (asked && at_rest && zeroed) {
         s->request_taken = s->request; /* calibrate: the other two are always taken */
         s->episode_ms = 0U;
         calibration_start(state);
-        supervisor_enter(state, TERRAPIN_STATE_CALIBRATE, PHASE_FIRST);
+        episode_enter(state, TERRAPIN_STATE_CALIBRATE, PHASE_FIRST);
     } else {
         /* waits */
     }
@@ -139,7 +125,7 @@ static void idle(terrapin_state *state) {
 /* The shorted motor brakes, into idle at rest or when it has taken too long. */
 static void halt(terrapin_state *state, terrapin_demand *demand) {
     if ((state->supervisor.still_ms >= STILL_MS) || (state->supervisor.timer_ms >= HALT_MS)) {
-        supervisor_enter(state, TERRAPIN_STATE_IDLE, PHASE_FIRST);
+        episode_enter(state, TERRAPIN_STATE_IDLE, PHASE_FIRST);
     } else {
         demand->mode = DEMAND_VOLTAGE;
     }
@@ -147,6 +133,7 @@ static void halt(terrapin_state *state, terrapin_demand *demand) {
 
 static void calibrate(terrapin_state *state, terrapin_demand *demand) {
     terrapin_supervisor *s = &state->supervisor;
+    TERRAPIN_ASSERT(s->phase <= PHASE_HALT);
     if (s->phase == PHASE_HALT) {
         halt(state, demand);
     } else {
@@ -157,8 +144,8 @@ static void calibrate(terrapin_state *state, terrapin_demand *demand) {
         }
         if (result != CALIBRATION_BUSY) {
             const bool done = result == CALIBRATION_DONE;
-            supervisor_report(state, done ? TERRAPIN_REPORT_CALIBRATED : TERRAPIN_REPORT_CALIBRATION_FAILED, 0);
-            supervisor_enter(state, TERRAPIN_STATE_CALIBRATE, PHASE_HALT);
+            episode_report(state, done ? TERRAPIN_REPORT_CALIBRATED : TERRAPIN_REPORT_CALIBRATION_FAILED, 0);
+            episode_enter(state, TERRAPIN_STATE_CALIBRATE, PHASE_HALT);
             demand->voltage_mv = 0;
         }
     }
@@ -171,8 +158,9 @@ static int32_t shell_speed(const terrapin_state *state, int32_t rim_mm_s) {
 
 static void run(terrapin_state *state, const terrapin_inputs *inputs, terrapin_demand *demand) {
     terrapin_supervisor *s = &state->supervisor;
+    TERRAPIN_ASSERT(s->phase <= PHASE_HALT);
     if ((s->phase != PHASE_HALT) && (s->request != TERRAPIN_REQUEST_RUN)) {
-        supervisor_enter(state, TERRAPIN_STATE_RUN, PHASE_HALT);
+        episode_enter(state, TERRAPIN_STATE_RUN, PHASE_HALT);
     }
     if (s->phase == PHASE_HALT) {
         halt(state, demand);
@@ -194,7 +182,7 @@ static void run(terrapin_state *state, const terrapin_inputs *inputs, terrapin_d
 
 static void wait(terrapin_state *state, uint32_t ms, int32_t next) {
     if (state->supervisor.timer_ms >= ms) {
-        supervisor_enter(state, next, PHASE_FIRST);
+        episode_enter(state, next, PHASE_FIRST);
     }
 }
 
@@ -230,7 +218,7 @@ void supervisor_update(terrapin_state *state, const terrapin_inputs *inputs, uin
     case TERRAPIN_STATE_STUCK:
     case TERRAPIN_STATE_EXTRICATE:
         if (extrication_update(state, inputs, demand)) {
-            supervisor_enter(state, TERRAPIN_STATE_IDLE, PHASE_FIRST);
+            episode_enter(state, TERRAPIN_STATE_IDLE, PHASE_FIRST);
             demand->mode = DEMAND_OFF;
         }
         break;
@@ -238,4 +226,6 @@ void supervisor_update(terrapin_state *state, const terrapin_inputs *inputs, uin
     default: /* a state that does not exist would be a defect of memory: off as well */
         break;
     }
+    TERRAPIN_ASSERT((s->state != TERRAPIN_STATE_SAFE) || (demand->mode == DEMAND_OFF));
+    TERRAPIN_ASSERT(((s->faults & TERRAPIN_FAULTS_LATCHED) == 0U) || (s->state == TERRAPIN_STATE_SAFE));
 }

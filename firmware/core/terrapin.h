@@ -1,6 +1,7 @@
 /* Terrapin controller: the whole controller is one pure step.
  *
- *     terrapin_state *s = ...;                  terrapin_state_size() bytes, 8-byte aligned, owned by the caller
+ *     static uint64_t memory[TERRAPIN_STATE_BYTES / 8];
+ *     terrapin_state *s = (terrapin_state *)memory;     8-byte aligned, owned by the caller
  *     terrapin_init(s);                         every parameter at its default, bridge off
  *     for each millisecond:
  *         gather inputs; terrapin_step(s, &in, &out); deliver outputs
@@ -29,8 +30,11 @@ extern "C" {
 #define TERRAPIN_API
 #endif
 
-#define TERRAPIN_TICK_HZ    1000
-#define TERRAPIN_MAX_FRAMES 2 /* frames that one step may emit: ACTUATE, and at most one telemetry frame */
+#define TERRAPIN_TICK_HZ 1000
+/* Bytes that are enough for a state, a multiple of 8, on every machine; its parameters are counted in
+ * terrapin_interface.h. */
+#define TERRAPIN_STATE_BYTES (5152U + ((((uint32_t)TERRAPIN_PARAMETER_COUNT + 1U) / 2U) * 8U))
+#define TERRAPIN_MAX_FRAMES  2 /* frames that one step may emit: ACTUATE, and at most one telemetry frame */
 
 /* One classic CAN frame with an 11-bit identifier. length is 0 to 8. */
 typedef struct {
@@ -54,8 +58,8 @@ typedef struct {
     uint16_t current_code;         /* 12-bit ADC, motor current; parameter current_zero_code reads as 0 A */
     uint16_t supply_code;          /* 12-bit ADC, bridge supply */
     uint16_t temperature_code;     /* 12-bit ADC, winding temperature */
-    uint16_t motor_count;          /* drive wheel, 2048 counts a turn relative to the inner device, wraps */
-    uint16_t ground_count;         /* trailing wheel of 30 mm radius, 2048 counts a turn, wraps */
+    uint16_t motor_count;          /* drive wheel, TERRAPIN_ENCODER_COUNTS a turn relative to the inner device, wraps */
+    uint16_t ground_count;         /* trailing wheel of 30 mm radius, as many counts a turn, wraps */
     int16_t swing_angle_mrad;      /* phi, bob forward positive */
     int16_t swing_rate_centirad_s; /* phi_dot in 0.01 rad/s */
     int16_t pitch_mrad;            /* slope of the ground, uphill positive */
@@ -88,7 +92,7 @@ typedef enum {
     TERRAPIN_PARAMETER_LOCKED = 3   /* bridge on; nothing written */
 } terrapin_parameter_result;
 
-/* Bytes that a state needs; constant for a build. */
+/* Bytes that a state takes in this build: at most TERRAPIN_STATE_BYTES. */
 TERRAPIN_API size_t terrapin_state_size(void);
 
 /* Reset: parameters to their defaults, supervisor to boot, bridge off. */

@@ -20,6 +20,7 @@ static uint64_t squared(int32_t value) {
 void uncertainty_prepare(terrapin_state *state) {
     const int32_t *p = state->parameter;
     terrapin_gains *g = &state->gains;
+    TERRAPIN_ASSERT((g->torque_unm_per_a > 0) && (g->window_slots > 0U));
     const uint32_t torque = (uint32_t)g->torque_unm_per_a;
     const int32_t noise_unm = integer_millionth(p[TERRAPIN_PARAMETER_SD_CURRENT_NOISE], torque);
     const int32_t heat = integer_scale(p[TERRAPIN_PARAMETER_COMP_HEATING], p[TERRAPIN_PARAMETER_SD_TEMPERATURE], 1000);
@@ -32,6 +33,7 @@ void uncertainty_prepare(terrapin_state *state) {
     g->floor_unm = integer_millionth(p[TERRAPIN_PARAMETER_SD_FLOOR], (uint32_t)g->weight_unm);
     g->gain_ppm = (int32_t)integer_root(squared(p[TERRAPIN_PARAMETER_SD_TORQUE_CONSTANT]) +
                                         squared(p[TERRAPIN_PARAMETER_SD_CURRENT_GAIN]) + squared(heat)); /* below 6e5 */
+    TERRAPIN_ASSERT((g->gain_ppm >= 0) && (g->gain_ppm < 600000));
 }
 
 int32_t uncertainty_unm(const terrapin_state *state) {
@@ -50,5 +52,6 @@ int32_t uncertainty_unm(const terrapin_state *state) {
     const uint64_t variance = g->fixed_variance + squared(state->sense.trimmed ? g->trimmed_unm : g->untrimmed_unm) +
                               squared(own) + squared(viscous) +
                               squared(integer_millionth(scaled, (uint32_t)g->gain_ppm));
+    TERRAPIN_ASSERT(variance < 1960000000000000000U);
     return (int32_t)integer_root(variance); /* seven squares of at most 2.5e17: below 1.4e9 */
 }

@@ -1,6 +1,7 @@
 #include "dispatch.h"
 #include "parameters.h"
 #include "terrapin_interface.h"
+#include "terrapin_assert.h"
 
 static void reset_controller(terrapin_state *state, terrapin_inputs *inputs) {
     static const terrapin_inputs nothing = {0};
@@ -54,7 +55,7 @@ static void accept_test_mode(terrapin_link *link, terrapin_state *state, const t
         !terrapin_decode_test_mode(frame, &message)) {
         return;
     }
-    const bool arm = message.key == TERRAPIN_TEST_MODE_KEY;
+    const bool arm = message.key == (uint32_t)TERRAPIN_TEST_MODE_KEY;
     if (arm && terrapin_bridge_on(state)) {
         link->out_of_place++;
         return;
@@ -76,6 +77,7 @@ static void accept_test_mode(terrapin_link *link, terrapin_state *state, const t
 }
 
 static void protect_reply(terrapin_link *link, terrapin_frame *reply) {
+    TERRAPIN_ASSERT(link->reply_counter <= TERRAPIN_E2E_COUNTER_MAX);
     terrapin_e2e_protect(reply, link->reply_counter);
     link->reply_counter = (link->reply_counter < TERRAPIN_E2E_COUNTER_MAX) ? (uint8_t)(link->reply_counter + 1U) : 0U;
 }
@@ -186,6 +188,7 @@ static terrapin_accept_result accept_store_read(terrapin_link *link, const terra
 }
 
 static void accept_sensors_slow(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
+    TERRAPIN_ASSERT(link->test_mode);
     terrapin_sensors_slow_t message;
     if (!terrapin_decode_sensors_slow(frame, &message)) {
         link->malformed++;
@@ -214,6 +217,7 @@ static void accept_sensors_heading(terrapin_link *link, const terrapin_frame *fr
 
 static terrapin_accept_result accept_sensors_fast(terrapin_link *link, const terrapin_frame *frame,
                                                   terrapin_inputs *inputs) {
+    TERRAPIN_ASSERT(link->test_mode);
     terrapin_sensors_fast_t message;
     if (!terrapin_decode_sensors_fast(frame, &message)) {
         link->malformed++;
@@ -238,6 +242,7 @@ static terrapin_accept_result accept_sensors_fast(terrapin_link *link, const ter
 }
 
 void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs) {
+    TERRAPIN_ASSERT((link != NULL) && (state != NULL) && (inputs != NULL));
     static const terrapin_link fresh = {
         .command_counter = TERRAPIN_E2E_NO_COUNTER,
         .write_counter = TERRAPIN_E2E_NO_COUNTER,
@@ -250,6 +255,8 @@ void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inp
 
 terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
                                        terrapin_inputs *inputs, terrapin_frame *reply) {
+    TERRAPIN_ASSERT((link != NULL) && (state != NULL) && (inputs != NULL));
+    TERRAPIN_ASSERT((frame != NULL) && (reply != NULL));
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
     switch (frame->id) {
     case TERRAPIN_ID_COMMAND:
@@ -295,6 +302,7 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
         link->unknown++;
         break;
     }
+    TERRAPIN_ASSERT((result != TERRAPIN_ACCEPT_STEP) || link->test_mode);
     return result;
 }
 
@@ -304,6 +312,7 @@ void terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin
 }
 
 void terrapin_link_use_store(terrapin_link *link, terrapin_state *state, struct terrapin_store *store) {
+    TERRAPIN_ASSERT((link != NULL) && (store != NULL));
     link->store = store;
     terrapin_store_apply(store, state);
 }

@@ -30,8 +30,6 @@
 extern "C" {
 #endif
 
-#define TERRAPIN_TEST_MODE_KEY 0x7E57A4EDU
-
 struct terrapin_store; /* store/parameters.h */
 
 typedef struct {

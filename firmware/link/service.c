@@ -1,8 +1,11 @@
 #include "service.h"
 
+#include "terrapin_assert.h"
+
 #include <string.h>
 
 void terrapin_service_init(terrapin_service *service, terrapin_state *state) {
+    TERRAPIN_ASSERT((service != NULL) && (state != NULL));
     (void)memset(service, 0, sizeof *service);
     service->state = state;
     terrapin_slcan_init(&service->parser);
@@ -23,6 +26,7 @@ static size_t take_frame(terrapin_service *service, const terrapin_frame *frame,
     case TERRAPIN_ACCEPT_STEP:
         terrapin_link_step(service->state, &service->inputs, &service->outputs);
         service->ticks++;
+        TERRAPIN_ASSERT(service->outputs.frame_count <= (uint8_t)TERRAPIN_MAX_FRAMES);
         for (uint8_t i = 0; i < service->outputs.frame_count; i++) {
             length += terrapin_slcan_encode(&service->outputs.frames[i], &answer[length]);
         }
@@ -32,6 +36,7 @@ static size_t take_frame(terrapin_service *service, const terrapin_frame *frame,
         break;
     }
     (void)terrapin_link_store_work(&service->link, service->state);
+    TERRAPIN_ASSERT(length <= ((size_t)TERRAPIN_MAX_FRAMES * TERRAPIN_SLCAN_TEXT_MAX));
     return length;
 }
 
@@ -47,5 +52,6 @@ size_t terrapin_service_take(terrapin_service *service, uint8_t byte, uint8_t an
         (void)memcpy(&answer[length], reply.text, reply.length);
         length += reply.length;
     }
+    TERRAPIN_ASSERT(length <= TERRAPIN_SERVICE_ANSWER_MAX);
     return length;
 }

@@ -1,5 +1,7 @@
 #include "slcan.h"
 
+#include "terrapin_assert.h"
+
 #define CR  0x0DU
 #define LF  0x0AU
 #define BEL 0x07U
@@ -27,6 +29,7 @@ static uint8_t digit(uint8_t c) {
 
 /* Read count digits (at most 8); false when one of them is none. */
 static bool number(const uint8_t *text, size_t count, uint32_t *value) {
+    TERRAPIN_ASSERT((count >= 1U) && (count <= 8U));
     uint32_t sum = 0U;
     bool good = true;
     for (size_t i = 0U; i < count; i++) {
@@ -40,6 +43,7 @@ static bool number(const uint8_t *text, size_t count, uint32_t *value) {
 
 /* A line that starts with t, T, r or R. frame is written for t alone, and only when all of the line is good. */
 static verdict parse_frame(const terrapin_slcan *parser, terrapin_frame *frame) {
+    TERRAPIN_ASSERT((parser->length >= 1U) && (parser->length <= TERRAPIN_SLCAN_LINE_MAX));
     const uint8_t kind = parser->line[0];
     const bool extended = (kind == (uint8_t)'T') || (kind == (uint8_t)'R');
     const bool remote = (kind == (uint8_t)'r') || (kind == (uint8_t)'R');
@@ -82,6 +86,7 @@ static verdict parse_frame(const terrapin_slcan *parser, terrapin_frame *frame) 
 static void answer(terrapin_slcan_reply *reply, const char *text) {
     uint8_t n = 0U;
     while (text[n] != '\0') {
+        TERRAPIN_ASSERT(n < (TERRAPIN_SLCAN_REPLY_MAX - 1U));
         reply->text[n] = (uint8_t)text[n];
         n++;
     }
@@ -97,6 +102,7 @@ static verdict set_open(terrapin_slcan *parser, bool open) {
 
 /* A command of one letter and at most one digit. The bit rate is taken and has no effect: a serial line has its own. */
 static verdict parse_command(terrapin_slcan *parser, terrapin_slcan_reply *reply) {
+    TERRAPIN_ASSERT((parser->length >= 1U) && (reply->length == 0U));
     const uint8_t argument = (parser->length == 2U) ? digit(parser->line[1]) : NOT_HEX;
     const bool bare = parser->length == 1U;
     verdict result = VERDICT_MALFORMED;
@@ -183,6 +189,7 @@ void terrapin_slcan_init(terrapin_slcan *parser) {
 
 terrapin_slcan_event terrapin_slcan_feed(terrapin_slcan *parser, uint8_t byte, terrapin_frame *frame,
                                          terrapin_slcan_reply *reply) {
+    TERRAPIN_ASSERT(parser->length <= TERRAPIN_SLCAN_LINE_MAX);
     if (byte != CR) {
         if ((byte == LF) && (parser->length == 0U)) {
             /* some terminals send CR LF */
@@ -197,6 +204,8 @@ terrapin_slcan_event terrapin_slcan_feed(terrapin_slcan *parser, uint8_t byte, t
 
     reply->length = 0U;
     const verdict result = parse_line(parser, frame, reply);
+    TERRAPIN_ASSERT(reply->length < TERRAPIN_SLCAN_REPLY_MAX);
+    TERRAPIN_ASSERT((result != VERDICT_FRAME) || ((frame->id <= STANDARD_ID_MAX) && (frame->length <= 8U)));
     const bool good = (result == VERDICT_DONE) || (result == VERDICT_FRAME) || (result == VERDICT_FOREIGN);
     reply->text[reply->length] = good ? CR : BEL;
     reply->length++;
@@ -231,5 +240,6 @@ size_t terrapin_slcan_encode(const terrapin_frame *frame, uint8_t text[TERRAPIN_
         text[n] = CR;
         n++;
     }
+    TERRAPIN_ASSERT(n <= TERRAPIN_SLCAN_TEXT_MAX);
     return n;
 }

@@ -1,6 +1,7 @@
 #include "parameters.h"
 
 #include "crc32.h"
+#include "terrapin_assert.h"
 
 #define MAGIC      0x4D525054U /* "TPRM" */
 #define UNIT       TERRAPIN_STORE_UNIT
@@ -18,6 +19,7 @@ typedef struct {
 
 /* Bytes of a set: the head, the entries, and the CRC at the end of the last unit. */
 static uint32_t set_size(uint32_t entries) {
+    TERRAPIN_ASSERT(entries <= 0xFFFFU);
     return UNIT + (((entries * ENTRY_SIZE) + CRC_SIZE + (UNIT - 1U)) & ~(UNIT - 1U));
 }
 
@@ -51,6 +53,7 @@ static bool read_head(const terrapin_store *store, uint32_t offset, uint32_t roo
 
 /* True when the CRC of the set at an offset in flash is right. */
 static bool whole(const terrapin_store *store, uint32_t offset, uint32_t size) {
+    TERRAPIN_ASSERT((size >= (2U * UNIT)) && ((size % UNIT) == 0U));
     uint8_t unit[TERRAPIN_STORE_UNIT] = {0};
     uint32_t crc = 0U;
     bool good = true;
@@ -91,6 +94,7 @@ static void count(uint16_t *counter) {
 }
 
 static void take_entry(terrapin_store *store, const uint8_t *bytes, uint32_t guess) {
+    TERRAPIN_ASSERT(store->missing <= (uint16_t)PARAMETERS);
     const uint32_t index = find(get_word(bytes), guess);
     if (index == PARAMETERS) {
         count(&store->dropped);
@@ -128,6 +132,7 @@ static void load(terrapin_store *store) {
 
 /* Look at every unit of a page: its newest whole set, where it ends, and whether there is anything else. */
 static void scan(terrapin_store *store, uint8_t page) {
+    TERRAPIN_ASSERT(page < 2U);
     const terrapin_flash_area area = store->page[page];
     uint32_t at = 0U;
     store->next[page] = 0U;
@@ -152,6 +157,7 @@ static void scan(terrapin_store *store, uint8_t page) {
             }
         }
     }
+    TERRAPIN_ASSERT(store->next[page] <= area.size);
 }
 
 static bool usable(const terrapin_flash *flash, const terrapin_flash_area pages[2]) {
@@ -163,6 +169,7 @@ static bool usable(const terrapin_flash *flash, const terrapin_flash_area pages[
 }
 
 bool terrapin_store_open(terrapin_store *store, const terrapin_flash *flash, const terrapin_flash_area pages[2]) {
+    TERRAPIN_ASSERT((store != NULL) && (flash != NULL));
     static const terrapin_store fresh = {.origin = (uint8_t)TERRAPIN_STORE_ORIGIN_BLANK};
     *store = fresh;
     store->flash = flash;
@@ -196,12 +203,14 @@ bool terrapin_store_differs(const terrapin_store *store, const terrapin_state *s
 
 /* The other page than the newest set's, from its start. */
 static void begin_page(terrapin_store *store) {
+    TERRAPIN_ASSERT(store->active < 2U);
     const bool stored = store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED;
     store->target = (stored && (store->active == 0U)) ? 1U : 0U;
     store->phase = TERRAPIN_STORE_ERASE;
 }
 
 bool terrapin_store_save(terrapin_store *store, const terrapin_state *state) {
+    TERRAPIN_ASSERT((store != NULL) && (state != NULL));
     if (store->page[0].size == 0U) { /* terrapin_store_open refused the pages */
         store->failed = true;
         return false;
@@ -227,12 +236,15 @@ bool terrapin_store_save(terrapin_store *store, const terrapin_state *state) {
 
 /* Where the set that is being written begins. */
 static uint32_t place(const terrapin_store *store) {
+    TERRAPIN_ASSERT(store->target < 2U);
+    TERRAPIN_ASSERT((store->next[store->target] + set_size(PARAMETERS)) <= store->page[store->target].size);
     return store->page[store->target].offset + store->next[store->target];
 }
 
 /* A write went wrong. In the newest set's page there may be a bad spot: the other page is tried. It is never the one
  * that holds the newest whole set that is erased. */
 static void give_up(terrapin_store *store) {
+    TERRAPIN_ASSERT(store->phase != TERRAPIN_STORE_IDLE);
     const bool stored = store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED;
     if (stored && (store->target == store->active)) {
         store->next[store->active] = store->page[store->active].size; /* nothing is written here before an erase */
@@ -247,6 +259,8 @@ static void give_up(terrapin_store *store) {
 }
 
 static void make_unit(terrapin_store *store, uint8_t unit[TERRAPIN_STORE_UNIT]) {
+    TERRAPIN_ASSERT((store->written % UNIT) == 0U);
+    TERRAPIN_ASSERT(store->written < set_size(PARAMETERS));
     for (uint32_t i = 0U; i < UNIT; i++) {
         unit[i] = ERASED;
     }
@@ -283,6 +297,7 @@ static void write_piece(terrapin_store *store) {
 }
 
 static void verify(terrapin_store *store) {
+    TERRAPIN_ASSERT(store->written == set_size(PARAMETERS));
     const uint32_t size = set_size(PARAMETERS);
     const uint32_t offset = place(store);
     set_head head = {0};
@@ -303,6 +318,8 @@ static void verify(terrapin_store *store) {
 }
 
 bool terrapin_store_work(terrapin_store *store, bool may_erase) {
+    TERRAPIN_ASSERT(store->phase <= TERRAPIN_STORE_VERIFY);
+    TERRAPIN_ASSERT((store->active < 2U) && (store->target < 2U));
     switch (store->phase) {
     case TERRAPIN_STORE_ERASE:
         if (!may_erase) {

@@ -17,7 +17,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # runs as a script too
 
-from hil.physics import sphere
+from terrapin_hil.physics import sphere
 from tests.bench import contact_numpy
 
 POINTS, PLAIN_POINTS, ROUNDS = 10_000, 500, 7

@@ -29,8 +29,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "web"))
 
 from serving import Server  # beside the tests that use it
 
-from hil.messages import interface
-from host_tools.logs.reading import read_log
+from terrapin_hil.messages import interface
+from terrapin_tools.logs.reading import read_log
 
 RATE, SECONDS = 8000, 60.0
 CORES, REDRAWS = 1.0, 25.0

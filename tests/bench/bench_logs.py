@@ -11,11 +11,11 @@ from time import perf_counter
 import cantools
 import numpy as np
 
-from hil import paths
-from host_tools.logs import candump
-from host_tools.logs.decoding import Decoder
-from host_tools.logs.frames import Frames, frames
-from host_tools.logs.reading import read_log
+from terrapin_hil import paths
+from terrapin_tools.logs import candump
+from terrapin_tools.logs.decoding import Decoder
+from terrapin_tools.logs.frames import Frames, frames
+from terrapin_tools.logs.reading import read_log
 
 ROUNDS, COUNT, BOUND = 5, 40_000, 10.0
 

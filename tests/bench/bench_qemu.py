@@ -19,10 +19,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # runs as a script too
 
-from hil.links.qemu import open_qemu
-from hil.paths import ROOT
-from hil.run import run
-from hil.scenario import find_scenario, load_scenario
+from terrapin_hil.links.qemu import open_qemu
+from terrapin_hil.paths import ROOT
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 
 SCENARIO = "steady_sand"
 AIM = 3000  # ticks a second

@@ -18,11 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
-from hil import paths
-from hil.messages import interface
-from host_tools.logs.frames import Frames
-from host_tools.logs.reading import LogReader
-from host_tools.logs.writing import GROWING
+from terrapin_hil import paths
+from terrapin_hil.messages import interface
+from terrapin_tools.logs.frames import Frames
+from terrapin_tools.logs.reading import LogReader
+from terrapin_tools.logs.writing import GROWING
 
 HOUR = 3600.0  # s
 LENGTHS = {".mcap": 900.0}  # s: with the signals it takes ten times as long to write as the others
@@ -39,7 +39,7 @@ def telemetry() -> tuple[list[int], float]:
 
 
 class Telemetry:
-    """A bus that always has the next half second (host_tools.logs.bus.ListenedBus). Its count of frames outlives it."""
+    """A bus that always has the next half second (logs.bus.ListenedBus). Its count of frames outlives it."""
 
     channel_info, damaged, lost = "telemetry", 0, 0
 
@@ -63,8 +63,8 @@ class Telemetry:
 
 def recorder(count: Path, log: str, dbc: str) -> None:
     """The command, with that bus."""
-    from host_tools import cli
-    from host_tools.logs import bus
+    from terrapin_tools import cli
+    from terrapin_tools.logs import bus
 
     with count.open("r+b") as file, mmap.mmap(file.fileno(), 8) as shared:
         bus.open_bus = lambda *_: Telemetry(shared)

@@ -14,11 +14,12 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from hil.links import Link, open_link
-from hil.plant import TERRAINS, Ground, Segment
-from hil.scenario import Order, Scenario
-from hil.sensors import kit
-from hil.simulation import Simulation
+from terrapin_hil.links import open_link
+from terrapin_hil.links.link import Link
+from terrapin_hil.robot.plant import TERRAINS, Ground, Segment
+from terrapin_hil.robot.sensors import kit
+from terrapin_hil.scenario.scenario import Order, Scenario
+from terrapin_hil.simulation import Simulation
 
 SCENARIO = Scenario(
     name="bench",

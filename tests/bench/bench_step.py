@@ -16,10 +16,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # runs as a script too
 
-from hil.links.qemu import open_qemu
-from hil.paths import ROOT
-from hil.run import run
-from hil.scenario import find_scenario, load_scenario
+from terrapin_hil.links.qemu import open_qemu
+from terrapin_hil.paths import ROOT
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 
 SCENARIOS = ("floor_calibration", "slope_limiter", "steady_sand")
 SECONDS = 4.0  # of each: past start and calibration

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from hil.physics.sphere import Soil
+from terrapin_hil.physics.sphere import Soil
 
 Array = npt.NDArray[np.float64]
 

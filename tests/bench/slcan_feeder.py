@@ -16,7 +16,7 @@ import time
 import tty
 from pathlib import Path
 
-from hil.messages import interface
+from terrapin_hil.messages import interface
 
 SLICE = 5e-3  # s between writes: less than a kB of a full bus, as an adapter on USB gives it
 

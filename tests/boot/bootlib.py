@@ -11,9 +11,9 @@ from typing import Any
 
 import cffi
 
-from firmware.interface.cdef import cdef
-from hil import paths
-from hil.messages import Sender, interface
+from terrapin_hil import paths
+from terrapin_hil.messages import Sender, interface
+from terrapin_interface.cdef import cdef
 
 HEADERS = (
     "core/terrapin.h", None, "store/flash.h", "store/flash_emulated.h", "boot/sha2.h", "boot/ed25519.h", "boot/image.h",

@@ -20,7 +20,7 @@ from collections.abc import Callable
 from bootlib import PENDING, SLOT, Chip, send
 from kit import KEY, OTHER_KEY, PUBLIC, image
 
-from host_tools.flash.keys import key_hash
+from terrapin_tools.flash.keys import key_hash
 
 ORDER = 2**252 + 27742317777372353535851937790883648493
 TLVS = 144  # bytes behind what is hashed: info, SHA-256, key hash, signature

@@ -7,8 +7,8 @@ import struct
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from host_tools.flash.image import Version, sign
-from host_tools.flash.layout import SLOTS
+from terrapin_tools.flash.image import Version, sign
+from terrapin_tools.flash.layout import SLOTS
 
 KEY = Ed25519PrivateKey.from_private_bytes(hashlib.sha256(b"key of the tests").digest())
 PUBLIC = KEY.public_key().public_bytes_raw()

@@ -8,9 +8,10 @@ import pytest
 from bootlib import NONE, PENDING, SLOT, TRIAL, Chip, data_frames, send
 from kit import OTHER_KEY, PUBLIC, image
 
-from hil.messages import Sender, interface
+from terrapin_hil.messages import Sender, interface
 
 RESULT = interface().enums["update_result"]
+RESET_KEY = int(interface().constants["update_reset_key"])
 
 
 @pytest.fixture
@@ -127,7 +128,7 @@ def test_the_motor_is_on(chip: Chip) -> None:
     chip.motor_on = True
     before = chip.memory.operations
     assert send(chip, image("b", "1.1.0"), "b") == "motor_on"
-    assert chip.ask(Sender().frame("UPDATE_RESET", {"key": 0x5AFEB007}))["result"] == RESULT["motor_on"]
+    assert chip.ask(Sender().frame("UPDATE_RESET", {"key": RESET_KEY}))["result"] == RESULT["motor_on"]
     assert not chip.update.reset
     assert chip.memory.operations == before
     chip.motor_on = False
@@ -142,7 +143,7 @@ def test_reset_needs_its_key(chip: Chip) -> None:
     sender = Sender()
     assert chip.accept(*sender.frame("UPDATE_RESET", {"key": 1})) == []
     assert not chip.update.reset
-    assert chip.ask(sender.frame("UPDATE_RESET", {"key": 0x5AFEB007, "stay": 1}))["result"] == RESULT["ok"]
+    assert chip.ask(sender.frame("UPDATE_RESET", {"key": RESET_KEY, "stay": 1}))["result"] == RESULT["ok"]
     assert chip.update.reset
     assert chip.update.stay
 
@@ -233,10 +234,10 @@ def test_what_an_application_leaves_to_the_boot_loader(chip: Chip) -> None:
         assert ask(name, {}, False) == RESULT["boot_loader_only"], name
         assert ask(name, {}, True) == RESULT["motor_on"], name
     assert ask("UPDATE_DATA", {}, False) == []
-    assert ask("UPDATE_RESET", {"key": 0x5AFEB007, "stay": 1}, True) == RESULT["motor_on"]
+    assert ask("UPDATE_RESET", {"key": RESET_KEY, "stay": 1}, True) == RESULT["motor_on"]
     assert not chip.update.reset
     ask("UPDATE_QUERY", {"protocol": 1}, False)  # a new host: its counters begin anew
-    assert ask("UPDATE_RESET", {"key": 0x5AFEB007, "stay": 1}, False) == RESULT["ok"]
+    assert ask("UPDATE_RESET", {"key": RESET_KEY, "stay": 1}, False) == RESULT["ok"]
     assert chip.update.reset
     assert chip.update.stay
     assert chip.memory.operations == operations

@@ -15,9 +15,9 @@ import pytest
 from bootlib import Chip
 from kit import PUBLIC, image
 
-from hil.messages import Frame
-from host_tools.flash.image import parse
-from host_tools.flash.update import SignedFile, update
+from terrapin_hil.messages import Frame
+from terrapin_tools.flash.image import parse
+from terrapin_tools.flash.update import SignedFile, update
 
 TURNAROUND = 1e-3  # s
 VERIFY = 16.0e6 * 2 / 168e6  # s
@@ -69,8 +69,8 @@ class Timed:
                     self.seconds += 2 * VERIFY  # of a pending image that is good only one; an upper bound
                     self.chip.confirm()
 
-    def receive(self, wait: float) -> Frame | None:
-        return self._answers.popleft() if self._answers else None
+    def receive(self, wait: float) -> list[Frame]:
+        return [self._answers.popleft()] if self._answers else []
 
     def wake(self) -> None:
         pass
@@ -88,8 +88,8 @@ def image_of(size: int) -> SignedFile:
 
 @pytest.mark.parametrize("longest", [False, True], ids=["typical", "maximum"])
 def test_64_kb_at_1_mbit(longest: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("host_tools.flash.update.START", 0.0)
-    monkeypatch.setattr("host_tools.flash.update.ASK_EVERY", 0.0)
+    monkeypatch.setattr("terrapin_tools.flash.update.START", 0.0)
+    monkeypatch.setattr("terrapin_tools.flash.update.ASK_EVERY", 0.0)
     wire = Timed(longest, 1e6)
     assert update(wire, [image_of(SIZE)], lambda *_: None).state == "confirmed"
     print(f"64 kB, flash times {'at most' if longest else 'typical'}: {wire.seconds:.2f} s, {wire.frames} frames")

@@ -12,9 +12,9 @@ from bootlib import Chip as _Chip
 from cryptography.hazmat.primitives import serialization
 from kit import KEY, OTHER_KEY, PUBLIC, code, image
 
-from hil.messages import interface
-from host_tools.flash.image import ImageError, Version, parse, sign, verify
-from host_tools.flash.layout import BASE, SLOTS
+from terrapin_hil.messages import interface
+from terrapin_tools.flash.image import ImageError, Version, parse, sign, verify
+from terrapin_tools.flash.layout import BASE, SLOTS
 
 
 def imgtool(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -124,7 +124,7 @@ def test_sign_never_writes_over_what_it_reads(key_file: Path, tmp_path: Path) ->
     (tmp_path / "same.bin").symlink_to(body)
     (tmp_path / "hard.bin").hardlink_to(body)
     before = [path.read_bytes() for path in (body, key_file)]
-    program = [sys.executable, "-c", "from host_tools.cli import main; main()", "image", "sign"]
+    program = [sys.executable, "-c", "from terrapin_tools.cli import main; main()", "image", "sign"]
     for to, what in [
         (body, "code"),
         (tmp_path / "same.bin", "code"),

@@ -13,7 +13,7 @@ import pytest
 from bootlib import Chip, send
 from kit import PUBLIC, image
 
-from hil import paths
+from terrapin_hil import paths
 
 
 def test_the_image_that_is_mutated_is_good() -> None:

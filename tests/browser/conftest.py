@@ -20,7 +20,7 @@ FLAGS = [
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync",
 ]  # fmt: skip
-SECONDS = 30  # that a busy machine may take for a step
+SECONDS = 300  # after which something hangs, on a machine however busy
 expect.set_options(timeout=1000 * SECONDS)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import time
 from pathlib import Path
 from random import Random
 
@@ -13,7 +12,8 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page, expect
 from serving import Server
 
-SECONDS = 30.0  # that a busy machine may take for a step
+from tests.waiting import wait_for
+
 SERIOUS = ("serious", "critical")
 
 
@@ -154,10 +154,7 @@ def test_the_whole_way_from_a_dropped_table_to_the_report(page: Page, server: Se
     expect(form.get_by_role("alert")).to_contain_text("found 1,5, expected a number above 0")
     form.get_by_label("noise sd of i_motor_mA").fill("1.5")
     form.get_by_label("load, N").fill("18.639")
-    until = time.monotonic() + SECONDS
-    while kept(server, "load") != "18.639":
-        assert time.monotonic() < until
-        page.wait_for_timeout(50)
+    wait_for(lambda: page.wait_for_timeout(50) or kept(server, "load") == "18.639")  # the page goes on meanwhile
     assert serious(page) == []
     page.reload()
     other = page.context.new_page()  # a second browser sees the same
@@ -233,7 +230,7 @@ def test_the_whole_way_from_a_dropped_table_to_the_report(page: Page, server: Se
 
     page.get_by_role("button", name="Export parameters").click()
     controller = page.get_by_role("region", name="Send to controller")
-    expect(controller.get_by_role("link", name="Save the parameters")).to_be_visible(timeout=3000 * SECONDS)
+    expect(controller.get_by_role("link", name="Save the parameters")).to_be_visible()
     expect(controller).to_contain_text("error")
     expect(command).to_contain_text("&& terrapin run ")
     page.get_by_role("button", name="Report").click()
@@ -249,7 +246,7 @@ def test_making_a_case_is_cancelled_in_the_page(page: Page, server: Server) -> N
     file = {"name": "long_one.csv", "mimeType": "text/csv", "buffer": content}
     page.locator("#files").set_input_files([file])  # type: ignore[list-item]
     form = page.get_by_role("form", name="Map the columns")
-    expect(form).to_be_visible(timeout=3000 * SECONDS)
+    expect(form).to_be_visible()
     # the page itself presses the button as soon as it shows: reading takes seconds, and a busy machine's keys as long
     page.evaluate(
         """() => new MutationObserver((_, observer) => {
@@ -262,17 +259,14 @@ def test_making_a_case_is_cancelled_in_the_page(page: Page, server: Server) -> N
         }).observe(document.body, {subtree: true, childList: true, characterData: true})"""
     )
     form.get_by_role("button", name="Make the case").click()
-    expect(form.get_by_role("alert")).to_have_text("Cancelled: nothing was made.", timeout=3000 * SECONDS)
+    expect(form.get_by_role("alert")).to_have_text("Cancelled: nothing was made.")
     assert page.evaluate("window.focusedCancel")
     expect(form.get_by_role("button", name="Make the case")).to_be_focused()
     assert server.ask("GET", "/api/cases/long_one").status == 404
     assert list((server.workspace / "cases").glob(".new-*")) == []
     form.get_by_role("button", name="Discard").click()
     expect(form).to_have_count(0)
-    until = time.monotonic() + SECONDS
-    while any(one["name"] == "long_one.csv" for one in server.get("/api/uploads")):
-        assert time.monotonic() < until
-        page.wait_for_timeout(50)
+    wait_for(lambda: page.wait_for_timeout(50) or "long_one.csv" not in {u["name"] for u in server.get("/api/uploads")})
 
 
 def test_the_list_shows_commands_that_do_the_same(page: Page, server: Server) -> None:

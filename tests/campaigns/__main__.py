@@ -31,7 +31,11 @@ from tests.campaigns.table import ROWS, Line, show
 
 ROOT = Path(__file__).resolve().parents[2]
 OTHERS = ("time", "same", "practice")
-SOURCES = ("host_tools/workbench/*.py", "hil/physics/*.py", "hil/physics/effects/*.py")
+SOURCES = (
+    "host_tools/terrapin_tools/workbench/**/*.py",
+    "hil/terrapin_hil/physics/*.py",
+    "hil/terrapin_hil/physics/effects/*.py",
+)
 OWN = ("formulas", "designs", "drawn", "followup", "truth", "pools")
 
 

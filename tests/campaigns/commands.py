@@ -35,7 +35,7 @@ OWN = (  # nine of the user's own beside the catalogue's eleven: twenty effects;
 
 def terrapin(*arguments: object, **environment: str) -> str:
     """Standard output of the command in a process of its own."""
-    command = [sys.executable, "-c", "from host_tools.cli import main; main()", *map(str, arguments)]
+    command = [sys.executable, "-c", "from terrapin_tools.cli import main; main()", *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **environment}, check=False)
     if done.returncode != 0:
         raise RuntimeError(f"terrapin {' '.join(map(str, arguments))}: {done.stderr.strip()}")

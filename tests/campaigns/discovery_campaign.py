@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from discovery_cases import CONTACT, HIDDEN, ROLLING, confounded, make
 
-from host_tools.workbench.analysis import error, fitted_on
-from host_tools.workbench.discovery import discover
+from terrapin_tools.workbench.compare.comparison import error, fitted_on
+from terrapin_tools.workbench.discover.discovery import discover
 
 KINDS = ("adequate", "single", "pair", "ambiguous", "hidden")
 

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from hil.physics.effects import Effect, Parameter
-from host_tools.workbench.bases import CHANNELS, ROLES
-from host_tools.workbench.case import Case, load_case
-from host_tools.workbench.models import Model
-from host_tools.workbench.noise import Ar1
+from terrapin_hil.physics.effects import Effect, Parameter
+from terrapin_tools.workbench.bases import CHANNELS, ROLES
+from terrapin_tools.workbench.case.case import Case, load_case
+from terrapin_tools.workbench.model.model import Model
+from terrapin_tools.workbench.noise.ar1 import Ar1
 
 __all__ = ["CONTACT", "ROLLING", "Made", "confounded", "make"]
 
@@ -234,7 +234,7 @@ def _measure(
         if name not in library or case.missing_role(library[name]) is not None:
             return None
         model = model.having(library[name])
-    from hil.physics.expression import parse
+    from terrapin_hil.physics.expression import parse
 
     if expression is not None and not parse(expression[1]).names - {"k"} <= set(case.inputs):
         return None

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from hil import paths
-from hil.links.wire import SlcanLink
-from hil.run import Result, run
-from hil.scenario import find_scenario, load_scenario
+from terrapin_hil import paths
+from terrapin_hil.links.wire import SlcanLink
+from terrapin_hil.run.run import Result, run
+from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 from tests.campaigns.scenarios import TABLE_1, level, ordinary_robot
 
 Array = npt.NDArray[np.float64]

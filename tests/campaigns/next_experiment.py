@@ -20,10 +20,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from discovery_cases import Made, _measure, make
 
-from host_tools.workbench.discovery import Discovery, discover
-from host_tools.workbench.models import Model
-from host_tools.workbench.noise import Ar1
-from host_tools.workbench.settings import rows_of
+from terrapin_tools.workbench.discover.discovery import Discovery, discover
+from terrapin_tools.workbench.experiment.rig_settings import rows_of
+from terrapin_tools.workbench.model.model import Model
+from terrapin_tools.workbench.noise.ar1 import Ar1
 
 __all__ = ["PAIRS", "after_proposed", "confounded", "with_runs"]
 

@@ -25,9 +25,11 @@ from typing import Any
 
 import numpy as np
 
-from host_tools.workbench.analysis import analyse
-from host_tools.workbench.case import Case, load_case
-from host_tools.workbench.discovery import discover, discover_answer
+from terrapin_tools.workbench.case.case import Case, load_case
+from terrapin_tools.workbench.compare.comparison import analyse
+from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.story.answer import answer
+from terrapin_tools.workbench.story.told import told
 from tests.campaigns.drawn import Drawn, draw, write
 from tests.campaigns.followup import after_experiment
 from tests.campaigns.truth import SAME, distance, oracle_heldout, power, right_columns
@@ -140,7 +142,8 @@ def run(pool: str, seed: int, number: int) -> Record:
 
 
 def _answer(case: Case, seed: int) -> Record:
-    return discover_answer(discover(case, seed=seed), 0.0)
+    found = discover(case, seed=seed)
+    return answer(told(found.analysis, found))
 
 
 def _judge(record: Record, kind: str, drawn: Drawn, case: Case, random: np.random.Generator, folder: Path) -> None:

@@ -16,8 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from host_tools.workbench.case import load_case
-from host_tools.workbench.discovery import discover, discover_answer
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.story.answer import answer as as_json
+from terrapin_tools.workbench.story.told import told
 from tests.campaigns.table import Line
 
 __all__ = ["lines"]
@@ -30,7 +32,8 @@ def lines(folder: Path) -> list[Line]:
     detail, right = [], 0
     for name, expected in sorted(answers.items()):
         case = load_case(folder / name)
-        answer = discover_answer(discover(case), 0.0)
+        found = discover(case)
+        answer = as_json(told(found.analysis, found))
         complaint = judge(answer, expected)
         right += not complaint
         if complaint:

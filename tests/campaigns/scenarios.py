@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil.compiled_effects import ActiveEffect
-from hil.physics.effects import catalogue
-from hil.plant import TERRAINS, Ground, Robot, Segment, Winding
-from hil.scenario import Order, Scenario
-from hil.sensors import kit
+from terrapin_hil.physics.effects import catalogue
+from terrapin_hil.robot.compiled_effects import ActiveEffect
+from terrapin_hil.robot.plant import TERRAINS, Ground, Robot, Segment, Winding
+from terrapin_hil.robot.sensors import kit
+from terrapin_hil.scenario.scenario import Order, Scenario
 
 TABLE_1 = ("sand", "dry_peat", "red_terrain", "agricultural")
 FLOOR_LENGTH = 11.0  # m: the calibration must end on the floor

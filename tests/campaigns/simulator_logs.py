@@ -17,21 +17,21 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from hil.compiled_effects import ActiveEffect
-from hil.messages import interface
-from hil.physics.effects import catalogue
-from hil.plant import TERRAINS, Ground, Robot, Segment, Winding
-from hil.run import run
-from hil.scenario import Order, Scenario
-from hil.sensors import kit
-from host_tools.contact_error import contact_error
-from host_tools.logs.folder import RunFolder
-from host_tools.workbench.analysis import analyse
-from host_tools.workbench.case import load_case, parse_case
-from host_tools.workbench.discovery import discover
-from host_tools.workbench.edit import add_effects
-from host_tools.workbench.export import export_parameters
-from host_tools.workbench.from_runs import read_run, write_case
+from terrapin_hil.messages import interface
+from terrapin_hil.physics.effects import catalogue
+from terrapin_hil.robot.compiled_effects import ActiveEffect
+from terrapin_hil.robot.plant import TERRAINS, Ground, Robot, Segment, Winding
+from terrapin_hil.robot.sensors import kit
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.scenario import Order, Scenario
+from terrapin_tools.contact_error import contact_error
+from terrapin_tools.logs.folder import RunFolder
+from terrapin_tools.workbench.case.case import load_case, parse_case
+from terrapin_tools.workbench.case.changes import add_effects
+from terrapin_tools.workbench.compare.comparison import analyse
+from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.robot.firmware_parameters import export_parameters
+from terrapin_tools.workbench.robot.runs import read_run, write_case
 
 __all__ = ["DESIGNS", "Design", "Outcome", "look"]
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from hil.physics import wheel
-from host_tools.soil.region import deviance, limit
-from host_tools.soil.tactile import Noise, Points, Rig, fit, predict
+from terrapin_hil.physics import wheel
+from terrapin_tools.soil.region import deviance, limit
+from terrapin_tools.soil.tactile import Noise, Points, Rig, fit, predict
 
 Array = npt.NDArray[np.float64]
 

@@ -15,15 +15,17 @@ static double uniform(double low, double high) {
     return low + (high - low) * ((double)rand() / (double)RAND_MAX);
 }
 
-/* The bound of the project: at most 50 uN m over |I| <= 2.048 A and |omega| <= 25 rad/s, and the clamp where it clamps.
- */
+/* The bound of the project: at most 50 uN m over the currents and speeds that are promised, and the clamp where it
+ * clamps. */
 static void test_a_million_windows_against_double(void) {
     const terrapin_gains *g = &rig.state.gains;
+    const double most_amps = TERRAPIN_PROMISE_CURRENT_MAGNITUDE / 1000.0;
+    const double fastest = TERRAPIN_PROMISE_SHELL_SPEED / 1000.0;
     double worst = 0.0;
     int clamped = 0;
     for (int i = 0; i < 1000000; i++) {
-        const double amps = uniform(-2.048, 2.048);
-        const double omega = uniform(-25.0, 25.0);
+        const double amps = uniform(-most_amps, most_amps);
+        const double omega = uniform(-fastest, fastest);
         const int32_t sum_q8 = (int32_t)lrint(amps * 1000.0 * 300.0 * 256.0);
         const int32_t counts = (int32_t)lrint(omega * 0.3 * GEAR / WHEEL_TURN * 2048.0);
         const double exact_amps = sum_q8 / 256.0 / 300.0 / 1000.0;

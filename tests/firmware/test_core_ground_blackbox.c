@@ -318,7 +318,7 @@ static void test_attitude_and_report(void) {
     rig.in.pitch_mrad = -123;
     rig.in.swing_angle_mrad = 321;
     rig_run(400);
-    supervisor_report(&rig.state, TERRAPIN_REPORT_STOPPED, -77);
+    episode_report(&rig.state, TERRAPIN_REPORT_STOPPED, -77);
     rig_run(20);
     terrapin_attitude_t attitude;
     terrapin_report_t report;

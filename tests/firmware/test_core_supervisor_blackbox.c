@@ -290,7 +290,7 @@ static void test_ticks_wrap_without_a_word(void) {
 
 static void test_clear_takes_the_report_away(void) {
     rig_run(300);
-    supervisor_report(&rig.state, TERRAPIN_REPORT_STOPPED, 5);
+    episode_report(&rig.state, TERRAPIN_REPORT_STOPPED, 5);
     rig_request(TERRAPIN_REQUEST_CLEAR, 0);
     rig_run(60);
     TEST_ASSERT_EQUAL_INT32(TERRAPIN_REPORT_NONE, rig.state.supervisor.report);

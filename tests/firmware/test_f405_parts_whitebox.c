@@ -23,7 +23,7 @@ static void hardware_takes(volatile uint32_t *address, uint32_t value);
 #include "../../firmware/ports/stm32f405/ring.c"
 #include "../../firmware/ports/stm32f405/usart.c"
 #include "../../firmware/ports/stm32f405/watchdog.c"
-#include "terrapin_interface.h"
+#include "terrapin_scaling.h"
 
 static rcc_registers rcc;
 static pwr_registers pwr;
@@ -583,11 +583,13 @@ static void test_phases(void) {
     phases_note(&p, PHASE_STEP, 168U * 100U);
     phases_note(&p, PHASE_STEP, 168U * 50U);
     phases_note(&p, PHASE_SEND, 1U);
-    TEST_ASSERT_EQUAL_UINT32(400U, phases_take(&p, PHASE_STEP)); /* 100 us, the longest */
-    TEST_ASSERT_EQUAL_UINT32(0U, phases_take(&p, PHASE_STEP));   /* begins anew */
-    TEST_ASSERT_EQUAL_UINT32(1U, phases_take(&p, PHASE_SEND));   /* rounded up */
+    TEST_ASSERT_EQUAL_INT32(400, phases_take_250ns(&p, PHASE_STEP)); /* 100 us, the longest */
+    TEST_ASSERT_EQUAL_INT32(0, phases_take_250ns(&p, PHASE_STEP));   /* begins anew */
+    TEST_ASSERT_EQUAL_INT32(1, phases_take_250ns(&p, PHASE_SEND));   /* rounded up */
     phases_note(&p, PHASE_LATE, 0xFFFFFFFFU);
-    TEST_ASSERT_EQUAL_UINT32(4095U, phases_take(&p, PHASE_LATE));
+    const terrapin_port_times_source source = {.late_250ns = phases_take_250ns(&p, PHASE_LATE)};
+    TEST_ASSERT_EQUAL_INT32(102261127, source.late_250ns);
+    TEST_ASSERT_EQUAL_INT32(4095, terrapin_scale_port_times(&source).late); /* twelve bits */
 }
 
 static void test_ticks_that_were_missed_are_counted(void) {

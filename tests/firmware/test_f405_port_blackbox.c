@@ -30,54 +30,56 @@ static uint32_t alive;
 static bool estop;
 static uint32_t flash_work, flash_rest, healthy, resets;
 
-const port_parameter port_parameters[] = {{TERRAPIN_PARAMETER_SUPPLY_SCALE, 4592}};
-const uint32_t port_parameter_count = 1U;
+const hardware_parameter hardware_parameters[] = {{TERRAPIN_PARAMETER_SUPPLY_SCALE, 4592}};
+const uint32_t hardware_parameter_count = 1U;
 
-void port_sense(port *p, terrapin_inputs *inputs) {
-    (void)p;
+void hardware_sense(hardware_facts *facts, terrapin_inputs *inputs) {
+    (void)facts;
     inputs->current_code = 2048U;
     inputs->supply_code = 2613U; /* 12 V at 4592 uV a code */
     inputs->temperature_code = 1500U;
     inputs->estop = estop;
 }
 
-void port_drive(port *p, int16_t duty_q15, bool on) {
-    (void)p;
+void hardware_drive(const hardware_facts *facts, int16_t duty_q15, bool on) {
+    (void)facts;
     driven = on;
     duty = on ? duty_q15 : 0;
 }
 
-void port_flash_work(bool begins) {
+void hardware_flash_work(bool begins) {
     flash_work += begins ? 1U : 0U;
     flash_rest += begins ? 0U : 1U;
 }
 
-void port_healthy(port *p) {
-    TEST_ASSERT_EQUAL_UINT32(PORT_HEALTHY_TICKS, p->tick);
+void hardware_healthy(void) {
+    TEST_ASSERT_EQUAL_UINT32(PORT_HEALTHY_TICKS, controller.tick);
     TEST_ASSERT_FALSE(driven);
     healthy++;
 }
 
-void port_reset(port *p, bool stay) {
-    (void)p;
+void hardware_reset(can *to_bus, usart *to_line, bool stay) {
+    TEST_ASSERT_EQUAL_PTR(&bus, to_bus);
+    TEST_ASSERT_EQUAL_PTR(&line, to_line);
     TEST_ASSERT_FALSE(driven);
     resets += stay ? 100U : 1U;
 }
 
-void port_alive(port *p) {
-    (void)p;
+/* The LED: half periods of 0.5 s, and of 0.128 s while the bridge is on. */
+void hardware_alive(bool lit) {
+    TEST_ASSERT_EQUAL(((controller.tick / (controller.outputs.enable ? 128U : 512U)) % 2U) == 1U, lit);
     alive++;
 }
 
-uint32_t port_cycles(void) {
+uint32_t hardware_cycles(void) {
     return now_us * 168U;
 }
 
-uint32_t port_tick_cycles(void) {
+uint32_t hardware_tick_cycles(void) {
     return (now_us / TICK_US) * TICK_US * 168U;
 }
 
-uint32_t port_stack_used(void) {
+uint32_t hardware_stack_used(void) {
     return 1000U;
 }
 
@@ -89,7 +91,7 @@ void setUp(void) {
     (void)can_open(&bus, &chip.r, can_timing(42000000U, 1000000U), &all, 1U);
     chip.r.MSR = 0U;
     can_poll(&bus);
-    const port_hardware hardware = {.core_hz = 168000000U, .reset_cause = TERRAPIN_RESET_CAUSE_POWER_ON};
+    const hardware_facts hardware = {.core_hz = 168000000U, .reset_cause = TERRAPIN_RESET_CAUSE_POWER_ON};
     estop = false;
     driven = false;
     now_us = 0U;
@@ -305,8 +307,8 @@ static void test_test_mode_holds_the_bridge_off_and_stops_the_own_clock(void) {
 
 static uint8_t pages[32768];
 
-static port_hardware plain(void) {
-    return (port_hardware){.core_hz = 168000000U};
+static hardware_facts plain(void) {
+    return (hardware_facts){.core_hz = 168000000U};
 }
 
 static terrapin_store store;
@@ -317,7 +319,7 @@ static const terrapin_flash_area areas[2] = {{0U, 16384U}, {16384U, 16384U}};
 static void open_with_a_store(void) {
     static const uint32_t sectors[2] = {16384U, 16384U};
     static terrapin_flash_emulated chip_memory;
-    const port_hardware hardware = plain();
+    const hardware_facts hardware = plain();
     memset(pages, 0xFF, sizeof pages);
     terrapin_flash_emulated_init(&chip_memory, pages, sectors, 2U, 4U);
     store_flash = terrapin_flash_emulated_driver(&chip_memory);
@@ -344,7 +346,7 @@ static void test_saves_parameters_and_finds_them_again(void) {
     TEST_ASSERT_EQUAL_UINT32(flash_work, flash_rest);
     TEST_ASSERT_EQUAL_UINT32(0U, controller.overruns);
 
-    const port_hardware hardware = plain();
+    const hardware_facts hardware = plain();
     TEST_ASSERT_TRUE(terrapin_store_open(&store, &store_flash, areas));
     port_open(&controller, state, &bus, &line, &store, NULL, &hardware);
     (void)terrapin_parameter_get(state, TERRAPIN_PARAMETER_RADIUS, &value);
@@ -401,7 +403,7 @@ static void test_update_resets_with_the_motor_off_alone(void) {
     terrapin_flash_emulated_init(&chip_memory, bytes, terrapin_flash_f405_sectors, TERRAPIN_FLASH_F405_SECTORS, 4U);
     const terrapin_flash flash = terrapin_flash_emulated_driver(&chip_memory);
     const terrapin_boot boot = {.flash = &flash, .key = key};
-    const port_hardware hardware = plain();
+    const hardware_facts hardware = plain();
     terrapin_update_init(&update, &boot, TERRAPIN_UPDATE_SLOT_A);
     port_open(&controller, state, &bus, &line, NULL, &update, &hardware);
     (void)ticks(1500U, TERRAPIN_REQUEST_IDLE);

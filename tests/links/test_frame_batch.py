@@ -6,7 +6,7 @@ import socket
 
 import pytest
 
-from hil.links.frame_batch import MOST, FrameBatch
+from terrapin_hil.links.frame_batch import MOST, FrameBatch
 
 FRAMES = [(0x100, bytes(range(8))), (0x101, b""), (0x7FF, b"\xff")]
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.firmware import Firmware
-from hil.links.slcan import slcan_line, slcan_parse
+from terrapin_hil.firmware import Firmware
+from terrapin_hil.links.slcan import slcan_line, slcan_parse
 
 FIRMWARE = Firmware.open()
 FFI, LIB = FIRMWARE.ffi, FIRMWARE.lib

@@ -16,10 +16,12 @@ from pathlib import Path
 import can
 import pytest
 
-from hil import paths
-from hil.firmware import Firmware
-from hil.links.slcan import ControllerProcess, LinkError, SlcanPort, slcan_line, slcan_parse
-from hil.messages import Frame, Sender, interface, protect
+from terrapin_hil import paths
+from terrapin_hil.firmware import Firmware
+from terrapin_hil.links.link import LinkError
+from terrapin_hil.links.slcan import ControllerProcess, SlcanPort, slcan_line, slcan_parse
+from terrapin_hil.messages import Frame, Sender, interface, protect
+from tests.waiting import BOUND
 
 PROGRAM = paths.build() / "terrapin-controller"
 ACTUATE = interface().messages["ACTUATE"]
@@ -97,14 +99,22 @@ def test_a_second_run_is_as_the_first(port: SlcanPort) -> None:
     assert runs[0] == runs[1]
 
 
-def test_rate_of_lockstep(port: SlcanPort) -> None:
-    """At least 3,000 ticks a second, making and reading all frames included; the best of three, for a busy machine."""
+def processor_time(controller: ControllerProcess) -> float:
+    """Seconds that this process and the controller's have had of the processor."""
+    assert controller.process is not None
+    stat = Path(f"/proc/{controller.process.pid}/stat").read_text().rpartition(")")[2].split()
+    return time.process_time() + (int(stat[11]) + int(stat[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def test_rate_of_lockstep(controller: ControllerProcess, port: SlcanPort) -> None:
+    """At least 3,000 ticks a second of processor time of both processes, making and reading all frames included; the
+    best of three. By the clock: tests/bench/bench_sim.py."""
     slow, fast = (interface().messages[name] for name in ("SENSORS_SLOW", "SENSORS_FAST"))
     sender = Sender()
     port.exchange_frames(sender.test_mode())
     rates = []
     for start in (0, 2000, 4000):
-        begin = time.perf_counter()
+        begin = processor_time(controller)
         for tick in range(start, start + 2000):
             first = (slow.id, slow.encode({"slow_code": 2000, "slow_channel": tick & 1, "swing_angle": -3})[0])
             if tick % 50 == 0:
@@ -115,7 +125,7 @@ def test_rate_of_lockstep(port: SlcanPort) -> None:
             )
             answer = port.exchange(slcan_line(first) + slcan_line(second))
             assert ACTUATE.decode(answer[0][1])["tick"] == tick & 0xFFFF
-        rates.append(2000 / (time.perf_counter() - begin))
+        rates.append(2000 / (processor_time(controller) - begin))
     print(f"pty lockstep: {max(rates):.0f} ticks/s")
     assert max(rates) >= 3000
 
@@ -133,17 +143,6 @@ def test_parameters_over_the_wire(port: SlcanPort) -> None:
         assert (found["index"], found["value"], found["status"]) == (parameter.index, parameter.maximum, 0)
     beyond = port.exchange_frames([sender.frame("PARAMETER_READ", {"index": 65535})])
     assert value_message.decode(beyond[0][1])["status"] == 1
-
-
-def test_receive_until_keeps_the_rest(port: SlcanPort) -> None:
-    read = interface().messages["PARAMETER_READ"]
-    value = interface().messages["PARAMETER_VALUE"]
-    lines = [slcan_line((read.id, read.encode({"index": index})[0])) for index in range(3)]
-    port.send(b"".join(lines))
-    found = [port.receive_until({value.id}) for _ in range(3)]
-    assert [len(frames) for frames in found] == [1, 1, 1]
-    assert [value.decode(frames[0][1])["index"] for frames in found] == [0, 1, 2]
-    assert len(port.exchange(lines[0])) == 1
 
 
 def test_any_cut_of_the_stream_gives_the_same_answers(port: SlcanPort) -> None:
@@ -205,7 +204,7 @@ def test_process_ends_when_the_peer_goes_away(controller: ControllerProcess) -> 
     assert controller.process is not None
     assert controller.process.poll() is None
     port.close()
-    assert controller.process.wait(5) == 0
+    assert controller.process.wait(300) == 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
@@ -216,7 +215,7 @@ def test_process_ends_on_a_signal(number: signal.Signals, opened: bool) -> None:
     path = process.stdout.readline().strip()
     port = SlcanPort.open(path) if opened else None
     process.send_signal(number)
-    _, error = process.communicate(timeout=5)
+    _, error = process.communicate(timeout=300)
     assert process.returncode == 0
     assert error.startswith("terrapin-controller: stopped by a signal after 0 ticks, outputs off")
     if port is not None:
@@ -241,15 +240,13 @@ def test_firmware_that_stops_answering(controller: ControllerProcess) -> None:
         assert controller.process is not None
         controller.process.send_signal(signal.SIGSTOP)
         try:
-            begin = time.monotonic()
             with pytest.raises(LinkError) as caught:
                 port.exchange_frames([Sender().frame("PARAMETER_READ", {"index": 0})])
             assert str(caught.value) == f"{port.path}: no answer within 0.2 s"
             with pytest.raises(LinkError, match="no answer within"):
-                port.receive_until({0x123})
+                port.exchange(b"")
             with pytest.raises(LinkError, match=r"takes no data for 0\.2 s"):
                 port.send(b"t1230\r" * 100_000)
-            assert time.monotonic() - begin < 5
         finally:
             controller.process.send_signal(signal.SIGCONT)
 
@@ -258,7 +255,7 @@ def test_peer_that_does_not_read_blocks_nobody_for_ever(controller: ControllerPr
     """The process waits for room with bounded buffers, and still hears a signal while it waits."""
     fd = os.open(controller.start(), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
-        end = time.monotonic() + 10
+        end = time.monotonic() + BOUND
         stuck_since = None
         while stuck_since is None or time.monotonic() - stuck_since < 0.2:
             assert time.monotonic() < end
@@ -291,7 +288,7 @@ def test_nonsense_from_the_other_side(answer: bytes, expected: str) -> None:
         with SlcanPort(os.ttyname(slave), 1.0) as port:
             speaker.start()
             with pytest.raises(LinkError) as caught:
-                port.receive_until({0x7FF})
+                port.exchange(b"F\r")
             assert expected in str(caught.value)
             termios.tcflush(slave, termios.TCIFLUSH)  # frees a speaker that waits for room
             speaker.join(5)
@@ -315,7 +312,7 @@ def test_paths_that_are_no_link(tmp_path: Path) -> None:
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([PROGRAM, *arguments], capture_output=True, text=True, timeout=10)
+    return subprocess.run([PROGRAM, *arguments], capture_output=True, text=True, timeout=300)
 
 
 def test_command_line(tmp_path: Path) -> None:
@@ -343,7 +340,7 @@ def test_pty_under_a_name(tmp_path: Path) -> None:
     assert process.stdout.readline() == f"{name}\n"
     with SlcanPort.open(name) as port:
         assert port.exchange_frames([Sender().frame("PARAMETER_READ", {"index": 0})]) != []
-    assert process.wait(5) == 0
+    assert process.wait(300) == 0
     assert not name.is_symlink()
 
 
@@ -355,7 +352,7 @@ def test_on_a_tty() -> None:
         read = interface().messages["PARAMETER_READ"]
         request = slcan_line((read.id, read.encode({"index": 0})[0]))
         received = b""
-        end = time.monotonic() + 5
+        end = time.monotonic() + BOUND
         os.set_blocking(master, False)
         while b"t" not in received or not received.endswith(b"\r\r"):
             assert time.monotonic() < end
@@ -370,6 +367,6 @@ def test_on_a_tty() -> None:
     finally:
         os.close(slave)
         os.close(master)
-    _, error = process.communicate(timeout=5)
+    _, error = process.communicate(timeout=300)
     assert process.returncode == 0
     assert "peer gone" in error

@@ -84,7 +84,7 @@ def rolling(
 
 def terrapin(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
     """Run the command in this process: exit status, standard output, standard error."""
-    from host_tools.cli import main
+    from terrapin_tools.cli import main
 
     before = sys.argv
     sys.argv = ["terrapin", *map(str, arguments)]

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from casekit import ROLLING, rolling, terrapin
 
-from hil.messages import interface
-from hil.physics.effects import catalogue
-from host_tools.workbench.edit import write_whole
+from terrapin_hil.messages import interface
+from terrapin_hil.physics.effects import catalogue
+from terrapin_tools.workbench.files.writing import write_whole
 
 
 def test_add_mends_the_model_and_keeps_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -76,7 +76,11 @@ def test_add_what_discover_proposed(tmp_path: Path, capsys: pytest.CaptureFixtur
         "kind": "expression",
         "expression": "k * temperature * sign(omega)",
         "target": "resistance",
+        "probability": 0.9,
+        "heldout_rmse": {"current": 0.1},
+        "noise_ratio": 1.0,
         "parameters": {"k": {"value": 1e-4, "sd": 1e-6, "unit": "N m/K"}},
+        "explains": 0.9,
     }
     answer = {"candidates": [candidate]}
     (folder / ".terrapin" / "discover.json").write_text(json.dumps(answer))

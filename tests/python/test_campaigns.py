@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from host_tools.workbench.case import load_case
-from host_tools.workbench.models import Model
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.model.model import Model
 from tests.campaigns.drawn import CATALOGUE, FOREIGN, Drawn, draw, noise, write
 from tests.campaigns.followup import after_experiment
 from tests.campaigns.formulas import predict

@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 from casekit import ROLLING, rolling, terrapin
 
-from host_tools.errors import UserError
-from host_tools.workbench import edit, markdown, places, units
-from host_tools.workbench.case import load_case
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.case import changes
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.files import toml_lines, units
+from terrapin_tools.workbench.story import notes
 
 
 def test_docstring_examples() -> None:
-    for module in (units, places, edit, markdown):
+    for module in (units, toml_lines, changes, notes):
         assert doctest.testmod(module).failed == 0
 
 
@@ -331,7 +333,7 @@ def test_wrong_equations(tmp_path: Path, old: str, new: str, expected: str) -> N
 
 def test_units_of_an_equation_need_not_be_coherent(tmp_path: Path) -> None:
     """With every unit given, kPa and L/min do what Pa and m^3/s do."""
-    from host_tools.workbench.models import Model
+    from terrapin_tools.workbench.model.model import Model
 
     text = EQUATION.replace('"m^3/s"', '"L/min"').replace('unit = "Pa" }', 'unit = "kPa" }')
     case = load_case(_equation(tmp_path, text))

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from casekit import terrapin
 
-from hil.messages import interface
+from terrapin_hil.messages import interface
 
 SCENARIO = """title = "warming motor"
 duration = "12 s"

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from casekit import one_line, rolling, terrapin
 
-from host_tools.workbench.case import load_case
-from host_tools.workbench.from_table import guess_columns, split_unit
-from host_tools.workbench.tables import Table
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.files.tables import Table
+from terrapin_tools.workbench.new_case.from_tables import guess_columns, split_unit
 
 
 @pytest.mark.parametrize(

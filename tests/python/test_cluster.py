@@ -7,23 +7,14 @@ import re
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from casekit import one_line, rolling, terrapin
 
-from host_tools.workbench import fleet
-
-PATIENCE = 120.0  # s, on a machine that does much else
-
-
-def wait_for(condition: Callable[[], object]) -> None:
-    end = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.05)
+from terrapin_tools.workbench.fleet import fleet
+from tests.waiting import BOUND, wait_for
 
 
 @pytest.fixture(scope="module")
@@ -40,8 +31,8 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, dic
     started = [subprocess.Popen(c, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) for c in commands]
     try:
         wait_for(file.is_file)
-        with Client(scheduler_file=str(file), timeout=PATIENCE, set_as_default=False) as client:
-            client.wait_for_workers(3, timeout=PATIENCE)
+        with Client(scheduler_file=str(file), timeout=BOUND, set_as_default=False) as client:
+            client.wait_for_workers(3, timeout=BOUND)
             workers = client.run(os.getpid)
             address = client.scheduler.address
         yield address, workers
@@ -76,15 +67,15 @@ def test_a_worker_killed_in_mid_run_changes_nothing(
     target = tmp_path / "answers.jsonl"
     command = ["discover", str(folder), "--json", str(target), "--cluster", address]
     running = subprocess.Popen(
-        [sys.executable, "-c", "from host_tools.cli import main; main()", *command],
+        [sys.executable, "-c", "from terrapin_tools.cli import main; main()", *command],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
     )
-    with Client(address, timeout=PATIENCE, set_as_default=False) as client:
+    with Client(address, timeout=BOUND, set_as_default=False) as client:
         wait_for(lambda: client.processing(workers=[victim]).get(victim))
     assert running.poll() is None
     os.kill(number, signal.SIGKILL)
-    _, err = running.communicate(timeout=PATIENCE)
+    _, err = running.communicate(timeout=BOUND)
     assert running.returncode == 0, err
     assert b" 1 failed" in err.splitlines()[-1]
     assert same(target.read_text()) == same(expected)

@@ -14,13 +14,13 @@ from scipy.linalg import null_space
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from host_tools.workbench.analysis import Analysis, analyse, fitted_on
-from host_tools.workbench.bayes_factor import SCALES, WEIGHT, BayesFactor, Block
-from host_tools.workbench.case import load_case
-from host_tools.workbench.evidence import SIZES, Evidence
-from host_tools.workbench.fit import covariance
-from host_tools.workbench.models import Model
-from host_tools.workbench.noise import RHO_GRID, Ar1, repeated_settings
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.compare.bayes_factor import SCALES, WEIGHT, BayesFactor, Block
+from terrapin_tools.workbench.compare.comparison import Analysis, analyse, fitted_on
+from terrapin_tools.workbench.model.fitting import covariance
+from terrapin_tools.workbench.model.model import Model
+from terrapin_tools.workbench.noise.ar1 import RHO_GRID, Ar1, repeated_settings
+from terrapin_tools.workbench.noise.marginal_likelihood import SIZES, Evidence
 
 KEYS = {"schema", "case", "model", "parameters", "channels", "adequacy", "where", "verdict", "ladder", "seconds"}
 
@@ -378,7 +378,7 @@ def test_sphere_that_digs_in(tmp_path: Path) -> None:
 
 
 def test_shipped_table_shows_that_the_torque_is_not_explained() -> None:
-    from hil.paths import ROOT
+    from terrapin_hil.paths import ROOT
 
     folder = ROOT / "cases" / "forced_slip_sand"
     analysis = _analysis(folder)

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.special import beta
 
-from hil.physics import contact, soils, sphere, wheel
-from hil.physics.contact import FIELDS, ContactError
+from terrapin_hil.physics import contact, soils, sphere, wheel
+from terrapin_hil.physics.contact import FIELDS, ContactError
 from tests.bench import contact_numpy
 
 PHI = np.radians(42.2)

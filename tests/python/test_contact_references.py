@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.physics import soils, sphere, tyre, wheel
+from terrapin_hil.physics import soils, sphere, tyre, wheel
 
 DATA = Path(__file__).parent / "data"
 RTOL = 1e-6

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from casekit import ROLLING, one_line, rolling, terrapin
 
-from host_tools.errors import UserError
-from host_tools.workbench import csv_files
-from host_tools.workbench.case import load_case
-from host_tools.workbench.tables import read
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.files import csv_files
+from terrapin_tools.workbench.files.tables import read
 
 SPELLINGS: dict[str, Callable[[str], bytes]] = {
     "byte order mark": lambda t: b"\xef\xbb\xbf" + t.encode(),

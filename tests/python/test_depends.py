@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from casekit import ROLLING, rolling
 
-from host_tools.workbench.analysis import analyse, fitted_on
-from host_tools.workbench.case import load_case
-from host_tools.workbench.depends import explained, importance
-from host_tools.workbench.hypothesis import Hypothesis
-from host_tools.workbench.ranking import Ranking
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.compare.comparison import analyse, fitted_on
+from terrapin_tools.workbench.discover.hypothesis import Hypothesis
+from terrapin_tools.workbench.discover.ranking import Ranking
+from terrapin_tools.workbench.discover.which_column import explained, importance
 
 OWN = """
 [effect.mine]

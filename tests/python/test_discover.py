@@ -14,14 +14,16 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaigns"))
 from discovery_campaign import one
 from discovery_cases import Made, confounded, make
 
-from host_tools.workbench.analysis import error, fitted_on, measured
-from host_tools.workbench.answer import to_json
-from host_tools.workbench.discovery import Discovery, discover, discover_answer
-from host_tools.workbench.evidence import Evidence
-from host_tools.workbench.linear import linearise
-from host_tools.workbench.noise import Ar1
-from host_tools.workbench.resampling import Sums
-from host_tools.workbench.words import tell
+from terrapin_tools.workbench.compare.comparison import error, fitted_on, measured
+from terrapin_tools.workbench.discover.discovery import Discovery, discover
+from terrapin_tools.workbench.discover.resampled import Sums
+from terrapin_tools.workbench.files.json_text import to_json
+from terrapin_tools.workbench.model.linearised import linearise
+from terrapin_tools.workbench.noise.ar1 import Ar1
+from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
+from terrapin_tools.workbench.story.answer import answer
+from terrapin_tools.workbench.story.terminal import tell
+from terrapin_tools.workbench.story.told import told
 
 
 def made(*arguments: object, seed: int, **options: object) -> Made:
@@ -150,7 +152,7 @@ def test_bootstrap_over_runs() -> None:
     assert found.selected[0].effects == ("motor_heating",)
     assert found.selected[0].frequency > 0.9
     assert sum(s.frequency for s in found.selected) == pytest.approx(1.0)
-    assert discover_answer(found, 0.0)["selected"][0]["effects"] == ["motor_heating"]
+    assert answer(told(found.analysis, found))["selected"][0]["effects"] == ["motor_heating"]
     twins, rivals = confounded(np.random.default_rng([3, 1]), 14, 0.0, 2.0)
     assert twins is not None
     both = {frozenset(s.effects) for s in discover(twins.case, bootstrap=50).selected if s.frequency > 0.02}
@@ -191,33 +193,34 @@ def test_names_a_single_bad_run() -> None:
     found = discover(replace(case, channels={"current": current}))
     assert found.verdict == "unexplained"
     assert found.odd_runs == (case.run_names[5],)
-    assert "stands out" in tell(found)
+    assert "stands out" in tell(told(found.analysis, found))
 
 
 def test_the_same_seed_gives_the_same_bytes() -> None:
     case = made("rolling_steady", ("viscous_friction",), 10, 0.5, 2.0, seed=3)
-    first, second = (to_json(discover_answer(discover(case.case, seed=7), 0.0)) for _ in range(2))
+    first, second = (to_json(answer(told(f.analysis, f))) for f in [discover(case.case, seed=7) for _ in range(2)])
     assert first == second
 
 
 def test_the_answer_has_what_the_contract_asks_for() -> None:
     case = made("rolling_steady", ("motor_heating",), 12, 0.0, 3.0, seed=10)
     found = discover(case.case)
-    answer = discover_answer(found, 1.0)
-    assert answer["schema"] == "terrapin.case/1"
+    story = told(found.analysis, found)
+    said = answer(story)
+    assert said["schema"] == "terrapin.case/1"
     for key in ("case", "model", "parameters", "channels", "adequacy", "where", "verdict", "missing"):
-        assert key in answer
-    assert answer["ladder"][0]["added"] is None
-    assert answer["ladder"][-1]["heldout_error"] < answer["ladder"][0]["heldout_error"]
-    first = answer["candidates"][0]
+        assert key in said
+    assert said["ladder"][0]["added"] is None
+    assert said["ladder"][-1]["heldout_error"] < said["ladder"][0]["heldout_error"]
+    first = said["candidates"][0]
     assert first["effect"] == "motor_heating"
     assert first["kind"] == "catalogue"
     assert set(first["heldout_rmse"]) == {"current"}
     value, sd = first["parameters"]["a_t"]["value"], first["parameters"]["a_t"]["sd"]
     assert abs(value - case.theta["motor_heating.a_t"]) < 4 * sd
     assert first["explains"] > 0.8
-    probabilities = [c["probability"] for c in answer["candidates"]]
+    probabilities = [c["probability"] for c in said["candidates"]]
     assert probabilities == sorted(probabilities, reverse=True)
     assert all(0.0 <= p <= 1.0 for p in probabilities)
-    text = tell(found)
-    assert "Missing: motor_heating" in text
+    text = tell(story)
+    assert "the model lacks motor_heating and nothing else" in text

@@ -8,15 +8,16 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from hil import plant
-from hil.physics import dynamic, program, vehicle
-from hil.physics.dynamic import MODELS, Run, simulate
-from hil.physics.effects import catalogue
-from hil.physics.expression import parse
-from hil.physics.program import TORQUE, Additions
-from hil.physics.soils import library
-from hil.physics.tyre import ContactError, Tyre
-from hil.physics.vehicle import Vehicle, profile_torque
+from terrapin_hil.physics import dynamic, program, vehicle
+from terrapin_hil.physics.bodies import bodies
+from terrapin_hil.physics.dynamic import Run, simulate
+from terrapin_hil.physics.effects import catalogue
+from terrapin_hil.physics.expression import parse
+from terrapin_hil.physics.program import TORQUE, Additions
+from terrapin_hil.physics.soils import library
+from terrapin_hil.physics.tyre import ContactError, Tyre
+from terrapin_hil.physics.vehicle import Vehicle, profile_torque
+from terrapin_hil.robot import plant
 
 Array = npt.NDArray[np.float64]
 T = np.arange(0.0, 4.0, 0.01)
@@ -29,7 +30,7 @@ SOIL = {
     "shear_modulus": SAND.shear_modulus,
 }
 DRIVE = profile_torque(0)[: len(T)]
-PAIRS = [(base, name) for base in MODELS for name, e in catalogue().items() if base in e.bases]
+PAIRS = [(base, name) for base in bodies() for name, e in catalogue().items() if base in e.bases]
 VOLTAGE = np.where(T < 2.0, 5.0, 3.0)
 JOINT = np.clip(T, 0.0, 1.5)
 
@@ -60,7 +61,7 @@ def test_examples() -> None:
     ],
 )
 def test_programs_compute_what_formulas_say(text: str) -> None:
-    from hil.physics.compiled import ffi, library, pointer
+    from terrapin_hil.physics.compiled import ffi, library, pointer
 
     terms = Additions({"a": 0, "b": 1}, 0.05)
     terms.add(text, TORQUE, ground=False)
@@ -245,7 +246,7 @@ def test_refusals() -> None:
     assert np.isnan(broken.channels["speed"]).all()
 
 
-@pytest.mark.parametrize("base", MODELS)
+@pytest.mark.parametrize("base", bodies())
 def test_time(base: str) -> None:
     """8 s of the car, with an effect, within the 60 ms of the issue (best of three); the others far below."""
     import time

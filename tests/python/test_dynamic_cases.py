@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from hil.physics.dynamic import simulate
-from hil.physics.vehicle import profile_torque
-from host_tools.errors import UserError
-from host_tools.workbench.analysis import error, fitted_on
-from host_tools.workbench.case import Case, load_case
-from host_tools.workbench.fit import covariance
-from host_tools.workbench.models import Model
+from terrapin_hil.physics.dynamic import simulate
+from terrapin_hil.physics.vehicle import profile_torque
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.case.case import Case, load_case
+from terrapin_tools.workbench.compare.comparison import error, fitted_on
+from terrapin_tools.workbench.model.fitting import covariance
+from terrapin_tools.workbench.model.model import Model
 from tests.python.casekit import terrapin
 
 Array = npt.NDArray[np.float64]

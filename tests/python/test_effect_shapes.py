@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from casekit import one_line, terrapin
 
-from hil.physics.effects import catalogue
-from host_tools.workbench.shape import HEIGHT, shape_of
+from terrapin_hil.physics.effects import catalogue
+from terrapin_tools.workbench.story.effect_picture import HEIGHT, shape_of
 
 
 @pytest.mark.parametrize("name", catalogue())

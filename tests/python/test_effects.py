@@ -9,26 +9,25 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from hil.paths import ROOT
-from hil.physics import sphere
-from hil.physics.effects import catalogue
-from hil.physics.expression import parse, units
-from host_tools.workbench.bases import BASES, CHANNELS, ROLES, formula_name
-from host_tools.workbench.case import Case, parse_case
-from host_tools.workbench.models import Model
+from terrapin_hil.paths import ROOT
+from terrapin_hil.physics import sphere
+from terrapin_hil.physics.effects import catalogue
+from terrapin_hil.physics.expression import parse, units
+from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES, formula_name
+from terrapin_tools.workbench.case.case import Case, parse_case
+from terrapin_tools.workbench.model.model import Model
 
-ROLLING = (
+SHIPPED = {
     *("speed_squared", "aerodynamic_drag", "slope", "coulomb_friction", "viscous_friction", "stribeck", "inertia"),
     *("shell_imbalance", "cogging", "motor_heating", "current_offset"),
-)
-CONTACT = (
     *("bulldozing", "slip_sinkage", "bearing_friction", "force_offset", "torque_gain", "rate_effect", "multipass"),
     *("moisture_cohesion", "rut_recovery"),
-)
-DYNAMIC = (
     *("load_transfer", "relaxation_length", "tyre_flexibility", "torque_ripple", "winding_temperature"),
     *("sensor_delay", "encoder_misalignment", "backlash"),
-)
+}
+STEADY = ("rolling_steady", "sphere_contact", "wheel_contact")  # models whose rows do not depend on each other
+# effect -> the first of these models that it can be added to
+ON = {name: base for name, effect in catalogue().items() for base in reversed(STEADY) if base in effect.bases}
 R, DRIVE, K_T, A, B, F_O = 0.08, 0.018, 0.1, 0.012, 1e-3, 0.09
 TABLE = {
     "omega": [3.0, -6.0, 8.0, 1.0],
@@ -83,6 +82,7 @@ def _predict(case: Case, values: dict[str, float]) -> npt.NDArray[np.float64]:
 
 
 ROLES_ROLLING = ["omega", "load", "slope", "temperature", "angle", "acceleration"]
+SOIL = ("unit_weight", "n_c", "n_gamma")  # constants of effects that _case states
 ROLES_CONTACT = ["slip", "load", "speed", "pass", "moisture"]
 
 
@@ -94,25 +94,29 @@ def _torque_change(folder: Path, name: str, values: dict[str, float]) -> npt.NDA
     return np.asarray((found - base)[0] * R * K_T / DRIVE)
 
 
-def test_catalogue_is_complete() -> None:
-    assert set(catalogue()) == {*ROLLING, *CONTACT, *DYNAMIC}
-    dynamic = {"cmr", "pendulum_sphere", "vehicle"}
-    for name in ROLLING:
-        assert set(catalogue()[name].bases) - dynamic == {"rolling_steady"}
-    for name in CONTACT:
-        assert set(catalogue()[name].bases) - dynamic == {"sphere_contact", "wheel_contact"}
-    for name in DYNAMIC:
-        assert set(catalogue()[name].bases) <= dynamic
+def _alone(folder: Path, name: str, effects: list[str]) -> Case:
+    """A case of the model that an effect is tested on, with every role and constant that the effect needs."""
+    effect, base = catalogue()[name], ON[name]
+    roles = ROLES_ROLLING if base == "rolling_steady" else ROLES_CONTACT
+    roles = [*roles, *(group[0] for group in effect.needs if not set(group) & set(roles))]
+    known = "".join(f"{constant} = 1.0\n" for constant in effect.constants if constant not in SOIL)
+    return _case(folder, base, roles, effects, known=known)
+
+
+def test_catalogue_has_every_shipped_effect() -> None:
+    assert set(catalogue()) >= SHIPPED
 
 
 @pytest.mark.parametrize("effect", catalogue().values(), ids=lambda e: e.name)
 def test_entry_is_sound(effect: object) -> None:
-    from hil.physics.effects import Effect
+    from terrapin_hil.physics.effects import Effect
 
     assert isinstance(effect, Effect)
     assert effect.title
     assert effect.equation
     assert effect.source
+    assert effect.bases
+    assert set(effect.bases) <= set(BASES)
     used = parse(effect.expression).names
     for p in effect.parameters:
         assert p.minimum <= p.start <= p.maximum
@@ -131,12 +135,12 @@ WANTED = {"resistance": "N m", "drag": "N", **CHANNELS}
 
 @pytest.mark.parametrize("effect", catalogue().values(), ids=lambda e: e.name)
 def test_units_agree(effect: object) -> None:
-    from hil.physics.effects import Effect
+    from terrapin_hil.physics.effects import Effect
 
     assert isinstance(effect, Effect)
     known = {formula_name(role): unit for role, unit in ROLES.items()}
     for base in effect.bases:
-        known.update({k: v.replace("^n", "") for k, v in BASES[base].parameters.items()})
+        known.update({k: v.replace("^n", "") for k, v in BASES[base].units.items()})
     known.update({p.name: p.unit for p in effect.parameters})
     known.update({**effect.constants, **dict.fromkeys(effect.options, "1"), "bulldozing_resistance": "N"})
     known |= {"gear": "1", "radius": "m"} if set(effect.bases) & {"cmr", "vehicle"} else {}
@@ -149,17 +153,16 @@ def test_units_agree(effect: object) -> None:
     if effect.stage == "gain":
         wanted = "1"
     if effect.additive:
-        wanted = {"cohesion": "Pa", "recovery": "1", "height": "m", "relaxation_length": "m"}[effect.target]
+        wanted = {"recovery": "1", "k_s": "Pa", **BASES[effect.bases[0]].units}[effect.target]
     wanted = {"delay": "s", "play": "rad", "angle": "rad"}.get(effect.transform, wanted)
     registry = units()
     assert found.dimensionality == registry.parse_units("dimensionless" if wanted == "1" else wanted).dimensionality
 
 
-@pytest.mark.parametrize("name", sorted({*ROLLING, *CONTACT}))
+@pytest.mark.parametrize("name", sorted(ON))
 def test_absent_at_size_zero(tmp_path: Path, name: str) -> None:
-    base, roles = ("rolling_steady", ROLES_ROLLING) if name in ROLLING else ("sphere_contact", ROLES_CONTACT)
-    without = _predict(_case(tmp_path, base, roles, []), {})
-    with_it = _predict(_case(tmp_path, base, roles, [name]), {})
+    without = _predict(_alone(tmp_path, name, []), {})
+    with_it = _predict(_alone(tmp_path, name, [name]), {})
     np.testing.assert_allclose(with_it, without, rtol=1e-12)
 
 
@@ -168,6 +171,7 @@ def _column(name: str) -> npt.NDArray[np.float64]:
 
 
 W, V = _column("omega"), np.sign(_column("omega"))
+# The formulas of effects once more, in NumPy: name -> values of its parameters, the resisting torque [N m] (rows,).
 EXPECTED = {
     "speed_squared": ({"f_s": 3e-4}, 3e-4 * W**2 * R * _column("load") * V),
     "aerodynamic_drag": ({"cda": 0.3}, 0.5 * 1.225 * 0.3 * (R * W) * np.abs(R * W) * R),
@@ -262,7 +266,7 @@ def test_order_additions_gains_offsets(tmp_path: Path) -> None:
 
 
 def test_stiffness_effects_on_the_wheel_multiply_both(tmp_path: Path) -> None:
-    from hil.physics import wheel
+    from terrapin_hil.physics import wheel
 
     got = _predict(_case(tmp_path, "wheel_contact", ROLES_CONTACT, ["multipass"]), {"multipass.kappa": 0.4})
     factor = _column("pass") ** 0.4
@@ -300,11 +304,10 @@ def test_own_expressions(tmp_path: Path) -> None:
     np.testing.assert_allclose(got, base / (1 + 1e-4 * _column("temperature")), rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", sorted({*ROLLING, *CONTACT}))
+@pytest.mark.parametrize("name", sorted(ON))
 def test_jacobian_is_the_derivative(tmp_path: Path, name: str) -> None:
     """Difference quotients through the implicit function theorem against central differences of whole predictions."""
-    base, roles = ("rolling_steady", ROLES_ROLLING) if name in ROLLING else ("sphere_contact", ROLES_CONTACT)
-    case = _case(tmp_path, base, roles, [name])
+    case = _alone(tmp_path, name, [name])
     model = Model.of(case)
     sizes = {"xi1": 1.0, "c_w": 2000.0, "lam": 0.3, "a_t": 0.002, "scale": 0.8}
     theta = np.array([sizes.get(f.name, f.start or 0.05) for f in model.fitted])
@@ -323,12 +326,12 @@ def test_jacobian_is_the_derivative(tmp_path: Path, name: str) -> None:
 def test_firmware_formulas_name_real_parameters() -> None:
     import tomllib
 
-    controller = tomllib.loads((ROOT / "firmware/interface/controller.toml").read_text())["parameter"]
+    controller = tomllib.loads((ROOT / "firmware/terrapin_interface/controller.toml").read_text())["parameter"]
     for effect in catalogue().values():
         for name, formula in effect.firmware.items():
             assert name in controller
             own = {p.name: p.unit for p in effect.parameters}
-            known = {**own, **BASES["rolling_steady"].parameters, "load": "N"}
+            known = {**own, **BASES["rolling_steady"].units, "load": "N"}
             formula, known = formula.replace("9.81", "gravity"), {**known, "gravity": "m/s^2"}
             unit = controller[name]["unit"]
             wanted = units().parse_units("dimensionless" if unit == "1" else unit)

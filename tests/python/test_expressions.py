@@ -12,13 +12,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaigns"))
 
 from discovery_cases import Made, make
 
-from hil.physics.expression import parse
-from host_tools.workbench.analysis import error
-from host_tools.workbench.case import Case, load_case
-from host_tools.workbench.discovery import Discovery, discover
-from host_tools.workbench.evidence import Evidence
-from host_tools.workbench.noise import Ar1
-from host_tools.workbench.terms import product_text, shapes
+from terrapin_hil.physics.expression import parse
+from terrapin_tools.workbench.case.case import Case, load_case
+from terrapin_tools.workbench.compare.comparison import error
+from terrapin_tools.workbench.discover.discovery import Discovery, discover
+from terrapin_tools.workbench.discover.vocabulary import product_text, shapes
+from terrapin_tools.workbench.noise.ar1 import Ar1
+from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
 
 def rolling(target: str, text: str, column: str, seed: int, size: float = 3.0, runs: int = 18) -> Made:

@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from hil.physics import heading
-from hil.physics.heading import path, sideways
-from hil.physics.tyre import ContactError
-from hil.reading import ReadingError
-from hil.run import Result, run
-from hil.scenario import load_scenario
-from hil.simulation import Simulation
+from terrapin_hil.physics import heading
+from terrapin_hil.physics.heading import path, sideways
+from terrapin_hil.physics.tyre import ContactError
+from terrapin_hil.reading import ReadingError
+from terrapin_hil.run.run import Result, run
+from terrapin_hil.scenario.scenario import load_scenario
+from terrapin_hil.simulation import Simulation
 
 Array = npt.NDArray[np.float64]
 

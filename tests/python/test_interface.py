@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,12 +12,17 @@ import cantools
 import pint
 import pytest
 
-from firmware.interface import description as description_module
-from firmware.interface.description import CONTROLLER_TOML, DescriptionError, load, parse
-from firmware.interface.generate import generate
-from hil import paths
-from hil.firmware import Firmware, ParameterError
-from hil.messages import crc8, interface, protect
+from terrapin_hil import paths
+from terrapin_hil.firmware import Firmware, ParameterError
+from terrapin_hil.messages import crc8, interface, protect
+from terrapin_hil.physics.effects import catalogue
+from terrapin_hil.physics.expression import parse as parse_expression
+from terrapin_interface import description as description_module
+from terrapin_interface import unread as unread_module
+from terrapin_interface.description import CONTROLLER_TOML, DescriptionError, Promise, load, parse
+from terrapin_interface.generate import generate
+from terrapin_interface.unread import unread
+from tests.interface_mutations.planted import GOOD, PLANTED
 
 FRAMES = 100_000
 
@@ -143,14 +149,16 @@ def test_e2e_agrees_between_c_and_python(firmware: Firmware) -> None:
 def test_units_are_units() -> None:
     registry = pint.UnitRegistry()
     d = load()
-    for unit in {s.unit for m in d.messages for s in m.signals} | {x.unit for x in (*d.parameters, *d.limits)}:
+    for unit in {s.unit for m in d.messages for s in m.signals} | {
+        x.unit for x in (*d.parameters, *d.limits, *d.constants, *d.promises)
+    }:
         registry.parse_units(unit)
 
 
 def test_reference_page_names_everything() -> None:
     page = (paths.build() / "generated" / "interface.md").read_text(encoding="utf-8")
     d = load()
-    for entry in (*d.messages, *d.parameters, *d.faults, *d.limits):
+    for entry in (*d.messages, *d.parameters, *d.faults, *d.limits, *d.constants, *d.promises):
         assert entry.name in page
 
 
@@ -190,107 +198,14 @@ def test_python_encoder_refuses_unknown_signals() -> None:
 
 # ---------------------------------------------------------------- bad descriptions
 
-GOOD = """
-[controller]
-name = "toy"
-version = 1
-tick_hz = 1000
-[node]
-controller = "CTRL"
-host = "HOST"
-[enum.mode]
-values = { off = 0, on = 1, both = 2 }
-[message.ONE]
-id = 0x10
-sender = "host"
-e2e = true
-signals = [
-  { name = "mode", start = 0, length = 2, enum = "mode" },
-  { name = "level", start = 2, length = 10, signed = true, scale = 0.5, unit = "V", min = -100, max = 100 },
-  { name = "counter", start = 48, length = 4 },
-  { name = "crc", start = 56, length = 8 },
-]
-[message.TWO]
-id = 0x11
-sender = "controller"
-signals = [ { name = "wide", start = 8, length = 32 }, { name = "tail", start = 40, length = 3, min = 1, max = 6 } ]
-[parameter.gain]
-default = 5
-min = -3
-max = 9
-unit = "V"
-scale = 0.001
-meaning = "a gain"
-protects = "the motor"
-[fault.hot]
-number = 3
-cause = "too hot"
-reaction = "bridge off"
-within_ms = 3
-latched = true
-scenarios = ["heat"]
-[fault.cold]
-number = 4
-cause = "too cold"
-reaction = "none"
-within_ms = 10
-latched = false
-[limit.top]
-value = 7
-unit = "V"
-meaning = "the top"
-"""
-
-PLANTED = [
-    ("start = 2, length = 10", "start = 1, length = 10", "message ONE, signal level: bit 1 overlaps signal mode"),
-    ("start = 8, length = 32", "start = 40, length = 32", "message TWO, signal wide: bits 40 to 71 do not fit"),
-    ("length = 32", "length = 33", "message TWO, signal wide: 'length' must be 1 to 32, found 33"),
-    ("length = 10, signed", "length = 1, signed", "message ONE, signal level: a signed signal needs at least 2 bits"),
-    ("length = 10, signed", "length = 0, signed", "message ONE, signal level: 'length' must be 1 to 32, found 0"),
-    ('enum = "mode"', 'enum = "moode"', "message ONE, signal mode: unknown enum 'moode' (known: mode)"),
-    ("length = 2, enum", "length = 1, enum", "signal mode: enum 'mode' needs an unsigned signal that holds 2"),
-    ("id = 0x11", "id = 0x10", "message TWO: id 0x010 is already taken by message ONE"),
-    ("id = 0x11", "id = 0x800", "message TWO: 'id' must be 0 to 2047, found 2048"),
-    ("id = 0x11", 'id = "11"', "message TWO: 'id' must be an integer, found '11'"),
-    ("id = 0x11", "id = true", "message TWO: 'id' must be an integer, found True"),
-    ("id = 0x11\n", "", "message TWO: 'id' is missing"),
-    ('sender = "controller"', 'sender = "cat"', "message TWO: sender 'cat' is no node (known: controller, host)"),
-    ("min = -100", "min = -600", "message ONE, signal level: 'min' must be -512 to 511, found -600"),
-    ("max = 100 }", "max = -101 }", "message ONE, signal level: 'max' must be -100 to 511, found -101"),
-    ("scale = 0.5", "scale = 0.0", "message ONE, signal level: 'scale' must be a positive number, found 0.0"),
-    ("scale = 0.5", "scale = nan", "message ONE, signal level: 'scale' must be a positive number, found nan"),
-    ("scale = 0.5", "skale = 0.5", "message ONE, signal level: unknown key 'skale'"),
-    ('name = "tail"', 'name = "WIDE"', "signal WIDE: name wide is already taken by message TWO, signal wide"),
-    ('name = "tail"', 'name = "int"', "message TWO, signal number 2: 'int' cannot be a name in C"),
-    ('name = "tail"', 'name = "a b"', "message TWO, signal number 2: 'a b' cannot be a name in C"),
-    ("start = 48", "start = 47", "message ONE: e2e needs an unsigned signal 'counter' with start 48 and length 4"),
-    ('name = "crc", start = 56', 'name = "crk", start = 56', "message ONE: e2e needs an unsigned signal 'crc'"),
-    ("number = 4", "number = 3", "fault cold: number 3 is already taken by fault hot"),
-    ("number = 4", "number = 32", "fault cold: 'number' must be 0 to 31, found 32"),
-    ("latched = false", "latched = 0", "fault cold: 'latched' must be true or false, found 0"),
-    ("within_ms = 3", "within_ms = 0", "fault hot: 'within_ms' must be 1 to 60000, found 0"),
-    ('["heat"]', '["a b"]', "fault hot, scenarios: 'a b' cannot be a name in C"),
-    ("default = 5", "default = 10", "parameter gain: default 10 is outside -3 to 9"),
-    ("default = 5", "default = 5.0", "parameter gain: 'default' must be an integer, found 5.0"),
-    ("min = -3", "min = 10", "parameter gain: 'max' must be 10 to 2147483647, found 9"),
-    ('meaning = "a gain"\n', "", "parameter gain: 'meaning' is missing"),
-    ("[parameter.gain]", "[parameter.count]", "parameter count: the name is reserved"),
-    ("on = 1, both = 2", "on = 1, both = 1", "enum mode, both: value 1 is already taken by enum mode, on"),
-    ("on = 1, both = 2", "on = -1", "enum mode: value 'on' must be an integer from 0, found -1"),
-    ("{ off = 0, on = 1, both = 2 }", "{}", "enum mode: has no values"),
-    ("value = 7", "value = inf", "limit top: 'value' must be a finite number, found inf"),
-    ("[limit.top]", "[limits.top]", "top level: unknown key 'limits'"),
-    ("tick_hz = 1000", "tick_hz = 0", "[controller]: 'tick_hz' must be 1 to 1000000, found 0"),
-    ("[node]", "[nodde]", "top level: 'node' is missing"),
-    ("version = 1", "version = ", "not TOML"),
-]  # fmt: skip
-
 
 @pytest.mark.parametrize(("old", "new", "expected"), PLANTED, ids=[entry[2] for entry in PLANTED])
-def test_planted_errors_are_named(old: str, new: str, expected: str) -> None:
+def test_planted_errors_are_named(tmp_path: Path, old: str, new: str, expected: str) -> None:
     assert GOOD.count(old) >= 1
+    file = tmp_path / "toy.toml"
+    file.write_text(GOOD.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(DescriptionError) as caught:
-        parse(GOOD.replace(old, new, 1))
+        generate(file, [], tmp_path)
     assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -302,14 +217,6 @@ def test_the_good_description_is_good() -> None:
     assert (d.messages[0].length, d.messages[1].length) == (8, 6)
     assert [(p.index, p.default) for p in d.parameters] == [(0, 5)]
     assert {f.name: f.latched for f in d.faults} == {"hot": True, "cold": False}
-
-
-def test_names_that_meet_in_c_are_refused(tmp_path: Path) -> None:
-    """Enum `fault` with the value `hot` and fault `hot` both want TERRAPIN_FAULT_HOT."""
-    file = tmp_path / "toy.toml"
-    file.write_text(GOOD + "\n[enum.fault]\nvalues = { hot = 1 }\n")
-    with pytest.raises(DescriptionError, match="TERRAPIN_FAULT_HOT"):
-        generate(file, [], tmp_path)
 
 
 def test_generated_code_of_another_description_compiles_and_clamps(tmp_path: Path) -> None:
@@ -340,9 +247,11 @@ int main(void) {
     command += ["-fsanitize=undefined", "-fno-sanitize-recover=all"]
     include = [f"-I{core}", f"-I{tmp_path}"]
     subprocess.run(
-        [*command, *include, program, tmp_path / "terrapin_interface.c", "-o", tmp_path / "toy"], check=True, timeout=60
+        [*command, *include, program, tmp_path / "terrapin_interface.c", "-o", tmp_path / "toy"],
+        check=True,
+        timeout=300,
     )
-    assert subprocess.run([tmp_path / "toy"], timeout=10).returncode == 0
+    assert subprocess.run([tmp_path / "toy"], timeout=300).returncode == 0
 
 
 def test_command_line_of_the_generator(tmp_path: Path) -> None:
@@ -350,11 +259,79 @@ def test_command_line_of_the_generator(tmp_path: Path) -> None:
     script = Path(description_module.__file__).with_name("generate.py")
     run = [sys.executable, "-I", str(script), "--out", str(tmp_path)]
     header = paths.ROOT / "firmware" / "core" / "terrapin.h"
-    subprocess.run([*run, "--header", str(header)], check=True, timeout=30)
-    assert len(list(tmp_path.iterdir())) == 7
+    subprocess.run([*run, "--header", str(header)], check=True, timeout=300)
+    assert len(list(tmp_path.iterdir())) == 8
     assert generate(CONTROLLER_TOML, [header], tmp_path) == []
     bad = tmp_path / "bad.toml"
     bad.write_text(GOOD.replace("default = 5", "default = 50"))
-    failed = subprocess.run([*run, "--description", str(bad)], capture_output=True, text=True, timeout=30)
+    failed = subprocess.run([*run, "--description", str(bad)], capture_output=True, text=True, timeout=300)
     assert failed.returncode == 1
     assert failed.stderr == "generate: bad.toml: parameter gain: default 50 is outside -3 to 9\n"
+
+
+# ---------------------------------------------------------------- what the description states is used
+
+SOURCES = {path: path.read_text(encoding="utf-8") for path in (paths.ROOT / "firmware").rglob("*.[ch]")}
+UNUSED = [  # what is added to controller.toml or taken out of the C, and the line that names it
+    ("limit", "[limit.ceiling]\nvalue = 3\nmeaning = 'x'", "limit ceiling: no C file names it"),
+    ("constant", "[constant.spare]\nvalue = 3\nmeaning = 'x'", "constant spare: no C file names it"),
+    ("", ".slip_e4 = s->slip_e4,", "message MOTION, signal slip: no C file fills it"),
+    ("", ".trimmed = state->sense.trimmed,", "message STATUS, signal trimmed: no C file fills it"),
+    ("", "times.late_250ns =", "message PORT_TIMES, signal late: no C file fills it"),
+    ("", "inputs->command.limiter = message.limiter != 0;", "message COMMAND, signal limiter: no C file reads it"),
+    ("", "(void)message.protocol;", "message UPDATE_QUERY, signal protocol: no C file reads it"),
+    ("", "TERRAPIN_LIMIT_ENCODER_JUMP", "limit encoder_jump: no C file names it"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("kind", "text", "expected"), UNUSED, ids=[entry[2] for entry in UNUSED])
+def test_what_no_code_uses_is_named(kind: str, text: str, expected: str) -> None:
+    description = CONTROLLER_TOML.read_text(encoding="utf-8")
+    sources = list(SOURCES.values())
+    assert unread(parse(description), sources) == []
+    if kind:
+        description += text + "\n"
+    else:
+        assert sum(source.count(text) for source in sources) == 1
+        sources = [source.replace(text, "") for source in sources]
+    assert unread(parse(description), sources) == [expected]
+
+
+def test_the_build_says_in_one_line_what_no_code_uses(tmp_path: Path) -> None:
+    description = tmp_path / "controller.toml"
+    description.write_text(CONTROLLER_TOML.read_text(encoding="utf-8") + "[limit.spare]\nvalue = 1\nmeaning = 'x'\n")
+    command = [sys.executable, "-I", str(Path(unread_module.__file__)), "--sources", str(paths.ROOT / "firmware")]
+    stamp = tmp_path / "stamp"
+    done = subprocess.run(
+        [*command, "--stamp", str(stamp), "--description", str(description)], capture_output=True, text=True, timeout=30
+    )
+    assert (done.returncode, done.stderr) == (1, "unread: controller.toml: limit spare: no C file names it\n")
+    assert not stamp.exists()
+    assert subprocess.run([*command, "--stamp", str(stamp)], timeout=30).returncode == 0
+    assert stamp.exists()
+
+
+@pytest.mark.parametrize("promise", load().promises, ids=lambda promise: promise.name)
+def test_each_promise_is_held_by_the_test_that_it_names(promise: Promise) -> None:
+    """The test is there, runs, and takes the number from the description."""
+    name, function = promise.test.split("::")
+    text = (paths.ROOT / name).read_text(encoding="utf-8")
+    if name.endswith(".c"):
+        assert f"RUN_TEST({function});" in text
+        body = re.search(rf"^static void {function}\(void\) \{{.*?^\}}", text, re.DOTALL | re.MULTILINE)
+        wanted = f"TERRAPIN_PROMISE_{promise.name.upper()}"
+    else:
+        body = re.search(rf"^def {function}\(.*?(?=^\S|\Z)", text, re.DOTALL | re.MULTILINE)
+        wanted = promise.name
+    assert body is not None
+    assert wanted in body[0]
+
+
+def test_physics_and_firmware_mean_the_same_reference_temperature() -> None:
+    """The catalogue's formulas carry their number themselves: at the reference they vanish."""
+    reference = interface().constants["reference_temperature"]
+    named = [effect for effect in catalogue().values() if "temperature" in effect.expression]
+    assert len(named) >= 2
+    for effect in named:
+        values = dict.fromkeys(parse_expression(effect.expression).names, 0.7) | {"temperature": reference}
+        assert parse_expression(effect.expression).evaluate(values) == 0.0, effect.name

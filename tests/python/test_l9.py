@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from host_tools import cli
-from host_tools.experiments import l9
-from host_tools.experiments.l9 import ARRAY, LI_2024, analyse, plan
+from terrapin_tools import cli
+from terrapin_tools.experiments import l9
+from terrapin_tools.experiments.l9 import ARRAY, LI_2024, analyse, plan
 
 
 def test_examples() -> None:

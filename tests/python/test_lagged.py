@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from host_tools.workbench.case import load_case
-from host_tools.workbench.lagged import Lagged
-from host_tools.workbench.models import Model
-from host_tools.workbench.noise import RHO_GRID, Ar1
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.model.model import Model
+from terrapin_tools.workbench.noise.ar1 import RHO_GRID, Ar1
+from terrapin_tools.workbench.noise.lagged_sums import Lagged
 
 
 def test_four_sums_give_the_products_of_whitened_columns() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from casekit import ROLLING, one_line, rolling, terrapin
 
-from host_tools.workbench.case import load_case
+from terrapin_tools.workbench.case.case import load_case
 
 
 def _with(limits: str) -> str:

@@ -17,13 +17,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil import paths
-from host_tools.errors import UserError
-from host_tools.logs.bus import PythonCanBus, enlarge, socket_drops
-from host_tools.logs.decoding import Decoder
-from host_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, frames, joined
-from host_tools.logs.reading import LogReader, read_log
-from host_tools.logs.writing import GROWING, LogWriter
+from terrapin_hil import paths
+from terrapin_tools.errors import UserError
+from terrapin_tools.logs.bus import PythonCanBus, enlarge, socket_drops
+from terrapin_tools.logs.decoding import Decoder
+from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, frames, joined
+from terrapin_tools.logs.reading import LogReader, read_log
+from terrapin_tools.logs.writing import GROWING, LogWriter
 
 DBC = paths.build() / "generated" / "terrapin.dbc"
 KINDS = (".log", ".blf", ".asc", ".mf4", ".mcap", ".parquet")
@@ -144,7 +144,7 @@ import sys, time
 sys.path[:0] = [{str(Path(__file__).parent)!r}]
 from test_logs import some
 from pathlib import Path
-from host_tools.logs.writing import LogWriter
+from terrapin_tools.logs.writing import LogWriter
 import numpy as np
 log = some(400, plain=True)
 file = LogWriter(Path({str(path)!r}), growing=True)

@@ -20,31 +20,23 @@ import numpy as np
 import pytest
 from textual.widgets import DataTable, Input, Static
 
-from hil import paths
-from hil.messages import interface
-from host_tools.logs.decoding import Decoder
-from host_tools.logs.frames import ERROR, Frames, frames
-from host_tools.monitor import sources
-from host_tools.monitor.app import MonitorApp
-from host_tools.monitor.live import Live
-from host_tools.monitor.plot import braille
-from host_tools.monitor.sources import LogFile, Simulator
+from terrapin_hil import paths
+from terrapin_hil.messages import interface
+from terrapin_tools.logs.decoding import Decoder
+from terrapin_tools.logs.frames import ERROR, Frames, frames
+from terrapin_tools.monitor import sources
+from terrapin_tools.monitor.app import MonitorApp
+from terrapin_tools.monitor.live import Live
+from terrapin_tools.monitor.plot import braille
+from terrapin_tools.monitor.sources import LogFile, Simulator
+from tests.waiting import BOUND, wait_for
 
 DBC = paths.build() / "generated" / "terrapin.dbc"
-SECONDS = 60  # that a busy machine may take for a step
 TERRAPIN = str(Path(sys.executable).parent / "terrapin")
 
 
 def live() -> Live:
     return Live(Decoder(DBC), interface())
-
-
-def wait_until(holds: Callable[[], bool]) -> None:
-    """Until it holds; a busy machine may take its time."""
-    end = time.monotonic() + SECONDS
-    while not holds():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 def block(*rows: tuple[float, str, dict[str, int]]) -> Frames:
@@ -111,7 +103,7 @@ def test_a_simulator_that_nobody_polls_is_bounded(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(sources, "WAITING", 2000)
     source = Simulator("steady_sand")
     try:
-        wait_until(lambda: source.lost > 0)
+        wait_for(lambda: source.lost > 0)
         assert 0 < len(source.poll()) <= 2000
     finally:
         source.close()
@@ -144,7 +136,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
         rows.append((0.01 * i, "STATUS", {"state": states["run"], "ready": 1}))
         rows.append((0.01 * i, "MOTION", {"slip": i, "slip_valid": 1}))
         rows.append((0.01 * i, "GROUND", {"torque": 150_000, "torque_sd": 400, "valid": 1, "terrain": 1}))
-    from host_tools.logs.writing import LogWriter
+    from terrapin_tools.logs.writing import LogWriter
 
     with LogWriter(path) as file:
         file.write(block(*rows))
@@ -164,7 +156,7 @@ def test_display(log: Path, size: tuple[int, int]) -> None:
         async with app.run_test(size=size) as pilot:
 
             async def until(holds: Callable[[], bool]) -> None:
-                end = time.monotonic() + SECONDS
+                end = time.monotonic() + BOUND
                 while not holds():
                     assert time.monotonic() < end
                     await pilot.pause(0.05)
@@ -200,7 +192,7 @@ def test_simulator_source() -> None:
     source = Simulator("steady_sand")
     try:
         times: list[float] = []
-        end = time.monotonic() + SECONDS
+        end = time.monotonic() + BOUND
         while time.monotonic() < end and len(times) < 400:
             times += source.poll().times.tolist()
             time.sleep(0.02)
@@ -218,7 +210,7 @@ def test_in_a_terminal(log: Path) -> None:
         os.environ["TERM"] = "xterm-256color"
         os.execv(TERRAPIN, [TERRAPIN, "monitor", str(log), "--speed", "100"])
     ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
-    shown, end, quitting = b"", time.monotonic() + 60, False
+    shown, end, quitting = b"", time.monotonic() + BOUND, False
     while time.monotonic() < end:
         if select.select([terminal], [], [], 0.2)[0]:
             try:

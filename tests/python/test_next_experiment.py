@@ -16,10 +16,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaigns"))
 import next_experiment
 from discovery_cases import Made
 
-from host_tools.workbench.analysis import Analysis, analyse, fitted_on
-from host_tools.workbench.discovery import discover
-from host_tools.workbench.experiment import Experiment, propose
-from host_tools.workbench.settings import held, levels, rows_of
+from terrapin_tools.workbench.compare.comparison import Analysis, analyse, fitted_on
+from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.experiment.proposal import Experiment, propose
+from terrapin_tools.workbench.experiment.rig_settings import held, levels, rows_of
 
 
 @cache

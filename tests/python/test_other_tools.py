@@ -19,14 +19,15 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from hil import paths
-from hil.run import run
-from hil.scenario import find_scenario, load_scenario
-from host_tools.logs.candump import lines
-from host_tools.logs.decoding import Decoder
-from host_tools.logs.frames import Frames
-from host_tools.logs.reading import read_log
-from host_tools.logs.writing import LogWriter
+from terrapin_hil import paths
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+from terrapin_tools.logs.candump import lines
+from terrapin_tools.logs.decoding import Decoder
+from terrapin_tools.logs.frames import Frames
+from terrapin_tools.logs.reading import read_log
+from terrapin_tools.logs.writing import LogWriter
+from tests.waiting import BOUND, wait_for
 
 DBC = paths.build() / "generated" / "terrapin.dbc"
 TERRAPIN = str(Path(sys.executable).parent / "terrapin")
@@ -84,7 +85,7 @@ def test_cantools_monitor(frames: Frames) -> None:
     if pid == 0:
         os.environ.update(TERM="xterm", LINES="24", COLUMNS="80")
         os.execv(sys.executable, [*CANTOOLS, "monitor", "-i", "udp_multicast", "-c", group, str(DBC)])
-    shown, end, row = b"", time.monotonic() + 60, 0
+    shown, end, row = b"", time.monotonic() + BOUND, 0
     try:
         with can.Bus(interface="udp_multicast", channel=group) as bus:
             while time.monotonic() < end and not (b"GROUND" in shown and b"torque" in shown):
@@ -126,9 +127,10 @@ def test_candump_piped_to_cantools(virtual_bus: str, log: Path, frames: Frames) 
     """candump on a bus | cantools decode."""
     pipe = f"candump -L -n {len(frames)} {virtual_bus} | {' '.join(CANTOOLS)} decode --single-line {DBC}"
     with subprocess.Popen(["sh", "-c", pipe], stdout=subprocess.PIPE, text=True) as process:
-        time.sleep(1.0)
+        listeners = Path("/proc/net/can/rcvlist_all")
+        wait_for(lambda: re.search(rf"^\s*{virtual_bus}\s", listeners.read_text(), re.MULTILINE), "candump to listen")
         subprocess.run(["canplayer", "-I", str(log), f"{virtual_bus}=can0"], check=True)
-        text, _ = process.communicate(timeout=60)
+        text, _ = process.communicate(timeout=300)
     assert text.count("::") == len(frames)
     assert "Unknown frame id" not in text
 
@@ -162,22 +164,23 @@ def test_monitor_in_tmux(log: Path, tmp_path: Path) -> None:
         command = ["tmux", "-S", socket, "-f", "/dev/null", *arguments]
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
+    def showing(*words: str) -> str:
+        screen = tmux("capture-pane", "-p")
+        return screen if all(word in screen for word in words) else ""
+
     # a shell around it, so that the last line can still be read
-    tmux("new-session", "-d", "-x", "80", "-y", "24", "sh", "-c", f"{TERRAPIN} monitor {log}; echo status $?; sleep 60")
+    tmux(
+        "new-session", "-d", "-x", "80", "-y", "24", "sh", "-c", f"{TERRAPIN} monitor {log}; echo status $?; sleep 600"
+    )
     try:
-        screen, end = "", time.monotonic() + 60
-        while time.monotonic() < end and not all(word in screen for word in ("MOTION.slip", " over", "Quit")):
-            time.sleep(0.3)
-            screen = tmux("capture-pane", "-p")
+        screen = wait_for(lambda: showing("MOTION.slip", " over", "Quit"), "the monitor")
         rows = screen.splitlines()
         assert len(rows) <= 24
         assert max(map(len, rows)) <= 80
         for word in ("x.log", "state", "faults", "none", "slip", "C_t", "terrain", "current", "MOTION.slip", "Quit"):
             assert word in screen, (word, screen)
         tmux("send-keys", "q")
-        while time.monotonic() < end and "status" not in screen:
-            time.sleep(0.2)
-            screen = tmux("capture-pane", "-p")
+        screen = wait_for(lambda: showing("status"), "its end")
         assert "status 0" in screen
         assert re.search(r"\d+ frames seen, 0 lost", screen)
     finally:

@@ -10,25 +10,25 @@ import numpy as np
 import pytest
 from casekit import ROLLING, one_line, rolling, terrapin
 
-from hil.effect_files import known_effects, read_effect_file, read_effect_folder
-from hil.physics.effects import catalogue
-from hil.physics.expression import parse
-from hil.reading import ReadingError
-from host_tools.workbench import unit_check
-from host_tools.workbench.case import load_case
-from host_tools.workbench.unit_check import open_units, unit_problem
+from terrapin_hil.effect_files import known_effects, read_effect_file, read_effect_folder
+from terrapin_hil.physics.effects import catalogue
+from terrapin_hil.physics.expression import parse
+from terrapin_hil.reading import ReadingError
+from terrapin_tools.workbench.case import effect_units
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.case.effect_units import open_units, unit_problem
 
-FOLDER = Path(__file__).parents[2] / "hil" / "physics" / "effects"
+FOLDER = Path(__file__).parents[2] / "hil/terrapin_hil/physics/effects"
 UNITS = {"omega": "rad/s", "load": "N", "radius": "m", "temperature": "degC", "speed": "m/s", "angle": "rad"}
 
 GRASS = '''"""Drag of tall grass."""
 
 from math import pi
 
-from hil.physics.effects import Effect, Parameter
+from terrapin_hil.physics.effects import Effect, Parameter
 
 EFFECT = Effect(
-    name="grass",
+    name="own_grass",
     title="Drag of tall grass",
     equation=r"\\\\Delta C = c_g \\\\sqrt{|\\\\omega|}",
     source="a meadow",
@@ -64,7 +64,7 @@ def own(folder: Path, table: str) -> Path:
 
 
 def test_docstring_examples() -> None:
-    assert doctest.testmod(unit_check).failed == 0
+    assert doctest.testmod(effect_units).failed == 0
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_docstring_examples() -> None:
 def test_a_parameter_without_unit_carries_what_makes_it_sound(
     expression: str, wanted: str, expected: dict[str, str]
 ) -> None:
-    from hil.units import read_unit
+    from terrapin_hil.units import read_unit
 
     formula = parse(expression)
     found = open_units(formula, UNITS, list(expected), wanted)
@@ -145,17 +145,17 @@ def test_an_effect_of_a_file_has_the_rights_of_a_catalogued_one(
     folder = rolling(tmp_path / "case", 3, text=text)
     write({"config": home, "case": folder / "effects", "named": folder / "mine"}[place], GRASS)
     case = load_case(folder)
-    assert case.missing_role(case.library["grass"]) is None
-    status, out, err = terrapin(capsys, "add", folder, "grass")
+    assert case.missing_role(case.library["own_grass"]) is None
+    status, out, err = terrapin(capsys, "add", folder, "own_grass")
     assert status == 0, err
-    assert "Added grass" in out
-    assert "grass.c_g" in out
-    assert load_case(folder).effects == ("grass",)
+    assert "Added own_grass" in out
+    assert "own_grass.c_g" in out
+    assert load_case(folder).effects == ("own_grass",)
     if place == "config":
-        assert "grass" in known_effects()
+        assert "own_grass" in known_effects()
         _, out, _ = terrapin(capsys, "effects")
         assert "Drag of tall grass" in out
-        _, out, _ = terrapin(capsys, "effects", "grass")
+        _, out, _ = terrapin(capsys, "effects", "own_grass")
         assert "a meadow" in out
 
 
@@ -180,18 +180,22 @@ def test_a_hidden_effect_of_a_file_is_discovered(
     assert status == 0, err
     answer = json.loads(out)
     named = {name for names in [answer["missing"], *answer["rivals"]] for name in names}
-    assert "grass" in named
-    (found,) = [c for c in answer["candidates"] if c["effect"] == "grass"]
+    assert "own_grass" in named
+    (found,) = [c for c in answer["candidates"] if c["effect"] == "own_grass"]
     assert found["parameters"]["c_g"]["value"] == pytest.approx(0.06, rel=0.1)
 
 
 def test_the_simulator_takes_an_effect_of_a_file(home: Path) -> None:
-    from hil.compiled_effects import ActiveEffect, source
+    from terrapin_hil.library import ffi, library
+    from terrapin_hil.physics.program import ROLES
+    from terrapin_hil.robot.compiled_effects import ActiveEffect, compile_effects
 
     write(home, GRASS)
-    text = source([ActiveEffect(known_effects()["grass"], {"c_g": 0.01})], {})
-    assert "terms->passive += " in text
-    assert "sqrt(fabs(roles.omega))" in text
+    effects = compile_effects([ActiveEffect(known_effects()["own_grass"], {"c_g": 0.01})], {})
+    values, sums = ffi().new("double[]", library().HIL_ROLES), ffi().new("double[]", library().HIL_EFFECT_TARGETS)
+    values[ROLES["omega"]] = -4.0
+    library().hil_effects_sum(ffi().new("hil_effects *", effects.native), 1, values, sums)
+    assert list(sums) == [0.01 * math.sqrt(4.0), 0, 0, 0, 0, 0, 0]  # the level of a friction on the ground
 
 
 HOSTILE = {
@@ -220,15 +224,15 @@ HOSTILE = {
     "start": (GRASS.replace("0.0, 0.0,", "1.0, 0.0,"), ["start 1", "size"]),
     "outside": (GRASS.replace("0.0, 0.0,", "0.0, 1.0,"), ["outside 1"]),
     "a division by zero": (GRASS.replace("0.0, 0.0,", "0.0, 1/0,"), ["division by zero"]),
-    "a taken name": (GRASS.replace('"grass"', '"cogging"'), ["cogging", "in use"]),
+    "a taken name": (GRASS.replace('"own_grass"', '"cogging"'), ["cogging", "in use"]),
     "where": (GRASS.replace('"ground"', '"sky"'), ["where", "robot or ground"]),
-    "a name": (GRASS.replace('"grass"', '"my grass"'), ["name", "letters"]),
+    "a name": (GRASS.replace('"own_grass"', '"my grass"'), ["name", "letters"]),
     "deep": ("EFFECT = " + "(" * 90 + "1" + ",)" * 90 + "\n", ["no Effect"]),
     "deeper": ("EFFECT = " + "-" * 40_000 + "1\n", ["grass.py"]),
     "wrong units": (GRASS.replace("N m s^0.5/rad^0.5", "N"), ["grass", "comes out in", "expected N m"]),
-    "no such base": (GRASS.replace("rolling_steady", "flying"), ["grass", "flying", "rolling_steady"]),
-    "no such role": (GRASS.replace('(("omega",),)', '(("mood",),)'), ["grass", "mood"]),
-    "no such target": (GRASS.replace('where="ground"', 'target="weather"'), ["grass", "weather", "resistance"]),
+    "no such base": (GRASS.replace("rolling_steady", "flying"), ["own_grass", "flying", "rolling_steady"]),
+    "no such role": (GRASS.replace('(("omega",),)', '(("mood",),)'), ["own_grass", "mood"]),
+    "no such target": (GRASS.replace('where="ground"', 'target="weather"'), ["own_grass", "weather", "resistance"]),
 }
 
 
@@ -254,14 +258,14 @@ def test_a_formula_too_deep_to_follow_is_refused(tmp_path: Path, capsys: pytest.
 
 
 def test_the_simulator_switches_it_on(tmp_path: Path, home: Path) -> None:
-    from hil.scenario import load_scenario
+    from terrapin_hil.scenario.scenario import load_scenario
 
     write(home, GRASS)
     file = tmp_path / "s.toml"
     path = '[[path]]\nterrain = "sand"\n[[operator]]\nat = "0 s"\nrequest = "run"\nsetpoint = "8 V"\n'
-    file.write_text('duration = "2 s"\n' + path + '[effect.grass]\nc_g = "10 mN m s^0.5/rad^0.5"\n')
+    file.write_text('duration = "2 s"\n' + path + '[effect.own_grass]\nc_g = "10 mN m s^0.5/rad^0.5"\n')
     (active,) = load_scenario(file).effects
-    assert active.effect.name == "grass"
+    assert active.effect.name == "own_grass"
     assert active.values["c_g"] == pytest.approx(0.01)
 
 

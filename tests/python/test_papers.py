@@ -10,11 +10,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from host_tools import cli
-from host_tools.papers import build as build_module
-from host_tools.papers import li_forced, li_rolling, page, printed, reina, reina_soil, table4, verdict
-from host_tools.papers.part import Part
-from host_tools.papers.verdict import ASSUMED, FAILED, REPRODUCED, Check, digits, near, ranged, states, unchecked, worst
+from terrapin_tools import cli
+from terrapin_tools.papers import build as build_module
+from terrapin_tools.papers import li_forced, li_rolling, page, printed, reina, reina_soil, table4, verdict
+from terrapin_tools.papers.part import Part
+from terrapin_tools.papers.verdict import (
+    ASSUMED,
+    FAILED,
+    REPRODUCED,
+    Check,
+    digits,
+    near,
+    ranged,
+    states,
+    unchecked,
+    worst,
+)
 
 # Everything but the car's estimates, which take most of the time: test_papers_car.py.
 QUICK = (reina.parts, reina_soil.parts, li_rolling.parts, li_forced.parts)

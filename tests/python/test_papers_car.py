@@ -6,9 +6,9 @@ import re
 
 import pytest
 
-from host_tools.papers import vella
-from host_tools.papers.part import Part
-from host_tools.papers.verdict import ASSUMED, FAILED, REPRODUCED
+from terrapin_tools.papers import vella
+from terrapin_tools.papers.part import Part
+from terrapin_tools.papers.verdict import ASSUMED, FAILED, REPRODUCED
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hil.physics import pendulum, signals
-from hil.physics.pendulum import PendulumSphere, energy, free, on_sand, ramp, roll, steady_swing, steady_torque
-from hil.physics.tyre import ContactError
+from terrapin_hil.physics import pendulum, signals
+from terrapin_hil.physics.pendulum import PendulumSphere, energy, free, on_sand, ramp, roll, steady_swing, steady_torque
+from terrapin_hil.physics.tyre import ContactError
 
 TURN = 2.0 * np.pi
 BOARD = PendulumSphere()

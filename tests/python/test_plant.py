@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from hil.library import ffi, library
-from hil.plant import TERRAINS, Ground, Robot, Segment, Terrain, Winding, rolling, rolling_steady_speed
-from hil.scenario import Order, Scenario
-from hil.simulation import Simulation
+from terrapin_hil.library import ffi, library
+from terrapin_hil.robot.plant import TERRAINS, Ground, Robot, Segment, Terrain, Winding, rolling, rolling_steady_speed
+from terrapin_hil.scenario.scenario import Order, Scenario
+from terrapin_hil.simulation import Simulation
 
 DATA = Path(__file__).parent / "data"
 ROBOT = Robot()

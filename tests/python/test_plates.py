@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from host_tools import cli
-from host_tools.soil import plates as module
-from host_tools.soil.plates import LAWS, Plates, analyse, fit, replicate_sd
+from terrapin_tools import cli
+from terrapin_tools.soil import plates as module
+from terrapin_tools.soil.plates import LAWS, Plates, analyse, fit, replicate_sd
 
 SIZES = (0.05, 0.08, 0.12, 0.2)
 

@@ -17,14 +17,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaigns"))
 from casekit import terrapin
 from discovery_cases import Made, make
 
-from hil.paths import ROOT
-from host_tools.workbench.analysis import Analysis, analyse, error, fitted_on
-from host_tools.workbench.case import load_case
-from host_tools.workbench.discovery import discover, discover_answer
-from host_tools.workbench.fit import Fit
-from host_tools.workbench.reasons import headline
-from host_tools.workbench.remaining import absent, allowed, left, pays
-from host_tools.workbench.words import tell
+from terrapin_hil.paths import ROOT
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.compare.comparison import Analysis, analyse, error, fitted_on
+from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.discover.leftover import absent, allowed, left, pays
+from terrapin_tools.workbench.model.fitting import Fit
+from terrapin_tools.workbench.story.terminal import tell
+from terrapin_tools.workbench.story.told import told
 
 Array = npt.NDArray[np.float64]
 BOTH = ("speed_squared", "motor_heating")
@@ -102,8 +102,9 @@ def test_the_shipped_table_stays_unexplained() -> None:
     assert found.candidates
     assert found.leaves is not None
     assert max(found.leaves.train_error, found.leaves.heldout_error or 0.0) > 1.5
-    assert "leaves more than noise" in tell(found)
-    assert "if one is it" in tell(found)  # none is: no probability of being right
+    words = tell(told(found.analysis, found))
+    assert "leaves more than noise" in words
+    assert "if one is it" in words  # none is: no probability of being right
 
 
 def test_what_an_expression_says_is_told_where_none_is_named(
@@ -132,16 +133,17 @@ def test_words_do_not_contradict_the_probability() -> None:
     found = discover(plain.case)
     assert found.verdict == "adequate"
     assert found.answer_probability > 0.5
-    assert "The model is adequate (probability" in tell(found)
-    doubtful = tell(replace(found, answer_probability=0.0))
-    assert "The model is adequate" not in doubtful
+    sure = told(found.analysis, found)
+    assert sure.headline.startswith("The model is adequate: with probability")
+    assert (sure.chip, sure.headline in tell(sure).replace("\n", " ")) == ("adequate", True)
+    doubtful = tell(told(found.analysis, replace(found, answer_probability=0.0)))
+    assert "adequate" not in doubtful
     assert "Nothing is missing" not in doubtful
     assert "probability below 0.01" in doubtful
-    answer = discover_answer(found, 0.0)
-    assert headline(found.analysis, answer).startswith("The model is adequate")
-    sentence = headline(found.analysis, {**answer, "answer_probability": 0.3})
-    assert sentence.startswith("No alarm")
-    assert "0.30 only" in sentence
+    story = told(found.analysis, replace(found, answer_probability=0.3))
+    assert (story.verdict, story.chip) == ("adequate", "no alarm")
+    assert story.headline.startswith("No alarm")
+    assert "only probability 0.30" in story.headline
 
 
 def test_settings_that_can_show_nothing_make_no_model_adequate(
@@ -171,7 +173,7 @@ def test_bootstrap_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     shutil.copytree(ROOT / "cases" / "heated_motor", folder, ignore=shutil.ignore_patterns(".terrapin"))
     status, out, _ = terrapin(capsys, "discover", str(folder), "--bootstrap", "50", "--json", str(tmp_path / "a.json"))
     assert status == 0
-    assert "Drawn anew from these runs" in out
+    assert "motor_heating, runs drawn anew" in out
     selected = json.loads((tmp_path / "a.json").read_text())["selected"]
     assert selected[0]["effects"] == ["motor_heating"]
     assert sum(one["frequency"] for one in selected) == pytest.approx(1.0)

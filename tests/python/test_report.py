@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from casekit import ROLLING, rolling, terrapin
 
-from hil.paths import ROOT
-from hil.physics.effects import catalogue
-from host_tools.workbench import report_data
-from host_tools.workbench.markdown import to_html
-from host_tools.workbench.mathml import from_expression, from_latex
+from terrapin_hil.paths import ROOT
+from terrapin_hil.physics.effects import catalogue
+from terrapin_tools.workbench.story import plot_data
+from terrapin_tools.workbench.story.formulas import from_expression, from_latex
+from terrapin_tools.workbench.story.notes import to_html
 
 
 class Page(HTMLParser):
@@ -122,8 +122,8 @@ def test_page_says_what_discover_found_of_the_very_case(tmp_path: Path, capsys: 
     page = _report(folder, tmp_path / "r.html", capsys, "--discover")
     answer = json.loads((folder / ".terrapin" / "discover.json").read_text())
     assert answer["missing"] == ["motor_heating"]
-    assert f"With probability {answer['answer_probability']:.2f} the model lacks motor_heating" in page.text
-    assert "terrapin add case motor_heating" in page.text
+    assert f"With probability {answer['answer_probability']:.2f} the model lacks motor_heating and" in page.text
+    assert f"terrapin add {folder} motor_heating" in page.text
     data = page.data
     assert data["ladder"] == answer["ladder"]
     shown = data["previews"]
@@ -161,7 +161,7 @@ def test_history_of_what_was_added_and_removed(tmp_path: Path, capsys: pytest.Ca
 def test_many_rows_are_thinned_and_the_worst_stays(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(report_data, "MAX_ROWS", 40)
+    monkeypatch.setattr(plot_data, "MAX_ROWS", 40)
     folder = rolling(tmp_path / "case", 37, runs=10, rows=30)
     lines = (folder / "runs.csv").read_text().splitlines()
     cells = lines[177].split(",")
@@ -178,12 +178,13 @@ def test_many_rows_are_thinned_and_the_worst_stays(
 
 def test_equations_are_typeset() -> None:
     assert from_latex(r"\Delta C = \tfrac12\,b\,\omega^2") == (
-        '<math><mi>Δ</mi><mi>C</mi><mo stretchy="false">=</mo><mfrac><mn>1</mn><mn>2</mn></mfrac>'
-        '<mspace width="0.17em"></mspace><mi>b</mi><mspace width="0.17em"></mspace>'
-        "<msup><mi>ω</mi><mn>2</mn></msup></math>"
+        '<math><mrow><mi>Δ</mi><mi>C</mi><mo>=</mo><mstyle displaystyle="false" scriptlevel="0"><mfrac><mn>1</mn>'
+        '<mn>2</mn></mfrac></mstyle><mspace width="0.167em"></mspace><mi>b</mi><mspace width="0.167em"></mspace>'
+        "<msup><mi>ω</mi><mn>2</mn></msup></mrow></math>"
     )
     assert from_latex(r"P \to P - R_f,\; T \to T").count("<math>") == 2
-    assert from_latex(r"(s - \xi_2)^{\xi_3}").startswith("<math><msup><mrow>")
+    assert from_expression("max(humidity, 2)").count("<math>") == 1
+    assert "<mtext>humidity</mtext>" in from_expression("max(humidity, 2)")
     for effect in catalogue().values():
         for text in (from_latex(effect.equation), from_expression(effect.expression) if effect.expression else ""):
             for equation in re.findall(r"<math>.*?</math>", text):
@@ -192,15 +193,54 @@ def test_equations_are_typeset() -> None:
             assert "mathrm" not in text
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        r"\text{<script>alert(1)</script>}",
+        "<img src=x onerror=alert(1)>",
+        r"\href{javascript:alert(1)}{x}",
+        r"\style{background:url(x)}{y}",
+        r"\class{card}{y}",
+        "&lt;script&gt; & x",
+        r"\frac{<b>",
+        "{",
+        "",
+        "x_",
+    ],
+)
+def test_equations_of_the_user_bring_no_markup(text: str) -> None:
+    found = from_latex(text)
+    root = ElementTree.fromstring(found)  # what is no LaTeX stands as text
+    for element in root.iter():
+        assert re.fullmatch(r"math|m[a-z]+", element.tag)
+        assert not {"href", "style", "class", "id", "src"} & element.attrib.keys()
+
+
 def test_notes_in_markdown() -> None:
     text = (
         "# A\ntext `x<y`\n\n- one\n  more\n- two **b**\n\n| a | b |\n|---|---|\n| 1 | 2 |\n\n[t](https://example.org/x)"
     )
-    assert to_html(text) == (
-        "<h3>A</h3>\n<p>text <code>x&lt;y</code></p>\n<ul><li>one more</li><li>two <b>b</b></li></ul>\n"
-        "<table><thead><tr><th>a</th><th>b</th></tr></thead><tbody><tr><td>1</td><td>2</td></tr></tbody></table>\n"
+    assert re.sub(r">\n+<", "><", to_html(text)) == (
+        "<h3>A</h3><p>text <code>x&lt;y</code></p><ul><li>one\nmore</li><li>two <strong>b</strong></li></ul>"
+        "<table><thead><tr><th>a</th><th>b</th></tr></thead><tbody><tr><td>1</td><td>2</td></tr></tbody></table>"
         '<p><a href="https://example.org/x">t</a></p>'
     )
+    assert "<h6>deep</h6>" in to_html("##### deep")
+
+
+def test_notes_bring_no_script_and_fetch_nothing() -> None:
+    text = "<script>alert(1)</script> <b onclick=x>b</b>\n\n![p](https://example.org/p.png)\n\n"
+    links = [
+        "javascript:alert(1)",
+        "JavaScript:alert(1)",
+        "data:text/html,x",
+        "file:///etc/passwd",
+        "/api/stop",
+        "//x.org",
+    ]
+    page = Page(to_html(text + "\n\n".join(f"[l]({link}) <{link}>" for link in links)))
+    assert {tag for tag, _ in page.tags} <= {"p", "a"}
+    assert {attributes["href"] for _, attributes in page.tags if attributes} == {"https://example.org/p.png"}
 
 
 def test_output_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

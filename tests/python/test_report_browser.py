@@ -43,7 +43,7 @@ def test_every_control_works_on_a_phone_too(tmp_path: Path, capsys: pytest.Captu
     assert CHROMIUM is not None
     command = [CHROMIUM, *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", "--window-size=500,900"]
     shot = [f"--screenshot={tmp_path / 'page.png'}", page.as_uri()]
-    done = subprocess.run([*command, *shot], capture_output=True, text=True, timeout=100, check=False)
+    done = subprocess.run([*command, *shot], capture_output=True, text=True, timeout=300, check=False)
     lines = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
     assert len(lines) == 1, lines  # the line above and no error
     found = re.search(r"used (\d+) drawn (\d+) width (\d+) of (\d+)", lines[0])

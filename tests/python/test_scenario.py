@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.checks import CheckError, parse_check
-from hil.compiled_effects import ActiveEffect, EffectError, compile_effects, source
-from hil.physics.effects import catalogue
-from hil.plant import TERRAINS
-from hil.reading import ReadingError, parse_quantity
-from hil.run import run
-from hil.scenario import Scenario, find_scenario, load_scenario
+from terrapin_hil.physics.effects import catalogue
+from terrapin_hil.reading import ReadingError, parse_quantity
+from terrapin_hil.robot.compiled_effects import ActiveEffect, EffectError, compile_effects
+from terrapin_hil.robot.plant import TERRAINS
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.checks import CheckError, parse_check
+from terrapin_hil.scenario.scenario import Scenario, find_scenario, load_scenario
 
 GOOD = """\
 title = "All that can stand in a scenario"
@@ -281,9 +281,9 @@ def test_effects_that_the_plant_cannot_take() -> None:
     with pytest.raises(EffectError, match="inertia: the plant cannot take"):
         compile_effects([ActiveEffect(effects["inertia"], {"j": 1.0})], {})
     with pytest.raises(EffectError, match="the plant has no 'radius'"):
-        source([ActiveEffect(effects["speed_squared"], {"f_s": 1.0})], {})
+        compile_effects([ActiveEffect(effects["speed_squared"], {"f_s": 1.0})], {})
     usable = [e for e in effects.values() if e.plant and "rolling_steady" in e.bases]
     assert len(usable) >= 7
     constants = {"radius": 0.08, "drive_radius": 0.018, "torque_constant": 0.1, "coulomb": 0.012, "viscous": 1e-3}
     everything = [ActiveEffect(e, {p.name: p.start for p in e.parameters}) for e in usable]
-    assert compile_effects(everything, constants).robot != 0
+    assert compile_effects(everything, constants).native.count == len(everything)

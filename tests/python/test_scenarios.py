@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from hil import paths
-from hil.run import run
-from hil.scenario import load_scenario
+from terrapin_hil import paths
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.scenario import load_scenario
 
-SHIPPED = sorted((paths.ROOT / "hil" / "scenarios").glob("*.toml"))
+SHIPPED = sorted(paths.SCENARIOS.glob("*.toml"))
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)

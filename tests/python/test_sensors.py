@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from hil.library import ffi, library
-from hil.plant import TERRAINS, Ground, Segment
-from hil.scenario import Order, Scenario
-from hil.sensors import Sensors, kit
-from hil.simulation import Simulation
+from terrapin_hil.library import ffi, library
+from terrapin_hil.robot.plant import TERRAINS, Ground, Segment
+from terrapin_hil.robot.sensors import Sensors, kit
+from terrapin_hil.scenario.scenario import Order, Scenario
+from terrapin_hil.simulation import Simulation
 
 CURRENT, SUPPLY, TEMPERATURE, MOTOR, WHEEL, SWING = range(6)
 

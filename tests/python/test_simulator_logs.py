@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 from casekit import terrapin
 
-from hil.messages import interface
-from hil.run import run
-from hil.scenario import find_scenario, load_scenario
-from host_tools.contact_error import contact_error
+from terrapin_hil.messages import interface
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+from terrapin_tools.contact_error import contact_error
 from tests.campaigns.simulator_logs import DESIGNS, look
 
 

@@ -12,19 +12,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import hil.contact_runs
-import hil.soft_ground
-from hil.compiled_effects import ActiveEffect, EffectError
-from hil.contact_runs import time_response
-from hil.library import ffi, library
-from hil.physics import soils, wheel
-from hil.physics.contact import ContactError
-from hil.physics.effects import catalogue
-from hil.plant import Ground, Robot, Segment, SoftGround, Terrain
-from hil.reading import ReadingError
-from hil.scenario import Order, Scenario, load_scenario
-from hil.simulation import Simulation
-from hil.soft_ground import ACCURACY, _exact, affected, check_step, contact_steady, grip_table
+import terrapin_hil.robot.soft_ground
+import terrapin_hil.run.contact_runs
+from terrapin_hil.library import ffi, library
+from terrapin_hil.physics import soils, wheel
+from terrapin_hil.physics.contact import ContactError
+from terrapin_hil.physics.effects import catalogue
+from terrapin_hil.reading import ReadingError
+from terrapin_hil.robot.compiled_effects import ActiveEffect, EffectError
+from terrapin_hil.robot.plant import Ground, Robot, Segment, SoftGround, Terrain
+from terrapin_hil.robot.soft_ground import ACCURACY, _exact, affected, check_step, contact_steady, grip_table
+from terrapin_hil.run.contact_runs import time_response
+from terrapin_hil.scenario.scenario import Order, Scenario, load_scenario
+from terrapin_hil.simulation import Simulation
 
 ROBOT = Robot()
 SAND = SoftGround(replace(soils.library()["sand_reina"], shear_modulus=0.025))
@@ -43,8 +43,8 @@ def drive(voltage: float | None, duration: float, slope: float = 0.0, **more: ob
 
 
 def test_docstring_examples() -> None:
-    assert doctest.testmod(hil.soft_ground).failed == 0
-    assert doctest.testmod(hil.contact_runs).failed == 0
+    assert doctest.testmod(terrapin_hil.robot.soft_ground).failed == 0
+    assert doctest.testmod(terrapin_hil.run.contact_runs).failed == 0
 
 
 @pytest.mark.parametrize("ground", [SAND, LLL], ids=["reina", "lll"])

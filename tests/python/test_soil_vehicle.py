@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.physics.soils import Footing, library
-from hil.physics.tyre import ContactError, Tyre
-from hil.physics.vehicle import PERIOD, Vehicle, profile_torque, simulate
-from host_tools import cli
-from host_tools.workbench.soil_vehicle import PARAMETERS, Drive, Fit, Objective, bounds_of, estimate, synthetic
-from host_tools.workbench.soil_vehicle_limits import analyse
-from host_tools.workbench.vehicle_case import load_vehicle_case
+from terrapin_hil.physics.soils import Footing, library
+from terrapin_hil.physics.tyre import ContactError, Tyre
+from terrapin_hil.physics.vehicle import PERIOD, Vehicle, profile_torque, simulate
+from terrapin_tools import cli
+from terrapin_tools.soil.vehicle import PARAMETERS, Drive, Fit, Objective, bounds_of, estimate, synthetic
+from terrapin_tools.soil.vehicle_case import load_vehicle_case
+from terrapin_tools.soil.vehicle_limits import analyse
 
 NOMINAL = library()["lete_sand"].footing(0.235)
 TRUTH = library()["sand_vella"].footing(0.235)

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.physics import soils
-from hil.physics.soils import Soil, library, read_soil
+from terrapin_hil.physics import soils
+from terrapin_hil.physics.soils import Soil, library, read_soil
 
 SOIL = Soil("test", "nobody", "bekker", 0.8, 5e3, 9e5, 1e3, 0.5, 0.02)
 

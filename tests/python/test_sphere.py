@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy.integrate import dblquad
 from scipy.special import beta
 
-from hil.physics import sphere, wheel
-from hil.physics.contact import THETA_MAX
+from terrapin_hil.physics import sphere, wheel
+from terrapin_hil.physics.contact import THETA_MAX
 
 PHI = np.radians(42.2)
 SAND = sphere.Soil(1.945e6, 0.97, 0.0, PHI, 0.01778)  # Li et al. 2024, Table 1

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil import paths
-from host_tools import cli
-from host_tools.soil.region import deviance, explore, limit, single, strengths
-from host_tools.soil.tactile import Noise, Points, Rig, Unsolved, fit, predict, strength
+from terrapin_hil import paths
+from terrapin_tools import cli
+from terrapin_tools.soil.region import deviance, explore, limit, single, strengths
+from terrapin_tools.soil.tactile import Noise, Points, Rig, Unsolved, fit, predict, strength
 from tests.campaigns.tactile import LEVELS, LOADS, NOISE, RIG, TRUTH, WEIGHT, coverage, measured, settings
 
 CASE = paths.ROOT / "cases" / "driven_rig_sand"

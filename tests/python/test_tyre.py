@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from hil.physics import tyre
-from hil.physics.compiled import library as compiled
-from hil.physics.compiled import pointer
-from hil.physics.soils import Footing, library
-from hil.physics.tyre import INPUTS, OUTPUTS, ContactError, Tyre, evaluate, solve
+from terrapin_hil.physics import tyre
+from terrapin_hil.physics.compiled import library as compiled
+from terrapin_hil.physics.compiled import pointer
+from terrapin_hil.physics.soils import Footing, library
+from terrapin_hil.physics.tyre import INPUTS, OUTPUTS, ContactError, Tyre, evaluate, solve
 
 NOMINAL = library()["lete_sand"].footing(0.235)
 FITTED = library()["sand_vella"].footing(0.235)

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.physics import vehicle
-from hil.physics.soils import Footing, library
-from hil.physics.tyre import ContactError, Tyre
-from hil.physics.vehicle import PERIOD, Run, Vehicle, profile_torque, simulate
+from terrapin_hil.physics import vehicle
+from terrapin_hil.physics.soils import Footing, library
+from terrapin_hil.physics.tyre import ContactError, Tyre
+from terrapin_hil.physics.vehicle import PERIOD, Run, Vehicle, profile_torque, simulate
 
 NOMINAL = library()["lete_sand"].footing(0.235)
 FITTED = library()["sand_vella"].footing(0.235)
@@ -62,7 +62,7 @@ def test_momentum_is_what_the_forces_give() -> None:
 
 def test_wheel_loads_sum_to_the_weight() -> None:
     # With the print's Eq. 3 the loads sum to 2 m g, and at rest a wheel would sink as under twice the load.
-    from hil.physics.tyre import solve
+    from terrapin_hil.physics.tyre import solve
 
     car = replace(Vehicle(), height=0.0)
     run = simulate(car, Tyre(), FITTED, np.zeros(3), period=1e-6)

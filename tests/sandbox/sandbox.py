@@ -42,7 +42,7 @@ class SandboxError(RuntimeError):
     """The kernel did not run the command to its end."""
 
 
-def run_inside(command: Sequence[str], *, virtual_time: bool = False, limit: float = 120.0) -> Done:
+def run_inside(command: Sequence[str], *, virtual_time: bool = False, limit: float = 900.0) -> Done:
     """Boots the kernel, runs `command` in it and halts it. Its cwd is the repository, $JOB a folder that it can write.
 
     `virtual_time`: computing takes no time, waiting is skipped over. SandboxError after `limit` seconds, or when the

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from sandbox import HERE, Done, kernel, run_inside
 
-from hil import paths
+from terrapin_hil import paths
 
 PROGRAM = paths.build() / "terrapin-controller"
 PYTHON = sys.executable

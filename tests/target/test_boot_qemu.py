@@ -17,17 +17,19 @@ from pathlib import Path
 
 import pytest
 
-from hil import paths
-from hil.links.qemu import MACHINE
-from hil.links.slcan import slcan_line, slcan_parse
-from hil.messages import Sender, interface
-from host_tools.flash.image import Version, sign
-from host_tools.flash.keys import development_key, new_key, private_key
-from host_tools.flash.layout import SLOT_SIZE, SLOTS
+from terrapin_hil import paths
+from terrapin_hil.links.qemu import MACHINE
+from terrapin_hil.links.slcan import slcan_line, slcan_parse
+from terrapin_hil.messages import Sender, interface
+from terrapin_tools.flash.image import Version, sign
+from terrapin_tools.flash.keys import development_key, new_key, private_key
+from terrapin_tools.flash.layout import SLOT_SIZE, SLOTS
+from tests.waiting import BOUND
 
 LOADER = paths.ROOT / "build" / "cortex-m4" / "terrapin-boot-emulated.elf"
 APPLICATION = paths.ROOT / "build" / "cortex-m4" / "terrapin-emulated-slot-a.bin"
-LIMIT = 30.0  # s
+RESET_KEY = int(interface().constants["update_reset_key"])
+STAYS = 6.0  # s without an application until the boot loader is asked whether it stays
 
 pytestmark = [
     pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="qemu-system-arm is not installed"),
@@ -90,13 +92,13 @@ def slot_file(folder: Path, key: Path, damaged: bool = False) -> Path:
 
 def test_it_starts_and_answers() -> None:
     with machine() as line:
-        info = query(line, time.monotonic() + LIMIT)
+        info = query(line, time.monotonic() + BOUND)
     assert (info["protocol"], info["running"], info["confirmed"], info["target"]) == (1, 0, 0, 1)
 
 
 def test_a_host_that_asks_at_once_keeps_it_from_starting(tmp_path: Path) -> None:
     with machine(slot_file(tmp_path, development_key())) as line:
-        assert query(line, time.monotonic() + LIMIT)["running"] == 0
+        assert query(line, time.monotonic() + BOUND)["running"] == 0
 
 
 def started(line: socket.socket, patience: float) -> bool:
@@ -104,7 +106,7 @@ def started(line: socket.socket, patience: float) -> bool:
     identity = interface().messages["PORT_IDENTITY"]
     begin = time.monotonic()
     asked = 0.0
-    for identifier, data in frames(line, begin + LIMIT):
+    for identifier, data in frames(line, begin + BOUND):
         if identifier == identity.id:
             return identity.decode(data)["slot"] == interface().enums["update_slot"]["a"]
         now = time.monotonic()
@@ -113,22 +115,22 @@ def started(line: socket.socket, patience: float) -> bool:
             with contextlib.suppress(OSError):
                 line.send(b"\rO\r")
         if now - begin > patience:
-            return query(line, begin + LIMIT)["running"] != 0
+            return query(line, begin + BOUND)["running"] != 0
     return False
 
 
 def test_a_signed_image_is_started(tmp_path: Path) -> None:
     with machine(slot_file(tmp_path, development_key())) as line:
-        assert started(line, LIMIT)
+        assert started(line, BOUND)
 
 
 def test_the_application_resets_into_the_boot_loader(tmp_path: Path) -> None:
     """What `terrapin flash` does first: the application says what runs, and comes back as a boot loader that stays."""
     with machine(slot_file(tmp_path, development_key())) as line:
-        assert started(line, LIMIT)
-        assert query(line, time.monotonic() + LIMIT)["running"] == interface().enums["update_slot"]["a"]
-        line.send(slcan_line(Sender().frame("UPDATE_RESET", {"key": 0x5AFEB007, "stay": 1})))
-        end = time.monotonic() + LIMIT
+        assert started(line, BOUND)
+        assert query(line, time.monotonic() + BOUND)["running"] == interface().enums["update_slot"]["a"]
+        line.send(slcan_line(Sender().frame("UPDATE_RESET", {"key": RESET_KEY, "stay": 1})))
+        end = time.monotonic() + BOUND
         while query(line, end)["running"] != 0:
             assert time.monotonic() < end
 
@@ -140,7 +142,7 @@ def test_no_other_is_started(why: str, tmp_path: Path) -> None:
         key = tmp_path / "key.pem"
         new_key(key)
     with machine(slot_file(tmp_path, key, damaged=why != "another key")) as line:
-        assert not started(line, LIMIT / 5)
+        assert not started(line, STAYS)
 
 
 def test_its_size() -> None:

@@ -12,15 +12,15 @@ from pathlib import Path
 
 import pytest
 
-from hil import paths
-from hil.links.qemu import Instructions, QemuMachine, image, open_qemu
-from hil.links.slcan import LinkError
-from hil.messages import Frame, Sender, interface
-from hil.run import run
-from hil.scenario import Scenario, find_scenario, load_scenario
+from terrapin_hil import paths
+from terrapin_hil.links.link import LinkError
+from terrapin_hil.links.qemu import Instructions, QemuMachine, image, open_qemu
+from terrapin_hil.messages import Frame, Sender, interface
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.scenario import Scenario, find_scenario, load_scenario
 
 BUDGET = tomllib.loads((Path(__file__).parent / "budget.toml").read_text())
-SCENARIOS = sorted(path.stem for path in (paths.ROOT / "hil" / "scenarios").glob("*.toml"))
+SCENARIOS = sorted(path.stem for path in paths.SCENARIOS.glob("*.toml"))
 COUNTED = ("floor_calibration", "slope_limiter")  # the longest steps, and the extrication
 
 pytestmark = [

@@ -13,18 +13,19 @@ from pathlib import Path
 
 import pytest
 
-from hil import paths
-from hil.links.qemu import MACHINE, image, open_qemu
-from hil.links.qemu_usart import QemuUsart
-from hil.links.qemu_usart import image as board_image
-from hil.messages import Sender, interface
-from hil.run import run
-from hil.scenario import find_scenario, load_scenario
-from host_tools.flash.image import Version, sign
-from host_tools.flash.keys import development_key, private_key
-from host_tools.flash.layout import SLOT_SIZE, SLOTS
+from terrapin_hil import paths
+from terrapin_hil.links.qemu import MACHINE, image, open_qemu
+from terrapin_hil.links.qemu_usart import QemuUsart
+from terrapin_hil.links.qemu_usart import image as board_image
+from terrapin_hil.messages import Sender, interface
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+from terrapin_tools.flash.image import Version, sign
+from terrapin_tools.flash.keys import development_key, private_key
+from terrapin_tools.flash.layout import SLOT_SIZE, SLOTS
+from tests.waiting import BOUND
 
-PATTERN = 0x5AFE57AC  # of startup.c
+PATTERN = 0x5AFE57AC  # of processor.h
 SCRIPT = paths.ROOT / "firmware" / "cmake" / "stack_report.py"
 SPEC = importlib.util.spec_from_file_location("stack_report", SCRIPT)
 assert SPEC is not None
@@ -156,7 +157,7 @@ def test_the_bound_holds_what_was_measured(name: str) -> None:
 @emulated
 def test_the_bound_holds_what_the_board_says() -> None:
     _, [(bound, aside)] = bounds(board_image())
-    message, used, end = interface().messages["PORT_IDENTITY"], 0, time.monotonic() + 30.0
+    message, used, end = interface().messages["PORT_IDENTITY"], 0, time.monotonic() + BOUND
     machine = QemuUsart()
     try:
         with machine.start() as port:
@@ -181,7 +182,7 @@ def test_the_bound_holds_what_the_boot_loader_takes(tmp_path: Path) -> None:
     slot.write_bytes(bytes(data).ljust(SLOT_SIZE, b"\xff"))
     command = ["qemu-system-arm", "-M", MACHINE, "-nodefaults", "-display", "none", "-monitor", "stdio"]
     command += ["-device", f"loader,file={slot},addr=0x{SLOTS['a']:08x},force-raw=on", "-kernel", str(loader)]
-    used, end = 0, time.monotonic() + 60.0
+    used, end = 0, time.monotonic() + BOUND
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
             while used <= 0.5 * bound and time.monotonic() < end:

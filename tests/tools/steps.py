@@ -31,6 +31,7 @@ def run(name: str, *commands: Sequence[str], cwd: Path = ROOT, env: dict[str, st
     start = time.monotonic()
     output, passed = "", True
     environment = {**os.environ, "PATH": f"{TOOLS}{os.pathsep}{os.environ['PATH']}", **(env or {})}
+    environment["PWD"] = str(cwd)  # CMake believes it: by a symbolic link there, gcovr would look for other files
     for command in commands:
         done = subprocess.run(
             command, cwd=cwd, env=environment, stdin=subprocess.DEVNULL,

@@ -78,21 +78,28 @@ def coverage() -> Result:
     )  # fmt: skip
 
 
-def pytest() -> tuple[Result, list[str]]:
-    """All Python tests and doctests, a file on each core at a time. Also what they skipped, with the reason."""
+def pytest() -> tuple[Result, list[str], dict[str, int]]:
+    """All Python tests and doctests, a file on each core at a time.
+
+    Also what they skipped, with the reason, and how many blocks of the pages ran and how many need hardware.
+    """
     start = time.monotonic()
     junit = ROOT / LOGS / "pytest.xml"
     command = [
         str(TOOLS / "python"), "-m", "pytest", "-q", "--doctest-modules", "--durations=20", "--durations-min=5",
         f"-n{os.cpu_count()}", "--dist=loadfile", f"--junitxml={junit}",
-        "tests", "hil", "host_tools", "firmware/interface",
+        "tests", "hil", "host_tools", "firmware/terrapin_interface",
     ]  # fmt: skip
     status = subprocess.run(command, cwd=ROOT, check=False, stdin=subprocess.DEVNULL).returncode
     skipped = []
+    examples = {"examples_ran": 0, "examples_hardware": 0}
     if junit.is_file():
         for case in ElementTree.parse(junit).iter("testcase"):
             skipped += [f"{case.get('name')}: {skip.get('message')}" for skip in case.iter("skipped")]
-    return Result("pytest", status == 0, "", time.monotonic() - start), skipped
+            for entry in case.iter("property"):
+                if entry.get("name") in examples:
+                    examples[str(entry.get("name"))] += int(str(entry.get("value")))
+    return Result("pytest", status == 0, "", time.monotonic() - start), skipped, examples
 
 
 def main() -> int:
@@ -115,7 +122,7 @@ def main() -> int:
         report(results[-1], r"passed")
         results.append(coverage())
         report(results[-1], r"^firmware|^TOTAL")
-    python, skipped = pytest()
+    python, skipped, examples = pytest()
     results.append(python)
     absent += skipped
     failed = [result.name for result in results if not result.passed]
@@ -123,6 +130,8 @@ def main() -> int:
     print(f"\n== make test: {time.monotonic() - start:.0f} s")
     for result in results:
         report(Result(result.name, result.passed, "", result.seconds))
+    ran, hardware = examples.values()
+    print(f"examples of README.md, CONTRIBUTING.md and docs/: {ran} blocks ran, {hardware} need hardware")
     print("not run here: " + ("nothing, all of it ran" if not absent else ""))
     for line in absent:
         print(f"  {line}")

@@ -16,8 +16,8 @@ from typing import Any
 
 __all__ = ["Answer", "Server"]
 
-START = "import sys; from host_tools.cli import main; sys.argv[0] = 'terrapin'; main()"
-JOB_SECONDS = 60.0
+START = "import sys; from terrapin_tools.cli import main; sys.argv[0] = 'terrapin'; main()"
+JOB_SECONDS = 300.0  # after which something hangs
 
 
 class Answer:
@@ -73,7 +73,7 @@ class Server:
         }
         if body is not None and not isinstance(body, bytes):
             body, sent["Content-Type"] = json.dumps(body).encode(), "application/json"
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=300)
         connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
         for name, value in {**sent, **(headers or {})}.items():
             connection.putheader(name, value)
@@ -86,7 +86,7 @@ class Server:
 
     def raw(self, data: bytes) -> bytes:
         """Bytes as they are; the first 65536 bytes of what comes back, b"" when the server hangs up."""
-        with socket.create_connection(("127.0.0.1", self.port), timeout=30) as line:
+        with socket.create_connection(("127.0.0.1", self.port), timeout=300) as line:
             line.sendall(data)
             return line.recv(65536)
 
@@ -136,7 +136,7 @@ class Server:
         """Ctrl-C; the exit status."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
-        status = self.process.wait(timeout=30)
+        status = self.process.wait(timeout=300)
         self._close()
         return status
 

@@ -10,16 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil import paths
-from host_tools.errors import UserError
-from host_tools.web.view import draft, preview, view
-from host_tools.web.view_api import state_of
-from host_tools.workbench import memory
-from host_tools.workbench.analysis import analyse
-from host_tools.workbench.answer import finite
-from host_tools.workbench.case import load_case, parse_case
-from host_tools.workbench.discovery import discover, discover_answer
-from host_tools.workbench.edit import add_effects, write_whole
+from terrapin_hil import paths
+from terrapin_tools.errors import UserError
+from terrapin_tools.web.cases.view import draft, preview, view
+from terrapin_tools.web.cases.view_api import state_of
+from terrapin_tools.workbench.case import history
+from terrapin_tools.workbench.case.case import load_case, parse_case
+from terrapin_tools.workbench.case.changes import add_effects
+from terrapin_tools.workbench.compare.comparison import analyse
+from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.files.json_text import finite
+from terrapin_tools.workbench.files.writing import write_whole
+from terrapin_tools.workbench.story import answer
+from terrapin_tools.workbench.story.told import told
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +38,8 @@ def discovered(heated: Path) -> Path:
     """The heated motor with the answer of discover kept."""
     folder = heated.parent / "discovered"
     shutil.copytree(heated, folder)
-    memory.keep(folder, discover_answer(discover(load_case(folder)), 0.0))
+    found = discover(load_case(folder))
+    answer.keep(folder, told(found.analysis, found))
     return folder
 
 
@@ -64,7 +68,7 @@ def test_view_before_discover_is_what_compare_says(heated: Path) -> None:
 def test_view_after_discover_ranks_what_is_missing(discovered: Path) -> None:
     shown = view(str(discovered))
     assert shown["missing"] == ["motor_heating"]
-    assert shown["next"] == {"do": "add", "effects": ["motor_heating"], "text": shown["next"]["text"]}
+    assert (shown["next"]["do"], shown["next"]["text"]) == ("add", "Put it in, and see the error fall.")
     first, *others = shown["cards"]
     assert (first["effect"], first["named"]) == ("motor_heating", True)
     assert not any(card["named"] for card in others)
@@ -105,7 +109,7 @@ def test_notes_of_a_case_cannot_bring_a_script(heated: Path, tmp_path: Path) -> 
     notes = view(folder)["notes"]
     assert "<script" not in notes
     assert "href" not in notes
-    assert "<b>bold</b>" in notes
+    assert "<strong>bold</strong>" in notes
 
 
 def test_draft_is_the_plot_of_the_view(heated: Path) -> None:
@@ -143,7 +147,7 @@ def test_state_changes_with_every_file_that_a_view_stands_on(heated: Path, tmp_p
     folder = tmp_path / "case"
     shutil.copytree(heated, folder)
     states = [state_of(folder)]
-    memory.remember(folder, "added", ["x"], {"before": {}, "after": {}})
+    history.remember(folder, "added", ["x"], {"before": {}, "after": {}})
     states.append(state_of(folder))
     with (folder / "runs.csv").open("a", encoding="utf-8") as file:
         file.write("r12,5,7,40,400\n")

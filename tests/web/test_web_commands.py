@@ -7,7 +7,6 @@ import os
 import shlex
 import subprocess
 import sys
-import time
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -18,8 +17,9 @@ from hypothesis import strategies as st
 from serving import START, Server
 from test_web_uploads import HEATED, good, made, order
 
-from host_tools.errors import UserError
-from host_tools.workbench.case_order import arguments, read
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.new_case.options import arguments, read
+from tests.waiting import wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -33,7 +33,7 @@ def typed(server: Server, command: str, status: int = 0) -> str:
     script.chmod(0o755)
     path = f"{bin_folder}:{os.environ['PATH']}"
     done = subprocess.run(
-        ["sh", "-c", command], cwd=server.folder, capture_output=True, text=True, timeout=120,
+        ["sh", "-c", command], cwd=server.folder, capture_output=True, text=True, timeout=300,
         env={**os.environ, "PATH": path, "PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     assert done.returncode == status, done.stderr
@@ -89,10 +89,7 @@ def test_making_a_case_is_cancelled_and_leaves_nothing(server: Server) -> None:
     before = {path for path in server.files() if not path.startswith("jobs")}
     job = server.ask("POST", "/api/cases", body).json["id"]
     assert server.ask("POST", "/api/cases", body).status == 409
-    until = time.monotonic() + 60
-    while "reading the case ..." not in server.get(f"/api/jobs/{job}")["progress"]:
-        assert time.monotonic() < until
-        time.sleep(0.01)
+    wait_for(lambda: "reading the case ..." in server.get(f"/api/jobs/{job}")["progress"])
     assert server.ask("DELETE", f"/api/jobs/{job}").json["state"] == "cancelled"
     assert {path for path in server.files() if not path.startswith("jobs")} == before
     assert server.ask("DELETE", f"/api/uploads/{upload['id']}").status == 200

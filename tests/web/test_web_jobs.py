@@ -9,10 +9,11 @@ from typing import IO, Any
 
 import pytest
 
-from host_tools.web.events import Events
-from host_tools.web.jobs import Jobs
-from host_tools.web.warm import Warm
-from host_tools.web.workspace import Workspace
+from terrapin_tools.web.service.events import Events
+from terrapin_tools.web.service.jobs import Jobs
+from terrapin_tools.web.service.warm import Warm
+from terrapin_tools.web.service.workspace import Workspace
+from tests.waiting import BOUND
 
 
 class SlowProcess:
@@ -20,7 +21,8 @@ class SlowProcess:
 
     def __init__(self, case: Path) -> None:
         self.case = case
-        self.begun = asyncio.Event()
+        self.begun, self.stopping, self.let_end = asyncio.Event(), asyncio.Event(), asyncio.Event()
+        self.let_end.set()
 
     async def lines(self) -> AsyncIterator[str]:
         self.begun.set()
@@ -31,7 +33,8 @@ class SlowProcess:
         raise AssertionError("it never ends by itself")
 
     async def stop(self) -> None:
-        await asyncio.sleep(0.05)
+        self.stopping.set()
+        await self.let_end.wait()
         (self.case / "case.toml").write_text("half done\n")
 
 
@@ -63,10 +66,16 @@ def test_cancelled_twice_waits_until_the_process_has_ended(workspace: Workspace)
         jobs = Jobs(workspace, SlowWarm(process), Events())
         job = jobs.add("add", "one", [["add"]], restore=folder)
         await process.begun.wait()
+        process.let_end.clear()
         first = asyncio.create_task(jobs.cancel(job.id))
-        await asyncio.sleep(0.01)
-        await asyncio.gather(first, jobs.cancel(job.id))
-        await asyncio.sleep(0.1)
+        await process.stopping.wait()
+        second = asyncio.create_task(jobs.cancel(job.id))
+        for _ in range(100):  # as far as they get by themselves
+            await asyncio.sleep(0)
+        assert not first.done()
+        assert not second.done()
+        process.let_end.set()
+        await asyncio.gather(first, second)
         return job.state
 
     assert asyncio.run(go()) == "cancelled"
@@ -82,7 +91,7 @@ def test_cancelled_before_its_first_step_ends_and_frees_the_case(workspace: Work
         job = jobs.add("compare", "one", [["compare"]])
         await jobs.cancel(job.id)
         after = jobs.add("compare", "one", [["compare"]])
-        await asyncio.wait_for(process.begun.wait(), 5.0)
+        await asyncio.wait_for(process.begun.wait(), BOUND)
         await jobs.close()
         return job.state, after.state, jobs.running()
 

@@ -24,11 +24,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "bench"))
 
 from slcan_feeder import Feeder
 
-from host_tools.logs.frames import frames
-from host_tools.logs.reading import read_log
-from host_tools.logs.writing import LogWriter
-from host_tools.web.live_session import reduced
-from host_tools.web.live_socket import Audience, _Client
+from terrapin_tools.logs.frames import frames
+from terrapin_tools.logs.reading import read_log
+from terrapin_tools.logs.writing import LogWriter
+from terrapin_tools.web.live.session import reduced
+from terrapin_tools.web.live.socket import Audience, _Client
+from tests.waiting import BOUND
 
 HEAD = struct.Struct("<BBHIIIdd")
 RATE = 8000
@@ -82,7 +83,7 @@ WANTED = ("MOTION.slip", "GROUND.torque", "ACTUATE.state")
 
 
 def watch(
-    server: Server, until: Callable[[Watcher], bool], begin: Callable[[], object] = lambda: None, seconds: float = 120.0
+    server: Server, until: Callable[[Watcher], bool], begin: Callable[[], object] = lambda: None, seconds: float = BOUND
 ) -> Watcher:
     """Listen until a condition holds; `begin` is called once the socket is open."""
 
@@ -143,7 +144,7 @@ def test_full_bus(live: Server, kind: str) -> None:
         found = watch(live, lambda w: w.status.get("total", 0) == RATE * seconds == w.frames, begin)
         assert found.missed == 0
         assert found.status["lost"] == found.status["damaged"] == 0
-        assert found.status["load"] == pytest.approx(RATE * 111 / 1e6, rel=0.2)
+        assert found.status["load"] == pytest.approx(found.status["rate"] * 111 / 1e6, rel=0.02)
         done = post(live, "live/record", do="stop")
     log, cut = read_log(live.workspace / "logs" / f"full{kind}")
     assert cut == ""
@@ -181,7 +182,7 @@ def test_slow_browser_loses_pictures_and_never_the_log(live: Server) -> None:
             await asyncio.to_thread(post, live, "live/record", do="start", name="slow.log")
             pictures, seen, total = 0, 0, 0
             while total < 8000:
-                message = await asyncio.wait_for(socket.recv(), 20)
+                message = await asyncio.wait_for(socket.recv(), BOUND)
                 if isinstance(message, bytes):
                     pictures += 1
                     seen += HEAD.unpack_from(message)[5]  # and nothing is answered
@@ -204,17 +205,19 @@ def test_simulator_over_a_pty(live: Server) -> None:
     assert answer["command"] == "terrapin monitor estop --controller pty"
     post(live, "live/record", do="start", name="sim.mcap")
     post(live, "live/command", request="mark", text="look here")
-    found = watch(live, lambda w: (w.status.get("time") or 0) > 1.5 and len(w.points.get("MOTION.slip", [])) > 50)
+
+    def steps(w: Watcher) -> Any:
+        """Between the points of a signal, in ticks of telemetry of 10 ms."""
+        return np.diff([t for t, _ in w.past.get("MOTION.slip", []) + w.points.get("MOTION.slip", [])]) / 0.01
+
+    # A picture of the usual 33 ms keeps all of them. A busy machine draws fewer, longer pictures, each with the least
+    # and the greatest value of its halves; what counts is that no frame is missed.
+    found = watch(live, lambda w: len(w.points.get("MOTION.slip", [])) > 50 and 1 in np.round(steps(w)))
     assert found.hello["stop"] == "simulator"
     assert found.missed == 0
     assert found.numbers == list(range(found.numbers[0], found.numbers[0] + len(found.numbers)))
-    times = [t for t, _ in found.past.get("MOTION.slip", []) + found.points["MOTION.slip"]]
-    assert times == sorted(times)
-    # Telemetry every 10 ms: a picture of the usual 33 ms keeps it all. A busy machine draws fewer, longer pictures,
-    # each with the least and the greatest value of its halves; what counts is that no frame is missed (above).
-    steps = np.diff(times) / 0.01
-    assert steps == pytest.approx(np.round(steps), abs=0.01)
-    assert 1 in np.round(steps)
+    assert min(steps(found)) >= 0.0  # in order; the least and the greatest of a half may be one and the same
+    assert steps(found) == pytest.approx(np.round(steps(found)), abs=0.01)
     post(live, "live/command", request="idle")
     stopped = watch(live, lambda w: any(f["name"] == "estop" for f in w.status.get("faults", [])))
     assert stopped.status["stop_held"]
@@ -266,7 +269,7 @@ def test_every_action_has_its_command_line(live: Server) -> None:
 
     def type_in(line: str) -> Any:
         environment = {**os.environ, "TERRAPIN_TOKEN": live.token}
-        done = subprocess.run(["sh", "-c", line], env=environment, capture_output=True, timeout=60, check=True)
+        done = subprocess.run(["sh", "-c", line], env=environment, capture_output=True, timeout=300, check=True)
         return json.loads(done.stdout)
 
     post(live, "live", source="simulator:estop")
@@ -404,10 +407,12 @@ def test_uploaded_log_and_dbc(live: Server, tmp_path: Path) -> None:
         ({"source": "serial:/etc/passwd"}, 422, "expected a serial port"),
         ({"source": "serial:/dev/../etc/passwd"}, 422, "expected a serial port"),
         ({"source": "serial:/dev/shm"}, 422, "is no serial port"),
-        ({"source": "serial:/dev/null"}, 500, "cannot open the bus"),
+        ({"source": "serial:/dev/null"}, 500, "cannot open the link"),
         ({"source": "serial:/dev/none"}, 422, "No such file"),
-        ({"source": "socketcan:none9"}, 500, "cannot open the bus"),
+        ({"source": "socketcan:none9"}, 500, "cannot open the link"),
         ({"source": "can:nonsense:x"}, 422, "no interface"),
+        ({"source": "can:virtual:x?receive_own_messages=true"}, 422, "found options"),
+        ({"source": "can:virtual"}, 422, "can:INTERFACE:CHANNEL"),
         ({"source": "simulator:../x"}, 422, "expected a scenario's name"),
         ({"source": "simulator:none"}, 422, "no scenario of that name"),
         ({"source": "file:///etc/passwd"}, 422, "source"),
@@ -457,7 +462,7 @@ def test_malformed_messages_end_the_socket(live: Server, message: str | bytes) -
         async with websockets.connect(address) as socket:
             await socket.recv()
             await socket.send(message)
-            await asyncio.wait_for(socket.wait_closed(), 10)
+            await asyncio.wait_for(socket.wait_closed(), BOUND)
             return int(socket.close_code or 0)
 
     assert asyncio.run(send()) == 1008

@@ -52,7 +52,7 @@ def asked(server: Server, operation: Any, mode: GenerationMode, excluded: list[A
     @given(operation.as_strategy(mode))
     def ask(case: Any) -> None:
         headers = {"Authorization": f"Bearer {server.token}"}
-        answer = case.call_and_validate(headers=headers, excluded_checks=excluded, timeout=60)
+        answer = case.call_and_validate(headers=headers, excluded_checks=excluded, timeout=300)
         assert b"internal error" not in answer.content
 
     ask()

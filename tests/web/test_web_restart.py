@@ -6,10 +6,11 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 from serving import START, Server
+
+from tests.waiting import wait_for
 
 HEATED = Path(__file__).resolve().parents[2] / "cases" / "heated_motor"
 
@@ -27,15 +28,6 @@ def children(pid: int) -> set[int]:
     return found
 
 
-def gone(pids: set[int], seconds: float = 10.0) -> bool:
-    until = time.monotonic() + seconds
-    while time.monotonic() < until:
-        if not any(Path(f"/proc/{pid}").exists() and _alive(pid) for pid in pids):
-            return True
-        time.sleep(0.05)
-    return False
-
-
 def _alive(pid: int) -> bool:
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
@@ -44,10 +36,7 @@ def _alive(pid: int) -> bool:
 
 
 def running(server: Server, job: str) -> None:
-    until = time.monotonic() + 30
-    while not server.get(f"/api/jobs/{job}")["progress"]:
-        assert time.monotonic() < until
-        time.sleep(0.01)
+    wait_for(lambda: server.get(f"/api/jobs/{job}")["progress"])
 
 
 def test_kill_in_mid_job_and_restart(own_server: Server, tmp_path: Path) -> None:
@@ -64,7 +53,7 @@ def test_kill_in_mid_job_and_restart(own_server: Server, tmp_path: Path) -> None
     below = children(own_server.process.pid)
     assert len(below) >= 2  # the one that forks, and the job
     own_server.kill()
-    assert gone(below)
+    wait_for(lambda: not any(_alive(pid) for pid in below), "the end of all processes")
     again = Server(tmp_path)
     try:
         assert again.token != own_server.token
@@ -114,7 +103,7 @@ def test_a_case_that_was_being_changed_is_put_back(tmp_path: Path) -> None:
 def test_two_servers_on_one_workspace(server: Server) -> None:
     done = subprocess.run(
         [sys.executable, "-c", START, "web", "--no-open", "--workspace", "ws"],
-        cwd=server.folder, capture_output=True, text=True, timeout=90,
+        cwd=server.folder, capture_output=True, text=True, timeout=300,
     )  # fmt: skip
     assert done.returncode == 2
     assert (

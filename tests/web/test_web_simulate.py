@@ -12,16 +12,24 @@ import numpy as np
 import pytest
 from serving import Server
 
-from hil import paths
-from hil.run import run
-from hil.scenario import load_scenario
-from host_tools.errors import UserError
-from host_tools.web import simulate
-from host_tools.web.simulate import FaultAt, Segment, Simulate, _description, _never_begun, _runs, changed_scenario
-from host_tools.web.simulate_data import ground_height, run_signals
-from host_tools.web.workspace import Taken
+from terrapin_hil import paths
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.scenario import load_scenario
+from terrapin_tools.errors import UserError
+from terrapin_tools.web.service.workspace import Taken
+from terrapin_tools.web.simulate import simulate_api
+from terrapin_tools.web.simulate.simulate_api import (
+    FaultAt,
+    Segment,
+    Simulate,
+    _description,
+    _never_begun,
+    _runs,
+    changed_scenario,
+)
+from terrapin_tools.web.simulate.simulate_data import ground_height, run_signals
 
-SCENARIOS = sorted((paths.ROOT / "hil" / "scenarios").glob("*.toml"))
+SCENARIOS = sorted(paths.SCENARIOS.glob("*.toml"))
 
 
 def start(server: Server, status: int = 202, **body: Any) -> Any:
@@ -42,7 +50,7 @@ def test_unchanged_is_the_scenario_as_shipped(path: Path, tmp_path: Path) -> Non
 
 def test_changes_are_in_the_scenario(tmp_path: Path) -> None:
     """Each change arrives at the loaded scenario; what is left out stays."""
-    path = paths.ROOT / "hil" / "scenarios" / "slope_limiter.toml"
+    path = paths.SCENARIOS / "slope_limiter.toml"
     body = Simulate(
         scenario="slope_limiter",
         ground=[Segment(), Segment(terrain="dry_peat", slope=0.1)],
@@ -66,7 +74,7 @@ def test_changes_are_in_the_scenario(tmp_path: Path) -> None:
 
 
 def test_changes_that_fit_nothing(tmp_path: Path) -> None:
-    text = (paths.ROOT / "hil" / "scenarios" / "steady_sand.toml").read_text()
+    text = (paths.SCENARIOS / "steady_sand.toml").read_text()
     with pytest.raises(UserError, match="expected no soil"):
         changed_scenario(text, Simulate(scenario="steady_sand", soil="sand_reina"))
     with pytest.raises(UserError, match="at most 1"):
@@ -229,10 +237,10 @@ def test_a_case_that_is_refused_leaves_no_run(tmp_path: Path, monkeypatch: pytes
     context: Any = SimpleNamespace(
         workspace=SimpleNamespace(root=tmp_path, new_case=lambda name: tmp_path / name), jobs=SimpleNamespace(add=full)
     )
-    keep = simulate.KeepCase(name="kept")
+    keep = simulate_api.KeepCase(name="kept")
     with pytest.raises(Taken, match="jobs: "):
-        asyncio.run(simulate.case(context, "x-1", keep))
+        asyncio.run(simulate_api.case(context, "x-1", keep))
     assert [path.name for path in (tmp_path / "runs").iterdir()] == ["x-1"]
-    monkeypatch.setattr(simulate, "MOST_RUNS", 1)
+    monkeypatch.setattr(simulate_api, "MOST_RUNS", 1)
     with pytest.raises(Taken, match="runs: found 1"):
-        asyncio.run(simulate.case(context, "x-1", keep))
+        asyncio.run(simulate_api.case(context, "x-1", keep))

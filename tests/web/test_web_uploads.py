@@ -262,7 +262,7 @@ def test_progress_of_a_large_upload_is_told(server: Server) -> None:
         upload = good(server, "large.csv", content)
         events = []
         while not events or events[-1].get("state") != "done":
-            events.append(json.loads(line.recv(timeout=20)))
+            events.append(json.loads(line.recv(timeout=300)))
     assert upload["rows"] == 600_000
     assert upload["columns"][0]["max"] == 599_999
     mine = [event for event in events if event.get("upload") == upload["id"]]

@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 from fastapi import FastAPI
 
-from host_tools.web import warm as worker
-from host_tools.web.server import _complaints
-from host_tools.web.warm import Busy, Warm
+from terrapin_tools.web.server import _complaints
+from terrapin_tools.web.service import warm as worker
+from terrapin_tools.web.service.warm import Busy, Warm
+from tests.waiting import BOUND
 
 
 class CountedWarm(Warm):
@@ -35,7 +36,7 @@ class CountedWarm(Warm):
 
 
 async def settled(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(BOUND):
         while not condition():
             await asyncio.sleep(0)
 
@@ -75,7 +76,7 @@ def test_a_call_that_fails_gives_its_turn_back() -> None:
             with pytest.raises(ValueError, match="broken"):
                 await warm.call("a:b")
 
-    asyncio.run(asyncio.wait_for(go(), 30))
+    asyncio.run(asyncio.wait_for(go(), BOUND))
 
 
 def test_turned_away_is_503_with_a_time_to_come_back() -> None:

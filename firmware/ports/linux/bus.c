@@ -19,7 +19,7 @@ void bus_enter(bus *b, bus_state state) {
 bool bus_open(bus *b) {
     b->descriptor = -1;
     b->state = BUS_ACTIVE;
-    if (!(b->serial ? adapter_open(b) : socketcan_open(b))) {
+    if (!b->kind->open(b)) {
         (void)fprintf(stderr, "terrapin-controller: cannot open %s: %s\n", b->name, strerror(errno));
         return false;
     }
@@ -27,7 +27,7 @@ bool bus_open(bus *b) {
 }
 
 bool bus_reopen(bus *b) {
-    if ((b->descriptor < 0) && (b->serial ? adapter_open(b) : socketcan_open(b))) {
+    if ((b->descriptor < 0) && b->kind->open(b)) {
         bus_enter(b, BUS_ACTIVE);
     }
     return b->descriptor >= 0;
@@ -42,10 +42,7 @@ void bus_lost(bus *b, int reason) {
 }
 
 int bus_receive(bus *b, terrapin_frame frames[BUS_AT_ONCE]) {
-    if (b->descriptor < 0) {
-        return 0;
-    }
-    return b->serial ? adapter_receive(b, frames) : socketcan_receive(b, frames);
+    return (b->descriptor < 0) ? 0 : b->kind->receive(b, frames);
 }
 
 void bus_send(bus *b, const terrapin_frame *frames, uint8_t count) {
@@ -54,17 +51,16 @@ void bus_send(bus *b, const terrapin_frame *frames, uint8_t count) {
     }
     if (b->descriptor < 0) {
         b->counts.unsent += count;
-    } else if (b->serial) {
-        adapter_send(b, frames, count);
     } else {
-        socketcan_send(b, frames, count);
+        b->kind->send(b, frames, count);
     }
 }
 
 void bus_close(bus *b) {
     if (b->descriptor >= 0) {
-        if (b->serial) {
-            adapter_close(b);
+        const char *words = b->kind->last_words;
+        if (words != NULL) {
+            (void)!write(b->descriptor, words, strlen(words));
         }
         (void)close(b->descriptor);
         b->descriptor = -1;
@@ -81,7 +77,7 @@ void bus_report(const bus *b, FILE *to) {
                   (unsigned long)c->sent, (unsigned long)c->unsent, (unsigned long)c->error_warning,
                   (unsigned long)c->error_passive, (unsigned long)c->bus_off, (unsigned long)c->restarted,
                   (unsigned long)c->no_acknowledge, (unsigned long)c->other_error, (unsigned long)c->went_down);
-    if (b->serial) {
+    if (b->kind->lines) {
         (void)fprintf(to, "; adapter: %lu lines refused, %lu malformed", (unsigned long)c->refused,
                       (unsigned long)b->parser.malformed);
     }

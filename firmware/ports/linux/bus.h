@@ -28,9 +28,23 @@ typedef struct {
     uint32_t refused;   /* lines that an SLCAN adapter did not take */
 } bus_counts;
 
+typedef struct bus bus;
+
+/* What a kind of bus does in its own way. bus.c calls it with a bus that is there, but for `open`. */
 typedef struct {
-    const char *name; /* interface or device */
-    bool serial;
+    bool (*open)(bus *b); /* false, and errno, when it cannot be opened */
+    int (*receive)(bus *b, terrapin_frame frames[BUS_AT_ONCE]);
+    void (*send)(bus *b, const terrapin_frame *frames, uint8_t count);
+    const char *last_words; /* written to it before it is closed; NULL: none */
+    bool lines;             /* it is an adapter, whose lines are counted too */
+} bus_kind;
+
+extern const bus_kind bus_socketcan;
+extern const bus_kind bus_adapter;
+
+struct bus {
+    const bus_kind *kind;
+    const char *name;     /* interface or device */
     unsigned int bitrate; /* bit/s, of an adapter; a SocketCAN interface has its own */
     int descriptor;       /* to poll for input; -1 while the bus is gone */
     bus_state state;
@@ -39,7 +53,7 @@ typedef struct {
     terrapin_slcan parser;      /* of an adapter's lines */
     uint8_t rest[BUS_TEXT_MAX]; /* of a line that the port took only in part */
     uint8_t rest_length;
-} bus;
+};
 
 /* False, and the reason on stderr, when it cannot be opened. */
 bool bus_open(bus *b);
@@ -61,16 +75,11 @@ void bus_report(const bus *b, FILE *to);
 
 void bus_close(bus *b);
 
-/* The two kinds, for bus.c. */
-bool socketcan_open(bus *b);
-int socketcan_receive(bus *b, terrapin_frame frames[BUS_AT_ONCE]);
-void socketcan_send(bus *b, const terrapin_frame *frames, uint8_t count);
-bool adapter_open(bus *b);
-int adapter_receive(bus *b, terrapin_frame frames[BUS_AT_ONCE]);
-void adapter_send(bus *b, const terrapin_frame *frames, uint8_t count);
-void adapter_close(bus *b);
+/* ---- for the kinds */
+
 /* The bus is gone: close it and say so. */
 void bus_lost(bus *b, int reason);
+
 /* The bus is in another state: say so. */
 void bus_enter(bus *b, bus_state state);
 

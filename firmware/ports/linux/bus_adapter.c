@@ -25,7 +25,7 @@ static char speed_digit(unsigned int bitrate) {
     return '\0';
 }
 
-bool adapter_open(bus *b) {
+static bool adapter_open(bus *b) {
     struct termios settings;
     char hello[] = "\rC\rS6\rO\r"; /* the first ends a line that an earlier host may have left unfinished */
     const char digit = speed_digit(b->bitrate);
@@ -75,7 +75,7 @@ static bool take_byte(bus *b, uint8_t byte, terrapin_frame *frame) {
 }
 
 /* Bytes are taken up to so many that no more frames than BUS_AT_ONCE can come of them. */
-int adapter_receive(bus *b, terrapin_frame frames[BUS_AT_ONCE]) {
+static int adapter_receive(bus *b, terrapin_frame frames[BUS_AT_ONCE]) {
     enum { SHORTEST = 6 /* t1230\r */ };
     uint8_t in[SHORTEST * (BUS_AT_ONCE - 1)];
     int taken = 0;
@@ -105,7 +105,7 @@ static bool finish_line(bus *b) {
 }
 
 /* A port that takes a line only in part gets its rest before anything else. */
-void adapter_send(bus *b, const terrapin_frame *frames, uint8_t count) {
+static void adapter_send(bus *b, const terrapin_frame *frames, uint8_t count) {
     uint8_t text[BUS_TEXT_MAX];
     size_t length = 0;
     if (!finish_line(b)) {
@@ -128,6 +128,10 @@ void adapter_send(bus *b, const terrapin_frame *frames, uint8_t count) {
     }
 }
 
-void adapter_close(bus *b) {
-    (void)!write(b->descriptor, "C\r", 2);
-}
+const bus_kind bus_adapter = {
+    .open = adapter_open,
+    .receive = adapter_receive,
+    .send = adapter_send,
+    .last_words = "C\r",
+    .lines = true,
+};

@@ -53,7 +53,7 @@ static bool set_up(int s, const char *name) {
            (bind(s, (const struct sockaddr *)&address, sizeof address) == 0);
 }
 
-bool socketcan_open(bus *b) {
+static bool socketcan_open(bus *b) {
     const int s = socket(PF_CAN, (int)SOCK_RAW | (int)SOCK_NONBLOCK | (int)SOCK_CLOEXEC, CAN_RAW);
     if (s < 0) {
         return false;
@@ -146,7 +146,7 @@ static bool take_frame(bus *b, const struct can_frame *in, terrapin_frame *out) 
     return taken;
 }
 
-int socketcan_receive(bus *b, terrapin_frame frames[BUS_AT_ONCE]) {
+static int socketcan_receive(bus *b, terrapin_frame frames[BUS_AT_ONCE]) {
     struct can_frame in[BUS_AT_ONCE];
     struct iovec places[BUS_AT_ONCE];
     struct mmsghdr messages[BUS_AT_ONCE];
@@ -181,7 +181,7 @@ int socketcan_receive(bus *b, terrapin_frame frames[BUS_AT_ONCE]) {
     return taken;
 }
 
-void socketcan_send(bus *b, const terrapin_frame *frames, uint8_t count) {
+static void socketcan_send(bus *b, const terrapin_frame *frames, uint8_t count) {
     struct can_frame out[TERRAPIN_MAX_FRAMES];
     struct iovec places[TERRAPIN_MAX_FRAMES];
     struct mmsghdr messages[TERRAPIN_MAX_FRAMES];
@@ -211,3 +211,9 @@ void socketcan_send(bus *b, const terrapin_frame *frames, uint8_t count) {
         /* ENOBUFS, EAGAIN: the queue is full, because nobody acknowledges or others keep the bus busy */
     }
 }
+
+const bus_kind bus_socketcan = {
+    .open = socketcan_open,
+    .receive = socketcan_receive,
+    .send = socketcan_send,
+};

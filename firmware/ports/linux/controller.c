@@ -349,8 +349,9 @@ bool controller_open(controller *c, const controller_options *options) {
     c->temperature.descriptor = -1;
     c->pwm.descriptor = -1;
     c->bus.descriptor = -1;
-    c->bus.serial = options->adapter != NULL;
-    c->bus.name = c->bus.serial ? options->adapter : options->can;
+    const bool adapter = options->adapter != NULL;
+    c->bus.kind = adapter ? &bus_adapter : &bus_socketcan;
+    c->bus.name = adapter ? options->adapter : options->can;
     c->bus.bitrate = options->bitrate;
     /* first what switches the bridge off, last what lets others switch it on */
     const bool good =

@@ -18,7 +18,7 @@ void phases_note(phases *p, phase which, uint32_t cycles);
  * flash) and missed interrupts of its tick. now and *base count cycles, from before the first period began; where
  * nothing counts them, 1 each time. */
 uint32_t phases_periods(uint32_t *base, uint32_t now, uint32_t period);
-/* The longest since the last call, in 0.25 us, rounded up and at most 4095. */
-uint32_t phases_take(phases *p, phase which);
+/* The longest since the last call, in 0.25 us, rounded up. */
+int32_t phases_take_250ns(phases *p, phase which);
 
 #endif

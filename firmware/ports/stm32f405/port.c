@@ -1,7 +1,7 @@
 #include "port.h"
 
 #include "parameters.h"
-#include "terrapin_interface.h"
+#include "terrapin_scaling.h"
 
 #define STATUS_TICKS   100U
 #define IDENTITY_TICKS 1000U
@@ -41,9 +41,9 @@ static void answer(port *p, source from, const terrapin_frame *frame) {
 }
 
 static void step(port *p) {
-    const uint32_t start = port_cycles();
+    const uint32_t start = hardware_cycles();
     terrapin_link_step(p->state, &p->inputs, &p->outputs);
-    phases_note(&p->times, PHASE_STEP, port_cycles() - start);
+    phases_note(&p->times, PHASE_STEP, hardware_cycles() - start);
 }
 
 /* What the boot loader's protocol leaves to an application: to say what runs, and to reset. */
@@ -56,25 +56,26 @@ static void take_update(port *p, source from, const terrapin_frame *frame) {
         return;
     }
     if (query) {
-        port_flash_work(true);
+        hardware_flash_work(true);
     }
     const uint32_t count = terrapin_update_application(p->update, frame, motor_on, replies);
     if (query) {
-        port_flash_work(p->flash_work);
+        hardware_flash_work(p->flash_work);
     }
     for (uint32_t i = 0; i < count; i++) {
         answer(p, from, &replies[i]);
     }
     if (p->update->reset) {
-        port_drive(p, 0, false);
+        hardware_drive(&p->hardware, 0, false);
         can_poll(p->bus);
-        port_reset(p, p->update->stay);
+        hardware_reset(p->bus, p->line, p->update->stay);
     }
 }
 
 static void board_parameters(port *p) {
-    for (uint32_t i = 0; i < port_parameter_count; i++) {
-        (void)terrapin_parameter_set(p->state, port_parameters[i].index, port_parameters[i].value); /* a test checks */
+    for (uint32_t i = 0; i < hardware_parameter_count; i++) {
+        (void)terrapin_parameter_set(p->state, hardware_parameters[i].index,
+                                     hardware_parameters[i].value); /* a test checks */
     }
 }
 
@@ -112,7 +113,7 @@ static void take_frame(port *p, source from, const terrapin_frame *frame) {
         break;
     }
     if (p->link.test_mode != test_mode) {
-        port_drive(p, 0, false);
+        hardware_drive(&p->hardware, 0, false);
         if (test_mode) {
             terrapin_port_parameters(p);
         }
@@ -157,7 +158,7 @@ static uint32_t lost_frames(const port *p) {
 }
 
 static void tell_status(port *p) {
-    const port_hardware *hardware = &p->hardware;
+    const hardware_facts *hardware = &p->hardware;
     const can_state *bus = &p->bus->state;
     const bool absent =
         (p->bus->phase == CAN_ABSENT) || ((p->bus->phase == CAN_STARTING) && (p->bus->starting >= STARTING_TICKS));
@@ -194,12 +195,13 @@ static void tell_status(port *p) {
 }
 
 static void tell_times(port *p) {
-    terrapin_port_times_t message = {0};
-    message.receive = (int32_t)phases_take(&p->times, PHASE_RECEIVE);
-    message.sense = (int32_t)phases_take(&p->times, PHASE_SENSE);
-    message.step = (int32_t)phases_take(&p->times, PHASE_STEP);
-    message.send = (int32_t)phases_take(&p->times, PHASE_SEND);
-    message.late = (int32_t)phases_take(&p->times, PHASE_LATE);
+    terrapin_port_times_source times = {0};
+    times.receive_250ns = phases_take_250ns(&p->times, PHASE_RECEIVE);
+    times.sense_250ns = phases_take_250ns(&p->times, PHASE_SENSE);
+    times.step_250ns = phases_take_250ns(&p->times, PHASE_STEP);
+    times.send_250ns = phases_take_250ns(&p->times, PHASE_SEND);
+    times.late_250ns = phases_take_250ns(&p->times, PHASE_LATE);
+    const terrapin_port_times_t message = terrapin_scale_port_times(&times);
     terrapin_frame frame = {0};
     (void)terrapin_encode_port_times(&message, &frame);
     publish(p, &frame);
@@ -211,7 +213,7 @@ static void tell_identity(port *p) {
         .board = p->hardware.board,
         .slot = p->hardware.slot,
         .core_clock = (int32_t)(p->hardware.core_hz / 1000000U),
-        .stack_used = (int32_t)port_stack_used(),
+        .stack_used = (int32_t)hardware_stack_used(),
     };
     terrapin_frame frame = {0};
     (void)terrapin_encode_port_identity(&message, &frame);
@@ -243,7 +245,7 @@ static void keep_parameters(port *p) {
     const bool slow = saving && !terrapin_bridge_on(p->state); /* the erase waits for that, and so does the watchdog */
     if (slow != p->flash_work) {
         p->flash_work = slow;
-        port_flash_work(slow);
+        hardware_flash_work(slow);
     }
     if (saving) {
         (void)terrapin_link_store_work(&p->link, p->state);
@@ -252,27 +254,27 @@ static void keep_parameters(port *p) {
 
 /* Own sensors, own clock. What endangers somebody reaches the core as an emergency stop: off, and latched. */
 static void own_tick(port *p) {
-    const uint32_t begin = port_cycles();
-    port_sense(p, &p->inputs);
+    const uint32_t begin = hardware_cycles();
+    hardware_sense(&p->hardware, &p->inputs);
     p->inputs.tick = p->tick;
     p->inputs.estop = p->inputs.estop || p->hardware.bridge_break || p->hardware.brown_out;
-    phases_note(&p->times, PHASE_SENSE, port_cycles() - begin);
+    phases_note(&p->times, PHASE_SENSE, hardware_cycles() - begin);
     step(p);
-    const uint32_t stepped = port_cycles();
-    port_drive(p, p->outputs.duty_q15, p->outputs.enable && terrapin_link_bridge_allowed(&p->link));
+    const uint32_t stepped = hardware_cycles();
+    hardware_drive(&p->hardware, p->outputs.duty_q15, p->outputs.enable && terrapin_link_bridge_allowed(&p->link));
     for (uint8_t i = 0; i < p->outputs.frame_count; i++) {
         publish(p, &p->outputs.frames[i]);
     }
     tell(p);
-    phases_note(&p->times, PHASE_SEND, port_cycles() - stepped);
+    phases_note(&p->times, PHASE_SEND, hardware_cycles() - stepped);
 }
 
 static void tick(port *p, uint32_t now) {
-    phases_note(&p->times, PHASE_LATE, port_cycles() - port_tick_cycles());
+    phases_note(&p->times, PHASE_LATE, hardware_cycles() - hardware_tick_cycles());
     p->overruns += now - p->tick - 1U;
     p->tick = now;
     if (p->link.test_mode) {
-        port_drive(p, 0, false);
+        hardware_drive(&p->hardware, 0, false);
     } else {
         own_tick(p);
     }
@@ -280,11 +282,11 @@ static void tick(port *p, uint32_t now) {
     keep_parameters(p);
     if (!p->judged && (now >= PORT_HEALTHY_TICKS) && !terrapin_bridge_on(p->state)) {
         p->judged = true;
-        port_flash_work(true);
-        port_healthy(p);
-        port_flash_work(p->flash_work);
+        hardware_flash_work(true);
+        hardware_healthy();
+        hardware_flash_work(p->flash_work);
     }
-    port_alive(p);
+    hardware_alive((p->tick & (p->outputs.enable ? 0x80U : 0x200U)) != 0U); /* quick blinks: the bridge is on */
 }
 
 void terrapin_port_parameters(port *p) {
@@ -298,7 +300,7 @@ void terrapin_port_parameters(port *p) {
 }
 
 void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct terrapin_store *store,
-               terrapin_update *update, const port_hardware *hardware) {
+               terrapin_update *update, const hardware_facts *hardware) {
     *p = (port){.state = state, .bus = bus, .line = line, .store = store, .update = update, .hardware = *hardware};
     phases_open(&p->times, hardware->core_hz);
     terrapin_slcan_init(&p->parser);
@@ -311,10 +313,10 @@ bool port_pass(port *p, uint32_t now) {
         tick(p, now);
         return true;
     }
-    const uint32_t begin = port_cycles();
+    const uint32_t begin = hardware_cycles();
     const bool any = receive(p);
     if (any) {
-        phases_note(&p->times, PHASE_RECEIVE, port_cycles() - begin);
+        phases_note(&p->times, PHASE_RECEIVE, hardware_cycles() - begin);
     }
     return any;
 }

@@ -1,13 +1,11 @@
 #include "startup.h"
 
+#include "processor.h"
 #include "registers.h"
 #include "retained.h"
 
 extern uint32_t image_data_load[], image_data[], image_data_end[], image_bss[], image_bss_end[];
 extern uint32_t image_stack[], image_stack_end[];
-
-#define PATTERN     0x5AFE57ACU
-#define GUARD_BYTES 32U
 
 typedef void (*handler)(void);
 
@@ -56,17 +54,6 @@ _Static_assert((IRQ_CAN1_RX0 == 20U) && (IRQ_USART1 == 37U) && (IRQ_COUNT == 82U
 
 static void nothing(void) {}
 
-/* An address that a probe may read in vain; set while it does. */
-static volatile bool probing;
-static volatile bool probe_refused;
-
-_Noreturn void system_reset(void) {
-    __asm__ volatile("cpsid i\n dsb" ::: "memory");
-    SCB->AIRCR = SCB_AIRCR_RESET;
-    for (;;) {
-    }
-}
-
 static _Noreturn void stray(void) {
     emergency_stop();
     retained_note(&retained, RETAINED_PROCESSOR_FAULT, 0U, SCB->ICSR);
@@ -96,38 +83,14 @@ __attribute__((naked)) void fault(void) {
 /* Returns only when it was a probe's. */
 __attribute__((used)) void fault_seen(uint32_t *frame) {
     const uint32_t status = SCB->CFSR;
-    const bool stack_gone = (uintptr_t)frame < ((uintptr_t)image_stack + GUARD_BYTES);
-    if (!stack_gone && probing && ((status & SCB_CFSR_PRECISE) != 0U)) {
-        SCB->CFSR = status; /* cleared by writing ones */
-        probe_refused = true;
-        frame[6] += 2U;
+    const bool stack_gone = (uintptr_t)frame < ((uintptr_t)image_stack + STACK_GUARD_BYTES);
+    if (!stack_gone && probe_failed(frame, status)) {
         return;
     }
     emergency_stop();
     const uint32_t address = stack_gone ? 0U : frame[6];
     retained_note(&retained, stack_gone ? RETAINED_STACK_OVERFLOW : RETAINED_PROCESSOR_FAULT, address, status);
     system_reset();
-}
-
-bool probe_read(uint32_t address, uint32_t *value) {
-    uint32_t found = 0U;
-    probe_refused = false;
-    probing = true;
-    __asm__ volatile("dsb\n ldr.n %0, [%1]\n dsb" : "=&l"(found) : "l"(address) : "memory");
-    probing = false;
-    if (probe_refused) {
-        return false;
-    }
-    *value = found;
-    return true;
-}
-
-uint32_t stack_used(void) {
-    const uint32_t *word = &image_stack[GUARD_BYTES / sizeof image_stack[0]];
-    while ((word < image_stack_end) && (*word == PATTERN)) {
-        word++;
-    }
-    return (uint32_t)((uintptr_t)image_stack_end - (uintptr_t)word);
 }
 
 /* The lowest 32 bytes of the stack belong to nobody: touching them is a fault. */
@@ -143,7 +106,7 @@ static void paint_stack(void) {
     uintptr_t pointer = 0;
     __asm__ volatile("mov %0, sp" : "=r"(pointer));
     for (uint32_t *word = image_stack; (uintptr_t)word < pointer; word++) {
-        *word = PATTERN;
+        *word = STACK_PATTERN;
     }
 }
 
@@ -163,26 +126,4 @@ _Noreturn void reset(void) {
     guard_stack();
     __asm__ volatile("cpsie i" ::: "memory");
     application();
-}
-
-_Noreturn void start_image(uint32_t address) {
-    const uint32_t *table = (const uint32_t *)address;
-    __asm__ volatile("cpsid i" ::: "memory");
-    SYSTICK->CTRL = 0U;
-    SCB->ICSR = SCB_ICSR_PENDSTCLR; /* a tick that came meanwhile would be the image's, before it has any memory */
-    for (uint32_t i = 0U; i < ((IRQ_COUNT + 31U) / 32U); i++) {
-        NVIC_ICER[i] = 0xFFFFFFFFU;
-        NVIC_ICPR[i] = 0xFFFFFFFFU;
-    }
-    MPU->CTRL = 0U;
-    SCB->VTOR = address;
-    __asm__ volatile("dsb\n isb\n"
-                     "msr msp, %0\n"
-                     "cpsie i\n" /* as after a reset */
-                     "bx %1\n"
-                     :
-                     : "r"(table[0]), "r"(table[1])
-                     : "memory");
-    for (;;) {
-    }
 }

@@ -6,9 +6,6 @@
 #ifndef TERRAPIN_STARTUP_H
 #define TERRAPIN_STARTUP_H
 
-#include <stdbool.h>
-#include <stdint.h>
-
 /* The image's own; it never returns. Interrupts are enabled. */
 _Noreturn void application(void);
 
@@ -19,17 +16,5 @@ void emergency_stop(void);
 void systick_interrupt(void);
 void usart1_interrupt(void);
 void can1_receive_interrupt(void);
-
-/* Read a word that may not be there; false when the bus refused (then *value stays). */
-bool probe_read(uint32_t address, uint32_t *value);
-
-/* Bytes of stack that were ever used; up to the linker script's STACK_SIZE. */
-uint32_t stack_used(void);
-
-/* Reset the chip. */
-_Noreturn void system_reset(void);
-
-/* Leave for another image, whose vectors stand at `address`: interrupts off, its stack, its reset. */
-_Noreturn void start_image(uint32_t address);
 
 #endif

@@ -13,6 +13,7 @@
 #include "flash_driver.h"
 #include "layout.h"
 #include "pins.h"
+#include "processor.h"
 #include "retained.h"
 #include "serial.h"
 #include "startup.h"

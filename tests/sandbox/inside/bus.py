@@ -16,11 +16,12 @@ from pathlib import Path
 import pytest
 from kit import Cable, Controller, Peer, count, run_shell, shell, vcan, wait_for
 
-from hil import paths
-from hil.links import open_link
-from hil.links.slcan import ControllerProcess, LinkError
-from hil.run import run
-from hil.scenario import Scenario, find_scenario, load_scenario
+from terrapin_hil import paths
+from terrapin_hil.links import open_link
+from terrapin_hil.links.link import LinkError
+from terrapin_hil.links.slcan import ControllerProcess
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.scenario import Scenario, find_scenario, load_scenario
 
 BOUND = 2000  # ticks a second of lockstep, two frames each way a tick
 can_utils = pytest.mark.skipif(shutil.which("candump") is None, reason="can-utils is not installed")
@@ -67,7 +68,7 @@ def test_python_can_gives_the_same_hash(bus: str) -> None:
 
 @can_utils
 def test_candump_writes_what_both_said(bus: str) -> None:
-    from host_tools.logs.candump import read
+    from terrapin_tools.logs.candump import read
 
     scenario = short("steady_sand", 1.0)
     log = Path(os.environ["TMPDIR"]) / "bus.log"
@@ -210,8 +211,8 @@ def test_interface_unplugged_and_back(bus: str) -> None:
 
 @can_utils
 def test_a_recording_has_every_frame_and_ends_with_its_bus(bus: str) -> None:
-    from host_tools.logs.candump import read as read_candump
-    from host_tools.logs.reading import read_log
+    from terrapin_tools.logs.candump import read as read_candump
+    from terrapin_tools.logs.reading import read_log
 
     folder = Path(os.environ["TMPDIR"])
     log, dumped = folder / "recorded.blf", folder / "dumped.log"
@@ -219,9 +220,9 @@ def test_a_recording_has_every_frame_and_ends_with_its_bus(bus: str) -> None:
     with dumped.open("w") as file:
         dump = subprocess.Popen(["candump", "-L", "-r", "8388608", bus], stdout=file)
     with Controller("--can", bus) as controller:
-        command = [sys.executable, "-c", "from host_tools.cli import main; main()", "log", "record", log]
+        command = [sys.executable, "-c", "from terrapin_tools.cli import main; main()", "log", "record", log]
         recorder = subprocess.Popen([*command, "--link", f"socketcan:{bus}"], stdout=words, stderr=words)
-        wait_for(lambda: log.exists() and log.stat().st_size > 2000, "frames in the log", 60.0)
+        wait_for(lambda: log.exists() and log.stat().st_size > 2000, "frames in the log")
         shell("ip", "link", "del", bus)
         assert recorder.wait(30) == 1
         assert controller.stop() == 0

@@ -16,13 +16,14 @@ import tty
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from hil import paths
-from hil.messages import Frame, Sender, interface
+from terrapin_hil import paths
+from terrapin_hil.messages import Frame, Sender, interface
 
 PROGRAM = paths.build() / "terrapin-controller"
 CONFIGFS = Path("/sys/kernel/config/gpio-sim")
 FRAME = struct.Struct("=IB3x8s")
 ERROR_FLAG = 0x20000000
+BOUND = 100.0  # s of the guest, after which something hangs
 
 
 def shell(*command: str) -> str:
@@ -138,7 +139,7 @@ class Controller:
         return status
 
     def __enter__(self) -> Controller:
-        wait_for(lambda: "ready on" in self.said() or self.process.poll() is not None, "its start", 20.0)
+        wait_for(lambda: "ready on" in self.said() or self.process.poll() is not None, "its start")
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -189,7 +190,7 @@ def count(text: str, words: str) -> int:
     return int(re.findall(rf"(\d+) {re.escape(words)}", text)[-1])
 
 
-def wait_for(condition: Callable[[], bool], what: str, seconds: float = 5.0) -> None:
+def wait_for(condition: Callable[[], bool], what: str, seconds: float = BOUND) -> None:
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, f"not within {seconds:g} s: {what}"
@@ -230,7 +231,7 @@ class Peer:
         values = {"request": self.interface.enums["request"][request], "control": 0, "setpoint": setpoint}
         self.send(self.sender.frame("COMMAND", values))
 
-    def keep(self, request: str, condition: Callable[[], bool], what: str, seconds: float = 5.0) -> None:
+    def keep(self, request: str, condition: Callable[[], bool], what: str, seconds: float = BOUND) -> None:
         """Commands every 20 ms until the condition holds."""
         end = time.monotonic() + seconds
         while not condition():
@@ -266,7 +267,7 @@ def environment() -> dict[str, str]:
     return {**os.environ, "COLUMNS": "200"}
 
 
-def run_shell(command: Sequence[str], seconds: float = 60.0) -> subprocess.CompletedProcess[str]:
+def run_shell(command: Sequence[str], seconds: float = BOUND) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         list(command), capture_output=True, text=True, check=False, timeout=seconds, env=environment()
     )

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from kit import Controller, Lines, Peer, codes, count, lines, run_shell, vcan, wait_for, wired
 
-from hil import paths
-from hil.rig import Rig, RigConfig, parse_line
+from terrapin_hil import paths
+from terrapin_hil.run.rig import Rig, RigConfig, parse_line
 
 NAMES = ("ESTOP", "ENABLE", "LED", "MA", "MB", "PRESS", "WATCH", "RESET")
 LINES = ["--estop", "ESTOP", "--enable", "ENABLE", "--led", "LED"]
@@ -63,7 +63,7 @@ def test_estop_puts_the_bridge_off(chip: Lines, options: list[str]) -> None:
         assert not chip.value("ENABLE")
         enabled(chip, peer)
         chip.pull("ESTOP", False)
-        wait_for(lambda: not chip.value("ENABLE"), "enable off", 1.0)
+        wait_for(lambda: not chip.value("ENABLE"), "enable off")
         peer.keep("run", lambda: faults(peer) & 1 == 1, "fault estop")
         for _ in range(10):  # pressed, it stays off whatever is asked
             peer.command("clear")
@@ -72,7 +72,7 @@ def test_estop_puts_the_bridge_off(chip: Lines, options: list[str]) -> None:
             assert not chip.value("ENABLE")
         chip.pull("ESTOP", True)
         time.sleep(0.1)
-        peer.keep("run", lambda: peer.last["STATUS"]["state"] == 8, "safe until cleared", 1.0)
+        peer.keep("run", lambda: peer.last["STATUS"]["state"] == 8, "safe until cleared")
         assert not chip.value("ENABLE")
         enabled(chip, peer)
         assert controller.stop() == 0
@@ -93,7 +93,7 @@ def test_a_bounce_is_a_press(chip: Lines, options: list[str]) -> None:
         time.sleep(EDGE)
         chip.pull("ESTOP", True)
         begin = time.monotonic()
-        wait_for(lambda: not chip.value("ENABLE"), "enable off", 1.0)
+        wait_for(lambda: not chip.value("ENABLE"), "enable off")
         while time.monotonic() < begin + 0.15:
             peer.command("clear")
             peer.command("run")
@@ -111,13 +111,13 @@ def test_an_estop_that_vanishes_stops_for_good(chip: Lines, options: list[str]) 
     with Controller(*options) as controller, Peer() as peer:
         enabled(chip, peer)
         other.close()
-        wait_for(lambda: not chip.value("ENABLE"), "enable off", 1.0)
+        wait_for(lambda: not chip.value("ENABLE"), "enable off")
         wait_for(lambda: "the e-stop's line is gone" in controller.said(), "it says so")
         peer.keep("run", lambda: faults(peer) & 1 == 1, "fault estop")
         other = Lines("PLUGGED", label="plugged")
         other.pull("PLUGGED", True)
         before, steps = cpu_seconds(controller.process.pid), count(controller.report(), "steps")
-        wait_for(lambda: count(controller.report(), "steps") > steps + 1000, "it goes on stepping", 20.0)
+        wait_for(lambda: count(controller.report(), "steps") > steps + 1000, "it goes on stepping")
         print(
             f"{cpu_seconds(controller.process.pid) - before:.2f} s of the processor in 1,000 ticks without its e-stop"
         )
@@ -163,7 +163,7 @@ def test_every_end_puts_the_bridge_off(chip: Lines, options: list[str], name: st
     with Controller(*options) as controller, Peer() as peer:
         enabled(chip, peer)
         status = controller.stop(getattr(signal, name))
-        wait_for(lambda: not chip.value("ENABLE"), "enable off", 1.0)
+        wait_for(lambda: not chip.value("ENABLE"), "enable off")
     orderly = name in ("SIGTERM", "SIGINT", "SIGHUP", "SIGQUIT")
     assert status == (0 if orderly else -getattr(signal, name))
     assert ("outputs off" in controller.text) == orderly
@@ -187,7 +187,7 @@ def test_command_silence_puts_the_bridge_off(chip: Lines, options: list[str]) ->
     with Controller(*options) as controller, Peer() as peer:
         enabled(chip, peer)
         begin = time.monotonic()
-        wait_for(lambda: not chip.value("ENABLE"), "enable off", 2.0)
+        wait_for(lambda: not chip.value("ENABLE"), "enable off")
         assert time.monotonic() - begin > 0.1  # command_timeout is 200 ms, less the age of the last command
         wait_for(lambda: faults(peer) & 2 == 2, "fault command_timeout")
         assert controller.stop() == 0
@@ -196,15 +196,15 @@ def test_command_silence_puts_the_bridge_off(chip: Lines, options: list[str]) ->
 def test_test_mode_keeps_the_line_off(chip: Lines, options: list[str]) -> None:
     from dataclasses import replace
 
-    from hil.run import run
-    from hil.scenario import find_scenario, load_scenario
+    from terrapin_hil.run.run import run
+    from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 
     scenario = replace(load_scenario(find_scenario("steady_sand")), duration=1.0, checks=())
     with Controller(*options) as controller, Peer() as peer:
         enabled(chip, peer)
         for frame in peer.sender.test_mode():  # not while the bridge is on
             peer.send(frame)
-        peer.keep("run", lambda: peer.last["STATUS"]["state"] == 4, "still running", 1.0)
+        peer.keep("run", lambda: peer.last["STATUS"]["state"] == 4, "still running")
         assert chip.value("ENABLE")
         peer.command("idle")
         wait_for(lambda: not chip.value("ENABLE"), "enable off")

@@ -14,8 +14,8 @@ from pathlib import Path
 
 from kit import Controller, Peer, count, vcan
 
-from hil.run import run
-from hil.scenario import find_scenario, load_scenario
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 
 SECONDS = 20
 

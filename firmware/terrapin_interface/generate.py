@@ -1,0 +1,79 @@
+"""Turn controller.toml into everything that is derived from it.
+
+    python -m terrapin_interface.generate --out build/host/generated [--description FILE] [--header FILE ...]
+
+Writes terrapin_interface.h and .c and terrapin_pack.h (codec and tables), terrapin_scaling.h (the core's units to raw
+numbers), terrapin.dbc, interface.md, interface.json and terrapin_cdef.h (the declarations of the given headers and of
+the codec, for cffi). A file whose text has not changed is left alone, so that a build does not run again for nothing.
+Standard library only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+if __package__ in (None, ""):  # run as a file
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from terrapin_interface.cdef import cdef
+from terrapin_interface.codec import header, pack_header, source
+from terrapin_interface.dbc import dbc
+from terrapin_interface.description import CONTROLLER_TOML, DescriptionError, load
+from terrapin_interface.reference import as_json, markdown
+from terrapin_interface.scaling import scaling_header
+
+__all__ = ["generate", "main"]
+
+
+def generate(description: Path, headers: list[Path], out: Path) -> list[Path]:
+    """Write all files into the folder `out`; those that were written anew. DescriptionError, OSError."""
+    d = load(description)
+    interface = header(d)
+    texts = {
+        "terrapin_interface.h": interface,
+        "terrapin_interface.c": source(d),
+        "terrapin_pack.h": pack_header(d),
+        "terrapin_scaling.h": scaling_header(d),
+        "terrapin.dbc": dbc(d),
+        "interface.md": markdown(d),
+        "interface.json": as_json(d),
+    }
+    if headers:
+        first, *others = [path.read_text(encoding="utf-8") for path in headers]
+        texts["terrapin_cdef.h"] = cdef([first, interface, *others])
+    out.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name, text in texts.items():
+        path = out / name
+        data = text.encode("cp1252" if name.endswith(".dbc") else "utf-8")  # cp1252: what readers of DBC expect
+        if not path.exists() or path.read_bytes() != data:
+            path.write_bytes(data)
+            written.append(path)
+    return written
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line; 0 when all is well, 1 with one line on standard error otherwise."""
+    parser = argparse.ArgumentParser(description="Generate codec, tables, DBC and reference from controller.toml.")
+    parser.add_argument("--description", type=Path, default=CONTROLLER_TOML)
+    parser.add_argument("--header", type=Path, action="append", default=[], help="headers for cffi, terrapin.h first")
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args(arguments)
+    try:
+        generate(options.description, options.header, options.out)
+    except UnicodeEncodeError as error:
+        print(
+            f"generate: {options.description.name}: no place in a DBC for {error.object[error.start]!r}",
+            file=sys.stderr,
+        )
+        return 1
+    except (DescriptionError, OSError) as error:
+        print(f"generate: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,102 @@
+"""The description as pages: interface.md for people, interface.json for programs."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+
+from terrapin_interface.codec import NOTICE
+from terrapin_interface.description import Description, Message, Parameter
+
+__all__ = ["as_json", "markdown"]
+
+
+def as_json(d: Description) -> str:
+    """Everything in the description, as JSON: the dataclasses of description.py, field by field."""
+    return json.dumps(asdict(d), indent=1, ensure_ascii=False) + "\n"
+
+
+def _row(*cells: object) -> str:
+    return "| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |"
+
+
+def _table(*columns: str) -> list[str]:
+    return [_row(*columns), "|" + "---|" * len(columns)]
+
+
+def _physical(raw: int, scale: float) -> str:
+    return f"{raw * scale:.9g}"
+
+
+def _message(d: Description, m: Message) -> list[str]:
+    cycle = f"every {m.cycle_ms} ms" if m.cycle_ms else "when needed"
+    protection = "; counter and CRC-8 (E2E)" if m.e2e else ""
+    out = [f"### {m.name} (0x{m.id:03X})", "", m.comment, ""]
+    out += [f"From {d.nodes[m.sender]}, {m.length} bytes, {cycle}{protection}.", ""]
+    out += _table("signal", "bits", "raw range", "scale", "unit", "meaning")
+    for s in m.signals:
+        kind = "signed" if s.signed else "unsigned"
+        bits = f"{s.start}" if s.length == 1 else f"{s.start} to {s.start + s.length - 1}, {kind}"
+        meaning = s.comment or ("" if s.enum is None else f"enumeration `{s.enum}`")
+        out.append(_row(f"`{s.name}`", bits, f"{s.minimum} to {s.maximum}", f"{s.scale:.9g}", s.unit, meaning))
+    return [*out, ""]
+
+
+def _parameter(p: Parameter) -> str:
+    default, low, high = (_physical(raw, p.scale) for raw in (p.default, p.minimum, p.maximum))
+    return _row(
+        p.index,
+        f"`{p.name}`",
+        default,
+        f"{low} to {high}",
+        p.unit,
+        f"{p.default}; {p.scale:.9g}",
+        p.meaning,
+        p.protects,
+    )
+
+
+def markdown(d: Description) -> str:
+    """The reference page."""
+    out = [f"<!-- {NOTICE} -->", f"# Interface of the controller ({d.name}, version {d.version})", ""]
+    out += [
+        "Raw integers travel, little-endian: physical value = raw x scale. Encoders clamp and flag, they never wrap.",
+        "Messages with E2E carry a counter that runs 0 to 14 (byte 6) and the CRC-8 of SAE J1850 over the data id (the",
+        "CAN id, low byte first) and bytes 0 to 6 (byte 7), after AUTOSAR E2E profile 1.",
+        "",
+        "## Messages",
+        "",
+    ]
+    for message in d.messages:
+        out += _message(d, message)
+    out += ["## Enumerations", "", *_table("name", "values")]
+    for name, values in d.enums.items():
+        out.append(_row(f"`{name}`", ", ".join(f"{value} {key}" for key, value in values.items())))
+    out += [
+        "",
+        "## Parameters",
+        "",
+        "Written only while the bridge is off. Physical values; the raw default stands apart.",
+        "",
+    ]
+    out += _table("index", "name", "default", "range", "unit", "raw default; scale", "meaning", "protects")
+    out += [_parameter(p) for p in d.parameters]
+    out += [
+        "",
+        "## Faults",
+        "",
+        "Within: from the tick in which the cause first shows to the one that reacts, both counted. A scenario in",
+        "hil/terrapin_hil/scenario/scenarios provokes it (`terrapin run NAME`) and checks that time.",
+        "",
+        *_table("bit", "name", "cause", "reaction", "within", "latched", "provoked by"),
+    ]
+    for f in sorted(d.faults, key=lambda fault: fault.number):
+        scenarios = ", ".join(f"`{name}`" for name in f.scenarios)
+        latched = "yes" if f.latched else "no"
+        out.append(_row(f.number, f"`{f.name}`", f.cause, f.reaction, f"{f.within_ms} ms", latched, scenarios))
+    for title, entries in (("Limits", d.limits), ("Constants", d.constants)):
+        out += ["", f"## {title}", "", *_table("name", "value", "unit", "meaning")]
+        out += [_row(f"`{x.name}`", f"{x.value:.9g}", x.unit, x.meaning) for x in entries]
+    out += ["", "## Promises", "", *_table("name", "value", "unit", "meaning", "held by")]
+    out += [_row(f"`{x.name}`", f"{x.value:.9g}", x.unit, x.meaning, f"`{x.test}`") for x in d.promises]
+    return "\n".join(out) + "\n"

@@ -1,0 +1,138 @@
+"""Lockstep over a CAN bus, whatever brings its frames (raw SocketCAN, python-can)."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Protocol
+
+from terrapin_hil.links.link import Link, LinkError
+from terrapin_hil.links.wire import write_parameters
+from terrapin_hil.messages import AnswerError, Frame, Sender, interface
+
+if TYPE_CHECKING:
+    from terrapin_hil.simulation import Simulation
+
+__all__ = ["Bus", "BusLink"]
+
+MOST_OLD = 10_000  # frames that may wait in a bus's queue
+QUIET = 0.03  # s after an answer in which nothing more may come from a controller in test mode
+
+
+class Bus(Protocol):
+    """An open bus. Failures are LinkError: one line that names the bus."""
+
+    name: str
+
+    def send(self, frames: Sequence[Frame]) -> None: ...
+
+    def receive(self, wait: float) -> list[Frame]:
+        """The frames with identifiers of the controller that are there; it waits `wait` seconds for the first."""
+
+    def close(self) -> None: ...
+
+
+class BusLink(Link):
+    """Link over a bus. A bus gives no sign that an answer is complete, so a telemetry frame that follows ACTUATE is
+    taken in with the next tick and logged with its own."""
+
+    def __init__(self, bus: Bus, timeout: float = 2.0) -> None:
+        self.name = bus.name
+        self._bus = bus
+        self._timeout = timeout
+        self._interface = interface()
+        self._actuate = self._interface.messages["ACTUATE"].id
+        self._sender = Sender(self._interface)
+        self._waiting: deque[Frame] = deque()  # received, not yet asked for
+
+    def _receive(self, until: int) -> list[Frame]:
+        """The controller's frames up to the first with identifier `until`, that one included."""
+        end = 0.0
+        frames: list[Frame] = []
+        while True:
+            while self._waiting:
+                frames.append(self._waiting.popleft())
+                if frames[-1][0] == until:
+                    return frames
+            # The clock is asked only when more than one call is needed: in lockstep each call of the system counts.
+            wait = max(0.0, end - time.monotonic()) if end else self._timeout
+            self._waiting += self._bus.receive(wait)
+            if not self._waiting:
+                raise LinkError(f"{self.name}: no answer within {self._timeout:g} s")
+            end = end or time.monotonic() + self._timeout
+
+    def _drain(self, wait: float = 0.05) -> list[Frame]:
+        while heard := self._bus.receive(wait):
+            self._waiting += heard
+        frames = list(self._waiting)
+        self._waiting.clear()
+        return frames
+
+    def exchange(self, frames: Sequence[Frame]) -> list[Frame]:
+        """Sends the frames of one tick; its ACTUATE, after the telemetry of the tick before that had not come yet."""
+        self._bus.send(frames)
+        return self._receive(self._actuate)
+
+    def ask(self, frame: Frame, wanted: Callable[[Frame], bool]) -> Frame | None:
+        end = time.monotonic() + self._timeout
+        self._bus.send([frame])
+        while (left := end - time.monotonic()) > 0:
+            for answer in self._bus.receive(left):
+                if wanted(answer):
+                    return answer
+        return None
+
+    def start(self, parameters: Mapping[str, float]) -> None:
+        reply = self._interface.messages["PARAMETER_VALUE"].id
+
+        def asked(frames: Sequence[Frame]) -> list[Frame]:
+            self._bus.send(frames)
+            return self._receive(reply)
+
+        for _ in range(MOST_OLD):  # a full queue would have no place for the answer
+            if not self._bus.receive(0.0):
+                break
+        self._waiting.clear()
+        # What comes before the answer is of the time before test mode, when the controller may step by itself.
+        question = self._sender.frame("PARAMETER_READ", {"index": 0})
+        asked([*self._sender.test_mode(False), *self._sender.test_mode(), question])
+        self._require_quiet(reply)
+        write_parameters(self._sender, self._interface, parameters, asked)
+
+    def _require_quiet(self, reply: int) -> None:
+        """LinkError when more comes than the one answer (`reply`) to the one question."""
+        heard = [*self._waiting, *self._bus.receive(QUIET)]
+        if any(identifier == reply for identifier, _ in heard):
+            raise LinkError(f"{self.name}: found more than one controller on this bus, expected one")
+        if heard:
+            raise LinkError(f"{self.name}: a controller goes on by itself, out of test mode: is its bridge on?")
+
+    def advance(self, simulation: Simulation, ticks: int) -> None:
+        try:
+            for _ in range(ticks):
+                frames = simulation.sense()
+                if not frames:
+                    simulation.answer(())
+                    continue
+                *late, actuate = self.exchange(frames)
+                for frame in late:
+                    simulation.append(simulation.done - 1, frame)
+                simulation.answer([actuate])
+            if simulation.done == len(simulation.records):
+                for frame in self._drain():
+                    simulation.append(simulation.done - 1, frame)
+        except AnswerError as error:
+            raise LinkError(f"{self.name}: {error}") from None
+
+    def talk(self, frames: Sequence[Frame], wait: float) -> list[Frame]:
+        """Sends frames to a controller that steps by itself; what it sends within `wait` seconds."""
+        self._bus.send(frames)
+        end = time.monotonic() + wait
+        heard: list[Frame] = []
+        while (left := end - time.monotonic()) > 0:
+            heard += self._bus.receive(left)
+        return heard
+
+    def close(self) -> None:
+        self._bus.close()

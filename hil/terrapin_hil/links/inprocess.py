@@ -1,0 +1,92 @@
+"""The controller in this process: the same C step, called from the simulator's C loop or frame by frame."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from terrapin_hil.firmware import Firmware
+from terrapin_hil.links.link import Link, LinkError
+from terrapin_hil.links.names import LinkName
+from terrapin_hil.messages import Frame
+
+if TYPE_CHECKING:
+    from terrapin_hil.simulation import Simulation
+
+__all__ = ["InProcess", "open_link"]
+
+
+class InProcess(Link):
+    """The step in libterrapin.so, as it stands after a reset.
+
+    `flash` is the file in which it keeps parameters, made if absent. LinkError when another controller uses it.
+    """
+
+    name = "inprocess"
+
+    def __init__(self, firmware: Firmware | None = None, flash: Path | None = None) -> None:
+        self.firmware = firmware or Firmware.open()
+        self._lib, self._ffi = self.firmware.lib, self.firmware.ffi
+        self._link, self._inputs = self._ffi.new("terrapin_link *"), self._ffi.new("terrapin_inputs *")
+        self._outputs, self._reply = self._ffi.new("terrapin_outputs *"), self._ffi.new("terrapin_frame *")
+        self._file: Any = None
+        self._reset()
+        if flash is not None:
+            self._open_flash(flash)
+
+    def _reset(self) -> None:
+        self._state = self.firmware.new_state()
+        self._lib.terrapin_link_init(self._link, self._state, self._inputs)
+
+    def _open_flash(self, path: Path) -> None:
+        file = self._ffi.new("terrapin_flash_file *")
+        error = self._lib.terrapin_flash_file_open(file, os.fsencode(path))
+        if error:
+            taken = "another controller uses it" if error == errno.EWOULDBLOCK else os.strerror(error)
+            raise LinkError(f"{path}: {taken}")
+        self._file = file
+        self._store = self._ffi.new("terrapin_store *")
+        self._lib.terrapin_store_open(self._store, self._ffi.addressof(file, "flash"), file.pages)
+        self._lib.terrapin_link_use_store(self._link, self._state, self._store)
+
+    def start(self, parameters: Mapping[str, float]) -> None:
+        self._reset()
+        for name, value in parameters.items():
+            self.firmware.set_parameter(self._state, name, value)
+        self._link.test_mode = True
+
+    def advance(self, simulation: Simulation, ticks: int) -> None:
+        if simulation.disturbed:
+            super().advance(simulation, ticks)
+        else:
+            simulation.run(self.firmware.step, self.firmware.address(self._state), ticks)
+
+    def exchange(self, frames: Sequence[Frame]) -> list[Frame]:
+        answers: list[Frame] = []
+        for identifier, data in frames:
+            frame = self._ffi.new("terrapin_frame *", {"id": identifier, "length": len(data), "data": data})
+            result = self._lib.terrapin_accept(self._link, self._state, frame, self._inputs, self._reply)
+            self._lib.terrapin_link_store_work(self._link, self._state)
+            if result == self._lib.TERRAPIN_ACCEPT_STEP:
+                self._lib.terrapin_link_step(self._state, self._inputs, self._outputs)
+                answers += map(_plain, self._outputs.frames[0 : self._outputs.frame_count])
+            elif result == self._lib.TERRAPIN_ACCEPT_REPLY:
+                answers.append(_plain(self._reply))
+        return answers
+
+    def close(self) -> None:
+        if self._file is not None:
+            self._lib.terrapin_flash_file_close(self._file)
+        self._file = None
+
+
+def _plain(frame: Any) -> Frame:
+    return int(frame.id), bytes(frame.data[0 : frame.length])
+
+
+def open_link(name: LinkName, timeout: float, flash: Path | None = None) -> InProcess:
+    """The link; there is nothing to wait for. LinkError as for InProcess."""
+    return InProcess(flash=flash)

@@ -1,0 +1,60 @@
+"""What every link offers: a controller that is reset, driven tick by tick, asked, and let go again."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Self
+
+from terrapin_hil.messages import AnswerError, Frame
+
+if TYPE_CHECKING:
+    from terrapin_hil.simulation import Simulation
+
+__all__ = ["Link", "LinkError"]
+
+
+class LinkError(OSError):
+    """The link failed: it disappeared, the other side stopped answering, or it sent what is no SLCAN. One line."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+class Link(ABC):
+    """An open controller. Failures are LinkError: one line that names the link."""
+
+    name: str
+
+    @abstractmethod
+    def start(self, parameters: Mapping[str, float]) -> None:
+        """Resets the controller, arms test mode, and sets parameters, in their units. ParameterError for one that it
+        refuses."""
+
+    @abstractmethod
+    def exchange(self, frames: Sequence[Frame]) -> list[Frame]:
+        """Sends frames; what the controller answers to them."""
+
+    def advance(self, simulation: Simulation, ticks: int) -> None:
+        """`ticks` ticks of lockstep; `simulation.done` says how far it came when it fails."""
+        try:
+            for _ in range(ticks):
+                frames = simulation.sense()
+                simulation.answer(self.exchange(frames) if frames else ())
+        except AnswerError as error:
+            raise LinkError(f"{self.name}: {error}") from None
+
+    def ask(self, frame: Frame, wanted: Callable[[Frame], bool]) -> Frame | None:
+        """Sends one frame to a controller that may be at work; its last answer that is `wanted`, None when none is."""
+        answers = [answer for answer in self.exchange([frame]) if wanted(answer)]
+        return answers[-1] if answers else None
+
+    @abstractmethod
+    def close(self) -> None:
+        """Lets go of the controller; its bridge is off then. Closing twice is allowed."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()

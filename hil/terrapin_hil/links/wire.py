@@ -1,0 +1,89 @@
+"""The controller at the other end of SLCAN: a process on a pty of its own, or a board on a serial port."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from terrapin_hil.firmware import ParameterError
+from terrapin_hil.links.link import Link, LinkError
+from terrapin_hil.links.names import LinkName
+from terrapin_hil.links.slcan import ControllerProcess, SlcanPort
+from terrapin_hil.messages import Frame, Interface, Sender, interface
+
+__all__ = ["SlcanLink", "open_link", "write_parameters"]
+
+Exchange = Callable[[Sequence[Frame]], Sequence[Frame]]
+
+
+def write_parameters(
+    sender: Sender, description: Interface, parameters: Mapping[str, float], exchange: Exchange
+) -> None:
+    """Sets parameters by PARAMETER_WRITE, each confirmed by PARAMETER_VALUE. ParameterError when one is refused."""
+    reply = description.messages["PARAMETER_VALUE"]
+    for name, physical in parameters.items():
+        try:
+            parameter = description.parameter(name)
+            raw = parameter.raw(physical)
+        except (KeyError, ValueError) as error:
+            raise ParameterError(error.args[0]) from None
+        frame = sender.frame("PARAMETER_WRITE", {"index": parameter.index, "value": raw})
+        answers = [data for identifier, data in exchange([frame]) if identifier == reply.id]
+        if not answers:
+            raise LinkError(f"parameter {name}: the controller does not confirm it")
+        answer = reply.decode(answers[-1])
+        if answer["status"] != 0 or answer["index"] != parameter.index or answer["value"] != raw:
+            reasons = {1: "it does not know it", 2: "out of range", 3: "locked while the bridge is on"}
+            reason = reasons.get(answer["status"], "another value came back")
+            raise ParameterError(f"parameter {name}: the controller refuses {physical:g}: {reason}")
+
+
+class SlcanLink(Link):
+    """Lockstep over an SLCAN port. The controller is in test mode from `start` on: its physical bridge stays off."""
+
+    def __init__(self, name: str, port: SlcanPort, machine: Any = None) -> None:
+        """`machine`: what the controller runs in; its `stop` is called when the link is closed."""
+        self.name = name
+        self.machine = machine
+        self._port = port
+        self._sender = Sender()
+
+    @classmethod
+    def of_process(cls, program: Path | None = None, arguments: Sequence[str] = (), timeout: float = 2.0) -> SlcanLink:
+        """Starts a controller (the host build's by default) on a pty. LinkError when it does not start."""
+        process = ControllerProcess(program, arguments)
+        path = process.start()
+        try:
+            return cls("pty", SlcanPort.open(path, timeout), process)
+        except BaseException:
+            process.stop()
+            raise
+
+    def start(self, parameters: Mapping[str, float]) -> None:
+        self.exchange(self._sender.test_mode(False))
+        self.exchange(self._sender.test_mode())
+        write_parameters(self._sender, interface(), parameters, self.exchange)
+
+    def exchange(self, frames: Sequence[Frame]) -> list[Frame]:
+        return self._port.exchange_frames(frames)
+
+    def talk(self, frames: Sequence[Frame], wait: float) -> list[Frame]:
+        """Sends frames to a controller that steps by itself; what it sends within `wait` seconds."""
+        heard = self.exchange(frames)
+        time.sleep(wait)
+        return [*heard, *self._port.exchange(b"F\r")]  # all that has come stands before the answer to this
+
+    def close(self) -> None:
+        self._port.close()
+        if self.machine is not None:
+            self.machine.stop()
+
+
+def open_link(name: LinkName, timeout: float, flash: Path | None = None) -> SlcanLink:
+    """The controller on a serial port or pty that exists, or, without a device, this build's on a pty of its own, which
+    keeps its parameters in the file `flash`. LinkError when it does not answer."""
+    if not name.channel:
+        return SlcanLink.of_process(arguments=["--flash", str(flash)] if flash is not None else [], timeout=timeout)
+    return SlcanLink(str(name), SlcanPort.open(name.channel, timeout, name.baud, name.bit_rate()))

@@ -1,0 +1,94 @@
+"""Where the parts of the project stand: the package's own files, what was compiled, and what is built from the sources.
+
+A wheel has the compiled parts and the cases inside this package, in _native and _cases. In a tree they stand in
+build/host and cases. Nothing else in the program asks which of the two it runs from.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from functools import cache
+from pathlib import Path
+
+__all__ = [
+    "NATIVE",
+    "PHYSICS",
+    "ROOT",
+    "SCENARIOS",
+    "build",
+    "dbc",
+    "development_key",
+    "examples",
+    "header",
+    "images",
+    "make",
+    "need",
+    "program_hash",
+]
+
+PACKAGE = Path(__file__).resolve().parent
+ROOT = PACKAGE.parent.parent  # the tree, for its tests: a wheel has none
+PHYSICS = PACKAGE / "physics"
+NATIVE = PACKAGE / "robot" / "native"
+SCENARIOS = PACKAGE / "scenario" / "scenarios"
+WHEEL = PACKAGE / "_native"
+
+
+def build() -> Path:
+    """Folder of the compiled parts: the environment variable TERRAPIN_BUILD, else the wheel's, else the host build."""
+    named = os.environ.get("TERRAPIN_BUILD")
+    return Path(named) if named else WHEEL if WHEEL.is_dir() else ROOT / "build" / "host"
+
+
+def need(path: Path) -> Path:
+    """`path` itself, a part of the build. OSError, which names it and says what to do, when it is not there."""
+    if not path.is_file():
+        raise OSError(2, f"not built yet; run {make('setup')}", str(path))
+    return path
+
+
+def make(target: str) -> str:
+    """How a message names a target of make: whoever installed a wheel has to go to the sources for it."""
+    where = "" if build() != WHEEL else " in the sources, and set TERRAPIN_BUILD to their build/host"
+    return f"`make {target}`{where}"
+
+
+def header() -> Path:
+    """The controller's public C header."""
+    return WHEEL / "terrapin.h" if WHEEL.is_dir() else ROOT / "firmware" / "core" / "terrapin.h"
+
+
+def images() -> Path:
+    """Folder of the chip's images, beside the host build. `make firmware` fills it; a wheel has none."""
+    return build().parent / "cortex-m4"
+
+
+def development_key() -> Path:
+    """The key that the build made for the bench, beside the host build. A wheel has none."""
+    return build().parent / "keys" / "development.pem"
+
+
+def dbc() -> Path:
+    """The controller's own DBC, for logs of this project's robots."""
+    return build() / "generated" / "terrapin.dbc"
+
+
+def examples() -> dict[str, Path]:
+    """The project's own cases by name."""
+    folder = PACKAGE / "_cases" if WHEEL.is_dir() else ROOT / "cases"
+    return {path.parent.name: path.parent for path in sorted(folder.glob("*/case.toml"))}
+
+
+@cache
+def program_hash(*folders: Path) -> str:
+    """SHA-256 of the Python sources under `folders` and of the compiled parts: another program may answer otherwise.
+
+    A wheel and a tree of the same sources, compiled alike, have the same. OSError when something is not built.
+    """
+    digest = hashlib.sha256()
+    sources = [source for folder in folders for source in sorted(folder.rglob("*.py"))]
+    compiled = ("libterrapin.so", "libterrapin_hil.so", "generated/interface.json")
+    for path in (*sources, *(need(build() / name) for name in compiled)):
+        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()

@@ -1,0 +1,193 @@
+"""The rolling robots and the car as models over time: sampled inputs in, motion and channels out, effects switched on.
+
+    run = simulate("cmr", {"f_o": 0.092}, {"time": t, "voltage": v}, {"slope": {"gain": 1.0}})
+    run.channels["omega"]
+
+What is integrated, and how, stands in physics/bodies, one file a body. Effects act as their files say: changes of
+parameters and resisting torques inside the integrator (in formulas there, sign(x) is tanh(x / smoothing)), then what is
+added to a channel, what it is multiplied by, and what measuring it adds or delays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from terrapin_hil.arrays import Array
+from terrapin_hil.messages import interface
+from terrapin_hil.physics.bodies import Body, Drive, bodies
+from terrapin_hil.physics.effects import Effect, catalogue
+from terrapin_hil.physics.expression import parse
+from terrapin_hil.physics.program import ADD, FIRST, MULTIPLY, TORQUE, Additions
+from terrapin_hil.physics.signals import delayed, derivative, integral, play
+from terrapin_hil.physics.tyre import ContactError
+
+__all__ = ["Plan", "Run", "simulate"]
+
+MOST_VALUES = 160  # HIL_DYNAMIC_VALUES
+
+
+@dataclass(frozen=True)
+class Run:
+    """One simulated run: channels as measured, and the motion, by name; arrays over the samples."""
+
+    time: Array
+    channels: Mapping[str, Array]
+    motion: Mapping[str, Array]
+
+
+class Plan:
+    """A base model with effects, ready to run with any values: `slots` says where each stands in the table.
+
+    `names` are further names that formulas use (constants, columns of the data); parameters of an effect stand at
+    `own[effect][parameter]`. Cheap to run, not to make.
+    """
+
+    def __init__(self, model: Body, effects: Sequence[Effect], names: Sequence[str] = ()) -> None:
+        self.model, self.effects = model, tuple(effects)
+        self.slots = model.slots()
+        count = FIRST + len(model.parameters)
+        for name in names:
+            if name not in self.slots:
+                self.slots[name] = count
+                count += 1
+        self.slots["gear"] = count  # turns of the drive's encoder for one of the shell or wheel
+        count += 1
+        self.own: dict[str, dict[str, int]] = {}
+        for effect in self.effects:
+            mine = [*(p.name for p in effect.parameters), *effect.options]
+            self.own[effect.name] = {name: count + i for i, name in enumerate(mine)}
+            count += len(mine)
+        if count > MOST_VALUES:
+            raise ValueError(f"found {count} values, expected at most {MOST_VALUES}: fewer columns or effects")
+        self.template = np.zeros(count)
+        for name, (_, default) in model.parameters.items():
+            self.template[self.slots[name]] = np.nan if default is None else default
+        self.template[self.slots["pass_"]] = 1.0
+        self.template[self.slots["temperature"]] = interface().constants["reference_temperature"]
+        for effect in self.effects:
+            for name, value in effect.options.items():
+                self.template[self.own[effect.name][name]] = value
+        self.additions = Additions(self.slots, 0.05)
+        self.outside: list[Effect] = []  # act on channels, in order of their stages
+        for effect in self.effects:
+            slots = self.own[effect.name]
+            ground = effect.where == "ground"
+            target = effect.on.get(model.name, effect.target)
+            if effect.transform or target in model.channels:
+                self.outside.append(effect)
+            elif target in ("resistance", "rolling_resistance"):
+                self.additions.add(effect.expression, TORQUE, ground or target != "resistance", slots=slots)
+            else:
+                kind = ADD if effect.additive else MULTIPLY
+                self.additions.add(effect.expression, kind, ground, target, slots)
+        self._native, self._kept = self.additions.native()
+
+    def values(self) -> Array:
+        """A table of values to fill: the defaults of the parameters, NaN where there is none."""
+        return self.template.copy()
+
+    def run(self, values: Array, time: Array, inputs: Mapping[str, Array], start: float = 0.0) -> Run:
+        """Motion and channels over time, from rest or from steady motion.
+
+        Values are not finite where no soil carries a wheel's load.
+
+        Parameters
+        ----------
+        values : table of slots, from `values` or filled by the caller.
+        time : (samples,), s, rising.
+        inputs : by name (samples,); what drives the model is among them. Rotation starts at the first `angle` [rad].
+        start : rad/s of the drive or wheel at the first sample.
+        """
+        table = values.copy()
+        gear = "drive_radius"
+        table[self.slots["gear"]] = table[self.slots["radius"]] / table[self.slots[gear]] if gear in self.slots else 1.0
+        columns = {name: column for name, column in inputs.items() if name in self.slots and name != "time"}
+        drive = Drive(self.model, self.slots, table, time, columns, start, self._native)
+        motion, channels = self.model.integrate(drive)
+        return Run(time, self._measured(table, time, columns, motion, channels), motion)
+
+    def _measured(
+        self,
+        table: Array,
+        time: Array,
+        columns: Mapping[str, Array],
+        motion: Mapping[str, Array],
+        channels: dict[str, Array],
+    ) -> dict[str, Array]:
+        """Channels after what acts on them: additions, gains, what measuring adds, delays and play."""
+        if not self.outside:
+            return channels
+        known: dict[str, Array | float] = {name: table[slot] for name, slot in self.slots.items()}
+        known.update(columns)
+        known.update(motion)
+        known["time"] = time
+        for stage in ("channel", "gain", "measured", "transform"):
+            for effect in self.outside:
+                if stage != ("transform" if effect.transform else effect.stage):
+                    continue
+                own = {name: table[slot] for name, slot in self.own[effect.name].items()}
+                target = effect.on.get(self.model.name, effect.target)
+                several = {"measured": tuple(channels), "encoder": self.model.encoder}
+                for name in several.get(target, (target,)):
+                    here = {**known, **own}
+                    if name.startswith("omega_"):  # of this wheel
+                        here["omega"], here["angle"] = channels[name], integral(time, channels[name])
+                    change = parse(effect.expression).evaluate(here)
+                    rate = self.model.channels[name] == "rad/s"
+                    if effect.transform == "delay":
+                        channels[name] = delayed(time, channels[name], float(change))
+                    elif effect.transform == "play":
+                        channels[name] = play(time, channels[name], float(change), rate)
+                    elif effect.transform == "angle":
+                        channels[name] = channels[name] + (derivative(time, change) if rate else change)
+                    elif stage == "gain":
+                        channels[name] = channels[name] * (1.0 + change)
+                    else:
+                        channels[name] = channels[name] + change
+        return channels
+
+
+def simulate(
+    base: str,
+    parameters: Mapping[str, float],
+    inputs: Mapping[str, npt.ArrayLike],
+    effects: Mapping[str, Mapping[str, float]] | None = None,
+    start: float = 0.0,
+) -> Run:
+    """One run of a base model with effects of the catalogue at the given values of their parameters.
+
+    `parameters` overrides the defaults and gives constants of effects; `inputs` holds `time` [s], what drives the model
+    and any further role. ContactError names what is missing.
+
+    >>> t = np.arange(0.0, 6.0, 0.01)
+    >>> sand = simulate("cmr", {"f_o": 0.092}, {"time": t, "voltage": np.full(t.size, 5.0)},
+    ...                 {"speed_squared": {"f_s": 0.28e-3}})
+    >>> f"{sand.channels['omega'][-1]:.4f} rad/s, {sand.channels['current'][-1]:.4f} A"
+    '6.8111 rad/s, 0.3946 A'
+    """
+    model = bodies()[base]
+    chosen = {name: catalogue()[name] for name in effects or {}}
+    arrays = {name: np.asarray(column, dtype=np.float64) for name, column in inputs.items()}
+    for name in ("time", *model.inputs):
+        if name not in arrays:
+            raise ContactError(f"{base}: input {name} is missing, expected an array over time")
+    for name, effect in chosen.items():
+        if base not in effect.bases:
+            raise ContactError(f"{name}: acts on {' or '.join(effect.bases)}, found base {base}")
+    plan = Plan(model, list(chosen.values()), [*parameters, *arrays])
+    values = plan.values()
+    for name, value in parameters.items():
+        values[plan.slots[name]] = value
+    for name, own in (effects or {}).items():
+        for parameter in chosen[name].parameters:
+            values[plan.own[name][parameter.name]] = own.get(parameter.name, parameter.start)
+        for option in chosen[name].options:
+            values[plan.own[name][option]] = own.get(option, chosen[name].options[option])
+    for name in model.parameters:
+        if np.isnan(values[plan.slots[name]]):
+            raise ContactError(f"{base}: parameter {name} is missing, expected a number")
+    return plan.run(values, arrays["time"], {n: a for n, a in arrays.items() if n != "time"}, start)

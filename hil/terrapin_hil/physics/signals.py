@@ -1,0 +1,66 @@
+"""What a sensor or a gear does to a signal over time: delay, and play (backlash).
+
+>>> t = np.arange(5.0)
+>>> print(delayed(t, t * 10.0, 0.5))
+[ 0.  5. 15. 25. 35.]
+>>> print(play(t, np.array([0.0, 2.0, 3.0, 2.5, 0.0]), 2.0))
+[0. 1. 2. 2. 1.]
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["delayed", "derivative", "integral", "play"]
+
+Array = npt.NDArray[np.float64]
+
+
+def delayed(time: Array, values: Array, delay: float) -> Array:
+    """`values` over `time` [s], linear between samples, `delay` [s] late; before the first sample its value holds."""
+    return np.asarray(np.interp(time - delay, time, values))
+
+
+def integral(time: Array, values: Array) -> Array:
+    """Integral (rows,) of `values` over `time` [s] from the first sample on, by trapezoids; 0 at the first sample."""
+    steps = 0.5 * np.diff(time) * (values[1:] + values[:-1])
+    return np.concatenate([np.zeros(1), np.cumsum(steps)])
+
+
+def derivative(time: Array, values: Array) -> Array:
+    """Derivative (rows,) of `values` by `time` [s], second order inside; 0 of a single sample."""
+    if len(time) < 2:
+        return np.zeros(len(time))
+    return np.asarray(np.gradient(values, time))
+
+
+def play(time: Array, values: Array, gap: float, rate: bool = False) -> Array:
+    """The angle (rows,) that follows an angle through a gap: it moves only while pushed by either side of the gap.
+
+    Parameters
+    ----------
+    time : (rows,), s, rising.
+    values : (rows,), the angle [rad], or with `rate` its rate [rad/s].
+    gap : rad, from side to side.
+    rate : integrates the values (trapezoids) and differentiates what follows.
+    """
+    if not rate:
+        return _follow(values, gap)
+    step = np.diff(time)
+    angle = integral(time, values)
+    # Only what the gap swallows is differentiated: without a reversal the rate is left as it is.
+    lost = np.diff(_follow(angle, gap) - angle, prepend=0.0)
+    result = values.copy()
+    result[1:] += lost[1:] / step
+    return np.asarray(result)
+
+
+def _follow(angle: Array, gap: float) -> Array:
+    half = 0.5 * abs(gap)
+    followed = np.empty_like(angle)
+    place = angle[0]
+    for i, value in enumerate(angle.tolist()):
+        place = min(max(place, value - half), value + half)
+        followed[i] = place
+    return followed

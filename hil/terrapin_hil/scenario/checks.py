@@ -1,0 +1,229 @@
+"""What must hold in a run, as one line of text: `max(slip[5:15]) < 0.55`.
+
+Signals are columns of the truth (`slip`, `contact_torque`) and of the telemetry (`GROUND.torque`), all on the grid of
+ticks, telemetry held at its last value. `[from:to]` cuts out a time window in seconds, either side may be left out.
+What has no value (an empty window, a message that never came) is neither true nor false, and a check of it fails.
+`max min mean rms std first last any all count` make one number of a signal (values that are not there yet do not
+count), `abs sqrt` act on either; + - * / ** and comparisons as usual, joined by `and`, `or`, `not`. A quoted word is a
+value of the enumeration of the signal it is compared with: `any(ACTUATE.state == "stuck")`.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Check", "CheckError", "Outcome", "parse_check"]
+
+Array = npt.NDArray[np.float64]
+
+REDUCTIONS: dict[str, Callable[[Array], float]] = {
+    "max": lambda a: float(np.max(a)),
+    "min": lambda a: float(np.min(a)),
+    "mean": lambda a: float(np.mean(a)),
+    "rms": lambda a: float(np.sqrt(np.mean(a * a))),
+    "std": lambda a: float(np.std(a)),
+    "first": lambda a: float(a[0]),
+    "last": lambda a: float(a[-1]),
+    "any": lambda a: float(np.any(a != 0)),
+    "all": lambda a: float(np.all(a != 0)),
+    "count": lambda a: float(np.sum(a != 0)),
+}
+FUNCTIONS: dict[str, Callable[[Any], Any]] = {"abs": np.abs, "sqrt": np.sqrt}
+BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
+    ast.Add: lambda a, b: a + b,
+    ast.Sub: lambda a, b: a - b,
+    ast.Mult: lambda a, b: a * b,
+    ast.Div: lambda a, b: a / b,
+    ast.Pow: lambda a, b: a**b,
+}
+COMPARE: dict[type[ast.cmpop], tuple[str, Callable[[Any, Any], Any]]] = {
+    ast.Lt: ("<", lambda a, b: a < b),
+    ast.LtE: ("<=", lambda a, b: a <= b),
+    ast.Gt: (">", lambda a, b: a > b),
+    ast.GtE: (">=", lambda a, b: a >= b),
+    ast.Eq: ("==", lambda a, b: a == b),
+    ast.NotEq: ("!=", lambda a, b: a != b),
+}
+
+
+class CheckError(ValueError):
+    """A check cannot be read, or names what the run does not have."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Result of a check; `found` is its text with numbers in the place of the signals."""
+
+    text: str
+    passed: bool
+    found: str
+
+
+@dataclass(frozen=True)
+class Check:
+    """A check that was read; `evaluate` holds it against a run."""
+
+    text: str
+    tree: ast.expr
+
+    def evaluate(
+        self, time: Array, signals: Mapping[str, Array], enums: Mapping[str, Mapping[str, int]] | None = None
+    ) -> Outcome:
+        """The outcome of the check on a run. CheckError for a name that the run does not have.
+
+        Parameters
+        ----------
+        time : (ticks,), s.
+        signals : by name, each (ticks,).
+        enums : signal -> word -> value.
+        """
+        run = _Run(time, signals, enums or {})
+        with np.errstate(all="ignore"):
+            value = run.value(self.tree)
+        if isinstance(value, np.ndarray):
+            raise CheckError(f"{self.text!r} is a signal, not yes or no; put any() or all() around it")
+        return Outcome(self.text, bool(value) and not np.isnan(value), "; ".join(run.seen))
+
+    def require(self, signals: Iterable[str], enums: Mapping[str, Mapping[str, int]]) -> None:
+        """CheckError unless a run with these signals can be held against the check: found out before the run."""
+        self.evaluate(np.zeros(2), dict.fromkeys(signals, np.zeros(2)), enums)
+
+
+def _known(outcome: Any, *of: Any) -> Any:
+    """`outcome`, NaN where a value that it was made of is not there: that is neither true nor false."""
+    gone = np.any(np.broadcast_arrays(*(np.isnan(np.asarray(value, dtype=float)) for value in of)), axis=0)
+    return np.where(gone, np.nan, outcome)[()] if np.any(gone) else outcome
+
+
+class _Run:
+    def __init__(self, time: Array, signals: Mapping[str, Array], enums: Mapping[str, Mapping[str, int]]) -> None:
+        self.time, self.signals, self.enums = time, signals, enums
+        self.seen: list[str] = []
+
+    def value(self, node: ast.expr) -> Any:
+        if isinstance(node, ast.Constant):
+            if isinstance(node.value, str):
+                raise CheckError(f"{node.value!r} is a word, which can only be compared with a signal")
+            return np.float64(str(node.value))
+        if isinstance(node, ast.Name | ast.Attribute):
+            return self._signal(ast.unparse(node))
+        if isinstance(node, ast.Subscript):
+            return self._window(node)
+        if isinstance(node, ast.UnaryOp):
+            value = self.value(node.operand)
+            return _known(np.logical_not(value), value) if isinstance(node.op, ast.Not) else -value
+        if isinstance(node, ast.BinOp):
+            return BINARY[type(node.op)](self.value(node.left), self.value(node.right))
+        if isinstance(node, ast.BoolOp):
+            values = [self.value(value) for value in node.values]  # all of them, so that each is reported
+            for part, value in zip(node.values, values, strict=True):
+                if isinstance(value, np.ndarray):
+                    raise CheckError(f"{ast.unparse(part)!r} is a signal, not yes or no; put any() or all() around it")
+            decides = isinstance(node.op, ast.Or)
+            if any(bool(value) is decides for value in values if not np.isnan(value)):
+                return decides
+            return np.nan if any(np.isnan(value) for value in values) else not decides
+        if isinstance(node, ast.Compare):
+            return self._compare(node)
+        assert isinstance(node, ast.Call)
+        assert isinstance(node.func, ast.Name)
+        argument = self.value(node.args[0])
+        if node.func.id in FUNCTIONS:
+            return FUNCTIONS[node.func.id](argument)
+        array = np.atleast_1d(np.asarray(argument, dtype=float))
+        array = array[~np.isnan(array)]
+        result = REDUCTIONS[node.func.id](array) if array.size else float("nan")
+        self.seen.append(f"{ast.unparse(node)} = {result:.6g}" if array.size else f"{ast.unparse(node)}: no value")
+        return result
+
+    def _signal(self, name: str) -> Array:
+        if name not in self.signals:
+            raise CheckError(f"the run has no signal '{name}'; it has {', '.join(sorted(self.signals))}")
+        return self.signals[name]
+
+    def _window(self, node: ast.Subscript) -> Array:
+        assert isinstance(node.slice, ast.Slice)
+        low, high = self._second(node.slice.lower, -np.inf), self._second(node.slice.upper, np.inf)
+        inside = (self.time >= low) & (self.time <= high)
+        return np.where(inside, np.asarray(self.value(node.value), dtype=float), np.nan)
+
+    def _second(self, node: ast.expr | None, absent: float) -> float:
+        value = absent if node is None else self.value(node)
+        if isinstance(value, np.ndarray):
+            raise CheckError("the bound of a time window is a number of seconds, found a signal")
+        return float(value)
+
+    def _compare(self, node: ast.Compare) -> Any:
+        left: ast.expr = node.left
+        result: Any = True
+        for operator, right in zip(node.ops, node.comparators, strict=True):
+            a, b = self._operand(left, right), self._operand(right, left)
+            outcome = _known(COMPARE[type(operator)][1](a, b), a, b)
+            result = outcome if result is True else result * outcome
+            left = right
+        return result
+
+    def _operand(self, node: ast.expr, other: ast.expr) -> Any:
+        if not (isinstance(node, ast.Constant) and isinstance(node.value, str)):
+            return self.value(node)
+        name = next((n for n in (ast.unparse(part) for part in ast.walk(other)) if n in self.enums), "")
+        words = self.enums.get(name, {})
+        if node.value not in words:
+            known = f"; known: {', '.join(words)}" if words else ""
+            raise CheckError(f"'{node.value}' is no value of {ast.unparse(other)}{known}")
+        return float(words[node.value])
+
+
+def _verify(node: ast.AST) -> None:
+    """Refuses whatever the language of checks does not have."""
+    if isinstance(node, ast.Call):
+        known = {*REDUCTIONS, *FUNCTIONS}
+        if not isinstance(node.func, ast.Name) or node.func.id not in known:
+            raise CheckError(f"unknown function {ast.unparse(node.func)}; known: {' '.join(sorted(known))}")
+        if len(node.args) != 1 or node.keywords:
+            raise CheckError(f"{node.func.id} takes one argument; a time window is written signal[from:to]")
+        _verify(node.args[0])
+        return
+    if isinstance(node, ast.Attribute) and not isinstance(node.value, ast.Name):
+        raise CheckError(f"{ast.unparse(node)} is no signal; telemetry is written MESSAGE.signal")
+    if isinstance(node, ast.Subscript) and (not isinstance(node.slice, ast.Slice) or node.slice.step is not None):
+        raise CheckError(f"{ast.unparse(node)}: a time window is written signal[from:to], in seconds")
+    if isinstance(node, ast.Constant) and (
+        isinstance(node.value, bool) or not isinstance(node.value, int | float | str)
+    ):
+        raise CheckError(f"{ast.unparse(node)} is neither a number nor a word")
+    allowed = (
+        ast.Name, ast.Attribute, ast.Subscript, ast.Slice, ast.Constant, ast.UnaryOp, ast.USub, ast.Not, ast.BinOp,
+        ast.BoolOp, ast.And, ast.Or, ast.Compare, ast.Load, *BINARY, *COMPARE,
+    )  # fmt: skip
+    if not isinstance(node, allowed):
+        raise CheckError(f"cannot be used here: {ast.unparse(node) or type(node).__name__}")
+    for child in ast.iter_child_nodes(node):
+        _verify(child)
+
+
+def parse_check(text: str) -> Check:
+    """Reads a check. CheckError (a ValueError) says what is wrong with it.
+
+    >>> import numpy as np
+    >>> check = parse_check("max(slip[1:]) < 0.55")
+    >>> check.evaluate(np.array([0.0, 1.0, 2.0]), {"slip": np.array([0.9, 0.5, 0.25])})
+    Outcome(text='max(slip[1:]) < 0.55', passed=True, found='max(slip[1:]) = 0.5')
+    """
+    if len(text) > 500:
+        raise CheckError("longer than 500 characters")
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        reason = error.msg if isinstance(error, SyntaxError) else "no expression"
+        raise CheckError(f"cannot be read: {reason}") from None
+    _verify(tree)
+    if not isinstance(tree, ast.Compare | ast.BoolOp | ast.UnaryOp | ast.Call):
+        raise CheckError("expected a comparison, such as max(slip) < 0.55")
+    return Check(text, tree)

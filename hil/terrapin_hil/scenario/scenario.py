@@ -1,0 +1,280 @@
+"""Scenario files: what robot, on what ground, with what sensors, faults and operator, for how long, and what must hold.
+
+    from terrapin_hil.scenario.scenario import load_scenario
+    scenario = load_scenario(Path("terrapin_hil/scenario/scenarios/steady_sand.toml"))
+
+Numbers are SI, strings carry units. `ReadingError` names file, line and field of what is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+
+from terrapin_hil import paths
+from terrapin_hil.effect_files import known_effects
+from terrapin_hil.messages import Interface, interface
+from terrapin_hil.reading import ReadingError, Section, load, parse_quantity, quantities, shorten
+from terrapin_hil.robot.compiled_effects import ActiveEffect, in_plant
+from terrapin_hil.robot.plant import TERRAINS, Ground, Robot, Segment, Terrain, Winding
+from terrapin_hil.robot.sensors import Sensors, kit, read_sensors, with_effects
+from terrapin_hil.robot.soft_ground import affected, affects_soil, check_step, grip_table, read_soft_ground
+from terrapin_hil.scenario.checks import Check, parse_check
+from terrapin_hil.scenario.faults import MAX_FAULTS, Fault, Provocation, read_fault, read_provocation
+from terrapin_hil.telemetry import signals, words
+
+__all__ = ["CONTROLS", "REQUESTS", "Order", "Scenario", "find_scenario", "load_scenario", "parameters_of"]
+
+REQUESTS = {"idle": 0, "calibrate": 1, "run": 2, "clear": 3}
+CONTROLS = {"voltage": 0, "speed": 1}
+LIMITS = {"voltage": ("V", 32.0), "speed": ("m/s", 32.0)}
+MAX_SEGMENTS, MAX_ORDERS, MAX_POINTS = 16, 64, 64  # of the C structs
+FARTHEST = 1e4  # m along the path: encoders count in 32 bits
+LONGEST = 3600.0  # s: a tick of the log takes 232 bytes of memory
+
+
+@dataclass(frozen=True)
+class Order:
+    """From `time` on [s] the operator asks for this; setpoint in V or, with speed control, m/s of the shell's rim."""
+
+    time: float
+    request: str
+    control: str = "voltage"
+    setpoint: float = 0.0
+    limiter: bool = True
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One run, whole: together with a firmware it determines every bit of the log."""
+
+    name: str
+    duration: float
+    ground: Ground
+    operator: tuple[Order, ...]
+    title: str = ""
+    seed: int = 1
+    robot: Robot = field(default_factory=Robot)
+    sensors: Sensors = field(default_factory=lambda: kit("ideal"))
+    winding: Winding = field(default_factory=Winding)
+    supply: float = 12.0
+    supply_resistance: float = 0.0
+    start_position: float = 0.0
+    moisture: float = 0.0
+    pass_number: float = 1.0
+    carriage: tuple[tuple[float, float], ...] = ()
+    steering: tuple[tuple[float, float], ...] = ()  # heading [rad] that the inner device is steered to, over time [s]
+    faults: tuple[Fault, ...] = ()
+    effects: tuple[ActiveEffect, ...] = ()
+    firmware: Mapping[str, float] = field(default_factory=dict)  # controller parameters, in their units
+    checks: tuple[Check, ...] = ()
+    provokes: Provocation | None = None
+    real_time: bool = False
+    source: str = ""  # text of the file
+
+    @property
+    def ticks(self) -> int:
+        """Length in ticks of 1 ms."""
+        return round(self.duration * 1000)
+
+
+def find_scenario(name: str) -> Path:
+    """A file as it is, or the shipped scenario of that name (scenarios/NAME.toml). ReadingError when neither is."""
+    path = Path(name)
+    folder = paths.SCENARIOS
+    names = sorted(p.stem for p in folder.glob("*.toml"))
+    try:
+        if path.is_file():
+            return path
+    except OSError as error:  # a name that is too long, a folder that may not be searched
+        raise ReadingError(f"{shorten(name)}: {error.strerror}") from None
+    if name in names:
+        return folder / f"{name}.toml"
+    shown = name if len(name) < 200 else shorten(name)
+    raise ReadingError(f"{shown}: no such file, and no scenario of that name; shipped: {', '.join(names)}")
+
+
+def _terrain(section: Section) -> Terrain:
+    """`terrain` names a kind of ground; f_o, f_s, mu, s_k and softness beside it change it."""
+    base = TERRAINS[section.choice("terrain", TERRAINS)]
+    changed = {
+        name: section.quantity(name, unit, None, low, high)
+        for name, unit, low, high in (
+            ("f_o", "1", 0.0, 1.0),
+            ("f_s", "s^2/rad^2", 0.0, 1.0),
+            ("mu", "1", 1e-6, 5.0),
+            ("s_k", "1", 1e-3, 10.0),
+            ("softness", "1", 0.0, 1.0),
+        )
+        if name in section
+    }
+    return replace(base, **changed)
+
+
+def _ground(root: Section) -> Ground:
+    segments: list[Segment] = []
+    soft = root.choice("ground", ["default", "contact"], "default") == "contact"
+    for section in root.sections("path"):
+        first = not segments
+        start = section.quantity("from", "m", 0.0 if first else None)
+        if soft and "terrain" in section:
+            raise section.error("terrain", 'with ground = "contact" the ground is what [soil] says')
+        if not first and start <= segments[-1].start:
+            raise section.error("from", f"found {start:g} m, expected more than {segments[-1].start:g} m")
+        slope = section.quantity("slope", "rad", 0.0, -1.2, 1.2)
+        transition = section.quantity("transition", "m", 0.05, 1e-6, 1e3)
+        segments.append(Segment(Terrain() if soft else _terrain(section), start, slope, transition))
+        section.done()
+    if not 1 <= len(segments) <= MAX_SEGMENTS:
+        raise root.error("path", f"found {len(segments)} tables [[path]], expected 1 to {MAX_SEGMENTS}")
+    for here, following in pairwise(segments):
+        if here.start + here.transition > following.start and here is not segments[0]:
+            raise root.error("path", f"the transition that begins at {here.start:g} m reaches into the next segment")
+    if soft:
+        return Ground(tuple(segments), contact=read_soft_ground(root.section("soil")))
+    rut = root.section("rut")
+    read = quantities(rut, _Rut)
+    return Ground(tuple(segments), read.dig_length, read.leave_length, read.rut_friction)
+
+
+@dataclass(frozen=True)
+class _Rut:
+    dig_length: float = field(default=0.30, metadata={"unit": "m", "low": 1e-6})
+    leave_length: float = field(default=0.10, metadata={"unit": "m", "low": 1e-6})
+    rut_friction: float = field(default=1.0, metadata={"unit": "1", "low": 0.0, "high": 10.0})
+
+
+def _operator(root: Section) -> tuple[Order, ...]:
+    orders: list[Order] = []
+    for section in root.sections("operator"):
+        time = section.quantity("at", "s", None, 0.0)
+        if orders and time <= orders[-1].time:
+            raise section.error("at", f"found {time:g} s, expected more than {orders[-1].time:g} s")
+        request = section.choice("request", REQUESTS)
+        control = section.choice("control", CONTROLS, "voltage")
+        unit, limit = LIMITS[control]
+        setpoint = section.quantity("setpoint", unit, 0.0, -limit, limit)
+        orders.append(Order(time, request, control, setpoint, section.flag("limiter", True)))
+        section.done()
+    if not 1 <= len(orders) <= MAX_ORDERS:
+        raise root.error("operator", f"found {len(orders)} tables [[operator]], expected 1 to {MAX_ORDERS}")
+    return tuple(orders)
+
+
+def _profile(section: Section, key: str, unit: str, low: float, high: float) -> tuple[tuple[float, float], ...]:
+    points = section.points(key, unit, low, high) if key in section else ()
+    if len(points) > MAX_POINTS:
+        raise section.error(key, f"found {len(points)} points, expected at most {MAX_POINTS}")
+    return points
+
+
+def _effects(root: Section) -> tuple[ActiveEffect, ...]:
+    section = root.section("effect")
+    soft = "ground" in root and root.raw("ground") == "contact"
+    known = {n: effect for n, effect in known_effects().items() if in_plant(effect) or (soft and affects_soil(effect))}
+    active = []
+    for name in section:
+        if name not in known:
+            raise section.error(name, f"no effect that the plant can take; known: {', '.join(known)}")
+        table = section.section(name)
+        values = {
+            parameter.name: table.quantity(
+                parameter.name,
+                parameter.unit,
+                parameter.start if number else None,  # the first parameter is the effect's size
+                parameter.minimum,
+                parameter.maximum,
+            )
+            for number, parameter in enumerate(known[name].parameters)
+        }
+        table.done()
+        active.append(ActiveEffect(known[name], values))
+    return tuple(active)
+
+
+def _checks(root: Section, description: Interface) -> tuple[Check, ...]:
+    from terrapin_hil.robot.truth import TRUTH  # it needs Scenario
+
+    names, enums = [*TRUTH, *signals(description)], words(description)
+    texts = root.raw("checks") if "checks" in root else []
+    if not isinstance(texts, list) or any(not isinstance(text, str) for text in texts):
+        raise root.error("checks", f"found {texts!r}, expected a list of texts")
+    checks = []
+    for text in texts:
+        try:
+            checks.append(parse_check(text))
+            checks[-1].require(names, enums)
+        except ValueError as error:
+            raise root.error("checks", f"{text!r}: {error}") from None
+    return tuple(checks)
+
+
+def parameters_of(section: Section, description: Interface) -> dict[str, float]:
+    """Parameters of the controller, in their units; a number, or text with its own unit. ReadingError as always."""
+    values = {}
+    for name in section:
+        try:
+            parameter = description.parameter(name)
+            values[name] = parse_quantity(section.raw(name), parameter.unit)
+            parameter.raw(values[name])
+        except KeyError as error:
+            raise section.error(name, error.args[0]) from None
+        except ValueError as error:
+            raise section.error(name, str(error)) from None
+    return values
+
+
+def load_scenario(path: Path) -> Scenario:
+    """The scenario of a file. ReadingError: one line that names file, line, field and what was expected."""
+    root = load(path)
+    description = interface()
+    winding = root.section("winding")
+    profile = _profile(winding, "profile", "degC", -50.0, 300.0)
+    heating = replace(quantities(winding, Winding, Winding()), profile=profile)
+    supply = root.section("supply")
+    scenario = Scenario(
+        name=path.stem,
+        title=root.text("title", ""),
+        duration=root.quantity("duration", "s", None, 0.001, LONGEST),
+        seed=root.whole("seed", 1, 0, 2**63 - 1),
+        robot=quantities(root.section("robot"), Robot),
+        ground=_ground(root),
+        sensors=read_sensors(root.section("sensors")),
+        winding=heating,
+        supply=supply.quantity("voltage", "V", 12.0, 0.0, 60.0),
+        supply_resistance=supply.quantity("resistance", "ohm", 0.0, 0.0, 100.0),
+        start_position=root.quantity("start_position", "m", 0.0, -FARTHEST, FARTHEST),
+        moisture=root.quantity("moisture", "1", 0.0, 0.0, 1.0),
+        pass_number=root.quantity("pass", "1", 1.0, 1.0),
+        carriage=_profile(root, "carriage", "m/s", -32.0, 32.0),
+        steering=_profile(root, "steering", "rad", -1000.0, 1000.0),
+        operator=_operator(root),
+        faults=tuple(read_fault(section) for section in root.sections("fault")),
+        effects=_effects(root),
+        firmware=parameters_of(root.section("firmware"), description),
+        checks=_checks(root, description),
+        provokes=read_provocation(root, description.faults),
+        real_time=root.flag("real_time", False),
+        source=root.source,
+    )
+    supply.done()
+    try:
+        gear = scenario.robot.radius / scenario.robot.drive_radius
+        scenario = replace(scenario, sensors=with_effects(scenario.sensors, scenario.effects, gear))
+    except ValueError as error:
+        raise root.error("effect", str(error)) from None
+    if scenario.ground.contact is not None:
+        try:
+            ground, _ = affected(scenario.ground, scenario.effects, scenario.pass_number, scenario.moisture)
+            grip_table(ground, scenario.robot)
+            robot = scenario.robot
+            free = scenario.supply * robot.drive_radius / max(robot.torque_constant, 1e-12)  # rim without load
+            check_step(scenario.ground.contact, robot, 1e-3, free)
+        except ValueError as error:
+            raise root.error("soil", str(error)) from None
+    if len(scenario.faults) > MAX_FAULTS:
+        raise root.error("fault", f"found {len(scenario.faults)} tables [[fault]], expected at most {MAX_FAULTS}")
+    root.done()
+    return scenario

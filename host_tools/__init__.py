@@ -1,1 +1,0 @@
-"""The engineer's tools: the `terrapin` command and what stands behind it."""

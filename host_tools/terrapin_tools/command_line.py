@@ -1,0 +1,95 @@
+"""The sub-commands: one a module of terrapin_tools.commands, named as the module and imported when it is called."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import pkgutil
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+import typer.main
+from typer.core import TyperGroup
+
+from terrapin_tools import __version__, commands
+from terrapin_tools.errors import UserError
+
+__all__ = ["run"]
+
+
+def _summary(path: Path) -> str:
+    """The first line of a module's docstring without the command that it names: enough for the list of commands.
+
+    Read as text, so that the list comes at once: importing every command takes most of a second.
+    """
+    with path.open(encoding="utf-8") as file:
+        line = file.readline().strip().strip('"')
+    summary = line.partition("`: ")[2]
+    return summary[:1].upper() + summary[1:]
+
+
+class _Commands(TyperGroup):
+    """The sub-commands by name and summary; a module is imported when its command is called, or completed."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+        name, command, rest = super().resolve_command(ctx, args)
+        if name is None or command is None:
+            return name, command, rest
+        app = _app(TyperGroup)
+        importlib.import_module(f"{commands.__name__}.{name}").register(app)
+        group: Any = typer.main.get_command(app)
+        return name, group.commands[name], rest
+
+
+def _say_version(wanted: bool) -> None:
+    if wanted:
+        print(f"terrapin {__version__}")
+        raise typer.Exit
+
+
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Controller, simulator and workbench for robots that roll on soft ground."""
+
+
+def _app(group: type[TyperGroup]) -> typer.Typer:
+    app = typer.Typer(
+        name="terrapin",
+        cls=group,
+        context_settings={"help_option_names": ["-h", "--help"]},
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+    )
+    app.callback()(_root)
+    return app
+
+
+def run() -> object:
+    """Run the command that the arguments name; its exit status, where it is a number. UserError, KeyboardInterrupt and
+    whatever the command raises: Typer's own way out would turn Ctrl-C and a closed pipe into others."""
+    app = _app(_Commands)
+    for info in pkgutil.iter_modules(commands.__path__):
+        app.command(info.name, short_help=_summary(Path(commands.__path__[0], f"{info.name}.py")))(lambda: None)
+    group: Any = typer.main.get_command(app)
+    if "_TERRAPIN_COMPLETE" in os.environ:  # a shell asks what may follow
+        os.environ["COLUMNS"] = "1000"  # one candidate a line, however long its help
+        group.main(prog_name="terrapin")
+    try:
+        with group.make_context("terrapin", sys.argv[1:]) as context:
+            return group.invoke(context)
+    except typer.Exit as stop:  # --help, --version
+        return stop.exit_code
+    except typer.Abort:
+        raise KeyboardInterrupt from None
+    except typer.TyperException as error:  # a wrong command line; without any argument its message is the help
+        message = error.format_message()
+        if not message.startswith("Usage:"):
+            raise UserError(message, status=error.exit_code) from None
+        print(message, file=sys.stderr)  # a command without its sub-command: help, not a complaint
+        return error.exit_code

@@ -1,0 +1,82 @@
+"""What the commands on cases share: options and the way the answer goes out."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from terrapin_hil.links.names import LinkName, LinkNameError, helped
+from terrapin_tools.errors import UserError
+
+__all__ = [
+    "BitRate",
+    "CaseFolder",
+    "Cases",
+    "Cluster",
+    "Jobs",
+    "Json",
+    "Level",
+    "Seed",
+    "check_options",
+    "deliver",
+    "link_option",
+    "read_link",
+]
+
+CaseFolder = Annotated[Path, typer.Argument(metavar="CASE", help="folder that holds case.toml and measurements")]
+Cases = Annotated[
+    Path,
+    typer.Argument(metavar="CASE", help="folder that holds case.toml and measurements, or a folder of such folders"),
+]
+Json = Annotated[str, typer.Option("--json", metavar="FILE", help="write the answer as JSON; - for standard output")]
+Seed = Annotated[int, typer.Option("--seed", help="of everything drawn at random; same seed, same answer")]
+Jobs = Annotated[int, typer.Option("--jobs", help="processes to use at most")]
+BitRate = Annotated[
+    int, typer.Option("--bitrate", min=1, max=10_000_000, help="bit/s of the bus, where the link's name does not say")
+]
+Level = Annotated[float, typer.Option("--level", help="false alarm rate of the verdict")]
+Cluster = Annotated[
+    str, typer.Option("--cluster", metavar="ADDRESS", help="of a Dask scheduler that does the work, tcp://host:8786")
+]
+
+
+def read_link(text: str, job: str) -> LinkName:
+    """The link that `text` names, for a job. UserError when there is none, or it cannot do that."""
+    try:
+        return LinkName.parse(text, job)
+    except LinkNameError as error:
+        raise UserError(str(error)) from None
+
+
+def link_option(job: str, says: str, name: str = "--link") -> Any:
+    """An option that names a link for a job (see terrapin_hil.links.names.JOBS); a LinkName comes of it."""
+
+    return typer.Option(
+        name, metavar="LINK", parser=lambda text: read_link(str(text), job), help=f"{says}: {helped(job)}"
+    )
+
+
+def check_options(seed: int, jobs: int, level: float = 0.05) -> None:
+    """UserError when an option is out of range."""
+    if seed < 0:
+        raise UserError(f"--seed: found {seed}, expected 0 or more")
+    if jobs < 1:
+        raise UserError(f"--jobs: found {jobs}, expected 1 or more")
+    if not 0.0 < level < 1.0:
+        raise UserError(f"--level: found {level:g}, expected between 0 and 1")
+
+
+def deliver(answer: dict[str, Any], words: str, target: str) -> None:
+    """Words to standard output; JSON to a file, or, for -, to standard output in their place."""
+    from terrapin_tools.workbench.files.json_text import to_json
+    from terrapin_tools.workbench.files.writing import write_whole
+
+    if target == "-":
+        sys.stdout.write(to_json(answer))
+        return
+    if target:
+        write_whole(Path(target), to_json(answer))
+    print(words)

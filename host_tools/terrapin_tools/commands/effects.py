@@ -1,0 +1,116 @@
+"""`terrapin effects`: the catalogue of physical effects, and each one explained."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from terrapin_tools.errors import UserError
+
+if TYPE_CHECKING:
+    from terrapin_hil.physics.effects import Effect
+
+__all__ = ["register"]
+
+
+def effects(
+    name: Annotated[str, typer.Argument(help="an effect to explain")] = "",
+    plot: Annotated[str, typer.Option("--plot", metavar="FILE", help="picture of its shape, .png or .svg")] = "",
+    case: Annotated[str, typer.Option("--case", metavar="CASE", help="also the effects that this case brings")] = "",
+) -> None:
+    """List the catalogue of effects and your own, or explain one and show its shape.
+
+    Example: terrapin effects motor_heating --plot heating.svg
+    """
+    known = _known(case)
+    if not name:
+        if plot:
+            raise UserError("--plot: expected together with the name of an effect")
+        _list(known)
+        return
+    if name not in known:
+        raise UserError(f"found {name!r}, expected one of {', '.join(known)}")
+    from terrapin_tools.workbench.story.effect_picture import as_text, draw, held_text, shape_of
+
+    effect = known[name]
+    shape = shape_of(effect)
+    if plot:
+        draw(effect, shape, Path(plot))
+    print(_explain(effect))
+    print(f"  shape       {effect.expression}" + (f", at {held_text(shape)}" if shape.held else ""))
+    print("\n".join(as_text(shape)))
+
+
+def _known(case: str) -> dict[str, Effect]:
+    from terrapin_hil.effect_files import known_effects
+    from terrapin_hil.reading import ReadingError
+
+    try:
+        known = known_effects()
+    except ReadingError as error:
+        raise UserError(str(error)) from None
+    if case:
+        from terrapin_tools.workbench.case.case import load_case
+
+        known.update(load_case(Path(case)).library)
+    return known
+
+
+def _list(known: dict[str, Effect]) -> None:
+    from terrapin_hil.physics.effects import catalogue
+
+    width = max(map(len, known))
+    for base in dict.fromkeys(base for effect in known.values() for base in effect.bases):
+        print(f"On {base}:")
+        for effect in known.values():
+            if base in effect.bases:
+                mark = "" if effect.name in catalogue() else "  (your own)"
+                print(f"  {effect.name.ljust(width)}  {effect.title}{mark}")
+
+
+def _explain(effect: Effect) -> str:
+    acts = {
+        "resistance": "adds a resisting torque [N m]",
+        "drag": "adds a resisting force X [N]: traction - X, torque - R X",
+    }.get(effect.target)
+    if acts is None:
+        how = {
+            "gain": "multiplies {} by 1 + it",
+            "measured": "is added to the measured {}",
+            "channel": "is added to {}",
+        }
+        channels = ("current", "traction", "torque", "sinkage")
+        if effect.target in channels:
+            acts = how[effect.stage].format(effect.target)
+        else:
+            acts = f"is added to {effect.target}" if effect.additive else f"multiplies {effect.target} by 1 + it"
+    lines = [
+        f"{effect.name}: {effect.title}",
+        f"  equation    {effect.equation}",
+        f"  source      {effect.source}",
+        f"  formula     {effect.expression}",
+        f"  acts        {acts}",
+        f"  on          {', '.join(effect.bases)}",
+    ]
+    needs = [" or ".join(group) for group in effect.needs]
+    lines.append(f"  needs       {', '.join([*needs, *effect.constants]) or 'nothing'}")
+    for p in effect.parameters:
+        bounds = f"{_bound(p.minimum)} to {_bound(p.maximum)}"
+        whole = ", whole" if p.whole else ""
+        lines.append(f"  parameter   {p.name} [{p.unit}]: {p.meaning} ({bounds}{whole})")
+    for option, default in effect.options.items():
+        lines.append(f"  option      {option} ({'true' if default else 'false'} unless [parameters] says otherwise)")
+    lines.append(f"  simulator   {'can switch it on' if effect.plant else 'has no switch for it'}")
+    lines.append(f"  controller  {', '.join(effect.firmware) or 'does not compensate it'}")
+    return "\n".join(lines)
+
+
+def _bound(value: float) -> str:
+    return f"{value:.4g}" if math.isfinite(value) else ("-inf" if value < 0 else "inf")
+
+
+def register(app: typer.Typer) -> None:
+    app.command("effects")(effects)

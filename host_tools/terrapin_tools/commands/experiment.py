@@ -1,0 +1,167 @@
+"""`terrapin experiment`: designed experiments, their plan, what their results allow one to conclude, simulated runs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from terrapin_tools.command_options import CaseFolder, Json, Level, deliver
+from terrapin_tools.errors import UserError
+
+if TYPE_CHECKING:
+    from terrapin_tools.experiments.l9 import Analysis, Design
+
+__all__ = ["register"]
+
+
+def l9(
+    file: Annotated[
+        Path | None, typer.Argument(metavar="[FILE.csv]", help="nine rows: three factors, and last the response")
+    ] = None,
+    factor: Annotated[
+        list[str] | None, typer.Option("--factor", help="NAME=LEVEL,LEVEL,LEVEL, three times: prints the plan as CSV")
+    ] = None,
+    json: Json = "",
+    level: Level = 0.05,
+) -> None:
+    """Range analysis and analysis of variance of three factors at three levels in nine runs (orthogonal array L9).
+
+    Without FILE.csv it takes the rolling distances of Li et al. 2024 and gives their Tables 2 and 3.
+
+    Example: terrapin experiment l9 --factor "mass [kg]=7.7,8.0,8.3" --factor "a=0.3,0.4,0.5" --factor "w=1,1.125,1.25"
+    """
+    from terrapin_tools.experiments.l9 import LI_2024, analyse
+
+    if not 0.0 < level < 1.0:
+        raise UserError(f"--level: found {level:g}, expected between 0 and 1")
+    if factor:
+        if file is not None:
+            raise UserError("--factor makes a plan and FILE.csv is analysed, expected one of the two")
+        print(_plan(factor))
+        return
+    try:
+        analysis = analyse(LI_2024 if file is None else _read(file), level)
+    except ValueError as error:
+        raise UserError(f"{file or 'Li et al. 2024'}: {error}") from None
+    deliver({"schema": "terrapin.l9/1", **asdict(analysis)}, _describe(analysis), json)
+
+
+def carry(
+    case: CaseFolder,
+    to: Annotated[Path, typer.Option("--to", metavar="NEW_CASE", help="the case with the new runs; a new folder")],
+    truth: Annotated[
+        list[str] | None,
+        typer.Option("--truth", metavar="EFFECT", help="what the simulated robot has; repeat for more"),
+    ] = None,
+    json: Json = "",
+    seed: Annotated[int, typer.Option("--seed", min=0, help="of the simulated sensors' noise")] = 1,
+) -> None:
+    """Run the experiment that the last `discover` proposes in the simulator, as if one of the rivals were true.
+
+    The new case holds the old rows and those of the simulated runs; discover on it shows whether they decide.
+
+    Example: terrapin experiment run my_case --to my_case_more --truth aerodynamic_drag
+    """
+    import sys
+
+    from terrapin_tools.workbench.case import history
+    from terrapin_tools.workbench.case.case import load_case
+    from terrapin_tools.workbench.robot.simulated_experiment import carry_out, write_larger
+
+    loaded = load_case(case)
+    if to.exists():
+        raise UserError(f"--to: {to} exists, expected a new folder for the case")
+    answer = history.recall(case)
+    if answer is None:
+        raise UserError(f"{case}: has no answer of discover as it stands, expected terrapin discover first")
+
+    def told(done: int, of: int) -> None:
+        print(f"run {done + 1} of {of}", file=sys.stderr, flush=True)
+
+    carried = carry_out(loaded, answer, tuple(truth or ()), seed, told)
+    rows = write_larger(loaded, carried, to)
+    found = {
+        "case": str(to),
+        "truth": list(carried.truth),
+        "settings": [dict(setting) for setting in carried.settings],
+        "runs": len(carried.runs),
+        "rows": rows,
+    }
+    words = f"{to}: {rows} rows of {len(carried.runs)} simulated runs with {' + '.join(carried.truth)} added"
+    deliver(found, words, json)
+
+
+def _plan(factors: list[str]) -> str:
+    from terrapin_tools.experiments.l9 import plan
+
+    names, levels = [], []
+    for text in factors:
+        name, equals, values = text.rpartition("=")
+        try:
+            numbers = [float(value) for value in values.split(",")]
+        except ValueError:
+            numbers = []
+        if not equals or not name.strip() or not numbers or "," in name or not all(map(math.isfinite, numbers)):
+            raise UserError(f"--factor: found {text!r}, expected NAME=LEVEL,LEVEL,LEVEL")
+        names.append(name.strip())
+        levels.append(numbers)
+    try:
+        runs = plan(levels)
+    except ValueError as error:
+        raise UserError(f"--factor: {error}") from None
+    rows = [",".join(f"{value:g}" for value in run) for run in runs]
+    return "\n".join([",".join([*names, "response"]), *(f"{row}," for row in rows)])
+
+
+def _read(file: Path) -> Design:
+    from terrapin_tools.experiments.l9 import Design
+    from terrapin_tools.workbench.files.tables import read
+
+    table = read(file)
+    names = list(table.columns)
+    if len(names) != 4:
+        raise UserError(f"{file.name}: found {len(names)} columns, expected three factors and the response")
+    columns = [table.numbers(name).tolist() for name in names]
+    return Design(
+        factors=tuple(names[:3]),
+        settings=tuple(zip(*columns[:3], strict=True)),
+        response=tuple(columns[3]),
+        response_name=names[3],
+    )
+
+
+def _describe(analysis: Analysis) -> str:
+    width = max(len(factor.name) for factor in analysis.factors)
+    lines = [f"{analysis.response_name}, range analysis (K: sums at the levels, R: range of their means)"]
+    for factor in analysis.factors:
+        levels = "  ".join(f"{value:g}: {total:.3f}" for value, total in zip(factor.levels, factor.sums, strict=True))
+        lines.append(f"  {factor.name.ljust(width)}  K  {levels}   R {factor.range_of_means:.2f}")
+    lines.append(f"  strongest first: {', '.join(analysis.order)}")
+    lines.append("")
+    lines.append("Analysis of variance")
+    lines.append(f"  {'source'.ljust(width)}  {'squares':>8}  df  {'F':>8}  p")
+    for factor in analysis.factors:
+        mark = " *" if factor.p_value < analysis.level else ""
+        lines.append(
+            f"  {factor.name.ljust(width)}  {factor.sum_of_squares:8.4f}  {factor.degrees:2d}  "
+            f"{factor.f_ratio:8.3f}  {factor.p_value:.3g}{mark}"
+        )
+    lines.append(f"  {'error'.ljust(width)}  {analysis.error_squares:8.4f}  {analysis.error_degrees:2d}")
+    lines.append(f"  critical F at {analysis.level:g}: {analysis.critical_f:.2f}")
+    if analysis.pooled and analysis.pooled_degrees > analysis.error_degrees:
+        lines.append(f"  with factors below F = 1 taken as error ({analysis.pooled_degrees} degrees of freedom):")
+        lines += [f"    {name}: F = {ratio:.0f}, p = {p:.2g}" for name, ratio, p in analysis.pooled]
+    lines += ["", "What this allows one to conclude", *(f"  {text}" for text in analysis.conclusions)]
+    return "\n".join(lines)
+
+
+def register(app: typer.Typer) -> None:
+    group = typer.Typer(help="Experiments: plans, their analysis, simulated runs.", no_args_is_help=True)
+    group.callback()(lambda: None)
+    group.command("l9")(l9)
+    group.command("run")(carry)
+    app.add_typer(group, name="experiment")

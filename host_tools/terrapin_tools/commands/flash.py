@@ -1,0 +1,162 @@
+"""`terrapin flash`: put a signed image on a controller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from terrapin_hil.links.names import BIT_RATE, SET_OUTSIDE, LinkName
+from terrapin_tools.command_options import link_option, read_link
+from terrapin_tools.errors import UserError
+from terrapin_tools.flash import plan as plans
+from terrapin_tools.flash.image import ImageError, intact, parse, read_start
+from terrapin_tools.flash.layout import BASE
+from terrapin_tools.flash.listing import listing, serial_ports
+from terrapin_tools.flash.stm32 import Stm32
+from terrapin_tools.flash.swd import Swd
+from terrapin_tools.flash.update import SignedFile, update
+from terrapin_tools.flash.wires import Wire, open_wire
+from terrapin_tools.progress import bar
+
+__all__ = ["register"]
+
+VIAS = ("swd", "stm32", "can", "serial")
+Told = Callable[[str, int, int], None]
+
+
+def _told(shown: Callable[..., None]) -> Told:
+    return lambda what, done, total: shown(description=what, completed=done, total=total)
+
+
+def _files(images: Sequence[Path]) -> list[SignedFile]:
+    """The images, read; one a slot."""
+    files: list[SignedFile] = []
+    for path in images:
+        data = read_start(path)
+        try:
+            image = parse(data)
+            intact(image)
+        except ImageError as error:
+            raise UserError(f"{path}: {error}") from None
+        if image.signature is None:
+            raise UserError(f"{path}: not signed; `terrapin image sign` does it")
+        same = [file.name for file in files if file.image.slot == image.slot]
+        if same:
+            raise UserError(f"{path}: for slot {image.slot} like {same[0]}, expected one image a slot")
+        files.append(SignedFile(str(path), image, data))
+    return files
+
+
+def _serial_port(port: str, via: str) -> str:
+    if port:
+        return port
+    found = [device for device, _ in serial_ports()]
+    if len(found) != 1:
+        raise UserError(f"--via {via}: choose the serial port with --port; found: {', '.join(found) or 'none'}")
+    return found[0]
+
+
+def _controller(link: LinkName | None, via: str, port: str, baud: int, bitrate: int) -> LinkName:
+    """The link to a controller that runs: as it is named, or by --via can or serial and its --port."""
+    if link is None:
+        serial = via == "serial"
+        name = f"serial:{_serial_port(port, via)}" if serial else port or "socketcan:can0"
+        link = read_link(name, "update")
+    if bitrate and link.interface == "socketcan":
+        raise UserError(f"--bitrate: {SET_OUTSIDE}")
+    return replace(link, baud=link.baud or baud)
+
+
+def _update(files: Sequence[SignedFile], wire: Wire) -> str:
+    with closing(wire), bar("", None) as shown:
+        outcome = update(wire, files, _told(shown))
+    after = {
+        "confirmed": "started and confirmed",
+        "on trial": "started; not confirmed yet: without that the old image comes back at the next reset",
+        "silent": "verified by the boot loader; the application does not say whether it started",
+    }
+    return f"slot {outcome.slot}: {after[outcome.state]}"
+
+
+def _whole(files: Sequence[SignedFile], via: str, port: str, baud: int, loader: Path | None) -> str:
+    data = plans.boot_loader(loader) if loader else None
+    if data is not None:
+        plans.check_starts(data, str(loader), files)
+    what = plans.plan(files, data)
+    programmer = Swd(port or None) if via == "swd" else Stm32(_serial_port(port, via), baud or 115_200)
+    with closing(programmer), bar("", None) as shown:
+        told = _told(shown)
+        if isinstance(programmer, Stm32):
+            programmer.connect()
+        if data is None:
+            there = plans.read(programmer, BASE, plans.BOOT_SIZE, told)
+            if not plans.begins(there):
+                raise UserError(
+                    f"{programmer.name}: the chip has no boot loader to start an image, expected --boot-loader"
+                )
+            plans.check_starts(there, "the chip's boot loader", files)
+        plans.perform(programmer, what, told)
+    written = ", ".join(f"slot {file.image.slot}" for file in files)
+    return f"{'boot loader, ' if loader else ''}{written}: written and read back, started"
+
+
+def flash(
+    images: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="IMAGE...", help="signed; one a slot, the right one is taken"),
+    ] = None,
+    link: Annotated[LinkName | None, link_option("update", "to a controller that runs")] = None,
+    via: Annotated[
+        str,
+        typer.Option(
+            "--via", help="swd, stm32 (the chip's own boot loader); can, serial with --port instead of --link"
+        ),
+    ] = "",
+    port: Annotated[str, typer.Option("--port", help="a probe's id, a serial port, or with --via can a link")] = "",
+    baud: Annotated[int, typer.Option("--baud", min=0, help="of the serial port; default 1000000, stm32: 115200")] = 0,
+    bitrate: Annotated[int, typer.Option("--bitrate", min=0, help="of the CAN adapter, bit/s; default 500000")] = 0,
+    loader: Annotated[
+        Path | None, typer.Option("--boot-loader", metavar="FILE.bin", help="swd, stm32: write this, too")
+    ] = None,
+    listed: Annotated[bool, typer.Option("--list", help="probes, serial ports and CAN interfaces")] = False,
+) -> None:
+    """Write a signed image, read it back or have it verified, and start it.
+
+    Over a link it updates a controller that runs, with its motor off, through its boot loader: the running image stays
+    until the new one has started well. --via swd and stm32 write an empty or a broken one, and forget what was there.
+
+    Example: terrapin flash robot-a.bin robot-b.bin --link socketcan:can0
+    """
+    if listed:
+        print(listing())
+        return
+    if link is not None:
+        if via or port:
+            raise UserError("--link: expected without --via and --port")
+        via = "can" if link.interface else "serial"
+    if via not in VIAS:
+        raise UserError(f"--via: found {via!r}, expected one of {', '.join(VIAS)}, or --link")
+    if loader and via in ("can", "serial"):
+        raise UserError(f"--boot-loader: cannot be written via {via}, expected --via swd or stm32")
+    if baud and via not in ("serial", "stm32"):
+        raise UserError(f"--baud: --via {via} has none, expected it with serial or stm32")
+    if bitrate and via != "can":
+        raise UserError(f"--bitrate: --via {via} has none, expected it with can")
+    if not images:
+        raise UserError("no IMAGE; `terrapin image sign` makes one")
+    controller = None if via in ("swd", "stm32") else _controller(link, via, port, baud, bitrate)
+    files = _files(images)
+    if controller is None:
+        print(_whole(files, via, port, baud, loader))
+    else:
+        print(_update(files, open_wire(controller, bitrate or BIT_RATE)))
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command."""
+    app.command()(flash)

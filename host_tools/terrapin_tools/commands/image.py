@@ -1,0 +1,123 @@
+"""`terrapin image`: sign, verify and look into images for the boot loader."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from terrapin_tools.errors import UserError
+
+if TYPE_CHECKING:
+    from terrapin_tools.flash.image import Image
+
+__all__ = ["register"]
+
+ImageFile = Annotated[Path, typer.Argument(metavar="IMAGE", help="a signed image")]
+Key = Annotated[
+    Path | None, typer.Option("--key", metavar="KEY.pem", help="default: the development key of this build")
+]
+
+
+def _read(path: Path) -> tuple[Image, bytes]:
+    from terrapin_tools.flash.image import ImageError, parse, read_start
+
+    data = read_start(path)
+    try:
+        return parse(data), data
+    except ImageError as error:
+        raise UserError(f"{path}: {error}") from None
+
+
+def sign(
+    code: Annotated[Path, typer.Argument(metavar="CODE.bin", help="linked for slot A or B; begins at its vectors")],
+    to: Annotated[Path, typer.Argument(metavar="IMAGE", help="the signed image")],
+    version: Annotated[str, typer.Option("--version", help="MAJOR.MINOR.REVISION[+BUILD]")],
+    key: Key = None,
+    counter: Annotated[
+        int, typer.Option("--counter", help="security counter: raise it when older images must never run again")
+    ] = 0,
+) -> None:
+    """Put header, security counter and signature around code. The slot is that which the code is linked for.
+
+    Example: terrapin image sign terrapin-f405-h-bridge-slot-a.bin robot-a.bin --version 1.2.0 --key robot.pem
+    """
+    from terrapin_tools.flash.image import ImageError, Version, code_slot, read_start
+    from terrapin_tools.flash.image import sign as make
+    from terrapin_tools.flash.keys import development_key, private_key
+    from terrapin_tools.flash.layout import HEADER_SIZE, SLOT_SIZE, SLOTS
+    from terrapin_tools.workbench.files.writing import write_whole
+
+    if not 0 <= counter < 2**32:
+        raise UserError(f"--counter: found {counter}, expected 0 to 4294967295")
+    try:
+        number = Version.of(version)
+    except ValueError as error:
+        raise UserError(f"--version: {error}") from None
+    data = read_start(code)
+    for source, what in ((code, "code"), (key or development_key(), "key")):
+        if to.exists() and source.exists() and to.samefile(source):
+            raise UserError(f"{to}: is the {what} itself; expected another name for the image")
+    try:
+        slot = code_slot(data)
+    except ImageError as error:
+        raise UserError(f"{code}: {error}") from None
+    if slot is None:
+        starts = " or ".join(f"0x{start + HEADER_SIZE:08x}" for start in SLOTS.values())
+        raise UserError(f"{code}: its reset vector is in no slot; expected code linked for {starts}")
+    if len(data) > SLOT_SIZE:
+        raise UserError(f"{code}: more than the {SLOT_SIZE} bytes of a slot")
+    data += b"\xff" * (-len(data) % 4)
+    try:
+        image = make(data, private_key(key or development_key()), number, counter, slot)
+    except ImageError as error:
+        raise UserError(f"{code}: {error}") from None
+    try:
+        write_whole(to, image)
+    except OSError as error:
+        raise UserError(f"{to}: cannot write: {error.strerror}") from None
+    print(f"{to}: {len(image)} bytes for slot {slot}, version {number}, security counter {counter}")
+
+
+def verify(path: ImageFile, key: Key = None) -> None:
+    """Check digest, key and signature. Status 2 when one is not good.
+
+    Example: terrapin image verify robot-a.bin --key robot.pem
+    """
+    from terrapin_tools.flash.image import ImageError
+    from terrapin_tools.flash.image import verify as check
+    from terrapin_tools.flash.keys import development_key, public_key
+
+    image, _ = _read(path)
+    try:
+        check(image, public_key(key or development_key()))
+    except ImageError as error:
+        raise UserError(f"{path}: {error}") from None
+    print(f"{path}: good, version {image.version}, slot {image.slot}")
+
+
+def info(path: ImageFile) -> None:
+    """What an image says about itself; nothing of it is verified.
+
+    Example: terrapin image info robot-a.bin
+    """
+    image, data = _read(path)
+    signed = f"Ed25519, key {image.key_hash[:4].hex()}" if image.key_hash else "not signed"
+    print(
+        f"{path}: {len(data)} bytes\n"
+        f"  version           {image.version}\n"
+        f"  slot              {image.slot}\n"
+        f"  code              {image.code_size} bytes\n"
+        f"  security counter  {image.security_counter}\n"
+        f"  SHA-256           {image.digest.hex()}\n"
+        f"  signature         {signed}"
+    )
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the commands."""
+    group = typer.Typer(help="Signed images for the boot loader.", no_args_is_help=True, rich_markup_mode=None)
+    for command in (sign, verify, info):
+        group.command()(command)
+    app.add_typer(group, name="image")

@@ -1,0 +1,244 @@
+"""`terrapin log`: record, convert, look into and replay logs of a CAN bus."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from terrapin_hil.firmware import ParameterError
+from terrapin_hil.links import LinkName, open_link
+from terrapin_hil.links.names import PTY
+from terrapin_hil.messages import interface
+from terrapin_hil.reading import ReadingError
+from terrapin_tools.command_options import BitRate, Json, deliver, link_option
+from terrapin_tools.errors import UserError
+from terrapin_tools.logs.decoding import Decoder
+from terrapin_tools.logs.reading import READABLE, LogReader, read_log
+from terrapin_tools.logs.writing import GROWING, LogWriter
+from terrapin_tools.param.files import read_parameters
+from terrapin_tools.progress import bar
+from terrapin_tools.workbench.files import units
+
+__all__ = ["register"]
+
+LogFile = Annotated[Path, typer.Argument(metavar="LOG", help=".log .blf .asc .mf4 .mcap .parquet, or a run's folder")]
+Dbc = Annotated[
+    Path | None, typer.Option("--dbc", help="names and scales of signals; default: terrapin.dbc beside the log")
+]
+
+FLUSH = 0.5  # s between flushes of a recording: what a kill -9 may cost
+
+
+def _decoder(log: Path, dbc: Path | None) -> Decoder | None:
+
+    if dbc is None:
+        beside = (log if log.is_dir() else log.parent) / "terrapin.dbc"
+        dbc = beside if beside.is_file() else None
+    return Decoder(dbc) if dbc is not None else None
+
+
+def _warn(log: Path, cut: str) -> None:
+    if cut:
+        print(f"terrapin: {log}: read up to where it was cut off: {cut}", file=sys.stderr)
+
+
+def info(log: LogFile, dbc: Dbc = None, json: Json = "") -> None:
+    """What a log holds: how long, which frames how often, errors, gaps in time, whether its end is missing.
+
+    Example: terrapin log info out/slope/telemetry.log
+    """
+    from terrapin_tools.logs.info import Summary, describe
+
+    reader, decoder = LogReader(log), _decoder(log, dbc)
+    summary = Summary(decoder)
+    with bar("reading", reader.size) as shown:
+        for block in reader.blocks(lambda done: shown(completed=done)):
+            summary.take(block)
+    answer = {"log": str(reader.path), "bytes": reader.size, "cut": reader.cut, **summary.answer()}
+    deliver(answer, describe(answer), json)
+
+
+def convert(
+    log: LogFile,
+    to: Annotated[Path, typer.Argument(metavar="TO", help="the kind is that of its suffix; also .csv (signals)")],
+    dbc: Dbc = None,
+    period: Annotated[
+        str, typer.Option("--period", help="signals on this grid instead of frames (.csv, .parquet)")
+    ] = "",
+    force: Annotated[bool, typer.Option("--force", help="replace TO if it exists")] = False,
+) -> None:
+    """Convert a log to another kind. Frames stay frames; to MCAP with a DBC, signals are added for plotting.
+
+    Example: terrapin log convert out/slope/telemetry.log slope.mcap
+    """
+
+    kinds = (*READABLE, ".csv")
+    if to.suffix.lower() not in kinds:
+        raise UserError(f"{to}: unknown kind of log {to.suffix!r}, expected one of {' '.join(kinds)}")
+    if to.exists() and not force:
+        raise UserError(f"{to}: exists already; --force replaces it")
+    reader, decoder = LogReader(log), _decoder(log, dbc)
+    if to.exists() and to.samefile(reader.path):
+        raise UserError(f"{to}: is the log itself, expected another file")
+    temporary = to.with_name(f".{to.stem}.part{to.suffix}")
+    count = 0
+    try:
+        if period or to.suffix.lower() == ".csv":
+            count = _signals(reader.path, decoder, period or "10 ms", temporary)
+        else:
+            with LogWriter(temporary, decoder) as writer, bar("converting", reader.size) as shown:
+                for block in reader.blocks(lambda done: shown(completed=done)):
+                    writer.write(block)
+                    count += len(block)
+        temporary.replace(to)
+    except OSError as error:
+        raise UserError(f"{to}: cannot write the log: {error.strerror or error}", status=1) from None
+    finally:
+        temporary.unlink(missing_ok=True)
+    _warn(reader.path, reader.cut)
+    print(f"{count} {'rows' if period or to.suffix.lower() == '.csv' else 'frames'} in {to}")
+
+
+def _signals(path: Path, decoder: Decoder | None, period: str, to: Path) -> int:
+    """All signals on a grid, last value held, as CSV or Parquet; the number of rows."""
+    import pyarrow
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    from terrapin_tools.logs.resample import signals_on_grid
+
+    if decoder is None:
+        raise UserError("signals need a DBC: --dbc FILE")
+    if to.suffix.lower() not in (".csv", ".parquet"):
+        raise UserError(f"--period: signals go to .csv or .parquet, found {to.suffix!r}")
+    try:
+        number, _, unit = period.strip().partition(" ")
+        grid = units.convert(float(number), unit or "s", "s")
+    except ValueError as error:
+        raise UserError(f"--period: {error}, expected a time such as '10 ms'") from None
+    if not grid > 0:
+        raise UserError(f"--period: found {period!r}, expected more than 0")
+    columns = signals_on_grid(path, decoder, float(grid))
+    arrow = pyarrow.table(columns)
+    if to.suffix.lower() == ".csv":
+        pyarrow.csv.write_csv(arrow, to, pyarrow.csv.WriteOptions(quoting_style="none"))
+    else:
+        pyarrow.parquet.write_table(arrow, to)
+    return len(columns["time"])
+
+
+def record(
+    to: Annotated[Path, typer.Argument(metavar="TO", help=".log, .blf, .mf4 or .mcap: kinds that survive a crash")],
+    link: Annotated[LinkName, link_option("listen", "the bus")],
+    duration: Annotated[float, typer.Option("--duration", help="seconds; 0: until Ctrl-C")] = 0.0,
+    dbc: Dbc = None,
+    bitrate: BitRate = 500_000,
+) -> None:
+    """Record a bus. It only listens. What came is in the file at least twice a second, so a crash costs little.
+
+    Example: terrapin log record drive.blf --link socketcan:can0
+    """
+    from terrapin_tools.logs.bus import open_bus
+
+    if to.suffix.lower() not in GROWING:
+        kinds = " ".join(GROWING)
+        raise UserError(f"{to}: found {to.suffix!r}, expected one of {kinds}; `terrapin log convert` makes the others")
+    if not 0.0 <= duration < 1e9:
+        raise UserError(f"--duration: found {duration:g} s, expected 0 or more")
+    if to.exists():
+        raise UserError(f"{to}: exists already, expected a new file")
+    bus = open_bus(link, bitrate)
+    frames = 0
+    begin = time.monotonic()
+    shown = sys.stderr.isatty()
+    try:
+        with LogWriter(to, _decoder(to, dbc), growing=True) as writer:
+            try:
+                while not duration or time.monotonic() - begin < duration:
+                    block = bus.receive(FLUSH if not duration else min(FLUSH, duration))
+                    writer.write(block)
+                    writer.flush()
+                    frames += len(block)
+                    if shown:
+                        rate = len(block) / FLUSH
+                        print(f"\r{frames} frames, {rate:.0f}/s, Ctrl-C ends ", end="", file=sys.stderr, flush=True)
+            except KeyboardInterrupt:
+                pass
+    finally:
+        lost, damaged = bus.lost, bus.damaged
+        bus.shutdown()
+        if shown:
+            print(file=sys.stderr)
+        if to.exists():
+            print(f"{frames} frames in {to}")
+        if lost:
+            print(f"{to}: {lost} frames lost before they could be read: this machine was too busy", file=sys.stderr)
+        if damaged:
+            print(f"{to}: {damaged} damaged lines left out", file=sys.stderr)
+
+
+def replay(
+    log: LogFile,
+    link: Annotated[LinkName, link_option("replay", "where the controller is")] = PTY,
+    real_time: Annotated[
+        bool, typer.Option("--real-time", help="at the log's pace instead of as fast as it goes")
+    ] = False,
+    parameters: Annotated[
+        Path | None, typer.Option("--parameters", help="TOML; default: run.toml beside the log")
+    ] = None,
+    json: Json = "",
+) -> None:
+    """Send a recorded run to the firmware again and compare its answers with the recorded ones.
+
+    Exit status 0 when all are the same, 1 when some differ.
+
+    Example: terrapin log replay out/slope
+    """
+    from terrapin_tools.logs.replay import replay as again
+
+    description = interface()
+    path = LogReader(log).path
+    beside = path.parent / "run.toml"
+    source = parameters or (beside if beside.is_file() else None)
+    try:
+        values = read_parameters(source, description) if source else {}
+    except ReadingError as error:
+        raise UserError(str(error)) from None
+    frames, cut = read_log(path)
+    _warn(path, cut)
+    try:
+        with open_link(link) as opened:
+            found = again(frames, opened, values, description, real_time)
+    except ParameterError as error:
+        raise UserError(str(error), status=1) from None
+    answer: dict[str, Any] = {
+        "log": str(path),
+        "ticks": found.ticks,
+        "frames": found.frames,
+        "different_ticks": found.different,
+        "first": [vars(d) for d in found.differences],
+        "seconds": found.seconds,
+    }
+    text = [f"{found.ticks} ticks, {found.frames} answers compared in {found.seconds:.2f} s"]
+    if found.different:
+        text.append(f"{found.different} ticks differ; the first:")
+        for d in found.differences:
+            said = f"{d.signal}: recorded {d.recorded:g}, now {d.now:g}" if d.signal else "another frame, or none"
+            text.append(f"  {d.time:.3f} s  {d.message} {said}")
+    else:
+        text.append("every answer is the recorded one")
+    deliver(answer, "\n".join(text), json)
+    if found.different:
+        raise typer.Exit(1)
+
+
+def register(app: typer.Typer) -> None:
+    group = typer.Typer(help="Record, convert, look into and replay logs of a CAN bus.", no_args_is_help=True)
+    group.callback()(lambda: None)
+    for command in (info, convert, record, replay):
+        group.command(command.__name__)(command)
+    app.add_typer(group, name="log")

@@ -1,0 +1,63 @@
+"""`terrapin monitor`: live telemetry in a terminal."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from terrapin_hil.links.names import INPROCESS, LinkName
+from terrapin_tools.command_options import BitRate, link_option
+from terrapin_tools.errors import UserError
+
+__all__ = ["register"]
+
+
+def monitor(
+    source: Annotated[
+        str, typer.Argument(metavar="[SOURCE]", help="a log or a run's folder, or a scenario's name")
+    ] = "steady_sand",
+    link: Annotated[LinkName | None, link_option("listen", "a bus instead")] = None,
+    dbc: Annotated[Path | None, typer.Option("--dbc", help="names of signals; default: the controller's")] = None,
+    speed: Annotated[float, typer.Option("--speed", help="of a log: times its own pace")] = 1.0,
+    bitrate: BitRate = 500_000,
+    controller: Annotated[LinkName, link_option("lockstep", "of a scenario", "--controller")] = INPROCESS,
+) -> None:
+    """Watch a controller: state, faults and what they mean, slip, C_t, currents, the bus, any signal as a plot.
+
+    Keys: q quit, space pause, m mark, / filter, p plot the signal under the cursor.
+
+    Example: terrapin monitor --link socketcan:can0
+    """
+    from terrapin_hil import paths
+    from terrapin_hil.messages import interface
+    from terrapin_tools.logs.decoding import Decoder
+    from terrapin_tools.monitor.live import Live
+    from terrapin_tools.monitor.sources import Bus, LogFile, Simulator
+
+    if not 0.0 < speed <= 1000.0:
+        raise UserError(f"--speed: found {speed:g}, expected more than 0, at most 1000")
+    bitrate = link.bit_rate(bitrate) if link else bitrate
+    if not sys.stdout.isatty():
+        raise UserError("monitor needs a terminal; `terrapin log record` and `log info` do without")
+    own = paths.dbc()
+    live = Live(Decoder(dbc or own), interface() if dbc is None else None, bitrate)
+    path = Path(source)
+    opened = Bus(link, bitrate) if link else LogFile(path, speed) if path.exists() else Simulator(source, controller)
+    from terrapin_tools.monitor.app import MonitorApp
+
+    limit = interface().parameter("slip_limit")
+    app = MonitorApp(live, opened, limit.default * limit.scale)
+    try:
+        app.run()
+    finally:
+        opened.close()
+    print(f"{live.total} frames seen, {opened.lost} lost" + (f"; {opened.note}" if opened.note else ""))
+    if app.failed is not None:
+        raise app.failed
+
+
+def register(app: typer.Typer) -> None:
+    app.command()(monitor)

@@ -1,0 +1,314 @@
+"""`terrapin param`: the controller's parameters over any link, in their units, kept in its flash."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from terrapin_hil.links import LinkName, open_link
+from terrapin_hil.links.names import INPROCESS, able
+from terrapin_hil.messages import Interface, interface
+from terrapin_tools.command_options import Json, deliver, link_option
+from terrapin_tools.errors import UserError
+from terrapin_tools.param.files import find, raw_of, read_file, text_of, to_toml
+from terrapin_tools.param.session import ORIGINS, Session, Store
+from terrapin_tools.workbench.files.writing import write_whole
+
+__all__ = ["register"]
+
+FLASH_SIZE = 32768  # bytes, of ports/host/flash_file.h
+Link = Annotated[LinkName, link_option("parameters", "where the controller is")]
+Flash = Annotated[
+    Path | None,
+    typer.Option("--flash", metavar="FILE", help="flash of the controllers inprocess and pty, made if absent"),
+]
+Timeout = Annotated[float, typer.Option("--timeout", help="s that an answer may take")]
+Volatile = Annotated[bool, typer.Option("--volatile", help="until the next reset only: not kept in flash")]
+Names = Annotated[list[str] | None, typer.Argument(metavar="[NAME]...", help="parameters; all when none is named")]
+
+
+@contextmanager
+def _session(link: LinkName, flash: Path | None, timeout: float) -> Iterator[Session]:
+    if not 0 < timeout <= 3600:
+        raise UserError(f"--timeout: found {timeout:g}, expected more than 0 and at most 3600 s")
+    if flash is not None and "flash file" not in link.row.jobs:
+        files = " and ".join(kind.form for kind in able("flash file"))
+        raise UserError(f"--flash: {link} keeps its parameters itself; a file is for {files}")
+    if flash is not None and flash.exists() and flash.stat().st_size not in (0, FLASH_SIZE):
+        raise UserError(f"{flash}: not a file of flash: expected one of {FLASH_SIZE} bytes, or none yet")
+    with open_link(link, timeout, **({"flash": flash} if flash else {})) as opened:
+        yield Session(opened)
+
+
+def _entry(session: Session, name: str, raw: int) -> dict[str, Any]:
+    parameter = session.interface.parameters[name]
+    low, high, default = (
+        value * parameter.scale for value in (parameter.minimum, parameter.maximum, parameter.default)
+    )
+    return {
+        "value": raw * parameter.scale,
+        "unit": parameter.unit,
+        "raw": raw,
+        "default": default,
+        "minimum": low,
+        "maximum": high,
+        "protected": bool(parameter.protects),
+        "meaning": parameter.meaning,
+    }
+
+
+def _table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Columns in line, as wide as they need to be: the terminal's width when there is one."""
+    import io
+
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False, header_style="")
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    width = None if sys.stdout.isatty() else 240
+    console = Console(file=io.StringIO(), width=width, color_system=None)
+    console.print(table)
+    assert isinstance(console.file, io.StringIO)
+    return "\n".join(line.rstrip() for line in console.file.getvalue().splitlines())
+
+
+def _store_words(store: Store) -> str:
+    if store.result == "no_store":
+        return "this controller has no parameter store: values last until its reset"
+    words = f"set {store.sequence} is stored" if store.origin == "stored" else ORIGINS[store.origin]
+    if store.changed:
+        words += "; the values above are not the stored ones"
+    if store.remains:
+        words += "; a save was cut short some time, the set before it counts"
+    return words
+
+
+def _shown(session: Session, values: Mapping[str, int]) -> str:
+    rows = []
+    for name, raw in values.items():
+        p = session.interface.parameters[name]
+        mark = "*" if raw != p.default else ""
+        span = f"{text_of(p, p.minimum)} to {text_of(p, p.maximum)}"
+        unit = "" if p.unit == "1" else p.unit
+        rows.append(
+            (name + mark, text_of(p, raw), unit, text_of(p, p.default), span, "yes" if p.protects else "", p.meaning)
+        )
+    return _table(("name", "value", "unit", "default", "range", "protected", "meaning"), rows)
+
+
+def list_(link: Link = INPROCESS, flash: Flash = None, timeout: Timeout = 1.0, json: Json = "") -> None:
+    """Every parameter with value, unit, default and range; * marks those that are not at their default.
+
+    Protected ones, and saving, need the bridge to be off.
+
+    Example: terrapin param list --link serial:/dev/ttyACM0
+    """
+    with _session(link, flash, timeout) as session:
+        values, store, found = session.all(), session.store(), session.found()
+    answer = {
+        "link": str(link),
+        "parameters": {name: _entry(session, name, raw) for name, raw in values.items()},
+        "store": {**vars(store), **found},
+    }
+    counts = ", ".join(f"{n} {what}" for what, n in found.items() if n and store.origin == "stored")
+    words = _store_words(store) + (f"; of it {counts}" if counts else "")
+    deliver(answer, f"{_shown(session, values)}\n{words}", json)
+
+
+def get(
+    names: Annotated[list[str], typer.Argument(metavar="NAME...", help="parameters")],
+    link: Link = INPROCESS,
+    flash: Flash = None,
+    timeout: Timeout = 1.0,
+    json: Json = "",
+) -> None:
+    """Values of parameters, one a line.
+
+    Example: terrapin param get torque_constant armature_resistance --link socketcan:can0
+    """
+
+    parameters = [find(interface(), name) for name in names]
+    with _session(link, flash, timeout) as session:
+        values = {parameter.name: session.get(parameter) for parameter in parameters}
+    lines = [f"{p.name} = {text_of(p, values[p.name])}" + ("" if p.unit == "1" else f" {p.unit}") for p in parameters]
+    deliver({name: _entry(session, name, raw) for name, raw in values.items()}, "\n".join(lines), json)
+
+
+def _keep(session: Session, volatile: bool) -> tuple[Store | None, str]:
+    """Saves unless `volatile`; what became of it, in words."""
+    if volatile:
+        return None, "until the next reset (--volatile)"
+    store = session.save()
+    if store.result == "no_store":
+        return store, "until the next reset: this controller has no parameter store"
+    return store, f"kept in flash as set {store.sequence}"
+
+
+def _write(
+    change: Callable[[Session], Mapping[str, int]],
+    link: LinkName,
+    flash: Path | None,
+    timeout: float,
+    volatile: bool,
+    json: str,
+) -> None:
+    with _session(link, flash, timeout) as session:
+        before = session.all()
+        written = change(session)
+        store, kept = _keep(session, volatile)
+    rows = []
+    for name, raw in written.items():
+        p = session.interface.parameters[name]
+        unit = "" if p.unit == "1" else f" {p.unit}"
+        was = "" if before[name] == raw else f" (was {text_of(p, before[name])})"
+        rows.append(f"{name} = {text_of(p, raw)}{unit}{was}")
+    shown = rows if len(rows) <= 20 else [row for row in rows if "(was" in row]
+    changed = sum(before[name] != raw for name, raw in written.items())
+    words = [*shown, f"{len(written)} written, {changed} changed; {kept}"]
+    answer = {
+        "link": str(link),
+        "written": {name: {**_entry(session, name, raw), "before_raw": before[name]} for name, raw in written.items()},
+        "store": vars(store) if store else None,
+    }
+    deliver(answer, "\n".join(words), json)
+
+
+def set_(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="parameter")],
+    value: Annotated[list[str], typer.Argument(metavar="VALUE", help="in its unit, or with a unit: 120 mohm")],
+    raw: Annotated[bool, typer.Option("--raw", help="VALUE is the raw integer")] = False,
+    volatile: Volatile = False,
+    link: Link = INPROCESS,
+    flash: Flash = None,
+    timeout: Timeout = 1.0,
+    json: Json = "",
+) -> None:
+    """Write one parameter and keep it in flash. A negative value comes after --.
+
+    Examples: terrapin param set armature_resistance 120 mohm --link serial:/dev/ttyACM0
+
+    terrapin param set comp_coulomb --flash robot.flash -- -0.5 "mN m"
+    """
+
+    parameter = find(interface(), name)
+    number = raw_of(parameter, " ".join(value), raw)
+    _write(lambda session: session.set_all({name: number}), link, flash, timeout, volatile, json)
+
+
+def save(
+    to: Annotated[
+        Path, typer.Argument(metavar="FILE.toml", help="for terrapin param load and terrapin run --parameters")
+    ],
+    changed: Annotated[bool, typer.Option("--changed", help="those alone that are not at their default")] = False,
+    link: Link = INPROCESS,
+    flash: Flash = None,
+    timeout: Timeout = 1.0,
+) -> None:
+    """Write the controller's parameters into a TOML file, in their units.
+
+    Example: terrapin param save robot7.toml --link serial:/dev/ttyACM0
+    """
+
+    with _session(link, flash, timeout) as session:
+        values = session.all()
+    defaults = session.interface.parameters
+    chosen = {name: raw for name, raw in values.items() if not changed or raw != defaults[name].default}
+    write_whole(to, to_toml(session.interface, chosen, f"read over {link} by `terrapin param save`"))
+    print(f"{to}: {len(chosen)} parameters")
+
+
+def load(
+    file: Annotated[Path, typer.Argument(metavar="FILE.toml", help="with a table [parameters]")],
+    volatile: Volatile = False,
+    link: Link = INPROCESS,
+    flash: Flash = None,
+    timeout: Timeout = 1.0,
+    json: Json = "",
+) -> None:
+    """Write the parameters in a TOML file and keep them in flash; those that it does not name stay.
+
+    Nothing is written unless all of the file is good. Also takes what `terrapin export` makes.
+
+    Example: terrapin param load robot7.toml --link socketcan:can0
+    """
+
+    values = read_file(file, interface())
+    _write(lambda session: session.set_all(values), link, flash, timeout, volatile, json)
+
+
+def _other(file: Path | None, description: Interface) -> dict[str, int]:
+    if file is not None:
+        return read_file(file, description)
+    return {name: parameter.default for name, parameter in description.parameters.items()}
+
+
+def diff(
+    file: Annotated[Path | None, typer.Argument(metavar="[FILE.toml]", help="the defaults when none is named")] = None,
+    link: Link = INPROCESS,
+    flash: Flash = None,
+    timeout: Timeout = 1.0,
+    json: Json = "",
+) -> int:
+    """What differs between the controller and a file, or the defaults. Exit status 1 when something does.
+
+    Example: terrapin param diff robot7.toml --link serial:/dev/ttyACM0
+    """
+
+    description = interface()
+    other = _other(file, description)
+    with _session(link, flash, timeout) as session:
+        here = {name: session.get(description.parameters[name]) for name in other}
+    rows, answer = [], {}
+    for name, raw in here.items():
+        if raw != other[name]:
+            p = description.parameters[name]
+            rows.append((name, text_of(p, raw), text_of(p, other[name]), "" if p.unit == "1" else p.unit))
+            answer[name] = {"controller": raw * p.scale, "other": other[name] * p.scale, "unit": p.unit}
+    there = str(file) if file else "default"
+    words = (
+        _table(("name", "controller", there, "unit"), rows) if rows else f"no difference from {file or 'the defaults'}"
+    )
+    deliver({"link": str(link), "other": there, "differences": answer}, words, json)
+    return 1 if rows else 0
+
+
+def reset(
+    names: Names = None,
+    volatile: Volatile = False,
+    link: Link = INPROCESS,
+    flash: Flash = None,
+    timeout: Timeout = 1.0,
+    json: Json = "",
+) -> None:
+    """Put all parameters, or those named, back to their defaults and keep that in flash.
+
+    Example: terrapin param reset --link serial:/dev/ttyACM0
+    """
+
+    chosen = [find(interface(), name) for name in names or ()]
+    values = {parameter.name: parameter.default for parameter in chosen}
+    _write(
+        lambda session: session.set_all(values) if values else session.defaults(), link, flash, timeout, volatile, json
+    )
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command."""
+    group = typer.Typer(
+        no_args_is_help=True,
+        help="Read and write the controller's parameters over a link, in their units.",
+        rich_markup_mode=None,
+    )
+    for command in (list_, get, set_, save, load, diff, reset):
+        group.command(command.__name__.rstrip("_"))(command)
+    app.add_typer(group, name="param")

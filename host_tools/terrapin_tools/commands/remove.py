@@ -1,0 +1,41 @@
+"""`terrapin remove CASE EFFECT`: take an effect out of a case's model again."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from terrapin_tools.command_options import CaseFolder, Jobs, Json, Seed, check_options, deliver
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.case.changes import remove_effect
+
+__all__ = ["register"]
+
+
+def remove(
+    case: CaseFolder,
+    effect: Annotated[str, typer.Argument(help="name of an effect in the model")],
+    json: Json = "",
+    seed: Seed = 0,
+    jobs: Jobs = 1,
+) -> None:
+    """Take an effect out of case.toml (comments and order kept) and print the errors before and after.
+
+    Example: terrapin remove CASE motor_heating
+    """
+    from terrapin_tools.workbench.case.case import load_case
+    from terrapin_tools.workbench.story.change import carry_out
+
+    check_options(seed, jobs)
+    present = load_case(case)
+    if effect not in present.effects:
+        found = ", ".join(present.effects) or "none"
+        raise UserError(f"{case / 'case.toml'}: model.effects: {effect} is not in the model, expected one of {found}")
+    answer, words = carry_out(present, remove_effect(present.text, effect), "removed", [effect], seed)
+    answer["removed"] = effect
+    deliver(answer, words, json)
+
+
+def register(app: typer.Typer) -> None:
+    app.command("remove")(remove)

@@ -1,0 +1,168 @@
+"""`terrapin run`: a scenario over a link, its log and its checks."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from terrapin_hil.firmware import ParameterError
+from terrapin_hil.links import LinkName, open_link
+from terrapin_hil.links.link import Link
+from terrapin_hil.links.names import INPROCESS, able
+from terrapin_hil.messages import interface
+from terrapin_hil.reading import ReadingError
+from terrapin_hil.robot.compiled_effects import EffectError
+from terrapin_hil.run.rig import Rig, RigConfig, RigError, load_rig
+from terrapin_hil.run.run import DivergedError, Result, run
+from terrapin_hil.scenario.checks import CheckError, Outcome
+from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+from terrapin_tools.command_options import link_option
+from terrapin_tools.contact_error import ContactError, contact_error
+from terrapin_tools.errors import UserError
+from terrapin_tools.logs.folder import RunFolder
+from terrapin_tools.param.files import read_parameters
+from terrapin_tools.progress import bar
+
+__all__ = ["register"]
+
+HELP = """Run a scenario: the simulated robot against the controller, in lockstep.
+
+Example: terrapin run slope_limiter --link pty --out out/slope
+
+SCENARIO is a TOML file, or the name of a shipped one.
+Exit status: 0 when every check of the scenario holds, 1 when one fails or the run breaks off, 2 for bad input."""
+
+
+def _before(result: Result) -> ContactError | None:
+    """The error of C_t without the parameters: the same run once more, in this process."""
+    plain = replace(result.scenario, real_time=False, checks=())
+    return contact_error(run(plain, "inprocess", parameters={}))
+
+
+def _contact(result: Result) -> dict[str, dict[str, float | int | bool] | None]:
+    found = {"after": contact_error(result), "before": _before(result)}
+    return {key: vars(error) if error is not None else None for key, error in found.items()}
+
+
+def _contact_words(result: Result) -> str:
+    before, after = _before(result), contact_error(result)
+    if before is None or after is None:
+        return "  C_t error: the robot never ran for a whole window"
+    kind = "valid" if after.valid else "unsteady"
+    change = f"{1e3 * before.rms:.3g} -> {1e3 * after.rms:.3g} mN m"
+    return f"  C_t error {change} rms with these parameters (over {after.windows} {kind} windows)"
+
+
+def _as_json(result: Result, folder: Path | None, written: bool) -> str:
+    return json.dumps(
+        {
+            "scenario": result.scenario.name,
+            "link": result.link,
+            "seed": result.scenario.seed,
+            "duration": result.scenario.duration,
+            "wall_seconds": result.timing.seconds,
+            "passed": result.passed,
+            "checks": [{"check": o.text, "passed": o.passed, "found": o.found} for o in result.outcomes],
+            "output_sha256": result.output_hash,
+            "out": str(folder) if folder else None,
+            **({"contact_error": _contact(result)} if written else {}),
+        },
+        indent=2,
+    )
+
+
+def _as_text(result: Result, folder: Path | None, written: bool) -> str:
+    scenario, timing = result.scenario, result.timing
+    speed = scenario.duration / max(timing.seconds, 1e-9)
+    rows = [
+        f"{scenario.name}: {scenario.title}" if scenario.title else scenario.name,
+        f"  {scenario.duration:g} s in {timing.seconds:.3g} s ({speed:.3g} x real time), {result.link}, "
+        f"seed {scenario.seed}",
+    ]
+    if scenario.real_time:
+        rows.append(f"  real time: ticks late by {timing.rms * 1e6:.0f} us rms, {timing.latest * 1e6:.0f} us at most")
+    rows += [f"  {'ok  ' if o.passed else 'FAIL'}  {o.text}    ({o.found})" for o in result.outcomes]
+    if written:
+        rows.append(_contact_words(result))
+    rows.append(f"  output sha256 {result.output_hash}")
+    if folder is not None:
+        rows.append(f"  log in {folder}")
+    return "\n".join(rows)
+
+
+@contextlib.contextmanager
+def _opened(link: LinkName, path: Path | None) -> Iterator[tuple[Link, list[Outcome]]]:
+    """The link; in the rig that a file describes the board reset, its e-stop measured, its enable line watched while
+    the run lasts."""
+    from terrapin_hil.run.rig_checks import bridge_stays_off, estop_outcome
+
+    outcomes: list[Outcome] = []
+    with contextlib.ExitStack() as stack:
+        rig = stack.enter_context(Rig(load_rig(path) if path is not None else RigConfig()))
+        if rig.has("reset"):
+            rig.reset()
+        opened = stack.enter_context(open_link(link))
+        if rig.has("estop", "enable"):
+            outcomes.append(estop_outcome(rig, opened))  # type: ignore[arg-type]  # links of boards talk
+        if rig.has("enable"):
+            stack.enter_context(bridge_stays_off(rig, outcomes))
+        yield opened, outcomes
+
+
+def command(
+    scenario: Annotated[str, typer.Argument(help="scenario file, or the name of a shipped scenario")],
+    link: Annotated[LinkName, link_option("lockstep", "where the controller is")] = INPROCESS,
+    out: Annotated[Path | None, typer.Option(help="folder for telemetry.log, truth.csv and run.toml")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="instead of the scenario's")] = None,
+    parameters: Annotated[Path | None, typer.Option(help="TOML file with a table [parameters]")] = None,
+    real_time: Annotated[bool, typer.Option("--real-time", help="keep to the clock; lateness is reported")] = False,
+    rig: Annotated[Path | None, typer.Option(help="TOML file that names the GPIO lines around a real board")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="the result as JSON on standard output")] = False,
+) -> int:
+    try:
+        chosen = load_scenario(find_scenario(scenario))
+        if seed is not None:
+            chosen = replace(chosen, seed=seed)
+        if real_time:
+            chosen = replace(chosen, real_time=True)
+        if rig is not None and "board" not in link.row.jobs:
+            boards = ", ".join(kind.form for kind in able("board"))
+            raise UserError(f"--rig is around a real board: found --link {link}, expected one of {boards}")
+        description = interface()
+        values = read_parameters(parameters, description) if parameters else {}
+        folder = RunFolder(out, chosen, str(link), values, description) if out else None
+        with contextlib.ExitStack() as stack:
+            if folder is not None:
+                stack.callback(folder.close)
+            shown = stack.enter_context(bar(chosen.name))
+            observers = [folder] if folder else []
+            with _opened(link, rig) as (opened, outcomes):
+                result = run(
+                    chosen,
+                    opened,
+                    parameters=values,
+                    observers=observers,
+                    progress=lambda share: shown(completed=share),
+                )
+            result.outcomes = (*outcomes, *result.outcomes)
+            if folder is not None:
+                folder.finish(result)
+    except (ReadingError, CheckError, EffectError, ParameterError) as error:
+        raise UserError(str(error)) from None
+    except (DivergedError, RigError) as error:
+        raise UserError(str(error), status=1) from None
+    except KeyboardInterrupt:
+        raise UserError(f"interrupted; the log up to here is in {out}" if out else "interrupted", status=130) from None
+    print((_as_json if as_json else _as_text)(result, out, bool(values)))
+    return 0 if result.passed else 1
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command."""
+    app.command("run", help=HELP)(command)

@@ -1,0 +1,111 @@
+"""What a programmer that writes the whole flash (SWD, the chip's own boot loader) has to erase and write.
+
+The records of the project's boot loader are erased with it, and the slot that gets no image: so that what is written is
+what starts, whatever was there before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from terrapin_hil import paths
+from terrapin_tools.errors import UserError
+from terrapin_tools.flash.image import ImageError, verify
+from terrapin_tools.flash.keys import key_in
+from terrapin_tools.flash.layout import BASE, RAM, RECORDS, SLOT_SIZE, SLOTS
+from terrapin_tools.flash.update import SignedFile
+
+__all__ = ["BOOT_SIZE", "Plan", "Programmer", "begins", "boot_loader", "check_starts", "perform", "plan", "read"]
+
+BOOT_SIZE = 0x4000
+
+Told = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Regions to erase, (address, bytes), whole sectors; and data to write into them, (address, data)."""
+
+    erase: tuple[tuple[int, int], ...]
+    write: tuple[tuple[int, bytes], ...]
+
+
+class Programmer(Protocol):
+    """A connection that can do it. Failures are UserError."""
+
+    name: str
+    chunk: int  # bytes that are read at a time
+
+    def read(self, address: int, size: int) -> bytes: ...
+    def erase(self, regions: Sequence[tuple[int, int]], told: Told) -> None: ...
+    def write(self, address: int, data: bytes, told: Told) -> None: ...
+    def start(self) -> None: ...
+
+
+def boot_loader(path: Path) -> bytes:
+    """The boot loader in a .bin. UserError when it cannot be one."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(BOOT_SIZE + 1)
+    except OSError as error:
+        hint = f"run {paths.make('firmware')}: it puts one into build/cortex-m4"
+        raise UserError(f"{path}: cannot read: {error.strerror}; {hint}") from None
+    if len(data) > BOOT_SIZE or not begins(data):
+        raise UserError(f"{path}: no boot loader: expected at most {BOOT_SIZE} bytes linked for 0x{BASE:08x}")
+    return data
+
+
+def begins(data: bytes) -> bool:
+    """Whether these bytes begin with the vectors of a program at the start of flash."""
+    stack, reset = int.from_bytes(data[:4], "little"), int.from_bytes(data[4:8], "little")
+    return len(data) >= 8 and stack in RAM and BASE <= reset < BASE + len(data)
+
+
+def check_starts(loader: bytes, where: str, files: Sequence[SignedFile]) -> None:
+    """UserError unless this boot loader would start the images: nobody asks it when the whole flash is written."""
+    for file in files:
+        named = file.image.key_hash or b""
+        key = key_in(loader, named)
+        if key is None:
+            raise UserError(f"{file.name}: signed with key {named[:4].hex()}, which is not in {where}")
+        try:
+            verify(file.image, key)
+        except ImageError as error:
+            raise UserError(f"{file.name}: {error}") from None
+
+
+def plan(files: Sequence[SignedFile], loader: bytes | None) -> Plan:
+    """For these images, at most one a slot, and perhaps the boot loader."""
+    erase = [*RECORDS, *((start, SLOT_SIZE) for start in SLOTS.values())]
+    write = [(SLOTS[file.image.slot], file.data[: file.image.size]) for file in files]
+    if loader is not None:
+        erase.insert(0, (BASE, BOOT_SIZE))
+        write.insert(0, (BASE, loader))
+    return Plan(tuple(erase), tuple(write))
+
+
+def read(programmer: Programmer, address: int, size: int, told: Told, doing: str = "reading") -> bytes:
+    """What stands in the flash."""
+    data = b""
+    while len(data) < size:
+        data += programmer.read(address + len(data), min(programmer.chunk, size - len(data)))
+        told(doing, len(data), size)
+    return data
+
+
+def perform(programmer: Programmer, what: Plan, told: Told) -> None:
+    """Erase, write, read back, start. UserError where something else stands than was written."""
+    programmer.erase(what.erase, told)
+    for address, data in what.write:
+        programmer.write(address, data, told)
+    for address, data in what.write:
+        found = read(programmer, address, len(data), told, "verifying")
+        if found != data:
+            first = address + next(i for i, (a, b) in enumerate(zip(found, data, strict=True)) if a != b)
+            raise UserError(
+                f"{programmer.name}: verify: what was written at 0x{first:08x} does not read back", status=1
+            )
+    programmer.start()

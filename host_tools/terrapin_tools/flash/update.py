@@ -1,0 +1,291 @@
+"""The host's side of an update through the project's own boot loader (firmware/boot/update.h), over any wire.
+
+An application answers queries and resets into the boot loader; that takes the image into the slot that is not
+confirmed, verifies it, starts it on trial, and the application confirms itself. One block of 256 bytes is under way at
+a time; what is lost, or whose answer is lost, is sent again.
+"""
+
+from __future__ import annotations
+
+import time
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from terrapin_hil.messages import Frame, Sender, interface
+from terrapin_tools.errors import UserError
+from terrapin_tools.flash.image import Image, Version
+from terrapin_tools.flash.wires import Wire
+
+__all__ = ["Controller", "Outcome", "SignedFile", "Told", "query", "update"]
+
+Told = Callable[[str, int, int], None]  # (what is being done, bytes done, bytes in all)
+
+BLOCK = 256
+PROTOCOL = 1
+ASK_EVERY = 0.03  # s, so that the boot loader's 100 ms are not missed
+ANSWER = 3.0  # s for a controller to answer at all
+ERASE = 8.0  # s: 128 kB take 2 s at most, and as much again when another slot's record is dropped first
+BLOCK_ANSWER = 1.0  # s; writing takes 7 ms at most
+VERIFY = 12.0  # s: on 16 MHz, and an erase when it fails
+START = 1.0  # s in which the boot loader, just reset, is not asked: it would stay
+CONFIRM = 5.0  # s
+TRIES = 8  # of one block
+REQUESTS = 3  # of any other request that is not answered
+
+REASONS = {
+    "motor_on": "the motor is on; stop it first",
+    "slot_in_use": "the slot is in use: its image runs or is confirmed",
+    "too_large": "the image does not fit the slot",
+    "version_too_old": "the version is older than the confirmed one",
+    "flash": "the flash refused to be written",
+    "sequence": "blocks came out of order",
+    "not_an_image": "what arrived is no image for this boot loader",
+    "wrong_slot": "the image is linked for the other slot",
+    "wrong_key": "the image is signed with a key that the boot loader does not know",
+    "corrupted": "the image arrived damaged",
+    "bad_signature": "the image is not signed, or its signature is forged",
+    "counter_too_low": "the security counter is lower than that of a confirmed image",
+    "boot_loader_only": "the application leaves updates to the boot loader",
+}
+
+
+@dataclass(frozen=True)
+class SignedFile:
+    """An image and where it came from."""
+
+    name: str
+    image: Image
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Controller:
+    """What a controller answers to a query. Slots are "a", "b" or "" (running: the boot loader; others: none)."""
+
+    running: str
+    confirmed: str
+    candidate: str
+    phase: str
+    version: Version  # highest that was confirmed
+    security_counter: int
+    key: bytes  # first four bytes of the hash of the boot loader's key
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Of an update: the slot, and what is known of the start after it."""
+
+    slot: str
+    state: str  # "confirmed", "on trial", "silent": no answer that tells
+
+
+def _slot(number: int) -> str:
+    return {1: "a", 2: "b"}.get(number, "")
+
+
+def _heard(wire: Wire, seconds: float) -> Iterator[Frame]:
+    """What comes within `seconds`, and after them what has come already."""
+    end = time.monotonic() + seconds
+    while frames := wire.receive(max(0.0, end - time.monotonic())):
+        yield from frames
+
+
+def _ask(wire: Wire, sender: Sender, seconds: float) -> Controller | None:
+    """Ask until there is an answer, `seconds` at most."""
+    messages, enums = interface().messages, interface().enums
+    info: dict[str, int] = {}
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        wire.wake()
+        wire.send([sender.frame("UPDATE_QUERY", {"protocol": PROTOCOL})])
+        for identifier, data in _heard(wire, ASK_EVERY):
+            if identifier == messages["UPDATE_INFO"].id and len(data) == messages["UPDATE_INFO"].length:
+                info = messages["UPDATE_INFO"].decode(data)
+            elif identifier == messages["UPDATE_FLOOR"].id and info and len(data) == 8:
+                least = messages["UPDATE_FLOOR"].decode(data)
+                if info["protocol"] != PROTOCOL:
+                    raise UserError(f"{wire.name}: speaks update protocol {info['protocol']}, expected {PROTOCOL}")
+                phases = {number: name for name, number in enums["update_phase"].items()}
+                return Controller(
+                    running=_slot(info["running"]),
+                    confirmed=_slot(info["confirmed"]),
+                    candidate=_slot(info["candidate"]),
+                    phase=phases.get(info["phase"], "none"),
+                    version=Version(info["major"], info["minor"], info["revision"]),
+                    security_counter=least["security_counter"],
+                    key=(least["key"] & 0xFFFFFFFF).to_bytes(4, "little"),
+                )
+    return None
+
+
+def query(wire: Wire, seconds: float = ANSWER) -> Controller:
+    """What the controller says of itself. UserError when it does not answer."""
+    sender = Sender()
+    found = _ask(wire, sender, seconds)
+    if found is None:
+        # A running motor leaves no time to answer a query; a block out of turn is refused with the reason.
+        answer = _request(wire, [sender.frame("UPDATE_BLOCK", {})], "block", min(seconds, BLOCK_ANSWER))
+        if answer is not None and answer[0] == "motor_on":
+            raise UserError(f"{wire.name}: {REASONS['motor_on']}")
+        raise UserError(
+            f"{wire.name}: no controller answers; expected one with power and its boot loader or an application that "
+            f"serves updates, at this bit rate",
+            status=1,
+        )
+    return found
+
+
+def _request(
+    wire: Wire, frames: Sequence[Frame], request: str, seconds: float, beyond: int = -1
+) -> tuple[str, int] | None:
+    """Send frames whose last is answered: the result's name and the block that is expected next; None: no answer.
+
+    An `ok` that expects no block after `beyond` answers an earlier request, which was sent twice, and is passed over.
+    """
+    status, enums = interface().messages["UPDATE_STATUS"], interface().enums
+    wire.send(frames)
+    for identifier, data in _heard(wire, seconds):
+        if identifier == status.id and len(data) == status.length:
+            values = status.decode(data)
+            if values["request"] == enums["update_request"][request]:
+                names = {number: name for name, number in enums["update_result"].items()}
+                result = names.get(values["result"], f"result {values['result']}")
+                if result != "ok" or values["next"] > beyond:
+                    return result, values["next"]
+    return None
+
+
+def _asked(wire: Wire, frame: Frame, request: str, seconds: float, name: str) -> bool:
+    """A request that must not be refused; whether it was answered."""
+    answer = _request(wire, [frame], request, seconds)
+    if answer is not None and answer[0] != "ok":
+        raise UserError(f"{name}: refused: {REASONS.get(answer[0], answer[0])}")
+    return answer is not None
+
+
+def _silent(wire: Wire, request: str) -> UserError:
+    return UserError(f"{wire.name}: the controller stopped answering ({request})", status=1)
+
+
+def _demand(wire: Wire, sender: Sender, request: str, values: dict[str, int], seconds: float, name: str) -> None:
+    """BEGIN or END, which must succeed. Sent again when the answer does not come: the boot loader knows it again."""
+    for _ in range(REQUESTS):
+        if _asked(wire, sender.frame(f"UPDATE_{request.upper()}", values), request, seconds, name):
+            return
+        wire.wake()
+    raise _silent(wire, request)
+
+
+def _reset(wire: Wire, sender: Sender, values: dict[str, int], name: str, done: Callable[[Controller], bool]) -> None:
+    """RESET. Without an answer the controller is asked first whether it is `done`: another reset of an image on trial
+    would end its trial."""
+    key = int(sender.interface.constants["update_reset_key"])
+    for _ in range(REQUESTS):
+        if _asked(wire, sender.frame("UPDATE_RESET", {"key": key} | values), "reset", BLOCK_ANSWER, name):
+            return
+        found = _ask(wire, sender, ANSWER)
+        if found is not None and done(found):
+            return
+    raise _silent(wire, "reset")
+
+
+def _choose(files: Sequence[SignedFile], controller: Controller) -> SignedFile:
+    """The file for the slot that may be written; UserError when it would be refused."""
+    fitting = [file for file in files if file.image.slot != controller.confirmed]
+    if not fitting:
+        other = "b" if controller.confirmed == "a" else "a"
+        raise UserError(
+            f"{files[0].name}: linked for slot {controller.confirmed}, which is confirmed and stays; expected the "
+            f"image for slot {other} (give both files and the right one is taken)"
+        )
+    file = fitting[0]
+    image, least = file.image, controller.version
+    if image.key_hash is None or image.signature is None:
+        raise UserError(f"{file.name}: not signed; `terrapin image sign` does it")
+    if image.key_hash[:4] != controller.key:
+        raise UserError(
+            f"{file.name}: signed with key {image.key_hash[:4].hex()}, the boot loader knows {controller.key.hex()}"
+        )
+    if (image.version.major, image.version.minor, image.version.revision) < (least.major, least.minor, least.revision):
+        raise UserError(f"{file.name}: version too old: {image.version}, expected {least} or newer")
+    if image.security_counter < controller.security_counter:
+        raise UserError(
+            f"{file.name}: security counter {image.security_counter}, expected {controller.security_counter} or more"
+        )
+    return file
+
+
+def _enter_loader(wire: Wire, sender: Sender, name: str) -> Controller:
+    _reset(wire, sender, {"stay": 1}, name, lambda found: not found.running)
+    end = time.monotonic() + ANSWER
+    while time.monotonic() < end:
+        found = _ask(wire, sender, ANSWER)
+        if found is not None and not found.running:
+            return found
+    raise UserError(f"{wire.name}: the controller did not come back in its boot loader", status=1)
+
+
+def _send_blocks(wire: Wire, sender: Sender, data: bytes, told: Told) -> None:
+    identifier = interface().messages["UPDATE_DATA"].id
+    count = -(-len(data) // BLOCK)
+    index = tries = 0
+    while index < count:
+        block = data[BLOCK * index : BLOCK * (index + 1)]
+        frames = [(identifier, block[at : at + 8].ljust(8, b"\xff")) for at in range(0, len(block), 8)]
+        values = {"index": index, "size": len(block), "checksum": zlib.crc32(block)}
+        beyond = index if index + 1 < count else -1  # the last one may be a part, which `next` does not count
+        answer = _request(wire, [*frames, sender.frame("UPDATE_BLOCK", values)], "block", BLOCK_ANSWER, beyond)
+        if answer is not None and answer[0] == "ok":
+            index, tries = index + 1, 0
+            told("writing", min(len(data), BLOCK * index), len(data))
+            continue
+        tries += 1
+        if answer is not None and answer[0] not in ("again", "sequence"):
+            raise UserError(f"{wire.name}: refused: {REASONS.get(answer[0], answer[0])}")
+        if tries == TRIES:
+            reason = "no answer" if answer is None else REASONS.get(answer[0], "it arrives damaged")
+            raise UserError(f"{wire.name}: block {index} was sent {TRIES} times: {reason}", status=1)
+        if answer is not None and answer[0] == "sequence" and answer[1] != index:
+            raise UserError(f"{wire.name}: refused: another host is updating it, or it was reset", status=1)
+
+
+def update(wire: Wire, files: Sequence[SignedFile], told: Told) -> Outcome:
+    """Put one of the files (one a slot) on the controller. UserError when it or they would not."""
+    sender = Sender()
+    controller = query(wire)
+    file = _choose(files, controller)
+    if controller.running:
+        controller = _enter_loader(wire, sender, file.name)
+        file = _choose(files, controller)
+    image = file.image
+    data = file.data[: image.size] + b"\xff" * (-image.size % 4)
+    told("erasing", 0, len(data))
+    begin = {"size": len(data) // 4, "slot": interface().enums["update_slot"][image.slot]}
+    begin |= {"major": image.version.major, "minor": image.version.minor, "revision": image.version.revision}
+    _demand(wire, sender, "begin", begin, ERASE, file.name)
+    _send_blocks(wire, sender, data, told)
+    told("verifying", len(data), len(data))
+    _demand(wire, sender, "end", {"checksum": zlib.crc32(data)}, VERIFY, file.name)
+    told("starting", len(data), len(data))
+    _reset(wire, sender, {}, file.name, lambda found: bool(found.running))
+    return Outcome(image.slot, _started(wire, sender, image.slot, file.name))
+
+
+def _started(wire: Wire, sender: Sender, slot: str, name: str) -> str:
+    """What came of the start."""
+    time.sleep(START)
+    end = time.monotonic() + CONFIRM
+    state = "silent"
+    while time.monotonic() < end:
+        found = _ask(wire, sender, 0.5)
+        if found is None:
+            continue
+        if found.running != slot:
+            what = f"slot {found.running} runs again" if found.running else "the boot loader stays"
+            raise UserError(f"{name}: written and verified, but it did not start well: {what}", status=1)
+        state = "confirmed" if found.confirmed == slot else "on trial"
+        if state == "confirmed":
+            break
+        time.sleep(0.2)
+    return state

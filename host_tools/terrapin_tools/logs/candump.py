@@ -1,0 +1,130 @@
+"""CAN logs as candump text: `(12.345000) can0 182#0011223344556677`, one frame a line.
+
+>>> line(12.345, 0x182, bytes([0, 0xFF]))
+'(12.345000) can0 182#00FF'
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from terrapin_hil.messages import Interface
+from terrapin_hil.telemetry import decode
+from terrapin_tools.errors import UserError
+from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, frames, joined
+
+__all__ = ["blocks", "line", "lines", "read", "telemetry"]
+
+Array = npt.NDArray[np.float64]
+
+BLOCK = 4 << 20  # bytes of text taken at once
+
+# ID#DATA, ID#R (remote), ID##FDATA (CAN FD, with a digit of flags); candump -x adds the direction.
+_LINE = re.compile(
+    rb"^\((\d+(?:\.\d+)?)\)[ \t]+(\S+)[ \t]+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#"
+    rb"(?:(R)\d?|(#[0-9A-Fa-f])?((?:[0-9A-Fa-f]{2}){0,64}))(?:[ \t]+([RT]))?[ \t\r]*$",
+    re.MULTILINE,
+)
+_ERROR_FRAME = 0x2000_0000  # as the kernel marks them, in an identifier of 8 digits
+
+
+def line(time: float, identifier: int, data: bytes, channel: str = "can0", flags: int = 0) -> str:
+    """One frame, without the end of line. `flags` as in Frames."""
+    if flags & ERROR:
+        identifier |= _ERROR_FRAME
+    name = f"{identifier:08X}" if flags & (EXTENDED | ERROR) else f"{identifier:03X}"
+    body = "R" if flags & REMOTE else f"#0{data.hex().upper()}" if flags & FD else data.hex().upper()
+    return f"({time:.6f}) {channel} {name}#{body}{' T' if flags & SENT else ''}"
+
+
+def lines(records: npt.NDArray[Any], first_tick: int, channel: str = "can0") -> str:
+    """Rows of a simulator's log (terrapin_hil.simulation) as text: per tick what the host sent, then the answers."""
+    out = []
+    columns = zip(
+        records["host_count"].tolist(),
+        records["answer_count"].tolist(),
+        records["host"].tolist(),
+        records["answer"].tolist(),
+        strict=True,
+    )
+    for tick, (sent, answered, host, answer) in enumerate(columns, first_tick):
+        stamp = f"({tick / 1000:.6f}) {channel} "
+        for identifier, length, data in (*host[:sent], *answer[:answered]):
+            out.append(f"{stamp}{identifier:03X}#{bytes(data[:length]).hex().upper()}\n")
+    return "".join(out)
+
+
+def blocks(path: Path, told: Callable[[int], None] = lambda _: None) -> Iterator[Frames]:
+    """All frames of a log, some ten thousand at a time; `told` gets the bytes read so far.
+
+    A last line without its end is one that a crash cut off and is left out. UserError names file and line of what is
+    no candump text.
+    """
+    number, done, rest = 1, 0, b""
+    with path.open("rb") as file:
+        while piece := file.read(BLOCK):
+            done += len(piece)
+            text = rest + piece
+            end = text.rfind(b"\n") + 1
+            if end == 0 and len(text) > BLOCK:
+                raise _no_candump(path, number, text)
+            text, rest = text[:end], text[end:]
+            if end:
+                yield _parse(path, text, number)
+            number += text.count(b"\n")
+            told(done)
+
+
+def _parse(path: Path, text: bytes, first: int) -> Frames:
+    rows = _LINE.findall(text)
+    if len(rows) != text.count(b"\n"):  # empty lines, or something else
+        for number, row in enumerate(text.split(b"\n"), first):
+            if row.strip() and not _LINE.fullmatch(row):
+                raise _no_candump(path, number, row)
+    times, _, names, remote, fd, body, sent = zip(*rows, strict=True) if rows else ((),) * 7
+    if not any(fd):
+        long = next((i for i, hexes in enumerate(body) if len(hexes) > 16), None)
+        if long is not None:
+            raise _no_candump(path, first + long, b"%s#%s" % (names[long], body[long]))
+    identifiers = [int(name, 16) for name in names]
+    flags = [
+        (EXTENDED if len(name) == 8 else 0) | (REMOTE if r else 0) | (FD if f else 0) | (SENT if s == b"T" else 0)
+        for name, r, f, s in zip(names, remote, fd, sent, strict=True)
+    ]
+    for i, identifier in enumerate(identifiers):
+        if identifier & _ERROR_FRAME:
+            flags[i] = flags[i] & ~EXTENDED | ERROR
+            identifiers[i] = identifier & ~_ERROR_FRAME
+    stamps = np.array(times, dtype="S").astype(np.float64) if times else np.zeros(0)
+    return frames(path, stamps, identifiers, [bytes.fromhex(hexes.decode()) for hexes in body], flags)
+
+
+def _no_candump(path: Path, number: int, row: bytes) -> UserError:
+    found = row[:60].decode("ascii", "replace")
+    return UserError(f"{path}:{number}: found {found!r}, expected candump text: (seconds) channel ID#DATA")
+
+
+def read(path: Path) -> Frames:
+    """All data frames of a log; error and remote frames are left out. As `blocks`, at once."""
+    return joined(path, list(blocks(path))).data_frames
+
+
+def telemetry(log: Frames, interface: Interface) -> Mapping[str, dict[str, Array]]:
+    """Message -> signal (and "time") -> array in SI units, for the frames that the controller's interface knows.
+
+    UserError when one of them has another length than its message: it is damaged, or another version's.
+    """
+    for message in interface.messages.values():
+        wrong = np.flatnonzero((log.identifiers == message.id) & (log.lengths != message.length))
+        if wrong.size:
+            raise UserError(
+                f"{log.path}: {message.name} at {log.times[wrong[0]]:.6f} s: "
+                f"found {log.lengths[wrong[0]]} bytes, expected {message.length}"
+            )
+    return decode(interface, log.times, log.identifiers, log.data[:, :8])

@@ -1,0 +1,257 @@
+"""Frames to a log of any kind that `reading` reads.
+
+with LogWriter(path, decoder) as log:
+    log.write(frames)
+
+Candump text, BLF, MF4 and MCAP can grow as frames come (growing=True): what stands can then be read after a crash. ASC
+and Parquet are whole when they are closed.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from terrapin_tools.errors import UserError
+from terrapin_tools.logs.candump import line
+from terrapin_tools.logs.decoding import Decoder
+from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames
+from terrapin_tools.logs.mf4 import GrowingMf4, WholeMf4
+from terrapin_tools.logs.reading import RAW_TOPIC, READABLE
+
+__all__ = ["GROWING", "LogWriter"]
+
+GROWING = (".log", ".blf", ".mf4", ".mcap")  # readable up to the last flush, whatever happens
+EVENTS_TOPIC = "/events"
+
+
+class _Writer(Protocol):
+    def write(self, frames: Frames) -> None: ...
+    def flush(self) -> None: ...
+    def close(self) -> None: ...
+
+
+class LogWriter(AbstractContextManager["LogWriter"]):
+    """A log file, by its suffix. `decoder` adds a topic a message with its signals (MCAP only); `growing`: readable up
+    to the last flush even if it is never closed. UserError (status 1) when it cannot be written."""
+
+    def __init__(self, path: Path, decoder: Decoder | None = None, growing: bool = False) -> None:
+        kinds: Mapping[str, Any] = {
+            ".log": lambda: _Candump(path),
+            ".blf": lambda: _PythonCan(path),
+            ".asc": lambda: _PythonCan(path),
+            ".mf4": lambda: GrowingMf4(path) if growing else WholeMf4(path),
+            ".mcap": lambda: _Mcap(path, decoder, growing),
+            ".parquet": lambda: _Parquet(path),
+        }
+        kind = path.suffix.lower()
+        if kind not in kinds:
+            raise UserError(f"{path}: unknown kind of log {kind!r}, expected one of {' '.join(READABLE)}")
+        self.path = path
+        self._open = True
+        try:
+            self._writer: _Writer = kinds[kind]()
+        except OSError as error:
+            raise self._failed(error) from None
+
+    def write(self, frames: Frames) -> None:
+        """Appends frames."""
+        try:
+            self._writer.write(frames)
+        except OSError as error:
+            raise self._failed(error) from None
+
+    def event(self, time: float, text: str) -> None:
+        """Notes an event at `time` [s]; kept in MCAP only."""
+        if isinstance(self._writer, _Mcap):
+            self._writer.event(time, text)
+
+    def flush(self) -> None:
+        """What came so far is in the file."""
+        try:
+            self._writer.flush()
+        except OSError as error:
+            raise self._failed(error) from None
+
+    def close(self) -> None:
+        """Ends the file. Closing twice is allowed."""
+        if not self._open:
+            return
+        self._open = False
+        try:
+            self._writer.close()
+        except OSError as error:
+            raise self._failed(error) from None
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _failed(self, error: OSError) -> UserError:
+        return UserError(f"{self.path}: cannot write the log: {error.strerror or error}", status=1)
+
+
+class _Candump:
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("w", encoding="ascii")
+
+    def write(self, frames: Frames) -> None:
+        columns = (frames.times.tolist(), frames.identifiers.tolist(), frames.flags.tolist())
+        rows = enumerate(zip(*columns, strict=True))
+        self._file.writelines(line(t, i, frames.payload(row), flags=f) + "\n" for row, (t, i, f) in rows)
+
+    def flush(self) -> None:
+        self._file.flush()
+
+    def close(self) -> None:
+        self._file.close()
+
+
+_OLDEST = 631_152_000.0  # s: BLF has no start before 1990, so times of simulated logs count from 0
+
+
+class _PythonCan:
+    """BLF and ASC by python-can's writers."""
+
+    def __init__(self, path: Path) -> None:
+        import can
+
+        self._message = can.Message
+        self._writer: Any = can.Logger(str(path))
+
+    def write(self, frames: Frames) -> None:
+        if len(frames) and getattr(self._writer, "start_timestamp", 0.0) is None and frames.times[0] < _OLDEST:
+            self._writer.start_timestamp = 0.0
+        for row in range(len(frames)):
+            flags = int(frames.flags[row])
+            self._writer.on_message_received(
+                self._message(
+                    timestamp=float(frames.times[row]),
+                    arbitration_id=int(frames.identifiers[row]),
+                    is_extended_id=bool(flags & EXTENDED),
+                    is_remote_frame=bool(flags & REMOTE),
+                    is_error_frame=bool(flags & ERROR),
+                    is_fd=bool(flags & FD),
+                    is_rx=not flags & SENT,
+                    channel=0,
+                    data=b"" if flags & REMOTE else frames.payload(row),
+                )
+            )
+
+    def flush(self) -> None:
+        file = self._writer.file
+        if hasattr(self._writer, "_flush"):  # BLF holds up to 128 kB back, and writes its start and size when it ends
+            self._writer._flush()
+            end = file.tell()
+            file.seek(0)
+            self._writer._write_header(end)
+            file.seek(end)
+        file.flush()
+
+    def close(self) -> None:
+        self._writer.stop()
+
+
+_RAW_SCHEMA = {
+    "type": "object",
+    "title": "CAN frame",
+    "properties": {
+        "id": {"type": "integer"},
+        "flags": {"type": "integer", "description": "1 extended, 2 remote, 4 error, 8 CAN FD, 16 sent"},
+        "data": {"type": "string", "contentEncoding": "base64"},
+    },
+}
+
+
+class _Mcap:
+    """JSON messages: the frames, and one topic a message of the DBC with its signals."""
+
+    def __init__(self, path: Path, decoder: Decoder | None, growing: bool) -> None:
+        from mcap.writer import Writer
+
+        self._file = path.open("wb")
+        self._writer: Any = Writer(self._file, use_chunking=not growing)
+        self._writer.start(profile="", library="terrapin")
+        self._raw = self._channel(RAW_TOPIC, _RAW_SCHEMA)
+        self._decoder = decoder
+        self._topics: dict[str, int] = {}
+        self._events: int | None = None
+
+    def _channel(self, topic: str, schema: Mapping[str, Any]) -> int:
+        name = str(schema["title"])
+        number = self._writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
+        return int(self._writer.register_channel(topic, "json", number))
+
+    def _put(self, channel: int, time: float, value: Mapping[str, Any]) -> None:
+        stamp = round(time * 1e9)
+        self._writer.add_message(channel, stamp, json.dumps(value).encode(), stamp)
+
+    def event(self, time: float, text: str) -> None:
+        if self._events is None:
+            schema = {"type": "object", "title": "event", "properties": {"text": {"type": "string"}}}
+            self._events = self._channel(EVENTS_TOPIC, schema)
+        self._put(self._events, time, {"text": text})
+
+    def write(self, frames: Frames) -> None:
+        decoded: list[tuple[str, dict[str, float]] | None] = [None] * len(frames)
+        for message, table in (self._decoder.decode(frames) if self._decoder else {}).items():
+            columns = {name: values.tolist() for name, values in table.signals.items()}
+            for place, row in enumerate(table.rows.tolist()):
+                values = {name: column[place] for name, column in columns.items()}
+                decoded[row] = message, {name: value for name, value in values.items() if value == value}
+        for row, time in enumerate(frames.times.tolist()):
+            raw = base64.b64encode(frames.payload(row)).decode()
+            value = {"id": int(frames.identifiers[row]), "flags": int(frames.flags[row]), "data": raw}
+            self._put(self._raw, time, value)
+            found = decoded[row]
+            if found is not None:
+                self._put(self._topic(found[0]), time, found[1])
+
+    def _topic(self, message: str) -> int:
+        if message not in self._topics:
+            assert self._decoder is not None
+            properties = {name: {"type": "number", "description": unit} for name, unit in self._decoder.units(message)}
+            schema = {"type": "object", "title": message, "properties": properties}
+            self._topics[message] = self._channel(f"/{message}", schema)
+        return self._topics[message]
+
+    def flush(self) -> None:
+        self._file.flush()
+
+    def close(self) -> None:
+        self._writer.finish()
+        self._file.close()
+
+
+class _Parquet:
+    def __init__(self, path: Path) -> None:
+        import pyarrow
+        import pyarrow.parquet
+
+        self._arrow = pyarrow
+        self._schema = pyarrow.schema(
+            [
+                ("time", pyarrow.float64()),
+                ("id", pyarrow.uint32()),
+                ("data", pyarrow.binary()),
+                ("flags", pyarrow.uint8()),
+            ]
+        )
+        self._writer = pyarrow.parquet.ParquetWriter(path, self._schema)
+
+    def write(self, frames: Frames) -> None:
+        payloads = [frames.payload(row) for row in range(len(frames))]
+        columns = [frames.times, frames.identifiers.astype(np.uint32), payloads, frames.flags]
+        arrays = [self._arrow.array(c, type=f.type) for c, f in zip(columns, self._schema, strict=True)]
+        self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema))
+
+    def flush(self) -> None:
+        pass  # not before close
+
+    def close(self) -> None:
+        self._writer.close()

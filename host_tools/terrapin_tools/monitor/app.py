@@ -1,0 +1,255 @@
+"""The terminal display: Textual, at home on 80 x 24 and over ssh."""
+
+from __future__ import annotations
+
+import re
+import time
+from typing import ClassVar
+
+from rich.table import Table
+from rich.text import Text
+from textual.app import App, ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal
+from textual.widgets import DataTable, Footer, Input, Static
+
+from terrapin_tools.errors import UserError
+from terrapin_tools.monitor.live import Live
+from terrapin_tools.monitor.plot import braille
+from terrapin_tools.monitor.sources import Source
+
+__all__ = ["MonitorApp"]
+
+REDRAW = 0.1  # s
+PLOT_SECONDS = 20.0
+COLOURS = ("cyan", "yellow", "green", "magenta")
+DEFAULT_PLOTS = ("MOTION.slip", "GROUND.torque")
+
+
+class MonitorApp(App[None]):
+    """Shows a source of frames until it is closed."""
+
+    TITLE = "terrapin monitor"
+    ENABLE_COMMAND_PALETTE = False
+    CSS = """
+    #head { height: 1; background: $primary-background; }
+    #top { height: 7; }
+    #controller { width: 1fr; padding: 0 1; }
+    #values { width: 1fr; padding: 0 1; border-left: solid $primary-background; }
+    #plot { height: 1fr; min-height: 4; padding: 0 1; }
+    #filter { height: 1; border: none; display: none; }
+    #filter.shown { display: block; }
+    #signals { height: 1fr; min-height: 4; }
+    #events { height: 3; padding: 0 1; color: $text-muted; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("q", "quit", "Quit"),
+        Binding("space", "pause", "Pause", priority=False),
+        Binding("m", "mark", "Mark"),
+        Binding("slash", "filter", "Filter", key_display="/"),
+        Binding("p", "pick", "Plot on/off"),
+        Binding("escape", "leave", "Leave filter", show=False),
+    ]
+
+    def __init__(self, live: Live, source: Source, limit: float | None = None) -> None:
+        super().__init__()
+        self.live = live
+        self.source = source
+        self.paused = False
+        self.failed: UserError | None = None
+        self._limit = limit
+        self._pattern = re.compile("")
+        self._marks = 0
+        self._heard = time.monotonic()
+        self._rows: dict[str, object] = {}
+        for name in DEFAULT_PLOTS:
+            if name in live.units:
+                live.plot(name, True)
+
+    def compose(self) -> ComposeResult:
+        yield Static(id="head")
+        with Horizontal(id="top"):
+            yield Static(id="controller")
+            yield Static(id="values")
+        yield Static(id="plot")
+        yield Input(placeholder="regular expression over MESSAGE.signal", id="filter")
+        yield DataTable[str](id="signals", cursor_type="row")
+        yield Static(id="events")
+        yield Footer()
+
+    def on_mount(self) -> None:
+        table = self._table
+        for title, key, width in (
+            ("signal", "signal", 30),
+            ("value", "value", 14),
+            ("unit", "unit", 10),
+            ("age", "age", 8),
+        ):
+            table.add_column(title, key=key, width=width)
+        table.focus()
+        self.set_interval(REDRAW, self.look)
+
+    @property
+    def _table(self) -> DataTable[str]:
+        return self.query_one("#signals", DataTable)
+
+    def look(self) -> None:
+        """Take what came, and draw."""
+        try:
+            block = self.source.poll()
+        except UserError as error:
+            self.failed = error
+            self.exit()
+            return
+        if len(block):
+            self._heard = time.monotonic()
+            self.live.take(block)
+        if not self.paused:
+            self.draw()
+
+    def draw(self) -> None:
+        """Everything anew."""
+        live = self.live
+        state = "PAUSED" if self.paused else "over" if self.source.over else "live"
+        head = f" {self.source.name}   {live.time:.2f} s   {live.rate:.0f} frames/s   load {live.load:.0%}   {state}"
+        self.query_one("#head", Static).update(Text(head, style="bold"))
+        self.query_one("#controller", Static).update(self._controller())
+        self.query_one("#values", Static).update(self._values())
+        plot = self.query_one("#plot", Static)
+        plot.update(self._plot(plot.content_size.width, plot.content_size.height))
+        self._signals()
+        last = list(live.events)[-3:]
+        events = "\n".join(f"{e.time:9.3f} s  {e.text}" for e in last) or "no events yet"
+        self.query_one("#events", Static).update(events)
+
+    def _controller(self) -> Text:
+        live = self.live
+        text = Text()
+        state = live.word("state", "STATUS.state")
+        text.append("state   ", style="dim")
+        text.append(f"{state}\n", style="bold red" if state == "safe" else "bold")
+        faults = live.faults
+        if faults:
+            for fault in faults[:3]:
+                text.append(f"{fault['name']}: ", style="bold red")
+                text.append(f"{fault['cause']}; {fault['reaction']}\n")
+        else:
+            text.append("faults  ", style="dim")
+            text.append("none\n")
+        waited = 0.0 if self.source.over else time.monotonic() - self._heard
+        text.append("bus     ", style="dim")
+        lost = f"{self.source.lost} frames lost: this machine is too slow; " if self.source.lost else ""
+        over = f"; {self.source.note}" if self.source.over and self.source.note else ""
+        text.append(lost + live.health(waited) + over)
+        return text
+
+    def _values(self) -> Table:
+        live = self.live
+        table = Table.grid(padding=(0, 1))
+
+        def number(name: str, scale: float = 1.0, digits: int = 3) -> str:
+            value = live.values.get(name)
+            return "-" if value is None or value != value else f"{value * scale:.{digits}f}"
+
+        limit = f" of {self._limit:g}" if self._limit is not None else ""
+        slip = number("MOTION.slip") + limit
+        if live.values.get("MOTION.slip_valid") == 0.0:
+            slip += " (not valid)"
+        sign = "" if live.values.get("GROUND.valid") == 1.0 else " (not valid)"
+        torque = f"{number('GROUND.torque', 1e3, 1)} +- {number('GROUND.torque_sd', 1e3, 1)} mN m{sign}"
+        style = "bold red" if self._limit is not None and live.values.get("MOTION.slip", 0.0) > self._limit else ""
+        table.add_row(Text("slip", style="dim"), Text(slip, style=style))
+        table.add_row(Text("C_t", style="dim"), torque)
+        table.add_row(Text("terrain", style="dim"), live.word("terrain", "GROUND.terrain"))
+        table.add_row(
+            Text("current", style="dim"), f"{number('ELECTRICAL.current')} A   {number('ELECTRICAL.voltage', 1.0, 2)} V"
+        )
+        table.add_row(
+            Text("supply", style="dim"),
+            f"{number('ELECTRICAL.supply', 1.0, 2)} V   winding {number('ELECTRICAL.temperature', 1.0, 1)} degC",
+        )
+        table.add_row(
+            Text("speed", style="dim"),
+            f"{number('MOTION.shell_speed', 1.0, 2)} rad/s   {number('MOTION.ground_speed')} m/s",
+        )
+        return table
+
+    def _plot(self, width: int, height: int) -> Text:
+        text = Text()
+        traces = list(self.live.traces.items())
+        if not traces or height < 2:
+            return Text("p on a signal plots it", style="dim")
+        shown = traces[: max(1, height // 3)]
+        each = height // len(shown)
+        for number, (name, trace) in enumerate(shown):
+            colour = COLOURS[number % len(COLOURS)]
+            lines, low, high = braille(trace.times, trace.values, width, each - 1, PLOT_SECONDS)
+            unit = self.live.units.get(name, "")
+            text.append(f"{name}  {low:.4g} to {high:.4g} {unit}\n", style=f"bold {colour}")
+            for line in lines:
+                text.append(line + "\n", style=colour)
+        return text
+
+    def _signals(self) -> None:
+        table, live = self._table, self.live
+        wanted = [name for name in live.values if self._pattern.search(name)]
+        wanted += [
+            f"{i:08X}" if extended else f"{i:03X}" for i, extended in live.unknown if self._pattern.search(f"{i:03X}")
+        ]
+        if list(self._rows) != wanted:
+            table.clear()
+            self._rows = {name: table.add_row(name, "", live.units.get(name, ""), "", key=name) for name in wanted}
+        for name in wanted:
+            picked = "* " if name in live.traces else ""
+            if name in live.values:
+                table.update_cell(name, "signal", picked + name)
+                table.update_cell(name, "value", f"{live.values[name]:.6g}")
+                table.update_cell(name, "age", f"{live.time - live.times[name]:.2f} s")
+            else:
+                table.update_cell(name, "value", "not in the DBC")
+
+    def action_pause(self) -> None:
+        """Freeze the display; frames are taken on."""
+        self.paused = not self.paused
+        self.draw()
+
+    def action_mark(self) -> None:
+        """Note an event."""
+        self._marks += 1
+        self.live.mark(f"mark {self._marks}")
+        self.draw()
+
+    def action_pick(self) -> None:
+        """Plot the signal under the cursor, or no longer."""
+        table = self._table
+        if table.row_count == 0:
+            return
+        name = str(table.coordinate_to_cell_key(table.cursor_coordinate).row_key.value)
+        if name in self.live.values:
+            self.live.plot(name, name not in self.live.traces)
+            self.draw()
+
+    def action_filter(self) -> None:
+        """Type a regular expression."""
+        field = self.query_one("#filter", Input)
+        field.add_class("shown")
+        field.focus()
+
+    def action_leave(self) -> None:
+        """Back to the signals."""
+        field = self.query_one("#filter", Input)
+        if not field.value:
+            field.remove_class("shown")
+        self._table.focus()
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        """Filter as one types; what is no regular expression yet changes nothing."""
+        try:
+            self._pattern = re.compile(event.value, re.IGNORECASE)
+        except re.error:
+            return
+        self.draw()
+
+    def on_input_submitted(self) -> None:
+        """Enter ends typing."""
+        self.action_leave()

@@ -1,0 +1,288 @@
+"""What is known of a bus right now: latest values, rates, faults, events, health. No display, no threads."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from terrapin_hil.messages import Interface
+from terrapin_tools.logs.decoding import Decoded, Decoder
+from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, Frames
+
+__all__ = ["Event", "Live", "Trace"]
+
+Array = npt.NDArray[np.float64]
+
+WINDOW = 1.0  # s over which rates and load are counted
+EVENTS = 500  # that are kept
+POINTS = 20_000  # of one plotted signal that are kept
+BLOCKS = 1000  # of frames within WINDOW, more than any poll makes: a bus whose clock stands still has no end to it
+IDENTIFIERS = 4096  # that are unknown and counted one by one; an extended one may be any of 2^29
+SILENT = 2.0  # s without a frame before the bus is called silent
+BACK, AHEAD = 0.5, 10.0  # s that a clock may step back (frames of several channels do), or a bus be silent, untold
+JUDGED = 50  # frames after which a DBC that knows few of them is told
+OVERHEAD, OVERHEAD_EXTENDED = 47, 67  # bits of a frame beside its data, gap included, before stuffing
+
+# Error frames as SocketCAN gives them: bit of the identifier -> what it says
+_ERRORS = {
+    0x001: "sending timed out",
+    0x004: "controller",
+    0x008: "protocol violation",
+    0x010: "transceiver",
+    0x020: "nobody acknowledges: no other node, wrong bit rate, or a broken wire",
+    0x040: "bus off",
+    0x080: "bus error",
+    0x100: "restarted",
+}
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened at `time` [s] of the bus."""
+
+    time: float
+    kind: str  # state, fault, report, limiter, parameter, injected, mark, clock, bus
+    text: str
+    number: int = 0  # counts events
+
+
+@dataclass
+class Trace:
+    """The latest points of a signal that is plotted."""
+
+    times: deque[float] = field(default_factory=lambda: deque(maxlen=POINTS))
+    values: deque[float] = field(default_factory=lambda: deque(maxlen=POINTS))
+
+
+class Live:
+    """Takes frames as they come. Values are in the units of the DBC; `interface` gives faults their words."""
+
+    def __init__(self, decoder: Decoder | None, interface: Interface | None, bitrate: int = 500_000) -> None:
+        self._decoder = decoder
+        self._faults = {f["number"]: f for f in interface.json["faults"]} if interface else {}
+        self._words = (
+            {name: {v: word for word, v in values.items()} for name, values in interface.enums.items()}
+            if interface
+            else {}
+        )
+        self._bitrate = bitrate
+        self.values: dict[str, float] = {}
+        self.units: dict[str, str] = {}
+        self.times: dict[str, float] = {}  # of the message of each signal
+        self.traces: dict[str, Trace] = {}
+        self.events: deque[Event] = deque(maxlen=EVENTS)
+        self.time = float("nan")  # of the last frame
+        self._latest = 0.0
+        self.total = 0
+        self.errors: dict[str, int] = {}
+        self.unknown: dict[tuple[int, bool], int] = {}  # frames that the DBC does not know
+        self._recent: deque[tuple[float, int, int]] = deque(maxlen=BLOCKS)  # time, frames, bits of each block
+        self._parameters = {p.index: p for p in interface.parameters.values()} if interface else {}
+        self._data_frames = self._known = 0
+        self._short: dict[str, int] = {}  # message -> frames with fewer bytes than the DBC says
+        self._lengths = {str(m.name): int(m.length) for m in decoder.messages.values()} if decoder else {}
+        self.counters: tuple[int, int] | None = None  # error counters of sending and receiving, once told
+        self.begin = float("nan")  # of the first frame of the epoch
+        self.epoch = 0  # counts steps back of the clock: times of one epoch rise
+        self.event_count = 0
+        if decoder is not None:
+            for message in decoder.messages.values():
+                self.units.update(
+                    {
+                        f"{message.name}.{name}": "" if unit == "1" else unit
+                        for name, unit in decoder.units(message.name)
+                    }
+                )
+
+    def plot(self, signal: str, shown: bool) -> None:
+        """Start or stop keeping the points of a signal."""
+        if shown:
+            self.traces.setdefault(signal, Trace())
+        else:
+            self.traces.pop(signal, None)
+
+    def mark(self, text: str) -> None:
+        """Notes an event of the user's, now."""
+        self.tell(self.time, "mark", text)
+
+    def tell(self, time: float, kind: str, text: str) -> None:
+        """Notes an event."""
+        self.event_count += 1
+        self.events.append(Event(time, kind, text, self.event_count))
+
+    def take(self, block: Frames) -> Mapping[str, Decoded]:
+        """The next frames; their messages, decoded."""
+        if not len(block):
+            return {}
+        self._clock(block)
+        self.time = float(block.times[-1])
+        self.total += len(block)
+        self._count(block)
+        if self._decoder is None:
+            return {}
+        seen = np.zeros(len(block), dtype=bool)
+        decoded = self._decoder.decode(block)
+        for message, table in decoded.items():
+            seen[table.rows] = True
+            self._check_length(message, block.lengths[table.rows])
+            if message in ("PARAMETER_WRITE", "PARAMETER_VALUE"):
+                self._parameter(message, table)
+            for name, values in table.signals.items():
+                key = f"{message}.{name}"
+                trace = self.traces.get(key)
+                if trace is not None:
+                    trace.times.extend(table.times.tolist())
+                    trace.values.extend(values.tolist())
+                self._watch(key, table.times, values)
+                self.values[key] = float(values[-1])
+                self.times[key] = float(table.times[-1])
+        rest = block.pick(~seen & (block.flags & 0b110 == 0))
+        for identifier, flags in zip(rest.identifiers.tolist(), rest.flags.tolist(), strict=True):
+            unknown = (identifier, bool(flags & EXTENDED))
+            if unknown in self.unknown or len(self.unknown) < IDENTIFIERS:
+                self.unknown[unknown] = self.unknown.get(unknown, 0) + 1
+        self._data_frames += int((block.flags & 0b110 == 0).sum())
+        self._known += int(seen.sum())
+        return decoded
+
+    def _clock(self, block: Frames) -> None:
+        """Steps back begin another epoch: plots begin anew. Long silences are told."""
+        if not self.total:
+            self._latest = self.begin = float(block.times[0])
+        steps = np.diff(block.times, prepend=self._latest)
+        for row in np.flatnonzero((steps < -BACK) | (steps > AHEAD)).tolist():
+            step = float(steps[row])
+            if step < 0:
+                self.tell(float(block.times[row]), "clock", f"the clock steps back by {-step:.3f} s")
+                self.epoch += 1
+                self.begin = float(block.times[row])
+                self._recent.clear()
+                for trace in self.traces.values():
+                    trace.times.clear()
+                    trace.values.clear()
+            else:
+                text = f"no frame for {step:.3f} s, or the clock jumped ahead"
+                self.tell(float(block.times[row]), "clock", text)
+        self._latest = float(block.times[-1])
+
+    def _check_length(self, message: str, lengths: npt.NDArray[np.int64]) -> None:
+        short = int((lengths < self._lengths[message]).sum())
+        if short:
+            self._short[message] = self._short.get(message, 0) + short
+
+    def _parameter(self, message: str, table: Decoded) -> None:
+        """Writes, and answers that refuse one."""
+        for row, time in enumerate(table.times.tolist()):
+            index, value = (table.signals.get(name, np.full(row + 1, np.nan))[row] for name in ("index", "value"))
+            parameter = self._parameters.get(int(index)) if index == index else None
+            if parameter is None or value != value:
+                continue
+            status = float(table.signals["status"][row]) if message == "PARAMETER_VALUE" else -1.0
+            if status == 0.0:
+                continue  # the write was told
+            unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+            text = f"{parameter.name} = {value * parameter.scale:.6g}{unit}"
+            refused = self._words.get("parameter_status", {}).get(int(status), "refused") if status > 0 else ""
+            self.tell(time, "parameter", f"{parameter.name} refused: {refused}" if refused else text)
+
+    @property
+    def fit(self) -> str:
+        """What speaks against the DBC, in a line; "" when nothing does."""
+        if self._data_frames >= JUDGED and self._known < 0.1 * self._data_frames:
+            names = ", ".join(f"{i:08X}" if extended else f"{i:03X}" for i, extended in list(self.unknown)[:4])
+            return f"the DBC knows {self._known} of {self._data_frames} frames (unknown: {names}): another DBC?"
+        if self._short:
+            message, count = max(self._short.items(), key=lambda item: item[1])
+            expected = self._lengths[message]
+            return f"{count} frames of {message} have fewer than the {expected} bytes that the DBC says: another DBC?"
+        return ""
+
+    def _count(self, block: Frames) -> None:
+        extended = (block.flags & EXTENDED) != 0
+        bits = np.where(extended, OVERHEAD_EXTENDED, OVERHEAD) + 8 * block.lengths
+        bits = np.where(block.flags & FD, OVERHEAD + 8 * block.lengths // 4, bits)  # data at a faster rate
+        late = block.times > self.time - WINDOW
+        self._recent.append((self.time, int(late.sum()), int(bits[late].sum())))
+        while self._recent and self._recent[0][0] < self.time - WINDOW:
+            self._recent.popleft()
+        for row in np.flatnonzero(block.flags & ERROR):
+            for bit, text in _ERRORS.items():
+                if int(block.identifiers[row]) & bit:
+                    if text not in self.errors or bit == 0x040:
+                        self.tell(float(block.times[row]), "bus", text)
+                    self.errors[text] = self.errors.get(text, 0) + 1
+            if int(block.identifiers[row]) & 0x204 and block.lengths[row] >= 8:
+                self.counters = int(block.data[row, 6]), int(block.data[row, 7])
+
+    def _watch(self, key: str, times: Array, values: Array) -> None:
+        """Changes of state, faults, reports and limiter are events."""
+        kinds = {
+            "STATUS.state": "state",
+            "STATUS.faults": "fault",
+            "STATUS.report": "report",
+            "ACTUATE.limiting": "limiter",
+        }
+        kind = kinds.get(key)
+        if kind is None or not self._faults:
+            return
+        before = self.values.get(key)
+        steps = np.flatnonzero(np.diff(values, prepend=values[0] if before is None else before))
+        for row in steps.tolist():
+            old = values[row - 1] if row else before
+            self.tell(float(times[row]), kind, self._say(kind, int(old or 0), int(values[row])))
+
+    def _say(self, kind: str, old: int, new: int) -> str:
+        if kind == "fault":
+            gone = [f"{self._fault(n)} gone" for n in _bits(old & ~new)]
+            return ", ".join([self._fault(n) for n in _bits(new & ~old)] + gone)
+        if kind == "limiter":
+            return "limiter holds the output" if new else "limiter lets go"
+        words = self._words.get(kind, {})
+        return f"{kind} {words.get(new, str(new))}"
+
+    def _fault(self, number: int) -> str:
+        return str(self._faults.get(number, {}).get("name", f"fault {number}"))
+
+    def word(self, enum: str, signal: str) -> str:
+        """A signal's value as its word; "-" while it has not come."""
+        value = self.values.get(signal)
+        if value is None or value != value:
+            return "-"
+        return self._words.get(enum, {}).get(int(value), f"{value:g}")
+
+    @property
+    def faults(self) -> list[Mapping[str, str]]:
+        """Faults that are set: name, cause, reaction."""
+        value = self.values.get("STATUS.faults", 0.0)
+        return [self._faults.get(n, {"name": f"fault {n}", "cause": "", "reaction": ""}) for n in _bits(int(value))]
+
+    @property
+    def rate(self) -> float:
+        """Frames a second."""
+        return sum(count for _, count, _ in self._recent) / WINDOW
+
+    @property
+    def load(self) -> float:
+        """Share of the bus in use, stuff bits (up to a fifth more) not counted."""
+        return sum(bits for _, _, bits in self._recent) / WINDOW / self._bitrate
+
+    def health(self, waited: float) -> str:
+        """One line on the bus. `waited`: s since a frame came, by the clock of whoever looks."""
+        if waited > SILENT:
+            self._recent.clear()
+            hint = "is the bus up, the bit rate right, another node there to acknowledge?"
+            return f"nothing received for {waited:.0f} s: {hint}"
+        worst = ", ".join(f"{text} ({count})" for text, count in self.errors.items())
+        if self.counters is not None:
+            worst += f"; error counters: sending {self.counters[0]}, receiving {self.counters[1]}"
+        if self.fit:
+            return self.fit
+        return f"error frames: {worst}" if worst else "no error frames"
+
+
+def _bits(value: int) -> list[int]:
+    return [n for n in range(value.bit_length()) if value >> n & 1]

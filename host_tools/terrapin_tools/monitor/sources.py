@@ -1,0 +1,261 @@
+"""Where frames come from: a bus, a log at its own pace, the simulator. Each is polled and never blocks."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from terrapin_hil.links import LinkName, open_link
+from terrapin_hil.links.link import Link
+from terrapin_hil.links.names import INPROCESS
+from terrapin_hil.scenario.faults import FOREVER, Fault
+from terrapin_tools.errors import UserError
+from terrapin_tools.logs.frames import Frames, frames, joined
+
+if TYPE_CHECKING:
+    from terrapin_hil.messages import Frame
+    from terrapin_hil.simulation import Simulation
+
+__all__ = ["Bus", "LogFile", "Simulator", "Source"]
+
+WAITING = 2_000_000  # frames that a source may be ahead of who polls (70 MB); more are counted as lost
+SILENCE = 10.0  # s of a log without a frame that are not waited for
+
+
+class Source(Protocol):
+    """`poll` gives what came since the last call; `over`: nothing more will come, `note`: and why, if that matters."""
+
+    name: str
+    over: bool
+    note: str
+
+    @property
+    def lost(self) -> int: ...
+    def poll(self) -> Frames: ...
+    def close(self) -> None: ...
+
+
+class _Waiting:
+    """Blocks that wait to be polled: WAITING frames at most, more are counted as lost. `error` ended the source."""
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self.error: Exception | None = None
+        self._frames = 0
+        self._lock = threading.Lock()
+        self._blocks: list[Frames] = []
+
+    def put(self, block: Frames) -> None:
+        with self._lock:
+            if self._frames + len(block) > WAITING:
+                self.lost += len(block)
+                return
+            self._frames += len(block)
+            self._blocks.append(block)
+
+    def poll(self, path: Path) -> Frames:
+        """All that waits. The error comes after it, as UserError."""
+        error = self.error  # looked at first: what came before it is given before it
+        with self._lock:
+            blocks, self._blocks, self._frames = self._blocks, [], 0
+        if error is not None and not blocks:
+            raise error if isinstance(error, UserError) else UserError(str(error), status=1)
+        return joined(path, blocks)
+
+
+class Bus:
+    """A bus by its name; a thread listens. LinkError or UserError (status 1) when it cannot be opened."""
+
+    def __init__(self, link: LinkName, bitrate: int) -> None:
+        from terrapin_tools.logs.bus import open_bus
+
+        self.name = str(link)
+        self.over = False
+        self.note = ""
+        self._bus = open_bus(link, bitrate)
+        self._waiting = _Waiting()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def _listen(self) -> None:
+        try:
+            while not self._stop.is_set():
+                block = self._bus.receive(0.03)
+                if len(block):
+                    self._waiting.put(block)
+        except UserError as error:
+            self._waiting.error = error
+
+    def poll(self) -> Frames:
+        return self._waiting.poll(Path(self.name))
+
+    @property
+    def lost(self) -> int:
+        """Frames that nobody polled in time, or that the system had no place for."""
+        return self._waiting.lost + self._bus.lost
+
+    @property
+    def damaged(self) -> int:
+        """Lines that were no SLCAN."""
+        return self._bus.damaged
+
+    def send(self, identifier: int, data: bytes) -> None:
+        """One frame to the bus. UserError (status 1) when it cannot be sent."""
+        self._bus.send(identifier, data)
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join(timeout=2.0)
+        self._bus.shutdown()
+
+
+class LogFile:
+    """A log at its own pace, `speed` times as fast, in the order of the file, read as it goes. Where its clock steps
+    back, or nothing comes for long, it goes on at once. UserError when the file is no log."""
+
+    def __init__(self, path: Path, speed: float = 1.0) -> None:
+        from terrapin_tools.logs.reading import LogReader
+
+        self._reader = LogReader(path)
+        self._blocks = self._reader.blocks()
+        self.name = path.name or str(path)
+        self.over = False
+        self.lost = 0
+        self.note = ""
+        self._speed = speed
+        self._begin = time.monotonic()
+        self._block = frames(path, [], [], [], [])
+        self._due: npt.NDArray[np.float64] = np.zeros(0)  # s from the log's start at which each frame is shown
+        self._latest, self._elapsed = 0.0, 0.0
+        self._done = 0
+        self._next(first=True)
+
+    def _next(self, first: bool = False) -> None:
+        block = next(self._blocks, None)
+        while block is not None and not len(block):
+            block = next(self._blocks, None)
+        if block is None:
+            self.over = True
+            if self._reader.cut:
+                self.note = f"read up to where it was cut off: {self._reader.cut}"
+            return
+        steps = np.diff(block.times, prepend=block.times[0] if first else self._latest)
+        steps[(steps < 0) | (steps > SILENCE)] = 0.0
+        self._block, self._done = block, 0
+        self._due = self._elapsed + np.cumsum(steps)
+        self._latest, self._elapsed = float(block.times[-1]), float(self._due[-1])
+
+    def poll(self) -> Frames:
+        until = (time.monotonic() - self._begin) * self._speed
+        end = int(np.searchsorted(self._due, until, side="right"))
+        block = self._block.pick(np.arange(self._done, end))
+        self._done = end
+        if end >= len(self._block) and not self.over:
+            self._next()
+        return block
+
+    def close(self) -> None:
+        self._blocks = iter(())  # closes the file
+
+
+class Simulator:
+    """A scenario in real time with this build's controller, in this process or over a link; a thread runs it."""
+
+    def __init__(self, scenario: str, link: LinkName = INPROCESS) -> None:
+        from terrapin_hil.reading import ReadingError
+        from terrapin_hil.run.run import run
+        from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+
+        try:
+            self.scenario = replace(load_scenario(find_scenario(scenario)), real_time=True)
+        except ReadingError as error:
+            raise UserError(str(error)) from None
+        self._link = _Tapped(open_link(link))
+        self.name = f"simulator: {self.scenario.name}" + (f" over {link}" if link != INPROCESS else "")
+        self.over = False
+        self.note = ""
+        self._stop = False
+        self._tick = 0
+        self._waiting = _Waiting()
+
+        def work() -> None:
+            try:
+                with self._link:
+                    run(self.scenario, self._link, observers=[self])
+            except _StoppedError:
+                pass
+            except Exception as error:  # told by poll, in the thread that can show it
+                self._waiting.error = error
+            self.over = True
+
+        self._thread = threading.Thread(target=work, daemon=True)
+        self._thread.start()
+
+    def press_stop(self, pressed: bool) -> None:
+        """Open the emergency stop's circuit from the next tick on, or close it."""
+        self._link.pressed = pressed
+
+    def write(self, records: npt.NDArray[Any]) -> None:
+        """Rows of the simulator's log (terrapin_hil.run.run.Observer)."""
+        if self._stop:
+            raise _StoppedError
+        times, names, payloads = [], [], []
+        for tick, record in enumerate(records, self._tick):
+            for frame in (*record["host"][: record["host_count"]], *record["answer"][: record["answer_count"]]):
+                times.append(tick * 1e-3)
+                names.append(int(frame["id"]))
+                payloads.append(frame["data"][: frame["length"]].tobytes())
+        self._tick += len(records)
+        self._waiting.put(frames(Path("simulator"), times, names, payloads, [0] * len(times)))
+
+    def poll(self) -> Frames:
+        return self._waiting.poll(Path("simulator"))
+
+    @property
+    def lost(self) -> int:
+        """Frames that nobody polled in time."""
+        return self._waiting.lost
+
+    def close(self) -> None:
+        self._stop = True
+        self._thread.join(timeout=2.0)
+
+
+class _Tapped(Link):
+    """A link at which somebody may press the emergency stop while it runs."""
+
+    def __init__(self, link: Link) -> None:
+        self.name = link.name
+        self.pressed = False
+        self._link = link
+        self._slot: int | None = None
+        self._was = False
+
+    def start(self, parameters: Mapping[str, float]) -> None:
+        self._link.start(parameters)
+
+    def advance(self, simulation: Simulation, ticks: int) -> None:
+        if self.pressed != self._was:
+            self._was = self.pressed
+            now = simulation.done * 1e-3
+            fault = Fault("estop_pressed", begin=now, end=FOREVER if self.pressed else now)
+            self._slot = simulation.set_fault(fault, self._slot)
+        self._link.advance(simulation, ticks)
+
+    def exchange(self, frames: Sequence[Frame]) -> list[Frame]:
+        return self._link.exchange(frames)
+
+    def close(self) -> None:
+        self._link.close()
+
+
+class _StoppedError(Exception):
+    """The display was closed."""

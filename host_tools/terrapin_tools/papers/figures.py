@@ -1,0 +1,38 @@
+"""How the pages' figures are drawn: one style, SVG with the same bytes every time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+from terrapin_tools.papers.part import Figure
+
+matplotlib.use("Agg")
+from matplotlib import pyplot
+
+__all__ = ["AMBER", "BLUE", "GREEN", "GREY", "RED", "save"]
+
+BLUE, RED, GREY, GREEN, AMBER = "#2458b8", "#c0334d", "#6b7280", "#0d7a5f", "#b7791f"
+STYLE: Any = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "svg.hashsalt": "terrapin",
+}
+
+
+def save(figure: Figure, folder: Path) -> Path:
+    """Draw it into folder/NAME.svg."""
+    with pyplot.rc_context(STYLE):
+        canvas: Any = pyplot.figure(figsize=figure.size, layout="constrained")
+        figure.draw(canvas)
+        file = folder / f"{figure.name}.svg"
+        canvas.savefig(file, metadata={"Date": None})
+        pyplot.close(canvas)
+    return file

@@ -1,0 +1,57 @@
+"""Progress on standard error: for a terminal, or line by line for a program that reads it."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+__all__ = ["bar", "progress_lines", "step"]
+
+
+def progress_lines() -> bool:
+    """Whether progress goes to standard error line by line, for a program that reads it."""
+    return os.environ.get("TERRAPIN_PROGRESS") == "lines"
+
+
+@contextmanager
+def step(text: str) -> Iterator[None]:
+    """Progress on standard error, on a terminal or where lines are asked for: the step, then its time."""
+    shown, lines = sys.stderr.isatty(), progress_lines()
+    if shown or lines:
+        print(f"{text} ...", end="\n" if lines else "", file=sys.stderr, flush=True)
+    begin = time.monotonic()
+    try:
+        yield
+    finally:
+        if shown or lines:
+            print(f"{'' if lines else chr(13)}{text}: {time.monotonic() - begin:.1f} s", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def bar(text: str, total: float | None = 1.0) -> Iterator[Callable[..., None]]:
+    """A bar on standard error when that is a terminal; a line for each per cent where lines are asked for.
+
+    What it gives takes `completed`, `total` and `description`.
+    """
+    if progress_lines():
+        told = -1
+
+        def tell(completed: float = 0.0, total: float | None = total, description: str = text) -> None:
+            nonlocal told
+            if total and int(100.0 * completed / total) > told:
+                told = int(100.0 * completed / total)
+                print(f"{description}: {told} %", file=sys.stderr, flush=True)
+
+        yield tell
+    elif not sys.stderr.isatty():
+        yield lambda **_: None
+    else:
+        from rich.console import Console
+        from rich.progress import Progress
+
+        with Progress(console=Console(stderr=True), transient=True) as shown:
+            task = shown.add_task(text, total=total)
+            yield lambda **values: shown.update(task, **values)

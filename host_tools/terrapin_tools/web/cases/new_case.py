@@ -1,0 +1,118 @@
+"""POST /api/cases: a case from uploads, columns mapped, constants given."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter
+from pydantic import BaseModel, Field, FiniteFloat, StringConstraints
+
+from terrapin_tools.errors import UserError
+from terrapin_tools.web.service.context import Context, Terrapin
+from terrapin_tools.web.service.jobs import Job, for_a_shell
+from terrapin_tools.web.service.models import (
+    CLOSED,
+    EffectName,
+    Formula,
+    JobStarted,
+    Line,
+    Name,
+    Parameter,
+    Request,
+    problems,
+)
+from terrapin_tools.web.service.uploads import Identifier, keep_draft, upload_file, upload_view
+from terrapin_tools.web.service.workspace import Taken
+from terrapin_tools.workbench.new_case.options import arguments
+
+__all__ = ["router"]
+
+router = APIRouter(prefix="/api", tags=["cases"])
+Quantity = FiniteFloat | Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]+$", max_length=100)]
+Key = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,63}$")]
+
+
+class MappedColumn(Request):
+    """One line of [data.columns]."""
+
+    column: Line
+    unit: Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]*$", max_length=100)] = ""
+    sigma: Annotated[FiniteFloat, Field(gt=0)] | None = Field(default=None, description="sd of a row, in `unit`")
+
+
+class Limit(Request):
+    """What the rig can set."""
+
+    min: Quantity
+    max: Quantity
+    unit: Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]*$", max_length=100)] = ""
+
+
+class NewCase(Request):
+    """What case.toml says (docs/cases.md), with uploads for files."""
+
+    name: Name
+    title: Line = ""
+    base: Key
+    effects: Annotated[list[EffectName], Field(default_factory=list, max_length=20)]
+    uploads: Annotated[list[Identifier], Field(min_length=1, max_length=100)]
+    dbc: Identifier | None = Field(
+        default=None, description="upload of a DBC; a log without one takes the controller's"
+    )
+    period: Quantity = Field(default="10 ms", description="of the grid that a log is sampled on")
+    every: Annotated[int, Field(ge=1, le=1_000_000, description="take every n-th row of a table")] = 1
+    run: Line = Field(default="", description="column that names the run; empty: each file is one")
+    train: Annotated[list[Line], Field(default_factory=list, max_length=10_000)]
+    test: Annotated[list[Line], Field(default_factory=list, max_length=10_000)]
+    columns: dict[Key, MappedColumn] = Field(min_length=1, max_length=200, json_schema_extra=CLOSED)
+    equation: dict[Key, Formula] = Field(default={}, max_length=20, json_schema_extra=CLOSED)
+    parameters: dict[Key, Quantity | bool] = Field(default={}, max_length=200, json_schema_extra=CLOSED)
+    fit: dict[Key, Parameter] = Field(
+        default={}, max_length=100, json_schema_extra=CLOSED, description="`unit` for the base model equation only"
+    )
+    limits: dict[Key, Limit] = Field(default={}, max_length=50, json_schema_extra=CLOSED)
+
+
+class CommandLine(BaseModel):
+    """What to type in a shell."""
+
+    command: str
+
+
+@router.post("/command", responses=problems(404))
+async def command(context: Terrapin, body: NewCase) -> CommandLine:
+    """The command line that would make the case of POST /api/cases. Nothing is written."""
+    return CommandLine(command=for_a_shell(_step(context, body)))
+
+
+@router.post("/cases", responses=problems(404, 409), status_code=202)
+async def new_case(context: Terrapin, body: NewCase) -> JobStarted:
+    """Make a case of uploaded files, as a job. It is read before it is kept: what is wrong is the job's error."""
+    target = context.workspace.new_case(body.name)
+    if context.jobs.busy(body.name):
+        raise Taken(f"case: {body.name!r} is being made, expected a new name")
+
+    async def made(job: Job) -> None:
+        for identifier in body.uploads:
+            keep_draft(context, identifier, None)
+        context.events.send({"cases": True})
+
+    job = context.jobs.add("make", body.name, [_step(context, body)], done=made, fresh=target)
+    return JobStarted(id=job.id, command=job.command)
+
+
+def _step(context: Context, body: NewCase) -> list[str]:
+    """The command line, without `terrapin`."""
+    workspace = context.workspace
+    kinds = {identifier: upload_view(workspace, identifier)["kind"] for identifier in body.uploads}
+    if "dbc" in kinds.values():
+        raise UserError("uploads: found a DBC, expected it as dbc")
+    if body.dbc is not None and upload_view(workspace, body.dbc)["kind"] != "dbc":
+        raise UserError("dbc: found an upload that is none, expected a DBC")
+    if len(kinds) < len(body.uploads):
+        raise UserError("uploads: found one twice, expected each once")
+    files = [str(upload_file(workspace, identifier)) for identifier in body.uploads]
+    dbc = str(upload_file(workspace, body.dbc)) if body.dbc is not None else ""
+    order = {**body.model_dump(), "title": body.title or body.name}
+    target = workspace.folder("cases") / body.name
+    return [*arguments(order, files, dbc, str(target)), "--json", "-"]

@@ -1,0 +1,184 @@
+"""What the Workbench tab draws of a case: one JSON object a view, one a preview.
+
+    draft(folder)                                      the fitted model beside the measurements, not yet judged
+    view(folder)                                       verdict in words, plots, ranking, ladder, what to do next
+    preview(folder, ["bulldozing"], noise, kept)       the curve and the errors with effects that are not added yet
+
+Everything comes from the pieces that the commands and the report use; nothing is computed a second way. They are called
+in a process of their own (warm.py), and view_api.py keeps what they answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from terrapin_hil.physics.effects import Effect
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.case import history
+from terrapin_tools.workbench.case.case import Case, load_case
+from terrapin_tools.workbench.compare.comparison import analyse, error, fitted_on, measured, predict
+from terrapin_tools.workbench.compare.refit import refit
+from terrapin_tools.workbench.experiment.rig_settings import SETTABLE
+from terrapin_tools.workbench.files.json_text import finite
+from terrapin_tools.workbench.model.model import Model
+from terrapin_tools.workbench.story import answer
+from terrapin_tools.workbench.story.formulas import from_latex
+from terrapin_tools.workbench.story.notes import to_html
+from terrapin_tools.workbench.story.plot_data import Drawn, drawn_data, page_data
+from terrapin_tools.workbench.story.sentences import amount, chance, number, stuck
+from terrapin_tools.workbench.story.story import Card, Story
+from terrapin_tools.workbench.story.told import told
+
+__all__ = ["draft", "preview", "view"]
+
+
+def draft(folder: str | Path) -> dict[str, Any]:
+    """The plot of a case as soon as the model is fitted; what takes longer (the noise, the verdict) is `view`'s.
+
+    Of a channel whose noise is not stated `noise_sd` is None.
+    """
+    case = load_case(Path(folder))
+    rows = case.train | case.test
+    channels = Model.of(case).channels
+    given = [case.sigma[name] for name in channels]
+    scale = np.std([case.channels[name][case.train] for name in channels], axis=1)
+    sigma = np.array([max(s, 1e-300) if g is None else g for s, g in zip(scale, given, strict=True)])
+    fits = fitted_on(case, case.effects, case.train, sigma)
+    prediction = predict(fits[-1], rows)
+    base = predict(fits[0], rows) if case.effects else None
+    drawn = Drawn(case, rows, channels, sigma, prediction, measured(fits[-1].model, rows) - prediction, base)
+    plot = drawn_data(drawn, (), (), ())
+    for channel in plot["channels"]:
+        channel["noise_sd"] = case.sigma[channel["name"]]
+    return {
+        "title": case.title,
+        "base": case.base.name,
+        "effects": list(case.effects),
+        "runs": len({*case.run[rows].tolist()}),
+        "held_out": sorted({case.run_names[i] for i in case.run[case.test]}),
+        "plot": plot,
+    }
+
+
+def view(folder: str | Path) -> dict[str, Any]:
+    """Everything that is drawn of a case, in the words of its story. UserError when anything in it is wrong.
+
+    `plot` is `plot_data.page_data` without curves of candidates, which `preview` gives one by one.
+    """
+    folder = Path(folder)
+    case = load_case(folder)
+    analysis = analyse(case)
+    found = answer.recall(folder)
+    story = told(analysis, found)
+    effects = analysis.model.effects
+    parameters = {key: amount(value) for key, value in story.parameters.items()}
+    shown = {
+        "title": story.title,
+        "base": story.base,
+        "effects": story.effects,
+        "runs": story.runs,
+        "held_out": story.held_out,
+        "verdict": story.verdict,
+        "chip": story.chip,
+        "headline": story.headline,
+        "where": [{"variable": p.variable, "channel": p.channel, "text": p.sentence} for p in story.where],
+        "remarks": [story.alarm, *story.notes] if story.alarm else story.notes,
+        "discovered": found is not None,
+        "missing": found.missing if found else (),
+        "rivals": found.rivals if found else (),
+        "heading": story.heading,
+        "measure": story.measure,
+        "by_run": story.by_run,
+        "model": [_in_model(effect, parameters) for effect in effects],
+        "cards": [_card(card) for card in story.cards],
+        "next": _next(story, case),
+        "parameters": [[key, amount(value), stuck(value)] for key, value in story.parameters.items()],
+        "channels": {name: vars(channel) for name, channel in story.channels.items()},
+        "errors": {
+            name: [*(number(v) for v in (c.noise_sd, c.train_rmse, c.heldout_rmse)), c.unit]
+            for name, c in story.channels.items()
+        },
+        "noise": f"{story.noise[:1].upper()}{story.noise[1:]}",
+        "correlation": number(story.rho),
+        "chances": story.chances,
+        "history": history.history(folder),
+        "notes": to_html(case.notes),
+        "targets": _targets(case),
+        "names": sorted({*case.inputs, *case.parameters, *case.fit}),
+        "exports": sorted(effect.name for effect in effects if effect.firmware),
+        "plot": page_data(analysis, story, ()),
+    }
+    return dict(finite(shown))
+
+
+def preview(folder: str | Path, effects: Sequence[str], noise: dict[str, float], kept: Sequence[int]) -> dict[str, Any]:
+    """The model refitted with `effects` added: prediction by channel on the rows `kept`, errors, parameters.
+
+    `noise` is the sd by channel and `kept` the rows, counted from 0, that `view` draws; so nothing of the comparison
+    is done again. UserError when an effect is unknown, in the model already, or gives no prediction.
+    """
+    folder = Path(folder)
+    case = load_case(folder)
+    found = answer.recall(folder)
+    own = {one.effect: one.own for one in found.candidates} if found else {}
+    known = [name for name in dict.fromkeys([*own, *case.library]) if name not in case.effects]
+    for name in effects:
+        if name not in known or list(effects).count(name) > 1:
+            raise UserError(f"effect: found {name!r}, expected each once and of {', '.join(known)}")
+    channels = Model.of(case).channels
+    sigma = np.array([noise[name] for name in channels])
+    fit = refit(case, sigma, own, tuple(effects))
+    if fit is None:
+        raise UserError(f"{' + '.join(effects)}: gives no prediction on these data")
+    prediction = predict(fit, case.train | case.test)[:, list(kept)]
+    return {
+        "effects": list(effects),
+        "channels": {name: [float(f"{v:.6g}") for v in prediction[i]] for i, name in enumerate(channels)},
+        "train_error": error(fit, case.train, sigma),
+        "heldout_error": error(fit, case.test, sigma),
+        "parameters": {
+            fitted.key: {"value": float(value), "unit": fitted.unit or "1"}
+            for fitted, value in zip(fit.model.fitted, fit.theta, strict=True)
+        },
+    }
+
+
+def _in_model(effect: Effect, parameters: Mapping[str, str]) -> dict[str, Any]:
+    own = f"{effect.name}."
+    return {
+        "effect": effect.name,
+        "equation": from_latex(effect.equation),
+        "values": [f"{key[len(own) :]} = {text}" for key, text in parameters.items() if key.startswith(own)],
+    }
+
+
+def _card(card: Card) -> dict[str, Any]:
+    one = card.proposal
+    return {
+        "effect": one.effect,
+        "title": card.title,
+        "named": card.named,
+        "probability": one.probability,
+        "chance": chance(one.probability),
+        "equation": from_latex(card.latex),
+        "acts": card.acts,
+        "reason": card.reason,
+        "values": [f"{name} = {amount(value)}{stuck(value, ' ')}" for name, value in card.values.items()],
+    }
+
+
+def _next(story: Story, case: Case) -> dict[str, Any]:
+    """What to do next: `do` is discover, add, experiment or nothing; `text` says it in words."""
+    plan = story.found.plan if story.found else None
+    step = {key: value for key, value in vars(story.next).items() if key not in ("offer", "command")}
+    simulator = plan is not None and case.base.on_robot and set(plan.vary) <= set(SETTABLE)
+    return {**step, "simulator": simulator}
+
+
+def _targets(case: Case) -> dict[str, Any]:
+    base = case.base
+    return {"all": list(dict.fromkeys(base.acts_on())), "default": base.targets()[0][0]}

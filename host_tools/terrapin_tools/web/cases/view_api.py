@@ -1,0 +1,85 @@
+"""GET /api/cases/{name}/view: what the Workbench tab draws of a case, kept while the files stay the same."""
+
+from __future__ import annotations
+
+import asyncio
+import tomllib
+from collections import OrderedDict
+from pathlib import Path as File
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Query
+
+from terrapin_tools.web.service.context import Context, Terrapin
+from terrapin_tools.web.service.models import problems
+from terrapin_tools.web.service.workspace import NAME
+
+__all__ = ["router", "state_of"]
+
+KEPT = 24  # answers; one is at most some 2 MB
+MOST_EFFECTS = 8  # of one preview
+SECONDS = 300.0  # that a view may take
+
+router = APIRouter()
+_kept: OrderedDict[tuple[Any, ...], asyncio.Task[dict[str, Any]]] = OrderedDict()
+
+
+def state_of(folder: File) -> tuple[tuple[str, int, int], ...]:
+    """Names, times and sizes of the files that a view stands on. OSError or ValueError when case.toml is not read."""
+    data = tomllib.loads((folder / "case.toml").read_text(encoding="utf-8-sig")).get("data", {})
+    kept = (".terrapin/discover.json", ".terrapin/discover.state", ".terrapin/history.jsonl")
+    names = ["case.toml", *map(str, data.get("files", [])), *kept]
+    found = []
+    for name in names:
+        try:
+            status = (folder / name).stat()
+        except OSError:
+            continue
+        found.append((name, status.st_mtime_ns, status.st_size))
+    return tuple(found)
+
+
+async def _answer(context: Context, folder: File, function: str, *arguments: Any) -> dict[str, Any]:
+    """What a function of view.py says of the case; whoever asks for the same at the same time waits for the same."""
+    try:
+        key = (function, str(folder), *map(str, arguments), await asyncio.to_thread(state_of, folder))
+    except (OSError, ValueError, TypeError, AttributeError):
+        key = ()  # a broken case: the function says in which line
+    task = _kept.get(key)
+    if task is None:
+        call = context.warm.call(f"terrapin_tools.web.cases.view:{function}", str(folder), *arguments, seconds=SECONDS)
+        task = asyncio.create_task(call)
+        if key:
+            _kept[key] = task
+            while len(_kept) > KEPT:
+                _kept.popitem(last=False)
+    else:
+        _kept.move_to_end(key)
+    try:
+        return await asyncio.shield(task)
+    except BaseException:
+        if task.done() and _kept.get(key) is task:  # it failed: who asks again has another try
+            del _kept[key]
+        raise
+
+
+@router.get("/api/cases/{name}/view", responses=problems(404))
+async def case_view(
+    context: Terrapin,
+    name: Annotated[str, Path(pattern=NAME)],
+    draft: bool = False,
+    effect: Annotated[list[Annotated[str, Query(pattern=NAME)]] | None, Query(max_length=MOST_EFFECTS)] = None,
+) -> dict[str, Any]:
+    """Verdict, plots, ranking and ladder of a case; with `effect` (repeat for more) the curve with them added.
+
+    With `draft` the plot alone, which is there sooner.
+    """
+    folder = context.workspace.case(name)
+    if draft and not effect:
+        return await _answer(context, folder, "draft")
+    shown = await _answer(context, folder, "view")
+    if not effect:
+        return shown
+    noise = {channel: entry["noise_sd"] for channel, entry in shown["channels"].items()}
+    kept = [row - 1 for row in shown["plot"]["columns"]["row"]["values"]]
+    return await _answer(context, folder, "preview", effect, noise, kept)

@@ -1,0 +1,434 @@
+"""What the Live tab shows: one source that every browser watches, its log, and pictures of it 30 times a second.
+
+A thread takes frames from the source, writes them to the log, decodes them and makes one packet a picture. Packets hold
+few points of each signal (lowest and highest of each 60th of a second) and say which frames they stand for, so that a
+browser that was too slow for some can tell which pictures it missed. The log never waits for a browser.
+"""
+
+from __future__ import annotations
+
+import struct
+import threading
+import time
+import traceback
+from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from terrapin_hil.messages import Interface, Sender
+from terrapin_hil.scenario.faults import FOREVER
+from terrapin_tools.errors import UserError
+from terrapin_tools.logs.decoding import Decoded, Decoder
+from terrapin_tools.logs.writing import LogWriter
+from terrapin_tools.monitor.live import Event, Live
+from terrapin_tools.monitor.sources import Bus, Simulator, Source
+from terrapin_tools.web.service.workspace import Taken
+
+__all__ = ["HEADER", "Picture", "Recording", "Session", "reduced"]
+
+Array = npt.NDArray[np.float64]
+
+PICTURES = 30  # a second
+STATUS_EVERY = 0.1  # s
+FLUSH = 0.5  # s: what a crash may cost the log
+HISTORY = 8192  # points of each signal that are kept for a browser that begins to look
+REPEAT = 0.02  # s between idle requests while the stop button is held in
+HEADER = struct.Struct("<BBHIIIdd")  # version, kind, columns, number, epoch, frames, first frame, base time [s]
+COLUMN = struct.Struct("<HH")  # signal, points; then float32 pairs (s after the base, value)
+SAMPLES, PAST = 1, 2  # kinds of packets
+
+
+def reduced(times: Array, values: Array, most: int = 4) -> tuple[Array, Array]:
+    """At most `most` points that keep lowest and highest, in order of time; NaN is left out.
+
+    >>> t, v = reduced(np.arange(100.0), np.where(np.arange(100) == 70, 9.0, 0.0))
+    >>> len(t), float(v.max())
+    (4, 9.0)
+    """
+    there = ~np.isnan(values)
+    if not there.all():
+        times, values = times[there], values[there]
+    if len(values) <= most:
+        return times, values
+    chosen: list[int] = []
+    pieces = most // 2
+    for piece in range(pieces):
+        a, b = len(values) * piece // pieces, len(values) * (piece + 1) // pieces
+        chosen += sorted((a + int(values[a:b].argmin()), a + int(values[a:b].argmax())))
+    return times[chosen], values[chosen]
+
+
+class _Ring:
+    """The latest points of one signal."""
+
+    def __init__(self) -> None:
+        self._times = np.zeros(HISTORY)
+        self._values = np.zeros(HISTORY, dtype=np.float32)
+        self._count = 0
+
+    def add(self, times: Array, values: Array) -> None:
+        place = (self._count + np.arange(len(times))) % HISTORY
+        self._times[place], self._values[place] = times, values
+        self._count += len(times)
+
+    def points(self) -> tuple[Array, npt.NDArray[np.float32]]:
+        begin = max(0, self._count - HISTORY)
+        place = np.arange(begin, self._count) % HISTORY
+        return self._times[place], self._values[place]
+
+
+class Picture:
+    """What one packet may say: few points of every signal that came, and the frames that they stand for."""
+
+    def __init__(self, number: int, epoch: int, first: int, frames: int, base: float) -> None:
+        self.number = number
+        self._head = (epoch, frames, float(first), base)
+        self._columns: dict[int, bytes] = {}
+        self._packets: dict[frozenset[int], bytes] = {}
+
+    def add(self, signal: int, times: Array, values: Array | npt.NDArray[np.float32]) -> None:
+        pairs = np.empty((len(times), 2), dtype="<f4")
+        with np.errstate(over="ignore"):  # beyond float32: infinite, and not drawn
+            pairs[:, 0], pairs[:, 1] = times - self._head[3], values
+        self._columns[signal] = COLUMN.pack(signal, len(times)) + pairs.tobytes()
+
+    def packet(self, wanted: frozenset[int], kind: int = SAMPLES) -> bytes:
+        """For a browser that looks at these signals."""
+        if wanted not in self._packets:
+            epoch, frames, first, base = self._head
+            columns = [self._columns[s] for s in sorted(wanted & self._columns.keys())]
+            head = HEADER.pack(1, kind, len(columns), self.number, epoch, frames, first, base)
+            self._packets[wanted] = head + b"".join(columns)
+        return self._packets[wanted]
+
+
+class Recording:
+    """A log that grows. UserError when the file exists or cannot be written."""
+
+    def __init__(self, path: Path, decoder: Decoder | None) -> None:
+        if path.exists():
+            raise UserError(f"{path.name}: exists already, expected a new name")
+        self.path = path
+        self.frames = 0
+        self._begin = self._flushed = time.monotonic()
+        self._writer = LogWriter(path, decoder, growing=True)
+
+    def write(self, block: Any) -> None:
+        self._writer.write(block)
+        self.frames += len(block)
+        if time.monotonic() - self._flushed > FLUSH:
+            self._writer.flush()
+            self._flushed = time.monotonic()
+
+    def event(self, event: Event) -> None:
+        self._writer.event(event.time if np.isfinite(event.time) else 0.0, f"{event.kind}: {event.text}")
+
+    def close(self) -> None:
+        self._writer.close()
+
+    def answer(self) -> dict[str, Any]:
+        """For the page."""
+        size = self.path.stat().st_size if self.path.is_file() else 0
+        return {
+            "name": self.path.name,
+            "frames": self.frames,
+            "bytes": size,
+            "seconds": time.monotonic() - self._begin,
+        }
+
+
+class Session:
+    """One source being watched. `tell(picture, status)` is called in its thread: a Picture or None, a dict or None."""
+
+    def __init__(
+        self,
+        source: Source,
+        decoder: Decoder,
+        interface: Interface | None,
+        bitrate: int,
+        command: str,
+        tell: Callable[[Picture | None, dict[str, Any] | None], None],
+    ) -> None:
+        self.source = source
+        self.command = command
+        self.decoder = decoder
+        self.live = Live(decoder, interface, bitrate)
+        self.names = list(self.live.units)
+        self.state = "live"  # live, over, gone
+        self.note = ""
+        self.stop_held = False
+        self.last_log: dict[str, Any] | None = None
+        self._interface = interface
+        self._tell = tell
+        self._index = {name: number for number, name in enumerate(self.names)}
+        self._rings: dict[int, _Ring] = {}
+        self._recording: Recording | None = None
+        self._lock = threading.RLock()
+        self._pictures = 0
+        self._told = 0  # events
+        self._heard = time.monotonic()
+        self._stop = threading.Event()
+        self._sender = Sender(interface) if interface is not None else None
+        self._asked = 0.0
+        self._asked_past: list[tuple[Collection[int], Callable[[bytes], object]]] = []
+        self._faults = _injections(source) if isinstance(source, Simulator) else []
+        self._thread = threading.Thread(target=self._work, name="live", daemon=True)
+        self._thread.start()
+
+    # ---------------------------------------------------------------- the thread
+
+    def _work(self) -> None:
+        due, status_due = time.monotonic(), 0.0
+        while not self._stop.is_set():
+            picture = None
+            with self._lock:
+                try:
+                    picture = self._look()
+                except UserError as error:
+                    self.state, self.note = "gone", str(error)
+                except Exception as error:  # a fault of ours ends the view and is told, here and in the page
+                    traceback.print_exception(error)
+                    self.state, self.note = "gone", f"internal error: {type(error).__name__}: {error}"
+                if self.state == "gone":
+                    self._end_recording()
+                if self.state != "live" and self.stop_held:
+                    self.stop_held = False
+                    self.live.tell(self.live.time, "bus", "the stop button holds nothing: the source has ended")
+                now = time.monotonic()
+                status = None
+                if now >= status_due or self.state == "gone":
+                    status, status_due = self.status(), now + STATUS_EVERY
+                asked, self._asked_past = self._asked_past, []
+            if picture is not None or status is not None:
+                self._tell(picture, status)
+            for wanted, give in asked:
+                give(self._past(wanted))
+            if self.state == "gone":
+                return
+            due = max(due + 1.0 / PICTURES, time.monotonic())
+            self._stop.wait(due - time.monotonic())
+
+    def _look(self) -> Picture | None:
+        over = self.source.over  # looked at first: the last block may come just before it
+        block = self.source.poll()
+        if over and self.state == "live" and not len(block):
+            self.state, self.note = "over", self.source.note
+            self._end_recording()
+        self._hold()
+        if not len(block):
+            return None
+        self._heard = time.monotonic()
+        self._record(block)
+        self._inject(float(block.times[-1]))
+        first = self.live.total
+        epoch = self.live.epoch
+        decoded = self.live.take(block)
+        if self.live.epoch != epoch:
+            self._rings.clear()
+            back = np.flatnonzero(np.diff(block.times) < 0)  # points of the epoch before are not drawn
+            row = int(back[-1]) if back.size else -1
+            decoded = {message: _after(table, row) for message, table in decoded.items()}
+        self._pictures += 1
+        picture = Picture(self._pictures, self.live.epoch, first, len(block), float(block.times[-1]))
+        for message, table in decoded.items():
+            for name, values in table.signals.items():
+                number = self._index.get(f"{message}.{name}")
+                times, points = reduced(table.times, values)
+                if number is not None and len(times):
+                    self._rings.setdefault(number, _Ring()).add(times, points)
+                    picture.add(number, times, points)
+        return picture
+
+    def _record(self, block: Any) -> None:
+        if self._recording is None:
+            return
+        try:
+            self._recording.write(block)
+        except UserError as error:  # a full disk ends the log, not the view
+            self.live.tell(self.live.time, "bus", str(error))
+            self._end_recording()
+
+    def _inject(self, now: float) -> None:
+        """Faults of the simulator's scenario, as they begin and end."""
+        while self._faults and self._faults[0][0] <= now:
+            self.live.tell(self._faults[0][0], "injected", self._faults.pop(0)[1])
+
+    def _hold(self) -> None:
+        """While the stop button is held in: ask a controller on a bus for idle, again and again."""
+        if not self.stop_held or not isinstance(self.source, Bus) or self._sender is None:
+            return
+        now = time.monotonic()
+        if now - self._asked >= REPEAT:
+            self._asked = now
+            self.source.send(
+                *self._sender.frame("COMMAND", {"request": self._sender.interface.enums["request"]["idle"]})
+            )
+
+    # ---------------------------------------------------------------- what browsers ask for
+
+    def hello(self) -> dict[str, Any]:
+        """What a browser needs to know of the source before pictures of it."""
+        words: Mapping[str, Mapping[str, int]] = {}
+        if self._interface is not None:
+            from terrapin_hil.telemetry import words as words_of
+
+            words = words_of(self._interface)
+        signals = [{"name": n, "unit": self.live.units[n], "words": words.get(n)} for n in self.names]
+        stop = "bus" if isinstance(self.source, Bus) else "simulator" if isinstance(self.source, Simulator) else ""
+        limit = self._interface.parameter("slip_limit") if self._interface is not None else None
+        return {
+            "type": "hello",
+            "name": self.source.name,
+            "command": self.command,
+            "dbc": self.decoder.path.name,
+            "signals": signals,
+            "stop": stop if self._interface is not None else "",
+            "slip_limit": limit.default * limit.scale if limit is not None else None,
+        }
+
+    def status(self) -> dict[str, Any]:
+        """How it stands now, with the events since the last status."""
+        new = [e for e in self.live.events if e.number > self._told]
+        self._told = self.live.event_count
+        if self._recording is not None:
+            for event in new:
+                self._recording.event(event)
+        return {**self._snapshot(), "events": [_plain(e) for e in new]}
+
+    def so_far(self) -> dict[str, Any]:
+        """How it stands now, with all events that are kept and were told: for a browser that begins to look."""
+        with self._lock:
+            return {**self._snapshot(), "events": [_plain(e) for e in self.live.events if e.number <= self._told]}
+
+    def _snapshot(self) -> dict[str, Any]:
+        live = self.live
+        waited = 0.0 if self.state != "live" else time.monotonic() - self._heard
+        return {
+            "type": "status",
+            "state": self.state,
+            "note": self.note,
+            "time": _number(live.time),
+            "begin": _number(live.begin),
+            "epoch": live.epoch,
+            "total": live.total,
+            "rate": live.rate,
+            "load": live.load,
+            "health": live.health(waited),
+            "silent": waited > 2.0,
+            "fit": live.fit,
+            "errors": dict(live.errors),
+            "bus_off": live.errors.get("bus off", 0),
+            "counters": live.counters,
+            "lost": self.source.lost,
+            "damaged": self.source.damaged if isinstance(self.source, Bus) else 0,
+            "faults": [dict(f) for f in live.faults],
+            "values": [_number(live.values.get(name, float("nan"))) for name in self.names],
+            "unknown": [
+                [f"{i:08X}" if extended else f"{i:03X}", count]
+                for (i, extended), count in list(live.unknown.items())[:64]
+            ],
+            "recording": self._recording.answer() if self._recording is not None else None,
+            "last_log": self.last_log,
+            "stop_held": self.stop_held,
+        }
+
+    def past(self, wanted: Collection[int], give: Callable[[bytes], object]) -> None:
+        """Gives the points of these signals that are kept as one packet, in its place between the pictures."""
+        with self._lock:
+            if self.state == "gone":
+                give(self._past(wanted))
+            else:
+                self._asked_past.append((wanted, give))
+
+    def _past(self, wanted: Collection[int]) -> bytes:
+        base = self.live.time if self.live.total else 0.0
+        picture = Picture(0, self.live.epoch, 0, 0, base)
+        for number in wanted:
+            if number in self._rings:
+                picture.add(number, *self._rings[number].points())
+        return picture.packet(frozenset(wanted), PAST)
+
+    def recording(self) -> dict[str, Any] | None:
+        """The log that is being written."""
+        with self._lock:
+            return self._recording.answer() if self._recording is not None else None
+
+    def mark(self, text: str) -> None:
+        """Notes an event."""
+        with self._lock:
+            self.live.mark(text)
+
+    def record(self, path: Path) -> None:
+        """Begins a log. Taken when there is one already, UserError when it cannot be written."""
+        with self._lock:
+            if self.state != "live":
+                raise Taken("the source has ended, expected one that is live")
+            if self._recording is not None:
+                raise Taken(f"{self._recording.path.name} is being recorded, expected to end it first")
+            self._recording = Recording(path, self.decoder)
+
+    def stop_recording(self) -> dict[str, Any] | None:
+        """Ends the log; what it holds."""
+        with self._lock:
+            return self._end_recording()
+
+    def _end_recording(self) -> dict[str, Any] | None:
+        if self._recording is None:
+            return None
+        recording, self._recording = self._recording, None
+        try:
+            recording.close()
+        except UserError as error:
+            self.live.tell(self.live.time, "bus", str(error))
+        self.last_log = recording.answer()
+        return self.last_log
+
+    def hold_stop(self, held: bool) -> None:
+        """Holds the stop button in, or lets it go. Taken when the source has no controller to stop."""
+        with self._lock:
+            if not isinstance(self.source, Simulator) and (not isinstance(self.source, Bus) or self._sender is None):
+                raise Taken("a log has nothing to stop, expected a bus or the simulator")
+            if self.state != "live":
+                raise Taken("the source has ended, expected one that is live")
+            if isinstance(self.source, Simulator):
+                self.source.press_stop(held)
+            if held != self.stop_held:
+                text = "stop button held in" if held else "stop button let go"
+                self.live.tell(self.live.time, "injected" if isinstance(self.source, Simulator) else "mark", text)
+            self.stop_held = held
+            self._asked = 0.0
+
+    def close(self) -> None:
+        """Ends the log and lets go of the source."""
+        self._stop.set()
+        if threading.current_thread() is not self._thread:
+            self._thread.join(timeout=5.0)
+        self.stop_recording()
+        self.source.close()
+
+
+def _injections(source: Simulator) -> list[tuple[float, str]]:
+    """Time and words of each fault that the scenario begins or ends."""
+    found = []
+    for fault in source.scenario.faults:
+        words = f"{fault.kind} {fault.channel}".strip()
+        found.append((fault.begin, f"{words} injected"))
+        if fault.end < FOREVER:
+            found.append((fault.end, f"{words} over"))
+    return sorted(found)
+
+
+def _after(table: Decoded, row: int) -> Decoded:
+    keep = table.rows > row
+    return Decoded(table.rows[keep], table.times[keep], {n: v[keep] for n, v in table.signals.items()})
+
+
+def _plain(event: Event) -> dict[str, Any]:
+    return {**vars(event), "time": _number(event.time)}  # no time before the first frame
+
+
+def _number(value: float) -> float | None:
+    return value if np.isfinite(value) else None

@@ -1,0 +1,50 @@
+"""uvicorn around the application, on a socket that is bound already."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import uvicorn
+
+from terrapin_tools.errors import UserError
+from terrapin_tools.web.server import application
+from terrapin_tools.web.service.workspace import Workspace
+
+__all__ = ["serve"]
+
+MAX_MESSAGE = 1 << 20  # bytes of a websocket message
+
+
+async def serve(listening: socket.socket, workspace: Path, token: str, link: str, ready: Callable[[], None]) -> None:
+    """Serve until interrupted. `ready` is called once requests are answered."""
+    place = Workspace(workspace)
+    try:
+        config = uvicorn.Config(
+            application(place, token, link, listening.getsockname()[1]),
+            log_level="error",
+            access_log=False,
+            server_header=False,
+            proxy_headers=False,
+            ws="websockets-sansio",
+            ws_max_size=MAX_MESSAGE,
+            ws_per_message_deflate=False,
+            h11_max_incomplete_event_size=64 << 10,
+            timeout_keep_alive=30,
+            timeout_graceful_shutdown=3,
+            limit_concurrency=200,
+            lifespan="on",
+        )
+        server = uvicorn.Server(config)
+        task = asyncio.create_task(server.serve([listening]))
+        while not server.started and not task.done():
+            await asyncio.sleep(0.01)
+        if not task.done():
+            ready()
+        await task
+        if not server.started:
+            raise UserError("the server did not start; the lines above say why", 1)
+    finally:
+        place.release()

@@ -1,0 +1,360 @@
+"""Long work: command lines that run one after the other, beside the server, with progress, cancel and a memory.
+
+    job = jobs.add("add", "my_case", [["add", "ws/cases/my_case", "inertia", "--json", "-"]], restore=case_folder)
+
+At most AT_ONCE jobs run; two on the same case never do. A job's file jobs/ID.json is replaced at every change of its
+state: after a restart its result is there, and what had not ended has failed. A case that a job was changing when it
+was cancelled, failed or was cut off is put back as it was.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import re
+import secrets
+import shlex
+import shutil
+import signal
+import sys
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from terrapin_tools.errors import UserError
+from terrapin_tools.web.service.events import Events
+from terrapin_tools.web.service.warm import Process, Warm
+from terrapin_tools.web.service.workspace import NotThere, Taken, Workspace
+from terrapin_tools.workbench.files.writing import write_whole
+
+__all__ = ["ENDED", "Job", "Jobs", "for_a_shell"]
+
+AT_ONCE = 2
+MOST_QUEUED = 50
+KEPT = 300  # ended jobs
+MAX_LINES = 200
+MAX_RESULT = 64 << 20  # bytes
+ENDED = ("done", "failed", "cancelled")
+INTERRUPTED = "interrupted: the server ended while it ran"
+ID = re.compile(r"[0-9a-f]{12}\Z")
+
+
+@dataclass
+class Job:
+    """One job. `steps`: command lines without `terrapin`; `result`: the JSON of the only one, else a list of all."""
+
+    id: str
+    do: str
+    case: str | None
+    command: str  # all steps, for a shell
+    steps: list[list[str]]
+    restore: str | None = None  # the case's folder, when the job changes it
+    fresh: str | None = None  # the case's folder, when the job makes it
+    state: str = "queued"
+    progress: list[str] = field(default_factory=list)
+    result: Any = None
+    error: str | None = None
+    created: float = 0.0  # s since 1970
+    seconds: float = 0.0  # that it ran
+    begun: float | None = field(default=None, repr=False)
+
+    def view(self) -> dict[str, Any]:
+        """What the API gives."""
+        view = {
+            k: v for k, v in vars(self).items() if k not in ("steps", "restore", "fresh", "begun")
+        }  # no copy: results are large
+        if self.begun is not None:
+            view["seconds"] = time.monotonic() - self.begun
+        return view
+
+
+class Jobs:
+    """The queue. All methods belong to the server's one thread."""
+
+    def __init__(self, workspace: Workspace, warm: Warm, events: Events) -> None:
+        self._workspace = workspace
+        self._folder = workspace.folder("jobs")
+        self._warm = warm
+        self._events = events
+        self._jobs: dict[str, Job] = {}
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._cancelled: set[str] = set()
+        self._making: set[str] = set()  # jobs whose new case was not there when they began
+        self._done: dict[str, Callable[[Job], Awaitable[None]]] = {}
+        self._closing = False
+        self._load()
+
+    def add(
+        self,
+        do: str,
+        case: str | None,
+        steps: list[list[str]],
+        restore: Path | None = None,
+        done: Callable[[Job], Awaitable[None]] | None = None,
+        fresh: Path | None = None,
+    ) -> Job:
+        """Queue command lines. `restore`: a case to put back unless they end well; `done`: awaited if they do.
+
+        `fresh`: a case that they make, of which nothing stays when they are cancelled.
+        """
+        if sum(job.state == "queued" for job in self._jobs.values()) >= MOST_QUEUED:
+            raise Taken(f"jobs: found {MOST_QUEUED} waiting, expected to wait for some of them")
+        command = " && ".join(map(for_a_shell, steps))
+        identifier = secrets.token_hex(6)
+        job = Job(
+            identifier, do, case, command, steps, str(restore) if restore else None, str(fresh) if fresh else None,
+            created=time.time(),
+        )  # fmt: skip
+        self._jobs[identifier] = job
+        if done is not None:
+            self._done[identifier] = done
+        self._save(job)
+        self._tell(job)
+        self._forget()
+        self._next()
+        return job
+
+    def get(self, identifier: str) -> Job:
+        """A job; NotThere for none of that id."""
+        try:
+            return self._jobs[identifier]
+        except KeyError:
+            raise NotThere("job: found none of that id") from None
+
+    def all(self) -> list[Job]:
+        """Every job, newest first."""
+        return sorted(self._jobs.values(), key=lambda job: -job.created)
+
+    def running(self) -> int:
+        return sum(job.state == "running" for job in self._jobs.values())
+
+    def busy(self, case: str) -> bool:
+        """Whether a job works on the case or waits to."""
+        return any(job.case == case and job.state not in ENDED for job in self._jobs.values())
+
+    async def cancel(self, identifier: str) -> Job:
+        """End a job; one that has ended stays as it is."""
+        job = self.get(identifier)
+        if job.state == "queued":
+            self._end(job, "cancelled", None)
+        elif job.state == "running":
+            task = self._tasks[identifier]
+            if identifier not in self._cancelled:  # a second time would not wait until its process has ended
+                self._cancelled.add(identifier)
+                task.cancel()
+            with suppress(asyncio.CancelledError):
+                await asyncio.shield(asyncio.wait([task]))
+            if job.state == "running":  # cancelled before its first step: nothing of _run has run
+                self._tasks.pop(identifier, None)
+                self._cancelled.discard(identifier)
+                self._end(job, "cancelled", None)
+                self._next()
+        return job
+
+    async def close(self) -> None:
+        """End what runs; it is marked as interrupted."""
+        self._closing = True
+        tasks = list(self._tasks.values())
+        for identifier, task in self._tasks.items():
+            if identifier not in self._cancelled:
+                task.cancel()
+        if tasks:
+            await asyncio.wait(tasks)
+        for job in self._jobs.values():
+            if job.state not in ENDED:
+                self._end(job, "failed", INTERRUPTED)
+
+    def forget(self, case: str) -> None:
+        """Drop the ended jobs of a case that was deleted: another of its name is not about them."""
+        for job in [job for job in self._jobs.values() if job.case == case and job.state in ENDED]:
+            self._drop(job)
+
+    def _next(self) -> None:
+        """Start what may start, in order of arrival."""
+        if self._closing:
+            return
+        busy = {job.case for job in self._jobs.values() if job.state == "running" and job.case is not None}
+        for job in self._jobs.values():  # in order of arrival
+            if self.running() >= AT_ONCE:
+                return
+            if job.state == "queued" and job.case not in busy:
+                job.state, job.begun = "running", time.monotonic()
+                if job.case is not None:
+                    busy.add(job.case)
+                self._tasks[job.id] = asyncio.get_running_loop().create_task(self._run(job))
+                self._tell(job)
+            elif job.state == "queued" and job.case is not None:
+                busy.add(job.case)  # whoever waits for it comes before those behind
+
+    async def _run(self, job: Job) -> None:
+        state, error = "failed", None
+        try:
+            await asyncio.to_thread(self._keep_before, job)
+            self._save(job)
+            results = []
+            for step in job.steps:
+                error, result = await self._step(job, step)
+                results.append(result)
+                if error is not None:
+                    break
+            else:
+                job.result = results[0] if len(results) == 1 else results
+                if job.id in self._done:
+                    await self._done[job.id](job)
+                state = "done"
+        except asyncio.CancelledError:
+            state, error = ("cancelled", None) if job.id in self._cancelled else ("failed", INTERRUPTED)
+        except UserError as problem:
+            error = str(problem)
+        except OSError as problem:
+            error = f"{problem.filename}: {problem.strerror}" if problem.filename else str(problem)
+        except Exception as problem:  # the queue goes on whatever one job does
+            error = f"internal error: {type(problem).__name__}: {problem}"
+            print(f"terrapin: job {job.id}: {error}", file=sys.stderr)
+        finally:
+            self._tasks.pop(job.id, None)
+            self._cancelled.discard(job.id)
+            try:
+                self._end(job, state, error)
+            finally:  # on a full disk too
+                self._next()
+
+    async def _step(self, job: Job, step: list[str]) -> tuple[str | None, Any]:
+        """Run one command line: its complaint (None when it ended well) and its answer. Cancelling ends the process."""
+        place = self._folder / f"{job.id}.out"
+        process: Process | None = None
+        status = None
+        try:
+            with place.open("wb") as out:
+                process = await self._warm.run(step, out)
+            last = ""
+            async for line in process.lines():
+                if line.strip():
+                    last = line
+                    self._progress(job, line)
+            status = await process.wait()
+            if status == 0 or (status == 1 and step[0] == "run"):  # a scenario's check failed: the result says which
+                result = await asyncio.to_thread(_read_result, place)
+                if result is not None or status == 0:
+                    return None, result
+            said = last.removeprefix("terrapin: ")
+            if status < 0:
+                said = f"ended by {signal.Signals(-status).name}"
+            return said or f"ended with status {status}", None
+        finally:
+            if process is not None and status is None:
+                await asyncio.shield(process.stop())
+            place.unlink(missing_ok=True)
+
+    def _progress(self, job: Job, line: str) -> None:
+        job.progress.append(line)
+        del job.progress[:-MAX_LINES]
+        self._events.send({"job": job.id, "case": job.case, "do": job.do, "state": job.state, "line": line})
+
+    def _end(self, job: Job, state: str, error: str | None) -> None:
+        if job.begun is not None:
+            job.seconds = time.monotonic() - job.begun
+            job.begun = None
+        if state != "done":
+            job.result = None
+        job.state, job.error = state, error
+        self._done.pop(job.id, None)
+        self._put_back(job)
+        self._save(job)
+        self._tell(job)
+
+    def _tell(self, job: Job) -> None:
+        self._events.send({"job": job.id, "case": job.case, "do": job.do, "state": job.state, "error": job.error})
+        if job.state in ENDED and job.case is not None:
+            self._events.send({"case": job.case})
+
+    def _save(self, job: Job) -> None:
+        kept = {key: value for key, value in vars(job).items() if key != "begun"}
+        write_whole(self._folder / f"{job.id}.json", json.dumps(kept, allow_nan=False) + "\n")
+
+    def _keep_before(self, job: Job) -> None:
+        """A copy of what the job may change: case.toml and what the commands keep. The measurements nobody changes."""
+        if job.fresh is not None:
+            if Path(job.fresh).exists():
+                raise UserError(f"case: {Path(job.fresh).name!r} exists, expected a new name")
+            self._making.add(job.id)
+        if job.restore is None:
+            return
+        folder, part = Path(job.restore), self._folder / f"{job.id}.part"
+        part.mkdir()
+        shutil.copy2(folder / "case.toml", part / "case.toml")
+        if (folder / ".terrapin").is_dir():
+            shutil.copytree(folder / ".terrapin", part / ".terrapin")
+        os.replace(part, self._folder / f"{job.id}.before")  # there whole or not at all
+
+    def _put_back(self, job: Job) -> None:
+        if job.id in self._making and job.state == "cancelled":
+            target = Path(job.fresh or "")
+            for path in [target, *target.parent.glob(f".new-{target.name}~*")]:  # its processes have ended
+                shutil.rmtree(path, ignore_errors=True)
+        self._making.discard(job.id)
+        before = self._folder / f"{job.id}.before"
+        if not before.is_dir():
+            return
+        folder = Path(job.restore or "")
+        if job.state != "done" and job.restore is not None and folder.is_dir():
+            if (before / ".terrapin").is_dir():
+                shutil.copytree(before / ".terrapin", folder / ".terrapin", dirs_exist_ok=True)
+            else:
+                shutil.rmtree(folder / ".terrapin", ignore_errors=True)
+            os.replace(before / "case.toml", folder / "case.toml")
+        shutil.rmtree(before, ignore_errors=True)
+
+    def _forget(self) -> None:
+        """The oldest ended jobs beyond KEPT."""
+        ended = [job for job in self.all() if job.state in ENDED]
+        for job in ended[KEPT:]:
+            self._drop(job)
+
+    def _drop(self, job: Job) -> None:
+        del self._jobs[job.id]
+        (self._folder / f"{job.id}.json").unlink(missing_ok=True)
+
+    def _load(self) -> None:
+        """Jobs of the servers before; what they had not ended has failed, and its case is put back."""
+        known = Job.__dataclass_fields__.keys()
+        found = []
+        for path in self._folder.glob("*.json"):
+            if not ID.match(path.stem):
+                continue
+            try:
+                job = Job(**{k: v for k, v in json.loads(path.read_text(encoding="utf-8")).items() if k in known})
+            except (OSError, ValueError, TypeError) as error:
+                print(f"terrapin: {path}: {error}; the job is left out", file=sys.stderr)
+                continue
+            found.append(job)
+        for job in sorted(found, key=lambda job: job.created):
+            self._jobs[job.id] = job
+            if job.state not in ENDED:
+                job.state, job.error, job.result = "failed", INTERRUPTED, None
+                self._put_back(job)
+                self._save(job)
+        for path in [*self._folder.glob("*.out"), *self._folder.glob("*.before"), *self._folder.glob("*.part")]:
+            shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+
+
+def for_a_shell(step: list[str]) -> str:
+    """A command line to copy: without `--json -`, it answers in words."""
+    return shlex.join(["terrapin", *(step[:-2] if step[-2:] == ["--json", "-"] else step)])
+
+
+def _read_result(place: Path) -> Any:
+    """Standard output as JSON; None for nothing or words."""
+    if place.stat().st_size > MAX_RESULT:
+        raise UserError(f"the answer has {place.stat().st_size} bytes, expected at most {MAX_RESULT}")
+    text = place.read_text(encoding="utf-8")
+    if not text.strip():
+        return None
+    try:
+        return json.loads(text)
+    except ValueError:
+        return {"text": text}

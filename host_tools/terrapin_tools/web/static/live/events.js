@@ -1,0 +1,39 @@
+// The list of events, newest first.
+import { h } from '../app.js';
+
+const LISTED_EVERY = 250; // ms between looks
+const KEPT = 500, LISTED = 100; // that are drawn, that are listed
+
+export class Events {
+  constructor() {
+    /** @type {(Mark & { number: number })[]} */
+    this.kept = []; // oldest first
+    this.newest = this.listed = 0;
+    this.log = h('ol', { class: 'event-list', tabindex: '0', 'aria-label': 'Events, newest first' });
+    this.element = h('section', { class: 'panel' }, h('div', { class: 'panel-head' }, h('h2', { text: 'Events' })), this.log);
+  }
+
+  /** Another source: none of its events is known yet. */
+  begin() {
+    this.kept = [];
+    this.log.replaceChildren();
+    this.newest = this.listed = 0;
+  }
+
+  /** @param {(Mark & { number: number })[]} events */
+  take(events) {
+    for (const event of events) if (event.number > (this.kept.at(-1)?.number ?? 0)) this.kept.push(event);
+    if (this.kept.length > KEPT) this.kept.splice(0, this.kept.length - KEPT);
+  }
+
+  /** List what is new, not too often. @param {number} zero what is called 0 s */
+  draw(zero) {
+    if (performance.now() - this.listed <= LISTED_EVERY) return;
+    const rows = this.kept.slice(-LISTED).filter((event) => event.number > this.newest).reverse();
+    if (!rows.length) return;
+    this.listed = performance.now();
+    this.newest = rows[0].number;
+    for (let more = this.log.children.length + rows.length - LISTED; more > 0 && this.log.lastChild; more--) this.log.lastChild.remove();
+    this.log.prepend(...rows.map((event) => h('li', { class: `event ${event.kind}` }, h('span', { class: 'soft n', text: event.time === null ? '–' : `${(event.time - zero).toFixed(2)} s` }), h('b', { text: event.kind }), h('span', { text: event.text }))));
+  }
+}

@@ -1,0 +1,87 @@
+// The bar that says what is watched: a bus, a log or the simulator, with the options of each.
+import { h } from '../app.js';
+
+export class Source {
+  /** @param {LiveDesk} desk */
+  constructor(desk) {
+    this.desk = desk;
+    this.source = h('select', { id: 'live-source', 'aria-label': 'Source', onchange: () => { this.options(); } });
+    this.watch = h('button', { type: 'button', class: 'main', text: 'Watch', onclick: () => this.begin() });
+    this.leave = h('button', { type: 'button', text: 'Leave', onclick: () => this.end() });
+    this.typed = h('input', { type: 'text', id: 'live-typed', placeholder: 'socketcan:can0, serial:/dev/ttyACM0, can:INTERFACE:CHANNEL', hidden: true, 'aria-label': 'Link' });
+    this.speed = h('select', { id: 'live-speed', 'aria-label': 'Speed of a log' }, ...[1, 2, 5, 10, 100].map((s) => h('option', { value: String(s), text: `${s} ×` })));
+    this.bitrate = h('select', { id: 'live-bitrate', 'aria-label': 'Bit rate of the bus' }, ...[125, 250, 500, 1000].map((k) => h('option', { value: String(k * 1000), text: `${k} kbit/s`, selected: k === 500 })));
+    this.controller = h('select', { id: 'live-controller', 'aria-label': 'Controller of the simulator' }, h('option', { value: 'inprocess', text: 'in this process' }), h('option', { value: 'pty', text: 'a process, over a pty' }));
+    this.dbc = h('select', { id: 'live-dbc', 'aria-label': 'DBC' });
+    this.file = h('input', { type: 'file', id: 'live-file', hidden: true, accept: '.log,.blf,.asc,.mf4,.mcap,.parquet,.dbc', onchange: () => this.upload() });
+    this.chip = h('span', { class: 'chip small', role: 'status' });
+    const open = h('button', { type: 'button', text: 'Open a log or DBC …', onclick: () => { this.file.click(); } });
+    this.element = h('div', { class: 'panel live-bar row' },
+      h('label', { for: 'live-source', text: 'Source' }), this.source, this.typed, this.bitrate, this.speed, this.controller, this.dbc, open, this.file, this.watch, this.leave, this.chip);
+  }
+
+  /** What there is to watch. */
+  async offer() {
+    const { app, run } = this.desk, { source, dbc } = this;
+    /** @type {Link[] | null} */
+    const links = await run(() => app.api('links'));
+    if (!links) return;
+    const before = source.value;
+    /** @param {string} kind */
+    const options = (kind) => links.filter((l) => l.kind === kind).map((l) => h('option', { value: l.source, text: l.title }));
+    source.replaceChildren(
+      h('optgroup', { label: 'Buses' }, ...options('bus'), h('option', { value: 'typed', text: 'another bus …' })),
+      h('optgroup', { label: 'Logs in the workspace' }, ...options('log')), h('optgroup', { label: 'Simulator' }, ...options('simulator')));
+    const named = links[0]?.title.endsWith('--link)') ? links[0].source : 'simulator:steady_sand';
+    source.value = [...source.options].some((o) => o.value === before) && before ? before : named;
+    const dbcBefore = dbc.value;
+    dbc.replaceChildren(h('option', { value: '', text: 'the controller’s DBC' }), ...options('dbc'));
+    dbc.value = [...dbc.options].some((o) => o.value === dbcBefore) ? dbcBefore : '';
+    this.options();
+  }
+
+  /** Show the options of the source that is chosen. */
+  options() {
+    const [kind] = this.source.value.split(':');
+    this.typed.hidden = this.source.value !== 'typed';
+    this.speed.hidden = kind !== 'log' && kind !== 'upload';
+    this.controller.hidden = kind !== 'simulator';
+    this.bitrate.hidden = ['log', 'upload', 'simulator'].includes(kind);
+  }
+
+  async begin() {
+    const { app, run } = this.desk;
+    const body = { source: this.source.value === 'typed' ? this.typed.value.trim() : this.source.value, dbc: this.dbc.value, speed: Number(this.speed.value), bitrate: Number(this.bitrate.value), controller: this.controller.value };
+    this.watch.disabled = true;
+    const answer = await run(() => app.api('live', { body }));
+    this.watch.disabled = false;
+    if (answer) app.showCommand(answer.command);
+  }
+
+  async end() {
+    const { app, run } = this.desk;
+    const answer = await run(() => app.api('live', { method: 'DELETE' }));
+    if (answer) app.showCommand(answer.command);
+  }
+
+  async upload() {
+    const { app, run, tell } = this.desk, chosen = this.file.files?.[0];
+    this.file.value = '';
+    if (!chosen) return;
+    this.chip.textContent = `sending ${chosen.name} …`;
+    /** @type {Upload | null} */
+    const found = await run(() => app.api(`uploads?name=${encodeURIComponent(chosen.name)}`, { method: 'POST', body: chosen }));
+    this.chip.textContent = '';
+    if (!found) return;
+    await this.offer();
+    if (found.kind === 'dbc') this.dbc.value = found.id;
+    else if (found.kind === 'log') { this.source.value = `upload:${found.id}`; this.options(); } else tell(`${found.name} is a table, expected a log: the workbench takes tables.`);
+    if (found.warnings.length) tell(`${found.name}: ${found.warnings.join('; ')}`);
+  }
+
+  /** How what is watched stands; null: nothing is. @param {Status | null} now */
+  draw(now) {
+    this.chip.textContent = now ? { live: now.silent ? 'silent' : 'live', over: 'over', gone: 'gone' }[now.state] : 'nothing is watched';
+    this.chip.className = now ? `chip small ${now.state === 'gone' ? 'missing' : now.silent || now.state === 'over' ? 'ambiguous' : 'adequate'}` : 'chip small';
+  }
+}

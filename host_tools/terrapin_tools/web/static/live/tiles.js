@@ -1,0 +1,53 @@
+// Tiles with what matters most of a robot, or the count of frames of another bus.
+import { h, number } from '../app.js';
+
+/** @typedef {import('./telemetry.js').Telemetry} Telemetry */
+
+export class Tiles {
+  constructor() {
+    this.element = h('dl', { class: 'tiles' });
+    /** @type {Map<string, { dd: HTMLElement, hint: HTMLElement }>} */
+    this.parts = new Map();
+  }
+
+  clear() { this.element.replaceChildren(); }
+
+  /** Show one tile; only what differs is written. @param {string} title @param {string} text */
+  one(title, text, kind = '', hint = '') {
+    let part = this.parts.get(title);
+    if (!part || !part.dd.isConnected) {
+      part = { dd: h('dd'), hint: h('span', { class: 'hint' }) };
+      this.parts.set(title, part);
+      this.element.append(h('div', { class: 'tile', 'data-tile': title }, h('dt', { text: title }), part.dd, h('dd', { class: 'hint-line' }, part.hint)));
+    }
+    if (part.dd.textContent !== text) part.dd.textContent = text;
+    if (part.dd.className !== kind) part.dd.className = kind;
+    if (part.hint.textContent !== hint) part.hint.textContent = hint;
+  }
+
+  /** @param {Telemetry} telemetry @param {Status} now */
+  draw(telemetry, now) {
+    const { hello } = telemetry;
+    if (!hello) return;
+    if (telemetry.index.has('STATUS.state')) this.robot(telemetry, hello, now);
+    else this.one('Frames', String(now.total), '', `${now.rate.toFixed(0)}/s`);
+  }
+
+  /** @param {Telemetry} telemetry @param {Hello} hello @param {Status} now */
+  robot(telemetry, hello, now) {
+    const value = (/** @type {string} */ name) => telemetry.value(name);
+    const word = (/** @type {string} */ name) => telemetry.word(name) ?? number(value(name));
+    const safe = word('STATUS.state') === 'safe';
+    this.one('State', word('ACTUATE.state') === '–' ? word('STATUS.state') : word('ACTUATE.state'), safe ? 'bad' : '', value('ACTUATE.enable') ? 'bridge on' : 'bridge off');
+    const { faults } = now;
+    this.one('Faults', faults.length ? faults.map((f) => f.name).join(', ') : 'none', faults.length ? 'bad' : 'good', faults.length ? `${faults[0].cause}; ${faults[0].reaction}` : '');
+    const slip = value('MOTION.slip'), over = (slip ?? 0) > (hello.slip_limit ?? 0);
+    this.one('Slip', number(slip, 3), over ? 'bad' : '', `${value('MOTION.slip_valid') ? '' : 'not valid, '}limit ${number(hello.slip_limit)}`);
+    const torque = value('GROUND.torque'), sd = value('GROUND.torque_sd') ?? 0;
+    this.one('C_t, mN m', torque === null ? '–' : `${(torque * 1e3).toFixed(1).replace('-', '−')} ± ${(sd * 1e3).toFixed(1)}`, '', value('GROUND.valid') ? 'valid' : 'not valid: not steady');
+    this.one('Terrain', word('GROUND.terrain'), '', `by ${number(value('GROUND.margin'), 2)} sd`);
+    this.one('Motor', `${number(value('ELECTRICAL.current'), 3)} A`, '', `${number(value('ELECTRICAL.voltage'), 3)} V, ${number(value('ELECTRICAL.temperature'), 3)} °C`);
+    this.one('Speed', `${number(value('MOTION.ground_speed'), 3)} m/s`, '', `shell ${number(value('MOTION.shell_speed'), 3)} rad/s`);
+    this.one('Supply', `${number(value('ELECTRICAL.supply'), 4)} V`, '', value('ACTUATE.limiting') ? 'the slip limiter holds' : 'no limiter at work');
+  }
+}

@@ -1,0 +1,168 @@
+// The form that maps the columns of a table or a log: what was guessed, and what is typed; `order` is the case asked for.
+import { h, number } from './app.js';
+
+const MOST_ROWS = 2e6; // of a case
+const FUNCTIONS = ['abs', 'sign', 'sqrt', 'exp', 'log', 'sin', 'cos', 'tan', 'tanh', 'min', 'max'];
+/** A name for a case or a formula, from that of a file or a column. @param {string} name */
+const plain = (name) => {
+  const word = name.replace(/\s*[[(].*$/, '').replace(/\W+/g, '_').replace(/^_+|_+$/g, '').toLowerCase();
+  return /^[a-z_]/.test(word) ? word : `c_${word}`;
+};
+
+export class MapForm {
+  /**
+   * A form for a base model; `draft`: what was typed in it before.
+   * @param {MapSource} source @param {string} base @param {Partial<MapTyped> | null} draft @param {MapHeard} heard
+   */
+  constructor(source, base, draft, heard) {
+    const { bases, data, dbc, first } = source, fields = draft?.fields || {};
+    this.data = data;
+    this.dbc = dbc;
+    this.base = bases.find((one) => one.name === base) || bases[0];
+    const name = plain(first.name.replace(/\.\w+$/, '')).slice(0, 60) || 'case';
+    /** @param {Properties} properties */
+    const text = (properties) => h('input', { type: 'text', autocomplete: 'off', spellcheck: 'false', ...properties });
+    this.title = text({ value: fields.title ?? first.name.replace(/\.\w+$/, '').replaceAll('_', ' '), maxlength: '200' });
+    this.caseName = text({ value: fields.name ?? name, maxlength: '64', pattern: '[A-Za-z0-9][A-Za-z0-9_.\\-]{0,63}', required: true });
+    this.model = h('select', { onchange: () => heard.remodel() }, bases.map((one) => h('option', { value: one.name, text: one.name, selected: one === this.base })));
+    const run = fields.run ?? first.run_guess;
+    this.run = h('select', {}, h('option', { value: '', text: 'each file is one run' }), first.columns.map((c) => h('option', { value: c.name, text: c.name, selected: c.name === run })));
+    this.period = first.kind === 'log' ? text({ value: fields.period ?? '10 ms' }) : null;
+    const rows = data.reduce((sum, one) => sum + one.rows, 0);
+    this.every = first.kind === 'log' ? null : text({ inputmode: 'numeric', value: fields.every ?? String(Math.max(1, Math.ceil(rows / MOST_ROWS))) });
+    this.rows = first.columns.filter((c) => c.numeric && c.name !== first.run_guess).map((c) => this.row(c, draft?.columns?.find((one) => one.column === c.name)));
+    this.extra = h('div', { class: 'form' });
+    this.problem = h('div', { role: 'alert' });
+    this.making = h('div', { class: 'job', role: 'status', hidden: true });
+    this.submit = h('button', { type: 'submit', class: 'main', text: 'Make the case' });
+    this.element = this.layout(first, heard);
+  }
+
+  /** @param {Upload} first @param {MapHeard} heard */
+  layout(first, heard) {
+    /** @param {string} words @param {HTMLElement | null} input */
+    const label = (words, input) => h('label', {}, words, input);
+    const form = h('form', { class: 'panel form', 'aria-label': 'Map the columns', onsubmit: (event) => { event.preventDefault(); heard.make(); } },
+      h('h2', { text: 'Map the columns' }),
+      h('p', { class: 'soft small', text: `${this.data.map((one) => one.name).join(', ')}: ${first.rows} ${first.kind === 'log' ? 'frames' : 'rows'}. Guessed from the names of the columns; correct what is wrong. What is not mapped is looked at all the same.` }),
+      first.warnings.map((line) => h('p', { class: 'warn small', text: line })),
+      h('div', { class: 'four' }, label('name', this.caseName), label('title', this.title), label('model', this.model), label('run', this.run), this.period ? label('one row every', this.period) : label('every n-th row', this.every)),
+      h('div', { class: 'scroll wide', tabindex: '0', role: 'region', 'aria-label': 'Columns' }, h('table', { class: 'inputs' },
+        h('thead', {}, h('tr', {}, ['column', 'first values', 'is', 'unit', 'noise sd'].map((words) => h('th', { scope: 'col', text: words })))),
+        h('tbody', {}, this.rows.map((one) => one.element)))),
+      this.extra, this.problem, this.making,
+      h('div', { class: 'row' }, this.submit, h('button', { type: 'button', text: 'Discard', onclick: () => heard.discard() })));
+    for (const type of ['input', 'change']) form.addEventListener(type, () => heard.later());
+    return form;
+  }
+
+  /** Inputs of constants and of the formula. */
+  typed() { return [.../** @type {NodeListOf<HTMLInputElement | HTMLSelectElement>} */ (this.extra.querySelectorAll('[data-key]'))]; }
+
+  /** What is typed. @returns {MapTyped} */
+  draft() {
+    const fields = { name: this.caseName, title: this.title, run: this.run, period: this.period, every: this.every };
+    return {
+      fields: Object.fromEntries(Object.entries(fields).flatMap(([key, input]) => (input ? [[key, input.value]] : []))),
+      columns: this.rows.map((one) => ({ column: one.column.name, name: one.is.value, unit: one.unit.value, sigma: one.sigma.value })),
+      constants: Object.fromEntries(this.typed().map((input) => [input.dataset.key, input.value])),
+    };
+  }
+
+  /** @param {UploadColumn} column @param {MapTyped['columns'][number] | undefined} typed @returns {MapRow} */
+  row(column, typed) {
+    const { base } = this;
+    const free = base.own_names;
+    const names = free ? [] : [...base.channels.map((c) => c.name), ...base.roles.map((r) => r.name)];
+    const guess = typed?.name !== undefined ? typed.name : column.role_guess && names.includes(column.role_guess) && !base.left_out.includes(column.role_guess) ? column.role_guess : '';
+    const is = free ? h('input', { type: 'text', value: typed?.name ?? plain(column.name), 'aria-label': `name of ${column.name}; empty: not mapped` })
+      : h('select', { 'aria-label': `what ${column.name} is` }, h('option', { value: '', text: 'not mapped' }),
+        h('optgroup', { label: 'measured (predicted by the model)' }, base.channels.map((c) => h('option', { value: c.name, text: c.name, selected: c.name === guess }))),
+        h('optgroup', { label: 'inputs' }, base.roles.filter((r) => !base.channels.some((c) => c.name === r.name)).map((r) => h('option', { value: r.name, text: `${r.name}${r.needed ? ' (needed)' : ''}`, selected: r.name === guess }))));
+    const canonical = [...base.channels, ...base.roles].find((one) => one.name === guess)?.unit;
+    const unit = h('input', { type: 'text', class: 'short', value: typed?.unit ?? (column.unit_guess || canonical || ''), placeholder: '1', 'aria-label': `unit of ${column.name}` });
+    const sigma = h('input', { type: 'text', class: 'short', value: typed?.sigma ?? '', inputmode: 'decimal', placeholder: 'estimated', 'aria-label': `noise sd of ${column.name}` });
+    const values = column.preview.slice(0, 4).map((v) => (Number.isFinite(Number(v)) ? number(Number(v)) : v)).join('  ');
+    const note = column.unit_guess || !canonical ? null : h('span', { class: 'warn small', text: 'unit assumed' });
+    return { column, is, unit, sigma, element: h('tr', {}, h('th', { scope: 'row', text: column.name }), h('td', { class: 'soft small', text: values, title: `${number(column.min)} to ${number(column.max)}` }), h('td', {}, is), h('td', {}, unit, note), h('td', {}, sigma)) };
+  }
+
+  /** Constants that no table can tell, what is fitted, and the formula of an equation. @param {Record<string, string>} typed */
+  constants(typed = {}) {
+    const { base } = this;
+    const mapped = this.rows.map((one) => one.is.value).filter(Boolean);
+    /** @param {string} key @param {string | null} [value] @returns {string} */
+    const kept = (key, value) => typed[key] ?? this.typed().find((one) => one.dataset.key === key)?.value ?? value ?? '';
+    /** @param {string} key @param {string | null} value @param {Properties} properties */
+    const input = (key, value, properties = {}) => h('input', { type: 'text', 'data-key': key, value: kept(key, value), autocomplete: 'off', spellcheck: 'false', ...properties });
+    const parts = [];
+    if (base.own_names) {
+      const channel = h('select', { 'data-key': 'channel' }, mapped.map((name, i) => h('option', { value: name, text: name, selected: kept('channel') ? name === kept('channel') : i === mapped.length - 1 })));
+      const others = mapped.filter((name) => name !== channel.value);
+      parts.push(h('div', { class: 'four' }, h('label', {}, 'predicted', channel), h('label', { class: 'span' }, 'by the formula', input('formula', others.length ? `offset + gradient*${others[0]}` : 'offset', { required: true }))),
+        h('p', { class: 'soft small', text: 'Names that are no columns become parameters to fit.' }));
+    } else {
+      const fit = fitted(base.fit);
+      const roles = base.roles.filter((r) => r.needed && !mapped.includes(r.name) && r.name !== 'omega' && r.name !== 'slip' && r.name !== 'time');
+      const names = [...base.parameters.filter((p) => p.name !== fit?.name && p.default === null), ...roles.filter((r) => !base.parameters.some((p) => p.name === r.name)).map((r) => ({ ...r, placeholder: r.name === 'load' ? '20 N' : '' }))];
+      if (names.length) {
+        parts.push(h('h3', { text: 'Constants that no table can tell' }), h('div', { class: 'four' }, names.map((p) => h('label', {}, `${p.name}${p.unit && p.unit !== '1' ? `, ${p.unit}` : ''}`, input(p.name, p.placeholder, { required: true, 'data-constant': p.name })))));
+      }
+      if (fit) parts.push(h('p', { class: 'soft small', text: `Fitted: ${fit.name}, from ${fit.value} within ${fit.min} to ${fit.max}.` }));
+    }
+    this.extra.replaceChildren(...parts);
+  }
+
+  /** The case that is asked for; an Error says what is missing. */
+  order() {
+    const { base, data, dbc } = this;
+    /** @type {Record<string, { column: string, unit: string, sigma?: number }>} */
+    const columns = {};
+    for (const one of this.rows) {
+      if (!one.is.value || (base.own_names && !/^[A-Za-z_]\w*$/.test(one.is.value))) continue;
+      const sigma = one.sigma.value.trim();
+      if (columns[one.is.value]) throw new Error(`${one.is.value}: two columns are mapped to it, expected one`);
+      if (sigma && !(Number(sigma) > 0)) throw new Error(`noise sd of ${one.column.name}: found ${sigma}, expected a number above 0, or nothing`);
+      columns[one.is.value] = { column: one.column.name, unit: one.unit.value.trim(), ...(sigma ? { sigma: Number(sigma) } : {}) };
+    }
+    /** @type {Record<string, number | string>} */
+    const parameters = {};
+    /** @type {Record<string, { value: number, min?: number, max?: number }>} */
+    const fit = {};
+    /** @type {Record<string, string>} */
+    const equation = {};
+    for (const input of this.typed().filter((one) => one.dataset.constant)) {
+      const text = input.value.trim();
+      parameters[input.dataset.constant || ''] = text !== '' && Number.isFinite(Number(text)) ? Number(text) : text;
+    }
+    if (base.own_names) {
+      /** @param {string} key */
+      const value = (key) => this.typed().find((one) => one.dataset.key === key)?.value ?? '';
+      const formula = value('formula');
+      equation[value('channel')] = formula;
+      for (const name of new Set(formula.match(/[A-Za-z_]\w*/g) || [])) {
+        if (!columns[name] && !FUNCTIONS.includes(name) && !/^\d/.test(name)) fit[name] = { value: name === 'gradient' ? 1 : 0 };
+      }
+    } else {
+      const found = fitted(base.fit);
+      if (found) fit[found.name] = { value: found.value, min: found.min, max: found.max };
+    }
+    const every = this.every ? this.every.value.trim() : '1';
+    if (!/^[1-9]\d{0,6}$/.test(every)) throw new Error(`every n-th row: found ${every}, expected a whole number from 1`);
+    return {
+      name: this.caseName.value.trim(), title: this.title.value.trim(), base: base.name, uploads: data.map((one) => one.id), run: this.run.value, every: Number(every),
+      columns, parameters, fit, equation, ...(dbc ? { dbc: dbc.id } : {}), ...(this.period ? { period: this.period.value.trim() } : {}),
+    };
+  }
+
+  /** @param {string} text */
+  refuse(text) { this.problem.replaceChildren(h('p', { class: 'notice bad', text })); }
+}
+
+/** "f_o = { value = 0.05, min = 0.0, max = 0.5 }" as an object; null for none. @param {string | null} line */
+function fitted(line) {
+  const found = /^\s*(\w+)\s*=\s*\{(.*)\}\s*$/.exec(line || '');
+  if (!found) return null;
+  const entries = Object.fromEntries(found[2].split(',').map((part) => part.split('=').map((word) => word.trim())));
+  return { name: found[1], value: Number(entries.value), min: Number(entries.min), max: Number(entries.max) };
+}

@@ -1,0 +1,136 @@
+// The Simulate tab: a scenario with changes, run as a job; the robot rolling; the run kept as a case.
+import { h, lineOf } from './app.js';
+import { Player } from './simulate/player.js';
+import { RunList } from './simulate/run_list.js';
+import { ScenarioForm } from './simulate/scenario_form.js';
+import { style } from './strip.js';
+
+/** @param {HTMLElement} element @param {App} app @returns {Tab} */
+export function mount(element, app) {
+  style();
+  return new Simulate(element, app);
+}
+
+class Simulate {
+  /** @param {HTMLElement} element @param {App} app */
+  constructor(element, app) {
+    this.app = app;
+    /** @type {string | null} */
+    this.job = null; // that is watched
+    this.shown = false;
+    this.form = new ScenarioForm((command) => { if (this.shown) app.showCommand(command); });
+    this.player = new Player();
+    this.runs = new RunList({ app, attempt: (action) => this.attempt(action), open: (run) => this.open(run), watch: (job) => this.watch(job, null) });
+    this.start = h('button', { type: 'button', class: 'main', text: 'Run', onclick: () => this.go() });
+    this.line = h('span', { class: 'line' });
+    this.progress = h('progress', { max: '100', value: 0, 'aria-label': 'Progress' });
+    this.bar = h('div', { class: 'job', hidden: true }, this.progress, this.line,
+      h('button', { type: 'button', text: 'Cancel', onclick: () => { const { job } = this; if (job) this.attempt(() => app.cancel(job)); } }));
+    this.notice = h('p', { class: 'notice bad', role: 'alert', hidden: true });
+    element.append(h('div', { class: 'sim-grid' }, this.form.panel(this.start),
+      h('div', { class: 'plots' }, this.notice, this.bar, ...this.player.panels(),
+        h('div', { class: 'below' }, h('section', { class: 'panel' }, this.player.checksTitle, this.player.checks), this.runs.element))));
+    app.onEvent((event) => this.event(event));
+  }
+
+  /**
+   * The result of an action; null, and a line on the page, when it is refused.
+   * @template T
+   * @param {() => Promise<T>} action
+   */
+  async attempt(action) {
+    try { this.notice.hidden = true; return await action(); } catch (error) { this.complain(lineOf(error)); return null; }
+  }
+
+  /** @param {string} text */
+  complain(text) {
+    this.notice.hidden = false;
+    this.notice.textContent = text;
+  }
+
+  async load() {
+    /** @type {Scenarios | null} */
+    const description = await this.attempt(() => this.app.api('scenarios'));
+    if (description) this.form.take(description);
+  }
+
+  // ---------------------------------------------------------------- running
+
+  async go() {
+    this.start.disabled = true;
+    /** @type {(Started & { run: string }) | null} */
+    const started = await this.attempt(() => this.app.api('simulate', { body: this.form.body() }));
+    this.start.disabled = false;
+    if (started) { this.app.showCommand(started.command); await this.watch(started.id, started.run); }
+  }
+
+  /** Follow a job to its end, then show its run, if there is one. @param {string} id @param {string | null} wanted */
+  async watch(id, wanted) {
+    const { app, bar, line, progress, start } = this;
+    this.job = id;
+    bar.hidden = false;
+    start.disabled = true;
+    progress.removeAttribute('value');
+    line.textContent = 'waiting';
+    const ended = await this.attempt(() => app.follow(id, (now) => {
+      const last = now.progress[now.progress.length - 1] || now.state;
+      line.textContent = last;
+      const share = /(\d+) %/.exec(last);
+      if (share) progress.value = Number(share[1]);
+    }));
+    this.job = null;
+    bar.hidden = true;
+    start.disabled = false;
+    await this.runs.list();
+    if (!ended) return null;
+    if (ended.state === 'failed') { this.complain(ended.error || 'failed'); return null; }
+    if (ended.state === 'cancelled') app.announce('cancelled');
+    if (ended.state === 'done') app.announce('the run is done');
+    if (wanted) await this.open(wanted, ended.state === 'done');
+    return ended;
+  }
+
+  /** @param {string} wanted name of a run */
+  async open(wanted, roll = true) {
+    /** @type {Run | null} */
+    const run = await this.attempt(() => this.app.api(`simulate/${encodeURIComponent(wanted)}/signals`));
+    if (!run) return;
+    this.player.open(run, roll);
+    this.runs.open(run);
+  }
+
+  /** What another browser runs, or this one before a reload. */
+  async running() {
+    /** @type {Job[] | null} */
+    const jobs = await this.attempt(() => this.app.api('jobs'));
+    const mine = jobs?.find((one) => one.do === 'simulate' && (one.state === 'running' || one.state === 'queued'));
+    if (mine && !this.job) this.watch(mine.id, /runs\/([^/ ]+)/.exec(mine.command.split('--out ')[1] || '')?.[1] || null);
+  }
+
+  /** @param {News} event */
+  event(event) {
+    if (!this.shown || this.job || this.start.disabled || !(event.back || event.do === 'simulate' || event.do === 'case')) return;
+    if (event.state === 'running') this.running();
+    else if (event.back || event.error !== undefined) this.runs.list();
+  }
+
+  // ---------------------------------------------------------------- the tab
+
+  show() {
+    this.shown = this.player.shown = true;
+    if (!this.form.description) this.load();
+    this.runs.list();
+    this.running();
+    this.player.draw();
+  }
+
+  hide() {
+    this.shown = this.player.shown = false;
+    this.player.setPlaying(false);
+  }
+
+  redraw() {
+    this.player.draw();
+    this.player.strip.recolour();
+  }
+}

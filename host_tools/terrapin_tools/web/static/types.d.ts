@@ -1,0 +1,163 @@
+// What the server sends and what the scripts hand each other. Only the type checker of `make check` reads this file.
+
+// ---------------------------------------------------------------- the frame (app.js)
+
+type App = typeof import('./app.js').app;
+type Child = Node | string | null | undefined | false | (Node | string | null | undefined | false)[];
+type Heard<E extends Event> = (event: E & { target: any }) => unknown;
+type Properties = {
+  onclick?: Heard<MouseEvent>; onchange?: Heard<Event>; oninput?: Heard<Event>; onsubmit?: Heard<SubmitEvent>;
+  [attribute: string]: any;
+};
+
+/** What a tab's `mount` returns. */
+interface Tab { show?(rest: string): void; hide?(): void; redraw?(): void }
+
+/** A request: `body` is an object that goes as JSON, or a Blob that goes as it is. */
+interface Asked { method?: string; body?: unknown; headers?: Record<string, string>; keepalive?: boolean; signal?: AbortSignal }
+
+type JobState = 'queued' | 'running' | 'done' | 'failed' | 'cancelled';
+interface Job {
+  id: string; do: string; case: string | null; command: string; state: JobState; progress: string[]; result: any; error: string | null;
+}
+/** What is known of a job between two looks at it. */
+type JobNews = Partial<Job> & { id: string };
+/** `id` and the command line of a job that was started. */
+interface Started { id: string; command: string }
+
+/** An event of the server; `lost` and `back` are of the connection itself. */
+interface News {
+  lost?: true; back?: true; cases?: unknown; case?: string | null; deleted?: boolean; upload?: string; state?: string;
+  job?: string; do?: string; line?: string; error?: string | null;
+}
+
+// ---------------------------------------------------------------- the workbench
+
+interface CaseSummary { name: string; title: string; base: string; effects: string[]; runs: number; rows: number; verdict: string | null; chip: string; error: string | null }
+interface Example { name: string; title: string }
+interface Quantity { value: number; unit: string; sd?: number | null }
+
+interface Rung { added: string | null; train_error: number; heldout_error: number | null }
+interface PlotChannel { name: string; unit: string; noise_sd: number | null; measured: number[]; predicted: number[]; base: number[] | null }
+interface Heat { edges: number[]; single: boolean; mean: Record<string, (number | null)[][]>; count: number[][] }
+interface PlotData {
+  variable: string; columns: Record<string, { values: number[]; unit: string }>; channels: PlotChannel[];
+  run: number[]; runs: string[]; held: boolean[]; ladder: Rung[]; where: { variable: string; channel: string; range: number[] }[];
+  heat: { runs: number[]; columns: Record<string, Heat> };
+}
+interface Card {
+  effect: string; title: string; named: boolean; kind: string; probability: number; chance: string; equation: string; acts: string;
+  reason: string; values: string[];
+}
+interface InModel { effect: string; title: string; equation: string; values: string[] }
+interface Next { do: 'discover' | 'add' | 'experiment' | 'nothing'; text: string }
+interface Experiment extends Next {
+  vary: string[]; settings: string[][]; after: string; simulator: boolean;
+}
+/** The fitted model beside the measurements, not yet judged. */
+interface Draft { title: string; base: string; effects: string[]; runs: number; held_out: string[]; plot: PlotData }
+/** All that is drawn of a case. */
+interface View extends Draft {
+  verdict: string; chip: string; headline: string; where: { variable: string; channel: string; text: string }[];
+  discovered: boolean; missing: string[]; rivals: string[][]; model: InModel[]; cards: Card[]; next: Next & Partial<Experiment>;
+  heading: string; measure: string; by_run: string; remarks: string[]; chances: [string, string][]; errors: Record<string, string[]>;
+  parameters: [string, string, string][];
+  channels: Record<string, { noise_sd: number; train_rmse: number; heldout_rmse: number | null; unit: string }>;
+  noise: string; correlation: string;
+  history: { action: string; effects: string[]; before: { heldout_error: number }; after: { heldout_error: number } }[];
+  notes: string; targets: { all: string[]; default: string }; names: string[]; exports: string[];
+}
+/** What the model would do with `effects` added; only these until the server has answered. */
+interface Preview { effects: string[]; channels?: Record<string, number[]>; train_error?: number; heldout_error?: number | null }
+interface ExpressionAnswer { ok: boolean; message: string; mathml: string | null; names: string[]; unknown: string[] }
+type CasePage = import('./case_page.js').CasePage;
+
+// ---------------------------------------------------------------- measurements into a case
+
+interface UploadColumn { name: string; numeric: boolean; preview: string[]; min: number | null; max: number | null; role_guess: string | null; unit_guess: string }
+interface Upload {
+  id: string; name: string; kind: 'csv' | 'parquet' | 'log' | 'dbc'; rows: number; columns: UploadColumn[]; warnings: string[];
+  base_guess: string | null; run_guess: string | null; draft: MapDraft | null;
+}
+/** What is typed into the form that maps columns. */
+interface MapTyped {
+  fields: Record<string, string>; constants: Record<string, string>;
+  columns: { column: string; name?: string; unit: string; sigma: string }[];
+}
+interface MapDraft extends MapTyped { uploads: string[]; base: string }
+/** What is mapped: tables or logs, the first of which shows its columns, and the DBC of logs. */
+interface MapSource { bases: Base[]; data: Upload[]; dbc: Upload | undefined; first: Upload }
+/** What happens when somebody changes the form. */
+interface MapHeard { make(): void; discard(): void; later(): void; remodel(): void }
+interface MapRow { column: UploadColumn; is: HTMLSelectElement | HTMLInputElement; unit: HTMLInputElement; sigma: HTMLInputElement; element: HTMLElement }
+interface Base {
+  name: string; channels: { name: string; unit: string }[]; roles: { name: string; unit: string; needed: boolean }[];
+  parameters: { name: string; unit: string; placeholder: string | null; default: number | null }[]; fit: string | null;
+  own_names: boolean; left_out: string[];
+}
+
+// ---------------------------------------------------------------- plots
+
+type Pen = CanvasRenderingContext2D;
+/** A value in its unit to a place on the canvas, in pixels. */
+type Scale = (value: number) => number;
+interface Axis { name: string; unit?: string }
+interface Points { values: number[]; rows: number[]; kind: string; color: string; size?: number; alpha?: number }
+interface Line { values: number[]; lines: number[][] | null; color: string; width: number; dash?: number[]; under?: boolean }
+interface Band { values: number[]; lines: number[][] | null; half: number; color: string }
+interface PlotTable { columns: string[]; rows: (string | number)[][] }
+interface PlotSpec {
+  x: Axis & { values: number[]; chosen?: boolean }; y: Axis; points: Points[]; lines: Line[]; bands: Band[]; ranges: number[][];
+  level?: number[] | null; describe(row: number): string; table(): PlotTable; alt?: string;
+}
+/** A picture of the ladder: rungs that fall show an error on its way. */
+interface Shown { train: number | null; held: number | null }
+
+interface Column { x: number; first: number; low: number; high: number; last: number }
+interface Bar { x: number; wide: number; low: number; high: number }
+interface Lane { name: string; unit: string; words?: Record<number, string> | null; colour: string; ring: import('./strip.js').Ring }
+interface Mark { time: number | null; kind: string; text: string; number?: number; wide?: number }
+
+// ---------------------------------------------------------------- Live
+
+interface Link { source: string; title: string; kind: 'bus' | 'log' | 'simulator' | 'dbc' }
+interface Signal { name: string; unit: string; words?: Record<number, string> | null }
+interface Hello {
+  type: 'hello'; name: string | null; command?: string; stop?: '' | 'bus' | 'simulator'; slip_limit: number | null;
+  signals?: { name: string; unit: string; words?: Record<string, number> | null }[];
+}
+interface Recording { name: string; frames: number; bytes: number; seconds: number }
+interface Status {
+  type: 'status'; state: 'live' | 'over' | 'gone'; note: string; begin: number; total: number; rate: number; load: number; health: string;
+  silent: boolean; fit: string; errors: Record<string, number>; bus_off: number; counters: number[] | null; lost: number; damaged: number;
+  faults: { name: string; cause: string; reaction: string }[]; values: (number | null)[]; unknown: [string, number][];
+  recording: Recording | null; last_log: Recording | null; stop_held: boolean; events: (Mark & { number: number })[];
+}
+/** What the panels of the Live tab ask of the tab. */
+interface LiveDesk { app: App; run<T>(action: () => Promise<T>): Promise<T | null>; tell(text: string): void }
+
+// ---------------------------------------------------------------- Simulate
+
+interface Bounds { name: string; unit: string; start: number; meaning: string; low: number; high: number }
+interface EffectOffer { name: string; title: string; soil: boolean; parameters: Bounds[] }
+interface FaultOffer { channels: string[]; unit: string; high: number | null }
+interface Fault { kind: string; channel: string; value: number | null; begin: number; end: number | null }
+interface Scenario {
+  name: string; title: string; duration: number; seed: number; supply: number; soil: string | null; contact: boolean; checks: number;
+  ground: { from: number; slope: number; terrain: string }[]; effects: Record<string, Record<string, number>>; faults: Fault[];
+  orders: { at: number; request: string; control: string; setpoint: number; limiter: boolean }[];
+}
+interface Scenarios { scenarios: Scenario[]; terrains: string[]; soils: string[]; effects: EffectOffer[]; faults: Record<string, FaultOffer> }
+/** A scenario as the form has it now. */
+interface Changes {
+  ground: { terrain: string; slope: number }[]; setpoints: number[]; limiter: boolean; effects: Record<string, Record<string, number>>;
+  faults: Fault[]; seed: number; duration: number; supply: number; soil: string | null;
+}
+interface RunLine { name: string; seed: number; complete: boolean; passed: boolean | null }
+type Columns = Record<string, (number | null)[]> & { time: number[] };
+/** A run: columns of equal length, SI units. */
+interface Run {
+  name: string; run: { title: string; complete: boolean }; checks: { passed: boolean; found: string }[]; radius: number;
+  words: { state: Record<number, string> }; ground: { x: number[]; height: number[] }; segments: { from: number; terrain: string }[];
+  faults: { text: string; begin: number; end: number | null }[]; columns: Columns;
+}

@@ -1,0 +1,291 @@
+"""A case: the folder's case.toml and measurements, checked and in canonical units. See docs/cases.md for the contract.
+
+Anything wrong is a UserError of one line: file, line or row, field, what was found, what was expected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from terrapin_hil.arrays import Array
+from terrapin_hil.physics.effects import Effect, catalogue
+from terrapin_hil.physics.expression import Expression, parse
+from terrapin_hil.reading import shorten
+from terrapin_hil.units import read_unit
+from terrapin_hil.units import units as registry
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.bases import BASES, ELSEWHERE, ROLES, Base, formula_name
+from terrapin_tools.workbench.case.columns import Measurements, read_measurements
+from terrapin_tools.workbench.case.effects import read_library, sound
+from terrapin_tools.workbench.case.rig_limits import read_limits
+from terrapin_tools.workbench.files.toml_tables import (
+    Complaint,
+    Estimate,
+    Tables,
+    case_tables,
+    read_case_text,
+    read_estimate,
+)
+from terrapin_tools.workbench.files.units import quantity, same_kind, si_factor
+
+__all__ = ["Case", "load_case", "parse_case", "require_effect"]
+
+
+_POSITIVE = (1e-30, np.inf, "more than 0")
+RANGES = {  # known constants: lowest, what they stay below, in words
+    **dict.fromkeys(("radius", "drive_radius", "torque_constant", "width", "n", "shear_modulus", "load"), _POSITIVE),
+    "cohesion": (0.0, np.inf, "0 or more"),
+    "friction_angle": (0.0, np.pi / 2, "0 to less than 90 deg"),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case(Measurements):
+    """Everything a model and a fit need: the measurements, and what case.toml says about them."""
+
+    folder: Path
+    text: str  # of case.toml
+    title: str
+    notes: str  # Markdown, "" for none
+    base: Base
+    effects: tuple[str, ...]
+    parameters: Mapping[str, float]  # known constants, SI
+    parameter_units: Mapping[str, str]  # as far as they are known
+    options: Mapping[str, str]
+    fit: Mapping[str, Estimate]
+    library: Mapping[str, Effect]  # that this base may take: the catalogue with the case's bounds, and the user's own
+    scales: Mapping[str, float]  # equation with all units given: what takes a name's number to SI; else empty
+    limits: Mapping[str, tuple[float, float]]  # what the rig can set: role -> lowest, highest
+
+    @property
+    def rows(self) -> int:
+        return len(self.run)
+
+    @cached_property
+    def inputs(self) -> dict[str, Array]:
+        """What formulas may use: roles and unmapped columns by their names in formulas."""
+        extra = {name: values for name, values in self.extra.items() if name.isidentifier()}
+        return {**extra, **{formula_name(name): values for name, values in self.roles.items()}}
+
+    def missing_role(self, effect: Effect) -> str | None:
+        """The role that an effect needs and the case does not map; None when it could be added."""
+        for group in effect.needs:
+            if not any(
+                formula_name(role) in self.inputs or role in self.parameters or role in self.base.provides
+                for role in group
+            ):
+                return " or ".join(group)
+        return next((name for name in effect.constants if name not in self.parameters), None)
+
+
+def load_case(folder: Path) -> Case:
+    """Read a case folder. UserError when anything in it is wrong."""
+    return parse_case(folder, read_case_text(folder))
+
+
+def parse_case(folder: Path, text: str) -> Case:
+    """Read a case whose case.toml has `text`; the measurements come from `folder`."""
+
+    tables = case_tables(folder, text)
+    complain = tables.complain
+    name = tables.get("model", "base")
+    if isinstance(name, str) and name in ELSEWHERE:  # its case.toml has more tables
+        raise complain(f"found {name!r}, which is for {ELSEWHERE[name]}", "model", "base")
+    tables.allow((), "case", "model", "parameters", "fit", "effect", "limits", "data")
+    tables.allow(("case",), "title", "notes", "source", "comment", "license", "date")
+    tables.allow(("model",), "base", "effects", "effects_folder", "equation")
+    title = tables.text("case", "title", default=folder.resolve().name)
+    base_name = tables.text("model", "base")
+    if base_name not in BASES:
+        raise complain(f"found {base_name!r}, expected one of {', '.join(BASES)}", "model", "base")
+    base = BASES[base_name]
+    effects = tuple(tables.texts("model", "effects", default=[]))
+    measured = read_measurements(folder, tables, base)
+    if measured.equations:
+        base = replace(base, channels={name: measured.units[name] for name in measured.channels})
+    library, effect_names = read_library(folder, tables, base)
+    parameters, parameter_units, options = _constants(tables, base, library, effect_names)
+    fit = _estimates(tables, base, parameters)
+    for name, known in base.parameters.items():
+        if known.default is not None and name not in fit and name not in parameters:
+            parameters[name], parameter_units[name] = known.default, known.unit
+    case = Case(
+        folder=folder,
+        text=text,
+        title=title,
+        notes=_notes(folder, tables),
+        base=base,
+        effects=effects,
+        parameters=parameters,
+        parameter_units=parameter_units,
+        options=options,
+        fit=fit,
+        library=sound(tables, base, library, {**measured.units, **parameter_units, **_fit_units(fit)}),
+        scales=_scales(measured.equations, {**parameter_units, **_fit_units(fit), **measured.units}, complain),
+        limits=read_limits(tables, base, measured.units, measured.extra, measured.column_of),
+        **vars(measured),
+    )
+    _check_names(case, complain)
+    return case
+
+
+def _notes(folder: Path, tables: Tables) -> str:
+    name = tables.text("case", "notes", default="")
+    if not name:
+        return ""
+    try:
+        return (folder / name).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        raise tables.complain(f"found {name!r}, expected a readable text file in the case", "case", "notes") from None
+
+
+def _constants(
+    tables: Tables, base: Base, library: Mapping[str, Effect], effect_names: frozenset[str]
+) -> tuple[dict[str, float], dict[str, str], dict[str, str]]:
+    """[parameters]: numbers in SI, their units as far as known, and the options."""
+    known = {**{formula_name(role): unit for role, unit in ROLES.items()}, **base.units}
+    flags: set[str] = set()
+    for effect in library.values():
+        known.update(effect.constants)
+        flags.update(effect.options)
+    found = tables.table("parameters")
+    values, units, options = {}, {}, {}
+    for name, value in found.items():
+        path = ("parameters", name)
+        if name in base.options:
+            if value not in base.options[name]:
+                raise tables.complain(f"found {value!r}, expected one of {', '.join(base.options[name])}", *path)
+            options[name] = str(value)
+        elif name in flags:
+            values[name] = tables.truth(*path)
+        elif name in known:
+            unit = known[name].replace("^n", f"^{_exponent(tables)}")
+            values[name], units[name] = tables.number(unit, *path), unit
+        elif base.own_names or name in effect_names:
+            values[name], unit_text = _free_number(tables, *path)
+            if unit_text:
+                units[name] = unit_text
+        else:
+            names = sorted({*known, *base.options, *flags})
+            raise tables.complain(f"unknown name, expected one of {', '.join(names)}", *path)
+    for name, (low, high, expected) in RANGES.items():
+        if name in known and name in values and not base.own_names and not low <= values[name] < high:
+            shown = "" if units[name] == "1" else f" {units[name]}"
+            raise tables.complain(f"found {values[name]:g}{shown}, expected {expected}", "parameters", name)
+    return values, units, options
+
+
+def _exponent(tables: Tables) -> float:
+    value = tables.get("parameters", "n", default=tables.get("fit", "n", "value", default=1.0))
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise tables.complain(f"found {shorten(value)}, expected a number", "parameters", "n") from None
+
+
+def _free_number(tables: Tables, *path: str) -> tuple[float, str]:
+    """A constant of the user's own: a number is SI; text carries its unit and is taken to SI."""
+    value = tables.get(*path)
+    if isinstance(value, str):
+        _, _, unit = value.strip().partition(" ")
+        try:
+            base_unit = str(registry().Quantity(1.0, read_unit(unit)).to_base_units().units)
+            return quantity(value, base_unit), base_unit
+        except (TypeError, ValueError, ArithmeticError) as error:
+            raise tables.complain(str(error), *path) from None
+    return tables.number("1", *path), ""
+
+
+def _estimates(tables: Tables, base: Base, constants: Mapping[str, float]) -> dict[str, Estimate]:
+    estimates = {}
+    for name in tables.table("fit"):
+        path = ("fit", name)
+        if name in constants:
+            raise tables.complain("stands in [parameters] too, expected in one of the two", *path)
+        if not base.own_names and name not in base.parameters:
+            raise tables.complain(f"unknown name, expected one of {', '.join(base.parameters)}", *path)
+        tables.entry(path, "value", "min", "max", also=("unit",) if base.own_names else ())
+        if base.own_names:
+            unit = tables.unit(*path, "unit", default="")
+        else:
+            unit = base.units[name].replace("^n", f"^{_exponent(tables)}")
+        estimates[name] = read_estimate(tables, path, unit)
+    return estimates
+
+
+def _fit_units(fit: Mapping[str, Estimate]) -> dict[str, str]:
+    return {name: estimate.unit for name, estimate in fit.items() if estimate.unit}
+
+
+def _scales(equations: Mapping[str, Expression], units: Mapping[str, str], complain: Complaint) -> dict[str, float]:
+    """Check the units of equations whose names all have one; their numbers then go through SI.
+
+    Where a unit is missing the formula works on the numbers as they stand in the file.
+    """
+    if not equations or not all(e.names <= units.keys() for e in equations.values()):
+        return {}
+    for channel, expression in equations.items():
+        path = ("model", "equation", channel)
+        try:
+            found = str(expression.unit(units)) or "1"
+        except ValueError as error:
+            raise complain(str(error), *path) from None
+        if not same_kind(found, units[channel]):
+            raise complain(f"{expression} is in {found}, expected {units[channel]}", *path)
+    names = {*equations, *(name for e in equations.values() for name in e.names)}
+    return {name: si_factor(units[name]) for name in names}
+
+
+def _check_names(case: Case, complain: Complaint) -> None:
+    """Every effect exists and has what it needs; every parameter of the model is known or fitted."""
+    for name in case.effects:
+        require_effect(case, name, complain)
+    for name in case.base.parameters:
+        if name not in case.parameters and name not in case.fit:
+            raise complain(f"{name} is missing, expected it here or in [fit]", "parameters")
+    for role in case.base.needs:
+        if role not in case.roles and role not in case.parameters:
+            raise complain(f"role {role} is not mapped, expected it (or a constant in [parameters])", "data", "columns")
+    if not any(channel in case.channels for channel in case.base.channels):
+        expected = ", ".join(case.base.channels)
+        raise complain(f"no channel is mapped, expected one of {expected}", "data", "columns")
+    known = {*case.inputs, *case.parameters, *case.fit}
+    for channel, expression in case.equations.items():
+        unknown = sorted(expression.names - known)
+        if unknown:
+            raise complain(f"{unknown[0]} is no column, parameter or fitted name", "model", "equation", channel)
+
+
+def require_effect(case: Case, name: str, complain: Complaint) -> Effect:
+    """The effect of that name, or a complaint about why this case cannot have it."""
+    path = ("model", "effects")
+    effect = case.library.get(name)
+    if effect is None:
+        if name in catalogue():
+            bases = " or ".join(catalogue()[name].bases)
+            raise complain(f"{name} acts on {bases}, found base {case.base.name}", *path)
+        raise complain(f"unknown effect {name}, expected one of {', '.join(case.library) or '(none)'}", *path)
+    role = case.missing_role(effect)
+    if role:
+        kind = "constant" if role in effect.constants else "role"
+        raise complain(f"{name} needs the {kind} {role}, which the case does not have", *path)
+    known = {*case.inputs, *case.parameters, *case.fit, *case.base.parameters, *effect.options}
+    known |= {parameter.name for parameter in effect.parameters} | {"bulldozing_resistance", "speed"}
+    known |= {formula_name(name) for name in case.base.provides}
+    unknown = sorted(parse(effect.expression).names - known)
+    if unknown:
+        raise complain(f"{name}: {unknown[0]} is no role, column or parameter", "effect", name, "expression")
+    for role in effect.positive:
+        values = case.roles.get(role)
+        if values is not None and (values <= 0).any():
+            row = int(np.flatnonzero(values <= 0)[0])
+            raise UserError(
+                f"{case.place(row)}: column {case.column_of[role]}: found {role} {values[row]:g}, "
+                f"expected more than 0 ({name} needs it)"
+            )
+    return effect

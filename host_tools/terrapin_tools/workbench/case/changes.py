@@ -1,0 +1,99 @@
+"""Changes to case.toml that keep the user's comments and order, written whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import tomlkit
+
+from terrapin_tools.errors import UserError
+
+__all__ = ["OwnEffect", "OwnParameter", "add_effects", "inline_tables", "parse_parameter", "remove_effect"]
+
+
+@dataclass(frozen=True)
+class OwnParameter:
+    """A parameter of the user's own expression."""
+
+    value: float
+    minimum: float | None = None
+    maximum: float | None = None
+    unit: str = "1"
+
+
+@dataclass(frozen=True)
+class OwnEffect:
+    """An expression that becomes an effect."""
+
+    expression: str
+    target: str | None
+    parameters: Mapping[str, OwnParameter] = field(default_factory=dict)
+
+
+def parse_parameter(text: str) -> tuple[str, OwnParameter]:
+    """`k=START`, `k=START:MIN:MAX` or `k=START:MIN:MAX:UNIT`; MIN and MAX may be empty for none.
+
+    >>> parse_parameter("k=1e-3:0:1:N m")
+    ('k', OwnParameter(value=0.001, minimum=0.0, maximum=1.0, unit='N m'))
+    """
+    name, equals, rest = text.partition("=")
+    parts = rest.split(":", 3)
+    if not equals or not name.strip().isidentifier() or len(parts) == 2:
+        raise UserError(f"--parameter: found {text!r}, expected NAME=START:MIN:MAX[:UNIT]")
+    try:
+        start = float(parts[0])
+        limits = [float(part) if part.strip() else None for part in parts[1:3]] or [None, None]
+    except ValueError:
+        raise UserError(f"--parameter: found {text!r}, expected numbers in NAME=START:MIN:MAX[:UNIT]") from None
+    return name.strip(), OwnParameter(start, limits[0], limits[1], parts[3].strip() if len(parts) == 4 else "1")
+
+
+def add_effects(text: str, names: Sequence[str], own: Mapping[str, OwnEffect]) -> str:
+    """case.toml with the effects appended to the model, and a table for each of the user's own."""
+    document = tomlkit.parse(text)
+    model = document["model"]
+    assert isinstance(model, tomlkit.items.Table)
+    if "effects" not in model:
+        model["effects"] = tomlkit.array()
+    for name in names:
+        model["effects"].append(name)
+    for name, effect in own.items():
+        tables = document.get("effect")
+        if tables is None:
+            tables = tomlkit.table(is_super_table=True)
+            document["effect"] = tables
+        table = tomlkit.table()
+        table["expression"] = effect.expression
+        if effect.target is not None:
+            table["target"] = effect.target
+        for key, parameter in effect.parameters.items():
+            entry = tomlkit.inline_table()
+            entry["value"] = parameter.value
+            for limit, value in (("min", parameter.minimum), ("max", parameter.maximum)):
+                if value is not None:
+                    entry[limit] = value
+            if parameter.unit != "1":
+                entry["unit"] = parameter.unit
+            table[key] = entry
+        tables[name] = table
+    return tomlkit.dumps(document)
+
+
+def remove_effect(text: str, name: str) -> str:
+    """case.toml without the effect in the model; its own table stays, so that it can be added again by name."""
+    document = tomlkit.parse(text)
+    effects = document["model"]["effects"]
+    effects.remove(name)
+    return tomlkit.dumps(document)
+
+
+def inline_tables(entries: Mapping[str, Mapping[str, Any]]) -> tomlkit.items.Table:
+    """A table with one line an entry, as [data.columns] has them; what is None or empty is left out."""
+    table = tomlkit.table()
+    for name, entry in entries.items():
+        line = tomlkit.inline_table()
+        line.update({key: value for key, value in entry.items() if value not in (None, "")})
+        table[name] = line
+    return table

@@ -1,0 +1,263 @@
+"""The measurements of a case: files into roles and channels in canonical units, runs, and what is held out."""
+
+from __future__ import annotations
+
+import os
+from bisect import bisect_right
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from terrapin_hil.arrays import Array, Index, Mask
+from terrapin_hil.physics.expression import Expression, parse
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.bases import CHANNELS, ROLES, Base
+from terrapin_tools.workbench.files import units
+from terrapin_tools.workbench.files.tables import LOG_SUFFIXES, Table, read
+from terrapin_tools.workbench.files.toml_tables import Tables
+
+__all__ = ["Measurements", "mapped_column", "read_measurements"]
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """One entry of [data.columns]."""
+
+    name: str
+    column: str
+    unit: str
+    canonical: str
+    sigma: float | None  # in the canonical unit
+    channel: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurements:
+    """What the files of a case hold. Arrays have one entry a row; roles and channels are in canonical units."""
+
+    roles: Mapping[str, Array]
+    channels: Mapping[str, Array]
+    sigma: Mapping[str, float | None]  # noise sd of each channel, where it is stated
+    units: Mapping[str, str]  # canonical unit of each role and channel
+    extra: Mapping[str, Array]  # numeric columns that are not mapped, in the file's own units
+    column_of: Mapping[str, str]  # role or channel -> column of the file
+    run_names: tuple[str, ...]  # sorted
+    run: Index  # index into run_names
+    train: Mask
+    test: Mask
+    place: Callable[[int], str] = field(repr=False)  # row -> "runs.csv:17"
+    equations: Mapping[str, Expression]  # of the user's own, by channel
+
+
+def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
+    """Read the files that [data] names. UserError when anything is wrong."""
+    tables.allow(("data",), "files", "run", "train", "test", "columns", "dbc", "period", "ignore")
+    equations = _equations(tables, base)
+    mapped = _columns(tables, base, equations)
+    files = tables.texts("data", "files")
+    if not files:
+        raise tables.complain("found an empty list, expected file names", "data", "files")
+    loaded = _read_files(folder, tables, files, mapped)
+    run_column = tables.text("data", "run", default="")
+    starts = np.cumsum([0, *(table.rows for table in loaded)]).tolist()
+
+    def place(row: int) -> str:
+        index = bisect_right(starts, row) - 1
+        return loaded[index].place(row - starts[index])
+
+    for entry in mapped:
+        for table in loaded:
+            if entry.column not in table.columns:
+                names = ", ".join(table.columns)
+                raise tables.complain(
+                    f"column {entry.column!r} is not in {table.path.name}, expected one of {names}",
+                    *("data", "columns", entry.name, "column"),
+                )
+    if starts[-1] == 0:
+        raise tables.complain(f"{files[0]} has no rows, expected at least one", "data", "files")
+    run_text = _run_names(tables, loaded, run_column)
+    run_names = tuple(sorted(set(run_text)))
+    index = {name: i for i, name in enumerate(run_names)}
+    run = np.array([index[name] for name in run_text], dtype=np.int64)
+    train_runs, test_runs = _split(tables, run_names)
+    values: dict[str, Array] = {}
+    for entry in mapped:
+        raw = np.concatenate([table.numbers(entry.column) for table in loaded])
+        values[entry.name] = units.convert(raw, entry.unit, entry.canonical)
+    used = {entry.column for entry in mapped} | {run_column}
+    return Measurements(
+        roles={e.name: values[e.name] for e in mapped if not e.channel},
+        channels={e.name: values[e.name] for e in mapped if e.channel},
+        sigma={e.name: e.sigma for e in mapped if e.channel},
+        units={e.name: e.canonical for e in mapped},
+        extra=_extra(loaded, used | set(values) | _ignored(tables, loaded, used)),
+        column_of={e.name: e.column for e in mapped},
+        run_names=run_names,
+        run=run,
+        train=np.isin(run, [index[name] for name in train_runs]),
+        test=np.isin(run, [index[name] for name in test_runs]),
+        place=place,
+        equations=equations,
+    )
+
+
+def _equations(tables: Tables, base: Base) -> dict[str, Expression]:
+    found = tables.table("model", "equation")
+    if not base.own_names:
+        if found:
+            raise tables.complain(f'expected only with base = "equation", found base {base.name}', "model", "equation")
+        return {}
+    if not found:
+        raise tables.complain("missing, expected one line CHANNEL = FORMULA for each channel", "model", "equation")
+    equations = {}
+    for channel in found:
+        path = ("model", "equation", channel)
+        try:
+            equations[channel] = parse(tables.text(*path))
+        except ValueError as error:
+            raise tables.complain(str(error), *path) from None
+    return equations
+
+
+def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) -> list[Mapped]:
+    mapped = []
+    for name in tables.table("data", "columns"):
+        path = ("data", "columns", name)
+        free = base.own_names
+        channel = name in (equations if free else base.channels)
+        if free and not name.isidentifier():
+            raise tables.complain("found a name that formulas cannot use, expected letters, digits and _", *path)
+        if not free and not channel and name not in ROLES:
+            expected = ", ".join([*base.channels, *ROLES])
+            raise tables.complain(f"unknown role or channel, expected one of {expected}", *path)
+        tables.entry(path, "column", "unit", also=("sigma",) if channel else ())
+        unit = tables.text(*path, "unit", default="1" if free else None)
+        canonical = unit if free else CHANNELS.get(name) or ROLES[name]
+        try:
+            units.check(unit)
+            if not units.same_kind(unit, canonical):
+                raise ValueError(f"found {unit!r}, which does not convert to {canonical!r}")
+            units.convert(1.0, unit, canonical)
+            sigma = None
+            if tables.get(*path, "sigma") is not None:
+                sigma = units.convert_difference(tables.number(unit, *path, "sigma"), unit, canonical)
+        except ValueError as error:
+            raise tables.complain(str(error), *path, "unit") from None
+        if sigma is not None and sigma * units.LARGEST < 1.0:
+            raise tables.complain(f"found {sigma:g} {canonical}, expected more than 0", *path, "sigma")
+        mapped.append(Mapped(name, tables.text(*path, "column"), unit, canonical, sigma, channel))
+    for i, entry in enumerate(mapped):
+        other = next((e for e in mapped[:i] if e.column == entry.column and e.unit != entry.unit), None)
+        if other is not None:
+            raise tables.complain(
+                f"column {entry.column!r} is mapped as {other.name} in {other.unit} too, expected another column",
+                *("data", "columns", entry.name, "column"),
+            )
+    for predicted in equations:
+        if predicted not in {entry.name for entry in mapped}:
+            raise tables.complain(f"{predicted} is missing, expected the column that measures it", "data", "columns")
+    return mapped
+
+
+def mapped_column(tables: Tables, table: Table, role: str, canonical: str) -> Array:
+    """The column that [data.columns] maps to a role, in its canonical unit. UserError when the entry is wrong."""
+    path = ("data", "columns", role)
+    tables.entry(path, "column", "unit")
+    column, unit = tables.text(*path, "column"), tables.text(*path, "unit")
+    if column not in table.columns:
+        expected = ", ".join(table.columns)
+        raise tables.complain(f"column {column!r} is not in {table.path.name}, expected one of {expected}", *path)
+    try:
+        return units.convert(table.numbers(column), unit, canonical)
+    except ValueError as error:
+        raise tables.complain(str(error), *path, "unit") from None
+
+
+def _read_files(folder: Path, tables: Tables, files: list[str], mapped: list[Mapped]) -> list[Table]:
+    dbc = period = None
+    places = [os.path.normpath(folder / name) for name in files]
+    for name, place in zip(files, places, strict=True):
+        if places.count(place) > 1:
+            raise tables.complain(f"found {name!r} under two names, expected each file once", "data", "files")
+    if any(Path(name).suffix.lower() in LOG_SUFFIXES for name in files):
+        dbc = folder / tables.text("data", "dbc")
+        period = tables.number("s", "data", "period")
+        if period <= 0:
+            raise tables.complain(f"found {period:g} s, expected more than 0", "data", "period")
+    needed, run = {entry.column for entry in mapped}, tables.text("data", "run", default="")
+    return [read(folder / name, dbc, period, needed, {run}) for name in files]
+
+
+def _run_names(tables: Tables, loaded: list[Table], column: str) -> list[str]:
+    names: list[str] = []
+    for table in loaded:
+        if table.path.suffix.lower() in LOG_SUFFIXES or not column:
+            names += [table.path.stem] * table.rows
+            continue
+        if column not in table.columns:
+            expected = ", ".join(table.columns)
+            raise tables.complain(
+                f"column {column!r} is not in {table.path.name}, expected one of {expected}", "data", "run"
+            )
+        found = table.text(column)
+        if "" in found:
+            raise UserError(f"{table.place(found.index(''))}: column {column}: found nothing, expected a run's name")
+        names += found
+    return names
+
+
+def _split(tables: Tables, names: tuple[str, ...]) -> tuple[list[str], list[str]]:
+    """Training and held-out runs. Without lists the runs are sorted by name and the 5th, 10th, ... are held out."""
+    train: list[str] | None = None
+    test: list[str] | None = None
+    if tables.get("data", "train") is not None:
+        train = tables.texts("data", "train")
+    if tables.get("data", "test") is not None:
+        test = tables.texts("data", "test")
+    for key, listed in (("train", train), ("test", test)):
+        for run in listed or []:
+            if run not in names:
+                expected = ", ".join(names)
+                raise tables.complain(f"run {run!r} is not in the data, expected one of {expected}", "data", key)
+    if train is None and test is None:
+        test = list(names[4::5]) if len(names) >= 5 else [names[-1]]
+    if train is None:
+        train = [name for name in names if name not in (test or [])]
+    if test is None:
+        test = [name for name in names if name not in train]
+    both = sorted(set(train) & set(test))
+    if both:
+        raise tables.complain(f"run {both[0]!r} is in train and in test, expected in one of them", "data", "test")
+    if not train:
+        only = f"the only run {names[0]!r} would be held out (name it here, or with --train, to train on it)"
+        reason = only if len(names) == 1 else "found an empty list"
+        raise tables.complain(f"{reason}, expected at least one run to train on", "data", "train")
+    return train, test
+
+
+def _ignored(tables: Tables, loaded: list[Table], used: set[str]) -> set[str]:
+    """Columns that the case asks not to look at: a row's number, a sum of others."""
+    names = tables.texts("data", "ignore", default=[])
+    free = [name for name in loaded[0].columns if name not in used]
+    for name in names:
+        if name not in free:
+            where = "is mapped" if name in used else "is not in the files"
+            raise tables.complain(
+                f"column {name!r} {where}, expected one of {', '.join(free) or 'none'}", "data", "ignore"
+            )
+    return set(names)
+
+
+def _extra(loaded: list[Table], used: set[str]) -> dict[str, Array]:
+    """Columns that are not mapped but numeric in every file: the residual may depend on them."""
+    extra = {}
+    for name in loaded[0].columns:
+        if name in used or any(name not in table.columns for table in loaded):
+            continue
+        try:
+            extra[name] = np.concatenate([table.numbers(name) for table in loaded])
+        except UserError:
+            continue  # text or gaps: nothing a formula could use, and nothing the contract asks to complain about
+    return extra

@@ -1,0 +1,237 @@
+"""Compare a case's model with its measurements: fit, noise, adequacy, where it fails, and the ladder of errors.
+
+    analysis = analyse(case, seed=0)
+    analysis.fit.theta, analysis.noise.sigma, analysis.adequacy.p_value, analysis.ladder
+
+Discovery builds on the same pieces: `fitted_on` fits any set of effects on any runs with the noise already known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.case.case import Case
+from terrapin_tools.workbench.compare.adequacy import Adequacy, Failure, assess, where_it_fails
+from terrapin_tools.workbench.files.units import LARGEST
+from terrapin_tools.workbench.model.data_columns import (
+    Direction,
+    Shapes,
+    candidates,
+    catalogue_directions,
+    column_shapes,
+    numeric_columns,
+)
+from terrapin_tools.workbench.model.effect_columns import Shape, shapes_of
+from terrapin_tools.workbench.model.fitting import Fit, covariance, extend, fit_model
+from terrapin_tools.workbench.model.model import Model
+from terrapin_tools.workbench.noise.ar1 import Noise, estimate_noise, least_noise
+
+__all__ = ["LEVEL", "Analysis", "Rung", "analyse", "error", "fitted_on", "free_slopes", "measured", "predict"]
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+LEVEL = 0.05  # false alarm rate of "something is missing", the usual one; --level changes it
+# Starts of a base model with bounded parameters: the case's own, the others inside the bounds. Chosen by hand.
+STARTS = 3
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One step of the ladder: the model with effects up to and including `added`; errors in noise sd."""
+
+    added: str | None
+    train_error: float
+    heldout_error: float | None
+    fit: Fit
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """The answer of compare. Arrays over all rows that are trained on or held out (`rows`), in the case's order."""
+
+    case: Case
+    model: Model
+    level: float
+    noise: Noise
+    fit: Fit  # on the training runs
+    sd: Array  # of the fitted parameters
+    adequacy: Adequacy
+    where: list[Failure]
+    ladder: list[Rung]
+    rows: Mask
+    prediction: Array  # (channels, rows)
+    residual: Array  # measured - predicted (channels, rows)
+    shapes: Mapping[str, Sequence[Shape]] = field(repr=False)  # of every effect that could be added
+
+    @property
+    def missing(self) -> bool:
+        return self.adequacy.p_value < self.level
+
+
+def measured(model: Model, rows: Mask) -> Array:
+    """What was measured of the model's channels (channels, rows)."""
+    return np.stack([model.case.channels[c][rows] for c in model.channels])
+
+
+def predict(fit: Fit, rows: Mask) -> Array:
+    """Prediction (channels, rows) of a fitted model on any rows of its case."""
+    return fit.model.bind(fit.model.case.inputs, rows).predict(fit.theta)
+
+
+def error(fit: Fit, rows: Mask, sigma: Array) -> float | None:
+    """Rms of measured minus predicted over all channels and the given rows, in noise sd; None without rows.
+
+    `rows` (all rows,) is a mask; `sigma` (channels,) the noise sd in the channels' units.
+    """
+    if not rows.any():
+        return None
+    scaled = (measured(fit.model, rows) - predict(fit, rows)) / sigma[:, None]
+    return float(np.sqrt(np.mean(scaled * scaled)))
+
+
+def _base_starts(model: Model, seed: int) -> list[Array]:
+    """The case's start values, and points inside the bounds (logarithmic where both bounds are positive)."""
+    starts = [model.start]
+    bounded = np.isfinite(model.lower) & np.isfinite(model.upper)
+    if model.case.base.convex or not bounded.all() or not bounded.size:
+        return starts
+    random = np.random.default_rng([seed, 0x57A7])
+    for _ in range(STARTS - 1):
+        share = random.uniform(0.1, 0.9, len(model.start))
+        positive = (model.lower > 0) & (model.upper > 10.0 * model.lower)
+        low, high = np.where(positive, model.lower, 1.0), np.where(positive, model.upper, 1.0)
+        geometric = low * (high / low) ** share
+        starts.append(np.where(positive, geometric, model.lower + share * (model.upper - model.lower)))
+    return starts
+
+
+def fitted_on(case: Case, effects: Sequence[str], rows: Mask, sigma: Array, seed: int = 0) -> list[Fit]:
+    """Fits of the base model and of each larger one, effects added in the given order, each started at its parent.
+
+    Parameters
+    ----------
+    effects : names of effects of the case's library.
+    rows : (all rows,), mask of the rows to fit.
+    sigma : (channels,), noise sd in the channels' units.
+    seed : of the start values inside the bounds.
+
+    Returns
+    -------
+    One fit more than effects; the first has none.
+    """
+    model = Model.of(case, ())
+    values = measured(model, rows)
+    fits = [fit_model(model.bind(case.inputs, rows), values, sigma, _base_starts(model, seed))]
+    for name in effects:
+        model = model.having(case.library[name])
+        fits.append(extend(fits[-1], name, model.bind(case.inputs, rows), values, sigma))
+    return fits
+
+
+def free_slopes(fit: Fit, sigma: Array, rows: Mask) -> tuple[Array, Array, Array]:
+    """Prediction, residual and derivatives of a fit on the given rows.
+
+    A parameter that ended at its bound cannot absorb what the residual asks of it, so its derivative is left out.
+
+    Returns
+    -------
+    (channels, rows) : prediction, in the channels' units.
+    (channels, rows) : measured minus predicted.
+    (channels, rows, free parameters) : derivatives of the prediction.
+    """
+    prediction, slopes = fit.model.bind(fit.model.case.inputs, rows).jacobian(fit.theta)
+    free = [f.key not in fit.at_bound for f in fit.model.fitted]
+    return prediction, measured(fit.model, rows) - prediction, slopes[..., free]
+
+
+def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
+    """The answer of compare: the case's model fitted on its training runs, and whether and where it fails.
+
+    Parameters
+    ----------
+    seed : of everything that is drawn; the same seed gives the same answer.
+    level : false alarm rate of "something is missing".
+
+    Raises
+    ------
+    UserError : the model gives no number for a row; file and row are named.
+    """
+    rows = case.train | case.test
+    model = Model.of(case)
+    with np.errstate(all="ignore"):
+        first = model.bind(case.inputs, rows).predict(model.start)
+    _require_numbers(case, model, first, rows, "at the start values")
+    given = [case.sigma[c] for c in model.channels]
+    values = measured(model, case.train)
+    least = least_noise(measured(model, rows))
+    rough = np.maximum(0.05 * np.sqrt(np.mean(values * values, axis=1)), least)
+    sigma = np.array([r if g is None else g for r, g in zip(rough, given, strict=True)])
+    shapes = column_shapes(case, rows)
+    for _ in range(1 if all(g is not None for g in given) else 2):
+        fits = fitted_on(case, case.effects, case.train, sigma, seed)
+        prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)
+        _require_numbers(case, model, prediction, rows, "after the fit")
+        directions = catalogue_directions(model, fits[-1].theta, rows)
+        # a dynamic model's motion depends on what went before: equal inputs are no repeated settings
+        roles = {} if case.base.whole_runs else {name: v[rows] for name, v in case.roles.items()}
+        pools = _pools(model, directions, shapes, rows)
+        noise = estimate_noise(residual, slopes, case.run[rows], given, roles, pools, least)
+        sigma = noise.sigma
+    if not all(g is not None for g in given):
+        fits = fitted_on(case, case.effects, case.train, sigma, seed)
+        prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)
+        directions = catalogue_directions(model, fits[-1].theta, rows)
+    effects = {e.name: shapes_of(model, fits[-1].theta, e, rows, sigma) for e in candidates(model)}
+    adequacy = assess(case, residual, slopes, noise, directions, effects, shapes, rows, seed)
+    missing = adequacy.p_value < level
+    scaled = residual / sigma[:, None]
+    where = where_it_fails(case, adequacy, scaled, rows, numeric_columns(case), model.channels) if missing else []
+    from_noise, robust = covariance(fits[-1], case.run[case.train], noise.rho)
+    variance = np.diag(from_noise)
+    if missing:  # the misfit then outweighs the noise, and only its scatter over runs says how uncertain we are
+        variance = np.maximum(variance, np.diag(robust))
+    names: list[str | None] = [None, *case.effects]
+    ladder = []
+    for name, fit in zip(names, fits, strict=True):
+        train_error = error(fit, case.train, sigma)
+        assert train_error is not None, "a case has training rows"
+        ladder.append(Rung(name, train_error, error(fit, case.test, sigma), fit))
+    return Analysis(
+        case=case,
+        model=model,
+        level=level,
+        noise=noise,
+        fit=fits[-1],
+        sd=np.sqrt(np.maximum(variance, 0.0)),
+        adequacy=adequacy,
+        where=where,
+        ladder=ladder,
+        rows=rows,
+        prediction=prediction,
+        residual=residual,
+        shapes=effects,
+    )
+
+
+def _require_numbers(case: Case, model: Model, prediction: Array, rows: Mask, when: str) -> None:
+    """UserError that names the first row at which the model gives no number (log of a negative one, 1/0, overflow)."""
+    bad = np.argwhere(~(np.abs(prediction.T) <= LARGEST))
+    if bad.size:
+        row, channel = (int(index) for index in bad[0])
+        place, value = case.place(int(np.flatnonzero(rows)[row])), prediction[channel, row]
+        raise UserError(f"{place}: the model gives {value:g} for {model.channels[channel]} {when}, expected a number")
+
+
+def _pools(model: Model, directions: Sequence[Direction], shapes: dict[str, Shapes], rows: Mask) -> list[Array]:
+    """Shapes for the smoothest model a channel: those of the columns and those of the catalogue."""
+    pools = []
+    columns = [one for shape in shapes.values() for one in (*shape.together, *shape.singly)]
+    for channel in range(len(model.channels)):
+        effects = [d.change[channel] for d in directions if np.any(d.change[channel])]
+        pools.append(np.array([*columns, *effects]) if columns or effects else np.zeros((0, int(rows.sum()))))
+    return pools

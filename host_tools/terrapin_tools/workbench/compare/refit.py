@@ -1,0 +1,38 @@
+"""A case's model refitted with further effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.case.case import Case, parse_case
+from terrapin_tools.workbench.case.changes import OwnEffect, add_effects
+from terrapin_tools.workbench.compare.comparison import fitted_on, predict
+from terrapin_tools.workbench.model.fitting import Fit
+
+Array = npt.NDArray[np.float64]
+
+__all__ = ["refit"]
+
+
+def refit(case: Case, sigma: Array, own: Mapping[str, OwnEffect], effects: tuple[str, ...]) -> Fit | None:
+    """The case's model with further effects, fitted on its training runs; None when it gives no prediction.
+
+    Parameters
+    ----------
+    sigma : (channels,), noise sd in the channels' units.
+    effects : names of the catalogue, or of expressions in `own`.
+    own : the expressions among the effects.
+    """
+    try:
+        larger = parse_case(
+            case.folder,
+            add_effects(case.text, effects, {n: o for n, o in own.items() if n in effects and n not in case.library}),
+        )
+    except UserError:  # a proposal that case.toml cannot hold: its card stands without a curve
+        return None
+    fit = fitted_on(larger, larger.effects, larger.train, sigma)[-1]
+    return fit if bool(np.isfinite(predict(fit, case.train | case.test)).all()) else None

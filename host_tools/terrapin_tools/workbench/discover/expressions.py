@@ -1,0 +1,226 @@
+"""Short expressions for an effect that no catalogue has: one shape in one column, times a factor beside it.
+
+Every expression is `k * shape * factor` on one target (vocabulary.py). k carries whatever unit makes it
+sound, so no expression mixes units, and shapes that need a scale (exp, tanh, a threshold) get a parameter with the
+column's unit. The library is listed in full and judged by its evidence; longer expressions start with a smaller prior
+probability, so the answer is as short as the measurements allow. expression_answers.py makes sums of expressions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from terrapin_hil.physics.effects import Effect, Parameter
+from terrapin_hil.physics.expression import Expression, parse
+from terrapin_tools.workbench.bases import ROLES, formula_name
+from terrapin_tools.workbench.case.case import Case
+from terrapin_tools.workbench.discover.vocabulary import Term, factors, free_name, product_text, shapes, targets
+from terrapin_tools.workbench.model.effect_columns import acting
+from terrapin_tools.workbench.model.model import Model
+from terrapin_tools.workbench.noise.ar1 import orthonormal
+
+__all__ = ["SCALE_COST", "Library", "Sketch", "as_effect", "library"]
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+COLUMNS = 24  # columns of the data that are looked at, roles first; chosen by hand, for time
+LIMIT = 6000  # expressions; chosen by hand, for time and memory
+# Correlation, beyond what the model can absorb, above which an expression is a catalogued effect. Chosen by hand.
+DUPLICATE = 0.9995
+SAME = 0.9999  # the same between two expressions; chosen by hand
+BLOCK = 256  # expressions that are compared at once
+PROJECTIONS = 64  # in which two columns of correlation SAME have
+NEAR = 0.999  # less than this with a probability below 1e-12
+UNMAPPED_COST = 0.5  # prior factor of a column that the case does not map; chosen by hand
+CONSTANT_COST = 1.0  # prior factor of an expression that depends on no column but the direction: none; by hand
+SCALE_COST = 1.5  # log evidence taken off a refit for each scale that it could choose; chosen by hand
+
+
+@dataclass(frozen=True)
+class Sketch:
+    """One expression: `k * shape * modulator` on `target`; `scales` are start values of its shape parameters."""
+
+    text: str
+    target: str
+    column: str  # the column whose shape it is, as the file or the role has it
+    scales: Mapping[str, float]
+    units: Mapping[str, str]
+    limits: tuple[float, float]  # of the scales
+    grid: tuple[float, ...]  # further starts of a scale
+    prior: float
+    size: str = "k"  # the name of its size
+
+
+@dataclass(frozen=True)
+class Library:
+    """Sketches with their columns (channels * rows, count), scaled to rms 1 in noise sd, priors summing to 1."""
+
+    sketches: tuple[Sketch, ...]
+    columns: Array
+    scales: Array  # k = coefficient * scale
+
+
+def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, base: Array) -> Library:
+    """Every sketch of a case that differs from what the model and the catalogue can already say.
+
+    Parameters
+    ----------
+    theta : (parameters,), the fitted values of the model.
+    rows : (all rows,), mask of the case's rows.
+    sigma : (channels,), noise sd in the channels' units.
+    known : (channels * rows, K), columns of the catalogue, in noise sd.
+    base : (channels * rows, P), derivatives of the model's prediction, in noise sd.
+    """
+    case = model.case
+    inputs = {name: values[rows] for name, values in case.inputs.items()}
+    roles = {formula_name(role) for role in case.roles}
+    ordered = sorted(inputs, key=lambda name: (name not in roles, list(inputs).index(name)))
+    usable = [n for n in ordered if np.ptp(inputs[n]) > 1e-9 * max(1e-300, float(np.abs(inputs[n]).max()))][:COLUMNS]
+    values = {name: inputs[name] for name in usable}
+    basis = orthonormal(base)
+    catalogue = known - basis @ (basis.T @ known)
+    norms = np.sqrt((catalogue * catalogue).sum(axis=0))
+    catalogue = catalogue[:, norms > 0] / norms[norms > 0]
+    terms = {name: shapes(name, v, case.units.get(name) or _role_unit(name), case.inputs) for name, v in values.items()}
+    features = {(name, i): _feature(t, values) for name, ts in terms.items() for i, t in enumerate(ts)}
+    terms[""] = [Term("", {}, (-np.inf, np.inf), CONSTANT_COST)]
+    features["", 0] = np.ones(int(rows.sum()))
+    size_name = free_name("k", case.inputs)
+    sketches: list[Sketch] = []
+    columns: list[Array] = []
+    scales: list[float] = []
+    for target, target_prior in targets(case):
+        if (target in case.base.parameters and not case.parameters.get(target, 1.0)) or len(sketches) > LIMIT:
+            continue
+        act = acting(model, theta, target, rows, sigma)
+        for name, listed in terms.items():
+            beside = [
+                (f, p, step, parse(f).evaluate(values) if f else 1.0)
+                for f, p, step in factors(case, target, name, values)
+            ]
+            own_prior = 1.0 if name in roles or not name else UNMAPPED_COST
+            for i, term in enumerate(listed):
+                for factor, factor_prior, beside_step, numbers in beside:
+                    if not (term.plain or beside_step):
+                        continue
+                    change = act(features[name, i] * numbers)
+                    size = float(np.sqrt((change * change).mean(axis=1).max()))
+                    if not np.isfinite(size) or size == 0.0:
+                        continue
+                    sketches.append(
+                        Sketch(
+                            product_text(size_name, term.text, factor),
+                            target,
+                            {"pass_": "pass"}.get(name, name),
+                            term.scales,
+                            dict.fromkeys(term.scales, case.units.get(name) or _role_unit(name)),
+                            term.limits,
+                            term.grid,
+                            target_prior * term.prior * factor_prior * own_prior,
+                            size_name,
+                        )
+                    )
+                    columns.append((change / size).reshape(-1))
+                    scales.append(1.0 / size)
+    if not sketches:
+        return Library((), np.zeros((base.shape[0], 0)), np.zeros(0))
+    stacked = np.array(columns).T
+    keep = _distinct(stacked, basis, catalogue, np.array([s.prior for s in sketches]))
+    chosen = [sketches[i] for i in keep]
+    total = sum(s.prior for s in chosen)
+    final = tuple(replace(s, prior=s.prior / total) for s in chosen)
+    return Library(final, stacked[:, keep], np.array(scales)[keep])
+
+
+def _role_unit(name: str) -> str:
+    return ROLES.get({"pass_": "pass"}.get(name, name), "1")
+
+
+def _feature(term: Term, values: Mapping[str, Array]) -> Array:
+    return parse(term.text).evaluate({**values, **term.scales})
+
+
+def _distinct(columns: Array, basis: Array, catalogue: Array, prior: Array) -> list[int]:
+    """Indices of columns that neither the model nor the catalogue nor a likelier sketch already has."""
+    free = columns - basis @ (basis.T @ columns)
+    before = np.sqrt((columns * columns).sum(axis=0))
+    after = np.sqrt((free * free).sum(axis=0))
+    visible = after > 1e-3 * before
+    free = free / np.where(visible, after, 1.0)
+    if catalogue.shape[1]:
+        visible &= np.abs(catalogue.T @ free).max(axis=0) < DUPLICATE
+    order = np.argsort(-prior, kind="stable")
+    order = order[visible[order]]
+    kept: list[int] = []
+    # columns alike are alike in a few random projections too: only pairs that are there are compared in full
+    projections = np.random.default_rng(PROJECTIONS).standard_normal((PROJECTIONS, free.shape[0])) @ free[:, order]
+    projections /= np.maximum(np.sqrt((projections * projections).sum(axis=0)), 1e-300)
+    seen = np.zeros((len(order), PROJECTIONS))
+    matrix = np.zeros((len(order), free.shape[0]))
+    for begin in range(0, len(order), BLOCK):
+        block = order[begin : begin + BLOCK]
+        part = np.ascontiguousarray(free[:, block].T)
+        near = np.abs(seen[: len(kept)] @ projections[:, begin : begin + BLOCK]) > NEAR
+        alike = np.abs(part @ part.T) > SAME
+        chosen: list[int] = []
+        for place in range(len(block)):
+            likely = np.flatnonzero(near[:, place])
+            if likely.size and np.abs(matrix[likely] @ part[place]).max() > SAME:
+                continue
+            if not alike[place, chosen].any():
+                chosen.append(place)
+        matrix[len(kept) : len(kept) + len(chosen)] = part[chosen]
+        seen[len(kept) : len(kept) + len(chosen)] = projections[:, begin : begin + BLOCK].T[chosen]
+        kept += [int(block[place]) for place in chosen]
+    return kept
+
+
+def as_effect(sketch: Sketch, case: Case, name: str) -> Effect:
+    """A sketch as an effect that a model can take: k free from 0, scales positive with further starts around them."""
+    expression: Expression = parse(sketch.text)
+    parameters = [Parameter(sketch.size, _unit(sketch, case), 0.0, meaning="size")]
+    for key, value in sketch.scales.items():
+        parameters.append(_scale_parameter(key, sketch, value))
+    return Effect(
+        name=name,
+        title="expression found in the data",
+        equation=expression.to_latex(),
+        source="the measurements themselves: valid inside their range only",
+        bases=(case.base.name,),
+        parameters=tuple(parameters),
+        needs=(),
+        expression=sketch.text,
+        target=sketch.target,
+    )
+
+
+def _scale_parameter(name: str, sketch: Sketch, start: float) -> Parameter:
+    """A scale or threshold stays where the data can see it: outside, every shape is a straight line."""
+    low, high = sketch.limits
+    grid = tuple(v for v in (*(sketch.grid or (start / 2.0, start * 2.0)), start) if low <= v <= high)
+    return Parameter(name, sketch.units[name], start, low, high, "scale of the shape", grid=grid)
+
+
+def _unit(sketch: Sketch, case: Case) -> str:
+    """The unit of k that makes the expression sound on its target; "1" where a column's unit is not known."""
+    from terrapin_hil.physics.expression import units as registry
+
+    known = {formula_name(role): unit for role, unit in ROLES.items()} if not case.base.own_names else {}
+    known.update({formula_name(name): unit for name, unit in case.units.items()})
+    known.update(sketch.units)
+    known[sketch.size] = "1"
+    acts_on = {"resistance": "N m", "drag": "N"}.get(sketch.target, case.units.get(sketch.target, "1"))
+    shape = parse(sketch.text)
+    if not shape.names <= set(known):
+        return "1"
+    try:
+        given = shape.unit(known)
+        unit = registry().Unit(acts_on.replace("^", "**") if acts_on != "1" else "dimensionless") / given
+    except (ValueError, KeyError):
+        return "1"
+    return f"{unit:~C}".replace("**", "^") or "1"

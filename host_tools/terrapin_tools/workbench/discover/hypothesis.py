@@ -1,0 +1,23 @@
+"""One answer among those that compete: a set of effects, an expression, an odd run, or nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from terrapin_tools.workbench.model.fitting import Fit
+
+__all__ = ["Hypothesis"]
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A set of effects that may be missing, with its log of evidence times prior.
+
+    `kind` is nothing, catalogue, expression, mixed (catalogued effects and an expression) or run.
+    """
+
+    effects: tuple[str, ...]
+    kind: str
+    log_weight: float
+    fit: Fit | None = None
+    column: str = ""  # of an expression; of a run: its name

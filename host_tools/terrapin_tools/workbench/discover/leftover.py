@@ -1,0 +1,128 @@
+"""Tests whether the named effects leave only noise, and whether an expression beside effects pays on held-out runs.
+
+"Missing" promises that the named set brings the model to the noise floor. `left` tests that for the extended model,
+with the statistic of the first question (bayes_factor.py) and the sum of squares. No simulation is needed here: a Bayes
+factor of b has a p-value of at most 1/b (Markov's inequality), and only clear cases count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import chdtrc, fdtrc
+
+from terrapin_tools.workbench.compare.bayes_factor import BayesFactor, blocks_of
+from terrapin_tools.workbench.compare.comparison import Analysis, error, free_slopes
+from terrapin_tools.workbench.model.data_columns import candidates, column_shapes
+from terrapin_tools.workbench.model.effect_columns import shapes_of
+from terrapin_tools.workbench.model.fitting import Fit
+from terrapin_tools.workbench.noise.ar1 import Ar1
+from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
+
+__all__ = ["Left", "absent", "allowed", "left", "pays"]
+
+Array = npt.NDArray[np.float64]
+
+# A set clearly leaves something where the p-value is below the level over CLEARLY and an error is above FLOOR, a misfit
+# of half a noise sd. Both chosen by hand.
+CLEARLY = 50.0
+FLOOR = np.sqrt(1.25)
+NOISE = 2.0  # standard deviations of the mean square above 1 that noise may explain: the usual two sd
+
+
+@dataclass(frozen=True)
+class Left:
+    """What an extended model leaves: errors on training and held-out runs, in noise sd, and a p-value.
+
+    `p_value` bounds that of "it leaves only noise". It is 1 where the errors are at the floor and nothing needs a test.
+    """
+
+    train_error: float
+    heldout_error: float | None
+    p_value: float
+
+    def clearly(self, level: float) -> bool:
+        return self.p_value < level / CLEARLY
+
+
+def left(analysis: Analysis, fit: Fit) -> Left:
+    """What a fit on the training runs leaves, judged on all rows with its parameters free to follow.
+
+    Parameters
+    ----------
+    analysis : of the case; its noise sd is kept.
+    fit : of the model with the named effects, on the training runs.
+    """
+    case, rows, sigma = analysis.case, analysis.rows, analysis.noise.sigma
+    train, held = error(fit, case.train, sigma), error(fit, case.test, sigma)
+    assert train is not None, "a case has training rows"
+    if max(train, held or 0.0) <= FLOOR:
+        return Left(train, held, 1.0)
+    _, residual, slopes = free_slopes(fit, sigma, rows)
+    scaled, base = residual / sigma[:, None], slopes / sigma[:, None, None]
+    known = bool(analysis.noise.known.all())
+    ar1 = Ar1(case.run[rows])
+    p_value = _squares(Evidence(ar1, scaled, base, known), float(np.min(analysis.noise.freedom)))
+    effects = {e.name: shapes_of(fit.model, fit.theta, e, rows, sigma) for e in candidates(fit.model)}
+    blocks = blocks_of(effects, column_shapes(case, rows), case.run[rows], len(scaled))
+    factor = float(BayesFactor(ar1, base, known, blocks)(scaled.reshape(-1, 1))[0][0])
+    return Left(train, held, float(min(p_value, np.exp(-max(factor, 0.0)))))
+
+
+def _squares(evidence: Evidence, behind_sigma: float) -> float:
+    """p-value of the whitened sum of squares, averaged over the correlations as likely as these residuals make them.
+
+    `behind_sigma`: degrees of freedom of the noise sd (inf where it is given: chi-square instead of F).
+    """
+    logs = evidence.start + evidence.fit_term(evidence.total)
+    weight = np.exp(logs - logs.max())
+    if np.isfinite(behind_sigma):
+        p = fdtrc(evidence.freedom, behind_sigma, evidence.total / evidence.freedom)
+    else:
+        p = chdtrc(evidence.freedom, evidence.total)
+    return float((weight * p).sum() / weight.sum())
+
+
+def absent(fit: Fit | None, names: Sequence[str]) -> bool:
+    """Whether any of the effects was fitted with size 0, at its bound or without influence. It is then not there."""
+    if fit is None:
+        return False
+    for name in names:
+        at = next(i for i, f in enumerate(fit.model.fitted) if f.effect == name)
+        if fit.theta[at] == 0.0:
+            return True
+    return False
+
+
+def allowed(count: int, rho: float) -> float:
+    """Mean square, in noise variances, up to which `count` rows of noise may lie (Bartlett's variance)."""
+    return float(1.0 + NOISE * np.sqrt(2.0 / _independent(max(count, 1), rho)))
+
+
+def _independent(count: int, rho: float) -> float:
+    """Independent rows whose mean square scatters as much as that of `count` correlated ones."""
+    return count * (1.0 - rho * rho) / (1.0 + rho * rho)
+
+
+def pays(analysis: Analysis, longer: Fit, shorter: Fit) -> bool:
+    """Whether a further expression is worth naming, judged by the held-out error of the two fits.
+
+    The error must fall. Where the shorter answer's training and held-out error are within what noise allows, the fall
+    must be significant: a likelihood ratio above 1 over the level on the held-out runs. It counts down to the
+    floor only. An error below 1 is luck, or a noise sd that is stated too large; it shows no effect.
+    """
+    case, sigma, rho = analysis.case, analysis.noise.sigma, analysis.noise.rho
+    after, before = error(longer, case.test, sigma), error(shorter, case.test, sigma)
+    if after is None or before is None:
+        return True
+    if after >= before:
+        return False
+    train = error(shorter, case.train, sigma)
+    assert train is not None, "a case has training rows"
+    held = len(sigma) * int(case.test.sum())
+    at_floor = train**2 <= allowed(len(sigma) * int(case.train.sum()), rho) and before**2 <= allowed(held, rho)
+    fall = before**2 - max(after**2, 1.0)
+    return not at_floor or 0.5 * fall * _independent(held, rho) > -np.log(analysis.level)

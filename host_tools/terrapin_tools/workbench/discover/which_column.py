@@ -1,0 +1,106 @@
+"""Reads off the likeliest answers, not off the residual, on which column the missing part depends.
+
+An answer's own contribution is free of noise: the column without which most of it is gone is the one that matters. A
+factor that hardly varies changes nothing when it is held at its median, so `k*log(humidity)*sign(current)` depends on
+the current. A direction counts less than a size, so `k*humidity*sign(omega)` depends on a humidity that does vary. An
+effect that reads no column (a constant torque, a gain) depends on what the model's own parameters leave of it. The
+likeliest answers count by their probability.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from terrapin_tools.workbench.bases import formula_name
+from terrapin_tools.workbench.compare.comparison import Analysis
+from terrapin_tools.workbench.discover.hypothesis import Hypothesis
+from terrapin_tools.workbench.discover.ranking import Ranking
+from terrapin_tools.workbench.model.data_columns import numeric_columns
+
+__all__ = ["importance"]
+
+Array = npt.NDArray[np.float64]
+
+ANSWERS = 8  # likeliest ones that are looked at; chosen by hand
+BINS = 8  # of equal count; chosen by hand
+DIRECTION = 0.1  # weight of a column's sign beside its size; chosen by hand
+
+
+def importance(analysis: Analysis, ranking: Ranking) -> dict[str, float]:
+    """Share of what is missing that depends on each column, 0 to 1; empty for dynamic models.
+
+    Columns as `numeric_columns` names them. The shares of two columns add up to more than 1 where it takes both.
+    """
+    if analysis.case.base.whole_runs:
+        return {}
+    answers = [
+        (h, p)
+        for h, p in zip(ranking.hypotheses, ranking.posterior, strict=True)
+        if h.fit is not None and h.effects and h.kind != "run"
+    ][:ANSWERS]
+    total = sum(p for _, p in answers)
+    found: dict[str, float] = {}
+    for answer, probability in answers:
+        for name, share in _shares(analysis, answer).items():
+            found[name] = found.get(name, 0.0) + float(share * probability / total)
+    return found
+
+
+def _shares(analysis: Analysis, answer: Hypothesis) -> dict[str, float]:
+    fit = answer.fit
+    assert fit is not None
+    case, rows, sigma = analysis.case, analysis.rows, analysis.noise.sigma
+    own = {effect.name: effect for effect in fit.model.effects if effect.name in answer.effects}
+    sizes = {f"{name}.{effect.parameters[0].name}" for name, effect in own.items()}
+    without = np.array([0.0 if f.key in sizes else value for f, value in zip(fit.model.fitted, fit.theta, strict=True)])
+
+    def contribution(inputs: Mapping[str, Array]) -> Array:
+        bound = fit.model.bind(inputs, rows)
+        return ((bound.predict(fit.theta) - bound.predict(without)) / sigma[:, None]).reshape(-1)
+
+    slopes = analysis.fit.model.bind(case.inputs, rows).jacobian(analysis.fit.theta)[1] / sigma[:, None, None]
+    basis = np.linalg.qr(slopes.reshape(-1, slopes.shape[-1]))[0]
+
+    def visible(change: Array) -> Array:
+        return np.asarray(change - basis @ (basis.T @ change))
+
+    full = visible(contribution(case.inputs))
+    power = float(full @ full)
+    if not np.isfinite(power) or power <= 0.0:
+        return {}
+    columns = numeric_columns(case)
+    read = set().union(*(fit.model.expressions[name].names for name in own))
+    named = {name: formula_name(name) if name in case.roles else name for name in columns}
+    reads = [name for name in columns if named[name] in read]
+    if not reads:
+        loudest = full.reshape(len(sigma), -1)[int(np.argmax((full.reshape(len(sigma), -1) ** 2).sum(axis=1)))]
+        return {name: explained(loudest, values[rows]) for name, values in columns.items()}
+    shares = {}
+    for name in reads:
+        key, values = named[name], case.inputs[named[name]]
+        middle, size = np.median(values[rows]), np.median(np.abs(values[rows]))
+        shares[name] = 0.0
+        for held, weight in ((np.full_like(values, middle), DIRECTION), (np.sign(values) * size, 1.0 - DIRECTION)):
+            with np.errstate(all="ignore"):
+                lost = full - visible(contribution({**case.inputs, key: held}))
+            share = float(lost @ lost) / power
+            shares[name] += weight * (min(1.0, share) if np.isfinite(share) else 1.0)
+    return shares
+
+
+def explained(change: Array, values: Array) -> float:
+    """Share of the variance of `change` (rows,) between bins of `values` (rows,), less what chance alone gives."""
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, BINS + 1)[1:-1]))
+    bins = np.searchsorted(edges, values, side="right")
+    count = np.bincount(bins, minlength=len(edges) + 1)
+    sums = np.bincount(bins, weights=change, minlength=len(edges) + 1)
+    used = count > 0
+    whole = float(((change - change.mean()) ** 2).sum())
+    if whole <= 0.0 or used.sum() < 2:
+        return 0.0
+    within = whole - float((sums[used] ** 2 / count[used]).sum() - change.sum() ** 2 / len(change))
+    free = max(1, len(change) - int(used.sum()))
+    return max(0.0, 1.0 - within / free * (len(change) - 1) / whole)

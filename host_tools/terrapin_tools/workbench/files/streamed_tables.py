@@ -1,0 +1,130 @@
+"""Tables of any size: CSV and Parquet files a piece at a time, with progress on standard error."""
+
+from __future__ import annotations
+
+import csv
+import sys
+import time
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.files.csv_files import LARGE
+from terrapin_tools.workbench.files.tables import Table, read
+
+__all__ = ["Told", "stream"]
+
+BLOCK = 8 << 20  # bytes of CSV at once
+EVERY = 0.5  # s between lines of progress
+
+
+class Told:
+    """Progress on standard error, a line now and then."""
+
+    def __init__(self, path: Path) -> None:
+        self.name, self.size = path.name, max(1, path.stat().st_size)
+        self.next = time.monotonic() + EVERY
+
+    def __call__(self, done: int) -> None:
+        if time.monotonic() >= self.next:
+            self.next = time.monotonic() + EVERY
+            print(f"{self.name}: {min(100, 100 * done // self.size)} %", file=sys.stderr, flush=True)
+
+
+def stream(path: Path, texts: Collection[str] = ()) -> Iterator[Table]:
+    """A CSV or Parquet file as tables, some megabytes at a time; columns in `texts` of a CSV stay text.
+
+    UserError where the file is broken.
+    """
+    if path.suffix.lower() == ".parquet":
+        yield from _stream_parquet(path)
+    elif path.stat().st_size < LARGE:
+        yield read(path)
+    else:
+        yield from _stream_csv(path, texts)
+
+
+def _stream_csv(path: Path, texts: Collection[str]) -> Iterator[Table]:
+    import pyarrow
+    import pyarrow.compute
+    import pyarrow.csv
+
+    from terrapin_tools.workbench.files.csv_files import read_header
+
+    try:
+        header, delimiter, line = read_header(path)
+    except UnicodeDecodeError as error:
+        raise UserError(f"{path.name}: byte {error.start} is not UTF-8 text, expected a CSV file in UTF-8") from None
+    except csv.Error as error:
+        raise UserError(f"{path.name}: {error}, expected a CSV file") from None
+    names = [str(i) for i in range(len(header))]
+    told, done = Told(path), 0
+    try:
+        with pyarrow.csv.open_csv(
+            path,
+            read_options=pyarrow.csv.ReadOptions(
+                column_names=names, skip_rows=line - 1, use_threads=False, block_size=BLOCK
+            ),
+            parse_options=pyarrow.csv.ParseOptions(delimiter=delimiter, ignore_empty_lines=False),
+            convert_options=pyarrow.csv.ConvertOptions(column_types=dict.fromkeys(names, pyarrow.string())),
+        ) as reader:
+            for batch in reader:
+                columns: dict[str, npt.NDArray[Any]] = {}
+                for name, number in zip(header, names, strict=True):
+                    cells = batch.column(int(number))
+                    columns[name] = _texts(cells) if name in texts else _cells(cells, delimiter)
+                columns.pop("", None)
+                yield Table(path, columns, line)
+                line += batch.num_rows
+                done += batch.nbytes
+                told(done)
+    except pyarrow.ArrowException as error:
+        reason = str(error).splitlines()[0][:200]
+        hint = " (a decimal comma?)" if delimiter == "," and "columns" in reason else ""
+        raise UserError(f"{path.name}: from line {line} on: {reason}{hint}, expected a CSV file") from None
+
+
+def _cells(column: Any, delimiter: str) -> npt.NDArray[Any]:
+    """Numbers if all cells are, else text; decimal commas where commas do not part the fields."""
+    import pyarrow
+    import pyarrow.compute
+
+    plain = column
+    if delimiter != ",":
+        plain = pyarrow.compute.replace_substring(column, ",", ".")
+    try:
+        return np.asarray(pyarrow.compute.cast(plain, pyarrow.float64()).to_numpy(zero_copy_only=False))
+    except pyarrow.ArrowException:
+        return _texts(column)
+
+
+def _texts(column: Any) -> npt.NDArray[Any]:
+    return np.asarray(column.to_numpy(zero_copy_only=False).astype(str))
+
+
+def _stream_parquet(path: Path) -> Iterator[Table]:
+    import pyarrow
+    import pyarrow.parquet
+
+    try:
+        with pyarrow.parquet.ParquetFile(path) as file:
+            names = file.schema_arrow.names
+            if len(set(names)) < len(names):
+                twice = next(name for name in names if names.count(name) > 1)
+                raise UserError(f"{path.name}: column {twice!r} stands twice, expected once")
+            done = 0
+            for batch in file.iter_batches(100_000):
+                columns = {}
+                for name, column in zip(names, batch.columns, strict=True):
+                    values = column.to_numpy(zero_copy_only=False)
+                    numeric = values.dtype.kind in "fiub"
+                    texts = ["" if cell is None else str(cell) for cell in values] if not numeric else []
+                    columns[name] = values.astype(np.float64) if numeric else np.array(texts, dtype=str)
+                yield Table(path, columns, 0)
+                done += batch.num_rows
+    except (pyarrow.ArrowException, OSError) as error:
+        raise UserError(f"{path.name}: {str(error).splitlines()[0][:200]}, expected a Parquet file") from None

@@ -1,0 +1,94 @@
+"""Units at the program's edge: text and numbers in any unit to canonical ones, through pint.
+
+>>> round(convert(25.0, "degF", "degC"), 9)
+-3.888888889
+>>> round(convert_difference(9.0, "degF", "degC"), 9)
+5.0
+>>> quantity("80 mm", "m")
+0.08
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from terrapin_hil.reading import shorten
+from terrapin_hil.units import read_unit
+from terrapin_hil.units import units as registry
+
+__all__ = ["check", "convert", "convert_difference", "quantity", "same_kind", "si_factor"]
+
+Numbers = TypeVar("Numbers", float, npt.NDArray[np.float64])
+
+
+LARGEST = 1e100  # of a number in a case: its square is still a number
+
+
+def check(unit: str) -> None:
+    """ValueError unless pint reads `unit`."""
+    read_unit(unit)
+
+
+def same_kind(unit: str, other: str) -> bool:
+    """Whether values in the one convert to the other (exponents agree to 1e-6, so m^0.97 works)."""
+    left: dict[Any, Any] = dict(read_unit(unit).dimensionality)
+    right: dict[Any, Any] = dict(read_unit(other).dimensionality)
+    return all(abs(float(left.get(d, 0)) - float(right.get(d, 0))) < 1e-6 for d in {*left, *right})
+
+
+def convert(values: Numbers, unit: str, to: str) -> Numbers:
+    """Values in `unit` as values in `to`; offsets (degC, degF, K) are right. ValueError when the kinds differ."""
+    if unit == to:
+        return values
+    source, target = read_unit(unit), read_unit(to)
+    if not same_kind(unit, to):
+        raise ValueError(f"{unit!r} does not convert to {to!r}")
+    if source == target:
+        return values
+    try:
+        converted: Numbers = registry().Quantity(values, source).to(target).magnitude
+    except (TypeError, ValueError, ArithmeticError):  # a difference (delta_degF), a logarithm (dBm)
+        raise ValueError(f"{unit!r} does not convert to {to!r}") from None
+    return converted
+
+
+def si_factor(unit: str) -> float:
+    """What takes a difference in `unit` to coherent SI units; temperatures stay in degrees.
+
+    >>> round(si_factor("kPa min/L"))
+    60000000
+    """
+    if unit.strip() in ("degC", "celsius", "degree_Celsius"):
+        return 1.0
+    scaled: Any = registry().Quantity(1.0, read_unit(unit)).to_base_units()
+    return float(scaled.magnitude)
+
+
+def convert_difference(value: float, unit: str, to: str) -> float:
+    """A difference (a standard deviation) in `unit` as one in `to`: scaled, never shifted."""
+    return float(abs(convert(1.0, unit, to) - convert(0.0, unit, to)) * value)
+
+
+def quantity(value: float | str, unit: str) -> float:
+    """A number (already in `unit`, which is SI) or text with its own unit, in `unit`. ValueError with the reason.
+
+    >>> quantity("1945 kPa/m^0.97", "Pa/m^0.97")
+    1945000.0
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        raise ValueError(f"found {shorten(value)}, expected a number, or text with a unit such as '80 mm'")
+    if not isinstance(value, str):
+        number = float(value) if abs(value) <= LARGEST or value != value else np.inf
+    else:
+        head, _, tail = value.strip().partition(" ")
+        try:
+            number = float(head)
+        except ValueError:
+            raise ValueError(f"found {shorten(value)}, expected a number, a space and a unit such as '80 mm'") from None
+        number = convert(number, tail.strip() or "1", unit)
+    if not abs(number) <= LARGEST:
+        raise ValueError(f"found {shorten(value)}, expected a finite number below {LARGEST:g}")
+    return float(number)

@@ -1,0 +1,70 @@
+"""Files and folders written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from terrapin_tools.errors import UserError
+
+__all__ = ["whole_folder", "write_whole"]
+
+
+def write_whole(path: Path, text: str | bytes) -> None:
+    """Replace a file in one step: at every moment it holds the old text or the new. OSError when it cannot.
+
+    A link is followed. What is no file (a device such as /dev/null, a pipe) is written to and never replaced.
+    """
+    path = path.resolve()
+    try:
+        _write_whole(path, text.encode() if isinstance(text, str) else text)
+    except OSError as error:  # name the file that was asked for
+        raise type(error)(error.errno, error.strerror, str(path)) from None
+
+
+def _write_whole(path: Path, data: bytes) -> None:
+    if path.exists() and not path.is_file():
+        path.write_bytes(data)
+        return
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:100]}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        if path.exists():
+            os.chmod(name, path.stat().st_mode & 0o7777)
+        else:
+            mask = os.umask(0)
+            os.umask(mask)
+            os.chmod(name, 0o666 & ~mask)
+        os.replace(name, path)
+    except BaseException:
+        os.unlink(name)
+        raise
+
+
+@contextmanager
+def whole_folder(to: Path) -> Iterator[Path]:
+    """A folder beside `to` that gets its name when all in it is done; else nothing is left of it.
+
+    UserError when `to` exists or cannot be written; one from inside speaks of `to`.
+    """
+    if to.exists():
+        raise UserError(f"{to}: exists, expected a new folder for the case")
+    scratch = to.parent / f".new-{to.name}~{secrets.token_hex(6)}"
+    try:
+        scratch.mkdir(parents=True)
+        yield scratch
+        os.replace(scratch, to)
+    except UserError as error:
+        raise UserError(str(error).replace(str(scratch), str(to)), error.status) from None
+    except OSError as error:
+        raise UserError(f"{to}: {error.strerror or error}, expected a folder that can be written") from None
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)

@@ -1,0 +1,119 @@
+"""Directions in which a residual could lie: what each effect of the catalogue would add, and shapes in any column."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from terrapin_hil.arrays import Array, Mask
+from terrapin_hil.physics.effects import Effect
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.case.case import Case, require_effect
+from terrapin_tools.workbench.model.model import Model
+
+__all__ = ["Direction", "Shapes", "candidates", "catalogue_directions", "column_shapes", "numeric_columns"]
+
+GRID_LIMIT = 300
+DEGREE = 3  # of the polynomials in a column
+
+
+@dataclass(frozen=True)
+class Direction:
+    """Change of the prediction (channels, rows), in the channels' units, by a small amount of an effect."""
+
+    effect: str
+    change: Array
+
+
+def candidates(model: Model) -> list[Effect]:
+    """Effects that could be added to the model: needed roles mapped, constants known, values allowed."""
+    case = model.case
+    taken = {effect.name for effect in model.effects}
+    found = []
+    for name in case.library:
+        if name in taken:
+            continue
+        try:
+            found.append(require_effect(case, name, lambda message, *path: UserError(message)))
+        except UserError:
+            continue  # the reason is for those who add it by name; here it is just no candidate
+    return found
+
+
+def catalogue_directions(model: Model, theta: Array, rows: Mask) -> list[Direction]:
+    """One direction for each candidate effect and each value of its shape (nearly equal ones once)."""
+    directions = []
+    inputs = model.case.inputs
+    base = model.bind(inputs, rows).predict(theta)
+    for effect in candidates(model):
+        bound = model.having(effect).bind(inputs, rows)
+        fresh = effect.parameters
+        if not fresh:
+            continue
+        axes = [(0.0,) if i == 0 else (p.grid or (p.start,)) for i, p in enumerate(fresh)]
+        grid = list(product(*axes))[:GRID_LIMIT]
+        step = 1e-3 if not np.isfinite(fresh[0].maximum) else min(1e-3, 1e-3 * abs(fresh[0].maximum))
+        if fresh[0].start != 0.0:  # an expression of the user's own: its first parameter need not be a size
+            step = 1e-3 * abs(fresh[0].start)
+        sets = np.repeat(np.concatenate([theta, [p.start for p in fresh]])[None, :], len(grid), axis=0)
+        sets[:, len(theta) :] = grid
+        sets[:, len(theta)] = step
+        change = (bound.predict(sets) - base) / step
+        flat = change.reshape(len(grid), -1)
+        norm = np.sqrt((flat * flat).sum(axis=1))
+        usable = np.flatnonzero(np.isfinite(norm) & (norm > 0.0))
+        unit = flat[usable] / norm[usable, None]
+        alike = np.abs(unit @ unit.T) > 0.9999
+        for i, index in enumerate(usable):
+            if not alike[i, :i].any():
+                directions.append(Direction(effect.name, change[index] / norm[index]))
+    return directions
+
+
+def numeric_columns(case: Case) -> dict[str, Array]:
+    """Every numeric column that is not a channel: roles by their name, unmapped columns by theirs."""
+    return {**case.roles, **case.extra}
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """Functions of one column, each (count, rows): polynomials taken together, and plain monomials taken singly."""
+
+    together: Array
+    singly: Array
+
+
+def column_shapes(case: Case, rows: Mask) -> dict[str, Shapes]:
+    """Shapes of unit rms for each column that varies; under "" what needs no column: a constant, the sign of motion.
+
+    Polynomials show any smooth dependence; monomials through zero are what short formulas are made of. Where the motion
+    reverses, both also stand times its sign.
+    """
+    omega = case.roles.get("omega")
+    direction = None if omega is None else np.sign(omega[rows])
+    if direction is not None and len(np.unique(direction)) < 2:
+        direction = None
+    count = int(rows.sum())
+    shapes = {"": Shapes(np.zeros((0, count)), _unit([np.ones(count)], direction))}
+    for name, values in numeric_columns(case).items():
+        x = values[rows]
+        low, high = float(x.min()), float(x.max())
+        if high - low <= 1e-12 * max(abs(low), abs(high), 1e-300):
+            continue
+        u = (2.0 * x - low - high) / (high - low)
+        degree = min(DEGREE, len(np.unique(x)) - 1)
+        smooth = _unit(
+            [np.polynomial.legendre.Legendre.basis(k)(u) for k in range(1, degree + 1)],
+            None if name == "omega" else direction,
+        )
+        if low < 0.0 < high:
+            smooth = np.vstack([smooth, _unit([np.sign(x), np.abs(x)], None)])
+        shapes[name] = Shapes(smooth, _unit([x, x * x], direction))
+    return shapes
+
+
+def _unit(columns: list[Array], direction: Array | None) -> Array:
+    stacked = np.array(columns if direction is None else [*columns, *(c * direction for c in columns)])
+    return np.asarray(stacked / np.maximum(np.sqrt((stacked**2).mean(axis=1, keepdims=True)), 1e-300))

@@ -1,0 +1,134 @@
+"""What could be missing, as columns of a linear model: each effect of the catalogue at each value of its shape.
+
+An effect enters through its size (its first parameter) nearly linearly, with the model's own parameters free. Its other
+parameters only shape it: a grid of them is looked at, and a phase becomes a pair of columns (sine and cosine). Columns
+are in noise standard deviations and scaled to a root mean square of 1 in the channel where the effect is loudest, so a
+coefficient is the effect's size in noise standard deviations, comparable between effects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import product
+from math import pi
+
+import numpy as np
+
+from terrapin_hil.arrays import Array, Mask
+from terrapin_hil.physics.effects import Effect, Parameter
+from terrapin_tools.workbench.model.data_columns import GRID_LIMIT
+from terrapin_tools.workbench.model.model import Model
+
+__all__ = ["Shape", "acting", "is_phase", "loudness", "response", "shapes_of"]
+
+SAME = 0.9995  # correlation above which two shapes of one effect are one
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One effect at one value of its shape parameters: what a size of one noise sd (rms) adds.
+
+    `columns` (channels * rows, 1 or 2); `scale`: size parameter = coefficient * scale; `lower`, `upper`: bounds of
+    the coefficient (a pair of columns, sine and cosine, has none).
+    """
+
+    effect: str
+    values: tuple[float, ...]
+    columns: Array
+    scale: float
+    lower: float
+    upper: float
+
+    @property
+    def one_sided(self) -> bool:
+        return self.columns.shape[1] == 1 and (self.lower >= 0.0 or self.upper <= 0.0)
+
+
+def is_phase(parameter: Parameter) -> bool:
+    """Whether a parameter is an angle at which a wave starts (the catalogue bounds those by two turns)."""
+    return parameter.unit == "rad" and (parameter.minimum, parameter.maximum) == (-2 * pi, 2 * pi)
+
+
+def loudness(change: Array) -> float:
+    """Root mean square of a change (channels, rows, ...) in the channel where it is largest."""
+    return float(np.sqrt((change * change).mean(axis=1).max()))
+
+
+def response(model: Model, theta: Array, target: str, rows: Mask, sigma: Array) -> Array:
+    """What a unit of an addition to `target` changes in each row's prediction (channels, rows), in noise sd."""
+    unit = Effect("probe", "", "", "", (model.case.base.name,), (Parameter("probe_", "1", 0.0),), (), "probe_", target)
+    bound = model.having(unit).bind(model.case.inputs, rows)
+    slopes = bound.jacobian(np.append(theta, 0.0))[1]
+    return np.asarray(slopes[..., -1] / sigma[:, None])
+
+
+def acting(model: Model, theta: Array, target: str, rows: Mask, sigma: Array) -> Callable[[Array], Array]:
+    """What a small addition to `target` that is `feature` (rows,) changes (channels, rows), in noise sd.
+
+    A dynamic model remembers what acted before: there each feature takes a simulation.
+    """
+    if not model.case.base.whole_runs or target in model.channels:
+        unit_change = response(model, theta, target, rows, sigma)
+        return lambda feature: unit_change * feature
+    base = model.bind(model.case.inputs, rows).predict(theta)
+    unit = Effect("probe", "", "", "", (model.case.base.name,), (Parameter("probe_", "1", 0.0),), (), "probe_*shape_")
+    larger = model.having(replace(unit, target=target))
+
+    def act(feature: Array) -> Array:
+        whole = np.zeros(model.case.rows)
+        whole[rows] = feature
+        step = 1e-4 / max(float(np.abs(feature).max()), 1e-300)
+        bound = larger.bind({**model.case.inputs, "shape_": whole}, rows)
+        return np.asarray((bound.predict(np.append(theta, step)) - base) / step / sigma[:, None])
+
+    return act
+
+
+def shapes_of(model: Model, theta: Array, effect: Effect, rows: Mask, sigma: Array) -> list[Shape]:
+    """Every shape of an effect beside a fitted model; nearly equal shapes are given once."""
+    fresh = effect.parameters
+    if not fresh:
+        return []
+    axes: list[tuple[float, ...]] = []
+    for parameter in fresh[1:]:
+        axes.append((0.0, 0.5 * pi) if is_phase(parameter) else parameter.grid or (parameter.start,))
+    waves = next((i for i, p in enumerate(fresh[1:]) if is_phase(p)), None)
+    grid = list(product(*axes))
+    if waves is None:
+        grid = grid[:GRID_LIMIT]
+    origin = 0.0 if fresh[0].minimum <= 0.0 <= fresh[0].maximum else fresh[0].start
+    width = fresh[0].maximum - fresh[0].minimum
+    step = 1e-4 * (min(1.0, width) if np.isfinite(width) else 1.0)
+    if origin + step > fresh[0].maximum:
+        step = -step
+    bound = model.having(effect).bind(model.case.inputs, rows)
+    sets = np.repeat(np.concatenate([theta, [origin], np.zeros(len(fresh) - 1)])[None, :], len(grid) + 1, axis=0)
+    sets[:, len(theta) + 1 :] = [*grid, grid[0]]
+    sets[:-1, len(theta)] = origin + step
+    predicted = bound.predict(sets)
+    if origin != 0.0 and len(grid) > 1:
+        return []  # an expression of the user's own that has shapes but cannot be absent: only its refit can judge it
+    changes = (predicted[:-1] - predicted[-1]) / step / sigma[:, None]
+    found: list[Shape] = []
+    units: list[Array] = []
+    taken: set[int] = set()
+    for index, values in enumerate(grid):
+        if index in taken:
+            continue
+        block = changes[index][..., None]
+        if waves is not None:
+            quarter = grid.index((*values[:waves], 0.5 * pi, *values[waves + 1 :]))
+            taken.add(quarter)
+            block = np.stack([changes[index], changes[quarter]], axis=-1)
+        size = loudness(block)
+        if not np.isfinite(size) or size == 0.0:
+            continue
+        columns = (block / size).reshape(-1, block.shape[-1])
+        flat = columns.reshape(-1) / np.sqrt((columns * columns).sum())
+        if any(abs(float(flat @ other)) > SAME for other in units):
+            continue
+        units.append(flat)
+        low, high = sorted(((fresh[0].minimum - origin) * size, (fresh[0].maximum - origin) * size))
+        found.append(Shape(effect.name, values, columns, 1.0 / size, low, high))
+    return found

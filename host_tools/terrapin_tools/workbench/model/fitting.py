@@ -1,0 +1,243 @@
+"""Weighted least squares: the model's and the effects' parameters together, within bounds, from several starts.
+
+Residuals are in noise standard deviations. A model with one effect more starts where its parent ended (with the
+effect's size at 0), so its error can never be larger than the parent's; further starts come from the effect's grid,
+screened by a linear fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from terrapin_hil.arrays import Array, Index, Mask
+from terrapin_tools.workbench.model.model import Bound, Model
+
+__all__ = ["Fit", "covariance", "extend", "fit_model", "minimise"]
+
+Evaluate = Callable[[Array], tuple[Array, Array]]
+
+ENOUGH = 1e-9  # relative gain at which a fit stops
+SCREENED = 4  # starts kept of an effect's grid
+UNSEEN = 1e-12  # of the largest curvature: less is none
+GRID_LIMIT = 300  # combinations of an effect's grid that are looked at
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model on its training rows. Residuals (channels, rows) are measured - predicted, in noise sd."""
+
+    bound: Bound
+    theta: Array
+    residual: Array
+    jacobian: Array  # of the prediction, in noise sd (channels, rows, parameters)
+    cost: float  # sum of squared residuals
+    at_bound: tuple[str, ...]  # parameters that ended at a bound
+
+    @property
+    def model(self) -> Model:
+        return self.bound.model
+
+
+def minimise(
+    evaluate: Evaluate, residual: Callable[[Array], Array], start: Array, lower: Array, upper: Array, free: Mask
+) -> tuple[Array, float]:
+    """Levenberg and Marquardt's method inside a box; only parameters whose `free` is true move.
+
+    `evaluate` gives residuals (m,) and their derivatives (m, parameters), `residual` the residuals alone. Stops when a
+    step gains, or promises, less than 1e-9 of the cost (a thousandth of a noise sd in the parameters), or when three
+    in a row gain less than 1e-6 (a valley that the data do not close). Returns parameters and cost, which is never
+    above that of the start.
+    """
+    theta = np.clip(start, lower, upper)
+    r, jac = evaluate(theta)
+    cost = float(r @ r)
+    damping = 1e-4
+    slow = 0
+    for _ in range(100):
+        if not np.isfinite(cost):
+            return theta, np.inf
+        gradient = jac.T @ r
+        held = ~free | ((theta <= lower) & (gradient > 0)) | ((theta >= upper) & (gradient < 0))
+        moving = ~held & (np.abs(jac).max(axis=0, initial=0.0) > 0)
+        if not moving.any():
+            break
+        columns = jac[:, moving]
+        scale = np.sqrt((columns * columns).sum(axis=0))
+        normal = columns.T @ columns / np.outer(scale, scale)
+        improved = False
+        while damping < 1e12:
+            step = np.zeros_like(theta)
+            damped = normal + damping * np.eye(len(scale))
+            step[moving] = -np.linalg.solve(damped, gradient[moving] / scale) / scale
+            new = np.clip(theta + step, lower, upper)
+            if np.array_equal(new, theta) or abs(float(gradient @ (new - theta))) <= 0.1 * ENOUGH * cost:
+                break
+            new_r = residual(new)
+            new_cost = float(new_r @ new_r)
+            if np.isfinite(new_cost) and new_cost < cost:
+                improved = True
+                break
+            damping = max(damping, 1e-12) * 8.0
+        if not improved:
+            break
+        gain = cost - new_cost
+        theta, cost = new, new_cost
+        slow = slow + 1 if gain <= 1e-6 * cost else 0
+        if gain <= ENOUGH * cost or slow == 3:
+            break
+        damping = max(damping / 20.0, 1e-14)
+        r, jac = evaluate(theta)
+    return theta, cost
+
+
+class _Problem:
+    """Residuals of a bound model against measurements, flattened, in noise sd; optionally whitened."""
+
+    def __init__(self, bound: Bound, measured: Array, sigma: Array) -> None:
+        self.bound, self.measured, self.weight = bound, measured, 1.0 / sigma[:, None]
+
+    def residual(self, theta: Array) -> Array:
+        prediction = self.bound.predict(theta)
+        return ((prediction - self.measured) * self.weight).reshape(-1)
+
+    def evaluate(self, theta: Array) -> tuple[Array, Array]:
+        prediction, slopes = self.bound.jacobian(theta)
+        residual = (prediction - self.measured) * self.weight
+        return residual.reshape(-1), (slopes * self.weight[..., None]).reshape(residual.size, -1)
+
+
+def fit_model(bound: Bound, measured: Array, sigma: Array, starts: Sequence[Array]) -> Fit:
+    """Fit from each start and keep the best. `measured` (channels, rows); `sigma` (channels,) in the same units."""
+    model = bound.model
+    problem = _Problem(bound, measured, sigma)
+    whole = np.array([f.whole for f in model.fitted], dtype=bool)
+    best, best_cost = np.clip(model.start, model.lower, model.upper), np.inf
+    for start in starts:
+        theta, cost = minimise(problem.evaluate, problem.residual, start, model.lower, model.upper, ~whole)
+        if whole.any():
+            theta, cost = _neighbours(problem, model, theta, cost, whole)
+        if cost < best_cost * (1.0 - 1e-12):
+            best, best_cost = theta, cost
+    best = _wrapped(model, best)
+    residual, slopes = problem.evaluate(best)
+    shape = measured.shape
+    close = 1e-9 * np.abs(best)
+    near = (best - model.lower <= close) | (model.upper - best <= close)
+    return Fit(
+        bound=bound,
+        theta=best,
+        residual=-residual.reshape(shape),
+        jacobian=slopes.reshape(*shape, -1),
+        cost=float(residual @ residual),
+        at_bound=tuple(f.key for f, stuck in zip(model.fitted, near, strict=True) if stuck and not f.whole),
+    )
+
+
+def _neighbours(problem: _Problem, model: Model, theta: Array, cost: float, whole: Mask) -> tuple[Array, float]:
+    """Try the whole numbers on either side."""
+    for index in np.flatnonzero(whole):
+        for change in (-1.0, 1.0):
+            start = theta.copy()
+            start[index] = np.clip(round(start[index]) + change, model.lower[index], model.upper[index])
+            new, new_cost = minimise(problem.evaluate, problem.residual, start, model.lower, model.upper, ~whole)
+            if new_cost < cost:
+                theta, cost = new, new_cost
+    return theta, cost
+
+
+def _wrapped(model: Model, theta: Array) -> Array:
+    """Phases, which the catalogue bounds by two turns, in (-pi, pi]."""
+    turn = 2.0 * np.pi
+    phase = np.array([f.unit == "rad" and (f.lower, f.upper) == (-turn, turn) for f in model.fitted], dtype=bool)
+    return np.where(phase, np.pi - np.mod(np.pi - theta, turn), theta)
+
+
+def extend(
+    parent: Fit, effect_name: str, inputs_bound: Bound, measured: Array, sigma: Array, more: Sequence[Array] = ()
+) -> Fit:
+    """Fit a model that has one effect more than `parent`, warm-started there and at the starts `more`.
+
+    Its cost is at most the parent's.
+    """
+    model = inputs_bound.model
+    count = len(parent.theta)
+    assert len(model.fitted) > count or not any(f.effect == effect_name for f in model.fitted)
+    absent = np.concatenate([parent.theta, model.start[count:]])
+    starts = [absent, *_screened(parent, inputs_bound, absent, measured, sigma), *more]
+    fit = fit_model(inputs_bound, measured, sigma, starts)
+    nested = model.fitted[count:] and model.start[count] == 0.0
+    assert not nested or fit.cost <= parent.cost * (1.0 + 1e-6) + 1e-9, "a larger model fits worse: stuck optimiser"
+    return fit
+
+
+def _screened(parent: Fit, bound: Bound, absent: Array, measured: Array, sigma: Array) -> list[Array]:
+    """The grid's combinations that explain most when the effect's size enters linearly, with that size."""
+    model, count = bound.model, len(parent.theta)
+    fresh = model.fitted[count:]
+    if not fresh or not any(f.grid for f in fresh):
+        return []
+    axes = [f.grid if f.grid and i else (0.0,) if i == 0 else (f.start,) for i, f in enumerate(fresh)]
+    combinations = list(product(*axes))[:GRID_LIMIT]
+    size_step = 1e-3 * (fresh[0].grid[0] if fresh[0].grid else 1.0)
+    if np.isfinite(fresh[0].upper):
+        size_step = min(size_step, 1e-3 * fresh[0].upper)
+    sets = np.repeat(absent[None, :], len(combinations), axis=0)
+    sets[:, count:] = combinations
+    sets[:, count] = size_step
+    base = bound.predict(absent)
+    weight = 1.0 / sigma[:, None]
+    change = ((bound.predict(sets) - base) / size_step * weight).reshape(len(combinations), -1)
+    residual = ((measured - base) * weight).reshape(-1)
+    flat = parent.jacobian.reshape(residual.size, -1)
+    basis = np.linalg.qr(flat)[0] if flat.shape[1] else np.zeros((residual.size, 0))
+    change = change - (change @ basis) @ basis.T
+    residual = residual - basis @ (basis.T @ residual)
+    norm = (change * change).sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        size = np.where(norm > 1e-12, (change @ residual) / norm, 0.0)
+    size = np.clip(size, fresh[0].lower, fresh[0].upper)
+    gain = size * (2.0 * (change @ residual) - size * norm)
+    order = np.argsort(-gain, kind="stable")[:SCREENED]
+    starts = []
+    for index in order:
+        start = sets[index].copy()
+        start[count] = size[index]
+        starts.append(start)
+    return starts
+
+
+def covariance(fit: Fit, run: Index, rho: float = 0.0) -> tuple[Array, Array]:
+    """Covariance of the parameters: from the noise model (AR(1) within runs), and cluster-robust over runs.
+
+    `run` (rows,) names the run of each training row. The second makes no assumption about noise or misfit inside a run,
+    but with few runs it is itself noisy (small-sample factor G / (G - 1)). What the data do not determine (a direction
+    in which nothing changes: an effect that the model's own parameters can take up) has an sd a million times as large
+    as what they do.
+    """
+    channels, rows, count = fit.jacobian.shape
+    flat = fit.jacobian.reshape(channels * rows, count)
+    scale = np.sqrt((flat * flat).sum(axis=0))
+    scale = np.where(scale > 0, scale, 1.0)
+    values, vectors = np.linalg.eigh((flat / scale).T @ (flat / scale))
+    seen = values > UNSEEN * values.max(initial=0.0)
+    inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
+    free = vectors[:, ~seen] @ vectors[:, ~seen].T / (UNSEEN * max(1.0, values.max(initial=0.0)))
+    middle = np.zeros((count, count))
+    robust = np.zeros((count, count))
+    groups = np.unique(run)
+    for group in groups:
+        mine = run == group
+        block = fit.jacobian[:, mine] / scale
+        lag = np.arange(int(mine.sum()))
+        correlation = rho ** np.abs(lag[:, None] - lag[None, :]) if rho > 0 else np.eye(len(lag))
+        for channel in range(channels):
+            middle += block[channel].T @ correlation @ block[channel]
+        score = np.einsum("crp,cr->p", block, fit.residual[:, mine])
+        robust += np.outer(score, score)
+    factor = len(groups) / (len(groups) - 1) if len(groups) > 1 else 1.0
+    outer = np.outer(scale, scale)
+    return (inverse @ middle @ inverse + free) / outer, (factor * (inverse @ robust @ inverse) + free) / outer

@@ -1,0 +1,110 @@
+"""A base model with effects on one case: what is fitted, and predictions on rows.
+
+model = Model.of(case)                    what is fitted, with bounds and start values
+bound = model.bind(case.inputs)           on these rows
+bound.predict(theta)                      (channels, rows)
+bound.predict(many)                       (sets, channels, rows) for parameters (sets, parameters)
+bound.jacobian(theta)                     prediction and its derivatives (channels, rows, parameters)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from terrapin_hil.arrays import Array, Mask
+from terrapin_hil.physics.effects import Effect
+from terrapin_hil.physics.expression import Expression, parse
+from terrapin_tools.workbench.bases.kinds.base import Fitted, Problem, Runs
+from terrapin_tools.workbench.case.case import Case
+
+__all__ = ["Bound", "Model"]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A base model with a set of effects on one case. Cheap to make; `bind` puts it on rows."""
+
+    case: Case
+    effects: tuple[Effect, ...]
+    fitted: tuple[Fitted, ...]
+
+    @classmethod
+    def of(cls, case: Case, effects: Iterable[str] | None = None) -> Model:
+        """The case's model with its own effects, or with those named."""
+        chosen = tuple(case.library[name] for name in (case.effects if effects is None else effects))
+        fitted = [Fitted(e.name, e.name, None, e.unit, e.value, e.minimum, e.maximum) for e in case.fit.values()]
+        for effect in chosen:
+            fitted += _fitted(effect)
+        return cls(case, chosen, tuple(fitted))
+
+    def having(self, effect: Effect) -> Model:
+        """This model with one more effect."""
+        return replace(self, effects=(*self.effects, effect), fitted=(*self.fitted, *_fitted(effect)))
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that are both predicted and measured, in the base model's order."""
+        return tuple(c for c in self.case.base.channels if c in self.case.channels)
+
+    @cached_property
+    def start(self) -> Array:
+        return np.array([f.start for f in self.fitted], dtype=np.float64)
+
+    @cached_property
+    def lower(self) -> Array:
+        return np.array([f.lower for f in self.fitted], dtype=np.float64)
+
+    @cached_property
+    def upper(self) -> Array:
+        return np.array([f.upper for f in self.fitted], dtype=np.float64)
+
+    @cached_property
+    def expressions(self) -> dict[str, Expression]:
+        return {effect.name: parse(effect.expression) for effect in self.effects}
+
+    def bind(self, inputs: Mapping[str, Array], rows: Mask | None = None) -> Bound:
+        """The model on rows: `inputs` as Case.inputs gives them, all rows or those of a mask.
+
+        Inputs of another length than the case's are proposed settings. UserError when the base cannot predict the rows.
+        """
+        case, runs = self.case, None
+        if rows is not None or len(next(iter(inputs.values()))) == case.rows:
+            runs = Runs(case.run, case.run_names, case.place, {**case.roles, **case.channels})
+        problem = Problem(
+            channels=self.channels,
+            effects=self.effects,
+            fitted=self.fitted,
+            constants=case.parameters,
+            options=case.options,
+            inputs=inputs,
+            rows=rows,
+            runs=runs,
+            formulas=case.equations,
+            scales=case.scales,
+        )
+        predictor = case.base.predictor(problem)
+        return Bound(self, predictor.predict, predictor.jacobian)
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A model on rows.
+
+    `predict`: channels (channels, rows) for parameters (parameters,); (sets, channels, rows) for (sets, parameters).
+    `jacobian`: the prediction and its derivatives (channels, rows, parameters).
+    """
+
+    model: Model
+    predict: Callable[[Array], Array]
+    jacobian: Callable[[Array], tuple[Array, Array]]
+
+
+def _fitted(effect: Effect) -> list[Fitted]:
+    return [
+        Fitted(f"{effect.name}.{p.name}", p.name, effect.name, p.unit, p.start, p.minimum, p.maximum, p.whole, p.grid)
+        for p in effect.parameters
+    ]

@@ -1,0 +1,307 @@
+"""A case from a user's own tables: roles and units guessed from the names of the columns, to be corrected by hand.
+
+    w_shell [rad/s]  ->  omega in rad/s         i_motor_mA  ->  current in mA         fz (N)  ->  load in N
+
+A guess is by whole words of the name and by the unit; what has a unit of another kind is never taken. Everything that
+was guessed stands in case.toml with a comment, and everything that was not as well.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES, Base
+from terrapin_tools.workbench.files import units
+from terrapin_tools.workbench.files.tables import Table, read
+from terrapin_tools.workbench.files.writing import write_whole
+
+__all__ = ["Guess", "guess_base", "guess_columns", "guess_run", "split_unit", "write_table_case"]
+
+SUFFIXES = {  # endings of names that are units, longest first where one ends another
+    "rad_per_s": "rad/s", "rad_s2": "rad/s^2", "rad_s": "rad/s", "radps": "rad/s", "rpm": "rpm", "deg_s": "deg/s",
+    "m_s2": "m/s^2", "mm_s": "mm/s", "cm_s": "cm/s", "m_s": "m/s", "mps": "m/s", "km_h": "km/h", "kmh": "km/h",
+    "mn_m": "mN m", "mnm": "mN m", "n_m": "N m", "nm": "N m", "kpa": "kPa", "pa": "Pa", "ma": "mA", "a": "A",
+    "mv": "mV", "v": "V", "kn": "kN", "mn": "mN", "n": "N", "mm": "mm", "cm": "cm", "m": "m", "ms": "ms", "s": "s",
+    "mrad": "mrad", "rad": "rad", "degc": "degC", "celsius": "degC", "degf": "degF", "deg": "deg", "pct": "percent",
+    "percent": "percent", "kg": "kg", "ohm": "ohm",
+}  # fmt: skip
+WORDS = {  # role or channel -> words of a name that stand for it, and words beside which they do not
+    "time": ("time t clock timestamp stamp seconds", ""),
+    "omega": ("omega w rpm wheel shell rim speed rate velocity", "motor ground"),
+    "acceleration": ("acceleration acc accel alpha", ""),
+    "angle": ("angle theta rotation turn", "slip friction swing steer pitch roll yaw"),
+    "slip": ("slip", "angle side"),
+    "speed": ("speed velocity vel v travel ground axle forward", "rim motor fan wind"),
+    "load": ("load weight w fz normal vertical", ""),
+    "slope": ("slope incline inclination grade pitch", ""),
+    "temperature": ("temperature temp tw winding", "room board ambient oil gearbox air"),
+    "pass": ("pass passes", ""),
+    "moisture": ("moisture water", ""),
+    "voltage": ("voltage volt volts u", "board supply"),
+    **{name: words for base in BASES.values() for name, words in base.column_words.items()},
+}
+NAMED = 3  # columns with gaps whose first gap is told
+RUN_WORDS = ("run", "test", "trial", "experiment", "series", "id")
+
+
+@dataclass(frozen=True)
+class Guess:
+    """One column: the unit read from its name ("" for none) and the role or channel it may be (None for neither)."""
+
+    column: str
+    unit: str
+    name: str | None
+
+
+def split_unit(column: str) -> tuple[str, str]:
+    """Name and unit (pint's spelling, "" when none is given).
+
+    >>> split_unit("w_shell [rad/s]"), split_unit("i_motor_mA"), split_unit("slip"), split_unit("fz (N)")
+    (('w_shell', 'rad/s'), ('i_motor', 'mA'), ('slip', ''), ('fz', 'N'))
+    """
+    bracket = re.fullmatch(r"\s*(.+?)\s*[\[(]\s*([^\])]*)\s*[\])]\s*", column)
+    if bracket:
+        unit = {"-": "1", "": "1", "%": "percent", "\u00b0": "deg", "\u00b0C": "degC", "Nm": "N m"}.get(
+            bracket[2], bracket[2]
+        )
+        try:
+            units.check(unit)
+        except ValueError:
+            return column, ""
+        return bracket[1], unit
+    low = column.lower()
+    for ending, unit in SUFFIXES.items():
+        if low.endswith("_" + ending) and len(low) > len(ending) + 1:
+            return column[: -len(ending) - 1], unit
+    return column, ""
+
+
+def _words(name: str) -> list[str]:
+    parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    return [word for word in re.split(r"[^a-z]+", parted.lower()) if word]
+
+
+def _score(name: str, unit: str, target: str) -> int:
+    """0 for no match; higher for a unit that fits and for words that stand early in the list."""
+    canonical = {**ROLES, **CHANNELS}[target]
+    if unit and not units.same_kind(unit, canonical):
+        return 0
+    if not unit and target == "omega" and "omega" not in _words(name) and "rpm" not in _words(name):
+        return 0  # a speed without a unit may be either
+    yes, no = (entry.split() for entry in WORDS[target])
+    words = _words(name)
+    if any(word in no for word in words):
+        return 0
+    hits = [len(yes) - yes.index(word) for word in words if word in yes]
+    return 10 * len(hits) + max(hits) + (100 if unit else 0) if hits else 0
+
+
+def guess_columns(names: Sequence[str]) -> list[Guess]:
+    """What each numeric column may be; each role and channel is given to the column that fits it best."""
+    parts = {column: split_unit(column) for column in names}
+    scored = sorted(
+        ((_score(*parts[column], target), column, target) for column in names for target in WORDS),
+        key=lambda entry: -entry[0],
+    )
+    given: dict[str, str] = {}
+    for score, column, target in scored:
+        if score > 0 and column not in given and target not in given.values():
+            given[column] = target
+    return [Guess(c, parts[c][1], given.get(c)) for c in names]
+
+
+def write_table_case(folder: Path, files: Sequence[Path], title: str) -> str:
+    """Write case.toml into the (new) folder, naming the tables where they lie; returns what was guessed, in words.
+
+    UserError when the folder holds a case, a file cannot be read, or no number column is found.
+    """
+    if (folder / "case.toml").exists():
+        raise UserError(f"{folder / 'case.toml'}: exists, expected a new folder for the case")
+    tables = [read(file) for file in files]
+    common = [name for name in tables[0].columns if all(name in table.columns for table in tables)]
+    if not common:
+        raise UserError(f"{files[0]}: has no column in common with the others, expected tables of one kind")
+    run, runs = _run_column(tables, common)
+    if not any(table.rows for table in tables):
+        raise UserError(f"{files[0]}: found no row below the column names, expected at least one")
+    wrong = {name: _no_number(tables, name) for name in common if name != run}
+    numeric = [name for name, why in wrong.items() if not why]
+    if not numeric:
+        why = next(iter(wrong.values()), f"only {run}, which names the run")
+        raise UserError(f"{files[0]}: found no column of numbers ({why}), expected at least one")
+    guesses = guess_columns(numeric)
+    base = guess_base(guesses)
+    document = _document(folder, files, title, base, run, guesses)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(folder / "case.toml", document)
+    lines = [f"{folder / 'case.toml'}: {base.name}, {runs} runs; guessed from the columns' names, to be corrected:"]
+    used = _mapped(guesses, base)
+    for guess, name in zip(used, _names(used, base), strict=True):
+        unit = guess.unit or _unit(name, base)
+        note = "" if guess.unit else "  (unit assumed)"
+        lines.append(f"  {guess.column} = {name}, {unit}{note}")
+    rest = [guess.column for guess in guesses if guess not in used]
+    if rest:
+        lines.append(f"Not mapped (discover looks at them all the same): {', '.join(rest)}")
+    text = [name for name in wrong if name not in numeric]
+    words = [name for name in text if not any(_has_numbers(table, name) for table in tables)]
+    if words:
+        lines.append(f"Not numbers: {', '.join(words)}")
+    gaps = [name for name in text if name not in words]
+    lines += [f"Left out: {wrong[name]}" for name in gaps[:NAMED]]
+    if len(gaps) > NAMED:
+        lines.append(f"Left out, too, with gaps: {', '.join(gaps[NAMED:])}")
+    lines += _shared_names(tables, run, text)
+    if run is None:
+        lines.append("No column names the run: each file is one.")
+    if runs < 2:
+        lines.append("One run is too few to hold one out: name the column of the run, or give more files.")
+    lines.append("Lines marked CHECK hold constants that no table can tell.")
+    return "\n".join(lines)
+
+
+def _shared_names(tables: Sequence[Table], run: str | None, text: Sequence[str]) -> list[str]:
+    """A warning for each column of words that differs within a run: two runs may have the same name.
+
+    Numbers with gaps and time stamps differ from row to row: they say nothing about the run.
+    """
+    if run is None:
+        return []
+    found = []
+    for name in text:
+        pairs = {(r, word) for table in tables for r, word in zip(table.text(run), table.text(name), strict=True)}
+        words = all(re.search(r"[^\W\d]", word) for _, word in pairs)
+        if words and len({r for r, _ in pairs}) < len(pairs) <= sum(table.rows for table in tables) // 2:
+            found.append(
+                f"{name} differs within a {run}: are several runs named alike? Then join both into one column."
+            )
+    return found
+
+
+def _no_number(tables: Sequence[Table], name: str) -> str:
+    """Where a column has no number, and what stands there; empty where all cells are numbers."""
+    try:
+        for table in tables:
+            table.numbers(name)
+    except UserError as error:
+        return str(error)
+    return ""
+
+
+def _has_numbers(table: Table, name: str) -> bool:
+    return any(re.fullmatch(r"[-+]?\d+\.?\d*(e[-+]?\d+)?", cell, re.IGNORECASE) for cell in table.text(name))
+
+
+def guess_run(names: Sequence[str]) -> str | None:
+    """The column that by its name tells the runs apart."""
+    return next((name for word in RUN_WORDS for name in names if word in _words(name)), None)
+
+
+def _run_column(tables: Sequence[Table], common: Sequence[str]) -> tuple[str | None, int]:
+    """The column that names the run and the number of runs; without one each file is a run."""
+    for word in RUN_WORDS:
+        for name in common:
+            if word in _words(name):
+                distinct = {value for table in tables for value in table.text(name)}
+                if 1 < len(distinct) <= max(2, sum(table.rows for table in tables)):
+                    return name, len(distinct)
+    return None, len(tables)
+
+
+def guess_base(guesses: Sequence[Guess]) -> Base:
+    """The base model whose roles and channels the columns seem to be; that of the user's own names for none of them."""
+    names = {guess.name for guess in guesses}
+    words = {word for guess in guesses for word in _words(guess.column)}
+    likeness = {name: base.resembles(names, words) for name, base in BASES.items()}
+    best = max(likeness, key=lambda name: (likeness[name], BASES[name].own_names))
+    return BASES[best]
+
+
+def _mapped(guesses: Sequence[Guess], base: Base) -> list[Guess]:
+    allowed = {*ROLES, *base.channels} - base.left_out.keys()
+    return [guess for guess in guesses if base.own_names or guess.name in allowed]
+
+
+def _unit(name: str, base: Base) -> str:
+    """The unit that a role or channel has where a column's name tells none."""
+    return "1" if base.own_names else {**ROLES, **base.channels}[name]
+
+
+def _name(column: str) -> str:
+    plain = re.sub(r"\W+", "_", split_unit(column)[0]).strip("_").lower()
+    return plain if plain.isidentifier() else f"c_{plain}"
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+HEAD = """# Guessed by `terrapin case` from the names of the columns. Correct what is wrong; docs/cases.md says
+# what can stand here. Then: terrapin compare, terrapin discover.
+
+[case]
+title = {title}
+
+[model]
+base = {base}
+effects = []
+"""
+
+
+def _document(
+    folder: Path, files: Sequence[Path], title: str, base: Base, run: str | None, guesses: Sequence[Guess]
+) -> str:
+    mapped = _mapped(guesses, base)
+    lines = [HEAD.format(title=_quoted(title), base=_quoted(base.name))]
+    lines += _equation(mapped, base) if base.own_names else _constants(base, {str(guess.name) for guess in mapped})
+    near = [os.path.relpath(file.resolve(), folder.resolve()) for file in files]
+    lines += ["", "[data]", f"files = [{', '.join(_quoted(name) for name in near)}]"]
+    lines.append(f"run = {_quoted(run)}" if run is not None else "# run = ...  # no column names it: each file is one")
+    lines += ["", "[data.columns]  # give channels sigma = ... where the noise of one row is known"]
+    for guess, name in zip(mapped, _names(mapped, base), strict=True):
+        unit = guess.unit or _unit(name, base)
+        note = "  # CHECK the unit: assumed" if not guess.unit else ""
+        lines.append(f"{name} = {{ column = {_quoted(guess.column)}, unit = {_quoted(unit)} }}{note}")
+    for guess in guesses:
+        if guess not in mapped:
+            why = base.left_out.get(guess.name or "")
+            lines.append(f"# {guess.column}: {f'left out: {why}' if why else 'not mapped'}")
+    return "\n".join(lines) + "\n"
+
+
+def _names(mapped: Sequence[Guess], base: Base) -> list[str]:
+    """What each column is called in case.toml, none twice."""
+    if not base.own_names:
+        return [str(guess.name) for guess in mapped]
+    names: list[str] = []
+    for guess in mapped:
+        name = _name(guess.column)
+        while name in names:
+            name += "_"
+        names.append(name)
+    return names
+
+
+def _equation(mapped: Sequence[Guess], base: Base) -> list[str]:
+    """A straight line through the last column over the first: a start to write the right formula over."""
+    *inputs, channel = _names(mapped, base)
+    formula = f"offset + gradient*{inputs[0]}" if inputs else "offset"
+    lines = ["# CHECK: which column is predicted, and by what", "[model.equation]", f"{channel} = {_quoted(formula)}"]
+    lines += ["", "[fit]", "offset = { value = 0.0 }"]
+    return [*lines, "gradient = { value = 1.0 }"] if inputs else lines
+
+
+def _constants(base: Base, roles: set[str]) -> list[str]:
+    """Placeholders for what the model needs to know and no table can tell, and what is fitted."""
+    known = {name: q.placeholder for name, q in base.parameters.items() if name not in base.first_fit}
+    known.update({role: text for role, text in base.needs.items() if role not in roles})
+    lines = ["[parameters]  # CHECK every line: placeholders, no table can tell them"]
+    lines += [f"{name} = {_quoted(text) if ' ' in text else text}" for name, text in known.items() if text]
+    needed = [name for name, text in known.items() if not text]
+    lines += [f"# {name}: no column was found for it, and the model needs it" for name in needed]
+    return [*lines, "", "[fit]", *(f"{name} = {entry}" for name, entry in base.first_fit.items())]

@@ -1,0 +1,269 @@
+"""A case from logged runs: one row for each steady window that the controller declared valid.
+
+The controller's WINDOW message holds the means of current, speed and voltage over the window of its last C_t; `fresh`
+says that a window which shares no sample with the one before has just ended. Those rows, while the controller runs and
+does not limit, are what `rolling_steady` predicts. Winding temperature, slope, speed, angle and acceleration come from
+the messages beside, as means over the same window (the angle: in its middle). Where the weight differs from run to run
+it is a column, otherwise a constant.
+
+What goes with the angle (an imbalance, cogging) or with the acceleration keeps the robot from ever being steady and is
+averaged out of such windows. For it `span` makes rows of the telemetry's 10 ms means instead, steady or not; speed and
+acceleration are then the derivatives of a cubic through the shell's angle over twice the span.
+
+The voltage is left out on purpose: with the speed it gives the current by the motor's own circuit, i = (U - K omega)/R,
+whatever resists the motion. As a column it would explain every missing effect, and say nothing of any.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+
+from terrapin_hil.arrays import Array
+from terrapin_hil.messages import Interface, interface
+from terrapin_hil.reading import ReadingError, parse_toml
+from terrapin_hil.telemetry import si_factor
+from terrapin_tools.errors import UserError
+from terrapin_tools.logs import candump
+from terrapin_tools.logs.candump import telemetry
+from terrapin_tools.workbench.bases.rolling_steady import BASE
+from terrapin_tools.workbench.case.changes import inline_tables
+from terrapin_tools.workbench.files.units import quantity
+from terrapin_tools.workbench.files.writing import write_whole
+
+__all__ = ["Run", "read_run", "write_case"]
+
+
+COLUMNS = {
+    "time": "s",
+    "omega": "rad/s",
+    "current": "A",
+    "load": "N",
+    "speed": "m/s",
+    "temperature": "degC",
+    "slope": "rad",
+    "angle": "rad",
+    "acceleration": "rad/s^2",
+}
+TELEMETRY_PERIOD = 0.01  # s
+KNOWN = ("radius", "drive_radius", "torque_constant", "coulomb", "viscous", "weight")  # parameters of the controller
+
+
+@dataclass(frozen=True)
+class Run:
+    """Rows of one run, and the model's constants as its controller had them (SI)."""
+
+    name: str
+    rows: list[dict[str, float]]
+    constants: Mapping[str, float]
+    sigma: float | None = None  # sd of a row's current [A] by the scatter inside the rows, where that is known
+
+
+def _parameters(folder: Path, description: Interface) -> dict[str, float]:
+    """The controller's parameters in the run: its defaults, changed as run.toml says."""
+    values = {name: p.default * p.scale for name, p in description.parameters.items()}
+    file = folder / "run.toml"
+    if not file.is_file():
+        return values
+    try:
+        document = parse_toml(file.read_text(encoding="utf-8-sig"), file)
+    except ReadingError as error:
+        raise UserError(str(error)) from None
+    except UnicodeDecodeError:
+        raise UserError(f"{file}: not TOML: found something that is not UTF-8 text") from None
+    for table in ("firmware", "parameters"):
+        found = document.get(table, {})
+        for name, value in found.items() if isinstance(found, dict) else ():
+            if name not in values:
+                continue
+            try:
+                values[name] = quantity(value, description.parameters[name].unit or "1")
+            except ValueError as error:
+                raise UserError(f"{file}: {table}.{name}: {error}") from None
+    return values
+
+
+def read_run(folder: Path, after: float = 0.0, before: float = float("inf"), span: float | None = None) -> Run:
+    """Rows of a run's telemetry.log between `after` and `before` [s]: its valid steady windows, or, with `span` [s],
+    means over that time of a running robot that does not limit. UserError when it has none."""
+    log = folder / "telemetry.log"
+    if not log.is_file():
+        raise UserError(f"{log}: no such file, expected a run's folder (terrapin run --out)")
+    description = interface()
+    tables = telemetry(candump.read(log), description)
+    parameters = _parameters(folder, description)
+    running = description.enums["state"]["run"]
+    sigma = None
+    if span is None:
+        width = parameters["window"] * si_factor(description.parameters["window"].unit)
+        times = _window_ends(tables, running, after, before)
+        columns = _windows(tables, times, width)
+    else:
+        width = span
+        columns, turning = _means(tables, running, after, before, span)
+        if len(columns["time"]):
+            # What the differentiated angle scatters comes back through the inertia, as if the current did.
+            geared = parameters["drive_radius"] / parameters["radius"] / parameters["torque_constant"]
+            through = parameters["inertia"] * geared * turning
+            sigma = float(np.hypot(_scatter(tables["ELECTRICAL"], columns["time"], span), through))
+    if len(columns["time"]) == 0:
+        kind = "valid steady window" if span is None else f"stretch of {2 * width:g} s"
+        hint = "; terrapin case --span makes rows of motion that is not steady" if span is None else ""
+        raise UserError(f"{log}: found no {kind} of a running robot, expected at least one{hint}")
+    columns["load"] = np.full(len(columns["time"]), parameters["weight"])
+    rows = [dict(zip(columns, map(float, values), strict=True)) for values in zip(*columns.values(), strict=True)]
+    constants = {name: parameters[name] for name in KNOWN}
+    for name in ("coulomb", "viscous"):  # what the calibration found, or the parameter in use before it
+        if "CALIBRATION" in tables:
+            constants[name] = float(_held(tables["CALIBRATION"], name, columns["time"][-1:])[0])
+    return Run(folder.resolve().name, rows, constants, sigma)
+
+
+def _windows(tables: Mapping[str, dict[str, Array]], times: Array, span: float) -> dict[str, Array]:
+    """Means over the steady windows that end at `times`."""
+    columns = {"time": times}
+    if len(times) == 0:
+        return columns
+    for name in ("omega", "current"):
+        columns[name] = _held(tables["WINDOW"], name, times)
+    columns.update(_beside(tables, times, span))
+    if "ATTITUDE" in tables:
+        columns["angle"] = _held(tables["ATTITUDE"], "angle", times - 0.5 * span)
+        columns["acceleration"] = _held(tables["ATTITUDE"], "acceleration", times)
+    return columns
+
+
+def _means(
+    tables: Mapping[str, dict[str, Array]], running: int, after: float, before: float, span: float
+) -> tuple[dict[str, Array], float]:
+    """Means over consecutive stretches of `span`, wherever the robot runs and does not limit for twice that; and the sd
+    of their acceleration [rad/s^2], by the scatter of the angle around its local cubic."""
+    needed = ("STATUS", "GROUND", "ELECTRICAL", "ATTITUDE")
+    if any(message not in tables for message in needed):
+        return {"time": np.empty(0)}, 0.0
+    clock = tables["ATTITUDE"]["time"]
+    count = max(2, round(span / TELEMETRY_PERIOD))
+    free = _held(tables["STATUS"], "state", clock) == running
+    free &= _held(tables["GROUND"], "limiting", clock) == 0
+    free &= _held(tables["ELECTRICAL"], "current_limiting", clock) == 0
+    free &= (clock >= after) & (clock < before)
+    middle = np.arange(count, len(clock) - count, count)
+    around = middle[:, None] + np.arange(-count, count + 1)
+    middle = middle[free[around].all(axis=1) & (np.ptp(clock[around], axis=1) < 2.5 * count * TELEMETRY_PERIOD)]
+    lag = np.arange(-count, count + 1) * TELEMETRY_PERIOD
+    powers = np.vander(lag, 4, increasing=True)
+    cubic = np.linalg.pinv(powers)
+    turned = np.unwrap(tables["ATTITUDE"]["angle"])
+    local = turned[middle[:, None] + np.arange(-count, count + 1)]
+    fitted = (local - turned[middle, None]) @ cubic.T
+    ends = clock[middle] + 0.5 * span
+    columns = {"time": clock[middle], "omega": fitted[:, 1]}
+    columns["current"] = _mean(tables["ELECTRICAL"], "current", ends, span)
+    columns.update(_beside(tables, ends, span))
+    columns["angle"] = np.mod(turned[middle] + fitted[:, 0], 2.0 * np.pi)
+    columns["acceleration"] = 2.0 * fitted[:, 2]
+    left = local - turned[middle, None] - fitted @ powers.T
+    scatter = float(np.sqrt((left * left).sum() / max(1, left.size - 4 * len(left))))
+    return columns, 2.0 * scatter * float(np.linalg.norm(cubic[2]))
+
+
+def _scatter(table: Mapping[str, Array], middle: Array, span: float) -> float:
+    """Sd of the mean current of a row [A], from its samples' scatter around a parabola: noise without the motion."""
+    count = max(5, round(span / TELEMETRY_PERIOD))
+    last = np.clip(np.searchsorted(table["time"], middle + 0.5 * span, side="right"), count, None)
+    samples = table["current"][last[:, None] + np.arange(-count, 0)]
+    basis = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, count), 3))[0]
+    left = samples - samples @ basis @ basis.T
+    return float(np.sqrt(np.mean(left * left) * count / (count - 3) / count))
+
+
+def _beside(tables: Mapping[str, dict[str, Array]], ends: Array, span: float) -> dict[str, Array]:
+    """Speed, temperature and slope, where they are known, as means over the `span` up to each end."""
+    columns = {}
+    if "MOTION" in tables:
+        columns["speed"] = _mean(tables["MOTION"], "ground_speed", ends, span)
+    if "ELECTRICAL" in tables:
+        columns["temperature"] = _mean(tables["ELECTRICAL"], "temperature", ends, span)
+    if "ATTITUDE" in tables and np.all(_held(tables["ATTITUDE"], "pitch_valid", ends) > 0):
+        columns["slope"] = _mean(tables["ATTITUDE"], "pitch", ends, span)
+    return columns
+
+
+def _window_ends(tables: Mapping[str, dict[str, Array]], running: int, after: float, before: float) -> Array:
+    """Times of the WINDOW frames that end a disjoint valid window of a running robot."""
+    if "WINDOW" not in tables or "STATUS" not in tables:
+        return np.empty(0)
+    window = tables["WINDOW"]
+    use = (window["fresh"] > 0) & (window["valid"] > 0) & (window["time"] >= after) & (window["time"] < before)
+    use &= window["time"] >= tables["STATUS"]["time"][0]
+    times = window["time"][use]
+    return np.asarray(times[_held(tables["STATUS"], "state", times) == running])
+
+
+def _held(table: Mapping[str, Array], signal: str, times: Array) -> Array:
+    """The signal's last value at each time, its first before there is one."""
+    index = np.searchsorted(table["time"], times, side="right") - 1
+    return np.asarray(table[signal][np.maximum(index, 0)])
+
+
+def _mean(table: Mapping[str, Array], signal: str, times: Array, span: float) -> Array:
+    """The signal's mean over the `span` [s] up to each time: what belongs to a window's mean current and speed."""
+    sums = np.concatenate(([0.0], np.cumsum(table[signal])))
+    last = np.maximum(np.searchsorted(table["time"], times, side="right"), 1)
+    first = np.minimum(np.searchsorted(table["time"], times - span, side="right"), last - 1)
+    return np.asarray((sums[last] - sums[first]) / (last - first))
+
+
+def write_case(folder: Path, runs: Sequence[Run], title: str, effects: Sequence[str]) -> str:
+    """Write runs.csv and case.toml of a new case; returns a sentence about it. UserError when the folder is in use."""
+    if (folder / "case.toml").exists():
+        raise UserError(f"{folder / 'case.toml'}: exists, expected a new folder for the case")
+    names = [run.name for run in runs]
+    for name in names:
+        if names.count(name) > 1:
+            raise UserError(f"run {name!r} is given twice, expected folders of different names")
+    if len(runs) < 2:
+        raise UserError("found one run, expected at least two: one of them is held out")
+    common = [column for column in COLUMNS if all(column in row for run in runs for row in run.rows)]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["run", *common])
+    for run in runs:
+        for row in run.rows:
+            writer.writerow([run.name, *(f"{row[column]:.9g}" for column in common)])
+    varying = {c for c in common if len({row[c] for run in runs for row in run.rows}) > 1 or c == "omega"}
+    document = _document(runs, title, effects, [c for c in common if c in varying or c == "current"])
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(folder / "runs.csv", text.getvalue())
+    write_whole(folder / "case.toml", document)
+    rows = sum(len(run.rows) for run in runs)
+    return f"{folder}: {rows} rows of {len(runs)} runs"
+
+
+def _document(runs: Sequence[Run], title: str, effects: Sequence[str], columns: Sequence[str]) -> str:
+    document = tomlkit.document()
+    document.add(tomlkit.comment("made by `terrapin case` from logged runs"))
+    document["case"] = {"title": title}
+    document["model"] = {"base": BASE.name, "effects": list(effects)}
+    known = {name: unit for name, unit in BASE.units.items() if name not in BASE.first_fit}
+    means = {name: sum(run.constants[name] for run in runs) / len(runs) for name in known}
+    parameters = {name: f"{means[name]:.9g} {unit}" for name, unit in known.items()}
+    if "load" not in columns:
+        parameters["load"] = f"{runs[0].constants['weight']:.9g} N"
+    document["parameters"] = parameters
+    document["fit"] = inline_tables({name: tomlkit.value(entry).unwrap() for name, entry in BASE.first_fit.items()})
+    mapped: dict[str, dict[str, Any]] = {column: {"column": column, "unit": COLUMNS[column]} for column in columns}
+    if runs[0].sigma is not None:
+        pooled = np.sqrt(np.mean([run.sigma * run.sigma for run in runs if run.sigma is not None]))
+        mapped["current"]["sigma"] = float(f"{pooled:.3g}")
+    data = tomlkit.table()
+    data.update({"files": ["runs.csv"], "run": "run", "columns": inline_tables(mapped)})
+    document["data"] = data
+    return tomlkit.dumps(document)

@@ -1,0 +1,116 @@
+"""The JSON of the contract (docs/cases.md, schema terrapin.case/1) from a story, and a kept answer read back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from terrapin_tools.workbench.case import history
+from terrapin_tools.workbench.discover.certainty import Operating
+from terrapin_tools.workbench.discover.resampled import Selected
+from terrapin_tools.workbench.experiment.proposal import Experiment
+from terrapin_tools.workbench.files.json_text import finite
+from terrapin_tools.workbench.story.story import Findings, Place, Proposal, Rung, Story, Value
+
+__all__ = ["SCHEMA", "answer", "keep", "places", "proposal", "read", "recall"]
+
+SCHEMA = "terrapin.case/1"
+
+
+def answer(story: Story) -> dict[str, Any]:
+    """What `terrapin compare` and `terrapin discover` write with --json."""
+    found, parts = story.found, _parts(story)
+    if found is not None:
+        parts["missing"] = found.missing
+        parts["answer_probability"] = found.probability
+        parts["candidates"] = [{**vars(c), "parameters": _values(c.parameters)} for c in found.candidates]
+        parts["rivals"] = found.rivals
+        parts["next_experiment"] = found.plan and vars(found.plan)
+    parts["ladder"] = [vars(rung) for rung in story.ladder]
+    parts["noise"] = {"rho": story.rho, "source": story.noise}
+    parts["at_bound"] = [key for key, value in story.parameters.items() if value.at_bound]
+    if found is not None:
+        parts["odd_runs"] = found.odd_runs
+        parts["operating"] = [vars(one) for one in found.operating]
+        parts["selected"] = [vars(one) for one in found.selected]
+    return dict(finite({**parts, "seconds": story.seconds}))
+
+
+def _parts(story: Story) -> dict[str, Any]:
+    """What stands first in both answers."""
+    return {
+        "schema": SCHEMA,
+        "case": story.title,
+        "model": {"base": story.base, "effects": story.effects},
+        "parameters": _values(story.parameters),
+        "channels": {name: vars(channel) for name, channel in story.channels.items()},
+        "adequacy": {"p_value": story.p_value, "false_alarm_rate": story.level},
+        "where": places(story.where),
+        "verdict": story.verdict,
+    }
+
+
+def _values(values: Mapping[str, Value]) -> dict[str, dict[str, Any]]:
+    """Value, sd and unit by name, and the bounds that there are."""
+    bounds = {name: {k: b for k, b in (("min", v.min), ("max", v.max)) if b is not None} for name, v in values.items()}
+    return {name: {"value": v.value, "sd": v.sd, "unit": v.unit, **bounds[name]} for name, v in values.items()}
+
+
+def places(where: Sequence[Place]) -> list[dict[str, Any]]:
+    return [
+        {"variable": p.variable, "range": [p.low, p.high], "channel": p.channel, "mean_residual_in_sd": p.mean}
+        for p in where
+    ]
+
+
+def keep(folder: Path, story: Story) -> None:
+    """Keep an answer of discover in the case, with what its words need beyond the contract."""
+    found = story.found
+    assert found is not None, "only discover's answer is kept"
+    together = {effect: {name: vars(v) for name, v in values.items()} for effect, values in found.together.items()}
+    along = [place.along_motion for place in found.where]
+    history.keep(folder, {**answer(story), "along": along, "together": finite(together), "remarks": found.remarks})
+
+
+def recall(folder: Path, level: float | None = None) -> Findings | None:
+    """What discover found last, if it is about the case as it stands now (and of that level); None when it cannot be
+    read."""
+    kept = history.recall(folder)
+    try:
+        if kept is None or (level is not None and kept["adequacy"]["false_alarm_rate"] != level):
+            return None
+        return read(kept)
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+def read(kept: Mapping[str, Any]) -> Findings:
+    """A kept answer of discover. KeyError, TypeError or ValueError when it is none."""
+    plan: dict[str, Any] | None = kept["next_experiment"]
+    along = kept.get("along", [False] * len(kept["where"]))
+    return Findings(
+        verdict=kept["verdict"],
+        missing=tuple(kept["missing"]),
+        probability=float(kept["answer_probability"]),
+        candidates=tuple(proposal(one) for one in kept["candidates"]),
+        rivals=tuple(tuple(effects) for effects in kept["rivals"]),
+        plan=Experiment(**plan) if plan else None,
+        where=tuple(
+            Place(p["variable"], p["range"][0], p["range"][1], p["channel"], p["mean_residual_in_sd"], way)
+            for p, way in zip(kept["where"], along, strict=True)
+        ),
+        ladder=tuple(Rung(**rung) for rung in kept["ladder"]),
+        odd_runs=tuple(kept["odd_runs"]),
+        operating=tuple(Operating(**one) for one in kept["operating"]),
+        selected=tuple(Selected(tuple(s["effects"]), s["kind"], s["frequency"]) for s in kept["selected"]),
+        together={e: {n: Value(**v) for n, v in values.items()} for e, values in kept.get("together", {}).items()},
+        remarks=tuple(kept.get("remarks", ())),
+    )
+
+
+def proposal(entry: Mapping[str, Any]) -> Proposal:
+    """A candidate of a kept answer. KeyError or TypeError when it is none."""
+    one = Proposal(**entry)
+    return replace(one, parameters={name: Value(**value) for name, value in entry["parameters"].items()})

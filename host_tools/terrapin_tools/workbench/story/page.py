@@ -1,0 +1,57 @@
+"""One self-contained HTML page of a case: verdict, where it fails, what is missing, the ladder, what to do next."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined
+
+from terrapin_hil.physics.effects import Effect
+from terrapin_tools.workbench.story import sentences
+from terrapin_tools.workbench.story.formulas import from_latex
+from terrapin_tools.workbench.story.notes import to_html
+from terrapin_tools.workbench.story.page_frame import PAGE, STYLE
+from terrapin_tools.workbench.story.page_script import SCRIPT
+from terrapin_tools.workbench.story.plot_data import CARDS
+from terrapin_tools.workbench.story.story import Story
+
+__all__ = ["render"]
+
+
+def render(
+    story: Story,
+    data: Mapping[str, Any],
+    history: Sequence[Mapping[str, Any]] = (),
+    model: Sequence[Effect] = (),
+    notes: str = "",
+) -> str:
+    """The page as text.
+
+    `data`: what its script draws, of plot_data; `history`: of the case's steps; `model`: the effects in it; `notes`:
+    Markdown.
+    """
+    from plotly.offline import get_plotlyjs
+
+    environment = Environment(autoescape=True, undefined=StrictUndefined)
+    words = {name: getattr(sentences, name) for name in ("amount", "chance", "in_sd", "number", "stuck")}
+    named = sum(card.named for card in story.cards)
+    return environment.from_string(PAGE).render(
+        words,
+        story=story,
+        data=data,
+        history=history,
+        model=model,
+        notes=to_html(notes),
+        not_looked=sentences.NOT_LOOKED,
+        mathml=from_latex,
+        full=CARDS // 2 if story.verdict == "adequate" else max(CARDS, named),
+        curves={tuple(effects): i for i, effects in enumerate(data["sets"])},
+        columns=[(name, name) for name in data["columns"]],
+        channels=[(str(i), channel["name"]) for i, channel in enumerate(data["channels"])],
+        json=json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
+        style=STYLE,
+        plotly=get_plotlyjs().replace("</script", "<\\/script"),
+        script=SCRIPT,
+    )

@@ -1,0 +1,291 @@
+"""Every sentence, chip, next step and number format of a verdict, each written once. Tellers add layout only."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+
+from terrapin_hil.units import behind
+from terrapin_tools.workbench.discover.certainty import EVEN, Operating
+from terrapin_tools.workbench.discover.resampled import Selected
+from terrapin_tools.workbench.experiment.proposal import Experiment
+from terrapin_tools.workbench.story.story import Findings, Next, Place, Proposal, Rung, Value
+
+__all__ = [
+    "BY_RUN",
+    "HEADINGS",
+    "NOT_LOOKED",
+    "acts",
+    "alarm",
+    "amount",
+    "best_leaves",
+    "carried",
+    "chance",
+    "chances",
+    "change",
+    "chip",
+    "doubt",
+    "headline",
+    "in_sd",
+    "named_unit",
+    "next_step",
+    "number",
+    "of_hundred",
+    "only_here",
+    "percent",
+    "place",
+    "reason",
+    "stands_out",
+    "stuck",
+    "verdict",
+]
+
+NEAR_FLOOR = 1.15  # error in noise sd that is as good as the floor on a handful of held-out runs
+LITTLE = 0.1  # share of the misfit below which a candidate explains next to nothing
+NAMED_RUNS = 4  # runs that are named as carrying the misfit
+
+CHIPS = {
+    "adequate": "adequate",
+    "doubtful": "no alarm",
+    "missing": "something is missing",
+    "ambiguous": "the data cannot tell",
+    "unexplained": "unexplained",
+}
+HEADINGS = {  # over the candidates, and what the number beside each of them is; "" for every other verdict
+    "": ("What is missing", "probability to be part of it"),
+    "adequate": ("Too small to tell, if there at all", "probability to be there"),
+    "unexplained": ("Nearest, if it is one of these", "probability, if one is it"),
+}
+BY_RUN = {"": "Which runs carry it", "adequate": "Residual by run"}
+LIKELIEST = "Add the likeliest"  # before a command
+NOT_LOOKED = "Not looked for: terrapin discover does, or terrapin report without --no-discover."
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """Significant digits, as short as they go; a dash for what is not there."""
+    return "-" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
+
+
+def in_sd(error: float | None) -> str:
+    """An error in noise sd: three digits, as the plots have it."""
+    return f"{error:#.3g}" if error is not None and error < 100.0 else number(error and round(error), 9)
+
+
+def chance(probability: float) -> str:
+    return f"{probability:.2f}" if probability >= 0.005 else "below 0.01"
+
+
+def percent(share: float) -> str:
+    return f"{round(100.0 * share)} %"
+
+
+def of_hundred(share: float) -> str:
+    """How often in 100 cases."""
+    return f"{round(100.0 * share)} of 100" if share >= 0.01 else "fewer than 1 of 100"
+
+
+def named_unit(name: str, text: str) -> str:
+    """A quantity with its unit, as in the head of a table."""
+    return name if text in ("", "1") else f"{name}, {text}"
+
+
+def amount(value: Value) -> str:
+    sd = f" ± {value.sd:.2g}" if value.sd and math.isfinite(value.sd) else ""
+    return f"{number(value.value, 5)}{sd}{behind(value.unit)}"
+
+
+def stuck(value: Value, before: str = "") -> str:
+    return f"{before}at its bound" if value.at_bound else ""
+
+
+def change(before: Rung, after: Rung) -> str:
+    """The errors before and after something was added or removed."""
+    train = f"training {in_sd(before.train_error)} -> {in_sd(after.train_error)}"
+    held = f"held out {in_sd(before.heldout_error)} -> {in_sd(after.heldout_error)}"
+    return f"Error in noise sd, before -> after: {train}, {held}"
+
+
+def _joined(effects: Sequence[str]) -> str:
+    return " + ".join(effects)
+
+
+def _either(sets: Sequence[Sequence[str]]) -> str:
+    return " or ".join(_joined(one) for one in sets)
+
+
+def _p(value: float) -> str:
+    return f"p = {value:.2g}" if value >= 1e-12 else "p < 1e-12"
+
+
+def _test(p: float, level: float) -> str:
+    return f"{_p(p)} at a false alarm rate of {level:g}"
+
+
+def alarm(missing: bool, p: float, level: float) -> str:
+    """The test alone: what compare can say."""
+    what = "Something is missing from the model" if missing else "Nothing is missing that these data could show"
+    return f"{what} ({_test(p, level)})."
+
+
+def verdict(found: Findings | None, p: float) -> str:
+    """The answer in a few words, without a verb."""
+    if found is None:
+        return _p(p)
+    return f"{_either(found.rivals or [found.missing])} (probability {chance(found.probability)})".lstrip()
+
+
+def chip(verdict: str, probability: float | None) -> str:
+    """The verdict in a word or two. No alarm is not yet an adequate model: something else may be likelier."""
+    doubtful = verdict == "adequate" and probability is not None and probability < EVEN
+    return CHIPS["doubtful" if doubtful else verdict]
+
+
+def headline(found: Findings, p: float, level: float) -> str:
+    """The verdict in one sentence, with its probability."""
+    sure, missing = chance(found.probability), _joined(found.missing)
+    if found.verdict == "adequate":
+        if found.probability < EVEN:
+            return f"No alarm ({_test(p, level)}), but that nothing is missing has only probability {sure}."
+        return f"The model is adequate: with probability {sure} nothing is missing ({_test(p, level)})."
+    if found.verdict == "ambiguous":
+        sets = _either(found.rivals)
+        return f"Something is missing, and these data cannot tell what: {sets}. Likeliest: {missing} ({sure})."
+    if found.verdict == "unexplained":
+        if found.odd_runs:
+            return f"What fails is a single run, not the model (probability {sure}). {stands_out(found.odd_runs)}"
+        on = f" It depends on {found.where[0].variable} most." if found.where else ""
+        return f"With probability {sure} no catalogued effect and no short expression explains what is missing.{on}"
+    before, after = [rung.heldout_error for rung in (found.ladder[0], *found.ladder)[-2:]]
+    fall = ""
+    if before is not None and after is not None:
+        fall = f": with it the held-out error falls from {in_sd(before)} to {in_sd(after)} noise sd"
+    return f"With probability {sure} the model lacks {missing} and nothing else{fall}."
+
+
+def span(low: float, high: float) -> str:
+    return number(low) if number(low) == number(high) else f"{number(low)} to {number(high)}"
+
+
+def place(failure: Place, unit_text: str) -> str:
+    """What stands behind the variable's name."""
+    side = "above" if failure.mean > 0 else "below"
+    way = ", along the motion" if failure.along_motion else ""
+    within = f"{span(failure.low, failure.high)}{behind(unit_text)}"
+    return f"{within}: {failure.channel} measured {abs(failure.mean):.1f} noise sd {side} the model{way}"
+
+
+def stands_out(runs: Sequence[str]) -> str:
+    one = len(runs) == 1
+    which, stand = ("Run", "stands out by itself") if one else ("Runs", "stand out by themselves")
+    return f"{which} {', '.join(runs)} {stand}: look at {'it' if one else 'them'} before looking for physics."
+
+
+def carried(errors: Sequence[tuple[str, float]], runs: int) -> str:
+    """The runs whose misfit makes up half of all, with their errors in noise sd, worst first."""
+    if not errors:
+        return "No run is further off than its noise: the misfit is in how the rows follow each other."
+    names = ", ".join(f"{name} (error {in_sd(error)})" for name, error in errors[:NAMED_RUNS])
+    more = f" and {len(errors) - NAMED_RUNS} more" if len(errors) > NAMED_RUNS else ""
+    return f"Half of the misfit is in {len(errors)} of {runs} runs: {names}{more}."
+
+
+def doubt(likeliest: Sequence[str], column: str, blind: bool) -> tuple[str, ...]:
+    """Why a model that raises no alarm need not be right, and what to do about it."""
+    if blind:
+        return (
+            "These runs could not show it either: the model's own parameters take up whatever these columns say.",
+            "Measure at more settings, or fit fewer parameters.",
+        )
+    what = _joined(likeliest) or f"something that depends on {column or 'no one column'}"
+    return (
+        f"The model passes the test, but that does not make it right. Likeliest, but not shown: {what}.",
+        "Give each channel's sigma, map the columns that may matter, or measure more runs.",
+    )
+
+
+def best_leaves(best: Rung) -> str:
+    errors = f"{in_sd(best.train_error)} training, {in_sd(best.heldout_error)} held out"
+    return f"The best set, {best.added}, leaves more than noise: error {errors}."
+
+
+def only_here(effects: Sequence[str]) -> str:
+    return f"{_joined(effects)}: in no catalogue. It holds inside the range of these measurements, not beyond."
+
+
+def acts(target: str, channels: Collection[str]) -> str:
+    """What an expression does to the model."""
+    if target in ("resistance", "drag"):
+        return f"added to the resisting {'torque' if target == 'resistance' else 'force'}"
+    return f"added to {target}" if target in channels else f"{target} is multiplied by 1 + it"
+
+
+def reason(found: Findings, one: Proposal, why_not: str) -> str:
+    """Why a candidate is likely, or why it is not: what it explains, what the data hold against it."""
+    share = f"{percent(one.explains)} of the misfit"
+    left = "" if one.noise_ratio is None else f" and leaves {in_sd(one.noise_ratio)} noise sd on held-out runs"
+    mine = [set(rival) for rival in found.rivals if one.effect in rival]
+    if mine and len(found.rivals) > 1:
+        others = _either([sorted(set(rival) - mine[0]) for rival in found.rivals if set(rival) - mine[0]])
+        return f"Does as well as {others} on these data: it takes away {share}{left}."
+    if found.verdict == "adequate":
+        return f"{HEADINGS['adequate'][0]}."
+    if one.effect in found.missing:
+        if len(found.missing) > 1:
+            return f"Alone it takes away {share}{left}; the others take away the rest."
+        return f"Takes away {share}{left} (floor 1.0)."
+    if one.explains < LITTLE:
+        return f"Takes away next to nothing of the misfit{why_not}."
+    if one.noise_ratio is not None and one.noise_ratio < NEAR_FLOOR:
+        near = in_sd(one.noise_ratio)
+        return f"Fits nearly as well ({near} noise sd on held-out runs), but the runs together speak against it."
+    return f"Takes away only {share}{left}."
+
+
+def chances(operating: Sequence[Operating], selected: Sequence[Selected]) -> tuple[tuple[str, str], ...]:
+    """How often such an effect would be named first with these runs, and how often each answer wins on runs drawn
+    anew."""
+    rows = {f"{o.effect} of {number(o.size, 3)} noise sd": f"named first in {of_hundred(o.named)}" for o in operating}
+    rows |= {
+        f"{_joined(s.effects) or s.kind}, runs drawn anew": f"likeliest in {of_hundred(s.frequency)}" for s in selected
+    }
+    return tuple(rows.items())
+
+
+def next_step(
+    missing: bool, found: Findings | None, folder: str, units: Mapping[str, str], zeros: Collection[str]
+) -> Next:
+    """What to do next, in words, and the command that does it; `zeros`: what to hold at 0."""
+    if found is None:
+        if missing:
+            text = "Let discover rank what could be missing, and say how sure it is."
+            return Next("discover", text, offer="Look for it", command=f"terrapin discover {folder}")
+        return Next("nothing", "Nothing to add: what is left looks like noise.")
+    add = f"terrapin add {folder} {' '.join(found.missing)}"
+    if found.verdict == "missing":
+        return Next("add", "Put it in, and see the error fall.", offer="Add it", command=add)
+    if found.verdict == "adequate":
+        text = "Nothing to add. New runs outside these ranges would test more than more runs inside them."
+        return Next("nothing", text)
+    if found.verdict == "unexplained":
+        text = "Look at the runs that carry it, and measure what may go with it: a column that is not there cannot be"
+        return Next("nothing", f"{text} named. An effect of your own can be tried, too.")
+    if found.plan is not None:
+        return _experiment(found.plan, units, zeros, add)
+    text = "No experiment within the limits of these runs would tell the rivals apart: treat them as one effect."
+    return Next("nothing", text, offer=LIKELIEST, command=add)
+
+
+def _experiment(plan: Experiment, units: Mapping[str, str], zeros: Collection[str], add: str) -> Next:
+    at = {role: 0.0 if role in zeros else value for role, value in plan.hold.items()}
+    hold = ", ".join(f"{role} {number(value)}{behind(units.get(role, ''))}" for role, value in at.items())
+    after = f"Afterwards the wrong one would be preferred in {of_hundred(plan.error_rate)} cases."
+    return Next(
+        "experiment",
+        f"{plan.runs} runs that vary {' and '.join(plan.vary)} tell {' and '.join(plan.separates)} apart. "
+        f"{plan.reason}",
+        vary=tuple(named_unit(role, units.get(role, "")) for role in plan.vary),
+        settings=tuple(tuple(number(setting[role]) for role in plan.vary) for setting in plan.settings),
+        after=f"Hold {hold}. {after}" if hold else after,
+        offer=LIKELIEST,
+        command=add,
+    )

@@ -1,0 +1,167 @@
+"""The verdict on a case as one object: numbers unrounded, and the sentences that every teller shows.
+
+`told` makes it (told.py) of what compare and discover found; terminal, JSON, report, page and fleet only render it. It
+is plain data, so it goes to another process as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from terrapin_tools.workbench.case.changes import OwnEffect, OwnParameter
+from terrapin_tools.workbench.discover.certainty import Operating
+from terrapin_tools.workbench.discover.resampled import Selected
+from terrapin_tools.workbench.experiment.proposal import Experiment
+
+__all__ = ["Card", "Channel", "Findings", "Next", "Place", "Proposal", "Rung", "Story", "Value"]
+
+
+@dataclass(frozen=True)
+class Value:
+    """A fitted parameter in `unit`; `sd` is None where the fit gives none. Bounds are those of an expression's."""
+
+    value: float
+    sd: float | None
+    unit: str
+    min: float | None = None
+    max: float | None = None
+    at_bound: bool = False
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Noise and rms errors of one channel, in its unit."""
+
+    noise_sd: float
+    train_rmse: float
+    heldout_rmse: float | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class Rung:
+    """Errors in noise sd of the model with effects up to and including `added`."""
+
+    added: str | None
+    train_error: float
+    heldout_error: float | None
+
+
+@dataclass(frozen=True)
+class Place:
+    """A range of a column in which the model fails: mean of measured - predicted there, in noise sd."""
+
+    variable: str
+    low: float
+    high: float
+    channel: str
+    mean: float
+    along_motion: bool = False  # taken in the direction of motion
+    sentence: str = ""  # what stands behind the variable's name
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """One effect alone: the probability that it is part of what is missing, and what adding it alone does."""
+
+    effect: str
+    kind: str  # catalogue or expression
+    expression: str
+    target: str
+    probability: float
+    heldout_rmse: Mapping[str, float | None]  # by channel, in its unit
+    noise_ratio: float | None  # error on held-out runs, in noise sd
+    parameters: Mapping[str, Value]
+    explains: float  # share of the misfit
+
+    @property
+    def own(self) -> OwnEffect:
+        """An expression as an effect that case.toml can hold."""
+        parameters = {n: OwnParameter(p.value, p.min, p.max, p.unit) for n, p in self.parameters.items()}
+        return OwnEffect(self.expression, self.target, parameters)
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What discover adds to what compare says: what its JSON keeps, and two things that only the kept answer has."""
+
+    verdict: str  # adequate, missing, ambiguous or unexplained
+    missing: tuple[str, ...]
+    probability: float  # that exactly this is missing (adequate: that nothing is)
+    candidates: tuple[Proposal, ...]  # likeliest first
+    rivals: tuple[tuple[str, ...], ...]
+    plan: Experiment | None
+    where: tuple[Place, ...]
+    ladder: tuple[Rung, ...]
+    odd_runs: tuple[str, ...]
+    operating: tuple[Operating, ...]
+    selected: tuple[Selected, ...]
+    together: Mapping[str, Mapping[str, Value]]  # values of what is missing, all fitted together, by effect
+    remarks: tuple[str, ...]  # sentences that need more than is kept
+
+
+@dataclass(frozen=True)
+class Card:
+    """A candidate with everything that is shown of it."""
+
+    proposal: Proposal
+    title: str
+    named: bool  # part of the answer, or of a rival
+    latex: str
+    acts: str  # what an expression acts on
+    source: str
+    reason: str
+    values: Mapping[str, Value]  # of a named effect as fitted with the others that are named
+
+
+@dataclass(frozen=True)
+class Next:
+    """What to do next: discover, add, experiment or nothing; `settings` are of one run each, in the order of `vary`."""
+
+    do: str
+    text: str
+    vary: tuple[str, ...] = ()  # with unit
+    settings: tuple[tuple[str, ...], ...] = ()
+    after: str = ""
+    offer: str = ""  # before a command that can be typed
+    command: str = ""
+
+
+@dataclass(frozen=True)
+class Story:
+    """The answer on one case, of compare or (with `found`) of discover."""
+
+    folder: Path
+    title: str
+    base: str
+    effects: tuple[str, ...]
+    runs: int
+    held_out: tuple[str, ...]
+    verdict: str
+    p_value: float
+    level: float
+    chip: str
+    headline: str
+    alarm: str  # what the test says, where the headline does not
+    where: tuple[Place, ...]
+    notes: tuple[str, ...]  # sentences beside `where`: runs that carry the misfit, doubts
+    by_run: str  # over the residuals of each run
+    heading: str  # over the candidates
+    measure: str  # what the number beside a candidate is
+    cards: tuple[Card, ...]  # what the answer names first, then likeliest first
+    chances: tuple[tuple[str, str], ...]  # what these runs can show: of what, and how often
+    next: Next
+    ladder: tuple[Rung, ...]
+    parameters: Mapping[str, Value]
+    channels: Mapping[str, Channel]
+    noise: str
+    rho: float  # correlation from row to row within a run
+    found: Findings | None
+    seconds: float = 0.0  # that the answer took
+
+    @property
+    def model(self) -> str:
+        """The base model and the effects in it."""
+        return " + ".join((self.base, *self.effects))

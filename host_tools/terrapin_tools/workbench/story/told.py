@@ -1,0 +1,215 @@
+"""Makes the story of a case, once, from what compare and discover found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from terrapin_hil.physics.effects import Effect
+from terrapin_hil.physics.expression import parse
+from terrapin_tools.workbench.bases import ROLES
+from terrapin_tools.workbench.compare import comparison
+from terrapin_tools.workbench.compare.adequacy import Failure
+from terrapin_tools.workbench.compare.comparison import Analysis
+from terrapin_tools.workbench.discover.certainty import EVEN
+from terrapin_tools.workbench.discover.discovery import Candidate, Discovery
+from terrapin_tools.workbench.model.fitting import Fit, covariance
+from terrapin_tools.workbench.story import sentences
+from terrapin_tools.workbench.story.story import Card, Channel, Findings, Place, Proposal, Rung, Story, Value
+
+__all__ = ["found_by", "told"]
+
+STILL = 0.05  # a role whose span is below this share of its magnitude hardly varies
+AS_ZERO = 0.01  # share of a role's largest value below which what to hold is 0
+
+
+def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> Story:
+    """The story of a comparison, and of what discover found in it, just now or as it was kept."""
+    case, noise = analysis.case, analysis.noise
+    found = found_by(discovery) if isinstance(discovery, Discovery) else discovery
+    verdict = found.verdict if found else ("missing" if analysis.missing else "adequate")
+    p, units = analysis.adequacy.p_value, {**ROLES, **case.parameter_units, **case.units}
+    alarm = sentences.alarm(analysis.missing, p, analysis.level)
+    where = found.where if found else _places(analysis.where)
+    notes = [_carried(analysis)] if analysis.missing and not (found and found.odd_runs) else []
+    heading, measure = sentences.HEADINGS.get(verdict if found else "", sentences.HEADINGS[""])
+    return Story(
+        folder=case.folder,
+        title=case.title,
+        base=case.base.name,
+        effects=tuple(case.effects),
+        runs=len({*case.run[analysis.rows].tolist()}),
+        held_out=tuple(sorted({case.run_names[i] for i in case.run[case.test]})),
+        verdict=verdict,
+        p_value=p,
+        level=analysis.level,
+        chip=sentences.chip(verdict, found.probability if found else None),
+        headline=sentences.headline(found, p, analysis.level) if found else alarm,
+        alarm=alarm if found and analysis.missing else "",
+        where=tuple(replace(p, sentence=sentences.place(p, case.units.get(p.variable, ""))) for p in where),
+        notes=(*notes, *(found.remarks if found else ())),
+        by_run=sentences.BY_RUN.get(verdict, sentences.BY_RUN[""]),
+        heading=heading,
+        measure=measure,
+        cards=tuple(_cards(analysis, found)) if found else (),
+        chances=sentences.chances(found.operating, found.selected) if found else (),
+        next=sentences.next_step(analysis.missing, found, str(case.folder), units, _zeros(analysis, found)),
+        ladder=found.ladder if found else _rungs(analysis.ladder),
+        parameters=_values(analysis.fit, analysis.sd),
+        channels=_channels(analysis),
+        noise=noise.source,
+        rho=noise.rho,
+        found=found,
+    )
+
+
+def found_by(discovery: Discovery) -> Findings:
+    """What discover found, as plain data."""
+    analysis = discovery.analysis
+    named: dict[str, dict[str, Value]] = {}
+    if discovery.missing:
+        for key, value in _values(discovery.ladder[-1].fit, _sd(analysis, discovery.ladder[-1].fit)).items():
+            effect, _, name = key.rpartition(".")
+            if effect in discovery.missing:
+                named.setdefault(effect, {})[name] = value
+    candidates = tuple(_proposal(one) for one in discovery.candidates)
+    remarks: tuple[str, ...] = ()
+    if discovery.verdict == "adequate" and discovery.answer_probability < EVEN:
+        likeliest = max(discovery.ranking.hypotheses, key=lambda h: h.log_weight)
+        remarks = sentences.doubt(likeliest.effects, likeliest.column, discovery.ranking.blind)
+    elif discovery.verdict == "unexplained" and discovery.leaves and discovery.best and not discovery.odd_runs:
+        remarks = (sentences.best_leaves(*_rungs([discovery.best])),)
+    elif own := [c.effect for c in candidates if c.kind == "expression" and c.effect in discovery.missing]:
+        remarks = (sentences.only_here(own),)
+    return Findings(
+        verdict=discovery.verdict,
+        missing=discovery.missing,
+        probability=discovery.answer_probability,
+        candidates=candidates,
+        rivals=discovery.rivals,
+        plan=discovery.experiment,
+        where=_places(discovery.where),
+        ladder=_rungs(discovery.ladder),
+        odd_runs=discovery.odd_runs,
+        operating=discovery.operating,
+        selected=discovery.selected,
+        together=named,
+        remarks=remarks,
+    )
+
+
+def _places(where: Sequence[Failure]) -> tuple[Place, ...]:
+    return tuple(Place(f.variable, f.low, f.high, f.channel, f.mean_residual, f.with_direction) for f in where)
+
+
+def _rungs(ladder: Sequence[comparison.Rung]) -> tuple[Rung, ...]:
+    return tuple(Rung(rung.added, rung.train_error, rung.heldout_error) for rung in ladder)
+
+
+def _sd(analysis: Analysis, fit: Fit) -> npt.NDArray[np.float64]:
+    variance = np.diag(covariance(fit, analysis.case.run[analysis.case.train], analysis.noise.rho)[0])
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _values(fit: Fit, sd: npt.NDArray[np.float64]) -> dict[str, Value]:
+    """Every fitted parameter by its key."""
+    return {
+        one.key: Value(float(value), float(s), one.unit or "1", at_bound=one.key in fit.at_bound)
+        for one, value, s in zip(fit.model.fitted, fit.theta, sd, strict=True)
+    }
+
+
+def _channels(analysis: Analysis) -> dict[str, Channel]:
+    case, held = analysis.case, analysis.case.test[analysis.rows]
+    return {
+        name: Channel(
+            float(sigma),
+            float(np.sqrt(np.mean(residual[~held] ** 2))),
+            float(np.sqrt(np.mean(residual[held] ** 2))) if held.any() else None,
+            case.units[name] or "1",
+        )
+        for name, sigma, residual in zip(analysis.model.channels, analysis.noise.sigma, analysis.residual, strict=True)
+    }
+
+
+def _proposal(candidate: Candidate) -> Proposal:
+    effect, count = candidate.effect, len(candidate.fit.theta) - len(candidate.effect.parameters)
+    parameters = {}
+    for i, one in enumerate(effect.parameters, count):
+        low, high = (
+            b if candidate.kind == "expression" and np.isfinite(b) else None for b in (one.minimum, one.maximum)
+        )
+        value, sd = float(candidate.fit.theta[i]), float(candidate.sd[i])
+        parameters[one.name] = Value(value, sd, one.unit or "1", low, high)
+    return Proposal(
+        effect.name,
+        candidate.kind,
+        effect.expression,
+        effect.target,
+        candidate.probability,
+        candidate.heldout_rmse,
+        candidate.noise_ratio,
+        parameters,
+        candidate.explains,
+    )
+
+
+def _cards(analysis: Analysis, found: Findings) -> list[Card]:
+    """What the answer names first, in its order, then the others, likeliest first."""
+    case = analysis.case
+    named = list(dict.fromkeys(name for effects in (found.missing, *found.rivals) for name in effects))
+    cards = []
+    for one in sorted(found.candidates, key=lambda c: named.index(c.effect) if c.effect in named else len(named)):
+        effect = case.library.get(one.effect)
+        own = effect is None or one.kind == "expression"
+        cards.append(
+            Card(
+                proposal=one,
+                title=effect.title if effect and effect.title else "Expression found in the residuals",
+                named=one.effect in named,
+                latex=parse(one.expression).to_latex() if own or effect is None else effect.equation,
+                acts=sentences.acts(one.target, case.base.channels) if own else "",
+                source=effect.source if effect else "",
+                reason=sentences.reason(found, one, _why_not(analysis, found, effect)),
+                values=found.together.get(one.effect, one.parameters),
+            )
+        )
+    return cards
+
+
+def _why_not(analysis: Analysis, found: Findings, effect: Effect | None) -> str:
+    """What in the data speaks against an effect; empty when nothing simple does."""
+    if effect is None:
+        return ""
+    case = analysis.case
+    for group in effect.needs:
+        for role in [role for role in group if role in case.roles][:1]:
+            values = case.roles[role][analysis.rows]
+            if np.ptp(values) <= STILL * max(float(np.abs(values).max()), 1e-300):
+                return f": {role} hardly varies in these runs"
+    failing = found.where[0].channel if found.where else None
+    if effect.target in case.base.channels and failing is not None and failing != effect.target:
+        return f": it changes {effect.target}, and it is {failing} that fails"
+    return ""
+
+
+def _carried(analysis: Analysis) -> str:
+    """The runs whose misfit beyond noise makes up half of all."""
+    run = analysis.case.run[analysis.rows]
+    square = ((analysis.residual / analysis.noise.sigma[:, None]) ** 2).mean(axis=0) - 1.0
+    runs, place = np.unique(run, return_inverse=True)
+    each = np.bincount(place, square)
+    order = np.argsort(-each, kind="stable")
+    before = np.cumsum(each[order]) - each[order]
+    carrying = order[before < 0.5 * np.maximum(each, 0.0).sum()]
+    error = np.sqrt(np.maximum(each / np.bincount(place) + 1.0, 0.0))
+    return sentences.carried([(analysis.case.run_names[runs[i]], float(error[i])) for i in carrying], len(runs))
+
+
+def _zeros(analysis: Analysis, found: Findings | None) -> set[str]:
+    """Roles to hold at what is as good as 0 on the scale of their measurements."""
+    hold, roles = found.plan.hold if found and found.plan else {}, analysis.case.roles
+    return {r for r, value in hold.items() if r in roles and abs(value) < AS_ZERO * float(np.abs(roles[r]).max())}

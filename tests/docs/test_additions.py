@@ -1,0 +1,70 @@
+"""A new effect, terrain and sub-command: each is added to a scratch copy as its page says, in at most two files."""
+
+import re
+from pathlib import Path
+
+from pages import ROOT, Block, apply, blocks
+from scratch import copy_tree, in_copy
+
+MOST = 2  # files that an addition may take
+
+
+def added(page: str, part: str, folder: Path) -> Path:
+    """A copy of the tree with everything put in that the section of a page shows as a file or as a change of one."""
+    text = (ROOT / page).read_text()
+    start = text.index(part)
+    end = re.search(r"^#+ ", text[start + len(part) :], re.MULTILINE)
+    lines = text[:start].count("\n"), text[: start + len(part) + end.start() if end else None].count("\n") + 1
+    copy = copy_tree(folder / "terrapin")
+    touched = set()
+    for block in blocks(page, text):
+        if not lines[0] < block.line <= lines[1]:
+            continue
+        if block.language == "diff":
+            apply(copy, block)
+            touched |= set(re.findall(r"^\+\+\+ b/(.*)$", block.text, re.MULTILINE))
+        elif "file" in block.marks:
+            put(copy, block)
+            touched.add(block.marks["file"])
+    assert 1 <= len(touched) <= MOST, f"{page}, {part}: {sorted(touched)}"
+    return copy
+
+
+def put(copy: Path, block: Block) -> None:
+    assert not (copy / block.marks["file"]).exists(), f"{block}: {block.marks['file']} is there already"
+    (copy / block.marks["file"]).write_text(block.text)
+
+
+def test_effect(tmp_path: Path) -> None:
+    """docs/effects.md runs the tests of effects in its own scratch copy; here the program finds the effect."""
+    copy = added("docs/effects.md", "## An effect for everyone", tmp_path)
+    listed = in_copy(copy, "terrapin", "effects").stdout
+    assert "grass" in listed
+    scenario = '\nduration = "2 s"\nchecks = ["max(abs(speed)) > 0.01"]\n[[path]]\nterrain = "sand"\n'
+    scenario += (
+        '[[operator]]\nat = "0 s"\nrequest = "run"\nsetpoint = "8 V"\n[effect.grass]\nc_g = "1 mN m s^0.5/rad^0.5"\n'
+    )
+    (copy / "meadow.toml").write_text(scenario)
+    in_copy(copy, "terrapin", "run", "meadow.toml")
+
+
+def test_terrain(tmp_path: Path) -> None:
+    """The simulator rolls on it and the controller names it, in a build of the copy."""
+    copy = added("docs/simulator.md", "### A new terrain", tmp_path)
+    in_copy(copy, "cmake", "--preset", "host")
+    in_copy(copy, "cmake", "--build", "--preset", "host", "--target", "terrapin", "terrapin_hil")
+    scenario = 'duration = "12 s"\nchecks = ["all(GROUND.terrain[8:] == \'snow\')"]\n[[path]]\nterrain = "snow"\n'
+    scenario += '[[operator]]\nat = "0 s"\nrequest = "run"\nsetpoint = "8 V"\n'
+    (copy / "winter.toml").write_text(scenario)
+    in_copy(copy, "terrapin", "run", "winter.toml", build=copy / "build/host")
+    for shipped in ("steady_sand", "floor_calibration"):  # the others keep their place in the table
+        in_copy(copy, "terrapin", "run", shipped, build=copy / "build/host")
+    tests = ("tests/python/test_plant.py", "-k", "snow or sand", "-q")
+    assert " passed" in in_copy(copy, "python", "-m", "pytest", *tests, build=copy / "build/host").stdout
+
+
+def test_sub_command(tmp_path: Path) -> None:
+    command = added("CONTRIBUTING.md", "**A sub-command**", tmp_path)
+    assert re.search(r"hello\s+Greet a robot\.", in_copy(command, "terrapin", "--help").stdout)
+    assert in_copy(command, "terrapin", "hello", "Li").stdout == "Hello, Li.\n"
+    assert "terrapin hello Reina" in in_copy(command, "terrapin", "hello", "--help").stdout

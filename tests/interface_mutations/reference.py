@@ -1,0 +1,190 @@
+"""controller.toml read a second time, in exact numbers, without terrapin_interface: what must come out."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
+from typing import Any
+
+__all__ = ["Message", "Reference", "Signal", "crc8", "fnv", "protected"]
+
+
+@dataclass(frozen=True)
+class Signal:
+    name: str
+    start: int
+    length: int
+    signed: bool
+    scale: Fraction
+    unit: str
+    minimum: int
+    maximum: int
+    enum: str | None
+    comment: str
+    source: str
+    one: Fraction | None  # of the source, in the signal's unit
+    ceiling: bool
+
+    @property
+    def unsigned_word(self) -> bool:
+        return self.length == 32 and not self.signed
+
+    @property
+    def kind(self) -> str:
+        """Of the field that the core fills."""
+        if self.source or self.enum or self.signed:
+            return "uint32_t" if self.unsigned_word else "int32_t"
+        return "bool" if self.length == 1 else "uint32_t"
+
+    @property
+    def divisor(self) -> int:
+        if self.one is None:
+            return 1
+        divisor = self.scale / self.one
+        assert abs(divisor - round(divisor)) < Fraction(1, 10**6), "not whole: the generator should have refused it"
+        return round(divisor)
+
+    def held(self, raw: int) -> int:
+        return min(max(raw, self.minimum), self.maximum)
+
+    def shown(self, value: int, one: Fraction | None = None) -> tuple[int, bool]:
+        """Raw number of `value` in units of its source, and whether it counts as fitting."""
+        steps = Fraction(value) * (one if one is not None else self.one or self.scale) / self.scale
+        raw = int(steps)  # towards zero
+        if self.ceiling:
+            return min(max(raw, self.minimum, -self.maximum), self.maximum), True
+        return self.held(raw), self.held(raw) == raw
+
+
+@dataclass(frozen=True)
+class Message:
+    name: str
+    table: Mapping[str, Any]
+    signals: tuple[Signal, ...]
+
+    @property
+    def id(self) -> int:
+        return int(self.table["id"])
+
+    @property
+    def length(self) -> int:
+        return int(self.table.get("length", max((s.start + s.length + 7) // 8 for s in self.signals)))
+
+    @property
+    def telemetry(self) -> bool:
+        return self.table["sender"] == "controller" and self.table.get("cycle_ms", 0) > 0
+
+    @property
+    def own(self) -> tuple[Signal, ...]:
+        """Without what the protection fills."""
+        e2e = self.table.get("e2e", False)
+        return tuple(s for s in self.signals if not (e2e and s.name in ("counter", "crc")))
+
+    def pack(self, raw: Mapping[str, int]) -> bytes:
+        bits = 0
+        for s in self.signals:
+            for i in range(s.length):
+                bits |= (raw.get(s.name, 0) >> i & 1) << (s.start + i)
+        return bits.to_bytes(8, "little")
+
+    def unpack(self, data: bytes) -> dict[str, int]:
+        found = {}
+        for s in self.signals:
+            value = sum((data[(s.start + i) // 8] >> (s.start + i) % 8 & 1) << i for i in range(s.length))
+            found[s.name] = value - (1 << s.length) if s.signed and value >> (s.length - 1) else value
+        return found
+
+
+class Reference:
+    """A description that was accepted."""
+
+    def __init__(self, text: str) -> None:
+        self.toml = tomllib.loads(text, parse_float=Decimal)
+        self.messages = [self._message(name, table) for name, table in self.toml.get("message", {}).items()]
+
+    def _message(self, name: str, table: Mapping[str, Any]) -> Message:
+        return Message(name, table, tuple(self._signal(entry) for entry in table["signals"]))
+
+    def _signal(self, entry: Mapping[str, Any]) -> Signal:
+        signed, length = entry.get("signed", False), entry["length"]
+        low, high = (-(2 ** (length - 1)), 2 ** (length - 1) - 1) if signed else (0, 2**length - 1)
+        source = entry.get("source", "")
+        known = [key for key in self.toml.get("suffix", {}) if source.endswith("_" + key)]
+        return Signal(
+            entry["name"], entry["start"], length, signed, Fraction(entry.get("scale", 1)), entry.get("unit", ""),
+            entry.get("min", low), entry.get("max", high), entry.get("enum"), entry.get("comment", ""), source,
+            Fraction(self.toml["suffix"][max(known, key=len)][0]) if known else None, entry.get("ceiling", False),
+        )  # fmt: skip
+
+    def json(self) -> dict[str, Any]:
+        """What interface.json must say."""
+        t = self.toml
+        nodes = {role: str(node) for role, node in t["node"].items()}
+
+        def signal(s: Signal) -> dict[str, Any]:
+            fields = ("name", "start", "length", "signed", "unit", "minimum", "maximum", "enum", "comment", "source")
+            return {name: getattr(s, name) for name in fields} | {
+                "scale": float(s.scale), "divisor": s.divisor, "ceiling": s.ceiling
+            }  # fmt: skip
+
+        def constants(kind: str, *more: str) -> list[dict[str, Any]]:
+            return [
+                {"name": n, "value": float(e["value"]), "unit": e.get("unit", ""), "meaning": e["meaning"]}
+                | {key: e[key] for key in more}
+                for n, e in t.get(kind, {}).items()
+            ]
+
+        return {
+            **{key: t["controller"][key] for key in ("name", "version", "tick_hz")},
+            "nodes": nodes,
+            "enums": {name: entry["values"] for name, entry in t.get("enum", {}).items()},
+            "messages": [
+                {
+                    "name": m.name, "id": m.id, "sender": m.table["sender"], "length": m.length,
+                    "cycle_ms": m.table.get("cycle_ms", 0), "e2e": m.table.get("e2e", False),
+                    "comment": m.table.get("comment", ""), "signals": [signal(s) for s in m.signals],
+                }
+                for m in self.messages
+            ],
+            "parameters": [
+                {
+                    "name": name, "index": index, "default": e["default"], "minimum": e["min"], "maximum": e["max"],
+                    "unit": e.get("unit", ""), "scale": float(e.get("scale", 1.0)), "meaning": e["meaning"],
+                    "protects": e.get("protects", ""),
+                }
+                for index, (name, e) in enumerate(t.get("parameter", {}).items())
+            ],
+            "faults": [
+                {key: e[key] for key in ("number", "cause", "reaction", "latched", "within_ms")}
+                | {"name": name, "scenarios": e.get("scenarios", [])}
+                for name, e in t.get("fault", {}).items()
+            ],
+            "limits": constants("limit"),
+            "constants": constants("constant"),
+            "promises": constants("promise", "test"),
+        }  # fmt: skip
+
+
+def crc8(crc: int, data: Sequence[int]) -> int:
+    """CRC-8 SAE J1850, bit by bit, continued from `crc`."""
+    value = crc ^ 0xFF
+    for byte in data:
+        value ^= byte
+        for _ in range(8):
+            value = (value << 1 ^ 0x1D) & 0xFF if value & 0x80 else value << 1
+    return value ^ 0xFF
+
+
+def protected(identifier: int, data: bytes, counter: int) -> bytes:
+    body = data[:6] + bytes([data[6] & 0xF0 | counter % 15])
+    return body + bytes([crc8(0, [identifier & 0xFF, identifier >> 8, *body])])
+
+
+def fnv(name: str, unit: str, scale: float) -> int:
+    value = 2166136261
+    for byte in f"{name}|{unit}|{scale!r}".encode():
+        value = (value ^ byte) * 16777619 % 2**32
+    return value

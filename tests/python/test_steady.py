@@ -1,0 +1,51 @@
+"""The tool that repeats tests sees one that fails now and then, and goes on where it was interrupted."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+TOOL = ROOT / "tests" / "tools" / "steady.py"
+
+FLAKY = """from pathlib import Path
+
+def test_every_third_time_it_fails():
+    count = Path(__file__).with_suffix(".count")
+    number = int(count.read_text()) if count.exists() else 0
+    count.write_text(str(number + 1))
+    assert number != 2
+"""
+
+
+def steady(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, TOOL, *arguments]
+    return subprocess.run(map(str, command), capture_output=True, text=True, check=False, timeout=300)
+
+
+def test_a_test_that_fails_now_and_then_is_seen_and_nothing_runs_twice(tmp_path: Path) -> None:
+    flaky, count, out = tmp_path / "test_flaky.py", tmp_path / "test_flaky.count", tmp_path / "out"
+    flaky.write_text(FLAKY)
+    options = ("--load", 1, "--jobs", 1, "--out", out, flaky)
+    done = steady("--times", 2, *options)
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "2 passed, 0 failed")
+    done = steady("--times", 4, *options)  # as after an interruption: two are left
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (1, "3 passed, 1 failed")
+    assert count.read_text() == "4"
+    assert len(done.stdout.splitlines()) == 3
+    (log,) = out.glob("*.log")
+    assert "assert 2 != 2" in log.read_text()
+
+
+def test_it_finds_the_tests_that_wait() -> None:
+    found = steady("--list").stdout.split()
+    waiting = (
+        "browser/test_tutorial.py",
+        "links/test_slcan_process.py",
+        "python/test_fleet.py",
+        "web/test_view_api.py",
+    )
+    for name in waiting:
+        assert f"tests/{name}" in found
+    assert "tests/python/test_lagged.py" not in found

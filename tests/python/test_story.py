@@ -1,0 +1,328 @@
+"""One telling: every teller says the same chip, sentences and numbers of a verdict, and each is written once."""
+
+from __future__ import annotations
+
+import ast
+import html
+import json
+import re
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from terrapin_hil.paths import ROOT
+from terrapin_tools.web.cases import view as page_view
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.case.changes import add_effects
+from terrapin_tools.workbench.compare.comparison import Analysis, analyse
+from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.experiment.proposal import Experiment
+from terrapin_tools.workbench.files.json_text import to_json
+from terrapin_tools.workbench.fleet.fleet import Result
+from terrapin_tools.workbench.fleet.lines import json_line
+from terrapin_tools.workbench.story import answer, page, terminal
+from terrapin_tools.workbench.story.plot_data import page_data
+from terrapin_tools.workbench.story.story import Findings, Story
+from terrapin_tools.workbench.story.terminal import tell, tell_shortly
+from terrapin_tools.workbench.story.told import found_by, told
+
+TOOLS = ROOT / "host_tools" / "terrapin_tools"
+CHIPS = {
+    "adequate": "adequate",
+    "doubtful": "no alarm",
+    "missing": "something is missing",
+    "ambiguous": "the data cannot tell",
+    "unexplained": "unexplained",
+}
+
+
+@dataclass(frozen=True)
+class Example:
+    folder: Path
+    analysis: Analysis
+    story: Story
+
+
+@pytest.fixture(scope="module")
+def examples(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Example]:
+    """The heated motor as discover answers it, and with other answers put in the place of that one."""
+    made: dict[str, Example] = {}
+    for verdict in CHIPS:
+        folder = tmp_path_factory.mktemp("cases") / verdict
+        shutil.copytree(ROOT / "cases" / "heated_motor", folder, ignore=shutil.ignore_patterns(".terrapin"))
+        if verdict in ("adequate", "doubtful"):
+            (folder / "case.toml").write_text(add_effects(load_case(folder).text, ["motor_heating"], {}))
+        if verdict in ("adequate", "doubtful", "missing"):
+            discovery = discover(load_case(folder), bootstrap=20)
+            if verdict != "missing":
+                sure = {"adequate": 0.9123, "doubtful": 0.3123}[verdict]
+                discovery = replace(discovery, answer_probability=sure)
+            analysis, found = discovery.analysis, found_by(discovery)
+        else:
+            first = made["missing"]
+            analysis = replace(first.analysis, case=load_case(folder))
+            found = _another(first.story.found, verdict)
+        assert found.verdict == verdict.replace("doubtful", "adequate")
+        story = told(analysis, found)
+        answer.keep(folder, story)
+        made[verdict] = Example(folder, analysis, story)
+    return made
+
+
+def _another(found: Findings | None, verdict: str) -> Findings:
+    assert found is not None
+    if verdict == "ambiguous":
+        reason = "motor_heating and viscous_friction predict the same here because load stays at 18.6 N in all runs"
+        settings = ({"load": 12.3456, "speed": 0.25}, {"load": 31.0, "speed": -0.75})
+        plan = Experiment(("load", "speed"), settings, {"temperature": 1e-9}, ("motor_heating", "x"), 2, 0.004, reason)
+        rivals = (("motor_heating",), ("viscous_friction", "current_offset"))
+        return replace(found, verdict=verdict, probability=0.4321, rivals=rivals, plan=plan)
+    return replace(
+        found,
+        verdict=verdict,
+        missing=(),
+        probability=0.8765,
+        together={},
+        ladder=found.ladder[:-1],
+        operating=(),
+        remarks=("The best set, a+b, leaves more than noise: error 2.17 training, 4.59 held out.",),
+    )
+
+
+def _words(text: str) -> str:
+    """Text as one line, in ASCII where a terminal has it so."""
+    return re.sub(r"\s+", " ", text.replace("±", "+-"))
+
+
+def _plain(page_text: str) -> str:
+    body = re.sub(r"<(script|style).*?</\1>", " ", page_text, flags=re.DOTALL)
+    return html.unescape(re.sub(r"<[^>]+>", "", re.sub(r"</(li|p|td|th|span|b|h2|button)>", " ", body)))
+
+
+def _texts(value: Any) -> Iterator[str]:
+    if isinstance(value, dict):
+        value = [part for entry in value.items() for part in entry]
+    if isinstance(value, list | tuple):
+        for one in value:
+            yield from _texts(one)
+    elif isinstance(value, str):
+        yield value
+
+
+def by_terminal(example: Example) -> str:
+    return tell(example.story)
+
+
+def by_report(example: Example) -> str:
+    return _plain(page.render(example.story, page_data(example.analysis, example.story, ())))
+
+
+def by_page(example: Example) -> str:
+    shown = page_view.view(example.folder)
+    shown.pop("plot")
+    return "\n".join(_texts(shown))
+
+
+TELLERS = {"terminal": by_terminal, "report": by_report, "page": by_page}
+
+
+def check(chip: str, example: Example, said: str) -> None:
+    """A teller says what is in the story, formatted here a second time."""
+    story, found, said = example.story, example.story.found, _words(said)
+    assert found is not None
+    assert re.search(rf"(^|[\[ ]){chip}($|[\] ])", said)
+    assert not any(f"[{other}]" in said for other in CHIPS.values() if other != chip)
+    expected = [story.headline, story.alarm, *story.notes, story.heading, story.measure, story.next.text]
+    expected += [place.sentence for place in story.where]
+    expected += [f"{place.variable} " for place in story.where]
+    expected += [f"probability {found.probability:.2f}"] if story.verdict != "ambiguous" else []
+    expected += [f"{abs(place.mean):.1f} noise sd" for place in story.where]
+    for card in story.cards[:3]:
+        one = card.proposal
+        shown = f"{one.probability:.2f}" if one.probability >= 0.005 else "below 0.01"
+        assert re.search(rf"{one.effect}\s.*?{re.escape(shown)}", said), (one.effect, shown)
+        expected += [card.reason]
+        if one.effect in found.missing:
+            expected += [f"{name} = {value.value:.5g} +- {value.sd:.2g}" for name, value in card.values.items()]
+    for key, value in story.parameters.items():
+        expected += [key, f"{value.value:.5g} +- {value.sd:.2g}"]
+    for name, channel in story.channels.items():
+        expected += [f"{name} {channel.noise_sd:.4g} {channel.train_rmse:.4g} {channel.heldout_rmse:.4g}"]
+    if found.missing and found.verdict == "missing":
+        before, after = (f"{rung.heldout_error:#.3g}" for rung in story.ladder[-2:])
+        expected += [f"from {before} to {after} noise sd", f"leaves {after} noise sd on held-out runs"]
+    if "Errors in noise sd" in said:  # report and page draw the ladder
+        rungs = ((rung.added or "(base model)", rung.train_error, rung.heldout_error) for rung in story.ladder)
+        expected += [f"{added} {train:#.3g} {held:#.3g}" for added, train, held in rungs]
+    expected += [part for row in story.chances for part in row]
+    expected += [f"named first in {round(100 * o.named)} of 100" for o in found.operating]
+    if found.plan is not None:
+        expected += [f"{setting[role]:.4g}" for setting in found.plan.settings for role in found.plan.vary]
+        expected += [
+            "load, N",
+            "Hold temperature 0 degC. Afterwards the wrong one would be preferred in fewer than 1 of 100",
+        ]
+    for text in expected:
+        assert _words(text) in said, text
+
+
+@pytest.mark.parametrize("teller", TELLERS)
+@pytest.mark.parametrize("verdict", CHIPS)
+def test_every_teller_says_the_same(examples: dict[str, Example], verdict: str, teller: str) -> None:
+    check(CHIPS[verdict], examples[verdict], TELLERS[teller](examples[verdict]))
+
+
+@pytest.mark.parametrize("verdict", CHIPS)
+def test_lines_and_json_say_the_same(examples: dict[str, Example], verdict: str) -> None:
+    example = examples[verdict]
+    story, found = example.story, example.story.found
+    assert found is not None
+    line = tell_shortly(story)
+    assert line.startswith(f"[{CHIPS[verdict]}] ")
+    assert f"(probability {found.probability:.2f})" in line
+    errors = [f"{rung.heldout_error:#.3g}" for rung in story.ladder]
+    assert line.endswith("; held-out error " + " -> ".join(errors))
+    assert all(error in _words(tell(story)) for error in errors)
+    said = answer.answer(story)
+    assert (said["verdict"], said["answer_probability"]) == (found.verdict, found.probability)
+    assert [c["probability"] for c in said["candidates"]] == [c.probability for c in found.candidates]
+    assert [rung["heldout_error"] for rung in said["ladder"]] == [rung.heldout_error for rung in story.ladder]
+    of_fleet = json.loads(json_line(Result(example.folder, story, "")))
+    assert of_fleet.pop("folder") == example.folder.name
+    assert of_fleet == said
+
+
+@pytest.mark.parametrize("verdict", CHIPS)
+def test_a_kept_answer_is_the_same_story(examples: dict[str, Example], verdict: str) -> None:
+    example = examples[verdict]
+    again = told(example.analysis, answer.recall(example.folder))
+    assert to_json(answer.answer(again)) == to_json(answer.answer(example.story))
+    for mine, kept in zip(
+        (again.headline, again.where, again.notes, again.chances, again.next),
+        (s := example.story) and (s.headline, s.where, s.notes, s.chances, s.next),
+        strict=True,
+    ):
+        assert mine == kept
+    assert [(c.reason, c.values) for c in again.cards] == [(c.reason, c.values) for c in example.story.cards]
+
+
+def test_a_broken_kept_answer_is_as_good_as_none(examples: dict[str, Example], tmp_path: Path) -> None:
+    folder = tmp_path / "case"
+    shutil.copytree(examples["missing"].folder, folder)
+    assert answer.recall(folder) is not None
+    assert answer.recall(folder, 0.05) is not None
+    assert answer.recall(folder, 0.01) is None
+    file = folder / ".terrapin" / "discover.json"
+    kept = json.loads(file.read_text())
+    for key, value in (("where", [{}]), ("ladder", 3), ("candidates", [{"effect": "x"}]), ("answer_probability", "?")):
+        file.write_text(json.dumps({**kept, key: value}))
+        assert answer.recall(folder) is None
+
+
+PLANTED: list[tuple[str, Any, str, Callable[..., str]]] = [
+    ("terminal", terminal, "chance", lambda p: f"{p + 0.01:.2f}"),
+    ("terminal", terminal, "amount", lambda value: f"{value.value:.4g}"),
+    ("terminal", terminal, "in_sd", lambda value: f"{value:.2f}"),
+    ("terminal", terminal, "number", lambda value, digits=4: f"{value:.2f}" if value else "-"),
+    ("report", page.sentences, "chance", lambda p: f"{100 * p:.0f} %"),
+    ("report", page.sentences, "number", lambda value, digits=4: f"{value:.2f}"),
+    ("page", page_view, "_card", lambda card: {"effect": card.proposal.effect, "chance": "0.50"}),
+]
+
+
+@pytest.mark.parametrize(("teller", "module", "name", "wrong"), PLANTED)
+def test_a_teller_with_a_number_of_its_own_is_caught(
+    examples: dict[str, Example],
+    monkeypatch: pytest.MonkeyPatch,
+    teller: str,
+    module: Any,
+    name: str,
+    wrong: Callable[..., str],
+) -> None:
+    monkeypatch.setattr(module, name, wrong)
+    with pytest.raises(AssertionError):
+        check(CHIPS["missing"], examples["missing"], TELLERS[teller](examples["missing"]))
+
+
+def test_compare_says_the_same_everywhere(examples: dict[str, Example], tmp_path: Path) -> None:
+    """Before discover: the test's sentence, the same chip, and the next step."""
+    folder = tmp_path / "case"
+    shutil.copytree(ROOT / "cases" / "heated_motor", folder, ignore=shutil.ignore_patterns(".terrapin"))
+    analysis = analyse(load_case(folder))
+    example = Example(folder, analysis, told(analysis))
+    assert example.story.found is None
+    for teller in TELLERS.values():
+        said = _words(teller(example))
+        for text in ("something is missing", example.story.headline, example.story.next.text, *example.story.notes):
+            assert _words(text) in said
+
+
+# ---------------------------------------------------------------- written once
+
+
+def _constants(path: Path) -> list[str]:
+    """Texts in a module, docstrings apart; of an f-string each part."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    documents = {
+        id(node.body[0].value)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+        and node.body
+        and isinstance(node.body[0], ast.Expr)
+    }
+    return [
+        node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documents
+    ]
+
+
+def _phrases(text: str) -> list[str]:
+    """The part of a text that would be known again: two words and more, without what stands around it."""
+    bare = re.sub(r"\s+", " ", text).strip(" .:,;()")
+    known = len(bare.split()) > 1 and len(bare) > 16 and not re.fullmatch(r"terrapin \w+", bare)  # a command's name
+    return [bare.lower()] if known else []
+
+
+def twice(sources: dict[str, str], own: list[str]) -> list[str]:
+    """Phrases of `own` that stand in a source as well."""
+    return [f"{where}: {phrase}" for where, text in sources.items() for phrase in own if phrase in text]
+
+
+def _sources() -> dict[str, str]:
+    """Texts of every other module, and whole scripts, in small letters."""
+    found = {}
+    for path in sorted(TOOLS.rglob("*.py")):
+        if path.name != "sentences.py":
+            found[path.relative_to(TOOLS).as_posix()] = re.sub(r"\s+", " ", "\n".join(_constants(path))).lower()
+    for path in sorted((TOOLS / "web" / "static").rglob("*.js")):
+        found[path.relative_to(TOOLS).as_posix()] = re.sub(r"\s+", " ", path.read_text(encoding="utf-8")).lower()
+    return found
+
+
+def test_every_sentence_is_written_once() -> None:
+    constants = [phrase for text in _constants(TOOLS / "workbench/story/sentences.py") for phrase in _phrases(text)]
+    counted = Counter(constants)
+    assert len(counted) > 50
+    assert {"something is missing", "the data cannot tell", "put it in, and see the error fall"} <= counted.keys()
+    assert [phrase for phrase, count in counted.items() if count > 1] == []
+    assert twice(_sources(), list(counted)) == []
+
+
+def test_a_sentence_written_twice_is_found() -> None:
+    own = ["the data cannot tell"]
+    assert twice({"web/static/x.js": "const words = { ambiguous: 'the data cannot tell' };"}, own)
+
+
+def test_scripts_have_no_words_for_verdicts() -> None:
+    for path in sorted((TOOLS / "web" / "static").rglob("*.js")):
+        text = path.read_text(encoding="utf-8")
+        assert not re.search(r"[{,]\s*['\"]?(adequate|missing|ambiguous|unexplained)['\"]?\s*:\s*['\"`]", text), (
+            path.name
+        )
+        assert not re.search(r"verdict\s*[=!]==?", text), path.name

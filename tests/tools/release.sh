@@ -1,0 +1,25 @@
+#!/usr/bin/env bash
+# release.sh [FOLDER]   packs terrapin::core with its generated C into FOLDER (build/release) and prints the archive's path.
+# The same tree gives the same bytes: sorted names, one owner, one time (SOURCE_DATE_EPOCH, else 1980).
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+out=${1:-build/release}
+version=$(sed -n 's/^project(terrapin VERSION \([0-9.]*\) .*/\1/p' CMakeLists.txt)
+name=terrapin-core-$version
+work=$(mktemp -d "${TMPDIR:-/tmp}/terrapin-release.XXXXXX")
+trap 'rm -rf "$work"' EXIT
+tree=$work/$name
+python=.venv/bin/python
+[ -x "$python" ] || python=python3
+
+mkdir -p "$tree/firmware/core" "$tree/firmware/cmake" "$out"
+"$python" -B firmware/terrapin_interface/generate.py --out "$tree/generated"
+cp firmware/core/*.[ch] "$tree/firmware/core/"
+cp firmware/cmake/{core_package,short_core}.cmake firmware/cmake/terrapin-core.pc.in "$tree/firmware/cmake/"
+cp CMakeLists.txt LICENSE "$tree/"
+cp docs/embedding.md "$tree/README.md"
+(cd firmware/terrapin_interface && sha256sum controller.toml) >"$tree/controller.toml.sha256"
+find "$tree" -type d -exec chmod 755 {} + -o -type f -exec chmod 644 {} +
+tar -C "$work" --sort=name --format=ustar --mtime="@${SOURCE_DATE_EPOCH:-315532800}" --owner=0 --group=0 --numeric-owner \
+    -cf - "$name" | gzip -9n >"$out/$name.tar.gz"
+printf '%s\n' "$out/$name.tar.gz"
