@@ -13,6 +13,7 @@ from terrapin_tools.web.service.context import Context, Terrapin
 from terrapin_tools.web.service.jobs import Job
 from terrapin_tools.web.service.models import (
     CLOSED,
+    WHOLE,
     EffectName,
     Formula,
     JobStarted,
@@ -28,7 +29,7 @@ __all__ = ["router"]
 
 router = APIRouter(prefix="/api", tags=["jobs"])
 JobId = Annotated[str, Path(pattern="^[0-9a-f]{12}$")]
-Seed = Annotated[int, Field(ge=0, le=2**31 - 1)]
+Seed = Annotated[int, Field(ge=0, le=2**31 - 1), WHOLE]
 Level = Annotated[float, Field(gt=0.0, lt=1.0)]
 
 
@@ -46,7 +47,7 @@ class Discover(Request):
     do: Literal["discover"]
     seed: Seed = 0
     level: Level = 0.05
-    bootstrap: Annotated[int, Field(ge=0, le=1000)] = 0
+    bootstrap: Annotated[int, Field(ge=0, le=1000), WHOLE] = 0
 
 
 class Add(Request):
@@ -94,7 +95,7 @@ class Experiment(Request):
         list[EffectName],
         Field(default_factory=list, max_length=20, description="one of the rivals; empty: the likeliest"),
     ]
-    seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 1
+    seed: Annotated[int, Field(ge=0, le=2**31 - 1), WHOLE] = 1
 
 
 Body = Annotated[Compare | Discover | Add | Remove | Report | Export | Experiment, Field(discriminator="do")]

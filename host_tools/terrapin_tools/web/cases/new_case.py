@@ -12,6 +12,7 @@ from terrapin_tools.web.service.context import Context, Terrapin
 from terrapin_tools.web.service.jobs import Job, for_a_shell
 from terrapin_tools.web.service.models import (
     CLOSED,
+    WHOLE,
     EffectName,
     Formula,
     JobStarted,
@@ -60,7 +61,7 @@ class NewCase(Request):
         default=None, description="upload of a DBC; a log without one takes the controller's"
     )
     period: Quantity = Field(default="10 ms", description="of the grid that a log is sampled on")
-    every: Annotated[int, Field(ge=1, le=1_000_000, description="take every n-th row of a table")] = 1
+    every: Annotated[int, Field(ge=1, le=1_000_000, description="take every n-th row of a table"), WHOLE] = 1
     run: Line = Field(default="", description="column that names the run; empty: each file is one")
     train: Annotated[list[Line], Field(default_factory=list, max_length=10_000)]
     test: Annotated[list[Line], Field(default_factory=list, max_length=10_000)]

@@ -21,7 +21,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.web.live.session import Picture, Session
 from terrapin_tools.web.live.socket import Audience
 from terrapin_tools.web.service.context import Context, Terrapin
-from terrapin_tools.web.service.models import Line, problems
+from terrapin_tools.web.service.models import WHOLE, Line, problems
 from terrapin_tools.web.service.models import Request as Body
 from terrapin_tools.web.service.uploads import upload_file, upload_view
 from terrapin_tools.web.service.workspace import NAME, NotThere, Taken
@@ -54,7 +54,7 @@ class Watch(Body):
     source: Annotated[str, StringConstraints(pattern=SOURCE, max_length=220)]
     dbc: Annotated[str, StringConstraints(pattern=r"^([A-Za-z0-9][A-Za-z0-9_.-]{0,63})?$")] = ""
     speed: Annotated[float, Field(gt=0.0, le=1000.0, description="of a log: times its own pace")] = 1.0
-    bitrate: Annotated[int, Field(ge=1, le=10_000_000, description="bit/s")] = 500_000
+    bitrate: Annotated[int, Field(ge=1, le=10_000_000, description="bit/s"), WHOLE] = 500_000
     controller: Literal["inprocess", "pty", "qemu"] = "inprocess"
 
 

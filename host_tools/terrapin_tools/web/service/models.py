@@ -4,19 +4,37 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, JsonValue, StringConstraints
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat, JsonValue, StringConstraints
 
 from terrapin_tools.web.service.workspace import NAME
 
 __all__ = [
-    "CLOSED", "Base", "CaseDetail", "CaseSummary", "Effect", "EffectName", "Example", "ExpressionAnswer",
-    "ExpressionRequest", "JobStarted", "JobView", "Name", "Named", "Parameter", "Problem", "Request", "Status",
+    "CLOSED",
+    "WHOLE",
+    "Base",
+    "CaseDetail",
+    "CaseSummary",
+    "Effect",
+    "EffectName",
+    "Example",
+    "ExpressionAnswer",
+    "ExpressionRequest",
+    "JobStarted",
+    "JobView",
+    "Name",
+    "Named",
+    "Parameter",
+    "Problem",
+    "Request",
+    "Status",
     "problems",
 ]  # fmt: skip
 
 CLOSED: dict[str, JsonValue] = {"additionalProperties": False}  # of a dictionary whose keys have a pattern: no others
 Name = Annotated[str, StringConstraints(pattern=NAME, max_length=64)]
 EffectName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,63}$", max_length=64)]
+# JSON has no whole numbers of their own, and its schema calls 500.0 one: a strict model alone would refuse it.
+WHOLE = BeforeValidator(lambda x: int(x) if isinstance(x, float) and x.is_integer() else x)
 Line = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]*$", max_length=200)]
 Formula = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]+$", min_length=1, max_length=2000)]
 

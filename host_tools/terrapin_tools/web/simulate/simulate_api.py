@@ -21,7 +21,7 @@ from terrapin_hil import paths
 from terrapin_tools.errors import UserError
 from terrapin_tools.web.service.context import Context, Terrapin
 from terrapin_tools.web.service.jobs import ENDED, Job
-from terrapin_tools.web.service.models import EffectName, Line, Name, Request, problems
+from terrapin_tools.web.service.models import WHOLE, EffectName, Line, Name, Request, problems
 from terrapin_tools.web.service.workspace import NAME, NotThere, Taken
 
 __all__ = ["begin", "changed_scenario", "router"]
@@ -63,7 +63,7 @@ class Simulate(Request):
     """A run of a shipped scenario with changes; what is left out stays as the scenario has it."""
 
     scenario: Name
-    seed: Annotated[int, Field(ge=0, le=2**53 - 1)] | None = None
+    seed: Annotated[int, Field(ge=0, le=2**53 - 1), WHOLE] | None = None
     link: Literal["inprocess", "pty"] = "inprocess"
     duration: Annotated[float, Field(ge=0.1, le=3600.0, description="s")] | None = None
     supply: Annotated[float, Field(ge=0.0, le=60.0, description="V")] | None = None

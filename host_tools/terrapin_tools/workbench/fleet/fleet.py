@@ -227,9 +227,12 @@ def _deaf_children() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may say so
         return
+    from multiprocessing import resource_tracker as standard_tracker
+
     from joblib.externals.loky.backend import resource_tracker
 
-    resource_tracker.ensure_running()  # started later, it would lift the mask
+    resource_tracker.ensure_running()  # loky starts both with its first process, and each lifts the mask when it starts
+    standard_tracker.ensure_running()
     came: list[int] = []
     usual = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
