@@ -1,6 +1,6 @@
 # The simulator's compiled part. No contraction and no fast maths: a run is a function of scenario, seed and firmware.
 set(HIL_DIR ${CMAKE_SOURCE_DIR}/hil/terrapin_hil)
-set(HIL_FOLDERS ${HIL_DIR}/physics ${HIL_DIR}/physics/ground ${HIL_DIR}/robot/native)
+set(HIL_FOLDERS ${HIL_DIR}/physics ${HIL_DIR}/physics/ground ${HIL_DIR}/physics/equations ${HIL_DIR}/robot/native)
 list(TRANSFORM HIL_FOLDERS APPEND /*.c OUTPUT_VARIABLE HIL_PATTERNS)
 file(GLOB HIL_SOURCES CONFIGURE_DEPENDS ${HIL_PATTERNS})
 if(HIL_SOURCES)

@@ -25,6 +25,7 @@ HEADERS = (
     "rolling.h",
     "pendulum.h",
     "dynamic.h",
+    "equations/ode.h",
     "heading.h",
 )
 _ONE_AT_A_TIME = RLock()  # two threads that make declarations at once would get types that do not mix

@@ -43,6 +43,14 @@ typedef struct {
 /* Value of a formula of `count` instructions. The code must be sound: never deeper than HIL_PROGRAM_DEPTH. */
 double hil_program_run(const hil_instruction *code, int count, double smoothing, const double *values);
 
+enum { HIL_PROGRAM_LENGTH = 2048 }; /* instructions of a formula whose gradient is asked for */
+
+/* The same, of at most HIL_PROGRAM_LENGTH instructions; adds its derivatives by the values to gradient[slot] (as many
+ * as there are slots), by one sweep back through the formula. Where a function has a corner (abs, min) one side's
+ * derivative is taken, where a root begins (sqrt(0)) none. */
+double hil_program_gradient(const hil_instruction *code, int count, double smoothing, const double *values,
+                            double *gradient);
+
 /* Slots of what every model knows of its motion and surroundings; a model's parameters follow from HIL_ROLES on. */
 enum {
     HIL_ROLE_TIME,

@@ -20,7 +20,9 @@ from terrapin_hil.units import read_unit
 from terrapin_hil.units import units as registry
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import BASES, ELSEWHERE, ROLES, Base, formula_name
+from terrapin_tools.workbench.bases.kinds.base import Dynamics
 from terrapin_tools.workbench.case.columns import Measurements, read_measurements
+from terrapin_tools.workbench.case.dynamics import check_dynamics, read_dynamics, with_states
 from terrapin_tools.workbench.case.effects import read_library, sound
 from terrapin_tools.workbench.case.rig_limits import read_limits
 from terrapin_tools.workbench.files.toml_tables import (
@@ -31,7 +33,7 @@ from terrapin_tools.workbench.files.toml_tables import (
     read_case_text,
     read_estimate,
 )
-from terrapin_tools.workbench.files.units import quantity, same_kind, si_factor
+from terrapin_tools.workbench.files.units import in_si, quantity, same_kind, si_factor
 
 __all__ = ["Case", "load_case", "parse_case", "require_effect"]
 
@@ -61,6 +63,7 @@ class Case(Measurements):
     library: Mapping[str, Effect]  # that this base may take: the catalogue with the case's bounds, and the user's own
     scales: Mapping[str, float]  # equation with all units given: what takes a name's number to SI; else empty
     limits: Mapping[str, tuple[float, float]]  # what the rig can set: role -> lowest, highest
+    dynamics: Dynamics | None  # of the user's own
 
     @property
     def rows(self) -> int:
@@ -98,7 +101,9 @@ def parse_case(folder: Path, text: str) -> Case:
         raise complain(f"found {name!r}, which is for {ELSEWHERE[name]}", "model", "base")
     tables.allow((), "case", "model", "parameters", "fit", "effect", "limits", "data")
     tables.allow(("case",), "title", "notes", "source", "comment", "license", "date")
-    tables.allow(("model",), "base", "effects", "effects_folder", "equation")
+    tables.allow(
+        ("model",), "base", "effects", "effects_folder", "equation", "states", "derivative", "measured", "inputs"
+    )
     title = tables.text("case", "title", default=folder.resolve().name)
     base_name = tables.text("model", "base")
     if base_name not in BASES:
@@ -108,12 +113,21 @@ def parse_case(folder: Path, text: str) -> Case:
     measured = read_measurements(folder, tables, base)
     if measured.equations:
         base = replace(base, channels={name: measured.units[name] for name in measured.channels})
+    dynamics = read_dynamics(tables, base, measured)
+    base = with_states(base, dynamics)
     library, effect_names = read_library(folder, tables, base)
     parameters, parameter_units, options = _constants(tables, base, library, effect_names)
     fit = _estimates(tables, base, parameters)
     for name, known in base.parameters.items():
         if known.default is not None and name not in fit and name not in parameters:
             parameters[name], parameter_units[name] = known.default, known.unit
+    units = {**measured.units, **parameter_units, **_fit_units(fit)}
+    if dynamics is not None:
+        names = {*measured.roles, *measured.extra, *parameters, *fit}
+        check_dynamics(dynamics, base, measured, units, names, complain)
+        units |= {name: state.unit for name, state in dynamics.states.items() if state.unit}
+    limits = read_limits(tables, base, measured.units, measured.extra, measured.column_of)
+    more = {} if dynamics is None else {**{n: s.unit for n, s in dynamics.states.items()}, **base.forces}
     case = Case(
         folder=folder,
         text=text,
@@ -125,10 +139,11 @@ def parse_case(folder: Path, text: str) -> Case:
         parameter_units=parameter_units,
         options=options,
         fit=fit,
-        library=sound(tables, base, library, {**measured.units, **parameter_units, **_fit_units(fit)}),
-        scales=_scales(measured.equations, {**parameter_units, **_fit_units(fit), **measured.units}, complain),
-        limits=read_limits(tables, base, measured.units, measured.extra, measured.column_of),
-        **vars(measured),
+        library=sound(tables, base, library, units),
+        scales={} if dynamics else _scales(measured.equations, {**units, **measured.units}, complain),
+        limits=limits,
+        dynamics=dynamics,
+        **{**vars(measured), "units": {**more, **measured.units}},
     )
     _check_names(case, complain)
     return case
@@ -215,7 +230,15 @@ def _estimates(tables: Tables, base: Base, constants: Mapping[str, float]) -> di
         else:
             unit = base.units[name].replace("^n", f"^{_exponent(tables)}")
         estimates[name] = read_estimate(tables, path, unit)
+        if base.own_dynamics and unit:
+            estimates[name] = _taken_to_si(estimates[name])
     return estimates
+
+
+def _taken_to_si(estimate: Estimate) -> Estimate:
+    factor = si_factor(estimate.unit)
+    value, low, high = (factor * one for one in (estimate.value, estimate.minimum, estimate.maximum))
+    return Estimate(estimate.name, value, low, high, in_si(estimate.unit))
 
 
 def _fit_units(fit: Mapping[str, Estimate]) -> dict[str, str]:
@@ -255,7 +278,7 @@ def _check_names(case: Case, complain: Complaint) -> None:
         expected = ", ".join(case.base.channels)
         raise complain(f"no channel is mapped, expected one of {expected}", "data", "columns")
     known = {*case.inputs, *case.parameters, *case.fit}
-    for channel, expression in case.equations.items():
+    for channel, expression in ({} if case.dynamics else case.equations).items():
         unknown = sorted(expression.names - known)
         if unknown:
             raise complain(f"{unknown[0]} is no column, parameter or fitted name", "model", "equation", channel)

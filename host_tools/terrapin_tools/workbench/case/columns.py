@@ -18,7 +18,7 @@ from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.tables import LOG_SUFFIXES, Table, read
 from terrapin_tools.workbench.files.toml_tables import Tables
 
-__all__ = ["Measurements", "mapped_column", "read_measurements"]
+__all__ = ["Measurements", "mapped_column", "read_formulas", "read_measurements"]
 
 
 @dataclass(frozen=True)
@@ -105,20 +105,23 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
 
 def _equations(tables: Tables, base: Base) -> dict[str, Expression]:
     found = tables.table("model", "equation")
-    if not base.own_names:
-        if found:
-            raise tables.complain(f'expected only with base = "equation", found base {base.name}', "model", "equation")
-        return {}
-    if not found:
-        raise tables.complain("missing, expected one line CHANNEL = FORMULA for each channel", "model", "equation")
-    equations = {}
-    for channel in found:
-        path = ("model", "equation", channel)
+    key = "measured" if base.own_dynamics else "equation"
+    if found and (base.own_dynamics or not base.own_names):
+        raise tables.complain(f'expected only with base = "equation", found base {base.name}', "model", "equation")
+    return read_formulas(tables, "model", key, expected="CHANNEL = FORMULA for each channel") if base.own_names else {}
+
+
+def read_formulas(tables: Tables, *path: str, expected: str) -> dict[str, Expression]:
+    """A table of formulas, with at least one."""
+    formulas = {}
+    for name in tables.table(*path):
         try:
-            equations[channel] = parse(tables.text(*path))
+            formulas[name] = parse(tables.text(*path, name))
         except ValueError as error:
-            raise tables.complain(str(error), *path) from None
-    return equations
+            raise tables.complain(str(error), *path, name) from None
+    if not formulas:
+        raise tables.complain(f"missing, expected one line {expected}", *path)
+    return formulas
 
 
 def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) -> list[Mapped]:
@@ -134,9 +137,9 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
             raise tables.complain(f"unknown role or channel, expected one of {expected}", *path)
         tables.entry(path, "column", "unit", also=("sigma",) if channel else ())
         unit = tables.text(*path, "unit", default="1" if free else None)
-        canonical = unit if free else CHANNELS.get(name) or ROLES[name]
         try:
             units.check(unit)
+            canonical = units.in_si(unit) if base.own_dynamics else unit if free else CHANNELS.get(name) or ROLES[name]
             if not units.same_kind(unit, canonical):
                 raise ValueError(f"found {unit!r}, which does not convert to {canonical!r}")
             units.convert(1.0, unit, canonical)

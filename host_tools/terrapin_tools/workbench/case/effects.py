@@ -135,8 +135,8 @@ def _own_parameter(tables: Tables, base: Base, path: tuple[str, ...]) -> Paramet
     unit = tables.text(*path, "unit", default=OPEN)
     try:
         units.check(unit)
-        if base.own_names or not unit:
-            factor, spelt = 1.0, unit or ("1" if base.own_names else OPEN)
+        if (base.own_names and not base.own_dynamics) or not unit:
+            factor, spelt = 1.0, unit or ("1" if base.own_names and not base.own_dynamics else OPEN)
         elif units.convert(0.0, unit, plain(read_unit(unit))) != 0.0 and units.si_factor(unit) != 1.0:
             raise ValueError(f"found {unit!r}, whose zero is not that of SI, expected degC, or K for a difference")
         else:
@@ -154,9 +154,9 @@ def sound(tables: Tables, base: Base, library: Mapping[str, Effect], given: Mapp
     `given` holds the units of the model's parameters and constants. An expression that uses a column or a constant
     without a unit is taken as it stands.
     """
-    if base.own_names:
+    if base.own_names and not base.own_dynamics:
         return dict(library)
-    known = {formula_name(role): unit for role, unit in ROLES.items()}
+    known = {} if base.own_names else {formula_name(role): unit for role, unit in ROLES.items()}
     known.update({**{name: unit for name, unit in base.units.items() if "^n" not in unit}, **given})
     known["bulldozing_resistance"] = "N"
     checked = {}
@@ -187,7 +187,9 @@ def sound(tables: Tables, base: Base, library: Mapping[str, Effect], given: Mapp
 def _wanted(effect: Effect, base: Base, known: Mapping[str, str]) -> str | None:
     """The unit that an effect's expression has to come out in."""
     if effect.target in base.forces:
-        return base.forces[effect.target]
+        return base.forces[effect.target] or None
+    if base.own_dynamics:
+        return base.channels[effect.target]
     if effect.target in CHANNELS:
         return "1" if effect.stage == "gain" else CHANNELS[effect.target]
     return known.get(effect.target) if effect.additive else "1"

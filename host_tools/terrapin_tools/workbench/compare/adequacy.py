@@ -243,7 +243,9 @@ def _by_effect(case: Case, adequacy: Adequacy) -> dict[str, float]:
         kind, _, name = label.partition(":")
         if kind != "effect":
             continue
-        effect = case.library[name]
+        effect = case.library.get(name)
+        if effect is None:  # a term of an equation of the user's own
+            continue
         penalty = 2.0 * sum(np.log(max(1, len(p.grid))) for p in effect.parameters[1:])
         for group in effect.needs:
             role = next((r for r in group if r in case.roles), None)

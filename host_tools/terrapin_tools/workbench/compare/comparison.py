@@ -26,7 +26,7 @@ from terrapin_tools.workbench.model.data_columns import (
     column_shapes,
     numeric_columns,
 )
-from terrapin_tools.workbench.model.effect_columns import Shape, shapes_of
+from terrapin_tools.workbench.model.effect_columns import Shape, shapes_of, terms_of
 from terrapin_tools.workbench.model.fitting import Fit, covariance, extend, fit_model
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.ar1 import Noise, estimate_noise, least_noise
@@ -165,7 +165,7 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     model = Model.of(case)
     with np.errstate(all="ignore"):
         first = model.bind(case.inputs, rows).predict(model.start)
-    _require_numbers(case, model, first, rows, "at the start values")
+    _require_numbers(case, model, first, model.start, rows, "at the start values")
     given = [case.sigma[c] for c in model.channels]
     values = measured(model, case.train)
     least = least_noise(measured(model, rows))
@@ -175,8 +175,8 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     for _ in range(1 if all(g is not None for g in given) else 2):
         fits = fitted_on(case, case.effects, case.train, sigma, seed)
         prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)
-        _require_numbers(case, model, prediction, rows, "after the fit")
-        directions = catalogue_directions(model, fits[-1].theta, rows)
+        _require_numbers(case, model, prediction, fits[-1].theta, rows, "after the fit")
+        directions = _directions(model, fits[-1].theta, rows, sigma)
         # a dynamic model's motion depends on what went before: equal inputs are no repeated settings
         roles = {} if case.base.whole_runs else {name: v[rows] for name, v in case.roles.items()}
         pools = _pools(model, directions, shapes, rows)
@@ -185,9 +185,12 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     if not all(g is not None for g in given):
         fits = fitted_on(case, case.effects, case.train, sigma, seed)
         prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)
-        directions = catalogue_directions(model, fits[-1].theta, rows)
+        directions = _directions(model, fits[-1].theta, rows, sigma)
     effects = {e.name: shapes_of(model, fits[-1].theta, e, rows, sigma) for e in candidates(model)}
-    adequacy = assess(case, residual, slopes, noise, directions, effects, shapes, rows, seed)
+    adequacy = assess(
+        case, residual, slopes, noise, directions, {**effects, **terms_of(model, fits[-1].theta, rows, sigma)},
+        shapes, rows, seed,
+    )  # fmt: skip
     missing = adequacy.p_value < level
     scaled = residual / sigma[:, None]
     where = where_it_fails(case, adequacy, scaled, rows, numeric_columns(case), model.channels) if missing else []
@@ -218,13 +221,23 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     )
 
 
-def _require_numbers(case: Case, model: Model, prediction: Array, rows: Mask, when: str) -> None:
+def _require_numbers(case: Case, model: Model, prediction: Array, theta: Array, rows: Mask, when: str) -> None:
     """UserError that names the first row at which the model gives no number (log of a negative one, 1/0, overflow)."""
+    trouble = "" if np.isfinite(prediction).all() else model.bind(case.inputs, rows).trouble(theta)
+    if trouble:
+        raise UserError(f"{case.folder / 'case.toml'}: {trouble} ({when})")
     bad = np.argwhere(~(np.abs(prediction.T) <= LARGEST))
     if bad.size:
         row, channel = (int(index) for index in bad[0])
         place, value = case.place(int(np.flatnonzero(rows)[row])), prediction[channel, row]
         raise UserError(f"{place}: the model gives {value:g} for {model.channels[channel]} {when}, expected a number")
+
+
+def _directions(model: Model, theta: Array, rows: Mask, sigma: Array) -> list[Direction]:
+    """Of the catalogue, and of terms in equations of the user's own."""
+    terms = (one for shapes in terms_of(model, theta, rows, sigma).values() for one in shapes)
+    own = [Direction(one.effect, one.columns.reshape(len(sigma), -1) * sigma[:, None]) for one in terms]
+    return [*catalogue_directions(model, theta, rows), *own]
 
 
 def _pools(model: Model, directions: Sequence[Direction], shapes: dict[str, Shapes], rows: Mask) -> list[Array]:

@@ -26,6 +26,7 @@ __all__ = ["beside_effects", "expressions"]
 REFITTED = 6  # expressions; chosen by hand, for time
 OF_ONE_COLUMN = 2  # of them at most: shapes of one column look alike, and another column must get its chance
 WITHIN = 12.0  # log evidence behind the best beyond which no expression is refitted: as in ranking.py
+ROUGHLY = 0.2  # of the log evidence that the best term gains; chosen by hand
 TERMS = 3  # of a sum, so that a person can read it
 SUMMED = 2  # expressions beside which a second term is looked for; chosen by hand, for time
 NEXT_TERM = 0.02  # prior factor of a further term; chosen by hand
@@ -76,11 +77,17 @@ def expressions(
     effects: dict[str, Effect] = {}
     grouped: dict[str, list[float]] = {}
     tried: dict[str, int] = {}
+    within, texts = WITHIN, set()
+    if case.dynamics is not None:  # a lacking term bends the motion: what is told straight around it is told roughly
+        within = max(WITHIN, ROUGHLY * float(weight[order[0]] - ranker.evidence.nothing))
     for index in order:
         chosen: Sketch = listed.sketches[index]
-        close = weight[index] > max(best, weight[order[0]]) - WITHIN
+        close = weight[index] > max(best, weight[order[0]]) - within
         room = len(effects) < REFITTED and tried.get(chosen.column, 0) < OF_ONE_COLUMN
+        if case.dynamics is not None:
+            room &= (chosen.target, chosen.text) not in texts
         if room and close and ranker.analysis.missing:
+            texts.add((chosen.target, chosen.text))
             tried[chosen.column] = tried.get(chosen.column, 0) + 1
             name = f"expression_{len(effects) + 1}"
             effect = as_effect(chosen, case, name)

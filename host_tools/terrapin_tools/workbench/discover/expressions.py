@@ -79,6 +79,10 @@ def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, 
     case = model.case
     inputs = {name: values[rows] for name, values in case.inputs.items()}
     roles = {formula_name(role) for role in case.roles}
+    if case.dynamics is not None:  # its own states, and what drives them; no clock
+        states = model.bind(case.inputs, rows).motion(theta)
+        inputs = {**states, **{name: values for name, values in inputs.items() if name not in ("time", *states)}}
+        roles |= states.keys()
     ordered = sorted(inputs, key=lambda name: (name not in roles, list(inputs).index(name)))
     usable = [n for n in ordered if np.ptp(inputs[n]) > 1e-9 * max(1e-300, float(np.abs(inputs[n]).max()))][:COLUMNS]
     values = {name: inputs[name] for name in usable}

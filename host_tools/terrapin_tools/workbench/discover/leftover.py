@@ -17,7 +17,7 @@ from scipy.special import chdtrc, fdtrc
 from terrapin_tools.workbench.compare.bayes_factor import BayesFactor, blocks_of
 from terrapin_tools.workbench.compare.comparison import Analysis, error, free_slopes
 from terrapin_tools.workbench.model.data_columns import candidates, column_shapes
-from terrapin_tools.workbench.model.effect_columns import shapes_of
+from terrapin_tools.workbench.model.effect_columns import shapes_of, terms_of
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.noise.ar1 import Ar1
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
@@ -67,6 +67,7 @@ def left(analysis: Analysis, fit: Fit) -> Left:
     ar1 = Ar1(case.run[rows])
     p_value = _squares(Evidence(ar1, scaled, base, known), float(np.min(analysis.noise.freedom)))
     effects = {e.name: shapes_of(fit.model, fit.theta, e, rows, sigma) for e in candidates(fit.model)}
+    effects |= {name: list(shapes) for name, shapes in terms_of(fit.model, fit.theta, rows, sigma).items()}
     blocks = blocks_of(effects, column_shapes(case, rows), case.run[rows], len(scaled))
     factor = float(BayesFactor(ar1, base, known, blocks)(scaled.reshape(-1, 1))[0][0])
     return Left(train, held, float(min(p_value, np.exp(-max(factor, 0.0)))))

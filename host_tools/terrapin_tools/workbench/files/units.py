@@ -19,7 +19,7 @@ from terrapin_hil.reading import shorten
 from terrapin_hil.units import read_unit
 from terrapin_hil.units import units as registry
 
-__all__ = ["check", "convert", "convert_difference", "quantity", "same_kind", "si_factor"]
+__all__ = ["check", "convert", "convert_difference", "in_si", "quantity", "same_kind", "si_factor"]
 
 Numbers = TypeVar("Numbers", float, npt.NDArray[np.float64])
 
@@ -65,6 +65,19 @@ def si_factor(unit: str) -> float:
         return 1.0
     scaled: Any = registry().Quantity(1.0, read_unit(unit)).to_base_units()
     return float(scaled.magnitude)
+
+
+def in_si(unit: str) -> str:
+    """The coherent SI unit of the same kind; degC stays, for formulas know it.
+
+    >>> in_si("rpm"), in_si("degC"), in_si("")
+    ('rad/s', 'degC', '')
+    """
+    if unit.strip() in ("", "degC", "celsius", "degree_Celsius"):
+        return unit.strip() and "degC"
+    if si_factor(unit) == 1.0 and convert(0.0, unit, unit) == 0.0:
+        return unit
+    return f"{registry().Quantity(1.0, read_unit(unit)).to_base_units().units:~C}".replace("**", "^") or "1"
 
 
 def convert_difference(value: float, unit: str, to: str) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import combinations, product
 from math import pi
 
 import numpy as np
@@ -20,7 +20,7 @@ from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_tools.workbench.model.data_columns import GRID_LIMIT
 from terrapin_tools.workbench.model.model import Model
 
-__all__ = ["Shape", "acting", "is_phase", "loudness", "response", "shapes_of"]
+__all__ = ["Shape", "acting", "is_phase", "loudness", "response", "shapes_of", "terms_of"]
 
 SAME = 0.9995  # correlation above which two shapes of one effect are one
 
@@ -66,8 +66,11 @@ def response(model: Model, theta: Array, target: str, rows: Mask, sigma: Array) 
 def acting(model: Model, theta: Array, target: str, rows: Mask, sigma: Array) -> Callable[[Array], Array]:
     """What a small addition to `target` that is `feature` (rows,) changes (channels, rows), in noise sd.
 
-    A dynamic model remembers what acted before: there each feature takes a simulation.
+    A dynamic model remembers what acted before: there each feature takes a simulation, or what the base knows of it.
     """
+    own = model.bind(model.case.inputs, rows).acting(theta, target)
+    if own is not None:
+        return lambda feature: own(feature) / sigma[:, None]
     if not model.case.base.whole_runs or target in model.channels:
         unit_change = response(model, theta, target, rows, sigma)
         return lambda feature: unit_change * feature
@@ -83,6 +86,37 @@ def acting(model: Model, theta: Array, target: str, rows: Mask, sigma: Array) ->
         return np.asarray((bound.predict(np.append(theta, step)) - base) / step / sigma[:, None])
 
     return act
+
+
+def terms_of(model: Model, theta: Array, rows: Mask, sigma: Array) -> dict[str, list[Shape]]:
+    """Simple terms in the equations of the user's own: what each would add to a derivative, by name.
+
+    They stand for all that could be missing there when the question is whether anything is; empty for other bases.
+    """
+    bound = model.bind(model.case.inputs, rows)
+    states = bound.motion(theta)
+    if not states:
+        return {}
+    assert model.case.dynamics is not None
+    used = set().union(*(formula.names for formula in model.case.dynamics.derivative.values()))
+    columns = {name: values[rows] for name, values in model.case.inputs.items() if name in used and name != "time"}
+    columns |= states
+    features = {"1": np.ones(int(rows.sum()))}
+    for name, x in columns.items():
+        features |= {name: x, f"{name}*abs({name})": x * np.abs(x), f"{name}**2": x * x}
+        features |= {f"{name}**3": x**3, f"sign({name})": np.sign(x)}
+    features |= {f"{a}*{b}": columns[a] * columns[b] for a, b in combinations(columns, 2)}
+    found = {}
+    for target in model.case.base.forces:
+        act = acting(model, theta, target, rows, sigma)
+        for name, feature in features.items():
+            change = act(feature)
+            size = loudness(change)
+            if np.isfinite(size) and size > 0.0:
+                column = (change / size).reshape(-1, 1)
+                label = f"{target}: {name}"
+                found[label] = [Shape(label, (), column, 1.0 / size, -np.inf, np.inf)]
+    return found
 
 
 def shapes_of(model: Model, theta: Array, effect: Effect, rows: Mask, sigma: Array) -> list[Shape]:

@@ -18,7 +18,7 @@ import numpy as np
 from terrapin_hil.arrays import Array, Mask
 from terrapin_hil.physics.effects import Effect
 from terrapin_hil.physics.expression import Expression, parse
-from terrapin_tools.workbench.bases.kinds.base import Fitted, Problem, Runs
+from terrapin_tools.workbench.bases.kinds.base import Act, Fitted, Problem, Runs
 from terrapin_tools.workbench.case.case import Case
 
 __all__ = ["Bound", "Model"]
@@ -85,9 +85,10 @@ class Model:
             runs=runs,
             formulas=case.equations,
             scales=case.scales,
+            dynamics=case.dynamics,
         )
         predictor = case.base.predictor(problem)
-        return Bound(self, predictor.predict, predictor.jacobian)
+        return Bound(self, predictor.predict, predictor.jacobian, predictor.motion, predictor.acting, predictor.trouble)
 
 
 @dataclass(frozen=True)
@@ -96,11 +97,15 @@ class Bound:
 
     `predict`: channels (channels, rows) for parameters (parameters,); (sets, channels, rows) for (sets, parameters).
     `jacobian`: the prediction and its derivatives (channels, rows, parameters).
+    `motion`, `acting`, `trouble`: as a base's Predictor has them.
     """
 
     model: Model
     predict: Callable[[Array], Array]
     jacobian: Callable[[Array], tuple[Array, Array]]
+    motion: Callable[[Array], Mapping[str, Array]]
+    acting: Callable[[Array, str], Act | None]
+    trouble: Callable[[Array], str]
 
 
 def _fitted(effect: Effect) -> list[Fitted]:

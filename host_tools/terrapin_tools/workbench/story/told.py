@@ -171,7 +171,7 @@ def _cards(analysis: Analysis, found: Findings) -> list[Card]:
                 title=effect.title if effect and effect.title else "Expression found in the residuals",
                 named=one.effect in named,
                 latex=parse(one.expression).to_latex() if own or effect is None else effect.equation,
-                acts=sentences.acts(one.target, case.base.channels) if own else "",
+                acts=sentences.acts(one.target, {**case.base.channels, **case.base.forces}) if own else "",
                 source=effect.source if effect else "",
                 reason=sentences.reason(found, one, _why_not(analysis, found, effect)),
                 values=found.together.get(one.effect, one.parameters),

@@ -11,7 +11,22 @@ from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_hil.physics.effects import Effect
 from terrapin_hil.physics.expression import Expression
 
-__all__ = ["PRODUCT_COST", "Base", "Fitted", "Predictor", "Problem", "Quantity", "Runs", "Target"]
+__all__ = [
+    "CHANNEL_COST",
+    "PRODUCT_COST",
+    "Act",
+    "Base",
+    "Dynamics",
+    "Fitted",
+    "Predictor",
+    "Problem",
+    "Quantity",
+    "Runs",
+    "State",
+    "Target",
+]
+
+Act = Callable[[Array], Array]
 
 Factor = tuple[str, float, bool]
 Target = tuple[str, float]
@@ -64,6 +79,24 @@ class Runs:
 
 
 @dataclass(frozen=True)
+class State:
+    """A state of the user's own. `initial`: its value at a run's first row, the name of a column that has it there, or
+    None where each run's own is fitted."""
+
+    unit: str  # SI, "" for none
+    initial: float | str | None
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """Differential equations of the user's own. `held`: inputs keep their value until the next row."""
+
+    states: Mapping[str, State]
+    derivative: Mapping[str, Expression]
+    held: bool
+
+
+@dataclass(frozen=True)
 class Problem:
     """What is to be predicted. `inputs` holds every row, by the names that formulas use; `rows` masks those wanted.
 
@@ -80,6 +113,7 @@ class Problem:
     runs: Runs | None
     formulas: Mapping[str, Expression]  # of the user's own, by channel
     scales: Mapping[str, float]  # what takes each name's number to SI, where all units of the formulas are given
+    dynamics: Dynamics | None = None
 
     @property
     def count(self) -> int:
@@ -110,6 +144,21 @@ class Predictor:
         sets = np.vstack([theta, theta + np.diag(np.where(theta + step > self.upper, -step, step))])
         return sets, np.diagonal(sets[1:]) - theta
 
+    def motion(self, theta: Array) -> Mapping[str, Array]:
+        """What the model computes beside its channels (rows,), by the names that formulas say."""
+        return {}
+
+    def acting(self, theta: Array, target: str) -> Act | None:
+        """What takes a small addition to `target` (rows,) to the change of the prediction (channels, rows).
+
+        None where the base has no way of its own to tell.
+        """
+        return None
+
+    def trouble(self, theta: Array) -> str:
+        """Why there is no prediction, in words, where the base knows better than that there is none; else ""."""
+        return ""
+
     def jacobian(self, theta: Array) -> tuple[Array, Array]:
         """Prediction (channels, rows) and its derivatives (channels, rows, parameters)."""
         sets, step = self.moved(theta)
@@ -138,6 +187,7 @@ class Base:
     follows: tuple[str, ...] = ("time", "angle", "temperature", "voltage")  # from a run, rather than chosen for it
     left_out: Mapping[str, str] = field(default_factory=dict)  # roles that a new case does not map, and why
     own_names: bool = False  # names and units are the user's own
+    own_dynamics: bool = False  # so are its states and their derivatives
     whole_runs: bool = False  # integrates over a run: what happened before counts
     convex: bool = False  # one start finds the one minimum
     on_robot: bool = False  # the simulator can be the robot

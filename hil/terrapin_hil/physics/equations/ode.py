@@ -1,0 +1,163 @@
+"""Differential equations of the user's own, integrated by ode.c with exact derivatives.
+
+    fall = Ode(2, {"g": 3}, [instructions("v", slots, {}), instructions("-g", slots, {})], [...])
+    run = fall.run(values, time, inputs, start)
+    run.states, run.channels, run.slopes
+
+A table of values has the time at slot 0, the states from slot 1 on, then whatever else the formulas name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from terrapin_hil.arrays import Array
+from terrapin_hil.physics.compiled import ffi, library, pointer
+from terrapin_hil.physics.program import Instruction
+
+__all__ = ["MOST_FREE", "MOST_STATES", "MOST_VALUES", "Linear", "Ode", "OdeDrive", "OdeError", "OdeRun"]
+
+MOST_STATES, MOST_VALUES = 8, 256  # HIL_ODE_STATES, HIL_ODE_VALUES
+MOST_FREE = 64 - MOST_STATES  # HIL_ODE_COLUMNS
+LENGTH = 2048  # HIL_PROGRAM_LENGTH
+RELATIVE = 1e-7  # tolerance of a step: far below any noise, and difference quotients of predictions stay smooth
+BOUND = 1e12  # of a state
+
+
+class OdeError(Exception):
+    """The solution leaves all bounds, or is too stiff. `state` is its number, `time` [s] that of the run."""
+
+    def __init__(self, stiff: bool, state: int, time: float) -> None:
+        super().__init__("too stiff" if stiff else "leaves all bounds")
+        self.stiff, self.state, self.time = stiff, state, time
+
+
+@dataclass(frozen=True)
+class OdeDrive:
+    """One run: time (samples,), rising; `inputs` (samples, columns) and the slot of each column. All contiguous."""
+
+    time: Array
+    inputs: Array
+    slots: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class OdeRun:
+    """states (samples, states), channels (samples, channels), slopes (samples, channels, states + free) or None."""
+
+    states: Array
+    channels: Array
+    slopes: Array | None
+
+
+class Linear:
+    """A solution's neighbourhood: what additions to the derivative of one state change."""
+
+    def __init__(self, ode: Ode, record: Array, output: Array) -> None:
+        self._ode, self._record, self._output = ode, record, output
+
+    def respond(self, addition: Array) -> Array:
+        """Change of the channels (samples, channels) by an addition (samples,), linear between samples."""
+        found = np.empty(self._output.shape[:2])
+        whole = np.ascontiguousarray(addition, dtype=np.float64)
+        library().hil_ode_respond(
+            self._ode.native, len(whole), pointer(self._record), pointer(self._output), pointer(whole), pointer(found)
+        )
+        return found
+
+
+class Ode:
+    """A system of equations, ready to run.
+
+    Parameters
+    ----------
+    derivatives, channels : instructions of each state's derivative, and of each channel.
+    values : slots in all.
+    free : slots of the parameters to take derivatives by.
+    scale : (states,), a size of each state: the absolute tolerance is a 1e-9 of it.
+    smoothing : sign(x) is tanh(x / smoothing); 0 for the very sign.
+    held : inputs hold their value until the next sample; else they are linear between samples.
+
+    Raises
+    ------
+    ValueError : more states, values, free parameters or instructions than ode.h allows.
+    """
+
+    def __init__(
+        self,
+        derivatives: Sequence[list[Instruction]],
+        channels: Sequence[list[Instruction]],
+        values: int,
+        free: Sequence[int],
+        scale: Array,
+        smoothing: float = 0.0,
+        held: bool = False,
+    ) -> None:
+        formulas = [*derivatives, *channels]
+        for name, found, most in (
+            ("states", len(derivatives), MOST_STATES),
+            ("values", values, MOST_VALUES),
+            ("fitted parameters", len(free), MOST_FREE),
+            ("operations in a formula", max(map(len, formulas)), LENGTH),
+        ):
+            if found > most:
+                raise ValueError(f"found {found} {name}, expected at most {most}")
+        f = ffi()
+        self.states, self.channels, self.free = len(derivatives), len(channels), len(free)
+        begin = np.cumsum([0, *map(len, formulas)])[:-1].tolist()
+        self._absolute = np.ascontiguousarray(1e-2 * RELATIVE * scale)
+        self._kept: list[Any] = [
+            f.new("hil_instruction[]", [one for formula in formulas for one in formula]),
+            f.new("int[]", begin),
+            f.new("int[]", [len(formula) for formula in formulas]),
+            f.new("int[]", list(free) or [0]),
+        ]
+        code, begins, counts, slots = self._kept
+        numbers = (self.states, self.channels, values, self.free, slots, code, begins, counts)
+        limits = (smoothing, RELATIVE, pointer(self._absolute), BOUND, int(held))
+        self.native = f.new("hil_ode *", (*numbers, *limits))
+
+    def run(self, values: Array, drive: OdeDrive, start: Array, slopes: bool) -> OdeRun:
+        """States and channels from `start` (states,) on, with their derivatives if asked for. OdeError."""
+        count, columns = len(drive.time), self.states + self.free
+        states, channels = np.empty((count, self.states)), np.empty((count, self.channels))
+        by = np.empty((count, self.channels, columns)) if slopes else None
+        record, kept = _drive(drive)
+        begin = np.ascontiguousarray(start, dtype=np.float64)
+        _check(
+            library().hil_ode_run(
+                self.native, record, pointer(values), pointer(begin), pointer(states), pointer(channels), pointer(by)
+            )
+        )
+        del kept
+        return OdeRun(states, channels, by)
+
+    def linear(self, values: Array, drive: OdeDrive, states: Array, target: int) -> Linear:
+        """The neighbourhood of a solution for additions to the derivative of state `target`. OdeError."""
+        count = len(drive.time)
+        record = np.zeros((count, self.states, self.states + 2))
+        output = np.empty((count, self.channels, self.states))
+        native, kept = _drive(drive)
+        end = library().hil_ode_linear(
+            self.native, native, pointer(values), pointer(states), target, pointer(record), pointer(output)
+        )
+        _check(end)
+        del kept
+        return Linear(self, record, output)
+
+
+def _drive(drive: OdeDrive) -> tuple[Any, Any]:
+    """hil_ode_drive *, and what must be kept alive beside it."""
+    f = ffi()
+    slots = f.new("int[]", list(drive.slots) or [0])
+    record = (len(drive.time), pointer(drive.time), len(drive.slots), slots, pointer(drive.inputs))
+    return f.new("hil_ode_drive *", record), slots
+
+
+def _check(end: Any) -> None:
+    if end.kind:
+        raise OdeError(end.kind == library().HIL_ODE_STIFF, end.state, end.time)

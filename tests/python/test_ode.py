@@ -1,0 +1,313 @@
+"""Differential equations of the user's own: solution and derivatives, cases with them, and what is wrong there."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from terrapin_hil.arrays import Array
+from terrapin_hil.physics.compiled import ffi, library, pointer
+from terrapin_hil.physics.equations.ode import Ode, OdeDrive, OdeError
+from terrapin_hil.physics.expression import parse
+from terrapin_hil.physics.program import instructions
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.case.case import Case, load_case
+from terrapin_tools.workbench.compare.comparison import analyse, error, fitted_on
+from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.model.fitting import covariance
+from terrapin_tools.workbench.model.model import Model
+from tests.campaigns.ode_systems import SYSTEMS, draw, right
+from tests.python.casekit import one_line, terrapin
+
+# f = (x + y)*... of every operation; corners (abs, min) are away from the points
+FORMULAS = (
+    "x*y - x/y + 3",
+    "-x**3 + y**x + x**0.5",
+    "abs(x - 5)*sign(y) + min(x, y)*max(x, 2*y)",
+    "sqrt(x)*exp(-y) + log(x*y)",
+    "sin(x)*cos(y) + tan(x/3) + tanh(y - 1)",
+    "(x > y)*x + (x <= y)*y",
+)
+SLOTS = {"time": 0, "x": 1, "v": 2, "force": 3, "k": 4, "d": 5}
+OSCILLATOR = ("v", "force - d*v - k*x")
+
+
+@pytest.mark.parametrize("text", FORMULAS)
+def test_gradient_is_that_of_the_formula(text: str) -> None:
+    code = instructions(text, {"x": 0, "y": 1}, {})
+    native = ffi().new("hil_instruction[]", code)
+    for point in ((1.3, 0.7), (0.4, 2.2)):
+        at, gradient = np.array(point), np.zeros(2)
+        value = library().hil_program_gradient(native, len(code), 0.1, pointer(at), pointer(gradient))
+        assert value == library().hil_program_run(native, len(code), 0.1, pointer(at))
+        for i in range(2):
+            step = np.zeros(2)
+            step[i] = 1e-6
+            ends = [library().hil_program_run(native, len(code), 0.1, pointer(at + s)) for s in (step, -step)]
+            assert gradient[i] == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-7, abs=1e-8)
+
+
+def oscillator(held: bool = False, formulas: tuple[str, str] = OSCILLATOR) -> Ode:
+    code = [instructions(text, SLOTS, {}) for text in formulas]
+    measured = [instructions(text, SLOTS, {}) for text in ("x", "x*v + k")]
+    return Ode(code, measured, len(SLOTS), [SLOTS["k"], SLOTS["d"]], np.ones(2), held=held)
+
+
+def driven(rows: int = 60, force: Callable[[Array], Array] = np.sin) -> OdeDrive:
+    time = np.linspace(0.0, 6.0, rows)
+    return OdeDrive(time, force(time)[:, None].copy(), (SLOTS["force"],))
+
+
+def values(k: float, d: float) -> Array:
+    table = np.zeros(len(SLOTS))
+    table[[SLOTS["k"], SLOTS["d"]]] = k, d
+    return table
+
+
+def test_solution_is_the_closed_one() -> None:
+    drive = driven(force=np.zeros_like)
+    run = oscillator().run(values(9.0, 0.0), drive, np.array([0.5, 1.2]), False)
+    t = drive.time
+    np.testing.assert_allclose(run.states[:, 0], 0.5 * np.cos(3 * t) + 0.4 * np.sin(3 * t), atol=2e-6)
+
+
+def test_derivatives_are_those_of_the_solution() -> None:
+    ode, drive, start = oscillator(), driven(), np.array([0.5, 1.2])
+    slopes = ode.run(values(9.0, 0.4), drive, start, True).slopes
+    assert slopes is not None
+    for column in range(4):
+        ends = []
+        for sign in (1.0, -1.0):
+            moved, other = start.copy(), np.array([9.0, 0.4])
+            (moved if column < 2 else other)[column % 2] += sign * 1e-4
+            ends.append(ode.run(values(*other), drive, moved, False).channels)
+        np.testing.assert_allclose(slopes[:, :, column], (ends[0] - ends[1]) / 2e-4, atol=2e-4)
+
+
+def test_response_is_that_of_an_addition() -> None:
+    """An addition to a derivative, linear between rows, is what an input would do."""
+    ode, start, size = oscillator(), np.array([0.5, 1.2]), 1e-4
+    shape = np.sign(np.sin(3.0 * driven().time))
+    table = values(9.0, 0.4)
+    plain = ode.run(table, driven(), start, False)
+    more = ode.run(table, driven(force=lambda t: np.sin(t) + size * shape), start, False)
+    found = ode.linear(table, driven(), plain.states, 1).respond(shape)
+    np.testing.assert_allclose(found, (more.channels - plain.channels) / size, atol=1e-3)
+
+
+def test_inputs_hold_or_run() -> None:
+    """x' = force: the integral of steps, and of straight lines."""
+    time = np.array([0.0, 1.0, 2.0])
+    drive = OdeDrive(time, np.array([[0.0], [2.0], [4.0]]), (SLOTS["force"],))
+    for held, end in ((True, 2.0), (False, 4.0)):
+        ode = oscillator(held, ("force", "0*v"))
+        assert ode.run(values(1, 1), drive, np.zeros(2), False).states[-1, 0] == pytest.approx(end)
+
+
+@pytest.mark.parametrize(("formula", "stiff"), [("x*x", False), ("log(-1 - x*x)", False), ("-1e9*(x - v)", True)])
+def test_what_cannot_be_solved_says_where(formula: str, stiff: bool) -> None:
+    with pytest.raises(OdeError) as found:
+        oscillator(formulas=(formula, "cos(20*time)")).run(values(1, 1), driven(), np.array([1.0, 1.0]), False)
+    assert found.value.stiff == stiff
+    assert found.value.state == 0
+    if formula == "x*x":  # 1 / (1 - t)
+        assert found.value.time == pytest.approx(1.0, abs=1e-6)
+
+
+TEXT = """[case]
+title = "Mass on a spring"
+[model]
+base = "ode"
+[model.states]
+x = { initial = "fit", unit = "m" }
+v = { initial = "fit", unit = "m/s" }
+[model.derivative]
+x = "v"
+v = "(force - d*v - k*x)/m"
+[model.measured]
+position = "x"
+[parameters]
+m = "1300 g"
+[fit]
+d = { value = 0.3, min = 0.0, max = 5.0, unit = "N s/m" }
+k = { value = 6.0, min = 0.0, max = 50.0, unit = "N/m" }
+[data]
+files = ["runs.csv"]
+run = "run"
+[data.columns]
+time = { column = "t", unit = "ms" }
+force = { column = "f", unit = "N" }
+position = { column = "x", unit = "mm", sigma = 5.0 }
+"""
+CUBIC, RUNS, ROWS = 5.0, 6, 120
+
+
+def spring(folder: Path, cubic: float = 0.0, text: str = TEXT, seed: int = 1) -> Path:
+    """m = 1.3, d = 0.5, k = 8, in steps of 40 ms, by the project's own integrator at a twentieth of the step."""
+    random = np.random.default_rng(seed)
+    slots = {"time": 0, "x": 1, "v": 2, "force": 3}
+    code = [instructions(one, slots, {}) for one in ("v", f"(force - 0.5*v - 8*x - {cubic}*x**3)/1.3")]
+    ode = Ode(code, [instructions("x", slots, {})], len(slots), [], np.ones(2))
+    clock = 0.04 * np.arange(ROWS)
+    lines = ["run,t,f,x,first"]
+    for run in range(RUNS):
+        force = np.interp(clock, np.linspace(0.0, clock[-1], 9), random.uniform(-6, 6, 9))
+        start = random.uniform(-1, 1, 2)
+        x = ode.run(np.zeros(4), OdeDrive(clock, force[:, None].copy(), (3,)), start, False).states[:, 0]
+        noisy = 1000.0 * x + 5.0 * random.standard_normal(ROWS)
+        lines += [
+            f"r{run},{1000 * t:.9g},{f:.9g},{y:.9g},{start[0]:.9g}" for t, f, y in zip(clock, force, noisy, strict=True)
+        ]
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "runs.csv").write_text("\n".join(lines) + "\n")
+    (folder / "case.toml").write_text(text)
+    return folder
+
+
+def test_the_truth_is_found_and_is_enough(tmp_path: Path) -> None:
+    case = load_case(spring(tmp_path / "case"))
+    found = analyse(case)
+    assert not found.missing
+    assert found.ladder[0].heldout_error == pytest.approx(1.0, abs=0.15)
+    for truth, value, sd in zip((0.5, 8.0), found.fit.theta, found.sd, strict=True):
+        assert abs(value - truth) < 4.0 * sd
+        assert sd < 0.1 * truth
+
+
+def test_the_derivatives_of_a_case_are_those_of_its_prediction(tmp_path: Path) -> None:
+    """Beyond what other starts would do: residuals are at the best start, whatever the parameters."""
+    case = load_case(spring(tmp_path / "case"))
+    bound = Model.of(case).bind(case.inputs, case.train)
+    theta = np.array([0.5, 8.0])
+    prediction, slopes = bound.jacobian(theta)
+    np.testing.assert_allclose(prediction, bound.predict(theta), atol=1e-7)
+    measured = case.channels["position"][case.train]
+    for column in range(2):
+        step = np.zeros(2)
+        step[column] = 1e-3
+        costs = [float(((measured - bound.predict(theta + s)[0]) ** 2).sum()) for s in (step, -step)]
+        gradient = -2.0 * float((measured - prediction[0]) @ slopes[0, :, column])
+        assert gradient == pytest.approx((costs[0] - costs[1]) / 2e-3, rel=1e-3)
+
+
+def test_a_start_from_a_column_or_a_number_holds(tmp_path: Path) -> None:
+    """A wrong known start cannot be mended by a fitted one: the error tells."""
+    right_start = TEXT.replace('x = { initial = "fit"', 'x = { initial = "first"')
+    for text, good in ((right_start, True), (right_start.replace('"first"', "0.5"), False)):
+        case = load_case(spring(tmp_path / str(good), text=text))
+        fit = fitted_on(case, (), case.train, np.array([0.005]))[-1]
+        found = error(fit, case.train, np.array([0.005]))
+        assert found is not None
+        assert (found < 1.1) == good
+
+
+def test_discover_add_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = spring(tmp_path / "case", CUBIC)
+    status, out, _ = terrapin(capsys, "discover", folder)
+    assert status == 0
+    assert "expression_1 = k_*x**3, added to derivative.v" in out.replace("k*x", "k_*x")
+    assert terrapin(capsys, "add", folder, "expression_1")[0] == 0
+    case = load_case(folder)
+    assert case.library["expression_1"].target == "derivative.v"
+    found = analyse(case)
+    assert not found.missing
+    size = found.fit.theta[-1]
+    sd = np.sqrt(covariance(found.fit, case.run[case.train])[0][-1, -1])
+    assert abs(size + CUBIC / 1.3) < 4.0 * sd
+    assert found.fit.model.fitted[-1].unit.replace("**", "^") in ("1/m^2/s^2", "1/s^2/m^2")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("d*v", "d*w", r"case\.toml:10: model\.derivative\.v: w is no state, column, parameter or fitted name"),
+        ('position = "x"', 'position = "y"', r"model\.measured\.position: y is no state"),
+        ('x = "v"\n', "", r"model\.states\.x: has no line in \[model\.derivative\]"),
+        ('v = { initial = "fit", unit = "m/s" }\n', "", r"model\.derivative\.v: no state has this name"),
+        ('"fit", unit = "m" }', '"nowhere", unit = "m" }', r'found .nowhere., expected a number, "fit" or one of'),
+        ('x = { initial = "fit", unit = "m" }', 'x = { unit = "m" }', r"states\.x\.initial: missing"),
+        ('time = { column = "t", unit = "ms" }\n', "", r"data\.columns: role time is not mapped"),
+        ('unit = "N s/m"', 'unit = "N s"', r"case\.toml:10: model\.derivative\.v: .* - between"),
+        ('unit = "m/s" }', 'unit = "m" }', r"model\.derivative\.x: v comes out in m, expected m/s"),
+        ('"mm", sigma = 5.0', '"mm/s"', r"measured\.position: x comes out in m, expected m/s"),
+        ('base = "ode"', 'base = "ode"\ninputs = "cubic"', r"inputs: found 'cubic', expected one of linear, held"),
+        ('base = "ode"', 'base = "equation"', r"model\.equation: missing"),
+        ("d*v", "d*v)", r"model\.derivative\.v: column"),
+        ("m = ", "v = 1\nm = ", r"states\.v: stands in \[parameters\] too"),
+    ],
+)  # fmt: skip
+def test_wrong_equations(tmp_path: Path, old: str, new: str, expected: str) -> None:
+    assert old in TEXT
+    with pytest.raises(UserError, match=expected) as found:
+        load_case(spring(tmp_path / "case", text=TEXT.replace(old, new, 1)))
+    assert "\n" not in str(found.value)
+
+
+def test_time_must_rise(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = spring(tmp_path / "case")
+    lines = (folder / "runs.csv").read_text().splitlines()
+    lines[5], lines[6] = lines[6], lines[5]
+    (folder / "runs.csv").write_text("\n".join(lines) + "\n")
+    status, _, err = terrapin(capsys, "compare", folder)
+    assert status == 2
+    one_line(err, ["runs.csv:7: time: found 0.16 s after 0.2 s in run r0"])
+
+
+@pytest.mark.parametrize(
+    ("formula", "expected"),
+    [
+        ("(force - d*v - k*x)/m + 1e4*v*v*v", "leaves all bounds at time"),
+        ("(force - d*v - k*x)/m - 1e9*(v - cos(50*time)/m)", "is too stiff at time"),
+    ],
+)
+def test_what_cannot_be_solved_is_one_line(
+    formula: str, expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = re.sub(r', unit = "(m|m/s|N s/m|N/m)"', "", TEXT).replace("(force - d*v - k*x)/m", formula)
+    text = text.replace('v = { initial = "fit" }', "v = { initial = 3.0 }")
+    status, _, err = terrapin(capsys, "compare", spring(tmp_path / "case", text=text))
+    assert status == 2
+    one_line(err, ["case.toml: run r0: state v", expected])
+
+
+def test_effects_act_where_they_say(tmp_path: Path) -> None:
+    """The same force as an effect on the derivative and in the equation; an offset on the channel."""
+    effects = '[effect.hard]\nexpression = "-c*x**3"\ntarget = "derivative.v"\nc = { value = 3.0 }\n'
+    effects += '[effect.off]\nexpression = "o"\ntarget = "position"\no = { value = 0.01, unit = "m" }\n'
+    text = TEXT.replace("[parameters]", 'EFFECTS\n[parameters]').replace("EFFECTS", "").replace(
+        'base = "ode"', 'base = "ode"\neffects = ["hard", "off"]'
+    )  # fmt: skip
+    case = load_case(spring(tmp_path / "one", CUBIC, text + effects))
+    written = TEXT.replace("(force - d*v - k*x)/m", "(force - d*v - k*x)/m - 3*x**3").replace(
+        'position = "x"', 'position = "x + 0.01"'
+    )
+    written = re.sub(r', unit = "(m|m/s|N s/m|N/m)"', "", written)
+    other = load_case(spring(tmp_path / "other", CUBIC, written))
+    theta = np.array([0.5, 8.0])
+    acted = predicted(case, np.append(theta, [3.0, 0.01]))
+    np.testing.assert_allclose(acted, predicted(other, theta), atol=5e-6)  # a thousandth of the noise sd
+
+
+def predicted(case: Case, theta: Array) -> Array:
+    return Model.of(case).bind(case.inputs, case.train).predict(theta)
+
+
+@pytest.mark.parametrize("seed", [0, 11])
+def test_drawn_systems(seed: int, tmp_path: Path) -> None:
+    """Few cases of the campaign: the term is named."""
+    drawn = draw(seed, tmp_path / "case", runs=6, rows=250)
+    assert right(drawn, discover(load_case(drawn.folder)))
+
+
+def test_every_drawn_system_is_one(tmp_path: Path) -> None:
+    """Its case can be read, and its true term is not 0."""
+    for seed, system in enumerate(SYSTEMS):
+        drawn = draw(seed, tmp_path / str(seed), runs=2, rows=40)
+        assert drawn.system is system
+        assert load_case(drawn.folder).base.name == "ode"
+        assert np.abs(drawn.term).max() > 0.0
+        assert parse(system.term[1]).names & {*system.derivative, *system.inputs}
