@@ -24,6 +24,7 @@ from terrapin_tools.workbench.bases.kinds.base import Dynamics
 from terrapin_tools.workbench.case.columns import Measurements, read_measurements
 from terrapin_tools.workbench.case.dynamics import check_dynamics, read_dynamics, with_states
 from terrapin_tools.workbench.case.effects import read_library, sound
+from terrapin_tools.workbench.case.groups import read_shares
 from terrapin_tools.workbench.case.rig_limits import read_limits
 from terrapin_tools.workbench.files.toml_tables import (
     Complaint,
@@ -64,6 +65,7 @@ class Case(Measurements):
     scales: Mapping[str, float]  # equation with all units given: what takes a name's number to SI; else empty
     limits: Mapping[str, tuple[float, float]]  # what the rig can set: role -> lowest, highest
     dynamics: Dynamics | None  # of the user's own
+    by: Mapping[str, str]  # fitted parameter -> the grouping of which each group has its own value
 
     @property
     def rows(self) -> int:
@@ -99,7 +101,7 @@ def parse_case(folder: Path, text: str) -> Case:
     name = tables.get("model", "base")
     if isinstance(name, str) and name in ELSEWHERE:  # its case.toml has more tables
         raise complain(f"found {name!r}, which is for {ELSEWHERE[name]}", "model", "base")
-    tables.allow((), "case", "model", "parameters", "fit", "effect", "limits", "data")
+    tables.allow((), "case", "model", "parameters", "fit", "effect", "limits", "data", "groups")
     tables.allow(("case",), "title", "notes", "source", "comment", "license", "date")
     tables.allow(
         ("model",), "base", "effects", "effects_folder", "equation", "states", "derivative", "measured", "inputs"
@@ -143,6 +145,7 @@ def parse_case(folder: Path, text: str) -> Case:
         scales={} if dynamics else _scales(measured.equations, {**units, **measured.units}, complain),
         limits=limits,
         dynamics=dynamics,
+        by=read_shares(tables, measured.groups),
         **{**vars(measured), "units": {**more, **measured.units}},
     )
     _check_names(case, complain)
@@ -224,7 +227,7 @@ def _estimates(tables: Tables, base: Base, constants: Mapping[str, float]) -> di
             raise tables.complain("stands in [parameters] too, expected in one of the two", *path)
         if not base.own_names and name not in base.parameters:
             raise tables.complain(f"unknown name, expected one of {', '.join(base.parameters)}", *path)
-        tables.entry(path, "value", "min", "max", also=("unit",) if base.own_names else ())
+        tables.entry(path, "value", "min", "max", also=("unit", "by") if base.own_names else ("by",))
         if base.own_names:
             unit = tables.unit(*path, "unit", default="")
         else:

@@ -14,6 +14,7 @@ from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_hil.physics.expression import Expression, parse
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import CHANNELS, ROLES, Base
+from terrapin_tools.workbench.case.groups import Groups, group_columns, read_groups
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.tables import LOG_SUFFIXES, Table, read
 from terrapin_tools.workbench.files.toml_tables import Tables
@@ -49,6 +50,7 @@ class Measurements:
     test: Mask
     place: Callable[[int], str] = field(repr=False)  # row -> "runs.csv:17"
     equations: Mapping[str, Expression]  # of the user's own, by channel
+    groups: Mapping[str, Groups]
 
 
 def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
@@ -86,7 +88,8 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
     for entry in mapped:
         raw = np.concatenate([table.numbers(entry.column) for table in loaded])
         values[entry.name] = units.convert(raw, entry.unit, entry.canonical)
-    used = {entry.column for entry in mapped} | {run_column}
+    used = {entry.column for entry in mapped} | {run_column, *group_columns(tables).values()}
+    train = np.isin(run, [index[name] for name in train_runs])
     return Measurements(
         roles={e.name: values[e.name] for e in mapped if not e.channel},
         channels={e.name: values[e.name] for e in mapped if e.channel},
@@ -96,10 +99,11 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
         column_of={e.name: e.column for e in mapped},
         run_names=run_names,
         run=run,
-        train=np.isin(run, [index[name] for name in train_runs]),
+        train=train,
         test=np.isin(run, [index[name] for name in test_runs]),
         place=place,
         equations=equations,
+        groups=read_groups(tables, loaded, run, run_names, train),
     )
 
 
@@ -190,7 +194,8 @@ def _read_files(folder: Path, tables: Tables, files: list[str], mapped: list[Map
         if period <= 0:
             raise tables.complain(f"found {period:g} s, expected more than 0", "data", "period")
     needed, run = {entry.column for entry in mapped}, tables.text("data", "run", default="")
-    return [read(folder / name, dbc, period, needed, {run}) for name in files]
+    text = {run, *group_columns(tables).values()}
+    return [read(folder / name, dbc, period, needed, text) for name in files]
 
 
 def _run_names(tables: Tables, loaded: list[Table], column: str) -> list[str]:

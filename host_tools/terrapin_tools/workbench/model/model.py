@@ -20,6 +20,7 @@ from terrapin_hil.physics.effects import Effect
 from terrapin_hil.physics.expression import Expression, parse
 from terrapin_tools.workbench.bases.kinds.base import Act, Fitted, Problem, Runs
 from terrapin_tools.workbench.case.case import Case
+from terrapin_tools.workbench.model.grouped import Grouped
 
 __all__ = ["Bound", "Model"]
 
@@ -36,7 +37,12 @@ class Model:
     def of(cls, case: Case, effects: Iterable[str] | None = None) -> Model:
         """The case's model with its own effects, or with those named."""
         chosen = tuple(case.library[name] for name in (case.effects if effects is None else effects))
-        fitted = [Fitted(e.name, e.name, None, e.unit, e.value, e.minimum, e.maximum) for e in case.fit.values()]
+        fitted = []
+        for one in case.fit.values():
+            plain = Fitted(one.name, one.name, None, one.unit, one.value, one.minimum, one.maximum)
+            by = case.by.get(one.name, "")
+            groups = case.groups[by].names if by else ()
+            fitted += [replace(plain, key=f"{one.name}[{g}]", by=by, group=g) for g in groups] or [plain]
         for effect in chosen:
             fitted += _fitted(effect)
         return cls(case, chosen, tuple(fitted))
@@ -87,7 +93,8 @@ class Model:
             scales=case.scales,
             dynamics=case.dynamics,
         )
-        predictor = case.base.predictor(problem)
+        apart = any(one.by for one in self.fitted)
+        predictor = Grouped(case.base, problem, case.groups) if apart else case.base.predictor(problem)
         return Bound(self, predictor.predict, predictor.jacobian, predictor.motion, predictor.acting, predictor.trouble)
 
 

@@ -30,6 +30,16 @@ def answer(story: Story) -> dict[str, Any]:
         parts["next_experiment"] = found.plan and vars(found.plan)
     parts["ladder"] = [vars(rung) for rung in story.ladder]
     parts["noise"] = {"rho": story.rho, "source": story.noise}
+    if story.groups:
+        parts["groups"] = {
+            one.parameter: {
+                "by": one.by,
+                "unit": one.unit,
+                "values": {group: {"value": value, "sd": one.sds[group]} for group, value in one.values.items()},
+                "p_value": one.p_value,
+            }
+            for one in story.groups
+        }
     parts["at_bound"] = [key for key, value in story.parameters.items() if value.at_bound]
     if found is not None:
         parts["odd_runs"] = found.odd_runs

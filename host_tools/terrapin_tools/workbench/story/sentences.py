@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 
 from terrapin_hil.units import behind
+from terrapin_tools.workbench.compare.groups import Differing
 from terrapin_tools.workbench.discover.certainty import EVEN, Operating
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.experiment.proposal import Experiment
@@ -24,6 +25,7 @@ __all__ = [
     "chances",
     "change",
     "chip",
+    "differs",
     "doubt",
     "headline",
     "in_sd",
@@ -289,3 +291,11 @@ def _experiment(plan: Experiment, units: Mapping[str, str], zeros: Collection[st
         offer=LIKELIEST,
         command=add,
     )
+
+
+def differs(one: Differing, level: float) -> str:
+    """Whether a parameter differs between groups: its groups from the lowest value to the highest."""
+    ordered = " < ".join(sorted(one.values, key=lambda group: one.values[group]))
+    if one.p_value < level:
+        return f"{one.parameter} differs by {one.by} ({_p(one.p_value)}): {ordered}"
+    return f"{one.parameter} may be the same for every {one.by} ({_p(one.p_value)})"

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from terrapin_tools.workbench.case.changes import OwnEffect, OwnParameter
+from terrapin_tools.workbench.compare.groups import Differing
 from terrapin_tools.workbench.discover.certainty import Operating
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.experiment.proposal import Experiment
@@ -159,6 +160,7 @@ class Story:
     noise: str
     rho: float  # correlation from row to row within a run
     found: Findings | None
+    groups: tuple[Differing, ...] = ()  # parameters with one value a group
     seconds: float = 0.0  # that the answer took
 
     @property

@@ -10,7 +10,17 @@ import textwrap
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from terrapin_tools.workbench.story.sentences import amount, chance, change, in_sd, number, percent, stuck, verdict
+from terrapin_tools.workbench.story.sentences import (
+    amount,
+    chance,
+    change,
+    differs,
+    in_sd,
+    number,
+    percent,
+    stuck,
+    verdict,
+)
 from terrapin_tools.workbench.story.story import Card, Next, Rung, Story
 
 __all__ = ["tell", "tell_change", "tell_shortly"]
@@ -35,6 +45,8 @@ def tell(story: Story) -> str:
         lines += ["", "What these runs can show:", *_table(story.chances)]
     lines += ["", *_next(story.next)]
     lines += ["", "Parameters:", *_table([(k, _plain(amount(v)), stuck(v)) for k, v in story.parameters.items()])]
+    if story.groups:
+        lines += ["", "Between groups:", *(f"  {differs(one, story.level)}" for one in story.groups)]
     channels = [
         (name, *(number(v) for v in (c.noise_sd, c.train_rmse, c.heldout_rmse)), "" if c.unit == "1" else c.unit)
         for name, c in story.channels.items()

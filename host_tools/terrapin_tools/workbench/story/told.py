@@ -14,6 +14,7 @@ from terrapin_tools.workbench.bases import ROLES
 from terrapin_tools.workbench.compare import comparison
 from terrapin_tools.workbench.compare.adequacy import Failure
 from terrapin_tools.workbench.compare.comparison import Analysis
+from terrapin_tools.workbench.compare.groups import differences
 from terrapin_tools.workbench.discover.certainty import EVEN
 from terrapin_tools.workbench.discover.discovery import Candidate, Discovery
 from terrapin_tools.workbench.model.fitting import Fit, covariance
@@ -63,6 +64,7 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         noise=noise.source,
         rho=noise.rho,
         found=found,
+        groups=tuple(differences(analysis)),
     )
 
 

@@ -58,6 +58,8 @@ class Fitted:
     upper: float
     whole: bool = False
     grid: tuple[float, ...] = ()
+    by: str = ""  # the grouping of which each group has a value of its own
+    group: str = ""  # that of this value
 
     @property
     def scale(self) -> float:
