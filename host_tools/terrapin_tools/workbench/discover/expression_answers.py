@@ -17,6 +17,7 @@ from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.discover.expressions import SCALE_COST, Library, Sketch, as_effect, library
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
 from terrapin_tools.workbench.discover.leftover import absent, pays
+from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
 if TYPE_CHECKING:
     from terrapin_tools.workbench.discover.ranker import Ranker
@@ -27,6 +28,7 @@ REFITTED = 6  # expressions; chosen by hand, for time
 OF_ONE_COLUMN = 2  # of them at most: shapes of one column look alike, and another column must get its chance
 WITHIN = 12.0  # log evidence behind the best beyond which no expression is refitted: as in ranking.py
 ROUGHLY = 0.2  # of the log evidence that the best term gains; chosen by hand
+INSTEAD = 4  # likeliest terms around the best refit; chosen by hand, for time
 TERMS = 3  # of a sum, so that a person can read it
 SUMMED = 2  # expressions beside which a second term is looked for; chosen by hand, for time
 NEXT_TERM = 0.02  # prior factor of a further term; chosen by hand
@@ -77,7 +79,8 @@ def expressions(
     effects: dict[str, Effect] = {}
     grouped: dict[str, list[float]] = {}
     tried: dict[str, int] = {}
-    within, texts = WITHIN, set()
+    within = WITHIN
+    texts: set[tuple[str, str]] = set()
     if case.dynamics is not None:  # a lacking term bends the motion: what is told straight around it is told roughly
         within = max(WITHIN, ROUGHLY * float(weight[order[0]] - ranker.evidence.nothing))
     for index in order:
@@ -89,23 +92,50 @@ def expressions(
         if room and close and ranker.analysis.missing:
             texts.add((chosen.target, chosen.text))
             tried[chosen.column] = tried.get(chosen.column, 0) + 1
-            name = f"expression_{len(effects) + 1}"
-            effect = as_effect(chosen, case, name)
-            fit = ranker.fit((name,), {name: effect})
-            value = ranker.around(fit, (name,))
-            refitted = (
-                float(weight[index])
-                if value is None
-                else value + float(weight[index] - logs[index]) - SCALE_COST * len(chosen.scales)
-            )
-            effects[name] = effect
-            found.append(Hypothesis((name,), "expression", refitted, fit, chosen.column))
+            found.append(_refitted(ranker, chosen, effects, prior, float(weight[index])))
         else:
             grouped.setdefault(chosen.column, []).append(float(weight[index]))
+    if case.dynamics is not None and found:
+        for chosen in _instead(ranker, max(found, key=lambda h: h.log_weight), texts):
+            found.append(_refitted(ranker, chosen, effects, prior, -np.inf))
     found += _sums(ranker, found, effects, max([best, *(h.log_weight for h in found)]))
     for column, values in grouped.items():
         found.append(Hypothesis((), "expression", float(logsumexp(values)), None, column))
     return found, effects, column_weight
+
+
+def _refitted(ranker: Ranker, chosen: Sketch, effects: dict[str, Effect], prior: float, rough: float) -> Hypothesis:
+    """A sketch refitted, under the next free name; `rough` is its log weight where the refit cannot tell."""
+    name = f"expression_{len(effects) + 1}"
+    effects[name] = as_effect(chosen, ranker.case, name)
+    fit = ranker.fit((name,), {name: effects[name]})
+    value = ranker.around(fit, (name,))
+    cost = float(np.log(chosen.prior) + np.log(prior)) - SCALE_COST * len(chosen.scales)
+    return Hypothesis((name,), "expression", rough if value is None else value + cost, fit, chosen.column)
+
+
+def _instead(ranker: Ranker, best: Hypothesis, tried: set[tuple[str, str]]) -> list[Sketch]:
+    """Sketches that could stand for the best refitted one, judged around the motion that it gives.
+
+    There the motion is nearly right, and with it the terms along it; around the present fit it is not.
+    """
+    fit = best.fit
+    assert fit is not None
+    prediction, slopes = fit.model.bind(ranker.case.inputs, ranker.rows).jacobian(fit.theta)
+    slopes = slopes / ranker.sigma[:, None, None]
+    at = next(i for i, f in enumerate(fit.model.fitted) if f.effect == best.effects[0])
+    residual = (ranker.values - prediction) / ranker.sigma[:, None] + slopes[..., at] * fit.theta[at]
+    base = slopes[..., [f.effect != best.effects[0] for f in fit.model.fitted]]
+    none = np.zeros((residual.size, 0))
+    listed = library(fit.model, fit.theta, ranker.rows, ranker.sigma, none, base.reshape(residual.size, -1))
+    logs = Evidence(ranker.ar1, residual, base, ranker.known).single(listed.columns)
+    order = np.argsort(-(logs + np.log([s.prior for s in listed.sketches])), kind="stable")
+    chosen: dict[tuple[str, str], Sketch] = {}
+    for index in order[:INSTEAD]:
+        sketch = listed.sketches[index]
+        if (sketch.target, sketch.text) not in tried:
+            chosen.setdefault((sketch.target, sketch.text), sketch)
+    return list(chosen.values())
 
 
 def _add(ranker: Ranker, longer: _Longer, kind: str, effects: dict[str, Effect]) -> Hypothesis | None:
