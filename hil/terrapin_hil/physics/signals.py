@@ -10,11 +10,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
+
+from terrapin_hil.arrays import Array
 
 __all__ = ["delayed", "derivative", "integral", "play"]
-
-Array = npt.NDArray[np.float64]
 
 
 def delayed(time: Array, values: Array, delay: float) -> Array:

@@ -25,6 +25,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.links import LinkName, open_link
 from terrapin_hil.links.link import Link
 from terrapin_hil.messages import Interface, interface
@@ -38,7 +39,6 @@ from terrapin_hil.telemetry import decode, signals, words
 
 __all__ = ["DivergedError", "Observer", "Result", "Timing", "run"]
 
-Array = npt.NDArray[np.float64]
 
 CHUNK = 500  # ticks between looks at progress, log and Ctrl-C
 LIVE_CHUNK = 33  # the same in real time, where somebody may be watching

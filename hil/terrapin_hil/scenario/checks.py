@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+
+from terrapin_hil.arrays import Array
 
 __all__ = ["Check", "CheckError", "Outcome", "parse_check"]
 
-Array = npt.NDArray[np.float64]
 
 REDUCTIONS: dict[str, Callable[[Array], float]] = {
     "max": lambda a: float(np.max(a)),

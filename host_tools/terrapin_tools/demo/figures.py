@@ -8,8 +8,8 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.run.run import Result
 
 matplotlib.use("Agg")
@@ -17,7 +17,6 @@ from matplotlib import pyplot
 
 __all__ = ["forced_slip", "ground_torque", "heated", "slip_limiter", "slope"]
 
-Array = npt.NDArray[np.float64]
 BLUE, RED, GREY, GREEN = "#2f6fdb", "#d0405a", "#68717d", "#158a74"
 pyplot.rcParams.update(
     {

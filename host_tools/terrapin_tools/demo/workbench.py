@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from terrapin_hil import paths
+from terrapin_hil.arrays import Array
 from terrapin_hil.messages import interface
 from terrapin_hil.run.run import Result, run
 from terrapin_hil.scenario.scenario import Scenario, find_scenario, load_scenario
@@ -34,7 +34,6 @@ from terrapin_tools.workbench.story.told import told
 
 __all__ = ["forced_slip", "heated", "logged_run"]
 
-Array = npt.NDArray[np.float64]
 FORCED_SLIP_STEPS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("Theory 1", ()),
     ("Theory 2: with bulldozing and slip sinkage, both free", ("bulldozing", "slip_sinkage")),

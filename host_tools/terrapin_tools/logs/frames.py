@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from terrapin_hil.arrays import Array, Index
+
 __all__ = ["ERROR", "EXTENDED", "FD", "REMOTE", "SENT", "Frames", "frames", "joined"]
 
-Array = npt.NDArray[np.float64]
 
 EXTENDED, REMOTE, ERROR, FD, SENT = 1, 2, 4, 8, 16  # bits of Frames.flags; SENT: by who kept the log
 
@@ -23,8 +24,8 @@ class Frames:
 
     path: Path
     times: Array
-    identifiers: npt.NDArray[np.int64]
-    lengths: npt.NDArray[np.int64]
+    identifiers: Index
+    lengths: Index
     data: npt.NDArray[np.uint8]  # (frames, 8 or 64)
     flags: npt.NDArray[np.uint8]
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.physics.pendulum import PendulumSphere, Rolling, on_sand, ramp, roll, steady_swing
 from terrapin_hil.physics.tyre import ContactError
 from terrapin_tools.experiments.l9 import LI_2024, analyse
@@ -19,7 +19,6 @@ from terrapin_tools.papers.verdict import digits, near, states, unchecked
 
 __all__ = ["parts"]
 
-Array = npt.NDArray[np.float64]
 ACCELERATION, SPEED = 0.5, 1.25  # of the joint in test 9 [rad/s^2, rad/s]: Table 2's units; the text says rot
 SYMMETRIC = 0.1  # of the amplitude: the mean of a curve that counts as symmetric about 0
 LATE = 6.0  # s, from when on the joint's rate is steady and the start has died away

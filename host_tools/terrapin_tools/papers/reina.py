@@ -9,8 +9,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.physics.soils import library
 from terrapin_hil.robot.plant import (
     TERRAINS,
@@ -33,7 +33,6 @@ from terrapin_tools.papers.verdict import digits, states, unchecked
 
 __all__ = ["parts"]
 
-Array = npt.NDArray[np.float64]
 VOLTAGES = tuple(np.arange(2.0, 8.01, 0.5).tolist())
 COLOURS = {"sand": AMBER, "dry_peat": GREY, "red_terrain": RED, "agricultural": GREEN}
 SETTLED = 0.01  # a quantity is constant where it stays within this share of its mean

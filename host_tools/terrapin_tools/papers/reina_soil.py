@@ -6,9 +6,9 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq, root
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.physics import wheel
 from terrapin_hil.physics.contact import THETA_MAX
 from terrapin_hil.robot.plant import Robot
@@ -20,7 +20,6 @@ from terrapin_tools.soil.tactile import Rig, predict
 
 __all__ = ["parts"]
 
-Array = npt.NDArray[np.float64]
 WIDTHS = (0.05, 0.08, 0.10, 0.15, 0.20, 0.30, 0.40)  # m
 MODULI = (0.005, 0.010, 0.025, 0.050)  # m
 OURS = (0.15, 0.025)

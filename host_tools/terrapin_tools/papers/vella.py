@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from terrapin_hil.physics.soils import Footing
 from terrapin_hil.physics.tyre import Tyre
@@ -19,7 +18,6 @@ from terrapin_tools.soil.vehicle_limits import Limits, analyse
 
 __all__ = ["parts"]
 
-Array = npt.NDArray[np.float64]
 SEED = 1
 TYRES = (150e3, 180e3, 220e3)  # N/m; the paper prints none
 WONG = (6.94, 505.8, 0.235)  # k_c [kN/m^(n+1)], k_phi [kN/m^(n+2)] of LETE sand (Wong), tyre width [m]

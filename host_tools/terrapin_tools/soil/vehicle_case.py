@@ -26,8 +26,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array, Index
 from terrapin_hil.physics.soils import Footing
 from terrapin_hil.physics.tyre import Tyre
 from terrapin_hil.physics.vehicle import Vehicle
@@ -40,7 +40,6 @@ from terrapin_tools.workbench.files.toml_tables import Tables, case_tables, read
 
 __all__ = ["VehicleCase", "load_vehicle_case"]
 
-Array = npt.NDArray[np.float64]
 
 SOIL_UNITS = {"k_s": "Pa/m^n", "n": "1", "cohesion": "Pa", "friction_angle": "rad", "shear_modulus": "m"}
 VEHICLE_UNITS = {
@@ -175,7 +174,7 @@ def _drives(folder: Path, tables: Tables, mask: float) -> dict[str, Drive]:
     return drives
 
 
-def _rows_of_runs(tables: Tables, table: Table) -> Mapping[str, npt.NDArray[np.int64]]:
+def _rows_of_runs(tables: Tables, table: Table) -> Mapping[str, Index]:
     column = tables.text("data", "run", default="")
     if not column:
         return {table.path.stem: np.arange(table.rows)}
@@ -193,7 +192,7 @@ def _drive(
     values: Mapping[str, Array],
     wheels: tuple[str, ...],
     table: Table,
-    rows: npt.NDArray[np.int64],
+    rows: Index,
     mask: float,
 ) -> Drive:
     time = values["time"]

@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_tools.errors import UserError
 
 __all__ = ["ground_height", "run_signals"]
 
-Array = npt.NDArray[np.float64]
 
 MOST = 3000  # rows: a picture every 10 ms for half a minute
 SAID = {  # column -> signal of the telemetry
