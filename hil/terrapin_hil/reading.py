@@ -15,6 +15,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
 
+from terrapin_hil.errors import UserError
 from terrapin_hil.units import read_unit, units
 
 __all__ = ["ReadingError", "Section", "load", "parse_quantity", "parse_toml", "quantities", "shorten"]
@@ -25,7 +26,7 @@ LONGEST = 16_000_000  # characters of a file: what is longer was not meant, and 
 MAX_SHOWN = 60  # characters of a wrong value in a message
 
 
-class ReadingError(ValueError):
+class ReadingError(UserError, ValueError):
     """A file is wrong. `str()` is one line: file, line, field, what was found, what was expected."""
 
 

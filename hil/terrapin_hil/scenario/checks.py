@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from terrapin_hil.arrays import Array
+from terrapin_hil.errors import UserError
 
 __all__ = ["Check", "CheckError", "Outcome", "parse_check"]
 
@@ -52,7 +53,7 @@ COMPARE: dict[type[ast.cmpop], tuple[str, Callable[[Any, Any], Any]]] = {
 }
 
 
-class CheckError(ValueError):
+class CheckError(UserError, ValueError):
     """A check cannot be read, or names what the run does not have."""
 
 

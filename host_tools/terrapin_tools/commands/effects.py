@@ -46,12 +46,8 @@ def effects(
 
 def _known(case: str) -> dict[str, Effect]:
     from terrapin_hil.effect_files import known_effects
-    from terrapin_hil.reading import ReadingError
 
-    try:
-        known = known_effects()
-    except ReadingError as error:
-        raise UserError(str(error)) from None
+    known = known_effects()
     if case:
         from terrapin_tools.workbench.case.case import load_case
 

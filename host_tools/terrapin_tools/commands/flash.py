@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from terrapin_hil.links.names import BIT_RATE, SET_OUTSIDE, LinkName
-from terrapin_tools.command_options import link_option, read_link
+from terrapin_tools.command_options import link_option
 from terrapin_tools.errors import UserError
 from terrapin_tools.flash import plan as plans
 from terrapin_tools.flash.image import ImageError, intact, parse, read_start
@@ -66,7 +66,7 @@ def _controller(link: LinkName | None, via: str, port: str, baud: int, bitrate: 
     if link is None:
         serial = via == "serial"
         name = f"serial:{_serial_port(port, via)}" if serial else port or "socketcan:can0"
-        link = read_link(name, "update")
+        link = LinkName.parse(name, "update")
     if bitrate and link.interface == "socketcan":
         raise UserError(f"--bitrate: {SET_OUTSIDE}")
     return replace(link, baud=link.baud or baud)

@@ -9,11 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
-from terrapin_hil.firmware import ParameterError
 from terrapin_hil.links import LinkName, open_link
 from terrapin_hil.links.names import PTY
-from terrapin_hil.messages import interface
-from terrapin_hil.reading import ReadingError
+from terrapin_hil.messages import ParameterError, interface
 from terrapin_tools.command_options import BitRate, Json, deliver, link_option
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.decoding import Decoder
@@ -204,10 +202,7 @@ def replay(
     path = LogReader(log).path
     beside = path.parent / "run.toml"
     source = parameters or (beside if beside.is_file() else None)
-    try:
-        values = read_parameters(source, description) if source else {}
-    except ReadingError as error:
-        raise UserError(str(error)) from None
+    values = read_parameters(source, description) if source else {}
     frames, cut = read_log(path)
     _warn(path, cut)
     try:

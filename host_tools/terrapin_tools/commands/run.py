@@ -11,16 +11,13 @@ from typing import Annotated
 
 import typer
 
-from terrapin_hil.firmware import ParameterError
 from terrapin_hil.links import LinkName, open_link
 from terrapin_hil.links.link import Link
 from terrapin_hil.links.names import INPROCESS, able
 from terrapin_hil.messages import interface
-from terrapin_hil.reading import ReadingError
-from terrapin_hil.robot.compiled_effects import EffectError
-from terrapin_hil.run.rig import Rig, RigConfig, RigError, load_rig
-from terrapin_hil.run.run import DivergedError, Result, run
-from terrapin_hil.scenario.checks import CheckError, Outcome
+from terrapin_hil.run.rig import Rig, RigConfig, load_rig
+from terrapin_hil.run.run import Result, run
+from terrapin_hil.scenario.checks import Outcome
 from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 from terrapin_tools.command_options import link_option
 from terrapin_tools.contact_error import ContactError, contact_error
@@ -153,10 +150,6 @@ def command(
             result.outcomes = (*outcomes, *result.outcomes)
             if folder is not None:
                 folder.finish(result)
-    except (ReadingError, CheckError, EffectError, ParameterError) as error:
-        raise UserError(str(error)) from None
-    except (DivergedError, RigError) as error:
-        raise UserError(str(error), status=1) from None
     except KeyboardInterrupt:
         raise UserError(f"interrupted; the log up to here is in {out}" if out else "interrupted", status=130) from None
     print((_as_json if as_json else _as_text)(result, out, bool(values)))

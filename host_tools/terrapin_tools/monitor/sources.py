@@ -170,14 +170,10 @@ class Simulator:
     """A scenario in real time with this build's controller, in this process or over a link; a thread runs it."""
 
     def __init__(self, scenario: str, link: LinkName = INPROCESS) -> None:
-        from terrapin_hil.reading import ReadingError
         from terrapin_hil.run.run import run
         from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 
-        try:
-            self.scenario = replace(load_scenario(find_scenario(scenario)), real_time=True)
-        except ReadingError as error:
-            raise UserError(str(error)) from None
+        self.scenario = replace(load_scenario(find_scenario(scenario)), real_time=True)
         self._link = _Tapped(open_link(link))
         self.name = f"simulator: {self.scenario.name}" + (f" over {link}" if link != INPROCESS else "")
         self.over = False

@@ -113,17 +113,15 @@ def _figure_4() -> Part:
         for (name, run), color in zip(board.items(), (BLUE, GREY), strict=True):
             left.plot(run.time, run.torque, color=color, label=name)
         left.axhline(0.0, color=RED, lw=0.8, label="printed: symmetric about 0")
-        left.set_title("(a) board", fontsize=9)
+        left.set_title("(a) board")
         for (name, run), color in zip(sand.items(), (BLUE, GREEN), strict=True):
             shown = np.abs(run.swing) < np.pi  # a bob that goes over the top ends the comparison
             end = len(shown) if shown.all() else int(np.argmin(shown))
             right.plot(run.time[:end], run.torque[:end], color=color, label=name)
         right.axhline(offset, color=RED, lw=0.8, label="printed: symmetric about 700")
-        right.set_title("(b) sand", fontsize=9)
+        right.set_title("(b) sand")
         for axis in (left, right):
-            axis.set_xlabel("time, s")
-            axis.set_ylabel("driving torque, N m")
-            axis.set_ylim(-0.5, 3.6)
+            axis.set(xlabel="time, s", ylabel="driving torque, N m", ylim=(-0.5, 3.6))
             axis.legend(fontsize=7, loc="upper right")
 
     return Part(

@@ -171,8 +171,7 @@ def _figure_6() -> Part:
         axis.plot(run["time"], 0.08 * run["beta_dot"], color=BLUE, label="model, pure rolling")
         axis.plot(slipping[0], slipping[1], "--", color=GREEN, label="model with slip, Table 1's resistance")
         axis.plot(soft["time"], soft["speed"], ":", color=RED, label="contact model (9) to (15)")
-        axis.set_xlabel("time, s")
-        axis.set_ylabel("speed, m/s")
+        axis.set(xlabel="time, s", ylabel="speed, m/s")
         axis.legend()
 
     return Part(
@@ -224,8 +223,7 @@ def _figure_7() -> Part:
             [5.0, 5.0], [min(spread), max(spread)], color=GREY, lw=4, alpha=0.4, label="5 V, unprinted inputs moved"
         )
         axis.plot(volts, with_contact, ":", color=RED, label="sand by the contact model (9) to (15)")
-        axis.set_xlabel("motor voltage, V")
-        axis.set_ylabel("steady speed, m/s")
+        axis.set(xlabel="motor voltage, V", ylabel="steady speed, m/s")
         axis.legend()
 
     return Part(
@@ -256,9 +254,9 @@ def _figure_8() -> Part:
             axis.plot(omega, f_o + f_s * omega**2, color=COLOURS[name], label=name.replace("_", " "))
             points = _points(name)
             axis.plot(points[:, 0], points[:, 1], ".", color=COLOURS[name])
-        axis.set_xlabel("angular speed of the shell, rad/s")
-        axis.set_ylabel("rolling resistance coefficient f_r")
-        axis.set_ylim(bottom=0.0)
+        axis.set(
+            xlabel="angular speed of the shell, rad/s", ylabel="rolling resistance coefficient f_r", ylim=(0.0, None)
+        )
         axis.legend(title="lines: Table 1; points: through Eq. (12)", title_fontsize=8)
 
     return Part(

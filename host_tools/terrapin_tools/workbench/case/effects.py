@@ -9,7 +9,6 @@ from pathlib import Path
 from terrapin_hil.effect_files import known_effects, read_effect_folder
 from terrapin_hil.physics.effects import Effect, Parameter, catalogue
 from terrapin_hil.physics.expression import parse
-from terrapin_hil.reading import ReadingError
 from terrapin_hil.units import read_unit
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES, Base, formula_name
@@ -30,12 +29,9 @@ def _from_files(folder: Path, tables: Tables, base: Base) -> dict[str, Effect]:
         folders.append(folder / named)
         if not folders[-1].is_dir():
             raise tables.complain(f"found {named!r}, expected a folder of effects", "model", "effects_folder")
-    try:
-        found = known_effects()
-        for one in dict.fromkeys(path.resolve() for path in folders):
-            found.update(read_effect_folder(one, found))
-    except ReadingError as error:
-        raise UserError(str(error)) from None
+    found = known_effects()
+    for one in dict.fromkeys(path.resolve() for path in folders):
+        found.update(read_effect_folder(one, found))
     for name in found.keys() - catalogue().keys():
         _check_terms(found[name], base)
     return found

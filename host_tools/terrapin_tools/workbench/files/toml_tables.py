@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from terrapin_hil.reading import ReadingError, parse_toml, shorten
+from terrapin_hil.reading import parse_toml, shorten
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.files.toml_lines import locate
 from terrapin_tools.workbench.files.units import check, quantity
 
-__all__ = ["Complaint", "Estimate", "Tables", "case_tables", "read_case_text", "read_document", "read_estimate"]
+__all__ = ["Complaint", "Estimate", "Tables", "case_tables", "read_case_text", "read_estimate"]
 
 Complaint = Callable[..., UserError]
 
@@ -45,14 +45,6 @@ def read_case_text(folder: Path) -> str:
         raise UserError(f"{file}: found something that is not UTF-8 text, expected TOML") from None
     except OSError as error:
         raise UserError(f"{file}: {error.strerror}, expected a readable file") from None
-
-
-def read_document(file: Path, text: str) -> dict[str, Any]:
-    """TOML as a dictionary. UserError with file and line when it is none."""
-    try:
-        return parse_toml(text, file)
-    except ReadingError as error:
-        raise UserError(str(error)) from None
 
 
 class Tables:
@@ -140,7 +132,7 @@ def case_tables(folder: Path, text: str) -> Tables:
     def complain(message: str, *path: str) -> UserError:
         return UserError(f"{file}:{locate(text, *path)}: {'.'.join(path)}: {message}")
 
-    return Tables(read_document(file, text), complain)
+    return Tables(parse_toml(text, file), complain)
 
 
 def read_estimate(tables: Tables, path: tuple[str, ...], unit: str, standard: Estimate | None = None) -> Estimate:
