@@ -12,7 +12,7 @@ from terrapin_tools.command_options import CaseFolder, Jobs, Json, Seed, check_o
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.changes import OwnEffect, add_effects, parse_parameter
 
-__all__ = ["register"]
+__all__ = ["add"]
 
 
 def add(
@@ -105,7 +105,3 @@ def _check_expressions(own: dict[str, OwnEffect], case: Any) -> None:
             raise UserError(f"--parameter: {unused[0]} does not occur in the expression {effect.expression}")
         if effect.target is not None and effect.target not in case.base.acts_on():
             raise UserError(f"--target: found {effect.target!r}, expected one of {', '.join(case.base.acts_on())}")
-
-
-def register(app: typer.Typer) -> None:
-    app.command("add")(add)

@@ -10,7 +10,7 @@ import typer
 from terrapin_tools.command_options import Json
 from terrapin_tools.errors import UserError
 
-__all__ = ["register"]
+__all__ = ["case"]
 
 TABLES = (".csv", ".parquet")
 Texts = list[str] | None
@@ -141,7 +141,3 @@ def _map(sources: list[Path], to: Path, dbc: Path | None, given: dict[str, Any],
         made = make(str(scratch), list(map(str, sources)), str(dbc or ""), asked)
     words = [f"{to / 'case.toml'}: {given['base']}, {made['rows']} rows of {made['runs']} runs", *made["warnings"]]
     deliver(made, "\n".join(words), json)
-
-
-def register(app: typer.Typer) -> None:
-    app.command("case")(case)

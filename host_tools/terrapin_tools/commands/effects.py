@@ -13,7 +13,7 @@ from terrapin_tools.errors import UserError
 if TYPE_CHECKING:
     from terrapin_hil.physics.effects import Effect
 
-__all__ = ["register"]
+__all__ = ["effects"]
 
 
 def effects(
@@ -106,7 +106,3 @@ def _explain(effect: Effect) -> str:
 
 def _bound(value: float) -> str:
     return f"{value:.4g}" if math.isfinite(value) else ("-inf" if value < 0 else "inf")
-
-
-def register(app: typer.Typer) -> None:
-    app.command("effects")(effects)

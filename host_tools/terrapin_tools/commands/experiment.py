@@ -15,7 +15,7 @@ from terrapin_tools.errors import UserError
 if TYPE_CHECKING:
     from terrapin_tools.experiments.l9 import Analysis, Design
 
-__all__ = ["register"]
+__all__ = ["SUBCOMMANDS"]
 
 
 def l9(
@@ -50,7 +50,7 @@ def l9(
     deliver({"schema": "terrapin.l9/1", **asdict(analysis)}, _describe(analysis), json)
 
 
-def carry(
+def run(
     case: CaseFolder,
     to: Annotated[Path, typer.Option("--to", metavar="NEW_CASE", help="the case with the new runs; a new folder")],
     truth: Annotated[
@@ -159,9 +159,4 @@ def _describe(analysis: Analysis) -> str:
     return "\n".join(lines)
 
 
-def register(app: typer.Typer) -> None:
-    group = typer.Typer(help="Experiments: plans, their analysis, simulated runs.", no_args_is_help=True)
-    group.callback()(lambda: None)
-    group.command("l9")(l9)
-    group.command("run")(carry)
-    app.add_typer(group, name="experiment")
+SUBCOMMANDS = (l9, run)

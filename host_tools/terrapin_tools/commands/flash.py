@@ -23,7 +23,7 @@ from terrapin_tools.flash.update import SignedFile, update
 from terrapin_tools.flash.wires import Wire, open_wire
 from terrapin_tools.progress import bar
 
-__all__ = ["register"]
+__all__ = ["flash"]
 
 VIAS = ("swd", "stm32", "can", "serial")
 Told = Callable[[str, int, int], None]
@@ -155,8 +155,3 @@ def flash(
         print(_whole(files, via, port, baud, loader))
     else:
         print(_update(files, open_wire(controller, bitrate or BIT_RATE)))
-
-
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command()(flash)

@@ -12,7 +12,7 @@ from terrapin_tools.errors import UserError
 if TYPE_CHECKING:
     from terrapin_tools.flash.image import Image
 
-__all__ = ["register"]
+__all__ = ["SUBCOMMANDS"]
 
 ImageFile = Annotated[Path, typer.Argument(metavar="IMAGE", help="a signed image")]
 Key = Annotated[
@@ -115,9 +115,4 @@ def info(path: ImageFile) -> None:
     )
 
 
-def register(app: typer.Typer) -> None:
-    """Adds the commands."""
-    group = typer.Typer(help="Signed images for the boot loader.", no_args_is_help=True, rich_markup_mode=None)
-    for command in (sign, verify, info):
-        group.command()(command)
-    app.add_typer(group, name="image")
+SUBCOMMANDS = (sign, verify, info)

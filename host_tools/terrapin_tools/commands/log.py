@@ -21,7 +21,7 @@ from terrapin_tools.param.files import read_parameters
 from terrapin_tools.progress import bar
 from terrapin_tools.workbench.files import units
 
-__all__ = ["register"]
+__all__ = ["SUBCOMMANDS"]
 
 LogFile = Annotated[Path, typer.Argument(metavar="LOG", help=".log .blf .asc .mf4 .mcap .parquet, or a run's folder")]
 Dbc = Annotated[
@@ -231,9 +231,4 @@ def replay(
         raise typer.Exit(1)
 
 
-def register(app: typer.Typer) -> None:
-    group = typer.Typer(help="Record, convert, look into and replay logs of a CAN bus.", no_args_is_help=True)
-    group.callback()(lambda: None)
-    for command in (info, convert, record, replay):
-        group.command(command.__name__)(command)
-    app.add_typer(group, name="log")
+SUBCOMMANDS = (info, convert, record, replay)

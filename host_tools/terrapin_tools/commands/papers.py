@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-__all__ = ["register"]
+__all__ = ["papers"]
 
 
 def _progress(text: str) -> None:
@@ -36,7 +36,3 @@ def papers(
         numbers, statements = (worst(part.checks, which) or "-" for which in (False, True))
         print(f"{part.paper:<6} {part.title:<8} numbers {numbers:<17} statements {statements}")
     print(f"\n{page}")
-
-
-def register(app: typer.Typer) -> None:
-    app.command("papers")(papers)

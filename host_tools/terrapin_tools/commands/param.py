@@ -19,7 +19,7 @@ from terrapin_tools.param.files import raw_of, read_file, text_of, to_toml
 from terrapin_tools.param.session import ORIGINS, Session, Store
 from terrapin_tools.workbench.files.writing import write_whole
 
-__all__ = ["register"]
+__all__ = ["SUBCOMMANDS"]
 
 FLASH_SIZE = 32768  # bytes, of ports/host/flash_file.h
 Link = Annotated[LinkName, link_option("parameters", "where the controller is")]
@@ -302,13 +302,4 @@ def reset(
     )
 
 
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    group = typer.Typer(
-        no_args_is_help=True,
-        help="Read and write the controller's parameters over a link, in their units.",
-        rich_markup_mode=None,
-    )
-    for command in (list_, get, set_, save, load, diff, reset):
-        group.command(command.__name__.rstrip("_"))(command)
-    app.add_typer(group, name="param")
+SUBCOMMANDS = (list_, get, set_, save, load, diff, reset)

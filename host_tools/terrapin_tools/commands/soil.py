@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from terrapin_tools.soil.vehicle_case import VehicleCase
     from terrapin_tools.soil.vehicle_limits import Limits
 
-__all__ = ["register"]
+__all__ = ["SUBCOMMANDS"]
 
 SHOWN = {  # parameter: factor to the unit that people read, that unit (of k_s its prefix, since it follows n)
     "k_s": (1e-3, "k"),
@@ -240,10 +240,4 @@ def plates(
     deliver(found, plates_answer.describe(found), json)
 
 
-def register(app: typer.Typer) -> None:
-    group = typer.Typer(help="The properties of the ground from what a machine measured on it.", no_args_is_help=True)
-    group.callback()(lambda: None)
-    group.command("vehicle")(vehicle)
-    group.command("tactile")(tactile)
-    group.command("plates")(plates)
-    app.add_typer(group, name="soil")
+SUBCOMMANDS = (vehicle, tactile, plates)
