@@ -35,7 +35,7 @@ class _Commands(TyperGroup):
         module = importlib.import_module(f"{commands.__name__}.{name}")
         app = _app(TyperGroup)
         if subcommands := getattr(module, "SUBCOMMANDS", ()):
-            group = typer.Typer(help=_summary(module.__doc__), no_args_is_help=True, rich_markup_mode=None)
+            group = typer.Typer(help=_summary(module.__doc__ or ""), no_args_is_help=True, rich_markup_mode=None)
             group.callback()(lambda: None)  # one of a single sub-command is a group too
             for function in subcommands:
                 group.command(function.__name__.rstrip("_"))(function)

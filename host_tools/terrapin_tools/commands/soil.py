@@ -12,6 +12,7 @@ import typer
 
 from terrapin_tools.command_options import CaseFolder, Json, Seed, check_options, deliver
 from terrapin_tools.errors import UserError
+from terrapin_tools.progress import say
 
 if TYPE_CHECKING:
     from terrapin_tools.soil.vehicle import Cost, Fit, Objective
@@ -62,17 +63,12 @@ def vehicle(
     try:
         train = Objective(read.vehicle, read.tyre, read.train, read.mask, threads)
         test = Objective(read.vehicle, read.tyre, read.test, read.mask, threads) if read.test else None
-        fit = estimate(train, read.start, read.bounds, cast("Cost", cost), starts, seed, _progress)
-        limits = analyse(train, fit, read.bounds, profiles, _progress)
+        fit = estimate(train, read.start, read.bounds, cast("Cost", cost), starts, seed, say)
+        limits = analyse(train, fit, read.bounds, profiles, say)
         answer = _answer(read, train, test, fit, limits, cost, time.monotonic() - begin)
     except ContactError as error:
         raise UserError(f"{case}: {error}") from None
     deliver(answer, _describe(answer), json)
-
-
-def _progress(text: str) -> None:
-    if sys.stderr.isatty():
-        print(text, file=sys.stderr, flush=True)
 
 
 def _answer(

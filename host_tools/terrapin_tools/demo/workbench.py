@@ -17,9 +17,10 @@ from terrapin_hil.messages import interface
 from terrapin_hil.run.run import Result, run
 from terrapin_hil.scenario.scenario import Scenario, find_scenario, load_scenario
 from terrapin_tools.demo import figures
-from terrapin_tools.demo.page import Chapter, Table
+from terrapin_tools.demo.page import Chapter
 from terrapin_tools.demo.stage import Stage
 from terrapin_tools.logs.folder import RunFolder
+from terrapin_tools.papers.part import Table
 from terrapin_tools.param.files import read_parameters
 from terrapin_tools.workbench.case.case import load_case, parse_case
 from terrapin_tools.workbench.case.changes import add_effects

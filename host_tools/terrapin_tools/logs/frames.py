@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from terrapin_hil.arrays import Array, Index
+from terrapin_tools.errors import UserError
 
-__all__ = ["ERROR", "EXTENDED", "FD", "REMOTE", "SENT", "Frames", "frames", "joined"]
+__all__ = ["ERROR", "EXTENDED", "FD", "REMOTE", "SENT", "Frames", "frames", "joined", "writing"]
 
 
 EXTENDED, REMOTE, ERROR, FD, SENT = 1, 2, 4, 8, 16  # bits of Frames.flags; SENT: by who kept the log
@@ -86,3 +88,12 @@ def joined(path: Path, parts: Sequence[Frames]) -> Frames:
         np.concatenate([np.pad(part.data, ((0, 0), (0, width - part.data.shape[1]))) for part in parts]),
         np.concatenate([part.flags for part in parts]),
     )
+
+
+@contextmanager
+def writing(log: Path) -> Iterator[None]:
+    """A log that cannot be written is a UserError (status 1)."""
+    try:
+        yield
+    except OSError as error:
+        raise UserError(f"{log}: cannot write the log: {error.strerror or error}", status=1) from None

@@ -231,7 +231,7 @@ def fit(
     if not settled:
         raise Unsolved("cohesion and friction angle: the search did not converge in 200 steps")
     matrix, gradient = _normal(own, shared, state, loose, stiffness_sd)
-    reduced, slope = _reduced(own, shared, state, matrix, gradient)
+    reduced, slope, *_ = _reduced(own, shared, state, matrix, gradient)
     covariance = np.zeros((4, 4))
     if loose.any():
         inverse = np.linalg.pinv(reduced, hermitian=True)
@@ -244,33 +244,28 @@ def fit(
     return Fit(state.q, np.exp(state.u[:, 0]), state.u[:, 1], state.squares, degrees, covariance, loose)
 
 
-def _eliminate(own: Array, damping: float) -> tuple[Array, Array]:
-    """(A^T A + damping diag)^-1 and A of each point."""
+def _reduced(
+    own: Array, shared: Array, state: _State, matrix: Array, gradient: Array, damping: float = 0.0
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Normal matrix and gradient of the shared parameters after the points' own are eliminated.
+
+    Behind them what the elimination took, of each point: (A^T A + damping diag)^-1, A^T of the shared, A^T residuals.
+    """
     square = np.einsum("nia,nib->nab", own, own)
     diagonal = np.einsum("naa->na", square)
-    square = square + damping * diagonal[:, :, None] * np.eye(2)
-    return np.linalg.inv(square), own
-
-
-def _reduced(own: Array, shared: Array, state: _State, matrix: Array, gradient: Array) -> tuple[Array, Array]:
-    """Normal matrix and gradient of the shared parameters after the points' own are eliminated."""
-    inverse, _ = _eliminate(own, 0.0)
+    inverse = np.linalg.inv(square + damping * diagonal[:, :, None] * np.eye(2))
     cross = np.einsum("nia,nib->nab", own, shared)
     local = np.einsum("nia,ni->na", own, state.residuals)
     lifted = np.einsum("nab,nbc->nac", inverse, cross)
-    return matrix - np.einsum("nab,nac->bc", cross, lifted), gradient - np.einsum("nac,na->c", lifted, local)
+    reduced = matrix + damping * np.diag(np.diag(matrix)) - np.einsum("nab,nac->bc", cross, lifted)
+    return reduced, gradient - np.einsum("nac,na->c", lifted, local), inverse, cross, local
 
 
 def _step(
     own: Array, shared: Array, state: _State, matrix: Array, gradient: Array, active: Mask, damping: float
 ) -> tuple[Array, Array]:
     """Marquardt's step of the shared parameters and of the points' own."""
-    inverse, _ = _eliminate(own, damping)
-    cross = np.einsum("nia,nib->nab", own, shared)
-    local = np.einsum("nia,ni->na", own, state.residuals)
-    lifted = np.einsum("nab,nbc->nac", inverse, cross)
-    reduced = matrix + damping * np.diag(np.diag(matrix)) - np.einsum("nab,nac->bc", cross, lifted)
-    slope = gradient - np.einsum("nac,na->c", lifted, local)
+    reduced, slope, inverse, cross, local = _reduced(own, shared, state, matrix, gradient, damping)
     step = np.zeros(gradient.size)
     if active.any():
         some = reduced[np.ix_(active, active)]

@@ -169,9 +169,7 @@ def _points(folder: Path, tables: Tables) -> tuple[dict[str, Array], tuple[str, 
     for name in COLUMNS:
         if tables.get("data", "columns", name) is None:
             raise tables.complain(f"{name} is not mapped, expected its column", "data", "columns")
-    files = tables.texts("data", "files")
-    if not files:
-        raise tables.complain("found an empty list, expected file names", "data", "files")
+    files = tables.files()
     parts: dict[str, list[Array]] = {name: [] for name in COLUMNS}
     places: list[str] = []
     for name in files:

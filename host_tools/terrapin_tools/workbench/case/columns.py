@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from bisect import bisect_right
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.tables import LOG_SUFFIXES, Table, read
 from terrapin_tools.workbench.files.toml_tables import Tables
 
-__all__ = ["Measurements", "mapped_column", "read_measurements"]
+__all__ = ["Measurements", "mapped_column", "read_measurements", "run_of_rows", "split_runs"]
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,7 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
     tables.allow(("data",), "files", "run", "train", "test", "columns", "dbc", "period", "ignore")
     equations = _equations(tables, base)
     mapped = _columns(tables, base, equations)
-    files = tables.texts("data", "files")
-    if not files:
-        raise tables.complain("found an empty list, expected file names", "data", "files")
+    files = tables.files()
     loaded = _read_files(folder, tables, files, mapped)
     run_column = tables.text("data", "run", default="")
     starts = np.cumsum([0, *(table.rows for table in loaded)]).tolist()
@@ -69,19 +67,15 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
 
     for entry in mapped:
         for table in loaded:
-            if entry.column not in table.columns:
-                names = ", ".join(table.columns)
-                raise tables.complain(
-                    f"column {entry.column!r} is not in {table.path.name}, expected one of {names}",
-                    *("data", "columns", entry.name, "column"),
-                )
+            _check_there(tables, table, entry.column, "data", "columns", entry.name, "column")
     if starts[-1] == 0:
         raise tables.complain(f"{files[0]} has no rows, expected at least one", "data", "files")
-    run_text = _run_names(tables, loaded, run_column)
+    run_text = run_of_rows(tables, loaded, run_column)
     run_names = tuple(sorted(set(run_text)))
     index = {name: i for i, name in enumerate(run_names)}
     run = np.array([index[name] for name in run_text], dtype=np.int64)
-    train_runs, test_runs = _split(tables, run_names)
+    held_out = run_names[4::5] if len(run_names) >= 5 else run_names[-1:]
+    train_runs, test_runs = split_runs(tables, run_names, held_out)
     values: dict[str, Array] = {}
     for entry in mapped:
         raw = np.concatenate([table.numbers(entry.column) for table in loaded])
@@ -114,10 +108,8 @@ def _equations(tables: Tables, base: Base) -> dict[str, Expression]:
     equations = {}
     for channel in found:
         path = ("model", "equation", channel)
-        try:
+        with tables.about(*path):
             equations[channel] = parse(tables.text(*path))
-        except ValueError as error:
-            raise tables.complain(str(error), *path) from None
     return equations
 
 
@@ -135,7 +127,7 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
         tables.entry(path, "column", "unit", also=("sigma",) if channel else ())
         unit = tables.text(*path, "unit", default="1" if free else None)
         canonical = unit if free else CHANNELS.get(name) or ROLES[name]
-        try:
+        with tables.about(*path, "unit"):
             units.check(unit)
             if not units.same_kind(unit, canonical):
                 raise ValueError(f"found {unit!r}, which does not convert to {canonical!r}")
@@ -143,8 +135,6 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
             sigma = None
             if tables.get(*path, "sigma") is not None:
                 sigma = units.convert_difference(tables.number(unit, *path, "sigma"), unit, canonical)
-        except ValueError as error:
-            raise tables.complain(str(error), *path, "unit") from None
         if sigma is not None and sigma * units.LARGEST < 1.0:
             raise tables.complain(f"found {sigma:g} {canonical}, expected more than 0", *path, "sigma")
         mapped.append(Mapped(name, tables.text(*path, "column"), unit, canonical, sigma, channel))
@@ -166,13 +156,15 @@ def mapped_column(tables: Tables, table: Table, role: str, canonical: str) -> Ar
     path = ("data", "columns", role)
     tables.entry(path, "column", "unit")
     column, unit = tables.text(*path, "column"), tables.text(*path, "unit")
+    _check_there(tables, table, column, *path)
+    with tables.about(*path, "unit"):
+        return units.convert(table.numbers(column), unit, canonical)
+
+
+def _check_there(tables: Tables, table: Table, column: str, *path: str) -> None:
     if column not in table.columns:
         expected = ", ".join(table.columns)
         raise tables.complain(f"column {column!r} is not in {table.path.name}, expected one of {expected}", *path)
-    try:
-        return units.convert(table.numbers(column), unit, canonical)
-    except ValueError as error:
-        raise tables.complain(str(error), *path, "unit") from None
 
 
 def _read_files(folder: Path, tables: Tables, files: list[str], mapped: list[Mapped]) -> list[Table]:
@@ -190,17 +182,14 @@ def _read_files(folder: Path, tables: Tables, files: list[str], mapped: list[Map
     return [read(folder / name, dbc, period, needed, {run}) for name in files]
 
 
-def _run_names(tables: Tables, loaded: list[Table], column: str) -> list[str]:
+def run_of_rows(tables: Tables, loaded: list[Table], column: str) -> list[str]:
+    """The run of each row: of the column, or (without one, or of a log) the file's name."""
     names: list[str] = []
     for table in loaded:
         if table.path.suffix.lower() in LOG_SUFFIXES or not column:
             names += [table.path.stem] * table.rows
             continue
-        if column not in table.columns:
-            expected = ", ".join(table.columns)
-            raise tables.complain(
-                f"column {column!r} is not in {table.path.name}, expected one of {expected}", "data", "run"
-            )
+        _check_there(tables, table, column, "data", "run")
         found = table.text(column)
         if "" in found:
             raise UserError(f"{table.place(found.index(''))}: column {column}: found nothing, expected a run's name")
@@ -208,25 +197,18 @@ def _run_names(tables: Tables, loaded: list[Table], column: str) -> list[str]:
     return names
 
 
-def _split(tables: Tables, names: tuple[str, ...]) -> tuple[list[str], list[str]]:
-    """Training and held-out runs. Without lists the runs are sorted by name and the 5th, 10th, ... are held out."""
-    train: list[str] | None = None
-    test: list[str] | None = None
-    if tables.get("data", "train") is not None:
-        train = tables.texts("data", "train")
-    if tables.get("data", "test") is not None:
-        test = tables.texts("data", "test")
-    for key, listed in (("train", train), ("test", test)):
-        for run in listed or []:
+def split_runs(tables: Tables, names: Sequence[str], held_out: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Training and held-out runs, as data.train and data.test list them; `held_out` where there is neither list."""
+    listed = {key: tables.texts("data", key) for key in ("train", "test") if tables.get("data", key) is not None}
+    for key, runs in listed.items():
+        for run in runs:
             if run not in names:
                 expected = ", ".join(names)
                 raise tables.complain(f"run {run!r} is not in the data, expected one of {expected}", "data", key)
-    if train is None and test is None:
-        test = list(names[4::5]) if len(names) >= 5 else [names[-1]]
-    if train is None:
-        train = [name for name in names if name not in (test or [])]
-    if test is None:
-        test = [name for name in names if name not in train]
+    if not listed:
+        listed["test"] = list(held_out)
+    train = listed["train"] if "train" in listed else [name for name in names if name not in listed["test"]]
+    test = listed["test"] if "test" in listed else [name for name in names if name not in train]
     both = sorted(set(train) & set(test))
     if both:
         raise tables.complain(f"run {both[0]!r} is in train and in test, expected in one of them", "data", "test")

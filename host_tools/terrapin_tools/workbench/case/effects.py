@@ -98,10 +98,8 @@ def _with_bounds(tables: Tables, effect: Effect) -> Effect:
 
 def _own(tables: Tables, base: Base, name: str) -> Effect:
     path = ("effect", name)
-    try:
+    with tables.about(*path, "expression"):
         expression = parse(tables.text(*path, "expression"))
-    except ValueError as error:
-        raise tables.complain(str(error), *path, "expression") from None
     target = tables.text(*path, "target", default=base.targets()[0][0])
     if target not in base.acts_on():
         raise tables.complain(f"found {target!r}, expected one of {', '.join(base.acts_on())}", *path, "target")
@@ -129,7 +127,7 @@ def _own(tables: Tables, base: Base, name: str) -> Effect:
 def _own_parameter(tables: Tables, base: Base, path: tuple[str, ...]) -> Parameter:
     """A parameter of the user's own; under a base model whose formulas are in SI it is taken to SI."""
     unit = tables.text(*path, "unit", default=OPEN)
-    try:
+    with tables.about(*path, "unit"):
         units.check(unit)
         if base.own_names or not unit:
             factor, spelt = 1.0, unit or ("1" if base.own_names else OPEN)
@@ -138,8 +136,6 @@ def _own_parameter(tables: Tables, base: Base, path: tuple[str, ...]) -> Paramet
         else:
             factor = units.si_factor(unit)
             spelt = unit if factor == 1.0 else plain(read_unit(unit))
-    except ValueError as error:
-        raise tables.complain(str(error), *path, "unit") from None
     found = read_estimate(tables, path, unit or "1")
     return Parameter(path[-1], spelt, factor * found.value, factor * found.minimum, factor * found.maximum)
 

@@ -5,7 +5,8 @@ Anything wrong is a UserError of one line.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -53,6 +54,14 @@ class Tables:
     def __init__(self, document: dict[str, Any], complain: Complaint) -> None:
         self.document = document
         self.complain = complain
+
+    @contextmanager
+    def about(self, *path: str) -> Iterator[None]:
+        """A ValueError from inside becomes a complaint about that place."""
+        try:
+            yield
+        except ValueError as error:
+            raise self.complain(str(error), *path) from None
 
     def get(self, *path: str, default: Any = None) -> Any:
         value: Any = self.document
@@ -112,17 +121,20 @@ class Tables:
     def unit(self, *path: str, default: str | None = None) -> str:
         """A unit that is known."""
         unit = self.text(*path, default=default)
-        try:
+        with self.about(*path):
             check(unit)
-        except ValueError as error:
-            raise self.complain(str(error), *path) from None
         return unit
 
     def number(self, unit: str, *path: str) -> float:
-        try:
+        with self.about(*path):
             return quantity(self.get(*path), unit)
-        except ValueError as error:
-            raise self.complain(str(error), *path) from None
+
+    def files(self) -> list[str]:
+        """The names in data.files, one at least."""
+        names = self.texts("data", "files")
+        if not names:
+            raise self.complain("found an empty list, expected file names", "data", "files")
+        return names
 
 
 def case_tables(folder: Path, text: str) -> Tables:
