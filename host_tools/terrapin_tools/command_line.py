@@ -40,6 +40,9 @@ class _Commands(TyperGroup):
             for function in subcommands:
                 group.command(function.__name__.rstrip("_"))(function)
             app.add_typer(group, name=name)
+            names = {function.__name__.rstrip("_") for function in subcommands}
+            if hasattr(module, "implied") and rest and rest[0] not in {*names, "-h", "--help"}:
+                rest = module.implied(rest)
         else:
             app.command(name)(getattr(module, name))
         found: Any = typer.main.get_command(app)

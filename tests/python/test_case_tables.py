@@ -127,7 +127,7 @@ def test_tables_that_cannot_be_a_case(tmp_path: Path, capsys: pytest.CaptureFixt
         ([words, other], "no column in common"),
         ([tmp_path / "none.csv"], "none.csv"),
         ([other, tmp_path], "beside tables"),
-        ([other, "--after", "3"], "folders of runs"),
+        ([other, "--after", "3"], "--after"),
     ):
         status, _, err = terrapin(capsys, "case", *arguments, "--to", tmp_path / "case")
         assert status == 2

@@ -196,7 +196,7 @@ def heated(stage: Stage, chapter: Chapter) -> None:
         (picture, "What the model lacks against the winding's temperature, and the controller's error of C_t")
     )
     chapter.commands += [
-        "terrapin case out/runs/heated_* --to my_case --effect speed_squared --after 5",
+        "terrapin case runs out/runs/heated_* --to my_case --effect speed_squared --after 5",
         "terrapin compare my_case",
         "terrapin add my_case motor_heating",
         "terrapin export my_case --to firmware.toml",

@@ -114,4 +114,5 @@ def _step(context: Context, body: NewCase) -> list[str]:
     files = [str(upload_file(workspace, identifier)) for identifier in body.uploads]
     order = {**body.model_dump(), "title": body.title or body.name}
     target = workspace.folder("cases") / body.name
-    return [*arguments(order, files, dbc, str(target)), "--json", "-"]
+    command, *words = arguments(order, files, dbc, str(target))
+    return [command, "map", *words, "--json", "-"]
