@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-__all__ = ["UserError"]
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+__all__ = ["UserError", "about"]
 
 
 class UserError(Exception):
@@ -11,3 +14,18 @@ class UserError(Exception):
     def __init__(self, message: str, status: int = 2) -> None:
         super().__init__(message)
         self.status = status
+
+
+@contextmanager
+def about(place: object, kind: type[Exception] = ValueError) -> Iterator[None]:
+    """An error of this kind becomes a UserError that begins with the place.
+
+    >>> with about("--level"):
+    ...     float("high")
+    Traceback (most recent call last):
+    terrapin_hil.errors.UserError: --level: could not convert string to float: 'high'
+    """
+    try:
+        yield
+    except kind as error:
+        raise UserError(f"{place}: {error}") from None

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from terrapin_tools.command_options import CaseFolder, Jobs, Json, Seed, check_options, deliver
-from terrapin_tools.errors import UserError
+from terrapin_tools.errors import UserError, about
 from terrapin_tools.workbench.case.changes import OwnEffect, add_effects, parse_parameter
 
 __all__ = ["add"]
@@ -90,10 +90,8 @@ def _check_expressions(own: dict[str, OwnEffect], case: Any) -> None:
     from terrapin_tools.workbench.bases import formula_name
 
     for effect in own.values():
-        try:
+        with about("--expression"):
             names = parse(effect.expression).names
-        except ValueError as error:
-            raise UserError(f"--expression: {error}") from None
         known = {*case.inputs, *case.parameters, *case.fit, *effect.parameters, "speed", "bulldozing_resistance"}
         known |= {formula_name(name) for name in case.base.provides}
         unknown = sorted(names - known)

@@ -120,15 +120,9 @@ def example(name: Annotated[str, typer.Argument(metavar="NAME", help="of a shipp
 
     Example: terrapin case example heated_motor --to my_case
     """
-    import shutil
+    from terrapin_tools.workbench.files.writing import copy_example
 
-    from terrapin_hil.paths import examples
-    from terrapin_tools.workbench.files.writing import whole_folder
-
-    if name not in examples():
-        raise UserError(f"found {name!r}, expected one of {', '.join(examples())}")
-    with whole_folder(to) as scratch:
-        shutil.copytree(examples()[name], scratch, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".terrapin"))
+    copy_example(name, to)
     print(f"{to / 'case.toml'}: a copy of {name}")
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from terrapin_tools.command_options import CaseFolder, Json, Level, deliver
-from terrapin_tools.errors import UserError
+from terrapin_tools.errors import UserError, about
 
 if TYPE_CHECKING:
     from terrapin_tools.experiments.l9 import Analysis, Design
@@ -43,10 +43,8 @@ def l9(
             raise UserError("--factor makes a plan and FILE.csv is analysed, expected one of the two")
         print(_plan(factor))
         return
-    try:
+    with about(file or "Li et al. 2024"):
         analysis = analyse(LI_2024 if file is None else _read(file), level)
-    except ValueError as error:
-        raise UserError(f"{file or 'Li et al. 2024'}: {error}") from None
     deliver({"schema": "terrapin.l9/1", **asdict(analysis)}, _describe(analysis), json)
 
 
@@ -109,10 +107,8 @@ def _plan(factors: list[str]) -> str:
             raise UserError(f"--factor: found {text!r}, expected NAME=LEVEL,LEVEL,LEVEL")
         names.append(name.strip())
         levels.append(numbers)
-    try:
+    with about("--factor"):
         runs = plan(levels)
-    except ValueError as error:
-        raise UserError(f"--factor: {error}") from None
     rows = [",".join(f"{value:g}" for value in run) for run in runs]
     return "\n".join([",".join([*names, "response"]), *(f"{row}," for row in rows)])
 

@@ -12,7 +12,7 @@ import typer
 
 from terrapin_hil.links.names import BIT_RATE, SET_OUTSIDE, LinkName
 from terrapin_tools.command_options import link_option
-from terrapin_tools.errors import UserError
+from terrapin_tools.errors import UserError, about
 from terrapin_tools.flash import plan as plans
 from terrapin_tools.flash.image import ImageError, intact, parse, read_start
 from terrapin_tools.flash.layout import BASE
@@ -20,13 +20,12 @@ from terrapin_tools.flash.listing import listing, serial_ports
 from terrapin_tools.flash.stm32 import Stm32
 from terrapin_tools.flash.swd import Swd
 from terrapin_tools.flash.update import SignedFile, update
-from terrapin_tools.flash.wires import Wire, open_wire
+from terrapin_tools.flash.wires import Told, Wire, open_wire
 from terrapin_tools.progress import bar
 
 __all__ = ["flash"]
 
 VIAS = ("swd", "stm32", "can", "serial")
-Told = Callable[[str, int, int], None]
 
 
 def _told(shown: Callable[..., None]) -> Told:
@@ -38,11 +37,9 @@ def _files(images: Sequence[Path]) -> list[SignedFile]:
     files: list[SignedFile] = []
     for path in images:
         data = read_start(path)
-        try:
+        with about(path, ImageError):
             image = parse(data)
             intact(image)
-        except ImageError as error:
-            raise UserError(f"{path}: {error}") from None
         if image.signature is None:
             raise UserError(f"{path}: not signed; `terrapin image sign` does it")
         same = [file.name for file in files if file.image.slot == image.slot]

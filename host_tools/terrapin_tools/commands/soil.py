@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from terrapin_tools.command_options import CaseFolder, Json, Seed, check_options, deliver
-from terrapin_tools.errors import UserError
+from terrapin_tools.errors import UserError, about
 from terrapin_tools.progress import say
 
 if TYPE_CHECKING:
@@ -60,14 +60,12 @@ def vehicle(
     begin = time.monotonic()
     read = load_vehicle_case(case)
     threads = jobs or os.cpu_count() or 1
-    try:
+    with about(case, ContactError):
         train = Objective(read.vehicle, read.tyre, read.train, read.mask, threads)
         test = Objective(read.vehicle, read.tyre, read.test, read.mask, threads) if read.test else None
         fit = estimate(train, read.start, read.bounds, cast("Cost", cost), starts, seed, say)
         limits = analyse(train, fit, read.bounds, profiles, say)
         answer = _answer(read, train, test, fit, limits, cost, time.monotonic() - begin)
-    except ContactError as error:
-        raise UserError(f"{case}: {error}") from None
     deliver(answer, _describe(answer), json)
 
 
@@ -196,10 +194,8 @@ def tactile(
         raise UserError(f"--margin: found {margin:g}, expected 0 to less than 1")
     _check_picture(plot)
     read = load_tactile_case(case)
-    try:
+    with about(case, Unsolved):
         found = answer(read, margin)
-    except Unsolved as error:
-        raise UserError(f"{case}: {error}") from None
     if plot is not None and found["identified"]:
         draw(found, plot)
     elif plot is not None:

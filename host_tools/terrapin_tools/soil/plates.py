@@ -25,7 +25,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from terrapin_hil.arrays import Array, Index, Mask
-from terrapin_tools.errors import UserError
+from terrapin_tools.errors import UserError, about
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.tables import Table, read
 
@@ -236,10 +236,8 @@ def column(text: str, option: str, unit: str) -> tuple[str, str]:
     name, bracket, rest = text.strip().rpartition(" [")
     if not bracket or not rest.endswith("]") or not name.strip():
         raise UserError(f"{option}: found {text!r}, expected COLUMN [UNIT]")
-    try:
+    with about(option):
         units.convert(1.0, rest[:-1], unit)
-    except ValueError as error:
-        raise UserError(f"{option}: {error}") from None
     return name.strip(), rest[:-1]
 
 

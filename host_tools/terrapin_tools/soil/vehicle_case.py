@@ -31,7 +31,7 @@ from terrapin_hil.arrays import Array, Index
 from terrapin_hil.physics.soils import Footing
 from terrapin_hil.physics.tyre import Tyre
 from terrapin_hil.physics.vehicle import Vehicle
-from terrapin_tools.errors import UserError
+from terrapin_tools.errors import UserError, about
 from terrapin_tools.soil.vehicle import MASK, PARAMETERS, WHEELS, Drive
 from terrapin_tools.workbench.bases.vehicle import BASE
 from terrapin_tools.workbench.case.columns import mapped_column, run_of_rows, split_runs
@@ -73,7 +73,6 @@ class VehicleCase:
 
 def load_vehicle_case(folder: Path) -> VehicleCase:
     """Read a case folder. UserError when anything in it is wrong."""
-    file = folder / "case.toml"
     tables = case_tables(folder, read_case_text(folder))
     complain = tables.complain
     tables.allow((), "case", "model", "parameters", "fit", "data")
@@ -88,11 +87,9 @@ def load_vehicle_case(folder: Path) -> VehicleCase:
     known = tables.table("parameters")
     car = {name: tables.number(unit, "parameters", name) for name, unit in VEHICLE_UNITS.items() if name in known}
     rubber = {name: tables.number(unit, "parameters", name) for name, unit in tyre_units.items() if name in known}
-    try:
+    with about(f"{folder / 'case.toml'}: parameters"):
         vehicle = Vehicle(**car)
         tyre = Tyre(**{name.removeprefix("tyre_"): value for name, value in rubber.items()})
-    except ValueError as error:
-        raise UserError(f"{file}: parameters: {error}") from None
     mask = tables.number("rad/s", "parameters", "mask") if "mask" in known else MASK
     if mask < 0.0:
         raise complain(f"found {mask:g} rad/s, expected at least 0 rad/s", "parameters", "mask")
