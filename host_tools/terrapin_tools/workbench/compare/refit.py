@@ -34,5 +34,5 @@ def refit(case: Case, sigma: Array, own: Mapping[str, OwnEffect], effects: tuple
         )
     except UserError:  # a proposal that case.toml cannot hold: its card stands without a curve
         return None
-    fit = fitted_on(larger, larger.effects, larger.train, sigma)[-1]
+    fit = fitted_on(larger, larger.effects, case.train, sigma)[-1]
     return fit if bool(np.isfinite(predict(fit, case.train | case.test)).all()) else None

@@ -11,20 +11,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
-from scipy.special import chdtrc, fdtrc
+from scipy.special import fdtrc
 
 from terrapin_tools.workbench.compare.bayes_factor import BayesFactor, blocks_of
 from terrapin_tools.workbench.compare.comparison import Analysis, error, free_slopes
 from terrapin_tools.workbench.model.data_columns import candidates, column_shapes
 from terrapin_tools.workbench.model.effect_columns import shapes_of
 from terrapin_tools.workbench.model.fitting import Fit
-from terrapin_tools.workbench.noise.ar1 import Ar1
-from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
+from terrapin_tools.workbench.noise.covariance import Node, Runs
+from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
 
 __all__ = ["Left", "absent", "allowed", "left", "pays"]
-
-Array = npt.NDArray[np.float64]
 
 # A set clearly leaves something where the p-value is below the level over CLEARLY and an error is above FLOOR, a misfit
 # of half a noise sd. Both chosen by hand.
@@ -59,31 +56,26 @@ def left(analysis: Analysis, fit: Fit) -> Left:
     case, rows, sigma = analysis.case, analysis.rows, analysis.noise.sigma
     train, held = error(fit, case.train, sigma), error(fit, case.test, sigma)
     assert train is not None, "a case has training rows"
-    if max(train, held or 0.0) <= FLOOR:
+    if max(train, held or 0.0) <= FLOOR * analysis.noise.node.floor:
         return Left(train, held, 1.0)
     _, residual, slopes = free_slopes(fit, sigma, rows)
-    scaled, base = residual / sigma[:, None], slopes / sigma[:, None, None]
-    known = bool(analysis.noise.known.all())
-    ar1 = Ar1(case.run[rows])
-    p_value = _squares(Evidence(ar1, scaled, base, known), float(np.min(analysis.noise.freedom)))
+    scaled = residual / sigma[:, None]
+    base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
+    runs = Runs(case.run[rows], len(scaled))
+    p_value = _squares(Evidence(runs, scaled, base, analysis.noise.behind), float(np.min(analysis.noise.freedom)))
     effects = {e.name: shapes_of(fit.model, fit.theta, e, rows, sigma) for e in candidates(fit.model)}
     blocks = blocks_of(effects, column_shapes(case, rows), case.run[rows], len(scaled))
-    factor = float(BayesFactor(ar1, base, known, blocks)(scaled.reshape(-1, 1))[0][0])
+    factor = float(BayesFactor(runs, base, blocks)(scaled.reshape(-1, 1))[0][0])
     return Left(train, held, float(min(p_value, np.exp(-max(factor, 0.0)))))
 
 
 def _squares(evidence: Evidence, behind_sigma: float) -> float:
-    """p-value of the whitened sum of squares, averaged over the correlations as likely as these residuals make them.
+    """p-value of the whitened sum of squares, averaged over the kinds of noise as likely as these residuals make them.
 
-    `behind_sigma`: degrees of freedom of the noise sd (inf where it is given: chi-square instead of F).
+    `behind_sigma`: degrees of freedom of an estimated noise sd; inf where it is stated, which counts as STATED.
     """
-    logs = evidence.start + evidence.fit_term(evidence.total)
-    weight = np.exp(logs - logs.max())
-    if np.isfinite(behind_sigma):
-        p = fdtrc(evidence.freedom, behind_sigma, evidence.total / evidence.freedom)
-    else:
-        p = chdtrc(evidence.freedom, evidence.total)
-    return float((weight * p).sum() / weight.sum())
+    behind = behind_sigma if np.isfinite(behind_sigma) else STATED
+    return float((evidence.posterior * fdtrc(evidence.freedom, behind, evidence.total / evidence.freedom)).sum())
 
 
 def absent(fit: Fit | None, names: Sequence[str]) -> bool:
@@ -97,13 +89,14 @@ def absent(fit: Fit | None, names: Sequence[str]) -> bool:
     return False
 
 
-def allowed(count: int, rho: float) -> float:
+def allowed(count: int, node: Node) -> float:
     """Mean square, in noise variances, up to which `count` rows of noise may lie (Bartlett's variance)."""
-    return float(1.0 + NOISE * np.sqrt(2.0 / _independent(max(count, 1), rho)))
+    return float(node.floor**2 * (1.0 + NOISE * np.sqrt(2.0 / _independent(max(count, 1), node))))
 
 
-def _independent(count: int, rho: float) -> float:
+def _independent(count: int, node: Node) -> float:
     """Independent rows whose mean square scatters as much as that of `count` correlated ones."""
+    rho = node.share * node.rho
     return count * (1.0 - rho * rho) / (1.0 + rho * rho)
 
 
@@ -114,7 +107,7 @@ def pays(analysis: Analysis, longer: Fit, shorter: Fit) -> bool:
     must be significant: a likelihood ratio above 1 over the level on the held-out runs. It counts down to the
     floor only. An error below 1 is luck, or a noise sd that is stated too large; it shows no effect.
     """
-    case, sigma, rho = analysis.case, analysis.noise.sigma, analysis.noise.rho
+    case, sigma, node = analysis.case, analysis.noise.sigma, analysis.noise.node
     after, before = error(longer, case.test, sigma), error(shorter, case.test, sigma)
     if after is None or before is None:
         return True
@@ -123,6 +116,6 @@ def pays(analysis: Analysis, longer: Fit, shorter: Fit) -> bool:
     train = error(shorter, case.train, sigma)
     assert train is not None, "a case has training rows"
     held = len(sigma) * int(case.test.sum())
-    at_floor = train**2 <= allowed(len(sigma) * int(case.train.sum()), rho) and before**2 <= allowed(held, rho)
-    fall = before**2 - max(after**2, 1.0)
-    return not at_floor or 0.5 * fall * _independent(held, rho) > -np.log(analysis.level)
+    at_floor = train**2 <= allowed(len(sigma) * int(case.train.sum()), node) and before**2 <= allowed(held, node)
+    fall = (before**2 - max(after**2, node.floor**2)) / node.floor**2
+    return not at_floor or 0.5 * fall * _independent(held, node) > -np.log(analysis.level)

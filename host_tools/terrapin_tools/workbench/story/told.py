@@ -61,7 +61,7 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         parameters=_values(analysis.fit, analysis.sd),
         channels=_channels(analysis),
         noise=noise.source,
-        rho=noise.rho,
+        rho=noise.node.share * noise.node.rho,
         found=found,
     )
 
@@ -110,7 +110,7 @@ def _rungs(ladder: Sequence[comparison.Rung]) -> tuple[Rung, ...]:
 
 
 def _sd(analysis: Analysis, fit: Fit) -> npt.NDArray[np.float64]:
-    variance = np.diag(covariance(fit, analysis.case.run[analysis.case.train], analysis.noise.rho)[0])
+    variance = np.diag(covariance(fit, analysis.case.run[analysis.case.train], analysis.noise.node)[0])
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
