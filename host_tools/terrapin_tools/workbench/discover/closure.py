@@ -26,7 +26,7 @@ REFITS = 60  # at most; chosen by hand, for time
 ANYWAY = (3, 2)  # effects and formulas that are refitted in the place of a member, whatever is promised; by hand
 PROMISED = (6, 4)  # of those within NEAR of the best; chosen by hand
 NEAR = 8.0  # log evidence behind the best that a promise may lie and be refitted; chosen by hand
-MOST = 4  # terms of an answer
+MOST = (4, 3)  # terms of an answer, and expressions among them: a person shall read it
 
 
 def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
@@ -48,7 +48,7 @@ def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
         looked_at.add(frozenset(centre.effects))
         for names in _next_to(ranker, centre):
             key = frozenset(names)
-            if key not in known and key:
+            if key and key not in known and sum(n in ranker.sketches for n in names) <= MOST[1]:
                 known[key] = ranker.weighed(names)
                 new.append(known[key])
     return new
@@ -66,7 +66,7 @@ def _next_to(ranker: Ranker, centre: Hypothesis) -> list[tuple[str, ...]]:
         beyond = ranker.beyond(centre.fit, member)
         promised = centre.log_weight - ranker.log_prior(centre.effects)
         found += [(*rest, n) for n in _likely(ranker, beyond, centre.effects, ANYWAY, promised)]
-    if len(centre.effects) < MOST:
+    if len(centre.effects) < MOST[0]:
         beyond = ranker.beyond(centre.fit)
         found += [(*centre.effects, n) for n in _likely(ranker, beyond, centre.effects, (1, 1), beyond.nothing)]
     return found

@@ -189,7 +189,8 @@ def _says_enough(ranking: Ranking, analysis: Analysis, top: Hypothesis) -> bool:
     if _explained(analysis, top.fit) >= ENOUGH_EXPLAINED:
         return True
     # where the noise sd itself holds the misfit, nothing is left before and after: then it must be likely at least
-    likely = ranking.column_inclusion(top.column) > LIKELIER * ranking.probability("nothing")
+    own = next(p for h, p in zip(ranking.hypotheses, ranking.posterior, strict=True) if h is top)
+    likely = own > LIKELIER * ranking.probability("nothing")
     return (likely or not _nothing_left(analysis, analysis.fit)) and _nothing_left(analysis, top.fit)
 
 

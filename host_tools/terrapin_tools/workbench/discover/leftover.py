@@ -13,12 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtrc
 
+from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.compare.bayes_factor import BayesFactor, blocks_of
 from terrapin_tools.workbench.compare.comparison import Analysis, error, free_slopes
 from terrapin_tools.workbench.model.data_columns import candidates, column_shapes
 from terrapin_tools.workbench.model.effect_columns import shapes_of
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.noise.covariance import Node, Runs
+from terrapin_tools.workbench.noise.estimate import repeated_settings
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
 
 __all__ = ["Left", "absent", "allowed", "left", "pays"]
@@ -27,6 +29,7 @@ __all__ = ["Left", "absent", "allowed", "left", "pays"]
 # of half a noise sd. Both chosen by hand.
 CLEARLY = 50.0
 FLOOR = np.sqrt(1.25)
+SETTINGS = 6  # that are repeated in several runs, to ask what they have in common; chosen by hand
 NOISE = 2.0  # standard deviations of the mean square above 1 that noise may explain: the usual two sd
 
 
@@ -56,7 +59,7 @@ def left(analysis: Analysis, fit: Fit) -> Left:
     case, rows, sigma = analysis.case, analysis.rows, analysis.noise.sigma
     train, held = error(fit, case.train, sigma), error(fit, case.test, sigma)
     assert train is not None, "a case has training rows"
-    if max(train, held or 0.0) <= FLOOR * analysis.noise.node.floor:
+    if max(train, held or 0.0) <= FLOOR:
         return Left(train, held, 1.0)
     _, residual, slopes = free_slopes(fit, sigma, rows)
     scaled = residual / sigma[:, None]
@@ -66,7 +69,32 @@ def left(analysis: Analysis, fit: Fit) -> Left:
     effects = {e.name: shapes_of(fit.model, fit.theta, e, rows, sigma) for e in candidates(fit.model)}
     blocks = blocks_of(effects, column_shapes(case, rows), case.run[rows], len(scaled))
     factor = float(BayesFactor(runs, base, blocks)(scaled.reshape(-1, 1))[0][0])
-    return Left(train, held, float(min(p_value, np.exp(-max(factor, 0.0)))))
+    return Left(train, held, float(min(p_value, np.exp(-max(factor, 0.0)), _repeated(analysis, fit, residual))))
+
+
+def _repeated(analysis: Analysis, fit: Fit, residual: Array) -> float:
+    """p-value of "rows of equal settings in several runs have nothing in common" (lack of fit): noise that is alike
+    from row to row is not alike from run to run, and a shape that no column's polynomial has is."""
+    case, rows, node = analysis.case, analysis.rows, analysis.noise.node
+    if case.base.whole_runs:
+        return 1.0
+    run = case.run[rows]
+    group = repeated_settings({name: values[rows] for name, values in case.roles.items()}, len(run))
+    count = np.bincount(group)
+    runs = np.array([len(np.unique(run[group == one])) for one in np.flatnonzero(count > 1)])
+    if len(runs) < SETTINGS or runs.min() < 2:
+        return 1.0
+    found = 1.0
+    for channel in residual:
+        mean = np.bincount(group, channel) / count
+        within = float(((channel - mean[group]) ** 2).sum())
+        below = len(run) - len(count)
+        above = len(count) - len(fit.theta)
+        if above < 1 or below < 1 or within <= 0.0:
+            continue
+        ratio = float((count * mean * mean).sum()) / above / (within / below)
+        found = min(found, float(fdtrc(_independent(above, node), _independent(below, node), ratio)))
+    return found
 
 
 def _squares(evidence: Evidence, behind_sigma: float) -> float:
@@ -91,7 +119,7 @@ def absent(fit: Fit | None, names: Sequence[str]) -> bool:
 
 def allowed(count: int, node: Node) -> float:
     """Mean square, in noise variances, up to which `count` rows of noise may lie (Bartlett's variance)."""
-    return float(node.floor**2 * (1.0 + NOISE * np.sqrt(2.0 / _independent(max(count, 1), node))))
+    return float(1.0 + NOISE * np.sqrt(2.0 / _independent(max(count, 1), node)))
 
 
 def _independent(count: int, node: Node) -> float:
@@ -117,5 +145,5 @@ def pays(analysis: Analysis, longer: Fit, shorter: Fit) -> bool:
     assert train is not None, "a case has training rows"
     held = len(sigma) * int(case.test.sum())
     at_floor = train**2 <= allowed(len(sigma) * int(case.train.sum()), node) and before**2 <= allowed(held, node)
-    fall = (before**2 - max(after**2, node.floor**2)) / node.floor**2
+    fall = before**2 - max(after**2, 1.0)
     return not at_floor or 0.5 * fall * _independent(held, node) > -np.log(analysis.level)

@@ -237,7 +237,7 @@ def odd_rows(runs: Runs, residual: Array, basis: Array, node: Node, sigma: float
     """
     odd = np.zeros(runs.rows, dtype=bool)
     behind = STATED if sigma is not None else 0.0
-    scaled = residual / (sigma if sigma is not None else max(float(np.sqrt(np.mean(residual**2))), 1e-300))
+    scaled = residual / (sigma if sigma is not None else max(float(np.sqrt(np.mean(residual**2))), 1e-150))
     if runs.length.max() > LONG:
         return odd
     for _ in range(int(ODD_SHARE * runs.rows)):
@@ -251,7 +251,7 @@ def odd_rows(runs: Runs, residual: Array, basis: Array, node: Node, sigma: float
         left = weighed[:, -1] - weighed[:, :-1] @ (inner @ (x.T @ weighed[:, -1]))
         own = diagonal - np.einsum("ij,jk,ik->i", weighed[:, :-1], inner, weighed[:, :-1])
         square = left * left / np.maximum(own, 1e-12)
-        others = np.maximum(behind + float(scaled[kept] @ left) - square, 1e-300) / free
+        others = np.maximum(behind + float(scaled[kept] @ left) - square, 1e-30) / free
         farthest = int(np.argmax(square / others))
         if np.sqrt(square[farthest] / others[farthest]) < stdtrit(free, 1.0 - 0.5 * ODD / runs.rows):
             return odd
