@@ -19,10 +19,10 @@ from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.compare.adequacy import Adequacy, Failure, assess, where_it_fails
 from terrapin_tools.workbench.compare.input_noise import input_noise
 from terrapin_tools.workbench.files.units import LARGEST
+from terrapin_tools.workbench.model.constants import suspected
 from terrapin_tools.workbench.model.data_columns import (
     Direction,
     Shapes,
-    candidates,
     catalogue_directions,
     column_shapes,
     numeric_columns,
@@ -179,7 +179,7 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)
     directions = catalogue_directions(model, fits[-1].theta, rows)
     shapes = column_shapes(case, rows)
-    effects = {e.name: shapes_of(model, fits[-1].theta, e, rows, sigma) for e in candidates(model)}
+    effects = {e.name: shapes_of(model, fits[-1].theta, e, rows, sigma) for e in suspected(model)}
     widened = np.concatenate([slopes, nuisance], axis=-1)
     adequacy = assess(case, residual, widened, noise, directions, effects, shapes, rows, seed)
     missing = adequacy.p_value < level

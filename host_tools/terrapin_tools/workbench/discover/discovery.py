@@ -23,6 +23,7 @@ from terrapin_tools.workbench.discover.ranking import Hypothesis, Ranking, rank
 from terrapin_tools.workbench.discover.resampled import Selected, selection
 from terrapin_tools.workbench.discover.which_column import importance
 from terrapin_tools.workbench.experiment.proposal import Experiment, propose
+from terrapin_tools.workbench.model.constants import named
 from terrapin_tools.workbench.model.data_columns import numeric_columns
 from terrapin_tools.workbench.model.fitting import Fit, covariance
 
@@ -331,7 +332,7 @@ def _candidate(analysis: Analysis, hypothesis: Hypothesis, probability: float, c
     covered = covariance(fit, case.run[case.train], analysis.noise.node)[0]
     return Candidate(
         effect=effect,
-        kind="catalogue" if hypothesis.kind == "catalogue" else "expression",
+        kind="constant" if named(effect.name) else hypothesis.kind,
         probability=probability,
         column_probability=column,
         heldout_rmse={c: float(v) if case.test.any() else None for c, v in zip(fit.model.channels, each, strict=True)},

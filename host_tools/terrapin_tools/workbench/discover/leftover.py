@@ -16,7 +16,8 @@ from scipy.special import fdtrc
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.compare.bayes_factor import BayesFactor, blocks_of
 from terrapin_tools.workbench.compare.comparison import Analysis, error, free_slopes
-from terrapin_tools.workbench.model.data_columns import candidates, column_shapes
+from terrapin_tools.workbench.model.constants import suspected
+from terrapin_tools.workbench.model.data_columns import column_shapes
 from terrapin_tools.workbench.model.effect_columns import shapes_of
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.noise.covariance import Node, Runs
@@ -66,7 +67,7 @@ def left(analysis: Analysis, fit: Fit) -> Left:
     base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
     runs = Runs(case.run[rows], len(scaled))
     p_value = _squares(Evidence(runs, scaled, base, analysis.noise.behind), float(np.min(analysis.noise.freedom)))
-    effects = {e.name: shapes_of(fit.model, fit.theta, e, rows, sigma) for e in candidates(fit.model)}
+    effects = {e.name: shapes_of(fit.model, fit.theta, e, rows, sigma) for e in suspected(fit.model)}
     blocks = blocks_of(effects, column_shapes(case, rows), case.run[rows], len(scaled))
     factor = float(BayesFactor(runs, base, blocks)(scaled.reshape(-1, 1))[0][0])
     return Left(train, held, float(min(p_value, np.exp(-max(factor, 0.0)), _repeated(analysis, fit, residual))))

@@ -15,6 +15,7 @@ from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.compare.comparison import Analysis, measured
 from terrapin_tools.workbench.discover.expressions import SCALE_COST, Library, Sketch, as_effect
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
+from terrapin_tools.workbench.model.constants import constants, tax
 from terrapin_tools.workbench.model.data_columns import candidates
 from terrapin_tools.workbench.model.effect_columns import Shape, is_phase
 from terrapin_tools.workbench.model.fitting import Fit, extend
@@ -28,7 +29,8 @@ __all__ = ["RUN", "SIZE_OF_SET", "Ranker"]
 # what comes of it.
 SIZE_OF_SET = (0.2, 0.54, 0.19, 0.045, 0.005)
 RUN = 0.02
-CATALOGUE = 0.64  # of a term that is not known yet to stand in the catalogue, where that has any; by hand
+CATALOGUE = 0.62  # of a term that is not known yet to stand in the catalogue, where that has any; by hand
+CONSTANT = 0.03  # of it to be a stated constant that is wrong, where there are any; by hand
 
 
 class Ranker:
@@ -42,6 +44,8 @@ class Ranker:
         self.train = measured(self.model, self.case.train)
         self.effects: dict[str, Effect] = {effect.name: effect for effect in candidates(self.model)}
         self.catalogue = len(self.effects)
+        self.suspects = {effect.name: effect for effect in constants(self.model)}
+        self.effects |= self.suspects
         self.shapes = analysis.shapes
         self.flat = [shape for shapes in self.shapes.values() for shape in shapes]
         self.columns = np.concatenate(
@@ -76,6 +80,8 @@ class Ranker:
         jobs: dict[tuple[int, ...], list[tuple[tuple[str, ...], tuple[int, ...]]]] = {}
         for count in (1, 2):
             for names in combinations(index, count):
+                if count > 1 and any(name in self.suspects for name in names):
+                    continue  # beside others, a suspect is looked at next to the best answers
                 for picked in product(*(index[name] for name in names)):
                     jobs.setdefault(tuple(width[i] for i in picked), []).append((names, picked))
         found: dict[tuple[str, ...], list[float]] = {}
@@ -157,9 +163,13 @@ class Ranker:
 
     def log_prior(self, names: Collection[str]) -> float:
         """Of a set of effects and expressions."""
-        share = CATALOGUE if self.catalogue else 0.0
+        share, suspect = CATALOGUE if self.catalogue else 0.0, CONSTANT if self.suspects else 0.0
         each = [
-            (1.0 - share) * self.sketches[name].prior if name in self.sketches else share / self.catalogue
+            (1.0 - share - suspect) * self.sketches[name].prior
+            if name in self.sketches
+            else suspect / len(self.suspects)
+            if name in self.suspects
+            else share / self.catalogue
             for name in names
         ]
         count = min(len(each), len(SIZE_OF_SET) - 1)
@@ -176,7 +186,7 @@ class Ranker:
         """A set, refitted; its log weight is that of the evidence `otherwise` where the refit leaves nothing of it."""
         fit = self.fit(names)
         value = self.around(fit, names)
-        total = otherwise if value is None else value + self.lost(names)
+        total = otherwise if value is None else value + self.lost(names) + tax(fit, names)
         own = [name in self.sketches for name in names]
         kind = "expression" if all(own) else "mixed" if any(own) else "catalogue"
         column = next((self.sketches[name].column for name in names if name in self.sketches), "")

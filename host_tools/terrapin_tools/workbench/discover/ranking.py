@@ -137,8 +137,9 @@ def _pairs(
     onward = _onward(ranker, singles, best)
     alone = {name: singles[name].log_weight - ranker.log_prior((name,)) for name in singles}
     promise: dict[tuple[str, ...], float] = {names: value for names, value in average.items() if len(names) == 2}
+    onward = {names: gain for names, gain in onward.items() if names in promise}
     for names, gain in onward.items():
-        promise[names] = max(promise[names], alone[_first(names, singles)] + gain)
+        promise[names] = max(promise.get(names, -np.inf), alone[_first(names, singles)] + gain)
     by_average: list[tuple[str, ...]] = sorted(promise, key=lambda n: -average[n])
     by_promise = sorted(promise, key=lambda n: -promise[n])
     found: list[Hypothesis] = []
