@@ -48,4 +48,4 @@ def test_it_finds_the_tests_that_wait() -> None:
     )
     for name in waiting:
         assert f"tests/{name}" in found
-    assert "tests/python/test_lagged.py" not in found
+    assert "tests/python/test_noise.py" not in found

@@ -10,7 +10,7 @@ import typer
 
 from terrapin_tools.command_options import CaseFolder, Jobs, Json, Seed, check_options, deliver
 from terrapin_tools.errors import UserError, about
-from terrapin_tools.workbench.case.changes import OwnEffect, add_effects, parse_parameter
+from terrapin_tools.workbench.case.changes import OwnEffect, extended, parse_parameter
 
 __all__ = ["add"]
 
@@ -43,7 +43,9 @@ def add(
             raise UserError(f"{case / 'case.toml'}: model.effects: {name} is in the model already")
     own = _own_effects(case, effects, expression, target, parameter or [], set(present.library))
     _check_expressions(own, present)
-    answer, words = carry_out(present, add_effects(present.text, effects, own), "added", list(effects), seed)
+    answer, words = carry_out(
+        present, extended(present.text, present.parameters, effects, own), "added", list(effects), seed
+    )
     deliver(answer, words, json)
 
 

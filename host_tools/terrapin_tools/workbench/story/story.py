@@ -67,10 +67,11 @@ class Proposal:
     """One effect alone: the probability that it is part of what is missing, and what adding it alone does."""
 
     effect: str
-    kind: str  # catalogue or expression
+    kind: str  # catalogue, expression or constant
     expression: str
     target: str
     probability: float
+    column_probability: float | None  # of an expression: that some expression in its column is
     heldout_rmse: Mapping[str, float | None]  # by channel, in its unit
     noise_ratio: float | None  # error on held-out runs, in noise sd
     parameters: Mapping[str, Value]
