@@ -110,15 +110,20 @@ def test_boots_tests_itself_and_says_what_is_missing(port: SlcanPort) -> None:
     assert all(not any(row.values()) for row in times)  # no cycle counter here
 
 
-def test_ticks_by_itself_at_1_khz(port: SlcanPort) -> None:
-    """Its own clock: never faster than 1 kHz; slower only as far as this machine lacks time for the emulator."""
-    port.exchange(b"F\r")
+def test_ticks_by_itself_at_1_khz() -> None:
+    """Its own clock: never faster than 1 kHz; slower only as far as this machine lacks time for the emulator. Counted
+    from its start, since an emulator that had to wait makes up for it."""
     start = time.monotonic()
-    ticks: list[int] = []
-    while not ticks or (ticks[-1] - ticks[0]) & 0xFFFF < 500:
-        assert time.monotonic() < start + BOUND
-        ticks += [row["tick"] for row in values(listen(port, 0.5), "ACTUATE")]
-    assert ((ticks[-1] - ticks[0]) & 0xFFFF) / (time.monotonic() - start) < 1100
+    machine = QemuUsart()
+    try:
+        with machine.start() as port:
+            tick = 0
+            while tick < 500:
+                assert time.monotonic() < start + BOUND
+                tick = max((row["tick"] for row in values(listen(port, 0.5), "ACTUATE")), default=0)
+                assert tick / (time.monotonic() - start) < 1100
+    finally:
+        machine.stop()
 
 
 @pytest.mark.parametrize("name", ["steady_sand", "slope_limiter", "floor_calibration"])
