@@ -51,7 +51,7 @@ def test_ctrl_c_ends_it_after_what_runs(tmp_path: Path) -> None:
         running.stdout.readline()
         running.send_signal(signal.SIGINT)
         running.communicate(timeout=BOUND)
-    assert running.returncode != 0
+    assert running.returncode == 130
     assert int(count.read_text()) < 50
 
 

@@ -130,7 +130,8 @@ def main() -> int:
                 future.result()
         except KeyboardInterrupt:
             pool.shutdown(wait=False, cancel_futures=True)  # else all that is queued would run
-            raise
+            print("interrupted: what runs is waited for", flush=True)
+            return 130
     asked = [runs.passed[name, number] for name in commands for number in range(times)]
     print(f"{sum(asked)} passed, {len(asked) - sum(asked)} failed")
     return 0 if all(asked) else 1
