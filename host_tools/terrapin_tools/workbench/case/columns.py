@@ -12,8 +12,10 @@ import numpy as np
 
 from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_hil.physics.expression import Expression, parse
+from terrapin_hil.physics.mechanics import ROLES as MECHANICS
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import CHANNELS, ROLES, Base
+from terrapin_tools.workbench.case.mechanics import is_of, role_of_unit
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.tables import LOG_SUFFIXES, Table, read
 from terrapin_tools.workbench.files.toml_tables import Tables
@@ -31,6 +33,7 @@ class Mapped:
     canonical: str
     sigma: float | None  # in the canonical unit
     channel: bool
+    role: str = ""  # that an input of the user's own names is told to have
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +52,7 @@ class Measurements:
     test: Mask
     place: Callable[[int], str] = field(repr=False)  # row -> "runs.csv:17"
     equations: Mapping[str, Expression]  # of the user's own, by channel
+    told: Mapping[str, str]  # of the user's own names: role that brings mechanics -> input
 
 
 def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
@@ -100,7 +104,16 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
         test=np.isin(run, [index[name] for name in test_runs]),
         place=place,
         equations=equations,
+        told=_told(mapped),
     )
+
+
+def _told(mapped: list[Mapped]) -> dict[str, str]:
+    """Role -> input. Without a column that tells its role, units tell none either: a case without `is` has no roles."""
+    told = {entry.role: entry.name for entry in mapped if entry.role}
+    if not told:
+        return {}
+    return {**told, **role_of_unit({e.name: e.unit for e in mapped if not (e.channel or e.role)}, told)}
 
 
 def _equations(tables: Tables, base: Base) -> dict[str, Expression]:
@@ -122,7 +135,7 @@ def _equations(tables: Tables, base: Base) -> dict[str, Expression]:
 
 
 def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) -> list[Mapped]:
-    mapped = []
+    mapped: list[Mapped] = []
     for name in tables.table("data", "columns"):
         path = ("data", "columns", name)
         free = base.own_names
@@ -132,7 +145,7 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
         if not free and not channel and name not in ROLES:
             expected = ", ".join([*base.channels, *ROLES])
             raise tables.complain(f"unknown role or channel, expected one of {expected}", *path)
-        tables.entry(path, "column", "unit", also=("sigma",) if channel else ())
+        tables.entry(path, "column", "unit", also=("sigma",) if channel else ("is",) if free else ())
         unit = tables.text(*path, "unit", default="1" if free else None)
         canonical = unit if free else CHANNELS.get(name) or ROLES[name]
         try:
@@ -147,7 +160,8 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
             raise tables.complain(str(error), *path, "unit") from None
         if sigma is not None and sigma * units.LARGEST < 1.0:
             raise tables.complain(f"found {sigma:g} {canonical}, expected more than 0", *path, "sigma")
-        mapped.append(Mapped(name, tables.text(*path, "column"), unit, canonical, sigma, channel))
+        role = _role(tables, path, mapped)
+        mapped.append(Mapped(name, tables.text(*path, "column"), unit, canonical, sigma, channel, role))
     for i, entry in enumerate(mapped):
         other = next((e for e in mapped[:i] if e.column == entry.column and e.unit != entry.unit), None)
         if other is not None:
@@ -159,6 +173,23 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
         if predicted not in {entry.name for entry in mapped}:
             raise tables.complain(f"{predicted} is missing, expected the column that measures it", "data", "columns")
     return mapped
+
+
+def _role(tables: Tables, path: tuple[str, ...], before: list[Mapped]) -> str:
+    """What an input is told to be, "" for nothing."""
+    role = tables.text(*path, "is", default="")
+    if not role:
+        return role
+    if role not in MECHANICS:
+        raise tables.complain(f"found {role!r}, expected one of {', '.join(MECHANICS)}", *path, "is")
+    other = next((entry.name for entry in before if entry.role == role), None)
+    if other is not None:
+        hint = "expected one column: that of the part which the channels measure (make a case for each part)"
+        raise tables.complain(f"{other} is told to be the {role} too, {hint}", *path, "is")
+    unit = tables.text(*path, "unit", default="")
+    if unit and not is_of(unit, role):
+        raise tables.complain(f"found {unit!r} for a {role}, expected {' or '.join(MECHANICS[role])}", *path, "unit")
+    return role
 
 
 def mapped_column(tables: Tables, table: Table, role: str, canonical: str) -> Array:
