@@ -34,7 +34,8 @@ def tell(story: Story) -> str:
     if story.chances:
         lines += ["", "What these runs can show:", *_table(story.chances)]
     lines += ["", *_next(story.next)]
-    lines += ["", "Parameters:", *_table([(k, _plain(amount(v)), stuck(v)) for k, v in story.parameters.items()])]
+    if story.parameters:
+        lines += ["", "Parameters:", *_table([(k, _plain(amount(v)), stuck(v)) for k, v in story.parameters.items()])]
     channels = [
         (name, *(number(v) for v in (c.noise_sd, c.train_rmse, c.heldout_rmse)), "" if c.unit == "1" else c.unit)
         for name, c in story.channels.items()
