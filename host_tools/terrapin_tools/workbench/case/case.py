@@ -23,6 +23,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import BASES, ELSEWHERE, ROLES, Base, formula_name
 from terrapin_tools.workbench.case.columns import Measurements, read_measurements
 from terrapin_tools.workbench.case.effects import read_library, sound
+from terrapin_tools.workbench.case.intake import guesses
 from terrapin_tools.workbench.case.mechanics import Told, mechanics_of
 from terrapin_tools.workbench.case.rig_limits import read_limits
 from terrapin_tools.workbench.files.toml_tables import (
@@ -63,6 +64,12 @@ class Case(Measurements):
     library: Mapping[str, Effect]  # that this base may take: the catalogue with the case's bounds, and the user's own
     scales: Mapping[str, float]  # equation with all units given: what takes a name's number to SI; else empty
     limits: Mapping[str, tuple[float, float]]  # what the rig can set: role -> lowest, highest
+    guessed: tuple[str, ...]  # what nobody has confirmed, as TABLE.KEY
+
+    @property
+    def intake(self) -> tuple[str, ...]:
+        """What a reader has to know of the numbers before the answer."""
+        return (*self.remarks, *guesses(self.guessed))
 
     @property
     def rows(self) -> int:
@@ -99,7 +106,7 @@ def parse_case(folder: Path, text: str) -> Case:
     if isinstance(name, str) and name in ELSEWHERE:  # its case.toml has more tables
         raise complain(f"found {name!r}, which is for {ELSEWHERE[name]}", "model", "base")
     tables.allow((), "case", "model", "parameters", "fit", "effect", "limits", "data")
-    tables.allow(("case",), "title", "notes", "source", "comment", "license", "date")
+    tables.allow(("case",), "title", "notes", "source", "comment", "license", "date", "guessed")
     tables.allow(("model",), "base", "effects", "effects_folder", "equation")
     title = tables.text("case", "title", default=folder.resolve().name)
     base_name = tables.text("model", "base")
@@ -130,6 +137,7 @@ def parse_case(folder: Path, text: str) -> Case:
         library=sound(tables, base, library, {**measured.units, **parameter_units, **_fit_units(fit)}),
         scales=_scales(measured.equations, {**parameter_units, **_fit_units(fit), **measured.units}, complain),
         limits=read_limits(tables, base, measured.units, measured.extra, measured.column_of),
+        guessed=_guessed(tables),
         **vars(measured),
     )
     _check_names(case, complain)
@@ -151,6 +159,15 @@ def _mechanics(tables: Tables, measured: Measurements) -> dict[str, Effect]:
     names = {name for formula in measured.equations.values() for name in formula.names}
     known = {*tables.table("parameters"), *tables.table("fit")}
     return mechanics_of(told, {n: measured.units[n] or "1" for n in measured.channels}, names & known)
+
+
+def _guessed(tables: Tables) -> tuple[str, ...]:
+    """[case] guessed: places in case.toml that hold a placeholder."""
+    places = tables.texts("case", "guessed", default=[])
+    for place in places:
+        if tables.get(*place.split(".")) is None:
+            raise tables.complain(f"{place} is not there, expected TABLE.KEY of this file", "case", "guessed")
+    return tuple(places)
 
 
 def _notes(folder: Path, tables: Tables) -> str:

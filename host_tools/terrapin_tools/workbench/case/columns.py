@@ -15,25 +15,13 @@ from terrapin_hil.physics.expression import Expression, parse
 from terrapin_hil.physics.mechanics import ROLES as MECHANICS
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import CHANNELS, ROLES, Base
+from terrapin_tools.workbench.case.intake import Mapped, converted, gaps, unsigned
 from terrapin_tools.workbench.case.mechanics import is_of, role_of_unit
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.tables import LOG_SUFFIXES, Table, read
 from terrapin_tools.workbench.files.toml_tables import Tables
 
 __all__ = ["Measurements", "mapped_column", "read_measurements"]
-
-
-@dataclass(frozen=True)
-class Mapped:
-    """One entry of [data.columns]."""
-
-    name: str
-    column: str
-    unit: str
-    canonical: str
-    sigma: float | None  # in the canonical unit
-    channel: bool
-    role: str = ""  # that an input of the user's own names is told to have
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +41,8 @@ class Measurements:
     place: Callable[[int], str] = field(repr=False)  # row -> "runs.csv:17"
     equations: Mapping[str, Expression]  # of the user's own, by channel
     told: Mapping[str, str]  # of the user's own names: role that brings mechanics -> input
+    rows_left_out: int  # for a gap in a mapped column
+    remarks: tuple[str, ...]  # what was left out, converted or looks odd, in sentences
 
 
 def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
@@ -81,30 +71,38 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
                 )
     if starts[-1] == 0:
         raise tables.complain(f"{files[0]} has no rows, expected at least one", "data", "files")
-    run_text = _run_names(tables, loaded, run_column)
+    columns = {entry.column: np.concatenate([t.numbers(entry.column, gaps=True) for t in loaded]) for entry in mapped}
+    whole: Mask = ~np.any([np.isnan(values) for values in columns.values()], axis=0)
+    rows: slice | Index = slice(None) if whole.all() else np.flatnonzero(whole)
+    kept = np.arange(starts[-1])[rows]
+    if not kept.size:
+        first = next(name for name, values in columns.items() if np.isnan(values).any())
+        raise UserError(f"{place(0)}: column {first}: every row has a gap, expected at least one without")
+    run_text = [name for name, keep in zip(_run_names(tables, loaded, run_column), whole, strict=True) if keep]
     run_names = tuple(sorted(set(run_text)))
     index = {name: i for i, name in enumerate(run_names)}
     run = np.array([index[name] for name in run_text], dtype=np.int64)
     train_runs, test_runs = _split(tables, run_names)
-    values: dict[str, Array] = {}
-    for entry in mapped:
-        raw = np.concatenate([table.numbers(entry.column) for table in loaded])
-        values[entry.name] = units.convert(raw, entry.unit, entry.canonical)
+    values = {e.name: units.convert(columns[e.column][rows], e.unit, e.canonical) for e in mapped}
     used = {entry.column for entry in mapped} | {run_column}
+    extra, sparse = _extra(loaded, used | set(values) | _ignored(tables, loaded, used))
+    remarks = [*gaps(columns, whole, sparse), *converted(mapped), *unsigned(values, _told(mapped))]
     return Measurements(
         roles={e.name: values[e.name] for e in mapped if not e.channel},
         channels={e.name: values[e.name] for e in mapped if e.channel},
         sigma={e.name: e.sigma for e in mapped if e.channel},
         units={e.name: e.canonical for e in mapped},
-        extra=_extra(loaded, used | set(values) | _ignored(tables, loaded, used)),
+        extra={name: column[rows] for name, column in extra.items()},
         column_of={e.name: e.column for e in mapped},
         run_names=run_names,
         run=run,
         train=np.isin(run, [index[name] for name in train_runs]),
         test=np.isin(run, [index[name] for name in test_runs]),
-        place=place,
+        place=lambda row: place(int(kept[row])),
         equations=equations,
         told=_told(mapped),
+        rows_left_out=int((~whole).sum()),
+        remarks=tuple(remarks),
     )
 
 
@@ -281,14 +279,19 @@ def _ignored(tables: Tables, loaded: list[Table], used: set[str]) -> set[str]:
     return set(names)
 
 
-def _extra(loaded: list[Table], used: set[str]) -> dict[str, Array]:
-    """Columns that are not mapped but numeric in every file: the residual may depend on them."""
-    extra = {}
+def _extra(loaded: list[Table], used: set[str]) -> tuple[dict[str, Array], list[str]]:
+    """Columns that are not mapped but numeric: the residual may depend on them. Apart from them, those with gaps."""
+    extra: dict[str, Array] = {}
+    sparse = []
     for name in loaded[0].columns:
         if name in used or any(name not in table.columns for table in loaded):
             continue
         try:
-            extra[name] = np.concatenate([table.numbers(name) for table in loaded])
+            column = np.concatenate([table.numbers(name, gaps=True) for table in loaded])
         except UserError:
-            continue  # text or gaps: nothing a formula could use, and nothing the contract asks to complain about
-    return extra
+            continue  # text: nothing a formula could use, and nothing the contract asks to complain about
+        if not np.isnan(column).any():
+            extra[name] = column
+        elif not np.isnan(column).all():
+            sparse.append(name)
+    return extra, sparse

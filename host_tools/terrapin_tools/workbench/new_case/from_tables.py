@@ -12,7 +12,10 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
+
+import numpy as np
 
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES, Base
@@ -45,7 +48,7 @@ WORDS = {  # role or channel -> words of a name that stand for it, and words bes
     "voltage": ("voltage volt volts u", "board supply"),
     **{name: words for base in BASES.values() for name, words in base.column_words.items()},
 }
-NAMED = 3  # columns with gaps whose first gap is told
+NAMED = 3  # columns with text between numbers whose first text is told
 RUN_WORDS = ("run", "test", "trial", "experiment", "series", "id")
 
 
@@ -152,10 +155,14 @@ def write_table_case(folder: Path, files: Sequence[Path], title: str) -> str:
     words = [name for name in text if not any(_has_numbers(table, name) for table in tables)]
     if words:
         lines.append(f"Not numbers: {', '.join(words)}")
-    gaps = [name for name in text if name not in words]
-    lines += [f"Left out: {wrong[name]}" for name in gaps[:NAMED]]
-    if len(gaps) > NAMED:
-        lines.append(f"Left out, too, with gaps: {', '.join(gaps[NAMED:])}")
+    mixed = [name for name in text if name not in words]
+    lines += [f"Left out: {wrong[name]}" for name in mixed[:NAMED]]
+    if len(mixed) > NAMED:
+        lines.append(f"Left out, too, for text between numbers: {', '.join(mixed[NAMED:])}")
+    gaps = {g.column: sum(_gaps(t, g.column) for t in tables) for g in used}
+    if any(gaps.values()):
+        named = ", ".join(f"{name} {count}" for name, count in gaps.items() if count)
+        lines.append(f"Rows with a gap in a mapped column will be left out: {named}.")
     lines += _shared_names(tables, run, text)
     if run is None:
         lines.append("No column names the run: each file is one.")
@@ -186,11 +193,15 @@ def _shared_names(tables: Sequence[Table], run: str | None, text: Sequence[str])
 def _no_number(tables: Sequence[Table], name: str) -> str:
     """Where a column has no number, and what stands there; empty where all cells are numbers."""
     try:
-        for table in tables:
-            table.numbers(name)
+        if all(np.isnan(table.numbers(name, gaps=True)).all() for table in tables):
+            return f"{tables[0].place(0)}: column {name}: found gaps only, expected a number"
     except UserError as error:
         return str(error)
     return ""
+
+
+def _gaps(table: Table, name: str) -> int:
+    return int(np.isnan(table.numbers(name, gaps=True)).sum())
 
 
 def _has_numbers(table: Table, name: str) -> bool:
@@ -246,7 +257,7 @@ HEAD = """# Guessed by `terrapin case` from the names of the columns. Correct wh
 
 [case]
 title = {title}
-
+{guessed}
 [model]
 base = {base}
 effects = []
@@ -257,8 +268,13 @@ def _document(
     folder: Path, files: Sequence[Path], title: str, base: Base, run: str | None, guesses: Sequence[Guess]
 ) -> str:
     mapped = _mapped(guesses, base)
-    lines = [HEAD.format(title=_quoted(title), base=_quoted(base.name))]
-    lines += _equation(mapped, base) if base.own_names else _constants(base, {str(guess.name) for guess in mapped})
+    own = _equation(mapped, base) if base.own_names else _constants(base, {str(guess.name) for guess in mapped})
+    made_up = _made_up(own)
+    made_up += [f"data.columns.{n}.unit" for g, n in zip(mapped, _names(mapped, base), strict=True) if not g.unit]
+    if base.own_names:
+        made_up = [f"model.equation.{_names(mapped, base)[-1]}"]
+    told = f"guessed = [{', '.join(map(_quoted, made_up))}]  # take out what you have confirmed\n" if made_up else ""
+    lines = [HEAD.format(title=_quoted(title), base=_quoted(base.name), guessed=told), *own]
     near = [os.path.relpath(file.resolve(), folder.resolve()) for file in files]
     lines += ["", "[data]", f"files = [{', '.join(_quoted(name) for name in near)}]"]
     lines.append(f"run = {_quoted(run)}" if run is not None else "# run = ...  # no column names it: each file is one")
@@ -294,6 +310,12 @@ def _equation(mapped: Sequence[Guess], base: Base) -> list[str]:
     lines = ["# CHECK: which column is predicted, and by what", "[model.equation]", f"{channel} = {_quoted(formula)}"]
     lines += ["", "[fit]", "offset = { value = 0.0 }"]
     return [*lines, "gradient = { value = 1.0 }"] if inputs else lines
+
+
+def _made_up(lines: Sequence[str]) -> list[str]:
+    """Where the placeholders of [parameters] stand, which come before [fit]."""
+    parameters = list(takewhile(lambda line: line != "[fit]", lines))[1:]
+    return [f"parameters.{line.partition(' =')[0]}" for line in parameters if line and not line.startswith("#")]
 
 
 def _constants(base: Base, roles: set[str]) -> list[str]:

@@ -25,6 +25,7 @@ def tell(story: Story) -> str:
     source = f"{story.noise}; correlation within a run {number(story.rho)}"
     runs = f"{story.runs} runs, {len(story.held_out)} held out"
     lines = [f"{story.title}: {runs}, model {story.model} [{story.chip}]"]
+    lines += [part for remark in story.intake for part in _wrapped(remark, "  ")]
     lines += ["", *_wrapped(story.headline), *([story.alarm] if story.alarm else [])]
     if story.where:
         lines += ["", "Where the model fails, on average over the range:"]

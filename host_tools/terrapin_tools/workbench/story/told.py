@@ -63,6 +63,9 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         noise=noise.source,
         rho=noise.rho,
         found=found,
+        intake=case.intake,
+        guessed=case.guessed,
+        rows_left_out=case.rows_left_out,
     )
 
 

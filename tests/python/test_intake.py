@@ -1,0 +1,130 @@
+"""What happens to measurements on their way into a case: gaps, turns, a lost sign, placeholders; and new runs."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from casekit import ROLLING, one_line, rolling, terrapin
+
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.files import csv_files
+
+
+def change(folder: Path, cells: dict[tuple[int, int], str]) -> None:
+    """Put text into cells of runs.csv, by line (from 1) and column (from 0)."""
+    lines = [line.split(",") for line in (folder / "runs.csv").read_text().splitlines()]
+    for (line, column), text in cells.items():
+        lines[line - 1][column] = text
+    (folder / "runs.csv").write_text("\n".join(map(",".join, lines)) + "\n")
+
+
+@pytest.mark.parametrize("large", [False, True])
+def test_a_gap_drops_its_row_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, large: bool
+) -> None:
+    folder = rolling(tmp_path, 1)
+    before = load_case(folder)
+    change(folder, {(4, 1): "", (7, 4): "nan", (9, 4): "NaN", (9, 2): " ", (20, 5): ""})
+    if large:
+        monkeypatch.setattr(csv_files, "LARGE", 1)
+    case = load_case(folder)
+    assert case.rows == before.rows - 3
+    assert case.rows_left_out == 3
+    kept = np.delete(np.arange(before.rows), [2, 5, 7])
+    assert case.channels["current"] == pytest.approx(before.channels["current"][kept])
+    assert [case.place(row) for row in (0, 2, 5)] == ["runs.csv:2", "runs.csv:5", "runs.csv:10"]
+    assert "humidity" not in case.extra
+    status, out, _ = terrapin(capsys, "compare", folder)
+    assert status == 0
+    said = " ".join(out.split())
+    assert "3 of 120 rows left out: no number in a mapped column (w 1, W 1, i 2)." in said
+    assert "Not looked at, for gaps: humidity." in said
+    answer = json.loads(terrapin(capsys, "compare", folder, "--json", "-")[1])
+    assert answer["intake"]["rows_left_out"] == 3
+    terrapin(capsys, "report", folder, "--no-discover", "-o", tmp_path / "page.html")
+    assert "3 of 120 rows left out" in (tmp_path / "page.html").read_text()
+
+
+def test_a_case_without_gaps_says_nothing_of_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    answer = json.loads(terrapin(capsys, "compare", rolling(tmp_path, 1), "--json", "-")[1])
+    assert "intake" not in answer
+
+
+def test_every_row_with_a_gap_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = rolling(tmp_path, 1, runs=2, rows=2)
+    change(folder, {(line, 1 if line % 2 else 4): "" for line in range(2, 6)})
+    status, _, err = terrapin(capsys, "compare", folder)
+    assert status == 2
+    one_line(err, ["runs.csv:2: column w: every row has a gap"])
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("1/min", 1.0), ("rpm", 1.0), ("rad/min", 0.5 / np.pi), ("1/s", 60.0)])
+def test_so_many_a_minute_are_turns(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], unit: str, factor: float
+) -> None:
+    turning = load_case(rolling(tmp_path / "rpm", 1))
+    text = ROLLING.replace('unit = "rpm"', f'unit = "{unit}"')
+    folder = rolling(tmp_path / "other", 1, text=text)
+    case = load_case(folder)
+    assert case.roles["omega"] == pytest.approx(factor * turning.roles["omega"])
+    _, out, _ = terrapin(capsys, "compare", folder)
+    shown = f"omega: {unit} is read as turns, so 1000 of them are {1000 * factor * np.pi / 30:.5g} rad/s"
+    assert (shown in " ".join(out.split())) == unit.startswith("1/")
+
+
+def test_a_limit_in_so_many_a_minute_is_turns_too(tmp_path: Path) -> None:
+    text = ROLLING.replace("[data]", '[limits]\nomega = { min = 0, max = 60, unit = "1/min" }\n[data]')
+    assert load_case(rolling(tmp_path, 1, text=text)).limits["omega"] == pytest.approx((0.0, 2.0 * np.pi))
+
+
+def test_a_current_that_lost_its_sign_is_noticed(tmp_path: Path) -> None:
+    folder = rolling(tmp_path, 1)
+    assert not load_case(folder).remarks
+    lines = [line.split(",") for line in (folder / "runs.csv").read_text().splitlines()]
+    change(folder, {(n, 4): line[4].lstrip("-") for n, line in enumerate(lines, 1)})
+    (remark,) = load_case(folder).remarks
+    assert "current has one sign only although omega takes both" in remark
+
+
+def table(folder: Path, seed: int = 1, names: str = "abcdef") -> Path:
+    """A table of rolling with a run for each letter."""
+    made = rolling(folder / f"made_{seed}", seed, runs=len(names), rows=8)
+    text = (made / "runs.csv").read_text().splitlines()[1:]
+    rows = [f"{names[int(line[1:3])]}{line[3:]}" for line in text]
+    (folder / f"day_{seed}.csv").write_text(
+        "run,omega_rpm,W [N],temp_degF,i_motor_mA,humidity\n" + "\n".join(rows) + "\n"
+    )
+    return folder / f"day_{seed}.csv"
+
+
+def test_placeholders_are_marked_until_confirmed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    case = tmp_path / "case"
+    assert terrapin(capsys, "case", table(tmp_path), "--to", case)[0] == 0
+    text = (case / "case.toml").read_text()
+    marked = tomllib.loads(text)["case"]["guessed"]
+    assert marked == [
+        f"parameters.{name}" for name in ("radius", "drive_radius", "torque_constant", "coulomb", "viscous")
+    ]
+    out = " ".join(terrapin(capsys, "compare", case)[1].split())
+    assert "Guessed and not confirmed: parameters.radius, parameters.drive_radius" in out
+    assert json.loads(terrapin(capsys, "compare", case, "--json", "-")[1])["intake"]["guessed"] == marked
+    assert terrapin(capsys, "report", case, "--no-discover", "-o", tmp_path / "page.html")[0] == 0
+    assert "Guessed and not confirmed: parameters.radius" in (tmp_path / "page.html").read_text()
+    start = text.index("guessed = [")
+    (case / "case.toml").write_text(text[:start] + text[text.index("\n", start) :])
+    assert "Guessed" not in terrapin(capsys, "compare", case)[1]
+    (case / "case.toml").write_text(text.replace("parameters.coulomb", "parameters.columb"))
+    status, _, err = terrapin(capsys, "compare", case)
+    assert status == 2
+    one_line(err, ["case.guessed: parameters.columb is not there"])
+
+
+def test_a_unit_that_was_assumed_is_marked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    day = table(tmp_path)
+    day.write_text(day.read_text().replace("i_motor_mA", "i_motor"))
+    assert terrapin(capsys, "case", day, "--to", tmp_path / "case")[0] == 0
+    assert "data.columns.current.unit" in load_case(tmp_path / "case").guessed
