@@ -128,3 +128,78 @@ def test_a_unit_that_was_assumed_is_marked(tmp_path: Path, capsys: pytest.Captur
     day.write_text(day.read_text().replace("i_motor_mA", "i_motor"))
     assert terrapin(capsys, "case", day, "--to", tmp_path / "case")[0] == 0
     assert "data.columns.current.unit" in load_case(tmp_path / "case").guessed
+
+
+def test_append_judges_the_old_model_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    case = rolling(tmp_path / "case", 1)
+    rolling(tmp_path / "more", 2, runs=6, heating=0.004)
+    new = tmp_path / "warm.csv"
+    lines = (tmp_path / "more/runs.csv").read_text().splitlines()
+    new.write_text("\n".join([lines[0], *(f"n{line[1:]}" for line in lines[1:])]) + "\n")
+    before = json.loads(terrapin(capsys, "compare", case, "--json", "-")[1])
+    status, out, _ = terrapin(capsys, "case", "append", case, new, "--json", "-")
+    assert status == 0
+    answer = json.loads(out)
+    assert answer["appended"] == [f"n{i:02d}" for i in range(6)]
+    f_o = before["parameters"]["f_o"]["value"]
+    assert answer["before"]["heldout_error"] == before["ladder"][-1]["heldout_error"]
+    # once more by hand: the old model without heating, on the new runs
+    w, load, _, current = np.loadtxt(new, delimiter=",", skiprows=1, usecols=(1, 2, 3, 4)).T
+    omega = w * np.pi / 30
+    torque = f_o * 0.08 * load * np.sign(omega) + 0.012 * np.sign(omega) + 1e-3 * omega
+    off = current / 1000 - torque * 0.018 / (0.08 * 0.1)
+    assert answer["predicted"]["channels"]["current"]["rmse"] == pytest.approx(np.sqrt(np.mean(off**2)), rel=1e-6)
+    assert answer["predicted"]["error"] == pytest.approx(np.sqrt(np.mean(off**2)) / 0.004, rel=1e-6)
+    assert answer["predicted"]["runs"]["n02"] == pytest.approx(np.sqrt(np.mean(off[24:36] ** 2)) / 0.004, rel=1e-6)
+    assert answer["predicted"]["error"] > 2.0 > answer["predicted"]["heldout_error"]
+    assert answer["verdict"] == "missing"
+    loaded = load_case(case)
+    assert set(answer["appended"]) < set(loaded.run_names)
+    assert "# a comment that must stay" in loaded.text
+    assert terrapin(capsys, "report", case, "--no-discover", "-o", tmp_path / "page.html")[0] == 0
+
+
+def test_append_says_it_in_words_and_shares_listed_runs_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = ROLLING.replace('run = "run"', 'run = "run"\ntrain = ["r00", "r01", "r02"]\ntest = ["r03"]')
+    case = rolling(tmp_path / "case", 1, runs=4, text=text)
+    rolling(tmp_path / "more", 2, runs=5)
+    new = tmp_path / "runs.csv"
+    new.write_text((tmp_path / "more/runs.csv").read_text().replace("\nr", "\nn"))
+    status, out, _ = terrapin(capsys, "case", "append", case, new)
+    assert status == 0
+    said = " ".join(out.split())
+    assert "Appended 5 runs of runs.csv" in said
+    assert "The model as it was predicted them to" in said
+    data = tomllib.loads((case / "case.toml").read_text())["data"]
+    assert data["files"] == ["runs.csv", "runs_2.csv"]
+    assert data["train"] == ["r00", "r01", "r02", "n00", "n01", "n02", "n03"]
+    assert data["test"] == ["r03", "n04"]
+    assert (case / "runs_2.csv").read_bytes() == new.read_bytes()
+
+
+def test_append_refuses_what_does_not_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    case = rolling(tmp_path / "case", 1)
+    other, gaps = tmp_path / "other.csv", tmp_path / "gaps.csv"
+    other.write_text("run,w,W,temp\nn1,1,2,3\n")
+    gaps.write_text("run,w,W,temp,i,humidity\nn1,,2,3,4,5\n")
+    text = (case / "case.toml").read_bytes()
+    for arguments, words in (
+        ([case, case / "runs.csv"], "under two names"),
+        ([case, rolling(tmp_path / "again", 1) / "runs.csv"], "run 'r00' is in the case already"),
+        ([case, other], "column 'i' is not in other.csv"),
+        ([case, gaps], "found no row without a gap"),
+        ([case, tmp_path / "none.csv"], "no such file"),
+        ([tmp_path / "none", other], "no such file"),
+        ([case], "append: found 1 names, expected CASE and FILE"),
+    ):
+        status, _, err = terrapin(capsys, "case", "append", *arguments)
+        assert status == 2
+        one_line(err, [words])
+        assert (case / "case.toml").read_bytes() == text
+        assert {path.name for path in case.iterdir()} <= {"case.toml", "runs.csv", ".terrapin"}
+
+
+def test_a_case_needs_its_folder(capsys: pytest.CaptureFixture[str]) -> None:
+    status, _, err = terrapin(capsys, "case", "day.csv")
+    assert status == 2
+    one_line(err, ["--to: found none"])

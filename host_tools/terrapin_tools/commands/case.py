@@ -17,7 +17,9 @@ Texts = list[str] | None
 
 
 def case(
-    to: Annotated[Path, typer.Option("--to", metavar="CASE", help="the case's folder; made if it is not there")],
+    to: Annotated[
+        Path | None, typer.Option("--to", metavar="CASE", help="the case's folder; made if it is not there")
+    ] = None,
     title: Annotated[str, typer.Option("--title", help="of the case")] = "",
     effect: Annotated[
         list[str] | None, typer.Option("--effect", metavar="EFFECT", help="already in the model; repeat for more")
@@ -30,7 +32,7 @@ def case(
     ] = None,
     sources: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="RUN_DIR...|TABLE...", help="folders of `terrapin run --out`, or tables"),
+        typer.Argument(metavar="RUN_DIR...|TABLE...", help="folders of `terrapin run --out`, or tables; or append"),
     ] = None,
     example: Annotated[str, typer.Option("--example", metavar="NAME", help="copy a case that ships with this")] = "",
     base: Annotated[str, typer.Option("--base", help="base model of tables whose columns you map yourself")] = "",
@@ -67,6 +69,10 @@ def case(
     --equation "f=k*x" --fit k=1:0:9
 
     terrapin case --example heated_motor --to my_case
+
+    New runs for a case that is there: it says first how well the model as it was predicts them.
+
+    terrapin case append my_case day_3.csv
     """
     from terrapin_hil.physics.effects import catalogue
     from terrapin_tools.workbench.bases.rolling_steady import BASE
@@ -74,6 +80,11 @@ def case(
     from terrapin_tools.workbench.robot.runs import read_run, write_case
 
     sources = sources or []
+    if to is None:
+        if sources[:1] == [Path("append")]:
+            _append(sources[1:], json)
+            return
+        raise UserError("--to: found none, expected the case's folder")
     if example:
         if sources or base or effect:
             raise UserError("--example: found with other sources or options, expected it alone with --to")
@@ -111,6 +122,17 @@ def case(
             raise UserError(f"--effect: found {name!r}, expected one of {known}")
     runs = [read_run(folder, after, before, span) for folder in sources]
     print(write_case(to, runs, title or "Logged runs", effect or []))
+
+
+def _append(sources: list[Path], json: str) -> None:
+    """`terrapin case append CASE FILE`."""
+    from terrapin_tools.command_options import deliver
+    from terrapin_tools.workbench.intake.append import append
+
+    if len(sources) != 2:
+        raise UserError(f"append: found {len(sources)} names, expected CASE and FILE")
+    answer, words = append(sources[0], sources[1])
+    deliver(answer, words, json)
 
 
 def _copy_example(name: str, to: Path) -> str:
