@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import pty
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -123,11 +127,54 @@ def test_placeholders_are_marked_until_confirmed(tmp_path: Path, capsys: pytest.
     one_line(err, ["case.guessed: parameters.columb is not there"])
 
 
-def test_a_unit_that_was_assumed_is_marked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    day = table(tmp_path)
-    day.write_text(day.read_text().replace("i_motor_mA", "i_motor"))
-    assert terrapin(capsys, "case", day, "--to", tmp_path / "case")[0] == 0
-    assert "data.columns.current.unit" in load_case(tmp_path / "case").guessed
+def unclear(folder: Path) -> Path:
+    """A table in which two columns may be the current, and the speed has no unit."""
+    day = table(folder)
+    lines = day.read_text().splitlines()
+    head = "run,omega,W [N],temp_degF,i_left_mA,i_right_mA"
+    day.write_text("\n".join([head, *lines[1:]]) + "\n")
+    return day
+
+
+def test_a_doubt_is_an_error_that_names_the_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    day, case = unclear(tmp_path), tmp_path / "case"
+    for options, words in (
+        ([], "Which column is the current? i_left_mA or i_right_mA? Say it with --column current=COLUMN"),
+        (["--column", "current=i_left_mA"], "What is the unit of omega (omega)? rad/s? Say it with --unit omega=UNIT"),
+        (["--column", "current=i_left"], "--column: found 'i_left', expected one of omega, W [N]"),
+        (["--column", "amps=i_left_mA"], "--column: found 'amps', expected one of time, omega"),
+        (["--column", "current=i_left_mA", "--unit", "omega=N"], "--unit: omega: 'N' does not convert to 'rad/s'"),
+        (["--column", "current=i_left_mA", "--unit", "omega=rpm", "--unit", "slip=1"], "--unit: found slip, expected"),
+    ):
+        status, _, err = terrapin(capsys, "case", day, "--to", case, *options)
+        assert status == 2
+        one_line(err, [words])
+        assert not case.exists()
+    answers = ["--column", "current=i_right_mA", "--unit", "omega=rpm"]
+    assert terrapin(capsys, "case", day, "--to", case, *answers)[0] == 0
+    columns = tomllib.loads((case / "case.toml").read_text())["data"]["columns"]
+    assert columns["current"]["column"] == "i_right_mA"
+    assert columns["omega"] == {"column": "omega", "unit": "rpm"}
+
+
+def test_a_doubt_is_asked_at_a_terminal(tmp_path: Path) -> None:
+    day, case = unclear(tmp_path), tmp_path / "case"
+    mine, theirs = pty.openpty()
+    try:
+        os.write(mine, b"neither\ni_right_mA\nrpm\n")
+        start = "from terrapin_tools.cli import main; main()"
+        command = [sys.executable, "-c", start, "case", str(day), "--to", str(case)]
+        done = subprocess.run(command, stdin=theirs, stdout=subprocess.PIPE, stderr=theirs, timeout=60, check=False)
+        said = os.read(mine, 4096).decode()
+    finally:
+        os.close(mine)
+        os.close(theirs)
+    assert done.returncode == 0, said
+    assert said.count("Which column is the current? i_left_mA or i_right_mA") == 2
+    assert "What is the unit of omega (omega)? [rad/s]" in said
+    columns = tomllib.loads((case / "case.toml").read_text())["data"]["columns"]
+    assert columns["current"]["column"] == "i_right_mA"
+    assert columns["omega"]["unit"] == "rpm"
 
 
 def test_append_judges_the_old_model_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from terrapin_tools.command_options import Json
 from terrapin_tools.errors import UserError
+
+if TYPE_CHECKING:
+    from terrapin_tools.workbench.new_case.from_tables import Ask
 
 __all__ = ["register"]
 
@@ -77,6 +82,7 @@ def case(
     from terrapin_hil.physics.effects import catalogue
     from terrapin_tools.workbench.bases.rolling_steady import BASE
     from terrapin_tools.workbench.new_case.from_tables import write_table_case
+    from terrapin_tools.workbench.new_case.options import pairs
     from terrapin_tools.workbench.robot.runs import read_run, write_case
 
     sources = sources or []
@@ -103,16 +109,20 @@ def case(
         }  # fmt: skip
         _map(sources, to, dbc, given, json)
         return
-    if any((column, unit, noise, constant, fit, equation, limit, run, train, test, dbc, json)) or every != 1:
-        raise UserError("--base: found none, expected one with --column and what belongs to it")
     tables = [path for path in sources if path.suffix.lower() in TABLES and not path.is_dir()]
+    if (
+        any((*(() if tables else (column, unit)), noise, constant, fit, equation, limit, run, train, test, dbc, json))
+        or every != 1
+    ):
+        raise UserError("--base: found none, expected one with --column and what belongs to it")
     if tables:
         if len(tables) < len(sources):
             other = next(path for path in sources if path not in tables)
             raise UserError(f"{other}: found beside tables, expected tables only, or folders of runs only")
         if effect or span is not None or after > 0.0 or before < 1e18:
             raise UserError("--effect, --after, --before and --span: expected with folders of runs, found tables")
-        print(write_table_case(to, tables, title or to.resolve().name))
+        said = pairs("--column", column or []), pairs("--unit", unit or [])
+        print(write_table_case(to, tables, title or to.resolve().name, *said, _ask()))
         return
     if span is not None and not 0.02 <= span <= 10.0:
         raise UserError(f"--span: found {span:g}, expected 0.02 to 10 s")
@@ -122,6 +132,20 @@ def case(
             raise UserError(f"--effect: found {name!r}, expected one of {known}")
     runs = [read_run(folder, after, before, span) for folder in sources]
     print(write_case(to, runs, title or "Logged runs", effect or []))
+
+
+def _ask() -> Ask:
+    """Asks who sits at the terminal; where nobody does, the error names the option."""
+    from terrapin_tools.workbench.new_case.from_tables import refuse
+
+    def prompt(question: str, choices: Sequence[str], option: str) -> str:
+        if len(choices) == 1:
+            return str(typer.prompt(question, default=choices[0], err=True)).strip()
+        while (answer := str(typer.prompt(f"{question} {' or '.join(choices)}", err=True)).strip()) not in choices:
+            pass
+        return answer
+
+    return prompt if sys.stdin.isatty() and sys.stderr.isatty() else refuse
 
 
 def _append(sources: list[Path], json: str) -> None:

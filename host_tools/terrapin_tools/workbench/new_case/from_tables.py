@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.tables import Table, read
 from terrapin_tools.workbench.files.writing import write_whole
 
-__all__ = ["Guess", "guess_base", "guess_columns", "guess_run", "split_unit", "write_table_case"]
+__all__ = ["Ask", "Guess", "guess_base", "guess_columns", "guess_run", "refuse", "split_unit", "write_table_case"]
 
 SUFFIXES = {  # endings of names that are units, longest first where one ends another
     "rad_per_s": "rad/s", "rad_s2": "rad/s^2", "rad_s": "rad/s", "radps": "rad/s", "rpm": "rpm", "deg_s": "deg/s",
@@ -50,6 +50,14 @@ WORDS = {  # role or channel -> words of a name that stand for it, and words bes
 }
 NAMED = 3  # columns with text between numbers whose first text is told
 RUN_WORDS = ("run", "test", "trial", "experiment", "series", "id")
+
+
+Ask = Callable[[str, Sequence[str], str], str]  # a question, likely answers, the option that answers it
+
+
+def refuse(question: str, choices: Sequence[str], option: str) -> str:
+    """Nobody is there to answer: UserError that names the option."""
+    raise UserError(f"{question} {' or '.join(choices)}? Say it with {option}")
 
 
 @dataclass(frozen=True)
@@ -118,10 +126,24 @@ def guess_columns(names: Sequence[str]) -> list[Guess]:
     return [Guess(c, parts[c][1], given.get(c)) for c in names]
 
 
-def write_table_case(folder: Path, files: Sequence[Path], title: str) -> str:
+def write_table_case(
+    folder: Path,
+    files: Sequence[Path],
+    title: str,
+    columns: Mapping[str, str] | None = None,
+    told: Mapping[str, str] | None = None,
+    ask: Ask = refuse,
+) -> str:
     """Write case.toml into the (new) folder, naming the tables where they lie; returns what was guessed, in words.
 
-    UserError when the folder holds a case, a file cannot be read, or no number column is found.
+    Parameters
+    ----------
+    columns, told : column and unit of a role or channel, as far as they are known.
+    ask : is asked what the names leave open, a unit or one of several columns.
+
+    Raises
+    ------
+    UserError : the folder holds a case, a file cannot be read, no number column is found, or something is left open.
     """
     if (folder / "case.toml").exists():
         raise UserError(f"{folder / 'case.toml'}: exists, expected a new folder for the case")
@@ -137,7 +159,7 @@ def write_table_case(folder: Path, files: Sequence[Path], title: str) -> str:
     if not numeric:
         why = next(iter(wrong.values()), f"only {run}, which names the run")
         raise UserError(f"{files[0]}: found no column of numbers ({why}), expected at least one")
-    guesses = guess_columns(numeric)
+    guesses = _settled(_pinned(guess_columns(numeric), columns or {}), columns or {}, told or {}, ask)
     base = guess_base(guesses)
     document = _document(folder, files, title, base, run, guesses)
     folder.mkdir(parents=True, exist_ok=True)
@@ -170,6 +192,52 @@ def write_table_case(folder: Path, files: Sequence[Path], title: str) -> str:
         lines.append("One run is too few to hold one out: name the column of the run, or give more files.")
     lines.append("Lines marked CHECK hold constants that no table can tell.")
     return "\n".join(lines)
+
+
+def _pinned(guesses: Sequence[Guess], columns: Mapping[str, str]) -> list[Guess]:
+    """The guesses, with the columns that are known."""
+    for name, column in columns.items():
+        if name not in WORDS:
+            raise UserError(f"--column: found {name!r}, expected one of {', '.join(WORDS)}")
+        if column not in [guess.column for guess in guesses]:
+            expected = ", ".join(guess.column for guess in guesses)
+            raise UserError(f"--column: found {column!r}, expected one of {expected}")
+    name_of = {column: name for name, column in columns.items()}
+    return [replace(g, name=name_of.get(g.column, None if g.name in columns else g.name)) for g in guesses]
+
+
+def _settled(guesses: Sequence[Guess], columns: Mapping[str, str], told: Mapping[str, str], ask: Ask) -> list[Guess]:
+    """The guesses without a doubt: of columns that fit as well as another, and of units that no name tells."""
+    base = guess_base(guesses)
+    if base.own_names:
+        if told:
+            raise UserError(f"--unit: found {next(iter(told))}, expected --base too: no base model has these columns")
+        return list(guesses)
+    found = list(guesses)
+    for guess in _mapped(guesses, base):
+        name = str(guess.name)
+        score = _score(*split_unit(guess.column), name)
+        rivals = [g.column for g in guesses if g.name is None and _score(*split_unit(g.column), name) == score]
+        if rivals and name not in columns:
+            choices = [guess.column, *rivals]
+            chosen = ask(f"Which column is the {name}?", choices, f"--column {name}=COLUMN")
+            found = _pinned(found, {name: chosen})
+    for guess in _mapped(found, base):
+        name = str(guess.name)
+        canonical, unit = _unit(name, base), told.get(name, guess.unit)
+        if not unit and canonical != "1":
+            unit = ask(f"What is the unit of {guess.column} ({name})?", [canonical], f"--unit {name}=UNIT")
+        try:
+            if unit:
+                units.convert(1.0, unit, canonical)
+        except ValueError as error:
+            raise UserError(f"--unit: {name}: {error}") from None
+        found[[g.column for g in found].index(guess.column)] = replace(guess, unit=unit)
+    unknown = next((name for name in told if name not in [guess.name for guess in found]), None)
+    if unknown is not None:
+        expected = ", ".join(str(guess.name) for guess in _mapped(found, base))
+        raise UserError(f"--unit: found {unknown}, expected one of {expected}")
+    return found
 
 
 def _shared_names(tables: Sequence[Table], run: str | None, text: Sequence[str]) -> list[str]:
@@ -270,7 +338,6 @@ def _document(
     mapped = _mapped(guesses, base)
     own = _equation(mapped, base) if base.own_names else _constants(base, {str(guess.name) for guess in mapped})
     made_up = _made_up(own)
-    made_up += [f"data.columns.{n}.unit" for g, n in zip(mapped, _names(mapped, base), strict=True) if not g.unit]
     if base.own_names:
         made_up = [f"model.equation.{_names(mapped, base)[-1]}"]
     told = f"guessed = [{', '.join(map(_quoted, made_up))}]  # take out what you have confirmed\n" if made_up else ""
