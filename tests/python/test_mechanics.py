@@ -238,6 +238,10 @@ def test_several_channels_and_parameters_are_named(tmp_path: Path) -> None:
     assert "coulomb_friction" not in case.library
 
 
+def test_a_force_keeps_the_spelling_of_the_channels_unit(tmp_path: Path) -> None:
+    assert load_case(write(tmp_path, "speed")).library["coulomb_friction"].parameters[0].unit == "N m"
+
+
 def test_a_column_may_be_called_as_a_parameter(tmp_path: Path) -> None:
     told = 'k = { column = "v", unit = "rad/s", is = "speed" }\n'
     effect = load_case(write(tmp_path, "", extra=told)).library["coulomb_friction"]

@@ -178,7 +178,7 @@ def _unit(formula: str, units: Mapping[str, str]) -> str:
     >>> _unit("channel/speed**2", {"channel": "N m", "speed": "rad/s"})
     'm*N*s^2/rad^2'
     """
-    if formula in ("1", "1/K", "rad"):
-        return formula
+    if formula in ("1", "1/K", "rad", *units):
+        return units.get(formula, formula)
     unit = parse(formula).unit({**units, "rad": "rad"})
     return f"{unit:~C}".replace("**", "^") or "1"
