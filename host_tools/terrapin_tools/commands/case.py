@@ -1,14 +1,19 @@
-"""`terrapin case`: make a case of logged runs, of tables, of columns that you map, or of an example."""
+"""`terrapin case`: make a case of logged runs, of tables, of columns that you map, or of an example; append to one."""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from terrapin_tools.command_options import Json, deliver
 from terrapin_tools.errors import UserError
+
+if TYPE_CHECKING:
+    from terrapin_tools.workbench.new_case.from_tables import Ask
 
 __all__ = ["SUBCOMMANDS", "implied"]
 
@@ -57,17 +62,23 @@ def table(
     tables: Annotated[list[Path], typer.Argument(metavar="TABLE...", help="CSV or Parquet, with a line of names")],
     to: To,
     title: Title = "",
+    column: Annotated[
+        Texts, typer.Option("--column", metavar="NAME=COLUMN", help="where the names leave it open")
+    ] = None,
+    unit: Annotated[Texts, typer.Option("--unit", metavar="NAME=UNIT", help="where the names leave it open")] = None,
 ) -> None:
     """Make a case of tables of your own: roles and units are guessed from the columns' names, for you to correct.
 
     Example: terrapin case table day_1.csv day_2.csv --to my_case
     """
     from terrapin_tools.workbench.new_case.from_tables import write_table_case
+    from terrapin_tools.workbench.new_case.options import pairs
 
     other = next((path for path in tables if not _is_table(path)), None)
     if other is not None:
         raise UserError(f"{other}: found beside tables, expected tables only, or folders of runs only")
-    print(write_table_case(to, tables, title or to.resolve().name))
+    said = pairs("--column", column or []), pairs("--unit", unit or [])
+    print(write_table_case(to, tables, title or to.resolve().name, *said, _ask()))
 
 
 def map_(
@@ -126,6 +137,35 @@ def example(name: Annotated[str, typer.Argument(metavar="NAME", help="of a shipp
     print(f"{to / 'case.toml'}: a copy of {name}")
 
 
+def append(
+    case: Annotated[Path, typer.Argument(metavar="CASE", help="that is there")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="table of new runs, with the columns of the case")],
+    json: Json = "",
+) -> None:
+    """Bring new runs into a case; it says first how well the model as it was predicts them.
+
+    Example: terrapin case append my_case day_3.csv
+    """
+    from terrapin_tools.workbench.intake.append import append as bring
+
+    answer, words = bring(case, file)
+    deliver(answer, words, json)
+
+
+def _ask() -> Ask:
+    """Asks who sits at the terminal; where nobody does, the error names the option."""
+    from terrapin_tools.workbench.new_case.from_tables import refuse
+
+    def prompt(question: str, choices: Sequence[str], option: str) -> str:
+        if len(choices) == 1:
+            return str(typer.prompt(question, default=choices[0], err=True)).strip()
+        while (answer := str(typer.prompt(f"{question} {' or '.join(choices)}", err=True)).strip()) not in choices:
+            pass
+        return answer
+
+    return prompt if sys.stdin.isatty() and sys.stderr.isatty() else refuse
+
+
 def _is_table(path: Path) -> bool:
     return path.suffix.lower() in TABLES and not path.is_dir()
 
@@ -139,4 +179,4 @@ def implied(words: list[str]) -> list[str]:
     return ["table" if any(_is_table(Path(word)) for word in words) else "runs", *words]
 
 
-SUBCOMMANDS = (runs, table, map_, example)
+SUBCOMMANDS = (runs, table, map_, example, append)

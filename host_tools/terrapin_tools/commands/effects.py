@@ -31,14 +31,19 @@ def effects(
             raise UserError("--plot: expected together with the name of an effect")
         _list(known)
         return
-    if name not in known:
-        raise UserError(f"found {name!r}, expected one of {', '.join(known)}")
+    from terrapin_hil.physics.mechanics import mechanics
     from terrapin_tools.workbench.story.effect_picture import as_text, draw, held_text, shape_of
 
-    effect = known[name]
-    shape = shape_of(effect)
+    chosen = [known[name]] if name in known else []
+    if name in mechanics() and not any(effect.bases == ("equation",) for effect in chosen):
+        chosen.append(mechanics()[name])
+    if not chosen:
+        raise UserError(f"found {name!r}, expected one of {', '.join(dict.fromkeys([*known, *mechanics()]))}")
     if plot:
-        draw(effect, shape, Path(plot))
+        draw(chosen[0], shape_of(chosen[0]), Path(plot))
+    for other in chosen[1:]:
+        print(_explain(other), end="\n\n")
+    effect, shape = chosen[0], shape_of(chosen[0])
     print(_explain(effect))
     print(f"  shape       {effect.expression}" + (f", at {held_text(shape)}" if shape.held else ""))
     print("\n".join(as_text(shape)))
@@ -57,14 +62,18 @@ def _known(case: str) -> dict[str, Effect]:
 
 def _list(known: dict[str, Effect]) -> None:
     from terrapin_hil.physics.effects import catalogue
+    from terrapin_hil.physics.mechanics import mechanics
 
-    width = max(map(len, known))
+    width = max(map(len, [*known, *mechanics()]))
     for base in dict.fromkeys(base for effect in known.values() for base in effect.bases):
         print(f"On {base}:")
         for effect in known.values():
             if base in effect.bases:
-                mark = "" if effect.name in catalogue() else "  (your own)"
+                mark = "" if effect.name in {**catalogue(), **mechanics()} else "  (your own)"
                 print(f"  {effect.name.ljust(width)}  {effect.title}{mark}")
+    print("On equation, where columns are told what they are:")
+    for effect in mechanics().values():
+        print(f"  {effect.name.ljust(width)}  {effect.title}")
 
 
 def _explain(effect: Effect) -> str:

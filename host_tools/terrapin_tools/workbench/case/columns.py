@@ -12,25 +12,16 @@ import numpy as np
 
 from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_hil.physics.expression import Expression, parse
+from terrapin_hil.physics.mechanics import ROLES as MECHANICS
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import CHANNELS, ROLES, Base
+from terrapin_tools.workbench.case.intake import Mapped, converted, gaps, unsigned
+from terrapin_tools.workbench.case.mechanics import is_of, role_of_unit
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.tables import LOG_SUFFIXES, Table, read
 from terrapin_tools.workbench.files.toml_tables import Tables
 
 __all__ = ["Measurements", "mapped_column", "read_measurements", "run_of_rows", "split_runs"]
-
-
-@dataclass(frozen=True)
-class Mapped:
-    """One entry of [data.columns]."""
-
-    name: str
-    column: str
-    unit: str
-    canonical: str
-    sigma: float | None  # in the canonical unit
-    channel: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +40,9 @@ class Measurements:
     test: Mask
     place: Callable[[int], str] = field(repr=False)  # row -> "runs.csv:17"
     equations: Mapping[str, Expression]  # of the user's own, by channel
+    told: Mapping[str, str]  # of the user's own names: role that brings mechanics -> input
+    rows_left_out: int  # for a gap in a mapped column
+    remarks: tuple[str, ...]  # what was left out, converted or looks odd, in sentences
 
 
 def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
@@ -70,31 +64,48 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
             _check_there(tables, table, entry.column, "data", "columns", entry.name, "column")
     if starts[-1] == 0:
         raise tables.complain(f"{files[0]} has no rows, expected at least one", "data", "files")
-    run_text = run_of_rows(tables, loaded, run_column)
+    columns = {entry.column: np.concatenate([t.numbers(entry.column, gaps=True) for t in loaded]) for entry in mapped}
+    whole: Mask = ~np.any([np.isnan(values) for values in columns.values()], axis=0)
+    rows: slice | Index = slice(None) if whole.all() else np.flatnonzero(whole)
+    kept = np.arange(starts[-1])[rows]
+    if not kept.size:
+        first = next(name for name, values in columns.items() if np.isnan(values).any())
+        raise UserError(f"{place(0)}: column {first}: every row has a gap, expected at least one without")
+    run_text = [name for name, keep in zip(run_of_rows(tables, loaded, run_column), whole, strict=True) if keep]
     run_names = tuple(sorted(set(run_text)))
     index = {name: i for i, name in enumerate(run_names)}
     run = np.array([index[name] for name in run_text], dtype=np.int64)
     held_out = run_names[4::5] if len(run_names) >= 5 else run_names[-1:]
     train_runs, test_runs = split_runs(tables, run_names, held_out)
-    values: dict[str, Array] = {}
-    for entry in mapped:
-        raw = np.concatenate([table.numbers(entry.column) for table in loaded])
-        values[entry.name] = units.convert(raw, entry.unit, entry.canonical)
+    values = {e.name: units.convert(columns[e.column][rows], e.unit, e.canonical) for e in mapped}
     used = {entry.column for entry in mapped} | {run_column}
+    extra, sparse = _extra(loaded, used | set(values) | _ignored(tables, loaded, used))
+    remarks = [*gaps(columns, whole, sparse), *converted(mapped), *unsigned(values, _told(mapped))]
     return Measurements(
         roles={e.name: values[e.name] for e in mapped if not e.channel},
         channels={e.name: values[e.name] for e in mapped if e.channel},
         sigma={e.name: e.sigma for e in mapped if e.channel},
         units={e.name: e.canonical for e in mapped},
-        extra=_extra(loaded, used | set(values) | _ignored(tables, loaded, used)),
+        extra={name: column[rows] for name, column in extra.items()},
         column_of={e.name: e.column for e in mapped},
         run_names=run_names,
         run=run,
         train=np.isin(run, [index[name] for name in train_runs]),
         test=np.isin(run, [index[name] for name in test_runs]),
-        place=place,
+        place=lambda row: place(int(kept[row])),
         equations=equations,
+        told=_told(mapped),
+        rows_left_out=int((~whole).sum()),
+        remarks=tuple(remarks),
     )
+
+
+def _told(mapped: list[Mapped]) -> dict[str, str]:
+    """Role -> input. Without a column that tells its role, units tell none either: a case without `is` has no roles."""
+    told = {entry.role: entry.name for entry in mapped if entry.role}
+    if not told:
+        return {}
+    return {**told, **role_of_unit({e.name: e.unit for e in mapped if not (e.channel or e.role)}, told)}
 
 
 def _equations(tables: Tables, base: Base) -> dict[str, Expression]:
@@ -114,7 +125,7 @@ def _equations(tables: Tables, base: Base) -> dict[str, Expression]:
 
 
 def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) -> list[Mapped]:
-    mapped = []
+    mapped: list[Mapped] = []
     for name in tables.table("data", "columns"):
         path = ("data", "columns", name)
         free = base.own_names
@@ -124,7 +135,7 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
         if not free and not channel and name not in ROLES:
             expected = ", ".join([*base.channels, *ROLES])
             raise tables.complain(f"unknown role or channel, expected one of {expected}", *path)
-        tables.entry(path, "column", "unit", also=("sigma",) if channel else ())
+        tables.entry(path, "column", "unit", also=("sigma",) if channel else ("is",) if free else ())
         unit = tables.text(*path, "unit", default="1" if free else None)
         canonical = unit if free else CHANNELS.get(name) or ROLES[name]
         with tables.about(*path, "unit"):
@@ -137,7 +148,8 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
                 sigma = units.convert_difference(tables.number(unit, *path, "sigma"), unit, canonical)
         if sigma is not None and sigma * units.LARGEST < 1.0:
             raise tables.complain(f"found {sigma:g} {canonical}, expected more than 0", *path, "sigma")
-        mapped.append(Mapped(name, tables.text(*path, "column"), unit, canonical, sigma, channel))
+        role = _role(tables, path, mapped)
+        mapped.append(Mapped(name, tables.text(*path, "column"), unit, canonical, sigma, channel, role))
     for i, entry in enumerate(mapped):
         other = next((e for e in mapped[:i] if e.column == entry.column and e.unit != entry.unit), None)
         if other is not None:
@@ -149,6 +161,23 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
         if predicted not in {entry.name for entry in mapped}:
             raise tables.complain(f"{predicted} is missing, expected the column that measures it", "data", "columns")
     return mapped
+
+
+def _role(tables: Tables, path: tuple[str, ...], before: list[Mapped]) -> str:
+    """What an input is told to be, "" for nothing."""
+    role = tables.text(*path, "is", default="")
+    if not role:
+        return role
+    if role not in MECHANICS:
+        raise tables.complain(f"found {role!r}, expected one of {', '.join(MECHANICS)}", *path, "is")
+    other = next((entry.name for entry in before if entry.role == role), None)
+    if other is not None:
+        hint = "expected one column: that of the part which the channels measure (make a case for each part)"
+        raise tables.complain(f"{other} is told to be the {role} too, {hint}", *path, "is")
+    unit = tables.text(*path, "unit", default="")
+    if unit and not is_of(unit, role):
+        raise tables.complain(f"found {unit!r} for a {role}, expected {' or '.join(MECHANICS[role])}", *path, "unit")
+    return role
 
 
 def mapped_column(tables: Tables, table: Table, role: str, canonical: str) -> Array:
@@ -232,14 +261,19 @@ def _ignored(tables: Tables, loaded: list[Table], used: set[str]) -> set[str]:
     return set(names)
 
 
-def _extra(loaded: list[Table], used: set[str]) -> dict[str, Array]:
-    """Columns that are not mapped but numeric in every file: the residual may depend on them."""
-    extra = {}
+def _extra(loaded: list[Table], used: set[str]) -> tuple[dict[str, Array], list[str]]:
+    """Columns that are not mapped but numeric: the residual may depend on them. Apart from them, those with gaps."""
+    extra: dict[str, Array] = {}
+    sparse = []
     for name in loaded[0].columns:
         if name in used or any(name not in table.columns for table in loaded):
             continue
         try:
-            extra[name] = np.concatenate([table.numbers(name) for table in loaded])
+            column = np.concatenate([table.numbers(name, gaps=True) for table in loaded])
         except UserError:
-            continue  # text or gaps: nothing a formula could use, and nothing the contract asks to complain about
-    return extra
+            continue  # text: nothing a formula could use, and nothing the contract asks to complain about
+        if not np.isnan(column).any():
+            extra[name] = column
+        elif not np.isnan(column).all():
+            sparse.append(name)
+    return extra, sparse

@@ -50,18 +50,23 @@ def _check_terms(effect: Effect, base: Base) -> None:
         raise UserError(f"effect {effect.name}: target: found {effect.target!r}, expected one of {expected}")
 
 
-def read_library(folder: Path, tables: Tables, base: Base) -> tuple[dict[str, Effect], frozenset[str]]:
-    """Effects by name, and every name that a user's own expression uses (constants of theirs may have those names)."""
+def read_library(
+    folder: Path, tables: Tables, base: Base, more: Mapping[str, Effect]
+) -> tuple[dict[str, Effect], frozenset[str]]:
+    """Effects by name, and every name that a user's own expression uses (constants of theirs may have those names).
+
+    `more` are effects that only this case has.
+    """
     known = _from_files(folder, tables, base)
-    library = {name: effect for name, effect in known.items() if base.takes(effect)}
+    library = {**more, **{name: effect for name, effect in known.items() if base.takes(effect)}}
     names: set[str] = set()
     for name, entry in tables.table("effect").items():
         path = ("effect", name)
         if not isinstance(entry, dict):
             raise tables.complain(f"found {entry!r}, expected a table", *path)
         if "expression" in entry:
-            if name in known:
-                kind = "a catalogued effect" if name in catalogue() else "an effect of a file"
+            if name in known or name in more:
+                kind = "a catalogued effect" if name in {**catalogue(), **more} else "an effect of a file"
                 raise tables.complain(f"is the name of {kind}, expected another for your own expression", *path)
             library[name] = _own(tables, base, name)
             names |= parse(library[name].expression).names

@@ -30,6 +30,9 @@ def answer(story: Story) -> dict[str, Any]:
         parts["next_experiment"] = found.plan and vars(found.plan)
     parts["ladder"] = [vars(rung) for rung in story.ladder]
     parts["noise"] = {"rho": story.rho, "source": story.noise}
+    intake = {"rows_left_out": story.rows_left_out, "guessed": story.guessed, "remarks": story.intake}
+    if story.intake:
+        parts["intake"] = intake
     parts["at_bound"] = [key for key, value in story.parameters.items() if value.at_bound]
     if found is not None:
         parts["odd_runs"] = found.odd_runs

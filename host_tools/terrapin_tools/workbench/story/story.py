@@ -160,6 +160,9 @@ class Story:
     noise: str
     rho: float  # correlation from row to row within a run
     found: Findings | None
+    intake: tuple[str, ...] = ()  # what happened to the measurements on their way in
+    guessed: tuple[str, ...] = ()  # what nobody has confirmed
+    rows_left_out: int = 0
     seconds: float = 0.0  # that the answer took
 
     @property

@@ -25,6 +25,7 @@ def tell(story: Story) -> str:
     source = f"{story.noise}; correlation within a run {number(story.rho)}"
     runs = f"{story.runs} runs, {len(story.held_out)} held out"
     lines = [f"{story.title}: {runs}, model {story.model} [{story.chip}]"]
+    lines += [part for remark in story.intake for part in _wrapped(remark, "  ")]
     lines += ["", *_wrapped(story.headline), *([story.alarm] if story.alarm else [])]
     if story.where:
         lines += ["", "Where the model fails, on average over the range:"]
@@ -34,7 +35,8 @@ def tell(story: Story) -> str:
     if story.chances:
         lines += ["", "What these runs can show:", *_table(story.chances)]
     lines += ["", *_next(story.next)]
-    lines += ["", "Parameters:", *_table([(k, _plain(amount(v)), stuck(v)) for k, v in story.parameters.items()])]
+    if story.parameters:
+        lines += ["", "Parameters:", *_table([(k, _plain(amount(v)), stuck(v)) for k, v in story.parameters.items()])]
     channels = [
         (name, *(number(v) for v in (c.noise_sd, c.train_rmse, c.heldout_rmse)), "" if c.unit == "1" else c.unit)
         for name, c in story.channels.items()

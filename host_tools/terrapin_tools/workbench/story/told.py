@@ -64,6 +64,9 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         noise=noise.source,
         rho=noise.node.share * noise.node.rho,
         found=found,
+        intake=case.intake,
+        guessed=case.guessed,
+        rows_left_out=case.rows_left_out,
     )
 
 
