@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from terrapin_hil.arrays import Array
+from terrapin_hil.arrays import Array, Mask
 
 __all__ = ["delayed", "derivative", "integral", "play", "played"]
 
@@ -65,7 +65,7 @@ def _follow(angle: Array, gap: float) -> Array:
     return followed
 
 
-def played(values: Array, gaps: Array, first: npt.NDArray[np.bool_]) -> Array:
+def played(values: Array, gaps: Array, first: Mask) -> Array:
     """What follows a position through each of several gaps (gaps, rows): many rows at once, and exactly as `play` does.
 
     Parameters
