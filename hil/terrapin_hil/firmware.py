@@ -17,13 +17,9 @@ from typing import Any
 import cffi
 
 from terrapin_hil import paths
-from terrapin_hil.messages import Interface, interface
+from terrapin_hil.messages import Interface, ParameterError, interface
 
 __all__ = ["Firmware", "ParameterError"]
-
-
-class ParameterError(ValueError):
-    """A parameter could not be set or read; the message says which and why."""
 
 
 @cache
@@ -74,19 +70,12 @@ class Firmware:
 
     def set_parameter(self, state: Any, name: str, physical: float) -> None:
         """Set a parameter, in its unit. ParameterError when unknown, out of range, or locked (bridge on)."""
-        try:
-            parameter = self.interface.parameter(name)
-            raw = parameter.raw(physical)
-        except (KeyError, ValueError) as error:
-            raise ParameterError(error.args[0]) from None
-        self._check(name, self.lib.terrapin_parameter_set(state, parameter.index, raw))
+        parameter = self.interface.parameter(name)
+        self._check(name, self.lib.terrapin_parameter_set(state, parameter.index, parameter.raw(physical)))
 
     def get_parameter(self, state: Any, name: str) -> float:
         """A parameter's value, in its unit. ParameterError when unknown."""
-        try:
-            parameter = self.interface.parameter(name)
-        except KeyError as error:
-            raise ParameterError(error.args[0]) from None
+        parameter = self.interface.parameter(name)
         value = self.ffi.new("int32_t *")
         self._check(name, self.lib.terrapin_parameter_get(state, parameter.index, value))
         return float(value[0] * parameter.scale)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from terrapin_hil import paths
+from terrapin_hil.errors import UserError
 from terrapin_interface import description
 from terrapin_interface.description import Signal
 
@@ -68,6 +69,10 @@ def protect(identifier: int, data: bytes, counter: int) -> bytes:
     """The 8 bytes `data` with E2E counter (modulo 15) and CRC set, for the message `identifier`."""
     body = data[:6] + bytes([data[6] & 0xF0 | counter % E2E_COUNTERS])
     return body + bytes([crc8(identifier.to_bytes(2, "little") + body)])
+
+
+class ParameterError(UserError, ValueError):
+    """A parameter could not be set or read; the message says which and why."""
 
 
 class AnswerError(RuntimeError):
@@ -129,12 +134,12 @@ class Parameter(description.Parameter):
     """A parameter of the controller: physical value = raw * scale, in `unit`. Default and bounds are raw."""
 
     def raw(self, physical: float) -> int:
-        """Nearest raw value. ValueError when it is outside the parameter's range (or not a number)."""
+        """Nearest raw value. ParameterError when it is outside the parameter's range (or not a number)."""
         low, high = self.minimum * self.scale, self.maximum * self.scale
         slack = self.scale / 2  # so that a bound written as a decimal is inside
         if not low - slack <= physical <= high + slack:
             unit = f" {self.unit}" if self.unit else ""
-            raise ValueError(f"parameter {self.name}: {physical:g}{unit} is outside {low:g} to {high:g}{unit}")
+            raise ParameterError(f"parameter {self.name}: {physical:g}{unit} is outside {low:g} to {high:g}{unit}")
         return min(max(round(physical / self.scale), self.minimum), self.maximum)
 
 
@@ -152,13 +157,13 @@ class Interface:
     json: Mapping[str, Any]  # everything, as it stands in interface.json
 
     def parameter(self, name: str) -> Parameter:
-        """The parameter `name`. KeyError that names the nearest ones otherwise."""
+        """The parameter `name`. ParameterError that names the nearest ones otherwise."""
         found = self.parameters.get(name)
         if found is None:
             import difflib
 
             near = difflib.get_close_matches(name, self.parameters, n=3) or sorted(self.parameters)[:3]
-            raise KeyError(f"no parameter '{name}' (perhaps {', '.join(near)})")
+            raise ParameterError(f"no parameter '{name}' (perhaps {', '.join(near)})")
         return found
 
 

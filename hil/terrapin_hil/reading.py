@@ -15,9 +15,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
 
+from terrapin_hil.errors import UserError
 from terrapin_hil.units import read_unit, units
 
-__all__ = ["ReadingError", "Section", "load", "parse_quantity", "parse_toml", "quantities", "shorten"]
+__all__ = ["ReadingError", "Section", "key_parts", "load", "parse_quantity", "parse_toml", "quantities", "shorten"]
 
 T = TypeVar("T")
 LARGEST = 1e300  # of a number in a file; a whole number in TOML has no limit of its own
@@ -25,7 +26,7 @@ LONGEST = 16_000_000  # characters of a file: what is longer was not meant, and 
 MAX_SHOWN = 60  # characters of a wrong value in a message
 
 
-class ReadingError(ValueError):
+class ReadingError(UserError, ValueError):
     """A file is wrong. `str()` is one line: file, line, field, what was found, what was expected."""
 
 
@@ -70,22 +71,23 @@ _HEADER = re.compile(r"\s*\[{1,2}([^\[\],=]+)\]{1,2}\s*(?:#.*)?$")
 _KEY = re.compile(r"""\s*((?:"[^"]*"|'[^']*'|[A-Za-z0-9_-]+|\s*\.\s*)+?)\s*=""")
 
 
-def _parts(dotted: str) -> tuple[str, ...]:
+def key_parts(dotted: str) -> tuple[str, ...]:
+    """The names in a dotted key of TOML."""
     return tuple(a or b or c for a, b, c in re.findall(r'"([^"]*)"|\'([^\']*)\'|([A-Za-z0-9_-]+)', dotted))
 
 
 def _locate(text: str, table: str, index: int | None, key: str | None) -> int | None:
     """Line of `key` in `table` (its `index`-th copy if it is an array of tables), else of the table, else None."""
-    home = _parts(table)
+    home = key_parts(table)
     wanted = home if key is None else (*home, key)
     found, depth, seen = None, 0, -1
     current: tuple[str, ...] = ()
     for number, line in enumerate(text.splitlines(), 1):
         if header := _HEADER.match(line):
-            here = current = _parts(header[1])
+            here = current = key_parts(header[1])
             seen += current == home
         elif entry := _KEY.match(line):
-            here = (*current, *_parts(entry[1]))
+            here = (*current, *key_parts(entry[1]))
         else:
             continue
         inside = index is None or (seen == index and current[: len(home)] == home)

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from terrapin_hil.arrays import Array, Index
 from terrapin_hil.messages import Interface, Signal, raw_value
 from terrapin_hil.physics.expression import units
 
 __all__ = ["decode", "decode_signal", "si_factor", "signals", "words"]
-
-Array = npt.NDArray[np.float64]
 
 
 def signals(interface: Interface) -> dict[str, tuple[str, str]]:
@@ -49,7 +48,7 @@ def si_factor(unit: str) -> float:
     return float(units().Quantity(1.0, unit).to_base_units().magnitude)
 
 
-def decode_signal(signal: Signal, words: npt.NDArray[np.int64]) -> Array:
+def decode_signal(signal: Signal, words: Index) -> Array:
     """Physical values (SI) of a signal from the data of frames as little-endian 64-bit words."""
     return np.asarray(raw_value(signal, words) * (signal.scale * si_factor(signal.unit)), dtype=np.float64)
 

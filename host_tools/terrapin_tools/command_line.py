@@ -19,14 +19,9 @@ from terrapin_tools.errors import UserError
 __all__ = ["run"]
 
 
-def _summary(path: Path) -> str:
-    """The first line of a module's docstring without the command that it names: enough for the list of commands.
-
-    Read as text, so that the list comes at once: importing every command takes most of a second.
-    """
-    with path.open(encoding="utf-8") as file:
-        line = file.readline().strip().strip('"')
-    summary = line.partition("`: ")[2]
+def _summary(text: str) -> str:
+    """The first line of a module's docstring without the command that it names."""
+    summary = text.lstrip('"').partition("\n")[0].rstrip('"').partition("`: ")[2]
     return summary[:1].upper() + summary[1:]
 
 
@@ -37,10 +32,21 @@ class _Commands(TyperGroup):
         name, command, rest = super().resolve_command(ctx, args)
         if name is None or command is None:
             return name, command, rest
+        module = importlib.import_module(f"{commands.__name__}.{name}")
         app = _app(TyperGroup)
-        importlib.import_module(f"{commands.__name__}.{name}").register(app)
-        group: Any = typer.main.get_command(app)
-        return name, group.commands[name], rest
+        if subcommands := getattr(module, "SUBCOMMANDS", ()):
+            group = typer.Typer(help=_summary(module.__doc__ or ""), no_args_is_help=True, rich_markup_mode=None)
+            group.callback()(lambda: None)  # one of a single sub-command is a group too
+            for function in subcommands:
+                group.command(function.__name__.rstrip("_"))(function)
+            app.add_typer(group, name=name)
+            names = {function.__name__.rstrip("_") for function in subcommands}
+            if hasattr(module, "implied") and rest and rest[0] not in {*names, "-h", "--help"}:
+                rest = module.implied(rest)
+        else:
+            app.command(name)(getattr(module, name))
+        found: Any = typer.main.get_command(app)
+        return name, found.commands[name], rest
 
 
 def _say_version(wanted: bool) -> None:
@@ -75,7 +81,8 @@ def run() -> object:
     whatever the command raises: Typer's own way out would turn Ctrl-C and a closed pipe into others."""
     app = _app(_Commands)
     for info in pkgutil.iter_modules(commands.__path__):
-        app.command(info.name, short_help=_summary(Path(commands.__path__[0], f"{info.name}.py")))(lambda: None)
+        text = Path(commands.__path__[0], f"{info.name}.py").read_text(encoding="utf-8")  # importing all takes a second
+        app.command(info.name, short_help=_summary(text))(lambda: None)
     group: Any = typer.main.get_command(app)
     if "_TERRAPIN_COMPLETE" in os.environ:  # a shell asks what may follow
         os.environ["COLUMNS"] = "1000"  # one candidate a line, however long its help

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from terrapin_hil.links.names import LinkName, LinkNameError, helped
+from terrapin_hil.links.names import LinkName, helped
 from terrapin_tools.errors import UserError
 
 __all__ = [
@@ -23,7 +23,6 @@ __all__ = [
     "check_options",
     "deliver",
     "link_option",
-    "read_link",
 ]
 
 CaseFolder = Annotated[Path, typer.Argument(metavar="CASE", help="folder that holds case.toml and measurements")]
@@ -43,19 +42,11 @@ Cluster = Annotated[
 ]
 
 
-def read_link(text: str, job: str) -> LinkName:
-    """The link that `text` names, for a job. UserError when there is none, or it cannot do that."""
-    try:
-        return LinkName.parse(text, job)
-    except LinkNameError as error:
-        raise UserError(str(error)) from None
-
-
 def link_option(job: str, says: str, name: str = "--link") -> Any:
     """An option that names a link for a job (see terrapin_hil.links.names.JOBS); a LinkName comes of it."""
 
     return typer.Option(
-        name, metavar="LINK", parser=lambda text: read_link(str(text), job), help=f"{says}: {helped(job)}"
+        name, metavar="LINK", parser=lambda text: LinkName.parse(str(text), job), help=f"{says}: {helped(job)}"
     )
 
 

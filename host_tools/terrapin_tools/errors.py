@@ -1,9 +1,5 @@
-"""The one way in which the tools say that what they were given is wrong."""
+"""The one way in which the tools say that what they were given is wrong: the simulator's own."""
 
+from terrapin_hil.errors import UserError, about
 
-class UserError(Exception):
-    """Something outside the program is wrong. `str()` is one line: where, which field, found, expected."""
-
-    def __init__(self, message: str, status: int = 2) -> None:
-        super().__init__(message)
-        self.status = status
+__all__ = ["UserError", "about"]

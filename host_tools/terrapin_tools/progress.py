@@ -8,12 +8,18 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["bar", "progress_lines", "step"]
+__all__ = ["bar", "progress_lines", "say", "step"]
 
 
 def progress_lines() -> bool:
     """Whether progress goes to standard error line by line, for a program that reads it."""
     return os.environ.get("TERRAPIN_PROGRESS") == "lines"
+
+
+def say(text: str) -> None:
+    """A line on standard error, on a terminal."""
+    if sys.stderr.isatty():
+        print(text, file=sys.stderr, flush=True)
 
 
 @contextmanager

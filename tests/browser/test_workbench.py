@@ -275,7 +275,7 @@ def test_the_list_shows_commands_that_do_the_same(page: Page, server: Server) ->
     page.get_by_role("button", name="Open the example forced_slip_sand").click()
     expect(page.locator(".lead .chip")).to_be_visible()
     folder = "ws/cases/forced_slip_sand"
-    expect(command).to_have_text(f"terrapin case --example forced_slip_sand --to {folder} && terrapin compare {folder}")
+    expect(command).to_have_text(f"terrapin case example forced_slip_sand --to {folder} && terrapin compare {folder}")
     page.get_by_role("link", name="Cases").click()
     expect(command).to_have_text("terrapin compare ws/cases")
     page.on("dialog", lambda dialog: dialog.dismiss())

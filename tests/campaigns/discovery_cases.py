@@ -19,7 +19,7 @@ from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_tools.workbench.bases import CHANNELS, ROLES
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.model.model import Model
-from terrapin_tools.workbench.noise.ar1 import Ar1
+from terrapin_tools.workbench.noise.covariance import Node, Runs
 
 __all__ = ["CONTACT", "ROLLING", "Made", "confounded", "make"]
 
@@ -266,8 +266,8 @@ def _measure(
     predicted = bound.predict(theta)
     if not np.isfinite(predicted).all():
         return None
-    ar1 = Ar1(case.run)
-    noise = np.stack([ar1.colour(random.standard_normal((case.rows, 1)), rho)[:, 0] for _ in model.channels])
+    runs = Runs(case.run, len(model.channels))
+    noise = runs.draw(random, 1, Node(1.0, rho, 0.0, 0.0, 1.0)).reshape(len(model.channels), case.rows)
     values = predicted + scale * noise
     final = replace(
         case,

@@ -23,7 +23,7 @@ from discovery_cases import Made, _measure, make
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from terrapin_tools.workbench.experiment.rig_settings import rows_of
 from terrapin_tools.workbench.model.model import Model
-from terrapin_tools.workbench.noise.ar1 import Ar1
+from terrapin_tools.workbench.noise.covariance import Node, Runs
 
 __all__ = ["PAIRS", "after_proposed", "confounded", "with_runs"]
 
@@ -98,10 +98,10 @@ def with_runs(
     model = Model.of(longer, made.truth)
     theta = np.array([made.theta[fitted.key] for fitted in model.fitted])
     predicted = model.bind(longer.inputs).predict(theta)[:, case.rows :]
-    ar1 = Ar1(run[case.rows :])
+    runs = Runs(run[case.rows :])
     channels = dict(longer.channels)
     for i, name in enumerate(model.channels):
-        noise = ar1.colour(random.standard_normal((new, 1)), made.rho)[:, 0]
+        noise = runs.draw(random, 1, Node(1.0, made.rho, 0.0, 0.0, 1.0))[:, 0]
         channels[name] = np.concatenate([case.channels[name], predicted[i] + made.sigma[name] * noise])
     return replace(made, case=replace(longer, channels=channels))
 

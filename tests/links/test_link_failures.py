@@ -350,10 +350,10 @@ def test_a_folder_in_use(
     [
         ("/dev/nothing", "No such file or directory"),
         ("/dev/null", "not a terminal"),
-        ("/etc/hostname", "not a terminal"),
+        (__file__, "not a terminal"),
         ("/tmp", "Is a directory"),
         ("/dev/no\nthing", "No such file or directory"),
-        ("/proc/1/mem/x", "Not a directory"),
+        ("/dev/null/x", "Not a directory"),
     ],
 )
 def test_a_wrong_device(

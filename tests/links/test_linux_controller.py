@@ -117,24 +117,37 @@ def test_lockstep_through_an_adapter(adapter: Adapter, controller: subprocess.Po
     assert "0 bad CRC, 0 repeated, 0 malformed" in said
 
 
+REPLY = interface().messages["PARAMETER_VALUE"].id
+
+
 class Altered:
-    """A bus that loses what `lost` names on the way to the controller, and has `other` on it as well."""
+    """A bus that loses what `lost` names on the way to the controller, and has `other` on it as well. The two give
+    their replies at the same time, as two boards would: here one of them may wait long for its processor."""
 
     name = "altered"
 
     def __init__(self, adapter: Adapter, other: Adapter | None = None, lost: Sequence[str] = ()) -> None:
-        self._adapter, self._other = adapter, other
         self._lost = {interface().messages[name].id for name in lost}
+        self._replies = {found: 0 for found in (adapter, other) if found is not None}
 
     def send(self, frames: Sequence[Frame]) -> None:
-        for adapter in filter(None, (self._adapter, self._other)):
+        for adapter in self._replies:
             adapter.send([frame for frame in frames if frame[0] not in self._lost])
+
+    def _heard(self, adapter: Adapter, wait: float) -> list[Frame]:
+        frames = adapter.receive(wait)
+        self._replies[adapter] += [identifier for identifier, _ in frames].count(REPLY)
+        return frames
 
     def receive(self, wait: float) -> list[Frame]:
         end = time.monotonic() + wait
-        adapters = list(filter(None, (self._adapter, self._other)))
         while True:
-            both = [frame for adapter in adapters for frame in adapter.receive(min(wait, 0.001))]
+            both = [frame for adapter in self._replies for frame in self._heard(adapter, min(wait, 0.001))]
+            for adapter in self._replies:
+                while self._replies[adapter] < max(self._replies.values()):
+                    late = self._heard(adapter, BOUND)
+                    assert late
+                    both += late
             if both or time.monotonic() > end:
                 return both
 

@@ -161,7 +161,7 @@ def test_a_run_is_that_of_the_tree(installed: Installed, scenario: str, link: st
 
 
 def test_from_a_case_to_parameters(installed: Installed) -> None:
-    installed.terrapin("case --example heated_motor --to motor")
+    installed.terrapin("case example heated_motor --to motor")
     assert "Something is missing" in installed.terrapin("compare motor")
     found = json.loads(installed.terrapin("discover motor --json -"))
     assert found["missing"] == ["motor_heating"]
@@ -180,7 +180,7 @@ def test_demo_and_papers(installed: Installed) -> None:
 
 
 def test_soil(installed: Installed) -> None:
-    installed.terrapin("case --example driven_rig_sand --to rig")
+    installed.terrapin("case example driven_rig_sand --to rig")
     assert "friction" in installed.terrapin("soil tactile rig")
 
 
@@ -268,7 +268,7 @@ def wait_for(condition: Callable[[], object]) -> None:
 
 def test_a_worker_of_a_cluster(installed: Installed, cluster: str) -> None:
     for name in ("heated_motor", "forced_slip_sand"):
-        installed.terrapin(f"case --example {name} --to fleet/{name}")
+        installed.terrapin(f"case example {name} --to fleet/{name}")
     here = answers(installed.terrapin("discover fleet --json -"))
     assert answers(installed.terrapin(f"discover fleet --json - --cluster {cluster}")) == here
     assert [answer["verdict"] for answer in here] == ["unexplained", "missing"]

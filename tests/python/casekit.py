@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from terrapin_tools.workbench.noise.covariance import Node, Runs
+
 R, DRIVE, K_T, A, B = 0.08, 0.018, 0.1, 0.012, 1e-3
 
 ROLLING = """# a comment that must stay
@@ -48,6 +50,14 @@ def ar1(random: np.random.Generator, count: int, rho: float) -> npt.NDArray[np.f
     for i in range(1, count):
         noise[i] = rho * noise[i - 1] + np.sqrt(1 - rho * rho) * noise[i]
     return noise
+
+
+def dense(runs: Runs, node: Node) -> npt.NDArray[np.float64]:
+    """The covariance of the rows of one channel (rows, rows) written out, in file order, s = 1."""
+    lag = np.abs(runs.position[:, None] - runs.position[None, :])
+    own = (1.0 - node.share) * (lag == 0) + node.offset**2 + node.drift**2 * np.outer(runs.line, runs.line)
+    own = own + node.share * node.rho**lag if node.share else own
+    return np.where(runs.run[:, None] == runs.run[None, :], own, 0.0)
 
 
 def rolling(

@@ -350,7 +350,7 @@ def parquet_case(folder: Path, **changed: list[object]) -> Path:
 @pytest.mark.parametrize(
     ("changed", "expected"),
     [
-        ({"w": [None, 2.0, 3.0, 4.0] * 2}, ["row 1", "column w", "NaN"]),
+        ({"w": [None] * 8}, ["row 1", "column w", "every row has a gap"]),
         ({"w": ["x"] * 8}, ["row 1", "column w", "'x'"]),
         ({"w": [[1.0]] * 8}, ["row 1", "column w", "number"]),
         ({"w": [b"\xff"] * 8}, ["row 1", "column w", "number"]),

@@ -202,8 +202,6 @@ WRONG = [
     (_text('unit = "N" }', 'unit = "N", sigma = 1 }'), ["case.toml:25", "data.columns.load.sigma", "unknown name"]),
     (_text("[data]", "[dada]\n[data]"), ["case.toml:19", "dada", "unknown name"]),
     (_cell(7, 1, "fast"), ["runs.csv:7", "column w", "'fast'", "number"]),
-    (_cell(7, 1, ""), ["runs.csv:7", "column w", "empty"]),
-    (_cell(9, 4, "nan"), ["runs.csv:9", "column i", "NaN", "finite"]),
     (_cell(9, 4, "inf"), ["runs.csv:9", "column i", "infinity"]),
     (_cell(4, 0, ""), ["runs.csv:4", "column run"]),
     (_cell(5, 0, "r00,3"), ["runs.csv:5", "7 fields", "6"]),

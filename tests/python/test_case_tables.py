@@ -91,24 +91,26 @@ def test_a_table_of_something_else_becomes_an_equation(tmp_path: Path, capsys: p
     assert terrapin(capsys, "compare", tmp_path / "case")[0] == 0
 
 
-def test_a_column_that_is_left_out_says_why(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_column_with_a_gap_is_mapped_and_the_gap_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = tmp_path / "gaps.csv"
     lines = ["run,clock,x,y"] + [f"{i % 3},12:00:{i:02d},{i},{'' if i == 7 else 2 * i}" for i in range(30)]
     table.write_text("\n".join(lines) + "\n")
     status, out, _ = terrapin(capsys, "case", table, "--to", tmp_path / "case")
     assert status == 0
     assert "Not numbers: clock\n" in out
-    assert "Left out: gaps.csv:9: column y: found an empty cell, expected a number" in out
+    assert "y = y" in out
+    assert "Rows with a gap in a mapped column will be left out: y 1." in out
     assert "named alike" not in out
+    assert load_case(tmp_path / "case").rows == 29
 
 
-def test_of_many_columns_with_gaps_the_first_ones_say_where(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_of_many_columns_with_text_the_first_ones_say_where(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = tmp_path / "log.csv"
-    table.write_text("time,a,b,c,d,e,f\n0,1,,,,,\n" + "".join(f"{i},1,2,3,4,5,6\n" for i in range(1, 9)))
+    table.write_text("time,a,b,c,d,e,f\n0,1,x,x,x,x,x\n" + "".join(f"{i},1,2,3,4,5,6\n" for i in range(1, 9)))
     status, out, _ = terrapin(capsys, "case", table, "--to", tmp_path / "case")
     assert status == 0
     assert out.count("log.csv:2") == 3
-    assert "Left out, too, with gaps: e, f\n" in out
+    assert "Left out, too, for text between numbers: e, f\n" in out
     status, _, err = terrapin(capsys, "compare", tmp_path / "case")
     assert status == 2
     one_line(err, ["the only run 'log' would be held out", "--train"])
@@ -127,7 +129,7 @@ def test_tables_that_cannot_be_a_case(tmp_path: Path, capsys: pytest.CaptureFixt
         ([words, other], "no column in common"),
         ([tmp_path / "none.csv"], "none.csv"),
         ([other, tmp_path], "beside tables"),
-        ([other, "--after", "3"], "folders of runs"),
+        ([other, "--after", "3"], "--after"),
     ):
         status, _, err = terrapin(capsys, "case", *arguments, "--to", tmp_path / "case")
         assert status == 2

@@ -9,18 +9,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from casekit import ROLLING, ar1, rolling, terrapin
+from casekit import ROLLING, ar1, dense, rolling, terrapin
 from scipy.linalg import null_space
 from scipy.special import logsumexp
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_t
 
 from terrapin_tools.workbench.case.case import load_case
-from terrapin_tools.workbench.compare.bayes_factor import SCALES, WEIGHT, BayesFactor, Block
+from terrapin_tools.workbench.compare.bayes_factor import WEIGHT, BayesFactor, Block
 from terrapin_tools.workbench.compare.comparison import Analysis, analyse, fitted_on
 from terrapin_tools.workbench.model.fitting import covariance
 from terrapin_tools.workbench.model.model import Model
-from terrapin_tools.workbench.noise.ar1 import RHO_GRID, Ar1, repeated_settings
-from terrapin_tools.workbench.noise.marginal_likelihood import SIZES, Evidence
+from terrapin_tools.workbench.noise.covariance import NODES, Node, Runs
+from terrapin_tools.workbench.noise.estimate import repeated_settings
+from terrapin_tools.workbench.noise.marginal_likelihood import SIZES, STATED
 
 KEYS = {"schema", "case", "model", "parameters", "channels", "adequacy", "where", "verdict", "ladder", "seconds"}
 
@@ -204,19 +205,6 @@ def test_repeated_settings_leave_running_roles_out() -> None:
     assert len(set(groups.tolist())) == 4
 
 
-def test_whitening_undoes_colouring() -> None:
-    random = np.random.default_rng(1)
-    run = np.repeat([2, 0, 1], [7, 5, 9])
-    noise = Ar1(run)
-    white = random.standard_normal((21, 3))
-    for rho in (0.0, 0.5, 0.98):
-        again = noise.whiten(noise.colour(white[np.argsort(noise.order)], rho), rho)
-        np.testing.assert_allclose(np.sort(again, axis=0), np.sort(white, axis=0), atol=1e-10)
-    many = Ar1(np.zeros(4000, dtype=np.int64)).colour(random.standard_normal((4000, 1)), 0.8)[:, 0]
-    assert np.var(many) == pytest.approx(1.0, rel=0.25)
-    assert np.corrcoef(many[1:], many[:-1])[0, 1] == pytest.approx(0.8, abs=0.04)
-
-
 @pytest.mark.parametrize(("given", "rho"), [(True, 0.0), (True, 0.95), (False, 0.9)])
 def test_false_alarms(tmp_path: Path, given: bool, rho: float) -> None:
     """Nothing missing, level 5 %: of 20 sets five or more raise an alarm by chance in 0.3 % of trials."""
@@ -229,36 +217,33 @@ def test_false_alarms(tmp_path: Path, given: bool, rho: float) -> None:
 
 
 def test_bayes_factor_is_that_of_dense_covariances() -> None:
-    """The same number from normal densities of what the model's own parameters leave, written out in full."""
+    """The same number from Student's densities of what the model's own parameters leave, written out in full."""
     random = np.random.default_rng(2)
     run = np.repeat([0, 1, 2], [4, 6, 5])
-    ar1, base = Ar1(run), random.standard_normal((1, 15, 2))
+    runs, base = Runs(run), random.standard_normal((1, 15, 2))
     blocks = [
         Block("catalogue", random.standard_normal((15, 1)), 0.7),
         Block("catalogue", random.standard_normal((15, 2)), 0.3),
         Block("run", (run == 1).astype(float)[:, None], 1.0),
     ]
     residual = random.standard_normal((15, 2)) + 2.0 * blocks[0].columns
-    found, posterior = BayesFactor(ar1, base, True, blocks)(residual)
+    found, posterior = BayesFactor(runs, base, blocks, STATED)(residual)
     assert posterior.sum(axis=0) == pytest.approx([1.0, 1.0])
-    lag = np.abs(np.arange(15)[:, None] - np.arange(15)[None, :])
     rest = null_space(base[0].T)
     for one in range(2):
         observed = rest.T @ residual[:, one]
         nothing, something = [], []
-        for rho, prior in zip(RHO_GRID, Evidence.log_prior(), strict=True):
-            noise = rest.T @ np.where(run[:, None] == run[None, :], rho**lag, 0.0) @ rest
+        for node in NODES:
+            prior, noise = np.log(node.prior), rest.T @ dense(runs, node) @ rest
 
             def density(covariance: np.ndarray, observed: np.ndarray = observed) -> float:
-                return float(multivariate_normal.logpdf(observed, np.zeros(len(observed)), covariance))
+                return float(multivariate_t.logpdf(observed, np.zeros(len(observed)), covariance, STATED))
 
             nothing.append(prior + density(noise))
             for block in blocks:
                 inside = rest.T @ block.columns
                 weight = prior + np.log(WEIGHT[block.family] * block.share / len(SIZES))
                 something += [weight + density(noise + size**2 * inside @ inside.T) for size in SIZES]
-            weight = prior + np.log(WEIGHT["scale"] / len(SCALES))
-            something += [weight + density(scale**2 * noise) for scale in SCALES]
         assert found[one] == pytest.approx(logsumexp(something) - logsumexp(nothing), abs=1e-8)
 
 
@@ -277,7 +262,7 @@ def test_intervals_cover(tmp_path: Path) -> None:
     for seed in range(200):
         case = load_case(rolling(tmp_path, 3000 + seed, runs=10, rows=8, rho=0.8))
         fit = fitted_on(case, (), case.train, np.array([0.004]))[-1]
-        sd = float(np.sqrt(covariance(fit, case.run[case.train], 0.8)[0][0, 0]))
+        sd = float(np.sqrt(covariance(fit, case.run[case.train], Node(1.0, 0.8, 0.0, 0.0, 1.0))[0][0, 0]))
         hits += abs(fit.theta[0] - 0.09) < 1.645 * sd
     assert 167 <= hits <= 193
 
@@ -293,7 +278,7 @@ def test_what_the_data_do_not_determine_has_no_small_sd(tmp_path: Path) -> None:
 
     def sds(jacobian: np.ndarray) -> np.ndarray:
         made = replace(fit, jacobian=jacobian, residual=residual)
-        return np.sqrt(np.array([np.diag(c) for c in covariance(made, run, 0.5)]))
+        return np.sqrt(np.array([np.diag(c) for c in covariance(made, run, Node(1.0, 0.5, 0.0, 0.0, 1.0))]))
 
     alone = sds(columns)
     tied = sds(np.concatenate([columns, -3.0 * columns[..., :1], 0.0 * columns[..., :1]], axis=2))

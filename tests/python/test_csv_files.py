@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import resource
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -63,8 +62,6 @@ def test_the_same_case_from_every_spelling(
         ("NA", ["runs.csv:4", "text 'NA'"]),
         ("1_0", ["runs.csv:4", "text '1_0'"]),
         ("0x10", ["runs.csv:4", "text '0x10'"]),
-        ("", ["runs.csv:4", "an empty cell"]),
-        ("nan", ["runs.csv:4", "NaN"]),
         ("-inf", ["runs.csv:4", "infinity"]),
         ("1e400", ["runs.csv:4", "infinity"]),
         ("\u0663", ["runs.csv:4", "text '\u0663'"]),
@@ -117,15 +114,13 @@ def test_a_column_cannot_be_two_things(tmp_path: Path, capsys: pytest.CaptureFix
     one_line(err, ["case.toml:25", "data.columns.load.column", "omega", "rpm"])
 
 
-def test_half_a_million_rows_in_seconds(tmp_path: Path) -> None:
-    """1.2 s of processor time and 250 MB here; the bounds leave room for slower machines."""
+def test_half_a_million_rows(tmp_path: Path) -> None:
+    """250 MB here; the bound leaves room for other versions. How long it takes: tests/bench/bench_analysis.py."""
     folder = rolling(tmp_path, 1, runs=10, rows=10)
     lines = (folder / "runs.csv").read_text().splitlines(keepends=True)
     (folder / "runs.csv").write_text(lines[0] + "".join(lines[1:]) * 5000)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    begin = time.process_time()
     case = load_case(folder)
-    assert time.process_time() - begin < 6.0
     assert case.rows == 500_000
     assert len(case.run_names) == 10
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 600 * 1024  # kB

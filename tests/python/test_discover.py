@@ -19,8 +19,8 @@ from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from terrapin_tools.workbench.discover.resampled import Sums
 from terrapin_tools.workbench.files.json_text import to_json
 from terrapin_tools.workbench.model.linearised import linearise
-from terrapin_tools.workbench.noise.ar1 import Ar1
-from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
+from terrapin_tools.workbench.noise.covariance import PLAIN, Runs
+from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
 from terrapin_tools.workbench.story.answer import answer
 from terrapin_tools.workbench.story.terminal import tell
 from terrapin_tools.workbench.story.told import told
@@ -167,12 +167,12 @@ def test_bootstrap_weights_give_the_evidence_of_all_runs() -> None:
     fit = fitted_on(case.case, effects, case.case.train, analysis.noise.sigma)[-1]
     values = measured(analysis.model, analysis.rows)
     linear = linearise(fit, effects, values, analysis.rows, analysis.noise.sigma)
-    ar1 = Ar1(case.case.run[analysis.rows])
-    for known in (True, False):
-        whole = Evidence(ar1, linear.residual, linear.base, known)
+    runs = Runs(case.case.run[analysis.rows])
+    for behind in (STATED, 0.0):
+        whole = Evidence(runs, linear.residual, linear.base, behind, PLAIN)
         picks = np.arange(linear.columns.shape[1])[None, :]
         expected = whole.blocks(whole.gram(linear.columns), picks, linear.signs[None, :], linear.offset)
-        assert Sums(ar1, linear, known).evidence(np.ones((1, 10))) == pytest.approx(expected, abs=1e-6)
+        assert Sums(runs, linear, behind, PLAIN).evidence(np.ones((1, 10))) == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_short_campaign() -> None:

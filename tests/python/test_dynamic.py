@@ -244,19 +244,3 @@ def test_refusals() -> None:
         run("cmr", {"load_transfer": {"rise": 0.1}})
     broken = simulate("vehicle", {**SOIL, "k_s": 10.0}, {"time": T, "drive_torque": DRIVE})
     assert np.isnan(broken.channels["speed"]).all()
-
-
-@pytest.mark.parametrize("base", bodies())
-def test_time(base: str) -> None:
-    """8 s of the car, with an effect, within the 60 ms of the issue (best of three); the others far below."""
-    import time
-
-    t = np.arange(0.0, 8.0, 0.01)
-    torque = profile_torque(0)[: len(t)]
-    inputs = {"time": t, "voltage": np.full(t.size, 5.0), "joint_rate": np.minimum(t, 1.0), "drive_torque": torque}
-    best = np.inf
-    for _ in range(3):
-        before = time.process_time()
-        simulate(base, SOIL if base == "vehicle" else {"f_o": 0.05}, inputs, {"viscous_friction": {"b": 0.001}})
-        best = min(best, time.process_time() - before)
-    assert best < 0.060

@@ -17,6 +17,7 @@ from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import error, fitted_on
 from terrapin_tools.workbench.model.fitting import covariance
 from terrapin_tools.workbench.model.model import Model
+from terrapin_tools.workbench.noise.covariance import NODES
 from tests.python.casekit import terrapin
 
 Array = npt.NDArray[np.float64]
@@ -173,7 +174,7 @@ def fitted(folder: Path, effects: Sequence[str]) -> tuple[dict[str, tuple[float,
     case = load_case(folder)
     sigma = np.array([case.sigma[c] for c in Model.of(case).channels], dtype=np.float64)
     fit = fitted_on(case, effects, case.train, sigma)[-1]
-    sd = np.sqrt(np.diag(covariance(fit, case.run[case.train])[0]))
+    sd = np.sqrt(np.diag(covariance(fit, case.run[case.train], NODES[0])[0]))
     keys = [f.key for f in fit.model.fitted]
     found = {key: (float(v), float(s)) for key, v, s in zip(keys, fit.theta, sd, strict=True)}
     reached = error(fit, case.train | case.test, sigma)

@@ -80,10 +80,11 @@ def test_discover_tells_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert discovered["groups"] == compared["groups"]
 
 
-def test_without_groups_their_difference_is_missing(tmp_path: Path) -> None:
+def test_without_groups_their_difference_is_one_of_runs(tmp_path: Path) -> None:
     """The same data with one value for all: the model fails."""
     text = SLIDE.replace(', by = "surface"', "")
-    assert analyse(load_case(sled(tmp_path / "case", (0.6, 0.1, 0.4), text))).missing
+    found = analyse(load_case(sled(tmp_path / "case", (0.6, 0.1, 0.4), text)))
+    assert found.missing or found.noise.node.offset > 0.0
 
 
 def test_equal_groups_are_told_apart_as_often_as_stated(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -19,7 +18,8 @@ from terrapin_hil import paths
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.reading import read_log
 from terrapin_tools.logs.writing import LogWriter
-from tests.waiting import BOUND
+from tests.own_bus import own_multicast, unread
+from tests.waiting import BOUND, wait_for
 
 TERRAPIN = str(Path(sys.executable).parent / "terrapin")
 
@@ -105,15 +105,22 @@ def test_replay_needs_ticks(tmp_path: Path) -> None:
     assert "no SENSORS_FAST" in terrapin("log", "replay", tmp_path / "x.log", status=2).stderr
 
 
+def recorded(path: Path) -> int:
+    """Frames in a log that is being written."""
+    try:
+        return len(read_log(path)[0])
+    except UserError:  # not begun yet
+        return 0
+
+
 @pytest.mark.parametrize("kind", ["log", "blf", "mf4", "mcap"])
 def test_record_survives_kill(tmp_path: Path, kind: str) -> None:
     """A recorder killed in the act leaves all but the last half second; nothing is lost until then."""
-    port = 20_000 + os.getpid() % 20_000
-    link = f"can:udp_multicast:239.74.163.{port % 250 + 2}"
+    group, port = own_multicast()
     path = tmp_path / f"x.{kind}"
-    command = [TERRAPIN, "log", "record", str(path), "--link", link]
+    command = [TERRAPIN, "log", "record", str(path), "--link", f"can:udp_multicast:{group}?port={port}"]
     with (
-        can.Bus(interface="udp_multicast", channel=link.rpartition(":")[2]) as bus,
+        can.Bus(interface="udp_multicast", channel=group, port=port) as bus,
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process,
     ):
         end = time.monotonic() + BOUND
@@ -121,8 +128,10 @@ def test_record_survives_kill(tmp_path: Path, kind: str) -> None:
         while time.monotonic() < end:
             bus.send(can.Message(arbitration_id=0x123, data=sent.to_bytes(4, "big"), is_extended_id=False))
             sent += 1
-            time.sleep(0.02)  # the kernel holds some 250 for a recorder that waits for its turn: five seconds
-            if sent % 100 == 0 and path.is_file() and path.stat().st_size > 3000:
+            bus.recv(0)  # hears itself, too
+            wait_for(lambda: unread(port) == 0, "the recorder to read")  # else the kernel drops what it has no room for
+            time.sleep(0.005)
+            if sent % 50 == 0 and recorded(path) > 20:
                 break
         process.send_signal(signal.SIGKILL)
     frames, _ = read_log(path)

@@ -20,6 +20,7 @@ from terrapin_tools.workbench.compare.comparison import analyse, error, fitted_o
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.fitting import covariance
 from terrapin_tools.workbench.model.model import Model
+from terrapin_tools.workbench.noise.covariance import NODES
 from tests.campaigns.ode_systems import SYSTEMS, draw, right
 from tests.python.casekit import one_line, terrapin
 
@@ -216,7 +217,7 @@ def test_discover_add_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     found = analyse(case)
     assert not found.missing
     size = found.fit.theta[-1]
-    sd = np.sqrt(covariance(found.fit, case.run[case.train])[0][-1, -1])
+    sd = np.sqrt(covariance(found.fit, case.run[case.train], NODES[0])[0][-1, -1])
     assert abs(size + CUBIC / 1.3) < 4.0 * sd
     assert found.fit.model.fitted[-1].unit.replace("**", "^") in ("1/m^2/s^2", "1/s^2/m^2")
 

@@ -27,6 +27,7 @@ from terrapin_tools.logs.decoding import Decoder
 from terrapin_tools.logs.frames import Frames
 from terrapin_tools.logs.reading import read_log
 from terrapin_tools.logs.writing import LogWriter
+from tests.own_bus import own_multicast
 from tests.waiting import BOUND, wait_for
 
 DBC = paths.build() / "generated" / "terrapin.dbc"
@@ -80,14 +81,17 @@ def test_cantools_monitor(frames: Frames) -> None:
     before it draws first, and push these off the screen, is a matter of how busy the machine is."""
     fitting = [identifier for identifier, _ in Decoder(DBC, ("GROUND", "MOTION")).messages]
     frames = frames.pick(np.isin(frames.identifiers, fitting))
-    group = f"239.74.164.{os.getpid() % 200 + 30}"  # test_log_commands.py has 239.74.163
+    group, port = own_multicast()
     pid, terminal = pty.fork()
     if pid == 0:
         os.environ.update(TERM="xterm", LINES="24", COLUMNS="80")
-        os.execv(sys.executable, [*CANTOOLS, "monitor", "-i", "udp_multicast", "-c", group, str(DBC)])
+        os.execv(
+            sys.executable,
+            [*CANTOOLS, "monitor", "-i", "udp_multicast", "-c", group, "--bus-kwargs", f"port={port}", "--", str(DBC)],
+        )
     shown, end, row = b"", time.monotonic() + BOUND, 0
     try:
-        with can.Bus(interface="udp_multicast", channel=group) as bus:
+        with can.Bus(interface="udp_multicast", channel=group, port=port) as bus:
             while time.monotonic() < end and not (b"GROUND" in shown and b"torque" in shown):
                 for _ in range(20):
                     identifier, data = int(frames.identifiers[row]), frames.payload(row)

@@ -28,7 +28,7 @@ from terrapin_hil.links.wire import SlcanLink
 from terrapin_hil.messages import Frame, Sender, interface
 from terrapin_tools.cli import main
 from terrapin_tools.errors import UserError
-from terrapin_tools.param.files import find, raw_of, read_file, to_toml
+from terrapin_tools.param.files import raw_of, read_file, to_toml
 from terrapin_tools.param.session import Session
 
 TERRAPIN = str(Path(sys.executable).parent / "terrapin")
@@ -161,7 +161,7 @@ def test_files_are_read_as_run_reads_them(tmp_path: Path) -> None:
     raw = read_file(file, interface())
     physical = read_parameters(file, interface())
     assert raw == {name: PARAMETERS[name].raw(value) for name, value in physical.items()}
-    assert find(interface(), "radius").raw(0.09) == raw["radius"]
+    assert interface().parameter("radius").raw(0.09) == raw["radius"]
 
 
 # ---------------------------------------------------------------- the store over the link

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from pathlib import Path
+
+from tests.waiting import BOUND
 
 ROOT = Path(__file__).resolve().parents[2]
 TOOL = ROOT / "tests" / "tools" / "steady.py"
@@ -38,6 +41,20 @@ def test_a_test_that_fails_now_and_then_is_seen_and_nothing_runs_twice(tmp_path:
     assert "assert 2 != 2" in log.read_text()
 
 
+def test_ctrl_c_ends_it_after_what_runs(tmp_path: Path) -> None:
+    flaky, count = tmp_path / "test_flaky.py", tmp_path / "test_flaky.count"
+    flaky.write_text(FLAKY)
+    options = ("--times", 50, "--load", 0, "--jobs", 1, "--out", tmp_path / "out", flaky)
+    command = [sys.executable, TOOL, *map(str, options)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as running:
+        assert running.stdout is not None
+        running.stdout.readline()
+        running.send_signal(signal.SIGINT)
+        running.communicate(timeout=BOUND)
+    assert running.returncode == 130
+    assert int(count.read_text()) < 50
+
+
 def test_it_finds_the_tests_that_wait() -> None:
     found = steady("--list").stdout.split()
     waiting = (
@@ -48,4 +65,4 @@ def test_it_finds_the_tests_that_wait() -> None:
     )
     for name in waiting:
         assert f"tests/{name}" in found
-    assert "tests/python/test_lagged.py" not in found
+    assert "tests/python/test_noise.py" not in found

@@ -4,7 +4,8 @@
     steady.py --suite [--times 3] [--load 0]                 all that `make test` runs, as often
 
 Interrupted, it goes on where it was: what has run of the same sources stands in build/steady/runs.jsonl. The output of
-a run that failed stays beside it. Prints `N passed, N failed`, of a file or the suite. Status 1 when one failed.
+a run that failed stays beside it. Prints `N passed, N failed`, of a file or the suite. Status 1 when one failed. A
+file whose tests are all skipped here has passed, but its line says `nothing`.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ SUSPECT = re.compile(
     r"|tests\.waiting|threading|time)\b|\b(ControllerProcess|open_qemu|run_inside|usefixtures\(\"bounded\"\))",
     re.MULTILINE,
 )
+NOTHING = 5  # pytest's status where no test ran
 BURN = "import os; parent = os.getppid()\nwhile os.getppid() == parent:\n    for _ in range(1_000_000): pass"
 
 
@@ -88,7 +90,8 @@ class Runs:
             command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
             errors="replace", check=False,
         )  # fmt: skip
-        passed, seconds = done.returncode == 0, time.monotonic() - begin
+        passed, seconds = done.returncode in (0, NOTHING), time.monotonic() - begin
+        what = "nothing" if done.returncode == NOTHING else "ok" if passed else "FAILED"
         with self._lock:
             self.passed[name, number] = passed
             if not passed:
@@ -96,7 +99,7 @@ class Runs:
             with self.file.open("a") as file:
                 line = {"sources": self.key, "name": name, "number": number, "passed": passed, "seconds": seconds}
                 file.write(json.dumps(line) + "\n")
-            print(f"{'ok    ' if passed else 'FAILED'} {number:3} {seconds:6.1f} s  {name}", flush=True)
+            print(f"{what:7} {number:3} {seconds:6.1f} s  {name}", flush=True)
 
 
 def main() -> int:
@@ -121,8 +124,14 @@ def main() -> int:
     runs = Runs(options.out, sources())
     load = options.load if options.load is not None else 0 if options.suite else 8
     with burning(load), ThreadPoolExecutor(1 if options.suite else options.jobs) as pool:
-        for future in [pool.submit(runs.run, n, i, command) for i in range(times) for n, command in commands.items()]:
-            future.result()
+        queued = [pool.submit(runs.run, n, i, command) for i in range(times) for n, command in commands.items()]
+        try:
+            for future in queued:
+                future.result()
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)  # else all that is queued would run
+            print("interrupted: what runs is waited for", flush=True)
+            return 130
     asked = [runs.passed[name, number] for name in commands for number in range(times)]
     print(f"{sum(asked)} passed, {len(asked) - sum(asked)} failed")
     return 0 if all(asked) else 1

@@ -72,9 +72,9 @@ def test_what_cannot_be_a_case_leaves_nothing(server: Server) -> None:
 
 
 def test_an_example_is_copied(server: Server) -> None:
-    typed(server, "terrapin case --example heated_motor --to an_example")
+    typed(server, "terrapin case example heated_motor --to an_example")
     assert (server.folder / "an_example" / "runs.csv").read_bytes() == HEATED
-    assert "expected one of" in typed(server, "terrapin case --example nobody --to other", status=2)
+    assert "expected one of" in typed(server, "terrapin case example nobody --to other", status=2)
 
 
 def test_making_a_case_is_cancelled_and_leaves_nothing(server: Server) -> None:

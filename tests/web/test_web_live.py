@@ -28,8 +28,8 @@ from terrapin_tools.logs.frames import frames
 from terrapin_tools.logs.reading import read_log
 from terrapin_tools.logs.writing import LogWriter
 from terrapin_tools.web.live.session import reduced
-from terrapin_tools.web.live.socket import Audience, _Client
-from tests.waiting import BOUND
+from terrapin_tools.web.live.socket import WINDOW, Audience, _Client
+from tests.waiting import BOUND, wait_for
 
 HEAD = struct.Struct("<BBHIIIdd")
 RATE = 8000
@@ -175,28 +175,29 @@ def test_pulled_cable(live: Server) -> None:
 def test_slow_browser_loses_pictures_and_never_the_log(live: Server) -> None:
     """A browser that does not answer gets no more pictures than fit; what it missed shows in the numbers of frames."""
 
-    async def listen(feeder: Feeder) -> tuple[int, int]:
+    async def listen(feeder: Feeder) -> int:
         address = f"ws://127.0.0.1:{live.port}/api/live/socket?token={live.token}"
         async with websockets.connect(address) as socket:
             await asyncio.to_thread(post, live, "live", source=f"serial:{feeder.path}")
             await asyncio.to_thread(post, live, "live/record", do="start", name="slow.log")
             pictures, seen, total = 0, 0, 0
-            while total < 8000:
+            while total < seen + 1000:  # two seconds of which it sees nothing, however slowly pictures are drawn
                 message = await asyncio.wait_for(socket.recv(), BOUND)
                 if isinstance(message, bytes):
                     pictures += 1
+                    assert pictures <= WINDOW
                     seen += HEAD.unpack_from(message)[5]  # and nothing is answered
                 else:
                     total = json.loads(message).get("total", 0)
-            return pictures, seen
+            assert pictures == WINDOW
+            return total
 
-    with Feeder(2000, 4.0) as feeder:
-        pictures, seen = asyncio.run(listen(feeder))
-    assert pictures <= 45
-    assert seen < 8000
-    post(live, "live/record", do="stop")
+    with Feeder(500, BOUND) as feeder:
+        total = asyncio.run(listen(feeder))
+        post(live, "live/record", do="stop")
     numbers = kept(read_log(live.workspace / "logs" / "slow.log")[0])
-    assert numbers == list(range(numbers[0], 8000))
+    assert numbers == list(range(numbers[0], numbers[-1] + 1))
+    assert numbers[-1] >= total - 1
 
 
 def test_simulator_over_a_pty(live: Server) -> None:
@@ -244,7 +245,7 @@ def test_a_stop_that_is_held_stays(live: Server) -> None:
             assert answer.status == 409, answer.body
             assert "stop button of simulator: estop is held in" in answer.detail
         assert live.get("/api/live")["name"] == "simulator: estop"
-        assert watch(live, lambda w: bool(w.status)).status["stop_held"]
+        watch(live, lambda w: w.status.get("stop_held", False))
     finally:
         post(live, "live/command", request="release")
     assert live.ask("DELETE", "/api/live").status == 200
@@ -287,7 +288,7 @@ def test_every_action_has_its_command_line(live: Server) -> None:
     release = post(live, "live/command", request="release")["command"]
     for line, held in ((stop, True), (release, False)):
         type_in(line)
-        assert watch(live, lambda w: bool(w.status)).status["stop_held"] is held
+        watch(live, lambda w, held=held: w.status.get("stop_held") is held)  # an older status may come first
     marks = [e["text"] for e in watch(live, lambda w: bool(w.status)).events if e["kind"] == "mark"]
     assert marks == ['it\'s "here"'] * 2
     leave = live.ask("DELETE", "/api/live").json["command"]
@@ -470,17 +471,18 @@ def test_malformed_messages_end_the_socket(live: Server, message: str | bytes) -
 
 
 def test_killed_server_leaves_a_log(own_server: Server) -> None:
-    """kill -9 of the server: the log holds everything up to the last half second and more."""
+    """kill -9 of the server: what has come into the log by itself, nobody having asked for it, is still there."""
     with Feeder(2000, 3.0) as feeder:
         post(own_server, "live", source=f"serial:{feeder.path}")
         post(own_server, "live/record", do="start", name="x.mf4")
         found = watch(own_server, lambda w: w.status.get("total", 0) >= 4000)
-        at_kill = found.status["total"]
+        heard = found.status["total"]
+        log = own_server.workspace / "logs" / "x.mf4"
+        wait_for(lambda: heard - 1 in kept(read_log(log)[0]), "the log to hold what was heard")
         own_server.kill()
-    log, _ = read_log(own_server.workspace / "logs" / "x.mf4")
-    numbers = kept(log)
+    numbers = kept(read_log(log)[0])
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
-    assert numbers[-1] > at_kill - 2000  # the last second
+    assert numbers[-1] >= heard - 1
 
 
 def test_reduced_keeps_the_extremes() -> None:

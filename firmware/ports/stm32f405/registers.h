@@ -236,6 +236,7 @@ typedef struct {
 } scb_registers;
 #define SCB_ICSR_PENDSTCLR BIT(25)
 #define SCB_AIRCR_RESET    (0x05FA0000U | BIT(2))
+#define SCB_CFSR_MMARVALID BIT(7)
 #define SCB_CFSR_PRECISE   BIT(9)
 typedef struct {
     reg32 TYPE, CTRL, RNR, RBAR, RASR;

@@ -80,10 +80,18 @@ __attribute__((naked)) void fault(void) {
                      "pop {r4, pc}\n");
 }
 
+/* The guard was hit by what the exception pushed, whose frame then reaches into it, or by the instruction itself: a
+ * push whose last words meet the guard leaves the pointer as it was, and above it the frame may find room. */
+static bool stack_is_gone(const uint32_t *frame, uint32_t status) {
+    const uintptr_t guard = (uintptr_t)image_stack;
+    const bool named = ((status & SCB_CFSR_MMARVALID) != 0U) && (((uintptr_t)SCB->MMFAR - guard) < STACK_GUARD_BYTES);
+    return named || ((uintptr_t)frame < (guard + STACK_GUARD_BYTES));
+}
+
 /* Returns only when it was a probe's. */
 __attribute__((used)) void fault_seen(uint32_t *frame) {
     const uint32_t status = SCB->CFSR;
-    const bool stack_gone = (uintptr_t)frame < ((uintptr_t)image_stack + STACK_GUARD_BYTES);
+    const bool stack_gone = stack_is_gone(frame, status);
     if (!stack_gone && probe_failed(frame, status)) {
         return;
     }

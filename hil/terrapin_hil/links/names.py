@@ -18,6 +18,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from urllib.parse import parse_qsl, urlencode
 
+from terrapin_hil.errors import UserError
+
 __all__ = [
     "BIT_RATE",
     "INPROCESS",
@@ -49,7 +51,7 @@ JOBS = {  # what commands ask of a link, as it reads after "cannot"
 }
 
 
-class LinkNameError(ValueError):
+class LinkNameError(UserError):
     """No link has that name, or the link cannot do what is asked of it."""
 
 

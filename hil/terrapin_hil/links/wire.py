@@ -24,11 +24,8 @@ def write_parameters(
     """Sets parameters by PARAMETER_WRITE, each confirmed by PARAMETER_VALUE. ParameterError when one is refused."""
     reply = description.messages["PARAMETER_VALUE"]
     for name, physical in parameters.items():
-        try:
-            parameter = description.parameter(name)
-            raw = parameter.raw(physical)
-        except (KeyError, ValueError) as error:
-            raise ParameterError(error.args[0]) from None
+        parameter = description.parameter(name)
+        raw = parameter.raw(physical)
         frame = sender.frame("PARAMETER_WRITE", {"index": parameter.index, "value": raw})
         answers = [data for identifier, data in exchange([frame]) if identifier == reply.id]
         if not answers:

@@ -13,12 +13,12 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.physics.compiled import ffi, library, pointer
 from terrapin_hil.physics.tyre import ContactError
 
 __all__ = ["COLUMNS", "OUTPUTS", "THETA_MAX", "Array", "Contact", "ContactError", "Rows", "Shape"]
 
-Array = npt.NDArray[np.float64]
 Rows = Array | float
 Shape = Literal["sphere", "wheel"]
 

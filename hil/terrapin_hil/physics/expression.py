@@ -21,8 +21,8 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.units import read_unit, units
 
 if TYPE_CHECKING:
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = ["FUNCTIONS", "Expression", "parse", "units"]
 
-Array = npt.NDArray[np.float64]
 
 MAX_LENGTH = 1000  # characters; keeps the parser's and our own recursion bounded
 MAX_DEPTH = 150  # of operations inside each other (a sum of n terms has n): everything below follows the tree

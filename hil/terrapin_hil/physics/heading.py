@@ -11,12 +11,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.physics.compiled import library, pointer
 from terrapin_hil.physics.tyre import ContactError
 
 __all__ = ["path", "sideways"]
-
-Array = npt.NDArray[np.float64]
 
 
 def path(travelled: npt.ArrayLike, heading: npt.ArrayLike) -> tuple[Array, Array]:

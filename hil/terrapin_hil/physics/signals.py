@@ -10,11 +10,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-__all__ = ["delayed", "derivative", "integral", "play"]
+from terrapin_hil.arrays import Array, Mask
 
-Array = npt.NDArray[np.float64]
+__all__ = ["delayed", "derivative", "integral", "play", "played"]
 
 
 def delayed(time: Array, values: Array, delay: float) -> Array:
@@ -64,3 +63,28 @@ def _follow(angle: Array, gap: float) -> Array:
         place = min(max(place, value - half), value + half)
         followed[i] = place
     return followed
+
+
+def played(values: Array, gaps: Array, first: Mask) -> Array:
+    """What follows a position through each of several gaps (gaps, rows): many rows at once, and exactly as `play` does.
+
+    Parameters
+    ----------
+    values : (rows,), the position; runs one after the other.
+    gaps : (gaps,), from side to side, in the unit of the position.
+    first : (rows,), where a run begins, in the middle of the gap. The first row is one.
+
+    >>> played(np.array([0.0, 2.0, 3.0, 2.5, 0.0]), np.array([2.0]), np.arange(5) == 0)
+    array([[0., 1., 2., 2., 1.]])
+    """
+    half = np.where(first, 0.0, 0.5 * np.abs(gaps)[:, None])
+    low, high = values - half, values + half
+    reach = 1
+    # Each row keeps what came before it within its own two ends. Two such rows are one with other ends, so the rows are
+    # joined to those 1, 2, 4, ... before them; a run's first row has one end only, and so have then all behind it.
+    while reach < len(values) and (low < high).any():
+        low_after, high_after = low[:, reach:], high[:, reach:]
+        ends = [np.clip(end[:, :-reach], low_after, high_after) for end in (low, high)]
+        low, high = (np.hstack([old[:, :reach], new]) for old, new in zip((low, high), ends, strict=True))
+        reach *= 2
+    return low

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.physics.compiled import ffi, library, pointer
 from terrapin_hil.physics.soils import Footing
 
 __all__ = ["INPUTS", "OUTPUTS", "Contact", "ContactError", "Tyre", "check_footing", "evaluate", "solve"]
 
-Array = npt.NDArray[np.float64]
 
 OUTPUTS = ("force", "load", "torque", "sinkage")
 INPUTS = ("sinkage", "load", "slip", "stiffness", "exponent", "cohesion", "friction_angle", "shear_modulus")

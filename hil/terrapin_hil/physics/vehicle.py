@@ -16,13 +16,13 @@ from dataclasses import astuple, dataclass
 import numpy as np
 import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.physics.compiled import ffi, library, pointer
 from terrapin_hil.physics.soils import Footing
 from terrapin_hil.physics.tyre import ContactError, Tyre, check_footing
 
 __all__ = ["PERIOD", "PROFILES", "SUBSTEPS", "Run", "Vehicle", "profile_torque", "simulate"]
 
-Array = npt.NDArray[np.float64]
 
 PERIOD = 0.01  # of the measurements [s]
 SUBSTEPS = 4  # RK4 steps in it: 2.5 ms

@@ -17,7 +17,7 @@ import numpy as np
 from terrapin_hil.physics import soils
 from terrapin_hil.physics.contact import COLUMNS as ALL
 from terrapin_hil.physics.contact import Array, Contact, Rows, contact, equilibrium, evaluate, points, rows
-from terrapin_hil.physics.sphere import bulldozing_factors
+from terrapin_hil.physics.sphere import bulldozing_factors, sinkage
 
 __all__ = ["COLUMNS", "Soil", "at", "bulldozing", "entry_angle", "forces", "sinkage", "slopes", "soil_of", "solve"]
 
@@ -161,12 +161,6 @@ def _by_soil(old: Array, width: Rows, soil: Soil) -> Array:
     given["width"] = given["width"] + rigid * (k_phi * b**-n - n * stiffness / b)
     given["exponent"] = given["exponent"] - rigid * stiffness * np.log(b)
     return np.stack([given[name] for name in COLUMNS], axis=1)
-
-
-def sinkage(theta: Rows, radius: Rows) -> Array:
-    """Depth [m] of the lowest point at the entry angle theta [rad]."""
-    theta, radius = rows(theta, radius)
-    return np.asarray(2.0 * radius * np.sin(0.5 * theta) ** 2)
 
 
 def bulldozing(

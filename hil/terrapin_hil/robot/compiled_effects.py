@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from terrapin_hil.errors import UserError
 from terrapin_hil.library import ffi
 from terrapin_hil.physics.effects import Effect
 from terrapin_hil.physics.program import ROLES as SLOTS
@@ -24,7 +25,7 @@ def in_plant(effect: Effect) -> bool:
     return effect.plant and bool(set(Robot.bases) & set(effect.bases))
 
 
-class EffectError(ValueError):
+class EffectError(UserError, ValueError):
     """An effect cannot act in the plant; the message says which and why."""
 
 

@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.library import ffi, library
 from terrapin_hil.messages import interface
 from terrapin_hil.physics import soils
@@ -28,8 +28,6 @@ __all__ = [
     "rolling",
     "rolling_steady_speed",
 ]
-
-Array = npt.NDArray[np.float64]
 
 
 def _q(default: float, unit: str, low: float = 1e-9, high: float = 1e6) -> Any:

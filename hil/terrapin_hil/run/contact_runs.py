@@ -10,9 +10,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
-
+from terrapin_hil.arrays import Array
 from terrapin_hil.robot.plant import Ground, Robot, Segment, SoftGround, Terrain
 from terrapin_hil.robot.soft_ground import check_step
 from terrapin_hil.scenario.scenario import Order, Scenario
@@ -20,7 +18,6 @@ from terrapin_hil.simulation import Simulation
 
 __all__ = ["time_response"]
 
-Array = npt.NDArray[np.float64]
 
 COLUMNS = (
     "time",

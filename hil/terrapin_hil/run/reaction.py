@@ -10,19 +10,18 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array, Mask
 from terrapin_hil.messages import Interface
 from terrapin_hil.scenario.checks import Outcome
 from terrapin_hil.scenario.faults import Provocation
 
 __all__ = ["reaction"]
 
-Array = npt.NDArray[np.float64]
 STATUS_TICKS = 10
 
 
-def _first(holds: npt.NDArray[np.bool_], begin: int) -> int | None:
+def _first(holds: Mask, begin: int) -> int | None:
     after = np.flatnonzero(holds[begin:])
     return begin + int(after[0]) if len(after) else None
 

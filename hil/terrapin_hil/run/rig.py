@@ -41,6 +41,14 @@ class RigError(OSError):
         return str(self.args[0])
 
 
+@contextmanager
+def _failing(what: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise RigError(f"{what}: {error.strerror or error}") from None
+
+
 @dataclass(frozen=True)
 class Line:
     """A GPIO line by name. `chip` is empty when the line's name is looked for on all chips."""
@@ -164,12 +172,10 @@ class Rig(AbstractContextManager["Rig"]):
             settings |= {"direction": Direction.OUTPUT, "output_value": Value.INACTIVE}
         else:
             settings |= {"direction": Direction.INPUT, "edge_detection": Edge.BOTH}
-        try:
+        with _failing(f"{name}: line {line.line} cannot be had"):
             request = gpiod.request_lines(
                 path, consumer=f"terrapin {name}", config={offset: gpiod.LineSettings(**settings)}
             )
-        except OSError as error:
-            raise RigError(f"{name}: line {line.line} cannot be had: {error.strerror or error}") from None
         return request, offset
 
     def has(self, *names: str) -> bool:
@@ -181,32 +187,26 @@ class Rig(AbstractContextManager["Rig"]):
         from gpiod.line import Value
 
         request, offset = self._requests[name]
-        try:
+        with _failing(name):
             request.set_value(offset, Value.ACTIVE if active else Value.INACTIVE)
-        except OSError as error:
-            raise RigError(f"{name}: {error.strerror or error}") from None
 
     def enabled(self) -> bool:
         """The bridge may drive."""
         from gpiod.line import Value
 
         request, offset = self._requests["enable"]
-        try:
+        with _failing("enable"):
             return bool(request.get_value(offset) == Value.ACTIVE)
-        except OSError as error:
-            raise RigError(f"enable: {error.strerror or error}") from None
 
     def enable_edges(self, wait: float = 0.0) -> list[tuple[int, bool]]:
         """Edges of the enable line so far: (time in ns of the monotonic clock, active). Waits for the first."""
         request, _ = self._requests["enable"]
         edges: list[tuple[int, bool]] = []
-        try:
+        with _failing("enable"):
             while request.wait_edge_events(wait if not edges else 0.0):
                 for event in request.read_edge_events():
                     rising = event.event_type is event.Type.RISING_EDGE
                     edges.append((event.timestamp_ns, rising))
-        except OSError as error:
-            raise RigError(f"enable: {error.strerror or error}") from None
         return edges
 
     def reset(self, loader: bool = False) -> None:

@@ -25,6 +25,8 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
+from terrapin_hil.errors import UserError
 from terrapin_hil.links import LinkName, open_link
 from terrapin_hil.links.link import Link
 from terrapin_hil.messages import Interface, interface
@@ -38,13 +40,12 @@ from terrapin_hil.telemetry import decode, signals, words
 
 __all__ = ["DivergedError", "Observer", "Result", "Timing", "run"]
 
-Array = npt.NDArray[np.float64]
 
 CHUNK = 500  # ticks between looks at progress, log and Ctrl-C
 LIVE_CHUNK = 33  # the same in real time, where somebody may be watching
 
 
-class DivergedError(RuntimeError):
+class DivergedError(UserError):
     """The simulated robot moves in a way that the plant cannot follow."""
 
 
@@ -167,7 +168,8 @@ def _require_motion(simulation: Simulation) -> None:
     tick = int(np.flatnonzero(~np.isfinite(truth[: simulation.done]).all(axis=1))[0])
     raise DivergedError(
         f"{simulation.scenario.name}: the simulated motion has no finite value at {tick * TICK:.3f} s: "
-        "robot or effects are beyond what steps of 1 ms can follow"
+        "robot or effects are beyond what steps of 1 ms can follow",
+        status=1,
     )
 
 

@@ -16,11 +16,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+
+from terrapin_hil.arrays import Array
+from terrapin_hil.errors import UserError
 
 __all__ = ["Check", "CheckError", "Outcome", "parse_check"]
 
-Array = npt.NDArray[np.float64]
 
 REDUCTIONS: dict[str, Callable[[Array], float]] = {
     "max": lambda a: float(np.max(a)),
@@ -52,7 +53,7 @@ COMPARE: dict[type[ast.cmpop], tuple[str, Callable[[Any, Any], Any]]] = {
 }
 
 
-class CheckError(ValueError):
+class CheckError(UserError, ValueError):
     """A check cannot be read, or names what the run does not have."""
 
 

@@ -219,8 +219,6 @@ def parameters_of(section: Section, description: Interface) -> dict[str, float]:
             parameter = description.parameter(name)
             values[name] = parse_quantity(section.raw(name), parameter.unit)
             parameter.raw(values[name])
-        except KeyError as error:
-            raise section.error(name, error.args[0]) from None
         except ValueError as error:
             raise section.error(name, str(error)) from None
     return values

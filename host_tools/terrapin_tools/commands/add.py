@@ -9,10 +9,10 @@ from typing import Annotated, Any
 import typer
 
 from terrapin_tools.command_options import CaseFolder, Jobs, Json, Seed, check_options, deliver
-from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.case.changes import OwnEffect, add_effects, parse_parameter
+from terrapin_tools.errors import UserError, about
+from terrapin_tools.workbench.case.changes import OwnEffect, extended, parse_parameter
 
-__all__ = ["register"]
+__all__ = ["add"]
 
 
 def add(
@@ -43,7 +43,9 @@ def add(
             raise UserError(f"{case / 'case.toml'}: model.effects: {name} is in the model already")
     own = _own_effects(case, effects, expression, target, parameter or [], set(present.library))
     _check_expressions(own, present)
-    answer, words = carry_out(present, add_effects(present.text, effects, own), "added", list(effects), seed)
+    answer, words = carry_out(
+        present, extended(present.text, present.parameters, effects, own), "added", list(effects), seed
+    )
     deliver(answer, words, json)
 
 
@@ -90,10 +92,8 @@ def _check_expressions(own: dict[str, OwnEffect], case: Any) -> None:
     from terrapin_tools.workbench.bases import formula_name
 
     for effect in own.values():
-        try:
+        with about("--expression"):
             names = parse(effect.expression).names
-        except ValueError as error:
-            raise UserError(f"--expression: {error}") from None
         known = {*case.inputs, *case.parameters, *case.fit, *effect.parameters, "speed", "bulldozing_resistance"}
         known |= {formula_name(name) for name in case.base.provides}
         unknown = sorted(names - known)
@@ -105,7 +105,3 @@ def _check_expressions(own: dict[str, OwnEffect], case: Any) -> None:
             raise UserError(f"--parameter: {unused[0]} does not occur in the expression {effect.expression}")
         if effect.target is not None and effect.target not in case.base.acts_on():
             raise UserError(f"--target: found {effect.target!r}, expected one of {', '.join(case.base.acts_on())}")
-
-
-def register(app: typer.Typer) -> None:
-    app.command("add")(add)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import typer
-
 from terrapin_tools.command_options import Cases, Cluster, Jobs, Json, Level, Seed, check_options, deliver
 from terrapin_tools.progress import step
 
-__all__ = ["register"]
+__all__ = ["compare"]
 
 
 def compare(
@@ -34,7 +32,3 @@ def compare(
     with step("compare"):
         story = fleet.answer_one(case, question, cluster)
     deliver(answer(story), tell(story), json)
-
-
-def register(app: typer.Typer) -> None:
-    app.command("compare")(compare)

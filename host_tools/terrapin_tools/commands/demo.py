@@ -10,7 +10,7 @@ import typer
 
 from terrapin_tools.progress import bar
 
-__all__ = ["register"]
+__all__ = ["demo"]
 
 
 def _say(line: str) -> None:
@@ -34,7 +34,3 @@ def demo(
     with bar("demo") as shown:
         page = Demo(Stage(out.resolve(), _say, lambda share: shown(completed=share))).play()
     print(f"\n{page}")
-
-
-def register(app: typer.Typer) -> None:
-    app.command("demo")(demo)

@@ -12,7 +12,7 @@ from terrapin_tools.command_options import Cases, Cluster, Jobs, Json, Level, Se
 from terrapin_tools.errors import UserError
 from terrapin_tools.progress import progress_lines
 
-__all__ = ["register"]
+__all__ = ["discover"]
 
 
 MOST_DRAWS = 100_000
@@ -65,7 +65,3 @@ def discover(
     story = fleet.answer_one(case, question, cluster, report)
     keep(case, story)  # `add` knows the expressions that it proposed, `report` and the page show it
     deliver(answer(story), tell(story), json)
-
-
-def register(app: typer.Typer) -> None:
-    app.command("discover")(discover)

@@ -13,7 +13,7 @@ from terrapin_tools.errors import UserError
 if TYPE_CHECKING:
     from terrapin_hil.physics.effects import Effect
 
-__all__ = ["register"]
+__all__ = ["effects"]
 
 
 def effects(
@@ -31,14 +31,19 @@ def effects(
             raise UserError("--plot: expected together with the name of an effect")
         _list(known)
         return
-    if name not in known:
-        raise UserError(f"found {name!r}, expected one of {', '.join(known)}")
+    from terrapin_hil.physics.mechanics import mechanics
     from terrapin_tools.workbench.story.effect_picture import as_text, draw, held_text, shape_of
 
-    effect = known[name]
-    shape = shape_of(effect)
+    chosen = [known[name]] if name in known else []
+    if name in mechanics() and not any(effect.bases == ("equation",) for effect in chosen):
+        chosen.append(mechanics()[name])
+    if not chosen:
+        raise UserError(f"found {name!r}, expected one of {', '.join(dict.fromkeys([*known, *mechanics()]))}")
     if plot:
-        draw(effect, shape, Path(plot))
+        draw(chosen[0], shape_of(chosen[0]), Path(plot))
+    for other in chosen[1:]:
+        print(_explain(other), end="\n\n")
+    effect, shape = chosen[0], shape_of(chosen[0])
     print(_explain(effect))
     print(f"  shape       {effect.expression}" + (f", at {held_text(shape)}" if shape.held else ""))
     print("\n".join(as_text(shape)))
@@ -46,12 +51,8 @@ def effects(
 
 def _known(case: str) -> dict[str, Effect]:
     from terrapin_hil.effect_files import known_effects
-    from terrapin_hil.reading import ReadingError
 
-    try:
-        known = known_effects()
-    except ReadingError as error:
-        raise UserError(str(error)) from None
+    known = known_effects()
     if case:
         from terrapin_tools.workbench.case.case import load_case
 
@@ -61,14 +62,18 @@ def _known(case: str) -> dict[str, Effect]:
 
 def _list(known: dict[str, Effect]) -> None:
     from terrapin_hil.physics.effects import catalogue
+    from terrapin_hil.physics.mechanics import mechanics
 
-    width = max(map(len, known))
+    width = max(map(len, [*known, *mechanics()]))
     for base in dict.fromkeys(base for effect in known.values() for base in effect.bases):
         print(f"On {base}:")
         for effect in known.values():
             if base in effect.bases:
-                mark = "" if effect.name in catalogue() else "  (your own)"
+                mark = "" if effect.name in {**catalogue(), **mechanics()} else "  (your own)"
                 print(f"  {effect.name.ljust(width)}  {effect.title}{mark}")
+    print("On equation, where columns are told what they are:")
+    for effect in mechanics().values():
+        print(f"  {effect.name.ljust(width)}  {effect.title}")
 
 
 def _explain(effect: Effect) -> str:
@@ -110,7 +115,3 @@ def _explain(effect: Effect) -> str:
 
 def _bound(value: float) -> str:
     return f"{value:.4g}" if math.isfinite(value) else ("-inf" if value < 0 else "inf")
-
-
-def register(app: typer.Typer) -> None:
-    app.command("effects")(effects)

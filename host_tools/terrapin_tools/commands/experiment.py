@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from terrapin_tools.command_options import CaseFolder, Json, Level, deliver
-from terrapin_tools.errors import UserError
+from terrapin_tools.errors import UserError, about
 
 if TYPE_CHECKING:
     from terrapin_tools.experiments.l9 import Analysis, Design
 
-__all__ = ["register"]
+__all__ = ["SUBCOMMANDS"]
 
 
 def l9(
@@ -43,14 +43,12 @@ def l9(
             raise UserError("--factor makes a plan and FILE.csv is analysed, expected one of the two")
         print(_plan(factor))
         return
-    try:
+    with about(file or "Li et al. 2024"):
         analysis = analyse(LI_2024 if file is None else _read(file), level)
-    except ValueError as error:
-        raise UserError(f"{file or 'Li et al. 2024'}: {error}") from None
     deliver({"schema": "terrapin.l9/1", **asdict(analysis)}, _describe(analysis), json)
 
 
-def carry(
+def run(
     case: CaseFolder,
     to: Annotated[Path, typer.Option("--to", metavar="NEW_CASE", help="the case with the new runs; a new folder")],
     truth: Annotated[
@@ -109,10 +107,8 @@ def _plan(factors: list[str]) -> str:
             raise UserError(f"--factor: found {text!r}, expected NAME=LEVEL,LEVEL,LEVEL")
         names.append(name.strip())
         levels.append(numbers)
-    try:
+    with about("--factor"):
         runs = plan(levels)
-    except ValueError as error:
-        raise UserError(f"--factor: {error}") from None
     rows = [",".join(f"{value:g}" for value in run) for run in runs]
     return "\n".join([",".join([*names, "response"]), *(f"{row}," for row in rows)])
 
@@ -159,9 +155,4 @@ def _describe(analysis: Analysis) -> str:
     return "\n".join(lines)
 
 
-def register(app: typer.Typer) -> None:
-    group = typer.Typer(help="Experiments: plans, their analysis, simulated runs.", no_args_is_help=True)
-    group.callback()(lambda: None)
-    group.command("l9")(l9)
-    group.command("run")(carry)
-    app.add_typer(group, name="experiment")
+SUBCOMMANDS = (l9, run)

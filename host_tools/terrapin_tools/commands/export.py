@@ -12,7 +12,7 @@ from terrapin_tools.command_options import CaseFolder, Jobs, Json, Seed, check_o
 from terrapin_tools.progress import step
 from terrapin_tools.workbench.files.writing import write_whole
 
-__all__ = ["register"]
+__all__ = ["export"]
 
 
 def export(
@@ -58,7 +58,3 @@ def export(
         "seconds": time.monotonic() - begin,
     }
     deliver(answer, "\n".join(lines), json)
-
-
-def register(app: typer.Typer) -> None:
-    app.command("export")(export)

@@ -11,8 +11,8 @@ from typing import Annotated
 import typer
 
 from terrapin_hil.links.names import BIT_RATE, SET_OUTSIDE, LinkName
-from terrapin_tools.command_options import link_option, read_link
-from terrapin_tools.errors import UserError
+from terrapin_tools.command_options import link_option
+from terrapin_tools.errors import UserError, about
 from terrapin_tools.flash import plan as plans
 from terrapin_tools.flash.image import ImageError, intact, parse, read_start
 from terrapin_tools.flash.layout import BASE
@@ -20,13 +20,12 @@ from terrapin_tools.flash.listing import listing, serial_ports
 from terrapin_tools.flash.stm32 import Stm32
 from terrapin_tools.flash.swd import Swd
 from terrapin_tools.flash.update import SignedFile, update
-from terrapin_tools.flash.wires import Wire, open_wire
+from terrapin_tools.flash.wires import Told, Wire, open_wire
 from terrapin_tools.progress import bar
 
-__all__ = ["register"]
+__all__ = ["flash"]
 
 VIAS = ("swd", "stm32", "can", "serial")
-Told = Callable[[str, int, int], None]
 
 
 def _told(shown: Callable[..., None]) -> Told:
@@ -38,11 +37,9 @@ def _files(images: Sequence[Path]) -> list[SignedFile]:
     files: list[SignedFile] = []
     for path in images:
         data = read_start(path)
-        try:
+        with about(path, ImageError):
             image = parse(data)
             intact(image)
-        except ImageError as error:
-            raise UserError(f"{path}: {error}") from None
         if image.signature is None:
             raise UserError(f"{path}: not signed; `terrapin image sign` does it")
         same = [file.name for file in files if file.image.slot == image.slot]
@@ -66,7 +63,7 @@ def _controller(link: LinkName | None, via: str, port: str, baud: int, bitrate: 
     if link is None:
         serial = via == "serial"
         name = f"serial:{_serial_port(port, via)}" if serial else port or "socketcan:can0"
-        link = read_link(name, "update")
+        link = LinkName.parse(name, "update")
     if bitrate and link.interface == "socketcan":
         raise UserError(f"--bitrate: {SET_OUTSIDE}")
     return replace(link, baud=link.baud or baud)
@@ -155,8 +152,3 @@ def flash(
         print(_whole(files, via, port, baud, loader))
     else:
         print(_update(files, open_wire(controller, bitrate or BIT_RATE)))
-
-
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command()(flash)

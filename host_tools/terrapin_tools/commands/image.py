@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from terrapin_tools.errors import UserError
+from terrapin_tools.errors import UserError, about
 
 if TYPE_CHECKING:
     from terrapin_tools.flash.image import Image
 
-__all__ = ["register"]
+__all__ = ["SUBCOMMANDS"]
 
 ImageFile = Annotated[Path, typer.Argument(metavar="IMAGE", help="a signed image")]
 Key = Annotated[
@@ -24,10 +24,8 @@ def _read(path: Path) -> tuple[Image, bytes]:
     from terrapin_tools.flash.image import ImageError, parse, read_start
 
     data = read_start(path)
-    try:
+    with about(path, ImageError):
         return parse(data), data
-    except ImageError as error:
-        raise UserError(f"{path}: {error}") from None
 
 
 def sign(
@@ -51,28 +49,22 @@ def sign(
 
     if not 0 <= counter < 2**32:
         raise UserError(f"--counter: found {counter}, expected 0 to 4294967295")
-    try:
+    with about("--version"):
         number = Version.of(version)
-    except ValueError as error:
-        raise UserError(f"--version: {error}") from None
     data = read_start(code)
     for source, what in ((code, "code"), (key or development_key(), "key")):
         if to.exists() and source.exists() and to.samefile(source):
             raise UserError(f"{to}: is the {what} itself; expected another name for the image")
-    try:
+    with about(code, ImageError):
         slot = code_slot(data)
-    except ImageError as error:
-        raise UserError(f"{code}: {error}") from None
     if slot is None:
         starts = " or ".join(f"0x{start + HEADER_SIZE:08x}" for start in SLOTS.values())
         raise UserError(f"{code}: its reset vector is in no slot; expected code linked for {starts}")
     if len(data) > SLOT_SIZE:
         raise UserError(f"{code}: more than the {SLOT_SIZE} bytes of a slot")
     data += b"\xff" * (-len(data) % 4)
-    try:
+    with about(code, ImageError):
         image = make(data, private_key(key or development_key()), number, counter, slot)
-    except ImageError as error:
-        raise UserError(f"{code}: {error}") from None
     try:
         write_whole(to, image)
     except OSError as error:
@@ -90,10 +82,8 @@ def verify(path: ImageFile, key: Key = None) -> None:
     from terrapin_tools.flash.keys import development_key, public_key
 
     image, _ = _read(path)
-    try:
+    with about(path, ImageError):
         check(image, public_key(key or development_key()))
-    except ImageError as error:
-        raise UserError(f"{path}: {error}") from None
     print(f"{path}: good, version {image.version}, slot {image.slot}")
 
 
@@ -115,9 +105,4 @@ def info(path: ImageFile) -> None:
     )
 
 
-def register(app: typer.Typer) -> None:
-    """Adds the commands."""
-    group = typer.Typer(help="Signed images for the boot loader.", no_args_is_help=True, rich_markup_mode=None)
-    for command in (sign, verify, info):
-        group.command()(command)
-    app.add_typer(group, name="image")
+SUBCOMMANDS = (sign, verify, info)

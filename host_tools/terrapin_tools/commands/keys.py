@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-__all__ = ["register"]
+__all__ = ["SUBCOMMANDS"]
 
 
 def new(
@@ -23,9 +23,4 @@ def new(
     print(f"{path}: private key, public half {key_hash(new_key(path))[:4].hex()}; keep it, and keep it secret")
 
 
-def register(app: typer.Typer) -> None:
-    """Adds the commands."""
-    group = typer.Typer(help="Keys that sign images.", no_args_is_help=True, rich_markup_mode=None)
-    group.command()(new)
-    group.callback()(lambda: None)
-    app.add_typer(group, name="keys")
+SUBCOMMANDS = (new,)

@@ -9,11 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
-from terrapin_hil.firmware import ParameterError
 from terrapin_hil.links import LinkName, open_link
 from terrapin_hil.links.names import PTY
-from terrapin_hil.messages import interface
-from terrapin_hil.reading import ReadingError
+from terrapin_hil.messages import ParameterError, interface
 from terrapin_tools.command_options import BitRate, Json, deliver, link_option
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.decoding import Decoder
@@ -23,7 +21,7 @@ from terrapin_tools.param.files import read_parameters
 from terrapin_tools.progress import bar
 from terrapin_tools.workbench.files import units
 
-__all__ = ["register"]
+__all__ = ["SUBCOMMANDS"]
 
 LogFile = Annotated[Path, typer.Argument(metavar="LOG", help=".log .blf .asc .mf4 .mcap .parquet, or a run's folder")]
 Dbc = Annotated[
@@ -204,10 +202,7 @@ def replay(
     path = LogReader(log).path
     beside = path.parent / "run.toml"
     source = parameters or (beside if beside.is_file() else None)
-    try:
-        values = read_parameters(source, description) if source else {}
-    except ReadingError as error:
-        raise UserError(str(error)) from None
+    values = read_parameters(source, description) if source else {}
     frames, cut = read_log(path)
     _warn(path, cut)
     try:
@@ -236,9 +231,4 @@ def replay(
         raise typer.Exit(1)
 
 
-def register(app: typer.Typer) -> None:
-    group = typer.Typer(help="Record, convert, look into and replay logs of a CAN bus.", no_args_is_help=True)
-    group.callback()(lambda: None)
-    for command in (info, convert, record, replay):
-        group.command(command.__name__)(command)
-    app.add_typer(group, name="log")
+SUBCOMMANDS = (info, convert, record, replay)

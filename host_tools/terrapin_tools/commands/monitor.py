@@ -12,7 +12,7 @@ from terrapin_hil.links.names import INPROCESS, LinkName
 from terrapin_tools.command_options import BitRate, link_option
 from terrapin_tools.errors import UserError
 
-__all__ = ["register"]
+__all__ = ["monitor"]
 
 
 def monitor(
@@ -57,7 +57,3 @@ def monitor(
     print(f"{live.total} frames seen, {opened.lost} lost" + (f"; {opened.note}" if opened.note else ""))
     if app.failed is not None:
         raise app.failed
-
-
-def register(app: typer.Typer) -> None:
-    app.command()(monitor)

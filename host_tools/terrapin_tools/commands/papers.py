@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-__all__ = ["register"]
+from terrapin_tools.progress import say
 
-
-def _progress(text: str) -> None:
-    if sys.stderr.isatty():
-        print(text, file=sys.stderr, flush=True)
+__all__ = ["papers"]
 
 
 def papers(
@@ -31,12 +27,8 @@ def papers(
 
     if out.exists() and not out.is_dir():
         raise UserError(f"--out: found the file {out}, expected a folder")
-    page, parts = build(out, _progress)
+    page, parts = build(out, say)
     for part in parts:
         numbers, statements = (worst(part.checks, which) or "-" for which in (False, True))
         print(f"{part.paper:<6} {part.title:<8} numbers {numbers:<17} statements {statements}")
     print(f"\n{page}")
-
-
-def register(app: typer.Typer) -> None:
-    app.command("papers")(papers)

@@ -15,11 +15,11 @@ from terrapin_hil.links.names import INPROCESS, able
 from terrapin_hil.messages import Interface, interface
 from terrapin_tools.command_options import Json, deliver, link_option
 from terrapin_tools.errors import UserError
-from terrapin_tools.param.files import find, raw_of, read_file, text_of, to_toml
+from terrapin_tools.param.files import raw_of, read_file, text_of, to_toml
 from terrapin_tools.param.session import ORIGINS, Session, Store
 from terrapin_tools.workbench.files.writing import write_whole
 
-__all__ = ["register"]
+__all__ = ["SUBCOMMANDS"]
 
 FLASH_SIZE = 32768  # bytes, of ports/host/flash_file.h
 Link = Annotated[LinkName, link_option("parameters", "where the controller is")]
@@ -137,7 +137,7 @@ def get(
     Example: terrapin param get torque_constant armature_resistance --link socketcan:can0
     """
 
-    parameters = [find(interface(), name) for name in names]
+    parameters = [interface().parameter(name) for name in names]
     with _session(link, flash, timeout) as session:
         values = {parameter.name: session.get(parameter) for parameter in parameters}
     lines = [f"{p.name} = {text_of(p, values[p.name])}" + ("" if p.unit == "1" else f" {p.unit}") for p in parameters]
@@ -200,7 +200,7 @@ def set_(
     terrapin param set comp_coulomb --flash robot.flash -- -0.5 "mN m"
     """
 
-    parameter = find(interface(), name)
+    parameter = interface().parameter(name)
     number = raw_of(parameter, " ".join(value), raw)
     _write(lambda session: session.set_all({name: number}), link, flash, timeout, volatile, json)
 
@@ -295,20 +295,11 @@ def reset(
     Example: terrapin param reset --link serial:/dev/ttyACM0
     """
 
-    chosen = [find(interface(), name) for name in names or ()]
+    chosen = [interface().parameter(name) for name in names or ()]
     values = {parameter.name: parameter.default for parameter in chosen}
     _write(
         lambda session: session.set_all(values) if values else session.defaults(), link, flash, timeout, volatile, json
     )
 
 
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    group = typer.Typer(
-        no_args_is_help=True,
-        help="Read and write the controller's parameters over a link, in their units.",
-        rich_markup_mode=None,
-    )
-    for command in (list_, get, set_, save, load, diff, reset):
-        group.command(command.__name__.rstrip("_"))(command)
-    app.add_typer(group, name="param")
+SUBCOMMANDS = (list_, get, set_, save, load, diff, reset)

@@ -10,7 +10,7 @@ from terrapin_tools.command_options import CaseFolder, Jobs, Json, Seed, check_o
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.changes import remove_effect
 
-__all__ = ["register"]
+__all__ = ["remove"]
 
 
 def remove(
@@ -35,7 +35,3 @@ def remove(
     answer, words = carry_out(present, remove_effect(present.text, effect), "removed", [effect], seed)
     answer["removed"] = effect
     deliver(answer, words, json)
-
-
-def register(app: typer.Typer) -> None:
-    app.command("remove")(remove)

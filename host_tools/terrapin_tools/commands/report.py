@@ -13,7 +13,7 @@ from terrapin_tools.command_options import CaseFolder, Jobs, Json, Level, Seed, 
 from terrapin_tools.progress import step
 from terrapin_tools.workbench.files.writing import write_whole
 
-__all__ = ["register"]
+__all__ = ["report"]
 
 
 def report(
@@ -59,7 +59,3 @@ def report(
     if new:
         keep(case, story)
     deliver(answer(story), str(output), json)
-
-
-def register(app: typer.Typer) -> None:
-    app.command("report")(report)

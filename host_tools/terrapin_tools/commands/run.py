@@ -11,16 +11,14 @@ from typing import Annotated
 
 import typer
 
-from terrapin_hil.firmware import ParameterError
 from terrapin_hil.links import LinkName, open_link
 from terrapin_hil.links.link import Link
 from terrapin_hil.links.names import INPROCESS, able
 from terrapin_hil.messages import interface
-from terrapin_hil.reading import ReadingError
-from terrapin_hil.robot.compiled_effects import EffectError
-from terrapin_hil.run.rig import Rig, RigConfig, RigError, load_rig
-from terrapin_hil.run.run import DivergedError, Result, run
-from terrapin_hil.scenario.checks import CheckError, Outcome
+from terrapin_hil.run.rig import Rig, RigConfig, load_rig
+from terrapin_hil.run.run import Result
+from terrapin_hil.run.run import run as run_scenario
+from terrapin_hil.scenario.checks import Outcome
 from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 from terrapin_tools.command_options import link_option
 from terrapin_tools.contact_error import ContactError, contact_error
@@ -29,20 +27,13 @@ from terrapin_tools.logs.folder import RunFolder
 from terrapin_tools.param.files import read_parameters
 from terrapin_tools.progress import bar
 
-__all__ = ["register"]
-
-HELP = """Run a scenario: the simulated robot against the controller, in lockstep.
-
-Example: terrapin run slope_limiter --link pty --out out/slope
-
-SCENARIO is a TOML file, or the name of a shipped one.
-Exit status: 0 when every check of the scenario holds, 1 when one fails or the run breaks off, 2 for bad input."""
+__all__ = ["run"]
 
 
 def _before(result: Result) -> ContactError | None:
     """The error of C_t without the parameters: the same run once more, in this process."""
     plain = replace(result.scenario, real_time=False, checks=())
-    return contact_error(run(plain, "inprocess", parameters={}))
+    return contact_error(run_scenario(plain, "inprocess", parameters={}))
 
 
 def _contact(result: Result) -> dict[str, dict[str, float | int | bool] | None]:
@@ -115,7 +106,7 @@ def _opened(link: LinkName, path: Path | None) -> Iterator[tuple[Link, list[Outc
         yield opened, outcomes
 
 
-def command(
+def run(
     scenario: Annotated[str, typer.Argument(help="scenario file, or the name of a shipped scenario")],
     link: Annotated[LinkName, link_option("lockstep", "where the controller is")] = INPROCESS,
     out: Annotated[Path | None, typer.Option(help="folder for telemetry.log, truth.csv and run.toml")] = None,
@@ -125,6 +116,14 @@ def command(
     rig: Annotated[Path | None, typer.Option(help="TOML file that names the GPIO lines around a real board")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="the result as JSON on standard output")] = False,
 ) -> int:
+    """Run a scenario: the simulated robot against the controller, in lockstep.
+
+
+    Example: terrapin run slope_limiter --link pty --out out/slope
+
+    SCENARIO is a TOML file, or the name of a shipped one.
+    Exit status: 0 when every check of the scenario holds, 1 when one fails or the run breaks off, 2 for bad input.
+    """
     try:
         chosen = load_scenario(find_scenario(scenario))
         if seed is not None:
@@ -143,7 +142,7 @@ def command(
             shown = stack.enter_context(bar(chosen.name))
             observers = [folder] if folder else []
             with _opened(link, rig) as (opened, outcomes):
-                result = run(
+                result = run_scenario(
                     chosen,
                     opened,
                     parameters=values,
@@ -153,16 +152,7 @@ def command(
             result.outcomes = (*outcomes, *result.outcomes)
             if folder is not None:
                 folder.finish(result)
-    except (ReadingError, CheckError, EffectError, ParameterError) as error:
-        raise UserError(str(error)) from None
-    except (DivergedError, RigError) as error:
-        raise UserError(str(error), status=1) from None
     except KeyboardInterrupt:
         raise UserError(f"interrupted; the log up to here is in {out}" if out else "interrupted", status=130) from None
     print((_as_json if as_json else _as_text)(result, out, bool(values)))
     return 0 if result.passed else 1
-
-
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command("run", help=HELP)(command)

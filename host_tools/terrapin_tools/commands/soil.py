@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from terrapin_tools.command_options import CaseFolder, Json, Seed, check_options, deliver
-from terrapin_tools.errors import UserError
+from terrapin_tools.errors import UserError, about
+from terrapin_tools.progress import say
 
 if TYPE_CHECKING:
     from terrapin_tools.soil.vehicle import Cost, Fit, Objective
     from terrapin_tools.soil.vehicle_case import VehicleCase
     from terrapin_tools.soil.vehicle_limits import Limits
 
-__all__ = ["register"]
+__all__ = ["SUBCOMMANDS"]
 
 SHOWN = {  # parameter: factor to the unit that people read, that unit (of k_s its prefix, since it follows n)
     "k_s": (1e-3, "k"),
@@ -59,20 +60,13 @@ def vehicle(
     begin = time.monotonic()
     read = load_vehicle_case(case)
     threads = jobs or os.cpu_count() or 1
-    try:
+    with about(case, ContactError):
         train = Objective(read.vehicle, read.tyre, read.train, read.mask, threads)
         test = Objective(read.vehicle, read.tyre, read.test, read.mask, threads) if read.test else None
-        fit = estimate(train, read.start, read.bounds, cast("Cost", cost), starts, seed, _progress)
-        limits = analyse(train, fit, read.bounds, profiles, _progress)
+        fit = estimate(train, read.start, read.bounds, cast("Cost", cost), starts, seed, say)
+        limits = analyse(train, fit, read.bounds, profiles, say)
         answer = _answer(read, train, test, fit, limits, cost, time.monotonic() - begin)
-    except ContactError as error:
-        raise UserError(f"{case}: {error}") from None
     deliver(answer, _describe(answer), json)
-
-
-def _progress(text: str) -> None:
-    if sys.stderr.isatty():
-        print(text, file=sys.stderr, flush=True)
 
 
 def _answer(
@@ -200,10 +194,8 @@ def tactile(
         raise UserError(f"--margin: found {margin:g}, expected 0 to less than 1")
     _check_picture(plot)
     read = load_tactile_case(case)
-    try:
+    with about(case, Unsolved):
         found = answer(read, margin)
-    except Unsolved as error:
-        raise UserError(f"{case}: {error}") from None
     if plot is not None and found["identified"]:
         draw(found, plot)
     elif plot is not None:
@@ -240,10 +232,4 @@ def plates(
     deliver(found, plates_answer.describe(found), json)
 
 
-def register(app: typer.Typer) -> None:
-    group = typer.Typer(help="The properties of the ground from what a machine measured on it.", no_args_is_help=True)
-    group.callback()(lambda: None)
-    group.command("vehicle")(vehicle)
-    group.command("tactile")(tactile)
-    group.command("plates")(plates)
-    app.add_typer(group, name="soil")
+SUBCOMMANDS = (vehicle, tactile, plates)

@@ -13,7 +13,7 @@ from terrapin_hil.links import LinkName
 from terrapin_tools.command_options import link_option
 from terrapin_tools.errors import UserError
 
-__all__ = ["register"]
+__all__ = ["web"]
 
 
 def web(
@@ -60,7 +60,3 @@ def _listen(port: int) -> socket.socket:
         listening.close()
         raise UserError(f"--port: {port}: {error.strerror}, expected one that is free", 1) from None
     return listening
-
-
-def register(app: typer.Typer) -> None:
-    app.command("web")(web)

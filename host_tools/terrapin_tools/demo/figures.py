@@ -8,8 +8,8 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.run.run import Result
 
 matplotlib.use("Agg")
@@ -17,7 +17,6 @@ from matplotlib import pyplot
 
 __all__ = ["forced_slip", "ground_torque", "heated", "slip_limiter", "slope"]
 
-Array = npt.NDArray[np.float64]
 BLUE, RED, GREY, GREEN = "#2f6fdb", "#d0405a", "#68717d", "#158a74"
 pyplot.rcParams.update(
     {
@@ -68,9 +67,9 @@ def ground_torque(result: Result, sand_at: float, calibrated_at: float, file: Pa
         color=BLUE,
         label="controller, valid, ± 2 sd",
     )
-    low.set_ylabel("$C_t$, mN m")
-    low.set_ylim(-20, 1.4e3 * float(np.median(truth["contact_torque"][-1000:])))
-    low.set_xlabel("time, s")
+    low.set(
+        ylabel="$C_t$, mN m", ylim=(-20, 1.4e3 * float(np.median(truth["contact_torque"][-1000:]))), xlabel="time, s"
+    )
     low.legend(loc="upper left")
     for axis in (top, middle, low):
         axis.axvline(calibrated_at, color=GREEN, lw=1, ls=":")
@@ -89,12 +88,9 @@ def slip_limiter(limited: Result, free: Result, file: Path) -> Path:
         low.plot(result.time[cut], 0.08 * result.truth["omega"][cut], color=color, label=f"rim, {label}")
     low.plot(limited.time, limited.truth["speed"], color=GREY, label="axle, imposed")
     top.axhline(0.5, color=GREY, lw=0.8, ls="--")
-    top.set_ylabel("slip")
-    top.set_ylim(0.0, 1.0)
-    top.set_xlim(1.0, limited.time[-1])
+    top.set(ylabel="slip", ylim=(0.0, 1.0), xlim=(1.0, limited.time[-1]))
     top.legend(loc="upper left")
-    low.set_ylabel("speed, m/s")
-    low.set_xlabel("time, s")
+    low.set(ylabel="speed, m/s", xlabel="time, s")
     low.legend(loc="upper right")
     return _save(figure, file)
 
@@ -111,11 +107,8 @@ def slope(limited: Result, free: Result, file: Path) -> Path:
     top.set_ylabel("way, m")
     top.legend(loc="upper left")
     middle.axhline(0.5, color=GREY, lw=0.8, ls="--")
-    middle.set_ylabel("slip")
-    middle.set_ylim(-1.05, 1.05)
-    low.set_ylabel("rut depth, 0 to 1")
-    low.set_xlim(0.0, 12.0)  # nothing moves after that
-    low.set_xlabel("time, s")
+    middle.set(ylabel="slip", ylim=(-1.05, 1.05))
+    low.set(ylabel="rut depth, 0 to 1", xlim=(0.0, 12.0), xlabel="time, s")  # nothing moves after that
     return _save(figure, file)
 
 
@@ -128,9 +121,7 @@ def forced_slip(
         for (label, at, values), color in zip(curves, (GREY, BLUE, GREEN), strict=False):
             axis.plot(at, values[channel], color=color, label=label)
         axis.plot(slip, measured[channel], "o", color=RED, label="measured")
-        axis.set_xlabel("slip, 1 - r/R")
-        axis.set_ylabel(f"{channel}, {unit}")
-        axis.set_ylim(bottom=0.0)
+        axis.set(xlabel="slip, 1 - r/R", ylabel=f"{channel}, {unit}", ylim=(0.0, None))
     axes[0].legend(loc="best")
     return _save(figure, file)
 
@@ -141,8 +132,7 @@ def heated(temperature: Array, before: Array, after: Array, errors: Sequence[tup
     left.axhspan(-1.0, 1.0, color=GREEN, alpha=0.12, lw=0, label="noise, ± 1 sd")
     left.plot(temperature, before, ".", color=RED, label="model without the effect")
     left.plot(temperature, after, ".", color=BLUE, label="with motor_heating")
-    left.set_xlabel("winding, °C")
-    left.set_ylabel("residual of the current, noise sd")
+    left.set(xlabel="winding, °C", ylabel="residual of the current, noise sd")
     left.legend(loc="best")
     for (label, result), color in zip(errors, (RED, BLUE), strict=True):
         ground = result.telemetry["GROUND"]
@@ -151,7 +141,6 @@ def heated(temperature: Array, before: Array, after: Array, errors: Sequence[tup
         error = ground["torque"][valid] - result.truth["contact_torque"][ticks]
         right.plot(ground["time"][valid], 1e3 * error, ".", ms=3, color=color, label=label)
     right.axhline(0.0, color=GREY, lw=0.8)
-    right.set_xlabel("time, s")
-    right.set_ylabel("controller's error of $C_t$, mN m")
+    right.set(xlabel="time, s", ylabel="controller's error of $C_t$, mN m")
     right.legend(loc="best")
     return _save(figure, file)

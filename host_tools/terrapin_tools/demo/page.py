@@ -8,7 +8,9 @@ from pathlib import Path
 
 from jinja2 import Environment, StrictUndefined
 
-__all__ = ["Chapter", "Table", "write_page"]
+from terrapin_tools.papers.part import Table
+
+__all__ = ["Chapter", "write_page"]
 
 STYLE = """
 :root {
@@ -38,15 +40,6 @@ pre { overflow-x: auto; font-size: 13px; }
 nav a { display: block; }
 @media print { section { break-inside: avoid; } }
 """
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows of text under a head; numbers come formatted."""
-
-    caption: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
 
 
 @dataclass

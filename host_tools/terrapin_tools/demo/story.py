@@ -15,8 +15,9 @@ from terrapin_hil import paths
 from terrapin_hil.run.run import Result, run
 from terrapin_hil.scenario.scenario import Scenario, find_scenario, load_scenario
 from terrapin_tools.demo import figures, workbench
-from terrapin_tools.demo.page import Chapter, Table, write_page
+from terrapin_tools.demo.page import Chapter, write_page
 from terrapin_tools.demo.stage import Stage
+from terrapin_tools.papers.part import Table
 
 __all__ = ["Demo"]
 

@@ -10,16 +10,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from terrapin_hil import paths
+from terrapin_hil.arrays import Array
 from terrapin_hil.messages import interface
 from terrapin_hil.run.run import Result, run
 from terrapin_hil.scenario.scenario import Scenario, find_scenario, load_scenario
 from terrapin_tools.demo import figures
-from terrapin_tools.demo.page import Chapter, Table
+from terrapin_tools.demo.page import Chapter
 from terrapin_tools.demo.stage import Stage
 from terrapin_tools.logs.folder import RunFolder
+from terrapin_tools.papers.part import Table
 from terrapin_tools.param.files import read_parameters
 from terrapin_tools.workbench.case.case import load_case, parse_case
 from terrapin_tools.workbench.case.changes import add_effects
@@ -34,7 +35,6 @@ from terrapin_tools.workbench.story.told import told
 
 __all__ = ["forced_slip", "heated", "logged_run"]
 
-Array = npt.NDArray[np.float64]
 FORCED_SLIP_STEPS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("Theory 1", ()),
     ("Theory 2: with bulldozing and slip sinkage, both free", ("bulldozing", "slip_sinkage")),
@@ -196,7 +196,7 @@ def heated(stage: Stage, chapter: Chapter) -> None:
         (picture, "What the model lacks against the winding's temperature, and the controller's error of C_t")
     )
     chapter.commands += [
-        "terrapin case out/runs/heated_* --to my_case --effect speed_squared --after 5",
+        "terrapin case runs out/runs/heated_* --to my_case --effect speed_squared --after 5",
         "terrapin compare my_case",
         "terrapin add my_case motor_heating",
         "terrapin export my_case --to firmware.toml",

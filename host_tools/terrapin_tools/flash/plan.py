@@ -6,23 +6,22 @@ what starts, whatever was there before.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 from terrapin_hil import paths
-from terrapin_tools.errors import UserError
+from terrapin_tools.errors import UserError, about
 from terrapin_tools.flash.image import ImageError, verify
 from terrapin_tools.flash.keys import key_in
 from terrapin_tools.flash.layout import BASE, RAM, RECORDS, SLOT_SIZE, SLOTS
 from terrapin_tools.flash.update import SignedFile
+from terrapin_tools.flash.wires import Told
 
 __all__ = ["BOOT_SIZE", "Plan", "Programmer", "begins", "boot_loader", "check_starts", "perform", "plan", "read"]
 
 BOOT_SIZE = 0x4000
-
-Told = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -71,10 +70,8 @@ def check_starts(loader: bytes, where: str, files: Sequence[SignedFile]) -> None
         key = key_in(loader, named)
         if key is None:
             raise UserError(f"{file.name}: signed with key {named[:4].hex()}, which is not in {where}")
-        try:
+        with about(file.name, ImageError):
             verify(file.image, key)
-        except ImageError as error:
-            raise UserError(f"{file.name}: {error}") from None
 
 
 def plan(files: Sequence[SignedFile], loader: bytes | None) -> Plan:

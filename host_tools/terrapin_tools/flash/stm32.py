@@ -6,11 +6,11 @@ The chip runs it when BOOT0 is high at a reset. Each command is the byte and its
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import reduce
 
 from terrapin_tools.errors import UserError
-from terrapin_tools.flash.wires import open_serial
+from terrapin_tools.flash.wires import Told, open_serial
 
 __all__ = ["Stm32", "sectors_of"]
 
@@ -23,8 +23,6 @@ POLL = 0.05  # s of one read; never changed, since a pseudo-terminal refuses to 
 SECTOR_ERASE = 4.0  # s, 128 kB at 8 bits a time (DS8626)
 BASE = 0x0800_0000
 SECTORS = [16, 16, 16, 16, 64, 128, 128, 128, 128, 128, 128, 128]  # kB
-
-Told = Callable[[str, int, int], None]
 
 
 def sectors_of(address: int, size: int) -> list[int]:

@@ -8,18 +8,17 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from terrapin_tools.errors import UserError
+from terrapin_tools.flash.wires import Told
 
 __all__ = ["Swd", "probes"]
 
 TARGET = "stm32f412xg"
 IDENTITY = 0xE004_2000  # DBGMCU_IDCODE; device in its low 12 bits
 F405 = 0x413  # STM32F405/407/415/417
-
-Told = Callable[[str, int, int], None]
 
 
 def _pyocd() -> Any:

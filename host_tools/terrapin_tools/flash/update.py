@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from terrapin_hil.messages import Frame, Sender, interface
 from terrapin_tools.errors import UserError
 from terrapin_tools.flash.image import Image, Version
-from terrapin_tools.flash.wires import Wire
+from terrapin_tools.flash.wires import Told, Wire
 
-__all__ = ["Controller", "Outcome", "SignedFile", "Told", "query", "update"]
+__all__ = ["Controller", "Outcome", "SignedFile", "query", "update"]
 
-Told = Callable[[str, int, int], None]  # (what is being done, bytes done, bytes in all)
 
 BLOCK = 256
 PROTOCOL = 1

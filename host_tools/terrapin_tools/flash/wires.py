@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, Protocol
 
@@ -13,8 +13,9 @@ from terrapin_hil.messages import Frame
 from terrapin_tools.errors import UserError
 from terrapin_tools.flash.layout import ANSWERS
 
-__all__ = ["SerialWire", "Wire", "open_serial", "open_wire"]
+__all__ = ["SerialWire", "Told", "Wire", "open_serial", "open_wire"]
 
+Told = Callable[[str, int, int], None]  # (what is being done, bytes done, bytes in all)
 BAUD = 1_000_000  # of the F405's USART1
 POLL = 0.01  # s of one read of a serial port
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.messages import Interface
 from terrapin_hil.telemetry import decode
 from terrapin_tools.errors import UserError
@@ -21,7 +22,6 @@ from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames
 
 __all__ = ["blocks", "line", "lines", "read", "telemetry"]
 
-Array = npt.NDArray[np.float64]
 
 BLOCK = 4 << 20  # bytes of text taken at once
 

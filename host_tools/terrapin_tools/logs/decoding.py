@@ -14,19 +14,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from terrapin_hil.arrays import Array, Index
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.frames import EXTENDED, Frames
 
 __all__ = ["Decoded", "Decoder"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Decoded:
     """Frames of one message. Signals that a frame does not carry (multiplexed, cut short) are NaN there."""
 
-    rows: npt.NDArray[np.int64]  # of the frames that were decoded
+    rows: Index  # of the frames that were decoded
     times: Array
     signals: dict[str, Array]
 
@@ -69,7 +68,7 @@ class Decoder:
         return found
 
 
-def _signals(message: Any, data: npt.NDArray[np.uint8], lengths: npt.NDArray[np.int64]) -> Iterator[tuple[str, Array]]:
+def _signals(message: Any, data: npt.NDArray[np.uint8], lengths: Index) -> Iterator[tuple[str, Array]]:
     raw: dict[str, npt.NDArray[Any]] = {}
     for signal in sorted(message.signals, key=lambda s: not s.is_multiplexer):
         values, last = _raw(signal, data)

@@ -22,6 +22,7 @@ from terrapin_hil.run.run import Result
 from terrapin_hil.scenario.scenario import Scenario
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.candump import lines
+from terrapin_tools.logs.frames import writing
 
 __all__ = ["RunFolder"]
 
@@ -39,7 +40,7 @@ class RunFolder:
         self._scenario = scenario
         self._link = link
         self._parameters = _all_parameters(interface, {**scenario.firmware, **parameters})
-        try:
+        with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
             self._log: TextIO = (folder / "telemetry.log").open("a", encoding="ascii")
             self._take()
@@ -47,8 +48,6 @@ class RunFolder:
             self._truth.write(",".join(TRUTH) + "\n")
             shutil.copyfile(paths.dbc(), folder / "terrapin.dbc")
             self._describe({"complete": False})
-        except OSError as error:
-            raise self._failed(error) from None
 
     def _take(self) -> None:
         """Empties the log for this run. UserError when another run is writing it."""
@@ -61,19 +60,17 @@ class RunFolder:
 
     def write(self, records: npt.NDArray[Any]) -> None:
         """Appends rows of the log."""
-        try:
+        with writing(self.folder):
             self._log.write(lines(records, self._ticks))
             self._log.flush()
             first = -self._ticks % TRUTH_EVERY
             np.savetxt(self._truth, records["truth"][first::TRUTH_EVERY], fmt="%.9g", delimiter=",")
             self._truth.flush()
-        except OSError as error:
-            raise self._failed(error) from None
         self._ticks += len(records)
 
     def finish(self, result: Result) -> None:
         """Writes what came out of the run."""
-        try:
+        with writing(self.folder):
             self._describe(
                 {
                     "complete": True,
@@ -83,8 +80,6 @@ class RunFolder:
                 },
                 [{"check": o.text, "passed": o.passed, "found": o.found} for o in result.outcomes],
             )
-        except OSError as error:
-            raise self._failed(error) from None
 
     def close(self) -> None:
         """Closes the files. Closing twice is allowed."""
@@ -109,9 +104,6 @@ class RunFolder:
         temporary = self.folder / "run.toml.new"
         temporary.write_text(tomlkit.dumps(document), encoding="utf-8")
         temporary.replace(self.folder / "run.toml")
-
-    def _failed(self, error: OSError) -> UserError:
-        return UserError(f"{self.folder}: cannot write the log: {error.strerror or error}", status=1)
 
 
 def _all_parameters(interface: Interface, changed: Mapping[str, float]) -> dict[str, Any]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["ERROR", "EXTENDED", "FD", "REMOTE", "SENT", "Frames", "frames", "joined"]
+from terrapin_hil.arrays import Array, Index
+from terrapin_tools.errors import UserError
 
-Array = npt.NDArray[np.float64]
+__all__ = ["ERROR", "EXTENDED", "FD", "REMOTE", "SENT", "Frames", "frames", "joined", "writing"]
+
 
 EXTENDED, REMOTE, ERROR, FD, SENT = 1, 2, 4, 8, 16  # bits of Frames.flags; SENT: by who kept the log
 
@@ -23,8 +26,8 @@ class Frames:
 
     path: Path
     times: Array
-    identifiers: npt.NDArray[np.int64]
-    lengths: npt.NDArray[np.int64]
+    identifiers: Index
+    lengths: Index
     data: npt.NDArray[np.uint8]  # (frames, 8 or 64)
     flags: npt.NDArray[np.uint8]
 
@@ -85,3 +88,12 @@ def joined(path: Path, parts: Sequence[Frames]) -> Frames:
         np.concatenate([np.pad(part.data, ((0, 0), (0, width - part.data.shape[1]))) for part in parts]),
         np.concatenate([part.flags for part in parts]),
     )
+
+
+@contextmanager
+def writing(log: Path) -> Iterator[None]:
+    """A log that cannot be written is a UserError (status 1)."""
+    try:
+        yield
+    except OSError as error:
+        raise UserError(f"{log}: cannot write the log: {error.strerror or error}", status=1) from None

@@ -6,15 +6,14 @@ from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.decoding import Decoder
 from terrapin_tools.logs.reading import LogReader
 
 __all__ = ["signals_on_grid"]
 
-Array = npt.NDArray[np.float64]
 
 DISORDER = 1.0  # s by which frames of several channels may be out of order
 MOST_ROWS = 1e7  # that a log may give

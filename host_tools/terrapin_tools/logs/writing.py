@@ -21,7 +21,7 @@ import numpy as np
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.candump import line
 from terrapin_tools.logs.decoding import Decoder
-from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames
+from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, writing
 from terrapin_tools.logs.mf4 import GrowingMf4, WholeMf4
 from terrapin_tools.logs.reading import RAW_TOPIC, READABLE
 
@@ -55,17 +55,13 @@ class LogWriter(AbstractContextManager["LogWriter"]):
             raise UserError(f"{path}: unknown kind of log {kind!r}, expected one of {' '.join(READABLE)}")
         self.path = path
         self._open = True
-        try:
+        with writing(path):
             self._writer: _Writer = kinds[kind]()
-        except OSError as error:
-            raise self._failed(error) from None
 
     def write(self, frames: Frames) -> None:
         """Appends frames."""
-        try:
+        with writing(self.path):
             self._writer.write(frames)
-        except OSError as error:
-            raise self._failed(error) from None
 
     def event(self, time: float, text: str) -> None:
         """Notes an event at `time` [s]; kept in MCAP only."""
@@ -74,26 +70,19 @@ class LogWriter(AbstractContextManager["LogWriter"]):
 
     def flush(self) -> None:
         """What came so far is in the file."""
-        try:
+        with writing(self.path):
             self._writer.flush()
-        except OSError as error:
-            raise self._failed(error) from None
 
     def close(self) -> None:
         """Ends the file. Closing twice is allowed."""
         if not self._open:
             return
         self._open = False
-        try:
+        with writing(self.path):
             self._writer.close()
-        except OSError as error:
-            raise self._failed(error) from None
 
     def __exit__(self, *error: object) -> None:
         self.close()
-
-    def _failed(self, error: OSError) -> UserError:
-        return UserError(f"{self.path}: cannot write the log: {error.strerror or error}", status=1)
 
 
 class _Candump:

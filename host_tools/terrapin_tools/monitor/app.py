@@ -158,20 +158,17 @@ class MonitorApp(App[None]):
         sign = "" if live.values.get("GROUND.valid") == 1.0 else " (not valid)"
         torque = f"{number('GROUND.torque', 1e3, 1)} +- {number('GROUND.torque_sd', 1e3, 1)} mN m{sign}"
         style = "bold red" if self._limit is not None and live.values.get("MOTION.slip", 0.0) > self._limit else ""
-        table.add_row(Text("slip", style="dim"), Text(slip, style=style))
-        table.add_row(Text("C_t", style="dim"), torque)
-        table.add_row(Text("terrain", style="dim"), live.word("terrain", "GROUND.terrain"))
-        table.add_row(
-            Text("current", style="dim"), f"{number('ELECTRICAL.current')} A   {number('ELECTRICAL.voltage', 1.0, 2)} V"
-        )
-        table.add_row(
-            Text("supply", style="dim"),
-            f"{number('ELECTRICAL.supply', 1.0, 2)} V   winding {number('ELECTRICAL.temperature', 1.0, 1)} degC",
-        )
-        table.add_row(
-            Text("speed", style="dim"),
-            f"{number('MOTION.shell_speed', 1.0, 2)} rad/s   {number('MOTION.ground_speed')} m/s",
-        )
+        volts, supply = number("ELECTRICAL.voltage", 1.0, 2), number("ELECTRICAL.supply", 1.0, 2)
+        shown: dict[str, Text | str] = {
+            "slip": Text(slip, style=style),
+            "C_t": torque,
+            "terrain": live.word("terrain", "GROUND.terrain"),
+            "current": f"{number('ELECTRICAL.current')} A   {volts} V",
+            "supply": f"{supply} V   winding {number('ELECTRICAL.temperature', 1.0, 1)} degC",
+            "speed": f"{number('MOTION.shell_speed', 1.0, 2)} rad/s   {number('MOTION.ground_speed')} m/s",
+        }
+        for title, value in shown.items():
+            table.add_row(Text(title, style="dim"), value)
         return table
 
     def _plot(self, width: int, height: int) -> Text:

@@ -7,15 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array, Index
 from terrapin_hil.messages import Interface
 from terrapin_tools.logs.decoding import Decoded, Decoder
 from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, Frames
 
 __all__ = ["Event", "Live", "Trace"]
 
-Array = npt.NDArray[np.float64]
 
 WINDOW = 1.0  # s over which rates and load are counted
 EVENTS = 500  # that are kept
@@ -169,7 +168,7 @@ class Live:
                 self.tell(float(block.times[row]), "clock", text)
         self._latest = float(block.times[-1])
 
-    def _check_length(self, message: str, lengths: npt.NDArray[np.int64]) -> None:
+    def _check_length(self, message: str, lengths: Index) -> None:
         short = int((lengths < self._lengths[message]).sum())
         if short:
             self._short[message] = self._short.get(message, 0) + short

@@ -33,8 +33,8 @@ class Source(Protocol):
     """`poll` gives what came since the last call; `over`: nothing more will come, `note`: and why, if that matters."""
 
     name: str
-    over: bool
-    note: str
+    over: bool = False
+    note: str = ""
 
     @property
     def lost(self) -> int: ...
@@ -70,15 +70,13 @@ class _Waiting:
         return joined(path, blocks)
 
 
-class Bus:
+class Bus(Source):
     """A bus by its name; a thread listens. LinkError or UserError (status 1) when it cannot be opened."""
 
     def __init__(self, link: LinkName, bitrate: int) -> None:
         from terrapin_tools.logs.bus import open_bus
 
         self.name = str(link)
-        self.over = False
-        self.note = ""
         self._bus = open_bus(link, bitrate)
         self._waiting = _Waiting()
         self._stop = threading.Event()
@@ -117,9 +115,11 @@ class Bus:
         self._bus.shutdown()
 
 
-class LogFile:
+class LogFile(Source):
     """A log at its own pace, `speed` times as fast, in the order of the file, read as it goes. Where its clock steps
     back, or nothing comes for long, it goes on at once. UserError when the file is no log."""
+
+    lost = 0
 
     def __init__(self, path: Path, speed: float = 1.0) -> None:
         from terrapin_tools.logs.reading import LogReader
@@ -127,9 +127,6 @@ class LogFile:
         self._reader = LogReader(path)
         self._blocks = self._reader.blocks()
         self.name = path.name or str(path)
-        self.over = False
-        self.lost = 0
-        self.note = ""
         self._speed = speed
         self._begin = time.monotonic()
         self._block = frames(path, [], [], [], [])
@@ -166,22 +163,16 @@ class LogFile:
         self._blocks = iter(())  # closes the file
 
 
-class Simulator:
+class Simulator(Source):
     """A scenario in real time with this build's controller, in this process or over a link; a thread runs it."""
 
     def __init__(self, scenario: str, link: LinkName = INPROCESS) -> None:
-        from terrapin_hil.reading import ReadingError
         from terrapin_hil.run.run import run
         from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 
-        try:
-            self.scenario = replace(load_scenario(find_scenario(scenario)), real_time=True)
-        except ReadingError as error:
-            raise UserError(str(error)) from None
+        self.scenario = replace(load_scenario(find_scenario(scenario)), real_time=True)
         self._link = _Tapped(open_link(link))
         self.name = f"simulator: {self.scenario.name}" + (f" over {link}" if link != INPROCESS else "")
-        self.over = False
-        self.note = ""
         self._stop = False
         self._tick = 0
         self._waiting = _Waiting()

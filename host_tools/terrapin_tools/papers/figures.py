@@ -17,6 +17,7 @@ __all__ = ["AMBER", "BLUE", "GREEN", "GREY", "RED", "save"]
 BLUE, RED, GREY, GREEN, AMBER = "#2458b8", "#c0334d", "#6b7280", "#0d7a5f", "#b7791f"
 STYLE: Any = {
     "font.size": 9,
+    "axes.titlesize": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,

@@ -88,8 +88,7 @@ def _figure_6() -> Part:
                 axes[1].plot(slip, t.torque, style, color=color)
                 axes[2].plot(slip, 1e3 * depth(r, w, linear), style, color=color)
         for axis, label in zip(axes, ("traction DP, N", "torque T, N m", "sinkage, mm"), strict=True):
-            axis.set_xlabel("slip s")
-            axis.set_ylabel(label)
+            axis.set(xlabel="slip s", ylabel=label)
         axes[0].legend()
 
     return Part(
@@ -134,8 +133,7 @@ def _figure_8() -> Part:
                 level = pull if name == "F2" else pull - t.drawbar / table4.GRAVITY
                 axis.plot(slip, level, style, color=BLUE, label=f"{'linear' if linear else 'full'} stress, Theory 1")
             axis.plot(table.actual, data, "o", color=RED, label="measured, Table 4")
-            axis.set_xlabel("slip 1 - r/R")
-            axis.set_ylabel(f"{name} at rest, kg")
+            axis.set(xlabel="slip 1 - r/R", ylabel=f"{name} at rest, kg")
         axes[0].legend()
 
     return Part(
@@ -214,9 +212,7 @@ def _figure_9() -> Part:
                 axis.plot(slip, getattr(curves[linear, True], two), ":", color=color, label="the same, R_f clipped")
             axis.plot(table.actual, data, "o", color=RED, label="measured, at 1 - r/R", zorder=5)
             axis.plot(table.nominal, data, "o", mfc="none", color=RED, label="measured, at nominal s", zorder=5)
-            axis.set_xlabel("slip s")
-            axis.set_ylabel(label)
-            axis.set_ylim(bottom=0.0)
+            axis.set(xlabel="slip s", ylabel=label, ylim=(0.0, None))
         axes[0].legend(ncols=2, fontsize=7)
 
     return Part(
@@ -304,17 +300,14 @@ def _table_4() -> Part:
         left_axis.plot(np.arange(5), wide, "_", color="black", ms=26, mew=1.6, label="Coulomb ceiling, 22 deg")
         left_axis.plot(np.arange(5), wider, "_", color=AMBER, ms=26, mew=1.6, label="Coulomb ceiling, 45 deg")
         left_axis.set_xticks(np.arange(5), rows["slip"])
-        left_axis.set_xlabel("row (nominal slip)")
-        left_axis.set_ylabel("T/R, N")
-        left_axis.set_ylim(0.0, 175.0)
+        left_axis.set(xlabel="row (nominal slip)", ylabel="T/R, N", ylim=(0.0, 175.0))
         left_axis.legend(ncols=2, loc="upper left", fontsize=7)
         fit = with_radius
         right_axis.plot(table.nominal, table.drawbar, "o", color=RED, label="DP measured, N")
         right_axis.plot(table.nominal, fit.drawbar_2, "--", color=BLUE, label="Theory 2, N")
         right_axis.plot(table.nominal, table.torque, "s", color=RED, label="T measured, N m")
         right_axis.plot(table.nominal, fit.torque_2, "--", color=GREEN, label="Theory 2, N m")
-        right_axis.set_title(f"diagnosis only: R = {radius_nominal:.3f} m", fontsize=9)
-        right_axis.set_xlabel("nominal slip")
+        right_axis.set(title=f"diagnosis only: R = {radius_nominal:.3f} m", xlabel="nominal slip")
         right_axis.legend(loc="center right", fontsize=7)
 
     return Part(

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.physics.pendulum import PendulumSphere, Rolling, on_sand, ramp, roll, steady_swing
 from terrapin_hil.physics.tyre import ContactError
 from terrapin_tools.experiments.l9 import LI_2024, analyse
@@ -19,7 +19,6 @@ from terrapin_tools.papers.verdict import digits, near, states, unchecked
 
 __all__ = ["parts"]
 
-Array = npt.NDArray[np.float64]
 ACCELERATION, SPEED = 0.5, 1.25  # of the joint in test 9 [rad/s^2, rad/s]: Table 2's units; the text says rot
 SYMMETRIC = 0.1  # of the amplitude: the mean of a curve that counts as symmetric about 0
 LATE = 6.0  # s, from when on the joint's rate is steady and the start has died away
@@ -114,17 +113,15 @@ def _figure_4() -> Part:
         for (name, run), color in zip(board.items(), (BLUE, GREY), strict=True):
             left.plot(run.time, run.torque, color=color, label=name)
         left.axhline(0.0, color=RED, lw=0.8, label="printed: symmetric about 0")
-        left.set_title("(a) board", fontsize=9)
+        left.set_title("(a) board")
         for (name, run), color in zip(sand.items(), (BLUE, GREEN), strict=True):
             shown = np.abs(run.swing) < np.pi  # a bob that goes over the top ends the comparison
             end = len(shown) if shown.all() else int(np.argmin(shown))
             right.plot(run.time[:end], run.torque[:end], color=color, label=name)
         right.axhline(offset, color=RED, lw=0.8, label="printed: symmetric about 700")
-        right.set_title("(b) sand", fontsize=9)
+        right.set_title("(b) sand")
         for axis in (left, right):
-            axis.set_xlabel("time, s")
-            axis.set_ylabel("driving torque, N m")
-            axis.set_ylim(-0.5, 3.6)
+            axis.set(xlabel="time, s", ylabel="driving torque, N m", ylim=(-0.5, 3.6))
             axis.legend(fontsize=7, loc="upper right")
 
     return Part(

@@ -9,8 +9,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.physics.soils import library
 from terrapin_hil.robot.plant import (
     TERRAINS,
@@ -33,7 +33,6 @@ from terrapin_tools.papers.verdict import digits, states, unchecked
 
 __all__ = ["parts"]
 
-Array = npt.NDArray[np.float64]
 VOLTAGES = tuple(np.arange(2.0, 8.01, 0.5).tolist())
 COLOURS = {"sand": AMBER, "dry_peat": GREY, "red_terrain": RED, "agricultural": GREEN}
 SETTLED = 0.01  # a quantity is constant where it stays within this share of its mean
@@ -172,8 +171,7 @@ def _figure_6() -> Part:
         axis.plot(run["time"], 0.08 * run["beta_dot"], color=BLUE, label="model, pure rolling")
         axis.plot(slipping[0], slipping[1], "--", color=GREEN, label="model with slip, Table 1's resistance")
         axis.plot(soft["time"], soft["speed"], ":", color=RED, label="contact model (9) to (15)")
-        axis.set_xlabel("time, s")
-        axis.set_ylabel("speed, m/s")
+        axis.set(xlabel="time, s", ylabel="speed, m/s")
         axis.legend()
 
     return Part(
@@ -225,8 +223,7 @@ def _figure_7() -> Part:
             [5.0, 5.0], [min(spread), max(spread)], color=GREY, lw=4, alpha=0.4, label="5 V, unprinted inputs moved"
         )
         axis.plot(volts, with_contact, ":", color=RED, label="sand by the contact model (9) to (15)")
-        axis.set_xlabel("motor voltage, V")
-        axis.set_ylabel("steady speed, m/s")
+        axis.set(xlabel="motor voltage, V", ylabel="steady speed, m/s")
         axis.legend()
 
     return Part(
@@ -257,9 +254,9 @@ def _figure_8() -> Part:
             axis.plot(omega, f_o + f_s * omega**2, color=COLOURS[name], label=name.replace("_", " "))
             points = _points(name)
             axis.plot(points[:, 0], points[:, 1], ".", color=COLOURS[name])
-        axis.set_xlabel("angular speed of the shell, rad/s")
-        axis.set_ylabel("rolling resistance coefficient f_r")
-        axis.set_ylim(bottom=0.0)
+        axis.set(
+            xlabel="angular speed of the shell, rad/s", ylabel="rolling resistance coefficient f_r", ylim=(0.0, None)
+        )
         axis.legend(title="lines: Table 1; points: through Eq. (12)", title_fontsize=8)
 
     return Part(

@@ -6,9 +6,9 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq, root
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.physics import wheel
 from terrapin_hil.physics.contact import THETA_MAX
 from terrapin_hil.robot.plant import Robot
@@ -20,7 +20,6 @@ from terrapin_tools.soil.tactile import Rig, predict
 
 __all__ = ["parts"]
 
-Array = npt.NDArray[np.float64]
 WIDTHS = (0.05, 0.08, 0.10, 0.15, 0.20, 0.30, 0.40)  # m
 MODULI = (0.005, 0.010, 0.025, 0.050)  # m
 OURS = (0.15, 0.025)
@@ -150,17 +149,14 @@ def _table_2() -> Part:
             rows = [ratios[w, modulus] for w in widths]
             left.plot([1e3 * w for w in widths], rows, style, color=BLUE, label=f"k = {1e3 * modulus:g} mm")
         left.axhspan(f_o, f_o + f_s * fastest**2, color=RED, alpha=0.3, lw=0, label="Table 1, sand")
-        left.set_xlabel("assumed width b, mm")
-        left.set_ylabel("T / (R W) at no drawbar pull")
-        left.set_ylim(bottom=0.0)
+        left.set(xlabel="assumed width b, mm", ylabel="T / (R W) at no drawbar pull", ylim=(0.0, None))
         left.legend(fontsize=7)
         change = np.array(list(soils))
         right.plot(100 * change, [1e-3 * s[0] for s in soils.values()], "o-", color=BLUE, label="cohesion, kPa")
         right.plot(
             100 * change, [np.degrees(s[1]) / 10 for s in soils.values()], "s-", color=GREY, label="angle, 10 deg"
         )
-        right.set_xlabel("error of the torque, %")
-        right.set_title("what one point gives", fontsize=9)
+        right.set(xlabel="error of the torque, %", title="what one point gives")
         right.legend(fontsize=7)
 
     rows = tuple((f"{s:g}", f"{a:.4f}", f"{b:.4f}") for s, a, b in zip(slips, as_printed, corrected, strict=True))

@@ -7,9 +7,9 @@ from functools import cache
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq, linprog, minimize_scalar
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.physics import sphere
 from terrapin_hil.physics.soils import library
 from terrapin_tools.papers.printed import numbers, printed
@@ -29,7 +29,6 @@ __all__ = [
     "theory",
 ]
 
-Array = npt.NDArray[np.float64]
 GRAVITY = 9.8  # m/s^2, with which the paper's kilograms become newtons (found from its own DP and T)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from terrapin_hil.physics.soils import Footing
 from terrapin_hil.physics.tyre import Tyre
@@ -19,7 +18,6 @@ from terrapin_tools.soil.vehicle_limits import Limits, analyse
 
 __all__ = ["parts"]
 
-Array = npt.NDArray[np.float64]
 SEED = 1
 TYRES = (150e3, 180e3, 220e3)  # N/m; the paper prints none
 WONG = (6.94, 505.8, 0.235)  # k_c [kN/m^(n+1)], k_phi [kN/m^(n+2)] of LETE sand (Wong), tyre width [m]
@@ -220,8 +218,7 @@ def _figure_3(test: Objective, nominal: Footing, optimal: Footing) -> Part:
             axis.plot(time, drive.omega[:, wheel], color=GREY, lw=4, alpha=0.45, label="simulated measurement")
             axis.plot(time, runs["nominal"].omega[:, axle], color=AMBER, label="nominal soil")
             axis.plot(time, runs["optimal"].omega[:, axle], color=GREEN, label="optimum of Table 1")
-            axis.set_title(name, fontsize=9)
-            axis.set_xlabel("time, s")
+            axis.set(title=name, xlabel="time, s")
         axes[0].set_ylabel("wheel speed, rad/s")
         twin = axes[1].twinx()
         twin.plot(runs["nominal"].time, drive.torque, color=BLUE, lw=0.6, alpha=0.5)

@@ -6,18 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from terrapin_hil.messages import Interface, Parameter
-from terrapin_hil.reading import ReadingError, load, parse_quantity
+from terrapin_hil.reading import load, parse_quantity
 from terrapin_tools.errors import UserError
 
-__all__ = ["find", "raw_of", "read_file", "read_parameters", "text_of", "to_toml"]
-
-
-def find(description: Interface, name: str) -> Parameter:
-    """The parameter `name`. UserError that names the nearest ones otherwise."""
-    try:
-        return description.parameter(name)
-    except KeyError as error:
-        raise UserError(str(error.args[0])) from None
+__all__ = ["raw_of", "read_file", "read_parameters", "text_of", "to_toml"]
 
 
 def text_of(parameter: Parameter, raw: int) -> str:
@@ -62,10 +54,7 @@ def read_parameters(path: Path, description: Interface) -> dict[str, float]:
 
 def read_file(path: Path, description: Interface) -> dict[str, int]:
     """Parameter -> raw value, of the table [parameters] in a TOML file. UserError names file, line and field."""
-    try:
-        values = read_parameters(path, description)
-    except ReadingError as error:
-        raise UserError(str(error)) from None
+    values = read_parameters(path, description)
     return {name: description.parameter(name).raw(value) for name, value in values.items()}
 
 

@@ -22,17 +22,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from terrapin_tools.errors import UserError
+from terrapin_hil.arrays import Array, Index, Mask
+from terrapin_tools.errors import UserError, about
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.tables import Table, read
 
 __all__ = ["LAWS", "Law", "LawFit", "Plates", "analyse", "column", "fit", "read_plates", "replicate_sd"]
-
-Array = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -42,7 +39,7 @@ class Plates:
     size: Array
     depth: Array
     pressure: Array
-    test: npt.NDArray[np.int64]
+    test: Index
     test_names: tuple[str, ...]
 
     @property
@@ -156,7 +153,7 @@ LAWS: Mapping[str, Law] = {
 }
 
 
-def fit(law: Law, plates: Plates, rows: Flags) -> Array:
+def fit(law: Law, plates: Plates, rows: Mask) -> Array:
     """The law's parameters by least squares over `rows`. UserError where the search does not converge."""
     b, z, p = plates.size[rows], plates.depth[rows], plates.pressure[rows]
     above = p > 0.0
@@ -239,10 +236,8 @@ def column(text: str, option: str, unit: str) -> tuple[str, str]:
     name, bracket, rest = text.strip().rpartition(" [")
     if not bracket or not rest.endswith("]") or not name.strip():
         raise UserError(f"{option}: found {text!r}, expected COLUMN [UNIT]")
-    try:
+    with about(option):
         units.convert(1.0, rest[:-1], unit)
-    except ValueError as error:
-        raise UserError(f"{option}: {error}") from None
     return name.strip(), rest[:-1]
 
 

@@ -12,16 +12,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.physics import wheel
 from terrapin_tools.soil.tactile import BOUNDS, PARAMETERS, Fit, Points, Rig, Unsolved, fit, predict, strength
 from terrapin_tools.soil.vehicle_limits import Interval
 
 __all__ = ["LEVEL", "Interval", "Region", "Single", "Strength", "deviance", "explore", "limit", "single", "strengths"]
 
-Array = npt.NDArray[np.float64]
 LEVEL = 0.95
 RAYS = 40  # of the outline
 

@@ -20,15 +20,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array, Mask
 from terrapin_hil.physics import wheel
 from terrapin_hil.physics.contact import THETA_MAX
 
 __all__ = ["BOUNDS", "PARAMETERS", "Fit", "Noise", "Points", "Rig", "Unsolved", "fit", "predict", "strength"]
 
-Array = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 PARAMETERS = ("cohesion", "friction_angle", "shear_modulus", "stiffness_factor")
 BOUNDS = np.array([[0.0, 200e3], [0.0, np.radians(60.0)], [1e-4, 1.0], [0.05, 20.0]])  # Pa, rad, m, 1
@@ -106,7 +104,7 @@ class Fit:
     squares: float  # in units of the noise, with the prior's part
     degrees: int
     covariance: Array
-    free: Flags
+    free: Mask
 
 
 def predict(rig: Rig, q: Array, theta: Array, slip: Array) -> Array:
@@ -144,7 +142,7 @@ def _evaluate(rig: Rig, points: Points, q: Array, u: Array, stiffness_sd: float)
     return _State(q, u, residuals, prior, float((residuals**2).sum()) + prior**2)
 
 
-def _derivatives(rig: Rig, points: Points, state: _State, free: Flags) -> tuple[Array, Array]:
+def _derivatives(rig: Rig, points: Points, state: _State, free: Mask) -> tuple[Array, Array]:
     """Of the residuals: by the points' own unknowns (points, 4, 2), by the free parameters (points, 4, free)."""
     theta, slip = np.exp(state.u[:, 0]), state.u[:, 1]
     base = state.residuals * points.sd + points.measured
@@ -166,7 +164,7 @@ def _derivatives(rig: Rig, points: Points, state: _State, free: Flags) -> tuple[
     return own / points.sd[:, :, None], common / points.sd[:, :, None]
 
 
-def _normal(own: Array, shared: Array, state: _State, free: Flags, stiffness_sd: float) -> tuple[Array, Array]:
+def _normal(own: Array, shared: Array, state: _State, free: Mask, stiffness_sd: float) -> tuple[Array, Array]:
     """Normal matrix and gradient of the shared parameters, with the prior of the stiffness."""
     matrix = np.einsum("nia,nib->ab", shared, shared)
     gradient = np.einsum("nia,ni->a", shared, state.residuals)
@@ -233,7 +231,7 @@ def fit(
     if not settled:
         raise Unsolved("cohesion and friction angle: the search did not converge in 200 steps")
     matrix, gradient = _normal(own, shared, state, loose, stiffness_sd)
-    reduced, slope = _reduced(own, shared, state, matrix, gradient)
+    reduced, slope, *_ = _reduced(own, shared, state, matrix, gradient)
     covariance = np.zeros((4, 4))
     if loose.any():
         inverse = np.linalg.pinv(reduced, hermitian=True)
@@ -246,33 +244,28 @@ def fit(
     return Fit(state.q, np.exp(state.u[:, 0]), state.u[:, 1], state.squares, degrees, covariance, loose)
 
 
-def _eliminate(own: Array, damping: float) -> tuple[Array, Array]:
-    """(A^T A + damping diag)^-1 and A of each point."""
+def _reduced(
+    own: Array, shared: Array, state: _State, matrix: Array, gradient: Array, damping: float = 0.0
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Normal matrix and gradient of the shared parameters after the points' own are eliminated.
+
+    Behind them what the elimination took, of each point: (A^T A + damping diag)^-1, A^T of the shared, A^T residuals.
+    """
     square = np.einsum("nia,nib->nab", own, own)
     diagonal = np.einsum("naa->na", square)
-    square = square + damping * diagonal[:, :, None] * np.eye(2)
-    return np.linalg.inv(square), own
-
-
-def _reduced(own: Array, shared: Array, state: _State, matrix: Array, gradient: Array) -> tuple[Array, Array]:
-    """Normal matrix and gradient of the shared parameters after the points' own are eliminated."""
-    inverse, _ = _eliminate(own, 0.0)
-    cross = np.einsum("nia,nib->nab", own, shared)
-    local = np.einsum("nia,ni->na", own, state.residuals)
-    lifted = np.einsum("nab,nbc->nac", inverse, cross)
-    return matrix - np.einsum("nab,nac->bc", cross, lifted), gradient - np.einsum("nac,na->c", lifted, local)
-
-
-def _step(
-    own: Array, shared: Array, state: _State, matrix: Array, gradient: Array, active: Flags, damping: float
-) -> tuple[Array, Array]:
-    """Marquardt's step of the shared parameters and of the points' own."""
-    inverse, _ = _eliminate(own, damping)
+    inverse = np.linalg.inv(square + damping * diagonal[:, :, None] * np.eye(2))
     cross = np.einsum("nia,nib->nab", own, shared)
     local = np.einsum("nia,ni->na", own, state.residuals)
     lifted = np.einsum("nab,nbc->nac", inverse, cross)
     reduced = matrix + damping * np.diag(np.diag(matrix)) - np.einsum("nab,nac->bc", cross, lifted)
-    slope = gradient - np.einsum("nac,na->c", lifted, local)
+    return reduced, gradient - np.einsum("nac,na->c", lifted, local), inverse, cross, local
+
+
+def _step(
+    own: Array, shared: Array, state: _State, matrix: Array, gradient: Array, active: Mask, damping: float
+) -> tuple[Array, Array]:
+    """Marquardt's step of the shared parameters and of the points' own."""
+    reduced, slope, inverse, cross, local = _reduced(own, shared, state, matrix, gradient, damping)
     step = np.zeros(gradient.size)
     if active.any():
         some = reduced[np.ix_(active, active)]

@@ -273,8 +273,7 @@ def plot(result: dict[str, Any], file: Path) -> None:
         color="#2f6fdb",
         label="95 % intervals of one",
     )
-    left.set_xlabel("cohesion, kPa")
-    left.set_ylabel("friction angle, deg")
+    left.set(xlabel="cohesion, kPa", ylabel="friction angle, deg")
     left.legend(frameon=False, fontsize=8)
     points = result["traversability"]["points"]
     right.errorbar(
@@ -288,9 +287,7 @@ def plot(result: dict[str, Any], file: Path) -> None:
     for p in points:
         right.annotate(f" {p['load']:.3g} N", (p["slip"], p["margin"]), fontsize=7)
     right.axhline(result["traversability"]["least_margin"], color="#d0405a", lw=1, ls="--", label="least margin")
-    right.set_xlabel("slip")
-    right.set_ylabel("margin 1 - tau / tau_max (Eq. 11)")
-    right.set_ylim(0.0, 1.0)
+    right.set(xlabel="slip", ylabel="margin 1 - tau / tau_max (Eq. 11)", ylim=(0.0, 1.0))
     right.legend(frameon=False, fontsize=8)
     for axis in (left, right):
         axis.spines[["top", "right"]].set_visible(False)

@@ -33,8 +33,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_tools.errors import UserError
 from terrapin_tools.soil.tactile import Noise, Points, Rig
 from terrapin_tools.workbench.bases.driven_wheel import BASE
@@ -44,7 +44,6 @@ from terrapin_tools.workbench.files.toml_tables import Tables, case_tables, read
 
 __all__ = ["MOST_SLIP", "TactileCase", "load_tactile_case"]
 
-Array = npt.NDArray[np.float64]
 
 MOST_SLIP = 0.9
 COLUMNS = {"load": "N", "drawbar_pull": "N", "torque": "N m", "slip": "1"}
@@ -170,9 +169,7 @@ def _points(folder: Path, tables: Tables) -> tuple[dict[str, Array], tuple[str, 
     for name in COLUMNS:
         if tables.get("data", "columns", name) is None:
             raise tables.complain(f"{name} is not mapped, expected its column", "data", "columns")
-    files = tables.texts("data", "files")
-    if not files:
-        raise tables.complain("found an empty list, expected file names", "data", "files")
+    files = tables.files()
     parts: dict[str, list[Array]] = {name: [] for name in COLUMNS}
     places: list[str] = []
     for name in files:

@@ -20,10 +20,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.stats import qmc
 
+from terrapin_hil.arrays import Array, Mask
 from terrapin_hil.physics.soils import Footing
 from terrapin_hil.physics.tyre import ContactError, Tyre
 from terrapin_hil.physics.vehicle import PERIOD, SUBSTEPS, Run, Vehicle, profile_torque, simulate
@@ -43,7 +43,6 @@ __all__ = [
     "synthetic",
 ]
 
-Array = npt.NDArray[np.float64]
 Cost = Literal["least_squares", "eq5"]
 
 PARAMETERS = ("k_s", "n", "cohesion", "friction_angle", "shear_modulus")  # in the order of Footing
@@ -98,7 +97,7 @@ class Objective:
         self._pool = ThreadPoolExecutor(jobs or os.cpu_count() or 1)
         self._last: tuple[bytes, tuple[list[Array], list[Array]]] | None = None
 
-    def _columns(self) -> list[tuple[Drive, npt.NDArray[np.bool_], int]]:
+    def _columns(self) -> list[tuple[Drive, Mask, int]]:
         return [
             (drive, keep, wheel)
             for drive, keep in zip(self.drives, self.keep, strict=True)
@@ -215,7 +214,7 @@ def estimate(
     )
 
 
-def _starts(first: Array, low: Array, high: Array, free: npt.NDArray[np.bool_], count: int, seed: int) -> list[Array]:
+def _starts(first: Array, low: Array, high: Array, free: Mask, count: int, seed: int) -> list[Array]:
     points = [first]
     if count > 1:
         spread = qmc.Sobol(int(free.sum()), seed=np.random.default_rng(seed)).random(1 << (count - 1).bit_length())
@@ -232,7 +231,7 @@ def optimum(
     x0: Array,
     low: Array,
     high: Array,
-    free: npt.NDArray[np.bool_],
+    free: Mask,
     cost: Cost,
     tolerance: float = TOLERANCE,
 ) -> Array:
@@ -260,7 +259,7 @@ def _trust_region(
     x0: Array,
     low: Array,
     high: Array,
-    free: npt.NDArray[np.bool_],
+    free: Mask,
     weights: Sequence[Array],
     tolerance: float,
 ) -> Array:
@@ -303,7 +302,7 @@ def _straight(x: Array) -> Array:
     return np.array([np.log(x[0]), x[1], x[2] / COHESION, np.tan(x[3]), np.log(x[4])])
 
 
-def _from_straight(u: Array, x0: Array, free: npt.NDArray[np.bool_]) -> Array:
+def _from_straight(u: Array, x0: Array, free: Mask) -> Array:
     v = _straight(x0)
     v[free] = u
     return np.array([np.exp(v[0]), v[1], v[2] * COHESION, np.arctan(v[3]), np.exp(v[4])])[free]

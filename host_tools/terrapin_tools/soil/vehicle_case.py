@@ -26,21 +26,20 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array, Index
 from terrapin_hil.physics.soils import Footing
 from terrapin_hil.physics.tyre import Tyre
 from terrapin_hil.physics.vehicle import Vehicle
-from terrapin_tools.errors import UserError
+from terrapin_tools.errors import UserError, about
 from terrapin_tools.soil.vehicle import MASK, PARAMETERS, WHEELS, Drive
 from terrapin_tools.workbench.bases.vehicle import BASE
-from terrapin_tools.workbench.case.columns import mapped_column
+from terrapin_tools.workbench.case.columns import mapped_column, run_of_rows, split_runs
 from terrapin_tools.workbench.files.tables import Table, read
 from terrapin_tools.workbench.files.toml_tables import Tables, case_tables, read_case_text, read_estimate
 
 __all__ = ["VehicleCase", "load_vehicle_case"]
 
-Array = npt.NDArray[np.float64]
 
 SOIL_UNITS = {"k_s": "Pa/m^n", "n": "1", "cohesion": "Pa", "friction_angle": "rad", "shear_modulus": "m"}
 VEHICLE_UNITS = {
@@ -74,7 +73,6 @@ class VehicleCase:
 
 def load_vehicle_case(folder: Path) -> VehicleCase:
     """Read a case folder. UserError when anything in it is wrong."""
-    file = folder / "case.toml"
     tables = case_tables(folder, read_case_text(folder))
     complain = tables.complain
     tables.allow((), "case", "model", "parameters", "fit", "data")
@@ -89,17 +87,16 @@ def load_vehicle_case(folder: Path) -> VehicleCase:
     known = tables.table("parameters")
     car = {name: tables.number(unit, "parameters", name) for name, unit in VEHICLE_UNITS.items() if name in known}
     rubber = {name: tables.number(unit, "parameters", name) for name, unit in tyre_units.items() if name in known}
-    try:
+    with about(f"{folder / 'case.toml'}: parameters"):
         vehicle = Vehicle(**car)
         tyre = Tyre(**{name.removeprefix("tyre_"): value for name, value in rubber.items()})
-    except ValueError as error:
-        raise UserError(f"{file}: parameters: {error}") from None
     mask = tables.number("rad/s", "parameters", "mask") if "mask" in known else MASK
     if mask < 0.0:
         raise complain(f"found {mask:g} rad/s, expected at least 0 rad/s", "parameters", "mask")
     start, bounds = _soil(tables)
     drives = _drives(folder, tables, mask)
-    train, test = _split(tables, drives)
+    runs = sorted(drives)
+    train, test = split_runs(tables, runs, runs[-1:] if len(runs) > 1 else ())
     stated = {*car, *rubber}
     return VehicleCase(
         title=tables.text("case", "title", default=folder.resolve().name),
@@ -109,8 +106,8 @@ def load_vehicle_case(folder: Path) -> VehicleCase:
         start=start,
         bounds=bounds,
         mask=mask,
-        train=train,
-        test=test,
+        train=tuple(drives[name] for name in train),
+        test=tuple(drives[name] for name in test),
     )
 
 
@@ -158,16 +155,15 @@ def _drives(folder: Path, tables: Tables, mask: float) -> dict[str, Drive]:
     wheels = tuple(wheel for wheel in WHEELS if f"omega_{wheel}" in mapped)
     if not wheels:
         raise tables.complain("no wheel speed is mapped, expected one of omega_fl, fr, rl, rr", "data", "columns")
-    files = tables.texts("data", "files")
-    if not files:
-        raise tables.complain("found an empty list, expected file names", "data", "files")
     drives: dict[str, Drive] = {}
-    for name in files:
+    for name in tables.files():
         table = read(folder / name)
         if table.rows == 0:
             raise tables.complain(f"{name} has no rows, expected at least one", "data", "files")
         values = {role: mapped_column(tables, table, role, COLUMNS[role]) for role in COLUMNS if role in mapped}
-        for run, rows in _rows_of_runs(tables, table).items():
+        names = np.array(run_of_rows(tables, [table], tables.text("data", "run", default="")))
+        for run in dict.fromkeys(names.tolist()):
+            rows = np.flatnonzero(names == run)
             if run in drives:
                 raise tables.complain(f"run {run!r} is in two files, expected in one", "data", "files")
             parts = {role: column[rows] for role, column in values.items()}
@@ -175,25 +171,12 @@ def _drives(folder: Path, tables: Tables, mask: float) -> dict[str, Drive]:
     return drives
 
 
-def _rows_of_runs(tables: Tables, table: Table) -> Mapping[str, npt.NDArray[np.int64]]:
-    column = tables.text("data", "run", default="")
-    if not column:
-        return {table.path.stem: np.arange(table.rows)}
-    if column not in table.columns:
-        expected = ", ".join(table.columns)
-        raise tables.complain(
-            f"column {column!r} is not in {table.path.name}, expected one of {expected}", "data", "run"
-        )
-    names = np.array(table.text(column))
-    return {str(name): np.flatnonzero(names == name) for name in dict.fromkeys(names.tolist())}
-
-
 def _drive(
     run: str,
     values: Mapping[str, Array],
     wheels: tuple[str, ...],
     table: Table,
-    rows: npt.NDArray[np.int64],
+    rows: Index,
     mask: float,
 ) -> Drive:
     time = values["time"]
@@ -215,27 +198,3 @@ def _drive(
             "the car is simulated from there"
         )
     return Drive(run, period, values["drive_torque"], omega, wheels)
-
-
-def _split(tables: Tables, drives: Mapping[str, Drive]) -> tuple[tuple[Drive, ...], tuple[Drive, ...]]:
-    """Training runs and those held out: by name, or the last of the sorted names."""
-    names = sorted(drives)
-    listed: dict[str, list[str] | None] = {}
-    for key in ("train", "test"):
-        listed[key] = tables.texts("data", key) if tables.get("data", key) is not None else None
-        for run in listed[key] or []:
-            if run not in drives:
-                raise tables.complain(
-                    f"run {run!r} is not in the data, expected one of {', '.join(names)}", "data", key
-                )
-    train, test = listed["train"], listed["test"]
-    if test is None:
-        test = [n for n in names if n not in train] if train is not None else (names[-1:] if len(names) > 1 else [])
-    if train is None:
-        train = [n for n in names if n not in test]
-    both = sorted(set(train) & set(test))
-    if both:
-        raise tables.complain(f"run {both[0]!r} is in train and in test, expected in one of them", "data", "test")
-    if not train:
-        raise tables.complain("found no run to train on, expected at least one", "data", "train")
-    return tuple(drives[n] for n in train), tuple(drives[n] for n in test)

@@ -16,16 +16,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
+from terrapin_hil.arrays import Array, Mask
 from terrapin_hil.physics.soils import Footing
 from terrapin_hil.physics.tyre import ContactError
 from terrapin_tools.soil.vehicle import PARAMETERS, Fit, Objective, optimum
 
 __all__ = ["Combination", "Interval", "Limits", "analyse"]
 
-Array = npt.NDArray[np.float64]
 LEVEL = 0.95
 FIXED = 0.1  # the data fix a parameter when its interval is at most this share of the range that the bounds allow
 
@@ -137,7 +136,7 @@ def _correlation_samples(differences: list[Array]) -> float:
     return float(np.mean(found))
 
 
-def _combinations(x: Array, covariance: Array, free: npt.NDArray[np.bool_]) -> tuple[Combination, ...]:
+def _combinations(x: Array, covariance: Array, free: Mask) -> tuple[Combination, ...]:
     found = []
     if free[0] and free[1]:
         # ln p = ln k_s + n ln z has least variance at ln z = -cov(ln k_s, n) / var(n)
@@ -166,7 +165,7 @@ def _profile_end(
     x: Array,
     low: Array,
     high: Array,
-    free: npt.NDArray[np.bool_],
+    free: Mask,
     index: int,
     bound: float,
     covariance: Array,

@@ -65,9 +65,11 @@ class Effect:
     constants: Mapping[str, str] = field(default_factory=dict)  # known constants of [parameters]: name -> unit
     options: Mapping[str, float] = field(default_factory=dict)  # names that [parameters] may set: name -> default
     positive: tuple[str, ...] = ()  # roles that must be above 0 in every row
+    reverses: tuple[str, ...] = ()  # roles that must take both signs (physics/mechanics)
     on: Mapping[str, str] = field(default_factory=dict)  # base model -> target there, where it is another
     # dynamic models: the target as measured is late by the expression ("delay" [s]), follows it through a gap ("play"
-    # [rad]), or errs by it in the angle that is measured ("angle" [rad])
+    # [rad]), or errs by it in the angle that is measured ("angle" [rad]); equation: the expression may name `played`,
+    # the position through a gap w ("play"), or `rate`, the derivative of the speed by time ("rate")
     transform: str = ""
     sensor: Mapping[str, str] = field(default_factory=dict)  # in the plant: CHANNEL.SETTING of sensors -> own parameter
     where: str = "robot"  # in the plant: a torque inside the robot (on alpha), or "ground": on the shell, part of C_t

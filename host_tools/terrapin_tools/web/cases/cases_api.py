@@ -10,8 +10,9 @@ from fastapi import APIRouter, Query
 from fastapi.responses import FileResponse
 
 from terrapin_hil import paths
+from terrapin_tools import __version__
 from terrapin_tools.web.service import models
-from terrapin_tools.web.service.context import Terrapin
+from terrapin_tools.web.service.context import Context, Terrapin
 from terrapin_tools.web.service.models import Name, problems
 from terrapin_tools.web.service.workspace import NAME, NotThere, Taken
 
@@ -74,11 +75,9 @@ _index = _Index()
 @router.get("/status", responses=problems())
 async def status(context: Terrapin) -> models.Status:
     """The server and its workspace."""
-    from importlib.metadata import version
-
     workspace = context.workspace
     return models.Status(
-        version=version("terrapin-robot"),
+        version=__version__,
         workspace=str(workspace.root),
         cases=len(workspace.names()),
         jobs_running=context.jobs.running(),
@@ -113,23 +112,26 @@ async def delete_case(context: Terrapin, name: Name) -> models.Named:
     return models.Named(name=name)
 
 
+def _written(context: Context, name: str, job: str, suffix: str) -> Path:
+    """The file that the last such job wrote about a case."""
+    context.workspace.case(name)
+    path = context.workspace.folder(f"{job}s") / f"{name}{suffix}"
+    if not path.is_file():
+        raise NotThere(f"{job}: found none of {name!r}, expected a job {job} first")
+    return path
+
+
 @router.get("/cases/{name}/report", responses=problems(404), response_class=FileResponse)
 async def report(context: Terrapin, name: Name) -> FileResponse:
     """The page that the last report job wrote."""
-    context.workspace.case(name)
-    path = context.workspace.folder("reports") / f"{name}.html"
-    if not path.is_file():
-        raise NotThere(f"report: found none of {name!r}, expected a job report first")
+    path = _written(context, name, "report", ".html")
     return FileResponse(path, media_type="text/html", headers={"content-security-policy": REPORT_POLICY})
 
 
 @router.get("/cases/{name}/export", responses=problems(404), response_class=FileResponse)
 async def export(context: Terrapin, name: Name) -> FileResponse:
     """The controller's parameters that the last export job wrote, as TOML."""
-    context.workspace.case(name)
-    path = context.workspace.folder("exports") / f"{name}.toml"
-    if not path.is_file():
-        raise NotThere(f"export: found none of {name!r}, expected a job export first")
+    path = _written(context, name, "export", ".toml")
     return FileResponse(path, media_type="text/plain", filename=path.name)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ class Clock:
         self.unit = unit
         self._last: tuple[float, str] | None = None
         self._rows = 0
-        self._same = self._back = self._jumps = 0
+        self._found: Counter[str] = Counter()
         self._places: dict[str, str] = {}
         self._usual: float | None = None
         self._widest = 0.0
@@ -58,7 +59,7 @@ class Clock:
     def _count(self, kind: str, found: npt.NDArray[np.bool_], offset: int, table: Table | None) -> None:
         if not found.any():
             return
-        setattr(self, f"_{kind}", getattr(self, f"_{kind}") + int(found.sum()))
+        self._found[kind] += int(found.sum())
         row = int(np.argmax(found)) + offset
         place = table.place(row) if table is not None else f"row {self._rows + row + 1}"
         self._places.setdefault(kind, place)
@@ -66,16 +67,17 @@ class Clock:
     def warnings(self, column: str) -> list[str]:
         """What is odd, a line each."""
         found = []
-        if self._same:
-            stamps = "time stamp stands" if self._same == 1 else "time stamps stand"
-            found.append(f"column {column}: {self._same} {stamps} twice in a run (first at {self._places['same']})")
-        if self._back:
+        same, back, jumps = (self._found[kind] for kind in ("same", "back", "jumps"))
+        if same:
+            stamps = "time stamp stands" if same == 1 else "time stamps stand"
+            found.append(f"column {column}: {same} {stamps} twice in a run (first at {self._places['same']})")
+        if back:
             found.append(
-                f"column {column}: the clock steps back {self._back} times in a run (first at {self._places['back']})"
+                f"column {column}: the clock steps back {back} times in a run (first at {self._places['back']})"
             )
-        if self._jumps:
+        if jumps:
             found.append(
-                f"column {column}: the clock jumps {self._jumps} times in a run, by {self._widest:.4g} {self.unit}, "
+                f"column {column}: the clock jumps {jumps} times in a run, by {self._widest:.4g} {self.unit}, "
                 f"and {self._usual:.4g} is usual (first at {self._places['jumps']})"
             )
         return found

@@ -22,7 +22,7 @@ from terrapin_tools.web.service.models import (
     Request,
     problems,
 )
-from terrapin_tools.web.service.uploads import Identifier, keep_draft, upload_file, upload_view
+from terrapin_tools.web.service.uploads import Identifier, keep_draft, upload_dbc, upload_file, upload_view
 from terrapin_tools.web.service.workspace import Taken
 from terrapin_tools.workbench.new_case.options import arguments
 
@@ -108,12 +108,11 @@ def _step(context: Context, body: NewCase) -> list[str]:
     kinds = {identifier: upload_view(workspace, identifier)["kind"] for identifier in body.uploads}
     if "dbc" in kinds.values():
         raise UserError("uploads: found a DBC, expected it as dbc")
-    if body.dbc is not None and upload_view(workspace, body.dbc)["kind"] != "dbc":
-        raise UserError("dbc: found an upload that is none, expected a DBC")
+    dbc = str(upload_dbc(workspace, body.dbc)) if body.dbc is not None else ""
     if len(kinds) < len(body.uploads):
         raise UserError("uploads: found one twice, expected each once")
     files = [str(upload_file(workspace, identifier)) for identifier in body.uploads]
-    dbc = str(upload_file(workspace, body.dbc)) if body.dbc is not None else ""
     order = {**body.model_dump(), "title": body.title or body.name}
     target = workspace.folder("cases") / body.name
-    return [*arguments(order, files, dbc, str(target)), "--json", "-"]
+    command, *words = arguments(order, files, dbc, str(target))
+    return [command, "map", *words, "--json", "-"]

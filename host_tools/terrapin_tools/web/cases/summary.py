@@ -101,14 +101,11 @@ def effects(base: str, folder: str) -> list[dict[str, Any]]:
     """The catalogue, the user's own effects and (with a folder) the case's, for the page; "" for all bases."""
     from terrapin_hil.effect_files import known_effects
     from terrapin_hil.physics.effects import catalogue
-    from terrapin_hil.reading import ReadingError
+    from terrapin_hil.physics.mechanics import mechanics
     from terrapin_tools.workbench.bases import BASES
     from terrapin_tools.workbench.story.formulas import from_expression, from_latex
 
-    try:
-        known = known_effects()
-    except ReadingError as error:
-        raise UserError(str(error)) from None
+    known = known_effects()
     if folder:
         known.update(load_case(Path(folder)).library)
     found = []
@@ -137,7 +134,7 @@ def effects(base: str, folder: str) -> list[dict[str, Any]]:
                 ],
                 "simulator": effect.plant,
                 "controller": bool(effect.firmware),
-                "own": effect.name not in catalogue(),
+                "own": effect.name not in catalogue() and effect.name.partition("_on_")[0] not in mechanics(),
             }
         )
     return found

@@ -86,7 +86,7 @@ def view(folder: str | Path) -> dict[str, Any]:
         "chip": story.chip,
         "headline": story.headline,
         "where": [{"variable": p.variable, "channel": p.channel, "text": p.sentence} for p in story.where],
-        "remarks": [story.alarm, *story.notes] if story.alarm else story.notes,
+        "remarks": [*story.intake, *([story.alarm] if story.alarm else []), *story.notes],
         "discovered": found is not None,
         "missing": found.missing if found else (),
         "rivals": found.rivals if found else (),

@@ -16,7 +16,6 @@ from pydantic import BaseModel, Field, StringConstraints
 
 from terrapin_hil import paths
 from terrapin_hil.links.names import LinkName, able
-from terrapin_tools.command_options import read_link
 from terrapin_tools.errors import UserError
 from terrapin_tools.web.live.session import Picture, Session
 from terrapin_tools.web.live.socket import Audience
@@ -224,7 +223,7 @@ def _bus(source: str, named: str) -> LinkName:
     was `named` when the server was started, and of no other."""
     import can
 
-    link = read_link(source, "listen")
+    link = LinkName.parse(source, "listen")
     if link.options and source != named:
         raise UserError("source: found options, expected them in `terrapin web --link` alone; there is `bitrate`")
     if not link.interface:

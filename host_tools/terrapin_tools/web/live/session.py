@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.messages import Interface, Sender
 from terrapin_hil.scenario.faults import FOREVER
 from terrapin_tools.errors import UserError
@@ -29,7 +30,6 @@ from terrapin_tools.web.service.workspace import Taken
 
 __all__ = ["HEADER", "Picture", "Recording", "Session", "reduced"]
 
-Array = npt.NDArray[np.float64]
 
 PICTURES = 30  # a second
 STATUS_EVERY = 0.1  # s

@@ -15,6 +15,7 @@ from collections.abc import Iterable
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs
 
+from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 __all__ = ["COOKIE", "MAX_BODY", "Door", "loopback"]
@@ -79,28 +80,28 @@ class Door:
         await self.app(scope, receive, _with_headers(scope, send) if scope["type"] == "http" else send)
 
     def _check(self, scope: Scope) -> None:
-        headers = _Headers(scope)
-        hosts = headers.all("host")
+        headers = Headers(scope=scope)
+        hosts = headers.getlist("host")
         if len(hosts) != 1:
             raise _Refused(400, f"Host: found {len(hosts)} headers, expected one")
         if not loopback(hosts[0]):
             raise _Refused(421, "Host: found another machine's name, expected 127.0.0.1 or localhost")
-        for origin in headers.all("origin"):
+        for origin in headers.getlist("origin"):
             if origin.lower() != f"http://{hosts[0].lower()}":
                 raise _Refused(403, "Origin: found another page's, expected this server's own")
         path = scope["path"]
         if path != "/api" and not path.startswith("/api/"):
             return
-        if any(site in ("cross-site", "same-site") for site in headers.all("sec-fetch-site")):
+        if any(site in ("cross-site", "same-site") for site in headers.getlist("sec-fetch-site")):
             raise _Refused(403, "Sec-Fetch-Site: found another page's request, expected this server's own page")
         if not self.knows(scope):
             raise _Refused(401, "found no valid token, expected Authorization: Bearer TOKEN (terrapin web prints it)")
 
     def knows(self, scope: Scope) -> bool:
         """Whether the request carries the token: in a header, in the cookie or (websockets, the page) in the query."""
-        headers = _Headers(scope)
-        found = [value[7:] for value in headers.all("authorization") if value[:7].lower() == "bearer "]
-        for text in headers.all("cookie"):
+        headers = Headers(scope=scope)
+        found = [value[7:] for value in headers.getlist("authorization") if value[:7].lower() == "bearer "]
+        for text in headers.getlist("cookie"):
             try:
                 cookie = SimpleCookie(text).get(self._cookie)
             except CookieError:
@@ -112,19 +113,11 @@ class Door:
         return any(hmac.compare_digest(text.strip().encode(), self._token) for text in found)
 
 
-class _Headers:
-    def __init__(self, scope: Scope) -> None:
-        self._pairs = [(name.decode("latin-1").lower(), value.decode("latin-1")) for name, value in scope["headers"]]
-
-    def all(self, name: str) -> list[str]:
-        return [value for key, value in self._pairs if key == name]
-
-
 async def _body(scope: Scope, receive: Receive) -> bytes:
     """The whole body, bounded in size, time and (JSON) depth."""
-    headers = _Headers(scope)
+    headers = Headers(scope=scope)
     too_large = _Refused(413, f"body: found more, expected at most {MAX_BODY} bytes")
-    for length in headers.all("content-length"):
+    for length in headers.getlist("content-length"):
         if not (length.isascii() and length.isdigit()) or int(length[:20]) > MAX_BODY:
             raise too_large
     body = bytearray()
@@ -141,7 +134,7 @@ async def _body(scope: Scope, receive: Receive) -> bytes:
                     break
     except TimeoutError:
         raise _Refused(408, f"body: found no end after {BODY_SECONDS:g} s") from None
-    if body and any("json" in kind for kind in headers.all("content-type")):
+    if body and any("json" in kind for kind in headers.getlist("content-type")):
         _check_json(bytes(body))
     return bytes(body)
 

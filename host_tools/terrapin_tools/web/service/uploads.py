@@ -24,7 +24,8 @@ from terrapin_tools.web.service.workspace import NotThere, Workspace
 from terrapin_tools.workbench.files.writing import write_whole
 
 __all__ = [
-    "STREAMED", "Identifier", "NoSpace", "TooLarge", "UploadId", "keep_draft", "router", "upload_file", "upload_view",
+    "STREAMED", "Identifier", "NoSpace", "TooLarge", "UploadId", "keep_draft", "router",
+    "upload_dbc", "upload_file", "upload_view",
 ]  # fmt: skip
 
 STREAMED = ("/api/uploads",)  # the body is read, and bounded, here
@@ -113,7 +114,8 @@ def upload_file(workspace: Workspace, identifier: str) -> FilePath:
     return workspace.folder("uploads") / identifier / str(view["name"])
 
 
-def _dbc(workspace: Workspace, identifier: str) -> FilePath:
+def upload_dbc(workspace: Workspace, identifier: str) -> FilePath:
+    """The uploaded DBC; UserError for another kind of file."""
     if upload_view(workspace, identifier)["kind"] != "dbc":
         raise UserError("dbc: found an upload that is none, expected a DBC")
     return upload_file(workspace, identifier)
@@ -142,7 +144,7 @@ async def upload(
 ) -> Upload:
     """Send a file as it is, as the body. Nothing is kept when it is broken off, too large or no file of its kind."""
     tidy = _tidy(name)
-    bus = str(_dbc(context.workspace, dbc)) if dbc else ""
+    bus = str(upload_dbc(context.workspace, dbc)) if dbc else ""
     announced = _announced(request)
     await _drop_oldest(context.workspace)
     identifier = secrets.token_hex(6)
@@ -272,7 +274,7 @@ async def preview(
     if dbc:
         if view["kind"] != "log":
             raise UserError(f"dbc: found with {view['name']}, expected with a log")
-        files = [str(upload_file(context.workspace, identifier)), str(_dbc(context.workspace, dbc))]
+        files = [str(upload_file(context.workspace, identifier)), str(upload_dbc(context.workspace, dbc))]
         view |= await context.warm.call(
             "terrapin_tools.web.cases.preview:look", *files, seconds=LOOK_SECONDS, kind="read"
         )

@@ -14,8 +14,8 @@ import time
 from pathlib import Path
 from typing import IO
 
-from terrapin_hil import paths
 from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.files.writing import copy_example
 
 __all__ = ["NAME", "NotThere", "Taken", "Workspace"]
 
@@ -79,27 +79,13 @@ class Workspace:
             raise Taken(f"case: {name!r} exists, expected a new name")
         return folder
 
-    def scratch(self) -> Path:
-        """A new folder in which something is made before it gets its name (cases/.new-...)."""
-        folder = self.folder("cases") / f".new-{secrets.token_hex(6)}"
-        folder.mkdir()
-        return folder
-
     def open_example(self, name: str) -> bool:
-        """Copy an example into the workspace; False when it was there already. NotThere for none of that name."""
-        found = paths.examples().get(name)
-        if found is None:
-            raise NotThere(f"example: found no {name!r}, expected one of {', '.join(paths.examples())}")
+        """Copy an example into the workspace; False when it was there already. UserError for none of that name."""
         target = self._path("cases", name)
-        if (target / "case.toml").exists():
-            return False
-        scratch = self.scratch()
         try:
-            shutil.copytree(found, scratch, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".terrapin"))
-            os.replace(scratch, target)
-        except BaseException:
-            shutil.rmtree(scratch, ignore_errors=True)
-            if (target / "case.toml").exists():  # somebody opened it meanwhile
+            copy_example(name, target)
+        except UserError:
+            if (target / "case.toml").exists():
                 return False
             raise
         return True

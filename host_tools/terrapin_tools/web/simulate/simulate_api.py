@@ -384,7 +384,7 @@ async def case(context: Terrapin, name: Name, body: KeepCase) -> Started:
     options = [*(word for effect in body.effects for word in ("--effect", effect))]
     options += ["--span", f"{body.span:.9g}"] if body.span is not None else []
     options += ["--title", body.title] if body.title else []
-    steps.append(["case", *map(str, folders), "--to", str(target), *options])
+    steps.append(["case", "runs", *map(str, folders), "--to", str(target), *options])
 
     async def told(job: Job) -> None:
         context.events.send({"cases": True})

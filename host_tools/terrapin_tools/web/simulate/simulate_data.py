@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
+from terrapin_hil.reading import parse_quantity
 from terrapin_tools.errors import UserError
 
 __all__ = ["ground_height", "run_signals"]
 
-Array = npt.NDArray[np.float64]
 
 MOST = 3000  # rows: a picture every 10 ms for half a minute
 SAID = {  # column -> signal of the telemetry
@@ -55,20 +55,12 @@ def run_signals(folder: str | Path) -> dict[str, Any]:
     columns.update(_said(folder, columns["time"]))
     description = interface()
     scenario = tomllib.loads(run["scenario"]["text"])
-    radius = 0.08
-    robot = scenario.get("robot", {}).get("radius", radius)
-    if isinstance(robot, str):
-        from terrapin_tools.workbench.files.units import quantity
-
-        radius = float(quantity(robot, "m"))
-    else:
-        radius = float(robot)
     words = {name: {value: word for word, value in description.enums[name].items()} for name in ("state", "terrain")}
     return {
         "name": folder.name,
         "run": {key: value for key, value in run["run"].items() if key != "output_sha256"},
         "checks": run.get("checks", []),
-        "radius": radius,
+        "radius": parse_quantity(scenario.get("robot", {}).get("radius", 0.08), "m"),
         "words": words,
         "ground": ground_height(truth["position"], truth["slope"]),
         "segments": _segments(scenario),
@@ -112,26 +104,17 @@ def ground_height(position: Array, slope: Array, points: int = 400) -> dict[str,
 
 def _segments(scenario: dict[str, Any]) -> list[dict[str, Any]]:
     """Where which ground begins."""
-    from terrapin_tools.workbench.files.units import quantity
-
-    found = []
-    for segment in scenario.get("path", []):
-        start = segment.get("from", 0.0)
-        begin = float(quantity(start, "m")) if isinstance(start, str) else float(start)
-        found.append(
-            {"from": begin, "terrain": segment.get("terrain") or scenario.get("soil", {}).get("name") or "soil"}
-        )
-    return found
+    soil = scenario.get("soil", {}).get("name") or "soil"
+    return [
+        {"from": parse_quantity(segment.get("from", 0.0), "m"), "terrain": segment.get("terrain") or soil}
+        for segment in scenario.get("path", [])
+    ]
 
 
 def _plain(fault: dict[str, Any]) -> dict[str, Any]:
-    from terrapin_tools.workbench.files.units import quantity
-
-    def seconds(value: Any) -> float | None:
-        return None if value is None else float(quantity(value, "s")) if isinstance(value, str) else float(value)
-
     words = f"{fault.get('kind', '')} {fault.get('channel', '')}".strip()
-    return {"text": words, "begin": seconds(fault.get("from", 0.0)), "end": seconds(fault.get("to"))}
+    end = parse_quantity(fault["to"], "s") if "to" in fault else None
+    return {"text": words, "begin": parse_quantity(fault.get("from", 0.0), "s"), "end": end}
 
 
 def _short(values: Any) -> list[float]:

@@ -70,7 +70,7 @@ class Workbench {
     button.disabled = true;
     try {
       const made = await app.api(`examples/${encodeURIComponent(name)}`, { method: 'POST' });
-      this.before = `terrapin case --example ${name} --to ${app.place('cases', name)} && `;
+      this.before = `terrapin case example ${name} --to ${app.place('cases', name)} && `;
       app.go('workbench', made.name);
     } catch (error) { button.disabled = false; button.after(notice(lineOf(error))); }
   }

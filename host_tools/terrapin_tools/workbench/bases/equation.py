@@ -3,8 +3,12 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from terrapin_hil.arrays import Array
+from terrapin_hil.physics.effects import Effect
 from terrapin_hil.physics.expression import Expression
+from terrapin_hil.physics.signals import derivative, played
 from terrapin_tools.workbench.bases.kinds.algebraic import Algebraic, Rows, Terms, Values
 from terrapin_tools.workbench.bases.kinds.base import PRODUCT_COST, Factor, Problem
 
@@ -32,7 +36,43 @@ class Equation(Algebraic):
         return {c: f.evaluate(scaled) / self.scales.get(c, 1.0) for c, f in self.formulas.items()}
 
     def predictor(self, problem: Problem) -> Rows:
-        return Rows(replace(self, formulas=problem.formulas, scales=problem.scales), problem)
+        return Remembering(replace(self, formulas=problem.formulas, scales=problem.scales), problem)
+
+
+class Remembering(Rows):
+    """Rows of which an effect may see those before: `played` and `rate` of physics/mechanics."""
+
+    def __init__(self, base: Equation, problem: Problem) -> None:
+        super().__init__(base, problem)
+        self.moving = [effect for effect in problem.effects if effect.transform in ("play", "rate")]
+        if not self.moving:
+            return
+        count = len(next(iter(problem.inputs.values())))
+        run = problem.runs.index if problem.runs else np.arange(count)
+        self.order = np.argsort(run, kind="stable")
+        self.first = np.diff(run[self.order], prepend=-1) != 0
+        self.back = np.argsort(self.order)[slice(None) if problem.rows is None else problem.rows]
+        self.rates = {effect.name: self._rate(effect) for effect in self.moving if effect.transform == "rate"}
+
+    def state(self, sets: Array) -> tuple[Values, Terms]:
+        values, terms = super().state(sets)
+        for effect in self.moving:
+            own = terms.own[effect.name]
+            if effect.transform == "rate":
+                own["rate"] = self.rates[effect.name]
+                continue
+            (position,) = effect.needs[0]
+            gap = np.asarray(own[effect.parameters[1].name])[:, 0]
+            gaps, place = np.unique(gap, return_inverse=True)  # most of many sets have the same
+            followed = played(self.problem.inputs[position][self.order], gaps, self.first)
+            own["played"] = followed[:, self.back][place]
+        return values, terms
+
+    def _rate(self, effect: Effect) -> Array:
+        (speed,), (time,) = effect.needs[:2]
+        v, t = (self.problem.inputs[name][self.order] for name in (speed, time))
+        runs = np.split(np.arange(len(v)), np.flatnonzero(self.first)[1:])
+        return np.concatenate([derivative(t[rows], v[rows]) for rows in runs])[self.back]
 
 
 BASE = Equation(name="equation", own_names=True, follows=())

@@ -15,6 +15,7 @@ import numpy as np
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect, catalogue
 from terrapin_hil.physics.expression import Expression, parse
+from terrapin_hil.physics.mechanics import mechanics
 from terrapin_hil.reading import shorten
 from terrapin_hil.units import read_unit
 from terrapin_hil.units import units as registry
@@ -25,6 +26,8 @@ from terrapin_tools.workbench.case.columns import Measurements, read_measurement
 from terrapin_tools.workbench.case.dynamics import check_dynamics, read_dynamics, with_states
 from terrapin_tools.workbench.case.effects import read_library, sound
 from terrapin_tools.workbench.case.groups import read_shares
+from terrapin_tools.workbench.case.intake import guesses
+from terrapin_tools.workbench.case.mechanics import Told, mechanics_of
 from terrapin_tools.workbench.case.rig_limits import read_limits
 from terrapin_tools.workbench.files.toml_tables import (
     Complaint,
@@ -64,8 +67,14 @@ class Case(Measurements):
     library: Mapping[str, Effect]  # that this base may take: the catalogue with the case's bounds, and the user's own
     scales: Mapping[str, float]  # equation with all units given: what takes a name's number to SI; else empty
     limits: Mapping[str, tuple[float, float]]  # what the rig can set: role -> lowest, highest
+    guessed: tuple[str, ...]  # what nobody has confirmed, as TABLE.KEY
     dynamics: Dynamics | None  # of the user's own
     by: Mapping[str, str]  # fitted parameter -> the grouping of which each group has its own value
+
+    @property
+    def intake(self) -> tuple[str, ...]:
+        """What a reader has to know of the numbers before the answer."""
+        return (*self.remarks, *guesses(self.guessed))
 
     @property
     def rows(self) -> int:
@@ -102,7 +111,7 @@ def parse_case(folder: Path, text: str) -> Case:
     if isinstance(name, str) and name in ELSEWHERE:  # its case.toml has more tables
         raise complain(f"found {name!r}, which is for {ELSEWHERE[name]}", "model", "base")
     tables.allow((), "case", "model", "parameters", "fit", "effect", "limits", "data", "groups")
-    tables.allow(("case",), "title", "notes", "source", "comment", "license", "date")
+    tables.allow(("case",), "title", "notes", "source", "comment", "license", "date", "guessed")
     tables.allow(
         ("model",), "base", "effects", "effects_folder", "equation", "states", "derivative", "measured", "inputs"
     )
@@ -117,7 +126,7 @@ def parse_case(folder: Path, text: str) -> Case:
         base = replace(base, channels={name: measured.units[name] for name in measured.channels})
     dynamics = read_dynamics(tables, base, measured)
     base = with_states(base, dynamics)
-    library, effect_names = read_library(folder, tables, base)
+    library, effect_names = read_library(folder, tables, base, _mechanics(tables, measured))
     parameters, parameter_units, options = _constants(tables, base, library, effect_names)
     fit = _estimates(tables, base, parameters)
     for name, known in base.parameters.items():
@@ -146,10 +155,37 @@ def parse_case(folder: Path, text: str) -> Case:
         limits=limits,
         dynamics=dynamics,
         by=read_shares(tables, measured.groups),
+        guessed=_guessed(tables),
         **{**vars(measured), "units": {**more, **measured.units}},
     )
     _check_names(case, complain)
     return case
+
+
+def _mechanics(tables: Tables, measured: Measurements) -> dict[str, Effect]:
+    """What the roles of an equation's inputs bring. UserError when its time does not rise within a run."""
+    told = {r: Told(formula_name(n), measured.units[n] or "1", measured.roles[n]) for r, n in measured.told.items()}
+    if "time" in told:
+        falls = (np.diff(told["time"].values) <= 0.0) & (np.diff(measured.run) == 0)
+        if falls.any():
+            name, row = measured.told["time"], int(np.flatnonzero(falls)[0]) + 1
+            value = told["time"].values[row]
+            raise UserError(
+                f"{measured.place(row)}: column {measured.column_of[name]}: found {value:g} after "
+                f"{told['time'].values[row - 1]:g}, expected a time that rises within a run"
+            )
+    names = {name for formula in measured.equations.values() for name in formula.names}
+    known = {*tables.table("parameters"), *tables.table("fit")}
+    return mechanics_of(told, {n: measured.units[n] or "1" for n in measured.channels}, names & known)
+
+
+def _guessed(tables: Tables) -> tuple[str, ...]:
+    """[case] guessed: places in case.toml that hold a placeholder."""
+    places = tables.texts("case", "guessed", default=[])
+    for place in places:
+        if tables.get(*place.split(".")) is None:
+            raise tables.complain(f"{place} is not there, expected TABLE.KEY of this file", "case", "guessed")
+    return tuple(places)
 
 
 def _notes(folder: Path, tables: Tables) -> str:
@@ -292,6 +328,12 @@ def require_effect(case: Case, name: str, complain: Complaint) -> Effect:
     path = ("model", "effects")
     effect = case.library.get(name)
     if effect is None:
+        if name in mechanics() and case.base.own_names:
+            needs = " and ".join(" or ".join(group) for group in mechanics()[name].needs) or "role of any kind"
+            hint = f"{name} needs a column that is told to be the {needs}"
+            if case.told:
+                hint += f", or the name of what it acts on: expected one of {', '.join(case.library)}"
+            raise complain(f'{hint} (is = "...")', *path)
         if name in catalogue():
             bases = " or ".join(catalogue()[name].bases)
             raise complain(f"{name} acts on {bases}, found base {case.base.name}", *path)
@@ -303,6 +345,7 @@ def require_effect(case: Case, name: str, complain: Complaint) -> Effect:
     known = {*case.inputs, *case.parameters, *case.fit, *case.base.parameters, *effect.options}
     known |= {parameter.name for parameter in effect.parameters} | {"bulldozing_resistance", "speed"}
     known |= {formula_name(name) for name in case.base.provides}
+    known |= {"play": {"played"}, "rate": {"rate"}}.get(effect.transform, set())
     unknown = sorted(parse(effect.expression).names - known)
     if unknown:
         raise complain(f"{name}: {unknown[0]} is no role, column or parameter", "effect", name, "expression")

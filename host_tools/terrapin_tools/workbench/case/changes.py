@@ -10,7 +10,20 @@ import tomlkit
 
 from terrapin_tools.errors import UserError
 
-__all__ = ["OwnEffect", "OwnParameter", "add_effects", "inline_tables", "parse_parameter", "remove_effect"]
+__all__ = [
+    "SUSPECT",
+    "SUSPECTED",
+    "OwnEffect",
+    "OwnParameter",
+    "add_effects",
+    "extended",
+    "inline_tables",
+    "parse_parameter",
+    "remove_effect",
+]
+
+SUSPECT = "constant."  # before the name of a constant that may be wrong
+SUSPECTED = (-0.8, 4.0)  # of its relative error; beyond, a unit is wrong rather than a number
 
 
 @dataclass(frozen=True)
@@ -48,6 +61,36 @@ def parse_parameter(text: str) -> tuple[str, OwnParameter]:
     except ValueError:
         raise UserError(f"--parameter: found {text!r}, expected numbers in NAME=START:MIN:MAX[:UNIT]") from None
     return name.strip(), OwnParameter(start, limits[0], limits[1], parts[3].strip() if len(parts) == 4 else "1")
+
+
+def extended(text: str, stated: Mapping[str, float], names: Sequence[str], own: Mapping[str, OwnEffect]) -> str:
+    """case.toml with effects added, and with the constants freed that suspects (constant.NAME) are about.
+
+    UserError when such a constant is not stated; `stated` are the numbers of [parameters], in SI.
+    """
+    for name in names:
+        constant = name.removeprefix(SUSPECT)
+        if constant != name:
+            if constant not in stated:
+                raise UserError(
+                    f"found {name}, expected a constant of [parameters]: one of {', '.join(sorted(stated))}"
+                )
+            low, high = sorted(stated[constant] * (1.0 + error) for error in SUSPECTED)
+            text = _free(text, constant, stated[constant], low, high)
+    effects = [name for name in names if not name.startswith(SUSPECT)]
+    return add_effects(text, effects, own) if effects else text
+
+
+def _free(text: str, constant: str, value: float, low: float, high: float) -> str:
+    """A constant of [parameters] becomes an entry of [fit], in SI, within bounds."""
+    document = tomlkit.parse(text)
+    document["parameters"].remove(constant)
+    if "fit" not in document:
+        document["fit"] = tomlkit.table()
+    entry = tomlkit.inline_table()
+    entry.update({"value": value, "min": low, "max": high})
+    document["fit"][constant] = entry
+    return tomlkit.dumps(document)
 
 
 def add_effects(text: str, names: Sequence[str], own: Mapping[str, OwnEffect]) -> str:

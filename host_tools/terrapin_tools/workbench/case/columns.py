@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from bisect import bisect_right
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,26 +12,17 @@ import numpy as np
 
 from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_hil.physics.expression import Expression, parse
+from terrapin_hil.physics.mechanics import ROLES as MECHANICS
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import CHANNELS, ROLES, Base
 from terrapin_tools.workbench.case.groups import Groups, group_columns, read_groups
+from terrapin_tools.workbench.case.intake import Mapped, converted, gaps, unsigned
+from terrapin_tools.workbench.case.mechanics import is_of, role_of_unit
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.tables import LOG_SUFFIXES, Table, read
 from terrapin_tools.workbench.files.toml_tables import Tables
 
-__all__ = ["Measurements", "mapped_column", "read_formulas", "read_measurements"]
-
-
-@dataclass(frozen=True)
-class Mapped:
-    """One entry of [data.columns]."""
-
-    name: str
-    column: str
-    unit: str
-    canonical: str
-    sigma: float | None  # in the canonical unit
-    channel: bool
+__all__ = ["Measurements", "mapped_column", "read_formulas", "read_measurements", "run_of_rows", "split_runs"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +42,9 @@ class Measurements:
     place: Callable[[int], str] = field(repr=False)  # row -> "runs.csv:17"
     equations: Mapping[str, Expression]  # of the user's own, by channel
     groups: Mapping[str, Groups]
+    told: Mapping[str, str]  # of the user's own names: role that brings mechanics -> input
+    rows_left_out: int  # for a gap in a mapped column
+    remarks: tuple[str, ...]  # what was left out, converted or looks odd, in sentences
 
 
 def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
@@ -58,9 +52,7 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
     tables.allow(("data",), "files", "run", "train", "test", "columns", "dbc", "period", "ignore")
     equations = _equations(tables, base)
     mapped = _columns(tables, base, equations)
-    files = tables.texts("data", "files")
-    if not files:
-        raise tables.complain("found an empty list, expected file names", "data", "files")
+    files = tables.files()
     loaded = _read_files(folder, tables, files, mapped)
     run_column = tables.text("data", "run", default="")
     starts = np.cumsum([0, *(table.rows for table in loaded)]).tolist()
@@ -71,40 +63,53 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
 
     for entry in mapped:
         for table in loaded:
-            if entry.column not in table.columns:
-                names = ", ".join(table.columns)
-                raise tables.complain(
-                    f"column {entry.column!r} is not in {table.path.name}, expected one of {names}",
-                    *("data", "columns", entry.name, "column"),
-                )
+            _check_there(tables, table, entry.column, "data", "columns", entry.name, "column")
     if starts[-1] == 0:
         raise tables.complain(f"{files[0]} has no rows, expected at least one", "data", "files")
-    run_text = _run_names(tables, loaded, run_column)
+    columns = {entry.column: np.concatenate([t.numbers(entry.column, gaps=True) for t in loaded]) for entry in mapped}
+    whole: Mask = ~np.any([np.isnan(values) for values in columns.values()], axis=0)
+    rows: slice | Index = slice(None) if whole.all() else np.flatnonzero(whole)
+    kept = np.arange(starts[-1])[rows]
+    if not kept.size:
+        first = next(name for name, values in columns.items() if np.isnan(values).any())
+        raise UserError(f"{place(0)}: column {first}: every row has a gap, expected at least one without")
+    run_text = [name for name, keep in zip(run_of_rows(tables, loaded, run_column), whole, strict=True) if keep]
     run_names = tuple(sorted(set(run_text)))
     index = {name: i for i, name in enumerate(run_names)}
     run = np.array([index[name] for name in run_text], dtype=np.int64)
-    train_runs, test_runs = _split(tables, run_names)
-    values: dict[str, Array] = {}
-    for entry in mapped:
-        raw = np.concatenate([table.numbers(entry.column) for table in loaded])
-        values[entry.name] = units.convert(raw, entry.unit, entry.canonical)
+    held_out = run_names[4::5] if len(run_names) >= 5 else run_names[-1:]
+    train_runs, test_runs = split_runs(tables, run_names, held_out)
+    values = {e.name: units.convert(columns[e.column][rows], e.unit, e.canonical) for e in mapped}
     used = {entry.column for entry in mapped} | {run_column, *group_columns(tables).values()}
     train = np.isin(run, [index[name] for name in train_runs])
+    extra, sparse = _extra(loaded, used | set(values) | _ignored(tables, loaded, used))
+    remarks = [*gaps(columns, whole, sparse), *converted(mapped), *unsigned(values, _told(mapped))]
     return Measurements(
         roles={e.name: values[e.name] for e in mapped if not e.channel},
         channels={e.name: values[e.name] for e in mapped if e.channel},
         sigma={e.name: e.sigma for e in mapped if e.channel},
         units={e.name: e.canonical for e in mapped},
-        extra=_extra(loaded, used | set(values) | _ignored(tables, loaded, used)),
+        extra={name: column[rows] for name, column in extra.items()},
         column_of={e.name: e.column for e in mapped},
         run_names=run_names,
         run=run,
         train=train,
         test=np.isin(run, [index[name] for name in test_runs]),
-        place=place,
+        place=lambda row: place(int(kept[row])),
         equations=equations,
-        groups=read_groups(tables, loaded, run, run_names, train),
+        groups=read_groups(tables, loaded, kept, run, run_names, train),
+        told=_told(mapped),
+        rows_left_out=int((~whole).sum()),
+        remarks=tuple(remarks),
     )
+
+
+def _told(mapped: list[Mapped]) -> dict[str, str]:
+    """Role -> input. Without a column that tells its role, units tell none either: a case without `is` has no roles."""
+    told = {entry.role: entry.name for entry in mapped if entry.role}
+    if not told:
+        return {}
+    return {**told, **role_of_unit({e.name: e.unit for e in mapped if not (e.channel or e.role)}, told)}
 
 
 def _equations(tables: Tables, base: Base) -> dict[str, Expression]:
@@ -119,17 +124,15 @@ def read_formulas(tables: Tables, *path: str, expected: str) -> dict[str, Expres
     """A table of formulas, with at least one."""
     formulas = {}
     for name in tables.table(*path):
-        try:
+        with tables.about(*path, name):
             formulas[name] = parse(tables.text(*path, name))
-        except ValueError as error:
-            raise tables.complain(str(error), *path, name) from None
     if not formulas:
         raise tables.complain(f"missing, expected one line {expected}", *path)
     return formulas
 
 
 def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) -> list[Mapped]:
-    mapped = []
+    mapped: list[Mapped] = []
     for name in tables.table("data", "columns"):
         path = ("data", "columns", name)
         free = base.own_names
@@ -139,9 +142,9 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
         if not free and not channel and name not in ROLES:
             expected = ", ".join([*base.channels, *ROLES])
             raise tables.complain(f"unknown role or channel, expected one of {expected}", *path)
-        tables.entry(path, "column", "unit", also=("sigma",) if channel else ())
+        tables.entry(path, "column", "unit", also=("sigma",) if channel else ("is",) if free else ())
         unit = tables.text(*path, "unit", default="1" if free else None)
-        try:
+        with tables.about(*path, "unit"):
             units.check(unit)
             canonical = units.in_si(unit) if base.own_dynamics else unit if free else CHANNELS.get(name) or ROLES[name]
             if not units.same_kind(unit, canonical):
@@ -150,11 +153,10 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
             sigma = None
             if tables.get(*path, "sigma") is not None:
                 sigma = units.convert_difference(tables.number(unit, *path, "sigma"), unit, canonical)
-        except ValueError as error:
-            raise tables.complain(str(error), *path, "unit") from None
         if sigma is not None and sigma * units.LARGEST < 1.0:
             raise tables.complain(f"found {sigma:g} {canonical}, expected more than 0", *path, "sigma")
-        mapped.append(Mapped(name, tables.text(*path, "column"), unit, canonical, sigma, channel))
+        role = _role(tables, path, mapped)
+        mapped.append(Mapped(name, tables.text(*path, "column"), unit, canonical, sigma, channel, role))
     for i, entry in enumerate(mapped):
         other = next((e for e in mapped[:i] if e.column == entry.column and e.unit != entry.unit), None)
         if other is not None:
@@ -168,18 +170,37 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
     return mapped
 
 
+def _role(tables: Tables, path: tuple[str, ...], before: list[Mapped]) -> str:
+    """What an input is told to be, "" for nothing."""
+    role = tables.text(*path, "is", default="")
+    if not role:
+        return role
+    if role not in MECHANICS:
+        raise tables.complain(f"found {role!r}, expected one of {', '.join(MECHANICS)}", *path, "is")
+    other = next((entry.name for entry in before if entry.role == role), None)
+    if other is not None:
+        hint = "expected one column: that of the part which the channels measure (make a case for each part)"
+        raise tables.complain(f"{other} is told to be the {role} too, {hint}", *path, "is")
+    unit = tables.text(*path, "unit", default="")
+    if unit and not is_of(unit, role):
+        raise tables.complain(f"found {unit!r} for a {role}, expected {' or '.join(MECHANICS[role])}", *path, "unit")
+    return role
+
+
 def mapped_column(tables: Tables, table: Table, role: str, canonical: str) -> Array:
     """The column that [data.columns] maps to a role, in its canonical unit. UserError when the entry is wrong."""
     path = ("data", "columns", role)
     tables.entry(path, "column", "unit")
     column, unit = tables.text(*path, "column"), tables.text(*path, "unit")
+    _check_there(tables, table, column, *path)
+    with tables.about(*path, "unit"):
+        return units.convert(table.numbers(column), unit, canonical)
+
+
+def _check_there(tables: Tables, table: Table, column: str, *path: str) -> None:
     if column not in table.columns:
         expected = ", ".join(table.columns)
         raise tables.complain(f"column {column!r} is not in {table.path.name}, expected one of {expected}", *path)
-    try:
-        return units.convert(table.numbers(column), unit, canonical)
-    except ValueError as error:
-        raise tables.complain(str(error), *path, "unit") from None
 
 
 def _read_files(folder: Path, tables: Tables, files: list[str], mapped: list[Mapped]) -> list[Table]:
@@ -198,17 +219,14 @@ def _read_files(folder: Path, tables: Tables, files: list[str], mapped: list[Map
     return [read(folder / name, dbc, period, needed, text) for name in files]
 
 
-def _run_names(tables: Tables, loaded: list[Table], column: str) -> list[str]:
+def run_of_rows(tables: Tables, loaded: list[Table], column: str) -> list[str]:
+    """The run of each row: of the column, or (without one, or of a log) the file's name."""
     names: list[str] = []
     for table in loaded:
         if table.path.suffix.lower() in LOG_SUFFIXES or not column:
             names += [table.path.stem] * table.rows
             continue
-        if column not in table.columns:
-            expected = ", ".join(table.columns)
-            raise tables.complain(
-                f"column {column!r} is not in {table.path.name}, expected one of {expected}", "data", "run"
-            )
+        _check_there(tables, table, column, "data", "run")
         found = table.text(column)
         if "" in found:
             raise UserError(f"{table.place(found.index(''))}: column {column}: found nothing, expected a run's name")
@@ -216,25 +234,18 @@ def _run_names(tables: Tables, loaded: list[Table], column: str) -> list[str]:
     return names
 
 
-def _split(tables: Tables, names: tuple[str, ...]) -> tuple[list[str], list[str]]:
-    """Training and held-out runs. Without lists the runs are sorted by name and the 5th, 10th, ... are held out."""
-    train: list[str] | None = None
-    test: list[str] | None = None
-    if tables.get("data", "train") is not None:
-        train = tables.texts("data", "train")
-    if tables.get("data", "test") is not None:
-        test = tables.texts("data", "test")
-    for key, listed in (("train", train), ("test", test)):
-        for run in listed or []:
+def split_runs(tables: Tables, names: Sequence[str], held_out: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Training and held-out runs, as data.train and data.test list them; `held_out` where there is neither list."""
+    listed = {key: tables.texts("data", key) for key in ("train", "test") if tables.get("data", key) is not None}
+    for key, runs in listed.items():
+        for run in runs:
             if run not in names:
                 expected = ", ".join(names)
                 raise tables.complain(f"run {run!r} is not in the data, expected one of {expected}", "data", key)
-    if train is None and test is None:
-        test = list(names[4::5]) if len(names) >= 5 else [names[-1]]
-    if train is None:
-        train = [name for name in names if name not in (test or [])]
-    if test is None:
-        test = [name for name in names if name not in train]
+    if not listed:
+        listed["test"] = list(held_out)
+    train = listed["train"] if "train" in listed else [name for name in names if name not in listed["test"]]
+    test = listed["test"] if "test" in listed else [name for name in names if name not in train]
     both = sorted(set(train) & set(test))
     if both:
         raise tables.complain(f"run {both[0]!r} is in train and in test, expected in one of them", "data", "test")
@@ -258,14 +269,19 @@ def _ignored(tables: Tables, loaded: list[Table], used: set[str]) -> set[str]:
     return set(names)
 
 
-def _extra(loaded: list[Table], used: set[str]) -> dict[str, Array]:
-    """Columns that are not mapped but numeric in every file: the residual may depend on them."""
-    extra = {}
+def _extra(loaded: list[Table], used: set[str]) -> tuple[dict[str, Array], list[str]]:
+    """Columns that are not mapped but numeric: the residual may depend on them. Apart from them, those with gaps."""
+    extra: dict[str, Array] = {}
+    sparse = []
     for name in loaded[0].columns:
         if name in used or any(name not in table.columns for table in loaded):
             continue
         try:
-            extra[name] = np.concatenate([table.numbers(name) for table in loaded])
+            column = np.concatenate([table.numbers(name, gaps=True) for table in loaded])
         except UserError:
-            continue  # text or gaps: nothing a formula could use, and nothing the contract asks to complain about
-    return extra
+            continue  # text: nothing a formula could use, and nothing the contract asks to complain about
+        if not np.isnan(column).any():
+            extra[name] = column
+        elif not np.isnan(column).all():
+            sparse.append(name)
+    return extra, sparse

@@ -9,7 +9,6 @@ from pathlib import Path
 from terrapin_hil.effect_files import known_effects, read_effect_folder
 from terrapin_hil.physics.effects import Effect, Parameter, catalogue
 from terrapin_hil.physics.expression import parse
-from terrapin_hil.reading import ReadingError
 from terrapin_hil.units import read_unit
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES, Base, formula_name
@@ -30,12 +29,9 @@ def _from_files(folder: Path, tables: Tables, base: Base) -> dict[str, Effect]:
         folders.append(folder / named)
         if not folders[-1].is_dir():
             raise tables.complain(f"found {named!r}, expected a folder of effects", "model", "effects_folder")
-    try:
-        found = known_effects()
-        for one in dict.fromkeys(path.resolve() for path in folders):
-            found.update(read_effect_folder(one, found))
-    except ReadingError as error:
-        raise UserError(str(error)) from None
+    found = known_effects()
+    for one in dict.fromkeys(path.resolve() for path in folders):
+        found.update(read_effect_folder(one, found))
     for name in found.keys() - catalogue().keys():
         _check_terms(found[name], base)
     return found
@@ -54,18 +50,23 @@ def _check_terms(effect: Effect, base: Base) -> None:
         raise UserError(f"effect {effect.name}: target: found {effect.target!r}, expected one of {expected}")
 
 
-def read_library(folder: Path, tables: Tables, base: Base) -> tuple[dict[str, Effect], frozenset[str]]:
-    """Effects by name, and every name that a user's own expression uses (constants of theirs may have those names)."""
+def read_library(
+    folder: Path, tables: Tables, base: Base, more: Mapping[str, Effect]
+) -> tuple[dict[str, Effect], frozenset[str]]:
+    """Effects by name, and every name that a user's own expression uses (constants of theirs may have those names).
+
+    `more` are effects that only this case has.
+    """
     known = _from_files(folder, tables, base)
-    library = {name: effect for name, effect in known.items() if base.takes(effect)}
+    library = {**more, **{name: effect for name, effect in known.items() if base.takes(effect)}}
     names: set[str] = set()
     for name, entry in tables.table("effect").items():
         path = ("effect", name)
         if not isinstance(entry, dict):
             raise tables.complain(f"found {entry!r}, expected a table", *path)
         if "expression" in entry:
-            if name in known:
-                kind = "a catalogued effect" if name in catalogue() else "an effect of a file"
+            if name in known or name in more:
+                kind = "a catalogued effect" if name in {**catalogue(), **more} else "an effect of a file"
                 raise tables.complain(f"is the name of {kind}, expected another for your own expression", *path)
             library[name] = _own(tables, base, name)
             names |= parse(library[name].expression).names
@@ -102,10 +103,8 @@ def _with_bounds(tables: Tables, effect: Effect) -> Effect:
 
 def _own(tables: Tables, base: Base, name: str) -> Effect:
     path = ("effect", name)
-    try:
+    with tables.about(*path, "expression"):
         expression = parse(tables.text(*path, "expression"))
-    except ValueError as error:
-        raise tables.complain(str(error), *path, "expression") from None
     target = tables.text(*path, "target", default=base.targets()[0][0])
     if target not in base.acts_on():
         raise tables.complain(f"found {target!r}, expected one of {', '.join(base.acts_on())}", *path, "target")
@@ -133,7 +132,7 @@ def _own(tables: Tables, base: Base, name: str) -> Effect:
 def _own_parameter(tables: Tables, base: Base, path: tuple[str, ...]) -> Parameter:
     """A parameter of the user's own; under a base model whose formulas are in SI it is taken to SI."""
     unit = tables.text(*path, "unit", default=OPEN)
-    try:
+    with tables.about(*path, "unit"):
         units.check(unit)
         if (base.own_names and not base.own_dynamics) or not unit:
             factor, spelt = 1.0, unit or ("1" if base.own_names and not base.own_dynamics else OPEN)
@@ -142,8 +141,6 @@ def _own_parameter(tables: Tables, base: Base, path: tuple[str, ...]) -> Paramet
         else:
             factor = units.si_factor(unit)
             spelt = unit if factor == 1.0 else plain(read_unit(unit))
-    except ValueError as error:
-        raise tables.complain(str(error), *path, "unit") from None
     found = read_estimate(tables, path, unit or "1")
     return Parameter(path[-1], spelt, factor * found.value, factor * found.minimum, factor * found.maximum)
 

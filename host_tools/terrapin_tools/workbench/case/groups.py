@@ -34,9 +34,9 @@ def group_columns(tables: Tables) -> dict[str, str]:
 
 
 def read_groups(
-    tables: Tables, loaded: Sequence[Table], run: Index, run_names: Sequence[str], train: Mask
+    tables: Tables, loaded: Sequence[Table], kept: Index, run: Index, run_names: Sequence[str], train: Mask
 ) -> dict[str, Groups]:
-    """Every grouping of [groups]. UserError names file, line and field."""
+    """Every grouping of [groups], on the rows `kept`. UserError names file, line and field."""
     found = {}
     for name, column in group_columns(tables).items():
         path = ("groups", name, "column")
@@ -46,7 +46,8 @@ def read_groups(
                 raise tables.complain(
                     f"column {column!r} is not in {table.path.name}, expected one of {expected}", *path
                 )
-        values = [value for table in loaded for value in table.text(column)]
+        every = [value for table in loaded for value in table.text(column)]
+        values = [every[row] for row in kept]
         names = tuple(sorted(set(values)))
         index = np.array([names.index(value) for value in values], dtype=np.int64)
         for one in np.unique(run):

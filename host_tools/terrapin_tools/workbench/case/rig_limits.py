@@ -37,10 +37,8 @@ def read_limits(
         unit = tables.text(*path, "unit", default=canonical)
         if name not in known and unit != "1":
             raise tables.complain("found a unit, expected none: the column is not mapped and has none", *path, "unit")
-        try:
+        with tables.about(*path, "unit"):
             units.convert(1.0, unit, canonical)
-        except ValueError as error:
-            raise tables.complain(str(error), *path, "unit") from None
         ends = []
         for key in ("min", "max"):
             if tables.get(*path, key) is None:

@@ -1,11 +1,10 @@
 """Is anything missing, and where does the model fail?
 
 The statistic is a Bayes factor (bayes_factor.py): how much likelier the residuals are if the model lacks an effect of
-the catalogue, a smooth shape in any numeric column (mapped or not), an offset of any single run, or noise beyond what
-is stated, than if it lacks nothing. Its distribution when nothing is missing comes from simulation: AR(1) noise on the
-very rows of the case, each set with a correlation drawn from what the data say about it; where the sd is not given it
-is integrated over in each set as in the data. A test that takes rows as independent would raise a false alarm nearly
-always at a correlation of 0.9.
+the catalogue, a smooth shape in any numeric column (mapped or not), or an offset of any single run, than if it lacks
+nothing. Its distribution when nothing is missing comes from simulation: noise on the very rows of the case, each set of
+a kind drawn from what the data say about it. A test that takes rows as independent would raise a false alarm nearly
+always at a correlation of 0.9, or where runs differ by an offset.
 """
 
 from __future__ import annotations
@@ -14,21 +13,25 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+from scipy.special import logsumexp
 
+from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.compare.bayes_factor import BayesFactor, blocks_of
 from terrapin_tools.workbench.model.data_columns import Direction, Shapes
 from terrapin_tools.workbench.model.effect_columns import Shape
-from terrapin_tools.workbench.noise.ar1 import RHO_GRID, Ar1, Noise, orthonormal
+from terrapin_tools.workbench.noise.covariance import NODES, Node, Runs, orthonormal
+from terrapin_tools.workbench.noise.estimate import Noise
+from terrapin_tools.workbench.noise.marginal_likelihood import STATED
 
 __all__ = ["Adequacy", "Failure", "assess", "failure_on", "where_it_fails"]
 
-Array = npt.NDArray[np.float64]
 SETS = 400  # simulated sets of noise; chosen by hand: a p-value of 0.05 is known to +- 0.011
 MARGIN = 6.0  # of gain: strong evidence on the scale of the Bayesian information criterion (Kass & Raftery 1995)
-MARGIN_OF_LEVEL = 1.2  # on p: the correlation is estimated, and without it 42 of 622 sets of noise had p below 0.05
+MARGIN_OF_LEVEL = 1.2  # on p: the kind of noise is estimated; without it 42 of 622 sets of AR(1) had p below 0.05
 TINY = 1e-300  # p-values below this are as good as 0, and have no logarithm
+LIKELY = 1e-3  # posterior, with or without something missing, from which a kind of noise is simulated; chosen by hand
+ENOUGH = 30  # degrees of freedom below which a stated sd is needed to tell noise from effects; chosen by hand
 TAIL = 0.05  # share of the sets from which the tail beyond is continued; chosen by hand
 
 
@@ -64,7 +67,7 @@ class _Alternative:
 
 
 def _alternatives(
-    directions: Sequence[Direction], shapes: Mapping[str, Shapes], run: npt.NDArray[np.int64], sigma: Array
+    directions: Sequence[Direction], shapes: Mapping[str, Shapes], run: Index, sigma: Array
 ) -> list[_Alternative]:
     channels, rows = len(sigma), len(run)
     found = []
@@ -95,7 +98,7 @@ def assess(
     directions: Sequence[Direction],
     effects: Mapping[str, Sequence[Shape]],
     shapes: Mapping[str, Shapes],
-    rows: npt.NDArray[np.bool_],
+    rows: Mask,
     seed: int = 0,
 ) -> Adequacy:
     """The p-value of "nothing is missing" for the residuals of a fitted model, and what raised it.
@@ -104,52 +107,58 @@ def assess(
     ----------
     residual : (channels, rows), measured minus predicted, in the channels' units.
     jacobian : (channels, rows, parameters), derivatives of the prediction, in the same units.
-    noise : sd and correlation, from `estimate_noise`.
+    noise : sd and kind, from `estimate_noise`.
     directions, effects, shapes : what an effect of the catalogue, at each shape, or a column of the data could change.
     rows : (all rows,), mask of the case's rows that these are.
     seed : the draw of simulated noise depends on it alone.
     """
     run = case.run[rows]
     channels = len(residual)
-    ar1 = Ar1(run)
+    runs = Runs(run, channels)
     slopes = jacobian / noise.sigma[:, None, None]
     scaled = (residual / noise.sigma[:, None]).reshape(-1, 1)
     blocks = blocks_of(effects, shapes, run, channels)
-    statistic = BayesFactor(ar1, slopes, bool(noise.known.all()), blocks)
+    behind = noise.behind if scaled.size - slopes.shape[-1] < ENOUGH else 0.0
+    every = BayesFactor(runs, slopes, blocks, behind)
+    likely = [np.exp(logs[:, 0] - logsumexp(logs[:, 0])) > LIKELY for logs in every.weigh(scaled)]
+    statistic = BayesFactor(runs, slopes, blocks, behind, np.flatnonzero(likely[0] | likely[1]).tolist())
     observed, posterior = statistic(scaled)
     random = np.random.default_rng([seed, 0x7E57])
-    null, _ = statistic(_simulated(ar1, channels, posterior[:, 0], random))
-    gain = _gains(ar1, slopes, scaled, noise.rho, _alternatives(directions, shapes, run, noise.sigma))
+    drawn = _simulated(runs, statistic.evidence.nodes, posterior[:, 0], random)
+    if behind:
+        drawn *= np.sqrt(STATED / random.chisquare(STATED, drawn.shape[1]))
+    null, _ = statistic(drawn)
+    gain = _gains(runs, slopes, scaled, noise.node, _alternatives(directions, shapes, run, noise.sigma))
     strongest = max(gain, key=lambda label: gain[label]) if gain else "sum of squares"
     p_value = float(np.clip(MARGIN_OF_LEVEL * _p_value(float(observed[0]), null), TINY, 1.0))
     return Adequacy(p_value, float(observed[0]), strongest, gain)
 
 
-def _simulated(ar1: Ar1, channels: int, posterior: Array, random: np.random.Generator) -> Array:
-    """Noise (channels * rows, SETS) of unit sd, the correlation of each set drawn from its posterior."""
+def _simulated(runs: Runs, nodes: Sequence[int], posterior: Array, random: np.random.Generator) -> Array:
+    """Noise (channels * rows, SETS) of unit sd, the kind of each set drawn from its posterior (nodes,)."""
     # the middle of SETS equal slices of probability: the same spread as random draws, without their scatter
     drawn = np.searchsorted(np.cumsum(posterior), (np.arange(SETS) + 0.5) / SETS)
-    noise = random.standard_normal((ar1.rows, channels, SETS))
-    for index in np.unique(drawn):
-        mine = drawn == index
-        noise[..., mine] = ar1.colour(noise[..., mine], RHO_GRID[min(int(index), len(RHO_GRID) - 1)])
-    return np.ascontiguousarray(np.moveaxis(noise, 0, 1)).reshape(channels * ar1.rows, SETS)
+    drawn = np.minimum(drawn, len(nodes) - 1)
+    noise = np.empty((runs.channels * runs.rows, SETS))
+    for place in np.unique(drawn):
+        mine = drawn == place
+        noise[:, mine] = runs.draw(random, int(mine.sum()), NODES[nodes[place]])
+    return noise
 
 
 def _gains(
-    ar1: Ar1, slopes: Array, scaled: Array, rho: float, alternatives: Sequence[_Alternative]
+    runs: Runs, slopes: Array, scaled: Array, node: Node, alternatives: Sequence[_Alternative]
 ) -> dict[str, float]:
-    """By alternative: the fall of n log(sum of squares) at one correlation, penalised for its number of columns."""
+    """By alternative: the fall of n log(sum of squares) in one kind of noise, penalised for its number of columns."""
 
     def white(values: Array) -> Array:
-        split = values.reshape(channels, rows, -1)
-        return np.concatenate([ar1.whiten(split[c], rho) for c in range(channels)])
+        return runs.whiten(values.reshape(sample, -1), node)
 
-    channels, rows, _ = slopes.shape
-    basis = orthonormal(white(slopes.reshape(channels * rows, -1)))
+    sample = slopes.shape[0] * slopes.shape[1]
+    basis = orthonormal(white(slopes))
     residual = white(scaled)[:, 0]
     residual = residual - basis @ (basis.T @ residual)
-    total, sample = float(residual @ residual), channels * rows
+    total = float(residual @ residual)
     width = [alternative.columns.shape[1] for alternative in alternatives]
     everything = white(np.concatenate([a.columns for a in alternatives], axis=1)) if alternatives else np.zeros((0, 0))
     before = np.sqrt((everything * everything).sum(axis=0))
@@ -183,7 +192,7 @@ def where_it_fails(
     case: Case,
     adequacy: Adequacy,
     scaled: Array,
-    rows: npt.NDArray[np.bool_],
+    rows: Mask,
     columns: Mapping[str, Array],
     channels: Sequence[str],
     limit: int = 5,
@@ -260,7 +269,7 @@ def failure_on(
     values: Array,
     scaled: Array,
     channel: int,
-    rows: npt.NDArray[np.bool_],
+    rows: Mask,
     channels: Sequence[str],
     gain: float,
     share: float,

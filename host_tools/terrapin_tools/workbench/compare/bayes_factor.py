@@ -1,11 +1,12 @@
 """How much likelier the residuals are if something is missing than if nothing is: one number for a whole data set.
 
-Every alternative (an effect of the catalogue at one shape, shapes of one column, an offset of one run, more noise than
-stated) gets its marginal likelihood under AR(1) noise (Evidence): its size, the correlation and, where it is not
-given, the noise sd are integrated over *under that alternative*. A missing effect makes the noise look larger and more
-correlated than it is; a test that estimates both before it looks for the effect hides it. Alternatives are averaged
-with prior weights, so many unlikely shapes cost the likely ones little. The logarithm of the average's ratio to the
-likelihood of "nothing" is the statistic; its distribution when nothing is missing hardly depends on the correlation.
+Every alternative (an effect of the catalogue at one shape, shapes of one column, an offset of one run) gets its
+marginal likelihood (Evidence): its size, the kind of noise and the noise sd are integrated over *under that
+alternative*. A missing effect makes the noise look larger and more correlated than it is; a test that estimates both
+before it looks for the effect hides it. The sd is always integrated over all values, so that no error in a stated one
+can move the statistic: noise that is larger than stated is a finding of its own, not a missing effect. Alternatives are
+averaged with prior weights, so many unlikely shapes cost the likely ones little. The logarithm of the average's ratio
+to the likelihood of "nothing" is the statistic.
 
 Sources: Good (1957) and Berger & Delampady (1987) for the Bayes factor as a test statistic; for the rest see
 marginal_likelihood.py.
@@ -17,22 +18,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import logsumexp
 
+from terrapin_hil.arrays import Array, Index
 from terrapin_tools.workbench.model.data_columns import Shapes
 from terrapin_tools.workbench.model.effect_columns import Shape
-from terrapin_tools.workbench.noise.ar1 import Ar1
-from terrapin_tools.workbench.noise.lagged_sums import Lagged
+from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.marginal_likelihood import SIZES, Evidence
 
 __all__ = ["BayesFactor", "Block", "blocks_of"]
 
-Array = npt.NDArray[np.float64]
-
 # Prior of each family, given that one is true. Chosen by hand; docs/discovery.md states them.
-WEIGHT = {"catalogue": 0.6, "column": 0.3, "run": 0.06, "scale": 0.04}
-SCALES = np.array([1.1, 1.25, 1.5, 2.0, 4.0])  # true noise sd over the stated one, in family "scale"; by hand
+WEIGHT = {"catalogue": 0.62, "column": 0.32, "run": 0.06}
 
 
 @dataclass(frozen=True)
@@ -45,7 +42,7 @@ class Block:
 
 
 def blocks_of(
-    effects: Mapping[str, Sequence[Shape]], shapes: Mapping[str, Shapes], run: npt.NDArray[np.int64], channels: int
+    effects: Mapping[str, Sequence[Shape]], shapes: Mapping[str, Shapes], run: Index, channels: int
 ) -> list[Block]:
     """The alternatives on these rows. Each effect, column and run has the same share of its family.
 
@@ -83,51 +80,31 @@ class BayesFactor:
 
     Parameters
     ----------
-    ar1 : correlation of the rows within runs.
+    runs : the rows, of as many channels as there are.
     base : (channels, rows, parameters), derivatives of the prediction, in noise sd.
-    known : whether the noise sd is given; else it is integrated over.
     blocks : the alternatives, from `blocks_of`.
+    behind : degrees of freedom behind the noise sd; 0: it is integrated over all values.
+    nodes : kinds of noise that are weighed, places in NODES; all of them when not given.
     """
 
-    def __init__(self, ar1: Ar1, base: Array, known: bool, blocks: Sequence[Block]) -> None:
+    def __init__(
+        self,
+        runs: Runs,
+        base: Array,
+        blocks: Sequence[Block],
+        behind: float = 0.0,
+        nodes: Sequence[int] | None = None,
+    ) -> None:
         channels, rows, _ = base.shape
-        self.evidence = Evidence(ar1, np.zeros((channels, rows)), base, known)
+        self.runs = runs
+        self.evidence = Evidence(runs, np.zeros((channels, rows)), base, behind, nodes)
         self.weight = np.log([WEIGHT[block.family] * block.share for block in blocks])
-        width = [block.columns.shape[1] for block in blocks]
-        self.edges = np.concatenate([[0], np.cumsum(width)[:-1]]).astype(int)
-        columns = np.concatenate([np.zeros((channels * rows, 0)), *(block.columns for block in blocks)], axis=1)
-        flat = self.evidence.flat
-        self.ar1, self.channels = ar1, channels
-        self.base = Lagged(ar1, channels, flat / np.sqrt((flat * flat).sum(axis=0)))
-        self.columns = Lagged(ar1, channels, columns)
-        crossed, own = self.base.with_each(self.columns), self.columns.squares()
-        several = [(begin, count) for begin, count in zip(self.edges, width, strict=True) if count > 1]
-        parts = [self.columns.part(begin, count) for begin, count in several]
-        within = [part.with_each(part) for part in parts]
-        # by correlation: what maps products with the base to those with its orthonormal basis, the columns' share in
-        # that basis, rotations that make each block orthogonal (so sizes shrink one at a time), and squared lengths
-        self.inward: list[Array] = []
-        self.shared: list[Array] = []
-        self.turns: list[list[tuple[slice, Array]]] = []
-        self.squares: list[Array] = []
-        for index, rho in enumerate(self.evidence.rho):
-            basis = self.evidence.basis[index]
-            inward = np.asarray(np.linalg.pinv(basis.T @ self.evidence.whitened(self.base.columns, rho)).T, float)
-            shared = inward @ crossed.at(rho)
-            squares = np.maximum(own.at(rho) - (shared * shared).sum(axis=0), 0.0)
-            turns: list[tuple[slice, Array]] = []
-            for (begin, count), sums in zip(several, within, strict=True):
-                part = slice(int(begin), int(begin) + count)
-                values, vectors = np.linalg.eigh(sums.at(rho) - shared[:, part].T @ shared[:, part])
-                squares[part] = np.maximum(values, 0.0)
-                turns.append((part, vectors))
-            self.inward.append(inward)
-            self.shared.append(shared)
-            self.turns.append(turns)
-            self.squares.append(squares)
+        self.width = [block.columns.shape[1] for block in blocks]
+        self.edges = np.concatenate([[0], np.cumsum(self.width)[:-1]]).astype(int)
+        self.columns = np.concatenate([np.zeros((channels * rows, 0)), *(block.columns for block in blocks)], axis=1)
 
     def __call__(self, residuals: Array) -> tuple[Array, Array]:
-        """Log Bayes factors of residuals, and the posterior of the correlation if nothing is missing.
+        """Log Bayes factors of residuals, and the posterior of the kind of noise if nothing is missing.
 
         Parameters
         ----------
@@ -136,34 +113,49 @@ class BayesFactor:
         Returns
         -------
         (sets,) : log Bayes factor of "something is missing" against "nothing".
-        (grid, sets) : posterior of each correlation of RHO_GRID.
+        (nodes, sets) : posterior of each kind of noise.
         """
-        evidence, sets = self.evidence, residuals.shape[1]
-        drawn = Lagged(self.ar1, self.channels, residuals)
-        own, with_base, with_columns = drawn.squares(), self.base.with_each(drawn), self.columns.with_each(drawn)
-        grid = len(evidence.rho)
-        null = np.empty((grid, sets))
-        parts = np.empty((grid, sets))
-        for index in range(grid):
-            rho = evidence.rho[index]
-            taken = self.inward[index] @ with_base.at(rho)
-            total = np.maximum(own.at(rho) - (taken * taken).sum(axis=0), 1e-300)
-            null[index] = evidence.start[index] + evidence.fit_term(total)
-            scores = with_columns.at(rho) - self.shared[index].T @ taken
-            for part, vectors in self.turns[index]:
-                scores[part] = vectors.T @ scores[part]
-            scores *= scores
-            logs = np.empty((len(SIZES), len(self.weight), sets))
-            for place, variance in enumerate(SIZES**2):
-                shrink = 1.0 + variance * self.squares[index]
-                gain = np.add.reduceat(scores * (variance / shrink)[:, None], self.edges, axis=0)
-                price = 0.5 * np.add.reduceat(np.log(shrink), self.edges)
-                logs[place] = evidence.fit_term(total - gain) + (self.weight - price)[:, None]
-            top = logs.max(axis=(0, 1))
-            parts[index] = evidence.start[index] + top + np.log(np.exp(logs - top).sum(axis=(0, 1)) / len(SIZES))
-            if evidence.known:
-                noisier = -0.5 * total / SCALES[:, None] ** 2 - evidence.freedom * np.log(SCALES)[:, None]
-                weight = np.log(WEIGHT["scale"] / len(SCALES))
-                parts[index] = np.logaddexp(parts[index], evidence.start[index] + weight + logsumexp(noisier, axis=0))
+        null, parts = self.weigh(residuals)
         nothing = logsumexp(null, axis=0)
         return logsumexp(parts, axis=0) - nothing, np.exp(null - nothing)
+
+    def weigh(self, residuals: Array) -> tuple[Array, Array]:
+        """Log evidence of nothing, and of something, at each kind of noise: (nodes, sets) each."""
+        evidence, runs = self.evidence, self.runs
+        null = np.empty((len(evidence.nodes), residuals.shape[1]))
+        parts = np.empty_like(null)
+        for kind, places in evidence.filters.items():
+            base, columns, drawn = (
+                evidence.base[kind],
+                runs.filtered(self.columns, *kind),
+                runs.filtered(residuals, *kind),
+            )
+            among, crossed = runs.products(columns, columns), runs.products(base, columns)
+            with_base, with_columns = runs.products(base, drawn), runs.products(columns, drawn)
+            for place in places:
+                node, inverse = evidence.node(place), evidence.inverse[place]
+                shared, seen = crossed.at(node), with_base.at(node)
+                total = np.maximum(runs.squares(drawn, node) - (seen * (inverse @ seen)).sum(axis=0), 1e-300)
+                null[place] = evidence.start[place] + evidence.fit_term(total)
+                products = among.at(node) - shared.T @ inverse @ shared
+                scores = with_columns.at(node) - shared.T @ (inverse @ seen)
+                squares = np.maximum(np.diagonal(products), 0.0).copy()
+                for begin, count in zip(self.edges, self.width, strict=True):
+                    if count > 1:  # rotated, so that the columns of a block are orthogonal and shrink one at a time
+                        part = slice(int(begin), int(begin) + count)
+                        values, vectors = np.linalg.eigh(products[part, part])
+                        squares[part], scores[part] = np.maximum(values, 0.0), vectors.T @ scores[part]
+                parts[place] = evidence.start[place] + self._something(total, scores * scores, squares)
+        return null, parts
+
+    def _something(self, total: Array, scores: Array, squares: Array) -> Array:
+        """Log likelihood, (sets,), averaged over alternatives and sizes, from squared scores (columns, sets)."""
+        logs = np.empty((len(SIZES), len(self.weight), len(total)))
+        for place, variance in enumerate(SIZES**2):
+            shrink = 1.0 + variance * squares
+            gain = np.add.reduceat(scores * (variance / shrink)[:, None], self.edges, axis=0)
+            price = 0.5 * np.add.reduceat(np.log(shrink), self.edges)
+            left = np.maximum(total - gain, 1e-300)
+            logs[place] = self.evidence.fit_term(left) + (self.weight - price)[:, None]
+        top = logs.max(axis=(0, 1))
+        return np.asarray(top + np.log(np.exp(logs - top).sum(axis=(0, 1)) / len(SIZES)))

@@ -9,19 +9,20 @@ Discovery builds on the same pieces: `fitted_on` fits any set of effects on any 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array, Mask
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.compare.adequacy import Adequacy, Failure, assess, where_it_fails
+from terrapin_tools.workbench.compare.input_noise import input_noise
 from terrapin_tools.workbench.files.units import LARGEST
+from terrapin_tools.workbench.model.constants import suspected
 from terrapin_tools.workbench.model.data_columns import (
     Direction,
     Shapes,
-    candidates,
     catalogue_directions,
     column_shapes,
     numeric_columns,
@@ -29,15 +30,14 @@ from terrapin_tools.workbench.model.data_columns import (
 from terrapin_tools.workbench.model.effect_columns import Shape, shapes_of, terms_of
 from terrapin_tools.workbench.model.fitting import Fit, covariance, extend, fit_model
 from terrapin_tools.workbench.model.model import Model
-from terrapin_tools.workbench.noise.ar1 import Noise, estimate_noise, least_noise
+from terrapin_tools.workbench.noise.estimate import Noise, estimate_noise, least_noise
 
 __all__ = ["LEVEL", "Analysis", "Rung", "analyse", "error", "fitted_on", "free_slopes", "measured", "predict"]
 
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 LEVEL = 0.05  # false alarm rate of "something is missing", the usual one; --level changes it
 # Starts of a base model with bounded parameters: the case's own, the others inside the bounds. Chosen by hand.
 STARTS = 3
+ROUNDS = 3  # looks for rows that stand alone: without the farthest, others may show
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Rung:
 class Analysis:
     """The answer of compare. Arrays over all rows that are trained on or held out (`rows`), in the case's order."""
 
-    case: Case
+    case: Case  # without the rows that stand alone
     model: Model
     level: float
     noise: Noise
@@ -67,6 +67,9 @@ class Analysis:
     prediction: Array  # (channels, rows)
     residual: Array  # measured - predicted (channels, rows)
     shapes: Mapping[str, Sequence[Shape]] = field(repr=False)  # of every effect that could be added
+    odd: Mask = field(repr=False)  # (all rows,), that stand alone and are left out
+    # (channels, rows, count), in noise sd: what noise in the inputs does to the prediction (input_noise.py)
+    nuisance: Array = field(repr=False)
 
     @property
     def missing(self) -> bool:
@@ -161,40 +164,29 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     ------
     UserError : the model gives no number for a row; file and row are named.
     """
-    rows = case.train | case.test
-    model = Model.of(case)
-    with np.errstate(all="ignore"):
-        first = model.bind(case.inputs, rows).predict(model.start)
-    _require_numbers(case, model, first, model.start, rows, "at the start values")
-    given = [case.sigma[c] for c in model.channels]
-    values = measured(model, case.train)
-    least = least_noise(measured(model, rows))
-    rough = np.maximum(0.05 * np.sqrt(np.mean(values * values, axis=1)), least)
-    sigma = np.array([r if g is None else g for r, g in zip(rough, given, strict=True)])
-    shapes = column_shapes(case, rows)
-    for _ in range(1 if all(g is not None for g in given) else 2):
-        fits = fitted_on(case, case.effects, case.train, sigma, seed)
-        prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)
-        _require_numbers(case, model, prediction, fits[-1].theta, rows, "after the fit")
-        directions = _directions(model, fits[-1].theta, rows, sigma)
-        # a dynamic model's motion depends on what went before: equal inputs are no repeated settings
-        roles = {} if case.base.whole_runs else {name: v[rows] for name, v in case.roles.items()}
-        pools = _pools(model, directions, shapes, rows)
-        noise = estimate_noise(residual, slopes, case.run[rows], given, roles, pools, least)
+    odd = np.zeros(case.rows, dtype=bool)
+    for _ in range(ROUNDS):
+        rows = case.train | case.test
+        fits, noise, nuisance = _fitted(case, seed)
+        if not noise.odd.any():
+            break
+        odd[np.flatnonzero(rows)[noise.odd]] = True
+        case = replace(case, train=case.train & ~odd, test=case.test & ~odd)
+    rows, sigma, model = case.train | case.test, noise.sigma, fits[-1].model
+    if len(rows[rows]) != nuisance.shape[1]:  # the last round still found some
+        fits, noise, nuisance = _fitted(case, seed)
         sigma = noise.sigma
-    if not all(g is not None for g in given):
-        fits = fitted_on(case, case.effects, case.train, sigma, seed)
-        prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)
-        directions = _directions(model, fits[-1].theta, rows, sigma)
-    effects = {e.name: shapes_of(model, fits[-1].theta, e, rows, sigma) for e in candidates(model)}
-    adequacy = assess(
-        case, residual, slopes, noise, directions, {**effects, **terms_of(model, fits[-1].theta, rows, sigma)},
-        shapes, rows, seed,
-    )  # fmt: skip
+    prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)
+    directions = _directions(model, fits[-1].theta, rows, sigma)
+    shapes = column_shapes(case, rows)
+    effects = {e.name: shapes_of(model, fits[-1].theta, e, rows, sigma) for e in suspected(model)}
+    widened = np.concatenate([slopes, nuisance], axis=-1)
+    alternatives = {**effects, **terms_of(model, fits[-1].theta, rows, sigma)}
+    adequacy = assess(case, residual, widened, noise, directions, alternatives, shapes, rows, seed)
     missing = adequacy.p_value < level
     scaled = residual / sigma[:, None]
     where = where_it_fails(case, adequacy, scaled, rows, numeric_columns(case), model.channels) if missing else []
-    from_noise, robust = covariance(fits[-1], case.run[case.train], noise.rho)
+    from_noise, robust = covariance(fits[-1], case.run[case.train], noise.node)
     variance = np.diag(from_noise)
     if missing:  # the misfit then outweighs the noise, and only its scatter over runs says how uncertain we are
         variance = np.maximum(variance, np.diag(robust))
@@ -218,7 +210,42 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
         prediction=prediction,
         residual=residual,
         shapes=effects,
+        odd=odd,
+        nuisance=nuisance / sigma[:, None, None],
     )
+
+
+def _fitted(case: Case, seed: int) -> tuple[list[Fit], Noise, Array]:
+    """Fits of the ladder, the noise, and the columns of noisy inputs (channels, rows, count) in the channels' units."""
+    rows = case.train | case.test
+    model = Model.of(case)
+    with np.errstate(all="ignore"):
+        first = model.bind(case.inputs, rows).predict(model.start)
+    _require_numbers(case, model, first, model.start, rows, "at the start values")
+    given = [case.sigma[c] for c in model.channels]
+    stated = all(g is not None for g in given)
+    values = measured(model, case.train)
+    least = least_noise(measured(model, rows))
+    rough = np.maximum(0.05 * np.sqrt(np.mean(values * values, axis=1)), least)
+    sigma = np.array([r if g is None else g for r, g in zip(rough, given, strict=True)])
+    shapes = column_shapes(case, rows)
+    for _ in range(1 if stated else 2):
+        fits = fitted_on(case, case.effects, case.train, sigma, seed)
+        prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)
+        _require_numbers(case, model, prediction, fits[-1].theta, rows, "after the fit")
+        # a dynamic model's motion depends on what went before: equal inputs are no repeated settings
+        roles = {} if case.base.whole_runs else {name: v[rows] for name, v in case.roles.items()}
+        directions = _directions(fits[-1].model, fits[-1].theta, rows, sigma)
+        pools = _pools(fits[-1].model, directions, shapes, rows)
+        noise = estimate_noise(residual, slopes, case.run[rows], given, roles, pools, least)
+        nuisance = input_noise(fits[-1], rows, residual, slopes, noise.sigma, noise.node)
+        if nuisance.shape[-1]:
+            widened = np.concatenate([slopes, nuisance], axis=-1)
+            noise = estimate_noise(residual, widened, case.run[rows], given, roles, pools, least)
+        sigma = noise.sigma
+    if not stated:
+        fits = fitted_on(case, case.effects, case.train, sigma, seed)
+    return fits, noise, nuisance
 
 
 def _require_numbers(case: Case, model: Model, prediction: Array, theta: Array, rows: Mask, when: str) -> None:

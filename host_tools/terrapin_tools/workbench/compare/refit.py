@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case, parse_case
-from terrapin_tools.workbench.case.changes import OwnEffect, add_effects
+from terrapin_tools.workbench.case.changes import OwnEffect, extended
 from terrapin_tools.workbench.compare.comparison import fitted_on, predict
 from terrapin_tools.workbench.model.fitting import Fit
 
@@ -27,12 +27,13 @@ def refit(case: Case, sigma: Array, own: Mapping[str, OwnEffect], effects: tuple
     effects : names of the catalogue, or of expressions in `own`.
     own : the expressions among the effects.
     """
+    wanted = {n: o for n, o in own.items() if n in effects and n not in case.library}
     try:
         larger = parse_case(
             case.folder,
-            add_effects(case.text, effects, {n: o for n, o in own.items() if n in effects and n not in case.library}),
+            extended(case.text, case.parameters, effects, wanted),
         )
     except UserError:  # a proposal that case.toml cannot hold: its card stands without a curve
         return None
-    fit = fitted_on(larger, larger.effects, larger.train, sigma)[-1]
+    fit = fitted_on(larger, larger.effects, case.train, sigma)[-1]
     return fit if bool(np.isfinite(predict(fit, case.train | case.test)).all()) else None

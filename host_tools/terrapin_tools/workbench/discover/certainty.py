@@ -10,15 +10,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import logsumexp
 
+from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.discover.ranking import Ranking
+from terrapin_tools.workbench.noise.covariance import Node, orthonormal
 from terrapin_tools.workbench.noise.marginal_likelihood import SIZES
 
 __all__ = ["EVEN", "Operating", "calibrated", "operating_characteristic"]
-
-Array = npt.NDArray[np.float64]
 
 # log odds of being right = slope * log odds of the posterior + shift, by verdict, and for an effect to be part of it:
 # from a logistic regression on 308 answers of a campaign (python -m tests.campaigns, pool mixed, seed 2026: sizes 0.3
@@ -27,9 +26,8 @@ Array = npt.NDArray[np.float64]
 # A map fitted to 1,162 answers of seed 7 did worse than this one on those of seed 11: it had learnt the seed.
 MAP = {
     "effect": (1.0, 0.0),
-    "missing": (1.4, 0.4),
-    "ambiguous": (1.2, 0.7),
-    "expression": (0.8, 1.2),
+    "missing": (1.0, 0.0),
+    "ambiguous": (1.0, 0.0),
     "nothing": (0.7, 0.0),
 }
 CEILING = 0.995  # probability at most; the campaigns are too few to check a larger one
@@ -61,7 +59,7 @@ def calibrated(probability: float, what: str = "effect") -> float:
 
 
 def operating_characteristic(
-    ranking: Ranking, effect: str, size: float, rho: float, rivals: Mapping[str, str], seed: int
+    ranking: Ranking, effect: str, size: float, node: Node, rivals: Mapping[str, str], seed: int
 ) -> Operating | None:
     """How often an effect of this size would be named first among single effects, with these very runs.
 
@@ -70,7 +68,7 @@ def operating_characteristic(
     Parameters
     ----------
     size : rms over all rows, in noise sd.
-    rho : correlation of the noise within runs.
+    node : the kind of noise.
     rivals : effect -> its equivalence class, in which any member counts.
 
     Returns
@@ -81,13 +79,14 @@ def operating_characteristic(
     mine = [i for i, s in enumerate(shapes) if s.effect == effect]
     if evidence is None or not mine or size <= 0.0:
         return None
-    at = int(np.argmin(np.abs(evidence.rho - rho)))
-    columns = [evidence.project(s.columns, at) for s in shapes]
-    chosen = max(mine, key=lambda i: _fit(columns[i], evidence.white[at]))
+    width = [s.columns.shape[1] for s in shapes]
+    white = evidence.whitened(np.concatenate([s.columns for s in shapes] + [evidence.residual[:, None]], axis=1), node)
+    *columns, residual = np.split(white, np.cumsum(width), axis=1)
+    chosen = max(mine, key=lambda i: _fit(columns[i], residual[:, 0]))
     random = np.random.default_rng([seed, 0x0C])
-    noise = random.standard_normal((len(evidence.residual), DRAWS))
-    basis = evidence.basis[at]
-    noise -= basis @ (basis.T @ noise)
+    drawn = random.standard_normal((len(evidence.residual), DRAWS))
+    basis = orthonormal(evidence.runs.whiten(evidence.flat, node))
+    noise = drawn - basis @ (basis.T @ drawn)
     scale = size * (1.0 if shapes[chosen].columns.shape[1] == 1 else np.sqrt(2.0))
     sign = -1.0 if shapes[chosen].upper <= 0.0 else 1.0
     draws = noise + sign * scale * columns[chosen][:, :1]

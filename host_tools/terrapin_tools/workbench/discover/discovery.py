@@ -10,24 +10,24 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.compare.adequacy import Failure, failure_on
 from terrapin_tools.workbench.compare.comparison import LEVEL, Analysis, Rung, analyse, error, measured, predict
-from terrapin_tools.workbench.discover.certainty import Operating, calibrated, operating_characteristic
+from terrapin_tools.workbench.discover.certainty import EVEN, Operating, calibrated, operating_characteristic
 from terrapin_tools.workbench.discover.leftover import Left, absent, allowed, left, pays
-from terrapin_tools.workbench.discover.ranking import PRIOR, Hypothesis, Ranking, rank
+from terrapin_tools.workbench.discover.ranker import SIZE_OF_SET
+from terrapin_tools.workbench.discover.ranking import Hypothesis, Ranking, rank
 from terrapin_tools.workbench.discover.resampled import Selected, selection
 from terrapin_tools.workbench.discover.which_column import importance
 from terrapin_tools.workbench.experiment.proposal import Experiment, propose
+from terrapin_tools.workbench.model.constants import named
 from terrapin_tools.workbench.model.data_columns import numeric_columns
 from terrapin_tools.workbench.model.fitting import Fit, covariance
 
 __all__ = ["Candidate", "Discovery", "discover"]
-
-Array = npt.NDArray[np.float64]
 
 # Posterior over the likeliest set's, from which another set does equally well. Chosen by hand; the campaigns measure it
 # (row "tied"). SAME_AS_GOOD is for a set within SAME of the likeliest, which these data cannot tell from it.
@@ -40,6 +40,7 @@ IDLE = 0.02
 # Times as likely as nothing, to be named where the noise sd holds the misfit. Chosen on a sine in time that is not
 # looked for; of 220 cases of the pool mixed no answer changes.
 LIKELIER = 2.0
+SHORTER = 2.3  # log weight that a set with fewer parameters and the same curve may lie behind, and lead; chosen by hand
 ENOUGH_EXPLAINED = 0.7  # share of the misfit that an expression must take away to be an answer; chosen by hand
 LISTED = 0.5  # probability of one odd run, from which it is named: likelier than not
 LAST = 10_000  # place of a column that compare does not list
@@ -47,11 +48,16 @@ LAST = 10_000  # place of a column that compare does not list
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect alone: its probability to be part of what is missing, and what adding it alone does."""
+    """One effect alone: its probability to be part of what is missing, and what adding it alone does.
+
+    Of an expression, `probability` is that of the formula as it is written, `column_probability` that of any expression
+    in its column.
+    """
 
     effect: Effect
     kind: str
     probability: float
+    column_probability: float | None
     heldout_rmse: dict[str, float | None]
     noise_ratio: float | None
     explains: float
@@ -104,7 +110,7 @@ def discover(
     report("fit of the present model, noise, adequacy")
     analysis = analyse(case, seed, level)
     ranking = _without_idle(analysis, rank(analysis, report))
-    nothing = ranking.probability("nothing") * (PRIOR["nothing"] if ranking.blind else 1.0)
+    nothing = ranking.probability("nothing") * (SIZE_OF_SET[0] if ranking.blind else 1.0)
     verdict, top, rivals, probability = _verdict(ranking, analysis)
     if not analysis.missing:
         verdict, top, rivals, probability = "adequate", None, [], calibrated(nothing, "nothing")
@@ -145,43 +151,56 @@ def discover(
 
 def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | None, list[Hypothesis], float]:
     """Verdict, likeliest hypothesis, sets that do equally well (with the likeliest, first), probability."""
-    kinds = {kind: ranking.probability(kind) for kind in ("catalogue", "expression", "mixed", "run")}
-    kind = max(kinds, key=lambda k: kinds[k])
+    run = ranking.probability("run")
     pairs = list(zip(ranking.hypotheses, ranking.posterior, strict=True))
-    if kind == "catalogue":
-        sets = [(h, p) for h, p in pairs if h.kind == "catalogue" and not absent(h.fit, h.effects)]
-        if not sets or sets[0][0].fit is None:
-            return "unexplained", None, [], calibrated(kinds["catalogue"])
-        top, best = sets[0]
-        rivals = [top]
-        for other, p in sets[1:]:
-            nested = any(set(r.effects) <= set(other.effects) or set(other.effects) <= set(r.effects) for r in rivals)
-            if nested or p < SAME_AS_GOOD * best:
-                continue
-            if _distance(analysis, ranking, top.fit, other.fit) < SAME:
-                # what can become the likeliest by its shape (a decay so slow that it is a constant) is no rival of it
-                if _size_of(other) <= _size_of(top):
-                    rivals.append(other)
-            elif p >= AS_GOOD * best:
+    sets = [(h, float(p)) for h, p in pairs if h.effects and h.fit is not None and not absent(h.fit, h.effects)]
+    if not sets or run > sets[0][1]:
+        return "unexplained", None, [], calibrated(run if run > EVEN else 1.0 - ranking.probability("nothing"))
+    top, best = sets[0]
+    for other, p in sets[1:]:
+        near = top.log_weight - other.log_weight < SHORTER and _size_of(other) < _size_of(top)
+        if near and _distance(analysis, ranking, top.fit, other.fit) < SAME:
+            top, best = other, p
+            break
+    if top.kind != "catalogue" and not _says_enough(ranking, analysis, top):
+        return "unexplained", top, [], calibrated(sum(p for h, p in sets if h.kind != "catalogue"))
+    if _loses(analysis, top):
+        return "unexplained", top, [], EVEN
+    rivals = [top]
+    for other, p in sets:
+        nested = any(set(r.effects) <= set(other.effects) or set(other.effects) <= set(r.effects) for r in rivals)
+        if nested or p < SAME_AS_GOOD * best:
+            continue
+        if _distance(analysis, ranking, top.fit, other.fit) < SAME:
+            # what can become the likeliest by its shape (a decay so slow that it is a constant) is no rival of it
+            if _size_of(other) <= _size_of(top):
                 rivals.append(other)
-        verdict = "ambiguous" if len(rivals) > 1 else "missing"
-        return verdict, top, rivals, calibrated(float(best), verdict)
-    if kind == "mixed":
-        top = next(h for h, _ in pairs if h.kind == "mixed")
-        return "missing", top, [top], calibrated(kinds["mixed"])
-    if kind == "run":
-        return "unexplained", None, [], calibrated(kinds["run"])
-    named = [(h, p) for h, p in pairs if h.kind == "expression" and h.effects]
-    beside = bool(analysis.case.effects)  # then what the model has already is the shorter answer
-    if named and named[0][0].fit is not None and (not beside or pays(analysis, named[0][0].fit, analysis.fit)):
-        top, best = named[0]
-        column = sum(p for h, p in pairs if h.kind == "expression" and h.column == top.column)
-        explained = _explained(analysis, top.fit) >= ENOUGH_EXPLAINED
-        # where the noise sd itself holds the misfit, nothing is left before and after: then it must be likely at least
-        likely = column > LIKELIER * ranking.probability("nothing") or not _nothing_left(analysis, analysis.fit)
-        if explained or (likely and _nothing_left(analysis, top.fit)):
-            return "missing", top, [top], calibrated(float(column), "expression")
-    return "unexplained", named[0][0] if named else None, [], calibrated(kinds["expression"])
+        elif p >= AS_GOOD * best:
+            rivals.append(other)
+    verdict = "ambiguous" if len(rivals) > 1 else "missing"
+    return verdict, top, rivals, calibrated(best, verdict)
+
+
+def _says_enough(ranking: Ranking, analysis: Analysis, top: Hypothesis) -> bool:
+    """Whether an answer with expressions takes enough of the misfit away to be one."""
+    assert top.fit is not None
+    # where the model has effects already, that is the shorter answer
+    if top.kind == "expression" and analysis.case.effects and not pays(analysis, top.fit, analysis.fit):
+        return False
+    if _explained(analysis, top.fit) >= ENOUGH_EXPLAINED:
+        return True
+    # where the noise sd itself holds the misfit, nothing is left before and after: then it must be likely at least
+    own = next(p for h, p in zip(ranking.hypotheses, ranking.posterior, strict=True) if h is top)
+    likely = own > LIKELIER * ranking.probability("nothing")
+    return (likely or not _nothing_left(analysis, analysis.fit)) and _nothing_left(analysis, top.fit)
+
+
+def _loses(analysis: Analysis, top: Hypothesis) -> bool:
+    """Whether the held-out runs are predicted worse with the answer than without."""
+    assert top.fit is not None
+    before = error(analysis.fit, analysis.case.test, analysis.noise.sigma)
+    after = error(top.fit, analysis.case.test, analysis.noise.sigma)
+    return before is not None and after is not None and after > before
 
 
 def _without_idle(analysis: Analysis, ranking: Ranking) -> Ranking:
@@ -216,7 +235,7 @@ def _distance(analysis: Analysis, ranking: Ranking, first: Fit | None, other: Fi
     wanted = first.model.bind(case.inputs, rows).predict(first.theta)
     reached, slopes = other.model.bind(case.inputs, rows).jacobian(other.theta)
     return ranking.evidence.distance(
-        (wanted - reached) / sigma[:, None], slopes / sigma[:, None, None], analysis.noise.rho
+        (wanted - reached) / sigma[:, None], slopes / sigma[:, None, None], analysis.noise.node
     )
 
 
@@ -229,7 +248,7 @@ def _explained(analysis: Analysis, fit: Fit | None) -> float:
 
 def _nothing_left(analysis: Analysis, fit: Fit | None) -> bool:
     """Whether what a fit leaves is no more than noise as correlated as this may leave (Bartlett's variance)."""
-    return fit is not None and _total(analysis, fit) < allowed(analysis.residual.size, analysis.noise.rho)
+    return fit is not None and _total(analysis, fit) < allowed(analysis.residual.size, analysis.noise.node)
 
 
 def _total(analysis: Analysis, fit: Fit) -> float:
@@ -284,29 +303,18 @@ def _rung(analysis: Analysis, name: str, fit: Fit) -> Rung:
 
 def _candidates(analysis: Analysis, ranking: Ranking) -> tuple[Candidate, ...]:
     found = []
-    hypotheses = list(ranking.singles.values())
-    hypotheses += [h for h in ranking.hypotheses if h.kind == "expression" and h.effects]
-    hypotheses += [h for h in ranking.hypotheses if h.kind == "mixed"]
-    for hypothesis in hypotheses:
-        assert hypothesis.fit is not None
-        name = hypothesis.effects[-1]
-        probability = ranking.inclusion(name)
-        if hypothesis.kind == "expression":  # the column is what it stands for, whatever its shape turns out to be
-            same = [h.effects[0] for h in hypotheses if h.kind == "expression" and h.column == hypothesis.column]
-            if same and same[0] == name:
-                probability = sum(
-                    float(p)
-                    for h, p in zip(ranking.hypotheses, ranking.posterior, strict=True)
-                    if h.kind == "expression" and h.column == hypothesis.column
-                )
-        found.append(_candidate(analysis, hypothesis, calibrated(probability) if probability > 1e-9 else 0.0))
+    for name, hypothesis in {**ranking.singles, **ranking.alone}.items():
+        column = ranking.columns.get(name)
+        each = [ranking.inclusion(name), *([] if column is None else [ranking.column_inclusion(column)])]
+        likely = [calibrated(p) if p > 1e-9 else 0.0 for p in each]
+        found.append(_candidate(analysis, hypothesis, likely[0], likely[1] if column is not None else None))
     order = {h.effects: i for i, h in enumerate(ranking.hypotheses)}
     lead = next((h.effects for h in ranking.hypotheses if h.effects), ())
     found.sort(key=lambda c: (-c.probability, c.effect.name not in lead, order.get((c.effect.name,), len(order))))
     return tuple(found)
 
 
-def _candidate(analysis: Analysis, hypothesis: Hypothesis, probability: float) -> Candidate:
+def _candidate(analysis: Analysis, hypothesis: Hypothesis, probability: float, column: float | None) -> Candidate:
     fit = hypothesis.fit
     assert fit is not None
     case, sigma = analysis.case, analysis.noise.sigma
@@ -321,11 +329,12 @@ def _candidate(analysis: Analysis, hypothesis: Hypothesis, probability: float) -
     assert before is not None
     above = before * before - 1.0
     explains = (before * before - after * after) / above if above > 1e-9 else 0.0
-    covered = covariance(fit, case.run[case.train], analysis.noise.rho)[0]
+    covered = covariance(fit, case.run[case.train], analysis.noise.node)[0]
     return Candidate(
         effect=effect,
-        kind="catalogue" if hypothesis.kind == "catalogue" else "expression",
+        kind="constant" if named(effect.name) else hypothesis.kind,
         probability=probability,
+        column_probability=column,
         heldout_rmse={c: float(v) if case.test.any() else None for c, v in zip(fit.model.channels, each, strict=True)},
         noise_ratio=held,
         explains=float(np.clip(explains, -1.0, 1.0)),
@@ -343,7 +352,7 @@ def _operating(
     name = top.effects[0]
     classes = {h.effects[0]: name for h in rivals if len(h.effects) == 1}
     size = _size(analysis, top.fit, name)
-    found = [operating_characteristic(ranking, name, s, analysis.noise.rho, classes, seed) for s in (size, 1.0)]
+    found = [operating_characteristic(ranking, name, s, analysis.noise.node, classes, seed) for s in (size, 1.0)]
     return tuple(o for o in found if o is not None)
 
 

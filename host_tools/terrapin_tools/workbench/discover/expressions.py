@@ -21,7 +21,7 @@ from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.discover.vocabulary import Term, factors, free_name, product_text, shapes, targets
 from terrapin_tools.workbench.model.effect_columns import acting
 from terrapin_tools.workbench.model.model import Model
-from terrapin_tools.workbench.noise.ar1 import orthonormal
+from terrapin_tools.workbench.noise.covariance import orthonormal
 
 __all__ = ["SCALE_COST", "Library", "Sketch", "as_effect", "library"]
 

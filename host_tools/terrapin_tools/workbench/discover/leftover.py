@@ -11,25 +11,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
-from scipy.special import chdtrc, fdtrc
+from scipy.special import fdtrc
 
+from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.compare.bayes_factor import BayesFactor, blocks_of
 from terrapin_tools.workbench.compare.comparison import Analysis, error, free_slopes
-from terrapin_tools.workbench.model.data_columns import candidates, column_shapes
+from terrapin_tools.workbench.model.constants import suspected
+from terrapin_tools.workbench.model.data_columns import column_shapes
 from terrapin_tools.workbench.model.effect_columns import shapes_of, terms_of
 from terrapin_tools.workbench.model.fitting import Fit
-from terrapin_tools.workbench.noise.ar1 import Ar1
-from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
+from terrapin_tools.workbench.noise.covariance import Node, Runs
+from terrapin_tools.workbench.noise.estimate import repeated_settings
+from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
 
 __all__ = ["Left", "absent", "allowed", "left", "pays"]
-
-Array = npt.NDArray[np.float64]
 
 # A set clearly leaves something where the p-value is below the level over CLEARLY and an error is above FLOOR, a misfit
 # of half a noise sd. Both chosen by hand.
 CLEARLY = 50.0
 FLOOR = np.sqrt(1.25)
+SETTINGS = 6  # that are repeated in several runs, to ask what they have in common; chosen by hand
 NOISE = 2.0  # standard deviations of the mean square above 1 that noise may explain: the usual two sd
 
 
@@ -62,29 +63,49 @@ def left(analysis: Analysis, fit: Fit) -> Left:
     if max(train, held or 0.0) <= FLOOR:
         return Left(train, held, 1.0)
     _, residual, slopes = free_slopes(fit, sigma, rows)
-    scaled, base = residual / sigma[:, None], slopes / sigma[:, None, None]
-    known = bool(analysis.noise.known.all())
-    ar1 = Ar1(case.run[rows])
-    p_value = _squares(Evidence(ar1, scaled, base, known), float(np.min(analysis.noise.freedom)))
-    effects = {e.name: shapes_of(fit.model, fit.theta, e, rows, sigma) for e in candidates(fit.model)}
+    scaled = residual / sigma[:, None]
+    base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
+    runs = Runs(case.run[rows], len(scaled))
+    p_value = _squares(Evidence(runs, scaled, base, analysis.noise.behind), float(np.min(analysis.noise.freedom)))
+    effects = {e.name: shapes_of(fit.model, fit.theta, e, rows, sigma) for e in suspected(fit.model)}
     effects |= {name: list(shapes) for name, shapes in terms_of(fit.model, fit.theta, rows, sigma).items()}
     blocks = blocks_of(effects, column_shapes(case, rows), case.run[rows], len(scaled))
-    factor = float(BayesFactor(ar1, base, known, blocks)(scaled.reshape(-1, 1))[0][0])
-    return Left(train, held, float(min(p_value, np.exp(-max(factor, 0.0)))))
+    factor = float(BayesFactor(runs, base, blocks)(scaled.reshape(-1, 1))[0][0])
+    return Left(train, held, float(min(p_value, np.exp(-max(factor, 0.0)), _repeated(analysis, fit, residual))))
+
+
+def _repeated(analysis: Analysis, fit: Fit, residual: Array) -> float:
+    """p-value of "rows of equal settings in several runs have nothing in common" (lack of fit): noise that is alike
+    from row to row is not alike from run to run, and a shape that no column's polynomial has is."""
+    case, rows, node = analysis.case, analysis.rows, analysis.noise.node
+    if case.base.whole_runs:
+        return 1.0
+    run = case.run[rows]
+    group = repeated_settings({name: values[rows] for name, values in case.roles.items()}, len(run))
+    count = np.bincount(group)
+    runs = np.array([len(np.unique(run[group == one])) for one in np.flatnonzero(count > 1)])
+    if len(runs) < SETTINGS or runs.min() < 2:
+        return 1.0
+    found = 1.0
+    for channel in residual:
+        mean = np.bincount(group, channel) / count
+        within = float(((channel - mean[group]) ** 2).sum())
+        below = len(run) - len(count)
+        above = len(count) - len(fit.theta)
+        if above < 1 or below < 1 or within <= 0.0:
+            continue
+        ratio = float((count * mean * mean).sum()) / above / (within / below)
+        found = min(found, float(fdtrc(_independent(above, node), _independent(below, node), ratio)))
+    return found
 
 
 def _squares(evidence: Evidence, behind_sigma: float) -> float:
-    """p-value of the whitened sum of squares, averaged over the correlations as likely as these residuals make them.
+    """p-value of the whitened sum of squares, averaged over the kinds of noise as likely as these residuals make them.
 
-    `behind_sigma`: degrees of freedom of the noise sd (inf where it is given: chi-square instead of F).
+    `behind_sigma`: degrees of freedom of an estimated noise sd; inf where it is stated, which counts as STATED.
     """
-    logs = evidence.start + evidence.fit_term(evidence.total)
-    weight = np.exp(logs - logs.max())
-    if np.isfinite(behind_sigma):
-        p = fdtrc(evidence.freedom, behind_sigma, evidence.total / evidence.freedom)
-    else:
-        p = chdtrc(evidence.freedom, evidence.total)
-    return float((weight * p).sum() / weight.sum())
+    behind = behind_sigma if np.isfinite(behind_sigma) else STATED
+    return float((evidence.posterior * fdtrc(evidence.freedom, behind, evidence.total / evidence.freedom)).sum())
 
 
 def absent(fit: Fit | None, names: Sequence[str]) -> bool:
@@ -98,13 +119,14 @@ def absent(fit: Fit | None, names: Sequence[str]) -> bool:
     return False
 
 
-def allowed(count: int, rho: float) -> float:
+def allowed(count: int, node: Node) -> float:
     """Mean square, in noise variances, up to which `count` rows of noise may lie (Bartlett's variance)."""
-    return float(1.0 + NOISE * np.sqrt(2.0 / _independent(max(count, 1), rho)))
+    return float(1.0 + NOISE * np.sqrt(2.0 / _independent(max(count, 1), node)))
 
 
-def _independent(count: int, rho: float) -> float:
+def _independent(count: int, node: Node) -> float:
     """Independent rows whose mean square scatters as much as that of `count` correlated ones."""
+    rho = node.share * node.rho
     return count * (1.0 - rho * rho) / (1.0 + rho * rho)
 
 
@@ -115,7 +137,7 @@ def pays(analysis: Analysis, longer: Fit, shorter: Fit) -> bool:
     must be significant: a likelihood ratio above 1 over the level on the held-out runs. It counts down to the
     floor only. An error below 1 is luck, or a noise sd that is stated too large; it shows no effect.
     """
-    case, sigma, rho = analysis.case, analysis.noise.sigma, analysis.noise.rho
+    case, sigma, node = analysis.case, analysis.noise.sigma, analysis.noise.node
     after, before = error(longer, case.test, sigma), error(shorter, case.test, sigma)
     if after is None or before is None:
         return True
@@ -124,6 +146,6 @@ def pays(analysis: Analysis, longer: Fit, shorter: Fit) -> bool:
     train = error(shorter, case.train, sigma)
     assert train is not None, "a case has training rows"
     held = len(sigma) * int(case.test.sum())
-    at_floor = train**2 <= allowed(len(sigma) * int(case.train.sum()), rho) and before**2 <= allowed(held, rho)
+    at_floor = train**2 <= allowed(len(sigma) * int(case.train.sum()), node) and before**2 <= allowed(held, node)
     fall = before**2 - max(after**2, 1.0)
-    return not at_floor or 0.5 * fall * _independent(held, rho) > -np.log(analysis.level)
+    return not at_floor or 0.5 * fall * _independent(held, node) > -np.log(analysis.level)

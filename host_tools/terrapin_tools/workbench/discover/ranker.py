@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations, product
+from math import factorial
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import logsumexp
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.compare.comparison import Analysis, measured
-from terrapin_tools.workbench.discover.expressions import Library
+from terrapin_tools.workbench.discover.expressions import SCALE_COST, Library, Sketch, as_effect
+from terrapin_tools.workbench.discover.hypothesis import Hypothesis
+from terrapin_tools.workbench.model.constants import constants, tax
 from terrapin_tools.workbench.model.data_columns import candidates
 from terrapin_tools.workbench.model.effect_columns import Shape, is_phase
 from terrapin_tools.workbench.model.fitting import Fit, extend
 from terrapin_tools.workbench.model.linearised import linearise
-from terrapin_tools.workbench.noise.ar1 import Ar1
+from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
-__all__ = ["Ranker"]
+__all__ = ["RUN", "SIZE_OF_SET", "Ranker"]
 
-Array = npt.NDArray[np.float64]
+# Prior of a set by its number of terms, and of one odd run. Chosen by hand; the campaigns (row "probability") measure
+# what comes of it.
+SIZE_OF_SET = (0.2, 0.54, 0.19, 0.045, 0.005)
+RUN = 0.02
+CATALOGUE = 0.62  # of a term that is not known yet to stand in the catalogue, where that has any; by hand
+CONSTANT = 0.03  # of it to be a stated constant that is wrong, where there are any; by hand
 
 
 class Ranker:
@@ -29,46 +38,63 @@ class Ranker:
         self.analysis, self.report = analysis, report
         self.case, self.model, self.rows = analysis.case, analysis.model, analysis.rows
         self.sigma = analysis.noise.sigma
-        self.known = bool(analysis.noise.known.all())
-        self.ar1 = Ar1(self.case.run[self.rows])
+        self.behind = analysis.noise.behind
+        self.runs = Runs(self.case.run[self.rows], len(self.model.channels))
         self.values = measured(self.model, self.rows)
         self.train = measured(self.model, self.case.train)
         self.effects: dict[str, Effect] = {effect.name: effect for effect in candidates(self.model)}
+        self.catalogue = len(self.effects)
+        self.suspects = {effect.name: effect for effect in constants(self.model)}
+        self.effects |= self.suspects
         self.shapes = analysis.shapes
         self.flat = [shape for shapes in self.shapes.values() for shape in shapes]
-        self.listed: Library | None = None
+        self.columns = np.concatenate(
+            [np.zeros((self.values.size, 0)), *(shape.columns for shape in self.flat)], axis=1
+        )
+        self.listed = Library((), np.zeros((self.values.size, 0)), np.zeros(0))
+        self.sketches: dict[str, Sketch] = {}  # by the name that each got as an effect
         self.together: dict[tuple[str, ...], list[tuple[str, Array]]] = {}  # start values of a pair's parameters
-        self.fits: dict[tuple[str, ...], Fit] = {(): analysis.fit}
+        self.razor: dict[frozenset[str], float] = {}  # log evidence lost by the choice of shapes
+        self.fits: dict[frozenset[str], Fit] = {frozenset(): analysis.fit}
         slopes = self.model.bind(self.case.inputs, self.rows).jacobian(analysis.fit.theta)[1]
-        self.base = slopes / self.sigma[:, None, None]
-        self.evidence = Evidence(self.ar1, analysis.residual / self.sigma[:, None], self.base, self.known)
+        self.base = self._widened(slopes / self.sigma[:, None, None])
+        residual = analysis.residual / self.sigma[:, None]
+        self.nodes = Evidence(self.runs, residual, self.base, self.behind).among(self.columns)
+        self.evidence = Evidence(self.runs, residual, self.base, self.behind, self.nodes)
+
+    def _widened(self, slopes: Array) -> Array:
+        return np.concatenate([slopes, self.analysis.nuisance], axis=-1)
 
     # -- linear, around the present fit ------------------------------------------------------------------------------
 
-    def screen(self) -> tuple[dict[tuple[str, ...], float], dict[tuple[str, ...], float]]:
-        """Log evidence of every single and pair, averaged over shapes; and what the average lies below the best."""
+    def screen(self) -> dict[tuple[str, ...], float]:
+        """Log evidence of every single and pair of effects, averaged over their shapes."""
         width = [shape.columns.shape[1] for shape in self.flat]
         edges = np.concatenate([[0], np.cumsum(width)]).astype(int)
         if not self.flat:
-            return {}, {}
-        gram = self.evidence.gram(np.concatenate([s.columns for s in self.flat], axis=1))
+            return {}
+        gram = self.evidence.gram(self.columns)
         index: dict[str, list[int]] = {}
         for i, shape in enumerate(self.flat):
             index.setdefault(shape.effect, []).append(i)
-        jobs: dict[int, list[tuple[tuple[str, ...], tuple[int, ...]]]] = {}
+        jobs: dict[tuple[int, ...], list[tuple[tuple[str, ...], tuple[int, ...]]]] = {}
         for count in (1, 2):
             for names in combinations(index, count):
+                if count > 1 and any(name in self.suspects for name in names):
+                    continue  # beside others, a suspect is looked at next to the best answers
                 for picked in product(*(index[name] for name in names)):
-                    jobs.setdefault(sum(width[i] for i in picked), []).append((names, picked))
+                    jobs.setdefault(tuple(width[i] for i in picked), []).append((names, picked))
         found: dict[tuple[str, ...], list[float]] = {}
         highest: dict[tuple[str, ...], float] = {}
-        at = int(np.argmin(np.abs(self.evidence.rho - self.analysis.noise.rho)))
-        for size, entries in sorted(jobs.items()):
-            picks = np.array([[c for i in p for c in range(edges[i], edges[i + 1])] for _, p in entries]).reshape(
-                -1, size
-            )
+        at = int(np.argmax(self.evidence.posterior))
+        for widths, entries in sorted(jobs.items()):
+            size = sum(widths)
+            picks = np.array([[c for i in p for c in range(edges[i], edges[i + 1])] for _, p in entries])
             signs = np.array([[_sign(self.flat[i]) for i in p for _ in range(width[i])] for _, p in entries], float)
-            logs = self.evidence.blocks(gram, picks, signs.reshape(-1, size))
+            if widths == (1, 1):
+                logs = self.evidence.pairs(gram, picks[:, 0], picks[:, 1], signs)
+            else:
+                logs = self.evidence.blocks(gram, picks, signs)
             for (names, picked), columns, value in zip(entries, picks, logs, strict=True):
                 found.setdefault(names, []).append(float(value))
                 if len(names) > 1 and value > highest.get(names, -np.inf):
@@ -80,8 +106,8 @@ class Ranker:
                         for i in picked
                     ]
         average = {names: float(logsumexp(logs) - np.log(len(logs))) for names, logs in found.items()}
-        razor = {names: average[names] - max(logs) for names, logs in found.items()}
-        return average, razor
+        self.razor = {frozenset(names): average[names] - max(logs) for names, logs in found.items()}
+        return average
 
     def _start(self, shape: Shape, coefficients: Array) -> tuple[str, Array]:
         """The effect's parameters at a shape and these coefficients of its columns."""
@@ -95,49 +121,130 @@ class Ranker:
 
     # -- refits ------------------------------------------------------------------------------------------------------
 
-    def fit(self, names: tuple[str, ...], effects: Mapping[str, Effect] | None = None) -> Fit:
-        """The present model with more effects, fitted on the training runs, warm-started at its parent."""
-        if names not in self.fits:
-            parent = self.fit(names[:-1], effects)
-            effect = {**self.effects, **(effects or {})}[names[-1]]
-            bound = parent.model.having(effect).bind(self.case.inputs, self.case.train)
-            linear = dict(self.together.get(names) or self.together.get(names[::-1]) or ())
-            starts = [np.concatenate([self.analysis.fit.theta, *(linear[name] for name in names)])] if linear else []
-            self.fits[names] = extend(parent, effect.name, bound, self.train, self.sigma, starts)
-        return self.fits[names]
+    def expression(self, sketch: Sketch) -> str:
+        """The name of a sketch as an effect; the same sketch always has the same."""
+        for name, known in self.sketches.items():
+            if known is sketch:
+                return name
+        number = 1
+        while (name := f"expression_{number}") in self.effects or name in self.case.library:
+            number += 1
+        self.sketches[name], self.effects[name] = sketch, as_effect(sketch, self.case, name)
+        return name
 
-    def around(self, fit: Fit, names: Sequence[str]) -> float | None:
+    def fit(self, names: tuple[str, ...]) -> Fit:
+        """The present model with more effects, fitted on the training runs, warm-started at its parent."""
+        key = frozenset(names)
+        if key not in self.fits:
+            parent = self.fit(names[:-1])
+            effect = self.effects[names[-1]]
+            bound = parent.model.having(effect).bind(self.case.inputs, self.case.train)
+            present = [e.name for e in parent.model.effects if e.name in key]
+            linear = dict(self.together.get(names) or self.together.get(names[::-1]) or ())
+            own = [linear[name] for name in (*present, names[-1])] if linear else []
+            starts = [np.concatenate([self.analysis.fit.theta, *own])] if linear else []
+            self.fits[key] = extend(parent, effect.name, bound, self.train, self.sigma, starts)
+        return self.fits[key]
+
+    def around(self, fit: Fit, names: Collection[str]) -> float | None:
         """Log evidence of a refitted set, its shapes as fitted; None when a size is 0 and nothing can be told."""
         try:
-            linear = linearise(fit, names, self.values, self.rows, self.sigma)
+            linear = linearise(
+                fit, [e.name for e in fit.model.effects if e.name in names], self.values, self.rows, self.sigma
+            )
         except ValueError:
             return None
-        evidence = Evidence(self.ar1, linear.residual, linear.base, self.known)
+        evidence = Evidence(self.runs, linear.residual, self._widened(linear.base), self.behind, self.nodes)
         if not linear.columns.shape[1]:
             return evidence.nothing - linear.lost
         picks = np.arange(linear.columns.shape[1])[None, :]
         logs = evidence.blocks(evidence.gram(linear.columns), picks, linear.signs[None, :], linear.offset)
-        return float(logs[0]) - linear.lost
+        return float(logs[0]) - linear.lost if np.isfinite(logs[0]) else None
 
-    def sound(self, fit: Fit, names: Sequence[str]) -> bool:
+    def log_prior(self, names: Collection[str]) -> float:
+        """Of a set of effects and expressions."""
+        share, suspect = CATALOGUE if self.catalogue else 0.0, CONSTANT if self.suspects else 0.0
+        each = [
+            (1.0 - share - suspect) * self.sketches[name].prior
+            if name in self.sketches
+            else suspect / len(self.suspects)
+            if name in self.suspects
+            else share / self.catalogue
+            for name in names
+        ]
+        count = min(len(each), len(SIZE_OF_SET) - 1)
+        return float(np.log(SIZE_OF_SET[count]) + np.log(factorial(len(each))) + np.log(each).sum())
+
+    def lost(self, names: Collection[str]) -> float:
+        """Log evidence that the choice of shapes costs: the average over them against the one that is fitted."""
+        listed = frozenset(name for name in names if name not in self.sketches)
+        own = self.razor.get(listed)
+        razor = sum(self.razor.get(frozenset([name]), 0.0) for name in listed) if own is None else own
+        return razor - SCALE_COST * sum(len(self.sketches[name].scales) for name in names if name in self.sketches)
+
+    def weighed(self, names: tuple[str, ...], otherwise: float = -np.inf) -> Hypothesis:
+        """A set, refitted; its log weight is that of the evidence `otherwise` where the refit leaves nothing of it."""
+        fit = self.fit(names)
+        value = self.around(fit, names)
+        total = otherwise if value is None else value + self.lost(names) + tax(fit, names)
+        own = [name in self.sketches for name in names]
+        kind = "expression" if all(own) else "mixed" if any(own) else "catalogue"
+        column = next((self.sketches[name].column for name in names if name in self.sketches), "")
+        return Hypothesis(names, kind, total + self.log_prior(names), fit, column)
+
+    def sound(self, fit: Fit, names: Collection[str]) -> bool:
         """Whether the effects have a size and no absurd influence on any row: else nothing can be built on the fit."""
         try:
-            linearise(fit, names, self.values, self.rows, self.sigma)
+            linearise(fit, list(names), self.values, self.rows, self.sigma)
         except ValueError:
             return False
         return True
 
-    def refitted(self, names: tuple[str, ...], razor: float, linear: float) -> tuple[float, Fit]:
-        fit = self.fit(names)
-        found = self.around(fit, names)
-        return (linear if found is None or not np.isfinite(found) else found + razor), fit
-
-    def beyond(self, fit: Fit) -> tuple[Evidence, Array]:
-        """Evidence around a fit with all of its parameters free: what could still be added to it."""
-        prediction, slopes = fit.model.bind(self.case.inputs, self.rows).jacobian(fit.theta)
+    def beyond(self, fit: Fit, without: str = "") -> Evidence:
+        """Evidence around a fit with all of its parameters free: what could still be added to it, or stand in the place
+        of the effect `without`, whose contribution the residual then holds."""
+        bound = fit.model.bind(self.case.inputs, self.rows)
+        prediction, slopes = bound.jacobian(fit.theta)
+        free = np.array([f.effect != without for f in fit.model.fitted], dtype=bool) if without else slice(None)
+        if without:
+            at = next(i for i, f in enumerate(fit.model.fitted) if f.effect == without)
+            absent = fit.theta.copy()
+            absent[at] = np.clip(0.0, fit.model.lower[at], fit.model.upper[at])
+            prediction = bound.predict(absent)
         residual = (self.values - prediction) / self.sigma[:, None]
-        scaled = slopes / self.sigma[:, None, None]
-        return Evidence(self.ar1, residual, scaled, self.known), scaled.reshape(residual.size, -1)
+        scaled = self._widened(slopes[..., free] / self.sigma[:, None, None])
+        return Evidence(self.runs, residual, scaled, self.behind, self.nodes)
+
+    def renamed(self, hypotheses: Sequence[Hypothesis]) -> tuple[list[Hypothesis], dict[str, Effect], dict[str, str]]:
+        """The hypotheses with expressions numbered in their order, these effects by name, and their columns."""
+        order = list(dict.fromkeys(name for h in hypotheses for name in h.effects if name in self.sketches))
+        free = (n for n in (f"expression_{i}" for i in range(1, 10_000)) if n not in self.case.library)
+        names = dict(zip(order, free, strict=False))
+        effects = {new: replace(self.effects[old], name=new) for old, new in names.items()}
+        found = [
+            replace(
+                h,
+                effects=tuple(names.get(name, name) for name in h.effects),
+                fit=None if h.fit is None else _renamed(h.fit, names, effects),
+            )
+            for h in hypotheses
+        ]
+        return found, effects, {new: self.sketches[old].column for old, new in names.items()}
+
+
+def _renamed(fit: Fit, names: Mapping[str, str], effects: Mapping[str, Effect]) -> Fit:
+    def key(text: str) -> str:
+        effect, dot, rest = text.partition(".")
+        return names.get(effect, effect) + dot + rest
+
+    model = fit.model
+    fitted = tuple(
+        f if f.effect is None else replace(f, key=key(f.key), effect=names.get(f.effect, f.effect))
+        for f in model.fitted
+    )
+    own = tuple(effects.get(names.get(e.name, ""), e) for e in model.effects)
+    renamed = replace(fit.bound, model=replace(model, effects=own, fitted=fitted))
+    return replace(fit, bound=renamed, at_bound=tuple(key(name) for name in fit.at_bound))
 
 
 def _sign(shape: Shape) -> float:

@@ -2,7 +2,7 @@
 
 All single effects and pairs are first judged in a linear model around the present fit. The best are then refitted with
 the model's own parameters on the training runs (several starts, bounds and signs respected) and judged anew around that
-refit. Because every pair is judged, the best pair is found even where neither of the two is the best single effect.
+refit; then what lies next to the best answers is refitted too (closure.py), so that no neighbour is missed.
 """
 
 from __future__ import annotations
@@ -12,32 +12,31 @@ from dataclasses import dataclass, field
 from itertools import chain
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import logsumexp
 
+from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.compare.comparison import Analysis
-from terrapin_tools.workbench.discover.expression_answers import beside_effects, expressions
+from terrapin_tools.workbench.discover.closure import neighbours
+from terrapin_tools.workbench.discover.expression_answers import expression_pairs, expressions, paying
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
-from terrapin_tools.workbench.discover.ranker import Ranker
+from terrapin_tools.workbench.discover.ranker import RUN, SIZE_OF_SET, Ranker
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
-__all__ = ["PRIOR", "Hypothesis", "Ranking", "rank"]
+__all__ = ["Hypothesis", "Ranking", "rank"]
 
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
-
-# Prior of each kind of answer. Chosen by hand; the campaigns (row "probability") measure what comes of it.
-PRIOR = {"nothing": 0.2, "one": 0.36, "two": 0.18, "three": 0.01, "expression": 0.21, "mixed": 0.03, "run": 0.02}
 PAIRS_REFITTED = 12  # pairs at most; chosen by hand, for time
+PAIRS_ANYWAY = 6  # of them, however far behind they look around the present fit; chosen by hand
 PAIRS_LOOKED_AT = 40  # likeliest pairs from which these are taken; chosen by hand, for time
 WORTH_A_REFIT = 0.0  # log evidence that a second effect must add to be refitted: any
 PAIRS_FROM = 3  # best single effects that a second one is tried on once more; chosen by hand
 UNSEEN = 1.0  # log weight by which a pair that was not refitted stays behind the best; chosen by hand
 TRIPLES_FROM = 2  # best pairs that a third effect is tried on; chosen by hand, for time
 WITHIN = 12.0  # log evidence behind the best beyond which no set is refitted: a posterior of 6e-6; chosen by hand
+ONE = 1e-3  # squared distance of two predictions [noise sd] below which they are one curve
+SHOWN = 10  # likeliest answers whose expressions are also refitted alone, for the table
 
 
 @dataclass(frozen=True)
@@ -46,8 +45,10 @@ class Ranking:
 
     hypotheses: tuple[Hypothesis, ...]
     posterior: Array
-    singles: Mapping[str, Hypothesis]
+    singles: Mapping[str, Hypothesis]  # every effect of the catalogue alone
+    alone: Mapping[str, Hypothesis]  # every expression of the likeliest answers alone
     expressions: Mapping[str, Effect]  # by the name they were given
+    columns: Mapping[str, str]  # of each expression, the column whose shape it is
     column_weight: Mapping[str, float]  # log weight of the best expression in each column, for "where"
     shapes: tuple[Shape, ...] = field(repr=False, default=())
     evidence: Evidence | None = field(repr=False, default=None)
@@ -61,8 +62,19 @@ class Ranking:
         return all(h.kind in ("nothing", "run") for h in self.hypotheses)
 
     def inclusion(self, effect: str) -> float:
-        """Probability that an effect is part of what is missing."""
+        """Probability that an effect, or an expression as it is written, is part of what is missing."""
         return float(sum(p for h, p in zip(self.hypotheses, self.posterior, strict=True) if effect in h.effects))
+
+    def column_inclusion(self, column: str) -> float:
+        """Probability that some expression in a column is part of what is missing."""
+        return float(
+            sum(
+                p
+                for h, p in zip(self.hypotheses, self.posterior, strict=True)
+                if (h.kind == "expression" and not h.effects and h.column == column)
+                or any(self.columns.get(name) == column for name in h.effects)
+            )
+        )
 
 
 def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> Ranking:
@@ -74,65 +86,105 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
     report : is told what is being done, one short text a step.
     """
     ranker = Ranker(analysis, report)
-    count = max(1, len(ranker.effects))
-    log_prior = {
-        1: np.log(PRIOR["one"] / count),
-        2: np.log(PRIOR["two"] / max(1, count * (count - 1) // 2)),
-        3: np.log(PRIOR["three"] / max(1, count * (count - 1) * (count - 2) // 6)),
-    }
-    report(f"{len(ranker.effects)} effects and their pairs around the present fit")
-    average, razor = ranker.screen()
-    found: list[Hypothesis] = [Hypothesis((), "nothing", ranker.evidence.nothing + np.log(PRIOR["nothing"]))]
+    report(f"{ranker.catalogue} effects and their pairs around the present fit")
+    average = ranker.screen()
+    found: list[Hypothesis] = [
+        Hypothesis((), "nothing", ranker.evidence.nothing + np.log(SIZE_OF_SET[0]), analysis.fit)
+    ]
     singles: dict[str, Hypothesis] = {}
-    order: list[str] = []
     for one in sorted((n for n in average if len(n) == 1), key=lambda n: -average[n]):
-        value, fit = ranker.refitted(one, razor[one], average[one])
-        singles[one[0]] = Hypothesis(one, "catalogue", value + log_prior[1], fit)
-        order.append(one[0])
+        singles[one[0]] = ranker.weighed(one, average[one])
     found += singles.values()
-    best = max(h.log_weight for h in found)
-    onward = _onward(ranker, singles, best)
-    promise: dict[tuple[str, ...], float] = {names: value for names, value in average.items() if len(names) == 2}
-    for names, gain in onward.items():
-        promise[names] = max(promise[names], singles[_first(names, singles)].log_weight - log_prior[1] + gain)
-    by_average = sorted(promise, key=lambda n: -average[n])
-    by_promise = sorted(promise, key=lambda n: -promise[n])
-    pairs = list(dict.fromkeys(chain.from_iterable(zip(by_average, by_promise, strict=True))))
     report("refits of the best pairs")
-    refitted_pairs: list[Hypothesis] = []
-    for names in pairs[:PAIRS_LOOKED_AT]:
-        if promise[names] + log_prior[2] < best - WITHIN:
+    pairs = _pairs(ranker, singles, average, max(h.log_weight for h in found))
+    found += pairs
+    found += _triples(ranker, [h for h in pairs if h.fit is not None])
+    found += _runs(ranker)
+    report("short expressions in every column")
+    alone, column_weight = expressions(ranker)
+    found += alone
+    if analysis.missing:
+        found += expression_pairs(ranker)
+        report("what lies next to the best answers")
+        found += neighbours(ranker, found)
+    unlike: dict[frozenset[str], Hypothesis] = {}
+    for h in sorted(found, key=lambda h: -h.log_weight):
+        unlike.setdefault(frozenset(h.effects) if h.effects else frozenset([h.kind, h.column]), h)
+    ranked = _merged(ranker, paying(ranker, list(unlike.values())))
+    logs = np.array([h.log_weight for h in ranked])
+    shown = list(dict.fromkeys(n for h in ranked[:SHOWN] for n in h.effects if n in ranker.sketches))
+    lone = [ranker.weighed((name,)) for name in shown]
+    renamed, effects, columns = ranker.renamed([*ranked, *lone])
+    return Ranking(
+        hypotheses=tuple(renamed[: len(ranked)]),
+        posterior=np.exp(logs - logsumexp(logs)),
+        singles=singles,
+        alone={h.effects[0]: h for h in renamed[len(ranked) :]},
+        expressions=effects,
+        columns=columns,
+        column_weight=column_weight,
+        shapes=tuple(ranker.flat),
+        evidence=ranker.evidence,
+    )
+
+
+def _pairs(
+    ranker: Ranker, singles: Mapping[str, Hypothesis], average: Mapping[tuple[str, ...], float], best: float
+) -> list[Hypothesis]:
+    """Pairs of effects: the most promising refitted, others with the weight that they have around the present fit."""
+    prior = ranker.log_prior(next((n for n in average if len(n) == 2), ()))
+    order = list(singles)
+    onward = _onward(ranker, singles, best)
+    alone = {name: singles[name].log_weight - ranker.log_prior((name,)) for name in singles}
+    promise: dict[tuple[str, ...], float] = {names: value for names, value in average.items() if len(names) == 2}
+    onward = {names: gain for names, gain in onward.items() if names in promise}
+    for names, gain in onward.items():
+        promise[names] = max(promise.get(names, -np.inf), alone[_first(names, singles)] + gain)
+    by_average: list[tuple[str, ...]] = sorted(promise, key=lambda n: -average[n])
+    by_promise = sorted(promise, key=lambda n: -promise[n])
+    found: list[Hypothesis] = []
+    refitted = 0
+    for place, names in enumerate(
+        list(dict.fromkeys(chain.from_iterable(zip(by_average, by_promise, strict=True))))[:PAIRS_LOOKED_AT]
+    ):
+        anyway = place < PAIRS_ANYWAY and ranker.analysis.missing
+        if promise[names] + prior < best - WITHIN and not anyway:
             continue
         ordered = tuple(sorted(names, key=order.index))
         member = max(names, key=lambda n: average[n,])
         gain = average[names] - average[member,]  # a promise far from the present fit may not be kept: it earns a refit
-        if max(gain, onward.get(names, gain)) < WORTH_A_REFIT or len(refitted_pairs) == PAIRS_REFITTED:
+        if max(gain, onward.get(names, gain)) < WORTH_A_REFIT or refitted == PAIRS_REFITTED:
             # the second adds nothing to the first: its price is known without a refit
-            alone = singles[member].log_weight - log_prior[1]
-            weight = min(alone + gain + log_prior[2], best - UNSEEN)
-            found.append(Hypothesis(ordered, "catalogue", weight))
+            found.append(Hypothesis(ordered, "catalogue", min(alone[member] + gain + prior, best - UNSEEN)))
             continue
-        value, fit = ranker.refitted(ordered, razor[names], average[names])
-        refitted_pairs.append(Hypothesis(ordered, "catalogue", value + log_prior[2], fit))
-        best = max(best, refitted_pairs[-1].log_weight)
-    found += refitted_pairs
-    found += _triples(ranker, refitted_pairs, log_prior)
-    found += _runs(ranker)
-    report("short expressions in every column")
-    alone, effects, column_weight = expressions(ranker, PRIOR["expression"], max(h.log_weight for h in found))
-    found += alone
-    found += beside_effects(ranker, PRIOR["mixed"], found, effects)
-    found.sort(key=lambda h: -h.log_weight)
-    logs = np.array([h.log_weight for h in found])
-    return Ranking(
-        tuple(found),
-        np.exp(logs - logsumexp(logs)),
-        singles,
-        effects,
-        column_weight,
-        tuple(ranker.flat),
-        ranker.evidence,
-    )
+        refitted += 1
+        found.append(ranker.weighed(ordered, average[names]))
+        best = max(best, found[-1].log_weight)
+    return found
+
+
+def _merged(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """The answers, likeliest first; of those with expressions that are one curve, written in two ways, one is kept."""
+    ranked = sorted(found, key=lambda h: -h.log_weight)
+    for place, h in enumerate(ranked[:SHOWN]):
+        if h.kind not in ("expression", "mixed") or h.fit is None or h not in ranked:
+            continue
+        for other in ranked[place + 1 : 2 * SHOWN]:
+            if other.kind == h.kind and other.fit is not None and _one_curve(ranker, h.fit, other.fit):
+                ranked.remove(other)
+                h = ranked[place] = Hypothesis(
+                    h.effects, h.kind, float(np.logaddexp(h.log_weight, other.log_weight)), h.fit, h.column
+                )
+    return sorted(ranked, key=lambda h: -h.log_weight)
+
+
+def _one_curve(ranker: Ranker, first: Fit, other: Fit) -> bool:
+    gap = _predicted(ranker, first) - _predicted(ranker, other)
+    return float((gap * gap).sum()) < ONE
+
+
+def _predicted(ranker: Ranker, fit: Fit) -> Array:
+    return np.asarray(fit.model.bind(ranker.case.inputs, ranker.rows).predict(fit.theta) / ranker.sigma[:, None])
 
 
 def _gains(ranker: Ranker, fit: Fit, present: Sequence[str]) -> dict[str, float]:
@@ -140,7 +192,7 @@ def _gains(ranker: Ranker, fit: Fit, present: Sequence[str]) -> dict[str, float]
     gains: dict[str, float] = {}
     if not ranker.sound(fit, present):  # its evidence is not that of this fit, and gains over it mean nothing
         return gains
-    beyond, _ = ranker.beyond(fit)
+    beyond = ranker.beyond(fit)
     for name, shapes in ranker.shapes.items():
         singles = [s.columns for s in shapes if s.columns.shape[1] == 1]
         if name in present or not singles:
@@ -173,7 +225,7 @@ def _onward(ranker: Ranker, singles: Mapping[str, Hypothesis], best: float) -> d
     return found
 
 
-def _triples(ranker: Ranker, pairs: Sequence[Hypothesis], log_prior: Mapping[int, float]) -> list[Hypothesis]:
+def _triples(ranker: Ranker, pairs: Sequence[Hypothesis]) -> list[Hypothesis]:
     found: dict[frozenset[str], Hypothesis] = {}
     for pair in sorted(pairs, key=lambda h: -h.log_weight)[:TRIPLES_FROM]:
         assert pair.fit is not None
@@ -182,10 +234,8 @@ def _triples(ranker: Ranker, pairs: Sequence[Hypothesis], log_prior: Mapping[int
             continue
         third = max(gains, key=lambda n: gains[n])
         key = frozenset((*pair.effects, third))
-        weight = pair.log_weight - log_prior[2] + gains[third] + log_prior[3]
         if key not in found and gains[third] > 0.0:
-            fit = ranker.fit((*pair.effects, third))
-            found[key] = Hypothesis((*pair.effects, third), "catalogue", weight, fit)
+            found[key] = ranker.weighed((*pair.effects, third))
     return list(found.values())
 
 
@@ -201,7 +251,7 @@ def _runs(ranker: Ranker) -> list[Hypothesis]:
         for channel in range(channels):
             columns[channel, run == one, i * channels + channel] = 1.0
     logs = ranker.evidence.single(columns.reshape(channels * len(run), -1))
-    prior = np.log(PRIOR["run"] / len(logs))
+    prior = np.log(RUN / len(logs))
     return [
         Hypothesis(
             (),

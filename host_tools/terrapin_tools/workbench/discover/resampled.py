@@ -9,21 +9,21 @@ Source: Efron & Tibshirani, An Introduction to the Bootstrap (1993), ch. 8 (resa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import log_ndtr, logsumexp
 
+from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.compare.comparison import Analysis, measured
 from terrapin_tools.workbench.discover.ranking import Hypothesis, Ranking
 from terrapin_tools.workbench.model.linearised import Linear, linearise
-from terrapin_tools.workbench.noise.ar1 import RHO_GRID, Ar1
-from terrapin_tools.workbench.noise.marginal_likelihood import SIZES, Evidence
+from terrapin_tools.workbench.noise.covariance import NODES, Runs, orthonormal
+from terrapin_tools.workbench.noise.marginal_likelihood import SIZES
 
 __all__ = ["Selected", "Sums", "selection"]
 
-Array = npt.NDArray[np.float64]
 CHANCE = 1e-6  # posterior from which an answer takes part; chosen by hand
 ANSWERS = 24  # that take part at most; chosen by hand, for time
 
@@ -51,7 +51,8 @@ def selection(analysis: Analysis, ranking: Ranking, draws: int, seed: int) -> tu
     weight = random.multinomial(runs, np.full(runs, 1.0 / runs), size=draws).astype(np.float64)
     once = np.ones((1, runs))
     values = measured(analysis.model, analysis.rows)
-    known = bool(analysis.noise.known.all())
+    channels = len(analysis.model.channels)
+    nodes = ranking.evidence.nodes if ranking.evidence is not None else range(len(NODES))
     taking_part: list[Hypothesis] = []
     logs: list[Array] = []
     for hypothesis, posterior in zip(ranking.hypotheses, ranking.posterior, strict=True):
@@ -62,7 +63,8 @@ def selection(analysis: Analysis, ranking: Ranking, draws: int, seed: int) -> tu
             linear = linearise(fit, hypothesis.effects, values, analysis.rows, analysis.noise.sigma)
         except ValueError:
             continue
-        sums = Sums(Ar1(run), linear, known)
+        widened = replace(linear, base=np.concatenate([linear.base, analysis.nuisance], axis=-1))
+        sums = Sums(Runs(run, channels), widened, analysis.noise.behind, nodes)
         # prior and what the shapes cost stay: only the evidence is drawn anew
         logs.append(hypothesis.log_weight + sums.evidence(weight) - sums.evidence(once))
         taking_part.append(hypothesis)
@@ -77,30 +79,24 @@ def selection(analysis: Analysis, ranking: Ranking, draws: int, seed: int) -> tu
 class Sums:
     """Products of [base, effects, residual], whitened, summed within each run, at each correlation."""
 
-    def __init__(self, ar1: Ar1, linear: Linear, known: bool) -> None:
-        self.known, self.linear = known, linear
+    def __init__(self, runs: Runs, linear: Linear, behind: float, nodes: Sequence[int]) -> None:
+        self.behind, self.linear = behind, linear
         channels, rows = linear.residual.shape
-        base = linear.base.reshape(channels * rows, -1)
-        scale = np.sqrt((base * base).sum(axis=0))
-        base = base[:, scale > 0] / scale[scale > 0]
+        base = orthonormal(linear.base.reshape(channels * rows, -1))
         self.base = base.shape[1]
         # the residual at coefficients 0 instead of at the fit
         at_zero = linear.residual.reshape(-1) + linear.columns @ linear.offset
-        stacked = np.column_stack([base, linear.columns, at_zero]).reshape(channels, rows, -1)
-        begin = np.flatnonzero(ar1.first)
-        lengths = np.diff(np.append(begin, rows))
-        self.rows = channels * lengths
-        self.log_prior = Evidence.log_prior()
+        stacked = np.column_stack([base, linear.columns, at_zero])
+        self.rows = runs.length.reshape(channels, -1).sum(axis=0)
+        self.log_prior = np.log([NODES[i].prior for i in nodes])
         products, determinants = [], []
-        for rho in RHO_GRID:
-            total = np.zeros((len(begin), stacked.shape[2], stacked.shape[2]))
-            for channel in range(channels):
-                white = ar1.whiten(stacked[channel], rho)
-                for g, (start, length) in enumerate(zip(begin, lengths, strict=True)):
-                    part = white[start : start + length]
-                    total[g] += part.T @ part
-            products.append(total)
-            determinants.append(channels * (lengths - 1) * np.log1p(-rho * rho))
+        for i in nodes:
+            white = runs.whiten(stacked, NODES[i])
+            total = np.array(
+                [white[b : b + n].T @ white[b : b + n] for b, n in zip(runs.begin, runs.length, strict=True)]
+            )
+            products.append(total.reshape(channels, -1, *total.shape[1:]).sum(axis=0))
+            determinants.append(runs.log_determinants(NODES[i]).reshape(channels, -1).sum(axis=0))
         self.products, self.determinants = np.array(products), np.array(determinants)
 
     def evidence(self, weight: Array) -> Array:
@@ -119,7 +115,7 @@ class Sums:
                 shrink = np.eye(count) + size * size * a
                 solved = np.linalg.solve(shrink, b[..., None])[..., 0] * size * size if count else b
                 squares = np.maximum(square - (b * solved).sum(axis=1), 1e-300)
-                fit = -0.5 * squares if self.known else -0.5 * freedom * np.log(squares)
+                fit = -0.5 * (freedom + self.behind) * np.log(squares + self.behind)
                 logs = start + fit - 0.5 * np.linalg.slogdet(shrink)[1] - (np.log(len(SIZES)) if count else 0.0)
                 if np.any(self.linear.signs):
                     spread = np.diagonal(np.linalg.inv(shrink), axis1=1, axis2=2)

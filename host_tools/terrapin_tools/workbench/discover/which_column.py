@@ -62,7 +62,7 @@ def _shares(analysis: Analysis, answer: Hypothesis) -> dict[str, float]:
         return ((bound.predict(fit.theta) - bound.predict(without)) / sigma[:, None]).reshape(-1)
 
     slopes = analysis.fit.model.bind(case.inputs, rows).jacobian(analysis.fit.theta)[1] / sigma[:, None, None]
-    basis = np.linalg.qr(slopes.reshape(-1, slopes.shape[-1]))[0]
+    basis = np.linalg.qr(slopes.reshape(len(sigma) * int(rows.sum()), -1))[0]
 
     def visible(change: Array) -> Array:
         return np.asarray(change - basis @ (basis.T @ change))

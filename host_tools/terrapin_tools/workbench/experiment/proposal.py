@@ -204,9 +204,9 @@ class _Grid:
         settings: Sequence[Mapping[str, float]],
         hold: Mapping[str, float],
     ) -> _Grid | None:
-        case, rho = analysis.case, analysis.noise.rho
-        thin = (1.0 - rho) / (1.0 + rho)  # rows count for less where they are correlated
+        case = analysis.case
         count = run_length(case, analysis.rows)
+        thin = analysis.noise.node.thin(count)  # rows count for less where they are correlated, or runs have offsets
         inputs = rows_of(case, analysis.rows, settings, hold, count)
         with np.errstate(all="ignore"):
             new = [_rows(fit, analysis, inputs) for fit in fits]

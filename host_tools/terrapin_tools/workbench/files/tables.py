@@ -21,6 +21,7 @@ from terrapin_tools.workbench.files.units import LARGEST
 __all__ = ["LOG_SUFFIXES", "Table", "read"]
 
 LOG_SUFFIXES = (".log", ".blf", ".asc", ".mf4", ".mcap")
+GAPS = ("", "nan")  # how tables write that nothing was measured
 Column = npt.NDArray[Any]  # float64, or str where the file holds text
 
 
@@ -40,13 +41,15 @@ class Table:
         """Where a row stands, for a message."""
         return f"{self.path.name}:{row + self.first_line}" if self.first_line else f"{self.path.name}: row {row + 1}"
 
-    def numbers(self, name: str) -> npt.NDArray[np.float64]:
-        """A column as finite numbers. UserError with file, line and field where it is not."""
+    def numbers(self, name: str, gaps: bool = False) -> npt.NDArray[np.float64]:
+        """A column as finite numbers; with `gaps` an empty cell or NaN is NaN. UserError with file, line and field."""
         column = self.columns[name]
         if column.dtype.kind in "fiub":
             values = column.astype(np.float64)
         else:
             texts = [str(cell) for cell in column.tolist()]
+            if gaps:
+                texts = ["nan" if text.strip().lower() in GAPS else text for text in texts]
             wrong = next((row for row, text in enumerate(texts) if not _is_number(text)), None)
             if wrong is not None:
                 text = texts[wrong]
@@ -55,7 +58,7 @@ class Table:
                 raise UserError(f"{self.place(wrong)}: column {name}: found {found}, expected a number{point}")
             # Not by NumPy's astype: a Ctrl-C that comes while it reads text is lost.
             values = np.array([float(text) for text in texts])
-        bad = np.flatnonzero(~(np.abs(values) <= LARGEST))
+        bad = np.flatnonzero(~((np.abs(values) <= LARGEST) | (gaps & np.isnan(values))))
         if bad.size:
             row = int(bad[0])
             found = "NaN" if np.isnan(values[row]) else "infinity" if np.isinf(values[row]) else f"{values[row]:g}"

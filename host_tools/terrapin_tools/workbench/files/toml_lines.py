@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import re
 
+from terrapin_hil.reading import key_parts
+
 __all__ = ["locate"]
 
 _HEADER = re.compile(r"\s*\[{1,2}\s*([^\[\]]+?)\s*\]{1,2}\s*(?:#.*)?$")
-
-
-def _parts(dotted: str) -> tuple[str, ...]:
-    return tuple(a or b or c for a, b, c in re.findall(r'"([^"]*)"|\'([^\']*)\'|([A-Za-z0-9_-]+)', dotted))
 
 
 def locate(text: str, *path: str) -> int:
@@ -24,13 +22,13 @@ def locate(text: str, *path: str) -> int:
     for number, line in enumerate(text.splitlines(), 1):
         header = _HEADER.match(line)
         if header:
-            table = _parts(header.group(1))
+            table = key_parts(header.group(1))
             here = table
         else:
             key, equals, _ = line.partition("=")
             if not equals or key.lstrip().startswith("#"):
                 continue
-            here = (*table, *_parts(key))
+            here = (*table, *key_parts(key))
         depth = len(here) if here == path[: len(here)] else 0
         if depth > best_depth:
             best, best_depth = number, depth

@@ -5,19 +5,20 @@ Anything wrong is a UserError of one line.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from terrapin_hil.reading import ReadingError, parse_toml, shorten
+from terrapin_hil.reading import parse_toml, shorten
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.files.toml_lines import locate
 from terrapin_tools.workbench.files.units import check, quantity
 
-__all__ = ["Complaint", "Estimate", "Tables", "case_tables", "read_case_text", "read_document", "read_estimate"]
+__all__ = ["Complaint", "Estimate", "Tables", "case_tables", "read_case_text", "read_estimate"]
 
 Complaint = Callable[..., UserError]
 
@@ -47,20 +48,20 @@ def read_case_text(folder: Path) -> str:
         raise UserError(f"{file}: {error.strerror}, expected a readable file") from None
 
 
-def read_document(file: Path, text: str) -> dict[str, Any]:
-    """TOML as a dictionary. UserError with file and line when it is none."""
-    try:
-        return parse_toml(text, file)
-    except ReadingError as error:
-        raise UserError(str(error)) from None
-
-
 class Tables:
     """A TOML document that says where in the file a wrong value stands."""
 
     def __init__(self, document: dict[str, Any], complain: Complaint) -> None:
         self.document = document
         self.complain = complain
+
+    @contextmanager
+    def about(self, *path: str) -> Iterator[None]:
+        """A ValueError from inside becomes a complaint about that place."""
+        try:
+            yield
+        except ValueError as error:
+            raise self.complain(str(error), *path) from None
 
     def get(self, *path: str, default: Any = None) -> Any:
         value: Any = self.document
@@ -120,17 +121,20 @@ class Tables:
     def unit(self, *path: str, default: str | None = None) -> str:
         """A unit that is known."""
         unit = self.text(*path, default=default)
-        try:
+        with self.about(*path):
             check(unit)
-        except ValueError as error:
-            raise self.complain(str(error), *path) from None
         return unit
 
     def number(self, unit: str, *path: str) -> float:
-        try:
+        with self.about(*path):
             return quantity(self.get(*path), unit)
-        except ValueError as error:
-            raise self.complain(str(error), *path) from None
+
+    def files(self) -> list[str]:
+        """The names in data.files, one at least."""
+        names = self.texts("data", "files")
+        if not names:
+            raise self.complain("found an empty list, expected file names", "data", "files")
+        return names
 
 
 def case_tables(folder: Path, text: str) -> Tables:
@@ -140,7 +144,7 @@ def case_tables(folder: Path, text: str) -> Tables:
     def complain(message: str, *path: str) -> UserError:
         return UserError(f"{file}:{locate(text, *path)}: {'.'.join(path)}: {message}")
 
-    return Tables(read_document(file, text), complain)
+    return Tables(parse_toml(text, file), complain)
 
 
 def read_estimate(tables: Tables, path: tuple[str, ...], unit: str, standard: Estimate | None = None) -> Estimate:

@@ -19,7 +19,7 @@ from terrapin_hil.reading import shorten
 from terrapin_hil.units import read_unit
 from terrapin_hil.units import units as registry
 
-__all__ = ["check", "convert", "convert_difference", "in_si", "quantity", "same_kind", "si_factor"]
+__all__ = ["check", "convert", "convert_difference", "in_si", "quantity", "same_kind", "si_factor", "turns"]
 
 Numbers = TypeVar("Numbers", float, npt.NDArray[np.float64])
 
@@ -43,7 +43,7 @@ def convert(values: Numbers, unit: str, to: str) -> Numbers:
     """Values in `unit` as values in `to`; offsets (degC, degF, K) are right. ValueError when the kinds differ."""
     if unit == to:
         return values
-    source, target = read_unit(unit), read_unit(to)
+    source, target = read_unit(turns(unit, to)), read_unit(to)
     if not same_kind(unit, to):
         raise ValueError(f"{unit!r} does not convert to {to!r}")
     if source == target:
@@ -53,6 +53,18 @@ def convert(values: Numbers, unit: str, to: str) -> Numbers:
     except (TypeError, ValueError, ArithmeticError):  # a difference (delta_degF), a logarithm (dBm)
         raise ValueError(f"{unit!r} does not convert to {to!r}") from None
     return converted
+
+
+def turns(unit: str, to: str) -> str:
+    """`unit`; where `to` is the rate of an angle and `unit` only says how often a time, as turns.
+
+    >>> turns("1/min", "rad/s"), turns("rad/min", "rad/s"), turns("1/min", "1/s")
+    ('turn*(1/min)', 'rad/min', '1/min')
+    """
+    if to not in ("rad/s", "rad/s^2") or not same_kind(unit, to):
+        return unit
+    root = registry().Quantity(1.0, read_unit(unit)).to_root_units().units
+    return unit if "radian" in str(root) else f"turn*({unit})"
 
 
 def si_factor(unit: str) -> float:

@@ -10,9 +10,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from terrapin_hil import paths
 from terrapin_tools.errors import UserError
 
-__all__ = ["whole_folder", "write_whole"]
+__all__ = ["copy_example", "whole_folder", "write_whole"]
 
 
 def write_whole(path: Path, text: str | bytes) -> None:
@@ -68,3 +69,12 @@ def whole_folder(to: Path) -> Iterator[Path]:
         raise UserError(f"{to}: {error.strerror or error}, expected a folder that can be written") from None
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
+
+
+def copy_example(name: str, to: Path) -> None:
+    """Copy a case that ships with Terrapin, without what was answered about it. UserError as `whole_folder`."""
+    known = paths.examples()
+    if name not in known:
+        raise UserError(f"example: found {name!r}, expected one of {', '.join(known)}")
+    with whole_folder(to) as scratch:
+        shutil.copytree(known[name], scratch, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".terrapin"))

@@ -50,7 +50,10 @@ def make(folder: str, files: list[str], dbc: str, order: dict[str, Any]) -> dict
         raise UserError(f"data.files: found {case.rows} rows, expected at most {MAX_ROWS}: take every n-th")
     sets = {"training": case.train, "held-out": case.test}
     runs = {name: len({*case.run[rows].tolist()}) for name, rows in sets.items()}
-    warnings = [f"found no {name} run, expected at least one" for name, count in runs.items() if not count]
+    warnings = [
+        *case.intake,
+        *(f"found no {name} run, expected at least one" for name, count in runs.items() if not count),
+    ]
     return {"rows": case.rows, "runs": len(case.run_names), "warnings": warnings}
 
 

@@ -10,9 +10,12 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
+
+import numpy as np
 
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES, Base
@@ -20,7 +23,7 @@ from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.tables import Table, read
 from terrapin_tools.workbench.files.writing import write_whole
 
-__all__ = ["Guess", "guess_base", "guess_columns", "guess_run", "split_unit", "write_table_case"]
+__all__ = ["Ask", "Guess", "guess_base", "guess_columns", "guess_run", "refuse", "split_unit", "write_table_case"]
 
 SUFFIXES = {  # endings of names that are units, longest first where one ends another
     "rad_per_s": "rad/s", "rad_s2": "rad/s^2", "rad_s": "rad/s", "radps": "rad/s", "rpm": "rpm", "deg_s": "deg/s",
@@ -45,8 +48,16 @@ WORDS = {  # role or channel -> words of a name that stand for it, and words bes
     "voltage": ("voltage volt volts u", "board supply"),
     **{name: words for base in BASES.values() for name, words in base.column_words.items()},
 }
-NAMED = 3  # columns with gaps whose first gap is told
+NAMED = 3  # columns with text between numbers whose first text is told
 RUN_WORDS = ("run", "test", "trial", "experiment", "series", "id")
+
+
+Ask = Callable[[str, Sequence[str], str], str]  # a question, likely answers, the option that answers it
+
+
+def refuse(question: str, choices: Sequence[str], option: str) -> str:
+    """Nobody is there to answer: UserError that names the option."""
+    raise UserError(f"{question} {' or '.join(choices)}? Say it with {option}")
 
 
 @dataclass(frozen=True)
@@ -115,10 +126,24 @@ def guess_columns(names: Sequence[str]) -> list[Guess]:
     return [Guess(c, parts[c][1], given.get(c)) for c in names]
 
 
-def write_table_case(folder: Path, files: Sequence[Path], title: str) -> str:
+def write_table_case(
+    folder: Path,
+    files: Sequence[Path],
+    title: str,
+    columns: Mapping[str, str] | None = None,
+    told: Mapping[str, str] | None = None,
+    ask: Ask = refuse,
+) -> str:
     """Write case.toml into the (new) folder, naming the tables where they lie; returns what was guessed, in words.
 
-    UserError when the folder holds a case, a file cannot be read, or no number column is found.
+    Parameters
+    ----------
+    columns, told : column and unit of a role or channel, as far as they are known.
+    ask : is asked what the names leave open, a unit or one of several columns.
+
+    Raises
+    ------
+    UserError : the folder holds a case, a file cannot be read, no number column is found, or something is left open.
     """
     if (folder / "case.toml").exists():
         raise UserError(f"{folder / 'case.toml'}: exists, expected a new folder for the case")
@@ -134,7 +159,7 @@ def write_table_case(folder: Path, files: Sequence[Path], title: str) -> str:
     if not numeric:
         why = next(iter(wrong.values()), f"only {run}, which names the run")
         raise UserError(f"{files[0]}: found no column of numbers ({why}), expected at least one")
-    guesses = guess_columns(numeric)
+    guesses = _settled(_pinned(guess_columns(numeric), columns or {}), columns or {}, told or {}, ask)
     base = guess_base(guesses)
     document = _document(folder, files, title, base, run, guesses)
     folder.mkdir(parents=True, exist_ok=True)
@@ -152,10 +177,14 @@ def write_table_case(folder: Path, files: Sequence[Path], title: str) -> str:
     words = [name for name in text if not any(_has_numbers(table, name) for table in tables)]
     if words:
         lines.append(f"Not numbers: {', '.join(words)}")
-    gaps = [name for name in text if name not in words]
-    lines += [f"Left out: {wrong[name]}" for name in gaps[:NAMED]]
-    if len(gaps) > NAMED:
-        lines.append(f"Left out, too, with gaps: {', '.join(gaps[NAMED:])}")
+    mixed = [name for name in text if name not in words]
+    lines += [f"Left out: {wrong[name]}" for name in mixed[:NAMED]]
+    if len(mixed) > NAMED:
+        lines.append(f"Left out, too, for text between numbers: {', '.join(mixed[NAMED:])}")
+    gaps = {g.column: sum(_gaps(t, g.column) for t in tables) for g in used}
+    if any(gaps.values()):
+        named = ", ".join(f"{name} {count}" for name, count in gaps.items() if count)
+        lines.append(f"Rows with a gap in a mapped column will be left out: {named}.")
     lines += _shared_names(tables, run, text)
     if run is None:
         lines.append("No column names the run: each file is one.")
@@ -163,6 +192,52 @@ def write_table_case(folder: Path, files: Sequence[Path], title: str) -> str:
         lines.append("One run is too few to hold one out: name the column of the run, or give more files.")
     lines.append("Lines marked CHECK hold constants that no table can tell.")
     return "\n".join(lines)
+
+
+def _pinned(guesses: Sequence[Guess], columns: Mapping[str, str]) -> list[Guess]:
+    """The guesses, with the columns that are known."""
+    for name, column in columns.items():
+        if name not in WORDS:
+            raise UserError(f"--column: found {name!r}, expected one of {', '.join(WORDS)}")
+        if column not in [guess.column for guess in guesses]:
+            expected = ", ".join(guess.column for guess in guesses)
+            raise UserError(f"--column: found {column!r}, expected one of {expected}")
+    name_of = {column: name for name, column in columns.items()}
+    return [replace(g, name=name_of.get(g.column, None if g.name in columns else g.name)) for g in guesses]
+
+
+def _settled(guesses: Sequence[Guess], columns: Mapping[str, str], told: Mapping[str, str], ask: Ask) -> list[Guess]:
+    """The guesses without a doubt: of columns that fit as well as another, and of units that no name tells."""
+    base = guess_base(guesses)
+    if base.own_names:
+        if told:
+            raise UserError(f"--unit: found {next(iter(told))}, expected --base too: no base model has these columns")
+        return list(guesses)
+    found = list(guesses)
+    for guess in _mapped(guesses, base):
+        name = str(guess.name)
+        score = _score(*split_unit(guess.column), name)
+        rivals = [g.column for g in guesses if g.name is None and _score(*split_unit(g.column), name) == score]
+        if rivals and name not in columns:
+            choices = [guess.column, *rivals]
+            chosen = ask(f"Which column is the {name}?", choices, f"--column {name}=COLUMN")
+            found = _pinned(found, {name: chosen})
+    for guess in _mapped(found, base):
+        name = str(guess.name)
+        canonical, unit = _unit(name, base), told.get(name, guess.unit)
+        if not unit and canonical != "1":
+            unit = ask(f"What is the unit of {guess.column} ({name})?", [canonical], f"--unit {name}=UNIT")
+        try:
+            if unit:
+                units.convert(1.0, unit, canonical)
+        except ValueError as error:
+            raise UserError(f"--unit: {name}: {error}") from None
+        found[[g.column for g in found].index(guess.column)] = replace(guess, unit=unit)
+    unknown = next((name for name in told if name not in [guess.name for guess in found]), None)
+    if unknown is not None:
+        expected = ", ".join(str(guess.name) for guess in _mapped(found, base))
+        raise UserError(f"--unit: found {unknown}, expected one of {expected}")
+    return found
 
 
 def _shared_names(tables: Sequence[Table], run: str | None, text: Sequence[str]) -> list[str]:
@@ -186,11 +261,15 @@ def _shared_names(tables: Sequence[Table], run: str | None, text: Sequence[str])
 def _no_number(tables: Sequence[Table], name: str) -> str:
     """Where a column has no number, and what stands there; empty where all cells are numbers."""
     try:
-        for table in tables:
-            table.numbers(name)
+        if all(np.isnan(table.numbers(name, gaps=True)).all() for table in tables):
+            return f"{tables[0].place(0)}: column {name}: found gaps only, expected a number"
     except UserError as error:
         return str(error)
     return ""
+
+
+def _gaps(table: Table, name: str) -> int:
+    return int(np.isnan(table.numbers(name, gaps=True)).sum())
 
 
 def _has_numbers(table: Table, name: str) -> bool:
@@ -246,7 +325,7 @@ HEAD = """# Guessed by `terrapin case` from the names of the columns. Correct wh
 
 [case]
 title = {title}
-
+{guessed}
 [model]
 base = {base}
 effects = []
@@ -257,8 +336,12 @@ def _document(
     folder: Path, files: Sequence[Path], title: str, base: Base, run: str | None, guesses: Sequence[Guess]
 ) -> str:
     mapped = _mapped(guesses, base)
-    lines = [HEAD.format(title=_quoted(title), base=_quoted(base.name))]
-    lines += _equation(mapped, base) if base.own_names else _constants(base, {str(guess.name) for guess in mapped})
+    own = _equation(mapped, base) if base.own_names else _constants(base, {str(guess.name) for guess in mapped})
+    made_up = _made_up(own)
+    if base.own_names:
+        made_up = [f"model.equation.{_names(mapped, base)[-1]}"]
+    told = f"guessed = [{', '.join(map(_quoted, made_up))}]  # take out what you have confirmed\n" if made_up else ""
+    lines = [HEAD.format(title=_quoted(title), base=_quoted(base.name), guessed=told), *own]
     near = [os.path.relpath(file.resolve(), folder.resolve()) for file in files]
     lines += ["", "[data]", f"files = [{', '.join(_quoted(name) for name in near)}]"]
     lines.append(f"run = {_quoted(run)}" if run is not None else "# run = ...  # no column names it: each file is one")
@@ -294,6 +377,12 @@ def _equation(mapped: Sequence[Guess], base: Base) -> list[str]:
     lines = ["# CHECK: which column is predicted, and by what", "[model.equation]", f"{channel} = {_quoted(formula)}"]
     lines += ["", "[fit]", "offset = { value = 0.0 }"]
     return [*lines, "gradient = { value = 1.0 }"] if inputs else lines
+
+
+def _made_up(lines: Sequence[str]) -> list[str]:
+    """Where the placeholders of [parameters] stand, which come before [fit]."""
+    parameters = list(takewhile(lambda line: line != "[fit]", lines))[1:]
+    return [f"parameters.{line.partition(' =')[0]}" for line in parameters if line and not line.startswith("#")]
 
 
 def _constants(base: Base, roles: set[str]) -> list[str]:

@@ -14,7 +14,7 @@ from typing import Any
 
 from terrapin_tools.errors import UserError
 
-__all__ = ["arguments", "read"]
+__all__ = ["arguments", "pairs", "read"]
 
 
 def arguments(order: dict[str, Any], files: Sequence[str], dbc: str, to: str) -> list[str]:
@@ -77,12 +77,12 @@ def read(
 ) -> dict[str, Any]:
     """The order that the options ask for. UserError names the option that is wrong."""
     mapped: dict[str, dict[str, Any]] = {
-        name: {"column": column, "unit": "", "sigma": None} for name, column in _pairs("--column", columns).items()
+        name: {"column": column, "unit": "", "sigma": None} for name, column in pairs("--column", columns).items()
     }
     if not mapped:
         raise UserError("--column: found none, expected at least one NAME=COLUMN")
     for option, key, texts in (("--unit", "unit", units), ("--noise", "sigma", noises)):
-        for name, text in _pairs(option, texts).items():
+        for name, text in pairs(option, texts).items():
             if name not in mapped:
                 raise UserError(f"{option}: found {name}, expected one of {', '.join(mapped)}")
             mapped[name][key] = _above_0(option, text) if key == "sigma" else text
@@ -94,9 +94,9 @@ def read(
         "base": base,
         "effects": list(effects),
         "columns": mapped,
-        "parameters": {name: _constant(text) for name, text in _pairs("--constant", constants).items()},
+        "parameters": {name: _constant(text) for name, text in pairs("--constant", constants).items()},
         "fit": _entries("--fit", fits, ("value", "min", "max"), _number, shape),
-        "equation": _pairs("--equation", equations),
+        "equation": pairs("--equation", equations),
         "limits": _entries("--limit", limits, ("min", "max"), _constant, "MIN:MAX[:UNIT]"),
         "run": run,
         "train": list(train),
@@ -106,7 +106,7 @@ def read(
     }
 
 
-def _pairs(option: str, texts: Iterable[str]) -> dict[str, str]:
+def pairs(option: str, texts: Iterable[str]) -> dict[str, str]:
     """NAME=REST, each name once."""
     found: dict[str, str] = {}
     for text in texts:
@@ -124,7 +124,7 @@ def _entries(
 ) -> dict[str, dict[str, Any]]:
     """NAME=A:B:...[:UNIT] as entries of case.toml; the first of three may stand alone."""
     found = {}
-    for name, text in _pairs(option, texts).items():
+    for name, text in pairs(option, texts).items():
         parts = text.split(":", len(keys))
         alone = len(parts) == 1 and len(keys) == 3
         if not alone and len(parts) < len(keys):

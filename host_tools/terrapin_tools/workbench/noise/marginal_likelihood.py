@@ -1,11 +1,12 @@
-"""How well a set of effects explains the measurements: the marginal likelihood under noise correlated within runs.
+"""How well a set of effects explains the measurements: the marginal likelihood under the noise of real rigs.
 
 A hypothesis is a linear model around a fit: residual = base columns * (anything) + effect columns * coefficients +
-AR(1) noise. The base parameters are integrated over all values, the coefficients over a normal prior whose width (in
-noise sd of the effect's rms) is itself spread over a grid, the correlation over a grid, and the noise sd over all
-values where the case does not give it. What is left is one number a hypothesis. It falls with every needless
-parameter, and by the chain rule it is the likelihood of the training runs times that of the held-out runs predicted
-from them.
+noise. The base parameters are integrated over all values, the coefficients over a normal prior whose width (in noise sd
+of the effect's rms) is itself spread over a grid, the kind of noise over the nodes of covariance.py. The noise sd is
+integrated over all values where the case does not state it; where it does, the statement counts as an estimate with
+STATED degrees of freedom, because nobody knows an sd better than that. What is left is one number a hypothesis. It
+falls with every needless parameter, and by the chain rule it is the likelihood of the training runs times that of the
+held-out runs predicted from them.
 
 Sources: MacKay, Information Theory, Inference, and Learning Algorithms (2003), ch. 28; Harville (1974) for the
 restricted likelihood that integrating over the base parameters gives.
@@ -13,29 +14,32 @@ restricted likelihood that integrating over the base parameters gives.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import log_ndtr, logsumexp
 
-from terrapin_tools.workbench.noise.ar1 import RHO_GRID, Ar1, orthonormal
+from terrapin_hil.arrays import Array, Index
+from terrapin_tools.workbench.noise.covariance import NODES, Filtered, Node, Runs, by_filter, orthonormal
 
-__all__ = ["SIZES", "Evidence", "Gram"]
+__all__ = ["SIZES", "STATED", "Evidence", "Gram"]
 
-Array = npt.NDArray[np.float64]
-
-SIZES = np.array([0.3, 1.0, 3.0, 10.0, 40.0])  # prior widths of an effect's rms [noise sd], equal shares; by hand
-UNCORRELATED = 0.4  # prior probability of independent rows, the rest spread over the grid; chosen by hand
+# Prior widths of an effect's rms [noise sd], equal shares. Up to 160: at 40 two large effects that are both true paid
+# more than one that is not.
+SIZES = np.array([0.3, 1.0, 3.0, 10.0, 40.0, 160.0])
+STATED = 15.0  # degrees of freedom of an sd that a user states: it is right to 18 %
 CHUNK = 1024  # columns that are handled at once; bounds the memory
+LIKELY = 1e-3  # posterior, under nothing or any one column, from which a kind of noise is weighed further; by hand
+ROUNDING = 1e-11  # share of a column beyond the base, below which it is the base's
 
 
 @dataclass(frozen=True)
 class Gram:
-    """Columns beyond the base, at each correlation: inner products with each other and with the residual."""
+    """Columns beyond the base, at each kind of noise: inner products with each other and with the residual."""
 
-    products: Array  # (rho, D, D)
-    scores: Array  # (rho, D)
+    products: Array  # (nodes, D, D)
+    scores: Array  # (nodes, D)
 
 
 class Evidence:
@@ -43,141 +47,166 @@ class Evidence:
 
     Parameters
     ----------
-    ar1 : correlation of the rows within runs.
+    runs : the rows, of as many channels as the residual has.
     residual : (channels, rows), measured minus predicted, in noise sd.
     base : (channels, rows, parameters), derivatives of the prediction, in noise sd.
-    known : whether the noise sd is given; else it is integrated over (one factor for all channels).
+    behind : degrees of freedom behind the noise sd: STATED where the case gives it, 0 where it is integrated over all
+        values (one factor for all channels).
+    nodes : kinds of noise that are weighed, places in NODES; all of them when not given.
     """
 
-    def __init__(self, ar1: Ar1, residual: Array, base: Array, known: bool) -> None:
-        self.ar1, self.known = ar1, known
+    def __init__(
+        self, runs: Runs, residual: Array, base: Array, behind: float, nodes: Sequence[int] | None = None
+    ) -> None:
+        self.runs, self.behind = runs, behind
+        self.nodes = tuple(range(len(NODES)) if nodes is None else nodes)
         self.channels, self.rows = residual.shape
-        flat = base.reshape(self.channels * self.rows, -1)
-        scale = np.sqrt((flat * flat).sum(axis=0))
-        self.flat = flat[:, scale > 0]
+        self.flat = orthonormal(base.reshape(self.channels * self.rows, -1))
         self.residual = residual.reshape(-1)
-        self.rho = np.array(RHO_GRID)
-        self.basis: list[Array] = []
-        self.white: list[Array] = []
-        total, start = [], []
-        for rho in self.rho:
-            columns = self._whiten(self.flat, rho)
-            basis = orthonormal(columns)
-            white = self._whiten(self.residual[:, None], rho)[:, 0]
-            white = white - basis @ (basis.T @ white)
-            # |X' V^-1 X| over that at rho = 0: the scale of the base parameters cancels between hypotheses
-            sign, log_design = np.linalg.slogdet(columns.T @ columns / np.outer(scale[scale > 0], scale[scale > 0]))
-            self.basis.append(basis)
-            self.white.append(white)
-            total.append(float(white @ white))
-            start.append(-0.5 * (self.channels * ar1.log_determinant(rho) + (log_design if sign > 0 else 0.0)))
-        self.total = np.array(total)
-        self.freedom = self.channels * self.rows - self.flat.shape[1]
-        self.start = np.array(start) + self.log_prior()
+        count = self.flat.shape[1]
+        self.freedom = self.channels * self.rows - count
+        self.filters = by_filter(self.nodes)
+        self.base: dict[tuple[float, float], Filtered] = {}
+        self.own: dict[tuple[float, float], Filtered] = {}
+        inner = np.empty((len(self.nodes), count, count))
+        cross = np.empty((len(self.nodes), count))
+        square, start = np.empty(len(self.nodes)), np.empty(len(self.nodes))
+        for kind, places in self.filters.items():
+            self.base[kind] = base_ = runs.filtered(self.flat, *kind)
+            self.own[kind] = own = runs.filtered(self.residual[:, None], *kind)
+            among, with_own = runs.products(base_, base_), runs.products(base_, own)
+            for place in places:
+                node = NODES[self.nodes[place]]
+                inner[place], cross[place] = among.at(node), with_own.at(node)[:, 0]
+                square[place] = runs.squares(own, node)[0]
+                start[place] = np.log(node.prior) - 0.5 * runs.log_determinant(node)
+        self.inverse = np.linalg.inv(inner)
+        self.taken = np.einsum("nij,nj->ni", self.inverse, cross)  # the base's coefficients
+        self.total = np.maximum(square - np.einsum("ni,ni->n", cross, self.taken), 1e-300)
+        self.start = start - 0.5 * np.linalg.slogdet(inner)[1]
 
-    def _whiten(self, columns: Array, rho: float) -> Array:
-        split = columns.reshape(self.channels, self.rows, -1)
-        return np.concatenate([self.ar1.whiten(split[c], rho) for c in range(self.channels)])
-
-    def whitened(self, ordered: Array, rho: float) -> Array:
-        """As the whitening of `project`, of columns that are sorted by run already."""
-        if rho == 0.0:
-            return ordered
-        white = ordered.copy()
-        white[1:] = (ordered[1:] - rho * ordered[:-1]) / np.sqrt(1.0 - rho * rho)
-        first = np.tile(self.ar1.first, self.channels)
-        white[first] = ordered[first]
-        return white
+    def node(self, place: int) -> Node:
+        return NODES[self.nodes[place]]
 
     def fit_term(self, squares: Array) -> Array:
-        logs = -0.5 * squares if self.known else -0.5 * self.freedom * np.log(np.maximum(squares, 1e-300))
-        return np.asarray(logs)
-
-    @staticmethod
-    def log_prior() -> Array:
-        """Log prior probability of each correlation of RHO_GRID."""
-        rho = np.array(RHO_GRID)
-        return np.asarray(np.log(np.where(rho == 0.0, UNCORRELATED, (1.0 - UNCORRELATED) / (len(rho) - 1))))
+        """Log likelihood of whitened sums of squares, the sd integrated over."""
+        if self.behind:
+            return np.asarray(-0.5 * (self.behind + self.freedom) * np.log(self.behind + squares))
+        return np.asarray(-0.5 * self.freedom * np.log(np.maximum(squares, 1e-300)))
 
     @property
     def nothing(self) -> float:
         """Log evidence of "nothing is missing"."""
         return float(logsumexp(self.start + self.fit_term(self.total)))
 
-    def project(self, columns: Array, index: int) -> Array:
-        """Columns (channels * rows, D) whitened at RHO_GRID[index], freed of what the base can take up."""
-        white = self._whiten(columns, self.rho[index])
-        return np.asarray(white - self.basis[index] @ (self.basis[index].T @ white))
+    @property
+    def posterior(self) -> Array:
+        """Of each kind of noise, if nothing is missing: (nodes,)."""
+        logs = self.start + self.fit_term(self.total)
+        return np.asarray(np.exp(logs - logsumexp(logs)))
 
-    def distance(self, gap: Array, slopes: Array, rho: float) -> float:
-        """Squared length of `gap` (channels, rows) beyond `slopes` (channels, rows, P), at a correlation."""
-        white = self._whiten(gap.reshape(-1, 1), rho)[:, 0]
-        basis = orthonormal(self._whiten(slopes.reshape(gap.size, -1), rho))
+    def likeliest(self) -> Node:
+        """The kind of noise that is likeliest if nothing is missing."""
+        return self.node(int(np.argmax(self.start + self.fit_term(self.total))))
+
+    def among(self, columns: Array) -> tuple[int, ...]:
+        """Kinds of noise (places in NODES) that are likely if nothing is missing, or any one of columns
+        (channels * rows, D), and those that have neither offsets nor drifts."""
+        norms, scores = self._free(columns)
+        gain = (scores**2 / np.maximum(norms, 1e-300)) if columns.shape[1] else np.zeros((len(self.nodes), 0))
+        logs = self.start[:, None] + self.fit_term(self.total[:, None] - np.column_stack([np.zeros(len(gain)), gain]))
+        share = np.exp(logs - logsumexp(logs, axis=0)).max(axis=1)
+        plain = np.array([not (NODES[i].offset or NODES[i].drift) for i in self.nodes])
+        return tuple(np.array(self.nodes)[(share > LIKELY) | plain].tolist())
+
+    def whitened(self, columns: Array, node: Node) -> Array:
+        """Columns (channels * rows, D) whitened in one kind of noise, freed of what the base can take up."""
+        basis = orthonormal(self.runs.whiten(self.flat, node))
+        white = self.runs.whiten(columns, node)
+        return np.asarray(white - basis @ (basis.T @ white))
+
+    def distance(self, gap: Array, slopes: Array, node: Node) -> float:
+        """Squared length of `gap` (channels, rows) beyond `slopes` (channels, rows, P), in one kind of noise."""
+        white = self.runs.whiten(gap.reshape(-1, 1), node)[:, 0]
+        basis = orthonormal(self.runs.whiten(slopes.reshape(gap.size, -1), node))
         left = white - basis @ (basis.T @ white)
         return float(left @ left)
 
     def gram(self, columns: Array) -> Gram:
-        products, scores = [], []
-        for index in range(len(self.rho)):
-            free = self.project(columns, index)
-            products.append(free.T @ free)
-            scores.append(free.T @ self.white[index])
-        return Gram(np.array(products), np.array(scores))
+        """Products of columns (channels * rows, D) with each other and the residual, beyond the base."""
+        count = columns.shape[1]
+        products, scores = np.empty((len(self.nodes), count, count)), np.empty((len(self.nodes), count))
+        for kind, places in self.filters.items():
+            white = self.runs.filtered(columns, *kind)
+            own, base = self.runs.products(white, white), self.runs.products(self.base[kind], white)
+            score = self.runs.products(white, self.own[kind])
+            for place in places:
+                node = self.node(place)
+                shared = base.at(node)
+                products[place] = own.at(node) - shared.T @ self.inverse[place] @ shared
+                scores[place] = score.at(node)[:, 0] - self.taken[place] @ shared
+        return Gram(products, scores)
+
+    def _free(self, columns: Array) -> tuple[Array, Array]:
+        """Squared length of each column (channels * rows, D) beyond the base, and its product with the residual."""
+        count = columns.shape[1]
+        norms, scores = np.empty((len(self.nodes), count)), np.empty((len(self.nodes), count))
+        for kind, places in self.filters.items():
+            for begin in range(0, count, CHUNK):
+                part = slice(begin, min(begin + CHUNK, count))
+                white = self.runs.filtered(columns[:, part], *kind)
+                base = self.runs.products(self.base[kind], white)
+                score = self.runs.products(self.own[kind], white)
+                for place in places:
+                    node = self.node(place)
+                    shared, whole = base.at(node), self.runs.squares(white, node)
+                    norm = whole - np.einsum("ij,ij->j", shared, self.inverse[place] @ shared)
+                    visible = norm > ROUNDING * whole
+                    norms[place, part] = np.where(visible, norm, 0.0)
+                    scores[place, part] = np.where(visible, score.at(node)[0] - self.taken[place] @ shared, 0.0)
+        return norms, scores
 
     def single(self, columns: Array) -> Array:
         """Log evidence of each column (channels * rows, D) alone, size free in sign: (D,)."""
-        found = []
-        for begin in range(0, columns.shape[1], CHUNK):
-            norms, scores = self._free(columns[:, begin : begin + CHUNK])
-            variance = SIZES[:, None, None] ** 2
-            shrink = 1.0 + variance * norms
-            gain = variance * scores**2 / shrink
+        norms, scores = self._free(columns)
+        found = np.full(columns.shape[1], -np.inf)
+        for size in SIZES:
+            shrink = 1.0 + size * size * norms
+            gain = size * size * scores**2 / shrink
             logs = self.start[:, None] + self.fit_term(self.total[:, None] - gain) - 0.5 * np.log(shrink)
-            found.append(logsumexp(logs, axis=(0, 1)) - np.log(len(SIZES)))
-        return np.concatenate(found) if found else np.zeros(0)
+            found = np.logaddexp(found, logsumexp(logs, axis=0))
+        return np.asarray(found - np.log(len(SIZES)))
 
-    def _free(self, columns: Array) -> tuple[Array, Array]:
-        """Squared length of each column beyond the base, and its product with the residual: (rho, D) each.
+    def pairs(self, gram: Gram, first: Index, second: Index, signs: Array | None = None) -> Array:
+        """Log evidence of pairs of single columns of one Gram: (pairs,); `signs` (pairs, 2) as of `blocks`."""
+        bounded = np.flatnonzero(np.any(signs, axis=1)) if signs is not None else np.zeros(0, dtype=int)
+        found = np.full(len(first), -np.inf)
+        for place in range(len(self.nodes)):
+            own, scores = np.diagonal(gram.products[place]), gram.scores[place]
+            a, c, b = own[first], own[second], gram.products[place][first, second]
+            x, y = scores[first], scores[second]
+            for size in SIZES:
+                v = size * size
+                p, q, o = 1.0 + v * a, 1.0 + v * c, v * b
+                det = np.maximum(p * q - o * o, 1e-300)
+                gain = v * (q * x * x - 2.0 * o * x * y + p * y * y) / det
+                logs = self.start[place] + self.fit_term(np.maximum(self.total[place] - gain, 1e-300))
+                if bounded.size and signs is not None:
+                    for k, (mean, spread) in enumerate(((q * x - o * y, q), (p * y - o * x, p))):
+                        at = mean[bounded] * np.sqrt(v / (spread[bounded] * det[bounded]))
+                        side = signs[bounded, k]
+                        logs[bounded] += np.where(side != 0, np.log(2.0) + log_ndtr(side * at), 0.0)
+                found = np.logaddexp(found, logs - 0.5 * np.log(det))
+        return np.asarray(found - np.log(len(SIZES)))
 
-        Whitened products at any correlation follow from four sums (of first rows, of later rows, of their predecessors,
-        of neighbours), so thousands of columns are gone through once, not once for each correlation.
-        """
-        scaled = self.flat / np.sqrt((self.flat * self.flat).sum(axis=0))
-        x, y = self._by_run(columns), self._by_run(np.column_stack([scaled, self.residual]))
-        first = np.tile(self.ar1.first, self.channels)
-        later = np.flatnonzero(~first)
-        xf, xl, xp = x[first], x[later], x[later - 1]
-        yf, yl, yp = y[first], y[later], y[later - 1]
-        own = [(a * b).sum(axis=0) for a, b in ((xf, xf), (xl, xl), (xp, xp), (xl, xp))]
-        cross = [xf.T @ yf, xl.T @ yl, xp.T @ yp, xl.T @ yp + xp.T @ yl]
-        norms = np.empty((len(self.rho), columns.shape[1]))
-        scores = np.empty_like(norms)
-        for index, rho in enumerate(self.rho):
-            scale = 1.0 - rho * rho
-            norm = own[0] + (own[1] + rho * rho * own[2] - 2.0 * rho * own[3]) / scale
-            product = cross[0] + (cross[1] + rho * rho * cross[2] - rho * cross[3]) / scale
-            base = self._whiten(scaled, rho)
-            # base = basis @ triangle, so that products with the basis follow from those with the base
-            triangle = self.basis[index].T @ base
-            inside = product[:, :-1] @ np.linalg.pinv(triangle)
-            white = self._whiten(self.residual[:, None], rho)[:, 0]
-            norms[index] = np.maximum(norm - (inside * inside).sum(axis=1), 0.0)
-            scores[index] = product[:, -1] - inside @ (self.basis[index].T @ white)
-        return norms, scores
-
-    def _by_run(self, columns: Array) -> Array:
-        """Columns (channels * rows, D) in the order in which they are whitened."""
-        split = columns.reshape(self.channels, self.rows, -1)
-        return split[:, self.ar1.order].reshape(self.channels * self.rows, -1)
-
-    def blocks(self, gram: Gram, picks: npt.NDArray[np.int64], signs: Array, offset: Array | None = None) -> Array:
+    def blocks(self, gram: Gram, picks: Index, signs: Array, offset: Array | None = None) -> Array:
         """Log evidence of sets of columns, all picked from one Gram: (sets,).
 
         `picks` (sets, d) indices into its columns; `signs` (sets, d): 1 where a coefficient cannot be negative, -1
         where it cannot be positive, 0 where it is free. `offset` (D,): the residual was taken at these coefficients.
         """
         count = picks.shape[1]
-        a = gram.products[:, picks[:, :, None], picks[:, None, :]]  # (rho, sets, d, d)
+        a = gram.products[:, picks[:, :, None], picks[:, None, :]]  # (nodes, sets, d, d)
         scores, totals = gram.scores, self.total[:, None]
         if offset is not None:  # the residual at coefficients 0 is that at `offset` plus columns * offset
             moved = np.einsum("rij,j->ri", gram.products, offset)
@@ -189,7 +218,7 @@ class Evidence:
             inner = np.eye(count) + size * size * a
             solved = np.linalg.solve(inner, b[..., None])[..., 0] * size * size
             gain = (b * solved).sum(axis=-1)
-            logs = self.fit_term(totals - gain) - 0.5 * np.linalg.slogdet(inner)[1]
+            logs = self.fit_term(np.maximum(totals - gain, 1e-300)) - 0.5 * np.linalg.slogdet(inner)[1]
             if np.any(signs):
                 spread = size * np.sqrt(np.maximum(np.diagonal(np.linalg.inv(inner), axis1=-2, axis2=-1), 1e-300))
                 inside = np.log(2.0) + log_ndtr(signs * solved / spread)

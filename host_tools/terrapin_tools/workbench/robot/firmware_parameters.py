@@ -38,6 +38,8 @@ class Exported:
 
 def why_not(effect: Effect) -> str:
     """Why the controller does not compensate an effect."""
+    if effect.bases == ("equation",):
+        return "acts in an equation of your own, which the controller does not compute"
     if effect.name not in catalogue():
         return "a formula of your own, and the controller computes only those that it has parameters for"
     if effect.where == "ground" and effect.plant:

@@ -28,9 +28,9 @@ import tomlkit
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.messages import Interface, interface
-from terrapin_hil.reading import ReadingError, parse_toml
+from terrapin_hil.reading import parse_toml
 from terrapin_hil.telemetry import si_factor
-from terrapin_tools.errors import UserError
+from terrapin_tools.errors import UserError, about
 from terrapin_tools.logs import candump
 from terrapin_tools.logs.candump import telemetry
 from terrapin_tools.workbench.bases.rolling_steady import BASE
@@ -74,8 +74,6 @@ def _parameters(folder: Path, description: Interface) -> dict[str, float]:
         return values
     try:
         document = parse_toml(file.read_text(encoding="utf-8-sig"), file)
-    except ReadingError as error:
-        raise UserError(str(error)) from None
     except UnicodeDecodeError:
         raise UserError(f"{file}: not TOML: found something that is not UTF-8 text") from None
     for table in ("firmware", "parameters"):
@@ -83,10 +81,8 @@ def _parameters(folder: Path, description: Interface) -> dict[str, float]:
         for name, value in found.items() if isinstance(found, dict) else ():
             if name not in values:
                 continue
-            try:
+            with about(f"{file}: {table}.{name}"):
                 values[name] = quantity(value, description.parameters[name].unit or "1")
-            except ValueError as error:
-                raise UserError(f"{file}: {table}.{name}: {error}") from None
     return values
 
 

@@ -40,6 +40,9 @@ def answer(story: Story) -> dict[str, Any]:
             }
             for one in story.groups
         }
+    intake = {"rows_left_out": story.rows_left_out, "guessed": story.guessed, "remarks": story.intake}
+    if story.intake:
+        parts["intake"] = intake
     parts["at_bound"] = [key for key, value in story.parameters.items() if value.at_bound]
     if found is not None:
         parts["odd_runs"] = found.odd_runs

@@ -94,7 +94,7 @@ PAGE = """<!doctype html>
 <button id="theme" aria-label="light or dark">&#9680;</button></header>
 <div class="lead"><p>{{ story.headline }}</p><div class="soft">{{ story.alarm }}</div>
 <ul class="where">{% for place in story.where %}<li><b>{{ place.variable }}</b> {{ place.sentence }}</li>{% endfor %}
-{%- for note in story.notes %}<li class="warn">{{ note }}</li>{% endfor %}</ul></div>
+{%- for note in story.intake + story.notes %}<li class="warn">{{ note }}</li>{% endfor %}</ul></div>
 <main><div>
 <section><h2>Model and measurement <span>&#9679; training &#9671; held out</span>
 <span class="key-model">&#9473; model, 95 % of the noise</span>

@@ -243,6 +243,14 @@ def reason(found: Findings, one: Proposal, why_not: str) -> str:
     return f"Takes away only {share}{left}."
 
 
+def title(one: Proposal, known: str) -> str:
+    """What a candidate is, in a few words; `known`: as the catalogue has it."""
+    if one.kind == "constant" and "value" in one.parameters:
+        value = one.parameters["value"]
+        return f"{one.effect.partition('.')[2]} would be {number(value.value)}{behind(value.unit)}"
+    return known or "Expression found in the residuals"
+
+
 def chances(operating: Sequence[Operating], selected: Sequence[Selected]) -> tuple[tuple[str, str], ...]:
     """How often such an effect would be named first with these runs, and how often each answer wins on runs drawn
     anew."""

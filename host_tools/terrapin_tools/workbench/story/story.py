@@ -68,10 +68,11 @@ class Proposal:
     """One effect alone: the probability that it is part of what is missing, and what adding it alone does."""
 
     effect: str
-    kind: str  # catalogue or expression
+    kind: str  # catalogue, expression or constant
     expression: str
     target: str
     probability: float
+    column_probability: float | None  # of an expression: that some expression in its column is
     heldout_rmse: Mapping[str, float | None]  # by channel, in its unit
     noise_ratio: float | None  # error on held-out runs, in noise sd
     parameters: Mapping[str, Value]
@@ -161,6 +162,9 @@ class Story:
     rho: float  # correlation from row to row within a run
     found: Findings | None
     groups: tuple[Differing, ...] = ()  # parameters with one value a group
+    intake: tuple[str, ...] = ()  # what happened to the measurements on their way in
+    guessed: tuple[str, ...] = ()  # what nobody has confirmed
+    rows_left_out: int = 0
     seconds: float = 0.0  # that the answer took
 
     @property

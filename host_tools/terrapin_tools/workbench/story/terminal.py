@@ -35,6 +35,7 @@ def tell(story: Story) -> str:
     source = f"{story.noise}; correlation within a run {number(story.rho)}"
     runs = f"{story.runs} runs, {len(story.held_out)} held out"
     lines = [f"{story.title}: {runs}, model {story.model} [{story.chip}]"]
+    lines += [part for remark in story.intake for part in _wrapped(remark, "  ")]
     lines += ["", *_wrapped(story.headline), *([story.alarm] if story.alarm else [])]
     if story.where:
         lines += ["", "Where the model fails, on average over the range:"]
@@ -44,7 +45,8 @@ def tell(story: Story) -> str:
     if story.chances:
         lines += ["", "What these runs can show:", *_table(story.chances)]
     lines += ["", *_next(story.next)]
-    lines += ["", "Parameters:", *_table([(k, _plain(amount(v)), stuck(v)) for k, v in story.parameters.items()])]
+    if story.parameters:
+        lines += ["", "Parameters:", *_table([(k, _plain(amount(v)), stuck(v)) for k, v in story.parameters.items()])]
     if story.groups:
         lines += ["", "Between groups:", *(f"  {differs(one, story.level)}" for one in story.groups)]
     channels = [

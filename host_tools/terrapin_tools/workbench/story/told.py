@@ -17,6 +17,7 @@ from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.compare.groups import differences
 from terrapin_tools.workbench.discover.certainty import EVEN
 from terrapin_tools.workbench.discover.discovery import Candidate, Discovery
+from terrapin_tools.workbench.model import constants
 from terrapin_tools.workbench.model.fitting import Fit, covariance
 from terrapin_tools.workbench.story import sentences
 from terrapin_tools.workbench.story.story import Card, Channel, Findings, Place, Proposal, Rung, Story, Value
@@ -62,9 +63,12 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         parameters=_values(analysis.fit, analysis.sd),
         channels=_channels(analysis),
         noise=noise.source,
-        rho=noise.rho,
+        rho=noise.node.share * noise.node.rho,
         found=found,
         groups=tuple(differences(analysis)),
+        intake=case.intake,
+        guessed=case.guessed,
+        rows_left_out=case.rows_left_out,
     )
 
 
@@ -77,6 +81,8 @@ def found_by(discovery: Discovery) -> Findings:
             effect, _, name = key.rpartition(".")
             if effect in discovery.missing:
                 named.setdefault(effect, {})[name] = value
+        for effect in filter(constants.named, named):
+            named[effect] = _constant(discovery.ladder[-1].fit, effect, next(iter(named[effect].values())).sd or 0.0)
     candidates = tuple(_proposal(one) for one in discovery.candidates)
     remarks: tuple[str, ...] = ()
     if discovery.verdict == "adequate" and discovery.answer_probability < EVEN:
@@ -112,7 +118,7 @@ def _rungs(ladder: Sequence[comparison.Rung]) -> tuple[Rung, ...]:
 
 
 def _sd(analysis: Analysis, fit: Fit) -> npt.NDArray[np.float64]:
-    variance = np.diag(covariance(fit, analysis.case.run[analysis.case.train], analysis.noise.rho)[0])
+    variance = np.diag(covariance(fit, analysis.case.run[analysis.case.train], analysis.noise.node)[0])
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
@@ -146,17 +152,26 @@ def _proposal(candidate: Candidate) -> Proposal:
         )
         value, sd = float(candidate.fit.theta[i]), float(candidate.sd[i])
         parameters[one.name] = Value(value, sd, one.unit or "1", low, high)
+    if constants.named(effect.name):
+        parameters = _constant(candidate.fit, effect.name, float(candidate.sd[count]))
     return Proposal(
         effect.name,
         candidate.kind,
         effect.expression,
         effect.target,
         candidate.probability,
+        candidate.column_probability,
         candidate.heldout_rmse,
         candidate.noise_ratio,
         parameters,
         candidate.explains,
     )
+
+
+def _constant(fit: Fit, effect: str, sd: float) -> dict[str, Value]:
+    """What a stated constant would be; `sd` of its relative error."""
+    case, name = fit.model.case, constants.named(effect)
+    return {"value": Value(constants.value_of(fit, effect), abs(case.parameters[name]) * sd, case.base.units[name])}
 
 
 def _cards(analysis: Analysis, found: Findings) -> list[Card]:
@@ -170,7 +185,7 @@ def _cards(analysis: Analysis, found: Findings) -> list[Card]:
         cards.append(
             Card(
                 proposal=one,
-                title=effect.title if effect and effect.title else "Expression found in the residuals",
+                title=sentences.title(one, effect.title if effect else ""),
                 named=one.effect in named,
                 latex=parse(one.expression).to_latex() if own or effect is None else effect.equation,
                 acts=sentences.acts(one.target, {**case.base.channels, **case.base.forces}) if own else "",

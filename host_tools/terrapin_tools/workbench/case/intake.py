@@ -1,0 +1,70 @@
+"""What happened to the measurements on their way in, in sentences: rows left out, units read as turns, a lost sign."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from terrapin_hil.arrays import Array, Mask
+from terrapin_tools.workbench.files.units import convert, turns
+
+__all__ = ["Mapped", "converted", "gaps", "guesses", "unsigned"]
+
+BOTH_WAYS = 0.02  # share of the rows in each direction, from which a motion reverses
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """One entry of [data.columns]."""
+
+    name: str
+    column: str
+    unit: str
+    canonical: str
+    sigma: float | None  # in the canonical unit
+    channel: bool
+    role: str = ""  # that an input of the user's own names is told to have
+
+
+def gaps(columns: Mapping[str, Array], whole: Mask, sparse: Sequence[str]) -> list[str]:
+    """Rows without a number in a mapped column (`columns`, by the file's names), and unmapped columns with gaps."""
+    found = []
+    missing = {name: int(np.isnan(values).sum()) for name, values in columns.items()}
+    if not whole.all():
+        where = ", ".join(f"{name} {count}" for name, count in missing.items() if count)
+        count = int((~whole).sum())
+        found.append(f"{count} of {len(whole)} rows left out: no number in a mapped column ({where}).")
+    if sparse:
+        found.append(f"Not looked at, for gaps: {', '.join(sparse)}.")
+    return found
+
+
+def converted(mapped: Sequence[Mapped]) -> list[str]:
+    """Units that only say how often a time, read as turns."""
+    return [
+        f"{e.name}: {e.unit} is read as turns, so 1000 of them are {convert(1000.0, e.unit, e.canonical):.5g} "
+        f"{e.canonical} (write rad/min or rad/s for the other)."
+        for e in mapped
+        if turns(e.unit, e.canonical) != e.unit
+    ]
+
+
+def unsigned(values: Mapping[str, Array], told: Mapping[str, str]) -> list[str]:
+    """A current that is never negative although the motion goes both ways."""
+    speed = next((name for name in (told.get("speed"), told.get("direction"), "omega") if name in values), None)
+    current = next((name for name in (told.get("current"), "current") if name in values), None)
+    if speed is None or current is None:
+        return []
+    forward, backward = (values[speed] > 0.0).mean(), (values[speed] < 0.0).mean()
+    if min(forward, backward) < BOTH_WAYS or not ((values[current] >= 0.0).all() or (values[current] <= 0.0).all()):
+        return []
+    return [f"{current} has one sign only although {speed} takes both: it seems to be a magnitude that lost its sign."]
+
+
+def guesses(paths: Sequence[str]) -> list[str]:
+    """What `terrapin case` made up and nobody confirmed."""
+    if not paths:
+        return []
+    return [f"Guessed and not confirmed: {', '.join(paths)} (right? then take it out of case.guessed in case.toml)."]

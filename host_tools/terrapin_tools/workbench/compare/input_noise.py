@@ -1,0 +1,90 @@
+"""Noise in what the model reads: a speed that is measured, too, is not the speed that acted.
+
+Where a setting is held during a run and what was measured of it only scatters about it, the model follows that scatter
+although the robot did not: the prediction is off by its slope times the deviation. A column for each such input, its
+slope times the deviation from the run's mean, takes this up; its coefficient is minus the share of the deviation that
+is noise, so one outside 0 to 1 is something else, and is left in.
+
+Source: Fuller, Measurement Error Models (1987), ch. 1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from terrapin_hil.arrays import Array, Mask
+from terrapin_tools.workbench.model.fitting import Fit
+from terrapin_tools.workbench.noise.covariance import Node, Runs, orthonormal
+
+__all__ = ["input_noise"]
+
+LIKE_NOISE = 2.0  # standard errors within which the correlation of neighbouring deviations must be 0
+SEEN = 2.0  # standard errors that the share must be away from 0
+STEP = 1e-4  # of an input's range, for the slope
+
+
+def input_noise(fit: Fit, rows: Mask, residual: Array, slopes: Array, sigma: Array, node: Node) -> Array:
+    """Columns (channels, rows, count), in the channels' units, for the inputs whose noise shows in the residual.
+
+    Parameters
+    ----------
+    fit : of the model; one that integrates over a run has no such columns.
+    rows : (all rows,), mask of the case's rows.
+    residual : (channels, rows), measured minus predicted, in the channels' units.
+    slopes : (channels, rows, parameters), derivatives of the prediction, in the same units.
+    sigma : (channels,), noise sd in the same units.
+    node : the kind of noise.
+    """
+    case, channels = fit.model.case, len(residual)
+    none = np.zeros((*residual.shape, 0))
+    if case.base.whole_runs:
+        return none
+    runs = Runs(case.run[rows], channels)
+    found = [c for name in case.inputs if (c := _column(fit, name, rows)) is not None]
+    if not found:
+        return none
+    stacked = np.stack(found, axis=-1)
+
+    def white(values: Array) -> Array:
+        return runs.whiten((values / sigma[:, None, None]).reshape(channels * runs.rows, -1), node)
+
+    basis = orthonormal(white(slopes))
+    gap, columns = white(residual[..., None])[:, 0], white(stacked)
+    gap, columns = gap - basis @ (basis.T @ gap), columns - basis @ (basis.T @ columns)
+    kept = list(range(len(found)))
+    while kept:
+        inverse = np.linalg.pinv(columns[:, kept].T @ columns[:, kept])
+        share = -inverse @ (columns[:, kept].T @ gap)
+        left = gap + columns[:, kept] @ share
+        error = np.sqrt(np.diagonal(inverse) * float(left @ left) / max(len(gap) - basis.shape[1] - len(kept), 1))
+        wrong = (share < SEEN * error) | (share > 1.0 + SEEN * error)
+        if not wrong.any():
+            break
+        kept.pop(int(np.argmin(np.where(wrong, share / np.maximum(error, 1e-300), np.inf))))
+    return np.asarray(stacked[..., kept])
+
+
+def _column(fit: Fit, name: str, rows: Mask) -> Array | None:
+    """The model's slope in an input times its deviation from the run's mean (channels, rows); None where the input is
+    constant in the runs, or its deviations are no noise."""
+    inputs = fit.model.case.inputs
+    values, runs = inputs[name][rows], Runs(fit.model.case.run[rows])
+    mean = np.bincount(runs.run, values) / np.maximum(np.bincount(runs.run), 1)
+    off = values - mean[runs.run]
+    span = float(np.ptp(inputs[name]))
+    if runs.length.min() < 3 or float(np.abs(off).max()) <= 1e-9 * max(span, 1e-300):
+        return None
+    ordered = runs.sort(off[:, None])[:, 0]
+    later = np.ones(len(off), dtype=bool)
+    later[runs.begin] = False
+    neighbours = ordered[later] @ ordered[np.flatnonzero(later) - 1] / float(ordered @ ordered)
+    expected = -1.0 / float(runs.length.mean())  # the mean of a run is taken off
+    if abs(neighbours - expected) > LIKE_NOISE / np.sqrt(len(off)):
+        return None
+    shifted = {**inputs, name: inputs[name] + STEP * span}
+    with np.errstate(all="ignore"):
+        slope = (fit.model.bind(shifted, rows).predict(fit.theta) - fit.model.bind(inputs, rows).predict(fit.theta)) / (
+            STEP * span
+        )
+    column = slope * off
+    return column if bool(np.isfinite(column).all()) and bool(np.any(column)) else None

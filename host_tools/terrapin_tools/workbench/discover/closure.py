@@ -1,0 +1,102 @@
+"""What lies next to the best answers: each of them with one member exchanged, added or taken away, refitted.
+
+Around the fit of the present model, a set of large effects may look worse than it is by any amount. Around an answer,
+its neighbours are seen as they are: what takes the place of a member is asked with the member's contribution given back
+to the residual and all other parameters free, so an effect that does the same on these data cannot be missed, however
+large it is. What comes near the best is refitted, and has neighbours of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import logsumexp
+
+from terrapin_tools.workbench.discover.hypothesis import Hypothesis
+from terrapin_tools.workbench.discover.leftover import absent
+from terrapin_tools.workbench.discover.ranker import Ranker
+from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
+
+__all__ = ["neighbours"]
+
+CLOSE = 3.0  # log weight behind the best within which an answer's own neighbours are looked at; chosen by hand
+CENTRES = 6  # answers whose neighbours are looked at, at most; chosen by hand, for time
+REFITS = 60  # at most; chosen by hand, for time
+ANYWAY = (3, 2)  # effects and formulas that are refitted in the place of a member, whatever is promised; by hand
+PROMISED = (6, 4)  # of those within NEAR of the best; chosen by hand
+NEAR = 8.0  # log evidence behind the best that a promise may lie and be refitted; chosen by hand
+MOST = (4, 3)  # terms of an answer, and expressions among them: a person shall read it
+
+
+def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Answers next to the best of those found, refitted; without those found already."""
+    known = {frozenset(h.effects): h for h in found if h.fit is not None}
+    begun = len(known)
+    new: list[Hypothesis] = []
+    looked_at: set[frozenset[str]] = set()
+    while len(looked_at) < CENTRES:
+        best = max(h.log_weight for h in known.values())
+        waiting = [
+            h
+            for key, h in known.items()
+            if h.effects and key not in looked_at and h.log_weight > best - CLOSE and not absent(h.fit, h.effects)
+        ]
+        if not waiting or len(known) - begun > REFITS:
+            break
+        centre = max(waiting, key=lambda h: h.log_weight)
+        looked_at.add(frozenset(centre.effects))
+        for names in _next_to(ranker, centre):
+            key = frozenset(names)
+            if key and key not in known and sum(n in ranker.sketches for n in names) <= MOST[1]:
+                known[key] = ranker.weighed(names)
+                new.append(known[key])
+    return new
+
+
+def _next_to(ranker: Ranker, centre: Hypothesis) -> list[tuple[str, ...]]:
+    found: list[tuple[str, ...]] = []
+    assert centre.fit is not None
+    if not ranker.sound(centre.fit, centre.effects):
+        return found
+    if len(centre.effects) > 1:
+        found += [tuple(n for n in centre.effects if n != member) for member in centre.effects]
+    for member in centre.effects:
+        rest = tuple(n for n in centre.effects if n != member)
+        beyond = ranker.beyond(centre.fit, member)
+        promised = centre.log_weight - ranker.log_prior(centre.effects)
+        found += [(*rest, n) for n in _likely(ranker, beyond, centre.effects, ANYWAY, promised)]
+    if len(centre.effects) < MOST[0]:
+        beyond = ranker.beyond(centre.fit)
+        found += [(*centre.effects, n) for n in _likely(ranker, beyond, centre.effects, (1, 1), beyond.nothing)]
+    return found
+
+
+def _likely(
+    ranker: Ranker, beyond: Evidence, present: Sequence[str], anyway: tuple[int, int], best: float
+) -> list[str]:
+    """Effects and formulas that explain most of what `beyond` sees, names in their order."""
+    scores: dict[str, float] = {}
+    single = [i for i, s in enumerate(ranker.flat) if s.columns.shape[1] == 1]
+    if single:
+        logs = beyond.single(np.concatenate([ranker.flat[i].columns for i in single], axis=1))
+        by_effect: dict[str, list[float]] = {}
+        for i, value in zip(single, logs, strict=True):
+            by_effect.setdefault(ranker.flat[i].effect, []).append(float(value))
+        scores = {n: float(logsumexp(v) - np.log(len(v))) for n, v in by_effect.items() if n not in present}
+    for shape in ranker.flat:
+        if shape.columns.shape[1] > 1 and shape.effect not in present:  # a wave
+            picks = np.arange(shape.columns.shape[1])[None, :]
+            value = float(beyond.blocks(beyond.gram(shape.columns), picks, np.zeros(picks.shape))[0])
+            scores[shape.effect] = max(scores.get(shape.effect, -np.inf), value)
+    effects = sorted(scores, key=lambda n: -scores[n])
+    top = max([best, *scores.values()])
+    chosen = [n for i, n in enumerate(effects[: PROMISED[0]]) if i < anyway[0] or scores[n] > top - NEAR]
+    if not ranker.listed.sketches:
+        return chosen
+    logs = beyond.single(ranker.listed.columns) + np.log([s.prior for s in ranker.listed.sketches])
+    order = np.argsort(-logs, kind="stable")[: PROMISED[1]]
+    top = max([best, float(logs[order[0]])])
+    likely = [int(i) for place, i in enumerate(order) if place < anyway[1] or logs[i] > top - NEAR]
+    named = [ranker.expression(ranker.listed.sketches[i]) for i in likely]
+    return chosen + [n for n in named if n not in present]

@@ -1,0 +1,325 @@
+"""Noise as rigs make it: white and correlated from row to row, offsets from run to run, slow drifts within runs.
+
+Of a run with m rows, the noise has the covariance
+
+    s^2 [ (1 - share) I + share R(rho) + offset^2 1 1' + drift^2 l l' ],    R_ij = rho^|i - j|
+
+l: the straight line over the run of mean 0 and rms 1; s: sd of a row without offset and drift. Runs are independent of
+each other: they are the unit of replication, not the rows. White noise beside AR(1) noise is an ARMA(1, 1) process,
+whose innovations a filter of one state gives; offset and drift are two more columns a run. Everything that is asked of
+the data needs only inner products x' V^-1 y, and of these each filter is gone through once (NODES share them), however
+many offsets and drifts are weighed.
+
+Sources: Harvey, Forecasting, Structural Time Series Models and the Kalman Filter (1989), ch. 3, for the filter;
+Woodbury's identity for the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.signal import lfilter
+
+from terrapin_hil.arrays import Array, Index
+
+__all__ = ["NODES", "PLAIN", "Filtered", "Node", "Products", "Runs", "by_filter", "orthonormal"]
+
+SETTLED = 1e-13  # change of the filter's gain in a row, below which it is constant
+
+
+@dataclass(frozen=True)
+class Node:
+    """One kind of noise, and how likely it is before anything was measured."""
+
+    share: float  # of the variance of a row that is correlated with its neighbours'
+    rho: float  # that correlation
+    offset: float  # sd from run to run, in sd of a row
+    drift: float  # sd of the line over a run
+    prior: float
+
+    @property
+    def floor(self) -> float:
+        """Rms of whole runs that nothing was fitted to, in sd of a row."""
+        return float(np.sqrt(1.0 + self.offset**2 + self.drift**2))
+
+    def thin(self, rows: int) -> float:
+        """How many independent rows one of a run of so many is worth, for what is the same in all of them."""
+        alike = 1.0 - self.share + self.share * (1.0 + self.rho) / (1.0 - self.rho)
+        return float(1.0 / (alike + rows * self.offset**2))
+
+    def words(self) -> str:
+        """As a person would name it.
+
+        >>> Node(0.5, 0.6, 1.0, 0.0, 0.1).words()
+        'white + AR(1) + run offsets'
+        """
+        parts = [*(["white"] if self.share < 1.0 else []), *(["AR(1)"] if self.share > 0.0 else [])]
+        return " + ".join([*parts, *(["run offsets"] if self.offset else []), *(["drift"] if self.drift else [])])
+
+
+def _nodes() -> tuple[Node, ...]:
+    """By hand: independent rows and runs are the likeliest; the rates by family of noise in docs/discovery.md are what
+    comes of it. Correlations above 0.9 are those of fast loggers."""
+    correlated = {(0.5, 0.6): 0.1, (0.5, 0.9): 0.1, (1.0, 0.3): 0.1, (1.0, 0.6): 0.1, (1.0, 0.8): 0.1}
+    slow = {(1.0, 0.92): 0.08, (1.0, 0.98): 0.06}
+    offsets = {0.0: 0.4, 0.25: 0.15, 0.5: 0.15, 1.0: 0.15, 2.0: 0.15}
+    found = [
+        Node(*kind, tau, 0.0, 0.88 * p * q)
+        for kind, p in {(0.0, 0.0): 0.36, **correlated}.items()
+        for tau, q in offsets.items()
+    ]
+    # noise that is alike over most of a run is hard to tell from an offset: one of each is enough
+    found += [Node(*kind, tau, 0.0, 0.88 * p * q) for kind, p in slow.items() for tau, q in ((0.0, 0.6), (1.0, 0.4))]
+    found += [
+        Node(share, rho, tau, delta, 0.12 * 0.5 * 0.5 * q)
+        for share, rho in ((0.0, 0.0), (0.5, 0.6))
+        for delta in (0.4, 1.0)
+        for tau, q in ((0.0, 0.4), (0.5, 0.3), (1.0, 0.3))
+    ]
+    return tuple(found)
+
+
+NODES = _nodes()
+PLAIN = tuple(i for i, node in enumerate(NODES) if node.offset == node.drift == 0.0)  # neither offsets nor drifts
+
+
+def orthonormal(columns: Array) -> Array:
+    """An orthonormal basis of the columns (rows, count); columns that add nothing are left out."""
+    if columns.shape[1] == 0:
+        return columns
+    norm = np.sqrt((columns * columns).sum(axis=0))
+    kept = columns[:, norm > 0] / norm[norm > 0]
+    if kept.shape[1] == 0:
+        return np.zeros((columns.shape[0], 0))
+    u, s, _ = np.linalg.svd(kept, full_matrices=False)
+    return np.asarray(u[:, s > 1e-9 * s[0]])
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """Columns (channels * rows, count) made independent at one correlation, and their products with each run's filtered
+    constant and line (channels * runs * 2, count)."""
+
+    columns: Array
+    sums: Array
+
+
+@dataclass(frozen=True)
+class Products:
+    """x' V^-1 y of two sets of columns, (count, its count), at every node of one filter."""
+
+    runs: Runs
+    plain: Array
+    left: Array
+    right: Array
+
+    def at(self, node: Node) -> Array:
+        if not (node.offset or node.drift):
+            return self.plain
+        return np.asarray(self.plain - self.left.T @ self.runs.weigh(node, self.right))
+
+
+class Runs:
+    """Rows that belong to runs, in file order, of one or more channels with independent noise.
+
+    Parameters
+    ----------
+    run : (rows,), the run of each row.
+    channels : columns below are (channels * rows, count), channel by channel.
+    """
+
+    def __init__(self, run: Index, channels: int = 1) -> None:
+        self.run, self.rows, self.channels = run, len(run), channels
+        self.order = np.argsort(run, kind="stable")
+        sorted_run = run[self.order]
+        first = np.ones(self.rows, dtype=bool)
+        first[1:] = sorted_run[1:] != sorted_run[:-1]
+        begin = np.flatnonzero(first)
+        length = np.diff(np.append(begin, self.rows))
+        self.runs = len(begin)
+        self.begin = np.concatenate([begin + c * self.rows for c in range(channels)])
+        self.length = np.tile(length, channels)
+        place = np.arange(self.rows) - np.repeat(begin, length)
+        self.position = np.empty(self.rows, dtype=np.int64)  # of a row within its run
+        self.position[self.order] = place
+        self.place = np.tile(place, channels)
+        middle = 0.5 * (np.repeat(length, length) - 1.0)
+        rms = np.sqrt(np.maximum(np.repeat(length, length) ** 2 - 1.0, 0.0) / 12.0)
+        self.sorted_line = np.tile((place - middle) / np.where(rms > 0.0, rms, 1.0), channels)
+        self.line = np.empty(self.rows)
+        self.line[self.order] = self.sorted_line[: self.rows]
+        self._gains: dict[tuple[float, float], tuple[Array, Array]] = {}
+        self._corners: dict[tuple[float, float], Array] = {}
+        self._weights: dict[Node, Array] = {}
+        self._halves: dict[Node, dict[int, Array]] = {}
+
+    def sort(self, columns: Array) -> Array:
+        """Columns (channels * rows, count) with the rows of each run together."""
+        split = columns.reshape(self.channels, self.rows, -1)
+        return split[:, self.order].reshape(self.channels * self.rows, -1)
+
+    def one(self) -> Runs:
+        """The same rows, of one channel."""
+        return self if self.channels == 1 else Runs(self.run)
+
+    # -- the filter ---------------------------------------------------------------------------------------------------
+
+    def _gain(self, share: float, rho: float) -> tuple[Array, Array]:
+        """Gain of the filter and variance of its innovation by place in the run; the last holds for all later ones."""
+        if (share, rho) not in self._gains:
+            longest, p = int(self.length.max()), share
+            gains: list[float] = []
+            variances: list[float] = []
+            while len(gains) < longest:
+                variances.append(p + 1.0 - share)
+                gains.append(p / variances[-1])
+                p = rho * rho * p * (1.0 - gains[-1]) + share * (1.0 - rho * rho)
+                if len(gains) > 1 and abs(gains[-1] - gains[-2]) < SETTLED:
+                    break
+            self._gains[share, rho] = np.array(gains), np.array(variances)
+        return self._gains[share, rho]
+
+    def _innovations(self, ordered: Array, share: float, rho: float) -> Array:
+        if share == 0.0:
+            return ordered
+        gain, variance = self._gain(share, rho)
+        white = ordered.copy()
+        white[1:] -= rho * ordered[:-1]
+        white[self.begin] = ordered[self.begin]
+        if share < 1.0:
+            back = rho * (1.0 - gain)
+            for place in range(1, min(int(self.length.max()), len(gain))):
+                row = self.begin[self.length > place] + place
+                white[row] += back[place - 1] * white[row - 1]
+            late = self.length > len(gain)
+            for begin, length in zip(self.begin[late], self.length[late], strict=True):
+                rest = slice(begin + len(gain), begin + length)
+                state = back[-1] * white[begin + len(gain) - 1 : begin + len(gain)]
+                white[rest] = lfilter([1.0], [1.0, -back[-1]], white[rest], axis=0, zi=state)[0]
+        white /= np.sqrt(variance[np.minimum(self.place, len(variance) - 1)])[:, None]
+        return white
+
+    @cached_property
+    def _two(self) -> Array:
+        """Constant and line (channels * rows, 2), sorted."""
+        return np.column_stack([np.ones(len(self.sorted_line)), self.sorted_line])
+
+    def filtered(self, columns: Array, share: float, rho: float) -> Filtered:
+        """Columns (channels * rows, count) in file order, ready for `products`."""
+        white = self._innovations(self.sort(columns), share, rho)
+        two = self._innovations(self._two, share, rho)
+        sums = np.stack([np.add.reduceat(white * two[:, k : k + 1], self.begin, axis=0) for k in (0, 1)], axis=1)
+        return Filtered(white, sums.reshape(2 * len(self.begin), -1))
+
+    def products(self, left: Filtered, right: Filtered) -> Products:
+        return Products(self, left.columns.T @ right.columns, left.sums, right.sums)
+
+    def squares(self, columns: Filtered, node: Node) -> Array:
+        """x' V^-1 x of each column: (count,)."""
+        plain = np.einsum("ij,ij->j", columns.columns, columns.columns)
+        if not (node.offset or node.drift):
+            return np.asarray(plain)
+        return np.asarray(plain - np.einsum("ij,ij->j", columns.sums, self.weigh(node, columns.sums)))
+
+    def _corner(self, share: float, rho: float) -> Array:
+        """Products of constant and line with each other, a run: (channels * runs, 2, 2)."""
+        if (share, rho) not in self._corners:
+            two = self._innovations(self._two, share, rho)
+            outer = two[:, :, None] * two[:, None, :]
+            self._corners[share, rho] = np.asarray(np.add.reduceat(outer, self.begin, axis=0))
+        return self._corners[share, rho]
+
+    def weigh(self, node: Node, sums: Array) -> Array:
+        """T (1 + T Z'Z T)^-1 T times the sums of each run: what Woodbury's identity takes off a product."""
+        if node not in self._weights:
+            size = np.diag([node.offset, node.drift])
+            inner = np.eye(2) + size @ self._corner(node.share, node.rho) @ size
+            self._weights[node] = size @ np.linalg.inv(inner) @ size
+        weight = self._weights[node]
+        return np.asarray((weight @ sums.reshape(len(weight), 2, -1)).reshape(sums.shape))
+
+    # -- whole vectors -----------------------------------------------------------------------------------------------
+
+    def whiten(self, columns: Array, node: Node) -> Array:
+        """Columns (channels * rows, count) made independent with unit variance, if the noise had s = 1; sorted."""
+        white = self._innovations(self.sort(columns), node.share, node.rho)
+        if not (node.offset or node.drift):
+            return white
+        white = white.copy()
+        for length, turn in self._turns(node).items():  # runs of one length at once
+            rows = self.begin[self.length == length][:, None] + np.arange(length)
+            own = white[rows]  # (runs, length, count)
+            white[rows] = own - turn @ (turn.T @ own)
+        return white
+
+    def _turns(self, node: Node) -> dict[int, Array]:
+        """By run length: U (length, 2), so that 1 - U U' takes offset and drift from what the filter has made white."""
+        if node not in self._halves:
+            two = self._innovations(self._two, node.share, node.rho) * [node.offset, node.drift]
+            self._halves[node] = {}
+            for length in np.unique(self.length):
+                begin = self.begin[int(np.argmax(self.length == length))]
+                u, s, _ = np.linalg.svd(two[begin : begin + length], full_matrices=False)
+                self._halves[node][int(length)] = u * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + s * s))
+        return self._halves[node]
+
+    def log_determinants(self, node: Node) -> Array:
+        """Of the covariance of each run's rows, s = 1: (channels * runs,)."""
+        found = np.zeros(len(self.begin))
+        if node.share > 0.0:
+            variance = self._gain(node.share, node.rho)[1]
+            found += np.add.reduceat(np.log(variance[np.minimum(self.place, len(variance) - 1)]), self.begin)
+        if node.offset or node.drift:
+            size = np.diag([node.offset, node.drift])
+            found += np.linalg.slogdet(np.eye(2) + size @ self._corner(node.share, node.rho) @ size)[1]
+        return found
+
+    def log_determinant(self, node: Node) -> float:
+        """Of the covariance of all rows, s = 1."""
+        return float(self.log_determinants(node).sum())
+
+    def draw(self, random: np.random.Generator, sets: int, node: Node) -> Array:
+        """Noise (channels * rows, sets) of this kind with s = 1, in file order."""
+        total = self.channels * self.rows
+        ordered = np.sqrt(1.0 - node.share) * random.standard_normal((total, sets)) if node.share < 1.0 else 0.0
+        if node.share > 0.0:
+            slow = np.sqrt(1.0 - node.rho**2) * random.standard_normal((total, sets))
+            slow[self.begin] /= np.sqrt(1.0 - node.rho**2)
+            for begin, length in zip(self.begin, self.length, strict=True):
+                slow[begin : begin + length] = lfilter([1.0], [1.0, -node.rho], slow[begin : begin + length], axis=0)
+            ordered = ordered + np.sqrt(node.share) * slow
+        if node.offset or node.drift:
+            count = len(self.begin)
+            ordered = ordered + node.offset * np.repeat(random.standard_normal((count, sets)), self.length, axis=0)
+            lines = np.repeat(random.standard_normal((count, sets)), self.length, axis=0)
+            ordered = ordered + node.drift * self.sorted_line[:, None] * lines
+        split = np.asarray(ordered).reshape(self.channels, self.rows, sets)
+        drawn = np.empty_like(split)
+        drawn[:, self.order] = split
+        return drawn.reshape(total, sets)
+
+    def times(self, columns: Array, node: Node) -> Array:
+        """The covariance (s = 1) times columns (channels * rows, count), both sorted by run."""
+        result = (1.0 - node.share) * columns
+        for begin, length in zip(self.begin, self.length, strict=True):
+            part = slice(begin, begin + length)
+            own = columns[part]
+            if node.share > 0.0:
+                forward = lfilter([1.0], [1.0, -node.rho], own, axis=0)
+                backward = lfilter([1.0], [1.0, -node.rho], own[::-1], axis=0)[::-1]
+                result[part] += node.share * (forward + backward - own)
+            for size, column in ((node.offset, np.ones(length)), (node.drift, self.sorted_line[part])):
+                if size:
+                    result[part] += size * size * np.outer(column, column @ own)
+        return np.asarray(result)
+
+
+def by_filter(nodes: Sequence[int]) -> dict[tuple[float, float], list[int]]:
+    """Places in `nodes`, by what filter the node takes."""
+    found: dict[tuple[float, float], list[int]] = {}
+    for place, index in enumerate(nodes):
+        found.setdefault((NODES[index].share, NODES[index].rho), []).append(place)
+    return found

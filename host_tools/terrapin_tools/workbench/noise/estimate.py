@@ -1,0 +1,358 @@
+"""What the noise of a case is like: its sd, its kind (covariance.py), and rows that stand alone.
+
+The standard deviation is the one that the case gives, else that of repeated settings, else what the smoothest model
+that the data support leaves. That model is the fitted one with those shapes in the data's columns that earn their
+place. The kind of noise always comes from that smoothest model, by restricted maximum likelihood over the nodes. A row
+stands alone when it lies far off what the other rows of its run say about it: a glitch does, an effect is shared by
+neighbours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.special import betainc, stdtrit
+
+from terrapin_hil.arrays import Array, Index, Mask
+from terrapin_tools.workbench.bases import RUNNING
+from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Node, Runs, by_filter, orthonormal
+from terrapin_tools.workbench.noise.marginal_likelihood import STATED
+
+__all__ = [
+    "Noise",
+    "estimate_noise",
+    "least_noise",
+    "odd_rows",
+    "repeated_settings",
+    "restricted_likelihood",
+    "within_scatter",
+]
+
+SHAPES_LIMIT = 12  # shapes that the smoothest model may take up; chosen by hand
+ENTRY = (
+    20.0  # squared score, in noise variances, at which a shape enters: 1e-5 a shape by chance, over hundreds of them
+)
+# Kinds of noise at which a shape is tried beside the present one: white, and two correlations. Chosen by hand.
+TRIED = tuple(i for i in PLAIN if (NODES[i].share, NODES[i].rho) in ((0.0, 0.0), (1.0, 0.6), (1.0, 0.92)))
+ODD = 0.01  # false alarm rate of "a row of this case stands alone"; chosen by hand
+ODD_SHARE = 0.05  # of the rows that may stand alone at most: more are no exception
+LONG = 1000  # rows of a run from which odd ones are not looked for, for memory
+FEW_REPEATS = 30  # degrees of freedom below which the repeats alone give too rough an sd; chosen by hand (13 % of sd)
+REPEATS_NEEDED = 4  # degrees of freedom that repeated settings must give; chosen by hand
+# Share of a channel's spread below which no noise was measured. Chosen by hand, after cases of computed numbers, whose
+# sd of rounding (1e-151 in one) made every formula wrong.
+EXACT = 1e-6
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of each channel: its sd in the channel's unit, where that comes from, and of what kind it is."""
+
+    sigma: Array  # (channels,), of a row without offsets and drift
+    known: Mask  # (channels,): given in the case
+    node: Node
+    source: str  # one sentence for people
+    freedom: Array  # degrees of freedom behind each sigma; inf when given
+    groups: Index | None  # (rows,) repeated settings that gave sigma, None when they did not
+    odd: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))  # (rows,) that stand alone
+    ratio: Array = field(default_factory=lambda: np.ones(0))  # (channels,): what the smoothest model leaves over sigma
+    ratio_freedom: float = np.inf
+
+    @property
+    def behind(self) -> float:
+        """Degrees of freedom that evidence counts behind the sd."""
+        return STATED if self.known.all() else 0.0
+
+
+def restricted_likelihood(
+    runs: Runs, residuals: Sequence[Array], bases: Sequence[Array], sigma: Sequence[float | None]
+) -> tuple[Array, Array]:
+    """-2 log restricted likelihood of the residuals at each kind of noise, and their sums of squares.
+
+    Parameters
+    ----------
+    runs : the rows, of one channel.
+    residuals : for each channel (rows,), in any one unit.
+    bases : for each channel (rows, count), orthonormal columns that were fitted.
+    sigma : for each channel the noise sd in the unit of its residuals, an estimate with STATED degrees of freedom;
+        None: it is profiled.
+
+    Returns
+    -------
+    (nodes,) : -2 log likelihood, up to a constant; the prior of each node is in it.
+    (nodes, channels) : whitened residual sums of squares, in the unit of the residuals squared.
+    """
+    criterion = np.array([-2.0 * np.log(node.prior) for node in NODES])
+    squares = np.zeros((len(NODES), len(residuals)))
+    for kind, places in by_filter(range(len(NODES))).items():
+        for channel, (residual, basis, sd) in enumerate(zip(residuals, bases, sigma, strict=True)):
+            own, base = runs.filtered(residual[:, None], *kind), runs.filtered(basis, *kind)
+            among, cross = runs.products(base, base), runs.products(base, own)
+            for place in places:
+                inner, taken = among.at(NODES[place]), cross.at(NODES[place])[:, 0]
+                total = float(runs.squares(own, NODES[place])[0] - taken @ np.linalg.solve(inner, taken))
+                squares[place, channel] = max(total, 1e-300)
+                fit = _likelihood(squares[place, channel], runs.rows - basis.shape[1], sd)
+                criterion[place] += float(fit) + runs.log_determinant(NODES[place]) + np.linalg.slogdet(inner)[1]
+    return criterion, squares
+
+
+def repeated_settings(roles: Mapping[str, Array], rows: int) -> Index:
+    """A number for each row; rows with the same number are repeated settings.
+
+    All mapped roles except time, angle and acceleration agree within 1 % of their range.
+    """
+    settings = [values for name, values in roles.items() if name not in RUNNING]
+    if not settings:
+        return np.arange(rows)
+    stacked = np.column_stack(settings)
+    span = np.ptp(stacked, axis=0)
+    tolerance = np.where(span > 0, 0.01 * span, np.inf)
+    group = np.full(rows, -1, dtype=np.int64)
+    order = np.argsort(stacked[:, 0], kind="stable")
+    sorted_first = stacked[order, 0]
+    count = 0
+    for row in range(rows):
+        if group[row] >= 0:
+            continue
+        low, high = np.searchsorted(sorted_first, [stacked[row, 0] - tolerance[0], stacked[row, 0] + tolerance[0]])
+        near = order[low : high + 1]
+        near = near[group[near] < 0]
+        agree = near[(np.abs(stacked[near] - stacked[row]) <= tolerance).all(axis=1)]
+        group[agree] = count
+        group[row] = count
+        count += 1
+    return group
+
+
+def estimate_noise(
+    residual: Array,
+    jacobian: Array,
+    run: Index,
+    given: Sequence[float | None],
+    roles: Mapping[str, Array],
+    shapes: Sequence[Array],
+    least: Array,
+) -> Noise:
+    """Noise of the residuals of a fitted model: sd of each channel, correlation, and where the sd comes from.
+
+    Parameters
+    ----------
+    residual : (channels, rows), measured minus predicted, in the channels' units.
+    jacobian : (channels, rows, parameters), derivatives of the prediction, in the same units.
+    run : (rows,), the run of each row.
+    given : for each channel the sd that the case states, in the channel's unit, or None.
+    roles : mapped roles (rows,), among which repeated settings are looked for; empty: there are none.
+    shapes : for each channel (count, rows), functions of the data's columns, candidates for the smoothest model.
+    least : (channels,), see `least_noise`; a smaller sd is that of rounding, and this one is taken as if it were given.
+    """
+    noise = _estimate(residual, jacobian, run, given, roles, shapes)
+    exact = ~noise.known & (noise.sigma < least)
+    if not exact.any():
+        return noise
+    stated = [float(low) if bare else g for low, bare, g in zip(least, exact, given, strict=True)]
+    source = f"measurements without noise: an sd of {EXACT:g} of their spread is assumed"
+    return replace(_estimate(residual, jacobian, run, stated, roles, shapes), source=source)
+
+
+def least_noise(values: Array) -> Array:
+    """The smallest noise sd (channels,) that is believed of measurements (channels, rows) without a stated one.
+
+    What was computed, not measured, has no noise but its rounding, and errors in units of that mean nothing.
+    """
+    low, high = np.quantile(values, [0.05, 0.95], axis=1)
+    spread = np.where(high > low, high - low, np.ptp(values, axis=1))
+    largest = np.abs(values).max(axis=1)
+    return np.asarray(EXACT * np.where(spread > 0.0, spread, np.where(largest > 0.0, largest, 1.0)))
+
+
+def _estimate(
+    residual: Array,
+    jacobian: Array,
+    run: Index,
+    given: Sequence[float | None],
+    roles: Mapping[str, Array],
+    shapes: Sequence[Array],
+) -> Noise:
+    channels, rows, _ = jacobian.shape
+    runs = Runs(run)
+    bases = [orthonormal(jacobian[c]) for c in range(channels)]
+    pools = [np.ascontiguousarray(shape.T) for shape in shapes]
+    limit = min(SHAPES_LIMIT, max(0, (rows - bases[0].shape[1]) // 4))
+    taken = 0
+    while True:
+        criterion, squares = restricted_likelihood(runs, list(residual), bases, given)
+        best = int(np.argmin(criterion))
+        free = np.array([rows - basis.shape[1] for basis in bases], dtype=np.float64)
+        estimated = np.sqrt(squares[best] / np.maximum(free, 1.0))
+        sigma = np.array([e if g is None else g for e, g in zip(estimated, given, strict=True)])
+        if taken >= limit:
+            break
+        gain, channel, index = _strongest(runs, residual, bases, pools, given, squares, best)
+        if gain < ENTRY:
+            break
+        bases[channel] = orthonormal(np.column_stack([bases[channel], pools[channel][:, index]]))
+        taken += 1
+    node = NODES[best]
+    known = np.array([g is not None for g in given], dtype=bool)
+    odd = np.zeros(rows, dtype=bool)
+    for channel in range(channels):
+        odd |= odd_rows(runs, residual[channel], bases[channel], node, given[channel])
+    found = Noise(sigma, known, node, "noise sd as given", np.where(known, np.inf, free), None, odd)
+    found = replace(found, ratio=estimated / sigma, ratio_freedom=float(free.min()))
+    if known.all():
+        return found
+    group = repeated_settings(roles, rows)
+    repeats = rows - (int(group.max()) + 1)
+    if repeats < REPEATS_NEEDED:
+        source = f"no repeated settings: noise sd from the smoothest model ({taken} shapes beside the model's own)"
+        return replace(found, source=source)
+    repeated, freedom = within_scatter(runs, residual.T, group, node), float(repeats)
+    agree = [_agree(sigma[c], free[c], repeated[c], freedom) for c in range(channels)]
+    if freedom < FEW_REPEATS and all(agree):
+        pooled = np.sqrt((free * sigma**2 + freedom * repeated**2) / (free + freedom))
+        source = f"noise sd from {repeats} repeats of settings and, agreeing with them, the smoothest model"
+        behind = np.where(known, np.inf, free + freedom)
+        return replace(found, sigma=np.where(known, sigma, pooled), source=source, freedom=behind)
+    source = f"noise sd from repeated settings ({repeats} repeats)"
+    behind = np.where(known, np.inf, freedom)
+    return replace(found, sigma=np.where(known, sigma, repeated), source=source, freedom=behind, groups=group)
+
+
+def odd_rows(runs: Runs, residual: Array, basis: Array, node: Node, sigma: float | None) -> Mask:
+    """Rows (rows,) that stand alone: far off what the other rows of their run say about them.
+
+    Each residual is judged given all others, externally studentised, against Student's t at ODD over all rows; the
+    farthest first, again without it until none is left.
+
+    Parameters
+    ----------
+    runs : the rows, of one channel.
+    residual : (rows,), measured minus predicted.
+    basis : (rows, count), orthonormal columns that were fitted.
+    node : the likeliest kind of noise.
+    sigma : the stated sd in the unit of the residual; None: there is none.
+    """
+    odd = np.zeros(runs.rows, dtype=bool)
+    behind = STATED if sigma is not None else 0.0
+    scaled = residual / (sigma if sigma is not None else max(float(np.sqrt(np.mean(residual**2))), 1e-150))
+    if runs.length.max() > LONG:
+        return odd
+    for _ in range(int(ODD_SHARE * runs.rows)):
+        kept = np.flatnonzero(~odd)
+        x = orthonormal(basis[kept])
+        free = len(kept) - x.shape[1] + behind - 1.0
+        if free < 5.0:
+            break
+        weighed, diagonal = _inverse_times(runs, kept, np.column_stack([x, scaled[kept]]), node)
+        inner = np.linalg.inv(x.T @ weighed[:, :-1])
+        left = weighed[:, -1] - weighed[:, :-1] @ (inner @ (x.T @ weighed[:, -1]))
+        own = diagonal - np.einsum("ij,jk,ik->i", weighed[:, :-1], inner, weighed[:, :-1])
+        square = left * left / np.maximum(own, 1e-12)
+        others = np.maximum(behind + float(scaled[kept] @ left) - square, 1e-30) / free
+        farthest = int(np.argmax(square / others))
+        if np.sqrt(square[farthest] / others[farthest]) < stdtrit(free, 1.0 - 0.5 * ODD / runs.rows):
+            return odd
+        odd[kept[farthest]] = True
+    return odd
+
+
+def _inverse_times(runs: Runs, kept: Index, columns: Array, node: Node) -> tuple[Array, Array]:
+    """Inverse of the covariance of some rows times columns (rows kept, count), and its diagonal."""
+    found, diagonal = np.empty_like(columns), np.empty(len(kept))
+    run = runs.run[kept]
+    for one in np.unique(run):
+        mine = np.flatnonzero(run == one)
+        place, line = runs.position[kept[mine]], runs.line[kept[mine]]
+        lag = np.abs(place[:, None] - place[None, :])
+        inverse = np.linalg.inv(_alike(node, lag) + node.drift**2 * np.outer(line, line))
+        found[mine], diagonal[mine] = inverse @ columns[mine], np.diagonal(inverse)
+    return found, diagonal
+
+
+def _alike(node: Node, lag: Index) -> Array:
+    """Covariance of rows of one run that are `lag` rows apart, drifts left out."""
+    own = np.where(lag == 0, 1.0 - node.share, 0.0) + node.offset**2
+    return np.asarray(own + node.share * node.rho**lag if node.share else own)
+
+
+def _agree(smooth: float, smooth_freedom: float, repeated: float, freedom: float) -> bool:
+    """Whether what the smoothest model leaves is no larger than the repeats' scatter, at 1 % (F test)."""
+    ratio = (smooth / repeated) ** 2
+    return bool(_f_tail(ratio, smooth_freedom, freedom) > 0.01)
+
+
+def _f_tail(ratio: float, above: float, below: float) -> float:
+    return float(betainc(below / 2.0, above / 2.0, below / (below + above * ratio)))
+
+
+def _likelihood(squares: Array, rows: int, sigma: float | None) -> Array:
+    """-2 log likelihood of whitened sums of squares, but for what depends on the kind of noise alone."""
+    if sigma is not None:
+        return np.asarray((STATED + rows) * np.log(STATED + squares / (sigma * sigma)))
+    return np.asarray(rows * np.log(np.maximum(squares, 1e-300)))
+
+
+def _strongest(
+    runs: Runs,
+    residual: Array,
+    bases: Sequence[Array],
+    pools: Sequence[Array],
+    sigma: Sequence[float | None],
+    squares: Array,
+    best: int,
+) -> tuple[float, int, int]:
+    """Largest gain of -2 log likelihood by one shape more, the kind of noise being free to change; channel and index.
+
+    A misfit that drifts looks like strong correlation, under which its own shape would hardly count: so the shape is
+    also tried at weaker ones.
+    """
+    own = np.array(
+        [[float(_likelihood(q, runs.rows, sd)) for q, sd in zip(row, sigma, strict=True)] for row in squares]
+    )
+    known = np.array([len(sigma) * runs.log_determinant(node) - 2.0 * np.log(node.prior) for node in NODES])
+    whole = own.sum(axis=1) + known
+    present = float(whole.min())
+    found = (0.0, 0, 0)
+    for trial in sorted({best, *TRIED}):
+        node = NODES[trial]
+        for channel, pool in enumerate(pools):
+            if pool.shape[1] == 0:
+                continue
+            white, columns = runs.whiten(residual[channel][:, None], node)[:, 0], runs.whiten(pool, node)
+            before = (columns * columns).sum(axis=0)
+            if bases[channel].shape[1]:
+                q = np.linalg.qr(runs.whiten(bases[channel], node))[0]
+                white = white - q @ (q.T @ white)
+                columns = columns - q @ (q.T @ columns)
+            norm = (columns * columns).sum(axis=0)
+            usable = norm > 1e-8 * before
+            taken = np.where(usable, (columns.T @ white) ** 2 / np.where(usable, norm, 1.0), 0.0)
+            index = int(np.argmax(taken))
+            left = np.asarray(max(float(white @ white) - float(taken[index]), 1e-300))
+            new = whole[trial] - own[trial, channel] + float(_likelihood(left, runs.rows, sigma[channel]))
+            found = max(found, (present - float(new), channel, index), key=lambda entry: entry[0])
+    return found
+
+
+def within_scatter(runs: Runs, values: Array, group: Index, node: Node) -> Array:
+    """Noise sd (sets,) from the scatter of values (rows, sets) within groups of repeated settings.
+
+    Rows of one run are alike where the noise is correlated, and runs differ by their offsets: the scatter within a
+    group is compared with what this kind of noise would give for s = 1.
+    """
+    order = np.argsort(group, kind="stable")
+    starts = np.flatnonzero(np.diff(group[order], prepend=-1))
+    sizes = np.diff(np.append(starts, len(order)))
+    sums = np.add.reduceat(values[order], starts, axis=0)
+    scatter = (values * values).sum(axis=0) - (sums * sums / sizes[:, None]).sum(axis=0)
+    share = 0.0
+    for begin, size in zip(starts[sizes > 1], sizes[sizes > 1], strict=True):
+        rows = order[begin : begin + size]
+        same = runs.run[rows][:, None] == runs.run[rows][None, :]
+        lag = np.abs(runs.position[rows][:, None] - runs.position[rows][None, :])
+        alike = same * (_alike(node, lag) + node.drift**2 * np.outer(runs.line[rows], runs.line[rows]))
+        share += float(np.trace(alike)) - float(alike.sum()) / size
+    return np.asarray(np.sqrt(np.maximum(scatter, 1e-300) / max(share, 1e-12)))

@@ -1,0 +1,207 @@
+"""Noise that the engine was not told of: how often it alarms, and whether an effect is named all the same.
+
+    python -m tests.campaigns.noises --cases 24 --size 0          nothing is missing
+    python -m tests.campaigns.noises --cases 24 --size 2 --runs 30 --families offsets,rig
+    python -m tests.campaigns.noises --part 1/4                    a quarter of the cases; parts merge
+
+A case of rolling_steady is drawn as in discovery_cases.py; the noise that stands in it is replaced by that of a family
+below. None of them knows the nodes of the engine's noise model. Results are lines of JSON, one file a setting; a rerun
+goes on where the last one stopped. The table puts the worst family first.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.signal import lfilter
+
+from terrapin_hil.arrays import Array, Index
+from terrapin_tools.workbench.case.case import Case
+from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.model.model import Model
+from tests.campaigns.discovery_cases import ROLLING, Made, make
+from tests.campaigns.statistics import rate_limits
+
+__all__ = ["FAMILIES", "disturbed"]
+
+Random = np.random.Generator
+Noise = Callable[[Index, Array, Random], Array]  # run and speed (rows,) to noise (rows,) in noise sd
+
+
+def white(run: Index, speed: Array, random: Random) -> Array:
+    return random.standard_normal(len(run))
+
+
+def ar1(run: Index, speed: Array, random: Random) -> Array:
+    rho = float(random.choice([0.4, 0.8]))
+    found = np.empty(len(run))
+    for one in np.unique(run):
+        drive = random.standard_normal(int((run == one).sum()))
+        drive[1:] *= np.sqrt(1.0 - rho * rho)
+        found[run == one] = lfilter([1.0], [1.0, -rho], drive)
+    return found
+
+
+def offsets(run: Index, speed: Array, random: Random) -> Array:
+    size = float(random.uniform(0.3, 1.0))
+    return white(run, speed, random) + size * random.standard_normal(int(run.max()) + 1)[run]
+
+
+def drift(run: Index, speed: Array, random: Random) -> Array:
+    """A random walk over the whole test, rms 0.5 sd."""
+    walk = np.cumsum(random.standard_normal(len(run)))
+    walk -= walk.mean()
+    return white(run, speed, random) + 0.5 * walk / np.sqrt(np.mean(walk * walk))
+
+
+def outliers(run: Index, speed: Array, random: Random) -> Array:
+    odd = random.random(len(run)) < 0.01
+    return white(run, speed, random) + odd * random.choice([-1.0, 1.0], len(run)) * random.uniform(6.0, 15.0, len(run))
+
+
+def tails(run: Index, speed: Array, random: Random) -> Array:
+    return np.asarray(random.standard_t(3.0, len(run)) / np.sqrt(3.0))
+
+
+def growing(run: Index, speed: Array, random: Random) -> Array:
+    """The sd grows threefold from standstill to the largest speed."""
+    scale = 1.0 + 2.0 * np.abs(speed) / np.abs(speed).max()
+    return np.asarray(scale * random.standard_normal(len(run)) / np.sqrt(np.mean(scale * scale)))
+
+
+def hum(run: Index, speed: Array, random: Random) -> Array:
+    """A sine of random phase in each run, rms 0.7 sd."""
+    row = np.concatenate([np.arange(int((run == one).sum())) for one in np.unique(run)])
+    row = row[np.argsort(np.argsort(run, kind="stable"), kind="stable")]
+    phase, rate = random.uniform(0.0, 2.0 * np.pi, int(run.max()) + 1)[run], float(random.uniform(0.3, 2.5))
+    return np.asarray(white(run, speed, random) + np.sin(rate * row + phase))
+
+
+def unlike(run: Index, speed: Array, random: Random) -> Array:
+    """The sd differs from run to run."""
+    return np.asarray(np.exp(0.5 * random.standard_normal(int(run.max()) + 1))[run] * random.standard_normal(len(run)))
+
+
+def rig(run: Index, speed: Array, random: Random) -> Array:
+    """A bit of everything: correlated, offsets of 0.7 sd, 1 % outliers, a fifth larger than stated."""
+    both = 0.8 * white(run, speed, random) + 0.6 * ar1(run, speed, random)
+    odd = outliers(run, speed, random) - white(run, speed, random)
+    return np.asarray(
+        1.2 * (both + 0.7 * random.standard_normal(int(run.max()) + 1)[run] + np.where(abs(odd) > 4.0, odd, 0.0))
+    )
+
+
+FAMILIES: dict[str, Noise] = {
+    "white": white, "ar1": ar1, "offsets": offsets, "drift": drift, "outliers": outliers, "tails": tails,
+    "growing": growing, "hum": hum, "unlike": unlike, "rig": rig, "quantised": white, "stated": white, "inputs": white,
+}  # fmt: skip
+
+
+def disturbed(made: Made, family: str, random: Random) -> Case:
+    """The case of `made` with the noise of a family in the place of its own."""
+    case, model = made.case, Model.of(made.case, made.truth)
+    theta = np.array([made.theta[fitted.key] for fitted in model.fitted])
+    speed = case.roles["omega"]
+    sigma = np.array([made.sigma[c] for c in model.channels])[:, None]
+    predicted = model.bind(case.inputs).predict(theta)
+    values = predicted + sigma * np.array([FAMILIES[family](case.run, speed, random) for _ in model.channels])
+    stated, roles = {c: made.sigma[c] for c in model.channels}, dict(case.roles)
+    if family == "quantised":
+        values = 3.0 * sigma * np.round(values / (3.0 * sigma))
+        stated = dict.fromkeys(stated)  # type: ignore[arg-type]
+    elif family == "stated":
+        factor = float(np.exp(random.uniform(np.log(0.5), np.log(2.0))))
+        stated = {c: s * factor for c, s in stated.items()}
+    elif family == "inputs":
+        share = float(random.choice([0.01, 0.03]))
+        roles["omega"] = speed + share * float(np.ptp(speed)) * random.standard_normal(len(speed))
+    changed = replace(case, channels={c: values[i] for i, c in enumerate(model.channels)}, sigma=stated, roles=roles)
+    changed.__dict__.pop("inputs", None)  # computed from the roles of before
+    return changed
+
+
+def one(family: str, number: int, size: float, runs: int, seed: int) -> dict[str, Any]:
+    """Make and answer one case."""
+    random = np.random.default_rng([seed, sorted(FAMILIES).index(family), number, int(10 * size)])
+    made = None
+    while made is None:
+        hidden = (str(random.choice(ROLLING)),) if size else ()
+        made = make("rolling_steady", hidden, runs, 0.0, size or 1.0, random)
+    found = discover(disturbed(made, family, random), seed=number)
+    named = [set(found.missing), *(set(r) for r in found.rivals)]
+    return {
+        "family": family,
+        "number": number,
+        "truth": list(made.truth),
+        "alarm": found.analysis.missing,
+        "verdict": found.verdict,
+        "missing": list(found.missing),
+        "rivals": [list(r) for r in found.rivals],
+        "probability": found.answer_probability,
+        "right": set(made.truth) in named if size else not found.analysis.missing,
+        "noise": found.analysis.noise.node.words(),
+        "odd": int(found.analysis.odd.sum()),
+    }
+
+
+def table(records: list[dict[str, Any]]) -> str:
+    """Rates by family, the worst first; 95 % limits."""
+    lines = [f"{'family':12}{'cases':>6}  {'alarm':>22}  {'right or tied':>22}  {'above 0.9 and wrong':>22}"]
+    families = sorted(
+        {r["family"] for r in records}, key=lambda f: np.mean([r["right"] for r in records if r["family"] == f])
+    )
+    for family in families:
+        mine = [r for r in records if r["family"] == family]
+        confident = [
+            r["verdict"] in ("missing", "unexplained") and r["probability"] > 0.9 and not r["right"] for r in mine
+        ]
+        parts = []
+        for hits in ([r["alarm"] for r in mine], [r["right"] for r in mine], confident):
+            low, high = rate_limits(sum(hits), len(hits))
+            parts.append(f"{100 * np.mean(hits):5.1f} % ({100 * low:.1f} to {100 * high:.1f})")
+        lines.append(f"{family:12}{len(mine):6d}  " + "  ".join(f"{part:>22}" for part in parts))
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.campaigns.noises", description=__doc__.partition("\n")[0])
+    parser.add_argument("--cases", type=int, default=24, help="of each family")
+    parser.add_argument("--families", default=",".join(FAMILIES))
+    parser.add_argument(
+        "--size", type=float, default=0.0, help="of the one effect that is missing, in noise sd; 0: none"
+    )
+    parser.add_argument("--runs", type=int, default=14)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--part", default="1/1", metavar="K/N", help="every N-th case, from the K-th on")
+    parser.add_argument("--out", type=Path, default=Path("out") / "noises")
+    arguments = parser.parse_args()
+    part, parts = map(int, arguments.part.split("/"))
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    stem = f"{arguments.size:g}-{arguments.runs}-{arguments.seed}"
+    stored = [
+        json.loads(text) for p in sorted(arguments.out.glob(f"{stem}-*.jsonl")) for text in p.read_text().splitlines()
+    ]
+    done = {(r["family"], r["number"]) for r in stored}
+    chosen = arguments.families.split(",")
+    with (arguments.out / f"{stem}-{part}of{parts}.jsonl").open("a", encoding="utf-8") as file:
+        for number in range(part - 1, arguments.cases, parts):
+            for family in chosen:
+                if (family, number) in done:
+                    continue
+                record = one(family, number, arguments.size, arguments.runs, arguments.seed)
+                stored.append(record)
+                file.write(json.dumps(record) + "\n")
+                file.flush()
+            print(f"{number + 1} of {arguments.cases}", file=sys.stderr)
+    print(table([r for r in stored if r["family"] in chosen]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,252 @@
+"""What happens to measurements on their way into a case: gaps, turns, a lost sign, placeholders; and new runs."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from casekit import ROLLING, one_line, rolling, terrapin
+
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.files import csv_files
+
+
+def change(folder: Path, cells: dict[tuple[int, int], str]) -> None:
+    """Put text into cells of runs.csv, by line (from 1) and column (from 0)."""
+    lines = [line.split(",") for line in (folder / "runs.csv").read_text().splitlines()]
+    for (line, column), text in cells.items():
+        lines[line - 1][column] = text
+    (folder / "runs.csv").write_text("\n".join(map(",".join, lines)) + "\n")
+
+
+@pytest.mark.parametrize("large", [False, True])
+def test_a_gap_drops_its_row_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, large: bool
+) -> None:
+    folder = rolling(tmp_path, 1)
+    before = load_case(folder)
+    change(folder, {(4, 1): "", (7, 4): "nan", (9, 4): "NaN", (9, 2): " ", (20, 5): ""})
+    if large:
+        monkeypatch.setattr(csv_files, "LARGE", 1)
+    case = load_case(folder)
+    assert case.rows == before.rows - 3
+    assert case.rows_left_out == 3
+    kept = np.delete(np.arange(before.rows), [2, 5, 7])
+    assert case.channels["current"] == pytest.approx(before.channels["current"][kept])
+    assert [case.place(row) for row in (0, 2, 5)] == ["runs.csv:2", "runs.csv:5", "runs.csv:10"]
+    assert "humidity" not in case.extra
+    status, out, _ = terrapin(capsys, "compare", folder)
+    assert status == 0
+    said = " ".join(out.split())
+    assert "3 of 120 rows left out: no number in a mapped column (w 1, W 1, i 2)." in said
+    assert "Not looked at, for gaps: humidity." in said
+    answer = json.loads(terrapin(capsys, "compare", folder, "--json", "-")[1])
+    assert answer["intake"]["rows_left_out"] == 3
+    terrapin(capsys, "report", folder, "--no-discover", "-o", tmp_path / "page.html")
+    assert "3 of 120 rows left out" in (tmp_path / "page.html").read_text()
+
+
+def test_a_case_without_gaps_says_nothing_of_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    answer = json.loads(terrapin(capsys, "compare", rolling(tmp_path, 1), "--json", "-")[1])
+    assert "intake" not in answer
+
+
+def test_every_row_with_a_gap_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = rolling(tmp_path, 1, runs=2, rows=2)
+    change(folder, {(line, 1 if line % 2 else 4): "" for line in range(2, 6)})
+    status, _, err = terrapin(capsys, "compare", folder)
+    assert status == 2
+    one_line(err, ["runs.csv:2: column w: every row has a gap"])
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("1/min", 1.0), ("rpm", 1.0), ("rad/min", 0.5 / np.pi), ("1/s", 60.0)])
+def test_so_many_a_minute_are_turns(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], unit: str, factor: float
+) -> None:
+    turning = load_case(rolling(tmp_path / "rpm", 1))
+    text = ROLLING.replace('unit = "rpm"', f'unit = "{unit}"')
+    folder = rolling(tmp_path / "other", 1, text=text)
+    case = load_case(folder)
+    assert case.roles["omega"] == pytest.approx(factor * turning.roles["omega"])
+    _, out, _ = terrapin(capsys, "compare", folder)
+    shown = f"omega: {unit} is read as turns, so 1000 of them are {1000 * factor * np.pi / 30:.5g} rad/s"
+    assert (shown in " ".join(out.split())) == unit.startswith("1/")
+
+
+def test_a_limit_in_so_many_a_minute_is_turns_too(tmp_path: Path) -> None:
+    text = ROLLING.replace("[data]", '[limits]\nomega = { min = 0, max = 60, unit = "1/min" }\n[data]')
+    assert load_case(rolling(tmp_path, 1, text=text)).limits["omega"] == pytest.approx((0.0, 2.0 * np.pi))
+
+
+def test_a_current_that_lost_its_sign_is_noticed(tmp_path: Path) -> None:
+    folder = rolling(tmp_path, 1)
+    assert not load_case(folder).remarks
+    lines = [line.split(",") for line in (folder / "runs.csv").read_text().splitlines()]
+    change(folder, {(n, 4): line[4].lstrip("-") for n, line in enumerate(lines, 1)})
+    (remark,) = load_case(folder).remarks
+    assert "current has one sign only although omega takes both" in remark
+
+
+def table(folder: Path, seed: int = 1, names: str = "abcdef") -> Path:
+    """A table of rolling with a run for each letter."""
+    made = rolling(folder / f"made_{seed}", seed, runs=len(names), rows=8)
+    text = (made / "runs.csv").read_text().splitlines()[1:]
+    rows = [f"{names[int(line[1:3])]}{line[3:]}" for line in text]
+    (folder / f"day_{seed}.csv").write_text(
+        "run,omega_rpm,W [N],temp_degF,i_motor_mA,humidity\n" + "\n".join(rows) + "\n"
+    )
+    return folder / f"day_{seed}.csv"
+
+
+def test_placeholders_are_marked_until_confirmed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    case = tmp_path / "case"
+    assert terrapin(capsys, "case", table(tmp_path), "--to", case)[0] == 0
+    text = (case / "case.toml").read_text()
+    marked = tomllib.loads(text)["case"]["guessed"]
+    assert marked == [
+        f"parameters.{name}" for name in ("radius", "drive_radius", "torque_constant", "coulomb", "viscous")
+    ]
+    out = " ".join(terrapin(capsys, "compare", case)[1].split())
+    assert "Guessed and not confirmed: parameters.radius, parameters.drive_radius" in out
+    assert json.loads(terrapin(capsys, "compare", case, "--json", "-")[1])["intake"]["guessed"] == marked
+    assert terrapin(capsys, "report", case, "--no-discover", "-o", tmp_path / "page.html")[0] == 0
+    assert "Guessed and not confirmed: parameters.radius" in (tmp_path / "page.html").read_text()
+    start = text.index("guessed = [")
+    (case / "case.toml").write_text(text[:start] + text[text.index("\n", start) :])
+    assert "Guessed" not in terrapin(capsys, "compare", case)[1]
+    (case / "case.toml").write_text(text.replace("parameters.coulomb", "parameters.columb"))
+    status, _, err = terrapin(capsys, "compare", case)
+    assert status == 2
+    one_line(err, ["case.guessed: parameters.columb is not there"])
+
+
+def unclear(folder: Path) -> Path:
+    """A table in which two columns may be the current, and the speed has no unit."""
+    day = table(folder)
+    lines = day.read_text().splitlines()
+    head = "run,omega,W [N],temp_degF,i_left_mA,i_right_mA"
+    day.write_text("\n".join([head, *lines[1:]]) + "\n")
+    return day
+
+
+def test_a_doubt_is_an_error_that_names_the_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    day, case = unclear(tmp_path), tmp_path / "case"
+    for options, words in (
+        ([], "Which column is the current? i_left_mA or i_right_mA? Say it with --column current=COLUMN"),
+        (["--column", "current=i_left_mA"], "What is the unit of omega (omega)? rad/s? Say it with --unit omega=UNIT"),
+        (["--column", "current=i_left"], "--column: found 'i_left', expected one of omega, W [N]"),
+        (["--column", "amps=i_left_mA"], "--column: found 'amps', expected one of time, omega"),
+        (["--column", "current=i_left_mA", "--unit", "omega=N"], "--unit: omega: 'N' does not convert to 'rad/s'"),
+        (["--column", "current=i_left_mA", "--unit", "omega=rpm", "--unit", "slip=1"], "--unit: found slip, expected"),
+    ):
+        status, _, err = terrapin(capsys, "case", day, "--to", case, *options)
+        assert status == 2
+        one_line(err, [words])
+        assert not case.exists()
+    answers = ["--column", "current=i_right_mA", "--unit", "omega=rpm"]
+    assert terrapin(capsys, "case", day, "--to", case, *answers)[0] == 0
+    columns = tomllib.loads((case / "case.toml").read_text())["data"]["columns"]
+    assert columns["current"]["column"] == "i_right_mA"
+    assert columns["omega"] == {"column": "omega", "unit": "rpm"}
+
+
+def test_a_doubt_is_asked_at_a_terminal(tmp_path: Path) -> None:
+    day, case = unclear(tmp_path), tmp_path / "case"
+    mine, theirs = pty.openpty()
+    try:
+        os.write(mine, b"neither\ni_right_mA\nrpm\n")
+        start = "from terrapin_tools.cli import main; main()"
+        command = [sys.executable, "-c", start, "case", str(day), "--to", str(case)]
+        done = subprocess.run(command, stdin=theirs, stdout=subprocess.PIPE, stderr=theirs, timeout=60, check=False)
+        said = os.read(mine, 4096).decode()
+    finally:
+        os.close(mine)
+        os.close(theirs)
+    assert done.returncode == 0, said
+    assert said.count("Which column is the current? i_left_mA or i_right_mA") == 2
+    assert "What is the unit of omega (omega)? [rad/s]" in said
+    columns = tomllib.loads((case / "case.toml").read_text())["data"]["columns"]
+    assert columns["current"]["column"] == "i_right_mA"
+    assert columns["omega"]["unit"] == "rpm"
+
+
+def test_append_judges_the_old_model_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    case = rolling(tmp_path / "case", 1)
+    rolling(tmp_path / "more", 2, runs=6, heating=0.004)
+    new = tmp_path / "warm.csv"
+    lines = (tmp_path / "more/runs.csv").read_text().splitlines()
+    new.write_text("\n".join([lines[0], *(f"n{line[1:]}" for line in lines[1:])]) + "\n")
+    before = json.loads(terrapin(capsys, "compare", case, "--json", "-")[1])
+    status, out, _ = terrapin(capsys, "case", "append", case, new, "--json", "-")
+    assert status == 0
+    answer = json.loads(out)
+    assert answer["appended"] == [f"n{i:02d}" for i in range(6)]
+    f_o = before["parameters"]["f_o"]["value"]
+    assert answer["before"]["heldout_error"] == before["ladder"][-1]["heldout_error"]
+    # once more by hand: the old model without heating, on the new runs
+    w, load, _, current = np.loadtxt(new, delimiter=",", skiprows=1, usecols=(1, 2, 3, 4)).T
+    omega = w * np.pi / 30
+    torque = f_o * 0.08 * load * np.sign(omega) + 0.012 * np.sign(omega) + 1e-3 * omega
+    off = current / 1000 - torque * 0.018 / (0.08 * 0.1)
+    assert answer["predicted"]["channels"]["current"]["rmse"] == pytest.approx(np.sqrt(np.mean(off**2)), rel=1e-6)
+    assert answer["predicted"]["error"] == pytest.approx(np.sqrt(np.mean(off**2)) / 0.004, rel=1e-6)
+    assert answer["predicted"]["runs"]["n02"] == pytest.approx(np.sqrt(np.mean(off[24:36] ** 2)) / 0.004, rel=1e-6)
+    assert answer["predicted"]["error"] > 2.0 > answer["predicted"]["heldout_error"]
+    assert answer["verdict"] == "missing"
+    loaded = load_case(case)
+    assert set(answer["appended"]) < set(loaded.run_names)
+    assert "# a comment that must stay" in loaded.text
+    assert terrapin(capsys, "report", case, "--no-discover", "-o", tmp_path / "page.html")[0] == 0
+
+
+def test_append_says_it_in_words_and_shares_listed_runs_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = ROLLING.replace('run = "run"', 'run = "run"\ntrain = ["r00", "r01", "r02"]\ntest = ["r03"]')
+    case = rolling(tmp_path / "case", 1, runs=4, text=text)
+    rolling(tmp_path / "more", 2, runs=5)
+    new = tmp_path / "runs.csv"
+    new.write_text((tmp_path / "more/runs.csv").read_text().replace("\nr", "\nn"))
+    status, out, _ = terrapin(capsys, "case", "append", case, new)
+    assert status == 0
+    said = " ".join(out.split())
+    assert "Appended 5 runs of runs.csv" in said
+    assert "The model as it was predicted them to" in said
+    data = tomllib.loads((case / "case.toml").read_text())["data"]
+    assert data["files"] == ["runs.csv", "runs_2.csv"]
+    assert data["train"] == ["r00", "r01", "r02", "n00", "n01", "n02", "n03"]
+    assert data["test"] == ["r03", "n04"]
+    assert (case / "runs_2.csv").read_bytes() == new.read_bytes()
+
+
+def test_append_refuses_what_does_not_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    case = rolling(tmp_path / "case", 1)
+    other, gaps = tmp_path / "other.csv", tmp_path / "gaps.csv"
+    other.write_text("run,w,W,temp\nn1,1,2,3\n")
+    gaps.write_text("run,w,W,temp,i,humidity\nn1,,2,3,4,5\n")
+    text = (case / "case.toml").read_bytes()
+    for arguments, words in (
+        ([case, case / "runs.csv"], "under two names"),
+        ([case, rolling(tmp_path / "again", 1) / "runs.csv"], "run 'r00' is in the case already"),
+        ([case, other], "column 'i' is not in other.csv"),
+        ([case, gaps], "found no row without a gap"),
+        ([case, tmp_path / "none.csv"], "no such file"),
+        ([tmp_path / "none", other], "no such file"),
+        ([case], "FILE"),
+    ):
+        status, _, err = terrapin(capsys, "case", "append", *arguments)
+        assert status == 2
+        one_line(err, [words])
+        assert (case / "case.toml").read_bytes() == text
+        assert {path.name for path in case.iterdir()} <= {"case.toml", "runs.csv", ".terrapin"}
+
+
+def test_a_case_needs_its_folder(capsys: pytest.CaptureFixture[str]) -> None:
+    status, _, err = terrapin(capsys, "case", "day.csv")
+    assert status == 2
+    one_line(err, ["--to"])
