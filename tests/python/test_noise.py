@@ -15,6 +15,8 @@ from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.noise.covariance import NODES, Node, Runs
 from terrapin_tools.workbench.noise.estimate import odd_rows
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
+from terrapin_tools.workbench.story.answer import answer
+from terrapin_tools.workbench.story.told import told
 
 WHITE = Node(0.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -107,3 +109,20 @@ def test_a_stated_sd_that_is_too_small_hides_no_effect(tmp_path: Path) -> None:
     assert (found.verdict, found.missing) == ("missing", ("motor_heating",))
     quiet = load_case(rolling(tmp_path / "quiet", 8, runs=14))
     assert not analyse(replace(quiet, sigma={"current": 0.002})).missing
+
+
+def test_what_the_noise_is_like_is_told_and_no_effect(tmp_path: Path) -> None:
+    case = load_case(rolling(tmp_path / "case", 8, runs=14))
+    small = told(analyse(replace(case, sigma={"current": 0.0025})))
+    assert small.verdict == "adequate"
+    assert [one.kind for one in small.noise_findings] == ["larger"]
+    assert small.noise_findings[0].value == pytest.approx(1.6, abs=0.25)
+    offset = 0.008 * np.random.default_rng(1).standard_normal(14)
+    apart = told(analyse(replace(case, channels={"current": case.channels["current"] + offset[case.run]})))
+    assert [one.kind for one in apart.noise_findings] == ["run_offsets"]
+    assert 0.5 < apart.noise_findings[0].value / offset.std() < 2.0  # sizes are weighed a factor of 2 apart
+    assert "run offsets" in apart.noise_model
+    for story in (small, apart):
+        assert answer(story)["noise"]["findings"][0]["kind"] in ("larger", "run_offsets")
+        assert any("times what is stated" in note or "Runs differ by" in note for note in story.notes)
+    assert not told(analyse(case)).noise_findings

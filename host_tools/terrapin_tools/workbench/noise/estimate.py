@@ -59,6 +59,7 @@ class Noise:
     odd: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))  # (rows,) that stand alone
     ratio: Array = field(default_factory=lambda: np.ones(0))  # (channels,): what the smoothest model leaves over sigma
     ratio_freedom: float = np.inf
+    weights: Array = field(default_factory=lambda: np.ones(1))  # (nodes,): posterior of each kind of noise
 
     @property
     def behind(self) -> float:
@@ -201,7 +202,8 @@ def _estimate(
     for channel in range(channels):
         odd |= odd_rows(runs, residual[channel], bases[channel], node, given[channel])
     found = Noise(sigma, known, node, "noise sd as given", np.where(known, np.inf, free), None, odd)
-    found = replace(found, ratio=estimated / sigma, ratio_freedom=float(free.min()))
+    weights = np.exp(0.5 * (criterion.min() - criterion))
+    found = replace(found, ratio=estimated / sigma, ratio_freedom=float(free.min()), weights=weights / weights.sum())
     if known.all():
         return found
     group = repeated_settings(roles, rows)

@@ -29,7 +29,12 @@ def answer(story: Story) -> dict[str, Any]:
         parts["rivals"] = found.rivals
         parts["next_experiment"] = found.plan and vars(found.plan)
     parts["ladder"] = [vars(rung) for rung in story.ladder]
-    parts["noise"] = {"rho": story.rho, "source": story.noise}
+    parts["noise"] = {
+        "model": story.noise_model,
+        "rho": story.rho,
+        "source": story.noise,
+        "findings": [vars(one) for one in story.noise_findings],
+    }
     if story.groups:
         parts["groups"] = {
             one.parameter: {

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 from terrapin_hil.units import behind
 from terrapin_tools.workbench.compare.groups import Differing
+from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.discover.certainty import EVEN, Operating
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.experiment.proposal import Experiment
@@ -53,6 +54,7 @@ CHIPS = {
     "ambiguous": "the data cannot tell",
     "unexplained": "unexplained",
 }
+SHOWN_ROWS = 4  # rows that are named at most
 HEADINGS = {  # over the candidates, and what the number beside each of them is; "" for every other verdict
     "": ("What is missing", "probability to be part of it"),
     "adequate": ("Too small to tell, if there at all", "probability to be there"),
@@ -241,6 +243,22 @@ def reason(found: Findings, one: Proposal, why_not: str) -> str:
         near = in_sd(one.noise_ratio)
         return f"Fits nearly as well ({near} noise sd on held-out runs), but the runs together speak against it."
     return f"Takes away only {share}{left}."
+
+
+def noise_told(one: NoiseFinding, unit: str) -> str:
+    """What the noise is like, in a sentence."""
+    value = f"{number(one.value, 3)}{behind(unit)}"
+    if one.kind in ("larger", "smaller"):
+        times = f"{number(one.value, 3)} times what is stated"
+        return f"The noise of {one.channel} is {times} (probability {chance(one.probability)})."
+    if one.kind == "rows":
+        more = len(one.rows) - SHOWN_ROWS
+        few = ", ".join(one.rows[:SHOWN_ROWS]) + (f" and {more} more" if more > 0 else "")
+        stand = "row stands" if len(one.rows) == 1 else "rows stand"
+        left = "is" if len(one.rows) == 1 else "are"
+        return f"{len(one.rows)} {stand} apart from the others of the run and {left} left out: {few}."
+    what = "Runs differ by" if one.kind == "run_offsets" else "Within its runs the data drift by"
+    return f"{what} {value} in {one.channel} more than the model explains (probability {chance(one.probability)})."
 
 
 def title(one: Proposal, known: str) -> str:

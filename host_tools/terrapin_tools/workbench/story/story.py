@@ -12,6 +12,7 @@ from pathlib import Path
 
 from terrapin_tools.workbench.case.changes import OwnEffect, OwnParameter
 from terrapin_tools.workbench.compare.groups import Differing
+from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.discover.certainty import Operating
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.experiment.proposal import Experiment
@@ -159,6 +160,8 @@ class Story:
     parameters: Mapping[str, Value]
     channels: Mapping[str, Channel]
     noise: str
+    noise_model: str  # of what kind it is
+    noise_findings: tuple[NoiseFinding, ...]
     rho: float  # correlation from row to row within a run
     found: Findings | None
     groups: tuple[Differing, ...] = ()  # parameters with one value a group

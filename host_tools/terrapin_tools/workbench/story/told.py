@@ -15,6 +15,7 @@ from terrapin_tools.workbench.compare import comparison
 from terrapin_tools.workbench.compare.adequacy import Failure
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.compare.groups import differences
+from terrapin_tools.workbench.compare.noise_findings import noise_findings
 from terrapin_tools.workbench.discover.certainty import EVEN
 from terrapin_tools.workbench.discover.discovery import Candidate, Discovery
 from terrapin_tools.workbench.model import constants
@@ -37,6 +38,8 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
     alarm = sentences.alarm(analysis.missing, p, analysis.level)
     where = found.where if found else _places(analysis.where)
     notes = [_carried(analysis)] if analysis.missing and not (found and found.odd_runs) else []
+    findings = noise_findings(analysis)
+    notes += [sentences.noise_told(one, case.units.get(one.channel) or "") for one in findings]
     heading, measure = sentences.HEADINGS.get(verdict if found else "", sentences.HEADINGS[""])
     return Story(
         folder=case.folder,
@@ -63,6 +66,8 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         parameters=_values(analysis.fit, analysis.sd),
         channels=_channels(analysis),
         noise=noise.source,
+        noise_model=noise.node.words(),
+        noise_findings=tuple(findings),
         rho=noise.node.share * noise.node.rho,
         found=found,
         groups=tuple(differences(analysis)),

@@ -1,0 +1,62 @@
+"""What the noise is like, in findings: these are told beside the answer, and are no missing effects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtr, chdtrc
+
+from terrapin_tools.workbench.compare.comparison import Analysis
+from terrapin_tools.workbench.noise.covariance import NODES
+from terrapin_tools.workbench.noise.marginal_likelihood import STATED
+
+__all__ = ["NoiseFinding", "noise_findings"]
+
+SURE = 0.9  # probability from which a stated sd is said to be off; chosen by hand
+LIKELY = 0.8  # from which offsets and drifts are said to be there; chosen by hand
+OFF = 1.1  # factor on the stated sd from which it is worth a word: a user knows it to 15 or 20 %
+
+
+@dataclass(frozen=True)
+class NoiseFinding:
+    """`value`: of larger and smaller, the factor on the stated sd; of run_offsets and drift, their sd in the channel's
+    unit; of rows, how many. `rows` are places ("runs.csv:17")."""
+
+    kind: str  # larger, smaller, run_offsets, drift or rows
+    channel: str  # "" for rows, which are left out in every channel
+    value: float
+    probability: float
+    rows: tuple[str, ...] = ()
+    runs: tuple[str, ...] = ()
+
+
+def noise_findings(analysis: Analysis) -> list[NoiseFinding]:
+    """What differs from independent noise of the stated sd, judged on what the smoothest model leaves.
+
+    Where something is missing only the rows are told: its misfit would be taken for offsets, or for a larger sd.
+    """
+    noise, case = analysis.noise, analysis.case
+    found: list[NoiseFinding] = []
+    each = zip(analysis.model.channels, noise.known, noise.sigma, noise.ratio, strict=True)
+    for channel, known, sigma, ratio in each if not analysis.missing else ():
+        if known:
+            freedom = STATED + noise.ratio_freedom
+            square = STATED + noise.ratio_freedom * ratio * ratio  # over chi-square(freedom): the true over the stated
+            for kind, probability in (
+                ("larger", float(chdtr(freedom, square / OFF**2))),
+                ("smaller", float(chdtrc(freedom, square * OFF**2))),
+            ):
+                if probability > SURE:
+                    found.append(NoiseFinding(kind, channel, float(np.sqrt(square / freedom)), probability))
+        for kind in ("run_offsets", "drift"):
+            sizes = np.array([node.offset if kind == "run_offsets" else node.drift for node in NODES])
+            probability = float(noise.weights[sizes > 0.0].sum())
+            if probability > LIKELY:
+                value = float(noise.weights @ sizes / probability * sigma)
+                found.append(NoiseFinding(kind, channel, value, probability))
+    if analysis.odd.any():
+        rows = np.flatnonzero(analysis.odd)
+        runs = tuple(dict.fromkeys(case.run_names[case.run[row]] for row in rows))
+        found.append(NoiseFinding("rows", "", float(len(rows)), 1.0, tuple(case.place(int(r)) for r in rows), runs))
+    return found
