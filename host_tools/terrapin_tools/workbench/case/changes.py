@@ -75,7 +75,7 @@ def extended(text: str, stated: Mapping[str, float], names: Sequence[str], own: 
                 raise UserError(
                     f"found {name}, expected a constant of [parameters]: one of {', '.join(sorted(stated))}"
                 )
-            low, high = sorted(stated[constant] * (1.0 + error) for error in SUSPECTED)
+            low, high = sorted(float(f"{stated[constant] * (1.0 + error):.6g}") for error in SUSPECTED)
             text = _free(text, constant, stated[constant], low, high)
     effects = [name for name in names if not name.startswith(SUSPECT)]
     return add_effects(text, effects, own) if effects else text

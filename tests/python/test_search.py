@@ -1,0 +1,118 @@
+"""A search that misses no neighbour: twins of large effects, sums of formulas, wrong constants, round after round."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaigns"))
+
+from casekit import one_line, terrapin
+from discovery_cases import make
+
+from terrapin_hil.paths import ROOT
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.case.changes import extended
+from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.story.told import told
+
+
+def example(folder: Path, name: str, effects: str) -> Path:
+    shutil.copytree(ROOT / "cases" / name, folder, ignore=shutil.ignore_patterns(".terrapin"))
+    text = (folder / "case.toml").read_text()
+    (folder / "case.toml").write_text(text.replace('effects = ["speed_squared"]', f"effects = {effects}"))
+    return folder
+
+
+def motor(folder: Path, seed: int) -> Path:
+    """torque = a w + b w^2 + c (T - 20) against a model with an offset and a w: starts differ, the motor warms."""
+    random = np.random.default_rng(seed)
+    rows = ["run,time_s,w,T,torque"]
+    for run in range(12):
+        start, w = random.uniform(15.0, 30.0), random.uniform(5.0, 40.0)
+        for i in range(12):
+            speed = w * (1.0 + 0.3 * np.sin(0.5 * i))
+            warm = start + 25.0 * (1.0 - np.exp(-i / 6.0)) + random.normal(0.0, 0.3)
+            torque = 0.02 * speed + 4e-4 * speed**2 + 0.012 * (warm - 20.0) + random.normal(0.0, 0.01)
+            rows.append(f"r{run:02d},{0.5 * i},{speed:.5f},{warm:.4f},{torque:.6f}")
+    folder.mkdir()
+    (folder / "runs.csv").write_text("\n".join(rows) + "\n")
+    (folder / "case.toml").write_text(
+        '[model]\nbase = "equation"\n[model.equation]\ntorque = "c0 + a*w"\n'
+        '[fit]\nc0 = { value = 0, unit = "N m" }\na = { value = 0.01, unit = "N m s/rad" }\n'
+        '[data]\nfiles = ["runs.csv"]\nrun = "run"\n[data.columns]\nw = { column = "w", unit = "rad/s" }\n'
+        'T = { column = "T", unit = "degC" }\ntorque = { column = "torque", unit = "N m", sigma = 0.01 }\n'
+    )
+    return folder
+
+
+def test_a_twin_of_a_large_effect_is_named_too(tmp_path: Path) -> None:
+    """At a constant load the drag of the air and a speed-squared resistance are one curve, however large."""
+    found = discover(load_case(example(tmp_path / "case", "heated_motor", "[]")))
+    assert found.verdict == "ambiguous"
+    assert {frozenset(one) for one in found.rivals} == {
+        frozenset({"motor_heating", "aerodynamic_drag"}),
+        frozenset({"motor_heating", "speed_squared"}),
+    }
+    assert found.experiment is not None
+    assert found.experiment.vary == ("load",)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_two_formulas_are_found_where_neither_shows_alone(tmp_path: Path, seed: int) -> None:
+    found = discover(load_case(motor(tmp_path / "case", seed)))
+    sets = [set(found.missing), *map(set, found.rivals)]
+    said = [{found.ranking.expressions[name].expression for name in one} for one in sets]
+    assert {"k*w**2", "k*T"} in said, said
+
+
+@pytest.mark.parametrize("factor", [1.25, 0.8])
+def test_a_wrong_constant_is_named(factor: float) -> None:
+    made = next(c for i in range(20) if (c := make("sphere_contact", (), 14, 0.0, 1.0, np.random.default_rng([5, i]))))
+    case = made.case
+    found = discover(replace(case, parameters={**case.parameters, "radius": factor * case.parameters["radius"]}))
+    assert (found.verdict, found.missing) == ("missing", ("constant.radius",))
+    assert found.candidates[0].kind == "constant"
+
+
+def test_a_constant_that_is_added_is_fitted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = example(tmp_path / "case", "heated_motor", '["speed_squared"]')
+    status, out, _ = terrapin(capsys, "add", folder, "constant.torque_constant", "--json", "-")
+    assert status == 0
+    written = tomllib.loads((folder / "case.toml").read_text())
+    assert "torque_constant" not in written["parameters"]
+    assert written["model"]["effects"] == ["speed_squared"]
+    low, high = (written["fit"]["torque_constant"][key] for key in ("min", "max"))
+    assert low < json.loads(out)["parameters"]["torque_constant"]["value"] < high
+    before = (folder / "case.toml").read_bytes()
+    status, _, err = terrapin(capsys, "add", folder, "constant.torque_constant")
+    assert status == 2
+    one_line(err, ["constant.torque_constant", "expected a constant of [parameters]"])
+    assert (folder / "case.toml").read_bytes() == before
+
+
+def test_discover_add_discover_ends(tmp_path: Path) -> None:
+    """To a fixed point: names stay unique, the held-out error does not rise, and then nothing is added any more."""
+    folder = motor(tmp_path / "case", 4)
+    errors = []
+    for _ in range(5):
+        case = load_case(folder)
+        found = discover(case)
+        errors.append(found.ladder[len(case.effects)].heldout_error or np.inf)
+        if not found.missing:
+            break
+        own = {c.effect.name: c for c in found.candidates if c.effect.name in found.missing}
+        assert not set(found.missing) & set(case.library)
+        proposals = {one.proposal.effect: one.proposal.own for one in told(found.analysis, found).cards}
+        text = extended(case.text, case.parameters, found.missing, {name: proposals[name] for name in own})
+        (folder / "case.toml").write_text(text)
+    assert not found.missing
+    assert len(errors) > 1
+    assert errors == sorted(errors, reverse=True)
