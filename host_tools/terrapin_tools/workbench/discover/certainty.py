@@ -20,9 +20,9 @@ from terrapin_tools.workbench.noise.marginal_likelihood import SIZES
 __all__ = ["EVEN", "Operating", "calibrated", "operating_characteristic"]
 
 # log odds of being right = slope * log odds of the posterior + shift, by verdict, and for an effect to be part of it.
-# Not fitted yet to campaigns with the noise of today (offsets, drifts): the posterior stands as it is. "nothing" is left
-# halfway to a fit of an earlier engine (0.33, -0.74), because half of that pool's effects that raised no alarm were 0.3
-# or 0.5 sd small, and only one case in eight lacked nothing.
+# Not fitted yet to campaigns with the noise of today (offsets, drifts): the posterior stands as it is. "nothing" is
+# left halfway to a fit of an earlier engine (0.33, -0.74), because half of that pool's effects that raised no alarm
+# were 0.3 or 0.5 sd small, and only one case in eight lacked nothing.
 MAP = {
     "effect": (1.0, 0.0),
     "missing": (1.0, 0.0),
