@@ -271,7 +271,7 @@ def test_a_worker_of_a_cluster(installed: Installed, cluster: str) -> None:
         installed.terrapin(f"case example {name} --to fleet/{name}")
     here = answers(installed.terrapin("discover fleet --json -"))
     assert answers(installed.terrapin(f"discover fleet --json - --cluster {cluster}")) == here
-    assert [answer["verdict"] for answer in here] == ["unexplained", "missing"]
+    assert [answer["verdict"] for answer in here] == ["ambiguous", "missing"]
 
 
 def answers(lines: str) -> list[dict[str, Any]]:

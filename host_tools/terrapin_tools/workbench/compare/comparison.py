@@ -30,7 +30,7 @@ from terrapin_tools.workbench.model.data_columns import (
 from terrapin_tools.workbench.model.effect_columns import Shape, shapes_of, terms_of
 from terrapin_tools.workbench.model.fitting import Fit, covariance, extend, fit_model
 from terrapin_tools.workbench.model.model import Model
-from terrapin_tools.workbench.noise.estimate import Noise, estimate_noise, least_noise
+from terrapin_tools.workbench.noise.estimate import ODD_SHARE, Noise, estimate_noise, least_noise
 
 __all__ = ["LEVEL", "Analysis", "Rung", "analyse", "error", "fitted_on", "free_slopes", "measured", "predict"]
 
@@ -168,12 +168,12 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     for _ in range(ROUNDS):
         rows = case.train | case.test
         fits, noise, nuisance = _fitted(case, seed)
-        if not noise.odd.any():
+        if not noise.odd.any() or odd.sum() + noise.odd.sum() > ODD_SHARE * len(odd):
             break
         odd[np.flatnonzero(rows)[noise.odd]] = True
         case = replace(case, train=case.train & ~odd, test=case.test & ~odd)
     rows, sigma, model = case.train | case.test, noise.sigma, fits[-1].model
-    if len(rows[rows]) != nuisance.shape[1]:  # the last round still found some
+    if int(rows.sum()) != nuisance.shape[1]:  # the last round still found some
         fits, noise, nuisance = _fitted(case, seed)
         sigma = noise.sigma
     prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)

@@ -1,9 +1,9 @@
 """Noise in what the model reads: a speed that is measured, too, is not the speed that acted.
 
 Where a setting is held during a run and what was measured of it only scatters about it, the model follows that scatter
-although the robot did not: the prediction is off by its slope times the deviation. A column for each such input, its
-slope times the deviation from the run's mean, takes this up; its coefficient is minus the share of the deviation that
-is noise, so one outside 0 to 1 is something else, and is left in.
+although the robot did not. A column for each such input, the prediction with what was measured less that with the run's
+mean, takes this up; its coefficient is minus the share of the deviation that is noise, so one outside 0 to 1 is
+something else, and is left in. The difference is taken in full: near standstill noise turns a measured speed round.
 
 Source: Fuller, Measurement Error Models (1987), ch. 1.
 """
@@ -20,7 +20,6 @@ __all__ = ["input_noise"]
 
 LIKE_NOISE = 2.0  # standard errors within which the correlation of neighbouring deviations must be 0
 SEEN = 2.0  # standard errors that the share must be away from 0
-STEP = 1e-4  # of an input's range, for the slope
 
 
 def input_noise(fit: Fit, rows: Mask, residual: Array, slopes: Array, sigma: Array, node: Node) -> Array:
@@ -65,7 +64,7 @@ def input_noise(fit: Fit, rows: Mask, residual: Array, slopes: Array, sigma: Arr
 
 
 def _column(fit: Fit, name: str, rows: Mask) -> Array | None:
-    """The model's slope in an input times its deviation from the run's mean (channels, rows); None where the input is
+    """The prediction with an input as measured less that with its run's mean (channels, rows); None where the input is
     constant in the runs, or its deviations are no noise."""
     inputs = fit.model.case.inputs
     values, runs = inputs[name][rows], Runs(fit.model.case.run[rows])
@@ -81,10 +80,9 @@ def _column(fit: Fit, name: str, rows: Mask) -> Array | None:
     expected = -1.0 / float(runs.length.mean())  # the mean of a run is taken off
     if abs(neighbours - expected) > LIKE_NOISE / np.sqrt(len(off)):
         return None
-    shifted = {**inputs, name: inputs[name] + STEP * span}
+    still = inputs[name].copy()
+    still[rows] = mean[runs.run]
     with np.errstate(all="ignore"):
-        slope = (fit.model.bind(shifted, rows).predict(fit.theta) - fit.model.bind(inputs, rows).predict(fit.theta)) / (
-            STEP * span
-        )
-    column = slope * off
+        held = fit.model.bind({**inputs, name: still}, rows).predict(fit.theta)
+        column = fit.model.bind(inputs, rows).predict(fit.theta) - held
     return column if bool(np.isfinite(column).all()) and bool(np.any(column)) else None

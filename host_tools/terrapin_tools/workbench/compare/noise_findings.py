@@ -53,7 +53,8 @@ def noise_findings(analysis: Analysis) -> list[NoiseFinding]:
             sizes = np.array([node.offset if kind == "run_offsets" else node.drift for node in NODES])
             probability = float(noise.weights[sizes > 0.0].sum())
             if probability > LIKELY:
-                value = float(noise.weights @ sizes / probability * sigma)
+                row = sigma if known else sigma / noise.node.floor
+                value = float(noise.weights @ sizes / probability * row)
                 found.append(NoiseFinding(kind, channel, value, probability))
     if analysis.odd.any():
         rows = np.flatnonzero(analysis.odd)

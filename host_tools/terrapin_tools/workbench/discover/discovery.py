@@ -15,7 +15,16 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.compare.adequacy import Failure, failure_on
-from terrapin_tools.workbench.compare.comparison import LEVEL, Analysis, Rung, analyse, error, measured, predict
+from terrapin_tools.workbench.compare.comparison import (
+    LEVEL,
+    Analysis,
+    Rung,
+    analyse,
+    error,
+    free_slopes,
+    measured,
+    predict,
+)
 from terrapin_tools.workbench.discover.certainty import EVEN, Operating, calibrated, operating_characteristic
 from terrapin_tools.workbench.discover.leftover import Left, absent, allowed, left, pays
 from terrapin_tools.workbench.discover.ranker import SIZE_OF_SET
@@ -26,6 +35,8 @@ from terrapin_tools.workbench.experiment.proposal import Experiment, propose
 from terrapin_tools.workbench.model.constants import named
 from terrapin_tools.workbench.model.data_columns import numeric_columns
 from terrapin_tools.workbench.model.fitting import Fit, covariance
+from terrapin_tools.workbench.noise.covariance import Node, Runs
+from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
 __all__ = ["Candidate", "Discovery", "discover"]
 
@@ -127,7 +138,8 @@ def discover(
     report("what to measure next")
     experiment = None
     if verdict == "ambiguous":
-        experiment = propose(analysis, [(h.effects, h.fit) for h in rivals if h.fit is not None])
+        told_apart = [(h.effects, h.fit) for h in rivals if h.fit is not None]
+        experiment = propose(analysis, told_apart, _noise_left(analysis, told_apart[0][1]))
     candidates = _candidates(analysis, ranking)
     return Discovery(
         analysis=analysis,
@@ -193,6 +205,15 @@ def _says_enough(ranking: Ranking, analysis: Analysis, top: Hypothesis) -> bool:
     own = next(p for h, p in zip(ranking.hypotheses, ranking.posterior, strict=True) if h is top)
     likely = own > LIKELIER * ranking.probability("nothing")
     return (likely or not _nothing_left(analysis, analysis.fit)) and _nothing_left(analysis, top.fit)
+
+
+def _noise_left(analysis: Analysis, fit: Fit) -> Node:
+    """The likeliest kind of noise around an answer: what is missing looks like offsets of the runs as long as it is."""
+    sigma, rows = analysis.noise.sigma, analysis.rows
+    _, residual, slopes = free_slopes(fit, sigma, rows)
+    base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
+    runs = Runs(analysis.case.run[rows], len(residual))
+    return Evidence(runs, residual / sigma[:, None], base, analysis.noise.behind).likeliest()
 
 
 def _loses(analysis: Analysis, top: Hypothesis) -> bool:

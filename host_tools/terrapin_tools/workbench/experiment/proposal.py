@@ -20,6 +20,7 @@ from terrapin_hil.units import behind
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.experiment.rig_settings import held, levels, observed, rows_of, run_length
 from terrapin_tools.workbench.model.fitting import Fit
+from terrapin_tools.workbench.noise.covariance import Node
 
 __all__ = ["Experiment", "propose"]
 
@@ -52,8 +53,12 @@ class _Plan:
     worth: float
 
 
-def propose(analysis: Analysis, rivals: Sequence[tuple[tuple[str, ...], Fit]]) -> Experiment | None:
+def propose(
+    analysis: Analysis, rivals: Sequence[tuple[tuple[str, ...], Fit]], node: Node | None = None
+) -> Experiment | None:
     """The design with the fewest runs that tells the rivals apart; None when no design tells any two of them apart.
+
+    `node` is the kind of noise that is left when a rival is added; as compare found it when not given.
 
     Two rivals that no setting tells apart (a constant and an exponential that hardly falls) do not stand in the way of
     telling the others apart.
@@ -64,7 +69,7 @@ def propose(analysis: Analysis, rivals: Sequence[tuple[tuple[str, ...], Fit]]) -
     grids = []
     for roles in [*combinations(steps, 1), *combinations(steps, 2)]:
         settings = [dict(zip(roles, v, strict=True)) for v in product(*(steps[role] for role in roles))]
-        grid = _Grid.of(analysis, [fit for _, fit in rivals], old, roles, settings, hold)
+        grid = _Grid.of(analysis, [fit for _, fit in rivals], old, roles, settings, hold, node or analysis.noise.node)
         if grid is not None:
             grids.append(grid)
     reach: dict[tuple[int, int], float] = {}
@@ -203,10 +208,11 @@ class _Grid:
         roles: tuple[str, ...],
         settings: Sequence[Mapping[str, float]],
         hold: Mapping[str, float],
+        node: Node,
     ) -> _Grid | None:
         case = analysis.case
         count = run_length(case, analysis.rows)
-        thin = analysis.noise.node.thin(count)  # rows count for less where they are correlated, or runs have offsets
+        thin = node.thin(count)  # rows count for less where they are correlated, or runs have offsets
         inputs = rows_of(case, analysis.rows, settings, hold, count)
         with np.errstate(all="ignore"):
             new = [_rows(fit, analysis, inputs) for fit in fits]

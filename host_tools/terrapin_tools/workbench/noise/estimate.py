@@ -21,6 +21,7 @@ from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Node, Runs, 
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED
 
 __all__ = [
+    "ODD_SHARE",
     "Noise",
     "estimate_noise",
     "least_noise",
@@ -50,7 +51,7 @@ EXACT = 1e-6
 class Noise:
     """Noise of each channel: its sd in the channel's unit, where that comes from, and of what kind it is."""
 
-    sigma: Array  # (channels,), of a row without offsets and drift
+    sigma: Array  # (channels,), of repeated measurements; where it is not stated, with offsets from run to run
     known: Mask  # (channels,): given in the case
     node: Node
     source: str  # one sentence for people
@@ -150,6 +151,7 @@ def estimate_noise(
     least : (channels,), see `least_noise`; a smaller sd is that of rounding, and this one is taken as if it were given.
     """
     noise = _estimate(residual, jacobian, run, given, roles, shapes)
+    noise = replace(noise, sigma=noise.sigma * np.where(noise.known, 1.0, noise.node.floor))
     exact = ~noise.known & (noise.sigma < least)
     if not exact.any():
         return noise
@@ -247,7 +249,7 @@ def odd_rows(runs: Runs, residual: Array, basis: Array, node: Node, sigma: float
         x = orthonormal(basis[kept])
         free = len(kept) - x.shape[1] + behind - 1.0
         if free < 5.0:
-            break
+            return odd
         weighed, diagonal = _inverse_times(runs, kept, np.column_stack([x, scaled[kept]]), node)
         inner = np.linalg.inv(x.T @ weighed[:, :-1])
         left = weighed[:, -1] - weighed[:, :-1] @ (inner @ (x.T @ weighed[:, -1]))
@@ -258,7 +260,7 @@ def odd_rows(runs: Runs, residual: Array, basis: Array, node: Node, sigma: float
         if np.sqrt(square[farthest] / others[farthest]) < stdtrit(free, 1.0 - 0.5 * ODD / runs.rows):
             return odd
         odd[kept[farthest]] = True
-    return odd
+    return np.zeros_like(odd)  # so many are no exception
 
 
 def _inverse_times(runs: Runs, kept: Index, columns: Array, node: Node) -> tuple[Array, Array]:

@@ -73,11 +73,11 @@ class Proposal:
     expression: str
     target: str
     probability: float
-    column_probability: float | None  # of an expression: that some expression in its column is
     heldout_rmse: Mapping[str, float | None]  # by channel, in its unit
     noise_ratio: float | None  # error on held-out runs, in noise sd
     parameters: Mapping[str, Value]
     explains: float  # share of the misfit
+    column_probability: float | None = None  # of an expression: that some expression in its column is
 
     @property
     def own(self) -> OwnEffect:

@@ -165,11 +165,11 @@ def _proposal(candidate: Candidate) -> Proposal:
         effect.expression,
         effect.target,
         candidate.probability,
-        candidate.column_probability,
         candidate.heldout_rmse,
         candidate.noise_ratio,
         parameters,
         candidate.explains,
+        candidate.column_probability,
     )
 
 
