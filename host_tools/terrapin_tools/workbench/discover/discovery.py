@@ -181,7 +181,9 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
     rivals = [top]
     for other, p in sets:
         nested = any(set(r.effects) <= set(other.effects) or set(other.effects) <= set(r.effects) for r in rivals)
-        if nested or p < SAME_AS_GOOD * best:
+        # a formula in the place of an effect of the catalogue is a rival only if it is about as likely
+        least = SAME_AS_GOOD if other.kind == "catalogue" or top.kind != "catalogue" else AS_GOOD
+        if nested or p < least * best:
             continue
         if _distance(analysis, ranking, top.fit, other.fit) < SAME:
             # what can become the likeliest by its shape (a decay so slow that it is a constant) is no rival of it
