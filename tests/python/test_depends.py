@@ -26,7 +26,7 @@ def shares(folder: Path, text: str, effect: str) -> dict[str, float]:
     analysis = analyse(case)
     fit = fitted_on(case, (effect,), case.train, analysis.noise.sigma)[-1]
     only = (Hypothesis((effect,), "catalogue", 0.0, fit),)
-    return importance(analysis, Ranking(only, np.ones(1), {}, {}, {}, {}, {}))
+    return importance(analysis, Ranking(only, np.ones(1), {}, {}, {}, {}))
 
 
 def test_a_factor_that_hardly_varies_does_not_matter(tmp_path: Path) -> None:

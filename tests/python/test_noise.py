@@ -32,7 +32,7 @@ def test_products_are_those_of_dense_covariances(node: Node) -> None:
     runs = scattered()
     random = np.random.default_rng(1)
     x, y = random.standard_normal((2 * runs.rows, 3)), random.standard_normal((2 * runs.rows, 2))
-    covariance = np.kron(np.eye(2), dense(runs.one(), node))
+    covariance = np.kron(np.eye(2), dense(Runs(runs.run), node))
     expected = x.T @ np.linalg.solve(covariance, y)
     fx, fy = runs.filtered(x, node.share, node.rho), runs.filtered(y, node.share, node.rho)
     assert runs.products(fx, fy).at(node) == pytest.approx(expected, abs=1e-7)

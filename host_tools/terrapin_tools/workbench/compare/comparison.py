@@ -165,17 +165,14 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     UserError : the model gives no number for a row; file and row are named.
     """
     odd = np.zeros(case.rows, dtype=bool)
+    fits, noise, nuisance = _fitted(case, seed)
     for _ in range(ROUNDS):
-        rows = case.train | case.test
-        fits, noise, nuisance = _fitted(case, seed)
         if not noise.odd.any() or odd.sum() + noise.odd.sum() > ODD_SHARE * len(odd):
             break
-        odd[np.flatnonzero(rows)[noise.odd]] = True
+        odd[np.flatnonzero(case.train | case.test)[noise.odd]] = True
         case = replace(case, train=case.train & ~odd, test=case.test & ~odd)
-    rows, sigma, model = case.train | case.test, noise.sigma, fits[-1].model
-    if int(rows.sum()) != nuisance.shape[1]:  # the last round still found some
         fits, noise, nuisance = _fitted(case, seed)
-        sigma = noise.sigma
+    rows, sigma, model = case.train | case.test, noise.sigma, fits[-1].model
     prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)
     directions = _directions(model, fits[-1].theta, rows, sigma)
     shapes = column_shapes(case, rows)

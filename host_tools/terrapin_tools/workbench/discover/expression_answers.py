@@ -28,20 +28,17 @@ OF_EACH_COLUMN = 8  # of them at least, in the order of their evidence; chosen b
 PAIRS_REFITTED = (6, 4)  # pairs of expressions, and of one with an effect; chosen by hand, for time
 
 
-def expressions(ranker: Ranker) -> tuple[list[Hypothesis], dict[str, float]]:
-    """Expressions around the present fit, and the log weight of each column; where something is missing the best are
-    refitted, the others keep their weight as a group."""
+def expressions(ranker: Ranker) -> list[Hypothesis]:
+    """Expressions around the present fit; where something is missing the best are refitted, the others weigh as a
+    group."""
     flat = ranker.base.reshape(ranker.values.size, -1)
     ranker.listed = listed = library(
         ranker.model, ranker.analysis.fit.theta, ranker.rows, ranker.sigma, ranker.columns, flat
     )
     if not listed.sketches:
-        return [], {}
+        return []
     share = np.log(SIZE_OF_SET[1] * (1.0 - (CATALOGUE if ranker.catalogue else 0.0)))
     weight = ranker.evidence.single(listed.columns) + np.log([s.prior for s in listed.sketches]) + share
-    columns: dict[str, list[float]] = {}
-    for sketch, value in zip(listed.sketches, weight, strict=True):
-        columns.setdefault(sketch.column, []).append(float(value))
     found: list[Hypothesis] = []
     grouped: dict[str, list[float]] = {}
     tried: dict[str, int] = {}
@@ -62,7 +59,7 @@ def expressions(ranker: Ranker) -> tuple[list[Hypothesis], dict[str, float]]:
         best = max(found, key=lambda h: h.log_weight)
         found += [ranker.weighed((ranker.expression(one),)) for one in _instead(ranker, best, texts)]
     found += [Hypothesis((), "expression", float(logsumexp(v)), None, column) for column, v in grouped.items()]
-    return found, {name: float(logsumexp(values)) for name, values in columns.items()}
+    return found
 
 
 def _instead(ranker: Ranker, best: Hypothesis, tried: set[tuple[str, str]]) -> list[Sketch]:

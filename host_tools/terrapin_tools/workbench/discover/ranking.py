@@ -49,7 +49,6 @@ class Ranking:
     alone: Mapping[str, Hypothesis]  # every expression of the likeliest answers alone
     expressions: Mapping[str, Effect]  # by the name they were given
     columns: Mapping[str, str]  # of each expression, the column whose shape it is
-    column_weight: Mapping[str, float]  # log weight of the best expression in each column, for "where"
     shapes: tuple[Shape, ...] = field(repr=False, default=())
     evidence: Evidence | None = field(repr=False, default=None)
 
@@ -101,8 +100,7 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
     found += _triples(ranker, [h for h in pairs if h.fit is not None])
     found += _runs(ranker)
     report("short expressions in every column")
-    alone, column_weight = expressions(ranker)
-    found += alone
+    found += expressions(ranker)
     if analysis.missing:
         found += expression_pairs(ranker)
         report("what lies next to the best answers")
@@ -122,7 +120,6 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
         alone={h.effects[0]: h for h in renamed[len(ranked) :]},
         expressions=effects,
         columns=columns,
-        column_weight=column_weight,
         shapes=tuple(ranker.flat),
         evidence=ranker.evidence,
     )

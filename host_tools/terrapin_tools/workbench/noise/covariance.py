@@ -161,10 +161,6 @@ class Runs:
         split = columns.reshape(self.channels, self.rows, -1)
         return split[:, self.order].reshape(self.channels * self.rows, -1)
 
-    def one(self) -> Runs:
-        """The same rows, of one channel."""
-        return self if self.channels == 1 else Runs(self.run)
-
     # -- the filter ---------------------------------------------------------------------------------------------------
 
     def _gain(self, share: float, rho: float) -> tuple[Array, Array]:
