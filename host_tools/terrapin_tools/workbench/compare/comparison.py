@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from terrapin_tools.workbench.model.data_columns import (
 from terrapin_tools.workbench.model.effect_columns import Shape, shapes_of, terms_of
 from terrapin_tools.workbench.model.fitting import Fit, covariance, extend, fit_model
 from terrapin_tools.workbench.model.model import Model
+from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.noise.estimate import ODD_SHARE, Noise, estimate_noise, least_noise
 
 __all__ = ["LEVEL", "Analysis", "Rung", "analyse", "error", "fitted_on", "free_slopes", "measured", "predict"]
@@ -113,7 +115,9 @@ def _base_starts(model: Model, seed: int) -> list[Array]:
     return starts
 
 
-def fitted_on(case: Case, effects: Sequence[str], rows: Mask, sigma: Array, seed: int = 0) -> list[Fit]:
+def fitted_on(
+    case: Case, effects: Sequence[str], rows: Mask, sigma: Array, seed: int = 0, wrong: Sequence[Fault] = ()
+) -> list[Fit]:
     """Fits of the base model and of each larger one, effects added in the given order, each started at its parent.
 
     Parameters
@@ -122,12 +126,13 @@ def fitted_on(case: Case, effects: Sequence[str], rows: Mask, sigma: Array, seed
     rows : (all rows,), mask of the rows to fit.
     sigma : (channels,), noise sd in the channels' units.
     seed : of the start values inside the bounds.
+    wrong : faults of the table that all fits have.
 
     Returns
     -------
     One fit more than effects; the first has none.
     """
-    model = Model.of(case, ())
+    model = reduce(Model.having, wrong, Model.of(case, ()))
     values = measured(model, rows)
     fits = [fit_model(model.bind(case.inputs, rows), values, sigma, _base_starts(model, seed))]
     for name in effects:
