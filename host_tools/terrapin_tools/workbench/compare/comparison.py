@@ -18,7 +18,7 @@ from terrapin_hil.arrays import Array, Mask
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.compare.adequacy import Adequacy, Failure, assess, where_it_fails
-from terrapin_tools.workbench.compare.input_noise import input_noise
+from terrapin_tools.workbench.compare.input_noise import input_noise, undecided
 from terrapin_tools.workbench.files.units import LARGEST
 from terrapin_tools.workbench.model.constants import suspected
 from terrapin_tools.workbench.model.data_columns import (
@@ -244,6 +244,7 @@ def _fitted(case: Case, seed: int) -> tuple[list[Fit], Noise, Array]:
         if nuisance.shape[-1]:
             widened = np.concatenate([slopes, nuisance], axis=-1)
             noise = estimate_noise(residual, widened, case.run[rows], given, roles, pools, least)
+            noise = replace(noise, odd=noise.odd | undecided(nuisance, noise.sigma, ODD_SHARE))
         sigma = noise.sigma
     if not stated:
         fits = fitted_on(case, case.effects, case.train, sigma, seed)
