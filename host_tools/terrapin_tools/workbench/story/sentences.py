@@ -259,6 +259,11 @@ def reason(found: Findings, one: Proposal, why_not: str) -> str:
     return f"Takes away only {share}{left}."
 
 
+def too_large(parameter: str, times: float) -> str:
+    """What speaks against an effect of such a size."""
+    return f" Its {parameter} is {number(times, 2)} times what is usual for such a robot, which speaks against it."
+
+
 def noise_told(one: NoiseFinding, unit: str) -> str:
     """What the noise is like, in a sentence."""
     value = f"{number(one.value, 3)}{behind(unit)}"
