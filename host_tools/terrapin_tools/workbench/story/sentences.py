@@ -264,6 +264,11 @@ def too_large(parameter: str, times: float) -> str:
     return f" Its {parameter} is {number(times, 2)} times what is usual for such a robot, which speaks against it."
 
 
+def noise_source(source: str, kind: str, rho: float) -> str:
+    """Where the noise sd comes from, and of what kind the noise is; `rho`: correlation from row to row."""
+    return f"{source}; {kind}" + (f", correlation from row to row {number(rho)}" if rho else "")
+
+
 def noise_told(one: NoiseFinding, unit: str) -> str:
     """What the noise is like, in a sentence."""
     value = f"{number(one.value, 3)}{behind(unit)}"

@@ -71,6 +71,7 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         channels=_channels(analysis),
         noise=noise.source,
         noise_model=noise.node.words(),
+        noise_told=sentences.noise_source(noise.source, noise.node.words(), noise.node.share * noise.node.rho),
         noise_findings=tuple(findings),
         rho=noise.node.share * noise.node.rho,
         found=found,
