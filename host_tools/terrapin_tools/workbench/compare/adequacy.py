@@ -32,6 +32,7 @@ MARGIN_OF_LEVEL = 1.2  # on p: the kind of noise is estimated; without it 42 of 
 TINY = 1e-300  # p-values below this are as good as 0, and have no logarithm
 LIKELY = 1e-3  # posterior, with or without something missing, from which a kind of noise is simulated; chosen by hand
 ENOUGH = 30  # degrees of freedom below which a stated sd is needed to tell noise from effects; chosen by hand
+ROUNDING = 1e-2  # noise sd below which a misfit is that of rounding, and has no scale of its own; chosen by hand
 TAIL = 0.05  # share of the sets from which the tail beyond is continued; chosen by hand
 
 
@@ -118,7 +119,8 @@ def assess(
     slopes = jacobian / noise.sigma[:, None, None]
     scaled = (residual / noise.sigma[:, None]).reshape(-1, 1)
     blocks = blocks_of(effects, shapes, run, channels)
-    behind = noise.behind if scaled.size - slopes.shape[-1] < ENOUGH else 0.0
+    few = scaled.size - slopes.shape[-1] < ENOUGH
+    behind = noise.behind if few or float(np.sqrt(np.mean(scaled**2))) < ROUNDING else 0.0
     every = BayesFactor(runs, slopes, blocks, behind)
     likely = [np.exp(logs[:, 0] - logsumexp(logs[:, 0])) > LIKELY for logs in every.weigh(scaled)]
     statistic = BayesFactor(runs, slopes, blocks, behind, np.flatnonzero(likely[0] | likely[1]).tolist())
