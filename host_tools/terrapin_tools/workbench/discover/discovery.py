@@ -46,6 +46,8 @@ __all__ = ["Candidate", "Discovery", "discover"]
 AS_GOOD = 0.75
 SAME_AS_GOOD = 0.2
 MOST_RIVALS = 4  # that are told where none of them is likelier than not; chosen by hand
+# The same for a fault of the table: one of a few factors that does what a fitted size does is no coincidence.
+FAULT_AS_GOOD = 0.05
 SAME = 2.0  # squared distance of two sets' predictions [noise sd] beyond the other's parameters; chosen by hand
 # Such a distance, below which a part of a set does what the whole does. Halves of one effect lie 1e-6 apart; at 2 a
 # right pair lost an effect (pool mixed, seed 11, case 363).
@@ -187,10 +189,13 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
         nested = any(set(r.effects) <= set(other.effects) or set(other.effects) <= set(r.effects) for r in rivals)
         # a formula in the place of an effect of the catalogue is a rival only if it is about as likely
         least = SAME_AS_GOOD if other.kind == "catalogue" or top.kind != "catalogue" else AS_GOOD
+        first, second = top.fit, other.fit
+        if any(name.startswith(TABLE) for name in other.effects):  # nothing in it is fitted to the noise
+            least, first, second = FAULT_AS_GOOD, second, first
         if nested or p * np.exp(other.taxed - top.taxed) < least * best:
             continue
         # what is the same on these data is told even where its size speaks against it
-        if _distance(analysis, ranking, top.fit, other.fit) < SAME:
+        if _distance(analysis, ranking, first, second) < SAME:
             # what can become the likeliest by its shape (a decay so slow that it is a constant) is no rival of it
             if _size_of(other) <= _size_of(top):
                 rivals.append(other)
