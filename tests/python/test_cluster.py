@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from casekit import one_line, rolling, terrapin
 
-from terrapin_tools.workbench.fleet import fleet
+from terrapin_tools.workbench.fleet import pool
 from tests.waiting import BOUND, wait_for
 
 
@@ -108,7 +108,7 @@ def test_an_address_that_does_not_answer(
     address: str,
     expected: list[str],
 ) -> None:
-    monkeypatch.setattr(fleet, "CONNECT", 0.5)
+    monkeypatch.setattr(pool, "CONNECT", 0.5)
     rolling(tmp_path / "fleet" / "one", 1)
     target = tmp_path / "answers.jsonl"
     status, out, err = terrapin(capsys, "compare", tmp_path / "fleet", "--json", target, "--cluster", address)
