@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import brentq
 
 from terrapin_hil.library import ffi
 from terrapin_hil.physics import contact, soils, wheel
@@ -245,6 +244,8 @@ def contact_steady(robot: Robot, ground: SoftGround, voltage: npt.ArrayLike) -> 
     ------
     ContactError : the soil gives no such slip.
     """
+    from scipy.optimize import brentq  # takes half a second, which a run does not need
+
     volts = np.atleast_1d(np.asarray(voltage, dtype=np.float64))
     soil = _soil(ground)
 

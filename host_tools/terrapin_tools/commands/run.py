@@ -7,42 +7,42 @@ import json
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from terrapin_hil.links import LinkName, open_link
-from terrapin_hil.links.link import Link
-from terrapin_hil.links.names import INPROCESS, able
-from terrapin_hil.messages import interface
-from terrapin_hil.run.rig import Rig, RigConfig, load_rig
-from terrapin_hil.run.run import Result
-from terrapin_hil.run.run import run as run_scenario
-from terrapin_hil.scenario.changes import read_value
-from terrapin_hil.scenario.checks import Outcome
-from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+from terrapin_hil.links.names import INPROCESS, LinkName, able
 from terrapin_tools.command_options import link_option
-from terrapin_tools.contact_error import ContactError, contact_error
 from terrapin_tools.errors import UserError
-from terrapin_tools.logs.folder import RunFolder
-from terrapin_tools.param.files import read_parameters
-from terrapin_tools.progress import bar
+
+if TYPE_CHECKING:  # NumPy and the C libraries, which `terrapin run --help` does not need
+    from terrapin_hil.links.link import Link
+    from terrapin_hil.run.run import Result
+    from terrapin_hil.scenario.checks import Outcome
+    from terrapin_tools.contact_error import ContactError
 
 __all__ = ["run"]
 
 
 def _before(result: Result) -> ContactError | None:
     """The error of C_t without the parameters: the same run once more, in this process."""
+    from terrapin_hil.run.run import run as run_scenario
+    from terrapin_tools.contact_error import contact_error
+
     plain = replace(result.scenario, real_time=False, checks=())
     return contact_error(run_scenario(plain, "inprocess", parameters={}))
 
 
 def _contact(result: Result) -> dict[str, dict[str, float | int | bool] | None]:
+    from terrapin_tools.contact_error import contact_error
+
     found = {"after": contact_error(result), "before": _before(result)}
     return {key: vars(error) if error is not None else None for key, error in found.items()}
 
 
 def _contact_words(result: Result) -> str:
+    from terrapin_tools.contact_error import contact_error
+
     before, after = _before(result), contact_error(result)
     if before is None or after is None:
         return "  C_t error: the robot never ran for a whole window"
@@ -90,6 +90,8 @@ def _as_text(result: Result, folder: Path | None, written: bool) -> str:
 
 def _values(changes: Iterable[str]) -> dict[str, Any]:
     """Name -> value of what `--set` says."""
+    from terrapin_hil.scenario.changes import read_value
+
     found: dict[str, Any] = {}
     for text in changes:
         name, equals, value = text.partition("=")
@@ -103,6 +105,8 @@ def _values(changes: Iterable[str]) -> dict[str, Any]:
 def _opened(link: LinkName, path: Path | None) -> Iterator[tuple[Link, list[Outcome]]]:
     """The link; in the rig that a file describes the board reset, its e-stop measured, its enable line watched while
     the run lasts."""
+    from terrapin_hil.links import open_link
+    from terrapin_hil.run.rig import Rig, RigConfig, load_rig
     from terrapin_hil.run.rig_checks import bridge_stays_off, estop_outcome
 
     outcomes: list[Outcome] = []
@@ -142,6 +146,13 @@ def run(
     SCENARIO is a TOML file, or the name of a shipped one.
     Exit status: 0 when every check of the scenario holds, 1 when one fails or the run breaks off, 2 for bad input.
     """
+    from terrapin_hil.messages import interface
+    from terrapin_hil.run.run import run as run_scenario
+    from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+    from terrapin_tools.logs.folder import RunFolder
+    from terrapin_tools.param.files import read_parameters
+    from terrapin_tools.progress import bar
+
     try:
         chosen = load_scenario(find_scenario(scenario), _values(changes or ()))
         if seed is not None:
