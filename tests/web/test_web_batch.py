@@ -26,9 +26,10 @@ def test_a_batch_fills_and_is_removed(server: Server) -> None:
     assert (state["done"], state["runs"], state["complete"]) == (30, 30, True)
     assert state["inputs"] == ["passed", "seed", "path.2.slope"]
     assert len(state["points"]) == 30
-    assert next(line for line in server.get("/api/batches") if line["name"] == started["batch"])["failed"] == state[
-        "failed"
-    ]
+    assert (
+        next(line for line in server.get("/api/batches") if line["name"] == started["batch"])["failed"]
+        == state["failed"]
+    )
     report = server.ask("GET", f"/api/batches/{started['batch']}/report")
     assert report.status == 200
     assert "script" not in report.headers["content-security-policy"]
