@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from terrapin_hil.errors import UserError
-from terrapin_hil.units import read_unit, units
+from terrapin_hil.units import factor, read_unit, units
 
 __all__ = ["ReadingError", "Section", "key_parts", "load", "parse_quantity", "parse_toml", "quantities", "shorten"]
 
@@ -44,8 +44,7 @@ def parse_quantity(value: object, unit: str) -> float:
         if match is None:
             raise ValueError(f"found {shorten(value)}, expected {expected}")
         try:
-            given = units().Quantity(float(match[1]), read_unit(match[2]))
-            number = float(given.to(read_unit(unit)).magnitude)
+            number = _converted(float(match[1]), match[2], unit)
         except (TypeError, ValueError, ArithmeticError):  # pint says TypeError when kinds of quantity differ
             raise ValueError(f"found {shorten(value)}, expected {expected}") from None
     elif isinstance(value, bool) or not isinstance(value, int | float):
@@ -55,6 +54,14 @@ def parse_quantity(value: object, unit: str) -> float:
     if not math.isfinite(number):
         raise ValueError(f"found {shorten(value)}, expected a finite number")
     return number
+
+
+def _converted(number: float, given: str, unit: str) -> float:
+    """Both units in pint's spelling. What pint raises where they do not convert."""
+    known = factor(given, unit)
+    if known is not None:
+        return number * known
+    return float(units().Quantity(number, read_unit(given)).to(read_unit(unit)).magnitude)
 
 
 def shorten(value: object) -> str:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from terrapin_hil.arrays import Array, Index
 from terrapin_hil.messages import Interface, Signal, raw_value
-from terrapin_hil.physics.expression import units
+from terrapin_hil.units import base_factor, units
 
 __all__ = ["decode", "decode_signal", "si_factor", "signals", "words"]
 
@@ -45,6 +45,9 @@ def si_factor(unit: str) -> float:
     """
     if unit in ("", "1", "degC"):
         return 1.0
+    known = base_factor(unit)
+    if known is not None:
+        return known
     return float(units().Quantity(1.0, unit).to_base_units().magnitude)
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["behind", "read_unit", "units"]
+__all__ = ["base_factor", "behind", "factor", "read_unit", "units"]
 
 MAX_LENGTH = 100
 _RAISED = re.compile(r"([⁺⁻]?)([⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
@@ -18,6 +19,57 @@ _PLAIN = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻", "0123456789+-")
 _NUMBER = r"[-+]?\d{1,2}(?:\.\d{1,17}|\s*/\s*\d{1,2})?(?![\d.eE])"
 _POWER = re.compile(rf"\*\*\s*(?:{_NUMBER}|\(\s*{_NUMBER}\s*\))(?!\s*\*\*)")
 _POWER_OF_GROUP = re.compile(r"\)\s*\*\*")
+
+# What scenarios are mostly written in. To load pint and build its registry takes most of a second, which a run without
+# other units does not pay. Each is pint's own factor to the last bit (tests/python/test_units.py).
+_FACTORS: Mapping[tuple[str, str], float] = {
+    ("ms", "s"): 1e-3,
+    ("us", "s"): 1e-6,
+    ("min", "s"): 60.0,
+    ("s", "ms"): 1e3,
+    ("mm", "m"): 1e-3,
+    ("cm", "m"): 1e-2,
+    ("km", "m"): 1e3,
+    ("mm/s", "m/s"): 1e-3,
+    ("cm/s", "m/s"): 1e-2,
+    ("deg", "rad"): 0.017453292519943295,
+    ("mrad", "rad"): 1e-3,
+    ("deg/s", "rad/s"): 0.017453292519943295,
+    ("rpm", "rad/s"): 0.10471975511965977,
+    ("mV", "V"): 1e-3,
+    ("mA", "A"): 1e-3,
+    ("mohm", "ohm"): 1e-3,
+    ("g", "kg"): 1e-3,
+    ("mN m", "N m"): 1e-3,
+    ("mN m s/rad", "N m s/rad"): 1e-3,
+    ("kPa", "Pa"): 1e3,
+}
+# Units whose base is themselves.
+_BASE = frozenset(
+    ("s", "m", "m/s", "rad", "rad/s", "rad/s^2", "s^2/rad^2", "V", "A", "ohm", "kg", "kg m^2", "N", "N m", "N m s/rad")
+)
+_TO_BASE: Mapping[str, float] = {"MHz": 1e6, "B": 8.0, "kPa": 1e3}
+
+
+def factor(given: str, unit: str) -> float | None:
+    """What a number in `given` is multiplied by to be in `unit`; None where one has to ask pint.
+
+    >>> factor("mm", "m"), factor("V", "V"), factor("furlong", "m")
+    (0.001, 1.0, None)
+    """
+    return 1.0 if given == unit else _FACTORS.get((given, unit))
+
+
+def base_factor(unit: str) -> float | None:
+    """The same to base units.
+
+    >>> base_factor("us"), base_factor("N m"), base_factor("furlong")
+    (1e-06, 1.0, None)
+    """
+    if unit in _BASE:
+        return 1.0
+    found = (factor for (given, base), factor in _FACTORS.items() if given == unit and base in _BASE)
+    return _TO_BASE.get(unit) or next(found, None)
 
 
 @lru_cache(maxsize=1)

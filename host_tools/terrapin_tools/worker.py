@@ -34,6 +34,10 @@ MODULES = (
         for name in ("add", "case", "compare", "discover", "export", "remove", "report")
     ),
     "terrapin_tools.commands.run",
+    "terrapin_hil.run.run",
+    "terrapin_tools.batch.batch",
+    "terrapin_tools.contact_error",
+    "terrapin_tools.logs.folder",
     "terrapin_tools.workbench.discover.discovery",
     "terrapin_tools.workbench.experiment.proposal",
     "terrapin_tools.workbench.robot.firmware_parameters",

@@ -1,4 +1,4 @@
-"""A fleet on a real Dask cluster of this machine: the same bytes, also when a worker is killed in mid-run."""
+"""A fleet and a batch on a real Dask cluster of this machine: the same bytes, also with a worker killed in mid-run."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from casekit import one_line, rolling, terrapin
 
-from terrapin_tools.workbench.fleet import fleet
+from terrapin_tools.workbench.fleet import pool
 from tests.waiting import BOUND, wait_for
 
 
@@ -82,6 +82,33 @@ def test_a_worker_killed_in_mid_run_changes_nothing(
     assert len(expected.splitlines()) == 6
 
 
+def test_a_batch_on_a_cluster_with_a_worker_killed_is_the_same_bytes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], cluster: tuple[str, dict[str, int]]
+) -> None:
+    from distributed import Client
+
+    address, _ = cluster
+    batch = ["batch", "slope_limiter", "--seeds", "1:120", "--vary", "path.2.slope=2deg:16deg"]
+    here, there = tmp_path / "here", tmp_path / "there"
+    assert terrapin(capsys, *batch, "--out", here, "--jobs", 1)[0] == 1
+    with Client(address, timeout=BOUND, set_as_default=False) as client:
+        victim, number = next(iter(client.run(os.getpid).items()))
+        os.kill(number, signal.SIGSTOP)  # it accepts runs and cannot finish them before it is killed
+        running = subprocess.Popen(
+            [sys.executable, "-c", "from terrapin_tools.cli import main; main()", *batch, "--out", str(there),
+             "--cluster", address],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        )  # fmt: skip
+        wait_for(lambda: client.processing(workers=[victim]).get(victim))
+        assert running.poll() is None
+        os.kill(number, signal.SIGKILL)
+    _, err = running.communicate(timeout=BOUND)
+    assert running.returncode == 1, err
+    for name in ("runs.parquet", "summary.json", "report.html", "failed.sh"):
+        assert (here / name).read_bytes() == (there / name).read_bytes(), name
+
+
 def test_one_case_on_a_cluster(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], cluster: tuple[str, dict[str, int]]
 ) -> None:
@@ -108,7 +135,7 @@ def test_an_address_that_does_not_answer(
     address: str,
     expected: list[str],
 ) -> None:
-    monkeypatch.setattr(fleet, "CONNECT", 0.5)
+    monkeypatch.setattr(pool, "CONNECT", 0.5)
     rolling(tmp_path / "fleet" / "one", 1)
     target = tmp_path / "answers.jsonl"
     status, out, err = terrapin(capsys, "compare", tmp_path / "fleet", "--json", target, "--cluster", address)

@@ -53,7 +53,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("terrapin_tools.workbench.story",),
     ("terrapin_tools.workbench.fleet", "terrapin_tools.workbench.intake"),
     ("terrapin_tools.soil", "terrapin_tools.param", "terrapin_tools.flash", "terrapin_tools.experiments"),
-    ("terrapin_tools.monitor", "terrapin_tools.papers", "terrapin_tools.contact_error"),
+    ("terrapin_tools.monitor", "terrapin_tools.papers", "terrapin_tools.contact_error", "terrapin_tools.batch"),
     ("terrapin_tools.web.service",),
     ("terrapin_tools.web.cases",),
     ("terrapin_tools.web.live", "terrapin_tools.web.simulate"),

@@ -16,7 +16,7 @@ from serving import Server
 EXAMPLES = int(os.environ.get("TERRAPIN_WEB_EXAMPLES", "2"))  # a route and kind; more by hand
 LIVE = "/api/live"  # these act on what is watched
 # A description cannot say what makes a file a table, which buses and logs there are, what fits a scenario.
-CONTENT = ("POST /api/uploads", "POST /api/live", "POST /api/simulate")
+CONTENT = ("POST /api/uploads", "POST /api/live", "POST /api/simulate", "POST /api/batches")
 MACHINE = ("POST /api/live",)  # a bus that cannot be opened: 500 is described, and is no error of the server's
 
 

@@ -5,6 +5,7 @@
 
 #include "extremes.h"
 #include "impulses.h"
+#include "path.h"
 
 #define GONE 1e-9 /* a rut shallower than this is left behind: without an end it would fall to denormal numbers */
 
@@ -87,7 +88,7 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
         rate[i] = body->rate[i] + 0.5 * dt * body->acceleration[i];
         position[i] = body->position[i] + 0.5 * dt * body->rate[i];
     }
-    const hil_ground ground = hil_path_at(path, position[HIL_X]);
+    const hil_ground ground = hil_path_inlined(path, position[HIL_X]);
     hil_impulses c;
     double force[3];
     matrices(robot, d, &ground, position, rate, c.mass, force);

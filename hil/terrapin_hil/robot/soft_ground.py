@@ -12,12 +12,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import brentq
 
 from terrapin_hil.library import ffi
 from terrapin_hil.physics import contact, soils, wheel
@@ -136,7 +135,7 @@ def _miss(found: Array, exact: Array, scale: Array) -> float:
     return float((np.abs(found - exact) / np.maximum(np.abs(exact), 0.01 * scale)).max())
 
 
-@cache
+@lru_cache(maxsize=32)  # of some 100 kB each; a batch may draw a soil a run
 def grip_table(ground: Ground, robot: Robot) -> GripTable:
     """The table for a robot on the path: loads of its slopes, refined until values half-way between nodes are within
     ACCURACY of the integrals. ContactError for soils and loads without equilibrium, or where that is not reached.
@@ -245,6 +244,8 @@ def contact_steady(robot: Robot, ground: SoftGround, voltage: npt.ArrayLike) -> 
     ------
     ContactError : the soil gives no such slip.
     """
+    from scipy.optimize import brentq  # takes half a second, which a run does not need
+
     volts = np.atleast_1d(np.asarray(voltage, dtype=np.float64))
     soil = _soil(ground)
 

@@ -115,6 +115,11 @@ class Result:
         index = np.searchsorted(ticks, np.arange(len(self.records)), side="right") - 1
         return np.where(index < 0, np.nan, table[signal][index])
 
+    @property
+    def signals(self) -> Mapping[str, Array]:
+        """Truth and telemetry by name, each (ticks,): what checks speak of."""
+        return _Signals(self)
+
     def _provoked(self) -> list[Provocation]:
         """The scenario's own provocation, and at the same time the faults whose description names the scenario too."""
         own = self.scenario.provokes
@@ -129,7 +134,7 @@ class Result:
 
         CheckError names a check that cannot be held.
         """
-        found, enums = _Signals(self), words(self.interface)
+        found, enums = self.signals, words(self.interface)
         outcomes = []
         for check in self.scenario.checks:
             try:

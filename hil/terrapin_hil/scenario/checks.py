@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ import numpy as np
 from terrapin_hil.arrays import Array
 from terrapin_hil.errors import UserError
 
-__all__ = ["Check", "CheckError", "Outcome", "parse_check"]
+__all__ = ["Check", "CheckError", "Outcome", "parse_check", "parse_number"]
 
 
 REDUCTIONS: dict[str, Callable[[Array], float]] = {
@@ -59,11 +59,15 @@ class CheckError(UserError, ValueError):
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of a check; `found` is its text with numbers in the place of the signals."""
+    """Result of a check; `found` is its text with numbers in the place of the signals.
+
+    `numbers`: each part that made one number of a signal, and that number; NaN where it had no value.
+    """
 
     text: str
     passed: bool
     found: str
+    numbers: tuple[tuple[str, float], ...] = field(default=(), repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -89,7 +93,17 @@ class Check:
             value = run.value(self.tree)
         if isinstance(value, np.ndarray):
             raise CheckError(f"{self.text!r} is a signal, not yes or no; put any() or all() around it")
-        return Outcome(self.text, bool(value) and not np.isnan(value), "; ".join(run.seen))
+        return Outcome(self.text, bool(value) and not np.isnan(value), "; ".join(run.seen), tuple(run.numbers.items()))
+
+    def number(
+        self, time: Array, signals: Mapping[str, Array], enums: Mapping[str, Mapping[str, int]] | None = None
+    ) -> float:
+        """What the text comes to as a number: 1 and 0 for yes and no. Parameters and errors as `evaluate`."""
+        with np.errstate(all="ignore"):
+            value = _Run(time, signals, enums or {}).value(self.tree)
+        if isinstance(value, np.ndarray):
+            raise CheckError(f"{self.text!r} is a signal, not a number; put max() or another reduction around it")
+        return float(value)
 
     def require(self, signals: Iterable[str], enums: Mapping[str, Mapping[str, int]]) -> None:
         """CheckError unless a run with these signals can be held against the check: found out before the run."""
@@ -106,6 +120,7 @@ class _Run:
     def __init__(self, time: Array, signals: Mapping[str, Array], enums: Mapping[str, Mapping[str, int]]) -> None:
         self.time, self.signals, self.enums = time, signals, enums
         self.seen: list[str] = []
+        self.numbers: dict[str, float] = {}
 
     def value(self, node: ast.expr) -> Any:
         if isinstance(node, ast.Constant):
@@ -140,6 +155,7 @@ class _Run:
         array = np.atleast_1d(np.asarray(argument, dtype=float))
         array = array[~np.isnan(array)]
         result = REDUCTIONS[node.func.id](array) if array.size else float("nan")
+        self.numbers[ast.unparse(node)] = result
         self.seen.append(f"{ast.unparse(node)} = {result:.6g}" if array.size else f"{ast.unparse(node)}: no value")
         return result
 
@@ -217,6 +233,23 @@ def parse_check(text: str) -> Check:
     >>> check.evaluate(np.array([0.0, 1.0, 2.0]), {"slip": np.array([0.9, 0.5, 0.25])})
     Outcome(text='max(slip[1:]) < 0.55', passed=True, found='max(slip[1:]) = 0.5')
     """
+    tree = _parsed(text)
+    if not isinstance(tree, ast.Compare | ast.BoolOp | ast.UnaryOp | ast.Call):
+        raise CheckError("expected a comparison, such as max(slip) < 0.55")
+    return Check(text, tree)
+
+
+def parse_number(text: str) -> Check:
+    """Reads what makes a number of a run, in the language of checks, for `Check.number`. CheckError as `parse_check`.
+
+    >>> import numpy as np
+    >>> parse_number("max(slip) - min(slip)").number(np.zeros(2), {"slip": np.array([0.5, 0.25])})
+    0.25
+    """
+    return Check(text, _parsed(text))
+
+
+def _parsed(text: str) -> ast.expr:
     if len(text) > 500:
         raise CheckError("longer than 500 characters")
     try:
@@ -225,6 +258,4 @@ def parse_check(text: str) -> Check:
         reason = error.msg if isinstance(error, SyntaxError) else "no expression"
         raise CheckError(f"cannot be read: {reason}") from None
     _verify(tree)
-    if not isinstance(tree, ast.Compare | ast.BoolOp | ast.UnaryOp | ast.Call):
-        raise CheckError("expected a comparison, such as max(slip) < 0.55")
-    return Check(text, tree)
+    return tree

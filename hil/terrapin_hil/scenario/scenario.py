@@ -12,20 +12,31 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from terrapin_hil import paths
 from terrapin_hil.effect_files import known_effects
 from terrapin_hil.messages import Interface, interface
-from terrapin_hil.reading import ReadingError, Section, load, parse_quantity, quantities, shorten
+from terrapin_hil.reading import ReadingError, Section, load, parse_quantity, parse_toml, quantities, shorten
 from terrapin_hil.robot.compiled_effects import ActiveEffect, in_plant
 from terrapin_hil.robot.plant import TERRAINS, Ground, Robot, Segment, Terrain, Winding
 from terrapin_hil.robot.sensors import Sensors, kit, read_sensors, with_effects
 from terrapin_hil.robot.soft_ground import affected, affects_soil, check_step, grip_table, read_soft_ground
+from terrapin_hil.scenario.changes import changed, place_of
 from terrapin_hil.scenario.checks import Check, parse_check
 from terrapin_hil.scenario.faults import MAX_FAULTS, Fault, Provocation, read_fault, read_provocation
 from terrapin_hil.telemetry import signals, words
 
-__all__ = ["CONTROLS", "REQUESTS", "Order", "Scenario", "find_scenario", "load_scenario", "parameters_of"]
+__all__ = [
+    "CONTROLS",
+    "REQUESTS",
+    "Order",
+    "Scenario",
+    "find_scenario",
+    "load_scenario",
+    "parameters_of",
+    "read_scenario",
+]
 
 REQUESTS = {"idle": 0, "calibrate": 1, "run": 2, "clear": 3}
 CONTROLS = {"voltage": 0, "speed": 1}
@@ -224,16 +235,44 @@ def parameters_of(section: Section, description: Interface) -> dict[str, float]:
     return values
 
 
-def load_scenario(path: Path) -> Scenario:
-    """The scenario of a file. ReadingError: one line that names file, line, field and what was expected."""
+def load_scenario(path: Path, values: Mapping[str, Any] | None = None) -> Scenario:
+    """The scenario of a file, with `values` by name (changes.py) in the place of its own; its `source` has them too.
+
+    ReadingError: one line that names file, line, field and what was expected.
+    """
     root = load(path)
+    if values:
+        text = _changed_text(root.source, values)
+        root = Section(parse_toml(text, path), str(path), text)
+    return read_scenario(root, path.stem)
+
+
+def _changed_text(text: str, values: Mapping[str, Any]) -> str:
+    """The file's text with the values, its comments and order kept."""
+    import tomlkit
+
+    document: Any = tomlkit.parse(text)
+    changed(document.unwrap(), values)  # says what is wrong with a name
+    for name, value in values.items():
+        *way, last = place_of(name)
+        table = document
+        for here in way:
+            if isinstance(here, str) and here not in table:
+                table[here] = tomlkit.table()
+            table = table[here]
+        table[last] = value
+    return tomlkit.dumps(document)
+
+
+def read_scenario(root: Section, name: str) -> Scenario:
+    """The scenario `name` that the tables of a file describe. ReadingError as `load_scenario`."""
     description = interface()
     winding = root.section("winding")
     profile = _profile(winding, "profile", "degC", -50.0, 300.0)
     heating = replace(quantities(winding, Winding, Winding()), profile=profile)
     supply = root.section("supply")
     scenario = Scenario(
-        name=path.stem,
+        name=name,
         title=root.text("title", ""),
         duration=root.quantity("duration", "s", None, 0.001, LONGEST),
         seed=root.whole("seed", 1, 0, 2**63 - 1),

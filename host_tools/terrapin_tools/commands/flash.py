@@ -6,22 +6,18 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from terrapin_hil.links.names import BIT_RATE, SET_OUTSIDE, LinkName
 from terrapin_tools.command_options import link_option
 from terrapin_tools.errors import UserError, about
-from terrapin_tools.flash import plan as plans
-from terrapin_tools.flash.image import ImageError, intact, parse, read_start
-from terrapin_tools.flash.layout import BASE
-from terrapin_tools.flash.listing import listing, serial_ports
-from terrapin_tools.flash.stm32 import Stm32
-from terrapin_tools.flash.swd import Swd
-from terrapin_tools.flash.update import SignedFile, update
-from terrapin_tools.flash.wires import Told, Wire, open_wire
 from terrapin_tools.progress import bar
+
+if TYPE_CHECKING:  # cryptography, which `terrapin flash --help` does not need
+    from terrapin_tools.flash.update import SignedFile
+    from terrapin_tools.flash.wires import Told, Wire
 
 __all__ = ["flash"]
 
@@ -34,6 +30,9 @@ def _told(shown: Callable[..., None]) -> Told:
 
 def _files(images: Sequence[Path]) -> list[SignedFile]:
     """The images, read; one a slot."""
+    from terrapin_tools.flash.image import ImageError, intact, parse, read_start
+    from terrapin_tools.flash.update import SignedFile
+
     files: list[SignedFile] = []
     for path in images:
         data = read_start(path)
@@ -50,6 +49,8 @@ def _files(images: Sequence[Path]) -> list[SignedFile]:
 
 
 def _serial_port(port: str, via: str) -> str:
+    from terrapin_tools.flash.listing import serial_ports
+
     if port:
         return port
     found = [device for device, _ in serial_ports()]
@@ -70,6 +71,8 @@ def _controller(link: LinkName | None, via: str, port: str, baud: int, bitrate: 
 
 
 def _update(files: Sequence[SignedFile], wire: Wire) -> str:
+    from terrapin_tools.flash.update import update
+
     with closing(wire), bar("", None) as shown:
         outcome = update(wire, files, _told(shown))
     after = {
@@ -81,6 +84,11 @@ def _update(files: Sequence[SignedFile], wire: Wire) -> str:
 
 
 def _whole(files: Sequence[SignedFile], via: str, port: str, baud: int, loader: Path | None) -> str:
+    from terrapin_tools.flash import plan as plans
+    from terrapin_tools.flash.layout import BASE
+    from terrapin_tools.flash.stm32 import Stm32
+    from terrapin_tools.flash.swd import Swd
+
     data = plans.boot_loader(loader) if loader else None
     if data is not None:
         plans.check_starts(data, str(loader), files)
@@ -130,6 +138,8 @@ def flash(
     Example: terrapin flash robot-a.bin robot-b.bin --link socketcan:can0
     """
     if listed:
+        from terrapin_tools.flash.listing import listing
+
         print(listing())
         return
     if link is not None:
@@ -151,4 +161,6 @@ def flash(
     if controller is None:
         print(_whole(files, via, port, baud, loader))
     else:
+        from terrapin_tools.flash.wires import open_wire
+
         print(_update(files, open_wire(controller, bitrate or BIT_RATE)))

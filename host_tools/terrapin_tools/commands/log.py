@@ -5,21 +5,17 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from terrapin_hil.links import LinkName, open_link
-from terrapin_hil.links.names import PTY
-from terrapin_hil.messages import ParameterError, interface
+from terrapin_hil.links.names import PTY, LinkName
 from terrapin_tools.command_options import BitRate, Json, deliver, link_option
 from terrapin_tools.errors import UserError
-from terrapin_tools.logs.decoding import Decoder
-from terrapin_tools.logs.reading import READABLE, LogReader, read_log
-from terrapin_tools.logs.writing import GROWING, LogWriter
-from terrapin_tools.param.files import read_parameters
 from terrapin_tools.progress import bar
-from terrapin_tools.workbench.files import units
+
+if TYPE_CHECKING:
+    from terrapin_tools.logs.decoding import Decoder
 
 __all__ = ["SUBCOMMANDS"]
 
@@ -32,6 +28,7 @@ FLUSH = 0.5  # s between flushes of a recording: what a kill -9 may cost
 
 
 def _decoder(log: Path, dbc: Path | None) -> Decoder | None:
+    from terrapin_tools.logs.decoding import Decoder
 
     if dbc is None:
         beside = (log if log.is_dir() else log.parent) / "terrapin.dbc"
@@ -50,6 +47,7 @@ def info(log: LogFile, dbc: Dbc = None, json: Json = "") -> None:
     Example: terrapin log info out/slope/telemetry.log
     """
     from terrapin_tools.logs.info import Summary, describe
+    from terrapin_tools.logs.reading import LogReader
 
     reader, decoder = LogReader(log), _decoder(log, dbc)
     summary = Summary(decoder)
@@ -73,6 +71,8 @@ def convert(
 
     Example: terrapin log convert out/slope/telemetry.log slope.mcap
     """
+    from terrapin_tools.logs.reading import READABLE, LogReader
+    from terrapin_tools.logs.writing import LogWriter
 
     kinds = (*READABLE, ".csv")
     if to.suffix.lower() not in kinds:
@@ -108,6 +108,7 @@ def _signals(path: Path, decoder: Decoder | None, period: str, to: Path) -> int:
     import pyarrow.parquet
 
     from terrapin_tools.logs.resample import signals_on_grid
+    from terrapin_tools.workbench.files import units
 
     if decoder is None:
         raise UserError("signals need a DBC: --dbc FILE")
@@ -141,6 +142,7 @@ def record(
     Example: terrapin log record drive.blf --link socketcan:can0
     """
     from terrapin_tools.logs.bus import open_bus
+    from terrapin_tools.logs.writing import GROWING, LogWriter
 
     if to.suffix.lower() not in GROWING:
         kinds = " ".join(GROWING)
@@ -196,7 +198,11 @@ def replay(
 
     Example: terrapin log replay out/slope
     """
+    from terrapin_hil.links import open_link
+    from terrapin_hil.messages import ParameterError, interface
+    from terrapin_tools.logs.reading import LogReader, read_log
     from terrapin_tools.logs.replay import replay as again
+    from terrapin_tools.param.files import read_parameters
 
     description = interface()
     path = LogReader(log).path

@@ -4,44 +4,45 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from terrapin_hil.links import LinkName, open_link
-from terrapin_hil.links.link import Link
-from terrapin_hil.links.names import INPROCESS, able
-from terrapin_hil.messages import interface
-from terrapin_hil.run.rig import Rig, RigConfig, load_rig
-from terrapin_hil.run.run import Result
-from terrapin_hil.run.run import run as run_scenario
-from terrapin_hil.scenario.checks import Outcome
-from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+from terrapin_hil.links.names import INPROCESS, LinkName, able
 from terrapin_tools.command_options import link_option
-from terrapin_tools.contact_error import ContactError, contact_error
 from terrapin_tools.errors import UserError
-from terrapin_tools.logs.folder import RunFolder
-from terrapin_tools.param.files import read_parameters
-from terrapin_tools.progress import bar
+
+if TYPE_CHECKING:  # NumPy and the C libraries, which `terrapin run --help` does not need
+    from terrapin_hil.links.link import Link
+    from terrapin_hil.run.run import Result
+    from terrapin_hil.scenario.checks import Outcome
+    from terrapin_tools.contact_error import ContactError
 
 __all__ = ["run"]
 
 
 def _before(result: Result) -> ContactError | None:
     """The error of C_t without the parameters: the same run once more, in this process."""
+    from terrapin_hil.run.run import run as run_scenario
+    from terrapin_tools.contact_error import contact_error
+
     plain = replace(result.scenario, real_time=False, checks=())
     return contact_error(run_scenario(plain, "inprocess", parameters={}))
 
 
 def _contact(result: Result) -> dict[str, dict[str, float | int | bool] | None]:
+    from terrapin_tools.contact_error import contact_error
+
     found = {"after": contact_error(result), "before": _before(result)}
     return {key: vars(error) if error is not None else None for key, error in found.items()}
 
 
 def _contact_words(result: Result) -> str:
+    from terrapin_tools.contact_error import contact_error
+
     before, after = _before(result), contact_error(result)
     if before is None or after is None:
         return "  C_t error: the robot never ran for a whole window"
@@ -87,10 +88,25 @@ def _as_text(result: Result, folder: Path | None, written: bool) -> str:
     return "\n".join(rows)
 
 
+def _values(changes: Iterable[str]) -> dict[str, Any]:
+    """Name -> value of what `--set` says."""
+    from terrapin_hil.scenario.changes import read_value
+
+    found: dict[str, Any] = {}
+    for text in changes:
+        name, equals, value = text.partition("=")
+        if not equals or not value or name in found:
+            raise UserError(f"--set: found {text[:80]!r}, expected NAME=VALUE, each name once")
+        found[name] = read_value(value)
+    return found
+
+
 @contextlib.contextmanager
 def _opened(link: LinkName, path: Path | None) -> Iterator[tuple[Link, list[Outcome]]]:
     """The link; in the rig that a file describes the board reset, its e-stop measured, its enable line watched while
     the run lasts."""
+    from terrapin_hil.links import open_link
+    from terrapin_hil.run.rig import Rig, RigConfig, load_rig
     from terrapin_hil.run.rig_checks import bridge_stays_off, estop_outcome
 
     outcomes: list[Outcome] = []
@@ -111,6 +127,10 @@ def run(
     link: Annotated[LinkName, link_option("lockstep", "where the controller is")] = INPROCESS,
     out: Annotated[Path | None, typer.Option(help="folder for telemetry.log, truth.csv and run.toml")] = None,
     seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="instead of the scenario's")] = None,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="a field in place of the file's, path.1.slope=3deg"),
+    ] = None,
     parameters: Annotated[Path | None, typer.Option(help="TOML file with a table [parameters]")] = None,
     real_time: Annotated[bool, typer.Option("--real-time", help="keep to the clock; lateness is reported")] = False,
     rig: Annotated[Path | None, typer.Option(help="TOML file that names the GPIO lines around a real board")] = None,
@@ -121,11 +141,20 @@ def run(
 
     Example: terrapin run slope_limiter --link pty --out out/slope
 
+    terrapin run slope_limiter --seed 7 --set path.2.slope=9deg --set robot.coulomb=0.015
+
     SCENARIO is a TOML file, or the name of a shipped one.
     Exit status: 0 when every check of the scenario holds, 1 when one fails or the run breaks off, 2 for bad input.
     """
+    from terrapin_hil.messages import interface
+    from terrapin_hil.run.run import run as run_scenario
+    from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+    from terrapin_tools.logs.folder import RunFolder
+    from terrapin_tools.param.files import read_parameters
+    from terrapin_tools.progress import bar
+
     try:
-        chosen = load_scenario(find_scenario(scenario))
+        chosen = load_scenario(find_scenario(scenario), _values(changes or ()))
         if seed is not None:
             chosen = replace(chosen, seed=seed)
         if real_time:

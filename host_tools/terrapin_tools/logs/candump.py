@@ -45,19 +45,21 @@ def line(time: float, identifier: int, data: bytes, channel: str = "can0", flags
 
 def lines(records: npt.NDArray[Any], first_tick: int, channel: str = "can0") -> str:
     """Rows of a simulator's log (terrapin_hil.simulation) as text: per tick what the host sent, then the answers."""
-    out = []
-    columns = zip(
-        records["host_count"].tolist(),
-        records["answer_count"].tolist(),
-        records["host"].tolist(),
-        records["answer"].tolist(),
-        strict=True,
-    )
-    for tick, (sent, answered, host, answer) in enumerate(columns, first_tick):
-        stamp = f"({tick / 1000:.6f}) {channel} "
-        for identifier, length, data in (*host[:sent], *answer[:answered]):
-            out.append(f"{stamp}{identifier:03X}#{bytes(data[:length]).hex().upper()}\n")
-    return "".join(out)
+    tick, place = np.nonzero(_there(records))
+    frames = np.concatenate([records["host"], records["answer"]], axis=1)[tick, place]
+    hexes = frames["data"].tobytes().hex().upper()
+    stamps = [f"({number / 1000:.6f}) {channel} " for number in range(first_tick, first_tick + len(records))]
+    rows = zip(tick.tolist(), frames["id"].tolist(), frames["length"].tolist(), range(0, len(hexes), 16), strict=True)
+    return "".join(f"{stamps[i]}{name:03X}#{hexes[at : at + 2 * length]}\n" for i, name, length, at in rows)
+
+
+def _there(records: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+    """Which places for frames are used, first the host's, then the answers' (ticks, places)."""
+    places = [
+        np.arange(records[who].shape[1]) < records[f"{who}_count"].astype(np.int64)[:, None]
+        for who in ("host", "answer")
+    ]
+    return np.concatenate(places, axis=1)
 
 
 def blocks(path: Path, told: Callable[[int], None] = lambda _: None) -> Iterator[Frames]:

@@ -28,11 +28,11 @@ from terrapin_tools.web.service.jobs import Jobs
 from terrapin_tools.web.service.security import COOKIE, Door
 from terrapin_tools.web.service.warm import Busy, Warm
 from terrapin_tools.web.service.workspace import NotThere, Taken, Workspace
-from terrapin_tools.web.simulate import simulate_api
+from terrapin_tools.web.simulate import batch_api, simulate_api
 
 __all__ = ["application"]
 
-ROUTES = (cases_api, new_case, jobs_api, uploads, events, view_api, live_api, simulate_api)
+ROUTES = (cases_api, new_case, jobs_api, uploads, events, view_api, live_api, simulate_api, batch_api)
 STATUS = {NotThere: 404, Taken: 409, Busy: 503, uploads.TooLarge: 413, uploads.NoSpace: 507}
 STATIC = Path(__file__).parent / "static"
 KINDS = {

@@ -46,7 +46,7 @@ static uint64_t draw(hil_random *random) {
 
 /* Upper 53 bits as a number in (0, 1). */
 static double fraction(uint64_t bits) {
-    return ((double)(bits >> 11) + 0.5) * (1.0 / 9007199254740992.0);
+    return ((double)(int64_t)(bits >> 11) + 0.5) * (1.0 / 9007199254740992.0);
 }
 
 double hil_random_uniform(hil_random *random) {

@@ -44,6 +44,12 @@ uint16_t hil_adc_read(const hil_sensors *sensors, hil_sensor_state *state, int i
     return (uint16_t)lrint(smaller(larger(code, 0.0), ADC_FULL));
 }
 
+/* floor(), which without SSE4.1 is a dozen instructions more. */
+static inline int32_t floored(double value) {
+    const int32_t towards_zero = (int32_t)value;
+    return towards_zero - ((double)towards_zero > value ? 1 : 0);
+}
+
 uint16_t hil_encoder_read(const hil_sensors *sensors, hil_sensor_state *state, int i, double loss) {
     const hil_encoder *encoder = &sensors->encoder[i];
     const int channel = HIL_MOTOR + i;
@@ -56,7 +62,7 @@ uint16_t hil_encoder_read(const hil_sensors *sensors, hil_sensor_state *state, i
     if (encoder->misalignment != 0.0) {
         angle += encoder->misalignment * sin(angle + encoder->phase);
     }
-    const int32_t count = (int32_t)floor(angle * encoder->counts_per_turn / TWO_PI);
+    const int32_t count = floored(angle * encoder->counts_per_turn / TWO_PI);
     const double probability = encoder->loss + loss;
     if (loss >= HIL_REVERSED) {
         state->lost[i] += 2 * (count - state->count[i]);

@@ -6,6 +6,7 @@
 #include "terrapin_interface.h"
 #include "extremes.h"
 #include "heading.h"
+#include "path.h"
 
 #define TICK          1e-3
 #define SLIP_DEADBAND 0.01
@@ -32,9 +33,14 @@ static double now(const hil_simulator *simulator) {
     return TICK * (double)simulator->tick;
 }
 
-static bool failing(const hil_simulator *simulator, int kind, int channel) {
-    return simulator->config.faults.count > 0 &&
-           hil_fault_active(&simulator->config.faults, kind, channel, now(simulator)) != NULL;
+/* Most runs have no faults, and a tick asks a dozen times. */
+static inline const hil_fault *active(const hil_simulator *simulator, int kind, int channel) {
+    const hil_faults *faults = &simulator->config.faults;
+    return faults->count > 0 ? hil_fault_active(faults, kind, channel, now(simulator)) : NULL;
+}
+
+static inline bool failing(const hil_simulator *simulator, int kind, int channel) {
+    return active(simulator, kind, channel) != NULL;
 }
 
 uint64_t hil_layout(void) {
@@ -73,11 +79,10 @@ void hil_start(hil_simulator *simulator) {
 static void read_fast(hil_simulator *simulator) {
     const hil_config *config = &simulator->config;
     terrapin_inputs *in = &simulator->inputs;
-    const double time = now(simulator);
     const uint16_t code = hil_adc_read(&config->sensors, &simulator->sensors, HIL_CURRENT);
     uint16_t count[HIL_ENCODERS];
     for (int i = 0; i < HIL_ENCODERS; i++) {
-        const hil_fault *fault = hil_fault_active(&config->faults, HIL_FAULT_LOST_COUNTS, HIL_MOTOR + i, time);
+        const hil_fault *fault = active(simulator, HIL_FAULT_LOST_COUNTS, HIL_MOTOR + i);
         const double lost = fault != NULL ? fault->value : 0.0;
         const bool reversed = failing(simulator, HIL_FAULT_REVERSED, HIL_MOTOR + i);
         count[i] = hil_encoder_read(&config->sensors, &simulator->sensors, i, reversed ? HIL_REVERSED : lost);
@@ -91,7 +96,7 @@ static void read_fast(hil_simulator *simulator) {
     if (!failing(simulator, HIL_FAULT_STUCK, HIL_WHEEL)) {
         in->ground_count = count[1];
     }
-    const hil_fault *forced = hil_fault_active(&config->faults, HIL_FAULT_FORCED, HIL_CURRENT, time);
+    const hil_fault *forced = active(simulator, HIL_FAULT_FORCED, HIL_CURRENT);
     if (forced != NULL) {
         in->current_code = (uint16_t)forced->value;
     }
@@ -102,7 +107,9 @@ static void read_fast(hil_simulator *simulator) {
     in->ground_speed_valid =
         config->sensors.digital[3].present && !failing(simulator, HIL_FAULT_ABSENT, HIL_GROUND_SPEED);
     in->heading_valid = config->steering.count > 0;
-    in->heading_turn = (uint16_t)(uint32_t)(int32_t)floor(simulator->heading * (65536.0 / TWO_PI) + 0.5);
+    if (in->heading_valid) { /* else it stays 0, where the heading is */
+        in->heading_turn = (uint16_t)(uint32_t)(int32_t)floor(simulator->heading * (65536.0 / TWO_PI) + 0.5);
+    }
     in->estop = failing(simulator, HIL_FAULT_ESTOP, -1);
 }
 
@@ -112,7 +119,7 @@ static void read_slow(hil_simulator *simulator) {
     const int channel = (simulator->tick & 1U) == 0U ? HIL_SUPPLY : HIL_TEMPERATURE;
     uint16_t *code = channel == HIL_SUPPLY ? &in->supply_code : &in->temperature_code;
     const uint16_t read = hil_adc_read(&config->sensors, &simulator->sensors, channel);
-    const hil_fault *forced = hil_fault_active(&config->faults, HIL_FAULT_FORCED, channel, now(simulator));
+    const hil_fault *forced = active(simulator, HIL_FAULT_FORCED, channel);
     if (forced != NULL) {
         *code = (uint16_t)forced->value;
     } else if (!failing(simulator, HIL_FAULT_STUCK, channel)) {
@@ -213,7 +220,7 @@ static void write_truth(const hil_simulator *simulator, double *truth) {
     const double rim = simulator->config.robot.radius * body->rate[HIL_BETA];
     const double axle = body->rate[HIL_X];
     const double fastest = larger(fabs(rim), fabs(axle));
-    const hil_ground ground = hil_path_at(&simulator->config.path, body->position[HIL_X]);
+    const hil_ground ground = hil_path_inlined(&simulator->config.path, body->position[HIL_X]);
     truth[HIL_TRUTH_TIME] = now(simulator);
     truth[HIL_TRUTH_POSITION] = body->position[HIL_X];
     truth[HIL_TRUTH_SPEED] = axle;
@@ -245,9 +252,11 @@ static void write_truth(const hil_simulator *simulator, double *truth) {
 static void steer(hil_simulator *simulator, double travelled) {
     const hil_profile *steering = &simulator->config.steering;
     const double before = simulator->heading;
-    if (steering->count > 0) {
-        simulator->heading = profile_at(steering, now(simulator) + TICK);
+    if (steering->count == 0) { /* straight on: what hil_heading_advance gives at heading 0 */
+        simulator->path[0] += travelled;
+        return;
     }
+    simulator->heading = profile_at(steering, now(simulator) + TICK);
     hil_heading_advance(travelled, before, simulator->heading, simulator->path);
 }
 
@@ -310,7 +319,7 @@ void hil_act(hil_simulator *simulator, int16_t duty, bool enabled) {
     simulator->duty = duty;
     simulator->enabled = enabled;
     const double start = now(simulator);
-    const hil_fault *supply = hil_fault_active(&config->faults, HIL_FAULT_SUPPLY, -1, start);
+    const hil_fault *supply = active(simulator, HIL_FAULT_SUPPLY, -1);
     around->drive.enabled = enabled;
     around->drive.duty = (double)duty / DUTY_ONE;
     around->drive.supply = supply != NULL ? supply->value : config->supply;

@@ -237,7 +237,7 @@ class Jobs:
                     last = line
                     self._progress(job, line)
             status = await process.wait()
-            if status == 0 or (status == 1 and step[0] == "run"):  # a scenario's check failed: the result says which
+            if status == 0 or (status == 1 and step[0] in ("run", "batch")):  # a check failed: the result says which
                 result = await asyncio.to_thread(_read_result, place)
                 if result is not None or status == 0:
                     return None, result

@@ -1,5 +1,6 @@
 // The Simulate tab: a scenario with changes, run as a job; the robot rolling; the run kept as a case.
 import { h, lineOf } from './app.js';
+import { Batches } from './simulate/batches.js';
 import { Player } from './simulate/player.js';
 import { RunList } from './simulate/run_list.js';
 import { ScenarioForm } from './simulate/scenario_form.js';
@@ -21,6 +22,7 @@ class Simulate {
     this.form = new ScenarioForm((command) => { if (this.shown) app.showCommand(command); });
     this.player = new Player();
     this.runs = new RunList({ app, attempt: (action) => this.attempt(action), open: (run) => this.open(run), watch: (job) => this.watch(job, null) });
+    this.batches = new Batches({ app, attempt: (action) => this.attempt(action), body: () => this.form.body() });
     this.start = h('button', { type: 'button', class: 'main', text: 'Run', onclick: () => this.go() });
     this.line = h('span', { class: 'line' });
     this.progress = h('progress', { max: '100', value: 0, 'aria-label': 'Progress' });
@@ -29,7 +31,7 @@ class Simulate {
     this.notice = h('p', { class: 'notice bad', role: 'alert', hidden: true });
     element.append(h('div', { class: 'sim-grid' }, this.form.panel(this.start),
       h('div', { class: 'plots' }, this.notice, this.bar, ...this.player.panels(),
-        h('div', { class: 'below' }, h('section', { class: 'panel' }, this.player.checksTitle, this.player.checks), this.runs.element))));
+        h('div', { class: 'below' }, h('section', { class: 'panel' }, this.player.checksTitle, this.player.checks), this.runs.element, this.batches.element))));
     app.onEvent((event) => this.event(event));
   }
 
@@ -103,14 +105,15 @@ class Simulate {
   async running() {
     /** @type {Job[] | null} */
     const jobs = await this.attempt(() => this.app.api('jobs'));
+    if (jobs) this.batches.running(jobs);
     const mine = jobs?.find((one) => one.do === 'simulate' && (one.state === 'running' || one.state === 'queued'));
     if (mine && !this.job) this.watch(mine.id, /runs\/([^/ ]+)/.exec(mine.command.split('--out ')[1] || '')?.[1] || null);
   }
 
   /** @param {News} event */
   event(event) {
-    if (!this.shown || this.job || this.start.disabled || !(event.back || event.do === 'simulate' || event.do === 'case')) return;
-    if (event.state === 'running') this.running();
+    if (!this.shown || this.job || this.start.disabled || !(event.back || event.do === 'simulate' || event.do === 'batch' || event.do === 'case')) return;
+    if (event.state === 'running' || event.do === 'batch') this.running();
     else if (event.back || event.error !== undefined) this.runs.list();
   }
 
@@ -120,6 +123,7 @@ class Simulate {
     this.shown = this.player.shown = true;
     if (!this.form.description) this.load();
     this.runs.list();
+    this.batches.list();
     this.running();
     this.player.draw();
   }

@@ -154,6 +154,9 @@ interface Changes {
   faults: Fault[]; seed: number; duration: number; supply: number; soil: string | null;
 }
 interface RunLine { name: string; seed: number; complete: boolean; passed: boolean | null }
+interface BatchLine { name: string; done: number; failed: number; runs: number; complete: boolean; report: boolean }
+/** How far a batch is; a point is passed, seed, what was varied, as `inputs` names them. */
+interface BatchState { name: string; done: number; failed: number; runs: number; complete: boolean; inputs: string[]; points: unknown[][] }
 type Columns = Record<string, (number | null)[]> & { time: number[] };
 /** A run: columns of equal length, SI units. */
 interface Run {

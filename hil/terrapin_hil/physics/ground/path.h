@@ -1,0 +1,34 @@
+/* hil_path_at for inner loops: inlined, what the caller does not use of the ground costs nothing. */
+#ifndef HIL_PATH_H
+#define HIL_PATH_H
+
+#include "ground.h"
+
+static inline double hil_blend(double from, double to, double share) {
+    return from + share * (to - from);
+}
+
+static inline hil_ground hil_path_inlined(const hil_path *path, double x) {
+    int i = 0;
+    while (i + 1 < path->count && x >= path->segment[i + 1].start) {
+        i++;
+    }
+    const hil_segment *here = &path->segment[i];
+    hil_ground ground = {here->terrain, here->slope, 0.0, i};
+    const double into = x - here->start;
+    if (i > 0 && into < here->transition) {
+        const hil_segment *last = &path->segment[i - 1];
+        const double t = into / here->transition;
+        const double share = t * t * (3.0 - 2.0 * t);
+        ground.terrain.f_o = hil_blend(last->terrain.f_o, here->terrain.f_o, share);
+        ground.terrain.f_s = hil_blend(last->terrain.f_s, here->terrain.f_s, share);
+        ground.terrain.mu = hil_blend(last->terrain.mu, here->terrain.mu, share);
+        ground.terrain.s_k = hil_blend(last->terrain.s_k, here->terrain.s_k, share);
+        ground.terrain.softness = hil_blend(last->terrain.softness, here->terrain.softness, share);
+        ground.slope = hil_blend(last->slope, here->slope, share);
+        ground.curvature = (here->slope - last->slope) * 6.0 * t * (1.0 - t) / here->transition;
+    }
+    return ground;
+}
+
+#endif

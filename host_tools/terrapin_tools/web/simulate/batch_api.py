@@ -1,0 +1,184 @@
+"""Routes of batches: a scenario with many seeds and values as a job, and how far it has come.
+
+A batch is a folder of `terrapin batch`; while it fills, its progress.json says what is done.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import APIRouter
+from fastapi.responses import FileResponse
+from pydantic import BaseModel, Field
+
+from terrapin_hil import paths
+from terrapin_tools.batch.design import design, read_seeds, read_varied
+from terrapin_tools.errors import UserError
+from terrapin_tools.web.service.context import Context, Terrapin
+from terrapin_tools.web.service.jobs import ENDED
+from terrapin_tools.web.service.models import Line, Name, problems
+from terrapin_tools.web.service.workspace import NAME, NotThere, Taken
+from terrapin_tools.web.simulate.simulate_api import Simulate, changed_scenario
+
+__all__ = ["begin", "router"]
+
+router = APIRouter(prefix="/api", tags=["simulate"])
+_NAME = re.compile(NAME.removesuffix("$") + r"\Z", re.ASCII)
+MOST_BATCHES = 200
+MOST_RUNS = 100_000
+REPORT_POLICY = "sandbox allow-popups; default-src 'none'; style-src 'unsafe-inline'"
+
+
+class Batch(Simulate):
+    """A batch of a shipped scenario with changes: seeds, and fields with values as `terrapin batch` reads them."""
+
+    seeds: Annotated[Line, Field(min_length=1, description="1:1000, or 1,5,9")] = "1:100"
+    vary: Annotated[list[Line], Field(default_factory=list, max_length=8, description="path.1.slope=0deg:14deg")]
+    until_failed: bool = False
+
+
+class BatchStarted(BaseModel):
+    """The batch `batch` has been queued as the job `id`."""
+
+    id: str
+    batch: str
+    command: str
+
+
+class BatchLine(BaseModel):
+    """A batch in the workspace."""
+
+    name: str
+    done: int
+    failed: int
+    runs: int
+    complete: bool
+    report: bool
+    changed: float
+
+
+class Removed(BaseModel):
+    """The name of what was removed."""
+
+    name: str
+
+
+def _folder(context: Context) -> Path:
+    return context.workspace.root / "batches"
+
+
+async def begin(context: Context) -> None:
+    """When the server starts."""
+    try:
+        _folder(context).mkdir(exist_ok=True)
+    except OSError as error:
+        raise UserError(f"{_folder(context)}: {error.strerror}") from None
+
+
+@router.post("/batches", responses=problems(404, 409), status_code=202)
+async def start(context: Terrapin, body: Batch) -> BatchStarted:
+    """Run a batch as a job; its folder fills as it goes on."""
+    shipped = paths.SCENARIOS / f"{body.scenario}.toml"
+    if not shipped.is_file():
+        raise NotThere(f"scenario: found no {body.scenario!r}")
+    name, step = await asyncio.to_thread(_prepare, _folder(context), shipped, body)
+    try:
+        job = context.jobs.add("batch", None, [step])
+    except UserError:
+        (_folder(context) / f"{name}.toml").unlink(missing_ok=True)
+        raise
+    return BatchStarted(id=job.id, batch=name, command=job.command)
+
+
+def _prepare(folder: Path, shipped: Path, body: Batch) -> tuple[str, list[str]]:
+    """The batch's name, its scenario's file beside its folder if it was changed, and the command line."""
+    from terrapin_hil.scenario.scenario import load_scenario
+
+    varied = [read_varied(text) for text in body.vary]
+    seeds = read_seeds(body.seeds)
+    if len(seeds) > MOST_RUNS or sum(1 for _ in design(seeds, varied)) > MOST_RUNS:
+        raise UserError(f"seeds: expected at most {MOST_RUNS} runs here; `terrapin batch` takes more")
+    if sum(1 for path in folder.iterdir() if path.is_dir()) >= MOST_BATCHES:
+        raise Taken(f"batches: found {MOST_BATCHES}, expected some of them removed")
+    number = 1
+    while any((folder / f"{shipped.stem[:56]}-{number}{end}").exists() for end in ("", ".toml")):
+        number += 1
+    name = f"{shipped.stem[:56]}-{number}"
+    source = shipped.read_text(encoding="utf-8")
+    file = folder / f"{name}.toml"
+    file.write_text(changed_scenario(source, body), encoding="utf-8")
+    try:
+        load_scenario(file)
+    except UserError as error:
+        file.unlink()
+        raise UserError(str(error).replace(f"{folder}/", "")) from None
+    vary = [word for text in body.vary for word in ("--vary", text)]
+    until = ["--until", "FAIL"] if body.until_failed else []
+    return name, ["batch", str(file), "--seeds", body.seeds, *vary, *until, "--out", str(folder / name), "--json"]
+
+
+def _batch(context: Context, name: str) -> Path:
+    """The folder of a batch."""
+    if not _NAME.match(name) or not (_folder(context) / name).is_dir():
+        raise NotThere(f"batch: found no {name[:80]!r} in the workspace")
+    return _folder(context) / name
+
+
+@router.get("/batches", responses=problems())
+async def batches(context: Terrapin) -> list[BatchLine]:
+    """The batches of the workspace, newest first."""
+    return await asyncio.to_thread(_lines, _folder(context))
+
+
+def _lines(folder: Path) -> list[BatchLine]:
+    found = []
+    for path in folder.iterdir():
+        try:
+            state = json.loads((path / "progress.json").read_text(encoding="utf-8"))
+            line = BatchLine(
+                name=path.name,
+                report=(path / "report.html").is_file(),
+                changed=(path / "progress.json").stat().st_mtime,
+                **{key: state[key] for key in ("done", "failed", "runs", "complete")},
+            )
+        except (OSError, ValueError, KeyError, TypeError):  # not begun, or going away
+            continue
+        found.append(line)
+    return sorted(found, key=lambda line: -line.changed)
+
+
+@router.get("/batches/{name}", responses=problems(404))
+async def batch(context: Terrapin, name: Name) -> dict[str, Any]:
+    """How far a batch is, and the latest runs one by one: passed, seed, what was varied."""
+    path = _batch(context, name) / "progress.json"
+    try:
+        state: dict[str, Any] = json.loads(await asyncio.to_thread(path.read_text, encoding="utf-8"))
+    except (OSError, ValueError):
+        raise NotThere(f"batch: {name} has not begun") from None
+    return {"name": name, **state}
+
+
+@router.get("/batches/{name}/report", responses=problems(404), response_class=FileResponse)
+async def report(context: Terrapin, name: Name) -> FileResponse:
+    """The report of a batch that is done."""
+    path = _batch(context, name) / "report.html"
+    if not path.is_file():
+        raise NotThere(f"batch: {name} has no report yet")
+    return FileResponse(path, media_type="text/html", headers={"content-security-policy": REPORT_POLICY})
+
+
+@router.delete("/batches/{name}", responses=problems(404, 409))
+async def remove(context: Terrapin, name: Name) -> Removed:
+    """Remove a batch; 409 while it goes on."""
+    folder = _batch(context, name)
+    going = [job for job in context.jobs.all() if job.state not in ENDED]
+    if any(str(folder) in step for job in going for step in job.steps):
+        raise Taken(f"batch: {name} goes on, expected it cancelled or ended")
+    await asyncio.to_thread(shutil.rmtree, folder)
+    folder.with_name(f"{name}.toml").unlink(missing_ok=True)
+    return Removed(name=name)

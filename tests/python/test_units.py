@@ -1,0 +1,41 @@
+"""The units that need no pint: its own numbers, to the last bit."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from terrapin_hil.messages import interface
+from terrapin_hil.reading import parse_quantity
+from terrapin_hil.units import _BASE, _FACTORS, _TO_BASE, base_factor, factor, read_unit, units
+
+
+@pytest.mark.parametrize(("given", "unit"), [*_FACTORS, *((unit, unit) for unit in sorted(_BASE))])
+def test_a_factor_is_pints(given: str, unit: str) -> None:
+    known = factor(given, unit)
+    assert known is not None
+    draw = random.Random(1)
+    for number in [0.0, 1.0, -1.0, 80.0, 14.0, 1e-300, *(draw.uniform(-100.0, 100.0) for _ in range(2000))]:
+        pints = float(units().Quantity(number, read_unit(given)).to(read_unit(unit)).magnitude)
+        assert pints == number * known
+        assert parse_quantity(f"{number!r} {given}", unit) == pints
+
+
+def test_base_units_are_pints() -> None:
+    signals = {signal.unit for message in interface().messages.values() for signal in message.signals}
+    for unit in {*signals, *_BASE, *_TO_BASE, *(given for given, _ in _FACTORS)} - {"", "1", "degC"}:
+        known = base_factor(unit)
+        if known is not None:
+            assert known == float(units().Quantity(1.0, read_unit(unit)).to_base_units().magnitude), unit
+    assert all(base_factor(unit) is not None for unit in signals - {"", "1", "degC"})
+
+
+@pytest.mark.parametrize("text", ["1 V", "1 furlong", "1", "1 m m", "1 mm^2"])
+def test_what_is_not_in_the_table_is_asked_of_pint(text: str) -> None:
+    """A kind of quantity that differs is refused as before; a rarer unit converts."""
+    if text == "1 furlong":
+        assert parse_quantity(text, "m") == pytest.approx(201.168, rel=1e-5)
+    else:
+        with pytest.raises(ValueError, match="converts to it"):
+            parse_quantity(text, "m")
