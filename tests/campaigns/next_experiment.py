@@ -59,8 +59,12 @@ def confounded(kind: str, runs: int, rho: float, size: float, random: np.random.
         if "acceleration" not in roles:
             return None
         roles["acceleration"] = 0.3 * roles["omega"]
+    limits = dict(case.limits)
+    if kind == "direction":  # no rig is sent the other way round unless it is said to go there
+        fastest = float(roles["omega"].max())
+        limits["omega"] = (-fastest, fastest)
     extra = {name: values for name, values in case.extra.items() if name != "speed"}
-    return _measure(replace(case, roles=roles, extra=extra), (hidden,), None, random, rho, size, True)
+    return _measure(replace(case, roles=roles, extra=extra, limits=limits), (hidden,), None, random, rho, size, True)
 
 
 def with_runs(

@@ -34,7 +34,8 @@ def confounded(kind: str, seed: int = 1, rho: float = 0.0, size: float = 3.0) ->
 
 def proposed(kind: str, limits: Mapping[str, tuple[float, float]] | None = None) -> tuple[Analysis, Experiment | None]:
     """What is proposed to tell the pair apart, both refitted, on a case with these limits."""
-    case = replace(confounded(kind).case, limits=limits or {})
+    made = confounded(kind).case
+    case = made if limits is None else replace(made, limits=limits)
     analysis = analyse(case)
     fits = [
         ((name,), fitted_on(case, [name], case.train, analysis.noise.sigma)[-1])
@@ -122,3 +123,20 @@ def test_one_candidate_is_left_after_the_proposed_runs(kind: str, rho: float) ->
     later = next_experiment.after_proposed(made, found, np.random.default_rng(7))
     assert later.verdict == "missing"
     assert later.missing == made.truth
+
+
+def test_a_speed_that_was_not_measured_is_asked_of_no_rig_without_limits() -> None:
+    """Not the other way round, not faster; what else is settable may go a quarter beyond."""
+    case = replace(confounded("direction").case, limits={})
+    omega = case.roles["omega"]
+    for role, steps in levels(case, np.ones(case.rows, dtype=bool)).items():
+        if role in ("omega", "speed"):
+            assert omega.min() <= min(steps)
+            assert max(steps) <= omega.max()
+    analysis, plan = proposed("direction", {})
+    assert (
+        plan is None
+        or "omega" not in plan.vary
+        or all(omega.min() <= setting["omega"] <= omega.max() for setting in plan.settings)
+    )
+    assert analysis.case.limits == {}

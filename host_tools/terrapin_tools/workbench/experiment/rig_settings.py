@@ -14,6 +14,7 @@ __all__ = ["SETTABLE", "held", "levels", "observed", "rows_of", "run_length"]
 
 
 EXTENSION = 0.25  # of the observed span, to either side; a constant role is taken to half and to one and a half of it
+SPEEDS = ("omega", "speed")  # no run is proposed faster, slower or the other way round than the rig has shown it can
 SETTLED = 12  # rows of one run that count, where runs are longer
 LOWEST = {"speed": 1e-3, "pass": 1.0, "moisture": 0.0, "load": 1e-3, "slip": -0.9}
 HIGHEST = {"slip": 0.95}
@@ -33,8 +34,8 @@ def levels(case: Case, rows: Mask) -> dict[str, list[float]]:
     """Levels of every role that can be set, in canonical units.
 
     What [limits] names is taken from end to end of its limits, everything else stays within what was measured. Without
-    limits: the observed range, extended. Without a limit of its own the axle's speed follows omega, and what only
-    follows from a run (temperature, voltage, time, angle) is not set.
+    limits: the observed range, extended, but speeds stay within what was measured. Without a limit of its own the
+    axle's speed follows omega, and what only follows from a run (temperature, voltage, time, angle) is not set.
     """
     found: dict[str, list[float]] = {}
     for role, values in observed(case, rows).items():
@@ -48,8 +49,6 @@ def levels(case: Case, rows: Mask) -> dict[str, list[float]]:
         steps = [low + share * (high - low) for share in SHARES]
         if role == "pass":
             steps = sorted({float(np.clip(round(v), np.ceil(low), np.floor(high))) for v in steps})
-        if role == "omega" and low > 0.0 and not case.limits:
-            steps = [-high, -low, low, high]
         found[role] = [
             _digits(v, min(steps), max(steps)) for v in steps if role != "omega" or abs(v) > 1e-3 * (high - low)
         ]
@@ -60,7 +59,7 @@ def _range(case: Case, role: str, values: Array) -> tuple[float, float]:
     low, high = float(values.min()), float(values.max())
     span = high - low
     constant = span <= 0.02 * max(abs(low), abs(high))
-    if case.limits:
+    if case.limits or role in SPEEDS:
         return (low, low) if constant else (low, high)
     if constant:
         first, last = sorted((0.5 * low, 1.5 * high))

@@ -326,7 +326,7 @@ def next_step(
         return Next("nothing", f"{text} named. An effect of your own can be tried, too.")
     if found.plan is not None:
         return _experiment(found.plan, units, zeros, add)
-    text = "No experiment within the limits of these runs would tell the rivals apart: treat them as one effect."
+    text = "No experiment within these limits and speeds would tell the rivals apart: widen [limits], or treat them as one."
     return Next("nothing", text, offer=LIKELIEST, command=add)
 
 
