@@ -29,7 +29,19 @@ COLUMNS = {  # name in the case -> column, unit, role
     "t": ("t", "s", "time"),
     "way": ("way", "1", "direction"),
 }
-VALUES = {"k": 0.7, "a": 0.4, "v_s": 0.8, "v_0": 0.3, "b": 0.05, "w": 0.5, "n": 7.0, "phase": 0.3, "j": 0.02, "c": 0.1}
+VALUES = {
+    "k": 0.7,
+    "a": 0.4,
+    "v_s": 0.8,
+    "v_0": 0.3,
+    "b": 0.05,
+    "w": 0.5,
+    "n": 7.0,
+    "phase": 0.3,
+    "j": 0.02,
+    "c": 0.1,
+    "r": 0.2,
+}
 
 
 def table(rows: int = 60, runs: int = 5) -> dict[str, Array]:
@@ -107,6 +119,10 @@ def expected(name: str, c: dict[str, Array]) -> Array:
         "offset": np.full(len(v), p["c"]),
         "heating": 0.5 * i * p["a"] * (c["temp"] - 25.0),
         "saturation": p["k"] * i * np.abs(i),
+        "resistance": p["r"] * i,
+        "copper_loss": p["r"] * i**2,
+        "speed_loss": p["b"] * np.abs(v),
+        "eddy_loss": p["k"] * v**2,
     }[name]
 
 
@@ -119,8 +135,14 @@ UNITS = {
 }  # fmt: skip
 
 
+OF_CHANNEL = {  # unit of the channel -> effects that act on nothing else
+    "V": {"resistance": {"r": "V/A"}},
+    "W": {"copper_loss": {"r": "W/A^2"}, "speed_loss": {"b": "W s/rad"}, "eddy_loss": {"k": "W s^2/rad^2"}},
+}
+
+
 def test_the_catalogue_is_that_of_the_contract() -> None:
-    assert mechanics().keys() == UNITS.keys()
+    assert mechanics().keys() == UNITS.keys() | {name for effects in OF_CHANNEL.values() for name in effects}
     for effect in mechanics().values():
         assert all((effect.title, effect.equation, effect.source))
         assert effect.parameters[0].start == 0.0
@@ -138,6 +160,21 @@ def test_formula_and_units(tmp_path: Path, name: str) -> None:
         assert read_unit(parameter.unit) == wanted, parameter.name
         assert parameter.minimum <= parameter.start <= parameter.maximum
         assert all(parameter.minimum <= value <= parameter.maximum for value in parameter.grid)
+
+
+@pytest.mark.parametrize("unit", sorted(OF_CHANNEL))
+def test_a_voltage_and_a_power_have_effects_of_their_own(tmp_path: Path, unit: str) -> None:
+    text = (write(tmp_path, "speed temperature current") / "case.toml").read_text().replace('"N m', f'"{unit}')
+    (tmp_path / "case.toml").write_text(text)
+    case = load_case(tmp_path)
+    for name, parameters in OF_CHANNEL[unit].items():
+        assert added(case, name, VALUES) == pytest.approx(expected(name, table()), rel=1e-6, abs=1e-8)
+        for parameter in case.library[name].parameters:
+            assert read_unit(parameter.unit) == read_unit(parameters[parameter.name])
+    others = {name for other, effects in OF_CHANNEL.items() if other != unit for name in effects}
+    assert not others & case.library.keys()
+    assert ("coulomb_friction" in case.library) == (unit != "W")  # a force is no part of a power
+    assert {"offset", "heating"} <= case.library.keys()
 
 
 @pytest.mark.parametrize(
