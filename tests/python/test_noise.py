@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,9 +10,11 @@ import numpy as np
 import pytest
 from casekit import dense, rolling
 
-from terrapin_tools.workbench.case.case import load_case
+from terrapin_hil.arrays import Array
+from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Node, Runs, orthonormal
 from terrapin_tools.workbench.noise.estimate import odd_rows
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
@@ -81,6 +84,26 @@ def test_a_glitch_stands_alone_and_an_effect_does_not() -> None:
     assert set(np.flatnonzero(odd_rows(runs, glitch, basis, node, 1.0))) == {30, 77}
     assert set(np.flatnonzero(odd_rows(runs, glitch, basis, node, None))) == {30, 77}
     assert odd_rows(runs, 20.0 * (random.random(140) < 0.5) + plain, basis, WHITE, 1.0).sum() <= 7  # never many
+
+
+def test_a_speed_whose_noise_turns_it_round_is_no_effect(tmp_path: Path) -> None:
+    """Noise of 3 % of the range on slow runs: the sign of a measured speed is that of its noise, not of the motion."""
+    made = load_case(rolling(tmp_path / "case", 11, runs=14))
+    random = np.random.default_rng(12)
+    slow = np.where(made.run == 2, 0.9, np.where(made.run == 5, -0.9, made.roles["omega"]))
+    model = Model.of(made)
+    still = replace(made, roles={**made.roles, "omega": slow})
+    current = model.bind(_inputs(still)).predict(model.start)[0] + 0.004 * random.standard_normal(made.rows)
+    noisy = slow + 0.5 * random.standard_normal(made.rows)
+    turned = (np.sign(noisy) != np.sign(slow)) & np.isin(made.run, (2, 5))
+    assert 0 < turned.sum() <= 0.05 * made.rows
+    found = analyse(replace(still, roles={**made.roles, "omega": noisy}, channels={"current": current}))
+    assert not found.missing
+    assert found.odd[turned].all()
+
+
+def _inputs(case: Case) -> Mapping[str, Array]:
+    return {**case.inputs, "omega": case.roles["omega"]}
 
 
 def test_odd_rows_are_left_out_and_said(tmp_path: Path) -> None:

@@ -289,7 +289,9 @@ def test_every_action_has_its_command_line(live: Server) -> None:
     for line, held in ((stop, True), (release, False)):
         type_in(line)
         watch(live, lambda w, held=held: w.status.get("stop_held") is held)  # an older status may come first
-    marks = [e["text"] for e in watch(live, lambda w: bool(w.status)).events if e["kind"] == "mark"]
+    # the events may come after the first status
+    seen = watch(live, lambda w: sum(e["kind"] == "mark" for e in w.events) == 2)
+    marks = [e["text"] for e in seen.events if e["kind"] == "mark"]
     assert marks == ['it\'s "here"'] * 2
     leave = live.ask("DELETE", "/api/live").json["command"]
     post(live, "live", source="simulator:estop")

@@ -71,7 +71,7 @@ def _own_effects(
 
 
 def _proposed(case: Path, name: str) -> OwnEffect | None:
-    """An expression that the last `discover` of this case proposed under that name."""
+    """An expression or a fault of the table that the last `discover` of this case proposed under that name."""
     from terrapin_tools.workbench.story.answer import proposal
 
     file = case / ".terrapin" / "discover.json"
@@ -79,7 +79,7 @@ def _proposed(case: Path, name: str) -> OwnEffect | None:
         return None
     try:
         candidates = [proposal(one) for one in jsonlib.loads(file.read_text(encoding="utf-8"))["candidates"]]
-        return next((one.own for one in candidates if one.effect == name and one.kind == "expression"), None)
+        return next((one.own for one in candidates if one.effect == name and one.kind in ("expression", "table")), None)
     except (ValueError, KeyError, TypeError) as error:
         raise UserError(
             f"{file}: {type(error).__name__} {error}, expected the last answer of terrapin discover"
@@ -91,7 +91,7 @@ def _check_expressions(own: dict[str, OwnEffect], case: Any) -> None:
     from terrapin_hil.physics.expression import parse
     from terrapin_tools.workbench.bases import formula_name
 
-    for effect in own.values():
+    for effect in (one for one in own.values() if not one.mend):
         with about("--expression"):
             names = parse(effect.expression).names
         known = {*case.inputs, *case.parameters, *case.fit, *effect.parameters, "speed", "bulldozing_resistance"}

@@ -11,8 +11,10 @@ import tomlkit
 from terrapin_tools.errors import UserError
 
 __all__ = [
+    "MENDS",
     "SUSPECT",
     "SUSPECTED",
+    "TABLE",
     "OwnEffect",
     "OwnParameter",
     "add_effects",
@@ -23,6 +25,8 @@ __all__ = [
 ]
 
 SUSPECT = "constant."  # before the name of a constant that may be wrong
+MENDS = ("factor", "sign_of", "delay")  # of an entry of [data.columns]
+TABLE = "table."  # before the name of a column that may be at fault
 SUSPECTED = (-0.8, 4.0)  # of its relative error; beyond, a unit is wrong rather than a number
 
 
@@ -38,11 +42,12 @@ class OwnParameter:
 
 @dataclass(frozen=True)
 class OwnEffect:
-    """An expression that becomes an effect."""
+    """An expression that becomes an effect; or `mend`, which puts a column right: factor, sign_of, delay."""
 
     expression: str
     target: str | None
     parameters: Mapping[str, OwnParameter] = field(default_factory=dict)
+    mend: Mapping[str, float | str | int] = field(default_factory=dict)
 
 
 def parse_parameter(text: str) -> tuple[str, OwnParameter]:
@@ -64,9 +69,11 @@ def parse_parameter(text: str) -> tuple[str, OwnParameter]:
 
 
 def extended(text: str, stated: Mapping[str, float], names: Sequence[str], own: Mapping[str, OwnEffect]) -> str:
-    """case.toml with effects added, and with the constants freed that suspects (constant.NAME) are about.
+    """case.toml with effects added, with the constants freed that suspects (constant.NAME) are about, and with the
+    columns put right that faults of the table (table.NAME.KIND) are about.
 
-    UserError when such a constant is not stated; `stated` are the numbers of [parameters], in SI.
+    UserError when such a constant is not stated, or nobody said how a column is wrong; `stated` are the numbers of
+    [parameters], in SI.
     """
     for name in names:
         constant = name.removeprefix(SUSPECT)
@@ -77,8 +84,22 @@ def extended(text: str, stated: Mapping[str, float], names: Sequence[str], own: 
                 )
             low, high = sorted(float(f"{stated[constant] * (1.0 + error):.6g}") for error in SUSPECTED)
             text = _free(text, constant, stated[constant], low, high)
-    effects = [name for name in names if not name.startswith(SUSPECT)]
-    return add_effects(text, effects, own) if effects else text
+        elif name.startswith(TABLE):
+            if name not in own or not own[name].mend:
+                raise UserError(f"found {name}, expected what terrapin discover named last (its answer says how much)")
+            text = _mend(text, name.split(".")[1], own[name].mend)
+    effects = [name for name in names if not name.startswith((SUSPECT, TABLE))]
+    added = {name: one for name, one in own.items() if not one.mend}
+    return add_effects(text, effects, added) if effects else text
+
+
+def _mend(text: str, column: str, mend: Mapping[str, float | str | int]) -> str:
+    """An entry of [data.columns] with factor, sign_of or delay; a factor that stands there is multiplied."""
+    document = tomlkit.parse(text)
+    entry = document["data"]["columns"][column]
+    for key, value in mend.items():
+        entry[key] = float(f"{entry[key] * value:.9g}") if key == "factor" and key in entry else value
+    return tomlkit.dumps(document)
 
 
 def _free(text: str, constant: str, value: float, low: float, high: float) -> str:

@@ -15,9 +15,11 @@ from terrapin_hil.physics.expression import Expression, parse
 from terrapin_hil.physics.mechanics import ROLES as MECHANICS
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import CHANNELS, ROLES, Base
+from terrapin_tools.workbench.case.changes import MENDS
 from terrapin_tools.workbench.case.groups import Groups, group_columns, read_groups
 from terrapin_tools.workbench.case.intake import Mapped, converted, gaps, unsigned
 from terrapin_tools.workbench.case.mechanics import is_of, role_of_unit
+from terrapin_tools.workbench.case.mends import earlier, mended, read_mend, told_mends
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.tables import LOG_SUFFIXES, Table, read
 from terrapin_tools.workbench.files.toml_tables import Tables
@@ -67,23 +69,29 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
     if starts[-1] == 0:
         raise tables.complain(f"{files[0]} has no rows, expected at least one", "data", "files")
     columns = {entry.column: np.concatenate([t.numbers(entry.column, gaps=True) for t in loaded]) for entry in mapped}
+    names = run_of_rows(tables, loaded, run_column)
+    number = np.unique(names, return_inverse=True)[1]
+    late = {entry.column: entry.mend.delay for entry in mapped if entry.mend.delay}
+    columns |= {name: earlier(columns[name], number, delay) for name, delay in late.items()}
     whole: Mask = ~np.any([np.isnan(values) for values in columns.values()], axis=0)
     rows: slice | Index = slice(None) if whole.all() else np.flatnonzero(whole)
     kept = np.arange(starts[-1])[rows]
     if not kept.size:
         first = next(name for name, values in columns.items() if np.isnan(values).any())
         raise UserError(f"{place(0)}: column {first}: every row has a gap, expected at least one without")
-    run_text = [name for name, keep in zip(run_of_rows(tables, loaded, run_column), whole, strict=True) if keep]
+    run_text = [name for name, keep in zip(names, whole, strict=True) if keep]
     run_names = tuple(sorted(set(run_text)))
     index = {name: i for i, name in enumerate(run_names)}
     run = np.array([index[name] for name in run_text], dtype=np.int64)
     held_out = run_names[4::5] if len(run_names) >= 5 else run_names[-1:]
     train_runs, test_runs = split_runs(tables, run_names, held_out)
     values = {e.name: units.convert(columns[e.column][rows], e.unit, e.canonical) for e in mapped}
+    mends = {e.name: e.mend for e in mapped}
+    values = mended(tables, values, mends)
     used = {entry.column for entry in mapped} | {run_column, *group_columns(tables).values()}
     train = np.isin(run, [index[name] for name in train_runs])
     extra, sparse = _extra(loaded, used | set(values) | _ignored(tables, loaded, used))
-    remarks = [*gaps(columns, whole, sparse), *converted(mapped), *unsigned(values, _told(mapped))]
+    remarks = [*gaps(columns, whole, sparse), *told_mends(mends), *converted(mapped), *unsigned(values, _told(mapped))]
     return Measurements(
         roles={e.name: values[e.name] for e in mapped if not e.channel},
         channels={e.name: values[e.name] for e in mapped if e.channel},
@@ -142,7 +150,8 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
         if not free and not channel and name not in ROLES:
             expected = ", ".join([*base.channels, *ROLES])
             raise tables.complain(f"unknown role or channel, expected one of {expected}", *path)
-        tables.entry(path, "column", "unit", also=("sigma",) if channel else ("is",) if free else ())
+        also = (*MENDS, *(("sigma",) if channel else ("is",) if free else ()))
+        tables.entry(path, "column", "unit", also=also)
         unit = tables.text(*path, "unit", default="1" if free else None)
         with tables.about(*path, "unit"):
             units.check(unit)
@@ -150,13 +159,15 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
             if not units.same_kind(unit, canonical):
                 raise ValueError(f"found {unit!r}, which does not convert to {canonical!r}")
             units.convert(1.0, unit, canonical)
-            sigma = None
+            sigma, mend = None, read_mend(tables, path)
             if tables.get(*path, "sigma") is not None:
                 sigma = units.convert_difference(tables.number(unit, *path, "sigma"), unit, canonical)
+                sigma *= abs(mend.factor)
         if sigma is not None and sigma * units.LARGEST < 1.0:
             raise tables.complain(f"found {sigma:g} {canonical}, expected more than 0", *path, "sigma")
         role = _role(tables, path, mapped)
-        mapped.append(Mapped(name, tables.text(*path, "column"), unit, canonical, sigma, channel, role))
+        column = tables.text(*path, "column")
+        mapped.append(Mapped(name, column, unit, canonical, sigma, channel, role, mend))
     for i, entry in enumerate(mapped):
         other = next((e for e in mapped[:i] if e.column == entry.column and e.unit != entry.unit), None)
         if other is not None:

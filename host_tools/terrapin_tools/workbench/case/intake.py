@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from terrapin_hil.arrays import Array, Mask
+from terrapin_tools.workbench.case.mends import Mend
 from terrapin_tools.workbench.files.units import convert, turns
 
-__all__ = ["Mapped", "converted", "gaps", "guesses", "unsigned"]
+__all__ = ["BOTH_WAYS", "Mapped", "converted", "gaps", "guesses", "unsigned"]
 
 BOTH_WAYS = 0.02  # share of the rows in each direction, from which a motion reverses
 
@@ -26,6 +27,7 @@ class Mapped:
     sigma: float | None  # in the canonical unit
     channel: bool
     role: str = ""  # that an input of the user's own names is told to have
+    mend: Mend = field(default_factory=Mend)
 
 
 def gaps(columns: Mapping[str, Array], whole: Mask, sparse: Sequence[str]) -> list[str]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from terrapin_hil.arrays import Array, Mask
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.compare.adequacy import Adequacy, Failure, assess, where_it_fails
-from terrapin_tools.workbench.compare.input_noise import input_noise
+from terrapin_tools.workbench.compare.input_noise import input_noise, undecided
 from terrapin_tools.workbench.files.units import LARGEST
 from terrapin_tools.workbench.model.constants import suspected
 from terrapin_tools.workbench.model.data_columns import (
@@ -30,6 +31,7 @@ from terrapin_tools.workbench.model.data_columns import (
 from terrapin_tools.workbench.model.effect_columns import Shape, shapes_of, terms_of
 from terrapin_tools.workbench.model.fitting import Fit, covariance, extend, fit_model
 from terrapin_tools.workbench.model.model import Model
+from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.noise.estimate import ODD_SHARE, Noise, estimate_noise, least_noise
 
 __all__ = ["LEVEL", "Analysis", "Rung", "analyse", "error", "fitted_on", "free_slopes", "measured", "predict"]
@@ -113,7 +115,9 @@ def _base_starts(model: Model, seed: int) -> list[Array]:
     return starts
 
 
-def fitted_on(case: Case, effects: Sequence[str], rows: Mask, sigma: Array, seed: int = 0) -> list[Fit]:
+def fitted_on(
+    case: Case, effects: Sequence[str], rows: Mask, sigma: Array, seed: int = 0, wrong: Sequence[Fault] = ()
+) -> list[Fit]:
     """Fits of the base model and of each larger one, effects added in the given order, each started at its parent.
 
     Parameters
@@ -122,12 +126,13 @@ def fitted_on(case: Case, effects: Sequence[str], rows: Mask, sigma: Array, seed
     rows : (all rows,), mask of the rows to fit.
     sigma : (channels,), noise sd in the channels' units.
     seed : of the start values inside the bounds.
+    wrong : faults of the table that all fits have.
 
     Returns
     -------
     One fit more than effects; the first has none.
     """
-    model = Model.of(case, ())
+    model = reduce(Model.having, wrong, Model.of(case, ()))
     values = measured(model, rows)
     fits = [fit_model(model.bind(case.inputs, rows), values, sigma, _base_starts(model, seed))]
     for name in effects:
@@ -239,6 +244,7 @@ def _fitted(case: Case, seed: int) -> tuple[list[Fit], Noise, Array]:
         if nuisance.shape[-1]:
             widened = np.concatenate([slopes, nuisance], axis=-1)
             noise = estimate_noise(residual, widened, case.run[rows], given, roles, pools, least)
+            noise = replace(noise, odd=noise.odd | undecided(nuisance, noise.sigma, ODD_SHARE))
         sigma = noise.sigma
     if not stated:
         fits = fitted_on(case, case.effects, case.train, sigma, seed)

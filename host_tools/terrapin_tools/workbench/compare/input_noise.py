@@ -16,10 +16,12 @@ from terrapin_hil.arrays import Array, Mask
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.noise.covariance import Node, Runs, orthonormal
 
-__all__ = ["input_noise"]
+__all__ = ["input_noise", "undecided"]
 
-LIKE_NOISE = 2.0  # standard errors within which the correlation of neighbouring deviations must be 0
+LIKE_NOISE = 2.5  # standard errors above 0 from which neighbouring deviations go together: the setting moved
 SEEN = 2.0  # standard errors that the share must be away from 0
+ROUGHLY = 0.1  # by which a share may lie above 1: the parameters were fitted without its column
+UNDECIDED = 10.0  # noise sd by which the noise of an input moves a prediction that says nothing then; chosen by hand
 
 
 def input_noise(fit: Fit, rows: Mask, residual: Array, slopes: Array, sigma: Array, node: Node) -> Array:
@@ -56,7 +58,7 @@ def input_noise(fit: Fit, rows: Mask, residual: Array, slopes: Array, sigma: Arr
         share = -inverse @ (columns[:, kept].T @ gap)
         left = gap + columns[:, kept] @ share
         error = np.sqrt(np.diagonal(inverse) * float(left @ left) / max(len(gap) - basis.shape[1] - len(kept), 1))
-        wrong = (share < SEEN * error) | (share > 1.0 + SEEN * error)
+        wrong = (share < SEEN * error) | (share > 1.0 + np.maximum(SEEN * error, ROUGHLY))
         if not wrong.any():
             break
         kept.pop(int(np.argmin(np.where(wrong, share / np.maximum(error, 1e-300), np.inf))))
@@ -78,7 +80,7 @@ def _column(fit: Fit, name: str, rows: Mask) -> Array | None:
     later[runs.begin] = False
     neighbours = ordered[later] @ ordered[np.flatnonzero(later) - 1] / float(ordered @ ordered)
     expected = -1.0 / float(runs.length.mean())  # the mean of a run is taken off
-    if abs(neighbours - expected) > LIKE_NOISE / np.sqrt(len(off)):
+    if neighbours - expected > LIKE_NOISE / np.sqrt(len(off)):
         return None
     still = inputs[name].copy()
     still[rows] = mean[runs.run]
@@ -86,3 +88,16 @@ def _column(fit: Fit, name: str, rows: Mask) -> Array | None:
         held = fit.model.bind({**inputs, name: still}, rows).predict(fit.theta)
         column = fit.model.bind(inputs, rows).predict(fit.theta) - held
     return column if bool(np.isfinite(column).all()) and bool(np.any(column)) else None
+
+
+def undecided(nuisance: Array, sigma: Array, share: float) -> Mask:
+    """Rows (rows,) whose prediction the noise of an input leaves open: near standstill it turns the direction round.
+
+    Parameters
+    ----------
+    nuisance : (channels, rows, count), as `input_noise` gives them.
+    sigma : (channels,), noise sd.
+    share : of the rows that may be so at most; where there are more, the columns must do.
+    """
+    found: Mask = (np.abs(nuisance) > UNDECIDED * sigma[:, None, None]).any(axis=(0, 2))
+    return found if found.mean() <= share else np.zeros_like(found)

@@ -11,11 +11,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import logsumexp
 
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
 from terrapin_tools.workbench.discover.leftover import absent
-from terrapin_tools.workbench.discover.ranker import Ranker
+from terrapin_tools.workbench.discover.ranker import Ranker, by_effect
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
 __all__ = ["neighbours"]
@@ -63,7 +62,8 @@ def _next_to(ranker: Ranker, centre: Hypothesis) -> list[tuple[str, ...]]:
         found += [tuple(n for n in centre.effects if n != member) for member in centre.effects]
     for member in centre.effects:
         rest = tuple(n for n in centre.effects if n != member)
-        beyond = ranker.beyond(centre.fit, member)
+        wrong = member in ranker.faults
+        beyond = ranker.beyond(ranker.fit(rest)) if wrong else ranker.beyond(centre.fit, member)
         promised = centre.log_weight - ranker.log_prior(centre.effects)
         found += [(*rest, n) for n in _likely(ranker, beyond, centre.effects, ANYWAY, promised)]
     if len(centre.effects) < MOST[0]:
@@ -76,14 +76,7 @@ def _likely(
     ranker: Ranker, beyond: Evidence, present: Sequence[str], anyway: tuple[int, int], best: float
 ) -> list[str]:
     """Effects and formulas that explain most of what `beyond` sees, names in their order."""
-    scores: dict[str, float] = {}
-    single = [i for i, s in enumerate(ranker.flat) if s.columns.shape[1] == 1]
-    if single:
-        logs = beyond.single(np.concatenate([ranker.flat[i].columns for i in single], axis=1))
-        by_effect: dict[str, list[float]] = {}
-        for i, value in zip(single, logs, strict=True):
-            by_effect.setdefault(ranker.flat[i].effect, []).append(float(value))
-        scores = {n: float(logsumexp(v) - np.log(len(v))) for n, v in by_effect.items() if n not in present}
+    scores = {n: v for n, v in by_effect(beyond, ranker.flat).items() if n not in present}
     for shape in ranker.flat:
         if shape.columns.shape[1] > 1 and shape.effect not in present:  # a wave
             picks = np.arange(shape.columns.shape[1])[None, :]

@@ -14,6 +14,7 @@ import numpy as np
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.case.case import Case
+from terrapin_tools.workbench.case.changes import TABLE
 from terrapin_tools.workbench.compare.adequacy import Failure, failure_on
 from terrapin_tools.workbench.compare.comparison import (
     LEVEL,
@@ -361,7 +362,7 @@ def _candidate(analysis: Analysis, hypothesis: Hypothesis, probability: float, c
     covered = covariance(fit, case.run[case.train], analysis.noise.node)[0]
     return Candidate(
         effect=effect,
-        kind="constant" if named(effect.name) else hypothesis.kind,
+        kind=_kind(effect, hypothesis),
         probability=probability,
         column_probability=column,
         heldout_rmse={c: float(v) if case.test.any() else None for c, v in zip(fit.model.channels, each, strict=True)},
@@ -372,11 +373,15 @@ def _candidate(analysis: Analysis, hypothesis: Hypothesis, probability: float, c
     )
 
 
+def _kind(effect: Effect, hypothesis: Hypothesis) -> str:
+    return "constant" if named(effect.name) else "table" if effect.name.startswith(TABLE) else hypothesis.kind
+
+
 def _operating(
     ranking: Ranking, top: Hypothesis | None, rivals: Sequence[Hypothesis], analysis: Analysis, seed: int
 ) -> tuple[Operating, ...]:
     """For the likeliest effect: its estimated size, and 1 noise sd."""
-    if top is None or top.kind != "catalogue" or top.fit is None:
+    if top is None or top.kind != "catalogue" or top.fit is None or any(name.startswith(TABLE) for name in top.effects):
         return ()
     name = top.effects[0]
     classes = {h.effects[0]: name for h in rivals if len(h.effects) == 1}

@@ -112,11 +112,8 @@ def absent(fit: Fit | None, names: Sequence[str]) -> bool:
     """Whether any of the effects was fitted with size 0, at its bound or without influence. It is then not there."""
     if fit is None:
         return False
-    for name in names:
-        at = next(i for i, f in enumerate(fit.model.fitted) if f.effect == name)
-        if fit.theta[at] == 0.0:
-            return True
-    return False
+    sizes = {f.effect: value for f, value in reversed(list(zip(fit.model.fitted, fit.theta, strict=True)))}
+    return any(sizes.get(name) == 0.0 for name in names)  # a fault of the table has no size
 
 
 def allowed(count: int, node: Node) -> float:

@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
-from terrapin_tools.workbench.compare.comparison import Analysis, measured
+from terrapin_tools.workbench.compare.comparison import Analysis, free_slopes, measured
 from terrapin_tools.workbench.discover.expressions import SCALE_COST, Library, Sketch, as_effect
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
 from terrapin_tools.workbench.model.constants import constants, tax
@@ -20,10 +20,11 @@ from terrapin_tools.workbench.model.data_columns import candidates
 from terrapin_tools.workbench.model.effect_columns import Shape, is_phase
 from terrapin_tools.workbench.model.fitting import Fit, extend
 from terrapin_tools.workbench.model.linearised import linearise
+from terrapin_tools.workbench.model.table_faults import Fault, faults
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
-__all__ = ["RUN", "SIZE_OF_SET", "Ranker"]
+__all__ = ["RUN", "SIZE_OF_SET", "Ranker", "by_effect"]
 
 # Prior of a set by its number of terms, and of one odd run. Chosen by hand; the campaigns (row "probability") measure
 # what comes of it.
@@ -31,6 +32,7 @@ SIZE_OF_SET = (0.2, 0.54, 0.19, 0.045, 0.005)
 RUN = 0.02
 CATALOGUE = 0.62  # of a term that is not known yet to stand in the catalogue, where that has any; by hand
 CONSTANT = 0.03  # of it to be a stated constant that is wrong, where there are any; by hand
+FAULT = 0.02  # of it to be a fault of the table, where there may be any; by hand
 
 
 class Ranker:
@@ -46,6 +48,8 @@ class Ranker:
         self.catalogue = len(self.effects)
         self.suspects = {effect.name: effect for effect in constants(self.model)}
         self.effects |= self.suspects
+        self.faults: dict[str, Fault] = {}  # the likeliest of each name, once they were looked at
+        self.possible = faults(self.case)
         self.shapes = analysis.shapes
         self.flat = [shape for shapes in self.shapes.values() for shape in shapes]
         self.columns = np.concatenate(
@@ -56,7 +60,7 @@ class Ranker:
         self.together: dict[tuple[str, ...], list[tuple[str, Array]]] = {}  # start values of a pair's parameters
         self.razor: dict[frozenset[str], float] = {}  # log evidence lost by the choice of shapes
         self.fits: dict[frozenset[str], Fit] = {frozenset(): analysis.fit}
-        slopes = self.model.bind(self.case.inputs, self.rows).jacobian(analysis.fit.theta)[1]
+        slopes = free_slopes(analysis.fit, self.sigma, self.rows)[2]
         self.base = self._widened(slopes / self.sigma[:, None, None])
         residual = analysis.residual / self.sigma[:, None]
         self.nodes = Evidence(self.runs, residual, self.base, self.behind).among(self.columns)
@@ -136,6 +140,7 @@ class Ranker:
         """The present model with more effects, fitted on the training runs, warm-started at its parent."""
         key = frozenset(names)
         if key not in self.fits:
+            names = tuple(sorted(names, key=lambda name: name not in self.faults))  # around them all else is fitted
             parent = self.fit(names[:-1])
             effect = self.effects[names[-1]]
             bound = parent.model.having(effect).bind(self.case.inputs, self.case.train)
@@ -143,6 +148,8 @@ class Ranker:
             linear = dict(self.together.get(names) or self.together.get(names[::-1]) or ())
             own = [linear[name] for name in (*present, names[-1])] if linear else []
             starts = [np.concatenate([self.analysis.fit.theta, *own])] if linear else []
+            if effect.name in self.faults:
+                starts = [parent.model.start]
             self.fits[key] = extend(parent, effect.name, bound, self.train, self.sigma, starts)
         return self.fits[key]
 
@@ -150,7 +157,11 @@ class Ranker:
         """Log evidence of a refitted set, its shapes as fitted; None when a size is 0 and nothing can be told."""
         try:
             linear = linearise(
-                fit, [e.name for e in fit.model.effects if e.name in names], self.values, self.rows, self.sigma
+                fit,
+                [e.name for e in fit.model.effects if e.name in names],
+                self.values,
+                self.rows,
+                self.sigma,
             )
         except ValueError:
             return None
@@ -164,11 +175,14 @@ class Ranker:
     def log_prior(self, names: Collection[str]) -> float:
         """Of a set of effects and expressions."""
         share, suspect = CATALOGUE if self.catalogue else 0.0, CONSTANT if self.suspects else 0.0
+        fault = FAULT if self.possible else 0.0
         each = [
-            (1.0 - share - suspect) * self.sketches[name].prior
+            (1.0 - share - suspect - fault) * self.sketches[name].prior
             if name in self.sketches
             else suspect / len(self.suspects)
             if name in self.suspects
+            else fault / len(self.possible)
+            if name in self.faults
             else share / self.catalogue
             for name in names
         ]
@@ -205,7 +219,7 @@ class Ranker:
         of the effect `without`, whose contribution the residual then holds."""
         bound = fit.model.bind(self.case.inputs, self.rows)
         prediction, slopes = bound.jacobian(fit.theta)
-        free = np.array([f.effect != without for f in fit.model.fitted], dtype=bool) if without else slice(None)
+        free = np.array([f.effect != without and f.key not in fit.at_bound for f in fit.model.fitted], dtype=bool)
         if without:
             at = next(i for i, f in enumerate(fit.model.fitted) if f.effect == without)
             absent = fit.theta.copy()
@@ -230,6 +244,19 @@ class Ranker:
             for h in hypotheses
         ]
         return found, effects, {new: self.sketches[old].column for old, new in names.items()}
+
+
+def by_effect(beyond: Evidence, shapes: Sequence[Shape]) -> dict[str, float]:
+    """Log evidence of each effect that has single columns, averaged over them."""
+    single = [s for s in shapes if s.columns.shape[1] == 1 and np.isfinite(s.columns).all()]
+    if not single:
+        return {}
+    logs = beyond.single(np.concatenate([s.columns for s in single], axis=1))
+    found: dict[str, list[float]] = {}
+    for shape, value in zip(single, logs, strict=True):
+        found.setdefault(shape.effect, []).append(float(value))
+    averages = {name: float(logsumexp(v) - np.log(len(v))) for name, v in found.items()}
+    return {name: value for name, value in averages.items() if np.isfinite(value)}
 
 
 def _renamed(fit: Fit, names: Mapping[str, str], effects: Mapping[str, Effect]) -> Fit:

@@ -21,6 +21,7 @@ from terrapin_tools.workbench.discover.closure import neighbours
 from terrapin_tools.workbench.discover.expression_answers import expression_pairs, expressions, paying
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
 from terrapin_tools.workbench.discover.ranker import RUN, SIZE_OF_SET, Ranker
+from terrapin_tools.workbench.discover.suspect_answers import beside_constants, table_answers
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
@@ -99,6 +100,11 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
     found += pairs
     found += _triples(ranker, [h for h in pairs if h.fit is not None])
     found += _runs(ranker)
+    if analysis.missing:
+        report("columns that are scaled, late or without their sign")
+        wrong = table_answers(ranker)
+        singles |= {h.effects[0]: h for h in wrong if len(h.effects) == 1}
+        found += [*wrong, *beside_constants(ranker)]
     report("short expressions in every column")
     found += expressions(ranker)
     if analysis.missing:

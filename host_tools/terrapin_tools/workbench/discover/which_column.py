@@ -19,6 +19,7 @@ from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
 from terrapin_tools.workbench.discover.ranking import Ranking
 from terrapin_tools.workbench.model.data_columns import numeric_columns
+from terrapin_tools.workbench.model.table_faults import Fault
 
 __all__ = ["importance"]
 
@@ -52,6 +53,9 @@ def importance(analysis: Analysis, ranking: Ranking) -> dict[str, float]:
 def _shares(analysis: Analysis, answer: Hypothesis) -> dict[str, float]:
     fit = answer.fit
     assert fit is not None
+    wrong = [effect.column for effect in fit.model.effects if isinstance(effect, Fault)]
+    if wrong:
+        return {name: 1.0 for name in wrong if name in numeric_columns(analysis.case)}
     case, rows, sigma = analysis.case, analysis.rows, analysis.noise.sigma
     own = {effect.name: effect for effect in fit.model.effects if effect.name in answer.effects}
     sizes = {f"{name}.{effect.parameters[0].name}" for name, effect in own.items()}

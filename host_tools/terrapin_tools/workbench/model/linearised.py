@@ -44,13 +44,15 @@ def linearise(fit: Fit, names: Sequence[str], measured: Array, rows: Mask, sigma
     prediction, slopes = fit.model.bind(fit.model.case.inputs, rows).jacobian(fit.theta)
     residual = (measured - prediction) / sigma[:, None]
     slopes = slopes / sigma[:, None, None]
-    own = np.array([f.effect not in names for f in fit.model.fitted], dtype=bool)
+    own = np.array([f.effect not in names and f.key not in fit.at_bound for f in fit.model.fitted], dtype=bool)
     columns: list[Array] = []
     offset: list[float] = []
     signs: list[float] = []
     lost = 0.0
     for name in names:
         effect = next(e for e in fit.model.effects if e.name == name)
+        if not effect.parameters:  # a fault of the table: it has no size, and no column
+            continue
         at = next(i for i, f in enumerate(fit.model.fitted) if f.effect == name)
         first = fit.model.fitted[at]
         size = float(fit.theta[at])

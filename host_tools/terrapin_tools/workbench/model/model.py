@@ -18,11 +18,14 @@ import numpy as np
 from terrapin_hil.arrays import Array, Mask
 from terrapin_hil.physics.effects import Effect
 from terrapin_hil.physics.expression import Expression, parse
-from terrapin_tools.workbench.bases.kinds.base import Act, Fitted, Problem, Runs
+from terrapin_tools.workbench.bases.kinds.base import Act, Fitted, Predictor, Problem, Runs
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.model.grouped import Grouped
+from terrapin_tools.workbench.model.table_faults import Fault, read, recorded
 
 __all__ = ["Bound", "Model"]
+
+Jacobian = Callable[[Array], tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -78,11 +81,14 @@ class Model:
         Inputs of another length than the case's are proposed settings. UserError when the base cannot predict the rows.
         """
         case, runs = self.case, None
+        wrong = [effect for effect in self.effects if isinstance(effect, Fault)]
+        if wrong:
+            inputs = read(wrong, inputs, case)
         if rows is not None or len(next(iter(inputs.values()))) == case.rows:
             runs = Runs(case.run, case.run_names, case.place, {**case.roles, **case.channels})
         problem = Problem(
             channels=self.channels,
-            effects=self.effects,
+            effects=tuple(effect for effect in self.effects if not isinstance(effect, Fault)),
             fitted=self.fitted,
             constants=case.parameters,
             options=case.options,
@@ -95,6 +101,10 @@ class Model:
         )
         apart = any(one.by for one in self.fitted)
         predictor = Grouped(case.base, problem, case.groups) if apart else case.base.predictor(problem)
+        shown = recorded(wrong, self.channels, case, rows) if runs is not None else None
+        if shown is not None:
+            predict, jacobian = _shown(predictor, shown)
+            return Bound(self, predict, jacobian, predictor.motion, predictor.acting, predictor.trouble)
         return Bound(self, predictor.predict, predictor.jacobian, predictor.motion, predictor.acting, predictor.trouble)
 
 
@@ -109,7 +119,7 @@ class Bound:
 
     model: Model
     predict: Callable[[Array], Array]
-    jacobian: Callable[[Array], tuple[Array, Array]]
+    jacobian: Jacobian
     motion: Callable[[Array], Mapping[str, Array]]
     acting: Callable[[Array, str], Act | None]
     trouble: Callable[[Array], str]
@@ -120,3 +130,13 @@ def _fitted(effect: Effect) -> list[Fitted]:
         Fitted(f"{effect.name}.{p.name}", p.name, effect.name, p.unit, p.start, p.minimum, p.maximum, p.whole, p.grid)
         for p in effect.parameters
     ]
+
+
+def _shown(predictor: Predictor, shown: Callable[[Array], Array]) -> tuple[Callable[[Array], Array], Jacobian]:
+    """Prediction and derivatives as a table with faults has them."""
+
+    def jacobian(theta: Array) -> tuple[Array, Array]:
+        prediction, slopes = predictor.jacobian(theta)
+        return shown(prediction), np.moveaxis(shown(np.moveaxis(slopes, -1, 0)), 0, -1)
+
+    return lambda theta: shown(predictor.predict(theta)), jacobian

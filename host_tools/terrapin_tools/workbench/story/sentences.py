@@ -61,6 +61,7 @@ HEADINGS = {  # over the candidates, and what the number beside each of them is;
     "unexplained": ("Nearest, if it is one of these", "probability, if one is it"),
 }
 BY_RUN = {"": "Which runs carry it", "adequate": "Residual by run"}
+FAULTS = ("constant", "table")  # kinds of candidates that are no effects
 LIKELIEST = "Add the likeliest"  # before a command
 NOT_LOOKED = "Not looked for: terrapin discover does, or terrapin report without --no-discover."
 
@@ -163,7 +164,13 @@ def headline(found: Findings, p: float, level: float) -> str:
     fall = ""
     if before is not None and after is not None:
         fall = f": with it the held-out error falls from {in_sd(before)} to {in_sd(after)} noise sd"
-    return f"With probability {sure} the model lacks {missing} and nothing else{fall}."
+    faults = [one for one in found.candidates if one.effect in found.missing and one.kind in FAULTS]
+    if not faults:
+        return f"With probability {sure} the model lacks {missing} and nothing else{fall}."
+    what = "; ".join(title(one, "") for one in faults)
+    lacks = _joined([name for name in found.missing if name not in {one.effect for one in faults}])
+    beside = f"the model lacks {lacks} and the case" if lacks else "nothing is missing, but the case"
+    return f"With probability {sure} {beside} has a fault ({what}){fall.replace('with it', 'put right,')}."
 
 
 def span(low: float, high: float) -> str:
@@ -266,6 +273,9 @@ def title(one: Proposal, known: str) -> str:
     if one.kind == "constant" and "value" in one.parameters:
         value = one.parameters["value"]
         return f"{one.effect.partition('.')[2]} would be {number(value.value)}{behind(value.unit)}"
+    if one.kind == "table":
+        mend = f" (factor {number(one.parameters['factor'].value)})" if "factor" in one.parameters else ""
+        return f"{one.expression}{mend}"
     return known or "Expression found in the residuals"
 
 

@@ -69,7 +69,7 @@ class Proposal:
     """One effect alone: the probability that it is part of what is missing, and what adding it alone does."""
 
     effect: str
-    kind: str  # catalogue, expression or constant
+    kind: str  # catalogue, expression, constant or table
     expression: str
     target: str
     probability: float
@@ -78,12 +78,13 @@ class Proposal:
     parameters: Mapping[str, Value]
     explains: float  # share of the misfit
     column_probability: float | None = None  # of an expression: that some expression in its column is
+    mend: Mapping[str, float | str | int] | None = None  # of a fault of the table: what puts the column right
 
     @property
     def own(self) -> OwnEffect:
         """An expression as an effect that case.toml can hold."""
         parameters = {n: OwnParameter(p.value, p.min, p.max, p.unit) for n, p in self.parameters.items()}
-        return OwnEffect(self.expression, self.target, parameters)
+        return OwnEffect(self.expression, self.target, {} if self.mend else parameters, self.mend or {})
 
 
 @dataclass(frozen=True)

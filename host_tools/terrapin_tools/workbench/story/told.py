@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from terrapin_tools.workbench.discover.certainty import EVEN
 from terrapin_tools.workbench.discover.discovery import Candidate, Discovery
 from terrapin_tools.workbench.model import constants
 from terrapin_tools.workbench.model.fitting import Fit, covariance
+from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.story import sentences
 from terrapin_tools.workbench.story.story import Card, Channel, Findings, Place, Proposal, Rung, Story, Value
 
@@ -159,10 +160,13 @@ def _proposal(candidate: Candidate) -> Proposal:
         parameters[one.name] = Value(value, sd, one.unit or "1", low, high)
     if constants.named(effect.name):
         parameters = _constant(candidate.fit, effect.name, float(candidate.sd[count]))
+    mend = effect.mend if isinstance(effect, Fault) else None
+    if mend:
+        parameters = _mended(mend)
     return Proposal(
         effect.name,
         candidate.kind,
-        effect.expression,
+        effect.title if mend else effect.expression,
         effect.target,
         candidate.probability,
         candidate.heldout_rmse,
@@ -170,13 +174,27 @@ def _proposal(candidate: Candidate) -> Proposal:
         parameters,
         candidate.explains,
         candidate.column_probability,
+        mend,
     )
+
+
+def _mended(mend: Mapping[str, float | str | int]) -> dict[str, Value]:
+    """The numbers of a fault of the table; they are chosen from a list, not fitted."""
+    known = {"factor": "factor", "delay": "rows"}
+    return {known[key]: Value(float(value), 0.0, "1") for key, value in mend.items() if key in known}
 
 
 def _constant(fit: Fit, effect: str, sd: float) -> dict[str, Value]:
     """What a stated constant would be; `sd` of its relative error."""
     case, name = fit.model.case, constants.named(effect)
     return {"value": Value(constants.value_of(fit, effect), abs(case.parameters[name]) * sd, case.base.units[name])}
+
+
+def _latex(one: Proposal, effect: Effect | None) -> str:
+    """The equation of a candidate; a fault of the table has none."""
+    if one.mend:
+        return ""
+    return parse(one.expression).to_latex() if effect is None or one.kind == "expression" else effect.equation
 
 
 def _cards(analysis: Analysis, found: Findings) -> list[Card]:
@@ -186,13 +204,13 @@ def _cards(analysis: Analysis, found: Findings) -> list[Card]:
     cards = []
     for one in sorted(found.candidates, key=lambda c: named.index(c.effect) if c.effect in named else len(named)):
         effect = case.library.get(one.effect)
-        own = effect is None or one.kind == "expression"
+        own = one.kind == "expression" or (effect is None and one.mend is None)
         cards.append(
             Card(
                 proposal=one,
                 title=sentences.title(one, effect.title if effect else ""),
                 named=one.effect in named,
-                latex=parse(one.expression).to_latex() if own or effect is None else effect.equation,
+                latex=_latex(one, effect),
                 acts=sentences.acts(one.target, {**case.base.channels, **case.base.forces}) if own else "",
                 source=effect.source if effect else "",
                 reason=sentences.reason(found, one, _why_not(analysis, found, effect)),

@@ -1,0 +1,170 @@
+"""Faults of the table as suspects: a column that is scaled, has lost its sign, or is late by a row.
+
+Each changes what the model reads, or what is recorded of what it predicts; nothing is fitted, so what it explains is
+weighed against its prior alone. The measurements stay as they are: dividing a channel by 1000 must not make its misfit
+small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from terrapin_hil.arrays import Array, Index, Mask
+from terrapin_hil.physics.effects import Effect
+from terrapin_tools.workbench.bases import formula_name
+from terrapin_tools.workbench.case.case import Case
+from terrapin_tools.workbench.case.changes import TABLE
+from terrapin_tools.workbench.case.intake import BOTH_WAYS
+
+__all__ = ["FACTORS", "Fault", "fault_of", "faults", "read", "recorded"]
+
+# What a column must be multiplied by where its unit was taken for another one, and the inverse of each.
+FACTORS = {
+    "a mistaken direction": -1.0,
+    "turns a minute": np.pi / 30.0,
+    "degrees": np.pi / 180.0,
+    "turns": 2.0 * np.pi,
+    "per minute": 1.0 / 60.0,
+    "kilograms or pounds of force": 9.80665,
+    "thousandths": 1e-3,
+    "hundredths": 1e-2,
+    "km/h": 1.0 / 3.6,
+}
+LATE = 1  # rows
+
+
+@dataclass(frozen=True)
+class Fault(Effect):
+    """An effect without parameters that stands for a change of the column `column` (a role's or a channel's name).
+
+    `factor`: what its numbers have to be multiplied by. `sign_of`: role or channel whose sign they lack. `late`: rows
+    by which they come after the others of their run.
+    """
+
+    column: str = ""
+    factor: float = 1.0
+    sign_of: str = ""
+    late: int = 0
+
+    @property
+    def mend(self) -> dict[str, float | str | int]:
+        """What puts the column right, as an entry of [data.columns] says it (case/mends.py)."""
+        found: dict[str, float | str | int] = {}
+        if self.factor != 1.0:
+            found["factor"] = float(f"{self.factor:.9g}")
+        if self.sign_of:
+            found["sign_of"] = self.sign_of
+        if self.late:
+            found["delay"] = self.late
+        return found
+
+
+def faults(case: Case) -> list[Fault]:
+    """Every fault that the mapped columns of a case may have; none where a model integrates over a run."""
+    if case.base.whole_runs:
+        return []
+    columns = {**case.roles, **{name: case.channels[name] for name in case.base.channels if name in case.channels}}
+    signed = [name for name, values in columns.items() if _reverses(values)]
+    found = []
+    for name, values in columns.items():
+        for about, factor in FACTORS.items():
+            inverse = () if factor == -1.0 else (1.0 / factor,)
+            found += [_fault(case, name, "scale", _scaled(about, f, factor), factor=f) for f in (factor, *inverse)]
+        if not _reverses(values):
+            found += [_fault(case, name, "sign", f"lacks the sign of {o}", sign_of=o) for o in signed]
+        if _varies(values, case.run):
+            found.append(_fault(case, name, "delay", f"comes {LATE} row late", late=LATE))
+    return found
+
+
+def fault_of(case: Case, name: str, mend: Mapping[str, float | str | int]) -> Fault:
+    """The fault of that name which is put right by `mend`."""
+    column, kind = name.removeprefix(TABLE).rsplit(".", 1)
+    factor, late = float(mend.get("factor", 1.0)), int(mend.get("delay", 0))
+    return _fault(case, column, kind, "is wrong", factor=factor, sign_of=str(mend.get("sign_of", "")), late=late)
+
+
+def _scaled(about: str, factor: float, listed: float) -> str:
+    return f"has {about}" if factor == -1.0 else f"is in {about}" if factor == listed else f"is taken for {about}"
+
+
+def _fault(case: Case, column: str, kind: str, title: str, **change: float | str) -> Fault:
+    return Fault(
+        name=f"{TABLE}{column}.{kind}",
+        title=f"{column} {title}",
+        equation="",
+        source="the measurements themselves",
+        bases=(case.base.name,),
+        parameters=(),
+        needs=(),
+        expression="0",
+        target=column,
+        plant=False,
+        column=column,
+        **change,  # type: ignore[arg-type]
+    )
+
+
+def _reverses(values: Array) -> bool:
+    return bool(min((values > 0.0).mean(), (values < 0.0).mean()) > BOTH_WAYS)
+
+
+def _varies(values: Array, run: Index) -> bool:
+    """Whether a column changes from row to row within a run."""
+    steps = np.diff(values)[np.diff(run) == 0]
+    return bool(steps.size and np.abs(steps).max() > 1e-9 * max(float(np.ptp(values)), 1e-300))
+
+
+def read(found: Sequence[Fault], inputs: Mapping[str, Array], case: Case) -> dict[str, Array]:
+    """The inputs as the model has to read them: (rows,) each, all rows of the case or settings that are proposed."""
+    changed = dict(inputs)
+    for fault in found:
+        name = formula_name(fault.column)
+        if name not in changed or fault.column in case.channels:
+            continue
+        values = changed[name]
+        if len(values) != case.rows:
+            continue  # a setting that is proposed is what it says
+        if fault.sign_of:
+            values = np.abs(values) * np.sign(_measured(case, fault.sign_of))
+        changed[name] = fault.factor * (values[_shifted(case.run, -fault.late)] if fault.late else values)
+    return changed
+
+
+def recorded(
+    found: Sequence[Fault], channels: Sequence[str], case: Case, rows: Mask | None
+) -> Callable[[Array], Array] | None:
+    """What the record shows of a prediction (..., channels, rows), or of its derivatives; None where it shows it as it
+    is. `rows`: mask of the case's rows that are predicted, None for all."""
+    mine = [fault for fault in found if fault.column in channels]
+    if not mine:
+        return None
+
+    def change(predicted: Array) -> Array:
+        shown = predicted.copy()
+        for fault in mine:
+            at = channels.index(fault.column)
+            if fault.late:
+                run = case.run if rows is None else case.run[rows]
+                shown[..., at, :] = shown[..., at, _shifted(run, fault.late)]
+            if fault.sign_of:
+                sign = np.sign(_measured(case, fault.sign_of))
+                shown[..., at, :] *= sign if rows is None else sign[rows]
+            shown[..., at, :] /= fault.factor
+        return shown
+
+    return change
+
+
+def _measured(case: Case, name: str) -> Array:
+    return case.roles[name] if name in case.roles else case.channels[name]
+
+
+def _shifted(run: Index, late: int) -> Index:
+    """For each row the place `late` rows before it in its run, or the run's first or last."""
+    at = np.arange(len(run))
+    there = np.clip(at - late, 0, len(run) - 1)
+    return np.where(run[there] == run, there, at)
