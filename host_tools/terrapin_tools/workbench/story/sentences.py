@@ -11,7 +11,7 @@ from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.discover.certainty import EVEN, Operating
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.experiment.proposal import Experiment
-from terrapin_tools.workbench.story.story import Findings, Next, Place, Proposal, Rung, Value
+from terrapin_tools.workbench.story.story import Findings, Goal, Next, Place, Proposal, Rung, Value
 
 __all__ = [
     "BY_RUN",
@@ -28,6 +28,7 @@ __all__ = [
     "chip",
     "differs",
     "doubt",
+    "goal",
     "headline",
     "in_sd",
     "named_unit",
@@ -250,6 +251,20 @@ def reason(found: Findings, one: Proposal, why_not: str) -> str:
         near = in_sd(one.noise_ratio)
         return f"Fits nearly as well ({near} noise sd on held-out runs), but the runs together speak against it."
     return f"Takes away only {share}{left}."
+
+
+def goal(one: Goal) -> str:
+    """Whether the error is what the user asked for, now and with what is missing."""
+    unit = behind(one.unit)
+    of = "held-out runs" if one.held_out else "training runs, for none is held out"
+    asked = f"{number(one.asked, 3)}{unit} asked for"
+    now = f"Error of {one.channel}: {number(one.error, 3)}{unit} ({of}), {asked}"
+    if one.then is None:
+        return f"{now}: {'good enough' if one.met else 'not good enough'}."
+    then = f"with what is missing {number(one.then, 3)}{unit}"
+    if one.met:
+        return f"{now}: good enough as it is; {then}."
+    return f"{now}: not good enough; {then}, {'which is' if one.then_met else 'which is not enough either'}."
 
 
 def noise_told(one: NoiseFinding, unit: str) -> str:
