@@ -237,7 +237,15 @@ current = { column = "current", unit = "A" }"""
 
 
 LIMIT = 10.8  # A, above which the supply limits the current (README)
-DRY = Wanted("dry friction", ("coulomb_friction", "stiction", "stribeck"), r"^k\*(sign\(v[ab]\)|tanh\(v[ab]/w\))$")
+DRY = Wanted(
+    "dry friction",
+    ("coulomb_friction", "smooth_friction", "stiction", "stribeck"),
+    r"^k\*(sign\(v[ab]\)|tanh\(v[ab]/w\))$",
+)
+    "dry friction",
+    ("coulomb_friction", "smooth_friction", "stiction", "stribeck"),
+    r"^k\*(sign\(v[ab]\)|tanh\(v[ab]/w\))$",
+)
 RESISTANCE = Wanted("resistance", ("resistance",), r"^k\*current$")
 
 SETS: Mapping[str, Set] = {

@@ -119,6 +119,7 @@ def expected(name: str, c: dict[str, Array]) -> Array:
         "offset": np.full(len(v), p["c"]),
         "heating": 0.5 * i * p["a"] * (c["temp"] - 25.0),
         "saturation": p["k"] * i * np.abs(i),
+        "smooth_friction": p["k"] * np.tanh(v / p["v_s"]),
         "resistance": p["r"] * i,
         "copper_loss": p["r"] * i**2,
         "speed_loss": p["b"] * np.abs(v),
@@ -132,6 +133,7 @@ UNITS = {
     "viscous_asymmetry": {"b": "N m s/rad"}, "speed_squared": {"k": "N m s^2/rad^2"},
     "backlash": {"k": "N m/rad", "w": "rad"}, "cogging": {"k": "N m", "n": "1", "phase": "rad"},
     "inertia": {"j": "N m s^2/rad"}, "offset": {"c": "N m"}, "heating": {"a": "1/K"}, "saturation": {"k": "N m/A^2"},
+    "smooth_friction": {"k": "N m", "v_s": "rad/s"},
 }  # fmt: skip
 
 
@@ -186,7 +188,7 @@ def test_a_voltage_and_a_power_have_effects_of_their_own(tmp_path: Path, unit: s
         ("direction", {"coulomb_friction"}),
         ("time", set()),
         ("speed time", {"coulomb_friction", "stiction", "stribeck", "viscous_friction", "viscous_asymmetry",
-                        "speed_squared", "inertia"}),
+                        "speed_squared", "smooth_friction", "inertia"}),
     ],
 )  # fmt: skip
 def test_an_effect_comes_with_its_role(tmp_path: Path, told: str, brought: set[str]) -> None:

@@ -41,6 +41,7 @@ __all__ = [
     "reason",
     "stands_out",
     "stuck",
+    "thinned",
     "verdict",
 ]
 
@@ -265,6 +266,11 @@ def goal(one: Goal) -> str:
     if one.met:
         return f"{now}: good enough as it is; {then}."
     return f"{now}: not good enough; {then}, {'which is' if one.then_met else 'which is not enough either'}."
+
+
+def thinned(step: int) -> str:
+    """Every how many rows were looked at."""
+    return f"Neighbouring rows are much alike: one of {step} is looked at, and errors are of those."
 
 
 def noise_told(one: NoiseFinding, unit: str) -> str:

@@ -40,6 +40,7 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
     where = found.where if found else _places(analysis.where)
     goals = _goals(analysis, found)
     notes = [sentences.goal(one) for one in goals]
+    notes += [sentences.thinned(analysis.step)] if analysis.step > 1 else []
     notes += [_carried(analysis)] if analysis.missing and not (found and found.odd_runs) else []
     findings = noise_findings(analysis)
     notes += [sentences.noise_told(one, case.units.get(one.channel) or "") for one in findings]
