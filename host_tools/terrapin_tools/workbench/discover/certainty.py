@@ -30,6 +30,9 @@ MAP = {
     "nothing": (0.7, 0.0),
 }
 CEILING = 0.995  # probability at most; the campaigns are too few to check a larger one
+# Of "nothing known explains it" at most: a known truth in noise of another kind than those that are weighed, or beyond
+# what is searched, looks like that, too. Chosen by hand.
+OUTSIDE = 0.8
 EVEN = 0.5  # probability of "nothing" below which no text calls the model adequate: something is then likelier
 DRAWS = 200  # simulated cases; chosen by hand: a rate of 0.5 is known to +- 0.035
 
@@ -49,12 +52,13 @@ def calibrated(probability: float, what: str = "effect") -> float:
     Parameters
     ----------
     probability : posterior, 0 to 1.
-    what : a key of MAP: the verdict that it belongs to, or "effect" for one effect to be part of what is missing.
+    what : the verdict that it belongs to, "nothing" for that of an adequate model, or "effect" for one effect to be
+        part of what is missing.
     """
-    slope, shift = MAP[what]
+    slope, shift = MAP["effect" if what == "unexplained" else what]
     p = min(max(probability, 1e-12), 1.0 - 1e-12)
     odds = slope * np.log(p / (1.0 - p)) + shift
-    return float(min(1.0 / (1.0 + np.exp(-odds)), CEILING))
+    return float(min(1.0 / (1.0 + np.exp(-odds)), OUTSIDE if what == "unexplained" else CEILING))
 
 
 def operating_characteristic(

@@ -46,6 +46,7 @@ __all__ = ["Candidate", "Discovery", "discover"]
 # (row "tied"). SAME_AS_GOOD is for a set within SAME of the likeliest, which these data cannot tell from it.
 AS_GOOD = 0.75
 SAME_AS_GOOD = 0.2
+MOST_RIVALS = 4  # that are told where none of them is likelier than not; chosen by hand
 SAME = 2.0  # squared distance of two sets' predictions [noise sd] beyond the other's parameters; chosen by hand
 # Such a distance, below which a part of a set does what the whole does. Halves of one effect lie 1e-6 apart; at 2 a
 # right pair lost an effect (pool mixed, seed 11, case 363).
@@ -132,7 +133,7 @@ def discover(
         report("does it bring the model to the noise floor?")
         leaves = left(analysis, top.fit)
         if leaves.clearly(level):
-            verdict, rivals, probability = "unexplained", [], calibrated(1.0 - leaves.p_value)
+            verdict, rivals, probability = "unexplained", [], calibrated(1.0 - leaves.p_value, "unexplained")
         else:
             leaves = None
     if top is not None and verdict in ("missing", "ambiguous"):
@@ -174,7 +175,9 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
     pairs = list(zip(ranking.hypotheses, ranking.posterior, strict=True))
     sets = [(h, float(p)) for h, p in pairs if h.effects and h.fit is not None and not absent(h.fit, h.effects)]
     if not sets or run > sets[0][1]:
-        return "unexplained", None, [], calibrated(run if run > EVEN else 1.0 - ranking.probability("nothing"))
+        if run > EVEN:
+            return "unexplained", None, [], calibrated(run)
+        return "unexplained", None, [], calibrated(1.0 - ranking.probability("nothing"), "unexplained")
     top, best = sets[0]
     for other, p in sets[1:]:
         near = top.log_weight - other.log_weight < SHORTER and _size_of(other) < _size_of(top)
@@ -182,7 +185,7 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
             top, best = other, p
             break
     if top.kind != "catalogue" and not _says_enough(ranking, analysis, top):
-        return "unexplained", top, [], calibrated(sum(p for h, p in sets if h.kind != "catalogue"))
+        return "unexplained", top, [], calibrated(sum(p for h, p in sets if h.kind != "catalogue"), "unexplained")
     if _loses(analysis, top):
         return "unexplained", top, [], EVEN
     rivals = [top]
@@ -198,6 +201,8 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
                 rivals.append(other)
         elif p >= AS_GOOD * best:
             rivals.append(other)
+    if best < EVEN and len(rivals) == 1:  # likelier wrong than right: then what is next likely is told, too
+        rivals = [other for other, p in sets if p >= SAME_AS_GOOD * best][:MOST_RIVALS]
     verdict = "ambiguous" if len(rivals) > 1 else "missing"
     return verdict, top, rivals, calibrated(best, verdict)
 

@@ -201,6 +201,7 @@ class Ranker:
         fit = self.fit(names)
         value = self.around(fit, names)
         total = otherwise if value is None else value + self.lost(names) + tax(fit, names)
+        total -= sum(self.faults[name].cost for name in names if name in self.faults)
         own = [name in self.sketches for name in names]
         kind = "expression" if all(own) else "mixed" if any(own) else "catalogue"
         column = next((self.sketches[name].column for name in names if name in self.sketches), "")

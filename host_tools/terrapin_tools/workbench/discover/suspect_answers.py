@@ -81,11 +81,11 @@ def _look(ranker: Ranker, fault: Fault) -> _Looked | None:
             return None
         beyond = ranker.beyond(fit)
         shapes = _shapes(ranker, fault, fit, others=True)
-    averages = by_effect(beyond, shapes)
+    averages, alone = by_effect(beyond, shapes), beyond.nothing - fault.cost
     if not averages:
-        return None if beyond is ranker.evidence else _Looked(fault, beyond.nothing, -np.inf, "")
+        return None if beyond is ranker.evidence else _Looked(fault, alone, -np.inf, "")
     name = max(averages, key=lambda n: averages[n])
-    return _Looked(fault, beyond.nothing, averages[name], name)
+    return _Looked(fault, alone, averages[name] - fault.cost, name)
 
 
 def _predicted(ranker: Ranker, fit: Fit) -> Array:

@@ -41,13 +41,15 @@ class Fault(Effect):
     """An effect without parameters that stands for a change of the column `column` (a role's or a channel's name).
 
     `factor`: what its numbers have to be multiplied by. `sign_of`: role or channel whose sign they lack. `late`: rows
-    by which they come after the others of their run.
+    by which they come after the others of their run. `cost`: log evidence that it takes to be told: a sign that is read
+    off what is predicted is fitted, once for each stretch in which it stays.
     """
 
     column: str = ""
     factor: float = 1.0
     sign_of: str = ""
     late: int = 0
+    cost: float = 0.0
 
     @property
     def mend(self) -> dict[str, float | str | int]:
@@ -74,7 +76,8 @@ def faults(case: Case) -> list[Fault]:
             inverse = () if factor == -1.0 else (1.0 / factor,)
             found += [_fault(case, name, "scale", _scaled(about, f, factor), factor=f) for f in (factor, *inverse)]
         if not _reverses(values):
-            found += [_fault(case, name, "sign", f"lacks the sign of {o}", sign_of=o) for o in signed]
+            lacks = {other: f"lacks the sign of {other}" for other in signed}
+            found += [_fault(case, name, "sign", t, sign_of=o, cost=_cost(case, o)) for o, t in lacks.items()]
         if _varies(values, case.run):
             found.append(_fault(case, name, "delay", f"comes {LATE} row late", late=LATE))
     return found
@@ -110,6 +113,13 @@ def _fault(case: Case, column: str, kind: str, title: str, **change: float | str
 
 def _reverses(values: Array) -> bool:
     return bool(min((values > 0.0).mean(), (values < 0.0).mean()) > BOTH_WAYS)
+
+
+def _cost(case: Case, sign_of: str) -> float:
+    if sign_of not in case.channels:
+        return 0.0
+    sign = np.sign(case.channels[sign_of])
+    return float(np.log(2.0) * (1 + ((np.diff(sign) != 0.0) | (np.diff(case.run) != 0)).sum()))
 
 
 def _varies(values: Array, run: Index) -> bool:
