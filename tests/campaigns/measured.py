@@ -5,8 +5,9 @@
 
 Each set becomes cases as a user would write them (measured_sets.py). Then `terrapin discover` and `terrapin add` take
 turns until nothing is added any more, at most ROUNDS times. Of rivals the likeliest is added, as a user would who
-cannot measure more. The held-out error is that of all held-out rows, rows that discovery left out included. Answers and
-cases are kept in the folder of --out; the data are never copied into the project.
+cannot measure more; of what is not explained, what is surely part of it. The held-out error is that of all held-out
+rows, rows that discovery left out included. Answers and cases are kept in the folder of --out; the data are never
+copied into the project.
 """
 
 from __future__ import annotations
@@ -69,17 +70,18 @@ def rounds(folder: Path, found: Outcome, label: str) -> dict[str, Any]:
         if len(errors) > 1 and errors[-1] > errors[-2] * (1.0 + 1e-9):
             found.problems.append(f"{label}: the held-out error rose from {errors[-2]:.4g} to {errors[-1]:.4g}")
         texts = {c["effect"]: c["expression"] for c in answer["candidates"] if c["kind"] == "expression"}
-        said = " + ".join(texts.get(name) or name for name in answer["missing"]) or "-"
+        said = " + ".join(texts.get(name) or name for name in answer["missing"] or answer["part"]) or "-"
         found.rounds.append(
             f"{label} {number + 1}: {answer['verdict']} {answer['answer_probability']:.2f}  {said}"
             f"  [{errors[-1]:.4g} {found.unit}]"
         )
-        if not answer["missing"]:
+        added = answer["missing"] or answer["part"]
+        if not added:
             break
         if number == ROUNDS:
             found.problems.append(f"{label}: something is still added after {ROUNDS} rounds")
             break
-        terrapin("add", folder, *answer["missing"])
+        terrapin("add", folder, *added)
     return answer
 
 

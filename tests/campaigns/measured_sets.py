@@ -242,10 +242,6 @@ DRY = Wanted(
     ("coulomb_friction", "smooth_friction", "stiction", "stribeck"),
     r"^k\*(sign\(v[ab]\)|tanh\(v[ab]/w\))$",
 )
-    "dry friction",
-    ("coulomb_friction", "smooth_friction", "stiction", "stribeck"),
-    r"^k\*(sign\(v[ab]\)|tanh\(v[ab]/w\))$",
-)
 RESISTANCE = Wanted("resistance", ("resistance",), r"^k\*current$")
 
 SETS: Mapping[str, Set] = {

@@ -27,6 +27,7 @@ def answer(story: Story) -> dict[str, Any]:
         parts["answer_probability"] = found.probability
         parts["candidates"] = [{**vars(c), "parameters": _values(c.parameters)} for c in found.candidates]
         parts["rivals"] = found.rivals
+        parts["part"] = found.part
         parts["next_experiment"] = found.plan and vars(found.plan)
     parts["ladder"] = [vars(rung) for rung in story.ladder]
     parts["noise"] = {

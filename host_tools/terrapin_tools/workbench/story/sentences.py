@@ -56,7 +56,6 @@ CHIPS = {
     "ambiguous": "the data cannot tell",
     "unexplained": "unexplained",
 }
-SURELY, MOST = 0.9, 0.7  # probability, share of the misfit: a candidate is said to be part of what is not explained
 SHOWN_ROWS = 4  # rows that are named at most
 HEADINGS = {  # over the candidates, and what the number beside each of them is; "" for every other verdict
     "": ("What is missing", "probability to be part of it"),
@@ -162,12 +161,10 @@ def headline(found: Findings, p: float, level: float) -> str:
         if found.odd_runs:
             return f"What fails is a single run, not the model (probability {sure}). {stands_out(found.odd_runs)}"
         on = f" It depends on {found.where[0].variable} most." if found.where else ""
-        part = [one.effect for one in found.candidates if one.probability >= SURELY and one.explains >= MOST]
-        if part:
+        if found.part:
             more = "more is missing, which no catalogued effect and no short expression explains"
-            return (
-                f"{_joined(part)} {'is' if len(part) == 1 else 'are'} part of it; with probability {sure} {more}.{on}"
-            )
+            are = "is" if len(found.part) == 1 else "are"
+            return f"{_joined(found.part)} {are} part of it; with probability {sure} {more}.{on}"
         return f"With probability {sure} no catalogued effect and no short expression explains what is missing.{on}"
     before, after = [rung.heldout_error for rung in (found.ladder[0], *found.ladder)[-2:]]
     fall = ""
@@ -333,6 +330,10 @@ def next_step(
         text = "Nothing to add. New runs outside these ranges would test more than more runs inside them."
         return Next("nothing", text)
     if found.verdict == "unexplained":
+        if found.part:
+            text = "Put in what is surely part of it, and look again at what is left."
+            command = f"terrapin add {folder} {' '.join(found.part)}"
+            return Next("add", text, offer="Add it" if len(found.part) == 1 else "Add them", command=command)
         text = "Look at the runs that carry it, and measure what may go with it: a column that is not there cannot be"
         return Next("nothing", f"{text} named. An effect of your own can be tried, too.")
     if found.plan is not None:

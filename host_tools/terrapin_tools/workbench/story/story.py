@@ -19,6 +19,10 @@ from terrapin_tools.workbench.experiment.proposal import Experiment
 
 __all__ = ["Card", "Channel", "Findings", "Goal", "Next", "Place", "Proposal", "Rung", "Story", "Value"]
 
+# Probability, and share of the misfit that an effect and a formula take away alone, from which a candidate is surely
+# part of what is not explained. Chosen by hand.
+SURELY, PART, MOST = 0.9, 0.1, 0.7
+
 
 @dataclass(frozen=True)
 class Value:
@@ -129,6 +133,18 @@ class Findings:
     together: Mapping[str, Mapping[str, Value]]  # values of what is missing, all fitted together, by effect
     remarks: tuple[str, ...]  # sentences that need more than is kept
     then: Mapping[str, float]  # rms error with what is missing, by channel: held-out runs, else the training runs
+
+    @property
+    def part(self) -> tuple[str, ...]:
+        """Of what is not explained: candidates that are surely part of it. A formula must explain most of it, because
+        formulas imitate what is not known."""
+        if self.verdict != "unexplained" or self.odd_runs:
+            return ()
+        return tuple(
+            one.effect
+            for one in self.candidates
+            if one.probability >= SURELY and one.explains >= (PART if one.kind == "catalogue" else MOST)
+        )
 
 
 @dataclass(frozen=True)
