@@ -251,7 +251,7 @@ SETS: Mapping[str, Set] = {
             "odrive-current",
             _odrive_current,
             (
-                Wanted("dry friction", ("coulomb_friction", "offset"), r"^k(\*sign\(omega\))?$"),
+                Wanted("dry friction", ("coulomb_friction", "stiction"), r"^(c|k)(\*sign\(omega\))?$"),
                 Wanted("saturation", ("saturation",), r"^k\*torque(\*\*2|\*abs\(torque\))$"),
             ),
             0.45,

@@ -119,6 +119,7 @@ def expected(name: str, c: dict[str, Array]) -> Array:
         "offset": np.full(len(v), p["c"]),
         "heating": 0.5 * i * p["a"] * (c["temp"] - 25.0),
         "saturation": p["k"] * i * np.abs(i),
+        "dead_zone": p["k"] * np.sign(x) * np.maximum(np.abs(x) - p["w"], 0.0),
         "smooth_friction": p["k"] * np.tanh(v / p["v_s"]),
         "resistance": p["r"] * i,
         "copper_loss": p["r"] * i**2,
@@ -133,6 +134,7 @@ UNITS = {
     "viscous_asymmetry": {"b": "N m s/rad"}, "speed_squared": {"k": "N m s^2/rad^2"},
     "backlash": {"k": "N m/rad", "w": "rad"}, "cogging": {"k": "N m", "n": "1", "phase": "rad"},
     "inertia": {"j": "N m s^2/rad"}, "offset": {"c": "N m"}, "heating": {"a": "1/K"}, "saturation": {"k": "N m/A^2"},
+    "dead_zone": {"k": "N m/rad", "w": "rad"},
     "smooth_friction": {"k": "N m", "v_s": "rad/s"},
 }  # fmt: skip
 
@@ -182,7 +184,7 @@ def test_a_voltage_and_a_power_have_effects_of_their_own(tmp_path: Path, unit: s
 @pytest.mark.parametrize(
     ("told", "brought"),
     [
-        ("position", {"backlash", "cogging"}),
+        ("position", {"backlash", "cogging", "dead_zone"}),
         ("temperature", {"heating"}),
         ("acceleration", {"inertia"}),
         ("direction", {"coulomb_friction"}),

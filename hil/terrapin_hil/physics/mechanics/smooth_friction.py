@@ -15,4 +15,5 @@ EFFECT = Effect(
     needs=(("speed",),),
     expression="k*tanh(speed/v_s)",
     target="channel",
+    reverses=("speed",),
 )
