@@ -16,6 +16,7 @@ import argparse
 import csv
 import json
 import re
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -91,20 +92,26 @@ def _heldout(case: Case) -> float:
 
 
 def _gaps(case: Case) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Measured minus predicted of the first channel (rows,), fitted on the training runs."""
+    """Measured minus predicted of the first channel (rows,) in the unit of the file, fitted on the training runs.
+
+    An answer may say that the channel is scaled; then its numbers in the case are no longer those of the file.
+    """
     fit = analyse(case).fit
     every = np.ones(case.rows, dtype=bool)
-    return np.asarray((measured(fit.model, every) - predict(fit, every))[0])
+    entry = tomllib.loads(case.text)["data"]["columns"][fit.model.channels[0]]
+    gap = (measured(fit.model, every) - predict(fit, every))[0]
+    return np.asarray(gap / abs(float(entry.get("factor", 1.0))))
 
 
 def how_named(case: Case, wanted: Wanted) -> str:
-    """By name, as a formula of that shape, or not at all ("")."""
+    """By name, as a formula of that shape, or not at all (""). What has no name is named by its formula."""
     if set(case.effects) & set(wanted.effects):
         return "name"
     texts = [case.library[name] for name in case.effects]
     channel = next(iter(case.channels))
     shown = [t.expression if t.target == channel else f"{t.target}: {t.expression}" for t in texts]
-    return "formula" if any(re.search(wanted.formula, text) for text in shown) else ""
+    found = any(re.search(wanted.formula, text) for text in shown)
+    return ("formula" if wanted.effects else "name") if found else ""
 
 
 def outcome(one: Set, data: Path, out: Path) -> Outcome:
