@@ -71,4 +71,13 @@ def test_friction_is_named_in_a_long_recording(tmp_path: Path, capsys: pytest.Ca
     named = {name for one in (answer["missing"], answer["part"], *answer["rivals"]) for name in one}
     assert named & {"coulomb_friction", "smooth_friction", "stiction"}
     status, out, _ = terrapin(capsys, "compare", folder)
-    assert "Neighbouring rows are much alike: one of" in out
+    assert "One row of " in out
+
+
+def test_of_a_long_table_some_rows_are_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(thinned, "ENOUGH", 600)
+    case = load_case(recording(tmp_path / "case", 0.0, 500, 0.1))  # 3,000 rows, white noise
+    found = analyse(case)
+    assert found.step == 5
+    assert (found.case.train | found.case.test | found.odd).sum() == 600
+    assert found.missing

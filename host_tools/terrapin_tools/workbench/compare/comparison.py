@@ -19,7 +19,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.compare.adequacy import Adequacy, Failure, assess, where_it_fails
 from terrapin_tools.workbench.compare.input_noise import input_noise, undecided
-from terrapin_tools.workbench.compare.thinned import every, step_of
+from terrapin_tools.workbench.compare.thinned import every, step_of, step_of_long
 from terrapin_tools.workbench.files.units import LARGEST
 from terrapin_tools.workbench.model.constants import suspected
 from terrapin_tools.workbench.model.data_columns import (
@@ -172,9 +172,11 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     UserError : the model gives no number for a row; file and row are named.
     """
     odd = np.zeros(case.rows, dtype=bool)
+    long = step_of_long(case)
+    case = every(case, long) if long > 1 else case
     fits, noise, nuisance = _fitted(case, seed)
-    step = step_of(case, noise.node)
-    if step > 1:
+    step = long * step_of(case, noise.node)
+    if step > long:
         case = every(case, step)
         fits, noise, nuisance = _fitted(case, seed)
     for _ in range(ROUNDS):

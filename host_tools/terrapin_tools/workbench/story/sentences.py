@@ -274,7 +274,7 @@ def goal(one: Goal) -> str:
 
 def thinned(step: int) -> str:
     """Every how many rows were looked at."""
-    return f"Neighbouring rows are much alike: one of {step} is looked at, and errors are of those."
+    return f"One row of {step} is looked at, as neighbours are alike or the table is long; errors are of those."
 
 
 def noise_told(one: NoiseFinding, unit: str) -> str:
