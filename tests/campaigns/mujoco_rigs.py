@@ -142,8 +142,7 @@ def draw(name: str, number: int, seed: int, folder: Path) -> Drawn:
     rig = _rig(feature, own)
     runs = [_motion(rig, random) for _ in range(RUNS)]
     model = mujoco.MjModel.from_xml_string(rig)
-    inertia = own["mass"] if feature.joint == "slide" else float(model.body_inertia[1].max())
-    inertia += 0.0 if feature.joint == "slide" else own["mass"] * own.get("shift", 0.0) ** 2
+    inertia = float(model.dof_M0[0]) - own.get("armature", 0.0)
     table = {column: np.concatenate([one[column] for one in runs]) for column in runs[0]}
     known = {"j": inertia, "b": own["b"]}
     free = {"j": table["a"], "b": table["v"]}

@@ -41,6 +41,7 @@ VALUES = {
     "j": 0.02,
     "c": 0.1,
     "r": 0.2,
+    "g": 0.1,
 }
 
 
@@ -119,6 +120,7 @@ def expected(name: str, c: dict[str, Array]) -> Array:
         "offset": np.full(len(v), p["c"]),
         "heating": 0.5 * i * p["a"] * (c["temp"] - 25.0),
         "saturation": p["k"] * i * np.abs(i),
+        "gain": 0.5 * i * p["g"],
         "dead_zone": p["k"] * np.sign(x) * np.maximum(np.abs(x) - p["w"], 0.0),
         "smooth_friction": p["k"] * np.tanh(v / p["v_s"]),
         "resistance": p["r"] * i,
@@ -134,6 +136,7 @@ UNITS = {
     "viscous_asymmetry": {"b": "N m s/rad"}, "speed_squared": {"k": "N m s^2/rad^2"},
     "backlash": {"k": "N m/rad", "w": "rad"}, "cogging": {"k": "N m", "n": "1", "phase": "rad"},
     "inertia": {"j": "N m s^2/rad"}, "offset": {"c": "N m"}, "heating": {"a": "1/K"}, "saturation": {"k": "N m/A^2"},
+    "gain": {"g": "1"},
     "dead_zone": {"k": "N m/rad", "w": "rad"},
     "smooth_friction": {"k": "N m", "v_s": "rad/s"},
 }  # fmt: skip
@@ -195,7 +198,7 @@ def test_a_voltage_and_a_power_have_effects_of_their_own(tmp_path: Path, unit: s
 )  # fmt: skip
 def test_an_effect_comes_with_its_role(tmp_path: Path, told: str, brought: set[str]) -> None:
     case = load_case(write(tmp_path, told))
-    assert case.library.keys() == brought | {"offset", "saturation"}  # the current is told by its unit
+    assert case.library.keys() == brought | {"offset", "gain", "saturation"}  # the current is told by its unit
 
 
 def test_a_case_that_tells_no_role_has_no_mechanics(tmp_path: Path) -> None:

@@ -43,6 +43,18 @@ def test_friction_and_inertia_are_those_of_the_rig(tmp_path: Path) -> None:
     assert dry == pytest.approx(drawn.values["dry"], rel=0.1)
 
 
+def test_a_gain_is_all_that_its_model_lacks(tmp_path: Path) -> None:
+    """What is stated there of inertia and friction is true: the recorded torque is off by one factor."""
+    drawn = draw("gain", 0, 5, tmp_path / "case")
+    case, c = load_case(drawn.folder), columns(drawn.folder)
+    known = case.parameters["j"] * c["a"] + case.parameters["b"] * c["v"]
+    factor = float(known @ c["torque"] / (known @ known))
+    assert factor == pytest.approx(1.0 / drawn.values["gain"], rel=0.01)
+    left = c["torque"] - factor * known
+    noise = abs(1.0 - factor) * np.sqrt(np.mean((known * 1.0) ** 2)) / drawn.left
+    assert np.sqrt(np.mean(left**2)) == pytest.approx(noise, rel=0.1)
+
+
 def test_a_case_is_answered_and_counted() -> None:
     record = one("damping", 0, 5)
     assert record["right"], record
