@@ -18,9 +18,12 @@ from casekit import one_line, terrapin
 from discovery_cases import make
 
 from terrapin_hil.paths import ROOT
+from terrapin_hil.physics.effects import catalogue
+from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.case.changes import extended
 from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.model.usual_sizes import usual_size
 from terrapin_tools.workbench.story.told import told
 
 
@@ -61,8 +64,12 @@ def test_a_twin_of_a_large_effect_is_named_too(tmp_path: Path) -> None:
         frozenset({"motor_heating", "aerodynamic_drag"}),
         frozenset({"motor_heating", "speed_squared"}),
     }
+    assert found.missing == ("motor_heating", "speed_squared")  # an area of fifty frontal areas is no winner
     assert found.experiment is not None
     assert found.experiment.vary == ("load",)
+    reasons = {card.proposal.effect: card.reason for card in told(found.analysis, found).cards}
+    assert "times what is usual for such a robot" in reasons["aerodynamic_drag"]
+    assert "usual" not in reasons["speed_squared"]
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -116,3 +123,21 @@ def test_discover_add_discover_ends(tmp_path: Path) -> None:
     assert not found.missing
     assert len(errors) > 1
     assert errors == sorted(errors, reverse=True)
+
+
+def test_usual_sizes_are_read_off_the_robot() -> None:
+    """Each by hand from the numbers of the shipped example; what the case does not know has no usual size."""
+    case = load_case(ROOT / "cases" / "heated_motor")
+    fastest, load, radius = float(np.abs(case.roles["omega"]).max()), *(case.parameters[n] for n in ("load", "radius"))
+    by_hand = {
+        "aerodynamic_drag": 1.2 * np.pi * radius**2,
+        "speed_squared": 0.1 / fastest**2,
+        "viscous_friction": 0.1 * load * radius / fastest,
+        "motor_heating": 0.004,
+    }
+    for name, expected in by_hand.items():
+        assert usual_size(case.library[name], case) == pytest.approx(expected), name
+    assert usual_size(replace(case.library["speed_squared"], usual="0.1 / moisture"), case) is None
+    for effect in catalogue().values():
+        if effect.usual:
+            parse(effect.usual)

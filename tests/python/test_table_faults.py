@@ -20,6 +20,7 @@ from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.model.table_faults import faults
 from terrapin_tools.workbench.story.story import Proposal
 from terrapin_tools.workbench.story.told import told
+from tests.campaigns.statements import KINDS, one
 
 RUNS, ROWS, SIGMA = 14, 12, 0.004
 DEGREE = np.pi / 180.0
@@ -185,3 +186,13 @@ def test_refits_beside_a_fault_and_a_name_without_an_answer(tmp_path: Path) -> N
     assert float(np.sqrt(np.mean(fit.residual**2))) < 1.2
     with pytest.raises(UserError, match="expected what terrapin discover named last"):
         extended(case.text, case.parameters, ["table.omega.scale"], {})
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_campaign_of_wrong_statements(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Five of a kind: most are named, none of the sound ones is blamed, and a second call makes none anew."""
+    records = [one("rolling_steady", kind, number, 3) for number in range(5)]
+    assert not any(record["blamed"] for record in records)
+    wrong = [r for r in records if not r["right"] and r["probability"] > 0.9 and r["verdict"] != "adequate"]
+    assert not wrong, wrong
+    assert sum(record["right"] for record in records) >= 3, records

@@ -58,6 +58,7 @@ class Effect:
     needs: tuple[tuple[str, ...], ...]  # each entry: roles of which one must be mapped
     expression: str
     target: str = "resistance"
+    usual: str = ""  # magnitude that the size has as a rule; roles in it stand for their largest magnitudes
     additive: bool = False  # target is a parameter: the expression is added to it, not multiplied on
     stage: str = (
         "channel"  # target is a channel: "channel" adds, then "gain" multiplies by 1 + it, then "measured" adds

@@ -11,6 +11,7 @@ EFFECT = Effect(
     parameters=(Parameter("cda", "m^2", 0.0, 0.0, meaning="drag coefficient times frontal area"),),
     needs=(("speed", "omega"),),  # speed where it is mapped, else R omega
     expression="0.5 * 1.225 * cda * speed * abs(speed) * radius",
+    usual="1.2 * 3.141592653589793 * radius**2",
     where="ground",
     passive=True,
 )  # no compensation: what the contact balances is part of C_t

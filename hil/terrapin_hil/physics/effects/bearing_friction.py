@@ -12,5 +12,6 @@ EFFECT = Effect(
     needs=(),
     target="torque",
     expression="t_b",
+    usual="0.1 * load * radius",
     plant=False,  # friction of the test rig, not of the robot
 )

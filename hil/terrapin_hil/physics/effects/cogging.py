@@ -17,4 +17,5 @@ EFFECT = Effect(
     ),
     needs=(("angle",),),
     expression="m_c * sin(k*angle + phase)",
+    usual="0.2 * load * radius",
 )

@@ -11,6 +11,7 @@ EFFECT = Effect(
     parameters=(Parameter("da", "N m", 0.0, meaning="change of the dry friction torque"),),
     needs=(("omega",),),
     expression="da * sign(omega)",
+    usual="0.1 * load * radius",
     passive=True,
     firmware={"comp_coulomb": "da"},
 )

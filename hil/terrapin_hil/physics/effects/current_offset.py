@@ -13,6 +13,7 @@ EFFECT = Effect(
     target="current",
     stage="measured",
     expression="i_0",
+    usual="0.2 * current",
     plant=False,  # a sensor's fault: a scenario sets the current sensor's offset
     firmware={"comp_current_offset": "i_0"},
 )

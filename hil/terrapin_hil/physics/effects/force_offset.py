@@ -13,5 +13,6 @@ EFFECT = Effect(
     target="traction",
     stage="measured",
     expression="f_0",
+    usual="0.2 * load",
     plant=False,  # a fault of the test rig's sensor
 )

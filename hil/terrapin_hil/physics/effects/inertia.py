@@ -11,6 +11,7 @@ EFFECT = Effect(
     parameters=(Parameter("j", "kg m^2", 0.0, 0.0, meaning="moment of inertia at the shell"),),
     needs=(("acceleration",),),
     expression="j * acceleration",
+    usual="load / 9.81 * radius**2",
     plant=False,  # the plant's mass matrix holds it: a scenario sets masses and moments
     firmware={"comp_inertia": "j - load / 9.81 * radius**2"},  # the mass is moved by the contact: that part is C_t
 )

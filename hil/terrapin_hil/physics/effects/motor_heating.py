@@ -12,5 +12,6 @@ EFFECT = Effect(
     needs=(("temperature",),),
     target="torque_constant",
     expression="-a_t * (temperature - 25)",
+    usual="0.004",
     firmware={"comp_heating": "a_t"},
 )

@@ -16,6 +16,7 @@ EFFECT = Effect(
     ),
     needs=(("angle",),),
     expression="m_e * sin(angle + phase)",
+    usual="0.3 * load * radius",
     on={"pendulum_sphere": "rolling_resistance"},
     firmware={"comp_imbalance": "m_e", "comp_imbalance_phase": "phase"},
 )

@@ -11,6 +11,7 @@ EFFECT = Effect(
     parameters=(Parameter("gain", "1", 0.0, meaning="share of the measured slope that acts", grid=(1.0,)),),
     needs=(("slope",),),
     expression="gain * load * sin(slope) * radius",
+    usual="1.0",
     where="ground",
     plant=False,  # the plant's ground has its own slope: a scenario sets that
     firmware={"comp_slope": "gain"},

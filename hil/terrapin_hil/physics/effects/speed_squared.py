@@ -11,6 +11,7 @@ EFFECT = Effect(
     parameters=(Parameter("f_s", "s^2/rad^2", 0.0, meaning="speed coefficient of the ground's resistance"),),
     needs=(("omega",),),
     expression="f_s * omega**2 * radius * load * sign(omega)",
+    usual="0.1 / omega**2",
     where="ground",
     passive=True,
 )

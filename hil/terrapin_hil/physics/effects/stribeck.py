@@ -14,6 +14,7 @@ EFFECT = Effect(
     ),
     needs=(("omega",),),
     expression="a_s * exp(-(omega/omega_s)**2) * sign(omega)",
+    usual="0.1 * load * radius",
     passive=True,
     firmware={"comp_stribeck": "a_s", "comp_stribeck_speed": "omega_s"},
 )

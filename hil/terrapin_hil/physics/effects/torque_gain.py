@@ -13,5 +13,6 @@ EFFECT = Effect(
     target="torque",
     stage="gain",
     expression="g",
+    usual="0.3",
     plant=False,  # a fault of the test rig's sensor
 )

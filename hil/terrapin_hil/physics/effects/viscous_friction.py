@@ -11,6 +11,7 @@ EFFECT = Effect(
     parameters=(Parameter("b", "N m s/rad", 0.0, meaning="change of the viscous friction coefficient"),),
     needs=(("omega",),),
     expression="b * omega",
+    usual="0.1 * load * radius / omega",
     passive=True,
     firmware={"comp_viscous": "b"},
 )

@@ -102,8 +102,7 @@ def view(folder: str | Path) -> dict[str, Any]:
             name: [*(number(v) for v in (c.noise_sd, c.train_rmse, c.heldout_rmse)), c.unit]
             for name, c in story.channels.items()
         },
-        "noise": f"{story.noise[:1].upper()}{story.noise[1:]}",
-        "correlation": number(story.rho),
+        "noise": f"{story.noise_told[:1].upper()}{story.noise_told[1:]}",
         "chances": story.chances,
         "history": history.history(folder),
         "notes": to_html(case.notes),

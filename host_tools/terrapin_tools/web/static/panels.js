@@ -248,7 +248,7 @@ export function below(page, view) {
   const errors = h('section', { class: 'panel' }, h('h2', { text: 'Errors and noise' }),
     h('table', {}, h('thead', {}, h('tr', {}, ['', 'noise sd', 'training', 'held out', ''].map((text, i) => h('th', { class: i ? 'n' : '', text })))),
       h('tbody', {}, Object.entries(view.errors).map(([name, texts]) => h('tr', {}, h('td', { text: name }), texts.map((text, i) => h('td', { class: i < 3 ? 'n' : '', text })))))),
-    h('p', { class: 'soft small', text: `${view.noise}. Correlation from row to row within a run: ${view.correlation}.` }));
+    h('p', { class: 'soft small', text: `${view.noise}.` }));
   const found = [parameters, errors];
   if (view.chances.length) found.push(h('section', { class: 'panel' }, h('h2', { text: 'What these runs can show' }),
     h('table', {}, h('tbody', {}, view.chances.map(([what, often]) => h('tr', {}, h('td', { text: what }), h('td', { class: 'n', text: often })))))));

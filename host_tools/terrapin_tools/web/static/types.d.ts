@@ -63,7 +63,7 @@ interface View extends Draft {
   heading: string; measure: string; by_run: string; remarks: string[]; chances: [string, string][]; errors: Record<string, string[]>;
   parameters: [string, string, string][];
   channels: Record<string, { noise_sd: number; train_rmse: number; heldout_rmse: number | null; unit: string }>;
-  noise: string; correlation: string;
+  noise: string;
   history: { action: string; effects: string[]; before: { heldout_error: number }; after: { heldout_error: number } }[];
   notes: string; targets: { all: string[]; default: string }; names: string[]; exports: string[];
 }

@@ -99,5 +99,6 @@ def undecided(nuisance: Array, sigma: Array, share: float) -> Mask:
     sigma : (channels,), noise sd.
     share : of the rows that may be so at most; where there are more, the columns must do.
     """
-    found: Mask = (np.abs(nuisance) > UNDECIDED * sigma[:, None, None]).any(axis=(0, 2))
+    moved = np.abs(nuisance).max(axis=2, initial=0.0) / sigma[:, None]
+    found: Mask = moved.max(axis=0) > UNDECIDED
     return found if found.mean() <= share else np.zeros_like(found)

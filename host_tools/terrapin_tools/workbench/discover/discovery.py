@@ -193,8 +193,9 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
         nested = any(set(r.effects) <= set(other.effects) or set(other.effects) <= set(r.effects) for r in rivals)
         # a formula in the place of an effect of the catalogue is a rival only if it is about as likely
         least = SAME_AS_GOOD if other.kind == "catalogue" or top.kind != "catalogue" else AS_GOOD
-        if nested or p < least * best:
+        if nested or p * np.exp(other.taxed - top.taxed) < least * best:
             continue
+        # what is the same on these data is told even where its size speaks against it
         if _distance(analysis, ranking, top.fit, other.fit) < SAME:
             # what can become the likeliest by its shape (a decay so slow that it is a constant) is no rival of it
             if _size_of(other) <= _size_of(top):
@@ -202,7 +203,7 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
         elif p >= AS_GOOD * best:
             rivals.append(other)
     if best < EVEN and len(rivals) == 1:  # likelier wrong than right: then what is next likely is told, too
-        rivals = [other for other, p in sets if p >= SAME_AS_GOOD * best][:MOST_RIVALS]
+        rivals += [other for other, p in sets if other is not top and p >= SAME_AS_GOOD * best][: MOST_RIVALS - 1]
     verdict = "ambiguous" if len(rivals) > 1 else "missing"
     return verdict, top, rivals, calibrated(best, verdict)
 

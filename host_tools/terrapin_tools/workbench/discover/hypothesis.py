@@ -21,3 +21,4 @@ class Hypothesis:
     log_weight: float
     fit: Fit | None = None
     column: str = ""  # of an expression; of a run: its name
+    taxed: float = 0.0  # what the log weight has lost to sizes that are unlikely

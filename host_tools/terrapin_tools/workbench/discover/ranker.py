@@ -21,6 +21,7 @@ from terrapin_tools.workbench.model.effect_columns import Shape, is_phase
 from terrapin_tools.workbench.model.fitting import Fit, extend
 from terrapin_tools.workbench.model.linearised import linearise
 from terrapin_tools.workbench.model.table_faults import Fault, faults
+from terrapin_tools.workbench.model.usual_sizes import size_tax
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
@@ -202,10 +203,11 @@ class Ranker:
         value = self.around(fit, names)
         total = otherwise if value is None else value + self.lost(names) + tax(fit, names)
         total -= sum(self.faults[name].cost for name in names if name in self.faults)
+        taxed = -size_tax(fit, names)
         own = [name in self.sketches for name in names]
         kind = "expression" if all(own) else "mixed" if any(own) else "catalogue"
         column = next((self.sketches[name].column for name in names if name in self.sketches), "")
-        return Hypothesis(names, kind, total + self.log_prior(names), fit, column)
+        return Hypothesis(names, kind, total + self.log_prior(names) - taxed, fit, column, taxed)
 
     def sound(self, fit: Fit, names: Collection[str]) -> bool:
         """Whether the effects have a size and no absurd influence on any row: else nothing can be built on the fit."""

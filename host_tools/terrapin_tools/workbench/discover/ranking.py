@@ -176,7 +176,7 @@ def _merged(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
             if other.kind == h.kind and other.fit is not None and _one_curve(ranker, h.fit, other.fit):
                 ranked.remove(other)
                 h = ranked[place] = Hypothesis(
-                    h.effects, h.kind, float(np.logaddexp(h.log_weight, other.log_weight)), h.fit, h.column
+                    h.effects, h.kind, float(np.logaddexp(h.log_weight, other.log_weight)), h.fit, h.column, h.taxed
                 )
     return sorted(ranked, key=lambda h: -h.log_weight)
 

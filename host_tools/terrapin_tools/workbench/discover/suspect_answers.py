@@ -80,6 +80,8 @@ def _look(ranker: Ranker, fault: Fault) -> _Looked | None:
         if not np.isfinite(_predicted(ranker, fit)).all():
             return None
         beyond = ranker.beyond(fit)
+        if not np.isfinite(beyond.total).all() or not np.isfinite(beyond.nothing):  # no longer a fit at all
+            return None
         shapes = _shapes(ranker, fault, fit, others=True)
     averages, alone = by_effect(beyond, shapes), beyond.nothing - fault.cost
     if not averages:

@@ -154,8 +154,7 @@ click: what it would do</span></h2>
 {%- for name, c in story.channels.items() %}<tr><td>{{ name }}</td>
 {%- for value in (c.noise_sd, c.train_rmse, c.heldout_rmse) %}<td class="n">{{ number(value) }}</td>{% endfor %}
 <td>{{ c.unit }}</td></tr>{% endfor %}</tbody></table>
-<p class="soft">{{ story.noise[:1]|upper }}{{ story.noise[1:] }}. Correlation from row to row within a run:
-{{ number(story.rho) }}.</p></section>
+<p class="soft">{{ story.noise_told[:1]|upper }}{{ story.noise_told[1:] }}.</p></section>
 {% if story.chances %}<section><h2>What these runs can show</h2><table><tbody>{% for what, often in story.chances %}
 <tr><td>{{ what }}</td><td class="n">{{ often }}</td></tr>{% endfor %}</tbody></table></section>{% endif %}
 </div>

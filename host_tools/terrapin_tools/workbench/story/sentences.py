@@ -277,6 +277,16 @@ def thinned(step: int) -> str:
     return f"One row of {step} is looked at, as neighbours are alike or the table is long; errors are of those."
 
 
+def too_large(parameter: str, times: float) -> str:
+    """What speaks against an effect of such a size."""
+    return f" Its {parameter} is {number(times, 2)} times what is usual for such a robot, which speaks against it."
+
+
+def noise_source(source: str, kind: str, rho: float) -> str:
+    """Where the noise sd comes from, and of what kind the noise is; `rho`: correlation from row to row."""
+    return f"{source}; {kind}" + (f", correlation from row to row {number(rho)}" if rho else "")
+
+
 def noise_told(one: NoiseFinding, unit: str) -> str:
     """What the noise is like, in a sentence."""
     value = f"{number(one.value, 3)}{behind(unit)}"

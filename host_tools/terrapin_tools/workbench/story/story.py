@@ -203,6 +203,7 @@ class Story:
     channels: Mapping[str, Channel]
     noise: str
     noise_model: str  # of what kind it is
+    noise_told: str  # both in words
     noise_findings: tuple[NoiseFinding, ...]
     rho: float  # correlation from row to row within a run
     found: Findings | None

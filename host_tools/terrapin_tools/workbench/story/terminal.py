@@ -32,7 +32,6 @@ WIDTH = 120
 
 def tell(story: Story) -> str:
     """The answer of compare or discover."""
-    source = f"{story.noise}; correlation within a run {number(story.rho)}"
     runs = f"{story.runs} runs, {len(story.held_out)} held out"
     lines = [f"{story.title}: {runs}, model {story.model} [{story.chip}]"]
     lines += [part for remark in story.intake for part in _wrapped(remark, "  ")]
@@ -53,7 +52,7 @@ def tell(story: Story) -> str:
         (name, *(number(v) for v in (c.noise_sd, c.train_rmse, c.heldout_rmse)), "" if c.unit == "1" else c.unit)
         for name, c in story.channels.items()
     ]
-    lines += ["", f"Errors ({source}):"]
+    lines += ["", f"Errors ({story.noise_told}):"]
     lines += _table([("channel", "noise sd", "training rms", "held-out rms", ""), *channels])
     ladder = [(rung.added or "(base model)", *_errors(rung)) for rung in story.ladder]
     lines += ["", "Errors in noise sd (1.0 is the noise floor):", *_table([("added", "training", "held out"), *ladder])]

@@ -21,11 +21,14 @@ from terrapin_tools.workbench.discover.discovery import Candidate, Discovery
 from terrapin_tools.workbench.model import constants
 from terrapin_tools.workbench.model.fitting import Fit, covariance
 from terrapin_tools.workbench.model.table_faults import Fault
+from terrapin_tools.workbench.model.usual_sizes import usual_size
 from terrapin_tools.workbench.story import sentences
 from terrapin_tools.workbench.story.story import Card, Channel, Findings, Goal, Place, Proposal, Rung, Story, Value
 
 __all__ = ["found_by", "told"]
 
+TOO_LARGE = 5.0  # times what is usual, from which a size is said to speak against an effect
+LITTLE = 0.1  # share of the misfit below which the size of a candidate says nothing
 STILL = 0.05  # a role whose span is below this share of its magnitude hardly varies
 AS_ZERO = 0.01  # share of a role's largest value below which what to hold is 0
 
@@ -71,6 +74,7 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         channels=_channels(analysis),
         noise=noise.source,
         noise_model=noise.node.words(),
+        noise_told=sentences.noise_source(noise.source, noise.node.words(), noise.node.share * noise.node.rho),
         noise_findings=tuple(findings),
         rho=noise.node.share * noise.node.rho,
         found=found,
@@ -233,6 +237,7 @@ def _cards(analysis: Analysis, found: Findings) -> list[Card]:
     for one in sorted(found.candidates, key=lambda c: named.index(c.effect) if c.effect in named else len(named)):
         effect = case.library.get(one.effect)
         own = one.kind == "expression" or (effect is None and one.mend is None)
+        reason = sentences.reason(found, one, _why_not(analysis, found, effect))
         cards.append(
             Card(
                 proposal=one,
@@ -241,7 +246,7 @@ def _cards(analysis: Analysis, found: Findings) -> list[Card]:
                 latex=_latex(one, effect),
                 acts=sentences.acts(one.target, {**case.base.channels, **case.base.forces}) if own else "",
                 source=effect.source if effect else "",
-                reason=sentences.reason(found, one, _why_not(analysis, found, effect)),
+                reason=reason + _too_large(analysis, found, one),
                 values=found.together.get(one.effect, one.parameters),
             )
         )
@@ -262,6 +267,17 @@ def _why_not(analysis: Analysis, found: Findings, effect: Effect | None) -> str:
     if effect.target in case.base.channels and failing is not None and failing != effect.target:
         return f": it changes {effect.target}, and it is {failing} that fails"
     return ""
+
+
+def _too_large(analysis: Analysis, found: Findings, one: Proposal) -> str:
+    """That a size is far from what such an effect usually has, "" where it is not."""
+    effect = analysis.case.library.get(one.effect)
+    usual = usual_size(effect, analysis.case) if effect is not None else None
+    values = found.together.get(one.effect, one.parameters)
+    if effect is None or usual is None or one.explains < LITTLE:
+        return ""
+    times = abs(values[effect.parameters[0].name].value) / usual
+    return sentences.too_large(effect.parameters[0].name, times) if times > TOO_LARGE else ""
 
 
 def _carried(analysis: Analysis) -> str:
