@@ -51,7 +51,7 @@ class Set:
     error_of: Callable[[Row], float | None] = field(default=lambda row: 1.0)
     # the range of a column that `where` must point at; its rows are then left out, as a reader would
     points_at: tuple[str, float, float] | None = None
-    groups: tuple[str, ...] = ()  # of the parameter that must differ, in rising order
+    groups: tuple[str, ...] = ()  # of the parameter that must differ, in the order of the channel's plain means
 
 
 def _read(path: Path) -> list[Row]:
@@ -281,6 +281,6 @@ SETS: Mapping[str, Set] = {
         Set("pendulum-1", _joint(1), (DRY,), 0.231, "N m"),
         Set("side-force", _side_force, (Wanted("sinkage", formula="sinkage"),), 5.3, "N"),
         Set("plates", _plates, (Wanted("exponent by size", formula="^n: .*plate"),), 2.0, "kPa"),
-        Set("husky", _husky, (), float("inf"), "A", groups=("concrete", "dirt_road", "unploughed", "ploughed")),
+        Set("husky", _husky, (), float("inf"), "A", groups=("dirt_road", "concrete", "unploughed", "ploughed")),
     )
 }
