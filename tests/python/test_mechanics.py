@@ -29,7 +29,20 @@ COLUMNS = {  # name in the case -> column, unit, role
     "t": ("t", "s", "time"),
     "way": ("way", "1", "direction"),
 }
-VALUES = {"k": 0.7, "a": 0.4, "v_s": 0.8, "v_0": 0.3, "b": 0.05, "w": 0.5, "n": 7.0, "phase": 0.3, "j": 0.02, "c": 0.1}
+VALUES = {
+    "k": 0.7,
+    "a": 0.4,
+    "v_s": 0.8,
+    "v_0": 0.3,
+    "b": 0.05,
+    "w": 0.5,
+    "n": 7.0,
+    "phase": 0.3,
+    "j": 0.02,
+    "c": 0.1,
+    "r": 0.2,
+    "g": 0.1,
+}
 
 
 def table(rows: int = 60, runs: int = 5) -> dict[str, Array]:
@@ -107,6 +120,13 @@ def expected(name: str, c: dict[str, Array]) -> Array:
         "offset": np.full(len(v), p["c"]),
         "heating": 0.5 * i * p["a"] * (c["temp"] - 25.0),
         "saturation": p["k"] * i * np.abs(i),
+        "gain": 0.5 * i * p["g"],
+        "dead_zone": p["k"] * np.sign(x) * np.maximum(np.abs(x) - p["w"], 0.0),
+        "smooth_friction": p["k"] * np.tanh(v / p["v_s"]),
+        "resistance": p["r"] * i,
+        "copper_loss": p["r"] * i**2,
+        "speed_loss": p["b"] * np.abs(v),
+        "eddy_loss": p["k"] * v**2,
     }[name]
 
 
@@ -116,11 +136,20 @@ UNITS = {
     "viscous_asymmetry": {"b": "N m s/rad"}, "speed_squared": {"k": "N m s^2/rad^2"},
     "backlash": {"k": "N m/rad", "w": "rad"}, "cogging": {"k": "N m", "n": "1", "phase": "rad"},
     "inertia": {"j": "N m s^2/rad"}, "offset": {"c": "N m"}, "heating": {"a": "1/K"}, "saturation": {"k": "N m/A^2"},
+    "gain": {"g": "1"},
+    "dead_zone": {"k": "N m/rad", "w": "rad"},
+    "smooth_friction": {"k": "N m", "v_s": "rad/s"},
 }  # fmt: skip
 
 
+OF_CHANNEL = {  # unit of the channel -> effects that act on nothing else
+    "V": {"resistance": {"r": "V/A"}},
+    "W": {"copper_loss": {"r": "W/A^2"}, "speed_loss": {"b": "W s/rad"}, "eddy_loss": {"k": "W s^2/rad^2"}},
+}
+
+
 def test_the_catalogue_is_that_of_the_contract() -> None:
-    assert mechanics().keys() == UNITS.keys()
+    assert mechanics().keys() == UNITS.keys() | {name for effects in OF_CHANNEL.values() for name in effects}
     for effect in mechanics().values():
         assert all((effect.title, effect.equation, effect.source))
         assert effect.parameters[0].start == 0.0
@@ -140,21 +169,36 @@ def test_formula_and_units(tmp_path: Path, name: str) -> None:
         assert all(parameter.minimum <= value <= parameter.maximum for value in parameter.grid)
 
 
+@pytest.mark.parametrize("unit", sorted(OF_CHANNEL))
+def test_a_voltage_and_a_power_have_effects_of_their_own(tmp_path: Path, unit: str) -> None:
+    text = (write(tmp_path, "speed temperature current") / "case.toml").read_text().replace('"N m', f'"{unit}')
+    (tmp_path / "case.toml").write_text(text)
+    case = load_case(tmp_path)
+    for name, parameters in OF_CHANNEL[unit].items():
+        assert added(case, name, VALUES) == pytest.approx(expected(name, table()), rel=1e-6, abs=1e-8)
+        for parameter in case.library[name].parameters:
+            assert read_unit(parameter.unit) == read_unit(parameters[parameter.name])
+    others = {name for other, effects in OF_CHANNEL.items() if other != unit for name in effects}
+    assert not others & case.library.keys()
+    assert ("coulomb_friction" in case.library) == (unit != "W")  # a force is no part of a power
+    assert {"offset", "heating"} <= case.library.keys()
+
+
 @pytest.mark.parametrize(
     ("told", "brought"),
     [
-        ("position", {"backlash", "cogging"}),
+        ("position", {"backlash", "cogging", "dead_zone"}),
         ("temperature", {"heating"}),
         ("acceleration", {"inertia"}),
         ("direction", {"coulomb_friction"}),
         ("time", set()),
         ("speed time", {"coulomb_friction", "stiction", "stribeck", "viscous_friction", "viscous_asymmetry",
-                        "speed_squared", "inertia"}),
+                        "speed_squared", "smooth_friction", "inertia"}),
     ],
 )  # fmt: skip
 def test_an_effect_comes_with_its_role(tmp_path: Path, told: str, brought: set[str]) -> None:
     case = load_case(write(tmp_path, told))
-    assert case.library.keys() == brought | {"offset", "saturation"}  # the current is told by its unit
+    assert case.library.keys() == brought | {"offset", "gain", "saturation"}  # the current is told by its unit
 
 
 def test_a_case_that_tells_no_role_has_no_mechanics(tmp_path: Path) -> None:

@@ -15,9 +15,10 @@ from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.model import Model
-from terrapin_tools.workbench.noise.covariance import NODES, Node, Runs
+from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Node, Runs, orthonormal
 from terrapin_tools.workbench.noise.estimate import odd_rows
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
+from terrapin_tools.workbench.noise.precision import Precision
 from terrapin_tools.workbench.story.answer import answer
 from terrapin_tools.workbench.story.told import told
 
@@ -149,3 +150,25 @@ def test_what_the_noise_is_like_is_told_and_no_effect(tmp_path: Path) -> None:
         assert answer(story)["noise"]["findings"][0]["kind"] in ("larger", "run_offsets")
         assert any("times what is stated" in note or "Runs differ by" in note for note in story.notes)
     assert not told(analyse(case)).noise_findings
+
+
+@pytest.mark.parametrize("place", range(0, len(NODES), 5))
+def test_the_precision_is_the_inverse_of_the_covariance(place: int) -> None:
+    random = np.random.default_rng(place)
+    run = random.permutation(np.repeat(np.arange(6), [1, 2, 3, 9, 20, 40]))
+    runs, node = Runs(run), NODES[place]
+    covariance = runs.times(np.eye(len(run)), node)
+    precision = Precision(runs, node)
+    assert precision.times(covariance) == pytest.approx(np.eye(len(run)), abs=1e-10)
+    assert precision.diagonal == pytest.approx(np.diag(np.linalg.inv(covariance)), rel=1e-9)
+
+
+def test_rows_that_stand_alone_in_long_runs() -> None:
+    """Each is judged by the rows beside it, however many there are."""
+    random = np.random.default_rng(2)
+    runs, node = Runs(np.repeat(np.arange(3), 4000)), NODES[PLAIN[-1]]
+    values = runs.draw(random, 1, node)[:, 0]
+    odd = np.array([17, 4100, 4200, 11_999])
+    values[odd] += 15.0
+    basis = orthonormal(random.standard_normal((12_000, 3)))
+    assert set(np.flatnonzero(odd_rows(runs, values, basis, node, None))) == set(odd)

@@ -163,7 +163,7 @@ def test_many_rows_are_thinned_and_the_worst_stays(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(plot_data, "MAX_ROWS", 40)
-    monkeypatch.setattr(estimate, "LONG", 0)  # else the worst row stands alone, and is left out
+    monkeypatch.setattr(estimate, "ODD_MOST", 0)  # else the worst row stands alone, and is left out
     folder = rolling(tmp_path / "case", 37, runs=10, rows=30)
     lines = (folder / "runs.csv").read_text().splitlines()
     cells = lines[177].split(",")

@@ -66,7 +66,8 @@ FLOORS: tuple[tuple[str, ...], ...] = (
 )
 FLOOR = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
 MOST = 15  # modules, C units or scripts in one folder, each kind by itself
-CATALOGUES = ("physics/effects", "terrapin_tools/commands", "scenario/scenarios")  # one file an entry, however many
+# One file an entry, however many.
+CATALOGUES = ("physics/effects", "physics/mechanics", "terrapin_tools/commands", "scenario/scenarios")
 Arrows = Mapping[str, set[str]]
 
 

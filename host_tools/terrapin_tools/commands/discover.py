@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -16,11 +18,20 @@ __all__ = ["discover"]
 
 
 MOST_DRAWS = 100_000
+MOST_TABLES = 10_000
+TABLES = 20  # of --plant
 
 Bootstrap = Annotated[
     int,
     typer.Option("--bootstrap", metavar="N", help="ask again of N resampled sets of runs: how often each answer wins"),
 ]
+Plant = Annotated[
+    str,
+    typer.Option(
+        "--plant", metavar="EFFECT=SIZE", help="hide it in tables like yours: how often is it found? SIZE: 0.3, or 2sd"
+    ),
+]
+Repeats = Annotated[int, typer.Option("--repeats", metavar="N", help=f"tables of --plant; {TABLES} where not given")]
 
 
 def discover(
@@ -31,6 +42,8 @@ def discover(
     level: Level = 0.05,
     cluster: Cluster = "",
     bootstrap: Bootstrap = 0,
+    plant: Plant = "",
+    repeats: Repeats = 0,
 ) -> None:
     """Say whether anything is missing from the model, where it fails, what is missing, how sure, and what to do next.
 
@@ -41,6 +54,8 @@ def discover(
     terrapin discover fleet --json answers.jsonl --jobs 8
 
     terrapin discover cases/heated_motor --bootstrap 200
+
+    terrapin discover cases/heated_motor --plant viscous_friction=2sd --repeats 5
     """
     from terrapin_tools.workbench.fleet import fleet
     from terrapin_tools.workbench.story.answer import answer, keep
@@ -49,12 +64,19 @@ def discover(
     check_options(seed, jobs, level)
     if not 0 <= bootstrap <= MOST_DRAWS:
         raise UserError(f"--bootstrap: found {bootstrap}, expected 0 to {MOST_DRAWS}")
+    if not 0 <= repeats <= MOST_TABLES:
+        raise UserError(f"--repeats: found {repeats}, expected 1 to {MOST_TABLES}")
     begin = time.monotonic()
 
     def report(text: str) -> None:
         if sys.stderr.isatty() or progress_lines():
             print(f"{time.monotonic() - begin:5.1f} s  {text} ...", file=sys.stderr, flush=True)
 
+    if plant:
+        _plant(case, plant, repeats or TABLES, seed, level, report, json, bool(bootstrap or cluster))
+        return
+    if repeats:
+        raise UserError("--repeats: expected together with --plant")
     question = fleet.Question("discover", seed, level, bootstrap)
     folders = fleet.cases_in(case)
     if folders is not None:
@@ -65,3 +87,31 @@ def discover(
     story = fleet.answer_one(case, question, cluster, report)
     keep(case, story)  # `add` knows the expressions that it proposed, `report` and the page show it
     deliver(answer(story), tell(story), json)
+
+
+def _plant(
+    case: Path,
+    wanted: str,
+    repeats: int,
+    seed: int,
+    level: float,
+    report: Callable[[str], None],
+    json: str,
+    other: bool,
+) -> None:
+    """How often an effect that is hidden in the case's own table would be found."""
+    from threadpoolctl import threadpool_limits
+
+    from terrapin_tools.workbench.case.case import load_case
+    from terrapin_tools.workbench.discover.planted import plant
+    from terrapin_tools.workbench.story.planting import answer, tell
+
+    name, equals, size = wanted.partition("=")
+    if not equals or not name.strip() or not size.strip():
+        raise UserError(f"--plant: found {wanted!r}, expected EFFECT=SIZE")
+    if other:
+        raise UserError("--plant: found beside --bootstrap or --cluster, expected alone")
+    begin = time.monotonic()
+    with threadpool_limits(limits=1):
+        planted = plant(load_case(case), name.strip(), size.strip(), repeats, seed, level, report)
+    deliver({**answer(planted), "seconds": time.monotonic() - begin}, tell(planted), json)

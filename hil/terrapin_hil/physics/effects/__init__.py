@@ -67,6 +67,7 @@ class Effect:
     options: Mapping[str, float] = field(default_factory=dict)  # names that [parameters] may set: name -> default
     positive: tuple[str, ...] = ()  # roles that must be above 0 in every row
     reverses: tuple[str, ...] = ()  # roles that must take both signs (physics/mechanics)
+    channels: tuple[str, ...] = ("",)  # units of the channels that it may act on (physics/mechanics)
     on: Mapping[str, str] = field(default_factory=dict)  # base model -> target there, where it is another
     # dynamic models: the target as measured is late by the expression ("delay" [s]), follows it through a gap ("play"
     # [rad]), or errs by it in the angle that is measured ("angle" [rad]); equation: the expression may name `played`,

@@ -2,9 +2,10 @@
 
 These are templates. `expression` and `needs` name roles (ROLES), not columns; the case puts its own names there.
 `target` is "channel" or "parameter": the expression is added to a channel, or a parameter is multiplied by
-1 + expression. Units of parameters are formulas over `channel` and roles, which stand for the units of the case. The
-numbers of a parameter that is measured in a role's unit alone are shares of the largest magnitude in that column; those
-of one in waves a `position` are waves a turn, or for a length waves over its range.
+1 + expression. `channels` says on which units of channels it may act: "" stands for any but a power, of which a force
+or a torque is no part. Units of parameters are formulas over `channel` and roles, which stand for the units of the
+case. The numbers of a parameter that is measured in a role's unit alone are shares of the largest magnitude in that
+column; those of one in waves a `position` are waves a turn, or for a length waves over its range.
 """
 
 from __future__ import annotations

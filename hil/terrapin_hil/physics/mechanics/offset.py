@@ -11,6 +11,7 @@ EFFECT = Effect(
     parameters=(Parameter("c", "channel", 0.0, meaning="reading at zero"),),
     needs=(),
     target="channel",
+    channels=("", "W"),
     stage="measured",
     expression="c",
 )

@@ -25,6 +25,7 @@ from terrapin_tools.workbench.bases.kinds.base import Dynamics
 from terrapin_tools.workbench.case.columns import Measurements, read_measurements
 from terrapin_tools.workbench.case.dynamics import check_dynamics, read_dynamics, with_states
 from terrapin_tools.workbench.case.effects import read_library, sound
+from terrapin_tools.workbench.case.goal import read_goal
 from terrapin_tools.workbench.case.groups import read_shares
 from terrapin_tools.workbench.case.intake import guesses
 from terrapin_tools.workbench.case.mechanics import Told, mechanics_of
@@ -67,6 +68,7 @@ class Case(Measurements):
     library: Mapping[str, Effect]  # that this base may take: the catalogue with the case's bounds, and the user's own
     scales: Mapping[str, float]  # equation with all units given: what takes a name's number to SI; else empty
     limits: Mapping[str, tuple[float, float]]  # what the rig can set: role -> lowest, highest
+    goal: Mapping[str, float]  # the rms error of a channel that is good enough, where the user says so
     guessed: tuple[str, ...]  # what nobody has confirmed, as TABLE.KEY
     dynamics: Dynamics | None  # of the user's own
     by: Mapping[str, str]  # fitted parameter -> the grouping of which each group has its own value
@@ -110,7 +112,7 @@ def parse_case(folder: Path, text: str) -> Case:
     name = tables.get("model", "base")
     if isinstance(name, str) and name in ELSEWHERE:  # its case.toml has more tables
         raise complain(f"found {name!r}, which is for {ELSEWHERE[name]}", "model", "base")
-    tables.allow((), "case", "model", "parameters", "fit", "effect", "limits", "data", "groups")
+    tables.allow((), "case", "model", "parameters", "fit", "effect", "limits", "data", "groups", "goal")
     tables.allow(("case",), "title", "notes", "source", "comment", "license", "date", "guessed")
     tables.allow(
         ("model",), "base", "effects", "effects_folder", "equation", "states", "derivative", "measured", "inputs"
@@ -153,6 +155,7 @@ def parse_case(folder: Path, text: str) -> Case:
         library=sound(tables, base, library, units),
         scales={} if dynamics else _scales(measured.equations, {**units, **measured.units}, complain),
         limits=limits,
+        goal=read_goal(tables, {name: measured.units[name] for name in measured.channels}),
         dynamics=dynamics,
         by=read_shares(tables, measured.groups),
         guessed=_guessed(tables),

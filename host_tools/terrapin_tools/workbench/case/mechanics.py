@@ -18,7 +18,7 @@ from terrapin_hil.physics.expression import parse
 from terrapin_hil.physics.mechanics import ROLES, mechanics
 from terrapin_hil.units import read_unit
 from terrapin_hil.units import units as registry
-from terrapin_tools.workbench.files.units import convert, convert_difference
+from terrapin_tools.workbench.files.units import convert, convert_difference, same_kind
 
 __all__ = ["Told", "is_of", "mechanics_of", "role_of_unit"]
 
@@ -81,11 +81,18 @@ def mechanics_of(told: Mapping[str, Told], channels: Mapping[str, str], paramete
     on = {"channel": list(channels), "parameter": sorted(parameters)}
     for template in mechanics().values():
         for target in on[template.target]:
+            if template.target == "channel" and not _on_such(template, channels[target]):
+                continue
             name = template.name if len(on[template.target]) == 1 else f"{template.name}_on_{target}"
             effect = _effect(replace(template, name=name, target=target), told, channels.get(target, "1"))
             if effect is not None:
                 found[name] = effect
     return found
+
+
+def _on_such(template: Effect, unit: str) -> bool:
+    """Whether a template is one of a channel in that unit."""
+    return any(same_kind(unit, kind) if kind else not same_kind(unit, "W") for kind in template.channels)
 
 
 def _effect(template: Effect, told: Mapping[str, Told], channel: str) -> Effect | None:

@@ -19,6 +19,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.compare.adequacy import Adequacy, Failure, assess, where_it_fails
 from terrapin_tools.workbench.compare.input_noise import input_noise, undecided
+from terrapin_tools.workbench.compare.thinned import every, step_of, step_of_long
 from terrapin_tools.workbench.files.units import LARGEST
 from terrapin_tools.workbench.model.constants import suspected
 from terrapin_tools.workbench.model.data_columns import (
@@ -72,6 +73,7 @@ class Analysis:
     odd: Mask = field(repr=False)  # (all rows,), that stand alone and are left out
     # (channels, rows, count), in noise sd: what noise in the inputs does to the prediction (input_noise.py)
     nuisance: Array = field(repr=False)
+    step: int = 1  # every how many rows of a run are looked at (thinned.py)
 
     @property
     def missing(self) -> bool:
@@ -170,7 +172,13 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     UserError : the model gives no number for a row; file and row are named.
     """
     odd = np.zeros(case.rows, dtype=bool)
+    long = step_of_long(case)
+    case = every(case, long) if long > 1 else case
     fits, noise, nuisance = _fitted(case, seed)
+    step = long * step_of(case, noise.node)
+    if step > long:
+        case = every(case, step)
+        fits, noise, nuisance = _fitted(case, seed)
     for _ in range(ROUNDS):
         if not noise.odd.any() or odd.sum() + noise.odd.sum() > ODD_SHARE * len(odd):
             break
@@ -214,6 +222,7 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
         shapes=effects,
         odd=odd,
         nuisance=nuisance / sigma[:, None, None],
+        step=step,
     )
 
 

@@ -31,6 +31,7 @@ from terrapin_tools.workbench.discover.leftover import Left, absent, allowed, le
 from terrapin_tools.workbench.discover.ranker import SIZE_OF_SET
 from terrapin_tools.workbench.discover.ranking import Hypothesis, Ranking, rank
 from terrapin_tools.workbench.discover.resampled import Selected, selection
+from terrapin_tools.workbench.discover.textbook import plain_names
 from terrapin_tools.workbench.discover.which_column import importance
 from terrapin_tools.workbench.experiment.proposal import Experiment, propose
 from terrapin_tools.workbench.model.constants import named
@@ -137,6 +138,11 @@ def discover(
             verdict, rivals, probability = "unexplained", [], calibrated(1.0 - leaves.p_value, "unexplained")
         else:
             leaves = None
+    if top is not None and verdict in ("missing", "ambiguous"):
+        plain, likely = plain_names(analysis, ranking, top)
+        if plain:
+            verdict, top, rivals = "ambiguous" if plain[1:] else "missing", plain[0], plain
+            probability = calibrated(likely, verdict)
     missing = top.effects if top is not None and verdict != "unexplained" else ()
     odd = _odd_runs(ranking) if analysis.missing else ()
     report("what to measure next")

@@ -19,6 +19,7 @@ from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_tools.workbench.bases import RUNNING
 from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Node, Runs, by_filter, orthonormal
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED
+from terrapin_tools.workbench.noise.precision import Precision
 
 __all__ = [
     "ODD_SHARE",
@@ -39,7 +40,7 @@ ENTRY = (
 TRIED = tuple(i for i in PLAIN if (NODES[i].share, NODES[i].rho) in ((0.0, 0.0), (1.0, 0.6), (1.0, 0.92)))
 ODD = 0.01  # false alarm rate of "a row of this case stands alone"; chosen by hand
 ODD_SHARE = 0.05  # of the rows that may stand alone at most: more are no exception
-LONG = 1000  # rows of a run from which odd ones are not looked for, for memory
+ODD_MOST = 300  # rows, for time: more are no exception either
 FEW_REPEATS = 30  # degrees of freedom below which the repeats alone give too rough an sd; chosen by hand (13 % of sd)
 REPEATS_NEEDED = 4  # degrees of freedom that repeated settings must give; chosen by hand
 # Share of a channel's spread below which no noise was measured. Chosen by hand, after cases of computed numbers, whose
@@ -242,38 +243,36 @@ def odd_rows(runs: Runs, residual: Array, basis: Array, node: Node, sigma: float
     odd = np.zeros(runs.rows, dtype=bool)
     behind = STATED if sigma is not None else 0.0
     scaled = residual / (sigma if sigma is not None else max(float(np.sqrt(np.mean(residual**2))), 1e-150))
-    if runs.length.max() > LONG:
-        return odd
-    for _ in range(int(ODD_SHARE * runs.rows)):
-        kept = np.flatnonzero(~odd)
-        x = orthonormal(basis[kept])
-        free = len(kept) - x.shape[1] + behind - 1.0
+    precision = Precision(runs, node)
+    x = basis[runs.order]
+    weighed = precision.times(np.column_stack([x, scaled[runs.order]]))
+    inner = np.linalg.inv(x.T @ weighed[:, :-1])
+    # of P = V^-1 - V^-1 x (x' V^-1 x)^-1 x' V^-1: P times the residual, and its diagonal
+    left = weighed[:, -1] - weighed[:, :-1] @ (inner @ (x.T @ weighed[:, -1]))
+    own = precision.diagonal - np.einsum("ij,jk,ik->i", weighed[:, :-1], inner, weighed[:, :-1])
+    total = float(scaled[runs.order] @ left)
+    gone: list[Array] = []
+    for count in range(min(int(ODD_SHARE * runs.rows), ODD_MOST)):
+        free = runs.rows - count - x.shape[1] + behind - 1.0
         if free < 5.0:
             return odd
-        weighed, diagonal = _inverse_times(runs, kept, np.column_stack([x, scaled[kept]]), node)
-        inner = np.linalg.inv(x.T @ weighed[:, :-1])
-        left = weighed[:, -1] - weighed[:, :-1] @ (inner @ (x.T @ weighed[:, -1]))
-        own = diagonal - np.einsum("ij,jk,ik->i", weighed[:, :-1], inner, weighed[:, :-1])
         square = left * left / np.maximum(own, 1e-12)
-        others = np.maximum(behind + float(scaled[kept] @ left) - square, 1e-30) / free
+        others = np.maximum(behind + total - square, 1e-30) / free
         farthest = int(np.argmax(square / others))
         if np.sqrt(square[farthest] / others[farthest]) < stdtrit(free, 1.0 - 0.5 * ODD / runs.rows):
             return odd
-        odd[kept[farthest]] = True
+        odd[runs.order[farthest]] = True
+        # a row less is P less the product of its own column with itself
+        unit = np.zeros((runs.rows, 1))
+        unit[farthest] = 1.0
+        column = precision.times(unit)[:, 0] - weighed[:, :-1] @ (inner @ weighed[farthest, :-1])
+        column -= sum((one * one[farthest] for one in gone), np.zeros(runs.rows))
+        gone.append(column / np.sqrt(own[farthest]))
+        total -= square[farthest]
+        left = left - gone[-1] * (left[farthest] / np.sqrt(own[farthest]))
+        own = own - gone[-1] ** 2
+        left[odd[runs.order]], own[odd[runs.order]] = 0.0, 1.0
     return np.zeros_like(odd)  # so many are no exception
-
-
-def _inverse_times(runs: Runs, kept: Index, columns: Array, node: Node) -> tuple[Array, Array]:
-    """Inverse of the covariance of some rows times columns (rows kept, count), and its diagonal."""
-    found, diagonal = np.empty_like(columns), np.empty(len(kept))
-    run = runs.run[kept]
-    for one in np.unique(run):
-        mine = np.flatnonzero(run == one)
-        place, line = runs.position[kept[mine]], runs.line[kept[mine]]
-        lag = np.abs(place[:, None] - place[None, :])
-        inverse = np.linalg.inv(_alike(node, lag) + node.drift**2 * np.outer(line, line))
-        found[mine], diagonal[mine] = inverse @ columns[mine], np.diagonal(inverse)
-    return found, diagonal
 
 
 def _alike(node: Node, lag: Index) -> Array:

@@ -27,6 +27,7 @@ def answer(story: Story) -> dict[str, Any]:
         parts["answer_probability"] = found.probability
         parts["candidates"] = [{**vars(c), "parameters": _values(c.parameters)} for c in found.candidates]
         parts["rivals"] = found.rivals
+        parts["part"] = found.part
         parts["next_experiment"] = found.plan and vars(found.plan)
     parts["ladder"] = [vars(rung) for rung in story.ladder]
     parts["noise"] = {
@@ -35,6 +36,8 @@ def answer(story: Story) -> dict[str, Any]:
         "source": story.noise,
         "findings": [vars(one) for one in story.noise_findings],
     }
+    if story.goals:
+        parts["goal"] = {one.channel: {**vars(one), "met": one.met, "then_met": one.then_met} for one in story.goals}
     if story.groups:
         parts["groups"] = {
             one.parameter: {
@@ -89,7 +92,10 @@ def keep(folder: Path, story: Story) -> None:
     assert found is not None, "only discover's answer is kept"
     together = {effect: {name: vars(v) for name, v in values.items()} for effect, values in found.together.items()}
     along = [place.along_motion for place in found.where]
-    history.keep(folder, {**answer(story), "along": along, "together": finite(together), "remarks": found.remarks})
+    history.keep(
+        folder,
+        {**answer(story), "along": along, "together": finite(together), "remarks": found.remarks, "then": found.then},
+    )
 
 
 def recall(folder: Path, level: float | None = None) -> Findings | None:
@@ -125,6 +131,7 @@ def read(kept: Mapping[str, Any]) -> Findings:
         selected=tuple(Selected(tuple(s["effects"]), s["kind"], s["frequency"]) for s in kept["selected"]),
         together={e: {n: Value(**v) for n, v in values.items()} for e, values in kept.get("together", {}).items()},
         remarks=tuple(kept.get("remarks", ())),
+        then={name: float(error) for name, error in kept.get("then", {}).items()},
     )
 
 

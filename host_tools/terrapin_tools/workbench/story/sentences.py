@@ -11,7 +11,7 @@ from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.discover.certainty import EVEN, Operating
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.experiment.proposal import Experiment
-from terrapin_tools.workbench.story.story import Findings, Next, Place, Proposal, Rung, Value
+from terrapin_tools.workbench.story.story import Findings, Goal, Next, Place, Proposal, Rung, Value
 
 __all__ = [
     "BY_RUN",
@@ -28,6 +28,7 @@ __all__ = [
     "chip",
     "differs",
     "doubt",
+    "goal",
     "headline",
     "in_sd",
     "named_unit",
@@ -40,6 +41,7 @@ __all__ = [
     "reason",
     "stands_out",
     "stuck",
+    "thinned",
     "verdict",
 ]
 
@@ -54,7 +56,6 @@ CHIPS = {
     "ambiguous": "the data cannot tell",
     "unexplained": "unexplained",
 }
-SURELY, MOST = 0.9, 0.7  # probability, share of the misfit: a candidate is said to be part of what is not explained
 SHOWN_ROWS = 4  # rows that are named at most
 HEADINGS = {  # over the candidates, and what the number beside each of them is; "" for every other verdict
     "": ("What is missing", "probability to be part of it"),
@@ -160,12 +161,10 @@ def headline(found: Findings, p: float, level: float) -> str:
         if found.odd_runs:
             return f"What fails is a single run, not the model (probability {sure}). {stands_out(found.odd_runs)}"
         on = f" It depends on {found.where[0].variable} most." if found.where else ""
-        part = [one.effect for one in found.candidates if one.probability >= SURELY and one.explains >= MOST]
-        if part:
+        if found.part:
             more = "more is missing, which no catalogued effect and no short expression explains"
-            return (
-                f"{_joined(part)} {'is' if len(part) == 1 else 'are'} part of it; with probability {sure} {more}.{on}"
-            )
+            are = "is" if len(found.part) == 1 else "are"
+            return f"{_joined(found.part)} {are} part of it; with probability {sure} {more}.{on}"
         return f"With probability {sure} no catalogued effect and no short expression explains what is missing.{on}"
     before, after = [rung.heldout_error for rung in (found.ladder[0], *found.ladder)[-2:]]
     fall = ""
@@ -259,6 +258,25 @@ def reason(found: Findings, one: Proposal, why_not: str) -> str:
     return f"Takes away only {share}{left}."
 
 
+def goal(one: Goal) -> str:
+    """Whether the error is what the user asked for, now and with what is missing."""
+    unit = behind(one.unit)
+    of = "held-out runs" if one.held_out else "training runs, for none is held out"
+    asked = f"{number(one.asked, 3)}{unit} asked for"
+    now = f"Error of {one.channel}: {number(one.error, 3)}{unit} ({of}), {asked}"
+    if one.then is None:
+        return f"{now}: {'good enough' if one.met else 'not good enough'}."
+    then = f"with what is missing {number(one.then, 3)}{unit}"
+    if one.met:
+        return f"{now}: good enough as it is; {then}."
+    return f"{now}: not good enough; {then}, {'which is' if one.then_met else 'which is not enough either'}."
+
+
+def thinned(step: int) -> str:
+    """Every how many rows were looked at."""
+    return f"One row of {step} is looked at, as neighbours are alike or the table is long; errors are of those."
+
+
 def too_large(parameter: str, times: float) -> str:
     """What speaks against an effect of such a size."""
     return f" Its {parameter} is {number(times, 2)} times what is usual for such a robot, which speaks against it."
@@ -322,6 +340,10 @@ def next_step(
         text = "Nothing to add. New runs outside these ranges would test more than more runs inside them."
         return Next("nothing", text)
     if found.verdict == "unexplained":
+        if found.part:
+            text = "Put in what is surely part of it, and look again at what is left."
+            command = f"terrapin add {folder} {' '.join(found.part)}"
+            return Next("add", text, offer="Add it" if len(found.part) == 1 else "Add them", command=command)
         text = "Look at the runs that carry it, and measure what may go with it: a column that is not there cannot be"
         return Next("nothing", f"{text} named. An effect of your own can be tried, too.")
     if found.plan is not None:

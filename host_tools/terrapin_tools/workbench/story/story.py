@@ -17,7 +17,11 @@ from terrapin_tools.workbench.discover.certainty import Operating
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.experiment.proposal import Experiment
 
-__all__ = ["Card", "Channel", "Findings", "Next", "Place", "Proposal", "Rung", "Story", "Value"]
+__all__ = ["Card", "Channel", "Findings", "Goal", "Next", "Place", "Proposal", "Rung", "Story", "Value"]
+
+# Probability, and share of the misfit that an effect and a formula take away alone, from which a candidate is surely
+# part of what is not explained. Chosen by hand.
+SURELY, PART, MOST = 0.9, 0.1, 0.7
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,30 @@ class Channel:
     train_rmse: float
     heldout_rmse: float | None
     unit: str
+
+
+@dataclass(frozen=True)
+class Goal:
+    """The error of a channel that is good enough, and those that there are; rms, in `unit`.
+
+    `error` is that of the model, `then` that of the model with what is missing in it (None where nothing is named);
+    both of the held-out runs, or where there are none of the training runs.
+    """
+
+    channel: str
+    asked: float
+    error: float
+    then: float | None
+    unit: str
+    held_out: bool
+
+    @property
+    def met(self) -> bool:
+        return self.error <= self.asked
+
+    @property
+    def then_met(self) -> bool | None:
+        return None if self.then is None else self.then <= self.asked
 
 
 @dataclass(frozen=True)
@@ -104,6 +132,19 @@ class Findings:
     selected: tuple[Selected, ...]
     together: Mapping[str, Mapping[str, Value]]  # values of what is missing, all fitted together, by effect
     remarks: tuple[str, ...]  # sentences that need more than is kept
+    then: Mapping[str, float]  # rms error with what is missing, by channel: held-out runs, else the training runs
+
+    @property
+    def part(self) -> tuple[str, ...]:
+        """Of what is not explained: candidates that are surely part of it. A formula must explain most of it, because
+        formulas imitate what is not known."""
+        if self.verdict != "unexplained" or self.odd_runs:
+            return ()
+        return tuple(
+            one.effect
+            for one in self.candidates
+            if one.probability >= SURELY and one.explains >= (PART if one.kind == "catalogue" else MOST)
+        )
 
 
 @dataclass(frozen=True)
@@ -168,6 +209,7 @@ class Story:
     found: Findings | None
     groups: tuple[Differing, ...] = ()  # parameters with one value a group
     intake: tuple[str, ...] = ()  # what happened to the measurements on their way in
+    goals: tuple[Goal, ...] = ()  # what the user asked for
     guessed: tuple[str, ...] = ()  # what nobody has confirmed
     rows_left_out: int = 0
     seconds: float = 0.0  # that the answer took

@@ -23,7 +23,7 @@ from terrapin_tools.workbench.model.fitting import Fit, covariance
 from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.model.usual_sizes import usual_size
 from terrapin_tools.workbench.story import sentences
-from terrapin_tools.workbench.story.story import Card, Channel, Findings, Place, Proposal, Rung, Story, Value
+from terrapin_tools.workbench.story.story import Card, Channel, Findings, Goal, Place, Proposal, Rung, Story, Value
 
 __all__ = ["found_by", "told"]
 
@@ -41,7 +41,10 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
     p, units = analysis.adequacy.p_value, {**ROLES, **case.parameter_units, **case.units}
     alarm = sentences.alarm(analysis.missing, p, analysis.level)
     where = found.where if found else _places(analysis.where)
-    notes = [_carried(analysis)] if analysis.missing and not (found and found.odd_runs) else []
+    goals = _goals(analysis, found)
+    notes = [sentences.goal(one) for one in goals]
+    notes += [sentences.thinned(analysis.step)] if analysis.step > 1 else []
+    notes += [_carried(analysis)] if analysis.missing and not (found and found.odd_runs) else []
     findings = noise_findings(analysis)
     notes += [sentences.noise_told(one, case.units.get(one.channel) or "") for one in findings]
     heading, measure = sentences.HEADINGS.get(verdict if found else "", sentences.HEADINGS[""])
@@ -77,6 +80,7 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         found=found,
         groups=tuple(differences(analysis)),
         intake=case.intake,
+        goals=goals,
         guessed=case.guessed,
         rows_left_out=case.rows_left_out,
     )
@@ -116,6 +120,7 @@ def found_by(discovery: Discovery) -> Findings:
         selected=discovery.selected,
         together=named,
         remarks=remarks,
+        then=_rms(analysis, discovery.ladder[-1].fit) if discovery.missing else {},
     )
 
 
@@ -151,6 +156,29 @@ def _channels(analysis: Analysis) -> dict[str, Channel]:
         )
         for name, sigma, residual in zip(analysis.model.channels, analysis.noise.sigma, analysis.residual, strict=True)
     }
+
+
+def _goals(analysis: Analysis, found: Findings | None) -> tuple[Goal, ...]:
+    """What the case asks for, channel by channel."""
+    case, present = analysis.case, _rms(analysis, analysis.fit)
+    return tuple(
+        Goal(
+            name,
+            asked,
+            present[name],
+            found.then.get(name) if found and found.missing else None,
+            case.units[name] or "1",
+            bool(case.test.any()),
+        )
+        for name, asked in case.goal.items()
+    )
+
+
+def _rms(analysis: Analysis, fit: Fit) -> dict[str, float]:
+    """Rms error by channel, in its unit: of the held-out runs, or of the training runs where there are none."""
+    rows = analysis.case.test if analysis.case.test.any() else analysis.case.train
+    gap = comparison.measured(fit.model, rows) - comparison.predict(fit, rows)
+    return {n: float(v) for n, v in zip(fit.model.channels, np.sqrt(np.mean(gap * gap, axis=1)), strict=True)}
 
 
 def _proposal(candidate: Candidate) -> Proposal:

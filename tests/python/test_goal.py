@@ -1,0 +1,116 @@
+"""[goal] of a case: the error in the channel's unit, whether it is good enough, and bad input in one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from casekit import one_line, terrapin
+
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.story.sentences import goal
+from terrapin_tools.workbench.story.story import Goal
+
+CASE = """[model]
+base = "equation"
+[model.equation]
+torque = "b*v"
+[fit]
+b = { value = 0.1, unit = "N m s/rad" }
+[goal]
+error = GOAL
+[data]
+files = ["d.csv"]
+run = "run"
+[data.columns]
+v = { column = "v", unit = "rad/s", is = "speed" }
+torque = { column = "torque", unit = "N m", sigma = 0.01 }
+"""
+
+
+def shaft(folder: Path, asked: str, dry: float = 0.1) -> Path:
+    random = np.random.default_rng(12)
+    lines = ["run,v,torque"]
+    for run in range(10):
+        for v in random.uniform(-10.0, 10.0, 12):
+            torque = 0.05 * v + dry * np.sign(v) + 0.01 * random.standard_normal()
+            lines.append(f"r{run},{v:.6g},{torque:.6g}")
+    folder.mkdir()
+    (folder / "d.csv").write_text("\n".join(lines) + "\n")
+    (folder / "case.toml").write_text(CASE.replace("GOAL", asked))
+    return folder
+
+
+def test_told_the_same_everywhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = shaft(tmp_path / "case", '"20 mN m"')
+    status, out, _ = terrapin(capsys, "discover", folder)
+    assert status == 0
+    said = next(line.strip() for line in out.splitlines() if "asked for" in line)
+    assert said.startswith("Error of torque: 0.0")
+    assert "0.02 N m asked for: not good enough; with what is missing 0.0" in out.replace("\n  ", " ")
+    status, out, _ = terrapin(capsys, "discover", folder, "--json", "-")
+    one = json.loads(out)["goal"]["torque"]
+    assert (one["asked"], one["unit"], one["met"], one["then_met"]) == (pytest.approx(0.02), "N m", False, True)
+    assert one["error"] == pytest.approx(json.loads(out)["channels"]["torque"]["heldout_rmse"])
+    assert 0.008 < one["then"] < 0.013
+    assert terrapin(capsys, "report", folder, "-o", tmp_path / "page.html")[0] == 0  # of the kept answer
+    assert f"with what is missing {one['then']:.3g} N m, which is" in (tmp_path / "page.html").read_text()
+    status, out, _ = terrapin(capsys, "compare", folder, "--json", "-")
+    assert json.loads(out)["goal"]["torque"]["then"] is None
+    status, out, _ = terrapin(capsys, "add", folder, "coulomb_friction", "--json", "-")
+    assert json.loads(out)["goal"]["torque"]["met"]
+
+
+def test_good_enough_although_something_is_missing() -> None:
+    enough = Goal("torque", 0.2, 0.1, 0.01, "N m", True)
+    assert goal(enough) == (
+        "Error of torque: 0.1 N m (held-out runs), 0.2 N m asked for: good enough as it is; "
+        "with what is missing 0.01 N m."
+    )
+    neither = Goal("x", 0.1, 0.3, 0.2, "1", False)
+    assert goal(neither) == (
+        "Error of x: 0.3 (training runs, for none is held out), 0.1 asked for: not good enough; "
+        "with what is missing 0.2, which is not enough either."
+    )
+
+
+def test_a_case_without_a_goal_says_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = shaft(tmp_path / "case", '"1 N m"')
+    text = (folder / "case.toml").read_text()
+    (folder / "case.toml").write_text(text.replace('[goal]\nerror = "1 N m"\n', ""))
+    status, out, _ = terrapin(capsys, "compare", folder, "--json", "-")
+    assert status == 0
+    assert "goal" not in json.loads(out)
+    assert load_case(folder).goal == {}
+
+
+BAD = {
+    "unit": ('"0.05 A"', ["case.toml:8: goal.error: found '0.05 A', expected the unit of a channel: torque in N m"]),
+    "none": ("0.05", ["goal.error: found 0.05, expected the unit of a channel: torque in N m"]),
+    "number": ('"small"', ["goal.error: found", "expected a number above 0 and its unit"]),
+    "zero": ('"0 N m"', ["goal.error: found", "expected a number above 0 and its unit"]),
+    "infinite": ('"inf N m"', ["goal.error: found", "expected a number above 0 and its unit"]),
+    "truth": ("true", ["goal.error: found True, expected a number above 0 and its unit"]),
+    "twice": ('["1 N m", "2 mN m"]', ["goal.error: found a second error of torque, expected one"]),
+    "unknown unit": ('"1 flurb"', ["goal.error: found '1 flurb', expected the unit of a channel"]),
+    "other name": ('"1 N m"\nspeed = 3', ["goal.speed: unknown name, expected one of error"]),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
+    asked, told = BAD[name]
+    status, _, err = terrapin(capsys, "compare", shaft(tmp_path / "case", asked))
+    assert status == 2
+    one_line(err, told)
+
+
+def test_an_empty_goal_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = shaft(tmp_path / "case", '"1 N m"')
+    text = (folder / "case.toml").read_text()
+    (folder / "case.toml").write_text(text.replace('error = "1 N m"\n', ""))
+    status, _, err = terrapin(capsys, "compare", folder)
+    assert status == 2
+    one_line(err, ['goal.error: missing, expected an error with its unit, such as "0.05 A"'])
