@@ -155,7 +155,7 @@ def parse_case(folder: Path, text: str) -> Case:
         library=sound(tables, base, library, units),
         scales={} if dynamics else _scales(measured.equations, {**units, **measured.units}, complain),
         limits=limits,
-        goal=read_goal(tables, {name: measured.units[name] for name in measured.channels}),
+        goal=read_goal(tables, {name: measured.units[name] for name in measured.channels}, measured.channels),
         dynamics=dynamics,
         by=read_shares(tables, measured.groups),
         guessed=_guessed(tables),

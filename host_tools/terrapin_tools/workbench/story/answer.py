@@ -12,7 +12,7 @@ from terrapin_tools.workbench.discover.certainty import Operating
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.experiment.proposal import Experiment
 from terrapin_tools.workbench.files.json_text import finite
-from terrapin_tools.workbench.story.story import Findings, Place, Proposal, Rung, Story, Value
+from terrapin_tools.workbench.story.story import Findings, Goal, Place, Proposal, Rung, Story, Value
 
 __all__ = ["SCHEMA", "answer", "keep", "places", "proposal", "read", "recall"]
 
@@ -37,7 +37,7 @@ def answer(story: Story) -> dict[str, Any]:
         "findings": [vars(one) for one in story.noise_findings],
     }
     if story.goals:
-        parts["goal"] = {one.channel: {**vars(one), "met": one.met, "then_met": one.then_met} for one in story.goals}
+        parts["goal"] = {one.channel: _goal(one) for one in story.goals}
     if story.groups:
         parts["groups"] = {
             one.parameter: {
@@ -133,6 +133,11 @@ def read(kept: Mapping[str, Any]) -> Findings:
         remarks=tuple(kept.get("remarks", ())),
         then={name: float(error) for name, error in kept.get("then", {}).items()},
     )
+
+
+def _goal(one: Goal) -> dict[str, Any]:
+    numbers = {"wanted": one.wanted, "reached": one.reached, "then": one.then, "unit": one.unit}
+    return {**numbers, "held_out": one.held_out, "met": one.met, "then_met": one.then_met}
 
 
 def proposal(entry: Mapping[str, Any]) -> Proposal:

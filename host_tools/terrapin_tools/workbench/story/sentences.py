@@ -262,8 +262,8 @@ def goal(one: Goal) -> str:
     """Whether the error is what the user asked for, now and with what is missing."""
     unit = behind(one.unit)
     of = "held-out runs" if one.held_out else "training runs, for none is held out"
-    asked = f"{number(one.asked, 3)}{unit} asked for"
-    now = f"Error of {one.channel}: {number(one.error, 3)}{unit} ({of}), {asked}"
+    asked = f"{number(one.wanted, 3)}{unit} asked for"
+    now = f"Error of {one.channel}: {number(one.reached, 3)}{unit} ({of}), {asked}"
     if one.then is None:
         return f"{now}: {'good enough' if one.met else 'not good enough'}."
     then = f"with what is missing {number(one.then, 3)}{unit}"
@@ -348,7 +348,7 @@ def next_step(
         return Next("nothing", f"{text} named. An effect of your own can be tried, too.")
     if found.plan is not None:
         return _experiment(found.plan, units, zeros, add)
-    text = "No experiment within these limits and speeds would tell the rivals apart: widen [limits], or treat them as one."
+    text = "No experiment within these limits and speeds tells the rivals apart: widen [limits], or take them as one."
     return Next("nothing", text, offer=LIKELIEST, command=add)
 
 

@@ -50,24 +50,24 @@ class Channel:
 class Goal:
     """The error of a channel that is good enough, and those that there are; rms, in `unit`.
 
-    `error` is that of the model, `then` that of the model with what is missing in it (None where nothing is named);
+    `reached` is that of the model, `then` that of the model with what is missing in it (None where nothing is named);
     both of the held-out runs, or where there are none of the training runs.
     """
 
     channel: str
-    asked: float
-    error: float
+    wanted: float
+    reached: float
     then: float | None
     unit: str
     held_out: bool
 
     @property
     def met(self) -> bool:
-        return self.error <= self.asked
+        return self.reached <= self.wanted
 
     @property
     def then_met(self) -> bool | None:
-        return None if self.then is None else self.then <= self.asked
+        return None if self.then is None else self.then <= self.wanted
 
 
 @dataclass(frozen=True)
