@@ -47,7 +47,12 @@ def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
         looked_at.add(frozenset(centre.effects))
         for names in _next_to(ranker, centre):
             key = frozenset(names)
-            if key and key not in known and sum(n in ranker.sketches for n in names) <= MOST[1]:
+            if (
+                key
+                and key not in known
+                and ranker.together_possible(names)
+                and sum(n in ranker.sketches for n in names) <= MOST[1]
+            ):
                 known[key] = ranker.weighed(names)
                 new.append(known[key])
     return new

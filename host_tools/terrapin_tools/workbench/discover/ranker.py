@@ -85,6 +85,8 @@ class Ranker:
         jobs: dict[tuple[int, ...], list[tuple[tuple[str, ...], tuple[int, ...]]]] = {}
         for count in (1, 2):
             for names in combinations(index, count):
+                if count > 1 and not self.together_possible(names):
+                    continue
                 if count > 1 and any(name in self.suspects for name in names):
                     continue  # beside others, a suspect is looked at next to the best answers
                 for picked in product(*(index[name] for name in names)):
@@ -172,6 +174,11 @@ class Ranker:
         picks = np.arange(linear.columns.shape[1])[None, :]
         logs = evidence.blocks(evidence.gram(linear.columns), picks, linear.signs[None, :], linear.offset)
         return float(logs[0]) - linear.lost if np.isfinite(logs[0]) else None
+
+    def together_possible(self, names: Sequence[str]) -> bool:
+        """Whether no two of the effects are one law in two forms (dry friction, smooth or with stiction)."""
+        laws = [(e.law, e.target) for name in names if (e := self.effects[name]).law]
+        return len(laws) == len(set(laws))
 
     def log_prior(self, names: Collection[str]) -> float:
         """Of a set of effects and expressions."""

@@ -198,7 +198,7 @@ def _gains(ranker: Ranker, fit: Fit, present: Sequence[str]) -> dict[str, float]
     beyond = ranker.beyond(fit)
     for name, shapes in ranker.shapes.items():
         singles = [s.columns for s in shapes if s.columns.shape[1] == 1]
-        if name in present or not singles:
+        if name in present or not singles or not ranker.together_possible((*present, name)):
             continue
         logs = beyond.single(np.concatenate(singles, axis=1))
         gains[name] = float(logsumexp(logs) - np.log(len(logs)) - beyond.nothing)
