@@ -23,8 +23,9 @@ static int32_t stribeck(const int32_t *p, int32_t omega_mrad_s) {
 
 /* Mean of m_e sin(angle + phase) over a window at steady speed: m_e sin(middle + phase) sin(h)/h, 2 h the way turned.
  */
-static int32_t imbalance(const terrapin_state *state, const terrapin_inputs *inputs, int32_t counts) {
+static int32_t imbalance(const terrapin_state *state, int32_t counts) {
     const int32_t *p = state->parameter;
+    const terrapin_estimator *e = &state->estimator;
     const uint32_t unit = (uint32_t)state->gains.turn_per_count;
     TERRAPIN_ASSERT(unit <= 2097152U);
     const uint32_t size = (uint32_t)integer_abs(counts);
@@ -32,10 +33,10 @@ static int32_t imbalance(const terrapin_state *state, const terrapin_inputs *inp
     const uint32_t back = 0U - way;
     const uint32_t ahead = (counts < 0) ? back : way;
     /* the shell's angle is alpha less the swing */
-    const uint32_t swing = inputs->swing_valid ? integer_turn(inputs->swing_angle_mrad) : 0U;
+    const uint32_t swing = e->swing_valid ? integer_turn(e->swing_angle_mrad) : 0U;
     const int32_t phase_e4 = p[TERRAPIN_PARAMETER_COMP_IMBALANCE_PHASE]; /* times 68356.5, rounded */
     const uint32_t phase = ((uint32_t)phase_e4 * 68356U) + (uint32_t)integer_ratio(phase_e4, 2);
-    const uint32_t middle = (((state->sense.motor_position * unit) - ahead) - swing) + phase;
+    const uint32_t middle = (((estimator_record(state, 0U)->position_counts * unit) - ahead) - swing) + phase;
     int32_t mean = integer_scale(p[TERRAPIN_PARAMETER_COMP_IMBALANCE], integer_sine(middle), 32767);
     const int32_t way_urad = integer_abs(integer_scale(counts, state->gains.count_e5_urad, 200000));
     if (way_urad < 450000) { /* sin(h)/h = 1 - h^2/6 to 3.5e-4 */
@@ -48,7 +49,11 @@ static int32_t imbalance(const terrapin_state *state, const terrapin_inputs *inp
     return mean;
 }
 
-int32_t compensation_torque(const terrapin_state *state, const terrapin_inputs *inputs, int32_t counts) {
+int32_t compensation_imbalance(const terrapin_state *state, int32_t counts) {
+    return (state->parameter[TERRAPIN_PARAMETER_COMP_IMBALANCE] != 0) ? imbalance(state, counts) : 0;
+}
+
+int32_t compensation_friction(const terrapin_state *state, int32_t counts) {
     const int32_t *p = state->parameter;
     if (!state->gains.compensated) {
         return 0;
@@ -65,6 +70,5 @@ int32_t compensation_torque(const terrapin_state *state, const terrapin_inputs *
     int64_t torque = along * integer_sign(counts);
     torque += integer_scale(p[TERRAPIN_PARAMETER_COMP_VISCOUS], omega, 100000000); /* 1e-8 * 1e-6 */
     torque += integer_scale(p[TERRAPIN_PARAMETER_COMP_INERTIA], state->estimator.acceleration_urad_s2, 10000000);
-    torque += imbalance(state, inputs, counts);
     return integer_saturate(torque);
 }

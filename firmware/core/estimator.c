@@ -20,7 +20,7 @@ enum {
 
 void estimator_restart(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator; /* the sums run on: only their differences mean something */
-    ground_fit_finish(state);
+    e->open = false;
     e->slots = 0U;
     e->swing_ticks = 0U;
     e->quiet_slots = 0U;
@@ -97,12 +97,12 @@ static int32_t acceleration(const terrapin_state *state) {
 }
 
 /* What the swing takes from the angular momentum between the window's ends, over the window [uN m], as a magnitude. */
-static int32_t swing_momentum(const terrapin_state *state, const terrapin_inputs *inputs) {
+static int32_t swing_momentum(const terrapin_state *state) {
     const terrapin_estimator *e = &state->estimator;
     const uint32_t n = state->gains.window_slots;
     int32_t torque = 0;
     if (e->swing_ticks >= ((n + (uint32_t)SWING_SLOTS) * (uint32_t)SLOT_MS)) {
-        const int32_t cosine = integer_cosine(integer_turn(inputs->swing_angle_mrad));
+        const int32_t cosine = integer_cosine(integer_turn(e->swing_angle_mrad));
         const int32_t inertia = state->parameter[TERRAPIN_PARAMETER_INERTIA_SHELL] -
                                 integer_scale(state->parameter[TERRAPIN_PARAMETER_INERTIA_SWING], cosine, 32767);
         /* 1e-6 kg m^2 * 0.01 rad/s, sums over 10 SWING_SLOTS ms, in a window of 10 n ms */
@@ -112,16 +112,22 @@ static int32_t swing_momentum(const terrapin_state *state, const terrapin_inputs
     return torque;
 }
 
-static void momentum(terrapin_state *state, const terrapin_inputs *inputs) {
-    terrapin_estimator *e = &state->estimator;
-    TERRAPIN_ASSERT(e->ready);
-    e->acceleration_urad_s2 = e->full ? acceleration(state) : 0;
-    const int32_t inertial =
-        integer_millionth(e->acceleration_urad_s2, (uint32_t)state->parameter[TERRAPIN_PARAMETER_INERTIA]);
-    e->momentum_unm = integer_hold(integer_abs(inertial) + swing_momentum(state, inputs));
+/* A window is open, and the history holds one. */
+static bool at_work(const terrapin_state *state) {
+    return state->estimator.open && state->estimator.ready;
 }
 
-static void window(terrapin_state *state) {
+void estimator_momentum(terrapin_state *state) {
+    terrapin_estimator *e = &state->estimator;
+    if (at_work(state)) {
+        e->acceleration_urad_s2 = e->full ? acceleration(state) : 0;
+        const int32_t inertial =
+            integer_millionth(e->acceleration_urad_s2, (uint32_t)state->parameter[TERRAPIN_PARAMETER_INERTIA]);
+        e->momentum_unm = integer_hold(integer_abs(inertial) + swing_momentum(state));
+    }
+}
+
+void estimator_close(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_estimator *e = &state->estimator;
     const uint32_t n = state->gains.window_slots;
     e->newest = (uint16_t)((e->newest < (HISTORY_SLOTS - 1)) ? (e->newest + 1U) : 0U);
@@ -134,7 +140,18 @@ static void window(terrapin_state *state) {
     }
     e->ready = e->slots > n;
     e->full = e->slots > ((2U * n) + (uint32_t)BLOCK_SLOTS);
-    if (e->ready) {
+    e->open = true;
+    e->swing_valid = inputs->swing_valid;
+    e->swing_angle_mrad = inputs->swing_angle_mrad;
+    e->pitch_valid = inputs->pitch_valid;
+    e->pitch_mrad = inputs->pitch_mrad;
+}
+
+void estimator_means(terrapin_state *state) {
+    terrapin_estimator *e = &state->estimator;
+    if (at_work(state)) {
+        const uint32_t n = state->gains.window_slots;
+        const terrapin_slot_record *now = estimator_record(state, 0U);
         const terrapin_slot_record *then = estimator_record(state, n);
         const terrapin_slot_record *last = estimator_record(state, 1U);
         const int32_t ticks = (int32_t)n * SLOT_MS;
@@ -155,12 +172,22 @@ static void window(terrapin_state *state) {
     }
 }
 
-static void contact_torque(terrapin_state *state, const terrapin_inputs *inputs) {
+void estimator_friction_beyond(terrapin_state *state) {
+    if (at_work(state)) {
+        state->estimator.beyond_unm = compensation_friction(state, state->estimator.counts);
+    }
+}
+
+void estimator_torque(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator;
-    const int32_t drawn = estimator_motor_torque(&state->gains, e->current_q8, compensation_heat_q20(state));
-    e->motor_unm = integer_hold(drawn - compensation_torque(state, inputs, e->counts));
-    e->friction_unm = estimator_friction(&state->gains, state->parameter[TERRAPIN_PARAMETER_COULOMB], e->counts);
-    e->torque_unm = estimator_contact_torque(integer_saturate((int64_t)e->motor_unm - e->friction_unm), &e->saturated);
+    if (at_work(state)) {
+        const int32_t drawn = estimator_motor_torque(&state->gains, e->current_q8, compensation_heat_q20(state));
+        const int32_t beyond = integer_hold(e->beyond_unm + compensation_imbalance(state, e->counts));
+        e->motor_unm = integer_hold(drawn - beyond);
+        e->friction_unm = estimator_friction(&state->gains, state->parameter[TERRAPIN_PARAMETER_COULOMB], e->counts);
+        e->torque_unm =
+            estimator_contact_torque(integer_saturate((int64_t)e->motor_unm - e->friction_unm), &e->saturated);
+    }
 }
 
 /* True when the gate has been met for long enough. */
@@ -182,8 +209,11 @@ static bool quiet(terrapin_state *state) {
     return e->quiet_slots >= QUIET_SLOTS;
 }
 
-static void gate(terrapin_state *state) {
+void estimator_gate(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator;
+    if (!e->open) {
+        return;
+    }
     e->valid = e->ready && quiet(state) && e->full && !e->saturated;
     if (e->since_fresh < state->gains.window_slots) {
         e->since_fresh++;
@@ -195,15 +225,8 @@ static void gate(terrapin_state *state) {
     }
 }
 
-void estimator_slot(terrapin_state *state, const terrapin_inputs *inputs) {
-    terrapin_estimator *e = &state->estimator;
-    window(state);
-    if (e->ready) {
-        momentum(state, inputs);
-        contact_torque(state, inputs);
-    }
-    gate(state);
-    if (e->ready) {
-        e->sd_unm = uncertainty_unm(state);
+void estimator_deviation(terrapin_state *state) {
+    if (at_work(state)) {
+        state->estimator.sd_unm = uncertainty_unm(state);
     }
 }

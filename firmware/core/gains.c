@@ -26,7 +26,7 @@ void gains_friction(terrapin_state *state) {
 static bool compensated(const int32_t *p) {
     return (p[TERRAPIN_PARAMETER_COMP_SPEED_SQUARED] != 0) || (p[TERRAPIN_PARAMETER_COMP_VISCOUS] != 0) ||
            (p[TERRAPIN_PARAMETER_COMP_COULOMB] != 0) || (p[TERRAPIN_PARAMETER_COMP_STRIBECK] != 0) ||
-           (p[TERRAPIN_PARAMETER_COMP_INERTIA] != 0) || (p[TERRAPIN_PARAMETER_COMP_IMBALANCE] != 0);
+           (p[TERRAPIN_PARAMETER_COMP_INERTIA] != 0);
 }
 
 /* Ranges are those of controller.toml; every product below stays under 2^62. */

@@ -40,14 +40,17 @@ int32_t ground_floor_unm(const terrapin_state *state, int32_t omega_urad_s) {
 }
 
 /* f_r and its sd, the slope's share of W taken out where comp_slope asks for it. */
-static void resistance(terrapin_state *state, const terrapin_inputs *inputs) {
+void ground_resistance(terrapin_state *state) {
     const terrapin_estimator *e = &state->estimator;
+    if (!e->open) {
+        return;
+    }
     terrapin_ground_fit *ground = &state->ground;
     int32_t torque = e->torque_unm;
     int32_t load = state->gains.weight_unm; /* at least 1e4 */
     TERRAPIN_ASSERT(load >= 10000);
-    if (inputs->pitch_valid) {
-        const uint32_t turn = integer_turn(inputs->pitch_mrad);
+    if (e->pitch_valid) {
+        const uint32_t turn = integer_turn(e->pitch_mrad);
         const int32_t share = integer_scale(load, integer_sine(turn), 32767); /* below 2^28 */
         torque = integer_hold(torque - integer_scale(share, state->parameter[TERRAPIN_PARAMETER_COMP_SLOPE], 10000));
         /* down to a quarter: no division by zero, whatever the pitch */
@@ -104,10 +107,12 @@ static void nearest(terrapin_state *state) {
     }
 }
 
-void ground_slot(terrapin_state *state, const terrapin_inputs *inputs) {
-    resistance(state, inputs);
-    nearest(state);
-    state->ground.todo = state->estimator.fresh ? (uint8_t)FIT_STEPS : 0U;
+void ground_nearest(terrapin_state *state) {
+    if (state->estimator.open) {
+        nearest(state);
+        state->ground.todo = state->estimator.fresh ? (uint8_t)FIT_STEPS : 0U;
+        state->estimator.open = false;
+    }
 }
 
 static void fit_begin(terrapin_ground_fit *ground) {
@@ -169,19 +174,15 @@ static void fit_deviations(terrapin_ground_fit *g) {
 
 void ground_fit_work(terrapin_state *state) {
     terrapin_ground_fit *g = &state->ground;
-    TERRAPIN_ASSERT((g->todo >= 1U) && (g->todo <= (uint8_t)FIT_STEPS));
+    TERRAPIN_ASSERT(g->todo <= (uint8_t)FIT_STEPS);
     if (g->todo == (uint8_t)FIT_STEPS) {
         fit_add(state);
     } else if (g->todo == 2U) {
         fit_slope(g);
-    } else {
+    } else if (g->todo == 1U) {
         fit_deviations(g);
+    } else {
+        /* nothing is left of it */
     }
-    g->todo--;
-}
-
-void ground_fit_finish(terrapin_state *state) {
-    while (state->ground.todo > 0U) {
-        ground_fit_work(state);
-    }
+    g->todo = (g->todo > 0U) ? (uint8_t)(g->todo - 1U) : 0U;
 }

@@ -11,7 +11,7 @@
 #include "terrapin_interface.h"
 
 enum {
-    SLOT_MS = 10,          /* telemetry cycle; the estimator works once a cycle */
+    SLOT_MS = 10,          /* telemetry cycle; the estimator works out a window in each (schedule.c) */
     WINDOW_MAX_SLOTS = 60, /* 600 ms, the range of parameter window */
     BLOCK_SLOTS = 20,      /* positions are averaged over this many slots at a window's ends */
     SWING_SLOTS = 10,      /* swing rates over this many: a third of a swing period */
@@ -41,7 +41,7 @@ typedef struct {
     uint32_t window_slots;    /* 10 to WINDOW_MAX_SLOTS */
     bool consistent;          /* no two parameters contradict each other */
     int32_t zero_q8;          /* of the current's code, before it is trimmed */
-    bool compensated;         /* some comp_ parameter that acts on C_t is not zero */
+    bool compensated;         /* some comp_ parameter of the friction is not zero */
     /* the budget of the sd of C_t [uN m], each held within 5e8 */
     uint64_t fixed_variance; /* (uN m)^2 */
     int32_t trimmed_unm;     /* of the current's zero when it is trimmed, */
@@ -113,6 +113,12 @@ typedef struct {
     int32_t recent_ua;    /* mean of the last slot */
     int32_t voltage_mv;   /* window mean */
     /* of the window that is being worked out */
+    bool open;        /* its work is under way: it has closed, and the history goes on */
+    bool swing_valid; /* what the sensors said as it closed */
+    bool pitch_valid;
+    int16_t swing_angle_mrad;
+    int16_t pitch_mrad;
+    int32_t beyond_unm; /* friction inside the robot beyond A sgn + B w */
     bool ready;         /* the history holds a window */
     bool full;          /* the history holds two windows and a block */
     int32_t counts;     /* of the motor */

@@ -22,27 +22,17 @@ void terrapin_init(terrapin_state *state) {
     gains_prepare(state);
 }
 
-void terrapin_step(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs) {
+void terrapin_step_drive(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs) {
     TERRAPIN_ASSERT((state != NULL) && (inputs != NULL) && (outputs != NULL));
     bool gap = false;
     const uint32_t causes = sense_update(state, inputs, &gap);
     if (gap) {
         slip_restart(state);
+    }
+    if (gap || (inputs->tick == 0U)) { /* 2^32 ticks are no whole number of slots */
         estimator_restart(state);
     }
-    estimator_tick(state, inputs);
-    const uint32_t number = inputs->tick % (uint32_t)SLOT_MS;
-    if (number == 1U) { /* just before GROUND is sent */
-        estimator_slot(state, inputs);
-        ground_slot(state, inputs);
-    } else if (state->ground.todo > 0U) { /* in the three ticks that follow, before FIT is sent */
-        ground_fit_work(state);
-    } else {
-        /* nothing is left of it */
-    }
-    if (number == ((uint32_t)SLOT_MS - 1U)) {
-        heading_slot(state, inputs);
-    }
+    estimator_tick(state, inputs); /* with the voltage that stood until now */
     slip_update(state, inputs);
 
     terrapin_demand demand;
@@ -52,8 +42,20 @@ void terrapin_step(terrapin_state *state, const terrapin_inputs *inputs, terrapi
     outputs->duty_q15 = state->drive.duty_q15;
     outputs->enable = state->drive.enable;
     outputs->faults = state->supervisor.faults;
-    telemetry_emit(state, inputs, outputs);
+    outputs->frame_count = 0U;
     TERRAPIN_ASSERT(outputs->enable || (outputs->duty_q15 == 0));
     TERRAPIN_ASSERT(!outputs->enable || ((outputs->faults & TERRAPIN_FAULTS_LATCHED) == 0U));
+}
+
+void terrapin_step_think(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs) {
+    TERRAPIN_ASSERT((state != NULL) && (inputs != NULL) && (outputs != NULL));
+    TERRAPIN_ASSERT(inputs->tick == state->sense.tick);
+    schedule_work(state, inputs);
+    telemetry_emit(state, inputs, outputs);
     TERRAPIN_ASSERT((outputs->frame_count >= 1U) && (outputs->frame_count <= (uint8_t)TERRAPIN_MAX_FRAMES));
+}
+
+void terrapin_step(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs) {
+    terrapin_step_drive(state, inputs, outputs);
+    terrapin_step_think(state, inputs, outputs);
 }

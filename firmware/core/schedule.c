@@ -1,0 +1,57 @@
+/* Which tick does what. The estimator and the ground share ten ticks, so that no tick is much longer than another; each
+ * part reads what the part before it has left. A window closes at WINDOW_TICK and is told by GROUND GROUND_AGE_MS later.
+ *
+ *     tick % 10   work                                            message of telemetry.c, after it
+ *     4           the window closes                               WINDOW: of the last whole one
+ *     5           its means: current, voltage, speed              FIT
+ *     6           acceleration, bound of the angular momentum     REPORT
+ *     7           friction inside the robot beyond A sgn + B w    CALIBRATION
+ *     8           imbalance, then C_t                             ATTITUDE
+ *     9           gate; heading and path                          HEADING
+ *     0           sd of C_t, then f_r                             STATUS
+ *     1           the nearest terrain                             GROUND: of this window
+ *     2, 3, 4     the fit takes a fresh window in, step by step   MOTION, ELECTRICAL
+ *
+ * When the history begins anew, the window under way is given up; the fit still takes in the one before.
+ */
+#include "core.h"
+
+enum { WINDOW_TICK = 4, GROUND_TICK = 1 };
+
+_Static_assert((GROUND_TICK + SLOT_MS - WINDOW_TICK) == TERRAPIN_GROUND_AGE, "as controller.toml states");
+
+void schedule_work(terrapin_state *state, const terrapin_inputs *inputs) {
+    const uint32_t number = inputs->tick % (uint32_t)SLOT_MS;
+    switch (number) {
+    case (uint32_t)WINDOW_TICK:
+        ground_fit_work(state);
+        estimator_close(state, inputs);
+        break;
+    case 5U:
+        estimator_means(state);
+        break;
+    case 6U:
+        estimator_momentum(state);
+        break;
+    case 7U:
+        estimator_friction_beyond(state);
+        break;
+    case 8U:
+        estimator_torque(state);
+        break;
+    case 9U:
+        estimator_gate(state);
+        heading_slot(state, inputs);
+        break;
+    case 0U:
+        estimator_deviation(state);
+        ground_resistance(state);
+        break;
+    case (uint32_t)GROUND_TICK:
+        ground_nearest(state);
+        break;
+    default: /* 2 and 3 */
+        ground_fit_work(state);
+        break;
+    }
+}
