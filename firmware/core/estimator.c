@@ -56,12 +56,12 @@ void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs) {
 int32_t estimator_motor_torque(const terrapin_gains *gains, int32_t current_q8, int32_t heat_q20) {
     TERRAPIN_ASSERT(integer_abs(current_q8) <= INTEGER_MOST);
     TERRAPIN_ASSERT((heat_q20 >= 0x40000) && (heat_q20 <= 0x200000));
-    return integer_shift(integer_shift(current_q8, (uint32_t)gains->current_gain_q16, 24U), (uint32_t)heat_q20, 20U);
+    return integer_q_held(integer_q_held(current_q8, gains->current_gain_q16, 24U), heat_q20, 20U);
 }
 
 int32_t estimator_friction(const terrapin_gains *gains, int32_t coulomb_unm, int32_t counts) {
     TERRAPIN_ASSERT(integer_abs(coulomb_unm) < 0x20000000);
-    return (coulomb_unm * integer_sign(counts)) + integer_shift(counts, (uint32_t)gains->speed_gain_q16, 16U);
+    return (coulomb_unm * integer_sign(counts)) + integer_q_held(counts, gains->speed_gain_q16, 16U);
 }
 
 int32_t estimator_contact_torque(int32_t torque_unm, bool *saturated) {
@@ -91,9 +91,7 @@ static int32_t acceleration(const terrapin_state *state) {
     /* Each block is a sum modulo 2^32; so is the difference, which is small: 100 * 600 * 200 counts at the very most.
      */
     const int32_t counts = integer_difference(blocks, 0U);
-    /* 1e-5 urad summed over 10 BLOCK_SLOTS ms, over (10 n ms)^2: 1e-5 * 1e6 / (100 * 100 n^2) */
-    const int32_t slots = (int32_t)n;
-    return integer_scale(state->gains.count_e5_urad, counts, BLOCK_SLOTS * 100 * slots * slots);
+    return integer_q_held(counts, state->gains.acceleration_q19, 19U);
 }
 
 /* What the swing takes from the angular momentum between the window's ends, over the window [uN m], as a magnitude. */
@@ -104,10 +102,11 @@ static int32_t swing_momentum(const terrapin_state *state) {
     if (e->swing_ticks >= ((n + (uint32_t)SWING_SLOTS) * (uint32_t)SLOT_MS)) {
         const int32_t cosine = integer_cosine(integer_turn(e->swing_angle_mrad));
         const int32_t inertia = state->parameter[TERRAPIN_PARAMETER_INERTIA_SHELL] -
-                                integer_scale(state->parameter[TERRAPIN_PARAMETER_INERTIA_SWING], cosine, 32767);
+                                integer_of_sine(state->parameter[TERRAPIN_PARAMETER_INERTIA_SWING], cosine);
         /* 1e-6 kg m^2 * 0.01 rad/s, sums over 10 SWING_SLOTS ms, in a window of 10 n ms */
-        torque = integer_abs(integer_scale(inertia, integer_difference(swung(state, 0U), swung(state, n)),
-                                           SLOT_MS * SWING_SLOTS * (int32_t)n));
+        const int32_t inertia_q12 = integer_q(inertia, state->gains.swing_q20, 20U);
+        const int32_t rates = integer_difference(swung(state, 0U), swung(state, n));
+        torque = integer_abs(integer_q_held(rates, inertia_q12, 12U));
     }
     return torque;
 }
@@ -121,8 +120,7 @@ void estimator_momentum(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator;
     if (at_work(state)) {
         e->acceleration_urad_s2 = e->full ? acceleration(state) : 0;
-        const int32_t inertial =
-            integer_millionth(e->acceleration_urad_s2, (uint32_t)state->parameter[TERRAPIN_PARAMETER_INERTIA]);
+        const int32_t inertial = integer_q(e->acceleration_urad_s2, state->gains.inertia_q30, 30U);
         e->momentum_unm = integer_hold(integer_abs(inertial) + swing_momentum(state));
     }
 }
@@ -150,13 +148,13 @@ void estimator_close(terrapin_state *state, const terrapin_inputs *inputs) {
 void estimator_means(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator;
     if (at_work(state)) {
-        const uint32_t n = state->gains.window_slots;
+        const terrapin_gains *g = &state->gains;
+        const uint32_t n = g->window_slots;
         const terrapin_slot_record *now = estimator_record(state, 0U);
         const terrapin_slot_record *then = estimator_record(state, n);
         const terrapin_slot_record *last = estimator_record(state, 1U);
         const int32_t ticks = (int32_t)n * SLOT_MS;
-        const int32_t scale = state->parameter[TERRAPIN_PARAMETER_CURRENT_SCALE];
-        const int32_t zero_q8 = state->gains.zero_q8 + state->sense.trim_q8_codes;
+        const int32_t zero_q8 = g->zero_q8 + state->sense.trim_q8_codes;
         e->counts = integer_difference(now->position_counts, then->position_counts);
         /* held within 2^30: 1.7 times what any 12-bit code makes */
         const uint32_t sum_codes = now->current_sum_codes - then->current_sum_codes;
@@ -165,10 +163,10 @@ void estimator_means(terrapin_state *state) {
         /* ten codes of 16 bits, ten times a zero: below 2^28 */
         const int32_t recent_q8 = ((int32_t)recent_codes * 256) - (zero_q8 * SLOT_MS);
         e->current_10ua =
-            integer_clamp(integer_scale(e->current_q8, scale, ticks * 2560), -CURRENT_MAX_10UA, CURRENT_MAX_10UA);
-        e->recent_ua = integer_scale(recent_q8, scale, SLOT_MS * 256);
-        e->voltage_mv = integer_scale(integer_difference(now->voltage_sum_mv, then->voltage_sum_mv), 1, ticks);
-        e->omega_urad_s = integer_times(&state->rates.motor_window, e->counts);
+            integer_clamp(integer_q32(e->current_q8, g->current_q32), -CURRENT_MAX_10UA, CURRENT_MAX_10UA);
+        e->recent_ua = integer_q_held(recent_q8, g->recent_q28, 28U);
+        e->voltage_mv = integer_q32(integer_difference(now->voltage_sum_mv, then->voltage_sum_mv), g->voltage_q32);
+        e->omega_urad_s = integer_gained(&state->rates.motor_window, e->counts);
     }
 }
 
@@ -194,7 +192,7 @@ void estimator_torque(terrapin_state *state) {
 static bool quiet(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator;
     const int32_t step_ua = e->recent_ua - (e->current_10ua * 10);
-    const int32_t step_unm = integer_abs(integer_millionth(step_ua, (uint32_t)state->gains.torque_unm_per_a));
+    const int32_t step_unm = integer_abs(integer_q_held(step_ua, state->rates.emf_q22, 22U));
     const int32_t ripple = integer_clamp(e->ripple_unm, 0, RIPPLE_MAX_UNM);
     const bool step = step_unm >= (CURRENT_STEP_UNM + (RIPPLE_TIMES * ripple));
     e->ripple_unm += integer_ratio(step_unm - e->ripple_unm, RIPPLE_SLOTS);

@@ -12,9 +12,9 @@ enum {
     Y_MAX = 1048576, /* f_r up to 1.05, in 1e-6 */
     UNKNOWN_Q3 = 64, /* farther than 8 sd from every curve is no terrain of the table */
     MARGIN_MAX_Q3 = 255,
-    FIT_NOISE_PPM = 1000,    /* sd of f_r over windows that the prior is weighed against */
-    MOMENT_Q16 = 64 * 65536, /* moments are kept in 64 times the product of their units */
-    FIT_PRIOR = 156,         /* f_s is 0 +- 1e-3 s^2/rad^2, ten of the slope's units: (FIT_NOISE_PPM / 10)^2 / 64 */
+    FIT_NOISE_PPM = 1000, /* sd of f_r over windows that the prior is weighed against */
+    MOMENT_BITS = 22,     /* moments of Q8 numbers are kept in 64 times the product of their units */
+    FIT_PRIOR = 156,      /* f_s is 0 +- 1e-3 s^2/rad^2, ten of the slope's units: (FIT_NOISE_PPM / 10)^2 / 64 */
     WINDOWS_MAX = 127
 };
 
@@ -26,39 +26,47 @@ static int32_t omega_squared(int32_t omega_urad_s) {
     return integer_scale(mrad_s, mrad_s, 10000); /* 0.01 rad^2/s^2 */
 }
 
-/* f_o + f_s omega^2 of terrain 1 to TERRAINS [1e-6]; omega^2 in 0.01 rad^2/s^2. */
+/* What curve_ppm takes of a speed: omega^2 [rad^2/s^2] in Q20 of 1000; 2^20 / 1e5 is 1374390 / 2^17. */
+static int32_t square_q20(int32_t omega_urad_s) {
+    return integer_q_held(omega_squared(omega_urad_s), 1374390, 17U);
+}
+
+/* f_o + f_s omega^2 of terrain 1 to TERRAINS [1e-6]; f_s is in 1e-9. */
 static int32_t curve_ppm(const terrapin_state *state, int32_t terrain, int32_t square) {
     TERRAPIN_ASSERT((terrain >= 1) && (terrain <= TERRAINS));
     TERRAPIN_ASSERT(square >= 0);
     const int32_t *pair = &state->parameter[TERRAPIN_PARAMETER_TERRAIN_SAND_F_O + (2 * (terrain - 1))];
-    return integer_hold(pair[0] + integer_scale(pair[1], square, 100000)); /* 1e-9 0.01 */
+    return integer_hold(pair[0] + integer_q_held(pair[1], square, 20U));
 }
 
 int32_t ground_floor_unm(const terrapin_state *state, int32_t omega_urad_s) {
-    return integer_millionth(curve_ppm(state, TERRAPIN_TERRAIN_HARD_FLOOR, omega_squared(omega_urad_s)),
-                             (uint32_t)state->gains.weight_unm);
+    return integer_q_held(curve_ppm(state, TERRAPIN_TERRAIN_HARD_FLOOR, square_q20(omega_urad_s)),
+                          state->gains.weight_q22, 22U);
 }
 
 /* f_r and its sd, the slope's share of W taken out where comp_slope asks for it. */
 void ground_resistance(terrapin_state *state) {
     const terrapin_estimator *e = &state->estimator;
+    const terrapin_gains *g = &state->gains;
+    terrapin_ground_fit *ground = &state->ground;
     if (!e->open) {
         return;
     }
-    terrapin_ground_fit *ground = &state->ground;
     int32_t torque = e->torque_unm;
-    int32_t load = state->gains.weight_unm; /* at least 1e4 */
-    TERRAPIN_ASSERT(load >= 10000);
+    int32_t secant_q16 = 65536;
     if (e->pitch_valid) {
         const uint32_t turn = integer_turn(e->pitch_mrad);
-        const int32_t share = integer_scale(load, integer_sine(turn), 32767); /* below 2^28 */
-        torque = integer_hold(torque - integer_scale(share, state->parameter[TERRAPIN_PARAMETER_COMP_SLOPE], 10000));
-        /* down to a quarter: no division by zero, whatever the pitch */
-        load = integer_scale(load, integer_clamp(integer_cosine(turn), 8192, 32767), 32767);
+        const int32_t share = integer_of_sine(g->weight_unm, integer_sine(turn)); /* below 2^28 */
+        torque = integer_hold(torque - integer_q_held(share, g->slope_q24, 24U));
+        /* of a cosine down to a quarter: no division by zero, whatever the pitch */
+        secant_q16 = (32767 * 65536) / integer_clamp(integer_cosine(turn), 8192, 32767);
     }
+    TERRAPIN_ASSERT((secant_q16 >= 65536) && (secant_q16 <= 262136));
     const int32_t along = (e->omega_urad_s < 0) ? -torque : torque;
-    ground->f_r_ppm = integer_clamp(integer_scale(along, 1000000, load), -Y_MAX, Y_MAX);
-    ground->f_r_sd_ppm = integer_clamp(integer_scale(e->sd_unm, 1000000, load), 1, Y_MAX);
+    const int32_t f_r_ppm = integer_q_held(integer_q_held(along, g->per_weight_q24, 24U), secant_q16, 16U);
+    const int32_t sd_ppm = integer_q_held(integer_q_held(e->sd_unm, g->per_weight_q24, 24U), secant_q16, 16U);
+    ground->f_r_ppm = integer_clamp(f_r_ppm, -Y_MAX, Y_MAX);
+    ground->f_r_sd_ppm = integer_clamp(sd_ppm, 1, Y_MAX);
 }
 
 /* Distance of f_r from a curve in 1/8 sd. */
@@ -75,7 +83,7 @@ static void nearest(terrapin_state *state) {
     const int64_t variance = (own * own) + (spread * spread);
     const int32_t sd = (int32_t)integer_root((uint64_t)variance); /* 1 to 2^21 */
     TERRAPIN_ASSERT((sd >= 1) && (sd <= 0x200000));
-    const int32_t square = omega_squared(state->estimator.omega_urad_s);
+    const int32_t square = square_q20(state->estimator.omega_urad_s);
     uint32_t off[TERRAINS]; /* from each curve; the two least are then told in sd, which keeps their order */
     uint32_t least = UINT32_MAX;
     uint32_t next = UINT32_MAX;
@@ -127,7 +135,7 @@ static void fit_begin(terrapin_ground_fit *ground) {
 
 /* A second moment that takes in a product, and forgets. */
 static int64_t moment(int64_t sum, int32_t one, int32_t other) {
-    return sum + integer_scale(one, other, MOMENT_Q16) - (sum / FIT_WINDOWS);
+    return sum + integer_q_held(one, other, MOMENT_BITS) - (sum / FIT_WINDOWS);
 }
 
 /* Takes the fresh window in. */

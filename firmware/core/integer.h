@@ -10,8 +10,12 @@
 
 #include "terrapin_assert.h"
 
-/* Results are held within this, so that the sum of any two still fits an int32_t. */
-#define INTEGER_MOST 0x3FFFFFFF
+/* Results are held within these, so that the sum of any two still fits an int32_t; a Cortex-M4 has an instruction for
+ * it (SSAT). */
+#define INTEGER_MOST  0x3FFFFFFF
+#define INTEGER_LEAST (-INTEGER_MOST - 1)
+
+_Static_assert((-3 >> 1) == -2, "a shift to the right takes the sign along");
 
 /* value, held within low..high; low <= high. */
 static inline int32_t integer_clamp(int32_t value, int32_t low, int32_t high) {
@@ -20,9 +24,15 @@ static inline int32_t integer_clamp(int32_t value, int32_t low, int32_t high) {
     return (held > high) ? high : held;
 }
 
-/* The sum or difference of two that are held within INTEGER_MOST, held so again. */
+/* value / 2^bits, downwards: the result must fit. bits 0 to 63. One instruction or two, where a division is a dozen. */
+static inline int32_t integer_down(int64_t value, uint32_t bits) {
+    /* cppcheck-suppress misra-c2012-10.1 ; GCC, Clang and Arm's compiler shift the sign in, which is held above */
+    return (int32_t)(value >> bits);
+}
+
+/* The sum or difference of two that are held, held again. */
 static inline int32_t integer_hold(int32_t value) {
-    return integer_clamp(value, -INTEGER_MOST, INTEGER_MOST);
+    return integer_clamp(value, INTEGER_LEAST, INTEGER_MOST);
 }
 
 /* |value|; value > INT32_MIN. */
@@ -67,22 +77,55 @@ int32_t integer_saturate(int64_t value);
  * Quick while |factor| * divisor is below 2^31. */
 int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor);
 
-/* A value over a divisor, split once so that integer_times is quick. */
+/* ---- products with a factor in a Q format: factor / 2^bits, prepared where a parameter changes */
+
+/* value factor / 2^bits to the nearest, halves upwards; the result must fit. bits 1 to 31. */
+static inline int32_t integer_q(int32_t value, int32_t factor, uint32_t bits) {
+    TERRAPIN_ASSERT((bits >= 1U) && (bits <= 31U));
+    const int64_t half = (int64_t)1 << (bits - 1U);
+    return integer_down(((int64_t)value * factor) + half, bits);
+}
+
+/* The same for 2^32, which fits whatever it is: SMMULR. */
+static inline int32_t integer_q32(int32_t value, int32_t factor) {
+    return integer_down(((int64_t)value * factor) + INT64_C(0x80000000), 32U);
+}
+
+/* As integer_q, held from INTEGER_LEAST to INTEGER_MOST. bits 2 to 30. */
+static inline int32_t integer_q_held(int32_t value, int32_t factor, uint32_t bits) {
+    TERRAPIN_ASSERT((bits >= 2U) && (bits <= 30U));
+    const int64_t half = (int64_t)1 << (bits - 1U);
+    const int64_t product = ((int64_t)value * factor) + half;
+    const int32_t high = integer_down(product, 32U);
+    const uint32_t edge = (uint32_t)1U << (bits - 2U); /* of the high word, where 2^30 begins */
+    const int32_t most = (high < 0) ? INTEGER_LEAST : INTEGER_MOST;
+    return (((uint32_t)high + edge) < (2U * edge)) ? integer_down(product, bits) : most;
+}
+
+/* value times a sine or cosine of integer_sine. 32767 * 32769 is 2^30 to 1e-9. */
+static inline int32_t integer_of_sine(int32_t value, int32_t sine) {
+    TERRAPIN_ASSERT((sine >= -32767) && (sine <= 32767));
+    return integer_q(value, sine * 32769, 30U);
+}
+
+/* A factor whose products with a count are held within INTEGER_MOST: the count is, before. */
 typedef struct {
-    uint32_t ones; /* the value is ones * divisor + rest */
-    uint32_t rest;
-    uint32_t divisor;
-    uint32_t most; /* counts up to this take the quick way */
-} integer_rate;
+    int32_t factor; /* Q12 */
+    int32_t most;   /* counts */
+} integer_gain;
 
-/* value and divisor > 0. */
-void integer_split(integer_rate *rate, int32_t value, int32_t divisor);
-/* integer_scale(value, count, divisor). Any count. */
-int32_t integer_times(const integer_rate *rate, int32_t count);
+/* value / divisor as a gain. value >= 0, divisor > 0, value / divisor < 2^19. */
+integer_gain integer_gain_of(int32_t value, int32_t divisor);
 
-/* integer_scale(value, factor, 1000000), and with 2^bits, bits 2 to 30. Factors below 2^31. */
-int32_t integer_millionth(int32_t value, uint32_t factor);
-int32_t integer_shift(int32_t value, uint32_t factor, uint32_t bits);
+static inline int32_t integer_gained(const integer_gain *gain, int32_t count) {
+    return integer_q(integer_clamp(count, -gain->most, gain->most), gain->factor, 12U);
+}
+
+/* value 2^bits / divisor to the nearest, held within INT32_MAX: a factor for the functions above. value 2^bits < 2^62,
+ * value >= 0, divisor > 0. */
+int32_t integer_factor(int64_t value, uint32_t bits, int64_t divisor);
+/* The same of any sign. */
+int32_t integer_signed_factor(int64_t value, uint32_t bits, int64_t divisor);
 
 /* numerator/denominator to the nearest, halves away from zero. denominator > 0, |numerator| < 2^62. Denominators from
  * 2^30 on lose low bits, with the numerator: the result is then good to 4e-9 of itself. */

@@ -1,5 +1,6 @@
 /* Which tick does what. The estimator and the ground share ten ticks, so that no tick is much longer than another; each
- * part reads what the part before it has left. A window closes at WINDOW_TICK and is told by GROUND GROUND_AGE_MS later.
+ * part reads what the part before it has left. A window closes at WINDOW_TICK and is told by GROUND GROUND_AGE_MS
+ * later.
  *
  *     tick % 10   work                                            message of telemetry.c, after it
  *     4           the window closes                               WINDOW: of the last whole one

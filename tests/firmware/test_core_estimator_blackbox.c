@@ -242,9 +242,11 @@ static void test_heating_scales_the_motor_torque(void) {
     TEST_ASSERT_INT32_WITHIN(100, 65000, sense_temperature_mc(&rig.state));
     TEST_ASSERT_INT32_WITHIN(100, (int32_t)lrint(0.92 * 1048576.0), compensation_heat_q20(&rig.state));
     rig.state.parameter[TERRAPIN_PARAMETER_COMP_HEATING] = 10000;
+    gains_prepare(&rig.state);
     rig.state.sense.temperature_q8_mc = 200000 * 256;
     TEST_ASSERT_EQUAL_INT32(1048576 / 4, compensation_heat_q20(&rig.state));
     rig.state.parameter[TERRAPIN_PARAMETER_COMP_HEATING] = -10000;
+    gains_prepare(&rig.state);
     rig.state.sense.temperature_q8_mc = 1000000 * 256;
     TEST_ASSERT_EQUAL_INT32(1048576 * 2, compensation_heat_q20(&rig.state));
 }
