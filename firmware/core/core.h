@@ -27,6 +27,7 @@ void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs);
 /* A new window and its C_t, in the parts that schedule.c deals out. All but the first do nothing unless it is open. */
 void estimator_close(terrapin_state *state, const terrapin_inputs *inputs);
 void estimator_means(terrapin_state *state);
+void estimator_acceleration(terrapin_state *state);
 void estimator_momentum(terrapin_state *state);
 void estimator_friction_beyond(terrapin_state *state);
 void estimator_torque(terrapin_state *state);
@@ -41,7 +42,13 @@ int32_t estimator_friction(const terrapin_gains *gains, int32_t coulomb_unm, int
 int32_t estimator_contact_torque(int32_t torque_unm, bool *saturated);
 /* A record `slots` back from the newest: below HISTORY_SLOTS, and at most estimator.slots, which is the one that the
  * history began behind. */
-const terrapin_slot_record *estimator_record(const terrapin_state *state, uint32_t slots);
+static inline const terrapin_slot_record *estimator_record(const terrapin_state *state, uint32_t slots) {
+    TERRAPIN_ASSERT((slots <= state->estimator.slots) && (slots < (uint32_t)HISTORY_SLOTS));
+    const uint32_t newest = state->estimator.newest;
+    TERRAPIN_ASSERT(newest < (uint32_t)HISTORY_SLOTS);
+    const uint32_t wrap = (newest >= slots) ? 0U : (uint32_t)HISTORY_SLOTS;
+    return &state->history[(newest + wrap) - slots];
+}
 
 /* ---- compensation.c: what the robot's model lacks, all zero by default */
 /* K_t(T)/K_t(TERRAPIN_REFERENCE_TEMPERATURE) in Q20, within 1/4 to 2. */
@@ -68,6 +75,8 @@ int32_t ground_floor_unm(const terrapin_state *state, int32_t omega_urad_s);
 /* ---- calibration.c */
 typedef enum { CALIBRATION_BUSY = 0, CALIBRATION_DONE = 1, CALIBRATION_FAILED = 2 } calibration_result;
 void calibration_start(terrapin_state *state);
+/* A step of the fit behind the last speed, where there is one to do. */
+void calibration_work(terrapin_state *state);
 /* One tick at the speed that *voltage_mv makes. DONE: A and B are fitted and taken over. FAILED: nothing changed. */
 calibration_result calibration_update(terrapin_state *state, int32_t *voltage_mv);
 
@@ -94,7 +103,7 @@ bool extrication_update(terrapin_state *state, const terrapin_inputs *inputs, te
 /* ---- drive.c: speed loop, slip limiter, current limit, supply compensation */
 void drive_update(terrapin_state *state, const terrapin_demand *demand);
 
-/* ---- heading.c: heading and path on the plane, once a slot before HEADING is sent */
+/* ---- heading.c: heading and path on the plane, once a slot, six ticks before HEADING is sent */
 void heading_slot(terrapin_state *state, const terrapin_inputs *inputs);
 
 /* ---- schedule.c: which tick does what of estimator, ground and heading */

@@ -29,14 +29,6 @@ void estimator_restart(terrapin_state *state) {
     e->fresh = false;
 }
 
-const terrapin_slot_record *estimator_record(const terrapin_state *state, uint32_t slots) {
-    TERRAPIN_ASSERT((slots <= state->estimator.slots) && (slots < (uint32_t)HISTORY_SLOTS));
-    const uint32_t newest = state->estimator.newest;
-    TERRAPIN_ASSERT(newest < (uint32_t)HISTORY_SLOTS);
-    const uint32_t wrap = (newest >= slots) ? 0U : (uint32_t)HISTORY_SLOTS;
-    return &state->history[(newest + wrap) - slots];
-}
-
 void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_estimator *e = &state->estimator;
     const int32_t swing_rate = inputs->swing_rate_centirad_s;
@@ -116,10 +108,16 @@ static bool at_work(const terrapin_state *state) {
     return state->estimator.open && state->estimator.ready;
 }
 
-void estimator_momentum(terrapin_state *state) {
+void estimator_acceleration(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator;
     if (at_work(state)) {
         e->acceleration_urad_s2 = e->full ? acceleration(state) : 0;
+    }
+}
+
+void estimator_momentum(terrapin_state *state) {
+    terrapin_estimator *e = &state->estimator;
+    if (at_work(state)) {
         const int32_t inertial = integer_q(e->acceleration_urad_s2, state->gains.inertia_q30, 30U);
         e->momentum_unm = integer_hold(integer_abs(inertial) + swing_momentum(state));
     }

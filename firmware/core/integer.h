@@ -10,6 +10,13 @@
 
 #include "terrapin_assert.h"
 
+/* Products with constant shifts are a few instructions, and thirty where the compiler makes a function of them. */
+#if defined(__GNUC__)
+#define INTEGER_INLINE static inline __attribute__((always_inline))
+#else
+#define INTEGER_INLINE static inline
+#endif
+
 /* Results are held within these, so that the sum of any two still fits an int32_t; a Cortex-M4 has an instruction for
  * it (SSAT). */
 #define INTEGER_MOST  0x3FFFFFFF
@@ -25,7 +32,7 @@ static inline int32_t integer_clamp(int32_t value, int32_t low, int32_t high) {
 }
 
 /* value / 2^bits, downwards: the result must fit. bits 0 to 63. One instruction or two, where a division is a dozen. */
-static inline int32_t integer_down(int64_t value, uint32_t bits) {
+INTEGER_INLINE int32_t integer_down(int64_t value, uint32_t bits) {
     /* cppcheck-suppress misra-c2012-10.1 ; GCC, Clang and Arm's compiler shift the sign in, which is held above */
     return (int32_t)(value >> bits);
 }
@@ -80,19 +87,19 @@ int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor);
 /* ---- products with a factor in a Q format: factor / 2^bits, prepared where a parameter changes */
 
 /* value factor / 2^bits to the nearest, halves upwards; the result must fit. bits 1 to 31. */
-static inline int32_t integer_q(int32_t value, int32_t factor, uint32_t bits) {
+INTEGER_INLINE int32_t integer_q(int32_t value, int32_t factor, uint32_t bits) {
     TERRAPIN_ASSERT((bits >= 1U) && (bits <= 31U));
     const int64_t half = (int64_t)1 << (bits - 1U);
     return integer_down(((int64_t)value * factor) + half, bits);
 }
 
 /* The same for 2^32, which fits whatever it is: SMMULR. */
-static inline int32_t integer_q32(int32_t value, int32_t factor) {
+INTEGER_INLINE int32_t integer_q32(int32_t value, int32_t factor) {
     return integer_down(((int64_t)value * factor) + INT64_C(0x80000000), 32U);
 }
 
 /* As integer_q, held from INTEGER_LEAST to INTEGER_MOST. bits 2 to 30. */
-static inline int32_t integer_q_held(int32_t value, int32_t factor, uint32_t bits) {
+INTEGER_INLINE int32_t integer_q_held(int32_t value, int32_t factor, uint32_t bits) {
     TERRAPIN_ASSERT((bits >= 2U) && (bits <= 30U));
     const int64_t half = (int64_t)1 << (bits - 1U);
     const int64_t product = ((int64_t)value * factor) + half;
@@ -103,7 +110,7 @@ static inline int32_t integer_q_held(int32_t value, int32_t factor, uint32_t bit
 }
 
 /* value times a sine or cosine of integer_sine. 32767 * 32769 is 2^30 to 1e-9. */
-static inline int32_t integer_of_sine(int32_t value, int32_t sine) {
+INTEGER_INLINE int32_t integer_of_sine(int32_t value, int32_t sine) {
     TERRAPIN_ASSERT((sine >= -32767) && (sine <= 32767));
     return integer_q(value, sine * 32769, 30U);
 }
@@ -117,7 +124,7 @@ typedef struct {
 /* value / divisor as a gain. value >= 0, divisor > 0, value / divisor < 2^19. */
 integer_gain integer_gain_of(int32_t value, int32_t divisor);
 
-static inline int32_t integer_gained(const integer_gain *gain, int32_t count) {
+INTEGER_INLINE int32_t integer_gained(const integer_gain *gain, int32_t count) {
     return integer_q(integer_clamp(count, -gain->most, gain->most), gain->factor, 12U);
 }
 

@@ -2,16 +2,19 @@
  * part reads what the part before it has left. A window closes at WINDOW_TICK and is told by GROUND GROUND_AGE_MS
  * later.
  *
- *     tick % 10   work                                            message of telemetry.c, after it
- *     4           the window closes                               WINDOW: of the last whole one
- *     5           its means: current, voltage, speed              FIT
- *     6           acceleration, bound of the angular momentum     REPORT
- *     7           friction inside the robot beyond A sgn + B w    CALIBRATION
- *     8           imbalance, then C_t                             ATTITUDE
- *     9           gate; heading and path                          HEADING
- *     0           sd of C_t, then f_r                             STATUS
- *     1           the nearest terrain                             GROUND: of this window
- *     2, 3, 4     the fit takes a fresh window in, step by step   MOTION, ELECTRICAL
+ *     tick % 10   work                                              message of telemetry.c, after it
+ *     4           the window closes                                 WINDOW: of the last whole one
+ *     5           its means: current, voltage, speed                FIT
+ *     6           its acceleration                                  REPORT
+ *     7           bound of its angular momentum; friction inside    CALIBRATION
+ *                 the robot beyond A sgn + B w
+ *     8           imbalance, then C_t                               ATTITUDE
+ *     9           its sd, the gate                                  HEADING
+ *     0           f_r                                               STATUS
+ *     1           the nearest terrain                               GROUND: of this window
+ *     2, 3, 4     the fit takes a fresh window in, step by step     MOTION, ELECTRICAL
+ *     3           heading and path
+ *     5, 6        a step of a calibration's fit, when there is one
  *
  * When the history begins anew, the window under way is given up; the fit still takes in the one before.
  */
@@ -30,28 +33,34 @@ void schedule_work(terrapin_state *state, const terrapin_inputs *inputs) {
         break;
     case 5U:
         estimator_means(state);
+        calibration_work(state);
         break;
     case 6U:
-        estimator_momentum(state);
+        estimator_acceleration(state);
+        calibration_work(state);
         break;
     case 7U:
+        estimator_momentum(state);
         estimator_friction_beyond(state);
         break;
     case 8U:
         estimator_torque(state);
         break;
     case 9U:
+        estimator_deviation(state);
         estimator_gate(state);
-        heading_slot(state, inputs);
         break;
     case 0U:
-        estimator_deviation(state);
         ground_resistance(state);
         break;
     case (uint32_t)GROUND_TICK:
         ground_nearest(state);
         break;
-    default: /* 2 and 3 */
+    case 3U:
+        ground_fit_work(state);
+        heading_slot(state, inputs);
+        break;
+    default: /* 2 */
         ground_fit_work(state);
         break;
     }

@@ -260,10 +260,29 @@ typedef struct {
     int32_t report_duration_10ms;
 } terrapin_supervisor;
 
+/* What is left to do when all speeds are measured, in this order. */
+enum {
+    FIT_NONE = 0,
+    FIT_SUMS = 1,
+    FIT_VISCOUS = 2,
+    FIT_COULOMB = 3,
+    FIT_RESIDUAL = 4,
+    FIT_TAKE = 5,
+    FIT_DONE = 6,
+    FIT_FAILED = 7
+};
+
 typedef struct {
     uint8_t step;
     uint8_t windows;
-    uint8_t seen;             /* estimator.index of the last window taken */
+    uint8_t seen;       /* estimator.index of the last window taken */
+    uint8_t fit;        /* of the line through the speeds */
+    int32_t sum_mrad_s; /* of the speeds that are fitted, */
+    int32_t sum_unm;    /* and of their torques */
+    int64_t spread;
+    int64_t common;
+    int32_t viscous_e8; /* its result */
+    int32_t coulomb_unm;
     uint32_t timer_ms;        /* at this speed */
     int32_t omega_sum_urad_s; /* along the motion */
     int32_t torque_sum_unm;
