@@ -107,6 +107,9 @@ void drive_update(terrapin_state *state, const terrapin_demand *demand);
 void heading_slot(terrapin_state *state, const terrapin_inputs *inputs);
 
 /* ---- schedule.c: which tick does what of estimator, ground and heading */
+/* Of the first half of a tick: its samples, and a window that ends with it. */
+void schedule_sense(terrapin_state *state, const terrapin_inputs *inputs);
+/* Of the second half: the share of the window's work. */
 void schedule_work(terrapin_state *state, const terrapin_inputs *inputs);
 
 /* ---- telemetry.c */

@@ -25,7 +25,7 @@ typedef struct {
 
 /* Back-EMF of a shell speed [uV]. */
 static int32_t emf_uv(const terrapin_state *state, int32_t speed_urad_s) {
-    return integer_q_held(speed_urad_s, state->rates.emf_q22, 22U);
+    return integer_widened(&state->rates.emf, speed_urad_s);
 }
 
 /* The voltages that keep the current within its limit, by the motor's model and by what the current says. */
@@ -61,11 +61,11 @@ static int32_t hold_integral(int32_t value_uv) {
 }
 
 /* One tick of a PI loop [mV]. kp, ki [uV of one urad/s], speeds [urad/s]; the integral is held where it cannot act. */
-static int32_t loop(int32_t feed_uv, int32_t error_urad_s, int32_t kp_q20, int32_t ki_q32, bounds within,
+static int32_t loop(int32_t feed_uv, int32_t error_urad_s, int32_t kp_q26, int32_t ki_q32, bounds within,
                     int32_t *integral_uv) {
     TERRAPIN_ASSERT(within.low_mv <= within.high_mv);
     TERRAPIN_ASSERT((*integral_uv <= INTEGRAL_MAX_UV) && (*integral_uv >= -INTEGRAL_MAX_UV));
-    const int32_t sum_uv = integer_hold(integer_q_held(error_urad_s, kp_q20, 20U) + feed_uv);
+    const int32_t sum_uv = integer_hold(integer_q_held(error_urad_s, kp_q26, 26U) + feed_uv);
     const int32_t wanted_mv = integer_hold(sum_uv + *integral_uv) / 1000;
     const int32_t held_mv = integer_clamp(wanted_mv, within.low_mv, within.high_mv);
     const bool winds_up =
@@ -82,13 +82,14 @@ static int32_t hold_speed(terrapin_state *state, const terrapin_demand *demand, 
     const int32_t change = demand->speed_urad_s - d->reference_urad_s;
     d->reference_urad_s += integer_clamp(change, -SLEW_URAD_S_TICK, SLEW_URAD_S_TICK);
     return loop(emf_uv(state, d->reference_urad_s), d->reference_urad_s - state->slip.wheel_urad_s,
-                state->rates.speed_kp_q20, state->rates.speed_ki_q32, within, &d->speed_integral_uv);
+                state->rates.speed_kp_q26, state->rates.speed_ki_q32, within, &d->speed_integral_uv);
 }
 
 /* Shell speed at which slip is slip_limit, but never less than the dead band, so that a robot at rest can start. */
 static int32_t limiter_reference(const terrapin_state *state, int32_t direction) {
     TERRAPIN_ASSERT((direction == 1) || (direction == -1));
-    const int32_t reference = integer_q_held(direction * state->slip.ground_um_s, state->rates.reference_q16, 16U);
+    const int32_t rolling = integer_q_held(direction * state->slip.ground_um_s, state->rates.shell_q24, 24U);
+    const int32_t reference = integer_q_held(rolling, state->rates.per_grip_q26, 26U);
     return integer_clamp(reference, state->rates.dead_urad_s, INTEGER_MOST);
 }
 
@@ -109,11 +110,11 @@ static int32_t limit_slip(terrapin_state *state, int32_t wanted_mv, bounds withi
         if (!d->limiting) {
             const int32_t standing_uv = direction * d->applied_mv * 1000; /* as was wanted: 16 V */
             const int64_t load_uv =
-                (int64_t)standing_uv - feed_uv - integer_q_held(error, state->rates.slip_kp_q20, 20U);
+                (int64_t)standing_uv - feed_uv - integer_q_held(error, state->rates.slip_kp_q26, 26U);
             d->limiter_integral_uv = integer_narrow(load_uv, -INTEGRAL_MAX_UV, INTEGRAL_MAX_UV);
         }
         voltage =
-            loop(feed_uv, error, state->rates.slip_kp_q20, state->rates.slip_ki_q32, span, &d->limiter_integral_uv);
+            loop(feed_uv, error, state->rates.slip_kp_q26, state->rates.slip_ki_q32, span, &d->limiter_integral_uv);
         d->limiting = (voltage < wanted_mv) || (state->slip.slip_e4 >= (limit - p[TERRAPIN_PARAMETER_SLIP_HYSTERESIS]));
     }
     TERRAPIN_ASSERT((voltage >= 0) && (voltage <= wanted_mv));

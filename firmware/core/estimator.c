@@ -190,7 +190,7 @@ void estimator_torque(terrapin_state *state) {
 static bool quiet(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator;
     const int32_t step_ua = e->recent_ua - (e->current_10ua * 10);
-    const int32_t step_unm = integer_abs(integer_q_held(step_ua, state->rates.emf_q22, 22U));
+    const int32_t step_unm = integer_abs(integer_widened(&state->rates.emf, step_ua));
     const int32_t ripple = integer_clamp(e->ripple_unm, 0, RIPPLE_MAX_UNM);
     const bool step = step_unm >= (CURRENT_STEP_UNM + (RIPPLE_TIMES * ripple));
     e->ripple_unm += integer_ratio(step_unm - e->ripple_unm, RIPPLE_SLOTS);

@@ -70,10 +70,10 @@ static int32_t back_speed(const terrapin_state *state) {
     TERRAPIN_ASSERT((state->supervisor.direction == 1) || (state->supervisor.direction == -1));
     const int32_t back = -state->supervisor.direction;
     const int32_t sliding_um_s = back * state->slip.ground_um_s; /* positive: backwards */
-    const int32_t braked_um_s = integer_q(sliding_um_s, state->rates.keep_q16, 16U);
+    const int32_t braked_um_s = integer_q(sliding_um_s, state->rates.keep_q30, 30U);
     const int32_t asked_um_s = p[TERRAPIN_PARAMETER_EXTRICATE_SPEED] * 1000;
     const int32_t rim_um_s = (braked_um_s > asked_um_s) ? braked_um_s : asked_um_s;
-    return back * integer_q_held(rim_um_s, state->rates.shell_q16, 16U);
+    return back * integer_q_held(rim_um_s, state->rates.shell_q24, 24U);
 }
 
 bool extrication_update(terrapin_state *state, const terrapin_inputs *inputs, terrapin_demand *demand) {

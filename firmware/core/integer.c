@@ -97,7 +97,7 @@ int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor) {
 int32_t integer_factor(int64_t value, uint32_t bits, int64_t divisor) {
     TERRAPIN_ASSERT((value >= 0) && (bits < 62U) && (value < ((int64_t)1 << (62U - bits))));
     const int64_t scaled = value * ((int64_t)1 << bits);
-    return integer_narrow(integer_divide(scaled, divisor), 0, INT32_MAX);
+    return integer_narrow(integer_divide(scaled + (divisor - 1 - (divisor / 2)), divisor), 0, INT32_MAX);
 }
 
 int32_t integer_signed_factor(int64_t value, uint32_t bits, int64_t divisor) {
@@ -112,6 +112,17 @@ integer_gain integer_gain_of(int32_t value, int32_t divisor) {
         .most = integer_narrow(integer_divide((int64_t)INTEGER_MOST * 4096, above) - 1, 0, INTEGER_MOST),
     };
     return gain;
+}
+
+integer_wide integer_wide_of(int32_t value, int32_t divisor) {
+    TERRAPIN_ASSERT((value >= 0) && (divisor > 0));
+    const int32_t whole = value / divisor;
+    const integer_wide wide = {
+        .whole = whole,
+        .part_q31 = integer_factor((int64_t)value - ((int64_t)whole * divisor), 31U, divisor),
+        .most = INTEGER_MOST / (whole + 1), /* the part is less than one, or one where it is held */
+    };
+    return wide;
 }
 
 /* Floor of the root of a number with one of its two top bits set. Newton's steps from a straight line that is within

@@ -128,8 +128,23 @@ INTEGER_INLINE int32_t integer_gained(const integer_gain *gain, int32_t count) {
     return integer_q(integer_clamp(count, -gain->most, gain->most), gain->factor, 12U);
 }
 
-/* value 2^bits / divisor to the nearest, held within INT32_MAX: a factor for the functions above. value 2^bits < 2^62,
- * value >= 0, divisor > 0. */
+/* A factor of any size, good to 2^-31: whole and part. Its products are held as those of a gain. */
+typedef struct {
+    int32_t whole;
+    int32_t part_q31;
+    int32_t most;
+} integer_wide;
+
+/* value / divisor. value >= 0, divisor > 0. */
+integer_wide integer_wide_of(int32_t value, int32_t divisor);
+
+INTEGER_INLINE int32_t integer_widened(const integer_wide *wide, int32_t value) {
+    const int32_t held = integer_clamp(value, -wide->most, wide->most);
+    return (held * wide->whole) + integer_q(held, wide->part_q31, 31U);
+}
+
+/* value 2^bits / divisor, upwards, held within INT32_MAX: a factor for the functions above. So it errs to one side, and
+ * a product that is a half of its unit goes away from zero. value 2^bits + divisor < 2^62, value >= 0, divisor > 0. */
 int32_t integer_factor(int64_t value, uint32_t bits, int64_t divisor);
 /* The same of any sign. */
 int32_t integer_signed_factor(int64_t value, uint32_t bits, int64_t divisor);

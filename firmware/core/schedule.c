@@ -3,7 +3,8 @@
  * later.
  *
  *     tick % 10   work                                              message of telemetry.c, after it
- *     4           the window closes                                 WINDOW: of the last whole one
+ *     4           the window closes, before slip and drive, which   WINDOW: of the last whole one
+ *                 know the history
  *     5           its means: current, voltage, speed                FIT
  *     6           its acceleration                                  REPORT
  *     7           bound of its angular momentum; friction inside    CALIBRATION
@@ -24,13 +25,16 @@ enum { WINDOW_TICK = 4, GROUND_TICK = 1 };
 
 _Static_assert((GROUND_TICK + SLOT_MS - WINDOW_TICK) == TERRAPIN_GROUND_AGE, "as controller.toml states");
 
+void schedule_sense(terrapin_state *state, const terrapin_inputs *inputs) {
+    estimator_tick(state, inputs); /* with the voltage that stood until now */
+    if ((inputs->tick % (uint32_t)SLOT_MS) == (uint32_t)WINDOW_TICK) {
+        estimator_close(state, inputs);
+    }
+}
+
 void schedule_work(terrapin_state *state, const terrapin_inputs *inputs) {
     const uint32_t number = inputs->tick % (uint32_t)SLOT_MS;
     switch (number) {
-    case (uint32_t)WINDOW_TICK:
-        ground_fit_work(state);
-        estimator_close(state, inputs);
-        break;
     case 5U:
         estimator_means(state);
         calibration_work(state);
@@ -60,7 +64,7 @@ void schedule_work(terrapin_state *state, const terrapin_inputs *inputs) {
         ground_fit_work(state);
         heading_slot(state, inputs);
         break;
-    default: /* 2 */
+    default: /* 2 and 4 */
         ground_fit_work(state);
         break;
     }

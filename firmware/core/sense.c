@@ -36,7 +36,8 @@ int32_t sense_temperature_mc(const terrapin_state *state) {
 
 /* One step of a first-order low-pass towards a sample that is `off` away; eight bits below the unit keep the rest. */
 static int32_t low_pass(int32_t off) {
-    return integer_down((int64_t)off + (FILTER_SAMPLES / 2), FILTER_BITS);
+    const int32_t half = (FILTER_SAMPLES / 2) - ((off < 0) ? 1 : 0); /* halves away from zero */
+    return integer_down((int64_t)off + half, FILTER_BITS);
 }
 
 static void read_slow(terrapin_state *state, const terrapin_inputs *inputs) {

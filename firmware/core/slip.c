@@ -120,7 +120,7 @@ void slip_update(terrapin_state *state, const terrapin_inputs *inputs) {
     if (slip->ticks > SPEED_TICKS) {
         slip->wheel_urad_s = integer_gained(&state->rates.motor_speed,
                                             counted(state->fast.motor_counts, slip->newest, (uint32_t)SPEED_TICKS));
-        slip->emf_uv = integer_q_held(slip->wheel_urad_s, state->rates.emf_q22, 22U);
+        slip->emf_uv = integer_widened(&state->rates.emf, slip->wheel_urad_s);
     }
     const bool known = speeds(state);
     if (known) {

@@ -79,16 +79,16 @@ typedef struct {
     integer_gain motor_window;  /* alpha_dot of counts in the window, */
     integer_gain ground_window; /* and the ground's speed */
     integer_gain shell_per_rim; /* shell speed [urad/s] of a rim speed [mm/s] */
-    int32_t emf_q22;            /* uV of one urad/s of alpha, uN m of one uA; at most 500 */
+    integer_wide emf;           /* uV of one urad/s of alpha, uN m of one uA; at most 500 */
     int32_t rim_q32;            /* um/s of one urad/s of the shell; at most 0.5 */
-    int32_t shell_q16;          /* urad/s of the shell of one um/s of its rim; at most 100 */
-    int32_t reference_q16;      /* the same of one um/s of ground where slip is slip_limit; at most 1000 */
-    int32_t keep_q16;           /* 1 - slip_limit */
+    int32_t shell_q24;          /* urad/s of the shell of one um/s of its rim; at most 100 */
+    int32_t per_grip_q26;       /* 1 / (1 - slip_limit); at most 10 */
+    int32_t keep_q30;           /* 1 - slip_limit */
     int32_t drop_q32;           /* mV of one uA in the armature; at most 0.1 */
     int32_t rise_q20;           /* what the current limit's trim gains [mV] of one mA too much; at most 3.2 */
-    int32_t speed_kp_q20;       /* uV of one urad/s; at most 20 */
+    int32_t speed_kp_q26;       /* uV of one urad/s; at most 20 */
     int32_t speed_ki_q32;       /* uV a tick of one urad/s; at most 0.1 */
-    int32_t slip_kp_q20;
+    int32_t slip_kp_q26;
     int32_t slip_ki_q32;
     int32_t dead_urad_s;   /* slip_dead_band */
     int32_t margin_counts; /* extricate_margin, of the ground wheel */

@@ -32,7 +32,7 @@ void terrapin_step_drive(terrapin_state *state, const terrapin_inputs *inputs, t
     if (gap || (inputs->tick == 0U)) { /* 2^32 ticks are no whole number of slots */
         estimator_restart(state);
     }
-    estimator_tick(state, inputs); /* with the voltage that stood until now */
+    schedule_sense(state, inputs);
     slip_update(state, inputs);
 
     terrapin_demand demand;

@@ -21,14 +21,14 @@ void uncertainty_prepare(terrapin_state *state) {
     const int32_t *p = state->parameter;
     terrapin_gains *g = &state->gains;
     TERRAPIN_ASSERT((g->torque_unm_per_a > 0) && (g->window_slots > 0U));
-    const int32_t torque = state->rates.emf_q22; /* uN m of one uA */
-    const int32_t noise_unm = integer_q_held(p[TERRAPIN_PARAMETER_SD_CURRENT_NOISE], torque, 22U);
+    const integer_wide *torque = &state->rates.emf; /* uN m of one uA */
+    const int32_t noise_unm = integer_widened(torque, p[TERRAPIN_PARAMETER_SD_CURRENT_NOISE]);
     const int32_t heat = integer_scale(p[TERRAPIN_PARAMETER_COMP_HEATING], p[TERRAPIN_PARAMETER_SD_TEMPERATURE], 1000);
-    g->fixed_variance = squared(integer_q_held(p[TERRAPIN_PARAMETER_SD_CURRENT_LINEARITY], torque, 22U)) +
+    g->fixed_variance = squared(integer_widened(torque, p[TERRAPIN_PARAMETER_SD_CURRENT_LINEARITY])) +
                         squared(noise_unm / (int32_t)integer_root((uint64_t)g->window_slots * (uint64_t)SLOT_MS)) +
                         squared(p[TERRAPIN_PARAMETER_GATE] / 2);
-    g->trimmed_unm = integer_q_held(integer_q(p[TERRAPIN_PARAMETER_CURRENT_SCALE], TRIMMED_Q8_CODES, 8U), torque, 22U);
-    g->untrimmed_unm = integer_q_held(p[TERRAPIN_PARAMETER_SD_CURRENT_OFFSET], torque, 22U);
+    g->trimmed_unm = integer_widened(torque, integer_q(p[TERRAPIN_PARAMETER_CURRENT_SCALE], TRIMMED_Q8_CODES, 8U));
+    g->untrimmed_unm = integer_widened(torque, p[TERRAPIN_PARAMETER_SD_CURRENT_OFFSET]);
     g->floor_unm = integer_q_held(p[TERRAPIN_PARAMETER_SD_FLOOR], g->weight_q22, 22U);
     const uint32_t gain_ppm =
         integer_root(squared(p[TERRAPIN_PARAMETER_SD_TORQUE_CONSTANT]) +
