@@ -95,8 +95,8 @@ int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor) {
 }
 
 int32_t integer_factor(int64_t value, uint32_t bits, int64_t divisor) {
-    TERRAPIN_ASSERT((value >= 0) && (bits < 62U) && (value < ((int64_t)1 << (62U - bits))));
-    const int64_t scaled = value * ((int64_t)1 << bits);
+    TERRAPIN_ASSERT((value >= 0) && (bits < 62U) && (value < integer_power(62U - bits)));
+    const int64_t scaled = value * integer_power(bits);
     return integer_narrow(integer_divide(scaled + (divisor - 1 - (divisor / 2)), divisor), 0, INT32_MAX);
 }
 
@@ -106,7 +106,7 @@ int32_t integer_signed_factor(int64_t value, uint32_t bits, int64_t divisor) {
 
 integer_gain integer_gain_of(int32_t value, int32_t divisor) {
     const int32_t factor = integer_factor(value, 12U, divisor);
-    const int32_t above = (factor < INT32_MAX) ? (factor + 1) : factor; /* rounding adds less than one */
+    const int32_t above = factor + ((factor < INT32_MAX) ? 1 : 0); /* rounding adds less than one */
     const integer_gain gain = {
         .factor = factor,
         .most = integer_narrow(integer_divide((int64_t)INTEGER_MOST * 4096, above) - 1, 0, INTEGER_MOST),

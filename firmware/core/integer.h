@@ -22,6 +22,7 @@
 #define INTEGER_MOST  0x3FFFFFFF
 #define INTEGER_LEAST (-INTEGER_MOST - 1)
 
+/* cppcheck-suppress misra-c2012-10.1 ; what integer_down rests on */
 _Static_assert((-3 >> 1) == -2, "a shift to the right takes the sign along");
 
 /* value, held within low..high; low <= high. */
@@ -86,27 +87,38 @@ int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor);
 
 /* ---- products with a factor in a Q format: factor / 2^bits, prepared where a parameter changes */
 
+/* 2^bits; bits below 63. */
+INTEGER_INLINE int64_t integer_power(uint32_t bits) {
+    const uint64_t power = (uint64_t)1U << bits;
+    return (int64_t)power;
+}
+
 /* value factor / 2^bits to the nearest, halves upwards; the result must fit. bits 1 to 31. */
 INTEGER_INLINE int32_t integer_q(int32_t value, int32_t factor, uint32_t bits) {
     TERRAPIN_ASSERT((bits >= 1U) && (bits <= 31U));
-    const int64_t half = (int64_t)1 << (bits - 1U);
-    return integer_down(((int64_t)value * factor) + half, bits);
+    return integer_down(((int64_t)value * factor) + integer_power(bits - 1U), bits);
 }
 
 /* The same for 2^32, which fits whatever it is: SMMULR. */
 INTEGER_INLINE int32_t integer_q32(int32_t value, int32_t factor) {
-    return integer_down(((int64_t)value * factor) + INT64_C(0x80000000), 32U);
+    return integer_down(((int64_t)value * factor) + integer_power(31U), 32U);
 }
 
 /* As integer_q, held from INTEGER_LEAST to INTEGER_MOST. bits 2 to 30. */
 INTEGER_INLINE int32_t integer_q_held(int32_t value, int32_t factor, uint32_t bits) {
     TERRAPIN_ASSERT((bits >= 2U) && (bits <= 30U));
-    const int64_t half = (int64_t)1 << (bits - 1U);
-    const int64_t product = ((int64_t)value * factor) + half;
+    const int64_t product = ((int64_t)value * factor) + integer_power(bits - 1U);
     const int32_t high = integer_down(product, 32U);
     const uint32_t edge = (uint32_t)1U << (bits - 2U); /* of the high word, where 2^30 begins */
-    const int32_t most = (high < 0) ? INTEGER_LEAST : INTEGER_MOST;
-    return (((uint32_t)high + edge) < (2U * edge)) ? integer_down(product, bits) : most;
+    int32_t result = INTEGER_MOST;
+    if (((uint32_t)high + edge) < (2U * edge)) {
+        result = integer_down(product, bits);
+    } else if (high < 0) {
+        result = INTEGER_LEAST;
+    } else {
+        /* held */
+    }
+    return result;
 }
 
 /* value times a sine or cosine of integer_sine. 32767 * 32769 is 2^30 to 1e-9. */

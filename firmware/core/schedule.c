@@ -23,7 +23,8 @@
 
 enum { WINDOW_TICK = 4, GROUND_TICK = 1 };
 
-_Static_assert((GROUND_TICK + SLOT_MS - WINDOW_TICK) == TERRAPIN_GROUND_AGE, "as controller.toml states");
+_Static_assert(((int32_t)GROUND_TICK + (int32_t)SLOT_MS - (int32_t)WINDOW_TICK) == TERRAPIN_GROUND_AGE,
+               "as controller.toml states");
 
 void schedule_sense(terrapin_state *state, const terrapin_inputs *inputs) {
     estimator_tick(state, inputs); /* with the voltage that stood until now */

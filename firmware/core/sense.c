@@ -136,15 +136,14 @@ static uint32_t watch(terrapin_state *state, const terrapin_inputs *inputs) {
     }
     uint32_t standing = 0U;
     uint32_t changing = causes | sense->causes; /* the counters of all others are 0 and stay so */
-    uint32_t i = 0U;
     while (changing != 0U) {
+        const uint32_t i = (uint32_t)__builtin_ctz(changing);
         TERRAPIN_ASSERT(i < (uint32_t)SENSED_FAULTS);
         const int32_t ticks = (i <= 1U) ? FAST_FAULT_TICKS : SLOW_FAULT_TICKS;
-        if (((changing & 1U) != 0U) && lasting(&sense->fault_ticks[i], ((causes >> i) & 1U) != 0U, ticks)) {
+        if (lasting(&sense->fault_ticks[i], ((causes >> i) & 1U) != 0U, ticks)) {
             standing |= fault_bit((uint32_t)TERRAPIN_FAULT_OVER_CURRENT + i);
         }
-        changing >>= 1U;
-        i++;
+        changing &= changing - 1U;
     }
     sense->causes = causes;
     return standing;

@@ -155,7 +155,7 @@ def ticks(recording: Recording) -> bytes:
 
 
 def count(recording: Recording, firmware: Firmware | None = None, program: Path | None = None) -> Counts:
-    """Of each tick: `drive` and `think` [instructions], `outputs`."""
+    """Of each tick: `drive` and `think` [instructions], `mode` (firmware/ports/replay/main.c), `outputs`."""
     return count_all([recording], firmware, program)[0]
 
 
@@ -164,7 +164,8 @@ def count_all(
 ) -> list[Counts]:
     """The same of several, each from a reset, in one run of the emulator."""
     firmware, recordings = firmware or Firmware.open(), list(recordings)
-    kind = np.dtype([("drive", "<u4"), ("think", "<u4"), ("outputs", output_type(firmware))], align=True)
+    words = [(name, "<u4") for name in ("drive", "think", "mode")]
+    kind = np.dtype([*words, ("outputs", output_type(firmware))], align=True)
     answer = emulate(b"".join(map(ticks, recordings)), program)
     found, at = [], 0
     for recording in recordings:

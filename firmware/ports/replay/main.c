@@ -2,7 +2,8 @@
  * outputs to another. Everything little-endian; each record begins with a word that says its kind:
  *
  *     1, all parameters (one word each)   reset, and these values           answer: the result of setting them (word)
- *     2, terrapin_inputs                  one tick                          answer: two counts (words), terrapin_outputs
+ *     2, terrapin_inputs                  one tick                          answer: two counts and the mode (words),
+ *                                                                                   terrapin_outputs
  *     3, terrapin_frame                   one frame taken in (dispatch.h)   answer: count and result (words)
  *
  * A COMMAND that was taken in stands for that of the next tick. Counts are of SysTick, under `-icount shift=7`: exact,
@@ -89,6 +90,15 @@ static bool reset_with_parameters(void) {
     return true;
 }
 
+/* What the controller is doing: state, phase and step of a calibration, control, limiter, what limits. */
+static uint32_t mode(void) {
+    const terrapin_supervisor *s = &state.supervisor;
+    const bool limiting = state.drive.limiting;
+    return (uint32_t)s->state | ((uint32_t)s->phase << 8U) | ((uint32_t)state.calibration.step << 12U) |
+           ((uint32_t)s->control << 16U) | ((s->limiter ? 1U : 0U) << 24U) | ((limiting ? 1U : 0U) << 25U) |
+           ((state.slip.slow ? 1U : 0U) << 26U);
+}
+
 static bool tick(void) {
     if (!take(&inputs, sizeof inputs)) {
         return false;
@@ -98,13 +108,14 @@ static bool tick(void) {
         inputs.command_fresh = true;
         from_frames.command_fresh = false;
     }
-    uint32_t counts[2];
+    uint32_t counts[3];
     uint32_t before = SYSTICK_VALUE;
     terrapin_step_drive(&state, &inputs, &outputs);
     counts[0] = since(before);
     before = SYSTICK_VALUE;
     terrapin_step_think(&state, &inputs, &outputs);
     counts[1] = since(before);
+    counts[2] = mode();
     put(counts, sizeof counts);
     put(&outputs, sizeof outputs);
     return true;
