@@ -24,8 +24,10 @@ void slip_update(terrapin_state *state, const terrapin_inputs *inputs);
 void estimator_restart(terrapin_state *state);
 /* Takes a tick's samples into the running sums. */
 void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs);
-/* A new window and its C_t, in the parts that schedule.c deals out. All but the first do nothing unless it is open. */
-void estimator_close(terrapin_state *state, const terrapin_inputs *inputs);
+/* The end of a slot, and of a window. */
+void estimator_close(terrapin_state *state);
+/* This window and its C_t, in the parts that schedule.c deals out. All but the first do nothing unless it is open. */
+void estimator_open(terrapin_state *state, const terrapin_inputs *inputs);
 void estimator_means(terrapin_state *state);
 void estimator_acceleration(terrapin_state *state);
 void estimator_momentum(terrapin_state *state);

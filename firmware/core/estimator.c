@@ -123,9 +123,8 @@ void estimator_momentum(terrapin_state *state) {
     }
 }
 
-void estimator_close(terrapin_state *state, const terrapin_inputs *inputs) {
+void estimator_close(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator;
-    const uint32_t n = state->gains.window_slots;
     e->newest = (uint16_t)((e->newest < (HISTORY_SLOTS - 1)) ? (e->newest + 1U) : 0U);
     terrapin_slot_record *now = &state->history[e->newest];
     *now = e->sum;
@@ -134,9 +133,14 @@ void estimator_close(terrapin_state *state, const terrapin_inputs *inputs) {
     if (e->slots < HISTORY_SLOTS) {
         e->slots++;
     }
+}
+
+void estimator_open(terrapin_state *state, const terrapin_inputs *inputs) {
+    terrapin_estimator *e = &state->estimator;
+    const uint32_t n = state->gains.window_slots;
+    e->open = true;
     e->ready = e->slots > n;
     e->full = e->slots > ((2U * n) + (uint32_t)BLOCK_SLOTS);
-    e->open = true;
     e->swing_valid = inputs->swing_valid;
     e->swing_angle_mrad = inputs->swing_angle_mrad;
     e->pitch_valid = inputs->pitch_valid;

@@ -29,7 +29,7 @@ _Static_assert(((int32_t)GROUND_TICK + (int32_t)SLOT_MS - (int32_t)WINDOW_TICK) 
 void schedule_sense(terrapin_state *state, const terrapin_inputs *inputs) {
     estimator_tick(state, inputs); /* with the voltage that stood until now */
     if ((inputs->tick % (uint32_t)SLOT_MS) == (uint32_t)WINDOW_TICK) {
-        estimator_close(state, inputs);
+        estimator_close(state);
     }
 }
 
@@ -65,7 +65,11 @@ void schedule_work(terrapin_state *state, const terrapin_inputs *inputs) {
         ground_fit_work(state);
         heading_slot(state, inputs);
         break;
-    default: /* 2 and 4 */
+    case (uint32_t)WINDOW_TICK:
+        ground_fit_work(state);
+        estimator_open(state, inputs);
+        break;
+    default: /* 2 */
         ground_fit_work(state);
         break;
     }

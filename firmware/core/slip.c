@@ -55,36 +55,30 @@ static void record(terrapin_state *state, const terrapin_inputs *inputs) {
     }
 }
 
-/* The two speeds over slip_window with a swing sensor, else over the estimator's window, a whole swing period. Those
- * that are not known yet are worked out all the same, and not used: the bridge comes at the same moment of each tick.
- */
+/* The two speeds over slip_window with a swing sensor, else over the estimator's window, a whole swing period. */
 static bool speeds(terrapin_state *state) {
     terrapin_slip_state *slip = &state->slip;
     const terrapin_rates *r = &state->rates;
     const uint32_t slots = state->gains.window_slots;
     const uint32_t fast = (uint32_t)state->parameter[TERRAPIN_PARAMETER_SLIP_WINDOW]; /* 10..120 < FAST_TICKS */
     TERRAPIN_ASSERT((fast > 0U) && (fast < (uint32_t)FAST_TICKS));
-    slip->slow = state->estimator.swing_ticks < fast;
     bool known = true;
-    int32_t shell_urad_s;
-    int32_t ground_um_s;
-    if (slip->slow && (state->estimator.slots > slots)) {
-        const terrapin_slot_record *now = estimator_record(state, 0U);
-        const terrapin_slot_record *then = estimator_record(state, slots);
-        shell_urad_s =
-            integer_gained(&r->motor_window, integer_difference(now->position_counts, then->position_counts));
-        ground_um_s = integer_gained(&r->ground_window, integer_difference(now->ground_counts, then->ground_counts));
-    } else {
+    slip->slow = state->estimator.swing_ticks < fast;
+    if (!slip->slow && (slip->ticks > fast)) {
         const uint32_t then = ((uint32_t)slip->newest - fast) & (FAST_TICKS - 1U);
         const int32_t swung = integer_difference(slip->swing_sum_centirad_s, state->fast.swing_sum_centirad_s[then]);
         const int32_t alpha = integer_gained(&r->motor_fast, counted(state->fast.motor_counts, slip->newest, fast));
-        shell_urad_s = integer_hold(alpha - integer_gained(&r->swing_fast, swung));
-        ground_um_s = integer_gained(&r->ground_fast, counted(state->fast.ground_counts, slip->newest, fast));
-        known = !slip->slow && (slip->ticks > fast);
-    }
-    if (known) {
-        slip->shell_urad_s = shell_urad_s;
-        slip->ground_um_s = ground_um_s;
+        slip->shell_urad_s = integer_hold(alpha - integer_gained(&r->swing_fast, swung));
+        slip->ground_um_s = integer_gained(&r->ground_fast, counted(state->fast.ground_counts, slip->newest, fast));
+    } else if (slip->slow && (state->estimator.slots > slots)) {
+        const terrapin_slot_record *now = estimator_record(state, 0U);
+        const terrapin_slot_record *then = estimator_record(state, slots);
+        slip->shell_urad_s =
+            integer_gained(&r->motor_window, integer_difference(now->position_counts, then->position_counts));
+        slip->ground_um_s =
+            integer_gained(&r->ground_window, integer_difference(now->ground_counts, then->ground_counts));
+    } else {
+        known = false;
     }
     return known;
 }
@@ -136,11 +130,10 @@ void slip_update(terrapin_state *state, const terrapin_inputs *inputs) {
     /* At least 50 mrad/s, and R 1e4 um: the rim's speed is at least 500 um/s, and nothing is divided by zero. */
     const bool moving = known && (integer_abs(slip->shell_urad_s) >= state->rates.dead_urad_s);
     const int32_t rim_um_s = moving ? integer_q32(slip->shell_urad_s, state->rates.rim_q32) : 1;
-    const int32_t slip_e4 = slip_of(moving ? slip->ground_um_s : 0, rim_um_s);
-    slip->slip_e4 = moving ? slip_e4 : 0;
+    slip->slip_e4 = slip_of(moving ? slip->ground_um_s : 1, rim_um_s); /* 0 of equal speeds */
     slip->valid = moving && !slip->implausible;
-    if (moving && (slip_e4 > slip->peak_e4) && (slip_e4 <= 10000)) { /* above 1 it rolls back */
-        slip->peak_e4 = slip_e4;
+    if ((slip->slip_e4 > slip->peak_e4) && (slip->slip_e4 <= 10000)) { /* above 1 it rolls back */
+        slip->peak_e4 = slip->slip_e4;
     }
     TERRAPIN_ASSERT(integer_abs(slip->slip_e4) <= SLIP_MAX_E4);
     TERRAPIN_ASSERT((slip->slip_e4 == 0) || known);

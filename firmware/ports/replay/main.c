@@ -90,13 +90,17 @@ static bool reset_with_parameters(void) {
     return true;
 }
 
-/* What the controller is doing: state, phase and step of a calibration, control, limiter, what limits. */
+/* What the controller is doing: state, phase and step of a calibration, control, limiter, what limits, and whether slip
+ * has a history to be worked out from. */
 static uint32_t mode(void) {
     const terrapin_supervisor *s = &state.supervisor;
-    const bool limiting = state.drive.limiting;
+    const terrapin_slip_state *slip = &state.slip;
+    const bool filled = slip->slow ? (state.estimator.slots > state.gains.window_slots)
+                                   : (slip->ticks > state.parameter[TERRAPIN_PARAMETER_SLIP_WINDOW]);
+    const uint32_t flags =
+        (s->limiter ? 1U : 0U) | (state.drive.limiting ? 2U : 0U) | (slip->slow ? 4U : 0U) | (filled ? 8U : 0U);
     return (uint32_t)s->state | ((uint32_t)s->phase << 8U) | ((uint32_t)state.calibration.step << 12U) |
-           ((uint32_t)s->control << 16U) | ((s->limiter ? 1U : 0U) << 24U) | ((limiting ? 1U : 0U) << 25U) |
-           ((state.slip.slow ? 1U : 0U) << 26U);
+           ((uint32_t)s->control << 16U) | (flags << 24U);
 }
 
 static bool tick(void) {
