@@ -162,12 +162,12 @@ int32_t integer_sine(uint32_t turn) {
     /* sin(pi/2 z), |z| <= 1 in Q15, is z (1.570320 - 0.642113 z^2 + 0.071860 z^4) to 6.8e-5: minimax of this form.
      * Each product stays below 51456 * 32768, below 2^31. */
     const uint32_t folded = ((turn + 0x40000000U) < 0x80000000U) ? turn : (0x80000000U - turn);
-    const int32_t z = integer_down(integer_difference(folded, 0U), 15U); /* -32768..32768 */
-    const int32_t square = integer_down(z * z, 15U);
+    const int32_t z = integer_right(integer_difference(folded, 0U), 15U); /* -32768..32768 */
+    const int32_t square = integer_right(z * z, 15U);
     TERRAPIN_ASSERT((square >= 0) && (square <= 32768));
-    const int32_t inner = integer_down(2355 * square, 15U) - 21041;
-    const int32_t gain = integer_down(inner * square, 15U) + 51456;
-    return integer_clamp(integer_down(gain * z, 15U), -32767, 32767);
+    const int32_t inner = integer_right(2355 * square, 15U) - 21041;
+    const int32_t gain = integer_right(inner * square, 15U) + 51456;
+    return integer_clamp(integer_right(gain * z, 15U), -32767, 32767);
 }
 
 int32_t integer_cosine(uint32_t turn) {

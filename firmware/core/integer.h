@@ -87,6 +87,12 @@ int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor);
 
 /* ---- products with a factor in a Q format: factor / 2^bits, prepared where a parameter changes */
 
+/* The same of 32 bits: one instruction. bits below 32. */
+INTEGER_INLINE int32_t integer_right(int32_t value, uint32_t bits) {
+    /* cppcheck-suppress misra-c2012-10.1 ; as above */
+    return value >> bits;
+}
+
 /* 2^bits; bits below 63. */
 INTEGER_INLINE int64_t integer_power(uint32_t bits) {
     const uint64_t power = (uint64_t)1U << bits;

@@ -26,18 +26,18 @@ static uint32_t fault_bit(uint32_t number) {
 
 int32_t sense_supply_mv(const terrapin_state *state) {
     TERRAPIN_ASSERT(state->sense.supply_q8_mv >= 0);
-    return integer_down(state->sense.supply_q8_mv, 8U);
+    return integer_right(state->sense.supply_q8_mv, 8U);
 }
 
 int32_t sense_temperature_mc(const terrapin_state *state) {
     TERRAPIN_ASSERT(integer_abs(state->sense.temperature_q8_mc) <= INTEGER_MOST);
-    return state->sense.temperature_known ? integer_down(state->sense.temperature_q8_mc, 8U) : ASSUMED_MC;
+    return state->sense.temperature_known ? integer_right(state->sense.temperature_q8_mc, 8U) : ASSUMED_MC;
 }
 
 /* One step of a first-order low-pass towards a sample that is `off` away; eight bits below the unit keep the rest. */
 static int32_t low_pass(int32_t off) {
     const int32_t half = (FILTER_SAMPLES / 2) - ((off < 0) ? 1 : 0); /* halves away from zero */
-    return integer_down((int64_t)off + half, FILTER_BITS);
+    return integer_right(off + half, FILTER_BITS);
 }
 
 static void read_slow(terrapin_state *state, const terrapin_inputs *inputs) {

@@ -10,9 +10,10 @@ world does not follow: so states are reached that no simulation would reach. The
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,6 @@ import numpy.typing as npt
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # runs as a script too
 
-from terrapin_hil import paths
 from terrapin_hil.firmware import Firmware
 from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 from tests.target.replay import Counts, Recording, count_all, record
@@ -179,7 +179,9 @@ def _judge(candidate: Candidate, counted: Counts) -> Found:
     return Found(int(whole[tick]), int(counted["drive"].max()), tick, candidate)
 
 
-def search(generations: int, seed: int, firmware: Firmware | None = None, told: bool = False) -> Found:
+def search(
+    generations: int, seed: int, firmware: Firmware | None = None, told: bool = False, program: Path | None = None
+) -> Found:
     """The longest tick that this many generations find."""
     firmware = firmware or Firmware.open()
     draw = np.random.default_rng(seed)
@@ -189,7 +191,7 @@ def search(generations: int, seed: int, firmware: Firmware | None = None, told: 
     tried += [_change(tried[draw.integers(len(names))], firmware, draw) for _ in range(TRIED)]
     best: list[Found] = []
     for generation in range(generations):
-        counted = count_all([build(candidate, recordings, firmware) for candidate in tried], firmware)
+        counted = count_all([build(candidate, recordings, firmware) for candidate in tried], firmware, program)
         best += [_judge(candidate, counts) for candidate, counts in zip(tried, counted, strict=True)]
         longest = sorted(best, key=lambda found: (-found.instructions, -found.drive))[:KEPT]
         best = longest + sorted((f for f in best if f not in longest), key=lambda found: -found.drive)[: KEPT // 3]
@@ -199,14 +201,50 @@ def search(generations: int, seed: int, firmware: Firmware | None = None, told: 
     return best[0]
 
 
+def shorten(found: Found, firmware: Firmware, program: Path | None = None) -> Found:
+    """The same without the values and edits that it does not need: each is left out in turn, where the tick stays as long."""
+    recordings = bases(firmware, (found.candidate.base,))
+    going = True
+    while going:
+        c = found.candidate
+        fewer = [replace(c, edits=c.edits[:i] + c.edits[i + 1 :]) for i in range(len(c.edits))]
+        fewer += [replace(c, values=c.values[:i] + c.values[i + 1 :]) for i in range(len(c.values))]
+        counted = count_all([build(candidate, recordings, firmware) for candidate in fewer], firmware, program)
+        judged = [_judge(candidate, counts) for candidate, counts in zip(fewer, counted, strict=True)]
+        best = max(judged, key=lambda other: other.instructions, default=found)
+        going = best is not found and best.instructions >= found.instructions
+        found = best if going else found
+    return found
+
+
+def save(found: Found, path: Path) -> None:
+    """As JSON, which `load` reads."""
+    path.write_text(json.dumps(asdict(found.candidate), indent=1) + "\n")
+
+
+def load(path: Path) -> Candidate:
+    """What `save` wrote."""
+    read = json.loads(path.read_text())
+    edits = tuple(Edit(**edit) for edit in read["edits"])
+    return Candidate(read["base"], tuple((name, value) for name, value in read["values"]), edits)
+
+
 def main() -> int:
-    parser = argparse.ArgumentParser(description="The longest step that an evolution finds.")
+    parser = argparse.ArgumentParser(
+        description="The longest step that an evolution finds.",
+        epilog="Example: python tests/target/worst.py --generations 50 --out longest.json",
+    )
+    parser.add_argument("--image", type=Path, help="the image that counts; that of build/cortex-m4 by default")
+    parser.add_argument("--out", type=Path, help="file for what was found, without what it does not need")
     parser.add_argument("--generations", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    found = search(options.generations, options.seed, told=True)
+    firmware = Firmware.open()
+    found = search(options.generations, options.seed, firmware, told=True, program=options.image)
+    found = shorten(found, firmware, options.image)
     print(f"{found.instructions} instructions in row {found.tick} of {found.candidate}")
-    print(f"build: {paths.build()}")
+    if options.out:
+        save(found, options.out)
     return 0
 
 
