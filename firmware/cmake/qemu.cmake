@@ -19,3 +19,9 @@ add_dependencies(step-replay interface)
 target_include_directories(step-replay PRIVATE ${QEMU_DIR} ${CMAKE_SOURCE_DIR}/firmware/core ${CMAKE_SOURCE_DIR}/firmware/link ${GENERATED})
 target_compile_options(step-replay PRIVATE ${STRICT} -ffunction-sections -fdata-sections)
 target_link_options(step-replay PRIVATE -nostartfiles --specs=nano.specs -Wl,--gc-sections -T ${QEMU_DIR}/qemu.ld)
+
+# How long a step can get: printed by `make firmware`, and a test.
+find_program(TARGET_OBJDUMP arm-none-eabi-objdump REQUIRED)
+add_test(NAME step_bound
+    COMMAND ${Python3_EXECUTABLE} -B ${CMAKE_SOURCE_DIR}/firmware/cmake/path_report.py --objdump ${TARGET_OBJDUMP}
+        $<TARGET_FILE:step-replay> terrapin_step_drive terrapin_step_think)

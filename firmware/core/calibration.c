@@ -85,7 +85,7 @@ static bool fit_sums(terrapin_calibration_state *c) {
     c->sum_unm = t;
     c->spread = (n * ww) - ((int64_t)w * w);
     c->common = (n * wt) - ((int64_t)w * t);
-    TERRAPIN_ASSERT(c->spread >= 0);
+    TERRAPIN_ASSERT((c->spread >= 0) && (c->spread < integer_power(40U))); /* 64 times (1e5)^2 */
     return c->spread >= SPREAD_MRAD2;
 }
 

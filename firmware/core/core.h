@@ -7,6 +7,8 @@
 
 /* ---- gains.c: what follows from the parameters */
 void gains_prepare(terrapin_state *state);
+/* What follows from comp_slope alone: all that follows from parameters that may be set while the bridge is on. */
+void gains_slope(terrapin_state *state);
 /* What follows from `viscous` alone, which the calibration changes. */
 void gains_friction(terrapin_state *state);
 

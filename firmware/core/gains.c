@@ -62,6 +62,11 @@ static void rates_prepare(terrapin_state *state) {
     r->margin_counts = integer_factor((int64_t)p[TERRAPIN_PARAMETER_EXTRICATE_MARGIN] * 100000000, 0U, g->ground_e5_um);
 }
 
+void gains_slope(terrapin_state *state) {
+    /* 2^24 / 1e4 is 1717987 / 2^10 to 5e-8 */
+    state->gains.slope_q24 = integer_q(state->parameter[TERRAPIN_PARAMETER_COMP_SLOPE], 1717987, 10U);
+}
+
 /* What a window's results are multiplied with. */
 static void window_prepare(terrapin_state *state) {
     const int32_t *p = state->parameter;
@@ -80,7 +85,7 @@ static void window_prepare(terrapin_state *state) {
     g->per_weight_q24 = integer_factor(1000000, 24U, g->weight_unm);
     g->inertia_q30 = integer_factor(p[TERRAPIN_PARAMETER_INERTIA], 30U, 1000000);
     g->wheel_q22 = integer_factor(p[TERRAPIN_PARAMETER_RADIUS], 22U, p[TERRAPIN_PARAMETER_DRIVE_RADIUS]);
-    g->slope_q24 = integer_signed_factor(p[TERRAPIN_PARAMETER_COMP_SLOPE], 24U, 10000);
+    gains_slope(state);
     /* a_t [1e-6/K] * 1e-3 K, in Q20 */
     g->heat_q24 = integer_signed_factor(p[TERRAPIN_PARAMETER_COMP_HEATING], 44U, 1000000000);
     g->stribeck_q16 = integer_factor(65536, 16U, p[TERRAPIN_PARAMETER_COMP_STRIBECK_SPEED]);

@@ -159,6 +159,7 @@ static void fit_add(terrapin_state *state) {
 }
 
 static void fit_slope(terrapin_ground_fit *g) {
+    TERRAPIN_ASSERT((g->xx >= 0) && (g->xx < integer_power(40U)));
     /* slope in 1e-6 a 0.01 rad^2/s^2, that is 1e-4 s^2/rad^2 */
     g->f_s_e7 = integer_saturate(integer_divide(g->xy * 1000, g->xx + FIT_PRIOR));
     const int32_t far_ppm = integer_scale(g->f_s_e7, g->x_q8, 256000);
