@@ -273,14 +273,14 @@ enum {
 };
 
 typedef struct {
+    int64_t spread; /* of the line through the speeds: its slope is common over spread */
+    int64_t common;
     uint8_t step;
     uint8_t windows;
     uint8_t seen;       /* estimator.index of the last window taken */
     uint8_t fit;        /* of the line through the speeds */
     int32_t sum_mrad_s; /* of the speeds that are fitted, */
     int32_t sum_unm;    /* and of their torques */
-    int64_t spread;
-    int64_t common;
     int32_t viscous_e8; /* its result */
     int32_t coulomb_unm;
     uint32_t timer_ms;        /* at this speed */

@@ -35,7 +35,8 @@ class Difference:
     switched: int  # ticks in which enable or a fault differs
     ground: int  # GROUND frames,
     ground_different: int  # those that differ in torque, f_r, valid or terrain,
-    torque_most: int  # in torque by at most so many uN m
+    torque_most: int  # in torque by at most so many uN m,
+    f_r_most: int  # and in f_r by so many 1e-5
 
 
 def _decoded(outputs: Counts, name: str, interface: Interface) -> dict[int, dict[str, int]]:
@@ -53,10 +54,11 @@ def differences(older: Counts, newer: Counts, interface: Interface) -> Differenc
     before, after = (_decoded(outputs, "GROUND", interface) for outputs in (older, newer))
     names = ("torque", "f_r", "valid", "terrain")
     other = [row for row in before if any(before[row][name] != after[row][name] for name in names)]
-    most = max((abs(before[row]["torque"] - after[row]["torque"]) for row in other), default=0)
-    return Difference(
-        len(older), int(np.count_nonzero(off)), int(off.max()), int(switched.sum()), len(before), len(other), most
+    torque, f_r = (
+        max((abs(before[row][name] - after[row][name]) for row in other), default=0) for name in ("torque", "f_r")
     )
+    differ = int(np.count_nonzero(off)), int(off.max()), int(switched.sum())
+    return Difference(len(older), *differ, len(before), len(other), torque, f_r)
 
 
 def main() -> int:
@@ -72,14 +74,17 @@ def main() -> int:
         return 2
     older, newer = Firmware.open(options.folder), Firmware.open()
     names = options.scenario or sorted(path.stem for path in paths.SCENARIOS.glob("*.toml"))
-    print("| scenario | ticks | duty differs | by at most | enable, faults differ | GROUND | differs | C_t by at most [uN m] |")
-    print("|---|---|---|---|---|---|---|---|")
+    print(
+        "| scenario | ticks | duty differs | by at most | enable, faults differ | GROUND | differs | C_t by at most [uN m] "
+        "| f_r by at most [1e-5] |"
+    )
+    print("|" + "---|" * 9)
     for name in names:
         recording = record(load_scenario(find_scenario(name)), firmware=older)
         d = differences(on_host(recording, older), on_host(recording, newer), newer.interface)
         print(
             f"| {name} | {d.ticks} | {d.duty} | {d.duty_most} | {d.switched} | {d.ground} | {d.ground_different} "
-            f"| {d.torque_most} |",
+            f"| {d.torque_most} | {d.f_r_most} |",
             flush=True,
         )
     return 0
