@@ -2,9 +2,9 @@
 
     path_report.py --objdump OBJDUMP IMAGE FUNCTION...
 
-The longest path through the control flow of each function, with everything that it calls. A loop takes its bound, listed
-below, times the longest path through its body; what chooses between cases takes the longest case, whether or not two
-choices can meet. So no run can take more, and none takes as much.
+The longest path through the control flow of each function, with everything that it calls. A loop takes its bound,
+listed below, times the longest path through its body; what chooses between cases takes the longest case, whether or not
+two choices can meet. So no run can take more, and none takes as much.
 
 Refused, with status 1: a loop without a bound or with two entries, a bound of no loop, recursion, a call through a
 pointer, a jump that is not understood. Standard library only.
@@ -20,8 +20,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-# How often a loop is entered or gone round at most, its last look at the condition counted: of each function its loops in
-# the order of their first instruction. Assertions in the source hold the same numbers, or the loop counts to them.
+# How often a loop is entered or gone round at most, its last look at the condition counted: of each function its loops
+# in the order of their first instruction. Assertions in the source hold the same numbers, or the loop counts to them.
 LOOPS = {
     "sense_update": (8,),  # SENSED_FAULTS
     "digit": (3,),  # twice
@@ -35,7 +35,9 @@ LINE = re.compile(r"\s*([0-9a-f]+):\t(\S+)(?:\t(.*))?")
 CONDITIONS = "eq|ne|cs|cc|mi|pl|vs|vc|hi|ls|ge|lt|gt|le"
 JUMP = re.compile(rf"b({CONDITIONS})?(\.[nw])?|cbn?z")
 TARGET = re.compile(r"(?:\w+, )?([0-9a-f]+) <")
-RETURN = re.compile(rf"(bx({CONDITIONS})?\tlr|(pop|ldmia|ldm)({CONDITIONS})?(\.w)?\t.*pc|ldr({CONDITIONS})?(\.w)?\tpc, \[sp\], #)")
+RETURN = re.compile(
+    rf"(bx({CONDITIONS})?\tlr|(pop|ldmia|ldm)({CONDITIONS})?(\.w)?\t.*pc|ldr({CONDITIONS})?(\.w)?\tpc, \[sp\], #)"
+)
 CONDITIONAL = re.compile(rf"(bx|pop|ldmia|ldr)({CONDITIONS})(\.w)?\t")
 
 
@@ -228,7 +230,9 @@ class Bounds:
         entries = {to for at in nodes - inside for to in follow[at] if to in inside}
         if function.start in inside:
             entries.add(function.start)
-        if not entries:  # of an inner loop, whose surroundings are one component: its lowest address that is jumped back to
+        if (
+            not entries
+        ):  # of an inner loop, whose surroundings are one component: its lowest address that is jumped back to
             entries = {min(inside)}
         if len(entries) != 1:
             raise Refused(f"{function.name}: a loop with {len(entries)} entries")
@@ -253,7 +257,9 @@ class Bounds:
             if len(inside) == 1 and component[0] not in follow[component[0]]:
                 weight[number] = cost[component[0]]
             else:
-                head = next(at for at in sorted(inside) if at in bounds and self._is_entry(at, inside, nodes, follow, start))
+                head = next(
+                    at for at in sorted(inside) if at in bounds and self._is_entry(at, inside, nodes, follow, start)
+                )
                 without = {at: [to for to in follow[at] if to != head] for at in inside}
                 weight[number] = bounds[head] * self._longest(head, inside, without, cost, bounds)
         best: dict[int, int] = {}
@@ -283,7 +289,7 @@ def measure(disassembly: Iterable[str], names: Iterable[str], loops: Mapping[str
 def main() -> int:
     parser = argparse.ArgumentParser(
         description="Bound of the instructions of functions, with all that they call.",
-        epilog="Example: path_report.py --objdump arm-none-eabi-objdump image.elf terrapin_step_drive terrapin_step_think",
+        epilog="Example: path_report.py --objdump arm-none-eabi-objdump image.elf terrapin_step_drive",
     )
     parser.add_argument("--objdump", required=True)
     parser.add_argument("image")

@@ -290,8 +290,8 @@ terrapin_e2e_result terrapin_e2e_check(const terrapin_frame *frame, uint8_t *las
 
 
 _PACK_HELPERS = """\
-/* terrapin_pack_... and terrapin_unpack_... are terrapin_encode_... and terrapin_decode_..., to be compiled where they are
- * used. */
+/* terrapin_pack_... and terrapin_unpack_... are terrapin_encode_... and terrapin_decode_..., to be compiled where they
+ * are used. */
 
 /* value within low..high, as bits; *lost is not 0 any more when it was outside. */
 static inline uint32_t terrapin_hold(int32_t value, int32_t low, int32_t high, uint32_t *lost) {

@@ -2,9 +2,10 @@
 
     python tests/bench/bench_arithmetic.py [--cmsis FOLDER]
 
-Everything is compiled with the setting that is shipped (-Os) and counted in QEMU's virtual time: the same in every run.
-FOLDER is an unpacked source of CMSIS-DSP (the archive of PyPI's `cmsisdsp`); without it that peer is left out. libfixmath
-is in no package registry and is not run here. Exit status 1 when a function takes more than its bound.
+Everything is compiled with the setting that is shipped (-Os) and counted in QEMU's virtual time: the same in every
+run. FOLDER is an unpacked source of CMSIS-DSP (the archive of PyPI's `cmsisdsp`); without it that peer is
+left out. libfixmath is in no package registry and is not run here. Exit status 1 when a
+function takes more than its bound.
 """
 
 from __future__ import annotations
@@ -49,7 +50,10 @@ def compiled(folder: Path, cmsis: Path | None) -> Path:
     options = [f"-I{place}" for place in (core, qemu, build / "generated", folder)]
     if cmsis is not None:
         options += ["-DWITH_CMSIS", f"-I{next(cmsis.rglob('dsp/fast_math_functions.h')).parents[1]}"]
-        options += [f"-I{next(cmsis.rglob('arm_compiler_specific.h')).parent}", "-D__GNUC_PYTHON__"]  # without CMSIS-Core
+        options += [
+            f"-I{next(cmsis.rglob('arm_compiler_specific.h')).parent}",
+            "-D__GNUC_PYTHON__",
+        ]  # without CMSIS-Core
         sources += [next(cmsis.rglob(name)) for name in CMSIS]
     image = folder / "peers.elf"
     link = ["-nostartfiles", "--specs=nano.specs", "-Wl,--gc-sections", "-T", qemu / "qemu.ld"]
@@ -60,7 +64,18 @@ def compiled(folder: Path, cmsis: Path | None) -> Path:
 def counted(image: Path) -> dict[str, tuple[int, int]]:
     """Function -> mean and largest count."""
     out = image.with_suffix(".txt")
-    command = ["qemu-system-arm", "-M", MACHINE, "-nodefaults", "-display", "none", "-serial", "none", "-monitor", "none"]
+    command = [
+        "qemu-system-arm",
+        "-M",
+        MACHINE,
+        "-nodefaults",
+        "-display",
+        "none",
+        "-serial",
+        "none",
+        "-monitor",
+        "none",
+    ]
     command += ["-icount", "shift=7,sleep=off", "-kernel", str(image)]
     command += ["-semihosting-config", f"enable=on,target=native,arg={out}"]
     subprocess.run(command, check=True, stdin=subprocess.DEVNULL, timeout=120)

@@ -2,8 +2,8 @@
 
     python tests/bench/bench_step.py [SCENARIO...]
 
-Recorded inputs of the shipped scenarios, as they are and with every compensation set. Exit status 1 beyond the budget of
-tests/target/budget.toml, which tests hold too.
+Recorded inputs of the shipped scenarios, as they are and with every compensation set. Exit status 1 beyond the budget
+of tests/target/budget.toml, which tests hold too.
 """
 
 from __future__ import annotations
@@ -50,7 +50,9 @@ def main() -> int:
     plain = dict(zip(names, count_all(recordings.values(), firmware), strict=True))
     switched_on = [compensated(recording, firmware) for recording in recordings.values()]
     everything = dict(zip(names, count_all(switched_on, firmware), strict=True))
-    print("instructions of one step on Cortex-M4 -Os   median  worst  ratio  worst to the bridge  every compensation: worst")
+    print(
+        "instructions of one step, Cortex-M4 -Os median  worst  ratio  worst to the bridge  every compensation: worst"
+    )
     longest, ratio, extreme = 0, 0.0, 0
     for name in names:
         steps, on = whole(plain[name]), whole(everything[name])
@@ -61,7 +63,8 @@ def main() -> int:
             f"{name:40} {median:9.0f} {steps.max():6d} {steps.max() / median:6.2f} {plain[name]['drive'].max():20d}"
             f" {on.max():26d}"
         )
-    rows = [("worst step", longest, budget["worst"]), ("worst over median", round(ratio, 2), budget["worst_over_median"]),
+    rows = [("worst step", longest, budget["worst"]),
+            ("worst over median", round(ratio, 2), budget["worst_over_median"]),
             ("worst step with every compensation", extreme, budget["extreme"])]  # fmt: skip
     if not options.scenario:
         for runs, key in ((plain, "bridge_spread"), (everything, "bridge_spread_compensated")):

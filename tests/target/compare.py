@@ -75,8 +75,8 @@ def main() -> int:
     older, newer = Firmware.open(options.folder), Firmware.open()
     names = options.scenario or sorted(path.stem for path in paths.SCENARIOS.glob("*.toml"))
     print(
-        "| scenario | ticks | duty differs | by at most | enable, faults differ | GROUND | differs | C_t by at most [uN m] "
-        "| f_r by at most [1e-5] |"
+        "| scenario | ticks | duty differs | by at most | enable, faults differ | GROUND | differs "
+        "| C_t by at most [uN m] | f_r by at most [1e-5] |"
     )
     print("|" + "---|" * 9)
     for name in names:

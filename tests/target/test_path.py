@@ -1,5 +1,5 @@
-"""The bound of a step's instructions: a toy's is what is counted by hand, what has none is refused, and the image's lies
-above every count, but not far."""
+"""The bound of a step's instructions: a toy's is what is counted by hand, what has none is refused, and the image's
+lies above every count, but not far."""
 
 from __future__ import annotations
 
@@ -71,7 +71,9 @@ def test_a_toy_has_the_bound_that_is_counted_by_hand() -> None:
 def test_a_longer_loop_and_a_longer_callee_raise_it() -> None:
     assert toy(loops={"outer": (5, 7)}) == OUTER + 16
     assert toy(loops={"outer": (4, 8)}) == OUTER + 4 * 2
-    planted = TOY.replace(" 8000040:\tbx\tlr", " 8000040:\tsubs\tr1, #1\n 8000042:\tbne.n\t8000040 <table+0x10>\n 8000044:\tbx\tlr")
+    planted = TOY.replace(
+        " 8000040:\tbx\tlr", " 8000040:\tsubs\tr1, #1\n 8000042:\tbne.n\t8000040 <table+0x10>\n 8000044:\tbx\tlr"
+    )
     with pytest.raises(report.Refused, match="table: 1 loops, but bounds of 0"):
         toy(planted)
     assert toy(planted, {**LOOPS, "table": (100,)}) == OUTER + 200

@@ -1,10 +1,10 @@
-"""Looks for the longest step: an evolution over shipped scenarios, parameters anywhere in their ranges, compensations, and
-inputs that no sensor gave, whose fitness is the count of instructions on the emulated Cortex-M4.
+"""Looks for the longest step: an evolution over shipped scenarios, parameters anywhere in their ranges, compensations,
+and inputs that no sensor gave, whose fitness is the count of instructions on the emulated Cortex-M4.
 
     python tests/target/worst.py --generations 50 --seed 1
 
-A candidate is what a scenario's run recorded, with other parameters and edits of the inputs. The controller answers, the
-world does not follow: so states are reached that no simulation would reach. The same seed finds the same.
+A candidate is what a scenario's run recorded, with other parameters and edits of the inputs. The controller answers,
+the world does not follow: so states are reached that no simulation would reach. The same seed finds the same.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ FLAGS = {"swing_valid", "pitch_valid", "ground_speed_valid", "heading_valid", "e
 
 @dataclass(frozen=True)
 class Edit:
-    """`value` in a field from tick to tick: set, or added tick by tick (`ramp`), or random numbers below it (`noise`)."""
+    """`value` in a field from tick to tick: set, added (`shift`), added tick by tick (`ramp`), or random (`noise`)."""
 
     field: str
     begin: int
@@ -170,7 +170,9 @@ def _change(candidate: Candidate, firmware: Firmware, draw: np.random.Generator)
 
 def _compensated(firmware: Firmware, draw: np.random.Generator) -> tuple[tuple[str, int], ...]:
     names = [name for name in firmware.interface.parameters if name.startswith("comp_")]
-    return tuple((name, int(firmware.interface.parameters[name].maximum // draw.integers(1, 50)) or 1) for name in names)
+    return tuple(
+        (name, int(firmware.interface.parameters[name].maximum // draw.integers(1, 50)) or 1) for name in names
+    )
 
 
 def _judge(candidate: Candidate, counted: Counts) -> Found:
@@ -197,12 +199,15 @@ def search(
         best = longest + sorted((f for f in best if f not in longest), key=lambda found: -found.drive)[: KEPT // 3]
         tried = [_change(best[draw.integers(len(best))].candidate, firmware, draw) for _ in range(TRIED)]
         if told:
-            print(f"generation {generation}: {best[0].instructions} (drive at most {max(f.drive for f in best)})", flush=True)
+            print(
+                f"generation {generation}: {best[0].instructions} (drive at most {max(f.drive for f in best)})",
+                flush=True,
+            )
     return best[0]
 
 
 def shorten(found: Found, firmware: Firmware, program: Path | None = None) -> Found:
-    """The same without the values and edits that it does not need: each is left out in turn, where the tick stays as long."""
+    """The same without the values and edits that it does not need: without each, where the tick stays as long."""
     recordings = bases(firmware, (found.candidate.base,))
     going = True
     while going:
