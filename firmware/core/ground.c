@@ -87,14 +87,15 @@ static void nearest(terrapin_state *state) {
     const int64_t variance = (own * own) + (spread * spread);
     const uint32_t sd = integer_root((uint64_t)variance); /* 1 to 2^21 */
     const int32_t square = square_q20(state->estimator.omega_urad_s);
-    const int32_t *table = &state->parameter[TERRAPIN_PARAMETER_TERRAIN_SAND_F_O];
+    const int32_t *pair = &state->parameter[TERRAPIN_PARAMETER_TERRAIN_SAND_F_O];
     uint32_t off[TERRAINS]; /* from each curve; the two least are then told in sd, which keeps their order */
     uint32_t least = UINT32_MAX;
     uint32_t next = UINT32_MAX;
     for (int32_t i = 0; i < TERRAINS; i++) {
-        const uint32_t far = (uint32_t)integer_abs(ground->f_r_ppm - curve_ppm(&table[2 * i], square));
+        const uint32_t far = (uint32_t)integer_abs(ground->f_r_ppm - curve_ppm(pair, square));
         const uint32_t second = (far < next) ? far : next;
         off[i] = far;
+        pair = &pair[2];
         next = (far < least) ? least : second;
         least = (far < least) ? far : least;
     }
