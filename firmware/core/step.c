@@ -2,7 +2,11 @@
 
 /* Exactly so where 64-bit numbers are aligned to 8 bytes, as on Cortex-M4 and 64-bit hosts. */
 _Static_assert(sizeof(terrapin_state) <= TERRAPIN_STATE_BYTES, "a state fits TERRAPIN_STATE_BYTES");
-_Static_assert(((sizeof(terrapin_state) + 8U) > TERRAPIN_STATE_BYTES) || (_Alignof(int64_t) < 8U),
+typedef struct {
+    uint8_t narrow;
+    int64_t wide;
+} alignment_probe; /* 16 bytes where 64-bit numbers are aligned to 8 */
+_Static_assert(((sizeof(terrapin_state) + 8U) > TERRAPIN_STATE_BYTES) || (sizeof(alignment_probe) < 16U),
                "which is not more than it takes");
 _Static_assert((TERRAPIN_STATE_BYTES % 8U) == 0U, "whole words of 8 bytes");
 
