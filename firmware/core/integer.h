@@ -22,7 +22,7 @@
 #define INTEGER_MOST  0x3FFFFFFF
 #define INTEGER_LEAST (-INTEGER_MOST - 1)
 
-/* cppcheck-suppress misra-c2012-10.1 ; what integer_down rests on */
+/* cppcheck-suppress [shiftNegativeLHS, misra-c2012-10.1] ; what integer_down rests on */
 _Static_assert((-3 >> 1) == -2, "a shift to the right takes the sign along");
 
 /* value, held within low..high; low <= high. */
