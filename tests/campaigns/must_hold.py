@@ -48,8 +48,8 @@ WINDOW = 0.3  # s, of the estimator
 def ground_errors(result: Result) -> tuple[Array, Array, Array]:
     """(time [s], error of C_t [N m], stated sd [N m]) of every valid GROUND whose window lies on the second terrain.
 
-    The truth is the contact torque on the shell at the tick that closed the frame's window, as its stated age has it. The
-    time is that of the frame.
+    The truth is the contact torque on the shell at the tick that closed the frame's window, as its stated age has it.
+    The time is that of the frame.
     """
     ground = result.telemetry["GROUND"]
     on_terrain = result.truth["segment"] == 1
