@@ -26,7 +26,7 @@ def sections(size: str, image: str) -> dict[str, int]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="Flash and RAM that images take.")
-    parser.add_argument("--text", type=int, default=32_000)
+    parser.add_argument("--text", type=int, default=40_000)
     parser.add_argument("--ram", type=int, default=16_384)
     parser.add_argument("--size", required=True)
     parser.add_argument("image", nargs="+")

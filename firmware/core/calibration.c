@@ -21,6 +21,7 @@ static void restart_step(terrapin_calibration_state *c) {
 void calibration_start(terrapin_state *state) {
     terrapin_calibration_state *c = &state->calibration;
     c->step = 0U;
+    c->fit = FIT_NONE;
     c->timer_ms = 0U;
     c->seen = state->estimator.index;
     restart_step(c);
@@ -54,79 +55,136 @@ static void close_step(terrapin_state *state) {
 }
 
 /* Largest residual of the line [uN m]. */
-static int32_t worst(const terrapin_calibration_state *c, int32_t coulomb_unm, int32_t viscous_e8) {
+static int32_t worst(const terrapin_calibration_state *c) {
     TERRAPIN_ASSERT((int32_t)c->step <= TERRAPIN_LIMIT_CALIBRATE_SPEEDS);
+    const int32_t viscous_q24 = integer_factor(c->viscous_e8, 24U, 100000); /* uN m of one mrad/s, at most 100 */
     int32_t largest = 0;
     for (uint32_t i = 0U; i < c->step; i++) {
-        const int32_t line = coulomb_unm + integer_scale(viscous_e8, c->omega_mrad_s[i], 100000);
+        const int32_t line = c->coulomb_unm + integer_q_held(c->omega_mrad_s[i], viscous_q24, 24U);
         const int32_t off = integer_abs(c->torque_unm[i] - line);
         largest = (off > largest) ? off : largest;
     }
     return largest;
 }
 
-static bool fit(terrapin_state *state) {
-    terrapin_calibration_state *c = &state->calibration;
+/* The sums of the straight line, and from them the two numbers that its slope is the quotient of. */
+static bool fit_sums(terrapin_calibration_state *c) {
     const int64_t n = c->step; /* 2..8 */
     TERRAPIN_ASSERT((n >= 2) && (n <= TERRAPIN_LIMIT_CALIBRATE_SPEEDS));
-    int64_t w = 0;
+    int32_t w = 0; /* 8 times 1e5, and 2e6 */
+    int32_t t = 0;
     int64_t ww = 0;
-    int64_t t = 0;
     int64_t wt = 0;
     for (uint32_t i = 0U; i < c->step; i++) {
         w += c->omega_mrad_s[i];
-        ww += (int64_t)c->omega_mrad_s[i] * c->omega_mrad_s[i];
         t += c->torque_unm[i];
+        ww += (int64_t)c->omega_mrad_s[i] * c->omega_mrad_s[i];
         wt += (int64_t)c->omega_mrad_s[i] * c->torque_unm[i];
     }
-    const int64_t spread = (n * ww) - (w * w);
-    TERRAPIN_ASSERT(spread >= 0);
-    bool good = spread >= SPREAD_MRAD2;
-    if (good) {
-        /* uN m a mrad/s to 1e-8 N m s/rad: times 1e5; |n wt| is at most 64 * 1e5 * 2e6, below 2^44 */
-        const int64_t viscous = integer_divide(((n * wt) - (w * t)) * 100000, spread);
-        const terrapin_parameter_entry b = terrapin_parameter(TERRAPIN_PARAMETER_VISCOUS);
-        const terrapin_parameter_entry a = terrapin_parameter(TERRAPIN_PARAMETER_COULOMB);
-        good = (viscous >= b.minimum) && (viscous <= b.maximum);
-        const int64_t coulomb = good ? integer_divide((t * 100000) - (viscous * w), n * 100000) : 0;
-        good = good && (coulomb >= a.minimum) && (coulomb <= a.maximum);
-        c->residual_unm = good ? worst(c, (int32_t)coulomb, (int32_t)viscous) : 0;
-        good = good && (c->residual_unm <= state->parameter[TERRAPIN_PARAMETER_CALIBRATE_TOLERANCE]);
-        if (good) {
-            state->parameter[TERRAPIN_PARAMETER_VISCOUS] = (int32_t)viscous;
-            state->parameter[TERRAPIN_PARAMETER_COULOMB] = (int32_t)coulomb;
-            state->parameter[TERRAPIN_PARAMETER_CALIBRATED] = 1;
-            gains_friction(state);
-        }
-    }
+    c->sum_mrad_s = w;
+    c->sum_unm = t;
+    c->spread = (n * ww) - ((int64_t)w * w);
+    c->common = (n * wt) - ((int64_t)w * t);
+    TERRAPIN_ASSERT((c->spread >= 0) && (c->spread < integer_power(40U))); /* 64 times (1e5)^2 */
+    return c->spread >= SPREAD_MRAD2;
+}
+
+static bool fit_viscous(terrapin_calibration_state *c) {
+    /* uN m a mrad/s to 1e-8 N m s/rad: times 1e5; |n wt| is at most 64 * 1e5 * 2e6, below 2^44 */
+    const int64_t viscous = integer_divide(c->common * 100000, c->spread);
+    const terrapin_parameter_entry range = terrapin_parameter(TERRAPIN_PARAMETER_VISCOUS);
+    const bool good = (viscous >= range.minimum) && (viscous <= range.maximum);
+    c->viscous_e8 = good ? (int32_t)viscous : 0;
     return good;
 }
 
-calibration_result calibration_update(terrapin_state *state, int32_t *voltage_mv) {
+static bool fit_coulomb(terrapin_calibration_state *c) {
+    const int64_t numerator = ((int64_t)c->sum_unm * 100000) - ((int64_t)c->viscous_e8 * c->sum_mrad_s);
+    const int64_t coulomb = integer_divide(numerator, (int64_t)c->step * 100000);
+    const terrapin_parameter_entry range = terrapin_parameter(TERRAPIN_PARAMETER_COULOMB);
+    const bool good = (coulomb >= range.minimum) && (coulomb <= range.maximum);
+    c->coulomb_unm = good ? (int32_t)coulomb : 0;
+    return good;
+}
+
+static void fit_take(terrapin_state *state) {
+    state->parameter[TERRAPIN_PARAMETER_VISCOUS] = state->calibration.viscous_e8;
+    state->parameter[TERRAPIN_PARAMETER_COULOMB] = state->calibration.coulomb_unm;
+    state->parameter[TERRAPIN_PARAMETER_CALIBRATED] = 1;
+    gains_friction(state);
+}
+
+void calibration_work(terrapin_state *state) {
+    terrapin_calibration_state *c = &state->calibration;
+    const terrapin_supervisor *s = &state->supervisor;
+    if ((s->state != TERRAPIN_STATE_CALIBRATE) || (s->phase == PHASE_HALT)) {
+        return; /* given up meanwhile */
+    }
+    bool good = true;
+    switch (c->fit) {
+    case FIT_SUMS:
+        good = fit_sums(c);
+        break;
+    case FIT_VISCOUS:
+        good = fit_viscous(c);
+        break;
+    case FIT_COULOMB:
+        good = fit_coulomb(c);
+        break;
+    case FIT_RESIDUAL:
+        c->residual_unm = worst(c);
+        good = c->residual_unm <= state->parameter[TERRAPIN_PARAMETER_CALIBRATE_TOLERANCE];
+        break;
+    case FIT_TAKE:
+        fit_take(state);
+        break;
+    default: /* nothing is to be fitted, or no more */
+        return;
+    }
+    if (good) {
+        c->fit++;
+    } else {
+        c->residual_unm = (c->fit == FIT_RESIDUAL) ? c->residual_unm : 0;
+        c->fit = FIT_FAILED;
+    }
+}
+
+/* Takes a disjoint window in that has come since the last tick; true when that was the last of this speed. */
+static bool take_window(terrapin_state *state) {
     terrapin_calibration_state *c = &state->calibration;
     const terrapin_estimator *e = &state->estimator;
-    calibration_result result = CALIBRATION_BUSY;
-    TERRAPIN_ASSERT((int32_t)c->step < state->parameter[TERRAPIN_PARAMETER_CALIBRATE_STEPS]);
     TERRAPIN_ASSERT(c->windows < (uint8_t)CALIBRATE_WINDOWS);
     const bool taken = c->seen == e->index;
     c->seen = e->index;
-    c->timer_ms++;
     if (!taken && (c->timer_ms > SETTLE_MS)) {
         c->omega_sum_urad_s += integer_clamp(direction(state) * e->omega_urad_s, 0, OMEGA_MAX_URAD_S);
         c->torque_sum_unm += integer_clamp(direction(state) * e->motor_unm, -TORQUE_MAX_UNM, TORQUE_MAX_UNM);
         c->windows++;
     }
-    if (c->windows == CALIBRATE_WINDOWS) {
+    return c->windows == CALIBRATE_WINDOWS;
+}
+
+calibration_result calibration_update(terrapin_state *state, int32_t *voltage_mv) {
+    terrapin_calibration_state *c = &state->calibration;
+    calibration_result result = CALIBRATION_BUSY;
+    *voltage_mv = 0;
+    c->timer_ms++;
+    if (c->fit == FIT_DONE) {
+        result = CALIBRATION_DONE;
+    } else if (c->fit == FIT_FAILED) {
+        result = CALIBRATION_FAILED;
+        c->step--; /* the last speed is not told as measured */
+    } else if (c->fit != FIT_NONE) {
+        /* comes to rest meanwhile */
+    } else if (take_window(state)) {
         close_step(state);
+        if (c->step == (uint32_t)state->parameter[TERRAPIN_PARAMETER_CALIBRATE_STEPS]) {
+            c->fit = FIT_SUMS;
+        } else {
+            *voltage_mv = voltage(state);
+        }
     } else if (c->timer_ms > (uint32_t)state->parameter[TERRAPIN_PARAMETER_CALIBRATE_TIMEOUT]) {
         result = CALIBRATION_FAILED;
-    } else {
-        /* go on */
-    }
-    if (c->step == (uint32_t)state->parameter[TERRAPIN_PARAMETER_CALIBRATE_STEPS]) {
-        result = fit(state) ? CALIBRATION_DONE : CALIBRATION_FAILED;
-        c->step = (uint8_t)(c->step - ((result == CALIBRATION_DONE) ? 0U : 1U));
-        *voltage_mv = 0;
     } else {
         *voltage_mv = voltage(state);
     }

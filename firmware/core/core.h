@@ -1,4 +1,4 @@
-/* The parts of the step, in the order in which terrapin_step calls them. Private to the core; units as in state.h. */
+/* The parts of the step, in the order of a tick. Private to the core; units as in state.h. */
 #ifndef TERRAPIN_CORE_H
 #define TERRAPIN_CORE_H
 
@@ -7,6 +7,8 @@
 
 /* ---- gains.c: what follows from the parameters */
 void gains_prepare(terrapin_state *state);
+/* What follows from comp_slope alone: all that follows from parameters that may be set while the bridge is on. */
+void gains_slope(terrapin_state *state);
 /* What follows from `viscous` alone, which the calibration changes. */
 void gains_friction(terrapin_state *state);
 
@@ -22,9 +24,19 @@ void slip_update(terrapin_state *state, const terrapin_inputs *inputs);
 
 /* ---- estimator.c */
 void estimator_restart(terrapin_state *state);
+/* Takes a tick's samples into the running sums. */
 void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs);
-/* At the end of a slot: a new window, a new C_t. */
-void estimator_slot(terrapin_state *state, const terrapin_inputs *inputs);
+/* The end of a slot, and of a window. */
+void estimator_close(terrapin_state *state);
+/* This window and its C_t, in the parts that schedule.c deals out. All but the first do nothing unless it is open. */
+void estimator_open(terrapin_state *state, const terrapin_inputs *inputs);
+void estimator_means(terrapin_state *state);
+void estimator_acceleration(terrapin_state *state);
+void estimator_momentum(terrapin_state *state);
+void estimator_friction_beyond(terrapin_state *state);
+void estimator_torque(terrapin_state *state);
+void estimator_gate(terrapin_state *state);
+void estimator_deviation(terrapin_state *state);
 /* (R/r) K_t I [uN m] of a window: sum of its current codes, zero taken off, in 1/256 code (within 2^30).
  * heat_q20 is K_t over K_t at the reference temperature. */
 int32_t estimator_motor_torque(const terrapin_gains *gains, int32_t current_q8, int32_t heat_q20);
@@ -34,13 +46,20 @@ int32_t estimator_friction(const terrapin_gains *gains, int32_t coulomb_unm, int
 int32_t estimator_contact_torque(int32_t torque_unm, bool *saturated);
 /* A record `slots` back from the newest: below HISTORY_SLOTS, and at most estimator.slots, which is the one that the
  * history began behind. */
-const terrapin_slot_record *estimator_record(const terrapin_state *state, uint32_t slots);
+static inline const terrapin_slot_record *estimator_record(const terrapin_state *state, uint32_t slots) {
+    TERRAPIN_ASSERT((slots <= state->estimator.slots) && (slots < (uint32_t)HISTORY_SLOTS));
+    const uint32_t newest = state->estimator.newest;
+    TERRAPIN_ASSERT(newest < (uint32_t)HISTORY_SLOTS);
+    const uint32_t wrap = (newest >= slots) ? 0U : (uint32_t)HISTORY_SLOTS;
+    return &state->history[(newest + wrap) - slots];
+}
 
 /* ---- compensation.c: what the robot's model lacks, all zero by default */
 /* K_t(T)/K_t(TERRAPIN_REFERENCE_TEMPERATURE) in Q20, within 1/4 to 2. */
 int32_t compensation_heat_q20(const terrapin_state *state);
-/* Torque inside the robot beyond A sgn + B w [uN m]. */
-int32_t compensation_torque(const terrapin_state *state, const terrapin_inputs *inputs, int32_t counts);
+/* Torque inside the robot beyond A sgn + B w in a window with `counts` motor counts, in two parts [uN m]. */
+int32_t compensation_friction(const terrapin_state *state, int32_t counts);
+int32_t compensation_imbalance(const terrapin_state *state, int32_t counts);
 
 /* ---- uncertainty.c */
 /* Standard deviation of C_t [uN m] from the sensors' budget (uncertainty.c); reads the estimator's results. */
@@ -49,17 +68,19 @@ int32_t uncertainty_unm(const terrapin_state *state);
 void uncertainty_prepare(terrapin_state *state);
 
 /* ---- ground.c: f_r, the nearest terrain, the quadratic fit */
-void ground_slot(terrapin_state *state, const terrapin_inputs *inputs);
-/* A step of taking a fresh window into the fit, where there is one to do; and all of them at once, before what they
- * take in changes. */
+/* As the estimator's parts; the second ends the window's work. */
+void ground_resistance(terrapin_state *state);
+void ground_nearest(terrapin_state *state);
+/* A step of taking a fresh window into the fit, where there is one to do. */
 void ground_fit_work(terrapin_state *state);
-void ground_fit_finish(terrapin_state *state);
 /* Torque of the hard floor at a speed, along the motion [uN m]. */
 int32_t ground_floor_unm(const terrapin_state *state, int32_t omega_urad_s);
 
 /* ---- calibration.c */
 typedef enum { CALIBRATION_BUSY = 0, CALIBRATION_DONE = 1, CALIBRATION_FAILED = 2 } calibration_result;
 void calibration_start(terrapin_state *state);
+/* A step of the fit behind the last speed, where there is one to do. */
+void calibration_work(terrapin_state *state);
 /* One tick at the speed that *voltage_mv makes. DONE: A and B are fitted and taken over. FAILED: nothing changed. */
 calibration_result calibration_update(terrapin_state *state, int32_t *voltage_mv);
 
@@ -86,8 +107,14 @@ bool extrication_update(terrapin_state *state, const terrapin_inputs *inputs, te
 /* ---- drive.c: speed loop, slip limiter, current limit, supply compensation */
 void drive_update(terrapin_state *state, const terrapin_demand *demand);
 
-/* ---- heading.c: heading and path on the plane, once a slot before HEADING is sent */
+/* ---- heading.c: heading and path on the plane, once a slot, six ticks before HEADING is sent */
 void heading_slot(terrapin_state *state, const terrapin_inputs *inputs);
+
+/* ---- schedule.c: which tick does what of estimator, ground and heading */
+/* Of the first half of a tick: its samples, and a window that ends with it. */
+void schedule_sense(terrapin_state *state, const terrapin_inputs *inputs);
+/* Of the second half: the share of the window's work. */
+void schedule_work(terrapin_state *state, const terrapin_inputs *inputs);
 
 /* ---- telemetry.c */
 void telemetry_emit(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs);

@@ -15,13 +15,8 @@ enum {
     DUTY_ONE = 32768,
     DUTY_BITS = 15,
     DUTY_MAX = 32767,
-    SUM_MAX_UV = 2100000000, /* beyond it no integral brings a sum back within INTEGER_MOST */
-    TRIM_RISE = 32,          /* the current limit's trim gains 1/32 of an excess a tick, and loses 1/256 of itself */
-    TRIM_FALL = 256
+    TRIM_FALL = 256 /* the current limit's trim loses 1/256 of itself a tick */
 };
-
-_Static_assert((INT32_MAX - SUM_MAX_UV) > INTEGRAL_MAX_UV, "room for the integral");
-_Static_assert((SUM_MAX_UV - INTEGRAL_MAX_UV) > INTEGER_MOST, "held either way");
 
 typedef struct {
     int32_t low_mv;
@@ -30,7 +25,7 @@ typedef struct {
 
 /* Back-EMF of a shell speed [uV]. */
 static int32_t emf_uv(const terrapin_state *state, int32_t speed_urad_s) {
-    return integer_millionth(speed_urad_s, (uint32_t)state->gains.torque_unm_per_a);
+    return integer_widened(&state->rates.emf, speed_urad_s);
 }
 
 /* The voltages that keep the current within its limit, by the motor's model and by what the current says. */
@@ -42,8 +37,7 @@ static bounds allowed(terrapin_state *state) {
     TERRAPIN_ASSERT((span >= 0) && (span <= 200000));
     const int32_t excess_ma = (integer_abs(state->sense.current_ua) / 1000) - limit;
     if (excess_ma > 0) {
-        const int32_t rise =
-            integer_scale(excess_ma, p[TERRAPIN_PARAMETER_ARMATURE_RESISTANCE], 1000 * TRIM_RISE); /* below 2^30 */
+        const int32_t rise = integer_q(excess_ma, state->rates.rise_q20, 20U); /* 21 A: below 2^17 */
         d->trim_mv = integer_clamp(d->trim_mv + rise + 1, 0, span);
     } else if (d->trim_mv > 0) {
         d->trim_mv -= (d->trim_mv + TRIM_FALL - 1) / TRIM_FALL;
@@ -66,18 +60,18 @@ static int32_t hold_integral(int32_t value_uv) {
     return integer_clamp(value_uv, -INTEGRAL_MAX_UV, INTEGRAL_MAX_UV);
 }
 
-/* One tick of a PI loop [mV]. kp [mV s/rad], ki [mV/rad], speeds [urad/s]; the integral is held where it cannot act. */
-static int32_t loop(int32_t feed_uv, int32_t error_urad_s, int32_t kp, int32_t ki, bounds within,
+/* One tick of a PI loop [mV]. kp, ki [uV of one urad/s], speeds [urad/s]; the integral is held where it cannot act. */
+static int32_t loop(int32_t feed_uv, int32_t error_urad_s, int32_t kp_q26, int32_t ki_q32, bounds within,
                     int32_t *integral_uv) {
     TERRAPIN_ASSERT(within.low_mv <= within.high_mv);
     TERRAPIN_ASSERT((*integral_uv <= INTEGRAL_MAX_UV) && (*integral_uv >= -INTEGRAL_MAX_UV));
-    const int32_t sum_uv = integer_clamp(integer_scale(error_urad_s, kp, 1000) + feed_uv, -SUM_MAX_UV, SUM_MAX_UV);
+    const int32_t sum_uv = integer_hold(integer_q_held(error_urad_s, kp_q26, 26U) + feed_uv);
     const int32_t wanted_mv = integer_hold(sum_uv + *integral_uv) / 1000;
     const int32_t held_mv = integer_clamp(wanted_mv, within.low_mv, within.high_mv);
     const bool winds_up =
         ((wanted_mv > held_mv) && (error_urad_s > 0)) || ((wanted_mv < held_mv) && (error_urad_s < 0));
     if (!winds_up) {
-        *integral_uv = hold_integral(*integral_uv + integer_millionth(error_urad_s, (uint32_t)ki));
+        *integral_uv = hold_integral(*integral_uv + integer_q32(error_urad_s, ki_q32));
     }
     return held_mv;
 }
@@ -88,18 +82,15 @@ static int32_t hold_speed(terrapin_state *state, const terrapin_demand *demand, 
     const int32_t change = demand->speed_urad_s - d->reference_urad_s;
     d->reference_urad_s += integer_clamp(change, -SLEW_URAD_S_TICK, SLEW_URAD_S_TICK);
     return loop(emf_uv(state, d->reference_urad_s), d->reference_urad_s - state->slip.wheel_urad_s,
-                state->parameter[TERRAPIN_PARAMETER_SPEED_KP], state->parameter[TERRAPIN_PARAMETER_SPEED_KI], within,
-                &d->speed_integral_uv);
+                state->rates.speed_kp_q26, state->rates.speed_ki_q32, within, &d->speed_integral_uv);
 }
 
 /* Shell speed at which slip is slip_limit, but never less than the dead band, so that a robot at rest can start. */
 static int32_t limiter_reference(const terrapin_state *state, int32_t direction) {
-    const int32_t *p = state->parameter;
     TERRAPIN_ASSERT((direction == 1) || (direction == -1));
-    TERRAPIN_ASSERT(p[TERRAPIN_PARAMETER_SLIP_LIMIT] < 10000);
-    const int32_t rolling = integer_scale(direction * state->slip.ground_um_s, 1000000, p[TERRAPIN_PARAMETER_RADIUS]);
-    const int32_t reference = integer_scale(rolling, 10000, 10000 - p[TERRAPIN_PARAMETER_SLIP_LIMIT]);
-    return integer_clamp(reference, p[TERRAPIN_PARAMETER_SLIP_DEAD_BAND] * 1000, INTEGER_MOST);
+    const int32_t rolling = integer_q_held(direction * state->slip.ground_um_s, state->rates.shell_q24, 24U);
+    const int32_t reference = integer_q_held(rolling, state->rates.per_grip_q26, 26U);
+    return integer_clamp(reference, state->rates.dead_urad_s, INTEGER_MOST);
 }
 
 /* wanted_mv, or less where slip would pass its limit; in the direction of wanted_mv, positive here. */
@@ -119,11 +110,11 @@ static int32_t limit_slip(terrapin_state *state, int32_t wanted_mv, bounds withi
         if (!d->limiting) {
             const int32_t standing_uv = direction * d->applied_mv * 1000; /* as was wanted: 16 V */
             const int64_t load_uv =
-                (int64_t)standing_uv - feed_uv - integer_scale(error, p[TERRAPIN_PARAMETER_SLIP_KP], 1000);
+                (int64_t)standing_uv - feed_uv - integer_q_held(error, state->rates.slip_kp_q26, 26U);
             d->limiter_integral_uv = integer_narrow(load_uv, -INTEGRAL_MAX_UV, INTEGRAL_MAX_UV);
         }
-        voltage = loop(feed_uv, error, p[TERRAPIN_PARAMETER_SLIP_KP], p[TERRAPIN_PARAMETER_SLIP_KI], span,
-                       &d->limiter_integral_uv);
+        voltage =
+            loop(feed_uv, error, state->rates.slip_kp_q26, state->rates.slip_ki_q32, span, &d->limiter_integral_uv);
         d->limiting = (voltage < wanted_mv) || (state->slip.slip_e4 >= (limit - p[TERRAPIN_PARAMETER_SLIP_HYSTERESIS]));
     }
     TERRAPIN_ASSERT((voltage >= 0) && (voltage <= wanted_mv));
@@ -168,7 +159,7 @@ static void modulate(terrapin_state *state, int32_t voltage_mv) {
     const int32_t duty = (supply >= SUPPLY_MIN_MV) ? integer_ratio(voltage_mv * DUTY_ONE, supply) : 0; /* 16 V */
     d->enable = true;
     d->duty_q15 = (int16_t)integer_clamp(duty, -DUTY_MAX, DUTY_MAX);
-    d->applied_mv = integer_shift(d->duty_q15, (uint32_t)supply, DUTY_BITS);
+    d->applied_mv = integer_q(d->duty_q15, supply, DUTY_BITS);
     TERRAPIN_ASSERT(integer_abs(d->applied_mv) <= supply);
 }
 

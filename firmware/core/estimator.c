@@ -20,21 +20,13 @@ enum {
 
 void estimator_restart(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator; /* the sums run on: only their differences mean something */
-    ground_fit_finish(state);
+    e->open = false;
     e->slots = 0U;
     e->swing_ticks = 0U;
     e->quiet_slots = 0U;
     e->since_fresh = 0U;
     e->valid = false;
     e->fresh = false;
-}
-
-const terrapin_slot_record *estimator_record(const terrapin_state *state, uint32_t slots) {
-    TERRAPIN_ASSERT((slots <= state->estimator.slots) && (slots < (uint32_t)HISTORY_SLOTS));
-    const uint32_t newest = state->estimator.newest;
-    TERRAPIN_ASSERT(newest < (uint32_t)HISTORY_SLOTS);
-    const uint32_t wrap = (newest >= slots) ? 0U : (uint32_t)HISTORY_SLOTS;
-    return &state->history[(newest + wrap) - slots];
 }
 
 void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs) {
@@ -56,12 +48,12 @@ void estimator_tick(terrapin_state *state, const terrapin_inputs *inputs) {
 int32_t estimator_motor_torque(const terrapin_gains *gains, int32_t current_q8, int32_t heat_q20) {
     TERRAPIN_ASSERT(integer_abs(current_q8) <= INTEGER_MOST);
     TERRAPIN_ASSERT((heat_q20 >= 0x40000) && (heat_q20 <= 0x200000));
-    return integer_shift(integer_shift(current_q8, (uint32_t)gains->current_gain_q16, 24U), (uint32_t)heat_q20, 20U);
+    return integer_q_held(integer_q_held(current_q8, gains->current_gain_q16, 24U), heat_q20, 20U);
 }
 
 int32_t estimator_friction(const terrapin_gains *gains, int32_t coulomb_unm, int32_t counts) {
     TERRAPIN_ASSERT(integer_abs(coulomb_unm) < 0x20000000);
-    return (coulomb_unm * integer_sign(counts)) + integer_shift(counts, (uint32_t)gains->speed_gain_q16, 16U);
+    return (coulomb_unm * integer_sign(counts)) + integer_q_held(counts, gains->speed_gain_q16, 16U);
 }
 
 int32_t estimator_contact_torque(int32_t torque_unm, bool *saturated) {
@@ -91,39 +83,48 @@ static int32_t acceleration(const terrapin_state *state) {
     /* Each block is a sum modulo 2^32; so is the difference, which is small: 100 * 600 * 200 counts at the very most.
      */
     const int32_t counts = integer_difference(blocks, 0U);
-    /* 1e-5 urad summed over 10 BLOCK_SLOTS ms, over (10 n ms)^2: 1e-5 * 1e6 / (100 * 100 n^2) */
-    const int32_t slots = (int32_t)n;
-    return integer_scale(state->gains.count_e5_urad, counts, BLOCK_SLOTS * 100 * slots * slots);
+    return integer_q_held(counts, state->gains.acceleration_q19, 19U);
 }
 
 /* What the swing takes from the angular momentum between the window's ends, over the window [uN m], as a magnitude. */
-static int32_t swing_momentum(const terrapin_state *state, const terrapin_inputs *inputs) {
+static int32_t swing_momentum(const terrapin_state *state) {
     const terrapin_estimator *e = &state->estimator;
     const uint32_t n = state->gains.window_slots;
     int32_t torque = 0;
     if (e->swing_ticks >= ((n + (uint32_t)SWING_SLOTS) * (uint32_t)SLOT_MS)) {
-        const int32_t cosine = integer_cosine(integer_turn(inputs->swing_angle_mrad));
+        const int32_t cosine = integer_cosine(integer_turn(e->swing_angle_mrad));
         const int32_t inertia = state->parameter[TERRAPIN_PARAMETER_INERTIA_SHELL] -
-                                integer_scale(state->parameter[TERRAPIN_PARAMETER_INERTIA_SWING], cosine, 32767);
+                                integer_of_sine(state->parameter[TERRAPIN_PARAMETER_INERTIA_SWING], cosine);
         /* 1e-6 kg m^2 * 0.01 rad/s, sums over 10 SWING_SLOTS ms, in a window of 10 n ms */
-        torque = integer_abs(integer_scale(inertia, integer_difference(swung(state, 0U), swung(state, n)),
-                                           SLOT_MS * SWING_SLOTS * (int32_t)n));
+        const int32_t inertia_q12 = integer_q(inertia, state->gains.swing_q20, 20U);
+        const int32_t rates = integer_difference(swung(state, 0U), swung(state, n));
+        torque = integer_abs(integer_q_held(rates, inertia_q12, 12U));
     }
     return torque;
 }
 
-static void momentum(terrapin_state *state, const terrapin_inputs *inputs) {
-    terrapin_estimator *e = &state->estimator;
-    TERRAPIN_ASSERT(e->ready);
-    e->acceleration_urad_s2 = e->full ? acceleration(state) : 0;
-    const int32_t inertial =
-        integer_millionth(e->acceleration_urad_s2, (uint32_t)state->parameter[TERRAPIN_PARAMETER_INERTIA]);
-    e->momentum_unm = integer_hold(integer_abs(inertial) + swing_momentum(state, inputs));
+/* A window is open, and the history holds one. */
+static bool at_work(const terrapin_state *state) {
+    return state->estimator.open && state->estimator.ready;
 }
 
-static void window(terrapin_state *state) {
+void estimator_acceleration(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator;
-    const uint32_t n = state->gains.window_slots;
+    if (at_work(state)) {
+        e->acceleration_urad_s2 = e->full ? acceleration(state) : 0;
+    }
+}
+
+void estimator_momentum(terrapin_state *state) {
+    terrapin_estimator *e = &state->estimator;
+    if (at_work(state)) {
+        const int32_t inertial = integer_q(e->acceleration_urad_s2, state->gains.inertia_q30, 30U);
+        e->momentum_unm = integer_hold(integer_abs(inertial) + swing_momentum(state));
+    }
+}
+
+void estimator_close(terrapin_state *state) {
+    terrapin_estimator *e = &state->estimator;
     e->newest = (uint16_t)((e->newest < (HISTORY_SLOTS - 1)) ? (e->newest + 1U) : 0U);
     terrapin_slot_record *now = &state->history[e->newest];
     *now = e->sum;
@@ -132,14 +133,30 @@ static void window(terrapin_state *state) {
     if (e->slots < HISTORY_SLOTS) {
         e->slots++;
     }
+}
+
+void estimator_open(terrapin_state *state, const terrapin_inputs *inputs) {
+    terrapin_estimator *e = &state->estimator;
+    const uint32_t n = state->gains.window_slots;
+    e->open = true;
     e->ready = e->slots > n;
     e->full = e->slots > ((2U * n) + (uint32_t)BLOCK_SLOTS);
-    if (e->ready) {
+    e->swing_valid = inputs->swing_valid;
+    e->swing_angle_mrad = inputs->swing_angle_mrad;
+    e->pitch_valid = inputs->pitch_valid;
+    e->pitch_mrad = inputs->pitch_mrad;
+}
+
+void estimator_means(terrapin_state *state) {
+    terrapin_estimator *e = &state->estimator;
+    if (at_work(state)) {
+        const terrapin_gains *g = &state->gains;
+        const uint32_t n = g->window_slots;
+        const terrapin_slot_record *now = estimator_record(state, 0U);
         const terrapin_slot_record *then = estimator_record(state, n);
         const terrapin_slot_record *last = estimator_record(state, 1U);
         const int32_t ticks = (int32_t)n * SLOT_MS;
-        const int32_t scale = state->parameter[TERRAPIN_PARAMETER_CURRENT_SCALE];
-        const int32_t zero_q8 = state->gains.zero_q8 + state->sense.trim_q8_codes;
+        const int32_t zero_q8 = g->zero_q8 + state->sense.trim_q8_codes;
         e->counts = integer_difference(now->position_counts, then->position_counts);
         /* held within 2^30: 1.7 times what any 12-bit code makes */
         const uint32_t sum_codes = now->current_sum_codes - then->current_sum_codes;
@@ -148,26 +165,36 @@ static void window(terrapin_state *state) {
         /* ten codes of 16 bits, ten times a zero: below 2^28 */
         const int32_t recent_q8 = ((int32_t)recent_codes * 256) - (zero_q8 * SLOT_MS);
         e->current_10ua =
-            integer_clamp(integer_scale(e->current_q8, scale, ticks * 2560), -CURRENT_MAX_10UA, CURRENT_MAX_10UA);
-        e->recent_ua = integer_scale(recent_q8, scale, SLOT_MS * 256);
-        e->voltage_mv = integer_scale(integer_difference(now->voltage_sum_mv, then->voltage_sum_mv), 1, ticks);
-        e->omega_urad_s = integer_times(&state->rates.motor_window, e->counts);
+            integer_clamp(integer_q32(e->current_q8, g->current_q32), -CURRENT_MAX_10UA, CURRENT_MAX_10UA);
+        e->recent_ua = integer_q_held(recent_q8, g->recent_q28, 28U);
+        e->voltage_mv = integer_q32(integer_difference(now->voltage_sum_mv, then->voltage_sum_mv), g->voltage_q32);
+        e->omega_urad_s = integer_gained(&state->rates.motor_window, e->counts);
     }
 }
 
-static void contact_torque(terrapin_state *state, const terrapin_inputs *inputs) {
+void estimator_friction_beyond(terrapin_state *state) {
+    if (at_work(state)) {
+        state->estimator.beyond_unm = compensation_friction(state, state->estimator.counts);
+    }
+}
+
+void estimator_torque(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator;
-    const int32_t drawn = estimator_motor_torque(&state->gains, e->current_q8, compensation_heat_q20(state));
-    e->motor_unm = integer_hold(drawn - compensation_torque(state, inputs, e->counts));
-    e->friction_unm = estimator_friction(&state->gains, state->parameter[TERRAPIN_PARAMETER_COULOMB], e->counts);
-    e->torque_unm = estimator_contact_torque(integer_saturate((int64_t)e->motor_unm - e->friction_unm), &e->saturated);
+    if (at_work(state)) {
+        const int32_t drawn = estimator_motor_torque(&state->gains, e->current_q8, compensation_heat_q20(state));
+        const int32_t beyond = integer_hold(e->beyond_unm + compensation_imbalance(state, e->counts));
+        e->motor_unm = integer_hold(drawn - beyond);
+        e->friction_unm = estimator_friction(&state->gains, state->parameter[TERRAPIN_PARAMETER_COULOMB], e->counts);
+        e->torque_unm =
+            estimator_contact_torque(integer_saturate((int64_t)e->motor_unm - e->friction_unm), &e->saturated);
+    }
 }
 
 /* True when the gate has been met for long enough. */
 static bool quiet(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator;
     const int32_t step_ua = e->recent_ua - (e->current_10ua * 10);
-    const int32_t step_unm = integer_abs(integer_millionth(step_ua, (uint32_t)state->gains.torque_unm_per_a));
+    const int32_t step_unm = integer_abs(integer_widened(&state->rates.emf, step_ua));
     const int32_t ripple = integer_clamp(e->ripple_unm, 0, RIPPLE_MAX_UNM);
     const bool step = step_unm >= (CURRENT_STEP_UNM + (RIPPLE_TIMES * ripple));
     e->ripple_unm += integer_ratio(step_unm - e->ripple_unm, RIPPLE_SLOTS);
@@ -182,8 +209,11 @@ static bool quiet(terrapin_state *state) {
     return e->quiet_slots >= QUIET_SLOTS;
 }
 
-static void gate(terrapin_state *state) {
+void estimator_gate(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator;
+    if (!e->open) {
+        return;
+    }
     e->valid = e->ready && quiet(state) && e->full && !e->saturated;
     if (e->since_fresh < state->gains.window_slots) {
         e->since_fresh++;
@@ -195,15 +225,8 @@ static void gate(terrapin_state *state) {
     }
 }
 
-void estimator_slot(terrapin_state *state, const terrapin_inputs *inputs) {
-    terrapin_estimator *e = &state->estimator;
-    window(state);
-    if (e->ready) {
-        momentum(state, inputs);
-        contact_torque(state, inputs);
-    }
-    gate(state);
-    if (e->ready) {
-        e->sd_unm = uncertainty_unm(state);
+void estimator_deviation(terrapin_state *state) {
+    if (at_work(state)) {
+        state->estimator.sd_unm = uncertainty_unm(state);
     }
 }

@@ -57,8 +57,8 @@ void extrication_start(terrapin_state *state, const terrapin_inputs *inputs, int
 /* Back over the whole way, and off the slope that stopped the robot if its pitch is known. */
 static bool backed_out(const terrapin_state *state, const terrapin_inputs *inputs) {
     const terrapin_supervisor *s = &state->supervisor;
-    const int32_t way_mm = s->direction * ground_way_mm(state); /* negative: behind where it began */
-    const bool far = way_mm <= -state->parameter[TERRAPIN_PARAMETER_EXTRICATE_MARGIN];
+    const int32_t counts = integer_hold(integer_difference(state->sense.ground_position, s->dig_ground_counts));
+    const bool far = (s->direction * counts) <= -state->rates.margin_counts; /* negative: behind where it began */
     const bool flat =
         !inputs->pitch_valid || ((2 * integer_abs(inputs->pitch_mrad)) <= integer_abs(s->stuck_pitch_mrad));
     return far && flat;
@@ -70,10 +70,10 @@ static int32_t back_speed(const terrapin_state *state) {
     TERRAPIN_ASSERT((state->supervisor.direction == 1) || (state->supervisor.direction == -1));
     const int32_t back = -state->supervisor.direction;
     const int32_t sliding_um_s = back * state->slip.ground_um_s; /* positive: backwards */
-    const int32_t braked_um_s = integer_scale(sliding_um_s, 10000 - p[TERRAPIN_PARAMETER_SLIP_LIMIT], 10000);
+    const int32_t braked_um_s = integer_q(sliding_um_s, state->rates.keep_q30, 30U);
     const int32_t asked_um_s = p[TERRAPIN_PARAMETER_EXTRICATE_SPEED] * 1000;
     const int32_t rim_um_s = (braked_um_s > asked_um_s) ? braked_um_s : asked_um_s;
-    return back * integer_scale(rim_um_s, 1000000, p[TERRAPIN_PARAMETER_RADIUS]);
+    return back * integer_q_held(rim_um_s, state->rates.shell_q24, 24U);
 }
 
 bool extrication_update(terrapin_state *state, const terrapin_inputs *inputs, terrapin_demand *demand) {

@@ -26,7 +26,72 @@ void gains_friction(terrapin_state *state) {
 static bool compensated(const int32_t *p) {
     return (p[TERRAPIN_PARAMETER_COMP_SPEED_SQUARED] != 0) || (p[TERRAPIN_PARAMETER_COMP_VISCOUS] != 0) ||
            (p[TERRAPIN_PARAMETER_COMP_COULOMB] != 0) || (p[TERRAPIN_PARAMETER_COMP_STRIBECK] != 0) ||
-           (p[TERRAPIN_PARAMETER_COMP_INERTIA] != 0) || (p[TERRAPIN_PARAMETER_COMP_IMBALANCE] != 0);
+           (p[TERRAPIN_PARAMETER_COMP_INERTIA] != 0);
+}
+
+/* What every tick multiplies with, so that none divides. */
+static void rates_prepare(terrapin_state *state) {
+    const int32_t *p = state->parameter;
+    const terrapin_gains *g = &state->gains;
+    terrapin_rates *r = &state->rates;
+    const int32_t radius = p[TERRAPIN_PARAMETER_RADIUS];
+    const int32_t grip = 10000 - p[TERRAPIN_PARAMETER_SLIP_LIMIT];
+    TERRAPIN_ASSERT((grip >= 1000) && (grip < 10000));
+    /* of a count in 1e-5, over so many ms: 100 of them to the second's million */
+    const int32_t fast = 100 * p[TERRAPIN_PARAMETER_SLIP_WINDOW];
+    const int32_t window = 100 * (int32_t)g->window_slots * SLOT_MS;
+    r->motor_speed = integer_gain_of(g->count_e5_urad, 100 * SPEED_TICKS);
+    r->motor_fast = integer_gain_of(g->count_e5_urad, fast);
+    r->ground_fast = integer_gain_of(g->ground_e5_um, fast);
+    r->swing_fast = integer_gain_of(10000, p[TERRAPIN_PARAMETER_SLIP_WINDOW]);
+    r->motor_window = integer_gain_of(g->count_e5_urad, window);
+    r->ground_window = integer_gain_of(g->ground_e5_um, window);
+    r->shell_per_rim = integer_gain_of(1000000000, radius);
+    r->emf = integer_wide_of(g->torque_unm_per_a, 1000000);
+    r->rim_q32 = integer_factor(radius, 32U, 1000000);
+    r->shell_q24 = integer_factor(1000000, 24U, radius);
+    r->per_grip_q26 = integer_factor(10000, 26U, grip);
+    r->keep_q30 = integer_factor(grip, 30U, 10000);
+    r->drop_q32 = integer_factor(p[TERRAPIN_PARAMETER_ARMATURE_RESISTANCE], 32U, 1000000);
+    r->rise_q20 = integer_factor(p[TERRAPIN_PARAMETER_ARMATURE_RESISTANCE], 20U, 1000 * TRIM_RISE);
+    r->speed_kp_q26 = integer_factor(p[TERRAPIN_PARAMETER_SPEED_KP], 26U, 1000);
+    r->speed_ki_q32 = integer_factor(p[TERRAPIN_PARAMETER_SPEED_KI], 32U, 1000000);
+    r->slip_kp_q26 = integer_factor(p[TERRAPIN_PARAMETER_SLIP_KP], 26U, 1000);
+    r->slip_ki_q32 = integer_factor(p[TERRAPIN_PARAMETER_SLIP_KI], 32U, 1000000);
+    r->dead_urad_s = 1000 * p[TERRAPIN_PARAMETER_SLIP_DEAD_BAND];
+    r->margin_counts = integer_factor((int64_t)p[TERRAPIN_PARAMETER_EXTRICATE_MARGIN] * 100000000, 0U, g->ground_e5_um);
+}
+
+void gains_slope(terrapin_state *state) {
+    /* 2^24 / 1e4 is 1717987 / 2^10 to 5e-8 */
+    state->gains.slope_q24 = integer_q(state->parameter[TERRAPIN_PARAMETER_COMP_SLOPE], 1717987, 10U);
+}
+
+/* What a window's results are multiplied with. */
+static void window_prepare(terrapin_state *state) {
+    const int32_t *p = state->parameter;
+    terrapin_gains *g = &state->gains;
+    const int32_t slots = (int32_t)g->window_slots;
+    const int32_t scale = p[TERRAPIN_PARAMETER_CURRENT_SCALE];
+    g->half_urad = integer_gain_of(g->count_e5_urad, 200000);
+    g->way_um = integer_gain_of(g->ground_e5_um, 100000);
+    g->current_q32 = integer_factor(scale, 32U, (int64_t)slots * SLOT_MS * 2560);
+    g->recent_q28 = integer_factor(scale, 28U, (int64_t)SLOT_MS * 256);
+    g->voltage_q32 = integer_factor(1, 32U, (int64_t)slots * SLOT_MS);
+    /* 1e-5 urad summed over 10 BLOCK_SLOTS ms, over (10 n ms)^2: 1e-5 * 1e6 / (100 * 100 n^2) */
+    g->acceleration_q19 = integer_factor(g->count_e5_urad, 19U, (int64_t)BLOCK_SLOTS * 100 * slots * slots);
+    g->swing_q20 = integer_factor(4096, 20U, (int64_t)SLOT_MS * SWING_SLOTS * slots);
+    g->weight_q22 = integer_factor(g->weight_unm, 22U, 1000000);
+    g->per_weight_q24 = integer_factor(1000000, 24U, g->weight_unm);
+    g->inertia_q30 = integer_factor(p[TERRAPIN_PARAMETER_INERTIA], 30U, 1000000);
+    g->wheel_q22 = integer_factor(p[TERRAPIN_PARAMETER_RADIUS], 22U, p[TERRAPIN_PARAMETER_DRIVE_RADIUS]);
+    gains_slope(state);
+    /* a_t [1e-6/K] * 1e-3 K, in Q20 */
+    g->heat_q24 = integer_signed_factor(p[TERRAPIN_PARAMETER_COMP_HEATING], 44U, 1000000000);
+    g->stribeck_q16 = integer_factor(65536, 16U, p[TERRAPIN_PARAMETER_COMP_STRIBECK_SPEED]);
+    g->speed_squared_q24 = integer_signed_factor(p[TERRAPIN_PARAMETER_COMP_SPEED_SQUARED], 34U, 1000000000);
+    g->comp_viscous_q32 = integer_signed_factor(p[TERRAPIN_PARAMETER_COMP_VISCOUS], 32U, 100000000);
+    g->comp_inertia_q30 = integer_signed_factor(p[TERRAPIN_PARAMETER_COMP_INERTIA], 30U, 10000000);
 }
 
 /* Ranges are those of controller.toml; every product below stays under 2^62. */
@@ -53,12 +118,8 @@ void gains_prepare(terrapin_state *state) {
     TERRAPIN_ASSERT((g->weight_unm >= 10000) && (g->weight_unm <= 250000000));
     TERRAPIN_ASSERT((g->window_slots >= 10U) && (g->window_slots <= (uint32_t)WINDOW_MAX_SLOTS));
 
-    const int32_t fast = 100 * p[TERRAPIN_PARAMETER_SLIP_WINDOW]; /* 1e-5 in ms: 100 of them to the second's million */
-    integer_split(&state->rates.motor_speed, g->count_e5_urad, 100 * SPEED_TICKS);
-    integer_split(&state->rates.motor_window, g->count_e5_urad, 100 * (int32_t)samples);
-    integer_split(&state->rates.motor_fast, g->count_e5_urad, fast);
-    integer_split(&state->rates.ground_fast, g->ground_e5_um, fast);
-    integer_split(&state->rates.shell_per_rim, 1000000000, radius);
+    rates_prepare(state);
+    window_prepare(state);
 
     /* torque of one code in 1e-12 N m, at most 5e5 * 2e6 * 5e3 / 2e3 = 2.5e12; then a window's mean, in Q16 of 1e-6 */
     const int64_t code = integer_divide((int64_t)radius * torque_constant * p[TERRAPIN_PARAMETER_CURRENT_SCALE], drive);

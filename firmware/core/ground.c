@@ -12,9 +12,11 @@ enum {
     Y_MAX = 1048576, /* f_r up to 1.05, in 1e-6 */
     UNKNOWN_Q3 = 64, /* farther than 8 sd from every curve is no terrain of the table */
     MARGIN_MAX_Q3 = 255,
-    FIT_NOISE_PPM = 1000,    /* sd of f_r over windows that the prior is weighed against */
-    MOMENT_Q16 = 64 * 65536, /* moments are kept in 64 times the product of their units */
-    FIT_PRIOR = 156,         /* f_s is 0 +- 1e-3 s^2/rad^2, ten of the slope's units: (FIT_NOISE_PPM / 10)^2 / 64 */
+    OFF_MOST_PPM = 268435456,   /* 2^28 */
+    SQUARE_MOST_Q20 = 67108864, /* 2^26 */
+    FIT_NOISE_PPM = 1000,       /* sd of f_r over windows that the prior is weighed against */
+    MOMENT_BITS = 22,           /* moments of Q8 numbers are kept in 64 times the product of their units */
+    FIT_PRIOR = 156,            /* f_s is 0 +- 1e-3 s^2/rad^2, ten of the slope's units: (FIT_NOISE_PPM / 10)^2 / 64 */
     WINDOWS_MAX = 127
 };
 
@@ -26,43 +28,56 @@ static int32_t omega_squared(int32_t omega_urad_s) {
     return integer_scale(mrad_s, mrad_s, 10000); /* 0.01 rad^2/s^2 */
 }
 
-/* f_o + f_s omega^2 of terrain 1 to TERRAINS [1e-6]; omega^2 in 0.01 rad^2/s^2. */
-static int32_t curve_ppm(const terrapin_state *state, int32_t terrain, int32_t square) {
-    TERRAPIN_ASSERT((terrain >= 1) && (terrain <= TERRAINS));
-    TERRAPIN_ASSERT(square >= 0);
-    const int32_t *pair = &state->parameter[TERRAPIN_PARAMETER_TERRAIN_SAND_F_O + (2 * (terrain - 1))];
-    return integer_hold(pair[0] + integer_scale(pair[1], square, 100000)); /* 1e-9 0.01 */
+/* What curve_ppm takes of a speed: omega^2 [rad^2/s^2] in Q20 of 1000; 2^20 / 1e5 is 1374390 / 2^17. Held at 253 rad/s.
+ */
+static int32_t square_q20(int32_t omega_urad_s) {
+    const int32_t square = integer_q_held(omega_squared(omega_urad_s), 1374390, 17U);
+    return (square < SQUARE_MOST_Q20) ? square : SQUARE_MOST_Q20;
+}
+
+/* f_o + f_s omega^2 of a pair of parameters [1e-6, 1e-9]: below 1e6 + 64 * 1e7. */
+INTEGER_INLINE int32_t curve_ppm(const int32_t *pair, int32_t square) {
+    TERRAPIN_ASSERT((square >= 0) && (square <= SQUARE_MOST_Q20));
+    return pair[0] + integer_q(pair[1], square, 20U);
 }
 
 int32_t ground_floor_unm(const terrapin_state *state, int32_t omega_urad_s) {
-    return integer_millionth(curve_ppm(state, TERRAPIN_TERRAIN_HARD_FLOOR, omega_squared(omega_urad_s)),
-                             (uint32_t)state->gains.weight_unm);
+    return integer_q_held(
+        curve_ppm(&state->parameter[TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_O], square_q20(omega_urad_s)),
+        state->gains.weight_q22, 22U);
 }
 
 /* f_r and its sd, the slope's share of W taken out where comp_slope asks for it. */
-static void resistance(terrapin_state *state, const terrapin_inputs *inputs) {
+void ground_resistance(terrapin_state *state) {
     const terrapin_estimator *e = &state->estimator;
+    const terrapin_gains *g = &state->gains;
     terrapin_ground_fit *ground = &state->ground;
-    int32_t torque = e->torque_unm;
-    int32_t load = state->gains.weight_unm; /* at least 1e4 */
-    TERRAPIN_ASSERT(load >= 10000);
-    if (inputs->pitch_valid) {
-        const uint32_t turn = integer_turn(inputs->pitch_mrad);
-        const int32_t share = integer_scale(load, integer_sine(turn), 32767); /* below 2^28 */
-        torque = integer_hold(torque - integer_scale(share, state->parameter[TERRAPIN_PARAMETER_COMP_SLOPE], 10000));
-        /* down to a quarter: no division by zero, whatever the pitch */
-        load = integer_scale(load, integer_clamp(integer_cosine(turn), 8192, 32767), 32767);
+    if (!e->open) {
+        return;
     }
+    int32_t torque = e->torque_unm;
+    int32_t secant_q16 = 65536;
+    if (e->pitch_valid) {
+        const uint32_t turn = integer_turn(e->pitch_mrad);
+        const int32_t share = integer_of_sine(g->weight_unm, integer_sine(turn)); /* below 2^28 */
+        torque = integer_hold(torque - integer_q_held(share, g->slope_q24, 24U));
+        /* of a cosine down to a quarter: no division by zero, whatever the pitch */
+        secant_q16 = (32767 * 65536) / integer_clamp(integer_cosine(turn), 8192, 32767);
+    }
+    TERRAPIN_ASSERT((secant_q16 >= 65536) && (secant_q16 <= 262136));
     const int32_t along = (e->omega_urad_s < 0) ? -torque : torque;
-    ground->f_r_ppm = integer_clamp(integer_scale(along, 1000000, load), -Y_MAX, Y_MAX);
-    ground->f_r_sd_ppm = integer_clamp(integer_scale(e->sd_unm, 1000000, load), 1, Y_MAX);
+    const int32_t f_r_ppm = integer_q_held(integer_q_held(along, g->per_weight_q24, 24U), secant_q16, 16U);
+    const int32_t sd_ppm = integer_q_held(integer_q_held(e->sd_unm, g->per_weight_q24, 24U), secant_q16, 16U);
+    ground->f_r_ppm = integer_clamp(f_r_ppm, -Y_MAX, Y_MAX);
+    ground->f_r_sd_ppm = integer_clamp(sd_ppm, 1, Y_MAX);
 }
 
-/* Distance of f_r from a curve in 1/8 sd. */
-static int32_t eighths(uint32_t off_ppm, int32_t sd_ppm) {
-    TERRAPIN_ASSERT(off_ppm <= (uint32_t)INT32_MAX);
-    TERRAPIN_ASSERT(sd_ppm > 0);
-    return integer_scale((int32_t)off_ppm, 8, sd_ppm);
+/* Distance of f_r from a curve in 1/8 sd; from 128 sd on it does not matter how far. */
+static int32_t eighths(uint32_t off_ppm, uint32_t sd_ppm) {
+    TERRAPIN_ASSERT((sd_ppm > 0U) && (sd_ppm <= 0x200000U));
+    const uint32_t off = (off_ppm < (uint32_t)OFF_MOST_PPM) ? off_ppm : (uint32_t)OFF_MOST_PPM;
+    const uint32_t found = ((off * 8U) + (sd_ppm / 2U)) / sd_ppm;
+    return (int32_t)found;
 }
 
 static void nearest(terrapin_state *state) {
@@ -70,44 +85,41 @@ static void nearest(terrapin_state *state) {
     const int64_t own = ground->f_r_sd_ppm;
     const int64_t spread = state->parameter[TERRAPIN_PARAMETER_SD_TERRAIN];
     const int64_t variance = (own * own) + (spread * spread);
-    const int32_t sd = (int32_t)integer_root((uint64_t)variance); /* 1 to 2^21 */
-    TERRAPIN_ASSERT((sd >= 1) && (sd <= 0x200000));
-    const int32_t square = omega_squared(state->estimator.omega_urad_s);
+    const uint32_t sd = integer_root((uint64_t)variance); /* 1 to 2^21 */
+    const int32_t square = square_q20(state->estimator.omega_urad_s);
+    const int32_t *pair = &state->parameter[TERRAPIN_PARAMETER_TERRAIN_SAND_F_O];
     uint32_t off[TERRAINS]; /* from each curve; the two least are then told in sd, which keeps their order */
     uint32_t least = UINT32_MAX;
     uint32_t next = UINT32_MAX;
     for (int32_t i = 0; i < TERRAINS; i++) {
-        off[i] = (uint32_t)integer_abs(ground->f_r_ppm - curve_ppm(state, i + 1, square));
-        if (off[i] < least) {
-            next = least;
-            least = off[i];
-        } else if (off[i] < next) {
-            next = off[i];
-        } else {
-            /* neither */
-        }
+        const uint32_t far = (uint32_t)integer_abs(ground->f_r_ppm - curve_ppm(pair, square));
+        const uint32_t second = (far < next) ? far : next;
+        off[i] = far;
+        pair = &pair[2];
+        next = (far < least) ? least : second;
+        least = (far < least) ? far : least;
     }
     const int32_t first = eighths(least, sd);
     ground->margin_q3 = integer_clamp(eighths(next, sd) - first, 0, MARGIN_MAX_Q3);
     ground->terrain = TERRAPIN_TERRAIN_UNKNOWN;
     if (first <= UNKNOWN_Q3) {
         /* of those that are as near to an eighth of sd, which is rounded, the first in the table */
-        const uint32_t width = (uint32_t)sd;
         const uint32_t beyond = (uint32_t)first + 1U;
-        const uint32_t near = ((beyond * width) - (width / 2U) - 1U) / 8U; /* below 2^25 */
+        const uint32_t near = ((beyond * sd) - (sd / 2U) - 1U) / 8U; /* below 2^25; the least is not above it */
         int32_t i = 0;
-        while (off[i] > near) { /* the least is not */
+        while ((i < (TERRAINS - 1)) && (off[i] > near)) {
             i++;
         }
-        TERRAPIN_ASSERT(i < TERRAINS);
         ground->terrain = i + 1;
     }
 }
 
-void ground_slot(terrapin_state *state, const terrapin_inputs *inputs) {
-    resistance(state, inputs);
-    nearest(state);
-    state->ground.todo = state->estimator.fresh ? (uint8_t)FIT_STEPS : 0U;
+void ground_nearest(terrapin_state *state) {
+    if (state->estimator.open) {
+        nearest(state);
+        state->ground.todo = state->estimator.fresh ? (uint8_t)FIT_STEPS : 0U;
+        state->estimator.open = false;
+    }
 }
 
 static void fit_begin(terrapin_ground_fit *ground) {
@@ -122,7 +134,7 @@ static void fit_begin(terrapin_ground_fit *ground) {
 
 /* A second moment that takes in a product, and forgets. */
 static int64_t moment(int64_t sum, int32_t one, int32_t other) {
-    return sum + integer_scale(one, other, MOMENT_Q16) - (sum / FIT_WINDOWS);
+    return sum + integer_q_held(one, other, MOMENT_BITS) - (sum / FIT_WINDOWS);
 }
 
 /* Takes the fresh window in. */
@@ -148,6 +160,7 @@ static void fit_add(terrapin_state *state) {
 }
 
 static void fit_slope(terrapin_ground_fit *g) {
+    TERRAPIN_ASSERT((g->xx >= 0) && (g->xx < integer_power(40U)));
     /* slope in 1e-6 a 0.01 rad^2/s^2, that is 1e-4 s^2/rad^2 */
     g->f_s_e7 = integer_saturate(integer_divide(g->xy * 1000, g->xx + FIT_PRIOR));
     const int32_t far_ppm = integer_scale(g->f_s_e7, g->x_q8, 256000);
@@ -169,19 +182,15 @@ static void fit_deviations(terrapin_ground_fit *g) {
 
 void ground_fit_work(terrapin_state *state) {
     terrapin_ground_fit *g = &state->ground;
-    TERRAPIN_ASSERT((g->todo >= 1U) && (g->todo <= (uint8_t)FIT_STEPS));
+    TERRAPIN_ASSERT(g->todo <= (uint8_t)FIT_STEPS);
     if (g->todo == (uint8_t)FIT_STEPS) {
         fit_add(state);
     } else if (g->todo == 2U) {
         fit_slope(g);
-    } else {
+    } else if (g->todo == 1U) {
         fit_deviations(g);
+    } else {
+        /* nothing is left of it */
     }
-    g->todo--;
-}
-
-void ground_fit_finish(terrapin_state *state) {
-    while (state->ground.todo > 0U) {
-        ground_fit_work(state);
-    }
+    g->todo = (g->todo > 0U) ? (uint8_t)(g->todo - 1U) : 0U;
 }

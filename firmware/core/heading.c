@@ -3,12 +3,12 @@
  */
 #include "core.h"
 
-enum { FARTHEST_UM = 520000000, GROUND_DIVISOR = 100000 };
+enum { FARTHEST_UM = 520000000 };
 
 static int32_t moved(int32_t from_um, int32_t way_um, int32_t share_q15) {
     TERRAPIN_ASSERT(integer_abs(from_um) <= FARTHEST_UM);
     TERRAPIN_ASSERT(integer_abs(share_q15) <= 32767);
-    return integer_clamp(from_um + integer_scale(way_um, share_q15, 32767), -FARTHEST_UM, FARTHEST_UM);
+    return integer_clamp(from_um + integer_of_sine(way_um, share_q15), -FARTHEST_UM, FARTHEST_UM);
 }
 
 void heading_slot(terrapin_state *state, const terrapin_inputs *inputs) {
@@ -17,7 +17,7 @@ void heading_slot(terrapin_state *state, const terrapin_inputs *inputs) {
     const uint32_t turn = inputs->heading_turn;
     if (inputs->heading_valid && h->known) {
         const uint32_t counts = position - h->ground_position;
-        const int32_t way_um = integer_scale((int32_t)counts, state->gains.ground_e5_um, GROUND_DIVISOR);
+        const int32_t way_um = integer_gained(&state->gains.way_um, (int32_t)counts);
         /* Half of the shorter way round from the last heading: the difference in 1/2^32 turn, taken as signed. */
         const uint32_t turned = (turn - h->turn) << 16U;
         const int32_t half = (int32_t)turned / 2;

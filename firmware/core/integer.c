@@ -70,10 +70,6 @@ static uint32_t magnitude(int32_t value) {
     return (value < 0) ? (0U - (uint32_t)value) : (uint32_t)value;
 }
 
-static int32_t with_sign_of(int32_t value, uint32_t size) {
-    return (value < 0) ? -(int32_t)size : (int32_t)size;
-}
-
 int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor) {
     TERRAPIN_ASSERT(divisor > 0);
     const uint32_t d = (uint32_t)divisor;
@@ -98,66 +94,35 @@ int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor) {
     return ((value < 0) != (factor < 0)) ? -(int32_t)size : (int32_t)size;
 }
 
-void integer_split(integer_rate *rate, int32_t value, int32_t divisor) {
-    TERRAPIN_ASSERT((value > 0) && (divisor > 0));
-    const uint32_t d = (uint32_t)divisor;
-    const uint32_t ones = (uint32_t)value / d;
-    const uint32_t held = (uint32_t)INTEGER_MOST / (ones + 1U); /* so many keep the result within, */
-    const uint32_t fits = 0x7FFFFFFFU / d;                      /* and so many what is divided within 32 bits */
-    TERRAPIN_ASSERT(((uint32_t)value - (ones * d)) < d);
-    rate->ones = ones;
-    rate->rest = (uint32_t)value - (ones * d);
-    rate->divisor = d;
-    rate->most = (held < fits) ? held : fits;
+int32_t integer_factor(int64_t value, uint32_t bits, int64_t divisor) {
+    TERRAPIN_ASSERT((value >= 0) && (bits < 62U) && (value < integer_power(62U - bits)));
+    const int64_t scaled = value * integer_power(bits);
+    return integer_narrow(integer_divide(scaled + (divisor - 1 - (divisor / 2)), divisor), 0, INT32_MAX);
 }
 
-int32_t integer_times(const integer_rate *rate, int32_t count) {
-    TERRAPIN_ASSERT((rate->divisor > 0U) && (rate->rest < rate->divisor));
-    const uint32_t times = magnitude(count);
-    const uint32_t d = rate->divisor;
-    int32_t result;
-    if (times <= rate->most) {
-        result = with_sign_of(count, (rate->ones * times) + (((rate->rest * times) + (d / 2U)) / d));
-    } else {
-        const uint32_t value = (rate->ones * d) + rate->rest;
-        result = integer_scale((int32_t)value, count, (int32_t)d);
-    }
-    TERRAPIN_ASSERT((result <= INTEGER_MOST) && (result >= -INTEGER_MOST));
-    return result;
+int32_t integer_signed_factor(int64_t value, uint32_t bits, int64_t divisor) {
+    return (value < 0) ? -integer_factor(-value, bits, divisor) : integer_factor(value, bits, divisor);
 }
 
-int32_t integer_millionth(int32_t value, uint32_t factor) {
-    TERRAPIN_ASSERT(factor < 0x80000000U);
-    /* The first 32 bits of n and 33 of the inverse miss less than one half each: the product is the quotient or one
-     * less. */
-    const uint32_t million = 1000000U;
-    const uint32_t inverse = 2251799813U; /* floor(2^51 / 10^6) */
-    const uint64_t half = 500000U;
-    const uint64_t n = ((uint64_t)magnitude(value) * factor) + half;
-    const uint32_t high = (uint32_t)(n >> 32U);
-    const uint32_t low = (uint32_t)n;
-    uint32_t size = (uint32_t)INTEGER_MOST;
-    if (high < 250000U) { /* below 2^30 millions, 250,000 2^32 */
-        const uint32_t first = (high << 14U) | (low >> 18U);
-        const uint64_t product = ((uint64_t)first * inverse) >> 33U;
-        size = (uint32_t)product;
-        size += ((low - (size * million)) >= million) ? 1U : 0U;
-    }
-    TERRAPIN_ASSERT(size <= (uint32_t)INTEGER_MOST);
-    return with_sign_of(value, size);
+integer_gain integer_gain_of(int32_t value, int32_t divisor) {
+    const int32_t factor = integer_factor(value, 12U, divisor);
+    const int32_t above = factor + ((factor < INT32_MAX) ? 1 : 0); /* rounding adds less than one */
+    const integer_gain gain = {
+        .factor = factor,
+        .most = integer_narrow(integer_divide((int64_t)INTEGER_MOST * 4096, above) - 1, 0, INTEGER_MOST),
+    };
+    return gain;
 }
 
-int32_t integer_shift(int32_t value, uint32_t factor, uint32_t bits) {
-    TERRAPIN_ASSERT((bits >= 2U) && (bits <= 30U));
-    TERRAPIN_ASSERT(factor < 0x80000000U);
-    const uint32_t half = (uint32_t)1U << (bits - 1U);
-    const uint64_t n = ((uint64_t)magnitude(value) * factor) + half;
-    const uint32_t high = (uint32_t)(n >> 32U);
-    uint32_t size = (uint32_t)INTEGER_MOST;
-    if ((high >> (bits - 2U)) == 0U) {
-        size = ((uint32_t)n >> bits) | (high << (32U - bits));
-    }
-    return with_sign_of(value, size);
+integer_wide integer_wide_of(int32_t value, int32_t divisor) {
+    TERRAPIN_ASSERT((value >= 0) && (divisor > 0));
+    const int32_t whole = value / divisor;
+    const integer_wide wide = {
+        .whole = whole,
+        .part_q31 = integer_factor((int64_t)value - ((int64_t)whole * divisor), 31U, divisor),
+        .most = INTEGER_MOST / (whole + 1), /* the part is less than one, or one where it is held */
+    };
+    return wide;
 }
 
 /* Floor of the root of a number with one of its two top bits set. Newton's steps from a straight line that is within
@@ -197,12 +162,12 @@ int32_t integer_sine(uint32_t turn) {
     /* sin(pi/2 z), |z| <= 1 in Q15, is z (1.570320 - 0.642113 z^2 + 0.071860 z^4) to 6.8e-5: minimax of this form.
      * Each product stays below 51456 * 32768, below 2^31. */
     const uint32_t folded = ((turn + 0x40000000U) < 0x80000000U) ? turn : (0x80000000U - turn);
-    const int32_t z = integer_difference(folded, 0U) / 32768; /* -32768..32768 */
-    const int32_t square = (z * z) / 32768;
+    const int32_t z = integer_right(integer_difference(folded, 0U), 15U); /* -32768..32768 */
+    const int32_t square = integer_right(z * z, 15U);
     TERRAPIN_ASSERT((square >= 0) && (square <= 32768));
-    const int32_t inner = ((2355 * square) / 32768) - 21041;
-    const int32_t gain = ((inner * square) / 32768) + 51456;
-    return integer_clamp((gain * z) / 32768, -32767, 32767);
+    const int32_t inner = integer_right(2355 * square, 15U) - 21041;
+    const int32_t gain = integer_right(inner * square, 15U) + 51456;
+    return integer_clamp(integer_right(gain * z, 15U), -32767, 32767);
 }
 
 int32_t integer_cosine(uint32_t turn) {
@@ -219,7 +184,7 @@ int32_t integer_exp(int32_t x_q16) {
     TERRAPIN_ASSERT(x_q16 >= 0);
     /* exp(-x) = 2^-(k + f), x log2(e) = k + f; 2^-f by a cubic (Chebyshev), error 1.02e-4 over 0 <= f < 1.
      * f in Q15: each product stays below 45290 * 32768, below 2^31. */
-    const int32_t y = integer_scale(x_q16, 94548, 65536);
+    const int32_t y = integer_q_held(x_q16, 94548, 16U);
     const uint32_t whole = (uint32_t)y / 65536U;
     const int32_t f = (y % 65536) / 2;
     const int32_t cubic = 15112 - ((2589 * f) / 32768);

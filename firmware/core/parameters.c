@@ -16,7 +16,14 @@ terrapin_parameter_result terrapin_parameter_set(terrapin_state *state, uint16_t
             result = TERRAPIN_PARAMETER_RANGE;
         } else {
             state->parameter[index] = value;
-            gains_prepare(state);
+            if (terrapin_parameter_protected(index)) {
+                gains_prepare(state);
+            } else if (number ==
+                       TERRAPIN_PARAMETER_COMP_SLOPE) { /* a flood of writes while it drives must cost little */
+                gains_slope(state);
+            } else {
+                /* the table of terrains is read as it stands */
+            }
             if (number == TERRAPIN_PARAMETER_WINDOW) { /* the only one that the windows under way depend on */
                 estimator_restart(state);
             }

@@ -13,8 +13,9 @@ enum {
     SETTLE_TICKS = 20, /* after the bridge went off, until the current's zero is looked at */
     OFF_TICKS_MAX = 1000,
     TRIM_LIMIT_CODES = 16,                             /* a zero farther away than this is no offset but a defect */
-    FILTER_SAMPLES = 16,                               /* time constant of supply and temperature */
-    HELD_MC = 4194304,                                 /* 2^22: from here on the filter's 1/256 are held */
+    FILTER_SAMPLES = 16,                               /* time constant of supply and temperature, */
+    FILTER_BITS = 4,                                   /* as a power of two */
+    HELD_MC = 4194303,                                 /* below 2^22, so that 1/256 of it are below 2^30 */
     ASSUMED_MC = TERRAPIN_REFERENCE_TEMPERATURE * 1000 /* until the first sample */
 };
 
@@ -25,17 +26,18 @@ static uint32_t fault_bit(uint32_t number) {
 
 int32_t sense_supply_mv(const terrapin_state *state) {
     TERRAPIN_ASSERT(state->sense.supply_q8_mv >= 0);
-    return state->sense.supply_q8_mv / 256;
+    return integer_right(state->sense.supply_q8_mv, 8U);
 }
 
 int32_t sense_temperature_mc(const terrapin_state *state) {
     TERRAPIN_ASSERT(integer_abs(state->sense.temperature_q8_mc) <= INTEGER_MOST);
-    return state->sense.temperature_known ? (state->sense.temperature_q8_mc / 256) : ASSUMED_MC;
+    return state->sense.temperature_known ? integer_right(state->sense.temperature_q8_mc, 8U) : ASSUMED_MC;
 }
 
 /* One step of a first-order low-pass towards a sample that is `off` away; eight bits below the unit keep the rest. */
 static int32_t low_pass(int32_t off) {
-    return integer_ratio(off, FILTER_SAMPLES); /* |off| < 2^31 - 8 */
+    const int32_t half = (FILTER_SAMPLES / 2) - ((off < 0) ? 1 : 0); /* halves away from zero */
+    return integer_right(off + half, FILTER_BITS);
 }
 
 static void read_slow(terrapin_state *state, const terrapin_inputs *inputs) {
@@ -43,11 +45,9 @@ static void read_slow(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_sense *sense = &state->sense;
     /* at most 65535 * 20000 uV, below 2^31; in 1/8 mV, then in 1/256 mV below 2^29 */
     const int32_t supply_q8 = (((int32_t)inputs->supply_code * p[TERRAPIN_PARAMETER_SUPPLY_SCALE]) / 125) * 32;
-    /* within (4095 * 500 + 100000) * 256: below 2^30, and held there */
     const int32_t mc = ((int32_t)inputs->temperature_code * p[TERRAPIN_PARAMETER_TEMPERATURE_SCALE]) +
                        p[TERRAPIN_PARAMETER_TEMPERATURE_ZERO];
-    const int32_t temperature_q8 =
-        integer_clamp(integer_clamp(mc, -HELD_MC, HELD_MC) * 256, -INTEGER_MOST, INTEGER_MOST);
+    const int32_t temperature_q8 = integer_clamp(mc, -HELD_MC, HELD_MC) * 256;
     const bool first = !sense->temperature_known;
     sense->supply_q8_mv += (sense->supply_q8_mv == 0) ? supply_q8 : low_pass(supply_q8 - sense->supply_q8_mv);
     sense->temperature_q8_mc += first ? temperature_q8 : low_pass(temperature_q8 - sense->temperature_q8_mc);
@@ -136,15 +136,14 @@ static uint32_t watch(terrapin_state *state, const terrapin_inputs *inputs) {
     }
     uint32_t standing = 0U;
     uint32_t changing = causes | sense->causes; /* the counters of all others are 0 and stay so */
-    uint32_t i = 0U;
     while (changing != 0U) {
+        const uint32_t i = (uint32_t)__builtin_ctz(changing);
         TERRAPIN_ASSERT(i < (uint32_t)SENSED_FAULTS);
         const int32_t ticks = (i <= 1U) ? FAST_FAULT_TICKS : SLOW_FAULT_TICKS;
-        if (((changing & 1U) != 0U) && lasting(&sense->fault_ticks[i], ((causes >> i) & 1U) != 0U, ticks)) {
+        if (lasting(&sense->fault_ticks[i], ((causes >> i) & 1U) != 0U, ticks)) {
             standing |= fault_bit((uint32_t)TERRAPIN_FAULT_OVER_CURRENT + i);
         }
-        changing >>= 1U;
-        i++;
+        changing &= changing - 1U;
     }
     sense->causes = causes;
     return standing;
@@ -155,8 +154,7 @@ static bool encoder_lies(terrapin_state *state) {
     const int32_t *p = state->parameter;
     bool off = false;
     if (state->drive.enable && (state->slip.ticks > SPEED_TICKS)) {
-        const int32_t drop_mv =
-            integer_millionth(state->sense.current_ua, (uint32_t)p[TERRAPIN_PARAMETER_ARMATURE_RESISTANCE]);
+        const int32_t drop_mv = integer_q32(state->sense.current_ua, state->rates.drop_q32);
         const int32_t seen_mv = state->drive.applied_mv - drop_mv; /* below 2^22: 100 ohm at 21 A */
         off = integer_abs(seen_mv - (state->slip.emf_uv / 1000)) > p[TERRAPIN_PARAMETER_ENCODER_TOLERANCE];
     }
@@ -188,8 +186,8 @@ uint32_t sense_update(terrapin_state *state, const terrapin_inputs *inputs, bool
     const bool plausible_zero = trim(state);
     const int32_t zero_q8 = state->parameter[TERRAPIN_PARAMETER_CURRENT_ZERO_CODE] + sense->trim_q8_codes;
     /* a code from a broken port, below 65536, still fits */
-    sense->current_ua = integer_shift((sense->current_code * 256) - zero_q8,
-                                      (uint32_t)state->parameter[TERRAPIN_PARAMETER_CURRENT_SCALE], 8U);
+    sense->current_ua =
+        integer_q((sense->current_code * 256) - zero_q8, state->parameter[TERRAPIN_PARAMETER_CURRENT_SCALE], 8U);
     read_slow(state, inputs);
 
     uint32_t causes = watch(state, inputs);

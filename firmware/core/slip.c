@@ -23,7 +23,11 @@ static int32_t slip_of(int32_t ground_um_s, int32_t rim_um_s) {
     const uint32_t rim = (uint32_t)integer_abs(rim_um_s);
     const uint32_t way = (uint32_t)integer_abs(along);
     int32_t gone;
-    if (rim < 42000000U) {
+    if ((way < 429000U) && (rim < 429000U)) { /* the same in one division: the numerator is below 2^32 */
+        const uint32_t size = ((way * 10000U) + (rim / 2U)) / rim;
+        gone = (int32_t)size;
+        gone = (along < 0) ? -gone : gone;
+    } else if (rim < 42000000U) {
         const uint32_t ones = way / rim;
         const uint32_t rest = (way - (ones * rim)) * 100U;
         const uint32_t hundredths = rest / rim;
@@ -54,28 +58,25 @@ static void record(terrapin_state *state, const terrapin_inputs *inputs) {
 /* The two speeds over slip_window with a swing sensor, else over the estimator's window, a whole swing period. */
 static bool speeds(terrapin_state *state) {
     terrapin_slip_state *slip = &state->slip;
-    const terrapin_gains *g = &state->gains;
-    const terrapin_estimator *estimator = &state->estimator;
+    const terrapin_rates *r = &state->rates;
+    const uint32_t slots = state->gains.window_slots;
     const uint32_t fast = (uint32_t)state->parameter[TERRAPIN_PARAMETER_SLIP_WINDOW]; /* 10..120 < FAST_TICKS */
     TERRAPIN_ASSERT((fast > 0U) && (fast < (uint32_t)FAST_TICKS));
     bool known = true;
-    slip->slow = estimator->swing_ticks < fast;
+    slip->slow = state->estimator.swing_ticks < fast;
     if (!slip->slow && (slip->ticks > fast)) {
         const uint32_t then = ((uint32_t)slip->newest - fast) & (FAST_TICKS - 1U);
         const int32_t swung = integer_difference(slip->swing_sum_centirad_s, state->fast.swing_sum_centirad_s[then]);
-        const int32_t alpha =
-            integer_times(&state->rates.motor_fast, counted(state->fast.motor_counts, slip->newest, fast));
-        slip->shell_urad_s = integer_hold(alpha - integer_scale(swung, 10000, (int32_t)fast));
-        slip->ground_um_s =
-            integer_times(&state->rates.ground_fast, counted(state->fast.ground_counts, slip->newest, fast));
-    } else if (slip->slow && (estimator->slots > g->window_slots)) {
+        const int32_t alpha = integer_gained(&r->motor_fast, counted(state->fast.motor_counts, slip->newest, fast));
+        slip->shell_urad_s = integer_hold(alpha - integer_gained(&r->swing_fast, swung));
+        slip->ground_um_s = integer_gained(&r->ground_fast, counted(state->fast.ground_counts, slip->newest, fast));
+    } else if (slip->slow && (state->estimator.slots > slots)) {
         const terrapin_slot_record *now = estimator_record(state, 0U);
-        const terrapin_slot_record *then = estimator_record(state, g->window_slots);
-        const int32_t ticks = (int32_t)g->window_slots * SLOT_MS;
+        const terrapin_slot_record *then = estimator_record(state, slots);
         slip->shell_urad_s =
-            integer_times(&state->rates.motor_window, integer_difference(now->position_counts, then->position_counts));
+            integer_gained(&r->motor_window, integer_difference(now->position_counts, then->position_counts));
         slip->ground_um_s =
-            integer_scale(g->ground_e5_um, integer_difference(now->ground_counts, then->ground_counts), 100 * ticks);
+            integer_gained(&r->ground_window, integer_difference(now->ground_counts, then->ground_counts));
     } else {
         known = false;
     }
@@ -115,27 +116,24 @@ static void compare_grounds(terrapin_state *state, const terrapin_inputs *inputs
 void slip_update(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_slip_state *slip = &state->slip;
     record(state, inputs);
+    const int32_t wheel_urad_s = integer_gained(&state->rates.motor_speed,
+                                                counted(state->fast.motor_counts, slip->newest, (uint32_t)SPEED_TICKS));
+    const int32_t emf_uv = integer_widened(&state->rates.emf, wheel_urad_s);
     if (slip->ticks > SPEED_TICKS) {
-        slip->wheel_urad_s = integer_times(&state->rates.motor_speed,
-                                           counted(state->fast.motor_counts, slip->newest, (uint32_t)SPEED_TICKS));
-        slip->emf_uv = integer_millionth(slip->wheel_urad_s, (uint32_t)state->gains.torque_unm_per_a);
+        slip->wheel_urad_s = wheel_urad_s;
+        slip->emf_uv = emf_uv;
     }
     const bool known = speeds(state);
     if (known) {
         compare_grounds(state, inputs);
     }
-    const int32_t dead_band = state->parameter[TERRAPIN_PARAMETER_SLIP_DEAD_BAND] * 1000;
-    const bool moving = integer_abs(slip->shell_urad_s) >= dead_band; /* at least 50 mrad/s: no division by zero */
-    slip->slip_e4 = 0;
-    slip->valid = known && moving && !slip->implausible;
-    if (known && moving) {
-        /* R in um, omega in urad/s: the rim's speed in um/s is at least 1e4 * 5e4 / 1e6 = 500 */
-        slip->slip_e4 =
-            slip_of(slip->ground_um_s,
-                    integer_millionth(slip->shell_urad_s, (uint32_t)state->parameter[TERRAPIN_PARAMETER_RADIUS]));
-        if ((slip->slip_e4 > slip->peak_e4) && (slip->slip_e4 <= 10000)) { /* above 1 it rolls back */
-            slip->peak_e4 = slip->slip_e4;
-        }
+    /* At least 50 mrad/s, and R 1e4 um: the rim's speed is at least 500 um/s, and nothing is divided by zero. */
+    const bool moving = known && (integer_abs(slip->shell_urad_s) >= state->rates.dead_urad_s);
+    const int32_t rim_um_s = moving ? integer_q32(slip->shell_urad_s, state->rates.rim_q32) : 1;
+    slip->slip_e4 = slip_of(moving ? slip->ground_um_s : 1, rim_um_s); /* 0 of equal speeds */
+    slip->valid = moving && !slip->implausible;
+    if ((slip->slip_e4 > slip->peak_e4) && (slip->slip_e4 <= 10000)) { /* above 1 it rolls back */
+        slip->peak_e4 = slip->slip_e4;
     }
     TERRAPIN_ASSERT(integer_abs(slip->slip_e4) <= SLIP_MAX_E4);
     TERRAPIN_ASSERT((slip->slip_e4 == 0) || known);

@@ -11,7 +11,7 @@
 #include "terrapin_interface.h"
 
 enum {
-    SLOT_MS = 10,          /* telemetry cycle; the estimator works once a cycle */
+    SLOT_MS = 10,          /* telemetry cycle; the estimator works out a window in each (schedule.c) */
     WINDOW_MAX_SLOTS = 60, /* 600 ms, the range of parameter window */
     BLOCK_SLOTS = 20,      /* positions are averaged over this many slots at a window's ends */
     SWING_SLOTS = 10,      /* swing rates over this many: a third of a swing period */
@@ -19,6 +19,7 @@ enum {
     FAST_TICKS = 128,      /* a power of two above the range of parameter slip_window */
     SPEED_TICKS = 20,      /* window of the drive wheel's speed that the drive uses */
     TRIM_TICKS = 128,      /* ticks with the bridge off that make one zero of the current */
+    TRIM_RISE = 32,        /* the current limit's trim gains 1/32 of an excess a tick */
     CALIBRATE_WINDOWS = 3, /* disjoint valid windows averaged at each calibration speed */
     SENSED_FAULTS = 7,
     FIT_WINDOWS = 64, /* memory of the terrain fit, a power of two */
@@ -41,22 +42,56 @@ typedef struct {
     uint32_t window_slots;    /* 10 to WINDOW_MAX_SLOTS */
     bool consistent;          /* no two parameters contradict each other */
     int32_t zero_q8;          /* of the current's code, before it is trimmed */
-    bool compensated;         /* some comp_ parameter that acts on C_t is not zero */
+    bool compensated;         /* some comp_ parameter of the friction is not zero */
     /* the budget of the sd of C_t [uN m], each held within 5e8 */
     uint64_t fixed_variance; /* (uN m)^2 */
     int32_t trimmed_unm;     /* of the current's zero when it is trimmed, */
     int32_t untrimmed_unm;   /* and when not */
     int32_t floor_unm;       /* when calibrated */
-    int32_t gain_ppm;        /* relative sd of what a wrong gain scales */
+    int32_t gain_q30;        /* relative sd of what a wrong gain scales; below 0.6 */
+    /* factors of a window's results */
+    integer_gain half_urad;    /* half the angle of alpha [urad] of counts */
+    integer_gain way_um;       /* way of counts of the ground wheel [um] */
+    int32_t current_q32;       /* 10 uA of the window's sum; at most 0.02 */
+    int32_t recent_q28;        /* uA of the last slot's sum; at most 2 */
+    int32_t voltage_q32;       /* mV of the window's sum; at most 0.01 */
+    int32_t acceleration_q19;  /* urad/s^2 of counts; at most 2700 */
+    int32_t swing_q20;         /* Q12 of a window's mean of rates, 0.01 rad/s over SWING_SLOTS; at most 4.1 */
+    int32_t per_weight_q24;    /* 1e-6 of the weight's torque of one uN m; at most 100 */
+    int32_t slope_q24;         /* comp_slope; within 10 */
+    int32_t wheel_q22;         /* R/r; at most 250 */
+    int32_t heat_q24;          /* comp_heating: Q20 of one mK; within 11 */
+    int32_t stribeck_q16;      /* Q16 of one mrad/s over comp_stribeck_speed; at most 6554 */
+    int32_t speed_squared_q24; /* uN m of (mrad/s)^2 / 1024; within 103 */
+    int32_t comp_viscous_q32;  /* uN m of one urad/s; within 0.1 */
+    int32_t comp_inertia_q30;  /* uN m of one urad/s^2; within 1 */
+    int32_t sd_viscous_q32;    /* uN m of one urad/s; at most 0.1 */
+    int32_t inertia_q30;       /* uN m of one urad/s^2; at most 1 */
+    int32_t weight_q22;        /* uN m of 1e-6 of the weight's torque; at most 250 */
 } terrapin_gains;
 
-/* Derived as well: scales by which counts of every tick become speeds. */
+/* Derived as well: factors of what every tick works out. Their formats hold every parameter in its range. */
 typedef struct {
-    integer_rate motor_speed;   /* alpha_dot [urad/s] of counts in SPEED_TICKS, */
-    integer_rate motor_window;  /* in the window, */
-    integer_rate motor_fast;    /* in slip_window; */
-    integer_rate ground_fast;   /* and the ground's speed [um/s] there */
-    integer_rate shell_per_rim; /* shell speed [urad/s] of a rim speed [mm/s] */
+    integer_gain motor_speed;   /* alpha_dot [urad/s] of counts in SPEED_TICKS, */
+    integer_gain motor_fast;    /* and in slip_window; */
+    integer_gain ground_fast;   /* the ground's speed [um/s] there, */
+    integer_gain swing_fast;    /* and phi_dot [urad/s] of its sum */
+    integer_gain motor_window;  /* alpha_dot of counts in the window, */
+    integer_gain ground_window; /* and the ground's speed */
+    integer_gain shell_per_rim; /* shell speed [urad/s] of a rim speed [mm/s] */
+    integer_wide emf;           /* uV of one urad/s of alpha, uN m of one uA; at most 500 */
+    int32_t rim_q32;            /* um/s of one urad/s of the shell; at most 0.5 */
+    int32_t shell_q24;          /* urad/s of the shell of one um/s of its rim; at most 100 */
+    int32_t per_grip_q26;       /* 1 / (1 - slip_limit); at most 10 */
+    int32_t keep_q30;           /* 1 - slip_limit */
+    int32_t drop_q32;           /* mV of one uA in the armature; at most 0.1 */
+    int32_t rise_q20;           /* what the current limit's trim gains [mV] of one mA too much; at most 3.2 */
+    int32_t speed_kp_q26;       /* uV of one urad/s; at most 20 */
+    int32_t speed_ki_q32;       /* uV a tick of one urad/s; at most 0.1 */
+    int32_t slip_kp_q26;
+    int32_t slip_ki_q32;
+    int32_t dead_urad_s;   /* slip_dead_band */
+    int32_t margin_counts; /* extricate_margin, of the ground wheel */
 } terrapin_rates;
 
 /* The sensors in engineering units. */
@@ -113,6 +148,12 @@ typedef struct {
     int32_t recent_ua;    /* mean of the last slot */
     int32_t voltage_mv;   /* window mean */
     /* of the window that is being worked out */
+    bool open;        /* its work is under way: it has closed, and the history goes on */
+    bool swing_valid; /* what the sensors said as it closed */
+    bool pitch_valid;
+    int16_t swing_angle_mrad;
+    int16_t pitch_mrad;
+    int32_t beyond_unm; /* friction inside the robot beyond A sgn + B w */
     bool ready;         /* the history holds a window */
     bool full;          /* the history holds two windows and a block */
     int32_t counts;     /* of the motor */
@@ -219,10 +260,29 @@ typedef struct {
     int32_t report_duration_10ms;
 } terrapin_supervisor;
 
+/* What is left to do when all speeds are measured, in this order. */
+enum {
+    FIT_NONE = 0,
+    FIT_SUMS = 1,
+    FIT_VISCOUS = 2,
+    FIT_COULOMB = 3,
+    FIT_RESIDUAL = 4,
+    FIT_TAKE = 5,
+    FIT_DONE = 6,
+    FIT_FAILED = 7
+};
+
 typedef struct {
+    int64_t spread; /* of the line through the speeds: its slope is common over spread */
+    int64_t common;
     uint8_t step;
     uint8_t windows;
-    uint8_t seen;             /* estimator.index of the last window taken */
+    uint8_t seen;       /* estimator.index of the last window taken */
+    uint8_t fit;        /* of the line through the speeds */
+    int32_t sum_mrad_s; /* of the speeds that are fitted, */
+    int32_t sum_unm;    /* and of their torques */
+    int32_t viscous_e8; /* its result */
+    int32_t coulomb_unm;
     uint32_t timer_ms;        /* at this speed */
     int32_t omega_sum_urad_s; /* along the motion */
     int32_t torque_sum_unm;

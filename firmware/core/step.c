@@ -2,7 +2,12 @@
 
 /* Exactly so where 64-bit numbers are aligned to 8 bytes, as on Cortex-M4 and 64-bit hosts. */
 _Static_assert(sizeof(terrapin_state) <= TERRAPIN_STATE_BYTES, "a state fits TERRAPIN_STATE_BYTES");
-_Static_assert((sizeof(terrapin_state) + 8U) > TERRAPIN_STATE_BYTES, "which is not more than it takes");
+typedef struct {
+    uint8_t narrow;
+    int64_t wide;
+} alignment_probe; /* 16 bytes where 64-bit numbers are aligned to 8 */
+_Static_assert(((sizeof(terrapin_state) + 8U) > TERRAPIN_STATE_BYTES) || (sizeof(alignment_probe) < 16U),
+               "which is not more than it takes");
 _Static_assert((TERRAPIN_STATE_BYTES % 8U) == 0U, "whole words of 8 bytes");
 
 size_t terrapin_state_size(void) {
@@ -22,27 +27,17 @@ void terrapin_init(terrapin_state *state) {
     gains_prepare(state);
 }
 
-void terrapin_step(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs) {
+void terrapin_step_drive(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs) {
     TERRAPIN_ASSERT((state != NULL) && (inputs != NULL) && (outputs != NULL));
     bool gap = false;
     const uint32_t causes = sense_update(state, inputs, &gap);
     if (gap) {
         slip_restart(state);
+    }
+    if (gap || (inputs->tick == 0U)) { /* 2^32 ticks are no whole number of slots */
         estimator_restart(state);
     }
-    estimator_tick(state, inputs);
-    const uint32_t number = inputs->tick % (uint32_t)SLOT_MS;
-    if (number == 1U) { /* just before GROUND is sent */
-        estimator_slot(state, inputs);
-        ground_slot(state, inputs);
-    } else if (state->ground.todo > 0U) { /* in the three ticks that follow, before FIT is sent */
-        ground_fit_work(state);
-    } else {
-        /* nothing is left of it */
-    }
-    if (number == ((uint32_t)SLOT_MS - 1U)) {
-        heading_slot(state, inputs);
-    }
+    schedule_sense(state, inputs);
     slip_update(state, inputs);
 
     terrapin_demand demand;
@@ -52,8 +47,20 @@ void terrapin_step(terrapin_state *state, const terrapin_inputs *inputs, terrapi
     outputs->duty_q15 = state->drive.duty_q15;
     outputs->enable = state->drive.enable;
     outputs->faults = state->supervisor.faults;
-    telemetry_emit(state, inputs, outputs);
+    outputs->frame_count = 0U;
     TERRAPIN_ASSERT(outputs->enable || (outputs->duty_q15 == 0));
     TERRAPIN_ASSERT(!outputs->enable || ((outputs->faults & TERRAPIN_FAULTS_LATCHED) == 0U));
+}
+
+void terrapin_step_think(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs) {
+    TERRAPIN_ASSERT((state != NULL) && (inputs != NULL) && (outputs != NULL));
+    TERRAPIN_ASSERT(inputs->tick == state->sense.tick);
+    schedule_work(state, inputs);
+    telemetry_emit(state, inputs, outputs);
     TERRAPIN_ASSERT((outputs->frame_count >= 1U) && (outputs->frame_count <= (uint8_t)TERRAPIN_MAX_FRAMES));
+}
+
+void terrapin_step(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs) {
+    terrapin_step_drive(state, inputs, outputs);
+    terrapin_step_think(state, inputs, outputs);
 }

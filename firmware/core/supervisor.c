@@ -153,7 +153,7 @@ static void calibrate(terrapin_state *state, terrapin_demand *demand) {
 
 /* The shell speed of a rim speed in mm/s; R is at least 1e4 um. */
 static int32_t shell_speed(const terrapin_state *state, int32_t rim_mm_s) {
-    return integer_times(&state->rates.shell_per_rim, rim_mm_s);
+    return integer_gained(&state->rates.shell_per_rim, rim_mm_s);
 }
 
 static void run(terrapin_state *state, const terrapin_inputs *inputs, terrapin_demand *demand) {

@@ -36,7 +36,7 @@ static bool status(const terrapin_state *state, const terrapin_inputs *inputs, t
         .tick = (uint16_t)inputs->tick,
     };
     const terrapin_status_t message = terrapin_scale_status(&source);
-    return terrapin_encode_status(&message, frame);
+    return terrapin_pack_status(&message, frame);
 }
 
 static bool ground(const terrapin_state *state, terrapin_frame *frame) {
@@ -53,7 +53,7 @@ static bool ground(const terrapin_state *state, terrapin_frame *frame) {
         .limiting = state->drive.limiting,
     };
     const terrapin_ground_t message = terrapin_scale_ground(&source);
-    return terrapin_encode_ground(&message, frame);
+    return terrapin_pack_ground(&message, frame);
 }
 
 static bool motion(const terrapin_state *state, terrapin_frame *frame) {
@@ -64,12 +64,11 @@ static bool motion(const terrapin_state *state, terrapin_frame *frame) {
         .slow = s->slow,
         .external = s->external,
         .shell_urad_s = s->shell_urad_s,
-        .wheel_urad_s = integer_scale(s->wheel_urad_s, state->parameter[TERRAPIN_PARAMETER_RADIUS],
-                                      state->parameter[TERRAPIN_PARAMETER_DRIVE_RADIUS]),
+        .wheel_urad_s = integer_q_held(s->wheel_urad_s, state->gains.wheel_q22, 22U),
         .ground_um_s = s->ground_um_s,
     };
     const terrapin_motion_t message = terrapin_scale_motion(&source);
-    return terrapin_encode_motion(&message, frame);
+    return terrapin_pack_motion(&message, frame);
 }
 
 static bool electrical(const terrapin_state *state, terrapin_frame *frame) {
@@ -82,7 +81,7 @@ static bool electrical(const terrapin_state *state, terrapin_frame *frame) {
         .enable = state->drive.enable,
     };
     const terrapin_electrical_t message = terrapin_scale_electrical(&source);
-    return terrapin_encode_electrical(&message, frame);
+    return terrapin_pack_electrical(&message, frame);
 }
 
 static bool window(const terrapin_state *state, terrapin_frame *frame) {
@@ -96,7 +95,7 @@ static bool window(const terrapin_state *state, terrapin_frame *frame) {
         .fresh = e->fresh,
     };
     const terrapin_window_t message = terrapin_scale_window(&source);
-    return terrapin_encode_window(&message, frame);
+    return terrapin_pack_window(&message, frame);
 }
 
 static bool fit(const terrapin_state *state, terrapin_frame *frame) {
@@ -110,7 +109,7 @@ static bool fit(const terrapin_state *state, terrapin_frame *frame) {
         .windows = g->windows,
     };
     const terrapin_fit_t message = terrapin_scale_fit(&source);
-    return terrapin_encode_fit(&message, frame);
+    return terrapin_pack_fit(&message, frame);
 }
 
 static bool report(const terrapin_state *state, terrapin_frame *frame) {
@@ -123,7 +122,7 @@ static bool report(const terrapin_state *state, terrapin_frame *frame) {
         .peak_e4 = state->slip.peak_e4,
     };
     const terrapin_report_t message = terrapin_scale_report(&source);
-    return terrapin_encode_report(&message, frame);
+    return terrapin_pack_report(&message, frame);
 }
 
 static bool calibration(const terrapin_state *state, terrapin_frame *frame) {
@@ -137,7 +136,7 @@ static bool calibration(const terrapin_state *state, terrapin_frame *frame) {
         .calibrated = p[TERRAPIN_PARAMETER_CALIBRATED] != 0,
     };
     const terrapin_calibration_t message = terrapin_scale_calibration(&source);
-    return terrapin_encode_calibration(&message, frame);
+    return terrapin_pack_calibration(&message, frame);
 }
 
 static bool attitude(const terrapin_state *state, const terrapin_inputs *inputs, terrapin_frame *frame) {
@@ -152,7 +151,7 @@ static bool attitude(const terrapin_state *state, const terrapin_inputs *inputs,
         .angle_turn = (uint16_t)(whole >> 16U),
     };
     const terrapin_attitude_t message = terrapin_scale_attitude(&source);
-    return terrapin_encode_attitude(&message, frame);
+    return terrapin_pack_attitude(&message, frame);
 }
 
 static bool heading(const terrapin_state *state, terrapin_frame *frame) {
@@ -162,7 +161,7 @@ static bool heading(const terrapin_state *state, terrapin_frame *frame) {
         .y_um = state->heading.y_um,
     };
     const terrapin_heading_t message = terrapin_scale_heading(&source);
-    return terrapin_encode_heading(&message, frame);
+    return terrapin_pack_heading(&message, frame);
 }
 
 /* The message of this slot; false when the slot is empty. */

@@ -4,7 +4,13 @@
  *     terrapin_state *s = (terrapin_state *)memory;     8-byte aligned, owned by the caller
  *     terrapin_init(s);                         every parameter at its default, bridge off
  *     for each millisecond:
- *         gather inputs; terrapin_step(s, &in, &out); deliver outputs
+ *         gather inputs
+ *         terrapin_step_drive(s, &in, &out);        what the bridge does now: set it
+ *         terrapin_step_think(s, &in, &out);        what the ground says, and the frames: send them
+ *
+ * One step is these two calls, in this order, with the same inputs and outputs. The first takes nearly the same time in
+ * every tick, so that the bridge is set at the same moment of each; the second spreads its work over ten ticks by the
+ * table of schedule.c. terrapin_step makes both, for callers who set no bridge in between: the same bits.
  *
  * Promise: integers only, no heap, no recursion, no globals that change, no I/O, no clock; bounded work a call.
  * The same inputs give the same outputs, bit for bit, on every machine and at every optimisation level.
@@ -33,7 +39,7 @@ extern "C" {
 #define TERRAPIN_TICK_HZ 1000
 /* Bytes that are enough for a state, a multiple of 8, on every machine; its parameters are counted in
  * terrapin_interface.h. */
-#define TERRAPIN_STATE_BYTES (5152U + ((((uint32_t)TERRAPIN_PARAMETER_COUNT + 1U) / 2U) * 8U))
+#define TERRAPIN_STATE_BYTES (5320U + ((((uint32_t)TERRAPIN_PARAMETER_COUNT + 1U) / 2U) * 8U))
 #define TERRAPIN_MAX_FRAMES  2 /* frames that one step may emit: ACTUATE, and at most one telemetry frame */
 
 /* One classic CAN frame with an 11-bit identifier. length is 0 to 8. */
@@ -78,7 +84,7 @@ typedef struct {
     int16_t duty_q15;    /* bridge duty, -32767 to 32767: applied voltage = duty / 32768 * supply */
     bool enable;         /* bridge enabled; when false duty_q15 is 0 */
     uint32_t faults;     /* one bit a fault, numbers of controller.toml */
-    uint8_t frame_count; /* 0 to TERRAPIN_MAX_FRAMES */
+    uint8_t frame_count; /* 0 to TERRAPIN_MAX_FRAMES; 0 between the two calls */
     terrapin_frame frames[TERRAPIN_MAX_FRAMES];
 } terrapin_outputs;
 
@@ -98,7 +104,15 @@ TERRAPIN_API size_t terrapin_state_size(void);
 /* Reset: parameters to their defaults, supervisor to boot, bridge off. */
 TERRAPIN_API void terrapin_init(terrapin_state *state);
 
-/* One tick of 1 ms. Bounded work. state, inputs and outputs must not overlap and must not be NULL. */
+/* The first half of a tick of 1 ms: sensors, slip, states, drive. Writes duty_q15, enable and faults, and frame_count =
+ * 0. Bounded work. state, inputs and outputs must not overlap and must not be NULL, here and in the next two. */
+TERRAPIN_API void terrapin_step_drive(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs);
+
+/* The second half: the estimator's share of the tick, telemetry. inputs are those of the first half; reads outputs and
+ * writes the frames. Bounded work. */
+TERRAPIN_API void terrapin_step_think(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs);
+
+/* One tick of 1 ms: both halves. */
 TERRAPIN_API void terrapin_step(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs);
 
 /* Raw integer value of a parameter, in the unit and scale of controller.toml. index counts from 0 in file order. */

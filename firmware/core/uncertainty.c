@@ -21,19 +21,21 @@ void uncertainty_prepare(terrapin_state *state) {
     const int32_t *p = state->parameter;
     terrapin_gains *g = &state->gains;
     TERRAPIN_ASSERT((g->torque_unm_per_a > 0) && (g->window_slots > 0U));
-    const uint32_t torque = (uint32_t)g->torque_unm_per_a;
-    const int32_t noise_unm = integer_millionth(p[TERRAPIN_PARAMETER_SD_CURRENT_NOISE], torque);
+    const integer_wide *torque = &state->rates.emf; /* uN m of one uA */
+    const int32_t noise_unm = integer_widened(torque, p[TERRAPIN_PARAMETER_SD_CURRENT_NOISE]);
     const int32_t heat = integer_scale(p[TERRAPIN_PARAMETER_COMP_HEATING], p[TERRAPIN_PARAMETER_SD_TEMPERATURE], 1000);
-    g->fixed_variance = squared(integer_millionth(p[TERRAPIN_PARAMETER_SD_CURRENT_LINEARITY], torque)) +
+    g->fixed_variance = squared(integer_widened(torque, p[TERRAPIN_PARAMETER_SD_CURRENT_LINEARITY])) +
                         squared(noise_unm / (int32_t)integer_root((uint64_t)g->window_slots * (uint64_t)SLOT_MS)) +
                         squared(p[TERRAPIN_PARAMETER_GATE] / 2);
-    g->trimmed_unm =
-        integer_millionth(integer_shift(p[TERRAPIN_PARAMETER_CURRENT_SCALE], TRIMMED_Q8_CODES, 8U), torque);
-    g->untrimmed_unm = integer_millionth(p[TERRAPIN_PARAMETER_SD_CURRENT_OFFSET], torque);
-    g->floor_unm = integer_millionth(p[TERRAPIN_PARAMETER_SD_FLOOR], (uint32_t)g->weight_unm);
-    g->gain_ppm = (int32_t)integer_root(squared(p[TERRAPIN_PARAMETER_SD_TORQUE_CONSTANT]) +
-                                        squared(p[TERRAPIN_PARAMETER_SD_CURRENT_GAIN]) + squared(heat)); /* below 6e5 */
-    TERRAPIN_ASSERT((g->gain_ppm >= 0) && (g->gain_ppm < 600000));
+    g->trimmed_unm = integer_widened(torque, integer_q(p[TERRAPIN_PARAMETER_CURRENT_SCALE], TRIMMED_Q8_CODES, 8U));
+    g->untrimmed_unm = integer_widened(torque, p[TERRAPIN_PARAMETER_SD_CURRENT_OFFSET]);
+    g->floor_unm = integer_q_held(p[TERRAPIN_PARAMETER_SD_FLOOR], g->weight_q22, 22U);
+    const uint32_t gain_ppm =
+        integer_root(squared(p[TERRAPIN_PARAMETER_SD_TORQUE_CONSTANT]) +
+                     squared(p[TERRAPIN_PARAMETER_SD_CURRENT_GAIN]) + squared(heat)); /* below 6e5 */
+    TERRAPIN_ASSERT(gain_ppm < 600000U);
+    g->sd_viscous_q32 = integer_factor(p[TERRAPIN_PARAMETER_SD_VISCOUS], 32U, 100000000); /* 1e-8 1e-6 over 1e-6 */
+    g->gain_q30 = integer_factor((int64_t)gain_ppm, 30U, 1000000);
 }
 
 int32_t uncertainty_unm(const terrapin_state *state) {
@@ -47,11 +49,10 @@ int32_t uncertainty_unm(const terrapin_state *state) {
         scaled = integer_abs(e->torque_unm) - ground_floor_unm(state, e->omega_urad_s);
         own = g->floor_unm;
     } else {
-        viscous = integer_scale(e->omega_urad_s, p[TERRAPIN_PARAMETER_SD_VISCOUS], 100000000); /* 1e-8 1e-6 */
+        viscous = integer_q32(e->omega_urad_s, g->sd_viscous_q32);
     }
     const uint64_t variance = g->fixed_variance + squared(state->sense.trimmed ? g->trimmed_unm : g->untrimmed_unm) +
-                              squared(own) + squared(viscous) +
-                              squared(integer_millionth(scaled, (uint32_t)g->gain_ppm));
+                              squared(own) + squared(viscous) + squared(integer_q(scaled, g->gain_q30, 30U));
     TERRAPIN_ASSERT(variance < 1960000000000000000U);
     return (int32_t)integer_root(variance); /* seven squares of at most 2.5e17: below 1.4e9 */
 }

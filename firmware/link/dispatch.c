@@ -306,9 +306,18 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
     return result;
 }
 
-void terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin_outputs *outputs) {
-    terrapin_step(state, inputs, outputs);
+void terrapin_link_drive(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs) {
+    terrapin_step_drive(state, inputs, outputs);
+}
+
+void terrapin_link_think(terrapin_state *state, terrapin_inputs *inputs, terrapin_outputs *outputs) {
+    terrapin_step_think(state, inputs, outputs);
     inputs->command_fresh = false;
+}
+
+void terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin_outputs *outputs) {
+    terrapin_link_drive(state, inputs, outputs);
+    terrapin_link_think(state, inputs, outputs);
 }
 
 void terrapin_link_use_store(terrapin_link *link, terrapin_state *state, struct terrapin_store *store) {

@@ -4,14 +4,15 @@
  *     receive:  give each received frame to terrapin_accept
  *     TERRAPIN_ACCEPT_REPLY:  send *reply
  *     TERRAPIN_ACCEPT_STEP (test mode), or each millisecond of an own clock with own sensors in *inputs (otherwise):
- *         terrapin_link_step, send its frames in order,
- *         apply duty and enable to the bridge if terrapin_link_bridge_allowed, else hold the bridge off
+ *         terrapin_link_drive,
+ *         apply duty and enable to the bridge if terrapin_link_bridge_allowed, else hold the bridge off,
+ *         terrapin_link_think, send its frames in order
  *     leaving, for whatever reason:  bridge off
  *
  * A port with flash keeps parameters over a reset by two calls more (flash and pages as in store/parameters.h):
  *     once, after terrapin_link_init:  terrapin_store_open(&store, &flash, pages);
  *                                      terrapin_link_use_store(&link, state, &store);
- *     each tick, after the step:       (void)terrapin_link_store_work(&link, state);
+ *     each tick, after the frames:     (void)terrapin_link_store_work(&link, state);
  *
  * Each frame is a bounded piece of work, a write of a parameter the longest one; a port that steps when its tick comes
  * and takes frames in between, one at a time, cannot be starved by them.
@@ -62,7 +63,11 @@ TERRAPIN_API terrapin_accept_result terrapin_accept(terrapin_link *link, terrapi
                                                     const terrapin_frame *frame, terrapin_inputs *inputs,
                                                     terrapin_frame *reply);
 
-/* One tick: terrapin_step, after which the command is no longer fresh. */
+/* The halves of one tick: terrapin_step_drive; then terrapin_step_think, after which the command is no longer fresh. */
+TERRAPIN_API void terrapin_link_drive(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs);
+TERRAPIN_API void terrapin_link_think(terrapin_state *state, terrapin_inputs *inputs, terrapin_outputs *outputs);
+
+/* Both, for a port without a bridge. */
 TERRAPIN_API void terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin_outputs *outputs);
 
 /* Keep parameters in an open store, and give the state those that it holds. */

@@ -1,9 +1,8 @@
 """The C face of the description: terrapin_interface.h and .c, terrapin_pack.h.
 
-One packer walks a table of two bytes a signal. On a Cortex-M4 that is a quarter of the size of straight-line shifts
-(1.9 kB for the ten messages that the controller sends). For the one message that goes out every millisecond
-terrapin_pack.h has the straight shifts as well, as inline functions: where a message is made and packed in one place,
-the struct never reaches memory.
+Packing and unpacking are straight shifts into the two halves of a frame, and stand once: as inline functions in
+terrapin_pack.h. Where a message is made and packed in one place, its struct never reaches memory. The functions of
+terrapin_interface.h are the same, to be called.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ def source(d: Description) -> str:
         out += ["};", ""]
     out.append(_HELPERS)
     for message in d.messages:
-        out += [*_layout(message), *_encoder(message), "", *_decoder(message), ""]
+        out += [*_callables(message), ""]
     return "\n".join(out)
 
 
@@ -75,7 +74,7 @@ def pack_header(d: Description) -> str:
     out = [f"/* {NOTICE} */", "#ifndef TERRAPIN_PACK_H", "#define TERRAPIN_PACK_H", ""]
     out += ['#include "terrapin_interface.h"', "", _PACK_HELPERS]
     for message in d.messages:
-        out += [*_packer(message), ""]
+        out += [*_packer(message), "", *_unpacker(message), ""]
     return "\n".join([*out, "#endif", ""])
 
 
@@ -229,65 +228,6 @@ TERRAPIN_API terrapin_e2e_result terrapin_e2e_check(const terrapin_frame *frame,
 """
 
 _HELPERS = """\
-/* Layout of a message: identifier, length, number of signals, then one word a signal, in the order of the struct:
- * start in bits 0 to 5, 32 less its length from bit 6, signed in bit 11. All fields of the structs are 32 bits wide, so
- * that a struct is an array of words. */
-#define START(signal)                    ((signal) & 0x3FU)
-#define UNUSED(signal)                   (((signal) >> 6U) & 0x1FU)
-#define SIGN(signal)                     (((signal) << 20U) & 0x80000000U)
-#define HEAD_WORDS                       3U
-
-/* True when nothing was clamped. */
-static bool encode(const void *message, const uint16_t *layout, terrapin_frame *frame) {
-    /* A struct of 32-bit integers alone, which is generated below with an assertion of its size. */
-    /* cppcheck-suppress misra-c2012-11.5 */
-    const uint32_t *words = message;
-    uint64_t packed = 0U;
-    bool fits = true;
-    uint32_t i = layout[2];
-    while (i > 0U) {
-        i--;
-        const uint32_t signal = layout[HEAD_WORDS + i];
-        const uint32_t unused = UNUSED(signal);
-        const uint32_t most = 0xFFFFFFFFU >> unused;
-        const uint32_t half = SIGN(signal) >> unused; /* what the bits say begins at -half and ends at most - half */
-        uint32_t word = words[i];
-        if ((word + half) > most) {
-            word = ((word & 0x80000000U) != 0U) ? (0U - half) : (most - half);
-            fits = false;
-        }
-        packed |= (uint64_t)(word & most) << START(signal);
-    }
-    terrapin_fill(frame, layout[0], (uint8_t)layout[1], (uint32_t)packed, (uint32_t)(packed >> 32U));
-    return fits;
-}
-
-/* False when the frame is another message's. */
-static bool decode(const terrapin_frame *frame, const uint16_t *layout, void *message) {
-    /* As above. */
-    /* cppcheck-suppress misra-c2012-11.5 */
-    uint32_t *words = message;
-    const bool ours = (frame->id == layout[0]) && (frame->length == layout[1]);
-    uint32_t low = 0U;
-    uint32_t high = 0U;
-    for (uint32_t i = 0U; i < 4U; i++) {
-        low |= (uint32_t)frame->data[i] << (8U * i);
-        high |= (uint32_t)frame->data[4U + i] << (8U * i);
-    }
-    for (uint32_t i = 0U; ours && (i < layout[2]); i++) {
-        const uint32_t signal = layout[HEAD_WORDS + i];
-        const uint32_t start = START(signal);
-        const uint32_t unused = UNUSED(signal);
-        const uint32_t sign = SIGN(signal) >> unused;
-        uint32_t bits = high >> (start & 0x1FU);
-        if (start < 32U) {
-            bits = (low >> start) | ((high << 1U) << (31U - start));
-        }
-        words[i] = ((bits & (0xFFFFFFFFU >> unused)) ^ sign) - sign; /* extends the sign */
-    }
-    return ours;
-}
-
 uint8_t terrapin_crc8(uint8_t crc, const uint8_t *bytes, size_t length) {
     /* Half a byte at a time: 16 bytes of table, twice as quick as bit by bit. */
     static const uint8_t table[16] = {0x00U, 0x1DU, 0x3AU, 0x27U, 0x74U, 0x69U, 0x4EU, 0x53U,
@@ -350,7 +290,8 @@ terrapin_e2e_result terrapin_e2e_check(const terrapin_frame *frame, uint8_t *las
 
 
 _PACK_HELPERS = """\
-/* terrapin_pack_... is terrapin_encode_..., several times as quick and as long, to be compiled where it is used. */
+/* terrapin_pack_... and terrapin_unpack_... are terrapin_encode_... and terrapin_decode_..., to be compiled where they
+ * are used. */
 
 /* value within low..high, as bits; *lost is not 0 any more when it was outside. */
 static inline uint32_t terrapin_hold(int32_t value, int32_t low, int32_t high, uint32_t *lost) {
@@ -379,6 +320,22 @@ static inline void terrapin_put_word(uint8_t *bytes, uint32_t word) {
 #endif
 }
 
+static inline uint32_t terrapin_get_word(const uint8_t *bytes) {
+#if defined(__ARM_FEATURE_UNALIGNED) && (__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__)
+    uint32_t word;
+    __builtin_memcpy(&word, bytes, sizeof word); /* one load, wherever */
+    return word;
+#else
+    return bytes[0] | ((uint32_t)bytes[1] << 8U) | ((uint32_t)bytes[2] << 16U) | ((uint32_t)bytes[3] << 24U);
+#endif
+}
+
+/* The number whose bits these are; half is the value of its top bit. */
+static inline int32_t terrapin_signed(uint32_t bits, uint32_t half) {
+    const uint32_t extended = (bits ^ half) - half;
+    return (int32_t)extended;
+}
+
 static inline void terrapin_fill(terrapin_frame *frame, uint16_t id, uint8_t length, uint32_t low, uint32_t high) {
     frame->id = id;
     frame->length = length;
@@ -386,19 +343,6 @@ static inline void terrapin_fill(terrapin_frame *frame, uint16_t id, uint8_t len
     terrapin_put_word(&frame->data[4], high);
 }
 """
-
-
-def _layout(message: Message) -> list[str]:
-    name, upper = message.name.lower(), message.name.upper()
-    head = f"TERRAPIN_ID_{upper}, TERRAPIN_LENGTH_{upper}, {len(message.signals)}U"
-    return [
-        f"static const uint16_t layout_{name}[] = {{",
-        f"    {head},",
-        *(f"    0x{s.start | (32 - s.length) << 6 | s.signed << 11:04X}U, /* {s.name} */" for s in message.signals),
-        "};",
-        f'_Static_assert(sizeof(terrapin_{name}_t) == (4U * {len(message.signals)}U), "words alone");',
-        "",
-    ]
 
 
 def _packer(message: Message) -> list[str]:
@@ -434,38 +378,52 @@ def _packer(message: Message) -> list[str]:
     ]
 
 
-def _encoder(message: Message) -> list[str]:
-    """A stub around `encode`; a range that is narrower than the bits is clamped before it."""
-    name = message.name.lower()
-    body = []
-    for s in message.signals:
-        suffix = "U" if c_kind(s) == "uint32_t" else ""
-        for bound, edge, sign in ((s.minimum, s.lowest, "<"), (s.maximum, s.highest, ">")):
-            if bound != edge:
-                value = f"{bound}{suffix}" if suffix else _c(bound)
-                body += [
-                    f"    if (fitted.{s.name} {sign} {value}) {{",
-                    f"        fitted.{s.name} = {value};",
-                    "        exact = false;",
-                    "    }",
-                ]
-    head = f"bool terrapin_encode_{name}(const terrapin_{name}_t *message, terrapin_frame *frame) {{"
-    if not body:
-        return [head, f"    return encode(message, layout_{name}, frame);", "}"]
-    return [
-        head,
-        f"    terrapin_{name}_t fitted = *message;",
-        "    bool exact = true;",
-        *body,
-        f"    return encode(&fitted, layout_{name}, frame) && exact;",
-        "}",
+def _unpacker(message: Message) -> list[str]:
+    """Straight shifts out of the two halves of a frame."""
+    name, upper = message.name.lower(), message.name.upper()
+    lines = [
+        f"static inline bool terrapin_unpack_{name}(const terrapin_frame *frame, terrapin_{name}_t *message) {{",
+        f"    const bool ours = (frame->id == TERRAPIN_ID_{upper}) && (frame->length == TERRAPIN_LENGTH_{upper});",
+        "    if (ours) {",
     ]
+    halves = [half for half, used in zip(("low", "high"), _halves(message), strict=True) if used]
+    for half in halves:
+        place = "frame->data" if half == "low" else "&frame->data[4]"
+        lines.append(f"        const uint32_t {half} = terrapin_get_word({place});")
+    for s in message.signals:
+        bits = _bits(s)
+        if s.length < 32:
+            bits = f"{bits} & 0x{(1 << s.length) - 1:X}U"
+        if c_kind(s) == "uint32_t":
+            lines.append(f"        message->{s.name} = {bits};")
+        else:
+            half = f"0x{1 << (s.length - 1):X}U" if s.signed else "0U"
+            lines.append(f"        message->{s.name} = terrapin_signed({bits}, {half});")
+    return [*lines, "    }", "    return ours;", "}"]
 
 
-def _decoder(message: Message) -> list[str]:
+def _halves(message: Message) -> tuple[bool, bool]:
+    """Whether a signal has bits in the low half, and in the high one."""
+    return any(s.start < 32 for s in message.signals), any(s.start + s.length > 32 for s in message.signals)
+
+
+def _bits(s: Signal) -> str:
+    """An expression whose low bits are the signal's."""
+    if s.start >= 32:
+        return f"(high >> {s.start - 32}U)" if s.start > 32 else "high"
+    low = f"(low >> {s.start}U)" if s.start else "low"
+    return f"({low} | (high << {32 - s.start}U))" if s.start + s.length > 32 else low
+
+
+def _callables(message: Message) -> list[str]:
+    """The same as functions."""
     name = message.name.lower()
     return [
+        f"bool terrapin_encode_{name}(const terrapin_{name}_t *message, terrapin_frame *frame) {{",
+        f"    return terrapin_pack_{name}(message, frame);",
+        "}",
+        "",
         f"bool terrapin_decode_{name}(const terrapin_frame *frame, terrapin_{name}_t *message) {{",
-        f"    return decode(frame, layout_{name}, message);",
+        f"    return terrapin_unpack_{name}(frame, message);",
         "}",
     ]

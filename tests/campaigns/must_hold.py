@@ -48,13 +48,16 @@ WINDOW = 0.3  # s, of the estimator
 def ground_errors(result: Result) -> tuple[Array, Array, Array]:
     """(time [s], error of C_t [N m], stated sd [N m]) of every valid GROUND whose window lies on the second terrain.
 
-    The truth is the contact torque on the shell at the tick of the frame.
+    The truth is the contact torque on the shell at the tick that closed the frame's window, as its stated age has it.
+    The time is that of the frame.
     """
     ground = result.telemetry["GROUND"]
     on_terrain = result.truth["segment"] == 1
     crossing = result.time[np.argmax(on_terrain)] if np.any(on_terrain) else np.inf
-    use = (ground["valid"] > 0) & (ground["time"] >= crossing + WINDOW)
-    ticks = np.round(ground["time"][use] * 1000).astype(int)
+    age = next(c["value"] for c in result.interface.json["constants"] if c["name"] == "ground_age") * 1e-3
+    closed = ground["time"] - age
+    use = (ground["valid"] > 0) & (closed >= crossing + WINDOW)
+    ticks = np.round(closed[use] * 1000).astype(int)
     return ground["time"][use], ground["torque"][use] - result.truth["contact_torque"][ticks], ground["torque_sd"][use]
 
 

@@ -191,7 +191,7 @@ static double compensated(double omega, double acceleration, uint16_t index, int
     rig.state.estimator.omega_urad_s = (int32_t)lrint(omega * 1e6);
     rig.state.estimator.acceleration_urad_s2 = (int32_t)lrint(acceleration * 1e6);
     const int32_t counts = (int32_t)lrint(omega * 0.3 * GEAR / WHEEL_TURN * 2048.0);
-    return compensation_torque(&rig.state, &rig.in, counts) * 1e-6;
+    return compensation_friction(&rig.state, counts) * 1e-6;
 }
 
 static void test_compensation_terms_against_double(void) {
@@ -224,14 +224,14 @@ static void test_imbalance_is_the_mean_over_the_window(void) {
         rig_start();
         rig_set(TERRAPIN_PARAMETER_COMP_IMBALANCE, (int32_t)lrint(amplitude * 1e6));
         rig_set(TERRAPIN_PARAMETER_COMP_IMBALANCE_PHASE, (int32_t)lrint(phase * 1e4));
-        rig.state.sense.motor_position = position;
-        rig.in.swing_valid = i % 2 == 0;
-        rig.in.swing_angle_mrad = swing;
+        rig.state.history[rig.state.estimator.newest].position_counts = position; /* as the window closed */
+        rig.state.estimator.swing_valid = i % 2 == 0;
+        rig.state.estimator.swing_angle_mrad = swing;
         const double unit = WHEEL_TURN / 2048.0 / GEAR;
         const double end = (int32_t)position * unit - (i % 2 == 0 ? swing * 1e-3 : 0.0) + phase;
         const double way = counts * unit;
         const double mean = fabs(way) < 1e-9 ? sin(end) : (cos(end - way) - cos(end)) / way;
-        TEST_ASSERT_TRUE(fabs(compensation_torque(&rig.state, &rig.in, counts) * 1e-6 - amplitude * mean) < 5e-5);
+        TEST_ASSERT_TRUE(fabs(compensation_imbalance(&rig.state, counts) * 1e-6 - amplitude * mean) < 5e-5);
     }
 }
 
@@ -242,9 +242,11 @@ static void test_heating_scales_the_motor_torque(void) {
     TEST_ASSERT_INT32_WITHIN(100, 65000, sense_temperature_mc(&rig.state));
     TEST_ASSERT_INT32_WITHIN(100, (int32_t)lrint(0.92 * 1048576.0), compensation_heat_q20(&rig.state));
     rig.state.parameter[TERRAPIN_PARAMETER_COMP_HEATING] = 10000;
+    gains_prepare(&rig.state);
     rig.state.sense.temperature_q8_mc = 200000 * 256;
     TEST_ASSERT_EQUAL_INT32(1048576 / 4, compensation_heat_q20(&rig.state));
     rig.state.parameter[TERRAPIN_PARAMETER_COMP_HEATING] = -10000;
+    gains_prepare(&rig.state);
     rig.state.sense.temperature_q8_mc = 1000000 * 256;
     TEST_ASSERT_EQUAL_INT32(1048576 * 2, compensation_heat_q20(&rig.state));
 }

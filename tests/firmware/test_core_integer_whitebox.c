@@ -24,7 +24,7 @@ static void test_clamp_and_saturate(void) {
     TEST_ASSERT_EQUAL_INT32(-5, integer_clamp(INT32_MIN, -5, 7));
     TEST_ASSERT_EQUAL_INT32(7, integer_clamp(INT32_MAX, -5, 7));
     TEST_ASSERT_EQUAL_INT32(INTEGER_MOST, integer_hold(INT32_MAX));
-    TEST_ASSERT_EQUAL_INT32(-INTEGER_MOST, integer_hold(INT32_MIN));
+    TEST_ASSERT_EQUAL_INT32(INTEGER_LEAST, integer_hold(INT32_MIN));
     TEST_ASSERT_EQUAL_INT32(-5, integer_clamp(-5, -5, 7));
     TEST_ASSERT_EQUAL_INT32(7, integer_clamp(7, -5, 7));
     TEST_ASSERT_EQUAL_INT32(0, integer_clamp(0, -5, 7));
@@ -109,40 +109,96 @@ static void test_scale_at_its_edges(void) {
     }
 }
 
-/* Also about the count where the quick way ends. */
-static void test_times_equals_scale(void) {
-    uint32_t quick = 0U;
-    for (int i = 0; i < 300000; i++) {
-        const int32_t value = ((any() & INT32_MAX) >> (rand() % 31)) + (rand() % 2);
-        const int32_t d = ((any() & INTEGER_MOST) >> (rand() % 30)) + (rand() % 2);
-        if ((d > 0) && (value > 0)) {
-            integer_rate rate;
-            integer_split(&rate, value, d);
-            const int32_t edge = (int32_t)rate.most - 1 + (rand() % 3);
-            const int32_t counts[] = {any() >> (rand() % 31), edge, -edge, INT32_MIN, 0};
-            for (size_t k = 0; k < (sizeof counts / sizeof counts[0]); k++) {
-                TEST_ASSERT_EQUAL_INT32(integer_scale(value, counts[k], d), integer_times(&rate, counts[k]));
-            }
-            quick += (magnitude(counts[0]) <= rate.most) ? 1U : 0U;
-        }
-    }
-    TEST_ASSERT_TRUE(quick > 10000U);
+static int32_t held_of(long double exact) {
+    const long double most = INTEGER_MOST;
+    const long double least = INTEGER_LEAST;
+    return (int32_t)(exact > most ? most : (exact < least ? least : exact));
 }
 
-static void test_millionth_and_shift_equal_scale(void) {
-    for (int i = 0; i < 200000; i++) {
+/* Halves upwards: the floor of what is one half more. */
+static void test_products_in_q_formats(void) {
+    int held = 0;
+    for (int i = 0; i < 300000; i++) {
         const int32_t a = any() >> (rand() % 31);
-        const int32_t factor = (any() & INT32_MAX) >> (rand() % 31);
+        const int32_t factor = any() >> (rand() % 31);
         const uint32_t bits = 2U + (uint32_t)(rand() % 29);
-        TEST_ASSERT_EQUAL_INT32(quotient_of(a, factor, 1000000), integer_millionth(a, (uint32_t)factor));
-        TEST_ASSERT_EQUAL_INT32(quotient_of(a, factor, (int32_t)(1U << bits)),
-                                integer_shift(a, (uint32_t)factor, bits));
-        const int64_t edge = ((int64_t)INTEGER_MOST * 1000000) / (factor + 1); /* where the hold begins */
-        if (edge < INT32_MAX) {
-            const int32_t near = (int32_t)edge + (rand() % 3) - 1;
-            TEST_ASSERT_EQUAL_INT32(quotient_of(near, factor, 1000000), integer_millionth(near, (uint32_t)factor));
+        const long double product = (long double)a * (long double)factor;
+        const long double exact = floorl(ldexpl(product, -(int)bits) + 0.5L);
+        TEST_ASSERT_EQUAL_INT32(held_of(exact), integer_q_held(a, factor, bits));
+        TEST_ASSERT_EQUAL_INT32((int32_t)floorl(ldexpl(product, -32) + 0.5L), integer_q32(a, factor));
+        if (fabsl(exact) <= INTEGER_MOST) {
+            TEST_ASSERT_EQUAL_INT32((int32_t)exact, integer_q(a, factor, bits));
+        } else {
+            held++;
         }
     }
+    TEST_ASSERT_TRUE((held > 1000) && (held < 200000));
+    TEST_ASSERT_EQUAL_INT32(-1, integer_q(-3, 1, 1U)); /* the half goes up */
+    TEST_ASSERT_EQUAL_INT32(2, integer_q(3, 1, 1U));
+    TEST_ASSERT_EQUAL_INT32(-1, integer_down(-1, 40U));
+}
+
+/* Where the hold begins: quotients just below and above 2^30. */
+static void test_the_hold_of_products(void) {
+    for (uint32_t bits = 2U; bits <= 30U; bits++) {
+        for (int64_t off = -70; off <= 70; off++) {
+            const int64_t product = ((int64_t)1 << (30U + bits)) + (off * ((int64_t)1 << (bits - 2U)));
+            const int32_t factor = 1 << 29;
+            const int64_t value = product / factor; /* exact while 2^29 divides */
+            if ((value <= INT32_MAX) && ((value * factor) == product)) {
+                const long double exact = floorl(ldexpl((long double)product, -(int)bits) + 0.5L);
+                const long double mirrored = floorl(ldexpl(-(long double)product, -(int)bits) + 0.5L);
+                TEST_ASSERT_EQUAL_INT32(held_of(exact), integer_q_held((int32_t)value, factor, bits));
+                TEST_ASSERT_EQUAL_INT32(held_of(mirrored), integer_q_held((int32_t)-value, factor, bits));
+            }
+        }
+    }
+}
+
+static void test_factors_are_the_quotient_upwards(void) {
+    for (int i = 0; i < 100000; i++) {
+        const int32_t value = (any() & INT32_MAX) >> (rand() % 31);
+        const int32_t divisor = ((any() & INTEGER_MOST) >> (rand() % 30)) + 1;
+        const uint32_t bits = (uint32_t)(rand() % 31);
+        const int64_t scaled = (int64_t)value * ((int64_t)1 << bits);
+        const int64_t exact = (scaled + divisor - 1) / divisor;
+        const int32_t expected = (int32_t)(exact > INT32_MAX ? INT32_MAX : exact);
+        TEST_ASSERT_EQUAL_INT32(expected, integer_factor(value, bits, divisor));
+        TEST_ASSERT_EQUAL_INT32(-expected, integer_signed_factor(-(int64_t)value, bits, divisor));
+    }
+}
+
+/* A gain is good to a unit of its factor a count, and never passes what it is held within. */
+static void test_gains_of_counts(void) {
+    int beyond = 0;
+    for (int i = 0; i < 100000; i++) {
+        const int32_t value = ((any() & 0x1FFFFFFF) >> (rand() % 29)) + 1;
+        const int32_t divisor = 1024 + ((any() & INTEGER_MOST) >> (rand() % 30));
+        const integer_gain gain = integer_gain_of(value, divisor);
+        const int32_t counts[] = {any() >> (rand() % 31), gain.most, -gain.most, INT32_MAX, INT32_MIN, 0};
+        for (size_t k = 0; k < (sizeof counts / sizeof counts[0]); k++) {
+            const int32_t found = integer_gained(&gain, counts[k]);
+            TEST_ASSERT_TRUE((found <= INTEGER_MOST) && (found >= -INTEGER_MOST));
+            if (fabs((double)counts[k]) <= gain.most) {
+                const double exact = (double)value * (double)counts[k] / (double)divisor;
+                TEST_ASSERT_TRUE(fabs(found - exact) <= 0.51 + (fabs((double)counts[k]) / 4096.0));
+            } else {
+                beyond++;
+            }
+        }
+    }
+    TEST_ASSERT_TRUE(beyond > 1000);
+}
+
+static void test_of_a_sine(void) {
+    for (int i = 0; i < 100000; i++) {
+        const int32_t value = any() / 2;
+        const int32_t sine = (any() % 32768);
+        const double exact = (double)value * (double)sine / 32767.0;
+        TEST_ASSERT_TRUE(fabs(integer_of_sine(value, sine) - exact) <= 0.51 + (fabs(exact) * 2e-9));
+    }
+    TEST_ASSERT_EQUAL_INT32(1000000, integer_of_sine(1000000, 32767));
+    TEST_ASSERT_EQUAL_INT32(-1000000, integer_of_sine(1000000, -32767));
 }
 
 static void test_ratio_rounds_halves_away_from_zero(void) {
@@ -223,8 +279,11 @@ int main(void) {
     RUN_TEST(test_divide_by_large_denominators_is_good_to_4e_9);
     RUN_TEST(test_scale_equals_the_rounded_quotient);
     RUN_TEST(test_scale_at_its_edges);
-    RUN_TEST(test_times_equals_scale);
-    RUN_TEST(test_millionth_and_shift_equal_scale);
+    RUN_TEST(test_products_in_q_formats);
+    RUN_TEST(test_the_hold_of_products);
+    RUN_TEST(test_factors_are_the_quotient_upwards);
+    RUN_TEST(test_gains_of_counts);
+    RUN_TEST(test_of_a_sine);
     RUN_TEST(test_ratio_rounds_halves_away_from_zero);
     RUN_TEST(test_difference_wraps);
     RUN_TEST(test_root_is_the_floor_of_the_square_root);

@@ -330,6 +330,20 @@ static void test_state_size_is_that_of_the_state(void) {
     TEST_ASSERT_EQUAL(sizeof(terrapin_state), terrapin_state_size());
 }
 
+/* What a write works out is what a whole preparation does, also where it takes the short way. */
+static void test_every_write_prepares_what_follows_from_it(void) {
+    for (uint16_t i = 0U; i < TERRAPIN_PARAMETER_COUNT; i++) {
+        rig_start();
+        const terrapin_parameter_entry entry = terrapin_parameter(i);
+        rig_set(i, entry.minimum + ((entry.maximum - entry.minimum) / 3));
+        const terrapin_gains gains = rig.state.gains;
+        const terrapin_rates rates = rig.state.rates;
+        gains_prepare(&rig.state);
+        TEST_ASSERT_EQUAL_MEMORY(&gains, &rig.state.gains, sizeof gains);
+        TEST_ASSERT_EQUAL_MEMORY(&rates, &rig.state.rates, sizeof rates);
+    }
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_boots_through_self_test_into_idle);
@@ -351,5 +365,6 @@ int main(void) {
     RUN_TEST(test_parameter_access);
     RUN_TEST(test_protected_parameters_are_locked_while_the_bridge_is_on);
     RUN_TEST(test_state_size_is_that_of_the_state);
+    RUN_TEST(test_every_write_prepares_what_follows_from_it);
     return UNITY_END();
 }

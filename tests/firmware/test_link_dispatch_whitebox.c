@@ -11,6 +11,7 @@
 struct terrapin_state {
     int resets;
     int steps;
+    int thoughts;
     bool fresh_at_step;
     bool locked;   /* the bridge is on */
     int32_t value; /* of parameter 0, the only one; 0 to 10 */
@@ -26,10 +27,17 @@ void terrapin_init(terrapin_state *s) {
     s->value = 5;
 }
 
-void terrapin_step(terrapin_state *s, const terrapin_inputs *in, terrapin_outputs *out) {
+void terrapin_step_drive(terrapin_state *s, const terrapin_inputs *in, terrapin_outputs *out) {
     s->steps++;
     s->fresh_at_step = in->command_fresh;
     memset(out, 0, sizeof *out);
+}
+
+void terrapin_step_think(terrapin_state *s, const terrapin_inputs *in, terrapin_outputs *out) {
+    s->thoughts++;
+    TEST_ASSERT_EQUAL_MESSAGE(s->steps, s->thoughts, "behind the drive, once each");
+    TEST_ASSERT_EQUAL(s->fresh_at_step, in->command_fresh);
+    out->frame_count = 1U;
 }
 
 terrapin_parameter_result terrapin_parameter_set(terrapin_state *s, uint16_t index, int32_t value) {

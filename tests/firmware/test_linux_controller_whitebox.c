@@ -32,6 +32,7 @@ struct gpio_line {
 static int steps;
 static int steps_with_estop;
 static int steps_until_the_end;
+static volatile bool *enable_output;
 static char outputs_set[64]; /* E, D: enable, direction active, e, d: inactive; +, 0, -: duty */
 
 static void note_output(char what) {
@@ -150,11 +151,15 @@ bool terrapin_link_bridge_allowed(const terrapin_link *link) {
     (void)link;
     return true;
 }
-void terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin_outputs *outputs) {
+void terrapin_link_drive(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs) {
     (void)state;
     steps++;
     steps_with_estop += inputs->estop ? 1 : 0;
     outputs->enable = !inputs->estop;
+}
+void terrapin_link_think(terrapin_state *state, terrapin_inputs *inputs, terrapin_outputs *outputs) {
+    (void)state, (void)inputs;
+    TEST_ASSERT_TRUE_MESSAGE(*enable_output == outputs->enable, "the bridge is set before anything else is done");
     if (steps >= steps_until_the_end) {
         (void)raise(SIGTERM); /* blocked: it waits in the signalfd */
     }
@@ -183,7 +188,6 @@ void real_time(int priority) {
 
 /* ---- tests */
 
-static volatile bool *enable_output;
 static gpio_line estop;
 static gpio_line enable;
 static gpio_line direction;

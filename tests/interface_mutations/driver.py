@@ -138,8 +138,7 @@ bool supervisor_ready(const terrapin_state *unused) { (void)unused; return ready
 static void fresh(void) {
     memset(&state, 0, sizeof state);
     memset(&inputs, 0, sizeof inputs);
-    state.parameter[TERRAPIN_PARAMETER_RADIUS] = 1;
-    state.parameter[TERRAPIN_PARAMETER_DRIVE_RADIUS] = 1;
+    state.gains.wheel_q22 = 1 << 22; /* R/r is 1 */
     state.gains.turn_per_count = 1;
     state.heading.known = true;
 }

@@ -115,7 +115,7 @@ def test_a_stranger_links_the_core(way: str, machine: str, archive: Path, unpack
     if machine == "host":
         assert run(build / "mine") == OUTPUT
     else:
-        assert re.search(r" T terrapin_step$", run("arm-none-eabi-nm", build / "mine"), re.MULTILINE)
+        assert re.search(r" T terrapin_step_drive$", run("arm-none-eabi-nm", build / "mine"), re.MULTILINE)
 
     # Nothing of ours but the core is compiled, and with nobody's flags but theirs.
     commands = {Path(c["file"]).name: c["command"] for c in json.loads((build / "compile_commands.json").read_text())}

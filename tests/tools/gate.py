@@ -24,7 +24,12 @@ from steps import ROOT, Result, report, run
 HERE = Path(__file__).resolve().parent
 PAGE = Path(sys.prefix) / "page" / "node_modules"  # what tests/setup/setup.sh installs from tests/tools/page
 # Read as the cross compiler does.
-ARM_FOLDERS = ("firmware/ports/qemu/", "firmware/ports/stm32f405/", "firmware/ports/stm32f405_boot/")
+ARM_FOLDERS = (
+    "firmware/ports/qemu/",
+    "firmware/ports/replay/",
+    "firmware/ports/stm32f405/",
+    "firmware/ports/stm32f405_boot/",
+)
 ARM_COMPILER = "arm-none-eabi-gcc"
 SCRIPTS = "host_tools/terrapin_tools/web/static"
 Command = list[str]

@@ -129,9 +129,10 @@ static void sense(controller *c) {
 /* ---- the step */
 
 static void step(controller *c) {
-    terrapin_link_step(c->state, &c->inputs, &c->outputs);
+    terrapin_link_drive(c->state, &c->inputs, &c->outputs);
+    apply(c); /* first the bridge, then the ground and the words about both */
+    terrapin_link_think(c->state, &c->inputs, &c->outputs);
     c->steps++;
-    apply(c); /* first the bridge, then the words about it */
     bus_send(&c->bus, c->outputs.frames, c->outputs.frame_count);
 }
 

@@ -40,9 +40,13 @@ static void answer(port *p, source from, const terrapin_frame *frame) {
     }
 }
 
+/* The bridge is set as soon as the drive is done: at the same moment of every tick. */
 static void step(port *p) {
     const uint32_t start = hardware_cycles();
-    terrapin_link_step(p->state, &p->inputs, &p->outputs);
+    terrapin_link_drive(p->state, &p->inputs, &p->outputs);
+    const bool on = p->outputs.enable && terrapin_link_bridge_allowed(&p->link);
+    hardware_drive(&p->hardware, p->outputs.duty_q15, on); /* off in test mode */
+    terrapin_link_think(p->state, &p->inputs, &p->outputs);
     phases_note(&p->times, PHASE_STEP, hardware_cycles() - start);
 }
 
@@ -261,7 +265,6 @@ static void own_tick(port *p) {
     phases_note(&p->times, PHASE_SENSE, hardware_cycles() - begin);
     step(p);
     const uint32_t stepped = hardware_cycles();
-    hardware_drive(&p->hardware, p->outputs.duty_q15, p->outputs.enable && terrapin_link_bridge_allowed(&p->link));
     for (uint8_t i = 0; i < p->outputs.frame_count; i++) {
         publish(p, &p->outputs.frames[i]);
     }
