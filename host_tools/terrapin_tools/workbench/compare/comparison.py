@@ -40,6 +40,7 @@ __all__ = ["LEVEL", "Analysis", "Rung", "analyse", "error", "fitted_on", "free_s
 LEVEL = 0.05  # false alarm rate of "something is missing", the usual one; --level changes it
 # Starts of a base model with bounded parameters: the case's own, the others inside the bounds. Chosen by hand.
 STARTS = 3
+CLEARLY = 50.0  # times below the level, to raise an alarm on rows closer than a correlation length; chosen by hand
 ROUNDS = 3  # looks for rows that stand alone: without the farthest, others may show
 
 
@@ -171,14 +172,26 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     ------
     UserError : the model gives no number for a row; file and row are named.
     """
-    odd = np.zeros(case.rows, dtype=bool)
     long = step_of_long(case)
     case = every(case, long) if long > 1 else case
-    fits, noise, nuisance = _fitted(case, seed)
-    step = long * step_of(case, noise.node)
-    if step > long:
-        case = every(case, step)
-        fits, noise, nuisance = _fitted(case, seed)
+    fitted = _fitted(case, seed)
+    step = long * step_of(case, fitted[1].node)
+    if step == long:
+        return _analysed(case, seed, level, long, fitted)
+    thin = every(case, step)
+    found = _analysed(thin, seed, level, step, _fitted(thin, seed))
+    if found.missing:
+        return found
+    # what is seen only between the rows that were taken (a wave in time) has to be seen clearly: there the model of the
+    # noise is an approximation
+    whole = _analysed(case, seed, level, long, fitted)
+    return whole if whole.adequacy.p_value < level / CLEARLY else found
+
+
+def _analysed(case: Case, seed: int, level: float, step: int, fitted: tuple[list[Fit], Noise, Array]) -> Analysis:
+    """The answer for the rows of a case as it is, fitted as `_fitted` says."""
+    odd = np.zeros(case.rows, dtype=bool)
+    fits, noise, nuisance = fitted
     for _ in range(ROUNDS):
         if not noise.odd.any() or odd.sum() + noise.odd.sum() > ODD_SHARE * len(odd):
             break
