@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["bar", "progress_lines", "say", "step"]
+__all__ = ["bar", "progress_lines", "say", "step", "steps"]
 
 
 def progress_lines() -> bool:
@@ -34,6 +35,45 @@ def step(text: str) -> Iterator[None]:
     finally:
         if shown or lines:
             print(f"{'' if lines else chr(13)}{text}: {time.monotonic() - begin:.1f} s", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def steps() -> Iterator[Callable[[str], None]]:
+    """Progress of long work on standard error: what is given is told what is done now; the time is told each second."""
+    shown, lines = sys.stderr.isatty(), progress_lines()
+    if not shown and not lines:
+        yield lambda _: None
+        return
+    begin, done, lock = time.monotonic(), threading.Event(), threading.Lock()
+    current = ""
+
+    def tell() -> None:
+        text = f"{time.monotonic() - begin:5.1f} s  {current} ..."
+        print(f"\r{text}" if shown and not lines else text, end="\n" if lines else "", file=sys.stderr, flush=True)
+
+    def report(text: str) -> None:
+        nonlocal current
+        with lock:
+            if current and not lines:
+                print(file=sys.stderr)
+            current = text
+            tell()
+
+    def tick() -> None:
+        while not done.wait(1.0):
+            with lock:
+                if current:
+                    tell()
+
+    clock = threading.Thread(target=tick, daemon=True)
+    clock.start()
+    try:
+        yield report
+    finally:
+        done.set()
+        clock.join()
+        if current and not lines:
+            print(file=sys.stderr, flush=True)
 
 
 @contextmanager

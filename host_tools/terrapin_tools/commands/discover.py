@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +10,7 @@ import typer
 
 from terrapin_tools.command_options import Cases, Cluster, Jobs, Json, Level, Seed, check_options, deliver
 from terrapin_tools.errors import UserError
-from terrapin_tools.progress import progress_lines
+from terrapin_tools.progress import steps
 
 __all__ = ["discover"]
 
@@ -66,14 +64,8 @@ def discover(
         raise UserError(f"--bootstrap: found {bootstrap}, expected 0 to {MOST_DRAWS}")
     if not 0 <= repeats <= MOST_TABLES:
         raise UserError(f"--repeats: found {repeats}, expected 1 to {MOST_TABLES}")
-    begin = time.monotonic()
-
-    def report(text: str) -> None:
-        if sys.stderr.isatty() or progress_lines():
-            print(f"{time.monotonic() - begin:5.1f} s  {text} ...", file=sys.stderr, flush=True)
-
     if plant:
-        _plant(case, plant, repeats or TABLES, seed, level, report, json, bool(bootstrap or cluster))
+        _plant(case, plant, repeats or TABLES, seed, level, json, bool(bootstrap or cluster))
         return
     if repeats:
         raise UserError("--repeats: expected together with --plant")
@@ -84,7 +76,9 @@ def discover(
 
         answer_all(folders, question, json, jobs, cluster, keep)
         return
-    story = fleet.answer_one(case, question, cluster, report)
+    with steps() as report:
+        report("reading the case")
+        story = fleet.answer_one(case, question, cluster, report)
     keep(case, story)  # `add` knows the expressions that it proposed, `report` and the page show it
     deliver(answer(story), tell(story), json)
 
@@ -95,7 +89,6 @@ def _plant(
     repeats: int,
     seed: int,
     level: float,
-    report: Callable[[str], None],
     json: str,
     other: bool,
 ) -> None:
@@ -112,6 +105,6 @@ def _plant(
     if other:
         raise UserError("--plant: found beside --bootstrap or --cluster, expected alone")
     begin = time.monotonic()
-    with threadpool_limits(limits=1):
+    with threadpool_limits(limits=1), steps() as report:
         planted = plant(load_case(case), name.strip(), size.strip(), repeats, seed, level, report)
     deliver({**answer(planted), "seconds": time.monotonic() - begin}, tell(planted), json)
