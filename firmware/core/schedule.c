@@ -21,10 +21,11 @@
  */
 #include "core.h"
 
-enum { WINDOW_TICK = 4, GROUND_TICK = 1 };
+enum { WINDOW_TICK = 4, GROUND_TICK = 1, PATH_TICK = 3, HEADING_TICK = 9 };
 
 _Static_assert(((int32_t)GROUND_TICK + (int32_t)SLOT_MS - (int32_t)WINDOW_TICK) == TERRAPIN_GROUND_AGE,
                "as controller.toml states");
+_Static_assert(((int32_t)HEADING_TICK - (int32_t)PATH_TICK) == TERRAPIN_HEADING_AGE, "as controller.toml states");
 
 void schedule_sense(terrapin_state *state, const terrapin_inputs *inputs) {
     estimator_tick(state, inputs); /* with the voltage that stood until now */
@@ -61,7 +62,7 @@ void schedule_work(terrapin_state *state, const terrapin_inputs *inputs) {
     case (uint32_t)GROUND_TICK:
         ground_nearest(state);
         break;
-    case 3U:
+    case (uint32_t)PATH_TICK:
         ground_fit_work(state);
         heading_slot(state, inputs);
         break;

@@ -126,6 +126,7 @@ def splits_of_links(source: str) -> Iterator[int]:
 # Files that split other things at ":", and how often.
 OTHERS = {
     "hil/terrapin_hil/run/rig.py": 1,  # CHIP:LINE
+    "host_tools/terrapin_tools/batch/design.py": 2,  # FIRST:LAST, LOW:HIGH:STEPS
     "host_tools/terrapin_tools/worker.py": 1,  # module:function
     "host_tools/terrapin_tools/workbench/case/changes.py": 1,  # a library's message, file:line:column
     "host_tools/terrapin_tools/workbench/compare/adequacy.py": 3,  # labels of the tests of adequacy

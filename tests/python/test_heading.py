@@ -143,7 +143,8 @@ def steered(folder: Path, ticks: float = 6.0) -> Result:
 def test_the_controller_tells_heading_and_path(tmp_path: Path) -> None:
     result = steered(tmp_path)
     table, truth = result.telemetry["HEADING"], result.truth
-    at = np.searchsorted(truth["time"], table["time"] - 1e-9)
+    age = next(c["value"] for c in result.interface.json["constants"] if c["name"] == "heading_age") * 1e-3
+    at = np.searchsorted(truth["time"], table["time"] - age - 1e-9)
     error = np.angle(np.exp(1j * (table["heading"] - truth["heading"][at])))
     assert np.abs(error).max() < 1.0 * 2.0 * np.pi / 65536, "one step of the steering encoder"
     assert np.ptp(truth["path_x"]) > 0.5
