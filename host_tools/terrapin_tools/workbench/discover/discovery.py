@@ -47,8 +47,6 @@ __all__ = ["Candidate", "Discovery", "discover"]
 AS_GOOD = 0.75
 SAME_AS_GOOD = 0.2
 MOST_RIVALS = 4  # that are told where none of them is likelier than not; chosen by hand
-# The same for a fault of the table: one of a few factors that does what a fitted size does is no coincidence.
-FAULT_AS_GOOD = 0.05
 SAME = 2.0  # squared distance of two sets' predictions [noise sd] beyond the other's parameters; chosen by hand
 # Such a distance, below which a part of a set does what the whole does. Halves of one effect lie 1e-6 apart; at 2 a
 # right pair lost an effect (pool mixed, seed 11, case 363).
@@ -182,7 +180,7 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
         return "unexplained", None, [], calibrated(1.0 - ranking.probability("nothing"), "unexplained")
     top, best = sets[0]
     for other, p in sets[1:]:
-        near = top.log_weight - other.log_weight < SHORTER and _size_of(other) < _size_of(top)
+        near = top.log_weight - other.log_weight < SHORTER and _size_of(other) < _size_of(top) and not _faulty(other)
         if near and _distance(analysis, ranking, top.fit, other.fit) < SAME:
             top, best = other, p
             break
@@ -196,8 +194,8 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
         # a formula in the place of an effect of the catalogue is a rival only if it is about as likely
         least = SAME_AS_GOOD if other.kind == "catalogue" or top.kind != "catalogue" else AS_GOOD
         first, second = top.fit, other.fit
-        if any(name.startswith(TABLE) for name in other.effects):  # nothing in it is fitted to the noise
-            least, first, second = FAULT_AS_GOOD, second, first
+        if _faulty(other):  # nothing in it is fitted to the noise
+            first, second = second, first
         if nested or p * np.exp(other.taxed - top.taxed) < least * best:
             continue
         # what is the same on these data is told even where its size speaks against it
@@ -211,6 +209,11 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
         rivals += [other for other, p in sets if other is not top and p >= SAME_AS_GOOD * best][: MOST_RIVALS - 1]
     verdict = "ambiguous" if len(rivals) > 1 else "missing"
     return verdict, top, rivals, calibrated(best, verdict)
+
+
+def _faulty(hypothesis: Hypothesis) -> bool:
+    """Whether a fault of the table is part of it: it has no size, but is one of many factors that were tried."""
+    return any(name.startswith(TABLE) for name in hypothesis.effects)
 
 
 def _says_enough(ranking: Ranking, analysis: Analysis, top: Hypothesis) -> bool:
