@@ -16,7 +16,8 @@ add_executable(step-replay ${CMAKE_SOURCE_DIR}/firmware/ports/replay/main.c ${QE
     $<TARGET_OBJECTS:core_objects> $<TARGET_OBJECTS:link_objects>)
 set_target_properties(step-replay PROPERTIES SUFFIX .elf LINK_DEPENDS ${QEMU_DIR}/qemu.ld)
 add_dependencies(step-replay interface)
-target_include_directories(step-replay PRIVATE ${QEMU_DIR} ${CMAKE_SOURCE_DIR}/firmware/core ${CMAKE_SOURCE_DIR}/firmware/link ${GENERATED})
+target_include_directories(step-replay PRIVATE ${QEMU_DIR} ${CMAKE_SOURCE_DIR}/firmware/core ${CMAKE_SOURCE_DIR}/firmware/link
+    ${CMAKE_SOURCE_DIR}/firmware/store ${GENERATED})
 target_compile_options(step-replay PRIVATE ${STRICT} -ffunction-sections -fdata-sections)
 target_link_options(step-replay PRIVATE -nostartfiles --specs=nano.specs -Wl,--gc-sections -T ${QEMU_DIR}/qemu.ld)
 

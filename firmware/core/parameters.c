@@ -43,6 +43,11 @@ terrapin_parameter_result terrapin_parameter_get(const terrapin_state *state, ui
     return result;
 }
 
+const int32_t *terrapin_parameter_values(const terrapin_state *state) {
+    TERRAPIN_ASSERT(state != NULL);
+    return state->parameter;
+}
+
 terrapin_parameter_result terrapin_parameter_set_all(terrapin_state *state, const int32_t *values) {
     TERRAPIN_ASSERT(state != NULL);
     terrapin_parameter_result result = state->drive.enable ? TERRAPIN_PARAMETER_LOCKED : TERRAPIN_PARAMETER_OK;

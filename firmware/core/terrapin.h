@@ -120,6 +120,9 @@ TERRAPIN_API terrapin_parameter_result terrapin_parameter_set(terrapin_state *st
 TERRAPIN_API terrapin_parameter_result terrapin_parameter_get(const terrapin_state *state, uint16_t index,
                                                               int32_t *value);
 
+/* All TERRAPIN_PARAMETER_COUNT values as they stand, in file order; they belong to the state. */
+TERRAPIN_API const int32_t *terrapin_parameter_values(const terrapin_state *state);
+
 /* All parameters, in file order (NULL: the defaults); nothing is written unless all are in range and the bridge is off.
  * About the work of one terrapin_parameter_set. */
 TERRAPIN_API terrapin_parameter_result terrapin_parameter_set_all(terrapin_state *state, const int32_t *values);

@@ -192,13 +192,12 @@ void terrapin_store_apply(const terrapin_store *store, terrapin_state *state) {
 }
 
 bool terrapin_store_differs(const terrapin_store *store, const terrapin_state *state) {
-    bool differs = false;
-    for (uint32_t i = 0U; i < PARAMETERS; i++) {
-        int32_t value = 0;
-        (void)terrapin_parameter_get(state, (uint16_t)i, &value); /* known */
-        differs = differs || (value != store->value[i]);
+    const int32_t *now = terrapin_parameter_values(state); /* without a call for each: floods must cost little */
+    uint32_t same = 0U;
+    while ((same < PARAMETERS) && (now[same] == store->value[same])) {
+        same++;
     }
-    return differs;
+    return same < PARAMETERS;
 }
 
 /* The other page than the newest set's, from its start. */

@@ -180,14 +180,20 @@ static void test_more_frames_than_it_can_take(void) {
 }
 
 static void test_flood_of_parameter_writes(void) {
-    /* Well-formed, 8 bytes, each the same counter: dropped, but only after their CRC was computed. */
+    /* Well-formed, 8 bytes, each the same counter: dropped, but only after their CRC was computed, and at the price of
+     * writes: one a tick with the bridge off. Those for which there is no room are counted. */
     static traffic t;
     t = (traffic){.foreign = {.id = TERRAPIN_ID_PARAMETER_WRITE, .length = 8}, .foreign_bits = 111U, .frame_us = 30U};
     terrapin_e2e_protect(&t.foreign, 3U);
     run_for(&t, 2U * 1000U * 1000U);
     TEST_ASSERT_EQUAL_UINT32(0U, controller.overruns);
     TEST_ASSERT_EQUAL_UINT32(2000U, controller.tick + 1U);
-    TEST_ASSERT_GREATER_THAN(10000U, controller.link.repeated);
+    const uint32_t taken = controller.link.repeated + 1U; /* the first was no repetition */
+    TEST_ASSERT_UINT32_WITHIN(2U, 2000U, taken);
+    TEST_ASSERT_EQUAL_UINT32(0U, bus.in_lost);
+    TEST_ASSERT_GREATER_THAN(10000U, controller.intake.lost);
+    TEST_ASSERT_EQUAL_UINT32(bus.in_tail,
+                             taken + controller.intake.lost + controller.intake.count); /* all accounted for */
 }
 
 static void test_babbling_idiot_before_us(void) {
@@ -242,6 +248,23 @@ static bool ticks(uint32_t count, uint8_t request) {
         (void)port_pass(&controller, controller.tick + 1U);
     }
     return driven;
+}
+
+static void test_idle_stops_the_motor_in_the_same_tick(void) {
+    /* Behind as many store requests as there is room for, which would take 32 ticks with the bridge on. */
+    (void)ticks(1500U, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_TRUE(ticks(300U, TERRAPIN_REQUEST_RUN));
+    const terrapin_frame read = {.id = TERRAPIN_ID_STORE_READ, .length = 1U};
+    for (uint32_t i = 0; i < TERRAPIN_INTAKE_SIZE; i++) {
+        give(&read);
+    }
+    TEST_ASSERT_GREATER_OR_EQUAL(TERRAPIN_INTAKE_SIZE - 2U, controller.intake.count);
+    const terrapin_frame idle = command(TERRAPIN_REQUEST_IDLE, 0, 14U);
+    give(&idle);
+    TEST_ASSERT_EQUAL(TERRAPIN_REQUEST_IDLE, controller.inputs.command.request);
+    (void)port_pass(&controller, controller.tick + 1U);
+    TEST_ASSERT_FALSE(driven);
+    TEST_ASSERT_EQUAL_UINT32(0U, controller.intake.lost);
 }
 
 static void test_runs_and_stops_on_the_port_s_faults(void) {
@@ -545,6 +568,7 @@ int main(void) {
     RUN_TEST(test_more_frames_than_it_can_take);
     RUN_TEST(test_flood_of_parameter_writes);
     RUN_TEST(test_babbling_idiot_before_us);
+    RUN_TEST(test_idle_stops_the_motor_in_the_same_tick);
     RUN_TEST(test_runs_and_stops_on_the_port_s_faults);
     RUN_TEST(test_test_mode_holds_the_bridge_off_and_stops_the_own_clock);
     RUN_TEST(test_saves_parameters_and_finds_them_again);

@@ -155,7 +155,8 @@ def ticks(recording: Recording) -> bytes:
 
 
 def count(recording: Recording, firmware: Firmware | None = None, program: Path | None = None) -> Counts:
-    """Of each tick: `drive` and `think` [instructions], `mode` (firmware/ports/replay/main.c), `outputs`."""
+    """Of each tick: `drive`, `think` and `intake` [instructions], `taken` (frames), `mode` (as the image's source has
+    it), `outputs`."""
     return count_all([recording], firmware, program)[0]
 
 
@@ -164,7 +165,7 @@ def count_all(
 ) -> list[Counts]:
     """The same of several, each from a reset, in one run of the emulator."""
     firmware, recordings = firmware or Firmware.open(), list(recordings)
-    words = [(name, "<u4") for name in ("drive", "think", "mode")]
+    words = [(name, "<u4") for name in ("drive", "think", "intake", "taken", "mode")]
     kind = np.dtype([*words, ("outputs", output_type(firmware))], align=True)
     answer = emulate(b"".join(map(ticks, recordings)), program)
     found, at = [], 0

@@ -7,7 +7,7 @@ from __future__ import annotations
 import shutil
 import struct
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,19 @@ from terrapin_hil import paths
 from terrapin_hil.firmware import Firmware
 from terrapin_hil.messages import Frame, Sender, interface
 from terrapin_hil.scenario.scenario import find_scenario, load_scenario
-from tests.target.replay import FRAME, TICK, Counts, Recording, count_all, emulate, image, on_host, record
+from tests.target.replay import (
+    FRAME,
+    RESET,
+    TICK,
+    Counts,
+    Recording,
+    count_all,
+    emulate,
+    image,
+    on_host,
+    output_type,
+    record,
+)
 from tests.target.worst import bases, build, load, search
 
 BUDGET = tomllib.loads((Path(__file__).parent / "budget.toml").read_text())["step"]
@@ -144,39 +156,112 @@ def test_a_search_finds_none_that_is_longer(firmware: Firmware) -> None:
     assert 1000 < found.instructions <= BUDGET["extreme"]
 
 
-def flood(frames: list[Frame], recording: Recording, ticks: int) -> tuple[int, int]:
-    """The longest step, and the longest frame, with 8 of `frames` before each of the last ticks."""
-    records = [struct.pack(f"<I{len(recording.values)}i", 1, *recording.values)]
-    per_tick = []
-    for i, row in enumerate(recording.inputs[:ticks]):
-        here = [frames[(8 * i + k) % len(frames)] for k in range(8)] if i >= ticks // 2 else []
-        per_tick.append(len(here))
+Tick = tuple[int, int, int, int, bool, int]  # what came, what was taken [instructions], how many, step, bridge, duty
+
+
+def flood(per_tick: Sequence[Sequence[Frame]], recording: Recording, begin: int, firmware: Firmware) -> list[Tick]:
+    """The ticks of a recording from `begin` on, before each of which these frames come. The bridge is as it was when
+    they came."""
+    inputs = recording.inputs[: begin + len(per_tick)]
+    words = [(name, "<u4") for name in ("drive", "think", "intake", "taken", "mode")]
+    kind = np.dtype([*words, ("outputs", output_type(firmware))], align=True)
+    records = [struct.pack(f"<I{len(recording.values)}i", RESET, *recording.values)]
+    for i, row in enumerate(inputs):
+        here = per_tick[i - begin] if i >= begin else ()
         records += [struct.pack("<IHB8sx", FRAME, f[0], len(f[1]), f[1].ljust(8, b"\0")) for f in here]
         records.append(struct.pack("<I", TICK) + row.tobytes())
-    answer, at, together, longest = emulate(b"".join(records)), 4, 0, 0
-    width = (len(answer) - 4 - 8 * sum(per_tick)) // len(per_tick)
-    for count in per_tick:
-        taken = [struct.unpack_from("<I", answer, at + 8 * k)[0] for k in range(count)]
-        at += 8 * count
-        together = max(together, sum(taken) + sum(struct.unpack_from("<II", answer, at)))
-        longest = max([longest, *taken])
-        at += width
-    return together, longest
+    answer, at, ticks, on = emulate(b"".join(records)), 4, [], False
+    for i in range(len(inputs)):
+        count = len(per_tick[i - begin]) if i >= begin else 0
+        came = sum(struct.unpack_from(f"<{count}I", answer, at))
+        tick = np.frombuffer(answer, kind, 1, at + 4 * count)[0]
+        step = int(tick["drive"]) + int(tick["think"])
+        ticks.append((came, int(tick["intake"]), int(tick["taken"]), step, on, int(tick["outputs"]["duty"])))
+        on = bool(tick["outputs"]["enable"])
+        at += 4 * count + kind.itemsize
+    assert at == len(answer)
+    return ticks[begin:]
 
 
-def test_a_flood_of_frames_while_it_drives(recordings: Mapping[str, Recording]) -> None:
-    """Every kind of frame, 8 a tick, the bridge on: intake and step together."""
-    sender, description = Sender(), interface()
-    parameters = list(description.parameters.values())
-    kinds = [
-        [sender.frame("PARAMETER_WRITE", {"index": p.index, "value": p.default}) for p in parameters],
-        [sender.frame("PARAMETER_READ", {"index": p.index}) for p in parameters],
-        [sender.frame("STORE_COMMAND", {"action": 1 + i % 2}) for i in range(15)],
-        [sender.frame("STORE_READ", {"part": i % 2}) for i in range(2)],
-        [sender.frame("COMMAND", {"request": 2, "setpoint": 5000}) for _ in range(15)],
-        [(0x7DF, bytes(8)), (0x080, bytes(8)), (0x081, bytes(3))],
-    ]
-    mixture = [frame for kind in kinds for frame in kind[:15]]
-    for frames in [*kinds, mixture]:
-        together, longest = flood(frames, recordings["slope_limiter"], 3400)
-        assert 0 < longest < together <= BUDGET["flood"]
+def frame_kinds() -> dict[str, list[Frame]]:
+    """Every kind of frame, those of a kind in the order of their counters, and a random mixture of all."""
+    sender, rng = Sender(), np.random.default_rng(1)
+    parameters = list(interface().parameters.values())
+    kinds = {
+        "write": [sender.frame("PARAMETER_WRITE", {"index": p.index, "value": p.default}) for p in parameters],
+        "read": [sender.frame("PARAMETER_READ", {"index": p.index}) for p in parameters],
+        "save": [sender.frame("STORE_COMMAND", {"action": 1}) for _ in range(120)],
+        "store": [sender.frame("STORE_READ", {"part": 0})],
+        "run": [sender.frame("COMMAND", {"request": 2, "setpoint": 5000}) for _ in range(120)],
+        "idle": [sender.frame("COMMAND", {"request": 2 * (i % 3), "setpoint": 5000}) for i in range(120)],
+        "wrong key": [sender.frame("TEST_MODE", {"key": 5}) for _ in range(120)],
+        "sensors": [(0x100 + i, bytes(8)) for i in range(3)],
+        "damaged": [(0x080, bytes(8)), (0x081, bytes(8)), (0x084, bytes(8)), (0x081, bytes(3))],
+        "foreign": [(0x7DF, bytes(8))],
+    }
+    every = [frame for kind in kinds.values() for frame in (kind * 120)[:120]]
+    kinds["mixture"] = [every[i] for i in rng.integers(0, len(every), 2400)]
+    return kinds
+
+
+def by_eights(frames: list[Frame], ticks: int) -> list[list[Frame]]:
+    return [[frames[(8 * i + k) % len(frames)] for k in range(8)] for i in range(ticks)]
+
+
+@pytest.fixture(scope="module")
+def longest(firmware: Firmware) -> Recording:
+    found = load(Path(__file__).parent / "longest.json")
+    return build(found, bases(firmware, (found.base,)), firmware)
+
+
+KINDS = list(frame_kinds())
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_flood_of_frames_while_it_drives(
+    name: str, recordings: Mapping[str, Recording], longest: Recording, firmware: Firmware
+) -> None:
+    """8 frames a tick, the bridge on: intake and step together, and the intake with the longest step that is known."""
+    [counted] = count_all([longest], firmware)
+    for recording, begin in ((recordings["slope_limiter"], 3000), (longest, 2400)):
+        ticks = [tick for tick in flood(by_eights(frame_kinds()[name], 300), recording, begin, firmware) if tick[4]]
+        assert len(ticks) > 0
+        assert max(came + taken + step for came, taken, _, step, _, _ in ticks) <= BUDGET["flood"]
+        most = max(came + taken for came, taken, *_ in ticks)
+        assert 100 < most <= BUDGET["flood"] - whole(counted).max()
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_flood_of_frames_with_the_bridge_off(
+    name: str, recordings: Mapping[str, Recording], plain: Mapping[str, Counts], firmware: Firmware
+) -> None:
+    """The same with the bridge off: the intake with the longest of all scenarios' steps that leave it off."""
+    off = max(int(whole(counted)[~counted["outputs"]["enable"]].max()) for counted in plain.values())
+    ticks = flood(by_eights(frame_kinds()[name], 100), recordings["slope_limiter"], 4, firmware)
+    most = max(came + taken for came, taken, _, _, on, _ in ticks if not on)
+    assert 100 < most <= BUDGET["flood_off"] - off
+
+
+def test_idle_behind_seven_others_is_taken_in_the_same_tick(
+    recordings: Mapping[str, Recording], plain: Mapping[str, Counts], firmware: Firmware
+) -> None:
+    """An IDLE shorts the motor, which brakes."""
+    sender = Sender()
+    begin = int(np.flatnonzero(plain["slope_limiter"]["outputs"]["duty"] > 1000)[500])
+    others = [sender.frame("STORE_READ", {"part": 0}) for _ in range(7)]
+    idle = sender.frame("COMMAND", {"request": 0})
+    [without] = flood([others], recordings["slope_limiter"], begin, firmware)
+    [stopped] = flood([[*others, idle]], recordings["slope_limiter"], begin, firmware)
+    assert without[4] is stopped[4] is True  # the bridge was on
+    assert without[2] == stopped[2] == 1  # of the seven
+    assert without[5] > 1000
+    assert stopped[5] == 0
+
+
+def test_what_waits_is_taken_in_the_next_ticks(recordings: Mapping[str, Recording], firmware: Firmware) -> None:
+    """8 reads before every second tick are taken in two, and none is lost."""
+    reads = by_eights(frame_kinds()["read"], 100)
+    per_tick = [reads[i // 2] if i % 2 == 0 else [] for i in range(200)]
+    ticks = flood(per_tick, recordings["slope_limiter"], 3000, firmware)
+    assert all(on for *_, on, _ in ticks)
+    assert [taken for _, _, taken, *_ in ticks] == [4] * 200

@@ -2,17 +2,22 @@
  * outputs to another. Everything little-endian; each record begins with a word that says its kind:
  *
  *     1, all parameters (one word each)   reset, and these values           answer: the result of setting them (word)
- *     2, terrapin_inputs                  one tick                          answer: two counts and the mode (words),
+ *     2, terrapin_inputs                  one tick                          answer: four counts and the mode (words),
  *                                                                                   terrapin_outputs
- *     3, terrapin_frame                   one frame taken in (dispatch.h)   answer: count and result (words)
+ *     3, terrapin_frame                   one frame comes (intake.h)        answer: count (word)
  *
- * A COMMAND that was taken in stands for that of the next tick. Counts are of SysTick, under `-icount shift=7`: exact,
- * the same in every run, high by the few instructions of the two readings. They are of terrapin_step_drive, of
- * terrapin_step_think, and of terrapin_accept. tests/target/replay.py writes and reads the files.
+ * Frames that came are taken before the next tick, as a port does, until the tick's budget is spent; a COMMAND that was
+ * taken stands for that of the tick. Counts are of SysTick, under `-icount shift=7`: exact, the same in every run, high
+ * by the few instructions of the two readings. They are of terrapin_step_drive, of terrapin_step_think, of all frames
+ * that were taken before the tick (with the empty look behind the last one), and how many these were; of a frame that
+ * comes, of terrapin_intake_put. There is a store that holds these parameters. tests/target/replay.py writes and reads
+ * the files.
  */
 #include <string.h>
 
 #include "dispatch.h"
+#include "intake.h"
+#include "parameters.h"
 #include "semihosting.h"
 #include "state.h"
 
@@ -29,6 +34,8 @@ enum { RESET = 1, TICK = 2, FRAME = 3 };
 
 static terrapin_state state;
 static terrapin_link link;
+static terrapin_intake intake;
+static terrapin_store store;
 static terrapin_inputs inputs;
 static terrapin_inputs from_frames;
 static terrapin_outputs outputs;
@@ -74,8 +81,8 @@ static bool take(void *to, size_t length) {
 }
 
 /* SysTick counts down; 168 counts a microsecond, 0.128 us an instruction. */
-static uint32_t since(uint32_t before) {
-    const uint32_t counts = (before - SYSTICK_VALUE) & SYSTICK_TOP;
+static uint32_t between(uint32_t before, uint32_t after) {
+    const uint32_t counts = (before - after) & SYSTICK_TOP;
     const uint32_t per_thousand = CLOCK_MHZ * NS_PER_INSTRUCTION;
     return ((counts * 1000U) + (per_thousand / 2U)) / per_thousand;
 }
@@ -85,6 +92,11 @@ static bool reset_with_parameters(void) {
         return false;
     }
     terrapin_link_init(&link, &state, &from_frames);
+    memcpy(store.value, values, sizeof values); /* equal: what compares them has to look at all */
+    store.page[0].size = BUFFER;                /* a save is begun, and its work is never done */
+    store.phase = TERRAPIN_STORE_IDLE;
+    link.store = &store;
+    terrapin_intake_init(&intake);
     const uint32_t result = (uint32_t)terrapin_parameter_set_all(&state, values);
     put(&result, sizeof result);
     return true;
@@ -103,23 +115,40 @@ static uint32_t mode(void) {
            ((uint32_t)s->control << 16U) | (flags << 24U);
 }
 
+/* The frames of a tick; how many. */
+static uint32_t take_waiting(void) {
+    terrapin_frame message;
+    terrapin_frame reply;
+    uint8_t from = 0U;
+    uint32_t taken = 0U;
+    while (terrapin_intake_next(&intake, &link, &state, &message, &from)) {
+        (void)terrapin_accept(&link, &state, &message, &from_frames, &reply);
+        taken++;
+    }
+    return taken;
+}
+
 static bool tick(void) {
     if (!take(&inputs, sizeof inputs)) {
         return false;
     }
+    uint32_t counts[5];
+    uint32_t before = SYSTICK_VALUE;
+    terrapin_intake_begin_tick(&intake);
+    counts[3] = take_waiting();
+    counts[2] = between(before, SYSTICK_VALUE);
     if (from_frames.command_fresh) {
         inputs.command = from_frames.command;
         inputs.command_fresh = true;
         from_frames.command_fresh = false;
     }
-    uint32_t counts[3];
-    uint32_t before = SYSTICK_VALUE;
+    before = SYSTICK_VALUE;
     terrapin_step_drive(&state, &inputs, &outputs);
-    counts[0] = since(before);
+    counts[0] = between(before, SYSTICK_VALUE);
     before = SYSTICK_VALUE;
     terrapin_step_think(&state, &inputs, &outputs);
-    counts[1] = since(before);
-    counts[2] = mode();
+    counts[1] = between(before, SYSTICK_VALUE);
+    counts[4] = mode();
     put(counts, sizeof counts);
     put(&outputs, sizeof outputs);
     return true;
@@ -127,14 +156,13 @@ static bool tick(void) {
 
 static bool frame(void) {
     terrapin_frame message;
-    terrapin_frame reply = {0};
     if (!take(&message, sizeof message)) {
         return false;
     }
     const uint32_t before = SYSTICK_VALUE;
-    const terrapin_accept_result result = terrapin_accept(&link, &state, &message, &from_frames, &reply);
-    const uint32_t answer[2] = {since(before), (uint32_t)result};
-    put(answer, sizeof answer);
+    terrapin_intake_put(&intake, &link, &state, &from_frames, &message, 0U);
+    const uint32_t count = between(before, SYSTICK_VALUE);
+    put(&count, sizeof count);
     return true;
 }
 

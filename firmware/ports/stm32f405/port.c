@@ -124,12 +124,30 @@ static void take_frame(port *p, source from, const terrapin_frame *frame) {
     }
 }
 
+/* The next frame whose turn it is in this tick; false when there is none. */
+static bool take_waiting(port *p) {
+    terrapin_frame frame = {0};
+    uint8_t from = 0;
+    const bool any = terrapin_intake_next(&p->intake, &p->link, p->state, &frame, &from);
+    if (any) {
+        take_frame(p, (from == (uint8_t)FROM_LINE) ? FROM_LINE : FROM_BUS, &frame);
+    }
+    return any;
+}
+
+static void put(port *p, source from, const terrapin_frame *frame) {
+    terrapin_intake_put(&p->intake, &p->link, p->state, &p->inputs, frame, (uint8_t)from);
+}
+
 static void take_byte(port *p, uint8_t byte) {
     terrapin_frame frame = {0};
     terrapin_slcan_reply reply = {0};
     const terrapin_slcan_event event = terrapin_slcan_feed(&p->parser, byte, &frame, &reply);
     if (event == TERRAPIN_SLCAN_FRAME) {
-        take_frame(p, FROM_LINE, &frame);
+        put(p, FROM_LINE, &frame);
+        /* When it need not wait, its answer leaves before that of the line; so in test mode, also behind others. */
+        while (take_waiting(p) && p->link.test_mode && (ring_free(&p->line->out) >= ANSWER_MAX)) {
+        }
     }
     if ((event != TERRAPIN_SLCAN_MORE) && !usart_send(p->line, reply.text, reply.length)) {
         p->send_lost++;
@@ -141,7 +159,10 @@ static bool receive(port *p) {
     bool any = false;
     terrapin_frame frame = {0};
     for (uint32_t i = 0; (i < PORT_FRAMES_A_PASS) && can_take(p->bus, &frame); i++) {
-        take_frame(p, FROM_BUS, &frame);
+        put(p, FROM_BUS, &frame);
+        any = true;
+    }
+    for (uint32_t i = 0; (i < PORT_FRAMES_A_PASS) && take_waiting(p); i++) {
         any = true;
     }
     /* Nothing is taken whose answer has no room: a host that sends on without reading loses its own lines, not ours. */
@@ -158,7 +179,7 @@ static bool receive(port *p) {
 }
 
 static uint32_t lost_frames(const port *p) {
-    return p->bus->in_lost + p->line->in.lost + p->line->damaged;
+    return p->bus->in_lost + p->line->in.lost + p->line->damaged + p->intake.lost;
 }
 
 static void tell_status(port *p) {
@@ -276,6 +297,7 @@ static void tick(port *p, uint32_t now) {
     phases_note(&p->times, PHASE_LATE, hardware_cycles() - hardware_tick_cycles());
     p->overruns += now - p->tick - 1U;
     p->tick = now;
+    terrapin_intake_begin_tick(&p->intake);
     if (p->link.test_mode) {
         hardware_drive(&p->hardware, 0, false);
     } else {
@@ -307,6 +329,7 @@ void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct ter
     *p = (port){.state = state, .bus = bus, .line = line, .store = store, .update = update, .hardware = *hardware};
     phases_open(&p->times, hardware->core_hz);
     terrapin_slcan_init(&p->parser);
+    terrapin_intake_init(&p->intake);
     terrapin_link_init(&p->link, state, &p->inputs);
     terrapin_port_parameters(p);
 }

@@ -6,7 +6,8 @@
  *         if (!port_pass(&p, ticks so far)) sleep until an interrupt
  *
  * A pass does one bounded thing: the tick, when one has come, or else at most PORT_FRAMES_A_PASS frames and
- * PORT_BYTES_A_PASS bytes. So whatever floods the bus or the line, a tick waits for one pass at most.
+ * PORT_BYTES_A_PASS bytes. So whatever floods the bus or the line, a tick waits for one pass at most, and all frames
+ * between two ticks together take no more than what link/intake.h says; the others wait in order.
  */
 #ifndef TERRAPIN_PORT_H
 #define TERRAPIN_PORT_H
@@ -14,6 +15,7 @@
 #include "can.h"
 #include "dispatch.h"
 #include "hardware.h"
+#include "intake.h"
 #include "phases.h"
 #include "slcan.h"
 #include "update.h"
@@ -31,6 +33,7 @@ typedef struct {
     usart *line;
     terrapin_slcan parser;
     terrapin_link link;
+    terrapin_intake intake; /* from bus and line to terrapin_accept, by source */
     terrapin_inputs inputs;
     terrapin_outputs outputs; /* of the last step */
     hardware_facts hardware;

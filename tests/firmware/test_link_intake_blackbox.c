@@ -1,0 +1,267 @@
+/* The queue of frames before the dispatcher, with the real controller behind it. */
+#include <string.h>
+
+#include "unity.h"
+
+#include "core.h"
+#include "intake.h"
+#include "terrapin_interface.h"
+
+static terrapin_state state;
+static terrapin_link link;
+static terrapin_inputs inputs;
+static terrapin_intake intake;
+
+void setUp(void) {
+    terrapin_link_init(&link, &state, &inputs);
+    terrapin_intake_init(&intake);
+}
+
+void tearDown(void) {}
+
+static void put(const terrapin_frame *frame, uint8_t source) {
+    terrapin_intake_put(&intake, &link, &state, &inputs, frame, source);
+}
+
+static terrapin_frame command(int32_t request, uint32_t counter) {
+    terrapin_frame frame;
+    const terrapin_command_t message = {.request = request, .setpoint = 100};
+    TEST_ASSERT_TRUE(terrapin_encode_command(&message, &frame));
+    terrapin_e2e_protect(&frame, counter);
+    return frame;
+}
+
+static terrapin_frame read_of(uint16_t index) {
+    terrapin_frame frame;
+    const terrapin_parameter_read_t message = {.index = index};
+    TEST_ASSERT_TRUE(terrapin_encode_parameter_read(&message, &frame));
+    return frame;
+}
+
+static void put_command(int32_t request, uint32_t counter) {
+    const terrapin_frame frame = command(request, counter);
+    put(&frame, 0U);
+}
+
+static void put_read(uint16_t index) {
+    const terrapin_frame frame = read_of(index);
+    put(&frame, (uint8_t)(index % 3U));
+}
+
+/* What is taken in this tick, given to the dispatcher; the indexes of reads are noted. */
+static uint32_t take(uint16_t *indexes) {
+    terrapin_frame frame;
+    terrapin_frame reply;
+    uint8_t source = 0;
+    uint32_t taken = 0;
+    while (terrapin_intake_next(&intake, &link, &state, &frame, &source)) {
+        if (frame.id == TERRAPIN_ID_PARAMETER_READ) {
+            terrapin_parameter_read_t message;
+            TEST_ASSERT_TRUE(terrapin_decode_parameter_read(&frame, &message));
+            TEST_ASSERT_EQUAL((uint32_t)message.index % 3U, source);
+            indexes[taken] = (uint16_t)message.index;
+        }
+        (void)terrapin_accept(&link, &state, &frame, &inputs, &reply);
+        taken++;
+    }
+    return taken;
+}
+
+static void test_what_is_too_much_waits_in_order(void) {
+    uint16_t indexes[TERRAPIN_INTAKE_SIZE];
+    uint32_t ticks = 0;
+    uint16_t next = 0;
+    state.drive.enable = true;
+    for (uint16_t i = 0; i < TERRAPIN_INTAKE_SIZE; i++) {
+        put_read(i);
+    }
+    while (intake.count > 0U) {
+        terrapin_intake_begin_tick(&intake);
+        const uint32_t taken = take(indexes);
+        TEST_ASSERT_GREATER_OR_EQUAL(1U, taken);
+        TEST_ASSERT_LESS_THAN(8U, taken);
+        TEST_ASSERT_EQUAL_MESSAGE(0U, take(indexes + taken), "the budget stays spent until the next tick");
+        for (uint32_t i = 0; i < taken; i++) {
+            TEST_ASSERT_EQUAL(next, indexes[i]);
+            next++;
+        }
+        ticks++;
+    }
+    TEST_ASSERT_EQUAL(TERRAPIN_INTAKE_SIZE, next);
+    TEST_ASSERT_EQUAL(8U, ticks);
+    TEST_ASSERT_EQUAL(0U, intake.lost);
+}
+
+static void test_four_reads_a_tick_are_never_lost(void) {
+    uint16_t indexes[TERRAPIN_INTAKE_SIZE];
+    state.drive.enable = true;
+    for (uint32_t tick = 0; tick < 1000U; tick++) {
+        for (uint16_t i = 0; i < 4U; i++) {
+            put_read(i);
+        }
+        terrapin_intake_begin_tick(&intake);
+        TEST_ASSERT_EQUAL(4U, take(indexes));
+    }
+    TEST_ASSERT_EQUAL(0U, intake.lost);
+}
+
+static void test_with_the_bridge_off_more_is_taken(void) {
+    uint16_t indexes[TERRAPIN_INTAKE_SIZE];
+    for (uint16_t i = 0; i < 8U; i++) {
+        put_read(i);
+    }
+    TEST_ASSERT_EQUAL(8U, take(indexes));
+}
+
+static void test_a_frame_above_the_budget_is_the_first_of_a_tick(void) {
+    uint16_t indexes[TERRAPIN_INTAKE_SIZE];
+    terrapin_frame defaults;
+    const terrapin_store_command_t message = {.action = TERRAPIN_STORE_ACTION_DEFAULTS};
+    TEST_ASSERT_TRUE(terrapin_encode_store_command(&message, &defaults));
+    terrapin_e2e_protect(&defaults, 0U);
+    TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_OK, terrapin_parameter_set(&state, TERRAPIN_PARAMETER_SLIP_WINDOW, 20));
+    put_read(0U);
+    put(&defaults, 0U);
+    put_read(1U);
+    TEST_ASSERT_EQUAL(1U, take(indexes));
+    terrapin_intake_begin_tick(&intake);
+    TEST_ASSERT_EQUAL(1U, take(indexes));
+    TEST_ASSERT_EQUAL(terrapin_parameter((uint16_t)TERRAPIN_PARAMETER_SLIP_WINDOW).default_value,
+                      terrapin_parameter_values(&state)[TERRAPIN_PARAMETER_SLIP_WINDOW]);
+    terrapin_intake_begin_tick(&intake);
+    TEST_ASSERT_EQUAL(1U, take(indexes));
+}
+
+static void test_in_test_mode_nothing_waits(void) {
+    uint16_t indexes[TERRAPIN_INTAKE_SIZE];
+    terrapin_frame arm;
+    const terrapin_test_mode_t message = {.key = (uint32_t)TERRAPIN_TEST_MODE_KEY};
+    TEST_ASSERT_TRUE(terrapin_encode_test_mode(&message, &arm));
+    terrapin_e2e_protect(&arm, 0U);
+    put_read(0U);
+    put(&arm, 0U);
+    TEST_ASSERT_EQUAL(2U, take(indexes));
+    TEST_ASSERT_TRUE(link.test_mode);
+    state.drive.enable = true;
+    for (uint16_t i = 0; i < TERRAPIN_INTAKE_SIZE; i++) {
+        put_read(i);
+    }
+    TEST_ASSERT_EQUAL(TERRAPIN_INTAKE_SIZE, take(indexes));
+}
+
+static void test_a_full_queue_loses_the_oldest(void) {
+    uint16_t indexes[TERRAPIN_INTAKE_SIZE];
+    state.drive.enable = true;
+    for (uint16_t i = 0; i < (TERRAPIN_INTAKE_SIZE + 3U); i++) {
+        put_read(i);
+    }
+    TEST_ASSERT_EQUAL(3U, intake.lost);
+    TEST_ASSERT_EQUAL(TERRAPIN_INTAKE_SIZE, intake.count);
+    (void)take(indexes);
+    TEST_ASSERT_EQUAL(3U, indexes[0]);
+}
+
+static void test_idle_is_taken_before_seven_others(void) {
+    uint16_t indexes[TERRAPIN_INTAKE_SIZE];
+    state.drive.enable = true;
+    for (uint16_t i = 0; i < 6U; i++) {
+        put_read(i);
+    }
+    put_command(TERRAPIN_REQUEST_RUN, 4U);
+    put_command(TERRAPIN_REQUEST_IDLE, 5U);
+    TEST_ASSERT_TRUE(inputs.command_fresh);
+    TEST_ASSERT_EQUAL(TERRAPIN_REQUEST_IDLE, inputs.command.request);
+    for (uint32_t i = 0; i < 4U; i++) {
+        terrapin_intake_begin_tick(&intake);
+        (void)take(indexes);
+        TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_REQUEST_IDLE, inputs.command.request, "the older RUN is passed over");
+    }
+    TEST_ASSERT_EQUAL(0U, intake.count);
+    put_command(TERRAPIN_REQUEST_RUN, 6U);
+    terrapin_intake_begin_tick(&intake);
+    (void)take(indexes);
+    TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_REQUEST_RUN, inputs.command.request, "a newer one counts");
+    TEST_ASSERT_EQUAL(0U, link.repeated + link.bad_crc + link.malformed + intake.lost);
+}
+
+static void test_idle_after_its_counter_came_round(void) {
+    state.drive.enable = true;
+    put_command(TERRAPIN_REQUEST_RUN, 0U);
+    (void)take(NULL);
+    for (uint32_t i = 1; i < 15U; i++) {
+        put_command(TERRAPIN_REQUEST_RUN, i);
+    }
+    put_command(TERRAPIN_REQUEST_IDLE, 0U); /* that of the last one that was accepted */
+    TEST_ASSERT_EQUAL(TERRAPIN_REQUEST_IDLE, inputs.command.request);
+    terrapin_intake_begin_tick(&intake);
+    TEST_ASSERT_EQUAL(0U, take(NULL));
+    TEST_ASSERT_EQUAL(TERRAPIN_REQUEST_IDLE, inputs.command.request);
+}
+
+static void test_a_damaged_idle_changes_nothing(void) {
+    uint16_t indexes[TERRAPIN_INTAKE_SIZE];
+    terrapin_frame idle = command(TERRAPIN_REQUEST_IDLE, 2U);
+    idle.data[7] ^= 1U;
+    link.command_counter = 1U;
+    state.drive.enable = true;
+    put_command(TERRAPIN_REQUEST_RUN, 2U);
+    put(&idle, 0U);
+    TEST_ASSERT_EQUAL(1U, link.bad_crc);
+    TEST_ASSERT_EQUAL(1U, link.command_counter);
+    TEST_ASSERT_FALSE(inputs.command_fresh);
+    (void)take(indexes);
+    TEST_ASSERT_EQUAL(TERRAPIN_REQUEST_RUN, inputs.command.request);
+}
+
+static void test_a_third_idle_waits_in_order(void) {
+    uint16_t indexes[TERRAPIN_INTAKE_SIZE];
+    state.drive.enable = true;
+    put_read(0U);
+    for (uint32_t i = 0; i < 3U; i++) {
+        put_command(TERRAPIN_REQUEST_IDLE, i);
+    }
+    TEST_ASSERT_EQUAL(2U, intake.count);
+    TEST_ASSERT_EQUAL(2U, take(indexes));
+    TEST_ASSERT_EQUAL(0U, link.repeated);
+}
+
+static void test_foreign_traffic_never_waits(void) {
+    const terrapin_frame frame = {.id = 0x7FFU, .length = 8U};
+    for (uint32_t i = 0; i < 100U; i++) {
+        put(&frame, 0U);
+    }
+    TEST_ASSERT_EQUAL(100U, link.unknown);
+    TEST_ASSERT_EQUAL(0U, intake.count);
+}
+
+static void test_every_message_of_the_controller_waits(void) {
+    static const uint16_t ids[] = {
+        TERRAPIN_ID_COMMAND,         TERRAPIN_ID_PARAMETER_WRITE, TERRAPIN_ID_PARAMETER_READ, TERRAPIN_ID_TEST_MODE,
+        TERRAPIN_ID_STORE_COMMAND,   TERRAPIN_ID_STORE_READ,      TERRAPIN_ID_SENSORS_SLOW,   TERRAPIN_ID_SENSORS_FAST,
+        TERRAPIN_ID_SENSORS_HEADING, TERRAPIN_ID_UPDATE_BEGIN,    TERRAPIN_ID_UPDATE_DATA,    TERRAPIN_ID_UPDATE_BLOCK,
+        TERRAPIN_ID_UPDATE_END,      TERRAPIN_ID_UPDATE_QUERY,    TERRAPIN_ID_UPDATE_RESET,
+    };
+    for (uint32_t i = 0; i < (sizeof ids / sizeof ids[0]); i++) {
+        const terrapin_frame frame = {.id = ids[i], .length = 1U};
+        put(&frame, 0U);
+        TEST_ASSERT_EQUAL(i + 1U, intake.count);
+    }
+    TEST_ASSERT_EQUAL(0U, link.unknown);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_what_is_too_much_waits_in_order);
+    RUN_TEST(test_four_reads_a_tick_are_never_lost);
+    RUN_TEST(test_with_the_bridge_off_more_is_taken);
+    RUN_TEST(test_a_frame_above_the_budget_is_the_first_of_a_tick);
+    RUN_TEST(test_in_test_mode_nothing_waits);
+    RUN_TEST(test_a_full_queue_loses_the_oldest);
+    RUN_TEST(test_idle_is_taken_before_seven_others);
+    RUN_TEST(test_idle_after_its_counter_came_round);
+    RUN_TEST(test_a_damaged_idle_changes_nothing);
+    RUN_TEST(test_a_third_idle_waits_in_order);
+    RUN_TEST(test_foreign_traffic_never_waits);
+    RUN_TEST(test_every_message_of_the_controller_waits);
+    return UNITY_END();
+}
