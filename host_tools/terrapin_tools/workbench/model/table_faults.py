@@ -21,17 +21,20 @@ from terrapin_tools.workbench.case.intake import BOTH_WAYS
 
 __all__ = ["FACTORS", "Fault", "fault_of", "faults", "read", "recorded"]
 
-# What a column must be multiplied by where its unit was taken for another one, and the inverse of each.
+# What a column must be multiplied by where its unit was taken for another one, and the inverse of each; the second lot
+# only where the unit of the role is one of these ("" : none is stated).
 FACTORS = {
     "a mistaken direction": -1.0,
     "turns a minute": np.pi / 30.0,
     "degrees": np.pi / 180.0,
-    "turns": 2.0 * np.pi,
-    "per minute": 1.0 / 60.0,
-    "kilograms or pounds of force": 9.80665,
+    "kilograms of force": 9.80665,
     "thousandths": 1e-3,
-    "hundredths": 1e-2,
-    "km/h": 1.0 / 3.6,
+}
+OF_UNIT = {
+    "turns": (2.0 * np.pi, ("rad/s", "rad", "")),
+    "minutes": (60.0, ("rad/s", "s", "")),
+    "km/h": (1.0 / 3.6, ("m/s", "")),
+    "hundredths": (1e-2, ("m", "1", "")),
 }
 LATE = 1  # rows
 
@@ -72,7 +75,8 @@ def faults(case: Case) -> list[Fault]:
     signed = [name for name, values in columns.items() if _reverses(values)]
     found = []
     for name, values in columns.items():
-        for about, factor in FACTORS.items():
+        unit = case.units[name] or ""
+        for about, factor in {**FACTORS, **{a: f for a, (f, units) in OF_UNIT.items() if unit in units}}.items():
             inverse = () if factor == -1.0 else (1.0 / factor,)
             found += [_fault(case, name, "scale", _scaled(about, f, factor), factor=f) for f in (factor, *inverse)]
         if not _reverses(values):
