@@ -11,22 +11,18 @@ JSON; a rerun goes on where the last one stopped. The table puts the worst featu
 
 from __future__ import annotations
 
-import argparse
-import json
 import re
-import sys
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
-from tests.campaigns.statistics import rate_limits
+from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
 
 __all__ = ["FEATURES", "Drawn", "Feature", "draw", "one", "right", "table"]
 
@@ -202,7 +198,7 @@ def _is_it(feature: Feature, found: Discovery, names: tuple[str, ...]) -> bool:
     return names[0] in feature.names or re.search(feature.formula, texts.get(names[0], "")) is not None
 
 
-def one(name: str, number: int, seed: int) -> dict[str, Any]:
+def one(name: str, number: int, seed: int) -> Record:
     """Make and answer one case."""
     with tempfile.TemporaryDirectory() as place:
         drawn = draw(name, number, seed, Path(place) / "case")
@@ -210,31 +206,26 @@ def one(name: str, number: int, seed: int) -> dict[str, Any]:
     texts = {c.effect.name: c.effect.expression for c in found.candidates if c.kind == "expression"}
     good = right(drawn.feature, found)
     return {
-        "feature": name,
-        "number": number,
         "left": round(drawn.left, 2),
         "right": good,
         "verdict": found.verdict,
         "said": [[texts.get(n, n) for n in names] for names in found.rivals or [found.missing]],
         "probability": round(found.answer_probability, 3),
-        "wrong and sure": not good and found.verdict != "ambiguous" and found.answer_probability > 0.9,
+        "wrong and sure": sure_and_wrong(found.verdict, found.answer_probability, good),
         "errors": [None if r.heldout_error is None else round(r.heldout_error, 3) for r in found.ladder],
         "first": next((texts.get(c.effect.name, c.effect.name) for c in found.candidates), ""),
     }
 
 
-def table(records: list[dict[str, Any]]) -> str:
+def table(records: list[Record]) -> str:
     """Rates by feature with 95 % limits, the worst first, and what was said where it was not right."""
-    lines = [f"{'feature':16}{'cases':>6}  {'right or tied':>22}  {'above 0.9 and wrong':>22}"]
-    mean = {n: np.mean([r["right"] for r in records if r["feature"] == n]) for n in {r["feature"] for r in records}}
+    lines = [f"{'feature':16}{'cases':>6}{'right or tied':>24}{'above 0.9 and wrong':>24}"]
+    mean = {n: np.mean([r["right"] for r in records if r["family"] == n]) for n in {r["family"] for r in records}}
     names = sorted(mean, key=lambda n: (mean[n], n))
     for name in [*names, "all"]:
-        mine = [r for r in records if name in (r["feature"], "all")]
-        parts = []
-        for hits in ([r["right"] for r in mine], [r["wrong and sure"] for r in mine]):
-            low, high = rate_limits(sum(hits), len(hits))
-            parts.append(f"{100 * np.mean(hits):5.1f} % ({100 * low:.1f} to {100 * high:.1f})")
-        lines.append(f"{name:16}{len(mine):6d}  " + "  ".join(f"{part:>22}" for part in parts))
+        mine = [r for r in records if name in (r["family"], "all")]
+        hits = [sum(r["right"] for r in mine), sum(r["wrong and sure"] for r in mine)]
+        lines.append(f"{name:16}{len(mine):6d}" + "".join(rate(count, len(mine)) for count in hits))
         if name != "all":
             for r in mine:
                 if not r["right"]:
@@ -244,35 +235,8 @@ def table(records: list[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        prog="python -m tests.campaigns.mujoco_rigs", description=__doc__.partition("\n")[0]
-    )
-    parser.add_argument("--cases", type=int, default=5, help="of each feature")
-    parser.add_argument("--features", default=",".join(FEATURES))
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--part", default="1/1", metavar="K/N", help="every N-th case, from the K-th on")
-    parser.add_argument("--out", type=Path, default=Path("out") / "mujoco")
-    arguments = parser.parse_args()
-    part, parts = map(int, arguments.part.split("/"))
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    stored = [
-        json.loads(text)
-        for path in sorted(arguments.out.glob(f"{arguments.seed}-*.jsonl"))
-        for text in path.read_text().splitlines()
-    ]
-    done = {(r["feature"], r["number"]) for r in stored}
-    chosen = arguments.features.split(",")
-    with (arguments.out / f"{arguments.seed}-{part}of{parts}.jsonl").open("a", encoding="utf-8") as file:
-        for number in range(part - 1, arguments.cases, parts):
-            for name in chosen:
-                if (name, number) in done:
-                    continue
-                record = one(name, number, arguments.seed)
-                stored.append(record)
-                file.write(json.dumps(record) + "\n")
-                file.flush()
-            print(f"{number + 1} of {arguments.cases}", file=sys.stderr)
-    print(table([r for r in stored if r["feature"] in chosen]))
+    options = parser_of(__doc__, "python -m tests.campaigns.mujoco_rigs", FEATURES, cases=5).parse_args()
+    print(table(resumed(options, str(options.seed), lambda name, number: one(name, number, options.seed))))
 
 
 if __name__ == "__main__":

@@ -11,13 +11,8 @@ goes on where the last one stopped. The table puts the worst family first.
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
@@ -27,7 +22,7 @@ from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.model import Model
 from tests.campaigns.discovery_cases import ROLLING, Made, make
-from tests.campaigns.statistics import rate_limits
+from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
 
 __all__ = ["FAMILIES", "disturbed"]
 
@@ -127,7 +122,7 @@ def disturbed(made: Made, family: str, random: Random) -> Case:
     return changed
 
 
-def one(family: str, number: int, size: float, runs: int, seed: int) -> dict[str, Any]:
+def one(family: str, number: int, size: float, runs: int, seed: int) -> Record:
     """Make and answer one case."""
     random = np.random.default_rng([seed, sorted(FAMILIES).index(family), number, int(10 * size)])
     made = None
@@ -137,8 +132,6 @@ def one(family: str, number: int, size: float, runs: int, seed: int) -> dict[str
     found = discover(disturbed(made, family, random), seed=number)
     named = [set(found.missing), *(set(r) for r in found.rivals)]
     return {
-        "family": family,
-        "number": number,
         "truth": list(made.truth),
         "alarm": found.analysis.missing,
         "verdict": found.verdict,
@@ -151,56 +144,30 @@ def one(family: str, number: int, size: float, runs: int, seed: int) -> dict[str
     }
 
 
-def table(records: list[dict[str, Any]]) -> str:
+def table(records: list[Record]) -> str:
     """Rates by family, the worst first; 95 % limits."""
-    lines = [f"{'family':12}{'cases':>6}  {'alarm':>22}  {'right or tied':>22}  {'above 0.9 and wrong':>22}"]
+    lines = [f"{'family':12}{'cases':>6}{'alarm':>24}{'right or tied':>24}{'above 0.9 and wrong':>24}"]
     families = sorted(
         {r["family"] for r in records}, key=lambda f: np.mean([r["right"] for r in records if r["family"] == f])
     )
     for family in families:
         mine = [r for r in records if r["family"] == family]
-        confident = [
-            r["verdict"] in ("missing", "unexplained") and r["probability"] > 0.9 and not r["right"] for r in mine
-        ]
-        parts = []
-        for hits in ([r["alarm"] for r in mine], [r["right"] for r in mine], confident):
-            low, high = rate_limits(sum(hits), len(hits))
-            parts.append(f"{100 * np.mean(hits):5.1f} % ({100 * low:.1f} to {100 * high:.1f})")
-        lines.append(f"{family:12}{len(mine):6d}  " + "  ".join(f"{part:>22}" for part in parts))
+        sure = [sure_and_wrong(r["verdict"], r["probability"], r["right"]) for r in mine]
+        hits = [sum(r["alarm"] for r in mine), sum(r["right"] for r in mine), sum(sure)]
+        lines.append(f"{family:12}{len(mine):6d}" + "".join(rate(count, len(mine)) for count in hits))
     return "\n".join(lines)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m tests.campaigns.noises", description=__doc__.partition("\n")[0])
-    parser.add_argument("--cases", type=int, default=24, help="of each family")
-    parser.add_argument("--families", default=",".join(FAMILIES))
+    parser = parser_of(__doc__, "python -m tests.campaigns.noises", FAMILIES, cases=24)
     parser.add_argument(
         "--size", type=float, default=0.0, help="of the one effect that is missing, in noise sd; 0: none"
     )
     parser.add_argument("--runs", type=int, default=14)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--part", default="1/1", metavar="K/N", help="every N-th case, from the K-th on")
-    parser.add_argument("--out", type=Path, default=Path("out") / "noises")
-    arguments = parser.parse_args()
-    part, parts = map(int, arguments.part.split("/"))
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    stem = f"{arguments.size:g}-{arguments.runs}-{arguments.seed}"
-    stored = [
-        json.loads(text) for p in sorted(arguments.out.glob(f"{stem}-*.jsonl")) for text in p.read_text().splitlines()
-    ]
-    done = {(r["family"], r["number"]) for r in stored}
-    chosen = arguments.families.split(",")
-    with (arguments.out / f"{stem}-{part}of{parts}.jsonl").open("a", encoding="utf-8") as file:
-        for number in range(part - 1, arguments.cases, parts):
-            for family in chosen:
-                if (family, number) in done:
-                    continue
-                record = one(family, number, arguments.size, arguments.runs, arguments.seed)
-                stored.append(record)
-                file.write(json.dumps(record) + "\n")
-                file.flush()
-            print(f"{number + 1} of {arguments.cases}", file=sys.stderr)
-    print(table([r for r in stored if r["family"] in chosen]))
+    options = parser.parse_args()
+    setting = f"{options.size:g}-{options.runs}-{options.seed}"
+    make = lambda family, number: one(family, number, options.size, options.runs, options.seed)  # noqa: E731
+    print(table(resumed(options, setting, make)))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """A number or a column of the case is wrong: is that named, and is a sound case blamed?
 
     python -m tests.campaigns.statements --cases 20                  every kind
-    python -m tests.campaigns.statements --kinds sound --cases 100   an effect is missing, everything stated is right
+    python -m tests.campaigns.statements --families sound --cases 100   an effect is missing, everything stated is right
     python -m tests.campaigns.statements --part 1/4                  a quarter of the cases; parts merge
 
 Cases are drawn as in discovery_cases.py. `constant`: a stated number is off by 5 to 50 %. `scale`: a column stands in a
@@ -12,23 +12,20 @@ wrong statement as the answer, or among those that it cannot be told from. A rer
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.discover.discovery import discover
-from terrapin_tools.workbench.model.constants import constants
+from terrapin_tools.workbench.model.constants import constants, named
 from terrapin_tools.workbench.model.model import Model
+from terrapin_tools.workbench.model.table_faults import at_fault
 from tests.campaigns.discovery_cases import ROLLING, make
-from tests.campaigns.statistics import rate_limits
+from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
 
-__all__ = ["one", "spoilt"]
+__all__ = ["KINDS", "one", "spoilt"]
 
 KINDS = ("constant", "scale", "sign", "sound")
 FACTORS = (180.0 / np.pi, 30.0 / np.pi, 1000.0, 9.81)
@@ -64,7 +61,7 @@ def _with(case: Case, name: str, values: Any, factor: float) -> Case:
     return replace(case, channels={**case.channels, name: values}, sigma=sigma)
 
 
-def one(base: str, kind: str, number: int, seed: int) -> dict[str, Any]:
+def one(base: str, kind: str, number: int, seed: int) -> Record:
     """Make and answer one case."""
     random = np.random.default_rng([seed, KINDS.index(kind), number])
     while True:
@@ -78,74 +75,37 @@ def one(base: str, kind: str, number: int, seed: int) -> dict[str, Any]:
         misfit = float(((found.analysis.residual / sigma[:, None]) ** 2).sum()) - float(rows.sum()) * len(sigma)
         if kind == "sound" or misfit > SHOWS:
             break
-    named = [list(found.missing), *map(list, found.rivals)] if found.missing else []
-    faulty = any(name.startswith(("constant.", "table.")) for name in found.missing)
+    told = [list(found.missing), *map(list, found.rivals)] if found.missing else []
+    faulty = any(named(name) or at_fault(name) for name in found.missing)
     return {
-        "base": base,
-        "kind": kind,
-        "number": number,
         "truth": truth,
         "verdict": found.verdict,
         "missing": list(found.missing),
         "rivals": [list(r) for r in found.rivals],
         "probability": found.answer_probability,
-        "right": [truth] in named or [SAME.get(truth, truth)] in named,
+        "right": [truth] in told or [SAME.get(truth, truth)] in told,
         "blamed": faulty and kind == "sound",
     }
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--cases", type=int, default=20, help="a kind")
-    parser.add_argument("--base", default="rolling_steady")
-    parser.add_argument("--kinds", default=",".join(KINDS), help=", ".join(KINDS))
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--part", default="1/1", metavar="K/N")
-    parser.add_argument("--out", type=Path, default=Path("build/statements"))
-    arguments = parser.parse_args()
-    part, parts = (int(text) for text in arguments.part.split("/"))
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    stem = f"{arguments.base}-{arguments.seed}"
-    file = arguments.out / f"{stem}-{part}of{parts}.jsonl"
-    known = {(r["kind"], r["number"]) for r in _records(arguments.out, stem)}
-    with file.open("a", encoding="utf-8") as lines:
-        for kind in arguments.kinds.split(","):
-            for number in range(part - 1, arguments.cases, parts):
-                if (kind, number) not in known:
-                    lines.write(json.dumps(one(arguments.base, kind, number, arguments.seed)) + "\n")
-                    lines.flush()
-                    print(f"{kind} {number + 1} of {arguments.cases}", file=sys.stderr)
-    wanted = set(arguments.kinds.split(","))
-    show([r for r in _records(arguments.out, stem) if r["kind"] in wanted])
-    return 0
+def table(records: list[Record]) -> str:
+    """Rates by kind, the worst first."""
+    lines = [f"{'kind':10}{'cases':>6}{'named or tied':>24}{'blamed though sound':>24}{'above 0.9 and wrong':>24}"]
+    of_kind = {kind: [r for r in records if r["family"] == kind] for kind in {r["family"] for r in records}}
+    for kind, mine in sorted(of_kind.items(), key=lambda one: (sum(r["right"] for r in one[1]) / len(one[1]), one[0])):
+        sure = [sure_and_wrong(r["verdict"], r["probability"], r["right"]) for r in mine]
+        hits = [sum(r["right"] for r in mine), sum(r["blamed"] for r in mine), sum(sure)]
+        lines.append(f"{kind:10}{len(mine):6d}" + "".join(rate(count, len(mine)) for count in hits))
+    return "\n".join(lines)
 
 
-def _records(folder: Path, stem: str) -> list[dict[str, Any]]:
-    found = {}
-    for file in sorted(folder.glob(f"{stem}-*.jsonl")):
-        for line in file.read_text(encoding="utf-8").splitlines():
-            record = json.loads(line)
-            found[record["kind"], record["number"]] = record
-    return [found[key] for key in sorted(found)]
-
-
-def _rate(hits: int, count: int) -> str:
-    low, high = rate_limits(hits, count)
-    return f"{100.0 * hits / count:.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f})".rjust(26)
-
-
-def show(records: list[dict[str, Any]]) -> None:
-    """One line a kind, the worst first."""
-    rows = []
-    for kind in sorted({r["kind"] for r in records}):
-        mine = [r for r in records if r["kind"] == kind]
-        right, blamed = sum(r["right"] for r in mine), sum(r["blamed"] for r in mine)
-        sure = sum(not r["right"] and r["probability"] > 0.9 and r["verdict"] != "adequate" for r in mine)
-        rows.append((right / len(mine), kind, len(mine), [_rate(n, len(mine)) for n in (right, blamed, sure)]))
-    print(f"{'kind':10s}{'cases':>6s}{'named or tied':>26s}{'blamed though sound':>26s}{'above 0.9 and wrong':>26s}")
-    for _, kind, count, rates in sorted(rows):
-        print(f"{kind:10s}{count:6d}" + "".join(rates))
+def main() -> None:
+    parser = parser_of(__doc__, "python -m tests.campaigns.statements", KINDS, cases=20)
+    parser.add_argument("--base", default="rolling_steady", help="base model of the cases; rolling_steady")
+    options = parser.parse_args()
+    make = lambda kind, number: one(options.base, kind, number, options.seed)  # noqa: E731
+    print(table(resumed(options, f"{options.base}-{options.seed}", make)))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -92,6 +92,35 @@ def rolling(
     return folder
 
 
+SHAFT = """[model]
+base = "equation"
+[model.equation]
+torque = "b*v"
+[fit]
+b = { value = 0.1, unit = "N m s/rad" }
+[data]
+files = ["d.csv"]
+run = "run"
+[data.columns]
+v = { column = "v", unit = "rad/s", is = "speed" }
+torque = { column = "torque", unit = "N m", sigma = 0.01 }
+"""
+
+
+def shaft(folder: Path, seed: int, *, dry: float = 0.0, more: str = "") -> Path:
+    """Ten runs of a shaft with viscous and dry friction, against a model with the former; `more` begins case.toml."""
+    random = np.random.default_rng(seed)
+    lines = ["run,v,torque"]
+    for run in range(10):
+        for v in random.uniform(-10.0, 10.0, 12):
+            torque = 0.05 * v + dry * np.sign(v) + 0.01 * random.standard_normal()
+            lines.append(f"r{run},{v:.6g},{torque:.6g}")
+    folder.mkdir()
+    (folder / "d.csv").write_text("\n".join(lines) + "\n")
+    (folder / "case.toml").write_text(more + SHAFT)
+    return folder
+
+
 def terrapin(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
     """Run the command in this process: exit status, standard output, standard error."""
     from terrapin_tools.cli import main

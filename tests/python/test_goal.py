@@ -7,44 +7,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from casekit import one_line, terrapin
+from casekit import one_line, shaft, terrapin
 
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.story.sentences import goal
 from terrapin_tools.workbench.story.story import Goal
 
-CASE = """[model]
-base = "equation"
-[model.equation]
-torque = "b*v"
-[fit]
-b = { value = 0.1, unit = "N m s/rad" }
-[goal]
-torque = GOAL
-[data]
-files = ["d.csv"]
-run = "run"
-[data.columns]
-v = { column = "v", unit = "rad/s", is = "speed" }
-torque = { column = "torque", unit = "N m", sigma = 0.01 }
-"""
 
-
-def shaft(folder: Path, asked: str, dry: float = 0.1) -> Path:
-    random = np.random.default_rng(12)
-    lines = ["run,v,torque"]
-    for run in range(10):
-        for v in random.uniform(-10.0, 10.0, 12):
-            torque = 0.05 * v + dry * np.sign(v) + 0.01 * random.standard_normal()
-            lines.append(f"r{run},{v:.6g},{torque:.6g}")
-    folder.mkdir()
-    (folder / "d.csv").write_text("\n".join(lines) + "\n")
-    (folder / "case.toml").write_text(CASE.replace("GOAL", asked))
-    return folder
+def asking(folder: Path, asked: str) -> Path:
+    """A shaft with dry friction, and a user who wants so small an error."""
+    return shaft(folder, 12, dry=0.1, more=f"[goal]\ntorque = {asked}\n")
 
 
 def test_told_the_same_everywhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = shaft(tmp_path / "case", '"20 mN m"')
+    folder = asking(tmp_path / "case", '"20 mN m"')
     status, out, _ = terrapin(capsys, "discover", folder)
     assert status == 0
     said = next(line.strip() for line in out.splitlines() if "asked for" in line)
@@ -77,7 +53,7 @@ def test_good_enough_although_something_is_missing() -> None:
 
 
 def test_a_case_without_a_goal_says_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = shaft(tmp_path / "case", '"1 N m"')
+    folder = asking(tmp_path / "case", '"1 N m"')
     text = (folder / "case.toml").read_text()
     (folder / "case.toml").write_text(text.replace('[goal]\ntorque = "1 N m"\n', ""))
     status, out, _ = terrapin(capsys, "compare", folder, "--json", "-")
@@ -87,15 +63,15 @@ def test_a_case_without_a_goal_says_nothing(tmp_path: Path, capsys: pytest.Captu
 
 
 def test_a_plain_number_and_a_share(tmp_path: Path) -> None:
-    plain = load_case(shaft(tmp_path / "plain", "0.05"))
+    plain = load_case(asking(tmp_path / "plain", "0.05"))
     assert plain.goal == {"torque": 0.05}
-    share = load_case(shaft(tmp_path / "share", '"2 %"'))
+    share = load_case(asking(tmp_path / "share", '"2 %"'))
     assert share.goal["torque"] == pytest.approx(0.02 * float(np.sqrt(np.mean(share.channels["torque"] ** 2))))
-    assert load_case(shaft(tmp_path / "close", '"2%"')).goal == share.goal
+    assert load_case(asking(tmp_path / "close", '"2%"')).goal == share.goal
 
 
 BAD = {
-    "unit": ('"0.05 A"', ["case.toml:8: goal.torque:", "N m"]),
+    "unit": ('"0.05 A"', ["case.toml:2: goal.torque:", "N m"]),
     "number": ('"small"', ["goal.torque: found", "expected a number above 0 and its unit"]),
     "zero": ('"0 N m"', ["goal.torque: found", "expected a number above 0 and its unit"]),
     "infinite": ('"inf N m"', ["goal.torque: found", "expected a number above 0 and its unit"]),
@@ -108,6 +84,6 @@ BAD = {
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
     asked, told = BAD[name]
-    status, _, err = terrapin(capsys, "compare", shaft(tmp_path / "case", asked))
+    status, _, err = terrapin(capsys, "compare", asking(tmp_path / "case", asked))
     assert status == 2
     one_line(err, told)

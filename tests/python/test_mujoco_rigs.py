@@ -56,9 +56,9 @@ def test_a_gain_is_all_that_its_model_lacks(tmp_path: Path) -> None:
 
 
 def test_a_case_is_answered_and_counted() -> None:
-    record = one("damping", 0, 5)
+    record = {"family": "damping", "number": 0, **one("damping", 0, 5)}
     assert record["right"], record
-    told = table([record, {**record, "feature": "gain", "right": False, "wrong and sure": True, "said": [["a", "b"]]}])
+    told = table([record, {**record, "family": "gain", "right": False, "wrong and sure": True, "said": [["a", "b"]]}])
     lines = told.splitlines()
     assert lines[1].startswith("gain")  # the worst first
     assert "0.0 % (0.0 to 97.5)" in lines[1]

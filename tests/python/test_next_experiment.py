@@ -133,10 +133,5 @@ def test_a_speed_that_was_not_measured_is_asked_of_no_rig_without_limits() -> No
         if role in ("omega", "speed"):
             assert omega.min() <= min(steps)
             assert max(steps) <= omega.max()
-    analysis, plan = proposed("direction", {})
-    assert (
-        plan is None
-        or "omega" not in plan.vary
-        or all(omega.min() <= setting["omega"] <= omega.max() for setting in plan.settings)
-    )
-    assert analysis.case.limits == {}
+    plan = proposed("direction", {})[1]
+    assert plan is None  # the other direction alone tells this pair apart

@@ -5,45 +5,17 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
-from casekit import one_line, terrapin
+from casekit import one_line, shaft, terrapin
 
 from terrapin_hil.physics.mechanics import mechanics
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.discover.planted import plant, size_of
 
-CASE = """[model]
-base = "equation"
-[model.equation]
-torque = "b*v"
-[fit]
-b = { value = 0.1, unit = "N m s/rad" }
-[data]
-files = ["d.csv"]
-run = "run"
-[data.columns]
-v = { column = "v", unit = "rad/s", is = "speed" }
-torque = { column = "torque", unit = "N m", sigma = 0.01 }
-"""
-
-
-def shaft(folder: Path) -> Path:
-    """Ten runs of a shaft with viscous friction and nothing else."""
-    random = np.random.default_rng(11)
-    lines = ["run,v,torque"]
-    for run in range(10):
-        for v in random.uniform(-10.0, 10.0, 12):
-            lines.append(f"r{run},{v:.6g},{0.05 * v + 0.01 * random.standard_normal():.6g}")
-    folder.mkdir()
-    (folder / "d.csv").write_text("\n".join(lines) + "\n")
-    (folder / "case.toml").write_text(CASE)
-    return folder
-
 
 def test_what_is_large_is_named_and_what_is_nothing_is_not(tmp_path: Path) -> None:
-    case = load_case(shaft(tmp_path / "case"))
+    case = load_case(shaft(tmp_path / "case", 11))
     large = plant(case, "coulomb_friction", "5sd", draws=4)
     assert (large.noticed, large.named) == (4, 4)
     assert large.size == pytest.approx(0.05, rel=0.02)
@@ -60,7 +32,7 @@ def test_what_is_large_is_named_and_what_is_nothing_is_not(tmp_path: Path) -> No
 
 
 def test_the_answer_in_words_and_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    case = shaft(tmp_path / "case")
+    case = shaft(tmp_path / "case", 11)
     words = ("discover", case, "--plant", "coulomb_friction=50 mN m", "--repeats", "2")
     status, out, _ = terrapin(capsys, *words)
     assert status == 0
@@ -97,13 +69,13 @@ BAD = {
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
     words, told = BAD[name]
-    status, _, err = terrapin(capsys, "discover", shaft(tmp_path / "case"), *words)
+    status, _, err = terrapin(capsys, "discover", shaft(tmp_path / "case", 11), *words)
     assert status == 2
     one_line(err, told)
 
 
 def test_what_is_in_the_model_is_not_planted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = shaft(tmp_path / "case")
+    folder = shaft(tmp_path / "case", 11)
     text = (folder / "case.toml").read_text()
     (folder / "case.toml").write_text(text.replace('"equation"\n', '"equation"\neffects = ["stribeck"]\n', 1))
     status, _, err = terrapin(capsys, "discover", folder, "--plant", "stribeck=1")

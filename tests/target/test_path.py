@@ -3,25 +3,17 @@ lies above every count, but not far."""
 
 from __future__ import annotations
 
-import importlib.util
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-from terrapin_hil import paths
 from terrapin_hil.firmware import Firmware
 from tests.target.replay import count_all, image
+from tests.target.scripts import script
 from tests.target.worst import bases, build, load
 
-SCRIPT = paths.ROOT / "firmware" / "cmake" / "path_report.py"
-SPEC = importlib.util.spec_from_file_location("path_report", SCRIPT)
-assert SPEC is not None
-assert SPEC.loader is not None
-report = importlib.util.module_from_spec(SPEC)
-sys.modules["path_report"] = report
-SPEC.loader.exec_module(report)
+report = script("path_report")
 
 TIMES = 2.5  # the bound over the longest step that was found
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 import shutil
 import subprocess
@@ -23,16 +22,11 @@ from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 from terrapin_tools.flash.image import Version, sign
 from terrapin_tools.flash.keys import development_key, private_key
 from terrapin_tools.flash.layout import SLOT_SIZE, SLOTS
+from tests.target.scripts import path_of, script
 from tests.waiting import BOUND
 
 PATTERN = 0x5AFE57AC  # of processor.h
-SCRIPT = paths.ROOT / "firmware" / "cmake" / "stack_report.py"
-SPEC = importlib.util.spec_from_file_location("stack_report", SCRIPT)
-assert SPEC is not None
-assert SPEC.loader is not None
-report = importlib.util.module_from_spec(SPEC)
-sys.modules["stack_report"] = report
-SPEC.loader.exec_module(report)
+report = script("stack_report")
 
 built = pytest.mark.skipif(not image().is_file(), reason="the ARM images are not built (no ARM cross compiler)")
 emulated = pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="qemu-system-arm is not installed")
@@ -112,7 +106,7 @@ TOOLS = ["--nm", "arm-none-eabi-nm", "--objdump", "arm-none-eabi-objdump", "--su
 
 def bounds(*programs: Path) -> tuple[int, list[tuple[int, int]]]:
     """The script's status; of each image its bound and the bytes set aside."""
-    command = [sys.executable, "-B", str(SCRIPT), *TOOLS, *map(str, programs)]
+    command = [sys.executable, "-B", str(path_of("stack_report")), *TOOLS, *map(str, programs)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     rows = re.findall(r"stack +(\d+) bytes at most .*; (\d+) set aside", done.stdout)
     assert len(rows) == len(programs), done.stdout + done.stderr

@@ -27,6 +27,7 @@ MAP = {
     "effect": (1.0, 0.0),
     "missing": (1.0, 0.0),
     "ambiguous": (1.0, 0.0),
+    "unexplained": (1.0, 0.0),
     "nothing": (0.7, 0.0),
 }
 CEILING = 0.995  # probability at most; the campaigns are too few to check a larger one
@@ -52,10 +53,10 @@ def calibrated(probability: float, what: str = "effect") -> float:
     Parameters
     ----------
     probability : posterior, 0 to 1.
-    what : the verdict that it belongs to, "nothing" for that of an adequate model, or "effect" for one effect to be
-        part of what is missing.
+    what : a key of MAP: the verdict that it belongs to, "nothing" for that of an adequate model, or "effect" for one
+        effect to be part of what is missing.
     """
-    slope, shift = MAP["effect" if what == "unexplained" else what]
+    slope, shift = MAP[what]
     p = min(max(probability, 1e-12), 1.0 - 1e-12)
     odds = slope * np.log(p / (1.0 - p)) + shift
     return float(min(1.0 / (1.0 + np.exp(-odds)), OUTSIDE if what == "unexplained" else CEILING))

@@ -14,7 +14,6 @@ import numpy as np
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.case.case import Case
-from terrapin_tools.workbench.case.changes import TABLE
 from terrapin_tools.workbench.compare.adequacy import Failure, failure_on
 from terrapin_tools.workbench.compare.comparison import (
     LEVEL,
@@ -37,6 +36,7 @@ from terrapin_tools.workbench.experiment.proposal import Experiment, propose
 from terrapin_tools.workbench.model.constants import named
 from terrapin_tools.workbench.model.data_columns import numeric_columns
 from terrapin_tools.workbench.model.fitting import Fit, covariance
+from terrapin_tools.workbench.model.table_faults import at_fault
 from terrapin_tools.workbench.noise.covariance import Node, Runs
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
@@ -213,7 +213,7 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
 
 def _faulty(hypothesis: Hypothesis) -> bool:
     """Whether a fault of the table is part of it: it has no size, but is one of many factors that were tried."""
-    return any(name.startswith(TABLE) for name in hypothesis.effects)
+    return any(at_fault(name) for name in hypothesis.effects)
 
 
 def _says_enough(ranking: Ranking, analysis: Analysis, top: Hypothesis) -> bool:
@@ -388,14 +388,14 @@ def _candidate(analysis: Analysis, hypothesis: Hypothesis, probability: float, c
 
 
 def _kind(effect: Effect, hypothesis: Hypothesis) -> str:
-    return "constant" if named(effect.name) else "table" if effect.name.startswith(TABLE) else hypothesis.kind
+    return "constant" if named(effect.name) else "table" if at_fault(effect.name) else hypothesis.kind
 
 
 def _operating(
     ranking: Ranking, top: Hypothesis | None, rivals: Sequence[Hypothesis], analysis: Analysis, seed: int
 ) -> tuple[Operating, ...]:
     """For the likeliest effect: its estimated size, and 1 noise sd."""
-    if top is None or top.kind != "catalogue" or top.fit is None or any(name.startswith(TABLE) for name in top.effects):
+    if top is None or top.kind != "catalogue" or top.fit is None or _faulty(top):
         return ()
     name = top.effects[0]
     classes = {h.effects[0]: name for h in rivals if len(h.effects) == 1}

@@ -210,7 +210,7 @@ class Ranker:
         value = self.around(fit, names)
         total = otherwise if value is None else value + self.lost(names) + tax(fit, names)
         total -= sum(self.faults[name].cost for name in names if name in self.faults)
-        taxed = -size_tax(fit, names)
+        taxed = size_tax(fit, names)
         own = [name in self.sketches for name in names]
         kind = "expression" if all(own) else "mixed" if any(own) else "catalogue"
         column = next((self.sketches[name].column for name in names if name in self.sketches), "")

@@ -20,7 +20,7 @@ from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.discover.closure import neighbours
 from terrapin_tools.workbench.discover.expression_answers import expression_pairs, expressions, paying
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
-from terrapin_tools.workbench.discover.ranker import RUN, SIZE_OF_SET, Ranker
+from terrapin_tools.workbench.discover.ranker import RUN, SIZE_OF_SET, Ranker, by_effect
 from terrapin_tools.workbench.discover.suspect_answers import beside_constants, table_answers
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.model.fitting import Fit
@@ -192,17 +192,11 @@ def _predicted(ranker: Ranker, fit: Fit) -> Array:
 
 def _gains(ranker: Ranker, fit: Fit, present: Sequence[str]) -> dict[str, float]:
     """Log evidence that each further effect would add to a fit whose parameters, shapes included, follow."""
-    gains: dict[str, float] = {}
     if not ranker.sound(fit, present):  # its evidence is not that of this fit, and gains over it mean nothing
-        return gains
+        return {}
     beyond = ranker.beyond(fit)
-    for name, shapes in ranker.shapes.items():
-        singles = [s.columns for s in shapes if s.columns.shape[1] == 1]
-        if name in present or not singles or not ranker.together_possible((*present, name)):
-            continue
-        logs = beyond.single(np.concatenate(singles, axis=1))
-        gains[name] = float(logsumexp(logs) - np.log(len(logs)) - beyond.nothing)
-    return gains
+    further = [s for s in ranker.flat if s.effect not in present and ranker.together_possible((*present, s.effect))]
+    return {name: value - beyond.nothing for name, value in by_effect(beyond, further).items()}
 
 
 def _first(names: Sequence[str], singles: Mapping[str, Hypothesis]) -> str:

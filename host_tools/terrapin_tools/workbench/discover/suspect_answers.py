@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from terrapin_hil.arrays import Array
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.bases import formula_name
+from terrapin_tools.workbench.compare.comparison import predict
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
 from terrapin_tools.workbench.discover.ranker import Ranker, by_effect
 from terrapin_tools.workbench.model.effect_columns import Shape, shapes_of
@@ -71,13 +71,13 @@ def _look(ranker: Ranker, fault: Fault) -> _Looked | None:
     """The fault around its own refit; None where the model gives no number then, or nothing reads the column."""
     faulty, present = ranker.model.having(fault), ranker.analysis.fit
     bound = faulty.bind(ranker.case.inputs, ranker.rows)
-    if np.array_equal(bound.predict(present.theta), _predicted(ranker, present)):
+    if np.array_equal(bound.predict(present.theta), predict(present, ranker.rows)):
         fit, beyond = replace(present, bound=bound), ranker.evidence  # only effects may read it
         shapes = _shapes(ranker, fault, fit, others=False)
     else:
         train = faulty.bind(ranker.case.inputs, ranker.case.train)
         fit = extend(present, fault.name, train, ranker.train, ranker.sigma, [ranker.model.start])
-        if not np.isfinite(_predicted(ranker, fit)).all():
+        if not np.isfinite(predict(fit, ranker.rows)).all():
             return None
         beyond = ranker.beyond(fit)
         if not np.isfinite(beyond.total).all() or not np.isfinite(beyond.nothing):  # no longer a fit at all
@@ -88,10 +88,6 @@ def _look(ranker: Ranker, fault: Fault) -> _Looked | None:
         return None if beyond is ranker.evidence else _Looked(fault, alone, -np.inf, "")
     name = max(averages, key=lambda n: averages[n])
     return _Looked(fault, alone, averages[name] - fault.cost, name)
-
-
-def _predicted(ranker: Ranker, fit: Fit) -> Array:
-    return fit.model.bind(ranker.case.inputs, ranker.rows).predict(fit.theta)
 
 
 def _shapes(ranker: Ranker, fault: Fault, fit: Fit, others: bool) -> list[Shape]:

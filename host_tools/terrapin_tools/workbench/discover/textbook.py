@@ -17,6 +17,7 @@ from terrapin_tools.workbench.discover.leftover import absent
 from terrapin_tools.workbench.discover.ranking import Ranking
 from terrapin_tools.workbench.model.constants import named
 from terrapin_tools.workbench.model.fitting import Fit
+from terrapin_tools.workbench.model.table_faults import at_fault
 
 __all__ = ["plain_names"]
 
@@ -50,13 +51,13 @@ def plain_names(analysis: Analysis, ranking: Ranking, top: Hypothesis) -> tuple[
 
 
 def _plain(ranking: Ranking) -> list[Hypothesis]:
-    """Refitted sets of catalogued effects, likeliest first; a constant that may be wrong is no effect."""
+    """Refitted sets of catalogued effects, likeliest first; what may be wrong in the case is no effect."""
     return [
         one
         for one in ranking.hypotheses
         if one.kind == "catalogue"
         and one.effects
-        and not any(named(name) for name in one.effects)
+        and not any(named(name) or at_fault(name) for name in one.effects)
         and not absent(one.fit, one.effects)
     ]
 

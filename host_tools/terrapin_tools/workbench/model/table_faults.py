@@ -19,7 +19,7 @@ from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.case.changes import TABLE
 from terrapin_tools.workbench.case.intake import BOTH_WAYS
 
-__all__ = ["FACTORS", "Fault", "fault_of", "faults", "read", "recorded"]
+__all__ = ["Fault", "at_fault", "fault_of", "faults", "read", "recorded"]
 
 # What a column must be multiplied by where its unit was taken for another one, and the inverse of each; the second lot
 # only where the unit of the role is one of these ("" : none is stated).
@@ -85,6 +85,15 @@ def faults(case: Case) -> list[Fault]:
         if _varies(values, case.run):
             found.append(_fault(case, name, "delay", f"comes {LATE} row late", late=LATE))
     return found
+
+
+def at_fault(effect: str) -> bool:
+    """Whether a name is that of a fault of the table.
+
+    >>> at_fault("table.omega.scale"), at_fault("stribeck")
+    (True, False)
+    """
+    return effect.startswith(TABLE)
 
 
 def fault_of(case: Case, name: str, mend: Mapping[str, float | str | int]) -> Fault:

@@ -17,10 +17,9 @@ from terrapin_tools.workbench.bases import formula_name
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.model.fitting import Fit
 
-__all__ = ["size_tax", "times_usual", "usual_size"]
+__all__ = ["size_tax", "usual_size"]
 
-
-MOST = np.log(10.0)  # that a size can cost; chosen by hand
+MOST = float(np.log(10.0))  # that a size can cost; chosen by hand
 
 
 def usual_size(effect: Effect, case: Case) -> float | None:
@@ -37,17 +36,12 @@ def usual_size(effect: Effect, case: Case) -> float | None:
     return found if 0.0 < found < np.inf else None
 
 
-def times_usual(fit: Fit, name: str) -> float | None:
-    """A fitted effect's size over its usual one; None where there is none."""
-    effect = next((e for e in fit.model.effects if e.name == name), None)
-    usual = usual_size(effect, fit.model.case) if effect is not None else None
-    if effect is None or usual is None or not effect.parameters:
-        return None
-    at = next(i for i, f in enumerate(fit.model.fitted) if f.effect == name)
-    return abs(float(fit.theta[at])) / usual
-
-
 def size_tax(fit: Fit, names: Collection[str]) -> float:
     """Log of how unlikely the sizes of these effects are."""
-    sizes = [times_usual(fit, name) for name in names]
-    return -float(sum(min(np.log1p(size * size), MOST) for size in sizes if size is not None))
+    sizes = {f.effect: value for f, value in reversed(list(zip(fit.model.fitted, fit.theta, strict=True)))}
+    tax = 0.0
+    for effect in fit.model.effects:
+        usual = usual_size(effect, fit.model.case) if effect.name in names else None
+        if usual is not None:
+            tax += min(float(np.log1p((sizes[effect.name] / usual) ** 2)), MOST)
+    return tax

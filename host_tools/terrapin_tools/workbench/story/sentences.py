@@ -167,16 +167,17 @@ def headline(found: Findings, p: float, level: float) -> str:
             return f"{_joined(found.part)} {are} part of it; with probability {sure} {more}.{on}"
         return f"With probability {sure} no catalogued effect and no short expression explains what is missing.{on}"
     before, after = [rung.heldout_error for rung in (found.ladder[0], *found.ladder)[-2:]]
+    faults = [one for one in found.candidates if one.effect in found.missing and one.kind in FAULTS]
     fall = ""
     if before is not None and after is not None:
-        fall = f": with it the held-out error falls from {in_sd(before)} to {in_sd(after)} noise sd"
-    faults = [one for one in found.candidates if one.effect in found.missing and one.kind in FAULTS]
+        how = "put right," if faults else "with it"
+        fall = f": {how} the held-out error falls from {in_sd(before)} to {in_sd(after)} noise sd"
     if not faults:
         return f"With probability {sure} the model lacks {missing} and nothing else{fall}."
     what = "; ".join(title(one, "") for one in faults)
     lacks = _joined([name for name in found.missing if name not in {one.effect for one in faults}])
     beside = f"the model lacks {lacks} and the case" if lacks else "nothing is missing, but the case"
-    return f"With probability {sure} {beside} has a fault ({what}){fall.replace('with it', 'put right,')}."
+    return f"With probability {sure} {beside} has a fault ({what}){fall}."
 
 
 def span(low: float, high: float) -> str:

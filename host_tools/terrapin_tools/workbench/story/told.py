@@ -28,7 +28,6 @@ from terrapin_tools.workbench.story.story import Card, Channel, Findings, Goal, 
 __all__ = ["found_by", "told"]
 
 TOO_LARGE = 5.0  # times what is usual, from which a size is said to speak against an effect
-LITTLE = 0.1  # share of the misfit below which the size of a candidate says nothing
 STILL = 0.05  # a role whose span is below this share of its magnitude hardly varies
 AS_ZERO = 0.01  # share of a role's largest value below which what to hold is 0
 
@@ -274,7 +273,7 @@ def _too_large(analysis: Analysis, found: Findings, one: Proposal) -> str:
     effect = analysis.case.library.get(one.effect)
     usual = usual_size(effect, analysis.case) if effect is not None else None
     values = found.together.get(one.effect, one.parameters)
-    if effect is None or usual is None or one.explains < LITTLE:
+    if effect is None or usual is None or one.explains < sentences.LITTLE:
         return ""
     times = abs(values[effect.parameters[0].name].value) / usual
     return sentences.too_large(effect.parameters[0].name, times) if times > TOO_LARGE else ""
