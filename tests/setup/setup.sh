@@ -58,11 +58,11 @@ END
 # twice as long. The rest of some 170 packages waits for its first import.
 compile_used() {
     local site
+    local -a used=(numpy pydantic pydantic_core annotated_doc annotated_types typing_inspection typing_extensions.py typer
+        shellingham cffi pycparser tomlkit)
     site=$(.venv/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
-    [ ! -d "$site/numpy/__pycache__" ] || return 0
-    (cd "$site" && quietly compile "$OLDPWD/.venv/bin/python" -m compileall -q -x '/tests?/|/f2py/|/v1/' numpy pydantic \
-        pydantic_core annotated_doc annotated_types typing_inspection typing_extensions.py typer shellingham cffi pycparser tomlkit) \
-        || exit 1
+    [ -d "$site/numpy/__pycache__" ] ||
+        quietly compile .venv/bin/python -m compileall -q -x '/tests?/|/f2py/|/v1/' "${used[@]/#/$site/}" || exit 1
 }
 
 # install_python LOCK: exact, hashed versions; the lock is complete, so nothing is resolved, and nothing is built but the project.
