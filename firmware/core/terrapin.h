@@ -104,6 +104,10 @@ TERRAPIN_API size_t terrapin_state_size(void);
 /* Reset: parameters to their defaults, supervisor to boot, bridge off. */
 TERRAPIN_API void terrapin_init(terrapin_state *state);
 
+/* The same with these parameters, all of them in file order, for the work of one reset. When one is out of its range
+ * the result is TERRAPIN_PARAMETER_RANGE, and all are at their defaults. */
+TERRAPIN_API terrapin_parameter_result terrapin_init_with(terrapin_state *state, const int32_t *values);
+
 /* The first half of a tick of 1 ms: sensors, slip, states, drive. Writes duty_q15, enable and faults, and frame_count =
  * 0. Bounded work. state, inputs and outputs must not overlap and must not be NULL, here and in the next two. */
 TERRAPIN_API void terrapin_step_drive(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs);

@@ -3,10 +3,18 @@
 #include "terrapin_interface.h"
 #include "terrapin_assert.h"
 
-static void reset_controller(terrapin_state *state, terrapin_inputs *inputs) {
+/* values: all parameters, or NULL for the defaults of the interface. */
+static void reset_controller(terrapin_state *state, terrapin_inputs *inputs, const int32_t *values) {
     static const terrapin_inputs nothing = {0};
     *inputs = nothing;
-    terrapin_init(state);
+    (void)terrapin_init_with(state, values); /* stored ones are in range, and those of a port are tested */
+}
+
+/* The parameters that stand after a reset: a stored set is whole. */
+static const int32_t *start_values(const terrapin_link *link) {
+    const terrapin_store *store = link->store;
+    const bool stored = (store != NULL) && (store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED);
+    return stored ? store->value : link->defaults;
 }
 
 /* True when a protected frame may be used; counts it otherwise. */
@@ -64,10 +72,7 @@ static void accept_test_mode(terrapin_link *link, terrapin_state *state, const t
         link->out_of_place += (message.key != 0U) ? 1U : 0U;
         return;
     }
-    reset_controller(state, inputs);
-    if (!arm && (link->store != NULL)) {
-        terrapin_store_apply(link->store, state);
-    }
+    reset_controller(state, inputs, arm ? NULL : start_values(link));
     link->test_mode = arm;
     link->stepped = false;
     link->reply_counter = 0U;
@@ -145,7 +150,8 @@ static terrapin_accept_result accept_store_command(terrapin_link *link, terrapin
     } else if (terrapin_bridge_on(state)) {
         result = TERRAPIN_STORE_RESULT_LOCKED;
     } else if (message.action == TERRAPIN_STORE_ACTION_DEFAULTS) {
-        (void)terrapin_parameter_set_all(state, NULL); /* the bridge is off */
+        /* The bridge is off. A test run depends on its frames alone. */
+        (void)terrapin_parameter_set_all(state, link->test_mode ? NULL : link->defaults);
     } else if (link->store == NULL) {
         result = TERRAPIN_STORE_RESULT_NO_STORE;
     } else {
@@ -250,7 +256,7 @@ void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inp
         .store_counter = TERRAPIN_E2E_NO_COUNTER,
     };
     *link = fresh;
-    reset_controller(state, inputs);
+    reset_controller(state, inputs, NULL);
 }
 
 terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
@@ -323,7 +329,13 @@ void terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin
 void terrapin_link_use_store(terrapin_link *link, terrapin_state *state, struct terrapin_store *store) {
     TERRAPIN_ASSERT((link != NULL) && (store != NULL));
     link->store = store;
-    terrapin_store_apply(store, state);
+    (void)terrapin_parameter_set_all(state, start_values(link));
+}
+
+void terrapin_link_use_defaults(terrapin_link *link, terrapin_state *state, const int32_t *values) {
+    TERRAPIN_ASSERT((link != NULL) && (values != NULL));
+    link->defaults = values;
+    (void)terrapin_parameter_set_all(state, start_values(link));
 }
 
 bool terrapin_link_store_work(terrapin_link *link, const terrapin_state *state) {

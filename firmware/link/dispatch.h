@@ -19,8 +19,8 @@
  *
  * Test mode (armed by TEST_MODE, off after reset): sensors come from SENSORS_SLOW and SENSORS_FAST, and each
  * SENSORS_FAST is one tick. It is not armed while the bridge is enabled. Arming resets the controller, parameters to
- * their defaults, so that a run in test mode is a function of its frames alone; leaving resets it again, parameters to
- * the stored ones.
+ * the defaults of controller.toml, so that a run in test mode is a function of its frames alone; leaving resets it
+ * again, parameters to the stored ones, or to the port's own defaults.
  */
 #ifndef TERRAPIN_DISPATCH_H
 #define TERRAPIN_DISPATCH_H
@@ -47,6 +47,7 @@ typedef struct {
     uint32_t out_of_place;        /* SENSORS_* outside test mode; arming it while the bridge is enabled */
     uint32_t unknown;             /* other traffic on the bus */
     struct terrapin_store *store; /* the port's; NULL: parameters last until a reset */
+    const int32_t *defaults;      /* the port's, of all parameters; NULL: those of controller.toml */
 } terrapin_link;
 
 typedef enum {
@@ -70,8 +71,14 @@ TERRAPIN_API void terrapin_link_think(terrapin_state *state, terrapin_inputs *in
 /* Both, for a port without a bridge. */
 TERRAPIN_API void terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin_outputs *outputs);
 
-/* Keep parameters in an open store, and give the state those that it holds. */
+/* Keep parameters in an open store. The state is given those that it holds, or the defaults, while its bridge is off.
+ */
 TERRAPIN_API void terrapin_link_use_store(terrapin_link *link, terrapin_state *state, struct terrapin_store *store);
+
+/* Defaults of a machine that knows more of itself than controller.toml does: all TERRAPIN_PARAMETER_COUNT, in range,
+ * the caller's memory. They stand after a reset while nothing is stored, and where a host asks for the defaults; not in
+ * test mode. The state is given them, as by terrapin_link_use_store. */
+TERRAPIN_API void terrapin_link_use_defaults(terrapin_link *link, terrapin_state *state, const int32_t *values);
 
 /* A bounded piece of the save under way, if there is one: at most one erase, and that with the bridge off. True while
  * more is to be done. */

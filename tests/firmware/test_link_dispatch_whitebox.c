@@ -22,9 +22,10 @@ static terrapin_link link;
 static terrapin_inputs inputs;
 static terrapin_frame reply;
 
-void terrapin_init(terrapin_state *s) {
+terrapin_parameter_result terrapin_init_with(terrapin_state *s, const int32_t *values) {
     s->resets++;
-    s->value = 5;
+    s->value = (values == NULL) ? 5 : values[0];
+    return TERRAPIN_PARAMETER_OK;
 }
 
 void terrapin_step_drive(terrapin_state *s, const terrapin_inputs *in, terrapin_outputs *out) {
@@ -315,6 +316,38 @@ static void test_store_commands_without_a_store(void) {
     TEST_ASSERT_EQUAL(TERRAPIN_STORE_RESULT_LOCKED, status.result);
 }
 
+/* A machine's own defaults, for a host that asks for the defaults and where test mode is left; a stored set is whole.
+ */
+static void test_defaults_are_the_ports_own(void) {
+    static const int32_t own[TERRAPIN_PARAMETER_COUNT] = {7};
+    static terrapin_store store = {.origin = TERRAPIN_STORE_ORIGIN_BLANK, .value = {3}};
+    terrapin_frame frame;
+    const terrapin_store_command_t message = {.action = TERRAPIN_STORE_ACTION_DEFAULTS};
+    terrapin_link_use_defaults(&link, &state, own);
+    TEST_ASSERT_EQUAL_INT32(7, state.value);
+    state.value = 1;
+    TEST_ASSERT_TRUE(terrapin_encode_store_command(&message, &frame));
+    terrapin_e2e_protect(&frame, 0);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, accept(&frame));
+    TEST_ASSERT_EQUAL_INT32(7, state.value);
+    arm(0);
+    TEST_ASSERT_EQUAL_INT32(5, state.value); /* of the interface: a test run depends on its frames alone */
+    state.value = 1;
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, accept(&frame));
+    TEST_ASSERT_EQUAL_INT32(5, state.value);
+    frame = test_mode(0, 1);
+    (void)accept(&frame);
+    TEST_ASSERT_EQUAL_INT32(7, state.value);
+    terrapin_link_use_store(&link, &state, &store);
+    TEST_ASSERT_EQUAL_INT32(7, state.value); /* nothing is stored */
+    store.origin = TERRAPIN_STORE_ORIGIN_STORED;
+    arm(2);
+    frame = test_mode(0, 3);
+    (void)accept(&frame);
+    TEST_ASSERT_EQUAL_INT32(3, state.value);
+    TEST_ASSERT_EQUAL(5, state.resets); /* of setUp, and by each TEST_MODE: once */
+}
+
 static void test_sensors_reach_the_inputs(void) {
     terrapin_sensors_slow_t slow = {.slow_code = 3000,
                                     .slow_channel = 0,
@@ -468,6 +501,7 @@ int main(void) {
     RUN_TEST(test_test_mode_is_not_armed_while_the_bridge_is_on);
     RUN_TEST(test_test_mode_is_off_after_a_reset);
     RUN_TEST(test_store_commands_without_a_store);
+    RUN_TEST(test_defaults_are_the_ports_own);
     RUN_TEST(test_sensors_reach_the_inputs);
     RUN_TEST(test_ticks_continue_past_16_bits);
     RUN_TEST(test_arming_forgets_the_counters_of_an_earlier_host);
