@@ -5,6 +5,13 @@
 
 #define COUNTER_WINDOW 4U /* steps of a COMMAND's counter: as many cycles as the longest command_timeout has */
 
+#ifdef TERRAPIN_PRODUCTION
+#define KIND ((uint32_t)TERRAPIN_IMAGE_KIND_PRODUCTION)
+#else
+#define KIND ((uint32_t)TERRAPIN_IMAGE_KIND_DESK)
+#endif
+const terrapin_image_mark terrapin_link_mark = {{0x72726574U, 0x6E697061U, 0x6E696B2DU, 0x00000064U}, KIND};
+
 static void reset_controller(terrapin_state *state, terrapin_inputs *inputs) {
     static const terrapin_inputs nothing = {0};
     *inputs = nothing;
@@ -87,6 +94,7 @@ static void accept_command(terrapin_link *link, const terrapin_frame *frame, ter
     inputs->command_fresh = true;
 }
 
+#ifndef TERRAPIN_PRODUCTION
 static void accept_test_mode(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
                              terrapin_inputs *inputs) {
     terrapin_test_mode_t message;
@@ -121,6 +129,7 @@ static void accept_test_mode(terrapin_link *link, terrapin_state *state, const t
     link->write_counter = TERRAPIN_E2E_NO_COUNTER;
     link->store_counter = TERRAPIN_E2E_NO_COUNTER;
 }
+#endif
 
 static void protect_reply(terrapin_link *link, terrapin_frame *reply) {
     TERRAPIN_ASSERT(link->reply_counter <= TERRAPIN_E2E_COUNTER_MAX);
@@ -233,6 +242,7 @@ static terrapin_accept_result accept_store_read(terrapin_link *link, const terra
     return TERRAPIN_ACCEPT_REPLY;
 }
 
+#ifndef TERRAPIN_PRODUCTION
 static void accept_sensors_slow(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
     TERRAPIN_ASSERT(link->test_mode);
     terrapin_sensors_slow_t message;
@@ -286,6 +296,7 @@ static terrapin_accept_result accept_sensors_fast(terrapin_link *link, const ter
     link->stepped = true;
     return TERRAPIN_ACCEPT_STEP;
 }
+#endif
 
 void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs) {
     TERRAPIN_ASSERT((link != NULL) && (state != NULL) && (inputs != NULL));
@@ -309,9 +320,6 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
     case TERRAPIN_ID_COMMAND:
         accept_command(link, frame, inputs);
         break;
-    case TERRAPIN_ID_TEST_MODE:
-        accept_test_mode(link, state, frame, inputs);
-        break;
     case TERRAPIN_ID_PARAMETER_WRITE:
         result = accept_parameter_write(link, state, frame, reply);
         break;
@@ -323,6 +331,17 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
         break;
     case TERRAPIN_ID_STORE_READ:
         result = accept_store_read(link, state, frame, reply);
+        break;
+#ifdef TERRAPIN_PRODUCTION
+    case TERRAPIN_ID_TEST_MODE:
+    case TERRAPIN_ID_SENSORS_SLOW:
+    case TERRAPIN_ID_SENSORS_HEADING:
+    case TERRAPIN_ID_SENSORS_FAST:
+        link->out_of_place++;
+        break;
+#else
+    case TERRAPIN_ID_TEST_MODE:
+        accept_test_mode(link, state, frame, inputs);
         break;
     case TERRAPIN_ID_SENSORS_SLOW:
         if (link->test_mode) {
@@ -345,6 +364,7 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
             link->out_of_place++;
         }
         break;
+#endif
     default:
         link->unknown++;
         break;

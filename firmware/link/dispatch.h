@@ -24,7 +24,8 @@
  * Test mode (armed by TEST_MODE, off after reset): sensors come from SENSORS_SLOW and SENSORS_FAST, and each
  * SENSORS_FAST is one tick. It is not armed while the bridge is enabled. Arming resets the controller, parameters to
  * their defaults, so that a run in test mode is a function of its frames alone; leaving resets it again, parameters to
- * the stored ones, and latched faults that stood before it stand again.
+ * the stored ones, and latched faults that stood before it stand again. A
+ * production build (TERRAPIN_PRODUCTION) has no test mode: TEST_MODE and SENSORS_* are counted and change nothing.
  */
 #ifndef TERRAPIN_DISPATCH_H
 #define TERRAPIN_DISPATCH_H
@@ -34,6 +35,13 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+
+/* Of which kind this build is (image_kind of controller.toml): what signs an image finds it in the code. */
+typedef struct {
+    uint32_t name[4]; /* "terrapin-kind" and zeros, as the bytes of little-endian words */
+    uint32_t kind;
+} terrapin_image_mark;
+extern TERRAPIN_API const terrapin_image_mark terrapin_link_mark;
 
 struct terrapin_store; /* store/parameters.h */
 
