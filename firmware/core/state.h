@@ -244,6 +244,8 @@ typedef struct {
     int32_t control;       /* enum control, */
     int32_t setpoint;      /* mV or mm/s, */
     bool limiter;          /* and whether the slip limiter is wanted */
+    bool refused;          /* a RUN or CALIBRATE, in hold_ms */
+    uint32_t hold_ms;      /* how long an IDLE still holds against RUN and CALIBRATE */
     int32_t request_taken; /* the request that is being served or was: it must change before it counts again */
     uint32_t faults;
     uint32_t overrun_ms; /* how long the flag still stands */

@@ -104,13 +104,79 @@ static void test_watchdog_at_200_ms(void) {
 
 static void test_an_old_request_does_not_start_anything(void) {
     rig_set(TERRAPIN_PARAMETER_COMMAND_TIMEOUT, 100);
+    rig.command = false;
     rig_run(49);
+    rig.command = true;
     rig_request(TERRAPIN_REQUEST_RUN, 6000);
     rig_run(20); /* heard once, during the self test, 140 ms before its end */
     rig.command = false;
     rig_run(1000);
     TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
     TEST_ASSERT_FALSE(rig.out.enable);
+}
+
+static void command_now(uint8_t request) {
+    rig_request(request, 6000);
+    rig.in.tick++;
+    rig.in.command_fresh = true;
+    rig_step();
+    rig.in.command_fresh = false;
+}
+
+static int32_t hold_shown(void) {
+    terrapin_status_t status;
+    TEST_ASSERT_TRUE(terrapin_decode_status(&rig.last[0], &status));
+    return status.hold;
+}
+
+static void test_an_idle_holds_against_run_and_calibrate(void) {
+    static const uint8_t starts[] = {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_CALIBRATE};
+    for (size_t i = 0; i < sizeof starts; i++) {
+        rig_start();
+        rig.command = false;
+        rig_run(400);
+        command_now(TERRAPIN_REQUEST_IDLE);
+        rig_run(100);
+        TEST_ASSERT_EQUAL_INT32_MESSAGE(0, hold_shown(), "nothing was refused yet");
+        command_now(starts[i]);
+        rig_run(9);
+        TEST_ASSERT_EQUAL_INT32(5, hold_shown());
+        for (int ms = 0; ms < 489; ms++) {
+            command_now(starts[i]);
+            TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
+            TEST_ASSERT_FALSE(rig.out.enable);
+        }
+        command_now(starts[i]);
+        TEST_ASSERT_NOT_EQUAL_INT32_MESSAGE(TERRAPIN_STATE_IDLE, rig_state(), "600 ticks after the IDLE");
+        rig_run(10);
+        TEST_ASSERT_EQUAL_INT32(0, hold_shown());
+    }
+}
+
+static void test_a_further_idle_holds_anew_and_clear_does_not_end_it(void) {
+    rig.command = false;
+    rig_run(400);
+    command_now(TERRAPIN_REQUEST_IDLE);
+    rig_run(500);
+    command_now(TERRAPIN_REQUEST_IDLE);
+    command_now(TERRAPIN_REQUEST_CLEAR);
+    for (int ms = 0; ms < 598; ms++) {
+        command_now(TERRAPIN_REQUEST_RUN);
+        TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
+    }
+    command_now(TERRAPIN_REQUEST_RUN);
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_RUN, rig_state());
+}
+
+/* A host that goes on talking while it is refused is no silent one: braking ends at rest, not in a fault. */
+static void test_a_refused_run_keeps_the_command_timeout_away(void) {
+    rig_drive(6000, TERRAPIN_CONTROL_VOLTAGE);
+    rig_run(2000);
+    command_now(TERRAPIN_REQUEST_IDLE);
+    rig_request(TERRAPIN_REQUEST_RUN, 6000);
+    rig_run(550);
+    TEST_ASSERT_EQUAL_HEX32(0U, rig.out.faults);
+    TEST_ASSERT_EQUAL_INT32(0, rig.out.duty_q15);
 }
 
 static void test_a_state_that_does_not_exist_keeps_the_bridge_off(void) {
@@ -353,6 +419,9 @@ int main(void) {
     RUN_TEST(test_emergency_stop_in_every_state);
     RUN_TEST(test_watchdog_at_200_ms);
     RUN_TEST(test_an_old_request_does_not_start_anything);
+    RUN_TEST(test_an_idle_holds_against_run_and_calibrate);
+    RUN_TEST(test_a_further_idle_holds_anew_and_clear_does_not_end_it);
+    RUN_TEST(test_a_refused_run_keeps_the_command_timeout_away);
     RUN_TEST(test_a_state_that_does_not_exist_keeps_the_bridge_off);
     RUN_TEST(test_every_sensor_fault_switches_off);
     RUN_TEST(test_a_short_disturbance_is_no_fault);
