@@ -14,6 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from terrapin_interface.fitting import fitted
+from terrapin_interface.robot import Robot
+
 __all__ = [
     "CONTROLLER_TOML",
     "Constant",
@@ -228,22 +231,25 @@ _KINDS: dict[type, str] = {
 }
 
 
-def load(path: Path = CONTROLLER_TOML) -> Description:
-    """Description in the file `path`. DescriptionError (names the file) when it is wrong, OSError when unreadable."""
+def load(path: Path = CONTROLLER_TOML, robot: Robot | None = None) -> Description:
+    """Description in the file `path`, for a robot: the cylinder where it says nothing else and one is needed.
+
+    DescriptionError (names the file) when it is wrong, RobotError when the robot does not fit, OSError when unreadable.
+    """
     try:
-        return parse(path.read_text(encoding="utf-8"))
+        return parse(path.read_text(encoding="utf-8"), robot)
     except DescriptionError as error:
         raise DescriptionError(f"{path.name}: {error}") from None
 
 
-def parse(text: str) -> Description:
-    """Description in the TOML `text`.
+def parse(text: str, robot: Robot | None = None) -> Description:
+    """Description in the TOML `text`, for a robot as `load`.
 
     >>> parse('[controller]\\nname = "toy"\\nversion = 1\\ntick_hz = 1000\\n[node]\\nhost = "PC"').nodes
     {'host': 'PC'}
     """
     try:
-        root = _Table("top level", tomllib.loads(text))
+        root = _Table("top level", fitted(tomllib.loads(text), robot))
     except tomllib.TOMLDecodeError as error:
         raise DescriptionError(f"not TOML: {error}") from None
     head = _Table("[controller]", root.take("controller", dict))
