@@ -147,6 +147,7 @@ class Robot:
             "supply_high": self.limits["supply_high"],
             "temperature_high": self.limits["temperature"],
             "slip_limit": self.limits["slip"],
+            "swing_limit": self.limits.get("swing", 0.0),
         }
         return found[name]
 
