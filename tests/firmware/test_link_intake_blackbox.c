@@ -186,6 +186,7 @@ static void test_idle_is_taken_before_seven_others(void) {
         TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_REQUEST_IDLE, inputs.command.request, "the older RUN is passed over");
     }
     TEST_ASSERT_EQUAL(0U, intake.count);
+    inputs.command_fresh = false; /* a tick was made of it */
     put_command(TERRAPIN_REQUEST_RUN, 6U);
     terrapin_intake_begin_tick(&intake);
     (void)take(indexes);

@@ -211,13 +211,15 @@ static void tell_times(port *p) {
 }
 
 static void tell_identity(port *p) {
-    const terrapin_port_identity_t message = {
-        .unique = p->hardware.unique,
-        .board = p->hardware.board,
-        .slot = p->hardware.slot,
-        .core_clock = (int32_t)(p->hardware.core_hz / 1000000U),
-        .stack_used = (int32_t)hardware_stack_used(),
-    };
+    terrapin_port_identity_source identity = {0};
+    identity.unique = p->hardware.unique;
+    identity.board = p->hardware.board;
+    identity.slot = p->hardware.slot;
+    identity.core_clock = (p->hardware.core_hz / 1000000U);
+    identity.stack_used_words = (int32_t)(hardware_stack_used() / 4U);
+    identity.kind = (int32_t)terrapin_link_mark.kind;
+    identity.trust = TERRAPIN_TRUST_OPEN;
+    const terrapin_port_identity_t message = terrapin_scale_port_identity(&identity);
     terrapin_frame frame = {0};
     (void)terrapin_encode_port_identity(&message, &frame);
     publish(p, &frame);
