@@ -31,6 +31,19 @@ static bool genuine(terrapin_link *link, const terrapin_frame *frame, uint8_t le
     return good;
 }
 
+/* Of all requests the one that is never wrong: whoever sent it, and whatever came before. */
+static void accept_stop_all(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
+    terrapin_stop_all_t message;
+    if (!terrapin_decode_stop_all(frame, &message) || (message.request != TERRAPIN_REQUEST_IDLE)) {
+        link->malformed++;
+        return;
+    }
+    static const terrapin_command idle = {.request = TERRAPIN_REQUEST_IDLE};
+    inputs->command = idle;
+    inputs->command_fresh = true;
+    link->held = true;
+}
+
 static void accept_command(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
     terrapin_command_t message;
     if (!genuine(link, frame, TERRAPIN_LENGTH_COMMAND, &link->command_counter) ||
@@ -41,7 +54,9 @@ static void accept_command(terrapin_link *link, const terrapin_frame *frame, ter
         link->malformed++;
         return;
     }
-    inputs->command.request = (uint8_t)message.request;
+    link->held =
+        link->held && (message.request != TERRAPIN_REQUEST_IDLE) && (message.request != TERRAPIN_REQUEST_CLEAR);
+    inputs->command.request = link->held ? (uint8_t)TERRAPIN_REQUEST_IDLE : (uint8_t)message.request;
     inputs->command.control = (uint8_t)message.control;
     inputs->command.limiter = message.limiter != 0;
     inputs->command.setpoint = (int16_t)message.setpoint;
@@ -69,6 +84,7 @@ static void accept_test_mode(terrapin_link *link, terrapin_state *state, const t
         terrapin_store_apply(link->store, state);
     }
     link->test_mode = arm;
+    link->held = false;
     link->stepped = false;
     link->reply_counter = 0U;
     link->command_counter = TERRAPIN_E2E_NO_COUNTER; /* an earlier run leaves nothing behind */
@@ -187,6 +203,19 @@ static terrapin_accept_result accept_store_read(terrapin_link *link, const terra
     return TERRAPIN_ACCEPT_REPLY;
 }
 
+static terrapin_accept_result accept_node_request(terrapin_link *link, const terrapin_state *state,
+                                                  const terrapin_frame *frame, terrapin_frame *reply) {
+    terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
+    if (link->identity == NULL) {
+        link->unknown++;
+    } else if (terrapin_identity_accept(link->identity, frame, terrapin_bridge_on(state), reply)) {
+        result = TERRAPIN_ACCEPT_REPLY;
+    } else {
+        link->malformed++; /* or meant for another controller with this node number */
+    }
+    return result;
+}
+
 static void accept_sensors_slow(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
     TERRAPIN_ASSERT(link->test_mode);
     terrapin_sensors_slow_t message;
@@ -259,6 +288,9 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
     TERRAPIN_ASSERT((frame != NULL) && (reply != NULL));
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
     switch (frame->id) {
+    case TERRAPIN_ID_STOP_ALL:
+        accept_stop_all(link, frame, inputs);
+        break;
     case TERRAPIN_ID_COMMAND:
         accept_command(link, frame, inputs);
         break;
@@ -276,6 +308,9 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
         break;
     case TERRAPIN_ID_STORE_READ:
         result = accept_store_read(link, state, frame, reply);
+        break;
+    case TERRAPIN_ID_NODE_REQUEST:
+        result = accept_node_request(link, state, frame, reply);
         break;
     case TERRAPIN_ID_SENSORS_SLOW:
         if (link->test_mode) {

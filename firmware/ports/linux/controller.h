@@ -27,6 +27,7 @@ typedef struct {
     pwm_output pwm;
     terrapin_state *state;
     terrapin_link link;
+    terrapin_identity identity;
     terrapin_inputs inputs;
     terrapin_outputs outputs;
     terrapin_flash_file flash; /* of --flash */
