@@ -3,6 +3,8 @@ find_package(Python3 3.11 REQUIRED COMPONENTS Interpreter)
 
 set(INTERFACE_DIR ${CMAKE_SOURCE_DIR}/firmware/terrapin_interface)
 file(GLOB INTERFACE_SCRIPTS CONFIGURE_DEPENDS ${INTERFACE_DIR}/*.py)
+file(GLOB ROBOT_FILES CONFIGURE_DEPENDS ${INTERFACE_DIR}/robots/*.toml
+    ${INTERFACE_DIR}/robots/boards/*.toml)
 set(CDEF_HEADERS
     ${CMAKE_SOURCE_DIR}/firmware/core/terrapin.h
     ${CMAKE_SOURCE_DIR}/firmware/link/slcan.h
@@ -25,7 +27,7 @@ add_custom_command(
     COMMAND ${CMAKE_COMMAND} -E touch ${GENERATED}/stamp.begun
     COMMAND ${Python3_EXECUTABLE} -B ${INTERFACE_DIR}/generate.py --out ${GENERATED} ${HEADER_OPTIONS}
     COMMAND ${CMAKE_COMMAND} -E rename ${GENERATED}/stamp.begun ${GENERATED}/stamp
-    DEPENDS ${INTERFACE_SCRIPTS} ${INTERFACE_DIR}/controller.toml ${CDEF_HEADERS}
+    DEPENDS ${INTERFACE_SCRIPTS} ${INTERFACE_DIR}/controller.toml ${CDEF_HEADERS} ${ROBOT_FILES}
     COMMENT "Generating the interface from controller.toml"
     VERBATIM)
 add_custom_target(interface ALL DEPENDS ${GENERATED}/stamp)

@@ -75,12 +75,12 @@ static void window_prepare(terrapin_state *state) {
     const int32_t scale = p[TERRAPIN_PARAMETER_CURRENT_SCALE];
     g->half_urad = integer_gain_of(g->count_e5_urad, 200000);
     g->way_um = integer_gain_of(g->ground_e5_um, 100000);
-    g->current_q32 = integer_factor(scale, 32U, (int64_t)slots * SLOT_MS * 2560);
-    g->recent_q28 = integer_factor(scale, 28U, (int64_t)SLOT_MS * 256);
-    g->voltage_q32 = integer_factor(1, 32U, (int64_t)slots * SLOT_MS);
+    g->current_q32 = integer_factor(scale, 32U, slots * SLOT_MS * 2560);
+    g->recent_q28 = integer_factor(scale, 28U, SLOT_MS * 256);
+    g->voltage_q32 = integer_factor(1, 32U, slots * SLOT_MS);
     /* 1e-5 urad summed over 10 BLOCK_SLOTS ms, over (10 n ms)^2: 1e-5 * 1e6 / (100 * 100 n^2) */
-    g->acceleration_q19 = integer_factor(g->count_e5_urad, 19U, (int64_t)BLOCK_SLOTS * 100 * slots * slots);
-    g->swing_q20 = integer_factor(4096, 20U, (int64_t)SLOT_MS * SWING_SLOTS * slots);
+    g->acceleration_q19 = integer_factor(g->count_e5_urad, 19U, BLOCK_SLOTS * 100 * slots * slots);
+    g->swing_q20 = integer_factor(4096, 20U, SLOT_MS * SWING_SLOTS * slots);
     g->weight_q22 = integer_factor(g->weight_unm, 22U, 1000000);
     g->per_weight_q24 = integer_factor(1000000, 24U, g->weight_unm);
     g->inertia_q30 = integer_factor(p[TERRAPIN_PARAMETER_INERTIA], 30U, 1000000);

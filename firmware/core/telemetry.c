@@ -24,6 +24,7 @@ static bool actuate(terrapin_state *state, const terrapin_inputs *inputs, terrap
 
 static bool status(const terrapin_state *state, const terrapin_inputs *inputs, terrapin_frame *frame) {
     const terrapin_supervisor *s = &state->supervisor;
+    const uint32_t hold = s->refused ? ((s->hold_ms + 99U) / 100U) : 0U; /* upwards: 0 says that none was refused */
     const terrapin_status_source source = {
         .faults = s->faults,
         .state = s->state,
@@ -33,6 +34,7 @@ static bool status(const terrapin_state *state, const terrapin_inputs *inputs, t
         .limiter_slow = state->slip.slow,
         .saturated = state->saturated_shown,
         .ready = supervisor_ready(state),
+        .hold_100ms = (int32_t)hold,
         .tick = (uint16_t)inputs->tick,
     };
     const terrapin_status_t message = terrapin_scale_status(&source);

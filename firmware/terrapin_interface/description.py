@@ -10,9 +10,12 @@ import math
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+from terrapin_interface.fitting import fitted
+from terrapin_interface.robot import Robot
 
 __all__ = [
     "CONTROLLER_TOML",
@@ -119,6 +122,7 @@ class Parameter:
     scale: float
     meaning: str
     protects: str  # what a wrong value would endanger, "" when nothing
+    ceiling: str = ""  # the part whose rating narrowed minimum or maximum, "" when none did
 
     @property
     def hash(self) -> int:
@@ -258,22 +262,25 @@ _KINDS: dict[type, str] = {
 }
 
 
-def load(path: Path = CONTROLLER_TOML) -> Description:
-    """Description in the file `path`. DescriptionError (names the file) when it is wrong, OSError when unreadable."""
+def load(path: Path = CONTROLLER_TOML, robot: Robot | None = None) -> Description:
+    """Description in the file `path`, for a robot: the cylinder where it says nothing else and one is needed.
+
+    DescriptionError (names the file) when it is wrong, RobotError when the robot does not fit, OSError when unreadable.
+    """
     try:
-        return parse(path.read_text(encoding="utf-8"))
+        return parse(path.read_text(encoding="utf-8"), robot)
     except DescriptionError as error:
         raise DescriptionError(f"{path.name}: {error}") from None
 
 
-def parse(text: str) -> Description:
-    """Description in the TOML `text`.
+def parse(text: str, robot: Robot | None = None) -> Description:
+    """Description in the TOML `text`, for a robot as `load`.
 
     >>> parse('[controller]\\nname = "toy"\\nversion = 1\\ntick_hz = 1000\\n[node]\\nhost = "PC"').nodes
     {'host': 'PC'}
     """
     try:
-        root = _Table("top level", tomllib.loads(text))
+        root = _Table("top level", fitted(tomllib.loads(text), robot))
     except tomllib.TOMLDecodeError as error:
         raise DescriptionError(f"not TOML: {error}") from None
     head = _Table("[controller]", root.take("controller", dict))
@@ -288,7 +295,10 @@ def parse(text: str) -> Description:
         nodes={_name(f"node {role}", role): str(node) for role, node in nodes.items()},
         enums=enums,
         messages=tuple(_message(n, t, nodes, enums, suffixes) for n, t in root.take("message", dict, {}).items()),
-        parameters=tuple(_parameter(n, i, t) for i, (n, t) in enumerate(root.take("parameter", dict, {}).items())),
+        parameters=_within(
+            root.take("ceiling", dict, {}),
+            tuple(_parameter(n, i, t) for i, (n, t) in enumerate(root.take("parameter", dict, {}).items())),
+        ),
         faults=tuple(_fault(n, t) for n, t in root.take("fault", dict, {}).items()),
         limits=tuple(_constant("limit", n, t) for n, t in root.take("limit", dict, {}).items()),
         constants=tuple(_constant("constant", n, t) for n, t in root.take("constant", dict, {}).items()),
@@ -533,6 +543,25 @@ def _parameter(name: str, index: int, table: Any) -> Parameter:
     )
     reader.done()
     return parameter
+
+
+def _within(ceilings: Mapping[str, Any], parameters: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
+    """The parameters with their ranges narrowed to the board's ceilings."""
+    known = {parameter.name: parameter for parameter in parameters}
+    for name, table in ceilings.items():
+        reader = _Table(f"ceiling {name}", table)
+        if name not in known:
+            raise reader.fail("there is no such parameter")
+        if "min" not in reader.table and "max" not in reader.table:
+            raise reader.fail("expected 'min', 'max' or both")
+        parameter = known[name]
+        minimum = reader.integer("min", parameter.minimum, parameter.default, parameter.minimum)
+        maximum = reader.integer("max", parameter.default, parameter.maximum, parameter.maximum)
+        known[name] = replace(parameter, minimum=minimum, maximum=maximum, ceiling=reader.take("part", str))
+        reader.done()
+        if not known[name].ceiling:
+            raise reader.fail("'part' must name the part whose rating this is")
+    return tuple(known.values())
 
 
 def _fault(name: str, table: Any) -> Fault:

@@ -194,6 +194,7 @@ int main(int argc, char **argv) {
     l.flash = terrapin_flash_emulated_driver(&l.memory);
     l.boot.flash = &l.flash;
     l.boot.key = terrapin_boot_key;
+    l.boot.release = TERRAPIN_BOOT_RELEASE;
     if ((node >= 0) && !terrapin_records_set_node(&l.flash, (uint8_t)node)) {
         return (fail("cannot store", "the node number") == 0) ? 0 : 1;
     }

@@ -14,6 +14,7 @@
 #include "dispatch.h"
 #include "edges.h"
 #include "flash_file.h"
+#include "intake.h"
 #include "options.h"
 #include "parameters.h"
 
@@ -28,6 +29,7 @@ typedef struct {
     terrapin_state *state;
     terrapin_link link;
     terrapin_identity identity;
+    terrapin_intake intake; /* from the bus to terrapin_accept */
     terrapin_inputs inputs;
     terrapin_outputs outputs;
     terrapin_flash_file flash; /* of --flash */
