@@ -16,6 +16,7 @@ static uint8_t capped(uint32_t value) {
     return (uint8_t)((value > 255U) ? 255U : value);
 }
 
+/* Below here frames have the identifiers of the bus, above those of node 0. */
 static void send_line(port *p, const terrapin_frame *frame) {
     uint8_t text[TERRAPIN_SLCAN_TEXT_MAX];
     const size_t length = terrapin_slcan_encode(frame, text);
@@ -26,17 +27,21 @@ static void send_line(port *p, const terrapin_frame *frame) {
 
 /* Where everybody may hear it. */
 static void publish(port *p, const terrapin_frame *frame) {
-    (void)can_send(p->bus, frame, CAN_REPLACE); /* counted by the driver */
+    terrapin_frame sent = *frame;
+    terrapin_node_send(&p->node, &sent);
+    (void)can_send(p->bus, &sent, CAN_REPLACE); /* counted by the driver */
     if (p->parser.open) {
-        send_line(p, frame);
+        send_line(p, &sent);
     }
 }
 
 static void answer(port *p, source from, const terrapin_frame *frame) {
+    terrapin_frame sent = *frame;
+    terrapin_node_send(&p->node, &sent);
     if (from == FROM_LINE) {
-        send_line(p, frame);
+        send_line(p, &sent);
     } else {
-        (void)can_send(p->bus, frame, CAN_KEEP);
+        (void)can_send(p->bus, &sent, CAN_KEEP);
     }
 }
 
@@ -113,8 +118,12 @@ static bool take_waiting(port *p) {
     return any;
 }
 
-static void put(port *p, source from, const terrapin_frame *frame) {
-    terrapin_intake_put(&p->intake, &p->link, p->state, &p->inputs, frame, (uint8_t)from);
+static void put(port *p, source from, terrapin_frame *frame) {
+    if (terrapin_node_receive(&p->node, frame)) {
+        terrapin_intake_put(&p->intake, &p->link, p->state, &p->inputs, frame, (uint8_t)from);
+    } else {
+        p->link.unknown++;
+    }
 }
 
 static void take_byte(port *p, uint8_t byte) {
@@ -294,6 +303,15 @@ static void tick(port *p, uint32_t now) {
     hardware_alive((p->tick & (p->outputs.enable ? 0x80U : 0x200U)) != 0U); /* quick blinks: the bridge is on */
 }
 
+/* The bridge is off; a page of the records may be erased. */
+static bool store_node(void *context, uint8_t node) {
+    const port *p = context;
+    hardware_flash_work(true);
+    const bool good = hardware_store_node(node);
+    hardware_flash_work(p->flash_work);
+    return good;
+}
+
 void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct terrapin_store *store,
                terrapin_update *update, const hardware_facts *hardware) {
     *p = (port){.state = state, .bus = bus, .line = line, .store = store, .update = update, .hardware = *hardware};
@@ -301,6 +319,13 @@ void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct ter
     terrapin_slcan_init(&p->parser);
     terrapin_intake_init(&p->intake);
     terrapin_link_init(&p->link, state, &p->inputs);
+    terrapin_node_init(&p->node, hardware->node);
+    terrapin_identity_init(&p->identity, hardware->unique, p->node.number);
+    if (update != NULL) { /* the boot loader's records are there */
+        p->identity.store = store_node;
+        p->identity.context = p;
+    }
+    p->link.identity = &p->identity;
     terrapin_parameter_defaults(p->defaults);
     for (uint32_t i = 0; i < hardware_parameter_count; i++) {
         p->defaults[hardware_parameters[i].index] = hardware_parameters[i].value; /* a test checks the range */

@@ -34,6 +34,8 @@ typedef struct {
     usart *line;
     terrapin_slcan parser;
     terrapin_link link;
+    terrapin_node node;
+    terrapin_identity identity;
     terrapin_intake intake; /* from bus and line to terrapin_accept, by source */
     terrapin_inputs inputs;
     terrapin_outputs outputs;                   /* of the last step */
