@@ -44,7 +44,7 @@ static void encode(const terrapin_record *record, uint32_t sequence, uint8_t *by
     bytes[8] = record->confirmed;
     bytes[9] = record->candidate;
     bytes[10] = record->phase;
-    bytes[11] = 0U;
+    bytes[11] = record->tries;
     put32(&bytes[12], record->security_counter);
     bytes[16] = record->version.major;
     bytes[17] = record->version.minor;
@@ -59,6 +59,7 @@ static bool decode(const uint8_t *bytes, terrapin_record *record, uint32_t *sequ
     record->confirmed = bytes[8];
     record->candidate = bytes[9];
     record->phase = bytes[10];
+    record->tries = bytes[11];
     record->security_counter = get32(&bytes[12]);
     record->version.major = bytes[16];
     record->version.minor = bytes[17];
