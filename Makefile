@@ -30,8 +30,8 @@ campaigns: ## how often discovery is right: every bound, measured on cases with 
 mutants: ## would a slip in controller.toml or its generator be seen? each number and operator changed in turn (an hour)
 	@tests/setup/setup.sh test && tests/tools/build.sh host && .venv/bin/python -m tests.interface_mutations $(ARGS)
 
-firmware: ## build the firmware for this machine and every image for the chip, with their sizes
-	@tests/setup/setup.sh test && tests/tools/build.sh host cortex-m4 && tests/tools/build.sh size
+firmware: ## build the firmware for this machine and every image for the chip, with their sizes (ROBOT=NAME|FILE)
+	@tests/setup/setup.sh test && tests/tools/build.sh $(if $(ROBOT),"robot=$(ROBOT)") host cortex-m4 && tests/tools/build.sh $(if $(ROBOT),"robot=$(ROBOT)") size
 
 release: ## the core for somebody else's firmware, as an archive that needs no Python (docs/embedding.md): build/release/
 	@tests/setup/setup.sh runtime && tests/tools/release.sh

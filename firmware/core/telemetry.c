@@ -24,6 +24,7 @@ static bool actuate(terrapin_state *state, const terrapin_inputs *inputs, terrap
 
 static bool status(const terrapin_state *state, const terrapin_inputs *inputs, terrapin_frame *frame) {
     const terrapin_supervisor *s = &state->supervisor;
+    const uint32_t late = ((inputs->tick - (uint32_t)SLOT_MS) % (uint32_t)RECORD_MS) / (uint32_t)SLOT_MS;
     const terrapin_status_source source = {
         .faults = s->faults,
         .state = s->state,
@@ -33,6 +34,7 @@ static bool status(const terrapin_state *state, const terrapin_inputs *inputs, t
         .limiter_slow = state->slip.slow,
         .saturated = state->saturated_shown,
         .ready = supervisor_ready(state),
+        .ground_late_10ms = (int32_t)late,
         .tick = (uint16_t)inputs->tick,
     };
     const terrapin_status_t message = terrapin_scale_status(&source);
