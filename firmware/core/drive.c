@@ -33,7 +33,7 @@ static bounds allowed(terrapin_state *state) {
     const int32_t *p = state->parameter;
     terrapin_drive *d = &state->drive;
     const int32_t limit = p[TERRAPIN_PARAMETER_CURRENT_LIMIT];
-    const int32_t span = state->gains.span_mv; /* at most 100 ohm * 2 A */
+    const int32_t span = state->gains.span_mv; /* gains.c */
     TERRAPIN_ASSERT((span >= 0) && (span <= 200000));
     const int32_t excess_ma = (integer_abs(state->sense.current_ua) / 1000) - limit;
     if (excess_ma > 0) {
