@@ -25,6 +25,9 @@ terrapin_image_result terrapin_boot_check(const terrapin_boot *boot, uint8_t slo
             result = TERRAPIN_UPDATE_RESULT_COUNTER_TOO_LOW;
         } else if (update && (terrapin_image_compare(image->version, record->version) < 0)) {
             result = TERRAPIN_UPDATE_RESULT_VERSION_TOO_OLD;
+        } else if (boot->release && (image->kind != (uint8_t)TERRAPIN_IMAGE_KIND_PRODUCTION) &&
+                   !(image->for_unit && (image->unit == boot->unit))) {
+            result = TERRAPIN_UPDATE_RESULT_DESK_IMAGE;
         } else {
             /* good */
         }

@@ -20,6 +20,8 @@ extern "C" {
 typedef struct {
     const terrapin_flash *flash;
     const uint8_t *key; /* 32 bytes: the public key */
+    bool release;       /* takes a desk image only when that names this chip */
+    uint32_t unit;      /* the chip's unique number, as PORT_IDENTITY tells it */
 } terrapin_boot;
 
 typedef struct {

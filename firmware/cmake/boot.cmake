@@ -1,7 +1,14 @@
 # The boot loader: its key, and on the host its library and its process over an emulated flash.
 set(TERRAPIN_KEY "" CACHE FILEPATH "PEM of the Ed25519 key (public or private) that images must be signed with")
+option(TERRAPIN_RELEASE "A boot loader for robots that leave the workshop: needs TERRAPIN_KEY, the public key alone" OFF)
+if(TERRAPIN_RELEASE AND NOT TERRAPIN_KEY)
+    message(FATAL_ERROR "TERRAPIN_RELEASE: expected -DTERRAPIN_KEY=PUBLIC.pem, the key that images are signed with")
+endif()
 if(TERRAPIN_KEY)
     set(BOOT_KEY_OPTIONS --key ${TERRAPIN_KEY})
+    if(TERRAPIN_RELEASE)
+        list(APPEND BOOT_KEY_OPTIONS --release)
+    endif()
 else() # a key for the bench, one for all builds of this tree; `make clean` removes it
     set(BOOT_KEY_OPTIONS --make --key ${CMAKE_SOURCE_DIR}/build/keys/development.pem)
 endif()

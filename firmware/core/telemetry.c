@@ -24,7 +24,7 @@ static bool actuate(terrapin_state *state, const terrapin_inputs *inputs, terrap
 
 static bool status(const terrapin_state *state, const terrapin_inputs *inputs, terrapin_frame *frame) {
     const terrapin_supervisor *s = &state->supervisor;
-    const uint32_t late = ((inputs->tick - (uint32_t)SLOT_MS) % (uint32_t)RECORD_MS) / (uint32_t)SLOT_MS;
+    const uint32_t hold = s->refused ? ((s->hold_ms + 99U) / 100U) : 0U; /* upwards: 0 says that none was refused */
     const terrapin_status_source source = {
         .faults = s->faults,
         .state = s->state,
@@ -34,7 +34,7 @@ static bool status(const terrapin_state *state, const terrapin_inputs *inputs, t
         .limiter_slow = state->slip.slow,
         .saturated = state->saturated_shown,
         .ready = supervisor_ready(state),
-        .ground_late_10ms = (int32_t)late,
+        .hold_100ms = (int32_t)hold,
         .tick = (uint16_t)inputs->tick,
     };
     const terrapin_status_t message = terrapin_scale_status(&source);
@@ -114,14 +114,16 @@ static bool fit(const terrapin_state *state, terrapin_frame *frame) {
     return terrapin_pack_fit(&message, frame);
 }
 
-static bool report(const terrapin_state *state, terrapin_frame *frame) {
+static bool report(const terrapin_state *state, const terrapin_inputs *inputs, terrapin_frame *frame) {
     const terrapin_supervisor *s = &state->supervisor;
+    const uint32_t late = ((inputs->tick - (uint32_t)SLOT_MS) % (uint32_t)RECORD_MS) / (uint32_t)SLOT_MS;
     const terrapin_report_source source = {
         .report = s->report,
         .number = s->report_number,
         .report_distance_mm = s->report_distance_mm,
         .report_duration_10ms = s->report_duration_10ms,
         .peak_e4 = state->slip.peak_e4,
+        .ground_late_10ms = (int32_t)late,
     };
     const terrapin_report_t message = terrapin_scale_report(&source);
     return terrapin_pack_report(&message, frame);
@@ -190,7 +192,7 @@ static bool slot(const terrapin_state *state, const terrapin_inputs *inputs, uin
         *fits = fit(state, frame);
         break;
     case 6U:
-        *fits = report(state, frame);
+        *fits = report(state, inputs, frame);
         break;
     case 7U:
         *fits = calibration(state, frame);

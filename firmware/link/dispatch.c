@@ -3,10 +3,27 @@
 #include "terrapin_interface.h"
 #include "terrapin_assert.h"
 
-static void reset_controller(terrapin_state *state, terrapin_inputs *inputs) {
+#define COUNTER_WINDOW 4U /* steps of a COMMAND's counter: as many cycles as the longest command_timeout has */
+
+#ifdef TERRAPIN_PRODUCTION
+#define KIND ((uint32_t)TERRAPIN_IMAGE_KIND_PRODUCTION)
+#else
+#define KIND ((uint32_t)TERRAPIN_IMAGE_KIND_DESK)
+#endif
+const terrapin_image_mark terrapin_link_mark = {{0x72726574U, 0x6E697061U, 0x6E696B2DU, 0x00000064U}, KIND};
+
+/* values: all parameters, or NULL for the defaults of the interface. */
+static void reset_controller(terrapin_state *state, terrapin_inputs *inputs, const int32_t *values) {
     static const terrapin_inputs nothing = {0};
     *inputs = nothing;
-    terrapin_init(state);
+    (void)terrapin_init_with(state, values); /* stored ones are in range, and those of a port are tested */
+}
+
+/* The parameters that stand after a reset: a stored set is whole. */
+static const int32_t *start_values(const terrapin_link *link) {
+    const terrapin_store *store = link->store;
+    const bool stored = (store != NULL) && (store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED);
+    return stored ? store->value : link->defaults;
 }
 
 /* True when a protected frame may be used; counts it otherwise. */
@@ -31,15 +48,52 @@ static bool genuine(terrapin_link *link, const terrapin_frame *frame, uint8_t le
     return good;
 }
 
+/* How far a counter is behind another, round the circle. */
+static uint8_t steps(uint8_t from, uint8_t counter) {
+    return (uint8_t)(((uint32_t)counter + TERRAPIN_E2E_COUNTER_MAX + 1U - from) % (TERRAPIN_E2E_COUNTER_MAX + 1U));
+}
+
+/* True when the counter of a COMMAND follows the last one taken, or that of the frame dropped before it, so that a new
+ * host is taken with its second frame. Counts what does not. */
+static bool follows(terrapin_link *link, uint8_t counter) {
+    TERRAPIN_ASSERT(counter <= TERRAPIN_E2E_COUNTER_MAX);
+    const bool first = link->command_counter == TERRAPIN_E2E_NO_COUNTER;
+    const uint8_t step = first ? 1U : steps(link->command_counter, counter);
+    const bool second =
+        (link->dropped_counter != TERRAPIN_E2E_NO_COUNTER) && (steps(link->dropped_counter, counter) == 1U);
+    const bool good = ((step >= 1U) && (step <= COUNTER_WINDOW)) || second;
+    if (good) {
+        link->command_counter = counter;
+        link->dropped_counter = TERRAPIN_E2E_NO_COUNTER;
+    } else {
+        link->dropped_counter = counter;
+        link->repeated += (step == 0U) ? 1U : 0U;
+        link->out_of_step += (step == 0U) ? 0U : 1U;
+    }
+    return good;
+}
+
+/* An IDLE is taken with any counter, and no other COMMAND of its tick takes its place. */
 static void accept_command(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
     terrapin_command_t message;
-    if (!genuine(link, frame, TERRAPIN_LENGTH_COMMAND, &link->command_counter) ||
-        !terrapin_decode_command(frame, &message)) {
+    uint8_t counter = TERRAPIN_E2E_NO_COUNTER;
+    if (!genuine(link, frame, TERRAPIN_LENGTH_COMMAND, &counter) || !terrapin_decode_command(frame, &message)) {
         return;
     }
     if ((message.request > TERRAPIN_REQUEST_CLEAR) || (message.control > TERRAPIN_CONTROL_SPEED)) {
         link->malformed++;
         return;
+    }
+    if (message.request == TERRAPIN_REQUEST_IDLE) {
+        link->command_counter = counter;
+        link->dropped_counter = TERRAPIN_E2E_NO_COUNTER;
+    } else if (!follows(link, counter)) {
+        return;
+    } else if (inputs->command_fresh && (inputs->command.request == (uint8_t)TERRAPIN_REQUEST_IDLE)) {
+        link->out_of_place++;
+        return;
+    } else {
+        /* taken */
     }
     inputs->command.request = (uint8_t)message.request;
     inputs->command.control = (uint8_t)message.control;
@@ -48,6 +102,7 @@ static void accept_command(terrapin_link *link, const terrapin_frame *frame, ter
     inputs->command_fresh = true;
 }
 
+#ifndef TERRAPIN_PRODUCTION
 static void accept_test_mode(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
                              terrapin_inputs *inputs) {
     terrapin_test_mode_t message;
@@ -64,17 +119,22 @@ static void accept_test_mode(terrapin_link *link, terrapin_state *state, const t
         link->out_of_place += (message.key != 0U) ? 1U : 0U;
         return;
     }
-    reset_controller(state, inputs);
-    if (!arm && (link->store != NULL)) {
-        terrapin_store_apply(link->store, state);
+    if (!link->test_mode) {
+        link->latched = terrapin_latched(state);
+    }
+    reset_controller(state, inputs, arm ? NULL : start_values(link));
+    if (!arm) {
+        terrapin_latch(state, link->latched);
     }
     link->test_mode = arm;
     link->stepped = false;
     link->reply_counter = 0U;
     link->command_counter = TERRAPIN_E2E_NO_COUNTER; /* an earlier run leaves nothing behind */
+    link->dropped_counter = TERRAPIN_E2E_NO_COUNTER;
     link->write_counter = TERRAPIN_E2E_NO_COUNTER;
     link->store_counter = TERRAPIN_E2E_NO_COUNTER;
 }
+#endif
 
 static void protect_reply(terrapin_link *link, terrapin_frame *reply) {
     TERRAPIN_ASSERT(link->reply_counter <= TERRAPIN_E2E_COUNTER_MAX);
@@ -145,7 +205,8 @@ static terrapin_accept_result accept_store_command(terrapin_link *link, terrapin
     } else if (terrapin_bridge_on(state)) {
         result = TERRAPIN_STORE_RESULT_LOCKED;
     } else if (message.action == TERRAPIN_STORE_ACTION_DEFAULTS) {
-        (void)terrapin_parameter_set_all(state, NULL); /* the bridge is off */
+        /* The bridge is off. A test run depends on its frames alone. */
+        (void)terrapin_parameter_set_all(state, link->test_mode ? NULL : link->defaults);
     } else if (link->store == NULL) {
         result = TERRAPIN_STORE_RESULT_NO_STORE;
     } else {
@@ -187,6 +248,7 @@ static terrapin_accept_result accept_store_read(terrapin_link *link, const terra
     return TERRAPIN_ACCEPT_REPLY;
 }
 
+#ifndef TERRAPIN_PRODUCTION
 static void accept_sensors_slow(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
     TERRAPIN_ASSERT(link->test_mode);
     terrapin_sensors_slow_t message;
@@ -240,17 +302,19 @@ static terrapin_accept_result accept_sensors_fast(terrapin_link *link, const ter
     link->stepped = true;
     return TERRAPIN_ACCEPT_STEP;
 }
+#endif
 
 void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs) {
     TERRAPIN_ASSERT((link != NULL) && (state != NULL) && (inputs != NULL));
     static const terrapin_link fresh = {
         .command_counter = TERRAPIN_E2E_NO_COUNTER,
+        .dropped_counter = TERRAPIN_E2E_NO_COUNTER,
         .write_counter = TERRAPIN_E2E_NO_COUNTER,
         .test_counter = TERRAPIN_E2E_NO_COUNTER,
         .store_counter = TERRAPIN_E2E_NO_COUNTER,
     };
     *link = fresh;
-    reset_controller(state, inputs);
+    reset_controller(state, inputs, NULL);
 }
 
 terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
@@ -261,9 +325,6 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
     switch (frame->id) {
     case TERRAPIN_ID_COMMAND:
         accept_command(link, frame, inputs);
-        break;
-    case TERRAPIN_ID_TEST_MODE:
-        accept_test_mode(link, state, frame, inputs);
         break;
     case TERRAPIN_ID_PARAMETER_WRITE:
         result = accept_parameter_write(link, state, frame, reply);
@@ -276,6 +337,17 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
         break;
     case TERRAPIN_ID_STORE_READ:
         result = accept_store_read(link, state, frame, reply);
+        break;
+#ifdef TERRAPIN_PRODUCTION
+    case TERRAPIN_ID_TEST_MODE:
+    case TERRAPIN_ID_SENSORS_SLOW:
+    case TERRAPIN_ID_SENSORS_HEADING:
+    case TERRAPIN_ID_SENSORS_FAST:
+        link->out_of_place++;
+        break;
+#else
+    case TERRAPIN_ID_TEST_MODE:
+        accept_test_mode(link, state, frame, inputs);
         break;
     case TERRAPIN_ID_SENSORS_SLOW:
         if (link->test_mode) {
@@ -298,6 +370,7 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
             link->out_of_place++;
         }
         break;
+#endif
     default:
         link->unknown++;
         break;
@@ -323,7 +396,13 @@ void terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin
 void terrapin_link_use_store(terrapin_link *link, terrapin_state *state, struct terrapin_store *store) {
     TERRAPIN_ASSERT((link != NULL) && (store != NULL));
     link->store = store;
-    terrapin_store_apply(store, state);
+    (void)terrapin_parameter_set_all(state, start_values(link));
+}
+
+void terrapin_link_use_defaults(terrapin_link *link, terrapin_state *state, const int32_t *values) {
+    TERRAPIN_ASSERT((link != NULL) && (values != NULL));
+    link->defaults = values;
+    (void)terrapin_parameter_set_all(state, start_values(link));
 }
 
 bool terrapin_link_store_work(terrapin_link *link, const terrapin_state *state) {

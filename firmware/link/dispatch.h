@@ -17,10 +17,16 @@
  * Each frame is a bounded piece of work, a write of a parameter the longest one; a port that steps when its tick comes
  * and takes frames in between, one at a time, cannot be starved by them.
  *
+ * The counter of a COMMAND must be 1 to 4 steps on from the last one taken; after a wrong step the second of two frames
+ * that follow each other is taken. That finds stuck gateways and second hosts, and is no protection against a replay:
+ * that is the hold of an IDLE (limit stop_hold), and the IDLE is taken with any counter.
+ *
  * Test mode (armed by TEST_MODE, off after reset): sensors come from SENSORS_SLOW and SENSORS_FAST, and each
  * SENSORS_FAST is one tick. It is not armed while the bridge is enabled. Arming resets the controller, parameters to
- * their defaults, so that a run in test mode is a function of its frames alone; leaving resets it again, parameters to
- * the stored ones.
+ * the defaults of controller.toml, so that a run in test mode is a function of its frames alone; leaving resets it
+ * again, parameters to the stored ones, or to the port's own defaults, and latched faults that stood before it stand
+ * again. A production build (TERRAPIN_PRODUCTION) has no test mode: TEST_MODE and SENSORS_* are counted and change
+ * nothing.
  */
 #ifndef TERRAPIN_DISPATCH_H
 #define TERRAPIN_DISPATCH_H
@@ -31,22 +37,33 @@
 extern "C" {
 #endif
 
+/* Of which kind this build is (image_kind of controller.toml): what signs an image finds it in the code. */
+typedef struct {
+    uint32_t name[4]; /* "terrapin-kind" and zeros, as the bytes of little-endian words */
+    uint32_t kind;
+} terrapin_image_mark;
+extern TERRAPIN_API const terrapin_image_mark terrapin_link_mark;
+
 struct terrapin_store; /* store/parameters.h */
 
 typedef struct {
     uint8_t command_counter; /* E2E counters of the last accepted frames; TERRAPIN_E2E_NO_COUNTER at first */
+    uint8_t dropped_counter; /* of the COMMAND dropped last, if none was taken since */
     uint8_t write_counter;
     uint8_t test_counter;
     uint8_t store_counter;
     uint8_t reply_counter; /* of the next PARAMETER_VALUE or STORE_STATUS */
     bool test_mode;
-    bool stepped;                 /* a tick was taken since test mode was armed */
-    uint32_t bad_crc;             /* frames dropped, by cause; these wrap */
-    uint32_t repeated;            /* counter or tick of the last accepted frame */
-    uint32_t malformed;           /* wrong length, or a value that controller.toml does not know */
-    uint32_t out_of_place;        /* SENSORS_* outside test mode; arming it while the bridge is enabled */
-    uint32_t unknown;             /* other traffic on the bus */
+    bool stepped;          /* a tick was taken since test mode was armed */
+    uint32_t latched;      /* faults that stood when test mode was armed: they stand again when it is left */
+    uint32_t bad_crc;      /* frames dropped, by cause; these wrap */
+    uint32_t repeated;     /* counter or tick of the last accepted frame */
+    uint32_t malformed;    /* wrong length, or a value that controller.toml does not know */
+    uint32_t out_of_step;  /* COMMANDs that do not follow: a second host, or old frames */
+    uint32_t out_of_place; /* SENSORS_* outside test mode; arming it with the bridge on; a COMMAND beside an IDLE */
+    uint32_t unknown;      /* other traffic on the bus */
     struct terrapin_store *store; /* the port's; NULL: parameters last until a reset */
+    const int32_t *defaults;      /* the port's, of all parameters; NULL: those of controller.toml */
 } terrapin_link;
 
 typedef enum {
@@ -70,8 +87,14 @@ TERRAPIN_API void terrapin_link_think(terrapin_state *state, terrapin_inputs *in
 /* Both, for a port without a bridge. */
 TERRAPIN_API void terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin_outputs *outputs);
 
-/* Keep parameters in an open store, and give the state those that it holds. */
+/* Keep parameters in an open store. The state is given those that it holds, or the defaults, while its bridge is off.
+ */
 TERRAPIN_API void terrapin_link_use_store(terrapin_link *link, terrapin_state *state, struct terrapin_store *store);
+
+/* Defaults of a machine that knows more of itself than controller.toml does: all TERRAPIN_PARAMETER_COUNT, in range,
+ * the caller's memory. They stand after a reset while nothing is stored, and where a host asks for the defaults; not in
+ * test mode. The state is given them, as by terrapin_link_use_store. */
+TERRAPIN_API void terrapin_link_use_defaults(terrapin_link *link, terrapin_state *state, const int32_t *values);
 
 /* A bounded piece of the save under way, if there is one: at most one erase, and that with the bridge off. True while
  * more is to be done. */

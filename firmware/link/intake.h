@@ -13,7 +13,8 @@
  * comes, and COMMANDs that wait before it are older than it and are passed over. A third one in a tick waits in order.
  *
  * There is room for TERRAPIN_INTAKE_SIZE frames; when it is full the oldest one gives way and is counted in `lost`.
- * In test mode nothing is held back: there a tick is one of the frames. Foreign traffic never waits.
+ * In test mode nothing is held back but TEST_MODE itself: there a tick is one of the frames. Foreign traffic never
+ * waits.
  */
 #ifndef TERRAPIN_INTAKE_H
 #define TERRAPIN_INTAKE_H

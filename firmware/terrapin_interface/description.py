@@ -10,7 +10,7 @@ import math
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +121,7 @@ class Parameter:
     scale: float
     meaning: str
     protects: str  # what a wrong value would endanger, "" when nothing
+    ceiling: str = ""  # the part whose rating narrowed minimum or maximum, "" when none did
 
     @property
     def hash(self) -> int:
@@ -263,7 +264,10 @@ def parse(text: str, robot: Robot | None = None) -> Description:
         nodes={_name(f"node {role}", role): str(node) for role, node in nodes.items()},
         enums=enums,
         messages=tuple(_message(n, t, nodes, enums, suffixes) for n, t in root.take("message", dict, {}).items()),
-        parameters=tuple(_parameter(n, i, t) for i, (n, t) in enumerate(root.take("parameter", dict, {}).items())),
+        parameters=_within(
+            root.take("ceiling", dict, {}),
+            tuple(_parameter(n, i, t) for i, (n, t) in enumerate(root.take("parameter", dict, {}).items())),
+        ),
         faults=tuple(_fault(n, t) for n, t in root.take("fault", dict, {}).items()),
         limits=tuple(_constant("limit", n, t) for n, t in root.take("limit", dict, {}).items()),
         constants=tuple(_constant("constant", n, t) for n, t in root.take("constant", dict, {}).items()),
@@ -461,6 +465,25 @@ def _parameter(name: str, index: int, table: Any) -> Parameter:
     )
     reader.done()
     return parameter
+
+
+def _within(ceilings: Mapping[str, Any], parameters: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
+    """The parameters with their ranges narrowed to the board's ceilings."""
+    known = {parameter.name: parameter for parameter in parameters}
+    for name, table in ceilings.items():
+        reader = _Table(f"ceiling {name}", table)
+        if name not in known:
+            raise reader.fail("there is no such parameter")
+        if "min" not in reader.table and "max" not in reader.table:
+            raise reader.fail("expected 'min', 'max' or both")
+        parameter = known[name]
+        minimum = reader.integer("min", parameter.minimum, parameter.default, parameter.minimum)
+        maximum = reader.integer("max", parameter.default, parameter.maximum, parameter.maximum)
+        known[name] = replace(parameter, minimum=minimum, maximum=maximum, ceiling=reader.take("part", str))
+        reader.done()
+        if not known[name].ceiling:
+            raise reader.fail("'part' must name the part whose rating this is")
+    return tuple(known.values())
 
 
 def _fault(name: str, table: Any) -> Fault:

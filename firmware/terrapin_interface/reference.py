@@ -51,7 +51,7 @@ def _parameter(p: Parameter) -> str:
         f"{low} to {high}",
         p.unit,
         f"{p.default}; {p.scale:.9g}",
-        p.meaning,
+        f"{p.meaning}; its range ends at a ceiling: {p.ceiling}" if p.ceiling else p.meaning,
         p.protects,
     )
 

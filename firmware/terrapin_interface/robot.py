@@ -147,6 +147,7 @@ class Robot:
             "supply_high": self.limits["supply_high"],
             "temperature_high": self.limits["temperature"],
             "slip_limit": self.limits["slip"],
+            "swing_limit": self.limits.get("swing", 0.0),
         }
         return found[name]
 
@@ -270,7 +271,7 @@ def _read(table: RobotTable, name: str) -> Robot:
             "current": table.number("full_scale.current", "A", 2.0, 20.0),
             "voltage": table.number("full_scale.voltage", "V", 16.0, 32.0),
         },
-        window=table.number("estimator.window", "s", 0.1, 4.8),
+        window=table.number("estimator.window", "s", 0.1, 3.6),
         gate=table.number("estimator.gate", "N m", 0.0, 100.0, above=True),
         off=table.choice("bridge.off", ["coast", "brake"], "coast"),
         bit_rate=table.number("can.bit_rate", "bit/s", 1e4, 1e6),

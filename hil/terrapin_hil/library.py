@@ -15,7 +15,16 @@ from terrapin_interface.cdef import cdef
 
 __all__ = ["ffi", "library"]
 
-PHYSICS = ("robot.h", "rolling.h", "ground/grip.h", "ground/ground.h", "program.h", "effects.h", "body.h")
+PHYSICS = (
+    "robot.h",
+    "rolling.h",
+    "ground/bulldozing.h",
+    "ground/grip.h",
+    "ground/ground.h",
+    "program.h",
+    "effects.h",
+    "body.h",
+)
 NATIVE = ("random.h", "sensors.h", "faults.h", "simulator.h")
 
 

@@ -573,7 +573,7 @@ def test_image_sign_verify_info(tmp_path: Path) -> None:
     assert terrapin("keys", "new", key).returncode == 0
     done = terrapin("image", "sign", body, out, "--version", "1.2.3+4", "--key", key, "--counter", "7")
     assert done.returncode == 0, done.stderr
-    assert "slot b, version 1.2.3+4, security counter 7" in done.stdout
+    assert "slot b, desk, version 1.2.3+4, security counter 7" in done.stdout
     assert terrapin("image", "verify", out, "--key", key).returncode == 0
     checked = subprocess.run(
         [str(Path(sys.executable).with_name("imgtool")), "verify", "-k", str(key), str(out)],

@@ -140,13 +140,22 @@ static void test_in_test_mode_nothing_waits(void) {
     terrapin_e2e_protect(&arm, 0U);
     put_read(0U);
     put(&arm, 0U);
-    TEST_ASSERT_EQUAL(2U, take(indexes));
+    TEST_ASSERT_EQUAL(1U, take(indexes));
+    TEST_ASSERT_FALSE(link.test_mode); /* a reset of the controller is a tick's work */
+    terrapin_intake_begin_tick(&intake);
+    TEST_ASSERT_EQUAL(1U, take(indexes));
     TEST_ASSERT_TRUE(link.test_mode);
     state.drive.enable = true;
     for (uint16_t i = 0; i < TERRAPIN_INTAKE_SIZE; i++) {
         put_read(i);
     }
     TEST_ASSERT_EQUAL(TERRAPIN_INTAKE_SIZE, take(indexes));
+    terrapin_e2e_protect(&arm, 1U);
+    put(&arm, 0U);
+    put_read(0U);
+    TEST_ASSERT_EQUAL(0U, take(indexes)); /* what is behind it waits as well */
+    terrapin_intake_begin_tick(&intake);
+    TEST_ASSERT_EQUAL(2U, take(indexes));
 }
 
 static void test_a_full_queue_loses_the_oldest(void) {
@@ -177,6 +186,7 @@ static void test_idle_is_taken_before_seven_others(void) {
         TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_REQUEST_IDLE, inputs.command.request, "the older RUN is passed over");
     }
     TEST_ASSERT_EQUAL(0U, intake.count);
+    inputs.command_fresh = false; /* a tick was made of it */
     put_command(TERRAPIN_REQUEST_RUN, 6U);
     terrapin_intake_begin_tick(&intake);
     (void)take(indexes);

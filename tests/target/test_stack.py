@@ -157,7 +157,7 @@ def test_the_bound_holds_what_the_board_says() -> None:
         with machine.start() as port:
             while not used and time.monotonic() < end:
                 heard = port.exchange_frames([Sender().frame("PARAMETER_READ", {"index": 0})])
-                used = max((message.decode(data)["stack_used"] for i, data in heard if i == message.id), default=0)
+                used = max((4 * message.decode(data)["stack_used"] for i, data in heard if i == message.id), default=0)
     finally:
         machine.stop()
     assert 0.25 * bound < used <= bound < aside

@@ -188,6 +188,7 @@ int main(int argc, char **argv) {
     l.flash = terrapin_flash_emulated_driver(&l.memory);
     l.boot.flash = &l.flash;
     l.boot.key = terrapin_boot_key;
+    l.boot.release = TERRAPIN_BOOT_RELEASE;
     start(&l, false);
     const int fd = open_pty(link);
     const int result = (fd < 0) ? -1 : serve(&l, fd);

@@ -5,7 +5,6 @@
 #include "boards/selected.h"
 #include "boot_key.h"
 #include "bridge.h"
-#include "crc32.h"
 #include "encoder.h"
 #include "flash_driver.h"
 #include "layout.h"
@@ -16,6 +15,7 @@
 #include "reset_cause.h"
 #include "retained.h"
 #include "startup.h"
+#include "unique.h"
 #include "watchdog.h"
 
 #define FLUSH_TRIES 2000000U /* 0.1 s at 168 MHz */
@@ -140,21 +140,6 @@ static void setup_pins(void) {
     pin_setup(GPIO(enable_pin.port), &enable_pin);
     pin_setup(GPIO(led_pin.port), &led_pin);
     pin_setup(GPIO(estop_pin.port), &estop_pin);
-}
-
-/* 96 bits folded to 32; 0 where the chip has none. */
-static uint32_t unique_number(void) {
-    uint8_t bytes[12] = {0};
-    for (uint32_t i = 0; i < 3U; i++) {
-        uint32_t word = 0;
-        if (!probe_read(UNIQUE_ID + (4U * i), &word)) {
-            return 0U;
-        }
-        for (uint32_t k = 0; k < 4U; k++) {
-            bytes[(4U * i) + k] = (uint8_t)(word >> (8U * k));
-        }
-    }
-    return terrapin_crc32(0U, bytes, sizeof bytes);
 }
 
 /* Behind the boot loader the store has sectors 1 and 2; an image that stands alone covers these, and takes the last

@@ -76,22 +76,6 @@ static void take_update(port *p, source from, const terrapin_frame *frame) {
     }
 }
 
-static void board_parameters(port *p) {
-    for (uint32_t i = 0; i < hardware_parameter_count; i++) {
-        (void)terrapin_parameter_set(p->state, hardware_parameters[i].index,
-                                     hardware_parameters[i].value); /* a test checks */
-    }
-}
-
-/* A host asked for the defaults, and they were set: those of the interface, which knows no board. */
-static bool took_defaults(const terrapin_frame *frame, const terrapin_frame *reply) {
-    terrapin_store_command_t command = {0};
-    terrapin_store_status_t status = {0};
-    return (frame->id == TERRAPIN_ID_STORE_COMMAND) && terrapin_decode_store_command(frame, &command) &&
-           (command.action == TERRAPIN_STORE_ACTION_DEFAULTS) && terrapin_decode_store_status(reply, &status) &&
-           (status.result == TERRAPIN_STORE_RESULT_OK);
-}
-
 static void take_frame(port *p, source from, const terrapin_frame *frame) {
     if ((p->update != NULL) && (frame->id >= TERRAPIN_UPDATE_ID_FIRST) && (frame->id <= TERRAPIN_UPDATE_ID_LAST)) {
         take_update(p, from, frame);
@@ -101,9 +85,6 @@ static void take_frame(port *p, source from, const terrapin_frame *frame) {
     terrapin_frame reply = {0};
     switch (terrapin_accept(&p->link, p->state, frame, &p->inputs, &reply)) {
     case TERRAPIN_ACCEPT_REPLY:
-        if (took_defaults(frame, &reply) && !p->link.test_mode) { /* a test run depends on its frames alone */
-            board_parameters(p);
-        }
         answer(p, from, &reply);
         break;
     case TERRAPIN_ACCEPT_STEP:
@@ -118,9 +99,6 @@ static void take_frame(port *p, source from, const terrapin_frame *frame) {
     }
     if (p->link.test_mode != test_mode) {
         hardware_drive(&p->hardware, 0, false);
-        if (test_mode) {
-            terrapin_port_parameters(p);
-        }
     }
 }
 
@@ -233,13 +211,15 @@ static void tell_times(port *p) {
 }
 
 static void tell_identity(port *p) {
-    const terrapin_port_identity_t message = {
-        .unique = p->hardware.unique,
-        .board = p->hardware.board,
-        .slot = p->hardware.slot,
-        .core_clock = (int32_t)(p->hardware.core_hz / 1000000U),
-        .stack_used = (int32_t)hardware_stack_used(),
-    };
+    terrapin_port_identity_source identity = {0};
+    identity.unique = p->hardware.unique;
+    identity.board = p->hardware.board;
+    identity.slot = p->hardware.slot;
+    identity.core_clock = (p->hardware.core_hz / 1000000U);
+    identity.stack_used_words = (int32_t)(hardware_stack_used() / 4U);
+    identity.kind = (int32_t)terrapin_link_mark.kind;
+    identity.trust = TERRAPIN_TRUST_OPEN;
+    const terrapin_port_identity_t message = terrapin_scale_port_identity(&identity);
     terrapin_frame frame = {0};
     (void)terrapin_encode_port_identity(&message, &frame);
     publish(p, &frame);
@@ -314,16 +294,6 @@ static void tick(port *p, uint32_t now) {
     hardware_alive((p->tick & (p->outputs.enable ? 0x80U : 0x200U)) != 0U); /* quick blinks: the bridge is on */
 }
 
-void terrapin_port_parameters(port *p) {
-    if (p->store != NULL) {
-        terrapin_link_use_store(&p->link, p->state, p->store);
-        if (p->store->origin == TERRAPIN_STORE_ORIGIN_STORED) {
-            return; /* a stored set is whole */
-        }
-    }
-    board_parameters(p);
-}
-
 void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct terrapin_store *store,
                terrapin_update *update, const hardware_facts *hardware) {
     *p = (port){.state = state, .bus = bus, .line = line, .store = store, .update = update, .hardware = *hardware};
@@ -331,7 +301,14 @@ void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct ter
     terrapin_slcan_init(&p->parser);
     terrapin_intake_init(&p->intake);
     terrapin_link_init(&p->link, state, &p->inputs);
-    terrapin_port_parameters(p);
+    terrapin_parameter_defaults(p->defaults);
+    for (uint32_t i = 0; i < hardware_parameter_count; i++) {
+        p->defaults[hardware_parameters[i].index] = hardware_parameters[i].value; /* a test checks the range */
+    }
+    terrapin_link_use_defaults(&p->link, state, p->defaults);
+    if (store != NULL) {
+        terrapin_link_use_store(&p->link, state, store);
+    }
 }
 
 bool port_pass(port *p, uint32_t now) {

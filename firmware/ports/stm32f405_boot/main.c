@@ -17,6 +17,7 @@
 #include "retained.h"
 #include "serial.h"
 #include "startup.h"
+#include "unique.h"
 #include "usart.h"
 #include "watchdog.h"
 
@@ -118,7 +119,8 @@ _Noreturn void application(void) {
                                         TERRAPIN_LAYOUT_SLOT_B + TERRAPIN_LAYOUT_SLOT_SIZE - TERRAPIN_LAYOUT_RECORDS_0};
     start_chip();
     const terrapin_flash flash = flash_open(&flash_memory, FLASH, (uint8_t *)FLASH_MEMORY, serves);
-    const terrapin_boot boot = {.flash = &flash, .key = terrapin_boot_key};
+    const terrapin_boot boot = {
+        .flash = &flash, .key = terrapin_boot_key, .release = TERRAPIN_BOOT_RELEASE, .unit = unique_number()};
     terrapin_boot_serial_init(&serial, &boot, TERRAPIN_UPDATE_SLOT_NONE);
     if (wanted) {
         (void)retained_take(&retained);

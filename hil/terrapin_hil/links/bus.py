@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol
 
-from terrapin_hil.links.link import Link, LinkError
+from terrapin_hil.links.link import Link, LinkError, refuse_production
 from terrapin_hil.links.wire import write_parameters
 from terrapin_hil.messages import AnswerError, Frame, Sender, interface
 
@@ -106,6 +106,7 @@ class BusLink(Link):
         if any(identifier == reply for identifier, _ in heard):
             raise LinkError(f"{self.name}: found more than one controller on this bus, expected one")
         if heard:
+            refuse_production(self.name, lambda seconds: self.talk((), seconds))
             raise LinkError(f"{self.name}: a controller goes on by itself, out of test mode: is its bridge on?")
 
     def advance(self, simulation: Simulation, ticks: int) -> None:

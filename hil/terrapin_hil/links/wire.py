@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from terrapin_hil.firmware import ParameterError
-from terrapin_hil.links.link import Link, LinkError
+from terrapin_hil.links.link import Link, LinkError, refuse_production
 from terrapin_hil.links.names import LinkName
 from terrapin_hil.links.slcan import ControllerProcess, SlcanPort
 from terrapin_hil.messages import Frame, Interface, Sender, interface
 
 __all__ = ["SlcanLink", "open_link", "write_parameters"]
 
+QUIET = 0.03  # s after the arming of test mode in which a controller by itself sends nothing more
 Exchange = Callable[[Sequence[Frame]], Sequence[Frame]]
 
 
@@ -61,6 +62,8 @@ class SlcanLink(Link):
     def start(self, parameters: Mapping[str, float]) -> None:
         self.exchange(self._sender.test_mode(False))
         self.exchange(self._sender.test_mode())
+        if not isinstance(self.machine, ControllerProcess) and self.talk((), QUIET):  # that one has no clock of its own
+            refuse_production(self.name, lambda seconds: self.talk((), seconds))
         write_parameters(self._sender, interface(), parameters, self.exchange)
 
     def exchange(self, frames: Sequence[Frame]) -> list[Frame]:

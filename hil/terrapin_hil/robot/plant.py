@@ -16,6 +16,7 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.library import ffi, library
 from terrapin_hil.messages import interface
 from terrapin_hil.physics import soils
+from terrapin_hil.physics.contact import Shape
 from terrapin_hil.robots import cylinder
 
 __all__ = [
@@ -102,31 +103,49 @@ class Segment:
     start: float = 0.0
     slope: float = 0.0
     transition: float = 0.05
+    contact: SoftGround | None = None  # another soil than the ground's, where that is a contact model
 
 
 @dataclass(frozen=True)
 class SoftGround:
-    """Soil whose contact model (Reina et al. 2006, Eqs. 9-15) carries and drives the shell; see ground/grip.h."""
+    """Soil whose contact model carries and drives the shell; see ground/grip.h.
 
-    base: ClassVar = "wheel_contact"  # the base model whose effects on the soil it can have
+    A wheel is Reina et al. 2006, Eqs. 9-15, a sphere Li et al. 2024, Eqs. 1-6. A sphere takes the soil's stiffness at
+    `width`, which counts only where that depends on one.
+    """
 
     soil: soils.Soil
     width: float = 0.15  # of the shell [m]; the paper does not print it
     recovery: float = 0.0  # exit angle over entry angle
+    shape: Shape = "wheel"
+
+    @property
+    def base(self) -> str:
+        """The base model whose effects on the soil it can have."""
+        return f"{self.shape}_contact"
 
 
 @dataclass(frozen=True)
 class Ground:
-    """The path, and how a spinning shell digs in (our assumption; see terrapin_hil/physics/ground/ground.h).
+    """The path, and how a slipping shell digs in (our assumption; see terrapin_hil/physics/ground/ground.h).
 
-    With `contact` the soil replaces terrains and rut; of the segments only the slope counts.
+    With `contact` the soil replaces terrains and their rut; of the segments slope and, where it has one, soil count.
     """
 
     segments: tuple[Segment, ...]
     dig_length: float = _q(0.30, "m")
     leave_length: float = _q(0.10, "m")
     rut_friction: float = _q(1.0, "1", 0.0, 10.0)
+    dig_slip: float = _q(0.5, "1", 0.0, 1.0)
+    slip_depth: float = _q(0.0, "m", 0.0, 1.0)
     contact: SoftGround | None = None
+
+    @property
+    def soils(self) -> tuple[SoftGround, ...]:
+        """The soil of each segment; none without contact model."""
+        if self.contact is None:
+            return ()
+        return tuple(segment.contact or self.contact for segment in self.segments)
 
 
 def _reference() -> float:

@@ -9,7 +9,7 @@ Numbers are SI, strings carry units. `ReadingError` names file, line and field o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,10 @@ from terrapin_hil import paths
 from terrapin_hil.effect_files import known_effects
 from terrapin_hil.messages import Interface, interface
 from terrapin_hil.reading import ReadingError, Section, load, parse_quantity, parse_toml, quantities, shorten
-from terrapin_hil.robot.compiled_effects import ActiveEffect, in_plant
+from terrapin_hil.robot.compiled_effects import ActiveEffect, drags, in_plant
 from terrapin_hil.robot.plant import TERRAINS, Ground, Robot, Segment, Terrain, Winding
 from terrapin_hil.robot.sensors import Sensors, kit, read_sensors, with_effects
-from terrapin_hil.robot.soft_ground import affected, affects_soil, check_step, grip_table, read_soft_ground
+from terrapin_hil.robot.soft_ground import affected, affects_soil, check_step, grip_tables, read_soft_ground
 from terrapin_hil.robots import Robot as Design
 from terrapin_hil.robots import selected
 from terrapin_hil.scenario.changes import changed, place_of
@@ -79,6 +79,7 @@ class Scenario:
     start_position: float = 0.0
     moisture: float = 0.0
     pass_number: float = 1.0
+    tow: tuple[tuple[float, float], ...] = ()  # load [N] that the axle tows, over time [s]
     carriage: tuple[tuple[float, float], ...] = ()
     steering: tuple[tuple[float, float], ...] = ()  # heading [rad] that the inner device is steered to, over time [s]
     faults: tuple[Fault, ...] = ()
@@ -132,6 +133,7 @@ def _terrain(section: Section) -> Terrain:
 def _ground(root: Section) -> Ground:
     segments: list[Segment] = []
     soft = root.choice("ground", ["default", "contact"], "default") == "contact"
+    soil = read_soft_ground(root.section("soil")) if soft else None
     for section in root.sections("path"):
         first = not segments
         start = section.quantity("from", "m", 0.0 if first else None)
@@ -141,18 +143,22 @@ def _ground(root: Section) -> Ground:
             raise section.error("from", f"found {start:g} m, expected more than {segments[-1].start:g} m")
         slope = section.quantity("slope", "rad", 0.0, -1.2, 1.2)
         transition = section.quantity("transition", "m", 0.05, 1e-6, 1e3)
-        segments.append(Segment(Terrain() if soft else _terrain(section), start, slope, transition))
+        own = None
+        if soil is not None and "soil" in section:
+            own = read_soft_ground(section.section("soil"))
+            if own.shape != soil.shape:
+                raise section.error("soil", f"found shape {own.shape}, expected {soil.shape} as in [soil]")
+        segments.append(Segment(Terrain() if soft else _terrain(section), start, slope, transition, own))
         section.done()
     if not 1 <= len(segments) <= MAX_SEGMENTS:
         raise root.error("path", f"found {len(segments)} tables [[path]], expected 1 to {MAX_SEGMENTS}")
     for here, following in pairwise(segments):
         if here.start + here.transition > following.start and here is not segments[0]:
             raise root.error("path", f"the transition that begins at {here.start:g} m reaches into the next segment")
-    if soft:
-        return Ground(tuple(segments), contact=read_soft_ground(root.section("soil")))
     rut = root.section("rut")
-    read = quantities(rut, _Rut)
-    return Ground(tuple(segments), read.dig_length, read.leave_length, read.rut_friction)
+    if soft:
+        return Ground(tuple(segments), contact=soil, slip_depth=quantities(rut, _SlipRut).slip_depth)
+    return Ground(tuple(segments), **asdict(quantities(rut, _Rut)))
 
 
 @dataclass(frozen=True)
@@ -160,6 +166,12 @@ class _Rut:
     dig_length: float = field(default=0.30, metadata={"unit": "m", "low": 1e-6})
     leave_length: float = field(default=0.10, metadata={"unit": "m", "low": 1e-6})
     rut_friction: float = field(default=1.0, metadata={"unit": "1", "low": 0.0, "high": 10.0})
+    dig_slip: float = field(default=0.5, metadata={"unit": "1", "low": 0.0, "high": 1.0})
+
+
+@dataclass(frozen=True)
+class _SlipRut:
+    slip_depth: float = field(default=0.0, metadata={"unit": "m", "low": 0.0, "high": 1.0})
 
 
 def _operator(root: Section) -> tuple[Order, ...]:
@@ -189,7 +201,11 @@ def _profile(section: Section, key: str, unit: str, low: float, high: float) -> 
 def _effects(root: Section) -> tuple[ActiveEffect, ...]:
     section = root.section("effect")
     soft = "ground" in root and root.raw("ground") == "contact"
-    known = {n: effect for n, effect in known_effects().items() if in_plant(effect) or (soft and affects_soil(effect))}
+    known = {
+        name: effect
+        for name, effect in known_effects().items()
+        if in_plant(effect) or (soft and (affects_soil(effect) or drags(effect)))
+    }
     active = []
     for name in section:
         if name not in known:
@@ -331,6 +347,7 @@ def read_scenario(root: Section, name: str) -> Scenario:
         start_position=root.quantity("start_position", "m", 0.0, -FARTHEST, FARTHEST),
         moisture=root.quantity("moisture", "1", 0.0, 0.0, 1.0),
         pass_number=root.quantity("pass", "1", 1.0, 1.0),
+        tow=_profile(root, "tow", "N", 0.0, 1e6),
         carriage=_profile(root, "carriage", "m/s", -32.0, 32.0),
         steering=_profile(root, "steering", "rad", -1000.0, 1000.0),
         operator=_operator(root),
@@ -352,10 +369,11 @@ def read_scenario(root: Section, name: str) -> Scenario:
     if scenario.ground.contact is not None:
         try:
             ground, _ = affected(scenario.ground, scenario.effects, scenario.pass_number, scenario.moisture)
-            grip_table(ground, scenario.robot)
             robot = scenario.robot
+            grip_tables(ground, robot)
             free = scenario.supply * robot.drive_radius / max(robot.torque_constant, 1e-12)  # rim without load
-            check_step(scenario.ground.contact, robot, 1e-3, free)
+            for soft in ground.soils:
+                check_step(soft, robot, 1e-3, free)
         except ValueError as error:
             raise root.error("soil", str(error)) from None
     if len(scenario.faults) > MAX_FAULTS:

@@ -45,6 +45,7 @@ REASONS = {
     "corrupted": "the image arrived damaged",
     "bad_signature": "the image is not signed, or its signature is forged",
     "counter_too_low": "the security counter is lower than that of a confirmed image",
+    "desk_image": "a desk image, which this release refuses; expected a production image, or one signed with --unit",
     "boot_loader_only": "the application leaves updates to the boot loader",
 }
 
