@@ -114,16 +114,14 @@ static bool fit(const terrapin_state *state, terrapin_frame *frame) {
     return terrapin_pack_fit(&message, frame);
 }
 
-static bool report(const terrapin_state *state, const terrapin_inputs *inputs, terrapin_frame *frame) {
+static bool report(const terrapin_state *state, terrapin_frame *frame) {
     const terrapin_supervisor *s = &state->supervisor;
-    const uint32_t late = ((inputs->tick - (uint32_t)SLOT_MS) % (uint32_t)RECORD_MS) / (uint32_t)SLOT_MS;
     const terrapin_report_source source = {
         .report = s->report,
         .number = s->report_number,
         .report_distance_mm = s->report_distance_mm,
         .report_duration_10ms = s->report_duration_10ms,
         .peak_e4 = state->slip.peak_e4,
-        .ground_late_10ms = (int32_t)late,
     };
     const terrapin_report_t message = terrapin_scale_report(&source);
     return terrapin_pack_report(&message, frame);
@@ -146,6 +144,7 @@ static bool calibration(const terrapin_state *state, terrapin_frame *frame) {
 static bool attitude(const terrapin_state *state, const terrapin_inputs *inputs, terrapin_frame *frame) {
     const uint32_t swing = inputs->swing_valid ? integer_turn(inputs->swing_angle_mrad) : 0U;
     const uint32_t whole = (state->sense.motor_position * (uint32_t)state->gains.turn_per_count) - swing;
+    const uint32_t late = ((inputs->tick - (uint32_t)SLOT_MS) % (uint32_t)RECORD_MS) / (uint32_t)SLOT_MS;
     const terrapin_attitude_source source = {
         .pitch_mrad = inputs->pitch_mrad,
         .pitch_valid = inputs->pitch_valid,
@@ -153,6 +152,7 @@ static bool attitude(const terrapin_state *state, const terrapin_inputs *inputs,
         .swing_angle_mrad = inputs->swing_angle_mrad,
         .acceleration_urad_s2 = state->estimator.acceleration_urad_s2,
         .angle_turn = (uint16_t)(whole >> 16U),
+        .ground_late_10ms = (int32_t)late,
     };
     const terrapin_attitude_t message = terrapin_scale_attitude(&source);
     return terrapin_pack_attitude(&message, frame);
@@ -192,7 +192,7 @@ static bool slot(const terrapin_state *state, const terrapin_inputs *inputs, uin
         *fits = fit(state, frame);
         break;
     case 6U:
-        *fits = report(state, inputs, frame);
+        *fits = report(state, frame);
         break;
     case 7U:
         *fits = calibration(state, frame);

@@ -134,6 +134,9 @@ TERRAPIN_API terrapin_parameter_result terrapin_parameter_set_all(terrapin_state
 /* The latched faults that stand, one bit each. */
 TERRAPIN_API uint32_t terrapin_latched(const terrapin_state *state);
 
+/* The self test is over, and no latched fault stands. */
+TERRAPIN_API bool terrapin_at_work(const terrapin_state *state);
+
 /* Latch faults that stood before a reset of the state: the bridge stays off until `clear`. Bits that are no latched
  * faults are left out. */
 TERRAPIN_API void terrapin_latch(terrapin_state *state, uint32_t faults);

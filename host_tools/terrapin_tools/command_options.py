@@ -19,6 +19,7 @@ __all__ = [
     "Jobs",
     "Json",
     "Level",
+    "NodeNumber",
     "RobotName",
     "Seed",
     "check_options",
@@ -56,6 +57,12 @@ Seed = Annotated[int, typer.Option("--seed", help="of everything drawn at random
 Jobs = Annotated[int, typer.Option("--jobs", help="processes to use at most")]
 BitRate = Annotated[
     int, typer.Option("--bitrate", min=1, max=10_000_000, help="bit/s of the bus, where the link's name does not say")
+]
+NodeNumber = Annotated[
+    int | None,
+    typer.Option(
+        "--node", metavar="N", help="number of the controller on its bus, 0 to 7 (0, or as the link's name says)"
+    ),
 ]
 Level = Annotated[float, typer.Option("--level", help="false alarm rate of the verdict")]
 Cluster = Annotated[

@@ -361,7 +361,7 @@ def test_the_sphere_runs_under_its_controller(sphere: Robot, tmp_path: Path) -> 
     assert np.abs(torque - found.truth["contact_torque"][late]).max() < 0.5e-3 * 30.0
     assert found.held("GROUND", "saturated")[late].max() == 0
     assert found.interface.constants["record_interval"] == 30
-    ages = set(np.round(found.held("REPORT", "ground_age")[late] * 100))
+    ages = set(np.round(found.held("ATTITUDE", "ground_age")[late] * 100))
     assert ages == {0.0, 1.0, 2.0}  # a window every 30 ms, GROUND every 10 ms
 
 
