@@ -4,7 +4,9 @@
 #include "unity.h"
 
 #include "crc32.c"
+#include "chaskey.c"
 #include "dispatch.c"
+#include "seal.c"
 #include "../../firmware/store/parameters.c" /* not the core's, which has the same name */
 #include "terrapin_interface.c"
 

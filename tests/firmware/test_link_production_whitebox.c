@@ -4,7 +4,9 @@
 #include "unity.h"
 
 #define TERRAPIN_PRODUCTION
+#include "chaskey.c"
 #include "dispatch.c"
+#include "seal.c"
 #include "terrapin_interface.c"
 
 struct terrapin_state {

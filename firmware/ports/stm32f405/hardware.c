@@ -8,6 +8,7 @@
 #include "encoder.h"
 #include "flash_driver.h"
 #include "layout.h"
+#include "link_key.h"
 #include "parameters.h"
 #include "phases.h"
 #include "pins.h"
@@ -190,7 +191,19 @@ void hardware_open(const clocks *speed) {
 }
 
 hardware_facts hardware_look(const clocks *speed, uint32_t flags) {
+    uint32_t generation = 0U;
+    uint32_t start = 0U;
+    const uint32_t *key = NULL;
+    if (slot() != (uint8_t)TERRAPIN_UPDATE_SLOT_NONE) {
+        key = link_key((const uint32_t *)(FLASH_MEMORY + TERRAPIN_LAYOUT_LINK_KEY), &generation);
+    }
+    if ((key != NULL) && !random_word(&start)) {
+        generation = 0U; /* no session without a number of this start: IDLE alone is taken */
+    }
     const hardware_facts facts = {
+        .link_key = key,
+        .link_generation = generation,
+        .start = start,
         .clock_fallback = speed->result != CLOCK_GOOD,
         .watchdog_absent = !watchdog_set(&guard, IWDG, WATCHDOG_ERASE), /* the stored parameters are read first */
         .brown_out_unset = (FLASH->OPTCR & FLASH_OPTCR_BOR) == FLASH_OPTCR_BOR_OFF,

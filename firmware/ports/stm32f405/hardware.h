@@ -24,6 +24,9 @@ typedef struct {
     uint8_t board;
     uint8_t slot;
     uint32_t unique;
+    const uint32_t *link_key; /* four words beside the boot loader; NULL: none */
+    uint32_t link_generation; /* of the key */
+    uint32_t start;           /* number of this start, by the chip's generator of random numbers */
     uint32_t core_hz;
 } hardware_facts;
 

@@ -10,8 +10,8 @@ static usart line;
 static port controller;
 static uint64_t state[TERRAPIN_STATE_BYTES / 8U];
 
-/* COMMAND to STORE_READ, updates, SENSORS_*: eight identifiers each. All other traffic stays in the chip. */
-static const can_filter filters[] = {{0x080U, 0x7F8U}, {0x0A0U, 0x7F8U}, {0x100U, 0x7F8U}};
+/* COMMAND to COMMAND_SEALED, updates, SENSORS_*. All other traffic stays in the chip. */
+static const can_filter filters[] = {{0x080U, 0x7F0U}, {0x0A0U, 0x7F8U}, {0x100U, 0x7F8U}};
 
 void usart1_interrupt(void) {
     usart_interrupt(&line);
