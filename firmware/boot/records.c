@@ -45,14 +45,14 @@ static void encode(const terrapin_record *record, uint32_t sequence, uint8_t *by
     bytes[8] = record->confirmed;
     bytes[9] = record->candidate;
     bytes[10] = record->phase;
-    bytes[11] = record->node;
+    bytes[11] = record->tries;
     put32(&bytes[12], record->security_counter);
     bytes[16] = record->version.major;
     bytes[17] = record->version.minor;
     bytes[18] = (uint8_t)(record->version.revision & 0xFFU);
     bytes[19] = (uint8_t)(record->version.revision >> 8U);
     put32(&bytes[20], record->version.build);
-    put32(&bytes[24], 0U);
+    put32(&bytes[24], record->node); /* the other three bytes are free */
     put32(&bytes[CRC_PLACE], terrapin_crc32(0U, bytes, CRC_PLACE));
 }
 
@@ -60,7 +60,8 @@ static bool decode(const uint8_t *bytes, terrapin_record *record, uint32_t *sequ
     record->confirmed = bytes[8];
     record->candidate = bytes[9];
     record->phase = bytes[10];
-    record->node = bytes[11];
+    record->tries = bytes[11];
+    record->node = bytes[24];
     record->security_counter = get32(&bytes[12]);
     record->version.major = bytes[16];
     record->version.minor = bytes[17];

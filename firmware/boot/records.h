@@ -20,9 +20,10 @@ typedef struct {
     uint8_t confirmed;              /* update_slot: started well and is started from now on */
     uint8_t candidate;              /* update_slot: the newest image that was put in; rejected when its phase is none */
     uint8_t phase;                  /* update_phase of the candidate */
+    uint8_t tries;                  /* starts on trial that it still has */
     uint32_t security_counter;      /* an image needs at least this one */
     uint8_t node;                   /* the controller's number on its bus */
-    terrapin_image_version version; /* highest that was confirmed; an update needs at least this one */
+    terrapin_image_version version; /* an update needs at least this one */
 } terrapin_record;
 
 /* The newest record; all zero when there is none yet. */

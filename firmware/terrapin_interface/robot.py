@@ -19,7 +19,7 @@ from typing import Any
 from terrapin_interface.board import Board, find_board
 from terrapin_interface.robot_table import RobotError, RobotTable
 
-__all__ = ["DEFAULT", "KINDS", "ROBOTS", "Robot", "RobotError", "find_robot", "load_robot", "robots"]
+__all__ = ["DEFAULT", "KINDS", "ORIGINS", "ROBOTS", "Robot", "RobotError", "find_robot", "load_robot", "robots"]
 
 ROBOTS = Path(__file__).with_name("robots")  # the shipped ones
 DEFAULT = "cylinder"
@@ -139,7 +139,7 @@ class Robot:
             "gate": self.gate,
             "encoder_counts": self.counts,
             "encoder_jump": self.jump,
-            "record_slots": self.record_slots,
+            "record_interval": 10 * self.record_slots,
             "voltage_limit": self.limits["voltage"],
             "current_limit": self.limits["current"],
             "over_current": self.limits["over_current"],

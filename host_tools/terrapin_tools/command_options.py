@@ -20,6 +20,7 @@ __all__ = [
     "Json",
     "Level",
     "NodeNumber",
+    "RobotName",
     "Seed",
     "check_options",
     "deliver",
@@ -30,6 +31,26 @@ CaseFolder = Annotated[Path, typer.Argument(metavar="CASE", help="folder that ho
 Cases = Annotated[
     Path,
     typer.Argument(metavar="CASE", help="folder that holds case.toml and measurements, or a folder of such folders"),
+]
+
+
+def _select(name: str) -> str:
+    if name:
+        from terrapin_hil.robots import select
+
+        select(name)
+    return name
+
+
+RobotName = Annotated[
+    str,
+    typer.Option(
+        "--robot",
+        metavar="ROBOT",
+        callback=_select,
+        is_eager=True,
+        help="a shipped robot, or the file of one; the cylinder where nothing is said",
+    ),
 ]
 Json = Annotated[str, typer.Option("--json", metavar="FILE", help="write the answer as JSON; - for standard output")]
 Seed = Annotated[int, typer.Option("--seed", help="of everything drawn at random; same seed, same answer")]

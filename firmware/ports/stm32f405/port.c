@@ -58,6 +58,7 @@ static void step(port *p) {
 /* What the boot loader's protocol leaves to an application: to say what runs, and to reset. */
 static void take_update(port *p, source from, const terrapin_frame *frame) {
     terrapin_frame replies[TERRAPIN_UPDATE_REPLIES];
+    p->health.heard = true;
     const bool motor_on = terrapin_bridge_on(p->state);
     const bool query = frame->id == TERRAPIN_ID_UPDATE_QUERY;
     if (motor_on && query) {
@@ -81,12 +82,17 @@ static void take_update(port *p, source from, const terrapin_frame *frame) {
     }
 }
 
+static uint32_t dropped_frames(const terrapin_link *link) {
+    return link->bad_crc + link->repeated + link->out_of_step + link->malformed + link->out_of_place + link->unknown;
+}
+
 static void take_frame(port *p, source from, const terrapin_frame *frame) {
     if ((p->update != NULL) && (frame->id >= TERRAPIN_UPDATE_ID_FIRST) && (frame->id <= TERRAPIN_UPDATE_ID_LAST)) {
         take_update(p, from, frame);
         return;
     }
     const bool test_mode = p->link.test_mode;
+    const uint32_t dropped = dropped_frames(&p->link);
     terrapin_frame reply = {0};
     switch (terrapin_accept(&p->link, p->state, frame, &p->inputs, &reply)) {
     case TERRAPIN_ACCEPT_REPLY:
@@ -102,6 +108,7 @@ static void take_frame(port *p, source from, const terrapin_frame *frame) {
     default:
         break;
     }
+    p->health.heard = p->health.heard || (dropped_frames(&p->link) == dropped);
     if (p->link.test_mode != test_mode) {
         hardware_drive(&p->hardware, 0, false);
     }
@@ -282,9 +289,34 @@ static void own_tick(port *p) {
     phases_note(&p->times, PHASE_SEND, hardware_cycles() - stepped);
 }
 
+/* Somebody takes what we send. */
+static bool listened_to(const port *p) {
+    const can_state *bus = &p->bus->state;
+    return p->parser.open || ((p->bus->phase == CAN_RUNNING) && !bus->bus_off && !bus->passive && !bus->no_acknowledge);
+}
+
+static void judge(port *p, uint32_t missed) {
+    const bool good = terrapin_at_work(p->state) && !p->hardware.adc_silent && listened_to(p) && (missed == 0U);
+    switch (health_tick(&p->health, good, terrapin_bridge_on(p->state), p->trial)) {
+    case HEALTH_CONFIRM:
+        hardware_flash_work(true);
+        hardware_healthy();
+        hardware_flash_work(p->flash_work);
+        break;
+    case HEALTH_FALL_BACK: /* the boot loader tries again, or starts the old image */
+        hardware_drive(&p->hardware, 0, false);
+        hardware_reset(p->bus, p->line, false);
+        break;
+    case HEALTH_OPEN:
+    default:
+        break;
+    }
+}
+
 static void tick(port *p, uint32_t now) {
     phases_note(&p->times, PHASE_LATE, hardware_cycles() - hardware_tick_cycles());
-    p->overruns += now - p->tick - 1U;
+    const uint32_t missed = now - p->tick - 1U;
+    p->overruns += missed;
     p->tick = now;
     terrapin_intake_begin_tick(&p->intake);
     if (p->link.test_mode) {
@@ -294,11 +326,8 @@ static void tick(port *p, uint32_t now) {
     }
     can_poll(p->bus);
     keep_parameters(p);
-    if (!p->judged && (now >= PORT_HEALTHY_TICKS) && !terrapin_bridge_on(p->state)) {
-        p->judged = true;
-        hardware_flash_work(true);
-        hardware_healthy();
-        hardware_flash_work(p->flash_work);
+    if (!p->link.test_mode) {
+        judge(p, missed);
     }
     hardware_alive((p->tick & (p->outputs.enable ? 0x80U : 0x200U)) != 0U); /* quick blinks: the bridge is on */
 }
@@ -314,7 +343,14 @@ static bool store_node(void *context, uint8_t node) {
 
 void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct terrapin_store *store,
                terrapin_update *update, const hardware_facts *hardware) {
-    *p = (port){.state = state, .bus = bus, .line = line, .store = store, .update = update, .hardware = *hardware};
+    const bool trial = (update != NULL) && terrapin_boot_on_trial(update->boot, update->running);
+    *p = (port){.trial = trial,
+                .state = state,
+                .bus = bus,
+                .line = line,
+                .store = store,
+                .update = update,
+                .hardware = *hardware};
     phases_open(&p->times, hardware->core_hz);
     terrapin_slcan_init(&p->parser);
     terrapin_intake_init(&p->intake);

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from terrapin_hil.links.names import INPROCESS, LinkName, able
-from terrapin_tools.command_options import NodeNumber, link_option
+from terrapin_tools.command_options import NodeNumber, RobotName, link_option
 from terrapin_tools.errors import UserError
 
 if TYPE_CHECKING:  # NumPy and the C libraries, which `terrapin run --help` does not need
@@ -61,6 +61,7 @@ def _fields(result: Result, folder: Path | None, written: bool) -> dict[str, Any
         "duration": result.scenario.duration,
         "wall_seconds": result.timing.seconds,
         "passed": result.passed,
+        "notes": list(result.scenario.notes),
         "checks": [{"check": o.text, "passed": o.passed, "found": o.found} for o in result.outcomes],
         "output_sha256": result.output_hash,
         "out": str(folder) if folder else None,
@@ -97,6 +98,7 @@ def _as_text(result: Result, folder: Path | None, written: bool) -> str:
     ]
     if scenario.real_time:
         rows.append(f"  real time: ticks late by {timing.rms * 1e6:.0f} us rms, {timing.latest * 1e6:.0f} us at most")
+    rows += [f"  note  {note}" for note in scenario.notes]
     rows += [f"  {'ok  ' if o.passed else 'FAIL'}  {o.text}    ({o.found})" for o in result.outcomes]
     if written:
         rows.append(_contact_words(result))
@@ -189,6 +191,7 @@ def run(
     scenario: Annotated[str, typer.Argument(help="scenario file, or the name of a shipped scenario")],
     link: Annotated[LinkName, link_option("lockstep", "where the controller is")] = INPROCESS,
     out: Annotated[Path | None, typer.Option(help="folder for telemetry.log, truth.csv and run.toml")] = None,
+    robot: RobotName = "",
     seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="instead of the scenario's")] = None,
     changes: Annotated[
         list[str] | None,
