@@ -40,6 +40,9 @@ def monitor(
 
     if not 0.0 < speed <= 1000.0:
         raise UserError(f"--speed: found {speed:g}, expected more than 0, at most 1000")
+    path = Path(source)
+    if node is not None and link is None and not path.exists():
+        raise UserError("--node: a scenario has one controller, expected --link or a log")
     if dbc is not None and node is not None:
         raise UserError("--node: the identifiers of a DBC are its own, expected it without --dbc")
     number = link.at_node(node).node if link else INPROCESS.at_node(node).node
@@ -47,9 +50,6 @@ def monitor(
     if not sys.stdout.isatty():
         raise UserError("monitor needs a terminal; `terrapin log record` and `log info` do without")
     own = paths.dbc()
-    path = Path(source)
-    if node is not None and link is None and not path.exists():
-        raise UserError("--node: a scenario has one controller, expected --link or a log")
     live = Live(Decoder(dbc or own), interface() if dbc is None else None, bitrate, number)
     opened = Bus(link, bitrate) if link else LogFile(path, speed) if path.exists() else Simulator(source, controller)
     from terrapin_tools.monitor.app import MonitorApp
