@@ -76,13 +76,13 @@ static void window_prepare(terrapin_state *state) {
     const int32_t scale = p[TERRAPIN_PARAMETER_CURRENT_SCALE];
     g->half_urad = integer_gain_of(g->count_e5_urad, 200000);
     g->way_um = integer_gain_of(g->ground_e5_um, 100000);
-    g->current_q32 = integer_factor(scale, 32U, (int64_t)slots * RECORD_MS * 2560);
-    g->recent_q28 = integer_factor(scale, 28U, (int64_t)RECORD_MS * 256);
-    g->voltage_q32 = integer_factor(1, 32U, (int64_t)slots * RECORD_MS);
+    g->current_q32 = integer_factor(scale, 32U, slots * RECORD_MS * 2560);
+    g->recent_q28 = integer_factor(scale, 28U, RECORD_MS * 256);
+    g->voltage_q32 = integer_factor(1, 32U, slots * RECORD_MS);
     /* 1e-5 urad summed over BLOCK_SLOTS records of m ms, over (m n ms)^2: 1e-5 * 1e6 / (m^3 BLOCK_SLOTS n^2) */
-    g->acceleration_q19 = integer_factor((int64_t)g->count_e5_urad * 10, 19U,
-                                         (int64_t)RECORD_MS * RECORD_MS * RECORD_MS * BLOCK_SLOTS * slots * slots);
-    g->swing_q20 = integer_factor(40960, 20U, (int64_t)RECORD_MS * RECORD_MS * SWING_SLOTS * slots);
+    g->acceleration_q19 =
+        integer_factor(g->count_e5_urad, 19U, RECORD_MS * RECORD_MS * (RECORD_MS / 10) * BLOCK_SLOTS * slots * slots);
+    g->swing_q20 = integer_factor(40960, 20U, RECORD_MS * RECORD_MS * SWING_SLOTS * slots);
     g->weight_q22 = integer_factor(g->weight_unm, 22U, 1000000);
     g->per_weight_q24 = integer_factor(1000000, 24U, g->weight_unm);
     g->inertia_q30 = integer_factor(p[TERRAPIN_PARAMETER_INERTIA], 30U, 1000000);

@@ -28,6 +28,7 @@ enum {
 };
 enum { TERRAINS = TERRAPIN_TERRAIN_HARD_FLOOR }; /* entries of the table of terrains, of which the hard floor is last */
 
+_Static_assert(((RECORD_MS % SLOT_MS) == 0) && (RECORD_MS <= 60), "the products of gains.c fit 32 bits");
 _Static_assert(HISTORY_SLOTS > (2 * WINDOW_MAX_SLOTS) + BLOCK_SLOTS, "the history holds two windows and a block");
 
 /* Derived from the parameters whenever one changes, so that no tick divides by them. */
