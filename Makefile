@@ -18,8 +18,10 @@ test: ## set up what tests need, run all of them
 sandbox: ## build the kernel that the tests of real CAN and GPIO run in, once (some minutes); `make test` then runs them
 	@tests/setup/setup.sh sandbox && tests/sandbox/kernel.sh build
 
-check: ## formatting, types, static analysis, MISRA, hygiene
-	@tests/setup/setup.sh test && tests/tools/build.sh host && .venv/bin/python tests/tools/gate.py
+check: ## formatting, types, static analysis, MISRA, hygiene; would tests see a slip in the C functions last changed?
+	@tests/setup/setup.sh test && UNITY_ROOT=$$(tests/setup/unity.sh) tests/tools/build.sh host \
+		&& .venv/bin/python tests/tools/gate.py \
+		&& .venv/bin/python -m tests.mutation --changed
 
 bench: ## speed of simulator and link, instructions of one step
 	@tests/setup/setup.sh bench && tests/tools/build.sh host && .venv/bin/python tests/tools/bench.py
@@ -27,11 +29,13 @@ bench: ## speed of simulator and link, instructions of one step
 campaigns: ## how often discovery is right: every bound, measured on cases with known answers (hours; ARGS="--cases 100")
 	@tests/setup/setup.sh test && tests/tools/build.sh host && .venv/bin/python -m tests.campaigns $(ARGS)
 
-mutants: ## would a slip in controller.toml or its generator be seen? each number and operator changed in turn (an hour)
-	@tests/setup/setup.sh test && tests/tools/build.sh host && .venv/bin/python -m tests.interface_mutations $(ARGS)
+mutants: ## would a slip be seen? in the firmware's C (1,000 of them; ARGS=--whole), in controller.toml and its generator (2 h)
+	@tests/setup/setup.sh test && UNITY_ROOT=$$(tests/setup/unity.sh) tests/tools/build.sh host \
+		&& .venv/bin/python -m tests.mutation $(ARGS) \
+		&& .venv/bin/python -m tests.interface_mutations
 
-firmware: ## build the firmware for this machine and every image for the chip, with their sizes
-	@tests/setup/setup.sh test && tests/tools/build.sh host cortex-m4 && tests/tools/build.sh size
+firmware: ## build the firmware for this machine and every image for the chip, with their sizes (ROBOT=NAME|FILE)
+	@tests/setup/setup.sh test && tests/tools/build.sh $(if $(ROBOT),"robot=$(ROBOT)") host cortex-m4 && tests/tools/build.sh $(if $(ROBOT),"robot=$(ROBOT)") size
 
 release: ## the core for somebody else's firmware, as an archive that needs no Python (docs/embedding.md): build/release/
 	@tests/setup/setup.sh runtime && tests/tools/release.sh

@@ -24,7 +24,7 @@ from pathlib import Path
 # in the order of their first instruction. Assertions in the source hold the same numbers, or the loop counts to them.
 LOOPS = {
     "sense_update": (8,),  # SENSED_FAULTS
-    "digit": (3,),  # twice
+    "quotient": (3, 3),  # each of its two digits: twice
     "integer_divide": (12,),  # denominators below 2^40: ground.c, calibration.c
     "calibration_work": (9, 9),  # TERRAPIN_LIMIT_CALIBRATE_SPEEDS
     "ground_nearest": (6, 5),  # TERRAINS

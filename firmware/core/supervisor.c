@@ -15,6 +15,7 @@ enum {
     STILL_MS = 200,     /* still for this long is at rest */
     HALT_MS = 4000,     /* braking may take this long; then the bridge goes off, moving or not */
     OVERRUN_MS = 1000,
+    BLIND_MS = 20,        /* without a swing sensor for this long a guard is none */
     STILL_URAD_S = 40000, /* just above one count in SPEED_TICKS */
     STILL_UM_S = 5000
 };
@@ -65,9 +66,30 @@ static void listen(terrapin_state *state, const terrapin_inputs *inputs) {
     TERRAPIN_ASSERT((s->hold_ms > 0U) || !s->refused);
 }
 
+/* The guard of the swing: beyond its limit the inner body would go over the top; unseen it could. */
+static uint32_t swing_causes(terrapin_state *state, const terrapin_inputs *inputs) {
+    terrapin_supervisor *s = &state->supervisor;
+    const int32_t limit = state->parameter[TERRAPIN_PARAMETER_SWING_LIMIT];
+    uint32_t causes = 0U;
+    if ((limit == 0) || inputs->swing_valid) {
+        s->blind_ms = 0U;
+        if ((limit > 0) && (integer_abs(inputs->swing_angle_mrad) >= limit)) {
+            causes = fault_bit(TERRAPIN_FAULT_SWING);
+        }
+    } else if (s->blind_ms < (uint8_t)BLIND_MS) {
+        s->blind_ms++;
+    } else {
+        /* blind for long enough */
+    }
+    if (s->blind_ms >= (uint8_t)BLIND_MS) {
+        causes |= fault_bit(TERRAPIN_FAULT_SWING_SENSOR);
+    }
+    return causes;
+}
+
 static void judge(terrapin_state *state, const terrapin_inputs *inputs, uint32_t sensed, bool gap) {
     terrapin_supervisor *s = &state->supervisor;
-    uint32_t causes = sensed;
+    uint32_t causes = sensed | swing_causes(state, inputs);
     if (inputs->estop) {
         causes |= fault_bit(TERRAPIN_FAULT_ESTOP);
     }

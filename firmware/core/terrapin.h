@@ -39,7 +39,7 @@ extern "C" {
 #define TERRAPIN_TICK_HZ 1000
 /* Bytes that are enough for a state, a multiple of 8, on every machine; its parameters are counted in
  * terrapin_interface.h. */
-#define TERRAPIN_STATE_BYTES (5328U + ((((uint32_t)TERRAPIN_PARAMETER_COUNT + 1U) / 2U) * 8U))
+#define TERRAPIN_STATE_BYTES ((5324U + (4U * (uint32_t)TERRAPIN_PARAMETER_COUNT) + 7U) & ~7U)
 #define TERRAPIN_MAX_FRAMES  2 /* frames that one step may emit: ACTUATE, and at most one telemetry frame */
 
 /* One classic CAN frame with an 11-bit identifier. length is 0 to 8. */
@@ -103,6 +103,10 @@ TERRAPIN_API size_t terrapin_state_size(void);
 
 /* Reset: parameters to their defaults, supervisor to boot, bridge off. */
 TERRAPIN_API void terrapin_init(terrapin_state *state);
+
+/* The same with these parameters, all of them in file order, for the work of one reset. When one is out of its range
+ * the result is TERRAPIN_PARAMETER_RANGE, and all are at their defaults. */
+TERRAPIN_API terrapin_parameter_result terrapin_init_with(terrapin_state *state, const int32_t *values);
 
 /* The first half of a tick of 1 ms: sensors, slip, states, drive. Writes duty_q15, enable and faults, and frame_count =
  * 0. Bounded work. state, inputs and outputs must not overlap and must not be NULL, here and in the next two. */

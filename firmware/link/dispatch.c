@@ -12,10 +12,18 @@
 #endif
 const terrapin_image_mark terrapin_link_mark = {{0x72726574U, 0x6E697061U, 0x6E696B2DU, 0x00000064U}, KIND};
 
-static void reset_controller(terrapin_state *state, terrapin_inputs *inputs) {
+/* values: all parameters, or NULL for the defaults of the interface. */
+static void reset_controller(terrapin_state *state, terrapin_inputs *inputs, const int32_t *values) {
     static const terrapin_inputs nothing = {0};
     *inputs = nothing;
-    terrapin_init(state);
+    (void)terrapin_init_with(state, values); /* stored ones are in range, and those of a port are tested */
+}
+
+/* The parameters that stand after a reset: a stored set is whole. */
+static const int32_t *start_values(const terrapin_link *link) {
+    const terrapin_store *store = link->store;
+    const bool stored = (store != NULL) && (store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED);
+    return stored ? store->value : link->defaults;
 }
 
 /* True when a protected frame may be used; counts it otherwise. */
@@ -38,6 +46,19 @@ static bool genuine(terrapin_link *link, const terrapin_frame *frame, uint8_t le
         }
     }
     return good;
+}
+
+/* Of all requests the one that is never wrong: whoever sent it, and whatever came before. */
+static void accept_stop_all(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
+    terrapin_stop_all_t message;
+    if (!terrapin_decode_stop_all(frame, &message) || (message.request != TERRAPIN_REQUEST_IDLE)) {
+        link->malformed++;
+        return;
+    }
+    static const terrapin_command idle = {.request = TERRAPIN_REQUEST_IDLE};
+    inputs->command = idle;
+    inputs->command_fresh = true;
+    link->held = true;
 }
 
 /* How far a counter is behind another, round the circle. */
@@ -70,8 +91,10 @@ static bool idle_stands(const terrapin_inputs *inputs) {
     return inputs->command_fresh && (inputs->command.request == (uint8_t)TERRAPIN_REQUEST_IDLE);
 }
 
-static void take_command(terrapin_inputs *inputs, const terrapin_command_t *message) {
-    inputs->command.request = (uint8_t)message->request;
+static void take_command(terrapin_link *link, terrapin_inputs *inputs, const terrapin_command_t *message) {
+    link->held =
+        link->held && (message->request != TERRAPIN_REQUEST_IDLE) && (message->request != TERRAPIN_REQUEST_CLEAR);
+    inputs->command.request = link->held ? (uint8_t)TERRAPIN_REQUEST_IDLE : (uint8_t)message->request;
     inputs->command.control = (uint8_t)message->control;
     inputs->command.limiter = message->limiter != 0;
     inputs->command.setpoint = (int16_t)message->setpoint;
@@ -103,7 +126,7 @@ static void accept_command(terrapin_link *link, const terrapin_frame *frame, ter
     } else {
         /* taken */
     }
-    take_command(inputs, &message);
+    take_command(link, inputs, &message);
 }
 
 static void accept_command_sealed(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
@@ -126,7 +149,7 @@ static void accept_command_sealed(terrapin_link *link, const terrapin_frame *fra
         link->out_of_place++;
         return;
     }
-    take_command(inputs, &message);
+    take_command(link, inputs, &message);
 }
 
 #ifndef TERRAPIN_PRODUCTION
@@ -149,14 +172,12 @@ static void accept_test_mode(terrapin_link *link, terrapin_state *state, const t
     if (!link->test_mode) {
         link->latched = terrapin_latched(state);
     }
-    reset_controller(state, inputs);
+    reset_controller(state, inputs, arm ? NULL : start_values(link));
     if (!arm) {
-        if (link->store != NULL) {
-            terrapin_store_apply(link->store, state);
-        }
         terrapin_latch(state, link->latched);
     }
     link->test_mode = arm;
+    link->held = false;
     link->stepped = false;
     link->reply_counter = 0U;
     link->command_counter = TERRAPIN_E2E_NO_COUNTER; /* an earlier run leaves nothing behind */
@@ -251,7 +272,8 @@ static terrapin_accept_result accept_store_command(terrapin_link *link, terrapin
     } else if (terrapin_bridge_on(state)) {
         result = TERRAPIN_STORE_RESULT_LOCKED;
     } else if (message.action == TERRAPIN_STORE_ACTION_DEFAULTS) {
-        (void)terrapin_parameter_set_all(state, NULL); /* the bridge is off */
+        /* The bridge is off. A test run depends on its frames alone. */
+        (void)terrapin_parameter_set_all(state, link->test_mode ? NULL : link->defaults);
     } else if (link->store == NULL) {
         result = TERRAPIN_STORE_RESULT_NO_STORE;
     } else {
@@ -291,6 +313,19 @@ static terrapin_accept_result accept_store_read(terrapin_link *link, const terra
         store_status(link, state, result, reply);
     }
     return TERRAPIN_ACCEPT_REPLY;
+}
+
+static terrapin_accept_result accept_node_request(terrapin_link *link, const terrapin_state *state,
+                                                  const terrapin_frame *frame, terrapin_frame *reply) {
+    terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
+    if (link->identity == NULL) {
+        link->unknown++;
+    } else if (terrapin_identity_accept(link->identity, frame, terrapin_bridge_on(state), reply)) {
+        result = TERRAPIN_ACCEPT_REPLY;
+    } else {
+        link->malformed++; /* or meant for another controller with this node number */
+    }
+    return result;
 }
 
 #ifndef TERRAPIN_PRODUCTION
@@ -359,7 +394,7 @@ void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inp
         .store_counter = TERRAPIN_E2E_NO_COUNTER,
     };
     terrapin_seal_init(&link->seal, NULL, 0U, 0U);
-    reset_controller(state, inputs);
+    reset_controller(state, inputs, NULL);
 }
 
 /* A frame that may be taken. */
@@ -367,6 +402,9 @@ static terrapin_accept_result take_frame(terrapin_link *link, terrapin_state *st
                                          terrapin_inputs *inputs, terrapin_frame *reply) {
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
     switch (frame->id) {
+    case TERRAPIN_ID_STOP_ALL:
+        accept_stop_all(link, frame, inputs);
+        break;
     case TERRAPIN_ID_COMMAND:
         accept_command(link, frame, inputs);
         break;
@@ -387,6 +425,9 @@ static terrapin_accept_result take_frame(terrapin_link *link, terrapin_state *st
         break;
     case TERRAPIN_ID_STORE_READ:
         result = accept_store_read(link, state, frame, reply);
+        break;
+    case TERRAPIN_ID_NODE_REQUEST:
+        result = accept_node_request(link, state, frame, reply);
         break;
 #ifdef TERRAPIN_PRODUCTION
     case TERRAPIN_ID_TEST_MODE:
@@ -430,9 +471,10 @@ static terrapin_accept_result take_frame(terrapin_link *link, terrapin_state *st
 }
 
 /* What waits for its SEAL on a controller that has a key. */
-static bool needs_seal(uint16_t id) {
+static bool needs_seal(const terrapin_frame *frame) {
+    terrapin_node_request_t request;
     bool yes = false;
-    switch (id) {
+    switch (frame->id) {
     case TERRAPIN_ID_PARAMETER_WRITE:
     case TERRAPIN_ID_STORE_COMMAND:
     case TERRAPIN_ID_TEST_MODE:
@@ -441,6 +483,9 @@ static bool needs_seal(uint16_t id) {
     case TERRAPIN_ID_UPDATE_RESET:
         yes = true;
         break;
+    case TERRAPIN_ID_NODE_REQUEST: /* to ask is free */
+        yes = !terrapin_decode_node_request(frame, &request) || (request.action != TERRAPIN_NODE_ACTION_READ);
+        break;
     default:
         break;
     }
@@ -448,7 +493,7 @@ static bool needs_seal(uint16_t id) {
 }
 
 bool terrapin_link_holds(terrapin_link *link, const terrapin_frame *frame, const terrapin_inputs *inputs) {
-    const bool held = (link->seal.key != NULL) && needs_seal(frame->id);
+    const bool held = (link->seal.key != NULL) && needs_seal(frame);
     if (held) {
         link->unsealed += link->seal.holding ? 1U : 0U; /* the one that waited never got its seal */
         terrapin_seal_hold(&link->seal, frame, inputs->tick);
@@ -513,7 +558,13 @@ void terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin
 void terrapin_link_use_store(terrapin_link *link, terrapin_state *state, struct terrapin_store *store) {
     TERRAPIN_ASSERT((link != NULL) && (store != NULL));
     link->store = store;
-    terrapin_store_apply(store, state);
+    (void)terrapin_parameter_set_all(state, start_values(link));
+}
+
+void terrapin_link_use_defaults(terrapin_link *link, terrapin_state *state, const int32_t *values) {
+    TERRAPIN_ASSERT((link != NULL) && (values != NULL));
+    link->defaults = values;
+    (void)terrapin_parameter_set_all(state, start_values(link));
 }
 
 bool terrapin_link_store_work(terrapin_link *link, const terrapin_state *state) {

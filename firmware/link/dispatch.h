@@ -14,6 +14,8 @@
  *                                      terrapin_link_use_store(&link, state, &store);
  *     each tick, after the frames:     (void)terrapin_link_store_work(&link, state);
  *
+ * Frames have the identifiers of node 0 here; node.h says how a port gives them those of its own node.
+ *
  * Each frame is a bounded piece of work, a write of a parameter the longest one; a port that steps when its tick comes
  * and takes frames in between, one at a time, cannot be starved by them.
  *
@@ -23,13 +25,15 @@
  *
  * Test mode (armed by TEST_MODE, off after reset): sensors come from SENSORS_SLOW and SENSORS_FAST, and each
  * SENSORS_FAST is one tick. It is not armed while the bridge is enabled. Arming resets the controller, parameters to
- * their defaults, so that a run in test mode is a function of its frames alone; leaving resets it again, parameters to
- * the stored ones, and latched faults that stood before it stand again. A
- * production build (TERRAPIN_PRODUCTION) has no test mode: TEST_MODE and SENSORS_* are counted and change nothing.
+ * the defaults of controller.toml, so that a run in test mode is a function of its frames alone; leaving resets it
+ * again, parameters to the stored ones, or to the port's own defaults, and latched faults that stood before it stand
+ * again. A production build (TERRAPIN_PRODUCTION) has no test mode: TEST_MODE and SENSORS_* are counted and change
+ * nothing.
  */
 #ifndef TERRAPIN_DISPATCH_H
 #define TERRAPIN_DISPATCH_H
 
+#include "node.h"
 #include "seal.h"
 
 #ifdef __cplusplus
@@ -53,6 +57,7 @@ typedef struct {
     uint8_t store_counter;
     uint8_t reply_counter; /* of the next PARAMETER_VALUE or STORE_STATUS */
     bool test_mode;
+    bool held;             /* by STOP_ALL: COMMANDs are taken for IDLE until one says idle or clear */
     bool stepped;          /* a tick was taken since test mode was armed */
     uint32_t latched;      /* faults that stood when test mode was armed: they stand again when it is left */
     uint32_t bad_crc;      /* frames dropped, by cause; these wrap */
@@ -63,6 +68,8 @@ typedef struct {
     uint32_t unsealed;     /* without a good tag, where one is needed */
     uint32_t unknown;      /* other traffic on the bus */
     struct terrapin_store *store; /* the port's; NULL: parameters last until a reset */
+    const int32_t *defaults;      /* the port's, of all parameters; NULL: those of controller.toml */
+    terrapin_identity *identity;  /* the port's; NULL: NODE_REQUEST is other traffic */
     terrapin_seal seal;
 } terrapin_link;
 
@@ -95,8 +102,14 @@ TERRAPIN_API void terrapin_link_think(terrapin_state *state, terrapin_inputs *in
 /* Both, for a port without a bridge. */
 TERRAPIN_API void terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin_outputs *outputs);
 
-/* Keep parameters in an open store, and give the state those that it holds. */
+/* Keep parameters in an open store. The state is given those that it holds, or the defaults, while its bridge is off.
+ */
 TERRAPIN_API void terrapin_link_use_store(terrapin_link *link, terrapin_state *state, struct terrapin_store *store);
+
+/* Defaults of a machine that knows more of itself than controller.toml does: all TERRAPIN_PARAMETER_COUNT, in range,
+ * the caller's memory. They stand after a reset while nothing is stored, and where a host asks for the defaults; not in
+ * test mode. The state is given them, as by terrapin_link_use_store. */
+TERRAPIN_API void terrapin_link_use_defaults(terrapin_link *link, terrapin_state *state, const int32_t *values);
 
 /* A bounded piece of the save under way, if there is one: at most one erase, and that with the bridge off. True while
  * more is to be done. */

@@ -13,7 +13,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -27,7 +28,11 @@ from kit import KEY, OTHER_KEY, PUBLIC, code, image
 
 from terrapin_hil import paths
 from terrapin_hil.links import LinkName
-from terrapin_hil.messages import interface
+from terrapin_hil.links.inprocess import InProcess
+from terrapin_hil.messages import Frame, interface
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+from terrapin_hil.simulation import Simulation, output_hash
 from terrapin_tools import cli
 from terrapin_tools.errors import UserError
 from terrapin_tools.flash import swd
@@ -646,3 +651,57 @@ def test_the_slots_of_host_and_loader_are_the_same() -> None:
     assert found["BASE"] == BASE
     assert {"a": BASE + found["SLOT_A"], "b": BASE + found["SLOT_B"]} == SLOTS
     assert KEY.public_key().public_bytes_raw() == PUBLIC
+
+
+def test_one_node_is_updated_while_the_other_drives(tmp_path: Path) -> None:
+    """Node 3 takes an image; node 0 hears every frame of it, drives in lockstep all the while, and takes none: what it
+    sends is what it sends alone. The controller's answers come from node 3's identifiers."""
+    scenario = replace(load_scenario(find_scenario("steady_sand")), duration=3.0, checks=(), provokes=None)
+    alone = run(scenario).output_hash
+    simulation, driver = Simulation(scenario), InProcess(node=0)
+    driver.start({})
+    heard: list[int] = []
+
+    class Shared(SerialWire):
+        """The wire to node 3, whose frames node 0 hears too; it drives 25 ticks on for each of them."""
+
+        def _drive(self, frames: Sequence[Frame]) -> None:
+            assert driver.hear(frames) == []
+            heard.extend(identifier for identifier, _ in frames)
+            for _ in range(min(25, len(simulation.records) - simulation.done)):
+                simulation.answer(driver.hear(simulation.sense()))
+
+        def send(self, frames: Sequence[Frame]) -> None:
+            self._drive([self._node.to_bus(frame) for frame in frames])
+            super().send(frames)
+
+        def receive(self, wait: float) -> list[Frame]:
+            found = super().receive(wait)
+            self._drive([self._node.to_bus(frame) for frame in found])
+            return found
+
+    with board(tmp_path, "--node", "3") as port:
+        silent = SerialWire(port)
+        with pytest.raises(UserError, match="no controller answers"):
+            query(silent, 0.3)  # that is node 0
+        silent.close()
+        wire = Shared(port, node=3)
+        assert update(wire, [SignedFile("x", parse(data := signed(tmp_path, "a", "1.0.0").read_bytes()), data)], quiet)
+        wire.close()
+        done = terrapin("flash", signed(tmp_path, "b", "1.1.0"), "--link", f"serial:{port}", "--node", 3)
+        assert (done.returncode, done.stdout) == (0, "slot b: started and confirmed\n"), done.stderr
+    while simulation.done < len(simulation.records):
+        simulation.answer(driver.hear(simulation.sense()))
+    assert output_hash(simulation.records) == alone
+    assert all(0x150 <= identifier < 0x158 or 0x260 <= identifier < 0x268 for identifier in heard)
+    assert len(heard) > 3000 // 8
+    with board(tmp_path) as port:  # the number is in the records, which updates have been added to
+        wire = SerialWire(port, node=3)
+        assert query(wire).confirmed == "b"
+        wire.close()
+
+
+def test_swd_has_no_node_number(tmp_path: Path) -> None:
+    done = terrapin("flash", signed(tmp_path, "a", "1.0.0"), "--via", "swd", "--node", "3")
+    assert done.returncode == 2
+    assert "--node: --via swd forgets the node number" in done.stderr

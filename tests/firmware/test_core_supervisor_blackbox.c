@@ -410,6 +410,56 @@ static void test_every_write_prepares_what_follows_from_it(void) {
     }
 }
 
+static void test_the_guard_of_the_swing(void) {
+    rig_drive(6000, TERRAPIN_CONTROL_VOLTAGE);
+    rig_run(500);
+    rig.in.swing_angle_mrad = 1200;
+    rig_run(100);
+    TEST_ASSERT_TRUE_MESSAGE(rig.out.enable, "no guard unless it is asked for");
+    for (int32_t way = -1; way <= 1; way += 2) {
+        rig_start();
+        rig_set(TERRAPIN_PARAMETER_SWING_LIMIT, 1134);
+        rig_drive(6000, TERRAPIN_CONTROL_VOLTAGE);
+        rig_run(500);
+        rig.in.swing_angle_mrad = (int16_t)(way * 1133);
+        rig_run(100);
+        TEST_ASSERT_TRUE(rig.out.enable);
+        rig.in.swing_angle_mrad = (int16_t)(way * 1134);
+        rig_tick();
+        TEST_ASSERT_FALSE(rig.out.enable);
+        TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_SWING));
+        rig.in.swing_angle_mrad = 0;
+        rig_run(500);
+        TEST_ASSERT_EQUAL_INT32_MESSAGE(TERRAPIN_STATE_SAFE, rig_state(), "it stays off");
+        rig_request(TERRAPIN_REQUEST_CLEAR, 0);
+        rig_run(100);
+        TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
+    }
+}
+
+static void test_a_guard_without_a_swing_sensor_is_refused(void) {
+    rig_set(TERRAPIN_PARAMETER_SWING_LIMIT, 1134);
+    rig_drive(6000, TERRAPIN_CONTROL_VOLTAGE);
+    rig_run(500);
+    rig.in.swing_valid = false;
+    rig_run(19);
+    TEST_ASSERT_TRUE_MESSAGE(rig.out.enable, "a gap is no failure");
+    rig.in.swing_valid = true;
+    rig_tick();
+    rig.in.swing_valid = false;
+    rig_run(19);
+    TEST_ASSERT_TRUE(rig.out.enable);
+    rig_tick();
+    TEST_ASSERT_FALSE(rig.out.enable);
+    TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_SWING_SENSOR));
+    rig_request(TERRAPIN_REQUEST_CLEAR, 0);
+    rig_run(100);
+    TEST_ASSERT_EQUAL_INT32_MESSAGE(TERRAPIN_STATE_SAFE, rig_state(), "nothing watches the swing yet");
+    rig_set(TERRAPIN_PARAMETER_SWING_LIMIT, 0);
+    rig_run(100);
+    TEST_ASSERT_EQUAL_INT32_MESSAGE(TERRAPIN_STATE_IDLE, rig_state(), "without a guard it may run");
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_boots_through_self_test_into_idle);
@@ -426,6 +476,8 @@ int main(void) {
     RUN_TEST(test_every_sensor_fault_switches_off);
     RUN_TEST(test_a_short_disturbance_is_no_fault);
     RUN_TEST(test_no_plausible_zero_is_a_fault);
+    RUN_TEST(test_the_guard_of_the_swing);
+    RUN_TEST(test_a_guard_without_a_swing_sensor_is_refused);
     RUN_TEST(test_parameters_that_contradict_each_other);
     RUN_TEST(test_a_missed_tick_is_flagged_and_starts_the_windows_anew);
     RUN_TEST(test_a_jump_of_the_encoder_over_a_gap_is_no_fault);

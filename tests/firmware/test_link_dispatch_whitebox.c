@@ -6,6 +6,7 @@
 #include "crc32.c"
 #include "chaskey.c"
 #include "dispatch.c"
+#include "node.c"
 #include "seal.c"
 #include "../../firmware/store/parameters.c" /* not the core's, which has the same name */
 #include "terrapin_interface.c"
@@ -25,10 +26,11 @@ static terrapin_link link;
 static terrapin_inputs inputs;
 static terrapin_frame reply;
 
-void terrapin_init(terrapin_state *s) {
+terrapin_parameter_result terrapin_init_with(terrapin_state *s, const int32_t *values) {
     s->resets++;
-    s->value = 5;
+    s->value = (values == NULL) ? 5 : values[0];
     s->latched = 0U;
+    return TERRAPIN_PARAMETER_OK;
 }
 
 void terrapin_step_drive(terrapin_state *s, const terrapin_inputs *in, terrapin_outputs *out) {
@@ -157,6 +159,66 @@ static void test_command_arrives_and_is_fresh_for_one_step(void) {
     terrapin_link_step(&state, &inputs, &outputs);
     TEST_ASSERT_FALSE(state.fresh_at_step);
     TEST_ASSERT_EQUAL_MESSAGE(-300, inputs.command.setpoint, "the command itself stays");
+}
+
+/* Whatever the counters say; and no COMMAND of a host that goes on driving undoes it. */
+static void test_stop_all_holds_until_a_host_says_idle(void) {
+    const terrapin_stop_all_t message = {.request = TERRAPIN_REQUEST_IDLE};
+    terrapin_frame stop;
+    terrapin_link_init(&link, &state, &inputs);
+    TEST_ASSERT_TRUE(terrapin_encode_stop_all(&message, &stop));
+    static const struct {
+        int32_t request, taken;
+    } commands[] = {
+        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_RUN},
+        {-1, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_CALIBRATE, TERRAPIN_REQUEST_IDLE},
+        {-1, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_IDLE, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_RUN},
+        {-1, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_CLEAR, TERRAPIN_REQUEST_CLEAR},
+        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_RUN},
+    };
+    for (uint32_t i = 0; i < (sizeof commands / sizeof commands[0]); i++) {
+        terrapin_frame frame = stop;
+        if (commands[i].request >= 0) {
+            const terrapin_command_t command = {.request = commands[i].request, .setpoint = 100};
+            (void)terrapin_encode_command(&command, &frame);
+            terrapin_e2e_protect(&frame, i);
+        }
+        inputs.command_fresh = false;
+        TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, terrapin_accept(&link, &state, &frame, &inputs, &reply));
+        TEST_ASSERT_TRUE(inputs.command_fresh);
+        TEST_ASSERT_EQUAL(commands[i].taken, inputs.command.request);
+    }
+    const uint32_t malformed = link.malformed;
+    stop.data[0] = TERRAPIN_REQUEST_RUN; /* nobody starts all robots at once */
+    (void)terrapin_accept(&link, &state, &stop, &inputs, &reply);
+    stop.data[0] = 0U;
+    stop.length = 0U;
+    (void)terrapin_accept(&link, &state, &stop, &inputs, &reply);
+    TEST_ASSERT_EQUAL(malformed + 2U, link.malformed);
+    TEST_ASSERT_FALSE(link.held);
+}
+
+static void test_node_requests_reach_the_identity(void) {
+    terrapin_identity identity;
+    const terrapin_node_request_t message = {0};
+    terrapin_frame frame;
+    terrapin_link_init(&link, &state, &inputs);
+    (void)terrapin_encode_node_request(&message, &frame);
+    terrapin_e2e_protect(&frame, 0U);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, terrapin_accept(&link, &state, &frame, &inputs, &reply));
+    TEST_ASSERT_EQUAL(1, link.unknown);
+    terrapin_identity_init(&identity, 9U, 3U);
+    link.identity = &identity;
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, terrapin_accept(&link, &state, &frame, &inputs, &reply));
+    TEST_ASSERT_EQUAL_HEX16(TERRAPIN_ID_NODE_STATUS, reply.id);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, terrapin_accept(&link, &state, &frame, &inputs, &reply));
+    TEST_ASSERT_EQUAL(1, link.malformed);
 }
 
 static void test_protected_frames_are_checked(void) {
@@ -385,6 +447,38 @@ static void test_store_commands_without_a_store(void) {
     TEST_ASSERT_EQUAL(TERRAPIN_STORE_RESULT_LOCKED, status.result);
 }
 
+/* A machine's own defaults, for a host that asks for the defaults and where test mode is left; a stored set is whole.
+ */
+static void test_defaults_are_the_ports_own(void) {
+    static const int32_t own[TERRAPIN_PARAMETER_COUNT] = {7};
+    static terrapin_store store = {.origin = TERRAPIN_STORE_ORIGIN_BLANK, .value = {3}};
+    terrapin_frame frame;
+    const terrapin_store_command_t message = {.action = TERRAPIN_STORE_ACTION_DEFAULTS};
+    terrapin_link_use_defaults(&link, &state, own);
+    TEST_ASSERT_EQUAL_INT32(7, state.value);
+    state.value = 1;
+    TEST_ASSERT_TRUE(terrapin_encode_store_command(&message, &frame));
+    terrapin_e2e_protect(&frame, 0);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, accept(&frame));
+    TEST_ASSERT_EQUAL_INT32(7, state.value);
+    arm(0);
+    TEST_ASSERT_EQUAL_INT32(5, state.value); /* of the interface: a test run depends on its frames alone */
+    state.value = 1;
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, accept(&frame));
+    TEST_ASSERT_EQUAL_INT32(5, state.value);
+    frame = test_mode(0, 1);
+    (void)accept(&frame);
+    TEST_ASSERT_EQUAL_INT32(7, state.value);
+    terrapin_link_use_store(&link, &state, &store);
+    TEST_ASSERT_EQUAL_INT32(7, state.value); /* nothing is stored */
+    store.origin = TERRAPIN_STORE_ORIGIN_STORED;
+    arm(2);
+    frame = test_mode(0, 3);
+    (void)accept(&frame);
+    TEST_ASSERT_EQUAL_INT32(3, state.value);
+    TEST_ASSERT_EQUAL(5, state.resets); /* of setUp, and by each TEST_MODE: once */
+}
+
 static void test_sensors_reach_the_inputs(void) {
     terrapin_sensors_slow_t slow = {.slow_code = 3000,
                                     .slow_channel = 0,
@@ -529,6 +623,8 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_reset_clears_everything);
     RUN_TEST(test_command_arrives_and_is_fresh_for_one_step);
+    RUN_TEST(test_stop_all_holds_until_a_host_says_idle);
+    RUN_TEST(test_node_requests_reach_the_identity);
     RUN_TEST(test_protected_frames_are_checked);
     RUN_TEST(test_the_counter_of_a_command_follows_in_a_window_of_four);
     RUN_TEST(test_two_hosts_that_jump_are_never_taken);
@@ -542,6 +638,7 @@ int main(void) {
     RUN_TEST(test_test_mode_is_off_after_a_reset);
     RUN_TEST(test_leaving_test_mode_keeps_latched_faults);
     RUN_TEST(test_store_commands_without_a_store);
+    RUN_TEST(test_defaults_are_the_ports_own);
     RUN_TEST(test_sensors_reach_the_inputs);
     RUN_TEST(test_ticks_continue_past_16_bits);
     RUN_TEST(test_arming_forgets_the_counters_of_an_earlier_host);

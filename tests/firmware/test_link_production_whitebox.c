@@ -6,6 +6,7 @@
 #define TERRAPIN_PRODUCTION
 #include "chaskey.c"
 #include "dispatch.c"
+#include "node.c"
 #include "seal.c"
 #include "terrapin_interface.c"
 
@@ -17,8 +18,10 @@ static terrapin_state state;
 static terrapin_link link;
 static terrapin_inputs inputs;
 
-void terrapin_init(terrapin_state *s) {
+terrapin_parameter_result terrapin_init_with(terrapin_state *s, const int32_t *values) {
+    (void)values;
     s->calls++;
+    return TERRAPIN_PARAMETER_OK;
 }
 
 void terrapin_step_drive(terrapin_state *s, const terrapin_inputs *in, terrapin_outputs *out) {
@@ -66,11 +69,6 @@ uint32_t terrapin_latched(const terrapin_state *s) {
 bool terrapin_bridge_on(const terrapin_state *s) {
     (void)s;
     return false;
-}
-
-void terrapin_store_apply(const struct terrapin_store *store, terrapin_state *s) {
-    (void)store;
-    s->calls++;
 }
 
 bool terrapin_store_differs(const struct terrapin_store *store, const terrapin_state *s) {

@@ -25,7 +25,7 @@
 static terrapin_store store;
 static flash_driver store_memory, boot_memory;
 static terrapin_flash store_flash, boot_flash;
-static const terrapin_boot boot = {.flash = &boot_flash, .key = terrapin_boot_key};
+static const terrapin_boot boot = {.flash = &boot_flash, .key = terrapin_boot_key, .key_id = TERRAPIN_BOOT_KEY_ID};
 static terrapin_update update;
 static analog sensors;
 static watchdog guard;
@@ -96,6 +96,10 @@ void hardware_healthy(void) {
     if (slot() != (uint8_t)TERRAPIN_UPDATE_SLOT_NONE) {
         (void)terrapin_boot_confirm(&boot, slot()); /* refused: the boot loader falls back at the next start */
     }
+}
+
+bool hardware_store_node(uint8_t node) {
+    return terrapin_records_set_node(&boot_flash, node);
 }
 
 void hardware_reset(can *bus, usart *line, bool stay) {
@@ -190,6 +194,14 @@ void hardware_open(const clocks *speed) {
     start_motor(speed);
 }
 
+static uint8_t stored_node(void) {
+    terrapin_record record = {0};
+    if (slot() != (uint8_t)TERRAPIN_UPDATE_SLOT_NONE) {
+        terrapin_records_read(&boot_flash, &record);
+    }
+    return record.node;
+}
+
 hardware_facts hardware_look(const clocks *speed, uint32_t flags) {
     uint32_t generation = 0U;
     uint32_t start = 0U;
@@ -210,6 +222,7 @@ hardware_facts hardware_look(const clocks *speed, uint32_t flags) {
         .reset_cause = reset_cause(flags, retained_take(&retained)),
         .board = BOARD_NUMBER,
         .slot = slot(),
+        .node = stored_node(),
         .unique = unique_number(),
         .core_hz = speed->core_hz,
     };

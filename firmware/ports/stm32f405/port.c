@@ -17,6 +17,7 @@ static uint8_t capped(uint32_t value) {
     return (uint8_t)((value > 255U) ? 255U : value);
 }
 
+/* Below here frames have the identifiers of the bus, above those of node 0. */
 static void send_line(port *p, const terrapin_frame *frame) {
     uint8_t text[TERRAPIN_SLCAN_TEXT_MAX];
     const size_t length = terrapin_slcan_encode(frame, text);
@@ -27,17 +28,21 @@ static void send_line(port *p, const terrapin_frame *frame) {
 
 /* Where everybody may hear it. */
 static void publish(port *p, const terrapin_frame *frame) {
-    (void)can_send(p->bus, frame, CAN_REPLACE); /* counted by the driver */
+    terrapin_frame sent = *frame;
+    terrapin_node_send(&p->node, &sent);
+    (void)can_send(p->bus, &sent, CAN_REPLACE); /* counted by the driver */
     if (p->parser.open) {
-        send_line(p, frame);
+        send_line(p, &sent);
     }
 }
 
 static void answer(port *p, source from, const terrapin_frame *frame) {
+    terrapin_frame sent = *frame;
+    terrapin_node_send(&p->node, &sent);
     if (from == FROM_LINE) {
-        send_line(p, frame);
+        send_line(p, &sent);
     } else {
-        (void)can_send(p->bus, frame, CAN_KEEP);
+        (void)can_send(p->bus, &sent, CAN_KEEP);
     }
 }
 
@@ -78,22 +83,6 @@ static void take_update(port *p, source from, const terrapin_frame *frame) {
     }
 }
 
-static void board_parameters(port *p) {
-    for (uint32_t i = 0; i < hardware_parameter_count; i++) {
-        (void)terrapin_parameter_set(p->state, hardware_parameters[i].index,
-                                     hardware_parameters[i].value); /* a test checks */
-    }
-}
-
-/* A host asked for the defaults, and they were set: those of the interface, which knows no board. */
-static bool took_defaults(const terrapin_frame *frame, const terrapin_frame *reply) {
-    terrapin_store_command_t command = {0};
-    terrapin_store_status_t status = {0};
-    return (frame->id == TERRAPIN_ID_STORE_COMMAND) && terrapin_decode_store_command(frame, &command) &&
-           (command.action == TERRAPIN_STORE_ACTION_DEFAULTS) && terrapin_decode_store_status(reply, &status) &&
-           (status.result == TERRAPIN_STORE_RESULT_OK);
-}
-
 static uint32_t dropped_frames(const terrapin_link *link) {
     return link->bad_crc + link->repeated + link->out_of_step + link->malformed + link->out_of_place + link->unsealed +
            link->unknown;
@@ -111,9 +100,6 @@ static void take_frame(port *p, source from, const terrapin_frame *frame) {
     terrapin_frame reply = {0};
     switch (terrapin_accept(&p->link, p->state, frame, &p->inputs, &reply)) {
     case TERRAPIN_ACCEPT_REPLY:
-        if (took_defaults(frame, &reply) && !p->link.test_mode) { /* a test run depends on its frames alone */
-            board_parameters(p);
-        }
         answer(p, from, &reply);
         break;
     case TERRAPIN_ACCEPT_UPDATE:
@@ -134,9 +120,6 @@ static void take_frame(port *p, source from, const terrapin_frame *frame) {
     p->health.heard = p->health.heard || (dropped_frames(&p->link) == dropped);
     if (p->link.test_mode != test_mode) {
         hardware_drive(&p->hardware, 0, false);
-        if (test_mode) {
-            terrapin_port_parameters(p);
-        }
     }
 }
 
@@ -151,8 +134,12 @@ static bool take_waiting(port *p) {
     return any;
 }
 
-static void put(port *p, source from, const terrapin_frame *frame) {
-    terrapin_intake_put(&p->intake, &p->link, p->state, &p->inputs, frame, (uint8_t)from);
+static void put(port *p, source from, terrapin_frame *frame) {
+    if (terrapin_node_receive(&p->node, frame)) {
+        terrapin_intake_put(&p->intake, &p->link, p->state, &p->inputs, frame, (uint8_t)from);
+    } else {
+        p->link.unknown++;
+    }
 }
 
 static void take_byte(port *p, uint8_t byte) {
@@ -375,14 +362,13 @@ static void tick(port *p, uint32_t now) {
     hardware_alive((p->tick & (p->outputs.enable ? 0x80U : 0x200U)) != 0U); /* quick blinks: the bridge is on */
 }
 
-void terrapin_port_parameters(port *p) {
-    if (p->store != NULL) {
-        terrapin_link_use_store(&p->link, p->state, p->store);
-        if (p->store->origin == TERRAPIN_STORE_ORIGIN_STORED) {
-            return; /* a stored set is whole */
-        }
-    }
-    board_parameters(p);
+/* The bridge is off; a page of the records may be erased. */
+static bool store_node(void *context, uint8_t node) {
+    const port *p = context;
+    hardware_flash_work(true);
+    const bool good = hardware_store_node(node);
+    hardware_flash_work(p->flash_work);
+    return good;
 }
 
 void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct terrapin_store *store,
@@ -400,7 +386,21 @@ void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct ter
     terrapin_intake_init(&p->intake);
     terrapin_link_init(&p->link, state, &p->inputs);
     terrapin_link_seal(&p->link, hardware->link_key, hardware->link_generation, hardware->start);
-    terrapin_port_parameters(p);
+    terrapin_node_init(&p->node, hardware->node);
+    terrapin_identity_init(&p->identity, hardware->unique, p->node.number);
+    if (update != NULL) { /* the boot loader's records are there */
+        p->identity.store = store_node;
+        p->identity.context = p;
+    }
+    p->link.identity = &p->identity;
+    terrapin_parameter_defaults(p->defaults);
+    for (uint32_t i = 0; i < hardware_parameter_count; i++) {
+        p->defaults[hardware_parameters[i].index] = hardware_parameters[i].value; /* a test checks the range */
+    }
+    terrapin_link_use_defaults(&p->link, state, p->defaults);
+    if (store != NULL) {
+        terrapin_link_use_store(&p->link, state, store);
+    }
 }
 
 bool port_pass(port *p, uint32_t now) {

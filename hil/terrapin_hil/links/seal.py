@@ -19,7 +19,9 @@ from terrapin_hil.reading import ReadingError
 __all__ = ["LinkKey", "Session", "chaskey"]
 
 _MASK = 0xFFFFFFFF
-SEALED = ("PARAMETER_WRITE", "STORE_COMMAND", "TEST_MODE", "UPDATE_BEGIN", "UPDATE_END", "UPDATE_RESET")
+SEALED = (
+    "PARAMETER_WRITE", "STORE_COMMAND", "TEST_MODE", "NODE_REQUEST", "UPDATE_BEGIN", "UPDATE_END", "UPDATE_RESET"
+)  # fmt: skip
 
 
 def _rotated(value: int, by: int) -> int:

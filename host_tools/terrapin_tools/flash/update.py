@@ -46,6 +46,7 @@ REASONS = {
     "bad_signature": "the image is not signed, or its signature is forged",
     "counter_too_low": "the security counter is lower than that of the image confirmed before the present one",
     "desk_image": "a desk image, which this release refuses; expected a production image, or one signed with --unit",
+    "busy": "a slot was erased just now; wait 10 s (or, after 20 times, reset the controller)",
     "boot_loader_only": "the application leaves updates to the boot loader",
 }
 

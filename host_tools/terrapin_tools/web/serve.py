@@ -11,11 +11,15 @@ import uvicorn
 
 from terrapin_tools.errors import UserError
 from terrapin_tools.web.server import application
+from terrapin_tools.web.service.bounds import MOST_CONNECTIONS, Http, Websocket
 from terrapin_tools.web.service.workspace import Workspace
 
 __all__ = ["serve"]
 
-MAX_MESSAGE = 1 << 20  # bytes of a websocket message
+MAX_MESSAGE = 64 << 10  # bytes of a websocket message
+# Connections that asyncio accepts at a time: it reads what came with them before MOST_OWING more of them are there.
+ACCEPTED = 32
+WAITING = 2048  # connections that the kernel keeps until they are accepted
 
 
 async def serve(listening: socket.socket, workspace: Path, token: str, link: str, ready: Callable[[], None]) -> None:
@@ -28,13 +32,15 @@ async def serve(listening: socket.socket, workspace: Path, token: str, link: str
             access_log=False,
             server_header=False,
             proxy_headers=False,
-            ws="websockets-sansio",
+            http=Http,
+            ws=Websocket,
             ws_max_size=MAX_MESSAGE,
             ws_per_message_deflate=False,
             h11_max_incomplete_event_size=64 << 10,
             timeout_keep_alive=30,
             timeout_graceful_shutdown=3,
-            limit_concurrency=200,
+            limit_concurrency=MOST_CONNECTIONS,
+            backlog=ACCEPTED,
             lifespan="on",
         )
         server = uvicorn.Server(config)
@@ -42,6 +48,7 @@ async def serve(listening: socket.socket, workspace: Path, token: str, link: str
         while not server.started and not task.done():
             await asyncio.sleep(0.01)
         if not task.done():
+            listening.listen(WAITING)
             ready()
         await task
         if not server.started:

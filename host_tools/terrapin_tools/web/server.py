@@ -22,6 +22,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.web.cases import cases_api, jobs_api, new_case, view_api
 from terrapin_tools.web.live import live_api
 from terrapin_tools.web.service import events, uploads
+from terrapin_tools.web.service.bounds import Sockets
 from terrapin_tools.web.service.context import Context
 from terrapin_tools.web.service.events import Events
 from terrapin_tools.web.service.jobs import Jobs
@@ -88,7 +89,7 @@ def application(workspace: Workspace, token: str, link: str, port: int) -> Door:
     _describe(app, cookie)
     _complaints(app)
     _static(app, token, cookie)
-    return Door(app, token, uploads.STREAMED, cookie)
+    return Door(Sockets(app), token, uploads.STREAMED, cookie)
 
 
 def _describe(app: FastAPI, cookie: str) -> None:

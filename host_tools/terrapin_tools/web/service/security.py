@@ -22,7 +22,10 @@ __all__ = ["COOKIE", "MAX_BODY", "Door", "loopback"]
 
 COOKIE = "terrapin_token"  # with the port behind it: a browser gives cookies of one port to all
 MAX_BODY = 1 << 20  # bytes; uploads have their own bound
-BODY_SECONDS = 30.0  # in which a small body has to arrive
+BODY_SECONDS = 10.0  # in which a small body has to arrive
+ALL_BODIES = (
+    8 << 20
+)  # bytes of small bodies on their way, of all browsers: beyond it the one that began first is cut off
 _LOOPBACK = re.compile(r"(?:localhost|127\.0\.0\.1|\[::1\])(?::\d{1,5})?", re.ASCII | re.IGNORECASE)
 _POLICY = (
     "default-src 'self'; img-src 'self' data: blob:; object-src 'none'; base-uri 'none'; form-action 'none'; "
@@ -62,6 +65,7 @@ class Door:
         self._cookie = cookie
         self._token = token.encode()
         self._streamed = frozenset(streamed)
+        self._bodies = _Bodies()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
@@ -70,7 +74,7 @@ class Door:
         try:
             self._check(scope)
             if scope["type"] == "http" and scope["path"] not in self._streamed:
-                receive = _replay(await _body(scope, receive), receive)
+                receive = _replay(await self._bodies.read(scope, receive), receive)
         except _Refused as refused:
             if scope["type"] == "websocket":
                 await send({"type": "websocket.close", "code": 1008, "reason": str(refused)})  # answered with 403
@@ -113,30 +117,52 @@ class Door:
         return any(hmac.compare_digest(text.strip().encode(), self._token) for text in found)
 
 
-async def _body(scope: Scope, receive: Receive) -> bytes:
-    """The whole body, bounded in size, time and (JSON) depth."""
-    headers = Headers(scope=scope)
-    too_large = _Refused(413, f"body: found more, expected at most {MAX_BODY} bytes")
-    for length in headers.getlist("content-length"):
-        if not (length.isascii() and length.isdigit()) or int(length[:20]) > MAX_BODY:
-            raise too_large
-    body = bytearray()
-    try:
-        async with asyncio.timeout(BODY_SECONDS):
-            while True:
-                message = await receive()
-                if message["type"] != "http.request":
-                    raise _Refused(400, "body: the connection ended before it")
-                body += message.get("body", b"")
-                if len(body) > MAX_BODY:
-                    raise too_large
-                if not message.get("more_body", False):
-                    break
-    except TimeoutError:
-        raise _Refused(408, f"body: found no end after {BODY_SECONDS:g} s") from None
-    if body and any("json" in kind for kind in headers.getlist("content-type")):
-        _check_json(bytes(body))
-    return bytes(body)
+class _Bodies:
+    """Reads whole bodies, bounded in size, time and (JSON) depth, and in what all of them hold together."""
+
+    def __init__(self) -> None:
+        self._held: dict[asyncio.Timeout, bytearray] = {}  # by the deadline of each, the first to begin first
+
+    async def read(self, scope: Scope, receive: Receive) -> bytes:
+        """One body. _Refused for one that is too large, too slow, cut off, or no JSON where it says so."""
+        headers = Headers(scope=scope)
+        too_large = _Refused(413, f"body: found more, expected at most {MAX_BODY} bytes")
+        for length in headers.getlist("content-length"):
+            if not (length.isascii() and length.isdigit()) or int(length[:20]) > MAX_BODY:
+                raise too_large
+        body = bytearray()
+        try:
+            async with asyncio.timeout(BODY_SECONDS) as deadline:
+                self._held[deadline] = body
+                try:
+                    while True:
+                        message = await receive()
+                        if message["type"] != "http.request":
+                            raise _Refused(400, "body: the connection ended before it")
+                        body += message.get("body", b"")
+                        if len(body) > MAX_BODY:
+                            raise too_large
+                        if not message.get("more_body", False):
+                            break
+                        self._make_room()
+                finally:
+                    del self._held[deadline]
+        except TimeoutError:
+            raise _Refused(
+                408, f"body: found no end after {BODY_SECONDS:g} s, or too many others on their way"
+            ) from None
+        if body and any("json" in kind for kind in headers.getlist("content-type")):
+            _check_json(bytes(body))
+        return bytes(body)
+
+    def _make_room(self) -> None:
+        over = sum(map(len, self._held.values())) - ALL_BODIES
+        for deadline, body in self._held.items():
+            if over <= 0:
+                break
+            if not deadline.expired():
+                deadline.reschedule(0.0)
+                over -= len(body)
 
 
 def _check_json(body: bytes) -> None:

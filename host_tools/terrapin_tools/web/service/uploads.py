@@ -8,6 +8,7 @@ import re
 import secrets
 import shutil
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal
@@ -20,6 +21,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.web.service import models
 from terrapin_tools.web.service.context import Context, Terrapin
 from terrapin_tools.web.service.models import problems
+from terrapin_tools.web.service.warm import Kind, Late
 from terrapin_tools.web.service.workspace import NotThere, Workspace
 from terrapin_tools.workbench.files.writing import write_whole
 
@@ -31,8 +33,11 @@ __all__ = [
 STREAMED = ("/api/uploads",)  # the body is read, and bounded, here
 MAX_UPLOAD = 2 << 30  # bytes
 SPARE = 100 << 20  # bytes of the disk that stay free
-SILENCE = 60.0  # s without a byte after which an upload is given up
-LOOK_SECONDS = 1800.0
+PIECE = 64 << 10  # bytes that are written at a time
+PIECE_SECONDS = 10.0  # in which each has to arrive: from this machine itself
+LOOK_SECONDS, LOOK_PACE = 30.0, 0.5e6  # to read a file: so long, and for each LOOK_PACE bytes of it a second more
+DBC_SECONDS = 10.0  # a description of a bus, whatever its size: what takes longer would stop others' work, too
+SMALL = 8 << 20  # bytes; files above it wait for each other, and others do not wait for them
 MOST = 1000  # uploads that are kept
 EVERY = 0.25  # s between events of progress
 SUFFIXES = (".csv", ".parquet", ".dbc", ".log", ".blf", ".asc", ".mf4", ".mcap")
@@ -182,22 +187,26 @@ async def _receive(context: Context, request: Request, part: FilePath, identifie
         raise NoSpace("the disk has too little space for the file")
     size, told, waiting = 0, 0.0, bytearray()
     chunks = request.stream().__aiter__()
+    loop = asyncio.get_running_loop()
     with part.open("wb") as file:
+        until = loop.time() + PIECE_SECONDS
         while True:
             try:
-                async with asyncio.timeout(SILENCE):
+                async with asyncio.timeout_at(until):
                     chunk = await anext(chunks, None)
             except TimeoutError:
-                raise UserError(f"body: found nothing for {SILENCE:g} s, expected the rest of the file") from None
+                line = f"body: found less than {PIECE} bytes in {PIECE_SECONDS:g} s, expected the rest of the file"
+                raise UserError(line) from None
             except ClientDisconnect:
                 raise UserError("body: the other end went away, expected the rest of the file") from None
             waiting += chunk or b""
             size += len(chunk or b"")
             if size > MAX_UPLOAD:
                 raise TooLarge(f"body: found more, expected at most {MAX_UPLOAD} bytes")
-            if len(waiting) >= 4 << 20 or chunk is None:
+            if len(waiting) >= PIECE or chunk is None:
                 await asyncio.to_thread(file.write, bytes(waiting))
                 waiting.clear()
+                until = loop.time() + PIECE_SECONDS
                 if shutil.disk_usage(part.parent).free < SPARE:
                     raise NoSpace("the disk has too little space for the file")
             if chunk is None:
@@ -213,27 +222,41 @@ async def _looked_at(context: Context, request: Request, file: FilePath, bus: st
     def told(line: str) -> None:
         context.events.send({"upload": file.parent.name, "state": "reading", "line": line})
 
-    look = asyncio.create_task(
-        context.warm.call(
-            "terrapin_tools.web.cases.preview:look", str(file), bus, seconds=LOOK_SECONDS, told=told, kind="read"
-        )
-    )
+    look = asyncio.create_task(_look(context, file, bus, told))
     gone = asyncio.create_task(_gone(request))
     try:
         await asyncio.wait((look, gone), return_when=asyncio.FIRST_COMPLETED)
         if not look.done():
             raise UserError("the browser went away before the file was read")
         try:
-            found = look.result()
+            return look.result()
         except UserError as error:
             raise UserError(str(error).replace(f"{file.parent}/", ""), error.status) from None
-        assert isinstance(found, dict)
-        return found
     finally:
         for task in (look, gone):
             task.cancel()
         with suppress(asyncio.CancelledError, UserError):
             await look
+
+
+async def _look(
+    context: Context, file: FilePath, bus: str, told: Callable[[str], None] | None = None
+) -> dict[str, Any]:
+    """What is in the file, read in a process of its own and cut off when that takes too long."""
+    size = file.stat().st_size
+    seconds = DBC_SECONDS if file.suffix == ".dbc" else LOOK_SECONDS + size / LOOK_PACE
+    kind: Kind = "read" if size <= SMALL else "read large"
+    call = context.warm.call(
+        "terrapin_tools.web.cases.preview:look", str(file), bus, seconds=seconds, told=told, kind=kind
+    )
+    try:
+        found = await call
+    except Late:
+        raise UserError(
+            f"{file.name}: found no end of it after {seconds:.0f} s of reading, expected less in it"
+        ) from None
+    assert isinstance(found, dict)
+    return found
 
 
 async def _gone(request: Request) -> None:
@@ -274,10 +297,8 @@ async def preview(
     if dbc:
         if view["kind"] != "log":
             raise UserError(f"dbc: found with {view['name']}, expected with a log")
-        files = [str(upload_file(context.workspace, identifier)), str(upload_dbc(context.workspace, dbc))]
-        view |= await context.warm.call(
-            "terrapin_tools.web.cases.preview:look", *files, seconds=LOOK_SECONDS, kind="read"
-        )
+        bus = str(upload_dbc(context.workspace, dbc))
+        view |= await _look(context, upload_file(context.workspace, identifier), bus)
     return Upload(**view)
 
 

@@ -23,18 +23,23 @@ from typing import IO, Any, Literal
 
 from terrapin_tools.errors import UserError
 
-__all__ = ["Busy", "Process", "Warm"]
+__all__ = ["Busy", "Kind", "Late", "Process", "Warm"]
 
 MAX_ANSWER = 256 << 20  # bytes of a function's answer
 GRACE = 3.0  # s between SIGTERM and SIGKILL
-AT_ONCE = {"look": 4, "read": 2, "keep": 2}  # calls: for a page that waits, of an upload, of a job that has ended
+# Calls: for a page that waits, of an upload, of a large one, of a job that has ended.
+AT_ONCE = {"look": 4, "read": 2, "read large": 2, "keep": 2}
 MOST_WAITING = 100  # of each kind
 
-Kind = Literal["look", "read", "keep"]
+Kind = Literal["look", "read", "read large", "keep"]
 
 
 class Busy(UserError):
     """More is asked for than can be worked off."""
+
+
+class Late(UserError):
+    """A call took longer than it may."""
 
 
 class Line:
@@ -146,7 +151,7 @@ class Warm:
         told: Callable[[str], None] | None = None,
         kind: Kind = "look",
     ) -> Any:
-        """The answer of "module:function" to JSON arguments. UserError as the function raised it; stops at `seconds`.
+        """The answer of "module:function" to JSON arguments. UserError as the function raised it; Late at `seconds`.
 
         `told` gets its lines of progress. Cancelling the awaiting task stops the work. Of each kind AT_ONCE run, the
         next wait for their turn; Busy when MOST_WAITING wait already.
@@ -171,7 +176,7 @@ class Warm:
                 said, answer = await asyncio.gather(_all(process.lines(), told), _whole(stream))
                 status = await process.wait()
         except TimeoutError:
-            raise UserError(f"found no answer after {seconds:g} s") from None
+            raise Late(f"found no answer after {seconds:g} s") from None
         finally:
             if not process._status.done():
                 await asyncio.shield(process.stop())

@@ -1,0 +1,273 @@
+"""Builds a mutant and runs tests until one of them fails.
+
+    with Bench() as bench:
+        bench.judge(mutant)      # ("killed", "test_core_supervisor_blackbox") or ("survived", "") or ("equal", "") ...
+
+A mutant is one object compiled and one library linked; the test programs are linked against that library once. Core,
+link layer, store and boot loader are in it, with all their functions visible. Tests that include a mutated .c file are
+compiled again with it. What these leave alive goes through the shipped scenarios (core, link, store) or through
+tests/boot (boot loader), in a child of this process. The test that killed a mutant of a file last comes first for its
+next one.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import resource
+import shlex
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from fnmatch import fnmatch
+from pathlib import Path
+from types import TracebackType
+
+from terrapin_hil.paths import ROOT
+from tests.mutation.operators import Mutant
+
+__all__ = ["Bench", "NotReady"]
+
+BUILD = ROOT / "build" / "host"
+PARTS = ("core_objects", "link_objects", "boot_objects")
+ALSO = ("firmware/store/flash_emulated.c", "firmware/ports/host/flash_file.c")
+# The black-box tests that can see a library at all; `python -m tests.mutation --map` counts who kills what.
+SEEN_BY = {
+    "core": "test_(?!store)",
+    "link": "test_(link|f405|codec|assertions)",
+    "store": "test_(store|f405|assertions)",
+    "boot": "test_(boot|f405)",
+}
+LOOKED_IN = ("core", "link", "store", "boot")  # as the C tests do, in this order
+NOT_THESE = re.compile(r"test_(linux|f405_parts|f405_can|flash_file)_")  # they test ports alone
+BOOT_TESTS = ("test_boot.py", "test_ed25519.py", "test_images.py", "test_power_cut.py")
+SECONDS = {"scenarios": 30.0, "tests/boot": 60.0}  # of processor time; a test that takes more has failed
+PROGRAM_SECONDS = 12.0  # of the C tests; the longest, the store's, takes 3
+WAITED = 600.0  # s by the clock, on a machine however busy
+
+
+class NotReady(Exception):
+    """The host build with its tests is not there, or what is not mutated fails already."""
+
+
+class _Refused(Exception):
+    """What the compiler or the linker said."""
+
+
+class Bench:
+    """A place where mutants are built and tested. NotReady when the tests do not pass without any mutant.
+
+    `switched_off`: tests that are not run, to see what goes unseen without them; with * as in file names.
+    """
+
+    def __init__(self, switched_off: Sequence[str] = ()) -> None:
+        self._switched_off = switched_off
+        self.folder = Path(tempfile.mkdtemp(prefix="mutants-"))
+        self._library = self.folder / "libterrapin.so"
+        self._commands = _commands()
+        self._objects: dict[str, Path] = {}  # by the source's path in the project
+        self._bytes: dict[str, bytes] = {}
+        self._programs: dict[str, list[str]] = {}  # by name: the .c files that it includes, none for what is linked
+        self._order: dict[str, list[str]] = {}
+        (self.folder / "src").mkdir()
+        for source in sorted(self._commands):
+            if self._commands[source][1] in PARTS or source in ALSO:
+                self._objects[source] = self._compile(source, (ROOT / source).read_text(encoding="utf-8"), "base")
+                self._bytes[source] = self._objects[source].read_bytes()
+        self._link(self._objects)
+        unity = BUILD / "libunity.a"
+        self._unity = str(unity) if unity.is_file() else str(next(BUILD.rglob("unity.c.o")))
+        for source, (_, part) in sorted(self._commands.items()):
+            if source.startswith("tests/firmware/test_") and not NOT_THESE.match(part) and not self._is_off(part):
+                text = (ROOT / source).read_text(encoding="utf-8")
+                white = part.endswith("_whitebox")
+                self._programs[part] = [name for name, _ in _included(ROOT / source, text)] if white else []
+                self._build_program(source, part, {})
+        shutil.copytree(BUILD / "generated", self.folder / "generated")
+        (self.folder / "libterrapin_boot.so").symlink_to(self._library)
+        slow = [name for name in SECONDS if not self._is_off(name)]
+        failing = [name for name in [*self._programs, *slow] if self._fails(name)]
+        if failing:
+            raise NotReady(f"{', '.join(failing)}: failed without a mutant, expected to pass first")
+
+    def __enter__(self) -> Bench:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        shutil.rmtree(self.folder)
+
+    def judge(self, mutant: Mutant) -> tuple[str, str]:
+        """What became of it, and the test that killed it: killed, survived, equal (the same machine code) or invalid
+        (no C)."""
+        source = mutant.path.as_posix()
+        try:
+            made = self._compile(source, mutant.text(), "mutant")
+        except _Refused:
+            return "invalid", ""
+        if made.read_bytes() == self._bytes[source]:
+            return "equal", ""
+        self._link({**self._objects, source: made})
+        order = self._order.setdefault(source, self._tests(source))
+        for name in order:
+            if source in self._programs.get(name, []):
+                self._build_program(source_of(self._commands, name), name, {source: self._copy(source)})
+            if self._fails(name):
+                order.remove(name)
+                order.insert(0, name)
+                return "killed", name
+        return "survived", ""
+
+    def _is_off(self, name: str) -> bool:
+        return any(fnmatch(name, pattern) for pattern in self._switched_off)
+
+    def _tests(self, source: str) -> list[str]:
+        """The tests that may see a mutant of this file."""
+        library = Path(source).parts[1]
+        found = [
+            program
+            for program, included in self._programs.items()
+            if source in included or (not included and re.match(SEEN_BY[library], program))
+        ]
+        slow = "tests/boot" if library == "boot" else "scenarios"
+        return found if self._is_off(slow) else [*found, slow]
+
+    def _copy(self, source: str) -> Path:
+        return self.folder / "src" / source
+
+    def _compile(self, source: str, text: str, kind: str) -> Path:
+        words = self._commands[source][0]
+        copy, made = self._copy(source), self.folder / f"{kind}-{source.replace('/', '-')}.o"
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.write_text(text, encoding="utf-8")
+        here = [f"-I{(ROOT / source).parent}", f"-fmacro-prefix-map={self.folder}/src/="]
+        self._run([*words, "-w", "-fPIC", "-fvisibility=default", *here, "-c", str(copy), "-o", str(made)])
+        return made
+
+    def _link(self, objects: dict[str, Path]) -> None:
+        made = self._library.with_suffix(".new")
+        self._run(["cc", "-shared", "-Wl,-Bsymbolic", *map(str, objects.values()), "-o", str(made), "-lm"])
+        made.replace(self._library)  # a new file: what runs still maps the old one
+
+    def _build_program(self, source: str, name: str, mutated: dict[str, Path]) -> None:
+        words = self._commands[source][0]
+        place = ROOT / source
+        if mutated:  # a copy of the test that includes the mutant's file
+            text = place.read_text(encoding="utf-8")
+            for included, path in mutated.items():
+                text = re.sub(
+                    rf'^#include "[^"]*{re.escape(included)}"', f'#include "{path}"', text, count=1, flags=re.M
+                )
+            place = self.folder / "src" / Path(source).name
+            place.write_text(text, encoding="utf-8")
+        where = [f"-I{(ROOT / source).parent}", f"-I{ROOT / 'firmware/link'}", f"-I{ROOT / 'firmware/boot'}"]
+        library = [] if self._programs[name] else [str(self._library), f"-Wl,-rpath,{self.folder}"]
+        if name.startswith("test_f405_"):  # which has what these ask of the hardware
+            library = [*map(str, sorted(BUILD.glob("CMakeFiles/f405_logic.dir/**/*.o"))), *library]
+        self._run([*words, "-w", *where, str(place), self._unity, *library, "-lm", "-o", str(self.folder / name)])
+
+    def _run(self, command: list[str]) -> None:
+        done = subprocess.run(command, cwd=BUILD, check=False, capture_output=True, text=True, timeout=WAITED)
+        if done.returncode:
+            raise _Refused(done.stderr.strip()[:1000])
+
+    def _fails(self, name: str) -> bool:
+        if name == "scenarios":
+            return _in_a_child(lambda: _scenarios(self.folder), SECONDS[name])
+        if name == "tests/boot":
+            return _in_a_child(lambda: _boot_tests(self.folder / "libterrapin_boot.so"), SECONDS[name])
+        return _in_a_child(lambda: os.execv(self.folder / name, [name]), PROGRAM_SECONDS)
+
+
+def _included(test: Path, text: str) -> list[tuple[str, str]]:
+    """The .c files of the firmware that a test includes: path in the project, and as it is spelt there."""
+    found = []
+    for spelt in re.findall(r'^#include "([^"]+\.c)"', text, re.MULTILINE):
+        places = [(test.parent / spelt).resolve(), *(ROOT / "firmware" / part / spelt for part in LOOKED_IN)]
+        place = next((place for place in places if place.is_file()), None)
+        if place is not None and place.is_relative_to(ROOT / "firmware"):
+            found.append((place.relative_to(ROOT).as_posix(), spelt))
+    return found
+
+
+def source_of(commands: dict[str, tuple[list[str], str]], part: str) -> str:
+    """The source of a test program; "" for what is none."""
+    return next((source for source, (_, name) in commands.items() if name == part), "")
+
+
+def _commands() -> dict[str, tuple[list[str], str]]:
+    """Compiler and flags of each source, without warnings, output and input; and the CMake target it is part of."""
+    place = BUILD / "compile_commands.json"
+    if not place.is_file():
+        raise NotReady(f"{place}: no such file, expected the host build (tests/tools/build.sh host)")
+    found: dict[str, tuple[list[str], str]] = {}
+    for entry in json.loads(place.read_text(encoding="utf-8")):
+        words = shlex.split(entry["command"])
+        output = words[words.index("-o") + 1]
+        part = output.partition("CMakeFiles/")[2].partition(".dir/")[0]
+        kept = [word for word in words[: words.index("-o")] if not word.startswith("-W") and "visibility" not in word]
+        source = Path(entry["file"])
+        if not source.is_relative_to(ROOT):
+            continue
+        name = source.relative_to(ROOT).as_posix()
+        if name not in found or part in PARTS:
+            found[name] = (kept, part)
+    if not any(name.startswith("tests/firmware/test_") for name in found):
+        raise NotReady(f"{place}: found no C test, expected the build that `make test` makes (Unity)")
+    return found
+
+
+def _in_a_child(work: Callable[[], bool | None], seconds: float) -> bool:
+    """Whether `work` fails in a process of its own: it says so, ends by a signal, or takes more than so long."""
+    child = os.fork()
+    if child == 0:
+        try:
+            os.setsid()
+            silence = os.open(os.devnull, os.O_RDWR)
+            for descriptor in (0, 1, 2):
+                os.dup2(silence, descriptor)
+            resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 1))
+            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+            os._exit(1 if work() else 0)
+        finally:
+            os._exit(1)
+    end = time.monotonic() + WAITED
+    wait = 0.001
+    while True:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            return status != 0
+        if time.monotonic() > end:
+            os.killpg(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            return True
+        time.sleep(wait)
+        wait = min(2.0 * wait, 0.05)
+
+
+def _scenarios(folder: Path) -> bool:
+    """Whether a shipped scenario fails a check with the controller in `folder`."""
+    from terrapin_hil import paths
+    from terrapin_hil.firmware import Firmware
+    from terrapin_hil.links.inprocess import InProcess
+    from terrapin_hil.run.run import run
+    from terrapin_hil.scenario.scenario import load_scenario
+
+    firmware = Firmware(folder)
+    for path in sorted(paths.SCENARIOS.glob("*.toml")):
+        if not all(outcome.passed for outcome in run(load_scenario(path), InProcess(firmware)).outcomes):
+            return True
+    return False
+
+
+def _boot_tests(library: Path) -> bool:
+    """Whether a test of the boot loader fails."""
+    import pytest
+
+    os.environ["BOOT_LIBRARY"] = str(library)
+    os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = str(library.parent / "hypothesis")
+    files = [str(ROOT / "tests" / "boot" / name) for name in BOOT_TESTS]
+    return bool(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-k", "not imgtool", *files]))

@@ -1,0 +1,113 @@
+"""The mutation gate itself: which slips it makes, that it sees what a test sees, and that its list is kept honest."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from terrapin_hil.paths import ROOT
+from tests.mutation import __main__ as gate
+from tests.mutation.judge import Bench, NotReady
+from tests.mutation.operators import Mutant, mutants
+
+SOURCE = """#include "a.h"
+
+enum {
+    MOST = 3
+};
+
+/* a < b */
+static int32_t least(const int32_t *value, uint32_t count) {
+    TERRAPIN_ASSERT(count > 0U);
+    int32_t found = value[0];
+    for (uint32_t i = 1U; i < count; i++) {
+        if (*value <= -found) {
+            found = value[i] - 1;
+        }
+    }
+    return found;
+}
+"""
+
+
+def test_the_slips_of_a_function(tmp_path: Path) -> None:
+    (tmp_path / "a.c").write_text(SOURCE)
+    found = {(m.function, m.change) for m in mutants(Path("a.c"), tmp_path)}
+    assert found == {
+        ("enum", "3 -> 4"), ("enum", "3 -> 2"),
+        ("least", "0 -> 1"), ("least", "1U -> 2U"), ("least", "1U -> 0U"), ("least", "< -> <="), ("least", "< -> >="),
+        ("least", "++ -> --"), ("least", "<= -> <"), ("least", "<= -> >"), ("least", "- -> +"), ("least", "1 -> 2"),
+        ("least", "1 -> 0"), ("least", "(*value <= -found) -> (!(*value <= -found))"),
+        ("least", "found = value[i] - 1; -> ;"),
+    }  # fmt: skip
+    for mutant in mutants(Path("a.c"), tmp_path):
+        assert mutant.text() != SOURCE
+        assert mutant.text().count("\n") == SOURCE.count("\n")  # assertions name the same lines
+        assert mutant.line in SOURCE
+
+
+def test_every_function_of_the_firmware_has_some() -> None:
+    by_file = {m.path.as_posix() for m in gate.everything().values()}
+    assert by_file == {
+        p.relative_to(ROOT).as_posix() for part in gate.LIBRARIES.values() for p in ROOT.glob(part)
+    } - set(gate.NOT_IN_IMAGES)
+    chosen = gate.sample(gate.everything(), 1)
+    assert len(chosen) >= 1000
+    for name in gate.LIBRARIES:
+        assert sum(gate.library(m) == name for m in chosen.values()) >= 150
+
+
+def test_the_list_of_equivalents_is_kept_honest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    everything = gate.everything()
+    assert gate.listed(everything)[1] == []
+    one = next(iter(everything.values()))
+    entry = f"file = {one.path.as_posix()!r}\nfunction = {one.function!r}\nline = '''{one.line}'''\n"
+    for change, why, words in (("5 -> 6", "so", "matches no mutant"), (one.change, "", "gives no reason")):
+        (tmp_path / "list.toml").write_text(f"[[equivalent]]\n{entry}change = {change!r}\nwhy = {why!r}\n")
+        monkeypatch.setattr(gate, "EQUIVALENT", tmp_path / "list.toml")
+        assert words in gate.listed(everything)[1][0]
+    (tmp_path / "list.toml").write_text(
+        "".join(
+            f"[[equivalent]]\nfile = {m.path.as_posix()!r}\nfunction = {m.function!r}\nline = '''{m.line}'''\n"
+            f"change = '''{m.change}'''\nwhy = 'so'\n"
+            for m in [m for m in everything.values() if m.path == one.path and "'" not in m.line][:40]
+        )
+    )
+    assert "expected at most 5%" in gate.listed(everything)[1][0]
+
+
+def test_changed_functions_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    place = tmp_path / "firmware" / "core"
+    place.mkdir(parents=True)
+    text = "void one(int *a) {\n    *a = 1;\n}\n\nvoid two(int *a) {\n    *a = 2;\n}\n"
+    (place / "a.c").write_text(text)
+    for folder in ("link", "store", "boot"):
+        (tmp_path / "firmware" / folder).mkdir()
+        (tmp_path / "firmware" / folder / "keep.txt").write_text("")
+    for words in (["init", "-q"], ["add", "."], ["-c", "user.name=a", "-c", "user.email=a", "commit", "-qm", "a"]):
+        subprocess.run(["git", *words], cwd=tmp_path, check=True)
+    (place / "a.c").write_text(text.replace("*a = 2", "*a = 5"))
+    monkeypatch.setattr(gate, "ROOT", tmp_path)
+    found = gate.changed(gate.everything(), "HEAD")
+    assert {m.function for m in found.values()} == {"two"}
+    assert {m.change for m in found.values()} == {"5 -> 6", "5 -> 4", "*a = 5; -> ;"}
+
+
+def test_what_a_test_sees_is_killed_and_unseen_when_it_is_switched_off() -> None:
+    """One slip that takes the e-stop away, with the supervisor's tests and without any."""
+    line = "causes |= fault_bit(TERRAPIN_FAULT_ESTOP);"
+    slip = next(m for m in mutants(Path("firmware/core/supervisor.c"), ROOT) if m.line == line and m.old == line)
+    same = Mutant(slip.path, slip.source, slip.begin, slip.old, " " + slip.old, slip.function)
+    bad = Mutant(slip.path, slip.source, slip.begin, slip.old, "causes |= ;", slip.function)
+    others = ["test_[!c]*", "test_core_[!s]*", "test_core_step*", "test_codec*", "scenarios", "tests/boot"]
+    try:
+        with Bench(others) as bench:
+            assert bench.judge(slip) == ("killed", "test_core_supervisor_blackbox")
+            assert bench.judge(same) == ("equal", "")
+            assert bench.judge(bad) == ("invalid", "")
+            bench._order = {slip.path.as_posix(): []}  # switched off
+            assert bench.judge(slip) == ("survived", "")
+    except NotReady as error:
+        pytest.skip(str(error))
