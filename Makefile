@@ -34,8 +34,8 @@ mutants: ## would a slip be seen? in the firmware's C (1,000 of them; ARGS=--who
 		&& .venv/bin/python -m tests.mutation $(ARGS) \
 		&& .venv/bin/python -m tests.interface_mutations
 
-firmware: ## build the firmware for this machine and every image for the chip, with their sizes
-	@tests/setup/setup.sh test && tests/tools/build.sh host cortex-m4 && tests/tools/build.sh size
+firmware: ## build the firmware for this machine and every image for the chip, with their sizes (ROBOT=NAME|FILE)
+	@tests/setup/setup.sh test && tests/tools/build.sh $(if $(ROBOT),"robot=$(ROBOT)") host cortex-m4 && tests/tools/build.sh $(if $(ROBOT),"robot=$(ROBOT)") size
 
 release: ## the core for somebody else's firmware, as an archive that needs no Python (docs/embedding.md): build/release/
 	@tests/setup/setup.sh runtime && tests/tools/release.sh

@@ -176,6 +176,7 @@ static uint8_t end(terrapin_update *update, uint32_t checksum) {
     if (result == OK) {
         record.candidate = update->slot;
         record.phase = TERRAPIN_UPDATE_PHASE_PENDING;
+        record.tries = 0U; /* counted from its first start on */
         result = terrapin_records_append(update->boot->flash, &record) ? OK : (uint8_t)TERRAPIN_UPDATE_RESULT_FLASH;
     } else {
         (void)clear_slot(update, update->slot); /* what was refused does not stay; the reason is the answer */

@@ -41,7 +41,7 @@ if(NOT CMAKE_CROSSCOMPILING)
     # What stands beside the boot loader's objects in its host programs.
     add_library(boot_host OBJECT ${CMAKE_SOURCE_DIR}/firmware/store/flash_emulated.c
         ${CMAKE_SOURCE_DIR}/firmware/store/crc32.c ${GENERATED}/terrapin_interface.c
-        ${CMAKE_SOURCE_DIR}/firmware/link/slcan.c)
+        ${CMAKE_SOURCE_DIR}/firmware/link/slcan.c ${CMAKE_SOURCE_DIR}/firmware/link/node.c)
     add_dependencies(boot_host interface)
     target_include_directories(boot_host PRIVATE ${CMAKE_SOURCE_DIR}/firmware/store ${CMAKE_SOURCE_DIR}/firmware/core
         ${CMAKE_SOURCE_DIR}/firmware/link ${GENERATED})

@@ -2,7 +2,7 @@
 foreach(board IN LISTS F405_BOARDS)
     string(REPLACE "_" "-" image terrapin-boot-${board})
     add_executable(${image} ${CMAKE_SOURCE_DIR}/firmware/ports/stm32f405_boot/main.c $<TARGET_OBJECTS:f405_chip>
-        $<TARGET_OBJECTS:boot_objects> ${GENERATED}/terrapin_interface.c ${CMAKE_SOURCE_DIR}/firmware/link/slcan.c
+        $<TARGET_OBJECTS:boot_objects> ${GENERATED}/terrapin_interface.c ${CMAKE_SOURCE_DIR}/firmware/link/slcan.c ${CMAKE_SOURCE_DIR}/firmware/link/node.c
         ${CMAKE_SOURCE_DIR}/firmware/store/crc32.c)
     add_dependencies(${image} boot_key interface)
     target_include_directories(${image} PRIVATE ${CMAKE_SOURCE_DIR}/firmware/boot

@@ -271,6 +271,11 @@ uint32_t terrapin_latched(const terrapin_state *state) {
     return state->supervisor.faults & TERRAPIN_FAULTS_LATCHED;
 }
 
+bool terrapin_at_work(const terrapin_state *state) {
+    TERRAPIN_ASSERT(state != NULL);
+    return (state->supervisor.state > TERRAPIN_STATE_SELF_TEST) && (terrapin_latched(state) == 0U);
+}
+
 void terrapin_latch(terrapin_state *state, uint32_t faults) {
     TERRAPIN_ASSERT(state != NULL);
     state->supervisor.faults |= faults & TERRAPIN_FAULTS_LATCHED;

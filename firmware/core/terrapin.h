@@ -39,7 +39,7 @@ extern "C" {
 #define TERRAPIN_TICK_HZ 1000
 /* Bytes that are enough for a state, a multiple of 8, on every machine; its parameters are counted in
  * terrapin_interface.h. */
-#define TERRAPIN_STATE_BYTES (((5324U + (4U * (uint32_t)TERRAPIN_PARAMETER_COUNT) + 7U) / 8U) * 8U)
+#define TERRAPIN_STATE_BYTES ((5324U + (4U * (uint32_t)TERRAPIN_PARAMETER_COUNT) + 7U) & ~7U)
 #define TERRAPIN_MAX_FRAMES  2 /* frames that one step may emit: ACTUATE, and at most one telemetry frame */
 
 /* One classic CAN frame with an 11-bit identifier. length is 0 to 8. */
@@ -133,6 +133,9 @@ TERRAPIN_API terrapin_parameter_result terrapin_parameter_set_all(terrapin_state
 
 /* The latched faults that stand, one bit each. */
 TERRAPIN_API uint32_t terrapin_latched(const terrapin_state *state);
+
+/* The self test is over, and no latched fault stands. */
+TERRAPIN_API bool terrapin_at_work(const terrapin_state *state);
 
 /* Latch faults that stood before a reset of the state: the bridge stays off until `clear`. Bits that are no latched
  * faults are left out. */

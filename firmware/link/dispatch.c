@@ -48,6 +48,19 @@ static bool genuine(terrapin_link *link, const terrapin_frame *frame, uint8_t le
     return good;
 }
 
+/* Of all requests the one that is never wrong: whoever sent it, and whatever came before. */
+static void accept_stop_all(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
+    terrapin_stop_all_t message;
+    if (!terrapin_decode_stop_all(frame, &message) || (message.request != TERRAPIN_REQUEST_IDLE)) {
+        link->malformed++;
+        return;
+    }
+    static const terrapin_command idle = {.request = TERRAPIN_REQUEST_IDLE};
+    inputs->command = idle;
+    inputs->command_fresh = true;
+    link->held = true;
+}
+
 /* How far a counter is behind another, round the circle. */
 static uint8_t steps(uint8_t from, uint8_t counter) {
     return (uint8_t)(((uint32_t)counter + TERRAPIN_E2E_COUNTER_MAX + 1U - from) % (TERRAPIN_E2E_COUNTER_MAX + 1U));
@@ -95,7 +108,9 @@ static void accept_command(terrapin_link *link, const terrapin_frame *frame, ter
     } else {
         /* taken */
     }
-    inputs->command.request = (uint8_t)message.request;
+    link->held =
+        link->held && (message.request != TERRAPIN_REQUEST_IDLE) && (message.request != TERRAPIN_REQUEST_CLEAR);
+    inputs->command.request = link->held ? (uint8_t)TERRAPIN_REQUEST_IDLE : (uint8_t)message.request;
     inputs->command.control = (uint8_t)message.control;
     inputs->command.limiter = message.limiter != 0;
     inputs->command.setpoint = (int16_t)message.setpoint;
@@ -127,6 +142,7 @@ static void accept_test_mode(terrapin_link *link, terrapin_state *state, const t
         terrapin_latch(state, link->latched);
     }
     link->test_mode = arm;
+    link->held = false;
     link->stepped = false;
     link->reply_counter = 0U;
     link->command_counter = TERRAPIN_E2E_NO_COUNTER; /* an earlier run leaves nothing behind */
@@ -248,6 +264,19 @@ static terrapin_accept_result accept_store_read(terrapin_link *link, const terra
     return TERRAPIN_ACCEPT_REPLY;
 }
 
+static terrapin_accept_result accept_node_request(terrapin_link *link, const terrapin_state *state,
+                                                  const terrapin_frame *frame, terrapin_frame *reply) {
+    terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
+    if (link->identity == NULL) {
+        link->unknown++;
+    } else if (terrapin_identity_accept(link->identity, frame, terrapin_bridge_on(state), reply)) {
+        result = TERRAPIN_ACCEPT_REPLY;
+    } else {
+        link->malformed++; /* or meant for another controller with this node number */
+    }
+    return result;
+}
+
 #ifndef TERRAPIN_PRODUCTION
 static void accept_sensors_slow(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
     TERRAPIN_ASSERT(link->test_mode);
@@ -323,6 +352,9 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
     TERRAPIN_ASSERT((frame != NULL) && (reply != NULL));
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
     switch (frame->id) {
+    case TERRAPIN_ID_STOP_ALL:
+        accept_stop_all(link, frame, inputs);
+        break;
     case TERRAPIN_ID_COMMAND:
         accept_command(link, frame, inputs);
         break;
@@ -337,6 +369,9 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
         break;
     case TERRAPIN_ID_STORE_READ:
         result = accept_store_read(link, state, frame, reply);
+        break;
+    case TERRAPIN_ID_NODE_REQUEST:
+        result = accept_node_request(link, state, frame, reply);
         break;
 #ifdef TERRAPIN_PRODUCTION
     case TERRAPIN_ID_TEST_MODE:

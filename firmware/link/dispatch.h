@@ -14,6 +14,8 @@
  *                                      terrapin_link_use_store(&link, state, &store);
  *     each tick, after the frames:     (void)terrapin_link_store_work(&link, state);
  *
+ * Frames have the identifiers of node 0 here; node.h says how a port gives them those of its own node.
+ *
  * Each frame is a bounded piece of work, a write of a parameter the longest one; a port that steps when its tick comes
  * and takes frames in between, one at a time, cannot be starved by them.
  *
@@ -31,6 +33,7 @@
 #ifndef TERRAPIN_DISPATCH_H
 #define TERRAPIN_DISPATCH_H
 
+#include "node.h"
 #include "terrapin.h"
 
 #ifdef __cplusplus
@@ -54,6 +57,7 @@ typedef struct {
     uint8_t store_counter;
     uint8_t reply_counter; /* of the next PARAMETER_VALUE or STORE_STATUS */
     bool test_mode;
+    bool held;             /* by STOP_ALL: COMMANDs are taken for IDLE until one says idle or clear */
     bool stepped;          /* a tick was taken since test mode was armed */
     uint32_t latched;      /* faults that stood when test mode was armed: they stand again when it is left */
     uint32_t bad_crc;      /* frames dropped, by cause; these wrap */
@@ -64,6 +68,7 @@ typedef struct {
     uint32_t unknown;      /* other traffic on the bus */
     struct terrapin_store *store; /* the port's; NULL: parameters last until a reset */
     const int32_t *defaults;      /* the port's, of all parameters; NULL: those of controller.toml */
+    terrapin_identity *identity;  /* the port's; NULL: NODE_REQUEST is other traffic */
 } terrapin_link;
 
 typedef enum {

@@ -7,11 +7,14 @@
 #define BUDGET_OFF 7300U /* below 10,000 */
 #define AHEAD_MAX  2U    /* tries to take a COMMAND out of turn, in a tick */
 
-enum { COMMAND, WRITE, READ, TEST_MODE, STORE_COMMAND, STORE_READ, SENSORS, UPDATE, FOREIGN };
+enum { STOP_ALL, COMMAND, WRITE, READ, TEST_MODE, STORE_COMMAND, STORE_READ, NODE, SENSORS, UPDATE, FOREIGN };
 
 static uint8_t kind_of(uint16_t id) {
     uint8_t kind = (uint8_t)FOREIGN;
     switch (id) {
+    case TERRAPIN_ID_STOP_ALL:
+        kind = (uint8_t)STOP_ALL;
+        break;
     case TERRAPIN_ID_COMMAND:
         kind = (uint8_t)COMMAND;
         break;
@@ -29,6 +32,9 @@ static uint8_t kind_of(uint16_t id) {
         break;
     case TERRAPIN_ID_STORE_READ:
         kind = (uint8_t)STORE_READ;
+        break;
+    case TERRAPIN_ID_NODE_REQUEST:
+        kind = (uint8_t)NODE;
         break;
     case TERRAPIN_ID_SENSORS_SLOW:
     case TERRAPIN_ID_SENSORS_FAST:
@@ -59,6 +65,7 @@ void terrapin_intake_begin_tick(terrapin_intake *intake) {
     TERRAPIN_ASSERT(intake->count <= TERRAPIN_INTAKE_SIZE);
     intake->spent = 0U;
     intake->ahead = 0U;
+    intake->stopped = false;
 }
 
 /* The oldest one leaves. */
@@ -91,12 +98,29 @@ static bool take_idle(terrapin_intake *intake, terrapin_link *link, terrapin_sta
     return true;
 }
 
+static void take_stop_all(terrapin_intake *intake, terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs,
+                          const terrapin_frame *frame) {
+    if (!intake->stopped) {
+        terrapin_frame no_reply = {0};
+        const uint32_t malformed = link->malformed;
+        (void)terrapin_accept(link, state, frame, inputs, &no_reply);
+        intake->stopped = link->malformed == malformed;
+    }
+    if (intake->stopped) {
+        intake->superseded = intake->count;
+    }
+}
+
 void terrapin_intake_put(terrapin_intake *intake, terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs,
                          const terrapin_frame *frame, uint8_t source) {
     TERRAPIN_ASSERT((intake != NULL) && (link != NULL) && (frame != NULL));
     const uint8_t kind = kind_of(frame->id);
     if (kind == (uint8_t)FOREIGN) {
         link->unknown++;
+        return;
+    }
+    if ((kind == (uint8_t)STOP_ALL) && !link->test_mode) {
+        take_stop_all(intake, link, state, inputs, frame);
         return;
     }
     if ((kind == (uint8_t)COMMAND) && (intake->count > 0U) && (intake->ahead < AHEAD_MAX) && !link->test_mode &&
@@ -123,9 +147,10 @@ static bool affordable(terrapin_intake *intake, uint8_t kind, bool on) {
         uint16_t on;  /* with the bridge on */
         uint16_t off; /* above the budget: a tick for itself */
     } cost[FOREIGN] = {
-        [COMMAND] = {230U, 230U},    [WRITE] = {430U, 4200U},          [READ] = {260U, 260U},
-        [TEST_MODE] = {230U, 8000U}, [STORE_COMMAND] = {1000U, 8000U}, [STORE_READ] = {1000U, 1000U},
-        [SENSORS] = {110U, 110U},    [UPDATE] = {430U, 200U},
+        [STOP_ALL] = {80U, 80U},          [NODE] = {430U, 8000U},        [COMMAND] = {230U, 230U},
+        [WRITE] = {430U, 4200U},          [READ] = {260U, 260U},         [TEST_MODE] = {230U, 8000U},
+        [STORE_COMMAND] = {1000U, 8000U}, [STORE_READ] = {1000U, 1000U}, [SENSORS] = {110U, 110U},
+        [UPDATE] = {430U, 200U},
     };
     TERRAPIN_ASSERT(kind < (uint8_t)FOREIGN);
     uint32_t budget = BUDGET_OFF;

@@ -18,7 +18,7 @@ NOTICE = "Generated from controller.toml by firmware/terrapin_interface/generate
 
 def header(d: Description) -> str:
     """Text of terrapin_interface.h. DescriptionError when two names of the description make one name in C."""
-    constants = [*_enums(d), *_faults(d), *_parameters(d), *_limits(d), *_messages(d)]
+    constants = [*_enums(d), *_faults(d), *_parameters(d), *_limits(d), *_nodes(d), *_messages(d)]
     _check_unique(constants)
     out = [
         f"/* {NOTICE} */",
@@ -66,7 +66,7 @@ def source(d: Description) -> str:
         out.append("const uint32_t terrapin_parameter_hashes[TERRAPIN_PARAMETER_COUNT] = {")
         out += [f"    0x{p.hash:08X}U, /* {p.name} */" for p in d.parameters]
         out += ["};", ""]
-    out.append(_HELPERS)
+    out += [_HELPERS, *_e2e_protected(d), ""]
     for message in d.messages:
         out += [*_callables(message), ""]
     return "\n".join(out)
@@ -195,6 +195,24 @@ def _messages(d: Description) -> Iterator[list[str]]:
     ]
 
 
+def _nodes(d: Description) -> Iterator[list[str]]:
+    """The plan of identifiers, for link/node.c."""
+    if d.blocks:
+        rows = [
+            f"{{0x{b.first:03X}U, {b.size}U, 0x{b.node_1:03X}U, 0x{b.step:03X}U, "
+            f"{'true' if b.sender == 'host' else 'false'}}}"
+            for b in d.blocks
+        ]
+        yield [
+            "/* Controllers on one bus, and their blocks of identifiers: rows of terrapin_block (link/node.h). */",
+            f"#define TERRAPIN_NODES {d.node_count}U",
+            *(f"#define TERRAPIN_BLOCK_{b.name.upper()} {i}U" for i, b in enumerate(d.blocks)),
+            f"#define TERRAPIN_BLOCK_COUNT {len(d.blocks)}U",
+            f"#define TERRAPIN_BLOCKS {{{', '.join(rows)}}}",
+            "",
+        ]
+
+
 def c_kind(signal: Signal) -> str:
     """Fields are wider than their bits, so that a value out of range arrives at the encoder and is clamped there."""
     return "uint32_t" if signal.highest > INT32_MAX else "int32_t"
@@ -225,6 +243,9 @@ _E2E_HEADER = """\
  * (the CAN id, low byte first) and bytes 0 to 6. Lost frames are tolerated, repeated ones are not. */
 #define TERRAPIN_E2E_COUNTER_MAX 14U
 #define TERRAPIN_E2E_NO_COUNTER  0xFFU /* last counter of a receiver that has seen no frame yet: any counter is good */
+
+/* True when the message with this identifier is protected so. */
+TERRAPIN_API bool terrapin_e2e_protected(uint16_t id);
 
 typedef enum {
     TERRAPIN_E2E_OK = 0,
@@ -359,6 +380,25 @@ static inline void terrapin_fill(terrapin_frame *frame, uint16_t id, uint8_t len
     terrapin_put_word(&frame->data[4], high);
 }
 """
+
+
+def _e2e_protected(d: Description) -> list[str]:
+    names = [f"TERRAPIN_ID_{m.name.upper()}" for m in d.messages if m.e2e]
+    cases = [
+        *(f"    case {name}:" for name in names),
+        *(["        found = true;", "        break;"] if names else []),
+    ]
+    return [
+        "bool terrapin_e2e_protected(uint16_t id) {",
+        "    bool found = false;",
+        "    switch (id) {",
+        *cases,
+        "    default:",
+        "        break;",
+        "    }",
+        "    return found;",
+        "}",
+    ]
 
 
 def _packer(message: Message) -> list[str]:

@@ -4,8 +4,9 @@
         [--header FILE ...]
 
 Writes terrapin_interface.h and .c and terrapin_pack.h (codec and tables), terrapin_scaling.h (the core's units to raw
-numbers), terrapin.dbc, interface.md, interface.json and terrapin_cdef.h (the declarations of the given headers and of
-the codec, for cffi). A file whose text has not changed is left alone, so that a build does not run again for nothing.
+numbers), terrapin.dbc, interface.md, interface.json, robot.toml (the robot's file as it was) and terrapin_cdef.h (the
+declarations of the given headers and of the codec, for cffi). A file whose text has not changed is left alone, so that
+a build does not run again for nothing.
 Standard library only.
 """
 
@@ -45,6 +46,8 @@ def generate(description: Path, headers: list[Path], out: Path, robot: Robot | N
         "interface.md": markdown(d),
         "interface.json": as_json(d),
     }
+    if robot is not None:
+        texts["robot.toml"] = robot.text
     if headers:
         first, *others = [path.read_text(encoding="utf-8") for path in headers]
         texts["terrapin_cdef.h"] = cdef([first, interface, *others])

@@ -19,7 +19,7 @@ from typing import Any
 from terrapin_interface.board import Board, find_board
 from terrapin_interface.robot_table import RobotError, RobotTable
 
-__all__ = ["DEFAULT", "KINDS", "ROBOTS", "Robot", "RobotError", "find_robot", "load_robot", "robots"]
+__all__ = ["DEFAULT", "KINDS", "ORIGINS", "ROBOTS", "Robot", "RobotError", "find_robot", "load_robot", "robots"]
 
 ROBOTS = Path(__file__).with_name("robots")  # the shipped ones
 DEFAULT = "cylinder"
@@ -139,7 +139,7 @@ class Robot:
             "gate": self.gate,
             "encoder_counts": self.counts,
             "encoder_jump": self.jump,
-            "record_slots": self.record_slots,
+            "record_interval": 10 * self.record_slots,
             "voltage_limit": self.limits["voltage"],
             "current_limit": self.limits["current"],
             "over_current": self.limits["over_current"],
@@ -271,7 +271,7 @@ def _read(table: RobotTable, name: str) -> Robot:
             "current": table.number("full_scale.current", "A", 2.0, 20.0),
             "voltage": table.number("full_scale.voltage", "V", 16.0, 32.0),
         },
-        window=table.number("estimator.window", "s", 0.1, 4.8),
+        window=table.number("estimator.window", "s", 0.1, 3.6),
         gate=table.number("estimator.gate", "N m", 0.0, 100.0, above=True),
         off=table.choice("bridge.off", ["coast", "brake"], "coast"),
         bit_rate=table.number("can.bit_rate", "bit/s", 1e4, 1e6),

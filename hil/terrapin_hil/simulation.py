@@ -31,7 +31,6 @@ from terrapin_hil.scenario.wire_faults import Disturbance
 __all__ = ["TICK", "Simulation", "output_hash", "record_type"]
 
 TICK = 1e-3  # s
-WHEEL_RADIUS = 0.030  # m, the trailing wheel that the controller's ground encoder sits on
 SUBSTEPS, FINE_SUBSTEPS, FINE_BELOW = 1, 8, 0.05  # of a tick; finer while axle and rim are slower [m/s]
 
 
@@ -123,7 +122,7 @@ def _config(scenario: Scenario) -> dict[str, Any]:
         "tow": _profile(scenario.tow),
         "carriage": _profile(scenario.carriage),
         "steering": _profile(scenario.steering),
-        "wheel_radius": WHEEL_RADIUS,
+        "wheel_radius": scenario.design.wheel_radius,
         "supply": scenario.supply,
         "supply_resistance": scenario.supply_resistance,
         "start_position": scenario.start_position,

@@ -41,19 +41,46 @@ def test_update_trial_confirmation(chip: Chip) -> None:
     assert chip.record().confirmed == SLOT["a"]
     assert chip.confirm()
     record = chip.record()
-    assert (record.confirmed, record.phase, record.security_counter, record.version.minor) == (SLOT["b"], NONE, 2, 1)
+    assert (record.confirmed, record.phase, record.security_counter, record.version.minor) == (SLOT["b"], NONE, 1, 0)
     for _ in range(3):
         assert chip.start() == "b"
         assert chip.confirm()
 
 
 def test_without_confirmation_the_old_one_comes_back_and_stays(chip: Chip) -> None:
+    """Three tries: who switches the robot off in its first seconds loses no update."""
     assert send(chip, image("b", "1.1.0", counter=2), "b") == "ok"
-    assert chip.start() == "b"
+    for left in (2, 1, 0):
+        assert chip.start() == "b"
+        assert (chip.record().phase, chip.record().tries) == (TRIAL, left)
     for _ in range(3):
         assert chip.start() == "a"
         assert chip.record().phase == NONE
     assert chip.record().security_counter == 1
+
+
+@pytest.mark.parametrize("tries", [1, 2, 3])
+def test_each_of_its_tries_may_confirm_it(chip: Chip, tries: int) -> None:
+    assert send(chip, image("b", "1.1.0", counter=2), "b") == "ok"
+    for _ in range(tries):
+        assert chip.start() == "b"
+    assert chip.confirm()
+    assert chip.start() == "b"
+    assert chip.record().phase == NONE
+
+
+def test_the_floor_follows_one_image_behind(chip: Chip) -> None:
+    """The image before is a way back, by an update; the one before that is none."""
+    for slot, version, counter in (("b", "1.1.0", 2), ("a", "1.2.0", 3)):
+        assert send(chip, image(slot, version, counter=counter), slot) == "ok"
+        assert chip.start() == slot
+        assert chip.confirm()
+    record = chip.record()
+    assert (record.version.minor, record.security_counter) == (1, 2)
+    assert send(chip, image("b", "1.0.0", counter=1), "b") == "version_too_old"
+    assert send(chip, image("b", "1.2.0", counter=1), "b") == "counter_too_low"
+    assert send(chip, image("b", "1.1.0", counter=2), "b") == "ok"
+    assert chip.start() == "b"
 
 
 def test_many_updates_fill_both_pages_of_records(chip: Chip) -> None:
@@ -81,7 +108,7 @@ def test_a_lost_confirmed_image_is_replaced_by_the_other(chip: Chip) -> None:
     assert chip.start() == "a"
     assert chip.confirm()
     assert chip.record().confirmed == SLOT["a"]
-    assert chip.record().version.minor == 1  # an update still needs at least 1.1.0
+    assert chip.record().version.minor == 0  # 1.1.0 was the newest: its floor would have come with the next one
     chip.bytes[0x20000 + 700] ^= 1
     assert chip.start() == ""
     assert send(chip, image("b", "1.1.0"), "b") == "ok"

@@ -5,6 +5,7 @@
 
 #include "crc32.c"
 #include "dispatch.c"
+#include "node.c"
 #include "../../firmware/store/parameters.c" /* not the core's, which has the same name */
 #include "terrapin_interface.c"
 
@@ -156,6 +157,66 @@ static void test_command_arrives_and_is_fresh_for_one_step(void) {
     terrapin_link_step(&state, &inputs, &outputs);
     TEST_ASSERT_FALSE(state.fresh_at_step);
     TEST_ASSERT_EQUAL_MESSAGE(-300, inputs.command.setpoint, "the command itself stays");
+}
+
+/* Whatever the counters say; and no COMMAND of a host that goes on driving undoes it. */
+static void test_stop_all_holds_until_a_host_says_idle(void) {
+    const terrapin_stop_all_t message = {.request = TERRAPIN_REQUEST_IDLE};
+    terrapin_frame stop;
+    terrapin_link_init(&link, &state, &inputs);
+    TEST_ASSERT_TRUE(terrapin_encode_stop_all(&message, &stop));
+    static const struct {
+        int32_t request, taken;
+    } commands[] = {
+        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_RUN},
+        {-1, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_CALIBRATE, TERRAPIN_REQUEST_IDLE},
+        {-1, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_IDLE, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_RUN},
+        {-1, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_CLEAR, TERRAPIN_REQUEST_CLEAR},
+        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_RUN},
+    };
+    for (uint32_t i = 0; i < (sizeof commands / sizeof commands[0]); i++) {
+        terrapin_frame frame = stop;
+        if (commands[i].request >= 0) {
+            const terrapin_command_t command = {.request = commands[i].request, .setpoint = 100};
+            (void)terrapin_encode_command(&command, &frame);
+            terrapin_e2e_protect(&frame, i);
+        }
+        inputs.command_fresh = false;
+        TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, terrapin_accept(&link, &state, &frame, &inputs, &reply));
+        TEST_ASSERT_TRUE(inputs.command_fresh);
+        TEST_ASSERT_EQUAL(commands[i].taken, inputs.command.request);
+    }
+    const uint32_t malformed = link.malformed;
+    stop.data[0] = TERRAPIN_REQUEST_RUN; /* nobody starts all robots at once */
+    (void)terrapin_accept(&link, &state, &stop, &inputs, &reply);
+    stop.data[0] = 0U;
+    stop.length = 0U;
+    (void)terrapin_accept(&link, &state, &stop, &inputs, &reply);
+    TEST_ASSERT_EQUAL(malformed + 2U, link.malformed);
+    TEST_ASSERT_FALSE(link.held);
+}
+
+static void test_node_requests_reach_the_identity(void) {
+    terrapin_identity identity;
+    const terrapin_node_request_t message = {0};
+    terrapin_frame frame;
+    terrapin_link_init(&link, &state, &inputs);
+    (void)terrapin_encode_node_request(&message, &frame);
+    terrapin_e2e_protect(&frame, 0U);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, terrapin_accept(&link, &state, &frame, &inputs, &reply));
+    TEST_ASSERT_EQUAL(1, link.unknown);
+    terrapin_identity_init(&identity, 9U, 3U);
+    link.identity = &identity;
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, terrapin_accept(&link, &state, &frame, &inputs, &reply));
+    TEST_ASSERT_EQUAL_HEX16(TERRAPIN_ID_NODE_STATUS, reply.id);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, terrapin_accept(&link, &state, &frame, &inputs, &reply));
+    TEST_ASSERT_EQUAL(1, link.malformed);
 }
 
 static void test_protected_frames_are_checked(void) {
@@ -560,6 +621,8 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_reset_clears_everything);
     RUN_TEST(test_command_arrives_and_is_fresh_for_one_step);
+    RUN_TEST(test_stop_all_holds_until_a_host_says_idle);
+    RUN_TEST(test_node_requests_reach_the_identity);
     RUN_TEST(test_protected_frames_are_checked);
     RUN_TEST(test_the_counter_of_a_command_follows_in_a_window_of_four);
     RUN_TEST(test_two_hosts_that_jump_are_never_taken);

@@ -235,6 +235,36 @@ static void test_a_third_idle_waits_in_order(void) {
     TEST_ASSERT_EQUAL(0U, link.repeated);
 }
 
+/* Behind a full queue, bridge on or off, with whatever COMMANDs before it: stopped in the tick in which it came. */
+static void test_stop_all_never_waits(void) {
+    uint16_t indexes[TERRAPIN_INTAKE_SIZE];
+    const terrapin_stop_all_t message = {.request = TERRAPIN_REQUEST_IDLE};
+    terrapin_frame stop;
+    TEST_ASSERT_TRUE(terrapin_encode_stop_all(&message, &stop));
+    for (uint32_t on = 0; on < 2U; on++) {
+        setUp();
+        state.drive.enable = on == 1U;
+        terrapin_intake_begin_tick(&intake);
+        for (uint16_t i = 0; i < 20U; i++) {
+            put_read(i);
+            put_command(TERRAPIN_REQUEST_RUN, i % 15U);
+        }
+        const uint32_t waiting = intake.count;
+        for (uint32_t i = 0; i < 9U; i++) {
+            put(&stop, 0U);
+        }
+        TEST_ASSERT_EQUAL(waiting, intake.count);
+        TEST_ASSERT_TRUE(inputs.command_fresh);
+        TEST_ASSERT_EQUAL(TERRAPIN_REQUEST_IDLE, inputs.command.request);
+        for (uint32_t tick = 0; tick < 40U; tick++) {
+            terrapin_intake_begin_tick(&intake);
+            (void)take(indexes);
+            TEST_ASSERT_EQUAL(TERRAPIN_REQUEST_IDLE, inputs.command.request);
+        }
+        TEST_ASSERT_EQUAL(0, intake.count);
+    }
+}
+
 static void test_foreign_traffic_never_waits(void) {
     const terrapin_frame frame = {.id = 0x7FFU, .length = 8U};
     for (uint32_t i = 0; i < 100U; i++) {
@@ -271,6 +301,7 @@ int main(void) {
     RUN_TEST(test_idle_after_its_counter_came_round);
     RUN_TEST(test_a_damaged_idle_changes_nothing);
     RUN_TEST(test_a_third_idle_waits_in_order);
+    RUN_TEST(test_stop_all_never_waits);
     RUN_TEST(test_foreign_traffic_never_waits);
     RUN_TEST(test_every_message_of_the_controller_waits);
     return UNITY_END();

@@ -5,6 +5,7 @@
 
 #define TERRAPIN_PRODUCTION
 #include "dispatch.c"
+#include "node.c"
 #include "terrapin_interface.c"
 
 struct terrapin_state {

@@ -204,6 +204,12 @@ bool terrapin_process_store(terrapin_flash_file *file, terrapin_store *store, co
     (void)file, (void)store, (void)name;
     return true;
 }
+void terrapin_process_identity(terrapin_identity *identity, int node, terrapin_flash_file *file) {
+    (void)identity, (void)node, (void)file;
+}
+void terrapin_node_init(terrapin_node *node, uint8_t number) {
+    (void)node, (void)number;
+}
 void terrapin_flash_file_close(terrapin_flash_file *file) {
     (void)file;
 }

@@ -105,6 +105,7 @@ CYLINDER = {
     "coulomb": 12000, "viscous": 100000, "current_scale": 1000, "supply_scale": 4000, "window": 300, "gate": 400,
     "slip_limit": 5000, "voltage_limit": 10000, "current_limit": 1800, "over_current": 2000, "supply_low": 6000,
     "supply_high": 15000, "temperature_high": 120000, "encoder_jump": 200, "encoder_counts": 2048,
+    "record_interval": 10,
 }  # fmt: skip
 
 

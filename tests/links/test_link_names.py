@@ -101,8 +101,8 @@ def test_any_text_is_a_name_that_comes_back_or_is_refused(text: str, kind: str) 
         ("can:pcan:x?bitrate=1&bitrate=2", "each once"),
         ("can:pcan:x?channel=y", "expected options of python-can"),
         ("can:pcan:x?fd", "expected NAME=VALUE"),
-        ("serial:/dev/x?fd=true", "expected bitrate"),
-        ("qemu?fast=true", "expected none"),
+        ("serial:/dev/x?fd=true", "expected node, bitrate"),
+        ("qemu?fast=true", "expected node"),
     ],
 )
 def test_what_is_no_name(text: str, said: str) -> None:

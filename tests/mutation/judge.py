@@ -42,6 +42,7 @@ SEEN_BY = {
     "store": "test_(store|f405|assertions)",
     "boot": "test_(boot|f405)",
 }
+LOOKED_IN = ("core", "link", "store", "boot")  # as the C tests do, in this order
 NOT_THESE = re.compile(r"test_(linux|f405_parts|f405_can|flash_file)_")  # they test ports alone
 BOOT_TESTS = ("test_boot.py", "test_ed25519.py", "test_images.py", "test_power_cut.py")
 SECONDS = {"scenarios": 30.0, "tests/boot": 60.0}  # of processor time; a test that takes more has failed
@@ -83,9 +84,8 @@ class Bench:
         for source, (_, part) in sorted(self._commands.items()):
             if source.startswith("tests/firmware/test_") and not NOT_THESE.match(part) and not self._is_off(part):
                 text = (ROOT / source).read_text(encoding="utf-8")
-                included = [Path(name).name for name in re.findall(r'^#include "([^"]+\.c)"', text, re.MULTILINE)]
                 white = part.endswith("_whitebox")
-                self._programs[part] = included if white else []
+                self._programs[part] = [name for name, _ in _included(ROOT / source, text)] if white else []
                 self._build_program(source, part, {})
         shutil.copytree(BUILD / "generated", self.folder / "generated")
         (self.folder / "libterrapin_boot.so").symlink_to(self._library)
@@ -113,8 +113,8 @@ class Bench:
         self._link({**self._objects, source: made})
         order = self._order.setdefault(source, self._tests(source))
         for name in order:
-            if source_of(self._commands, name) and mutant.path.name in self._programs.get(name, []):
-                self._build_program(source_of(self._commands, name), name, {mutant.path.name: self._copy(source)})
+            if source in self._programs.get(name, []):
+                self._build_program(source_of(self._commands, name), name, {source: self._copy(source)})
             if self._fails(name):
                 order.remove(name)
                 order.insert(0, name)
@@ -126,11 +126,11 @@ class Bench:
 
     def _tests(self, source: str) -> list[str]:
         """The tests that may see a mutant of this file."""
-        library, name = Path(source).parts[1], Path(source).name
+        library = Path(source).parts[1]
         found = [
             program
             for program, included in self._programs.items()
-            if name in included or (not included and re.match(SEEN_BY[library], program))
+            if source in included or (not included and re.match(SEEN_BY[library], program))
         ]
         slow = "tests/boot" if library == "boot" else "scenarios"
         return found if self._is_off(slow) else [*found, slow]
@@ -180,6 +180,17 @@ class Bench:
         if name == "tests/boot":
             return _in_a_child(lambda: _boot_tests(self.folder / "libterrapin_boot.so"), SECONDS[name])
         return _in_a_child(lambda: os.execv(self.folder / name, [name]), PROGRAM_SECONDS)
+
+
+def _included(test: Path, text: str) -> list[tuple[str, str]]:
+    """The .c files of the firmware that a test includes: path in the project, and as it is spelt there."""
+    found = []
+    for spelt in re.findall(r'^#include "([^"]+\.c)"', text, re.MULTILINE):
+        places = [(test.parent / spelt).resolve(), *(ROOT / "firmware" / part / spelt for part in LOOKED_IN)]
+        place = next((place for place in places if place.is_file()), None)
+        if place is not None and place.is_relative_to(ROOT / "firmware"):
+            found.append((place.relative_to(ROOT).as_posix(), spelt))
+    return found
 
 
 def source_of(commands: dict[str, tuple[list[str], str]], part: str) -> str:

@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+import subprocess
+from collections.abc import Iterator
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import tomlkit
 from typer.testing import CliRunner
 
+from terrapin_hil.errors import UserError
+from terrapin_hil.paths import ROBOT_VARIABLE
+from terrapin_hil.reading import ReadingError
 from terrapin_hil.robot.plant import Robot as Plant
+from terrapin_hil.robots import Robot, select, selected
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.scenario import Scenario, load_scenario
 from terrapin_interface.description import load
 from terrapin_interface.quantity import QuantityError, parse_quantity
 from terrapin_interface.robot import RobotError, find_robot, load_robot, robots
 from terrapin_tools.commands import robot as command
 
+ROOT = Path(__file__).resolve().parents[2]
 Change = dict[str, Any]
 
 
@@ -217,6 +227,13 @@ def test_the_cylinder_is_the_simulators() -> None:
     """Every value stood in the sources before; none has changed on its way into the file."""
     robot = load_robot(find_robot("cylinder"))
     assert dict(robot.plant) == asdict(Plant())
+    assert dict(robot.plant) == {
+        "radius": 0.080, "drive_radius": 0.018, "arm": 0.062, "shell_mass": 0.3, "body_mass": 0.5, "drive_mass": 1.1,
+        "shell_inertia": 1.92e-3, "body_inertia": 2.0e-4, "drive_inertia": 1.8e-4, "gravity": 9.81,
+        "torque_constant": 0.10, "armature_resistance": 5.0, "resistance_slope": 0.0, "coulomb": 0.012,
+        "viscous": 1.0e-3,
+    }  # fmt: skip
+    assert (robot.current_code, robot.supply_code, robot.supply, robot.wheel_radius) == (1e-3, 4e-3, 12.0, 0.03)
     assert {scale: robot.ratio(scale) for scale in ("torque", "current", "voltage", "speed", "records")} == {
         **dict.fromkeys(("torque", "current", "voltage", "speed", "records"), 1)
     }
@@ -294,3 +311,92 @@ def test_quantities(text: str, unit: str, value: float) -> None:
 def test_no_quantity(text: str) -> None:
     with pytest.raises(QuantityError):
         parse_quantity(text, "m")
+
+
+@pytest.fixture
+def sphere(monkeypatch: pytest.MonkeyPatch) -> Iterator[Robot]:
+    """The sphere as the robot of this process, its controller built."""
+    done = subprocess.run(
+        ["tests/tools/build.sh", "robot=sphere", "host"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stderr
+    monkeypatch.setenv(ROBOT_VARIABLE, "")
+    yield select("sphere")
+    monkeypatch.undo()
+
+
+ROLLS = """
+duration = "20 s"
+{extra}
+[sensors]
+kit = "ideal"
+[[path]]
+terrain = "sand"
+[[operator]]
+at = "0 s"
+request = "run"
+setpoint = "8 V"
+limiter = false
+"""
+
+
+def scenario(folder: Path, extra: str = "") -> Scenario:
+    path = folder / "rolls.toml"
+    path.write_text(ROLLS.format(extra=extra), encoding="utf-8")
+    return load_scenario(path)
+
+
+def test_the_sphere_runs_under_its_controller(sphere: Robot, tmp_path: Path) -> None:
+    """C_t within 0.5e-3 of the full scale, as the cylinder's in steady_sand, and it is not clamped."""
+    found = run(scenario(tmp_path))
+    late = found.time > 12.0
+    torque, valid = found.held("GROUND", "torque")[late], found.held("GROUND", "valid")[late]
+    assert found.truth["contact_torque"][late].mean() > 2.0  # far beyond the cylinder's full scale
+    assert valid.mean() > 0.9
+    assert np.abs(torque - found.truth["contact_torque"][late]).max() < 0.5e-3 * 30.0
+    assert found.held("GROUND", "saturated")[late].max() == 0
+    assert found.interface.constants["record_interval"] == 30
+    ages = set(np.round(found.held("ATTITUDE", "ground_age")[late] * 100))
+    assert ages == {0.0, 1.0, 2.0}  # a window every 30 ms, GROUND every 10 ms
+
+
+def test_the_sphere_gives_the_same_bits_over_a_pty(sphere: Robot, tmp_path: Path) -> None:
+    short = replace(scenario(tmp_path), duration=3.0)
+    assert run(short).output_hash == run(short, "pty").output_hash
+
+
+def test_a_process_without_a_choice_has_the_cylinder(tmp_path: Path) -> None:
+    assert selected().name == "cylinder"
+    assert scenario(tmp_path).robot == Plant()
+
+
+def test_a_scenario_for_another_robot_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        ReadingError, match="found sphere, expected cylinder, the robot of this process; --robot sphere"
+    ):
+        scenario(tmp_path, '[robot]\nfile = "sphere"')
+
+
+def test_a_robot_without_a_controller_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(ROBOT_VARIABLE, "cylinder")
+    path = tmp_path / "mine.toml"
+    path.write_text(find_robot("cylinder").read_text(encoding="utf-8"), encoding="utf-8")
+    with pytest.raises(UserError, match="no controller is built for this robot; run `make firmware ROBOT="):
+        select(str(path))
+
+
+def test_what_the_controller_is_not_told_is_said(tmp_path: Path) -> None:
+    changed_robot = '[robot]\ncoulomb = "15 mN m"'
+    (note,) = scenario(tmp_path, changed_robot).notes
+    assert "keeps coulomb = 0.012 (the robot has 0.015); told = true tells it" in note
+    told = scenario(tmp_path, changed_robot + "\ntold = true")
+    assert told.notes == ()
+    assert told.firmware == {"coulomb": 0.015}
+    own = scenario(tmp_path, changed_robot + "\n[firmware]\ncoulomb = 0.013")
+    assert own.notes == ()
+    assert own.firmware == {"coulomb": 0.013}

@@ -1,11 +1,11 @@
 /* terrapin-bootloader: the boot loader as a process that speaks SLCAN on a pseudo-terminal, over a flash in a file.
  *
- *     terrapin-bootloader [--unhealthy] [--motor-on] FLASH [LINK]
+ *     terrapin-bootloader [--unhealthy] [--motor-on] [--node N] FLASH [LINK]
  *
  * FLASH is the first 384 kB of the chip's flash (made, erased, when absent); LINK a name for the pseudo-terminal, whose
  * path is printed. Each reset says on standard error what was started. What was started behaves as the application
- * does: it serves updates and confirms itself, unless --unhealthy; --motor-on: it says that its motor is on. It serves
- * any number of peers and ends on SIGTERM or SIGINT.
+ * does: it serves updates and confirms itself, unless --unhealthy; --motor-on: it says that its motor is on; --node:
+ * the node number is stored first. It serves any number of peers and ends on SIGTERM or SIGINT.
  */
 #define _GNU_SOURCE /* posix_openpt, ptsname_r, cfmakeraw */
 
@@ -152,9 +152,10 @@ static int serve(loader *l, int fd) {
 
 static int usage(int status) {
     (void)fprintf((status == 0) ? stdout : stderr,
-                  "usage: terrapin-bootloader [--unhealthy] [--motor-on] FLASH [LINK]\n"
+                  "usage: terrapin-bootloader [--unhealthy] [--motor-on] [--node N] FLASH [LINK]\n"
                   "The boot loader over a flash in the file FLASH, on a new pseudo-terminal whose path is printed.\n"
-                  "--unhealthy: what it starts does not confirm itself; --motor-on: and says that its motor is on.\n"
+                  "--unhealthy: what it starts does not confirm itself; --motor-on: and says that its motor is on;\n"
+                  "--node: store this number, 0 to 7, first.\n"
                   "Example: terrapin-bootloader /tmp/flash.bin /tmp/terrapin\n");
     return status;
 }
@@ -163,11 +164,16 @@ int main(int argc, char **argv) {
     static loader l = {.healthy = true};
     const struct sigaction action = {.sa_handler = on_signal};
     int at = 1;
+    int node = -1; /* as it is stored */
     for (; (at < argc) && (argv[at][0] == '-'); at++) {
         if (strcmp(argv[at], "--unhealthy") == 0) {
             l.healthy = false;
         } else if (strcmp(argv[at], "--motor-on") == 0) {
             l.motor_on = true;
+        } else if ((strcmp(argv[at], "--node") == 0) && ((at + 1) < argc) && (strlen(argv[at + 1]) == 1U) &&
+                   (argv[at + 1][0] >= '0') && (argv[at + 1][0] < (char)('0' + (int)TERRAPIN_NODES))) {
+            at++;
+            node = argv[at][0] - '0';
         } else {
             return usage((strcmp(argv[at], "--help") == 0) ? 0 : 2);
         }
@@ -189,6 +195,9 @@ int main(int argc, char **argv) {
     l.boot.flash = &l.flash;
     l.boot.key = terrapin_boot_key;
     l.boot.release = TERRAPIN_BOOT_RELEASE;
+    if ((node >= 0) && !terrapin_records_set_node(&l.flash, (uint8_t)node)) {
+        return (fail("cannot store", "the node number") == 0) ? 0 : 1;
+    }
     start(&l, false);
     const int fd = open_pty(link);
     const int result = (fd < 0) ? -1 : serve(&l, fd);

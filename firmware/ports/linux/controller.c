@@ -338,16 +338,14 @@ static bool open_signals(controller *c) {
     return said(c->signals >= 0, "signals", NULL);
 }
 
-/* The stored parameters, when a file was named. */
-static bool use_flash(controller *c) {
+/* The file that was named. */
+static bool open_flash(controller *c) {
     if (c->options->flash != NULL) {
-        if (!terrapin_process_store(&c->flash, &c->store, c->options->flash)) {
-            return false;
-        }
-        c->flash_open = true;
-        terrapin_link_use_store(&c->link, c->state, &c->store);
+        c->flash_open = terrapin_process_store(&c->flash, &c->store, c->options->flash);
     }
-    return true;
+    terrapin_process_identity(&c->identity, c->options->node, c->flash_open ? &c->flash : NULL);
+    terrapin_node_init(&c->bus.node, c->identity.node);
+    return c->flash_open || (c->options->flash == NULL);
 }
 
 bool controller_open(controller *c, const controller_options *options) {
@@ -375,7 +373,7 @@ bool controller_open(controller *c, const controller_options *options) {
         said(analog_open(&c->current, options->current, options->adc_bits), "", options->current) &&
         said(analog_open(&c->supply, options->supply, options->adc_bits), "", options->supply) &&
         said(analog_open(&c->temperature, options->temperature, options->adc_bits), "", options->temperature) &&
-        open_signals(c) && said(tick_clock_open(&c->clock), "a timer", NULL) && bus_open(&c->bus);
+        open_signals(c) && said(tick_clock_open(&c->clock), "a timer", NULL) && open_flash(c) && bus_open(&c->bus);
     if (!good) {
         return false;
     }
@@ -385,7 +383,11 @@ bool controller_open(controller *c, const controller_options *options) {
     }
     terrapin_intake_init(&c->intake);
     terrapin_link_init(&c->link, c->state, &c->inputs);
-    return use_flash(c);
+    c->link.identity = &c->identity;
+    if (c->flash_open) {
+        terrapin_link_use_store(&c->link, c->state, &c->store);
+    }
+    return true;
 }
 
 void controller_close(controller *c) {

@@ -28,6 +28,7 @@ typedef struct {
     pwm_output pwm;
     terrapin_state *state;
     terrapin_link link;
+    terrapin_identity identity;
     terrapin_intake intake; /* from the bus to terrapin_accept */
     terrapin_inputs inputs;
     terrapin_outputs outputs;

@@ -97,6 +97,10 @@ void hardware_healthy(void) {
     }
 }
 
+bool hardware_store_node(uint8_t node) {
+    return terrapin_records_set_node(&boot_flash, node);
+}
+
 void hardware_reset(can *bus, usart *line, bool stay) {
     if (stay) {
         retained_note(&retained, RETAINED_UPDATE, 0U, 0U);
@@ -189,6 +193,14 @@ void hardware_open(const clocks *speed) {
     start_motor(speed);
 }
 
+static uint8_t stored_node(void) {
+    terrapin_record record = {0};
+    if (slot() != (uint8_t)TERRAPIN_UPDATE_SLOT_NONE) {
+        terrapin_records_read(&boot_flash, &record);
+    }
+    return record.node;
+}
+
 hardware_facts hardware_look(const clocks *speed, uint32_t flags) {
     const hardware_facts facts = {
         .clock_fallback = speed->result != CLOCK_GOOD,
@@ -197,6 +209,7 @@ hardware_facts hardware_look(const clocks *speed, uint32_t flags) {
         .reset_cause = reset_cause(flags, retained_take(&retained)),
         .board = BOARD_NUMBER,
         .slot = slot(),
+        .node = stored_node(),
         .unique = unique_number(),
         .core_hz = speed->core_hz,
     };

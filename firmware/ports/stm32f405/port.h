@@ -15,6 +15,7 @@
 #include "can.h"
 #include "dispatch.h"
 #include "hardware.h"
+#include "health.h"
 #include "intake.h"
 #include "phases.h"
 #include "slcan.h"
@@ -24,7 +25,6 @@
 
 #define PORT_FRAMES_A_PASS 4U
 #define PORT_BYTES_A_PASS  32U
-#define PORT_HEALTHY_TICKS 2000U
 
 typedef struct {
     terrapin_state *state;
@@ -34,6 +34,8 @@ typedef struct {
     usart *line;
     terrapin_slcan parser;
     terrapin_link link;
+    terrapin_node node;
+    terrapin_identity identity;
     terrapin_intake intake; /* from bus and line to terrapin_accept, by source */
     terrapin_inputs inputs;
     terrapin_outputs outputs;                   /* of the last step */
@@ -44,7 +46,8 @@ typedef struct {
     uint32_t overruns;  /* ticks missed; wraps, like the others */
     uint32_t send_lost; /* own frames and answers that the line had no room for */
     bool flash_work;    /* a save is under way, with the bridge off: the watchdog has time */
-    bool judged;        /* this start was told to be healthy */
+    bool trial;         /* the image runs on trial */
+    health health;
     struct {
         uint32_t overruns, lost, send_lost;
     } told; /* by the last PORT_STATUS */

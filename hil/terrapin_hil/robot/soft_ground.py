@@ -182,34 +182,36 @@ def _miss(found: Array, exact: Array, scale: Array) -> float:
     return float((np.abs(found - exact) / np.maximum(np.abs(exact), 0.01 * scale)).max())
 
 
-@lru_cache(maxsize=32)  # of some 100 kB each; a batch may draw a soil a run
 def grip_table(ground: Ground, robot: Robot) -> GripTable:
-    """The table for a robot on the path: loads of its slopes, refined until values half-way between nodes are within
-    ACCURACY of the integrals. ContactError for soils and loads without equilibrium, or where that is not reached.
+    """The table for a robot on the path's first soil: loads of all slopes, refined until values half-way between nodes
+    are within ACCURACY of the integrals. ContactError for soils and loads without equilibrium, or where that is not
+    reached.
     """
-    soft = ground.contact
-    assert soft is not None
-    steepest = max(abs(segment.slope) for segment in ground.segments)
-    check_soft_ground(soft, robot, steepest)
-    low, high = robot.weight * math.cos(steepest), robot.weight
-    deepest = float(_exact(soft, robot.radius, np.array([high]), np.array([1.0]))[0][0, 3])
-    scale = np.array([high, high, high * robot.radius, deepest])
+    return grip_tables(ground, robot)[0]
+
+
+@lru_cache(maxsize=32)  # of some 100 kB each; a batch may draw a soil a run
+def _table(soft: SoftGround, radius: float, weight: float, steepest: float) -> GripTable:
+    check_soft_ground(soft, radius, weight, steepest)
+    low, high = weight * math.cos(steepest), weight
+    deepest = float(_exact(soft, radius, np.array([high]), np.array([1.0]))[0][0, 3])
+    scale = np.array([high, high, high * radius, deepest])
     slips, count = 65, 1 if high - low < 1e-12 * high else 3
     while True:
         nodes, loads = np.linspace(-1.0, 1.0, slips), np.linspace(low, high, count)
-        row = _grid(soft, robot.radius, loads, nodes)
-        middle = _grid(soft, robot.radius, loads[[0, -1]], 0.5 * (nodes[1:] + nodes[:-1]))[..., 0]
+        row = _grid(soft, radius, loads, nodes)
+        middle = _grid(soft, radius, loads[[0, -1]], 0.5 * (nodes[1:] + nodes[:-1]))[..., 0]
         ends = row[[0, -1]]
         step = nodes[1] - nodes[0]
         hermite = 0.5 * (ends[:, 1:, :, 0] + ends[:, :-1, :, 0]) + step / 8 * (ends[:, :-1, :, 1] - ends[:, 1:, :, 1])
         along = _miss(hermite, middle, scale)
         across = 0.0
         if count > 1:
-            between = _grid(soft, robot.radius, 0.5 * (loads[1:] + loads[:-1]), nodes[::8])[..., 0]
+            between = _grid(soft, radius, 0.5 * (loads[1:] + loads[:-1]), nodes[::8])[..., 0]
             across = _miss(0.5 * (row[1:, ::8, :, 0] + row[:-1, ::8, :, 0]), between, scale)
         enough = 0.3 * ACCURACY  # both add up, and elsewhere between the nodes it may be a little more
         if max(along, across) <= enough:
-            pushed = bulldozing_of(soft, robot.radius)
+            pushed = bulldozing_of(soft, radius)
             return GripTable(loads, np.ascontiguousarray(row), pushed, (along + across) / ACCURACY)
         if (along > enough and slips >= MOST_SLIPS) or (across > enough and count >= MOST_LOADS):
             raise ContactError(
@@ -221,8 +223,8 @@ def grip_table(ground: Ground, robot: Robot) -> GripTable:
 
 def grip_tables(ground: Ground, robot: Robot) -> list[GripTable]:
     """The table of each segment of the path; equal soils share one. ContactError as `grip_table`."""
-    bare = tuple(replace(segment, contact=None) for segment in ground.segments)
-    return [grip_table(replace(ground, segments=bare, contact=soft), robot) for soft in ground.soils]
+    steepest = max(abs(segment.slope) for segment in ground.segments)
+    return [_table(soft, robot.radius, robot.weight, steepest) for soft in ground.soils]
 
 
 def read_soft_ground(section: Section) -> SoftGround:
@@ -267,10 +269,10 @@ def read_soft_ground(section: Section) -> SoftGround:
     return ground
 
 
-def check_soft_ground(ground: SoftGround, robot: Robot, steepest: float = 0.0) -> None:
-    """ContactError or ValueError where the soil, at any slip and on any slope up to `steepest`, cannot carry it."""
-    loads = robot.weight * np.cos([0.0, 0.0, 0.0, steepest])
-    _contact(ground, robot.radius, loads, np.array([-1.0, 0.0, 1.0, 1.0]))
+def check_soft_ground(ground: SoftGround, radius: float, weight: float, steepest: float) -> None:
+    """ContactError or ValueError where the soil, at any slip and any slope up to `steepest`, cannot carry a robot."""
+    loads = weight * np.cos([0.0, 0.0, 0.0, steepest])
+    _contact(ground, radius, loads, np.array([-1.0, 0.0, 1.0, 1.0]))
 
 
 def check_step(ground: SoftGround, robot: Robot, step: float, speed: float) -> None:

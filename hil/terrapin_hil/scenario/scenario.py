@@ -22,10 +22,13 @@ from terrapin_hil.robot.compiled_effects import ActiveEffect, drags, in_plant
 from terrapin_hil.robot.plant import TERRAINS, Ground, Robot, Segment, Terrain, Winding
 from terrapin_hil.robot.sensors import Sensors, kit, read_sensors, with_effects
 from terrapin_hil.robot.soft_ground import affected, affects_soil, check_step, grip_tables, read_soft_ground
+from terrapin_hil.robots import Robot as Design
+from terrapin_hil.robots import selected
 from terrapin_hil.scenario.changes import changed, place_of
 from terrapin_hil.scenario.checks import Check, parse_check
 from terrapin_hil.scenario.faults import MAX_FAULTS, Fault, Provocation, read_fault, read_provocation
 from terrapin_hil.telemetry import signals, words
+from terrapin_interface.robot import ORIGINS
 
 __all__ = [
     "CONTROLS",
@@ -67,10 +70,11 @@ class Scenario:
     operator: tuple[Order, ...]
     title: str = ""
     seed: int = 1
-    robot: Robot = field(default_factory=Robot)
+    design: Design = field(default_factory=selected)  # the file of the robot
+    robot: Robot = field(default_factory=lambda: Robot(**selected().plant))  # its constants in this run
     sensors: Sensors = field(default_factory=lambda: kit("ideal"))
     winding: Winding = field(default_factory=Winding)
-    supply: float = 12.0
+    supply: float = field(default_factory=lambda: selected().supply)
     supply_resistance: float = 0.0
     start_position: float = 0.0
     moisture: float = 0.0
@@ -85,6 +89,7 @@ class Scenario:
     provokes: Provocation | None = None
     real_time: bool = False
     source: str = ""  # text of the file
+    notes: tuple[str, ...] = ()  # what is no error, but would surprise
 
     @property
     def ticks(self) -> int:
@@ -251,6 +256,44 @@ def parameters_of(section: Section, description: Interface) -> dict[str, float]:
     return values
 
 
+def _robot(root: Section) -> Robot:
+    """The table [robot]: constants in place of those of the robot's file. `file` says for which robot a scenario is."""
+    section, design = root.section("robot"), selected()
+    named = Path(section.text("file", design.name)).name.removesuffix(".toml")
+    if named != design.name:
+        raise section.error(
+            "file", f"found {named}, expected {design.name}, the robot of this process; --robot {named}"
+        )
+    section.flag("told", False)
+    return quantities(section, Robot, Robot(**design.plant))
+
+
+def _told(
+    root: Section, robot: Robot, given: Mapping[str, float], description: Interface
+) -> tuple[dict[str, float], str]:
+    """What the controller is to know of changed constants of the robot, and a line about what it does not know."""
+    design, section = selected(), root.section("robot")
+    there = replace(design, plant={name: getattr(robot, name) for name in design.plant})
+    changed = {}
+    for name in ORIGINS:
+        parameter = description.parameters[name]
+        if name not in given and abs(there.quantity(name) - design.quantity(name)) > parameter.scale / 2:
+            changed[name] = there.quantity(name)
+    if not changed:
+        return {}, ""
+    if section.flag("told", False):
+        for name, value in changed.items():
+            try:
+                description.parameter(name).raw(value)
+            except ValueError as error:
+                raise section.error("told", str(error)) from None
+        return changed, ""
+    kept = ", ".join(
+        f"{name} = {design.quantity(name):.6g} (the robot has {value:.6g})" for name, value in changed.items()
+    )
+    return {}, f"[robot] is not told to the controller, which keeps {kept}; told = true tells it"
+
+
 def load_scenario(path: Path, values: Mapping[str, Any] | None = None) -> Scenario:
     """The scenario of a file, with `values` by name (changes.py) in the place of its own; its `source` has them too.
 
@@ -287,16 +330,19 @@ def read_scenario(root: Section, name: str) -> Scenario:
     profile = _profile(winding, "profile", "degC", -50.0, 300.0)
     heating = replace(quantities(winding, Winding, Winding()), profile=profile)
     supply = root.section("supply")
+    robot = _robot(root)
+    firmware = parameters_of(root.section("firmware"), description)
+    told, note = _told(root, robot, firmware, description)
     scenario = Scenario(
         name=name,
         title=root.text("title", ""),
         duration=root.quantity("duration", "s", None, 0.001, LONGEST),
         seed=root.whole("seed", 1, 0, 2**63 - 1),
-        robot=quantities(root.section("robot"), Robot),
+        robot=robot,
         ground=_ground(root),
         sensors=read_sensors(root.section("sensors")),
         winding=heating,
-        supply=supply.quantity("voltage", "V", 12.0, 0.0, 60.0),
+        supply=supply.quantity("voltage", "V", selected().supply, 0.0, 60.0),
         supply_resistance=supply.quantity("resistance", "ohm", 0.0, 0.0, 100.0),
         start_position=root.quantity("start_position", "m", 0.0, -FARTHEST, FARTHEST),
         moisture=root.quantity("moisture", "1", 0.0, 0.0, 1.0),
@@ -307,11 +353,12 @@ def read_scenario(root: Section, name: str) -> Scenario:
         operator=_operator(root),
         faults=tuple(read_fault(section) for section in root.sections("fault")),
         effects=_effects(root),
-        firmware=parameters_of(root.section("firmware"), description),
+        firmware={**told, **firmware},
         checks=_checks(root, description),
         provokes=read_provocation(root, description.faults),
         real_time=root.flag("real_time", False),
         source=root.source,
+        notes=(note,) if note else (),
     )
     supply.done()
     try:

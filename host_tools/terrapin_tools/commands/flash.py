@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from terrapin_hil.links.names import BIT_RATE, SET_OUTSIDE, LinkName
-from terrapin_tools.command_options import link_option
+from terrapin_tools.command_options import NodeNumber, link_option
 from terrapin_tools.errors import UserError, about
 from terrapin_tools.progress import bar
 
@@ -128,6 +128,7 @@ def flash(
     loader: Annotated[
         Path | None, typer.Option("--boot-loader", metavar="FILE.bin", help="swd, stm32: write this, too")
     ] = None,
+    node: NodeNumber = None,
     listed: Annotated[bool, typer.Option("--list", help="probes, serial ports and CAN interfaces")] = False,
 ) -> None:
     """Write a signed image, read it back or have it verified, and start it.
@@ -154,6 +155,8 @@ def flash(
         raise UserError(f"--baud: --via {via} has none, expected it with serial or stm32")
     if bitrate and via != "can":
         raise UserError(f"--bitrate: --via {via} has none, expected it with can")
+    if node and via in ("swd", "stm32"):
+        raise UserError(f"--node: --via {via} forgets the node number, expected `terrapin node set` after it")
     if not images:
         raise UserError("no IMAGE; `terrapin image sign` makes one")
     controller = None if via in ("swd", "stm32") else _controller(link, via, port, baud, bitrate)
@@ -163,4 +166,4 @@ def flash(
     else:
         from terrapin_tools.flash.wires import open_wire
 
-        print(_update(files, open_wire(controller, bitrate or BIT_RATE)))
+        print(_update(files, open_wire(controller.at_node(node), bitrate or BIT_RATE)))

@@ -28,7 +28,7 @@ ERASE = 8.0  # s: 128 kB take 2 s at most, and as much again when another slot's
 BLOCK_ANSWER = 1.0  # s; writing takes 7 ms at most
 VERIFY = 12.0  # s: on 16 MHz, and an erase when it fails
 START = 1.0  # s in which the boot loader, just reset, is not asked: it would stay
-CONFIRM = 5.0  # s
+CONFIRM = 10.0  # s; 5 s of health, and the start
 TRIES = 8  # of one block
 REQUESTS = 3  # of any other request that is not answered
 
@@ -36,7 +36,7 @@ REASONS = {
     "motor_on": "the motor is on; stop it first",
     "slot_in_use": "the slot is in use: its image runs or is confirmed",
     "too_large": "the image does not fit the slot",
-    "version_too_old": "the version is older than the confirmed one",
+    "version_too_old": "the version is older than the one confirmed before the present one",
     "flash": "the flash refused to be written",
     "sequence": "blocks came out of order",
     "not_an_image": "what arrived is no image for this boot loader",
@@ -44,7 +44,7 @@ REASONS = {
     "wrong_key": "the image is signed with a key that the boot loader does not know",
     "corrupted": "the image arrived damaged",
     "bad_signature": "the image is not signed, or its signature is forged",
-    "counter_too_low": "the security counter is lower than that of a confirmed image",
+    "counter_too_low": "the security counter is lower than that of the image confirmed before the present one",
     "desk_image": "a desk image, which this release refuses; expected a production image, or one signed with --unit",
     "boot_loader_only": "the application leaves updates to the boot loader",
 }
@@ -67,7 +67,7 @@ class Controller:
     confirmed: str
     candidate: str
     phase: str
-    version: Version  # highest that was confirmed
+    version: Version  # that an update needs at least
     security_counter: int
     key: bytes  # first four bytes of the hash of the boot loader's key
 
