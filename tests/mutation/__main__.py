@@ -139,6 +139,7 @@ def listed(all_of_them: dict[str, Mutant]) -> tuple[set[str], list[str]]:
     wrong = []
     for entry in entries:
         keys = by_name.get(tuple(entry.get(word, "") for word in ("file", "function", "line", "change")), [])
+        keys = keys[entry["number"] - 1 : entry["number"]] if "number" in entry else keys
         if not keys or not entry.get("why"):
             told = "matches no mutant" if not keys else "gives no reason"
             wrong.append(f"equivalent.toml: {entry.get('file')} {entry.get('function')}: {entry.get('change')}: {told}")

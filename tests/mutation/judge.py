@@ -159,10 +159,9 @@ class Bench:
         place = ROOT / source
         if mutated:  # a copy of the test that includes the mutant's file
             text = place.read_text(encoding="utf-8")
-            for included, path in mutated.items():
-                text = re.sub(
-                    rf'^#include "[^"]*{re.escape(included)}"', f'#include "{path}"', text, count=1, flags=re.M
-                )
+            for included, spelt in _included(place, text):
+                path = mutated.get(included, ROOT / included)
+                text = text.replace(f'#include "{spelt}"', f'#include "{path}"', 1)
             place = self.folder / "src" / Path(source).name
             place.write_text(text, encoding="utf-8")
         where = [f"-I{(ROOT / source).parent}", f"-I{ROOT / 'firmware/link'}", f"-I{ROOT / 'firmware/boot'}"]
