@@ -16,6 +16,7 @@ from scipy.stats import chi2
 
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.model.model import Model
+from tests.campaigns import blind
 from tests.campaigns.drawn import CATALOGUE, FOREIGN, Drawn, draw, noise, write
 from tests.campaigns.followup import after_experiment
 from tests.campaigns.formulas import predict
