@@ -25,7 +25,9 @@ OF_ONE_COLUMN = 2  # of them at most: shapes of one column look alike, and anoth
 INSTEAD = 4  # likeliest terms around the best refit; chosen by hand, for time
 POOL = 220  # expressions of which all pairs are judged; chosen by hand, for time
 OF_EACH_COLUMN = 8  # of them at least, in the order of their evidence; chosen by hand
-WITHIN = 12.0  # log weight behind the best beyond which an answer is not asked whether it pays; chosen by hand, for time
+WITHIN = (
+    12.0  # log weight behind the best beyond which an answer is not asked whether it pays; chosen by hand, for time
+)
 PAIRS_REFITTED = (6, 4)  # pairs of expressions, and of one with an effect; chosen by hand, for time
 
 
