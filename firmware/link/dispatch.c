@@ -284,9 +284,7 @@ static terrapin_accept_result accept_identity_read(terrapin_link *link, const te
 static terrapin_accept_result accept_node_request(terrapin_link *link, const terrapin_state *state,
                                                   const terrapin_frame *frame, terrapin_frame *reply) {
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
-    if (link->identity == NULL) {
-        link->unknown++;
-    } else if (terrapin_identity_accept(link->identity, frame, terrapin_bridge_on(state), reply)) {
+    if (terrapin_identity_accept(link->identity, frame, terrapin_bridge_on(state), reply)) {
         result = TERRAPIN_ACCEPT_REPLY;
     } else {
         link->malformed++; /* or meant for another controller with this node number */
@@ -363,15 +361,27 @@ void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inp
     reset_controller(state, inputs, NULL);
 }
 
+/* What concerns the bus, and other traffic on it. */
+static terrapin_accept_result accept_of_the_bus(terrapin_link *link, const terrapin_state *state,
+                                                const terrapin_frame *frame, terrapin_inputs *inputs,
+                                                terrapin_frame *reply) {
+    terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
+    if (frame->id == TERRAPIN_ID_STOP_ALL) {
+        accept_stop_all(link, frame, inputs);
+    } else if ((frame->id == TERRAPIN_ID_NODE_REQUEST) && (link->identity != NULL)) {
+        result = accept_node_request(link, state, frame, reply);
+    } else {
+        link->unknown++;
+    }
+    return result;
+}
+
 terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
                                        terrapin_inputs *inputs, terrapin_frame *reply) {
     TERRAPIN_ASSERT((link != NULL) && (state != NULL) && (inputs != NULL));
     TERRAPIN_ASSERT((frame != NULL) && (reply != NULL));
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
     switch (frame->id) {
-    case TERRAPIN_ID_STOP_ALL:
-        accept_stop_all(link, frame, inputs);
-        break;
     case TERRAPIN_ID_COMMAND:
         accept_command(link, frame, inputs);
         break;
@@ -389,9 +399,6 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
         break;
     case TERRAPIN_ID_IDENTITY_READ:
         result = accept_identity_read(link, frame, reply);
-        break;
-    case TERRAPIN_ID_NODE_REQUEST:
-        result = accept_node_request(link, state, frame, reply);
         break;
 #ifdef TERRAPIN_PRODUCTION
     case TERRAPIN_ID_TEST_MODE:
@@ -427,7 +434,7 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
         break;
 #endif
     default:
-        link->unknown++;
+        result = accept_of_the_bus(link, state, frame, inputs, reply);
         break;
     }
     TERRAPIN_ASSERT((result != TERRAPIN_ACCEPT_STEP) || link->test_mode);

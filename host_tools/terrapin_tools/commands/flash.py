@@ -83,7 +83,7 @@ def _update(files: Sequence[SignedFile], wire: Wire, change_robot: bool) -> str:
     return f"slot {outcome.slot}: {after[outcome.state]}"
 
 
-def _whole(files: Sequence[SignedFile], via: str, port: str, baud: int, loader: Path | None) -> str:
+def _whole(files: Sequence[SignedFile], via: str, port: str, baud: int, loader: Path | None, node: int) -> str:
     from terrapin_tools.flash import plan as plans
     from terrapin_tools.flash.layout import BASE
     from terrapin_tools.flash.stm32 import Stm32
@@ -92,7 +92,7 @@ def _whole(files: Sequence[SignedFile], via: str, port: str, baud: int, loader: 
     data = plans.boot_loader(loader) if loader else None
     if data is not None:
         plans.check_starts(data, str(loader), files)
-    what = plans.plan(files, data)
+    what = plans.plan(files, data, node)
     programmer = Swd(port or None) if via == "swd" else Stm32(_serial_port(port, via), baud or 115_200)
     with closing(programmer), bar("", None) as shown:
         told = _told(shown)
@@ -137,7 +137,8 @@ def flash(
     """Write a signed image, read it back or have it verified, and start it.
 
     Over a link it updates a controller that runs, with its motor off, through its boot loader: the running image stays
-    until the new one has started well. --via swd and stm32 write an empty or a broken one, and forget what was there.
+    until the new one has started well. --via swd and stm32 write an empty or a broken one, and forget what was there:
+    --node is then the number that it gets.
 
     Example: terrapin flash robot-a.bin robot-b.bin --link socketcan:can0
     """
@@ -158,14 +159,12 @@ def flash(
         raise UserError(f"--baud: --via {via} has none, expected it with serial or stm32")
     if bitrate and via != "can":
         raise UserError(f"--bitrate: --via {via} has none, expected it with can")
-    if node and via in ("swd", "stm32"):
-        raise UserError(f"--node: --via {via} forgets the node number, expected `terrapin node set` after it")
     if not images:
         raise UserError("no IMAGE; `terrapin image sign` makes one")
     controller = None if via in ("swd", "stm32") else _controller(link, via, port, baud, bitrate)
     files = _files(images)
     if controller is None:
-        print(_whole(files, via, port, baud, loader))
+        print(_whole(files, via, port, baud, loader, LinkName("").at_node(node).node))
     else:
         from terrapin_tools.flash.wires import open_wire
 
