@@ -315,12 +315,27 @@ static terrapin_accept_result accept_store_read(terrapin_link *link, const terra
     return TERRAPIN_ACCEPT_REPLY;
 }
 
+static terrapin_accept_result accept_identity_read(terrapin_link *link, const terrapin_frame *frame,
+                                                   terrapin_frame *reply) {
+    terrapin_identity_read_t message;
+    if (!terrapin_decode_identity_read(frame, &message) || (message.part != 0)) {
+        link->malformed++;
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    const terrapin_identity_t answer = {
+        .robot = TERRAPIN_ROBOT_IDENTITY,
+        .interface = TERRAPIN_INTERFACE_IDENTITY,
+        .board = (int32_t)link->board,
+        .version = TERRAPIN_INTERFACE_VERSION,
+    };
+    (void)terrapin_encode_identity(&answer, reply); /* cannot saturate: the fields have the signals' widths */
+    return TERRAPIN_ACCEPT_REPLY;
+}
+
 static terrapin_accept_result accept_node_request(terrapin_link *link, const terrapin_state *state,
                                                   const terrapin_frame *frame, terrapin_frame *reply) {
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
-    if (link->identity == NULL) {
-        link->unknown++;
-    } else if (terrapin_identity_accept(link->identity, frame, terrapin_bridge_on(state), reply)) {
+    if (terrapin_identity_accept(link->identity, frame, terrapin_bridge_on(state), reply)) {
         result = TERRAPIN_ACCEPT_REPLY;
     } else {
         link->malformed++; /* or meant for another controller with this node number */
@@ -397,14 +412,33 @@ void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inp
     reset_controller(state, inputs, NULL);
 }
 
+<<<<<<< HEAD
 /* A frame that may be taken. */
 static terrapin_accept_result take_frame(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
                                          terrapin_inputs *inputs, terrapin_frame *reply) {
+=======
+/* What concerns the bus, and other traffic on it. */
+static terrapin_accept_result accept_of_the_bus(terrapin_link *link, const terrapin_state *state,
+                                                const terrapin_frame *frame, terrapin_inputs *inputs,
+                                                terrapin_frame *reply) {
+    terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
+    if (frame->id == TERRAPIN_ID_STOP_ALL) {
+        accept_stop_all(link, frame, inputs);
+    } else if ((frame->id == TERRAPIN_ID_NODE_REQUEST) && (link->identity != NULL)) {
+        result = accept_node_request(link, state, frame, reply);
+    } else {
+        link->unknown++;
+    }
+    return result;
+}
+
+terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
+                                       terrapin_inputs *inputs, terrapin_frame *reply) {
+    TERRAPIN_ASSERT((link != NULL) && (state != NULL) && (inputs != NULL));
+    TERRAPIN_ASSERT((frame != NULL) && (reply != NULL));
+>>>>>>> main
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
     switch (frame->id) {
-    case TERRAPIN_ID_STOP_ALL:
-        accept_stop_all(link, frame, inputs);
-        break;
     case TERRAPIN_ID_COMMAND:
         accept_command(link, frame, inputs);
         break;
@@ -426,8 +460,8 @@ static terrapin_accept_result take_frame(terrapin_link *link, terrapin_state *st
     case TERRAPIN_ID_STORE_READ:
         result = accept_store_read(link, state, frame, reply);
         break;
-    case TERRAPIN_ID_NODE_REQUEST:
-        result = accept_node_request(link, state, frame, reply);
+    case TERRAPIN_ID_IDENTITY_READ:
+        result = accept_identity_read(link, frame, reply);
         break;
 #ifdef TERRAPIN_PRODUCTION
     case TERRAPIN_ID_TEST_MODE:
@@ -463,7 +497,7 @@ static terrapin_accept_result take_frame(terrapin_link *link, terrapin_state *st
         break;
 #endif
     default:
-        link->unknown++;
+        result = accept_of_the_bus(link, state, frame, inputs, reply);
         break;
     }
     TERRAPIN_ASSERT((result != TERRAPIN_ACCEPT_STEP) || link->test_mode);
