@@ -412,11 +412,6 @@ void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inp
     reset_controller(state, inputs, NULL);
 }
 
-<<<<<<< HEAD
-/* A frame that may be taken. */
-static terrapin_accept_result take_frame(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
-                                         terrapin_inputs *inputs, terrapin_frame *reply) {
-=======
 /* What concerns the bus, and other traffic on it. */
 static terrapin_accept_result accept_of_the_bus(terrapin_link *link, const terrapin_state *state,
                                                 const terrapin_frame *frame, terrapin_inputs *inputs,
@@ -432,11 +427,9 @@ static terrapin_accept_result accept_of_the_bus(terrapin_link *link, const terra
     return result;
 }
 
-terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
-                                       terrapin_inputs *inputs, terrapin_frame *reply) {
-    TERRAPIN_ASSERT((link != NULL) && (state != NULL) && (inputs != NULL));
-    TERRAPIN_ASSERT((frame != NULL) && (reply != NULL));
->>>>>>> main
+/* A frame that may be taken. */
+static terrapin_accept_result take_frame(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
+                                         terrapin_inputs *inputs, terrapin_frame *reply) {
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
     switch (frame->id) {
     case TERRAPIN_ID_COMMAND:

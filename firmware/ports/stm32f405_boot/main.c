@@ -122,13 +122,9 @@ _Noreturn void application(void) {
     const terrapin_flash flash = flash_open(&flash_memory, FLASH, (uint8_t *)FLASH_MEMORY, serves);
     const terrapin_boot boot = {.flash = &flash,
                                 .key = terrapin_boot_key,
-<<<<<<< HEAD
                                 .key_id = TERRAPIN_BOOT_KEY_ID,
                                 .release = TERRAPIN_BOOT_RELEASE,
-=======
-                                .release = TERRAPIN_BOOT_RELEASE,
                                 .board = (uint8_t)BOARD_NUMBER,
->>>>>>> main
                                 .unit = unique_number()};
     terrapin_boot_serial_init(&serial, &boot, TERRAPIN_UPDATE_SLOT_NONE);
     start_chip(&speed);
