@@ -25,7 +25,8 @@ EXCEPTION = 36  # bytes: 8 registers, and a word that aligns them (Arm DDI 0403,
 GUARD = 32  # bytes at the stack's end that belong to nobody (processor.h)
 HARD_FAULT, NMI, OTHERS = 3, 2, 4  # in the vector table
 
-# Calls through a pointer: all to the flash driver (firmware/store/flash.h). An image without one has none to call.
+# Calls through a pointer: to the flash driver (firmware/store/flash.h), and to what keeps the node number (link/node.h). An
+# image without one has none to call.
 FLASH = ("erase", "write", "read")
 INDIRECT = {
     "read_unit": FLASH,
@@ -36,6 +37,8 @@ INDIRECT = {
     "find": FLASH,
     "clear_slot": FLASH,
     "terrapin_update_accept": FLASH,
+    "store_number": ("store_node",),
+    "terrapin_identity_accept": ("store_node",),
     "start_image": (),  # leaves for another image, which begins its own stack
 }
 SETS_STACK = {"fault", "start_image"}  # to the stack's end, from where everything begins anew

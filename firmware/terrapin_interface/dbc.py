@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from decimal import Decimal
 
 from terrapin_interface.description import Description, Message, Signal
@@ -29,9 +28,8 @@ def _signal(signal: Signal, receiver: str) -> str:
     )
 
 
-def dbc(d: Description, node: int = 0) -> str:
-    """Text of the DBC of a node: messages, units, comments, value tables and cycle times."""
-    d = replace(d, messages=tuple(replace(m, id=d.identifier(m, node)) for m in d.messages))
+def dbc(d: Description) -> str:
+    """Text of the DBC: messages, units, comments, value tables and cycle times."""
     nodes = list(d.nodes.values())
 
     def receiver(message: Message) -> str:

@@ -204,13 +204,6 @@ class Description:
     node_count: int = 1  # controllers that one bus may have
     blocks: tuple[Block, ...] = ()  # how their identifiers follow from the messages', which are those of node 0
 
-    def identifier(self, message: Message, node: int) -> int:
-        """The identifier of a message at a node."""
-        for block in self.blocks:
-            if block.first <= message.id < block.first + block.size:
-                return message.id - block.first + block.at(node)
-        return message.id
-
 
 class _Table:
     """A TOML table that is read key by key; what was not asked for is an error."""

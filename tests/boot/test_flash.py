@@ -701,7 +701,19 @@ def test_one_node_is_updated_while_the_other_drives(tmp_path: Path) -> None:
         wire.close()
 
 
-def test_swd_has_no_node_number(tmp_path: Path) -> None:
-    done = terrapin("flash", signed(tmp_path, "a", "1.0.0"), "--via", "swd", "--node", "3")
+def test_what_swd_writes_has_a_node_number() -> None:
+    """The record is the boot loader's own: it reads the number, starts what was written, and adds to it."""
+    chip = Chip(PUBLIC)
+    for address, data in plan([file("a", "1.0.0")], None, node=5).write:
+        chip.ffi.buffer(chip.bytes)[address - BASE : address - BASE + len(data)] = data
+    assert chip.record().node == 5
+    assert chip.start() == "a"
+    assert chip.confirm()
+    assert (chip.record().node, chip.record().confirmed) == (5, 1)
+    assert plan([file("a", "1.0.0")], None).write == plan([file("a", "1.0.0")], None, node=5).write[:-1]
+
+
+def test_swd_with_a_number_that_no_node_has(tmp_path: Path) -> None:
+    done = terrapin("flash", signed(tmp_path, "a", "1.0.0"), "--via", "swd", "--node", "9")
     assert done.returncode == 2
-    assert "--node: --via swd forgets the node number" in done.stderr
+    assert "expected a node number from 0 to 7" in done.stderr

@@ -468,8 +468,13 @@ static void test_update_resets_with_the_motor_off_alone(void) {
 /* ---- a node of its own */
 
 static void test_a_node_has_identifiers_of_its_own(void) {
+    static uint8_t bytes[TERRAPIN_FLASH_F405_SIZE];
+    static terrapin_flash_emulated chip_memory;
     static terrapin_update update;
-    static const terrapin_boot boot = {0};
+    memset(bytes, 0xFF, sizeof bytes);
+    terrapin_flash_emulated_init(&chip_memory, bytes, terrapin_flash_f405_sectors, TERRAPIN_FLASH_F405_SECTORS, 4U);
+    const terrapin_flash flash = terrapin_flash_emulated_driver(&chip_memory);
+    const terrapin_boot boot = {.flash = &flash};
     hardware_facts hardware = plain();
     hardware.node = 3U;
     hardware.unique = 0x12345678U;

@@ -86,6 +86,11 @@ void hardware_healthy(void) {
     healthy_at = controller.tick;
 }
 
+bool hardware_store_node(uint8_t node) {
+    (void)node;
+    return false;
+}
+
 void hardware_reset(can *to_bus, usart *to_line, bool stay) {
     (void)to_bus;
     (void)to_line;
@@ -115,7 +120,7 @@ void setUp(void) {}
 void tearDown(void) {}
 
 static void start(kind is, bool trial) {
-    static const can_filter all = {0U, 0U};
+    static const terrapin_filter all = {0U, 0U};
     const hardware_facts hardware = {.core_hz = 168000000U};
     const terrapin_record record = {
         .confirmed = TERRAPIN_UPDATE_SLOT_B,

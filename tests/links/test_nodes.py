@@ -26,6 +26,7 @@ from terrapin_hil.scenario.scenario import Scenario, find_scenario, load_scenari
 from terrapin_hil.simulation import Simulation
 from terrapin_tools.cli import main
 from terrapin_tools.errors import UserError
+from terrapin_tools.logs.candump import line
 from terrapin_tools.param.nodes import controllers, require_one, store_node
 from terrapin_tools.param.session import Session
 
@@ -313,6 +314,45 @@ def terrapin(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     return int(left.value.code or 0)
 
 
+def test_a_log_of_two_is_taken_for_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """What a recording of the bus holds of node 3, as the log of a controller alone: the same frames."""
+    alone = tmp_path / "alone.log"
+    frames = [(0.001 * i, Sender().frame(m.name, {})) for i, m in enumerate(MESSAGES.values())]
+    alone.write_text("".join(f"{line(t, *frame)}\n" for t, frame in frames))
+    both = tmp_path / "both.log"
+    with both.open("w") as file:
+        for t, frame in frames:
+            for number in (0, 3):
+                if frame[0] >= 0x010 or number == 3:
+                    file.write(f"{line(t, *Node(number).to_bus(frame))}\n")
+    assert terrapin(monkeypatch, "log", "convert", str(both), str(tmp_path / "three.log"), "--node", "3") == 0
+    taken = [words.split()[1:] for words in (tmp_path / "three.log").read_text().splitlines()]
+    wanted = [words.split()[1:] for words in alone.read_text().splitlines()]
+    assert taken == wanted
+    capsys.readouterr()
+    assert terrapin(monkeypatch, "log", "info", str(both), "--node", "3", "--json", "-") == 0
+    assert json.loads(capsys.readouterr().out)["frames"] == len(MESSAGES)
+    assert terrapin(monkeypatch, "log", "info", str(both), "--json", "-") == 0
+    assert json.loads(capsys.readouterr().out)["frames"] == 2 * len(MESSAGES) - 1
+
+
+def test_the_dbc_of_a_node(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    import cantools
+
+    assert terrapin(monkeypatch, "log", "dbc", str(tmp_path / "three.dbc"), "--node", "3") == 0
+    database = cantools.database.load_file(tmp_path / "three.dbc")
+    own = cantools.database.load_file(paths.dbc())
+    for message in own.messages:  # type: ignore[union-attr]
+        moved = database.get_message_by_name(message.name)  # type: ignore[union-attr]
+        assert moved.frame_id == planned(3, message.frame_id)
+        assert (moved.comment, moved.cycle_time) == (message.comment, message.cycle_time)
+        assert [(s.name, s.start, s.choices, s.comment) for s in moved.signals] == [
+            (s.name, s.start, s.choices, s.comment) for s in message.signals
+        ]
+
+
 def test_run_with_another(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     arguments = ("run", "command_timeout", "--with", "command_timeout", "--node", "2", "--out", str(tmp_path), "--json")
     assert terrapin(monkeypatch, *arguments) == 0
@@ -331,6 +371,9 @@ def test_run_with_another(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
         (("run", "steady_sand", "--with", "steady_sand", "--node", "7"), "2 robots from node 7 on"),
         (("run", "babbling_idiot", "--with", "steady_sand"), "babbling_idiot: its faults of the bus"),
         (("run", "steady_sand", "--node", "8"), "expected a node number from 0 to 7"),
+        (("log", "info", "x.log", "--node", "8"), "x.log"),
+        (("monitor", "steady_sand", "--node", "1"), "--node: a scenario has one controller"),
+        (("web", "--node", "1"), "--node: of a bus, expected --link"),
         (("node", "set", "8"), "node set: found '8', expected a node number from 0 to 7"),
         (("node", "set", "1"), "no place to keep a node number"),
         (("node", "set", "1", "--unique", "xyz"), "--unique: found 'xyz'"),
