@@ -89,6 +89,16 @@ def test_the_rig_holds_the_limit_and_the_ground_says_which_is_best(law: str, bes
         assert abs(p.pull / peaks[law] - share) <= 0.03
 
 
+def test_the_printed_robot_is_told_that_it_cannot_roll_on() -> None:
+    """1.91 N m against 1.97 without bulldozing, and 2.24 with it and the paper's law; 9 kg can."""
+    assert "gravity holds 1.91 N m" in load_scenario(find_scenario("printed")).notes[-1]
+    for scale, xi1, needed in ((0, 0, "1.97"), (1, 2, "2.24")):
+        values = {"effect.bulldozing.scale": scale, "effect.slip_sinkage.xi1": xi1}
+        (line,) = [n for n in load_scenario(find_scenario("printed"), values).notes if "gravity" in n]
+        assert f"rolling on takes {needed} N m" in line
+    assert not [n for n in load_scenario(find_scenario("level")).notes if "gravity" in n]
+
+
 def test_what_ends_a_free_run_is_named() -> None:
     """The guard where the limit lets the bob rise, the limiter where it is low; digging by a rut of its own."""
     low, high = (slip_limit.free_run("rut 3 mm", limit) for limit in (0.3, 0.9))
