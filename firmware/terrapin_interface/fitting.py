@@ -26,12 +26,19 @@ def fitted(document: Mapping[str, Any], robot: Robot | None = None) -> dict[str,
     RobotError when the robot does not fit the controller, or the document asks for what no robot has. A document that
     says nothing of robots stays as it is, unless a robot is given.
     """
+    if robot is None and not any("full_scale" in e or isinstance(_value(e), str) for _, _, e in _entries(document)):
+        return dict(document)
+    cylinder = load_robot(find_robot(DEFAULT))
+    found = _with_robot(document, robot or cylinder)
+    if robot is not None and found.get("ceiling"):
+        cylinders = _with_robot(document, cylinder)["parameter"]
+        _fit_ceilings(found["ceiling"], found.get("parameter", {}), cylinders, robot)
+    return found
+
+
+def _with_robot(document: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
     found: dict[str, Any] = copy.deepcopy(dict(document))
-    entries = list(_entries(found))
-    if robot is None and not any("full_scale" in e or isinstance(_value(e), str) for _, _, e in entries):
-        return found
-    robot = robot or load_robot(find_robot(DEFAULT))
-    for where, name, entry in entries:
+    for where, name, entry in list(_entries(found)):
         _fit(where, name, entry, robot)
     _set_firmware(found.get("parameter", {}), robot)
     _check_bus(found.get("message", {}), robot)
@@ -102,6 +109,19 @@ def _set_firmware(parameters: Mapping[str, Any], robot: Robot) -> None:
         if not entry["min"] <= raw <= entry["max"]:
             raise robot.table.error(key, f"found {value!r}, expected {_range(entry)}")
         entry["default"] = raw
+
+
+def _fit_ceilings(
+    ceilings: Mapping[str, Any], parameters: Mapping[str, Any], cylinders: Mapping[str, Any], robot: Robot
+) -> None:
+    """Ratings of the cylinder's parts in proportion: as far from the robot's own values as from the cylinder's."""
+    for name, ceiling in ceilings.items():
+        own, cylinder = parameters[name]["default"], cylinders[name]["default"]
+        if own != cylinder:
+            for end in ("min", "max"):
+                if end in ceiling:
+                    ceiling[end] = round(ceiling[end] * own / cylinder)
+            ceiling["part"] = f"{robot.name}: in proportion to the cylinder's ({ceiling['part']})"
 
 
 def _check_bus(messages: Mapping[str, Any], robot: Robot) -> None:

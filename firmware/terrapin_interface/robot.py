@@ -271,7 +271,7 @@ def _read(table: RobotTable, name: str) -> Robot:
             "current": table.number("full_scale.current", "A", 2.0, 20.0),
             "voltage": table.number("full_scale.voltage", "V", 16.0, 32.0),
         },
-        window=table.number("estimator.window", "s", 0.1, 4.8),
+        window=table.number("estimator.window", "s", 0.1, 3.6),
         gate=table.number("estimator.gate", "N m", 0.0, 100.0, above=True),
         off=table.choice("bridge.off", ["coast", "brake"], "coast"),
         bit_rate=table.number("can.bit_rate", "bit/s", 1e4, 1e6),

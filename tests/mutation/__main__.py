@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from terrapin_hil.paths import ROOT
-from tests.mutation.judge import Bench, NotReady
+from tests.mutation.judge import BITS, Bench, NotReady
 from tests.mutation.operators import Mutant, mutants
 
 LIBRARIES = {name: f"firmware/{name}/*.c" for name in ("core", "link", "store", "boot")}
@@ -36,7 +36,7 @@ WHOLE_FILES = ("firmware/core/supervisor.c",)  # all mutants of these, in every 
 NO_SURVIVOR = ("firmware/core/supervisor.c", "firmware/boot/")
 SHARE, LISTED = 0.97, 0.05  # killed of those that are not equivalent; listed as equivalent of a file's mutants
 SAMPLE = {"core": 300, "link": 160, "store": 160, "boot": 200}
-TESTS = ("tests/firmware/*.[ch]", "tests/boot/*.py", "hil/terrapin_hil/scenario/scenarios/*.toml")
+TESTS = ("tests/firmware/*.[ch]", "tests/boot/*.py", "hil/terrapin_hil/scenario/scenarios/*.toml", BITS)
 EQUIVALENT = Path(__file__).with_name("equivalent.toml")
 MOST_CHANGED = 400  # mutants that `make check` judges: a spread of them when a commit changes more
 
@@ -139,6 +139,7 @@ def listed(all_of_them: dict[str, Mutant]) -> tuple[set[str], list[str]]:
     wrong = []
     for entry in entries:
         keys = by_name.get(tuple(entry.get(word, "") for word in ("file", "function", "line", "change")), [])
+        keys = keys[entry["number"] - 1 : entry["number"]] if "number" in entry else keys
         if not keys or not entry.get("why"):
             told = "matches no mutant" if not keys else "gives no reason"
             wrong.append(f"equivalent.toml: {entry.get('file')} {entry.get('function')}: {entry.get('change')}: {told}")

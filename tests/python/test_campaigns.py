@@ -16,6 +16,7 @@ from scipy.stats import chi2
 
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.model.model import Model
+from tests.campaigns import blind
 from tests.campaigns.drawn import CATALOGUE, FOREIGN, Drawn, draw, noise, write
 from tests.campaigns.followup import after_experiment
 from tests.campaigns.formulas import predict
@@ -239,3 +240,17 @@ def test_unknown_rows_are_refused(tmp_path: Path) -> None:
     done = subprocess.run(campaign(tmp_path, "--rows", "luck"), cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "luck" in done.stderr
+
+
+def test_the_blind_set_is_what_its_seal_says(tmp_path: Path) -> None:
+    """The same seed gives the same answers, every kind among them; answers that were not sealed are refused."""
+    drawn = blind.answers(len(blind.KINDS), seed=3)
+    assert drawn == blind.answers(len(blind.KINDS), seed=3) != blind.answers(len(blind.KINDS), seed=4)
+    assert [one["kind"] for one in drawn["cases"]] == list(blind.KINDS)
+    assert all(bool(one["truth"]) == (one["kind"] != "nothing") for one in drawn["cases"])
+    path = tmp_path / "answers.json"
+    path.write_text(json.dumps(drawn), encoding="utf-8")
+    words = [sys.executable, "-m", "tests.campaigns.blind", "run", "--answers", str(path)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1
+    assert "its seal does not stand in" in done.stderr

@@ -100,6 +100,8 @@ def test_what_a_test_sees_is_killed_and_unseen_when_it_is_switched_off() -> None
     line = "causes |= fault_bit(TERRAPIN_FAULT_ESTOP);"
     slip = next(m for m in mutants(Path("firmware/core/supervisor.c"), ROOT) if m.line == line and m.old == line)
     same = Mutant(slip.path, slip.source, slip.begin, slip.old, " " + slip.old, slip.function)
+    start = "calibration_start(state);"  # which a test sees that includes the file
+    unseen = next(m for m in mutants(Path("firmware/core/supervisor.c"), ROOT) if m.old == start)
     bad = Mutant(slip.path, slip.source, slip.begin, slip.old, "causes |= ;", slip.function)
     others = ["test_[!c]*", "test_core_[!s]*", "test_core_step*", "test_codec*", "scenarios", "tests/boot"]
     try:
@@ -107,6 +109,7 @@ def test_what_a_test_sees_is_killed_and_unseen_when_it_is_switched_off() -> None
             assert bench.judge(slip) == ("killed", "test_core_supervisor_blackbox")
             assert bench.judge(same) == ("equal", "")
             assert bench.judge(bad) == ("invalid", "")
+            assert bench.judge(unseen) == ("killed", "test_core_supervisor_whitebox")
             bench._order = {slip.path.as_posix(): []}  # switched off
             assert bench.judge(slip) == ("survived", "")
     except NotReady as error:

@@ -19,11 +19,12 @@
         }                                                                                                              \
     } while (0)
 
-#define SECTORS    7U
-#define FLASH_SIZE (TERRAPIN_LAYOUT_SLOT_B + TERRAPIN_LAYOUT_SLOT_SIZE)
-#define FRAME_SIZE 10U
-#define REPAIR     0x80U
-#define MOTOR_ON   0x40U
+#define SECTORS     7U
+#define FLASH_SIZE  (TERRAPIN_LAYOUT_SLOT_B + TERRAPIN_LAYOUT_SLOT_SIZE)
+#define FRAME_SIZE  10U
+#define REPAIR      0x80U
+#define MOTOR_ON    0x40U
+#define APPLICATION 0x20U /* the frame comes while an image runs */
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size);
 
@@ -88,7 +89,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
             repair(&frame, &update, counter);
             counter++;
         }
-        const uint32_t count = terrapin_update_accept(&update, &frame, (bytes[at] & MOTOR_ON) != 0U, replies);
+        const bool motor_on = (bytes[at] & MOTOR_ON) != 0U;
+        const uint32_t count = ((bytes[at] & APPLICATION) != 0U)
+                                   ? terrapin_update_application(&update, &frame, motor_on, replies)
+                                   : terrapin_update_accept(&update, &frame, motor_on, replies);
         CHECK(count <= TERRAPIN_UPDATE_REPLIES);
         for (uint32_t i = 0; i < count; i++) {
             CHECK((replies[i].length == 8U) || (replies[i].length == 7U));
