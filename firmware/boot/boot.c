@@ -28,6 +28,12 @@ terrapin_image_result terrapin_boot_check(const terrapin_boot *boot, uint8_t slo
         } else if (boot->release && (image->kind != (uint8_t)TERRAPIN_IMAGE_KIND_PRODUCTION) &&
                    !(image->for_unit && (image->unit == boot->unit))) {
             result = TERRAPIN_UPDATE_RESULT_DESK_IMAGE;
+        } else if ((record->robot != 0U) && (image->robot != record->robot)) {
+            result = TERRAPIN_UPDATE_RESULT_WRONG_ROBOT;
+        } else if ((image->board != 0U) && (boot->board != 0U) && (image->board != boot->board)) {
+            result = TERRAPIN_UPDATE_RESULT_WRONG_BOARD;
+        } else if ((image->interface != 0U) && (image->interface != (uint32_t)TERRAPIN_INTERFACE_VERSION)) {
+            result = TERRAPIN_UPDATE_RESULT_WRONG_INTERFACE;
         } else {
             /* good */
         }
@@ -127,6 +133,9 @@ bool terrapin_boot_confirm(const terrapin_boot *boot, uint8_t running) {
     }
     raise_floor(boot, (record.confirmed != NONE) ? record.confirmed : running, &record);
     record.confirmed = running;
+    if (record.robot == 0U) { /* the first image that starts well says whose this controller is */
+        record.robot = image.robot;
+    }
     if (trial) {
         record.candidate = NONE;
         record.phase = TERRAPIN_UPDATE_PHASE_NONE;

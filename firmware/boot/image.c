@@ -15,6 +15,8 @@
 #define TLV_COUNTER     0x50U
 #define TLV_KIND        0xA0U /* one byte: image_kind */
 #define TLV_UNIT        0xA1U /* four bytes: the chip that a desk image is allowed on */
+#define TLV_MADE_FOR    0xA2U /* robot_identity, board */
+#define TLV_INTERFACE   0xA3U
 #define ERASED          0xFFU
 #define TLV_HEAD        4U /* bytes before a TLV's value, and before the first TLV */
 
@@ -49,12 +51,16 @@ static bool read_protected(const terrapin_flash *flash, uint32_t offset, uint32_
                 (get16(bytes) == PROTECTED_MAGIC) && (get16(&bytes[2]) == size);
     image->kind = (uint8_t)TERRAPIN_IMAGE_KIND_DESK;
     image->for_unit = false;
+    image->robot = 0U;
+    image->board = 0U;
+    image->interface = 0U;
     while (good && (place < size)) { /* each turn advances by TLV_HEAD or more */
         good = ((size - place) >= TLV_HEAD) && flash->read(flash->context, offset + place, bytes, TLV_HEAD);
         const uint16_t type = get16(bytes);
         const uint32_t length = get16(&bytes[2]);
         good = good && (length <= (size - place - TLV_HEAD));
-        if (good && ((type == TLV_COUNTER) || (type == TLV_UNIT) || (type == TLV_KIND))) {
+        if (good && ((type == TLV_COUNTER) || (type == TLV_UNIT) || (type == TLV_KIND) || (type == TLV_MADE_FOR) ||
+                     (type == TLV_INTERFACE))) {
             uint32_t expected = 4U;
             if (type == TLV_KIND) {
                 expected = 1U;
@@ -66,6 +72,11 @@ static bool read_protected(const terrapin_flash *flash, uint32_t offset, uint32_
             } else if (type == TLV_UNIT) {
                 image->for_unit = true;
                 image->unit = get32(bytes);
+            } else if (type == TLV_MADE_FOR) {
+                image->robot = get32(bytes) & 0x00FFFFFFU;
+                image->board = bytes[3];
+            } else if (type == TLV_INTERFACE) {
+                image->interface = get32(bytes);
             } else {
                 image->kind = bytes[0];
             }

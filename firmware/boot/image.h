@@ -33,6 +33,9 @@ typedef struct {
     uint8_t kind;         /* image_kind of controller.toml: desk unless the image says production */
     bool for_unit;        /* the image names a chip: */
     uint32_t unit;        /* its unique number, as PORT_IDENTITY tells it */
+    uint32_t robot;       /* robot_identity that it is made for, */
+    uint8_t board;        /* board, */
+    uint32_t interface;   /* and version of the interface; each 0 when the image does not say */
 } terrapin_image;
 
 /* Results are values of update_result in controller.toml: TERRAPIN_UPDATE_RESULT_OK, _NOT_AN_IMAGE, ... */

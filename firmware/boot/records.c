@@ -52,7 +52,7 @@ static void encode(const terrapin_record *record, uint32_t sequence, uint8_t *by
     bytes[18] = (uint8_t)(record->version.revision & 0xFFU);
     bytes[19] = (uint8_t)(record->version.revision >> 8U);
     put32(&bytes[20], record->version.build);
-    put32(&bytes[24], record->node); /* the other three bytes are free */
+    put32(&bytes[24], record->node | (record->robot << 8U));
     put32(&bytes[CRC_PLACE], terrapin_crc32(0U, bytes, CRC_PLACE));
 }
 
@@ -62,6 +62,7 @@ static bool decode(const uint8_t *bytes, terrapin_record *record, uint32_t *sequ
     record->phase = bytes[10];
     record->tries = bytes[11];
     record->node = bytes[24];
+    record->robot = get32(&bytes[24]) >> 8U;
     record->security_counter = get32(&bytes[12]);
     record->version.major = bytes[16];
     record->version.minor = bytes[17];
@@ -153,6 +154,14 @@ bool terrapin_records_set_node(const terrapin_flash *flash, uint8_t node) {
     terrapin_record record;
     terrapin_records_read(flash, &record);
     record.node = node;
+    return terrapin_records_append(flash, &record);
+}
+
+bool terrapin_records_set_robot(const terrapin_flash *flash, uint32_t robot) {
+    TERRAPIN_ASSERT(robot <= 0x00FFFFFFU);
+    terrapin_record record;
+    terrapin_records_read(flash, &record);
+    record.robot = robot;
     return terrapin_records_append(flash, &record);
 }
 

@@ -23,6 +23,7 @@ typedef struct {
     uint8_t tries;                  /* starts on trial that it still has */
     uint32_t security_counter;      /* an image needs at least this one */
     uint8_t node;                   /* the controller's number on its bus */
+    uint32_t robot;                 /* whose images are taken, 24 bits; 0: that of the first which is confirmed */
     terrapin_image_version version; /* an update needs at least this one */
 } terrapin_record;
 
@@ -34,6 +35,9 @@ bool terrapin_records_append(const terrapin_flash *flash, const terrapin_record 
 
 /* Append the newest record with another node number; false as above. */
 bool terrapin_records_set_node(const terrapin_flash *flash, uint8_t node);
+
+/* Append the newest record with another robot, 24 bits; false as above. */
+bool terrapin_records_set_robot(const terrapin_flash *flash, uint32_t robot);
 
 /* Change pages now when the present one has no room for the records of one update, so that the next appends take
  * 0.1 ms and no erase. */

@@ -12,6 +12,7 @@
  *     ...                                    `again`: send the block `next` (again)
  *     UPDATE_END crc                         UPDATE_STATUS, once the image is verified (and, if it is refused, erased)
  *     UPDATE_RESET                           UPDATE_STATUS, then the reset
+ *     UPDATE_ROBOT                           UPDATE_IDENTITY: whose images are taken
  *
  * A host whose answer does not come sends its request again, with its next E2E counter: the same BEGIN before the first
  * block, the last block and the same END are answered as before and do nothing again.
@@ -58,6 +59,7 @@ typedef struct {
     uint8_t begin_counter; /* E2E counters of the last accepted frames, and of the next answer */
     uint8_t end_counter;
     uint8_t reset_counter;
+    uint8_t robot_counter;
     uint8_t reply_counter;
     uint32_t malformed; /* frames dropped, by cause; these wrap */
     uint32_t bad_crc;

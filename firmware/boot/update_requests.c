@@ -15,6 +15,7 @@ void terrapin_update_init(terrapin_update *update, const terrapin_boot *boot, ui
         .begin_counter = TERRAPIN_E2E_NO_COUNTER,
         .end_counter = TERRAPIN_E2E_NO_COUNTER,
         .reset_counter = TERRAPIN_E2E_NO_COUNTER,
+        .robot_counter = TERRAPIN_E2E_NO_COUNTER,
     };
     *update = fresh;
     update->boot = boot;

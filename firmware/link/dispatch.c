@@ -264,6 +264,23 @@ static terrapin_accept_result accept_store_read(terrapin_link *link, const terra
     return TERRAPIN_ACCEPT_REPLY;
 }
 
+static terrapin_accept_result accept_identity_read(terrapin_link *link, const terrapin_frame *frame,
+                                                   terrapin_frame *reply) {
+    terrapin_identity_read_t message;
+    if (!terrapin_decode_identity_read(frame, &message) || (message.part != 0)) {
+        link->malformed++;
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    const terrapin_identity_t answer = {
+        .robot = TERRAPIN_ROBOT_IDENTITY,
+        .interface = TERRAPIN_INTERFACE_IDENTITY,
+        .board = (int32_t)link->board,
+        .version = TERRAPIN_INTERFACE_VERSION,
+    };
+    (void)terrapin_encode_identity(&answer, reply); /* cannot saturate: the fields have the signals' widths */
+    return TERRAPIN_ACCEPT_REPLY;
+}
+
 static terrapin_accept_result accept_node_request(terrapin_link *link, const terrapin_state *state,
                                                   const terrapin_frame *frame, terrapin_frame *reply) {
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
@@ -379,6 +396,9 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
         break;
     case TERRAPIN_ID_STORE_READ:
         result = accept_store_read(link, state, frame, reply);
+        break;
+    case TERRAPIN_ID_IDENTITY_READ:
+        result = accept_identity_read(link, frame, reply);
         break;
 #ifdef TERRAPIN_PRODUCTION
     case TERRAPIN_ID_TEST_MODE:

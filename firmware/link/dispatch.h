@@ -55,6 +55,7 @@ typedef struct {
     uint8_t write_counter;
     uint8_t test_counter;
     uint8_t store_counter;
+    uint8_t board;         /* enum board of controller.toml, set by the port after terrapin_link_init */
     uint8_t reply_counter; /* of the next PARAMETER_VALUE or STORE_STATUS */
     bool test_mode;
     bool held;             /* by STOP_ALL: COMMANDs are taken for IDLE until one says idle or clear */

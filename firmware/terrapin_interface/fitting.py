@@ -8,6 +8,8 @@ value; `most` is the largest raw number of a parameter that the core's formats h
 from __future__ import annotations
 
 import copy
+import hashlib
+import json
 from collections.abc import Iterator, Mapping
 from decimal import Decimal
 from typing import Any
@@ -15,8 +17,9 @@ from typing import Any
 from terrapin_interface.quantity import QuantityError, parse_quantity
 from terrapin_interface.robot import DEFAULT, Robot, RobotError, find_robot, load_robot
 
-__all__ = ["fitted"]
+__all__ = ["fitted", "interface_identity"]
 
+INTERFACE = "interface_identity"  # a constant that follows from all the rest
 FULLEST_BUS = 0.7  # share of the bit rate
 
 
@@ -33,12 +36,30 @@ def fitted(document: Mapping[str, Any], robot: Robot | None = None) -> dict[str,
     if robot is not None and found.get("ceiling"):
         cylinders = _with_robot(document, cylinder)["parameter"]
         _fit_ceilings(found["ceiling"], found.get("parameter", {}), cylinders, robot)
+    for _, _, entry in _entries(found):
+        if _value(entry) == INTERFACE:
+            entry["value"] = interface_identity(found)
     return found
+
+
+def interface_identity(document: Mapping[str, Any]) -> int:
+    """First 24 bits of the SHA-256 of what a host must know to read the messages; of no word that explains it."""
+
+    def bare(table: Any) -> Any:
+        if isinstance(table, dict):
+            return {key: bare(value) for key, value in table.items() if key not in ("comment", "meaning")}
+        return [bare(value) for value in table] if isinstance(table, list) else table
+
+    parts = {name: bare(document.get(name, {})) for name in ("message", "enum", "parameter")}
+    text = json.dumps(parts, sort_keys=True, default=str)
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:3], "big")
 
 
 def _with_robot(document: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
     found: dict[str, Any] = copy.deepcopy(dict(document))
     for where, name, entry in list(_entries(found)):
+        if _value(entry) == INTERFACE:
+            continue
         _fit(where, name, entry, robot)
     _set_firmware(found.get("parameter", {}), robot)
     _check_bus(found.get("message", {}), robot)

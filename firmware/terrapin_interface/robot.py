@@ -19,7 +19,18 @@ from typing import Any
 from terrapin_interface.board import Board, find_board
 from terrapin_interface.robot_table import RobotError, RobotTable
 
-__all__ = ["DEFAULT", "KINDS", "ORIGINS", "ROBOTS", "Robot", "RobotError", "find_robot", "load_robot", "robots"]
+__all__ = [
+    "DEFAULT",
+    "KINDS",
+    "ORIGINS",
+    "ROBOTS",
+    "Robot",
+    "RobotError",
+    "find_robot",
+    "identity_of",
+    "load_robot",
+    "robots",
+]
 
 ROBOTS = Path(__file__).with_name("robots")  # the shipped ones
 DEFAULT = "cylinder"
@@ -97,6 +108,11 @@ class Robot:
         """Interval of the estimator's records in slots of 10 ms, so that a window is at most 60 of them."""
         return max(1, math.ceil(self.window / (RECORDS * SLOT) - 1e-9))
 
+    @property
+    def identity(self) -> int:
+        """Of the name: which robot an image is made for."""
+        return identity_of(self.name)
+
     def misfit(self, name: str, found: str, expected: str) -> RobotError:
         """The error to raise where a quantity is beyond what the controller's formats hold."""
         key = ORIGINS[name]
@@ -140,6 +156,7 @@ class Robot:
             "encoder_counts": self.counts,
             "encoder_jump": self.jump,
             "record_interval": 10 * self.record_slots,
+            "robot_identity": self.identity,
             "voltage_limit": self.limits["voltage"],
             "current_limit": self.limits["current"],
             "over_current": self.limits["over_current"],
@@ -190,6 +207,18 @@ def _imbalance(plant: Mapping[str, float]) -> float:
 
 def _counts_a_tick(speed: float, counts: int) -> float:
     return speed / (2.0 * math.pi) * counts * 1e-3
+
+
+def identity_of(name: str) -> int:
+    """FNV-1a of a robot's name, its 32 bits folded to 24; never 0.
+
+    >>> hex(identity_of("cylinder"))
+    '0x1ebf42'
+    """
+    value = 0x811C9DC5
+    for byte in name.encode():
+        value = ((value ^ byte) * 0x01000193) & 0xFFFFFFFF
+    return (value >> 24) ^ (value & 0xFFFFFF) or 1
 
 
 def robots(folder: Path = ROBOTS) -> list[str]:

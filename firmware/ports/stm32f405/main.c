@@ -5,6 +5,16 @@
 #include "startup.h"
 #include "terrapin_interface.h"
 
+/* What `terrapin image sign` reads, and puts into the image's header: name, robot with board, version of the interface.
+ */
+typedef struct {
+    char name[16];
+    uint32_t made_for;
+    uint32_t interface;
+} image_made;
+__attribute__((used, section(".made"))) static const image_made made = {
+    "terrapin-made", (uint32_t)TERRAPIN_ROBOT_IDENTITY | ((uint32_t)BOARD_NUMBER << 24U), TERRAPIN_INTERFACE_VERSION};
+
 static can bus;
 static usart line;
 static port controller;

@@ -362,6 +362,7 @@ void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct ter
         p->identity.context = p;
     }
     p->link.identity = &p->identity;
+    p->link.board = (uint8_t)hardware->board;
     terrapin_parameter_defaults(p->defaults);
     for (uint32_t i = 0; i < hardware_parameter_count; i++) {
         p->defaults[hardware_parameters[i].index] = hardware_parameters[i].value; /* a test checks the range */

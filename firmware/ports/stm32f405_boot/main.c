@@ -119,8 +119,11 @@ _Noreturn void application(void) {
                                         TERRAPIN_LAYOUT_SLOT_B + TERRAPIN_LAYOUT_SLOT_SIZE - TERRAPIN_LAYOUT_RECORDS_0};
     const clocks speed = clock_start(RCC, FLASH, PWR, BOARD_CRYSTAL_HZ, BOARD_INTERNAL_HZ);
     const terrapin_flash flash = flash_open(&flash_memory, FLASH, (uint8_t *)FLASH_MEMORY, serves);
-    const terrapin_boot boot = {
-        .flash = &flash, .key = terrapin_boot_key, .release = TERRAPIN_BOOT_RELEASE, .unit = unique_number()};
+    const terrapin_boot boot = {.flash = &flash,
+                                .key = terrapin_boot_key,
+                                .release = TERRAPIN_BOOT_RELEASE,
+                                .board = (uint8_t)BOARD_NUMBER,
+                                .unit = unique_number()};
     terrapin_boot_serial_init(&serial, &boot, TERRAPIN_UPDATE_SLOT_NONE);
     start_chip(&speed);
     if (wanted) {

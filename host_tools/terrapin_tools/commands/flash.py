@@ -70,11 +70,11 @@ def _controller(link: LinkName | None, via: str, port: str, baud: int, bitrate: 
     return replace(link, baud=link.baud or baud)
 
 
-def _update(files: Sequence[SignedFile], wire: Wire) -> str:
+def _update(files: Sequence[SignedFile], wire: Wire, change_robot: bool) -> str:
     from terrapin_tools.flash.update import update
 
     with closing(wire), bar("", None) as shown:
-        outcome = update(wire, files, _told(shown))
+        outcome = update(wire, files, _told(shown), change_robot)
     after = {
         "confirmed": "started and confirmed",
         "on trial": "started; not confirmed yet: without that the old image comes back at the next reset",
@@ -129,6 +129,9 @@ def flash(
         Path | None, typer.Option("--boot-loader", metavar="FILE.bin", help="swd, stm32: write this, too")
     ] = None,
     node: NodeNumber = None,
+    change_robot: Annotated[
+        bool, typer.Option("--change-robot", help="the controller becomes that of the image's robot")
+    ] = False,
     listed: Annotated[bool, typer.Option("--list", help="probes, serial ports and CAN interfaces")] = False,
 ) -> None:
     """Write a signed image, read it back or have it verified, and start it.
@@ -167,4 +170,4 @@ def flash(
     else:
         from terrapin_tools.flash.wires import open_wire
 
-        print(_update(files, open_wire(controller.at_node(node), bitrate or BIT_RATE)))
+        print(_update(files, open_wire(controller.at_node(node), bitrate or BIT_RATE), change_robot))

@@ -28,6 +28,17 @@ def _read(path: Path) -> tuple[Image, bytes]:
         return parse(data), data
 
 
+def _made_for(image: Image) -> str:
+    from terrapin_hil.messages import interface
+    from terrapin_tools.flash.update import robot_name
+
+    if not image.robot:
+        return "any robot"
+    boards = {number: name for name, number in interface().enums["board"].items()}
+    board = boards.get(image.board, str(image.board))
+    return f"{robot_name(image.robot)}, board {board}, interface version {image.interface}"
+
+
 def sign(
     code: Annotated[Path, typer.Argument(metavar="CODE.bin", help="linked for slot A or B; begins at its vectors")],
     to: Annotated[Path, typer.Argument(metavar="IMAGE", help="the signed image")],
@@ -108,6 +119,7 @@ def info(path: ImageFile) -> None:
         f"{path}: {len(data)} bytes\n"
         f"  version           {image.version}\n"
         f"  slot              {image.slot}\n"
+        f"  made for          {_made_for(image)}\n"
         f"  kind              {image.kind}{'' if image.unit is None else f', for the chip 0x{image.unit:08x}'}\n"
         f"  code              {image.code_size} bytes\n"
         f"  security counter  {image.security_counter}\n"

@@ -52,6 +52,12 @@ def monitor(
     own = paths.dbc()
     live = Live(Decoder(dbc or own), interface() if dbc is None else None, bitrate, number)
     opened = Bus(link, bitrate) if link else LogFile(path, speed) if path.exists() else Simulator(source, controller)
+    if isinstance(opened, Bus) and dbc is None:
+        try:
+            opened.require_fitting()
+        except BaseException:
+            opened.close()
+            raise
     from terrapin_tools.monitor.app import MonitorApp
 
     limit = interface().parameter("slip_limit")

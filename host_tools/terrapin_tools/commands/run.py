@@ -126,6 +126,7 @@ def _opened(link: LinkName, path: Path | None) -> Iterator[tuple[Link, list[Outc
     """The link; in the rig that a file describes the board reset, its e-stop measured, its enable line watched while
     the run lasts."""
     from terrapin_hil.links import open_link
+    from terrapin_hil.links.identity import require_fitting
     from terrapin_hil.run.rig import Rig, RigConfig, load_rig
     from terrapin_hil.run.rig_checks import bridge_stays_off, estop_outcome
 
@@ -135,6 +136,7 @@ def _opened(link: LinkName, path: Path | None) -> Iterator[tuple[Link, list[Outc
         if rig.has("reset"):
             rig.reset()
         opened = stack.enter_context(open_link(link))
+        require_fitting(opened.name, opened.ask)
         if rig.has("estop", "enable"):
             outcomes.append(estop_outcome(rig, opened))  # type: ignore[arg-type]  # links of boards talk
         if rig.has("enable"):

@@ -27,10 +27,12 @@ __all__ = ["Image", "ImageError", "Version", "code_slot", "intact", "kind_of", "
 MAGIC = 0x96F3B83D
 ROM_FIXED = 0x100
 PROTECTED, PLAIN = 0x6908, 0x6907
-KEY_HASH, SHA256, ED25519, SECURITY_COUNTER, KIND, UNIT = 0x01, 0x10, 0x24, 0x50, 0xA0, 0xA1
+KEY_HASH, SHA256, ED25519, SECURITY_COUNTER = 0x01, 0x10, 0x24, 0x50
+KIND, UNIT, MADE_FOR, INTERFACE = 0xA0, 0xA1, 0xA2, 0xA3
 KINDS = ("desk", "production")
 MARK = b"terrapin-kind\0\0\0"  # stands before the kind in the code (terrapin_image_mark of link/dispatch.h)
 _HEADER = struct.Struct("<IIHHIIBBHI4x")
+MADE = b"terrapin-made\0\0\0"  # stands before what the code is made for (main.c of the STM32F405)
 SIGNED_TLVS = ((SHA256, 32), (KEY_HASH, 32), (ED25519, 64))
 
 
@@ -79,6 +81,9 @@ class Image:
     size: int  # bytes, of all
     kind: str = "desk"
     unit: int | None = None  # the chip that it names
+    robot: int = 0  # robot_identity that it is made for,
+    board: int = 0  # board,
+    interface: int = 0  # and version of the interface; each 0 when it does not say
 
 
 def read_start(path: Path) -> bytes:
@@ -119,6 +124,20 @@ def kind_of(code: bytes) -> str:
     return "production" if at >= 0 and code[at + len(MARK) :][:4] == b"\1\0\0\0" else "desk"
 
 
+def made_for(code: bytes) -> tuple[int, int, int]:
+    """Robot, board and version of the interface that code is made for, as it says; zeros when it does not.
+
+    >>> made_for(MADE + struct.pack("<II", 0x1000007, 1))
+    (7, 1, 1)
+    """
+    at = code.find(MADE)
+    said = code[at + len(MADE) :][:8]
+    if at < 0 or len(said) < 8:
+        return 0, 0, 0
+    who, interface = struct.unpack("<II", said)
+    return who & 0xFFFFFF, who >> 24, interface
+
+
 def sign(
     code: bytes, key: Ed25519PrivateKey, version: Version, security_counter: int, slot: str, unit: int | None = None
 ) -> bytes:
@@ -127,6 +146,9 @@ def sign(
     tlvs = _tlv(SECURITY_COUNTER, struct.pack("<I", security_counter))
     if kind_of(code) == "production":
         tlvs += _tlv(KIND, bytes([KINDS.index("production")]))
+    robot, board, interface = made_for(code)
+    if robot:
+        tlvs += _tlv(MADE_FOR, struct.pack("<I", robot | board << 24)) + _tlv(INTERFACE, struct.pack("<I", interface))
     if unit is not None:
         tlvs += _tlv(UNIT, struct.pack("<I", unit))
     protected = struct.pack("<HH", PROTECTED, 4 + len(tlvs)) + tlvs
@@ -175,7 +197,9 @@ def parse(data: bytes) -> Image:
     counters = [value for kind, value in protected if kind == SECURITY_COUNTER and len(value) == 4]
     if hashed_size != code_end + protected_size or len(counters) != 1:
         raise ImageError("no security counter")
-    more = {kind: int.from_bytes(value, "little") for kind, value in protected if kind in (KIND, UNIT)}
+    more = {
+        kind: int.from_bytes(value, "little") for kind, value in protected if kind in (KIND, UNIT, MADE_FOR, INTERFACE)
+    }
     tlvs, end = _tlvs(data, hashed_size, PLAIN, "TLVs")
     values = dict(tlvs)
     signed = tuple((kind, len(value)) for kind, value in tlvs) == SIGNED_TLVS
@@ -195,6 +219,9 @@ def parse(data: bytes) -> Image:
         size=end,
         kind="production" if more.get(KIND) == KINDS.index("production") else "desk",
         unit=more.get(UNIT),
+        robot=more.get(MADE_FOR, 0) & 0xFFFFFF,
+        board=more.get(MADE_FOR, 0) >> 24,
+        interface=more.get(INTERFACE, 0),
     )
 
 
