@@ -25,7 +25,7 @@ EXCEPTION = 36  # bytes: 8 registers, and a word that aligns them (Arm DDI 0403,
 GUARD = 32  # bytes at the stack's end that belong to nobody (processor.h)
 HARD_FAULT, NMI, OTHERS = 3, 2, 4  # in the vector table
 
-# Calls through a pointer: to the flash driver (firmware/store/flash.h), and to what keeps the node number (link/node.h). An
+# Calls through a pointer: to the flash driver (firmware/store/flash.h), to what keeps the node number (link/node.h). An
 # image without one has none to call.
 FLASH = ("erase", "write", "read")
 INDIRECT = {

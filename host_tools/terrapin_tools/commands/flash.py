@@ -164,7 +164,9 @@ def flash(
     controller = None if via in ("swd", "stm32") else _controller(link, via, port, baud, bitrate)
     files = _files(images)
     if controller is None:
-        print(_whole(files, via, port, baud, loader, LinkName("").at_node(node).node))
+        from terrapin_hil.nodes import node_number
+
+        print(_whole(files, via, port, baud, loader, node_number(str(node or 0), "--node")))
     else:
         from terrapin_tools.flash.wires import open_wire
 
