@@ -9,6 +9,6 @@ foreach(board IN LISTS F405_BOARDS)
         $<TARGET_PROPERTY:f405_chip,INTERFACE_INCLUDE_DIRECTORIES>)
     target_compile_options(${image} PRIVATE ${STRICT} -ffunction-sections -fdata-sections)
     target_compile_definitions(${image} PRIVATE TERRAPIN_BOARD="boards/${board}.h")
-    f405_link(${image} 0x08000000 0 0x4000) # the linker refuses more than the sector's 16 kB
+    f405_link(${image} 0x08000000 0 0x3FC0) # the linker refuses more than the sector's 16 kB less the link key's place
     add_custom_command(TARGET ${image} POST_BUILD COMMAND ${TARGET_SIZE} $<TARGET_FILE:${image}> VERBATIM)
 endforeach()

@@ -48,9 +48,13 @@ REASONS = {
     "bad_signature": "the image is not signed, or its signature is forged",
     "counter_too_low": "the security counter is lower than that of the image confirmed before the present one",
     "desk_image": "a desk image, which this release refuses; expected a production image, or one signed with --unit",
+<<<<<<< HEAD
+    "busy": "a slot was erased just now; wait 10 s (or, after 20 times, reset the controller)",
+=======
     "wrong_robot": "the image is made for another robot; --change-robot makes the controller that robot's",
     "wrong_board": "the image is made for another board",
     "wrong_interface": "the image has another version of the interface than the boot loader",
+>>>>>>> main
     "boot_loader_only": "the application leaves updates to the boot loader",
 }
 
