@@ -12,9 +12,6 @@ enum { STOP_ALL, COMMAND, WRITE, READ, TEST_MODE, STORE_COMMAND, STORE_READ, NOD
 static uint8_t kind_of(uint16_t id) {
     uint8_t kind = (uint8_t)FOREIGN;
     switch (id) {
-    case TERRAPIN_ID_STOP_ALL:
-        kind = (uint8_t)STOP_ALL;
-        break;
     case TERRAPIN_ID_COMMAND:
         kind = (uint8_t)COMMAND;
         break;
@@ -32,9 +29,6 @@ static uint8_t kind_of(uint16_t id) {
         break;
     case TERRAPIN_ID_STORE_READ:
         kind = (uint8_t)STORE_READ;
-        break;
-    case TERRAPIN_ID_NODE_REQUEST:
-        kind = (uint8_t)NODE;
         break;
     case TERRAPIN_ID_SENSORS_SLOW:
     case TERRAPIN_ID_SENSORS_FAST:
@@ -55,7 +49,14 @@ static uint8_t kind_of(uint16_t id) {
         kind = (uint8_t)UPDATE;
         break;
     default:
-        break; /* other traffic on the bus */
+        if (id == TERRAPIN_ID_STOP_ALL) {
+            kind = (uint8_t)STOP_ALL;
+        } else if (id == TERRAPIN_ID_NODE_REQUEST) {
+            kind = (uint8_t)NODE;
+        } else {
+            /* other traffic on the bus */
+        }
+        break;
     }
     return kind;
 }
