@@ -245,11 +245,11 @@ def cannot_roll(ground: Ground, robot: Robot, effects: tuple[ActiveEffect, ...])
         depth = np.minimum(sinkage + ground.slip_depth * slip / (1.0 - slip), robot.radius)
         sand = ffi().new("hil_bulldozing *", bulldozing_of(soft, robot.radius))
         pushed = np.array([library().hil_bulldozing_resistance(sand, z) for z in depth])
-        known = {"slip": slip, "load": robot.weight, "bulldozing_resistance": pushed}
+        known: dict[str, Rows] = {"slip": slip, "load": robot.weight, "bulldozing_resistance": pushed}
         resistance = compaction.copy()
         for active in effects:
             if drags(active.effect):
-                values = {**active.effect.options, **active.values, **known}
+                values: dict[str, Rows] = {**active.effect.options, **active.values, **known}
                 resistance += parse(active.effect.expression).evaluate(values)
         pull, torque = thrust - resistance, lever + robot.radius * thrust
         pulls = np.flatnonzero(pull >= 0.0)
