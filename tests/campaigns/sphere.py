@@ -1,7 +1,8 @@
 """C_t of the sphere of 150 N wherever it rolls steadily: `python -m tests.campaigns.sphere [SEEDS]` prints the bounds.
 
 Steady states are those of tests/python/data/sphere_robot.csv up to a load of 10 N; each seed is one of them, in turn,
-with parts that err as ordinary ones do. The voltage rises in 20 s, and counts from 40 s on.
+with parts that err as ordinary ones do, once with the friction of sphere.toml taken as it is, and once with that which
+the robot found on a hard floor before. The voltage rises in 20 s, and counts from 40 s on.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 
 from terrapin_hil.physics.effects import catalogue
 from terrapin_hil.robot.compiled_effects import ActiveEffect
+from terrapin_hil.robot.plant import TERRAINS, Ground, Segment
 from terrapin_hil.robot.sensors import kit
 from terrapin_hil.robots import select
 from terrapin_hil.run.run import run
@@ -75,7 +77,18 @@ def ordinary_sphere(seed: int, state: dict[str, str]) -> Scenario:
     )
 
 
-def contact_torque(seeds: int) -> tuple[list[Row], list[str]]:
+def calibrated(scenario: Scenario) -> Scenario:
+    """The same with the friction that the robot's calibration found on a hard floor of f_o = 0.01 (sd 0.0005)."""
+    draw = np.random.default_rng([2025, scenario.seed])
+    floor = replace(TERRAINS["hard_floor"], f_o=0.010 + 0.0005 * draw.standard_normal())
+    order = (Order(0.5, "calibrate"),)
+    level = replace(scenario, duration=90.0, ground=Ground((Segment(floor),)), effects=(), tow=(), operator=order)
+    result = run(level)
+    found = {name: float(result.held("CALIBRATION", name)[-1]) for name in ("coulomb", "viscous", "calibrated")}
+    return replace(scenario, firmware={**scenario.firmware, **found})
+
+
+def contact_torque(seeds: int, calibrate: bool) -> tuple[list[Row], list[str]]:
     """The bounds, and the steady states in which the guard ended the run."""
     errors: list[float] = []
     ratios: list[float] = []
@@ -84,7 +97,8 @@ def contact_torque(seeds: int) -> tuple[list[Row], list[str]]:
     rows = states()
     for seed in range(seeds):
         state = rows[seed % len(rows)]
-        result = run(ordinary_sphere(seed, state))
+        scenario = ordinary_sphere(seed, state)
+        result = run(calibrated(scenario) if calibrate else scenario)
         if result.held("ACTUATE", "enable")[-1] == 0:
             guarded.append(f"{state['law']}, {state['voltage_V']} V, {state['slope_deg']} deg, {state['tow_N']} N")
             continue
@@ -95,7 +109,8 @@ def contact_torque(seeds: int) -> tuple[list[Row], list[str]]:
         errors += error.tolist()
         ratios += (error / result.held("GROUND", "torque_sd")[late][::PERIOD][good[::PERIOD]]).tolist()
     z = np.array(ratios)
-    what = f"sphere of 150 N, {seeds} seeds, {len(guarded)} of them stopped by the guard"
+    how = "calibrated" if calibrate else "not calibrated"
+    what = f"sphere of 150 N, {how}, {seeds} seeds, {len(guarded)} of them stopped by the guard"
     return [
         Row(f"{what}: C_t error, 95th percentile", float(np.percentile(np.abs(errors), 95)), 0.15, "N m"),
         Row(f"{what}: sd of the error", float(np.std(errors)), 0.15, "N m"),
@@ -107,11 +122,13 @@ def contact_torque(seeds: int) -> tuple[list[Row], list[str]]:
 
 
 def main() -> int:
-    """Prints the bounds; 1 when one is not met."""
+    """Prints the bounds; 1 when one is not met by the calibrated robot."""
     select("sphere")
-    rows, guarded = contact_torque(int(sys.argv[1]) if len(sys.argv) > 1 else 200)
-    for row in rows:
-        print(row)
+    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+    for calibrate in (False, True):
+        rows, guarded = contact_torque(seeds, calibrate)
+        for row in rows:
+            print(row, flush=True)
     for state in sorted(set(guarded)):
         print(f"the guard stops: {state}")
     return 0 if all(row.met for row in rows) else 1
