@@ -1,7 +1,10 @@
 # The boot loader's images for the STM32F405, sector 0: one a board. Their size is a test.
+set_source_files_properties(${CMAKE_SOURCE_DIR}/firmware/ports/stm32f405_boot/memory.c PROPERTIES
+    COMPILE_OPTIONS -fno-tree-loop-distribute-patterns)
 foreach(board IN LISTS F405_BOARDS)
     string(REPLACE "_" "-" image terrapin-boot-${board})
-    add_executable(${image} ${CMAKE_SOURCE_DIR}/firmware/ports/stm32f405_boot/main.c $<TARGET_OBJECTS:f405_chip>
+    add_executable(${image} ${CMAKE_SOURCE_DIR}/firmware/ports/stm32f405_boot/main.c
+        ${CMAKE_SOURCE_DIR}/firmware/ports/stm32f405_boot/memory.c $<TARGET_OBJECTS:f405_chip>
         $<TARGET_OBJECTS:boot_objects> ${GENERATED}/terrapin_interface.c ${CMAKE_SOURCE_DIR}/firmware/link/slcan.c ${CMAKE_SOURCE_DIR}/firmware/link/node.c
         ${CMAKE_SOURCE_DIR}/firmware/store/crc32.c)
     add_dependencies(${image} boot_key interface)
