@@ -119,7 +119,7 @@ void terrapin_identity_init(terrapin_identity *identity, uint32_t unique, uint8_
 }
 
 /* Keep another number; a node_result. */
-static int32_t store(terrapin_identity *identity, int32_t number, bool bridge_on) {
+static int32_t store_number(terrapin_identity *identity, int32_t number, bool bridge_on) {
     int32_t result = TERRAPIN_NODE_RESULT_OK;
     if ((number < 0) || ((uint32_t)number >= TERRAPIN_NODES)) {
         result = TERRAPIN_NODE_RESULT_UNKNOWN;
@@ -148,7 +148,7 @@ bool terrapin_identity_accept(terrapin_identity *identity, const terrapin_frame 
         if (message.unique != identity->unique) {
             return false; /* another controller with this number is meant */
         }
-        result = store(identity, message.node, bridge_on);
+        result = store_number(identity, message.node, bridge_on);
     } else if (message.action != TERRAPIN_NODE_ACTION_READ) {
         result = TERRAPIN_NODE_RESULT_UNKNOWN;
     } else {

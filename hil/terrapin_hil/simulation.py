@@ -161,9 +161,10 @@ class Simulation:
         config.substeps, config.fine_substeps = substeps, fine_substeps
         if ground.contact is not None:
             # kept alive: the C side holds their addresses only
-            self._grip = [(table, table.native()) for table in grip_tables(ground, scenario.robot)]
-            for segment, (_, native) in zip(config.path.segment, self._grip, strict=False):
-                segment.contact = native
+            tables = grip_tables(ground, scenario.robot)
+            self._grip = [(table, table.native()) if table else None for table in tables]
+            for segment, kept in zip(config.path.segment, self._grip, strict=False):
+                segment.contact = kept[1] if kept else self._ffi.NULL
         config.effects = self._effects.native
         self._lib.hil_start(self._simulator)
         self.records = np.zeros(scenario.ticks, record_type())

@@ -14,7 +14,7 @@ from terrapin_hil.robot.plant import Ground, Robot, Segment, SoftGround, Terrain
 from terrapin_hil.scenario.scenario import Order, Scenario
 from terrapin_hil.simulation import Simulation
 
-__all__ = ["LAWS", "SAND", "SPHERE", "active", "rolling"]
+__all__ = ["LAWS", "SAND", "SPHERE", "SUPPLY", "active", "rolling"]
 
 SPHERE = Robot(
     radius=0.22,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spheres import LAWS, SAND, SPHERE, active, rolling
+from spheres import LAWS, SAND, SPHERE, SUPPLY, active, rolling
 
 from terrapin_hil.library import ffi, library
 from terrapin_hil.physics import soils, sphere, wheel
@@ -221,6 +221,22 @@ def test_a_patch_of_another_soil() -> None:
         assert patch[name][on] == pytest.approx(weak[name][-1], rel=0.05)
         assert patch[name][beyond] == pytest.approx(firm[name][-1], rel=0.05)
     assert weak["sinkage"][-1] > 1.5 * firm["sinkage"][-1]
+
+
+def test_a_board_and_then_sand() -> None:
+    """On the firm part the ground is the terrain's, off it the soil's: torque of the one, then of the other."""
+    board = Terrain(f_o=0.01, mu=0.7, s_k=0.02)
+    ground = Ground((Segment(board, firm=True), Segment(Terrain(), 5.0, transition=0.02)), contact=SAND)
+    run = Simulation(Scenario("t", 30.0, ground, (Order(0.0, "idle"),), robot=SPHERE, supply=SUPPLY))
+    for k in range(1, 101):
+        run.drive(6.0 * k / 100, 20)
+    run.drive(6.0, 28000)
+    found = run.truth()
+    on, beyond = np.searchsorted(found["position"], [4.9, found["position"].max() - 0.1])
+    assert found["contact_torque"][on - 1000 : on].mean() == pytest.approx(0.01 * 0.22 * SPHERE.weight, rel=0.05)
+    assert found["contact_torque"][beyond] == pytest.approx(4.597988, rel=0.02)
+    assert found["sinkage"][on] == 0.0
+    assert found["sinkage"][beyond] > 0.01
 
 
 def test_the_default_grounds_threshold_is_a_number_of_the_scenario() -> None:

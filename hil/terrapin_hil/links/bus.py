@@ -104,7 +104,7 @@ class BusLink(Link):
         """LinkError when more comes than the one answer (`reply`) to the one question."""
         heard = [*self._waiting, *self._bus.receive(QUIET)]
         if any(identifier == reply for identifier, _ in heard):
-            raise LinkError(f"{self.name}: found more than one controller on this bus, expected one")
+            raise LinkError(f"{self.name}: found more than one controller with this node number, expected one")
         if heard:
             refuse_production(self.name, lambda seconds: self.talk((), seconds))
             raise LinkError(f"{self.name}: a controller goes on by itself, out of test mode: is its bridge on?")

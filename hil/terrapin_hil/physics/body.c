@@ -109,7 +109,7 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
     double force[3];
     matrices(robot, d, &ground, position, rate, c.mass, force);
     body->load = ground.slope == 0.0 ? d->weight : d->weight * cos(ground.slope);
-    const bool soft = path->segment[0].contact != NULL;
+    const bool soft = path->segment[ground.segment].contact != NULL;
     hil_grip grip = {NULL, 0.0, 0.0, 1.0, NULL, 0.0};
     if (soft) {
         grip = hil_path_grip(path, &ground, body->load, robot->radius * rate[HIL_BETA], rate[HIL_X], HIL_SLIP_FLOOR);

@@ -103,7 +103,8 @@ class Segment:
     start: float = 0.0
     slope: float = 0.0
     transition: float = 0.05
-    contact: SoftGround | None = None  # another soil than the ground's, where that is a contact model
+    contact: SoftGround | None = None  # another soil than the ground's, where that is a contact model;
+    firm: bool = False  # or the terrain there as well
 
 
 @dataclass(frozen=True)
@@ -142,10 +143,9 @@ class Ground:
 
     @property
     def soils(self) -> tuple[SoftGround, ...]:
-        """The soil of each segment; none without contact model."""
-        if self.contact is None:
-            return ()
-        return tuple(segment.contact or self.contact for segment in self.segments)
+        """The soils of the segments, of all but firm ones; none without contact model."""
+        found = [None if segment.firm else segment.contact or self.contact for segment in self.segments]
+        return tuple(soil for soil in found if soil is not None)
 
 
 def _reference() -> float:

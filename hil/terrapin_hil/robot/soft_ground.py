@@ -187,7 +187,8 @@ def grip_table(ground: Ground, robot: Robot) -> GripTable:
     are within ACCURACY of the integrals. ContactError for soils and loads without equilibrium, or where that is not
     reached.
     """
-    return grip_tables(ground, robot)[0]
+    steepest = max(abs(segment.slope) for segment in ground.segments)
+    return _table(ground.soils[0], robot.radius, robot.weight, steepest)
 
 
 @lru_cache(maxsize=32)  # of some 100 kB each; a batch may draw a soil a run
@@ -221,10 +222,11 @@ def _table(soft: SoftGround, radius: float, weight: float, steepest: float) -> G
         count = 2 * count - 1 if across > enough else count
 
 
-def grip_tables(ground: Ground, robot: Robot) -> list[GripTable]:
-    """The table of each segment of the path; equal soils share one. ContactError as `grip_table`."""
+def grip_tables(ground: Ground, robot: Robot) -> list[GripTable | None]:
+    """The table of each segment, None where it is firm; equal soils share one. ContactError as `grip_table`."""
     steepest = max(abs(segment.slope) for segment in ground.segments)
-    return [_table(soft, robot.radius, robot.weight, steepest) for soft in ground.soils]
+    soils = [None if segment.firm else segment.contact or ground.contact for segment in ground.segments]
+    return [None if soft is None else _table(soft, robot.radius, robot.weight, steepest) for soft in soils]
 
 
 def read_soft_ground(section: Section) -> SoftGround:

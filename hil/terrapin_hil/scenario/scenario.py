@@ -28,7 +28,7 @@ from terrapin_hil.scenario.changes import changed, place_of
 from terrapin_hil.scenario.checks import Check, parse_check
 from terrapin_hil.scenario.faults import MAX_FAULTS, Fault, Provocation, read_fault, read_provocation
 from terrapin_hil.telemetry import signals, words
-from terrapin_interface.robot import ORIGINS
+from terrapin_interface.robot import DEFAULT, ORIGINS
 
 __all__ = [
     "CONTROLS",
@@ -98,9 +98,11 @@ class Scenario:
 
 
 def find_scenario(name: str) -> Path:
-    """A file as it is, or the shipped scenario of that name (scenarios/NAME.toml). ReadingError when neither is."""
-    path = Path(name)
-    folder = paths.SCENARIOS
+    """A file as it is, or the shipped scenario of that name: scenarios/NAME.toml, of another robot than the cylinder
+    scenarios/ROBOT/NAME.toml. ReadingError when neither is.
+    """
+    path, robot = Path(name), selected().name
+    folder = paths.SCENARIOS if robot == DEFAULT else paths.SCENARIOS / robot
     names = sorted(p.stem for p in folder.glob("*.toml"))
     try:
         if path.is_file():
@@ -110,7 +112,10 @@ def find_scenario(name: str) -> Path:
     if name in names:
         return folder / f"{name}.toml"
     shown = name if len(name) < 200 else shorten(name)
-    raise ReadingError(f"{shown}: no such file, and no scenario of that name; shipped: {', '.join(names)}")
+    of = "" if robot == DEFAULT else f" for the {robot}"
+    raise ReadingError(
+        f"{shown}: no such file, and no scenario of that name; shipped{of}: {', '.join(names) or 'none'}"
+    )
 
 
 def _terrain(section: Section) -> Terrain:
@@ -137,8 +142,9 @@ def _ground(root: Section) -> Ground:
     for section in root.sections("path"):
         first = not segments
         start = section.quantity("from", "m", 0.0 if first else None)
-        if soft and "terrain" in section:
-            raise section.error("terrain", 'with ground = "contact" the ground is what [soil] says')
+        firm = soft and "terrain" in section
+        if firm and "soil" in section:
+            raise section.error("soil", "a segment has a terrain or a soil, expected one of the two")
         if not first and start <= segments[-1].start:
             raise section.error("from", f"found {start:g} m, expected more than {segments[-1].start:g} m")
         slope = section.quantity("slope", "rad", 0.0, -1.2, 1.2)
@@ -148,7 +154,8 @@ def _ground(root: Section) -> Ground:
             own = read_soft_ground(section.section("soil"))
             if own.shape != soil.shape:
                 raise section.error("soil", f"found shape {own.shape}, expected {soil.shape} as in [soil]")
-        segments.append(Segment(Terrain() if soft else _terrain(section), start, slope, transition, own))
+        terrain = Terrain() if soft and not firm else _terrain(section)
+        segments.append(Segment(terrain, start, slope, transition, own, firm))
         section.done()
     if not 1 <= len(segments) <= MAX_SEGMENTS:
         raise root.error("path", f"found {len(segments)} tables [[path]], expected 1 to {MAX_SEGMENTS}")
@@ -156,6 +163,8 @@ def _ground(root: Section) -> Ground:
         if here.start + here.transition > following.start and here is not segments[0]:
             raise root.error("path", f"the transition that begins at {here.start:g} m reaches into the next segment")
     rut = root.section("rut")
+    if soft and all(segment.firm for segment in segments):
+        raise root.error("ground", "found a terrain in each segment, expected one without: it has the soil")
     if soft:
         return Ground(tuple(segments), contact=soil, slip_depth=quantities(rut, _SlipRut).slip_depth)
     return Ground(tuple(segments), **asdict(quantities(rut, _Rut)))

@@ -6,6 +6,8 @@ what starts, whatever was there before.
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,9 +21,24 @@ from terrapin_tools.flash.layout import BASE, RAM, RECORDS, SLOT_SIZE, SLOTS
 from terrapin_tools.flash.update import SignedFile
 from terrapin_tools.flash.wires import Told
 
-__all__ = ["BOOT_SIZE", "Plan", "Programmer", "begins", "boot_loader", "check_starts", "perform", "plan", "read"]
+__all__ = [
+    "BOOT_SIZE",
+    "Plan",
+    "Programmer",
+    "begins",
+    "boot_loader",
+    "check_starts",
+    "node_record",
+    "perform",
+    "plan",
+    "read",
+    "with_link_key",
+]
 
-BOOT_SIZE = 0x4000
+BOOT_SIZE = 0x4000  # of the sector; its end is
+LINK_KEY = 0x3FC0  # the link key's:
+LINK_KEY_SIZE = 28  # bytes
+RECORD_MAGIC = 0x00015442
 
 
 @dataclass(frozen=True)
@@ -48,13 +65,22 @@ def boot_loader(path: Path) -> bytes:
     """The boot loader in a .bin. UserError when it cannot be one."""
     try:
         with path.open("rb") as file:
-            data = file.read(BOOT_SIZE + 1)
+            data = file.read(LINK_KEY + 1)
     except OSError as error:
         hint = f"run {paths.make('firmware')}: it puts one into build/cortex-m4"
         raise UserError(f"{path}: cannot read: {error.strerror}; {hint}") from None
-    if len(data) > BOOT_SIZE or not begins(data):
-        raise UserError(f"{path}: no boot loader: expected at most {BOOT_SIZE} bytes linked for 0x{BASE:08x}")
+    if len(data) > LINK_KEY or not begins(data):
+        raise UserError(f"{path}: no boot loader: expected at most {LINK_KEY} bytes linked for 0x{BASE:08x}")
     return data
+
+
+def with_link_key(loader: bytes, block: bytes) -> bytes:
+    """The boot loader with a link key behind it; without when the block is erased.
+
+    >>> len(with_link_key(b"loader", b"LKEY"))
+    16324
+    """
+    return loader.ljust(LINK_KEY, b"\xff") + block if block.strip(b"\xff") else loader
 
 
 def begins(data: bytes) -> bool:
@@ -74,13 +100,21 @@ def check_starts(loader: bytes, where: str, files: Sequence[SignedFile]) -> None
             verify(file.image, key)
 
 
-def plan(files: Sequence[SignedFile], loader: bytes | None) -> Plan:
-    """For these images, at most one a slot, and perhaps the boot loader."""
+def node_record(node: int) -> bytes:
+    """The boot loader's first record (firmware/boot/records.c): nothing is confirmed, and the node number is this."""
+    record = struct.pack("<IIIIQI", RECORD_MAGIC, 1, 0, 0, 0, node)
+    return record + zlib.crc32(record).to_bytes(4, "little")
+
+
+def plan(files: Sequence[SignedFile], loader: bytes | None, node: int = 0) -> Plan:
+    """For these images, at most one a slot, and perhaps the boot loader; the controller is this node."""
     erase = [*RECORDS, *((start, SLOT_SIZE) for start in SLOTS.values())]
     write = [(SLOTS[file.image.slot], file.data[: file.image.size]) for file in files]
     if loader is not None:
         erase.insert(0, (BASE, BOOT_SIZE))
         write.insert(0, (BASE, loader))
+    if node:
+        write.append((RECORDS[0][0], node_record(node)))
     return Plan(tuple(erase), tuple(write))
 
 

@@ -31,8 +31,7 @@ typedef struct {
     double transition; /* length over which terrain and slope pass over smoothly, from `start` on [m] */
     double slope;      /* [rad], uphill positive */
     hil_terrain terrain;
-    const hil_grip_table
-        *contact; /* instead of terrain and rut: a contact model (grip.h), on all segments; else NULL */
+    const hil_grip_table *contact; /* instead of terrain and rut: a contact model (grip.h); else NULL */
 } hil_segment;
 
 typedef struct {

@@ -2,6 +2,8 @@
 #ifndef HIL_PATH_H
 #define HIL_PATH_H
 
+#include <stddef.h>
+
 #include "ground.h"
 
 static inline double hil_blend(double from, double to, double share) {
@@ -32,7 +34,7 @@ static inline hil_ground hil_path_inlined(const hil_path *path, double x) {
     return ground;
 }
 
-/* The contact model's table there, or both of a transition; NULL tables where the path has none. */
+/* The contact model's table there, or both of a transition between two; a NULL table where the ground is a terrain. */
 static inline hil_grip hil_path_grip(const hil_path *path, const hil_ground *ground, double load, double rim_speed,
                                      double axle_speed, double floor) {
     const hil_grip_table *here = path->segment[ground->segment].contact;
@@ -40,7 +42,7 @@ static inline hil_grip hil_path_grip(const hil_path *path, const hil_ground *gro
     if (ground->share_of_last > 0.0 && ground->segment > 0) {
         const hil_grip_table *last = path->segment[ground->segment - 1].contact;
         grip.last = last;
-        grip.share_of_last = last != here ? ground->share_of_last : 0.0;
+        grip.share_of_last = last != here && last != NULL ? ground->share_of_last : 0.0;
     }
     return grip;
 }

@@ -55,9 +55,9 @@ void hil_start(hil_simulator *simulator) {
     memset(&simulator->around, 0, sizeof simulator->around);
     simulator->body.position[HIL_X] = config->start_position;
     simulator->body.load = simulator->derived.weight;
-    if (config->path.segment[0].contact != NULL) { /* put down, it sinks in by its weight */
+    const hil_ground ground = hil_path_at(&config->path, config->start_position);
+    if (config->path.segment[ground.segment].contact != NULL) { /* put down, it sinks in by its weight */
         double unused;
-        const hil_ground ground = hil_path_at(&config->path, config->start_position);
         const double load = simulator->derived.weight * cos(ground.slope);
         const hil_grip grip = hil_path_grip(&config->path, &ground, load, 0.0, 0.0, 1.0);
         simulator->body.sinkage = hil_grip_value(&grip, HIL_SINKAGE, 0.0, &unused);
