@@ -2,8 +2,8 @@
 
     protect(swd, public_key, boot_loader_on_the_chip)
 
-RM0090, 3.6 (unlock, change, start, wait) and 3.9.10 (FLASH_OPTCR). Read protection is of level 1: going back to level 0 erases
-the whole chip. Level 2, which nothing takes back, is not set here.
+RM0090, 3.6 (unlock, change, start, wait) and 3.9.10 (FLASH_OPTCR). Read protection is of level 1: going back to level 0
+erases the whole chip. Level 2, which nothing takes back, is not set here.
 """
 
 from __future__ import annotations
