@@ -143,7 +143,7 @@ def open_session(link: Link, key: LinkKey) -> Session:
     answer = link.ask((messages["SESSION_OPEN"].id, data), lambda frame: frame[0] == messages["SESSION"].id)
     if answer is None:
         raise LinkError(
-            f"{link.name}: the controller opens no session for link key {key.fingerprint}, generation {key.generation}: "
-            "it has another generation or no key (PORT_LINK tells), or opened one less than 0.2 s ago"
+            f"{link.name}: it opens no session for link key {key.fingerprint}, generation {key.generation}: "
+            "the controller has another generation or no key (PORT_LINK tells), or opened one less than 0.2 s ago"
         )
     return Session.answering(key, number, messages["SESSION"].decode(answer[1]))
