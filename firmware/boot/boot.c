@@ -25,6 +25,15 @@ terrapin_image_result terrapin_boot_check(const terrapin_boot *boot, uint8_t slo
             result = TERRAPIN_UPDATE_RESULT_COUNTER_TOO_LOW;
         } else if (update && (terrapin_image_compare(image->version, record->version) < 0)) {
             result = TERRAPIN_UPDATE_RESULT_VERSION_TOO_OLD;
+        } else if (boot->release && (image->kind != (uint8_t)TERRAPIN_IMAGE_KIND_PRODUCTION) &&
+                   !(image->for_unit && (image->unit == boot->unit))) {
+            result = TERRAPIN_UPDATE_RESULT_DESK_IMAGE;
+        } else if ((record->robot != 0U) && (image->robot != record->robot)) {
+            result = TERRAPIN_UPDATE_RESULT_WRONG_ROBOT;
+        } else if ((image->board != 0U) && (boot->board != 0U) && (image->board != boot->board)) {
+            result = TERRAPIN_UPDATE_RESULT_WRONG_BOARD;
+        } else if ((image->interface != 0U) && (image->interface != (uint32_t)TERRAPIN_INTERFACE_VERSION)) {
+            result = TERRAPIN_UPDATE_RESULT_WRONG_INTERFACE;
         } else {
             /* good */
         }
@@ -55,15 +64,17 @@ void terrapin_boot_choose(const terrapin_boot *boot, terrapin_boot_choice *choic
     TERRAPIN_ASSERT((record.confirmed <= B) && (record.candidate <= B));
     TERRAPIN_ASSERT(record.phase <= (uint8_t)TERRAPIN_UPDATE_PHASE_TRIAL);
 
-    if (record.phase == (uint8_t)TERRAPIN_UPDATE_PHASE_PENDING) {
+    const bool first = record.phase == (uint8_t)TERRAPIN_UPDATE_PHASE_PENDING;
+    if (first || ((record.phase == (uint8_t)TERRAPIN_UPDATE_PHASE_TRIAL) && (record.tries > 0U))) {
         const bool good = take(boot, record.candidate, &record, true, choice);
+        record.tries = first ? (uint8_t)(TERRAPIN_BOOT_TRIES - 1U) : (uint8_t)(record.tries - 1U);
         record.phase = good ? (uint8_t)TERRAPIN_UPDATE_PHASE_TRIAL : (uint8_t)TERRAPIN_UPDATE_PHASE_NONE;
         if (terrapin_records_append(boot->flash, &record) && good) {
             return;
         }
         *choice = stay; /* what cannot be written down is not tried: it might be tried for ever */
     } else if (record.phase == (uint8_t)TERRAPIN_UPDATE_PHASE_TRIAL) {
-        /* The trial before this start was not confirmed. */
+        /* The last try was not confirmed. */
         record.phase = TERRAPIN_UPDATE_PHASE_NONE;
         (void)terrapin_records_append(boot->flash, &record); /* if not, it is dropped again at the next start */
     } else {
@@ -76,10 +87,32 @@ void terrapin_boot_choose(const terrapin_boot *boot, terrapin_boot_choice *choic
     }
     if (choice->slot == NONE) { /* nothing is confirmed: what there is, a rejected image last */
         const uint8_t last = (record.candidate == A) ? A : B;
-        const uint8_t first = (last == A) ? B : A;
-        if (!take(boot, first, &record, false, choice)) {
+        const uint8_t other = (last == A) ? B : A;
+        if (!take(boot, other, &record, false, choice)) {
             (void)take(boot, last, &record, false, choice);
         }
+    }
+}
+
+bool terrapin_boot_on_trial(const terrapin_boot *boot, uint8_t running) {
+    terrapin_record record;
+    terrapin_records_read(boot->flash, &record);
+    return (record.phase == (uint8_t)TERRAPIN_UPDATE_PHASE_TRIAL) && (record.candidate == running);
+}
+
+/* To the version and counter of the image in a slot. */
+static void raise_floor(const terrapin_boot *boot, uint8_t slot, terrapin_record *record) {
+    terrapin_image image;
+    const terrapin_flash_area area = terrapin_boot_slot(slot);
+    if (terrapin_image_read(boot->flash, area, TERRAPIN_LAYOUT_BASE + area.offset, &image) !=
+        (uint8_t)TERRAPIN_UPDATE_RESULT_OK) {
+        return;
+    }
+    if (terrapin_image_compare(image.version, record->version) > 0) {
+        record->version = image.version;
+    }
+    if (image.security_counter > record->security_counter) {
+        record->security_counter = image.security_counter;
     }
 }
 
@@ -98,16 +131,15 @@ bool terrapin_boot_confirm(const terrapin_boot *boot, uint8_t running) {
          (uint8_t)TERRAPIN_UPDATE_RESULT_OK)) {
         return false;
     }
+    raise_floor(boot, (record.confirmed != NONE) ? record.confirmed : running, &record);
     record.confirmed = running;
+    if (record.robot == 0U) { /* the first image that starts well says whose this controller is */
+        record.robot = image.robot;
+    }
     if (trial) {
         record.candidate = NONE;
         record.phase = TERRAPIN_UPDATE_PHASE_NONE;
-    }
-    if (terrapin_image_compare(image.version, record.version) > 0) {
-        record.version = image.version;
-    }
-    if (image.security_counter > record.security_counter) {
-        record.security_counter = image.security_counter;
+        record.tries = 0U;
     }
     return terrapin_records_append(boot->flash, &record);
 }

@@ -1,12 +1,15 @@
 /* Which image is started: the two slots, and the records of what has become of them.
  *
  *     update:    the image is written into the slot that is not confirmed, verified  -> pending
- *     start:     a pending image is verified again, then started once                -> trial
+ *     start:     a pending image is verified again, then started on trial            -> trial
  *     healthy:   the application calls terrapin_boot_confirm                         -> confirmed
- *     otherwise: at the next start the trial is over, the confirmed image is started
+ *     otherwise: it is started again, TERRAPIN_BOOT_TRIES times in all: who switches a robot off in its first seconds
+ *                loses no update. Then the trial is over, and the confirmed image is started
  *
- * Nothing is ever written into the confirmed slot. An image is started only with a good signature and a security
- * counter that no confirmed image exceeded. Without any such image the boot loader stays and serves updates.
+ * Nothing is ever written into the confirmed slot. The floor that an update needs (version, security counter) follows
+ * one image behind: a confirmation raises it to what was confirmed before (the first to itself), so that the image
+ * before is a way back. An image is started only with a good signature and a security counter that no confirmed image
+ * exceeded. Without any such image the boot loader stays and serves updates.
  */
 #ifndef TERRAPIN_BOOT_H
 #define TERRAPIN_BOOT_H
@@ -17,9 +20,15 @@
 extern "C" {
 #endif
 
+#define TERRAPIN_BOOT_TRIES 3U
+
 typedef struct {
     const terrapin_flash *flash;
     const uint8_t *key; /* 32 bytes: the public key */
+    uint32_t key_id;    /* first four bytes of terrapin_image_key_hash, little-endian: what UPDATE_FLOOR tells */
+    bool release;       /* takes a desk image only when that names this chip */
+    uint8_t board;      /* takes images that say no other, unless 0 */
+    uint32_t unit;      /* the chip's unique number, as PORT_IDENTITY tells it */
 } terrapin_boot;
 
 typedef struct {
@@ -34,6 +43,9 @@ void terrapin_boot_choose(const terrapin_boot *boot, terrapin_boot_choice *choic
 /* Application: this start is healthy. `running` is the slot that it runs from. True when it stands in the records,
  * which are written only when that is news: 0.1 ms, no erase. */
 bool terrapin_boot_confirm(const terrapin_boot *boot, uint8_t running);
+
+/* Application: the image in that slot was started on trial, and is not confirmed. */
+bool terrapin_boot_on_trial(const terrapin_boot *boot, uint8_t running);
 
 /* Verify the image in a slot, its counter, and, for an update, that its version is none before the confirmed one. */
 terrapin_image_result terrapin_boot_check(const terrapin_boot *boot, uint8_t slot, const terrapin_record *record,

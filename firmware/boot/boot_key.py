@@ -1,14 +1,16 @@
 """The public key of the boot loader as C, from a PEM; makes the development key when there is none yet.
 
-    boot_key.py --key KEY.pem [--make] --out boot_key.h
+    boot_key.py --key KEY.pem [--make] [--release] --out boot_key.h
 
 KEY.pem holds an Ed25519 key, private or public. With --make a missing one is made, private and readable to its owner
-alone: images that it signs are for the bench, and it never leaves the build folder.
+alone: images that it signs are for the bench, and it never leaves the build folder. With --release the file must
+hold the public key alone, and the boot loader takes no desk image that does not name its chip.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import os
 import sys
 from pathlib import Path
@@ -52,19 +54,27 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="The boot loader's public key as C.")
     parser.add_argument("--key", type=Path, required=True)
     parser.add_argument("--make", action="store_true")
+    parser.add_argument("--release", action="store_true")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     try:
+        if options.release and (options.make or options.key.name == "development.pem"):
+            raise ValueError("the key of the bench, expected that of a release (-DTERRAPIN_KEY=PUBLIC.pem)")
+        if options.release and b"PRIVATE KEY" in options.key.read_bytes():
+            raise ValueError("a private key, expected the public one alone: it must not lie beside a release build")
         if options.make:
             make(options.key)
         key = public(options.key)
     except (OSError, ValueError, TypeError) as error:
         print(f"boot_key: {options.key}: {error}", file=sys.stderr)
         return 1
+    name = hashlib.sha256(bytes.fromhex("302a300506032b6570032100") + key).digest()  # as SubjectPublicKeyInfo (RFC 8410)
     digits = ", ".join(f"0x{byte:02X}U" for byte in key)
     options.out.write_text(
         "/* The public key that images must be signed with. Generated. */\n#include <stdint.h>\n"
         f"static const uint8_t terrapin_boot_key[32] = {{{digits}}};\n"
+        f"#define TERRAPIN_BOOT_KEY_ID 0x{int.from_bytes(name[:4], 'little'):08X}U\n"
+        f"#define TERRAPIN_BOOT_RELEASE {'true' if options.release else 'false'}\n"
     )
     return 0
 

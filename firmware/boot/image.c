@@ -13,6 +13,10 @@
 #define TLV_SHA256      0x10U
 #define TLV_ED25519     0x24U
 #define TLV_COUNTER     0x50U
+#define TLV_KIND        0xA0U /* one byte: image_kind */
+#define TLV_UNIT        0xA1U /* four bytes: the chip that a desk image is allowed on */
+#define TLV_MADE_FOR    0xA2U /* robot_identity, board */
+#define TLV_INTERFACE   0xA3U
 #define ERASED          0xFFU
 #define TLV_HEAD        4U /* bytes before a TLV's value, and before the first TLV */
 
@@ -38,22 +42,44 @@ bool terrapin_image_header_version(const uint8_t header[32], terrapin_image_vers
     return get32(header) == MAGIC;
 }
 
-/* The one security counter among the protected TLVs, `size` bytes at `offset`. */
-static bool read_counter(const terrapin_flash *flash, uint32_t offset, uint32_t size, uint32_t *counter) {
+/* What the protected TLVs say, `size` bytes at `offset`: one security counter, of the others the last. */
+static bool read_protected(const terrapin_flash *flash, uint32_t offset, uint32_t size, terrapin_image *image) {
     uint8_t bytes[8];
     uint32_t place = TLV_HEAD;
     uint32_t found = 0U;
     bool good = (size > TLV_HEAD) && flash->read(flash->context, offset, bytes, TLV_HEAD) &&
                 (get16(bytes) == PROTECTED_MAGIC) && (get16(&bytes[2]) == size);
+    image->kind = (uint8_t)TERRAPIN_IMAGE_KIND_DESK;
+    image->for_unit = false;
+    image->robot = 0U;
+    image->board = 0U;
+    image->interface = 0U;
     while (good && (place < size)) { /* each turn advances by TLV_HEAD or more */
         good = ((size - place) >= TLV_HEAD) && flash->read(flash->context, offset + place, bytes, TLV_HEAD);
         const uint16_t type = get16(bytes);
         const uint32_t length = get16(&bytes[2]);
         good = good && (length <= (size - place - TLV_HEAD));
-        if (good && (type == TLV_COUNTER)) {
-            found++;
-            good = (length == 4U) && flash->read(flash->context, offset + place + TLV_HEAD, bytes, 4U);
-            *counter = get32(bytes);
+        if (good && ((type == TLV_COUNTER) || (type == TLV_UNIT) || (type == TLV_KIND) || (type == TLV_MADE_FOR) ||
+                     (type == TLV_INTERFACE))) {
+            uint32_t expected = 4U;
+            if (type == TLV_KIND) {
+                expected = 1U;
+            }
+            good = (length == expected) && flash->read(flash->context, offset + place + TLV_HEAD, bytes, expected);
+            if (type == TLV_COUNTER) {
+                found++;
+                image->security_counter = get32(bytes);
+            } else if (type == TLV_UNIT) {
+                image->for_unit = true;
+                image->unit = get32(bytes);
+            } else if (type == TLV_MADE_FOR) {
+                image->robot = get32(bytes) & 0x00FFFFFFU;
+                image->board = bytes[3];
+            } else if (type == TLV_INTERFACE) {
+                image->interface = get32(bytes);
+            } else {
+                image->kind = bytes[0];
+            }
         }
         place += TLV_HEAD + length;
         TERRAPIN_ASSERT(!good || (place <= size));
@@ -89,7 +115,7 @@ terrapin_image_result terrapin_image_read(const terrapin_flash *flash, terrapin_
     image->hashed_size = code_end + protected_size;
     image->size = image->hashed_size + TLV_SIZE;
     TERRAPIN_ASSERT(image->size <= slot.size);
-    if (!read_counter(flash, slot.offset + code_end, protected_size, &image->security_counter)) {
+    if (!read_protected(flash, slot.offset + code_end, protected_size, image)) {
         return TERRAPIN_UPDATE_RESULT_NOT_AN_IMAGE;
     }
     return TERRAPIN_UPDATE_RESULT_OK;

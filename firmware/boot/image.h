@@ -2,9 +2,10 @@
  *
  *     imgtool sign -k KEY.pem -v 1.2.3 -s COUNTER -H 0x200 --pad-header -S 0x20000 -F 0x08020000 --align 4 IN OUT
  *
- * header (0x200 bytes), code, protected TLVs (security counter), TLVs: SHA-256, hash of the key, Ed25519 signature of
- * the SHA-256. Strict: ROM_FIXED to its slot and no other flag, one security counter, those three TLVs in that order
- * and no other. So an image that differs in any bit from the signed one is refused. Format: MCUboot, docs/design.md.
+ * header (0x200 bytes), code, protected TLVs (security counter; where they are needed, kind and unit, in MCUboot's
+ * range for vendors), TLVs: SHA-256, hash of the key, Ed25519 signature of the SHA-256. Strict: ROM_FIXED to its slot
+ * and no other flag, one security counter, those three TLVs in that order and no other. So an image that differs in any
+ * bit from the signed one is refused. Format: MCUboot, docs/design.md.
  */
 #ifndef TERRAPIN_IMAGE_H
 #define TERRAPIN_IMAGE_H
@@ -29,6 +30,12 @@ typedef struct {
     uint32_t code_size;   /* bytes of code */
     uint32_t hashed_size; /* header, code, protected TLVs */
     uint32_t size;        /* of all, first byte of the header to last byte of the TLVs */
+    uint8_t kind;         /* image_kind of controller.toml: desk unless the image says production */
+    bool for_unit;        /* the image names a chip: */
+    uint32_t unit;        /* its unique number, as PORT_IDENTITY tells it */
+    uint32_t robot;       /* robot_identity that it is made for, */
+    uint8_t board;        /* board, */
+    uint32_t interface;   /* and version of the interface; each 0 when the image does not say */
 } terrapin_image;
 
 /* Results are values of update_result in controller.toml: TERRAPIN_UPDATE_RESULT_OK, _NOT_AN_IMAGE, ... */

@@ -38,20 +38,21 @@ static uint32_t get32(const uint8_t *bytes) {
 static void encode(const terrapin_record *record, uint32_t sequence, uint8_t *bytes) {
     TERRAPIN_ASSERT((record->confirmed <= (uint8_t)TERRAPIN_UPDATE_SLOT_B) &&
                     (record->candidate <= (uint8_t)TERRAPIN_UPDATE_SLOT_B));
+    TERRAPIN_ASSERT(record->node < TERRAPIN_NODES);
     TERRAPIN_ASSERT(record->phase <= (uint8_t)TERRAPIN_UPDATE_PHASE_TRIAL);
     put32(bytes, MAGIC);
     put32(&bytes[4], sequence);
     bytes[8] = record->confirmed;
     bytes[9] = record->candidate;
     bytes[10] = record->phase;
-    bytes[11] = 0U;
+    bytes[11] = record->tries;
     put32(&bytes[12], record->security_counter);
     bytes[16] = record->version.major;
     bytes[17] = record->version.minor;
     bytes[18] = (uint8_t)(record->version.revision & 0xFFU);
     bytes[19] = (uint8_t)(record->version.revision >> 8U);
     put32(&bytes[20], record->version.build);
-    put32(&bytes[24], 0U);
+    put32(&bytes[24], record->node | (record->robot << 8U));
     put32(&bytes[CRC_PLACE], terrapin_crc32(0U, bytes, CRC_PLACE));
 }
 
@@ -59,6 +60,9 @@ static bool decode(const uint8_t *bytes, terrapin_record *record, uint32_t *sequ
     record->confirmed = bytes[8];
     record->candidate = bytes[9];
     record->phase = bytes[10];
+    record->tries = bytes[11];
+    record->node = bytes[24];
+    record->robot = get32(&bytes[24]) >> 8U;
     record->security_counter = get32(&bytes[12]);
     record->version.major = bytes[16];
     record->version.minor = bytes[17];
@@ -68,7 +72,7 @@ static bool decode(const uint8_t *bytes, terrapin_record *record, uint32_t *sequ
     return (get32(bytes) == MAGIC) && (get32(&bytes[CRC_PLACE]) == terrapin_crc32(0U, bytes, CRC_PLACE)) &&
            (record->confirmed <= (uint8_t)TERRAPIN_UPDATE_SLOT_B) &&
            (record->candidate <= (uint8_t)TERRAPIN_UPDATE_SLOT_B) &&
-           (record->phase <= (uint8_t)TERRAPIN_UPDATE_PHASE_TRIAL);
+           (record->phase <= (uint8_t)TERRAPIN_UPDATE_PHASE_TRIAL) && (record->node < TERRAPIN_NODES);
 }
 
 static bool blank(const uint8_t *bytes) {
@@ -144,6 +148,21 @@ bool terrapin_records_append(const terrapin_flash *flash, const terrapin_record 
     position where;
     find(flash, &where);
     return append(flash, &where, 1U, record);
+}
+
+bool terrapin_records_set_node(const terrapin_flash *flash, uint8_t node) {
+    terrapin_record record;
+    terrapin_records_read(flash, &record);
+    record.node = node;
+    return terrapin_records_append(flash, &record);
+}
+
+bool terrapin_records_set_robot(const terrapin_flash *flash, uint32_t robot) {
+    TERRAPIN_ASSERT(robot <= 0x00FFFFFFU);
+    terrapin_record record;
+    terrapin_records_read(flash, &record);
+    record.robot = robot;
+    return terrapin_records_append(flash, &record);
 }
 
 bool terrapin_records_make_room(const terrapin_flash *flash) {

@@ -3,6 +3,9 @@
 #include "terrapin_assert.h"
 
 void terrapin_boot_serial_init(terrapin_boot_serial *serial, const terrapin_boot *boot, uint8_t running) {
+    terrapin_record record;
+    terrapin_records_read(boot->flash, &record);
+    terrapin_node_init(&serial->node, record.node);
     terrapin_slcan_init(&serial->parser);
     terrapin_update_init(&serial->update, boot, running);
 }
@@ -14,10 +17,11 @@ uint32_t terrapin_boot_serial_take(terrapin_boot_serial *serial, uint8_t byte, b
     terrapin_frame frames[TERRAPIN_UPDATE_REPLIES];
     uint32_t length = 0U;
     const terrapin_slcan_event event = terrapin_slcan_feed(&serial->parser, byte, &frame, &reply);
-    if (event == TERRAPIN_SLCAN_FRAME) {
+    if ((event == TERRAPIN_SLCAN_FRAME) && terrapin_node_receive(&serial->node, &frame)) {
         const uint32_t count = terrapin_update_accept(&serial->update, &frame, motor_on, frames);
         TERRAPIN_ASSERT(count <= TERRAPIN_UPDATE_REPLIES);
         for (uint32_t i = 0U; i < count; i++) {
+            terrapin_node_send(&serial->node, &frames[i]);
             length += (uint32_t)terrapin_slcan_encode(&frames[i], &answer[length]);
         }
     }

@@ -1,5 +1,6 @@
 /* The update behind a serial line: SLCAN in, SLCAN out. What boot loaders with a serial port are made of.
  *
+ *     terrapin_boot_serial_init(&serial, &boot, running);
  *     for each received byte:
  *         send the terrapin_boot_serial_take(&serial, byte, motor_on, answer) bytes of answer
  *         reset if serial.update.reset
@@ -7,6 +8,7 @@
 #ifndef TERRAPIN_BOOT_SERIAL_H
 #define TERRAPIN_BOOT_SERIAL_H
 
+#include "node.h"
 #include "slcan.h"
 #include "update.h"
 
@@ -20,6 +22,7 @@ extern "C" {
 typedef struct {
     terrapin_slcan parser;
     terrapin_update update;
+    terrapin_node node; /* as the records say */
 } terrapin_boot_serial;
 
 void terrapin_boot_serial_init(terrapin_boot_serial *serial, const terrapin_boot *boot, uint8_t running);

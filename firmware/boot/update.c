@@ -55,7 +55,12 @@ static uint8_t begin(terrapin_update *update, const terrapin_update_begin_t *mes
         result = TERRAPIN_UPDATE_RESULT_TOO_LARGE;
     } else if (terrapin_image_compare(update->version, least) < 0) {
         result = TERRAPIN_UPDATE_RESULT_VERSION_TOO_OLD;
+    } else if ((update->erases >= TERRAPIN_UPDATE_ERASES) ||
+               ((update->erases > 0U) && ((update->now_ms - update->erased_ms) < TERRAPIN_UPDATE_ERASE_MS))) {
+        result = TERRAPIN_UPDATE_RESULT_BUSY;
     } else {
+        update->erases++;
+        update->erased_ms = update->now_ms;
         result = clear_slot(update, slot);
     }
     if (result == OK) {
@@ -176,6 +181,7 @@ static uint8_t end(terrapin_update *update, uint32_t checksum) {
     if (result == OK) {
         record.candidate = update->slot;
         record.phase = TERRAPIN_UPDATE_PHASE_PENDING;
+        record.tries = 0U; /* counted from its first start on */
         result = terrapin_records_append(update->boot->flash, &record) ? OK : (uint8_t)TERRAPIN_UPDATE_RESULT_FLASH;
     } else {
         (void)clear_slot(update, update->slot); /* what was refused does not stay; the reason is the answer */
@@ -200,6 +206,34 @@ static uint32_t accept_end(terrapin_update *update, const terrapin_frame *frame,
     return update_status(update, TERRAPIN_UPDATE_REQUEST_END, result, reply);
 }
 
+static uint32_t accept_robot(terrapin_update *update, const terrapin_frame *frame, bool motor_on,
+                             terrapin_frame *reply) {
+    terrapin_update_robot_t message;
+    terrapin_record record;
+    if (!update_genuine(update, frame, &update->robot_counter) || !terrapin_decode_update_robot(frame, &message)) {
+        return 0U;
+    }
+    uint8_t result = OK;
+    if (message.write == 0) {
+        /* only asked */
+    } else if (motor_on) {
+        result = TERRAPIN_UPDATE_RESULT_MOTOR_ON;
+    } else if (!terrapin_records_set_robot(update->boot->flash, (uint32_t)message.robot)) {
+        result = TERRAPIN_UPDATE_RESULT_FLASH;
+    } else {
+        /* another robot's from now on */
+    }
+    terrapin_records_read(update->boot->flash, &record);
+    const terrapin_update_identity_t answer = {
+        .robot = (int32_t)record.robot,
+        .board = (int32_t)update->boot->board,
+        .interface = TERRAPIN_INTERFACE_VERSION,
+        .result = (int32_t)result,
+    };
+    (void)terrapin_encode_update_identity(&answer, reply); /* the fields have the signals' widths */
+    return 1U;
+}
+
 uint32_t terrapin_update_accept(terrapin_update *update, const terrapin_frame *frame, bool motor_on,
                                 terrapin_frame replies[TERRAPIN_UPDATE_REPLIES]) {
     TERRAPIN_ASSERT((update != NULL) && (frame != NULL) && (replies != NULL));
@@ -219,6 +253,9 @@ uint32_t terrapin_update_accept(terrapin_update *update, const terrapin_frame *f
         break;
     case TERRAPIN_ID_UPDATE_QUERY:
         count = update_query(update, frame, replies);
+        break;
+    case TERRAPIN_ID_UPDATE_ROBOT:
+        count = accept_robot(update, frame, motor_on, &replies[0]);
         break;
     case TERRAPIN_ID_UPDATE_RESET:
         count = update_reset(update, frame, motor_on, &replies[0]);

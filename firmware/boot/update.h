@@ -12,9 +12,13 @@
  *     ...                                    `again`: send the block `next` (again)
  *     UPDATE_END crc                         UPDATE_STATUS, once the image is verified (and, if it is refused, erased)
  *     UPDATE_RESET                           UPDATE_STATUS, then the reset
+ *     UPDATE_ROBOT                           UPDATE_IDENTITY: whose images are taken
  *
  * A host whose answer does not come sends its request again, with its next E2E counter: the same BEGIN before the first
  * block, the last block and the same END are answered as before and do nothing again.
+ *
+ * Anybody may ask, so BEGIN erases at most once in TERRAPIN_UPDATE_ERASE_MS, and TERRAPIN_UPDATE_ERASES times between
+ * two starts; more is answered `busy`: flash wears out.
  *
  * The window is one block: a block is answered before the next may be sent, so that no frame comes while the flash is
  * written, for which the processor stands still. terrapin_update_accept takes that time too: a caller with a watchdog
@@ -35,12 +39,17 @@ extern "C" {
 #define TERRAPIN_UPDATE_PROTOCOL 1U
 #define TERRAPIN_UPDATE_BLOCK    256U
 #define TERRAPIN_UPDATE_REPLIES  2U /* at most, to one frame */
+#define TERRAPIN_UPDATE_ERASES   20U
+#define TERRAPIN_UPDATE_ERASE_MS 10000U
 
 typedef struct {
     const terrapin_boot *boot;
-    uint8_t running; /* update_slot that the caller runs from; none: the boot loader */
-    bool reset;      /* send the replies, then reset */
-    bool stay;       /* and stay in the boot loader */
+    uint8_t running;    /* update_slot that the caller runs from; none: the boot loader */
+    bool reset;         /* send the replies, then reset */
+    bool stay;          /* and stay in the boot loader */
+    uint32_t now_ms;    /* the caller's clock, set before each frame; wraps */
+    uint32_t erases;    /* that BEGIN asked for since the start, */
+    uint32_t erased_ms; /* and when the last one was */
 
     bool active;                    /* between BEGIN and END */
     uint8_t slot;                   /* being written */
@@ -58,6 +67,7 @@ typedef struct {
     uint8_t begin_counter; /* E2E counters of the last accepted frames, and of the next answer */
     uint8_t end_counter;
     uint8_t reset_counter;
+    uint8_t robot_counter;
     uint8_t reply_counter;
     uint32_t malformed; /* frames dropped, by cause; these wrap */
     uint32_t bad_crc;

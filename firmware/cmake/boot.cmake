@@ -1,7 +1,14 @@
 # The boot loader: its key, and on the host its library and its process over an emulated flash.
 set(TERRAPIN_KEY "" CACHE FILEPATH "PEM of the Ed25519 key (public or private) that images must be signed with")
+option(TERRAPIN_RELEASE "A boot loader for robots that leave the workshop: needs TERRAPIN_KEY, the public key alone" OFF)
+if(TERRAPIN_RELEASE AND NOT TERRAPIN_KEY)
+    message(FATAL_ERROR "TERRAPIN_RELEASE: expected -DTERRAPIN_KEY=PUBLIC.pem, the key that images are signed with")
+endif()
 if(TERRAPIN_KEY)
     set(BOOT_KEY_OPTIONS --key ${TERRAPIN_KEY})
+    if(TERRAPIN_RELEASE)
+        list(APPEND BOOT_KEY_OPTIONS --release)
+    endif()
 else() # a key for the bench, one for all builds of this tree; `make clean` removes it
     set(BOOT_KEY_OPTIONS --make --key ${CMAKE_SOURCE_DIR}/build/keys/development.pem)
 endif()
@@ -34,7 +41,7 @@ if(NOT CMAKE_CROSSCOMPILING)
     # What stands beside the boot loader's objects in its host programs.
     add_library(boot_host OBJECT ${CMAKE_SOURCE_DIR}/firmware/store/flash_emulated.c
         ${CMAKE_SOURCE_DIR}/firmware/store/crc32.c ${GENERATED}/terrapin_interface.c
-        ${CMAKE_SOURCE_DIR}/firmware/link/slcan.c)
+        ${CMAKE_SOURCE_DIR}/firmware/link/slcan.c ${CMAKE_SOURCE_DIR}/firmware/link/node.c)
     add_dependencies(boot_host interface)
     target_include_directories(boot_host PRIVATE ${CMAKE_SOURCE_DIR}/firmware/store ${CMAKE_SOURCE_DIR}/firmware/core
         ${CMAKE_SOURCE_DIR}/firmware/link ${GENERATED})

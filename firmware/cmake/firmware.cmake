@@ -5,7 +5,10 @@ list(APPEND LINK_SOURCES ${CMAKE_SOURCE_DIR}/firmware/store/parameters.c ${CMAKE
 
 add_library(core_objects OBJECT ${CORE_SOURCES} ${GENERATED}/terrapin_interface.c)
 add_library(link_objects OBJECT ${LINK_SOURCES})
-foreach(part core_objects link_objects)
+# The same without test mode, for production images. The core has nothing of it: its objects are the same in both.
+add_library(link_production_objects OBJECT ${LINK_SOURCES})
+target_compile_definitions(link_production_objects PRIVATE TERRAPIN_PRODUCTION)
+foreach(part core_objects link_objects link_production_objects)
     add_dependencies(${part} interface)
     target_include_directories(${part} PUBLIC ${CMAKE_SOURCE_DIR}/firmware/core ${CMAKE_SOURCE_DIR}/firmware/link
         ${CMAKE_SOURCE_DIR}/firmware/store ${GENERATED})

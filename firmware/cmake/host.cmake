@@ -2,7 +2,7 @@
 # (SocketCAN, GPIO); elsewhere it speaks SLCAN on a pty or tty only, which it also does on Linux.
 add_library(terrapin SHARED $<TARGET_OBJECTS:core_objects> $<TARGET_OBJECTS:link_objects>
     ${CMAKE_SOURCE_DIR}/firmware/ports/host/flash_file.c)
-target_include_directories(terrapin PRIVATE ${CMAKE_SOURCE_DIR}/firmware/core ${CMAKE_SOURCE_DIR}/firmware/store)
+target_include_directories(terrapin PRIVATE ${CMAKE_SOURCE_DIR}/firmware/core ${CMAKE_SOURCE_DIR}/firmware/store ${GENERATED})
 target_compile_options(terrapin PRIVATE ${STRICT})
 target_compile_definitions(terrapin PRIVATE TERRAPIN_SHARED)
 set_target_properties(terrapin PROPERTIES C_VISIBILITY_PRESET hidden)

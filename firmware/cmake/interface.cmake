@@ -1,14 +1,24 @@
 # Codec, tables, DBC and reference from the one description. Any Python from 3.11 on will do.
 find_package(Python3 3.11 REQUIRED COMPONENTS Interpreter)
 
+# The robot that the firmware is built for: one of terrapin_interface/robots, or a file.
+set(TERRAPIN_ROBOT cylinder CACHE STRING "Name of a shipped robot, or the file of one")
 set(INTERFACE_DIR ${CMAKE_SOURCE_DIR}/firmware/terrapin_interface)
 file(GLOB INTERFACE_SCRIPTS CONFIGURE_DEPENDS ${INTERFACE_DIR}/*.py)
+file(GLOB ROBOT_FILES CONFIGURE_DEPENDS ${INTERFACE_DIR}/robots/*.toml
+    ${INTERFACE_DIR}/robots/boards/*.toml)
+if(EXISTS ${TERRAPIN_ROBOT})
+    list(APPEND ROBOT_FILES ${TERRAPIN_ROBOT})
+endif()
 set(CDEF_HEADERS
     ${CMAKE_SOURCE_DIR}/firmware/core/terrapin.h
     ${CMAKE_SOURCE_DIR}/firmware/link/slcan.h
     ${CMAKE_SOURCE_DIR}/firmware/store/flash.h
     ${CMAKE_SOURCE_DIR}/firmware/store/parameters.h
     ${CMAKE_SOURCE_DIR}/firmware/ports/host/flash_file.h
+    ${CMAKE_SOURCE_DIR}/firmware/link/node.h
+    ${CMAKE_SOURCE_DIR}/firmware/link/chaskey.h
+    ${CMAKE_SOURCE_DIR}/firmware/link/seal.h
     ${CMAKE_SOURCE_DIR}/firmware/link/dispatch.h)
 set(HEADER_OPTIONS ${CDEF_HEADERS})
 list(TRANSFORM HEADER_OPTIONS PREPEND "--header=")
@@ -19,12 +29,12 @@ add_custom_command(
     OUTPUT ${GENERATED}/stamp
     BYPRODUCTS
         ${GENERATED}/terrapin_interface.c ${GENERATED}/terrapin_interface.h ${GENERATED}/terrapin_pack.h ${GENERATED}/terrapin_scaling.h ${GENERATED}/terrapin_cdef.h
-        ${GENERATED}/terrapin.dbc ${GENERATED}/interface.json ${GENERATED}/interface.md
+        ${GENERATED}/terrapin.dbc ${GENERATED}/interface.json ${GENERATED}/interface.md ${GENERATED}/robot.toml
     COMMAND ${CMAKE_COMMAND} -E make_directory ${GENERATED}
     COMMAND ${CMAKE_COMMAND} -E touch ${GENERATED}/stamp.begun
-    COMMAND ${Python3_EXECUTABLE} -B ${INTERFACE_DIR}/generate.py --out ${GENERATED} ${HEADER_OPTIONS}
+    COMMAND ${Python3_EXECUTABLE} -B ${INTERFACE_DIR}/generate.py --out ${GENERATED} --robot ${TERRAPIN_ROBOT} ${HEADER_OPTIONS}
     COMMAND ${CMAKE_COMMAND} -E rename ${GENERATED}/stamp.begun ${GENERATED}/stamp
-    DEPENDS ${INTERFACE_SCRIPTS} ${INTERFACE_DIR}/controller.toml ${CDEF_HEADERS}
+    DEPENDS ${INTERFACE_SCRIPTS} ${INTERFACE_DIR}/controller.toml ${CDEF_HEADERS} ${ROBOT_FILES}
     COMMENT "Generating the interface from controller.toml"
     VERBATIM)
 add_custom_target(interface ALL DEPENDS ${GENERATED}/stamp)

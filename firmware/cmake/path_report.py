@@ -24,7 +24,7 @@ from pathlib import Path
 # in the order of their first instruction. Assertions in the source hold the same numbers, or the loop counts to them.
 LOOPS = {
     "sense_update": (8,),  # SENSED_FAULTS
-    "digit": (3,),  # twice
+    "quotient": (3, 3),  # each of its two digits: twice
     "integer_divide": (12,),  # denominators below 2^40: ground.c, calibration.c
     "calibration_work": (9, 9),  # TERRAPIN_LIMIT_CALIBRATE_SPEEDS
     "ground_nearest": (6, 5),  # TERRAINS
@@ -59,6 +59,7 @@ class Function:
     name: str
     start: int
     nodes: dict[int, Node] = field(default_factory=dict)
+    refused: str = ""  # why no bound can be given, should it be reached
 
     @property
     def source_name(self) -> str:
@@ -82,6 +83,15 @@ def functions(disassembly: Iterable[str]) -> dict[int, Function]:
 
 def _function(name: str, start: int, rows: list[tuple[int, str]]) -> Function:
     function = Function(name, start)
+    try:
+        _read(function, rows)
+    except Refused as why:
+        function.refused = str(why)
+    return function
+
+
+def _read(function: Function, rows: list[tuple[int, str]]) -> None:
+    name, start = function.name, function.start
     code = [(at, text) for at, text in rows if not text.startswith(".")]
     data = {at: text for at, text in rows if text.startswith(".")}
     last = rows[-1][0] if rows else start
@@ -111,7 +121,6 @@ def _function(name: str, start: int, rows: list[tuple[int, str]]) -> Function:
             raise Refused(f"{name}: a jump that is not understood: {text}")
         if following is not None:
             node.follow.append(following)
-    return function
 
 
 def _table(
@@ -189,6 +198,8 @@ class Bounds:
         if start not in self.code:
             raise Refused(f"a call to 0x{start & 0xFFFFFFFF:x}, where no function is")
         function = self.code[start]
+        if function.refused:
+            raise Refused(function.refused)
         if start in self.open:
             raise Refused(f"recursion: {function.name}")
         self.open.append(start)

@@ -1,5 +1,5 @@
 # Images for the STM32F405 (firmware/ports/stm32f405): each board alone at the start of flash, and for slots A and B of the
-# boot loader, with room for MCUboot's header in front.
+# boot loader, with room for MCUboot's header in front. Desk images have the test mode, production images do not.
 set(F405_DIR ${CMAKE_SOURCE_DIR}/firmware/ports/stm32f405)
 set(F405_BOARDS f405_h_bridge emulated)
 set(F405_PLACES "alone|0x08000000|0|0x20000" "slot-a|0x08020000|0x200|0x20000" "slot-b|0x08040000|0x200|0x20000")
@@ -7,7 +7,7 @@ find_program(TARGET_OBJCOPY arm-none-eabi-objcopy REQUIRED)
 
 # What every image of this chip begins with; the boot loader uses it as well.
 add_library(f405_chip OBJECT ${F405_DIR}/startup.c ${F405_DIR}/processor.c ${F405_DIR}/retained.c ${F405_DIR}/clock.c ${F405_DIR}/pins.c
-    ${F405_DIR}/ring.c ${F405_DIR}/usart.c ${F405_DIR}/can.c ${F405_DIR}/flash.c ${F405_DIR}/watchdog.c)
+    ${F405_DIR}/ring.c ${F405_DIR}/usart.c ${F405_DIR}/can.c ${F405_DIR}/flash.c ${F405_DIR}/watchdog.c ${F405_DIR}/unique.c)
 add_dependencies(f405_chip interface)
 target_include_directories(f405_chip PUBLIC ${F405_DIR} ${CMAKE_SOURCE_DIR}/firmware ${CMAKE_SOURCE_DIR}/firmware/core
     ${CMAKE_SOURCE_DIR}/firmware/link ${CMAKE_SOURCE_DIR}/firmware/store ${GENERATED})
@@ -28,7 +28,7 @@ add_library(boot_client STATIC $<TARGET_OBJECTS:boot_objects>)
 
 set(F405_IMAGES "")
 foreach(board IN LISTS F405_BOARDS)
-    add_library(f405_${board} OBJECT ${F405_DIR}/main.c ${F405_DIR}/hardware.c ${F405_DIR}/port.c ${F405_DIR}/phases.c ${F405_DIR}/analog.c
+    add_library(f405_${board} OBJECT ${F405_DIR}/main.c ${F405_DIR}/hardware.c ${F405_DIR}/port.c ${F405_DIR}/phases.c ${F405_DIR}/health.c ${F405_DIR}/link_key.c ${F405_DIR}/analog.c
         ${F405_DIR}/bridge.c ${F405_DIR}/encoder.c ${F405_DIR}/reset_cause.c)
     target_link_libraries(f405_${board} PRIVATE f405_chip)
     target_include_directories(f405_${board} PRIVATE ${CMAKE_SOURCE_DIR}/firmware/boot)
@@ -41,14 +41,17 @@ foreach(board IN LISTS F405_BOARDS)
         list(GET words 1 origin)
         list(GET words 2 header)
         list(GET words 3 limit)
-        set(image terrapin-${board}-${name})
-        string(REPLACE "_" "-" image ${image})
-        add_executable(${image} $<TARGET_OBJECTS:f405_${board}> $<TARGET_OBJECTS:f405_chip>
-            $<TARGET_OBJECTS:core_objects> $<TARGET_OBJECTS:link_objects>)
-        set_target_properties(${image} PROPERTIES LINKER_LANGUAGE C)
-        target_link_libraries(${image} PRIVATE boot_client)
-        f405_link(${image} ${origin} ${header} ${limit})
-        list(APPEND F405_IMAGES ${image})
+        foreach(link link_objects link_production_objects)
+            string(REGEX REPLACE "link_(production_)?objects" "\\1" kind ${link})
+            set(image terrapin-${board}-${kind}${name})
+            string(REPLACE "_" "-" image ${image})
+            add_executable(${image} $<TARGET_OBJECTS:f405_${board}> $<TARGET_OBJECTS:f405_chip>
+                $<TARGET_OBJECTS:core_objects> $<TARGET_OBJECTS:${link}>)
+            set_target_properties(${image} PROPERTIES LINKER_LANGUAGE C)
+            target_link_libraries(${image} PRIVATE boot_client)
+            f405_link(${image} ${origin} ${header} ${limit})
+            list(APPEND F405_IMAGES ${image})
+        endforeach()
     endforeach()
 endforeach()
 

@@ -17,7 +17,7 @@ target_compile_definitions(unity PUBLIC UNITY_SUPPORT_64)
 
 # What the STM32F405's port decides, without its registers: test_f405_* know it.
 set(F405_DIR ${CMAKE_SOURCE_DIR}/firmware/ports/stm32f405)
-add_library(f405_logic OBJECT ${F405_DIR}/port.c ${F405_DIR}/can.c ${F405_DIR}/usart.c ${F405_DIR}/ring.c ${F405_DIR}/phases.c)
+add_library(f405_logic OBJECT ${F405_DIR}/port.c ${F405_DIR}/can.c ${F405_DIR}/usart.c ${F405_DIR}/ring.c ${F405_DIR}/phases.c ${F405_DIR}/health.c)
 target_link_libraries(f405_logic PRIVATE core_objects link_objects)
 target_include_directories(f405_logic PRIVATE ${CMAKE_SOURCE_DIR}/firmware/boot)
 target_compile_options(f405_logic PRIVATE ${STRICT})

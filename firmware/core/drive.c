@@ -9,7 +9,6 @@
 #include "core.h"
 
 enum {
-    SLEW_URAD_S_TICK = 10000, /* the speed loop's reference changes by at most 10 rad/s^2 */
     INTEGRAL_MAX_UV = 20000000,
     SUPPLY_MIN_MV = 1000, /* below this there is no bridge to speak of */
     DUTY_ONE = 32768,
@@ -33,7 +32,7 @@ static bounds allowed(terrapin_state *state) {
     const int32_t *p = state->parameter;
     terrapin_drive *d = &state->drive;
     const int32_t limit = p[TERRAPIN_PARAMETER_CURRENT_LIMIT];
-    const int32_t span = state->gains.span_mv; /* at most 100 ohm * 2 A */
+    const int32_t span = state->gains.span_mv; /* gains.c */
     TERRAPIN_ASSERT((span >= 0) && (span <= 200000));
     const int32_t excess_ma = (integer_abs(state->sense.current_ua) / 1000) - limit;
     if (excess_ma > 0) {
@@ -80,7 +79,8 @@ static int32_t hold_speed(terrapin_state *state, const terrapin_demand *demand, 
     terrapin_drive *d = &state->drive;
     TERRAPIN_ASSERT(demand->mode == DEMAND_SPEED);
     const int32_t change = demand->speed_urad_s - d->reference_urad_s;
-    d->reference_urad_s += integer_clamp(change, -SLEW_URAD_S_TICK, SLEW_URAD_S_TICK);
+    const int32_t ramp = state->parameter[TERRAPIN_PARAMETER_SPEED_RAMP]; /* 1e-3 rad/s^2 is 1 urad/s a tick */
+    d->reference_urad_s += integer_clamp(change, -ramp, ramp);
     return loop(emf_uv(state, d->reference_urad_s), d->reference_urad_s - state->slip.wheel_urad_s,
                 state->rates.speed_kp_q26, state->rates.speed_ki_q32, within, &d->speed_integral_uv);
 }

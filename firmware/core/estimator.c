@@ -3,18 +3,20 @@
  * A window's mean of this equation errs by exactly (P(t) - P(t - T_w)) / T_w, P the angular momentum of shell and inner
  * device: the energies of Reina et al. (2006), Eqs. 3 to 6, depend on the difference of the two angles alone. The gate
  * bounds that by J times the mean acceleration, seen by the encoder, plus the part that a swing sensor sees. Sums run
- * for ever and wrap; windows are differences of their records, ten milliseconds apart.
+ * for ever and wrap; windows are differences of their records, RECORD_MS apart.
  */
 #include "core.h"
 
 enum {
     QUIET_SLOTS = 20,   /* the gate must hold this long: a transient passes through zero faster */
     MOVING_COUNTS = 20, /* fewer counts a window are no rolling: the friction's sign would be a guess */
-    SWING_TICKS_MAX = 2000,
+    SWING_TICKS_MAX = 200 * RECORD_MS,
     CURRENT_MAX_10UA = 10000000, /* 100 A: more than any code at any current_scale */
-    CURRENT_STEP_UNM = 1500,     /* the last slot's torque may differ by this from the window's, and by */
-    RIPPLE_TIMES = 5,            /* five times its own mean deviation, four sd, else the ground has changed */
-    RIPPLE_MAX_UNM = 214748064,  /* above, the step is never so large: it is held within 2^30 */
+    CURRENT_STEP_UNM = 1500 * (TERRAPIN_LIMIT_TORQUE_FULL_SCALE / 1000000), /* 1.5e-3 of the full scale: the last
+                                                                             * record's torque may differ by this from
+                                                                             * the window's, and by */
+    RIPPLE_TIMES = 5,           /* five times its own mean deviation, four sd, else the ground has changed */
+    RIPPLE_MAX_UNM = 214748064, /* above, the step is never so large: it is held within 2^30 */
     RIPPLE_SLOTS = 64
 };
 
@@ -91,11 +93,11 @@ static int32_t swing_momentum(const terrapin_state *state) {
     const terrapin_estimator *e = &state->estimator;
     const uint32_t n = state->gains.window_slots;
     int32_t torque = 0;
-    if (e->swing_ticks >= ((n + (uint32_t)SWING_SLOTS) * (uint32_t)SLOT_MS)) {
+    if (e->swing_ticks >= ((n + (uint32_t)SWING_SLOTS) * (uint32_t)RECORD_MS)) {
         const int32_t cosine = integer_cosine(integer_turn(e->swing_angle_mrad));
         const int32_t inertia = state->parameter[TERRAPIN_PARAMETER_INERTIA_SHELL] -
                                 integer_of_sine(state->parameter[TERRAPIN_PARAMETER_INERTIA_SWING], cosine);
-        /* 1e-6 kg m^2 * 0.01 rad/s, sums over 10 SWING_SLOTS ms, in a window of 10 n ms */
+        /* 1e-6 kg m^2 * 0.01 rad/s, sums over 10 SWING_SLOTS ms, in a window of 10 n ms, where a record is 10 ms */
         const int32_t inertia_q12 = integer_q(inertia, state->gains.swing_q20, 20U);
         const int32_t rates = integer_difference(swung(state, 0U), swung(state, n));
         torque = integer_abs(integer_q_held(rates, inertia_q12, 12U));
@@ -155,15 +157,15 @@ void estimator_means(terrapin_state *state) {
         const terrapin_slot_record *now = estimator_record(state, 0U);
         const terrapin_slot_record *then = estimator_record(state, n);
         const terrapin_slot_record *last = estimator_record(state, 1U);
-        const int32_t ticks = (int32_t)n * SLOT_MS;
+        const int32_t ticks = (int32_t)n * RECORD_MS;
         const int32_t zero_q8 = g->zero_q8 + state->sense.trim_q8_codes;
         e->counts = integer_difference(now->position_counts, then->position_counts);
         /* held within 2^30: 1.7 times what any 12-bit code makes */
         const uint32_t sum_codes = now->current_sum_codes - then->current_sum_codes;
         e->current_q8 = integer_saturate(((int64_t)sum_codes * 256) - ((int64_t)zero_q8 * ticks));
         const uint32_t recent_codes = now->current_sum_codes - last->current_sum_codes;
-        /* ten codes of 16 bits, ten times a zero: below 2^28 */
-        const int32_t recent_q8 = ((int32_t)recent_codes * 256) - (zero_q8 * SLOT_MS);
+        /* at most 80 codes of 16 bits, 80 times a zero: below 2^31 */
+        const int32_t recent_q8 = ((int32_t)recent_codes * 256) - (zero_q8 * RECORD_MS);
         e->current_10ua =
             integer_clamp(integer_q32(e->current_q8, g->current_q32), -CURRENT_MAX_10UA, CURRENT_MAX_10UA);
         e->recent_ua = integer_q_held(recent_q8, g->recent_q28, 28U);

@@ -3,7 +3,8 @@
 /* Of one count of an encoder: its part of a turn, in 1e-5 urad (2e11 pi, to the nearest), and of 2^32. */
 enum {
     COUNT_E5_URAD = (628318530718 + (TERRAPIN_ENCODER_COUNTS / 2)) / TERRAPIN_ENCODER_COUNTS,
-    COUNT_TURN = 4294967296 / TERRAPIN_ENCODER_COUNTS
+    COUNT_TURN = 4294967296 / TERRAPIN_ENCODER_COUNTS,
+    SPAN_MOST_MV = 200000 /* beyond every supply */
 };
 
 _Static_assert(COUNT_E5_URAD < 0x20000000, "encoders of 1,171 counts a turn and more");
@@ -16,11 +17,11 @@ static bool consistent(const int32_t *p) {
 
 void gains_friction(terrapin_state *state) {
     terrapin_gains *g = &state->gains;
-    const int64_t samples = (int64_t)g->window_slots * SLOT_MS;
+    const int64_t samples = (int64_t)g->window_slots * RECORD_MS;
     /* B [1e-8 N m s/rad] * one count [1e-5 urad], at most 3.1e15; then over the window, in Q16 of uN m */
     const int64_t count =
         integer_divide((int64_t)state->parameter[TERRAPIN_PARAMETER_VISCOUS] * g->count_e5_urad, 100000);
-    g->speed_gain_q16 = (int32_t)integer_divide(count * 65536, samples * 100000);
+    g->speed_gain_q16 = integer_narrow(integer_divide(count * 65536, samples * 100000), 0, INT32_MAX);
 }
 
 static bool compensated(const int32_t *p) {
@@ -39,7 +40,7 @@ static void rates_prepare(terrapin_state *state) {
     TERRAPIN_ASSERT((grip >= 1000) && (grip < 10000));
     /* of a count in 1e-5, over so many ms: 100 of them to the second's million */
     const int32_t fast = 100 * p[TERRAPIN_PARAMETER_SLIP_WINDOW];
-    const int32_t window = 100 * (int32_t)g->window_slots * SLOT_MS;
+    const int32_t window = 100 * (int32_t)g->window_slots * RECORD_MS;
     r->motor_speed = integer_gain_of(g->count_e5_urad, 100 * SPEED_TICKS);
     r->motor_fast = integer_gain_of(g->count_e5_urad, fast);
     r->ground_fast = integer_gain_of(g->ground_e5_um, fast);
@@ -75,12 +76,13 @@ static void window_prepare(terrapin_state *state) {
     const int32_t scale = p[TERRAPIN_PARAMETER_CURRENT_SCALE];
     g->half_urad = integer_gain_of(g->count_e5_urad, 200000);
     g->way_um = integer_gain_of(g->ground_e5_um, 100000);
-    g->current_q32 = integer_factor(scale, 32U, (int64_t)slots * SLOT_MS * 2560);
-    g->recent_q28 = integer_factor(scale, 28U, (int64_t)SLOT_MS * 256);
-    g->voltage_q32 = integer_factor(1, 32U, (int64_t)slots * SLOT_MS);
-    /* 1e-5 urad summed over 10 BLOCK_SLOTS ms, over (10 n ms)^2: 1e-5 * 1e6 / (100 * 100 n^2) */
-    g->acceleration_q19 = integer_factor(g->count_e5_urad, 19U, (int64_t)BLOCK_SLOTS * 100 * slots * slots);
-    g->swing_q20 = integer_factor(4096, 20U, (int64_t)SLOT_MS * SWING_SLOTS * slots);
+    g->current_q32 = integer_factor(scale, 32U, slots * RECORD_MS * 2560);
+    g->recent_q28 = integer_factor(scale, 28U, RECORD_MS * 256);
+    g->voltage_q32 = integer_factor(1, 32U, slots * RECORD_MS);
+    /* 1e-5 urad summed over BLOCK_SLOTS records of m ms, over (m n ms)^2: 1e-5 * 1e6 / (m^3 BLOCK_SLOTS n^2) */
+    g->acceleration_q19 =
+        integer_factor(g->count_e5_urad, 19U, RECORD_MS * RECORD_MS * (RECORD_MS / 10) * BLOCK_SLOTS * slots * slots);
+    g->swing_q20 = integer_factor(40960, 20U, RECORD_MS * RECORD_MS * SWING_SLOTS * slots);
     g->weight_q22 = integer_factor(g->weight_unm, 22U, 1000000);
     g->per_weight_q24 = integer_factor(1000000, 24U, g->weight_unm);
     g->inertia_q30 = integer_factor(p[TERRAPIN_PARAMETER_INERTIA], 30U, 1000000);
@@ -102,8 +104,8 @@ void gains_prepare(terrapin_state *state) {
     /* A drive wheel larger than the shell is refused by gains_consistent; here it must only not overflow. */
     const int32_t drive = integer_clamp(p[TERRAPIN_PARAMETER_DRIVE_RADIUS], 1, radius);
     const int32_t torque_constant = p[TERRAPIN_PARAMETER_TORQUE_CONSTANT]; /* 1e3..2e6 uN m/A */
-    const int64_t slots = p[TERRAPIN_PARAMETER_WINDOW] / SLOT_MS;
-    const int64_t samples = slots * SLOT_MS; /* 100..600 */
+    const int64_t slots = p[TERRAPIN_PARAMETER_WINDOW] / RECORD_MS;
+    const int64_t samples = slots * RECORD_MS; /* 100..600 times the records' interval */
 
     g->count_e5_urad = integer_scale(COUNT_E5_URAD, drive, radius);
     g->ground_e5_um = integer_scale(COUNT_E5_URAD, p[TERRAPIN_PARAMETER_GROUND_WHEEL_RADIUS], 1000000);
@@ -126,7 +128,9 @@ void gains_prepare(terrapin_state *state) {
     g->current_gain_q16 = integer_narrow(integer_divide(code * 65536, samples * 1000000), 0, INT32_MAX);
     gains_friction(state);
 
-    g->span_mv = integer_scale(p[TERRAPIN_PARAMETER_ARMATURE_RESISTANCE], p[TERRAPIN_PARAMETER_CURRENT_LIMIT], 1000);
+    g->span_mv = integer_clamp(
+        integer_scale(p[TERRAPIN_PARAMETER_ARMATURE_RESISTANCE], p[TERRAPIN_PARAMETER_CURRENT_LIMIT], 1000), 0,
+        SPAN_MOST_MV);
     g->consistent = consistent(p);
     g->zero_q8 = p[TERRAPIN_PARAMETER_CURRENT_ZERO_CODE] +
                  integer_scale(p[TERRAPIN_PARAMETER_COMP_CURRENT_OFFSET], 256, p[TERRAPIN_PARAMETER_CURRENT_SCALE]);

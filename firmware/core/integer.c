@@ -23,7 +23,7 @@ static uint32_t leading_zeros(uint32_t value) { /* value > 0 */
 
 /* One digit of 16 bits of a long division (Knuth 4.3.1, algorithm D): *rest, below d, takes in `next` and keeps what is
  * left. d has its top bit set. */
-static uint32_t digit(uint32_t *rest, uint32_t next, uint32_t d) {
+INTEGER_INLINE uint32_t digit(uint32_t *rest, uint32_t next, uint32_t d) {
     TERRAPIN_ASSERT((d >= 0x80000000U) && (*rest < d));
     TERRAPIN_ASSERT(next <= 0xFFFFU);
     const uint32_t high = d >> 16U;
@@ -94,22 +94,37 @@ int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor) {
     return ((value < 0) != (factor < 0)) ? -(int32_t)size : (int32_t)size;
 }
 
-int32_t integer_factor(int64_t value, uint32_t bits, int64_t divisor) {
-    TERRAPIN_ASSERT((value >= 0) && (bits < 62U) && (value < integer_power(62U - bits)));
-    const int64_t scaled = value * integer_power(bits);
-    return integer_narrow(integer_divide(scaled + (divisor - 1 - (divisor / 2)), divisor), 0, INT32_MAX);
+/* n / d downwards, held below 2^31. */
+static uint32_t held_ratio(uint64_t n, uint32_t d) {
+    const uint32_t high = (uint32_t)(n >> 32U);
+    uint32_t ratio = (uint32_t)INT32_MAX;
+    if (high < d) {
+        const uint32_t found = quotient(high, (uint32_t)n, d);
+        ratio = (found < ratio) ? found : ratio;
+    }
+    return ratio;
 }
 
-int32_t integer_signed_factor(int64_t value, uint32_t bits, int64_t divisor) {
+int32_t integer_factor(int64_t value, uint32_t bits, int32_t divisor) {
+    TERRAPIN_ASSERT((value >= 0) && (bits < 62U) && (value < integer_power(62U - bits)));
+    TERRAPIN_ASSERT(divisor > 0);
+    const uint32_t d = (uint32_t)divisor;
+    const uint64_t scaled = (uint64_t)value << bits;
+    return (int32_t)held_ratio(scaled + d - 1U, d);
+}
+
+int32_t integer_signed_factor(int64_t value, uint32_t bits, int32_t divisor) {
     return (value < 0) ? -integer_factor(-value, bits, divisor) : integer_factor(value, bits, divisor);
 }
 
 integer_gain integer_gain_of(int32_t value, int32_t divisor) {
     const int32_t factor = integer_factor(value, 12U, divisor);
-    const int32_t above = factor + ((factor < INT32_MAX) ? 1 : 0); /* rounding adds less than one */
+    const uint32_t above = (uint32_t)factor + ((factor < INT32_MAX) ? 1U : 0U); /* rounding adds less than one */
+    const uint32_t half = above / 2U;
+    const uint32_t most = held_ratio(((uint64_t)INTEGER_MOST * 4096U) + half, above) - 1U;
     const integer_gain gain = {
         .factor = factor,
-        .most = integer_narrow(integer_divide((int64_t)INTEGER_MOST * 4096, above) - 1, 0, INTEGER_MOST),
+        .most = (most < (uint32_t)INTEGER_MOST) ? (int32_t)most : INTEGER_MOST,
     };
     return gain;
 }

@@ -162,10 +162,10 @@ INTEGER_INLINE int32_t integer_widened(const integer_wide *wide, int32_t value) 
 }
 
 /* value 2^bits / divisor, upwards, held within INT32_MAX: a factor for the functions above. So it errs to one side, and
- * a product that is a half of its unit goes away from zero. value 2^bits + divisor < 2^62, value >= 0, divisor > 0. */
-int32_t integer_factor(int64_t value, uint32_t bits, int64_t divisor);
+ * a product that is a half of its unit goes away from zero. value 2^bits < 2^62, value >= 0, divisor > 0. */
+int32_t integer_factor(int64_t value, uint32_t bits, int32_t divisor);
 /* The same of any sign. */
-int32_t integer_signed_factor(int64_t value, uint32_t bits, int64_t divisor);
+int32_t integer_signed_factor(int64_t value, uint32_t bits, int32_t divisor);
 
 /* numerator/denominator to the nearest, halves away from zero. denominator > 0, |numerator| < 2^62. Denominators from
  * 2^30 on lose low bits, with the numerator: the result is then good to 4e-9 of itself. */

@@ -51,15 +51,15 @@ const int32_t *terrapin_parameter_values(const terrapin_state *state) {
 terrapin_parameter_result terrapin_parameter_set_all(terrapin_state *state, const int32_t *values) {
     TERRAPIN_ASSERT(state != NULL);
     terrapin_parameter_result result = state->drive.enable ? TERRAPIN_PARAMETER_LOCKED : TERRAPIN_PARAMETER_OK;
-    for (int32_t i = 0; (values != NULL) && (i < TERRAPIN_PARAMETER_COUNT); i++) {
-        const terrapin_parameter_entry entry = terrapin_parameter((uint16_t)i);
-        if ((values[i] < entry.minimum) || (values[i] > entry.maximum)) {
-            result = TERRAPIN_PARAMETER_RANGE;
-        }
+    if ((values != NULL) && !terrapin_parameters_in_range(values)) {
+        result = TERRAPIN_PARAMETER_RANGE;
     }
     if (result == TERRAPIN_PARAMETER_OK) {
-        for (int32_t i = 0; i < TERRAPIN_PARAMETER_COUNT; i++) {
-            state->parameter[i] = (values != NULL) ? values[i] : terrapin_parameter((uint16_t)i).default_value;
+        if (values == NULL) {
+            terrapin_parameter_defaults(state->parameter);
+        }
+        for (int32_t i = 0; (values != NULL) && (i < TERRAPIN_PARAMETER_COUNT); i++) {
+            state->parameter[i] = values[i];
         }
         gains_prepare(state);
         estimator_restart(state);

@@ -1,6 +1,6 @@
 /* Which tick does what. The estimator and the ground share ten ticks, so that no tick is much longer than another; each
- * part reads what the part before it has left. A window closes at WINDOW_TICK and is told by GROUND GROUND_AGE_MS
- * later.
+ * part reads what the part before it has left. A window closes at WINDOW_TICK, of a robot with longer windows every few
+ * slots only (RECORD_MS), and is told by GROUND GROUND_AGE_MS later, then again until the next.
  *
  *     tick % 10   work                                              message of telemetry.c, after it
  *     4           the window closes, before slip and drive, which   WINDOW: of the last whole one
@@ -29,7 +29,7 @@ _Static_assert(((int32_t)HEADING_TICK - (int32_t)PATH_TICK) == TERRAPIN_HEADING_
 
 void schedule_sense(terrapin_state *state, const terrapin_inputs *inputs) {
     estimator_tick(state, inputs); /* with the voltage that stood until now */
-    if ((inputs->tick % (uint32_t)SLOT_MS) == (uint32_t)WINDOW_TICK) {
+    if ((inputs->tick % (uint32_t)RECORD_MS) == (uint32_t)WINDOW_TICK) {
         estimator_close(state);
     }
 }
@@ -68,7 +68,9 @@ void schedule_work(terrapin_state *state, const terrapin_inputs *inputs) {
         break;
     case (uint32_t)WINDOW_TICK:
         ground_fit_work(state);
-        estimator_open(state, inputs);
+        if ((inputs->tick % (uint32_t)RECORD_MS) == (uint32_t)WINDOW_TICK) {
+            estimator_open(state, inputs);
+        }
         break;
     default: /* 2 */
         ground_fit_work(state);

@@ -11,22 +11,24 @@
 #include "terrapin_interface.h"
 
 enum {
-    SLOT_MS = 10,          /* telemetry cycle; the estimator works out a window in each (schedule.c) */
-    WINDOW_MAX_SLOTS = 60, /* 600 ms, the range of parameter window */
-    BLOCK_SLOTS = 20,      /* positions are averaged over this many slots at a window's ends */
-    SWING_SLOTS = 10,      /* swing rates over this many: a third of a swing period */
-    HISTORY_SLOTS = 144,   /* at least 2 * WINDOW_MAX_SLOTS + BLOCK_SLOTS + 1 */
-    FAST_TICKS = 128,      /* a power of two above the range of parameter slip_window */
-    SPEED_TICKS = 20,      /* window of the drive wheel's speed that the drive uses */
-    TRIM_TICKS = 128,      /* ticks with the bridge off that make one zero of the current */
-    TRIM_RISE = 32,        /* the current limit's trim gains 1/32 of an excess a tick */
-    CALIBRATE_WINDOWS = 3, /* disjoint valid windows averaged at each calibration speed */
+    SLOT_MS = 10,                         /* telemetry cycle */
+    RECORD_MS = TERRAPIN_RECORD_INTERVAL, /* between records; the estimator works out a window at each (schedule.c) */
+    WINDOW_MAX_SLOTS = 60,                /* records of the longest window, the range of parameter window */
+    BLOCK_SLOTS = 20,                     /* positions are averaged over this many records at a window's ends */
+    SWING_SLOTS = 10,                     /* swing rates over this many: a third of a swing period */
+    HISTORY_SLOTS = 144,                  /* at least 2 * WINDOW_MAX_SLOTS + BLOCK_SLOTS + 1 */
+    FAST_TICKS = 128,                     /* a power of two above the range of parameter slip_window */
+    SPEED_TICKS = 20,                     /* window of the drive wheel's speed that the drive uses */
+    TRIM_TICKS = 128,                     /* ticks with the bridge off that make one zero of the current */
+    TRIM_RISE = 32,                       /* the current limit's trim gains 1/32 of an excess a tick */
+    CALIBRATE_WINDOWS = 3,                /* disjoint valid windows averaged at each calibration speed */
     SENSED_FAULTS = 7,
     FIT_WINDOWS = 64, /* memory of the terrain fit, a power of two */
     FIT_STEPS = 3     /* of taking in a window, one a tick */
 };
 enum { TERRAINS = TERRAPIN_TERRAIN_HARD_FLOOR }; /* entries of the table of terrains, of which the hard floor is last */
 
+_Static_assert(((RECORD_MS % SLOT_MS) == 0) && (RECORD_MS <= 60), "the products of gains.c fit 32 bits");
 _Static_assert(HISTORY_SLOTS > (2 * WINDOW_MAX_SLOTS) + BLOCK_SLOTS, "the history holds two windows and a block");
 
 /* Derived from the parameters whenever one changes, so that no tick divides by them. */
@@ -118,7 +120,7 @@ typedef struct {
     uint16_t encoder_ticks;              /* how long encoder and back-EMF have disagreed */
 } terrapin_sense;
 
-/* One record of the history, written at the end of every slot. Sums wrap; only their differences mean something. */
+/* One record of the history, written every RECORD_MS. Sums wrap; only their differences mean something. */
 typedef struct {
     uint32_t current_sum_codes;
     uint32_t position_sum_counts;
@@ -132,7 +134,7 @@ typedef struct {
     terrapin_slot_record sum; /* running */
     uint16_t newest;          /* index of the newest record */
     uint16_t slots;           /* records since the history began anew, stops at HISTORY_SLOTS */
-    uint16_t swing_ticks;     /* ticks for which the swing was measured without a gap, stops at 2000 */
+    uint16_t swing_ticks;     /* ticks for which the swing was measured without a gap, stops at SWING_TICKS_MAX */
     uint8_t quiet_slots;      /* slots for which the gate has been met, stops at QUIET_SLOTS */
     uint16_t since_fresh;     /* slots since the last disjoint valid window */
     int32_t ripple_unm;       /* mean deviation of the last slot's torque from the window's */
@@ -244,6 +246,9 @@ typedef struct {
     int32_t control;       /* enum control, */
     int32_t setpoint;      /* mV or mm/s, */
     bool limiter;          /* and whether the slip limiter is wanted */
+    bool refused;          /* a RUN or CALIBRATE, in hold_ms */
+    uint32_t hold_ms;      /* how long an IDLE still holds against RUN and CALIBRATE */
+    uint8_t blind_ms;      /* how long the guard of the swing has had no sensor, up to BLIND_MS */
     int32_t request_taken; /* the request that is being served or was: it must change before it counts again */
     uint32_t faults;
     uint32_t overrun_ms; /* how long the flag still stands */

@@ -4,7 +4,8 @@
  *                          idle -> run <-> limiting -> stuck -> extricate -> idle
  *     any -> safe (a latched fault) -> idle (clear)
  *
- * A request is served once: after it has ended by itself, it must change before it counts again.
+ * A request is served once: after it has ended by itself, it must change before it counts again. An IDLE holds: RUN and
+ * CALIBRATE are refused for stop_hold after it, so that frames of a stuck gateway or an old record lose against it.
  */
 #include "core.h"
 
@@ -14,6 +15,7 @@ enum {
     STILL_MS = 200,     /* still for this long is at rest */
     HALT_MS = 4000,     /* braking may take this long; then the bridge goes off, moving or not */
     OVERRUN_MS = 1000,
+    BLIND_MS = 20,        /* without a swing sensor for this long a guard is none */
     STILL_URAD_S = 40000, /* just above one count in SPEED_TICKS */
     STILL_UM_S = 5000
 };
@@ -37,23 +39,57 @@ static bool command_late(const terrapin_state *state) {
     return age > (uint32_t)state->parameter[TERRAPIN_PARAMETER_COMMAND_TIMEOUT];
 }
 
+/* A command that starts something while an IDLE holds is heard, but not taken. */
 static void listen(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_supervisor *s = &state->supervisor;
+    if (s->hold_ms > 0U) {
+        s->hold_ms--;
+        s->refused = s->refused && (s->hold_ms > 0U);
+    }
     if (inputs->command_fresh) {
-        s->request = inputs->command.request;
-        s->control = inputs->command.control;
-        s->setpoint = inputs->command.setpoint;
-        s->limiter = inputs->command.limiter;
+        const int32_t request = inputs->command.request;
+        const bool starts = (request == TERRAPIN_REQUEST_RUN) || (request == TERRAPIN_REQUEST_CALIBRATE);
         s->command_tick = inputs->tick;
-        if ((s->request == TERRAPIN_REQUEST_IDLE) || (s->request == TERRAPIN_REQUEST_CLEAR)) {
-            s->request_taken = s->request;
+        if (starts && (s->hold_ms > 0U)) {
+            s->refused = true;
+        } else {
+            s->request = request;
+            s->control = inputs->command.control;
+            s->setpoint = inputs->command.setpoint;
+            s->limiter = inputs->command.limiter;
+            s->request_taken = starts ? s->request_taken : request;
+        }
+        if (request == TERRAPIN_REQUEST_IDLE) {
+            s->hold_ms = (uint32_t)TERRAPIN_LIMIT_STOP_HOLD;
         }
     }
+    TERRAPIN_ASSERT((s->hold_ms > 0U) || !s->refused);
+}
+
+/* The guard of the swing: beyond its limit the inner body would go over the top; unseen it could. */
+static uint32_t swing_causes(terrapin_state *state, const terrapin_inputs *inputs) {
+    terrapin_supervisor *s = &state->supervisor;
+    const int32_t limit = state->parameter[TERRAPIN_PARAMETER_SWING_LIMIT];
+    uint32_t causes = 0U;
+    if ((limit == 0) || inputs->swing_valid) {
+        s->blind_ms = 0U;
+        if ((limit > 0) && (integer_abs(inputs->swing_angle_mrad) >= limit)) {
+            causes = fault_bit(TERRAPIN_FAULT_SWING);
+        }
+    } else if (s->blind_ms < (uint8_t)BLIND_MS) {
+        s->blind_ms++;
+    } else {
+        /* blind for long enough */
+    }
+    if (s->blind_ms >= (uint8_t)BLIND_MS) {
+        causes |= fault_bit(TERRAPIN_FAULT_SWING_SENSOR);
+    }
+    return causes;
 }
 
 static void judge(terrapin_state *state, const terrapin_inputs *inputs, uint32_t sensed, bool gap) {
     terrapin_supervisor *s = &state->supervisor;
-    uint32_t causes = sensed;
+    uint32_t causes = sensed | swing_causes(state, inputs);
     if (inputs->estop) {
         causes |= fault_bit(TERRAPIN_FAULT_ESTOP);
     }
@@ -228,4 +264,19 @@ void supervisor_update(terrapin_state *state, const terrapin_inputs *inputs, uin
     }
     TERRAPIN_ASSERT((s->state != TERRAPIN_STATE_SAFE) || (demand->mode == DEMAND_OFF));
     TERRAPIN_ASSERT(((s->faults & TERRAPIN_FAULTS_LATCHED) == 0U) || (s->state == TERRAPIN_STATE_SAFE));
+}
+
+uint32_t terrapin_latched(const terrapin_state *state) {
+    TERRAPIN_ASSERT(state != NULL);
+    return state->supervisor.faults & TERRAPIN_FAULTS_LATCHED;
+}
+
+bool terrapin_at_work(const terrapin_state *state) {
+    TERRAPIN_ASSERT(state != NULL);
+    return (state->supervisor.state > TERRAPIN_STATE_SELF_TEST) && (terrapin_latched(state) == 0U);
+}
+
+void terrapin_latch(terrapin_state *state, uint32_t faults) {
+    TERRAPIN_ASSERT(state != NULL);
+    state->supervisor.faults |= faults & TERRAPIN_FAULTS_LATCHED;
 }

@@ -24,6 +24,7 @@ static bool actuate(terrapin_state *state, const terrapin_inputs *inputs, terrap
 
 static bool status(const terrapin_state *state, const terrapin_inputs *inputs, terrapin_frame *frame) {
     const terrapin_supervisor *s = &state->supervisor;
+    const uint32_t hold = s->refused ? ((s->hold_ms + 99U) / 100U) : 0U; /* upwards: 0 says that none was refused */
     const terrapin_status_source source = {
         .faults = s->faults,
         .state = s->state,
@@ -33,6 +34,7 @@ static bool status(const terrapin_state *state, const terrapin_inputs *inputs, t
         .limiter_slow = state->slip.slow,
         .saturated = state->saturated_shown,
         .ready = supervisor_ready(state),
+        .hold_100ms = (int32_t)hold,
         .tick = (uint16_t)inputs->tick,
     };
     const terrapin_status_t message = terrapin_scale_status(&source);
@@ -142,6 +144,7 @@ static bool calibration(const terrapin_state *state, terrapin_frame *frame) {
 static bool attitude(const terrapin_state *state, const terrapin_inputs *inputs, terrapin_frame *frame) {
     const uint32_t swing = inputs->swing_valid ? integer_turn(inputs->swing_angle_mrad) : 0U;
     const uint32_t whole = (state->sense.motor_position * (uint32_t)state->gains.turn_per_count) - swing;
+    const uint32_t late = ((inputs->tick - (uint32_t)SLOT_MS) % (uint32_t)RECORD_MS) / (uint32_t)SLOT_MS;
     const terrapin_attitude_source source = {
         .pitch_mrad = inputs->pitch_mrad,
         .pitch_valid = inputs->pitch_valid,
@@ -149,6 +152,7 @@ static bool attitude(const terrapin_state *state, const terrapin_inputs *inputs,
         .swing_angle_mrad = inputs->swing_angle_mrad,
         .acceleration_urad_s2 = state->estimator.acceleration_urad_s2,
         .angle_turn = (uint16_t)(whole >> 16U),
+        .ground_late_10ms = (int32_t)late,
     };
     const terrapin_attitude_t message = terrapin_scale_attitude(&source);
     return terrapin_pack_attitude(&message, frame);

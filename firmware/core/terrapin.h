@@ -39,7 +39,7 @@ extern "C" {
 #define TERRAPIN_TICK_HZ 1000
 /* Bytes that are enough for a state, a multiple of 8, on every machine; its parameters are counted in
  * terrapin_interface.h. */
-#define TERRAPIN_STATE_BYTES (5320U + ((((uint32_t)TERRAPIN_PARAMETER_COUNT + 1U) / 2U) * 8U))
+#define TERRAPIN_STATE_BYTES ((5324U + (4U * (uint32_t)TERRAPIN_PARAMETER_COUNT) + 7U) & ~7U)
 #define TERRAPIN_MAX_FRAMES  2 /* frames that one step may emit: ACTUATE, and at most one telemetry frame */
 
 /* One classic CAN frame with an 11-bit identifier. length is 0 to 8. */
@@ -104,6 +104,10 @@ TERRAPIN_API size_t terrapin_state_size(void);
 /* Reset: parameters to their defaults, supervisor to boot, bridge off. */
 TERRAPIN_API void terrapin_init(terrapin_state *state);
 
+/* The same with these parameters, all of them in file order, for the work of one reset. When one is out of its range
+ * the result is TERRAPIN_PARAMETER_RANGE, and all are at their defaults. */
+TERRAPIN_API terrapin_parameter_result terrapin_init_with(terrapin_state *state, const int32_t *values);
+
 /* The first half of a tick of 1 ms: sensors, slip, states, drive. Writes duty_q15, enable and faults, and frame_count =
  * 0. Bounded work. state, inputs and outputs must not overlap and must not be NULL, here and in the next two. */
 TERRAPIN_API void terrapin_step_drive(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs);
@@ -126,6 +130,16 @@ TERRAPIN_API const int32_t *terrapin_parameter_values(const terrapin_state *stat
 /* All parameters, in file order (NULL: the defaults); nothing is written unless all are in range and the bridge is off.
  * About the work of one terrapin_parameter_set. */
 TERRAPIN_API terrapin_parameter_result terrapin_parameter_set_all(terrapin_state *state, const int32_t *values);
+
+/* The latched faults that stand, one bit each. */
+TERRAPIN_API uint32_t terrapin_latched(const terrapin_state *state);
+
+/* The self test is over, and no latched fault stands. */
+TERRAPIN_API bool terrapin_at_work(const terrapin_state *state);
+
+/* Latch faults that stood before a reset of the state: the bridge stays off until `clear`. Bits that are no latched
+ * faults are left out. */
+TERRAPIN_API void terrapin_latch(terrapin_state *state, uint32_t faults);
 
 /* True while the bridge is enabled: what would endanger something is refused then. */
 TERRAPIN_API bool terrapin_bridge_on(const terrapin_state *state);

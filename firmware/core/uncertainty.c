@@ -25,7 +25,7 @@ void uncertainty_prepare(terrapin_state *state) {
     const int32_t noise_unm = integer_widened(torque, p[TERRAPIN_PARAMETER_SD_CURRENT_NOISE]);
     const int32_t heat = integer_scale(p[TERRAPIN_PARAMETER_COMP_HEATING], p[TERRAPIN_PARAMETER_SD_TEMPERATURE], 1000);
     g->fixed_variance = squared(integer_widened(torque, p[TERRAPIN_PARAMETER_SD_CURRENT_LINEARITY])) +
-                        squared(noise_unm / (int32_t)integer_root((uint64_t)g->window_slots * (uint64_t)SLOT_MS)) +
+                        squared(noise_unm / (int32_t)integer_root((uint64_t)g->window_slots * (uint64_t)RECORD_MS)) +
                         squared(p[TERRAPIN_PARAMETER_GATE] / 2);
     g->trimmed_unm = integer_widened(torque, integer_q(p[TERRAPIN_PARAMETER_CURRENT_SCALE], TRIMMED_Q8_CODES, 8U));
     g->untrimmed_unm = integer_widened(torque, p[TERRAPIN_PARAMETER_SD_CURRENT_OFFSET]);

@@ -3,10 +3,27 @@
 #include "terrapin_interface.h"
 #include "terrapin_assert.h"
 
-static void reset_controller(terrapin_state *state, terrapin_inputs *inputs) {
+#define COUNTER_WINDOW 4U /* steps of a COMMAND's counter: as many cycles as the longest command_timeout has */
+
+#ifdef TERRAPIN_PRODUCTION
+#define KIND ((uint32_t)TERRAPIN_IMAGE_KIND_PRODUCTION)
+#else
+#define KIND ((uint32_t)TERRAPIN_IMAGE_KIND_DESK)
+#endif
+const terrapin_image_mark terrapin_link_mark = {{0x72726574U, 0x6E697061U, 0x6E696B2DU, 0x00000064U}, KIND};
+
+/* values: all parameters, or NULL for the defaults of the interface. */
+static void reset_controller(terrapin_state *state, terrapin_inputs *inputs, const int32_t *values) {
     static const terrapin_inputs nothing = {0};
     *inputs = nothing;
-    terrapin_init(state);
+    (void)terrapin_init_with(state, values); /* stored ones are in range, and those of a port are tested */
+}
+
+/* The parameters that stand after a reset: a stored set is whole. */
+static const int32_t *start_values(const terrapin_link *link) {
+    const terrapin_store *store = link->store;
+    const bool stored = (store != NULL) && (store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED);
+    return stored ? store->value : link->defaults;
 }
 
 /* True when a protected frame may be used; counts it otherwise. */
@@ -31,23 +48,111 @@ static bool genuine(terrapin_link *link, const terrapin_frame *frame, uint8_t le
     return good;
 }
 
+/* Of all requests the one that is never wrong: whoever sent it, and whatever came before. */
+static void accept_stop_all(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
+    terrapin_stop_all_t message;
+    if (!terrapin_decode_stop_all(frame, &message) || (message.request != TERRAPIN_REQUEST_IDLE)) {
+        link->malformed++;
+        return;
+    }
+    static const terrapin_command idle = {.request = TERRAPIN_REQUEST_IDLE};
+    inputs->command = idle;
+    inputs->command_fresh = true;
+    link->held = true;
+}
+
+/* How far a counter is behind another, round the circle. */
+static uint8_t steps(uint8_t from, uint8_t counter) {
+    return (uint8_t)(((uint32_t)counter + TERRAPIN_E2E_COUNTER_MAX + 1U - from) % (TERRAPIN_E2E_COUNTER_MAX + 1U));
+}
+
+/* True when the counter of a COMMAND follows the last one taken, or that of the frame dropped before it, so that a new
+ * host is taken with its second frame. Counts what does not. */
+static bool follows(terrapin_link *link, uint8_t counter) {
+    TERRAPIN_ASSERT(counter <= TERRAPIN_E2E_COUNTER_MAX);
+    const bool first = link->command_counter == TERRAPIN_E2E_NO_COUNTER;
+    const uint8_t step = first ? 1U : steps(link->command_counter, counter);
+    const bool second =
+        (link->dropped_counter != TERRAPIN_E2E_NO_COUNTER) && (steps(link->dropped_counter, counter) == 1U);
+    const bool good = ((step >= 1U) && (step <= COUNTER_WINDOW)) || second;
+    if (good) {
+        link->command_counter = counter;
+        link->dropped_counter = TERRAPIN_E2E_NO_COUNTER;
+    } else {
+        link->dropped_counter = counter;
+        link->repeated += (step == 0U) ? 1U : 0U;
+        link->out_of_step += (step == 0U) ? 0U : 1U;
+    }
+    return good;
+}
+
+/* An IDLE came in this tick. */
+static bool idle_stands(const terrapin_inputs *inputs) {
+    return inputs->command_fresh && (inputs->command.request == (uint8_t)TERRAPIN_REQUEST_IDLE);
+}
+
+static void take_command(terrapin_link *link, terrapin_inputs *inputs, const terrapin_command_t *message) {
+    link->held =
+        link->held && (message->request != TERRAPIN_REQUEST_IDLE) && (message->request != TERRAPIN_REQUEST_CLEAR);
+    inputs->command.request = link->held ? (uint8_t)TERRAPIN_REQUEST_IDLE : (uint8_t)message->request;
+    inputs->command.control = (uint8_t)message->control;
+    inputs->command.limiter = message->limiter != 0;
+    inputs->command.setpoint = (int16_t)message->setpoint;
+    inputs->command_fresh = true;
+}
+
+/* An IDLE is taken with any counter, and no other COMMAND of its tick takes its place. */
 static void accept_command(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
     terrapin_command_t message;
-    if (!genuine(link, frame, TERRAPIN_LENGTH_COMMAND, &link->command_counter) ||
-        !terrapin_decode_command(frame, &message)) {
+    uint8_t counter = TERRAPIN_E2E_NO_COUNTER;
+    if (!genuine(link, frame, TERRAPIN_LENGTH_COMMAND, &counter) || !terrapin_decode_command(frame, &message)) {
         return;
     }
     if ((message.request > TERRAPIN_REQUEST_CLEAR) || (message.control > TERRAPIN_CONTROL_SPEED)) {
         link->malformed++;
         return;
     }
-    inputs->command.request = (uint8_t)message.request;
-    inputs->command.control = (uint8_t)message.control;
-    inputs->command.limiter = message.limiter != 0;
-    inputs->command.setpoint = (int16_t)message.setpoint;
-    inputs->command_fresh = true;
+    if (message.request == TERRAPIN_REQUEST_IDLE) {
+        link->command_counter = counter;
+        link->dropped_counter = TERRAPIN_E2E_NO_COUNTER;
+    } else if (link->seal.key != NULL) {
+        link->unsealed++;
+        return;
+    } else if (!follows(link, counter)) {
+        return;
+    } else if (idle_stands(inputs)) {
+        link->out_of_place++;
+        return;
+    } else {
+        /* taken */
+    }
+    take_command(link, inputs, &message);
 }
 
+static void accept_command_sealed(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
+    terrapin_command_sealed_t sealed;
+    if (!terrapin_decode_command_sealed(frame, &sealed) || (sealed.request > TERRAPIN_REQUEST_CLEAR) ||
+        (sealed.control > TERRAPIN_CONTROL_SPEED)) {
+        link->malformed++;
+        return;
+    }
+    const uint32_t bytes =
+        (uint32_t)frame->data[0] | ((uint32_t)frame->data[1] << 8U) | ((uint32_t)frame->data[2] << 16U);
+    if (!terrapin_seal_check(&link->seal, frame->id, (uint32_t)sealed.counter, 8U, bytes, 0U, sealed.tag,
+                             inputs->tick)) {
+        link->unsealed++;
+        return;
+    }
+    const terrapin_command_t message = {
+        .request = sealed.request, .control = sealed.control, .limiter = sealed.limiter, .setpoint = sealed.setpoint};
+    if (idle_stands(inputs) && (message.request != TERRAPIN_REQUEST_IDLE)) {
+        link->out_of_place++;
+        return;
+    }
+    take_command(link, inputs, &message);
+}
+
+#ifndef TERRAPIN_PRODUCTION
 static void accept_test_mode(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
                              terrapin_inputs *inputs) {
     terrapin_test_mode_t message;
@@ -64,16 +169,38 @@ static void accept_test_mode(terrapin_link *link, terrapin_state *state, const t
         link->out_of_place += (message.key != 0U) ? 1U : 0U;
         return;
     }
-    reset_controller(state, inputs);
-    if (!arm && (link->store != NULL)) {
-        terrapin_store_apply(link->store, state);
+    if (!link->test_mode) {
+        link->latched = terrapin_latched(state);
+    }
+    reset_controller(state, inputs, arm ? NULL : start_values(link));
+    if (!arm) {
+        terrapin_latch(state, link->latched);
     }
     link->test_mode = arm;
+    link->held = false;
     link->stepped = false;
     link->reply_counter = 0U;
     link->command_counter = TERRAPIN_E2E_NO_COUNTER; /* an earlier run leaves nothing behind */
+    link->dropped_counter = TERRAPIN_E2E_NO_COUNTER;
     link->write_counter = TERRAPIN_E2E_NO_COUNTER;
     link->store_counter = TERRAPIN_E2E_NO_COUNTER;
+}
+#endif
+
+static terrapin_accept_result accept_session_open(terrapin_link *link, const terrapin_frame *frame,
+                                                  const terrapin_inputs *inputs, terrapin_frame *reply) {
+    terrapin_session_open_t message;
+    if (!terrapin_decode_session_open(frame, &message)) {
+        link->malformed++;
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    if (!terrapin_seal_open(&link->seal, message.host, message.generation, inputs->tick)) {
+        link->out_of_place++;
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    const terrapin_session_t answer = {.start = link->seal.start, .count = link->seal.opened};
+    (void)terrapin_encode_session(&answer, reply); /* the fields have the signals' widths */
+    return TERRAPIN_ACCEPT_REPLY;
 }
 
 static void protect_reply(terrapin_link *link, terrapin_frame *reply) {
@@ -145,7 +272,8 @@ static terrapin_accept_result accept_store_command(terrapin_link *link, terrapin
     } else if (terrapin_bridge_on(state)) {
         result = TERRAPIN_STORE_RESULT_LOCKED;
     } else if (message.action == TERRAPIN_STORE_ACTION_DEFAULTS) {
-        (void)terrapin_parameter_set_all(state, NULL); /* the bridge is off */
+        /* The bridge is off. A test run depends on its frames alone. */
+        (void)terrapin_parameter_set_all(state, link->test_mode ? NULL : link->defaults);
     } else if (link->store == NULL) {
         result = TERRAPIN_STORE_RESULT_NO_STORE;
     } else {
@@ -187,6 +315,35 @@ static terrapin_accept_result accept_store_read(terrapin_link *link, const terra
     return TERRAPIN_ACCEPT_REPLY;
 }
 
+static terrapin_accept_result accept_identity_read(terrapin_link *link, const terrapin_frame *frame,
+                                                   terrapin_frame *reply) {
+    terrapin_identity_read_t message;
+    if (!terrapin_decode_identity_read(frame, &message) || (message.part != 0)) {
+        link->malformed++;
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    const terrapin_identity_t answer = {
+        .robot = TERRAPIN_ROBOT_IDENTITY,
+        .interface = TERRAPIN_INTERFACE_IDENTITY,
+        .board = (int32_t)link->board,
+        .version = TERRAPIN_INTERFACE_VERSION,
+    };
+    (void)terrapin_encode_identity(&answer, reply); /* cannot saturate: the fields have the signals' widths */
+    return TERRAPIN_ACCEPT_REPLY;
+}
+
+static terrapin_accept_result accept_node_request(terrapin_link *link, const terrapin_state *state,
+                                                  const terrapin_frame *frame, terrapin_frame *reply) {
+    terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
+    if (terrapin_identity_accept(link->identity, frame, terrapin_bridge_on(state), reply)) {
+        result = TERRAPIN_ACCEPT_REPLY;
+    } else {
+        link->malformed++; /* or meant for another controller with this node number */
+    }
+    return result;
+}
+
+#ifndef TERRAPIN_PRODUCTION
 static void accept_sensors_slow(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
     TERRAPIN_ASSERT(link->test_mode);
     terrapin_sensors_slow_t message;
@@ -240,30 +397,49 @@ static terrapin_accept_result accept_sensors_fast(terrapin_link *link, const ter
     link->stepped = true;
     return TERRAPIN_ACCEPT_STEP;
 }
+#endif
 
 void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs) {
     TERRAPIN_ASSERT((link != NULL) && (state != NULL) && (inputs != NULL));
-    static const terrapin_link fresh = {
+    *link = (terrapin_link){
         .command_counter = TERRAPIN_E2E_NO_COUNTER,
+        .dropped_counter = TERRAPIN_E2E_NO_COUNTER,
         .write_counter = TERRAPIN_E2E_NO_COUNTER,
         .test_counter = TERRAPIN_E2E_NO_COUNTER,
         .store_counter = TERRAPIN_E2E_NO_COUNTER,
     };
-    *link = fresh;
-    reset_controller(state, inputs);
+    terrapin_seal_init(&link->seal, NULL, 0U, 0U);
+    reset_controller(state, inputs, NULL);
 }
 
-terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
-                                       terrapin_inputs *inputs, terrapin_frame *reply) {
-    TERRAPIN_ASSERT((link != NULL) && (state != NULL) && (inputs != NULL));
-    TERRAPIN_ASSERT((frame != NULL) && (reply != NULL));
+/* What concerns the bus, and other traffic on it. */
+static terrapin_accept_result accept_of_the_bus(terrapin_link *link, const terrapin_state *state,
+                                                const terrapin_frame *frame, terrapin_inputs *inputs,
+                                                terrapin_frame *reply) {
+    terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
+    if (frame->id == TERRAPIN_ID_STOP_ALL) {
+        accept_stop_all(link, frame, inputs);
+    } else if ((frame->id == TERRAPIN_ID_NODE_REQUEST) && (link->identity != NULL)) {
+        result = accept_node_request(link, state, frame, reply);
+    } else {
+        link->unknown++;
+    }
+    return result;
+}
+
+/* A frame that may be taken. */
+static terrapin_accept_result take_frame(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
+                                         terrapin_inputs *inputs, terrapin_frame *reply) {
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
     switch (frame->id) {
     case TERRAPIN_ID_COMMAND:
         accept_command(link, frame, inputs);
         break;
-    case TERRAPIN_ID_TEST_MODE:
-        accept_test_mode(link, state, frame, inputs);
+    case TERRAPIN_ID_COMMAND_SEALED:
+        accept_command_sealed(link, frame, inputs);
+        break;
+    case TERRAPIN_ID_SESSION_OPEN:
+        result = accept_session_open(link, frame, inputs, reply);
         break;
     case TERRAPIN_ID_PARAMETER_WRITE:
         result = accept_parameter_write(link, state, frame, reply);
@@ -276,6 +452,20 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
         break;
     case TERRAPIN_ID_STORE_READ:
         result = accept_store_read(link, state, frame, reply);
+        break;
+    case TERRAPIN_ID_IDENTITY_READ:
+        result = accept_identity_read(link, frame, reply);
+        break;
+#ifdef TERRAPIN_PRODUCTION
+    case TERRAPIN_ID_TEST_MODE:
+    case TERRAPIN_ID_SENSORS_SLOW:
+    case TERRAPIN_ID_SENSORS_HEADING:
+    case TERRAPIN_ID_SENSORS_FAST:
+        link->out_of_place++;
+        break;
+#else
+    case TERRAPIN_ID_TEST_MODE:
+        accept_test_mode(link, state, frame, inputs);
         break;
     case TERRAPIN_ID_SENSORS_SLOW:
         if (link->test_mode) {
@@ -298,12 +488,84 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
             link->out_of_place++;
         }
         break;
+#endif
     default:
-        link->unknown++;
+        result = accept_of_the_bus(link, state, frame, inputs, reply);
         break;
     }
     TERRAPIN_ASSERT((result != TERRAPIN_ACCEPT_STEP) || link->test_mode);
     return result;
+}
+
+/* What waits for its SEAL on a controller that has a key. */
+static bool needs_seal(const terrapin_frame *frame) {
+    terrapin_node_request_t request;
+    bool yes = false;
+    switch (frame->id) {
+    case TERRAPIN_ID_PARAMETER_WRITE:
+    case TERRAPIN_ID_STORE_COMMAND:
+    case TERRAPIN_ID_TEST_MODE:
+    case TERRAPIN_ID_UPDATE_BEGIN:
+    case TERRAPIN_ID_UPDATE_END:
+    case TERRAPIN_ID_UPDATE_RESET:
+        yes = true;
+        break;
+    case TERRAPIN_ID_NODE_REQUEST: /* to ask is free */
+        yes = !terrapin_decode_node_request(frame, &request) || (request.action != TERRAPIN_NODE_ACTION_READ);
+        break;
+    default:
+        break;
+    }
+    return yes;
+}
+
+bool terrapin_link_holds(terrapin_link *link, const terrapin_frame *frame, const terrapin_inputs *inputs) {
+    const bool held = (link->seal.key != NULL) && needs_seal(frame);
+    if (held) {
+        link->unsealed += link->seal.holding ? 1U : 0U; /* the one that waited never got its seal */
+        terrapin_seal_hold(&link->seal, frame, inputs->tick);
+    }
+    return held;
+}
+
+static terrapin_accept_result accept_seal(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
+                                          terrapin_inputs *inputs, terrapin_frame *reply) {
+    terrapin_seal_t message;
+    terrapin_frame held = {0};
+    if (!terrapin_decode_seal(frame, &message)) {
+        link->malformed++;
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    if (!terrapin_seal_release(&link->seal, (uint32_t)message.message, (uint32_t)message.counter, message.tag,
+                               inputs->tick, &held)) {
+        link->unsealed++;
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    if ((held.id >= (uint16_t)TERRAPIN_ID_UPDATE_BEGIN) && (held.id <= (uint16_t)TERRAPIN_ID_UPDATE_RESET)) {
+        *reply = held;
+        return TERRAPIN_ACCEPT_UPDATE;
+    }
+    return take_frame(link, state, &held, inputs, reply);
+}
+
+terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
+                                       terrapin_inputs *inputs, terrapin_frame *reply) {
+    TERRAPIN_ASSERT((link != NULL) && (state != NULL) && (inputs != NULL));
+    TERRAPIN_ASSERT((frame != NULL) && (reply != NULL));
+    terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
+    if (frame->id == (uint16_t)TERRAPIN_ID_SEAL) {
+        result = accept_seal(link, state, frame, inputs, reply);
+    } else if (!terrapin_link_holds(link, frame, inputs)) {
+        result = take_frame(link, state, frame, inputs, reply);
+    } else {
+        /* waits for its SEAL */
+    }
+    return result;
+}
+
+void terrapin_link_seal(terrapin_link *link, const uint32_t *key, uint32_t generation, uint32_t start) {
+    TERRAPIN_ASSERT(link != NULL);
+    terrapin_seal_init(&link->seal, key, generation, start);
 }
 
 void terrapin_link_drive(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs) {
@@ -323,7 +585,13 @@ void terrapin_link_step(terrapin_state *state, terrapin_inputs *inputs, terrapin
 void terrapin_link_use_store(terrapin_link *link, terrapin_state *state, struct terrapin_store *store) {
     TERRAPIN_ASSERT((link != NULL) && (store != NULL));
     link->store = store;
-    terrapin_store_apply(store, state);
+    (void)terrapin_parameter_set_all(state, start_values(link));
+}
+
+void terrapin_link_use_defaults(terrapin_link *link, terrapin_state *state, const int32_t *values) {
+    TERRAPIN_ASSERT((link != NULL) && (values != NULL));
+    link->defaults = values;
+    (void)terrapin_parameter_set_all(state, start_values(link));
 }
 
 bool terrapin_link_store_work(terrapin_link *link, const terrapin_state *state) {

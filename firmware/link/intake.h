@@ -12,8 +12,11 @@
  * While the bridge is on, a COMMAND with request IDLE does not wait: when others wait before it, it is taken as it
  * comes, and COMMANDs that wait before it are older than it and are passed over. A third one in a tick waits in order.
  *
+ * STOP_ALL never waits, bridge on or off: it is taken as it comes, and COMMANDs that wait are passed over.
+ *
  * There is room for TERRAPIN_INTAKE_SIZE frames; when it is full the oldest one gives way and is counted in `lost`.
- * In test mode nothing is held back: there a tick is one of the frames. Foreign traffic never waits.
+ * In test mode nothing is held back but TEST_MODE itself: there a tick is one of the frames. Foreign traffic never
+ * waits.
  */
 #ifndef TERRAPIN_INTAKE_H
 #define TERRAPIN_INTAKE_H
@@ -37,6 +40,7 @@ typedef struct {
     uint32_t superseded; /* of the oldest ones: their COMMANDs are older than an IDLE that was taken */
     uint32_t spent;      /* of this tick's budget [instructions] */
     uint32_t ahead;      /* COMMANDs that were tried out of turn in this tick */
+    bool stopped;        /* STOP_ALL was taken in this tick: one is enough */
     uint32_t lost;       /* frames that gave way to newer ones; wraps */
 } terrapin_intake;
 

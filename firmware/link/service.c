@@ -10,25 +10,43 @@ void terrapin_service_init(terrapin_service *service, terrapin_state *state) {
     service->state = state;
     terrapin_slcan_init(&service->parser);
     terrapin_link_init(&service->link, state, &service->inputs);
+    terrapin_node_init(&service->node, 0U);
 }
 
 void terrapin_service_use_store(terrapin_service *service, struct terrapin_store *store) {
     terrapin_link_use_store(&service->link, service->state, store);
 }
 
-static size_t take_frame(terrapin_service *service, const terrapin_frame *frame, uint8_t *answer) {
+void terrapin_service_use_identity(terrapin_service *service, terrapin_identity *identity) {
+    TERRAPIN_ASSERT((service != NULL) && (identity != NULL));
+    service->link.identity = identity;
+    terrapin_node_init(&service->node, identity->node);
+}
+
+/* A frame of ours as text, with this node's identifier. */
+static size_t encode(const terrapin_service *service, const terrapin_frame *frame, uint8_t *text) {
+    terrapin_frame sent = *frame;
+    terrapin_node_send(&service->node, &sent);
+    return terrapin_slcan_encode(&sent, text);
+}
+
+static size_t take_frame(terrapin_service *service, terrapin_frame *frame, uint8_t *answer) {
     size_t length = 0;
     terrapin_frame reply = {0};
+    if (!terrapin_node_receive(&service->node, frame)) {
+        service->link.unknown++;
+        return 0;
+    }
     switch (terrapin_accept(&service->link, service->state, frame, &service->inputs, &reply)) {
     case TERRAPIN_ACCEPT_REPLY:
-        length = terrapin_slcan_encode(&reply, answer);
+        length = encode(service, &reply, answer);
         break;
     case TERRAPIN_ACCEPT_STEP:
         terrapin_link_step(service->state, &service->inputs, &service->outputs);
         service->ticks++;
         TERRAPIN_ASSERT(service->outputs.frame_count <= (uint8_t)TERRAPIN_MAX_FRAMES);
         for (uint8_t i = 0; i < service->outputs.frame_count; i++) {
-            length += terrapin_slcan_encode(&service->outputs.frames[i], &answer[length]);
+            length += encode(service, &service->outputs.frames[i], &answer[length]);
         }
         break;
     case TERRAPIN_ACCEPT_NOTHING:

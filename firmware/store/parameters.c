@@ -116,9 +116,7 @@ static void load(terrapin_store *store) {
     store->dropped = 0U;
     store->replaced = 0U;
     store->missing = (uint16_t)PARAMETERS;
-    for (uint32_t i = 0U; i < PARAMETERS; i++) {
-        store->value[i] = terrapin_parameter((uint16_t)i).default_value;
-    }
+    terrapin_parameter_defaults(store->value);
     if ((store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED) &&
         read_head(store, store->newest, UINT32_MAX, &head)) {
         for (uint32_t i = 0U; i < head.entries; i++) {
@@ -185,10 +183,6 @@ bool terrapin_store_open(terrapin_store *store, const terrapin_flash *flash, con
     }
     load(store);
     return good;
-}
-
-void terrapin_store_apply(const terrapin_store *store, terrapin_state *state) {
-    (void)terrapin_parameter_set_all(state, store->value); /* in range: load() saw to that, or they come from a state */
 }
 
 bool terrapin_store_differs(const terrapin_store *store, const terrapin_state *state) {

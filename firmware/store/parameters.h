@@ -3,7 +3,7 @@
  *     static terrapin_store store;
  *     static const terrapin_flash_area pages[2] = {{0x4000, 16384}, {0x8000, 16384}};   of the F405; of any size
  *     terrapin_store_open(&store, &flash, pages);       once after reset: reads, never writes
- *     terrapin_store_apply(&store, state);              the values found, or the defaults
+ *     terrapin_parameter_set_all(state, store.value);   the values found, or the defaults
  *     terrapin_store_save(&store, state);               begins to keep the values that stand now
  *     each tick:  terrapin_store_work(&store, bridge_is_off);
  *
@@ -59,16 +59,12 @@ typedef struct terrapin_store {
     uint8_t target;                          /* page of the save under way */
     uint32_t written;                        /* bytes of it */
     uint32_t crc;                            /* of these */
-    int32_t value[TERRAPIN_PARAMETER_COUNT]; /* as stored, or about to be */
+    int32_t value[TERRAPIN_PARAMETER_COUNT]; /* as stored, or about to be; in range */
 } terrapin_store;
 
 /* Find the newest whole set. False when the pages cannot hold a set or overlap: every save will fail then. */
 TERRAPIN_API bool terrapin_store_open(terrapin_store *store, const terrapin_flash *flash,
                                       const terrapin_flash_area pages[2]);
-
-/* Give the state the stored values, defaults where there are none. Its bridge must be off: otherwise
- * nothing changes. */
-TERRAPIN_API void terrapin_store_apply(const terrapin_store *store, terrapin_state *state);
 
 /* Begin to save the values of the state as they are now. False, and nothing is written, while a save is under way or
  * when the pages were refused. */

@@ -18,7 +18,7 @@ NOTICE = "Generated from controller.toml by firmware/terrapin_interface/generate
 
 def header(d: Description) -> str:
     """Text of terrapin_interface.h. DescriptionError when two names of the description make one name in C."""
-    constants = [*_enums(d), *_faults(d), *_parameters(d), *_limits(d), *_messages(d)]
+    constants = [*_enums(d), *_faults(d), *_parameters(d), *_limits(d), *_nodes(d), *_messages(d)]
     _check_unique(constants)
     out = [
         f"/* {NOTICE} */",
@@ -43,6 +43,9 @@ def header(d: Description) -> str:
     if d.parameters:
         out.append("/* index is below TERRAPIN_PARAMETER_COUNT. */")
         out.append("TERRAPIN_API terrapin_parameter_entry terrapin_parameter(uint16_t index);")
+        out.append("/* All of them at once, in file order; quicker than one by one. */")
+        out.append("TERRAPIN_API void terrapin_parameter_defaults(int32_t values[TERRAPIN_PARAMETER_COUNT]);")
+        out.append("TERRAPIN_API bool terrapin_parameters_in_range(const int32_t values[TERRAPIN_PARAMETER_COUNT]);")
         out.append("/* What a stored value is known by: FNV-1a of name, unit and scale. */")
         out.append("TERRAPIN_API extern const uint32_t terrapin_parameter_hashes[TERRAPIN_PARAMETER_COUNT];")
         out.append(
@@ -63,7 +66,7 @@ def source(d: Description) -> str:
         out.append("const uint32_t terrapin_parameter_hashes[TERRAPIN_PARAMETER_COUNT] = {")
         out += [f"    0x{p.hash:08X}U, /* {p.name} */" for p in d.parameters]
         out += ["};", ""]
-    out.append(_HELPERS)
+    out += [_HELPERS, *_e2e_protected(d), ""]
     for message in d.messages:
         out += [*_callables(message), ""]
     return "\n".join(out)
@@ -84,23 +87,36 @@ def _table(d: Description) -> list[str]:
     place = {value: i for i, value in enumerate(numbers)}
     kind = "uint8_t" if len(numbers) <= 256 else "uint16_t"
     return [
+        f"static const int32_t parameter_number[{len(numbers)}] = {{",
+        *(f"    {_c(value)}," for value in numbers),
+        "};",
+        f"static const {kind} parameter_place[{-(-3 * len(d.parameters) // 4) * 4}] = {{",
+        *(f"    {place[p.default]}U, {place[p.minimum]}U, {place[p.maximum]}U, /* {p.name} */" for p in d.parameters),
+        "};",
+        "",
         "terrapin_parameter_entry terrapin_parameter(uint16_t index) {",
-        f"    static const int32_t number[{len(numbers)}] = {{",
-        *(f"        {_c(value)}," for value in numbers),
-        "    };",
-        f"    static const {kind} place[{-(-3 * len(d.parameters) // 4) * 4}] = {{",
-        *(
-            f"        {place[p.default]}U, {place[p.minimum]}U, {place[p.maximum]}U, /* {p.name} */"
-            for p in d.parameters
-        ),
-        "    };",
-        f"    const {kind} *own = &place[3U * (uint32_t)index];",
+        f"    const {kind} *own = &parameter_place[3U * (uint32_t)index];",
         "    const terrapin_parameter_entry entry = {",
-        "        .default_value = number[own[0]],",
-        "        .minimum = number[own[1]],",
-        "        .maximum = number[own[2]],",
+        "        .default_value = parameter_number[own[0]],",
+        "        .minimum = parameter_number[own[1]],",
+        "        .maximum = parameter_number[own[2]],",
         "    };",
         "    return entry;",
+        "}",
+        "",
+        "void terrapin_parameter_defaults(int32_t values[TERRAPIN_PARAMETER_COUNT]) {",
+        "    for (uint32_t i = 0U; i < (uint32_t)TERRAPIN_PARAMETER_COUNT; i++) {",
+        "        values[i] = parameter_number[parameter_place[3U * i]];",
+        "    }",
+        "}",
+        "",
+        "bool terrapin_parameters_in_range(const int32_t values[TERRAPIN_PARAMETER_COUNT]) {",
+        "    bool good = true;",
+        "    for (uint32_t i = 0U; i < (uint32_t)TERRAPIN_PARAMETER_COUNT; i++) {",
+        f"        const {kind} *own = &parameter_place[3U * i];",
+        "        good = good && (values[i] >= parameter_number[own[1]]) && (values[i] <= parameter_number[own[2]]);",
+        "    }",
+        "    return good;",
         "}",
     ]
 
@@ -179,6 +195,24 @@ def _messages(d: Description) -> Iterator[list[str]]:
     ]
 
 
+def _nodes(d: Description) -> Iterator[list[str]]:
+    """The plan of identifiers, for link/node.c."""
+    if d.blocks:
+        rows = [
+            f"{{0x{b.first:03X}U, {b.size}U, 0x{b.node_1:03X}U, 0x{b.step:03X}U, "
+            f"{'true' if b.sender == 'host' else 'false'}}}"
+            for b in d.blocks
+        ]
+        yield [
+            "/* Controllers on one bus, and their blocks of identifiers: rows of terrapin_block (link/node.h). */",
+            f"#define TERRAPIN_NODES {d.node_count}U",
+            *(f"#define TERRAPIN_BLOCK_{b.name.upper()} {i}U" for i, b in enumerate(d.blocks)),
+            f"#define TERRAPIN_BLOCK_COUNT {len(d.blocks)}U",
+            f"#define TERRAPIN_BLOCKS {{{', '.join(rows)}}}",
+            "",
+        ]
+
+
 def c_kind(signal: Signal) -> str:
     """Fields are wider than their bits, so that a value out of range arrives at the encoder and is clamped there."""
     return "uint32_t" if signal.highest > INT32_MAX else "int32_t"
@@ -209,6 +243,9 @@ _E2E_HEADER = """\
  * (the CAN id, low byte first) and bytes 0 to 6. Lost frames are tolerated, repeated ones are not. */
 #define TERRAPIN_E2E_COUNTER_MAX 14U
 #define TERRAPIN_E2E_NO_COUNTER  0xFFU /* last counter of a receiver that has seen no frame yet: any counter is good */
+
+/* True when the message with this identifier is protected so. */
+TERRAPIN_API bool terrapin_e2e_protected(uint16_t id);
 
 typedef enum {
     TERRAPIN_E2E_OK = 0,
@@ -343,6 +380,25 @@ static inline void terrapin_fill(terrapin_frame *frame, uint16_t id, uint8_t len
     terrapin_put_word(&frame->data[4], high);
 }
 """
+
+
+def _e2e_protected(d: Description) -> list[str]:
+    names = [f"TERRAPIN_ID_{m.name.upper()}" for m in d.messages if m.e2e]
+    cases = [
+        *(f"    case {name}:" for name in names),
+        *(["        found = true;", "        break;"] if names else []),
+    ]
+    return [
+        "bool terrapin_e2e_protected(uint16_t id) {",
+        "    bool found = false;",
+        "    switch (id) {",
+        *cases,
+        "    default:",
+        "        break;",
+        "    }",
+        "    return found;",
+        "}",
+    ]
 
 
 def _packer(message: Message) -> list[str]:

@@ -10,12 +10,16 @@ import math
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from terrapin_interface.fitting import fitted
+from terrapin_interface.robot import Robot
+
 __all__ = [
     "CONTROLLER_TOML",
+    "Block",
     "Constant",
     "Description",
     "DescriptionError",
@@ -118,6 +122,7 @@ class Parameter:
     scale: float
     meaning: str
     protects: str  # what a wrong value would endanger, "" when nothing
+    ceiling: str = ""  # the part whose rating narrowed minimum or maximum, "" when none did
 
     @property
     def hash(self) -> int:
@@ -162,6 +167,26 @@ class Promise(Constant):
 
 
 @dataclass(frozen=True)
+class Block:
+    """Identifiers that stand together: `size` from `first` on at node 0, as many at each other node."""
+
+    name: str
+    sender: str
+    first: int
+    size: int
+    node_1: int  # first of node 1; that of node 0 where all nodes share the block
+    step: int  # from a node to the next; 0 where they share it
+
+    def at(self, node: int) -> int:
+        """First identifier of the block at a node.
+
+        >>> Block("answers", "controller", 0x180, 64, 0x1C0, 0x40).at(2) == 0x200
+        True
+        """
+        return self.node_1 + (node - 1) * self.step if node else self.first
+
+
+@dataclass(frozen=True)
 class Description:
     """Everything that controller.toml says."""
 
@@ -176,6 +201,8 @@ class Description:
     limits: tuple[Constant, ...]
     constants: tuple[Constant, ...]
     promises: tuple[Promise, ...]
+    node_count: int = 1  # controllers that one bus may have
+    blocks: tuple[Block, ...] = ()  # how their identifiers follow from the messages', which are those of node 0
 
 
 class _Table:
@@ -228,27 +255,31 @@ _KINDS: dict[type, str] = {
 }
 
 
-def load(path: Path = CONTROLLER_TOML) -> Description:
-    """Description in the file `path`. DescriptionError (names the file) when it is wrong, OSError when unreadable."""
+def load(path: Path = CONTROLLER_TOML, robot: Robot | None = None) -> Description:
+    """Description in the file `path`, for a robot: the cylinder where it says nothing else and one is needed.
+
+    DescriptionError (names the file) when it is wrong, RobotError when the robot does not fit, OSError when unreadable.
+    """
     try:
-        return parse(path.read_text(encoding="utf-8"))
+        return parse(path.read_text(encoding="utf-8"), robot)
     except DescriptionError as error:
         raise DescriptionError(f"{path.name}: {error}") from None
 
 
-def parse(text: str) -> Description:
-    """Description in the TOML `text`.
+def parse(text: str, robot: Robot | None = None) -> Description:
+    """Description in the TOML `text`, for a robot as `load`.
 
     >>> parse('[controller]\\nname = "toy"\\nversion = 1\\ntick_hz = 1000\\n[node]\\nhost = "PC"').nodes
     {'host': 'PC'}
     """
     try:
-        root = _Table("top level", tomllib.loads(text))
+        root = _Table("top level", fitted(tomllib.loads(text), robot))
     except tomllib.TOMLDecodeError as error:
         raise DescriptionError(f"not TOML: {error}") from None
     head = _Table("[controller]", root.take("controller", dict))
     nodes = root.take("node", dict)
     enums = {name: _enum(name, table) for name, table in root.take("enum", dict, {}).items()}
+    node_count, blocks = _blocks(root.take("identifiers", dict, None), nodes)
     suffixes = {name: _suffix(name, entry) for name, entry in root.take("suffix", dict, {}).items()}
     description = Description(
         name=head.take("name", str),
@@ -257,15 +288,21 @@ def parse(text: str) -> Description:
         nodes={_name(f"node {role}", role): str(node) for role, node in nodes.items()},
         enums=enums,
         messages=tuple(_message(n, t, nodes, enums, suffixes) for n, t in root.take("message", dict, {}).items()),
-        parameters=tuple(_parameter(n, i, t) for i, (n, t) in enumerate(root.take("parameter", dict, {}).items())),
+        parameters=_within(
+            root.take("ceiling", dict, {}),
+            tuple(_parameter(n, i, t) for i, (n, t) in enumerate(root.take("parameter", dict, {}).items())),
+        ),
         faults=tuple(_fault(n, t) for n, t in root.take("fault", dict, {}).items()),
         limits=tuple(_constant("limit", n, t) for n, t in root.take("limit", dict, {}).items()),
         constants=tuple(_constant("constant", n, t) for n, t in root.take("constant", dict, {}).items()),
         promises=tuple(_promise(n, t) for n, t in root.take("promise", dict, {}).items()),
+        node_count=node_count,
+        blocks=blocks,
     )
     head.done()
     root.done()
     _unique("id", ((m.id, f"message {m.name}") for m in description.messages), "0x{:03X}")
+    _in_blocks(description)
     _unique("hash", ((p.hash, f"parameter {p.name}") for p in description.parameters), "0x{:08X}")
     _unique("number", ((f.number, f"fault {f.name}") for f in description.faults), "{}")
     for kind in ("message", "parameter", "fault", "limit", "constant", "promise"):
@@ -300,6 +337,50 @@ def _enum(name: str, table: Any) -> dict[str, int]:
     if not values:
         raise reader.fail("has no values")
     return values
+
+
+def _blocks(table: Any, nodes: Mapping[str, str]) -> tuple[int, tuple[Block, ...]]:
+    """[identifiers]: how many nodes a bus may have, and their blocks of identifiers; one node where it is absent."""
+    if table is None:
+        return 1, ()
+    reader = _Table("[identifiers]", table)
+    count = reader.integer("nodes", 1, 16)
+    blocks = tuple(_block(i, entry, nodes) for i, entry in enumerate(reader.take("blocks", list)))
+    reader.done()
+    owner: dict[int, str] = {}
+    for block in blocks:
+        for node in range(count if block.step else 1):
+            for identifier in range(block.at(node), block.at(node) + block.size):
+                if identifier > 0x7FF:
+                    raise DescriptionError(f"block {block.name}: node {node} goes beyond 0x7FF, the last identifier")
+                if identifier in owner:
+                    where = f"block {block.name}, node {node}"
+                    raise DescriptionError(f"{where}: id 0x{identifier:03X} is already taken by {owner[identifier]}")
+                owner[identifier] = f"block {block.name}, node {node}"
+    return count, blocks
+
+
+def _block(index: int, table: Any, nodes: Mapping[str, str]) -> Block:
+    reader = _Table(f"[identifiers], block number {index + 1}", table)
+    name = _name(reader.where, reader.take("name", str))
+    reader.where = f"block {name}"
+    sender = reader.take("sender", str)
+    if sender not in nodes:
+        raise reader.fail(f"sender '{sender}' is no node (known: {', '.join(nodes)})")
+    first, size = reader.integer("first", 0, 0x7FF), reader.integer("size", 1, 0x400)
+    node_1, step = reader.integer("node_1", 0, 0x7FF, first), reader.integer("step", 0, 0x7FF, 0)
+    reader.done()
+    if size & (size - 1) or any(value % size for value in (first, node_1, step)):
+        raise reader.fail(f"'size' {size} must be a power of 2, and 'first', 'node_1' and 'step' multiples of it")
+    if (node_1 == first) != (step == 0):
+        raise reader.fail("'node_1' and 'step' must be given together")
+    return Block(name, sender, first, size, node_1, step)
+
+
+def _in_blocks(d: Description) -> None:
+    for m in d.messages if d.blocks else ():
+        if not any(b.first <= m.id < b.first + b.size and b.sender == m.sender for b in d.blocks):
+            raise DescriptionError(f"message {m.name}: id 0x{m.id:03X} is in no block of [identifiers] of its sender's")
 
 
 def _suffix(name: str, entry: Any) -> tuple[float, str]:
@@ -455,6 +536,25 @@ def _parameter(name: str, index: int, table: Any) -> Parameter:
     )
     reader.done()
     return parameter
+
+
+def _within(ceilings: Mapping[str, Any], parameters: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
+    """The parameters with their ranges narrowed to the board's ceilings."""
+    known = {parameter.name: parameter for parameter in parameters}
+    for name, table in ceilings.items():
+        reader = _Table(f"ceiling {name}", table)
+        if name not in known:
+            raise reader.fail("there is no such parameter")
+        if "min" not in reader.table and "max" not in reader.table:
+            raise reader.fail("expected 'min', 'max' or both")
+        parameter = known[name]
+        minimum = reader.integer("min", parameter.minimum, parameter.default, parameter.minimum)
+        maximum = reader.integer("max", parameter.default, parameter.maximum, parameter.maximum)
+        known[name] = replace(parameter, minimum=minimum, maximum=maximum, ceiling=reader.take("part", str))
+        reader.done()
+        if not known[name].ceiling:
+            raise reader.fail("'part' must name the part whose rating this is")
+    return tuple(known.values())
 
 
 def _fault(name: str, table: Any) -> Fault:

@@ -1,10 +1,12 @@
 """Turn controller.toml into everything that is derived from it.
 
-    python -m terrapin_interface.generate --out build/host/generated [--description FILE] [--header FILE ...]
+    python -m terrapin_interface.generate --out build/host/generated [--robot NAME|FILE] [--description FILE]
+        [--header FILE ...]
 
 Writes terrapin_interface.h and .c and terrapin_pack.h (codec and tables), terrapin_scaling.h (the core's units to raw
-numbers), terrapin.dbc, interface.md, interface.json and terrapin_cdef.h (the declarations of the given headers and of
-the codec, for cffi). A file whose text has not changed is left alone, so that a build does not run again for nothing.
+numbers), terrapin.dbc, interface.md, interface.json, robot.toml (the robot's file as it was) and terrapin_cdef.h (the
+declarations of the given headers and of the codec, for cffi). A file whose text has not changed is left alone, so that
+a build does not run again for nothing.
 Standard library only.
 """
 
@@ -22,14 +24,18 @@ from terrapin_interface.codec import header, pack_header, source
 from terrapin_interface.dbc import dbc
 from terrapin_interface.description import CONTROLLER_TOML, DescriptionError, load
 from terrapin_interface.reference import as_json, markdown
+from terrapin_interface.robot import DEFAULT, Robot, RobotError, find_robot, load_robot
 from terrapin_interface.scaling import scaling_header
 
 __all__ = ["generate", "main"]
 
 
-def generate(description: Path, headers: list[Path], out: Path) -> list[Path]:
-    """Write all files into the folder `out`; those that were written anew. DescriptionError, OSError."""
-    d = load(description)
+def generate(description: Path, headers: list[Path], out: Path, robot: Robot | None = None) -> list[Path]:
+    """Write all files for a robot (the cylinder by default) into the folder `out`; those that were written anew.
+
+    DescriptionError, RobotError, OSError.
+    """
+    d = load(description, robot)
     interface = header(d)
     texts = {
         "terrapin_interface.h": interface,
@@ -40,6 +46,8 @@ def generate(description: Path, headers: list[Path], out: Path) -> list[Path]:
         "interface.md": markdown(d),
         "interface.json": as_json(d),
     }
+    if robot is not None:
+        texts["robot.toml"] = robot.text
     if headers:
         first, *others = [path.read_text(encoding="utf-8") for path in headers]
         texts["terrapin_cdef.h"] = cdef([first, interface, *others])
@@ -59,17 +67,18 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Generate codec, tables, DBC and reference from controller.toml.")
     parser.add_argument("--description", type=Path, default=CONTROLLER_TOML)
     parser.add_argument("--header", type=Path, action="append", default=[], help="headers for cffi, terrapin.h first")
+    parser.add_argument("--robot", default=DEFAULT, help="a shipped robot, or the file of one")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args(arguments)
     try:
-        generate(options.description, options.header, options.out)
+        generate(options.description, options.header, options.out, load_robot(find_robot(options.robot)))
     except UnicodeEncodeError as error:
         print(
             f"generate: {options.description.name}: no place in a DBC for {error.object[error.start]!r}",
             file=sys.stderr,
         )
         return 1
-    except (DescriptionError, OSError) as error:
+    except (DescriptionError, RobotError, OSError) as error:
         print(f"generate: {error}", file=sys.stderr)
         return 1
     return 0

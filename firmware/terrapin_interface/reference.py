@@ -51,7 +51,7 @@ def _parameter(p: Parameter) -> str:
         f"{low} to {high}",
         p.unit,
         f"{p.default}; {p.scale:.9g}",
-        p.meaning,
+        f"{p.meaning}; its range ends at a ceiling: {p.ceiling}" if p.ceiling else p.meaning,
         p.protects,
     )
 
@@ -69,6 +69,13 @@ def markdown(d: Description) -> str:
     ]
     for message in d.messages:
         out += _message(d, message)
+    if d.blocks:
+        out += ["## Identifiers of several controllers", ""]
+        out += ["Those above are of node 0. The others have them by blocks; `broadcast` is the same for all.", ""]
+        out += _table("node", *(block.name for block in d.blocks))
+        for node in range(d.node_count):
+            out.append(_row(node, *(f"0x{b.at(node):03X} to 0x{b.at(node) + b.size - 1:03X}" for b in d.blocks)))
+        out.append("")
     out += ["## Enumerations", "", *_table("name", "values")]
     for name, values in d.enums.items():
         out.append(_row(f"`{name}`", ", ".join(f"{value} {key}" for key, value in values.items())))

@@ -15,7 +15,16 @@ from terrapin_interface.cdef import cdef
 
 __all__ = ["ffi", "library"]
 
-PHYSICS = ("robot.h", "rolling.h", "ground/grip.h", "ground/ground.h", "program.h", "effects.h", "body.h")
+PHYSICS = (
+    "robot.h",
+    "rolling.h",
+    "ground/bulldozing.h",
+    "ground/grip.h",
+    "ground/ground.h",
+    "program.h",
+    "effects.h",
+    "body.h",
+)
 NATIVE = ("random.h", "sensors.h", "faults.h", "simulator.h")
 
 
@@ -33,7 +42,7 @@ def ffi() -> cffi.FFI:
 @cache
 def library() -> Any:
     """The shared library. OSError, naming the file, when it has not been built or is out of date."""
-    path = paths.need(paths.build() / "libterrapin_hil.so")
+    path = paths.need(paths.simulator() / "libterrapin_hil.so")
     lib = ffi().dlopen(str(path))
     layout = ffi().sizeof("hil_simulator") << 32 | ffi().sizeof("hil_record")
     if getattr(lib, "hil_layout", lambda: 0)() != layout:

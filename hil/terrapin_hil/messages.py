@@ -167,10 +167,17 @@ class Interface:
         return found
 
 
-@cache
 def interface(folder: Path | None = None) -> Interface:
-    """Interface in `folder`/generated (the host build's by default). OSError, naming the file, when it is not built."""
-    path = paths.need((folder or paths.build()) / "generated" / "interface.json")
+    """Interface in `folder`/generated (that of the robot of this process by default).
+
+    OSError, naming the file, when it is not built.
+    """
+    return _interface(folder or paths.build())
+
+
+@cache
+def _interface(folder: Path) -> Interface:
+    path = paths.need(folder / "generated" / "interface.json")
     table = json.loads(path.read_text(encoding="utf-8"))
     messages = {}
     for entry in table["messages"]:

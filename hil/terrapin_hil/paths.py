@@ -1,7 +1,8 @@
 """Where the parts of the project stand: the package's own files, what was compiled, and what is built from the sources.
 
 A wheel has the compiled parts and the cases inside this package, in _native and _cases. In a tree they stand in
-build/host and cases. Nothing else in the program asks which of the two it runs from.
+build/host and cases. The controller of a robot other than the cylinder stands in robots/NAME beside them; the simulator
+is the same for all. Nothing else in the program asks which of the two it runs from.
 """
 
 from __future__ import annotations
@@ -11,9 +12,12 @@ import os
 from functools import cache
 from pathlib import Path
 
+from terrapin_interface.robot import DEFAULT
+
 __all__ = [
     "NATIVE",
     "PHYSICS",
+    "ROBOT_VARIABLE",
     "ROOT",
     "SCENARIOS",
     "build",
@@ -25,8 +29,10 @@ __all__ = [
     "make",
     "need",
     "program_hash",
+    "simulator",
 ]
 
+ROBOT_VARIABLE = "TERRAPIN_ROBOT"  # name or file of the robot of this process and those that it starts
 PACKAGE = Path(__file__).resolve().parent
 ROOT = PACKAGE.parent.parent  # the tree, for its tests: a wheel has none
 PHYSICS = PACKAGE / "physics"
@@ -35,22 +41,32 @@ SCENARIOS = PACKAGE / "scenario" / "scenarios"
 WHEEL = PACKAGE / "_native"
 
 
-def build() -> Path:
+def simulator() -> Path:
     """Folder of the compiled parts: the environment variable TERRAPIN_BUILD, else the wheel's, else the host build."""
     named = os.environ.get("TERRAPIN_BUILD")
     return Path(named) if named else WHEEL if WHEEL.is_dir() else ROOT / "build" / "host"
 
 
+def build() -> Path:
+    """Folder of the controller and its interface, for the robot that the environment variable TERRAPIN_ROBOT names."""
+    base, name = simulator(), Path(os.environ.get(ROBOT_VARIABLE, DEFAULT)).name.removesuffix(".toml")
+    if name == DEFAULT:
+        return base
+    return base / "robots" / name if base == WHEEL else base.parent / "robots" / name / base.name
+
+
 def need(path: Path) -> Path:
     """`path` itself, a part of the build. OSError, which names it and says what to do, when it is not there."""
     if not path.is_file():
-        raise OSError(2, f"not built yet; run {make('setup')}", str(path))
+        robot = os.environ.get(ROBOT_VARIABLE, DEFAULT)
+        target = f"firmware ROBOT={robot}" if "robots" in path.parts[-5:] else "setup"
+        raise OSError(2, f"not built yet; run {make(target)}", str(path))
     return path
 
 
 def make(target: str) -> str:
     """How a message names a target of make: whoever installed a wheel has to go to the sources for it."""
-    where = "" if build() != WHEEL else " in the sources, and set TERRAPIN_BUILD to their build/host"
+    where = "" if simulator() != WHEEL else " in the sources, and set TERRAPIN_BUILD to their build/host"
     return f"`make {target}`{where}"
 
 
@@ -66,7 +82,7 @@ def images() -> Path:
 
 def development_key() -> Path:
     """The key that the build made for the bench, beside the host build. A wheel has none."""
-    return build().parent / "keys" / "development.pem"
+    return simulator().parent / "keys" / "development.pem"
 
 
 def dbc() -> Path:
@@ -88,7 +104,7 @@ def program_hash(*folders: Path) -> str:
     """
     digest = hashlib.sha256()
     sources = [source for folder in folders for source in sorted(folder.rglob("*.py"))]
-    compiled = ("libterrapin.so", "libterrapin_hil.so", "generated/interface.json")
-    for path in (*sources, *(need(build() / name) for name in compiled)):
+    compiled = (build() / "libterrapin.so", simulator() / "libterrapin_hil.so", build() / "generated/interface.json")
+    for path in (*sources, *map(need, compiled)):
         digest.update(hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()

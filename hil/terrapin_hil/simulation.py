@@ -22,7 +22,7 @@ from terrapin_hil.messages import AnswerError, Frame
 from terrapin_hil.robot.compiled_effects import compile_effects
 from terrapin_hil.robot.plant import Ground
 from terrapin_hil.robot.sensors import ADCS, CHANNELS, DIGITALS, ENCODERS, Sensors
-from terrapin_hil.robot.soft_ground import affected, grip_table
+from terrapin_hil.robot.soft_ground import affected, grip_tables
 from terrapin_hil.robot.truth import TRUTH
 from terrapin_hil.scenario.faults import KINDS, Fault
 from terrapin_hil.scenario.scenario import CONTROLS, REQUESTS, Scenario
@@ -31,7 +31,6 @@ from terrapin_hil.scenario.wire_faults import Disturbance
 __all__ = ["TICK", "Simulation", "output_hash", "record_type"]
 
 TICK = 1e-3  # s
-WHEEL_RADIUS = 0.030  # m, the trailing wheel that the controller's ground encoder sits on
 SUBSTEPS, FINE_SUBSTEPS, FINE_BELOW = 1, 8, 0.05  # of a tick; finer while axle and rim are slower [m/s]
 
 
@@ -82,6 +81,8 @@ def _path(ground: Ground) -> dict[str, Any]:
         "dig_length": ground.dig_length,
         "leave_length": ground.leave_length,
         "rut_friction": ground.rut_friction,
+        "dig_slip": ground.dig_slip,
+        "slip_depth": ground.slip_depth,
     }
 
 
@@ -118,9 +119,10 @@ def _config(scenario: Scenario) -> dict[str, Any]:
         "winding": winding,
         "sensors": _sensors(scenario.sensors),
         "faults": {"count": len(scenario.faults), "fault": [_fault(fault) for fault in scenario.faults]},
+        "tow": _profile(scenario.tow),
         "carriage": _profile(scenario.carriage),
         "steering": _profile(scenario.steering),
-        "wheel_radius": WHEEL_RADIUS,
+        "wheel_radius": scenario.design.wheel_radius,
         "supply": scenario.supply,
         "supply_resistance": scenario.supply_resistance,
         "start_position": scenario.start_position,
@@ -158,9 +160,11 @@ class Simulation:
         config = self._simulator.config
         config.substeps, config.fine_substeps = substeps, fine_substeps
         if ground.contact is not None:
-            table = grip_table(ground, scenario.robot)
-            self._grip = table, table.native()  # kept alive: the C side holds their addresses only
-            config.path.contact = self._grip[1]
+            # kept alive: the C side holds their addresses only
+            tables = grip_tables(ground, scenario.robot)
+            self._grip = [(table, table.native()) if table else None for table in tables]
+            for segment, kept in zip(config.path.segment, self._grip, strict=False):
+                segment.contact = kept[1] if kept else self._ffi.NULL
         config.effects = self._effects.native
         self._lib.hil_start(self._simulator)
         self.records = np.zeros(scenario.ticks, record_type())

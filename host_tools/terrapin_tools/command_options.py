@@ -19,6 +19,8 @@ __all__ = [
     "Jobs",
     "Json",
     "Level",
+    "NodeNumber",
+    "RobotName",
     "Seed",
     "check_options",
     "deliver",
@@ -30,11 +32,37 @@ Cases = Annotated[
     Path,
     typer.Argument(metavar="CASE", help="folder that holds case.toml and measurements, or a folder of such folders"),
 ]
+
+
+def _select(name: str) -> str:
+    if name:
+        from terrapin_hil.robots import select
+
+        select(name)
+    return name
+
+
+RobotName = Annotated[
+    str,
+    typer.Option(
+        "--robot",
+        metavar="ROBOT",
+        callback=_select,
+        is_eager=True,
+        help="a shipped robot, or the file of one; the cylinder where nothing is said",
+    ),
+]
 Json = Annotated[str, typer.Option("--json", metavar="FILE", help="write the answer as JSON; - for standard output")]
 Seed = Annotated[int, typer.Option("--seed", help="of everything drawn at random; same seed, same answer")]
 Jobs = Annotated[int, typer.Option("--jobs", help="processes to use at most")]
 BitRate = Annotated[
     int, typer.Option("--bitrate", min=1, max=10_000_000, help="bit/s of the bus, where the link's name does not say")
+]
+NodeNumber = Annotated[
+    int | None,
+    typer.Option(
+        "--node", metavar="N", help="number of the controller on its bus, 0 to 7 (0, or as the link's name says)"
+    ),
 ]
 Level = Annotated[float, typer.Option("--level", help="false alarm rate of the verdict")]
 Cluster = Annotated[

@@ -1,16 +1,14 @@
-"""Instructions of the codec, of products, sine and root on Cortex-M4, beside cantools' C and CMSIS-DSP.
+"""Instructions of the codec, of products, sine and root on Cortex-M4, beside cantools' C, libfixmath and CMSIS-DSP.
 
-    python tests/bench/bench_arithmetic.py [--cmsis FOLDER]
+    python tests/bench/bench_arithmetic.py
 
 Everything is compiled with the setting that is shipped (-Os) and counted in QEMU's virtual time: the same in every
-run. FOLDER is an unpacked source of CMSIS-DSP (the archive of PyPI's `cmsisdsp`); without it that peer is
-left out. libfixmath is in no package registry and is not run here. Exit status 1 when a
-function takes more than its bound.
+run. The sources of the latter two come from package mirrors into the user's cache (tests/setup/peers.sh); where they
+cannot be had they are left out. Exit status 1 when a function takes more than its bound.
 """
 
 from __future__ import annotations
 
-import argparse
 import re
 import shutil
 import subprocess
@@ -37,7 +35,7 @@ CMSIS = {
 }  # fmt: skip
 
 
-def compiled(folder: Path, cmsis: Path | None) -> Path:
+def compiled(folder: Path, peers: Path | None) -> Path:
     """The image that counts."""
     build, core, qemu = ROOT / "build/cortex-m4", ROOT / "firmware/core", ROOT / "firmware/ports/qemu"
     generate = [sys.executable, "-m", "cantools", "generate_c_source", "--database-name", "peer", "--output-directory"]
@@ -48,13 +46,13 @@ def compiled(folder: Path, cmsis: Path | None) -> Path:
     sources = [ROOT / "tests/bench/peers_count.c", folder / "peer.c", core / "integer.c", qemu / "semihosting.c",
                qemu / "startup.c", build / "generated/terrapin_interface.c"]  # fmt: skip
     options = [f"-I{place}" for place in (core, qemu, build / "generated", folder)]
-    if cmsis is not None:
-        options += ["-DWITH_CMSIS", f"-I{next(cmsis.rglob('dsp/fast_math_functions.h')).parents[1]}"]
-        options += [
-            f"-I{next(cmsis.rglob('arm_compiler_specific.h')).parent}",
-            "-D__GNUC_PYTHON__",
-        ]  # without CMSIS-Core
+    if peers is not None:
+        cmsis, fixmath = peers / "cmsisdsp", peers / "libfixmath" / "libfixmath"
+        options += ["-DWITH_PEERS", "-DFIXMATH_NO_CACHE", f"-I{fixmath}"]  # its sine remembers 4096 answers otherwise
+        options += [f"-I{next(cmsis.rglob('dsp/fast_math_functions.h')).parents[1]}"]
+        options += [f"-I{next(cmsis.rglob('arm_compiler_specific.h')).parent}", "-D__GNUC_PYTHON__"]  # no CMSIS-Core
         sources += [next(cmsis.rglob(name)) for name in CMSIS]
+        sources += [fixmath / name for name in ("fix16.c", "fix16_trig.c", "fix16_sqrt.c")]
     image = folder / "peers.elf"
     link = ["-nostartfiles", "--specs=nano.specs", "-Wl,--gc-sections", "-T", qemu / "qemu.ld"]
     subprocess.run([COMPILER, *FLAGS, *options, *sources, *link, "-o", image], check=True)
@@ -85,19 +83,15 @@ def counted(image: Path) -> dict[str, tuple[int, int]]:
 
 def main() -> int:
     """Prints a line for each function; 1 when one takes more than its bound."""
-    parser = argparse.ArgumentParser(
-        description="Instructions of codec and arithmetic, beside peers.",
-        epilog="Example: python tests/bench/bench_arithmetic.py --cmsis cmsisdsp-1.10.3",
-    )
-    parser.add_argument("--cmsis", type=Path, help="unpacked source of CMSIS-DSP")
-    options = parser.parse_args()
     for tool in (COMPILER, "qemu-system-arm"):
         if shutil.which(tool) is None:
             print(f"not run here: instructions of codec and arithmetic on Cortex-M4 ({tool} is not installed)")
             return 0
     subprocess.run([ROOT / "tests" / "tools" / "build.sh", "cortex-m4"], check=True)
+    fetched = subprocess.run([ROOT / "tests/setup/peers.sh"], stdout=subprocess.PIPE, text=True, check=False)
+    peers = Path(fetched.stdout.strip()) if fetched.returncode == 0 else None
     with tempfile.TemporaryDirectory(prefix="terrapin-bench-") as folder:
-        found = counted(compiled(Path(folder), options.cmsis))
+        found = counted(compiled(Path(folder), peers))
     met = True
     print("instructions on Cortex-M4 -Os      mean  largest  bound")
     for name, (mean, most) in found.items():
@@ -105,7 +99,8 @@ def main() -> int:
         good = bound is None or mean <= bound
         met &= good
         print(f"{name:32} {mean:6d} {most:8d}" + (f"  {bound:5d} {'met' if good else 'not met'}" if bound else ""))
-    print("not run here: libfixmath (in no package registry)")
+    if peers is None:
+        print("not run here: libfixmath and CMSIS-DSP (their sources cannot be had)")
     return 0 if met else 1
 
 

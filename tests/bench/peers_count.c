@@ -9,8 +9,9 @@
 #include "peer.h"
 #include "semihosting.h"
 #include "terrapin_interface.h"
-#ifdef WITH_CMSIS
+#ifdef WITH_PEERS
 #include "dsp/fast_math_functions.h"
+#include "fix16.h"
 #endif
 
 #define SYSTICK_CONTROL    (*(volatile uint32_t *)0xE000E010U)
@@ -93,7 +94,19 @@ static void sine(void) {
 static void root(void) {
     output = (int32_t)integer_root(square);
 }
-#ifdef WITH_CMSIS
+#ifdef WITH_PEERS
+static void fixmath_product(void) {
+    output = fix16_mul(a, b);
+}
+static void fixmath_quotient(void) {
+    output = fix16_div(a, b);
+}
+static void fixmath_sine(void) {
+    output = fix16_sin((fix16_t)(turn % 411774U)); /* of a turn */
+}
+static void fixmath_root(void) {
+    output = fix16_sqrt((fix16_t)(square >> 1U));
+}
 static void cmsis_sine_q31(void) {
     output = arm_sin_q31((q31_t)(turn >> 1U));
 }
@@ -178,7 +191,11 @@ int main(void) {
     measure(file, "integer_scale", scale, nothing);
     measure(file, "integer_sine", sine, nothing);
     measure(file, "integer_root, 32 bits", root, nothing);
-#ifdef WITH_CMSIS
+#ifdef WITH_PEERS
+    measure(file, "libfixmath: fix16_mul", fixmath_product, nothing);
+    measure(file, "libfixmath: fix16_div", fixmath_quotient, nothing);
+    measure(file, "libfixmath: fix16_sin", fixmath_sine, nothing);
+    measure(file, "libfixmath: fix16_sqrt", fixmath_root, nothing);
     measure(file, "CMSIS-DSP: arm_sin_q31", cmsis_sine_q31, nothing);
     measure(file, "CMSIS-DSP: arm_sin_q15", cmsis_sine_q15, nothing);
     measure(file, "CMSIS-DSP: arm_sqrt_q31", cmsis_root_q31, nothing);

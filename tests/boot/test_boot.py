@@ -41,19 +41,46 @@ def test_update_trial_confirmation(chip: Chip) -> None:
     assert chip.record().confirmed == SLOT["a"]
     assert chip.confirm()
     record = chip.record()
-    assert (record.confirmed, record.phase, record.security_counter, record.version.minor) == (SLOT["b"], NONE, 2, 1)
+    assert (record.confirmed, record.phase, record.security_counter, record.version.minor) == (SLOT["b"], NONE, 1, 0)
     for _ in range(3):
         assert chip.start() == "b"
         assert chip.confirm()
 
 
 def test_without_confirmation_the_old_one_comes_back_and_stays(chip: Chip) -> None:
+    """Three tries: who switches the robot off in its first seconds loses no update."""
     assert send(chip, image("b", "1.1.0", counter=2), "b") == "ok"
-    assert chip.start() == "b"
+    for left in (2, 1, 0):
+        assert chip.start() == "b"
+        assert (chip.record().phase, chip.record().tries) == (TRIAL, left)
     for _ in range(3):
         assert chip.start() == "a"
         assert chip.record().phase == NONE
     assert chip.record().security_counter == 1
+
+
+@pytest.mark.parametrize("tries", [1, 2, 3])
+def test_each_of_its_tries_may_confirm_it(chip: Chip, tries: int) -> None:
+    assert send(chip, image("b", "1.1.0", counter=2), "b") == "ok"
+    for _ in range(tries):
+        assert chip.start() == "b"
+    assert chip.confirm()
+    assert chip.start() == "b"
+    assert chip.record().phase == NONE
+
+
+def test_the_floor_follows_one_image_behind(chip: Chip) -> None:
+    """The image before is a way back, by an update; the one before that is none."""
+    for slot, version, counter in (("b", "1.1.0", 2), ("a", "1.2.0", 3)):
+        assert send(chip, image(slot, version, counter=counter), slot) == "ok"
+        assert chip.start() == slot
+        assert chip.confirm()
+    record = chip.record()
+    assert (record.version.minor, record.security_counter) == (1, 2)
+    assert send(chip, image("b", "1.0.0", counter=1), "b") == "version_too_old"
+    assert send(chip, image("b", "1.2.0", counter=1), "b") == "counter_too_low"
+    assert send(chip, image("b", "1.1.0", counter=2), "b") == "ok"
+    assert chip.start() == "b"
 
 
 def test_many_updates_fill_both_pages_of_records(chip: Chip) -> None:
@@ -81,7 +108,7 @@ def test_a_lost_confirmed_image_is_replaced_by_the_other(chip: Chip) -> None:
     assert chip.start() == "a"
     assert chip.confirm()
     assert chip.record().confirmed == SLOT["a"]
-    assert chip.record().version.minor == 1  # an update still needs at least 1.1.0
+    assert chip.record().version.minor == 0  # 1.1.0 was the newest: its floor would have come with the next one
     chip.bytes[0x20000 + 700] ^= 1
     assert chip.start() == ""
     assert send(chip, image("b", "1.1.0"), "b") == "ok"
@@ -150,6 +177,7 @@ def test_reset_needs_its_key(chip: Chip) -> None:
 
 def begin(chip: Chip, sender: Sender, data: bytes) -> None:
     chip.accept(*sender.frame("UPDATE_QUERY", {"protocol": 1}))
+    chip.update.now_ms += 10_000  # each a while after the other
     values = {"size": len(data) // 4, "slot": SLOT["b"], "major": 1, "minor": 1, "revision": 0}
     answer = chip.ask(sender.frame("UPDATE_BEGIN", values))
     assert (answer["request"], answer["result"], answer["next"]) == (1, RESULT["ok"], 0)
@@ -278,3 +306,26 @@ def test_a_refusal_that_comes_again_keeps_its_reason(chip: Chip) -> None:
     operations = chip.memory.operations
     assert chip.ask(sender.frame("UPDATE_END", {"checksum": zlib.crc32(data)}))["result"] == RESULT["wrong_key"]
     assert chip.memory.operations == operations
+
+
+def test_begin_erases_once_in_ten_seconds_and_twenty_times_a_start(chip: Chip) -> None:
+    sender = Sender()
+
+    def begin(at_ms: int) -> int:
+        chip.update.now_ms = at_ms % 2**32
+        values = {"size": 1000 + at_ms % 7, "slot": SLOT["b"], "major": 1, "minor": 0, "revision": at_ms % 5}
+        before = chip.memory.busy_us
+        result = chip.ask(sender.frame("UPDATE_BEGIN", values))["result"]
+        assert (chip.memory.busy_us > before) == (result == RESULT["ok"])
+        return result
+
+    clock = 2**32 - 30_000  # it wraps
+    assert begin(clock) == RESULT["ok"]
+    assert begin(clock + 1) == RESULT["busy"]
+    assert begin(clock + 9_999) == RESULT["busy"]
+    done = 1
+    for i in range(1, 40):
+        done += begin(clock + 10_001 * i) == RESULT["ok"]
+    assert done == 20
+    assert chip.start() == "a"
+    assert begin(5) == RESULT["ok"]

@@ -13,7 +13,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -27,7 +28,11 @@ from kit import KEY, OTHER_KEY, PUBLIC, code, image
 
 from terrapin_hil import paths
 from terrapin_hil.links import LinkName
-from terrapin_hil.messages import interface
+from terrapin_hil.links.inprocess import InProcess
+from terrapin_hil.messages import Frame, interface
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+from terrapin_hil.simulation import Simulation, output_hash
 from terrapin_tools import cli
 from terrapin_tools.errors import UserError
 from terrapin_tools.flash import swd
@@ -100,14 +105,14 @@ def said(folder: Path) -> list[str]:
 
 def test_serial_end_to_end(tmp_path: Path) -> None:
     """An empty chip takes 1.0.0, then 1.1.0 while that runs; old, forged and other images are refused with a reason."""
-    first, second = signed(tmp_path, "a", "1.0.0"), signed(tmp_path, "b", "1.1.0", counter=2)
+    first, second = signed(tmp_path, "a", "1.0.0", counter=2), signed(tmp_path, "b", "1.1.0", counter=3)
     with board(tmp_path) as port:
         done = terrapin("flash", first, "--via", "serial", "--port", port)
         assert (done.returncode, done.stdout) == (0, "slot a: started and confirmed\n"), done.stderr
         done = terrapin("flash", first, second, "--via", "serial", "--port", port)
         assert (done.returncode, done.stdout) == (0, "slot b: started and confirmed\n"), done.stderr
         for bad, reason in [
-            (signed(tmp_path, "a", "1.0.9", counter=2), "version too old: 1.0.9, expected 1.1.0 or newer"),
+            (signed(tmp_path, "a", "0.9.9", counter=2), "version too old: 0.9.9, expected 1.0.0 or newer"),
             (signed(tmp_path, "a", "1.2.0", counter=1), "security counter 1, expected 2 or more"),
             (signed(tmp_path, "b", "1.2.0"), "expected the image for slot a"),
         ]:
@@ -132,6 +137,10 @@ def test_an_image_that_does_not_confirm_itself(tmp_path: Path) -> None:
         done = terrapin("flash", signed(tmp_path, "b", "1.1.0"), "--via", "serial", "--port", port)
         assert done.returncode == 0
         assert "not confirmed yet" in done.stdout
+    for _ in range(2):  # its other tries
+        with board(tmp_path, "--unhealthy"):
+            pass
+        assert said(tmp_path)[-1].startswith("started slot B, version 1.1.0+0")
     with board(tmp_path):
         pass
     assert said(tmp_path)[-1] == "started slot A, version 1.0.0+0, confirmed"
@@ -211,7 +220,7 @@ def test_can_end_to_end() -> None:
         assert update(wire, [file("a", "1.1.0"), file("b", "1.1.0")], quiet) == Outcome("b", "confirmed")
         assert node.resets == 3  # one of them into the boot loader
         found = query(wire)
-        assert (found.running, found.confirmed, found.version) == ("b", "b", Version(1, 1, 0))
+        assert (found.running, found.confirmed, found.version) == ("b", "b", Version(1, 0, 0))
         assert found.key == parse(image("a", "1.0.0")).key_hash[:4]  # type: ignore[index]
         data = image("a", "2.0.0", key=OTHER_KEY)
         with pytest.raises(UserError, match="signed with key"):
@@ -573,7 +582,7 @@ def test_image_sign_verify_info(tmp_path: Path) -> None:
     assert terrapin("keys", "new", key).returncode == 0
     done = terrapin("image", "sign", body, out, "--version", "1.2.3+4", "--key", key, "--counter", "7")
     assert done.returncode == 0, done.stderr
-    assert "slot b, version 1.2.3+4, security counter 7" in done.stdout
+    assert "slot b, desk, version 1.2.3+4, security counter 7" in done.stdout
     assert terrapin("image", "verify", out, "--key", key).returncode == 0
     checked = subprocess.run(
         [str(Path(sys.executable).with_name("imgtool")), "verify", "-k", str(key), str(out)],
@@ -642,3 +651,69 @@ def test_the_slots_of_host_and_loader_are_the_same() -> None:
     assert found["BASE"] == BASE
     assert {"a": BASE + found["SLOT_A"], "b": BASE + found["SLOT_B"]} == SLOTS
     assert KEY.public_key().public_bytes_raw() == PUBLIC
+
+
+def test_one_node_is_updated_while_the_other_drives(tmp_path: Path) -> None:
+    """Node 3 takes an image; node 0 hears every frame of it, drives in lockstep all the while, and takes none: what it
+    sends is what it sends alone. The controller's answers come from node 3's identifiers."""
+    scenario = replace(load_scenario(find_scenario("steady_sand")), duration=3.0, checks=(), provokes=None)
+    alone = run(scenario).output_hash
+    simulation, driver = Simulation(scenario), InProcess(node=0)
+    driver.start({})
+    heard: list[int] = []
+
+    class Shared(SerialWire):
+        """The wire to node 3, whose frames node 0 hears too; it drives 25 ticks on for each of them."""
+
+        def _drive(self, frames: Sequence[Frame]) -> None:
+            assert driver.hear(frames) == []
+            heard.extend(identifier for identifier, _ in frames)
+            for _ in range(min(25, len(simulation.records) - simulation.done)):
+                simulation.answer(driver.hear(simulation.sense()))
+
+        def send(self, frames: Sequence[Frame]) -> None:
+            self._drive([self._node.to_bus(frame) for frame in frames])
+            super().send(frames)
+
+        def receive(self, wait: float) -> list[Frame]:
+            found = super().receive(wait)
+            self._drive([self._node.to_bus(frame) for frame in found])
+            return found
+
+    with board(tmp_path, "--node", "3") as port:
+        silent = SerialWire(port)
+        with pytest.raises(UserError, match="no controller answers"):
+            query(silent, 0.3)  # that is node 0
+        silent.close()
+        wire = Shared(port, node=3)
+        assert update(wire, [SignedFile("x", parse(data := signed(tmp_path, "a", "1.0.0").read_bytes()), data)], quiet)
+        wire.close()
+        done = terrapin("flash", signed(tmp_path, "b", "1.1.0"), "--link", f"serial:{port}", "--node", 3)
+        assert (done.returncode, done.stdout) == (0, "slot b: started and confirmed\n"), done.stderr
+    while simulation.done < len(simulation.records):
+        simulation.answer(driver.hear(simulation.sense()))
+    assert output_hash(simulation.records) == alone
+    assert all(0x150 <= identifier < 0x158 or 0x260 <= identifier < 0x268 for identifier in heard)
+    assert len(heard) > 3000 // 8
+    with board(tmp_path) as port:  # the number is in the records, which updates have been added to
+        wire = SerialWire(port, node=3)
+        assert query(wire).confirmed == "b"
+        wire.close()
+
+
+def test_what_swd_writes_has_a_node_number() -> None:
+    """The record is the boot loader's own: it reads the number, starts what was written, and adds to it."""
+    chip = Chip(PUBLIC)
+    for address, data in plan([file("a", "1.0.0")], None, node=5).write:
+        chip.ffi.buffer(chip.bytes)[address - BASE : address - BASE + len(data)] = data
+    assert chip.record().node == 5
+    assert chip.start() == "a"
+    assert chip.confirm()
+    assert (chip.record().node, chip.record().confirmed) == (5, 1)
+    assert plan([file("a", "1.0.0")], None).write == plan([file("a", "1.0.0")], None, node=5).write[:-1]
+
+
+def test_swd_with_a_number_that_no_node_has(tmp_path: Path) -> None:
+    done = terrapin("flash", signed(tmp_path, "a", "1.0.0"), "--via", "swd", "--node", "9")
+    assert done.returncode == 2
+    assert "expected a node number from 0 to 7" in done.stderr

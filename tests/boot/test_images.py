@@ -142,3 +142,82 @@ def test_sign_never_writes_over_what_it_reads(key_file: Path, tmp_path: Path) ->
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert (done.returncode, "cannot write" in done.stderr) == (2, True)
+
+
+# ---------------------------------------------------------------- kinds of images, and where a release takes them
+
+MARK = b"terrapin-kind\0\0\0"
+PRODUCTION = MARK + b"\1\0\0\0"
+UNIT = 0x1234ABCD
+
+
+def of_kind(mark: bytes, unit: int | None = None) -> bytes:
+    body = code("a", 600)
+    return sign(body[:300] + mark + body[300 + len(mark) :], KEY, Version(1, 0, 0), 1, "a", unit)
+
+
+@pytest.mark.parametrize(
+    ("mark", "unit", "bench", "release"),
+    [
+        (PRODUCTION, None, "ok", "ok"),
+        (MARK + b"\0\0\0\0", None, "ok", "desk_image"),
+        (b"", None, "ok", "desk_image"),
+        (MARK + b"\0\0\0\0", UNIT, "ok", "ok"),
+        (MARK + b"\0\0\0\0", UNIT ^ 1, "ok", "desk_image"),
+        (PRODUCTION, UNIT ^ 1, "ok", "ok"),
+    ],
+)
+def test_a_release_takes_a_desk_image_only_when_it_names_the_chip(
+    mark: bytes, unit: int | None, bench: str, release: str
+) -> None:
+    data = of_kind(mark, unit)
+    found = parse(data)
+    assert (found.kind, found.unit) == ("production" if mark == PRODUCTION else "desk", unit)
+    for is_release, expected in ((False, bench), (True, release)):
+        chip = _Chip(PUBLIC)
+        chip.boot.release, chip.boot.unit = is_release, UNIT
+        chip.put("a", data)
+        assert chip.check("a") == expected
+        assert chip.start() == ("a" if expected == "ok" else "")
+
+
+def test_kind_and_unit_are_signed() -> None:
+    data = of_kind(MARK + b"\0\0\0\0", UNIT)
+    for old, new in ((b"\xa1\0\4\0" + UNIT.to_bytes(4, "little"), b"\xa1\0\4\0\0\0\0\0"),):
+        assert data.count(old) == 1
+        assert by_loader(data.replace(old, new)) == "corrupted"
+
+
+def test_the_release_build_wants_a_public_key_of_its_own(tmp_path: Path) -> None:
+    from terrapin_hil import paths
+
+    program = paths.ROOT / "firmware" / "boot" / "boot_key.py"
+    private, public = tmp_path / "robot.pem", tmp_path / "robot.pub.pem"
+    private.write_bytes(
+        KEY.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+    )
+    public.write_bytes(
+        KEY.public_key().public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)
+    )
+    bench = tmp_path / "development.pem"
+    bench.write_bytes(public.read_bytes())
+
+    def make(key: Path, *options: str) -> tuple[int, str]:
+        out = tmp_path / "boot_key.h"
+        done = subprocess.run(
+            [sys.executable, str(program), "--key", str(key), "--out", str(out), *options],
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        return done.returncode, done.stderr
+
+    assert make(public, "--release") == (0, "")
+    assert "TERRAPIN_BOOT_RELEASE true" in (tmp_path / "boot_key.h").read_text()
+    for key, options, expected in (
+        (private, ("--release",), "a private key"),
+        (bench, ("--release",), "the key of the bench"),
+        (public, ("--release", "--make"), "the key of the bench"),
+        (tmp_path / "none.pem", ("--release",), "No such file"),
+    ):
+        status, said = make(key, *options)
+        assert status == 1
+        assert expected in said

@@ -163,12 +163,33 @@ def determinism(seeds: int, presets: tuple[str, ...] = ()) -> list[Row]:
     return [Row(f"seeds of {seeds} whose hashes differ between {where}", different, 0, "1")]
 
 
+def differing(preset: str, seconds: float | None = None) -> list[str]:
+    """Shipped scenarios (their first `seconds`) in which some tick's answer of another build is not the host's."""
+    found = []
+    program = paths.ROOT / "build" / preset / "terrapin-controller"
+    for path in sorted(paths.SCENARIOS.glob("*.toml")):
+        scenario = replace(load_scenario(path), checks=(), provokes=None)
+        scenario = replace(scenario, duration=min(scenario.duration, seconds or scenario.duration))
+        with SlcanLink.of_process(program) as other:
+            if run(scenario, other).output_hash != run(scenario).output_hash:
+                found.append(path.stem)
+    return found
+
+
+def builds(presets: tuple[str, ...]) -> list[Row]:
+    """Whole scenarios on other builds of the controller; tests/target/test_step.py has the Cortex-M4."""
+    return [
+        Row(f"scenarios in which the build {one} answers another tick", len(differing(one)), 0, "1") for one in presets
+    ]
+
+
 CAMPAIGNS: dict[str, Callable[[], list[Row]]] = {
     "steady_ideal": lambda: steady_ideal((2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)),
     "steady_real": lambda: steady_real(200),
     "carriage": carriage,
     "slope": slope,
     "determinism": lambda: determinism(20, ("o0", "m32")),
+    "builds": lambda: builds(("o0", "m32", "asan")),
 }
 
 

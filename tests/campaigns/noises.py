@@ -24,7 +24,7 @@ from terrapin_tools.workbench.model.model import Model
 from tests.campaigns.discovery_cases import ROLLING, Made, make
 from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
 
-__all__ = ["FAMILIES", "disturbed"]
+__all__ = ["FAMILIES", "disturbed", "true_model"]
 
 Random = np.random.Generator
 Noise = Callable[[Index, Array, Random], Array]  # run and speed (rows,) to noise (rows,) in noise sd
@@ -99,9 +99,15 @@ FAMILIES: dict[str, Noise] = {
 }  # fmt: skip
 
 
+def true_model(made: Made) -> Model:
+    """The model of a made case with what is hidden in it, a formula of no catalogue included."""
+    model = Model.of(made.case, made.truth)
+    return model.having(made.library["hidden"]) if made.column else model
+
+
 def disturbed(made: Made, family: str, random: Random) -> Case:
     """The case of `made` with the noise of a family in the place of its own."""
-    case, model = made.case, Model.of(made.case, made.truth)
+    case, model = made.case, true_model(made)
     theta = np.array([made.theta[fitted.key] for fitted in model.fitted])
     speed = case.roles["omega"]
     sigma = np.array([made.sigma[c] for c in model.channels])[:, None]

@@ -146,11 +146,11 @@ static inline void rig_request(uint8_t request, int16_t setpoint) {
     rig.in.command.setpoint = setpoint;
 }
 
-/* Boots into idle and drives. */
+/* Boots into idle and drives, once the hold of an IDLE before is over. */
 static inline void rig_drive(int16_t setpoint, uint8_t control) {
     rig.in.command.control = control;
     rig_request(TERRAPIN_REQUEST_RUN, setpoint);
-    rig_until(TERRAPIN_STATE_RUN, 300U);
+    rig_until(TERRAPIN_STATE_RUN, 300U + TERRAPIN_LIMIT_STOP_HOLD);
 }
 
 static inline void rig_set(uint16_t index, int32_t value) {

@@ -231,7 +231,7 @@ static void test_stuck_on_a_slope_backs_out_and_reports(void) {
     rig_request(TERRAPIN_REQUEST_IDLE, 0);
     rig_run(60);
     rig_request(TERRAPIN_REQUEST_RUN, 3000);
-    rig_run(60);
+    rig_run(TERRAPIN_LIMIT_STOP_HOLD + 60U);
     TEST_ASSERT_TRUE(rig.out.enable);
 }
 

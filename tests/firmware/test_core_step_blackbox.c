@@ -158,7 +158,7 @@ static void test_same_bits_on_every_machine(void) {
     TEST_ASSERT_EQUAL_HEX32_MESSAGE(0x1FFU, states_seen | (1U << (out.frames[0].data[4] & 0xFU)),
                                     "every state was passed through");
     /* The hash of every frame. It changes with the controller's behaviour, and with nothing else. */
-    TEST_ASSERT_EQUAL_HEX64(0x21FA66C5A3873AB5ULL, hash);
+    TEST_ASSERT_EQUAL_HEX64(0xBB42789CAE5228F5ULL, hash);
 }
 
 static void test_two_controllers_do_not_know_each_other(void) {
@@ -174,11 +174,31 @@ static void test_two_controllers_do_not_know_each_other(void) {
     }
 }
 
+/* One reset with parameters is the reset and then the parameters, byte for byte, whatever stood there before. */
+static void test_a_reset_with_parameters(void) {
+    terrapin_state *const other = (terrapin_state *)memory[1];
+    int32_t values[TERRAPIN_PARAMETER_COUNT];
+    for (uint16_t i = 0; i < TERRAPIN_PARAMETER_COUNT; i++) {
+        values[i] = terrapin_parameter(i).minimum;
+    }
+    memset(memory, 0xA5, sizeof memory);
+    terrapin_init(state);
+    TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_OK, terrapin_parameter_set_all(state, values));
+    TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_OK, terrapin_init_with(other, values));
+    TEST_ASSERT_EQUAL_MEMORY(state, other, terrapin_state_size());
+    TEST_ASSERT_EQUAL_HEX64(0xA5A5A5A5A5A5A5A5ULL, memory[1][(terrapin_state_size() + 7U) / 8U]);
+    values[TERRAPIN_PARAMETER_COUNT - 1]--;
+    TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_RANGE, terrapin_init_with(other, values));
+    terrapin_init(state);
+    TEST_ASSERT_EQUAL_MEMORY(state, other, terrapin_state_size());
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_noise_keeps_every_promise);
     RUN_TEST(test_quiet_noise_lets_it_drive);
     RUN_TEST(test_same_bits_on_every_machine);
     RUN_TEST(test_two_controllers_do_not_know_each_other);
+    RUN_TEST(test_a_reset_with_parameters);
     return UNITY_END();
 }

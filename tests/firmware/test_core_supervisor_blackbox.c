@@ -104,13 +104,79 @@ static void test_watchdog_at_200_ms(void) {
 
 static void test_an_old_request_does_not_start_anything(void) {
     rig_set(TERRAPIN_PARAMETER_COMMAND_TIMEOUT, 100);
+    rig.command = false;
     rig_run(49);
+    rig.command = true;
     rig_request(TERRAPIN_REQUEST_RUN, 6000);
     rig_run(20); /* heard once, during the self test, 140 ms before its end */
     rig.command = false;
     rig_run(1000);
     TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
     TEST_ASSERT_FALSE(rig.out.enable);
+}
+
+static void command_now(uint8_t request) {
+    rig_request(request, 6000);
+    rig.in.tick++;
+    rig.in.command_fresh = true;
+    rig_step();
+    rig.in.command_fresh = false;
+}
+
+static int32_t hold_shown(void) {
+    terrapin_status_t status;
+    TEST_ASSERT_TRUE(terrapin_decode_status(&rig.last[0], &status));
+    return status.hold;
+}
+
+static void test_an_idle_holds_against_run_and_calibrate(void) {
+    static const uint8_t starts[] = {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_CALIBRATE};
+    for (size_t i = 0; i < sizeof starts; i++) {
+        rig_start();
+        rig.command = false;
+        rig_run(400);
+        command_now(TERRAPIN_REQUEST_IDLE);
+        rig_run(100);
+        TEST_ASSERT_EQUAL_INT32_MESSAGE(0, hold_shown(), "nothing was refused yet");
+        command_now(starts[i]);
+        rig_run(9);
+        TEST_ASSERT_EQUAL_INT32(5, hold_shown());
+        for (int ms = 0; ms < 489; ms++) {
+            command_now(starts[i]);
+            TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
+            TEST_ASSERT_FALSE(rig.out.enable);
+        }
+        command_now(starts[i]);
+        TEST_ASSERT_NOT_EQUAL_INT32_MESSAGE(TERRAPIN_STATE_IDLE, rig_state(), "600 ticks after the IDLE");
+        rig_run(10);
+        TEST_ASSERT_EQUAL_INT32(0, hold_shown());
+    }
+}
+
+static void test_a_further_idle_holds_anew_and_clear_does_not_end_it(void) {
+    rig.command = false;
+    rig_run(400);
+    command_now(TERRAPIN_REQUEST_IDLE);
+    rig_run(500);
+    command_now(TERRAPIN_REQUEST_IDLE);
+    command_now(TERRAPIN_REQUEST_CLEAR);
+    for (int ms = 0; ms < 598; ms++) {
+        command_now(TERRAPIN_REQUEST_RUN);
+        TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
+    }
+    command_now(TERRAPIN_REQUEST_RUN);
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_RUN, rig_state());
+}
+
+/* A host that goes on talking while it is refused is no silent one: braking ends at rest, not in a fault. */
+static void test_a_refused_run_keeps_the_command_timeout_away(void) {
+    rig_drive(6000, TERRAPIN_CONTROL_VOLTAGE);
+    rig_run(2000);
+    command_now(TERRAPIN_REQUEST_IDLE);
+    rig_request(TERRAPIN_REQUEST_RUN, 6000);
+    rig_run(550);
+    TEST_ASSERT_EQUAL_HEX32(0U, rig.out.faults);
+    TEST_ASSERT_EQUAL_INT32(0, rig.out.duty_q15);
 }
 
 static void test_a_state_that_does_not_exist_keeps_the_bridge_off(void) {
@@ -344,6 +410,56 @@ static void test_every_write_prepares_what_follows_from_it(void) {
     }
 }
 
+static void test_the_guard_of_the_swing(void) {
+    rig_drive(6000, TERRAPIN_CONTROL_VOLTAGE);
+    rig_run(500);
+    rig.in.swing_angle_mrad = 1200;
+    rig_run(100);
+    TEST_ASSERT_TRUE_MESSAGE(rig.out.enable, "no guard unless it is asked for");
+    for (int32_t way = -1; way <= 1; way += 2) {
+        rig_start();
+        rig_set(TERRAPIN_PARAMETER_SWING_LIMIT, 1134);
+        rig_drive(6000, TERRAPIN_CONTROL_VOLTAGE);
+        rig_run(500);
+        rig.in.swing_angle_mrad = (int16_t)(way * 1133);
+        rig_run(100);
+        TEST_ASSERT_TRUE(rig.out.enable);
+        rig.in.swing_angle_mrad = (int16_t)(way * 1134);
+        rig_tick();
+        TEST_ASSERT_FALSE(rig.out.enable);
+        TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_SWING));
+        rig.in.swing_angle_mrad = 0;
+        rig_run(500);
+        TEST_ASSERT_EQUAL_INT32_MESSAGE(TERRAPIN_STATE_SAFE, rig_state(), "it stays off");
+        rig_request(TERRAPIN_REQUEST_CLEAR, 0);
+        rig_run(100);
+        TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
+    }
+}
+
+static void test_a_guard_without_a_swing_sensor_is_refused(void) {
+    rig_set(TERRAPIN_PARAMETER_SWING_LIMIT, 1134);
+    rig_drive(6000, TERRAPIN_CONTROL_VOLTAGE);
+    rig_run(500);
+    rig.in.swing_valid = false;
+    rig_run(19);
+    TEST_ASSERT_TRUE_MESSAGE(rig.out.enable, "a gap is no failure");
+    rig.in.swing_valid = true;
+    rig_tick();
+    rig.in.swing_valid = false;
+    rig_run(19);
+    TEST_ASSERT_TRUE(rig.out.enable);
+    rig_tick();
+    TEST_ASSERT_FALSE(rig.out.enable);
+    TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_SWING_SENSOR));
+    rig_request(TERRAPIN_REQUEST_CLEAR, 0);
+    rig_run(100);
+    TEST_ASSERT_EQUAL_INT32_MESSAGE(TERRAPIN_STATE_SAFE, rig_state(), "nothing watches the swing yet");
+    rig_set(TERRAPIN_PARAMETER_SWING_LIMIT, 0);
+    rig_run(100);
+    TEST_ASSERT_EQUAL_INT32_MESSAGE(TERRAPIN_STATE_IDLE, rig_state(), "without a guard it may run");
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_boots_through_self_test_into_idle);
@@ -353,10 +469,15 @@ int main(void) {
     RUN_TEST(test_emergency_stop_in_every_state);
     RUN_TEST(test_watchdog_at_200_ms);
     RUN_TEST(test_an_old_request_does_not_start_anything);
+    RUN_TEST(test_an_idle_holds_against_run_and_calibrate);
+    RUN_TEST(test_a_further_idle_holds_anew_and_clear_does_not_end_it);
+    RUN_TEST(test_a_refused_run_keeps_the_command_timeout_away);
     RUN_TEST(test_a_state_that_does_not_exist_keeps_the_bridge_off);
     RUN_TEST(test_every_sensor_fault_switches_off);
     RUN_TEST(test_a_short_disturbance_is_no_fault);
     RUN_TEST(test_no_plausible_zero_is_a_fault);
+    RUN_TEST(test_the_guard_of_the_swing);
+    RUN_TEST(test_a_guard_without_a_swing_sensor_is_refused);
     RUN_TEST(test_parameters_that_contradict_each_other);
     RUN_TEST(test_a_missed_tick_is_flagged_and_starts_the_windows_anew);
     RUN_TEST(test_a_jump_of_the_encoder_over_a_gap_is_no_fault);

@@ -6,7 +6,7 @@
 
 static fake_can chip;
 static can bus;
-static const can_filter filters[3] = {{0x080U, 0x7F8U}, {0x0A0U, 0x7F8U}, {0x100U, 0x7F8U}};
+static const terrapin_filter filters[3] = {{0x080U, 0x7F8U}, {0x0A0U, 0x7F8U}, {0x100U, 0x7F8U}};
 
 static void poll(void) {
     can_poll(&bus);

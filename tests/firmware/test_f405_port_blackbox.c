@@ -29,6 +29,7 @@ static uint32_t now_us;
 static uint32_t alive;
 static bool estop;
 static uint32_t flash_work, flash_rest, healthy, resets;
+static uint8_t stored_node;
 
 const hardware_parameter hardware_parameters[] = {{TERRAPIN_PARAMETER_SUPPLY_SCALE, 4592}};
 const uint32_t hardware_parameter_count = 1U;
@@ -53,9 +54,15 @@ void hardware_flash_work(bool begins) {
 }
 
 void hardware_healthy(void) {
-    TEST_ASSERT_EQUAL_UINT32(PORT_HEALTHY_TICKS, controller.tick);
     TEST_ASSERT_FALSE(driven);
     healthy++;
+}
+
+bool hardware_store_node(uint8_t node) {
+    TEST_ASSERT_FALSE(driven);
+    TEST_ASSERT_EQUAL_UINT32(flash_rest + 1U, flash_work); /* the watchdog has time for an erase */
+    stored_node = node;
+    return true;
 }
 
 void hardware_reset(can *to_bus, usart *to_line, bool stay) {
@@ -84,7 +91,7 @@ uint32_t hardware_stack_used(void) {
 }
 
 void setUp(void) {
-    static const can_filter all = {0U, 0U};
+    static const terrapin_filter all = {0U, 0U};
     fake_open(&chip);
     memset(&serial, 0, sizeof serial);
     usart_open(&line, &serial, 84000000U, 1000000U);
@@ -236,6 +243,8 @@ static void give(const terrapin_frame *frame) {
     (void)port_pass(&controller, controller.tick);
 }
 
+#define UNTIL_RUN (TERRAPIN_LIMIT_STOP_HOLD + 300U) /* an IDLE holds for so long, and the bridge is on after it */
+
 /* Ticks with a command each 50 ms; the bridge's state at the end. */
 static bool ticks(uint32_t count, uint8_t request) {
     for (uint32_t i = 0; i < count; i++) {
@@ -252,8 +261,8 @@ static bool ticks(uint32_t count, uint8_t request) {
 
 static void test_idle_stops_the_motor_in_the_same_tick(void) {
     /* Behind as many store requests as there is room for, which would take 32 ticks with the bridge on. */
-    (void)ticks(1500U, TERRAPIN_REQUEST_IDLE);
-    TEST_ASSERT_TRUE(ticks(300U, TERRAPIN_REQUEST_RUN));
+    (void)ticks(1000U, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_TRUE(ticks(UNTIL_RUN, TERRAPIN_REQUEST_RUN));
     const terrapin_frame read = {.id = TERRAPIN_ID_STORE_READ, .length = 1U};
     for (uint32_t i = 0; i < TERRAPIN_INTAKE_SIZE; i++) {
         give(&read);
@@ -269,7 +278,7 @@ static void test_idle_stops_the_motor_in_the_same_tick(void) {
 
 static void test_runs_and_stops_on_the_port_s_faults(void) {
     TEST_ASSERT_FALSE(ticks(1500U, TERRAPIN_REQUEST_IDLE)); /* never starts with the bridge on */
-    TEST_ASSERT_TRUE(ticks(300U, TERRAPIN_REQUEST_RUN));
+    TEST_ASSERT_TRUE(ticks(UNTIL_RUN, TERRAPIN_REQUEST_RUN));
     TEST_ASSERT_GREATER_THAN(0, duty);
     controller.hardware.bridge_break = true;
     (void)port_pass(&controller, controller.tick + 1U);
@@ -279,7 +288,7 @@ static void test_runs_and_stops_on_the_port_s_faults(void) {
     TEST_ASSERT_FALSE(ticks(300U, TERRAPIN_REQUEST_RUN)); /* latched */
     (void)ticks(300U, TERRAPIN_REQUEST_CLEAR);
     (void)ticks(300U, TERRAPIN_REQUEST_IDLE);
-    TEST_ASSERT_TRUE(ticks(300U, TERRAPIN_REQUEST_RUN));
+    TEST_ASSERT_TRUE(ticks(UNTIL_RUN, TERRAPIN_REQUEST_RUN));
     controller.hardware.brown_out = true;
     (void)port_pass(&controller, controller.tick + 1U);
     TEST_ASSERT_FALSE(driven);
@@ -302,7 +311,7 @@ static void test_test_mode_holds_the_bridge_off_and_stops_the_own_clock(void) {
     /* A tick by frames is one step, answered where it came from; the bridge stays off whatever it says. */
     for (uint32_t tick = 1; tick < 1500U; tick++) {
         if ((tick % 50U) == 0U) {
-            const terrapin_frame run = command((tick < 1200U) ? 0U : TERRAPIN_REQUEST_RUN, 1000, (tick / 50U) % 15U);
+            const terrapin_frame run = command((tick < 600U) ? 0U : TERRAPIN_REQUEST_RUN, 1000, (tick / 50U) % 15U);
             give(&run);
         }
         for (int32_t channel = 0; channel < 2; channel++) {
@@ -399,10 +408,11 @@ static void test_defaults_are_the_boards(void) {
 /* A save that begins while the bridge is off and has to wait while it is on: the watchdog stays short. */
 static void test_the_watchdog_has_no_more_time_while_the_motor_is_on(void) {
     open_with_a_store();
-    (void)ticks(1500U, TERRAPIN_REQUEST_IDLE);
-    TEST_ASSERT_TRUE(ticks(300U, TERRAPIN_REQUEST_RUN));
+    controller.health.decided = true; /* the boot loader's records are no matter of this test */
+    (void)ticks(1000U, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_TRUE(ticks(UNTIL_RUN, TERRAPIN_REQUEST_RUN));
     store.phase = TERRAPIN_STORE_ERASE; /* the other page, after a write that failed */
-    TEST_ASSERT_TRUE(ticks(100U, TERRAPIN_REQUEST_RUN));
+    TEST_ASSERT_TRUE(ticks(UNTIL_RUN, TERRAPIN_REQUEST_RUN));
     TEST_ASSERT_EQUAL_UINT32(0U, flash_work);
     (void)ticks(3000U, TERRAPIN_REQUEST_IDLE);
     TEST_ASSERT_EQUAL_INT(TERRAPIN_STORE_IDLE, store.phase);
@@ -411,7 +421,7 @@ static void test_the_watchdog_has_no_more_time_while_the_motor_is_on(void) {
 }
 
 static void test_a_start_is_healthy_once(void) {
-    (void)ticks(PORT_HEALTHY_TICKS - 1U, TERRAPIN_REQUEST_IDLE);
+    (void)ticks(HEALTH_GOOD_MS, TERRAPIN_REQUEST_IDLE); /* the self test comes before */
     TEST_ASSERT_EQUAL_UINT32(0U, healthy);
     (void)ticks(3000U, TERRAPIN_REQUEST_IDLE);
     TEST_ASSERT_EQUAL_UINT32(1U, healthy);
@@ -429,8 +439,8 @@ static void test_update_resets_with_the_motor_off_alone(void) {
     const hardware_facts hardware = plain();
     terrapin_update_init(&update, &boot, TERRAPIN_UPDATE_SLOT_A);
     port_open(&controller, state, &bus, &line, NULL, &update, &hardware);
-    (void)ticks(1500U, TERRAPIN_REQUEST_IDLE);
-    TEST_ASSERT_TRUE(ticks(100U, TERRAPIN_REQUEST_RUN));
+    (void)ticks(1000U, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_TRUE(ticks(UNTIL_RUN, TERRAPIN_REQUEST_RUN));
     const terrapin_update_reset_t message = {.key = TERRAPIN_UPDATE_RESET_KEY, .stay = 1};
     terrapin_frame frame = {0};
     (void)terrapin_encode_update_reset(&message, &frame);
@@ -453,6 +463,54 @@ static void test_update_resets_with_the_motor_off_alone(void) {
     terrapin_e2e_protect(&frame, 1U);
     give(&frame);
     TEST_ASSERT_EQUAL_UINT32(100U, resets); /* and stays in the boot loader */
+}
+
+/* ---- a node of its own */
+
+static void test_a_node_has_identifiers_of_its_own(void) {
+    static uint8_t bytes[TERRAPIN_FLASH_F405_SIZE];
+    static terrapin_flash_emulated chip_memory;
+    static terrapin_update update;
+    memset(bytes, 0xFF, sizeof bytes);
+    terrapin_flash_emulated_init(&chip_memory, bytes, terrapin_flash_f405_sectors, TERRAPIN_FLASH_F405_SECTORS, 4U);
+    const terrapin_flash flash = terrapin_flash_emulated_driver(&chip_memory);
+    const terrapin_boot boot = {.flash = &flash};
+    hardware_facts hardware = plain();
+    hardware.node = 3U;
+    hardware.unique = 0x12345678U;
+    terrapin_update_init(&update, &boot, TERRAPIN_UPDATE_SLOT_A);
+    port_open(&controller, state, &bus, &line, NULL, &update, &hardware);
+    const terrapin_parameter_read_t question = {.index = 0};
+    terrapin_frame frame = {0};
+    (void)terrapin_encode_parameter_read(&question, &frame);
+    give(&frame); /* node 0 is asked */
+    TEST_ASSERT_EQUAL_UINT32(1U, controller.link.unknown);
+    const terrapin_node_request_t another = {.unique = 0x12345678U, .node = 6, .action = TERRAPIN_NODE_ACTION_WRITE};
+    (void)terrapin_encode_node_request(&another, &frame);
+    frame.id = 0x039U;
+    terrapin_e2e_protect(&frame, 1U);
+    give(&frame);
+    fake_settle(&chip);
+    TEST_ASSERT_EQUAL(6, stored_node);
+    TEST_ASSERT_EQUAL_UINT32(flash_work, flash_rest);
+    TEST_ASSERT_EQUAL(3, controller.node.number); /* until the reset */
+    bool seen[0x800] = {false};
+    for (uint32_t i = 0; i < 2000U; i++) {
+        (void)port_pass(&controller, controller.tick + 1U);
+        fake_settle(&chip);
+        for (int box = fake_first(&chip); box >= 0; box = fake_first(&chip)) {
+            seen[fake_sent(&chip, box)] = true;
+            can_poll(&bus);
+            fake_settle(&chip);
+        }
+    }
+    for (uint32_t id = 0; id < 0x800U; id++) {
+        TEST_ASSERT_EQUAL_HEX32_MESSAGE(seen[id] ? (0x240U | (id & 0x3FU)) : id, id, "an identifier of node 3");
+    }
+    static const uint32_t some[] = {0x240U, 0x241U, 0x24AU - 1U, 0x251U, 0x253U, 0x257U};
+    for (uint32_t i = 0; i < (sizeof some / sizeof some[0]); i++) {
+        TEST_ASSERT_EQUAL_HEX32_MESSAGE(some[i], seen[some[i]] ? some[i] : 0U, "sent");
+    }
 }
 
 /* ---- what is told */
@@ -576,6 +634,7 @@ int main(void) {
     RUN_TEST(test_the_watchdog_has_no_more_time_while_the_motor_is_on);
     RUN_TEST(test_a_start_is_healthy_once);
     RUN_TEST(test_update_resets_with_the_motor_off_alone);
+    RUN_TEST(test_a_node_has_identifiers_of_its_own);
     RUN_TEST(test_tells_status_once_and_counts);
     RUN_TEST(test_missed_ticks_are_the_core_s_fault_too);
     RUN_TEST(test_absent_bus_is_told_on_the_line);

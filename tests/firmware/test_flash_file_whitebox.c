@@ -58,6 +58,48 @@ void tearDown(void) {
     (void)unlink(path);
 }
 
+/* What an earlier version made holds parameters alone: they stay, and it grows; also when that is cut short. */
+static void test_a_file_of_parameters_grows(void) {
+    for (uint32_t size = NODE_PAGE; size < SIZE; size += 5000U) {
+        const uint8_t value[4] = {1, 2, 3, 4};
+        uint8_t back[4] = {0};
+        TEST_ASSERT_TRUE(file.flash.write(&file, 16U, value, 4U) || (size > NODE_PAGE));
+        terrapin_flash_file_close(&file);
+        TEST_ASSERT_EQUAL(0, truncate(path, (off_t)size));
+        TEST_ASSERT_EQUAL(0, terrapin_flash_file_open(&file, path));
+        TEST_ASSERT_EQUAL(SIZE, lseek(file.descriptor, 0, SEEK_END));
+        TEST_ASSERT_TRUE(file.flash.read(&file, 16U, back, 4U));
+        TEST_ASSERT_EQUAL_MEMORY(value, back, 4U);
+        TEST_ASSERT_EQUAL(0, terrapin_flash_file_node(&file));
+    }
+    terrapin_flash_file_close(&file);
+    TEST_ASSERT_EQUAL(0, truncate(path, (off_t)NODE_PAGE - 1));
+    TEST_ASSERT_EQUAL(EINVAL, terrapin_flash_file_open(&file, path));
+}
+
+static void test_the_node_number_is_kept(void) {
+    for (uint32_t i = 0; i < (PAGE / WRITE_SIZE); i++) {
+        const uint8_t node = (uint8_t)(1U + (i % 7U));
+        TEST_ASSERT_TRUE(terrapin_flash_file_set_node(&file, node));
+        TEST_ASSERT_EQUAL(node, terrapin_flash_file_node(&file));
+    }
+    const uint8_t last = terrapin_flash_file_node(&file);
+    TEST_ASSERT_FALSE(terrapin_flash_file_set_node(&file, 0U)); /* full, after four thousand */
+    TEST_ASSERT_EQUAL(last, terrapin_flash_file_node(&file));
+    TEST_ASSERT_EQUAL_MEMORY_MESSAGE("N", &disk[NODE_PAGE], 1U, "it is on the disk");
+}
+
+static void test_a_torn_number_is_none(void) {
+    TEST_ASSERT_TRUE(terrapin_flash_file_set_node(&file, 5U));
+    const uint8_t torn[4] = {(uint8_t)'N', 3U, 0xFFU, 0xFFU};
+    TEST_ASSERT_EQUAL(4, pwrite(file.descriptor, torn, 4U, NODE_PAGE + 4U));
+    TEST_ASSERT_EQUAL(5, terrapin_flash_file_node(&file));
+    TEST_ASSERT_TRUE(terrapin_flash_file_set_node(&file, 4U));
+    TEST_ASSERT_EQUAL(4, terrapin_flash_file_node(&file));
+    refuse = true;
+    TEST_ASSERT_FALSE(terrapin_flash_file_set_node(&file, 6U));
+}
+
 static void test_a_file_that_could_not_be_made_is_made_next_time(void) {
     terrapin_flash_file_close(&file);
     TEST_ASSERT_EQUAL(0, truncate(path, 0));
@@ -123,6 +165,9 @@ int main(void) {
     }
     (void)snprintf(path, sizeof path, "%s/flash", folder);
     UNITY_BEGIN();
+    RUN_TEST(test_a_file_of_parameters_grows);
+    RUN_TEST(test_the_node_number_is_kept);
+    RUN_TEST(test_a_torn_number_is_none);
     RUN_TEST(test_a_file_that_could_not_be_made_is_made_next_time);
     RUN_TEST(test_a_new_file_is_on_the_disk);
     RUN_TEST(test_what_was_read_back_stays);

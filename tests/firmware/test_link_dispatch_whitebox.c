@@ -4,7 +4,10 @@
 #include "unity.h"
 
 #include "crc32.c"
+#include "chaskey.c"
 #include "dispatch.c"
+#include "node.c"
+#include "seal.c"
 #include "../../firmware/store/parameters.c" /* not the core's, which has the same name */
 #include "terrapin_interface.c"
 
@@ -13,7 +16,8 @@ struct terrapin_state {
     int steps;
     int thoughts;
     bool fresh_at_step;
-    bool locked;   /* the bridge is on */
+    bool locked; /* the bridge is on */
+    uint32_t latched;
     int32_t value; /* of parameter 0, the only one; 0 to 10 */
 };
 
@@ -22,9 +26,11 @@ static terrapin_link link;
 static terrapin_inputs inputs;
 static terrapin_frame reply;
 
-void terrapin_init(terrapin_state *s) {
+terrapin_parameter_result terrapin_init_with(terrapin_state *s, const int32_t *values) {
     s->resets++;
-    s->value = 5;
+    s->value = (values == NULL) ? 5 : values[0];
+    s->latched = 0U;
+    return TERRAPIN_PARAMETER_OK;
 }
 
 void terrapin_step_drive(terrapin_state *s, const terrapin_inputs *in, terrapin_outputs *out) {
@@ -69,6 +75,14 @@ const int32_t *terrapin_parameter_values(const terrapin_state *s) {
 terrapin_parameter_result terrapin_parameter_set_all(terrapin_state *s, const int32_t *values) {
     s->value = (values == NULL) ? 5 : values[0];
     return TERRAPIN_PARAMETER_OK;
+}
+
+uint32_t terrapin_latched(const terrapin_state *s) {
+    return s->latched;
+}
+
+void terrapin_latch(terrapin_state *s, uint32_t faults) {
+    s->latched |= faults;
 }
 
 bool terrapin_bridge_on(const terrapin_state *s) {
@@ -147,6 +161,66 @@ static void test_command_arrives_and_is_fresh_for_one_step(void) {
     TEST_ASSERT_EQUAL_MESSAGE(-300, inputs.command.setpoint, "the command itself stays");
 }
 
+/* Whatever the counters say; and no COMMAND of a host that goes on driving undoes it. */
+static void test_stop_all_holds_until_a_host_says_idle(void) {
+    const terrapin_stop_all_t message = {.request = TERRAPIN_REQUEST_IDLE};
+    terrapin_frame stop;
+    terrapin_link_init(&link, &state, &inputs);
+    TEST_ASSERT_TRUE(terrapin_encode_stop_all(&message, &stop));
+    static const struct {
+        int32_t request, taken;
+    } commands[] = {
+        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_RUN},
+        {-1, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_CALIBRATE, TERRAPIN_REQUEST_IDLE},
+        {-1, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_IDLE, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_RUN},
+        {-1, TERRAPIN_REQUEST_IDLE},
+        {TERRAPIN_REQUEST_CLEAR, TERRAPIN_REQUEST_CLEAR},
+        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_RUN},
+    };
+    for (uint32_t i = 0; i < (sizeof commands / sizeof commands[0]); i++) {
+        terrapin_frame frame = stop;
+        if (commands[i].request >= 0) {
+            const terrapin_command_t command = {.request = commands[i].request, .setpoint = 100};
+            (void)terrapin_encode_command(&command, &frame);
+            terrapin_e2e_protect(&frame, i);
+        }
+        inputs.command_fresh = false;
+        TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, terrapin_accept(&link, &state, &frame, &inputs, &reply));
+        TEST_ASSERT_TRUE(inputs.command_fresh);
+        TEST_ASSERT_EQUAL(commands[i].taken, inputs.command.request);
+    }
+    const uint32_t malformed = link.malformed;
+    stop.data[0] = TERRAPIN_REQUEST_RUN; /* nobody starts all robots at once */
+    (void)terrapin_accept(&link, &state, &stop, &inputs, &reply);
+    stop.data[0] = 0U;
+    stop.length = 0U;
+    (void)terrapin_accept(&link, &state, &stop, &inputs, &reply);
+    TEST_ASSERT_EQUAL(malformed + 2U, link.malformed);
+    TEST_ASSERT_FALSE(link.held);
+}
+
+static void test_node_requests_reach_the_identity(void) {
+    terrapin_identity identity;
+    const terrapin_node_request_t message = {0};
+    terrapin_frame frame;
+    terrapin_link_init(&link, &state, &inputs);
+    (void)terrapin_encode_node_request(&message, &frame);
+    terrapin_e2e_protect(&frame, 0U);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, terrapin_accept(&link, &state, &frame, &inputs, &reply));
+    TEST_ASSERT_EQUAL(1, link.unknown);
+    terrapin_identity_init(&identity, 9U, 3U);
+    link.identity = &identity;
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, terrapin_accept(&link, &state, &frame, &inputs, &reply));
+    TEST_ASSERT_EQUAL_HEX16(TERRAPIN_ID_NODE_STATUS, reply.id);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, terrapin_accept(&link, &state, &frame, &inputs, &reply));
+    TEST_ASSERT_EQUAL(1, link.malformed);
+}
+
 static void test_protected_frames_are_checked(void) {
     const terrapin_frame good = command(TERRAPIN_REQUEST_RUN, 0, 1000, 3);
     for (size_t bit = 0; bit < 64U; bit++) {
@@ -162,9 +236,55 @@ static void test_protected_frames_are_checked(void) {
     (void)accept(&good);
     TEST_ASSERT_FALSE(inputs.command_fresh);
     TEST_ASSERT_EQUAL(1, link.repeated);
-    const terrapin_frame later = command(TERRAPIN_REQUEST_RUN, 0, 1000, 9); /* five frames lost: tolerated */
+    const terrapin_frame later = command(TERRAPIN_REQUEST_RUN, 0, 1000, 7); /* three frames lost: tolerated */
     (void)accept(&later);
     TEST_ASSERT_TRUE(inputs.command_fresh);
+}
+
+static bool taken(int32_t request, uint32_t counter) {
+    const terrapin_frame frame = command(request, 0, 1000, counter);
+    inputs.command_fresh = false;
+    (void)accept(&frame);
+    return inputs.command_fresh;
+}
+
+static void test_the_counter_of_a_command_follows_in_a_window_of_four(void) {
+    for (uint32_t last = 0; last < 15U; last++) {
+        for (uint32_t step = 0; step < 15U; step++) {
+            link.command_counter = (uint8_t)last;
+            link.dropped_counter = TERRAPIN_E2E_NO_COUNTER;
+            TEST_ASSERT_EQUAL((step >= 1U) && (step <= 4U), taken(TERRAPIN_REQUEST_RUN, (last + step) % 15U));
+            TEST_ASSERT_TRUE_MESSAGE(taken(TERRAPIN_REQUEST_RUN, (last + step + 1U) % 15U), "the second of two");
+            link.command_counter = (uint8_t)last;
+            TEST_ASSERT_TRUE_MESSAGE(taken(TERRAPIN_REQUEST_IDLE, (last + step) % 15U), "an IDLE with any");
+            TEST_ASSERT_EQUAL_MESSAGE((last + step) % 15U, link.command_counter, "from there on");
+        }
+    }
+    TEST_ASSERT_EQUAL(15U, link.repeated);
+    TEST_ASSERT_EQUAL(15U * 10U, link.out_of_step);
+}
+
+static void test_two_hosts_that_jump_are_never_taken(void) {
+    TEST_ASSERT_TRUE(taken(TERRAPIN_REQUEST_RUN, 14U));
+    for (uint32_t i = 0; i < 100U; i++) {
+        TEST_ASSERT_FALSE(taken(TERRAPIN_REQUEST_RUN, ((i % 2U) != 0U) ? 12U : 7U));
+    }
+    TEST_ASSERT_EQUAL(100U, link.out_of_step);
+}
+
+static void test_no_command_takes_the_place_of_an_idle_in_its_tick(void) {
+    terrapin_outputs outputs;
+    for (int32_t request = TERRAPIN_REQUEST_CALIBRATE; request <= TERRAPIN_REQUEST_CLEAR; request++) {
+        const terrapin_frame idle = command(TERRAPIN_REQUEST_IDLE, 0, 0, 0);
+        const terrapin_frame other = command(request, 0, 1000, 1);
+        (void)accept(&idle);
+        (void)accept(&other);
+        TEST_ASSERT_EQUAL(TERRAPIN_REQUEST_IDLE, inputs.command.request);
+        TEST_ASSERT_EQUAL(request, link.out_of_place);
+        terrapin_link_step(&state, &inputs, &outputs);
+    }
+    TEST_ASSERT_TRUE(taken(TERRAPIN_REQUEST_RUN, 2U));
+    TEST_ASSERT_EQUAL(TERRAPIN_REQUEST_RUN, inputs.command.request);
 }
 
 static void test_wrong_lengths_and_values(void) {
@@ -276,6 +396,18 @@ static void test_test_mode_is_off_after_a_reset(void) {
     TEST_ASSERT_EQUAL(1, link.out_of_place);
 }
 
+static void test_leaving_test_mode_keeps_latched_faults(void) {
+    const terrapin_frame leave = test_mode(0, 2);
+    state.latched = 5U;
+    arm(0);
+    TEST_ASSERT_EQUAL_MESSAGE(0U, state.latched, "a run in test mode is a function of its frames");
+    state.latched = 2U; /* of the simulated robot */
+    arm(1);
+    (void)accept(&leave);
+    TEST_ASSERT_FALSE(link.test_mode);
+    TEST_ASSERT_EQUAL(5U, state.latched);
+}
+
 static void test_store_commands_without_a_store(void) {
     terrapin_frame frame;
     terrapin_store_status_t status;
@@ -313,6 +445,38 @@ static void test_store_commands_without_a_store(void) {
     TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, accept(&frame));
     TEST_ASSERT_TRUE(terrapin_decode_store_status(&reply, &status));
     TEST_ASSERT_EQUAL(TERRAPIN_STORE_RESULT_LOCKED, status.result);
+}
+
+/* A machine's own defaults, for a host that asks for the defaults and where test mode is left; a stored set is whole.
+ */
+static void test_defaults_are_the_ports_own(void) {
+    static const int32_t own[TERRAPIN_PARAMETER_COUNT] = {7};
+    static terrapin_store store = {.origin = TERRAPIN_STORE_ORIGIN_BLANK, .value = {3}};
+    terrapin_frame frame;
+    const terrapin_store_command_t message = {.action = TERRAPIN_STORE_ACTION_DEFAULTS};
+    terrapin_link_use_defaults(&link, &state, own);
+    TEST_ASSERT_EQUAL_INT32(7, state.value);
+    state.value = 1;
+    TEST_ASSERT_TRUE(terrapin_encode_store_command(&message, &frame));
+    terrapin_e2e_protect(&frame, 0);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, accept(&frame));
+    TEST_ASSERT_EQUAL_INT32(7, state.value);
+    arm(0);
+    TEST_ASSERT_EQUAL_INT32(5, state.value); /* of the interface: a test run depends on its frames alone */
+    state.value = 1;
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, accept(&frame));
+    TEST_ASSERT_EQUAL_INT32(5, state.value);
+    frame = test_mode(0, 1);
+    (void)accept(&frame);
+    TEST_ASSERT_EQUAL_INT32(7, state.value);
+    terrapin_link_use_store(&link, &state, &store);
+    TEST_ASSERT_EQUAL_INT32(7, state.value); /* nothing is stored */
+    store.origin = TERRAPIN_STORE_ORIGIN_STORED;
+    arm(2);
+    frame = test_mode(0, 3);
+    (void)accept(&frame);
+    TEST_ASSERT_EQUAL_INT32(3, state.value);
+    TEST_ASSERT_EQUAL(5, state.resets); /* of setUp, and by each TEST_MODE: once */
 }
 
 static void test_sensors_reach_the_inputs(void) {
@@ -459,7 +623,12 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_reset_clears_everything);
     RUN_TEST(test_command_arrives_and_is_fresh_for_one_step);
+    RUN_TEST(test_stop_all_holds_until_a_host_says_idle);
+    RUN_TEST(test_node_requests_reach_the_identity);
     RUN_TEST(test_protected_frames_are_checked);
+    RUN_TEST(test_the_counter_of_a_command_follows_in_a_window_of_four);
+    RUN_TEST(test_two_hosts_that_jump_are_never_taken);
+    RUN_TEST(test_no_command_takes_the_place_of_an_idle_in_its_tick);
     RUN_TEST(test_wrong_lengths_and_values);
     RUN_TEST(test_other_traffic_is_counted);
     RUN_TEST(test_sensors_only_in_test_mode);
@@ -467,7 +636,9 @@ int main(void) {
     RUN_TEST(test_wrong_key_leaves_the_counters);
     RUN_TEST(test_test_mode_is_not_armed_while_the_bridge_is_on);
     RUN_TEST(test_test_mode_is_off_after_a_reset);
+    RUN_TEST(test_leaving_test_mode_keeps_latched_faults);
     RUN_TEST(test_store_commands_without_a_store);
+    RUN_TEST(test_defaults_are_the_ports_own);
     RUN_TEST(test_sensors_reach_the_inputs);
     RUN_TEST(test_ticks_continue_past_16_bits);
     RUN_TEST(test_arming_forgets_the_counters_of_an_earlier_host);

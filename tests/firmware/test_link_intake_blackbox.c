@@ -140,13 +140,22 @@ static void test_in_test_mode_nothing_waits(void) {
     terrapin_e2e_protect(&arm, 0U);
     put_read(0U);
     put(&arm, 0U);
-    TEST_ASSERT_EQUAL(2U, take(indexes));
+    TEST_ASSERT_EQUAL(1U, take(indexes));
+    TEST_ASSERT_FALSE(link.test_mode); /* a reset of the controller is a tick's work */
+    terrapin_intake_begin_tick(&intake);
+    TEST_ASSERT_EQUAL(1U, take(indexes));
     TEST_ASSERT_TRUE(link.test_mode);
     state.drive.enable = true;
     for (uint16_t i = 0; i < TERRAPIN_INTAKE_SIZE; i++) {
         put_read(i);
     }
     TEST_ASSERT_EQUAL(TERRAPIN_INTAKE_SIZE, take(indexes));
+    terrapin_e2e_protect(&arm, 1U);
+    put(&arm, 0U);
+    put_read(0U);
+    TEST_ASSERT_EQUAL(0U, take(indexes)); /* what is behind it waits as well */
+    terrapin_intake_begin_tick(&intake);
+    TEST_ASSERT_EQUAL(2U, take(indexes));
 }
 
 static void test_a_full_queue_loses_the_oldest(void) {
@@ -177,6 +186,7 @@ static void test_idle_is_taken_before_seven_others(void) {
         TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_REQUEST_IDLE, inputs.command.request, "the older RUN is passed over");
     }
     TEST_ASSERT_EQUAL(0U, intake.count);
+    inputs.command_fresh = false; /* a tick was made of it */
     put_command(TERRAPIN_REQUEST_RUN, 6U);
     terrapin_intake_begin_tick(&intake);
     (void)take(indexes);
@@ -225,6 +235,36 @@ static void test_a_third_idle_waits_in_order(void) {
     TEST_ASSERT_EQUAL(0U, link.repeated);
 }
 
+/* Behind a full queue, bridge on or off, with whatever COMMANDs before it: stopped in the tick in which it came. */
+static void test_stop_all_never_waits(void) {
+    uint16_t indexes[TERRAPIN_INTAKE_SIZE];
+    const terrapin_stop_all_t message = {.request = TERRAPIN_REQUEST_IDLE};
+    terrapin_frame stop;
+    TEST_ASSERT_TRUE(terrapin_encode_stop_all(&message, &stop));
+    for (uint32_t on = 0; on < 2U; on++) {
+        setUp();
+        state.drive.enable = on == 1U;
+        terrapin_intake_begin_tick(&intake);
+        for (uint16_t i = 0; i < 20U; i++) {
+            put_read(i);
+            put_command(TERRAPIN_REQUEST_RUN, i % 15U);
+        }
+        const uint32_t waiting = intake.count;
+        for (uint32_t i = 0; i < 9U; i++) {
+            put(&stop, 0U);
+        }
+        TEST_ASSERT_EQUAL(waiting, intake.count);
+        TEST_ASSERT_TRUE(inputs.command_fresh);
+        TEST_ASSERT_EQUAL(TERRAPIN_REQUEST_IDLE, inputs.command.request);
+        for (uint32_t tick = 0; tick < 40U; tick++) {
+            terrapin_intake_begin_tick(&intake);
+            (void)take(indexes);
+            TEST_ASSERT_EQUAL(TERRAPIN_REQUEST_IDLE, inputs.command.request);
+        }
+        TEST_ASSERT_EQUAL(0, intake.count);
+    }
+}
+
 static void test_foreign_traffic_never_waits(void) {
     const terrapin_frame frame = {.id = 0x7FFU, .length = 8U};
     for (uint32_t i = 0; i < 100U; i++) {
@@ -261,6 +301,7 @@ int main(void) {
     RUN_TEST(test_idle_after_its_counter_came_round);
     RUN_TEST(test_a_damaged_idle_changes_nothing);
     RUN_TEST(test_a_third_idle_waits_in_order);
+    RUN_TEST(test_stop_all_never_waits);
     RUN_TEST(test_foreign_traffic_never_waits);
     RUN_TEST(test_every_message_of_the_controller_waits);
     return UNITY_END();

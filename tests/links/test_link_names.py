@@ -101,8 +101,8 @@ def test_any_text_is_a_name_that_comes_back_or_is_refused(text: str, kind: str) 
         ("can:pcan:x?bitrate=1&bitrate=2", "each once"),
         ("can:pcan:x?channel=y", "expected options of python-can"),
         ("can:pcan:x?fd", "expected NAME=VALUE"),
-        ("serial:/dev/x?fd=true", "expected bitrate"),
-        ("qemu?fast=true", "expected none"),
+        ("serial:/dev/x?fd=true", "expected node, bitrate"),
+        ("qemu?fast=true", "expected node"),
     ],
 )
 def test_what_is_no_name(text: str, said: str) -> None:
@@ -291,7 +291,7 @@ def test_a_bit_rate_that_slcan_has_not() -> None:
 
 def test_flash_takes_a_serial_link_with_its_speed(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
-    monkeypatch.setattr(SerialWire, "__init__", lambda self, port, baud: seen.append((port, baud)))
+    monkeypatch.setattr(SerialWire, "__init__", lambda self, port, baud, node: seen.append((port, baud)))
     open_wire(LinkName.parse("serial:/dev/ttyUSB0", "update"))
     open_wire(LinkName.parse("serial:/dev/ttyUSB0@115200", "update"))
     assert seen == [("/dev/ttyUSB0", 1_000_000), ("/dev/ttyUSB0", 115_200)]

@@ -24,6 +24,7 @@ from terrapin_hil.links.bus import BusLink
 from terrapin_hil.links.link import LinkError
 from terrapin_hil.links.slcan import slcan_line, slcan_parse
 from terrapin_hil.messages import AnswerError, Frame, Sender, interface
+from terrapin_hil.nodes import Node
 from terrapin_hil.run.run import run
 from terrapin_hil.scenario.scenario import Scenario, find_scenario, load_scenario
 from terrapin_hil.simulation import Simulation
@@ -168,6 +169,57 @@ def test_a_second_controller_on_the_bus_is_one_line(adapter: Adapter, controller
                 pytest.raises(LinkError, match="altered: found more than one controller"),
             ):
                 run(short(0.1), link, parameters=parameters)
+    finally:
+        second.kill()
+        second.wait()
+        other.close()
+
+
+class Shared:
+    """A bus with several adapters on it, as the host of one node has it: all hear what it sends, it hears all."""
+
+    name = "shared"
+
+    def __init__(self, adapters: Sequence[Adapter], node: int) -> None:
+        self._adapters = adapters
+        self._node = Node(node)
+        self.others = 0  # frames of another node that came
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        for adapter in self._adapters:
+            adapter.send([self._node.to_bus(frame) for frame in frames])
+
+    def receive(self, wait: float) -> list[Frame]:
+        end = time.monotonic() + wait
+        while True:
+            heard = [frame for adapter in self._adapters for frame in adapter.receive(0.0)]
+            own = [frame for each in heard if (frame := self._node.from_bus(each)) is not None]
+            self.others += len(heard) - len(own)
+            if own or time.monotonic() > end:
+                return own
+            time.sleep(0.0002)
+
+    def close(self) -> None:
+        pass
+
+
+def test_two_nodes_on_one_bus(adapter: Adapter, controller: subprocess.Popen[str]) -> None:
+    """Each is run in lockstep while the other steps by its own clock, and hears all of it; neither takes a frame of the
+    other's."""
+    other = Adapter()
+    arguments = [PROGRAM, "--adapter", other.path, "--priority", "0", "--node", "3"]
+    second = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True)
+    try:
+        assert adapter.receive(BOUND)
+        assert other.receive(BOUND)
+        for number in (0, 3):
+            bus = Shared([adapter, other], number)
+            with BusLink(bus) as link:
+                assert run(short(1.0), link).output_hash == run(short(1.0)).output_hash
+                link.talk(Sender().test_mode(False), 0.1)
+                assert bus.others > 100
+        for said in (finish(controller), finish(second)):
+            assert "0 bad CRC, 0 repeated, 0 malformed" in said
     finally:
         second.kill()
         second.wait()

@@ -16,6 +16,7 @@ from scipy.stats import chi2
 
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.model.model import Model
+from tests.campaigns import blind, calibration
 from tests.campaigns.drawn import CATALOGUE, FOREIGN, Drawn, draw, noise, write
 from tests.campaigns.followup import after_experiment
 from tests.campaigns.formulas import predict
@@ -239,3 +240,45 @@ def test_unknown_rows_are_refused(tmp_path: Path) -> None:
     done = subprocess.run(campaign(tmp_path, "--rows", "luck"), cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "luck" in done.stderr
+
+
+def test_the_blind_set_is_what_its_seal_says(tmp_path: Path) -> None:
+    """The same seed gives the same answers, every kind among them; answers that were not sealed are refused."""
+    drawn = blind.answers(len(blind.KINDS), seed=3)
+    assert drawn == blind.answers(len(blind.KINDS), seed=3) != blind.answers(len(blind.KINDS), seed=4)
+    assert [one["kind"] for one in drawn["cases"]] == list(blind.KINDS)
+    assert all(bool(one["truth"]) == (one["kind"] != "nothing") for one in drawn["cases"])
+    path = tmp_path / "answers.json"
+    path.write_text(json.dumps(drawn), encoding="utf-8")
+    words = [sys.executable, "-m", "tests.campaigns.blind", "run", "--answers", str(path)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1
+    assert "its seal does not stand in" in done.stderr
+
+
+def test_a_map_of_probability_mends_what_it_is_fitted_to() -> None:
+    """Claims that are right more often than they say: the error is seen, and the map's slope and shift undo it."""
+    random = np.random.default_rng(5)
+    stated = random.uniform(0.3, 0.9, 2000)
+    odds = 1.5 * np.log(stated / (1.0 - stated)) + 0.8
+    right = random.random(2000) < 1.0 / (1.0 + np.exp(-odds))
+    drawn = [
+        {"verdict": "missing", "probability": float(p), "right": bool(r)} for p, r in zip(stated, right, strict=True)
+    ]
+    error, perfect = calibration.expected_error(drawn)
+    assert error > 0.1 > 3.0 * perfect
+    slope, shift = calibration.fitted(drawn)["missing"]
+    assert abs(slope - 1.5) < 0.2
+    assert abs(shift - 0.8) < 0.15
+    mended = [
+        {**d, "probability": 1.0 / (1.0 + (1.0 / d["probability"] - 1.0) ** slope * np.exp(-shift))} for d in drawn
+    ]
+    assert calibration.expected_error(mended)[0] < 1.5 * perfect
+
+
+def test_a_case_of_the_calibration_is_judged_by_what_is_hidden() -> None:
+    nothing, formula = (calibration.one("independent", number, seed=99) for number in (0, 2 + 3))
+    assert (nothing["truth"], nothing["hidden"]) == ([], 0.0)
+    assert formula["hidden"] > 16.0
+    assert formula["kind"] == "formula"
+    assert nothing["right"] == (nothing["verdict"] == "adequate")

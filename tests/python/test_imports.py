@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import pkgutil
 import subprocess
 import sys
@@ -64,6 +65,16 @@ def test_a_run_imports_neither_scipy_nor_pint(tmp_path: Path) -> None:
         "cli", "command_line", "command_options", "commands", "contact_error", "errors", "logs", "param", "progress"
     }  # fmt: skip
     assert {name for name in ours if name.startswith("terrapin_tools.commands.")} == {"terrapin_tools.commands.run"}
+
+
+def test_what_a_run_imports_of_others_is_compiled(tmp_path: Path) -> None:
+    """By the set-up (or by pip): where Python may write no bytecode, a start would take twice as long."""
+    found = imported(tmp_path, "run", "carriage_limiter", "--out", str(tmp_path / "out"))
+    specs = [importlib.util.find_spec(name) for name in found if name.partition(".")[0] in TYPER | RUN]
+    sources = [Path(spec.origin) for spec in specs if spec and spec.origin and spec.origin.endswith(".py")]
+    assert len(sources) > 150
+    missing = [str(path) for path in sources if not Path(importlib.util.cache_from_source(str(path))).is_file()]
+    assert not missing
 
 
 def test_what_is_planted_is_seen(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from textual.widgets import DataTable, Input, Static
 
 from terrapin_hil import paths
 from terrapin_hil.messages import interface
+from terrapin_hil.nodes import Node
 from terrapin_tools.logs.decoding import Decoder
 from terrapin_tools.logs.frames import ERROR, Frames, frames
 from terrapin_tools.monitor import sources
@@ -59,6 +60,35 @@ def test_values_faults_events() -> None:
     assert [(e.time, e.text) for e in bus.events] == [(0.2, "estop"), (0.2, "state safe")]
     bus.take(block((0.3, "STATUS", {"state": states["safe"], "faults": 0})))
     assert bus.events[-1].text == "estop gone"
+
+
+def at_node(made: Frames, number: int) -> Frames:
+    node = Node(number)
+    moved = [node.to_bus((int(i), made.payload(row))) for row, i in enumerate(made.identifiers)]
+    return frames(Path("made"), made.times, [m[0] for m in moved], [m[1] for m in moved], [0] * len(made))
+
+
+def test_a_node_among_others() -> None:
+    """The values are those of the chosen node alone; the others are named, and are no unknown frames."""
+    made = [at_node(block((0.1 * n, "MOTION", {"slip": 100 * n}), (0.1 * n, "ACTUATE", {})), n) for n in range(8)]
+    for number in range(8):
+        bus = Live(Decoder(DBC), interface(), node=number)
+        for each in made:
+            bus.take(each)
+        assert bus.values["MOTION.slip"] == pytest.approx(0.1 * number)
+        assert bus.others == {n: 2 for n in range(8) if n != number}
+        assert not bus.unknown
+        assert bus.total == 16
+        assert bus.health(0.0).startswith("no error frames; also on it: node ")
+        assert not bus.fit
+
+
+def test_two_controllers_that_are_one_node() -> None:
+    bus = Live(Decoder(DBC), interface(), node=2)
+    for time_, unique in enumerate((0xAAAA0001, 0xAAAA0001, 0xBBBB0002, 0xAAAA0001, 0xBBBB0002)):
+        bus.take(at_node(block((float(time_), "PORT_IDENTITY", {"unique": unique})), 2))
+    bus.take(at_node(block((9.0, "PORT_IDENTITY", {"unique": 0xCCCC0003})), 3))
+    assert [(e.time, e.text) for e in bus.events] == [(2.0, "2 controllers have node number 2: aaaa0001, bbbb0002")]
 
 
 def test_every_change_in_a_block_is_an_event() -> None:

@@ -32,6 +32,7 @@ from terrapin_tools.cli import main
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.candump import line, read, telemetry
 from terrapin_tools.logs.folder import RunFolder
+from tests.campaigns import must_hold
 from tests.waiting import wait_for
 
 TERRAPIN = [sys.executable, "-c", "from terrapin_tools.cli import main; main()"]
@@ -84,14 +85,20 @@ def test_in_process_and_over_a_pty_give_the_same_hash(name: str) -> None:
     assert run(replace(scenario, seed=99)).output_hash != here.output_hash
 
 
-@pytest.mark.parametrize("preset", ["o0", "m32"])
-def test_other_builds_give_the_same_hash(preset: str) -> None:
-    """Not optimised, and 32 bit: the same controller. These builds come from `cmake --preset o0` and `m32`."""
+@pytest.mark.parametrize(("preset", "flag"), [("o0", "-O0"), ("m32", "-m32"), ("asan", "-fsanitize=address,undefined")])
+def test_other_builds_give_the_same_hash(preset: str, flag: str) -> None:
+    """Not optimised, 32 bit, with sanitizers: the same controller. These builds come from `cmake --preset o0` and its
+    like. Each scenario's beginning; whole ones are in tests/campaigns/must_hold.py."""
     program = paths.ROOT / "build" / preset / "terrapin-controller"
     firmware = paths.ROOT / "firmware"
     sources = [path for kind in ("*.c", "*.h", "*.toml") for path in firmware.rglob(kind)]
     if not program.is_file() or program.stat().st_mtime < max(path.stat().st_mtime for path in sources):
         pytest.skip(f"build/{preset} is not built, or older than the firmware's sources")
+    commands = json.loads((paths.ROOT / "build" / preset / "compile_commands.json").read_text())
+    words = next(c["command"].split() for c in commands if c["file"].endswith("/core/step.c"))
+    assert flag in words
+    assert "-O2" not in words or preset == "m32"  # a setting that another one overrides is none
+    assert must_hold.differing(preset, 1.0) == []
     for name in ("floor_calibration", "slope_limiter"):
         scenario = short(name, 5.0)
         with SlcanLink.of_process(program) as link:

@@ -273,7 +273,11 @@ WRONG = {
         "8: soil.cohesion: found True, expected a number",
     ),
     "missing": (GOOD.replace(NAMED, VALUES.replace('k_c = "0.99 kN/m^2.1"\n', "")), "soil.k_c: missing"),
-    "terrain": (GOOD.replace('from = "0 m"', 'terrain = "sand"'), "path[1].terrain: with ground ="),
+    "terrain": (GOOD.replace('from = "0 m"', 'terrain = "sand"'), "3: ground: found a terrain in each segment"),
+    "both": (
+        GOOD.replace('from = "0 m"', 'terrain = "sand"\nsoil = { name = "sand_reina" }'),
+        "path[1].soil: a segment has a terrain or a soil",
+    ),
     "too soft": (GOOD.replace("[[path]]", 'k_phi = "1 kPa/m"\nk_c = 0\n[[path]]'), "soil: load: found 18.639 N"),
     "no contact": (GOOD.replace('ground = "contact"\n', "").replace("from", 'terrain = "sand"\nfrom'), "soil: no such"),
     "rate": (GOOD + "[effect.rate_effect]\nm = 0.2\n", "effect.rate_effect: no effect that the plant can take"),

@@ -16,18 +16,7 @@ for place in ${UNITY_ROOT:+"$UNITY_ROOT" "$UNITY_ROOT/src"} /usr/share/cmock/ven
 done
 command -v apt-get >/dev/null || fail "Unity not found, and no apt here to fetch it: set UNITY_ROOT to its folder"
 
-work=$(mktemp -d "${TMPDIR:-/tmp}/unity.XXXXXX")
-trap 'rm -rf "$work"' EXIT
-mkdir -p "$work/lists/partial" "$work/archives/partial" "$work/out"
-
-# with_source LINE APT_ARGUMENT...: apt-get with this one source instead of the machine's.
-with_source() {
-    printf '%s\n' "$1" >"$work/sources.list"
-    shift
-    (cd "$work/out" && apt-get -q -o Dir::Etc::SourceList="$work/sources.list" -o Dir::Etc::SourceParts=/dev/null \
-        -o Dir::State::Lists="$work/lists" -o Dir::Cache="$work" -o APT::Sandbox::User="$(id -un)" -o Acquire::Languages=none \
-        -o Acquire::Retries=2 -o Acquire::IndexTargets::deb::DEP-11::DefaultEnabled=false "$@") >>"$work/log" 2>&1 </dev/null
-}
+. tests/setup/mirror.sh
 
 # keep FOLDER: the three files and the licence go into the cache in one move.
 keep() {
@@ -53,18 +42,9 @@ from_source() { # LINE
 }
 
 say "fetching Unity (the C tests' assertions) from this machine's package mirror"
-keyring=
-for file in /usr/share/keyrings/{debian,ubuntu}-archive-keyring.gpg; do
-    [ ! -f "$file" ] || keyring="[signed-by=$file] "
-done
-# Mirror, suite and component of every source that apt is set up with; the security and update suites repeat the others.
-mapfile -t sources < <(apt-get indextargets --format '$(REPO_URI) $(RELEASE) $(COMPONENT)' 'Created-By: Packages' |
-    grep -Ev 'security|updates|backports' | sort -u)
-for source in "${sources[@]}"; do
-    read -r mirror suite component <<<"$source"
-    case $component in main | universe) ;; *) continue ;; esac
-    from_package "$keyring$mirror $suite $component" || from_package "$keyring$mirror trixie main" ||
-        from_source "$keyring$mirror $suite $component" || true
-done
+try() { # SOURCE MIRROR
+    from_package "$1" || from_package "$2 trixie main" || from_source "$1"
+}
+each_source try
 tail -n 5 "$work/log" >&2 || true
 fail "Unity could not be fetched: set UNITY_ROOT to its folder (unity.c, unity.h, unity_internals.h)"

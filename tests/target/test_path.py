@@ -93,6 +93,10 @@ def test_what_has_no_bound_is_refused(line: str, instead: str, why: str | None) 
             toy(changed)
 
 
+def test_what_is_not_reached_may_be_anything() -> None:
+    assert toy(TOY + "\n08000050 <other>:\n 8000050:\tldr.w\tpc, [r2, r3, lsl #2]\n") == OUTER
+
+
 def test_a_bound_of_no_loop_is_refused() -> None:
     with pytest.raises(report.Refused, match="gone"):
         toy(loops={**LOOPS, "gone": (3,)})

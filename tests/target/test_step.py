@@ -191,6 +191,7 @@ def frame_kinds() -> dict[str, list[Frame]]:
         "write": [sender.frame("PARAMETER_WRITE", {"index": p.index, "value": p.default}) for p in parameters],
         "read": [sender.frame("PARAMETER_READ", {"index": p.index}) for p in parameters],
         "save": [sender.frame("STORE_COMMAND", {"action": 1}) for _ in range(120)],
+        "defaults": [sender.frame("STORE_COMMAND", {"action": 2}) for _ in range(120)],
         "store": [sender.frame("STORE_READ", {"part": 0})],
         "run": [sender.frame("COMMAND", {"request": 2, "setpoint": 5000}) for _ in range(120)],
         "idle": [sender.frame("COMMAND", {"request": 2 * (i % 3), "setpoint": 5000}) for i in range(120)],
@@ -201,6 +202,8 @@ def frame_kinds() -> dict[str, list[Frame]]:
     }
     every = [frame for kind in kinds.values() for frame in (kind * 120)[:120]]
     kinds["mixture"] = [every[i] for i in rng.integers(0, len(every), 2400)]
+    # Apart from the mixture: in test mode a tick is one of the frames, and only frames that switch it wait.
+    kinds["test mode"] = [frame for _ in range(60) for frame in sender.test_mode()]
     return kinds
 
 
@@ -240,6 +243,20 @@ def test_a_flood_of_frames_with_the_bridge_off(
     ticks = flood(by_eights(frame_kinds()[name], 100), recordings["slope_limiter"], 4, firmware)
     most = max(came + taken for came, taken, _, _, on, _ in ticks if not on)
     assert 100 < most <= BUDGET["flood_off"] - off
+
+
+@pytest.mark.parametrize("kind", ["defaults", "test mode"])
+def test_a_flood_that_resets_parameters_anywhere(
+    kind: str, recordings: Mapping[str, Recording], plain: Mapping[str, Counts], firmware: Firmware
+) -> None:
+    """The gains are worked out anew; how long that takes depends on the parameters."""
+    rng = np.random.default_rng(5)
+    off = max(int(whole(counted)[~counted["outputs"]["enable"]].max()) for counted in plain.values())
+    for _ in range(8):
+        values = tuple(int(rng.integers(p.minimum, p.maximum + 1)) for p in firmware.interface.parameters.values())
+        recording = Recording(values, recordings["slope_limiter"].inputs)
+        ticks = flood(by_eights(frame_kinds()[kind], 20), recording, 4, firmware)
+        assert 5000 < max(came + taken for came, taken, *_ in ticks) <= BUDGET["flood_off"] - off
 
 
 def test_idle_behind_seven_others_is_taken_in_the_same_tick(

@@ -35,7 +35,8 @@ from tests.waiting import BOUND, wait_for
 BUDGET = tomllib.loads((Path(__file__).parent / "budget.toml").read_text())["stm32f405"]
 BOARDS = ("emulated", "f405-h-bridge")
 PLACES = {"alone": (0x0800_0000, 0), "slot-a": (0x0802_0000, 0x200), "slot-b": (0x0804_0000, 0x200)}
-IMAGES = [(board, place) for board in BOARDS for place in PLACES]
+KINDS = ("", "production-")
+IMAGES = [(board, kind + place) for board in BOARDS for kind in KINDS for place in PLACES]
 
 pytestmark = [
     pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="qemu-system-arm is not installed"),
@@ -104,7 +105,8 @@ def test_boots_tests_itself_and_says_what_is_missing(port: SlcanPort) -> None:
     assert identity["board"] == interface().enums["board"]["emulated"]
     assert identity["core_clock"] == 168
     assert identity["unique"] == 0  # a read that QEMU refuses, survived
-    assert 100 < identity["stack_used"] <= BUDGET["stack"]
+    assert 100 < 4 * identity["stack_used"] <= BUDGET["stack"]
+    assert (identity["kind"], identity["trust"]) == (0, 0)
     times = values(heard, "PORT_TIMES")
     assert times
     assert all(not any(row.values()) for row in times)  # no cycle counter here
@@ -146,7 +148,7 @@ def test_parameters_reach_the_chip() -> None:
 
 def start_for_slot(folder: Path, board: str, place: str) -> Path:
     """The image of a slot, and in front of it what a boot loader does: its vectors where the processor looks."""
-    origin, header = PLACES[place]
+    origin, header = PLACES[place.removeprefix("production-")]
     program = folder / "flash.bin"
     text = (image(board, place).with_suffix(".bin")).read_bytes()
     flash = bytearray(b"\xff" * (origin + header - 0x0800_0000))
@@ -164,6 +166,43 @@ def test_an_image_of_a_slot_runs_from_there(tmp_path: Path, place: str) -> None:
     finally:
         machine.stop()
     assert identity["slot"] == interface().enums["update_slot"][place[-1]]
+
+
+def test_a_production_image_has_no_test_mode_and_run_says_what_to_flash() -> None:
+    program = image(place="production-alone")
+    machine = QemuUsart(program)
+    sender = Sender(interface())
+    try:
+        with machine.start() as port:
+            heard = hear(port, "PORT_IDENTITY")
+            assert values(heard, "PORT_IDENTITY")[-1]["kind"] == interface().enums["image_kind"]["production"]
+            frames = [*sender.test_mode(), sender.frame("SENSORS_SLOW", {}), sender.frame("SENSORS_FAST", {"tick": 1})]
+            before = values(listen(port, 0.2), "STATUS")[-1]["tick"]
+            after = values(listen(port, 0.5, frames), "STATUS")  # goes on by its own clock
+            assert after[-1]["tick"] > before + 100
+    finally:
+        machine.stop()
+    with open_qemu_usart(program) as link, pytest.raises(LinkError, match="a production image, which has no test mode"):
+        run(shortened("steady_sand"), link)
+
+
+def test_both_kinds_have_the_same_core() -> None:
+    """One set of the core's objects goes into both; the link layer's test mode is in the desk image alone."""
+    folder = image().parent
+    inputs = {}
+    for kind in KINDS:
+        name = image("f405-h-bridge", f"{kind}alone").name
+        done = subprocess.run(
+            ["ninja", "-C", str(folder), "-t", "query", name], capture_output=True, text=True, check=True
+        )
+        inputs[kind] = {line.strip() for line in done.stdout.splitlines() if "core_objects.dir" in line}
+        symbols = subprocess.run(
+            ["arm-none-eabi-nm", str(folder / name)], capture_output=True, text=True, check=True
+        ).stdout
+        assert ("terrapin_decode_test_mode" in symbols) == (not kind)
+        assert ("terrapin_decode_sensors_fast" in symbols) == (not kind)
+    assert len(inputs[""]) > 15
+    assert inputs[""] == inputs["production-"]
 
 
 def test_the_other_board_answers_the_same() -> None:
@@ -284,7 +323,7 @@ def test_a_fault_resets_and_is_told_at_the_next_start(tmp_path: Path, cause: str
 
 @pytest.mark.parametrize(("board", "place"), IMAGES)
 def test_images_keep_their_budget_and_place(board: str, place: str) -> None:
-    origin, header = PLACES[place]
+    origin, header = PLACES[place.removeprefix("production-")]
     elf = image(board, place)
     done = subprocess.run(["arm-none-eabi-size", "-A", elf], capture_output=True, text=True, check=True)
     rows = re.findall(r"^(\.\S+) +(\d+) +(\d+)", done.stdout, re.MULTILINE)

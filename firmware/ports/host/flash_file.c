@@ -1,6 +1,7 @@
 #define _GNU_SOURCE /* O_CLOEXEC, pread, pwrite, fdatasync */
 
 #include "flash_file.h"
+#include "terrapin_interface.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -12,7 +13,8 @@
 #include <unistd.h>
 
 #define PAGE       TERRAPIN_FLASH_FILE_PAGE
-#define SIZE       (2U * PAGE)
+#define NODE_PAGE  (2U * PAGE) /* where it begins */
+#define SIZE       (3U * PAGE)
 #define PIECE      512U
 #define WRITE_SIZE 4U /* as on the chip */
 
@@ -98,7 +100,8 @@ static int prepare(terrapin_flash_file *file, const char *path) {
     if (fstat(file->descriptor, &about) != 0) {
         return errno;
     }
-    if (!S_ISREG(about.st_mode) || ((about.st_size != 0) && (about.st_size != (off_t)SIZE))) {
+    const bool parameters_only = (about.st_size >= (off_t)NODE_PAGE) && (about.st_size < (off_t)SIZE);
+    if (!S_ISREG(about.st_mode) || ((about.st_size != 0) && (about.st_size != (off_t)SIZE) && !parameters_only)) {
         return EINVAL;
     }
     if ((about.st_size == 0) &&
@@ -106,6 +109,9 @@ static int prepare(terrapin_flash_file *file, const char *path) {
         const int reason = (errno != 0) ? errno : EIO;
         (void)ftruncate(file->descriptor, 0); /* a part of a flash is none; an empty file is made whole next time */
         return reason;
+    }
+    if (parameters_only && !erase_area(file, (terrapin_flash_area){.offset = NODE_PAGE, .size = PAGE})) {
+        return (errno != 0) ? errno : EIO;
     }
     return 0;
 }
@@ -133,4 +139,49 @@ void terrapin_flash_file_close(terrapin_flash_file *file) {
         (void)close(file->descriptor);
         file->descriptor = -1;
     }
+}
+
+/* The page of the node number is a row of units, the newest whole one of which counts: 'N', the number, what it is not,
+ * and a zero. A unit that was torn is none. */
+static bool unit_of(const uint8_t unit[WRITE_SIZE], uint8_t *node) {
+    const bool good =
+        (unit[0] == (uint8_t)'N') && (unit[1] < TERRAPIN_NODES) && ((unit[1] ^ unit[2]) == 0xFF) && (unit[3] == 0U);
+    if (good) {
+        *node = unit[1];
+    }
+    return good;
+}
+
+/* The number that counts, and the offset of the first unit that was never written: SIZE when there is none. */
+static uint32_t find_node(const terrapin_flash_file *file, uint8_t *node) {
+    static const uint8_t erased[WRITE_SIZE] = {0xFF, 0xFF, 0xFF, 0xFF};
+    uint8_t unit[WRITE_SIZE];
+    uint32_t next = SIZE;
+    *node = 0U;
+    for (uint32_t at = NODE_PAGE; (next == SIZE) && (at < SIZE); at += WRITE_SIZE) {
+        if (!get(file, at, unit, WRITE_SIZE)) {
+            return SIZE;
+        }
+        if (!unit_of(unit, node) && (memcmp(unit, erased, WRITE_SIZE) == 0)) {
+            next = at;
+        }
+    }
+    return next;
+}
+
+uint8_t terrapin_flash_file_node(const terrapin_flash_file *file) {
+    uint8_t node = 0U;
+    (void)find_node(file, &node);
+    return node;
+}
+
+bool terrapin_flash_file_set_node(void *file, uint8_t node) {
+    terrapin_flash_file *own = file;
+    uint8_t stored = 0U;
+    const uint32_t next = find_node(own, &stored);
+    if (stored == node) {
+        return true;
+    }
+    const uint8_t unit[WRITE_SIZE] = {(uint8_t)'N', node, (uint8_t)(node ^ 0xFFU), 0U};
+    return (next < SIZE) && put(own, next, unit, WRITE_SIZE) && sync_file(own);
 }

@@ -2,7 +2,9 @@
  *
  *     terrapin-controller --pty [LINK]    make a pseudo-terminal, print its path, serve the first peer that opens it
  *     terrapin-controller DEVICE          serve a tty (its speed is left as stty set it)
- *     --flash FILE before either          keep parameters in FILE (made when absent); without it a reset forgets them
+ *     --flash FILE before either          keep parameters and node number in FILE (made when absent); without it a
+ * reset forgets them
+ *     --node N before either              have this node number, whatever FILE says (0)
  *
  * It has no sensors of its own and no bridge: it steps in test mode only, once a SENSORS_FAST. It ends, with the
  * outputs off, when the peer goes away (status 0), on SIGTERM, SIGINT or SIGHUP (status 0), or when the device fails
@@ -17,6 +19,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/random.h>
 #include <sys/stat.h>
 #include <termios.h>
 #include <unistd.h>
@@ -40,6 +43,7 @@ typedef struct {
     terrapin_service service;
     terrapin_flash_file flash;
     terrapin_store store;
+    terrapin_identity identity;
     uint8_t out[OUT_SIZE];
     size_t out_length;
 } controller;
@@ -204,21 +208,55 @@ static void outputs_off(controller *c) {
 }
 
 static int usage(int status) {
-    (void)fprintf((status == 0) ? stdout : stderr,
-                  "usage: terrapin-controller [--flash FILE] --pty [LINK]   serve a new pseudo-terminal; its path is "
-                  "printed\n"
-                  "       terrapin-controller [--flash FILE] DEVICE         serve a serial port (set its speed with "
-                  "stty)\n"
-                  "       --flash FILE                                      keep parameters in FILE over a reset\n"
-                  "The controller speaks SLCAN. Example: terrapin-controller --pty /tmp/terrapin\n");
+    (void)fprintf(
+        (status == 0) ? stdout : stderr,
+        "usage: terrapin-controller [OPTION]... --pty [LINK]   serve a new pseudo-terminal; its path is "
+        "printed\n"
+        "       terrapin-controller [OPTION]... DEVICE         serve a serial port (set its speed with stty)\n"
+        "       --flash FILE   keep parameters and node number in FILE over a reset\n"
+        "       --node N       node number on its bus, 0 to 7, whatever FILE says (0)\n"
+        "The controller speaks SLCAN. Example: terrapin-controller --pty /tmp/terrapin\n");
     return status;
+}
+
+int terrapin_process_node(const char *text) {
+    char *end = NULL;
+    const long node = strtol(text, &end, 10);
+    if ((end == text) || (*end != '\0') || (node < 0) || (node >= (long)TERRAPIN_NODES)) {
+        (void)fprintf(stderr, "terrapin-controller: --node: found '%.20s', expected a number from 0 to %u\n", text,
+                      TERRAPIN_NODES - 1U);
+        return -1;
+    }
+    return (int)node;
+}
+
+/* Told from all other processes that may be on the bus at the same time, wherever they run; never 0. */
+static uint32_t unique_number(void) {
+    uint32_t number = 0U;
+    if (getrandom(&number, sizeof number, GRND_NONBLOCK) != (ssize_t)sizeof number) {
+        number = (uint32_t)getpid();
+    }
+    return number | 1U;
+}
+
+void terrapin_process_identity(terrapin_identity *identity, int node, terrapin_flash_file *file) {
+    uint8_t number = (node >= 0) ? (uint8_t)node : 0U;
+    if ((node < 0) && (file != NULL)) {
+        number = terrapin_flash_file_node(file);
+    }
+    terrapin_identity_init(identity, unique_number(), number);
+    if (file != NULL) {
+        identity->store = terrapin_flash_file_set_node;
+        identity->context = file;
+        identity->stored = terrapin_flash_file_node(file);
+    }
 }
 
 bool terrapin_process_store(terrapin_flash_file *file, terrapin_store *store, const char *path) {
     const int error = terrapin_flash_file_open(file, path);
     if (error != 0) {
         (void)fprintf(stderr, "terrapin-controller: cannot use %s: %s\n", path,
-                      (error == EINVAL)        ? "not a file of flash (32768 bytes)"
+                      (error == EINVAL)        ? "not a file of flash (49152 bytes)"
                       : (error == EWOULDBLOCK) ? "another controller uses it"
                                                : strerror(error));
         return false;
@@ -242,8 +280,16 @@ int terrapin_process(int argc, char **argv) {
     static controller c;
     sigset_t while_waiting;
     const char *flash = NULL;
-    if ((argc >= 3) && (strcmp(argv[1], "--flash") == 0)) {
-        flash = argv[2];
+    int node = -1;
+    while ((argc >= 3) && ((strcmp(argv[1], "--flash") == 0) || (strcmp(argv[1], "--node") == 0))) {
+        if (argv[1][2] == 'f') {
+            flash = argv[2];
+        } else {
+            node = terrapin_process_node(argv[2]);
+            if (node < 0) {
+                return 2;
+            }
+        }
         argc -= 2;
         argv += 2;
     }
@@ -263,7 +309,12 @@ int terrapin_process(int argc, char **argv) {
     if (state != NULL) {
         terrapin_service_init(&c.service, state);
     }
-    c.fd = ((state == NULL) || !use_flash(&c, flash)) ? -1 : (pty ? open_pty(link) : open_tty(argv[1]));
+    c.fd = -1;
+    if ((state != NULL) && use_flash(&c, flash)) {
+        terrapin_process_identity(&c.identity, node, (flash != NULL) ? &c.flash : NULL);
+        terrapin_service_use_identity(&c.service, &c.identity);
+        c.fd = pty ? open_pty(link) : open_tty(argv[1]);
+    }
     if (c.fd < 0) {
         free(state);
         return 1;

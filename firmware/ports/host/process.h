@@ -4,10 +4,18 @@
 #define TERRAPIN_HOST_PROCESS_H
 
 #include "flash_file.h"
+#include "node.h"
 #include "parameters.h"
 
 /* The command line as main gets it; the exit status. */
 int terrapin_process(int argc, char **argv);
+
+/* --node: a number of a node; -1, and one line on stderr, when it is none. */
+int terrapin_process_node(const char *text);
+
+/* Who this process is: its own unique number, and the node number `node`, or, with -1, the one in the file (NULL: 0).
+ */
+void terrapin_process_identity(terrapin_identity *identity, int node, terrapin_flash_file *file);
 
 /* --flash: open the file, and the store in it. False, and one line on stderr, when that cannot be. */
 bool terrapin_process_store(terrapin_flash_file *file, terrapin_store *store, const char *path);

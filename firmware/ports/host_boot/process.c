@@ -1,11 +1,11 @@
 /* terrapin-bootloader: the boot loader as a process that speaks SLCAN on a pseudo-terminal, over a flash in a file.
  *
- *     terrapin-bootloader [--unhealthy] [--motor-on] FLASH [LINK]
+ *     terrapin-bootloader [--unhealthy] [--motor-on] [--node N] FLASH [LINK]
  *
  * FLASH is the first 384 kB of the chip's flash (made, erased, when absent); LINK a name for the pseudo-terminal, whose
  * path is printed. Each reset says on standard error what was started. What was started behaves as the application
- * does: it serves updates and confirms itself, unless --unhealthy; --motor-on: it says that its motor is on. It serves
- * any number of peers and ends on SIGTERM or SIGINT.
+ * does: it serves updates and confirms itself, unless --unhealthy; --motor-on: it says that its motor is on; --node:
+ * the node number is stored first. It serves any number of peers and ends on SIGTERM or SIGINT.
  */
 #define _GNU_SOURCE /* posix_openpt, ptsname_r, cfmakeraw */
 
@@ -18,6 +18,7 @@
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <termios.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "boot_key.h"
@@ -128,6 +129,12 @@ static bool send_all(int fd, const uint8_t *bytes, size_t length) {
     return true;
 }
 
+static uint32_t now_ms(void) {
+    struct timespec now = {0};
+    (void)clock_gettime(CLOCK_MONOTONIC, &now);
+    return (uint32_t)((uint64_t)now.tv_sec * 1000U + (uint64_t)now.tv_nsec / 1000000U);
+}
+
 static int serve(loader *l, int fd) {
     uint8_t in[512];
     uint8_t answer[TERRAPIN_BOOT_SERIAL_ANSWER_MAX];
@@ -136,6 +143,7 @@ static int serve(loader *l, int fd) {
         if ((n < 0) && (errno != EINTR)) {
             return fail("cannot read", "the pseudo-terminal");
         }
+        l->serial.update.now_ms = now_ms();
         for (ssize_t i = 0; i < n; i++) {
             const bool motor_on = l->motor_on && (l->serial.update.running != 0U);
             const uint32_t length = terrapin_boot_serial_take(&l->serial, in[i], motor_on, answer);
@@ -152,9 +160,10 @@ static int serve(loader *l, int fd) {
 
 static int usage(int status) {
     (void)fprintf((status == 0) ? stdout : stderr,
-                  "usage: terrapin-bootloader [--unhealthy] [--motor-on] FLASH [LINK]\n"
+                  "usage: terrapin-bootloader [--unhealthy] [--motor-on] [--node N] FLASH [LINK]\n"
                   "The boot loader over a flash in the file FLASH, on a new pseudo-terminal whose path is printed.\n"
-                  "--unhealthy: what it starts does not confirm itself; --motor-on: and says that its motor is on.\n"
+                  "--unhealthy: what it starts does not confirm itself; --motor-on: and says that its motor is on;\n"
+                  "--node: store this number, 0 to 7, first.\n"
                   "Example: terrapin-bootloader /tmp/flash.bin /tmp/terrapin\n");
     return status;
 }
@@ -163,11 +172,16 @@ int main(int argc, char **argv) {
     static loader l = {.healthy = true};
     const struct sigaction action = {.sa_handler = on_signal};
     int at = 1;
+    int node = -1; /* as it is stored */
     for (; (at < argc) && (argv[at][0] == '-'); at++) {
         if (strcmp(argv[at], "--unhealthy") == 0) {
             l.healthy = false;
         } else if (strcmp(argv[at], "--motor-on") == 0) {
             l.motor_on = true;
+        } else if ((strcmp(argv[at], "--node") == 0) && ((at + 1) < argc) && (strlen(argv[at + 1]) == 1U) &&
+                   (argv[at + 1][0] >= '0') && (argv[at + 1][0] < (char)('0' + (int)TERRAPIN_NODES))) {
+            at++;
+            node = argv[at][0] - '0';
         } else {
             return usage((strcmp(argv[at], "--help") == 0) ? 0 : 2);
         }
@@ -188,6 +202,11 @@ int main(int argc, char **argv) {
     l.flash = terrapin_flash_emulated_driver(&l.memory);
     l.boot.flash = &l.flash;
     l.boot.key = terrapin_boot_key;
+    l.boot.key_id = TERRAPIN_BOOT_KEY_ID;
+    l.boot.release = TERRAPIN_BOOT_RELEASE;
+    if ((node >= 0) && !terrapin_records_set_node(&l.flash, (uint8_t)node)) {
+        return (fail("cannot store", "the node number") == 0) ? 0 : 1;
+    }
     start(&l, false);
     const int fd = open_pty(link);
     const int result = (fd < 0) ? -1 : serve(&l, fd);

@@ -42,7 +42,15 @@ void bus_lost(bus *b, int reason) {
 }
 
 int bus_receive(bus *b, terrapin_frame frames[BUS_AT_ONCE]) {
-    return (b->descriptor < 0) ? 0 : b->kind->receive(b, frames);
+    const int count = (b->descriptor < 0) ? 0 : b->kind->receive(b, frames);
+    int ours = 0;
+    for (int i = 0; i < count; i++) { /* an adapter brings all that is on the bus */
+        if (terrapin_node_receive(&b->node, &frames[i])) {
+            frames[ours] = frames[i];
+            ours++;
+        }
+    }
+    return ours;
 }
 
 void bus_send(bus *b, const terrapin_frame *frames, uint8_t count) {
@@ -52,7 +60,12 @@ void bus_send(bus *b, const terrapin_frame *frames, uint8_t count) {
     if (b->descriptor < 0) {
         b->counts.unsent += count;
     } else {
-        b->kind->send(b, frames, count);
+        terrapin_frame sent[TERRAPIN_MAX_FRAMES];
+        for (uint8_t i = 0; i < count; i++) {
+            sent[i] = frames[i];
+            terrapin_node_send(&b->node, &sent[i]);
+        }
+        b->kind->send(b, sent, count);
     }
 }
 

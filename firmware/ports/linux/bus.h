@@ -9,6 +9,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
+#include "node.h"
 #include "slcan.h"
 #include "terrapin.h"
 
@@ -45,6 +46,7 @@ extern const bus_kind bus_adapter;
 struct bus {
     const bus_kind *kind;
     const char *name;     /* interface or device */
+    terrapin_node node;   /* whose frames are taken, and whose identifiers what is sent gets */
     unsigned int bitrate; /* bit/s, of an adapter; a SocketCAN interface has its own */
     int descriptor;       /* to poll for input; -1 while the bus is gone */
     bus_state state;
@@ -61,7 +63,7 @@ bool bus_open(bus *b);
 /* Try to open a bus that went away. True when it is there. */
 bool bus_reopen(bus *b);
 
-/* Frames that wait, without waiting for any: their number, at most BUS_AT_ONCE. */
+/* Frames for this node that wait, without waiting for any: their number, at most BUS_AT_ONCE. */
 int bus_receive(bus *b, terrapin_frame frames[BUS_AT_ONCE]);
 
 /* Send frames in order, without waiting. What cannot be sent now is dropped and counted. */

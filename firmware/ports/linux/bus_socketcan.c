@@ -16,14 +16,20 @@
 
 #define QUEUE_BYTES 65536 /* some 100 frames with what the kernel keeps about each */
 
-/* The host's identifiers of controller.toml: 0x080 to 0x0BF and 0x100 to 0x103; what comes beside them is dropped
- * later. Extended and remote frames do not fit, since those flags must be 0. */
-static const struct can_filter ours[] = {
-    {.can_id = 0x080U, .can_mask = 0x7C0U | CAN_EFF_FLAG | CAN_RTR_FLAG},
-    {.can_id = 0x100U, .can_mask = 0x7FCU | CAN_EFF_FLAG | CAN_RTR_FLAG},
-};
+/* Blocks of identifiers; what comes beside the messages is dropped later. Extended and remote frames do not fit, since
+ * those flags must be 0. */
+static bool set_filters(int s, const terrapin_node *node) {
+    terrapin_filter blocks[TERRAPIN_BLOCK_COUNT];
+    struct can_filter ours[TERRAPIN_BLOCK_COUNT];
+    const uint32_t count = terrapin_node_filters(node, blocks);
+    for (uint32_t i = 0; i < count; i++) {
+        ours[i].can_id = blocks[i].id;
+        ours[i].can_mask = blocks[i].mask | CAN_EFF_FLAG | CAN_RTR_FLAG;
+    }
+    return setsockopt(s, SOL_CAN_RAW, CAN_RAW_FILTER, ours, count * (uint32_t)sizeof ours[0]) == 0;
+}
 
-static bool set_up(int s, const char *name) {
+static bool set_up(int s, const char *name, const terrapin_node *node) {
     const can_err_mask_t errors = CAN_ERR_MASK;
     const int queue = QUEUE_BYTES;
     const int yes = 1;
@@ -46,8 +52,7 @@ static bool set_up(int s, const char *name) {
         errno = ENETDOWN;
         return false;
     }
-    return (setsockopt(s, SOL_CAN_RAW, CAN_RAW_FILTER, ours, sizeof ours) == 0) &&
-           (setsockopt(s, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, &errors, sizeof errors) == 0) &&
+    return set_filters(s, node) && (setsockopt(s, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, &errors, sizeof errors) == 0) &&
            (setsockopt(s, SOL_SOCKET, SO_RCVBUF, &queue, sizeof queue) == 0) &&
            (setsockopt(s, SOL_SOCKET, SO_RXQ_OVFL, &yes, sizeof yes) == 0) &&
            (bind(s, (const struct sockaddr *)&address, sizeof address) == 0);
@@ -58,7 +63,7 @@ static bool socketcan_open(bus *b) {
     if (s < 0) {
         return false;
     }
-    if (!set_up(s, b->name)) {
+    if (!set_up(s, b->name, &b->node)) {
         const int reason = errno;
         (void)close(s);
         errno = reason;

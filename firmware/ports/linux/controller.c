@@ -162,6 +162,7 @@ static void tick(controller *c) {
     if (periods == 0U) {
         return;
     }
+    terrapin_intake_begin_tick(&c->intake);
     watch_estop(c);
     if (c->link.store != NULL) {
         (void)terrapin_link_store_work(&c->link, c->state);
@@ -202,14 +203,23 @@ static bool take_frame(controller *c, const terrapin_frame *frame) {
     return (c->link.test_mode == test_mode) || change_mode(c);
 }
 
-static bool take_frames(controller *c) {
-    terrapin_frame frames[BUS_AT_ONCE];
-    const int count = bus_receive(&c->bus, frames);
+/* Those whose turn it is in this tick. */
+static bool take_waiting(controller *c) {
+    terrapin_frame frame;
+    uint8_t source = 0;
     bool good = true;
-    for (int i = 0; (i < count) && good; i++) {
-        good = take_frame(c, &frames[i]);
+    while (good && terrapin_intake_next(&c->intake, &c->link, c->state, &frame, &source)) {
+        good = take_frame(c, &frame);
     }
     return good;
+}
+
+static void receive(controller *c) {
+    terrapin_frame frames[BUS_AT_ONCE];
+    const int count = bus_receive(&c->bus, frames);
+    for (int i = 0; i < count; i++) {
+        terrapin_intake_put(&c->intake, &c->link, c->state, &c->inputs, &frames[i], 0U);
+    }
 }
 
 /* ---- the loop */
@@ -225,10 +235,10 @@ static void report(const controller *c) {
     (void)fprintf(
         stderr,
         "terrapin-controller: %lu steps; dropped: %lu bad CRC, %lu repeated, %lu malformed, %lu out of place, "
-        "%lu unknown; e-stop %lu times, %lu timed from the edge%s; encoders skipped %lu\n",
+        "%lu unknown, %lu too many to wait; e-stop %lu times, %lu timed from the edge%s; encoders skipped %lu\n",
         (unsigned long)c->steps, (unsigned long)c->link.bad_crc, (unsigned long)c->link.repeated,
         (unsigned long)c->link.malformed, (unsigned long)c->link.out_of_place, (unsigned long)c->link.unknown,
-        (unsigned long)c->presses, (unsigned long)c->timed, off,
+        (unsigned long)c->intake.lost, (unsigned long)c->presses, (unsigned long)c->timed, off,
         (unsigned long)c->motor.skipped + (unsigned long)c->ground.skipped);
 }
 
@@ -268,8 +278,9 @@ int controller_run(controller *c) {
             tick(c);
         }
         if (waiting[2].revents != 0) {
-            good = good && take_frames(c);
+            receive(c);
         }
+        good = good && take_waiting(c);
         if (waiting[3].revents != 0) {
             going = take_signal(c);
         }
@@ -327,16 +338,14 @@ static bool open_signals(controller *c) {
     return said(c->signals >= 0, "signals", NULL);
 }
 
-/* The stored parameters, when a file was named. */
-static bool use_flash(controller *c) {
+/* The file that was named. */
+static bool open_flash(controller *c) {
     if (c->options->flash != NULL) {
-        if (!terrapin_process_store(&c->flash, &c->store, c->options->flash)) {
-            return false;
-        }
-        c->flash_open = true;
-        terrapin_link_use_store(&c->link, c->state, &c->store);
+        c->flash_open = terrapin_process_store(&c->flash, &c->store, c->options->flash);
     }
-    return true;
+    terrapin_process_identity(&c->identity, c->options->node, c->flash_open ? &c->flash : NULL);
+    terrapin_node_init(&c->bus.node, c->identity.node);
+    return c->flash_open || (c->options->flash == NULL);
 }
 
 bool controller_open(controller *c, const controller_options *options) {
@@ -364,7 +373,7 @@ bool controller_open(controller *c, const controller_options *options) {
         said(analog_open(&c->current, options->current, options->adc_bits), "", options->current) &&
         said(analog_open(&c->supply, options->supply, options->adc_bits), "", options->supply) &&
         said(analog_open(&c->temperature, options->temperature, options->adc_bits), "", options->temperature) &&
-        open_signals(c) && said(tick_clock_open(&c->clock), "a timer", NULL) && bus_open(&c->bus);
+        open_signals(c) && said(tick_clock_open(&c->clock), "a timer", NULL) && open_flash(c) && bus_open(&c->bus);
     if (!good) {
         return false;
     }
@@ -372,8 +381,13 @@ bool controller_open(controller *c, const controller_options *options) {
     if (!said(c->state != NULL, "memory", NULL)) {
         return false;
     }
+    terrapin_intake_init(&c->intake);
     terrapin_link_init(&c->link, c->state, &c->inputs);
-    return use_flash(c);
+    c->link.identity = &c->identity;
+    if (c->flash_open) {
+        terrapin_link_use_store(&c->link, c->state, &c->store);
+    }
+    return true;
 }
 
 void controller_close(controller *c) {

@@ -14,6 +14,7 @@
 #include "dispatch.h"
 #include "edges.h"
 #include "flash_file.h"
+#include "intake.h"
 #include "options.h"
 #include "parameters.h"
 
@@ -27,6 +28,8 @@ typedef struct {
     pwm_output pwm;
     terrapin_state *state;
     terrapin_link link;
+    terrapin_identity identity;
+    terrapin_intake intake; /* from the bus to terrapin_accept */
     terrapin_inputs inputs;
     terrapin_outputs outputs;
     terrapin_flash_file flash; /* of --flash */

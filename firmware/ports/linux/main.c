@@ -54,9 +54,12 @@ static int outputs_off(void) {
     return status;
 }
 
-/* [--flash FILE] --pty [LINK] | DEVICE: the controller itself is the SLCAN device. */
+/* [--flash FILE] [--node N] --pty [LINK] | DEVICE: the controller itself is the SLCAN device. */
 static bool speaks_slcan(int argc, char **argv) {
-    const int first = ((argc >= 4) && (strcmp(argv[1], "--flash") == 0)) ? 3 : 1;
+    int first = 1;
+    while (((first + 2) < argc) && ((strcmp(argv[first], "--flash") == 0) || (strcmp(argv[first], "--node") == 0))) {
+        first += 2;
+    }
     return (first < argc) && ((strcmp(argv[first], "--pty") == 0) || (argv[first][0] != '-'));
 }
 

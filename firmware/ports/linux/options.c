@@ -13,7 +13,8 @@ static const char help[] =
     "usage: terrapin-controller --can INTERFACE [OPTION]...      the controller on a SocketCAN bus\n"
     "       terrapin-controller --adapter DEVICE [OPTION]...     the same through an SLCAN adapter on a serial port\n"
     "       terrapin-controller --off --enable LINE [--pwm DIR]  put the outputs off and end\n"
-    "       terrapin-controller [--flash FILE] --pty [LINK] | DEVICE   speak SLCAN itself, as a board on USB does\n"
+    "       terrapin-controller [--flash FILE] [--node N] --pty [LINK] | DEVICE   speak SLCAN itself, as a board on "
+    "USB does\n"
     "\n"
     "  --bitrate N              bit/s of the adapter (500000); ip link sets that of an interface\n"
     "  --estop LINE             input: active lets the robot run, inactive is the emergency stop or its broken wire\n"
@@ -28,7 +29,8 @@ static const char help[] =
     "  --adc-bits N             bits of these codes, 8 to 24 (12)\n"
     "  --pwm DIR                PWM channel, exported, with its period set, as /sys/class/pwm/pwmchip0/pwm0\n"
     "  --direction LINE         output: active for negative duty\n"
-    "  --flash FILE             keep parameters in FILE over a reset\n"
+    "  --flash FILE             keep parameters and node number in FILE over a reset\n"
+    "  --node N                 number of this controller on its bus, 0 to 7, whatever FILE says (0)\n"
     "  --priority N             SCHED_FIFO, 1 to 99 (50), 0 leaves the scheduler alone\n"
     "  --help, --version\n"
     "\n"
@@ -53,6 +55,7 @@ enum {
     ADC_BITS,
     PWM,
     FLASH,
+    NODE,
     PRIORITY,
     OFF,
     HELP,
@@ -76,6 +79,7 @@ static const struct option known[] = {
     {"adc-bits", required_argument, NULL, ADC_BITS},
     {"pwm", required_argument, NULL, PWM},
     {"flash", required_argument, NULL, FLASH},
+    {"node", required_argument, NULL, NODE},
     {"priority", required_argument, NULL, PRIORITY},
     {"off", no_argument, NULL, OFF},
     {"help", no_argument, NULL, HELP},
@@ -180,6 +184,10 @@ static bool take(int option, controller_options *o) {
     case FLASH:
         o->flash = optarg;
         break;
+    case NODE:
+        good = number("--node", 0, (long)TERRAPIN_NODES - 1, &value);
+        o->node = (int)value;
+        break;
     case PRIORITY:
         good = number("--priority", 0, 99, &value);
         o->priority = (int)value;
@@ -215,7 +223,8 @@ static bool consistent(const controller_options *o) {
 }
 
 options_result options_read(int argc, char **argv, controller_options *options) {
-    const controller_options defaults = {.bitrate = 500000, .adc_bits = 12, .debounce_ms = 20, .priority = 50};
+    const controller_options defaults = {
+        .bitrate = 500000, .adc_bits = 12, .debounce_ms = 20, .priority = 50, .node = -1};
     int option = 0;
     *options = defaults;
     opterr = 0;

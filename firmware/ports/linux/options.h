@@ -21,7 +21,8 @@ typedef struct {
     const char *current, *supply, *temperature; /* files of the converter's raw codes, or NULL */
     unsigned int adc_bits;
     const char *pwm;   /* folder of a sysfs PWM channel, or NULL */
-    const char *flash; /* file that keeps the parameters, or NULL */
+    const char *flash; /* file that keeps the parameters and the node number, or NULL */
+    int node;          /* number on the bus; -1: as the file says */
     unsigned int debounce_ms;
     int priority; /* of SCHED_FIFO; 0: leave it */
     bool off;     /* only put the outputs off */

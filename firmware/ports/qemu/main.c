@@ -3,8 +3,10 @@
  *     qemu-system-arm -M netduinoplus2 -nographic -semihosting-config enable=on,target=native,arg=x,arg=IN,arg=OUT \
  *                     -kernel terrapin-qemu.elf
  *
+ * Further words: `node N` gives it a node number, `count` makes it count.
+ *
  * It ends when IN ends (status 0), when a file cannot be opened or written (1), on a bad command line (2) or a
- * processor fault (3). Its last lines are "stack BYTES", the stack that the run took, and, with a third word `count`
+ * processor fault (3). Its last lines are "stack BYTES", the stack that the run took, and, with `count`
  * and -icount shift=7, the instructions of the steps: "step STEPS MINIMUM MEDIAN MAXIMUM", "step-without-telemetry
  * ...", and "frame ..." of taking in frames.
  */
@@ -23,6 +25,7 @@
 
 static terrapin_state state;
 static terrapin_service service;
+static terrapin_identity identity;
 static uint8_t in[IN_SIZE];
 static uint8_t out[OUT_SIZE];
 static char command[COMMAND_SIZE];
@@ -100,7 +103,17 @@ int main(void) {
     }
     const char *source = next_word(&at);
     const char *sink = next_word(&at);
-    const char *count = next_word(&at);
+    const char *option = next_word(&at);
+    uint8_t node = 0;
+    bool count = false;
+    while (option[0] != '\0') {
+        if (strcmp(option, "node") == 0) {
+            node = (uint8_t)(next_word(&at)[0] - '0'); /* more than a node's digit: 0 */
+        } else {
+            count = count || (strcmp(option, "count") == 0);
+        }
+        option = next_word(&at);
+    }
     if ((source[0] == '\0') || (sink[0] == '\0')) {
         return 2;
     }
@@ -110,7 +123,9 @@ int main(void) {
         return 1;
     }
     terrapin_service_init(&service, &state);
-    if (strcmp(count, "count") == 0) {
+    terrapin_identity_init(&identity, 0U, (node < (uint8_t)TERRAPIN_NODES) ? node : 0U);
+    terrapin_service_use_identity(&service, &identity);
+    if (count) {
         count_start();
     }
     const int result = serve(from, to);

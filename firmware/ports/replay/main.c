@@ -96,6 +96,7 @@ static bool reset_with_parameters(void) {
     store.page[0].size = BUFFER;                /* a save is begun, and its work is never done */
     store.phase = TERRAPIN_STORE_IDLE;
     link.store = &store;
+    link.defaults = values; /* dearer than those of the interface, which need no look at their ranges */
     terrapin_intake_init(&intake);
     const uint32_t result = (uint32_t)terrapin_parameter_set_all(&state, values);
     put(&result, sizeof result);

@@ -24,11 +24,11 @@ uint32_t can_timing(uint32_t apb_hz, uint32_t bit_rate) {
 }
 
 /* Two 16-bit filters (identifier and mask) a bank, all into FIFO 0; data frames with 11-bit identifiers alone. */
-static void set_filters(can_registers *registers, const can_filter *filters, uint32_t count) {
+static void set_filters(can_registers *registers, const terrapin_filter *filters, uint32_t count) {
     registers->FMR |= CAN_FMR_FINIT;
     uint32_t banks = 0U;
     for (uint32_t i = 0U; i < count; i += 2U) {
-        const can_filter *pair[2] = {&filters[i], &filters[((i + 1U) < count) ? (i + 1U) : i]};
+        const terrapin_filter *pair[2] = {&filters[i], &filters[((i + 1U) < count) ? (i + 1U) : i]};
         uint32_t words[2] = {0};
         for (uint32_t k = 0U; k < 2U; k++) {
             words[k] = ((uint32_t)pair[k]->id << 5U) | ((((uint32_t)pair[k]->mask << 5U) | BIT(4) | BIT(3)) << 16U);
@@ -44,7 +44,8 @@ static void set_filters(can_registers *registers, const can_filter *filters, uin
     registers->FMR &= ~CAN_FMR_FINIT;
 }
 
-bool can_open(can *c, can_registers *registers, uint32_t timing, const can_filter *filters, uint32_t filter_count) {
+bool can_open(can *c, can_registers *registers, uint32_t timing, const terrapin_filter *filters,
+              uint32_t filter_count) {
     *c = (can){.registers = registers, .phase = CAN_ABSENT};
     if ((timing == 0U) || (filter_count > CAN_FILTER_MAX)) {
         return false;

@@ -7,17 +7,12 @@
 #ifndef TERRAPIN_CAN_H
 #define TERRAPIN_CAN_H
 
+#include "node.h"
 #include "registers.h"
-#include "terrapin.h"
 
 #define CAN_IN_SIZE    32U /* a power of two */
 #define CAN_OUT_SIZE   32U
 #define CAN_FILTER_MAX 14U
-
-typedef struct {
-    uint16_t id; /* accepted when (id ^ received) & mask is 0 */
-    uint16_t mask;
-} can_filter;
 
 typedef enum {
     CAN_KEEP = 0,   /* each frame counts: answers */
@@ -59,7 +54,7 @@ uint32_t can_timing(uint32_t apb_hz, uint32_t bit_rate);
 
 /* Ask for the bus. False when there is no such chip: what follows does nothing then, and the phase is CAN_ABSENT.
  * The bus is joined (phase CAN_RUNNING) once it was quiet for 11 bits, which can_poll watches. */
-bool can_open(can *c, can_registers *registers, uint32_t timing, const can_filter *filters, uint32_t filter_count);
+bool can_open(can *c, can_registers *registers, uint32_t timing, const terrapin_filter *filters, uint32_t filter_count);
 
 /* To be called from the receive interrupt: takes one frame. */
 void can_receive_interrupt(can *c);

@@ -5,10 +5,10 @@
 #include "boards/selected.h"
 #include "boot_key.h"
 #include "bridge.h"
-#include "crc32.h"
 #include "encoder.h"
 #include "flash_driver.h"
 #include "layout.h"
+#include "link_key.h"
 #include "parameters.h"
 #include "phases.h"
 #include "pins.h"
@@ -16,6 +16,7 @@
 #include "reset_cause.h"
 #include "retained.h"
 #include "startup.h"
+#include "unique.h"
 #include "watchdog.h"
 
 #define FLUSH_TRIES 2000000U /* 0.1 s at 168 MHz */
@@ -24,7 +25,7 @@
 static terrapin_store store;
 static flash_driver store_memory, boot_memory;
 static terrapin_flash store_flash, boot_flash;
-static const terrapin_boot boot = {.flash = &boot_flash, .key = terrapin_boot_key};
+static const terrapin_boot boot = {.flash = &boot_flash, .key = terrapin_boot_key, .key_id = TERRAPIN_BOOT_KEY_ID};
 static terrapin_update update;
 static analog sensors;
 static watchdog guard;
@@ -97,6 +98,10 @@ void hardware_healthy(void) {
     }
 }
 
+bool hardware_store_node(uint8_t node) {
+    return terrapin_records_set_node(&boot_flash, node);
+}
+
 void hardware_reset(can *bus, usart *line, bool stay) {
     if (stay) {
         retained_note(&retained, RETAINED_UPDATE, 0U, 0U);
@@ -140,21 +145,6 @@ static void setup_pins(void) {
     pin_setup(GPIO(enable_pin.port), &enable_pin);
     pin_setup(GPIO(led_pin.port), &led_pin);
     pin_setup(GPIO(estop_pin.port), &estop_pin);
-}
-
-/* 96 bits folded to 32; 0 where the chip has none. */
-static uint32_t unique_number(void) {
-    uint8_t bytes[12] = {0};
-    for (uint32_t i = 0; i < 3U; i++) {
-        uint32_t word = 0;
-        if (!probe_read(UNIQUE_ID + (4U * i), &word)) {
-            return 0U;
-        }
-        for (uint32_t k = 0; k < 4U; k++) {
-            bytes[(4U * i) + k] = (uint8_t)(word >> (8U * k));
-        }
-    }
-    return terrapin_crc32(0U, bytes, sizeof bytes);
 }
 
 /* Behind the boot loader the store has sectors 1 and 2; an image that stands alone covers these, and takes the last
@@ -204,14 +194,35 @@ void hardware_open(const clocks *speed) {
     start_motor(speed);
 }
 
+static uint8_t stored_node(void) {
+    terrapin_record record = {0};
+    if (slot() != (uint8_t)TERRAPIN_UPDATE_SLOT_NONE) {
+        terrapin_records_read(&boot_flash, &record);
+    }
+    return record.node;
+}
+
 hardware_facts hardware_look(const clocks *speed, uint32_t flags) {
+    uint32_t generation = 0U;
+    uint32_t start = 0U;
+    const uint32_t *key = NULL;
+    if (slot() != (uint8_t)TERRAPIN_UPDATE_SLOT_NONE) {
+        key = link_key((const uint32_t *)(FLASH_MEMORY + TERRAPIN_LAYOUT_LINK_KEY), &generation);
+    }
+    if ((key != NULL) && !random_word(&start)) {
+        generation = 0U; /* no session without a number of this start: IDLE alone is taken */
+    }
     const hardware_facts facts = {
+        .link_key = key,
+        .link_generation = generation,
+        .start = start,
         .clock_fallback = speed->result != CLOCK_GOOD,
         .watchdog_absent = !watchdog_set(&guard, IWDG, WATCHDOG_ERASE), /* the stored parameters are read first */
         .brown_out_unset = (FLASH->OPTCR & FLASH_OPTCR_BOR) == FLASH_OPTCR_BOR_OFF,
         .reset_cause = reset_cause(flags, retained_take(&retained)),
         .board = BOARD_NUMBER,
         .slot = slot(),
+        .node = stored_node(),
         .unique = unique_number(),
         .core_hz = speed->core_hz,
     };

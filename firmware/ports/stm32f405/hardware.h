@@ -23,7 +23,11 @@ typedef struct {
     uint8_t reset_cause;
     uint8_t board;
     uint8_t slot;
+    uint8_t node; /* as the boot loader's records say; 0 without a boot loader */
     uint32_t unique;
+    const uint32_t *link_key; /* four words beside the boot loader; NULL: none */
+    uint32_t link_generation; /* of the key */
+    uint32_t start;           /* number of this start, by the chip's generator of random numbers */
     uint32_t core_hz;
 } hardware_facts;
 
@@ -38,6 +42,8 @@ void hardware_flash_work(bool begins);
 /* This start is a good one, and the bridge is off: the boot loader, where there is one, may count on it. Called once.
  */
 void hardware_healthy(void);
+/* Another node number, from the next reset on; the bridge is off. False when the flash refuses. */
+bool hardware_store_node(uint8_t node);
 /* A host asked for it (UPDATE_RESET): what waits on bus and line leaves, then the chip is reset; with `stay` the boot
  * loader remains. */
 void hardware_reset(can *bus, usart *line, bool stay);
@@ -57,12 +63,12 @@ typedef struct {
 extern const hardware_parameter hardware_parameters[];
 extern const uint32_t hardware_parameter_count;
 
-/* ---- the start, for main.c, in this order */
+/* ---- the start, for main.c */
 
 /* Pins, motor and sensors. */
 void hardware_open(const clocks *speed);
-/* What is known now, `flags` being RCC->CSR as the reset left it. The watchdog runs from here on, with time for an
- * erase. */
+/* What is known now, after hardware_update; `flags` being RCC->CSR as the reset left it. The watchdog runs from here
+ * on, with time for an erase. */
 hardware_facts hardware_look(const clocks *speed, uint32_t flags);
 /* NULL when the flash cannot hold parameters. */
 struct terrapin_store *hardware_store(void);

@@ -5,13 +5,20 @@
 #include "startup.h"
 #include "terrapin_interface.h"
 
+/* What `terrapin image sign` reads, and puts into the image's header: name, robot with board, version of the interface.
+ */
+typedef struct {
+    char name[16];
+    uint32_t made_for;
+    uint32_t interface;
+} image_made;
+__attribute__((used, section(".made"))) static const image_made made = {
+    "terrapin-made", (uint32_t)TERRAPIN_ROBOT_IDENTITY | ((uint32_t)BOARD_NUMBER << 24U), TERRAPIN_INTERFACE_VERSION};
+
 static can bus;
 static usart line;
 static port controller;
 static uint64_t state[TERRAPIN_STATE_BYTES / 8U];
-
-/* COMMAND to STORE_READ, updates, SENSORS_*: eight identifiers each. All other traffic stays in the chip. */
-static const can_filter filters[] = {{0x080U, 0x7F8U}, {0x0A0U, 0x7F8U}, {0x100U, 0x7F8U}};
 
 void usart1_interrupt(void) {
     usart_interrupt(&line);
@@ -30,10 +37,15 @@ _Noreturn void application(void) {
     const clocks speed = clock_start(RCC, FLASH, PWR, BOARD_CRYSTAL_HZ, BOARD_INTERNAL_HZ);
     hardware_open(&speed);
     usart_open(&line, USART1, speed.apb2_hz, BOARD_BAUD);
-    (void)can_open(&bus, CAN1, can_timing(speed.apb1_hz, BOARD_CAN_BIT_S), filters, sizeof filters / sizeof filters[0]);
-
+    terrapin_update *update = hardware_update();
     const hardware_facts facts = hardware_look(&speed, flags);
-    port_open(&controller, (terrapin_state *)state, &bus, &line, hardware_store(), hardware_update(), &facts);
+    terrapin_node node;
+    terrapin_filter filters[TERRAPIN_BLOCK_COUNT]; /* all other traffic stays in the chip */
+    terrapin_node_init(&node, facts.node);
+    const uint32_t count = terrapin_node_filters(&node, filters);
+    (void)can_open(&bus, CAN1, can_timing(speed.apb1_hz, BOARD_CAN_BIT_S), filters, count);
+
+    port_open(&controller, (terrapin_state *)state, &bus, &line, hardware_store(), update, &facts);
     enable_interrupt(IRQ_USART1);
     enable_interrupt(IRQ_CAN1_RX0);
     hardware_start(speed.core_hz);

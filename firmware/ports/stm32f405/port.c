@@ -6,6 +6,7 @@
 #define STATUS_TICKS   100U
 #define IDENTITY_TICKS 1000U
 #define IDENTITY_AT    502U
+#define LINK_AT        702U
 #define STARTING_TICKS 1000U /* a bus that is not quiet for 11 bits in this time is taken for absent */
 #define ANSWER_MAX     ((2U * TERRAPIN_SLCAN_TEXT_MAX) + TERRAPIN_SLCAN_REPLY_MAX) /* to one byte of the line */
 _Static_assert(TERRAPIN_MAX_FRAMES == 2, "ANSWER_MAX");
@@ -16,6 +17,7 @@ static uint8_t capped(uint32_t value) {
     return (uint8_t)((value > 255U) ? 255U : value);
 }
 
+/* Below here frames have the identifiers of the bus, above those of node 0. */
 static void send_line(port *p, const terrapin_frame *frame) {
     uint8_t text[TERRAPIN_SLCAN_TEXT_MAX];
     const size_t length = terrapin_slcan_encode(frame, text);
@@ -26,17 +28,21 @@ static void send_line(port *p, const terrapin_frame *frame) {
 
 /* Where everybody may hear it. */
 static void publish(port *p, const terrapin_frame *frame) {
-    (void)can_send(p->bus, frame, CAN_REPLACE); /* counted by the driver */
+    terrapin_frame sent = *frame;
+    terrapin_node_send(&p->node, &sent);
+    (void)can_send(p->bus, &sent, CAN_REPLACE); /* counted by the driver */
     if (p->parser.open) {
-        send_line(p, frame);
+        send_line(p, &sent);
     }
 }
 
 static void answer(port *p, source from, const terrapin_frame *frame) {
+    terrapin_frame sent = *frame;
+    terrapin_node_send(&p->node, &sent);
     if (from == FROM_LINE) {
-        send_line(p, frame);
+        send_line(p, &sent);
     } else {
-        (void)can_send(p->bus, frame, CAN_KEEP);
+        (void)can_send(p->bus, &sent, CAN_KEEP);
     }
 }
 
@@ -53,6 +59,7 @@ static void step(port *p) {
 /* What the boot loader's protocol leaves to an application: to say what runs, and to reset. */
 static void take_update(port *p, source from, const terrapin_frame *frame) {
     terrapin_frame replies[TERRAPIN_UPDATE_REPLIES];
+    p->health.heard = true;
     const bool motor_on = terrapin_bridge_on(p->state);
     const bool query = frame->id == TERRAPIN_ID_UPDATE_QUERY;
     if (motor_on && query) {
@@ -76,35 +83,29 @@ static void take_update(port *p, source from, const terrapin_frame *frame) {
     }
 }
 
-static void board_parameters(port *p) {
-    for (uint32_t i = 0; i < hardware_parameter_count; i++) {
-        (void)terrapin_parameter_set(p->state, hardware_parameters[i].index,
-                                     hardware_parameters[i].value); /* a test checks */
-    }
-}
-
-/* A host asked for the defaults, and they were set: those of the interface, which knows no board. */
-static bool took_defaults(const terrapin_frame *frame, const terrapin_frame *reply) {
-    terrapin_store_command_t command = {0};
-    terrapin_store_status_t status = {0};
-    return (frame->id == TERRAPIN_ID_STORE_COMMAND) && terrapin_decode_store_command(frame, &command) &&
-           (command.action == TERRAPIN_STORE_ACTION_DEFAULTS) && terrapin_decode_store_status(reply, &status) &&
-           (status.result == TERRAPIN_STORE_RESULT_OK);
+static uint32_t dropped_frames(const terrapin_link *link) {
+    return link->bad_crc + link->repeated + link->out_of_step + link->malformed + link->out_of_place + link->unsealed +
+           link->unknown;
 }
 
 static void take_frame(port *p, source from, const terrapin_frame *frame) {
     if ((p->update != NULL) && (frame->id >= TERRAPIN_UPDATE_ID_FIRST) && (frame->id <= TERRAPIN_UPDATE_ID_LAST)) {
-        take_update(p, from, frame);
+        if (!terrapin_link_holds(&p->link, frame, &p->inputs)) {
+            take_update(p, from, frame);
+        }
         return;
     }
     const bool test_mode = p->link.test_mode;
+    const uint32_t dropped = dropped_frames(&p->link);
     terrapin_frame reply = {0};
     switch (terrapin_accept(&p->link, p->state, frame, &p->inputs, &reply)) {
     case TERRAPIN_ACCEPT_REPLY:
-        if (took_defaults(frame, &reply) && !p->link.test_mode) { /* a test run depends on its frames alone */
-            board_parameters(p);
-        }
         answer(p, from, &reply);
+        break;
+    case TERRAPIN_ACCEPT_UPDATE:
+        if (p->update != NULL) {
+            take_update(p, from, &reply);
+        }
         break;
     case TERRAPIN_ACCEPT_STEP:
         step(p);
@@ -116,11 +117,9 @@ static void take_frame(port *p, source from, const terrapin_frame *frame) {
     default:
         break;
     }
+    p->health.heard = p->health.heard || (dropped_frames(&p->link) == dropped);
     if (p->link.test_mode != test_mode) {
         hardware_drive(&p->hardware, 0, false);
-        if (test_mode) {
-            terrapin_port_parameters(p);
-        }
     }
 }
 
@@ -135,8 +134,12 @@ static bool take_waiting(port *p) {
     return any;
 }
 
-static void put(port *p, source from, const terrapin_frame *frame) {
-    terrapin_intake_put(&p->intake, &p->link, p->state, &p->inputs, frame, (uint8_t)from);
+static void put(port *p, source from, terrapin_frame *frame) {
+    if (terrapin_node_receive(&p->node, frame)) {
+        terrapin_intake_put(&p->intake, &p->link, p->state, &p->inputs, frame, (uint8_t)from);
+    } else {
+        p->link.unknown++;
+    }
 }
 
 static void take_byte(port *p, uint8_t byte) {
@@ -233,15 +236,34 @@ static void tell_times(port *p) {
 }
 
 static void tell_identity(port *p) {
-    const terrapin_port_identity_t message = {
-        .unique = p->hardware.unique,
-        .board = p->hardware.board,
-        .slot = p->hardware.slot,
-        .core_clock = (int32_t)(p->hardware.core_hz / 1000000U),
-        .stack_used = (int32_t)hardware_stack_used(),
-    };
+    terrapin_port_identity_source identity = {0};
+    identity.unique = p->hardware.unique;
+    identity.board = p->hardware.board;
+    identity.slot = p->hardware.slot;
+    identity.core_clock = (p->hardware.core_hz / 1000000U);
+    identity.stack_used_words = (int32_t)(hardware_stack_used() / 4U);
+    identity.kind = (int32_t)terrapin_link_mark.kind;
+    identity.trust = (p->link.seal.key != NULL) ? TERRAPIN_TRUST_SEALED : TERRAPIN_TRUST_OPEN;
+    const terrapin_port_identity_t message = terrapin_scale_port_identity(&identity);
     terrapin_frame frame = {0};
     (void)terrapin_encode_port_identity(&message, &frame);
+    publish(p, &frame);
+}
+
+static void tell_link(port *p) {
+    const terrapin_link *link = &p->link;
+    const terrapin_port_link_t message = {
+        .bad_crc = capped(link->bad_crc),
+        .repeated = capped(link->repeated),
+        .out_of_step = capped(link->out_of_step),
+        .malformed = capped(link->malformed),
+        .out_of_place = capped(link->out_of_place),
+        .unsealed = capped(link->unsealed),
+        .sessions = capped(link->seal.opened),
+        .generation = capped(link->seal.generation),
+    };
+    terrapin_frame frame = {0};
+    (void)terrapin_encode_port_link(&message, &frame);
     publish(p, &frame);
 }
 
@@ -257,6 +279,10 @@ static void tell(port *p) {
     case 2U:
         if ((p->tick % IDENTITY_TICKS) == IDENTITY_AT) {
             tell_identity(p);
+        } else if ((p->tick % IDENTITY_TICKS) == LINK_AT) {
+            tell_link(p);
+        } else {
+            /* another time */
         }
         break;
     default:
@@ -293,9 +319,34 @@ static void own_tick(port *p) {
     phases_note(&p->times, PHASE_SEND, hardware_cycles() - stepped);
 }
 
+/* Somebody takes what we send. */
+static bool listened_to(const port *p) {
+    const can_state *bus = &p->bus->state;
+    return p->parser.open || ((p->bus->phase == CAN_RUNNING) && !bus->bus_off && !bus->passive && !bus->no_acknowledge);
+}
+
+static void judge(port *p, uint32_t missed) {
+    const bool good = terrapin_at_work(p->state) && !p->hardware.adc_silent && listened_to(p) && (missed == 0U);
+    switch (health_tick(&p->health, good, terrapin_bridge_on(p->state), p->trial)) {
+    case HEALTH_CONFIRM:
+        hardware_flash_work(true);
+        hardware_healthy();
+        hardware_flash_work(p->flash_work);
+        break;
+    case HEALTH_FALL_BACK: /* the boot loader tries again, or starts the old image */
+        hardware_drive(&p->hardware, 0, false);
+        hardware_reset(p->bus, p->line, false);
+        break;
+    case HEALTH_OPEN:
+    default:
+        break;
+    }
+}
+
 static void tick(port *p, uint32_t now) {
     phases_note(&p->times, PHASE_LATE, hardware_cycles() - hardware_tick_cycles());
-    p->overruns += now - p->tick - 1U;
+    const uint32_t missed = now - p->tick - 1U;
+    p->overruns += missed;
     p->tick = now;
     terrapin_intake_begin_tick(&p->intake);
     if (p->link.test_mode) {
@@ -305,33 +356,52 @@ static void tick(port *p, uint32_t now) {
     }
     can_poll(p->bus);
     keep_parameters(p);
-    if (!p->judged && (now >= PORT_HEALTHY_TICKS) && !terrapin_bridge_on(p->state)) {
-        p->judged = true;
-        hardware_flash_work(true);
-        hardware_healthy();
-        hardware_flash_work(p->flash_work);
+    if (!p->link.test_mode) {
+        judge(p, missed);
     }
     hardware_alive((p->tick & (p->outputs.enable ? 0x80U : 0x200U)) != 0U); /* quick blinks: the bridge is on */
 }
 
-void terrapin_port_parameters(port *p) {
-    if (p->store != NULL) {
-        terrapin_link_use_store(&p->link, p->state, p->store);
-        if (p->store->origin == TERRAPIN_STORE_ORIGIN_STORED) {
-            return; /* a stored set is whole */
-        }
-    }
-    board_parameters(p);
+/* The bridge is off; a page of the records may be erased. */
+static bool store_node(void *context, uint8_t node) {
+    const port *p = context;
+    hardware_flash_work(true);
+    const bool good = hardware_store_node(node);
+    hardware_flash_work(p->flash_work);
+    return good;
 }
 
 void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct terrapin_store *store,
                terrapin_update *update, const hardware_facts *hardware) {
-    *p = (port){.state = state, .bus = bus, .line = line, .store = store, .update = update, .hardware = *hardware};
+    const bool trial = (update != NULL) && terrapin_boot_on_trial(update->boot, update->running);
+    *p = (port){.trial = trial,
+                .state = state,
+                .bus = bus,
+                .line = line,
+                .store = store,
+                .update = update,
+                .hardware = *hardware};
     phases_open(&p->times, hardware->core_hz);
     terrapin_slcan_init(&p->parser);
     terrapin_intake_init(&p->intake);
     terrapin_link_init(&p->link, state, &p->inputs);
-    terrapin_port_parameters(p);
+    terrapin_link_seal(&p->link, hardware->link_key, hardware->link_generation, hardware->start);
+    terrapin_node_init(&p->node, hardware->node);
+    terrapin_identity_init(&p->identity, hardware->unique, p->node.number);
+    if (update != NULL) { /* the boot loader's records are there */
+        p->identity.store = store_node;
+        p->identity.context = p;
+    }
+    p->link.identity = &p->identity;
+    p->link.board = (uint8_t)hardware->board;
+    terrapin_parameter_defaults(p->defaults);
+    for (uint32_t i = 0; i < hardware_parameter_count; i++) {
+        p->defaults[hardware_parameters[i].index] = hardware_parameters[i].value; /* a test checks the range */
+    }
+    terrapin_link_use_defaults(&p->link, state, p->defaults);
+    if (store != NULL) {
+        terrapin_link_use_store(&p->link, state, store);
+    }
 }
 
 bool port_pass(port *p, uint32_t now) {

@@ -15,15 +15,16 @@
 #include "can.h"
 #include "dispatch.h"
 #include "hardware.h"
+#include "health.h"
 #include "intake.h"
 #include "phases.h"
 #include "slcan.h"
+#include "terrapin_interface.h"
 #include "update.h"
 #include "usart.h"
 
 #define PORT_FRAMES_A_PASS 4U
 #define PORT_BYTES_A_PASS  32U
-#define PORT_HEALTHY_TICKS 2000U
 
 typedef struct {
     terrapin_state *state;
@@ -33,16 +34,20 @@ typedef struct {
     usart *line;
     terrapin_slcan parser;
     terrapin_link link;
+    terrapin_node node;
+    terrapin_identity identity;
     terrapin_intake intake; /* from bus and line to terrapin_accept, by source */
     terrapin_inputs inputs;
-    terrapin_outputs outputs; /* of the last step */
+    terrapin_outputs outputs;                   /* of the last step */
+    int32_t defaults[TERRAPIN_PARAMETER_COUNT]; /* those of controller.toml, with the board's own */
     hardware_facts hardware;
     phases times;
     uint32_t tick;
     uint32_t overruns;  /* ticks missed; wraps, like the others */
     uint32_t send_lost; /* own frames and answers that the line had no room for */
     bool flash_work;    /* a save is under way, with the bridge off: the watchdog has time */
-    bool judged;        /* this start was told to be healthy */
+    bool trial;         /* the image runs on trial */
+    health health;
     struct {
         uint32_t overruns, lost, send_lost;
     } told; /* by the last PORT_STATUS */
@@ -54,9 +59,5 @@ void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct ter
 
 /* One pass; `now` counts the ticks since reset. False when there was nothing to do. */
 bool port_pass(port *p, uint32_t now);
-
-/* The parameters that stand after a reset: the stored set, or, while there is none, the defaults with the board's own.
- * Called at the start and when test mode is left. A host that asks for the defaults gets the board's own as well. */
-void terrapin_port_parameters(port *p);
 
 #endif

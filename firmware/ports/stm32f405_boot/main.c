@@ -17,6 +17,7 @@
 #include "retained.h"
 #include "serial.h"
 #include "startup.h"
+#include "unique.h"
 #include "usart.h"
 #include "watchdog.h"
 
@@ -32,7 +33,6 @@ static terrapin_boot_serial serial;
 static volatile uint32_t now_ms;
 
 static const pin enable_pin = BOARD_ENABLE;
-static const can_filter filters[] = {{TERRAPIN_UPDATE_ID_FIRST, 0x7F8U}};
 
 void systick_interrupt(void) {
     now_ms++;
@@ -66,14 +66,14 @@ static void enable_interrupt(uint32_t number) {
     NVIC_ISER[number / 32U] = BIT(number % 32U);
 }
 
-static void start_chip(void) {
-    const clocks speed = clock_start(RCC, FLASH, PWR, BOARD_CRYSTAL_HZ, BOARD_INTERNAL_HZ);
+static void start_chip(const clocks *speed) {
+    const terrapin_filter updates = terrapin_node_filter(&serial.node, TERRAPIN_BLOCK_UPDATES);
     setup_pins();
-    usart_open(&line, USART1, speed.apb2_hz, BOARD_BAUD);
-    (void)can_open(&bus, CAN1, can_timing(speed.apb1_hz, BOARD_CAN_BIT_S), filters, sizeof filters / sizeof filters[0]);
+    usart_open(&line, USART1, speed->apb2_hz, BOARD_BAUD);
+    (void)can_open(&bus, CAN1, can_timing(speed->apb1_hz, BOARD_CAN_BIT_S), &updates, 1U);
     enable_interrupt(IRQ_USART1);
     enable_interrupt(IRQ_CAN1_RX0);
-    SYSTICK->LOAD = (speed.core_hz / 1000U) - 1U;
+    SYSTICK->LOAD = (speed->core_hz / 1000U) - 1U;
     SYSTICK->VAL = 0U;
     SYSTICK->CTRL = SYSTICK_CORE | SYSTICK_TICKINT | SYSTICK_ENABLE;
 }
@@ -85,9 +85,11 @@ static bool serve(void) {
     terrapin_frame replies[TERRAPIN_UPDATE_REPLIES];
     uint8_t byte = 0U;
     bool any = false;
-    if (can_take(&bus, &frame)) {
+    serial.update.now_ms = now_ms;
+    if (can_take(&bus, &frame) && terrapin_node_receive(&serial.node, &frame)) {
         const uint32_t count = terrapin_update_accept(&serial.update, &frame, false, replies);
         for (uint32_t i = 0U; i < count; i++) {
+            terrapin_node_send(&serial.node, &replies[i]);
             (void)can_send(&bus, &replies[i], CAN_KEEP);
         }
         any = any || (count > 0U);
@@ -116,10 +118,16 @@ _Noreturn void application(void) {
     const bool wanted = retained_look(&retained) == RETAINED_UPDATE;
     const terrapin_flash_area serves = {TERRAPIN_LAYOUT_RECORDS_0,
                                         TERRAPIN_LAYOUT_SLOT_B + TERRAPIN_LAYOUT_SLOT_SIZE - TERRAPIN_LAYOUT_RECORDS_0};
-    start_chip();
+    const clocks speed = clock_start(RCC, FLASH, PWR, BOARD_CRYSTAL_HZ, BOARD_INTERNAL_HZ);
     const terrapin_flash flash = flash_open(&flash_memory, FLASH, (uint8_t *)FLASH_MEMORY, serves);
-    const terrapin_boot boot = {.flash = &flash, .key = terrapin_boot_key};
+    const terrapin_boot boot = {.flash = &flash,
+                                .key = terrapin_boot_key,
+                                .key_id = TERRAPIN_BOOT_KEY_ID,
+                                .release = TERRAPIN_BOOT_RELEASE,
+                                .board = (uint8_t)BOARD_NUMBER,
+                                .unit = unique_number()};
     terrapin_boot_serial_init(&serial, &boot, TERRAPIN_UPDATE_SLOT_NONE);
+    start_chip(&speed);
     if (wanted) {
         (void)retained_take(&retained);
     } else if (!asked(LISTEN_MS)) {

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol
 
-from terrapin_hil.links.link import Link, LinkError
+from terrapin_hil.links.link import Link, LinkError, refuse_production
 from terrapin_hil.links.wire import write_parameters
 from terrapin_hil.messages import AnswerError, Frame, Sender, interface
 
@@ -104,8 +104,9 @@ class BusLink(Link):
         """LinkError when more comes than the one answer (`reply`) to the one question."""
         heard = [*self._waiting, *self._bus.receive(QUIET)]
         if any(identifier == reply for identifier, _ in heard):
-            raise LinkError(f"{self.name}: found more than one controller on this bus, expected one")
+            raise LinkError(f"{self.name}: found more than one controller with this node number, expected one")
         if heard:
+            refuse_production(self.name, lambda seconds: self.talk((), seconds))
             raise LinkError(f"{self.name}: a controller goes on by itself, out of test mode: is its bridge on?")
 
     def advance(self, simulation: Simulation, ticks: int) -> None:

@@ -22,17 +22,22 @@ __all__ = ["InProcess", "open_link"]
 class InProcess(Link):
     """The step in libterrapin.so, as it stands after a reset.
 
-    `flash` is the file in which it keeps parameters, made if absent. LinkError when another controller uses it.
+    `flash` is the file in which it keeps parameters, made if absent. LinkError when another controller uses it. Its
+    `node` number counts for what it is told about itself (NODE_REQUEST): frames have the identifiers of node 0 here.
     """
 
     name = "inprocess"
 
-    def __init__(self, firmware: Firmware | None = None, flash: Path | None = None) -> None:
+    def __init__(self, firmware: Firmware | None = None, flash: Path | None = None, node: int = 0) -> None:
         self.firmware = firmware or Firmware.open()
         self._lib, self._ffi = self.firmware.lib, self.firmware.ffi
         self._link, self._inputs = self._ffi.new("terrapin_link *"), self._ffi.new("terrapin_inputs *")
         self._outputs, self._reply = self._ffi.new("terrapin_outputs *"), self._ffi.new("terrapin_frame *")
         self._file: Any = None
+        self._identity = self._ffi.new("terrapin_identity *")
+        self._lib.terrapin_identity_init(self._identity, 0, node)
+        self._node = self._ffi.new("terrapin_node *")
+        self._lib.terrapin_node_init(self._node, node)
         self._reset()
         if flash is not None:
             self._open_flash(flash)
@@ -40,6 +45,7 @@ class InProcess(Link):
     def _reset(self) -> None:
         self._state = self.firmware.new_state()
         self._lib.terrapin_link_init(self._link, self._state, self._inputs)
+        self._link.identity = self._identity
 
     def _open_flash(self, path: Path) -> None:
         file = self._ffi.new("terrapin_flash_file *")
@@ -51,6 +57,9 @@ class InProcess(Link):
         self._store = self._ffi.new("terrapin_store *")
         self._lib.terrapin_store_open(self._store, self._ffi.addressof(file, "flash"), file.pages)
         self._lib.terrapin_link_use_store(self._link, self._state, self._store)
+        self._identity.store = self._ffi.addressof(self._lib, "terrapin_flash_file_set_node")
+        self._identity.context = file
+        self._identity.stored = self._lib.terrapin_flash_file_node(file)
 
     def start(self, parameters: Mapping[str, float]) -> None:
         self._reset()
@@ -66,15 +75,44 @@ class InProcess(Link):
 
     def exchange(self, frames: Sequence[Frame]) -> list[Frame]:
         answers: list[Frame] = []
-        for identifier, data in frames:
-            frame = self._ffi.new("terrapin_frame *", {"id": identifier, "length": len(data), "data": data})
-            result = self._lib.terrapin_accept(self._link, self._state, frame, self._inputs, self._reply)
-            self._lib.terrapin_link_store_work(self._link, self._state)
-            if result == self._lib.TERRAPIN_ACCEPT_STEP:
-                self._lib.terrapin_link_step(self._state, self._inputs, self._outputs)
-                answers += map(_plain, self._outputs.frames[0 : self._outputs.frame_count])
-            elif result == self._lib.TERRAPIN_ACCEPT_REPLY:
-                answers.append(_plain(self._reply))
+        for frame in frames:
+            answers += self._take(self._native(frame))
+        return answers
+
+    def hear(self, frames: Sequence[Frame]) -> list[Frame]:
+        """As `exchange`, but as a controller on a bus that it shares: of frames with the identifiers of the bus it
+        takes its own, and it answers with its own."""
+        answers: list[Frame] = []
+        for heard in frames:
+            frame = self._native(heard)
+            if not self._lib.terrapin_node_receive(self._node, frame):
+                continue
+            for answer in self._take(frame):
+                sent = self._native(answer)
+                self._lib.terrapin_node_send(self._node, sent)
+                answers.append(_plain(sent))
+        return answers
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Frames that were taken from the link and not used, by cause (see link/dispatch.h)."""
+        names = ("bad_crc", "repeated", "malformed", "out_of_place", "unknown")
+        return {name: int(getattr(self._link, name)) for name in names}
+
+    def _native(self, frame: Frame) -> Any:
+        identifier, data = frame
+        return self._ffi.new("terrapin_frame *", {"id": identifier, "length": len(data), "data": data})
+
+    def _take(self, frame: Any) -> list[Frame]:
+        """What one frame brings."""
+        answers: list[Frame] = []
+        result = self._lib.terrapin_accept(self._link, self._state, frame, self._inputs, self._reply)
+        self._lib.terrapin_link_store_work(self._link, self._state)
+        if result == self._lib.TERRAPIN_ACCEPT_STEP:
+            self._lib.terrapin_link_step(self._state, self._inputs, self._outputs)
+            answers += map(_plain, self._outputs.frames[0 : self._outputs.frame_count])
+        elif result == self._lib.TERRAPIN_ACCEPT_REPLY:
+            answers.append(_plain(self._reply))
         return answers
 
     def close(self) -> None:
@@ -89,4 +127,4 @@ def _plain(frame: Any) -> Frame:
 
 def open_link(name: LinkName, timeout: float, flash: Path | None = None) -> InProcess:
     """The link; there is nothing to wait for. LinkError as for InProcess."""
-    return InProcess(flash=flash)
+    return InProcess(flash=flash, node=name.node)

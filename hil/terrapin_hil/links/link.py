@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Self
 
-from terrapin_hil.messages import AnswerError, Frame
+from terrapin_hil.messages import AnswerError, Frame, interface
 
 if TYPE_CHECKING:
     from terrapin_hil.simulation import Simulation
 
-__all__ = ["Link", "LinkError"]
+__all__ = ["Link", "LinkError", "refuse_production"]
+
+IDENTITY_LIMIT = 5.0  # s; a controller that goes on by itself tells each second who it is
 
 
 class LinkError(OSError):
@@ -19,6 +22,23 @@ class LinkError(OSError):
 
     def __str__(self) -> str:
         return str(self.args[0])
+
+
+def refuse_production(name: str, listen: Callable[[float], Sequence[Frame]]) -> None:
+    """Listens to a controller that goes on by itself until it tells who it is. LinkError when its image has no test
+    mode. `listen` gives what comes within some seconds."""
+    message = interface().messages["PORT_IDENTITY"]
+    production = interface().enums["image_kind"]["production"]
+    end = time.monotonic() + IDENTITY_LIMIT
+    while time.monotonic() < end:
+        told = [message.decode(data)["kind"] for identifier, data in listen(0.005) if identifier == message.id]
+        if production in told:
+            raise LinkError(
+                f"{name}: found a production image, which has no test mode; expected a desk image: flash one of the "
+                "same version (terrapin-BOARD-slot-a, without `production` in its name)"
+            )
+        if told:
+            return
 
 
 class Link(ABC):

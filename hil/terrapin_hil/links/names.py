@@ -96,7 +96,9 @@ def able(job: str) -> list[Kind]:
 def helped(job: str) -> str:
     """The names that a link for a job may have, for a help text."""
     more = any(kind.options != () for kind in able(job))
-    return ", ".join(kind.form for kind in able(job)) + ("; options may follow: ?bitrate=250000&..." if more else "")
+    return ", ".join(kind.form for kind in able(job)) + (
+        "; options may follow: ?bitrate=250000&node=1&..." if more else "; ?node=1 may follow"
+    )
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,7 @@ class LinkName:
     interface: str = ""
     channel: str = ""
     baud: int = 0  # bit/s of a serial line; 0 leaves it as it is
+    node: int = 0  # number of the controller on its bus
     options: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
@@ -130,7 +133,17 @@ class LinkName:
         line = re.fullmatch(r"(.+)@(\d{1,8})", channel) if kind.address == "DEVICE" else None
         channel, baud = line.groups() if line else (channel, "0")
         found = cls(name, "".join(interface) or kind.interface, channel, int(baud))
-        return replace(found, options=_options(text, found, options))
+        words = _options(text, found, options)
+        return replace(found, node=_node(text, words.pop("node", "0")), options=words)
+
+    def at_node(self, number: int | None) -> LinkName:
+        """The same link to the controller with this node number; None leaves that to the name. LinkNameError when the
+        name says another."""
+        if number is None:
+            return self
+        if self.node not in (0, number):
+            raise LinkNameError(f"link {str(self)!r}: found node {self.node} in its name and {number} beside it")
+        return replace(self, node=_node(str(self), str(number)))
 
     @property
     def row(self) -> Kind:
@@ -144,8 +157,20 @@ class LinkName:
     def __str__(self) -> str:
         address = f"{self.channel}@{self.baud}" if self.baud else self.channel
         interface = "" if self.interface == self.row.interface else self.interface
-        options = f"?{urlencode(self.options, safe=':/,', errors=BYTES)}" if self.options else ""
+        words = {**({"node": str(self.node)} if self.node else {}), **self.options}
+        options = f"?{urlencode(words, safe=':/,', errors=BYTES)}" if words else ""
         return ":".join(filter(None, (self.kind, interface, address))) + options
+
+
+def _node(text: str, word: str) -> int:
+    if word == "0":
+        return 0
+    from terrapin_hil.nodes import node_number  # reads the interface, which most names need not
+
+    try:
+        return node_number(word, f"link {text!r}: node")
+    except UserError as error:
+        raise LinkNameError(str(error)) from None
 
 
 def _options(text: str, link: LinkName, words: str) -> dict[str, str]:
@@ -157,9 +182,9 @@ def _options(text: str, link: LinkName, words: str) -> dict[str, str]:
     options, allowed = dict(pairs), link.row.options
     if link.interface == "socketcan" and "bitrate" in options:
         raise LinkNameError(f"link {text!r}: bitrate: {SET_OUTSIDE}")
-    unknown = options.keys() & OURS if allowed is None else options.keys() - set(allowed)
+    unknown = options.keys() & OURS if allowed is None else options.keys() - {"node", *allowed}
     if unknown or len(options) < len(pairs):
-        expected = "options of python-can" if allowed is None else ", ".join(allowed) or "none"
+        expected = "options of python-can, and node" if allowed is None else ", ".join(("node", *allowed))
         raise LinkNameError(f"link {text!r}: found options {words!r}, expected {expected}, each once")
     rate = options.get("bitrate", "1")
     if not (rate.isascii() and rate.isdecimal() and 1 <= int(rate) <= FASTEST):

@@ -14,6 +14,7 @@ from terrapin_hil.links.bus import BusLink
 from terrapin_hil.links.link import LinkError
 from terrapin_hil.links.names import BIT_RATE, LinkName
 from terrapin_hil.messages import Frame, interface
+from terrapin_hil.nodes import Node
 
 __all__ = ["PythonCan", "open_link", "opened"]
 
@@ -48,11 +49,12 @@ class PythonCan:
         self.name = str(link)
         self._timeout = timeout
         self._bus = opened(link, bit_rate, **more)
+        self._node = Node(link.node)
         self._wanted = wanted or {m.id for m in interface().messages.values() if m.sender == "controller"}
 
     def send(self, frames: Sequence[Frame]) -> None:
         try:
-            for identifier, data in frames:
+            for identifier, data in map(self._node.to_bus, frames):
                 message = can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
                 self._bus.send(message, timeout=self._timeout)
         except (can.CanError, OSError) as error:
@@ -68,8 +70,9 @@ class PythonCan:
             if message is None:
                 return []
             plain = not (message.is_extended_id or message.is_remote_frame or message.is_error_frame)
-            if plain and message.arbitration_id in self._wanted:
-                return [(message.arbitration_id, bytes(message.data))]
+            own = self._node.from_bus((message.arbitration_id, bytes(message.data))) if plain else None
+            if own is not None and own[0] in self._wanted:
+                return [own]
 
     def close(self) -> None:
         self._bus.shutdown()

@@ -53,7 +53,8 @@ class QemuMachine:
     `instructions`, of `step`, `step-without-telemetry` and `frame` (taking in one frame).
     """
 
-    def __init__(self, program: Path | None = None, count: bool = False) -> None:
+    def __init__(self, program: Path | None = None, count: bool = False, node: int = 0) -> None:
+        self._node = node
         self._program = program or image()
         self._count = count
         self.stack: int | None = None
@@ -79,7 +80,8 @@ class QemuMachine:
         source, sink = (str(self.folder / name) for name in ("in", "out"))
         for pipe in (source, sink):
             os.mkfifo(pipe, 0o600)
-        arguments = f"enable=on,target=native,arg=terrapin,arg={source},arg={sink}{',arg=count' if self._count else ''}"
+        arguments = f"enable=on,target=native,arg=terrapin,arg={source},arg={sink},arg=node,arg={self._node}"
+        arguments += ",arg=count" if self._count else ""
         command = ["qemu-system-arm", "-M", MACHINE, "-nodefaults", "-display", "none", "-serial", "none"]
         command += ["-monitor", "none", "-semihosting-config", arguments, "-kernel", str(self._program)]
         if self._count:
@@ -158,12 +160,12 @@ class QemuMachine:
                 self.instructions[name] = Instructions(*map(int, numbers))
 
 
-def open_qemu(program: Path | None = None, count: bool = False) -> SlcanLink:
+def open_qemu(program: Path | None = None, count: bool = False, node: int = 0) -> SlcanLink:
     """The link, whose `machine` is a QemuMachine. LinkError when it cannot be opened."""
-    machine = QemuMachine(program, count)
-    return SlcanLink("qemu", machine.start(), machine)
+    machine = QemuMachine(program, count, node)
+    return SlcanLink("qemu", machine.start(), machine, node)
 
 
 def open_link(name: LinkName, timeout: float) -> SlcanLink:
     """The link, which waits as long as an emulator needs. LinkError when it cannot be opened."""
-    return open_qemu()
+    return open_qemu(node=name.node)

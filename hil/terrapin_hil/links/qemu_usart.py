@@ -113,4 +113,8 @@ def open_qemu_usart(program: Path | None = None) -> SlcanLink:
 
 def open_link(name: LinkName, timeout: float) -> SlcanLink:
     """The link, which waits as long as an emulator needs. LinkError when it cannot be opened."""
+    if name.node:
+        raise LinkError(
+            f"{name}: the image stands alone, without the records that would hold another node number than 0"
+        )
     return open_qemu_usart()

@@ -17,7 +17,8 @@ from terrapin_hil.links.bus import BusLink
 from terrapin_hil.links.frame_batch import MOST, FrameBatch
 from terrapin_hil.links.link import LinkError
 from terrapin_hil.links.names import LinkName
-from terrapin_hil.messages import Frame, interface
+from terrapin_hil.messages import Frame
+from terrapin_hil.nodes import Node
 
 __all__ = ["SocketCan", "open_link"]
 
@@ -41,8 +42,9 @@ class SocketCan:
             self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
         except OSError as error:
             raise LinkError(f"{self.name}: cannot open the link: {error.strerror}") from None
-        own = sorted(m.id for m in interface().messages.values() if m.sender == "controller")
-        filters = b"".join(struct.pack("=II", name, STANDARD | EXTENDED | REMOTE) for name in own)
+        self._node = Node(link.node)
+        mask = STANDARD | EXTENDED | REMOTE
+        filters = b"".join(struct.pack("=II", name, mask) for name in self._node.answers)
         seconds = _TIME.pack(int(timeout), int(timeout % 1 * 1e6))
         try:
             self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters)
@@ -58,7 +60,7 @@ class SocketCan:
 
     def send(self, frames: Sequence[Frame]) -> None:
         for first in range(0, len(frames), MOST):
-            piece = frames[first : first + MOST]
+            piece = [self._node.to_bus(frame) for frame in frames[first : first + MOST]]
             self._out.pack(piece)
             self._send_packed(len(piece))
 
@@ -91,7 +93,7 @@ class SocketCan:
             raise self._lost(error) from None
         if any(identifier & ERROR for identifier, _ in frames):
             raise LinkError(f"{self.name}: bus-off")
-        return frames
+        return [own for frame in frames if (own := self._node.from_bus(frame)) is not None]
 
     def _lost(self, error: OSError) -> LinkError:
         reason = error.strerror or str(error)

@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from terrapin_hil.firmware import ParameterError
-from terrapin_hil.links.link import Link, LinkError
+from terrapin_hil.links.link import Link, LinkError, refuse_production
 from terrapin_hil.links.names import LinkName
 from terrapin_hil.links.slcan import ControllerProcess, SlcanPort
 from terrapin_hil.messages import Frame, Interface, Sender, interface
+from terrapin_hil.nodes import Node
 
 __all__ = ["SlcanLink", "open_link", "write_parameters"]
 
+QUIET = 0.03  # s after the arming of test mode in which a controller by itself sends nothing more
 Exchange = Callable[[Sequence[Frame]], Sequence[Frame]]
 
 
@@ -40,20 +42,23 @@ def write_parameters(
 class SlcanLink(Link):
     """Lockstep over an SLCAN port. The controller is in test mode from `start` on: its physical bridge stays off."""
 
-    def __init__(self, name: str, port: SlcanPort, machine: Any = None) -> None:
-        """`machine`: what the controller runs in; its `stop` is called when the link is closed."""
+    def __init__(self, name: str, port: SlcanPort, machine: Any = None, node: int = 0) -> None:
+        """`machine`: what the controller runs in; its `stop` is called when the link is closed. `node`: its number."""
         self.name = name
         self.machine = machine
         self._port = port
         self._sender = Sender()
+        self.node = Node(node)  # whom it speaks to; another may take its place
 
     @classmethod
-    def of_process(cls, program: Path | None = None, arguments: Sequence[str] = (), timeout: float = 2.0) -> SlcanLink:
+    def of_process(
+        cls, program: Path | None = None, arguments: Sequence[str] = (), timeout: float = 2.0, node: int = 0
+    ) -> SlcanLink:
         """Starts a controller (the host build's by default) on a pty. LinkError when it does not start."""
-        process = ControllerProcess(program, arguments)
+        process = ControllerProcess(program, ("--node", str(node), *arguments))
         path = process.start()
         try:
-            return cls("pty", SlcanPort.open(path, timeout), process)
+            return cls("pty", SlcanPort.open(path, timeout), process, node)
         except BaseException:
             process.stop()
             raise
@@ -61,16 +66,22 @@ class SlcanLink(Link):
     def start(self, parameters: Mapping[str, float]) -> None:
         self.exchange(self._sender.test_mode(False))
         self.exchange(self._sender.test_mode())
+        if not isinstance(self.machine, ControllerProcess) and self.talk((), QUIET):  # that one has no clock of its own
+            refuse_production(self.name, lambda seconds: self.talk((), seconds))
         write_parameters(self._sender, interface(), parameters, self.exchange)
 
+    def _own(self, frames: Sequence[Frame]) -> list[Frame]:
+        """Those of the controller, of all that an adapter brings."""
+        return [own for frame in frames if (own := self.node.from_bus(frame)) is not None]
+
     def exchange(self, frames: Sequence[Frame]) -> list[Frame]:
-        return self._port.exchange_frames(frames)
+        return self._own(self._port.exchange_frames(map(self.node.to_bus, frames)))
 
     def talk(self, frames: Sequence[Frame], wait: float) -> list[Frame]:
         """Sends frames to a controller that steps by itself; what it sends within `wait` seconds."""
         heard = self.exchange(frames)
         time.sleep(wait)
-        return [*heard, *self._port.exchange(b"F\r")]  # all that has come stands before the answer to this
+        return [*heard, *self._own(self._port.exchange(b"F\r"))]  # all that has come stands before the answer to this
 
     def close(self) -> None:
         self._port.close()
@@ -82,5 +93,8 @@ def open_link(name: LinkName, timeout: float, flash: Path | None = None) -> Slca
     """The controller on a serial port or pty that exists, or, without a device, this build's on a pty of its own, which
     keeps its parameters in the file `flash`. LinkError when it does not answer."""
     if not name.channel:
-        return SlcanLink.of_process(arguments=["--flash", str(flash)] if flash is not None else [], timeout=timeout)
-    return SlcanLink(str(name), SlcanPort.open(name.channel, timeout, name.baud, name.bit_rate()))
+        return SlcanLink.of_process(
+            arguments=["--flash", str(flash)] if flash is not None else [], timeout=timeout, node=name.node
+        )
+    port = SlcanPort.open(name.channel, timeout, name.baud, name.bit_rate())
+    return SlcanLink(str(name), port, node=name.node)

@@ -47,7 +47,7 @@ typedef struct {
 
 static void evaluate_effects(const hil_effects *effects, const hil_surroundings *around, const hil_body *body,
                              const double *position, const double *rate, const hil_ground *ground, double radius,
-                             effect_sums *sum) {
+                             const hil_grip *grip, effect_sums *sum) {
     double values[HIL_ROLES];
     values[HIL_ROLE_TIME] = around->time;
     values[HIL_ROLE_SLIP] = hil_slip(radius * rate[HIL_BETA], rate[HIL_X], HIL_SLIP_FLOOR);
@@ -60,6 +60,15 @@ static void evaluate_effects(const hil_effects *effects, const hil_surroundings 
     values[HIL_ROLE_MOISTURE] = around->moisture;
     values[HIL_ROLE_OMEGA] = rate[HIL_ALPHA];
     values[HIL_ROLE_ANGLE] = position[HIL_ALPHA];
+    values[HIL_ROLE_DIRECTION] = 1.0;
+    values[HIL_ROLE_BULLDOZING] = 0.0;
+    if (grip != NULL) {
+        double unused;
+        const double slip_speed = radius * rate[HIL_BETA] - rate[HIL_X];
+        const double depth = hil_grip_value(grip, HIL_SINKAGE, slip_speed, &unused) + body->dug;
+        values[HIL_ROLE_DIRECTION] = copysign(1.0, grip->direction);
+        values[HIL_ROLE_BULLDOZING] = hil_grip_bulldozing(grip, depth);
+    }
     hil_effects_sum(effects, 0, values, sum->robot);
     values[HIL_ROLE_SPEED] = rate[HIL_X];
     values[HIL_ROLE_OMEGA] = rate[HIL_BETA];
@@ -67,13 +76,20 @@ static void evaluate_effects(const hil_effects *effects, const hil_surroundings 
     hil_effects_sum(effects, 1, values, sum->ground);
 }
 
+/* On a contact model's ground; implicit in the depth, which stays at or above 0 for any step. */
+static void dig_by_slipping(const hil_path *path, double radius, double rim, double axle, double dt, hil_body *body) {
+    const double length = sqrt(body->sinkage * (2.0 * radius - body->sinkage));
+    const double grown = body->dug + dt * path->slip_depth * fabs(rim - axle) / length;
+    body->dug = grown / (1.0 + dt * fabs(axle) / length);
+}
+
 static void dig(const hil_path *path, double softness, double rim, double axle, double dt, hil_body *body) {
-    const double beyond = fabs(rim - axle) - 0.5 * larger(fabs(rim), fabs(axle));
+    const double beyond = fabs(rim - axle) - path->dig_slip * larger(fabs(rim), fabs(axle));
     if (body->rut == 0.0 && (softness == 0.0 || beyond <= 0.0)) {
         return;
     }
     const double slip = fabs(hil_slip(rim, axle, HIL_SLIP_FLOOR));
-    const double grow = softness * fabs(rim - axle) / path->dig_length * larger(slip - 0.5, 0.0);
+    const double grow = softness * fabs(rim - axle) / path->dig_length * larger(slip - path->dig_slip, 0.0);
     const double leave = fabs(axle) / path->leave_length;
     /* Implicit in the depth: stays in 0..1 for any step. */
     const double depth = (body->rut + dt * grow) / (1.0 + dt * (grow + leave));
@@ -93,10 +109,15 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
     double force[3];
     matrices(robot, d, &ground, position, rate, c.mass, force);
     body->load = ground.slope == 0.0 ? d->weight : d->weight * cos(ground.slope);
+    const bool soft = path->segment[ground.segment].contact != NULL;
+    hil_grip grip = {NULL, 0.0, 0.0, 1.0, NULL, 0.0};
+    if (soft) {
+        grip = hil_path_grip(path, &ground, body->load, robot->radius * rate[HIL_BETA], rate[HIL_X], HIL_SLIP_FLOOR);
+    }
     effect_sums e;
     memset(&e, 0, sizeof e);
     if (effects->count > 0) {
-        evaluate_effects(effects, around, body, position, rate, &ground, robot->radius, &e);
+        evaluate_effects(effects, around, body, position, rate, &ground, robot->radius, soft ? &grip : NULL, &e);
     }
 
     hil_drive drive = around->drive;
@@ -116,11 +137,9 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
     } else {
         hil_invert3(c.mass, c.inverse);
     }
-    hil_grip grip = {NULL, 0.0, 0.0, 1.0};
-    double lever = 0.0, compaction = 0.0, unused;
+    double lever = 0.0, resistance = 0.0, unused;
     c.grip = NULL;
-    if (path->contact != NULL) {
-        grip = hil_grip_at(path->contact, body->load, robot->radius * rate[HIL_BETA], rate[HIL_X], HIL_SLIP_FLOOR);
+    if (soft) {
         lever = hil_grip_value(&grip, HIL_LEVER, robot->radius * rate[HIL_BETA] - rate[HIL_X], &unused);
         force[HIL_BETA] -= lever;
         c.grip = &grip;
@@ -129,9 +148,14 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
     const double coefficient =
         ground.terrain.f_o * (1.0 + e.ground[HIL_EFFECT_F_O]) + ground.terrain.f_s * rate[HIL_BETA] * rate[HIL_BETA];
     c.bound[HIL_X] = around->carried ? 0.0 : dt * path->rut_friction * body->rut * d->weight;
-    if (c.grip != NULL) {
-        compaction = hil_grip_value(&grip, HIL_COMPACTION, robot->radius * rate[HIL_BETA] - rate[HIL_X], &unused);
-        c.bound[HIL_X] = around->carried ? 0.0 : dt * larger(compaction, 0.0);
+    if (soft) {
+        resistance = hil_grip_value(&grip, HIL_COMPACTION, robot->radius * rate[HIL_BETA] - rate[HIL_X], &unused);
+        resistance += larger(e.ground[HIL_EFFECT_DRAG], 0.0);
+        c.bound[HIL_X] = around->carried ? 0.0 : dt * larger(resistance, 0.0);
+    }
+    const double of_ground = c.bound[HIL_X];
+    if (!around->carried) {
+        c.bound[HIL_X] += dt * around->tow;
     }
     c.bound[HIL_BETA] = dt * larger(coefficient * robot->radius * body->load + e.ground[HIL_EFFECT_PASSIVE], 0.0);
     c.bound[HIL_ALPHA] =
@@ -158,9 +182,10 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
         body->rate[i] = c.velocity[i];
         body->friction[i] = -c.friction[i] * per_dt;
     }
-    if (c.grip != NULL) { /* net traction H = F - X; the rest of the contact's torque is the resistance C_r = T - R H */
+    if (soft) { /* net traction H = F - X; the rest of the contact's torque is the resistance C_r = T - R H */
         const double moving = smaller(larger(around->carriage_speed / 1e-3, -1.0), 1.0);
-        const double held = around->carried ? compaction * moving : body->friction[HIL_X];
+        const double share = c.bound[HIL_X] > 0.0 ? of_ground / c.bound[HIL_X] : 1.0; /* the tow is no traction */
+        const double held = around->carried ? resistance * moving : share * body->friction[HIL_X];
         body->traction -= held;
         body->friction[HIL_BETA] += lever + robot->radius * held;
         if (fabs(grip.direction) >= 1.0) {
@@ -176,5 +201,8 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
     body->ground_torque = e.ground[HIL_EFFECT_ACTIVE];
     body->current = hil_motor_current(&drive, d->gear, body->rate[HIL_ALPHA]);
     body->motor_torque = drive.torque_constant * body->current;
+    if (soft && path->slip_depth > 0.0) {
+        dig_by_slipping(path, robot->radius, robot->radius * body->rate[HIL_BETA], body->rate[HIL_X], dt, body);
+    }
     dig(path, ground.terrain.softness, robot->radius * body->rate[HIL_BETA], body->rate[HIL_X], dt, body);
 }

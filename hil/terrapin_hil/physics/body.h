@@ -31,6 +31,7 @@ typedef struct {
     double current;           /* motor, at the end of the step [A] */
     double motor_torque;      /* C_m [N m] */
     double rut;               /* depth d, 0..1 */
+    double dug;               /* on a contact model's ground: depth of the rut beyond the sinkage [m] */
     double load;              /* normal to the ground [N] */
     double ground_torque;     /* active effects on the shell [N m], part of the contact torque */
     double sinkage;           /* on a contact model's ground [m], else 0 */
@@ -39,6 +40,7 @@ typedef struct {
 /* What acts from outside during one step. */
 typedef struct {
     hil_drive drive;
+    double tow;         /* load that the axle tows: a dry friction [N] */
     double temperature; /* winding [degC] */
     double time;        /* at the start of the step [s] */
     double pass;

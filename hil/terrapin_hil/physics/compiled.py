@@ -53,7 +53,7 @@ def _ffi() -> cffi.FFI:
 
 @cache
 def _library() -> Any:
-    return _ffi().dlopen(str(paths.need(paths.build() / "libterrapin_hil.so")))
+    return _ffi().dlopen(str(paths.need(paths.simulator() / "libterrapin_hil.so")))
 
 
 def pointer(array: npt.NDArray[np.float64] | None) -> Any:

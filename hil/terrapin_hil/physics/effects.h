@@ -3,7 +3,8 @@
  *
  * A term is evaluated once a step over the state as roles. A passive one is the level of a friction: it is evaluated at
  * the magnitude of the rates, and never at 0, where sign(0) = 0 would lose the stiction. An active one is a torque that
- * resists when positive. The others are relative: the parameter is multiplied by 1 + term.
+ * resists when positive. Drag is the level of a friction on the axle, of motion seen as forwards: slip is positive
+ * where it drives. The others are relative: the parameter is multiplied by 1 + term.
  */
 #ifndef HIL_EFFECTS_H
 #define HIL_EFFECTS_H
@@ -18,6 +19,7 @@ enum hil_effect_target {
     HIL_EFFECT_COULOMB,
     HIL_EFFECT_VISCOUS,
     HIL_EFFECT_F_O,
+    HIL_EFFECT_DRAG, /* [N], on the axle */
     HIL_EFFECT_TARGETS
 };
 

@@ -67,6 +67,8 @@ enum {
     HIL_ROLE_VOLTAGE,
     HIL_ROLE_JOINT_RATE,
     HIL_ROLE_DRIVE_TORQUE,
+    HIL_ROLE_BULLDOZING, /* resistance of the sand pushed ahead [N], in the plant */
+    HIL_ROLE_DIRECTION,  /* 1 forwards, -1 backwards, in the plant */
     HIL_ROLES = 16
 };
 

@@ -39,6 +39,8 @@ ROLES: Mapping[str, int] = {
             "voltage",
             "joint_rate",
             "drive_torque",
+            "bulldozing_resistance",
+            "direction",
         )
     )
 }

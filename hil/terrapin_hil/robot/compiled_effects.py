@@ -13,16 +13,22 @@ from terrapin_hil.physics.program import ROLES as SLOTS
 from terrapin_hil.physics.program import Instruction, instructions
 from terrapin_hil.robot.plant import Robot
 
-__all__ = ["ROLES", "TARGETS", "ActiveEffect", "CompiledEffects", "EffectError", "compile_effects", "in_plant"]
+__all__ = ["ROLES", "TARGETS", "ActiveEffect", "CompiledEffects", "EffectError", "compile_effects", "drags", "in_plant"]
 
 ROLES = ("time", "omega", "angle", "slip", "speed", "load", "slope", "temperature", "voltage", "moisture", "pass_")
+SOFT = ("bulldozing_resistance",)  # on a contact model's ground
 # as in effects.h, after passive and active resistance
-TARGETS = ("torque_constant", "armature_resistance", "coulomb", "viscous", "f_o")
+TARGETS = ("torque_constant", "armature_resistance", "coulomb", "viscous", "f_o", "drag")
 
 
 def in_plant(effect: Effect) -> bool:
     """Whether the simulated robot can have the effect: in its equations, or as a setting of its sensors."""
     return effect.plant and bool(set(Robot.bases) & set(effect.bases))
+
+
+def drags(effect: Effect) -> bool:
+    """Whether the effect resists the axle on a contact model's ground: of the base models that is (SoftGround.base)."""
+    return effect.plant and effect.target == "drag"
 
 
 class EffectError(UserError, ValueError):
@@ -55,10 +61,11 @@ def _target(effect: Effect) -> int:
 
 def _code(active: ActiveEffect, constants: Mapping[str, float]) -> list[Instruction]:
     effect = active.effect
-    if not in_plant(effect):
+    if not in_plant(effect) and not drags(effect):
         raise EffectError(f"{effect.name}: the plant cannot take this effect")
+    numbers = {**constants, **effect.options, **active.values}
     try:
-        return instructions(effect.expression, {role: SLOTS[role] for role in ROLES}, {**constants, **active.values})
+        return instructions(effect.expression, {role: SLOTS[role] for role in (*ROLES, *SOFT)}, numbers)
     except KeyError as error:
         raise EffectError(f"{effect.name}: the plant has no {error}") from None
 
@@ -73,7 +80,8 @@ def compile_effects(effects: Sequence[ActiveEffect], constants: Mapping[str, flo
     for active in effects:
         if not active.effect.sensor:  # those set the sensors
             own = _code(active, constants)
-            terms.append((int(active.effect.where == "ground"), _target(active.effect), len(code), len(own)))
+            outside = active.effect.where == "ground" or drags(active.effect)
+            terms.append((int(outside), _target(active.effect), len(code), len(own)))
             code += own
     f = ffi()
     kept = f.new("hil_effect[]", terms), f.new("hil_instruction[]", code)

@@ -16,6 +16,8 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.library import ffi, library
 from terrapin_hil.messages import interface
 from terrapin_hil.physics import soils
+from terrapin_hil.physics.contact import Shape
+from terrapin_hil.robots import cylinder
 
 __all__ = [
     "TERRAINS",
@@ -34,27 +36,33 @@ def _q(default: float, unit: str, low: float = 1e-9, high: float = 1e6) -> Any:
     return field(default=default, metadata={"unit": unit, "low": low, "high": high})
 
 
+def _p(name: str, unit: str, low: float = 1e-9, high: float = 1e6) -> Any:
+    """A constant of the cylinder's file by default."""
+    metadata = {"unit": unit, "low": low, "high": high}
+    return field(default_factory=lambda: cylinder().plant[name], metadata=metadata)
+
+
 @dataclass(frozen=True)
 class Robot:
-    """Constants of the cylindrical robot, SI; see terrapin_hil/physics/robot.h."""
+    """Constants of a robot, SI; see terrapin_hil/physics/robot.h. Those of the cylinder by default."""
 
     bases: ClassVar = ("rolling_steady", "cmr")  # base models whose effects it can have
 
-    radius: float = _q(0.080, "m")
-    drive_radius: float = _q(0.018, "m")
-    arm: float = _q(0.062, "m")
-    shell_mass: float = _q(0.3, "kg")
-    body_mass: float = _q(0.5, "kg")
-    drive_mass: float = _q(1.1, "kg")
-    shell_inertia: float = _q(1.92e-3, "kg m^2")
-    body_inertia: float = _q(2.0e-4, "kg m^2")
-    drive_inertia: float = _q(1.8e-4, "kg m^2")
-    gravity: float = _q(9.81, "m/s^2", 0.0)
-    torque_constant: float = _q(0.10, "N m/A", 0.0)
-    armature_resistance: float = _q(5.0, "ohm")
-    resistance_slope: float = _q(0.0, "1/K", 0.0, 0.1)
-    coulomb: float = _q(0.012, "N m", 0.0)
-    viscous: float = _q(1.0e-3, "N m s/rad", 0.0)
+    radius: float = _p("radius", "m")
+    drive_radius: float = _p("drive_radius", "m")
+    arm: float = _p("arm", "m")
+    shell_mass: float = _p("shell_mass", "kg")
+    body_mass: float = _p("body_mass", "kg")
+    drive_mass: float = _p("drive_mass", "kg")
+    shell_inertia: float = _p("shell_inertia", "kg m^2")
+    body_inertia: float = _p("body_inertia", "kg m^2")
+    drive_inertia: float = _p("drive_inertia", "kg m^2")
+    gravity: float = _p("gravity", "m/s^2", 0.0)
+    torque_constant: float = _p("torque_constant", "N m/A", 0.0)
+    armature_resistance: float = _p("armature_resistance", "ohm")
+    resistance_slope: float = _p("resistance_slope", "1/K", 0.0, 0.1)
+    coulomb: float = _p("coulomb", "N m", 0.0)
+    viscous: float = _p("viscous", "N m s/rad", 0.0)
 
     @property
     def weight(self) -> float:
@@ -95,31 +103,49 @@ class Segment:
     start: float = 0.0
     slope: float = 0.0
     transition: float = 0.05
+    contact: SoftGround | None = None  # another soil than the ground's, where that is a contact model;
+    firm: bool = False  # or the terrain there as well
 
 
 @dataclass(frozen=True)
 class SoftGround:
-    """Soil whose contact model (Reina et al. 2006, Eqs. 9-15) carries and drives the shell; see ground/grip.h."""
+    """Soil whose contact model carries and drives the shell; see ground/grip.h.
 
-    base: ClassVar = "wheel_contact"  # the base model whose effects on the soil it can have
+    A wheel is Reina et al. 2006, Eqs. 9-15, a sphere Li et al. 2024, Eqs. 1-6. A sphere takes the soil's stiffness at
+    `width`, which counts only where that depends on one.
+    """
 
     soil: soils.Soil
     width: float = 0.15  # of the shell [m]; the paper does not print it
     recovery: float = 0.0  # exit angle over entry angle
+    shape: Shape = "wheel"
+
+    @property
+    def base(self) -> str:
+        """The base model whose effects on the soil it can have."""
+        return f"{self.shape}_contact"
 
 
 @dataclass(frozen=True)
 class Ground:
-    """The path, and how a spinning shell digs in (our assumption; see terrapin_hil/physics/ground/ground.h).
+    """The path, and how a slipping shell digs in (our assumption; see terrapin_hil/physics/ground/ground.h).
 
-    With `contact` the soil replaces terrains and rut; of the segments only the slope counts.
+    With `contact` the soil replaces terrains and their rut; of the segments slope and, where it has one, soil count.
     """
 
     segments: tuple[Segment, ...]
     dig_length: float = _q(0.30, "m")
     leave_length: float = _q(0.10, "m")
     rut_friction: float = _q(1.0, "1", 0.0, 10.0)
+    dig_slip: float = _q(0.5, "1", 0.0, 1.0)
+    slip_depth: float = _q(0.0, "m", 0.0, 1.0)
     contact: SoftGround | None = None
+
+    @property
+    def soils(self) -> tuple[SoftGround, ...]:
+        """The soils of the segments, of all but firm ones; none without contact model."""
+        found = [None if segment.firm else segment.contact or self.contact for segment in self.segments]
+        return tuple(soil for soil in found if soil is not None)
 
 
 def _reference() -> float:

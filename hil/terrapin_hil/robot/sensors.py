@@ -14,6 +14,7 @@ from typing import Any
 from terrapin_hil.messages import interface
 from terrapin_hil.reading import Section, quantities
 from terrapin_hil.robot.compiled_effects import ActiveEffect
+from terrapin_hil.robots import selected
 
 __all__ = [
     *("ADCS", "CHANNELS", "DIGITALS", "ENCODERS", "Adc", "Digital", "Encoder", "Sensors"),
@@ -78,15 +79,17 @@ class Digital:
 
 @dataclass(frozen=True)
 class Sensors:
-    current: Adc = field(default_factory=lambda: Adc(lsb=1e-3, zero=2048.0))  # A
-    supply: Adc = field(default_factory=lambda: Adc(lsb=4e-3))  # V
+    """Those of the robot of this process (terrapin_hil.robots)."""
+
+    current: Adc = field(default_factory=lambda: Adc(lsb=selected().current_code, zero=2048.0))  # A
+    supply: Adc = field(default_factory=lambda: Adc(lsb=selected().supply_code))  # V
     temperature: Adc = field(default_factory=lambda: Adc(lsb=0.05, zero=1000.0))  # degC
     motor: Encoder = field(default_factory=Encoder)
-    wheel: Encoder = field(default_factory=Encoder)
-    swing_angle: Digital = field(default_factory=lambda: Digital(resolution=1e-3))
-    swing_rate: Digital = field(default_factory=lambda: Digital(resolution=1e-2))
-    pitch: Digital = field(default_factory=lambda: Digital(resolution=1e-3, largest=2047.0))
-    ground_speed: Digital = field(default_factory=lambda: Digital(resolution=1e-3, present=False))
+    wheel: Encoder = field(default_factory=lambda: Encoder(counts_per_turn=float(selected().wheel_counts)))
+    swing_angle: Digital = field(default_factory=lambda: Digital(resolution=1e-3, present=selected().swing))
+    swing_rate: Digital = field(default_factory=lambda: Digital(resolution=1e-2, present=selected().swing))
+    pitch: Digital = field(default_factory=lambda: Digital(resolution=1e-3, largest=2047.0, present=selected().pitch))
+    ground_speed: Digital = field(default_factory=lambda: Digital(resolution=1e-3, present=selected().ground_speed))
 
 
 def _ideal() -> Sensors:

@@ -1,4 +1,4 @@
-"""The plant's `ground = "contact"`: tables of the wheel's contact for one run, and what follows for steady rolling.
+"""The plant's `ground = "contact"`: tables of a wheel's or a sphere's contact, and what follows for steady rolling.
 
 >>> from dataclasses import replace
 >>> from terrapin_hil.physics.soils import library
@@ -19,15 +19,24 @@ import numpy as np
 import numpy.typing as npt
 
 from terrapin_hil.library import ffi
-from terrapin_hil.physics import contact, soils, wheel
-from terrapin_hil.physics.contact import FIELDS, Array, ContactError
+from terrapin_hil.physics import contact, soils, sphere
+from terrapin_hil.physics.contact import FIELDS, Array, ContactError, Rows, Shape
 from terrapin_hil.physics.effects import Effect
 from terrapin_hil.physics.expression import parse
 from terrapin_hil.reading import Section, shorten
-from terrapin_hil.robot.compiled_effects import ActiveEffect, EffectError
+from terrapin_hil.robot.compiled_effects import ActiveEffect, EffectError, drags
 from terrapin_hil.robot.plant import Ground, Robot, SoftGround
 
-__all__ = ["GripTable", "affected", "affects_soil", "check_step", "contact_steady", "grip_table", "read_soft_ground"]
+__all__ = [
+    "GripTable",
+    "affected",
+    "affects_soil",
+    "check_step",
+    "contact_steady",
+    "grip_table",
+    "grip_tables",
+    "read_soft_ground",
+]
 
 SOIL_TARGETS = ("k_s", "cohesion", "recovery")
 VALUES = ("thrust", "compaction", "lever", "sinkage")
@@ -41,19 +50,21 @@ class GripTable:
 
     loads: Array  # (loads,) [N], rising
     row: Array
+    bulldozing: tuple[float, float, float, float]  # hil_bulldozing
     error: float  # greatest errors found half-way between nodes, along slip and load, added: a share of ACCURACY
 
     def native(self) -> Any:
         """hil_grip_table *; this object must outlive it."""
         step = float(self.loads[1] - self.loads[0]) if len(self.loads) > 1 else 1.0
         data = ffi().cast("double *", self.row.ctypes.data)
-        return ffi().new("hil_grip_table *", (*self.row.shape[:2], float(self.loads[0]), step, data))
+        return ffi().new("hil_grip_table *", (*self.row.shape[:2], float(self.loads[0]), step, data, self.bulldozing))
 
 
 def affects_soil(effect: Effect) -> bool:
-    """Whether `effect` changes the soil of a whole run: an effect of the wheel's contact that needs no motion."""
+    """Whether `effect` changes the soil of a whole run: an effect of a contact that needs no motion."""
     names = parse(effect.expression).names - {parameter.name for parameter in effect.parameters}
-    return SoftGround.base in effect.bases and effect.target in SOIL_TARGETS and names <= {"pass_", "moisture"}
+    contacts = {"wheel_contact", "sphere_contact"} & set(effect.bases)
+    return bool(contacts) and effect.target in SOIL_TARGETS and names <= {"pass_", "moisture"}
 
 
 def affected(
@@ -72,49 +83,85 @@ def affected(
         effect = active.effect
         if effect.target == "f_o":
             raise EffectError(f'{effect.name}: acts on f_o, which ground = "contact" does not have')
-        if not affects_soil(effect):
+        if not (affects_soil(effect) or drags(effect)):
+            rest.append(active)
+            continue
+        if soft.base not in effect.bases:
+            raise EffectError(f"{effect.name}: found a {soft.shape}, expected {' or '.join(effect.bases)}")
+        if drags(effect):
+            if effect.constants and not all(any(bulldozing_of(each, 1.0)[2:]) for each in ground.soils):
+                raise EffectError(f"{effect.name}: expected {', '.join(effect.constants)} in [soil]")
             rest.append(active)
             continue
         values = {**active.values, "pass_": pass_number, "moisture": moisture}
         change = float(parse(effect.expression).evaluate(values))
-        if effect.target == "recovery":
-            contact.check("recovery", np.array([soft.recovery + change]))
-            soft = replace(soft, recovery=soft.recovery + change)
-        elif effect.target == "cohesion":
-            soft = replace(soft, soil=replace(soft.soil, cohesion=soft.soil.cohesion + change))
-        else:
-            soil = soft.soil
-            soft = replace(soft, soil=replace(soil, k_c=soil.k_c * (1.0 + change), k_phi=soil.k_phi * (1.0 + change)))
-    return replace(ground, contact=soft), tuple(rest)
+        segments = tuple(
+            replace(s, contact=None if s.contact is None else _changed(s.contact, effect, change))
+            for s in ground.segments
+        )
+        soft = _changed(soft, effect, change)
+        ground = replace(ground, contact=soft, segments=segments)
+    return ground, tuple(rest)
 
 
-def _soil(ground: SoftGround) -> wheel.Soil:
-    return replace(wheel.soil_of(ground.soil, ground.width), recovery=ground.recovery)
+def _changed(soft: SoftGround, effect: Effect, change: float) -> SoftGround:
+    """The soil with an effect on it."""
+    soil = soft.soil
+    if effect.target == "recovery":
+        contact.check("recovery", np.array([soft.recovery + change]))
+        return replace(soft, recovery=soft.recovery + change)
+    if effect.target == "cohesion":
+        return replace(soft, soil=replace(soil, cohesion=soil.cohesion + change))
+    return replace(soft, soil=replace(soil, k_c=soil.k_c * (1.0 + change), k_phi=soil.k_phi * (1.0 + change)))
+
+
+def bulldozing_of(ground: SoftGround, radius: float) -> tuple[float, float, float, float]:
+    """hil_bulldozing of a soil under a shell of `radius` [m]; strengths 0 where the soil lacks numbers of Eq. 8."""
+    soil, width = ground.soil, ground.width if ground.shape == "wheel" else 0.0
+    if soil.unit_weight is None or soil.n_c is None or soil.n_gamma is None or soil.friction_angle <= 0.0:
+        return radius, width, 0.0, 0.0
+    k_l, k_g = sphere.bulldozing_factors(soil.friction_angle, soil.n_c, soil.n_gamma)
+    return radius, width, 0.67 * soil.cohesion * float(k_l), soil.unit_weight * float(k_g)
+
+
+def _fields(ground: SoftGround, radius: float, slip: Rows) -> dict[str, Rows]:
+    """hil_contact_point by its names (contact.FIELDS). ValueError where the soil lacks one."""
+    footing, soil = ground.soil.footing(ground.width), ground.soil
+    peak = (0.5, 0.0)
+    if ground.shape == "sphere":
+        if soil.c1 is None or soil.c2 is None:
+            raise ValueError(
+                f"c1, c2: {soil.source} states none for {soil.name}, expected numbers: a sphere needs both"
+            )
+        peak = soil.c1, soil.c2
+    given = (slip, radius, ground.width, *footing, *peak, ground.recovery)
+    return dict(zip(FIELDS, given, strict=True))
+
+
+def _contact(ground: SoftGround, radius: float, load: Rows, slip: Rows) -> contact.Contact:
+    """Contacts that carry the loads [N]. ContactError says why where none does."""
+    return contact.contact(ground.shape, False, _fields(ground, radius, slip), False, load=load)
 
 
 def _exact(ground: SoftGround, radius: float, load: Array, slip: Array) -> tuple[Array, Array]:
     """VALUES (points, 4) and their derivatives by the plant's slip. ContactError where no sinkage carries a load."""
-    soil = _soil(ground)
     share = np.maximum(1.0 + np.minimum(slip, 0.0), 1e-9)  # slip and R omega / v - 1 agree when driving only
     inner = np.where(slip < 0.0, np.minimum(slip, 0.0) / share, slip)
-    stiffness = (soil.k_c + soil.k_phi * ground.width) * ground.width ** -float(soil.exponent)
-    given = (inner, radius, ground.width, stiffness, soil.exponent, soil.cohesion, soil.friction_angle)
-    fields = dict(zip(FIELDS, (*given, soil.shear_modulus, 0.5, 0.0, ground.recovery), strict=True))
-    packed = contact.points(fields, len(load))
-    entry, value, slopes, status = contact.equilibrium("wheel", False, packed, load, None, derivatives=True)
+    packed = contact.points(_fields(ground, radius, inner), len(load))
+    entry, value, slopes, status = contact.equilibrium(ground.shape, False, packed, load, None, derivatives=True)
     assert slopes is not None
     if status.any():
         at = int(np.flatnonzero(status)[0])
-        wheel.solve(load[at], float(np.clip(slip[at], -1.0, 1.0)), radius, ground.width, soil)  # says why
+        _contact(ground, radius, load[at], float(np.clip(slip[at], -1.0, 1.0)))  # says why
         raise ContactError(f"load: found {load[at]:.6g} N at slip {slip[at]:.3g}: no sinkage carries it")
     bare = packed.copy()
     bare[:, FIELDS.index("cohesion")] = bare[:, FIELDS.index("friction_angle")] = 0.0
-    pressed, by_pressed = contact.evaluate("wheel", False, bare, entry, derivatives=True)
+    pressed, by_pressed = contact.evaluate(ground.shape, False, bare, entry, derivatives=True)
     assert by_pressed is not None
     inward = np.where(slip < 0.0, 1.0 / share**2, 1.0)
     follow = -slopes[:, 0, 1] / slopes[:, 0, 0]  # of the entry angle, the load held
     total = (slopes[:, :, 1] + slopes[:, :, 0] * follow[:, None]) * inward[:, None]
-    compaction, compaction_by = -pressed[:, 1], -by_pressed[:, 1, 0] * follow * inward
+    compaction, compaction_by = -pressed[:, 1], -(by_pressed[:, 1, 1] + by_pressed[:, 1, 0] * follow) * inward
     thrust, thrust_by = value[:, 1] + compaction, total[:, 1] + compaction_by
     depth, depth_by = 2.0 * radius * np.sin(0.5 * entry) ** 2, radius * np.sin(entry) * follow * inward
     values = np.stack([thrust, compaction, value[:, 2] - radius * thrust, depth], axis=1)
@@ -135,34 +182,38 @@ def _miss(found: Array, exact: Array, scale: Array) -> float:
     return float((np.abs(found - exact) / np.maximum(np.abs(exact), 0.01 * scale)).max())
 
 
-@lru_cache(maxsize=32)  # of some 100 kB each; a batch may draw a soil a run
 def grip_table(ground: Ground, robot: Robot) -> GripTable:
-    """The table for a robot on the path: loads of its slopes, refined until values half-way between nodes are within
-    ACCURACY of the integrals. ContactError for soils and loads without equilibrium, or where that is not reached.
+    """The table for a robot on the path's first soil: loads of all slopes, refined until values half-way between nodes
+    are within ACCURACY of the integrals. ContactError for soils and loads without equilibrium, or where that is not
+    reached.
     """
-    soft = ground.contact
-    assert soft is not None
     steepest = max(abs(segment.slope) for segment in ground.segments)
-    check_soft_ground(soft, robot, steepest)
-    low, high = robot.weight * math.cos(steepest), robot.weight
-    deepest = float(_exact(soft, robot.radius, np.array([high]), np.array([1.0]))[0][0, 3])
-    scale = np.array([high, high, high * robot.radius, deepest])
+    return _table(ground.soils[0], robot.radius, robot.weight, steepest)
+
+
+@lru_cache(maxsize=32)  # of some 100 kB each; a batch may draw a soil a run
+def _table(soft: SoftGround, radius: float, weight: float, steepest: float) -> GripTable:
+    check_soft_ground(soft, radius, weight, steepest)
+    low, high = weight * math.cos(steepest), weight
+    deepest = float(_exact(soft, radius, np.array([high]), np.array([1.0]))[0][0, 3])
+    scale = np.array([high, high, high * radius, deepest])
     slips, count = 65, 1 if high - low < 1e-12 * high else 3
     while True:
         nodes, loads = np.linspace(-1.0, 1.0, slips), np.linspace(low, high, count)
-        row = _grid(soft, robot.radius, loads, nodes)
-        middle = _grid(soft, robot.radius, loads[[0, -1]], 0.5 * (nodes[1:] + nodes[:-1]))[..., 0]
+        row = _grid(soft, radius, loads, nodes)
+        middle = _grid(soft, radius, loads[[0, -1]], 0.5 * (nodes[1:] + nodes[:-1]))[..., 0]
         ends = row[[0, -1]]
         step = nodes[1] - nodes[0]
         hermite = 0.5 * (ends[:, 1:, :, 0] + ends[:, :-1, :, 0]) + step / 8 * (ends[:, :-1, :, 1] - ends[:, 1:, :, 1])
         along = _miss(hermite, middle, scale)
         across = 0.0
         if count > 1:
-            between = _grid(soft, robot.radius, 0.5 * (loads[1:] + loads[:-1]), nodes[::8])[..., 0]
+            between = _grid(soft, radius, 0.5 * (loads[1:] + loads[:-1]), nodes[::8])[..., 0]
             across = _miss(0.5 * (row[1:, ::8, :, 0] + row[:-1, ::8, :, 0]), between, scale)
         enough = 0.3 * ACCURACY  # both add up, and elsewhere between the nodes it may be a little more
         if max(along, across) <= enough:
-            return GripTable(loads, np.ascontiguousarray(row), (along + across) / ACCURACY)
+            pushed = bulldozing_of(soft, radius)
+            return GripTable(loads, np.ascontiguousarray(row), pushed, (along + across) / ACCURACY)
         if (along > enough and slips >= MOST_SLIPS) or (across > enough and count >= MOST_LOADS):
             raise ContactError(
                 f"contact table: found an error of {max(along, across):.2g}, expected at most {ACCURACY:g}"
@@ -171,9 +222,17 @@ def grip_table(ground: Ground, robot: Robot) -> GripTable:
         count = 2 * count - 1 if across > enough else count
 
 
+def grip_tables(ground: Ground, robot: Robot) -> list[GripTable | None]:
+    """The table of each segment, None where it is firm; equal soils share one. ContactError as `grip_table`."""
+    steepest = max(abs(segment.slope) for segment in ground.segments)
+    soils = [None if segment.firm else segment.contact or ground.contact for segment in ground.segments]
+    return [None if soft is None else _table(soft, robot.radius, robot.weight, steepest) for soft in soils]
+
+
 def read_soft_ground(section: Section) -> SoftGround:
     """[soil]: `name` of the library, or `form`, `exponent` and values; values beside a name change it. ReadingError."""
     library = soils.library()
+    shape: Shape = "sphere" if section.choice("shape", ("wheel", "sphere"), "wheel") == "sphere" else "wheel"
     width = section.quantity("width", "m", 0.15, 1e-4, 10.0)
     if "name" in section:
         base = library[section.choice("name", library)]
@@ -198,27 +257,29 @@ def read_soft_ground(section: Section) -> SoftGround:
 
         return section.value(field, convert)
 
-    fields = ("k_c", "k_phi", "cohesion", "friction_angle", "shear_modulus")
+    fields = ("k_c", "k_phi", "cohesion", "friction_angle", "shear_modulus", "unit_weight")
     values: dict[str, Any] = {field: read(field) for field in fields if field in section or field in needed}
+    for name, low, high in (("c1", -1.0, 2.0), ("c2", -2.0, 2.0), ("n_c", 0.0, 1e3), ("n_gamma", 0.0, 1e3)):
+        if name in section:
+            values[name] = section.quantity(name, "1", None, low, high)
     section.done()
     try:
-        ground = SoftGround(replace(base, **values), width)
-        wheel.soil_of(ground.soil, width)
+        ground = SoftGround(replace(base, **values), width, shape=shape)
+        _fields(ground, 1.0, 0.0)
     except ValueError as error:
         raise section.error(None, str(error)) from None
     return ground
 
 
-def check_soft_ground(ground: SoftGround, robot: Robot, steepest: float = 0.0) -> None:
-    """ContactError or ValueError where the soil, at any slip and on any slope up to `steepest`, cannot carry it."""
-    soil = _soil(ground)
-    loads = robot.weight * np.cos([0.0, 0.0, 0.0, steepest])
-    wheel.solve(loads, np.array([-1.0, 0.0, 1.0, 1.0]), robot.radius, ground.width, soil)
+def check_soft_ground(ground: SoftGround, radius: float, weight: float, steepest: float) -> None:
+    """ContactError or ValueError where the soil, at any slip and any slope up to `steepest`, cannot carry a robot."""
+    loads = weight * np.cos([0.0, 0.0, 0.0, steepest])
+    _contact(ground, radius, loads, np.array([-1.0, 0.0, 1.0, 1.0]))
 
 
 def check_step(ground: SoftGround, robot: Robot, step: float, speed: float) -> None:
     """ContactError where the rim, at `speed` [m/s], passes over a quarter of the contact's length in `step` [s]."""
-    entry = wheel.entry_angle(robot.weight, 0.0, robot.radius, ground.width, _soil(ground))
+    entry = _contact(ground, robot.radius, robot.weight, 0.0).entry
     longest = 0.25 * robot.radius * math.sin(float(entry[0])) / max(abs(speed), 1e-9)
     if not 0.0 < step <= longest:
         raise ContactError(
@@ -247,15 +308,14 @@ def contact_steady(robot: Robot, ground: SoftGround, voltage: npt.ArrayLike) -> 
     from scipy.optimize import brentq  # takes half a second, which a run does not need
 
     volts = np.atleast_1d(np.asarray(voltage, dtype=np.float64))
-    soil = _soil(ground)
 
     def pull(slip: float) -> float:
-        return float(wheel.solve(robot.weight, slip, robot.radius, ground.width, soil).traction[0])
+        return float(_contact(ground, robot.radius, robot.weight, slip).traction[0])
 
     if not pull(0.0) < 0.0 < pull(1.0):
         raise ContactError(f"drawbar pull: found {pull(1.0):.4g} N at slip 1, expected more than 0 N to move at all")
     slip = float(brentq(pull, 0.0, 1.0, xtol=1e-13, rtol=1e-14))
-    c = wheel.solve(robot.weight, slip, robot.radius, ground.width, soil)
+    c = _contact(ground, robot.radius, robot.weight, slip)
     gear = robot.radius / robot.drive_radius
     drive = gear * robot.torque_constant / robot.armature_resistance
     line = drive * gear * robot.torque_constant + robot.viscous

@@ -9,7 +9,7 @@ Numbers are SI, strings carry units. `ReadingError` names file, line and field o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,14 +18,17 @@ from terrapin_hil import paths
 from terrapin_hil.effect_files import known_effects
 from terrapin_hil.messages import Interface, interface
 from terrapin_hil.reading import ReadingError, Section, load, parse_quantity, parse_toml, quantities, shorten
-from terrapin_hil.robot.compiled_effects import ActiveEffect, in_plant
+from terrapin_hil.robot.compiled_effects import ActiveEffect, drags, in_plant
 from terrapin_hil.robot.plant import TERRAINS, Ground, Robot, Segment, Terrain, Winding
 from terrapin_hil.robot.sensors import Sensors, kit, read_sensors, with_effects
-from terrapin_hil.robot.soft_ground import affected, affects_soil, check_step, grip_table, read_soft_ground
+from terrapin_hil.robot.soft_ground import affected, affects_soil, check_step, grip_tables, read_soft_ground
+from terrapin_hil.robots import Robot as Design
+from terrapin_hil.robots import selected
 from terrapin_hil.scenario.changes import changed, place_of
 from terrapin_hil.scenario.checks import Check, parse_check
 from terrapin_hil.scenario.faults import MAX_FAULTS, Fault, Provocation, read_fault, read_provocation
 from terrapin_hil.telemetry import signals, words
+from terrapin_interface.robot import DEFAULT, ORIGINS
 
 __all__ = [
     "CONTROLS",
@@ -67,14 +70,16 @@ class Scenario:
     operator: tuple[Order, ...]
     title: str = ""
     seed: int = 1
-    robot: Robot = field(default_factory=Robot)
+    design: Design = field(default_factory=selected)  # the file of the robot
+    robot: Robot = field(default_factory=lambda: Robot(**selected().plant))  # its constants in this run
     sensors: Sensors = field(default_factory=lambda: kit("ideal"))
     winding: Winding = field(default_factory=Winding)
-    supply: float = 12.0
+    supply: float = field(default_factory=lambda: selected().supply)
     supply_resistance: float = 0.0
     start_position: float = 0.0
     moisture: float = 0.0
     pass_number: float = 1.0
+    tow: tuple[tuple[float, float], ...] = ()  # load [N] that the axle tows, over time [s]
     carriage: tuple[tuple[float, float], ...] = ()
     steering: tuple[tuple[float, float], ...] = ()  # heading [rad] that the inner device is steered to, over time [s]
     faults: tuple[Fault, ...] = ()
@@ -84,6 +89,7 @@ class Scenario:
     provokes: Provocation | None = None
     real_time: bool = False
     source: str = ""  # text of the file
+    notes: tuple[str, ...] = ()  # what is no error, but would surprise
 
     @property
     def ticks(self) -> int:
@@ -92,9 +98,11 @@ class Scenario:
 
 
 def find_scenario(name: str) -> Path:
-    """A file as it is, or the shipped scenario of that name (scenarios/NAME.toml). ReadingError when neither is."""
-    path = Path(name)
-    folder = paths.SCENARIOS
+    """A file as it is, or the shipped scenario of that name: scenarios/NAME.toml, of another robot than the cylinder
+    scenarios/ROBOT/NAME.toml. ReadingError when neither is.
+    """
+    path, robot = Path(name), selected().name
+    folder = paths.SCENARIOS if robot == DEFAULT else paths.SCENARIOS / robot
     names = sorted(p.stem for p in folder.glob("*.toml"))
     try:
         if path.is_file():
@@ -104,7 +112,10 @@ def find_scenario(name: str) -> Path:
     if name in names:
         return folder / f"{name}.toml"
     shown = name if len(name) < 200 else shorten(name)
-    raise ReadingError(f"{shown}: no such file, and no scenario of that name; shipped: {', '.join(names)}")
+    of = "" if robot == DEFAULT else f" for the {robot}"
+    raise ReadingError(
+        f"{shown}: no such file, and no scenario of that name; shipped{of}: {', '.join(names) or 'none'}"
+    )
 
 
 def _terrain(section: Section) -> Terrain:
@@ -127,27 +138,36 @@ def _terrain(section: Section) -> Terrain:
 def _ground(root: Section) -> Ground:
     segments: list[Segment] = []
     soft = root.choice("ground", ["default", "contact"], "default") == "contact"
+    soil = read_soft_ground(root.section("soil")) if soft else None
     for section in root.sections("path"):
         first = not segments
         start = section.quantity("from", "m", 0.0 if first else None)
-        if soft and "terrain" in section:
-            raise section.error("terrain", 'with ground = "contact" the ground is what [soil] says')
+        firm = soft and "terrain" in section
+        if firm and "soil" in section:
+            raise section.error("soil", "a segment has a terrain or a soil, expected one of the two")
         if not first and start <= segments[-1].start:
             raise section.error("from", f"found {start:g} m, expected more than {segments[-1].start:g} m")
         slope = section.quantity("slope", "rad", 0.0, -1.2, 1.2)
         transition = section.quantity("transition", "m", 0.05, 1e-6, 1e3)
-        segments.append(Segment(Terrain() if soft else _terrain(section), start, slope, transition))
+        own = None
+        if soil is not None and "soil" in section:
+            own = read_soft_ground(section.section("soil"))
+            if own.shape != soil.shape:
+                raise section.error("soil", f"found shape {own.shape}, expected {soil.shape} as in [soil]")
+        terrain = Terrain() if soft and not firm else _terrain(section)
+        segments.append(Segment(terrain, start, slope, transition, own, firm))
         section.done()
     if not 1 <= len(segments) <= MAX_SEGMENTS:
         raise root.error("path", f"found {len(segments)} tables [[path]], expected 1 to {MAX_SEGMENTS}")
     for here, following in pairwise(segments):
         if here.start + here.transition > following.start and here is not segments[0]:
             raise root.error("path", f"the transition that begins at {here.start:g} m reaches into the next segment")
-    if soft:
-        return Ground(tuple(segments), contact=read_soft_ground(root.section("soil")))
     rut = root.section("rut")
-    read = quantities(rut, _Rut)
-    return Ground(tuple(segments), read.dig_length, read.leave_length, read.rut_friction)
+    if soft and all(segment.firm for segment in segments):
+        raise root.error("ground", "found a terrain in each segment, expected one without: it has the soil")
+    if soft:
+        return Ground(tuple(segments), contact=soil, slip_depth=quantities(rut, _SlipRut).slip_depth)
+    return Ground(tuple(segments), **asdict(quantities(rut, _Rut)))
 
 
 @dataclass(frozen=True)
@@ -155,6 +175,12 @@ class _Rut:
     dig_length: float = field(default=0.30, metadata={"unit": "m", "low": 1e-6})
     leave_length: float = field(default=0.10, metadata={"unit": "m", "low": 1e-6})
     rut_friction: float = field(default=1.0, metadata={"unit": "1", "low": 0.0, "high": 10.0})
+    dig_slip: float = field(default=0.5, metadata={"unit": "1", "low": 0.0, "high": 1.0})
+
+
+@dataclass(frozen=True)
+class _SlipRut:
+    slip_depth: float = field(default=0.0, metadata={"unit": "m", "low": 0.0, "high": 1.0})
 
 
 def _operator(root: Section) -> tuple[Order, ...]:
@@ -184,7 +210,11 @@ def _profile(section: Section, key: str, unit: str, low: float, high: float) -> 
 def _effects(root: Section) -> tuple[ActiveEffect, ...]:
     section = root.section("effect")
     soft = "ground" in root and root.raw("ground") == "contact"
-    known = {n: effect for n, effect in known_effects().items() if in_plant(effect) or (soft and affects_soil(effect))}
+    known = {
+        name: effect
+        for name, effect in known_effects().items()
+        if in_plant(effect) or (soft and (affects_soil(effect) or drags(effect)))
+    }
     active = []
     for name in section:
         if name not in known:
@@ -235,6 +265,44 @@ def parameters_of(section: Section, description: Interface) -> dict[str, float]:
     return values
 
 
+def _robot(root: Section) -> Robot:
+    """The table [robot]: constants in place of those of the robot's file. `file` says for which robot a scenario is."""
+    section, design = root.section("robot"), selected()
+    named = Path(section.text("file", design.name)).name.removesuffix(".toml")
+    if named != design.name:
+        raise section.error(
+            "file", f"found {named}, expected {design.name}, the robot of this process; --robot {named}"
+        )
+    section.flag("told", False)
+    return quantities(section, Robot, Robot(**design.plant))
+
+
+def _told(
+    root: Section, robot: Robot, given: Mapping[str, float], description: Interface
+) -> tuple[dict[str, float], str]:
+    """What the controller is to know of changed constants of the robot, and a line about what it does not know."""
+    design, section = selected(), root.section("robot")
+    there = replace(design, plant={name: getattr(robot, name) for name in design.plant})
+    changed = {}
+    for name in ORIGINS:
+        parameter = description.parameters[name]
+        if name not in given and abs(there.quantity(name) - design.quantity(name)) > parameter.scale / 2:
+            changed[name] = there.quantity(name)
+    if not changed:
+        return {}, ""
+    if section.flag("told", False):
+        for name, value in changed.items():
+            try:
+                description.parameter(name).raw(value)
+            except ValueError as error:
+                raise section.error("told", str(error)) from None
+        return changed, ""
+    kept = ", ".join(
+        f"{name} = {design.quantity(name):.6g} (the robot has {value:.6g})" for name, value in changed.items()
+    )
+    return {}, f"[robot] is not told to the controller, which keeps {kept}; told = true tells it"
+
+
 def load_scenario(path: Path, values: Mapping[str, Any] | None = None) -> Scenario:
     """The scenario of a file, with `values` by name (changes.py) in the place of its own; its `source` has them too.
 
@@ -271,30 +339,35 @@ def read_scenario(root: Section, name: str) -> Scenario:
     profile = _profile(winding, "profile", "degC", -50.0, 300.0)
     heating = replace(quantities(winding, Winding, Winding()), profile=profile)
     supply = root.section("supply")
+    robot = _robot(root)
+    firmware = parameters_of(root.section("firmware"), description)
+    told, note = _told(root, robot, firmware, description)
     scenario = Scenario(
         name=name,
         title=root.text("title", ""),
         duration=root.quantity("duration", "s", None, 0.001, LONGEST),
         seed=root.whole("seed", 1, 0, 2**63 - 1),
-        robot=quantities(root.section("robot"), Robot),
+        robot=robot,
         ground=_ground(root),
         sensors=read_sensors(root.section("sensors")),
         winding=heating,
-        supply=supply.quantity("voltage", "V", 12.0, 0.0, 60.0),
+        supply=supply.quantity("voltage", "V", selected().supply, 0.0, 60.0),
         supply_resistance=supply.quantity("resistance", "ohm", 0.0, 0.0, 100.0),
         start_position=root.quantity("start_position", "m", 0.0, -FARTHEST, FARTHEST),
         moisture=root.quantity("moisture", "1", 0.0, 0.0, 1.0),
         pass_number=root.quantity("pass", "1", 1.0, 1.0),
+        tow=_profile(root, "tow", "N", 0.0, 1e6),
         carriage=_profile(root, "carriage", "m/s", -32.0, 32.0),
         steering=_profile(root, "steering", "rad", -1000.0, 1000.0),
         operator=_operator(root),
         faults=tuple(read_fault(section) for section in root.sections("fault")),
         effects=_effects(root),
-        firmware=parameters_of(root.section("firmware"), description),
+        firmware={**told, **firmware},
         checks=_checks(root, description),
         provokes=read_provocation(root, description.faults),
         real_time=root.flag("real_time", False),
         source=root.source,
+        notes=(note,) if note else (),
     )
     supply.done()
     try:
@@ -305,10 +378,11 @@ def read_scenario(root: Section, name: str) -> Scenario:
     if scenario.ground.contact is not None:
         try:
             ground, _ = affected(scenario.ground, scenario.effects, scenario.pass_number, scenario.moisture)
-            grip_table(ground, scenario.robot)
             robot = scenario.robot
+            grip_tables(ground, robot)
             free = scenario.supply * robot.drive_radius / max(robot.torque_constant, 1e-12)  # rim without load
-            check_step(scenario.ground.contact, robot, 1e-3, free)
+            for soft in ground.soils:
+                check_step(soft, robot, 1e-3, free)
         except ValueError as error:
             raise root.error("soil", str(error)) from None
     if len(scenario.faults) > MAX_FAULTS:

@@ -15,7 +15,7 @@ from terrapin_hil.scenario.faults import WIRE, Fault
 __all__ = ["Disturbance"]
 
 TICK = 1e-3  # s
-FOREIGN = (0x000, 0x001, 0x07F, 0x0FF, 0x17F, 0x300, 0x555, 0x7DF, 0x7FF)  # no message has these
+FOREIGN = (0x00F, 0x090, 0x0B0, 0x0FF, 0x17F, 0x3C0, 0x555, 0x7DF, 0x7FF)  # no message has these, at any node
 OURS = ("COMMAND", "PARAMETER_WRITE", "TEST_MODE", "SENSORS_SLOW", "SENSORS_FAST")  # but damaged
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from terrapin_hil.links.names import BIT_RATE, SET_OUTSIDE, LinkName
-from terrapin_tools.command_options import link_option
+from terrapin_tools.command_options import NodeNumber, link_option
 from terrapin_tools.errors import UserError, about
 from terrapin_tools.progress import bar
 
@@ -70,11 +70,11 @@ def _controller(link: LinkName | None, via: str, port: str, baud: int, bitrate: 
     return replace(link, baud=link.baud or baud)
 
 
-def _update(files: Sequence[SignedFile], wire: Wire) -> str:
+def _update(files: Sequence[SignedFile], wire: Wire, change_robot: bool) -> str:
     from terrapin_tools.flash.update import update
 
     with closing(wire), bar("", None) as shown:
-        outcome = update(wire, files, _told(shown))
+        outcome = update(wire, files, _told(shown), change_robot)
     after = {
         "confirmed": "started and confirmed",
         "on trial": "started; not confirmed yet: without that the old image comes back at the next reset",
@@ -83,7 +83,7 @@ def _update(files: Sequence[SignedFile], wire: Wire) -> str:
     return f"slot {outcome.slot}: {after[outcome.state]}"
 
 
-def _whole(files: Sequence[SignedFile], via: str, port: str, baud: int, loader: Path | None) -> str:
+def _whole(files: Sequence[SignedFile], via: str, port: str, baud: int, loader: Path | None, node: int) -> str:
     from terrapin_tools.flash import plan as plans
     from terrapin_tools.flash.layout import BASE
     from terrapin_tools.flash.stm32 import Stm32
@@ -92,7 +92,7 @@ def _whole(files: Sequence[SignedFile], via: str, port: str, baud: int, loader: 
     data = plans.boot_loader(loader) if loader else None
     if data is not None:
         plans.check_starts(data, str(loader), files)
-    what = plans.plan(files, data)
+    what = plans.plan(files, data, node)
     programmer = Swd(port or None) if via == "swd" else Stm32(_serial_port(port, via), baud or 115_200)
     with closing(programmer), bar("", None) as shown:
         told = _told(shown)
@@ -128,12 +128,17 @@ def flash(
     loader: Annotated[
         Path | None, typer.Option("--boot-loader", metavar="FILE.bin", help="swd, stm32: write this, too")
     ] = None,
+    node: NodeNumber = None,
+    change_robot: Annotated[
+        bool, typer.Option("--change-robot", help="the controller becomes that of the image's robot")
+    ] = False,
     listed: Annotated[bool, typer.Option("--list", help="probes, serial ports and CAN interfaces")] = False,
 ) -> None:
     """Write a signed image, read it back or have it verified, and start it.
 
     Over a link it updates a controller that runs, with its motor off, through its boot loader: the running image stays
-    until the new one has started well. --via swd and stm32 write an empty or a broken one, and forget what was there.
+    until the new one has started well. --via swd and stm32 write an empty or a broken one, and forget what was there:
+    --node is then the number that it gets.
 
     Example: terrapin flash robot-a.bin robot-b.bin --link socketcan:can0
     """
@@ -159,8 +164,10 @@ def flash(
     controller = None if via in ("swd", "stm32") else _controller(link, via, port, baud, bitrate)
     files = _files(images)
     if controller is None:
-        print(_whole(files, via, port, baud, loader))
+        from terrapin_hil.nodes import node_number
+
+        print(_whole(files, via, port, baud, loader, node_number(str(node or 0), "--node")))
     else:
         from terrapin_tools.flash.wires import open_wire
 
-        print(_update(files, open_wire(controller, bitrate or BIT_RATE)))
+        print(_update(files, open_wire(controller.at_node(node), bitrate or BIT_RATE), change_robot))

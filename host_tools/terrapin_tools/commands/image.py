@@ -28,6 +28,17 @@ def _read(path: Path) -> tuple[Image, bytes]:
         return parse(data), data
 
 
+def _made_for(image: Image) -> str:
+    from terrapin_hil.messages import interface
+    from terrapin_tools.flash.update import robot_name
+
+    if not image.robot:
+        return "any robot"
+    boards = {number: name for name, number in interface().enums["board"].items()}
+    board = boards.get(image.board, str(image.board))
+    return f"{robot_name(image.robot)}, board {board}, interface version {image.interface}"
+
+
 def sign(
     code: Annotated[Path, typer.Argument(metavar="CODE.bin", help="linked for slot A or B; begins at its vectors")],
     to: Annotated[Path, typer.Argument(metavar="IMAGE", help="the signed image")],
@@ -36,12 +47,15 @@ def sign(
     counter: Annotated[
         int, typer.Option("--counter", help="security counter: raise it when older images must never run again")
     ] = 0,
+    unit: Annotated[
+        str, typer.Option("--unit", help="chip (PORT_IDENTITY.unique) whose release boot loader takes this desk image")
+    ] = "",
 ) -> None:
     """Put header, security counter and signature around code. The slot is that which the code is linked for.
 
     Example: terrapin image sign terrapin-f405-h-bridge-slot-a.bin robot-a.bin --version 1.2.0 --key robot.pem
     """
-    from terrapin_tools.flash.image import ImageError, Version, code_slot, read_start
+    from terrapin_tools.flash.image import ImageError, Version, code_slot, kind_of, read_start
     from terrapin_tools.flash.image import sign as make
     from terrapin_tools.flash.keys import development_key, private_key
     from terrapin_tools.flash.layout import HEADER_SIZE, SLOT_SIZE, SLOTS
@@ -51,6 +65,12 @@ def sign(
         raise UserError(f"--counter: found {counter}, expected 0 to 4294967295")
     with about("--version"):
         number = Version.of(version)
+    try:
+        chip = int(unit, 0) if unit else None
+    except ValueError:
+        chip = -1
+    if chip is not None and not 0 < chip < 2**32:
+        raise UserError(f"--unit: found {unit!r}, expected a number from 1 to 0xffffffff")
     data = read_start(code)
     for source, what in ((code, "code"), (key or development_key(), "key")):
         if to.exists() and source.exists() and to.samefile(source):
@@ -64,12 +84,13 @@ def sign(
         raise UserError(f"{code}: more than the {SLOT_SIZE} bytes of a slot")
     data += b"\xff" * (-len(data) % 4)
     with about(code, ImageError):
-        image = make(data, private_key(key or development_key()), number, counter, slot)
+        image = make(data, private_key(key or development_key()), number, counter, slot, chip)
     try:
         write_whole(to, image)
     except OSError as error:
         raise UserError(f"{to}: cannot write: {error.strerror}") from None
-    print(f"{to}: {len(image)} bytes for slot {slot}, version {number}, security counter {counter}")
+    kind = kind_of(data)
+    print(f"{to}: {len(image)} bytes for slot {slot}, {kind}, version {number}, security counter {counter}")
 
 
 def verify(path: ImageFile, key: Key = None) -> None:
@@ -98,6 +119,8 @@ def info(path: ImageFile) -> None:
         f"{path}: {len(data)} bytes\n"
         f"  version           {image.version}\n"
         f"  slot              {image.slot}\n"
+        f"  made for          {_made_for(image)}\n"
+        f"  kind              {image.kind}{'' if image.unit is None else f', for the chip 0x{image.unit:08x}'}\n"
         f"  code              {image.code_size} bytes\n"
         f"  security counter  {image.security_counter}\n"
         f"  SHA-256           {image.digest.hex()}\n"

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from terrapin_hil.links.names import PTY, LinkName
-from terrapin_tools.command_options import BitRate, Json, deliver, link_option
+from terrapin_tools.command_options import BitRate, Json, NodeNumber, deliver, link_option
 from terrapin_tools.errors import UserError
 from terrapin_tools.progress import bar
 
 if TYPE_CHECKING:
     from terrapin_tools.logs.decoding import Decoder
+    from terrapin_tools.logs.frames import Frames
 
 __all__ = ["SUBCOMMANDS"]
 
@@ -41,7 +42,15 @@ def _warn(log: Path, cut: str) -> None:
         print(f"terrapin: {log}: read up to where it was cut off: {cut}", file=sys.stderr)
 
 
-def info(log: LogFile, dbc: Dbc = None, json: Json = "") -> None:
+def _taken(block: Frames, node: int | None) -> Frames:
+    """A node's frames with the identifiers of node 0, which all that reads logs knows; all frames without one."""
+    from terrapin_hil.nodes import node_number
+    from terrapin_tools.logs.nodes import of_node
+
+    return block if node is None else of_node(block, node_number(str(node), "--node"))
+
+
+def info(log: LogFile, dbc: Dbc = None, node: NodeNumber = None, json: Json = "") -> None:
     """What a log holds: how long, which frames how often, errors, gaps in time, whether its end is missing.
 
     Example: terrapin log info out/slope/telemetry.log
@@ -53,7 +62,7 @@ def info(log: LogFile, dbc: Dbc = None, json: Json = "") -> None:
     summary = Summary(decoder)
     with bar("reading", reader.size) as shown:
         for block in reader.blocks(lambda done: shown(completed=done)):
-            summary.take(block)
+            summary.take(_taken(block, node))
     answer = {"log": str(reader.path), "bytes": reader.size, "cut": reader.cut, **summary.answer()}
     deliver(answer, describe(answer), json)
 
@@ -62,6 +71,7 @@ def convert(
     log: LogFile,
     to: Annotated[Path, typer.Argument(metavar="TO", help="the kind is that of its suffix; also .csv (signals)")],
     dbc: Dbc = None,
+    node: NodeNumber = None,
     period: Annotated[
         str, typer.Option("--period", help="signals on this grid instead of frames (.csv, .parquet)")
     ] = "",
@@ -86,10 +96,13 @@ def convert(
     count = 0
     try:
         if period or to.suffix.lower() == ".csv":
+            if node is not None:
+                raise UserError("--node: of frames; convert them to a log of the node first, then to signals")
             count = _signals(reader.path, decoder, period or "10 ms", temporary)
         else:
             with LogWriter(temporary, decoder) as writer, bar("converting", reader.size) as shown:
-                for block in reader.blocks(lambda done: shown(completed=done)):
+                for whole in reader.blocks(lambda done: shown(completed=done)):
+                    block = _taken(whole, node)
                     writer.write(block)
                     count += len(block)
         temporary.replace(to)
@@ -237,4 +250,24 @@ def replay(
         raise typer.Exit(1)
 
 
-SUBCOMMANDS = (info, convert, record, replay)
+def dbc_(
+    to: Annotated[Path, typer.Argument(metavar="TO.dbc", help="a new file")],
+    node: NodeNumber = None,
+) -> None:
+    """Write the DBC of a controller, with the identifiers of its node, for other tools.
+
+    Example: terrapin log dbc node-3.dbc --node 3
+    """
+    from terrapin_hil import paths
+    from terrapin_hil.nodes import node_number
+    from terrapin_tools.logs.nodes import dbc_of_node
+    from terrapin_tools.workbench.files.writing import write_whole
+
+    if to.exists():
+        raise UserError(f"{to}: exists already, expected a new file")
+    number = node_number(str(node or 0), "--node")
+    write_whole(to, dbc_of_node(paths.dbc().read_bytes().decode("cp1252"), number).encode("cp1252"))
+    print(f"{to}: the messages of node {number}")
+
+
+SUBCOMMANDS = (info, convert, record, replay, dbc_)

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from terrapin_hil.links.names import INPROCESS, LinkName
-from terrapin_tools.command_options import BitRate, link_option
+from terrapin_tools.command_options import BitRate, NodeNumber, link_option
 from terrapin_tools.errors import UserError
 
 __all__ = ["monitor"]
@@ -23,6 +23,7 @@ def monitor(
     dbc: Annotated[Path | None, typer.Option("--dbc", help="names of signals; default: the controller's")] = None,
     speed: Annotated[float, typer.Option("--speed", help="of a log: times its own pace")] = 1.0,
     bitrate: BitRate = 500_000,
+    node: NodeNumber = None,
     controller: Annotated[LinkName, link_option("lockstep", "of a scenario", "--controller")] = INPROCESS,
 ) -> None:
     """Watch a controller: state, faults and what they mean, slip, C_t, currents, the bus, any signal as a plot.
@@ -39,13 +40,24 @@ def monitor(
 
     if not 0.0 < speed <= 1000.0:
         raise UserError(f"--speed: found {speed:g}, expected more than 0, at most 1000")
+    path = Path(source)
+    if node is not None and link is None and not path.exists():
+        raise UserError("--node: a scenario has one controller, expected --link or a log")
+    if dbc is not None and node is not None:
+        raise UserError("--node: the identifiers of a DBC are its own, expected it without --dbc")
+    number = link.at_node(node).node if link else INPROCESS.at_node(node).node
     bitrate = link.bit_rate(bitrate) if link else bitrate
     if not sys.stdout.isatty():
         raise UserError("monitor needs a terminal; `terrapin log record` and `log info` do without")
     own = paths.dbc()
-    live = Live(Decoder(dbc or own), interface() if dbc is None else None, bitrate)
-    path = Path(source)
+    live = Live(Decoder(dbc or own), interface() if dbc is None else None, bitrate, number)
     opened = Bus(link, bitrate) if link else LogFile(path, speed) if path.exists() else Simulator(source, controller)
+    if isinstance(opened, Bus) and dbc is None:
+        try:
+            opened.require_fitting()
+        except BaseException:
+            opened.close()
+            raise
     from terrapin_tools.monitor.app import MonitorApp
 
     limit = interface().parameter("slip_limit")

@@ -13,15 +13,17 @@ import typer
 from terrapin_hil.links import LinkName, open_link
 from terrapin_hil.links.names import INPROCESS, able
 from terrapin_hil.messages import Interface, interface
-from terrapin_tools.command_options import Json, deliver, link_option
+from terrapin_tools.command_options import Json, NodeNumber, deliver, link_option
 from terrapin_tools.errors import UserError
 from terrapin_tools.param.files import raw_of, read_file, text_of, to_toml
+from terrapin_tools.param.nodes import require_one
 from terrapin_tools.param.session import ORIGINS, Session, Store
 from terrapin_tools.workbench.files.writing import write_whole
 
 __all__ = ["SUBCOMMANDS"]
 
-FLASH_SIZE = 32768  # bytes, of ports/host/flash_file.h
+FLASH_SIZE = 49152  # bytes, of ports/host/flash_file.h
+FLASH_SIZES = (0, *range(32768, FLASH_SIZE + 1))  # from before it held a node number; then it grows
 Link = Annotated[LinkName, link_option("parameters", "where the controller is")]
 Flash = Annotated[
     Path | None,
@@ -39,9 +41,11 @@ def _session(link: LinkName, flash: Path | None, timeout: float) -> Iterator[Ses
     if flash is not None and "flash file" not in link.row.jobs:
         files = " and ".join(kind.form for kind in able("flash file"))
         raise UserError(f"--flash: {link} keeps its parameters itself; a file is for {files}")
-    if flash is not None and flash.exists() and flash.stat().st_size not in (0, FLASH_SIZE):
+    if flash is not None and flash.exists() and flash.stat().st_size not in FLASH_SIZES:
         raise UserError(f"{flash}: not a file of flash: expected one of {FLASH_SIZE} bytes, or none yet")
     with open_link(link, timeout, **({"flash": flash} if flash else {})) as opened:
+        if "listen" in link.row.jobs:  # a bus, that others may share
+            require_one(opened, link.node)
         yield Session(opened)
 
 
@@ -106,13 +110,20 @@ def _shown(session: Session, values: Mapping[str, int]) -> str:
     return _table(("name", "value", "unit", "default", "range", "protected", "meaning"), rows)
 
 
-def list_(link: Link = INPROCESS, flash: Flash = None, timeout: Timeout = 1.0, json: Json = "") -> None:
+def list_(
+    link: Link = INPROCESS,
+    node: NodeNumber = None,
+    flash: Flash = None,
+    timeout: Timeout = 1.0,
+    json: Json = "",
+) -> None:
     """Every parameter with value, unit, default and range; * marks those that are not at their default.
 
     Protected ones, and saving, need the bridge to be off.
 
     Example: terrapin param list --link serial:/dev/ttyACM0
     """
+    link = link.at_node(node)
     with _session(link, flash, timeout) as session:
         values, store, found = session.all(), session.store(), session.found()
     answer = {
@@ -128,6 +139,7 @@ def list_(link: Link = INPROCESS, flash: Flash = None, timeout: Timeout = 1.0, j
 def get(
     names: Annotated[list[str], typer.Argument(metavar="NAME...", help="parameters")],
     link: Link = INPROCESS,
+    node: NodeNumber = None,
     flash: Flash = None,
     timeout: Timeout = 1.0,
     json: Json = "",
@@ -136,7 +148,7 @@ def get(
 
     Example: terrapin param get torque_constant armature_resistance --link socketcan:can0
     """
-
+    link = link.at_node(node)
     parameters = [interface().parameter(name) for name in names]
     with _session(link, flash, timeout) as session:
         values = {parameter.name: session.get(parameter) for parameter in parameters}
@@ -189,6 +201,7 @@ def set_(
     raw: Annotated[bool, typer.Option("--raw", help="VALUE is the raw integer")] = False,
     volatile: Volatile = False,
     link: Link = INPROCESS,
+    node: NodeNumber = None,
     flash: Flash = None,
     timeout: Timeout = 1.0,
     json: Json = "",
@@ -199,7 +212,7 @@ def set_(
 
     terrapin param set comp_coulomb --flash robot.flash -- -0.5 "mN m"
     """
-
+    link = link.at_node(node)
     parameter = interface().parameter(name)
     number = raw_of(parameter, " ".join(value), raw)
     _write(lambda session: session.set_all({name: number}), link, flash, timeout, volatile, json)
@@ -211,6 +224,7 @@ def save(
     ],
     changed: Annotated[bool, typer.Option("--changed", help="those alone that are not at their default")] = False,
     link: Link = INPROCESS,
+    node: NodeNumber = None,
     flash: Flash = None,
     timeout: Timeout = 1.0,
 ) -> None:
@@ -218,7 +232,7 @@ def save(
 
     Example: terrapin param save robot7.toml --link serial:/dev/ttyACM0
     """
-
+    link = link.at_node(node)
     with _session(link, flash, timeout) as session:
         values = session.all()
     defaults = session.interface.parameters
@@ -231,6 +245,7 @@ def load(
     file: Annotated[Path, typer.Argument(metavar="FILE.toml", help="with a table [parameters]")],
     volatile: Volatile = False,
     link: Link = INPROCESS,
+    node: NodeNumber = None,
     flash: Flash = None,
     timeout: Timeout = 1.0,
     json: Json = "",
@@ -241,7 +256,7 @@ def load(
 
     Example: terrapin param load robot7.toml --link socketcan:can0
     """
-
+    link = link.at_node(node)
     values = read_file(file, interface())
     _write(lambda session: session.set_all(values), link, flash, timeout, volatile, json)
 
@@ -255,6 +270,7 @@ def _other(file: Path | None, description: Interface) -> dict[str, int]:
 def diff(
     file: Annotated[Path | None, typer.Argument(metavar="[FILE.toml]", help="the defaults when none is named")] = None,
     link: Link = INPROCESS,
+    node: NodeNumber = None,
     flash: Flash = None,
     timeout: Timeout = 1.0,
     json: Json = "",
@@ -263,7 +279,7 @@ def diff(
 
     Example: terrapin param diff robot7.toml --link serial:/dev/ttyACM0
     """
-
+    link = link.at_node(node)
     description = interface()
     other = _other(file, description)
     with _session(link, flash, timeout) as session:
@@ -286,6 +302,7 @@ def reset(
     names: Names = None,
     volatile: Volatile = False,
     link: Link = INPROCESS,
+    node: NodeNumber = None,
     flash: Flash = None,
     timeout: Timeout = 1.0,
     json: Json = "",
@@ -294,7 +311,7 @@ def reset(
 
     Example: terrapin param reset --link serial:/dev/ttyACM0
     """
-
+    link = link.at_node(node)
     chosen = [interface().parameter(name) for name in names or ()]
     values = {parameter.name: parameter.default for parameter in chosen}
     _write(

@@ -5,20 +5,22 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from terrapin_hil.links.names import INPROCESS, LinkName, able
-from terrapin_tools.command_options import link_option
+from terrapin_tools.command_options import NodeNumber, RobotName, link_option
 from terrapin_tools.errors import UserError
 
 if TYPE_CHECKING:  # NumPy and the C libraries, which `terrapin run --help` does not need
     from terrapin_hil.links.link import Link
     from terrapin_hil.run.run import Result
+    from terrapin_hil.run.together import BusReport
     from terrapin_hil.scenario.checks import Outcome
+    from terrapin_hil.scenario.scenario import Scenario
     from terrapin_tools.contact_error import ContactError
 
 __all__ = ["run"]
@@ -51,22 +53,39 @@ def _contact_words(result: Result) -> str:
     return f"  C_t error {change} rms with these parameters (over {after.windows} {kind} windows)"
 
 
+def _fields(result: Result, folder: Path | None, written: bool) -> dict[str, Any]:
+    return {
+        "scenario": result.scenario.name,
+        "link": result.link,
+        "seed": result.scenario.seed,
+        "duration": result.scenario.duration,
+        "wall_seconds": result.timing.seconds,
+        "passed": result.passed,
+        "notes": list(result.scenario.notes),
+        "checks": [{"check": o.text, "passed": o.passed, "found": o.found} for o in result.outcomes],
+        "output_sha256": result.output_hash,
+        "out": str(folder) if folder else None,
+        **({"contact_error": _contact(result)} if written else {}),
+    }
+
+
 def _as_json(result: Result, folder: Path | None, written: bool) -> str:
-    return json.dumps(
-        {
-            "scenario": result.scenario.name,
-            "link": result.link,
-            "seed": result.scenario.seed,
-            "duration": result.scenario.duration,
-            "wall_seconds": result.timing.seconds,
-            "passed": result.passed,
-            "checks": [{"check": o.text, "passed": o.passed, "found": o.found} for o in result.outcomes],
-            "output_sha256": result.output_hash,
-            "out": str(folder) if folder else None,
-            **({"contact_error": _contact(result)} if written else {}),
-        },
-        indent=2,
-    )
+    return json.dumps(_fields(result, folder, written), indent=2)
+
+
+def _node_folder(out: Path | None, node: int) -> Path | None:
+    return out / f"node-{node}" if out else None
+
+
+def _together_as_json(results: dict[int, Result], report: BusReport | None, out: Path | None) -> str:
+    nodes = [{"node": n, **_fields(result, _node_folder(out, n), False)} for n, result in results.items()]
+    bus = asdict(report) if report is not None else None
+    return json.dumps({"nodes": nodes, "bus": bus}, indent=2)
+
+
+def _together_as_text(results: dict[int, Result], report: BusReport | None, out: Path | None) -> str:
+    rows = [_as_text(result, _node_folder(out, n), False) for n, result in results.items()]
+    return "\n".join([*rows, str(report)] if report is not None else rows)
 
 
 def _as_text(result: Result, folder: Path | None, written: bool) -> str:
@@ -79,6 +98,7 @@ def _as_text(result: Result, folder: Path | None, written: bool) -> str:
     ]
     if scenario.real_time:
         rows.append(f"  real time: ticks late by {timing.rms * 1e6:.0f} us rms, {timing.latest * 1e6:.0f} us at most")
+    rows += [f"  note  {note}" for note in scenario.notes]
     rows += [f"  {'ok  ' if o.passed else 'FAIL'}  {o.text}    ({o.found})" for o in result.outcomes]
     if written:
         rows.append(_contact_words(result))
@@ -106,6 +126,7 @@ def _opened(link: LinkName, path: Path | None) -> Iterator[tuple[Link, list[Outc
     """The link; in the rig that a file describes the board reset, its e-stop measured, its enable line watched while
     the run lasts."""
     from terrapin_hil.links import open_link
+    from terrapin_hil.links.identity import require_fitting
     from terrapin_hil.run.rig import Rig, RigConfig, load_rig
     from terrapin_hil.run.rig_checks import bridge_stays_off, estop_outcome
 
@@ -115,6 +136,7 @@ def _opened(link: LinkName, path: Path | None) -> Iterator[tuple[Link, list[Outc
         if rig.has("reset"):
             rig.reset()
         opened = stack.enter_context(open_link(link))
+        require_fitting(opened.name, opened.ask)
         if rig.has("estop", "enable"):
             outcomes.append(estop_outcome(rig, opened))  # type: ignore[arg-type]  # links of boards talk
         if rig.has("enable"):
@@ -122,10 +144,56 @@ def _opened(link: LinkName, path: Path | None) -> Iterator[tuple[Link, list[Outc
         yield opened, outcomes
 
 
+def _others(names: Iterable[str]) -> list[Scenario]:
+    from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+
+    return [load_scenario(find_scenario(name)) for name in names]
+
+
+def _run_together(
+    scenarios: list[Scenario], first: int, bitrate: int | None, out: Path | None, parameters: Path | None, as_json: bool
+) -> int:
+    """Robots at the node numbers from `first` on; the exit status."""
+    from terrapin_hil.messages import interface
+    from terrapin_hil.nodes import node_count
+    from terrapin_hil.run.together import run_together
+    from terrapin_tools.logs.folder import RunFolder
+    from terrapin_tools.param.files import read_parameters
+    from terrapin_tools.progress import bar
+
+    if first + len(scenarios) > node_count():
+        raise UserError(
+            f"--with: {len(scenarios)} robots from node {first} on, expected node numbers up to {node_count() - 1}"
+        )
+    values = read_parameters(parameters, interface()) if parameters else {}
+    nodes = dict(enumerate(scenarios, first))
+    folders = {
+        n: RunFolder(folder, scenario, f"node {n}", values, interface())
+        for n, scenario in nodes.items()
+        if (folder := _node_folder(out, n)) is not None
+    }
+    with contextlib.ExitStack() as stack:
+        for each in folders.values():
+            stack.callback(each.close)
+        shown = stack.enter_context(bar(", ".join(scenario.name for scenario in scenarios)))
+        results, report = run_together(
+            nodes,
+            bitrate,
+            parameters=values,
+            observers={n: [each] for n, each in folders.items()},
+            progress=lambda share: shown(completed=share),
+        )
+        for n, each in folders.items():
+            each.finish(results[n])
+    print((_together_as_json if as_json else _together_as_text)(results, report, out))
+    return 0 if all(result.passed for result in results.values()) else 1
+
+
 def run(
     scenario: Annotated[str, typer.Argument(help="scenario file, or the name of a shipped scenario")],
     link: Annotated[LinkName, link_option("lockstep", "where the controller is")] = INPROCESS,
     out: Annotated[Path | None, typer.Option(help="folder for telemetry.log, truth.csv and run.toml")] = None,
+    robot: RobotName = "",
     seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="instead of the scenario's")] = None,
     changes: Annotated[
         list[str] | None,
@@ -134,6 +202,15 @@ def run(
     parameters: Annotated[Path | None, typer.Option(help="TOML file with a table [parameters]")] = None,
     real_time: Annotated[bool, typer.Option("--real-time", help="keep to the clock; lateness is reported")] = False,
     rig: Annotated[Path | None, typer.Option(help="TOML file that names the GPIO lines around a real board")] = None,
+    node: NodeNumber = None,
+    others: Annotated[
+        list[str] | None,
+        typer.Option("--with", metavar="SCENARIO", help="one more robot on the same bus, at the next node number"),
+    ] = None,
+    bitrate: Annotated[
+        int | None,
+        typer.Option(min=10_000, max=1_000_000, help="bit/s of the bus that robots share, whose frames then take time"),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="the result as JSON on standard output")] = False,
 ) -> int:
     """Run a scenario: the simulated robot against the controller, in lockstep.
@@ -142,6 +219,8 @@ def run(
     Example: terrapin run slope_limiter --link pty --out out/slope
 
     terrapin run slope_limiter --seed 7 --set path.2.slope=9deg --set robot.coulomb=0.015
+
+    terrapin run steady_sand --with slope_limiter --bitrate 500000
 
     SCENARIO is a TOML file, or the name of a shipped one.
     Exit status: 0 when every check of the scenario holds, 1 when one fails or the run breaks off, 2 for bad input.
@@ -159,6 +238,13 @@ def run(
             chosen = replace(chosen, seed=seed)
         if real_time:
             chosen = replace(chosen, real_time=True)
+        link = link.at_node(node)
+        if others or bitrate is not None:
+            if link.kind != "inprocess" or rig is not None or real_time:
+                raise UserError(
+                    "--with, --bitrate: robots share a bus in this process, expected no --link, --rig, --real-time"
+                )
+            return _run_together([chosen, *_others(others or ())], link.node, bitrate, out, parameters, as_json)
         if rig is not None and "board" not in link.row.jobs:
             boards = ", ".join(kind.form for kind in able("board"))
             raise UserError(f"--rig is around a real board: found --link {link}, expected one of {boards}")

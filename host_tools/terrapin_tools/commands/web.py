@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from terrapin_hil.links import LinkName
-from terrapin_tools.command_options import link_option
+from terrapin_tools.command_options import NodeNumber, link_option
 from terrapin_tools.errors import UserError
 
 __all__ = ["web"]
@@ -23,11 +23,15 @@ def web(
         Path, typer.Option("--workspace", metavar="DIR", help="where cases, jobs and uploads are kept; made if absent")
     ] = Path("terrapin-workspace"),
     link: Annotated[LinkName | None, link_option("listen", "a bus that the live view offers first")] = None,
+    node: NodeNumber = None,
 ) -> None:
     """Serve the workbench as a page on this machine only; it prints the address with its token. Ctrl-C ends it.
 
     Example: terrapin web --port 8765 --workspace my-work
     """
+    if node is not None and link is None:
+        raise UserError("--node: of a bus, expected --link as well")
+    link = link.at_node(node) if link else None
     if not 0 <= port <= 65535:
         raise UserError(f"--port: found {port}, expected 0 to 65535")
     import asyncio

@@ -2,8 +2,9 @@
 
     imgtool sign -k KEY.pem -v VERSION -s COUNTER -H 0x200 --pad-header -S 0x20000 -F ADDRESS --align 4
 
-Header (0x200 bytes), code, protected TLVs (security counter), TLVs: SHA-256, key hash, Ed25519 signature of the
-SHA-256. What the boot loader asks of an image stands in firmware/boot/image.h; `parse` asks the same.
+Header (0x200 bytes), code, protected TLVs (security counter; where they are needed, kind and unit), TLVs: SHA-256, key
+hash, Ed25519 signature of the SHA-256. What the boot loader asks of an image stands in firmware/boot/image.h; `parse`
+asks the same.
 """
 
 from __future__ import annotations
@@ -21,13 +22,17 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.flash.keys import key_hash
 from terrapin_tools.flash.layout import HEADER_SIZE, RAM, SLOT_SIZE, SLOTS, slot_at
 
-__all__ = ["Image", "ImageError", "Version", "code_slot", "intact", "parse", "read_start", "sign", "verify"]
+__all__ = ["Image", "ImageError", "Version", "code_slot", "intact", "kind_of", "parse", "read_start", "sign", "verify"]
 
 MAGIC = 0x96F3B83D
 ROM_FIXED = 0x100
 PROTECTED, PLAIN = 0x6908, 0x6907
 KEY_HASH, SHA256, ED25519, SECURITY_COUNTER = 0x01, 0x10, 0x24, 0x50
+KIND, UNIT, MADE_FOR, INTERFACE = 0xA0, 0xA1, 0xA2, 0xA3
+KINDS = ("desk", "production")
+MARK = b"terrapin-kind\0\0\0"  # stands before the kind in the code (terrapin_image_mark of link/dispatch.h)
 _HEADER = struct.Struct("<IIHHIIBBHI4x")
+MADE = b"terrapin-made\0\0\0"  # stands before what the code is made for (main.c of the STM32F405)
 SIGNED_TLVS = ((SHA256, 32), (KEY_HASH, 32), (ED25519, 64))
 
 
@@ -74,6 +79,11 @@ class Image:
     key_hash: bytes | None
     signature: bytes | None
     size: int  # bytes, of all
+    kind: str = "desk"
+    unit: int | None = None  # the chip that it names
+    robot: int = 0  # robot_identity that it is made for,
+    board: int = 0  # board,
+    interface: int = 0  # and version of the interface; each 0 when it does not say
 
 
 def read_start(path: Path) -> bytes:
@@ -104,9 +114,44 @@ def _tlv(kind: int, value: bytes) -> bytes:
     return struct.pack("<HH", kind, len(value)) + value
 
 
-def sign(code: bytes, key: Ed25519PrivateKey, version: Version, security_counter: int, slot: str) -> bytes:
-    """The image of `code`, linked for `slot`. ImageError when it does not fit."""
-    protected = struct.pack("<HH", PROTECTED, 12) + _tlv(SECURITY_COUNTER, struct.pack("<I", security_counter))
+def kind_of(code: bytes) -> str:
+    """desk or production, as the code says; what says nothing is no production image.
+
+    >>> kind_of(MARK + bytes([1, 0, 0, 0]))
+    'production'
+    """
+    at = code.find(MARK)
+    return "production" if at >= 0 and code[at + len(MARK) :][:4] == b"\1\0\0\0" else "desk"
+
+
+def made_for(code: bytes) -> tuple[int, int, int]:
+    """Robot, board and version of the interface that code is made for, as it says; zeros when it does not.
+
+    >>> made_for(MADE + struct.pack("<II", 0x1000007, 1))
+    (7, 1, 1)
+    """
+    at = code.find(MADE)
+    said = code[at + len(MADE) :][:8]
+    if at < 0 or len(said) < 8:
+        return 0, 0, 0
+    who, interface = struct.unpack("<II", said)
+    return who & 0xFFFFFF, who >> 24, interface
+
+
+def sign(
+    code: bytes, key: Ed25519PrivateKey, version: Version, security_counter: int, slot: str, unit: int | None = None
+) -> bytes:
+    """The image of `code`, linked for `slot`; `unit`: the chip on which a release boot loader takes it although it is a
+    desk image. ImageError when it does not fit."""
+    tlvs = _tlv(SECURITY_COUNTER, struct.pack("<I", security_counter))
+    if kind_of(code) == "production":
+        tlvs += _tlv(KIND, bytes([KINDS.index("production")]))
+    robot, board, interface = made_for(code)
+    if robot:
+        tlvs += _tlv(MADE_FOR, struct.pack("<I", robot | board << 24)) + _tlv(INTERFACE, struct.pack("<I", interface))
+    if unit is not None:
+        tlvs += _tlv(UNIT, struct.pack("<I", unit))
+    protected = struct.pack("<HH", PROTECTED, 4 + len(tlvs)) + tlvs
     header = _HEADER.pack(
         MAGIC, SLOTS[slot], HEADER_SIZE, len(protected), len(code), ROM_FIXED,
         version.major, version.minor, version.revision, version.build,
@@ -152,6 +197,9 @@ def parse(data: bytes) -> Image:
     counters = [value for kind, value in protected if kind == SECURITY_COUNTER and len(value) == 4]
     if hashed_size != code_end + protected_size or len(counters) != 1:
         raise ImageError("no security counter")
+    more = {
+        kind: int.from_bytes(value, "little") for kind, value in protected if kind in (KIND, UNIT, MADE_FOR, INTERFACE)
+    }
     tlvs, end = _tlvs(data, hashed_size, PLAIN, "TLVs")
     values = dict(tlvs)
     signed = tuple((kind, len(value)) for kind, value in tlvs) == SIGNED_TLVS
@@ -169,6 +217,11 @@ def parse(data: bytes) -> Image:
         key_hash=values[KEY_HASH] if signed else None,
         signature=values[ED25519] if signed else None,
         size=end,
+        kind="production" if more.get(KIND) == KINDS.index("production") else "desk",
+        unit=more.get(UNIT),
+        robot=more.get(MADE_FOR, 0) & 0xFFFFFF,
+        board=more.get(MADE_FOR, 0) >> 24,
+        interface=more.get(INTERFACE, 0),
     )
 
 

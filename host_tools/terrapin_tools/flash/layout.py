@@ -10,7 +10,7 @@ SLOT_SIZE = 0x2_0000
 RAM = range(0x2000_0000, 0x2002_0001)  # where a stack may begin, which grows down
 SLOTS = {"a": BASE + 0x2_0000, "b": BASE + 0x4_0000}  # name -> address of the image's header
 RECORDS = ((BASE + 0xC000, 0x4000), (BASE + 0x1_0000, 0x1_0000))  # the boot loader's log: (address, bytes)
-ANSWERS = range(0x1A0, 0x1A8)  # identifiers of what a controller says of an update
+ANSWERS = range(0x1A0, 0x1A8)  # identifiers of what a controller says of an update, at node 0
 
 
 def slot_at(address: int) -> str | None:

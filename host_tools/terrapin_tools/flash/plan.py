@@ -6,6 +6,8 @@ what starts, whatever was there before.
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,9 +21,21 @@ from terrapin_tools.flash.layout import BASE, RAM, RECORDS, SLOT_SIZE, SLOTS
 from terrapin_tools.flash.update import SignedFile
 from terrapin_tools.flash.wires import Told
 
-__all__ = ["BOOT_SIZE", "Plan", "Programmer", "begins", "boot_loader", "check_starts", "perform", "plan", "read"]
+__all__ = [
+    "BOOT_SIZE",
+    "Plan",
+    "Programmer",
+    "begins",
+    "boot_loader",
+    "check_starts",
+    "node_record",
+    "perform",
+    "plan",
+    "read",
+]
 
 BOOT_SIZE = 0x4000
+RECORD_MAGIC = 0x00015442
 
 
 @dataclass(frozen=True)
@@ -74,13 +88,21 @@ def check_starts(loader: bytes, where: str, files: Sequence[SignedFile]) -> None
             verify(file.image, key)
 
 
-def plan(files: Sequence[SignedFile], loader: bytes | None) -> Plan:
-    """For these images, at most one a slot, and perhaps the boot loader."""
+def node_record(node: int) -> bytes:
+    """The boot loader's first record (firmware/boot/records.c): nothing is confirmed, and the node number is this."""
+    record = struct.pack("<IIIIQI", RECORD_MAGIC, 1, 0, 0, 0, node)
+    return record + zlib.crc32(record).to_bytes(4, "little")
+
+
+def plan(files: Sequence[SignedFile], loader: bytes | None, node: int = 0) -> Plan:
+    """For these images, at most one a slot, and perhaps the boot loader; the controller is this node."""
     erase = [*RECORDS, *((start, SLOT_SIZE) for start in SLOTS.values())]
     write = [(SLOTS[file.image.slot], file.data[: file.image.size]) for file in files]
     if loader is not None:
         erase.insert(0, (BASE, BOOT_SIZE))
         write.insert(0, (BASE, loader))
+    if node:
+        write.append((RECORDS[0][0], node_record(node)))
     return Plan(tuple(erase), tuple(write))
 
 

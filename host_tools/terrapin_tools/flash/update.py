@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from terrapin_hil.messages import Frame, Sender, interface
+from terrapin_interface.robot import identity_of, robots
 from terrapin_tools.errors import UserError
 from terrapin_tools.flash.image import Image, Version
 from terrapin_tools.flash.wires import Told, Wire
@@ -28,7 +29,8 @@ ERASE = 8.0  # s: 128 kB take 2 s at most, and as much again when another slot's
 BLOCK_ANSWER = 1.0  # s; writing takes 7 ms at most
 VERIFY = 12.0  # s: on 16 MHz, and an erase when it fails
 START = 1.0  # s in which the boot loader, just reset, is not asked: it would stay
-CONFIRM = 5.0  # s
+CONFIRM = 10.0  # s; 5 s of health, and the start
+LATE = 0.02  # s in which an answer to what was sent twice comes
 TRIES = 8  # of one block
 REQUESTS = 3  # of any other request that is not answered
 
@@ -36,7 +38,7 @@ REASONS = {
     "motor_on": "the motor is on; stop it first",
     "slot_in_use": "the slot is in use: its image runs or is confirmed",
     "too_large": "the image does not fit the slot",
-    "version_too_old": "the version is older than the confirmed one",
+    "version_too_old": "the version is older than the one confirmed before the present one",
     "flash": "the flash refused to be written",
     "sequence": "blocks came out of order",
     "not_an_image": "what arrived is no image for this boot loader",
@@ -44,7 +46,12 @@ REASONS = {
     "wrong_key": "the image is signed with a key that the boot loader does not know",
     "corrupted": "the image arrived damaged",
     "bad_signature": "the image is not signed, or its signature is forged",
-    "counter_too_low": "the security counter is lower than that of a confirmed image",
+    "counter_too_low": "the security counter is lower than that of the image confirmed before the present one",
+    "desk_image": "a desk image, which this release refuses; expected a production image, or one signed with --unit",
+    "busy": "a slot was erased just now; wait 10 s (or, after 20 times, reset the controller)",
+    "wrong_robot": "the image is made for another robot; --change-robot makes the controller that robot's",
+    "wrong_board": "the image is made for another board",
+    "wrong_interface": "the image has another version of the interface than the boot loader",
     "boot_loader_only": "the application leaves updates to the boot loader",
 }
 
@@ -66,9 +73,18 @@ class Controller:
     confirmed: str
     candidate: str
     phase: str
-    version: Version  # highest that was confirmed
+    version: Version  # that an update needs at least
     security_counter: int
     key: bytes  # first four bytes of the hash of the boot loader's key
+
+
+@dataclass(frozen=True)
+class MadeFor:
+    """Whose images a boot loader takes: robot_identity (0: of whichever is confirmed first), board, interface."""
+
+    robot: int
+    board: int
+    interface: int
 
 
 @dataclass(frozen=True)
@@ -189,6 +205,48 @@ def _reset(wire: Wire, sender: Sender, values: dict[str, int], name: str, done: 
     raise _silent(wire, "reset")
 
 
+def robot_name(identity: int) -> str:
+    """A shipped robot by its identity, else the number.
+
+    >>> robot_name(0x1ebf42), robot_name(1)
+    ('cylinder', 'robot 0x000001')
+    """
+    return {identity_of(name): name for name in robots()}.get(identity, f"robot 0x{identity:06x}")
+
+
+def _made_for(wire: Wire, sender: Sender, robot: int | None = None) -> MadeFor | None:
+    """Whose images the boot loader takes; with `robot` from now on that one's. None: it knows nothing of robots."""
+    answer, enums = interface().messages["UPDATE_IDENTITY"], interface().enums
+    values = {} if robot is None else {"robot": robot, "write": 1}
+    for _ in range(REQUESTS):
+        wire.send([sender.frame("UPDATE_ROBOT", values)])
+        for identifier, data in _heard(wire, BLOCK_ANSWER):
+            if identifier == answer.id and len(data) == answer.length:
+                found = answer.decode(data)
+                if found["result"] != enums["update_result"]["ok"]:
+                    names = {number: name for name, number in enums["update_result"].items()}
+                    raise UserError(f"{wire.name}: refused: {REASONS.get(names.get(found['result'], ''), 'flash')}")
+                return MadeFor(found["robot"], found["board"], found["interface"])
+    return None
+
+
+def _require_fit(file: SignedFile, there: MadeFor) -> None:
+    """UserError when the boot loader would not start the image: before anything is erased."""
+    image = file.image
+    if there.robot and image.robot != there.robot:
+        made = robot_name(image.robot) if image.robot else "no robot that it names"
+        raise UserError(
+            f"{file.name}: made for {made}, the controller is that of {robot_name(there.robot)}; "
+            "--change-robot makes it another's"
+        )
+    if image.board and there.board and image.board != there.board:
+        names = {number: name for name, number in interface().enums["board"].items()}
+        found, expected = names.get(image.board, image.board), names.get(there.board, there.board)
+        raise UserError(f"{file.name}: made for board {found}, expected {expected}")
+    if image.interface and image.interface != there.interface:
+        raise UserError(f"{file.name}: interface version {image.interface}, expected {there.interface}")
+
+
 def _choose(files: Sequence[SignedFile], controller: Controller) -> SignedFile:
     """The file for the slot that may be written; UserError when it would be refused."""
     fitting = [file for file in files if file.image.slot != controller.confirmed]
@@ -233,7 +291,10 @@ def _send_blocks(wire: Wire, sender: Sender, data: bytes, told: Told) -> None:
         block = data[BLOCK * index : BLOCK * (index + 1)]
         frames = [(identifier, block[at : at + 8].ljust(8, b"\xff")) for at in range(0, len(block), 8)]
         values = {"index": index, "size": len(block), "checksum": zlib.crc32(block)}
-        beyond = index if index + 1 < count else -1  # the last one may be a part, which `next` does not count
+        last = index + 1 == count
+        beyond = -1 if last else index  # the last one may be a part, which `next` does not count:
+        while last and wire.receive(LATE):
+            pass  # an answer to the block before, come twice, would be taken for its own
         answer = _request(wire, [*frames, sender.frame("UPDATE_BLOCK", values)], "block", BLOCK_ANSWER, beyond)
         if answer is not None and answer[0] == "ok":
             index, tries = index + 1, 0
@@ -249,8 +310,11 @@ def _send_blocks(wire: Wire, sender: Sender, data: bytes, told: Told) -> None:
             raise UserError(f"{wire.name}: refused: another host is updating it, or it was reset", status=1)
 
 
-def update(wire: Wire, files: Sequence[SignedFile], told: Told) -> Outcome:
-    """Put one of the files (one a slot) on the controller. UserError when it or they would not."""
+def update(wire: Wire, files: Sequence[SignedFile], told: Told, change_robot: bool = False) -> Outcome:
+    """Put one of the files (one a slot) on the controller. UserError when it or they would not.
+
+    `change_robot`: the controller takes the images of the file's robot from now on, and no other's.
+    """
     sender = Sender()
     controller = query(wire)
     file = _choose(files, controller)
@@ -258,6 +322,9 @@ def update(wire: Wire, files: Sequence[SignedFile], told: Told) -> Outcome:
         controller = _enter_loader(wire, sender, file.name)
         file = _choose(files, controller)
     image = file.image
+    there = _made_for(wire, sender, image.robot if change_robot else None)
+    if there is not None:
+        _require_fit(file, there)
     data = file.data[: image.size] + b"\xff" * (-image.size % 4)
     told("erasing", 0, len(data))
     begin = {"size": len(data) // 4, "slot": interface().enums["update_slot"][image.slot]}

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 from terrapin_hil.links.names import BIT_RATE, LinkName
 from terrapin_hil.links.slcan import slcan_line, slcan_parse
 from terrapin_hil.messages import Frame
+from terrapin_hil.nodes import Node
 from terrapin_tools.errors import UserError
 from terrapin_tools.flash.layout import ANSWERS
 
@@ -51,8 +52,9 @@ def open_serial(port: str, baud: int, **more: Any) -> Any:
 class SerialWire:
     """SLCAN. Its acknowledgements are not waited for: the update has its own."""
 
-    def __init__(self, port: str, baud: int = BAUD) -> None:
+    def __init__(self, port: str, baud: int = BAUD, node: int = 0) -> None:
         self.name = port
+        self._node = Node(node)
         self._rest = b""
         self._port = open_serial(port, baud, timeout=POLL)
         self.wake()
@@ -70,7 +72,7 @@ class SerialWire:
             raise self._lost(error) from None
 
     def send(self, frames: Sequence[Frame]) -> None:
-        self._write(b"".join(map(slcan_line, frames)))
+        self._write(b"".join(slcan_line(self._node.to_bus(frame)) for frame in frames))
 
     def receive(self, wait: float) -> list[Frame]:
         end = time.monotonic() + wait
@@ -85,8 +87,9 @@ class SerialWire:
             self._rest = rest[-64:]  # what is longer is no SLCAN
             for line in lines:
                 with suppress(ValueError):
-                    found.append(slcan_parse(line))
-            found = [frame for frame in found if frame[0] in ANSWERS]
+                    own = self._node.from_bus(slcan_parse(line))
+                    if own is not None and own[0] in ANSWERS:
+                        found.append(own)
         return found
 
     def close(self) -> None:
@@ -96,7 +99,7 @@ class SerialWire:
 def open_wire(link: LinkName, bit_rate: int = BIT_RATE) -> Wire:
     """What an update over the link travels on; `bit_rate` [bit/s] where the link's name has none."""
     if not link.interface:
-        return SerialWire(link.channel, link.baud or BAUD)
+        return SerialWire(link.channel, link.baud or BAUD, link.node)
     from terrapin_tools.flash.can_wire import CanWire  # python-can takes seconds
 
     return CanWire(link, bit_rate)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -12,6 +12,7 @@ from terrapin_hil.arrays import Array, Index
 from terrapin_hil.messages import Interface
 from terrapin_tools.logs.decoding import Decoded, Decoder
 from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, Frames
+from terrapin_tools.logs.nodes import ELSEWHERE, others, renamed
 
 __all__ = ["Event", "Live", "Trace"]
 
@@ -58,10 +59,18 @@ class Trace:
 
 
 class Live:
-    """Takes frames as they come. Values are in the units of the DBC; `interface` gives faults their words."""
+    """Takes frames as they come. Values are in the units of the DBC; `interface` gives faults their words.
 
-    def __init__(self, decoder: Decoder | None, interface: Interface | None, bitrate: int = 500_000) -> None:
+    With an interface the frames are those of one `node`; what others send is counted.
+    """
+
+    def __init__(
+        self, decoder: Decoder | None, interface: Interface | None, bitrate: int = 500_000, node: int = 0
+    ) -> None:
         self._decoder = decoder
+        self._node = node if interface else None
+        self.others: Counter[int] = Counter()  # node number -> frames of other controllers on the bus
+        self._unique: dict[int, float] = {}  # of the controllers that say they are this node -> time
         self._faults = {f["number"]: f for f in interface.json["faults"]} if interface else {}
         self._words = (
             {name: {v: word for word, v in values.items()} for name, values in interface.enums.items()}
@@ -123,6 +132,9 @@ class Live:
         self._count(block)
         if self._decoder is None:
             return {}
+        if self._node is not None:
+            self.others.update(others(block, self._node))
+            block = renamed(block, self._node)
         seen = np.zeros(len(block), dtype=bool)
         decoded = self._decoder.decode(block)
         for message, table in decoded.items():
@@ -130,6 +142,8 @@ class Live:
             self._check_length(message, block.lengths[table.rows])
             if message in ("PARAMETER_WRITE", "PARAMETER_VALUE"):
                 self._parameter(message, table)
+            if message in ("PORT_IDENTITY", "NODE_STATUS") and self._node is not None:
+                self._identity(table)
             for name, values in table.signals.items():
                 key = f"{message}.{name}"
                 trace = self.traces.get(key)
@@ -139,12 +153,13 @@ class Live:
                 self._watch(key, table.times, values)
                 self.values[key] = float(values[-1])
                 self.times[key] = float(table.times[-1])
-        rest = block.pick(~seen & (block.flags & 0b110 == 0))
+        foreign = (block.identifiers >= ELSEWHERE) & (block.flags & EXTENDED == 0)  # another node's
+        rest = block.pick(~seen & ~foreign & (block.flags & 0b110 == 0))
         for identifier, flags in zip(rest.identifiers.tolist(), rest.flags.tolist(), strict=True):
             unknown = (identifier, bool(flags & EXTENDED))
             if unknown in self.unknown or len(self.unknown) < IDENTIFIERS:
                 self.unknown[unknown] = self.unknown.get(unknown, 0) + 1
-        self._data_frames += int((block.flags & 0b110 == 0).sum())
+        self._data_frames += int(seen.sum()) + len(rest)
         self._known += int(seen.sum())
         return decoded
 
@@ -187,6 +202,16 @@ class Live:
             text = f"{parameter.name} = {value * parameter.scale:.6g}{unit}"
             refused = self._words.get("parameter_status", {}).get(int(status), "refused") if status > 0 else ""
             self.tell(time, "parameter", f"{parameter.name} refused: {refused}" if refused else text)
+
+    def _identity(self, table: Decoded) -> None:
+        """Two controllers that are the same node are told once."""
+        for time, unique in zip(table.times.tolist(), table.signals["unique"].tolist(), strict=True):
+            if unique == unique and unique:
+                new = int(unique) not in self._unique
+                self._unique[int(unique)] = time
+                if new and len(self._unique) > 1:
+                    both = ", ".join(f"{number:08x}" for number in self._unique)
+                    self.tell(time, "bus", f"{len(self._unique)} controllers have node number {self._node}: {both}")
 
     @property
     def fit(self) -> str:
@@ -280,7 +305,10 @@ class Live:
             worst += f"; error counters: sending {self.counters[0]}, receiving {self.counters[1]}"
         if self.fit:
             return self.fit
-        return f"error frames: {worst}" if worst else "no error frames"
+        beside = ", ".join(f"node {number}" for number in sorted(self.others))
+        return (f"error frames: {worst}" if worst else "no error frames") + (
+            f"; also on it: {beside}" if beside else ""
+        )
 
 
 def _bits(value: int) -> list[int]:

@@ -13,8 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from terrapin_hil.links import LinkName, open_link
+from terrapin_hil.links.identity import question, require_fit
 from terrapin_hil.links.link import Link
 from terrapin_hil.links.names import INPROCESS
+from terrapin_hil.messages import interface
 from terrapin_hil.scenario.faults import FOREVER, Fault
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.frames import Frames, frames, joined
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["Bus", "LogFile", "Simulator", "Source"]
 
 WAITING = 2_000_000  # frames that a source may be ahead of who polls (70 MB); more are counted as lost
+ASKED = 0.5  # s for a controller to say what it was built for
 SILENCE = 10.0  # s of a log without a frame that are not waited for
 
 
@@ -104,6 +107,18 @@ class Bus(Source):
     def damaged(self) -> int:
         """Lines that were no SLCAN."""
         return self._bus.damaged
+
+    def require_fitting(self, wait: float = ASKED) -> None:
+        """LinkError when a controller says that it is another robot's, or speaks another interface. None may be there
+        yet, or be too old to say: what is silent is not refused."""
+        wanted = interface().messages["IDENTITY"].id
+        self.send(*question())
+        end = time.monotonic() + wait
+        while time.monotonic() < end:
+            for row in np.flatnonzero((block := self.poll()).identifiers == wanted):
+                require_fit(self.name, block.payload(int(row)))
+                return
+            time.sleep(0.01)
 
     def send(self, identifier: int, data: bytes) -> None:
         """One frame to the bus. UserError (status 1) when it cannot be sent."""

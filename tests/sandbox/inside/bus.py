@@ -251,7 +251,7 @@ def test_two_controllers_are_one_error(bus: str) -> None:
     with Controller("--can", bus), Controller("--can", bus):
         for link in (f"socketcan:{bus}", f"can:socketcan:{bus}"):
             with pytest.raises(
-                LinkError, match=rf"{link.removeprefix('can:')}: found more than one controller on this bus"
+                LinkError, match=rf"{link.removeprefix('can:')}: found more than one controller with this node number"
             ):
                 run(short("steady_sand", 0.1), link)
 

@@ -13,5 +13,4 @@ EFFECT = Effect(
     target="drag",
     expression="scale * bulldozing_resistance",  # R_c: from the model's present sinkage, c and phi
     constants={"unit_weight": "N/m^3", "n_c": "1", "n_gamma": "1"},
-    plant=False,  # the plant's default ground knows no sinkage
 )

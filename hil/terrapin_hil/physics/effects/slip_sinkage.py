@@ -17,5 +17,4 @@ EFFECT = Effect(
     target="drag",
     expression="xi1 * load * max(slip - xi2, (1 - clip)*abs(slip - xi2))**xi3",
     options={"clip": 1.0},  # 1: nothing below xi2; 0: as printed, abs(s - xi2)
-    plant=False,  # the plant's default ground knows no sinkage
 )

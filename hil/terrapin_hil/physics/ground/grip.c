@@ -9,7 +9,8 @@
 
 hil_grip hil_grip_at(const hil_grip_table *table, double load, double rim_speed, double axle_speed, double floor) {
     const double faster = fabs(rim_speed) >= fabs(axle_speed) ? rim_speed : axle_speed;
-    const hil_grip grip = {table, load, smaller(larger(faster / RAMP, -1.0), 1.0), larger(floor, fabs(faster))};
+    const double direction = smaller(larger(faster / RAMP, -1.0), 1.0);
+    const hil_grip grip = {table, load, direction, larger(floor, fabs(faster)), NULL, 0.0};
     return grip;
 }
 
@@ -26,8 +27,7 @@ static double in_row(const hil_grip_table *table, int row, int value, double sli
     return at[0] + t * rise + t * (1.0 - t) * (a * (1.0 - t) + b * t);
 }
 
-static double forwards(const hil_grip *grip, int value, double slip, double *derivative) {
-    const hil_grip_table *table = grip->table;
+static double in_table(const hil_grip *grip, const hil_grip_table *table, int value, double slip, double *derivative) {
     const double bounded = smaller(larger(slip, -1.0), 1.0);
     const double place = table->loads > 1 ? (grip->load - table->load_low) / table->load_step : 0.0;
     const int row = (int)larger(smaller(floor(place), table->loads - 2.0), 0.0);
@@ -45,6 +45,17 @@ static double forwards(const hil_grip *grip, int value, double slip, double *der
     return found;
 }
 
+static double forwards(const hil_grip *grip, int value, double slip, double *derivative) {
+    double found = in_table(grip, grip->table, value, slip, derivative);
+    if (grip->share_of_last > 0.0) {
+        double last_derivative;
+        const double last = in_table(grip, grip->last, value, slip, &last_derivative);
+        found += grip->share_of_last * (last - found);
+        *derivative += grip->share_of_last * (last_derivative - *derivative);
+    }
+    return found;
+}
+
 double hil_grip_value(const hil_grip *grip, int value, double slip_speed, double *derivative) {
     const double slip = slip_speed / grip->scale;
     const double ahead = 0.5 * (1.0 + grip->direction);
@@ -58,4 +69,12 @@ double hil_grip_value(const hil_grip *grip, int value, double slip_speed, double
     }
     *derivative = (ahead * slope - (1.0 - ahead) * mirror * back_slope) / grip->scale;
     return sum;
+}
+
+double hil_grip_bulldozing(const hil_grip *grip, double depth) {
+    double found = hil_bulldozing_resistance(&grip->table->bulldozing, depth);
+    if (grip->share_of_last > 0.0) {
+        found += grip->share_of_last * (hil_bulldozing_resistance(&grip->last->bulldozing, depth) - found);
+    }
+    return found;
 }

@@ -55,11 +55,11 @@ void hil_start(hil_simulator *simulator) {
     memset(&simulator->around, 0, sizeof simulator->around);
     simulator->body.position[HIL_X] = config->start_position;
     simulator->body.load = simulator->derived.weight;
-    if (config->path.contact != NULL) { /* put down, it sinks in by its weight */
+    const hil_ground ground = hil_path_at(&config->path, config->start_position);
+    if (config->path.segment[ground.segment].contact != NULL) { /* put down, it sinks in by its weight */
         double unused;
-        const hil_ground ground = hil_path_at(&config->path, config->start_position);
         const double load = simulator->derived.weight * cos(ground.slope);
-        const hil_grip grip = hil_grip_at(config->path.contact, load, 0.0, 0.0, 1.0);
+        const hil_grip grip = hil_path_grip(&config->path, &ground, load, 0.0, 0.0, 1.0);
         simulator->body.sinkage = hil_grip_value(&grip, HIL_SINKAGE, 0.0, &unused);
     }
     hil_sensors_start(&simulator->sensors, config->seed);
@@ -247,6 +247,7 @@ static void write_truth(const hil_simulator *simulator, double *truth) {
     truth[HIL_TRUTH_PATH_X] = simulator->path[0];
     truth[HIL_TRUTH_PATH_Y] = simulator->path[1];
     truth[HIL_TRUTH_SINKAGE] = body->sinkage;
+    truth[HIL_TRUTH_DUG] = body->dug;
 }
 
 static void steer(hil_simulator *simulator, double travelled) {
@@ -331,6 +332,7 @@ void hil_act(hil_simulator *simulator, int16_t duty, bool enabled) {
     around->temperature = simulator->temperature;
     around->pass = config->pass;
     around->moisture = config->moisture;
+    around->tow = config->tow.count > 0 ? profile_at(&config->tow, start) : 0.0;
 
     const double fastest = larger(fabs(config->robot.radius * body->rate[HIL_BETA]), fabs(body->rate[HIL_X]));
     const int steps = fastest < config->fine_below ? config->fine_substeps : config->substeps;

@@ -52,6 +52,7 @@ typedef struct {
     hil_sensors sensors;
     hil_faults faults;
     hil_profile steering; /* heading [rad] that the inner device is steered to */
+    hil_profile tow;      /* load that the axle tows [N] */
     hil_profile carriage; /* axle speed [m/s]; the axle is free before the first and after the last point */
     double wheel_radius;  /* trailing wheel [m] */
     double supply;        /* open-circuit voltage [V] */
@@ -92,6 +93,7 @@ enum hil_truth {
     HIL_TRUTH_CARRIAGE_FORCE,
     HIL_TRUTH_SEGMENT, /* number of the path's segment, from 0 */
     HIL_TRUTH_SINKAGE, /* on a contact model's ground [m], else 0 */
+    HIL_TRUTH_DUG,     /* by slipping, beyond the sinkage [m]; else 0 */
     HIL_TRUTH_HEADING, /* of the motion on the plane [rad] */
     HIL_TRUTH_PATH_X,  /* on the plane, from the start; position is along the path */
     HIL_TRUTH_PATH_Y,

@@ -186,7 +186,7 @@ def _open(context: Context, body: Watch, tell: Any) -> Session:
     kind, where = ours.groups() if ours else ("", "")
     dbc = ["--dbc", str(given)] if given is not None else []
     source: Source
-    rate = body.bitrate
+    rate, node = body.bitrate, 0
     if kind == "simulator":
         if not _NAME.match(where):
             raise UserError(f"source: found {where!r}, expected a scenario's name")
@@ -200,12 +200,12 @@ def _open(context: Context, body: Watch, tell: Any) -> Session:
         arguments = ["monitor", str(log), *speed, *dbc]
     else:
         link = _bus(body.source, context.link)
-        rate = link.bit_rate(body.bitrate)
+        rate, node = link.bit_rate(body.bitrate), link.node
         source = Bus(link, rate)
         bitrate = ["--bitrate", str(body.bitrate)] if body.bitrate != 500_000 else []
         arguments = ["monitor", "--link", body.source, *bitrate, *dbc]
     command = shlex.join(["terrapin", *arguments])
-    return Session(source, decoder, None if body.dbc else interface(), rate, command, tell)
+    return Session(source, decoder, None if body.dbc else interface(), rate, command, tell, node)
 
 
 def _stored(context: Context, name: str) -> Path:

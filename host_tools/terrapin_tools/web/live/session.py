@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.messages import Interface, Sender
+from terrapin_hil.nodes import Node
 from terrapin_hil.scenario.faults import FOREVER
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.decoding import Decoded, Decoder
@@ -151,11 +152,12 @@ class Session:
         bitrate: int,
         command: str,
         tell: Callable[[Picture | None, dict[str, Any] | None], None],
+        node: int = 0,
     ) -> None:
         self.source = source
         self.command = command
         self.decoder = decoder
-        self.live = Live(decoder, interface, bitrate)
+        self.live = Live(decoder, interface, bitrate, node)
         self.names = list(self.live.units)
         self.state = "live"  # live, over, gone
         self.note = ""
@@ -172,6 +174,7 @@ class Session:
         self._heard = time.monotonic()
         self._stop = threading.Event()
         self._sender = Sender(interface) if interface is not None else None
+        self._node = Node(node)
         self._asked = 0.0
         self._asked_past: list[tuple[Collection[int], Callable[[bytes], object]]] = []
         self._faults = _injections(source) if isinstance(source, Simulator) else []
@@ -263,9 +266,8 @@ class Session:
         now = time.monotonic()
         if now - self._asked >= REPEAT:
             self._asked = now
-            self.source.send(
-                *self._sender.frame("COMMAND", {"request": self._sender.interface.enums["request"]["idle"]})
-            )
+            idle = self._sender.frame("COMMAND", {"request": self._sender.interface.enums["request"]["idle"]})
+            self.source.send(*self._node.to_bus(idle))
 
     # ---------------------------------------------------------------- what browsers ask for
 

@@ -48,6 +48,7 @@ AS_GOOD = 0.75
 SAME_AS_GOOD = 0.2
 MOST_RIVALS = 4  # that are told where none of them is likelier than not; chosen by hand
 SAME = 2.0  # squared distance of two sets' predictions [noise sd] beyond the other's parameters; chosen by hand
+CLASSED = 0.02  # probability over the likeliest set's, from which a set is put in a class; chosen by hand, for time
 # Such a distance, below which a part of a set does what the whole does. Halves of one effect lie 1e-6 apart; at 2 a
 # right pair lost an effect (pool mixed, seed 11, case 363).
 IDLE = 0.02
@@ -178,16 +179,22 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
         if run > EVEN:
             return "unexplained", None, [], calibrated(run)
         return "unexplained", None, [], calibrated(1.0 - ranking.probability("nothing"), "unexplained")
+    own = {h.effects: p for h, p in sets}
+    sets = _by_class(analysis, ranking, sets)
     top, best = sets[0]
     for other, p in sets[1:]:
-        near = top.log_weight - other.log_weight < SHORTER and _size_of(other) < _size_of(top) and not _faulty(other)
-        if near and _distance(analysis, ranking, top.fit, other.fit) < SAME:
+        shorter = top.log_weight - other.log_weight < SHORTER and _size_of(other) < _size_of(top) and not _faulty(other)
+        if shorter and _distance(analysis, ranking, top.fit, other.fit) < SAME:
             top, best = other, p
             break
     if top.kind != "catalogue" and not _says_enough(ranking, analysis, top):
         return "unexplained", top, [], calibrated(sum(p for h, p in sets if h.kind != "catalogue"), "unexplained")
     if _loses(analysis, top):
-        return "unexplained", top, [], EVEN
+        near = [(h, p) for h, p in sets if h.kind == "catalogue" and p >= SAME_AS_GOOD * best]
+        sets = [(h, p) for h, p in near if not _loses(analysis, h)]
+        if not sets:
+            return "unexplained", top, [], EVEN
+        top, best = sets[0]
     rivals = [top]
     for other, p in sets:
         nested = any(set(r.effects) <= set(other.effects) or set(other.effects) <= set(r.effects) for r in rivals)
@@ -208,7 +215,34 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
     if best < EVEN and len(rivals) == 1:  # likelier wrong than right: then what is next likely is told, too
         rivals += [other for other, p in sets if other is not top and p >= SAME_AS_GOOD * best][: MOST_RIVALS - 1]
     verdict = "ambiguous" if len(rivals) > 1 else "missing"
-    return verdict, top, rivals, calibrated(best, verdict)
+    return verdict, top, rivals, calibrated(own[top.effects], verdict)
+
+
+def _by_class(
+    analysis: Analysis, ranking: Ranking, sets: list[tuple[Hypothesis, float]]
+) -> list[tuple[Hypothesis, float]]:
+    """Sets with the probability of their class, the likeliest class first: what is the same on these data (a radius and
+    a gear that may be wrong) shares its probability among its members, and none of them is the less likely for it."""
+    near = [one for one in sets if one[1] >= CLASSED * sets[0][1]]
+    classes: list[list[tuple[Hypothesis, float]]] = []
+    for one, p in near:
+        same = (c for c in classes if _size_of(c[0][0]) == _size_of(one) and _same(analysis, ranking, c[0][0], one))
+        found = next(same, None)
+        if found is None:
+            classes.append([(one, p)])
+        else:
+            found.append((one, p))
+    shares = []
+    for members in classes:  # likeliest first; a member far less likely by its prior (a constant) takes no part
+        best = members[0][1]
+        total = sum(p for _, p in members)
+        shares += [(one, total if p >= SAME_AS_GOOD * best else p) for one, p in members]
+    return sorted(shares, key=lambda one: -one[1]) + sets[len(near) :]
+
+
+def _same(analysis: Analysis, ranking: Ranking, first: Hypothesis, other: Hypothesis) -> bool:
+    there = _distance(analysis, ranking, first.fit, other.fit)
+    return max(there, _distance(analysis, ranking, other.fit, first.fit)) < IDLE
 
 
 def _faulty(hypothesis: Hypothesis) -> bool:

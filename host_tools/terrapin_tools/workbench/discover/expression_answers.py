@@ -25,6 +25,7 @@ OF_ONE_COLUMN = 2  # of them at most: shapes of one column look alike, and anoth
 INSTEAD = 4  # likeliest terms around the best refit; chosen by hand, for time
 POOL = 220  # expressions of which all pairs are judged; chosen by hand, for time
 OF_EACH_COLUMN = 8  # of them at least, in the order of their evidence; chosen by hand
+WITHIN = 12.0  # log weight behind the best beyond which none is asked whether it pays; chosen by hand, for time
 PAIRS_REFITTED = (6, 4)  # pairs of expressions, and of one with an effect; chosen by hand, for time
 
 
@@ -133,15 +134,18 @@ def _named(ranker: Ranker, index: int) -> str:
 
 def paying(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
     """The answers without those of several terms of which an expression does not pay on the held-out runs."""
-    known = {frozenset(h.effects): h for h in found if h.fit is not None}
-    kept = []
-    for h in found:
+    known = {frozenset(h.effects): h.fit for h in found if h.fit is not None}
+    kept: list[Hypothesis] = []
+    for h in sorted(found, key=lambda h: -h.log_weight):
         own = [name for name in h.effects if name in ranker.sketches]
         if len(h.effects) > 1 and own:
             if absent(h.fit, h.effects):
                 continue
-            shorter = [known.get(frozenset(h.effects) - {name}) for name in own]
-            if any(s is not None and not pays(ranker.analysis, h.fit, s.fit) for s in shorter):  # type: ignore[arg-type]
+            assert h.fit is not None
+            shorter = [tuple(n for n in h.effects if n != name) for name in own]
+            near = not kept or h.log_weight > kept[0].log_weight - WITHIN
+            asked = [names for names in shorter if frozenset(names) in known or near]
+            if not all(pays(ranker.analysis, h.fit, known.get(frozenset(n)) or ranker.fit(n)) for n in asked):
                 continue
         kept.append(h)
     return kept

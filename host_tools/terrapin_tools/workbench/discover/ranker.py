@@ -15,7 +15,7 @@ from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.compare.comparison import Analysis, free_slopes, measured
 from terrapin_tools.workbench.discover.expressions import SCALE_COST, Library, Sketch, as_effect
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
-from terrapin_tools.workbench.model.constants import constants, tax
+from terrapin_tools.workbench.model.constants import constants, error_tax
 from terrapin_tools.workbench.model.data_columns import candidates
 from terrapin_tools.workbench.model.effect_columns import Shape, is_phase
 from terrapin_tools.workbench.model.fitting import Fit, extend
@@ -208,7 +208,7 @@ class Ranker:
         """A set, refitted; its log weight is that of the evidence `otherwise` where the refit leaves nothing of it."""
         fit = self.fit(names)
         value = self.around(fit, names)
-        total = otherwise if value is None else value + self.lost(names) + tax(fit, names)
+        total = otherwise if value is None else value + self.lost(names) - error_tax(fit, names)
         total -= sum(self.faults[name].cost for name in names if name in self.faults)
         taxed = size_tax(fit, names)
         own = [name in self.sketches for name in names]

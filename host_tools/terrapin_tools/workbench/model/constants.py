@@ -14,10 +14,12 @@ from terrapin_tools.workbench.model.data_columns import candidates
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.model import Model
 
-__all__ = ["constants", "named", "suspected", "tax", "value_of"]
+__all__ = ["constants", "error_tax", "named", "suspected", "value_of"]
 
 ERROR = "relative_error"
-TYPICAL = 0.1  # relative error of a stated constant that is wrong: some percent to some tens
+# Log of the ratio of a constant to what is stated, where that is wrong: some percent to some tens. A radius that is
+# half as large and a gear that is twice as large are one error on many rigs, and must not differ in this.
+TYPICAL = 0.3
 
 
 def constants(model: Model) -> list[Effect]:
@@ -61,12 +63,12 @@ def named(effect: str) -> str:
     return effect.removeprefix(SUSPECT) if effect.startswith(SUSPECT) else ""
 
 
-def tax(fit: Fit, effects: tuple[str, ...]) -> float:
+def error_tax(fit: Fit, effects: tuple[str, ...]) -> float:
     """Log of how unlikely errors of this size are, for the suspects among the effects."""
     found = 0.0
     for one, value in zip(fit.model.fitted, fit.theta, strict=True):
         if one.effect in effects and one.effect is not None and named(one.effect):
-            found -= float(np.log1p((value / TYPICAL) ** 2))
+            found += float(np.log1p((np.log1p(value) / TYPICAL) ** 2))
     return found
 
 

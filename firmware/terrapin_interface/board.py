@@ -1,0 +1,160 @@
+"""A board: chip, clock, pins, bridge and what its converters see. One file, boards/NAME.toml beside the robots'."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from terrapin_interface.robot_table import RobotTable
+
+__all__ = ["Board", "find_board", "load_board"]
+
+_PIN = re.compile(r"P([A-E])(\d{1,2}) (\w+)")
+# What a signal's pin has to be able to do; of the chip's alternatives those that the port's drivers set up.
+ROLES: Mapping[str, tuple[str, ...]] = {
+    "gate_a_low": ("TIM1_CH1N",),
+    "gate_a_high": ("TIM1_CH1",),
+    "gate_b_low": ("TIM1_CH2N",),
+    "gate_b_high": ("TIM1_CH2",),
+    "break": ("TIM1_BKIN",),
+    "enable": ("output",),
+    "estop": ("input",),
+    "led": ("output",),
+    "current": ("ADC",),
+    "supply": ("ADC",),
+    "temperature": ("ADC",),
+    "motor_a": ("TIM3_CH1",),
+    "motor_b": ("TIM3_CH2",),
+    "ground_a": ("TIM4_CH1",),
+    "ground_b": ("TIM4_CH2",),
+    "usart_transmit": ("USART1_TX",),
+    "usart_receive": ("USART1_RX",),
+    "can_receive": ("CAN1_RX",),
+    "can_transmit": ("CAN1_TX",),
+}
+# Data sheet DS8626, table 9: the pins of LQFP100 that have a function.
+FUNCTIONS: Mapping[str, tuple[str, ...]] = {
+    "TIM1_CH1N": ("PE8", "PA7", "PB13"),
+    "TIM1_CH1": ("PE9", "PA8"),
+    "TIM1_CH2N": ("PE10", "PB0", "PB14"),
+    "TIM1_CH2": ("PE11", "PA9"),
+    "TIM1_BKIN": ("PE15", "PA6", "PB12"),
+    "TIM3_CH1": ("PC6", "PA6", "PB4"),
+    "TIM3_CH2": ("PC7", "PA7", "PB5"),
+    "TIM4_CH1": ("PB6", "PD12"),
+    "TIM4_CH2": ("PB7", "PD13"),
+    "USART1_TX": ("PA9", "PB6"),
+    "USART1_RX": ("PA10", "PB7"),
+    "CAN1_RX": ("PB8", "PA11", "PD0"),
+    "CAN1_TX": ("PB9", "PA12", "PD1"),
+    "ADC": (*(f"PA{n}" for n in range(8)), "PB0", "PB1", *(f"PC{n}" for n in range(6))),
+}
+
+
+@dataclass(frozen=True)
+class Board:
+    """What a board's file says, SI."""
+
+    name: str
+    title: str
+    number: int  # enum.board of controller.toml
+    chip: str
+    crystal: float  # [Hz]
+    internal: float  # [Hz], without the crystal
+    baud: float  # [bit/s]
+    can: float  # [bit/s], the fastest
+    pwm: float  # [Hz]
+    dead_time: float  # [s]
+    off: tuple[str, ...]  # what the bridge can do when it is off: coast, brake
+    motor_reversed: bool
+    ground_reversed: bool
+    reference: float  # of the converters [V]
+    shunt: float  # [ohm]
+    amplification: float
+    upper: float  # of the supply's divider [ohm]
+    lower: float
+    swing: bool  # sensors that it can read
+    pitch: bool
+    ground_speed: bool
+    pins: Mapping[str, tuple[str, int, str]]  # signal -> port letter, number, function
+
+
+def load_board(path: Path) -> Board:
+    """The board of a file. RobotError: one line with file, line, field and what was expected."""
+    table = RobotTable.load(path)
+    board = Board(
+        name=path.stem,
+        title=table.word("title"),
+        number=table.whole("number", 1, 255),
+        chip=table.choice("chip", ["stm32f405"]),
+        crystal=table.number("clock.crystal", "Hz", 4e6, 26e6),
+        internal=table.number("clock.internal", "Hz", 1e6, 168e6),
+        baud=table.number("links.baud", "bit/s", 115200.0, 2e6),
+        can=table.number("links.can", "bit/s", 125e3, 1e6),
+        pwm=table.number("bridge.pwm", "Hz", 1e3, 1e5),
+        dead_time=table.number("bridge.dead_time", "s", 0.0, 3e-6),
+        off=table.words("bridge.off", ["coast", "brake"]),
+        motor_reversed=table.flag("bridge.motor_reversed", False),
+        ground_reversed=table.flag("bridge.ground_reversed", False),
+        reference=table.number("analog.reference", "V", 1.0, 3.6),
+        shunt=table.number("analog.shunt", "ohm", 1e-4, 1.0),
+        amplification=table.number("analog.amplification", "1", 1.0, 1000.0),
+        upper=table.number("analog.upper", "ohm", 0.0, 1e7),
+        lower=table.number("analog.lower", "ohm", 1.0, 1e7),
+        swing=table.flag("sensors.swing", False),
+        pitch=table.flag("sensors.pitch", False),
+        ground_speed=table.flag("sensors.ground_speed", False),
+        pins=_pins(table),
+    )
+    table.done()
+    if board.crystal % 1e6:
+        raise table.error("clock.crystal", f"found {board.crystal:g} Hz, expected a whole number of MHz for the PLL")
+    if board.dead_time * board.pwm > 0.05:
+        raise table.contradiction(
+            "bridge.dead_time",
+            f"{board.dead_time * 1e9:g} ns",
+            f"at most {0.05 / board.pwm * 1e9:g} ns, a twentieth of a period",
+            table.place("bridge.pwm"),
+        )
+    return board
+
+
+def _pins(table: RobotTable) -> dict[str, tuple[str, int, str]]:
+    pins: dict[str, tuple[str, int, str]] = {}
+    owner: dict[str, str] = {}
+    for role, functions in ROLES.items():
+        key = f"pins.{role}"
+        text = table.word(key)
+        match = _PIN.fullmatch(text)
+        if match is None or int(match[2]) > 15:
+            raise table.error(key, f"found {text!r}, expected a pin and its function, such as 'PE9 {functions[0]}'")
+        pin, function = f"P{match[1]}{int(match[2])}", match[3]
+        if function not in functions:
+            raise table.error(key, f"found {function}, expected {' or '.join(functions)}")
+        able = FUNCTIONS.get(function)
+        if able is not None and pin not in able:
+            raise table.error(key, f"found {pin}, expected one of {', '.join(able)}, which have {function}")
+        if pin in owner:
+            raise table.contradiction(key, pin, "a pin that nothing else takes", table.place(owner[pin]))
+        owner[pin] = key
+        pins[role] = match[1], int(match[2]), function
+    extra = set(table.below("pins")) - set(ROLES)
+    if extra:
+        raise table.error(f"pins.{min(extra)}", f"no such signal; known: {', '.join(ROLES)}")
+    return pins
+
+
+def find_board(name: str, folder: Path, table: RobotTable) -> Board:
+    """The board that a robot's file names: `folder`/boards/NAME.toml, or a file beside the robot's.
+
+    RobotError names the robot's field when there is none.
+    """
+    known = sorted(path.stem for path in (folder / "boards").glob("*.toml"))
+    if name in known:
+        return load_board(folder / "boards" / f"{name}.toml")
+    beside = Path(table.file).parent / name
+    if name.endswith(".toml") and beside.is_file():
+        return load_board(beside)
+    raise table.error("board", f"found {name[:60]!r}, expected a file beside this one, or one of {', '.join(known)}")

@@ -1,0 +1,249 @@
+"""Who takes what was made for another robot, board or interface: boot loader, flash, run and monitor refuse it."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from terrapin_hil import paths
+from terrapin_hil.errors import UserError
+from terrapin_hil.links import LinkName
+from terrapin_hil.links.identity import require_fitting
+from terrapin_hil.links.inprocess import InProcess
+from terrapin_hil.links.link import LinkError
+from terrapin_hil.links.slcan import ControllerProcess
+from terrapin_hil.messages import Frame, Sender, interface
+from terrapin_interface.robot import find_robot, identity_of, load_robot
+from terrapin_tools.flash.image import MADE, Version, parse, sign
+from terrapin_tools.flash.update import SignedFile, update
+from terrapin_tools.logs.frames import Frames, frames
+from terrapin_tools.monitor import sources
+from tests.boot.bootlib import SLOT, Chip, send
+from tests.boot.kit import KEY, PUBLIC, code
+
+CYLINDER, SPHERE = identity_of("cylinder"), identity_of("sphere")
+BOARD = load_robot(find_robot("cylinder")).board.number
+VERSION = interface().version
+RIGHT = {"robot": CYLINDER, "board": BOARD, "interface": VERSION}
+WRONG = {"robot": {"robot": SPHERE}, "board": {"board": BOARD + 1}, "interface": {"interface": VERSION + 1}}
+
+
+def image(slot: str, version: str, robot: int, board: int, interface: int) -> bytes:
+    made = code(slot, 600, version) + MADE + struct.pack("<II", robot | board << 24, interface)
+    return sign(made, KEY, Version.of(version), 1, slot)
+
+
+def controller() -> Chip:
+    """A cylinder's: its first image was confirmed, and the boot loader serves."""
+    chip = Chip(PUBLIC)
+    chip.boot.board = BOARD
+    chip.put("a", image("a", "1.0.0", **RIGHT))
+    assert chip.start() == "a"
+    assert chip.record().robot == 0
+    assert chip.confirm()
+    assert chip.record().robot == CYLINDER
+    chip.lib.terrapin_update_init(chip.update, chip.boot, 0)
+    chip.running = 0
+    return chip
+
+
+def file(slot: str, version: str, **made: int) -> SignedFile:
+    data = image(slot, version, **made)
+    return SignedFile("new.bin", parse(data), data)
+
+
+class ChipWire:
+    """A wire to the boot loader of a chip."""
+
+    name = "chip"
+
+    def __init__(self, chip: Chip) -> None:
+        self.chip, self.heard, self.sent = chip, list[Frame](), list[int]()
+
+    def wake(self) -> None:
+        pass
+
+    def send(self, batch: Sequence[Frame]) -> None:
+        for identifier, data in batch:
+            self.sent.append(identifier)
+            self.heard += self.chip.accept(identifier, data)
+
+    def receive(self, seconds: float) -> list[Frame]:
+        found, self.heard = self.heard, []
+        return found
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_the_boot_loader_refuses(what: str) -> None:
+    chip = controller()
+    wrong = image("b", "1.1.0", **{**RIGHT, **WRONG[what]})
+    assert send(chip, wrong, "b") == f"wrong_{what}"
+    chip.put("b", wrong)
+    assert chip.check("b") == f"wrong_{what}"
+    assert chip.start() == "a"
+
+
+def test_the_boot_loader_accepts() -> None:
+    chip = controller()
+    assert send(chip, image("b", "1.1.0", **RIGHT), "b") == "ok"
+    assert chip.start() == "b"
+    assert chip.confirm()
+
+
+def test_an_image_that_names_no_robot_is_for_a_controller_without_one() -> None:
+    nameless = sign(code("b", 600, "1.1.0"), KEY, Version.of("1.1.0"), 1, "b")
+    assert send(controller(), nameless, "b") == "wrong_robot"
+    blank = Chip(PUBLIC)
+    assert send(blank, nameless, "b") == "ok"
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_flash_refuses_before_anything_is_erased(what: str) -> None:
+    chip = controller()
+    wire = ChipWire(chip)
+    with pytest.raises(
+        UserError,
+        match={
+            "robot": "made for sphere, the controller is that of cylinder; --change-robot",
+            "board": "made for board emulated, expected f405_h_bridge",
+            "interface": f"interface version {VERSION + 1}, expected {VERSION}",
+        }[what],
+    ):
+        update(wire, [file("b", "1.1.0", **{**RIGHT, **WRONG[what]})], lambda *_: None)  # type: ignore[arg-type]
+    assert interface().messages["UPDATE_BEGIN"].id not in wire.sent
+
+
+@pytest.mark.parametrize("robot", ["cylinder", "sphere"])
+def test_flash_accepts(robot: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The right image; that of another robot with one option, which makes the controller that robot's."""
+    monkeypatch.setattr("terrapin_tools.flash.update.START", 0.0)
+    monkeypatch.setattr("terrapin_tools.flash.update._started", lambda *_: "confirmed")
+    chip = controller()
+    right = file("b", "1.1.0", **{**RIGHT, "robot": identity_of(robot)})
+    outcome = update(ChipWire(chip), [right], lambda *_: None, robot != "cylinder")  # type: ignore[arg-type]
+    assert outcome.slot == "b"
+    assert chip.record().robot == identity_of(robot)
+    assert chip.start() == "b"
+
+
+def test_the_robot_of_a_controller_survives_a_reset_and_its_updates() -> None:
+    chip = controller()
+    chip.lib.terrapin_records_set_node(chip.flash, 3)
+    assert (chip.record().robot, chip.record().node) == (CYLINDER, 3)
+    answer = chip.ask(Sender().frame("UPDATE_ROBOT", {"robot": SPHERE, "write": 1}))
+    assert (answer["robot"], answer["board"], answer["interface"]) == (SPHERE, BOARD, VERSION)
+    assert (chip.record().robot, chip.record().node, chip.record().confirmed) == (SPHERE, 3, SLOT["a"])
+    assert chip.start() == ""  # what runs is the cylinder's: the boot loader stays
+
+
+def test_the_motor_is_on() -> None:
+    chip = controller()
+    chip.motor_on = True
+    answer = chip.ask(Sender().frame("UPDATE_ROBOT", {"robot": SPHERE, "write": 1}))
+    assert answer["robot"] == CYLINDER
+    assert answer["result"] == interface().enums["update_result"]["motor_on"]
+
+
+def identity(**changes: int) -> Frame:
+    """What the firmware of this build says, with fields changed."""
+    message = interface().messages["IDENTITY"]
+    link = InProcess()
+    found = link.ask(Sender().frame("IDENTITY_READ", {"part": 0}), lambda frame: frame[0] == message.id)
+    link.close()
+    assert found is not None
+    return message.id, message.encode({**message.decode(found[1]), **changes})[0]
+
+
+# What a controller says that is another robot's, on another board, of another interface
+SAID: dict[str, tuple[dict[str, int], str]] = {
+    "robot": ({"robot": SPHERE}, "the controller is that of sphere, expected cylinder; --robot says whose"),
+    "board": ({"board": 77}, "the controller is on board 77, expected f405_h_bridge, which cylinder.toml names"),
+    "interface": ({"interface": 7}, "the controller speaks interface .*000007, expected"),
+}
+
+
+@pytest.mark.parametrize("what", SAID)
+def test_run_refuses(what: str) -> None:
+    changes, expected = SAID[what]
+    with pytest.raises(LinkError, match=expected):
+        require_fitting("bus", lambda frame, wanted: identity(**changes))
+
+
+@pytest.mark.parametrize("board", [0, BOARD])
+def test_run_accepts(board: int) -> None:
+    require_fitting("bus", lambda frame, wanted: identity(board=board))
+
+
+def test_run_refuses_what_says_nothing() -> None:
+    with pytest.raises(LinkError, match="does not say what it was built for"):
+        require_fitting("bus", lambda frame, wanted: None)
+
+
+def test_the_command_asks_a_real_controller() -> None:
+    """The sphere's controller on a pty, and a command line that has the cylinder in mind."""
+    from terrapin_tools.commands.run import _opened
+
+    program = paths.simulator().parent / "robots" / "sphere" / "host" / "terrapin-controller"
+    if not program.is_file():
+        pytest.skip("the sphere's controller is not built (tests/tools/build.sh robot=sphere host)")
+    process = ControllerProcess(program, ())
+    path = process.start()
+    try:
+        link = LinkName.parse(f"serial:{path}", "lockstep")
+        with pytest.raises(LinkError, match="that of sphere, expected cylinder"), _opened(link, None):
+            pass
+    finally:
+        process.stop()
+
+
+class Heard:
+    """A bus on which a controller has answered."""
+
+    lost = damaged = 0
+
+    def __init__(self, answer: Frame | None) -> None:
+        self.answer, self.sent = answer, list[int]()
+
+    def receive(self, wait: float) -> Frames:
+        if self.answer is None or not self.sent:
+            return frames(Path("bus"), [], [], [], [])
+        (identifier, data), self.answer = self.answer, None
+        return frames(Path("bus"), [0.0], [identifier], [data], [0])
+
+    def send(self, identifier: int, data: bytes) -> None:
+        self.sent.append(identifier)
+
+    def shutdown(self) -> None:
+        pass
+
+
+def watched(answer: Frame | None, monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    monkeypatch.setattr("terrapin_tools.logs.bus.open_bus", lambda link, bitrate, *more: Heard(answer))
+    bus: Any = sources.Bus(LinkName.parse("socketcan:can0"), 500_000)
+
+    def ask() -> None:
+        try:
+            bus.require_fitting()
+        finally:
+            bus.close()
+
+    return ask
+
+
+@pytest.mark.parametrize("what", SAID)
+def test_the_monitor_refuses(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    changes, expected = SAID[what]
+    with pytest.raises(LinkError, match=expected):
+        watched(identity(**changes), monkeypatch)()
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_the_monitor_accepts(silent: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    watched(None if silent else identity(board=BOARD), monkeypatch)()

@@ -1,0 +1,402 @@
+"""Files of robots: what is contradictory is refused with both places, what is consistent is taken."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tomlkit
+from typer.testing import CliRunner
+
+from terrapin_hil.errors import UserError
+from terrapin_hil.paths import ROBOT_VARIABLE
+from terrapin_hil.reading import ReadingError
+from terrapin_hil.robot.plant import Robot as Plant
+from terrapin_hil.robots import Robot, select, selected
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.scenario import Scenario, load_scenario
+from terrapin_interface.description import load
+from terrapin_interface.quantity import QuantityError, parse_quantity
+from terrapin_interface.robot import RobotError, find_robot, load_robot, robots
+from terrapin_tools.commands import robot as command
+
+ROOT = Path(__file__).resolve().parents[2]
+Change = dict[str, Any]
+
+
+def changed(folder: Path, name: str, changes: Change) -> Path:
+    """A copy of a shipped robot's file with fields set, or taken out (None)."""
+    document: Any = tomlkit.parse(find_robot(name).read_text(encoding="utf-8"))
+    for key, value in changes.items():
+        *tables, last = key.split(".")
+        table = document
+        for part in tables:
+            if part not in table:
+                table[part] = tomlkit.table()
+            table = table[part]
+        if value is None:
+            del table[last]
+        else:
+            table[last] = value
+    path = folder / f"{name}.toml"
+    path.write_text(tomlkit.dumps(document), encoding="utf-8")
+    return path
+
+
+def made(path: Path) -> None:
+    """All that a build makes of a file before it writes anything."""
+    load(robot=load_robot(path))
+
+
+# robot, what is set, the two places that the message must name
+CONTRADICTIONS: list[tuple[str, Change, str, str]] = [
+    ("cylinder", {"body.drive_radius": "80 mm"}, "body.drive_radius", "body.radius"),
+    ("cylinder", {"body.radius": "15 mm", "body.arm": "5 mm"}, "body.drive_radius", "body.radius"),
+    ("cylinder", {"body.arm": "90 mm"}, "body.arm", "body.radius"),
+    ("sphere", {"body.arm": "0.3 m"}, "body.arm", "body.radius"),
+    ("cylinder", {"body.shell_inertia": 0.01}, "body.shell_inertia", "body.shell_mass"),
+    ("cylinder", {"body.body_inertia": 0.02}, "body.body_inertia", "body.body_mass"),
+    ("cylinder", {"body.drive_inertia": "80 kg cm^2"}, "body.drive_inertia", "body.drive_mass"),
+    ("sphere", {"body.frame_inertia": 0.2}, "body.frame_inertia", "body.frame_mass"),
+    ("sphere", {"body.bob_inertia": 1.0}, "body.bob_inertia", "body.bob_mass"),
+    ("sphere", {"body.shell_inertia": "0.5 kg m^2"}, "body.shell_inertia", "body.shell_mass"),
+    ("cylinder", {"estimator.window": "1.5 s"}, "estimator.window", "body.arm"),
+    ("sphere", {"estimator.window": "0.2 s"}, "estimator.window", "body.arm"),
+    ("cylinder", {"limits.current": "2.0 A"}, "limits.current", "limits.over_current"),
+    ("roller", {"limits.over_current": "4.5 A"}, "limits.current", "limits.over_current"),
+    ("cylinder", {"limits.supply_low": "12.5 V"}, "limits.supply_low", "supply.voltage"),
+    ("sphere", {"limits.supply_high": "22 V"}, "limits.supply_high", "supply.voltage"),
+    ("cylinder", {"limits.voltage": "13 V"}, "limits.voltage", "supply.voltage"),
+    ("sphere", {"supply.voltage": "16 V"}, "limits.voltage", "supply.voltage"),
+    ("cylinder", {"friction.coulomb": "0.9 N m"}, "friction.coulomb", "limits.current"),
+    ("roller", {"limits.current": "50 mA"}, "friction.coulomb", "limits.current"),
+    ("cylinder", {"limits.over_current": "2.04 A", "sensors.current.code": "0.99 mA"},
+     "limits.over_current", "sensors.current.code"),
+    ("roller", {"sensors.current.shunt": "20 mohm"}, "limits.over_current", "sensors.current.shunt"),
+    ("cylinder", {"sensors.current.code": "2 mA"}, "sensors.current.code", "board f405_h_bridge"),
+    ("sphere", {"sensors.current.code": "4 mA"}, "sensors.current.code", "sensors.current.shunt"),
+    ("sphere", {"sensors.supply.code": "5 mV"}, "sensors.supply.code", "sensors.supply.upper"),
+    ("cylinder", {"limits.supply_high": "17 V"}, "limits.supply_high", "sensors.supply.code"),
+    ("sphere", {"sensors.supply.upper": "60 kohm"}, "limits.supply_high", "sensors.supply.upper"),
+    ("sphere", {"sensors.motor_encoder.counts": 4096}, "sensors.motor_encoder.counts", "motor.torque_constant"),
+    ("cylinder", {"motor.gear": 8, "motor.torque_constant": 0.0125}, "sensors.motor_encoder.counts", "motor.gear"),
+    ("roller", {"motor.gear": 18.7}, "sensors.motor_encoder.counts", "motor.gear"),
+    ("roller", {"sensors.motor_encoder.counts": 48}, "sensors.motor_encoder.counts", "motor.gear"),
+    ("sphere", {"sensors.swing": False}, "limits.swing", "sensors.swing"),
+    ("cylinder", {"sensors.ground_wheel.counts": 100}, "sensors.ground_wheel.counts", "sensors.motor_encoder.counts"),
+    ("cylinder", {"motor.torque_constant": "0.2 N m/A"}, "full_scale.torque", "limits.current"),
+    ("sphere", {"full_scale.torque": "20 N m"}, "full_scale.torque", "limits.current"),
+    ("roller", {"full_scale.current": "4 A"}, "full_scale.current", "limits.over_current"),
+    ("sphere", {"full_scale.voltage": "16 V"}, "full_scale.voltage", "limits.voltage"),
+    ("cylinder", {"bridge.off": "brake"}, "bridge.off", "board f405_h_bridge"),
+    ("cylinder", {"can.bit_rate": "250 kbit/s"}, "can.bit_rate", "can.nodes"),
+    ("cylinder", {"can.nodes": 2}, "can.bit_rate", "can.nodes"),
+    ("roller", {"motor.inductance": "1 uH"}, "motor.inductance", "limits.over_current"),
+    ("roller", {"motor.inductance": "50 mH"}, "motor.inductance", "motor.armature_resistance"),
+    ("cylinder", {"firmware.coulomb": "10 mN m"}, "firmware.coulomb", "friction.coulomb"),
+]  # fmt: skip
+
+
+def test_there_are_40_contradictions() -> None:
+    assert len(CONTRADICTIONS) >= 40
+    assert len({(first, second, name) for name, _, first, second in CONTRADICTIONS}) >= 35
+
+
+@pytest.mark.parametrize("number", range(len(CONTRADICTIONS)))
+def test_a_contradiction_is_refused_with_both_places(number: int, tmp_path: Path) -> None:
+    name, changes, first, second = CONTRADICTIONS[number]
+    path = changed(tmp_path, name, changes)
+    with pytest.raises(RobotError) as found:
+        made(path)
+    message = str(found.value)
+    assert "\n" not in message
+    assert message.startswith(str(path)), message
+    assert first in message, message
+    assert second in message, message
+    assert "found" in message, message
+    assert "expected" in message, message
+    if not second.startswith("board"):  # with the line of the second place, where that field stands in the file
+        line = next((n for n, text in enumerate(path.read_text().splitlines(), 1) if _is(text, second, path, n)), None)
+        assert line is not None, second
+        assert f"(line {line})" in message or f":{line}:" in message, message
+
+
+def _is(text: str, key: str, path: Path, number: int) -> bool:
+    table, _, last = key.rpartition(".")
+    before = [line.strip() for line in path.read_text().splitlines()[: number - 1]]
+    header = next((line for line in reversed(before) if line.startswith("[")), "")
+    return text.split("=")[0].strip() == last and header.partition("]")[0] == f"[{table}"
+
+
+# Consistent changes: each alone makes another good robot.
+CONSISTENT: list[tuple[str, Change]] = [
+    *(("cylinder", {"body.radius": f"{r} mm"}) for r in (82, 85, 90)),
+    *(("cylinder", {"body.drive_radius": f"{r} mm"}) for r in (17, 20, 24)),
+    *(("cylinder", {"body.arm": f"{h} mm"}) for h in (50, 70)),
+    ("cylinder", {"body.shell_inertia": None}),
+    ("cylinder", {"body.body_inertia": None}),
+    ("cylinder", {"body.gravity": 9.78}),
+    ("cylinder", {"motor.resistance_slope": "0.0039 1/K"}),
+    ("cylinder", {"motor.gear": 2, "motor.torque_constant": "50 mN m/A", "sensors.motor_encoder.counts": 1024}),
+    ("cylinder", {"sensors.motor_encoder.counts": 4096}),
+    ("cylinder", {"sensors.ground_wheel.counts": 1024}),
+    ("cylinder", {"sensors.current.code": None}),
+    ("cylinder", {"sensors.supply.code": None}),
+    ("cylinder", {"sensors.swing": False}),
+    ("cylinder", {"limits.swing": "60 deg"}),
+    ("cylinder", {"limits.slip": 0.3}),
+    ("cylinder", {"limits.temperature": "80 degC"}),
+    ("cylinder", {"can.bit_rate": "1 Mbit/s"}),
+    ("cylinder", {"estimator.window": "0.5 s"}),
+    ("cylinder", {"firmware.slip_kp": "2 V s/rad"}),
+    ("cylinder", {"full_scale.torque": "2 N m"}),
+    ("cylinder", {"full_scale.voltage": "32 V"}),
+    ("cylinder", {"body.radius": "0.15 m", "body.drive_radius": "0.03 m", "motor.torque_constant": 0.25,
+                  "sensors.motor_encoder.counts": 4096, "full_scale.torque": "3 N m"}),
+    *(("sphere", {"body.bob_mass": f"{m} kg"}) for m in (8, 9.5)),
+    ("sphere", {"body.shell_inertia": None}),
+    ("sphere", {"motor.gear": 50, "limits.current": "12 A"}),
+    ("sphere", {"sensors.motor_encoder.counts": 1200}),
+    ("sphere", {"estimator.window": "1.7 s"}),
+    ("sphere", {"limits.swing": "60 deg"}),
+    ("sphere", {"limits.swing": None, "sensors.swing": False}),
+    ("sphere", {"full_scale.torque": "60 N m"}),
+    ("sphere", {"full_scale.current": "20 A"}),
+    ("roller", {"body.shell_mass": "900 g"}),
+    ("roller", {"motor.inductance": None}),
+    ("roller", {"motor.rotor_inertia": "10 g cm^2"}),
+    ("roller", {"supply.voltage": "14 V", "limits.voltage": "12 V"}),
+    ("roller", {"friction.viscous": "10 mN m s/rad"}),
+    ("roller", {"sensors.ground_wheel.radius": "20 mm"}),
+]  # fmt: skip
+
+
+def test_there_are_40_consistent_files() -> None:
+    assert len(CONSISTENT) >= 40
+
+
+@pytest.mark.parametrize("number", range(len(CONSISTENT)))
+def test_a_consistent_file_is_taken(number: int, tmp_path: Path) -> None:
+    name, changes = CONSISTENT[number]
+    made(changed(tmp_path, name, changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"body.radius": None}, "body.radius: is missing"),
+        ({"body.radius": "80 kg"}, "expected a number in m or a text with a unit that converts to it"),
+        ({"body.radius": True}, "expected a number in m"),
+        ({"body.radius": "3 m"}, "expected 0.01 to 0.5 m"),
+        ({"body.kind": "cube"}, "expected one of cylinder, sphere"),
+        ({"board": "arduino"}, "expected a file beside this one, or one of f405_h_bridge"),
+        ({"motor.torqe": 1}, "no such field"),
+        ({"firmware.torqe": 1}, "found no parameter of the controller of that name"),
+        ({"firmware.slip_kp": "5 m"}, "expected a number in V s/rad"),
+        ({"firmware.slip_kp": 500}, "expected 0 to 20 V s/rad"),
+        ({"full_scale.torque": "1.5 N m"}, "expected a multiple of 1 N m"),
+        ({"sensors.motor_encoder.counts": 2048.5}, "expected a whole number from 1 to 65536"),
+        (
+            {
+                "body.radius": "0.5 m",
+                "body.arm": "0.4 m",
+                "body.drive_mass": "9 kg",
+                "estimator.window": "1 s",
+                "full_scale.torque": "5 N m",
+            },
+            "makes the controller's inertia",
+        ),
+    ],
+)
+def test_bad_input_is_one_line(changes: Change, expected: str, tmp_path: Path) -> None:
+    path = changed(tmp_path, "cylinder", changes)
+    with pytest.raises(RobotError) as found:
+        made(path)
+    assert "\n" not in str(found.value)
+    assert str(found.value).startswith(str(path))
+    assert expected in str(found.value)
+
+
+def test_the_cylinder_is_the_simulators() -> None:
+    """Every value stood in the sources before; none has changed on its way into the file."""
+    robot = load_robot(find_robot("cylinder"))
+    assert dict(robot.plant) == asdict(Plant())
+    assert dict(robot.plant) == {
+        "radius": 0.080, "drive_radius": 0.018, "arm": 0.062, "shell_mass": 0.3, "body_mass": 0.5, "drive_mass": 1.1,
+        "shell_inertia": 1.92e-3, "body_inertia": 2.0e-4, "drive_inertia": 1.8e-4, "gravity": 9.81,
+        "torque_constant": 0.10, "armature_resistance": 5.0, "resistance_slope": 0.0, "coulomb": 0.012,
+        "viscous": 1.0e-3,
+    }  # fmt: skip
+    assert (robot.current_code, robot.supply_code, robot.supply, robot.wheel_radius) == (1e-3, 4e-3, 12.0, 0.03)
+    assert {scale: robot.ratio(scale) for scale in ("torque", "current", "voltage", "speed", "records")} == {
+        **dict.fromkeys(("torque", "current", "voltage", "speed", "records"), 1)
+    }
+
+
+def test_the_cylinders_interface_is_that_of_the_first_paper() -> None:
+    d = load()
+    found = {p.name: p.default for p in d.parameters}
+    assert found["inertia"] == 17636
+    assert (found["inertia_shell"], found["inertia_swing"], found["weight"]) == (14880, 7936, 18639)
+    assert (found["current_scale"], found["supply_scale"], found["window"], found["gate"]) == (1000, 4000, 300, 400)
+    signals = {(m.name, s.name): s.scale for m in d.messages for s in m.signals}
+    assert signals["GROUND", "torque"] == 1e-6
+    assert signals["CALIBRATION", "viscous"] == 1e-7
+
+
+def test_the_sphere_travels_at_its_own_scales() -> None:
+    """The same number of steps for the full scale as the cylinder: 1e-6 of it a step of C_t."""
+    robot = load_robot(find_robot("sphere"))
+    signals = {(m.name, s.name): s for m in load(robot=robot).messages for s in m.signals}
+    torque, current = signals["GROUND", "torque"], signals["WINDOW", "current"]
+    assert torque.scale == pytest.approx(30e-6, rel=1e-12)
+    assert torque.divisor == 30
+    assert torque.maximum * torque.scale >= 30.0
+    assert current.maximum * current.scale >= 16.0
+    speed = signals["MOTION", "motor_speed"]
+    assert speed.maximum * speed.scale >= 24.0 / 0.0369
+    assert robot.record_slots == 3
+    assert robot.jump > 24.0 / 0.0369 / (2.0 * math.pi) * 2.048
+    assert robot.quantity("inertia") == pytest.approx(0.952, abs=1e-3)  # R^2 M + I1 + J_m N^2
+
+
+@pytest.mark.parametrize("name", robots())
+def test_the_shipped_robots_are_good(name: str) -> None:
+    answer = CliRunner().invoke(_app(), ["check", name])
+    assert answer.exit_code == 0
+    assert f"{name}: good" in answer.output
+
+
+def test_a_robot_of_ones_own_begins_with_another(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    assert CliRunner().invoke(_app(), ["new", str(path), "--like", "roller"]).exit_code == 0
+    assert load_robot(path).name == "mine"
+    assert load_robot(path).plant == load_robot(find_robot("roller")).plant
+    again = CliRunner().invoke(_app(), ["new", str(path)])
+    assert "is there already" in str(again.exception)
+
+
+def _app() -> Any:
+    import typer
+
+    app = typer.Typer()
+    for function in command.SUBCOMMANDS:
+        app.command(function.__name__.rstrip("_"))(function)
+    return app
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("80 mm", "m", 0.08),
+        ("12 mN m", "N m", 0.012),
+        ("500 kbit/s", "bit/s", 5e5),
+        ("45 deg", "rad", math.pi / 4),
+        ("3000 rpm", "rad/s", 100 * math.pi),
+        ("181 g cm^2", "kg m^2", 1.81e-5),
+        (".5", "1", 0.5),
+    ],
+)
+def test_quantities(text: str, unit: str, value: float) -> None:
+    assert parse_quantity(text, unit) == pytest.approx(value, rel=1e-15)
+
+
+@pytest.mark.parametrize("text", ["", "mm", "1 mm^2", "1 mm mm", "1e999 m", "1 m/", "5 mmm", "1 m^99", "1 m\n2 m"])
+def test_no_quantity(text: str) -> None:
+    with pytest.raises(QuantityError):
+        parse_quantity(text, "m")
+
+
+@pytest.fixture
+def sphere(monkeypatch: pytest.MonkeyPatch) -> Iterator[Robot]:
+    """The sphere as the robot of this process, its controller built."""
+    done = subprocess.run(
+        ["tests/tools/build.sh", "robot=sphere", "host"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stderr
+    monkeypatch.setenv(ROBOT_VARIABLE, "")
+    yield select("sphere")
+    monkeypatch.undo()
+
+
+ROLLS = """
+duration = "20 s"
+{extra}
+[sensors]
+kit = "ideal"
+[[path]]
+terrain = "sand"
+[[operator]]
+at = "0 s"
+request = "run"
+setpoint = "8 V"
+limiter = false
+"""
+
+
+def scenario(folder: Path, extra: str = "") -> Scenario:
+    path = folder / "rolls.toml"
+    path.write_text(ROLLS.format(extra=extra), encoding="utf-8")
+    return load_scenario(path)
+
+
+def test_the_sphere_runs_under_its_controller(sphere: Robot, tmp_path: Path) -> None:
+    """C_t within 0.5e-3 of the full scale, as the cylinder's in steady_sand, and it is not clamped."""
+    found = run(scenario(tmp_path))
+    late = found.time > 12.0
+    torque, valid = found.held("GROUND", "torque")[late], found.held("GROUND", "valid")[late]
+    assert found.truth["contact_torque"][late].mean() > 2.0  # far beyond the cylinder's full scale
+    assert valid.mean() > 0.9
+    assert np.abs(torque - found.truth["contact_torque"][late]).max() < 0.5e-3 * 30.0
+    assert found.held("GROUND", "saturated")[late].max() == 0
+    assert found.interface.constants["record_interval"] == 30
+    ages = set(np.round(found.held("ATTITUDE", "ground_age")[late] * 100))
+    assert ages == {0.0, 1.0, 2.0}  # a window every 30 ms, GROUND every 10 ms
+
+
+def test_the_sphere_gives_the_same_bits_over_a_pty(sphere: Robot, tmp_path: Path) -> None:
+    short = replace(scenario(tmp_path), duration=3.0)
+    assert run(short).output_hash == run(short, "pty").output_hash
+
+
+def test_a_process_without_a_choice_has_the_cylinder(tmp_path: Path) -> None:
+    assert selected().name == "cylinder"
+    assert scenario(tmp_path).robot == Plant()
+
+
+def test_a_scenario_for_another_robot_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        ReadingError, match="found sphere, expected cylinder, the robot of this process; --robot sphere"
+    ):
+        scenario(tmp_path, '[robot]\nfile = "sphere"')
+
+
+def test_a_robot_without_a_controller_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(ROBOT_VARIABLE, "cylinder")
+    path = tmp_path / "mine.toml"
+    path.write_text(find_robot("cylinder").read_text(encoding="utf-8"), encoding="utf-8")
+    with pytest.raises(UserError, match="no controller is built for this robot; run `make firmware ROBOT="):
+        select(str(path))
+
+
+def test_what_the_controller_is_not_told_is_said(tmp_path: Path) -> None:
+    changed_robot = '[robot]\ncoulomb = "15 mN m"'
+    (note,) = scenario(tmp_path, changed_robot).notes
+    assert "keeps coulomb = 0.012 (the robot has 0.015); told = true tells it" in note
+    told = scenario(tmp_path, changed_robot + "\ntold = true")
+    assert told.notes == ()
+    assert told.firmware == {"coulomb": 0.015}
+    own = scenario(tmp_path, changed_robot + "\n[firmware]\ncoulomb = 0.013")
+    assert own.notes == ()
+    assert own.firmware == {"coulomb": 0.013}
