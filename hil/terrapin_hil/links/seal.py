@@ -7,8 +7,10 @@ bus.send(session.sealed(frames))
 
 from __future__ import annotations
 
+import secrets
 import struct
 import tomllib
+import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -73,6 +75,16 @@ class LinkKey:
         """What stands in a file."""
         note = "# The link key of a Terrapin controller: keep it secret."
         return f'{note}\ngeneration = {self.generation}\nkey = "{self.key.hex()}"\n'
+
+    @classmethod
+    def new(cls, generation: int = 1) -> LinkKey:
+        """A key that nobody had before."""
+        return cls(secrets.token_bytes(16), generation)
+
+    def block(self) -> bytes:
+        """What stands beside the boot loader (firmware/ports/stm32f405/link_key.h): mark, generation, key, CRC-32."""
+        words = struct.pack("<4sI16s", b"LKEY", self.generation, self.key)
+        return words + struct.pack("<I", zlib.crc32(words))
 
     @property
     def fingerprint(self) -> str:
