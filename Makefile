@@ -1,7 +1,7 @@
 # Terrapin's front door. The work is done by the scripts that each target names.
 .DEFAULT_GOAL := help
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
-.PHONY: help setup demo test sandbox check bench campaigns mutants fuzz firmware release docs wheel lock clean
+.PHONY: help setup demo test sandbox check bench campaigns mutants fuzz proof firmware release docs wheel lock clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -36,6 +36,11 @@ mutants: ## would a slip be seen? in the firmware's C (1,000 of them; ARGS=--who
 
 fuzz: ## search every parser and the step for inputs that break them, MINUTES (10) each; goes on where it was stopped
 	@tests/setup/setup.sh test && .venv/bin/python tests/tools/fuzz.py --minutes $(or $(MINUTES),10) $(ARGS)
+
+proof: ## show what tests cannot: no overflow, nothing read or written outside, off when it must be (docs/proof.md)
+	@tests/setup/setup.sh test && tests/tools/build.sh host \
+		&& { .venv/bin/pip install -q --require-hashes -r tests/proof/requirements.txt || true; } \
+		&& .venv/bin/python -m tests.proof $(ARGS)
 
 firmware: ## build the firmware for this machine and every image for the chip, with their sizes (ROBOT=NAME|FILE)
 	@tests/setup/setup.sh test && tests/tools/build.sh $(if $(ROBOT),"robot=$(ROBOT)") host cortex-m4 && tests/tools/build.sh $(if $(ROBOT),"robot=$(ROBOT)") size

@@ -25,6 +25,7 @@ extern "C" {
 typedef struct {
     const terrapin_flash *flash;
     const uint8_t *key; /* 32 bytes: the public key */
+    uint32_t key_id;    /* first four bytes of terrapin_image_key_hash, little-endian: what UPDATE_FLOOR tells */
     bool release;       /* takes a desk image only when that names this chip */
     uint8_t board;      /* takes images that say no other, unless 0 */
     uint32_t unit;      /* the chip's unique number, as PORT_IDENTITY tells it */

@@ -10,6 +10,7 @@ hold the public key alone, and the boot loader takes no desk image that does not
 from __future__ import annotations
 
 import argparse
+import hashlib
 import os
 import sys
 from pathlib import Path
@@ -67,10 +68,12 @@ def main() -> int:
     except (OSError, ValueError, TypeError) as error:
         print(f"boot_key: {options.key}: {error}", file=sys.stderr)
         return 1
+    name = hashlib.sha256(bytes.fromhex("302a300506032b6570032100") + key).digest()  # as SubjectPublicKeyInfo (RFC 8410)
     digits = ", ".join(f"0x{byte:02X}U" for byte in key)
     options.out.write_text(
         "/* The public key that images must be signed with. Generated. */\n#include <stdint.h>\n"
         f"static const uint8_t terrapin_boot_key[32] = {{{digits}}};\n"
+        f"#define TERRAPIN_BOOT_KEY_ID 0x{int.from_bytes(name[:4], 'little'):08X}U\n"
         f"#define TERRAPIN_BOOT_RELEASE {'true' if options.release else 'false'}\n"
     )
     return 0

@@ -55,7 +55,12 @@ static uint8_t begin(terrapin_update *update, const terrapin_update_begin_t *mes
         result = TERRAPIN_UPDATE_RESULT_TOO_LARGE;
     } else if (terrapin_image_compare(update->version, least) < 0) {
         result = TERRAPIN_UPDATE_RESULT_VERSION_TOO_OLD;
+    } else if ((update->erases >= TERRAPIN_UPDATE_ERASES) ||
+               ((update->erases > 0U) && ((update->now_ms - update->erased_ms) < TERRAPIN_UPDATE_ERASE_MS))) {
+        result = TERRAPIN_UPDATE_RESULT_BUSY;
     } else {
+        update->erases++;
+        update->erased_ms = update->now_ms;
         result = clear_slot(update, slot);
     }
     if (result == OK) {

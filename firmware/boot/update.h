@@ -17,6 +17,9 @@
  * A host whose answer does not come sends its request again, with its next E2E counter: the same BEGIN before the first
  * block, the last block and the same END are answered as before and do nothing again.
  *
+ * Anybody may ask, so BEGIN erases at most once in TERRAPIN_UPDATE_ERASE_MS, and TERRAPIN_UPDATE_ERASES times between
+ * two starts; more is answered `busy`: flash wears out.
+ *
  * The window is one block: a block is answered before the next may be sent, so that no frame comes while the flash is
  * written, for which the processor stands still. terrapin_update_accept takes that time too: a caller with a watchdog
  * whose time is shorter than an erase resets into the boot loader for an update instead (UPDATE_RESET with `stay`).
@@ -36,12 +39,17 @@ extern "C" {
 #define TERRAPIN_UPDATE_PROTOCOL 1U
 #define TERRAPIN_UPDATE_BLOCK    256U
 #define TERRAPIN_UPDATE_REPLIES  2U /* at most, to one frame */
+#define TERRAPIN_UPDATE_ERASES   20U
+#define TERRAPIN_UPDATE_ERASE_MS 10000U
 
 typedef struct {
     const terrapin_boot *boot;
-    uint8_t running; /* update_slot that the caller runs from; none: the boot loader */
-    bool reset;      /* send the replies, then reset */
-    bool stay;       /* and stay in the boot loader */
+    uint8_t running;    /* update_slot that the caller runs from; none: the boot loader */
+    bool reset;         /* send the replies, then reset */
+    bool stay;          /* and stay in the boot loader */
+    uint32_t now_ms;    /* the caller's clock, set before each frame; wraps */
+    uint32_t erases;    /* that BEGIN asked for since the start, */
+    uint32_t erased_ms; /* and when the last one was */
 
     bool active;                    /* between BEGIN and END */
     uint8_t slot;                   /* being written */

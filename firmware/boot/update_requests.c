@@ -76,7 +76,6 @@ uint32_t update_query(terrapin_update *update, const terrapin_frame *frame,
                       terrapin_frame replies[TERRAPIN_UPDATE_REPLIES]) {
     terrapin_record record;
     terrapin_update_query_t message;
-    uint8_t hash[TERRAPIN_SHA256_SIZE];
     if (!terrapin_decode_update_query(frame, &message)) {
         update->malformed++;
         return 0U;
@@ -105,10 +104,9 @@ uint32_t update_query(terrapin_update *update, const terrapin_frame *frame,
         .revision = (int32_t)record.version.revision,
         .target = (int32_t)target,
     };
-    terrapin_image_key_hash(update->boot->key, hash);
     const terrapin_update_floor_t least = {
         .security_counter = record.security_counter,
-        .key = ((uint32_t)hash[3] << 24U) | ((uint32_t)hash[2] << 16U) | ((uint32_t)hash[1] << 8U) | hash[0],
+        .key = update->boot->key_id,
     };
     (void)terrapin_encode_update_info(&info, &replies[0]); /* the fields have the signals' widths */
     (void)terrapin_encode_update_floor(&least, &replies[1]);

@@ -17,6 +17,8 @@ set(CDEF_HEADERS
     ${CMAKE_SOURCE_DIR}/firmware/store/parameters.h
     ${CMAKE_SOURCE_DIR}/firmware/ports/host/flash_file.h
     ${CMAKE_SOURCE_DIR}/firmware/link/node.h
+    ${CMAKE_SOURCE_DIR}/firmware/link/chaskey.h
+    ${CMAKE_SOURCE_DIR}/firmware/link/seal.h
     ${CMAKE_SOURCE_DIR}/firmware/link/dispatch.h)
 set(HEADER_OPTIONS ${CDEF_HEADERS})
 list(TRANSFORM HEADER_OPTIONS PREPEND "--header=")

@@ -86,6 +86,21 @@ static bool follows(terrapin_link *link, uint8_t counter) {
     return good;
 }
 
+/* An IDLE came in this tick. */
+static bool idle_stands(const terrapin_inputs *inputs) {
+    return inputs->command_fresh && (inputs->command.request == (uint8_t)TERRAPIN_REQUEST_IDLE);
+}
+
+static void take_command(terrapin_link *link, terrapin_inputs *inputs, const terrapin_command_t *message) {
+    link->held =
+        link->held && (message->request != TERRAPIN_REQUEST_IDLE) && (message->request != TERRAPIN_REQUEST_CLEAR);
+    inputs->command.request = link->held ? (uint8_t)TERRAPIN_REQUEST_IDLE : (uint8_t)message->request;
+    inputs->command.control = (uint8_t)message->control;
+    inputs->command.limiter = message->limiter != 0;
+    inputs->command.setpoint = (int16_t)message->setpoint;
+    inputs->command_fresh = true;
+}
+
 /* An IDLE is taken with any counter, and no other COMMAND of its tick takes its place. */
 static void accept_command(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
     terrapin_command_t message;
@@ -100,21 +115,41 @@ static void accept_command(terrapin_link *link, const terrapin_frame *frame, ter
     if (message.request == TERRAPIN_REQUEST_IDLE) {
         link->command_counter = counter;
         link->dropped_counter = TERRAPIN_E2E_NO_COUNTER;
+    } else if (link->seal.key != NULL) {
+        link->unsealed++;
+        return;
     } else if (!follows(link, counter)) {
         return;
-    } else if (inputs->command_fresh && (inputs->command.request == (uint8_t)TERRAPIN_REQUEST_IDLE)) {
+    } else if (idle_stands(inputs)) {
         link->out_of_place++;
         return;
     } else {
         /* taken */
     }
-    link->held =
-        link->held && (message.request != TERRAPIN_REQUEST_IDLE) && (message.request != TERRAPIN_REQUEST_CLEAR);
-    inputs->command.request = link->held ? (uint8_t)TERRAPIN_REQUEST_IDLE : (uint8_t)message.request;
-    inputs->command.control = (uint8_t)message.control;
-    inputs->command.limiter = message.limiter != 0;
-    inputs->command.setpoint = (int16_t)message.setpoint;
-    inputs->command_fresh = true;
+    take_command(link, inputs, &message);
+}
+
+static void accept_command_sealed(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
+    terrapin_command_sealed_t sealed;
+    if (!terrapin_decode_command_sealed(frame, &sealed) || (sealed.request > TERRAPIN_REQUEST_CLEAR) ||
+        (sealed.control > TERRAPIN_CONTROL_SPEED)) {
+        link->malformed++;
+        return;
+    }
+    const uint32_t bytes =
+        (uint32_t)frame->data[0] | ((uint32_t)frame->data[1] << 8U) | ((uint32_t)frame->data[2] << 16U);
+    if (!terrapin_seal_check(&link->seal, frame->id, (uint32_t)sealed.counter, 8U, bytes, 0U, sealed.tag,
+                             inputs->tick)) {
+        link->unsealed++;
+        return;
+    }
+    const terrapin_command_t message = {
+        .request = sealed.request, .control = sealed.control, .limiter = sealed.limiter, .setpoint = sealed.setpoint};
+    if (idle_stands(inputs) && (message.request != TERRAPIN_REQUEST_IDLE)) {
+        link->out_of_place++;
+        return;
+    }
+    take_command(link, inputs, &message);
 }
 
 #ifndef TERRAPIN_PRODUCTION
@@ -151,6 +186,22 @@ static void accept_test_mode(terrapin_link *link, terrapin_state *state, const t
     link->store_counter = TERRAPIN_E2E_NO_COUNTER;
 }
 #endif
+
+static terrapin_accept_result accept_session_open(terrapin_link *link, const terrapin_frame *frame,
+                                                  const terrapin_inputs *inputs, terrapin_frame *reply) {
+    terrapin_session_open_t message;
+    if (!terrapin_decode_session_open(frame, &message)) {
+        link->malformed++;
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    if (!terrapin_seal_open(&link->seal, message.host, message.generation, inputs->tick)) {
+        link->out_of_place++;
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    const terrapin_session_t answer = {.start = link->seal.start, .count = link->seal.opened};
+    (void)terrapin_encode_session(&answer, reply); /* the fields have the signals' widths */
+    return TERRAPIN_ACCEPT_REPLY;
+}
 
 static void protect_reply(terrapin_link *link, terrapin_frame *reply) {
     TERRAPIN_ASSERT(link->reply_counter <= TERRAPIN_E2E_COUNTER_MAX);
@@ -350,14 +401,14 @@ static terrapin_accept_result accept_sensors_fast(terrapin_link *link, const ter
 
 void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs) {
     TERRAPIN_ASSERT((link != NULL) && (state != NULL) && (inputs != NULL));
-    static const terrapin_link fresh = {
+    *link = (terrapin_link){
         .command_counter = TERRAPIN_E2E_NO_COUNTER,
         .dropped_counter = TERRAPIN_E2E_NO_COUNTER,
         .write_counter = TERRAPIN_E2E_NO_COUNTER,
         .test_counter = TERRAPIN_E2E_NO_COUNTER,
         .store_counter = TERRAPIN_E2E_NO_COUNTER,
     };
-    *link = fresh;
+    terrapin_seal_init(&link->seal, NULL, 0U, 0U);
     reset_controller(state, inputs, NULL);
 }
 
@@ -376,14 +427,19 @@ static terrapin_accept_result accept_of_the_bus(terrapin_link *link, const terra
     return result;
 }
 
-terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
-                                       terrapin_inputs *inputs, terrapin_frame *reply) {
-    TERRAPIN_ASSERT((link != NULL) && (state != NULL) && (inputs != NULL));
-    TERRAPIN_ASSERT((frame != NULL) && (reply != NULL));
+/* A frame that may be taken. */
+static terrapin_accept_result take_frame(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
+                                         terrapin_inputs *inputs, terrapin_frame *reply) {
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
     switch (frame->id) {
     case TERRAPIN_ID_COMMAND:
         accept_command(link, frame, inputs);
+        break;
+    case TERRAPIN_ID_COMMAND_SEALED:
+        accept_command_sealed(link, frame, inputs);
+        break;
+    case TERRAPIN_ID_SESSION_OPEN:
+        result = accept_session_open(link, frame, inputs, reply);
         break;
     case TERRAPIN_ID_PARAMETER_WRITE:
         result = accept_parameter_write(link, state, frame, reply);
@@ -439,6 +495,77 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
     }
     TERRAPIN_ASSERT((result != TERRAPIN_ACCEPT_STEP) || link->test_mode);
     return result;
+}
+
+/* What waits for its SEAL on a controller that has a key. */
+static bool needs_seal(const terrapin_frame *frame) {
+    terrapin_node_request_t request;
+    bool yes = false;
+    switch (frame->id) {
+    case TERRAPIN_ID_PARAMETER_WRITE:
+    case TERRAPIN_ID_STORE_COMMAND:
+    case TERRAPIN_ID_TEST_MODE:
+    case TERRAPIN_ID_UPDATE_BEGIN:
+    case TERRAPIN_ID_UPDATE_END:
+    case TERRAPIN_ID_UPDATE_RESET:
+        yes = true;
+        break;
+    case TERRAPIN_ID_NODE_REQUEST: /* to ask is free */
+        yes = !terrapin_decode_node_request(frame, &request) || (request.action != TERRAPIN_NODE_ACTION_READ);
+        break;
+    default:
+        break;
+    }
+    return yes;
+}
+
+bool terrapin_link_holds(terrapin_link *link, const terrapin_frame *frame, const terrapin_inputs *inputs) {
+    const bool held = (link->seal.key != NULL) && needs_seal(frame);
+    if (held) {
+        link->unsealed += link->seal.holding ? 1U : 0U; /* the one that waited never got its seal */
+        terrapin_seal_hold(&link->seal, frame, inputs->tick);
+    }
+    return held;
+}
+
+static terrapin_accept_result accept_seal(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
+                                          terrapin_inputs *inputs, terrapin_frame *reply) {
+    terrapin_seal_t message;
+    terrapin_frame held = {0};
+    if (!terrapin_decode_seal(frame, &message)) {
+        link->malformed++;
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    if (!terrapin_seal_release(&link->seal, (uint32_t)message.message, (uint32_t)message.counter, message.tag,
+                               inputs->tick, &held)) {
+        link->unsealed++;
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    if ((held.id >= (uint16_t)TERRAPIN_ID_UPDATE_BEGIN) && (held.id <= (uint16_t)TERRAPIN_ID_UPDATE_RESET)) {
+        *reply = held;
+        return TERRAPIN_ACCEPT_UPDATE;
+    }
+    return take_frame(link, state, &held, inputs, reply);
+}
+
+terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
+                                       terrapin_inputs *inputs, terrapin_frame *reply) {
+    TERRAPIN_ASSERT((link != NULL) && (state != NULL) && (inputs != NULL));
+    TERRAPIN_ASSERT((frame != NULL) && (reply != NULL));
+    terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
+    if (frame->id == (uint16_t)TERRAPIN_ID_SEAL) {
+        result = accept_seal(link, state, frame, inputs, reply);
+    } else if (!terrapin_link_holds(link, frame, inputs)) {
+        result = take_frame(link, state, frame, inputs, reply);
+    } else {
+        /* waits for its SEAL */
+    }
+    return result;
+}
+
+void terrapin_link_seal(terrapin_link *link, const uint32_t *key, uint32_t generation, uint32_t start) {
+    TERRAPIN_ASSERT(link != NULL);
+    terrapin_seal_init(&link->seal, key, generation, start);
 }
 
 void terrapin_link_drive(terrapin_state *state, const terrapin_inputs *inputs, terrapin_outputs *outputs) {

@@ -34,7 +34,7 @@
 #define TERRAPIN_DISPATCH_H
 
 #include "node.h"
-#include "terrapin.h"
+#include "seal.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -66,20 +66,30 @@ typedef struct {
     uint32_t malformed;    /* wrong length, or a value that controller.toml does not know */
     uint32_t out_of_step;  /* COMMANDs that do not follow: a second host, or old frames */
     uint32_t out_of_place; /* SENSORS_* outside test mode; arming it with the bridge on; a COMMAND beside an IDLE */
+    uint32_t unsealed;     /* without a good tag, where one is needed */
     uint32_t unknown;      /* other traffic on the bus */
     struct terrapin_store *store; /* the port's; NULL: parameters last until a reset */
     const int32_t *defaults;      /* the port's, of all parameters; NULL: those of controller.toml */
     terrapin_identity *identity;  /* the port's; NULL: NODE_REQUEST is other traffic */
+    terrapin_seal seal;
 } terrapin_link;
 
 typedef enum {
     TERRAPIN_ACCEPT_NOTHING = 0,
-    TERRAPIN_ACCEPT_REPLY = 1, /* *reply was written: send it */
-    TERRAPIN_ACCEPT_STEP = 2   /* the inputs of a tick are complete: step now */
+    TERRAPIN_ACCEPT_REPLY = 1,  /* *reply was written: send it */
+    TERRAPIN_ACCEPT_UPDATE = 3, /* *reply is a frame of an update whose SEAL has come: take it now */
+    TERRAPIN_ACCEPT_STEP = 2    /* the inputs of a tick are complete: step now */
 } terrapin_accept_result;
 
 /* Reset of the link (without a store), the inputs (all zero, nothing valid) and the controller. */
 TERRAPIN_API void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs);
+
+/* A link key of four words, which must stay where it is, its generation, and the number of this start, which must never
+ * come twice under one key (link/seal.h). NULL: anybody's frames are taken. */
+TERRAPIN_API void terrapin_link_seal(terrapin_link *link, const uint32_t *key, uint32_t generation, uint32_t start);
+
+/* True when a frame waits for its SEAL now: for a port that serves UPDATE_* beside terrapin_accept. */
+TERRAPIN_API bool terrapin_link_holds(terrapin_link *link, const terrapin_frame *frame, const terrapin_inputs *inputs);
 
 /* Take one frame. A frame that is dropped changes nothing but its counter in *link. */
 TERRAPIN_API terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state,

@@ -7,7 +7,7 @@
 #define BUDGET_OFF 7300U /* below 10,000 */
 #define AHEAD_MAX  2U    /* tries to take a COMMAND out of turn, in a tick */
 
-enum { STOP_ALL, COMMAND, WRITE, READ, TEST_MODE, STORE_COMMAND, STORE_READ, NODE, SENSORS, UPDATE, FOREIGN };
+enum { STOP_ALL, COMMAND, WRITE, READ, TEST_MODE, STORE_COMMAND, STORE_READ, NODE, SENSORS, UPDATE, SEALED, FOREIGN };
 
 static uint8_t kind_of(uint16_t id) {
     uint8_t kind = (uint8_t)FOREIGN;
@@ -34,6 +34,11 @@ static uint8_t kind_of(uint16_t id) {
     case TERRAPIN_ID_SENSORS_FAST:
     case TERRAPIN_ID_SENSORS_HEADING:
         kind = (uint8_t)SENSORS;
+        break;
+    case TERRAPIN_ID_COMMAND_SEALED:
+    case TERRAPIN_ID_SEAL:
+    case TERRAPIN_ID_SESSION_OPEN:
+        kind = (uint8_t)SEALED;
         break;
     case TERRAPIN_ID_UPDATE_BEGIN:
     case TERRAPIN_ID_UPDATE_DATA:
@@ -151,7 +156,7 @@ static bool affordable(terrapin_intake *intake, uint8_t kind, bool on) {
         [STOP_ALL] = {80U, 80U},          [NODE] = {430U, 8000U},        [COMMAND] = {230U, 230U},
         [WRITE] = {430U, 4200U},          [READ] = {260U, 260U},         [TEST_MODE] = {230U, 8000U},
         [STORE_COMMAND] = {1000U, 8000U}, [STORE_READ] = {1000U, 1000U}, [SENSORS] = {110U, 110U},
-        [UPDATE] = {430U, 200U},
+        [UPDATE] = {430U, 200U},          [SEALED] = {1000U, 7000U}, /* a SEAL with the frame that it seals */
     };
     TERRAPIN_ASSERT(kind < (uint8_t)FOREIGN);
     uint32_t budget = BUDGET_OFF;

@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import cffi
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 from terrapin_hil import paths
 from terrapin_hil.messages import Sender, interface
 from terrapin_interface.cdef import cdef
+from terrapin_tools.flash.keys import key_hash
 
 HEADERS = (
     "core/terrapin.h", None, "store/flash.h", "store/flash_emulated.h", "boot/sha2.h", "boot/ed25519.h", "boot/image.h",
@@ -39,6 +41,11 @@ def library(path: str = "") -> tuple[cffi.FFI, Any]:
     return ffi, ffi.dlopen(path or os.environ.get("BOOT_LIBRARY") or str(paths.build() / "libterrapin_boot.so"))
 
 
+def key_id(key: bytes) -> int:
+    """The first four bytes of the name of a public key."""
+    return int.from_bytes(key_hash(Ed25519PublicKey.from_public_bytes(key))[:4], "little")
+
+
 class Chip:
     """Flash, boot loader and update machine of one emulated controller."""
 
@@ -49,7 +56,7 @@ class Chip:
         self.lib.terrapin_flash_emulated_init(self.memory, self.bytes, self.lib.terrapin_flash_f405_sectors, SECTORS, 4)
         self.flash = self.ffi.new("terrapin_flash *", self.lib.terrapin_flash_emulated_driver(self.memory))
         self.key = self.ffi.new("uint8_t[32]", key)
-        self.boot = self.ffi.new("terrapin_boot *", {"flash": self.flash, "key": self.key})
+        self.boot = self.ffi.new("terrapin_boot *", {"flash": self.flash, "key": self.key, "key_id": key_id(key)})
         self.update = self.ffi.new("terrapin_update *")
         self.choice = self.ffi.new("terrapin_boot_choice *")
         self._frame = self.ffi.new("terrapin_frame *")
@@ -121,6 +128,7 @@ def send(chip: Chip, image: bytes, slot: str, version: tuple[int, int, int] | No
     data = image + b"\xff" * (-len(image) % 4)
     major, minor, revision = version or (image[20], image[21], int.from_bytes(image[22:24], "little"))
     chip.accept(*sender.frame("UPDATE_QUERY", {"protocol": 1}))
+    chip.update.erases = 0  # the limit of erases is another test's
 
     def answer(frame: tuple[int, bytes]) -> int:
         return chip.ask(frame)["result"]

@@ -177,6 +177,7 @@ def test_reset_needs_its_key(chip: Chip) -> None:
 
 def begin(chip: Chip, sender: Sender, data: bytes) -> None:
     chip.accept(*sender.frame("UPDATE_QUERY", {"protocol": 1}))
+    chip.update.now_ms += 10_000  # each a while after the other
     values = {"size": len(data) // 4, "slot": SLOT["b"], "major": 1, "minor": 1, "revision": 0}
     answer = chip.ask(sender.frame("UPDATE_BEGIN", values))
     assert (answer["request"], answer["result"], answer["next"]) == (1, RESULT["ok"], 0)
@@ -305,3 +306,26 @@ def test_a_refusal_that_comes_again_keeps_its_reason(chip: Chip) -> None:
     operations = chip.memory.operations
     assert chip.ask(sender.frame("UPDATE_END", {"checksum": zlib.crc32(data)}))["result"] == RESULT["wrong_key"]
     assert chip.memory.operations == operations
+
+
+def test_begin_erases_once_in_ten_seconds_and_twenty_times_a_start(chip: Chip) -> None:
+    sender = Sender()
+
+    def begin(at_ms: int) -> int:
+        chip.update.now_ms = at_ms % 2**32
+        values = {"size": 1000 + at_ms % 7, "slot": SLOT["b"], "major": 1, "minor": 0, "revision": at_ms % 5}
+        before = chip.memory.busy_us
+        result = chip.ask(sender.frame("UPDATE_BEGIN", values))["result"]
+        assert (chip.memory.busy_us > before) == (result == RESULT["ok"])
+        return result
+
+    clock = 2**32 - 30_000  # it wraps
+    assert begin(clock) == RESULT["ok"]
+    assert begin(clock + 1) == RESULT["busy"]
+    assert begin(clock + 9_999) == RESULT["busy"]
+    done = 1
+    for i in range(1, 40):
+        done += begin(clock + 10_001 * i) == RESULT["ok"]
+    assert done == 20
+    assert chip.start() == "a"
+    assert begin(5) == RESULT["ok"]

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -29,6 +30,7 @@ from kit import KEY, OTHER_KEY, PUBLIC, code, image
 from terrapin_hil import paths
 from terrapin_hil.links import LinkName
 from terrapin_hil.links.inprocess import InProcess
+from terrapin_hil.links.seal import LinkKey
 from terrapin_hil.messages import Frame, interface
 from terrapin_hil.run.run import run
 from terrapin_hil.scenario.scenario import find_scenario, load_scenario
@@ -717,3 +719,42 @@ def test_swd_with_a_number_that_no_node_has(tmp_path: Path) -> None:
     done = terrapin("flash", signed(tmp_path, "a", "1.0.0"), "--via", "swd", "--node", "9")
     assert done.returncode == 2
     assert "expected a node number from 0 to 7" in done.stderr
+
+
+def test_link_keys(tmp_path: Path) -> None:
+    """Made, shown by a fingerprint, renewed; never replaced, and nothing of the key is printed."""
+    first, second = tmp_path / "robot.key", tmp_path / "robot-2.key"
+    done = terrapin("keys", "link", first)
+    assert done.returncode == 0, done.stderr
+    assert first.stat().st_mode & 0o777 == 0o600
+    key = LinkKey.read(first)
+    assert key.generation == 1
+    assert key.fingerprint in done.stdout
+    assert key.key.hex() not in done.stdout
+    assert terrapin("keys", "show", first).stdout == f"{first}: link key {key.fingerprint}, generation 1\n"
+    done = terrapin("keys", "renew", first, second)
+    assert done.returncode == 0, done.stderr
+    assert LinkKey.read(second).generation == 2
+    assert LinkKey.read(second).key != key.key
+    for arguments, expected in (
+        (("link", first), "exists already"),
+        (("show", tmp_path / "none.key"), "cannot read the key"),
+        (("show", Path(__file__)), "no link key"),
+        (("renew", tmp_path / "none.key", tmp_path / "third.key"), "cannot read the link key"),
+    ):
+        done = terrapin("keys", *arguments)
+        assert done.returncode == 2
+        assert expected in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_link_key_stands_beside_the_boot_loader() -> None:
+    from terrapin_tools.flash.plan import LINK_KEY, LINK_KEY_SIZE, with_link_key
+
+    block = LinkKey(bytes(range(16)), 7).block()
+    assert len(block) == LINK_KEY_SIZE
+    assert zlib.crc32(block[:-4]) == int.from_bytes(block[-4:], "little")
+    loader = with_link_key(b"\1" * 16_200, block)
+    assert loader[LINK_KEY:] == block
+    assert loader[16_200:LINK_KEY].strip(b"\xff") == b""
+    assert with_link_key(b"\1" * 16_200, b"\xff" * LINK_KEY_SIZE) == b"\1" * 16_200  # there was none

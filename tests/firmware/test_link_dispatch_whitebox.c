@@ -4,8 +4,10 @@
 #include "unity.h"
 
 #include "crc32.c"
+#include "chaskey.c"
 #include "dispatch.c"
 #include "node.c"
+#include "seal.c"
 #include "../../firmware/store/parameters.c" /* not the core's, which has the same name */
 #include "terrapin_interface.c"
 

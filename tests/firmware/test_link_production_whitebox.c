@@ -4,8 +4,10 @@
 #include "unity.h"
 
 #define TERRAPIN_PRODUCTION
+#include "chaskey.c"
 #include "dispatch.c"
 #include "node.c"
+#include "seal.c"
 #include "terrapin_interface.c"
 
 struct terrapin_state {

@@ -278,7 +278,7 @@ UNUSED = [  # what is added to controller.toml or taken out of the C, and the li
     ("", ".slip_e4 = s->slip_e4,", "message MOTION, signal slip: no C file fills it"),
     ("", ".trimmed = state->sense.trimmed,", "message STATUS, signal trimmed: no C file fills it"),
     ("", "times.late_250ns =", "message PORT_TIMES, signal late: no C file fills it"),
-    ("", "inputs->command.limiter = message.limiter != 0;", "message COMMAND, signal limiter: no C file reads it"),
+    ("", "inputs->estop = message.estop != 0;", "message SENSORS_FAST, signal estop: no C file reads it"),
     ("", "(void)message.protocol;", "message UPDATE_QUERY, signal protocol: no C file reads it"),
     ("", "TERRAPIN_LIMIT_ENCODER_JUMP", "limit encoder_jump: no C file names it"),
 ]  # fmt: skip

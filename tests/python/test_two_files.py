@@ -33,7 +33,7 @@ FAULT: Edits = {
         'scenarios = ["link_silence", "missed_tick"]\n',
         """
 [fault.current_rail]
-number = 14
+number = 20
 cause = "current code at the upper end of its range"
 reaction = "flag only; goes with its cause"
 within_ms = 1
@@ -79,7 +79,7 @@ bad = [f"{o.text}: {o.found}" for o in result.outcomes if not o.passed]
 assert not bad, bad
 own = [o.text for o in result.outcomes if o.text.startswith("current_rail: ")]
 assert len(own) == 2, own
-assert result.interface.faults["current_rail"] == 14
+assert result.interface.faults["current_rail"] == 20
 print("seen")
 """
 

@@ -16,7 +16,6 @@ import pytest
 from terrapin_hil import paths
 from terrapin_hil.firmware import Firmware
 from terrapin_hil.messages import Frame, Sender, interface
-from terrapin_hil.nodes import Node, node_count
 from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 from tests.target.replay import (
     FRAME,
@@ -167,11 +166,9 @@ def flood(per_tick: Sequence[Sequence[Frame]], recording: Recording, begin: int,
     words = [(name, "<u4") for name in ("drive", "think", "intake", "taken", "mode")]
     kind = np.dtype([*words, ("outputs", output_type(firmware))], align=True)
     records = [struct.pack(f"<I{len(recording.values)}i", RESET, *recording.values)]
-    node = Node(node_count() - 1)  # as the replay is: node 0 changes no frame
     for i, row in enumerate(inputs):
         here = per_tick[i - begin] if i >= begin else ()
-        on_bus = [node.to_bus(frame) for frame in here]
-        records += [struct.pack("<IHB8sx", FRAME, f[0], len(f[1]), f[1].ljust(8, b"\0")) for f in on_bus]
+        records += [struct.pack("<IHB8sx", FRAME, f[0], len(f[1]), f[1].ljust(8, b"\0")) for f in here]
         records.append(struct.pack("<I", TICK) + row.tobytes())
     answer, at, ticks, on = emulate(b"".join(records)), 4, [], False
     for i in range(len(inputs)):

@@ -18,6 +18,7 @@
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <termios.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "boot_key.h"
@@ -128,6 +129,12 @@ static bool send_all(int fd, const uint8_t *bytes, size_t length) {
     return true;
 }
 
+static uint32_t now_ms(void) {
+    struct timespec now = {0};
+    (void)clock_gettime(CLOCK_MONOTONIC, &now);
+    return (uint32_t)((uint64_t)now.tv_sec * 1000U + (uint64_t)now.tv_nsec / 1000000U);
+}
+
 static int serve(loader *l, int fd) {
     uint8_t in[512];
     uint8_t answer[TERRAPIN_BOOT_SERIAL_ANSWER_MAX];
@@ -136,6 +143,7 @@ static int serve(loader *l, int fd) {
         if ((n < 0) && (errno != EINTR)) {
             return fail("cannot read", "the pseudo-terminal");
         }
+        l->serial.update.now_ms = now_ms();
         for (ssize_t i = 0; i < n; i++) {
             const bool motor_on = l->motor_on && (l->serial.update.running != 0U);
             const uint32_t length = terrapin_boot_serial_take(&l->serial, in[i], motor_on, answer);
@@ -194,6 +202,7 @@ int main(int argc, char **argv) {
     l.flash = terrapin_flash_emulated_driver(&l.memory);
     l.boot.flash = &l.flash;
     l.boot.key = terrapin_boot_key;
+    l.boot.key_id = TERRAPIN_BOOT_KEY_ID;
     l.boot.release = TERRAPIN_BOOT_RELEASE;
     if ((node >= 0) && !terrapin_records_set_node(&l.flash, (uint8_t)node)) {
         return (fail("cannot store", "the node number") == 0) ? 0 : 1;

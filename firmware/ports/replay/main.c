@@ -34,7 +34,6 @@ enum { RESET = 1, TICK = 2, FRAME = 3 };
 
 static terrapin_state state;
 static terrapin_link link;
-static terrapin_node node;
 static terrapin_intake intake;
 static terrapin_store store;
 static terrapin_inputs inputs;
@@ -162,9 +161,7 @@ static bool frame(void) {
         return false;
     }
     const uint32_t before = SYSTICK_VALUE;
-    if (terrapin_node_receive(&node, &message)) {
-        terrapin_intake_put(&intake, &link, &state, &from_frames, &message, 0U);
-    }
+    terrapin_intake_put(&intake, &link, &state, &from_frames, &message, 0U);
     const uint32_t count = between(before, SYSTICK_VALUE);
     put(&count, sizeof count);
     return true;
@@ -214,7 +211,6 @@ int main(void) {
     SYSTICK_VALUE = 0U;
     SYSTICK_CONTROL = SYSTICK_ON;
     terrapin_link_init(&link, &state, &from_frames);
-    terrapin_node_init(&node, TERRAPIN_NODES - 1U); /* node 0 changes no frame, which is cheaper */
     while (one_record()) {
     }
     flush();

@@ -8,6 +8,7 @@
 #include "encoder.h"
 #include "flash_driver.h"
 #include "layout.h"
+#include "link_key.h"
 #include "parameters.h"
 #include "phases.h"
 #include "pins.h"
@@ -24,7 +25,7 @@
 static terrapin_store store;
 static flash_driver store_memory, boot_memory;
 static terrapin_flash store_flash, boot_flash;
-static const terrapin_boot boot = {.flash = &boot_flash, .key = terrapin_boot_key};
+static const terrapin_boot boot = {.flash = &boot_flash, .key = terrapin_boot_key, .key_id = TERRAPIN_BOOT_KEY_ID};
 static terrapin_update update;
 static analog sensors;
 static watchdog guard;
@@ -202,7 +203,19 @@ static uint8_t stored_node(void) {
 }
 
 hardware_facts hardware_look(const clocks *speed, uint32_t flags) {
+    uint32_t generation = 0U;
+    uint32_t start = 0U;
+    const uint32_t *key = NULL;
+    if (slot() != (uint8_t)TERRAPIN_UPDATE_SLOT_NONE) {
+        key = link_key((const uint32_t *)(FLASH_MEMORY + TERRAPIN_LAYOUT_LINK_KEY), &generation);
+    }
+    if ((key != NULL) && !random_word(&start)) {
+        generation = 0U; /* no session without a number of this start: IDLE alone is taken */
+    }
     const hardware_facts facts = {
+        .link_key = key,
+        .link_generation = generation,
+        .start = start,
         .clock_fallback = speed->result != CLOCK_GOOD,
         .watchdog_absent = !watchdog_set(&guard, IWDG, WATCHDOG_ERASE), /* the stored parameters are read first */
         .brown_out_unset = (FLASH->OPTCR & FLASH_OPTCR_BOR) == FLASH_OPTCR_BOR_OFF,

@@ -25,6 +25,9 @@ typedef struct {
     uint8_t slot;
     uint8_t node; /* as the boot loader's records say; 0 without a boot loader */
     uint32_t unique;
+    const uint32_t *link_key; /* four words beside the boot loader; NULL: none */
+    uint32_t link_generation; /* of the key */
+    uint32_t start;           /* number of this start, by the chip's generator of random numbers */
     uint32_t core_hz;
 } hardware_facts;
 

@@ -6,6 +6,7 @@
 #define STATUS_TICKS   100U
 #define IDENTITY_TICKS 1000U
 #define IDENTITY_AT    502U
+#define LINK_AT        702U
 #define STARTING_TICKS 1000U /* a bus that is not quiet for 11 bits in this time is taken for absent */
 #define ANSWER_MAX     ((2U * TERRAPIN_SLCAN_TEXT_MAX) + TERRAPIN_SLCAN_REPLY_MAX) /* to one byte of the line */
 _Static_assert(TERRAPIN_MAX_FRAMES == 2, "ANSWER_MAX");
@@ -83,12 +84,15 @@ static void take_update(port *p, source from, const terrapin_frame *frame) {
 }
 
 static uint32_t dropped_frames(const terrapin_link *link) {
-    return link->bad_crc + link->repeated + link->out_of_step + link->malformed + link->out_of_place + link->unknown;
+    return link->bad_crc + link->repeated + link->out_of_step + link->malformed + link->out_of_place + link->unsealed +
+           link->unknown;
 }
 
 static void take_frame(port *p, source from, const terrapin_frame *frame) {
     if ((p->update != NULL) && (frame->id >= TERRAPIN_UPDATE_ID_FIRST) && (frame->id <= TERRAPIN_UPDATE_ID_LAST)) {
-        take_update(p, from, frame);
+        if (!terrapin_link_holds(&p->link, frame, &p->inputs)) {
+            take_update(p, from, frame);
+        }
         return;
     }
     const bool test_mode = p->link.test_mode;
@@ -97,6 +101,11 @@ static void take_frame(port *p, source from, const terrapin_frame *frame) {
     switch (terrapin_accept(&p->link, p->state, frame, &p->inputs, &reply)) {
     case TERRAPIN_ACCEPT_REPLY:
         answer(p, from, &reply);
+        break;
+    case TERRAPIN_ACCEPT_UPDATE:
+        if (p->update != NULL) {
+            take_update(p, from, &reply);
+        }
         break;
     case TERRAPIN_ACCEPT_STEP:
         step(p);
@@ -234,10 +243,27 @@ static void tell_identity(port *p) {
     identity.core_clock = (p->hardware.core_hz / 1000000U);
     identity.stack_used_words = (int32_t)(hardware_stack_used() / 4U);
     identity.kind = (int32_t)terrapin_link_mark.kind;
-    identity.trust = TERRAPIN_TRUST_OPEN;
+    identity.trust = (p->link.seal.key != NULL) ? TERRAPIN_TRUST_SEALED : TERRAPIN_TRUST_OPEN;
     const terrapin_port_identity_t message = terrapin_scale_port_identity(&identity);
     terrapin_frame frame = {0};
     (void)terrapin_encode_port_identity(&message, &frame);
+    publish(p, &frame);
+}
+
+static void tell_link(port *p) {
+    const terrapin_link *link = &p->link;
+    const terrapin_port_link_t message = {
+        .bad_crc = capped(link->bad_crc),
+        .repeated = capped(link->repeated),
+        .out_of_step = capped(link->out_of_step),
+        .malformed = capped(link->malformed),
+        .out_of_place = capped(link->out_of_place),
+        .unsealed = capped(link->unsealed),
+        .sessions = capped(link->seal.opened),
+        .generation = capped(link->seal.generation),
+    };
+    terrapin_frame frame = {0};
+    (void)terrapin_encode_port_link(&message, &frame);
     publish(p, &frame);
 }
 
@@ -253,6 +279,10 @@ static void tell(port *p) {
     case 2U:
         if ((p->tick % IDENTITY_TICKS) == IDENTITY_AT) {
             tell_identity(p);
+        } else if ((p->tick % IDENTITY_TICKS) == LINK_AT) {
+            tell_link(p);
+        } else {
+            /* another time */
         }
         break;
     default:
@@ -355,6 +385,7 @@ void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct ter
     terrapin_slcan_init(&p->parser);
     terrapin_intake_init(&p->intake);
     terrapin_link_init(&p->link, state, &p->inputs);
+    terrapin_link_seal(&p->link, hardware->link_key, hardware->link_generation, hardware->start);
     terrapin_node_init(&p->node, hardware->node);
     terrapin_identity_init(&p->identity, hardware->unique, p->node.number);
     if (update != NULL) { /* the boot loader's records are there */

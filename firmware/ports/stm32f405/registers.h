@@ -22,6 +22,15 @@ typedef struct {
     reg32 AHB1LPENR, AHB2LPENR, AHB3LPENR, reserved4, APB1LPENR, APB2LPENR, reserved5[2];
     reg32 BDCR, CSR;
 } rcc_registers;
+#define RCC_AHB2ENR_RNG BIT(6)
+
+/* Random numbers, RM0090, chapter 24 */
+typedef struct {
+    reg32 CR, SR, DR;
+} rng_registers;
+#define RNG_CR_RNGEN  BIT(2)
+#define RNG_SR_DRDY   BIT(0)
+#define RNG_SR_ERRORS (3U << 5U) /* of clock or seed, some time */
 _Static_assert(offsetof(rcc_registers, AHB1ENR) == 0x30, "RM0090, 7.3.28");
 _Static_assert(offsetof(rcc_registers, CSR) == 0x74, "RM0090, 7.3.28");
 
@@ -276,6 +285,7 @@ typedef struct {
 #define DWT          ((dwt_registers *)0xE0001000U)
 #define DBGMCU_CR    (*(reg32 *)0xE0042004U)
 #define DBGMCU_SLEEP BIT(0) /* the core's clock goes on in sleep, RM0090, 38.16.1 */
+#define RNG          ((rng_registers *)0x50060800U)
 #define FLASH_MEMORY 0x08000000U
 #define UNIQUE_ID    0x1FFF7A10U /* three words, RM0090, 39.1 */
 

@@ -86,6 +86,7 @@ static bool serve(void) {
     terrapin_frame replies[TERRAPIN_UPDATE_REPLIES];
     uint8_t byte = 0U;
     bool any = false;
+    serial.update.now_ms = now_ms;
     if (can_take(&bus, &frame)) {
         const uint32_t count = terrapin_boot_frame(&serial, &frame, false, replies);
         for (uint32_t i = 0U; i < count; i++) {
@@ -121,6 +122,7 @@ _Noreturn void application(void) {
     const terrapin_flash flash = flash_open(&flash_memory, FLASH, (uint8_t *)FLASH_MEMORY, serves);
     const terrapin_boot boot = {.flash = &flash,
                                 .key = terrapin_boot_key,
+                                .key_id = TERRAPIN_BOOT_KEY_ID,
                                 .release = TERRAPIN_BOOT_RELEASE,
                                 .board = (uint8_t)BOARD_NUMBER,
                                 .unit = unique_number()};

@@ -113,7 +113,9 @@ def find_scenario(name: str) -> Path:
         return folder / f"{name}.toml"
     shown = name if len(name) < 200 else shorten(name)
     of = "" if robot == DEFAULT else f" for the {robot}"
-    raise ReadingError(f"{shown}: no such file, and no scenario of that name; shipped{of}: {', '.join(names) or 'none'}")
+    raise ReadingError(
+        f"{shown}: no such file, and no scenario of that name; shipped{of}: {', '.join(names) or 'none'}"
+    )
 
 
 def _terrain(section: Section) -> Terrain:

@@ -83,7 +83,10 @@ def _update(files: Sequence[SignedFile], wire: Wire, change_robot: bool) -> str:
     return f"slot {outcome.slot}: {after[outcome.state]}"
 
 
-def _whole(files: Sequence[SignedFile], via: str, port: str, baud: int, loader: Path | None, node: int) -> str:
+def _whole(
+    files: Sequence[SignedFile], via: str, port: str, baud: int, loader: Path | None, node: int, link_key: Path | None
+) -> str:
+    from terrapin_hil.links.seal import LinkKey
     from terrapin_tools.flash import plan as plans
     from terrapin_tools.flash.layout import BASE
     from terrapin_tools.flash.stm32 import Stm32
@@ -92,7 +95,7 @@ def _whole(files: Sequence[SignedFile], via: str, port: str, baud: int, loader: 
     data = plans.boot_loader(loader) if loader else None
     if data is not None:
         plans.check_starts(data, str(loader), files)
-    what = plans.plan(files, data, node)
+    key = LinkKey.read(link_key) if link_key else None
     programmer = Swd(port or None) if via == "swd" else Stm32(_serial_port(port, via), baud or 115_200)
     with closing(programmer), bar("", None) as shown:
         told = _told(shown)
@@ -105,7 +108,10 @@ def _whole(files: Sequence[SignedFile], via: str, port: str, baud: int, loader: 
                     f"{programmer.name}: the chip has no boot loader to start an image, expected --boot-loader"
                 )
             plans.check_starts(there, "the chip's boot loader", files)
-        plans.perform(programmer, what, told)
+        else:  # its sector is erased, and what was sealed stays so: the key that is there goes with it
+            there = key.block() if key else plans.read(programmer, BASE + plans.LINK_KEY, plans.LINK_KEY_SIZE, told)
+            data = plans.with_link_key(data, there)
+        plans.perform(programmer, plans.plan(files, data, node), told)
     written = ", ".join(f"slot {file.image.slot}" for file in files)
     return f"{'boot loader, ' if loader else ''}{written}: written and read back, started"
 
@@ -127,6 +133,10 @@ def flash(
     bitrate: Annotated[int, typer.Option("--bitrate", min=0, help="of the CAN adapter, bit/s; default 500000")] = 0,
     loader: Annotated[
         Path | None, typer.Option("--boot-loader", metavar="FILE.bin", help="swd, stm32: write this, too")
+    ] = None,
+    link_key: Annotated[
+        Path | None,
+        typer.Option("--link-key", metavar="LINK.key", help="beside that boot loader; without, the chip keeps its own"),
     ] = None,
     node: NodeNumber = None,
     change_robot: Annotated[
@@ -153,6 +163,8 @@ def flash(
         via = "can" if link.interface else "serial"
     if via not in VIAS:
         raise UserError(f"--via: found {via!r}, expected one of {', '.join(VIAS)}, or --link")
+    if link_key and not loader:
+        raise UserError("--link-key: expected with --boot-loader, whose sector it shares")
     if loader and via in ("can", "serial"):
         raise UserError(f"--boot-loader: cannot be written via {via}, expected --via swd or stm32")
     if baud and via not in ("serial", "stm32"):
@@ -166,7 +178,7 @@ def flash(
     if controller is None:
         from terrapin_hil.nodes import node_number
 
-        print(_whole(files, via, port, baud, loader, node_number(str(node or 0), "--node")))
+        print(_whole(files, via, port, baud, loader, node_number(str(node or 0), "--node"), link_key))
     else:
         from terrapin_tools.flash.wires import open_wire
 

@@ -1,9 +1,9 @@
 """Which slip limit is best: the sphere of 150 N under the real firmware, on rigs and rolling freely into a load.
 
-On the rig (scenario slip_rig) a carriage moves the axle and nothing limits the torque but the slip limiter, so that the
-pull is what the ground gives at the slip that the limiter holds. Rolling freely (scenario overload) gravity or the
-guard of the swing may end the run before the limiter does anything. Neither ground nor rut knows 0.5; the paper's law of slip
-sinkage begins at a slip of 0.45, the rut at none.
+On the rig (scenario slip_rig) a carriage moves the axle and nothing limits the torque but the slip limiter, so that
+the pull is what the ground gives at the slip that the limiter holds. Rolling freely (scenario overload) gravity or the
+guard of the swing may end the run before the limiter does anything. Neither ground nor rut knows 0.5; the paper's law
+of slip sinkage begins at a slip of 0.45, the rut at none.
 """
 
 from __future__ import annotations
@@ -19,8 +19,12 @@ import numpy as np
 from terrapin_hil.run.run import Result, run
 from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 
-__all__ = ["CASES", "LAWS", "LIMITS", "Free", "Pull", "Study", "describe", "free_run", "plot", "pull", "study"]
+__all__ = [
+    *("CASES", "LAWS", "LIMITS", "ROBOT", "Free", "Pull", "Study"),
+    *("as_json", "best", "describe", "free_run", "plot", "pull", "shares", "study"),
+]
 
+ROBOT = "sphere"  # whose scenarios these are
 LIMITS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 PAPER = 0.5
 

@@ -12,7 +12,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 from terrapin_hil import paths
 from terrapin_tools.errors import UserError
 
-__all__ = ["development_key", "key_hash", "key_in", "new_key", "private_key", "public_key"]
+__all__ = ["development_key", "key_hash", "key_in", "new_key", "private_key", "public_key", "write_secret"]
 
 _INFO = bytes.fromhex("302a300506032b6570032100")  # what precedes the key in its SubjectPublicKeyInfo
 PEM_LIMIT = 10_000  # bytes of a file that are looked at
@@ -35,6 +35,12 @@ def new_key(path: Path) -> Ed25519PublicKey:
     text = key.private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
+    write_secret(path, text)
+    return key.public_key()
+
+
+def write_secret(path: Path, text: bytes) -> None:
+    """A new file that its owner alone may read. UserError when it exists or cannot be made."""
     try:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         try:
@@ -48,7 +54,6 @@ def new_key(path: Path) -> Ed25519PublicKey:
         raise UserError(f"{path}: exists already; a key is never replaced") from None
     except OSError as error:
         raise UserError(f"{path}: cannot write the key: {error.strerror}") from None
-    return key.public_key()
 
 
 def _load(path: Path) -> Ed25519PrivateKey | Ed25519PublicKey:

@@ -32,9 +32,12 @@ __all__ = [
     "perform",
     "plan",
     "read",
+    "with_link_key",
 ]
 
-BOOT_SIZE = 0x4000
+BOOT_SIZE = 0x4000  # of the sector; its end is
+LINK_KEY = 0x3FC0  # the link key's:
+LINK_KEY_SIZE = 28  # bytes
 RECORD_MAGIC = 0x00015442
 
 
@@ -62,13 +65,22 @@ def boot_loader(path: Path) -> bytes:
     """The boot loader in a .bin. UserError when it cannot be one."""
     try:
         with path.open("rb") as file:
-            data = file.read(BOOT_SIZE + 1)
+            data = file.read(LINK_KEY + 1)
     except OSError as error:
         hint = f"run {paths.make('firmware')}: it puts one into build/cortex-m4"
         raise UserError(f"{path}: cannot read: {error.strerror}; {hint}") from None
-    if len(data) > BOOT_SIZE or not begins(data):
-        raise UserError(f"{path}: no boot loader: expected at most {BOOT_SIZE} bytes linked for 0x{BASE:08x}")
+    if len(data) > LINK_KEY or not begins(data):
+        raise UserError(f"{path}: no boot loader: expected at most {LINK_KEY} bytes linked for 0x{BASE:08x}")
     return data
+
+
+def with_link_key(loader: bytes, block: bytes) -> bytes:
+    """The boot loader with a link key behind it; without when the block is erased.
+
+    >>> len(with_link_key(b"loader", b"LKEY"))
+    16324
+    """
+    return loader.ljust(LINK_KEY, b"\xff") + block if block.strip(b"\xff") else loader
 
 
 def begins(data: bytes) -> bool:

@@ -48,6 +48,7 @@ REASONS = {
     "bad_signature": "the image is not signed, or its signature is forged",
     "counter_too_low": "the security counter is lower than that of the image confirmed before the present one",
     "desk_image": "a desk image, which this release refuses; expected a production image, or one signed with --unit",
+    "busy": "a slot was erased just now; wait 10 s (or, after 20 times, reset the controller)",
     "wrong_robot": "the image is made for another robot; --change-robot makes the controller that robot's",
     "wrong_board": "the image is made for another board",
     "wrong_interface": "the image has another version of the interface than the boot loader",

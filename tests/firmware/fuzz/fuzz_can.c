@@ -55,8 +55,9 @@ static void send(terrapin_link *link, terrapin_state *state, const terrapin_fram
         terrapin_parameter_value_t value;
         terrapin_store_status_t status;
         terrapin_store_found_t found;
+        terrapin_identity_t identity;
         CHECK(terrapin_decode_parameter_value(&reply, &value) || terrapin_decode_store_status(&reply, &status) ||
-              terrapin_decode_store_found(&reply, &found));
+              terrapin_decode_store_found(&reply, &found) || terrapin_decode_identity(&reply, &identity));
     } else {
         /* dropped, or taken without an answer */
     }

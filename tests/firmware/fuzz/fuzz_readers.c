@@ -81,7 +81,8 @@ static void check_store(const uint8_t *bytes, size_t size, uint32_t cut) {
     CHECK(terrapin_store_open(&store, &flash, pages));
     CHECK(memory.operations == 0U);
     const terrapin_store before = store;
-    CHECK(terrapin_init_with(state, store.value) == TERRAPIN_PARAMETER_OK);
+    const bool stored = store.origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED;
+    CHECK(terrapin_parameter_set_all(state, stored ? store.value : NULL) == TERRAPIN_PARAMETER_OK);
     for (uint16_t i = 0; i < TERRAPIN_PARAMETER_COUNT; i++) {
         const terrapin_parameter_entry entry = terrapin_parameter(i);
         int32_t value = 0;

@@ -1,0 +1,77 @@
+/* Who may speak to a controller that has a link key: sessions, and tags on what moves the robot or changes it.
+ *
+ * After AUTOSAR SecOC: the tag is over the identifier, the whole counter (32 bits) and the payload, which is exactly
+ * one block of Chaskey-12; the low bits of the counter and 32 bits of the tag travel.
+ *
+ *     SESSION_OPEN     the host's number, generation of the key      answered by SESSION, the controller's number
+ *     COMMAND_SEALED   a COMMAND, counter (8 bits), tag
+ *     SEAL             after a PARAMETER_WRITE, STORE_COMMAND, TEST_MODE or UPDATE_*: counter (16 bits), tag. Such a
+ * frame is held until its SEAL comes, one frame for 50 ms
+ *
+ * The session's key is the tag of both numbers and the generation under the link key, which seals no frame itself. A
+ * new session waits beside the running one until its first good tag, so that a stranger who asks for one ends none; it
+ * is not replaced for 200 ms. A counter must be above the last one taken, by less than 256 (65,536 for SEAL), so that
+ * frames may be lost; when it has come to its end the session has. At most SEAL_CHECKS tags are checked in 10 ms:
+ * guessing one of 2^32 then takes 124 days for an even chance.
+ *
+ * Without a key nothing is sealed, and frames are taken as they come. No message takes a key away.
+ */
+#ifndef TERRAPIN_SEAL_H
+#define TERRAPIN_SEAL_H
+
+#include "chaskey.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define TERRAPIN_SEAL_CHECKS 2U
+
+typedef struct {
+    uint32_t key[TERRAPIN_CHASKEY_WORDS];
+    uint32_t counter; /* the last one taken */
+    bool open;
+} terrapin_session;
+
+typedef struct {
+    const uint32_t *key;      /* the link key, TERRAPIN_CHASKEY_WORDS; NULL: nothing is sealed */
+    uint32_t generation;      /* of the key */
+    uint32_t start;           /* the controller's number: never twice under one key */
+    uint32_t opened;          /* sessions since the start */
+    terrapin_session running; /* and */
+    terrapin_session waiting;
+    uint32_t waiting_tick; /* since when */
+    terrapin_frame held;   /* waits for its SEAL */
+    uint32_t held_tick;
+    bool holding;
+    uint16_t checks;     /* tags that were checked in this hundredth of a second, */
+    uint16_t checks_max; /* and may be */
+    uint32_t checks_tick;
+} terrapin_seal;
+
+/* A key, its generation (0: no session is opened) and the number of this start, which must not come twice; NULL: none.
+ */
+TERRAPIN_API void terrapin_seal_init(terrapin_seal *seal, const uint32_t *key, uint32_t generation, uint32_t start);
+
+/* A host asks for a session: true when it has one, which waits for its first good tag. */
+TERRAPIN_API bool terrapin_seal_open(terrapin_seal *seal, uint32_t host, uint32_t generation, uint32_t tick);
+
+/* The tag of a frame: identifier (for SEAL that of the frame it seals), counter, payload. */
+TERRAPIN_API uint32_t terrapin_seal_tag(const uint32_t key[4], uint32_t id, uint32_t counter, uint32_t low,
+                                        uint32_t high);
+
+/* True when the tag is good and the counter new; it is then taken. `bits`: how many of the counter travelled. */
+TERRAPIN_API bool terrapin_seal_check(terrapin_seal *seal, uint32_t id, uint32_t counter, uint32_t bits, uint32_t low,
+                                      uint32_t high, uint32_t tag, uint32_t tick);
+
+/* Hold a frame until its SEAL comes; an older one is forgotten. */
+TERRAPIN_API void terrapin_seal_hold(terrapin_seal *seal, const terrapin_frame *frame, uint32_t tick);
+
+/* The SEAL of the held frame: true when it is good, and *frame may be taken now. */
+TERRAPIN_API bool terrapin_seal_release(terrapin_seal *seal, uint32_t id_low, uint32_t counter, uint32_t tag,
+                                        uint32_t tick, terrapin_frame *frame);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,406 @@
+/* A controller with a link key, against somebody who has all its traffic: nothing old, changed or guessed is taken. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "unity.h"
+
+#include "dispatch.h"
+#include "state.h"
+
+#define GENERATION 3U
+#define RECORDED   64U
+
+static const uint32_t link_key[4] = {0x01020304U, 0x05060708U, 0x090A0B0CU, 0x0D0E0F10U};
+static terrapin_state state;
+static terrapin_link link;
+static terrapin_inputs inputs;
+static terrapin_frame reply;
+static uint64_t noise;
+
+/* A host with the key. */
+typedef struct {
+    uint32_t key[4];
+    uint32_t counter;
+} host;
+
+static uint32_t draw(void) { /* xorshift64* */
+    noise ^= noise >> 12U;
+    noise ^= noise << 25U;
+    noise ^= noise >> 27U;
+    return (uint32_t)((noise * 0x2545F4914F6CDD1DULL) >> 32U);
+}
+
+static void boot(uint32_t start) {
+    terrapin_link_init(&link, &state, &inputs);
+    terrapin_link_seal(&link, link_key, GENERATION, start);
+}
+
+void setUp(void) {
+    noise = 88172645463325252ULL;
+    boot(1U);
+}
+
+void tearDown(void) {}
+
+static terrapin_accept_result give(const terrapin_frame *frame) {
+    return terrapin_accept(&link, &state, frame, &inputs, &reply);
+}
+
+/* True when the frame was taken as a command. */
+static bool commands(const terrapin_frame *frame) {
+    inputs.command_fresh = false;
+    (void)give(frame);
+    return inputs.command_fresh;
+}
+
+static terrapin_frame session_open(uint32_t number, uint32_t generation) {
+    terrapin_frame frame;
+    const terrapin_session_open_t message = {.host = number, .generation = generation};
+    TEST_ASSERT_TRUE(terrapin_encode_session_open(&message, &frame));
+    return frame;
+}
+
+static void open_session(host *h, uint32_t number) {
+    terrapin_session_t answer;
+    const terrapin_frame frame = session_open(number, GENERATION);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, give(&frame));
+    TEST_ASSERT_TRUE(terrapin_decode_session(&reply, &answer));
+    const uint32_t numbers[4] = {number, answer.start, answer.count, GENERATION};
+    terrapin_chaskey(link_key, numbers, h->key);
+    h->counter = 0U;
+}
+
+static terrapin_frame sealed(host *h, int32_t request) {
+    terrapin_frame frame;
+    terrapin_command_sealed_t message = {.request = request, .setpoint = 1000};
+    h->counter++;
+    message.counter = (int32_t)(h->counter & 0xFFU);
+    TEST_ASSERT_TRUE(terrapin_encode_command_sealed(&message, &frame));
+    const uint32_t low = (uint32_t)frame.data[0] | ((uint32_t)frame.data[1] << 8U) | ((uint32_t)frame.data[2] << 16U);
+    message.tag = terrapin_seal_tag(h->key, frame.id, h->counter, low, 0U);
+    TEST_ASSERT_TRUE(terrapin_encode_command_sealed(&message, &frame));
+    return frame;
+}
+
+static terrapin_frame seal_of(host *h, const terrapin_frame *frame) {
+    terrapin_frame seal;
+    uint32_t words[2];
+    memcpy(words, frame->data, sizeof words);
+    h->counter++;
+    const terrapin_seal_t message = {.message = (int32_t)(frame->id & 0xFFU),
+                                     .counter = (int32_t)(h->counter & 0xFFFFU),
+                                     .tag = terrapin_seal_tag(h->key, frame->id, h->counter, words[0], words[1])};
+    TEST_ASSERT_TRUE(terrapin_encode_seal(&message, &seal));
+    return seal;
+}
+
+static terrapin_frame plain_command(int32_t request, uint32_t counter) {
+    terrapin_frame frame;
+    const terrapin_command_t message = {.request = request, .setpoint = 1000};
+    TEST_ASSERT_TRUE(terrapin_encode_command(&message, &frame));
+    terrapin_e2e_protect(&frame, counter);
+    return frame;
+}
+
+static terrapin_frame write_of(int32_t value, uint32_t counter) {
+    terrapin_frame frame;
+    const terrapin_parameter_write_t message = {.index = TERRAPIN_PARAMETER_RADIUS, .value = value};
+    TEST_ASSERT_TRUE(terrapin_encode_parameter_write(&message, &frame));
+    terrapin_e2e_protect(&frame, counter);
+    return frame;
+}
+
+static int32_t radius(void) {
+    return terrapin_parameter_values(&state)[TERRAPIN_PARAMETER_RADIUS];
+}
+
+/* Nicky Mouha's reference, chaskey12.c: the message of bytes 0 to 15. */
+static void test_the_published_vector(void) {
+    static const uint32_t key[4] = {0x833D3433U, 0x009F389FU, 0x2398E64FU, 0x417ACF39U};
+    static const uint32_t block[4] = {0x03020100U, 0x07060504U, 0x0B0A0908U, 0x0F0E0D0CU};
+    static const uint32_t expected[4] = {0x5DD0E2A9U, 0xFB5EAC8CU, 0x633A392EU, 0x500C36F3U};
+    uint32_t tag[4];
+    terrapin_chaskey(key, block, tag);
+    TEST_ASSERT_EQUAL_HEX32_ARRAY(expected, tag, 4);
+}
+
+static void test_only_sealed_commands_but_idle_of_anybody(void) {
+    host h;
+    for (uint32_t counter = 0; counter < 15U; counter++) {
+        for (int32_t request = TERRAPIN_REQUEST_CALIBRATE; request <= TERRAPIN_REQUEST_CLEAR; request++) {
+            const terrapin_frame frame = plain_command(request, counter);
+            TEST_ASSERT_FALSE(commands(&frame));
+        }
+        const terrapin_frame idle = plain_command(TERRAPIN_REQUEST_IDLE, counter);
+        TEST_ASSERT_TRUE(commands(&idle));
+    }
+    TEST_ASSERT_EQUAL(45U, link.unsealed);
+    open_session(&h, 7U);
+    const terrapin_frame run = sealed(&h, TERRAPIN_REQUEST_RUN);
+    TEST_ASSERT_TRUE(commands(&run));
+    TEST_ASSERT_EQUAL(TERRAPIN_REQUEST_RUN, inputs.command.request);
+    TEST_ASSERT_EQUAL(1000, inputs.command.setpoint);
+}
+
+static void test_replayed_reordered_delayed_and_changed_frames(void) {
+    host h;
+    terrapin_frame recorded[RECORDED];
+    uint32_t accepted = 0;
+    open_session(&h, 7U);
+    link.seal.checks_max = UINT16_MAX; /* the tags count here, not their number */
+    for (uint32_t i = 0; i < RECORDED; i++) {
+        recorded[i] = sealed(&h, TERRAPIN_REQUEST_RUN);
+        if (i % 2U == 0U) { /* the others are held back: they come late */
+            inputs.tick += 10U;
+            TEST_ASSERT_TRUE(commands(&recorded[i]));
+        }
+    }
+    const terrapin_frame last = sealed(&h, TERRAPIN_REQUEST_RUN);
+    TEST_ASSERT_TRUE(commands(&last));
+    for (uint32_t i = 0; i < 20000U; i++) {
+        inputs.tick += 10U;
+        accepted += commands(&recorded[draw() % RECORDED]) ? 1U : 0U;
+    }
+    TEST_ASSERT_EQUAL(0U, accepted);
+    const terrapin_frame next = sealed(&h, TERRAPIN_REQUEST_RUN);
+    for (uint32_t bit = 0; bit < 64U; bit++) {
+        terrapin_frame flipped = next;
+        flipped.data[bit / 8U] ^= (uint8_t)(1U << (bit % 8U));
+        inputs.tick += 10U;
+        accepted += commands(&flipped) ? 1U : 0U;
+    }
+    TEST_ASSERT_EQUAL(0U, accepted);
+    inputs.tick += 10U;
+    TEST_ASSERT_TRUE_MESSAGE(commands(&next), "as it is, it is a good one");
+}
+
+/* Whose tag was really checked: the limit of checks is lifted, and each is counted. */
+static void test_a_million_guessed_tags(void) {
+    host h;
+    uint32_t accepted = 0;
+    uint32_t checked = 0;
+    open_session(&h, 7U);
+    const terrapin_frame good = sealed(&h, TERRAPIN_REQUEST_RUN);
+    TEST_ASSERT_TRUE(commands(&good));
+    link.seal.checks_max = UINT16_MAX;
+    for (uint32_t i = 0; checked < 1000000U; i++) {
+        terrapin_frame frame = sealed(&h, TERRAPIN_REQUEST_RUN);
+        const uint32_t guess = draw();
+        h.counter = 1U;
+        if (memcmp(&guess, &frame.data[4], 4) == 0) {
+            continue; /* this one would be right */
+        }
+        memcpy(&frame.data[4], &guess, 4);
+        link.seal.checks = 0U;
+        accepted += commands(&frame) ? 1U : 0U;
+        checked += link.seal.checks;
+    }
+    TEST_ASSERT_EQUAL(0U, accepted);
+    TEST_ASSERT_GREATER_OR_EQUAL(1000000U, link.unsealed);
+}
+
+static void test_at_most_two_tags_are_checked_in_ten_milliseconds(void) {
+    host h;
+    uint32_t checked = 0;
+    open_session(&h, 7U);
+    for (uint32_t tick = 0; tick < 10000U; tick++) {
+        inputs.tick = tick;
+        for (uint32_t i = 0; i < 8U; i++) {
+            terrapin_frame frame = sealed(&h, TERRAPIN_REQUEST_RUN);
+            h.counter = 0U;
+            frame.data[5] ^= 1U;
+            const uint32_t before = link.seal.checks;
+            (void)give(&frame);
+            checked +=
+                (link.seal.checks > before) ? (link.seal.checks - before) : ((before == 2U) ? 0U : link.seal.checks);
+        }
+        TEST_ASSERT_LESS_OR_EQUAL(TERRAPIN_SEAL_CHECKS, link.seal.checks);
+    }
+    TEST_ASSERT_LESS_OR_EQUAL(2U * 10000U / 10U + 2U, checked);
+}
+
+/* Whole recorded sessions: before a reset, after it, and against another running session. TERRAPIN_SESSIONS says how
+ * many; 10,000 take two seconds. */
+static void test_whole_recorded_sessions(void) {
+    const char *wanted = getenv("TERRAPIN_SESSIONS");
+    const uint32_t sessions = (wanted != NULL) ? (uint32_t)strtoul(wanted, NULL, 10) : 10000U;
+    uint32_t accepted = 0;
+    for (uint32_t i = 0; i < sessions; i++) {
+        host h;
+        host other;
+        terrapin_frame recorded[RECORDED];
+        boot(draw());
+        inputs.tick = 0U;
+        open_session(&h, i);
+        const terrapin_frame asked = session_open(i, GENERATION);
+        for (uint32_t k = 0; k < 8U; k++) {
+            recorded[k] = sealed(&h, TERRAPIN_REQUEST_RUN);
+            inputs.tick += 50U;
+            TEST_ASSERT_TRUE(commands(&recorded[k]));
+        }
+        if (i % 2U == 0U) {
+            boot(draw()); /* a reset: another start */
+        }
+        for (uint32_t again = 0; again < 2U; again++) {
+            inputs.tick += 250U;
+            (void)give(&asked);
+            for (uint32_t k = 0; k < 8U; k++) {
+                inputs.tick += 50U;
+                accepted += commands(&recorded[k]) ? 1U : 0U;
+            }
+            open_session(&other, i + 1U);
+            const terrapin_frame own = sealed(&other, TERRAPIN_REQUEST_IDLE);
+            inputs.tick += 50U;
+            TEST_ASSERT_TRUE(commands(&own));
+        }
+        if (sessions < 10U) {
+            printf("session %lu\n", (unsigned long)i);
+        }
+    }
+    TEST_ASSERT_EQUAL(0U, accepted);
+}
+
+static void test_five_percent_loss_refuses_nothing(void) {
+    host h;
+    uint32_t arrived = 0;
+    uint32_t refused = 0;
+    open_session(&h, 7U);
+    while (arrived < 100000U) {
+        const terrapin_frame frame = sealed(&h, TERRAPIN_REQUEST_RUN);
+        inputs.tick += 50U;
+        if (draw() % 100U < 5U) {
+            continue;
+        }
+        arrived++;
+        refused += commands(&frame) ? 0U : 1U;
+    }
+    TEST_ASSERT_EQUAL(0U, refused);
+}
+
+static void test_a_stranger_ends_no_session(void) {
+    host h;
+    host next;
+    open_session(&h, 7U);
+    const terrapin_frame first = sealed(&h, TERRAPIN_REQUEST_RUN);
+    TEST_ASSERT_TRUE(commands(&first));
+    for (uint32_t i = 0; i < 1000U; i++) {
+        inputs.tick++;
+        const terrapin_frame ask = session_open(draw(), GENERATION);
+        (void)give(&ask);
+        if (i % 50U == 0U) {
+            const terrapin_frame frame = sealed(&h, TERRAPIN_REQUEST_RUN);
+            TEST_ASSERT_TRUE(commands(&frame));
+        }
+    }
+    TEST_ASSERT_LESS_OR_EQUAL_UINT32(7U, link.seal.opened); /* one in 200 ms */
+    inputs.tick += 300U;
+    open_session(&next, 9U);
+    const terrapin_frame late = sealed(&h, TERRAPIN_REQUEST_RUN);
+    TEST_ASSERT_TRUE_MESSAGE(commands(&late), "until the first good tag of the new one");
+    const terrapin_frame fresh = sealed(&next, TERRAPIN_REQUEST_RUN);
+    inputs.tick += 50U;
+    TEST_ASSERT_TRUE(commands(&fresh));
+    const terrapin_frame old = sealed(&h, TERRAPIN_REQUEST_RUN);
+    inputs.tick += 50U;
+    TEST_ASSERT_FALSE(commands(&old));
+    const terrapin_frame wrong = session_open(1U, GENERATION - 1U);
+    inputs.tick += 300U;
+    TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_ACCEPT_NOTHING, give(&wrong), "a key of an earlier generation");
+}
+
+static void test_counters_wrap_and_end(void) {
+    host h;
+    open_session(&h, 7U);
+    h.counter = link.seal.waiting.counter = 0xFEU;
+    for (uint32_t i = 0; i < 600U; i++) {
+        const terrapin_frame frame = sealed(&h, TERRAPIN_REQUEST_RUN);
+        inputs.tick += 10U;
+        TEST_ASSERT_TRUE(commands(&frame));
+    }
+    h.counter = link.seal.running.counter = 0xFFFFFFFDU;
+    for (uint32_t i = 0; i < 6U; i++) {
+        const terrapin_frame frame = sealed(&h, TERRAPIN_REQUEST_RUN);
+        inputs.tick += 10U;
+        TEST_ASSERT_EQUAL_MESSAGE(i < 2U, commands(&frame), "at 2^32 the session has ended");
+    }
+}
+
+static void test_writes_wait_for_their_seal(void) {
+    host h;
+    open_session(&h, 7U);
+    const int32_t before = radius();
+    const terrapin_frame write = write_of(before + 1, 0U);
+    const terrapin_frame other = write_of(before + 2, 1U);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, give(&write));
+    TEST_ASSERT_EQUAL_MESSAGE(before, radius(), "without a seal nothing happens");
+    const terrapin_frame seal = seal_of(&h, &write);
+    inputs.tick += 10U;
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, give(&other)); /* takes its place */
+    TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_ACCEPT_NOTHING, give(&seal), "of another frame");
+    TEST_ASSERT_EQUAL(before, radius());
+    (void)give(&write);
+    inputs.tick += 51U;
+    TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_ACCEPT_NOTHING, give(&seal), "too late");
+    (void)give(&write);
+    inputs.tick += 50U;
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, give(&seal));
+    TEST_ASSERT_EQUAL(before + 1, radius());
+    (void)give(&other);
+    inputs.tick += 10U;
+    TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_ACCEPT_NOTHING, give(&seal), "used once");
+    TEST_ASSERT_EQUAL(before + 1, radius());
+    static const uint16_t ids[] = {TERRAPIN_ID_STORE_COMMAND, TERRAPIN_ID_TEST_MODE, TERRAPIN_ID_UPDATE_BEGIN,
+                                   TERRAPIN_ID_UPDATE_END, TERRAPIN_ID_UPDATE_RESET};
+    for (size_t i = 0; i < sizeof ids / sizeof ids[0]; i++) {
+        terrapin_frame frame = {.id = ids[i], .length = 8U};
+        terrapin_e2e_protect(&frame, 1U);
+        inputs.tick += 20U;
+        TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, give(&frame));
+        TEST_ASSERT_TRUE(link.seal.holding);
+        const terrapin_frame good = seal_of(&h, &frame);
+        const bool update = ids[i] >= TERRAPIN_ID_UPDATE_BEGIN;
+        const terrapin_accept_result result = give(&good);
+        TEST_ASSERT_FALSE(link.seal.holding);
+        TEST_ASSERT_EQUAL(update, result == TERRAPIN_ACCEPT_UPDATE);
+        if (update) {
+            TEST_ASSERT_EQUAL_MEMORY(frame.data, reply.data, 8U);
+            TEST_ASSERT_EQUAL(frame.id, reply.id);
+        }
+    }
+}
+
+static void test_it_keeps_its_memory_bound(void) {
+    TEST_ASSERT_LESS_OR_EQUAL_MESSAGE(128U, sizeof(terrapin_seal), "with pointers of 64 bits, too");
+}
+
+/* For the comparison with Python: blocks from standard input, key and message of 16 bytes each, tags to standard
+ * output. */
+static int tags(void) {
+    uint32_t words[8];
+    while (fread(words, sizeof words, 1U, stdin) == 1U) {
+        uint32_t tag[4];
+        terrapin_chaskey(words, &words[4], tag);
+        (void)fwrite(tag, sizeof tag, 1U, stdout);
+    }
+    return 0;
+}
+
+int main(int count, char **arguments) {
+    if ((count > 1) && (strcmp(arguments[1], "--tags") == 0)) {
+        return tags();
+    }
+    UNITY_BEGIN();
+    RUN_TEST(test_the_published_vector);
+    RUN_TEST(test_only_sealed_commands_but_idle_of_anybody);
+    RUN_TEST(test_replayed_reordered_delayed_and_changed_frames);
+    RUN_TEST(test_a_million_guessed_tags);
+    RUN_TEST(test_at_most_two_tags_are_checked_in_ten_milliseconds);
+    RUN_TEST(test_whole_recorded_sessions);
+    RUN_TEST(test_five_percent_loss_refuses_nothing);
+    RUN_TEST(test_a_stranger_ends_no_session);
+    RUN_TEST(test_counters_wrap_and_end);
+    RUN_TEST(test_writes_wait_for_their_seal);
+    RUN_TEST(test_it_keeps_its_memory_bound);
+    return UNITY_END();
+}

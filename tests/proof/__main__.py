@@ -1,0 +1,155 @@
+"""What is shown of the firmware by tools, and not by tests: `make proof`. docs/proof.md says what, and what is assumed.
+
+    python -m tests.proof               all proofs; status 1 when one fails or takes too long
+    python -m tests.proof --planted     the same on sources with a planted defect each: every one must raise an alarm
+    python -m tests.proof supervisor    those of this name
+
+CBMC (tests/setup/cbmc.sh) takes the C as it is; z3 (tests/proof/requirements.txt) the arithmetic as exact integers. A
+tool that is not there is named: what it would have shown is not shown then.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from terrapin_hil import paths
+from terrapin_hil.paths import ROOT
+
+HERE = Path(__file__).resolve().parent
+SECONDS = 60.0  # of processor time that one proof may take; ten times as long by the clock
+CHECKS = (
+    "--bounds-check", "--pointer-check", "--pointer-overflow-check", "--div-by-zero-check", "--signed-overflow-check",
+    "--undefined-shift-check", "--unwinding-assertions",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Proof:
+    """A harness prove_NAME.c; how often its longest loop turns; defects in a source, each of which it must notice."""
+
+    name: str
+    turns: int
+    source: str
+    defects: tuple[tuple[str, str], ...]
+
+
+PROOFS = (
+    Proof("supervisor", 3, "core/supervisor.c", (
+        ("causes |= fault_bit(TERRAPIN_FAULT_ESTOP);", ""),
+        ("if (latched) {", "if (latched && (s->state != TERRAPIN_STATE_RUN)) {"),
+        ("const uint32_t kept = clear ? 0U :", "const uint32_t kept = (s->request == TERRAPIN_REQUEST_CLEAR) ? 0U :"),
+        ("driving(s->state) && command_late(state)", "(s->state == TERRAPIN_STATE_RUN) && command_late(state)"),
+    )),
+    Proof("slcan", 35, "link/slcan.c", (
+        ("parser->length < TERRAPIN_SLCAN_LINE_MAX", "parser->length <= TERRAPIN_SLCAN_LINE_MAX"),
+    )),
+    Proof("intake", 35, "link/intake.c", (
+        ("if (intake->count == TERRAPIN_INTAKE_SIZE) {", "if (intake->count > TERRAPIN_INTAKE_SIZE) {"),
+        ("(intake->first + intake->count) % TERRAPIN_INTAKE_SIZE", "intake->first + intake->count"),
+    )),
+    Proof("records", 40, "boot/records.c", (
+        ("(record->candidate <= (uint8_t)TERRAPIN_UPDATE_SLOT_B) &&\n           (record->phase", "(record->phase"),
+        ("i < TERRAPIN_RECORD_SIZE; i++) {\n        all", "i <= TERRAPIN_RECORD_SIZE; i++) {\n        all"),
+    )),
+    Proof("image", 12, "boot/image.c", (
+        ("good = good && (length <= (size - place - TLV_HEAD));", ""),
+    )),
+    Proof("integer", 3, "core/integer.c", (
+        ("if (held > high) {", "if (held > low) {"),
+    )),
+)  # fmt: skip
+
+
+def prover() -> list[str] | None:
+    """The command that runs CBMC; None when it cannot be had."""
+    done = subprocess.run(
+        [str(ROOT / "tests" / "setup" / "cbmc.sh")], capture_output=True, text=True, check=False, timeout=900
+    )
+    return done.stdout.split() if done.returncode == 0 and done.stdout.strip() else None
+
+
+def alarms(cbmc: list[str], proof: Proof, source: str | None = None) -> tuple[list[str], int]:
+    """What CBMC cannot show, and how many properties it looked at. `source`: in place of the proof's own.
+
+    TimeoutError after SECONDS; ValueError when the harness cannot be read.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        include = [folder, str(HERE), *(str(ROOT / "firmware" / p) for p in ("core", "link", "store", "boot"))]
+        include.append(str(paths.build() / "generated"))
+        if source is not None:
+            (Path(folder) / Path(proof.source).name).write_text(source, encoding="utf-8")
+        command = [*cbmc, str(HERE / f"prove_{proof.name}.c"), *CHECKS, "--c11", "--unwind", str(proof.turns)]
+        limited = ["sh", "-c", f'ulimit -t {SECONDS:.0f}; exec "$@"', "proof", *command]
+        done = subprocess.run(
+            [*limited, *(word for place in include for word in ("-I", place))],
+            cwd=ROOT, capture_output=True, text=True, check=False, timeout=10 * SECONDS,
+        )  # fmt: skip
+    lines = done.stdout.splitlines()
+    if done.returncode not in (0, 10):
+        if done.returncode < 0 or done.returncode > 128:
+            raise TimeoutError(f"no answer in {SECONDS:g} s")
+        raise ValueError((done.stderr.strip() or done.stdout.strip()).splitlines()[-1])
+    return [line for line in lines if line.endswith(": FAILURE")], sum(": SUCCESS" in line for line in lines)
+
+
+def shown(cbmc: list[str], proof: Proof) -> bool:
+    """Run one proof and say what came of it."""
+    begin = time.monotonic()
+    try:
+        failing, good = alarms(cbmc, proof)
+    except (TimeoutError, ValueError) as error:
+        print(f"{proof.name}: not shown: {error}")
+        return False
+    print(f"{proof.name}: {good} properties shown, {len(failing)} alarms, {time.monotonic() - begin:.1f} s", flush=True)
+    for line in failing:
+        print(f"  {line}")
+    return not failing and good > 0
+
+
+def noticed(cbmc: list[str], proof: Proof) -> bool:
+    """Run one proof on each of its defects: true when all raise an alarm."""
+    text = (ROOT / "firmware" / proof.source).read_text(encoding="utf-8")
+    good = True
+    for right, wrong in proof.defects:
+        if right not in text:
+            print(f"{proof.name}: {proof.source} no longer has {right!r}: plant another defect")
+            good = False
+            continue
+        failing, _ = alarms(cbmc, proof, text.replace(right, wrong, 1))
+        print(f"{proof.name}: {'alarm' if failing else 'NOT SEEN'}: {' '.join((wrong or 'without ' + right).split())}")
+        good &= bool(failing)
+    return good
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.proof", description="Proofs of the firmware.")
+    parser.add_argument("--planted", action="store_true", help="defects, each of which must raise an alarm")
+    parser.add_argument("name", nargs="*", choices=[[], *(p.name for p in PROOFS), "arithmetic"])
+    options = parser.parse_args()
+    passed, missing = True, []
+    chosen = [proof for proof in PROOFS if not options.name or proof.name in options.name]
+    cbmc = prover() if chosen else None
+    if chosen and cbmc is None:
+        missing.append(f"{', '.join(proof.name for proof in chosen)} (CBMC cannot be had: tests/setup/cbmc.sh)")
+    for proof in chosen if cbmc is not None else []:
+        passed &= (noticed if options.planted else shown)(cbmc or [], proof)
+    if not options.name or "arithmetic" in options.name:
+        if importlib.util.find_spec("z3") is None:
+            missing.append("arithmetic (z3 not installed: pip install -r tests/proof/requirements.txt)")
+        else:
+            from tests.proof import arithmetic
+
+            passed &= arithmetic.planted() if options.planted else arithmetic.shown()
+    print("not run here: " + ("; ".join(missing) or "nothing, all of it ran"))
+    return 0 if passed and not missing else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,88 @@
+"""What the proofs stand on: the models do what the C does, and each proof sees the defects that are planted for it."""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import cffi
+import pytest
+
+from terrapin_hil.paths import ROOT
+from tests.proof import __main__ as proof
+from tests.proof import models
+
+POINTS = 1_000_000
+DECLARED = """
+uint32_t tie_digit(uint32_t *rest, uint32_t next, uint32_t d);
+int32_t integer_ratio_tie(int32_t value, int32_t divisor);
+int32_t integer_scale(int32_t value, int32_t factor, int32_t divisor);
+int64_t integer_divide(int64_t numerator, int64_t denominator);
+"""
+WRAPPED = """#include "integer.c"
+uint32_t tie_digit(uint32_t *rest, uint32_t next, uint32_t d) { return digit(rest, next, d); }
+int32_t integer_ratio_tie(int32_t value, int32_t divisor) { return integer_ratio(value, divisor); }
+"""
+
+
+@pytest.fixture(scope="module")
+def arithmetic(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    folder = tmp_path_factory.mktemp("tie")
+    (folder / "tie.c").write_text(WRAPPED)
+    command = ["cc", "-std=c11", "-O2", "-shared", "-fPIC", "-DTERRAPIN_ASSERTIONS", f"-I{ROOT / 'firmware/core'}"]
+    subprocess.run([*command, str(folder / "tie.c"), "-o", str(folder / "tie.so")], check=True, timeout=300)
+    ffi = cffi.FFI()
+    ffi.cdef(DECLARED)
+    return ffi, ffi.dlopen(str(folder / "tie.so"))
+
+
+def drawn(rng: random.Random, most: int) -> int:
+    """A number of any size from 0 to most; now and then one at an end of a word."""
+    bits = rng.randrange(most.bit_length() + 1)
+    value = rng.getrandbits(bits) if bits and rng.random() < 0.9 else (1 << bits) - rng.randrange(2)
+    return min(most, value)
+
+
+def test_the_models_are_what_the_c_does(arithmetic: Any) -> None:
+    ffi, lib = arithmetic
+    rng = random.Random(1)
+    rest = ffi.new("uint32_t *")
+    for _ in range(POINTS // 4):
+        d = models.WORD // 2 + drawn(rng, models.WORD // 2 - 1)
+        rest[0] = begin = drawn(rng, d - 1)
+        following = drawn(rng, models.HALF - 1)
+        assert (lib.tie_digit(rest, following, d), rest[0]) == models.digit(begin, following, d)
+        value, factor = (rng.choice((-1, 1)) * drawn(rng, (1 << 31) - 1) for _ in range(2))
+        divisor = max(1, drawn(rng, (1 << 31) - 1))
+        assert lib.integer_scale(value, factor, divisor) == models.scale(value, factor, divisor)
+        if abs(value) + divisor // 2 < 1 << 31:
+            assert lib.integer_ratio_tie(value, divisor) == models.ratio(value, divisor)
+        numerator = rng.choice((-1, 1)) * drawn(rng, (1 << 62) - 1)
+        denominator = max(1, drawn(rng, models.MOST))
+        assert lib.integer_divide(numerator, denominator) == models.divide(numerator, denominator)
+
+
+def test_every_proof_has_defects_that_can_be_planted() -> None:
+    for one in proof.PROOFS:
+        source = (ROOT / "firmware" / one.source).read_text(encoding="utf-8")
+        assert one.defects
+        for right, wrong in one.defects:
+            assert right in source, f"{one.source} no longer has {right!r}: plant another defect in tests/proof"
+            assert right != wrong
+    assert sum(len(one.defects) for one in proof.PROOFS) >= 10
+    assert {path.stem for path in (ROOT / "tests/proof").glob("prove_*.c")} == {f"prove_{p.name}" for p in proof.PROOFS}
+
+
+def test_a_proof_holds_and_its_defect_is_seen() -> None:
+    """The quickest one; `make proof` and `python -m tests.proof --planted` do all."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "terrapin" / "cbmc"
+    if not cache.is_dir():
+        pytest.skip("CBMC is not here (make proof fetches it)")
+    cbmc = proof.prover()
+    assert cbmc is not None
+    one = next(p for p in proof.PROOFS if p.name == "integer")
+    assert proof.shown(cbmc, one)
+    assert proof.noticed(cbmc, one)

@@ -1,0 +1,151 @@
+"""The sphere under its controller: shipped scenarios, guard, slip limiter where it matters, the L9 experiment."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from terrapin_hil import paths
+from terrapin_hil.robots import select
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.scenario import Order, find_scenario, load_scenario
+from terrapin_tools import cli
+from terrapin_tools.errors import UserError
+from terrapin_tools.experiments import l9_runs, slip_limit
+
+SHIPPED = sorted(path.stem for path in (paths.SCENARIOS / "sphere").glob("*.toml"))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def sphere() -> Iterator[None]:
+    """The sphere as the robot of this process, its controller built."""
+    build = ["tests/tools/build.sh", "robot=sphere", "host"]
+    done = subprocess.run(build, cwd=paths.ROOT, capture_output=True, text=True, check=False, timeout=600)
+    assert done.returncode == 0, done.stderr
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(paths.ROBOT_VARIABLE, "")
+        select("sphere")
+        yield
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_scenario(name: str) -> None:
+    scenario = load_scenario(find_scenario(name))
+    assert scenario.title
+    assert scenario.checks
+    result = run(scenario)
+    assert [f"{o.text}: {o.found}" for o in result.outcomes if not o.passed] == []
+
+
+@pytest.mark.parametrize("slope", [-9.0, 0.0, 9.0])
+@pytest.mark.parametrize("tow", [0.0, 20.0, 1000.0])
+def test_the_bob_never_goes_over_the_top(slope: float, tow: float) -> None:
+    """Steps of 0 to 24 V from rest, and reversals of a rolling robot, by the motor's voltage as the duty allows it."""
+    scenario = load_scenario(find_scenario("guard"))
+    ground = replace(
+        scenario.ground, segments=tuple(replace(s, slope=math.radians(slope)) for s in scenario.ground.segments)
+    )
+    stopped = 0
+    for volts in (2.0, 6.0, 10.0, 14.0, 18.0, 20.0, 24.0):
+        for orders in (
+            (Order(0.5, "run", "voltage", volts, False),),
+            (Order(0.5, "run", "voltage", 5.0, False), Order(4.0, "run", "voltage", -volts, False)),
+        ):
+            limits = {"voltage_limit": volts} if volts > 20.0 else {}
+            result = run(
+                replace(
+                    scenario,
+                    duration=7.0,
+                    ground=ground,
+                    operator=orders,
+                    tow=((0.0, tow),) if tow else (),
+                    firmware={**scenario.firmware, **limits},
+                    checks=(),
+                )
+            )
+            assert np.abs(result.truth["swing_angle"]).max() < math.radians(150.0)
+            stopped += result.held("ACTUATE", "enable")[-1] == 0
+    assert stopped > 0
+
+
+@pytest.mark.parametrize(("law", "best"), [("none", 0.9), ("paper", 0.5), ("rut 3 mm", 0.7)])
+def test_the_rig_holds_the_limit_and_the_ground_says_which_is_best(law: str, best: float) -> None:
+    """Of 0.3, 0.5, 0.7 and 0.9; shares of the best are those of the note's ideal limiter within 0.03."""
+    expected = {
+        "none": (0.57, 0.80, 0.93, 1.00),
+        "paper": (0.70, 0.99, 0.83, 0.18),
+        "rut 3 mm": (0.64, 0.90, 1.00, 0.55),
+    }[law]
+    peaks = {"none": 75.80, "paper": 56.79, "rut 3 mm": 61.15}  # N, of the integrals over all slips
+    found = [slip_limit.pull("printed sand", law, limit) for limit in (0.3, 0.5, 0.7, 0.9)]
+    assert max(p.farthest for p in found) <= 0.03
+    assert max(found, key=lambda p: p.pull).limit == best
+    for p, share in zip(found, expected, strict=True):
+        assert abs(p.pull / peaks[law] - share) <= 0.03
+
+
+def test_what_ends_a_free_run_is_named() -> None:
+    """The guard where the limit lets the bob rise, the limiter where it is low; digging by a rut of its own."""
+    low, high = (slip_limit.free_run("rut 3 mm", limit) for limit in (0.3, 0.9))
+    assert low.ended == "limiter"
+    assert high.ended == "guard"
+    assert high.swing < math.radians(150.0)
+    assert 0.0 < low.dug < high.dug
+    assert low.way < high.way
+
+
+def test_the_study_says_all_of_it(capsys: pytest.CaptureFixture[str], tmp_path: object) -> None:
+    found = slip_limit.study((0.3, 0.5), ("printed sand",))
+    words = slip_limit.describe(found)
+    for part in ("printed sand", "rut 20 mm", "worst of these", "what ended it", "energy [J/m], paper"):
+        assert part in words
+    assert slip_limit.best(found, ("printed sand", "paper")) == {
+        "pull": 0.5,
+        "dug": 0.3,
+        "energy": 0.3,
+        "efficiency": 0.3,
+    }
+    assert slip_limit.as_json(found)["rows"][1]["shares"]["0.5"] == 1.0
+
+
+def test_heavier_rolls_less_far_and_the_greatest_speed_matters_least() -> None:
+    """The paper's nine runs: all end; the ramp's sign is the paper's at a run-up of 1.4 m."""
+    found = l9_runs.nine(1.4, 1.4)
+    mass, ramp, speed = found.analysis.factors
+    assert {rolled.ended for rolled in found.runs} <= {"stood", "guard"}
+    assert mass.means[0] < mass.means[1] < mass.means[2]
+    assert ramp.means[0] < ramp.means[2]
+    assert speed.range_of_means < min(mass.range_of_means, ramp.range_of_means)
+    words = l9_runs.describe([found])
+    assert "1.4 N m 1.4 m" in words
+    assert words.count("strongest first") == 2
+
+
+def test_bad_input_of_the_commands(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, message in (
+        (["slip_limit", "--limit", "1.5"], "--limit: found 1.5, expected 0.05 to 0.9"),
+        (["slip_limit", "--ground", "mud"], "--ground: found 'mud', expected one of printed sand"),
+        (["slip_limit", "--plot", "x.gif"], "--plot: found 'x.gif', expected a name that ends in .png or .svg"),
+        (["l9", "--torque", "2"], "--torque and --run-up: expected together with --simulate"),
+        (["l9", "--simulate", "--run-up", "0"], "--run-up: found 0, expected more than 0"),
+        (["l9", "--simulate", "runs.csv"], "--simulate rolls the paper's runs"),
+    ):
+        monkeypatch.setattr("sys.argv", ["terrapin", "experiment", *arguments])
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+        assert stop.value.code == 2
+        error = capsys.readouterr().err
+        assert message in error
+        assert error.count("\n") == 1
+
+
+def test_a_scenario_of_another_robot_is_not_found() -> None:
+    with pytest.raises(
+        UserError, match="steady_sand: no such file, and no scenario of that name; shipped for the sphere"
+    ):
+        find_scenario("steady_sand")
