@@ -68,7 +68,8 @@ def main() -> int:
     except (OSError, ValueError, TypeError) as error:
         print(f"boot_key: {options.key}: {error}", file=sys.stderr)
         return 1
-    name = hashlib.sha256(bytes.fromhex("302a300506032b6570032100") + key).digest()  # as SubjectPublicKeyInfo (RFC 8410)
+    info = bytes.fromhex("302a300506032b6570032100")  # before the key in its SubjectPublicKeyInfo (RFC 8410)
+    name = hashlib.sha256(info + key).digest()
     digits = ", ".join(f"0x{byte:02X}U" for byte in key)
     options.out.write_text(
         "/* The public key that images must be signed with. Generated. */\n#include <stdint.h>\n"

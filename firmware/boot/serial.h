@@ -26,6 +26,12 @@ typedef struct {
 } terrapin_boot_serial;
 
 void terrapin_boot_serial_init(terrapin_boot_serial *serial, const terrapin_boot *boot, uint8_t running);
+
+/* Take one frame with identifiers of the bus, from there or from the line; the number of replies, with identifiers of
+ * the bus. */
+uint32_t terrapin_boot_frame(terrapin_boot_serial *serial, terrapin_frame *frame, bool motor_on,
+                             terrapin_frame replies[TERRAPIN_UPDATE_REPLIES]);
+
 uint32_t terrapin_boot_serial_take(terrapin_boot_serial *serial, uint8_t byte, bool motor_on,
                                    uint8_t answer[TERRAPIN_BOOT_SERIAL_ANSWER_MAX]);
 

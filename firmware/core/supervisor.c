@@ -112,7 +112,8 @@ static void judge(terrapin_state *state, const terrapin_inputs *inputs, uint32_t
         s->overrun_ms--;
         causes |= fault_bit(TERRAPIN_FAULT_OVERRUN);
     }
-    const bool clear = inputs->command_fresh && (s->request == TERRAPIN_REQUEST_CLEAR);
+    /* What came now: s->request may be an older clear, when an IDLE holds and a RUN was refused. */
+    const bool clear = inputs->command_fresh && (inputs->command.request == TERRAPIN_REQUEST_CLEAR);
     if (clear) {
         s->report = TERRAPIN_REPORT_NONE;
     }

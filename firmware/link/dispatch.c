@@ -22,7 +22,7 @@ static void reset_controller(terrapin_state *state, terrapin_inputs *inputs, con
 /* The parameters that stand after a reset: a stored set is whole. */
 static const int32_t *start_values(const terrapin_link *link) {
     const terrapin_store *store = link->store;
-    const bool stored = (store != NULL) && (store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED);
+    const bool stored = (store != NULL) && (store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED) && !store->foreign;
     return stored ? store->value : link->defaults;
 }
 
@@ -251,7 +251,7 @@ static void store_status(terrapin_link *link, const terrapin_state *state, int32
     terrapin_store_status_t answer = {.result = result};
     if (store != NULL) {
         answer.sequence = store->sequence;
-        answer.origin = store->origin;
+        answer.origin = store->foreign ? TERRAPIN_STORE_ORIGIN_FOREIGN : (int32_t)store->origin;
         answer.changed = terrapin_store_differs(store, state) ? 1 : 0;
         answer.remains = store->remains ? 1 : 0;
     }

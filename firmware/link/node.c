@@ -5,62 +5,42 @@
 /* A row of [identifiers] of controller.toml. */
 typedef struct {
     uint16_t first; /* of node 0 */
-    uint16_t size;
     uint16_t node_1;
     uint16_t step;
-    bool to_controller;
+    uint8_t size;          /* at most 64 */
+    uint32_t protected[2]; /* a bit for each identifier: its message has a CRC */
 } terrapin_block;
 
 static const terrapin_block blocks[TERRAPIN_BLOCK_COUNT] = TERRAPIN_BLOCKS;
 
-static uint16_t first_of(const terrapin_block *block, uint8_t number) {
-    uint32_t first = block->first;
-    if (number > 0U) {
-        first = (uint32_t)block->node_1 + (((uint32_t)number - 1U) * block->step);
-    }
-    return (uint16_t)first;
-}
-
-/* What stands between a block's identifiers at node 0 and at this one: the same bits for all of them, since blocks
- * begin at multiples of their size. */
-static uint16_t difference(const terrapin_block *block, uint8_t number) {
-    return (uint16_t)((uint32_t)block->first ^ first_of(block, number));
-}
-
-/* A CRC is linear: other bits of the identifier change it by the same, whatever the data. */
-static uint8_t crc_of(uint16_t bits) {
-    const uint8_t without[9] = {0};
-    uint8_t with[9] = {0};
-    with[0] = (uint8_t)(bits & 0xFFU);
-    with[1] = (uint8_t)(bits >> 8U);
-    const uint32_t shift = (uint32_t)terrapin_crc8(0U, with, sizeof with) ^ terrapin_crc8(0U, without, sizeof without);
-    return (uint8_t)shift;
+static uint8_t crc_of(uint16_t id) {
+    terrapin_frame frame = {.id = id, .length = 8U};
+    terrapin_e2e_protect(&frame, 0U);
+    return frame.data[7];
 }
 
 void terrapin_node_init(terrapin_node *node, uint8_t number) {
     TERRAPIN_ASSERT(node != NULL);
     node->number = (number < (uint8_t)TERRAPIN_NODES) ? number : 0U;
     for (uint32_t i = 0U; i < TERRAPIN_BLOCK_COUNT; i++) {
-        node->shift[i] = crc_of(difference(&blocks[i], node->number));
-    }
-}
-
-/* The block with an identifier of a node; TERRAPIN_BLOCK_COUNT when it is in none. */
-static uint32_t block_with(uint8_t number, uint16_t id) {
-    uint32_t found = TERRAPIN_BLOCK_COUNT;
-    for (uint32_t i = 0U; i < TERRAPIN_BLOCK_COUNT; i++) {
-        const uint32_t offset = (uint32_t)id ^ first_of(&blocks[i], number);
-        if (offset < blocks[i].size) {
-            found = i;
+        const terrapin_block *block = &blocks[i];
+        uint32_t first = block->first;
+        if (node->number > 0U) {
+            first = (uint32_t)block->node_1 + (((uint32_t)node->number - 1U) * block->step);
         }
+        node->first[i] = (uint16_t)first;
+        /* A CRC is linear: other bits of the identifier change it by the same, whatever the data. */
+        const uint32_t shift = (uint32_t)crc_of(block->first) ^ crc_of(node->first[i]);
+        node->shift[i] = (uint8_t)shift;
     }
-    return found;
 }
 
-/* `own` is the identifier at node 0, which says whether the message is protected. */
-static void move(const terrapin_node *node, uint32_t block, uint16_t own, terrapin_frame *frame) {
-    const uint32_t id = (uint32_t)frame->id ^ difference(&blocks[block], node->number);
-    if (terrapin_e2e_protected(own)) {
+/* Identifiers of a block differ in the same bits from node to node, since it begins at multiples of its size. */
+static void move(const terrapin_node *node, uint32_t block, uint32_t offset, terrapin_frame *frame) {
+    TERRAPIN_ASSERT(offset < 64U);
+    const uint32_t id = (uint32_t)frame->id ^ blocks[block].first ^ node->first[block];
+    const uint32_t protected = blocks[block].protected[offset / 32U] >> (offset % 32U);
+    if ((protected & 1U) != 0U) {
         const uint32_t crc = (uint32_t)frame->data[7] ^ node->shift[block];
         frame->data[7] = (uint8_t)crc;
     }
@@ -69,42 +49,32 @@ static void move(const terrapin_node *node, uint32_t block, uint16_t own, terrap
 
 bool terrapin_node_receive(const terrapin_node *node, terrapin_frame *frame) {
     TERRAPIN_ASSERT((node != NULL) && (frame != NULL) && (node->number < TERRAPIN_NODES));
-    if (node->number == 0U) {
-        return true;
+    bool ours = node->number == 0U;
+    for (uint32_t i = 0U; !ours && (i < TERRAPIN_BLOCK_RECEIVED); i++) {
+        const uint32_t offset = (uint32_t)frame->id ^ node->first[i];
+        if (offset < blocks[i].size) {
+            ours = true;
+            move(node, i, offset, frame);
+        }
     }
-    const uint32_t block = block_with(node->number, frame->id);
-    if (block < TERRAPIN_BLOCK_COUNT) {
-        const uint32_t own = (uint32_t)frame->id ^ difference(&blocks[block], node->number);
-        move(node, block, (uint16_t)own, frame);
-    }
-    return block < TERRAPIN_BLOCK_COUNT;
+    return ours;
 }
 
 void terrapin_node_send(const terrapin_node *node, terrapin_frame *frame) {
     TERRAPIN_ASSERT((node != NULL) && (frame != NULL) && (node->number < TERRAPIN_NODES));
     if (node->number > 0U) {
-        const uint32_t block = block_with(0U, frame->id);
-        TERRAPIN_ASSERT(block == TERRAPIN_BLOCK_ANSWERS);
-        move(node, block, frame->id, frame);
+        const uint32_t offset = (uint32_t)frame->id ^ blocks[TERRAPIN_BLOCK_ANSWERS].first;
+        TERRAPIN_ASSERT(offset < blocks[TERRAPIN_BLOCK_ANSWERS].size);
+        move(node, TERRAPIN_BLOCK_ANSWERS, offset, frame);
     }
 }
 
-terrapin_filter terrapin_node_filter(const terrapin_node *node, uint32_t block) {
-    TERRAPIN_ASSERT((node != NULL) && (block < TERRAPIN_BLOCK_COUNT));
-    const uint32_t mask = 0x7FFU & ~((uint32_t)blocks[block].size - 1U);
-    const terrapin_filter filter = {.id = first_of(&blocks[block], node->number), .mask = (uint16_t)mask};
-    return filter;
-}
-
-uint32_t terrapin_node_filters(const terrapin_node *node, terrapin_filter filters[TERRAPIN_BLOCK_COUNT]) {
-    uint32_t count = 0U;
-    for (uint32_t i = 0U; i < TERRAPIN_BLOCK_COUNT; i++) {
-        if (blocks[i].to_controller) {
-            filters[count] = terrapin_node_filter(node, i);
-            count++;
-        }
+void terrapin_node_filters(const terrapin_node *node, terrapin_filter filters[TERRAPIN_BLOCK_RECEIVED]) {
+    for (uint32_t i = 0U; i < TERRAPIN_BLOCK_RECEIVED; i++) {
+        const uint32_t mask = 0x7FFU & ~((uint32_t)blocks[i].size - 1U);
+        filters[i].id = node->first[i];
+        filters[i].mask = (uint16_t)mask;
     }
-    return count;
 }
 
 void terrapin_identity_init(terrapin_identity *identity, uint32_t unique, uint8_t node) {

@@ -22,8 +22,9 @@ extern "C" {
 #endif
 
 typedef struct {
-    uint8_t number;                      /* below TERRAPIN_NODES */
-    uint8_t shift[TERRAPIN_BLOCK_COUNT]; /* what the CRC of a message of the block changes by */
+    uint8_t number;                       /* below TERRAPIN_NODES */
+    uint8_t shift[TERRAPIN_BLOCK_COUNT];  /* what the CRC of a message of the block changes by */
+    uint16_t first[TERRAPIN_BLOCK_COUNT]; /* identifier of the block on the bus */
 } terrapin_node;
 
 /* What a receiver lets through: identifiers for which (received ^ id) & mask is 0. */
@@ -46,17 +47,14 @@ typedef struct {
 /* A number that no node has is taken for 0. */
 TERRAPIN_API void terrapin_node_init(terrapin_node *node, uint8_t number);
 
-/* False when the frame is another node's, and it is as it was. Otherwise it has the identifier of node 0. */
+/* False when the frame is none for this node, and it is as it was. Otherwise it has the identifier of node 0. */
 TERRAPIN_API bool terrapin_node_receive(const terrapin_node *node, terrapin_frame *frame);
 
 /* Give a frame with an identifier of node 0 this node's. */
 TERRAPIN_API void terrapin_node_send(const terrapin_node *node, terrapin_frame *frame);
 
-/* What lets a block (TERRAPIN_BLOCK_...) of this node through, and nothing else. */
-TERRAPIN_API terrapin_filter terrapin_node_filter(const terrapin_node *node, uint32_t block);
-
-/* The filters for everything that a controller receives; how many they are, at most TERRAPIN_BLOCK_COUNT. */
-TERRAPIN_API uint32_t terrapin_node_filters(const terrapin_node *node, terrapin_filter filters[TERRAPIN_BLOCK_COUNT]);
+/* The filters for everything that a controller receives, and nothing else. */
+TERRAPIN_API void terrapin_node_filters(const terrapin_node *node, terrapin_filter filters[TERRAPIN_BLOCK_RECEIVED]);
 
 /* At the start. */
 TERRAPIN_API void terrapin_identity_init(terrapin_identity *identity, uint32_t unique, uint8_t node);

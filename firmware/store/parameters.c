@@ -117,7 +117,7 @@ static void load(terrapin_store *store) {
     store->replaced = 0U;
     store->missing = (uint16_t)PARAMETERS;
     terrapin_parameter_defaults(store->value);
-    if ((store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED) &&
+    if ((store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED) && !store->foreign &&
         read_head(store, store->newest, UINT32_MAX, &head)) {
         for (uint32_t i = 0U; i < head.entries; i++) {
             uint8_t unit[TERRAPIN_STORE_UNIT];
@@ -166,6 +166,18 @@ static bool usable(const terrapin_flash *flash, const terrapin_flash_area pages[
            (flash->write_size > 0U) && ((UNIT % flash->write_size) == 0U);
 }
 
+/* Whether the newest set is another robot's: its values mean another body, in steps of another size. Before sets named
+ * a robot, 1 stood in that place. */
+static bool of_another(const terrapin_store *store) {
+    uint8_t unit[TERRAPIN_STORE_UNIT];
+    bool other = false;
+    if ((store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED) && read_unit(store, store->newest, unit)) {
+        const uint32_t robot = get_word(&unit[12]);
+        other = (robot != 1U) && (robot != (uint32_t)TERRAPIN_ROBOT_IDENTITY);
+    }
+    return other;
+}
+
 bool terrapin_store_open(terrapin_store *store, const terrapin_flash *flash, const terrapin_flash_area pages[2]) {
     TERRAPIN_ASSERT((store != NULL) && (flash != NULL));
     static const terrapin_store fresh = {.origin = (uint8_t)TERRAPIN_STORE_ORIGIN_BLANK};
@@ -181,6 +193,7 @@ bool terrapin_store_open(terrapin_store *store, const terrapin_flash *flash, con
     if (store->remains && (store->origin != (uint8_t)TERRAPIN_STORE_ORIGIN_STORED)) {
         store->origin = (uint8_t)TERRAPIN_STORE_ORIGIN_DAMAGED;
     }
+    store->foreign = of_another(store);
     load(store);
     return good;
 }
@@ -261,7 +274,7 @@ static void make_unit(terrapin_store *store, uint8_t unit[TERRAPIN_STORE_UNIT]) 
         put_word(unit, MAGIC);
         put_word(&unit[4], TERRAPIN_STORE_LAYOUT | (PARAMETERS << 16U));
         put_word(&unit[8], store->sequence + 1U);
-        put_word(&unit[12], (uint32_t)TERRAPIN_INTERFACE_VERSION);
+        put_word(&unit[12], (uint32_t)TERRAPIN_ROBOT_IDENTITY);
     } else {
         const uint32_t first = ((store->written - UNIT) / UNIT) * 2U;
         uint8_t *entry = unit;
@@ -301,6 +314,7 @@ static void verify(terrapin_store *store) {
         store->active = store->target;
         store->next[store->active] += size;
         store->origin = (uint8_t)TERRAPIN_STORE_ORIGIN_STORED;
+        store->foreign = false;
         store->phase = TERRAPIN_STORE_IDLE;
         store->dropped = 0U;
         store->replaced = 0U;

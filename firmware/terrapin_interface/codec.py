@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from terrapin_interface.description import INT32_MAX, Description, DescriptionError, Message, Signal
+from terrapin_interface.description import INT32_MAX, Block, Description, DescriptionError, Message, Signal
 
 __all__ = ["NOTICE", "c_kind", "header", "pack_header", "source"]
 
@@ -66,7 +66,7 @@ def source(d: Description) -> str:
         out.append("const uint32_t terrapin_parameter_hashes[TERRAPIN_PARAMETER_COUNT] = {")
         out += [f"    0x{p.hash:08X}U, /* {p.name} */" for p in d.parameters]
         out += ["};", ""]
-    out += [_HELPERS, *_e2e_protected(d), ""]
+    out.append(_HELPERS)
     for message in d.messages:
         out += [*_callables(message), ""]
     return "\n".join(out)
@@ -198,19 +198,26 @@ def _messages(d: Description) -> Iterator[list[str]]:
 def _nodes(d: Description) -> Iterator[list[str]]:
     """The plan of identifiers, for link/node.c."""
     if d.blocks:
+        blocks = sorted(d.blocks, key=lambda block: block.sender == "controller")  # first what a controller receives
         rows = [
-            f"{{0x{b.first:03X}U, {b.size}U, 0x{b.node_1:03X}U, 0x{b.step:03X}U, "
-            f"{'true' if b.sender == 'host' else 'false'}}}"
-            for b in d.blocks
+            f"{{0x{b.first:03X}U, 0x{b.node_1:03X}U, 0x{b.step:03X}U, {b.size}U, {_protected_bits(d, b)}}}"
+            for b in blocks
         ]
         yield [
             "/* Controllers on one bus, and their blocks of identifiers: rows of terrapin_block (link/node.h). */",
             f"#define TERRAPIN_NODES {d.node_count}U",
-            *(f"#define TERRAPIN_BLOCK_{b.name.upper()} {i}U" for i, b in enumerate(d.blocks)),
+            *(f"#define TERRAPIN_BLOCK_{b.name.upper()} {i}U" for i, b in enumerate(blocks)),
+            f"#define TERRAPIN_BLOCK_RECEIVED {sum(b.sender != 'controller' for b in blocks)}U",
             f"#define TERRAPIN_BLOCK_COUNT {len(d.blocks)}U",
             f"#define TERRAPIN_BLOCKS {{{', '.join(rows)}}}",
             "",
         ]
+
+
+def _protected_bits(d: Description, block: Block) -> str:
+    """A bit for each identifier of a block whose message is protected, in two words."""
+    bits = sum(1 << (m.id - block.first) for m in d.messages if m.e2e and 0 <= m.id - block.first < block.size)
+    return f"{{0x{bits & 0xFFFFFFFF:08X}U, 0x{bits >> 32:08X}U}}"
 
 
 def c_kind(signal: Signal) -> str:
@@ -243,9 +250,6 @@ _E2E_HEADER = """\
  * (the CAN id, low byte first) and bytes 0 to 6. Lost frames are tolerated, repeated ones are not. */
 #define TERRAPIN_E2E_COUNTER_MAX 14U
 #define TERRAPIN_E2E_NO_COUNTER  0xFFU /* last counter of a receiver that has seen no frame yet: any counter is good */
-
-/* True when the message with this identifier is protected so. */
-TERRAPIN_API bool terrapin_e2e_protected(uint16_t id);
 
 typedef enum {
     TERRAPIN_E2E_OK = 0,
@@ -380,25 +384,6 @@ static inline void terrapin_fill(terrapin_frame *frame, uint16_t id, uint8_t len
     terrapin_put_word(&frame->data[4], high);
 }
 """
-
-
-def _e2e_protected(d: Description) -> list[str]:
-    names = [f"TERRAPIN_ID_{m.name.upper()}" for m in d.messages if m.e2e]
-    cases = [
-        *(f"    case {name}:" for name in names),
-        *(["        found = true;", "        break;"] if names else []),
-    ]
-    return [
-        "bool terrapin_e2e_protected(uint16_t id) {",
-        "    bool found = false;",
-        "    switch (id) {",
-        *cases,
-        "    default:",
-        "        break;",
-        "    }",
-        "    return found;",
-        "}",
-    ]
 
 
 def _packer(message: Message) -> list[str]:

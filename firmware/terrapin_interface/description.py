@@ -367,7 +367,7 @@ def _block(index: int, table: Any, nodes: Mapping[str, str]) -> Block:
     sender = reader.take("sender", str)
     if sender not in nodes:
         raise reader.fail(f"sender '{sender}' is no node (known: {', '.join(nodes)})")
-    first, size = reader.integer("first", 0, 0x7FF), reader.integer("size", 1, 0x400)
+    first, size = reader.integer("first", 0, 0x7FF), reader.integer("size", 1, 64)
     node_1, step = reader.integer("node_1", 0, 0x7FF, first), reader.integer("step", 0, 0x7FF, 0)
     reader.done()
     if size & (size - 1) or any(value % size for value in (first, node_1, step)):

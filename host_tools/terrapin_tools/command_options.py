@@ -25,6 +25,7 @@ __all__ = [
     "check_options",
     "deliver",
     "link_option",
+    "take_robot",
 ]
 
 CaseFolder = Annotated[Path, typer.Argument(metavar="CASE", help="folder that holds case.toml and measurements")]
@@ -34,12 +35,12 @@ Cases = Annotated[
 ]
 
 
-def _select(name: str) -> str:
+def take_robot(name: str) -> None:
+    """Makes what `--robot` says the robot of this process; nothing when it says nothing. UserError as robots.select."""
     if name:
         from terrapin_hil.robots import select
 
         select(name)
-    return name
 
 
 RobotName = Annotated[
@@ -47,8 +48,6 @@ RobotName = Annotated[
     typer.Option(
         "--robot",
         metavar="ROBOT",
-        callback=_select,
-        is_eager=True,
         help="a shipped robot, or the file of one; the cylinder where nothing is said",
     ),
 ]

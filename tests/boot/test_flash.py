@@ -25,6 +25,7 @@ import can
 import pytest
 from an3155 import Emulator
 from bootlib import Chip
+from cryptography.hazmat.primitives import serialization
 from kit import KEY, OTHER_KEY, PUBLIC, code, image
 
 from terrapin_hil import paths
@@ -36,6 +37,7 @@ from terrapin_hil.run.run import run
 from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 from terrapin_hil.simulation import Simulation, output_hash
 from terrapin_tools import cli
+from terrapin_tools.commands.flash import flash
 from terrapin_tools.errors import UserError
 from terrapin_tools.flash import swd
 from terrapin_tools.flash.can_wire import CanWire
@@ -43,6 +45,7 @@ from terrapin_tools.flash.image import Version, parse, sign
 from terrapin_tools.flash.keys import development_key, private_key
 from terrapin_tools.flash.layout import BASE, SLOTS
 from terrapin_tools.flash.plan import plan, read
+from terrapin_tools.flash.protect import refuse_bench_key
 from terrapin_tools.flash.update import Outcome, SignedFile, query, update
 from terrapin_tools.flash.wires import SerialWire
 
@@ -437,6 +440,36 @@ def test_stm32flash_agrees_with_the_emulator(tmp_path: Path) -> None:
 # ---- a debug probe: pyOCD with a chip of ours behind it
 
 
+class OptionBytes:
+    """The flash controller's registers of them: locked, and changed by the right keys and a start alone."""
+
+    def __init__(self, options: int = 0x0FFF_AAED) -> None:
+        self.options, self.shadow = options, options
+        self.keys: list[int] = []
+        self.busy = 3
+        self.stuck = False
+
+    def read32(self, address: int) -> int:
+        if address == 0x4002_3C0C:
+            self.busy -= self.busy > 0
+            return (self.busy > 0) << 16
+        assert address == 0x4002_3C14
+        return self.shadow
+
+    def write32(self, address: int, value: int) -> None:
+        if address == 0x4002_3C08:
+            self.keys.append(value)
+            if self.keys[-2:] == [0x0819_2A3B, 0x4C5D_6E7F]:
+                self.shadow &= ~1
+            return
+        assert address == 0x4002_3C14
+        if self.shadow & 1:
+            return
+        self.shadow = value
+        if value & 2 and not self.stuck:
+            self.options, self.busy = value & ~3, 3
+
+
 class Target:
     """What of pyOCD's target is used, over a flash in memory."""
 
@@ -444,10 +477,15 @@ class Target:
         self.identifier = identifier
         self.flash = bytearray(b"\x5a" * 0x10_0000)
         self.resets = 0
+        self.options = OptionBytes()
 
     def read32(self, address: int) -> int:
-        assert address == 0xE004_2000
-        return 0x1000_0000 | self.identifier
+        if address == 0xE004_2000:
+            return 0x1000_0000 | self.identifier
+        return self.options.read32(address)
+
+    def write32(self, address: int, value: int) -> None:
+        self.options.write32(address, value)
 
     def read_memory_block8(self, address: int, size: int) -> list[int]:
         return list(self.flash[address - BASE : address - BASE + size])
@@ -758,3 +796,39 @@ def test_a_link_key_stands_beside_the_boot_loader() -> None:
     assert loader[LINK_KEY:] == block
     assert loader[16_200:LINK_KEY].strip(b"\xff") == b""
     assert with_link_key(b"\1" * 16_200, b"\xff" * LINK_KEY_SIZE) == b"\1" * 16_200  # there was none
+
+
+def test_protect(probe: Target, tmp_path: Path) -> None:
+    """Sector 0 against writing, read protection of level 1, brown-out at 2.4 V: after asking, and once."""
+    public = tmp_path / "robot.pub.pem"
+    spki = serialization.PublicFormat.SubjectPublicKeyInfo
+    public.write_bytes(KEY.public_key().public_bytes(serialization.Encoding.PEM, spki))
+    wanted = 0x0FFE_BBE4  # of 0x0FFFAAED: what was not asked for stays
+
+    def said(*more: str) -> str:
+        with contextlib.redirect_stdout(io.StringIO()) as out:
+            flash(via="swd", protect=True, key=public, yes="--yes" in more)
+        return out.getvalue()
+
+    with pytest.raises(UserError, match="does not know the key"):
+        said("--yes")
+    probe.flash[0x100:0x120] = PUBLIC
+    with pytest.raises(UserError, match="going back erases the whole chip"):
+        said()
+    assert probe.options.options == 0x0FFF_AAED
+    assert "protected; takes effect" in said("--yes")
+    assert probe.options.options == wanted
+    assert probe.options.shadow & 1  # locked again
+    assert "was protected already" in said("--yes")
+    probe.options = OptionBytes(0x0FFF_CCED)
+    with pytest.raises(UserError, match="level 2, for ever"):
+        said("--yes")
+    with pytest.raises(UserError, match="--protect: expected --key"):
+        flash(via="swd", protect=True)
+    with pytest.raises(UserError, match="--protect: expected with --via swd"):
+        flash(via="can", protect=True, key=public)
+
+
+def test_protect_refuses_the_key_of_the_bench() -> None:
+    with pytest.raises(UserError, match="the key of the bench"):
+        refuse_bench_key("chip", PUBLIC, KEY.public_key(), KEY.public_key())

@@ -117,3 +117,28 @@ def test_a_page_of_records_is_full(used: int, way: int) -> None:
         chip.start()
         assert chip.memory.off
         check_whole(chip, (used, cut, way))
+
+
+@pytest.mark.parametrize("confirms", [True, False], ids=["confirmed at its last try", "given up"])
+@pytest.mark.parametrize("way", range(len(CUTS)), ids=CUTS)
+def test_every_write_of_three_tries(way: int, confirms: bool) -> None:
+    """A trial's three starts and its confirmation, or its end: each of their writes is cut."""
+
+    def tries(chip: Chip) -> None:
+        started = [chip.start() for _ in range(3 if confirms else 4)]
+        if confirms and started[-1] == "b":
+            chip.confirm()
+
+    chip = before_update()
+    assert send(chip, NEW, "b") == "ok"
+    fresh = chip.contents()
+    fails_at(chip, 0xFFFFFFFF, way)
+    tries(chip)
+    operations = chip.memory.operations
+    assert operations == 4 * 8  # four records of eight words
+    for cut in range(operations):
+        chip.restore(fresh)
+        fails_at(chip, cut, way)
+        tries(chip)
+        assert chip.memory.off, cut
+        check_whole(chip, (cut, way))

@@ -5,7 +5,7 @@ A page's blocks run in their order, in a scratch copy of the tree (`.venv` and `
     ```sh        line by line, `terrapin` on PATH; each line must end with status 0
     ```python    in a process of its own
     ```toml      must say what file it is (`file` or `changes` below); the file is then used by the program: a scenario
-                 is run, a case is compared, a rig is read
+                 is run, a case is compared, a rig is read, a robot checked
     ```csv       must say what file it is
     ```diff      applied to the scratch copy
     ```{toctree} every entry must be a page
@@ -321,8 +321,10 @@ class Runner:
             self._line(block, f"terrapin compare {path.parent}")
         elif "estop_limit" in tables:
             load_rig(path)
+        elif "body" in tables:
+            self._line(block, f"terrapin robot check {path}")
         else:
-            raise AssertionError(f"{block}: neither a scenario, a case nor a rig: nothing uses it")
+            raise AssertionError(f"{block}: neither a scenario, a case, a rig nor a robot: nothing uses it")
 
 
 def _merge(whole: Any, part: dict[str, Any]) -> None:

@@ -172,6 +172,53 @@ static void test_only_clear_takes_a_latched_fault_away(void) {
     TEST_ASSERT_EQUAL_HEX32(0U, state.supervisor.faults);
 }
 
+/* The latched fault is there again after the clear, and the IDLE before it still holds. */
+static void test_a_refused_run_clears_nothing(void) {
+    state.supervisor.hold_ms = 100U;
+    state.supervisor.request = TERRAPIN_REQUEST_CLEAR;
+    state.supervisor.request_taken = TERRAPIN_REQUEST_CLEAR;
+    state.supervisor.faults = 1UL << TERRAPIN_FAULT_ESTOP;
+    state.supervisor.state = TERRAPIN_STATE_SAFE;
+    inputs.command_fresh = true;
+    inputs.command.request = TERRAPIN_REQUEST_RUN;
+    tick();
+    TEST_ASSERT_TRUE(state.supervisor.refused);
+    TEST_ASSERT_TRUE(fault(TERRAPIN_FAULT_ESTOP));
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_SAFE, state.supervisor.state);
+}
+
+static void test_a_refusal_is_shown_as_long_as_the_idle_holds(void) {
+    state.supervisor.hold_ms = 2U;
+    state.supervisor.refused = true;
+    tick();
+    TEST_ASSERT_TRUE(state.supervisor.refused);
+    tick();
+    TEST_ASSERT_FALSE(state.supervisor.refused);
+}
+
+static void test_the_guard_of_the_swing_begins_at_its_limit(void) {
+    inputs.swing_valid = true;
+    inputs.swing_angle_mrad = 500;
+    tick(); /* no limit is set */
+    TEST_ASSERT_FALSE(fault(TERRAPIN_FAULT_SWING));
+    state.parameter[TERRAPIN_PARAMETER_SWING_LIMIT] = 1;
+    inputs.swing_angle_mrad = 0;
+    tick();
+    TEST_ASSERT_FALSE(fault(TERRAPIN_FAULT_SWING));
+    inputs.swing_angle_mrad = -1;
+    tick();
+    TEST_ASSERT_TRUE(fault(TERRAPIN_FAULT_SWING));
+}
+
+static void test_the_guard_of_the_swing_is_blind_after_twenty_ticks(void) {
+    state.parameter[TERRAPIN_PARAMETER_SWING_LIMIT] = 1;
+    for (int i = 1; i <= 30; i++) {
+        tick();
+        TEST_ASSERT_EQUAL(i >= 20, fault(TERRAPIN_FAULT_SWING_SENSOR));
+    }
+    TEST_ASSERT_EQUAL_UINT8(20U, state.supervisor.blind_ms); /* it counts no further */
+}
+
 static void test_what_is_heard(void) {
     inputs.command_fresh = true;
     inputs.tick = 77U;
@@ -375,6 +422,10 @@ int main(void) {
     RUN_TEST(test_the_causes_of_faults);
     RUN_TEST(test_a_gap_in_the_ticks_is_shown_for_a_second);
     RUN_TEST(test_only_clear_takes_a_latched_fault_away);
+    RUN_TEST(test_a_refused_run_clears_nothing);
+    RUN_TEST(test_a_refusal_is_shown_as_long_as_the_idle_holds);
+    RUN_TEST(test_the_guard_of_the_swing_begins_at_its_limit);
+    RUN_TEST(test_the_guard_of_the_swing_is_blind_after_twenty_ticks);
     RUN_TEST(test_what_is_heard);
     RUN_TEST(test_still_is_below_both_speeds);
     RUN_TEST(test_a_run_begins_anew);

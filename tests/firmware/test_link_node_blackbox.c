@@ -74,13 +74,12 @@ static void test_each_takes_its_own_and_no_other(void) {
     for (uint32_t n = 1; n < TERRAPIN_NODES; n++) {
         uint16_t own[IDENTIFIERS] = {0};
         bool known[IDENTIFIERS] = {false};
-        for (uint16_t id = 0; id < 0x1C0U; id++) {
+        for (uint16_t id = 0; id < 0x180U; id++) { /* its answers are no frames for it */
             const bool block = (id < 0x010U) || ((id >= 0x080U) && (id < 0x090U)) ||
-                               ((id >= 0x0A0U) && (id < 0x0A8U)) || ((id >= 0x100U) && (id < 0x108U)) || (id >= 0x180U);
+                               ((id >= 0x0A0U) && (id < 0x0A8U)) || ((id >= 0x100U) && (id < 0x108U));
             if (block) {
-                const uint32_t bus = (id >= 0x1B0U) ? (id + (0x40U * n)) : planned(n, id);
-                known[bus] = true;
-                own[bus] = id;
+                known[planned(n, id)] = true;
+                own[planned(n, id)] = id;
             }
         }
         for (uint16_t id = 0; id < IDENTIFIERS; id++) {
@@ -92,11 +91,22 @@ static void test_each_takes_its_own_and_no_other(void) {
     }
 }
 
+static bool has_crc(uint16_t id) {
+    static const uint16_t with[] = {TERRAPIN_ID_COMMAND,       TERRAPIN_ID_PARAMETER_WRITE, TERRAPIN_ID_TEST_MODE,
+                                    TERRAPIN_ID_STORE_COMMAND, TERRAPIN_ID_NODE_REQUEST,    TERRAPIN_ID_UPDATE_BEGIN,
+                                    TERRAPIN_ID_UPDATE_END,    TERRAPIN_ID_UPDATE_RESET};
+    bool found = false;
+    for (size_t i = 0; i < (sizeof with / sizeof with[0]); i++) {
+        found = found || (id == with[i]);
+    }
+    return found;
+}
+
 /* What a host protects for the identifier on the bus is good at that node; the same frame for another is not. */
 static void test_protection_is_over_the_identifier_on_the_bus(void) {
     for (uint32_t n = 0; n < TERRAPIN_NODES; n++) {
         for (size_t i = 0; i < TO_CONTROLLER; i++) {
-            if (!terrapin_e2e_protected(to_controller[i]) || (to_controller[i] < 0x010U)) {
+            if (!has_crc(to_controller[i])) {
                 continue;
             }
             terrapin_frame frame = noise((uint16_t)planned(n, to_controller[i]));
@@ -140,10 +150,9 @@ static void test_every_command_comes_before_all_telemetry(void) {
 /* In hardware: what passes is what the node takes, but for its own answers. */
 static void test_filters_are_the_blocks(void) {
     for (uint32_t n = 0; n < TERRAPIN_NODES; n++) {
-        terrapin_filter filters[TERRAPIN_BLOCK_COUNT];
-        const uint32_t count = terrapin_node_filters(&nodes[n], filters);
+        terrapin_filter filters[TERRAPIN_BLOCK_RECEIVED];
+        terrapin_node_filters(&nodes[n], filters);
         bool wanted[IDENTIFIERS] = {false};
-        TEST_ASSERT_EQUAL_UINT32(4U, count);
         for (uint32_t id = 0; id < 0x180U; id++) {
             const bool block = (id < 0x010U) || ((id >= 0x080U) && (id < 0x090U)) ||
                                ((id >= 0x0A0U) && (id < 0x0A8U)) || ((id >= 0x100U) && (id < 0x108U));
@@ -153,14 +162,12 @@ static void test_filters_are_the_blocks(void) {
         }
         for (uint32_t id = 0; id < IDENTIFIERS; id++) {
             bool passes = false;
-            for (uint32_t i = 0; i < count; i++) {
+            for (uint32_t i = 0; i < TERRAPIN_BLOCK_RECEIVED; i++) {
                 passes = passes || (((id ^ filters[i].id) & filters[i].mask) == 0U);
             }
             TEST_ASSERT_EQUAL_MESSAGE(wanted[id], passes, "passes");
         }
-        const terrapin_filter updates = terrapin_node_filter(&nodes[n], TERRAPIN_BLOCK_UPDATES);
-        TEST_ASSERT_EQUAL_HEX16(planned(n, 0x0A0U), updates.id);
-        TEST_ASSERT_EQUAL_HEX16(0x7F8U, updates.mask);
+        TEST_ASSERT_EQUAL_HEX16(planned(n, 0x0A0U), nodes[n].first[TERRAPIN_BLOCK_UPDATES]);
     }
 }
 

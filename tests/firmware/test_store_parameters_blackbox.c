@@ -421,13 +421,45 @@ static void make_entry(uint32_t hash, int32_t value) {
     made_entries++;
 }
 
-static void make_end(uint32_t layout, uint32_t sequence) {
+static void make_end_for(uint32_t robot, uint32_t layout, uint32_t sequence) {
     const uint32_t size = 16U + (((made_entries * 8U) + 4U + 15U) / 16U * 16U);
     put(made, 0x4D525054U);
     put(&made[4], layout | (made_entries << 16U));
     put(&made[8], sequence);
-    put(&made[12], 9U);
+    put(&made[12], robot);
     put(&made[size - 4U], terrapin_crc32(0U, made, size - 4U));
+}
+
+static void make_end(uint32_t layout, uint32_t sequence) {
+    make_end_for(TERRAPIN_ROBOT_IDENTITY, layout, sequence);
+}
+
+static void make_one_for(uint32_t robot, uint32_t offset, uint32_t sequence) {
+    make_begin(offset);
+    make_entry(terrapin_parameter_hashes[0], value_of(0U, 1U));
+    make_end_for(robot, 1U, sequence);
+}
+
+/* Its values are in range here, and mean another body. */
+static void test_a_set_of_another_robot_gives_defaults_and_says_so(void) {
+    make_one_for(TERRAPIN_ROBOT_IDENTITY, 0U, 1U);
+    make_one_for(TERRAPIN_ROBOT_IDENTITY + 1U, 64U, 2U);
+    restart();
+    TEST_ASSERT_TRUE(store.foreign);
+    TEST_ASSERT_TRUE(has_defaults());
+    save_generation(6U);
+    restart();
+    TEST_ASSERT_FALSE(store.foreign);
+    TEST_ASSERT_EQUAL_UINT32(3U, store.sequence);
+    TEST_ASSERT_TRUE(has_all(6U));
+}
+
+/* As firmware wrote it before sets named a robot. */
+static void test_a_set_that_names_no_robot_is_taken(void) {
+    make_one_for(1U, 0U, 1U);
+    restart();
+    TEST_ASSERT_EQUAL(TERRAPIN_STORE_ORIGIN_STORED, store.origin);
+    TEST_ASSERT_FALSE(store.foreign);
 }
 
 static void test_reordered_unknown_and_impossible_values(void) {
@@ -528,6 +560,8 @@ int main(void) {
     RUN_TEST(test_a_bad_spot_moves_the_set_to_the_other_page);
     RUN_TEST(test_pages_that_cannot_be_used_are_never_touched);
     RUN_TEST(test_reordered_unknown_and_impossible_values);
+    RUN_TEST(test_a_set_of_another_robot_gives_defaults_and_says_so);
+    RUN_TEST(test_a_set_that_names_no_robot_is_taken);
     RUN_TEST(test_another_layout_is_not_read);
     RUN_TEST(test_absurd_heads_are_survived);
     RUN_TEST(test_sequence_numbers_wrap);

@@ -37,20 +37,16 @@ int main(void) {
     terrapin_image image;
     slot.offset = TERRAPIN_LAYOUT_SLOT_A;
     slot.size = TERRAPIN_LAYOUT_SLOT_SIZE;
-    const uint32_t address = nondet_word();
     const uint32_t protected_size = nondet_word();
-    uint32_t counter = 0U;
     ASSUME(protected_size <= PROTECTED_MOST);
     const uint32_t offset = nondet_word();
     ASSUME((offset >= slot.offset) && (offset <= (slot.offset + slot.size - PROTECTED_MOST)));
-    (void)read_counter(&flash, offset, protected_size, &counter);
+    (void)read_protected(&flash, offset, protected_size, &image);
     if (nondet_bool()) {
         uint8_t header[32];
         terrapin_image_version version;
         ANYTHING(header);
         (void)terrapin_image_header_version(header, &version);
     }
-    (void)address;
-    (void)image;
     return 0;
 }

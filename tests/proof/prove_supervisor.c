@@ -51,6 +51,7 @@ int main(void) {
     ASSUME((state.slip.wheel_urad_s > INT32_MIN) && (state.slip.ground_um_s > INT32_MIN));
     ASSUME((state.supervisor.phase >= PHASE_FIRST) && (state.supervisor.phase <= PHASE_HALT));
     ASSUME(state.rates.shell_per_rim.most >= 0);
+    ASSUME((state.supervisor.hold_ms > 0U) || !state.supervisor.refused); /* listen asserts it again */
     const uint32_t causes = nondet_word();
     const bool gap = nondet_bool();
     const bool known =

@@ -17,6 +17,7 @@ from terrapin_hil.scenario.scenario import Order, find_scenario, load_scenario
 from terrapin_tools import cli
 from terrapin_tools.errors import UserError
 from terrapin_tools.experiments import l9_runs, slip_limit
+from tests.campaigns import sphere as campaign
 
 SHIPPED = sorted(path.stem for path in (paths.SCENARIOS / "sphere").glob("*.toml"))
 
@@ -87,6 +88,23 @@ def test_the_rig_holds_the_limit_and_the_ground_says_which_is_best(law: str, bes
     assert max(found, key=lambda p: p.pull).limit == best
     for p, share in zip(found, expected, strict=True):
         assert abs(p.pull / peaks[law] - share) <= 0.03
+
+
+def test_the_printed_robot_is_told_that_it_cannot_roll_on() -> None:
+    """1.91 N m against 1.97 without bulldozing, and 2.24 with it and the paper's law; 9 kg can."""
+    assert "gravity holds 1.91 N m" in load_scenario(find_scenario("printed")).notes[-1]
+    for scale, xi1, needed in ((0, 0, "1.97"), (1, 2, "2.24")):
+        values = {"effect.bulldozing.scale": scale, "effect.slip_sinkage.xi1": xi1}
+        (line,) = [n for n in load_scenario(find_scenario("printed"), values).notes if "gravity" in n]
+        assert f"rolling on takes {needed} N m" in line
+    assert not [n for n in load_scenario(find_scenario("level")).notes if "gravity" in n]
+
+
+def test_contact_torque_of_a_calibrated_robot() -> None:
+    """The bounds of tests/campaigns/sphere.py, whole, in a short form: three steady states, parts that err."""
+    rows, guarded = campaign.contact_torque(3, True)
+    assert guarded == []
+    assert [str(row) for row in rows if not row.met] == []
 
 
 def test_what_ends_a_free_run_is_named() -> None:

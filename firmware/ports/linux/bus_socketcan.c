@@ -19,14 +19,14 @@
 /* Blocks of identifiers; what comes beside the messages is dropped later. Extended and remote frames do not fit, since
  * those flags must be 0. */
 static bool set_filters(int s, const terrapin_node *node) {
-    terrapin_filter blocks[TERRAPIN_BLOCK_COUNT];
-    struct can_filter ours[TERRAPIN_BLOCK_COUNT];
-    const uint32_t count = terrapin_node_filters(node, blocks);
-    for (uint32_t i = 0; i < count; i++) {
+    terrapin_filter blocks[TERRAPIN_BLOCK_RECEIVED];
+    struct can_filter ours[TERRAPIN_BLOCK_RECEIVED];
+    terrapin_node_filters(node, blocks);
+    for (uint32_t i = 0; i < TERRAPIN_BLOCK_RECEIVED; i++) {
         ours[i].can_id = blocks[i].id;
         ours[i].can_mask = blocks[i].mask | CAN_EFF_FLAG | CAN_RTR_FLAG;
     }
-    return setsockopt(s, SOL_CAN_RAW, CAN_RAW_FILTER, ours, count * (uint32_t)sizeof ours[0]) == 0;
+    return setsockopt(s, SOL_CAN_RAW, CAN_RAW_FILTER, ours, sizeof ours) == 0;
 }
 
 static bool set_up(int s, const char *name, const terrapin_node *node) {

@@ -40,10 +40,10 @@ _Noreturn void application(void) {
     terrapin_update *update = hardware_update();
     const hardware_facts facts = hardware_look(&speed, flags);
     terrapin_node node;
-    terrapin_filter filters[TERRAPIN_BLOCK_COUNT]; /* all other traffic stays in the chip */
+    terrapin_filter filters[TERRAPIN_BLOCK_RECEIVED]; /* all other traffic stays in the chip */
     terrapin_node_init(&node, facts.node);
-    const uint32_t count = terrapin_node_filters(&node, filters);
-    (void)can_open(&bus, CAN1, can_timing(speed.apb1_hz, BOARD_CAN_BIT_S), filters, count);
+    terrapin_node_filters(&node, filters);
+    (void)can_open(&bus, CAN1, can_timing(speed.apb1_hz, BOARD_CAN_BIT_S), filters, TERRAPIN_BLOCK_RECEIVED);
 
     port_open(&controller, (terrapin_state *)state, &bus, &line, hardware_store(), update, &facts);
     enable_interrupt(IRQ_USART1);

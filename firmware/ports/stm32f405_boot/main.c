@@ -67,7 +67,8 @@ static void enable_interrupt(uint32_t number) {
 }
 
 static void start_chip(const clocks *speed) {
-    const terrapin_filter updates = terrapin_node_filter(&serial.node, TERRAPIN_BLOCK_UPDATES);
+    const terrapin_filter updates = {serial.node.first[TERRAPIN_BLOCK_UPDATES],
+                                     0x7FFU & ~(TERRAPIN_UPDATE_ID_LAST - TERRAPIN_UPDATE_ID_FIRST)};
     setup_pins();
     usart_open(&line, USART1, speed->apb2_hz, BOARD_BAUD);
     (void)can_open(&bus, CAN1, can_timing(speed->apb1_hz, BOARD_CAN_BIT_S), &updates, 1U);
@@ -86,10 +87,9 @@ static bool serve(void) {
     uint8_t byte = 0U;
     bool any = false;
     serial.update.now_ms = now_ms;
-    if (can_take(&bus, &frame) && terrapin_node_receive(&serial.node, &frame)) {
-        const uint32_t count = terrapin_update_accept(&serial.update, &frame, false, replies);
+    if (can_take(&bus, &frame)) {
+        const uint32_t count = terrapin_boot_frame(&serial, &frame, false, replies);
         for (uint32_t i = 0U; i < count; i++) {
-            terrapin_node_send(&serial.node, &replies[i]);
             (void)can_send(&bus, &replies[i], CAN_KEEP);
         }
         any = any || (count > 0U);

@@ -1,8 +1,7 @@
 """The host's side of a sealed controller (firmware/link/seal.h): key, session, tags.
 
-key = LinkKey.read(Path("robot.key"))
-session = Session.answering(key, host_number, answer)      # after SESSION_OPEN and its answer
-bus.send(session.sealed(frames))
+session = open_session(link, LinkKey.read(Path("robot.key")))
+link.exchange(session.sealed(frames))
 """
 
 from __future__ import annotations
@@ -15,10 +14,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from terrapin_hil.links.link import Link, LinkError
 from terrapin_hil.messages import Frame, Interface, interface
 from terrapin_hil.reading import ReadingError
 
-__all__ = ["LinkKey", "Session", "chaskey"]
+__all__ = ["LinkKey", "Session", "chaskey", "open_session"]
 
 _MASK = 0xFFFFFFFF
 SEALED = (
@@ -133,3 +133,17 @@ class Session:
             else:
                 out.append((identifier, data))
         return out
+
+
+def open_session(link: Link, key: LinkKey) -> Session:
+    """A session with the controller behind a link. LinkError when it opens none."""
+    messages = interface().messages
+    number = secrets.randbits(32)
+    data, _ = messages["SESSION_OPEN"].encode({"host": number, "generation": key.generation})
+    answer = link.ask((messages["SESSION_OPEN"].id, data), lambda frame: frame[0] == messages["SESSION"].id)
+    if answer is None:
+        raise LinkError(
+            f"{link.name}: it opens no session for link key {key.fingerprint}, generation {key.generation}: "
+            "the controller has another generation or no key (PORT_LINK tells), or opened one less than 0.2 s ago"
+        )
+    return Session.answering(key, number, messages["SESSION"].decode(answer[1]))

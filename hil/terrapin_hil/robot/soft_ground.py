@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from terrapin_hil.library import ffi
+from terrapin_hil.library import ffi, library
 from terrapin_hil.physics import contact, soils, sphere
 from terrapin_hil.physics.contact import FIELDS, Array, ContactError, Rows, Shape
 from terrapin_hil.physics.effects import Effect
@@ -31,6 +31,7 @@ __all__ = [
     "GripTable",
     "affected",
     "affects_soil",
+    "cannot_roll",
     "check_step",
     "contact_steady",
     "grip_table",
@@ -227,6 +228,39 @@ def grip_tables(ground: Ground, robot: Robot) -> list[GripTable | None]:
     steepest = max(abs(segment.slope) for segment in ground.segments)
     soils = [None if segment.firm else segment.contact or ground.contact for segment in ground.segments]
     return [None if soft is None else _table(soft, robot.radius, robot.weight, steepest) for soft in soils]
+
+
+def cannot_roll(ground: Ground, robot: Robot, effects: tuple[ActiveEffect, ...]) -> str:
+    """A line that says so where gravity holds less torque than rolling on takes, level, on a soil of the path; else "".
+
+    `effects` are those of the run (those on the soil in the ground already).
+    """
+    arm = robot.arm * robot.body_mass + (robot.radius - robot.drive_radius) * robot.drive_mass
+    holds = arm * robot.gravity
+    for soft in dict.fromkeys(ground.soils):
+        row = _table(soft, robot.radius, robot.weight, 0.0).row[-1, :, :, 0]  # (slips, VALUES)
+        slips = np.linspace(-1.0, 1.0, len(row))
+        driving = (slips >= 0.0) & (slips < 1.0)
+        slip, (thrust, compaction, lever, sinkage) = slips[driving], row[driving].T
+        depth = np.minimum(sinkage + ground.slip_depth * slip / (1.0 - slip), robot.radius)
+        sand = ffi().new("hil_bulldozing *", bulldozing_of(soft, robot.radius))
+        pushed = np.array([library().hil_bulldozing_resistance(sand, z) for z in depth])
+        known: dict[str, Rows] = {"slip": slip, "load": robot.weight, "bulldozing_resistance": pushed}
+        resistance = compaction.copy()
+        for active in effects:
+            if drags(active.effect):
+                values: dict[str, Rows] = {**active.effect.options, **active.values, **known}
+                resistance += parse(active.effect.expression).evaluate(values)
+        pull, torque = thrust - resistance, lever + robot.radius * thrust
+        pulls = np.flatnonzero(pull >= 0.0)
+        needed = math.inf
+        if pulls.size:
+            last = slice(max(int(pulls[0]) - 1, 0), int(pulls[0]) + 1)  # the zero lies between these
+            needed = float(np.interp(0.0, pull[last], torque[last]))
+        if needed > holds:
+            takes = f"rolling on takes {needed:.3g} N m" if pulls.size else "no slip gives pull enough to roll on"
+            return f"gravity holds {holds:.3g} N m, and on {soft.soil.name} {takes}: the robot cannot roll on there"
+    return ""
 
 
 def read_soft_ground(section: Section) -> SoftGround:

@@ -21,7 +21,14 @@ from terrapin_hil.reading import ReadingError, Section, load, parse_quantity, pa
 from terrapin_hil.robot.compiled_effects import ActiveEffect, drags, in_plant
 from terrapin_hil.robot.plant import TERRAINS, Ground, Robot, Segment, Terrain, Winding
 from terrapin_hil.robot.sensors import Sensors, kit, read_sensors, with_effects
-from terrapin_hil.robot.soft_ground import affected, affects_soil, check_step, grip_tables, read_soft_ground
+from terrapin_hil.robot.soft_ground import (
+    affected,
+    affects_soil,
+    cannot_roll,
+    check_step,
+    grip_tables,
+    read_soft_ground,
+)
 from terrapin_hil.robots import Robot as Design
 from terrapin_hil.robots import selected
 from terrapin_hil.scenario.changes import changed, place_of
@@ -377,9 +384,11 @@ def read_scenario(root: Section, name: str) -> Scenario:
         raise root.error("effect", str(error)) from None
     if scenario.ground.contact is not None:
         try:
-            ground, _ = affected(scenario.ground, scenario.effects, scenario.pass_number, scenario.moisture)
+            ground, acting = affected(scenario.ground, scenario.effects, scenario.pass_number, scenario.moisture)
             robot = scenario.robot
             grip_tables(ground, robot)
+            if line := cannot_roll(ground, robot, acting):
+                scenario = replace(scenario, notes=(*scenario.notes, line))
             free = scenario.supply * robot.drive_radius / max(robot.torque_constant, 1e-12)  # rim without load
             for soft in ground.soils:
                 check_step(soft, robot, 1e-3, free)

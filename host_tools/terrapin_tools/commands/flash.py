@@ -116,6 +116,30 @@ def _whole(
     return f"{'boot loader, ' if loader else ''}{written}: written and read back, started"
 
 
+def _protect(port: str, key: Path | None, yes: bool) -> str:
+    from terrapin_hil import paths
+    from terrapin_tools.flash import plan as plans
+    from terrapin_tools.flash.keys import public_key
+    from terrapin_tools.flash.layout import BASE
+    from terrapin_tools.flash.protect import protect, refuse_bench_key
+    from terrapin_tools.flash.swd import Swd
+
+    if key is None:
+        raise UserError("--protect: expected --key, the public key whose images the boot loader starts")
+    owner = public_key(key)
+    bench = paths.development_key()
+    with closing(Swd(port or None)) as chip, bar("", None) as shown:
+        loader = plans.read(chip, BASE, plans.BOOT_SIZE, _told(shown))
+        refuse_bench_key(chip.name, loader, owner, public_key(bench) if bench.is_file() else None)
+        if not yes:
+            raise UserError(
+                f"{chip.name}: would protect the boot loader from writing and the chip from reading (level 1): a debug "
+                "probe then sees nothing, and going back erases the whole chip. Say --yes to do it"
+            )
+        done = protect(chip)
+    return f"{chip.name}: " + ("protected; takes effect at the next power-on" if done else "was protected already")
+
+
 def flash(
     images: Annotated[
         list[Path] | None,
@@ -142,6 +166,13 @@ def flash(
     change_robot: Annotated[
         bool, typer.Option("--change-robot", help="the controller becomes that of the image's robot")
     ] = False,
+    protect: Annotated[
+        bool, typer.Option("--protect", help="swd: read and write protection, brown-out reset; asks for --yes")
+    ] = False,
+    key: Annotated[
+        Path | None, typer.Option("--key", metavar="PUBLIC.pem", help="--protect: of the boot loader")
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="--protect: do it")] = False,
     listed: Annotated[bool, typer.Option("--list", help="probes, serial ports and CAN interfaces")] = False,
 ) -> None:
     """Write a signed image, read it back or have it verified, and start it.
@@ -157,6 +188,13 @@ def flash(
 
         print(listing())
         return
+    if protect:
+        if via != "swd" or images or link is not None:
+            raise UserError("--protect: expected with --via swd, and without images")
+        print(_protect(port, key, yes))
+        return
+    if key is not None or yes:
+        raise UserError("--key, --yes: expected with --protect")
     if link is not None:
         if via or port:
             raise UserError("--link: expected without --via and --port")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from terrapin_hil.links.names import INPROCESS, LinkName, able
-from terrapin_tools.command_options import NodeNumber, RobotName, link_option
+from terrapin_tools.command_options import NodeNumber, RobotName, link_option, take_robot
 from terrapin_tools.errors import UserError
 
 if TYPE_CHECKING:  # NumPy and the C libraries, which `terrapin run --help` does not need
@@ -232,6 +232,7 @@ def run(
     from terrapin_tools.param.files import read_parameters
     from terrapin_tools.progress import bar
 
+    take_robot(robot)
     try:
         chosen = load_scenario(find_scenario(scenario), _values(changes or ()))
         if seed is not None:

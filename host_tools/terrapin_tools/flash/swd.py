@@ -105,6 +105,16 @@ class Swd:
         with self._trying("read"):
             return bytes(self._session.target.read_memory_block8(address, size))
 
+    def read32(self, address: int) -> int:
+        """A word of the memory."""
+        with self._trying(f"read 0x{address:08x}"):
+            return int(self._session.target.read32(address))
+
+    def write32(self, address: int, value: int) -> None:
+        """A word of the memory."""
+        with self._trying(f"write 0x{address:08x}"):
+            self._session.target.write32(address, value)
+
     def start(self) -> None:
         with self._trying("reset the chip"):
             self._session.target.reset()

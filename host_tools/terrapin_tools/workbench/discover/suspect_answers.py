@@ -22,6 +22,7 @@ from terrapin_tools.workbench.model.table_faults import Fault
 
 __all__ = ["beside_constants", "table_answers"]
 
+MECHANICS = ("equation",)  # bases of effects whose speeds and sizes follow a column's own range: no scale shows in them
 BESIDE = 6  # constants with an effect that are weighed; chosen by hand, for time
 REFITTED = 4  # faults, alone and with an effect, that are weighed as answers; chosen by hand, for time
 
@@ -97,7 +98,10 @@ def _shapes(ranker: Ranker, fault: Fault, fit: Fit, others: bool) -> list[Shape]
     found: list[Shape] = []
     for effect, shapes in ranker.shapes.items():
         whole = ranker.effects[effect]
-        if fault.column not in ranker.model.channels and name in parse(whole.expression).names:
+        reads = name in parse(whole.expression).names
+        if reads and fault.factor != 1.0 and whole.bases == MECHANICS:
+            continue
+        if fault.column not in ranker.model.channels and reads:
             found += shapes_of(fit.model, fit.theta, whole, ranker.rows, ranker.sigma)
         elif others:
             found += shapes

@@ -1,0 +1,90 @@
+"""A host with the link key, and one without, against the controller's link layer."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import pytest
+
+from terrapin_hil.links.inprocess import InProcess
+from terrapin_hil.links.link import LinkError
+from terrapin_hil.links.seal import LinkKey, open_session
+from terrapin_hil.messages import Frame, Sender, interface
+from terrapin_hil.reading import ReadingError
+
+KEY = LinkKey(bytes(range(16)), 3)
+STARTED = 0x1234_5678
+
+
+class Sealed(InProcess):
+    """A controller with the key."""
+
+    def __init__(self, key: LinkKey = KEY) -> None:
+        super().__init__()
+        self._key = self._ffi.new("uint32_t[4]", list(struct.unpack("<4I", key.key)))
+        self._lib.terrapin_link_seal(self._link, self._key, key.generation, STARTED)
+
+    def commanded(self, frames: list[Frame]) -> int | None:
+        """The request that frames bring, if they are taken."""
+        self._inputs.command_fresh = False
+        self._inputs.tick += 50
+        self.exchange(frames)
+        return int(self._inputs.command.request) if self._inputs.command_fresh else None
+
+    @property
+    def unsealed(self) -> int:
+        return int(self._link.unsealed)
+
+
+def test_who_has_the_key_commands_and_writes() -> None:
+    link, sender = Sealed(), Sender()
+    session = open_session(link, KEY)
+    for _ in range(300):  # past the 8 bits of the counter
+        assert link.commanded(session.sealed([sender.frame("COMMAND", {"request": 2, "setpoint": -500})])) == 2
+    index = interface().parameters["radius"].index
+    write = sender.frame("PARAMETER_WRITE", {"index": index, "value": 81_000})
+    [answer] = link.exchange(session.sealed([write]))
+    assert interface().messages["PARAMETER_VALUE"].decode(answer[1])["value"] == 81_000
+    link._inputs.tick += 50
+    link.exchange(session.sealed(sender.test_mode()))
+    assert link._link.test_mode
+    assert link.unsealed == 0
+
+
+def test_who_has_none_stops_it_and_reads() -> None:
+    link, sender = Sealed(), Sender()
+    for request in (1, 2, 3):
+        assert link.commanded([sender.frame("COMMAND", {"request": request})]) is None
+    assert link.commanded([sender.frame("COMMAND", {"request": 0})]) == 0
+    assert link.exchange([sender.frame("PARAMETER_WRITE", {"index": 0, "value": 81_000})]) == []
+    assert len(link.exchange([sender.frame("PARAMETER_READ", {"index": 0})])) == 1
+    link.exchange(sender.test_mode())
+    assert not link._link.test_mode
+    assert link.unsealed >= 4
+
+
+def test_a_wrong_key_and_an_old_generation() -> None:
+    link, sender = Sealed(), Sender()
+    with pytest.raises(LinkError, match=r"opens no session for link key \w{8}, generation 2"):
+        open_session(link, LinkKey(KEY.key, 2))
+    wrong = open_session(link, LinkKey(bytes(16), 3))  # nothing tells before the first tag
+    assert link.commanded(wrong.sealed([sender.frame("COMMAND", {"request": 2})])) is None
+    with pytest.raises(LinkError, match="no session"):
+        open_session(InProcess(), KEY)  # which has no key
+
+
+def test_files_of_keys(tmp_path: Path) -> None:
+    path = tmp_path / "robot.key"
+    path.write_text(KEY.text())
+    assert LinkKey.read(path) == KEY
+    assert LinkKey.new() != LinkKey.new()
+    for text, expected in (
+        ("", "no link key"),
+        ('generation = 1\nkey = "zz"', "no link key"),
+        ('generation = 0\nkey = "' + "00" * 16 + '"', "expected a key of 16 bytes"),
+        ('generation = 1\nkey = "00"', "expected a key of 16 bytes"),
+    ):
+        path.write_text(text)
+        with pytest.raises(ReadingError, match=expected):
+            LinkKey.read(path)
