@@ -22,7 +22,7 @@ import cantools
 import numpy as np
 
 from terrapin_hil import paths
-from terrapin_hil.messages import interface
+from terrapin_hil.messages import _interface
 from terrapin_hil.telemetry import decode, si_factor
 from terrapin_tools.logs.decoding import Decoder
 from terrapin_tools.logs.frames import frames
@@ -229,7 +229,7 @@ def _decoders(
     folder: Path, library: ctypes.CDLL, database: Any, sent: list[Sent]
 ) -> Iterator[tuple[str, Message, list[dict[str, float]]]]:
     """(decoder, message, physical values of each frame in order)"""
-    ours = interface.__wrapped__(folder.parent)
+    ours = _interface.__wrapped__(folder.parent)
     identifiers = [m.id for m, _, _ in sent]
     payloads = [data[: m.length] for m, _, data in sent]
     times = np.arange(float(len(sent)))
@@ -262,7 +262,7 @@ def _frames(
     messages: list[Message], folder: Path, library: ctypes.CDLL, database: Any, generator: random.Random
 ) -> None:
     """Random frames of every message, raw, in Python and cantools."""
-    ours = interface.__wrapped__(folder.parent)
+    ours = _interface.__wrapped__(folder.parent)
     for m in messages:
         entry = database.get_message_by_name(m.name)
         for _ in range(3):

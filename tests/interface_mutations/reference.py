@@ -108,7 +108,7 @@ CYLINDER = {
     "slip_limit": 5000, "voltage_limit": 10000, "current_limit": 1800, "over_current": 2000, "supply_low": 6000,
     "supply_high": 15000, "temperature_high": 120000, "encoder_jump": 200, "encoder_counts": 2048,
     "record_interval": 10,
-    "robot_identity": 0x1EBF42,
+    "robot_identity": 0x1EBF42, "swing_limit": 0,
 }  # fmt: skip
 
 
@@ -117,6 +117,10 @@ class Reference:
 
     def __init__(self, text: str) -> None:
         self.toml = tomllib.loads(text, parse_float=Decimal)
+        for name, board in self.toml.get("ceiling", {}).items():  # narrows the range
+            self.toml["parameter"][name] |= {k: board[k] for k in ("min", "max") if k in board} | {
+                "ceiling": board["part"]
+            }
         for kind, key in (("parameter", "default"), ("limit", "value"), ("constant", "value")):
             for entry in self.toml.get(kind, {}).values():
                 entry[key] = CYLINDER.get(entry[key], entry[key])
@@ -165,6 +169,8 @@ class Reference:
         return {
             **{key: t["controller"][key] for key in ("name", "version", "tick_hz")},
             "nodes": nodes,
+            "node_count": t["identifiers"]["nodes"],
+            "blocks": [{"node_1": b["first"], "step": 0} | b for b in t["identifiers"]["blocks"]],
             "enums": {name: entry["values"] for name, entry in t.get("enum", {}).items()},
             "messages": [
                 {
@@ -178,7 +184,7 @@ class Reference:
                 {
                     "name": name, "index": index, "default": e["default"], "minimum": e["min"], "maximum": e["max"],
                     "unit": e.get("unit", ""), "scale": float(e.get("scale", 1.0)), "meaning": e["meaning"],
-                    "protects": e.get("protects", ""),
+                    "protects": e.get("protects", ""), "ceiling": e.get("ceiling", ""),
                 }
                 for index, (name, e) in enumerate(t.get("parameter", {}).items())
             ],
