@@ -80,7 +80,7 @@ def _want_the_page(server: Server, end: float, found: Flood, before: int) -> Non
     while time.monotonic() < end:
         begin, status = time.monotonic(), 0
         with suppress(OSError, HTTPException):
-            connection = HTTPConnection("127.0.0.1", server.port, timeout=10.0)
+            connection = HTTPConnection("127.0.0.1", server.port, timeout=60.0)
             try:
                 connection.request("GET", "/api/status", headers={"Authorization": f"Bearer {server.token}"})
                 status = connection.getresponse().status
