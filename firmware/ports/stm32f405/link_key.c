@@ -1,6 +1,7 @@
 #include "link_key.h"
 
 #include "crc32.h"
+#include "processor.h"
 #include "registers.h"
 #include "wait.h"
 
@@ -37,7 +38,11 @@ static bool next_word(uint32_t *word) {
 
 bool random_word(uint32_t *word) {
     uint32_t first = 0U; /* the first one after the start is not to be used (RM0090, 24.3.1) */
+    uint32_t there = 0U;
     RCC->AHB2ENR |= RCC_AHB2ENR_RNG;
+    if (!probe_read(RNG_STATUS, &there)) { /* emulators have none */
+        return false;
+    }
     RNG->CR = RNG_CR_RNGEN;
     return next_word(&first) && next_word(word) && (*word != first);
 }
