@@ -286,6 +286,7 @@ typedef struct {
 #define DBGMCU_CR    (*(reg32 *)0xE0042004U)
 #define DBGMCU_SLEEP BIT(0) /* the core's clock goes on in sleep, RM0090, 38.16.1 */
 #define RNG          ((rng_registers *)0x50060800U)
+#define RNG_STATUS   0x50060804U
 #define FLASH_MEMORY 0x08000000U
 #define UNIQUE_ID    0x1FFF7A10U /* three words, RM0090, 39.1 */
 
