@@ -216,7 +216,8 @@ def _nodes(d: Description) -> Iterator[list[str]]:
 
 def _protected_bits(d: Description, block: Block) -> str:
     """A bit for each identifier of a block whose message is protected, in two words."""
-    bits = sum(1 << (m.id - block.first) for m in d.messages if m.e2e and 0 <= m.id - block.first < block.size)
+    own = range(block.first, block.first + block.size)
+    bits = sum(1 << own.index(m.id) for m in d.messages if m.e2e and m.id in own)
     return f"{{0x{bits & 0xFFFFFFFF:08X}U, 0x{bits >> 32:08X}U}}"
 
 

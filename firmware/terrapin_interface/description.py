@@ -35,6 +35,7 @@ __all__ = [
 CONTROLLER_TOML = Path(__file__).with_name("controller.toml")
 
 INT32_MIN, INT32_MAX = -(2**31), 2**31 - 1
+LAST = 0x7FF  # identifier of 11 bits
 FAULT_BITS = 32
 E2E_COUNTER = (48, 4)  # (start, length): one place for all messages, so that protecting a frame needs no table
 E2E_CRC = (56, 8)
@@ -351,8 +352,10 @@ def _blocks(table: Any, nodes: Mapping[str, str]) -> tuple[int, tuple[Block, ...
     for block in blocks:
         for node in range(count if block.step else 1):
             for identifier in range(block.at(node), block.at(node) + block.size):
-                if identifier > 0x7FF:
-                    raise DescriptionError(f"block {block.name}: node {node} goes beyond 0x7FF, the last identifier")
+                if identifier > LAST:
+                    raise DescriptionError(
+                        f"block {block.name}: node {node} goes beyond 0x{LAST:X}, the last identifier"
+                    )
                 if identifier in owner:
                     where = f"block {block.name}, node {node}"
                     raise DescriptionError(f"{where}: id 0x{identifier:03X} is already taken by {owner[identifier]}")
@@ -367,10 +370,10 @@ def _block(index: int, table: Any, nodes: Mapping[str, str]) -> Block:
     sender = reader.take("sender", str)
     if sender not in nodes:
         raise reader.fail(f"sender '{sender}' is no node (known: {', '.join(nodes)})")
-    first, size = reader.integer("first", 0, 0x7FF), reader.integer("size", 1, 64)
-    node_1, step = reader.integer("node_1", 0, 0x7FF, first), reader.integer("step", 0, 0x7FF, 0)
+    first, size = reader.integer("first", 0, LAST), reader.integer("size", 1, 64)
+    node_1, step = reader.integer("node_1", 0, LAST, first), reader.integer("step", 0, LAST, 0)
     reader.done()
-    if size & (size - 1) or any(value % size for value in (first, node_1, step)):
+    if size.bit_count() != 1 or any(value % size for value in (first, node_1, step)):
         raise reader.fail(f"'size' {size} must be a power of 2, and 'first', 'node_1' and 'step' multiples of it")
     if (node_1 == first) != (step == 0):
         raise reader.fail("'node_1' and 'step' must be given together")
@@ -408,7 +411,7 @@ def _message(
     needed = max((s.start + s.length + 7) // 8 for s in signals)
     message = Message(
         name=name,
-        id=reader.integer("id", 0, 0x7FF),
+        id=reader.integer("id", 0, LAST),
         sender=reader.take("sender", str),
         length=reader.integer("length", needed, 8, needed),
         cycle_ms=reader.integer("cycle_ms", 0, 60_000, 0),

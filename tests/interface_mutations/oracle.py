@@ -12,6 +12,7 @@ import ctypes
 import itertools
 import json
 import random
+import re
 import subprocess
 from collections.abc import Iterator, Mapping
 from fractions import Fraction
@@ -68,6 +69,7 @@ def wrong(text: str, folder: Path, integer: Path | None, only: str = "", seed: i
         return f"terrapin.dbc cannot be read: {error}"
     try:
         _json(r, folder)
+        _plan(r, folder)
         _dbc(r, messages, database)
         library = _build(r, messages, folder, integer)
         generator = random.Random(seed)
@@ -322,6 +324,18 @@ def _json(r: Reference, folder: Path) -> None:
     said, wanted = json.loads((folder / "interface.json").read_text(encoding="utf-8")), r.json()
     for key in wanted.keys() | said.keys():
         _need(said.get(key) == wanted.get(key), f"interface.json: {key}")
+
+
+def _plan(r: Reference, folder: Path) -> None:
+    """The plan of identifiers as link/node.c reads it."""
+    header = (folder / "terrapin_interface.h").read_text(encoding="utf-8")
+    text = re.findall(r"^#define TERRAPIN_BLOCKS (.*)$", header, re.M)
+    numbers = [int(number, 0) for number in re.findall(r"\b(0x[0-9A-F]+|[0-9]+)U", "".join(text))]
+    rows = [tuple(numbers[i : i + 6]) for i in range(0, len(numbers), 6)]
+    _need(rows == r.rows_of_blocks(), f"TERRAPIN_BLOCKS: {text}")
+    received = sum(b["sender"] != "controller" for b in r.blocks)
+    for name, value in (("NODES", r.nodes), ("BLOCK_COUNT", len(r.blocks)), ("BLOCK_RECEIVED", received)):
+        _need(f"#define TERRAPIN_{name} {value}U\n" in header, f"TERRAPIN_{name}")
 
 
 def _dbc(r: Reference, messages: list[Message], database: Any) -> None:

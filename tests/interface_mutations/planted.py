@@ -4,12 +4,22 @@ from __future__ import annotations
 
 __all__ = ["GOOD", "PLANTED", "big"]
 
-GOOD = """
+_PLAN = """[identifiers]
+nodes = 3
+blocks = [
+  { name = "asked", sender = "host", first = 0x10, size = 1, node_1 = 0x20, step = 0x01 },
+  { name = "told", sender = "controller", first = 0x11, size = 1, node_1 = 0x31, step = 0x01 },
+  { name = "wide", sender = "controller", first = 0x12, size = 2, node_1 = 0x42, step = 0x02 },
+  { name = "all", sender = "host", first = 0x7FF, size = 1 },
+]
+"""
+
+GOOD = f"""
 [controller]
 name = "toy"
 version = 0
 tick_hz = 1000
-[node]
+{_PLAN}[node]
 controller = "CTRL"
 host = "HOST"
 [suffix]
@@ -17,31 +27,31 @@ hv = [0.5, "V"]
 mv = [1e-3, "V"]
 10mv = [1e-2, "V"]
 [enum.mode]
-values = { off = 0, on = 1, both = 2 }
+values = {{ off = 0, on = 1, both = 2 }}
 [message.ONE]
 id = 0x10
 sender = "host"
 cycle_ms = 5
 e2e = true
 signals = [
-  { name = "mode", start = 0, length = 2, enum = "mode" },
-  { name = "level", start = 2, length = 10, signed = true, scale = 0.5, unit = "V", source = "u_hv", min = -100, max = 100 },
-  { name = "counter", start = 48, length = 4 },
-  { name = "crc", start = 56, length = 8 },
+  {{ name = "mode", start = 0, length = 2, enum = "mode" }},
+  {{ name = "level", start = 2, length = 10, signed = true, scale = 0.5, unit = "V", source = "u_hv", min = -100, max = 100 }},
+  {{ name = "counter", start = 48, length = 4 }},
+  {{ name = "crc", start = 56, length = 8 }},
 ]
 [message.TWO]
 id = 0x11
 sender = "controller"
-signals = [ { name = "wide", start = 8, length = 32 }, { name = "tail", start = 40, length = 3, min = 1, max = 6 } ]
+signals = [ {{ name = "wide", start = 8, length = 32 }}, {{ name = "tail", start = 40, length = 3, min = 1, max = 6 }} ]
 [message.THREE]
 id = 0x12
 sender = "controller"
 cycle_ms = 10
 signals = [
-  { name = "volts", start = 0, length = 8, signed = true, scale = 0.02, unit = "V", source = "volts_10mv" },
-  { name = "peak", start = 8, length = 8, signed = true, scale = 0.02, unit = "V", source = "peak_mv", ceiling = true },
-  { name = "hot", start = 16, length = 1 },
-  { name = "few", start = 17, length = 2 },
+  {{ name = "volts", start = 0, length = 8, signed = true, scale = 0.02, unit = "V", source = "volts_10mv" }},
+  {{ name = "peak", start = 8, length = 8, signed = true, scale = 0.02, unit = "V", source = "peak_mv", ceiling = true }},
+  {{ name = "hot", start = 16, length = 1 }},
+  {{ name = "few", start = 17, length = 2 }},
 ]
 [parameter.gain]
 default = 5
@@ -78,7 +88,41 @@ meaning = "the reach"
 test = "tests/test_reach.py::test_reach"
 """  # noqa: E501
 
+
+def _plan(nodes: int, *blocks: str) -> tuple[str, str]:
+    """Another [identifiers] in the place of the good one."""
+    listed = ", ".join(f"{{ {block} }}" for block in blocks)
+    return _PLAN, f"[identifiers]\nnodes = {nodes}\nblocks = [ {listed} ]\n"
+
+
+_ASKED = 'name = "asked", sender = "host", first = 0x10'
+_TOLD = 'name = "told", sender = "controller", first = 0x11'
+
 PLANTED = [
+    (*_plan(2, 'sender = "host", first = 0x10, size = 1'), "[identifiers], block number 1: 'name' is missing"),
+    (*_plan(0, f"{_ASKED}, size = 1"), "[identifiers]: 'nodes' must be 1 to 16, found 0"),
+    (*_plan(17, f"{_ASKED}, size = 1"), "[identifiers]: 'nodes' must be 1 to 16, found 17"),
+    (*_plan(2, f"{_ASKED}, size = 0"), "block asked: 'size' must be 1 to 64, found 0"),
+    (*_plan(2, f"{_ASKED}, size = 128"), "block asked: 'size' must be 1 to 64, found 128"),
+    (*_plan(2, f"{_ASKED}, size = 6"), "block asked: 'size' 6 must be a power of 2"),
+    (*_plan(2, f"{_ASKED}, size = 16, node_1 = 0x28, step = 16"), "and 'first', 'node_1' and 'step' multiples of it"),
+    (*_plan(2, f"{_ASKED}, size = 1, node_1 = 0x20"), "'node_1' and 'step' must be given together"),
+    (*_plan(2, f"{_ASKED}, size = 1, node_1 = -1"), "block asked: 'node_1' must be 0 to 2047, found -1"),
+    (*_plan(2, f"{_ASKED}, size = 1, step = -1"), "block asked: 'step' must be 0 to 2047, found -1"),
+    (*_plan(2, 'name = "a", sender = "host", first = 0x800, size = 1'), "'first' must be 0 to 2047, found 2048"),
+    (*_plan(2, f"{_ASKED}, size = 8"), "message TWO: id 0x011 is in no block of [identifiers] of its sender's"),
+    (
+        *_plan(2, f"{_ASKED}, size = 1", f"{_TOLD}, size = 1"),
+        "message THREE: id 0x012 is in no block of [identifiers] of its sender's",
+    ),
+    (
+        *_plan(2, f"{_ASKED}, size = 1, node_1 = 0x11, step = 1", f"{_TOLD}, size = 1"),
+        "block told, node 0: id 0x011 is already taken by block asked, node 1",
+    ),
+    (
+        *_plan(3, f"{_ASKED}, size = 8, node_1 = 0x7F8, step = 8"),
+        "block asked: node 2 goes beyond 0x7FF, the last identifier",
+    ),
     ("start = 2, length = 10", "start = 1, length = 10", "signal level: 'start' 1, 'length' 10: bit 1 overlaps"),
     ("start = 8, length = 32", "start = 40, length = 32", "signal wide: 'start' 40, 'length' 32: bits 40 to 71"),
     ("length = 32", "length = 31", "signal wide: 'length' must be at most 30, or 32, of an unsigned signal, found 31"),
@@ -92,7 +136,11 @@ PLANTED = [
     ("id = 0x11", 'id = "11"', "message TWO: 'id' must be an integer, found '11'"),
     ("id = 0x11", "id = true", "message TWO: 'id' must be an integer, found True"),
     ("id = 0x11\n", "", "message TWO: 'id' is missing"),
-    ('sender = "controller"', 'sender = "cat"', "message TWO: sender 'cat' is no node (known: controller, host)"),
+    (
+        'id = 0x11\nsender = "controller"',
+        'id = 0x11\nsender = "cat"',
+        "message TWO: sender 'cat' is no node (known: controller, host)",
+    ),
     ("min = -100", "min = -600", "message ONE, signal level: 'min' must be -512 to 511, found -600"),
     ("max = 100 }", "max = -101 }", "message ONE, signal level: 'max' must be -100 to 511, found -101"),
     ("scale = 0.5", "scale = 0.0", "message ONE, signal level: 'scale' must be a positive number, found 0.0"),

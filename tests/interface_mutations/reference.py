@@ -128,6 +128,24 @@ class Reference:
             if entry["value"] == "interface_identity":  # a hash of what the file says: there is no second way to it
                 entry["value"] = interface_identity(fitted(tomllib.loads(text)))
         self.messages = [self._message(name, table) for name, table in self.toml.get("message", {}).items()]
+        plan = self.toml["identifiers"]
+        self.nodes: int = plan["nodes"]
+        self.blocks = [{"node_1": b["first"], "step": 0} | b for b in plan["blocks"]]
+
+    def rows_of_blocks(self) -> list[tuple[int, ...]]:
+        """TERRAPIN_BLOCKS: first, node 1, step, size, and the protected identifiers, in two words; what a controller
+        receives comes first."""
+        rows = []
+        for role in (False, True):
+            for b in self.blocks:
+                if (b["sender"] == "controller") == role:
+                    own = [
+                        b["first"] + i in (m.id for m in self.messages if m.table.get("e2e", False)) for i in range(64)
+                    ]
+                    own[b["size"] :] = [False] * (64 - b["size"])
+                    words = [int("".join("01"[bit] for bit in reversed(half)), 2) for half in (own[:32], own[32:])]
+                    rows.append((b["first"], b["node_1"], b["step"], b["size"], *words))
+        return rows
 
     def _message(self, name: str, table: Mapping[str, Any]) -> Message:
         return Message(name, table, tuple(self._signal(entry) for entry in table["signals"]))
@@ -169,8 +187,8 @@ class Reference:
         return {
             **{key: t["controller"][key] for key in ("name", "version", "tick_hz")},
             "nodes": nodes,
-            "node_count": t["identifiers"]["nodes"],
-            "blocks": [{"node_1": b["first"], "step": 0} | b for b in t["identifiers"]["blocks"]],
+            "node_count": self.nodes,
+            "blocks": self.blocks,
             "enums": {name: entry["values"] for name, entry in t.get("enum", {}).items()},
             "messages": [
                 {
