@@ -333,6 +333,8 @@ def _plan(r: Reference, folder: Path) -> None:
     numbers = [int(number, 0) for number in re.findall(r"\b(0x[0-9A-F]+|[0-9]+)U", "".join(text))]
     rows = [tuple(numbers[i : i + 6]) for i in range(0, len(numbers), 6)]
     _need(rows == r.rows_of_blocks(), f"TERRAPIN_BLOCKS: {text}")
+    if not r.blocks:
+        return
     received = sum(b["sender"] != "controller" for b in r.blocks)
     for name, value in (("NODES", r.nodes), ("BLOCK_COUNT", len(r.blocks)), ("BLOCK_RECEIVED", received)):
         _need(f"#define TERRAPIN_{name} {value}U\n" in header, f"TERRAPIN_{name}")

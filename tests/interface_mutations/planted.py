@@ -10,6 +10,7 @@ blocks = [
   { name = "asked", sender = "host", first = 0x10, size = 1, node_1 = 0x20, step = 0x01 },
   { name = "told", sender = "controller", first = 0x11, size = 1, node_1 = 0x31, step = 0x01 },
   { name = "wide", sender = "controller", first = 0x12, size = 2, node_1 = 0x42, step = 0x02 },
+  { name = "more", sender = "controller", first = 0x14, size = 4, node_1 = 0x54, step = 0x04 },
   { name = "all", sender = "host", first = 0x7FF, size = 1 },
 ]
 """
@@ -53,6 +54,14 @@ signals = [
   {{ name = "hot", start = 16, length = 1 }},
   {{ name = "few", start = 17, length = 2 }},
 ]
+[message.FOUR]
+id = 0x14
+sender = "controller"
+signals = [ {{ name = "upper", start = 32, length = 1 }} ]
+[message.FIVE]
+id = 0x15
+sender = "controller"
+signals = [ {{ name = "last", start = 31, length = 1 }} ]
 [parameter.gain]
 default = 5
 min = -3

@@ -128,7 +128,7 @@ class Reference:
             if entry["value"] == "interface_identity":  # a hash of what the file says: there is no second way to it
                 entry["value"] = interface_identity(fitted(tomllib.loads(text)))
         self.messages = [self._message(name, table) for name, table in self.toml.get("message", {}).items()]
-        plan = self.toml["identifiers"]
+        plan = self.toml.get("identifiers", {"nodes": 1, "blocks": []})
         self.nodes: int = plan["nodes"]
         self.blocks = [{"node_1": b["first"], "step": 0} | b for b in plan["blocks"]]
 
