@@ -22,6 +22,7 @@ EVENTS = 500  # that are kept
 POINTS = 20_000  # of one plotted signal that are kept
 BLOCKS = 1000  # of frames within WINDOW, more than any poll makes: a bus whose clock stands still has no end to it
 IDENTIFIERS = 4096  # that are unknown and counted one by one; an extended one may be any of 2^29
+SAME_NODE = 4  # controllers with one number that are told, at most
 SILENT = 2.0  # s without a frame before the bus is called silent
 BACK, AHEAD = 0.5, 10.0  # s that a clock may step back (frames of several channels do), or a bus be silent, untold
 JUDGED = 50  # frames after which a DBC that knows few of them is told
@@ -204,9 +205,9 @@ class Live:
             self.tell(time, "parameter", f"{parameter.name} refused: {refused}" if refused else text)
 
     def _identity(self, table: Decoded) -> None:
-        """Two controllers that are the same node are told once."""
+        """Two controllers that are the same node are told once, and a few more."""
         for time, unique in zip(table.times.tolist(), table.signals["unique"].tolist(), strict=True):
-            if unique == unique and unique:
+            if unique == unique and unique and len(self._unique) < SAME_NODE:
                 new = int(unique) not in self._unique
                 self._unique[int(unique)] = time
                 if new and len(self._unique) > 1:
