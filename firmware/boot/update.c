@@ -214,14 +214,14 @@ static uint32_t accept_robot(terrapin_update *update, const terrapin_frame *fram
         return 0U;
     }
     uint8_t result = OK;
-    if (message.write == 0) {
-        /* only asked */
-    } else if (motor_on) {
-        result = TERRAPIN_UPDATE_RESULT_MOTOR_ON;
-    } else if (!terrapin_records_set_robot(update->boot->flash, (uint32_t)message.robot)) {
-        result = TERRAPIN_UPDATE_RESULT_FLASH;
-    } else {
-        /* another robot's from now on */
+    if (message.write != 0) { /* else it is only asked */
+        if (motor_on) {
+            result = TERRAPIN_UPDATE_RESULT_MOTOR_ON;
+        } else if (!terrapin_records_set_robot(update->boot->flash, (uint32_t)message.robot)) {
+            result = TERRAPIN_UPDATE_RESULT_FLASH;
+        } else {
+            /* another robot's from now on */
+        }
     }
     terrapin_records_read(update->boot->flash, &record);
     const terrapin_update_identity_t answer = {

@@ -123,7 +123,12 @@ class SoftGround:
     @property
     def base(self) -> str:
         """The base model whose effects on the soil it can have."""
-        return f"{self.shape}_contact"
+        return self.base_of(self.shape)
+
+    @staticmethod
+    def base_of(shape: Shape) -> str:
+        """That of the contact of a shell of this shape."""
+        return f"{shape}_contact"
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -64,8 +64,8 @@ class GripTable:
 def affects_soil(effect: Effect) -> bool:
     """Whether `effect` changes the soil of a whole run: an effect of a contact that needs no motion."""
     names = parse(effect.expression).names - {parameter.name for parameter in effect.parameters}
-    contacts = {"wheel_contact", "sphere_contact"} & set(effect.bases)
-    return bool(contacts) and effect.target in SOIL_TARGETS and names <= {"pass_", "moisture"}
+    contact = any(SoftGround.base_of(shape) in effect.bases for shape in get_args(Shape))
+    return contact and effect.target in SOIL_TARGETS and names <= {"pass_", "moisture"}
 
 
 def affected(
