@@ -113,7 +113,7 @@ static void judge(terrapin_state *state, const terrapin_inputs *inputs, uint32_t
         causes |= fault_bit(TERRAPIN_FAULT_OVERRUN);
     }
     /* What came now: s->request may be an older clear, when an IDLE holds and a RUN was refused. */
-    const bool clear = inputs->command_fresh && (inputs->command.request == (int32_t)TERRAPIN_REQUEST_CLEAR);
+    const bool clear = inputs->command_fresh && (inputs->command.request == (uint8_t)TERRAPIN_REQUEST_CLEAR);
     if (clear) {
         s->report = TERRAPIN_REPORT_NONE;
     }

@@ -10,14 +10,14 @@ health_verdict health_tick(health *h, bool good, bool bridge_on, bool trial) {
     } else {
         /* long enough */
     }
-    if (h->decided || bridge_on) {
-        /* not now */
-    } else if ((h->good_ms >= HEALTH_GOOD_MS) && h->heard) {
-        verdict = HEALTH_CONFIRM;
-    } else if (trial && (h->elapsed_ms >= HEALTH_LIMIT_MS)) {
-        verdict = HEALTH_FALL_BACK;
-    } else {
-        /* wait */
+    if (!h->decided && !bridge_on) {
+        if ((h->good_ms >= HEALTH_GOOD_MS) && h->heard) {
+            verdict = HEALTH_CONFIRM;
+        } else if (trial && (h->elapsed_ms >= HEALTH_LIMIT_MS)) {
+            verdict = HEALTH_FALL_BACK;
+        } else {
+            /* wait */
+        }
     }
     h->decided = h->decided || (verdict != HEALTH_OPEN);
     return verdict;
