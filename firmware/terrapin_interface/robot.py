@@ -449,24 +449,18 @@ def _check_drive(robot: Robot, inductance: float) -> None:
 
 def _check_sensors(robot: Robot) -> None:
     table, limits = robot.table, robot.limits
-    span = (CODES // 2 - 1) * robot.current_code
-    if span < limits["over_current"]:
-        origin = next((k for k in ("sensors.current.code", "sensors.current.shunt") if k in table), "board")
-        raise table.contradiction(
-            "limits.over_current",
-            f"{limits['over_current']:g} A",
-            f"at most {span:.4g} A, where the converter ends",
-            table.place(origin),
-        )
-    reach = (CODES - RAILS - 1) * robot.supply_code
-    if reach < limits["supply_high"]:
-        origin = next((k for k in ("sensors.supply.code", "sensors.supply.upper") if k in table), "board")
-        raise table.contradiction(
-            "limits.supply_high",
-            f"{limits['supply_high']:g} V",
-            f"at most {reach:.4g} V, where the converter ends",
-            table.place(origin),
-        )
+    for limit, reach, unit, sensor, part in (
+        ("over_current", (CODES // 2 - 1) * robot.current_code, "A", "sensors.current", "shunt"),
+        ("supply_high", (CODES - RAILS - 1) * robot.supply_code, "V", "sensors.supply", "upper"),
+    ):
+        if reach < limits[limit]:
+            origin = next((key for key in (f"{sensor}.code", f"{sensor}.{part}") if key in table), "board")
+            raise table.contradiction(
+                f"limits.{limit}",
+                f"{limits[limit]:g} {unit}",
+                f"at most {reach:.4g} {unit}, where the converter ends",
+                table.place(origin),
+            )
     rate = _counts_a_tick(robot.free_speed, robot.counts)
     if rate * FAST_TICKS >= 32768:
         raise table.contradiction(

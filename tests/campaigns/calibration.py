@@ -15,10 +15,9 @@ from __future__ import annotations
 import numpy as np
 
 from terrapin_hil.arrays import Array
-from terrapin_tools.workbench.compare.comparison import predict
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
-from tests.campaigns.discovery_cases import HIDDEN, ROLLING, Made, make
-from tests.campaigns.noises import disturbed, true_model
+from tests.campaigns.discovery_cases import HIDDEN, ROLLING, Made, make, unreached, without_noise
+from tests.campaigns.noises import disturbed
 from tests.campaigns.resumed import Record, parser_of, resumed
 
 __all__ = ["GROUPS", "expected_error", "fitted", "one"]
@@ -49,16 +48,6 @@ def _made(kind: str, random: Random) -> Made:
             return made
 
 
-def _hidden(made: Made, found: Discovery) -> float:
-    """What the present model, as it is fitted, leaves of the case without noise: squared, in noise sd, summed."""
-    model = true_model(made)
-    theta = np.array([made.theta[fitted.key] for fitted in model.fitted])
-    rows = found.analysis.rows
-    true: Array = model.bind(made.case.inputs, rows).predict(theta)
-    sigma = np.array([made.sigma[c] for c in model.channels])[:, None]
-    return float((((true - predict(found.analysis.fit, rows)) / sigma) ** 2).sum())
-
-
 def _right(made: Made, found: Discovery, left: float) -> bool:
     if found.verdict == "adequate":
         return left < SAME
@@ -77,7 +66,9 @@ def one(group: str, number: int, seed: int) -> Record:
     kind, family = KINDS[number % len(KINDS)], str(random.choice(GROUPS[group]))
     made = _made(kind, random)
     found = discover(disturbed(made, family, random), seed=number)
-    left = _hidden(made, found) if made.truth or made.column else 0.0
+    model, true = without_noise(made)
+    sigma = np.array([made.sigma[c] for c in model.channels])
+    left = unreached(found.analysis, true, sigma) if made.truth or made.column else 0.0
     return {
         "kind": kind,
         "noise": family,

@@ -18,10 +18,11 @@ import numpy.typing as npt
 from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_tools.workbench.bases import CHANNELS, ROLES
 from terrapin_tools.workbench.case.case import Case, load_case
+from terrapin_tools.workbench.compare.comparison import Analysis, predict
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.covariance import Node, Runs
 
-__all__ = ["CONTACT", "ROLLING", "Made", "confounded", "make"]
+__all__ = ["CONTACT", "ROLLING", "Made", "confounded", "make", "unreached", "without_noise"]
 
 Array = npt.NDArray[np.float64]
 
@@ -284,6 +285,24 @@ def _measure(
         {f.key: float(v) for f, v in zip(model.fitted, theta, strict=True)},
         library,
     )
+
+
+def without_noise(made: Made) -> tuple[Model, Array]:
+    """The model with what is hidden in it, a formula of no catalogue too, and what it predicts: (channels, rows)."""
+    model = Model.of(made.case, made.truth)
+    if made.column:
+        model = model.having(made.library["hidden"])
+    theta = np.array([made.theta[fitted.key] for fitted in model.fitted])
+    return model, model.bind(made.case.inputs).predict(theta)
+
+
+def unreached(analysis: Analysis, true: Array, sigma: Array) -> float:
+    """What the present model, as it is fitted, leaves of a case without noise: squared, in noise sd, summed.
+
+    true : (channels, rows of the case). sigma : (channels,), of the noise.
+    """
+    gap = true[:, analysis.rows] - predict(analysis.fit, analysis.rows)
+    return float(((gap / sigma[:, None]) ** 2).sum())
 
 
 def _sized(bound, absent: Array, at: int, size: float, scale: Array, random: np.random.Generator, name: str) -> float:  # type: ignore[no-untyped-def]

@@ -20,11 +20,10 @@ from scipy.signal import lfilter
 from terrapin_hil.arrays import Array, Index
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.discover.discovery import discover
-from terrapin_tools.workbench.model.model import Model
-from tests.campaigns.discovery_cases import ROLLING, Made, make
+from tests.campaigns.discovery_cases import ROLLING, Made, make, without_noise
 from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
 
-__all__ = ["FAMILIES", "disturbed", "true_model"]
+__all__ = ["FAMILIES", "disturbed"]
 
 Random = np.random.Generator
 Noise = Callable[[Index, Array, Random], Array]  # run and speed (rows,) to noise (rows,) in noise sd
@@ -99,19 +98,11 @@ FAMILIES: dict[str, Noise] = {
 }  # fmt: skip
 
 
-def true_model(made: Made) -> Model:
-    """The model of a made case with what is hidden in it, a formula of no catalogue included."""
-    model = Model.of(made.case, made.truth)
-    return model.having(made.library["hidden"]) if made.column else model
-
-
 def disturbed(made: Made, family: str, random: Random) -> Case:
     """The case of `made` with the noise of a family in the place of its own."""
-    case, model = made.case, true_model(made)
-    theta = np.array([made.theta[fitted.key] for fitted in model.fitted])
+    case, (model, predicted) = made.case, without_noise(made)
     speed = case.roles["omega"]
     sigma = np.array([made.sigma[c] for c in model.channels])[:, None]
-    predicted = model.bind(case.inputs).predict(theta)
     values = predicted + sigma * np.array([FAMILIES[family](case.run, speed, random) for _ in model.channels])
     stated, roles = {c: made.sigma[c] for c in model.channels}, dict(case.roles)
     if family == "quantised":

@@ -9,7 +9,7 @@ import numpy as np
 from terrapin_hil.physics.effects import catalogue
 from terrapin_hil.robot.compiled_effects import ActiveEffect
 from terrapin_hil.robot.plant import TERRAINS, Ground, Robot, Segment, Winding
-from terrapin_hil.robot.sensors import kit
+from terrapin_hil.robot.sensors import Adc, kit
 from terrapin_hil.scenario.scenario import Order, Scenario
 
 TABLE_1 = ("sand", "dry_peat", "red_terrain", "agricultural")
@@ -30,6 +30,17 @@ def level(terrain: str, steps: list[tuple[float, float]], duration: float) -> Sc
     )
 
 
+def ordinary_current(sensor: Adc, draw: np.random.Generator) -> Adc:
+    """A current measurement as an ordinary part errs: offset 2 LSB, INL a bow or an S, gain 0.5 % (sd each)."""
+    return replace(
+        sensor,
+        offset=2.0 * draw.standard_normal(),
+        inl=draw.choice([-1.0, 1.0]),
+        inl_cycles=draw.choice([0.5, 1.0]),
+        gain_error=0.005 * draw.standard_normal(),
+    )
+
+
 def ordinary_robot(seed: int) -> Scenario:
     """Calibrates on the floor, then rolls onto one of the four terrains; its parts err as ordinary parts do.
 
@@ -41,13 +52,7 @@ def ordinary_robot(seed: int) -> Scenario:
     nominal, parts = Robot(), kit("real")
     coefficient = 0.001  # 1/K
     temperature = 25.0 + 20.0 * draw.standard_normal()
-    current = replace(
-        parts.current,
-        offset=2.0 * draw.standard_normal(),
-        inl=draw.choice([-1.0, 1.0]),
-        inl_cycles=draw.choice([0.5, 1.0]),
-        gain_error=0.005 * draw.standard_normal(),
-    )
+    current = ordinary_current(parts.current, draw)
     reading = replace(parts.temperature, offset=2.0 * draw.standard_normal() / parts.temperature.lsb, gain_error=0.0)
     robot = replace(
         nominal,

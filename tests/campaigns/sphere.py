@@ -23,6 +23,7 @@ from terrapin_hil.robots import select
 from terrapin_hil.run.run import run
 from terrapin_hil.scenario.scenario import Order, Scenario, find_scenario, load_scenario
 from tests.campaigns.must_hold import Row
+from tests.campaigns.scenarios import ordinary_current
 
 STATES = Path(__file__).parents[1] / "python" / "data" / "sphere_robot.csv"
 RAMP, STEPS, SETTLED, DURATION = 20.0, 50, 40.0, 60.0  # s; orders; s; s
@@ -39,13 +40,7 @@ def ordinary_sphere(seed: int, state: dict[str, str]) -> Scenario:
     """The sphere in a steady state; errors drawn as in scenarios.ordinary_robot, friction as sphere.toml has it."""
     draw = np.random.default_rng([2024, seed])
     base, parts = load_scenario(find_scenario("level")), kit("real")
-    current = replace(
-        parts.current,
-        offset=2.0 * draw.standard_normal(),
-        inl=draw.choice([-1.0, 1.0]),
-        inl_cycles=draw.choice([0.5, 1.0]),
-        gain_error=0.005 * draw.standard_normal(),
-    )
+    current = ordinary_current(parts.current, draw)
     robot = replace(
         base.robot,
         coulomb=base.robot.coulomb + 0.060 * draw.standard_normal(),

@@ -19,12 +19,11 @@ from typing import Any
 import numpy as np
 
 from terrapin_tools.workbench.case.case import Case
-from terrapin_tools.workbench.compare.comparison import Analysis, predict
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.constants import constants, named
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.model.table_faults import at_fault
-from tests.campaigns.discovery_cases import ROLLING, Made, make
+from tests.campaigns.discovery_cases import ROLLING, make, unreached, without_noise
 from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
 
 __all__ = ["KINDS", "one", "spoilt"]
@@ -63,20 +62,6 @@ def _with(case: Case, name: str, values: Any, factor: float) -> Case:
     return replace(case, channels={**case.channels, name: values}, sigma=sigma)
 
 
-def _without_noise(made: Made) -> Case:
-    model = Model.of(made.case, ())
-    theta = np.array([made.theta[fitted.key] for fitted in model.fitted])
-    true = model.bind(made.case.inputs).predict(theta)
-    return replace(made.case, channels=dict(zip(model.channels, true, strict=True)))
-
-
-def _misfit(clean: Case, analysis: Analysis) -> float:
-    """What the present model, as it is fitted, leaves of the case without noise: squared, in noise sd, summed."""
-    rows = analysis.rows
-    gap = np.array([clean.channels[c][rows] for c in analysis.model.channels]) - predict(analysis.fit, rows)
-    return float(((gap / analysis.noise.sigma[:, None]) ** 2).sum())
-
-
 def one(base: str, kind: str, number: int, seed: int) -> Record:
     """Make and answer one case."""
     random = np.random.default_rng([seed, KINDS.index(kind), number])
@@ -89,10 +74,13 @@ def one(base: str, kind: str, number: int, seed: int) -> Record:
             case, truth = made.case, hidden[0]
             found = discover(case, seed=number)
             break
-        clean = spoilt(_without_noise(made), kind, deepcopy(random))[0]
+        model, true = without_noise(made)
+        clean = replace(made.case, channels=dict(zip(model.channels, true, strict=True)))
+        clean = spoilt(clean, kind, deepcopy(random))[0]
         case, truth = spoilt(made.case, kind, random)
         found = discover(case, seed=number)
-        if _misfit(clean, found.analysis) > SHOWS:
+        true = np.array([clean.channels[c] for c in model.channels])
+        if unreached(found.analysis, true, found.analysis.noise.sigma) > SHOWS:
             break
     told = [list(found.missing), *map(list, found.rivals)] if found.missing else []
     faulty = any(named(name) or at_fault(name) for name in found.missing)

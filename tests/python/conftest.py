@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from terrapin_hil.reading import ReadingError
+from terrapin_hil.scenario.scenario import load_scenario
 
 settings.register_profile("reproducible", derandomize=True)  # the same examples in every run
 settings.load_profile("reproducible")
@@ -25,3 +29,18 @@ def bounded() -> Iterator[None]:
     signal.setitimer(signal.ITIMER_PROF, LIMIT)
     yield
     signal.setitimer(signal.ITIMER_PROF, 0.0)
+
+
+@pytest.fixture
+def refused_scenario(tmp_path: Path) -> Callable[[str], str]:
+    """The one line with which the text of a scenario is refused."""
+
+    def refused(text: str) -> str:
+        file = tmp_path / "wrong.toml"
+        file.write_text(text, encoding="utf-8")
+        with pytest.raises(ReadingError) as found:
+            load_scenario(file)
+        assert "\n" not in str(found.value)
+        return str(found.value)
+
+    return refused

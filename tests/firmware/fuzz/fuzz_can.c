@@ -5,17 +5,12 @@
  * with the bridge on. */
 #include <stdlib.h>
 
+#include "check.h"
 #include "dispatch.h"
 #include "flash_emulated.c"
 #include "parameters.h"
 #include "terrapin_interface.h"
 
-#define CHECK(condition)                                                                                               \
-    do {                                                                                                               \
-        if (!(condition)) {                                                                                            \
-            abort();                                                                                                   \
-        }                                                                                                              \
-    } while (0)
 #define RECORD 11U
 #define PAGE   1024U /* one set */
 

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "check.h"
 #include "crc32.h"
 #include "flash_emulated.h"
 #include "image.h"
@@ -14,12 +15,6 @@
 #include "records.h"
 #include "terrapin_interface.h"
 
-#define CHECK(condition)                                                                                               \
-    do {                                                                                                               \
-        if (!(condition)) {                                                                                            \
-            abort();                                                                                                   \
-        }                                                                                                              \
-    } while (0)
 #define RECORD  20U
 #define PAGE    2048U /* two sets of parameters */
 #define SECTORS 7U

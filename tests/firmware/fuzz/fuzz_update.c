@@ -6,18 +6,12 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "check.h"
 #include "crc32.h"
 #include "flash_emulated.h"
 #include "layout.h"
 #include "terrapin_interface.h"
 #include "update.h"
-
-#define CHECK(condition)                                                                                               \
-    do {                                                                                                               \
-        if (!(condition)) {                                                                                            \
-            abort();                                                                                                   \
-        }                                                                                                              \
-    } while (0)
 
 #define SECTORS     7U
 #define FLASH_SIZE  (TERRAPIN_LAYOUT_SLOT_B + TERRAPIN_LAYOUT_SLOT_SIZE)
