@@ -15,12 +15,13 @@ from __future__ import annotations
 import numpy as np
 
 from terrapin_hil.arrays import Array
+from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from tests.campaigns.discovery_cases import HIDDEN, ROLLING, Made, make, unreached, without_noise
 from tests.campaigns.noises import disturbed
 from tests.campaigns.resumed import Record, parser_of, resumed
 
-__all__ = ["GROUPS", "expected_error", "fitted", "one"]
+__all__ = ["GROUPS", "drawn", "expected_error", "fitted", "one"]
 
 GROUPS = {
     "independent": ("white", "growing", "unlike", "quantised", "stated"),
@@ -60,12 +61,19 @@ def _right(made: Made, found: Discovery, left: float) -> bool:
     return len(first) == 1 and columns == {made.column}
 
 
-def one(group: str, number: int, seed: int) -> Record:
-    """Make and answer one case."""
+def drawn(group: str, number: int, seed: int) -> tuple[Made, Case, str]:
+    """One case with its answer, as it is measured, and the family of its noise."""
     random = np.random.default_rng([seed, sorted(GROUPS).index(group), number])
     kind, family = KINDS[number % len(KINDS)], str(random.choice(GROUPS[group]))
     made = _made(kind, random)
-    found = discover(disturbed(made, family, random), seed=number)
+    return made, disturbed(made, family, random), family
+
+
+def one(group: str, number: int, seed: int) -> Record:
+    """Make and answer one case."""
+    kind = KINDS[number % len(KINDS)]
+    made, case, family = drawn(group, number, seed)
+    found = discover(case, seed=number)
     model, true = without_noise(made)
     sigma = np.array([made.sigma[c] for c in model.channels])
     left = unreached(found.analysis, true, sigma) if made.truth or made.column else 0.0
