@@ -62,6 +62,11 @@ HEADINGS = {  # over the candidates, and what the number beside each of them is;
     "adequate": ("Too small to tell, if there at all", "probability to be there"),
     "unexplained": ("Nearest, if it is one of these", "probability, if one is it"),
 }
+SLOW = {  # noise that is alike over many rows
+    "run_offsets": "Runs differ by",
+    "drift": "Within its runs the data drift by",
+    "walk": "Over the whole test the data drift by",
+}
 BY_RUN = {"": "Which runs carry it", "adequate": "Residual by run"}
 FAULTS = ("constant", "table")  # kinds of candidates that are no effects
 LIKELIEST = "Add the likeliest"  # before a command
@@ -300,8 +305,7 @@ def noise_told(one: NoiseFinding, unit: str) -> str:
         stand = "row stands" if len(one.rows) == 1 else "rows stand"
         left = "is" if len(one.rows) == 1 else "are"
         return f"{len(one.rows)} {stand} apart from the others of the run and {left} left out: {few}."
-    what = "Runs differ by" if one.kind == "run_offsets" else "Within its runs the data drift by"
-    return f"{what} {value} in {one.channel} more than the model explains (probability {chance(one.probability)})."
+    return f"{SLOW[one.kind]} {value} in {one.channel} more than the model explains (probability {chance(one.probability)})."
 
 
 def title(one: Proposal, known: str) -> str:
