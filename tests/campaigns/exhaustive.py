@@ -4,10 +4,10 @@
     python -m tests.campaigns.exhaustive --part 1/4                   a quarter of the cases; parts merge
 
 BIC refits every set of at most two effects of the same catalogue, on all rows, under noise with a correlation and an
-offset a run, whose sizes it fits too; it is told nothing of the truth, and says what the set with the least BIC holds. A
-case is right as calibration.py counts it. A wrong claim is an answer that names something and is not right; of discovery
-that is `missing`, because only that names one set as the answer. Answers of discovery are those of calibration.py, which
-are made where they are not there yet.
+offset a run, whose sizes it fits too; it is told nothing of the truth, and says what the set with the least BIC holds.
+A case is right as calibration.py counts it. A wrong claim is an answer that names something and is not right; of
+discovery that is `missing`, because only that names one set as the answer. Answers of discovery are those of
+calibration.py, which are made where they are not there yet.
 """
 
 from __future__ import annotations

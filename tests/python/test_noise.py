@@ -154,14 +154,14 @@ def test_what_the_noise_is_like_is_told_and_no_effect(tmp_path: Path) -> None:
 
 
 def test_what_wanders_over_the_whole_test_is_no_effect() -> None:
-    """Runs in their order, a random walk of 0.5 sd: a column that falls from run to run looks like it, an effect not."""
+    """A random walk of 0.5 sd over the runs in their order looks like a column that falls from run to run."""
     _, case, noise = calibration.drawn("correlated", 18, 3)
     found = discover(case)
-    assert noise == "drift" and found.verdict == "adequate"
+    assert (noise, found.verdict) == ("drift", "adequate")
     assert any(note.startswith("Over the whole test the data drift by") for note in told(found.analysis).notes)
     made, case, noise = calibration.drawn("correlated", 13, 3)
     found = discover(case)
-    assert noise == "drift" and found.verdict == "missing" and found.missing == made.truth
+    assert (noise, found.verdict, found.missing) == ("drift", "missing", made.truth)
 
 
 @pytest.mark.parametrize("place", [*range(0, len(NODES), 5), len(NODES) - 1])

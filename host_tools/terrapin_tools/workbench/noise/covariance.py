@@ -266,7 +266,7 @@ class Runs:
         weight = self._weights[node]
         return np.asarray((weight @ sums.reshape(len(weight), 2, -1)).reshape(sums.shape))
 
-    # -- what wanders over the whole test --------------------------------------------------------------------------------
+    # -- what wanders over the whole test ------------------------------------------------------------------------------
 
     @cached_property
     def waves(self) -> Array:

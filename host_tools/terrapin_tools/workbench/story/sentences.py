@@ -305,7 +305,8 @@ def noise_told(one: NoiseFinding, unit: str) -> str:
         stand = "row stands" if len(one.rows) == 1 else "rows stand"
         left = "is" if len(one.rows) == 1 else "are"
         return f"{len(one.rows)} {stand} apart from the others of the run and {left} left out: {few}."
-    return f"{SLOW[one.kind]} {value} in {one.channel} more than the model explains (probability {chance(one.probability)})."
+    more = f"{SLOW[one.kind]} {value} in {one.channel} more than the model explains"
+    return f"{more} (probability {chance(one.probability)})."
 
 
 def title(one: Proposal, known: str) -> str:
