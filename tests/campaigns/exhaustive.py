@@ -50,13 +50,13 @@ class Whitening:
     def least(self, residual: Array, slopes: Array) -> float:
         """-2 log likelihood but for a constant: of the likeliest kind, size of the noise and step of the parameters."""
         both = np.concatenate([residual[:, None], slopes], axis=1)
-        found = []
+        found: list[float] = []
         for whole, log in self.kinds:
             parts = [solve_triangular(whole[: len(r), : len(r)], both[r], lower=True) for r in self.rows]
             white = np.concatenate(parts)
             y, x = white[:, 0], white[:, 1:]
             left = y - x @ np.linalg.lstsq(x, y, rcond=1e-10)[0] if x.shape[1] else y
-            found.append(len(y) * np.log(float(left @ left) / len(y)) + log)
+            found.append(len(y) * float(np.log(float(left @ left) / len(y))) + log)
         return min(found)
 
 
@@ -77,7 +77,8 @@ def chosen(case: Case) -> tuple[str, ...]:
         return whitening.least(residual[0], slopes[0]) + len(fit.theta) * float(np.log(rows.sum()))
 
     single = {name: larger(base, name) for name in names}
-    found = {(): criterion(base), **{(name,): criterion(fit) for name, fit in single.items()}}
+    found: dict[tuple[str, ...], float] = {(): criterion(base)}
+    found |= {(name,): criterion(fit) for name, fit in single.items()}
     for first, second in combinations(names, MOST):
         found[first, second] = criterion(larger(single[first], second))
     return min(found, key=lambda effects: found[effects])

@@ -317,7 +317,7 @@ class Runs:
         if node not in self._wave_turns:
             own = self._without_walk(self._filtered_waves(node.share, node.rho), node)
             u, s, _ = np.linalg.svd(node.walk * own, full_matrices=False)
-            self._wave_turns[node] = u * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + s * s))
+            self._wave_turns[node] = np.asarray(u * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + s * s)), dtype=np.float64)
         turn = self._wave_turns[node]
         return np.asarray(white - turn @ (turn.T @ white))
 
