@@ -304,7 +304,7 @@ class Runs:
     def wave_weight(self, node: Node) -> Array:
         """What Woodbury's identity takes off a product for the walk: (waves, waves)."""
         if node not in self._wave_weights:
-            self._wave_weights[node] = node.walk**2 * np.linalg.inv(self._wave_inner(node))
+            self._wave_weights[node] = np.asarray(node.walk**2 * np.linalg.inv(self._wave_inner(node)))
         return self._wave_weights[node]
 
     # -- whole vectors -----------------------------------------------------------------------------------------------
@@ -317,7 +317,7 @@ class Runs:
         if node not in self._wave_turns:
             own = self._without_walk(self._filtered_waves(node.share, node.rho), node)
             u, s, _ = np.linalg.svd(node.walk * own, full_matrices=False)
-            self._wave_turns[node] = np.asarray(u * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + s * s)), dtype=np.float64)
+            self._wave_turns[node] = u * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + s * s))
         turn = self._wave_turns[node]
         return np.asarray(white - turn @ (turn.T @ white))
 
