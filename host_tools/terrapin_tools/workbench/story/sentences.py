@@ -305,8 +305,8 @@ def noise_told(one: NoiseFinding, unit: str) -> str:
         stand = "row stands" if len(one.rows) == 1 else "rows stand"
         left = "is" if len(one.rows) == 1 else "are"
         return f"{len(one.rows)} {stand} apart from the others of the run and {left} left out: {few}."
-    more = f"{SLOW[one.kind]} {value} in {one.channel} more than the model explains"
-    return f"{more} (probability {chance(one.probability)})."
+    what = f"{SLOW[one.kind]} {value} in {one.channel} more than the model explains"
+    return f"{what} (probability {chance(one.probability)})."
 
 
 def title(one: Proposal, known: str) -> str:
