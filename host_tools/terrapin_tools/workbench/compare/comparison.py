@@ -75,10 +75,11 @@ class Analysis:
     # (channels, rows, count), in noise sd: what noise in the inputs does to the prediction (input_noise.py)
     nuisance: Array = field(repr=False)
     step: int = 1  # every how many rows of a run are looked at (thinned.py)
+    together: bool = False  # the search found what no single effect, column or run of the test shows
 
     @property
     def missing(self) -> bool:
-        return self.adequacy.p_value < self.level
+        return self.together or self.adequacy.p_value < self.level
 
 
 def measured(model: Model, rows: Mask) -> Array:
