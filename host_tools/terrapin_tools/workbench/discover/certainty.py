@@ -20,8 +20,8 @@ from terrapin_tools.workbench.noise.marginal_likelihood import SIZES
 __all__ = ["EVEN", "Operating", "calibrated", "operating_characteristic"]
 
 # log odds of being right = slope * log odds of the posterior + shift, by verdict, and for an effect to be part of it.
-# "nothing" is fitted to 240 cases of tests/campaigns/calibration.py (seeds 1 to 3; a third of them lacks nothing, effects
-# are of 1 to 3 sd); the other verdicts asked for nothing else than the posterior as it is.
+# "nothing" is fitted to 240 cases of tests/campaigns/calibration.py (seeds 1 to 3; a third of them lacks nothing, the
+# effects are of 1 to 3 sd); the other verdicts asked for nothing else than the posterior as it is.
 MAP = {
     "effect": (1.0, 0.0),
     "missing": (1.0, 0.0),
