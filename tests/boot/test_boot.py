@@ -115,6 +115,28 @@ def test_a_lost_confirmed_image_is_replaced_by_the_other(chip: Chip) -> None:
     assert chip.start() == "b"
 
 
+def test_without_a_confirmed_image_what_was_rejected_comes_last() -> None:
+    """Of two good images the one that nobody gave back; the other only when there is no better."""
+    chip = Chip(PUBLIC)
+    for rejected, other in (("a", "b"), ("b", "a")):
+        chip.put(rejected, image(rejected, "1.0.0"))
+        chip.put(other, image(other, "1.0.0"))
+        record = chip.record()
+        record.candidate, record.phase = SLOT[rejected], NONE
+        assert chip.lib.terrapin_records_append(chip.flash, record)
+        assert chip.start() == other
+        chip.put(other, b"")
+        assert chip.start() == rejected
+
+
+def test_what_waits_in_a_slot_counts_no_more_once_it_is_erased(chip: Chip) -> None:
+    assert send(chip, image("b", "1.1.0"), "b") == "ok"
+    assert chip.record().phase == PENDING
+    begin(chip, Sender(), image("b", "1.2.0"))
+    assert chip.record().phase == NONE
+    assert chip.start() == "a"
+
+
 def test_neither_the_running_nor_the_confirmed_slot_is_written(chip: Chip) -> None:
     assert send(chip, image("a", "2.0.0"), "a") == "slot_in_use"
     assert send(chip, image("b", "1.1.0"), "b") == "ok"
@@ -230,7 +252,9 @@ def test_frames_that_are_wrong_change_nothing(chip: Chip) -> None:
     assert chip.memory.operations == before
     assert chip.update.bad_crc >= 64
     assert chip.ask((identifier, good))["result"] == RESULT["ok"]
-    assert chip.accept(identifier, good) == []  # repeated
+    assert chip.update.repeated == 0
+    assert chip.accept(identifier, good) == []
+    assert chip.update.repeated == 1
 
 
 def test_query(chip: Chip) -> None:
