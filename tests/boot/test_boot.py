@@ -81,6 +81,27 @@ def test_the_floor_follows_one_image_behind(chip: Chip) -> None:
     assert send(chip, image("b", "1.2.0", counter=1), "b") == "counter_too_low"
     assert send(chip, image("b", "1.1.0", counter=2), "b") == "ok"
     assert chip.start() == "b"
+    assert chip.confirm()  # which raises the floor to 1.2.0: what went back starts all the same
+    assert chip.record().version.minor == 2
+    assert chip.start() == "b"
+    chip.put("b", b"")
+    chip.put("a", image("a", "1.1.5", counter=3))  # neither does the floor keep the last image that there is
+    assert chip.start() == "a"
+
+
+def test_what_cannot_be_written_down_is_not_tried() -> None:
+    chip = Chip(PUBLIC)
+    chip.put("a", image("a", "1.0.0"))
+    chip.put("b", image("b", "1.1.0"))
+    record = chip.record()
+    record.candidate, record.phase = SLOT["b"], PENDING
+    assert chip.lib.terrapin_records_append(chip.flash, record)
+    write = chip.flash.write
+    chip.flash.write = refused = chip.ffi.callback("bool(void *, uint32_t, const uint8_t *, uint32_t)", lambda *_: False)
+    assert chip.start() == "a"
+    assert refused
+    chip.flash.write = write
+    assert chip.start() == "b"
 
 
 def test_many_updates_fill_both_pages_of_records(chip: Chip) -> None:
@@ -191,6 +212,7 @@ def test_the_motor_is_on(chip: Chip) -> None:
 def test_reset_needs_its_key(chip: Chip) -> None:
     sender = Sender()
     assert chip.accept(*sender.frame("UPDATE_RESET", {"key": 1})) == []
+    assert chip.update.malformed == 1
     assert not chip.update.reset
     assert chip.ask(sender.frame("UPDATE_RESET", {"key": RESET_KEY, "stay": 1}))["result"] == RESULT["ok"]
     assert chip.update.reset
