@@ -97,7 +97,9 @@ def test_what_cannot_be_written_down_is_not_tried() -> None:
     record.candidate, record.phase = SLOT["b"], PENDING
     assert chip.lib.terrapin_records_append(chip.flash, record)
     write = chip.flash.write
-    chip.flash.write = refused = chip.ffi.callback("bool(void *, uint32_t, const uint8_t *, uint32_t)", lambda *_: False)
+    chip.flash.write = refused = chip.ffi.callback(
+        "bool(void *, uint32_t, const uint8_t *, uint32_t)", lambda *_: False
+    )
     assert chip.start() == "a"
     assert refused
     chip.flash.write = write
@@ -257,6 +259,22 @@ def test_flow_control(chip: Chip) -> None:
     assert block(9, first, good)[0] == "sequence"
     assert chip.ask(sender.frame("UPDATE_END", {"checksum": zlib.crc32(data)}))["result"] == RESULT["ok"]
     assert chip.start() == "b"
+
+
+def test_a_block_of_nothing(chip: Chip) -> None:
+    """When all is written nothing is left, not even a block of no bytes. (Found by the proof of update.c.)"""
+    data, sender = image("b", "1.1.0"), Sender()
+    begin(chip, sender, data)
+    for index in range((len(data) + 255) // 256):
+        body = data[256 * index : 256 * index + 256]
+        for frame in data_frames(body):
+            chip.accept(*frame)
+        values = {"index": index, "size": len(body), "checksum": zlib.crc32(body)}
+        assert chip.ask(sender.frame("UPDATE_BLOCK", values))["result"] == RESULT["ok"]
+    for index in (len(data) // 256, len(data) // 256 + 1):
+        values = {"index": index, "size": 0, "checksum": 0}
+        assert chip.ask(sender.frame("UPDATE_BLOCK", values))["result"] == RESULT["sequence"]
+    assert chip.ask(sender.frame("UPDATE_END", {"checksum": zlib.crc32(data)}))["result"] == RESULT["ok"]
 
 
 def test_frames_that_are_wrong_change_nothing(chip: Chip) -> None:

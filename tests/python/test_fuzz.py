@@ -21,6 +21,7 @@ MUTATIONS = 10_000
 BUGS = {
     "slcan": ("link/slcan.c", "parser->length < TERRAPIN_SLCAN_LINE_MAX", "parser->length <= TERRAPIN_SLCAN_LINE_MAX"),
     "can": ("link/dispatch.c", "if (link->test_mode) {", "if (true) {"),
+    "intake": ("link/intake.c", "if (!intake->stopped || !link->held) {", "if (!intake->stopped) {"),
     "step": ("core/supervisor.c", "causes |= fault_bit(TERRAPIN_FAULT_ESTOP);", ""),
     "readers": ("boot/records.c", "(record->confirmed <= (uint8_t)TERRAPIN_UPDATE_SLOT_B) &&\n           (", "("),
     "update": ("boot/update.c", " || (size != expected)", ""),

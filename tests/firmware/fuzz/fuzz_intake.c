@@ -22,7 +22,7 @@ typedef struct {
     terrapin_link link;
     terrapin_inputs inputs;
     uint32_t counter;     /* of the repaired frames */
-    uint32_t put;         /* numbers given, from 1 */
+    uint32_t put;         /* the number of the last one that waits, from 1 */
     uint32_t taken;       /* the last one that left */
     uint32_t superseded;  /* COMMANDs up to this one do not leave any more */
     uint32_t in_tick;     /* that left in this tick */
@@ -65,12 +65,13 @@ static void put(port *p, const terrapin_frame *frame) {
     const bool test_mode = p->link.test_mode;
     terrapin_stop_all_t stop;
     const bool stops = terrapin_decode_stop_all(frame, &stop) && (stop.request == TERRAPIN_REQUEST_IDLE);
-    p->put++;
-    p->number[p->put & 0xFFU] = p->put;
-    terrapin_intake_put(&p->intake, &p->link, state, &p->inputs, frame, (uint8_t)(p->put & 0xFFU));
+    const uint32_t number = p->put + 1U;
+    p->number[number & 0xFFU] = number;
+    terrapin_intake_put(&p->intake, &p->link, state, &p->inputs, frame, (uint8_t)(number & 0xFFU));
     CHECK((p->intake.count <= TERRAPIN_INTAKE_SIZE) && (p->intake.superseded <= p->intake.count));
     CHECK((p->intake.count == before) || (p->intake.count == (before + 1U)));
     CHECK((p->intake.lost == lost) || ((before == TERRAPIN_INTAKE_SIZE) && (p->intake.count == before)));
+    p->put += ((p->intake.count != before) || (p->intake.lost != lost)) ? 1U : 0U; /* it waits */
     if (stops && !test_mode) {
         CHECK(p->link.held && (p->intake.count == before));
     }
