@@ -389,6 +389,22 @@ static void test_a_bad_spot_moves_the_set_to_the_other_page(void) {
     }
 }
 
+/* A page takes the last set for which there is room to the byte. */
+static void test_a_page_is_filled_to_its_last_byte(void) {
+    const terrapin_flash_area two_each[2] = {{0U, 2U * SET_SIZE}, {PAGE, 2U * SET_SIZE}};
+    const uint32_t four[4] = {2U * SET_SIZE, PAGE - (2U * SET_SIZE), 2U * SET_SIZE, PAGE - (2U * SET_SIZE)};
+    terrapin_flash_emulated_init(&memory, bytes, four, 4U, 4U);
+    for (uint32_t generation = 1U; generation <= 5U; generation++) {
+        if (generation == 1U) {
+            TEST_ASSERT_TRUE(terrapin_store_open(&store, &flash, two_each));
+        }
+        const uint32_t before = memory.operations;
+        save_generation(generation);
+        const bool erases = (generation % 2U) == 1U;
+        TEST_ASSERT_EQUAL_UINT32((SET_SIZE / 4U) + (erases ? 1U : 0U), memory.operations - before);
+    }
+}
+
 /* Both pages fail under a save; the next one begins with an erase and writes over nothing (tearDown counts that). What
  * stands in flash counts meanwhile. */
 static void test_after_a_save_that_failed_in_both_pages(void) {
@@ -667,6 +683,7 @@ int main(void) {
     RUN_TEST(test_zeros_everywhere_are_damage);
     RUN_TEST(test_each_flipped_bit_of_the_newest_set_leaves_the_one_before);
     RUN_TEST(test_a_bad_spot_moves_the_set_to_the_other_page);
+    RUN_TEST(test_a_page_is_filled_to_its_last_byte);
     RUN_TEST(test_after_a_save_that_failed_in_both_pages);
     RUN_TEST(test_pages_of_one_set_in_either_order);
     RUN_TEST(test_pages_that_cannot_be_used_are_never_touched);
