@@ -42,6 +42,7 @@ def test_update_trial_confirmation(chip: Chip) -> None:
     assert chip.confirm()
     record = chip.record()
     assert (record.confirmed, record.phase, record.security_counter, record.version.minor) == (SLOT["b"], NONE, 1, 0)
+    assert (record.candidate, record.tries) == (0, 0)  # no longer one that may be rejected
     for _ in range(3):
         assert chip.start() == "b"
         assert chip.confirm()

@@ -60,6 +60,9 @@ PROOFS = (
         ("} else if (link->seal.key != NULL) {", "} else if (false) {"),
         ("(link->reply_counter < TERRAPIN_E2E_COUNTER_MAX) ?", "(link->reply_counter <= TERRAPIN_E2E_COUNTER_MAX) ?"),
     )),
+    Proof("service", 10, "link/service.c", (
+        ("i < service->outputs.frame_count;", "i <= service->outputs.frame_count;"),
+    )),
     Proof("update", 10, "boot/update.c", (
         (" || (size == 0U)", ""),
         ("update->filled < TERRAPIN_UPDATE_BLOCK", "update->filled <= TERRAPIN_UPDATE_BLOCK"),
