@@ -133,7 +133,7 @@ static void scan(terrapin_store *store, uint8_t page) {
     TERRAPIN_ASSERT(page < 2U);
     const terrapin_flash_area area = store->page[page];
     uint32_t at = 0U;
-    store->next[page] = 0U;
+    TERRAPIN_ASSERT(store->next[page] == 0U);
     while ((at + UNIT) <= area.size) {
         const uint32_t offset = area.offset + at;
         set_head head = {0};
