@@ -17,12 +17,14 @@ import pytest
 import tomlkit
 
 from terrapin_hil import paths
+from terrapin_hil.firmware import Firmware
 from terrapin_hil.robots import Robot, select
 from terrapin_hil.run.run import run
 from terrapin_hil.scenario.scenario import Scenario, load_scenario
 from terrapin_interface.description import load
 from terrapin_interface.robot import DEFAULT, find_robot, robots
 from tests.python.robot_files import set_fields
+from tests.target.replay import compensated, count_all, record, whole
 
 ROOT = Path(__file__).resolve().parents[2]
 BUDGET = tomllib.loads((Path(__file__).parent / "budget.toml").read_text())
@@ -114,6 +116,19 @@ def test_the_chip_gives_the_same_bits(robot: Robot, tmp_path: Path) -> None:
     chip, host = run(scenario, "qemu"), run(scenario)
     assert len(chip.records) == scenario.ticks
     assert chip.output_hash == host.output_hash
+
+
+@pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="qemu-system-arm is not installed")
+def test_its_step_is_within_the_budget(robot: Robot, tmp_path: Path) -> None:
+    """In its own scenarios, and with every compensation."""
+    firmware = Firmware.open()
+    own = sorted((paths.SCENARIOS / robot.name).glob("*.toml"))
+    recordings = [record(s, firmware=firmware) for s in (rolls(robot, tmp_path), *map(load_scenario, own))]
+    plain = [whole(counted) for counted in count_all(recordings, firmware)]
+    assert max(steps.max() for steps in plain) <= BUDGET["step"]["worst"]
+    everything = count_all([compensated(recording, firmware) for recording in recordings], firmware)
+    assert max(whole(counted).max() for counted in everything) <= BUDGET["step"]["extreme"]
+    assert sum(whole(counted).sum() for counted in everything) > sum(steps.sum() for steps in plain)
 
 
 def test_its_images_fit(robot: Robot) -> None:
