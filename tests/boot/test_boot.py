@@ -197,6 +197,25 @@ def test_an_announced_version_must_be_that_of_the_header(chip: Chip) -> None:
     assert chip.memory.operations == operations + 1  # the erase
 
 
+@pytest.mark.parametrize("fails", ["header", "flash"])
+def test_after_a_block_that_ended_it_an_update_begins_anew(chip: Chip, fails: str) -> None:
+    data, sender = image("b", "1.1.0"), Sender()
+    begin(chip, sender, data)
+    bad = image("b", "0.9.0") if fails == "header" else data
+    write = chip.flash.write
+    refused = chip.ffi.callback("bool(void *, uint32_t, const uint8_t *, uint32_t)", lambda *_: False)
+    if fails == "flash":
+        chip.flash.write = refused
+    answers = []
+    for block in (bad[:256], data[:256]):
+        for frame in data_frames(block):
+            chip.accept(*frame)
+        values = {"index": 0, "size": 256, "checksum": zlib.crc32(block)}
+        answers.append(chip.ask(sender.frame("UPDATE_BLOCK", values))["result"])
+        chip.flash.write = write
+    assert answers == [RESULT["not_an_image" if fails == "header" else "flash"], RESULT["sequence"]]
+
+
 def test_the_motor_is_on(chip: Chip) -> None:
     chip.motor_on = True
     before = chip.memory.operations

@@ -284,15 +284,29 @@ static void test_a_tick_is_spent_to_its_last_instruction(void) {
     wait_for(TERRAPIN_ID_UPDATE_DATA, 5U);
     TEST_ASSERT_EQUAL(11U, taken_in_a_tick());
     terrapin_intake_init(&intake);
-    wait_for(TERRAPIN_ID_COMMAND, 30U); /* 30 x 230 is 6,900, and 2 x 200 */
-    wait_for(TERRAPIN_ID_UPDATE_DATA, 2U);
-    TEST_ASSERT_EQUAL(32U, taken_in_a_tick());
+    wait_for(TERRAPIN_ID_COMMAND, 20U); /* 20 x 275 is 5,500, and 9 x 200: a tenth is too much */
+    wait_for(TERRAPIN_ID_UPDATE_DATA, 10U);
+    TEST_ASSERT_EQUAL(29U, taken_in_a_tick());
     state.drive.enable = true;
     terrapin_intake_init(&intake);
     wait_for(TERRAPIN_ID_PARAMETER_READ, 1U); /* 260, 430, and 3 x 110: a fourth is too much */
     wait_for(TERRAPIN_ID_PARAMETER_WRITE, 1U);
     wait_for(TERRAPIN_ID_SENSORS_SLOW, 9U);
     TEST_ASSERT_EQUAL(5U, taken_in_a_tick());
+}
+
+/* What an IDLE took out of turn is no longer there for those that wait: 200 of the next tick's 1,100. */
+static void test_an_idle_ahead_is_charged(void) {
+    const terrapin_command_t message = {.request = TERRAPIN_REQUEST_IDLE};
+    terrapin_frame idle;
+    TEST_ASSERT_TRUE(terrapin_encode_command(&message, &idle));
+    state.drive.enable = true;
+    terrapin_intake_init(&intake);
+    wait_for(TERRAPIN_ID_PARAMETER_READ, 9U);
+    TEST_ASSERT_EQUAL(4U, taken_in_a_tick());
+    terrapin_intake_put(&intake, &link, &state, &inputs, &idle, 0U); /* damaged, but tried */
+    TEST_ASSERT_EQUAL(3U, taken_in_a_tick());
+    TEST_ASSERT_EQUAL(2U, taken_in_a_tick());
 }
 
 /* Two IDLEs are taken out of turn in a tick, and two more in the next one. */
@@ -343,6 +357,7 @@ int main(void) {
     RUN_TEST(test_the_cipher_with_every_top_bit);
     RUN_TEST(test_every_answer_of_a_node);
     RUN_TEST(test_a_tick_is_spent_to_its_last_instruction);
+    RUN_TEST(test_an_idle_ahead_is_charged);
     RUN_TEST(test_two_idles_ahead_in_each_tick);
     RUN_TEST(test_refused_lines_are_counted_and_no_others);
     return UNITY_END();
