@@ -5,6 +5,27 @@ install(TARGETS terrapin-controller RUNTIME DESTINATION ${WHEEL_NATIVE} COMPONEN
 install(FILES ${CMAKE_CURRENT_LIST_DIR}/../core/terrapin.h DESTINATION ${WHEEL_NATIVE} COMPONENT python EXCLUDE_FROM_ALL)
 install(FILES
     ${GENERATED}/interface.json ${GENERATED}/interface.md ${GENERATED}/terrapin.dbc ${GENERATED}/terrapin_cdef.h
+    ${GENERATED}/robot.toml ${GENERATED}/board.toml
     DESTINATION ${WHEEL_NATIVE}/generated COMPONENT python EXCLUDE_FROM_ALL)
 install(DIRECTORY ${CMAKE_CURRENT_LIST_DIR}/../../cases/ DESTINATION terrapin_hil/_cases COMPONENT python EXCLUDE_FROM_ALL
     PATTERN ".terrapin" EXCLUDE)
+
+# The controllers of further robots, each a build of its own; the simulator is the same for all.
+set(TERRAPIN_WHEEL_ROBOTS "" CACHE STRING "Shipped robots whose controllers a wheel holds beside that of TERRAPIN_ROBOT")
+foreach(robot IN LISTS TERRAPIN_WHEEL_ROBOTS)
+    set(place ${CMAKE_BINARY_DIR}/robots/${robot})
+    add_custom_target(controller-${robot} ALL
+        COMMAND ${CMAKE_COMMAND} -S ${CMAKE_SOURCE_DIR} -B ${place} -G ${CMAKE_GENERATOR}
+            -DCMAKE_MAKE_PROGRAM=${CMAKE_MAKE_PROGRAM} -DCMAKE_C_COMPILER=${CMAKE_C_COMPILER}
+            -DCMAKE_BUILD_TYPE=${CMAKE_BUILD_TYPE} -DPython3_EXECUTABLE=${Python3_EXECUTABLE}
+            -DTERRAPIN_GPIO=${TERRAPIN_GPIO} -DTERRAPIN_HIL=OFF -DTERRAPIN_ROBOT=${robot}
+        COMMAND ${CMAKE_COMMAND} --build ${place} --target terrapin terrapin-controller interface
+        COMMENT "The controller of the robot ${robot}"
+        VERBATIM)
+    set(there ${WHEEL_NATIVE}/robots/${robot})
+    install(PROGRAMS ${place}/${CMAKE_SHARED_LIBRARY_PREFIX}terrapin${CMAKE_SHARED_LIBRARY_SUFFIX} ${place}/terrapin-controller
+        DESTINATION ${there} COMPONENT python EXCLUDE_FROM_ALL)
+    foreach(file interface.json interface.md terrapin.dbc terrapin_cdef.h robot.toml board.toml)
+        install(FILES ${place}/generated/${file} DESTINATION ${there}/generated COMPONENT python EXCLUDE_FROM_ALL)
+    endforeach()
+endforeach()

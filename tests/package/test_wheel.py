@@ -30,6 +30,7 @@ import pytest
 from terrapin_hil import paths
 from terrapin_hil.run.run import run as run_here
 from terrapin_hil.scenario.scenario import load_scenario
+from terrapin_interface.robot import find_robot, load_robot, robots
 
 PATIENCE = 240.0  # s for anything that is waited for
 STATIC = paths.ROOT / "host_tools/terrapin_tools/web/static"
@@ -46,6 +47,25 @@ def refuse(event, arguments):
             raise PermissionError(13, "the test's guard: a file of the repository", path)
 
 sys.addaudithook(refuse)
+"""
+
+
+ROLLS = """
+title = "It rolls"
+duration = "1 s"
+seed = 1
+checks = ["max(omega) > 1"]
+[robot]
+file = "{robot}"
+[sensors]
+kit = "ideal"
+[[path]]
+terrain = "hard_floor"
+[[operator]]
+at = "0.2 s"
+request = "run"
+control = "voltage"
+setpoint = "8 V"
 """
 
 
@@ -158,6 +178,18 @@ def test_a_run_is_that_of_the_tree(installed: Installed, scenario: str, link: st
     said = installed.terrapin(f"run {scenario} --link {link} --out {scenario}-{link}")
     expected = run_here(load_scenario(paths.SCENARIOS / f"{scenario}.toml")).output_hash
     assert expected in said
+
+
+@pytest.mark.parametrize("robot", ["cylinder", "sphere", "roller"])
+def test_every_shipped_robot_rolls(installed: Installed, robot: str) -> None:
+    """Its own controller is in the wheel, in process and behind a port."""
+    assert {"cylinder", "sphere", "roller"} == set(robots())
+    for link in ("inprocess", "pty"):
+        found = installed.run("terrapin", "param", "get", "radius", "--robot", robot, "--link", link)
+        value = load_robot(find_robot(robot)).plant["radius"]
+        assert float(found.stdout.split()[2]) == pytest.approx(value, rel=1e-6), link
+    (installed.folder / f"{robot}_rolls.toml").write_text(ROLLS.format(robot=robot), encoding="utf-8")
+    installed.run("terrapin", "run", f"{robot}_rolls.toml", "--robot", robot)
 
 
 def test_from_a_case_to_parameters(installed: Installed) -> None:
