@@ -19,6 +19,7 @@ static uint8_t kind_of(uint16_t id) {
         kind = (uint8_t)WRITE;
         break;
     case TERRAPIN_ID_PARAMETER_READ:
+    case TERRAPIN_ID_IDENTITY_READ:
         kind = (uint8_t)READ;
         break;
     case TERRAPIN_ID_TEST_MODE:

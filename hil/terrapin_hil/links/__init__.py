@@ -26,7 +26,8 @@ __all__ = ["LinkName", "LinkNameError", "open_link"]
 def open_link(name: str | LinkName, timeout: float = 2.0, **more: Any) -> Link:
     """The link of that name, open. `timeout` [s] bounds each wait for an answer.
 
-    `more` is what a kind of link takes by itself: `flash`, the file in which inprocess and pty keep parameters.
+    `more` is what a kind of link takes by itself: `flash`, the file in which inprocess and pty keep parameters;
+    `link_key`, the file of the link key that pty has.
     LinkNameError, or LinkError when it does not open.
     """
     found = LinkName.parse(name) if isinstance(name, str) else name
