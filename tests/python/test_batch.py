@@ -158,7 +158,7 @@ def test_each_run_is_written_before_the_next_begins(tmp_path: Path, monkeypatch:
         return answer(plan, row)
 
     monkeypatch.setattr(one_run, "_answer", counting)
-    one_run.journaled(plan, [Row(i, i) for i in range(5)], tmp_path)
+    one_run.work(plan, [Row(i, i) for i in range(5)], tmp_path)
     assert before == [0, 1, 2, 3, 4]
 
 

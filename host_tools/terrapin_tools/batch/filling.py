@@ -12,7 +12,7 @@ from pathlib import Path
 
 from terrapin_tools.batch.design import Row
 from terrapin_tools.batch.journal import Journal, read_journals
-from terrapin_tools.batch.one_run import Answer, Plan, journaled, lost, work
+from terrapin_tools.batch.one_run import Answer, Plan, work
 from terrapin_tools.workbench.fleet.pool import POLL, Future, Lost, Pool, pool
 
 __all__ = ["fill"]
@@ -48,7 +48,7 @@ def fill(
     """
     found = {number: Answer(**entry) for number, entry in read_journals(folder).items()}
     seen(list(found.values()))
-    filling = _Filling(plan, folder, bool(cluster), until_failed, found, seen, say)
+    filling = _Filling(plan, folder, None if cluster else folder, until_failed, found, seen, say)
     filling.per_task = 1 if cluster else max(1, min(MOST_PER_TASK, int(PER_TASK / duration)))
     filling.run(rows, jobs, cluster)
     return filling.in_order()
@@ -59,13 +59,13 @@ class _Filling:
         self,
         plan: Plan,
         folder: Path,
-        remote: bool,
+        journal: Path | None,  # the folder, where workers keep what they do themselves: on this machine
         until_failed: bool,
         found: dict[int, Answer],
         seen: Callable[[Sequence[Answer]], None],
         say: Callable[[str], None],
     ) -> None:
-        self.plan, self.folder, self.remote, self.until_failed = plan, folder, remote, until_failed
+        self.plan, self.folder, self.journal, self.until_failed = plan, folder, journal, until_failed
         self.found, self.seen, self.say = found, seen, say
         self.per_task = 1
         self.again: deque[list[Row]] = deque()  # of tasks whose worker died
@@ -82,7 +82,7 @@ class _Filling:
             while True:
                 room = (BUSY_THERE if cluster else BUSY) * workers.workers() - len(under_way)
                 while room > 0 and (task := self.again.popleft() if self.again else self._next(missing)):
-                    under_way.append((self._submit(workers, task), task))
+                    under_way.append((workers.submit(work, self.plan, task, self.journal), task))
                     room -= 1
                 if not under_way:
                     return
@@ -114,21 +114,13 @@ class _Filling:
         waiting = [*self.again, *(task for _, task in under_way)]
         return bool(waiting) and all(self._needless(row.number) for task in waiting for row in task)
 
-    def _submit(self, workers: Pool, task: list[Row]) -> Future:
-        if self.remote:
-            return workers.submit(work, self.plan, task)
-        return workers.submit(journaled, self.plan, task, self.folder)
-
     def _take(self, workers: Pool, future: Future, task: list[Row]) -> None:
         try:
             answers = future.result()
         except workers.died:
             self._repeat(workers, task)
             return
-        if self.remote:
-            for answer in answers:
-                Journal.mine(self.folder).write(vars(answer))
-        self._keep(answers)
+        self._keep(answers, self.journal is None)
 
     def _repeat(self, workers: Pool, task: list[Row]) -> None:
         """What a lost worker left: the run that it may have died of alone, the others as before."""
@@ -141,20 +133,16 @@ class _Filling:
         if left[1:]:
             self.again.append(left[1:])
         try:
-            if self.remote:
-                answers = workers.again(work, self.plan, left[:1])
-            else:
-                answers = workers.again(journaled, self.plan, left[:1], self.folder)
+            answers, new = workers.again(work, self.plan, left[:1], self.journal), self.journal is None
         except Lost as error:
-            answers = [lost(left[0], str(error))]
-            Journal.mine(self.folder).write(vars(answers[0]))
-        else:
-            if self.remote:
-                Journal.mine(self.folder).write(vars(answers[0]))
-        self._keep(answers)
+            answers, new = [Answer(left[0].number, False, str(error))], True
+        self._keep(answers, new)
 
-    def _keep(self, answers: Sequence[Answer]) -> None:
+    def _keep(self, answers: Sequence[Answer], new: bool = False) -> None:
+        """Takes answers; new ones are in no journal yet."""
         for answer in answers:
+            if new:
+                Journal.mine(self.folder).write(vars(answer))
             self.found[answer.number] = answer
             if not answer.passed and (self.first_failed is None or answer.number < self.first_failed):
                 self.first_failed = answer.number

@@ -23,7 +23,7 @@ from terrapin_tools.batch.journal import Journal
 from terrapin_tools.contact_error import contact_error
 from terrapin_tools.errors import UserError
 
-__all__ = ["CONTACT_ERROR", "METRICS", "Answer", "Plan", "journaled", "lost", "refuse_ends", "scenario_of", "work"]
+__all__ = ["CONTACT_ERROR", "METRICS", "Answer", "Plan", "refuse_ends", "scenario_of", "work"]
 
 METRICS = ("last(position)", "max(abs(slip))", "max(abs(current))", "max(winding_temperature)")
 CONTACT_ERROR = "contact_error"  # rms error of C_t [N m], as `terrapin run --parameters` states it
@@ -83,18 +83,11 @@ def refuse_ends(plan: Plan, varied: Iterable[Varied]) -> None:
             raise UserError(f"--metric {text!r}: {error}") from None
 
 
-def work(plan: Plan, rows: Iterable[Row]) -> list[Answer]:
-    """The answers to some rows. Whatever is wrong with one is in its `error`."""
-    from threadpoolctl import threadpool_limits
+def work(plan: Plan, rows: Iterable[Row], folder: Path | None = None) -> list[Answer]:
+    """The answers to some rows. Whatever is wrong with one is in its `error`.
 
-    with threadpool_limits(limits=1):
-        return [_answer(plan, row) for row in rows]
-
-
-def journaled(plan: Plan, rows: Iterable[Row], folder: Path) -> list[Answer]:
-    """`work`, each answer written to this process's journal in the folder before the next run begins.
-
-    UserError when it cannot be written.
+    With a folder, each answer is in this process's journal there before the next run begins; UserError when it cannot
+    be written.
     """
     from threadpoolctl import threadpool_limits
 
@@ -102,19 +95,18 @@ def journaled(plan: Plan, rows: Iterable[Row], folder: Path) -> list[Answer]:
     with threadpool_limits(limits=1):
         for row in rows:
             answers.append(_answer(plan, row))
-            Journal.mine(folder).write(vars(answers[-1]))
+            if folder is not None:
+                Journal.mine(folder).write(vars(answers[-1]))
     return answers
 
 
 def _answer(plan: Plan, row: Row) -> Answer:
     try:
         return _held(plan, row, run(scenario_of(plan, row)))
-    except UserError as error:  # values that do not go together, a robot that runs away
+    except (UserError, ValueError) as error:  # values that do not go together, a robot that runs away
         return Answer(row.number, False, str(error))
     except MemoryError:
         return Answer(row.number, False, "out of memory")
-    except ValueError as error:  # the controller refuses its parameters
-        return Answer(row.number, False, str(error))
 
 
 def _held(plan: Plan, row: Row, result: Result) -> Answer:
@@ -126,8 +118,3 @@ def _held(plan: Plan, row: Row, result: Result) -> Answer:
         numbers |= outcome.numbers
     checks = {outcome.text: outcome.passed for outcome in result.outcomes}
     return Answer(row.number, result.passed, "", checks, numbers, result.output_hash)
-
-
-def lost(row: Row, reason: str) -> Answer:
-    """Of a run that took its worker down again and again."""
-    return Answer(row.number, False, reason)

@@ -76,26 +76,6 @@ class LawFit:
     by_size: dict[float, float]  # size [m] -> rms of its rows when it was left out
 
 
-def _power(q: Array, b: Array, z: Array, reference: float) -> Array:
-    return np.asarray(q[0] * z ** q[1])
-
-
-def _bekker(q: Array, b: Array, z: Array, reference: float) -> Array:
-    return np.asarray((q[0] / b + q[1]) * z ** q[2])
-
-
-def _reece(q: Array, b: Array, z: Array, reference: float) -> Array:
-    return np.asarray((q[0] + q[1] * b) * (z / b) ** q[2])
-
-
-def _linear(q: Array, b: Array, z: Array, reference: float) -> Array:
-    return np.asarray(q[0] * z ** (q[1] + q[2] * (b / reference - 1.0)))
-
-
-def _log(q: Array, b: Array, z: Array, reference: float) -> Array:
-    return np.asarray(q[0] * z ** (q[1] + q[2] * np.log(b / reference)))
-
-
 def _per(power: float) -> str:
     """Pa/m^power.
 
@@ -113,7 +93,7 @@ LAWS: Mapping[str, Law] = {
             "power",
             "p = k z^n",
             ("k", "n"),
-            _power,
+            lambda q, b, z, reference: q[0] * z ** q[1],
             lambda k, n, b: (k, n),
             lambda q: (_per(float(q[1])), "1"),
         ),
@@ -121,7 +101,7 @@ LAWS: Mapping[str, Law] = {
             "bekker",
             "p = (k_c / b + k_phi) z^n",
             ("k_c", "k_phi", "n"),
-            _bekker,
+            lambda q, b, z, reference: (q[0] / b + q[1]) * z ** q[2],
             lambda k, n, b: (0.0, k, n),
             lambda q: (_per(float(q[2]) - 1.0), _per(float(q[2])), "1"),
         ),
@@ -129,7 +109,7 @@ LAWS: Mapping[str, Law] = {
             "reece",
             "p = (k_c + k_phi b) (z / b)^n",
             ("k_c", "k_phi", "n"),
-            _reece,
+            lambda q, b, z, reference: (q[0] + q[1] * b) * (z / b) ** q[2],
             lambda k, n, b: (0.0, k * b ** (n - 1.0), n),
             lambda q: ("Pa", "Pa/m", "1"),
         ),
@@ -137,7 +117,7 @@ LAWS: Mapping[str, Law] = {
             "exponent_linear",
             "p = p_1 (z / 1 m)^(n_0 + n_1 (b / b_r - 1))",
             ("p_1", "n_0", "n_1"),
-            _linear,
+            lambda q, b, z, reference: q[0] * z ** (q[1] + q[2] * (b / reference - 1.0)),
             lambda k, n, b: (k, n, 0.0),
             lambda q: ("Pa", "1", "1"),
         ),
@@ -145,7 +125,7 @@ LAWS: Mapping[str, Law] = {
             "exponent_log",
             "p = p_1 (z / 1 m)^(n_0 + n_1 ln(b / b_r))",
             ("p_1", "n_0", "n_1"),
-            _log,
+            lambda q, b, z, reference: q[0] * z ** (q[1] + q[2] * np.log(b / reference)),
             lambda k, n, b: (k, n, 0.0),
             lambda q: ("Pa", "1", "1"),
         ),

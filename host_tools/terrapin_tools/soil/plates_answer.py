@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from terrapin_tools.soil.plates import LawFit, Plates, analyse, replicate_sd
+from terrapin_tools.soil.panels import panels
+from terrapin_tools.soil.plates import LawFit, Plates, analyse, fit, replicate_sd
 
 __all__ = ["answer", "describe", "plot"]
 
@@ -85,41 +86,28 @@ def describe(result: dict[str, Any]) -> str:
 
 def plot(result: dict[str, Any], fits: list[LawFit], plates: Plates, file: Path) -> None:
     """Pressure against depth with the best law and Bekker's, each size predicted by the others; errors as bars."""
-    import matplotlib
+    from matplotlib import colormaps
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    from terrapin_tools.soil.plates import fit
-
-    pyplot.rcParams["svg.hashsalt"] = "terrapin"
-    figure, (left, right) = pyplot.subplots(
-        1, 2, figsize=(11.0, 4.6), layout="constrained", gridspec_kw={"width_ratios": [2, 1]}
-    )
     best = next(f for f in fits if f.law.name == result["best"])
     bekker = next(f for f in fits if f.law.name == "bekker")
-    for size, color in zip(plates.sizes, pyplot.cm.viridis(np.linspace(0.05, 0.8, len(plates.sizes))), strict=True):
-        rows = plates.size == size
-        left.plot(1e3 * plates.depth[rows], 1e-3 * plates.pressure[rows], ".", color=color, ms=4)
-        z = np.linspace(1e-4, float(plates.depth[rows].max()), 80)
-        b = np.full(z.size, size)
-        for f, style in ((best, "-"), (bekker, "--")):
-            q = fit(f.law, plates, ~rows)
-            label = f"{1e3 * size:g} mm, {f.law.name}"
-            left.plot(1e3 * z, 1e-3 * f.law.pressure(q, b, z, plates.reference), style, color=color, label=label)
-    left.set_xlabel("sinkage, mm")
-    left.set_ylabel("pressure, kPa")
-    left.set_title("each size as the other sizes predict it", fontsize=10)
-    left.legend(frameon=False, fontsize=8)
-    names = [f.law.name for f in fits]
-    right.barh(names[::-1], [1e-3 * f.left_out for f in fits][::-1], color="#2f6fdb")
-    right.set_xlabel("error with a size left out, kPa")
-    if result["replicate_sd"] is not None:
-        right.axvline(1e-3 * result["replicate_sd"], color="#158a74", lw=1, ls="--", label="sd between repeats")
-        right.legend(frameon=False, fontsize=8)
-    for axis in (left, right):
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.grid(alpha=0.25)
-    metadata = {"Date": None} if file.suffix.lower() == ".svg" else {"Software": None}
-    figure.savefig(file, metadata=metadata, dpi=110)
-    pyplot.close(figure)
+    with panels(file, (11.0, 4.6), (2, 1)) as (left, right):
+        for size, color in zip(
+            plates.sizes, colormaps["viridis"](np.linspace(0.05, 0.8, len(plates.sizes))), strict=True
+        ):
+            rows = plates.size == size
+            left.plot(1e3 * plates.depth[rows], 1e-3 * plates.pressure[rows], ".", color=color, ms=4)
+            z = np.linspace(1e-4, float(plates.depth[rows].max()), 80)
+            b = np.full(z.size, size)
+            for f, style in ((best, "-"), (bekker, "--")):
+                q = fit(f.law, plates, ~rows)
+                label = f"{1e3 * size:g} mm, {f.law.name}"
+                left.plot(1e3 * z, 1e-3 * f.law.pressure(q, b, z, plates.reference), style, color=color, label=label)
+        left.set(xlabel="sinkage, mm", ylabel="pressure, kPa")
+        left.set_title("each size as the other sizes predict it", fontsize=10)
+        left.legend()
+        names = [f.law.name for f in fits]
+        right.barh(names[::-1], [1e-3 * f.left_out for f in fits][::-1], color="#2f6fdb")
+        right.set_xlabel("error with a size left out, kPa")
+        if result["replicate_sd"] is not None:
+            right.axvline(1e-3 * result["replicate_sd"], color="#158a74", lw=1, ls="--", label="sd between repeats")
+            right.legend()

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from terrapin_hil.physics import wheel
+from terrapin_tools.soil.panels import panels
 from terrapin_tools.soil.region import LEVEL, explore, single, strengths
 from terrapin_tools.soil.tactile import Fit, Unsolved, fit, predict
 from terrapin_tools.soil.tactile_case import MOST_SLIP, TactileCase
@@ -247,50 +248,39 @@ def _unidentified(result: dict[str, Any]) -> list[str]:
 
 def plot(result: dict[str, Any], file: Path) -> None:
     """The joint region of cohesion and friction angle, and the margin of each point; only of an identified answer."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    pyplot.rcParams["svg.hashsalt"] = "terrapin"
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(10.0, 4.0), layout="constrained")
     outline = result["region"]["outline"]
     cohesion, friction = (result["parameters"][name] for name in ("cohesion", "friction_angle"))
     closed = [*range(len(outline["cohesion"])), 0]
-    left.fill(
-        [1e-3 * outline["cohesion"][i] for i in closed],
-        [float(np.degrees(outline["friction_angle"][i])) for i in closed],
-        color="#2f6fdb",
-        alpha=0.2,
-        label=f"joint 95 % region ({result['region']['kind']})",
-    )
-    left.errorbar(
-        1e-3 * cohesion["value"],
-        np.degrees(friction["value"]),
-        xerr=[[1e-3 * abs(end - cohesion["value"])] for end in cohesion["interval"]],
-        yerr=[[float(np.degrees(abs(end - friction["value"])))] for end in friction["interval"]],
-        fmt="o",
-        color="#2f6fdb",
-        label="95 % intervals of one",
-    )
-    left.set(xlabel="cohesion, kPa", ylabel="friction angle, deg")
-    left.legend(frameon=False, fontsize=8)
     points = result["traversability"]["points"]
-    right.errorbar(
-        [p["slip"] for p in points],
-        [p["margin"] for p in points],
-        yerr=[1.96 * p["margin_sd"] for p in points],
-        fmt="o",
-        ms=4,
-        color="#158a74",
-    )
-    for p in points:
-        right.annotate(f" {p['load']:.3g} N", (p["slip"], p["margin"]), fontsize=7)
-    right.axhline(result["traversability"]["least_margin"], color="#d0405a", lw=1, ls="--", label="least margin")
-    right.set(xlabel="slip", ylabel="margin 1 - tau / tau_max (Eq. 11)", ylim=(0.0, 1.0))
-    right.legend(frameon=False, fontsize=8)
-    for axis in (left, right):
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.grid(alpha=0.25)
-    figure.savefig(file, metadata={"Date": None} if file.suffix.lower() == ".svg" else {"Software": None}, dpi=110)
-    pyplot.close(figure)
+    with panels(file, (10.0, 4.0)) as (left, right):
+        left.fill(
+            [1e-3 * outline["cohesion"][i] for i in closed],
+            [float(np.degrees(outline["friction_angle"][i])) for i in closed],
+            color="#2f6fdb",
+            alpha=0.2,
+            label=f"joint 95 % region ({result['region']['kind']})",
+        )
+        left.errorbar(
+            1e-3 * cohesion["value"],
+            np.degrees(friction["value"]),
+            xerr=[[1e-3 * abs(end - cohesion["value"])] for end in cohesion["interval"]],
+            yerr=[[float(np.degrees(abs(end - friction["value"])))] for end in friction["interval"]],
+            fmt="o",
+            color="#2f6fdb",
+            label="95 % intervals of one",
+        )
+        left.set(xlabel="cohesion, kPa", ylabel="friction angle, deg")
+        left.legend()
+        right.errorbar(
+            [p["slip"] for p in points],
+            [p["margin"] for p in points],
+            yerr=[1.96 * p["margin_sd"] for p in points],
+            fmt="o",
+            ms=4,
+            color="#158a74",
+        )
+        for p in points:
+            right.annotate(f" {p['load']:.3g} N", (p["slip"], p["margin"]), fontsize=7)
+        right.axhline(result["traversability"]["least_margin"], color="#d0405a", lw=1, ls="--", label="least margin")
+        right.set(xlabel="slip", ylabel="margin 1 - tau / tau_max (Eq. 11)", ylim=(0.0, 1.0))
+        right.legend()
