@@ -26,8 +26,9 @@ check: ## formatting, types, static analysis, MISRA, hygiene; would tests see a 
 bench: ## speed of simulator and link, instructions of one step
 	@tests/setup/setup.sh bench && tests/tools/build.sh host && .venv/bin/python tests/tools/bench.py
 
-campaigns: ## how often discovery is right: every bound, measured on cases with known answers (hours; ARGS="--cases 100")
-	@tests/setup/setup.sh test && tests/tools/build.sh host && .venv/bin/python -m tests.campaigns $(ARGS)
+campaigns: ## how often discovery is right, and whether tests see slips: every bound, on known answers (hours, the mutants a day; ARGS="--cases 100")
+	@tests/setup/setup.sh test && UNITY_ROOT=$$(tests/setup/unity.sh) tests/tools/build.sh host \
+		&& .venv/bin/python -m tests.campaigns $(ARGS)
 
 mutants: ## would a slip be seen? in the firmware's C (1,000 of them; ARGS=--whole), in controller.toml and its generator (2 h)
 	@tests/setup/setup.sh test && UNITY_ROOT=$$(tests/setup/unity.sh) tests/tools/build.sh host \

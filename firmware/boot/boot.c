@@ -132,6 +132,9 @@ bool terrapin_boot_confirm(const terrapin_boot *boot, uint8_t running) {
         return false;
     }
     raise_floor(boot, (record.confirmed != NONE) ? record.confirmed : running, &record);
+    if (record.security_counter > image.security_counter) { /* it went back: a floor above it would lock it out */
+        record.security_counter = image.security_counter;
+    }
     record.confirmed = running;
     if (record.robot == 0U) { /* the first image that starts well says whose this controller is */
         record.robot = image.robot;

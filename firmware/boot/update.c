@@ -91,6 +91,7 @@ static void accept_data(terrapin_update *update, const terrapin_frame *frame) {
     }
     TERRAPIN_ASSERT((update->filled <= (TERRAPIN_UPDATE_BLOCK + 8U)) && ((update->filled % 8U) == 0U));
     if (update->filled < TERRAPIN_UPDATE_BLOCK) {
+        TERRAPIN_ASSERT((update->filled + 8U) <= TERRAPIN_UPDATE_BLOCK);
         for (uint32_t i = 0U; i < 8U; i++) {
             update->block[update->filled + i] = frame->data[i];
         }
@@ -126,7 +127,7 @@ static uint8_t take_block(terrapin_update *update, const terrapin_update_block_t
         (index == ((update->written - 1U) / TERRAPIN_UPDATE_BLOCK))) {
         return OK; /* our answer was lost: it is written already */
     }
-    if ((index != next) || (size != expected)) {
+    if ((index != next) || (size != expected) || (size == 0U)) { /* none is left once all is written */
         return TERRAPIN_UPDATE_RESULT_SEQUENCE;
     }
     /* Data comes in eights: a last block may end in the middle of one. */

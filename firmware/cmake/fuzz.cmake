@@ -4,7 +4,7 @@ set(FUZZ_DIR ${CMAKE_SOURCE_DIR}/tests/firmware/fuzz)
 set(FUZZ_SECONDS 10 CACHE STRING "Seconds that one libFuzzer test runs")
 set(FUZZ_MUTATIONS 50000 CACHE STRING "Mutated inputs that one test without libFuzzer runs")
 
-foreach(name slcan can step readers update)
+foreach(name slcan can intake step readers update)
     add_executable(fuzz_${name} ${FUZZ_DIR}/fuzz_${name}.c)
     target_link_libraries(fuzz_${name} PRIVATE core_objects link_objects)
     if(name MATCHES "^(update|readers)$")

@@ -10,6 +10,16 @@ file(GLOB ROBOT_FILES CONFIGURE_DEPENDS ${INTERFACE_DIR}/robots/*.toml
 if(EXISTS ${TERRAPIN_ROBOT})
     list(APPEND ROBOT_FILES ${TERRAPIN_ROBOT})
 endif()
+# The images are named after its board.
+execute_process(COMMAND ${Python3_EXECUTABLE} -B ${INTERFACE_DIR}/generate.py --board --robot ${TERRAPIN_ROBOT}
+    OUTPUT_VARIABLE ROBOT_BOARD ERROR_VARIABLE wrong RESULT_VARIABLE failed)
+if(failed)
+    message(FATAL_ERROR "${wrong}")
+endif()
+list(GET ROBOT_BOARD 1 BOARD_FILE)
+list(GET ROBOT_BOARD 0 ROBOT_BOARD)
+list(APPEND ROBOT_FILES ${BOARD_FILE})
+set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${ROBOT_FILES})
 set(CDEF_HEADERS
     ${CMAKE_SOURCE_DIR}/firmware/core/terrapin.h
     ${CMAKE_SOURCE_DIR}/firmware/link/slcan.h
@@ -29,7 +39,7 @@ add_custom_command(
     OUTPUT ${GENERATED}/stamp
     BYPRODUCTS
         ${GENERATED}/terrapin_interface.c ${GENERATED}/terrapin_interface.h ${GENERATED}/terrapin_pack.h ${GENERATED}/terrapin_scaling.h ${GENERATED}/terrapin_cdef.h
-        ${GENERATED}/terrapin.dbc ${GENERATED}/interface.json ${GENERATED}/interface.md ${GENERATED}/robot.toml
+        ${GENERATED}/terrapin.dbc ${GENERATED}/interface.json ${GENERATED}/interface.md ${GENERATED}/robot.toml ${GENERATED}/board.toml ${GENERATED}/terrapin_board.h
     COMMAND ${CMAKE_COMMAND} -E make_directory ${GENERATED}
     COMMAND ${CMAKE_COMMAND} -E touch ${GENERATED}/stamp.begun
     COMMAND ${Python3_EXECUTABLE} -B ${INTERFACE_DIR}/generate.py --out ${GENERATED} --robot ${TERRAPIN_ROBOT} ${HEADER_OPTIONS}

@@ -1,7 +1,7 @@
 # Images for the STM32F405 (firmware/ports/stm32f405): each board alone at the start of flash, and for slots A and B of the
 # boot loader, with room for MCUboot's header in front. Desk images have the test mode, production images do not.
 set(F405_DIR ${CMAKE_SOURCE_DIR}/firmware/ports/stm32f405)
-set(F405_BOARDS f405_h_bridge emulated)
+set(F405_BOARDS ${ROBOT_BOARD} emulated) # terrapin_board.h is the first one's; the second is that on QEMU's machine
 set(F405_PLACES "alone|0x08000000|0|0x20000" "slot-a|0x08020000|0x200|0x20000" "slot-b|0x08040000|0x200|0x20000")
 find_program(TARGET_OBJCOPY arm-none-eabi-objcopy REQUIRED)
 
@@ -34,7 +34,7 @@ foreach(board IN LISTS F405_BOARDS)
     target_include_directories(f405_${board} PRIVATE ${CMAKE_SOURCE_DIR}/firmware/boot)
     add_dependencies(f405_${board} boot_key)
     target_compile_options(f405_${board} PRIVATE ${STRICT} -ffunction-sections -fdata-sections)
-    target_compile_definitions(f405_${board} PRIVATE TERRAPIN_BOARD="boards/${board}.h")
+    target_compile_definitions(f405_${board} PRIVATE TERRAPIN_BOARD="$<IF:$<STREQUAL:${board},emulated>,boards/emulated.h,terrapin_board.h>")
     foreach(place IN LISTS F405_PLACES)
         string(REPLACE "|" ";" words ${place})
         list(GET words 0 name)

@@ -25,16 +25,18 @@ INTEGER_INLINE void clear_four(volatile state_word *word) {
     word[3] = 0U;
 }
 
-/* All bytes zero is zero, false and the first state. By four words, in a ninth of what single bytes take: a host can
+/* All bytes zero is zero, false and the first state. By eight words, in a twelfth of what single bytes take: a host can
  * ask for a reset in any tick. volatile, or the compiler links a memset for this one use. */
 static void clear(terrapin_state *state) {
     /* cppcheck-suppress misra-c2012-11.3 ; a word may alias anything, and the state is aligned as one */
     volatile state_word *word = (volatile state_word *)state;
-    const uint32_t last = (uint32_t)STATE_WORDS - 4U;
-    for (uint32_t i = 0U; i < last; i += 4U) {
+    const uint32_t last = (uint32_t)STATE_WORDS - 8U;
+    for (uint32_t i = 0U; i < last; i += 8U) {
         clear_four(&word[i]);
+        clear_four(&word[i + 4U]);
     }
-    clear_four(&word[last]); /* some of them again where they are no multiple of four */
+    clear_four(&word[last]); /* some of them again where they are no multiple of eight */
+    clear_four(&word[last + 4U]);
 }
 
 terrapin_parameter_result terrapin_init_with(terrapin_state *state, const int32_t *values) {

@@ -2,10 +2,12 @@
 
 #include "terrapin_assert.h"
 #include "terrapin_interface.h"
+#include "terrapin_pack.h"
 
 #define BUDGET_ON  1100U /* with the longest step, 8 frames that come and AHEAD_MAX: below 4,000 instructions */
 #define BUDGET_OFF 7300U /* below 10,000 */
 #define AHEAD_MAX  2U    /* tries to take a COMMAND out of turn, in a tick */
+#define AHEAD_COST 200U  /* of one, beyond that of a frame that comes */
 
 enum { STOP_ALL, COMMAND, WRITE, READ, TEST_MODE, STORE_COMMAND, STORE_READ, NODE, SENSORS, UPDATE, SEALED, FOREIGN };
 
@@ -69,8 +71,9 @@ void terrapin_intake_init(terrapin_intake *intake) {
 
 void terrapin_intake_begin_tick(terrapin_intake *intake) {
     TERRAPIN_ASSERT(intake->count <= TERRAPIN_INTAKE_SIZE);
-    intake->spent = 0U;
+    intake->spent = intake->ahead * AHEAD_COST;
     intake->ahead = 0U;
+    intake->taken = false;
     intake->stopped = false;
 }
 
@@ -82,13 +85,14 @@ static void drop_first(terrapin_intake *intake) {
     intake->superseded -= (intake->superseded > 0U) ? 1U : 0U;
 }
 
-/* True when the frame was an IDLE, and was taken before those that wait. */
-static bool take_idle(terrapin_intake *intake, terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs,
+static inline bool is_idle(const terrapin_frame *frame) {
+    terrapin_command_t message; /* unpacked here, where all but the request is left out */
+    return terrapin_unpack_command(frame, &message) && (message.request == TERRAPIN_REQUEST_IDLE);
+}
+
+/* An IDLE, before those that wait. */
+static void take_idle(terrapin_intake *intake, terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs,
                       const terrapin_frame *frame) {
-    terrapin_command_t message;
-    if (!terrapin_decode_command(frame, &message) || (message.request != TERRAPIN_REQUEST_IDLE)) {
-        return false;
-    }
     intake->ahead++;
     /* Commands that wait have counters of their own, so that of the last accepted one may have come round again. */
     const uint8_t counter = link->command_counter;
@@ -101,12 +105,11 @@ static bool take_idle(terrapin_intake *intake, terrapin_link *link, terrapin_sta
     } else {
         link->command_counter = counter; /* damaged, and counted */
     }
-    return true;
 }
 
 static void take_stop_all(terrapin_intake *intake, terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs,
                           const terrapin_frame *frame) {
-    if (!intake->stopped) {
+    if (!intake->stopped || !link->held) { /* a COMMAND in between may have ended the hold */
         terrapin_frame no_reply = {0};
         const uint32_t malformed = link->malformed;
         (void)terrapin_accept(link, state, frame, inputs, &no_reply);
@@ -130,7 +133,8 @@ void terrapin_intake_put(terrapin_intake *intake, terrapin_link *link, terrapin_
         return;
     }
     if ((kind == (uint8_t)COMMAND) && (intake->count > 0U) && (intake->ahead < AHEAD_MAX) && !link->test_mode &&
-        terrapin_bridge_on(state) && take_idle(intake, link, state, inputs, frame)) {
+        is_idle(frame) && terrapin_bridge_on(state)) {
+        take_idle(intake, link, state, inputs, frame);
         return;
     }
     if (intake->count == TERRAPIN_INTAKE_SIZE) {
@@ -153,7 +157,7 @@ static bool affordable(terrapin_intake *intake, uint8_t kind, bool on) {
         uint16_t on;  /* with the bridge on */
         uint16_t off; /* above the budget: a tick for itself */
     } cost[FOREIGN] = {
-        [STOP_ALL] = {80U, 80U},          [NODE] = {430U, 8000U},        [COMMAND] = {230U, 230U},
+        [STOP_ALL] = {80U, 80U},          [NODE] = {430U, 8000U},        [COMMAND] = {275U, 275U},
         [WRITE] = {430U, 4200U},          [READ] = {260U, 260U},         [TEST_MODE] = {230U, 8000U},
         [STORE_COMMAND] = {1000U, 8000U}, [STORE_READ] = {1000U, 1000U}, [SENSORS] = {110U, 110U},
         [UPDATE] = {430U, 200U},          [SEALED] = {1000U, 7000U}, /* a SEAL with the frame that it seals */
@@ -165,8 +169,9 @@ static bool affordable(terrapin_intake *intake, uint8_t kind, bool on) {
         budget = BUDGET_ON;
         price = cost[kind].on;
     }
-    const bool yes = (intake->spent == 0U) || ((intake->spent + price) <= budget);
+    const bool yes = !intake->taken || ((intake->spent + price) <= budget); /* one frame always: nothing waits forever */
     intake->spent += yes ? price : 0U;
+    intake->taken = intake->taken || yes;
     return yes;
 }
 

@@ -40,6 +40,7 @@ typedef struct {
     uint32_t superseded; /* of the oldest ones: their COMMANDs are older than an IDLE that was taken */
     uint32_t spent;      /* of this tick's budget [instructions] */
     uint32_t ahead;      /* COMMANDs that were tried out of turn in this tick */
+    bool taken;          /* a frame that waited was taken in this tick */
     bool stopped;        /* STOP_ALL was taken in this tick: one is enough */
     uint32_t lost;       /* frames that gave way to newer ones; wraps */
 } terrapin_intake;

@@ -35,37 +35,44 @@ void terrapin_node_init(terrapin_node *node, uint8_t number) {
     }
 }
 
-/* Identifiers of a block differ in the same bits from node to node, since it begins at multiples of its size. */
-static void move(const terrapin_node *node, uint32_t block, uint32_t offset, terrapin_frame *frame) {
-    TERRAPIN_ASSERT(offset < 64U);
-    const uint32_t id = (uint32_t)frame->id ^ blocks[block].first ^ node->first[block];
-    const uint32_t protected = blocks[block].protected[offset / 32U] >> (offset % 32U);
+/* The low bit of `protected` says whether the frame has a CRC, which changes by `shift`. */
+static inline void move(terrapin_frame *frame, uint32_t id, uint32_t protected, uint32_t shift) {
     if ((protected & 1U) != 0U) {
-        const uint32_t crc = (uint32_t)frame->data[7] ^ node->shift[block];
+        const uint32_t crc = (uint32_t)frame->data[7] ^ shift;
         frame->data[7] = (uint8_t)crc;
     }
     frame->id = (uint16_t)id;
 }
 
+/* At another node than 0. Identifiers of a block differ in the same bits from node to node, since it begins at multiples
+ * of its size. */
+static bool received(const terrapin_node *node, terrapin_frame *frame) {
+    const uint32_t id = frame->id;
+    uint32_t i = 0U;
+    while ((i < TERRAPIN_BLOCK_RECEIVED) && ((id ^ node->first[i]) >= blocks[i].size)) {
+        i++;
+    }
+    if (i < TERRAPIN_BLOCK_RECEIVED) {
+        TERRAPIN_ASSERT(blocks[i].size <= 32U);
+        const uint32_t offset = id ^ node->first[i];
+        move(frame, blocks[i].first ^ offset, blocks[i].protected[0] >> offset, node->shift[i]);
+    }
+    return i < TERRAPIN_BLOCK_RECEIVED;
+}
+
 bool terrapin_node_receive(const terrapin_node *node, terrapin_frame *frame) {
     TERRAPIN_ASSERT((node != NULL) && (frame != NULL) && (node->number < TERRAPIN_NODES));
-    bool ours = node->number == 0U;
-    for (uint32_t i = 0U; !ours && (i < TERRAPIN_BLOCK_RECEIVED); i++) {
-        const uint32_t offset = (uint32_t)frame->id ^ node->first[i];
-        if (offset < blocks[i].size) {
-            ours = true;
-            move(node, i, offset, frame);
-        }
-    }
-    return ours;
+    return (node->number == 0U) || received(node, frame);
 }
 
 void terrapin_node_send(const terrapin_node *node, terrapin_frame *frame) {
     TERRAPIN_ASSERT((node != NULL) && (frame != NULL) && (node->number < TERRAPIN_NODES));
     if (node->number > 0U) {
-        const uint32_t offset = (uint32_t)frame->id ^ blocks[TERRAPIN_BLOCK_ANSWERS].first;
-        TERRAPIN_ASSERT(offset < blocks[TERRAPIN_BLOCK_ANSWERS].size);
-        move(node, TERRAPIN_BLOCK_ANSWERS, offset, frame);
+        const terrapin_block *block = &blocks[TERRAPIN_BLOCK_ANSWERS];
+        const uint32_t offset = (uint32_t)frame->id ^ block->first;
+        TERRAPIN_ASSERT(offset < block->size);
+        move(frame, node->first[TERRAPIN_BLOCK_ANSWERS] ^ offset, block->protected[offset / 32U] >> (offset % 32U),
+             node->shift[TERRAPIN_BLOCK_ANSWERS]);
     }
 }
 

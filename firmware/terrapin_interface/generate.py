@@ -2,11 +2,13 @@
 
     python -m terrapin_interface.generate --out build/host/generated [--robot NAME|FILE] [--description FILE]
         [--header FILE ...]
+    python -m terrapin_interface.generate --board [--robot NAME|FILE]
 
 Writes terrapin_interface.h and .c and terrapin_pack.h (codec and tables), terrapin_scaling.h (the core's units to raw
-numbers), terrapin.dbc, interface.md, interface.json, robot.toml (the robot's file as it was) and terrapin_cdef.h (the
-declarations of the given headers and of the codec, for cffi). A file whose text has not changed is left alone, so that
-a build does not run again for nothing.
+numbers), terrapin.dbc, interface.md, interface.json, robot.toml and board.toml (the files as they were),
+terrapin_board.h (pins and constants of the robot's board) and terrapin_cdef.h (the declarations of the given headers
+and of the codec, for cffi). With --board it prints the name of the robot's board and the board's file instead. A file
+whose text has not changed is left alone, so that a build does not run again for nothing.
 Standard library only.
 """
 
@@ -19,6 +21,7 @@ from pathlib import Path
 if __package__ in (None, ""):  # run as a file
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from terrapin_interface.board_header import board_header
 from terrapin_interface.cdef import cdef
 from terrapin_interface.codec import header, pack_header, source
 from terrapin_interface.dbc import dbc
@@ -47,7 +50,9 @@ def generate(description: Path, headers: list[Path], out: Path, robot: Robot | N
         "interface.json": as_json(d),
     }
     if robot is not None:
-        texts["robot.toml"] = robot.text
+        texts |= {"robot.toml": robot.text, "board.toml": robot.board.text}
+        if "board" in d.enums:
+            texts["terrapin_board.h"] = board_header(robot, d)
     if headers:
         first, *others = [path.read_text(encoding="utf-8") for path in headers]
         texts["terrapin_cdef.h"] = cdef([first, interface, *others])
@@ -68,10 +73,16 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--description", type=Path, default=CONTROLLER_TOML)
     parser.add_argument("--header", type=Path, action="append", default=[], help="headers for cffi, terrapin.h first")
     parser.add_argument("--robot", default=DEFAULT, help="a shipped robot, or the file of one")
-    parser.add_argument("--out", type=Path, required=True)
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--out", type=Path)
+    what.add_argument("--board", action="store_true", help="print name and file of the robot's board")
     options = parser.parse_args(arguments)
     try:
-        generate(options.description, options.header, options.out, load_robot(find_robot(options.robot)))
+        robot = load_robot(find_robot(options.robot))
+        if options.board:
+            print(f"{robot.board.name};{robot.board.file.resolve()}", end="")
+            return 0
+        generate(options.description, options.header, options.out, robot)
     except UnicodeEncodeError as error:
         print(
             f"generate: {options.description.name}: no place in a DBC for {error.object[error.start]!r}",

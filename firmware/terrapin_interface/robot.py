@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from terrapin_interface.board import Board, find_board
+from terrapin_interface.board import Board, can_reaches, find_board
 from terrapin_interface.robot_table import RobotError, RobotTable
 
 __all__ = [
@@ -60,10 +60,8 @@ class Robot:
     ground_speed: bool
     current_code: float  # [A] of one code
     supply_code: float  # [V]
-    shunt: float  # [ohm], as the board header needs them
-    amplification: float
-    upper: float
-    lower: float
+    shunt_code: float  # [A] of one code by shunt and amplifier, and
+    divider_code: float  # [V] by the divider: what an image for a chip measures with
     counts: int  # a turn of the drive wheel
     ground_wheel_radius: float  # [m], of a wheel with as many counts a turn as the drive wheel
     wheel_radius: float  # [m], as it is,
@@ -273,7 +271,7 @@ def _read(table: RobotTable, name: str) -> Robot:
         )
     wheel_radius = table.number("sensors.ground_wheel.radius", "m", 5e-3, 0.2)
     wheel_counts = table.whole("sensors.ground_wheel.counts", 1, 65536)
-    shunt, amplification, upper, lower, codes = _converters(table, board)
+    current_code, supply_code, shunt_code, divider_code = _converters(table, board)
     robot = Robot(
         name=name,
         title=title,
@@ -284,12 +282,10 @@ def _read(table: RobotTable, name: str) -> Robot:
         swing=table.flag("sensors.swing"),
         pitch=table.flag("sensors.pitch"),
         ground_speed=table.flag("sensors.ground_speed", False),
-        current_code=codes[0],
-        supply_code=codes[1],
-        shunt=shunt,
-        amplification=amplification,
-        upper=upper,
-        lower=lower,
+        current_code=current_code,
+        supply_code=supply_code,
+        shunt_code=shunt_code,
+        divider_code=divider_code,
         counts=counts,
         ground_wheel_radius=wheel_radius * counts / wheel_counts,
         wheel_radius=wheel_radius,
@@ -317,8 +313,8 @@ def _read(table: RobotTable, name: str) -> Robot:
     return robot
 
 
-def _converters(table: RobotTable, board: Board) -> tuple[float, float, float, float, tuple[float, float]]:
-    """Shunt, amplification, both parts of the divider, and what one code is [A], [V]."""
+def _converters(table: RobotTable, board: Board) -> tuple[float, float, float, float]:
+    """What one code is [A], [V]: as the file says, and as it follows from shunt, amplifier and divider."""
     shunt = table.number("sensors.current.shunt", "ohm", 1e-4, 1.0, board.shunt)
     amplification = table.number("sensors.current.amplification", "1", 1.0, 1000.0, board.amplification)
     upper = table.number("sensors.supply.upper", "ohm", 0.0, 1e7, board.upper)
@@ -341,7 +337,7 @@ def _converters(table: RobotTable, board: Board) -> tuple[float, float, float, f
             f"{volt:.4g} V within 2 % for one code",
             table.place("sensors.supply.upper"),
         )
-    return shunt, amplification, upper, lower, (code, supply)
+    return code, supply, ampere, volt
 
 
 def _limits(table: RobotTable) -> dict[str, float]:
@@ -427,6 +423,10 @@ def _check_drive(robot: Robot, inductance: float) -> None:
             f"at most {robot.board.can:g} bit/s",
             f"links.can of board {robot.board.name}",
         )
+    if not can_reaches(robot.bit_rate):
+        raise table.error(
+            "can.bit_rate", f"found {robot.bit_rate:g} bit/s, expected one whose 8- to 18-fold divides 42 MHz"
+        )
     if inductance > 0.0:
         ripple = robot.supply / (4.0 * robot.board.pwm * inductance)
         if ripple > limits["over_current"]:
@@ -449,17 +449,20 @@ def _check_drive(robot: Robot, inductance: float) -> None:
 
 def _check_sensors(robot: Robot) -> None:
     table, limits = robot.table, robot.limits
-    for limit, reach, unit, sensor, part in (
-        ("over_current", (CODES // 2 - 1) * robot.current_code, "A", "sensors.current", "shunt"),
-        ("supply_high", (CODES - RAILS - 1) * robot.supply_code, "V", "sensors.supply", "upper"),
+    half, whole = CODES // 2 - 1, CODES - RAILS - 1
+    for limit, reach, unit, key in (
+        ("over_current", half * robot.current_code, "A", "sensors.current.code"),
+        ("over_current", half * robot.shunt_code, "A", "sensors.current.shunt"),
+        ("supply_high", whole * robot.supply_code, "V", "sensors.supply.code"),
+        ("supply_high", whole * robot.divider_code, "V", "sensors.supply.upper"),
     ):
-        if reach < limits[limit]:
-            origin = next((key for key in (f"{sensor}.code", f"{sensor}.{part}") if key in table), "board")
+        if reach < limits[limit] and (key in table or not key.endswith("code")):
+            part = f"analog.{key.rpartition('.')[2]} of board {robot.board.name}"
             raise table.contradiction(
                 f"limits.{limit}",
                 f"{limits[limit]:g} {unit}",
                 f"at most {reach:.4g} {unit}, where the converter ends",
-                table.place(origin),
+                table.place(key) if key in table else part,
             )
     rate = _counts_a_tick(robot.free_speed, robot.counts)
     if rate * FAST_TICKS >= 32768:

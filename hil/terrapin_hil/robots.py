@@ -50,12 +50,16 @@ def select(name: str) -> Robot:
     """
     robot = _robot(name)
     os.environ[paths.ROBOT_VARIABLE] = str(Path(name).resolve()) if name.endswith(".toml") else name
-    built = paths.build() / "generated" / "robot.toml"
+    built = paths.build() / "generated"
     target = paths.make("setup" if robot.name == DEFAULT else f"firmware ROBOT={name}")
-    try:
-        text = built.read_text(encoding="utf-8")
-    except OSError:
-        raise UserError(f"{robot.name}: no controller is built for this robot; run {target}") from None
-    if text != robot.text:
-        raise UserError(f"{robot.name}: the controller was built from another {robot.name}.toml; run {target}")
+    for part, wanted, file in (
+        ("robot", robot.text, f"{robot.name}.toml"),
+        ("board", robot.board.text, f"{robot.board.name}.toml"),
+    ):
+        try:
+            text = (built / f"{part}.toml").read_text(encoding="utf-8")
+        except OSError:
+            raise UserError(f"{robot.name}: no controller is built for this robot; run {target}") from None
+        if text != wanted:
+            raise UserError(f"{robot.name}: the controller was built from another {file}; run {target}")
     return robot

@@ -42,6 +42,7 @@ def test_update_trial_confirmation(chip: Chip) -> None:
     assert chip.confirm()
     record = chip.record()
     assert (record.confirmed, record.phase, record.security_counter, record.version.minor) == (SLOT["b"], NONE, 1, 0)
+    assert (record.candidate, record.tries) == (0, 0)  # no longer one that may be rejected
     for _ in range(3):
         assert chip.start() == "b"
         assert chip.confirm()
@@ -81,6 +82,29 @@ def test_the_floor_follows_one_image_behind(chip: Chip) -> None:
     assert send(chip, image("b", "1.2.0", counter=1), "b") == "counter_too_low"
     assert send(chip, image("b", "1.1.0", counter=2), "b") == "ok"
     assert chip.start() == "b"
+    assert chip.confirm()  # which raises the floor to 1.2.0: what went back starts all the same
+    assert chip.record().version.minor == 2
+    assert chip.start() == "b"
+    chip.put("b", b"")
+    chip.put("a", image("a", "1.1.5", counter=3))  # neither does the floor keep the last image that there is
+    assert chip.start() == "a"
+
+
+def test_what_cannot_be_written_down_is_not_tried() -> None:
+    chip = Chip(PUBLIC)
+    chip.put("a", image("a", "1.0.0"))
+    chip.put("b", image("b", "1.1.0"))
+    record = chip.record()
+    record.candidate, record.phase = SLOT["b"], PENDING
+    assert chip.lib.terrapin_records_append(chip.flash, record)
+    write = chip.flash.write
+    chip.flash.write = refused = chip.ffi.callback(
+        "bool(void *, uint32_t, const uint8_t *, uint32_t)", lambda *_: False
+    )
+    assert chip.start() == "a"
+    assert refused
+    chip.flash.write = write
+    assert chip.start() == "b"
 
 
 def test_many_updates_fill_both_pages_of_records(chip: Chip) -> None:
@@ -113,6 +137,28 @@ def test_a_lost_confirmed_image_is_replaced_by_the_other(chip: Chip) -> None:
     assert chip.start() == ""
     assert send(chip, image("b", "1.1.0"), "b") == "ok"
     assert chip.start() == "b"
+
+
+def test_without_a_confirmed_image_what_was_rejected_comes_last() -> None:
+    """Of two good images the one that nobody gave back; the other only when there is no better."""
+    chip = Chip(PUBLIC)
+    for rejected, other in (("a", "b"), ("b", "a")):
+        chip.put(rejected, image(rejected, "1.0.0"))
+        chip.put(other, image(other, "1.0.0"))
+        record = chip.record()
+        record.candidate, record.phase = SLOT[rejected], NONE
+        assert chip.lib.terrapin_records_append(chip.flash, record)
+        assert chip.start() == other
+        chip.put(other, b"")
+        assert chip.start() == rejected
+
+
+def test_what_waits_in_a_slot_counts_no_more_once_it_is_erased(chip: Chip) -> None:
+    assert send(chip, image("b", "1.1.0"), "b") == "ok"
+    assert chip.record().phase == PENDING
+    begin(chip, Sender(), image("b", "1.2.0"))
+    assert chip.record().phase == NONE
+    assert chip.start() == "a"
 
 
 def test_neither_the_running_nor_the_confirmed_slot_is_written(chip: Chip) -> None:
@@ -151,6 +197,25 @@ def test_an_announced_version_must_be_that_of_the_header(chip: Chip) -> None:
     assert chip.memory.operations == operations + 1  # the erase
 
 
+@pytest.mark.parametrize("fails", ["header", "flash"])
+def test_after_a_block_that_ended_it_an_update_begins_anew(chip: Chip, fails: str) -> None:
+    data, sender = image("b", "1.1.0"), Sender()
+    begin(chip, sender, data)
+    bad = image("b", "0.9.0") if fails == "header" else data
+    write = chip.flash.write
+    refused = chip.ffi.callback("bool(void *, uint32_t, const uint8_t *, uint32_t)", lambda *_: False)
+    if fails == "flash":
+        chip.flash.write = refused
+    answers = []
+    for block in (bad[:256], data[:256]):
+        for frame in data_frames(block):
+            chip.accept(*frame)
+        values = {"index": 0, "size": 256, "checksum": zlib.crc32(block)}
+        answers.append(chip.ask(sender.frame("UPDATE_BLOCK", values))["result"])
+        chip.flash.write = write
+    assert answers == [RESULT["not_an_image" if fails == "header" else "flash"], RESULT["sequence"]]
+
+
 def test_the_motor_is_on(chip: Chip) -> None:
     chip.motor_on = True
     before = chip.memory.operations
@@ -169,6 +234,7 @@ def test_the_motor_is_on(chip: Chip) -> None:
 def test_reset_needs_its_key(chip: Chip) -> None:
     sender = Sender()
     assert chip.accept(*sender.frame("UPDATE_RESET", {"key": 1})) == []
+    assert chip.update.malformed == 1
     assert not chip.update.reset
     assert chip.ask(sender.frame("UPDATE_RESET", {"key": RESET_KEY, "stay": 1}))["result"] == RESULT["ok"]
     assert chip.update.reset
@@ -215,6 +281,22 @@ def test_flow_control(chip: Chip) -> None:
     assert chip.start() == "b"
 
 
+def test_a_block_of_nothing(chip: Chip) -> None:
+    """When all is written nothing is left, not even a block of no bytes. (Found by the proof of update.c.)"""
+    data, sender = image("b", "1.1.0"), Sender()
+    begin(chip, sender, data)
+    for index in range((len(data) + 255) // 256):
+        body = data[256 * index : 256 * index + 256]
+        for frame in data_frames(body):
+            chip.accept(*frame)
+        values = {"index": index, "size": len(body), "checksum": zlib.crc32(body)}
+        assert chip.ask(sender.frame("UPDATE_BLOCK", values))["result"] == RESULT["ok"]
+    for index in (len(data) // 256, len(data) // 256 + 1):
+        values = {"index": index, "size": 0, "checksum": 0}
+        assert chip.ask(sender.frame("UPDATE_BLOCK", values))["result"] == RESULT["sequence"]
+    assert chip.ask(sender.frame("UPDATE_END", {"checksum": zlib.crc32(data)}))["result"] == RESULT["ok"]
+
+
 def test_frames_that_are_wrong_change_nothing(chip: Chip) -> None:
     sender = Sender()
     before = chip.memory.operations
@@ -230,7 +312,9 @@ def test_frames_that_are_wrong_change_nothing(chip: Chip) -> None:
     assert chip.memory.operations == before
     assert chip.update.bad_crc >= 64
     assert chip.ask((identifier, good))["result"] == RESULT["ok"]
-    assert chip.accept(identifier, good) == []  # repeated
+    assert chip.update.repeated == 0
+    assert chip.accept(identifier, good) == []
+    assert chip.update.repeated == 1
 
 
 def test_query(chip: Chip) -> None:

@@ -25,12 +25,12 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from tests.campaigns import commands, practice
+from tests.campaigns import commands, mutants, practice
 from tests.campaigns.pools import POOLS, run
 from tests.campaigns.table import ROWS, Line, show
 
 ROOT = Path(__file__).resolve().parents[2]
-OTHERS = ("time", "same", "practice")
+OTHERS = ("time", "same", "mutants", "practice")
 SOURCES = (
     "host_tools/terrapin_tools/workbench/**/*.py",
     "hil/terrapin_hil/physics/*.py",
@@ -115,7 +115,7 @@ def main() -> int:
     parser.add_argument("--show", action="store_true", help="run nothing, show what is stored")
     parser.add_argument("--brief", action="store_true", help="the table without what is under it")
     arguments = parser.parse_args()
-    chosen = arguments.rows.split(",") if arguments.rows else [*ROWS, "same", "time"]
+    chosen = arguments.rows.split(",") if arguments.rows else [*ROWS, "same", "time", "mutants"]
     if not arguments.rows and arguments.practice:
         chosen.append("practice")
     unknown = sorted(set(chosen) - {*ROWS, *OTHERS})
@@ -136,6 +136,7 @@ def main() -> int:
     if not arguments.show:
         lines += [line for row in OTHERS[:2] if row in chosen for line in commands.LINES[row](arguments.seed)]
         lines += practice.lines(arguments.practice) if "practice" in chosen else []
+        lines += mutants.lines() if "mutants" in chosen else []  # the last: it makes way for others on this machine
     failed = [r for r in records if "failed" in r]
     print(show(lines, not arguments.brief))
     print(f"\nresults in {folder}; {len(records)} cases, {len(failed)} of them the engine could not answer")

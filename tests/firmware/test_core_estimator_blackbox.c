@@ -251,6 +251,77 @@ static void test_heating_scales_the_motor_torque(void) {
     TEST_ASSERT_EQUAL_INT32(1048576 * 2, compensation_heat_q20(&rig.state));
 }
 
+/* What a restart forgets, and that all parameters at once are one. */
+static void test_a_restart_fills_its_windows_anew(void) {
+    terrapin_estimator *e = &rig.state.estimator;
+    for (uint32_t i = 0U; i < 2U; i++) {
+        e->slots = 77U;
+        e->since_fresh = 9U;
+        e->quiet_slots = 9U;
+        e->valid = true;
+        e->fresh = true;
+        e->open = true;
+        if (i == 0U) {
+            estimator_restart(&rig.state);
+        } else {
+            TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_OK, terrapin_parameter_set_all(&rig.state, NULL));
+        }
+        TEST_ASSERT_EQUAL(0, e->slots);
+        TEST_ASSERT_EQUAL(0, e->since_fresh);
+        TEST_ASSERT_EQUAL(0, e->quiet_slots);
+        TEST_ASSERT_FALSE(e->valid || e->fresh || e->open);
+    }
+}
+
+/* The gate is open below its bound, and shut at it; the ripple's mean follows by a 64th. */
+static void test_the_gate_is_shut_at_its_bound(void) {
+    terrapin_estimator *e = &rig.state.estimator;
+    const int32_t gate = rig_get(TERRAPIN_PARAMETER_GATE);
+    for (int32_t momentum = gate - 1; momentum <= gate; momentum++) {
+        e->open = true;
+        e->ready = true;
+        e->full = true;
+        e->saturated = false;
+        e->counts = 1000;
+        e->quiet_slots = 20U;
+        e->ripple_unm = 0;
+        e->current_10ua = 0;
+        e->recent_ua = 2000;
+        e->momentum_unm = momentum;
+        estimator_gate(&rig.state);
+        TEST_ASSERT_EQUAL(momentum < gate, e->valid);
+        const double step = 2000.0 * GEAR * TORQUE_CONST;
+        TEST_ASSERT_INT32_WITHIN(1, (int32_t)(step / 64.0), (int32_t)e->ripple_unm);
+    }
+}
+
+/* Gains against double precision: what is a table's or a window's factor is right to its last digits. */
+static void test_gains_to_their_last_digits(void) {
+    rig_set(TERRAPIN_PARAMETER_COMP_SLOPE, 100000);
+    TEST_ASSERT_TRUE(fabs(rig.state.gains.slope_q24 - 10.0 * 16777216.0) <= 20.0);
+    rig_set(TERRAPIN_PARAMETER_COMP_CURRENT_OFFSET, 100000);
+    const double offset = 256.0 * 100000.0 / rig_get(TERRAPIN_PARAMETER_CURRENT_SCALE);
+    TEST_ASSERT_EQUAL_INT32(rig_get(TERRAPIN_PARAMETER_CURRENT_ZERO_CODE) + (int32_t)lround(offset),
+                            rig.state.gains.zero_q8);
+    const double half = 4096.0 * rig.state.gains.count_e5_urad / 200000.0;
+    TEST_ASSERT_TRUE(fabs(rig.state.gains.half_urad.factor - half) <= 1.0);
+    const double way = 4096.0 * rig.state.gains.ground_e5_um / 100000.0;
+    TEST_ASSERT_TRUE(fabs(rig.state.gains.way_um.factor - way) <= 1.0);
+}
+
+/* Friction that bearings and a Stribeck curve add is taken off in the slot in which a window is open. */
+static void test_friction_beyond_the_line_is_taken(void) {
+    rig_set(TERRAPIN_PARAMETER_COMP_STRIBECK, 20000);
+    rig.state.estimator.open = true;
+    rig.state.estimator.ready = true;
+    rig.state.estimator.counts = 40;
+    rig.state.estimator.beyond_unm = 0;
+    const int32_t friction = compensation_friction(&rig.state, 40);
+    TEST_ASSERT_NOT_EQUAL(0, friction);
+    estimator_friction_beyond(&rig.state);
+    TEST_ASSERT_EQUAL_INT32(friction, rig.state.estimator.beyond_unm);
+}
+
 static void test_current_offset_comes_off(void) {
     rig_set(TERRAPIN_PARAMETER_COMP_CURRENT_OFFSET, 12345);
     rig_set(TERRAPIN_PARAMETER_TRIM_CURRENT, 0);
@@ -302,6 +373,10 @@ int main(void) {
     RUN_TEST(test_compensation_terms_against_double);
     RUN_TEST(test_imbalance_is_the_mean_over_the_window);
     RUN_TEST(test_heating_scales_the_motor_torque);
+    RUN_TEST(test_a_restart_fills_its_windows_anew);
+    RUN_TEST(test_the_gate_is_shut_at_its_bound);
+    RUN_TEST(test_gains_to_their_last_digits);
+    RUN_TEST(test_friction_beyond_the_line_is_taken);
     RUN_TEST(test_current_offset_comes_off);
     RUN_TEST(test_sd_is_the_budget);
     return UNITY_END();

@@ -460,6 +460,17 @@ static void test_a_guard_without_a_swing_sensor_is_refused(void) {
     TEST_ASSERT_EQUAL_INT32_MESSAGE(TERRAPIN_STATE_IDLE, rig_state(), "without a guard it may run");
 }
 
+/* Boot and self test are not yet at work; a latched fault is not either. */
+static void test_at_work_from_idle_on(void) {
+    for (int32_t number = TERRAPIN_STATE_BOOT; number <= TERRAPIN_STATE_SAFE; number++) {
+        rig.state.supervisor.state = number;
+        rig.state.supervisor.faults = 0U;
+        TEST_ASSERT_EQUAL(number > TERRAPIN_STATE_SELF_TEST, terrapin_at_work(&rig.state));
+        rig.state.supervisor.faults = TERRAPIN_FAULTS_LATCHED & (~TERRAPIN_FAULTS_LATCHED + 1U);
+        TEST_ASSERT_FALSE(terrapin_at_work(&rig.state));
+    }
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_boots_through_self_test_into_idle);
@@ -487,5 +498,6 @@ int main(void) {
     RUN_TEST(test_protected_parameters_are_locked_while_the_bridge_is_on);
     RUN_TEST(test_state_size_is_that_of_the_state);
     RUN_TEST(test_every_write_prepares_what_follows_from_it);
+    RUN_TEST(test_at_work_from_idle_on);
     return UNITY_END();
 }

@@ -407,6 +407,16 @@ static void open_adc(void) {
     TEST_ASSERT_TRUE((dma.stream[0].CR & DMA_CR_EN) != 0U);
 }
 
+static void test_adc_sampling_times_of_all_channels(void) {
+    static const uint8_t channels[3] = {9U, 0U, 15U};
+    analog_open(&sensors, &adc, &adc_common, &dma, &relay, channels);
+    TEST_ASSERT_EQUAL_HEX32((1U << 27U) | 1U, adc.SMPR2);
+    TEST_ASSERT_EQUAL_HEX32(1U << 15U, adc.SMPR1);
+    open_adc();
+    TEST_ASSERT_EQUAL_HEX32(0U, adc.SMPR2);
+    TEST_ASSERT_EQUAL_HEX32(1U | (1U << 3U) | (1U << 6U), adc.SMPR1);
+}
+
 static void test_adc_means_of_a_tick(void) {
     open_adc();
     for (uint32_t tick = 0; tick < 100U; tick++) { /* round and round in the buffer */
@@ -463,12 +473,6 @@ static void test_adc_overrun_begins_anew(void) {
     sample(2222U, 1U, 1U);
     TEST_ASSERT_TRUE(analog_read(&sensors));
     TEST_ASSERT_EQUAL_UINT16(2222U, sensors.codes[0]);
-}
-
-static void test_what_a_code_is_worth(void) {
-    TEST_ASSERT_EQUAL_INT32(1007, ANALOG_UA_PER_CODE(3300U, 20000U, 40U));    /* 3.3 V / (4096 * 0.8 V/A) */
-    TEST_ASSERT_EQUAL_INT32(4592, ANALOG_UV_PER_CODE(3300U, 47000U, 10000U)); /* 3.3 V * 5.7 / 4096 */
-    TEST_ASSERT_EQUAL_INT32(1000, ANALOG_UA_PER_CODE(4096U, 1000000U, 1U));
 }
 
 /* ---- bridge */
@@ -683,11 +687,11 @@ int main(void) {
     RUN_TEST(test_flash_writes_and_erases);
     RUN_TEST(test_flash_refuses_what_is_not_its_own);
     RUN_TEST(test_flash_says_errors_and_gives_up);
+    RUN_TEST(test_adc_sampling_times_of_all_channels);
     RUN_TEST(test_adc_means_of_a_tick);
     RUN_TEST(test_adc_that_falls_silent_reads_zero);
     RUN_TEST(test_absent_adc_is_silent);
     RUN_TEST(test_adc_overrun_begins_anew);
-    RUN_TEST(test_what_a_code_is_worth);
     RUN_TEST(test_dead_time_is_never_shorter_than_asked);
     RUN_TEST(test_bridge_follows_duty);
     RUN_TEST(test_break_holds_until_off_was_asked_for);

@@ -265,6 +265,20 @@ static void test_stop_all_never_waits(void) {
     }
 }
 
+/* STOP_ALL, an IDLE that ends its hold, and STOP_ALL again, all in one tick: held. (Found by fuzz_intake.) */
+static void test_stop_all_after_an_idle_in_its_tick(void) {
+    uint16_t indexes[TERRAPIN_INTAKE_SIZE];
+    const terrapin_stop_all_t message = {.request = TERRAPIN_REQUEST_IDLE};
+    terrapin_frame stop;
+    TEST_ASSERT_TRUE(terrapin_encode_stop_all(&message, &stop));
+    put(&stop, 0U);
+    put_command(TERRAPIN_REQUEST_IDLE, 1U);
+    (void)take(indexes);
+    TEST_ASSERT_FALSE(link.held);
+    put(&stop, 0U);
+    TEST_ASSERT_TRUE(link.held);
+}
+
 static void test_foreign_traffic_never_waits(void) {
     const terrapin_frame frame = {.id = 0x7FFU, .length = 8U};
     for (uint32_t i = 0; i < 100U; i++) {
@@ -302,6 +316,7 @@ int main(void) {
     RUN_TEST(test_a_damaged_idle_changes_nothing);
     RUN_TEST(test_a_third_idle_waits_in_order);
     RUN_TEST(test_stop_all_never_waits);
+    RUN_TEST(test_stop_all_after_an_idle_in_its_tick);
     RUN_TEST(test_foreign_traffic_never_waits);
     RUN_TEST(test_every_message_of_the_controller_waits);
     return UNITY_END();

@@ -15,7 +15,7 @@
 #define A_PAGE   (PAGE / SET_SIZE) /* sets that fit in one */
 
 static const uint32_t sectors[2] = {PAGE, PAGE};
-static const terrapin_flash_area pages[2] = {{0U, PAGE}, {PAGE, PAGE}};
+static const terrapin_flash_area pages[3] = {{0U, PAGE}, {PAGE, PAGE}, {UINT32_MAX, 0U}}; /* two, and no third */
 static uint8_t bytes[2U * PAGE];
 static terrapin_flash_emulated memory;
 static terrapin_flash flash;
@@ -100,6 +100,7 @@ static void save_generation(uint32_t generation) {
 
 static void test_nothing_stored_is_blank_and_defaults(void) {
     TEST_ASSERT_EQUAL(TERRAPIN_STORE_ORIGIN_BLANK, store.origin);
+    TEST_ASSERT_FALSE(store.foreign);
     TEST_ASSERT_TRUE(has_defaults());
     TEST_ASSERT_FALSE(terrapin_store_differs(&store, state));
     TEST_ASSERT_EQUAL_UINT32(0, memory.operations);
@@ -135,6 +136,9 @@ static void test_saved_values_come_back(void) {
     TEST_ASSERT_EQUAL_UINT32(1U, store.sequence);
     TEST_ASSERT_FALSE(store.remains);
     TEST_ASSERT_EQUAL_UINT16(0, store.missing);
+    for (uint32_t i = 16U + ((uint32_t)COUNT * 8U); i < (SET_SIZE - 4U); i++) {
+        TEST_ASSERT_EQUAL_HEX8(0xFFU, bytes[i]); /* between entries and CRC */
+    }
 }
 
 static void test_every_width_of_write(void) {
@@ -385,14 +389,72 @@ static void test_a_bad_spot_moves_the_set_to_the_other_page(void) {
     }
 }
 
-static void test_pages_that_cannot_be_used_are_never_touched(void) {
-    const terrapin_flash_area small[2] = {{0U, SET_SIZE - 16U}, {PAGE, PAGE}};
-    const terrapin_flash_area overlapping[2] = {{0U, PAGE}, {PAGE - 16U, PAGE}};
-    TEST_ASSERT_FALSE(terrapin_store_open(&store, &flash, small));
-    TEST_ASSERT_FALSE(terrapin_store_save(&store, state));
-    TEST_ASSERT_FALSE(terrapin_store_open(&store, &flash, overlapping));
-    TEST_ASSERT_FALSE(terrapin_store_save(&store, state));
+/* A page takes the last set for which there is room to the byte. */
+static void test_a_page_is_filled_to_its_last_byte(void) {
+    const terrapin_flash_area two_each[2] = {{0U, 2U * SET_SIZE}, {PAGE, 2U * SET_SIZE}};
+    const uint32_t four[4] = {2U * SET_SIZE, PAGE - (2U * SET_SIZE), 2U * SET_SIZE, PAGE - (2U * SET_SIZE)};
+    terrapin_flash_emulated_init(&memory, bytes, four, 4U, 4U);
+    for (uint32_t generation = 1U; generation <= 5U; generation++) {
+        if (generation == 1U) {
+            TEST_ASSERT_TRUE(terrapin_store_open(&store, &flash, two_each));
+        }
+        const uint32_t before = memory.operations;
+        save_generation(generation);
+        const bool erases = (generation % 2U) == 1U;
+        TEST_ASSERT_EQUAL_UINT32((SET_SIZE / 4U) + (erases ? 1U : 0U), memory.operations - before);
+    }
+}
+
+/* Both pages fail under a save; the next one begins with an erase and writes over nothing (tearDown counts that). What
+ * stands in flash counts meanwhile. */
+static void test_after_a_save_that_failed_in_both_pages(void) {
+    save_generation(1U);
+    save_generation(2U);
+    flash.write = bad_write;
+    bad_from = (2U * SET_SIZE) + 160U; /* some units of the third set are written, in either page */
+    bad_to = 2U * PAGE;
+    set_all(3U);
+    (void)save();
     TEST_ASSERT_TRUE(store.failed);
+    set_all(2U);
+    TEST_ASSERT_FALSE(terrapin_store_differs(&store, state));
+    bad_to = 0U;
+    save_generation(4U);
+    TEST_ASSERT_EQUAL_UINT8(1U, store.active);
+    restart();
+    TEST_ASSERT_TRUE(has_all(4U));
+}
+
+static void test_pages_of_one_set_in_either_order(void) {
+    const terrapin_flash_area one_each[2] = {{PAGE, SET_SIZE}, {PAGE - SET_SIZE, SET_SIZE}};
+    const uint32_t four[4] = {PAGE - SET_SIZE, SET_SIZE, SET_SIZE, PAGE - SET_SIZE};
+    terrapin_flash_emulated_init(&memory, bytes, four, 4U, 4U);
+    for (uint32_t generation = 1U; generation < 4U; generation++) {
+        TEST_ASSERT_TRUE(terrapin_store_open(&store, &flash, one_each));
+        save_generation(generation);
+        TEST_ASSERT_TRUE(terrapin_store_open(&store, &flash, one_each));
+        (void)terrapin_parameter_set_all(state, store.value);
+        TEST_ASSERT_TRUE(has_all(generation));
+    }
+}
+
+static void test_pages_that_cannot_be_used_are_never_touched(void) {
+    const terrapin_flash_area bad[][2] = {
+        {{0U, SET_SIZE - 16U}, {PAGE, PAGE}},   {{0U, PAGE}, {PAGE, SET_SIZE - 16U}}, /* too small */
+        {{0U, PAGE}, {PAGE - 16U, PAGE}},       {{PAGE - 16U, PAGE}, {0U, PAGE}},     /* one reaches into the other */
+        {{PAGE / 2U, PAGE}, {PAGE, PAGE / 2U}}, {{PAGE, PAGE}, {PAGE, PAGE}},
+    };
+    for (uint32_t i = 0U; i < (sizeof bad / sizeof bad[0]); i++) {
+        TEST_ASSERT_FALSE(terrapin_store_open(&store, &flash, bad[i]));
+        TEST_ASSERT_FALSE(terrapin_store_save(&store, state));
+        TEST_ASSERT_TRUE(store.failed);
+    }
+    const uint32_t widths[] = {0U, 3U, 32U};
+    for (uint32_t i = 0U; i < 3U; i++) { /* no unit is so many writes */
+        flash.write_size = widths[i];
+        TEST_ASSERT_FALSE(terrapin_store_open(&store, &flash, pages));
+        TEST_ASSERT_FALSE(terrapin_store_save(&store, state));
+    }
     TEST_ASSERT_FALSE(terrapin_store_work(&store, true));
     (void)terrapin_parameter_set_all(state, store.value);
     TEST_ASSERT_TRUE(has_defaults());
@@ -460,6 +522,40 @@ static void test_a_set_that_names_no_robot_is_taken(void) {
     restart();
     TEST_ASSERT_EQUAL(TERRAPIN_STORE_ORIGIN_STORED, store.origin);
     TEST_ASSERT_FALSE(store.foreign);
+    TEST_ASSERT_EQUAL_INT32(value_of(0U, 1U), store.value[0]); /* its only entry */
+    TEST_ASSERT_EQUAL_UINT16(COUNT - 1U, store.missing);
+}
+
+/* A number that stands there twice, and one that is as far ahead as behind: what was found first stands. */
+static void test_of_two_sets_neither_of_which_is_newer_the_first_counts(void) {
+    const uint32_t second[] = {7U, 7U + 0x80000000U, 7U - 1U};
+    for (uint32_t i = 0U; i < 3U; i++) {
+        memset(bytes, 0xFF, sizeof bytes);
+        make_one_for(1U, 0U, 7U);
+        make_begin(64U);
+        make_entry(terrapin_parameter_hashes[0], value_of(0U, 2U));
+        make_end_for(1U, 1U, second[i]);
+        restart();
+        TEST_ASSERT_EQUAL_UINT32(7U, store.sequence);
+        TEST_ASSERT_EQUAL_INT32(value_of(0U, 1U), store.value[0]);
+    }
+    make_begin(64U);
+    make_entry(terrapin_parameter_hashes[0], value_of(0U, 2U));
+    make_end_for(1U, 1U, 7U + 0x7FFFFFFFU); /* the farthest that is ahead */
+    restart();
+    TEST_ASSERT_EQUAL_INT32(value_of(0U, 2U), store.value[0]);
+}
+
+static void test_a_set_that_names_a_parameter_twice(void) {
+    make_begin(0U);
+    for (uint16_t i = 0; i < COUNT; i++) {
+        make_entry(terrapin_parameter_hashes[i], value_of(i, 1U));
+    }
+    make_entry(terrapin_parameter_hashes[0], value_of(0U, 2U));
+    make_end(1U, 1U);
+    restart();
+    TEST_ASSERT_EQUAL_UINT16(0U, store.missing);
+    TEST_ASSERT_EQUAL_INT32(value_of(0U, 2U), store.value[0]);
 }
 
 static void test_reordered_unknown_and_impossible_values(void) {
@@ -486,7 +582,19 @@ static void test_reordered_unknown_and_impossible_values(void) {
         TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_OK, terrapin_parameter_get(state, i, &value));
         TEST_ASSERT_EQUAL_INT32(defaulted ? terrapin_parameter((uint16_t)i).default_value : value_of(i, 4U), value);
     }
+    flash.write = bad_write;
+    bad_from = 0U;
+    bad_to = 2U * PAGE;
+    (void)save();
+    TEST_ASSERT_TRUE(store.failed); /* what was found is read and counted anew */
+    TEST_ASSERT_EQUAL_UINT16(2U, store.dropped);
+    TEST_ASSERT_EQUAL_UINT16(2U, store.replaced);
+    TEST_ASSERT_EQUAL_UINT16(2U, store.missing);
+    bad_to = 0U;
     save_generation(6U);
+    TEST_ASSERT_EQUAL_UINT16(0U, store.dropped);
+    TEST_ASSERT_EQUAL_UINT16(0U, store.replaced);
+    TEST_ASSERT_EQUAL_UINT16(0U, store.missing);
     restart();
     TEST_ASSERT_EQUAL_UINT32(42U, store.sequence);
     TEST_ASSERT_TRUE(has_all(6U));
@@ -532,6 +640,23 @@ static void test_sequence_numbers_wrap(void) {
     TEST_ASSERT_TRUE(has_all(3U));
 }
 
+/* CRC-32 of ITU-T V.42, bit by bit; the check value is the catalogue's. */
+static void test_the_crc_is_that_of_v42(void) {
+    uint8_t every[256];
+    uint32_t crc = 0xFFFFFFFFU;
+    for (uint32_t i = 0U; i < 256U; i++) {
+        every[i] = (uint8_t)i;
+        crc ^= i;
+        for (uint32_t bit = 0U; bit < 8U; bit++) {
+            crc = (crc >> 1U) ^ (((crc & 1U) != 0U) ? 0xEDB88320U : 0U);
+        }
+    }
+    TEST_ASSERT_EQUAL_HEX32(~crc, terrapin_crc32(0U, every, 256U));
+    TEST_ASSERT_EQUAL_HEX32(~crc, terrapin_crc32(terrapin_crc32(0U, every, 100U), &every[100], 156U));
+    TEST_ASSERT_EQUAL_HEX32(0xCBF43926U, terrapin_crc32(0U, (const uint8_t *)"123456789", 9U));
+    TEST_ASSERT_EQUAL_HEX32(0U, terrapin_crc32(0U, NULL, 0U));
+}
+
 static void test_hashes_are_fnv1a_of_name_unit_and_scale(void) {
     const char *text = "radius|m|1e-06";
     uint32_t hash = 0x811C9DC5U;
@@ -558,13 +683,19 @@ int main(void) {
     RUN_TEST(test_zeros_everywhere_are_damage);
     RUN_TEST(test_each_flipped_bit_of_the_newest_set_leaves_the_one_before);
     RUN_TEST(test_a_bad_spot_moves_the_set_to_the_other_page);
+    RUN_TEST(test_a_page_is_filled_to_its_last_byte);
+    RUN_TEST(test_after_a_save_that_failed_in_both_pages);
+    RUN_TEST(test_pages_of_one_set_in_either_order);
     RUN_TEST(test_pages_that_cannot_be_used_are_never_touched);
     RUN_TEST(test_reordered_unknown_and_impossible_values);
     RUN_TEST(test_a_set_of_another_robot_gives_defaults_and_says_so);
     RUN_TEST(test_a_set_that_names_no_robot_is_taken);
+    RUN_TEST(test_of_two_sets_neither_of_which_is_newer_the_first_counts);
+    RUN_TEST(test_a_set_that_names_a_parameter_twice);
     RUN_TEST(test_another_layout_is_not_read);
     RUN_TEST(test_absurd_heads_are_survived);
     RUN_TEST(test_sequence_numbers_wrap);
+    RUN_TEST(test_the_crc_is_that_of_v42);
     RUN_TEST(test_hashes_are_fnv1a_of_name_unit_and_scale);
     return UNITY_END();
 }

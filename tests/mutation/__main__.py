@@ -4,12 +4,16 @@
     python -m tests.mutation --whole              all of them (a day); goes on where it was stopped
     python -m tests.mutation --changed            those of functions changed by the last commit or since (make check)
     python -m tests.mutation --match supervisor   those whose name has this
+    python -m tests.mutation --library boot       those of the sample (or of --whole) that this library has
     python -m tests.mutation --show               the figures and the survivors of what was judged already
     python -m tests.mutation --map                which test killed how many mutants of which file
+    python -m tests.mutation --keep               write what is known into judged.txt, for the next tree
+    python -m tests.mutation --anew               what judged.txt says does not count
 
 A mutant that survives is an accusation: a test must kill it, or tests/mutation/equivalent.toml must say why no test
-can. Results are JSON lines in out/mutation. A kill holds as long as the mutant's file is as it was; a survivor is
-judged anew when a test has changed.
+can. Results are JSON lines in out/mutation, and letters in tests/mutation/judged.txt. A kill holds as long as the
+mutant's function is as it was; a survivor is judged anew when a test has changed. The sample is of those whose names
+have the lowest digests: a change of one function changes the sample there alone.
 """
 
 from __future__ import annotations
@@ -37,13 +41,22 @@ NO_SURVIVOR = ("firmware/core/supervisor.c", "firmware/boot/")
 SHARE, LISTED = 0.97, 0.05  # killed of those that are not equivalent; listed as equivalent of a file's mutants
 SAMPLE = {"core": 300, "link": 160, "store": 160, "boot": 200}
 TESTS = ("tests/firmware/*.[ch]", "tests/boot/*.py", "hil/terrapin_hil/scenario/scenarios/*.toml", BITS)
+KEPT = Path(__file__).with_name("judged.txt")
+LETTERS = {"k": "killed", "s": "survived", "e": "equal", "i": "invalid"}
+HEAD = (
+    "# What was judged: file, function, digest of its text, a letter for each mutant (k killed, s survived, e equal\n"
+    "# machine code, i refused by the compiler, . not judged). Written by `python -m tests.mutation --keep`."
+)
 EQUIVALENT = Path(__file__).with_name("equivalent.toml")
+NICE = 10  # others work on this machine
 MOST_CHANGED = 400  # mutants that `make check` judges: a spread of them when a commit changes more
 
 
 def key(mutant: Mutant, again: int) -> str:
-    """What names a mutant as long as its file is as it was. `again`: how many before it have the same name."""
-    return f"{hashlib.sha256(mutant.source.encode()).hexdigest()[:12]} {mutant.name} #{again}"
+    """What names a mutant as long as its function is as it was. `again`: how many before it have the same name."""
+    begin, end = extent(mutant)
+    text = "\n".join(mutant.source.split("\n")[begin - 1 : end])
+    return f"{hashlib.sha256(text.encode()).hexdigest()[:12]} {mutant.name} #{again}"
 
 
 def everything() -> dict[str, Mutant]:
@@ -69,7 +82,7 @@ def sample(all_of_them: dict[str, Mutant], seed: int) -> dict[str, Mutant]:
     chosen = {k: m for k, m in all_of_them.items() if m.path.as_posix() in WHOLE_FILES}
     for name, count in SAMPLE.items():
         rest = [k for k, m in all_of_them.items() if library(m) == name and k not in chosen]
-        picked = random.Random(f"{seed} {name}").sample(rest, min(count, len(rest)))
+        picked = sorted(rest, key=lambda k: hashlib.sha256(f"{seed} {k}".encode()).digest())[:count]
         chosen |= {k: all_of_them[k] for k in picked}
     return chosen
 
@@ -119,6 +132,43 @@ def stored(path: Path) -> dict[str, dict[str, Any]]:
     return found
 
 
+def by_function(all_of_them: dict[str, Mutant]) -> dict[str, list[str]]:
+    """Keys of the mutants of each function, in order; by "file function digest"."""
+    found: dict[str, list[str]] = defaultdict(list)
+    for k, m in all_of_them.items():
+        found[f"{m.path.as_posix()} {m.function} {k.partition(' ')[0]}"].append(k)
+    return found
+
+
+def kept(all_of_them: dict[str, Mutant]) -> dict[str, dict[str, Any]]:
+    """What judged.txt says of the functions that are as they were then."""
+    functions, found, tests = by_function(all_of_them), {}, ""
+    for line in KEPT.read_text(encoding="utf-8").splitlines() if KEPT.exists() else []:
+        name, _, letters = line.rpartition(" ")
+        if name == "tests":
+            tests = letters
+        for k, letter in zip(functions.get(name, []), letters, strict=False):
+            if letter in LETTERS:
+                found[k] = {"key": k, "verdict": LETTERS[letter], "by": "", "tests": tests}
+    return found
+
+
+def keep(all_of_them: dict[str, Mutant], done: dict[str, dict[str, Any]], now: str) -> None:
+    """Writes judged.txt: a line a function, a letter a mutant, in the order of the file. Of the survivors, those that
+    the present tests leave alive."""
+    letter_of = {verdict: letter for letter, verdict in LETTERS.items()}
+    lines = [HEAD, f"tests {now}"]
+    for name, keys in by_function(all_of_them).items():
+        entries = [done.get(k) for k in keys]
+        letters = "".join(
+            "." if e is None or (e["verdict"] == "survived" and e["tests"] != now) else letter_of[e["verdict"]]
+            for e in entries
+        )
+        if set(letters) != {"."}:
+            lines.append(f"{name} {letters}")
+    KEPT.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
 def tests_now() -> str:
     """Twelve digits that change with the tests."""
     digest = hashlib.sha256()
@@ -153,9 +203,11 @@ def listed(all_of_them: dict[str, Mutant]) -> tuple[set[str], list[str]]:
     return found, wrong
 
 
-def judge(chosen: dict[str, Mutant], equivalent: set[str], path: Path) -> dict[str, dict[str, Any]]:
-    """Judges what was not judged yet; everything that is known then."""
-    done, now = stored(path), tests_now()
+def judge(
+    chosen: dict[str, Mutant], equivalent: set[str], path: Path, done: dict[str, dict[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Judges what was not judged yet (`done`), into `path` as well; everything that is known then."""
+    now = tests_now()
     left = {
         k: m
         for k, m in chosen.items()
@@ -164,7 +216,7 @@ def judge(chosen: dict[str, Mutant], equivalent: set[str], path: Path) -> dict[s
     if not left:
         return done
     path.parent.mkdir(parents=True, exist_ok=True)
-    os.nice(19)
+    os.nice(max(0, NICE - os.nice(0)))
     with Bench() as bench, path.open("a", encoding="utf-8") as file:
         for number, (k, mutant) in enumerate(left.items(), 1):
             verdict, by = bench.judge(mutant)
@@ -210,8 +262,11 @@ def main() -> int:
     parser.add_argument("--whole", action="store_true")
     parser.add_argument("--changed", nargs="?", const="HEAD~1", metavar="COMMIT", help="since then; the last but one")
     parser.add_argument("--match", default="")
+    parser.add_argument("--library", choices=LIBRARIES)
     parser.add_argument("--seed", type=int, default=1, help="of the sample")
     parser.add_argument("--show", action="store_true", help="no new ones")
+    parser.add_argument("--keep", action="store_true", help="no new ones")
+    parser.add_argument("--anew", action="store_true", help="do not believe judged.txt")
     parser.add_argument("--map", action="store_true", help="no new ones")
     options = parser.parse_args()
     all_of_them = everything()
@@ -227,6 +282,8 @@ def main() -> int:
         chosen = {k: m for k, m in all_of_them.items() if options.match in m.name}
     else:
         chosen = sample(all_of_them, options.seed)
+    if options.library is not None:
+        chosen = {k: m for k, m in chosen.items() if library(m) == options.library}
     if options.map:
         killers = Counter(
             (all_of_them[k].path.as_posix(), e["by"]) for k, e in stored(path).items() if k in all_of_them
@@ -234,8 +291,13 @@ def main() -> int:
         for (name, by), count in sorted(killers.items()):
             print(f"{name}: {by or 'equal, or survived'} {count}")
         return 0
+    done = ({} if options.anew else kept(all_of_them)) | stored(path)
+    if options.keep:
+        keep(all_of_them, done, tests_now())
+        return 0
     try:
-        done = stored(path) if options.show else judge(chosen, equivalent, path)
+        if not options.show:
+            done = judge(chosen, equivalent, path, done)
     except NotReady as error:
         if options.changed is not None:  # one of many checks: those that cannot run are named, as gate.py does
             print(f"not run here: mutants of changed functions ({error})")

@@ -7,12 +7,14 @@ A mutant is one object compiled and one library linked; the test programs are li
 link layer, store and boot loader are in it, with all their functions visible. Tests that include a mutated .c file are
 compiled again with it. What these leave alive goes through the shipped scenarios (core, link, store) or through
 tests/boot (boot loader), in a child of this process. The test that killed a mutant of a file last comes first for its
-next one.
+next one; so do the scenario and the test of tests/boot. A test fails when it takes some times longer than without a
+mutant.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import resource
@@ -27,6 +29,7 @@ from collections.abc import Callable, Sequence
 from fnmatch import fnmatch
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 from terrapin_hil.paths import ROOT
 from tests.mutation.operators import Mutant
@@ -46,9 +49,17 @@ SEEN_BY = {
 LOOKED_IN = ("core", "link", "store", "boot")  # as the C tests do, in this order
 NOT_THESE = re.compile(r"test_(linux|f405_parts|f405_can|flash_file)_")  # they test ports alone
 BITS = "tests/python/data/same_bits.toml"
-BOOT_TESTS = ("test_boot.py", "test_ed25519.py", "test_images.py", "test_power_cut.py")
-SECONDS = {"scenarios": 30.0, "tests/boot": 60.0}  # of processor time; a test that takes more has failed
-PROGRAM_SECONDS = 12.0  # of the C tests; the longest, the store's, takes 3
+BOOT_TESTS = ("test_boot.py", "test_ed25519.py", "test_identity.py", "test_images.py", "test_power_cut.py")
+NOT_OF_THE_LOADER = (
+    "test_run_", "test_the_monitor_", "test_the_command_asks", "never_writes_over", "release_build_wants", "imgtool",
+)  # fmt: skip  # tests of tests/boot that load no library
+# What the build with sanitizers sees ends a test here too, without their library.
+STRICT = ("-Wall", "-Wextra", "-Werror")  # of what the build asks of these files, what finds a slip
+TRAPS = ("-fsanitize=undefined", "-fsanitize-undefined-trap-on-error", "-fno-sanitize=alignment,vptr")
+# A test that takes LONGER times the processor's time that it takes without a mutant, and SPARE_S more, has failed.
+LONGER, SPARE_S = 3.0, 2.0
+FIRST_S = 60.0  # for that first time
+ONE_S = 8.0  # of one scenario, and of one test of tests/boot; the longest takes 2
 WAITED = 600.0  # s by the clock, on a machine however busy
 
 
@@ -91,8 +102,9 @@ class Bench:
                 self._build_program(source, part, {})
         shutil.copytree(BUILD / "generated", self.folder / "generated")
         (self.folder / "libterrapin_boot.so").symlink_to(self._library)
-        self._sound: set[str] = set()  # of the slow tests, those that pass without a mutant
-        failing = [name for name in self._programs if self._fails(name)]
+        self._seconds: dict[str, float] = {}  # of processor time that a test may take, once it passed without a mutant
+        self._first: dict[str, list[str]] = {}  # by the mutated file: scenarios, or tests of tests/boot, that killed
+        failing = [name for name in self._programs if not self._sound(name)]
         if failing:
             raise NotReady(f"{', '.join(failing)}: failed without a mutant, expected to pass first")
 
@@ -104,7 +116,7 @@ class Bench:
 
     def judge(self, mutant: Mutant) -> tuple[str, str]:
         """What became of it, and the test that killed it: killed, survived, equal (the same machine code) or invalid
-        (no C)."""
+        (no C, or of those that no test kills, one with a warning: the build refuses it)."""
         source = mutant.path.as_posix()
         if source not in self._order:
             self._link(self._objects)
@@ -120,11 +132,12 @@ class Bench:
         for name in order:
             if source in self._programs.get(name, []):
                 self._build_program(source_of(self._commands, name), name, {source: self._copy(source)})
-            if self._fails(name):
+            by = self._killer(name, source)
+            if by is not None:
                 order.remove(name)
                 order.insert(0, name)
-                return "killed", name
-        return "survived", ""
+                return "killed", by
+        return ("invalid", "warnings") if self._warns(source, mutant.text()) else ("survived", "")
 
     def _is_off(self, name: str) -> bool:
         return any(fnmatch(name, pattern) for pattern in self._switched_off)
@@ -140,11 +153,27 @@ class Bench:
         slow = "tests/boot" if library == "boot" else "scenarios"
         if self._is_off(slow):
             return found
-        if slow not in self._sound:  # the library is still as it is without a mutant
-            if self._fails(slow):
-                raise NotReady(f"{slow}: failed without a mutant, expected to pass first")
-            self._sound.add(slow)
+        if slow == "tests/boot":
+            _import_once()
+        if slow not in self._seconds and not self._sound(slow):  # the library is still as it is without a mutant
+            raise NotReady(f"{slow}: failed without a mutant, expected to pass first")
         return [*found, slow]
+
+    def _sound(self, name: str) -> bool:
+        """Whether this test passes; how long it may take from now on."""
+        failed, _, took = self._run_test(name, "", FIRST_S)
+        self._seconds[name] = LONGER * took + SPARE_S
+        return not failed
+
+    def _killer(self, name: str, source: str) -> str | None:
+        """What failed of this test, which is asked first next time; None when nothing did."""
+        failed, what, _ = self._run_test(name, source, self._seconds[name])
+        if what:
+            first = self._first.setdefault(source, [])
+            if what in first:
+                first.remove(what)
+            first.insert(0, what)
+        return f"{name} {what}".strip() if failed else None
 
     def _copy(self, source: str) -> Path:
         return self.folder / "src" / source
@@ -155,8 +184,15 @@ class Bench:
         copy.parent.mkdir(parents=True, exist_ok=True)
         copy.write_text(text, encoding="utf-8")
         here = [f"-I{(ROOT / source).parent}", f"-fmacro-prefix-map={self.folder}/src/="]
-        self._run([*words, "-w", "-fPIC", "-fvisibility=default", *here, "-c", str(copy), "-o", str(made)])
+        self._run([*words, "-w", *TRAPS, "-fPIC", "-fvisibility=default", *here, "-c", str(copy), "-o", str(made)])
         return made
+
+    def _warns(self, source: str, text: str) -> bool:
+        """Whether the project's own build, in which a warning is an error, refuses it."""
+        copy = self._copy(source)
+        copy.write_text(text, encoding="utf-8")
+        words = [*self._commands[source][0], *STRICT, f"-I{(ROOT / source).parent}", "-c", str(copy), "-o", os.devnull]
+        return subprocess.run(words, cwd=BUILD, check=False, capture_output=True, timeout=WAITED).returncode != 0
 
     def _link(self, objects: dict[str, Path]) -> None:
         made = self._library.with_suffix(".new")
@@ -184,12 +220,13 @@ class Bench:
         if done.returncode:
             raise _Refused(done.stderr.strip()[:1000])
 
-    def _fails(self, name: str) -> bool:
+    def _run_test(self, name: str, source: str, seconds: float) -> tuple[bool, str, float]:
+        first = self._first.get(source, [])
         if name == "scenarios":
-            return _in_a_child(lambda: _scenarios(self.folder), SECONDS[name])
+            return _in_a_child(lambda: _scenarios(self.folder, first), seconds)
         if name == "tests/boot":
-            return _in_a_child(lambda: _boot_tests(self.folder / "libterrapin_boot.so"), SECONDS[name])
-        return _in_a_child(lambda: os.execv(self.folder / name, [name]), PROGRAM_SECONDS)
+            return _in_a_child(lambda: _boot_tests(self.folder / "libterrapin_boot.so", first), seconds)
+        return _in_a_child(lambda: os.execv(self.folder / name, [name]), seconds)
 
 
 def _included(test: Path, text: str) -> list[tuple[str, str]]:
@@ -230,36 +267,46 @@ def _commands() -> dict[str, tuple[list[str], str]]:
     return found
 
 
-def _in_a_child(work: Callable[[], bool | None], seconds: float) -> bool:
-    """Whether `work` fails in a process of its own: it says so, ends by a signal, or takes more than so long."""
+def _in_a_child(work: Callable[[], str | None], seconds: float) -> tuple[bool, str, float]:
+    """Whether `work` fails in a process of its own: it names what failed, ends by a signal, or takes more than so many
+    seconds of processor time; the name, and the time it took."""
+    reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
         try:
+            os.close(reader)
             os.setsid()
             silence = os.open(os.devnull, os.O_RDWR)
             for descriptor in (0, 1, 2):
                 os.dup2(silence, descriptor)
-            resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 1))
+            resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(seconds), math.ceil(seconds) + 1))
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-            os._exit(1 if work() else 0)
+            failed = work()
+            os.write(writer, (failed or "").encode()[:1000])
+            os._exit(1 if failed else 0)
         finally:
             os._exit(1)
+    os.close(writer)
     end = time.monotonic() + WAITED
     wait = 0.001
-    while True:
-        done, status = os.waitpid(child, os.WNOHANG)
-        if done:
-            return status != 0
-        if time.monotonic() > end:
-            os.killpg(child, signal.SIGKILL)
-            os.waitpid(child, 0)
-            return True
-        time.sleep(wait)
-        wait = min(2.0 * wait, 0.05)
+    with os.fdopen(reader, "rb") as told:
+        while True:
+            done, status, used = os.wait4(child, os.WNOHANG)
+            if not done and time.monotonic() > end:
+                os.killpg(child, signal.SIGKILL)
+                done, status, used = os.wait4(child, 0)
+            if done:
+                what = told.read().decode(errors="replace") if os.WIFEXITED(status) else ""
+                return status != 0, what, used.ru_utime + used.ru_stime
+            time.sleep(wait)
+            wait = min(2.0 * wait, 0.05)
 
 
-def _scenarios(folder: Path) -> bool:
-    """Whether a shipped scenario fails a check with the controller in `folder`, or answers other bits than are kept."""
+def _scenarios(folder: Path, first: Sequence[str]) -> str | None:
+    """The shipped scenario that fails a check with the controller in `folder`, or answers other bits than are kept.
+
+    `first`: those to begin with.
+    """
     from terrapin_hil import paths
     from terrapin_hil.firmware import Firmware
     from terrapin_hil.links.inprocess import InProcess
@@ -268,18 +315,66 @@ def _scenarios(folder: Path) -> bool:
 
     firmware = Firmware(folder)
     bits = tomllib.loads((ROOT / BITS).read_text(encoding="utf-8"))["bits"]
-    for path in sorted(paths.SCENARIOS.glob("*.toml")):
+    for path in sorted(paths.SCENARIOS.glob("*.toml"), key=lambda path: (_place(path.stem, first), path)):
+        _allow(ONE_S)
         result = run(load_scenario(path), InProcess(firmware))
         if not all(outcome.passed for outcome in result.outcomes) or not result.output_hash.startswith(bits[path.stem]):
-            return True
-    return False
+            return path.stem
+    return None
 
 
-def _boot_tests(library: Path) -> bool:
-    """Whether a test of the boot loader fails."""
+def _allow(seconds: float) -> None:
+    """Ends this process when it takes so much more of the processor's time; its own limit stays."""
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    _, most = resource.getrlimit(resource.RLIMIT_CPU)
+    resource.setrlimit(resource.RLIMIT_CPU, (min(most, math.ceil(used.ru_utime + used.ru_stime + seconds)), most))
+
+
+def _place(name: str, first: Sequence[str]) -> int:
+    return first.index(name) if name in first else len(first)
+
+
+class _Order:
+    """Runs the tests that killed before first, and keeps the name of the one that failed."""
+
+    def __init__(self, first: Sequence[str]) -> None:
+        self._first = first
+        self.failed = ""
+
+    def pytest_collection_modifyitems(self, items: list[Any]) -> None:
+        items[:] = [item for item in items if not any(word in item.name for word in NOT_OF_THE_LOADER)]
+        items.sort(key=lambda item: _place(item.name, self._first))
+
+    def pytest_runtest_logstart(self) -> None:
+        _allow(ONE_S)
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        if report.failed and not self.failed:
+            self.failed = report.nodeid.partition("::")[2]
+
+
+def _import_once() -> None:
+    """What tests/boot need, for all the children of this process."""
+    import cffi  # noqa: F401
+    import hypothesis  # noqa: F401
+    import pytest  # noqa: F401
+
+    import terrapin_tools.flash.image
+    import terrapin_tools.flash.update
+    import terrapin_tools.monitor.sources  # noqa: F401
+    from terrapin_hil.messages import interface
+
+    interface()
+
+
+def _boot_tests(library: Path, first: Sequence[str]) -> str | None:
+    """The test of the boot loader that fails; `first`: those to begin with."""
     import pytest
 
     os.environ["BOOT_LIBRARY"] = str(library)
     os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = str(library.parent / "hypothesis")
     files = [str(ROOT / "tests" / "boot" / name) for name in BOOT_TESTS]
-    return bool(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-k", "not imgtool", *files]))
+    order = _Order(first)
+    without = [word for name in ("cacheprovider", "xdist", "schemathesis") for word in ("-p", f"no:{name}")]
+    status = pytest.main(["-x", "-q", "--assert=plain", *without, *files], plugins=[order])
+    return (order.failed or "no test ran") if status else None

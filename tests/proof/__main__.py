@@ -38,6 +38,7 @@ class Proof:
     turns: int
     source: str
     defects: tuple[tuple[str, str], ...]
+    options: tuple[str, ...] = ()
 
 
 PROOFS = (
@@ -54,6 +55,26 @@ PROOFS = (
         ("if (intake->count == TERRAPIN_INTAKE_SIZE) {", "if (intake->count > TERRAPIN_INTAKE_SIZE) {"),
         ("(intake->first + intake->count) % TERRAPIN_INTAKE_SIZE", "intake->first + intake->count"),
     )),
+    Proof("dispatch", 10, "link/dispatch.c", (
+        ("if (arm && terrapin_bridge_on(state)) {", "if (false) {"),
+        ("} else if (link->seal.key != NULL) {", "} else if (false) {"),
+        ("(link->reply_counter < TERRAPIN_E2E_COUNTER_MAX) ?", "(link->reply_counter <= TERRAPIN_E2E_COUNTER_MAX) ?"),
+    )),
+    Proof("service", 10, "link/service.c", (
+        ("i < service->outputs.frame_count;", "i <= service->outputs.frame_count;"),
+    )),
+    Proof("update", 10, "boot/update.c", (
+        (" || (size == 0U)", ""),
+        ("update->filled < TERRAPIN_UPDATE_BLOCK", "update->filled <= TERRAPIN_UPDATE_BLOCK"),
+        ("} else if ((size > TERRAPIN_LAYOUT_SLOT_SIZE) ||", "} else if ("),
+        ("} else if (!update_writable(update, &record, slot)) {", "} else if (false) {"),
+    )),
+    Proof("store", 100, "store/parameters.c", (
+        ("if ((guess < PARAMETERS) && (", "if (("),
+        ("(room >= set_size(PARAMETERS))", "(room > UNIT)"),
+        ("store->target = (stored && (store->active == 0U)) ? 1U : 0U;", "store->target = 0U;"),
+    ), ("--unwindset", "scan.0:5,whole.0:50,load.0:4,is_erased.0:17,put_word.0:5,make_unit.0:17,make_unit.1:3",
+        "--object-bits", "12")),
     Proof("records", 40, "boot/records.c", (
         ("(record->candidate <= (uint8_t)TERRAPIN_UPDATE_SLOT_B) &&\n           (record->phase", "(record->phase"),
         ("i < TERRAPIN_RECORD_SIZE; i++) {\n        all", "i <= TERRAPIN_RECORD_SIZE; i++) {\n        all"),
@@ -82,10 +103,13 @@ def alarms(cbmc: list[str], proof: Proof, source: str | None = None) -> tuple[li
     """
     with tempfile.TemporaryDirectory() as folder:
         include = [folder, str(HERE), *(str(ROOT / "firmware" / p) for p in ("core", "link", "store", "boot"))]
-        include.append(str(paths.build() / "generated"))
+        include += [str(ROOT / "firmware"), str(paths.build() / "generated")]
         if source is not None:
-            (Path(folder) / Path(proof.source).name).write_text(source, encoding="utf-8")
+            for name in (proof.source, Path(proof.source).name):  # as a harness may spell it
+                (Path(folder) / name).parent.mkdir(exist_ok=True)
+                (Path(folder) / name).write_text(source, encoding="utf-8")
         command = [*cbmc, str(HERE / f"prove_{proof.name}.c"), *CHECKS, "--c11", "--unwind", str(proof.turns)]
+        command += proof.options
         limited = ["sh", "-c", f'ulimit -t {SECONDS:.0f}; exec "$@"', "proof", *command]
         done = subprocess.run(
             [*limited, *(word for place in include for word in ("-I", place))],

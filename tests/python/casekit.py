@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from terrapin_tools.workbench.noise.covariance import Node, Runs
+from terrapin_tools.workbench.noise.covariance import WALKED, WAVES, Node, Runs
 
 R, DRIVE, K_T, A, B = 0.08, 0.018, 0.1, 0.012, 1e-3
 
@@ -57,7 +57,13 @@ def dense(runs: Runs, node: Node) -> npt.NDArray[np.float64]:
     lag = np.abs(runs.position[:, None] - runs.position[None, :])
     own = (1.0 - node.share) * (lag == 0) + node.offset**2 + node.drift**2 * np.outer(runs.line, runs.line)
     own = own + node.share * node.rho**lag if node.share else own
-    return np.where(runs.run[:, None] == runs.run[None, :], own, 0.0)
+    own = np.where(runs.run[:, None] == runs.run[None, :], own, 0.0)
+    if node.walk and runs.runs >= WALKED:
+        place = (np.argsort(np.argsort(runs.run, kind="stable")) + 0.5) / runs.rows
+        k = np.arange(1, WAVES + 1)
+        waves = np.cos(np.pi * np.outer(place, k)) / k * np.sqrt(2.0 / (1.0 / k**2).sum())
+        own = own + node.walk**2 * waves @ waves.T
+    return own
 
 
 def rolling(

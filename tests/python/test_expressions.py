@@ -146,6 +146,14 @@ def test_equations_get_expressions_in_their_columns(tmp_path: Path, hidden: str)
     assert found.ladder[-1].heldout_error < 1.15
 
 
+@pytest.mark.parametrize("seed", [5, 6, 7, 8])
+def test_a_parameter_that_goes_with_a_column_is_seen(tmp_path: Path, seed: int) -> None:
+    """A stiffness that falls with the oil's temperature: no column alone shows it."""
+    found = discover(spring(tmp_path / "case", "oil*x", 2.5, seed=seed))
+    assert found.analysis.adequacy.p_value < 1e-6
+    assert named(found) == ["k*oil*x"]
+
+
 def test_units_of_an_expression_are_sound(tmp_path: Path) -> None:
     case = spring(tmp_path / "case", "v*abs(v)", 3.0, seed=3)
     found = discover(case)

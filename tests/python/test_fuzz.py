@@ -21,10 +21,13 @@ MUTATIONS = 10_000
 BUGS = {
     "slcan": ("link/slcan.c", "parser->length < TERRAPIN_SLCAN_LINE_MAX", "parser->length <= TERRAPIN_SLCAN_LINE_MAX"),
     "can": ("link/dispatch.c", "if (link->test_mode) {", "if (true) {"),
+    "intake": (
+        "link/intake.c", "(intake->first + intake->count) % TERRAPIN_INTAKE_SIZE", "intake->first + intake->count",
+    ),
     "step": ("core/supervisor.c", "causes |= fault_bit(TERRAPIN_FAULT_ESTOP);", ""),
     "readers": ("boot/records.c", "(record->confirmed <= (uint8_t)TERRAPIN_UPDATE_SLOT_B) &&\n           (", "("),
     "update": ("boot/update.c", " || (size != expected)", ""),
-}
+}  # fmt: skip
 
 
 def test_every_target_has_inputs_and_a_planted_bug() -> None:

@@ -260,7 +260,7 @@ def test_command_line_of_the_generator(tmp_path: Path) -> None:
     run = [sys.executable, "-I", str(script), "--out", str(tmp_path)]
     header = paths.ROOT / "firmware" / "core" / "terrapin.h"
     subprocess.run([*run, "--header", str(header)], check=True, timeout=300)
-    assert len(list(tmp_path.iterdir())) == 9
+    assert len(list(tmp_path.iterdir())) == 11
     assert generate(CONTROLLER_TOML, [header], tmp_path) == []
     bad = tmp_path / "bad.toml"
     bad.write_text(GOOD.replace("default = 5", "default = 50"))

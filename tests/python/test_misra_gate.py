@@ -1,6 +1,10 @@
 """The gate of MISRA C:2012 finds what it claims: a violation of each of many rules, with the gate's options.
 
-The list was fixed before it was tried. Cppcheck's addon does not see seven of its 49; what does instead is said there.
+DRAWN are 30 of the 124 rules that cppcheck's addon checks itself and this project applies, drawn by lot (the lowest
+digests of "misra RULE") before a violation was written. All are found; of 8.8 the addon sees objects, and not the
+function that was planted first, and of two rules at one place cppcheck tells one (15.1 hides 15.2). PLANTED and UNSEEN
+are 49 rules that were chosen, and fixed before they were tried: the addon does not see seven of them; what does instead
+is said there.
 """
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ sys.path.insert(0, str(ROOT / "tests" / "tools"))
 
 import gate
 
+needs_cppcheck = pytest.mark.skipif(shutil.which("cppcheck") is None, reason="cppcheck is not installed")
 HEAD = "#include <stdbool.h>\n#include <stddef.h>\n#include <stdint.h>\n\n"
 SIGN = "int32_t f(int32_t a)"
 
@@ -37,6 +42,47 @@ def body(*lines: str, sign: str = SIGN) -> str:
     return f"{sign} {{\n" + "".join(f"    {line}\n" for line in lines) + "}"
 
 
+LONG = "a_name_that_is_longer_than_what_a_compiler_need_tell_apart_in_macros"
+DRAWN = {
+    "2.7": body("return a;", sign="int32_t f(int32_t a, int32_t b)"),
+    "3.1": body("return a; // one /* two */"),
+    "4.1": body('return "\\x41g";', sign="const char *f(void)"),
+    "5.4": f"#define {LONG}_1 1\n#define {LONG}_2 2\n" + body("return a;"),
+    "6.2": "typedef struct {\n    signed int a : 1;\n} bits;\n" + body("return b->a;", sign="int32_t f(const bits *b)"),
+    "7.1": body("return a + 017;"),
+    "8.2": body("return 1;", sign="int32_t f()"),
+    "8.8": "static int32_t g;\nextern int32_t g;\n" + body("g = a;", "return a;"),
+    "9.2": body("const int32_t b[2][2] = {1, 2, 3, 4};", "return b[a][a];"),
+    "10.3": body("uint16_t b = a;", "return b;", sign="uint16_t f(uint32_t a)"),
+    "10.6": body("uint32_t c = a + b;", "return c;", sign="uint32_t f(uint16_t a, uint16_t b)"),
+    "10.8": body("return (uint32_t)(a + b);", sign="uint32_t f(uint16_t a, uint16_t b)"),
+    "11.6": body("return (uint32_t)a;", sign="uint32_t f(void *a)"),
+    "11.8": body("return (int32_t *)a;", sign="int32_t *f(const int32_t *a)"),
+    "12.2": body("return a >> 40U;", sign="uint32_t f(uint32_t a)"),
+    "13.4": body("int32_t b = a;", "if ((b = a) > 1) {", "    b = 2;", "}", "return b;"),
+    "15.1": body("goto out;", "out:", "return a;"),
+    "15.2": body(
+        "int32_t b = a;", "again:", "b = b + 1;", "if (b < 3) {",
+        "    goto again; // cppcheck-suppress misra-c2012-15.1 ; it stands at the same place", "}", "return b;",
+    ),
+    "15.4": body(
+        "int32_t b = a;", "while (b > 0) {", "    b = b - 1;", "    if (b == 7) {", "        break;", "    }",
+        "    if (b == 5) {", "        break;", "    }", "}", "return b;",
+    ),
+    "15.7": body("int32_t b = a;", "if (a > 3) {", "    b = 1;", "} else if (a > 2) {", "    b = 2;", "}", "return b;"),
+    "16.4": switch(case("case 3", 1) + case("case 4", 2)),
+    "20.9": "#if UNKNOWN == 1\n#define ONE 1\n#endif\n" + body("return a;"),
+    "20.13": "#define ONE 1\n#if ONE == 2\n#elseif ONE == 3\n#endif\n" + body("return a;"),
+    "20.14": "#if 1\n" + body("return a;") + '\n#include "r20_14.h"',
+    "21.6": "#include <stdio.h>\n" + body("return getchar() + a;"),
+    "21.11": "#include <tgmath.h>\n" + body("return sqrt(a);", sign="float f(float a)"),
+    "21.15": "#include <string.h>\n" + body("(void)memcpy(a, b, 4U);", sign="void f(uint8_t *a, const uint32_t *b)"),
+    "22.7": "#include <stdio.h>\n" + body("char b = (char)getchar();", "return (b == EOF) ? a : 0;"),
+    "22.8": "#include <errno.h>\n#include <stdlib.h>\n"
+    + body("long b = strtol(a, NULL, 10);", "return (errno != 0) ? 0L : b;", sign="long f(const char *a)"),
+    "22.10": "#include <errno.h>\n#include <math.h>\n"
+    + body("errno = 0;", "float b = fabsf(a);", "return (errno != 0) ? 0.0F : b;", sign="float f(float a)"),
+}  # fmt: skip
 PLANTED = {
     "3.1": body("return a; /* one /* two */"),
     "4.1": body('return "\\x41g";', sign="const char *f(void)"),
@@ -93,28 +139,36 @@ UNSEEN = {  # by this checker; two of them by the compiler, with the warnings of
 }
 
 
-@pytest.mark.skipif(shutil.which("cppcheck") is None, reason="cppcheck is not installed")
-def test_a_violation_of_each_rule_is_found(tmp_path: Path) -> None:
-    """At least 30 rules, in one run of the gate's own command."""
-    names = {rule: f"r{rule.replace('.', '_')}.c" for rule in [*PLANTED, *UNSEEN]}
-    for rule, text in [*PLANTED.items(), *((rule, text) for rule, (_, text) in UNSEEN.items())]:
-        (tmp_path / names[rule]).write_text(HEAD + text + "\n")
-    (tmp_path / "firmware").mkdir()
-    shutil.copy(ROOT / "firmware" / "misra-disapplied.txt", tmp_path / "firmware")
-    subprocess.run(["git", "init", "-q", str(tmp_path)], check=True, timeout=60)
-    [command] = gate.cppcheck(tmp_path)
+def seen(planted: dict[str, str], folder: Path) -> set[str]:
+    """The rules whose violation the gate's own command finds, all in one run of it."""
+    names = {rule: f"r{rule.replace('.', '_')}.c" for rule in planted}
+    for rule, text in planted.items():
+        (folder / names[rule]).write_text(HEAD + text + "\n")
+    (folder / "r20_14.h").write_text("#endif\n")
+    (folder / "firmware").mkdir()
+    shutil.copy(ROOT / "firmware" / "misra-disapplied.txt", folder / "firmware")
+    subprocess.run(["git", "init", "-q", str(folder)], check=True, timeout=60)
+    [command] = gate.cppcheck(folder)
     options = [word for word in command if word.startswith("-") and not word.startswith(("-I", "--cppcheck-build-dir"))]
     options = [word for word in options if word not in ("-j",)]
-    files = [str(tmp_path / name) for name in names.values()]
+    files = [str(folder / name) for name in names.values()]
     done = subprocess.run(
-        ["cppcheck", *options, *files], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=600
+        ["cppcheck", *options, *files], cwd=folder, capture_output=True, text=True, check=False, timeout=600
     )
-    found = set(re.findall(r"(r\d+_\d+\.c):\d+:.*\[misra-c2012-([\d.]+)\]", done.stderr))
-    seen = {rule for rule, name in names.items() if (name, rule) in found}
-    assert len(PLANTED) >= 30
-    assert seen == set(PLANTED), (
-        f"not seen: {sorted(set(PLANTED) - seen)}; seen after all: {sorted(seen & set(UNSEEN))}"
-    )
+    found = set(re.findall(r"r(\d+_\d+)\.[ch]:\d+:.*\[misra-c2012-([\d.]+)\]", done.stderr))
+    return {rule for rule in planted if (rule.replace(".", "_"), rule) in found}
+
+
+@needs_cppcheck
+def test_a_violation_of_each_rule_that_was_drawn_is_found(tmp_path: Path) -> None:
+    assert len(DRAWN) == 30
+    assert seen(DRAWN, tmp_path) == set(DRAWN)
+
+
+@needs_cppcheck
+def test_a_violation_of_each_other_rule_is_found(tmp_path: Path) -> None:
+    found = seen({**PLANTED, **{rule: text for rule, (_, text) in UNSEEN.items()}}, tmp_path)
+    assert found == set(PLANTED)
 
 
 @pytest.mark.parametrize("rule", [rule for rule, (warning, _) in UNSEEN.items() if warning])

@@ -78,6 +78,29 @@ def test_the_list_of_equivalents_is_kept_honest(tmp_path: Path, monkeypatch: pyt
     assert "expected at most 5%" in gate.listed(everything)[1][0]
 
 
+def test_what_was_judged_is_kept_by_function(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As long as the function's text is what it was; a survivor as long as the tests are."""
+    place = tmp_path / "firmware" / "core"
+    place.mkdir(parents=True)
+    text = "void one(int *a) {\n    *a = 1;\n}\n\nvoid two(int *a) {\n    *a = 2;\n}\n"
+    (place / "a.c").write_text(text)
+    monkeypatch.setattr(gate, "ROOT", tmp_path)
+    monkeypatch.setattr(gate, "KEPT", tmp_path / "judged.txt")
+    found = gate.everything()
+    assert len(found) == 6
+    verdicts = ["killed", "survived", "equal", "invalid", "killed", "survived"]
+    done = {
+        k: {"key": k, "verdict": v, "by": "", "tests": "now" if i < 5 else "then"}
+        for i, (k, v) in enumerate(zip(found, verdicts, strict=True))
+    }
+    gate.keep(found, done, "now")
+    again = gate.kept(gate.everything())
+    assert [again[k]["verdict"] for k in found if k in again] == verdicts[:5]
+    assert {e["tests"] for e in again.values()} == {"now"}
+    (place / "a.c").write_text(text.replace("*a = 2", "*a = 5"))
+    assert {k.split()[2] for k in gate.kept(gate.everything())} == {"one:"}
+
+
 def test_changed_functions_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     place = tmp_path / "firmware" / "core"
     place.mkdir(parents=True)

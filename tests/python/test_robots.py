@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import tomlkit
+from robot_files import Change, set_fields
 from typer.testing import CliRunner
 
 from terrapin_hil.errors import UserError
@@ -27,26 +27,11 @@ from terrapin_interface.robot import RobotError, find_robot, load_robot, robots
 from terrapin_tools.commands import robot as command
 
 ROOT = Path(__file__).resolve().parents[2]
-Change = dict[str, Any]
 
 
 def changed(folder: Path, name: str, changes: Change) -> Path:
     """A copy of a shipped robot's file with fields set, or taken out (None)."""
-    document: Any = tomlkit.parse(find_robot(name).read_text(encoding="utf-8"))
-    for key, value in changes.items():
-        *tables, last = key.split(".")
-        table = document
-        for part in tables:
-            if part not in table:
-                table[part] = tomlkit.table()
-            table = table[part]
-        if value is None:
-            del table[last]
-        else:
-            table[last] = value
-    path = folder / f"{name}.toml"
-    path.write_text(tomlkit.dumps(document), encoding="utf-8")
-    return path
+    return set_fields(folder / f"{name}.toml", find_robot(name), changes)
 
 
 def made(path: Path) -> None:

@@ -32,7 +32,13 @@ from terrapin_hil.scenario.scenario import Scenario
 Bytes = npt.NDArray[np.uint8]
 Counts = npt.NDArray[Any]
 
-RESET, TICK, FRAME = 1, 2, 3  # kinds of a record, as firmware/ports/replay/main.c has them
+RESET, TICK, FRAME, NODE = 1, 2, 3, 4  # kinds of a record, as firmware/ports/replay/main.c has them
+# Raw values with which every compensation works, none so large that C_t leaves its range.
+COMPENSATIONS = {
+    "comp_speed_squared": 20_000, "comp_viscous": 20_000, "comp_coulomb": 2_000, "comp_stribeck": 3_000,
+    "comp_stribeck_speed": 3_000, "comp_heating": 2_000, "comp_current_offset": 5_000, "comp_slope": 10_000,
+    "comp_inertia": 5_000, "comp_imbalance": 4_000, "comp_imbalance_phase": 10_000,
+}  # fmt: skip
 LIMIT = 600.0  # s that the emulator may take for one file
 
 
@@ -84,6 +90,19 @@ def raw_values(firmware: Firmware, parameters: Mapping[str, float]) -> tuple[int
     """All parameters as raw integers, in file order; those that are not named at their defaults."""
     given = {name: firmware.interface.parameter(name).raw(value) for name, value in parameters.items()}
     return tuple(given.get(name, p.default) for name, p in firmware.interface.parameters.items())
+
+
+def compensated(recording: Recording, firmware: Firmware) -> Recording:
+    """The same inputs for a controller with every compensation set."""
+    values = list(recording.values)
+    for name, value in COMPENSATIONS.items():
+        values[firmware.interface.parameters[name].index] = value
+    return Recording(tuple(values), recording.inputs)
+
+
+def whole(counted: Counts) -> npt.NDArray[np.int64]:
+    """Instructions of each tick, both halves."""
+    return counted["drive"].astype(np.int64) + counted["think"]
 
 
 def record(

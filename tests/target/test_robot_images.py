@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import struct
 import subprocess
 import tomllib
 from collections.abc import Iterator
@@ -16,10 +17,14 @@ import pytest
 import tomlkit
 
 from terrapin_hil import paths
+from terrapin_hil.firmware import Firmware
 from terrapin_hil.robots import Robot, select
 from terrapin_hil.run.run import run
 from terrapin_hil.scenario.scenario import Scenario, load_scenario
+from terrapin_interface.description import load
 from terrapin_interface.robot import DEFAULT, find_robot, robots
+from tests.python.robot_files import set_fields
+from tests.target.replay import compensated, count_all, record, whole
 
 ROOT = Path(__file__).resolve().parents[2]
 BUDGET = tomllib.loads((Path(__file__).parent / "budget.toml").read_text())
@@ -113,6 +118,19 @@ def test_the_chip_gives_the_same_bits(robot: Robot, tmp_path: Path) -> None:
     assert chip.output_hash == host.output_hash
 
 
+@pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="qemu-system-arm is not installed")
+def test_its_step_is_within_the_budget(robot: Robot, tmp_path: Path) -> None:
+    """In its own scenarios, and with every compensation."""
+    firmware = Firmware.open()
+    own = sorted((paths.SCENARIOS / robot.name).glob("*.toml"))
+    recordings = [record(s, firmware=firmware) for s in (rolls(robot, tmp_path), *map(load_scenario, own))]
+    plain = [whole(counted) for counted in count_all(recordings, firmware)]
+    assert max(steps.max() for steps in plain) <= BUDGET["step"]["worst"]
+    everything = count_all([compensated(recording, firmware) for recording in recordings], firmware)
+    assert max(whole(counted).max() for counted in everything) <= BUDGET["step"]["extreme"]
+    assert sum(whole(counted).sum() for counted in everything) > sum(steps.sum() for steps in plain)
+
+
 def test_its_images_fit(robot: Robot) -> None:
     """RAM with the stack that is set aside; the text of an application; a boot loader's sector."""
     images = sorted(paths.images().glob("terrapin-*f405*.elf"))
@@ -124,3 +142,29 @@ def test_its_images_fit(robot: Robot) -> None:
         assert text <= (16 * 1024 if "boot" in image.stem else BUDGET["stm32f405"]["text"]), (
             f"{image.name}: {text} bytes"
         )
+
+
+def test_a_boards_file_is_in_its_image(tmp_path: Path) -> None:
+    """The page's own board: its pins, channels and scales by its file alone, none of them the shipped board's."""
+    page = (ROOT / "docs" / "robots.md").read_text(encoding="utf-8").partition("## Boards")[2]
+    board, change = re.findall(r"<!-- built: \S+ -->\n```toml\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "my_board.toml").write_text(board, encoding="utf-8")
+    fields = tomllib.loads(change)
+    changes = {"board": fields["board"], "sensors.current.code": fields["sensors"]["current"]["code"]}
+    robot = set_fields(tmp_path / "carried.toml", find_robot(DEFAULT), changes)
+    build = ["tests/tools/build.sh", f"robot={robot}", "cortex-m4"]
+    done = subprocess.run(build, cwd=ROOT, capture_output=True, text=True, check=False, timeout=1200)
+    assert done.returncode == 0, done.stderr
+    image = (ROOT / "build" / "robots" / "carried" / "cortex-m4" / "terrapin-my-board-alone.bin").read_bytes()
+    pins = [
+        *((0, 7, 2, 2, 1), (0, 8, 2, 2, 1), (1, 14, 2, 2, 1), (0, 9, 2, 2, 1), (1, 12, 2, 2, 1)),  # bridge
+        *((1, 6, 2, 1, 7), (1, 7, 2, 1, 7), (1, 8, 2, 1, 9), (1, 9, 2, 0, 9)),  # USART1, CAN1
+        *((2, 6, 2, 1, 2), (2, 7, 2, 1, 2), (3, 12, 2, 1, 2), (3, 13, 2, 1, 2)),  # encoders
+        *((2, 0, 3, 0, 0), (0, 3, 3, 0, 0), (1, 1, 3, 0, 0)),  # converters
+    ]
+    assert image.count(b"".join(map(bytes, pins))) == 1
+    assert bytes([10, 3, 9]) in image  # channels
+    index = {p.name: p.index for p in load().parameters}
+    # 3.3 V / (4096 * 10 mohm * 40) and 3.3 V / 4096 * (47 + 10) / 10
+    scales = struct.pack("<HxxiHxxi", index["current_scale"], 2014, index["supply_scale"], 4592)
+    assert image.count(scales) == 1

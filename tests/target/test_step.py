@@ -16,43 +16,33 @@ import pytest
 from terrapin_hil import paths
 from terrapin_hil.firmware import Firmware
 from terrapin_hil.messages import Frame, Sender, interface
+from terrapin_hil.nodes import Node, node_count
 from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 from tests.target.replay import (
+    COMPENSATIONS,
     FRAME,
+    NODE,
     RESET,
     TICK,
     Counts,
     Recording,
+    compensated,
     count_all,
     emulate,
     image,
     on_host,
     output_type,
     record,
+    whole,
 )
 from tests.target.worst import bases, build, load, search
 
 BUDGET = tomllib.loads((Path(__file__).parent / "budget.toml").read_text())["step"]
 SCENARIOS = sorted(path.stem for path in paths.SCENARIOS.glob("*.toml"))
-# Raw values with which every compensation works, none so large that C_t leaves its range.
-COMPENSATIONS = {
-    "comp_speed_squared": 20_000, "comp_viscous": 20_000, "comp_coulomb": 2_000, "comp_stribeck": 3_000,
-    "comp_stribeck_speed": 3_000, "comp_heating": 2_000, "comp_current_offset": 5_000, "comp_slope": 10_000,
-    "comp_inertia": 5_000, "comp_imbalance": 4_000, "comp_imbalance_phase": 10_000,
-}  # fmt: skip
-
 pytestmark = [
     pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="qemu-system-arm is not installed"),
     pytest.mark.skipif(not image().is_file(), reason="the ARM images are not built (no ARM cross compiler)"),
 ]
-
-
-def compensated(recording: Recording, firmware: Firmware) -> Recording:
-    """The same inputs for a controller with every compensation set."""
-    values = list(recording.values)
-    for name, value in COMPENSATIONS.items():
-        values[firmware.interface.parameters[name].index] = value
-    return Recording(tuple(values), recording.inputs)
 
 
 @pytest.fixture(scope="module")
@@ -74,10 +64,6 @@ def plain(recordings: Mapping[str, Recording], firmware: Firmware) -> dict[str, 
 def everything(recordings: Mapping[str, Recording], firmware: Firmware) -> dict[str, Counts]:
     switched_on = [compensated(recording, firmware) for recording in recordings.values()]
     return dict(zip(recordings, count_all(switched_on, firmware), strict=True))
-
-
-def whole(counted: Counts) -> np.ndarray:
-    return counted["drive"].astype(np.int64) + counted["think"]
 
 
 def test_compensations_are_all_there(firmware: Firmware) -> None:
@@ -159,15 +145,18 @@ def test_a_search_finds_none_that_is_longer(firmware: Firmware) -> None:
 Tick = tuple[int, int, int, int, bool, int]  # what came, what was taken [instructions], how many, step, bridge, duty
 
 
-def flood(per_tick: Sequence[Sequence[Frame]], recording: Recording, begin: int, firmware: Firmware) -> list[Tick]:
-    """The ticks of a recording from `begin` on, before each of which these frames come. The bridge is as it was when
-    they came."""
+def flood(
+    per_tick: Sequence[Sequence[Frame]], recording: Recording, begin: int, firmware: Firmware, node: int = 0
+) -> list[Tick]:
+    """The ticks of a recording from `begin` on, before each of which these frames come, with the identifiers of this
+    node. The bridge is as it was when they came."""
     inputs = recording.inputs[: begin + len(per_tick)]
     words = [(name, "<u4") for name in ("drive", "think", "intake", "taken", "mode")]
     kind = np.dtype([*words, ("outputs", output_type(firmware))], align=True)
-    records = [struct.pack(f"<I{len(recording.values)}i", RESET, *recording.values)]
+    records = [struct.pack("<II", NODE, node), struct.pack(f"<I{len(recording.values)}i", RESET, *recording.values)]
+    to_bus = Node(node).to_bus
     for i, row in enumerate(inputs):
-        here = per_tick[i - begin] if i >= begin else ()
+        here = [to_bus(frame) for frame in per_tick[i - begin]] if i >= begin else []
         records += [struct.pack("<IHB8sx", FRAME, f[0], len(f[1]), f[1].ljust(8, b"\0")) for f in here]
         records.append(struct.pack("<I", TICK) + row.tobytes())
     answer, at, ticks, on = emulate(b"".join(records)), 4, [], False
@@ -202,6 +191,13 @@ def frame_kinds() -> dict[str, list[Frame]]:
     }
     every = [frame for kind in kinds.values() for frame in (kind * 120)[:120]]
     kinds["mixture"] = [every[i] for i in rng.integers(0, len(every), 2400)]
+    # What is dearest: a frame that is taken at any price, commands that are looked at, and two IDLEs before all others.
+    run, idle = kinds["run"], [sender.frame("COMMAND", {"request": 0}) for _ in range(120)]
+    kinds["stop at last"] = [
+        frame
+        for i in range(40)
+        for frame in (kinds["save"][i], *(run[(5 * i + k) % 120] for k in range(5)), idle[2 * i], idle[2 * i + 1])
+    ]
     # Apart from the mixture: in test mode a tick is one of the frames, and only frames that switch it wait.
     kinds["test mode"] = [frame for _ in range(60) for frame in sender.test_mode()]
     return kinds
@@ -218,36 +214,42 @@ def longest(firmware: Firmware) -> Recording:
 
 
 KINDS = list(frame_kinds())
+ENDS = (0, node_count() - 1)  # node 0 takes frames as they are; the others are alike
 
 
+@pytest.mark.parametrize("node", ENDS)
 @pytest.mark.parametrize("name", KINDS)
 def test_a_flood_of_frames_while_it_drives(
-    name: str, recordings: Mapping[str, Recording], longest: Recording, firmware: Firmware
+    name: str, node: int, recordings: Mapping[str, Recording], longest: Recording, firmware: Firmware
 ) -> None:
     """8 frames a tick, the bridge on: intake and step together, and the intake with the longest step that is known."""
     [counted] = count_all([longest], firmware)
     for recording, begin in ((recordings["slope_limiter"], 3000), (longest, 2400)):
-        ticks = [tick for tick in flood(by_eights(frame_kinds()[name], 300), recording, begin, firmware) if tick[4]]
+        ticks = [
+            tick for tick in flood(by_eights(frame_kinds()[name], 300), recording, begin, firmware, node) if tick[4]
+        ]
         assert len(ticks) > 0
         assert max(came + taken + step for came, taken, _, step, _, _ in ticks) <= BUDGET["flood"]
         most = max(came + taken for came, taken, *_ in ticks)
         assert 100 < most <= BUDGET["flood"] - whole(counted).max()
 
 
+@pytest.mark.parametrize("node", ENDS)
 @pytest.mark.parametrize("name", KINDS)
 def test_a_flood_of_frames_with_the_bridge_off(
-    name: str, recordings: Mapping[str, Recording], plain: Mapping[str, Counts], firmware: Firmware
+    name: str, node: int, recordings: Mapping[str, Recording], plain: Mapping[str, Counts], firmware: Firmware
 ) -> None:
     """The same with the bridge off: the intake with the longest of all scenarios' steps that leave it off."""
     off = max(int(whole(counted)[~counted["outputs"]["enable"]].max()) for counted in plain.values())
-    ticks = flood(by_eights(frame_kinds()[name], 100), recordings["slope_limiter"], 4, firmware)
+    ticks = flood(by_eights(frame_kinds()[name], 100), recordings["slope_limiter"], 4, firmware, node)
     most = max(came + taken for came, taken, _, _, on, _ in ticks if not on)
     assert 100 < most <= BUDGET["flood_off"] - off
 
 
+@pytest.mark.parametrize("node", ENDS)
 @pytest.mark.parametrize("kind", ["defaults", "test mode"])
 def test_a_flood_that_resets_parameters_anywhere(
-    kind: str, recordings: Mapping[str, Recording], plain: Mapping[str, Counts], firmware: Firmware
+    kind: str, node: int, recordings: Mapping[str, Recording], plain: Mapping[str, Counts], firmware: Firmware
 ) -> None:
     """The gains are worked out anew; how long that takes depends on the parameters."""
     rng = np.random.default_rng(5)
@@ -255,7 +257,7 @@ def test_a_flood_that_resets_parameters_anywhere(
     for _ in range(8):
         values = tuple(int(rng.integers(p.minimum, p.maximum + 1)) for p in firmware.interface.parameters.values())
         recording = Recording(values, recordings["slope_limiter"].inputs)
-        ticks = flood(by_eights(frame_kinds()[kind], 20), recording, 4, firmware)
+        ticks = flood(by_eights(frame_kinds()[kind], 20), recording, 4, firmware, node)
         assert 5000 < max(came + taken for came, taken, *_ in ticks) <= BUDGET["flood_off"] - off
 
 

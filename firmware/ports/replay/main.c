@@ -5,18 +5,20 @@
  *     2, terrapin_inputs                  one tick                          answer: four counts and the mode (words),
  *                                                                                   terrapin_outputs
  *     3, terrapin_frame                   one frame comes (intake.h)        answer: count (word)
+ *     4, a word                           the node number from here on, 0 before      answer: none
  *
  * Frames that came are taken before the next tick, as a port does, until the tick's budget is spent; a COMMAND that was
  * taken stands for that of the tick. Counts are of SysTick, under `-icount shift=7`: exact, the same in every run, high
  * by the few instructions of the two readings. They are of terrapin_step_drive, of terrapin_step_think, of all frames
- * that were taken before the tick (with the empty look behind the last one), and how many these were; of a frame that
- * comes, of terrapin_intake_put. There is a store that holds these parameters. tests/target/replay.py writes and reads
+ * that were taken before the tick (with the empty look behind the last one, and the identifiers of the replies), and how
+ * many these were; of a frame that comes, of terrapin_node_receive and terrapin_intake_put. There is a store that holds these parameters. tests/target/replay.py writes and reads
  * the files.
  */
 #include <string.h>
 
 #include "dispatch.h"
 #include "intake.h"
+#include "node.h"
 #include "parameters.h"
 #include "semihosting.h"
 #include "state.h"
@@ -30,11 +32,12 @@
 #define NS_PER_INSTRUCTION 128U  /* of -icount shift=7 */
 #define BUFFER             8192U /* bytes of a transfer */
 
-enum { RESET = 1, TICK = 2, FRAME = 3 };
+enum { RESET = 1, TICK = 2, FRAME = 3, NODE = 4 };
 
 static terrapin_state state;
 static terrapin_link link;
 static terrapin_intake intake;
+static terrapin_node node; /* number 0 */
 static terrapin_store store;
 static terrapin_inputs inputs;
 static terrapin_inputs from_frames;
@@ -123,7 +126,9 @@ static uint32_t take_waiting(void) {
     uint8_t from = 0U;
     uint32_t taken = 0U;
     while (terrapin_intake_next(&intake, &link, &state, &message, &from)) {
-        (void)terrapin_accept(&link, &state, &message, &from_frames, &reply);
+        if (terrapin_accept(&link, &state, &message, &from_frames, &reply)) {
+            terrapin_node_send(&node, &reply);
+        }
         taken++;
     }
     return taken;
@@ -161,9 +166,20 @@ static bool frame(void) {
         return false;
     }
     const uint32_t before = SYSTICK_VALUE;
-    terrapin_intake_put(&intake, &link, &state, &from_frames, &message, 0U);
+    if (terrapin_node_receive(&node, &message)) {
+        terrapin_intake_put(&intake, &link, &state, &from_frames, &message, 0U);
+    }
     const uint32_t count = between(before, SYSTICK_VALUE);
     put(&count, sizeof count);
+    return true;
+}
+
+static bool other_number(void) {
+    uint32_t number = 0U;
+    if (!take(&number, sizeof number)) {
+        return false;
+    }
+    terrapin_node_init(&node, (uint8_t)number);
     return true;
 }
 
@@ -180,6 +196,8 @@ static bool one_record(void) {
         return tick();
     case FRAME:
         return frame();
+    case NODE:
+        return other_number();
     default:
         failed = true;
         return false;

@@ -2,7 +2,7 @@
 
 #include "wait.h"
 
-#define FIRST_CHANNEL 10U  /* of SMPR1 */
+#define FIRST_CHANNEL 10U  /* of SMPR1; those below it are SMPR2's */
 #define TRIES_STOP    100U /* a transfer under way ends within a few cycles */
 
 void analog_open(analog *a, adc_registers *adc, adc_common_registers *common, dma_registers *dma, tim_registers *relay,
@@ -29,9 +29,14 @@ void analog_open(analog *a, adc_registers *adc, adc_common_registers *common, dm
     adc->SQR1 = (ANALOG_CHANNELS - 1U) << 20U;
     adc->SQR3 = 0U;
     adc->SMPR1 = 0U;
+    adc->SMPR2 = 0U;
     for (uint32_t i = 0U; i < ANALOG_CHANNELS; i++) {
         adc->SQR3 |= (uint32_t)channels[i] << (5U * i);
-        adc->SMPR1 |= ADC_SMPR_15_CYCLES << (3U * (channels[i] - FIRST_CHANNEL));
+        if (channels[i] >= FIRST_CHANNEL) {
+            adc->SMPR1 |= ADC_SMPR_15_CYCLES << (3U * (channels[i] - FIRST_CHANNEL));
+        } else {
+            adc->SMPR2 |= ADC_SMPR_15_CYCLES << (3U * channels[i]);
+        }
     }
     adc->SR = 0U;
     adc->CR2 = ADC_CR2_ADON | ADC_CR2_DMA | ADC_CR2_DDS | ADC_CR2_TIM2_TRGO | ADC_CR2_RISING;

@@ -1,4 +1,4 @@
-/* What a pin does. A board is a table of these (boards/NAME.h). */
+/* What a pin does. A board is a table of these, made of its file (terrapin_board.h). */
 #ifndef TERRAPIN_PINS_H
 #define TERRAPIN_PINS_H
 

@@ -1,9 +1,11 @@
 /* Fuzz target: any sequence of CAN frames through the dispatcher and the step. 11 bytes a frame: id (low byte first;
  * bit 15 asks for a repaired counter and CRC, so that the search gets past the protection), length, 8 data bytes. Test
- * mode is armed first. A store on emulated flash is attached. Checked beyond the sanitizers: the inputs stay within
- * their signals, outputs within their bounds, bridge and duty agree, no call to the flash is refused, and none erases
- * with the bridge on. */
+ * mode is armed first. A store on emulated flash is attached. What is left behind the last whole frame says what else:
+ * 1 byte, a link key, and what is repaired is sealed by a host that has it; 2, no store, and defaults of the port's
+ * own. Checked beyond the sanitizers: the inputs stay within their signals, outputs within their bounds, bridge and
+ * duty agree, no call to the flash is refused, and none erases with the bridge on. */
 #include <stdlib.h>
+#include <string.h>
 
 #include "check.h"
 #include "dispatch.h"
@@ -36,6 +38,32 @@ static void check_outputs(const terrapin_outputs *out) {
 }
 
 static terrapin_flash_emulated memory;
+static const uint32_t link_key[4] = {1U, 2U, 3U, 4U};
+
+#define GENERATION 3U
+
+/* A host with the key, in the session that it opened last. */
+static struct {
+    uint32_t key[4];
+    uint32_t number;
+    uint32_t counter;
+} host;
+
+static uint32_t word(const uint8_t *bytes) {
+    return (uint32_t)bytes[0] | ((uint32_t)bytes[1] << 8U) | ((uint32_t)bytes[2] << 16U) | ((uint32_t)bytes[3] << 24U);
+}
+
+static void put_word(uint8_t *bytes, uint32_t value) {
+    for (uint32_t i = 0U; i < 4U; i++) {
+        bytes[i] = (uint8_t)(value >> (8U * i));
+    }
+}
+
+static void new_session(const terrapin_session_t *answer) {
+    const uint32_t numbers[4] = {host.number, answer->start, answer->count, GENERATION};
+    terrapin_chaskey(link_key, numbers, host.key);
+    host.counter = 0U;
+}
 
 static void send(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame, terrapin_inputs *inputs) {
     terrapin_frame reply;
@@ -51,16 +79,60 @@ static void send(terrapin_link *link, terrapin_state *state, const terrapin_fram
         terrapin_store_status_t status;
         terrapin_store_found_t found;
         terrapin_identity_t identity;
-        CHECK(terrapin_decode_parameter_value(&reply, &value) || terrapin_decode_store_status(&reply, &status) ||
-              terrapin_decode_store_found(&reply, &found) || terrapin_decode_identity(&reply, &identity));
+        terrapin_node_status_t node;
+        terrapin_session_t session;
+        if (terrapin_decode_session(&reply, &session)) {
+            new_session(&session);
+            return;
+        }
+        CHECK(terrapin_decode_node_status(&reply, &node) || terrapin_decode_parameter_value(&reply, &value) ||
+              terrapin_decode_store_status(&reply, &status) || terrapin_decode_store_found(&reply, &found) ||
+              terrapin_decode_identity(&reply, &identity));
+    } else if (result == TERRAPIN_ACCEPT_UPDATE) {
+        CHECK((link->seal.key != NULL) && (reply.id >= TERRAPIN_ID_UPDATE_BEGIN));
     } else {
         /* dropped, or taken without an answer */
+    }
+    CHECK(terrapin_link_bridge_allowed(link) != link->test_mode);
+    if (link->store == NULL) {
+        return;
     }
     const bool erasing = link->store->phase == TERRAPIN_STORE_ERASE;
     const uint32_t before = memory.operations;
     (void)terrapin_link_store_work(link, state);
     CHECK(!erasing || !terrapin_bridge_on(state) || (memory.operations == before));
     CHECK((memory.misuse == 0U) && !link->store->failed);
+}
+
+/* As the host that has the key sends it: a COMMAND_SEALED with its tag, all else with a SEAL behind it. */
+static void send_sealed(terrapin_link *link, terrapin_state *state, terrapin_frame *frame, terrapin_inputs *inputs) {
+    host.counter++;
+    if (frame->id == TERRAPIN_ID_SESSION_OPEN) {
+        host.number = word(frame->data);
+        put_word(&frame->data[4], GENERATION);
+        send(link, state, frame, inputs);
+    } else if (frame->id == TERRAPIN_ID_COMMAND_SEALED) {
+        const uint32_t low = word(frame->data) & 0x00FFFFFFU;
+        frame->data[3] = (uint8_t)host.counter;
+        put_word(&frame->data[4], terrapin_seal_tag(host.key, frame->id, host.counter, low, 0U));
+        send(link, state, frame, inputs);
+    } else {
+        const uint32_t tag =
+            terrapin_seal_tag(host.key, frame->id, host.counter, word(frame->data), word(&frame->data[4]));
+        terrapin_frame seal = {.id = TERRAPIN_ID_SEAL, .length = 8U};
+        seal.data[0] = (uint8_t)frame->id;
+        seal.data[1] = (uint8_t)host.counter;
+        seal.data[2] = (uint8_t)(host.counter >> 8U);
+        put_word(&seal.data[4], tag);
+        send(link, state, frame, inputs);
+        send(link, state, &seal, inputs);
+    }
+}
+
+static bool keep_node(void *context, uint8_t node) {
+    (void)context;
+    CHECK(node < TERRAPIN_NODES);
+    return (node % 2U) == 0U;
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
@@ -88,6 +160,22 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
     terrapin_e2e_protect(&frame, counter);
     send(&link, state, &frame, &inputs);
     CHECK(link.test_mode);
+    terrapin_identity identity;
+    terrapin_identity_init(&identity, 0x01020304U, 0U);
+    identity.store = keep_node;
+    link.identity = &identity;
+    const bool keyed = (size % RECORD) == 1U;
+    if (keyed) {
+        (void)memset(&host, 0, sizeof host);
+        terrapin_link_seal(&link, link_key, GENERATION, 1U);
+        link.seal.checks_max = UINT16_MAX; /* no clock here */
+    }
+    if ((size % RECORD) == 2U) {
+        static int32_t values[TERRAPIN_PARAMETER_COUNT];
+        terrapin_parameter_defaults(values);
+        link.store = NULL;
+        terrapin_link_use_defaults(&link, state, values);
+    }
     for (size_t at = 0; (at + RECORD) <= size; at += RECORD) {
         const uint8_t *record = &bytes[at];
         frame.id = (uint16_t)(record[0] | ((record[1] & 0x07U) << 8U));
@@ -100,7 +188,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
             frame.length = 8U;
             terrapin_e2e_protect(&frame, counter);
         }
-        send(&link, state, &frame, &inputs);
+        if (keyed && ((record[1] & 0x80U) != 0U)) {
+            send_sealed(&link, state, &frame, &inputs);
+        } else {
+            send(&link, state, &frame, &inputs);
+        }
     }
     return 0;
 }

@@ -38,7 +38,7 @@ static void put_set(uint8_t *place, const uint8_t *bytes) {
     put32(place, 0x4D525054U); /* as store/parameters.c has it */
     put32(&place[4], TERRAPIN_STORE_LAYOUT | (entries << 16U));
     put32(&place[8], bytes[1]);
-    put32(&place[12], 0U);
+    put32(&place[12], ((bytes[5] & 3U) == 3U) ? 0U : (uint32_t)TERRAPIN_ROBOT_IDENTITY); /* else another robot's */
     for (uint32_t i = 0; i < entries; i++) {
         const uint16_t index = (uint16_t)((i + bytes[2]) % TERRAPIN_PARAMETER_COUNT);
         const terrapin_parameter_entry entry = terrapin_parameter(index);
@@ -146,6 +146,8 @@ static void check_boot(const uint8_t *bytes, size_t size) {
     (void)terrapin_records_make_room(&flash);
     record.security_counter++;
     (void)terrapin_records_append(&flash, &record); /* may be refused: pages as no power cut leaves them */
+    (void)terrapin_records_set_node(&flash, (uint8_t)(record.tries % TERRAPIN_NODES));
+    (void)terrapin_records_set_robot(&flash, record.security_counter & 0x00FFFFFFU);
     terrapin_records_read(&flash, &back);
     CHECK((back.confirmed <= TERRAPIN_UPDATE_SLOT_B) && (back.candidate <= TERRAPIN_UPDATE_SLOT_B) &&
           (back.phase <= TERRAPIN_UPDATE_PHASE_TRIAL));

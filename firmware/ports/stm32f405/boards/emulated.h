@@ -1,10 +1,10 @@
 /* QEMU's netduinoplus2: an STM32F405's core, SysTick and USART1, and registers that read 0 for nearly all the rest. It
- * is the generic board but for two things: no crystal ever comes, and the core runs at 168 MHz all the same.
+ * is the robot's board but for two things: no crystal ever comes, and the core runs at 168 MHz all the same.
  */
 #ifndef TERRAPIN_BOARD_EMULATED_H
 #define TERRAPIN_BOARD_EMULATED_H
 
-#include "boards/f405_h_bridge.h"
+#include "terrapin_board.h" /* made of the board's file */
 
 #undef BOARD_NUMBER
 #undef BOARD_INTERNAL_HZ

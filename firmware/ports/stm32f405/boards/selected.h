@@ -1,4 +1,4 @@
-/* The board that this image is built for: CMake names its header. */
+/* The board that this image is built for: CMake names its header, that of the robot's board or the emulated one. */
 #ifndef TERRAPIN_BOARD_SELECTED_H
 #define TERRAPIN_BOARD_SELECTED_H
 

@@ -101,6 +101,7 @@ def assess(
     shapes: Mapping[str, Shapes],
     rows: Mask,
     seed: int = 0,
+    varying: Sequence[Array] = (),
 ) -> Adequacy:
     """The p-value of "nothing is missing" for the residuals of a fitted model, and what raised it.
 
@@ -112,13 +113,14 @@ def assess(
     directions, effects, shapes : what an effect of the catalogue, at each shape, or a column of the data could change.
     rows : (all rows,), mask of the case's rows that these are.
     seed : the draw of simulated noise depends on it alone.
+    varying : see `blocks_of`.
     """
     run = case.run[rows]
     channels = len(residual)
     runs = Runs(run, channels)
     slopes = jacobian / noise.sigma[:, None, None]
     scaled = (residual / noise.sigma[:, None]).reshape(-1, 1)
-    blocks = blocks_of(effects, shapes, run, channels)
+    blocks = blocks_of(effects, shapes, run, channels, varying)
     few = scaled.size - slopes.shape[-1] < ENOUGH
     behind = noise.behind if few or float(np.sqrt(np.mean(scaled**2))) < ROUNDING else 0.0
     every = BayesFactor(runs, slopes, blocks, behind)

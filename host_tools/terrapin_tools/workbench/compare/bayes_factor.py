@@ -29,7 +29,7 @@ from terrapin_tools.workbench.noise.marginal_likelihood import SIZES, Evidence
 __all__ = ["BayesFactor", "Block", "blocks_of"]
 
 # Prior of each family, given that one is true. Chosen by hand; docs/discovery.md states them.
-WEIGHT = {"catalogue": 0.62, "column": 0.32, "run": 0.06}
+WEIGHT = {"catalogue": 0.56, "column": 0.29, "varying": 0.1, "run": 0.05}
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,13 @@ class Block:
 
 
 def blocks_of(
-    effects: Mapping[str, Sequence[Shape]], shapes: Mapping[str, Shapes], run: Index, channels: int
+    effects: Mapping[str, Sequence[Shape]],
+    shapes: Mapping[str, Shapes],
+    run: Index,
+    channels: int,
+    varying: Sequence[Array] = (),
 ) -> list[Block]:
-    """The alternatives on these rows. Each effect, column and run has the same share of its family.
+    """The alternatives on these rows. Each effect, column, run and varying parameter has the same share of its family.
 
     Parameters
     ----------
@@ -52,6 +56,7 @@ def blocks_of(
     shapes : for each column of the data its smooth shapes (count, rows).
     run : (rows,), the run of each row.
     channels : number of channels.
+    varying : what it changes that a parameter goes with a column, (channels * rows, 1) each, in noise sd.
     """
     rows = len(run)
     found: list[Block] = []
@@ -66,6 +71,7 @@ def blocks_of(
                 block[channel] = kind.T
                 share = 1.0 / len(shapes) / channels / len(kinds)
                 found.append(Block("column", block.reshape(channels * rows, -1), share))
+    found += [Block("varying", columns, 1.0 / len(varying)) for columns in varying]
     runs = np.unique(run)
     for one in runs if len(runs) > 2 else ():
         for channel in range(channels):

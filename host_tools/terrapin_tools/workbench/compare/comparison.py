@@ -29,7 +29,7 @@ from terrapin_tools.workbench.model.data_columns import (
     column_shapes,
     numeric_columns,
 )
-from terrapin_tools.workbench.model.effect_columns import Shape, shapes_of, terms_of
+from terrapin_tools.workbench.model.effect_columns import Shape, shapes_of, terms_of, varying_parameters
 from terrapin_tools.workbench.model.fitting import Fit, covariance, extend, fit_model
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.model.table_faults import Fault
@@ -75,10 +75,11 @@ class Analysis:
     # (channels, rows, count), in noise sd: what noise in the inputs does to the prediction (input_noise.py)
     nuisance: Array = field(repr=False)
     step: int = 1  # every how many rows of a run are looked at (thinned.py)
+    together: bool = False  # the search found what no single effect, column or run of the test shows
 
     @property
     def missing(self) -> bool:
-        return self.adequacy.p_value < self.level
+        return self.together or self.adequacy.p_value < self.level
 
 
 def measured(model: Model, rows: Mask) -> Array:
@@ -204,8 +205,9 @@ def _analysed(case: Case, seed: int, level: float, step: int, fitted: tuple[list
     shapes = column_shapes(case, rows)
     effects = {e.name: shapes_of(model, fits[-1].theta, e, rows, sigma) for e in suspected(model)}
     widened = np.concatenate([slopes, nuisance], axis=-1)
+    varying = varying_parameters(case, slopes / sigma[:, None, None], rows)
     alternatives = {**effects, **terms_of(model, fits[-1].theta, rows, sigma)}
-    adequacy = assess(case, residual, widened, noise, directions, alternatives, shapes, rows, seed)
+    adequacy = assess(case, residual, widened, noise, directions, alternatives, shapes, rows, seed, varying)
     missing = adequacy.p_value < level
     scaled = residual / sigma[:, None]
     where = where_it_fails(case, adequacy, scaled, rows, numeric_columns(case), model.channels) if missing else []

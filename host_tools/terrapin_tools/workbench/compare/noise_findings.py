@@ -20,10 +20,10 @@ OFF = 1.1  # factor on the stated sd from which it is worth a word: a user knows
 
 @dataclass(frozen=True)
 class NoiseFinding:
-    """`value`: of larger and smaller, the factor on the stated sd; of run_offsets and drift, their sd in the channel's
-    unit; of rows, how many. `rows` are places ("runs.csv:17")."""
+    """`value`: of larger and smaller, the factor on the stated sd; of run_offsets, drift and walk, their sd in the
+    channel's unit; of rows, how many. `rows` are places ("runs.csv:17")."""
 
-    kind: str  # larger, smaller, run_offsets, drift or rows
+    kind: str  # larger, smaller, run_offsets, drift (within runs), walk (over the test) or rows
     channel: str  # "" for rows, which are left out in every channel
     value: float
     probability: float
@@ -49,8 +49,8 @@ def noise_findings(analysis: Analysis) -> list[NoiseFinding]:
             ):
                 if probability > SURE:
                     found.append(NoiseFinding(kind, channel, float(np.sqrt(square / freedom)), probability))
-        for kind in ("run_offsets", "drift"):
-            sizes = np.array([node.offset if kind == "run_offsets" else node.drift for node in NODES])
+        for kind, size in (("run_offsets", "offset"), ("drift", "drift"), ("walk", "walk")):
+            sizes = np.array([getattr(node, size) for node in NODES])
             probability = float(noise.weights[sizes > 0.0].sum())
             if probability > LIKELY:
                 row = sigma if known else sigma / noise.node.floor

@@ -52,7 +52,8 @@ def selection(analysis: Analysis, ranking: Ranking, draws: int, seed: int) -> tu
     once = np.ones((1, runs))
     values = measured(analysis.model, analysis.rows)
     channels = len(analysis.model.channels)
-    nodes = ranking.evidence.nodes if ranking.evidence is not None else range(len(NODES))
+    weighed = ranking.evidence.nodes if ranking.evidence is not None else range(len(NODES))
+    nodes = [i for i in weighed if not NODES[i].walk]  # a walk over the test has no meaning among runs drawn anew
     taking_part: list[Hypothesis] = []
     logs: list[Array] = []
     for hypothesis, posterior in zip(ranking.hypotheses, ranking.posterior, strict=True):

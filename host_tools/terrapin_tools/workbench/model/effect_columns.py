@@ -17,10 +17,11 @@ import numpy as np
 
 from terrapin_hil.arrays import Array, Mask
 from terrapin_hil.physics.effects import Effect, Parameter
-from terrapin_tools.workbench.model.data_columns import GRID_LIMIT
+from terrapin_tools.workbench.case.case import Case
+from terrapin_tools.workbench.model.data_columns import GRID_LIMIT, numeric_columns
 from terrapin_tools.workbench.model.model import Model
 
-__all__ = ["Shape", "acting", "is_phase", "loudness", "response", "shapes_of", "terms_of"]
+__all__ = ["Shape", "acting", "is_phase", "loudness", "response", "shapes_of", "terms_of", "varying_parameters"]
 
 SAME = 0.9995  # correlation above which two shapes of one effect are one
 
@@ -116,6 +117,28 @@ def terms_of(model: Model, theta: Array, rows: Mask, sigma: Array) -> dict[str, 
                 column = (change / size).reshape(-1, 1)
                 label = f"{target}: {name}"
                 found[label] = [Shape(label, (), column, 1.0 / size, -np.inf, np.inf)]
+    return found
+
+
+def varying_parameters(case: Case, slopes: Array, rows: Mask) -> list[Array]:
+    """What it changes that a parameter of the model goes with a column of the data, up or down along it.
+
+    Parameters
+    ----------
+    slopes : (channels, rows, parameters), derivatives of the prediction, in noise sd.
+    rows : (all rows,), mask of the case's rows that these are.
+
+    Returns
+    -------
+    For each pair that changes anything (channels * rows, 1), its root mean square 1 where it is loudest.
+    """
+    found = []
+    for values in numeric_columns(case).values():
+        along = values[rows] - values[rows].mean()
+        for change in np.moveaxis(slopes * along[:, None], -1, 0):
+            size = loudness(change)
+            if np.isfinite(size) and size > 0.0:
+                found.append((change / size).reshape(-1, 1))
     return found
 
 

@@ -25,8 +25,10 @@ from scipy.signal import lfilter
 
 from terrapin_hil.arrays import Array, Index
 
-__all__ = ["NODES", "PLAIN", "Filtered", "Node", "Products", "Runs", "by_filter", "orthonormal"]
+__all__ = ["NODES", "PLAIN", "WALKED", "WAVES", "Filtered", "Node", "Products", "Runs", "by_filter", "orthonormal"]
 
+WAVES = 6  # half waves over the test, that a walk is made of: 91 % of its variance
+WALKED = 8  # runs from which a walk over the test differs from an offset a run; chosen by hand
 SETTLED = 1e-13  # change of the filter's gain in a row, below which it is constant
 
 
@@ -39,11 +41,12 @@ class Node:
     offset: float  # sd from run to run, in sd of a row
     drift: float  # sd of the line over a run
     prior: float
+    walk: float = 0.0  # sd of what wanders over the whole test, from run to run, in sd of a row
 
     @property
     def floor(self) -> float:
         """Rms of whole runs that nothing was fitted to, in sd of a row."""
-        return float(np.sqrt(1.0 + self.offset**2 + self.drift**2))
+        return float(np.sqrt(1.0 + self.offset**2 + self.drift**2 + self.walk**2))
 
     def thin(self, rows: int) -> float:
         """How many independent rows one of a run of so many is worth, for what is the same in all of them."""
@@ -57,7 +60,8 @@ class Node:
         'white + AR(1) + run offsets'
         """
         parts = [*(["white"] if self.share < 1.0 else []), *(["AR(1)"] if self.share > 0.0 else [])]
-        return " + ".join([*parts, *(["run offsets"] if self.offset else []), *(["drift"] if self.drift else [])])
+        slow = {"run offsets": self.offset, "drift": self.drift, "drift over the test": self.walk}
+        return " + ".join([*parts, *(name for name, size in slow.items() if size)])
 
 
 def _nodes() -> tuple[Node, ...]:
@@ -67,23 +71,29 @@ def _nodes() -> tuple[Node, ...]:
     slow = {(1.0, 0.92): 0.08, (1.0, 0.98): 0.06}
     offsets = {0.0: 0.4, 0.25: 0.15, 0.5: 0.15, 1.0: 0.15, 2.0: 0.15}
     found = [
-        Node(*kind, tau, 0.0, 0.88 * p * q)
+        Node(*kind, tau, 0.0, 0.8 * p * q)
         for kind, p in {(0.0, 0.0): 0.36, **correlated}.items()
         for tau, q in offsets.items()
     ]
     # noise that is alike over most of a run is hard to tell from an offset: one of each is enough
-    found += [Node(*kind, tau, 0.0, 0.88 * p * q) for kind, p in slow.items() for tau, q in ((0.0, 0.6), (1.0, 0.4))]
+    found += [Node(*kind, tau, 0.0, 0.8 * p * q) for kind, p in slow.items() for tau, q in ((0.0, 0.6), (1.0, 0.4))]
     found += [
         Node(share, rho, tau, delta, 0.12 * 0.5 * 0.5 * q)
         for share, rho in ((0.0, 0.0), (0.5, 0.6))
         for delta in (0.4, 1.0)
         for tau, q in ((0.0, 0.4), (0.5, 0.3), (1.0, 0.3))
     ]
+    found += [
+        Node(*kind, tau, 0.0, 0.08 * 0.5 * q, walk)
+        for kind in ((0.0, 0.0), (0.5, 0.6))
+        for tau, walk, q in ((0.0, 0.5, 0.4), (0.5, 0.5, 0.3), (0.0, 1.0, 0.3))
+    ]
     return tuple(found)
 
 
 NODES = _nodes()
-PLAIN = tuple(i for i, node in enumerate(NODES) if node.offset == node.drift == 0.0)  # neither offsets nor drifts
+# neither offsets nor drifts
+PLAIN = tuple(i for i, node in enumerate(NODES) if node.offset == node.drift == node.walk == 0.0)
 
 
 def orthonormal(columns: Array) -> Array:
@@ -100,11 +110,12 @@ def orthonormal(columns: Array) -> Array:
 
 @dataclass(frozen=True)
 class Filtered:
-    """Columns (channels * rows, count) made independent at one correlation, and their products with each run's filtered
-    constant and line (channels * runs * 2, count)."""
+    """Columns (channels * rows, count) made independent at one correlation, their products with each run's filtered
+    constant and line (channels * runs * 2, count), and with the filtered waves over the test (waves, count)."""
 
     columns: Array
     sums: Array
+    waves: Array
 
 
 @dataclass(frozen=True)
@@ -112,14 +123,21 @@ class Products:
     """x' V^-1 y of two sets of columns, (count, its count), at every node of one filter."""
 
     runs: Runs
-    plain: Array
-    left: Array
-    right: Array
+    left: Filtered
+    right: Filtered
+
+    @cached_property
+    def plain(self) -> Array:
+        return np.asarray(self.left.columns.T @ self.right.columns)
 
     def at(self, node: Node) -> Array:
-        if not (node.offset or node.drift):
-            return self.plain
-        return np.asarray(self.plain - self.left.T @ self.runs.weigh(node, self.right))
+        found = self.plain
+        if node.offset or node.drift:
+            found = found - self.left.sums.T @ self.runs.weigh(node, self.right.sums)
+        if node.walk:
+            taken = self.runs.against_waves(node, self.left).T @ self.runs.wave_weight(node)
+            found = found - taken @ self.runs.against_waves(node, self.right)
+        return np.asarray(found)
 
 
 class Runs:
@@ -155,6 +173,10 @@ class Runs:
         self._corners: dict[tuple[float, float], Array] = {}
         self._weights: dict[Node, Array] = {}
         self._halves: dict[Node, dict[int, Array]] = {}
+        self._wave_columns: dict[tuple[float, float], Array] = {}
+        self._wave_sums: dict[tuple[float, float], Array] = {}
+        self._wave_weights: dict[Node, Array] = {}
+        self._wave_turns: dict[Node, Array] = {}
 
     def sort(self, columns: Array) -> Array:
         """Columns (channels * rows, count) with the rows of each run together."""
@@ -205,20 +227,27 @@ class Runs:
 
     def filtered(self, columns: Array, share: float, rho: float) -> Filtered:
         """Columns (channels * rows, count) in file order, ready for `products`."""
-        white = self._innovations(self.sort(columns), share, rho)
+        return self._filtered(self.sort(columns), share, rho)
+
+    def _filtered(self, ordered: Array, share: float, rho: float) -> Filtered:
+        white = self._innovations(ordered, share, rho)
         two = self._innovations(self._two, share, rho)
         sums = np.stack([np.add.reduceat(white * two[:, k : k + 1], self.begin, axis=0) for k in (0, 1)], axis=1)
-        return Filtered(white, sums.reshape(2 * len(self.begin), -1))
+        waves = self._filtered_waves(share, rho).T @ white
+        return Filtered(white, sums.reshape(2 * len(self.begin), -1), waves)
 
     def products(self, left: Filtered, right: Filtered) -> Products:
-        return Products(self, left.columns.T @ right.columns, left.sums, right.sums)
+        return Products(self, left, right)
 
     def squares(self, columns: Filtered, node: Node) -> Array:
         """x' V^-1 x of each column: (count,)."""
-        plain = np.einsum("ij,ij->j", columns.columns, columns.columns)
-        if not (node.offset or node.drift):
-            return np.asarray(plain)
-        return np.asarray(plain - np.einsum("ij,ij->j", columns.sums, self.weigh(node, columns.sums)))
+        found = np.einsum("ij,ij->j", columns.columns, columns.columns)
+        if node.offset or node.drift:
+            found = found - np.einsum("ij,ij->j", columns.sums, self.weigh(node, columns.sums))
+        if node.walk:
+            against = self.against_waves(node, columns)
+            found = found - np.einsum("ij,ij->j", against, self.wave_weight(node) @ against)
+        return np.asarray(found)
 
     def _corner(self, share: float, rho: float) -> Array:
         """Products of constant and line with each other, a run: (channels * runs, 2, 2)."""
@@ -237,11 +266,63 @@ class Runs:
         weight = self._weights[node]
         return np.asarray((weight @ sums.reshape(len(weight), 2, -1)).reshape(sums.shape))
 
+    # -- what wanders over the whole test ------------------------------------------------------------------------------
+
+    @cached_property
+    def waves(self) -> Array:
+        """A walk over the test as cosines (channels * rows, channels * WAVES), sorted, together of unit mean square.
+
+        Karhunen and Loeve's expansion of Brownian motion without its mean; runs follow each other by their number. Too
+        few runs have none: (channels * rows, 0).
+        """
+        if self.runs < WALKED:
+            return np.zeros((self.channels * self.rows, 0))
+        k = np.arange(1, WAVES + 1)
+        weight = np.sqrt(2.0 / (1.0 / k**2).sum()) / k
+        one = weight * np.cos(np.pi * np.outer((np.arange(self.rows) + 0.5) / self.rows, k))
+        return np.kron(np.eye(self.channels), one)
+
+    def _filtered_waves(self, share: float, rho: float) -> Array:
+        if (share, rho) not in self._wave_columns:
+            self._wave_columns[share, rho] = self._innovations(self.waves, share, rho)
+        return self._wave_columns[share, rho]
+
+    def against_waves(self, node: Node, columns: Filtered) -> Array:
+        """W' V^-1 x (waves, count), with V all but the walk."""
+        if not (node.offset or node.drift):
+            return columns.waves
+        if (node.share, node.rho) not in self._wave_sums:
+            self._wave_sums[node.share, node.rho] = self._filtered(self.waves, node.share, node.rho).sums
+        own = self._wave_sums[node.share, node.rho]
+        return np.asarray(columns.waves - own.T @ self.weigh(node, columns.sums))
+
+    def _wave_inner(self, node: Node) -> Array:
+        """1 + w^2 W' V^-1 W (waves, waves), with V all but the walk."""
+        own = self._filtered(self.waves, node.share, node.rho)
+        return np.asarray(np.eye(self.waves.shape[1]) + node.walk**2 * self.against_waves(node, own))
+
+    def wave_weight(self, node: Node) -> Array:
+        """What Woodbury's identity takes off a product for the walk: (waves, waves)."""
+        if node not in self._wave_weights:
+            self._wave_weights[node] = np.asarray(node.walk**2 * np.linalg.inv(self._wave_inner(node)))
+        return self._wave_weights[node]
+
     # -- whole vectors -----------------------------------------------------------------------------------------------
 
     def whiten(self, columns: Array, node: Node) -> Array:
         """Columns (channels * rows, count) made independent with unit variance, if the noise had s = 1; sorted."""
-        white = self._innovations(self.sort(columns), node.share, node.rho)
+        white = self._without_walk(self._innovations(self.sort(columns), node.share, node.rho), node)
+        if not node.walk:
+            return white
+        if node not in self._wave_turns:
+            own = self._without_walk(self._filtered_waves(node.share, node.rho), node)
+            u, s, _ = np.linalg.svd(node.walk * own, full_matrices=False)
+            self._wave_turns[node] = u * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + s * s))
+        turn = self._wave_turns[node]
+        return np.asarray(white - turn @ (turn.T @ white))
+
+    def _without_walk(self, white: Array, node: Node) -> Array:
+        """What the filter has made white, freed of offsets and drifts."""
         if not (node.offset or node.drift):
             return white
         white = white.copy()
@@ -263,7 +344,7 @@ class Runs:
         return self._halves[node]
 
     def log_determinants(self, node: Node) -> Array:
-        """Of the covariance of each run's rows, s = 1: (channels * runs,)."""
+        """Of the covariance of each run's rows, s = 1, but for the walk: (channels * runs,)."""
         found = np.zeros(len(self.begin))
         if node.share > 0.0:
             variance = self._gain(node.share, node.rho)[1]
@@ -275,7 +356,8 @@ class Runs:
 
     def log_determinant(self, node: Node) -> float:
         """Of the covariance of all rows, s = 1."""
-        return float(self.log_determinants(node).sum())
+        walk = float(np.linalg.slogdet(self._wave_inner(node))[1]) if node.walk else 0.0
+        return float(self.log_determinants(node).sum()) + walk
 
     def draw(self, random: np.random.Generator, sets: int, node: Node) -> Array:
         """Noise (channels * rows, sets) of this kind with s = 1, in file order."""
@@ -292,6 +374,8 @@ class Runs:
             ordered = ordered + node.offset * np.repeat(random.standard_normal((count, sets)), self.length, axis=0)
             lines = np.repeat(random.standard_normal((count, sets)), self.length, axis=0)
             ordered = ordered + node.drift * self.sorted_line[:, None] * lines
+        if node.walk:
+            ordered = ordered + node.walk * self.waves @ random.standard_normal((self.waves.shape[1], sets))
         split = np.asarray(ordered).reshape(self.channels, self.rows, sets)
         drawn = np.empty_like(split)
         drawn[:, self.order] = split
@@ -310,6 +394,8 @@ class Runs:
             for size, column in ((node.offset, np.ones(length)), (node.drift, self.sorted_line[part])):
                 if size:
                     result[part] += size * size * np.outer(column, column @ own)
+        if node.walk:
+            result = result + node.walk**2 * self.waves @ (self.waves.T @ columns)
         return np.asarray(result)
 
 

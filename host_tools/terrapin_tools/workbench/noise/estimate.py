@@ -352,10 +352,12 @@ def within_scatter(runs: Runs, values: Array, group: Index, node: Node) -> Array
     sums = np.add.reduceat(values[order], starts, axis=0)
     scatter = (values * values).sum(axis=0) - (sums * sums / sizes[:, None]).sum(axis=0)
     share = 0.0
+    waves = node.walk * runs.waves[np.argsort(runs.order)] if node.walk else np.zeros((runs.rows, 0))
     for begin, size in zip(starts[sizes > 1], sizes[sizes > 1], strict=True):
         rows = order[begin : begin + size]
         same = runs.run[rows][:, None] == runs.run[rows][None, :]
         lag = np.abs(runs.position[rows][:, None] - runs.position[rows][None, :])
         alike = same * (_alike(node, lag) + node.drift**2 * np.outer(runs.line[rows], runs.line[rows]))
+        alike = alike + waves[rows] @ waves[rows].T
         share += float(np.trace(alike)) - float(alike.sum()) / size
     return np.asarray(np.sqrt(np.maximum(scatter, 1e-300) / max(share, 1e-12)))

@@ -116,7 +116,7 @@ class Evidence:
         gain = (scores**2 / np.maximum(norms, 1e-300)) if columns.shape[1] else np.zeros((len(self.nodes), 0))
         logs = self.start[:, None] + self.fit_term(self.total[:, None] - np.column_stack([np.zeros(len(gain)), gain]))
         share = np.exp(logs - logsumexp(logs, axis=0)).max(axis=1)
-        plain = np.array([not (NODES[i].offset or NODES[i].drift) for i in self.nodes])
+        plain = np.array([not (NODES[i].offset or NODES[i].drift or NODES[i].walk) for i in self.nodes])
         return tuple(np.array(self.nodes)[(share > LIKELY) | plain].tolist())
 
     def whitened(self, columns: Array, node: Node) -> Array:

@@ -5,7 +5,8 @@ tridiagonal. From R (a 1 + b T) = a R + b 1 follows
 
     (a R + b 1)^-1 = (1 - a (a 1 + b T)^-1) / b,
 
-a tridiagonal system; offset and drift come in by Woodbury's identity, two columns a run.
+a tridiagonal system; offset and drift come in by Woodbury's identity, two columns a run, and so does a walk over the
+test, a few columns in all.
 """
 
 from __future__ import annotations
@@ -33,9 +34,19 @@ class Precision:
         self.inner = np.linalg.inv(inner)
         taken = np.einsum("ri,rij,rj->r", self.weighed, np.repeat(self.inner, runs.length, axis=0), self.weighed)
         self.diagonal = self._diagonal() - taken  # (rows,)
+        waves = node.walk * runs.waves if node.walk else np.zeros((runs.rows, 0))
+        weighed = self._runs_alone(waves)
+        # C C' = W (1 + W' V^-1 W)^-1 W', between V^-1: what the walk over the test takes off
+        root = np.linalg.cholesky(np.linalg.inv(np.eye(waves.shape[1]) + waves.T @ weighed))
+        self.walk = weighed @ root
+        self.diagonal = self.diagonal - (self.walk * self.walk).sum(axis=1)
 
     def times(self, columns: Array) -> Array:
         """V^-1 times columns (rows, count)."""
+        return np.asarray(self._runs_alone(columns) - self.walk @ (self.walk.T @ columns))
+
+    def _runs_alone(self, columns: Array) -> Array:
+        """Without the walk over the test."""
         alone = self._rows_alone(columns)
         sums = self._summed(self.weighed[:, :, None] * columns[:, None, :])  # (runs, 2, count)
         back = np.repeat(self.inner @ sums, self.runs.length, axis=0)

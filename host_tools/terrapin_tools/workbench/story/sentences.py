@@ -62,6 +62,11 @@ HEADINGS = {  # over the candidates, and what the number beside each of them is;
     "adequate": ("Too small to tell, if there at all", "probability to be there"),
     "unexplained": ("Nearest, if it is one of these", "probability, if one is it"),
 }
+SLOW = {  # noise that is alike over many rows
+    "run_offsets": "Runs differ by",
+    "drift": "Within its runs the data drift by",
+    "walk": "Over the whole test the data drift by",
+}
 BY_RUN = {"": "Which runs carry it", "adequate": "Residual by run"}
 FAULTS = ("constant", "table")  # kinds of candidates that are no effects
 LIKELIEST = "Add the likeliest"  # before a command
@@ -130,6 +135,8 @@ def _test(p: float, level: float) -> str:
 
 def alarm(missing: bool, p: float, level: float) -> str:
     """The test alone: what compare can say."""
+    if missing and p >= level:
+        return f"Something is missing from the model: no one thing alone shows it ({_test(p, level)}), but several do."
     what = "Something is missing from the model" if missing else "Nothing is missing that these data could show"
     return f"{what} ({_test(p, level)})."
 
@@ -300,8 +307,8 @@ def noise_told(one: NoiseFinding, unit: str) -> str:
         stand = "row stands" if len(one.rows) == 1 else "rows stand"
         left = "is" if len(one.rows) == 1 else "are"
         return f"{len(one.rows)} {stand} apart from the others of the run and {left} left out: {few}."
-    what = "Runs differ by" if one.kind == "run_offsets" else "Within its runs the data drift by"
-    return f"{what} {value} in {one.channel} more than the model explains (probability {chance(one.probability)})."
+    what = f"{SLOW[one.kind]} {value} in {one.channel} more than the model explains"
+    return f"{what} (probability {chance(one.probability)})."
 
 
 def title(one: Proposal, known: str) -> str:

@@ -1,0 +1,205 @@
+/* Edges of the core's own formulas, where neither a scenario nor a rig comes by: the last value on either side of a
+ * bound, the long and the short way of one division, a line that fits exactly. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "unity.h"
+
+#include "integer.c"
+#include "slip.c"
+#include "drive.c"
+#include "calibration.c"
+#include "sense.c"
+
+static terrapin_state state;
+
+void setUp(void) {
+    memset(&state, 0, sizeof state);
+    srand(5);
+}
+
+void tearDown(void) {}
+
+/* ---- what these files ask of others */
+
+terrapin_parameter_entry terrapin_parameter(uint16_t index) {
+    (void)index;
+    const terrapin_parameter_entry entry = {.minimum = 0, .maximum = 1000000};
+    return entry;
+}
+
+int32_t ground_floor_unm(const terrapin_state *s, int32_t omega_urad_s) {
+    (void)s;
+    (void)omega_urad_s;
+    return 0;
+}
+
+void gains_friction(terrapin_state *s) {
+    (void)s;
+}
+
+/* ---- slip */
+
+/* 1 - ground / rim in 1e-4, rounded away from 1, in one division of 64 bits. */
+static int32_t exact_slip(int64_t ground, int64_t rim) {
+    const int64_t way = llabs(ground);
+    const int64_t size = ((way * 10000) + (llabs(rim) / 2)) / llabs(rim);
+    const int64_t slip = 10000 - (((ground < 0) == (rim < 0)) || (way == 0) ? size : -size);
+    return (int32_t)((slip > 40000) ? 40000 : ((slip < -40000) ? -40000 : slip));
+}
+
+static void test_slip_is_one_division_however_it_is_done(void) {
+    static const int32_t edges[] = {500,     501,      9999,     428998,   428999,   429000,   429001,    500000,
+                                    9999999, 20000000, 41999998, 41999999, 42000000, 42000001, 200000000, INTEGER_MOST};
+    const uint32_t count = sizeof edges / sizeof edges[0];
+    for (uint32_t i = 0U; i < count; i++) {
+        for (uint32_t k = 0U; k < count; k++) {
+            for (uint32_t signs = 0U; signs < 4U; signs++) {
+                const int32_t ground = ((signs & 1U) != 0U) ? -edges[i] : edges[i];
+                const int32_t rim = ((signs & 2U) != 0U) ? -edges[k] : edges[k];
+                TEST_ASSERT_INT32_WITHIN((edges[k] < 42000000) ? 0 : 1, exact_slip(ground, rim), slip_of(ground, rim));
+            }
+        }
+        TEST_ASSERT_EQUAL_INT32(10000, slip_of(0, edges[i]));
+    }
+    TEST_ASSERT_EQUAL_INT32(0, slip_of(1, 1)); /* at rest; else the rim has 500 um/s and more */
+    for (uint32_t i = 0U; i < 100000U; i++) {
+        const int32_t rim = 500 + (int32_t)((uint32_t)rand() % 41999500U);
+        const int32_t ground = (int32_t)((uint32_t)rand() % 80000000U) - 40000000;
+        TEST_ASSERT_EQUAL_INT32(exact_slip(ground, rim), slip_of(ground, rim));
+    }
+}
+
+/* ---- drive */
+
+static void test_below_one_volt_there_is_no_duty(void) {
+    for (int32_t mv = 998; mv <= 1002; mv++) {
+        state.sense.supply_q8_mv = 256 * mv;
+        modulate(&state, 500);
+        TEST_ASSERT_EQUAL(mv >= 1000, state.drive.duty_q15 != 0);
+    }
+}
+
+static void test_one_milliampere_too_much_is_taken_off(void) {
+    state.gains.span_mv = 100000;
+    state.parameter[TERRAPIN_PARAMETER_CURRENT_LIMIT] = 1000;
+    state.parameter[TERRAPIN_PARAMETER_VOLTAGE_LIMIT] = 12000;
+    state.sense.current_ua = 1000999; /* 1000 mA */
+    (void)allowed(&state);
+    TEST_ASSERT_EQUAL_INT32(0, state.drive.trim_mv);
+    state.sense.current_ua = -1001000;
+    (void)allowed(&state);
+    TEST_ASSERT_EQUAL_INT32(1, state.drive.trim_mv);
+}
+
+/* ---- calibration */
+
+static void test_a_calibration_begins_with_nothing_of_the_last(void) {
+    terrapin_calibration_state *c = &state.calibration;
+    memset(c, 0x11, sizeof *c);
+    state.estimator.index = 42U;
+    calibration_start(&state);
+    TEST_ASSERT_EQUAL(0, c->step);
+    TEST_ASSERT_EQUAL(0, c->timer_ms);
+    TEST_ASSERT_EQUAL(0, c->windows);
+    TEST_ASSERT_EQUAL_INT64(0, c->omega_sum_urad_s);
+    TEST_ASSERT_EQUAL_INT64(0, c->torque_sum_unm);
+    TEST_ASSERT_EQUAL_UINT32(42U, c->seen); /* a window from before is no window of its first speed */
+    TEST_ASSERT_EQUAL(FIT_NONE, c->fit);
+}
+
+/* 3000 uN m + 200e-8 N m s/rad: points on the line, at speeds of which the fit is exact. */
+static void exact_line(uint32_t points) {
+    terrapin_calibration_state *c = &state.calibration;
+    c->step = (uint8_t)points;
+    for (uint32_t i = 0U; i < points; i++) {
+        c->omega_mrad_s[i] = 10000 * (int32_t)(i + 1U);
+        c->torque_unm[i] = 3000 + (20 * (int32_t)(i + 1U)); /* 2e-6 N m s/rad */
+    }
+}
+
+static void test_the_sums_of_a_line(void) {
+    terrapin_calibration_state *c = &state.calibration;
+    for (uint32_t points = 2U; points <= (uint32_t)TERRAPIN_LIMIT_CALIBRATE_SPEEDS; points++) {
+        exact_line(points);
+        TEST_ASSERT_TRUE(fit_sums(c));
+        int64_t spread = 0;
+        int64_t common = 0;
+        for (uint32_t i = 0U; i < points; i++) { /* the same by pairs: sum of (a - b)^2 */
+            for (uint32_t k = i + 1U; k < points; k++) {
+                const int64_t dw = c->omega_mrad_s[i] - c->omega_mrad_s[k];
+                spread += dw * dw;
+                common += dw * (c->torque_unm[i] - c->torque_unm[k]);
+            }
+        }
+        TEST_ASSERT_EQUAL_INT64(spread, c->spread);
+        TEST_ASSERT_EQUAL_INT64(common, c->common);
+        TEST_ASSERT_TRUE(fit_viscous(c));
+        TEST_ASSERT_EQUAL_INT32(200, c->viscous_e8);
+        TEST_ASSERT_TRUE(fit_coulomb(c));
+        TEST_ASSERT_EQUAL_INT32(3000, c->coulomb_unm);
+        TEST_ASSERT_EQUAL_INT32(0, worst(c));
+    }
+}
+
+/* The largest residual may be the tolerance, and no more. */
+static void test_the_tolerance_of_a_fit(void) {
+    for (int32_t off = 5; off < 8; off++) {
+        setUp();
+        terrapin_calibration_state *c = &state.calibration;
+        exact_line(4U);
+        c->viscous_e8 = 200;
+        c->coulomb_unm = 3000;
+        c->torque_unm[2] -= off;
+        c->fit = FIT_RESIDUAL;
+        state.supervisor.state = TERRAPIN_STATE_CALIBRATE;
+        state.parameter[TERRAPIN_PARAMETER_CALIBRATE_TOLERANCE] = 6;
+        calibration_work(&state);
+        TEST_ASSERT_EQUAL_INT32(off, c->residual_unm);
+        TEST_ASSERT_EQUAL(off > 6, c->fit == FIT_FAILED);
+    }
+}
+
+/* ---- the encoder against the motor's equation */
+
+static void test_the_encoder_may_be_off_by_its_tolerance(void) {
+    for (int32_t off = 999; off <= 1002; off++) {
+        for (int32_t sign = -1; sign <= 1; sign += 2) {
+            setUp();
+            state.drive.enable = true;
+            state.slip.ticks = SPEED_TICKS + 1U;
+            state.slip.emf_uv = 5000999; /* 5000 mV */
+            state.drive.applied_mv = 5000 + (sign * off);
+            state.parameter[TERRAPIN_PARAMETER_ENCODER_TOLERANCE] = 1000;
+            (void)encoder_lies(&state);
+            TEST_ASSERT_EQUAL(off > 1000, state.sense.encoder_ticks > 0U);
+        }
+    }
+}
+
+/* ---- gains: how far a count may go is told to the nearest, less one */
+
+static void test_the_most_that_a_gain_takes(void) {
+    for (int32_t i = 0; i < 2000; i++) {
+        const int32_t value = 1 + i;
+        const integer_gain gain = integer_gain_of(value, 4096 * 7);
+        const int64_t above = (int64_t)gain.factor + 1;
+        if (gain.most < INTEGER_MOST) {
+            const int64_t off = (((int64_t)gain.most + 1) * above) - ((int64_t)INTEGER_MOST * 4096);
+            TEST_ASSERT_TRUE((2 * off <= above) && (-2 * off <= above));
+        }
+    }
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_slip_is_one_division_however_it_is_done);
+    RUN_TEST(test_below_one_volt_there_is_no_duty);
+    RUN_TEST(test_one_milliampere_too_much_is_taken_off);
+    RUN_TEST(test_a_calibration_begins_with_nothing_of_the_last);
+    RUN_TEST(test_the_sums_of_a_line);
+    RUN_TEST(test_the_tolerance_of_a_fit);
+    RUN_TEST(test_the_encoder_may_be_off_by_its_tolerance);
+    RUN_TEST(test_the_most_that_a_gain_takes);
+    return UNITY_END();
+}
