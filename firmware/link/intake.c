@@ -170,7 +170,8 @@ static bool affordable(terrapin_intake *intake, uint8_t kind, bool on) {
         budget = BUDGET_ON;
         price = cost[kind].on;
     }
-    const bool yes = !intake->taken || ((intake->spent + price) <= budget); /* one frame always: nothing waits forever */
+    const bool yes =
+        !intake->taken || ((intake->spent + price) <= budget); /* one frame always: nothing waits forever */
     intake->spent += yes ? price : 0U;
     intake->taken = intake->taken || yes;
     return yes;
