@@ -10,6 +10,7 @@
 #define CRC_AT     (UNIT - CRC_SIZE) /* in a set's last unit */
 #define ERASED     0xFFU
 #define PARAMETERS ((uint32_t)TERRAPIN_PARAMETER_COUNT)
+#define MADE_FOR   ((uint32_t)TERRAPIN_ROBOT_IDENTITY | ((uint32_t)TERRAPIN_ROBOT_BOARD << 24U))
 
 typedef struct {
     uint32_t entries;
@@ -166,14 +167,15 @@ static bool usable(const terrapin_flash *flash, const terrapin_flash_area pages[
            (flash->write_size > 0U) && ((UNIT % flash->write_size) == 0U);
 }
 
-/* Whether the newest set is another robot's: its values mean another body, in steps of another size. Before sets named
- * a robot, 1 stood in that place. */
+/* Whether the newest set is another robot's, whose values mean another body, in steps of another size, or another
+ * board's, whose shunt and divider they hold. Before sets named a robot, 1 stood in that place; before they named a
+ * board, 0 in its top byte. */
 static bool of_another(const terrapin_store *store) {
     uint8_t unit[TERRAPIN_STORE_UNIT];
     bool other = false;
     if ((store->origin == (uint8_t)TERRAPIN_STORE_ORIGIN_STORED) && read_unit(store, store->newest, unit)) {
-        const uint32_t robot = get_word(&unit[12]);
-        other = (robot != 1U) && (robot != (uint32_t)TERRAPIN_ROBOT_IDENTITY);
+        const uint32_t named = get_word(&unit[12]);
+        other = (named != 1U) && (named != MADE_FOR) && (named != (uint32_t)TERRAPIN_ROBOT_IDENTITY);
     }
     return other;
 }
@@ -286,7 +288,7 @@ static void make_unit(terrapin_store *store, uint8_t unit[TERRAPIN_STORE_UNIT]) 
         put_word(unit, MAGIC);
         put_word(&unit[4], TERRAPIN_STORE_LAYOUT | (PARAMETERS << 16U));
         put_word(&unit[8], store->sequence + 1U);
-        put_word(&unit[12], (uint32_t)TERRAPIN_ROBOT_IDENTITY);
+        put_word(&unit[12], MADE_FOR);
     } else {
         const uint32_t first = ((store->written - UNIT) / UNIT) * 2U;
         uint8_t *entry = unit;

@@ -14,8 +14,8 @@
  * erased and takes the next set, so that the newest whole set is never touched. Power may fail in any write or erase:
  * the next start finds the whole old or the whole new set. 16 kB hold 24 sets of 78 parameters: an erase each 24 saves.
  *
- * A set names the robot that the firmware was built for. Another robot's gives the defaults, and the origin says so;
- * the next save takes its place.
+ * A set names the robot that the firmware was built for, and its board. Another robot's or board's gives the defaults,
+ * and the origin says so; the next save takes its place.
  *
  * The hash is of name, unit and scale, so a value outlives a change of order; an entry that this firmware does not know
  * (or knows in another unit) is dropped, a value out of range is replaced by the default, and both are counted. A set
@@ -53,7 +53,7 @@ typedef struct terrapin_store {
     uint32_t sequence; /* its number; 0 when there is none */
     uint8_t active;    /* its page */
     uint8_t origin;    /* store_origin of controller.toml: blank, stored, damaged */
-    bool foreign;      /* the newest set is another robot's: the values are the defaults */
+    bool foreign;      /* the newest set is another robot's or board's: the values are the defaults */
     bool remains;      /* beside whole sets there is something else: a save or an erase that was cut */
     bool failed;       /* the last save did not succeed; what was stored before stands */
     uint16_t dropped;  /* entries that this firmware does not know */

@@ -155,6 +155,7 @@ class Robot:
             "encoder_jump": self.jump,
             "record_interval": 10 * self.record_slots,
             "robot_identity": self.identity,
+            "robot_board": self.board.number,
             "voltage_limit": self.limits["voltage"],
             "current_limit": self.limits["current"],
             "over_current": self.limits["over_current"],

@@ -19,6 +19,8 @@ from terrapin_hil.links.slcan import ControllerProcess
 from terrapin_hil.messages import Frame, Sender, interface
 from terrapin_interface.robot import find_robot, identity_of, load_robot
 from terrapin_tools.flash.image import MADE, Version, parse, sign
+from terrapin_tools.flash.layout import BASE
+from terrapin_tools.flash.plan import plan
 from terrapin_tools.flash.update import SignedFile, update
 from terrapin_tools.logs.frames import Frames, frames
 from terrapin_tools.monitor import sources
@@ -247,3 +249,23 @@ def test_the_monitor_refuses(what: str, monkeypatch: pytest.MonkeyPatch) -> None
 @pytest.mark.parametrize("silent", [False, True])
 def test_the_monitor_accepts(silent: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     watched(None if silent else identity(board=BOARD), monkeypatch)()
+
+
+def test_what_a_probe_writes_has_the_images_robot() -> None:
+    """From the first start on, before an image is confirmed; with the node number beside it."""
+    chip = Chip(PUBLIC)
+    chip.boot.board = BOARD
+    for address, data in plan([file("a", "1.0.0", **RIGHT)], None, node=5).write:
+        chip.ffi.buffer(chip.bytes)[address - BASE : address - BASE + len(data)] = data
+    assert (chip.record().robot, chip.record().node) == (CYLINDER, 5)
+    assert chip.start() == "a"
+    chip.lib.terrapin_update_init(chip.update, chip.boot, 0)
+    chip.running = 0
+    with pytest.raises(UserError, match="made for sphere, the controller is that of cylinder"):
+        update(ChipWire(chip), [file("b", "1.1.0", **{**RIGHT, "robot": SPHERE})], lambda *_: None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("what", ["robot", "board"])
+def test_images_of_two_robots_or_boards_are_not_written_together(what: str) -> None:
+    with pytest.raises(UserError, match=r"made for another robot or board than new\.bin"):
+        plan([file("a", "1.0.0", **RIGHT), file("b", "1.0.0", **(RIGHT | WRONG[what]))], None)

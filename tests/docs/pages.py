@@ -4,7 +4,7 @@ A page's blocks run in their order, in a scratch copy of the tree (`.venv` and `
 
     ```sh        line by line, `terrapin` on PATH; each line must end with status 0
     ```python    in a process of its own
-    ```toml      must say what file it is (`file` or `changes` below); the file is then used by the program: a scenario
+    ```toml      must say what file it is (`file` or `changes` below, or `built`); the program then uses it: a scenario
                  is run, a case is compared, a rig is read, a robot checked
     ```csv       must say what file it is
     ```diff      applied to the scratch copy
@@ -96,7 +96,7 @@ def blocks(page: str, text: str) -> list[Block]:
             known = LANGUAGES | (BUILT if "built" in marks else set())
             assert language in known, f"{where}: a block of {language}, expected one of {sorted(known)}"
             block = Block(page, (token.map or [0])[0] + 2, language, token.content, marks)
-            silent = language in ("toml", "csv") and not {"file", "changes"} & set(marks)
+            silent = language in ("toml", "csv") and not {"file", "changes", "built"} & set(marks)
             assert not silent, f"{where}: a block of {language} says no file, see tests/docs/pages.py"
             assert (language == "text") == ("shows" in marks), f"{where}: text is what a page shows, and only text"
             found.append(block)

@@ -516,6 +516,33 @@ static void test_a_set_of_another_robot_gives_defaults_and_says_so(void) {
     TEST_ASSERT_TRUE(has_all(6U));
 }
 
+/* Its shunt and divider are others. */
+static void test_a_set_of_another_board_gives_defaults_and_says_so(void) {
+    const uint32_t own = (uint32_t)TERRAPIN_ROBOT_IDENTITY | ((uint32_t)TERRAPIN_ROBOT_BOARD << 24U);
+    make_one_for(own + (1U << 24U), 0U, 1U);
+    restart();
+    TEST_ASSERT_EQUAL(TERRAPIN_STORE_ORIGIN_STORED, store.origin);
+    TEST_ASSERT_TRUE(store.foreign);
+    TEST_ASSERT_TRUE(has_defaults());
+    make_one_for(own, 64U, 2U);
+    restart();
+    TEST_ASSERT_FALSE(store.foreign);
+    TEST_ASSERT_FALSE(has_defaults());
+    save_generation(6U);
+    uint8_t named[4];
+    TEST_ASSERT_TRUE(flash.read(flash.context, store.newest + 12U, named, 4U));
+    TEST_ASSERT_EQUAL_HEX32(own, (uint32_t)named[0] | ((uint32_t)named[1] << 8U) | ((uint32_t)named[2] << 16U) |
+                                     ((uint32_t)named[3] << 24U));
+}
+
+/* As firmware wrote it before sets named a board. */
+static void test_a_set_that_names_no_board_is_taken(void) {
+    make_one_for(TERRAPIN_ROBOT_IDENTITY, 0U, 1U);
+    restart();
+    TEST_ASSERT_FALSE(store.foreign);
+    TEST_ASSERT_FALSE(has_defaults());
+}
+
 /* As firmware wrote it before sets named a robot. */
 static void test_a_set_that_names_no_robot_is_taken(void) {
     make_one_for(1U, 0U, 1U);
@@ -689,6 +716,8 @@ int main(void) {
     RUN_TEST(test_pages_that_cannot_be_used_are_never_touched);
     RUN_TEST(test_reordered_unknown_and_impossible_values);
     RUN_TEST(test_a_set_of_another_robot_gives_defaults_and_says_so);
+    RUN_TEST(test_a_set_of_another_board_gives_defaults_and_says_so);
+    RUN_TEST(test_a_set_that_names_no_board_is_taken);
     RUN_TEST(test_a_set_that_names_no_robot_is_taken);
     RUN_TEST(test_of_two_sets_neither_of_which_is_newer_the_first_counts);
     RUN_TEST(test_a_set_that_names_a_parameter_twice);

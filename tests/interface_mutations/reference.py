@@ -108,7 +108,7 @@ CYLINDER = {
     "slip_limit": 5000, "voltage_limit": 10000, "current_limit": 1800, "over_current": 2000, "supply_low": 6000,
     "supply_high": 15000, "temperature_high": 120000, "encoder_jump": 200, "encoder_counts": 2048,
     "record_interval": 10,
-    "robot_identity": 0x1EBF42, "swing_limit": 0,
+    "robot_identity": 0x1EBF42, "robot_board": 1, "swing_limit": 0,
 }  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from terrapin_hil.links.names import BIT_RATE, SET_OUTSIDE, LinkName
-from terrapin_tools.command_options import NodeNumber, link_option
+from terrapin_tools.command_options import NodeNumber, RobotName, link_option
 from terrapin_tools.errors import UserError, about
 from terrapin_tools.progress import bar
 
@@ -46,6 +46,26 @@ def _files(images: Sequence[Path]) -> list[SignedFile]:
             raise UserError(f"{path}: for slot {image.slot} like {same[0]}, expected one image a slot")
         files.append(SignedFile(str(path), image, data))
     return files
+
+
+def _require_robot(files: Sequence[SignedFile], name: str) -> None:
+    """UserError unless the images are made for this robot and its board."""
+    from terrapin_interface.robot import RobotError, find_robot, load_robot
+    from terrapin_tools.flash.update import robot_name
+
+    try:
+        robot = load_robot(find_robot(name))
+    except RobotError as error:
+        raise UserError(str(error)) from None
+    for file in files:
+        if file.image.robot != robot.identity:
+            made = robot_name(file.image.robot) if file.image.robot else "no robot that it names"
+            raise UserError(f"{file.name}: made for {made}, expected {robot.name}, which --robot names")
+        if file.image.board != robot.board.number:
+            raise UserError(
+                f"{file.name}: made for board number {file.image.board}, expected {robot.board.number}, "
+                f"{robot.board.name}, which {robot.name}.toml names"
+            )
 
 
 def _serial_port(port: str, via: str) -> str:
@@ -173,6 +193,7 @@ def flash(
         Path | None, typer.Option("--key", metavar="PUBLIC.pem", help="--protect: of the boot loader")
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="--protect: do it")] = False,
+    robot: RobotName = "",
     listed: Annotated[bool, typer.Option("--list", help="probes, serial ports and CAN interfaces")] = False,
 ) -> None:
     """Write a signed image, read it back or have it verified, and start it.
@@ -213,6 +234,8 @@ def flash(
         raise UserError("no IMAGE; `terrapin image sign` makes one")
     controller = None if via in ("swd", "stm32") else _controller(link, via, port, baud, bitrate)
     files = _files(images)
+    if robot:
+        _require_robot(files, robot)
     if controller is None:
         from terrapin_hil.nodes import node_number
 

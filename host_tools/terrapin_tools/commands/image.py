@@ -1,4 +1,4 @@
-"""`terrapin image`: sign, verify and look into images for the boot loader."""
+"""`terrapin image`: build, sign, verify and look into images for the boot loader."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from terrapin_tools.command_options import RobotName
 from terrapin_tools.errors import UserError, about
 
 if TYPE_CHECKING:
@@ -37,6 +38,26 @@ def _made_for(image: Image) -> str:
     boards = {number: name for name, number in interface().enums["board"].items()}
     board = boards.get(image.board, str(image.board))
     return f"{robot_name(image.robot)}, board {board}, interface version {image.interface}"
+
+
+def build(
+    to: Annotated[Path, typer.Option("--out", metavar="DIR", help="where boot loader and images go")],
+    robot: RobotName = "cylinder",
+    board: Annotated[
+        str, typer.Option("--board", metavar="BOARD", help="another than the robot's: a shipped board, or a file")
+    ] = "",
+) -> None:
+    """Build boot loader and images of a robot. Needs the sources, CMake and arm-none-eabi-gcc.
+
+    Example: terrapin image build --robot sphere --out images
+    """
+    from terrapin_tools.flash.build import build_images
+    from terrapin_tools.progress import bar
+
+    with bar(f"building {robot}", None):
+        made = build_images(robot, board, to)
+    for path in made:
+        print(f"{path}: {path.stat().st_size} bytes")
 
 
 def sign(
@@ -128,4 +149,4 @@ def info(path: ImageFile) -> None:
     )
 
 
-SUBCOMMANDS = (sign, verify, info)
+SUBCOMMANDS = (build, sign, verify, info)

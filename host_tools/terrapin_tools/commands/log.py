@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from terrapin_hil.links.names import PTY, LinkName
-from terrapin_tools.command_options import BitRate, Json, NodeNumber, deliver, link_option
+from terrapin_tools.command_options import BitRate, Json, NodeNumber, RobotName, deliver, link_option, take_robot
 from terrapin_tools.errors import UserError
 from terrapin_tools.progress import bar
 
@@ -50,11 +50,18 @@ def _taken(block: Frames, node: int | None) -> Frames:
     return block if node is None else of_node(block, node_number(str(node), "--node"))
 
 
-def info(log: LogFile, dbc: Dbc = None, node: NodeNumber = None, json: Json = "") -> None:
+def info(
+    log: LogFile,
+    dbc: Dbc = None,
+    node: NodeNumber = None,
+    json: Json = "",
+    robot: RobotName = "",
+) -> None:
     """What a log holds: how long, which frames how often, errors, gaps in time, whether its end is missing.
 
     Example: terrapin log info out/slope/telemetry.log
     """
+    take_robot(robot)
     from terrapin_tools.logs.info import Summary, describe
     from terrapin_tools.logs.reading import LogReader
 
@@ -76,11 +83,13 @@ def convert(
         str, typer.Option("--period", help="signals on this grid instead of frames (.csv, .parquet)")
     ] = "",
     force: Annotated[bool, typer.Option("--force", help="replace TO if it exists")] = False,
+    robot: RobotName = "",
 ) -> None:
     """Convert a log to another kind. Frames stay frames; to MCAP with a DBC, signals are added for plotting.
 
     Example: terrapin log convert out/slope/telemetry.log slope.mcap
     """
+    take_robot(robot)
     from terrapin_tools.logs.reading import READABLE, LogReader
     from terrapin_tools.logs.writing import LogWriter
 
@@ -149,11 +158,13 @@ def record(
     duration: Annotated[float, typer.Option("--duration", help="seconds; 0: until Ctrl-C")] = 0.0,
     dbc: Dbc = None,
     bitrate: BitRate = 500_000,
+    robot: RobotName = "",
 ) -> None:
     """Record a bus. It only listens. What came is in the file at least twice a second, so a crash costs little.
 
     Example: terrapin log record drive.blf --link socketcan:can0
     """
+    take_robot(robot)
     from terrapin_tools.logs.bus import open_bus
     from terrapin_tools.logs.writing import GROWING, LogWriter
 
@@ -204,6 +215,7 @@ def replay(
         Path | None, typer.Option("--parameters", help="TOML; default: run.toml beside the log")
     ] = None,
     json: Json = "",
+    robot: RobotName = "",
 ) -> None:
     """Send a recorded run to the firmware again and compare its answers with the recorded ones.
 
@@ -211,6 +223,7 @@ def replay(
 
     Example: terrapin log replay out/slope
     """
+    take_robot(robot)
     from terrapin_hil.links import open_link
     from terrapin_hil.messages import ParameterError, interface
     from terrapin_tools.logs.reading import LogReader, read_log
@@ -253,11 +266,13 @@ def replay(
 def dbc_(
     to: Annotated[Path, typer.Argument(metavar="TO.dbc", help="a new file")],
     node: NodeNumber = None,
+    robot: RobotName = "",
 ) -> None:
     """Write the DBC of a controller, with the identifiers of its node, for other tools.
 
     Example: terrapin log dbc node-3.dbc --node 3
     """
+    take_robot(robot)
     from terrapin_hil import paths
     from terrapin_hil.nodes import node_number
     from terrapin_tools.logs.nodes import dbc_of_node

@@ -13,7 +13,15 @@ import typer
 from terrapin_hil.links import LinkName, open_link
 from terrapin_hil.links.names import INPROCESS, able
 from terrapin_hil.messages import Interface, interface
-from terrapin_tools.command_options import Json, LinkKeyFile, NodeNumber, deliver, link_option
+from terrapin_tools.command_options import (
+    Json,
+    LinkKeyFile,
+    NodeNumber,
+    RobotName,
+    deliver,
+    link_option,
+    take_robot,
+)
 from terrapin_tools.errors import UserError
 from terrapin_tools.param.files import raw_of, read_file, text_of, to_toml
 from terrapin_tools.param.nodes import require_one
@@ -116,6 +124,7 @@ def list_(
     flash: Flash = None,
     timeout: Timeout = 1.0,
     json: Json = "",
+    robot: RobotName = "",
 ) -> None:
     """Every parameter with value, unit, default and range; * marks those that are not at their default.
 
@@ -123,6 +132,7 @@ def list_(
 
     Example: terrapin param list --link serial:/dev/ttyACM0
     """
+    take_robot(robot)
     link = link.at_node(node)
     with _session(link, flash, timeout) as session:
         values, store, found = session.all(), session.store(), session.found()
@@ -143,11 +153,13 @@ def get(
     flash: Flash = None,
     timeout: Timeout = 1.0,
     json: Json = "",
+    robot: RobotName = "",
 ) -> None:
     """Values of parameters, one a line.
 
     Example: terrapin param get torque_constant armature_resistance --link socketcan:can0
     """
+    take_robot(robot)
     link = link.at_node(node)
     parameters = [interface().parameter(name) for name in names]
     with _session(link, flash, timeout) as session:
@@ -207,6 +219,7 @@ def set_(
     link_key: LinkKeyFile = None,
     timeout: Timeout = 1.0,
     json: Json = "",
+    robot: RobotName = "",
 ) -> None:
     """Write one parameter and keep it in flash. A negative value comes after --.
 
@@ -214,6 +227,7 @@ def set_(
 
     terrapin param set comp_coulomb --flash robot.flash -- -0.5 "mN m"
     """
+    take_robot(robot)
     link = link.at_node(node)
     parameter = interface().parameter(name)
     number = raw_of(parameter, " ".join(value), raw)
@@ -229,11 +243,13 @@ def save(
     node: NodeNumber = None,
     flash: Flash = None,
     timeout: Timeout = 1.0,
+    robot: RobotName = "",
 ) -> None:
     """Write the controller's parameters into a TOML file, in their units.
 
     Example: terrapin param save robot7.toml --link serial:/dev/ttyACM0
     """
+    take_robot(robot)
     link = link.at_node(node)
     with _session(link, flash, timeout) as session:
         values = session.all()
@@ -252,6 +268,7 @@ def load(
     link_key: LinkKeyFile = None,
     timeout: Timeout = 1.0,
     json: Json = "",
+    robot: RobotName = "",
 ) -> None:
     """Write the parameters in a TOML file and keep them in flash; those that it does not name stay.
 
@@ -259,6 +276,7 @@ def load(
 
     Example: terrapin param load robot7.toml --link socketcan:can0
     """
+    take_robot(robot)
     link = link.at_node(node)
     values = read_file(file, interface())
     _write(lambda session: session.set_all(values), link, flash, timeout, link_key, volatile, json)
@@ -277,11 +295,13 @@ def diff(
     flash: Flash = None,
     timeout: Timeout = 1.0,
     json: Json = "",
+    robot: RobotName = "",
 ) -> int:
     """What differs between the controller and a file, or the defaults. Exit status 1 when something does.
 
     Example: terrapin param diff robot7.toml --link serial:/dev/ttyACM0
     """
+    take_robot(robot)
     link = link.at_node(node)
     description = interface()
     other = _other(file, description)
@@ -310,11 +330,13 @@ def reset(
     link_key: LinkKeyFile = None,
     timeout: Timeout = 1.0,
     json: Json = "",
+    robot: RobotName = "",
 ) -> None:
     """Put all parameters, or those named, back to their defaults and keep that in flash.
 
     Example: terrapin param reset --link serial:/dev/ttyACM0
     """
+    take_robot(robot)
     link = link.at_node(node)
     chosen = [interface().parameter(name) for name in names or ()]
     values = {parameter.name: parameter.default for parameter in chosen}

@@ -28,7 +28,7 @@ __all__ = [
     "begins",
     "boot_loader",
     "check_starts",
-    "node_record",
+    "first_record",
     "perform",
     "plan",
     "read",
@@ -100,21 +100,29 @@ def check_starts(loader: bytes, where: str, files: Sequence[SignedFile]) -> None
             verify(file.image, key)
 
 
-def node_record(node: int) -> bytes:
-    """The boot loader's first record (firmware/boot/records.c): nothing is confirmed, and the node number is this."""
-    record = struct.pack("<IIIIQI", RECORD_MAGIC, 1, 0, 0, 0, node)
+def first_record(node: int, robot: int) -> bytes:
+    """The boot loader's first record (firmware/boot/records.c): nothing is confirmed, node and robot are these."""
+    record = struct.pack("<IIIIQI", RECORD_MAGIC, 1, 0, 0, 0, node | robot << 8)
     return record + zlib.crc32(record).to_bytes(4, "little")
 
 
 def plan(files: Sequence[SignedFile], loader: bytes | None, node: int = 0) -> Plan:
-    """For these images, at most one a slot, and perhaps the boot loader; the controller is this node."""
+    """For these images, at most one a slot, and perhaps the boot loader; the controller is this node and their robot's.
+
+    UserError when the images are made for several robots or boards.
+    """
+    first = files[0]
+    for other in files[1:]:
+        if (other.image.robot, other.image.board) != (first.image.robot, first.image.board):
+            raise UserError(f"{other.name}: made for another robot or board than {first.name}, expected one of each")
+    robot = first.image.robot
     erase = [*RECORDS, *((start, SLOT_SIZE) for start in SLOTS.values())]
     write = [(SLOTS[file.image.slot], file.data[: file.image.size]) for file in files]
     if loader is not None:
         erase.insert(0, (BASE, BOOT_SIZE))
         write.insert(0, (BASE, loader))
-    if node:
-        write.append((RECORDS[0][0], node_record(node)))
+    if node or robot:
+        write.append((RECORDS[0][0], first_record(node, robot)))
     return Plan(tuple(erase), tuple(write))
 
 

@@ -22,7 +22,7 @@ ORIGINS = {
     "blank": "nothing was ever stored",
     "stored": "stored",
     "damaged": "what is stored cannot be read: defaults after a reset",
-    "foreign": "what is stored is another robot's: defaults after a reset",
+    "foreign": "what is stored is another robot's or board's: defaults after a reset",
 }
 
 
