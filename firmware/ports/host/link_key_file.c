@@ -63,12 +63,13 @@ bool terrapin_process_link_key(const char *path, uint32_t key[TERRAPIN_CHASKEY_W
     }
     bool good = true;
     while (good && (fgets(line, sizeof line, file) != NULL)) {
-        const char *text = NULL;
-        if ((text = value_of(line, "key")) != NULL) {
-            good = !has_key && read_key(text, key);
+        const char *key_text = value_of(line, "key");
+        const char *generation_text = value_of(line, "generation");
+        if (key_text != NULL) {
+            good = !has_key && read_key(key_text, key);
             has_key = true;
-        } else if ((text = value_of(line, "generation")) != NULL) {
-            good = !has_generation && read_generation(text, generation);
+        } else if (generation_text != NULL) {
+            good = !has_generation && read_generation(generation_text, generation);
             has_generation = true;
         } else {
             good = ends(line);
