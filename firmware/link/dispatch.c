@@ -138,8 +138,7 @@ static void accept_command_sealed(terrapin_link *link, const terrapin_frame *fra
     }
     const uint32_t bytes =
         (uint32_t)frame->data[0] | ((uint32_t)frame->data[1] << 8U) | ((uint32_t)frame->data[2] << 16U);
-    if (!terrapin_seal_check(&link->seal, frame->id, (uint32_t)sealed.counter, 8U, bytes, 0U, sealed.tag,
-                             inputs->tick)) {
+    if (!terrapin_seal_check(&link->seal, frame->id, (uint32_t)sealed.counter, 8U, bytes, 0U, sealed.tag)) {
         link->unsealed++;
         return;
     }
@@ -188,13 +187,13 @@ static void accept_test_mode(terrapin_link *link, terrapin_state *state, const t
 #endif
 
 static terrapin_accept_result accept_session_open(terrapin_link *link, const terrapin_frame *frame,
-                                                  const terrapin_inputs *inputs, terrapin_frame *reply) {
+                                                  terrapin_frame *reply) {
     terrapin_session_open_t message;
     if (!terrapin_decode_session_open(frame, &message)) {
         link->malformed++;
         return TERRAPIN_ACCEPT_NOTHING;
     }
-    if (!terrapin_seal_open(&link->seal, message.host, message.generation, inputs->tick)) {
+    if (!terrapin_seal_open(&link->seal, message.host, message.generation)) {
         link->out_of_place++;
         return TERRAPIN_ACCEPT_NOTHING;
     }
@@ -439,7 +438,7 @@ static terrapin_accept_result take_frame(terrapin_link *link, terrapin_state *st
         accept_command_sealed(link, frame, inputs);
         break;
     case TERRAPIN_ID_SESSION_OPEN:
-        result = accept_session_open(link, frame, inputs, reply);
+        result = accept_session_open(link, frame, reply);
         break;
     case TERRAPIN_ID_PARAMETER_WRITE:
         result = accept_parameter_write(link, state, frame, reply);
@@ -519,11 +518,11 @@ static bool needs_seal(const terrapin_frame *frame) {
     return yes;
 }
 
-bool terrapin_link_holds(terrapin_link *link, const terrapin_frame *frame, const terrapin_inputs *inputs) {
+bool terrapin_link_holds(terrapin_link *link, const terrapin_frame *frame) {
     const bool held = (link->seal.key != NULL) && needs_seal(frame);
     if (held) {
         link->unsealed += link->seal.holding ? 1U : 0U; /* the one that waited never got its seal */
-        terrapin_seal_hold(&link->seal, frame, inputs->tick);
+        terrapin_seal_hold(&link->seal, frame);
     }
     return held;
 }
@@ -536,8 +535,7 @@ static terrapin_accept_result accept_seal(terrapin_link *link, terrapin_state *s
         link->malformed++;
         return TERRAPIN_ACCEPT_NOTHING;
     }
-    if (!terrapin_seal_release(&link->seal, (uint32_t)message.message, (uint32_t)message.counter, message.tag,
-                               inputs->tick, &held)) {
+    if (!terrapin_seal_release(&link->seal, (uint32_t)message.message, (uint32_t)message.counter, message.tag, &held)) {
         link->unsealed++;
         return TERRAPIN_ACCEPT_NOTHING;
     }
@@ -555,7 +553,7 @@ terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *stat
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
     if (frame->id == (uint16_t)TERRAPIN_ID_SEAL) {
         result = accept_seal(link, state, frame, inputs, reply);
-    } else if (!terrapin_link_holds(link, frame, inputs)) {
+    } else if (!terrapin_link_holds(link, frame)) {
         result = take_frame(link, state, frame, inputs, reply);
     } else {
         /* waits for its SEAL */

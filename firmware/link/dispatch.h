@@ -85,11 +85,12 @@ typedef enum {
 TERRAPIN_API void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs);
 
 /* A link key of four words, which must stay where it is, its generation, and the number of this start, which must never
- * come twice under one key (link/seal.h). NULL: anybody's frames are taken. */
+ * come twice under one key (link/seal.h). NULL: anybody's frames are taken. With a key the port sets link->seal.now_ms
+ * before it gives a frame. */
 TERRAPIN_API void terrapin_link_seal(terrapin_link *link, const uint32_t *key, uint32_t generation, uint32_t start);
 
 /* True when a frame waits for its SEAL now: for a port that serves UPDATE_* beside terrapin_accept. */
-TERRAPIN_API bool terrapin_link_holds(terrapin_link *link, const terrapin_frame *frame, const terrapin_inputs *inputs);
+TERRAPIN_API bool terrapin_link_holds(terrapin_link *link, const terrapin_frame *frame);
 
 /* Take one frame. A frame that is dropped changes nothing but its counter in *link. */
 TERRAPIN_API terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state,

@@ -21,6 +21,7 @@ static uint8_t kind_of(uint16_t id) {
         kind = (uint8_t)WRITE;
         break;
     case TERRAPIN_ID_PARAMETER_READ:
+    case TERRAPIN_ID_IDENTITY_READ:
         kind = (uint8_t)READ;
         break;
     case TERRAPIN_ID_TEST_MODE:
@@ -169,7 +170,8 @@ static bool affordable(terrapin_intake *intake, uint8_t kind, bool on) {
         budget = BUDGET_ON;
         price = cost[kind].on;
     }
-    const bool yes = !intake->taken || ((intake->spent + price) <= budget); /* one frame always: nothing waits forever */
+    const bool yes =
+        !intake->taken || ((intake->spent + price) <= budget); /* one frame always: nothing waits forever */
     intake->spent += yes ? price : 0U;
     intake->taken = intake->taken || yes;
     return yes;

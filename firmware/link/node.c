@@ -44,8 +44,8 @@ static inline void move(terrapin_frame *frame, uint32_t id, uint32_t protected, 
     frame->id = (uint16_t)id;
 }
 
-/* At another node than 0. Identifiers of a block differ in the same bits from node to node, since it begins at multiples
- * of its size. */
+/* At another node than 0. Identifiers of a block differ in the same bits from node to node, since it begins at
+ * multiples of its size. */
 static bool received(const terrapin_node *node, terrapin_frame *frame) {
     const uint32_t id = frame->id;
     uint32_t i = 0U;

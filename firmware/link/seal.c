@@ -18,11 +18,12 @@ void terrapin_seal_init(terrapin_seal *seal, const uint32_t *key, uint32_t gener
     seal->holding = false;
     seal->checks = 0U;
     seal->checks_max = TERRAPIN_SEAL_CHECKS;
-    seal->checks_tick = 0U;
+    seal->checks_ms = 0U;
+    seal->now_ms = 0U;
 }
 
-bool terrapin_seal_open(terrapin_seal *seal, uint32_t host, uint32_t generation, uint32_t tick) {
-    const bool kept = seal->waiting.open && ((tick - seal->waiting_tick) < WAITING_MS);
+bool terrapin_seal_open(terrapin_seal *seal, uint32_t host, uint32_t generation) {
+    const bool kept = seal->waiting.open && ((seal->now_ms - seal->waiting_ms) < WAITING_MS);
     const bool good = (seal->key != NULL) && (generation != 0U) && (generation == seal->generation) && !kept &&
                       (seal->opened < UINT32_MAX);
     if (good) {
@@ -31,7 +32,7 @@ bool terrapin_seal_open(terrapin_seal *seal, uint32_t host, uint32_t generation,
         terrapin_chaskey(seal->key, numbers, seal->waiting.key);
         seal->waiting.counter = 0U;
         seal->waiting.open = true;
-        seal->waiting_tick = tick;
+        seal->waiting_ms = seal->now_ms;
     }
     return good;
 }
@@ -63,10 +64,10 @@ static bool fits(terrapin_seal *seal, terrapin_session *session, uint32_t counte
 }
 
 bool terrapin_seal_check(terrapin_seal *seal, uint32_t id, uint32_t counter, uint32_t bits, uint32_t low, uint32_t high,
-                         uint32_t tag, uint32_t tick) {
+                         uint32_t tag) {
     const uint32_t message[3] = {id, low, high};
-    if ((tick - seal->checks_tick) >= CHECKS_MS) {
-        seal->checks_tick = tick;
+    if ((seal->now_ms - seal->checks_ms) >= CHECKS_MS) {
+        seal->checks_ms = seal->now_ms;
         seal->checks = 0U;
     }
     bool good = fits(seal, &seal->running, whole_counter(seal->running.counter, counter, bits), message, tag);
@@ -80,9 +81,9 @@ bool terrapin_seal_check(terrapin_seal *seal, uint32_t id, uint32_t counter, uin
     return good;
 }
 
-void terrapin_seal_hold(terrapin_seal *seal, const terrapin_frame *frame, uint32_t tick) {
+void terrapin_seal_hold(terrapin_seal *seal, const terrapin_frame *frame) {
     seal->held = *frame;
-    seal->held_tick = tick;
+    seal->held_ms = seal->now_ms;
     seal->holding = true;
 }
 
@@ -90,12 +91,12 @@ static uint32_t word(const uint8_t *bytes) {
     return ((uint32_t)bytes[3] << 24U) | ((uint32_t)bytes[2] << 16U) | ((uint32_t)bytes[1] << 8U) | bytes[0];
 }
 
-bool terrapin_seal_release(terrapin_seal *seal, uint32_t id_low, uint32_t counter, uint32_t tag, uint32_t tick,
+bool terrapin_seal_release(terrapin_seal *seal, uint32_t id_low, uint32_t counter, uint32_t tag,
                            terrapin_frame *frame) {
     const uint32_t id = seal->held.id;
-    bool good = seal->holding && ((id & 0xFFU) == id_low) && ((tick - seal->held_tick) <= HELD_MS);
+    bool good = seal->holding && ((id & 0xFFU) == id_low) && ((seal->now_ms - seal->held_ms) <= HELD_MS);
     if (good) {
-        good = terrapin_seal_check(seal, id, counter, 16U, word(seal->held.data), word(&seal->held.data[4]), tag, tick);
+        good = terrapin_seal_check(seal, id, counter, 16U, word(seal->held.data), word(&seal->held.data[4]), tag);
     }
     if (good) {
         *frame = seal->held;

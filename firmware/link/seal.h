@@ -12,7 +12,8 @@
  * new session waits beside the running one until its first good tag, so that a stranger who asks for one ends none; it
  * is not replaced for 200 ms. A counter must be above the last one taken, by less than 256 (65,536 for SEAL), so that
  * frames may be lost; when it has come to its end the session has. At most SEAL_CHECKS tags are checked in 10 ms:
- * guessing one of 2^32 then takes 124 days for an even chance.
+ * guessing one of 2^32 then takes 124 days for an even chance. Time is the port's, not the tick: in test mode a tick is
+ * one of the host's frames, and stands still between runs. A clock that jumps costs the frame that is held, no more.
  *
  * Without a key nothing is sealed, and frames are taken as they come. No message takes a key away.
  */
@@ -40,13 +41,14 @@ typedef struct {
     uint32_t opened;          /* sessions since the start */
     terrapin_session running; /* and */
     terrapin_session waiting;
-    uint32_t waiting_tick; /* since when */
-    terrapin_frame held;   /* waits for its SEAL */
-    uint32_t held_tick;
+    uint32_t now_ms;     /* the port's own clock, which it sets before each frame; wraps */
+    uint32_t waiting_ms; /* since when */
+    terrapin_frame held; /* waits for its SEAL */
+    uint32_t held_ms;
     bool holding;
     uint16_t checks;     /* tags that were checked in this hundredth of a second, */
     uint16_t checks_max; /* and may be */
-    uint32_t checks_tick;
+    uint32_t checks_ms;
 } terrapin_seal;
 
 /* A key, its generation (0: no session is opened) and the number of this start, which must not come twice; NULL: none.
@@ -54,7 +56,7 @@ typedef struct {
 TERRAPIN_API void terrapin_seal_init(terrapin_seal *seal, const uint32_t *key, uint32_t generation, uint32_t start);
 
 /* A host asks for a session: true when it has one, which waits for its first good tag. */
-TERRAPIN_API bool terrapin_seal_open(terrapin_seal *seal, uint32_t host, uint32_t generation, uint32_t tick);
+TERRAPIN_API bool terrapin_seal_open(terrapin_seal *seal, uint32_t host, uint32_t generation);
 
 /* The tag of a frame: identifier (for SEAL that of the frame it seals), counter, payload. */
 TERRAPIN_API uint32_t terrapin_seal_tag(const uint32_t key[4], uint32_t id, uint32_t counter, uint32_t low,
@@ -62,14 +64,14 @@ TERRAPIN_API uint32_t terrapin_seal_tag(const uint32_t key[4], uint32_t id, uint
 
 /* True when the tag is good and the counter new; it is then taken. `bits`: how many of the counter travelled. */
 TERRAPIN_API bool terrapin_seal_check(terrapin_seal *seal, uint32_t id, uint32_t counter, uint32_t bits, uint32_t low,
-                                      uint32_t high, uint32_t tag, uint32_t tick);
+                                      uint32_t high, uint32_t tag);
 
 /* Hold a frame until its SEAL comes; an older one is forgotten. */
-TERRAPIN_API void terrapin_seal_hold(terrapin_seal *seal, const terrapin_frame *frame, uint32_t tick);
+TERRAPIN_API void terrapin_seal_hold(terrapin_seal *seal, const terrapin_frame *frame);
 
 /* The SEAL of the held frame: true when it is good, and *frame may be taken now. */
 TERRAPIN_API bool terrapin_seal_release(terrapin_seal *seal, uint32_t id_low, uint32_t counter, uint32_t tag,
-                                        uint32_t tick, terrapin_frame *frame);
+                                        terrapin_frame *frame);
 
 #ifdef __cplusplus
 }

@@ -9,7 +9,7 @@ import difflib
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +18,18 @@ from typing import Any, TypeVar
 from terrapin_hil.errors import UserError
 from terrapin_hil.units import factor, read_unit, units
 
-__all__ = ["ReadingError", "Section", "key_parts", "load", "parse_quantity", "parse_toml", "quantities", "shorten"]
+__all__ = [
+    "ReadingError",
+    "Section",
+    "key_parts",
+    "load",
+    "locate",
+    "parse_quantity",
+    "parse_toml",
+    "quantities",
+    "shorten",
+]
+
 
 T = TypeVar("T")
 LARGEST = 1e300  # of a number in a file; a whole number in TOML has no limit of its own
@@ -83,10 +94,15 @@ def key_parts(dotted: str) -> tuple[str, ...]:
     return tuple(a or b or c for a, b, c in re.findall(r'"([^"]*)"|\'([^\']*)\'|([A-Za-z0-9_-]+)', dotted))
 
 
-def _locate(text: str, table: str, index: int | None, key: str | None) -> int | None:
-    """Line of `key` in `table` (its `index`-th copy if it is an array of tables), else of the table, else None."""
-    home = key_parts(table)
-    wanted = home if key is None else (*home, key)
+def locate(text: str, wanted: Sequence[str], home: Sequence[str] = (), index: int | None = None) -> int | None:
+    """Line (from 1) of the deepest part of the key `wanted` that the text has; None when it has none of it.
+
+    With `index`, only within the `index`-th copy of the array of tables `home`.
+
+    >>> locate("[data]\\nrun = 'run'\\n[data.columns]\\nomega = { unit = 'rpm' }\\n", ("data", "columns", "omega"))
+    4
+    """
+    wanted, home = tuple(wanted), tuple(home)
     found, depth, seen = None, 0, -1
     current: tuple[str, ...] = ()
     for number, line in enumerate(text.splitlines(), 1):
@@ -118,7 +134,8 @@ class Section:
 
     def error(self, key: str | None, message: str) -> ReadingError:
         """The error to raise about `key`; `message` reads "found ..., expected ..."."""
-        line = _locate(self._text, self._table, self._index, key)
+        home = key_parts(self._table)
+        line = locate(self._text, home if key is None else (*home, key), home, self._index)
         name = ".".join(part for part in (self._table, key) if part)
         if self._index is not None:
             name = name.replace(self._table, f"{self._table}[{self._index + 1}]", 1)

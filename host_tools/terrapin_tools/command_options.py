@@ -77,6 +77,12 @@ def link_option(job: str, says: str, name: str = "--link") -> Any:
     )
 
 
+LinkKeyFile = Annotated[
+    Path | None,
+    typer.Option("--link-key", metavar="FILE", help="the controller's link key, if it has one (`terrapin keys link`)"),
+]
+
+
 def check_options(seed: int, jobs: int, level: float = 0.05) -> None:
     """UserError when an option is out of range."""
     if seed < 0:

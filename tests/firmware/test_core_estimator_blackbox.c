@@ -290,9 +290,13 @@ static void test_the_gate_is_shut_at_its_bound(void) {
         e->momentum_unm = momentum;
         estimator_gate(&rig.state);
         TEST_ASSERT_EQUAL(momentum < gate, e->valid);
-        const double step = 2000.0 * GEAR * TORQUE_CONST;
-        TEST_ASSERT_INT32_WITHIN(1, (int32_t)(step / 64.0), (int32_t)e->ripple_unm);
     }
+    e->open = true;
+    e->ripple_unm = 0;
+    e->recent_ua = 1000000;
+    estimator_gate(&rig.state);
+    TEST_ASSERT_FALSE(e->valid);
+    TEST_ASSERT_INT32_WITHIN(3, (int32_t)(1e6 * GEAR * TORQUE_CONST / 64.0), e->ripple_unm);
 }
 
 /* Gains against double precision: what is a table's or a window's factor is right to its last digits. */

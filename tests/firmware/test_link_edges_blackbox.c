@@ -293,6 +293,14 @@ static void test_a_tick_is_spent_to_its_last_instruction(void) {
     wait_for(TERRAPIN_ID_PARAMETER_WRITE, 1U);
     wait_for(TERRAPIN_ID_SENSORS_SLOW, 9U);
     TEST_ASSERT_EQUAL(5U, taken_in_a_tick());
+    terrapin_intake_init(&intake);
+    terrapin_frame run;
+    const terrapin_command_t message = {.request = TERRAPIN_REQUEST_RUN};
+    TEST_ASSERT_TRUE(terrapin_encode_command(&message, &run));
+    terrapin_intake_put(&intake, &link, &state, &inputs, &run, 0U); /* 2 x 275 and 5 x 110: all of it */
+    terrapin_intake_put(&intake, &link, &state, &inputs, &run, 0U);
+    wait_for(TERRAPIN_ID_SENSORS_SLOW, 9U);
+    TEST_ASSERT_EQUAL(7U, taken_in_a_tick());
 }
 
 /* What an IDLE took out of turn is no longer there for those that wait: 200 of the next tick's 1,100. */

@@ -152,14 +152,14 @@ static void test_replayed_reordered_delayed_and_changed_frames(void) {
     for (uint32_t i = 0; i < RECORDED; i++) {
         recorded[i] = sealed(&h, TERRAPIN_REQUEST_RUN);
         if (i % 2U == 0U) { /* the others are held back: they come late */
-            inputs.tick += 10U;
+            link.seal.now_ms += 10U;
             TEST_ASSERT_TRUE(commands(&recorded[i]));
         }
     }
     const terrapin_frame last = sealed(&h, TERRAPIN_REQUEST_RUN);
     TEST_ASSERT_TRUE(commands(&last));
     for (uint32_t i = 0; i < 20000U; i++) {
-        inputs.tick += 10U;
+        link.seal.now_ms += 10U;
         accepted += commands(&recorded[draw() % RECORDED]) ? 1U : 0U;
     }
     TEST_ASSERT_EQUAL(0U, accepted);
@@ -167,11 +167,11 @@ static void test_replayed_reordered_delayed_and_changed_frames(void) {
     for (uint32_t bit = 0; bit < 64U; bit++) {
         terrapin_frame flipped = next;
         flipped.data[bit / 8U] ^= (uint8_t)(1U << (bit % 8U));
-        inputs.tick += 10U;
+        link.seal.now_ms += 10U;
         accepted += commands(&flipped) ? 1U : 0U;
     }
     TEST_ASSERT_EQUAL(0U, accepted);
-    inputs.tick += 10U;
+    link.seal.now_ms += 10U;
     TEST_ASSERT_TRUE_MESSAGE(commands(&next), "as it is, it is a good one");
 }
 
@@ -205,7 +205,7 @@ static void test_at_most_two_tags_are_checked_in_ten_milliseconds(void) {
     uint32_t checked = 0;
     open_session(&h, 7U);
     for (uint32_t tick = 0; tick < 10000U; tick++) {
-        inputs.tick = tick;
+        link.seal.now_ms = tick;
         for (uint32_t i = 0; i < 8U; i++) {
             terrapin_frame frame = sealed(&h, TERRAPIN_REQUEST_RUN);
             h.counter = 0U;
@@ -231,27 +231,27 @@ static void test_whole_recorded_sessions(void) {
         host other;
         terrapin_frame recorded[RECORDED];
         boot(draw());
-        inputs.tick = 0U;
+        link.seal.now_ms = 0U;
         open_session(&h, i);
         const terrapin_frame asked = session_open(i, GENERATION);
         for (uint32_t k = 0; k < 8U; k++) {
             recorded[k] = sealed(&h, TERRAPIN_REQUEST_RUN);
-            inputs.tick += 50U;
+            link.seal.now_ms += 50U;
             TEST_ASSERT_TRUE(commands(&recorded[k]));
         }
         if (i % 2U == 0U) {
             boot(draw()); /* a reset: another start */
         }
         for (uint32_t again = 0; again < 2U; again++) {
-            inputs.tick += 250U;
+            link.seal.now_ms += 250U;
             (void)give(&asked);
             for (uint32_t k = 0; k < 8U; k++) {
-                inputs.tick += 50U;
+                link.seal.now_ms += 50U;
                 accepted += commands(&recorded[k]) ? 1U : 0U;
             }
             open_session(&other, i + 1U);
             const terrapin_frame own = sealed(&other, TERRAPIN_REQUEST_IDLE);
-            inputs.tick += 50U;
+            link.seal.now_ms += 50U;
             TEST_ASSERT_TRUE(commands(&own));
         }
         if (sessions < 10U) {
@@ -268,7 +268,7 @@ static void test_five_percent_loss_refuses_nothing(void) {
     open_session(&h, 7U);
     while (arrived < 100000U) {
         const terrapin_frame frame = sealed(&h, TERRAPIN_REQUEST_RUN);
-        inputs.tick += 50U;
+        link.seal.now_ms += 50U;
         if (draw() % 100U < 5U) {
             continue;
         }
@@ -285,7 +285,7 @@ static void test_a_stranger_ends_no_session(void) {
     const terrapin_frame first = sealed(&h, TERRAPIN_REQUEST_RUN);
     TEST_ASSERT_TRUE(commands(&first));
     for (uint32_t i = 0; i < 1000U; i++) {
-        inputs.tick++;
+        link.seal.now_ms++;
         const terrapin_frame ask = session_open(draw(), GENERATION);
         (void)give(&ask);
         if (i % 50U == 0U) {
@@ -294,18 +294,18 @@ static void test_a_stranger_ends_no_session(void) {
         }
     }
     TEST_ASSERT_LESS_OR_EQUAL_UINT32(7U, link.seal.opened); /* one in 200 ms */
-    inputs.tick += 300U;
+    link.seal.now_ms += 300U;
     open_session(&next, 9U);
     const terrapin_frame late = sealed(&h, TERRAPIN_REQUEST_RUN);
     TEST_ASSERT_TRUE_MESSAGE(commands(&late), "until the first good tag of the new one");
     const terrapin_frame fresh = sealed(&next, TERRAPIN_REQUEST_RUN);
-    inputs.tick += 50U;
+    link.seal.now_ms += 50U;
     TEST_ASSERT_TRUE(commands(&fresh));
     const terrapin_frame old = sealed(&h, TERRAPIN_REQUEST_RUN);
-    inputs.tick += 50U;
+    link.seal.now_ms += 50U;
     TEST_ASSERT_FALSE(commands(&old));
     const terrapin_frame wrong = session_open(1U, GENERATION - 1U);
-    inputs.tick += 300U;
+    link.seal.now_ms += 300U;
     TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_ACCEPT_NOTHING, give(&wrong), "a key of an earlier generation");
 }
 
@@ -315,13 +315,13 @@ static void test_counters_wrap_and_end(void) {
     h.counter = link.seal.waiting.counter = 0xFEU;
     for (uint32_t i = 0; i < 600U; i++) {
         const terrapin_frame frame = sealed(&h, TERRAPIN_REQUEST_RUN);
-        inputs.tick += 10U;
+        link.seal.now_ms += 10U;
         TEST_ASSERT_TRUE(commands(&frame));
     }
     h.counter = link.seal.running.counter = 0xFFFFFFFDU;
     for (uint32_t i = 0; i < 6U; i++) {
         const terrapin_frame frame = sealed(&h, TERRAPIN_REQUEST_RUN);
-        inputs.tick += 10U;
+        link.seal.now_ms += 10U;
         TEST_ASSERT_EQUAL_MESSAGE(i < 2U, commands(&frame), "at 2^32 the session has ended");
     }
 }
@@ -335,19 +335,19 @@ static void test_writes_wait_for_their_seal(void) {
     TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, give(&write));
     TEST_ASSERT_EQUAL_MESSAGE(before, radius(), "without a seal nothing happens");
     const terrapin_frame seal = seal_of(&h, &write);
-    inputs.tick += 10U;
+    link.seal.now_ms += 10U;
     TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, give(&other)); /* takes its place */
     TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_ACCEPT_NOTHING, give(&seal), "of another frame");
     TEST_ASSERT_EQUAL(before, radius());
     (void)give(&write);
-    inputs.tick += 51U;
+    link.seal.now_ms += 51U;
     TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_ACCEPT_NOTHING, give(&seal), "too late");
     (void)give(&write);
-    inputs.tick += 50U;
+    link.seal.now_ms += 50U;
     TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, give(&seal));
     TEST_ASSERT_EQUAL(before + 1, radius());
     (void)give(&other);
-    inputs.tick += 10U;
+    link.seal.now_ms += 10U;
     TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_ACCEPT_NOTHING, give(&seal), "used once");
     TEST_ASSERT_EQUAL(before + 1, radius());
     static const uint16_t ids[] = {TERRAPIN_ID_STORE_COMMAND, TERRAPIN_ID_TEST_MODE, TERRAPIN_ID_UPDATE_BEGIN,
@@ -355,7 +355,7 @@ static void test_writes_wait_for_their_seal(void) {
     for (size_t i = 0; i < sizeof ids / sizeof ids[0]; i++) {
         terrapin_frame frame = {.id = ids[i], .length = 8U};
         terrapin_e2e_protect(&frame, 1U);
-        inputs.tick += 20U;
+        link.seal.now_ms += 20U;
         TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, give(&frame));
         TEST_ASSERT_TRUE(link.seal.holding);
         const terrapin_frame good = seal_of(&h, &frame);

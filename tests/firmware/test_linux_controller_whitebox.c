@@ -207,6 +207,17 @@ bool terrapin_process_store(terrapin_flash_file *file, terrapin_store *store, co
 void terrapin_process_identity(terrapin_identity *identity, int node, terrapin_flash_file *file) {
     (void)identity, (void)node, (void)file;
 }
+bool terrapin_process_option(const char *word) {
+    (void)word;
+    return false;
+}
+bool terrapin_process_seal(terrapin_link *link, const char *path) {
+    (void)link, (void)path;
+    return true;
+}
+uint32_t terrapin_process_ms(void) {
+    return 0U;
+}
 void terrapin_node_init(terrapin_node *node, uint8_t number) {
     (void)node, (void)number;
 }

@@ -16,7 +16,7 @@ from terrapin_hil import paths
 from terrapin_hil.run.run import run
 from terrapin_hil.scenario.scenario import load_scenario
 from terrapin_tools.errors import UserError
-from terrapin_tools.web.service.workspace import Taken
+from terrapin_tools.web.service.workspace import Taken, Workspace
 from terrapin_tools.web.simulate import simulate_api
 from terrapin_tools.web.simulate.simulate_api import (
     FaultAt,
@@ -234,9 +234,7 @@ def test_a_case_that_is_refused_leaves_no_run(tmp_path: Path, monkeypatch: pytes
     def full(*_: Any, **__: Any) -> Any:
         raise Taken("jobs: found 100 waiting, expected to wait for some of them")
 
-    context: Any = SimpleNamespace(
-        workspace=SimpleNamespace(root=tmp_path, new_case=lambda name: tmp_path / name), jobs=SimpleNamespace(add=full)
-    )
+    context: Any = SimpleNamespace(workspace=Workspace(tmp_path), jobs=SimpleNamespace(add=full))
     keep = simulate_api.KeepCase(name="kept")
     with pytest.raises(Taken, match="jobs: "):
         asyncio.run(simulate_api.case(context, "x-1", keep))

@@ -5,6 +5,7 @@
  *     --flash FILE before either          keep parameters and node number in FILE (made when absent); without it a
  * reset forgets them
  *     --node N before either              have this node number, whatever FILE says (0)
+ *     --link-key FILE before either       take commands and changes only from who has this key, too (link/seal.h)
  *
  * It has no sensors of its own and no bridge: it steps in test mode only, once a SENSORS_FAST. It ends, with the
  * outputs off, when the peer goes away (status 0), on SIGTERM, SIGINT or SIGHUP (status 0), or when the device fails
@@ -25,6 +26,7 @@
 #include <unistd.h>
 
 #include "flash_file.h"
+#include "link_key_file.h"
 #include "parameters.h"
 #include "process.h"
 #include "service.h"
@@ -133,6 +135,9 @@ static void queue(controller *c, const uint8_t *bytes, size_t length) {
 
 static void take_bytes(controller *c, const uint8_t *bytes, size_t length) {
     uint8_t answer[TERRAPIN_SERVICE_ANSWER_MAX];
+    if (c->service.link.seal.key != NULL) { /* the clock is a call of the system */
+        c->service.link.seal.now_ms = terrapin_process_ms();
+    }
     for (size_t i = 0; i < length; i++) {
         queue(c, answer, terrapin_service_take(&c->service, bytes[i], answer));
     }
@@ -215,6 +220,7 @@ static int usage(int status) {
         "       terrapin-controller [OPTION]... DEVICE         serve a serial port (set its speed with stty)\n"
         "       --flash FILE   keep parameters and node number in FILE over a reset\n"
         "       --node N       node number on its bus, 0 to 7, whatever FILE says (0)\n"
+        "       --link-key FILE  take commands and changes only from who has this key, too\n"
         "The controller speaks SLCAN. Example: terrapin-controller --pty /tmp/terrapin\n");
     return status;
 }
@@ -276,14 +282,21 @@ static bool use_flash(controller *c, const char *path) {
     return true;
 }
 
+bool terrapin_process_option(const char *word) {
+    return (strcmp(word, "--flash") == 0) || (strcmp(word, "--node") == 0) || (strcmp(word, "--link-key") == 0);
+}
+
 int terrapin_process(int argc, char **argv) {
     static controller c;
     sigset_t while_waiting;
     const char *flash = NULL;
+    const char *link_key = NULL;
     int node = -1;
-    while ((argc >= 3) && ((strcmp(argv[1], "--flash") == 0) || (strcmp(argv[1], "--node") == 0))) {
+    while ((argc >= 3) && terrapin_process_option(argv[1])) {
         if (argv[1][2] == 'f') {
             flash = argv[2];
+        } else if (argv[1][2] == 'l') {
+            link_key = argv[2];
         } else {
             node = terrapin_process_node(argv[2]);
             if (node < 0) {
@@ -310,7 +323,8 @@ int terrapin_process(int argc, char **argv) {
         terrapin_service_init(&c.service, state);
     }
     c.fd = -1;
-    if ((state != NULL) && use_flash(&c, flash)) {
+    if ((state != NULL) && use_flash(&c, flash) &&
+        ((link_key == NULL) || terrapin_process_seal(&c.service.link, link_key))) {
         terrapin_process_identity(&c.identity, node, (flash != NULL) ? &c.flash : NULL);
         terrapin_service_use_identity(&c.service, &c.identity);
         c.fd = pty ? open_pty(link) : open_tty(argv[1]);

@@ -10,6 +10,9 @@
 /* The command line as main gets it; the exit status. */
 int terrapin_process(int argc, char **argv);
 
+/* An option that a value follows. */
+bool terrapin_process_option(const char *word);
+
 /* --node: a number of a node; -1, and one line on stderr, when it is none. */
 int terrapin_process_node(const char *text);
 

@@ -11,6 +11,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "link_key_file.h"
 #include "process.h"
 #include "systemd.h"
 #include "terrapin_interface.h"
@@ -189,6 +190,7 @@ static bool change_mode(controller *c) {
 static bool take_frame(controller *c, const terrapin_frame *frame) {
     const bool test_mode = c->link.test_mode;
     terrapin_frame reply = {0};
+    c->link.seal.now_ms = terrapin_process_ms();
     switch (terrapin_accept(&c->link, c->state, frame, &c->inputs, &reply)) {
     case TERRAPIN_ACCEPT_REPLY:
         bus_send(&c->bus, &reply, 1);
@@ -387,7 +389,7 @@ bool controller_open(controller *c, const controller_options *options) {
     if (c->flash_open) {
         terrapin_link_use_store(&c->link, c->state, &c->store);
     }
-    return true;
+    return (options->link_key == NULL) || terrapin_process_seal(&c->link, options->link_key);
 }
 
 void controller_close(controller *c) {

@@ -54,10 +54,10 @@ static int outputs_off(void) {
     return status;
 }
 
-/* [--flash FILE] [--node N] --pty [LINK] | DEVICE: the controller itself is the SLCAN device. */
+/* [--flash FILE] [--node N] [--link-key FILE] --pty [LINK] | DEVICE: the controller itself is the SLCAN device. */
 static bool speaks_slcan(int argc, char **argv) {
     int first = 1;
-    while (((first + 2) < argc) && ((strcmp(argv[first], "--flash") == 0) || (strcmp(argv[first], "--node") == 0))) {
+    while (((first + 2) < argc) && terrapin_process_option(argv[first])) {
         first += 2;
     }
     return (first < argc) && ((strcmp(argv[first], "--pty") == 0) || (argv[first][0] != '-'));

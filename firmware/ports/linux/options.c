@@ -13,8 +13,8 @@ static const char help[] =
     "usage: terrapin-controller --can INTERFACE [OPTION]...      the controller on a SocketCAN bus\n"
     "       terrapin-controller --adapter DEVICE [OPTION]...     the same through an SLCAN adapter on a serial port\n"
     "       terrapin-controller --off --enable LINE [--pwm DIR]  put the outputs off and end\n"
-    "       terrapin-controller [--flash FILE] [--node N] --pty [LINK] | DEVICE   speak SLCAN itself, as a board on "
-    "USB does\n"
+    "       terrapin-controller [--flash FILE] [--node N] [--link-key FILE] --pty [LINK] | DEVICE   speak SLCAN "
+    "itself, as a board on USB does\n"
     "\n"
     "  --bitrate N              bit/s of the adapter (500000); ip link sets that of an interface\n"
     "  --estop LINE             input: active lets the robot run, inactive is the emergency stop or its broken wire\n"
@@ -31,6 +31,7 @@ static const char help[] =
     "  --direction LINE         output: active for negative duty\n"
     "  --flash FILE             keep parameters and node number in FILE over a reset\n"
     "  --node N                 number of this controller on its bus, 0 to 7, whatever FILE says (0)\n"
+    "  --link-key FILE          take commands and changes only from who has this key, too (terrapin keys link)\n"
     "  --priority N             SCHED_FIFO, 1 to 99 (50), 0 leaves the scheduler alone\n"
     "  --help, --version\n"
     "\n"
@@ -56,6 +57,7 @@ enum {
     PWM,
     FLASH,
     NODE,
+    LINK_KEY,
     PRIORITY,
     OFF,
     HELP,
@@ -80,6 +82,7 @@ static const struct option known[] = {
     {"pwm", required_argument, NULL, PWM},
     {"flash", required_argument, NULL, FLASH},
     {"node", required_argument, NULL, NODE},
+    {"link-key", required_argument, NULL, LINK_KEY},
     {"priority", required_argument, NULL, PRIORITY},
     {"off", no_argument, NULL, OFF},
     {"help", no_argument, NULL, HELP},
@@ -187,6 +190,9 @@ static bool take(int option, controller_options *o) {
     case NODE:
         good = number("--node", 0, (long)TERRAPIN_NODES - 1, &value);
         o->node = (int)value;
+        break;
+    case LINK_KEY:
+        o->link_key = optarg;
         break;
     case PRIORITY:
         good = number("--priority", 0, 99, &value);

@@ -20,9 +20,10 @@ typedef struct {
     line_option motor[2], ground[2];            /* encoders' A and B */
     const char *current, *supply, *temperature; /* files of the converter's raw codes, or NULL */
     unsigned int adc_bits;
-    const char *pwm;   /* folder of a sysfs PWM channel, or NULL */
-    const char *flash; /* file that keeps the parameters and the node number, or NULL */
-    int node;          /* number on the bus; -1: as the file says */
+    const char *pwm;      /* folder of a sysfs PWM channel, or NULL */
+    const char *flash;    /* file that keeps the parameters and the node number, or NULL */
+    const char *link_key; /* file of the key that commands are sealed with, or NULL */
+    int node;             /* number on the bus; -1: as the file says */
     unsigned int debounce_ms;
     int priority; /* of SCHED_FIFO; 0: leave it */
     bool off;     /* only put the outputs off */

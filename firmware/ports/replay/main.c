@@ -10,9 +10,9 @@
  * Frames that came are taken before the next tick, as a port does, until the tick's budget is spent; a COMMAND that was
  * taken stands for that of the tick. Counts are of SysTick, under `-icount shift=7`: exact, the same in every run, high
  * by the few instructions of the two readings. They are of terrapin_step_drive, of terrapin_step_think, of all frames
- * that were taken before the tick (with the empty look behind the last one, and the identifiers of the replies), and how
- * many these were; of a frame that comes, of terrapin_node_receive and terrapin_intake_put. There is a store that holds these parameters. tests/target/replay.py writes and reads
- * the files.
+ * that were taken before the tick (with the empty look behind the last one, and the identifiers of the replies), and
+ * how many these were; of a frame that comes, of terrapin_node_receive and terrapin_intake_put. There is a store that
+ * holds these parameters. tests/target/replay.py writes and reads the files.
  */
 #include <string.h>
 

@@ -90,7 +90,7 @@ static uint32_t dropped_frames(const terrapin_link *link) {
 
 static void take_frame(port *p, source from, const terrapin_frame *frame) {
     if ((p->update != NULL) && (frame->id >= TERRAPIN_UPDATE_ID_FIRST) && (frame->id <= TERRAPIN_UPDATE_ID_LAST)) {
-        if (!terrapin_link_holds(&p->link, frame, &p->inputs)) {
+        if (!terrapin_link_holds(&p->link, frame)) {
             take_update(p, from, frame);
         }
         return;
@@ -348,6 +348,7 @@ static void tick(port *p, uint32_t now) {
     const uint32_t missed = now - p->tick - 1U;
     p->overruns += missed;
     p->tick = now;
+    p->link.seal.now_ms = now;
     terrapin_intake_begin_tick(&p->intake);
     if (p->link.test_mode) {
         hardware_drive(&p->hardware, 0, false);

@@ -46,6 +46,10 @@ class BusLink(Link):
         self._sender = Sender(self._interface)
         self._waiting: deque[Frame] = deque()  # received, not yet asked for
 
+    def _send(self, frames: Sequence[Frame]) -> None:
+        for piece in self.outgoing(frames):
+            self._bus.send(piece)
+
     def _receive(self, until: int) -> list[Frame]:
         """The controller's frames up to the first with identifier `until`, that one included."""
         end = 0.0
@@ -71,12 +75,12 @@ class BusLink(Link):
 
     def exchange(self, frames: Sequence[Frame]) -> list[Frame]:
         """Sends the frames of one tick; its ACTUATE, after the telemetry of the tick before that had not come yet."""
-        self._bus.send(frames)
+        self._send(frames)
         return self._receive(self._actuate)
 
     def ask(self, frame: Frame, wanted: Callable[[Frame], bool]) -> Frame | None:
         end = time.monotonic() + self._timeout
-        self._bus.send([frame])
+        self._send([frame])
         while (left := end - time.monotonic()) > 0:
             for answer in self._bus.receive(left):
                 if wanted(answer):
@@ -87,7 +91,7 @@ class BusLink(Link):
         reply = self._interface.messages["PARAMETER_VALUE"].id
 
         def asked(frames: Sequence[Frame]) -> list[Frame]:
-            self._bus.send(frames)
+            self._send(frames)
             return self._receive(reply)
 
         for _ in range(MOST_OLD):  # a full queue would have no place for the answer
@@ -128,7 +132,7 @@ class BusLink(Link):
 
     def talk(self, frames: Sequence[Frame], wait: float) -> list[Frame]:
         """Sends frames to a controller that steps by itself; what it sends within `wait` seconds."""
-        self._bus.send(frames)
+        self._send(frames)
         end = time.monotonic() + wait
         heard: list[Frame] = []
         while (left := end - time.monotonic()) > 0:

@@ -75,8 +75,9 @@ class InProcess(Link):
 
     def exchange(self, frames: Sequence[Frame]) -> list[Frame]:
         answers: list[Frame] = []
-        for frame in frames:
-            answers += self._take(self._native(frame))
+        for piece in self.outgoing(frames):
+            for frame in piece:
+                answers += self._take(self._native(frame))
         return answers
 
     def hear(self, frames: Sequence[Frame]) -> list[Frame]:
@@ -96,7 +97,7 @@ class InProcess(Link):
     @property
     def dropped(self) -> dict[str, int]:
         """Frames that were taken from the link and not used, by cause (see link/dispatch.h)."""
-        names = ("bad_crc", "repeated", "malformed", "out_of_place", "unknown")
+        names = ("bad_crc", "repeated", "malformed", "out_of_place", "unsealed", "unknown")
         return {name: int(getattr(self._link, name)) for name in names}
 
     def _native(self, frame: Frame) -> Any:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Self
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Protocol, Self
 
 from terrapin_hil.messages import AnswerError, Frame, interface
 
@@ -41,10 +41,22 @@ def refuse_production(name: str, listen: Callable[[float], Sequence[Frame]]) -> 
             return
 
 
+class Sealing(Protocol):
+    """What seals the frames of a link (terrapin_hil.links.seal.Session)."""
+
+    def batches(self, frames: Sequence[Frame]) -> Iterable[Sequence[Frame]]:
+        """The frames as they go out, piece by piece, each when its time has come."""
+
+
 class Link(ABC):
     """An open controller. Failures are LinkError: one line that names the link."""
 
     name: str
+    session: Sealing | None = None  # with a controller that has a link key (terrapin_hil.links.seal.seal_link)
+
+    def outgoing(self, frames: Sequence[Frame]) -> Iterable[Sequence[Frame]]:
+        """The frames as they go out: sealed, where the controller has a link key."""
+        return (frames,) if self.session is None else self.session.batches(frames)
 
     @abstractmethod
     def start(self, parameters: Mapping[str, float]) -> None:

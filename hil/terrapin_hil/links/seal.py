@@ -1,29 +1,35 @@
 """The host's side of a sealed controller (firmware/link/seal.h): key, session, tags.
 
-session = open_session(link, LinkKey.read(Path("robot.key")))
-link.exchange(session.sealed(frames))
+seal_link(link, LinkKey.read(Path("robot.key")))
+link.exchange(frames)                                # sealed from now on
 """
 
 from __future__ import annotations
 
 import secrets
 import struct
+import time
 import tomllib
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from terrapin_hil.links.link import Link, LinkError
-from terrapin_hil.messages import Frame, Interface, interface
+from terrapin_hil.messages import Frame, Interface, Message, Sender, interface, protect
 from terrapin_hil.reading import ReadingError
 
-__all__ = ["LinkKey", "Session", "chaskey", "open_session"]
+__all__ = ["WAY_BACK", "LinkKey", "Session", "chaskey", "open_session", "seal_link", "takes_changes"]
 
 _MASK = 0xFFFFFFFF
 SEALED = (
     "PARAMETER_WRITE", "STORE_COMMAND", "TEST_MODE", "NODE_REQUEST", "UPDATE_BEGIN", "UPDATE_END", "UPDATE_RESET"
 )  # fmt: skip
+TAG_EVERY = 0.01  # s: a controller looks at two in this time (firmware/link/seal.h), the other is for late ones
+ATTEMPTS, PAUSE = 3, 0.12  # s: a session of somebody else may wait for 0.2 s
+NO_PARAMETER = 0xFFFF  # an index that none has
+BY_A_PROBE = "terrapin flash IMAGE.bin --via swd --boot-loader FILE.bin --link-key LINK.key"
+WAY_BACK = f"expected its own key (--link-key), or write a new one beside its boot loader: {BY_A_PROBE}"
 
 
 def _rotated(value: int, by: int) -> int:
@@ -93,57 +99,147 @@ class LinkKey:
 
 
 class Session:
-    """A session with a controller: seals frames, and counts them."""
+    """A session with a controller: seals frames, and counts them. It seals no faster than a controller looks at tags.
 
-    def __init__(self, key: bytes, description: Interface | None = None) -> None:
+    `number`: the controller's, (start, count), never twice under one key.
+    """
+
+    def __init__(self, key: bytes, number: tuple[int, int] = (0, 0), description: Interface | None = None) -> None:
+        self.number = number
         self._key = key
         self._counter = 0
         self._interface = description or interface()
+        self._command: tuple[bytes, Frame] | None = None  # the last one, and what it became
+        self._next = 0.0  # s of the monotonic clock, when the next tag may go out
 
     @classmethod
     def answering(cls, key: LinkKey, host: int, answer: Mapping[str, int]) -> Session:
         """After the answer SESSION to a SESSION_OPEN with the number `host`."""
-        numbers = struct.pack("<4I", host, answer["start"], answer["count"], key.generation)
-        return cls(chaskey(key.key, numbers))
+        start, count = (answer[name] & _MASK for name in ("start", "count"))
+        return cls(chaskey(key.key, struct.pack("<4I", host, start, count, key.generation)), (start, count))
 
     def _tag(self, identifier: int, data: bytes) -> int:
         block = struct.pack("<2I", identifier, self._counter) + data
         return int.from_bytes(chaskey(self._key, block)[:4], "little")
 
+    def _sealed_command(self, message: Message, data: bytes) -> Frame:
+        """The same COMMAND once more is the same frame once more: a fault that is played on the host stays one."""
+        if self._command is None or self._command[0] != data:
+            self._counter += 1
+            values, sealed = message.decode(data), self._interface.messages["COMMAND_SEALED"]
+            wanted = {key: values[key] for key in ("request", "control", "limiter", "setpoint")}
+            plain, _ = sealed.encode({**wanted, "counter": 0, "tag": 0})
+            tag = self._tag(sealed.id, plain[:3] + bytes(5))
+            frame = sealed.id, sealed.encode({**wanted, "counter": self._counter & 0xFF, "tag": tag})[0]
+            self._command = data, frame
+        return self._command[1]
+
+    def _seal_of(self, frame: Frame) -> Frame:
+        identifier, data = frame
+        self._counter += 1
+        tag = self._tag(identifier, data.ljust(8, b"\0"))
+        seal = self._interface.messages["SEAL"]
+        values = {"message": identifier & 0xFF, "counter": self._counter & 0xFFFF, "tag": tag}
+        return seal.id, seal.encode(values)[0]
+
+    def _one(self, frame: Frame) -> list[Frame]:
+        """What goes out for one frame: itself when it needs no tag, or is damaged on purpose."""
+        identifier, data = frame
+        message = self._interface.by_id.get(identifier)
+        if message is None or len(data) != message.length:
+            return [frame]
+        if message.name == "COMMAND" and message.decode(data)["request"]:
+            intact = protect(identifier, data, data[6] & 0xF) == data
+            return [self._sealed_command(message, data)] if intact else [frame]
+        asks = message.name == "NODE_REQUEST" and not message.decode(data)["action"]
+        return [frame, self._seal_of(frame)] if message.name in SEALED and not asks else [frame]
+
     def sealed(self, frames: Iterable[Frame]) -> list[Frame]:
         """The frames as a controller with a key takes them: a COMMAND but IDLE as COMMAND_SEALED, what changes the
         controller with its SEAL behind it, everything else as it is."""
-        messages = self._interface.messages
-        out: list[Frame] = []
-        for identifier, data in frames:
-            message = self._interface.by_id.get(identifier)
-            name = message.name if message is not None else ""
-            if name == "COMMAND" and message is not None and (values := message.decode(data))["request"]:
-                self._counter += 1
-                sealed = messages["COMMAND_SEALED"]
-                wanted = {key: values[key] for key in ("request", "control", "limiter", "setpoint")}
-                plain, _ = sealed.encode({**wanted, "counter": 0, "tag": 0})
-                tag = self._tag(sealed.id, plain[:3] + bytes(5))
-                out.append((sealed.id, sealed.encode({**wanted, "counter": self._counter & 0xFF, "tag": tag})[0]))
-            elif name in SEALED:
-                self._counter += 1
-                tag = self._tag(identifier, data.ljust(8, b"\0"))
-                values = {"message": identifier & 0xFF, "counter": self._counter & 0xFFFF, "tag": tag}
-                out += [(identifier, data), (messages["SEAL"].id, messages["SEAL"].encode(values)[0])]
-            else:
-                out.append((identifier, data))
-        return out
+        return [out for frame in frames for out in self._one(frame)]
+
+    def batches(self, frames: Sequence[Frame]) -> Iterator[list[Frame]]:
+        """The same in pieces with one tag each at most. It waits before a piece until its tag will be looked at."""
+        piece: list[Frame] = []
+        tagged = False
+        for frame in frames:
+            out = self._one(frame)
+            needs_tag = out != [frame]
+            if needs_tag and tagged:
+                yield self._in_time(piece)
+                piece, tagged = [], False
+            piece += out
+            tagged |= needs_tag
+        yield self._in_time(piece) if tagged else piece
+
+    def _in_time(self, piece: list[Frame]) -> list[Frame]:
+        wait = self._next - time.monotonic()
+        if wait > 0:
+            time.sleep(wait)
+        self._next = time.monotonic() + TAG_EVERY
+        return piece
+
+
+def _asked(link: Link, make: Callable[[], Frame], wanted: Callable[[Frame], bool]) -> Frame | None:
+    """The answer to a question that may have to be put more than once."""
+    for attempt in range(ATTEMPTS):
+        if attempt:
+            time.sleep(PAUSE)
+        found = link.ask(make(), wanted)
+        if found is not None:
+            return found
+    return None
+
+
+def _session(link: Link, key: LinkKey) -> Session | None:
+    messages = interface().messages
+    number = secrets.randbits(32)  # the same each time: an answer may be that to the question before
+    data, _ = messages["SESSION_OPEN"].encode({"host": number, "generation": key.generation})
+    answer = _asked(link, lambda: (messages["SESSION_OPEN"].id, data), lambda frame: frame[0] == messages["SESSION"].id)
+    return Session.answering(key, number, messages["SESSION"].decode(answer[1])) if answer else None
 
 
 def open_session(link: Link, key: LinkKey) -> Session:
-    """A session with the controller behind a link. LinkError when it opens none."""
-    messages = interface().messages
-    number = secrets.randbits(32)
-    data, _ = messages["SESSION_OPEN"].encode({"host": number, "generation": key.generation})
-    answer = link.ask((messages["SESSION_OPEN"].id, data), lambda frame: frame[0] == messages["SESSION"].id)
-    if answer is None:
+    """A session with the controller behind a link; whether the key is right shows with its first tag. LinkError when
+    it opens none."""
+    session = _session(link, key)
+    if session is None:
         raise LinkError(
-            f"{link.name}: it opens no session for link key {key.fingerprint}, generation {key.generation}: "
-            "the controller has another generation or no key (PORT_LINK tells), or opened one less than 0.2 s ago"
+            f"{link.name}: the controller opens no session for link key {key.fingerprint}, generation "
+            f"{key.generation}: found none or another generation there (PORT_LINK tells), or no random numbers on a "
+            f"chip without its crystal; {WAY_BACK}"
         )
-    return Session.answering(key, number, messages["SESSION"].decode(answer[1]))
+    return session
+
+
+def takes_changes(link: Link) -> bool:
+    """Whether the controller takes what changes it, as the link sends it now: asked by a write to a parameter that does
+    not exist."""
+    value, sender = interface().messages["PARAMETER_VALUE"], Sender()
+
+    def wanted(frame: Frame) -> bool:
+        return (
+            frame[0] == value.id
+            and len(frame[1]) == value.length
+            and value.decode(frame[1])["index"] & 0xFFFF == NO_PARAMETER
+        )
+
+    return _asked(link, lambda: sender.frame("PARAMETER_WRITE", {"index": NO_PARAMETER}), wanted) is not None
+
+
+def seal_link(link: Link, key: LinkKey) -> Session:
+    """From now on what the link sends is sealed with this key. LinkError, one line with the way back, when the
+    controller has none or another."""
+    session = _session(link, key)
+    if session is None and takes_changes(link):
+        raise LinkError(
+            f"{link.name}: the controller has no link key and takes commands of anybody, expected one with key "
+            f"{key.fingerprint}; leave the key out, or write it beside the boot loader: {BY_A_PROBE}"
+        )
+    link.session = session or open_session(link, key)
+    if not takes_changes(link):
+        link.session = None
+        raise LinkError(f"{link.name}: wrong link key {key.fingerprint}: the controller has another; {WAY_BACK}")
+    assert isinstance(link.session, Session)
+    return link.session

@@ -75,7 +75,10 @@ class SlcanLink(Link):
         return [own for frame in frames if (own := self.node.from_bus(frame)) is not None]
 
     def exchange(self, frames: Sequence[Frame]) -> list[Frame]:
-        return self._own(self._port.exchange_frames(map(self.node.to_bus, frames)))
+        answers: list[Frame] = []
+        for piece in self.outgoing(frames):
+            answers += self._own(self._port.exchange_frames(map(self.node.to_bus, piece)))
+        return answers
 
     def talk(self, frames: Sequence[Frame], wait: float) -> list[Frame]:
         """Sends frames to a controller that steps by itself; what it sends within `wait` seconds."""
@@ -89,12 +92,13 @@ class SlcanLink(Link):
             self.machine.stop()
 
 
-def open_link(name: LinkName, timeout: float, flash: Path | None = None) -> SlcanLink:
+def open_link(name: LinkName, timeout: float, flash: Path | None = None, link_key: Path | None = None) -> SlcanLink:
     """The controller on a serial port or pty that exists, or, without a device, this build's on a pty of its own, which
-    keeps its parameters in the file `flash`. LinkError when it does not answer."""
+    keeps its parameters in the file `flash` and has the link key in the file `link_key`. LinkError when it does not
+    answer."""
     if not name.channel:
-        return SlcanLink.of_process(
-            arguments=["--flash", str(flash)] if flash is not None else [], timeout=timeout, node=name.node
-        )
+        files = {"--flash": flash, "--link-key": link_key}
+        words = [word for option, path in files.items() if path is not None for word in (option, str(path))]
+        return SlcanLink.of_process(arguments=words, timeout=timeout, node=name.node)
     port = SlcanPort.open(name.channel, timeout, name.baud, name.bit_rate())
     return SlcanLink(str(name), port, node=name.node)

@@ -211,10 +211,6 @@ class Expression:
         """The formula for people, as LaTeX."""
         return _to_latex(self.tree)[0]
 
-    def uses(self, kind: str) -> bool:
-        """Whether an operator or function occurs in the formula."""
-        return _uses(self.tree, kind)
-
 
 def _depth(node: Node) -> int:
     depth, level = 0, [node]
@@ -230,10 +226,6 @@ def _names(node: Node) -> set[str]:
     if isinstance(node, Operation):
         return set().union(*(_names(a) for a in node.arguments))
     return set()
-
-
-def _uses(node: Node, kind: str) -> bool:
-    return isinstance(node, Operation) and (node.kind == kind or any(_uses(a, kind) for a in node.arguments))
 
 
 def _evaluate(node: Node, values: Mapping[str, Array | float]) -> Any:

@@ -13,7 +13,15 @@ import typer
 from terrapin_hil.links import LinkName, open_link
 from terrapin_hil.links.names import INPROCESS, able
 from terrapin_hil.messages import Interface, interface
-from terrapin_tools.command_options import Json, NodeNumber, RobotName, deliver, link_option, take_robot
+from terrapin_tools.command_options import (
+    Json,
+    LinkKeyFile,
+    NodeNumber,
+    RobotName,
+    deliver,
+    link_option,
+    take_robot,
+)
 from terrapin_tools.errors import UserError
 from terrapin_tools.param.files import raw_of, read_file, text_of, to_toml
 from terrapin_tools.param.nodes import require_one
@@ -35,7 +43,7 @@ Names = Annotated[list[str] | None, typer.Argument(metavar="[NAME]...", help="pa
 
 
 @contextmanager
-def _session(link: LinkName, flash: Path | None, timeout: float) -> Iterator[Session]:
+def _session(link: LinkName, flash: Path | None, timeout: float, key: Path | None = None) -> Iterator[Session]:
     if not 0 < timeout <= 3600:
         raise UserError(f"--timeout: found {timeout:g}, expected more than 0 and at most 3600 s")
     if flash is not None and "flash file" not in link.row.jobs:
@@ -43,7 +51,7 @@ def _session(link: LinkName, flash: Path | None, timeout: float) -> Iterator[Ses
         raise UserError(f"--flash: {link} keeps its parameters itself; a file is for {files}")
     if flash is not None and flash.exists() and flash.stat().st_size not in FLASH_SIZES:
         raise UserError(f"{flash}: not a file of flash: expected one of {FLASH_SIZE} bytes, or none yet")
-    with open_link(link, timeout, **({"flash": flash} if flash else {})) as opened:
+    with open_link(link, timeout, key, **({"flash": flash} if flash else {})) as opened:
         if "listen" in link.row.jobs:  # a bus, that others may share
             require_one(opened, link.node)
         yield Session(opened)
@@ -175,10 +183,11 @@ def _write(
     link: LinkName,
     flash: Path | None,
     timeout: float,
+    link_key: Path | None,
     volatile: bool,
     json: str,
 ) -> None:
-    with _session(link, flash, timeout) as session:
+    with _session(link, flash, timeout, link_key) as session:
         before = session.all()
         written = change(session)
         store, kept = _keep(session, volatile)
@@ -207,6 +216,7 @@ def set_(
     link: Link = INPROCESS,
     node: NodeNumber = None,
     flash: Flash = None,
+    link_key: LinkKeyFile = None,
     timeout: Timeout = 1.0,
     json: Json = "",
     robot: RobotName = "",
@@ -221,7 +231,7 @@ def set_(
     link = link.at_node(node)
     parameter = interface().parameter(name)
     number = raw_of(parameter, " ".join(value), raw)
-    _write(lambda session: session.set_all({name: number}), link, flash, timeout, volatile, json)
+    _write(lambda session: session.set_all({name: number}), link, flash, timeout, link_key, volatile, json)
 
 
 def save(
@@ -255,6 +265,7 @@ def load(
     link: Link = INPROCESS,
     node: NodeNumber = None,
     flash: Flash = None,
+    link_key: LinkKeyFile = None,
     timeout: Timeout = 1.0,
     json: Json = "",
     robot: RobotName = "",
@@ -268,7 +279,7 @@ def load(
     take_robot(robot)
     link = link.at_node(node)
     values = read_file(file, interface())
-    _write(lambda session: session.set_all(values), link, flash, timeout, volatile, json)
+    _write(lambda session: session.set_all(values), link, flash, timeout, link_key, volatile, json)
 
 
 def _other(file: Path | None, description: Interface) -> dict[str, int]:
@@ -316,6 +327,7 @@ def reset(
     link: Link = INPROCESS,
     node: NodeNumber = None,
     flash: Flash = None,
+    link_key: LinkKeyFile = None,
     timeout: Timeout = 1.0,
     json: Json = "",
     robot: RobotName = "",
@@ -329,7 +341,13 @@ def reset(
     chosen = [interface().parameter(name) for name in names or ()]
     values = {parameter.name: parameter.default for parameter in chosen}
     _write(
-        lambda session: session.set_all(values) if values else session.defaults(), link, flash, timeout, volatile, json
+        lambda session: session.set_all(values) if values else session.defaults(),
+        link,
+        flash,
+        timeout,
+        link_key,
+        volatile,
+        json,
     )
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from terrapin_hil.links.names import INPROCESS, LinkName, able
-from terrapin_tools.command_options import NodeNumber, RobotName, link_option, take_robot
+from terrapin_tools.command_options import LinkKeyFile, NodeNumber, RobotName, link_option, take_robot
 from terrapin_tools.errors import UserError
 
 if TYPE_CHECKING:  # NumPy and the C libraries, which `terrapin run --help` does not need
@@ -122,7 +122,7 @@ def _values(changes: Iterable[str]) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def _opened(link: LinkName, path: Path | None) -> Iterator[tuple[Link, list[Outcome]]]:
+def _opened(link: LinkName, path: Path | None, key: Path | None) -> Iterator[tuple[Link, list[Outcome]]]:
     """The link; in the rig that a file describes the board reset, its e-stop measured, its enable line watched while
     the run lasts."""
     from terrapin_hil.links import open_link
@@ -135,7 +135,7 @@ def _opened(link: LinkName, path: Path | None) -> Iterator[tuple[Link, list[Outc
         rig = stack.enter_context(Rig(load_rig(path) if path is not None else RigConfig()))
         if rig.has("reset"):
             rig.reset()
-        opened = stack.enter_context(open_link(link))
+        opened = stack.enter_context(open_link(link, link_key=key))
         require_fitting(opened.name, opened.ask)
         if rig.has("estop", "enable"):
             outcomes.append(estop_outcome(rig, opened))  # type: ignore[arg-type]  # links of boards talk
@@ -203,6 +203,7 @@ def run(
     real_time: Annotated[bool, typer.Option("--real-time", help="keep to the clock; lateness is reported")] = False,
     rig: Annotated[Path | None, typer.Option(help="TOML file that names the GPIO lines around a real board")] = None,
     node: NodeNumber = None,
+    link_key: LinkKeyFile = None,
     others: Annotated[
         list[str] | None,
         typer.Option("--with", metavar="SCENARIO", help="one more robot on the same bus, at the next node number"),
@@ -241,10 +242,9 @@ def run(
             chosen = replace(chosen, real_time=True)
         link = link.at_node(node)
         if others or bitrate is not None:
-            if link.kind != "inprocess" or rig is not None or real_time:
-                raise UserError(
-                    "--with, --bitrate: robots share a bus in this process, expected no --link, --rig, --real-time"
-                )
+            if link.kind != "inprocess" or rig is not None or real_time or link_key is not None:
+                alone = "--link, --rig, --real-time, --link-key"
+                raise UserError(f"--with, --bitrate: robots share a bus in this process, expected no {alone}")
             return _run_together([chosen, *_others(others or ())], link.node, bitrate, out, parameters, as_json)
         if rig is not None and "board" not in link.row.jobs:
             boards = ", ".join(kind.form for kind in able("board"))
@@ -257,7 +257,7 @@ def run(
                 stack.callback(folder.close)
             shown = stack.enter_context(bar(chosen.name))
             observers = [folder] if folder else []
-            with _opened(link, rig) as (opened, outcomes):
+            with _opened(link, rig, link_key) as (opened, outcomes):
                 result = run_scenario(
                     chosen,
                     opened,

@@ -6,7 +6,6 @@ the server starts and ends.
 
 from __future__ import annotations
 
-import hashlib
 import hmac
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -15,7 +14,8 @@ from typing import Any
 
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import FileResponse, JSONResponse
+from fastapi.responses import JSONResponse
+from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
 
 from terrapin_tools.errors import UserError
@@ -36,16 +36,6 @@ __all__ = ["application"]
 ROUTES = (cases_api, new_case, jobs_api, uploads, events, view_api, live_api, simulate_api, batch_api)
 STATUS = {NotThere: 404, Taken: 409, Busy: 503, uploads.TooLarge: 413, uploads.NoSpace: 507}
 STATIC = Path(__file__).parent / "static"
-KINDS = {
-    ".html": "text/html; charset=utf-8",
-    ".js": "text/javascript; charset=utf-8",
-    ".css": "text/css; charset=utf-8",
-    ".svg": "image/svg+xml",
-    ".png": "image/png",
-    ".ico": "image/x-icon",
-    ".woff2": "font/woff2",
-    ".json": "application/json",
-}
 
 
 def application(workspace: Workspace, token: str, link: str, port: int) -> Door:
@@ -118,62 +108,34 @@ def _complaints(app: FastAPI) -> None:
         line = line.encode("utf-8", "backslashreplace").decode()
         return JSONResponse({"detail": line[:2000]}, status, headers)
 
-    async def user(request: Request, error: Exception) -> JSONResponse:
-        assert isinstance(error, UserError)
-        status = STATUS.get(type(error), 500 if error.status == 1 else 422)
-        return say(status, str(error), {"retry-after": "1"} if status == 503 else None)
+    async def complain(request: Request, error: Exception) -> JSONResponse:
+        match error:
+            case UserError():
+                status = STATUS.get(type(error), 500 if error.status == 1 else 422)
+                return say(status, str(error), {"retry-after": "1"} if status == 503 else None)
+            case RequestValidationError():
+                first = error.errors()[0]
+                place = ".".join(str(part) for part in first["loc"] if part != "body") or "body"
+                return say(422, f"{place}: {first['msg']}"[:300])
+            case HTTPException():
+                return say(error.status_code, f"{request.url.path[:200]}: {error.detail}", error.headers)
+            case OSError():
+                return say(507 if error.errno in (28, 122) else 500, f"{error.strerror or error}")
+            case _:
+                return say(500, f"internal error: {type(error).__name__}; the server's terminal says more")
 
-    async def invalid(request: Request, error: Exception) -> JSONResponse:
-        assert isinstance(error, RequestValidationError)
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"] if part != "body") or "body"
-        return say(422, f"{place}: {first['msg']}"[:300])
-
-    async def refused(request: Request, error: Exception) -> JSONResponse:
-        assert isinstance(error, HTTPException)
-        return say(error.status_code, f"{request.url.path[:200]}: {error.detail}", error.headers)
-
-    async def system(request: Request, error: Exception) -> JSONResponse:
-        assert isinstance(error, OSError)
-        return say(507 if error.errno in (28, 122) else 500, f"{error.strerror or error}")
-
-    async def other(request: Request, error: Exception) -> JSONResponse:
-        return say(500, f"internal error: {type(error).__name__}; the server's terminal says more")
-
-    app.add_exception_handler(UserError, user)
-    app.add_exception_handler(RequestValidationError, invalid)
-    app.add_exception_handler(HTTPException, refused)
-    app.add_exception_handler(OSError, system)
-    app.add_exception_handler(Exception, other)
+    for kind in (UserError, RequestValidationError, HTTPException, OSError, Exception):
+        app.add_exception_handler(kind, complain)
 
 
 def _static(app: FastAPI, token: str, cookie: str) -> None:
-    """The page and its files. A path is looked up among the files that are there and never becomes part of a path."""
+    """The page and its files."""
+    files = StaticFiles(directory=STATIC)
+    app.mount("/static", files)
 
     @app.get("/", include_in_schema=False)
     async def index(request: Request) -> Response:
-        response = _file("index.html", request)
+        response = await files.get_response("index.html", request.scope)
         if any(hmac.compare_digest(v.encode(), token.encode()) for v in request.query_params.getlist("token")):
             response.set_cookie(cookie, token, httponly=True, samesite="strict", path="/")
         return response
-
-    @app.get("/static/{path:path}", include_in_schema=False)
-    async def static(path: str, request: Request) -> Response:
-        return _file(path, request)
-
-    @app.get("/{path}", include_in_schema=False)
-    async def beside(path: str, request: Request) -> Response:
-        return _file(path, request)
-
-
-def _file(name: str, request: Request) -> Response:
-    files = {path.relative_to(STATIC).as_posix(): path for path in STATIC.rglob("*") if path.suffix in KINDS}
-    if name not in files:
-        raise HTTPException(404, "found nothing of that name")
-    path = files[name]
-    stat = path.stat()
-    tag = '"' + hashlib.sha256(f"{stat.st_mtime_ns}-{stat.st_size}".encode()).hexdigest()[:24] + '"'
-    headers = {"etag": tag, "cache-control": "no-cache"}
-    if request.headers.get("if-none-match") == tag:
-        return Response(status_code=304, headers=headers)
-    return FileResponse(path, media_type=KINDS[path.suffix], headers=headers)

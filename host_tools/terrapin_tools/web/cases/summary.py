@@ -11,7 +11,7 @@ from typing import Any
 
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case import history
-from terrapin_tools.workbench.case.case import Case, load_case
+from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.files.json_text import to_json
 from terrapin_tools.workbench.files.writing import write_whole
 from terrapin_tools.workbench.story.sentences import chip
@@ -72,7 +72,9 @@ def detail(folder: str) -> dict[str, Any]:
     """A case in full, without its rows. UserError when it is broken."""
     case = load_case(Path(folder))
     answer = _last(case.folder)
-    sets = {name: {case.run_names[i] for i in case.run[rows]} for name, rows in _sets(case).items()}
+    sets = {
+        name: {case.run_names[i] for i in case.run[rows]} for name, rows in (("train", case.train), ("test", case.test))
+    }
     return {
         "title": case.title,
         "base": case.base.name,
@@ -91,10 +93,6 @@ def detail(folder: str) -> dict[str, Any]:
         "ladder": [] if answer is None else answer["ladder"],
         "history": history.history(case.folder),
     }
-
-
-def _sets(case: Case) -> dict[str, Any]:
-    return {"train": case.train, "test": case.test}
 
 
 def effects(base: str, folder: str) -> list[dict[str, Any]]:

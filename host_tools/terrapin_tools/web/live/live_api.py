@@ -23,7 +23,7 @@ from terrapin_tools.web.service.context import Context, Terrapin
 from terrapin_tools.web.service.models import WHOLE, Line, problems
 from terrapin_tools.web.service.models import Request as Body
 from terrapin_tools.web.service.uploads import upload_file, upload_view
-from terrapin_tools.web.service.workspace import NAME, NotThere, Taken
+from terrapin_tools.web.service.workspace import NotThere, Taken, is_name
 
 __all__ = ["begin", "end", "router"]
 
@@ -34,7 +34,6 @@ _OURS = re.compile(r"(simulator|log|upload):(.*)")  # what is no bus
 LOG = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,58}\.(log|blf|mf4|mcap)$"
 _DEVICE = re.compile(r"/dev/[A-Za-z0-9_./-]+\Z", re.ASCII)
 _CHANNEL = re.compile(r"[A-Za-z0-9_.-]{1,32}\Z", re.ASCII)
-_NAME = re.compile(NAME.removesuffix("$") + r"\Z", re.ASCII)
 _UPLOAD = re.compile(r"[0-9a-f]{12}\Z")
 CAN_DEVICES = "280"  # ARPHRD_CAN
 
@@ -188,7 +187,7 @@ def _open(context: Context, body: Watch, tell: Any) -> Session:
     source: Source
     rate, node = body.bitrate, 0
     if kind == "simulator":
-        if not _NAME.match(where):
+        if not is_name(where):
             raise UserError(f"source: found {where!r}, expected a scenario's name")
         source = Simulator(where, LinkName(body.controller))
         controller = ["--controller", body.controller] if body.controller != "inprocess" else []
@@ -213,7 +212,7 @@ def _stored(context: Context, name: str) -> Path:
     if _UPLOAD.match(name):
         return upload_file(context.workspace, name)
     path = context.workspace.folder("logs") / name
-    if not _NAME.match(name) or not path.is_file():
+    if not is_name(name) or not path.is_file():
         raise NotThere(f"logs: found no {name[:80]!r} in the workspace's folder logs")
     return path
 
@@ -270,9 +269,9 @@ def _links(context: Context) -> list[Link]:
     from terrapin_tools.logs.reading import READABLE
 
     for path in sorted(context.workspace.folder("logs").iterdir()):
-        if _NAME.match(path.name) and path.suffix.lower() in READABLE:
+        if is_name(path.name) and path.suffix.lower() in READABLE:
             found.append(Link(source=f"log:{path.name}", title=path.name, kind="log"))
-        elif _NAME.match(path.name) and path.suffix.lower() == ".dbc":
+        elif is_name(path.name) and path.suffix.lower() == ".dbc":
             found.append(Link(source=path.name, title=path.name, kind="dbc"))
     for path in sorted(context.workspace.folder("uploads").glob("*.json")):
         if not _UPLOAD.match(path.stem):

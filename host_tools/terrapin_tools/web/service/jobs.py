@@ -76,7 +76,6 @@ class Jobs:
     """The queue. All methods belong to the server's one thread."""
 
     def __init__(self, workspace: Workspace, warm: Warm, events: Events) -> None:
-        self._workspace = workspace
         self._folder = workspace.folder("jobs")
         self._warm = warm
         self._events = events
@@ -135,6 +134,13 @@ class Jobs:
     def busy(self, case: str) -> bool:
         """Whether a job works on the case or waits to."""
         return any(job.case == case and job.state not in ENDED for job in self._jobs.values())
+
+    def require_ended(self, folder: Path, what: str) -> None:
+        """Taken while a job has this folder, or something in it, on its command line."""
+        going = [job for job in self._jobs.values() if job.state not in ENDED]
+        words = [Path(word) for job in going for step in job.steps for word in step]
+        if any(folder == word or folder in word.parents for word in words):
+            raise Taken(f"{what}: {folder.name} goes on, expected it cancelled or ended")
 
     async def cancel(self, identifier: str) -> Job:
         """End a job; one that has ended stays as it is."""

@@ -198,9 +198,7 @@ def _with_headers(scope: Scope, send: Send) -> Send:
     async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":
             have = {name.lower() for name, _ in message["headers"]}
-            wanted = dict(HEADERS)
-            if scope["path"].startswith("/api"):
-                wanted["cache-control"] = "no-store"
+            wanted = {**HEADERS, "cache-control": "no-store" if scope["path"].startswith("/api") else "no-cache"}
             added = [(k.encode(), v.encode()) for k, v in wanted.items() if k.encode() not in have]
             message = {**message, "headers": [*message["headers"], *added]}
         await send(message)

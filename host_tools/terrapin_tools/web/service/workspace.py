@@ -1,4 +1,4 @@
-"""The folder that a server works in: cases/NAME/ (ordinary cases), jobs/, uploads/, reports/, exports/.
+"""The folder that a server works in: cases/NAME/ (ordinary cases), jobs/, uploads/, reports/, exports/, ...
 
 A name from outside is matched against NAME before it comes near a path.
 """
@@ -17,12 +17,17 @@ from typing import IO
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.files.writing import copy_example
 
-__all__ = ["NAME", "NotThere", "Taken", "Workspace"]
+__all__ = ["NAME", "NotThere", "Taken", "Workspace", "is_name"]
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
-FOLDERS = ("cases", "jobs", "uploads", "reports", "exports", "logs")
+FOLDERS = ("cases", "jobs", "uploads", "reports", "exports", "logs", "runs", "batches")
 LOCK_SECONDS = 10.0  # in which the work of a server that was killed ends
 _NAME = re.compile(NAME.removesuffix("$") + r"\Z", re.ASCII)
+
+
+def is_name(text: str) -> bool:
+    """Whether the text can be a name in the workspace."""
+    return _NAME.match(text) is not None
 
 
 class NotThere(UserError):
@@ -56,14 +61,14 @@ class Workspace:
         self._lock.close()
 
     def folder(self, kind: str) -> Path:
-        """cases, jobs, uploads, reports, exports or logs."""
+        """One of FOLDERS."""
         assert kind in FOLDERS
         return self.root / kind
 
     def names(self) -> list[str]:
         """All cases, sorted."""
         found = (path.parent.name for path in self.folder("cases").glob("*/case.toml"))
-        return sorted(name for name in found if _NAME.match(name))
+        return sorted(name for name in found if is_name(name))
 
     def case(self, name: str) -> Path:
         """The folder of a case that is there; NotThere otherwise."""
@@ -77,6 +82,13 @@ class Workspace:
         folder = self._path("cases", name)
         if folder.exists():
             raise Taken(f"case: {name!r} exists, expected a new name")
+        return folder
+
+    def result(self, kind: str, what: str, name: str) -> Path:
+        """The folder of a run or a batch that is there; NotThere otherwise."""
+        folder = self.folder(kind) / name
+        if not is_name(name) or not folder.is_dir():
+            raise NotThere(f"{what}: found no {name[:80]!r} in the workspace")
         return folder
 
     def open_example(self, name: str) -> bool:
@@ -100,7 +112,7 @@ class Workspace:
         (self.folder("exports") / f"{name}.toml").unlink(missing_ok=True)
 
     def _path(self, kind: str, name: str) -> Path:
-        if not _NAME.match(name):
+        if not is_name(name):
             raise UserError(f"name: found {name[:80]!r}, expected letters, digits, _ . - (at most 64)")
         return self.folder(kind) / name
 

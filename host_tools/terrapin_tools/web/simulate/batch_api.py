@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import re
 import shutil
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,15 +19,13 @@ from terrapin_hil import paths
 from terrapin_tools.batch.design import design, read_seeds, read_varied
 from terrapin_tools.errors import UserError
 from terrapin_tools.web.service.context import Context, Terrapin
-from terrapin_tools.web.service.jobs import ENDED
-from terrapin_tools.web.service.models import Line, Name, problems
-from terrapin_tools.web.service.workspace import NAME, NotThere, Taken
+from terrapin_tools.web.service.models import Line, Name, Named, problems
+from terrapin_tools.web.service.workspace import NotThere, Taken
 from terrapin_tools.web.simulate.simulate_api import Simulate, changed_scenario
 
-__all__ = ["begin", "router"]
+__all__ = ["router"]
 
 router = APIRouter(prefix="/api", tags=["simulate"])
-_NAME = re.compile(NAME.removesuffix("$") + r"\Z", re.ASCII)
 MOST_BATCHES = 200
 MOST_RUNS = 100_000
 REPORT_POLICY = "sandbox allow-popups; default-src 'none'; style-src 'unsafe-inline'"
@@ -62,35 +59,17 @@ class BatchLine(BaseModel):
     changed: float
 
 
-class Removed(BaseModel):
-    """The name of what was removed."""
-
-    name: str
-
-
-def _folder(context: Context) -> Path:
-    return context.workspace.root / "batches"
-
-
-async def begin(context: Context) -> None:
-    """When the server starts."""
-    try:
-        _folder(context).mkdir(exist_ok=True)
-    except OSError as error:
-        raise UserError(f"{_folder(context)}: {error.strerror}") from None
-
-
 @router.post("/batches", responses=problems(404, 409), status_code=202)
 async def start(context: Terrapin, body: Batch) -> BatchStarted:
     """Run a batch as a job; its folder fills as it goes on."""
     shipped = paths.SCENARIOS / f"{body.scenario}.toml"
     if not shipped.is_file():
         raise NotThere(f"scenario: found no {body.scenario!r}")
-    name, step = await asyncio.to_thread(_prepare, _folder(context), shipped, body)
+    name, step = await asyncio.to_thread(_prepare, context.workspace.folder("batches"), shipped, body)
     try:
         job = context.jobs.add("batch", None, [step])
     except UserError:
-        (_folder(context) / f"{name}.toml").unlink(missing_ok=True)
+        (context.workspace.folder("batches") / f"{name}.toml").unlink(missing_ok=True)
         raise
     return BatchStarted(id=job.id, batch=name, command=job.command)
 
@@ -123,16 +102,13 @@ def _prepare(folder: Path, shipped: Path, body: Batch) -> tuple[str, list[str]]:
 
 
 def _batch(context: Context, name: str) -> Path:
-    """The folder of a batch."""
-    if not _NAME.match(name) or not (_folder(context) / name).is_dir():
-        raise NotThere(f"batch: found no {name[:80]!r} in the workspace")
-    return _folder(context) / name
+    return context.workspace.result("batches", "batch", name)
 
 
 @router.get("/batches", responses=problems())
 async def batches(context: Terrapin) -> list[BatchLine]:
     """The batches of the workspace, newest first."""
-    return await asyncio.to_thread(_lines, _folder(context))
+    return await asyncio.to_thread(_lines, context.workspace.folder("batches"))
 
 
 def _lines(folder: Path) -> list[BatchLine]:
@@ -173,12 +149,10 @@ async def report(context: Terrapin, name: Name) -> FileResponse:
 
 
 @router.delete("/batches/{name}", responses=problems(404, 409))
-async def remove(context: Terrapin, name: Name) -> Removed:
+async def remove(context: Terrapin, name: Name) -> Named:
     """Remove a batch; 409 while it goes on."""
     folder = _batch(context, name)
-    going = [job for job in context.jobs.all() if job.state not in ENDED]
-    if any(str(folder) in step for job in going for step in job.steps):
-        raise Taken(f"batch: {name} goes on, expected it cancelled or ended")
+    context.jobs.require_ended(folder, "batch")
     await asyncio.to_thread(shutil.rmtree, folder)
     folder.with_name(f"{name}.toml").unlink(missing_ok=True)
-    return Removed(name=name)
+    return Named(name=name)

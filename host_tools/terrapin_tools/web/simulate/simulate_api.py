@@ -20,14 +20,13 @@ from pydantic import BaseModel, Field, FiniteFloat
 from terrapin_hil import paths
 from terrapin_tools.errors import UserError
 from terrapin_tools.web.service.context import Context, Terrapin
-from terrapin_tools.web.service.jobs import ENDED, Job
-from terrapin_tools.web.service.models import WHOLE, EffectName, Line, Name, Request, problems
-from terrapin_tools.web.service.workspace import NAME, NotThere, Taken
+from terrapin_tools.web.service.jobs import Job
+from terrapin_tools.web.service.models import WHOLE, EffectName, Line, Name, Named, Request, problems
+from terrapin_tools.web.service.workspace import NotThere, Taken
 
 __all__ = ["begin", "changed_scenario", "router"]
 
 router = APIRouter(prefix="/api", tags=["simulate"])
-_NAME = re.compile(NAME.removesuffix("$") + r"\Z", re.ASCII)
 Word = Annotated[str, Field(pattern=r"^[a-z_]{0,40}$", max_length=40)]
 LARGEST = {  # ends of sliders for parameters without bounds, by unit: about what changes a run of this robot much
     "N m": 0.05,
@@ -98,12 +97,6 @@ class RunLine(BaseModel):
     changed: float
 
 
-class Removed(BaseModel):
-    """The name of what was removed."""
-
-    name: str
-
-
 class KeepCase(Request):
     """A case of this run and others. With no others the scenario is run once more with the next seed, as the held-out
     run."""
@@ -115,19 +108,11 @@ class KeepCase(Request):
     span: Annotated[float, Field(ge=0.02, le=10.0, description="s; rows of this length, steady or not")] | None = None
 
 
-def _folder(context: Context) -> Path:
-    return context.workspace.root / "runs"
-
-
 async def begin(context: Context) -> None:
-    """When the server starts."""
-    try:
-        _folder(context).mkdir(exist_ok=True)
-        for path in _folder(context).iterdir():
-            if _never_begun(path):  # no list shows it, and it would count
-                shutil.rmtree(path)
-    except OSError as error:
-        raise UserError(f"{_folder(context)}: {error.strerror}") from None
+    """Remove the folders of runs that a server before this one never began: no list shows them, yet they count."""
+    for path in context.workspace.folder("runs").iterdir():
+        if _never_begun(path):
+            shutil.rmtree(path)
 
 
 def _never_begun(run: Path) -> bool:
@@ -275,11 +260,11 @@ async def simulate(context: Terrapin, body: Simulate) -> Started:
     """Run a scenario as a job; the run's folder then holds its log."""
     if body.scenario not in {one["name"] for one in (await asyncio.to_thread(_description))["scenarios"]}:
         raise NotThere(f"scenario: found no {body.scenario!r}")
-    name, step = await asyncio.to_thread(_prepare, _folder(context), body)
+    name, step = await asyncio.to_thread(_prepare, context.workspace.folder("runs"), body)
     try:
         job = context.jobs.add("simulate", None, [step])
     except UserError:
-        shutil.rmtree(_folder(context) / name, ignore_errors=True)
+        shutil.rmtree(context.workspace.folder("runs") / name, ignore_errors=True)
         raise
     return Started(id=job.id, run=name, command=job.command)
 
@@ -321,16 +306,13 @@ def _new_folder(folder: Path, base: str) -> Path:
 
 
 def _run(context: Context, name: str) -> Path:
-    """The folder of a run."""
-    if not _NAME.match(name) or not (_folder(context) / name).is_dir():
-        raise NotThere(f"run: found no {name[:80]!r} in the workspace")
-    return _folder(context) / name
+    return context.workspace.result("runs", "run", name)
 
 
 @router.get("/simulate", responses=problems())
 async def runs(context: Terrapin) -> list[RunLine]:
     """The runs of the workspace, newest first."""
-    return await asyncio.to_thread(_runs, _folder(context))
+    return await asyncio.to_thread(_runs, context.workspace.folder("runs"))
 
 
 def _runs(folder: Path) -> list[RunLine]:
@@ -360,14 +342,12 @@ async def signals(context: Terrapin, name: Name) -> dict[str, Any]:
 
 
 @router.delete("/simulate/{name}", responses=problems(404, 409))
-async def remove(context: Terrapin, name: Name) -> Removed:
+async def remove(context: Terrapin, name: Name) -> Named:
     """Remove a run; 409 while it goes on."""
     run = _run(context, name)
-    going = [job for job in context.jobs.all() if job.state not in ENDED]
-    if any(run == Path(word) or run in Path(word).parents for job in going for step in job.steps for word in step):
-        raise Taken(f"run: {name} goes on, expected it cancelled or ended")
+    context.jobs.require_ended(run, "run")
     await asyncio.to_thread(shutil.rmtree, run)
-    return Removed(name=name)
+    return Named(name=name)
 
 
 @router.post("/simulate/{name}/case", responses=problems(404, 409), status_code=202)
@@ -378,7 +358,7 @@ async def case(context: Terrapin, name: Name, body: KeepCase) -> Started:
     steps: list[list[str]] = []
     folders = [run, *(_run(context, other) for other in body.others)]
     if not body.others:
-        again = await asyncio.to_thread(_again, _folder(context), run)
+        again = await asyncio.to_thread(_again, context.workspace.folder("runs"), run)
         steps.append(again)
         folders.append(Path(again[again.index("--out") + 1]))
     options = [*(word for effect in body.effects for word in ("--effect", effect))]

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from terrapin_hil.reading import parse_toml, shorten
+from terrapin_hil.reading import locate, parse_toml, shorten
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.toml_lines import locate
 from terrapin_tools.workbench.files.units import check, quantity
 
 __all__ = ["Complaint", "Estimate", "Tables", "case_tables", "read_case_text", "read_estimate"]
@@ -142,7 +141,7 @@ def case_tables(folder: Path, text: str) -> Tables:
     file = folder / "case.toml"
 
     def complain(message: str, *path: str) -> UserError:
-        return UserError(f"{file}:{locate(text, *path)}: {'.'.join(path)}: {message}")
+        return UserError(f"{file}:{locate(text, path) or 1}: {'.'.join(path)}: {message}")
 
     return Tables(parse_toml(text, file), complain)
 

@@ -199,7 +199,9 @@ def _window_ends(tables: Mapping[str, dict[str, Array]], running: int, after: fl
     window = tables["WINDOW"]
     use = (window["fresh"] > 0) & (window["valid"] > 0) & (window["time"] >= after) & (window["time"] < before)
     use &= window["time"] >= tables["STATUS"]["time"][0]
-    times = window["time"][use]
+    # Long windows are worked out every few frames only; the frames between say the same window again.
+    ends = np.flatnonzero(use)
+    times = window["time"][ends[np.diff(window["index"][ends], prepend=-1) != 0]]
     return np.asarray(times[_held(tables["STATUS"], "state", times) == running])
 
 
