@@ -129,6 +129,11 @@ def load_board(path: Path) -> Board:
     table.done()
     if board.crystal % 1e6:
         raise table.error("clock.crystal", f"found {board.crystal:g} Hz, expected a whole number of MHz for the PLL")
+    if board.off != ("coast",):
+        raise table.error(
+            "bridge.off",
+            f"found {', '.join(board.off)}, expected coast: {board.chip} opens all transistors",
+        )
     _check_pwm(table, board)
     if board.dead_time * board.pwm > 0.05:
         raise table.contradiction(

@@ -294,6 +294,20 @@ static void test_runs_and_stops_on_the_port_s_faults(void) {
     TEST_ASSERT_FALSE(driven);
 }
 
+/* The port has no sensor of the swing: with a guard the motor does not start, and STATUS says why. */
+static void test_a_guard_without_its_sensor_keeps_the_bridge_off(void) {
+    (void)ticks(1500U, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_OK, terrapin_parameter_set(state, TERRAPIN_PARAMETER_SWING_LIMIT, 1134));
+    (void)ticks(50U, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_FALSE(ticks(UNTIL_RUN, TERRAPIN_REQUEST_RUN));
+    TEST_ASSERT_EQUAL_HEX32(BIT(TERRAPIN_FAULT_SWING_SENSOR), controller.outputs.faults);
+    TEST_ASSERT_EQUAL(TERRAPIN_PARAMETER_OK, terrapin_parameter_set(state, TERRAPIN_PARAMETER_SWING_LIMIT, 0));
+    (void)ticks(300U, TERRAPIN_REQUEST_CLEAR);
+    (void)ticks(300U, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_TRUE(ticks(UNTIL_RUN, TERRAPIN_REQUEST_RUN));
+    TEST_ASSERT_EQUAL_HEX32(0U, controller.outputs.faults);
+}
+
 static void test_test_mode_holds_the_bridge_off_and_stops_the_own_clock(void) {
     (void)ticks(1500U, TERRAPIN_REQUEST_IDLE);
     const terrapin_frame arm = test_mode(TERRAPIN_TEST_MODE_KEY, 1U);
@@ -628,6 +642,7 @@ int main(void) {
     RUN_TEST(test_babbling_idiot_before_us);
     RUN_TEST(test_idle_stops_the_motor_in_the_same_tick);
     RUN_TEST(test_runs_and_stops_on_the_port_s_faults);
+    RUN_TEST(test_a_guard_without_its_sensor_keeps_the_bridge_off);
     RUN_TEST(test_test_mode_holds_the_bridge_off_and_stops_the_own_clock);
     RUN_TEST(test_saves_parameters_and_finds_them_again);
     RUN_TEST(test_defaults_are_the_boards);

@@ -77,6 +77,7 @@ CONTRADICTIONS: list[tuple[Change, Change, tuple[str, str]]] = [  # of the board
     ({"pins.motor_a": "PC7 TIM3_CH1"}, {}, ("pins.motor_a", "PC6, PA6, PB4")),
     ({"pins.motor_a": "PB6 TIM4_CH1"}, {}, ("pins.motor_a", "TIM3_CH1")),
     ({"pins.current": "PD0 ADC"}, {}, ("pins.current", "PA0, PA1")),
+    ({"bridge.off": ["coast", "brake"]}, {}, ("bridge.off", "stm32f405 opens all transistors")),
     ({"pins.led": "PA13 output"}, {}, ("pins.led", "the debug probe's")),
     ({"bridge.pwm": "1.2 kHz"}, {}, ("bridge.pwm", "at least 1282 Hz for TIM1")),
     ({"bridge.pwm": "60 kHz"}, {}, ("bridge.pwm", "clock.internal (line ")),
