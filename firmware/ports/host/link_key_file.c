@@ -11,7 +11,7 @@
 #include <time.h>
 
 #define LINE_MAX_LENGTH 256
-#define HEX_DIGITS      (8U * TERRAPIN_CHASKEY_WORDS)
+#define HEX_DIGITS      ((size_t)8 * TERRAPIN_CHASKEY_WORDS)
 
 /* What follows `name =` in a line; NULL when the line says something else. */
 static const char *value_of(const char *line, const char *name) {
