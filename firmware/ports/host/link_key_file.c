@@ -11,7 +11,14 @@
 #include <time.h>
 
 #define LINE_MAX_LENGTH 256
-#define HEX_DIGITS      (8U * TERRAPIN_CHASKEY_WORDS)
+#define HEX_DIGITS      ((size_t)8 * TERRAPIN_CHASKEY_WORDS)
+
+static const char *after_blanks(const char *text) {
+    while ((*text == ' ') || (*text == '\t') || (*text == '\r') || (*text == '\n')) {
+        text++;
+    }
+    return text;
+}
 
 /* What follows `name =` in a line; NULL when the line says something else. */
 static const char *value_of(const char *line, const char *name) {
@@ -19,14 +26,14 @@ static const char *value_of(const char *line, const char *name) {
     if (strncmp(line, name, length) != 0) {
         return NULL;
     }
-    line += length + strspn(&line[length], " \t");
-    return (*line == '=') ? (line + 1 + strspn(line + 1, " \t")) : NULL;
+    const char *sign = after_blanks(&line[length]);
+    return (*sign == '=') ? after_blanks(&sign[1]) : NULL;
 }
 
 /* Nothing more stands in the line but a comment. */
 static bool ends(const char *text) {
-    text += strspn(text, " \t\r\n");
-    return (*text == '\0') || (*text == '#');
+    const char *rest = after_blanks(text);
+    return (*rest == '\0') || (*rest == '#');
 }
 
 static bool read_generation(const char *text, uint32_t *generation) {
