@@ -130,6 +130,12 @@ static void test_saved_values_come_back(void) {
     TEST_ASSERT_FALSE(terrapin_store_differs(&store, state));
     set_all(2U);
     TEST_ASSERT_TRUE(terrapin_store_differs(&store, state));
+    set_all(1U);
+    for (int32_t i = 0; i < TERRAPIN_PARAMETER_COUNT; i++) { /* one bit of any one of them is enough */
+        store.value[i] ^= 4;
+        TEST_ASSERT_TRUE(terrapin_store_differs(&store, state));
+        store.value[i] ^= 4;
+    }
     restart();
     TEST_ASSERT_TRUE(has_all(1U));
     TEST_ASSERT_EQUAL(TERRAPIN_STORE_ORIGIN_STORED, store.origin);

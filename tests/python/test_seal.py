@@ -28,7 +28,7 @@ class Sealed(InProcess):
     def commanded(self, frames: list[Frame]) -> int | None:
         """The request that frames bring, if they are taken."""
         self._inputs.command_fresh = False
-        self._inputs.tick += 50
+        self._link.seal.now_ms += 50
         self.exchange(frames)
         return int(self._inputs.command.request) if self._inputs.command_fresh else None
 
@@ -46,7 +46,7 @@ def test_who_has_the_key_commands_and_writes() -> None:
     write = sender.frame("PARAMETER_WRITE", {"index": index, "value": 81_000})
     [answer] = link.exchange(session.sealed([write]))
     assert interface().messages["PARAMETER_VALUE"].decode(answer[1])["value"] == 81_000
-    link._inputs.tick += 50
+    link._link.seal.now_ms += 50
     link.exchange(session.sealed(sender.test_mode()))
     assert link._link.test_mode
     assert link.unsealed == 0
