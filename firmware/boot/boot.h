@@ -8,9 +8,9 @@
  *
  * Nothing is ever written into the confirmed slot. The floor that an update needs (version, security counter) follows
  * one image behind: a confirmation raises it to what was confirmed before (the first to itself), so that the image
- * before is a way back; its counter never above that of the image which is confirmed. An image is started only with a
- * good signature and a security counter that is no lower than the floor's. Without any such image the boot loader stays
- * and serves updates.
+ * before is a way back; its counter never above that of the image which is confirmed.
+ * An image is started only with a good signature and a security counter that is no lower than the floor's. Without any
+ * such image the boot loader stays and serves updates.
  */
 #ifndef TERRAPIN_BOOT_H
 #define TERRAPIN_BOOT_H

@@ -208,15 +208,10 @@ static inline uint32_t four_differ(const int32_t *a, const int32_t *b) {
 
 bool terrapin_store_differs(const terrapin_store *store, const terrapin_state *state) {
     const int32_t *now = terrapin_parameter_values(state); /* without a call for each: floods must cost little */
-    uint32_t bits = 0U;
-    uint32_t i = 0U;
-    while ((i + 4U) <= PARAMETERS) {
+    const uint32_t last = PARAMETERS - 4U; /* some of them are looked at twice where they are no multiple of four */
+    uint32_t bits = four_differ(&now[last], &store->value[last]);
+    for (uint32_t i = 0U; i < last; i += 4U) {
         bits |= four_differ(&now[i], &store->value[i]);
-        i += 4U;
-    }
-    while (i < PARAMETERS) {
-        bits |= (uint32_t)now[i] ^ (uint32_t)store->value[i];
-        i++;
     }
     return bits != 0U;
 }

@@ -30,6 +30,7 @@ __all__ = [
     "need",
     "program_hash",
     "simulator",
+    "sources",
 ]
 
 ROBOT_VARIABLE = "TERRAPIN_ROBOT"  # name or file of the robot of this process and those that it starts
@@ -39,6 +40,11 @@ PHYSICS = PACKAGE / "physics"
 NATIVE = PACKAGE / "robot" / "native"
 SCENARIOS = PACKAGE / "scenario" / "scenarios"
 WHEEL = PACKAGE / "_native"
+
+
+def sources() -> Path | None:
+    """The tree with the sources of the firmware; None in a wheel."""
+    return ROOT if (ROOT / "CMakeLists.txt").is_file() and not WHEEL.is_dir() else None
 
 
 def simulator() -> Path:

@@ -199,7 +199,7 @@ def test_the_command_asks_a_real_controller() -> None:
     path = process.start()
     try:
         link = LinkName.parse(f"serial:{path}", "lockstep")
-        with pytest.raises(LinkError, match="that of sphere, expected cylinder"), _opened(link, None):
+        with pytest.raises(LinkError, match="that of sphere, expected cylinder"), _opened(link, None, None):
             pass
     finally:
         process.stop()

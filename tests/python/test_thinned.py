@@ -60,7 +60,7 @@ def test_rows_a_correlation_length_apart_are_looked_at(tmp_path: Path, rho: floa
     assert kept.sum() == 6 * -(-rows // found.step)
     for run in range(6):
         assert kept[case.run == run][0]  # a run begins with its first row
-    assert not found.missing
+    assert found.adequacy.p_value > 0.01  # nothing is missing: below 0.05 it is once in twenty seeds
 
 
 def test_friction_is_named_in_a_long_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -84,12 +84,20 @@ def test_a_boards_name_takes_the_place_of_the_robots(tmp_path: Path, board: Path
     assert build.choose("roller", "f405_h_bridge", tmp_path)[1] == find_robot("roller").resolve()
 
 
+@pytest.fixture(scope="module")
+def sphere() -> None:
+    """Its controller is built."""
+    subprocess.run(["tests/tools/build.sh", "robot=sphere", "host"], cwd=ROOT, check=True, timeout=1200)
+
+
+@pytest.mark.usefixtures("sphere")
 def test_parameters_and_logs_are_the_robots() -> None:
     """By one option: values, and the steps in which they travel."""
     found = [terrapin("param", "get", "armature_resistance", *words) for words in ((), ("--robot", "sphere"))]
     assert [done.stdout for done in found] == ["armature_resistance = 5 ohm\n", "armature_resistance = 0.608 ohm\n"]
 
 
+@pytest.mark.usefixtures("sphere")
 def test_the_dbc_of_a_robot(tmp_path: Path) -> None:
     for name in ("cylinder", "sphere"):
         assert terrapin("log", "dbc", tmp_path / f"{name}.dbc", "--robot", name).returncode == 0

@@ -11,7 +11,7 @@ from pathlib import Path
 from terrapin_hil import paths
 from terrapin_interface.board_header import board_header
 from terrapin_interface.description import load
-from terrapin_interface.robot import ROBOTS, Robot, RobotError, find_robot, load_robot
+from terrapin_interface.robot import Robot, RobotError, find_robot, load_robot
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.files.writing import write_whole
 
@@ -56,10 +56,10 @@ def _environment() -> dict[str, str]:
     return {**os.environ, "PATH": os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", "")))}
 
 
-def _run(log: Path, *words: str) -> None:
+def _run(sources: Path, log: Path, *words: str) -> None:
     try:
         done = subprocess.run(
-            words, cwd=paths.ROOT, env=_environment(), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+            words, cwd=sources, env=_environment(), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT, text=True, errors="replace", check=False, timeout=LONGEST,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
@@ -76,20 +76,21 @@ def build_images(name: str, board: str, to: Path) -> list[Path]:
 
     UserError, one line, where the sources, CMake or the compiler are not, or when the robot's file is wrong.
     """
-    if not (paths.ROOT / "CMakeLists.txt").is_file() or not (ROBOTS.parent / "controller.toml").is_file():
+    sources = paths.sources()
+    if sources is None:
         raise UserError("image build: a wheel has no sources of the firmware; run it in the sources")
     missing = [program for program in PROGRAMS if shutil.which(program, path=_environment()["PATH"]) is None]
     if missing:
         raise UserError(f"image build: {', '.join(missing)} not found on PATH; `make setup` says what to install")
-    robots = paths.ROOT / "build" / "robots"
+    robots = sources / "build" / "robots"
     robot, file = choose(name, board, robots / "on-board" / Path(board).stem)
     place = robots / (robot.name if file == find_robot(name).resolve() else f"{robot.name}-{robot.board.name}")
     place /= "cortex-m4"
     place.mkdir(parents=True, exist_ok=True)
     log = place / "failed.log"
-    _run(log, "cmake", "--preset", "cortex-m4", "-B", str(place), f"-DPython3_EXECUTABLE={sys.executable}",
+    _run(sources, log, "cmake", "--preset", "cortex-m4", "-B", str(place), f"-DPython3_EXECUTABLE={sys.executable}",
          f"-DTERRAPIN_ROBOT={file}")  # fmt: skip
-    _run(log, "cmake", "--build", str(place))
+    _run(sources, log, "cmake", "--build", str(place))
     stem = robot.board.name.replace("_", "-")
     built = sorted((*place.glob(f"terrapin-{stem}-*.bin"), *place.glob(f"terrapin-boot-{stem}.bin")))
     to.mkdir(parents=True, exist_ok=True)
