@@ -125,6 +125,20 @@ static void test_all_at_once_or_none(void) {
     TEST_ASSERT_TRUE(has_defaults());
 }
 
+/* What stands behind the values is none of them, whatever it is. */
+static void test_equal_values_before_anything(void) {
+    static struct {
+        terrapin_store store;
+        int32_t behind;
+    } guarded;
+    save_generation(1U);
+    for (int fill = 0; fill < 2; fill++) {
+        memset(&guarded, fill, sizeof guarded);
+        memcpy(&guarded.store, &store, offsetof(terrapin_store, value) + sizeof store.value);
+        TEST_ASSERT_FALSE(terrapin_store_differs(&guarded.store, state));
+    }
+}
+
 static void test_saved_values_come_back(void) {
     save_generation(1U);
     TEST_ASSERT_FALSE(terrapin_store_differs(&store, state));
@@ -703,6 +717,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_nothing_stored_is_blank_and_defaults);
     RUN_TEST(test_all_at_once_or_none);
+    RUN_TEST(test_equal_values_before_anything);
     RUN_TEST(test_saved_values_come_back);
     RUN_TEST(test_every_width_of_write);
     RUN_TEST(test_pieces_are_bounded);
