@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.model.model import Model
-from tests.campaigns import blind, calibration
+from tests.campaigns import blind, calibration, exhaustive
 from tests.campaigns.drawn import CATALOGUE, FOREIGN, Drawn, draw, noise, write
 from tests.campaigns.followup import after_experiment
 from tests.campaigns.formulas import predict
@@ -282,3 +282,12 @@ def test_a_case_of_the_calibration_is_judged_by_what_is_hidden() -> None:
     assert formula["hidden"] > 16.0
     assert formula["kind"] == "formula"
     assert nothing["right"] == (nothing["verdict"] == "adequate")
+
+
+def test_exhaustive_bic_names_what_is_hidden_and_nothing_where_nothing_is() -> None:
+    """A case of each kind; number 0 of a group lacks nothing, 1 an effect, 2 a pair."""
+    for number in (0, 1, 2):
+        found = exhaustive.one("independent", number, seed=6)
+        assert found["right"] == (set(found["named"]) == set(found["truth"]))
+        assert len(found["truth"]) == number
+        assert found["right"], found

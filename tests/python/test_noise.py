@@ -164,6 +164,16 @@ def test_what_wanders_over_the_whole_test_is_no_effect() -> None:
     assert (noise, found.verdict, found.missing) == ("drift", "missing", made.truth)
 
 
+def test_what_the_search_is_sure_of_is_an_alarm() -> None:
+    """Stribeck and drag in runs of steady speed: one thing at a time, the test takes them for run offsets."""
+    made, case, _ = calibration.drawn("odd rows", 14, 3)
+    found = discover(case)
+    assert found.analysis.adequacy.p_value > found.analysis.level
+    assert found.analysis.missing
+    assert (found.verdict, set(found.missing)) == ("missing", set(made.truth))
+    assert "no one thing alone shows it" in told(found.analysis, found).alarm
+
+
 @pytest.mark.parametrize("place", [*range(0, len(NODES), 5), len(NODES) - 1])
 def test_the_precision_is_the_inverse_of_the_covariance(place: int) -> None:
     random = np.random.default_rng(place)

@@ -1,4 +1,4 @@
-#define _GNU_SOURCE /* getrandom */
+#define _GNU_SOURCE /* getentropy */
 
 #include "link_key_file.h"
 
@@ -100,7 +100,7 @@ bool terrapin_process_seal(terrapin_link *link, const char *path) {
     if (!terrapin_process_link_key(path, key, &generation)) {
         return false;
     }
-    if (getrandom(&start, sizeof start, 0U) != (ssize_t)sizeof start) {
+    if (getentropy(&start, sizeof start) != 0) {
         (void)fprintf(stderr, "terrapin-controller: no random number for the sessions of %s: %s\n", path,
                       strerror(errno));
         return false;

@@ -11,6 +11,7 @@ import numpy as np
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.run.run import Result
+from terrapin_tools.figure_style import STYLE
 
 matplotlib.use("Agg")
 from matplotlib import pyplot
@@ -18,17 +19,7 @@ from matplotlib import pyplot
 __all__ = ["forced_slip", "ground_torque", "heated", "slip_limiter", "slope"]
 
 BLUE, RED, GREY, GREEN = "#2f6fdb", "#d0405a", "#68717d", "#158a74"
-pyplot.rcParams.update(
-    {
-        "figure.dpi": 110,
-        "font.size": 10,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "axes.grid": True,
-        "grid.alpha": 0.25,
-        "legend.frameon": False,
-    }
-)
+pyplot.rcParams.update(STYLE | {"figure.dpi": 110, "font.size": 10})
 
 
 def _panels(count: int, height: float) -> tuple[Any, list[Any]]:

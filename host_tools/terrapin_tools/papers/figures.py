@@ -7,6 +7,7 @@ from typing import Any
 
 import matplotlib
 
+from terrapin_tools.figure_style import STYLE
 from terrapin_tools.papers.part import Figure
 
 matplotlib.use("Agg")
@@ -15,22 +16,12 @@ from matplotlib import pyplot
 __all__ = ["AMBER", "BLUE", "GREEN", "GREY", "RED", "save"]
 
 BLUE, RED, GREY, GREEN, AMBER = "#2458b8", "#c0334d", "#6b7280", "#0d7a5f", "#b7791f"
-STYLE: Any = {
-    "font.size": 9,
-    "axes.titlesize": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.alpha": 0.25,
-    "legend.frameon": False,
-    "legend.fontsize": 8,
-    "svg.hashsalt": "terrapin",
-}
+SMALL: Any = {"font.size": 9, "axes.titlesize": 9, "legend.fontsize": 8}
 
 
 def save(figure: Figure, folder: Path) -> Path:
     """Draw it into folder/NAME.svg."""
-    with pyplot.rc_context(STYLE):
+    with pyplot.rc_context(STYLE | SMALL):
         canvas: Any = pyplot.figure(figsize=figure.size, layout="constrained")
         figure.draw(canvas)
         file = folder / f"{figure.name}.svg"

@@ -7,17 +7,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-__all__ = ["panels"]
+from terrapin_tools.figure_style import STYLE
 
-STYLE: Any = {
-    "svg.hashsalt": "terrapin",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.alpha": 0.25,
-    "legend.frameon": False,
-    "legend.fontsize": 8,
-}
+__all__ = ["panels"]
 
 
 @contextmanager
@@ -28,7 +20,7 @@ def panels(file: Path, size: tuple[float, float], widths: Sequence[float] = (1, 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    with pyplot.rc_context(STYLE):
+    with pyplot.rc_context(STYLE | {"legend.fontsize": 8}):
         figure, (left, right) = pyplot.subplots(1, 2, figsize=size, layout="constrained", width_ratios=widths)
         yield left, right
         figure.savefig(file, metadata={"Date": None} if file.suffix.lower() == ".svg" else {"Software": None}, dpi=110)
