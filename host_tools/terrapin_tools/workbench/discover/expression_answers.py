@@ -7,7 +7,7 @@ sums come from what lies next to the best answers (closure.py). An answer has a 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from scipy.special import logsumexp
@@ -29,12 +29,18 @@ WITHIN = 12.0  # log weight behind the best beyond which none is asked whether i
 PAIRS_REFITTED = (6, 4)  # pairs of expressions, and of one with an effect; chosen by hand, for time
 
 
-def expressions(ranker: Ranker) -> list[Hypothesis]:
+def expressions(ranker: Ranker, absurd: Collection[str] = ()) -> list[Hypothesis]:
     """Expressions around the present fit; where something is missing the best are refitted, the others weigh as a
-    group."""
+    group. `absurd`: effects of a size that none of them has, whose curve may be that of something else."""
     flat = ranker.base.reshape(ranker.values.size, -1)
+    known = [shape.columns for shape in ranker.flat if shape.effect not in absurd]
     ranker.listed = listed = library(
-        ranker.model, ranker.analysis.fit.theta, ranker.rows, ranker.sigma, ranker.columns, flat
+        ranker.model,
+        ranker.analysis.fit.theta,
+        ranker.rows,
+        ranker.sigma,
+        np.concatenate([np.zeros((ranker.values.size, 0)), *known], axis=1),
+        flat,
     )
     if not listed.sketches:
         return []

@@ -24,6 +24,7 @@ from terrapin_tools.workbench.discover.ranker import RUN, SIZE_OF_SET, Ranker, b
 from terrapin_tools.workbench.discover.suspect_answers import beside_constants, table_answers
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.model.fitting import Fit
+from terrapin_tools.workbench.model.usual_sizes import MOST_TAX
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
 __all__ = ["Hypothesis", "Ranking", "rank"]
@@ -106,7 +107,7 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
         singles |= {h.effects[0]: h for h in wrong if len(h.effects) == 1}
         found += [*wrong, *beside_constants(ranker)]
     report("short expressions in every column")
-    found += expressions(ranker)
+    found += expressions(ranker, [name for name, h in singles.items() if h.taxed >= MOST_TAX])
     if analysis.missing:
         found += expression_pairs(ranker)
         report("what lies next to the best answers")
