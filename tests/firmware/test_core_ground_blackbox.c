@@ -181,6 +181,7 @@ static void test_a_gap_does_not_interrupt_the_fit(void) {
 /* What the schedule does with a window's C_t once it is known. */
 static void tell_ground(void) {
     rig.state.estimator.open = true;
+    ground_speed(&rig.state);
     ground_resistance(&rig.state);
     ground_nearest(&rig.state);
     TEST_ASSERT_FALSE(rig.state.estimator.open);
@@ -207,6 +208,23 @@ static void test_slope_stays_in_torque_and_leaves_f_r(void) {
     rig.state.estimator.pitch_valid = false;
     tell_ground();
     TEST_ASSERT_TRUE(rig.state.ground.f_r_ppm < 0);
+}
+
+/* The curves' speed, squared and held at 200 rad/s: to 0.005 rad^2/s^2, its unit's half, and two roundings to 1e-6;
+ * 2^20 / 1e5 is good to 3.4e-7. */
+static void test_curves_follow_the_speed(void) {
+    rig_run(400);
+    rig.state.gains.weight_q22 = 1 << 22; /* the floor's torque is its f_r */
+    rig.state.parameter[TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_O] = 20000;
+    rig.state.parameter[TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_S] = 1000000;
+    for (int32_t mrad_s = 0; mrad_s <= 300000; mrad_s += 973) {
+        const double omega = fmin(mrad_s * 1e-3, 200.0);
+        const int32_t floor = ground_floor_unm(&rig.state, ground_square_q25(mrad_s * 1000));
+        const double curve = 1000.0 * omega * omega;
+        TEST_ASSERT_TRUE(fabs(floor - (20000.0 + curve)) <= 5.0 + (3.4e-7 * curve) + 2.0);
+        TEST_ASSERT_EQUAL_INT32(floor, ground_floor_unm(&rig.state, ground_square_q25(-mrad_s * 1000)));
+    }
+    TEST_ASSERT_INT32_WITHIN(14, 40020000, ground_floor_unm(&rig.state, ground_square_q25(INTEGER_MOST)));
 }
 
 static void test_one_message_a_slot_and_an_empty_one(void) {
@@ -365,6 +383,7 @@ int main(void) {
     RUN_TEST(test_fit_counts_to_its_end_and_stays_bounded);
     RUN_TEST(test_a_gap_does_not_interrupt_the_fit);
     RUN_TEST(test_slope_stays_in_torque_and_leaves_f_r);
+    RUN_TEST(test_curves_follow_the_speed);
     RUN_TEST(test_one_message_a_slot_and_an_empty_one);
     RUN_TEST(test_path_is_the_way_along_the_heading);
     RUN_TEST(test_heading_takes_the_empty_slot);

@@ -115,5 +115,5 @@ def test_the_images_bound_lies_above_what_was_found_but_not_far() -> None:
     assert counted["think"].max() < found["terrapin_step_think"]
     steps = counted["drive"].astype(int) + counted["think"]
     assert sum(found.values()) <= TIMES * steps.max()
-    more = {**report.LOOPS, "ground_nearest": (60, 5)}
+    more = {**report.LOOPS, "ground_nearest": (100,)}
     assert report.measure(text, halves, more)["terrapin_step_think"] > found["terrapin_step_think"] + 500
