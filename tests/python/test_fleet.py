@@ -164,6 +164,39 @@ def test_ctrl_c_while_workers_start_says_one_line(tmp_path: Path) -> None:
     assert all(is_progress(line, MANY) for line in progress)
 
 
+HELD_LOCK = """
+import signal, threading, time
+from terrapin_tools.workbench.fleet.pool import pool
+
+take, interrupts = threading.Condition.__enter__, 0
+
+def interrupted(lock):
+    global interrupts
+    taken = take(lock)
+    if threading.get_ident() == threading.main_thread().ident and interrupts < 1:
+        interrupts += 1
+        signal.raise_signal(signal.SIGINT)
+    return taken
+
+if __name__ == "__main__":
+    try:
+        with pool(2, "") as workers:
+            future = workers.submit(time.sleep, 0.2)
+            threading.Condition.__enter__ = interrupted
+            future.result()
+    except KeyboardInterrupt:
+        print("interrupted", interrupts)
+"""
+
+
+def test_ctrl_c_on_the_way_into_a_lock_leaves_it_free(tmp_path: Path) -> None:
+    """The signal comes when a future's lock is taken and its block not yet entered: the pool closes all the same."""
+    script = tmp_path / "held_lock.py"
+    script.write_text(HELD_LOCK)
+    ended = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=BOUND)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "interrupted 1\n", "")
+
+
 def test_a_reader_that_leaves_is_no_error(tmp_path: Path) -> None:
     folder = a_fleet(tmp_path, MANY)
     running = subprocess.Popen(
