@@ -100,7 +100,9 @@ def _update(files: Sequence[SignedFile], wire: Wire, change_robot: bool) -> str:
         "on trial": "started; not confirmed yet: without that the old image comes back at the next reset",
         "silent": "verified by the boot loader; the application does not say whether it started",
     }
-    return f"slot {outcome.slot}: {after[outcome.state]}"
+    revokes = next(file.image.revokes for file in files if file.image.slot == outcome.slot).hex()
+    counts = "counts no more" if outcome.revoked else "counts until a start after the image is confirmed"
+    return f"slot {outcome.slot}: {after[outcome.state]}{f'; key {revokes} {counts}' if revokes else ''}"
 
 
 def _whole(

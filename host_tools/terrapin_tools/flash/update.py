@@ -44,6 +44,7 @@ REASONS = {
     "not_an_image": "what arrived is no image for this boot loader",
     "wrong_slot": "the image is linked for the other slot",
     "wrong_key": "the image is signed with a key that the boot loader does not know",
+    "revoked_key": "the image is signed with a key that is revoked; `terrapin image sign --key` with the other one",
     "corrupted": "the image arrived damaged",
     "bad_signature": "the image is not signed, or its signature is forged",
     "counter_too_low": "the security counter is lower than that of the image confirmed before the present one",
@@ -75,7 +76,8 @@ class Controller:
     phase: str
     version: Version  # that an update needs at least
     security_counter: int
-    key: bytes  # first four bytes of the hash of the boot loader's key
+    keys: tuple[bytes, ...]  # first two bytes of the hash of each key that the boot loader takes
+    revoked: bytes = b""  # and of the one that it takes no more
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,7 @@ class Outcome:
 
     slot: str
     state: str  # "confirmed", "on trial", "silent": no answer that tells
+    revoked: bool = False  # the key that the image revokes counts no more
 
 
 def _slot(number: int) -> str:
@@ -122,6 +125,8 @@ def _ask(wire: Wire, sender: Sender, seconds: float) -> Controller | None:
                 if info["protocol"] != PROTOCOL:
                     raise UserError(f"{wire.name}: speaks update protocol {info['protocol']}, expected {PROTOCOL}")
                 phases = {number: name for name, number in enums["update_phase"].items()}
+                names = [(least[name] & 0xFFFF).to_bytes(2, "little") for name in ("key", "next_key")]
+                counting = [name for place, name in enumerate(names, 1) if place != info["revoked"]]
                 return Controller(
                     running=_slot(info["running"]),
                     confirmed=_slot(info["confirmed"]),
@@ -129,7 +134,8 @@ def _ask(wire: Wire, sender: Sender, seconds: float) -> Controller | None:
                     phase=phases.get(info["phase"], "none"),
                     version=Version(info["major"], info["minor"], info["revision"]),
                     security_counter=least["security_counter"],
-                    key=(least["key"] & 0xFFFFFFFF).to_bytes(4, "little"),
+                    keys=tuple(dict.fromkeys(counting)),
+                    revoked=names[info["revoked"] - 1] if info["revoked"] in (1, 2) else b"",
                 )
     return None
 
@@ -260,10 +266,12 @@ def _choose(files: Sequence[SignedFile], controller: Controller) -> SignedFile:
     image, least = file.image, controller.version
     if image.key_hash is None or image.signature is None:
         raise UserError(f"{file.name}: not signed; `terrapin image sign` does it")
-    if image.key_hash[:4] != controller.key:
-        raise UserError(
-            f"{file.name}: signed with key {image.key_hash[:4].hex()}, the boot loader knows {controller.key.hex()}"
-        )
+    if image.key_hash[:2] not in controller.keys:
+        taken = " and ".join(f"{name.hex()}..." for name in controller.keys)
+        found = f"{file.name}: signed with key {image.key_hash[:4].hex()}"
+        if image.key_hash[:2] == controller.revoked:
+            raise UserError(f"{found}, which is revoked; `terrapin image sign --key` with the one that counts, {taken}")
+        raise UserError(f"{found}, the boot loader knows {taken}")
     if (image.version.major, image.version.minor, image.version.revision) < (least.major, least.minor, least.revision):
         raise UserError(f"{file.name}: version too old: {image.version}, expected {least} or newer")
     if image.security_counter < controller.security_counter:
@@ -335,7 +343,21 @@ def update(wire: Wire, files: Sequence[SignedFile], told: Told, change_robot: bo
     _demand(wire, sender, "end", {"checksum": zlib.crc32(data)}, VERIFY, file.name)
     told("starting", len(data), len(data))
     _reset(wire, sender, {}, file.name, lambda found: bool(found.running))
-    return Outcome(image.slot, _started(wire, sender, image.slot, file.name))
+    state = _started(wire, sender, image.slot, file.name)
+    return Outcome(image.slot, state, state == "confirmed" and _revoked(wire, sender, file))
+
+
+def _revoked(wire: Wire, sender: Sender, file: SignedFile) -> bool:
+    """Whether the key that a confirmed image revokes counts no more: from its next start on, which is now."""
+    name = file.image.revokes[:2]
+    if not name:
+        return False
+    found = _ask(wire, sender, ANSWER)
+    if found is not None and found.revoked != name:
+        _reset(wire, sender, {}, file.name, lambda found: found.revoked == name)
+        time.sleep(START)
+        found = _ask(wire, sender, CONFIRM)
+    return found is not None and found.revoked == name
 
 
 def _started(wire: Wire, sender: Sender, slot: str, name: str) -> str:
