@@ -12,7 +12,7 @@ enum {
     Y_MAX = 1048576, /* f_r up to 1.05, in 1e-6 */
     UNKNOWN_Q3 = 64, /* farther than 8 sd from every curve is no terrain of the table */
     MARGIN_MAX_Q3 = 255,
-    OFF_MOST_PPM = 536870912, /* 2^29: from any curve */
+    OFF_MOST_PPM = 402653184, /* from any curve: 40 * 1e7 and some; 8 of it fit 32 bits */
     SQUARE_MOST = 4000000,    /* 200 rad/s squared, in 0.01 rad^2/s^2: below 2^31 in Q25 of 1000 rad^2/s^2 */
     FIT_NOISE_PPM = 1000,     /* sd of f_r over windows that the prior is weighed against */
     MOMENT_BITS = 22,         /* moments of Q8 numbers are kept in 64 times the product of their units */
