@@ -11,8 +11,6 @@ import shutil
 import stat
 import subprocess
 import sys
-import threading
-import time
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -21,13 +19,13 @@ from types import SimpleNamespace
 from typing import Any
 from unittest import mock
 
-import can
 import pytest
 from an3155 import Emulator
 from bootlib import Chip
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from kit import KEY, NEXT_KEY, NEXT_PUBLIC, OTHER_KEY, PUBLIC, code, image
+from virtual_chip import on_bus
 
 from terrapin_hil import paths
 from terrapin_hil.links import LinkName
@@ -161,63 +159,6 @@ def test_the_motor_is_on(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "the motor is on; stop it first" in done.stderr
     assert (tmp_path / "flash.bin").read_bytes() == before
-
-
-class Node(threading.Thread):
-    """A chip on python-can's virtual bus; `lose`: every so many-th frame, of both directions, is lost."""
-
-    def __init__(self, channel: str, lose: int = 0, next_key: bytes = b"") -> None:
-        super().__init__(daemon=True)
-        self.bus = can.Bus(interface="virtual", channel=channel, receive_own_messages=False)
-        self.chip = Chip(PUBLIC, next_key)
-        self.chip.start()
-        self.lose, self.count, self.resets = lose, 0, 0
-        self.going = True
-        self.mute: set[int] = set()  # identifiers that it does not hear
-        self.answers = 1  # to each request, as to one that was sent as often
-        self.lose_once: list[int] = []  # identifiers of requests that are lost, once each,
-        self.lose_answer: list[int] = []  # and of those whose answer is
-
-    def lost(self) -> bool:
-        self.count += 1
-        return self.lose > 0 and self.count % self.lose == 0
-
-    def run(self) -> None:
-        while self.going:
-            message = self.bus.recv(0.05)
-            if message is None or message.arbitration_id in self.mute or self.lost():
-                continue
-            if message.arbitration_id in self.lose_once:
-                self.lose_once.remove(message.arbitration_id)
-                continue
-            replies = self.chip.accept(message.arbitration_id, bytes(message.data))
-            if message.arbitration_id in self.lose_answer:
-                self.lose_answer.remove(message.arbitration_id)
-                replies = []
-            for identifier, data in replies:
-                for _ in range(0 if self.lost() else self.answers):
-                    self.bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
-            if self.chip.update.reset:
-                self.resets += 1
-                if self.chip.update.stay:
-                    self.chip.lib.terrapin_update_init(self.chip.update, self.chip.boot, 0)
-                elif self.chip.start():
-                    self.chip.confirm()
-
-
-@contextlib.contextmanager
-def on_bus(lose: int = 0, next_key: bytes = b"") -> Iterator[tuple[Node, CanWire]]:
-    channel = f"flash-{os.getpid()}-{time.monotonic_ns()}"
-    node = Node(channel, lose, next_key)
-    node.start()
-    wire = CanWire(LinkName("can", "virtual", channel))
-    try:
-        yield node, wire
-    finally:
-        wire.close()
-        node.going = False
-        node.join(5)
-        node.bus.shutdown()
 
 
 def test_can_end_to_end() -> None:

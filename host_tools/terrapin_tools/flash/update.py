@@ -12,11 +12,12 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+from terrapin_hil.links.seal import LinkKey, seal_link, takes_changes
 from terrapin_hil.messages import Frame, Sender, interface
 from terrapin_interface.robot import identity_of, robots
 from terrapin_tools.errors import UserError
 from terrapin_tools.flash.image import Image, Version
-from terrapin_tools.flash.wires import Told, Wire
+from terrapin_tools.flash.wire import Told, Wire
 
 __all__ = ["Controller", "Outcome", "SignedFile", "query", "update"]
 
@@ -208,7 +209,29 @@ def _reset(wire: Wire, sender: Sender, values: dict[str, int], name: str, done: 
         found = _ask(wire, sender, ANSWER)
         if found is not None and done(found):
             return
+    if wire.session is None and not takes_changes(wire):
+        raise UserError(
+            f"{wire.name}: the controller takes no reset without its link key; expected --link-key LINK.key", status=1
+        )
     raise _silent(wire, "reset")
+
+
+def _reset_application(
+    wire: Wire,
+    sender: Sender,
+    values: dict[str, int],
+    name: str,
+    done: Callable[[Controller], bool],
+    key: LinkKey | None,
+) -> None:
+    """RESET of an application, which wants it sealed when it has a link key. What answers after it is unsealed: the
+    boot loader, or another session's application."""
+    if key is not None:
+        seal_link(wire, key)
+    try:
+        _reset(wire, sender, values, name, done)
+    finally:
+        wire.session = None
 
 
 def robot_name(identity: int) -> str:
@@ -281,8 +304,8 @@ def _choose(files: Sequence[SignedFile], controller: Controller) -> SignedFile:
     return file
 
 
-def _enter_loader(wire: Wire, sender: Sender, name: str) -> Controller:
-    _reset(wire, sender, {"stay": 1}, name, lambda found: not found.running)
+def _enter_loader(wire: Wire, sender: Sender, name: str, key: LinkKey | None) -> Controller:
+    _reset_application(wire, sender, {"stay": 1}, name, lambda found: not found.running, key)
     end = time.monotonic() + ANSWER
     while time.monotonic() < end:
         found = _ask(wire, sender, ANSWER)
@@ -318,16 +341,24 @@ def _send_blocks(wire: Wire, sender: Sender, data: bytes, told: Told) -> None:
             raise UserError(f"{wire.name}: refused: another host is updating it, or it was reset", status=1)
 
 
-def update(wire: Wire, files: Sequence[SignedFile], told: Told, change_robot: bool = False) -> Outcome:
-    """Put one of the files (one a slot) on the controller. UserError when it or they would not.
+def update(
+    wire: Wire,
+    files: Sequence[SignedFile],
+    told: Told,
+    change_robot: bool = False,
+    key: LinkKey | None = None,
+) -> Outcome:
+    """Put one of the files (one a slot) on the controller. UserError when it or they would not; LinkError for a `key`
+    that is not the controller's.
 
-    `change_robot`: the controller takes the images of the file's robot from now on, and no other's.
+    `change_robot`: the controller takes the images of the file's robot from now on, and no other's. `key`: the link key
+    of the application that runs.
     """
     sender = Sender()
     controller = query(wire)
     file = _choose(files, controller)
     if controller.running:
-        controller = _enter_loader(wire, sender, file.name)
+        controller = _enter_loader(wire, sender, file.name, key)
         file = _choose(files, controller)
     image = file.image
     there = _made_for(wire, sender, image.robot if change_robot else None)
@@ -344,17 +375,17 @@ def update(wire: Wire, files: Sequence[SignedFile], told: Told, change_robot: bo
     told("starting", len(data), len(data))
     _reset(wire, sender, {}, file.name, lambda found: bool(found.running))
     state = _started(wire, sender, image.slot, file.name)
-    return Outcome(image.slot, state, state == "confirmed" and _revoked(wire, sender, file))
+    return Outcome(image.slot, state, state == "confirmed" and _revoked(wire, sender, file, key))
 
 
-def _revoked(wire: Wire, sender: Sender, file: SignedFile) -> bool:
+def _revoked(wire: Wire, sender: Sender, file: SignedFile, key: LinkKey | None) -> bool:
     """Whether the key that a confirmed image revokes counts no more: from its next start on, which is now."""
     name = file.image.revokes[:2]
     if not name:
         return False
     found = _ask(wire, sender, ANSWER)
     if found is not None and found.revoked != name:
-        _reset(wire, sender, {}, file.name, lambda found: found.revoked == name)
+        _reset_application(wire, sender, {}, file.name, lambda found: found.revoked == name, key)
         time.sleep(START)
         found = _ask(wire, sender, CONFIRM)
     return found is not None and found.revoked == name
