@@ -20,6 +20,7 @@ __all__ = [
     "Json",
     "Level",
     "NodeNumber",
+    "Picture",
     "RobotName",
     "Seed",
     "check_options",
@@ -66,6 +67,17 @@ NodeNumber = Annotated[
 Level = Annotated[float, typer.Option("--level", help="false alarm rate of the verdict")]
 Cluster = Annotated[
     str, typer.Option("--cluster", metavar="ADDRESS", help="of a Dask scheduler that does the work, tcp://host:8786")
+]
+
+
+def _picture(name: str) -> Path:
+    if not name.lower().endswith((".png", ".svg")):
+        raise UserError(f"--plot: found {Path(name).name!r}, expected a name that ends in .png or .svg")
+    return Path(name)
+
+
+Picture = Annotated[
+    Path | None, typer.Option("--plot", metavar="FILE", parser=_picture, help="draw it, as .png or .svg")
 ]
 
 

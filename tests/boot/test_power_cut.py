@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import pytest
 from bootlib import CUTS, Chip, send
-from kit import PUBLIC, image
+from kit import KEY, NEXT_KEY, NEXT_PUBLIC, PUBLIC, image
 
+REVOKING = image("b", "1.1.0", counter=2, size=64, key=NEXT_KEY, revokes=KEY)
 OLD, NEW = image("a", "1.0.0", counter=1, size=64), image("b", "1.1.0", counter=2, size=64)
 
 
@@ -142,3 +143,64 @@ def test_every_write_of_three_tries(way: int, confirms: bool) -> None:
         tries(chip)
         assert chip.memory.off, cut
         check_whole(chip, (cut, way))
+
+
+@pytest.mark.parametrize("way", range(len(CUTS)), ids=CUTS)
+def test_every_write_of_a_revocation(way: int) -> None:
+    """From the update's erase to the record that revokes the key of the image before, and each write of the start after
+    a cut: old or new runs; the old key counts until the new image is confirmed, and never again once it is revoked."""
+    chip = Chip(PUBLIC, NEXT_PUBLIC)
+    chip.put("a", OLD)
+    assert chip.start() == "a"
+    assert chip.confirm()
+    fresh = chip.contents()
+
+    def revocation(chip: Chip) -> None:
+        if send(chip, REVOKING, "b") == "ok" and chip.start() == "b" and chip.confirm():
+            chip.start()
+
+    def ends_well(name: object) -> str:
+        chip.power_on()
+        revoked = chip.record().revoked
+        started = chip.start()
+        assert started in ("a", "b"), name
+        assert (chip.check("a") == "revoked_key") == (chip.record().revoked == 1), name
+        if revoked:
+            assert started == "b", name
+        if started == "a":
+            assert chip.record().revoked == 0, name
+            assert send(chip, REVOKING, "b") == "ok", name
+            assert chip.start() == "b", name
+        assert chip.confirm(), name
+        assert chip.start() == "b", name
+        assert chip.record().revoked == 1, name
+        assert chip.check("a") == "revoked_key", name
+        assert chip.start() == "b", name
+        return started
+
+    fails_at(chip, 0xFFFFFFFF, way)
+    revocation(chip)
+    assert chip.record().revoked == 1
+    operations = chip.memory.operations
+    ended = {"a": 0, "b": 0}
+    seconds = 0
+    for cut in range(operations):
+        for second in range(-1, 64 if cut >= operations - 33 else 0):  # the last records, and the start after the cut
+            chip.restore(fresh)
+            assert chip.start() == "a"
+            fails_at(chip, cut, way)
+            revocation(chip)
+            assert chip.memory.off, cut
+            if second >= 0:
+                chip.power_on()
+                fails_at(chip, second, way)
+                if chip.start() == "b" and chip.confirm():
+                    chip.start()
+                if not chip.memory.off:
+                    break
+                seconds += 1
+            ended[ends_well((cut, second, way))] += 1
+    assert ended["a"] > 100
+    assert ended["b"] > 24
+    assert seconds > 100
+    print(f"{CUTS[way]}: {operations} cuts and {seconds} second ones, {ended}, 0 bricks")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from terrapin_tools.command_options import CaseFolder, Json, Level, deliver
+from terrapin_tools.command_options import CaseFolder, Json, Level, Picture, deliver
 from terrapin_tools.errors import UserError, about
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def slip_limit(
         list[str] | None,
         typer.Option("--ground", help="a robot or ground of the study; repeat for more [default: all]"),
     ] = None,
-    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE", help="draw it, as .png or .svg")] = None,
+    plot: Picture = None,
     json: Json = "",
 ) -> None:
     """Which slip limit carries most, climbs furthest, digs least, costs least: the sphere on a rig and rolling freely.
@@ -87,8 +87,6 @@ def slip_limit(
     from terrapin_hil.robots import select
     from terrapin_tools.experiments import slip_limit as study
 
-    if plot is not None and plot.suffix.lower() not in (".png", ".svg"):
-        raise UserError(f"--plot: found {plot.name!r}, expected a name that ends in .png or .svg")
     for name in case or ():
         if name not in study.CASES:
             raise UserError(f"--ground: found {name!r}, expected one of {', '.join(study.CASES)}")

@@ -117,19 +117,24 @@ def _start_worker() -> None:
 
 @contextmanager
 def _later() -> Iterator[None]:
-    """A Ctrl-C that comes meanwhile waits for the end. Raised on the way into a lock of loky's or of its futures (as in
-    threading.Condition.__enter__) it would leave the lock taken for good, and the pool could never be closed."""
+    """A signal whose handler raises (Ctrl-C, and what ends a command) waits for the end. Raised on the way into a lock
+    of loky's or of its futures (as in threading.Condition.__enter__) it would leave the lock taken for good, and the
+    pool could never be closed."""
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread has to do with signals
         return
     came: list[int] = []
-    usual = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    usual = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    held = {number: handler for number, handler in usual.items() if callable(handler)}  # no default, nor ignored
+    for number in held:
+        signal.signal(number, lambda number, _: came.append(number))
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, usual)
-        if came:
-            signal.raise_signal(signal.SIGINT)
+        for number, handler in held.items():
+            signal.signal(number, handler)
+        for number in came[:1]:
+            signal.raise_signal(number)
 
 
 @contextmanager
