@@ -26,7 +26,7 @@ from terrapin_tools.workbench.compare.comparison import (
     predict,
 )
 from terrapin_tools.workbench.discover.certainty import EVEN, Operating, calibrated, operating_characteristic
-from terrapin_tools.workbench.discover.leftover import Left, absent, allowed, left, pays
+from terrapin_tools.workbench.discover.leftover import Left, absent, allowed, left, loses, pays
 from terrapin_tools.workbench.discover.ranker import SIZE_OF_SET
 from terrapin_tools.workbench.discover.ranking import Hypothesis, Ranking, rank
 from terrapin_tools.workbench.discover.resampled import Selected, selection
@@ -196,9 +196,10 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
             break
     if top.kind != "catalogue" and not _says_enough(ranking, analysis, top):
         return "unexplained", top, [], calibrated(sum(p for h, p in sets if h.kind != "catalogue"), "unexplained")
-    if _loses(analysis, top):
+    assert top.fit is not None
+    if loses(analysis, top.fit):
         near = [(h, p) for h, p in sets if h.kind == "catalogue" and p >= SAME_AS_GOOD * best]
-        sets = [(h, p) for h, p in near if not _loses(analysis, h)]
+        sets = [(h, p) for h, p in near if h.fit is not None and not loses(analysis, h.fit)]
         if not sets:
             return "unexplained", top, [], EVEN
         top, best = sets[0]
@@ -280,14 +281,6 @@ def _noise_left(analysis: Analysis, fit: Fit) -> Node:
     base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
     runs = Runs(analysis.case.run[rows], len(residual))
     return Evidence(runs, residual / sigma[:, None], base, analysis.noise.behind).likeliest()
-
-
-def _loses(analysis: Analysis, top: Hypothesis) -> bool:
-    """Whether the held-out runs are predicted worse with the answer than without."""
-    assert top.fit is not None
-    before = error(analysis.fit, analysis.case.test, analysis.noise.sigma)
-    after = error(top.fit, analysis.case.test, analysis.noise.sigma)
-    return before is not None and after is not None and after > before
 
 
 def _without_idle(analysis: Analysis, ranking: Ranking) -> Ranking:

@@ -13,10 +13,12 @@ import numpy as np
 from scipy.special import logsumexp
 
 from terrapin_hil.arrays import Array, Index
+from terrapin_tools.workbench.compare.comparison import error
 from terrapin_tools.workbench.discover.expressions import Sketch, library
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
 from terrapin_tools.workbench.discover.leftover import absent, pays
 from terrapin_tools.workbench.discover.ranker import CATALOGUE, SIZE_OF_SET, Ranker
+from terrapin_tools.workbench.model.fitting import Fit
 
 __all__ = ["expression_pairs", "expressions", "paying"]
 
@@ -141,10 +143,12 @@ def _named(ranker: Ranker, index: int) -> str:
 def paying(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
     """The answers without those of several terms of which one does not pay on the held-out runs: an expression, and any
     effect where the noise sd is an estimate. That is too large where what is missing differs between equal settings (a
-    friction that turns round), and then the smallest flaw of an effect's shape would earn it company."""
+    friction that turns round), and then the smallest flaw of an effect's shape would earn it company. There it must
+    also pay beside the shorter set of effects that predicts the held-out runs best, whatever that is made of."""
     known = {frozenset(h.effects): h.fit for h in found if h.fit is not None}
     kept: list[Hypothesis] = []
     estimated = not ranker.analysis.noise.known.all()
+    best = _best_heldout(ranker, found) if estimated else []
     for h in sorted(found, key=lambda h: -h.log_weight):
         own = [name for name in h.effects if name in ranker.sketches or estimated]
         if len(h.effects) > 1 and own and h.fit is not None:
@@ -152,8 +156,25 @@ def paying(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
                 continue
             shorter = [tuple(n for n in h.effects if n != name) for name in own]
             near = not kept or h.log_weight > kept[0].log_weight - WITHIN
-            asked = [names for names in shorter if frozenset(names) in known or near]
-            if not all(pays(ranker.analysis, h.fit, known.get(frozenset(n)) or ranker.fit(n)) for n in asked):
+            asked = [known.get(frozenset(n)) or ranker.fit(n) for n in shorter if frozenset(n) in known or near]
+            if estimated:
+                asked += best[: len(h.effects) - 1][-1:]
+            if not all(pays(ranker.analysis, h.fit, fit) for fit in asked):
                 continue
         kept.append(h)
     return kept
+
+
+def _best_heldout(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Fit]:
+    """Of the sets of at most one, two ... effects those that predict the held-out runs best; none without such runs."""
+    case, sigma = ranker.case, ranker.analysis.noise.sigma
+    sets = [h for h in found if h.kind == "catalogue" and h.fit is not None and not absent(h.fit, h.effects)]
+    errors = {id(h): value for h in sets if h.fit and (value := error(h.fit, case.test, sigma)) is not None}
+    chosen: list[Fit] = []
+    for count in range(1, max((len(h.effects) for h in sets), default=0) + 1):
+        upto = [h for h in sets if len(h.effects) <= count and id(h) in errors]
+        if upto:
+            fit = min(upto, key=lambda h: errors[id(h)]).fit
+            assert fit is not None
+            chosen.append(fit)
+    return chosen
