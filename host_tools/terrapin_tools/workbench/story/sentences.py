@@ -172,6 +172,9 @@ def headline(found: Findings, p: float, level: float) -> str:
             more = "more is missing, which no catalogued effect and no short expression explains"
             are = "is" if len(found.part) == 1 else "are"
             return f"{_joined(found.part)} {are} part of it; with probability {sure} {more}.{on}"
+        if found.probability < EVEN:
+            doubt = f"that no catalogued effect and no short expression explains it has only probability {sure}"
+            return f"Something is missing, and what is likeliest is not shown yet; {doubt}.{on}"
         return f"With probability {sure} no catalogued effect and no short expression explains what is missing.{on}"
     before, after = [rung.heldout_error for rung in (found.ladder[0], *found.ladder)[-2:]]
     faults = [one for one in found.candidates if one.effect in found.missing and one.kind in FAULTS]
@@ -231,6 +234,12 @@ def doubt(likeliest: Sequence[str], column: str, blind: bool) -> tuple[str, ...]
 def best_leaves(best: Rung) -> str:
     errors = f"{in_sd(best.train_error)} training, {in_sd(best.heldout_error)} held out"
     return f"The best set, {best.added}, leaves more than noise: error {errors}."
+
+
+def unproved(best: Rung, before: float, after: float) -> str:
+    """What the likeliest set does to the held-out runs [noise sd], where that speaks against it."""
+    rises = f"the error of the held-out runs rises from {in_sd(before)} to {in_sd(after)} noise sd"
+    return f"Likeliest is {best.added}, but with it {rises}. More runs would decide."
 
 
 def only_here(effects: Sequence[str]) -> str:
@@ -358,6 +367,8 @@ def next_step(
             text = "Put in what is surely part of it, and look again at what is left."
             command = f"terrapin add {folder} {' '.join(found.part)}"
             return Next("add", text, offer="Add it" if len(found.part) == 1 else "Add them", command=command)
+        if found.probability < EVEN:
+            return Next("nothing", "Measure more runs over the same range, and look again.")
         text = "Look at the runs that carry it, and measure what may go with it: a column that is not there cannot be"
         return Next("nothing", f"{text} named. An effect of your own can be tried, too.")
     if found.plan is not None:

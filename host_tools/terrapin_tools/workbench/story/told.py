@@ -106,6 +106,10 @@ def found_by(discovery: Discovery) -> Findings:
         remarks = sentences.doubt(likeliest.effects, likeliest.column, discovery.ranking.blind)
     elif discovery.verdict == "unexplained" and discovery.leaves and discovery.best and not discovery.odd_runs:
         remarks = (sentences.best_leaves(*_rungs([discovery.best])),)
+    elif discovery.verdict == "unexplained" and discovery.best and not discovery.odd_runs:
+        (first, best) = _rungs([discovery.ladder[0], discovery.best])
+        if first.heldout_error and best.heldout_error and best.heldout_error > first.heldout_error:
+            remarks = (sentences.unproved(best, first.heldout_error, best.heldout_error),)
     elif own := [c.effect for c in candidates if c.kind == "expression" and c.effect in discovery.missing]:
         remarks = (sentences.only_here(own),)
     return Findings(
