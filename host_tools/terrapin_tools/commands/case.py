@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from terrapin_tools.command_options import Json, RobotName, deliver, take_robot
+from terrapin_tools.command_options import Json, ThisRobot, deliver
 from terrapin_tools.errors import UserError
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def runs(
         float | None,
         typer.Option("--span", metavar="SECONDS", help="rows of this length, steady or not, in place of the windows"),
     ] = None,
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> None:
     """Turn logged runs into a case of rolling_steady: one row for each steady window that the controller called valid.
 
@@ -45,7 +45,6 @@ def runs(
 
     terrapin case runs out/runs/* --to out/case --effect speed_squared --effect inertia --span 0.2
     """
-    take_robot(robot)
     from terrapin_hil.physics.effects import catalogue
     from terrapin_tools.workbench.bases.rolling_steady import BASE
     from terrapin_tools.workbench.robot.runs import read_run, write_case
@@ -103,14 +102,13 @@ def map_(
     dbc: Annotated[Path | None, typer.Option("--dbc", metavar="FILE", help="of a log; else the controller's")] = None,
     period: Annotated[str, typer.Option("--period", help="of the grid that a log is sampled on")] = "10 ms",
     json: Json = "",
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> None:
     """Make a case of tables or logs whose columns you map: nothing is guessed, and the files are copied into the case.
 
     Example: terrapin case map day_1.csv --to my_case --base equation --column "f=force" --unit f=N
     --column "x=way [mm]" --unit x=mm --equation "f=k*x" --fit k=1:0:9
     """
-    take_robot(robot)
     from terrapin_tools.workbench.files.writing import whole_folder
     from terrapin_tools.workbench.new_case import options
     from terrapin_tools.workbench.new_case.from_columns import make
