@@ -173,7 +173,8 @@ typedef struct {
     int64_t xx;        /* second moments about the means, in 64 times the product of the units */
     int64_t xy;
     uint8_t windows;
-    uint8_t todo; /* steps that are left for the last fresh window, of FIT_STEPS */
+    uint8_t todo;       /* steps that are left for the last fresh window, of FIT_STEPS */
+    int32_t square_q25; /* of the window's speed, as ground_square_q25 */
     /* results */
     int32_t f_r_ppm;
     int32_t f_r_sd_ppm;

@@ -290,6 +290,12 @@ def too_large(parameter: str, times: float) -> str:
     return f" Its {parameter} is {number(times, 2)} times what is usual for such a robot, which speaks against it."
 
 
+def doubtful(effect: str, parameter: str, times: float) -> str:
+    """What speaks against an effect that is named."""
+    usual = f"The {parameter} of {effect} is {number(times, 2)} times what is usual for such a robot"
+    return f"{usual}, which speaks for something else that has the same shape."
+
+
 def noise_source(source: str, kind: str, rho: float) -> str:
     """Where the noise sd comes from, and of what kind the noise is; `rho`: correlation from row to row."""
     return f"{source}; {kind}" + (f", correlation from row to row {number(rho)}" if rho else "")

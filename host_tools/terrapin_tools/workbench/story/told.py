@@ -44,6 +44,9 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
     notes = [sentences.goal(one) for one in goals]
     notes += [sentences.thinned(analysis.step)] if analysis.step > 1 else []
     notes += [_carried(analysis)] if analysis.missing and not (found and found.odd_runs) else []
+    for one in found.candidates if found else ():
+        if found and one.effect in found.missing and (large := _too_large(analysis, found, one)):
+            notes.append(sentences.doubtful(one.effect, *large))
     findings = noise_findings(analysis)
     notes += [sentences.noise_told(one, case.units.get(one.channel) or "") for one in findings]
     heading, measure = sentences.HEADINGS.get(verdict if found else "", sentences.HEADINGS[""])
@@ -237,6 +240,8 @@ def _cards(analysis: Analysis, found: Findings) -> list[Card]:
         effect = case.library.get(one.effect)
         own = one.kind == "expression" or (effect is None and one.mend is None)
         reason = sentences.reason(found, one, _why_not(analysis, found, effect))
+        if one.effect not in found.missing and (large := _too_large(analysis, found, one)):
+            reason += sentences.too_large(*large)
         cards.append(
             Card(
                 proposal=one,
@@ -245,7 +250,7 @@ def _cards(analysis: Analysis, found: Findings) -> list[Card]:
                 latex=_latex(one, effect),
                 acts=sentences.acts(one.target, {**case.base.channels, **case.base.forces}) if own else "",
                 source=effect.source if effect else "",
-                reason=reason + _too_large(analysis, found, one),
+                reason=reason,
                 values=found.together.get(one.effect, one.parameters),
             )
         )
@@ -268,15 +273,15 @@ def _why_not(analysis: Analysis, found: Findings, effect: Effect | None) -> str:
     return ""
 
 
-def _too_large(analysis: Analysis, found: Findings, one: Proposal) -> str:
-    """That a size is far from what such an effect usually has, "" where it is not."""
+def _too_large(analysis: Analysis, found: Findings, one: Proposal) -> tuple[str, float] | None:
+    """The parameter that is its size, and how many times what is usual that is; None where it is not far from it."""
     effect = analysis.case.library.get(one.effect)
     usual = usual_size(effect, analysis.case) if effect is not None else None
     values = found.together.get(one.effect, one.parameters)
     if effect is None or usual is None or one.explains < sentences.LITTLE:
-        return ""
+        return None
     times = abs(values[effect.parameters[0].name].value) / usual
-    return sentences.too_large(effect.parameters[0].name, times) if times > TOO_LARGE else ""
+    return (effect.parameters[0].name, times) if times > TOO_LARGE else None
 
 
 def _carried(analysis: Analysis) -> str:
