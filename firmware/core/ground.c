@@ -12,7 +12,7 @@ enum {
     Y_MAX = 1048576, /* f_r up to 1.05, in 1e-6 */
     UNKNOWN_Q3 = 64, /* farther than 8 sd from every curve is no terrain of the table */
     MARGIN_MAX_Q3 = 255,
-    OFF_MOST_PPM = 268435456,   /* 2^28 */
+    OFF_MOST_PPM = 268435455,   /* eight of them fit 31 bits */
     SQUARE_MOST_Q20 = 67108864, /* 2^26 */
     FIT_NOISE_PPM = 1000,       /* sd of f_r over windows that the prior is weighed against */
     MOMENT_BITS = 22,           /* moments of Q8 numbers are kept in 64 times the product of their units */
