@@ -472,6 +472,21 @@ static void test_the_nearest_terrain_to_an_eighth(void) {
     TEST_ASSERT_EQUAL_INT32_MESSAGE(TERRAPIN_TERRAIN_UNKNOWN, terrain_at(645, 90000), "an eighth more");
 }
 
+/* Off by more than 268 at an sd of 1e-6, the least there is: far from all, and not so far that it comes round to near.
+ */
+static void test_what_is_far_from_every_curve(void) {
+    (void)terrain_at(0, 0);
+    for (uint16_t i = 0U; i < TERRAINS; i++) {
+        rig_set((uint16_t)(TERRAPIN_PARAMETER_TERRAIN_SAND_F_S + (2 * i)), 10000000);
+    }
+    rig.state.ground.f_r_sd_ppm = 1;
+    rig.state.estimator.omega_urad_s = 250000000;
+    rig.state.estimator.open = true;
+    ground_nearest(&rig.state);
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_TERRAIN_UNKNOWN, rig.state.ground.terrain);
+    TEST_ASSERT_EQUAL_INT32(0, rig.state.ground.margin_q3);
+}
+
 /* f_r is held at 2^20 ppm either way, and a window at rest says x = 0. */
 static void test_the_ends_of_the_fit(void) {
     rig_set(TERRAPIN_PARAMETER_WEIGHT, 1000);
@@ -516,6 +531,7 @@ int main(void) {
     RUN_TEST(test_attitude_and_report);
     RUN_TEST(test_saturation_raises_its_flag_and_goes_with_its_cause);
     RUN_TEST(test_the_nearest_terrain_to_an_eighth);
+    RUN_TEST(test_what_is_far_from_every_curve);
     RUN_TEST(test_the_ends_of_the_fit);
     return UNITY_END();
 }
