@@ -482,6 +482,7 @@ static void test_what_is_far_from_every_curve(void) {
     rig.state.ground.f_r_sd_ppm = 1;
     rig.state.estimator.omega_urad_s = 250000000;
     rig.state.estimator.open = true;
+    ground_speed(&rig.state);
     ground_nearest(&rig.state);
     TEST_ASSERT_EQUAL_INT32(TERRAPIN_TERRAIN_UNKNOWN, rig.state.ground.terrain);
     TEST_ASSERT_EQUAL_INT32(0, rig.state.ground.margin_q3);

@@ -242,6 +242,20 @@ def unproved(best: Rung, before: float, after: float) -> str:
     return f"Likeliest is {best.added}, but with it {rises}. More runs would decide."
 
 
+def constant_in_set(rung: Rung, name: str, value: float, stated: float, unit: str) -> str:
+    """A set among rivals that changes a stated constant: what it would be, what the set leaves, what speaks against."""
+    off = abs(value / stated - 1.0)
+    against = [f"{percent(off)} from what is stated"]
+    errors = [rung.train_error, *([] if rung.heldout_error is None else [rung.heldout_error])]
+    if max(errors) > NEAR_FLOOR:
+        against.append("more than noise is left")
+    leaves = f"errors {in_sd(rung.train_error)} training, {in_sd(rung.heldout_error)} held out"
+    return (
+        f"With {rung.added} {name} would be {number(value, 3)}{behind(unit)} ({leaves}). "
+        f"Against it: {' and '.join(against)}."
+    )
+
+
 def only_here(effects: Sequence[str]) -> str:
     return f"{_joined(effects)}: in no catalogue. It holds inside the range of these measurements, not beyond."
 
@@ -260,6 +274,8 @@ def reason(found: Findings, one: Proposal, why_not: str) -> str:
     mine = [set(rival) for rival in found.rivals if one.effect in rival]
     if mine and len(found.rivals) > 1:
         others = _either([sorted(set(rival) - mine[0]) for rival in found.rivals if set(rival) - mine[0]])
+        if rest := sorted(mine[0] - {one.effect}):
+            return f"With {_joined(rest)} it does as well as {others} on these data; alone it takes away {share}{left}."
         return f"Does as well as {others} on these data: it takes away {share}{left}."
     if found.verdict == "adequate":
         return f"{HEADINGS['adequate'][0]}."
