@@ -444,6 +444,69 @@ static void test_saturation_raises_its_flag_and_goes_with_its_cause(void) {
     TEST_ASSERT_FALSE(rig_fault(TERRAPIN_FAULT_SATURATED));
 }
 
+/* f_r = 0.1 with an sd of 80e-6 between curves that are so far from it, on a table without speed. */
+static int32_t terrain_at(int32_t sand_ppm, int32_t floor_ppm) {
+    rig_start();
+    for (uint16_t i = 0U; i < TERRAINS; i++) {
+        rig_set((uint16_t)(TERRAPIN_PARAMETER_TERRAIN_SAND_F_O + (2 * i)), 900000);
+        rig_set((uint16_t)(TERRAPIN_PARAMETER_TERRAIN_SAND_F_S + (2 * i)), 0);
+    }
+    rig_set(TERRAPIN_PARAMETER_TERRAIN_SAND_F_O, 100000 + sand_ppm);
+    rig_set(TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_O, 100000 + floor_ppm);
+    rig_set(TERRAPIN_PARAMETER_SD_TERRAIN, 0);
+    rig.state.ground.f_r_ppm = 100000;
+    rig.state.ground.f_r_sd_ppm = 80;
+    rig.state.estimator.open = true;
+    ground_nearest(&rig.state);
+    return rig.state.ground.terrain;
+}
+
+/* A curve is nearer when it is by an eighth of the sd, ten here, to the nearest; else the first of the table is told.
+ */
+static void test_the_nearest_terrain_to_an_eighth(void) {
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_TERRAIN_SAND, terrain_at(14, 5));
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_TERRAIN_HARD_FLOOR, terrain_at(15, 5));
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_TERRAIN_SAND, terrain_at(-14, 14));
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_TERRAIN_HARD_FLOOR, terrain_at(-15, 14));
+    TEST_ASSERT_EQUAL_INT32_MESSAGE(TERRAPIN_TERRAIN_SAND, terrain_at(644, 90000), "8 sd, rounded");
+    TEST_ASSERT_EQUAL_INT32_MESSAGE(TERRAPIN_TERRAIN_UNKNOWN, terrain_at(645, 90000), "an eighth more");
+}
+
+/* Off by more than 268 at an sd of 1e-6, the least there is: far from all, and not so far that it comes round to near.
+ */
+static void test_what_is_far_from_every_curve(void) {
+    (void)terrain_at(0, 0);
+    for (uint16_t i = 0U; i < TERRAINS; i++) {
+        rig_set((uint16_t)(TERRAPIN_PARAMETER_TERRAIN_SAND_F_S + (2 * i)), 10000000);
+    }
+    rig.state.ground.f_r_sd_ppm = 1;
+    rig.state.estimator.omega_urad_s = 250000000;
+    rig.state.estimator.open = true;
+    ground_speed(&rig.state);
+    ground_nearest(&rig.state);
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_TERRAIN_UNKNOWN, rig.state.ground.terrain);
+    TEST_ASSERT_EQUAL_INT32(0, rig.state.ground.margin_q3);
+}
+
+/* f_r is held at 2^20 ppm either way, and a window at rest says x = 0. */
+static void test_the_ends_of_the_fit(void) {
+    rig_set(TERRAPIN_PARAMETER_WEIGHT, 1000);
+    for (int32_t sign = -1; sign <= 1; sign += 2) {
+        rig.state.estimator.torque_unm = sign * TERRAPIN_LIMIT_TORQUE_FULL_SCALE;
+        rig.state.estimator.omega_urad_s = 1000;
+        rig.state.estimator.open = true;
+        ground_resistance(&rig.state);
+        TEST_ASSERT_EQUAL_INT32(sign * 1048576, rig.state.ground.f_r_ppm);
+    }
+    rig.state.estimator.fresh = true;
+    ground_nearest(&rig.state);
+    while (rig.state.ground.todo > 0U) {
+        ground_fit_work(&rig.state);
+    }
+    TEST_ASSERT_EQUAL_UINT8(1U, rig.state.ground.windows);
+    TEST_ASSERT_EQUAL_INT32(0, rig.state.ground.x_q8);
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_calibration_finds_the_friction);
@@ -468,5 +531,8 @@ int main(void) {
     RUN_TEST(test_telemetry_says_what_the_state_holds);
     RUN_TEST(test_attitude_and_report);
     RUN_TEST(test_saturation_raises_its_flag_and_goes_with_its_cause);
+    RUN_TEST(test_the_nearest_terrain_to_an_eighth);
+    RUN_TEST(test_what_is_far_from_every_curve);
+    RUN_TEST(test_the_ends_of_the_fit);
     return UNITY_END();
 }
