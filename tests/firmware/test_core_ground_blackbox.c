@@ -272,7 +272,10 @@ static void test_distances_are_told_in_eighths_of_sd(void) {
     near_curves(349000); /* one eighth nearer to this than to that */
     TEST_ASSERT_EQUAL_INT32(3, rig.state.ground.terrain);
     TEST_ASSERT_EQUAL_INT32(2, rig.state.ground.margin_q3);
-    near_curves(349600); /* as near, rounded: the first */
+    near_curves(349500);
+    TEST_ASSERT_EQUAL_INT32(3, rig.state.ground.terrain);
+    TEST_ASSERT_EQUAL_INT32(1, rig.state.ground.margin_q3);
+    near_curves(349501); /* as near, rounded: the first */
     TEST_ASSERT_EQUAL_INT32(2, rig.state.ground.terrain);
     TEST_ASSERT_EQUAL_INT32(0, rig.state.ground.margin_q3);
     near_curves(564499); /* 64 eighths */
