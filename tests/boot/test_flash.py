@@ -884,3 +884,6 @@ def test_protect(probe: Target, tmp_path: Path) -> None:
 def test_protect_refuses_the_key_of_the_bench() -> None:
     with pytest.raises(UserError, match="the key of the bench"):
         refuse_bench_key("chip", PUBLIC, KEY.public_key(), KEY.public_key())
+    with pytest.raises(UserError, match="starts images of the bench, too"):
+        refuse_bench_key("chip", PUBLIC + NEXT_PUBLIC, KEY.public_key(), NEXT_KEY.public_key())
+    refuse_bench_key("chip", PUBLIC + NEXT_PUBLIC, NEXT_KEY.public_key(), OTHER_KEY.public_key())
