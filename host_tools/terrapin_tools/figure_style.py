@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,12 +21,12 @@ PANELS = {"legend.fontsize": 8, "figure.dpi": 110}  # of panels side by side
 
 
 @contextmanager
-def picture(file: Path, size: tuple[float, float], style: Mapping[str, Any]) -> Iterator[Any]:
+def picture(file: Path, size: tuple[float, float], style: Any) -> Iterator[Any]:
     """A figure to draw on, `size` in inches; `file` (.png or .svg) is written at the end. `style`: more than STYLE."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    with rc_context({**STYLE, **style}):
+    with rc_context(STYLE | style):
         figure = Figure(figsize=size, layout="constrained")
         yield figure
         figure.savefig(file, metadata={"Date": None} if file.suffix.lower() == ".svg" else {"Software": None})

@@ -13,7 +13,7 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.run.run import Result
 from terrapin_tools.figure_style import picture
 
-__all__ = ["forced_slip", "ground_torque", "heated", "slip_limiter", "slope"]
+__all__ = ["contact_errors", "forced_slip", "ground_torque", "heated", "slip_limiter", "slope"]
 
 BLUE, RED, GREY, GREEN = "#2f6fdb", "#d0405a", "#68717d", "#158a74"
 
@@ -27,6 +27,14 @@ def _panels(file: Path, height: float, rows: int, columns: int = 1) -> Iterator[
 
 def _thin(result: Result, step: int = 10) -> slice:
     return slice(None, None, max(1, min(step, len(result.time) // 2000 or 1)))
+
+
+def contact_errors(result: Result) -> tuple[Array, Array]:
+    """Times [s] and errors [N m] of the controller's valid values of C_t."""
+    ground = result.telemetry["GROUND"]
+    valid = ground["valid"] > 0
+    time = ground["time"][valid]
+    return time, ground["torque"][valid] - result.truth["contact_torque"][np.round(time * 1000).astype(int)]
 
 
 def ground_torque(result: Result, sand_at: float, calibrated_at: float, file: Path) -> Path:
@@ -120,11 +128,8 @@ def heated(temperature: Array, before: Array, after: Array, errors: Sequence[tup
         left.set(xlabel="winding, °C", ylabel="residual of the current, noise sd")
         left.legend(loc="best")
         for (label, result), color in zip(errors, (RED, BLUE), strict=True):
-            ground = result.telemetry["GROUND"]
-            valid = ground["valid"] > 0
-            ticks = np.round(ground["time"][valid] * 1000).astype(int)
-            error = ground["torque"][valid] - result.truth["contact_torque"][ticks]
-            right.plot(ground["time"][valid], 1e3 * error, ".", ms=3, color=color, label=label)
+            time, error = contact_errors(result)
+            right.plot(time, 1e3 * error, ".", ms=3, color=color, label=label)
         right.axhline(0.0, color=GREY, lw=0.8)
         right.set(xlabel="time, s", ylabel="controller's error of $C_t$, mN m")
         right.legend(loc="best")
