@@ -187,6 +187,10 @@ def test_an_exponent_that_goes_with_a_column_is_named(tmp_path: Path) -> None:
     own = '[effect.by_size]\nexpression = "c*size"\ntarget = "n"\nc = { value = 0.0, unit = "1/mm" }\n'
     (folder / "case.toml").write_text(text.replace('"equation"', '"equation"\neffects = ["by_size"]', 1) + own)
     assert analyse(load_case(folder)).ladder[-1].train_error < 1.2
+    # from a start beside which nothing fits, the fit goes on from the model without the effect
+    far = text.replace('"equation"', '"equation"\neffects = ["by_size"]', 1) + own.replace("value = 0.0", "value = 0.2")
+    (folder / "case.toml").write_text(far)
+    assert analyse(load_case(folder)).ladder[-1].train_error < 1.2
     (folder / "case.toml").write_text(text + own.replace('"n"', '"m"'))
     with pytest.raises(UserError, match="target: found 'm', expected one of p, k, n"):
         load_case(folder)
