@@ -251,6 +251,20 @@ static void test_backs_out_until_the_pitch_is_gone(void) {
     TEST_ASSERT_EQUAL_INT32(TERRAPIN_REPORT_EXTRICATED, rig.state.supervisor.report);
 }
 
+/* Faster than four times stuck_speed is progress: whoever slows down from it waits no longer. */
+static void test_what_counts_as_having_moved(void) {
+    rig_set(TERRAPIN_PARAMETER_STUCK_SPEED, 30);
+    for (int32_t direction = -1; direction <= 1; direction += 2) {
+        rig.state.supervisor.moved = false;
+        rig.state.slip.ground_um_s = direction * 4 * 30000;
+        (void)extrication_watch(&rig.state, direction);
+        TEST_ASSERT_FALSE(rig.state.supervisor.moved);
+        rig.state.slip.ground_um_s += direction;
+        (void)extrication_watch(&rig.state, direction);
+        TEST_ASSERT_TRUE(rig.state.supervisor.moved);
+    }
+}
+
 static void test_extrication_is_bounded_in_time(void) {
     climb(8000);
     rig.traction = 1e-6; /* no grip at all, and held by a wall */
@@ -319,6 +333,7 @@ int main(void) {
     RUN_TEST(test_reversal_stays_within_the_current_limit);
     RUN_TEST(test_stuck_on_a_slope_backs_out_and_reports);
     RUN_TEST(test_backs_out_until_the_pitch_is_gone);
+    RUN_TEST(test_what_counts_as_having_moved);
     RUN_TEST(test_extrication_is_bounded_in_time);
     RUN_TEST(test_the_operator_may_end_the_extrication);
     RUN_TEST(test_a_robot_that_never_moved_is_given_its_time);

@@ -70,6 +70,32 @@ static void test_slip_is_one_division_however_it_is_done(void) {
     }
 }
 
+/* Slip of a rim that is at 10 mm/s, measured over 10 ms, the ground's wheel so many counts of 1 um/s ahead. */
+static int32_t peak_of(int32_t counts) {
+    setUp();
+    state.parameter[TERRAPIN_PARAMETER_SLIP_WINDOW] = 10;
+    state.estimator.swing_ticks = 100U;
+    state.slip.ticks = FAST_TICKS;
+    state.rates.motor_fast = (integer_gain){.factor = 4096, .most = INTEGER_MOST / 4};
+    state.rates.ground_fast = state.rates.motor_fast;
+    state.rates.rim_q32 = INT32_MAX; /* a half */
+    state.rates.dead_urad_s = 1;
+    state.sense.motor_count = 20000U;
+    state.sense.ground_count = (uint16_t)counts;
+    const terrapin_inputs inputs = {0};
+    slip_update(&state, &inputs);
+    TEST_ASSERT_TRUE(state.slip.valid);
+    TEST_ASSERT_EQUAL_INT32(10000 - counts, state.slip.slip_e4);
+    return state.slip.peak_e4;
+}
+
+/* It spins on the spot at 1; above, it rolls back, which is no peak of slip. */
+static void test_the_peak_of_slip_is_one(void) {
+    TEST_ASSERT_EQUAL_INT32(9999, peak_of(1));
+    TEST_ASSERT_EQUAL_INT32(10000, peak_of(0));
+    TEST_ASSERT_EQUAL_INT32(0, peak_of(-1));
+}
+
 /* ---- drive */
 
 static void test_below_one_volt_there_is_no_duty(void) {
@@ -160,6 +186,65 @@ static void test_the_tolerance_of_a_fit(void) {
     }
 }
 
+/* A fit that fails before its residuals are known says none: not that of a calibration before. */
+static void test_a_fit_that_fails_early_tells_no_residual(void) {
+    terrapin_calibration_state *c = &state.calibration;
+    exact_line(2U);
+    c->omega_mrad_s[1] = c->omega_mrad_s[0]; /* no line through one speed */
+    c->residual_unm = 777;
+    c->fit = FIT_SUMS;
+    state.supervisor.state = TERRAPIN_STATE_CALIBRATE;
+    calibration_work(&state);
+    TEST_ASSERT_EQUAL(FIT_FAILED, c->fit);
+    TEST_ASSERT_EQUAL_INT32(0, c->residual_unm);
+}
+
+/* ---- sense */
+
+/* 16 codes either way are an offset, and a 256th more is a defect. */
+static void test_how_far_a_zero_may_be_off(void) {
+    for (int32_t sign = -1; sign <= 1; sign += 2) {
+        for (int32_t more = 0; more < 2; more++) {
+            setUp();
+            const int32_t mean_q8 = 2048 * 256;
+            state.sense.off_ticks = 1000U;
+            state.sense.current_code = 2048;
+            state.sense.trim_count = (uint16_t)(TRIM_TICKS - 1);
+            state.sense.trim_sum_codes = 2048U * (uint32_t)(TRIM_TICKS - 1);
+            state.parameter[TERRAPIN_PARAMETER_CURRENT_ZERO_CODE] = mean_q8 - (sign * ((16 * 256) + more));
+            state.parameter[TERRAPIN_PARAMETER_TRIM_CURRENT] = 1;
+            TEST_ASSERT_EQUAL(more == 0, trim(&state));
+            TEST_ASSERT_EQUAL_INT32((more == 0) ? (sign * 16 * 256) : 0, state.sense.trim_q8_codes);
+        }
+    }
+}
+
+/* A code that no converter of twelve bits makes: the temperature is held where its filter still fits. */
+static void test_a_temperature_beyond_all_is_held(void) {
+    const terrapin_inputs inputs = {.temperature_code = UINT16_MAX};
+    state.parameter[TERRAPIN_PARAMETER_TEMPERATURE_SCALE] = 500;
+    for (uint32_t i = 0U; i < 50U; i++) {
+        read_slow(&state, &inputs);
+        TEST_ASSERT_EQUAL_INT32(4194303, sense_temperature_mc(&state));
+    }
+    state.parameter[TERRAPIN_PARAMETER_TEMPERATURE_ZERO] = -100000; /* of no sample: not known yet */
+    const terrapin_inputs none = {.temperature_code = 0U};
+    read_slow(&state, &none);
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_REFERENCE_TEMPERATURE * 1000, sense_temperature_mc(&state));
+}
+
+/* Before its speed is known there is nothing to hold the encoder against. */
+static void test_the_encoder_is_judged_with_a_speed(void) {
+    for (uint32_t more = 0U; more < 2U; more++) {
+        setUp();
+        state.drive.enable = true;
+        state.drive.applied_mv = 9000;
+        state.slip.ticks = (uint16_t)(SPEED_TICKS + more);
+        (void)encoder_lies(&state);
+        TEST_ASSERT_EQUAL(more == 1U, state.sense.encoder_ticks > 0U);
+    }
+}
+
 /* ---- the encoder against the motor's equation */
 
 static void test_the_encoder_may_be_off_by_its_tolerance(void) {
@@ -193,11 +278,16 @@ static void test_the_most_that_a_gain_takes(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_slip_is_one_division_however_it_is_done);
+    RUN_TEST(test_the_peak_of_slip_is_one);
     RUN_TEST(test_below_one_volt_there_is_no_duty);
     RUN_TEST(test_one_milliampere_too_much_is_taken_off);
     RUN_TEST(test_a_calibration_begins_with_nothing_of_the_last);
     RUN_TEST(test_the_sums_of_a_line);
     RUN_TEST(test_the_tolerance_of_a_fit);
+    RUN_TEST(test_a_fit_that_fails_early_tells_no_residual);
+    RUN_TEST(test_how_far_a_zero_may_be_off);
+    RUN_TEST(test_a_temperature_beyond_all_is_held);
+    RUN_TEST(test_the_encoder_is_judged_with_a_speed);
     RUN_TEST(test_the_encoder_may_be_off_by_its_tolerance);
     RUN_TEST(test_the_most_that_a_gain_takes);
     return UNITY_END();

@@ -235,6 +235,29 @@ static void test_imbalance_is_the_mean_over_the_window(void) {
     }
 }
 
+/* Over a quarter of a turn to either side of the top the mean is 2/pi: to 5e-5, the sine's own 3e-5 at its peak and the
+ * quotient's 2e-5. */
+static void test_imbalance_over_half_a_turn(void) {
+    rig_set(TERRAPIN_PARAMETER_COMP_IMBALANCE, 1000000);
+    const uint32_t unit = (uint32_t)rig.state.gains.turn_per_count;
+    const int32_t counts = (int32_t)(0x80000000U / unit);
+    const double half = counts * (double)unit / 2.0; /* of 2^32 */
+    rig.state.history[rig.state.estimator.newest].position_counts = (uint32_t)lrint((0x40000000 + half) / unit);
+    const double angle = half / 4294967296.0 * WHEEL_TURN;
+    TEST_ASSERT_INT32_WITHIN(32, (int32_t)lrint(1e6 * sin(angle) / angle), compensation_imbalance(&rig.state, counts));
+}
+
+/* One term beyond all measure is held where the sum of seven squares still fits. */
+static void test_the_sd_of_a_torque_beyond_measure(void) {
+    rig_set(TERRAPIN_PARAMETER_SD_COULOMB, 0);
+    memset(&rig.state.gains, 0, sizeof rig.state.gains);
+    rig.state.gains.gain_q30 = 0x26666666; /* 0.6 */
+    for (int32_t sign = -1; sign <= 1; sign += 2) {
+        rig.state.estimator.motor_unm = sign * INTEGER_MOST;
+        TEST_ASSERT_EQUAL_INT32(500000000, uncertainty_unm(&rig.state));
+    }
+}
+
 static void test_heating_scales_the_motor_torque(void) {
     rig_set(TERRAPIN_PARAMETER_COMP_HEATING, 2000); /* 0.2 %/K */
     rig.in.temperature_code = 2300U;                /* 65 degC */
@@ -270,6 +293,35 @@ static void test_a_restart_fills_its_windows_anew(void) {
         TEST_ASSERT_EQUAL(0, e->since_fresh);
         TEST_ASSERT_EQUAL(0, e->quiet_slots);
         TEST_ASSERT_FALSE(e->valid || e->fresh || e->open);
+    }
+}
+
+/* Both parts of the momentum at the end of their range: the most that it is held at, and no small or negative one. */
+static void test_the_momentum_is_held(void) {
+    terrapin_estimator *e = &rig.state.estimator;
+    rig_set(TERRAPIN_PARAMETER_INERTIA, 1000000);
+    rig_set(TERRAPIN_PARAMETER_INERTIA_SHELL, 1000000);
+    e->open = true;
+    e->ready = true;
+    e->slots = (uint16_t)HISTORY_SLOTS;
+    e->swing_ticks = 2000U;
+    e->acceleration_urad_s2 = INTEGER_LEAST;
+    rig.state.history[e->newest].swing_sum_centirad_s = 0x80000001U; /* as far back as a sum goes */
+    estimator_momentum(&rig.state);
+    TEST_ASSERT_EQUAL_INT32(INTEGER_MOST, e->momentum_unm);
+}
+
+/* Fewer than 20 counts a window are no rolling. */
+static void test_the_gate_is_shut_at_rest(void) {
+    terrapin_estimator *e = &rig.state.estimator;
+    for (int32_t counts = -20; counts <= 20; counts++) {
+        e->open = true;
+        e->ready = true;
+        e->full = true;
+        e->counts = counts;
+        e->quiet_slots = 20U;
+        estimator_gate(&rig.state);
+        TEST_ASSERT_EQUAL(abs(counts) == 20, e->valid);
     }
 }
 
@@ -376,8 +428,12 @@ int main(void) {
     RUN_TEST(test_zero_of_the_current_is_trimmed_with_the_bridge_off);
     RUN_TEST(test_compensation_terms_against_double);
     RUN_TEST(test_imbalance_is_the_mean_over_the_window);
+    RUN_TEST(test_imbalance_over_half_a_turn);
+    RUN_TEST(test_the_sd_of_a_torque_beyond_measure);
     RUN_TEST(test_heating_scales_the_motor_torque);
     RUN_TEST(test_a_restart_fills_its_windows_anew);
+    RUN_TEST(test_the_momentum_is_held);
+    RUN_TEST(test_the_gate_is_shut_at_rest);
     RUN_TEST(test_the_gate_is_shut_at_its_bound);
     RUN_TEST(test_gains_to_their_last_digits);
     RUN_TEST(test_friction_beyond_the_line_is_taken);

@@ -61,6 +61,10 @@ static void test_a_store_tells_what_it_does_and_found(void) {
     TEST_ASSERT_EQUAL(TERRAPIN_STORE_RESULT_FAILED, status().result);
     store.phase = TERRAPIN_STORE_WRITE;
     TEST_ASSERT_EQUAL(TERRAPIN_STORE_RESULT_BUSY, status().result);
+    store.origin = TERRAPIN_STORE_ORIGIN_STORED;
+    TEST_ASSERT_EQUAL(TERRAPIN_STORE_ORIGIN_STORED, status().origin);
+    store.foreign = true;
+    TEST_ASSERT_EQUAL(TERRAPIN_STORE_ORIGIN_FOREIGN, status().origin);
     store.dropped = 3U;
     store.replaced = 5U;
     store.missing = 7U;

@@ -279,6 +279,89 @@ static void test_stop_all_after_an_idle_in_its_tick(void) {
     TEST_ASSERT_TRUE(link.held);
 }
 
+/* Frames of these kinds, by letter, in this order. */
+static void put_mixture(const char *letters) {
+    for (const char *at = letters; *at != '\0'; at++) {
+        static const struct {
+            char letter;
+            uint16_t id;
+        } kinds[] = {
+            {'C', TERRAPIN_ID_COMMAND},     {'W', TERRAPIN_ID_PARAMETER_WRITE}, {'R', TERRAPIN_ID_PARAMETER_READ},
+            {'T', TERRAPIN_ID_TEST_MODE},   {'L', TERRAPIN_ID_STORE_READ},      {'S', TERRAPIN_ID_SENSORS_FAST},
+            {'U', TERRAPIN_ID_UPDATE_DATA}, {'N', TERRAPIN_ID_NODE_REQUEST},
+        };
+        terrapin_frame frame = {.length = 8U};
+        for (uint32_t i = 0; i < (sizeof kinds / sizeof kinds[0]); i++) {
+            frame.id = (kinds[i].letter == *at) ? kinds[i].id : frame.id;
+        }
+        frame.data[0] = (uint8_t)TERRAPIN_REQUEST_RUN; /* of a COMMAND */
+        TEST_ASSERT_NOT_EQUAL(0U, frame.id);
+        put(&frame, 0U);
+    }
+}
+
+static uint32_t taken_of(const char *letters) {
+    terrapin_frame frame;
+    uint8_t source = 0;
+    uint32_t taken = 0;
+    put_mixture(letters);
+    while (terrapin_intake_next(&intake, &link, &state, &frame, &source)) {
+        taken++;
+    }
+    return taken;
+}
+
+/* What a tick takes is bounded by prices that were measured: to the instruction, so that no price drifts unseen. The
+ * first of each pair spends the whole budget; the second is over it by the least that prices allow. */
+static void test_a_tick_takes_what_its_budget_buys(void) {
+    static const struct {
+        const char *letters;
+        bool on;
+        bool all;
+    } mixtures[] = {
+        {"CCCC", true, true},           {"WTSSSS", true, true},
+        {"NTSSSS", true, true},         {"UTSSSS", true, true},
+        {"CCCCWLL", false, true},       {"RWLLSSSSUU", false, true},
+        {"CCCCCWLSSSUU", false, false}, {"RRRRRCWLSSSU", false, false},
+        {"LLLLLCCCRLSS", false, false}, {"SSSSSCCCWLSSSUU", false, false},
+        {"UUUUUCWRRLSU", false, false},
+    };
+    for (uint32_t i = 0; i < (sizeof mixtures / sizeof mixtures[0]); i++) {
+        setUp();
+        state.drive.enable = mixtures[i].on;
+        const uint32_t count = (uint32_t)strlen(mixtures[i].letters);
+        TEST_ASSERT_EQUAL_MESSAGE(count - (mixtures[i].all ? 0U : 1U), taken_of(mixtures[i].letters),
+                                  mixtures[i].letters);
+    }
+}
+
+/* The same behind a tick in which two IDLEs were taken out of turn, which this tick pays for. */
+static void test_what_was_taken_out_of_turn_is_paid_for(void) {
+    for (uint32_t more = 0; more < 2U; more++) {
+        setUp();
+        state.drive.enable = true;
+        put_read(0U);
+        put_command(TERRAPIN_REQUEST_IDLE, 0U);
+        put_command(TERRAPIN_REQUEST_IDLE, 1U);
+        TEST_ASSERT_EQUAL(1U, intake.count);
+        terrapin_intake_begin_tick(&intake);
+        TEST_ASSERT_EQUAL(5U, taken_of((more == 0U) ? "SSSS" : "SSSSS"));
+    }
+}
+
+/* One that stands is heard in every tick, as one COMMAND after the other is: what it says is never late. */
+static void test_stop_all_is_fresh_in_each_tick(void) {
+    const terrapin_stop_all_t message = {.request = TERRAPIN_REQUEST_IDLE};
+    terrapin_frame stop;
+    TEST_ASSERT_TRUE(terrapin_encode_stop_all(&message, &stop));
+    for (uint32_t tick = 0; tick < 3U; tick++) {
+        inputs.command_fresh = false;
+        terrapin_intake_begin_tick(&intake);
+        put(&stop, 0U);
+        TEST_ASSERT_TRUE(inputs.command_fresh);
+    }
+}
+
 static void test_foreign_traffic_never_waits(void) {
     const terrapin_frame frame = {.id = 0x7FFU, .length = 8U};
     for (uint32_t i = 0; i < 100U; i++) {
@@ -317,6 +400,9 @@ int main(void) {
     RUN_TEST(test_a_third_idle_waits_in_order);
     RUN_TEST(test_stop_all_never_waits);
     RUN_TEST(test_stop_all_after_an_idle_in_its_tick);
+    RUN_TEST(test_a_tick_takes_what_its_budget_buys);
+    RUN_TEST(test_what_was_taken_out_of_turn_is_paid_for);
+    RUN_TEST(test_stop_all_is_fresh_in_each_tick);
     RUN_TEST(test_foreign_traffic_never_waits);
     RUN_TEST(test_every_message_of_the_controller_waits);
     return UNITY_END();

@@ -306,7 +306,9 @@ static void test_a_stranger_ends_no_session(void) {
     TEST_ASSERT_FALSE(commands(&old));
     const terrapin_frame wrong = session_open(1U, GENERATION - 1U);
     link.seal.now_ms += 300U;
+    const uint32_t refused = link.out_of_place;
     TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_ACCEPT_NOTHING, give(&wrong), "a key of an earlier generation");
+    TEST_ASSERT_EQUAL_MESSAGE(refused + 1U, link.out_of_place, "which is counted");
 }
 
 static void test_counters_wrap_and_end(void) {

@@ -66,8 +66,9 @@ static void arm(void) {
 static void sense(int32_t tick) {
     const terrapin_sensors_fast_t message = {.tick = tick};
     terrapin_frame frame;
-    TEST_ASSERT_TRUE(terrapin_encode_sensors_fast(&message, &frame));
-    send(frame);
+    uint8_t text[TERRAPIN_SLCAN_TEXT_MAX];
+    TEST_ASSERT_TRUE(terrapin_encode_sensors_fast(&message, &frame)); /* has no counter, and the tick in its place */
+    feed(text, terrapin_slcan_encode(&frame, text));
 }
 
 static void test_begins_with_nothing(void) {
@@ -97,8 +98,9 @@ static void test_steps_in_test_mode_alone(void) {
     TEST_ASSERT_EQUAL(1, length); /* the line's end, and no frame */
     TEST_ASSERT_EQUAL_UINT32(0U, service.ticks);
     arm();
-    for (uint32_t tick = 1U; tick <= 3U; tick++) {
+    for (uint32_t tick = 1U; tick <= 12U; tick++) { /* HEADING's, without a heading, is the one of a single frame */
         sense((int32_t)tick);
+        TEST_ASSERT_EQUAL_UINT32((tick == 9U) ? 1U : 2U, service.outputs.frame_count);
         TEST_ASSERT_EQUAL_UINT32(tick, service.ticks);
         TEST_ASSERT_EQUAL_UINT32(service.outputs.frame_count, frames(&id));
         TEST_ASSERT_EQUAL_HEX16(service.outputs.frames[0].id, id);

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from terrapin_tools.command_options import Json, RobotName, deliver, take_robot
+from terrapin_tools.command_options import Json, ThisRobot, deliver
 from terrapin_tools.errors import UserError
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def runs(
     pitch_error: Annotated[
         float, typer.Option("--pitch-error", metavar="RAD", help="sd of the zero of a sphere's pitch sensor")
     ] = 0.5e-3,
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> None:
     """Turn logged runs into a case of rolling_steady: one row for each steady window that the controller called valid.
 
@@ -55,7 +55,6 @@ def runs(
 
     terrapin case runs out/runs/* --to out/case --robot sphere --soil dry_sand_li --effect bulldozing --after 15
     """
-    take_robot(robot)
     from terrapin_hil.physics.effects import catalogue
     from terrapin_tools.workbench.robot.runs import base_of_logs, read_run, write_case
 
@@ -120,14 +119,13 @@ def map_(
     dbc: Annotated[Path | None, typer.Option("--dbc", metavar="FILE", help="of a log; else the controller's")] = None,
     period: Annotated[str, typer.Option("--period", help="of the grid that a log is sampled on")] = "10 ms",
     json: Json = "",
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> None:
     """Make a case of tables or logs whose columns you map: nothing is guessed, and the files are copied into the case.
 
     Example: terrapin case map day_1.csv --to my_case --base equation --column "f=force" --unit f=N
     --column "x=way [mm]" --unit x=mm --equation "f=k*x" --fit k=1:0:9
     """
-    take_robot(robot)
     from terrapin_tools.workbench.files.writing import whole_folder
     from terrapin_tools.workbench.new_case import options
     from terrapin_tools.workbench.new_case.from_columns import make

@@ -94,14 +94,52 @@ class Done:
         return self.outcome
 
 
+@dataclass(frozen=True)
+class _Local:
+    """Work of a process of this machine."""
+
+    future: Any
+
+    def done(self) -> bool:
+        with _later():
+            return bool(self.future.done())
+
+    def result(self) -> Any:
+        while not self.done():
+            time.sleep(POLL)
+        with _later():
+            return self.future.result()
+
+
 def _start_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent ends its workers
 
 
 @contextmanager
+def _later() -> Iterator[None]:
+    """A signal whose handler raises (Ctrl-C, and what ends a command) waits for the end. Raised on the way into a lock
+    of loky's or of its futures (as in threading.Condition.__enter__) it would leave the lock taken for good, and the
+    pool could never be closed."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread has to do with signals
+        return
+    came: list[int] = []
+    usual = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    held = {number: handler for number, handler in usual.items() if callable(handler)}  # no default, nor ignored
+    for number in held:
+        signal.signal(number, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in held.items():
+            signal.signal(number, handler)
+        for first in came[:1]:
+            signal.raise_signal(first)
+
+
+@contextmanager
 def _deaf_children() -> Iterator[None]:
-    """What is started here ignores Ctrl-C from its first instruction on. One that comes meanwhile waits for the end:
-    loky does not survive it between the start of its processes and that of its thread."""
+    """What is started here ignores Ctrl-C from its first instruction on."""
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may say so
         return
@@ -111,16 +149,12 @@ def _deaf_children() -> Iterator[None]:
 
     resource_tracker.ensure_running()  # loky starts both with its first process, and each lifts the mask when it starts
     standard_tracker.ensure_running()
-    came: list[int] = []
-    usual = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        signal.signal(signal.SIGINT, usual)
-    if came:
-        signal.raise_signal(signal.SIGINT)
+    with _later():
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 @contextmanager
@@ -154,30 +188,30 @@ class _Processes:
     def submit(self, work: Callable[..., Any], *given: Any) -> Future:
         try:
             if self.executor is not None:
-                future: Future = self.executor.submit(work, *given)
-                return future
+                with _later():
+                    return _Local(self.executor.submit(work, *given))
         except BrokenExecutor:
             self.close()
         self.executor = _executor(self.jobs)
         with _deaf_children():  # the first call starts the workers
-            first: Future = self.executor.submit(work, *given)
-        return first
+            return _Local(self.executor.submit(work, *given))
 
     def again(self, work: Callable[..., Any], *given: Any) -> Any:
         """Alone, since it is not known which of the calls under way brought the workers down."""
         alone = _executor(1)
         try:
             with _deaf_children():
-                future = alone.submit(work, *given)
+                future = _Local(alone.submit(work, *given))
             return future.result()
         except BrokenExecutor:
             raise Lost("the process that worked on it was killed twice (out of memory?)") from None
         finally:
-            alone.shutdown(wait=True, kill_workers=True)
+            with _later():
+                alone.shutdown(wait=True, kill_workers=True)
 
     def close(self) -> None:
         if self.executor is not None:
-            with _quiet_end():
+            with _quiet_end(), _later():
                 self.executor.shutdown(wait=True, kill_workers=True)
 
 
