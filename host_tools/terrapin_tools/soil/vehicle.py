@@ -27,6 +27,7 @@ from terrapin_hil.arrays import Array, Mask
 from terrapin_hil.physics.soils import Footing
 from terrapin_hil.physics.tyre import ContactError, Tyre
 from terrapin_hil.physics.vehicle import PERIOD, SUBSTEPS, Run, Vehicle, profile_torque, simulate
+from terrapin_tools.interrupts import later
 
 __all__ = [
     "MASK",
@@ -111,7 +112,8 @@ class Objective:
             substeps = max(1, round(SUBSTEPS * drive.period / PERIOD))
             return simulate(self.vehicle, self.tyre, footing, drive.torque, drive.period, substeps, sensitivities=True)
 
-        return list(self._pool.map(one, self.drives))
+        with later():  # a run takes less than a second
+            return list(self._pool.map(one, self.drives))
 
     def __call__(self, x: Array) -> tuple[list[Array], list[Array]]:
         """Differences [rad/s] and their derivatives (samples, 5), one entry for each run's each wheel."""

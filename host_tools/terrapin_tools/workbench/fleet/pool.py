@@ -20,6 +20,7 @@ from typing import Any, Protocol
 
 from terrapin_hil import paths
 from terrapin_tools.errors import UserError
+from terrapin_tools.interrupts import later
 
 __all__ = ["POLL", "Done", "Future", "Lost", "Pool", "fingerprint", "pool"]
 
@@ -101,40 +102,18 @@ class _Local:
     future: Any
 
     def done(self) -> bool:
-        with _later():
+        with later():
             return bool(self.future.done())
 
     def result(self) -> Any:
         while not self.done():
             time.sleep(POLL)
-        with _later():
+        with later():
             return self.future.result()
 
 
 def _start_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent ends its workers
-
-
-@contextmanager
-def _later() -> Iterator[None]:
-    """A signal whose handler raises (Ctrl-C, and what ends a command) waits for the end. Raised on the way into a lock
-    of loky's or of its futures (as in threading.Condition.__enter__) it would leave the lock taken for good, and the
-    pool could never be closed."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread has to do with signals
-        return
-    came: list[int] = []
-    usual = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    held = {number: handler for number, handler in usual.items() if callable(handler)}  # no default, nor ignored
-    for number in held:
-        signal.signal(number, lambda number, _: came.append(number))
-    try:
-        yield
-    finally:
-        for number, handler in held.items():
-            signal.signal(number, handler)
-        for first in came[:1]:
-            signal.raise_signal(first)
 
 
 @contextmanager
@@ -149,7 +128,7 @@ def _deaf_children() -> Iterator[None]:
 
     resource_tracker.ensure_running()  # loky starts both with its first process, and each lifts the mask when it starts
     standard_tracker.ensure_running()
-    with _later():
+    with later():
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             yield
@@ -188,7 +167,7 @@ class _Processes:
     def submit(self, work: Callable[..., Any], *given: Any) -> Future:
         try:
             if self.executor is not None:
-                with _later():
+                with later():
                     return _Local(self.executor.submit(work, *given))
         except BrokenExecutor:
             self.close()
@@ -206,12 +185,12 @@ class _Processes:
         except BrokenExecutor:
             raise Lost("the process that worked on it was killed twice (out of memory?)") from None
         finally:
-            with _later():
+            with later():
                 alone.shutdown(wait=True, kill_workers=True)
 
     def close(self) -> None:
         if self.executor is not None:
-            with _quiet_end(), _later():
+            with _quiet_end(), later():
                 self.executor.shutdown(wait=True, kill_workers=True)
 
 
