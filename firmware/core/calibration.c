@@ -48,7 +48,7 @@ static void close_step(terrapin_state *state) {
     const int32_t omega = c->omega_sum_urad_s / CALIBRATE_WINDOWS;
     const int32_t torque = c->torque_sum_unm / CALIBRATE_WINDOWS;
     c->omega_mrad_s[c->step] = omega / 1000;
-    c->torque_unm[c->step] = torque - ground_floor_unm(state, ground_square_q25(omega));
+    c->torque_unm[c->step] = torque - ground_floor_unm(state, omega);
     c->step++;
     c->timer_ms = 0U;
     restart_step(c);

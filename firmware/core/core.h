@@ -68,16 +68,14 @@ int32_t uncertainty_unm(const terrapin_state *state);
 void uncertainty_prepare(terrapin_state *state);
 
 /* ---- ground.c: f_r, the nearest terrain, the quadratic fit */
-/* What the terrains' curves take of a speed: its square in Q25 of 1000 rad^2/s^2. Held at 200 rad/s. */
-int32_t ground_square_q25(int32_t omega_urad_s);
 /* As the estimator's parts: the window's speed squared, f_r, and the nearest terrain, which ends the window's work. */
 void ground_speed(terrapin_state *state);
 void ground_resistance(terrapin_state *state);
 void ground_nearest(terrapin_state *state);
 /* A step of taking a fresh window into the fit, where there is one to do. */
 void ground_fit_work(terrapin_state *state);
-/* Torque of the hard floor at a speed's square, along the motion [uN m]. */
-int32_t ground_floor_unm(const terrapin_state *state, int32_t square_q25);
+/* Torque of the hard floor at a speed, along the motion [uN m]. */
+int32_t ground_floor_unm(const terrapin_state *state, int32_t omega_urad_s);
 
 /* ---- calibration.c */
 typedef enum { CALIBRATION_BUSY = 0, CALIBRATION_DONE = 1, CALIBRATION_FAILED = 2 } calibration_result;

@@ -11,7 +11,8 @@ enum {
     QUIET_SLOTS = 20,   /* the gate must hold this long: a transient passes through zero faster */
     MOVING_COUNTS = 20, /* fewer counts a window are no rolling: the friction's sign would be a guess */
     SWING_TICKS_MAX = 200 * RECORD_MS,
-    CURRENT_MAX_10UA = 10000000, /* 100 A: more than any code at any current_scale */
+    COUNTS_MOST = WINDOW_MAX_SLOTS * RECORD_MS * 32768, /* sixteen bits a tick, over the longest window */
+    CURRENT_MAX_10UA = 10000000,                        /* 100 A: more than any code at any current_scale */
     CURRENT_STEP_UNM = 1500 * (TERRAPIN_LIMIT_TORQUE_FULL_SCALE / 1000000), /* 1.5e-3 of the full scale: the last
                                                                              * record's torque may differ by this from
                                                                              * the window's, and by */
@@ -121,7 +122,8 @@ void estimator_momentum(terrapin_state *state) {
     terrapin_estimator *e = &state->estimator;
     if (at_work(state)) {
         const int32_t inertial = integer_q(e->acceleration_urad_s2, state->gains.inertia_q30, 30U);
-        e->momentum_unm = integer_hold(integer_abs(inertial) + swing_momentum(state));
+        const uint32_t sum = (uint32_t)integer_abs(inertial) + (uint32_t)swing_momentum(state); /* 2^30 each at most */
+        e->momentum_unm = (sum < (uint32_t)INTEGER_MOST) ? (int32_t)sum : INTEGER_MOST;
     }
 }
 
@@ -160,10 +162,12 @@ void estimator_means(terrapin_state *state) {
         const int32_t ticks = (int32_t)n * RECORD_MS;
         const int32_t zero_q8 = g->zero_q8 + state->sense.trim_q8_codes;
         e->counts = integer_difference(now->position_counts, then->position_counts);
+        TERRAPIN_ASSERT((e->counts <= COUNTS_MOST) && (e->counts >= -COUNTS_MOST));
         /* held within 2^30: 1.7 times what any 12-bit code makes */
         const uint32_t sum_codes = now->current_sum_codes - then->current_sum_codes;
         e->current_q8 = integer_saturate(((int64_t)sum_codes * 256) - ((int64_t)zero_q8 * ticks));
         const uint32_t recent_codes = now->current_sum_codes - last->current_sum_codes;
+        TERRAPIN_ASSERT(recent_codes <= ((uint32_t)RECORD_MS * UINT16_MAX));
         /* at most 80 codes of 16 bits, 80 times a zero: below 2^31 */
         const int32_t recent_q8 = ((int32_t)recent_codes * 256) - (zero_q8 * RECORD_MS);
         e->current_10ua =

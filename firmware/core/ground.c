@@ -12,11 +12,10 @@ enum {
     Y_MAX = 1048576, /* f_r up to 1.05, in 1e-6 */
     UNKNOWN_Q3 = 64, /* farther than 8 sd from every curve is no terrain of the table */
     MARGIN_MAX_Q3 = 255,
-    OFF_MOST_PPM = 402653184, /* from any curve: 40 * 1e7 and some; 8 of it fit 32 bits */
-    SQUARE_MOST = 4000000,    /* 200 rad/s squared, in 0.01 rad^2/s^2: below 2^31 in Q25 of 1000 rad^2/s^2 */
-    FIT_NOISE_PPM = 1000,     /* sd of f_r over windows that the prior is weighed against */
-    MOMENT_BITS = 22,         /* moments of Q8 numbers are kept in 64 times the product of their units */
-    FIT_PRIOR = 156,          /* f_s is 0 +- 1e-3 s^2/rad^2, ten of the slope's units: (FIT_NOISE_PPM / 10)^2 / 64 */
+    SQUARE_MOST = 4000000, /* 200 rad/s squared, in 0.01 rad^2/s^2: below 2^31 in Q25 of 1000 rad^2/s^2 */
+    FIT_NOISE_PPM = 1000,  /* sd of f_r over windows that the prior is weighed against */
+    MOMENT_BITS = 22,      /* moments of Q8 numbers are kept in 64 times the product of their units */
+    FIT_PRIOR = 156,       /* f_s is 0 +- 1e-3 s^2/rad^2, ten of the slope's units: (FIT_NOISE_PPM / 10)^2 / 64 */
     WINDOWS_MAX = 127
 };
 
@@ -32,13 +31,15 @@ static int32_t omega_squared(int32_t omega_urad_s) {
     return (int32_t)square; /* below 2^29 */
 }
 
-int32_t ground_square_q25(int32_t omega_urad_s) {
-    const int32_t square = integer_clamp(omega_squared(omega_urad_s), 0, SQUARE_MOST);
-    return integer_q(square, 1374390, 17U) * 32; /* 2^20 / 1e5 is 1374390 / 2^17 */
+/* What the curves take of a speed: its square in Q25 of 1000 rad^2/s^2. Held at 200 rad/s. */
+static int32_t square_of(int32_t omega_urad_s) {
+    const int32_t square = omega_squared(omega_urad_s);
+    const int32_t held = (square < SQUARE_MOST) ? square : SQUARE_MOST;
+    return integer_q(held, 1374390, 17U) * 32; /* 2^20 / 1e5 is 1374390 / 2^17 */
 }
 
 void ground_speed(terrapin_state *state) {
-    state->ground.square_q25 = ground_square_q25(state->estimator.omega_urad_s);
+    state->ground.square_q25 = square_of(state->estimator.omega_urad_s);
 }
 
 /* f_o + f_s omega^2 of a pair of parameters [1e-6, 1e-9; |f_s| at most 1e7]: below 1e6 + 40 * 1e7. */
@@ -47,9 +48,10 @@ INTEGER_INLINE int32_t curve_ppm(const int32_t *pair, int32_t square_q25) {
     return integer_q32_plus(pair[0], pair[1] * 128, square_q25);
 }
 
-int32_t ground_floor_unm(const terrapin_state *state, int32_t square_q25) {
-    return integer_q_held(curve_ppm(&state->parameter[TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_O], square_q25),
-                          state->gains.weight_q22, 22U);
+int32_t ground_floor_unm(const terrapin_state *state, int32_t omega_urad_s) {
+    return integer_q_held(
+        curve_ppm(&state->parameter[TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_O], square_of(omega_urad_s)),
+        state->gains.weight_q22, 22U);
 }
 
 /* f_r and its sd, the slope's share of W taken out where comp_slope asks for it. */
@@ -80,7 +82,7 @@ void ground_resistance(terrapin_state *state) {
 /* Distance of f_r from a curve in 1/8 sd. */
 static uint32_t eighths(uint32_t off_ppm, uint32_t sd_ppm) {
     TERRAPIN_ASSERT((sd_ppm > 0U) && (sd_ppm <= 0x200000U));
-    TERRAPIN_ASSERT(off_ppm < (uint32_t)OFF_MOST_PPM);
+    TERRAPIN_ASSERT(off_ppm <= 402100000U); /* 40 * 1e7, an f_o and an f_r; 8 times it fits 32 bits */
     return ((off_ppm * 8U) + (sd_ppm / 2U)) / sd_ppm;
 }
 

@@ -130,7 +130,7 @@ integer_gain integer_gain_of(int32_t value, int32_t divisor) {
 }
 
 integer_wide integer_wide_of(int32_t value, int32_t divisor) {
-    TERRAPIN_ASSERT((value >= 0) && (divisor > 0));
+    TERRAPIN_ASSERT((value >= 0) && (value < INT32_MAX) && (divisor > 0));
     const int32_t whole = value / divisor;
     const integer_wide wide = {
         .whole = whole,

@@ -158,7 +158,7 @@ typedef struct {
     int32_t most;
 } integer_wide;
 
-/* value / divisor. value >= 0, divisor > 0. */
+/* value / divisor. 0 <= value < 2^31 - 1, divisor > 0. */
 integer_wide integer_wide_of(int32_t value, int32_t divisor);
 
 INTEGER_INLINE int32_t integer_widened(const integer_wide *wide, int32_t value) {

@@ -46,7 +46,7 @@ int32_t uncertainty_unm(const terrapin_state *state) {
     int32_t own = p[TERRAPIN_PARAMETER_SD_COULOMB];
     int32_t viscous = 0;
     if (p[TERRAPIN_PARAMETER_CALIBRATED] != 0) {
-        scaled = integer_abs(e->torque_unm) - ground_floor_unm(state, state->ground.square_q25);
+        scaled = integer_abs(e->torque_unm) - ground_floor_unm(state, e->omega_urad_s);
         own = g->floor_unm;
     } else {
         viscous = integer_q32(e->omega_urad_s, g->sd_viscous_q32);

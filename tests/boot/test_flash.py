@@ -605,6 +605,19 @@ def test_keys_new(tmp_path: Path) -> None:
     assert before.decode().splitlines()[1] not in done.stdout + done.stderr
 
 
+def test_the_public_half_of_a_key(tmp_path: Path) -> None:
+    key, half = pem(tmp_path / "key.pem", KEY), tmp_path / "key.pub.pem"
+    done = terrapin("keys", "public", key, half)
+    name = parse(image("a", "1.0.0")).key_hash[:4].hex()  # type: ignore[index]
+    assert (done.returncode, done.stdout) == (0, f"{half}: public half {name}, no secret\n")
+    assert b"PRIVATE" not in half.read_bytes()
+    assert terrapin("keys", "show", half).stdout == f"{half}: signs images, public half {name}\n"
+    done = terrapin("keys", "public", key, half)
+    assert (done.returncode, "exists already" in done.stderr) == (2, True)
+    assert terrapin("keys", "public", tmp_path / "none.pem", tmp_path / "x").returncode == 2
+    assert not (tmp_path / "x").exists()
+
+
 def test_a_key_that_cannot_be_written_leaves_no_file(tmp_path: Path) -> None:
     """Otherwise the next try is told that there is a key, which is never replaced."""
     path = tmp_path / "robot.pem"

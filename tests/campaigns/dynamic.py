@@ -184,7 +184,7 @@ def _written(
     units = {"time": "s", body.drive[0]: body.drive[1], **{n: u for n, (u, _) in body.settings.items()}}
     lines = ["[case]", f'title = "{base}"', "[model]", f'base = "{base}"', "[parameters]"]
     lines += [f"{name} = {value!r}" for name, value in body.known.items()] + ["[fit]"]
-    for name, value in theta.items():
+    for name in theta:
         low, high = body.fitted[name]
         lines.append(f"{name} = {{ value = {0.5 * (low + high):g}, min = {0.2 * low:g}, max = {3.0 * high:g} }}")
     lines += ["[data]", 'files = ["runs.csv"]', 'run = "run"', "[data.columns]"]

@@ -28,14 +28,9 @@ terrapin_parameter_entry terrapin_parameter(uint16_t index) {
     return entry;
 }
 
-int32_t ground_square_q25(int32_t omega_urad_s) {
-    (void)omega_urad_s;
-    return 0;
-}
-
-int32_t ground_floor_unm(const terrapin_state *s, int32_t square_q25) {
+int32_t ground_floor_unm(const terrapin_state *s, int32_t omega_urad_s) {
     (void)s;
-    (void)square_q25;
+    (void)omega_urad_s;
     return 0;
 }
 

@@ -296,6 +296,21 @@ static void test_a_restart_fills_its_windows_anew(void) {
     }
 }
 
+/* Both parts of the momentum at the end of their range: the most that it is held at, and no small or negative one. */
+static void test_the_momentum_is_held(void) {
+    terrapin_estimator *e = &rig.state.estimator;
+    rig_set(TERRAPIN_PARAMETER_INERTIA, 1000000);
+    rig_set(TERRAPIN_PARAMETER_INERTIA_SHELL, 1000000);
+    e->open = true;
+    e->ready = true;
+    e->slots = (uint16_t)HISTORY_SLOTS;
+    e->swing_ticks = 2000U;
+    e->acceleration_urad_s2 = INTEGER_LEAST;
+    rig.state.history[e->newest].swing_sum_centirad_s = 0x80000001U; /* as far back as a sum goes */
+    estimator_momentum(&rig.state);
+    TEST_ASSERT_EQUAL_INT32(INTEGER_MOST, e->momentum_unm);
+}
+
 /* Fewer than 20 counts a window are no rolling. */
 static void test_the_gate_is_shut_at_rest(void) {
     terrapin_estimator *e = &rig.state.estimator;
@@ -417,6 +432,7 @@ int main(void) {
     RUN_TEST(test_the_sd_of_a_torque_beyond_measure);
     RUN_TEST(test_heating_scales_the_motor_torque);
     RUN_TEST(test_a_restart_fills_its_windows_anew);
+    RUN_TEST(test_the_momentum_is_held);
     RUN_TEST(test_the_gate_is_shut_at_rest);
     RUN_TEST(test_the_gate_is_shut_at_its_bound);
     RUN_TEST(test_gains_to_their_last_digits);

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import re
 import subprocess
 import sys
 import tempfile
@@ -20,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from terrapin_hil import paths
+from terrapin_hil.messages import interface
 from terrapin_hil.paths import ROOT
 
 HERE = Path(__file__).resolve().parent
@@ -32,13 +34,17 @@ CHECKS = (
 
 @dataclass(frozen=True)
 class Proof:
-    """A harness prove_NAME.c; how often its longest loop turns; defects in a source, each of which it must notice."""
+    """A harness prove_NAME.c; how often its longest loop turns; defects in a source, each of which it must notice.
+
+    `alone`: functions of the source which the harness has contracts for, and proves on their own as NAME_itself.
+    """
 
     name: str
     turns: int
     source: str
     defects: tuple[tuple[str, str], ...]
     options: tuple[str, ...] = ()
+    alone: tuple[str, ...] = ()
 
 
 PROOFS = (
@@ -82,10 +88,61 @@ PROOFS = (
     Proof("image", 12, "boot/image.c", (
         ("good = good && (length <= (size - place - TLV_HEAD));", ""),
     )),
+    Proof("heading", 9, "core/heading.c", (
+        ("return integer_clamp(from_um + integer_of_sine(way_um, share_q15), -FARTHEST_UM, FARTHEST_UM);",
+         "return from_um + integer_of_sine(way_um, share_q15);"),
+    )),
+    Proof("drive", 9, "core/drive.c", (
+        ("(supply >= SUPPLY_MIN_MV) ? integer_ratio(voltage_mv * DUTY_ONE, supply) : 0",
+         "integer_ratio(voltage_mv * DUTY_ONE, supply)"),
+        ("    d->enable = false;\n", ""),
+    )),
+    Proof("extrication", 9, "core/extrication.c", (
+        ("const int32_t back = -state->supervisor.direction;", "const int32_t back = state->sense.motor_step;"),
+    )),
+    Proof("slip", 9, "core/slip.c", (
+        ("(integer_abs(slip->shell_urad_s) >= state->rates.dead_urad_s)", "(slip->shell_urad_s > -1)"),
+        ("(slip->newest + 1U) & (FAST_TICKS - 1U)", "slip->newest + 1U"),
+        ("(slip->ticks < FAST_TICKS)", "(slip->ticks <= FAST_TICKS)"),
+    ), alone=("counted", "slip_of")),
+    Proof("sense", 9, "core/sense.c", (
+        ("integer_clamp(mc, -HELD_MC, HELD_MC) * 256", "mc * 256"),
+        ("sense->trimmed ? off_q8 : 0", "off_q8"),
+    ), alone=("lasting",)),
+    Proof("estimator", 9, "core/estimator.c", (
+        ("(e->newest < (HISTORY_SLOTS - 1))", "(e->newest < HISTORY_SLOTS)"),
+        ("e->full = e->slots > ((2U * n) + (uint32_t)BLOCK_SLOTS);", "e->full = e->slots > (2U * n);"),
+        ("e->motor_unm = integer_hold(drawn - beyond);", "e->motor_unm = drawn - beyond - e->friction_unm;"),
+    )),
+    Proof("friction", 9, "core/compensation.c", (
+        ("if (urad < 450000) {", "if (urad > 450000) {"),
+        ("integer_abs(omega) / 1000;", "omega / 1000;"),
+    )),
+    Proof("calibration", 9, "core/calibration.c", (
+        ("    restart_step(c);\n}\n\n/* Largest", "}\n\n/* Largest"),
+        ("integer_clamp(direction(state) * e->omega_urad_s, 0, OMEGA_MAX_URAD_S)", "e->omega_urad_s"),
+    )),
+    Proof("ground", 9, "core/ground.c", (
+        ("integer_clamp(integer_cosine(turn), 8192, 32767)", "integer_cosine(turn)"),
+        ("integer_clamp(sd_ppm, 1, Y_MAX)", "sd_ppm"),
+    )),
+    Proof("telemetry", 10, "core/telemetry.c", (
+        ("state->counter < TERRAPIN_E2E_COUNTER_MAX", "state->counter <= TERRAPIN_E2E_COUNTER_MAX"),
+    )),
     Proof("integer", 3, "core/integer.c", (
         ("if (held > high) {", "if (held > low) {"),
     )),
 )  # fmt: skip
+
+
+def ranges() -> str:
+    """A macro for the harnesses: every parameter of a state is within its range, in numbers."""
+    parameters = interface().parameters.values()
+    held = (
+        f"ASSUME((state).parameter[{p.index}] >= {p.minimum} && (state).parameter[{p.index}] <= {p.maximum})"
+        for p in parameters
+    )
+    return "#define PARAMETERS_HOLD(state) do { " + "; ".join(held) + "; } while (0)\n"
 
 
 def prover() -> list[str] | None:
@@ -102,9 +159,16 @@ def alarms(cbmc: list[str], proof: Proof, source: str | None = None) -> tuple[li
     TimeoutError after SECONDS; ValueError when the harness cannot be read.
     """
     with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "ranges.h").write_text(ranges(), encoding="utf-8")
         include = [folder, str(HERE), *(str(ROOT / "firmware" / p) for p in ("core", "link", "store", "boot"))]
         include += [str(ROOT / "firmware"), str(paths.build() / "generated")]
+        if source is None and proof.alone:
+            source = (ROOT / "firmware" / proof.source).read_text(encoding="utf-8")
         if source is not None:
+            for function in proof.alone:
+                source, found = re.subn(rf"^(static [\w ]+){function}\(", rf"\1{function}_itself(", source, flags=re.M)
+                if found != 1:
+                    raise ValueError(f"{proof.source}: found {found} static functions {function}, expected one")
             for name in (proof.source, Path(proof.source).name):  # as a harness may spell it
                 (Path(folder) / name).parent.mkdir(exist_ok=True)
                 (Path(folder) / name).write_text(source, encoding="utf-8")

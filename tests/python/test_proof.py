@@ -65,6 +65,41 @@ def test_the_models_are_what_the_c_does(arithmetic: Any) -> None:
         assert lib.integer_divide(numerator, denominator) == models.divide(numerator, denominator)
 
 
+def tied(folder: Path, contracts: str) -> subprocess.CompletedProcess[str]:
+    """The functions of integer.h against these contracts, at POINTS draws each."""
+    (folder / "integers.h").write_text(contracts)
+    (folder / "tie_integers.c").write_text((ROOT / "tests/proof/tie_integers.c").read_text())
+    flags = ["-std=gnu11", "-O2", f"-I{ROOT / 'firmware/core'}", f"-I{ROOT / 'tests/proof'}", "-DTERRAPIN_ASSERTIONS"]
+    flags += ["-fsanitize=undefined", "-fno-sanitize-recover=undefined", f"-DPOINTS={POINTS}U"]
+    for made, kind in (("real.o", ["-DREAL"]), ("contracts.o", [])):
+        command = ["cc", *flags, *kind, "-c", "tie_integers.c", "-o", made]
+        subprocess.run(command, cwd=folder, check=True, timeout=300)
+    subprocess.run(["cc", *flags, "real.o", "contracts.o", "-o", "tie"], cwd=folder, check=True, timeout=300)
+    return subprocess.run([folder / "tie"], capture_output=True, text=True, check=False, timeout=600)
+
+
+def test_the_functions_keep_to_their_contracts(tmp_path: Path) -> None:
+    done = tied(tmp_path, (ROOT / "tests/proof/integers.h").read_text())
+    assert (done.returncode, done.stderr) == (0, "")
+    asked = {name: int(count) for name, count, _ in map(str.split, done.stdout.splitlines())}
+    assert len(asked) == 15
+    assert min(asked.values()) > POINTS // 3  # the others were not asked as the contracts want it
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        ("const int64_t most = two_to(power, bits);", "const int64_t most = two_to(power, bits + 1U);"),
+        ("(factor <= ((int64_t)1 << bits))", "(factor < ((int64_t)1 << bits))"),
+        ("(result <= 65536)", "(result <= 65528)"),
+    ],
+)
+def test_a_contract_that_is_not_kept_is_seen(tmp_path: Path, right: str, wrong: str) -> None:
+    contracts = (ROOT / "tests/proof/integers.h").read_text()
+    assert contracts.count(right) == 1
+    assert tied(tmp_path, contracts.replace(right, wrong)).returncode == 1
+
+
 def test_every_proof_has_defects_that_can_be_planted() -> None:
     for one in proof.PROOFS:
         source = (ROOT / "firmware" / one.source).read_text(encoding="utf-8")

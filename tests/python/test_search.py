@@ -25,6 +25,7 @@ from terrapin_tools.workbench.case.changes import extended
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.usual_sizes import usual_size
 from terrapin_tools.workbench.story.told import told
+from tests.campaigns import noises
 
 
 def example(folder: Path, name: str, effects: str) -> Path:
@@ -70,6 +71,20 @@ def test_a_twin_of_a_large_effect_is_named_too(tmp_path: Path) -> None:
     reasons = {card.proposal.effect: card.reason for card in told(found.analysis, found).cards}
     assert "times what is usual for such a robot" in reasons["aerodynamic_drag"]
     assert "usual" not in reasons["speed_squared"]
+
+
+def test_a_likely_answer_that_the_held_out_runs_refute_is_not_called_unknown() -> None:
+    """Offsets of six held-out runs speak against the right answer: it is not named, and not denied either."""
+    random = np.random.default_rng([9, sorted(noises.FAMILIES).index("offsets"), 18, 20])
+    hidden = (str(random.choice(noises.ROLLING)),)
+    made = make("rolling_steady", hidden, 30, 0.0, 2.0, random)
+    assert made is not None
+    found = discover(noises.disturbed(made, "offsets", random), seed=18)
+    assert (hidden, found.verdict, found.missing) == (("current_offset",), "unexplained", ())
+    assert found.answer_probability < 0.1
+    story = told(found.analysis, found)
+    assert "what is likeliest is not shown yet" in story.headline
+    assert any(note.startswith("Likeliest is current_offset, but with it the error") for note in story.notes)
 
 
 def test_an_absurd_size_speaks_for_another_effect_of_that_shape(tmp_path: Path) -> None:

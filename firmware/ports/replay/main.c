@@ -6,8 +6,8 @@
  *                                                                                   terrapin_outputs
  *     3, terrapin_frame                   one frame comes (intake.h)        answer: count (word)
  *     4, a word                           the node number from here on, 0 before      answer: none
- *     5, a link key (four words), its generation, the number of this start (words)    answer: bytes of a terrapin_seal
- * (word)
+ *     5, a link key (four words), its generation, the start's number   sealed from here on, open for generation 0
+ *                                                                     answer: size of terrapin_seal (word)
  *
  * Frames that came are taken before the next tick, as a port does, until the tick's budget is spent; a COMMAND that was
  * taken stands for that of the tick. Counts are of SysTick, under `-icount shift=7`: exact, the same in every run, high

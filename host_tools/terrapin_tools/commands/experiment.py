@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import asdict
+from itertools import product
 from pathlib import Path
 from typing import Annotated
 
@@ -33,6 +34,10 @@ def l9(
     run_up: Annotated[
         list[float] | None, typer.Option("--run-up", help="simulated: way on the board [m]; repeat for more")
     ] = None,
+    ramp: Annotated[
+        list[float] | None,
+        typer.Option("--ramp", help="simulated: share of the paper's accelerations; repeat for more"),
+    ] = None,
     json: Json = "",
     level: Level = 0.05,
 ) -> None:
@@ -50,10 +55,11 @@ def l9(
     if simulate:
         if factor or file is not None:
             raise UserError("--simulate rolls the paper's runs, expected neither --factor nor FILE.csv beside it")
-        _simulate(_numbers("--torque", torque, 1.4, 1.7), _numbers("--run-up", run_up, 1.0, 1.4), json)
+        torques, run_ups = _numbers("--torque", torque, 1.4, 1.7), _numbers("--run-up", run_up, 1.0, 1.4)
+        _simulate(list(product(torques, run_ups, _numbers("--ramp", ramp, 1.0))), json)
         return
-    if torque or run_up:
-        raise UserError("--torque and --run-up: expected together with --simulate")
+    if torque or run_up or ramp:
+        raise UserError("--torque, --run-up and --ramp: expected together with --simulate")
     if factor:
         if file is not None:
             raise UserError("--factor makes a plan and FILE.csv is analysed, expected one of the two")
@@ -109,12 +115,11 @@ def _numbers(option: str, given: list[float] | None, *usual: float) -> list[floa
     return given or list(usual)
 
 
-def _simulate(torques: list[float], run_ups: list[float], json: str) -> None:
+def _simulate(settings: list[tuple[float, float, float]], json: str) -> None:
     from terrapin_hil.robots import select
     from terrapin_tools.experiments import l9_runs
 
     select(l9_runs.ROBOT)
-    settings = [(torque, run_up) for torque in torques for run_up in run_ups]
     found = []
     for number, setting in enumerate(settings):
         print(f"nine runs, setting {number + 1} of {len(settings)}", file=sys.stderr, flush=True)

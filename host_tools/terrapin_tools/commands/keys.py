@@ -27,6 +27,22 @@ def new(
     print(f"{path}: private key, public half {key_hash(new_key(path))[:4].hex()}; keep it, and keep it secret")
 
 
+def public(
+    key: Annotated[Path, typer.Argument(metavar="KEY.pem", help="a key that signs images")],
+    path: Annotated[Path, typer.Argument(metavar="PUBLIC.pem", help="the file to make; never replaced")],
+) -> None:
+    """Write the public half of a key into a file of its own: what a release boot loader is built with, and what
+    `flash --protect` and `keys revoke` need of it.
+
+    Example: terrapin keys public robot.pem robot.pub.pem
+    """
+    from terrapin_tools.flash.keys import key_hash, public_key, public_text, write_new
+
+    half = public_key(key)
+    write_new(path, public_text(half))
+    print(f"{path}: public half {key_hash(half)[:4].hex()}, no secret")
+
+
 LinkKeyFile = Annotated[Path, typer.Argument(metavar="LINK.key", help="the file to make; never replaced")]
 
 
@@ -121,4 +137,4 @@ def revoke(
         print(f"{path}: signed with key {by}, revokes key {key_hash(revoked)[:4].hex()} once it is confirmed")
 
 
-SUBCOMMANDS = (new, link, renew, show, revoke)
+SUBCOMMANDS = (new, public, revoke, link, renew, show)

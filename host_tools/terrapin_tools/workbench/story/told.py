@@ -17,7 +17,7 @@ from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.compare.groups import differences
 from terrapin_tools.workbench.compare.noise_findings import noise_findings
 from terrapin_tools.workbench.discover.certainty import EVEN
-from terrapin_tools.workbench.discover.discovery import Candidate, Discovery
+from terrapin_tools.workbench.discover.discovery import Candidate, Discovery, rung
 from terrapin_tools.workbench.model import constants
 from terrapin_tools.workbench.model.fitting import Fit, covariance
 from terrapin_tools.workbench.model.table_faults import Fault
@@ -106,8 +106,13 @@ def found_by(discovery: Discovery) -> Findings:
         remarks = sentences.doubt(likeliest.effects, likeliest.column, discovery.ranking.blind)
     elif discovery.verdict == "unexplained" and discovery.leaves and discovery.best and not discovery.odd_runs:
         remarks = (sentences.best_leaves(*_rungs([discovery.best])),)
+    elif discovery.verdict == "unexplained" and discovery.best and not discovery.odd_runs:
+        (first, best) = _rungs([discovery.ladder[0], discovery.best])
+        if first.heldout_error and best.heldout_error and best.heldout_error > first.heldout_error:
+            remarks = (sentences.unproved(best, first.heldout_error, best.heldout_error),)
     elif own := [c.effect for c in candidates if c.kind == "expression" and c.effect in discovery.missing]:
         remarks = (sentences.only_here(own),)
+    remarks += _constants_in_sets(discovery)
     return Findings(
         verdict=discovery.verdict,
         missing=discovery.missing,
@@ -124,6 +129,20 @@ def found_by(discovery: Discovery) -> Findings:
         remarks=remarks,
         then=_rms(analysis, discovery.ladder[-1].fit) if discovery.missing else {},
     )
+
+
+def _constants_in_sets(discovery: Discovery) -> tuple[str, ...]:
+    """Of the rivals that change a stated constant beside an effect: a card shows the constant alone."""
+    found = []
+    for hypothesis in discovery.ranking.hypotheses:
+        if hypothesis.effects not in discovery.rivals or len(hypothesis.effects) < 2 or hypothesis.fit is None:
+            continue
+        for effect in filter(constants.named, hypothesis.effects):
+            case, name = hypothesis.fit.model.case, constants.named(effect)
+            (told,) = _rungs([rung(discovery.analysis, " + ".join(hypothesis.effects), hypothesis.fit)])
+            value = constants.value_of(hypothesis.fit, effect)
+            found.append(sentences.constant_in_set(told, name, value, case.parameters[name], case.base.units[name]))
+    return tuple(found)
 
 
 def _places(where: Sequence[Failure]) -> tuple[Place, ...]:

@@ -1,0 +1,47 @@
+/* ground.c from any state: f_r, the nearest terrain and the fit. The fit's sums stay bounded, and nothing divides by 0.
+ */
+#define TO_THE_UNIT
+#include "invariant.h"
+
+#include "ground.c"
+
+static terrapin_state state;
+
+static bool fit_holds(const terrapin_state *s) {
+    const terrapin_ground_fit *g = &s->ground;
+    const int64_t most = (int64_t)65 << 30U; /* 64 (2^30 + 64): what a moment comes to that loses a 64th a window */
+    return (g->weight_q8 >= 0) && (g->weight_q8 <= ((FIT_WINDOWS * 256) + FIT_WINDOWS)) && (g->x_q8 >= 0) &&
+           (g->x_q8 <= (X_MAX * 256)) && within(g->y_q8, Y_MAX * 256) && (g->xx >= 0) && (g->xx <= most) &&
+           (g->xy >= -most) && (g->xy <= most) && (g->windows <= (uint8_t)WINDOWS_MAX) &&
+           (g->todo <= (uint8_t)FIT_STEPS) &&
+           ((g->todo == 0U) || (g->todo == (uint8_t)FIT_STEPS) || (g->weight_q8 >= 256)) && within(g->f_r_ppm, Y_MAX) &&
+           (g->f_r_sd_ppm >= 0) && (g->f_r_sd_ppm <= Y_MAX);
+}
+
+int main(void) {
+    ANYTHING(state);
+    PARAMETERS_HOLD(state);
+    ASSUME(state_holds(&state) && fit_holds(&state));
+    const int32_t omega = nondet_int();
+
+    switch (nondet_byte()) {
+    case 0U:
+        ASSUME(omega > INT32_MIN);
+        PROVE(within(ground_floor_unm(&state, omega), HELD_OR_LEAST));
+        break;
+    case 1U:
+        ground_resistance(&state);
+        PROVE(!state.estimator.open || (state.ground.f_r_sd_ppm > 0));
+        break;
+    case 2U:
+        ASSUME(state.ground.f_r_sd_ppm > 0); /* ground_resistance, a tick before */
+        ground_nearest(&state);
+        break;
+    default:
+        ground_fit_work(&state);
+        break;
+    }
+
+    PROVE(fit_holds(&state));
+    return 0;
+}
