@@ -1,9 +1,10 @@
 #include "dispatch.h"
+
+#include "command.h"
+#include "genuine.h"
 #include "parameters.h"
 #include "terrapin_interface.h"
 #include "terrapin_assert.h"
-
-#define COUNTER_WINDOW 4U /* steps of a COMMAND's counter: as many cycles as the longest command_timeout has */
 
 #ifdef TERRAPIN_PRODUCTION
 #define KIND ((uint32_t)TERRAPIN_IMAGE_KIND_PRODUCTION)
@@ -26,136 +27,11 @@ static const int32_t *start_values(const terrapin_link *link) {
     return stored ? store->value : link->defaults;
 }
 
-/* True when a protected frame may be used; counts it otherwise. */
-static bool genuine(terrapin_link *link, const terrapin_frame *frame, uint8_t length, uint8_t *last_counter) {
-    bool good = false;
-    if (frame->length != length) {
-        link->malformed++;
-    } else {
-        switch (terrapin_e2e_check(frame, last_counter)) {
-        case TERRAPIN_E2E_OK:
-            good = true;
-            break;
-        case TERRAPIN_E2E_REPEATED:
-            link->repeated++;
-            break;
-        case TERRAPIN_E2E_BAD_CRC:
-        default:
-            link->bad_crc++;
-            break;
-        }
-    }
-    return good;
-}
-
-/* Of all requests the one that is never wrong: whoever sent it, and whatever came before. */
-static void accept_stop_all(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
-    terrapin_stop_all_t message;
-    if (!terrapin_decode_stop_all(frame, &message) || (message.request != TERRAPIN_REQUEST_IDLE)) {
-        link->malformed++;
-        return;
-    }
-    static const terrapin_command idle = {.request = TERRAPIN_REQUEST_IDLE};
-    inputs->command = idle;
-    inputs->command_fresh = true;
-    link->held = true;
-}
-
-/* How far a counter is behind another, round the circle. */
-static uint8_t steps(uint8_t from, uint8_t counter) {
-    return (uint8_t)(((uint32_t)counter + TERRAPIN_E2E_COUNTER_MAX + 1U - from) % (TERRAPIN_E2E_COUNTER_MAX + 1U));
-}
-
-/* True when the counter of a COMMAND follows the last one taken, or that of the frame dropped before it, so that a new
- * host is taken with its second frame. Counts what does not. */
-static bool follows(terrapin_link *link, uint8_t counter) {
-    TERRAPIN_ASSERT(counter <= TERRAPIN_E2E_COUNTER_MAX);
-    const bool first = link->command_counter == TERRAPIN_E2E_NO_COUNTER;
-    const uint8_t step = first ? 1U : steps(link->command_counter, counter);
-    const bool second =
-        (link->dropped_counter != TERRAPIN_E2E_NO_COUNTER) && (steps(link->dropped_counter, counter) == 1U);
-    const bool good = ((step >= 1U) && (step <= COUNTER_WINDOW)) || second;
-    if (good) {
-        link->command_counter = counter;
-        link->dropped_counter = TERRAPIN_E2E_NO_COUNTER;
-    } else {
-        link->dropped_counter = counter;
-        link->repeated += (step == 0U) ? 1U : 0U;
-        link->out_of_step += (step == 0U) ? 0U : 1U;
-    }
-    return good;
-}
-
-/* An IDLE came in this tick. */
-static bool idle_stands(const terrapin_inputs *inputs) {
-    return inputs->command_fresh && (inputs->command.request == (uint8_t)TERRAPIN_REQUEST_IDLE);
-}
-
-static void take_command(terrapin_link *link, terrapin_inputs *inputs, const terrapin_command_t *message) {
-    link->held =
-        link->held && (message->request != TERRAPIN_REQUEST_IDLE) && (message->request != TERRAPIN_REQUEST_CLEAR);
-    inputs->command.request = link->held ? (uint8_t)TERRAPIN_REQUEST_IDLE : (uint8_t)message->request;
-    inputs->command.control = (uint8_t)message->control;
-    inputs->command.limiter = message->limiter != 0;
-    inputs->command.setpoint = (int16_t)message->setpoint;
-    inputs->command_fresh = true;
-}
-
-/* An IDLE is taken with any counter, and no other COMMAND of its tick takes its place. */
-static void accept_command(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
-    terrapin_command_t message;
-    uint8_t counter = TERRAPIN_E2E_NO_COUNTER;
-    if (!genuine(link, frame, TERRAPIN_LENGTH_COMMAND, &counter) || !terrapin_decode_command(frame, &message)) {
-        return;
-    }
-    if ((message.request > TERRAPIN_REQUEST_CLEAR) || (message.control > TERRAPIN_CONTROL_SPEED)) {
-        link->malformed++;
-        return;
-    }
-    if (message.request == TERRAPIN_REQUEST_IDLE) {
-        link->command_counter = counter;
-        link->dropped_counter = TERRAPIN_E2E_NO_COUNTER;
-    } else if (link->seal.key != NULL) {
-        link->unsealed++;
-        return;
-    } else if (!follows(link, counter)) {
-        return;
-    } else if (idle_stands(inputs)) {
-        link->out_of_place++;
-        return;
-    } else {
-        /* taken */
-    }
-    take_command(link, inputs, &message);
-}
-
-static void accept_command_sealed(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
-    terrapin_command_sealed_t sealed;
-    if (!terrapin_decode_command_sealed(frame, &sealed) || (sealed.request > TERRAPIN_REQUEST_CLEAR) ||
-        (sealed.control > TERRAPIN_CONTROL_SPEED)) {
-        link->malformed++;
-        return;
-    }
-    const uint32_t bytes =
-        (uint32_t)frame->data[0] | ((uint32_t)frame->data[1] << 8U) | ((uint32_t)frame->data[2] << 16U);
-    if (!terrapin_seal_check(&link->seal, frame->id, (uint32_t)sealed.counter, 8U, bytes, 0U, sealed.tag)) {
-        link->unsealed++;
-        return;
-    }
-    const terrapin_command_t message = {
-        .request = sealed.request, .control = sealed.control, .limiter = sealed.limiter, .setpoint = sealed.setpoint};
-    if (idle_stands(inputs) && (message.request != TERRAPIN_REQUEST_IDLE)) {
-        link->out_of_place++;
-        return;
-    }
-    take_command(link, inputs, &message);
-}
-
 #ifndef TERRAPIN_PRODUCTION
 static void accept_test_mode(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
                              terrapin_inputs *inputs) {
     terrapin_test_mode_t message;
-    if (!genuine(link, frame, TERRAPIN_LENGTH_TEST_MODE, &link->test_counter) ||
+    if (!link_genuine(link, frame, TERRAPIN_LENGTH_TEST_MODE, &link->test_counter) ||
         !terrapin_decode_test_mode(frame, &message)) {
         return;
     }
@@ -225,7 +101,7 @@ static void parameter_value(terrapin_link *link, const terrapin_state *state, ui
 static terrapin_accept_result accept_parameter_write(terrapin_link *link, terrapin_state *state,
                                                      const terrapin_frame *frame, terrapin_frame *reply) {
     terrapin_parameter_write_t message;
-    if (!genuine(link, frame, TERRAPIN_LENGTH_PARAMETER_WRITE, &link->write_counter) ||
+    if (!link_genuine(link, frame, TERRAPIN_LENGTH_PARAMETER_WRITE, &link->write_counter) ||
         !terrapin_decode_parameter_write(frame, &message)) {
         return TERRAPIN_ACCEPT_NOTHING;
     }
@@ -261,7 +137,7 @@ static void store_status(terrapin_link *link, const terrapin_state *state, int32
 static terrapin_accept_result accept_store_command(terrapin_link *link, terrapin_state *state,
                                                    const terrapin_frame *frame, terrapin_frame *reply) {
     terrapin_store_command_t message;
-    if (!genuine(link, frame, TERRAPIN_LENGTH_STORE_COMMAND, &link->store_counter) ||
+    if (!link_genuine(link, frame, TERRAPIN_LENGTH_STORE_COMMAND, &link->store_counter) ||
         !terrapin_decode_store_command(frame, &message)) {
         return TERRAPIN_ACCEPT_NOTHING;
     }
@@ -417,7 +293,7 @@ static terrapin_accept_result accept_of_the_bus(terrapin_link *link, const terra
                                                 terrapin_frame *reply) {
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
     if (frame->id == TERRAPIN_ID_STOP_ALL) {
-        accept_stop_all(link, frame, inputs);
+        command_stop_all(link, frame, inputs);
     } else if ((frame->id == TERRAPIN_ID_NODE_REQUEST) && (link->identity != NULL)) {
         result = accept_node_request(link, state, frame, reply);
     } else {
@@ -432,10 +308,10 @@ static terrapin_accept_result take_frame(terrapin_link *link, terrapin_state *st
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
     switch (frame->id) {
     case TERRAPIN_ID_COMMAND:
-        accept_command(link, frame, inputs);
+        command_plain(link, frame, inputs);
         break;
     case TERRAPIN_ID_COMMAND_SEALED:
-        accept_command_sealed(link, frame, inputs);
+        command_sealed(link, frame, inputs);
         break;
     case TERRAPIN_ID_SESSION_OPEN:
         result = accept_session_open(link, frame, reply);

@@ -542,3 +542,13 @@ def test_a_revocation_that_cannot_be_written_down_is_tried_again() -> None:
     chip.flash.write = write
     assert chip.start() == "a"
     assert chip.record().revoked == 1
+
+
+def test_a_query_tells_two_bytes_of_each_name() -> None:
+    chip = with_two_keys("a", image("a", "1.0.0"))
+    for first, second, expected in (
+        (0x8765FFFF, 0x43210001, ("ffff", "0100", 0)),
+        (0xFFFF0000, 0x0000FFFF, ("0000", "ffff", 0)),
+    ):
+        chip.boot.key_ids[0], chip.boot.key_ids[1] = first, second
+        assert floor(chip) == expected

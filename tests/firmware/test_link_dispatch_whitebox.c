@@ -5,7 +5,9 @@
 
 #include "crc32.c"
 #include "chaskey.c"
+#include "command.c"
 #include "dispatch.c"
+#include "genuine.c"
 #include "node.c"
 #include "seal.c"
 #include "../../firmware/store/parameters.c" /* not the core's, which has the same name */

@@ -5,7 +5,9 @@
 
 #define TERRAPIN_PRODUCTION
 #include "chaskey.c"
+#include "command.c"
 #include "dispatch.c"
+#include "genuine.c"
 #include "node.c"
 #include "seal.c"
 #include "terrapin_interface.c"

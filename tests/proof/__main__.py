@@ -61,9 +61,12 @@ PROOFS = (
         ("if (intake->count == TERRAPIN_INTAKE_SIZE) {", "if (intake->count > TERRAPIN_INTAKE_SIZE) {"),
         ("(intake->first + intake->count) % TERRAPIN_INTAKE_SIZE", "intake->first + intake->count"),
     )),
+    Proof("command", 10, "link/command.c", (
+        ("} else if (link->seal.key != NULL) {", "} else if (false) {"),
+        ("} else if (idle_stands(inputs)) {", "} else if (false) {"),
+    )),
     Proof("dispatch", 10, "link/dispatch.c", (
         ("if (arm && terrapin_bridge_on(state)) {", "if (false) {"),
-        ("} else if (link->seal.key != NULL) {", "} else if (false) {"),
         ("(link->reply_counter < TERRAPIN_E2E_COUNTER_MAX) ?", "(link->reply_counter <= TERRAPIN_E2E_COUNTER_MAX) ?"),
     )),
     Proof("service", 10, "link/service.c", (

@@ -2,7 +2,9 @@
  * generated decoders. The controller's and the store's functions answer anything within what their headers say. */
 #include "proof.h"
 
+#include "command.c"
 #include "dispatch.c"
+#include "genuine.c"
 #include "node.c"
 #include "seal.c"
 #include "terrapin_interface.c"

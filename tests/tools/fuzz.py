@@ -24,7 +24,7 @@ KEPT = ROOT / "out" / "fuzz"
 # What each target is there to reach.
 PARSERS = {
     "slcan": ("link/slcan.c",),
-    "can": ("link/dispatch.c",),
+    "can": ("link/dispatch.c", "link/command.c", "link/genuine.c"),
     "intake": ("link/intake.c",),
     "step": ("core/sense.c", "core/supervisor.c", "core/step.c", "core/drive.c", "core/slip.c"),
     "readers": ("boot/records.c", "store/parameters.c", "store/crc32.c"),

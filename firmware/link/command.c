@@ -1,0 +1,110 @@
+#include "command.h"
+
+#include "genuine.h"
+#include "terrapin_assert.h"
+#include "terrapin_interface.h"
+
+#define COUNTER_WINDOW 4U /* steps of a COMMAND's counter: as many cycles as the longest command_timeout has */
+
+/* Of all requests the one that is never wrong: whoever sent it, and whatever came before. */
+void command_stop_all(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
+    terrapin_stop_all_t message;
+    if (!terrapin_decode_stop_all(frame, &message) || (message.request != TERRAPIN_REQUEST_IDLE)) {
+        link->malformed++;
+        return;
+    }
+    static const terrapin_command idle = {.request = TERRAPIN_REQUEST_IDLE};
+    inputs->command = idle;
+    inputs->command_fresh = true;
+    link->held = true;
+}
+
+/* How far a counter is behind another, round the circle. */
+static uint8_t steps(uint8_t from, uint8_t counter) {
+    return (uint8_t)(((uint32_t)counter + TERRAPIN_E2E_COUNTER_MAX + 1U - from) % (TERRAPIN_E2E_COUNTER_MAX + 1U));
+}
+
+/* True when the counter of a COMMAND follows the last one taken, or that of the frame dropped before it, so that a new
+ * host is taken with its second frame. Counts what does not. */
+static bool follows(terrapin_link *link, uint8_t counter) {
+    TERRAPIN_ASSERT(counter <= TERRAPIN_E2E_COUNTER_MAX);
+    const bool first = link->command_counter == TERRAPIN_E2E_NO_COUNTER;
+    const uint8_t step = first ? 1U : steps(link->command_counter, counter);
+    const bool second =
+        (link->dropped_counter != TERRAPIN_E2E_NO_COUNTER) && (steps(link->dropped_counter, counter) == 1U);
+    const bool good = ((step >= 1U) && (step <= COUNTER_WINDOW)) || second;
+    if (good) {
+        link->command_counter = counter;
+        link->dropped_counter = TERRAPIN_E2E_NO_COUNTER;
+    } else {
+        link->dropped_counter = counter;
+        link->repeated += (step == 0U) ? 1U : 0U;
+        link->out_of_step += (step == 0U) ? 0U : 1U;
+    }
+    return good;
+}
+
+/* An IDLE came in this tick. */
+static bool idle_stands(const terrapin_inputs *inputs) {
+    return inputs->command_fresh && (inputs->command.request == (uint8_t)TERRAPIN_REQUEST_IDLE);
+}
+
+static void take_command(terrapin_link *link, terrapin_inputs *inputs, const terrapin_command_t *message) {
+    link->held =
+        link->held && (message->request != TERRAPIN_REQUEST_IDLE) && (message->request != TERRAPIN_REQUEST_CLEAR);
+    inputs->command.request = link->held ? (uint8_t)TERRAPIN_REQUEST_IDLE : (uint8_t)message->request;
+    inputs->command.control = (uint8_t)message->control;
+    inputs->command.limiter = message->limiter != 0;
+    inputs->command.setpoint = (int16_t)message->setpoint;
+    inputs->command_fresh = true;
+}
+
+/* An IDLE is taken with any counter, and no other COMMAND of its tick takes its place. */
+void command_plain(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
+    terrapin_command_t message;
+    uint8_t counter = TERRAPIN_E2E_NO_COUNTER;
+    if (!link_genuine(link, frame, TERRAPIN_LENGTH_COMMAND, &counter) || !terrapin_decode_command(frame, &message)) {
+        return;
+    }
+    if ((message.request > TERRAPIN_REQUEST_CLEAR) || (message.control > TERRAPIN_CONTROL_SPEED)) {
+        link->malformed++;
+        return;
+    }
+    if (message.request == TERRAPIN_REQUEST_IDLE) {
+        link->command_counter = counter;
+        link->dropped_counter = TERRAPIN_E2E_NO_COUNTER;
+    } else if (link->seal.key != NULL) {
+        link->unsealed++;
+        return;
+    } else if (!follows(link, counter)) {
+        return;
+    } else if (idle_stands(inputs)) {
+        link->out_of_place++;
+        return;
+    } else {
+        /* taken */
+    }
+    take_command(link, inputs, &message);
+}
+
+void command_sealed(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
+    terrapin_command_sealed_t sealed;
+    if (!terrapin_decode_command_sealed(frame, &sealed) || (sealed.request > TERRAPIN_REQUEST_CLEAR) ||
+        (sealed.control > TERRAPIN_CONTROL_SPEED)) {
+        link->malformed++;
+        return;
+    }
+    const uint32_t bytes =
+        (uint32_t)frame->data[0] | ((uint32_t)frame->data[1] << 8U) | ((uint32_t)frame->data[2] << 16U);
+    if (!terrapin_seal_check(&link->seal, frame->id, (uint32_t)sealed.counter, 8U, bytes, 0U, sealed.tag)) {
+        link->unsealed++;
+        return;
+    }
+    const terrapin_command_t message = {
+        .request = sealed.request, .control = sealed.control, .limiter = sealed.limiter, .setpoint = sealed.setpoint};
+    if (idle_stands(inputs) && (message.request != TERRAPIN_REQUEST_IDLE)) {
+        link->out_of_place++;
+        return;
+    }
+    take_command(link, inputs, &message);
+}

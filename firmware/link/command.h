@@ -1,0 +1,15 @@
+/* Who may command: what STOP_ALL, COMMAND and COMMAND_SEALED make of the command of a tick. Of use to dispatch.c alone.
+ *
+ * An IDLE is taken of anybody, with any counter, and nothing takes its place in its tick; after STOP_ALL only a COMMAND
+ * that says idle or clear ends the hold. A controller with a link key takes everything else sealed (seal.h).
+ */
+#ifndef TERRAPIN_COMMAND_H
+#define TERRAPIN_COMMAND_H
+
+#include "dispatch.h"
+
+void command_stop_all(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs);
+void command_plain(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs);
+void command_sealed(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs);
+
+#endif
