@@ -229,7 +229,9 @@ def table(records: list[Record]) -> str:
         mine = [r for r in records if r["family"] == kind]
         if not mine:
             continue
-        lines.append(f"{kind:32}{'cases':>6}{'right or tied':>24}{'above 0.9 and wrong':>24}{'rivals':>8}{'seconds':>9}")
+        lines.append(
+            f"{kind:32}{'cases':>6}{'right or tied':>24}{'above 0.9 and wrong':>24}{'rivals':>8}{'seconds':>9}"
+        )
         systems = {name: [r for r in mine if r["system"] == name] for name in {r["system"] for r in mine}}
         worst = sorted(systems.items(), key=lambda item: (sum(r["right"] for r in item[1]) / len(item[1]), item[0]))
         for name, part in (("all", mine), *worst):
@@ -240,7 +242,9 @@ def table(records: list[Record]) -> str:
             lines.append(f"{name:32}{len(part):6d}{rates}{rivals:8.1f}{seconds:9.1f}")
         for r in sorted((r for r in mine if not r["right"]), key=lambda r: r["system"]):
             said = " | ".join(" + ".join(names) for names in r["told"]) or f"- (likeliest {r['likeliest']})"
-            lines.append(f"  {r['number']:4d} {r['system']}, {r['noise']}: {r['verdict']} {r['probability']:.2f}  {said}")
+            lines.append(
+                f"  {r['number']:4d} {r['system']}, {r['noise']}: {r['verdict']} {r['probability']:.2f}  {said}"
+            )
         lines.append("")
     return "\n".join(lines).rstrip()
 

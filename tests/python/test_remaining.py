@@ -123,8 +123,8 @@ def test_mean_square_that_noise_allows() -> None:
 
 
 def test_the_shipped_table_names_the_radius_that_would_reconcile_it() -> None:
-    """Its five runs lie far from the model: no answer is likely. Among those told is the radius, with what would be left,
-    and what speaks against it."""
+    """Its five runs lie far from the model: no answer is likely. Among those told is the radius, with what would be
+    left, and what speaks against it."""
     found = discover(load_case(ROOT / "cases" / "forced_slip_sand"))
     assert found.analysis.missing
     assert found.verdict == "ambiguous"

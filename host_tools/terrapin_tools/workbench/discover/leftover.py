@@ -135,8 +135,9 @@ def pays(analysis: Analysis, longer: Fit, shorter: Fit) -> bool:
     floor only. An error below 1 is luck, or a noise sd that is stated too large; it shows no effect.
 
     An estimated sd may be too large itself and hold a part of what is missing. There what counts, too, is the ratio of
-    the two errors, whatever the sd: it must be significant, and the shorter answer must leave a misfit of half the noise
-    sd that the longer one shows. Less is a flaw of a shape (a friction that is not quite dry), which many rows show.
+    the two errors, whatever the sd: it must be significant, and the shorter answer must leave a misfit of half the
+    noise sd that the longer one shows. Less is a flaw of a shape (a friction that is not quite dry), which many rows
+    show.
     """
     case, sigma, node = analysis.case, analysis.noise.sigma, analysis.noise.node
     after, before = error(longer, case.test, sigma), error(shorter, case.test, sigma)
