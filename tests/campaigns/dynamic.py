@@ -116,20 +116,21 @@ def _driven(name: str, clock: Array, random: Random) -> Array:
     span = clock[-1]
     if name == "voltage":  # two steps, either way round
         first, second = random.uniform(2.5, 9.0, 2)
-        return np.where(clock < random.uniform(0.3, 0.7) * span, first, second) * random.choice([-1.0, 1.0])
+        steps = np.where(clock < random.uniform(0.3, 0.7) * span, first, second)
+        return np.asarray(steps * random.choice([-1.0, 1.0]))
     if name == "joint_rate":  # up, held, and down again
         top, rise = random.uniform(0.8, 2.6), random.uniform(0.2, 0.4)
         shape = np.interp(clock / span, [0.0, rise, 0.75, 1.0], [0.0, 1.0, 1.0, random.uniform(0.2, 1.0)])
         return np.asarray(top * shape * random.choice([-1.0, 1.0]))
     knots = np.linspace(0.0, span, 5)
-    return np.interp(clock, knots, [0.0, *random.uniform(200.0, 1500.0, 4)])
+    return np.asarray(np.interp(clock, knots, [0.0, *random.uniform(200.0, 1500.0, 4)]))
 
 
 def draw(base: str, number: int, seed: int, folder: Path) -> tuple[Case, str]:
     """A case in a folder, and the effect that it lacks."""
     body, random = BODIES[base], np.random.default_rng([seed, list(BODIES).index(base), number])
     effect = list(body.effects)[number % len(body.effects)]
-    clock = np.arange(body.rows) * body.step
+    clock = body.step * np.arange(body.rows, dtype=np.float64)
     while True:
         theta = {name: float(random.uniform(*limits)) for name, limits in body.fitted.items()}
         own = {name: float(random.uniform(*limits)) for name, limits in body.effects[effect].items()}

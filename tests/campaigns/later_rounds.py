@@ -5,9 +5,10 @@
 
 Cases are those of pools.py, whose seed and number make them. The commands `terrapin discover` and `terrapin add` take
 turns as in measured.py, at most five rounds, in the folder that a user would have. The error is the root mean square
-over every row of the held-out runs, rows that discovery left out included. `false` counts catalogued effects that were
-added and that the data do not hold; of effects that are one on the data the likeliest is added, so it is an upper
-limit. A rerun goes on where the last one stopped.
+over every row of the held-out runs, rows that discovery left out included. `false` counts catalogued effects that
+were added and that the data do not hold; of effects that are one on the data the likeliest is added, so it is an upper
+limit.
+A rerun goes on where the last one stopped.
 """
 
 from __future__ import annotations

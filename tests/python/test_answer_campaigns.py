@@ -1,0 +1,70 @@
+"""Campaigns of rounds, of bodies that move and of the user's own equations: a case of each, and their tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from terrapin_tools.workbench.compare.comparison import error, fitted_on
+from terrapin_tools.workbench.model.model import Model
+from tests.campaigns import dynamic, later_rounds, ode_systems
+from tests.campaigns.resumed import Record
+
+
+@pytest.mark.parametrize("base", dynamic.BODIES)
+def test_what_is_hidden_in_a_motion_shows_and_is_what_brings_the_model_to_the_noise(base: str, tmp_path: Path) -> None:
+    case, effect = dynamic.draw(base, 0, 3, tmp_path / "case")
+    assert case.effects == ()
+    assert effect in dynamic.BODIES[base].effects
+    sigma = np.array([case.sigma[c] or np.std(case.channels[c]) for c in Model.of(case).channels], dtype=np.float64)
+    plain, larger = fitted_on(case, (effect,), case.train, sigma)
+    before, after = (error(fit, case.train, sigma) for fit in (plain, larger))
+    assert before is not None
+    assert after is not None
+    assert before > 1.1 * after
+    again, _ = dynamic.draw(base, 0, 3, tmp_path / "again")
+    assert all(np.array_equal(case.channels[c], again.channels[c]) for c in case.channels)
+
+
+def test_rounds_of_a_drawn_case_end_and_the_error_falls() -> None:
+    found = later_rounds.one("single30", 0, seed=2)
+    assert found["problems"] == []
+    assert 2 <= len(found["rounds"]) <= 6
+    assert found["added"]
+    shown = later_rounds.table([{"family": "single30", "number": 0, **found}])
+    assert "single30       1             0     0.0 %" in shown
+
+
+def test_a_crash_is_a_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise RuntimeError("boom")
+
+    monkeypatch.setattr(later_rounds, "rounds", fails)
+    found = later_rounds.one("mixed", 0, seed=2)
+    assert found["crashed"]
+    assert "crash: boom" in later_rounds.table([{"family": "mixed", "number": 0, **found}])
+
+
+def answered(number: int, right: bool, probability: float) -> Record:
+    return {
+        "family": "lacking",
+        "number": number,
+        "system": "duffing" if right else "car, air drag",
+        "noise": 0.01,
+        "verdict": "missing",
+        "probability": probability,
+        "told": [["derivative.v: k*x**3"]],
+        "likeliest": "derivative.v: k*x**3",
+        "right": right,
+        "seconds": 3.0,
+    }
+
+
+def test_the_table_of_equations_puts_the_worst_system_first() -> None:
+    lines = ode_systems.table([answered(0, True, 0.95), answered(1, False, 0.95), answered(2, True, 0.95)]).split("\n")
+    assert lines[1].split()[:4] == ["all", "3", "66.7", "%"]
+    assert [line.split()[0] for line in lines[2:4]] == ["car,", "duffing"]
+    assert "100.0 %" in lines[2].partition("0.0 %")[2]  # above 0.9 and wrong
+    assert lines[4].strip() == "1 car, air drag, 0.01: missing 0.95  derivative.v: k*x**3"
