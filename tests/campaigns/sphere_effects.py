@@ -1,11 +1,11 @@
 """Effects hidden in the sphere's own logs, found again: `python -m tests.campaigns.sphere_effects --cases 20`.
 
-Each case: 18 runs of the sphere of 150 N on weak sand (30 degrees, K = 25 mm) under its controller, logged, made into a
-case of rolling_sphere by what `terrapin case runs` calls, discovered in, and the effect added. The design, fixed before
-any result: slopes from -6.3 to 6.2 degrees (slips from 0 to 0.5), weights from 110 to 212 N, windings from 25 to 65
-degC, a voltage a run; the soil's stiffness, friction angle and shear modulus are fitted, since no user knows them well.
-The case's seed draws the effect's size, the order of the settings, the sensors' noise and a pitch sensor that is off by
-0.5 mrad (sd) in each run. The family `nothing` hides nothing.
+Each case: 18 runs of the sphere on weak sand (30 degrees, K = 25 mm) under its controller, logged, made into a case of
+rolling_sphere by what `terrapin case runs` calls, discovered in, and the effect added. Slopes from -6.3 to 6.2 degrees
+(slips from 0.05 to 0.5), weights from 110 to 212 N, windings from 25 to 65 degC, a voltage a run, every second run in
+reverse; the soil's stiffness, friction angle and shear modulus are fitted, since no user knows them well. The case's
+seed draws the effect's size, the order of the settings, the sensors' noise and a pitch sensor that is off by 0.5 mrad
+(sd) in each run. The family `nothing` hides nothing.
 
 An effect's size is the rms of what it changes in the channel where that is largest, in sd of the noise that the case
 has; sizes below 2 are drawn again. Right is the effect alone, or among rivals that the data cannot tell apart; of
@@ -90,6 +90,9 @@ def scenario(name: str, draw: np.random.Generator, number: int, place: Sequence[
     pitch, mass, celsius, volts = (
         float(each[at]) for each, at in zip((PITCHES, MASSES, CELSIUS, VOLTS), place, strict=True)
     )
+    way = (
+        1.0 if place[0] % 2 else -1.0
+    )  # forwards, or the same in reverse: an offset of the current sensor does not turn
     robot = replace(base.robot, body_mass=mass * BOB, shell_mass=mass * base.robot.shell_mass)
     effects = [ActiveEffect(catalogue()["bulldozing"], {"scale": 1.0})]
     if name != "nothing":
@@ -107,12 +110,12 @@ def scenario(name: str, draw: np.random.Generator, number: int, place: Sequence[
         duration=DURATION,
         seed=int(draw.integers(1, 2**31)),
         robot=robot,
-        ground=replace(base.ground, segments=(Segment(Terrain(), slope=pitch),)),
+        ground=replace(base.ground, segments=(Segment(Terrain(), slope=way * pitch),)),
         effects=tuple(effects),
         sensors=sensors,
         winding=Winding(profile=((0.0, celsius), (1.0, celsius))),
         operator=tuple(
-            Order(0.5 + k * RAMP / STEPS, "run", "voltage", volts * (k + 1) / STEPS, limiter=False)
+            Order(0.5 + k * RAMP / STEPS, "run", "voltage", way * volts * (k + 1) / STEPS, limiter=False)
             for k in range(STEPS)
         ),
         tow=(),
