@@ -19,9 +19,11 @@ terrapin_image_result terrapin_boot_check(const terrapin_boot *boot, uint8_t slo
     TERRAPIN_ASSERT((slot == A) || (slot == B));
     const terrapin_flash_area area = terrapin_boot_slot(slot);
     terrapin_image_result result =
-        terrapin_image_verify(boot->flash, area, TERRAPIN_LAYOUT_BASE + area.offset, boot->key, image);
+        terrapin_image_verify(boot->flash, area, TERRAPIN_LAYOUT_BASE + area.offset, boot->keys, image);
     if (result == (uint8_t)TERRAPIN_UPDATE_RESULT_OK) {
-        if (image->security_counter < record->security_counter) {
+        if (record->revoked == (image->key + 1U)) {
+            result = TERRAPIN_UPDATE_RESULT_REVOKED_KEY;
+        } else if (image->security_counter < record->security_counter) {
             result = TERRAPIN_UPDATE_RESULT_COUNTER_TOO_LOW;
         } else if (update && (terrapin_image_compare(image->version, record->version) < 0)) {
             result = TERRAPIN_UPDATE_RESULT_VERSION_TOO_OLD;
@@ -54,6 +56,16 @@ static bool take(const terrapin_boot *boot, uint8_t slot, const terrapin_record 
     return good;
 }
 
+/* What a confirmed image says of the other key is written down once; if that fails, at its next start. */
+static void revoke(const terrapin_boot *boot, const terrapin_image *image, terrapin_record *record) {
+    TERRAPIN_ASSERT(image->key < TERRAPIN_IMAGE_KEYS);
+    const uint32_t other = 1U - (uint32_t)image->key;
+    if ((image->revokes == boot->key_ids[other]) && (record->revoked == 0U)) {
+        record->revoked = (uint8_t)(other + 1U);
+        (void)terrapin_records_append(boot->flash, record);
+    }
+}
+
 void terrapin_boot_choose(const terrapin_boot *boot, terrapin_boot_choice *choice) {
     TERRAPIN_ASSERT((boot != NULL) && (choice != NULL));
     static const terrapin_boot_choice stay = {0};
@@ -81,9 +93,13 @@ void terrapin_boot_choose(const terrapin_boot *boot, terrapin_boot_choice *choic
         /* nothing new */
     }
 
-    if ((record.confirmed != NONE) && !take(boot, record.confirmed, &record, false, choice)) {
-        record.confirmed = NONE; /* the flash has lost it: whatever starts well now takes its place */
-        (void)terrapin_records_append(boot->flash, &record);
+    if (record.confirmed != NONE) {
+        if (!take(boot, record.confirmed, &record, false, choice)) {
+            record.confirmed = NONE; /* the flash has lost it: whatever starts well now takes its place */
+            (void)terrapin_records_append(boot->flash, &record);
+        } else {
+            revoke(boot, &choice->image, &record);
+        }
     }
     if (choice->slot == NONE) { /* nothing is confirmed: what there is, a rejected image last */
         const uint8_t last = (record.candidate == A) ? A : B;

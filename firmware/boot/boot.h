@@ -11,6 +11,9 @@
  * before is a way back; its counter never above that of the image which is confirmed.
  * An image is started only with a good signature and a security counter that is no lower than the floor's. Without any
  * such image the boot loader stays and serves updates.
+ *
+ * There are two keys. A confirmed image of one of them may name the other (image.revokes): from its next start on that
+ * one starts nothing and updates nothing. The last key cannot be revoked, since none is left that could do it.
  */
 #ifndef TERRAPIN_BOOT_H
 #define TERRAPIN_BOOT_H
@@ -25,11 +28,11 @@ extern "C" {
 
 typedef struct {
     const terrapin_flash *flash;
-    const uint8_t *key; /* 32 bytes: the public key */
-    uint32_t key_id;    /* first four bytes of terrapin_image_key_hash, little-endian: what UPDATE_FLOOR tells */
-    bool release;       /* takes a desk image only when that names this chip */
-    uint8_t board;      /* takes images that say no other, unless 0 */
-    uint32_t unit;      /* the chip's unique number, as PORT_IDENTITY tells it */
+    const uint8_t *keys;                   /* the public keys, 32 bytes each; of one key alone, twice that one */
+    uint32_t key_ids[TERRAPIN_IMAGE_KEYS]; /* first four bytes of their terrapin_image_key_hash, little-endian */
+    bool release;                          /* takes a desk image only when that names this chip */
+    uint8_t board;                         /* takes images that say no other, unless 0 */
+    uint32_t unit;                         /* the chip's unique number, as PORT_IDENTITY tells it */
 } terrapin_boot;
 
 typedef struct {

@@ -1,10 +1,11 @@
-"""The public key of the boot loader as C, from a PEM; makes the development key when there is none yet.
+"""The public keys of the boot loader as C, from PEMs; makes the development key when there is none yet.
 
-    boot_key.py --key KEY.pem [--make] [--release] --out boot_key.h
+    boot_key.py --key KEY.pem [--next NEXT.pem] [--make] [--release --bench BENCH.pem] --out boot_key.h
 
-KEY.pem holds an Ed25519 key, private or public. With --make a missing one is made, private and readable to its owner
-alone: images that it signs are for the bench, and it never leaves the build folder. With --release the file must
-hold the public key alone, and the boot loader takes no desk image that does not name its chip.
+KEY.pem holds an Ed25519 key, private or public; NEXT.pem the one that takes its place when it is revoked. With --make a
+missing KEY.pem is made, private and readable to its owner alone: images that it signs are for the bench, and it never
+leaves the build folder. With --release the files must hold public keys alone, two keys and none of them the bench's,
+and the boot loader takes no desk image that does not name its chip.
 """
 
 from __future__ import annotations
@@ -50,31 +51,46 @@ def public(path: Path) -> bytes:
     return key.public_bytes_raw()
 
 
+def fit_for_release(path: Path, bench: Path | None) -> None:
+    """ValueError when the key in a PEM must not be that of a robot which leaves the workshop."""
+    if b"PRIVATE KEY" in path.read_bytes():
+        raise ValueError("a private key, expected the public one alone: it must not lie beside a release build")
+    if bench is not None and bench.is_file() and public(path) == public(bench):
+        raise ValueError("the key of the bench, expected that of a release")
+
+
 def main() -> int:
-    parser = argparse.ArgumentParser(description="The boot loader's public key as C.")
+    parser = argparse.ArgumentParser(description="The boot loader's public keys as C.")
     parser.add_argument("--key", type=Path, required=True)
+    parser.add_argument("--next", type=Path)
+    parser.add_argument("--bench", type=Path)
     parser.add_argument("--make", action="store_true")
     parser.add_argument("--release", action="store_true")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
+    keys = []
+    path = options.key
     try:
-        if options.release and (options.make or options.key.name == "development.pem"):
+        if options.release and (options.make or path.name == "development.pem"):
             raise ValueError("the key of the bench, expected that of a release (-DTERRAPIN_KEY=PUBLIC.pem)")
-        if options.release and b"PRIVATE KEY" in options.key.read_bytes():
-            raise ValueError("a private key, expected the public one alone: it must not lie beside a release build")
         if options.make:
-            make(options.key)
-        key = public(options.key)
+            make(path)
+        for path in (options.key, options.next or options.key):
+            if options.release:
+                fit_for_release(path, options.bench)
+            keys.append(public(path))
+        if options.next and keys[0] == keys[1]:
+            raise ValueError(f"the same key as {options.key}, expected the one that takes its place")
     except (OSError, ValueError, TypeError) as error:
-        print(f"boot_key: {options.key}: {error}", file=sys.stderr)
+        print(f"boot_key: {path}: {error}", file=sys.stderr)
         return 1
     info = bytes.fromhex("302a300506032b6570032100")  # before the key in its SubjectPublicKeyInfo (RFC 8410)
-    name = hashlib.sha256(info + key).digest()
-    digits = ", ".join(f"0x{byte:02X}U" for byte in key)
+    digits = ", ".join(f"0x{byte:02X}U" for key in keys for byte in key)
+    names = ", ".join(f"0x{int.from_bytes(hashlib.sha256(info + key).digest()[:4], 'little'):08X}U" for key in keys)
     options.out.write_text(
-        "/* The public key that images must be signed with. Generated. */\n#include <stdint.h>\n"
-        f"static const uint8_t terrapin_boot_key[32] = {{{digits}}};\n"
-        f"#define TERRAPIN_BOOT_KEY_ID 0x{int.from_bytes(name[:4], 'little'):08X}U\n"
+        "/* The public keys, one of which must have signed an image. Generated. */\n#include <stdint.h>\n"
+        f"static const uint8_t terrapin_boot_keys[64] = {{{digits}}};\n"
+        f"#define TERRAPIN_BOOT_KEY_IDS {{{names}}}\n"
         f"#define TERRAPIN_BOOT_RELEASE {'true' if options.release else 'false'}\n"
     )
     return 0

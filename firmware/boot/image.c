@@ -17,6 +17,7 @@
 #define TLV_UNIT        0xA1U /* four bytes: the chip that a desk image is allowed on */
 #define TLV_MADE_FOR    0xA2U /* robot_identity, board */
 #define TLV_INTERFACE   0xA3U
+#define TLV_REVOKES     0xA4U /* four bytes: first of the hash of the key that shall count no more */
 #define ERASED          0xFFU
 #define TLV_HEAD        4U /* bytes before a TLV's value, and before the first TLV */
 
@@ -54,13 +55,13 @@ static bool read_protected(const terrapin_flash *flash, uint32_t offset, uint32_
     image->robot = 0U;
     image->board = 0U;
     image->interface = 0U;
+    image->revokes = 0U;
     while (good && (place < size)) { /* each turn advances by TLV_HEAD or more */
         good = ((size - place) >= TLV_HEAD) && flash->read(flash->context, offset + place, bytes, TLV_HEAD);
         const uint16_t type = get16(bytes);
         const uint32_t length = get16(&bytes[2]);
         good = good && (length <= (size - place - TLV_HEAD));
-        if (good && ((type == TLV_COUNTER) || (type == TLV_UNIT) || (type == TLV_KIND) || (type == TLV_MADE_FOR) ||
-                     (type == TLV_INTERFACE))) {
+        if (good && ((type == TLV_COUNTER) || ((type >= TLV_KIND) && (type <= TLV_REVOKES)))) {
             uint32_t expected = 4U;
             if (type == TLV_KIND) {
                 expected = 1U;
@@ -77,6 +78,8 @@ static bool read_protected(const terrapin_flash *flash, uint32_t offset, uint32_
                 image->board = bytes[3];
             } else if (type == TLV_INTERFACE) {
                 image->interface = get32(bytes);
+            } else if (type == TLV_REVOKES) {
+                image->revokes = get32(bytes);
             } else {
                 image->kind = bytes[0];
             }
@@ -121,14 +124,14 @@ terrapin_image_result terrapin_image_read(const terrapin_flash *flash, terrapin_
     return TERRAPIN_UPDATE_RESULT_OK;
 }
 
-void terrapin_image_key_hash(const uint8_t key[32], uint8_t hash[TERRAPIN_SHA256_SIZE]) {
+void terrapin_image_key_hash(const uint8_t key[TERRAPIN_IMAGE_KEY_SIZE], uint8_t hash[TERRAPIN_SHA256_SIZE]) {
     TERRAPIN_ASSERT((key != NULL) && (hash != NULL));
     static const uint8_t head[12] = {0x30U, 0x2AU, 0x30U, 0x05U, 0x06U, 0x03U,
                                      0x2BU, 0x65U, 0x70U, 0x03U, 0x21U, 0x00U};
     terrapin_sha2 sha;
     terrapin_sha2_begin(&sha, TERRAPIN_SHA256);
     terrapin_sha2_take(&sha, head, sizeof head);
-    terrapin_sha2_take(&sha, key, 32U);
+    terrapin_sha2_take(&sha, key, TERRAPIN_IMAGE_KEY_SIZE);
     terrapin_sha2_end(&sha, hash);
 }
 
@@ -138,6 +141,13 @@ static bool same32(const uint8_t *a, const uint8_t *b) {
         difference |= (uint32_t)a[i] ^ b[i];
     }
     return difference == 0U;
+}
+
+/* The name of a key is this one. */
+static bool is_named(const uint8_t *key, const uint8_t *name) {
+    uint8_t hash[TERRAPIN_SHA256_SIZE];
+    terrapin_image_key_hash(key, hash);
+    return same32(name, hash);
 }
 
 /* SHA-256 of `size` bytes of flash. */
@@ -173,7 +183,7 @@ static bool erased(const terrapin_flash *flash, uint32_t offset, uint32_t end) {
 }
 
 terrapin_image_result terrapin_image_verify(const terrapin_flash *flash, terrapin_flash_area slot, uint32_t address,
-                                            const uint8_t key[32], terrapin_image *image) {
+                                            const uint8_t *keys, terrapin_image *image) {
     uint8_t tlv[TLV_SIZE];
     uint8_t hash[TERRAPIN_SHA256_SIZE];
     const terrapin_image_result form = terrapin_image_read(flash, slot, address, image);
@@ -194,9 +204,13 @@ terrapin_image_result terrapin_image_verify(const terrapin_flash *flash, terrapi
         !tlv_is(&tlv[PLACE_ED25519], TLV_ED25519, 64U)) {
         return TERRAPIN_UPDATE_RESULT_BAD_SIGNATURE; /* not signed, or in another way */
     }
-    uint8_t key_hash[TERRAPIN_SHA256_SIZE];
-    terrapin_image_key_hash(key, key_hash);
-    if (!same32(&tlv[PLACE_KEY + TLV_HEAD], key_hash)) {
+    const uint8_t *key = keys;
+    image->key = 0U;
+    while ((image->key < TERRAPIN_IMAGE_KEYS) && !is_named(key, &tlv[PLACE_KEY + TLV_HEAD])) {
+        image->key++;
+        key = &key[TERRAPIN_IMAGE_KEY_SIZE];
+    }
+    if (image->key == TERRAPIN_IMAGE_KEYS) {
         return TERRAPIN_UPDATE_RESULT_WRONG_KEY;
     }
     if (!terrapin_ed25519_verify(key, &tlv[PLACE_ED25519 + TLV_HEAD], hash, sizeof hash)) {

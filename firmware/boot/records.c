@@ -38,7 +38,7 @@ static uint32_t get32(const uint8_t *bytes) {
 static void encode(const terrapin_record *record, uint32_t sequence, uint8_t *bytes) {
     TERRAPIN_ASSERT((record->confirmed <= (uint8_t)TERRAPIN_UPDATE_SLOT_B) &&
                     (record->candidate <= (uint8_t)TERRAPIN_UPDATE_SLOT_B));
-    TERRAPIN_ASSERT(record->node < TERRAPIN_NODES);
+    TERRAPIN_ASSERT((record->node < TERRAPIN_NODES) && (record->revoked <= TERRAPIN_IMAGE_KEYS));
     TERRAPIN_ASSERT(record->phase <= (uint8_t)TERRAPIN_UPDATE_PHASE_TRIAL);
     put32(bytes, MAGIC);
     put32(&bytes[4], sequence);
@@ -52,7 +52,7 @@ static void encode(const terrapin_record *record, uint32_t sequence, uint8_t *by
     bytes[18] = (uint8_t)(record->version.revision & 0xFFU);
     bytes[19] = (uint8_t)(record->version.revision >> 8U);
     put32(&bytes[20], record->version.build);
-    put32(&bytes[24], record->node | (record->robot << 8U));
+    put32(&bytes[24], record->node | ((uint32_t)record->revoked << 4U) | (record->robot << 8U));
     put32(&bytes[CRC_PLACE], terrapin_crc32(0U, bytes, CRC_PLACE));
 }
 
@@ -61,7 +61,8 @@ static bool decode(const uint8_t *bytes, terrapin_record *record, uint32_t *sequ
     record->candidate = bytes[9];
     record->phase = bytes[10];
     record->tries = bytes[11];
-    record->node = bytes[24];
+    record->node = bytes[24] & 0x0FU;
+    record->revoked = bytes[24] >> 4U;
     record->robot = get32(&bytes[24]) >> 8U;
     record->security_counter = get32(&bytes[12]);
     record->version.major = bytes[16];
@@ -72,7 +73,8 @@ static bool decode(const uint8_t *bytes, terrapin_record *record, uint32_t *sequ
     return (get32(bytes) == MAGIC) && (get32(&bytes[CRC_PLACE]) == terrapin_crc32(0U, bytes, CRC_PLACE)) &&
            (record->confirmed <= (uint8_t)TERRAPIN_UPDATE_SLOT_B) &&
            (record->candidate <= (uint8_t)TERRAPIN_UPDATE_SLOT_B) &&
-           (record->phase <= (uint8_t)TERRAPIN_UPDATE_PHASE_TRIAL) && (record->node < TERRAPIN_NODES);
+           (record->phase <= (uint8_t)TERRAPIN_UPDATE_PHASE_TRIAL) && (record->node < TERRAPIN_NODES) &&
+           (record->revoked <= TERRAPIN_IMAGE_KEYS);
 }
 
 static bool blank(const uint8_t *bytes) {

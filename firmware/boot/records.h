@@ -23,6 +23,7 @@ typedef struct {
     uint8_t tries;                  /* starts on trial that it still has */
     uint32_t security_counter;      /* an image needs at least this one */
     uint8_t node;                   /* the controller's number on its bus */
+    uint8_t revoked;                /* the key that starts nothing any more: 1 the first, 2 the second; 0 none */
     uint32_t robot;                 /* whose images are taken, 24 bits; 0: that of the first which is confirmed */
     terrapin_image_version version; /* an update needs at least this one */
 } terrapin_record;

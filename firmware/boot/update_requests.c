@@ -103,10 +103,14 @@ uint32_t update_query(terrapin_update *update, const terrapin_frame *frame,
         .minor = (int32_t)record.version.minor,
         .revision = (int32_t)record.version.revision,
         .target = (int32_t)target,
+        .revoked = (int32_t)record.revoked,
     };
+    const uint32_t key = update->boot->key_ids[0] & 0xFFFFU;
+    const uint32_t next_key = update->boot->key_ids[1] & 0xFFFFU;
     const terrapin_update_floor_t least = {
         .security_counter = record.security_counter,
-        .key = update->boot->key_id,
+        .key = (int32_t)key,
+        .next_key = (int32_t)next_key,
     };
     (void)terrapin_encode_update_info(&info, &replies[0]); /* the fields have the signals' widths */
     (void)terrapin_encode_update_floor(&least, &replies[1]);

@@ -1,24 +1,29 @@
-# The boot loader: its key, and on the host its library and its process over an emulated flash.
+# The boot loader: its keys, and on the host its library and its process over an emulated flash.
 set(TERRAPIN_KEY "" CACHE FILEPATH "PEM of the Ed25519 key (public or private) that images must be signed with")
+set(TERRAPIN_NEXT_KEY "" CACHE FILEPATH "PEM of the key that takes its place when it is revoked (`terrapin keys revoke`)")
 option(TERRAPIN_RELEASE "A boot loader for robots that leave the workshop: needs TERRAPIN_KEY, the public key alone" OFF)
 if(TERRAPIN_RELEASE AND NOT TERRAPIN_KEY)
     message(FATAL_ERROR "TERRAPIN_RELEASE: expected -DTERRAPIN_KEY=PUBLIC.pem, the key that images are signed with")
 endif()
+set(BENCH_KEY ${CMAKE_SOURCE_DIR}/build/keys/development.pem)
 if(TERRAPIN_KEY)
     set(BOOT_KEY_OPTIONS --key ${TERRAPIN_KEY})
     if(TERRAPIN_RELEASE)
-        list(APPEND BOOT_KEY_OPTIONS --release)
+        list(APPEND BOOT_KEY_OPTIONS --release --bench ${BENCH_KEY})
     endif()
 else() # a key for the bench, one for all builds of this tree; `make clean` removes it
-    set(BOOT_KEY_OPTIONS --make --key ${CMAKE_SOURCE_DIR}/build/keys/development.pem)
+    set(BOOT_KEY_OPTIONS --make --key ${BENCH_KEY})
+endif()
+if(TERRAPIN_NEXT_KEY)
+    list(APPEND BOOT_KEY_OPTIONS --next ${TERRAPIN_NEXT_KEY})
 endif()
 set(BOOT_DIR ${CMAKE_SOURCE_DIR}/firmware/boot)
 add_custom_command(
     OUTPUT ${GENERATED}/boot_key.h
     COMMAND ${CMAKE_COMMAND} -E make_directory ${GENERATED}
     COMMAND ${Python3_EXECUTABLE} -B ${BOOT_DIR}/boot_key.py ${BOOT_KEY_OPTIONS} --out ${GENERATED}/boot_key.h
-    DEPENDS ${BOOT_DIR}/boot_key.py ${TERRAPIN_KEY}
-    COMMENT "The boot loader's public key"
+    DEPENDS ${BOOT_DIR}/boot_key.py ${TERRAPIN_KEY} ${TERRAPIN_NEXT_KEY}
+    COMMENT "The boot loader's public keys"
     VERBATIM)
 add_custom_target(boot_key DEPENDS ${GENERATED}/boot_key.h)
 

@@ -27,7 +27,7 @@ LOOPS = {
     "quotient": (3, 3),  # each of its two digits: twice
     "integer_divide": (12,),  # denominators below 2^40: ground.c, calibration.c
     "calibration_work": (9, 9),  # TERRAPIN_LIMIT_CALIBRATE_SPEEDS
-    "ground_nearest": (6, 5),  # TERRAINS
+    "ground_nearest": (6,),  # TERRAINS
 }
 
 HEADER = re.compile(r"([0-9a-f]+) <(.+)>:")

@@ -68,7 +68,8 @@ int32_t uncertainty_unm(const terrapin_state *state);
 void uncertainty_prepare(terrapin_state *state);
 
 /* ---- ground.c: f_r, the nearest terrain, the quadratic fit */
-/* As the estimator's parts; the second ends the window's work. */
+/* As the estimator's parts: the window's speed squared, f_r, and the nearest terrain, which ends the window's work. */
+void ground_speed(terrapin_state *state);
 void ground_resistance(terrapin_state *state);
 void ground_nearest(terrapin_state *state);
 /* A step of taking a fresh window into the fit, where there is one to do. */

@@ -12,38 +12,45 @@ enum {
     Y_MAX = 1048576, /* f_r up to 1.05, in 1e-6 */
     UNKNOWN_Q3 = 64, /* farther than 8 sd from every curve is no terrain of the table */
     MARGIN_MAX_Q3 = 255,
-    OFF_MOST_PPM = 268435455,   /* eight of them fit 31 bits */
-    SQUARE_MOST_Q20 = 67108864, /* 2^26 */
-    FIT_NOISE_PPM = 1000,       /* sd of f_r over windows that the prior is weighed against */
-    MOMENT_BITS = 22,           /* moments of Q8 numbers are kept in 64 times the product of their units */
-    FIT_PRIOR = 156,            /* f_s is 0 +- 1e-3 s^2/rad^2, ten of the slope's units: (FIT_NOISE_PPM / 10)^2 / 64 */
+    SQUARE_MOST = 4000000, /* 200 rad/s squared, in 0.01 rad^2/s^2: below 2^31 in Q25 of 1000 rad^2/s^2 */
+    FIT_NOISE_PPM = 1000,  /* sd of f_r over windows that the prior is weighed against */
+    MOMENT_BITS = 22,      /* moments of Q8 numbers are kept in 64 times the product of their units */
+    FIT_PRIOR = 156,       /* f_s is 0 +- 1e-3 s^2/rad^2, ten of the slope's units: (FIT_NOISE_PPM / 10)^2 / 64 */
     WINDOWS_MAX = 127
 };
 
 _Static_assert(TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_S == (TERRAPIN_PARAMETER_TERRAIN_SAND_F_O + (2 * TERRAINS) - 1),
                "the table of terrains stands in the parameters as pairs, in the order of enum terrain");
 
+/* 0.01 rad^2/s^2 to the nearest, of any speed. In 32 bits: what 0.1 rad/s leaves of it gives the fraction. */
 static int32_t omega_squared(int32_t omega_urad_s) {
-    const int32_t mrad_s = omega_urad_s / 1000;
-    return integer_scale(mrad_s, mrad_s, 10000); /* 0.01 rad^2/s^2 */
+    const uint32_t mrad_s = (uint32_t)integer_abs(omega_urad_s / 1000);
+    const uint32_t tenths = mrad_s / 100U;
+    const uint32_t rest = mrad_s - (tenths * 100U);
+    const uint32_t square = (tenths * tenths) + (((((200U * tenths) + rest) * rest) + 5000U) / 10000U);
+    return (int32_t)square; /* below 2^29 */
 }
 
-/* What curve_ppm takes of a speed: omega^2 [rad^2/s^2] in Q20 of 1000; 2^20 / 1e5 is 1374390 / 2^17. Held at 253 rad/s.
- */
-static int32_t square_q20(int32_t omega_urad_s) {
-    const int32_t square = integer_q_held(omega_squared(omega_urad_s), 1374390, 17U);
-    return (square < SQUARE_MOST_Q20) ? square : SQUARE_MOST_Q20;
+/* What the curves take of a speed: its square in Q25 of 1000 rad^2/s^2. Held at 200 rad/s. */
+static int32_t square_of(int32_t omega_urad_s) {
+    const int32_t square = omega_squared(omega_urad_s);
+    const int32_t held = (square < SQUARE_MOST) ? square : SQUARE_MOST;
+    return integer_q(held, 1374390, 17U) * 32; /* 2^20 / 1e5 is 1374390 / 2^17 */
 }
 
-/* f_o + f_s omega^2 of a pair of parameters [1e-6, 1e-9]: below 1e6 + 64 * 1e7. */
-INTEGER_INLINE int32_t curve_ppm(const int32_t *pair, int32_t square) {
-    TERRAPIN_ASSERT((square >= 0) && (square <= SQUARE_MOST_Q20));
-    return pair[0] + integer_q(pair[1], square, 20U);
+void ground_speed(terrapin_state *state) {
+    state->ground.square_q25 = square_of(state->estimator.omega_urad_s);
+}
+
+/* f_o + f_s omega^2 of a pair of parameters [1e-6, 1e-9; |f_s| at most 1e7]: below 1e6 + 40 * 1e7. */
+INTEGER_INLINE int32_t curve_ppm(const int32_t *pair, int32_t square_q25) {
+    TERRAPIN_ASSERT((square_q25 >= 0) && (integer_abs(pair[1]) <= 10000000));
+    return integer_q32_plus(pair[0], pair[1] * 128, square_q25);
 }
 
 int32_t ground_floor_unm(const terrapin_state *state, int32_t omega_urad_s) {
     return integer_q_held(
-        curve_ppm(&state->parameter[TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_O], square_q20(omega_urad_s)),
+        curve_ppm(&state->parameter[TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_O], square_of(omega_urad_s)),
         state->gains.weight_q22, 22U);
 }
 
@@ -72,12 +79,11 @@ void ground_resistance(terrapin_state *state) {
     ground->f_r_sd_ppm = integer_clamp(sd_ppm, 1, Y_MAX);
 }
 
-/* Distance of f_r from a curve in 1/8 sd; from 128 sd on it does not matter how far. */
-static int32_t eighths(uint32_t off_ppm, uint32_t sd_ppm) {
+/* Distance of f_r from a curve in 1/8 sd. */
+static uint32_t eighths(uint32_t off_ppm, uint32_t sd_ppm) {
     TERRAPIN_ASSERT((sd_ppm > 0U) && (sd_ppm <= 0x200000U));
-    const uint32_t off = (off_ppm < (uint32_t)OFF_MOST_PPM) ? off_ppm : (uint32_t)OFF_MOST_PPM;
-    const uint32_t found = ((off * 8U) + (sd_ppm / 2U)) / sd_ppm;
-    return (int32_t)found;
+    TERRAPIN_ASSERT(off_ppm <= 402100000U); /* 40 * 1e7, an f_o and an f_r; 8 times it fits 32 bits */
+    return ((off_ppm * 8U) + (sd_ppm / 2U)) / sd_ppm;
 }
 
 static void nearest(terrapin_state *state) {
@@ -86,31 +92,34 @@ static void nearest(terrapin_state *state) {
     const int64_t spread = state->parameter[TERRAPIN_PARAMETER_SD_TERRAIN];
     const int64_t variance = (own * own) + (spread * spread);
     const uint32_t sd = integer_root((uint64_t)variance); /* 1 to 2^21 */
-    const int32_t square = square_q20(state->estimator.omega_urad_s);
     const int32_t *pair = &state->parameter[TERRAPIN_PARAMETER_TERRAIN_SAND_F_O];
     uint32_t off[TERRAINS]; /* from each curve; the two least are then told in sd, which keeps their order */
     uint32_t least = UINT32_MAX;
     uint32_t next = UINT32_MAX;
     for (int32_t i = 0; i < TERRAINS; i++) {
-        const uint32_t far = (uint32_t)integer_abs(ground->f_r_ppm - curve_ppm(pair, square));
-        const uint32_t second = (far < next) ? far : next;
+        const uint32_t far = (uint32_t)integer_abs(ground->f_r_ppm - curve_ppm(pair, ground->square_q25));
         off[i] = far;
         pair = &pair[2];
-        next = (far < least) ? least : second;
-        least = (far < least) ? far : least;
-    }
-    const int32_t first = eighths(least, sd);
-    ground->margin_q3 = integer_clamp(eighths(next, sd) - first, 0, MARGIN_MAX_Q3);
-    ground->terrain = TERRAPIN_TERRAIN_UNKNOWN;
-    if (first <= UNKNOWN_Q3) {
-        /* of those that are as near to an eighth of sd, which is rounded, the first in the table */
-        const uint32_t beyond = (uint32_t)first + 1U;
-        const uint32_t near = ((beyond * sd) - (sd / 2U) - 1U) / 8U; /* below 2^25; the least is not above it */
-        int32_t i = 0;
-        while ((i < (TERRAINS - 1)) && (off[i] > near)) {
-            i++;
+        if (far < least) {
+            next = least;
+            least = far;
+        } else {
+            next = (far < next) ? far : next;
         }
-        ground->terrain = i + 1;
+    }
+    const uint32_t first = eighths(least, sd);
+    const uint32_t margin = eighths(next, sd) - first;
+    ground->margin_q3 = (int32_t)((margin < (uint32_t)MARGIN_MAX_Q3) ? margin : (uint32_t)MARGIN_MAX_Q3);
+    ground->terrain = TERRAPIN_TERRAIN_UNKNOWN;
+    if (first <= (uint32_t)UNKNOWN_Q3) {
+        /* of those that are as near to an eighth of sd, which is rounded, the first in the table */
+        const uint32_t beyond = first + 1U;
+        const uint32_t near = ((beyond * sd) - (sd / 2U) - 1U) / 8U; /* below 2^25; the least is not above it */
+        int32_t terrain = 1;
+        while ((terrain < TERRAINS) && (off[terrain - 1] > near)) {
+            terrain++;
+        }
+        ground->terrain = terrain;
     }
 }
 

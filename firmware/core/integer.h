@@ -105,9 +105,14 @@ INTEGER_INLINE int32_t integer_q(int32_t value, int32_t factor, uint32_t bits) {
     return integer_down(((int64_t)value * factor) + integer_power(bits - 1U), bits);
 }
 
-/* The same for 2^32, which fits whatever it is: SMMULR. */
+/* The same for 2^32, and a summand; the sum must fit: SMLAL. */
+INTEGER_INLINE int32_t integer_q32_plus(int32_t summand, int32_t value, int32_t factor) {
+    return integer_down(((int64_t)summand * integer_power(32U)) + integer_power(31U) + ((int64_t)value * factor), 32U);
+}
+
+/* Without a summand, which fits whatever it is: SMMULR. */
 INTEGER_INLINE int32_t integer_q32(int32_t value, int32_t factor) {
-    return integer_down(((int64_t)value * factor) + integer_power(31U), 32U);
+    return integer_q32_plus(0, value, factor);
 }
 
 /* As integer_q, held from INTEGER_LEAST to INTEGER_MOST. bits 2 to 30. */

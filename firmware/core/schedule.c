@@ -6,7 +6,7 @@
  *     4           the window closes, before slip and drive, which   WINDOW: of the last whole one
  *                 know the history
  *     5           its means: current, voltage, speed                FIT
- *     6           its acceleration                                  REPORT
+ *     6           its acceleration, its speed squared               REPORT
  *     7           bound of its angular momentum; friction inside    CALIBRATION
  *                 the robot beyond A sgn + B w
  *     8           imbalance, then C_t                               ATTITUDE
@@ -43,6 +43,7 @@ void schedule_work(terrapin_state *state, const terrapin_inputs *inputs) {
         break;
     case 6U:
         estimator_acceleration(state);
+        ground_speed(state);
         calibration_work(state);
         break;
     case 7U:

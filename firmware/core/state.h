@@ -173,7 +173,8 @@ typedef struct {
     int64_t xx;        /* second moments about the means, in 64 times the product of the units */
     int64_t xy;
     uint8_t windows;
-    uint8_t todo; /* steps that are left for the last fresh window, of FIT_STEPS */
+    uint8_t todo;       /* steps that are left for the last fresh window, of FIT_STEPS */
+    int32_t square_q25; /* the window's speed squared, in Q25 of 1000 rad^2/s^2 */
     /* results */
     int32_t f_r_ppm;
     int32_t f_r_sd_ppm;

@@ -17,8 +17,8 @@ class UserError(Exception):
 
 
 @contextmanager
-def about(place: object, kind: type[Exception] = ValueError) -> Iterator[None]:
-    """An error of this kind becomes a UserError that begins with the place.
+def about(place: object, kind: type[Exception] | tuple[type[Exception], ...] = ValueError) -> Iterator[None]:
+    """An error of this kind, or one of these, becomes a UserError that begins with the place.
 
     >>> with about("--level"):
     ...     float("high")

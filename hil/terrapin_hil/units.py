@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["base_factor", "behind", "factor", "read_unit", "units"]
+__all__ = ["base_factor", "behind", "factor", "read_unit", "same_kind", "units"]
 
 MAX_LENGTH = 100
 _RAISED = re.compile(r"([⁺⁻]?)([⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
@@ -102,6 +102,13 @@ def read_unit(text: str) -> pint.Unit:
     except Exception as error:  # pint's parser lets Python's tokenizer errors and its own assertions through
         reason = str(error).partition("\n")[0] or type(error).__name__
         raise ValueError(f"{text!r} is not a unit: {reason}") from None
+
+
+def same_kind(unit: str, other: str) -> bool:
+    """Whether values in the one convert to the other (exponents agree to 1e-6, so m^0.97 works)."""
+    left: dict[Any, Any] = dict(read_unit(unit).dimensionality)
+    right: dict[Any, Any] = dict(read_unit(other).dimensionality)
+    return all(abs(float(left.get(d, 0)) - float(right.get(d, 0))) < 1e-6 for d in {*left, *right})
 
 
 def behind(unit: str) -> str:

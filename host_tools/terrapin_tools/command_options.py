@@ -20,12 +20,13 @@ __all__ = [
     "Json",
     "Level",
     "NodeNumber",
+    "Picture",
     "RobotName",
     "Seed",
+    "ThisRobot",
     "check_options",
     "deliver",
     "link_option",
-    "take_robot",
 ]
 
 CaseFolder = Annotated[Path, typer.Argument(metavar="CASE", help="folder that holds case.toml and measurements")]
@@ -35,22 +36,21 @@ Cases = Annotated[
 ]
 
 
-def take_robot(name: str) -> None:
-    """Makes what `--robot` says the robot of this process; nothing when it says nothing. UserError as robots.select."""
+def _take_robot(name: str) -> str:
+    """Makes what `--robot` names the robot of this process, before anything else is read."""
     if name:
         from terrapin_hil.robots import select
 
         select(name)
+    return name
 
 
-RobotName = Annotated[
-    str,
-    typer.Option(
-        "--robot",
-        metavar="ROBOT",
-        help="a shipped robot, or the file of one; the cylinder where nothing is said",
-    ),
-]
+_ROBOT: dict[str, Any] = {
+    "metavar": "ROBOT",
+    "help": "a shipped robot, or the file of one; the cylinder where nothing is said",
+}
+RobotName = Annotated[str, typer.Option("--robot", **_ROBOT)]
+ThisRobot = Annotated[str, typer.Option("--robot", **_ROBOT, callback=_take_robot, is_eager=True)]  # of this process
 Json = Annotated[str, typer.Option("--json", metavar="FILE", help="write the answer as JSON; - for standard output")]
 Seed = Annotated[int, typer.Option("--seed", help="of everything drawn at random; same seed, same answer")]
 Jobs = Annotated[int, typer.Option("--jobs", help="processes to use at most")]
@@ -66,6 +66,17 @@ NodeNumber = Annotated[
 Level = Annotated[float, typer.Option("--level", help="false alarm rate of the verdict")]
 Cluster = Annotated[
     str, typer.Option("--cluster", metavar="ADDRESS", help="of a Dask scheduler that does the work, tcp://host:8786")
+]
+
+
+def _picture(name: str) -> Path:
+    if not name.lower().endswith((".png", ".svg")):
+        raise UserError(f"--plot: found {Path(name).name!r}, expected a name that ends in .png or .svg")
+    return Path(name)
+
+
+Picture = Annotated[
+    Path | None, typer.Option("--plot", metavar="FILE", parser=_picture, help="draw it, as .png or .svg")
 ]
 
 

@@ -1,10 +1,13 @@
-"""How Matplotlib draws every picture of the tools: few lines, and SVG with the same bytes each time."""
+"""How Matplotlib draws every picture of the tools: few lines, and the same bytes each time."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
-__all__ = ["STYLE"]
+__all__ = ["PANELS", "picture"]
 
 STYLE: Any = {  # of the keys that Matplotlib knows
     "axes.spines.top": False,
@@ -14,3 +17,16 @@ STYLE: Any = {  # of the keys that Matplotlib knows
     "legend.frameon": False,
     "svg.hashsalt": "terrapin",
 }
+PANELS = {"legend.fontsize": 8, "figure.dpi": 110}  # of panels side by side
+
+
+@contextmanager
+def picture(file: Path, size: tuple[float, float], style: Any) -> Iterator[Any]:
+    """A figure to draw on, `size` in inches; `file` (.png or .svg) is written at the end. `style`: more than STYLE."""
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    with rc_context(STYLE | style):
+        figure = Figure(figsize=size, layout="constrained")
+        yield figure
+        figure.savefig(file, metadata={"Date": None} if file.suffix.lower() == ".svg" else {"Software": None})

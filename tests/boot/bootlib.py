@@ -49,14 +49,16 @@ def key_id(key: bytes) -> int:
 class Chip:
     """Flash, boot loader and update machine of one emulated controller."""
 
-    def __init__(self, key: bytes, image: bytes | None = None) -> None:
+    def __init__(self, key: bytes, next_key: bytes = b"") -> None:
         self.ffi, self.lib = library()
         self.bytes = self.ffi.new("uint8_t[]", b"\xff" * SIZE)
         self.memory = self.ffi.new("terrapin_flash_emulated *")
         self.lib.terrapin_flash_emulated_init(self.memory, self.bytes, self.lib.terrapin_flash_f405_sectors, SECTORS, 4)
         self.flash = self.ffi.new("terrapin_flash *", self.lib.terrapin_flash_emulated_driver(self.memory))
-        self.key = self.ffi.new("uint8_t[32]", key)
-        self.boot = self.ffi.new("terrapin_boot *", {"flash": self.flash, "key": self.key, "key_id": key_id(key)})
+        pair = (key, next_key or key)
+        self.keys = self.ffi.new("uint8_t[64]", b"".join(pair))
+        values = {"flash": self.flash, "keys": self.keys, "key_ids": [key_id(each) for each in pair]}
+        self.boot = self.ffi.new("terrapin_boot *", values)
         self.update = self.ffi.new("terrapin_update *")
         self.choice = self.ffi.new("terrapin_boot_choice *")
         self._frame = self.ffi.new("terrapin_frame *")

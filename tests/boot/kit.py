@@ -13,6 +13,8 @@ from terrapin_tools.flash.layout import SLOTS
 KEY = Ed25519PrivateKey.from_private_bytes(hashlib.sha256(b"key of the tests").digest())
 PUBLIC = KEY.public_key().public_bytes_raw()
 OTHER_KEY = Ed25519PrivateKey.from_private_bytes(hashlib.sha256(b"another key").digest())
+NEXT_KEY = Ed25519PrivateKey.from_private_bytes(hashlib.sha256(b"the key after it").digest())
+NEXT_PUBLIC = NEXT_KEY.public_key().public_bytes_raw()
 
 
 def code(slot: str, size: int, seed: str = "") -> bytes:
@@ -22,5 +24,13 @@ def code(slot: str, size: int, seed: str = "") -> bytes:
     return vectors + noise
 
 
-def image(slot: str, version: str, counter: int = 1, size: int = 600, key: Ed25519PrivateKey = KEY) -> bytes:
-    return sign(code(slot, size, version), key, Version.of(version), counter, slot)
+def image(
+    slot: str,
+    version: str,
+    counter: int = 1,
+    size: int = 600,
+    key: Ed25519PrivateKey = KEY,
+    revokes: Ed25519PrivateKey | None = None,
+) -> bytes:
+    revoked = revokes.public_key() if revokes else None
+    return sign(code(slot, size, version), key, Version.of(version), counter, slot, revokes=revoked)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import zlib
 
 import pytest
 from bootlib import NONE, PENDING, SLOT, TRIAL, Chip, data_frames, send
-from kit import OTHER_KEY, PUBLIC, image
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from kit import KEY, NEXT_KEY, NEXT_PUBLIC, OTHER_KEY, PUBLIC, image
 
 from terrapin_hil.messages import Sender, interface
+from terrapin_tools.flash.image import ImageError, parse
 
 RESULT = interface().enums["update_result"]
 RESET_KEY = int(interface().constants["update_reset_key"])
@@ -322,7 +325,7 @@ def test_query(chip: Chip) -> None:
     messages = interface().messages
     assert messages["UPDATE_INFO"].decode(info[1]) == {
         "protocol": 1, "running": 1, "confirmed": 1, "candidate": 0, "phase": 0, "major": 1, "minor": 0, "revision": 0,
-        "target": 2,
+        "target": 2, "revoked": 0,
     }  # fmt: skip
     assert messages["UPDATE_FLOOR"].decode(least[1])["security_counter"] == 1
 
@@ -413,3 +416,129 @@ def test_begin_erases_once_in_ten_seconds_and_twenty_times_a_start(chip: Chip) -
     assert done == 20
     assert chip.start() == "a"
     assert begin(5) == RESULT["ok"]
+
+
+# ---- two keys, one of which may be revoked
+
+
+def with_two_keys(slot: str, data: bytes) -> Chip:
+    """A chip that knows both keys and runs this image, confirmed."""
+    chip = Chip(PUBLIC, NEXT_PUBLIC)
+    chip.put(slot, data)
+    assert chip.start() == slot
+    assert chip.confirm()
+    return chip
+
+
+def floor(chip: Chip) -> tuple[str, str, int]:
+    """The keys that a query tells, and which of them is revoked."""
+    info, least = (frame[1] for frame in chip.accept(*Sender().frame("UPDATE_QUERY", {"protocol": 1})))
+    messages = interface().messages
+    keys = messages["UPDATE_FLOOR"].decode(least)
+    revoked = messages["UPDATE_INFO"].decode(info)["revoked"]
+    return keys["key"].to_bytes(2, "little").hex(), keys["next_key"].to_bytes(2, "little").hex(), revoked
+
+
+def test_images_of_both_keys_are_taken_and_of_no_third() -> None:
+    chip = with_two_keys("a", image("a", "1.0.0"))
+    assert send(chip, image("b", "1.1.0", key=OTHER_KEY), "b") == "wrong_key"
+    assert send(chip, image("b", "1.1.0", key=NEXT_KEY), "b") == "ok"
+    assert chip.start() == "b"
+    assert chip.confirm()
+    assert send(chip, image("a", "1.2.0"), "a") == "ok"
+    assert floor(chip) == (parse(image("a", "1.0.0")).key_hash[:2].hex(),  # type: ignore[index]
+                           parse(image("a", "1.0.0", key=NEXT_KEY)).key_hash[:2].hex(), 0)  # type: ignore[index]  # fmt: skip
+    forged = bytearray(image("b", "1.3.0", key=NEXT_KEY))
+    forged[-1] ^= 1
+    chip.put("b", bytes(forged))
+    assert chip.check("b") == "bad_signature"
+
+
+@pytest.mark.parametrize("old", [KEY, NEXT_KEY], ids=["first", "second"])
+def test_a_confirmed_image_revokes_the_other_key(old: Ed25519PrivateKey) -> None:
+    new, place = (NEXT_KEY, 1) if old is KEY else (KEY, 2)
+    chip = with_two_keys("a", image("a", "1.0.0", key=old))
+    assert send(chip, image("b", "1.1.0", key=new, revokes=old), "b") == "ok"
+    assert chip.start() == "b"
+    assert chip.record().revoked == 0  # on trial: it may be given up
+    assert chip.check("a") == "ok"
+    assert chip.confirm()
+    assert chip.record().revoked == 0
+    assert chip.start() == "b"
+    assert chip.record().revoked == place == floor(chip)[2]
+    records = chip.memory.operations
+    assert chip.start() == "b"
+    assert chip.memory.operations == records  # written once
+    assert chip.check("a") == "revoked_key"
+    assert send(chip, image("a", "2.0.0", key=old), "a") == "revoked_key"
+    assert chip.start() == "b"
+    assert send(chip, image("a", "2.0.0", key=new), "a") == "ok"  # which does not say it again
+    assert chip.start() == "a"
+    assert chip.confirm()
+    assert chip.start() == "a"
+    assert chip.lib.terrapin_records_set_node(chip.flash, 3)
+    assert chip.lib.terrapin_records_set_robot(chip.flash, 7)
+    assert (chip.record().revoked, chip.record().node, chip.record().robot) == (place, 3, 7)
+
+
+def test_an_image_on_trial_that_is_given_up_revokes_nothing() -> None:
+    chip = with_two_keys("a", image("a", "1.0.0"))
+    assert send(chip, image("b", "1.1.0", key=NEXT_KEY, revokes=KEY), "b") == "ok"
+    assert [chip.start() for _ in range(5)] == ["b", "b", "b", "a", "a"]
+    assert chip.record().revoked == 0
+
+
+def test_a_revoked_key_starts_nothing_even_when_nothing_else_is_left() -> None:
+    """The boot loader stays, and takes an image of the key that counts."""
+    chip = with_two_keys("a", image("a", "1.0.0"))
+    assert send(chip, image("b", "1.1.0", key=NEXT_KEY, revokes=KEY), "b") == "ok"
+    assert chip.start() == "b"
+    assert chip.confirm()
+    assert chip.start() == "b"
+    chip.bytes[0x40000 + 700] ^= 1
+    assert chip.start() == ""
+    chip.put("a", image("a", "1.2.0", revokes=NEXT_KEY))  # nor does it revoke the other
+    assert chip.start() == ""
+    assert chip.record().revoked == 1
+    assert send(chip, image("b", "1.1.0", key=NEXT_KEY), "b") == "ok"
+    assert chip.start() == "b"
+
+
+@pytest.mark.parametrize(("signer", "named"), [(KEY, OTHER_KEY), (NEXT_KEY, OTHER_KEY)])
+def test_the_name_of_a_key_that_is_not_there_revokes_nothing(
+    signer: Ed25519PrivateKey, named: Ed25519PrivateKey
+) -> None:
+    chip = with_two_keys("a", image("a", "1.0.0", key=signer, revokes=named))
+    assert chip.start() == "a"
+    assert chip.record().revoked == 0
+
+
+def test_where_there_is_one_key_it_cannot_be_revoked() -> None:
+    """Not even by an image that names the key which signed it (`sign` makes none)."""
+    chip = Chip(PUBLIC)
+    with pytest.raises(ImageError, match="revoke the key that signs it"):
+        image("a", "1.0.0", revokes=KEY)
+    data = image("a", "1.0.0", revokes=NEXT_KEY)
+    own, other = (parse(data).key_hash[:4], parse(data).revokes)  # type: ignore[index]
+    hashed = parse(data).hashed.replace(other, own)
+    digest = hashlib.sha256(hashed).digest()
+    rest = bytearray(data[len(hashed) :])
+    rest[8:40], rest[-64:] = digest, KEY.sign(digest)
+    chip.put("a", hashed + bytes(rest))
+    for _ in range(3):
+        assert chip.start() == "a"
+        assert chip.confirm()
+
+
+def test_a_revocation_that_cannot_be_written_down_is_tried_again() -> None:
+    chip = with_two_keys("a", image("a", "1.0.0", key=NEXT_KEY, revokes=KEY))
+    write = chip.flash.write
+    chip.flash.write = refused = chip.ffi.callback(
+        "bool(void *, uint32_t, const uint8_t *, uint32_t)", lambda *_: False
+    )
+    assert chip.start() == "a"
+    assert refused
+    assert chip.record().revoked == 0
+    chip.flash.write = write
+    assert chip.start() == "a"
+    assert chip.record().revoked == 1

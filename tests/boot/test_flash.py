@@ -11,8 +11,6 @@ import shutil
 import stat
 import subprocess
 import sys
-import threading
-import time
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -21,12 +19,13 @@ from types import SimpleNamespace
 from typing import Any
 from unittest import mock
 
-import can
 import pytest
 from an3155 import Emulator
 from bootlib import Chip
 from cryptography.hazmat.primitives import serialization
-from kit import KEY, OTHER_KEY, PUBLIC, code, image
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from kit import KEY, NEXT_KEY, NEXT_PUBLIC, OTHER_KEY, PUBLIC, code, image
+from virtual_chip import on_bus
 
 from terrapin_hil import paths
 from terrapin_hil.links import LinkName
@@ -162,63 +161,6 @@ def test_the_motor_is_on(tmp_path: Path) -> None:
     assert (tmp_path / "flash.bin").read_bytes() == before
 
 
-class Node(threading.Thread):
-    """A chip on python-can's virtual bus; `lose`: every so many-th frame, of both directions, is lost."""
-
-    def __init__(self, channel: str, lose: int = 0) -> None:
-        super().__init__(daemon=True)
-        self.bus = can.Bus(interface="virtual", channel=channel, receive_own_messages=False)
-        self.chip = Chip(PUBLIC)
-        self.chip.start()
-        self.lose, self.count, self.resets = lose, 0, 0
-        self.going = True
-        self.mute: set[int] = set()  # identifiers that it does not hear
-        self.answers = 1  # to each request, as to one that was sent as often
-        self.lose_once: list[int] = []  # identifiers of requests that are lost, once each,
-        self.lose_answer: list[int] = []  # and of those whose answer is
-
-    def lost(self) -> bool:
-        self.count += 1
-        return self.lose > 0 and self.count % self.lose == 0
-
-    def run(self) -> None:
-        while self.going:
-            message = self.bus.recv(0.05)
-            if message is None or message.arbitration_id in self.mute or self.lost():
-                continue
-            if message.arbitration_id in self.lose_once:
-                self.lose_once.remove(message.arbitration_id)
-                continue
-            replies = self.chip.accept(message.arbitration_id, bytes(message.data))
-            if message.arbitration_id in self.lose_answer:
-                self.lose_answer.remove(message.arbitration_id)
-                replies = []
-            for identifier, data in replies:
-                for _ in range(0 if self.lost() else self.answers):
-                    self.bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
-            if self.chip.update.reset:
-                self.resets += 1
-                if self.chip.update.stay:
-                    self.chip.lib.terrapin_update_init(self.chip.update, self.chip.boot, 0)
-                elif self.chip.start():
-                    self.chip.confirm()
-
-
-@contextlib.contextmanager
-def on_bus(lose: int = 0) -> Iterator[tuple[Node, CanWire]]:
-    channel = f"flash-{os.getpid()}-{time.monotonic_ns()}"
-    node = Node(channel, lose)
-    node.start()
-    wire = CanWire(LinkName("can", "virtual", channel))
-    try:
-        yield node, wire
-    finally:
-        wire.close()
-        node.going = False
-        node.join(5)
-        node.bus.shutdown()
-
-
 def test_can_end_to_end() -> None:
     with on_bus() as (node, wire):
         assert update(wire, [file("a", "1.0.0")], quiet) == Outcome("a", "confirmed")
@@ -226,10 +168,80 @@ def test_can_end_to_end() -> None:
         assert node.resets == 3  # one of them into the boot loader
         found = query(wire)
         assert (found.running, found.confirmed, found.version) == ("b", "b", Version(1, 0, 0))
-        assert found.key == parse(image("a", "1.0.0")).key_hash[:4]  # type: ignore[index]
+        assert found.keys == (parse(image("a", "1.0.0")).key_hash[:2],)  # type: ignore[index]
         data = image("a", "2.0.0", key=OTHER_KEY)
         with pytest.raises(UserError, match="signed with key"):
             update(wire, [SignedFile("x", parse(data), data)], quiet)
+
+
+def pem(path: Path, key: Ed25519PrivateKey) -> Path:
+    path.write_bytes(
+        key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+    )
+    return path
+
+
+@pytest.mark.parametrize("lost", [False, True], ids=["answered", "the reset's answer is lost"])
+def test_a_key_is_revoked_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: bool) -> None:
+    """`keys revoke` makes the image, `flash` brings it and says so, and what the old key signed is refused from then
+    on, with the way back."""
+    old, new = pem(tmp_path / "old.pem", KEY), pem(tmp_path / "new.pem", NEXT_KEY)
+    for slot, version in (("a", "1.0.0"), ("b", "1.1.0"), ("a", "1.2.0")):
+        (tmp_path / f"{version}.bin").write_bytes(image(slot, version, size=3000))
+    done = terrapin("keys", "revoke", old, tmp_path / "1.1.0.bin", "--key", new, "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert "revokes key" in done.stdout
+    revoking = tmp_path / "out" / "1.1.0.bin"
+    name = parse(image("a", "1.0.0")).key_hash[:4].hex()  # type: ignore[index]
+    assert f"revokes           key {name}" in terrapin("image", "info", revoking).stdout
+    assert terrapin("image", "verify", revoking, "--key", new).returncode == 0
+    with on_bus(next_key=NEXT_PUBLIC) as (node, wire):
+        monkeypatch.setattr("terrapin_tools.flash.wires.open_wire", lambda *_: wire)
+        monkeypatch.setattr(wire, "close", lambda: None)
+
+        def flashed(path: Path) -> SimpleNamespace:
+            return terrapin("flash", path, "--link", "can:virtual:any")
+
+        assert flashed(tmp_path / "1.0.0.bin").stdout == "slot a: started and confirmed\n"
+        resets = node.resets
+        node.lose_answer = [0xA5] if lost else []
+        done = flashed(revoking)
+        assert done.stdout == f"slot b: started and confirmed; key {name} counts no more\n", done.stderr
+        assert node.resets == resets + 3  # into the boot loader, the trial, the start that revokes
+        before = node.chip.contents()
+        done = flashed(tmp_path / "1.2.0.bin")
+        assert done.returncode == 2
+        assert f"signed with key {name}, which is revoked; `terrapin image sign --key` with the one" in done.stderr
+        assert done.stderr.count("\n") == 1
+        assert node.chip.contents() == before
+        third = pem(tmp_path / "third.pem", OTHER_KEY)
+        done = terrapin("keys", "revoke", new, tmp_path / "1.2.0.bin", "--key", third, "--out", tmp_path / "out-2")
+        assert done.returncode == 0
+        done = flashed(tmp_path / "out-2" / "1.2.0.bin")
+        assert "the boot loader knows" in done.stderr
+        assert node.chip.contents() == before
+
+
+def test_keys_revoke_refuses_what_is_wrong(tmp_path: Path) -> None:
+    old, new = pem(tmp_path / "old.pem", KEY), pem(tmp_path / "new.pem", NEXT_KEY)
+    good, bad = tmp_path / "good.bin", tmp_path / "bad.bin"
+    good.write_bytes(image("a", "1.0.0"))
+    bad.write_bytes(image("a", "1.0.0")[:-1])
+    for arguments, expected in [
+        ((old, good, "--key", old), "would revoke the key that signs it"),
+        ((old, bad, "--key", new), f"{bad}: the TLVs do not end where they say: cut off"),
+        ((old, tmp_path / "none.bin", "--key", new), "cannot read"),
+        ((good, good, "--key", new), "expected an Ed25519 key in PEM"),
+        ((old, good, "--key", tmp_path / "none.pem"), "cannot read the key"),
+    ]:
+        done = terrapin("keys", "revoke", *arguments, "--out", tmp_path / "out")
+        assert done.returncode == 2
+        assert expected in done.stderr
+        assert done.stderr.count("\n") == 1
+        assert not (tmp_path / "out").exists()
+    assert terrapin("keys", "revoke", old, good, "--key", new, "--out", tmp_path / "out").returncode == 0
+    done = terrapin("keys", "revoke", old, good, "--key", new, "--out", tmp_path / "out")
+    assert (done.returncode, "exists already" in done.stderr) == (2, True)
 
 
 def test_a_bus_that_loses_frames() -> None:
@@ -591,6 +603,19 @@ def test_keys_new(tmp_path: Path) -> None:
     assert "exists already" in done.stderr
     assert path.read_bytes() == before
     assert before.decode().splitlines()[1] not in done.stdout + done.stderr
+
+
+def test_the_public_half_of_a_key(tmp_path: Path) -> None:
+    key, half = pem(tmp_path / "key.pem", KEY), tmp_path / "key.pub.pem"
+    done = terrapin("keys", "public", key, half)
+    name = parse(image("a", "1.0.0")).key_hash[:4].hex()  # type: ignore[index]
+    assert (done.returncode, done.stdout) == (0, f"{half}: public half {name}, no secret\n")
+    assert b"PRIVATE" not in half.read_bytes()
+    assert terrapin("keys", "show", half).stdout == f"{half}: signs images, public half {name}\n"
+    done = terrapin("keys", "public", key, half)
+    assert (done.returncode, "exists already" in done.stderr) == (2, True)
+    assert terrapin("keys", "public", tmp_path / "none.pem", tmp_path / "x").returncode == 2
+    assert not (tmp_path / "x").exists()
 
 
 def test_a_key_that_cannot_be_written_leaves_no_file(tmp_path: Path) -> None:

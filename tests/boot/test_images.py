@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,7 @@ import pytest
 from bootlib import START, library
 from bootlib import Chip as _Chip
 from cryptography.hazmat.primitives import serialization
-from kit import KEY, OTHER_KEY, PUBLIC, code, image
+from kit import KEY, NEXT_KEY, NEXT_PUBLIC, OTHER_KEY, PUBLIC, code, image
 
 from terrapin_hil.messages import interface
 from terrapin_tools.flash.image import ImageError, Version, parse, sign, verify
@@ -39,7 +40,7 @@ def by_loader(data: bytes, slot: str = "a") -> str:
     _, lib = library()
     image_ = chip.ffi.new("terrapin_image *")
     area = chip.ffi.new("terrapin_flash_area *", (START[slot], 0x20000))
-    number = lib.terrapin_image_verify(chip.flash, area[0], BASE + START[slot], chip.key, image_)
+    number = lib.terrapin_image_verify(chip.flash, area[0], BASE + START[slot], chip.keys, image_)
     return next(name for name, value in interface().enums["update_result"].items() if value == number)
 
 
@@ -199,8 +200,13 @@ def test_the_release_build_wants_a_public_key_of_its_own(tmp_path: Path) -> None
     public.write_bytes(
         KEY.public_key().public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)
     )
+    following, disguised = tmp_path / "next.pub.pem", tmp_path / "disguised.pub.pem"
+    for path, key in ((following, NEXT_KEY), (disguised, OTHER_KEY)):
+        path.write_bytes(
+            key.public_key().public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)
+        )
     bench = tmp_path / "development.pem"
-    bench.write_bytes(public.read_bytes())
+    bench.write_bytes(disguised.read_bytes())
 
     def make(key: Path, *options: str) -> tuple[int, str]:
         out = tmp_path / "boot_key.h"
@@ -212,10 +218,18 @@ def test_the_release_build_wants_a_public_key_of_its_own(tmp_path: Path) -> None
 
     assert make(public, "--release") == (0, "")
     assert "TERRAPIN_BOOT_RELEASE true" in (tmp_path / "boot_key.h").read_text()
+    assert make(public, "--release", "--bench", str(bench), "--next", str(following)) == (0, "")
+    digits = re.findall(r"0x([0-9A-F]{2})U", (tmp_path / "boot_key.h").read_text())
+    assert bytes.fromhex("".join(digits)) == PUBLIC + NEXT_PUBLIC
     for key, options, expected in (
         (private, ("--release",), "a private key"),
         (bench, ("--release",), "the key of the bench"),
         (public, ("--release", "--make"), "the key of the bench"),
+        (disguised, ("--release", "--bench", str(bench)), "the key of the bench"),
+        (public, ("--release", "--bench", str(bench), "--next", str(disguised)), "disguised.pub.pem: the key of the"),
+        (public, ("--release", "--next", str(private)), "robot.pem: a private key"),
+        (public, ("--release", "--next", str(public)), "the same key as"),
+        (public, ("--next", str(private)), "the same key as"),
         (tmp_path / "none.pem", ("--release",), "No such file"),
     ):
         status, said = make(key, *options)

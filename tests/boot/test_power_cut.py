@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import pytest
 from bootlib import CUTS, Chip, send
-from kit import PUBLIC, image
+from kit import KEY, NEXT_KEY, NEXT_PUBLIC, PUBLIC, image
 
+REVOKING = image("b", "1.1.0", counter=2, size=64, key=NEXT_KEY, revokes=KEY)
 OLD, NEW = image("a", "1.0.0", counter=1, size=64), image("b", "1.1.0", counter=2, size=64)
 
 
@@ -142,3 +143,94 @@ def test_every_write_of_three_tries(way: int, confirms: bool) -> None:
         tries(chip)
         assert chip.memory.off, cut
         check_whole(chip, (cut, way))
+
+
+def before_revocation(sent: bool = False) -> Chip:
+    """A chip with two keys that runs 1.0.0 of the first from A; `sent`: the image that revokes it waits in B."""
+    chip = Chip(PUBLIC, NEXT_PUBLIC)
+    chip.put("a", OLD)
+    assert chip.start() == "a"
+    assert chip.confirm()
+    assert not sent or send(chip, REVOKING, "b") == "ok"
+    return chip
+
+
+def tried(chip: Chip) -> None:
+    """The trial, the confirmation, and the start that revokes."""
+    if chip.start() == "b" and chip.confirm():
+        chip.start()
+
+
+def check_revoked(chip: Chip, name: object) -> str:
+    """Start with power that stays: the old key counts until the new image is confirmed, and never again once it is
+    revoked; in the end it is."""
+    chip.power_on()
+    revoked = chip.record().revoked
+    started = chip.start()
+    assert started in ("a", "b"), name
+    assert (chip.check("a") == "revoked_key") == (chip.record().revoked == 1), name
+    if revoked:
+        assert started == "b", name
+    if started == "a":
+        assert chip.record().revoked == 0, name
+        assert send(chip, REVOKING, "b") == "ok", name
+        assert chip.start() == "b", name
+    assert chip.confirm(), name
+    assert chip.start() == "b", name
+    assert chip.record().revoked == 1, name
+    assert chip.check("a") == "revoked_key", name
+    assert chip.start() == "b", name
+    return started
+
+
+@pytest.mark.parametrize("way", range(len(CUTS)), ids=CUTS)
+def test_every_write_of_a_revocation(way: int) -> None:
+    """From the update's erase to the record that revokes the key of the image before."""
+    chip = before_revocation()
+    fresh = chip.contents()
+
+    def revocation(chip: Chip) -> None:
+        if send(chip, REVOKING, "b") == "ok":
+            tried(chip)
+
+    fails_at(chip, 0xFFFFFFFF, way)
+    revocation(chip)
+    assert chip.record().revoked == 1
+    operations = chip.memory.operations
+    assert operations > 180  # as an update, and one record more
+    ended = {"a": 0, "b": 0}
+    for cut in range(operations):
+        chip.restore(fresh)
+        assert chip.start() == "a"
+        fails_at(chip, cut, way)
+        revocation(chip)
+        assert chip.memory.off, cut
+        ended[check_revoked(chip, (cut, way))] += 1
+    assert ended["a"] > 100
+    assert ended["b"] >= 24
+    print(f"{CUTS[way]}: {operations} cuts, {ended['a']} ended with the old image, {ended['b']} with the new, 0 bricks")
+
+
+@pytest.mark.parametrize("record", range(3), ids=["trial", "confirmed", "revoked"])
+@pytest.mark.parametrize("way", [CUTS.index("torn"), CUTS.index("noise")], ids=["torn", "noise"])
+def test_the_start_after_a_cut_revocation_is_cut_too(way: int, record: int) -> None:
+    chip = before_revocation(sent=True)
+    fresh = chip.contents()
+    fails_at(chip, 0xFFFFFFFF, way)
+    tried(chip)
+    assert chip.memory.operations == 3 * 8
+    seconds = 0
+    for cut in range(8 * record, 8 * record + 8):
+        for second in range(64):
+            chip.restore(fresh)
+            fails_at(chip, cut, way)
+            tried(chip)
+            chip.power_on()
+            fails_at(chip, second, way)
+            tried(chip)
+            if not chip.memory.off:
+                break
+            seconds += 1
+            check_revoked(chip, (cut, second, way))
+    assert seconds > 50
+    print(f"{CUTS[way]}: {seconds} second cuts, 0 bricks")

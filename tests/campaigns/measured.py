@@ -17,7 +17,7 @@ import csv
 import json
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,14 +29,15 @@ from terrapin_tools.workbench.compare.comparison import analyse, measured, predi
 from tests.campaigns.commands import terrapin
 from tests.campaigns.measured_sets import SETS, Fold, Row, Set, Wanted
 
-__all__ = ["Outcome", "main", "outcome", "table"]
+__all__ = ["Outcome", "answers", "main", "outcome", "table"]
 
 ROUNDS = 5
+HOW = ("", "formula", "tied", "name")  # not at all, as a formula of that shape, among rivals by name, by name alone
 
 
 @dataclass
 class Outcome:
-    """What came of one set: of each thing wanted how it was named ("name", "formula" or ""), errors and remarks."""
+    """What came of one set: of each thing wanted how it was named (one of HOW), errors and remarks."""
 
     name: str
     named: dict[str, str] = field(default_factory=dict)
@@ -48,7 +49,8 @@ class Outcome:
 
     @property
     def met(self) -> bool:
-        return all(how == "name" for how in self.named.values()) and self.error <= self.bound and not self.problems
+        named = all(how in ("tied", "name") for how in self.named.values())
+        return named and self.error <= self.bound and not self.problems
 
 
 def write(folder: Path, fold: Fold, rows: Sequence[Row]) -> None:
@@ -103,10 +105,15 @@ def _gaps(case: Case) -> np.ndarray[Any, np.dtype[np.float64]]:
     return np.asarray(gap / abs(float(entry.get("factor", 1.0))))
 
 
-def how_named(case: Case, wanted: Wanted) -> str:
-    """By name, as a formula of that shape, or not at all (""). What has no name is named by its formula."""
+def how_named(case: Case, wanted: Wanted, rivals: Collection[str] = ()) -> str:
+    """One of HOW. What has no name is named by its formula.
+
+    `rivals`: every effect that was told to do as well on these data as what was added.
+    """
     if set(case.effects) & set(wanted.effects):
         return "name"
+    if set(rivals) & set(wanted.effects):
+        return "tied"
     texts = [case.library[name] for name in case.effects]
     channel = next(iter(case.channels))
     shown = [t.expression if t.target == channel else f"{t.target}: {t.expression}" for t in texts]
@@ -128,7 +135,7 @@ def outcome(one: Set, data: Path, out: Path) -> Outcome:
             answer = rounds(folder, found, label)
             if one.points_at is not None:
                 column, low, high = one.points_at
-                pointed = _pointed(answer, one.points_at) or _pointed(_first(folder), one.points_at)
+                pointed = _pointed(answer, one.points_at) or _pointed(answers(folder)[0], one.points_at)
                 found.named["the rows pointed at"] = "name" if pointed else ""
                 if pointed:  # the reader leaves these rows out and asks again
                     name = next(c for c in rows[0] if c.startswith(f"{column} "))
@@ -144,10 +151,8 @@ def outcome(one: Set, data: Path, out: Path) -> Outcome:
         gap = (_gaps(case) * weights)[case.test]
         squares += [float(v) ** 2 for v in gap if np.isfinite(v)]
         for wanted in one.wanted:
-            how = how_named(case, wanted)
-            found.named[wanted.meaning] = min(
-                how, found.named.get(wanted.meaning, how), key=["", "formula", "name"].index
-            )
+            how = how_named(case, wanted, _rivals(folder))
+            found.named[wanted.meaning] = min(how, found.named.get(wanted.meaning, how), key=HOW.index)
         if one.groups:
             values = answer["groups"]["i0"]
             order = sorted(values["values"], key=lambda name: values["values"][name]["value"])
@@ -158,8 +163,15 @@ def outcome(one: Set, data: Path, out: Path) -> Outcome:
     return found
 
 
-def _first(folder: Path) -> dict[str, Any]:
-    return dict(json.loads((folder / "answer_1.json").read_text(encoding="utf-8")))
+def _rivals(folder: Path) -> set[str]:
+    """Effects among the rivals that the rounds told."""
+    return {name for answer in answers(folder) for names in answer["rivals"] for name in names}
+
+
+def answers(folder: Path) -> list[dict[str, Any]]:
+    """Those of the rounds, in their order."""
+    paths = (folder / f"answer_{number + 1}.json" for number in range(ROUNDS + 1))
+    return [json.loads(path.read_text(encoding="utf-8")) for path in paths if path.exists()]
 
 
 def _pointed(answer: dict[str, Any], at: tuple[str, float, float]) -> bool:

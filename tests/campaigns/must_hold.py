@@ -5,6 +5,8 @@ A short form of every campaign runs in tests/python/test_must_hold.py.
 
 from __future__ import annotations
 
+import argparse
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -148,6 +150,12 @@ def slope() -> list[Row]:
     ]
 
 
+def build(presets: tuple[str, ...]) -> tuple[str, ...]:
+    """Builds what is not yet built of them."""
+    subprocess.run([paths.ROOT / "tests" / "tools" / "build.sh", *presets], check=True)
+    return presets
+
+
 def determinism(seeds: int, presets: tuple[str, ...] = ()) -> list[Row]:
     """Seeds whose output hashes differ between a run in this process, a repeat, and ptys to controllers of the host
     build and of other `presets` (which must be built: tests/tools/build.sh PRESET)."""
@@ -188,13 +196,20 @@ CAMPAIGNS: dict[str, Callable[[], list[Row]]] = {
     "steady_real": lambda: steady_real(200),
     "carriage": carriage,
     "slope": slope,
-    "determinism": lambda: determinism(20, ("o0", "m32")),
-    "builds": lambda: builds(("o0", "m32", "asan")),
+    "determinism": lambda: determinism(20, build(("o0", "m32"))),
+    "builds": lambda: builds(build(("o0", "m32", "asan"))),
 }
 
 
 def main() -> int:
-    chosen = sys.argv[1:] or list(CAMPAIGNS)
+    parser = argparse.ArgumentParser(
+        description="The bounds of the circle, measured; exit status 1 when one is not met.",
+        epilog="Example: python -m tests.campaigns.must_hold slope builds",
+    )
+    parser.add_argument("campaign", nargs="*", metavar="CAMPAIGN", help=f"of {', '.join(CAMPAIGNS)}; all by default")
+    chosen = parser.parse_args().campaign or list(CAMPAIGNS)
+    if unknown := [name for name in chosen if name not in CAMPAIGNS]:
+        parser.error(f"{unknown[0]}: no campaign; there are {', '.join(CAMPAIGNS)}")
     failed = 0
     for name in chosen:
         for row in CAMPAIGNS[name]():

@@ -1,16 +1,17 @@
 """Cases with base `ode`: drawn systems of order 1 to 4, one term of whose equations the model lacks.
 
-    python -m tests.campaigns.ode_systems [--cases N] [--first SEED] [--rows N] [--runs N] [--alone NAME]
+    python -m tests.campaigns.ode_systems --cases 100 --families lacking    a term is missing
+    python -m tests.campaigns.ode_systems --cases 100 --families complete   the model has it: how often an alarm?
+    python -m tests.campaigns.ode_systems --part 1/4                        a quarter of the cases; parts merge
 
 The truth is integrated by SciPy (DOP853), which shares nothing with the program's own integrator. An answer is right
 where a set that it names, alone or among rivals, is one term that acts on the right derivative and is the same function
-there: its values along the true motion lie within 0.99 (cosine) of the true term's.
+there: its values along the true motion lie within 0.99 (cosine) of the true term's. Systems take turns by the number of
+the case. A rerun goes on where the last one stopped.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import tempfile
 import time
 from collections.abc import Mapping
@@ -24,7 +25,12 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
+from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
 
+__all__ = ["KINDS", "SYSTEMS", "Drawn", "System", "draw", "one", "right", "table"]
+
+KINDS = ("lacking", "complete")
+SEEDS = 10_000  # cases of one seed, at most
 SAME = 0.99  # cosine of two terms along the motion, from which they are one
 TURN = 0.002  # of a state's start range: how sharply the truth's sign() turns
 
@@ -191,36 +197,65 @@ def right(drawn: Drawn, found: Discovery) -> bool:
     return False
 
 
+def one(kind: str, number: int, seed: int, runs: int = 10, rows: int = 1000) -> Record:
+    """Make and answer one case."""
+    with tempfile.TemporaryDirectory() as place:
+        drawn = draw(SEEDS * seed + number, Path(place) / "case", runs, rows, complete=kind == "complete")
+        begin = time.perf_counter()
+        found = discover(load_case(drawn.folder))
+        seconds = time.perf_counter() - begin
+    cards = {card.effect.name: f"{card.effect.target}: {card.effect.expression}" for card in found.candidates}
+    told = found.rivals or ((found.missing,) if found.missing else ())
+    sd = found.analysis.noise.sigma / [drawn.noise * drawn.names[c].std() for c in drawn.system.measured]
+    return {
+        "system": drawn.system.name,
+        "order": len(drawn.system.derivative),
+        "noise": drawn.noise,
+        "verdict": found.verdict,
+        "probability": found.answer_probability,
+        "told": [[cards.get(name, name) for name in names] for names in told],
+        "likeliest": next(iter(cards.values()), ""),
+        "right": found.verdict == "adequate" if kind == "complete" else right(drawn, found),
+        "errors": [round(found.ladder[0].train_error, 3), round(found.ladder[-1].train_error, 3)],
+        "sd_over_true": np.round(sd, 3).tolist(),
+        "seconds": round(seconds, 1),
+    }
+
+
+def table(records: list[Record]) -> str:
+    """Rates by kind, over all and by system, the worst first; below them what was said instead."""
+    lines = []
+    for kind in KINDS:
+        mine = [r for r in records if r["family"] == kind]
+        if not mine:
+            continue
+        lines.append(
+            f"{kind:32}{'cases':>6}{'right or tied':>24}{'above 0.9 and wrong':>24}{'rivals':>8}{'seconds':>9}"
+        )
+        systems = {name: [r for r in mine if r["system"] == name] for name in {r["system"] for r in mine}}
+        worst = sorted(systems.items(), key=lambda item: (sum(r["right"] for r in item[1]) / len(item[1]), item[0]))
+        for name, part in (("all", mine), *worst):
+            sure = sum(sure_and_wrong(r["verdict"], r["probability"], r["right"]) for r in part)
+            rivals = np.mean([max(len(r["told"]) - 1, 0) for r in part])
+            seconds = np.median([r["seconds"] for r in part])
+            rates = rate(sum(r["right"] for r in part), len(part)) + rate(sure, len(part))
+            lines.append(f"{name:32}{len(part):6d}{rates}{rivals:8.1f}{seconds:9.1f}")
+        for r in sorted((r for r in mine if not r["right"]), key=lambda r: r["system"]):
+            said = " | ".join(" + ".join(names) for names in r["told"]) or f"- (likeliest {r['likeliest']})"
+            lines.append(
+                f"  {r['number']:4d} {r['system']}, {r['noise']}: {r['verdict']} {r['probability']:.2f}  {said}"
+            )
+        lines.append("")
+    return "\n".join(lines).rstrip()
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cases", type=int, default=len(SYSTEMS))
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--runs", type=int, default=10)
-    parser.add_argument("--rows", type=int, default=1000)
-    parser.add_argument("--alone", default="")
-    parser.add_argument("--complete", action="store_true", help="the model has the term: how often an alarm?")
-    asked = parser.parse_args()
-    count = 0
-    for seed in range(asked.first, asked.first + asked.cases):
-        with tempfile.TemporaryDirectory() as place:
-            drawn = draw(seed, Path(place) / "case", asked.runs, asked.rows, asked.alone, asked.complete)
-            begin = time.perf_counter()
-            found = discover(load_case(drawn.folder))
-            seconds = time.perf_counter() - begin
-        good = found.verdict == "adequate" if asked.complete else right(drawn, found)
-        count += good
-        cards = {card.effect.name: f"{card.effect.target} {card.effect.expression}" for card in found.candidates}
-        line = {"seed": seed, "system": drawn.system.name, "noise": drawn.noise, "right": good}
-        line |= {
-            "verdict": found.verdict,
-            "said": [[cards.get(n, n) for n in s] for s in found.rivals or [found.missing]],
-        }
-        line |= {"best": cards[next(iter(cards))] if cards else "", "probability": round(found.answer_probability, 3)}
-        sd = found.analysis.noise.sigma / [drawn.noise * drawn.names[c].std() for c in drawn.system.measured]
-        line |= {"error": round(found.ladder[-1].train_error, 2), "first": round(found.ladder[0].train_error, 2)}
-        line |= {"sigma_ratio": np.round(sd, 2).tolist(), "rho": found.analysis.noise.rho, "seconds": round(seconds, 1)}
-        print(json.dumps(line), flush=True)
-    print(f"{count} of {asked.cases}")
+    parser = parser_of(__doc__, "python -m tests.campaigns.ode_systems", KINDS, cases=len(SYSTEMS))
+    parser.add_argument("--runs", type=int, default=10, help="of each case; 10")
+    parser.add_argument("--rows", type=int, default=1000, help="of each run; 1000")
+    options = parser.parse_args()
+    make = lambda kind, number: one(kind, number, options.seed, options.runs, options.rows)  # noqa: E731
+    print(table(resumed(options, f"{options.runs}-{options.rows}-{options.seed}", make)))
 
 
 if __name__ == "__main__":

@@ -53,6 +53,7 @@ static terrapin_record of(uint32_t number) {
         .tries = (uint8_t)(3U + (number % 200U)),
         .security_counter = 0xA1B2C3D4U + number,
         .node = (uint8_t)(number % TERRAPIN_NODES),
+        .revoked = (uint8_t)((number / 2U) % 3U),
         .robot = (0x00E5F607U + number) & 0x00FFFFFFU,
         .version = {(uint8_t)(0x18U + number), (uint8_t)(0x29U + number), (uint16_t)(0x3A4BU + number),
                     0x5C6D7E8FU + number},
@@ -63,7 +64,8 @@ static terrapin_record of(uint32_t number) {
 static bool same(const terrapin_record *a, const terrapin_record *b) {
     return (a->confirmed == b->confirmed) && (a->candidate == b->candidate) && (a->phase == b->phase) &&
            (a->tries == b->tries) && (a->security_counter == b->security_counter) && (a->node == b->node) &&
-           (a->robot == b->robot) && (terrapin_image_compare(a->version, b->version) == 0);
+           (a->revoked == b->revoked) && (a->robot == b->robot) &&
+           (terrapin_image_compare(a->version, b->version) == 0);
 }
 
 static bool stands(uint32_t number) {
@@ -110,7 +112,7 @@ static void make(uint32_t place, uint32_t sequence, const terrapin_record *recor
     to[17] = record->version.minor;
     put(&to[18], record->version.revision, 2U);
     put(&to[20], record->version.build, 4U);
-    to[24] = record->node;
+    to[24] = (uint8_t)(record->node | (record->revoked << 4U)); /* older ones: the node alone */
     put(&to[25], record->robot, 3U);
     put(&to[28], terrapin_crc32(0U, to, 28U), 4U);
 }
@@ -124,9 +126,9 @@ static void test_the_format(void) {
     TEST_ASSERT_EQUAL_MEMORY(kept, bytes, sizeof kept);
 }
 
-/* Behind records that are whole, but not the boot loader's: of no slot, phase or node, of another format. */
+/* Behind records that are whole, but not the boot loader's: of no slot, phase, node or key, of another format. */
 static void test_a_record_out_of_its_ranges_is_none(void) {
-    for (uint32_t kind = 0U; kind < 6U; kind++) {
+    for (uint32_t kind = 0U; kind < 7U; kind++) {
         setUp();
         TEST_ASSERT_TRUE(append(4U));
         terrapin_record bad = of(5U);
@@ -134,6 +136,7 @@ static void test_a_record_out_of_its_ranges_is_none(void) {
         bad.candidate = (uint8_t)((kind == 1U) ? 3U : bad.candidate);
         bad.phase = (uint8_t)((kind == 2U) ? 3U : bad.phase);
         bad.node = (uint8_t)((kind == 3U) ? TERRAPIN_NODES : bad.node);
+        bad.revoked = (uint8_t)((kind == 6U) ? 3U : bad.revoked);
         make(1U, 2U, &bad);
         uint8_t *at = &bytes[TERRAPIN_LAYOUT_RECORDS_0 + TERRAPIN_RECORD_SIZE];
         if (kind == 4U) {
@@ -313,11 +316,15 @@ static void test_what_an_image_says(void) {
     TEST_ASSERT_EQUAL_HEX32(0U, found.robot);
     TEST_ASSERT_EQUAL_HEX8(0U, found.board);
     TEST_ASSERT_EQUAL_HEX32(0U, found.interface);
+    TEST_ASSERT_EQUAL_HEX32(0U, found.revokes);
     begin();
     tlv(0xA0U, 1U, TERRAPIN_IMAGE_KIND_PRODUCTION);
     tlv(0xA1U, 4U, 0xC1C2C3C4U);
     tlv(0xA2U, 4U, 0xD1D2D3D4U);
     tlv(0xA3U, 4U, 0xE1E2E3E4U);
+    tlv(0xA4U, 4U, 0xF1F2F3F4U);
+    tlv(0xA5U, 4U, 0x01020304U); /* another's */
+    tlv(0x9FU, 2U, 0x0102U);
     tlv(0x60U, 3U, 0x010203U); /* another's */
     tlv(0x60U, 0U, 0U);
     tlv(0x50U, 4U, 5U);
@@ -330,6 +337,7 @@ static void test_what_an_image_says(void) {
     TEST_ASSERT_EQUAL_HEX32(0x00D2D3D4U, found.robot);
     TEST_ASSERT_EQUAL_HEX8(0xD1U, found.board);
     TEST_ASSERT_EQUAL_HEX32(0xE1E2E3E4U, found.interface);
+    TEST_ASSERT_EQUAL_HEX32(0xF1F2F3F4U, found.revokes);
 }
 
 static void no_image(void) {
@@ -462,7 +470,7 @@ static void test_versions_in_order(void) {
 
 /* ---- the update over a serial line */
 
-static const uint8_t key[32];
+static const uint8_t keys[64];
 static terrapin_boot boot;
 static terrapin_boot_serial serial;
 static uint8_t answer[TERRAPIN_BOOT_SERIAL_ANSWER_MAX + 1U];
@@ -482,7 +490,7 @@ static uint32_t say(const uint8_t *text, uint32_t length) {
 static void open_line(uint8_t node) {
     terrapin_record record = {.node = node, .confirmed = (uint8_t)TERRAPIN_UPDATE_SLOT_A};
     setUp();
-    boot = (terrapin_boot){.flash = &flash, .key = key, .key_id = 0x01020304U};
+    boot = (terrapin_boot){.flash = &flash, .keys = keys, .key_ids = {0x01020304U, 0x05060708U}};
     TEST_ASSERT_TRUE(terrapin_records_append(&flash, &record));
     terrapin_boot_serial_init(&serial, &boot, (uint8_t)TERRAPIN_UPDATE_SLOT_A);
     TEST_ASSERT_EQUAL_UINT32(1U, say((const uint8_t *)"O\r", 2U));

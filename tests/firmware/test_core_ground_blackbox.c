@@ -181,6 +181,7 @@ static void test_a_gap_does_not_interrupt_the_fit(void) {
 /* What the schedule does with a window's C_t once it is known. */
 static void tell_ground(void) {
     rig.state.estimator.open = true;
+    ground_speed(&rig.state);
     ground_resistance(&rig.state);
     ground_nearest(&rig.state);
     TEST_ASSERT_FALSE(rig.state.estimator.open);
@@ -207,6 +208,98 @@ static void test_slope_stays_in_torque_and_leaves_f_r(void) {
     rig.state.estimator.pitch_valid = false;
     tell_ground();
     TEST_ASSERT_TRUE(rig.state.ground.f_r_ppm < 0);
+}
+
+/* The curves' speed, squared and held at 200 rad/s: to 0.005 rad^2/s^2, its unit's half, and two roundings to 1e-6;
+ * 2^20 / 1e5 is good to 3.4e-7. */
+static void test_curves_follow_the_speed(void) {
+    rig_run(400);
+    rig.state.gains.weight_q22 = 1 << 22; /* the floor's torque is its f_r */
+    rig.state.parameter[TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_O] = 20000;
+    rig.state.parameter[TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_S] = 1000000;
+    for (int32_t mrad_s = 0; mrad_s <= 300000; mrad_s += 973) {
+        const double omega = fmin(mrad_s * 1e-3, 200.0);
+        const int32_t floor = ground_floor_unm(&rig.state, mrad_s * 1000);
+        const double curve = 1000.0 * omega * omega;
+        TEST_ASSERT_TRUE(fabs(floor - (20000.0 + curve)) <= 5.0 + (3.4e-7 * curve) + 2.0);
+        TEST_ASSERT_EQUAL_INT32(floor, ground_floor_unm(&rig.state, -mrad_s * 1000));
+    }
+    rig.state.parameter[TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_O] = 0;
+    rig.state.parameter[TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_S] = 10000000; /* 100e-6 a unit of the square */
+    TEST_ASSERT_EQUAL_INT32(400000134, ground_floor_unm(&rig.state, INTEGER_MOST));
+}
+
+/* Only what is given decides: no friction in the way, f_r is C_t in the weight's units. */
+static void test_f_r_is_held(void) {
+    rig_run(400);
+    rig.state.estimator.pitch_valid = false;
+    rig.state.estimator.torque_unm = 2000000;
+    rig.state.estimator.sd_unm = 2000000;
+    rig.state.gains.per_weight_q24 = 1 << 24;
+    tell_ground();
+    TEST_ASSERT_EQUAL_INT32(1048576, rig.state.ground.f_r_ppm);
+    TEST_ASSERT_EQUAL_INT32(1048576, rig.state.ground.f_r_sd_ppm);
+    rig.state.estimator.torque_unm = -2000000;
+    rig.state.estimator.sd_unm = 0;
+    tell_ground();
+    TEST_ASSERT_EQUAL_INT32(-1048576, rig.state.ground.f_r_ppm);
+    TEST_ASSERT_EQUAL_INT32(1, rig.state.ground.f_r_sd_ppm);
+}
+
+/* Curves 0.1 apart; sd 8000e-6, an eighth of it 1000e-6. */
+static void near_curves(int32_t f_r_ppm) {
+    static const uint16_t first[TERRAINS] = {
+        TERRAPIN_PARAMETER_TERRAIN_SAND_F_O, TERRAPIN_PARAMETER_TERRAIN_DRY_PEAT_F_O,
+        TERRAPIN_PARAMETER_TERRAIN_RED_TERRAIN_F_O, TERRAPIN_PARAMETER_TERRAIN_AGRICULTURAL_F_O,
+        TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_O};
+    for (int32_t i = 0; i < TERRAINS; i++) {
+        rig.state.parameter[first[i]] = 500000 - (100000 * i);
+    }
+    rig.state.parameter[TERRAPIN_PARAMETER_SD_TERRAIN] = 0;
+    rig.state.ground.f_r_ppm = f_r_ppm;
+    rig.state.ground.f_r_sd_ppm = 8000;
+    rig.state.estimator.open = true;
+    ground_nearest(&rig.state);
+}
+
+static void test_distances_are_told_in_eighths_of_sd(void) {
+    rig_run(400);
+    rig.state.estimator.omega_urad_s = 0;
+    ground_speed(&rig.state);
+    near_curves(300000);
+    TEST_ASSERT_EQUAL_INT32(3, rig.state.ground.terrain);
+    TEST_ASSERT_EQUAL_INT32(100, rig.state.ground.margin_q3);
+    near_curves(349000); /* one eighth nearer to this than to that */
+    TEST_ASSERT_EQUAL_INT32(3, rig.state.ground.terrain);
+    TEST_ASSERT_EQUAL_INT32(2, rig.state.ground.margin_q3);
+    near_curves(349600); /* as near, rounded: the first */
+    TEST_ASSERT_EQUAL_INT32(2, rig.state.ground.terrain);
+    TEST_ASSERT_EQUAL_INT32(0, rig.state.ground.margin_q3);
+    near_curves(564499); /* 64 eighths */
+    TEST_ASSERT_EQUAL_INT32(1, rig.state.ground.terrain);
+    near_curves(564500); /* 65 */
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_TERRAIN_UNKNOWN, rig.state.ground.terrain);
+    rig.state.ground.square_q25 = INT32_MAX / 4; /* 16 rad^2/s^2 * 1000: the curve with a slope is far away */
+    rig.state.parameter[TERRAPIN_PARAMETER_TERRAIN_SAND_F_S] = 10000000;
+    near_curves(100000);
+    TEST_ASSERT_EQUAL_INT32(5, rig.state.ground.terrain);
+}
+
+static void test_the_margin_and_the_fits_speed_are_held(void) {
+    rig_run(400);
+    rig.state.estimator.omega_urad_s = 0;
+    ground_speed(&rig.state);
+    near_curves(500000);
+    rig.state.ground.f_r_sd_ppm = 1000; /* the next is 800 eighths away */
+    rig.state.estimator.open = true;
+    ground_nearest(&rig.state);
+    TEST_ASSERT_EQUAL_INT32(255, rig.state.ground.margin_q3);
+
+    rig.state.estimator.omega_urad_s = 100000000;
+    rig.state.ground.fitted_terrain = rig.state.ground.terrain + 1; /* the fit begins */
+    rig.state.ground.todo = FIT_STEPS;
+    ground_fit_work(&rig.state);
+    TEST_ASSERT_EQUAL_INT32(131072 * 256, rig.state.ground.x_q8);
 }
 
 static void test_one_message_a_slot_and_an_empty_one(void) {
@@ -389,6 +482,7 @@ static void test_what_is_far_from_every_curve(void) {
     rig.state.ground.f_r_sd_ppm = 1;
     rig.state.estimator.omega_urad_s = 250000000;
     rig.state.estimator.open = true;
+    ground_speed(&rig.state);
     ground_nearest(&rig.state);
     TEST_ASSERT_EQUAL_INT32(TERRAPIN_TERRAIN_UNKNOWN, rig.state.ground.terrain);
     TEST_ASSERT_EQUAL_INT32(0, rig.state.ground.margin_q3);
@@ -427,6 +521,10 @@ int main(void) {
     RUN_TEST(test_fit_counts_to_its_end_and_stays_bounded);
     RUN_TEST(test_a_gap_does_not_interrupt_the_fit);
     RUN_TEST(test_slope_stays_in_torque_and_leaves_f_r);
+    RUN_TEST(test_curves_follow_the_speed);
+    RUN_TEST(test_f_r_is_held);
+    RUN_TEST(test_distances_are_told_in_eighths_of_sd);
+    RUN_TEST(test_the_margin_and_the_fits_speed_are_held);
     RUN_TEST(test_one_message_a_slot_and_an_empty_one);
     RUN_TEST(test_path_is_the_way_along_the_heading);
     RUN_TEST(test_heading_takes_the_empty_slot);

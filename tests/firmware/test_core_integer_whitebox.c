@@ -126,6 +126,8 @@ static void test_products_in_q_formats(void) {
         const long double exact = floorl(ldexpl(product, -(int)bits) + 0.5L);
         TEST_ASSERT_EQUAL_INT32(held_of(exact), integer_q_held(a, factor, bits));
         TEST_ASSERT_EQUAL_INT32((int32_t)floorl(ldexpl(product, -32) + 0.5L), integer_q32(a, factor));
+        const int32_t summand = any() / 2;
+        TEST_ASSERT_EQUAL_INT32(summand + integer_q32(a / 2, factor), integer_q32_plus(summand, a / 2, factor));
         if (fabsl(exact) <= INTEGER_MOST) {
             TEST_ASSERT_EQUAL_INT32((int32_t)exact, integer_q(a, factor, bits));
         } else {

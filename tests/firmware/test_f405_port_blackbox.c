@@ -443,13 +443,13 @@ static void test_a_start_is_healthy_once(void) {
 
 static void test_update_resets_with_the_motor_off_alone(void) {
     static uint8_t bytes[TERRAPIN_FLASH_F405_SIZE];
-    static const uint8_t key[32] = {0};
+    static const uint8_t keys[64] = {0};
     static terrapin_flash_emulated chip_memory;
     static terrapin_update update;
     memset(bytes, 0xFF, sizeof bytes);
     terrapin_flash_emulated_init(&chip_memory, bytes, terrapin_flash_f405_sectors, TERRAPIN_FLASH_F405_SECTORS, 4U);
     const terrapin_flash flash = terrapin_flash_emulated_driver(&chip_memory);
-    const terrapin_boot boot = {.flash = &flash, .key = key};
+    const terrapin_boot boot = {.flash = &flash, .keys = keys};
     const hardware_facts hardware = plain();
     terrapin_update_init(&update, &boot, TERRAPIN_UPDATE_SLOT_A);
     port_open(&controller, state, &bus, &line, NULL, &update, &hardware);

@@ -45,7 +45,7 @@ static terrapin_state *const state = (terrapin_state *)memory;
 static uint8_t flash_bytes[TERRAPIN_FLASH_F405_SIZE];
 static terrapin_flash_emulated chip_memory;
 static terrapin_flash flash;
-static const uint8_t key[32];
+static const uint8_t keys[64];
 static terrapin_boot boot;
 static terrapin_update update;
 static fake_can chip;
@@ -134,7 +134,7 @@ static void start(kind is, bool trial) {
                                  4U);
     flash = terrapin_flash_emulated_driver(&chip_memory);
     TEST_ASSERT_TRUE(terrapin_records_append(&flash, &record));
-    boot = (terrapin_boot){.flash = &flash, .key = key};
+    boot = (terrapin_boot){.flash = &flash, .keys = keys};
     terrapin_update_init(&update, &boot, TERRAPIN_UPDATE_SLOT_A);
     fake_open(&chip);
     memset(&serial, 0, sizeof serial);

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import doctest
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from terrapin_hil.physics import heading
-from terrapin_hil.physics.heading import path, sideways
-from terrapin_hil.physics.tyre import ContactError
+from terrapin_hil.physics.compiled import library, pointer
 from terrapin_hil.reading import ReadingError
 from terrapin_hil.run.run import Result, run
 from terrapin_hil.scenario.scenario import load_scenario
@@ -30,8 +27,22 @@ def drive(folder: Path, text: str, voltage: float = 5.0, seconds: float = 4.0) -
     return simulation.truth()
 
 
-def test_examples() -> None:
-    assert doctest.testmod(heading).failed == 0
+def path(way: Array, turned: Array) -> tuple[Array, Array]:
+    """x and y [m] from the way travelled so far [m] and the heading [rad] at the same instants, as the plant steps."""
+    place = np.zeros(2)
+    found = [place.copy()]
+    for step, before, after in zip(np.diff(way).tolist(), turned[:-1].tolist(), turned[1:].tolist(), strict=True):
+        library().hil_heading_advance(step, before, after, pointer(place))
+        found.append(place.copy())
+    x, y = np.array(found).T
+    return x, y
+
+
+def test_a_whole_circle_ends_where_it_began() -> None:
+    t = np.linspace(0.0, 10.0, 101)
+    x, y = path(0.3 * t, 2.0 * np.pi * t / 10.0)
+    assert np.hypot(x[-1], y[-1]) < 1e-12
+    assert np.ptp(y) * np.pi == pytest.approx(3.0, abs=5e-4)
 
 
 def test_arcs_are_exact_whatever_the_step() -> None:
@@ -79,16 +90,6 @@ def test_it_turns_on_the_spot_and_rolls_back_along_its_line(tmp_path: Path) -> N
     assert truth["position"][-1] < -1.0
     np.testing.assert_allclose(truth["path_y"], truth["position"], atol=1e-9)
     np.testing.assert_allclose(truth["path_x"], 0.0, atol=1e-9)
-
-
-def test_what_the_contact_must_hold_sideways() -> None:
-    t = np.linspace(0.0, 1.0, 11)
-    np.testing.assert_allclose(sideways(np.full(11, 0.5), 2.0 * t, t), 1.0)
-
-
-def test_refusal() -> None:
-    with pytest.raises(ContactError, match="two equal rows"):
-        path([0.0, 1.0], [0.0])
 
 
 def effects(folder: Path, text: str) -> Simulation:

@@ -41,6 +41,33 @@ def test_a_set_is_answered_round_after_round(tmp_path: Path) -> None:
     assert found.met
 
 
+def dynamometer(folder: Path) -> Path:
+    """A table as that of the dynamometer: speeds of one sign, so that dry friction and an offset are one."""
+    random = np.random.default_rng(5)
+    (folder / "odrive_dyno").mkdir(parents=True)
+    names = ("run", "torque [N mm]", "speed [rad/s]", "motor_temperature [degC]", "current_q [A]")
+    with (folder / "odrive_dyno" / "dyno.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(names)
+        for run in range(12):
+            speed = -20.0 * (1 + run)
+            for step in range(9):
+                torque = -80.0 * step - 40.0
+                current = 0.03 * torque - 1.6 + 1.5e-5 * torque * abs(torque) + 0.00005 * torque * speed
+                row = (torque, speed, 25.0 + run + random.uniform(0.0, 3.0), current + 0.25 * random.standard_normal())
+                writer.writerow([f"rpm{run:02d}", *(f"{value:.6g}" for value in row)])
+    return folder
+
+
+def test_what_is_one_on_the_data_is_told_together_beside_a_formula(tmp_path: Path) -> None:
+    found = measured.outcome(SETS["odrive-current"], dynamometer(tmp_path / "data"), tmp_path / "out")
+    answer = measured.answers(tmp_path / "out" / "odrive-current")[0]
+    told = [answer["missing"], *answer["rivals"]]
+    assert any("coulomb_friction" in names for names in told), told
+    assert any("offset" in names for names in told), told
+    assert found.named["dry friction"] in ("tied", "name")
+
+
 def test_a_set_that_misses_its_bound_is_not_met(tmp_path: Path) -> None:
     found = measured.Outcome("any", {"dry friction": "name"}, error=0.3, bound=0.2, unit="A")
     assert not found.met

@@ -3,18 +3,57 @@
 from __future__ import annotations
 
 import doctest
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from scipy.integrate import solve_ivp
 
 from terrapin_hil.physics import pendulum, signals
-from terrapin_hil.physics.pendulum import PendulumSphere, energy, free, on_sand, ramp, roll, steady_swing, steady_torque
+from terrapin_hil.physics.compiled import ffi, library
+from terrapin_hil.physics.pendulum import PendulumSphere, on_sand, ramp, roll, steady_swing, steady_torque
 from terrapin_hil.physics.tyre import ContactError
 
 TURN = 2.0 * np.pi
 BOARD = PendulumSphere()
+Array = npt.NDArray[np.float64]
+
+
+def energy(sphere: PendulumSphere, swing: Array, swing_rate: Array, shell_rate: Array) -> Array:
+    """Mechanical energy [J] on level ground, zero at rest with the bob below."""
+    s = sphere
+    arm = s.radius * s.bob_mass * s.length
+    shell = s.mass * s.radius**2 + s.shell_inertia
+    bob = s.bob_mass * s.length**2 + s.frame_inertia + s.bob_inertia
+    kinetic = 0.5 * shell * shell_rate**2 + arm * np.cos(swing) * shell_rate * swing_rate + 0.5 * bob * swing_rate**2
+    return np.asarray(kinetic + s.largest_torque * (1.0 - np.cos(swing)))
+
+
+def free(
+    sphere: PendulumSphere, times: npt.ArrayLike, swing: float, torque: float = 0.0, step: float = 1e-3
+) -> tuple[Array, Array, Array, Array]:
+    """Motion under a constant joint torque [N m] from rest, bob at `swing` [rad]: phi, theta and their rates."""
+    body = ffi().new("hil_pendulum *", tuple(asdict(sphere).values()))
+    around = ffi().new("hil_pendulum_around *", (0.0, 0.0))
+    found = ffi().new("double[2]")
+
+    def rates(y: Array) -> Array:
+        library().hil_pendulum_free(body, around, ffi().new("hil_pendulum_state *", tuple(y)), torque, found)
+        return np.array([y[2], y[3], found[0], found[1]])
+
+    y, now, rows = np.array([swing, 0.0, 0.0, 0.0]), 0.0, []
+    for time in np.asarray(times, dtype=np.float64):
+        count = max(0, round((time - now) / step))
+        for _ in range(count):
+            k1 = rates(y)
+            k2 = rates(y + 0.5 * step * k1)
+            k3 = rates(y + 0.5 * step * k2)
+            y = y + step / 6.0 * (k1 + 2.0 * (k2 + k3) + rates(y + step * k3))
+        now += count * step
+        rows.append(y)
+    phi, theta, phi_rate, theta_rate = np.array(rows).T
+    return phi, theta, phi_rate, theta_rate
 
 
 def test_examples() -> None:

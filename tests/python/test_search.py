@@ -14,7 +14,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaigns"))
 
-from casekit import one_line, terrapin
+from casekit import ROLLING, one_line, terrapin
 from discovery_cases import make
 
 from terrapin_hil.paths import ROOT
@@ -25,6 +25,7 @@ from terrapin_tools.workbench.case.changes import extended
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.usual_sizes import usual_size
 from terrapin_tools.workbench.story.told import told
+from tests.campaigns import noises
 
 
 def example(folder: Path, name: str, effects: str) -> Path:
@@ -70,6 +71,48 @@ def test_a_twin_of_a_large_effect_is_named_too(tmp_path: Path) -> None:
     reasons = {card.proposal.effect: card.reason for card in told(found.analysis, found).cards}
     assert "times what is usual for such a robot" in reasons["aerodynamic_drag"]
     assert "usual" not in reasons["speed_squared"]
+
+
+def test_a_likely_answer_that_the_held_out_runs_refute_is_not_called_unknown() -> None:
+    """Offsets of six held-out runs speak against the right answer: it is not named, and not denied either."""
+    random = np.random.default_rng([9, sorted(noises.FAMILIES).index("offsets"), 18, 20])
+    hidden = (str(random.choice(noises.ROLLING)),)
+    made = make("rolling_steady", hidden, 30, 0.0, 2.0, random)
+    assert made is not None
+    found = discover(noises.disturbed(made, "offsets", random), seed=18)
+    assert (hidden, found.verdict, found.missing) == (("current_offset",), "unexplained", ())
+    assert found.answer_probability < 0.1
+    story = told(found.analysis, found)
+    assert "what is likeliest is not shown yet" in story.headline
+    assert any(note.startswith("Likeliest is current_offset, but with it the error") for note in story.notes)
+
+
+def test_an_absurd_size_speaks_for_another_effect_of_that_shape(tmp_path: Path) -> None:
+    """Oil that is churned resists with the speed squared, at any load: as drag of the air it would need 20 times the
+    area that such a robot has."""
+    random = np.random.default_rng(4)
+    lines = ["run,w,W,i"]
+    for run in range(14):
+        load = random.uniform(15, 40)
+        for _ in range(14):
+            omega = random.uniform(1.5, 12) * random.choice([-1, 1])
+            torque = (0.06 * 0.08 * load + 0.012) * np.sign(omega) + 1e-3 * omega + 3e-4 * omega * abs(omega)
+            lines.append(f"r{run:02d},{omega:.6g},{load:.6g},{torque * 2.25 + 0.004 * random.standard_normal():.6g}")
+    folder = tmp_path / "case"
+    folder.mkdir()
+    (folder / "runs.csv").write_text("\n".join(lines) + "\n")
+    text = ROLLING.replace('temperature = { column = "temp", unit = "degF" }\n', "")
+    (folder / "case.toml").write_text(
+        text.replace('"rpm"', '"rad/s"').replace('"mA", sigma = 4.0', '"A", sigma = 0.004')
+    )
+    found = discover(load_case(folder))
+    assert found.verdict == "ambiguous"
+    assert ("aerodynamic_drag",) in found.rivals
+    assert any(name.startswith("expression") for one in found.rivals for name in one)
+    assert found.answer_probability < 0.9
+    assert any(
+        "speaks for something else that has the same shape" in note for note in told(found.analysis, found).notes
+    )
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -20,7 +20,7 @@ from terrapin_hil.physics.contact import ContactError
 from terrapin_hil.physics.effects import catalogue
 from terrapin_hil.robot.compiled_effects import ActiveEffect, EffectError
 from terrapin_hil.robot.plant import Ground, Robot, Segment, SoftGround, Terrain
-from terrapin_hil.robot.soft_ground import ACCURACY, _exact, affected, check_step, contact_steady, grip_table
+from terrapin_hil.robot.soft_ground import ACCURACY, _exact, affected, check_step, contact_steady, grip_tables
 from terrapin_hil.run.contact_runs import time_response
 from terrapin_hil.scenario.scenario import Order, Scenario, load_scenario
 from terrapin_hil.simulation import Simulation
@@ -50,7 +50,8 @@ def test_docstring_examples() -> None:
 @pytest.mark.parametrize("slope", [0.0, 0.25])
 def test_table_is_within_its_accuracy(ground: SoftGround, slope: float) -> None:
     """The compiled interpolation at points of its own choosing: 1e-4 of each value, or of 1 % of its scale."""
-    table = grip_table(path(slope, ground), ROBOT)
+    table = grip_tables(path(slope, ground), ROBOT)[0]
+    assert table is not None
     native = table.native()
     rng = np.random.default_rng(3)
     count = 1500
@@ -224,7 +225,7 @@ def test_effects_on_the_soil_are_those_of_the_workbench() -> None:
 def test_too_heavy_and_too_fast() -> None:
     soft = SoftGround(soils.Soil("mud", "test", "bekker", 1.0, 0.0, 5e3, 100.0, 0.2, 0.02))
     with pytest.raises(ContactError, match=r"load: found 18.639 N.*expected at most"):
-        grip_table(path(ground=soft), ROBOT)
+        grip_tables(path(ground=soft), ROBOT)
     with pytest.raises(ContactError, match=r"load: found 18.639 N"):
         contact_steady(ROBOT, soft, 5.0)
     with pytest.raises(ContactError, match=r"step: found 0.001 s, expected more than 0 s and at most"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from terrapin_hil.physics import soils
-from terrapin_hil.physics.soils import Soil, library, read_soil
+from terrapin_hil.physics.soils import Soil, library, number
 
 SOIL = Soil("test", "nobody", "bekker", 0.8, 5e3, 9e5, 1e3, 0.5, 0.02)
 
@@ -56,13 +57,14 @@ def test_every_soil_names_its_source() -> None:
 
 
 def test_reading_refuses_a_unit_of_another_exponent() -> None:
-    good = {"k_c": "0 kN/m^1.71", "k_phi": "535.3 kN/m^2.71", "cohesion": "1.15 kPa", "friction_angle": "31.5 deg"}
-    assert read_soil("s", "x", "bekker", 0.71, **good).k_phi == pytest.approx(535.3e3)
-    for field, text in (("k_phi", "535.3 kN/m"), ("k_phi", "535.3 kN/m^2.7"), ("k_c", "0 kPa"), ("cohesion", "3 deg")):
-        with pytest.raises(ValueError, match=f"^{field}: found '{text.replace('^', '.')}', expected"):
-            read_soil("s", "x", "bekker", 0.71, **{**good, field: text})
-    with pytest.raises(ValueError, match=r"^friction_angle: missing"):
-        read_soil("s", "x", "bekker", 0.71, k_c="0 kN/m^1.71", k_phi="5 kN/m^2.71", cohesion="0 Pa")
+    bekker = Soil("s", "x", "bekker", 0.71, 0.0, 1.0, 0.0, 0.0)
+    assert number("535.3 kN/m^2.71", bekker.unit("k_phi")) == pytest.approx(535.3e3)
+    for field, text in (
+        *(("k_phi", "535.3 kN/m"), ("k_phi", "535.3 kN/m^2.7"), ("k_c", "0 kPa"), ("cohesion", "3 deg")),
+        *(("k_c", "much Pa"), ("k_c", "1 Pa^9^9^9"), ("k_c", "1 nothing")),
+    ):
+        with pytest.raises(ValueError, match=f"^found '{re.escape(text)}', expected a quantity that converts to"):
+            number(text, bekker.unit(field))
 
 
 @pytest.mark.parametrize(

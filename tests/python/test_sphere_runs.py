@@ -144,12 +144,24 @@ def test_heavier_rolls_less_far_and_the_greatest_speed_matters_least() -> None:
     assert words.count("strongest first") == 2
 
 
+def test_a_faster_ramp_rolls_farther_where_the_motor_can_follow_it() -> None:
+    """Half the paper's accelerations: the sign is the paper's, and the ramp is the strongest factor."""
+    found = l9_runs.nine(1.4, 1.0, 0.5)
+    mass, ramp, speed = found.analysis.factors
+    assert ramp.means[0] < ramp.means[1] < ramp.means[2]
+    assert speed.range_of_means < mass.range_of_means < ramp.range_of_means
+    slow, fast = (sum(found.runs[i].entered for i in rows) / 3 for rows in ((0, 3, 6), (2, 5, 8)))
+    assert fast > 1.1 * slow  # at the edge of the sand
+    assert "1.4 N m 1 m x0.5" in l9_runs.describe([found])
+
+
 def test_bad_input_of_the_commands(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, message in (
         (["slip_limit", "--limit", "1.5"], "--limit: found 1.5, expected 0.05 to 0.9"),
         (["slip_limit", "--ground", "mud"], "--ground: found 'mud', expected one of printed sand"),
         (["slip_limit", "--plot", "x.gif"], "--plot: found 'x.gif', expected a name that ends in .png or .svg"),
-        (["l9", "--torque", "2"], "--torque and --run-up: expected together with --simulate"),
+        (["l9", "--torque", "2"], "--torque, --run-up and --ramp: expected together with --simulate"),
+        (["l9", "--simulate", "--ramp", "-1"], "--ramp: found -1, expected more than 0"),
         (["l9", "--simulate", "--run-up", "0"], "--run-up: found 0, expected more than 0"),
         (["l9", "--simulate", "runs.csv"], "--simulate rolls the paper's runs"),
     ):

@@ -112,6 +112,17 @@ def test_named_and_put_right(tmp_path: Path, what: str) -> None:
     assert again.verdict == "adequate"
 
 
+def test_factors_that_the_noise_hides_from_each_other_are_told_together(tmp_path: Path) -> None:
+    """So loud that a speed in degrees and one in thousandths leave as little of what goes with the speed."""
+    table = measured(3)
+    noise = 0.05 * np.random.default_rng(1).standard_normal(len(table["current"]))
+    loud = {**table, "omega": table["omega"] / DEGREE, "current": table["current"] + noise}
+    found = discover(load_case(written(tmp_path / "case", loud, 0.05)))
+    named = {**found.ranking.expressions, **{one.effect.name: one.effect for one in found.candidates}}
+    title = named["table.omega.scale"].title
+    assert title == "omega is in degrees or is in thousandths"
+
+
 def test_a_sound_table_is_not_blamed(tmp_path: Path) -> None:
     """An effect that is missing keeps its name, and no fault is as likely."""
     for seed in range(3):

@@ -32,7 +32,7 @@ from terrapin_hil.scenario.scenario import Scenario
 Bytes = npt.NDArray[np.uint8]
 Counts = npt.NDArray[Any]
 
-RESET, TICK, FRAME, NODE = 1, 2, 3, 4  # kinds of a record, as firmware/ports/replay/main.c has them
+RESET, TICK, FRAME, NODE, KEY = 1, 2, 3, 4, 5  # kinds of a record, as firmware/ports/replay/main.c has them
 # Raw values with which every compensation works, none so large that C_t leaves its range.
 COMPENSATIONS = {
     "comp_speed_squared": 20_000, "comp_viscous": 20_000, "comp_coulomb": 2_000, "comp_stribeck": 3_000,

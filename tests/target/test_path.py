@@ -3,19 +3,19 @@ lies above every count, but not far."""
 
 from __future__ import annotations
 
-import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from terrapin_hil.firmware import Firmware
 from tests.target.replay import count_all, image
-from tests.target.scripts import script
+from tests.target.scripts import HALVES, bounds, disassembly, script
 from tests.target.worst import bases, build, load
 
 report = script("path_report")
 
-TIMES = 2.5  # the bound over the longest step that was found
+TIMES = tomllib.loads((Path(__file__).parent / "budget.toml").read_text())["step"]["bound_over_found"]
 
 # outer: 3, a loop of 4 (of which the inner one has 2), a choice of 2 or 3, 1; leaf 2; table: 2, then 1, 2 or 1, then 1
 TOY = """
@@ -104,10 +104,7 @@ def test_a_bound_of_no_loop_is_refused() -> None:
 
 @pytest.mark.skipif(not image().is_file(), reason="the ARM images are not built (no ARM cross compiler)")
 def test_the_images_bound_lies_above_what_was_found_but_not_far() -> None:
-    command = ["arm-none-eabi-objdump", "-d", "-z", "--no-show-raw-insn", str(image())]
-    text = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
-    halves = ["terrapin_step_drive", "terrapin_step_think"]
-    found = report.measure(text, halves, report.LOOPS)
+    found = bounds(image())
     firmware = Firmware.open()
     longest = load(Path(__file__).parent / "longest.json")
     [counted] = count_all([build(longest, bases(firmware, (longest.base,)), firmware)], firmware)
@@ -115,5 +112,6 @@ def test_the_images_bound_lies_above_what_was_found_but_not_far() -> None:
     assert counted["think"].max() < found["terrapin_step_think"]
     steps = counted["drive"].astype(int) + counted["think"]
     assert sum(found.values()) <= TIMES * steps.max()
-    more = {**report.LOOPS, "ground_nearest": (60, 5)}
-    assert report.measure(text, halves, more)["terrapin_step_think"] > found["terrapin_step_think"] + 500
+    more = {**report.LOOPS, "ground_nearest": (100,)}
+    planted = report.measure(disassembly(image()), list(HALVES), more)
+    assert planted["terrapin_step_think"] > found["terrapin_step_think"] + 500

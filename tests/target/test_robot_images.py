@@ -25,6 +25,10 @@ from terrapin_interface.description import load
 from terrapin_interface.robot import DEFAULT, find_robot, robots
 from tests.python.robot_files import set_fields
 from tests.target.replay import compensated, count_all, record, whole
+from tests.target.replay import image as counting_image
+from tests.target.scripts import HALVES, bounds
+from tests.target.worst import bases, build, search
+from tests.target.worst import load as load_found
 
 ROOT = Path(__file__).resolve().parents[2]
 BUDGET = tomllib.loads((Path(__file__).parent / "budget.toml").read_text())
@@ -126,9 +130,23 @@ def test_its_step_is_within_the_budget(robot: Robot, tmp_path: Path) -> None:
     recordings = [record(s, firmware=firmware) for s in (rolls(robot, tmp_path), *map(load_scenario, own))]
     plain = [whole(counted) for counted in count_all(recordings, firmware)]
     assert max(steps.max() for steps in plain) <= BUDGET["step"]["worst"]
+    assert max(steps.max() / np.median(steps) for steps in plain) <= BUDGET["step"]["worst_over_median"]
     everything = count_all([compensated(recording, firmware) for recording in recordings], firmware)
     assert max(whole(counted).max() for counted in everything) <= BUDGET["step"]["extreme"]
     assert sum(whole(counted).sum() for counted in everything) > sum(steps.sum() for steps in plain)
+
+
+@pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="qemu-system-arm is not installed")
+def test_its_longest_step_and_the_bound_from_its_image(robot: Robot) -> None:
+    """A short search, from the longest that is known of the cylinder."""
+    firmware = Firmware.open()
+    found = search(2, 11, firmware, known=[load_found(Path(__file__).parent / "longest.json")])
+    assert BUDGET["step"]["worst"] < found.instructions <= BUDGET["step"]["extreme"]
+    most = bounds(counting_image())
+    [counted] = count_all([build(found.candidate, bases(firmware, (found.candidate.base,)), firmware)], firmware)
+    for half, name in zip(("drive", "think"), HALVES, strict=True):
+        assert counted[half].max() < most[name]
+    assert sum(most.values()) <= BUDGET["step"]["bound_over_found"] * found.instructions
 
 
 def test_its_images_fit(robot: Robot) -> None:

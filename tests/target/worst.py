@@ -1,7 +1,7 @@
 """Looks for the longest step: an evolution over shipped scenarios, parameters anywhere in their ranges, compensations,
 and inputs that no sensor gave, whose fitness is the count of instructions on the emulated Cortex-M4.
 
-    python tests/target/worst.py --generations 50 --seed 1
+    python tests/target/worst.py --generations 50 --seed 1 --robot sphere
 
 A candidate is what a scenario's run recorded, with other parameters and edits of the inputs. The controller answers,
 the world does not follow: so states are reached that no simulation would reach. The same seed finds the same.
@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -21,8 +21,11 @@ import numpy.typing as npt
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # runs as a script too
 
+from terrapin_hil import paths
 from terrapin_hil.firmware import Firmware
-from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+from terrapin_hil.robots import select
+from terrapin_hil.scenario.scenario import load_scenario
+from terrapin_interface.robot import DEFAULT
 from tests.target.replay import Counts, Recording, count_all, record
 
 __all__ = ["BASES", "Candidate", "Found", "bases", "build", "search"]
@@ -76,7 +79,7 @@ def bases(firmware: Firmware, names: tuple[str, ...] = BASES) -> dict[str, Recor
     """Recordings of scenarios, cut to TICKS; a map from tests of theirs."""
     found = {}
     for name in names:
-        whole = record(load_scenario(find_scenario(name)), firmware=firmware)
+        whole = record(load_scenario(paths.SCENARIOS / f"{name}.toml"), firmware=firmware)  # of any robot
         found[name] = Recording(whole.values, whole.inputs[:TICKS])
     return found
 
@@ -182,15 +185,20 @@ def _judge(candidate: Candidate, counted: Counts) -> Found:
 
 
 def search(
-    generations: int, seed: int, firmware: Firmware | None = None, told: bool = False, program: Path | None = None
+    generations: int,
+    seed: int,
+    firmware: Firmware | None = None,
+    told: bool = False,
+    program: Path | None = None,
+    known: Sequence[Candidate] = (),
 ) -> Found:
-    """The longest tick that this many generations find."""
+    """The longest tick that this many generations find, which begin with what is known."""
     firmware = firmware or Firmware.open()
     draw = np.random.default_rng(seed)
     recordings = bases(firmware)
     names = list(recordings)
-    tried = [Candidate(name, _compensated(firmware, draw)) for name in names]
-    tried += [_change(tried[draw.integers(len(names))], firmware, draw) for _ in range(TRIED)]
+    tried = [*known, *(Candidate(name, _compensated(firmware, draw)) for name in names)]
+    tried += [_change(tried[draw.integers(len(tried))], firmware, draw) for _ in range(TRIED)]
     best: list[Found] = []
     for generation in range(generations):
         counted = count_all([build(candidate, recordings, firmware) for candidate in tried], firmware, program)
@@ -239,13 +247,20 @@ def main() -> int:
         description="The longest step that an evolution finds.",
         epilog="Example: python tests/target/worst.py --generations 50 --out longest.json",
     )
-    parser.add_argument("--image", type=Path, help="the image that counts; that of build/cortex-m4 by default")
+    parser.add_argument(
+        "--robot", default=DEFAULT, help="a shipped robot, or its file; build.sh robot=NAME comes before"
+    )
+    parser.add_argument("--image", type=Path, help="the image that counts, instead of the robot's")
     parser.add_argument("--out", type=Path, help="file for what was found, without what it does not need")
+    parser.add_argument("--known", type=Path, action="append", default=[], help="a file of --out to begin with")
     parser.add_argument("--generations", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
+    select(options.robot)
     firmware = Firmware.open()
-    found = search(options.generations, options.seed, firmware, told=True, program=options.image)
+    found = search(
+        options.generations, options.seed, firmware, True, options.image, [load(path) for path in options.known]
+    )
     found = shorten(found, firmware, options.image)
     print(f"{found.instructions} instructions in row {found.tick} of {found.candidate}")
     if options.out:

@@ -16,16 +16,17 @@ from terrapin_hil import paths
 from terrapin_hil.run.run import run
 from terrapin_hil.scenario.scenario import load_scenario
 from terrapin_tools.errors import UserError
+from terrapin_tools.web.service.events import Events
 from terrapin_tools.web.service.workspace import Taken, Workspace
 from terrapin_tools.web.simulate import simulate_api
 from terrapin_tools.web.simulate.simulate_api import (
     FaultAt,
     Segment,
     Simulate,
-    _description,
     _never_begun,
-    _runs,
     changed_scenario,
+    runs,
+    scenarios,
 )
 from terrapin_tools.web.simulate.simulate_data import ground_height, run_signals
 
@@ -85,7 +86,7 @@ def test_changes_that_fit_nothing(tmp_path: Path) -> None:
 
 def test_description() -> None:
     """Everything that the page offers has finite bounds, and starts inside them."""
-    found = _description()
+    found = scenarios()
     assert [one["name"] for one in found["scenarios"]] == [path.stem for path in SCENARIOS]
     for effect in found["effects"]:
         for parameter in effect["parameters"]:
@@ -205,7 +206,8 @@ def test_half_written_folders(tmp_path: Path) -> None:
         run_signals(tmp_path / "empty")
     with pytest.raises(UserError, match="expected a run's folder"):
         run_signals(tmp_path / "other")
-    assert {one.name for one in _runs(tmp_path)} == {"killed", "empty"}
+    context: Any = SimpleNamespace(workspace=SimpleNamespace(folder={"runs": tmp_path}.__getitem__))
+    assert {one.name for one in runs(context)} == {"killed", "empty"}
     assert tomllib.loads(run_toml)["run"]["complete"] is False
 
 
@@ -234,7 +236,7 @@ def test_a_case_that_is_refused_leaves_no_run(tmp_path: Path, monkeypatch: pytes
     def full(*_: Any, **__: Any) -> Any:
         raise Taken("jobs: found 100 waiting, expected to wait for some of them")
 
-    context: Any = SimpleNamespace(workspace=Workspace(tmp_path), jobs=SimpleNamespace(add=full))
+    context: Any = SimpleNamespace(workspace=Workspace(tmp_path), jobs=SimpleNamespace(add=full), events=Events())
     keep = simulate_api.KeepCase(name="kept")
     with pytest.raises(Taken, match="jobs: "):
         asyncio.run(simulate_api.case(context, "x-1", keep))

@@ -169,7 +169,7 @@ static int usage(int status) {
 }
 
 int main(int argc, char **argv) {
-    static loader l = {.healthy = true};
+    static loader l = {.healthy = true, .boot = {.keys = terrapin_boot_keys, .key_ids = TERRAPIN_BOOT_KEY_IDS}};
     const struct sigaction action = {.sa_handler = on_signal};
     int at = 1;
     int node = -1; /* as it is stored */
@@ -201,8 +201,6 @@ int main(int argc, char **argv) {
     terrapin_flash_emulated_init(&l.memory, bytes, terrapin_flash_f405_sectors, SECTORS, 4U);
     l.flash = terrapin_flash_emulated_driver(&l.memory);
     l.boot.flash = &l.flash;
-    l.boot.key = terrapin_boot_key;
-    l.boot.key_id = TERRAPIN_BOOT_KEY_ID;
     l.boot.release = TERRAPIN_BOOT_RELEASE;
     if ((node >= 0) && !terrapin_records_set_node(&l.flash, (uint8_t)node)) {
         return (fail("cannot store", "the node number") == 0) ? 0 : 1;

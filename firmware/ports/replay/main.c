@@ -6,6 +6,8 @@
  *                                                                                   terrapin_outputs
  *     3, terrapin_frame                   one frame comes (intake.h)        answer: count (word)
  *     4, a word                           the node number from here on, 0 before      answer: none
+ *     5, a link key (four words), its generation, the start's number   sealed from here on, open for generation 0
+ *                                                                     answer: size of terrapin_seal (word)
  *
  * Frames that came are taken before the next tick, as a port does, until the tick's budget is spent; a COMMAND that was
  * taken stands for that of the tick. Counts are of SysTick, under `-icount shift=7`: exact, the same in every run, high
@@ -32,7 +34,7 @@
 #define NS_PER_INSTRUCTION 128U  /* of -icount shift=7 */
 #define BUFFER             8192U /* bytes of a transfer */
 
-enum { RESET = 1, TICK = 2, FRAME = 3, NODE = 4 };
+enum { RESET = 1, TICK = 2, FRAME = 3, NODE = 4, KEY = 5 };
 
 static terrapin_state state;
 static terrapin_link link;
@@ -138,6 +140,7 @@ static bool tick(void) {
     if (!take(&inputs, sizeof inputs)) {
         return false;
     }
+    link.seal.now_ms = inputs.tick;
     uint32_t counts[5];
     uint32_t before = SYSTICK_VALUE;
     terrapin_intake_begin_tick(&intake);
@@ -183,6 +186,17 @@ static bool other_number(void) {
     return true;
 }
 
+static bool sealed(void) {
+    static uint32_t words[6];
+    const uint32_t size = sizeof(terrapin_seal);
+    if (!take(words, sizeof words)) {
+        return false;
+    }
+    terrapin_link_seal(&link, (words[4] != 0U) ? words : NULL, words[4], words[5]);
+    put(&size, sizeof size);
+    return true;
+}
+
 /* False when the file has ended, or says what is not known. */
 static bool one_record(void) {
     uint32_t kind = 0U;
@@ -198,6 +212,8 @@ static bool one_record(void) {
         return frame();
     case NODE:
         return other_number();
+    case KEY:
+        return sealed();
     default:
         failed = true;
         return false;

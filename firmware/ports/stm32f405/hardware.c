@@ -25,7 +25,7 @@
 static terrapin_store store;
 static flash_driver store_memory, boot_memory;
 static terrapin_flash store_flash, boot_flash;
-static const terrapin_boot boot = {.flash = &boot_flash, .key = terrapin_boot_key, .key_id = TERRAPIN_BOOT_KEY_ID};
+static const terrapin_boot boot = {.flash = &boot_flash, .keys = terrapin_boot_keys, .key_ids = TERRAPIN_BOOT_KEY_IDS};
 static terrapin_update update;
 static analog sensors;
 static watchdog guard;

@@ -121,8 +121,8 @@ _Noreturn void application(void) {
     const clocks speed = clock_start(RCC, FLASH, PWR, BOARD_CRYSTAL_HZ, BOARD_INTERNAL_HZ);
     const terrapin_flash flash = flash_open(&flash_memory, FLASH, (uint8_t *)FLASH_MEMORY, serves);
     const terrapin_boot boot = {.flash = &flash,
-                                .key = terrapin_boot_key,
-                                .key_id = TERRAPIN_BOOT_KEY_ID,
+                                .keys = terrapin_boot_keys,
+                                .key_ids = TERRAPIN_BOOT_KEY_IDS,
                                 .release = TERRAPIN_BOOT_RELEASE,
                                 .board = (uint8_t)BOARD_NUMBER,
                                 .unit = unique_number()};

@@ -12,7 +12,7 @@ from terrapin_hil.messages import AnswerError, Frame, interface
 if TYPE_CHECKING:
     from terrapin_hil.simulation import Simulation
 
-__all__ = ["Link", "LinkError", "refuse_production"]
+__all__ = ["Link", "LinkError", "Sealable", "Sealing", "refuse_production"]
 
 IDENTITY_LIMIT = 5.0  # s; a controller that goes on by itself tells each second who it is
 
@@ -46,6 +46,16 @@ class Sealing(Protocol):
 
     def batches(self, frames: Sequence[Frame]) -> Iterable[Sequence[Frame]]:
         """The frames as they go out, piece by piece, each when its time has come."""
+
+
+class Sealable(Protocol):
+    """What a seal can be put on: a link, or the wire of an update."""
+
+    name: str
+    session: Sealing | None  # seals all that is sent, from when it is set
+
+    def ask(self, frame: Frame, wanted: Callable[[Frame], bool]) -> Frame | None:
+        """Sends one frame; an answer to it that is `wanted`, None when none is."""
 
 
 class Link(ABC):

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from terrapin_hil.links.link import Link, LinkError
+from terrapin_hil.links.link import LinkError, Sealable
 from terrapin_hil.messages import Frame, Interface, Message, Sender, interface, protect
 from terrapin_hil.reading import ReadingError
 
@@ -181,7 +181,7 @@ class Session:
         return piece
 
 
-def _asked(link: Link, make: Callable[[], Frame], wanted: Callable[[Frame], bool]) -> Frame | None:
+def _asked(link: Sealable, make: Callable[[], Frame], wanted: Callable[[Frame], bool]) -> Frame | None:
     """The answer to a question that may have to be put more than once."""
     for attempt in range(ATTEMPTS):
         if attempt:
@@ -192,7 +192,7 @@ def _asked(link: Link, make: Callable[[], Frame], wanted: Callable[[Frame], bool
     return None
 
 
-def _session(link: Link, key: LinkKey) -> Session | None:
+def _session(link: Sealable, key: LinkKey) -> Session | None:
     messages = interface().messages
     number = secrets.randbits(32)  # the same each time: an answer may be that to the question before
     data, _ = messages["SESSION_OPEN"].encode({"host": number, "generation": key.generation})
@@ -200,7 +200,7 @@ def _session(link: Link, key: LinkKey) -> Session | None:
     return Session.answering(key, number, messages["SESSION"].decode(answer[1])) if answer else None
 
 
-def open_session(link: Link, key: LinkKey) -> Session:
+def open_session(link: Sealable, key: LinkKey) -> Session:
     """A session with the controller behind a link; whether the key is right shows with its first tag. LinkError when
     it opens none."""
     session = _session(link, key)
@@ -213,7 +213,7 @@ def open_session(link: Link, key: LinkKey) -> Session:
     return session
 
 
-def takes_changes(link: Link) -> bool:
+def takes_changes(link: Sealable) -> bool:
     """Whether the controller takes what changes it, as the link sends it now: asked by a write to a parameter that does
     not exist."""
     value, sender = interface().messages["PARAMETER_VALUE"], Sender()
@@ -228,7 +228,7 @@ def takes_changes(link: Link) -> bool:
     return _asked(link, lambda: sender.frame("PARAMETER_WRITE", {"index": NO_PARAMETER}), wanted) is not None
 
 
-def seal_link(link: Link, key: LinkKey) -> Session:
+def seal_link(link: Sealable, key: LinkKey) -> Session:
     """From now on what the link sends is sealed with this key. LinkError, one line with the way back, when the
     controller has none or another."""
     session = _session(link, key)

@@ -24,7 +24,7 @@ from terrapin_hil.physics.bodies.pendulum_sphere import BODY
 from terrapin_hil.physics.dynamic import Plan
 from terrapin_hil.physics.tyre import ContactError
 
-__all__ = ["PendulumSphere", "Rolling", "energy", "free", "on_sand", "ramp", "roll", "steady_swing", "steady_torque"]
+__all__ = ["PendulumSphere", "Rolling", "on_sand", "ramp", "roll", "steady_swing", "steady_torque"]
 
 
 @dataclass(frozen=True)
@@ -148,41 +148,3 @@ def on_sand(sphere: PendulumSphere, torque: float, slip: float) -> PendulumSpher
     if not -1.0 < slip < 1.0:
         raise ContactError(f"slip: found {slip:g}, expected between -1 and 1")
     return replace(sphere, f_o=torque / (sphere.radius * sphere.mass * sphere.gravity), rolling_slip=slip)
-
-
-def energy(sphere: PendulumSphere, swing: Array, swing_rate: Array, shell_rate: Array) -> Array:
-    """Mechanical energy [J] on level ground, zero at rest with the bob below."""
-    s = sphere
-    arm = s.radius * s.bob_mass * s.length
-    shell = s.mass * s.radius**2 + s.shell_inertia
-    bob = s.bob_mass * s.length**2 + s.frame_inertia + s.bob_inertia
-    kinetic = 0.5 * shell * shell_rate**2 + arm * np.cos(swing) * shell_rate * swing_rate + 0.5 * bob * swing_rate**2
-    return np.asarray(kinetic + s.largest_torque * (1.0 - np.cos(swing)))
-
-
-def free(
-    sphere: PendulumSphere, times: npt.ArrayLike, swing: float, torque: float = 0.0, step: float = 1e-3
-) -> tuple[Array, Array, Array, Array]:
-    """Motion under a constant joint torque [N m] from rest, bob at `swing` [rad]: phi, theta and their rates."""
-    from terrapin_hil.physics.compiled import ffi, library
-
-    body = ffi().new("hil_pendulum *", tuple(asdict(sphere).values()))
-    around = ffi().new("hil_pendulum_around *", (0.0, 0.0))
-    found = ffi().new("double[2]")
-
-    def rates(y: Array) -> Array:
-        library().hil_pendulum_free(body, around, ffi().new("hil_pendulum_state *", tuple(y)), torque, found)
-        return np.array([y[2], y[3], found[0], found[1]])
-
-    y, now, rows = np.array([swing, 0.0, 0.0, 0.0]), 0.0, []
-    for time in np.asarray(times, dtype=np.float64):
-        count = max(0, round((time - now) / step))
-        for _ in range(count):
-            k1 = rates(y)
-            k2 = rates(y + 0.5 * step * k1)
-            k3 = rates(y + 0.5 * step * k2)
-            y = y + step / 6.0 * (k1 + 2.0 * (k2 + k3) + rates(y + step * k3))
-        now += count * step
-        rows.append(y)
-    phi, theta, phi_rate, theta_rate = np.array(rows).T
-    return phi, theta, phi_rate, theta_rate

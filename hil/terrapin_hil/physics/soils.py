@@ -23,7 +23,9 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Literal, NamedTuple
 
-__all__ = ["Footing", "Form", "Soil", "library", "number", "read_soil"]
+from terrapin_hil.units import read_unit, same_kind, units
+
+__all__ = ["Footing", "Form", "Soil", "library", "number"]
 
 Form = Literal["bekker", "reece"]
 
@@ -123,51 +125,22 @@ class Soil:
         return Footing(self.stiffness(width), self.exponent, self.cohesion, self.friction_angle, self.shear_modulus)
 
 
-def read_soil(name: str, source: str, form: Form, exponent: float, **quantities: str) -> Soil:
-    """A soil from quantities with units; each must be of the kind that form and exponent demand, or ValueError.
+def number(text: str, unit: str) -> float:
+    """The quantity `text` in `unit`. ValueError where it is of another kind: 0.71 written for 0.7 is refused.
 
-    >>> soil = read_soil("s", "a source", "bekker", 0.7, k_c="5.27 kN/m^1.7", k_phi="1515.04 kN/m^2.7",
-    ...                  cohesion="1.72 kPa", friction_angle="29 deg")
-    >>> f"{soil.k_phi:.0f} {soil.unit('k_phi')}"
-    '1515040 Pa/m^0.7'
-    >>> read_soil("s", "a source", "bekker", 0.7, k_c="0 Pa", k_phi="535.3 kN/m")
-    Traceback (most recent call last):
-        ...
-    ValueError: k_c: found '0 Pa', expected a quantity that converts to Pa/m^-0.3
-    """
-    blank = Soil(name, source, form, exponent, 0.0, 1.0, 0.0, 0.0)
-    numbers: dict[str, Any] = {field: number(field, text, blank.unit(field)) for field, text in quantities.items()}
-    missing = [field for field in ("k_c", "k_phi", "cohesion", "friction_angle") if field not in numbers]
-    if missing:
-        raise ValueError(f"{missing[0]}: missing, expected a quantity that converts to {blank.unit(missing[0])}")
-    return replace(blank, **numbers)
-
-
-def number(field: str, text: str, unit: str) -> float:
-    """The quantity `text` in `unit`. ValueError where it is of another kind.
-
-    >>> number("k_phi", "505.8 kN/m^2.7", "Pa/m^0.7")
+    >>> number("505.8 kN/m^2.7", "Pa/m^0.7")
     505800.0
     """
-    from terrapin_hil.physics.expression import units  # pint takes a quarter of a second: only those who need units pay
-
-    registry = units()
     head, _, tail = text.strip().partition(" ")
-    expected = f"{field}: found {text!r}, expected a quantity that converts to {unit}"
     try:
-        given = registry.Quantity(float(head), tail or "dimensionless")
-        target = registry.Unit(unit if unit != "1" else "dimensionless")
-    except Exception as error:  # pint lets Python's tokenizer errors through
-        raise ValueError(expected) from error
-    left: dict[Any, Any] = dict(given.dimensionality)
-    right: dict[Any, Any] = dict(target.dimensionality)
-    # 10 ** -3 of a dimension: what is left when 0.71 is written for 0.7 is refused, rounding is not
-    if any(abs(float(left.get(d, 0)) - float(right.get(d, 0))) > 1e-6 for d in {*left, *right}):
-        raise ValueError(expected)
-    base: Any = given.to_base_units()
-    goal: Any = registry.Quantity(1.0, target).to_base_units()
-    scale: float = base.magnitude / goal.magnitude
-    return scale
+        given: Any = units().Quantity(float(head), read_unit(tail))
+        fits = same_kind(tail, unit)
+    except ValueError:
+        fits = False
+    if not fits:
+        raise ValueError(f"found {text!r}, expected a quantity that converts to {unit}")
+    goal: Any = units().Quantity(1.0, read_unit(unit)).to_base_units()
+    return float(given.to_base_units().magnitude / goal.magnitude)
 
 
 def _within(

@@ -34,7 +34,6 @@ __all__ = [
     "cannot_roll",
     "check_step",
     "contact_steady",
-    "grip_table",
     "grip_tables",
     "read_soft_ground",
 ]
@@ -183,17 +182,9 @@ def _miss(found: Array, exact: Array, scale: Array) -> float:
     return float((np.abs(found - exact) / np.maximum(np.abs(exact), 0.01 * scale)).max())
 
 
-def grip_table(ground: Ground, robot: Robot) -> GripTable:
-    """The table for a robot on the path's first soil: loads of all slopes, refined until values half-way between nodes
-    are within ACCURACY of the integrals. ContactError for soils and loads without equilibrium, or where that is not
-    reached.
-    """
-    steepest = max(abs(segment.slope) for segment in ground.segments)
-    return _table(ground.soils[0], robot.radius, robot.weight, steepest)
-
-
 @lru_cache(maxsize=32)  # of some 100 kB each; a batch may draw a soil a run
 def _table(soft: SoftGround, radius: float, weight: float, steepest: float) -> GripTable:
+    """Refined until values half-way between nodes are within ACCURACY of the integrals."""
     check_soft_ground(soft, radius, weight, steepest)
     low, high = weight * math.cos(steepest), weight
     deepest = float(_exact(soft, radius, np.array([high]), np.array([1.0]))[0][0, 3])
@@ -224,7 +215,10 @@ def _table(soft: SoftGround, radius: float, weight: float, steepest: float) -> G
 
 
 def grip_tables(ground: Ground, robot: Robot) -> list[GripTable | None]:
-    """The table of each segment, None where it is firm; equal soils share one. ContactError as `grip_table`."""
+    """The table of each segment, None where it is firm; equal soils share one. Loads are those of all slopes.
+
+    ContactError for soils and loads without equilibrium, or where ACCURACY is not reached.
+    """
     steepest = max(abs(segment.slope) for segment in ground.segments)
     soils = [None if segment.firm else segment.contact or ground.contact for segment in ground.segments]
     return [None if soft is None else _table(soft, robot.radius, robot.weight, steepest) for soft in soils]
@@ -281,10 +275,7 @@ def read_soft_ground(section: Section) -> SoftGround:
     def read(field: str) -> float:
         def convert(value: Any) -> float:
             if isinstance(value, str):
-                try:
-                    return soils.number(field, value, base.unit(field))
-                except ValueError as error:
-                    raise ValueError(str(error).removeprefix(f"{field}: ")) from None
+                return soils.number(value, base.unit(field))
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise ValueError(f"found {shorten(value)}, expected a number or a text with unit {base.unit(field)}")
             return float(value)

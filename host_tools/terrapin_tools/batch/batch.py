@@ -111,12 +111,14 @@ def _cores() -> int:
 def _report(order: Order, varied: list[Varied], table: Any, summary: Summary, commands: list[str]) -> str:
     from terrapin_tools.batch.report import render
 
-    command = ["terrapin", "batch", order.scenario]
-    command += ["--seeds", order.seeds] if order.seeds else []
-    command += [word for text in order.vary for word in ("--vary", text)]
-    command += ["--design", order.design] if order.design else []
-    command += ["--points", str(order.points)] if order.points is not None else []
-    command += ["--draw", str(order.draw)] if order.draw else []
-    command += [word for text in order.metrics for word in ("--metric", text)]
-    command += ["--until", "FAIL"] if order.until_failed else []
-    return render(shlex.join(command), table, summary, commands)
+    options = [
+        ("--seeds", order.seeds),
+        *(("--vary", text) for text in order.vary),
+        ("--design", order.design),
+        ("--points", "" if order.points is None else str(order.points)),
+        ("--draw", str(order.draw or "")),
+        *(("--metric", text) for text in order.metrics),
+        ("--until", "FAIL" if order.until_failed else ""),
+    ]
+    words = [word for name, value in options if value for word in (name, value)]
+    return render(shlex.join(["terrapin", "batch", order.scenario, *words]), table, summary, commands)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -139,29 +139,20 @@ def _quantity(name: str, text: str) -> tuple[float, str]:
     return float(match[1]), match[2]
 
 
-def _sobol(count: int, width: int, seed: int) -> Array:
+DESIGNS = ("grid", "random", "lhs", "sobol")
+
+
+def _shares(kind: str, count: int, width: int, seed: int) -> Array:
+    """Points (count, width) of a design that is no grid, each coordinate from 0 to 1."""
+    random = np.random.default_rng(seed)
+    if kind == "random":
+        return random.random((count, width))
     from scipy.stats import qmc
 
-    sampler = qmc.Sobol(width, scramble=True, rng=np.random.default_rng(seed))
+    if kind == "lhs":
+        return np.asarray(qmc.LatinHypercube(width, rng=random).random(count))
+    sampler = qmc.Sobol(width, scramble=True, rng=random)
     return np.asarray(sampler.random_base2(max(0, math.ceil(math.log2(count))))[:count])
-
-
-def _latin_hypercube(count: int, width: int, seed: int) -> Array:
-    from scipy.stats import qmc
-
-    return np.asarray(qmc.LatinHypercube(width, rng=np.random.default_rng(seed)).random(count))
-
-
-def _random(count: int, width: int, seed: int) -> Array:
-    return np.random.default_rng(seed).random((count, width))
-
-
-SAMPLED: dict[str, Callable[[int, int, int], Array]] = {
-    "random": _random,
-    "lhs": _latin_hypercube,
-    "sobol": _sobol,
-}
-DESIGNS = ("grid", *SAMPLED)
 
 
 def design(
@@ -187,8 +178,7 @@ def design(
         return _grid(seeds, varied)
     _bounded(len(seeds) * (points or 1))
     count = len(seeds) if points is None else points
-    shares = SAMPLED[kind](count, len(varied), draw)
-    return _sampled(seeds, varied, shares, points is None)
+    return _sampled(seeds, varied, _shares(kind, count, len(varied), draw), points is None)
 
 
 def _bounded(count: int) -> None:

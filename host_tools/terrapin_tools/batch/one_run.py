@@ -21,7 +21,7 @@ from terrapin_hil.telemetry import words
 from terrapin_tools.batch.design import Row, Varied
 from terrapin_tools.batch.journal import Journal
 from terrapin_tools.contact_error import contact_error
-from terrapin_tools.errors import UserError
+from terrapin_tools.errors import UserError, about
 
 __all__ = ["CONTACT_ERROR", "METRICS", "Answer", "Plan", "refuse_ends", "scenario_of", "work"]
 
@@ -71,16 +71,12 @@ def refuse_ends(plan: Plan, varied: Iterable[Varied]) -> None:
     scenario = _scenario(plan, ())
     for one in varied:
         for value in one.ends:
-            try:
+            with about(f"--vary {one.name}", UserError):
                 _scenario(plan, ((one.name, value),))
-            except UserError as error:
-                raise UserError(f"--vary {one.name}: {error}") from None
     for text in plan.metrics:
-        try:
+        with about(f"--metric {text!r}", CheckError):
             short = run(replace(scenario, duration=2e-3, checks=(), provokes=None))
             parse_number(text).number(short.time, short.signals, words(short.interface))
-        except CheckError as error:
-            raise UserError(f"--metric {text!r}: {error}") from None
 
 
 def work(plan: Plan, rows: Iterable[Row], folder: Path | None = None) -> list[Answer]:

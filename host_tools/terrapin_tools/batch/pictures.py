@@ -48,11 +48,11 @@ def shares(
     for i, (name, share, (low, high)) in enumerate(zip(names, shares, limits, strict=True)):
         x, middle = LEFT + i * room, LEFT + (i + 0.5) * room
         bar = tall * share
-        inside.append(
+        inside += [
             f'<rect x="{x + 0.1 * room:.1f}" y="{TOP + tall - bar:.1f}" width="{0.8 * room:.1f}" '
-            f'height="{bar:.1f}" fill="var(--red)" opacity="0.75"/>'
-        )
-        inside.append(_line(middle, TOP + tall * (1 - low), middle, TOP + tall * (1 - high), "--ink"))
+            f'height="{bar:.1f}" fill="var(--red)" opacity="0.75"/>',
+            _line(middle, TOP + tall * (1 - low), middle, TOP + tall * (1 - high), "--ink"),
+        ]
         if i % each == 0:
             inside.append(_text(middle, height - 20, name.split(" to ")[0]))
     inside.append(_text(LEFT + 0.5 * (width - LEFT - RIGHT), height - 4, axis))
@@ -78,16 +78,12 @@ def points(x: Array, y: Array, passed: Mask, labels: tuple[str, str], title: str
     inside += [
         _text(LEFT, height - 20, f"{ends[0][0]:.4g}", "start"),
         _text(width - RIGHT, height - 20, f"{ends[0][1]:.4g}", "end"),
-    ]
-    inside += [
         _text(LEFT - 4, TOP + tall, f"{ends[1][0]:.3g}", "end"),
         _text(LEFT - 4, TOP + 10, f"{ends[1][1]:.3g}", "end"),
-    ]
-    inside.append(_text(LEFT + 0.5 * wide, height - 4, labels[0]))
-    inside.append(
+        _text(LEFT + 0.5 * wide, height - 4, labels[0]),
         f'<text transform="translate(12 {TOP + 0.5 * tall:.0f}) rotate(-90)" text-anchor="middle" font-size="11" '
-        f'fill="var(--soft)">{escape(labels[1])}</text>'
-    )
+        f'fill="var(--soft)">{escape(labels[1])}</text>',
+    ]
     return _svg(width, height, title, inside)
 
 

@@ -100,12 +100,16 @@ def to_parquet(table: Table) -> bytes:
     import pyarrow as pa
     import pyarrow.parquet
 
-    columns: list[tuple[str, pa.Array]] = [("run", pa.array(table.number)), ("seed", pa.array(table.seed))]
-    columns += [(name, pa.array(values)) for name, values in table.inputs.items()]
-    columns += [("passed", pa.array(table.passed)), ("error", pa.array(table.error, pa.string()))]
-    columns += [(CHECK + text, pa.array(held, pa.bool_())) for text, held in table.checks.items()]
-    columns += [(text, pa.array(values)) for text, values in table.numbers.items()]
-    columns.append(("output_sha256", pa.array(table.output, pa.string())))
+    columns: list[tuple[str, pa.Array]] = [
+        ("run", pa.array(table.number)),
+        ("seed", pa.array(table.seed)),
+        *((name, pa.array(values)) for name, values in table.inputs.items()),
+        ("passed", pa.array(table.passed)),
+        ("error", pa.array(table.error, pa.string())),
+        *((CHECK + text, pa.array(held, pa.bool_())) for text, held in table.checks.items()),
+        *((text, pa.array(values)) for text, values in table.numbers.items()),
+        ("output_sha256", pa.array(table.output, pa.string())),
+    ]
     fields = [
         pa.field(name, values.type, metadata={"unit": unit} if (unit := table.units.get(name)) else None)
         for name, values in columns

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from terrapin_tools.command_options import Cluster, RobotName, take_robot
+from terrapin_tools.command_options import Cluster, ThisRobot
 from terrapin_tools.errors import UserError
 
 __all__ = ["batch"]
@@ -38,7 +38,7 @@ def batch(
     until: Annotated[str, typer.Option(metavar="FAIL", help="FAIL: end with the first run that fails")] = "",
     jobs: Annotated[int, typer.Option(min=0, help="processes to use; 0: one for each core")] = 0,
     cluster: Cluster = "",
-    robot: RobotName = "",
+    robot: ThisRobot = "",
     as_json: Annotated[bool, typer.Option("--json", help="the summary as JSON on standard output")] = False,
 ) -> int:
     """Run a scenario many times, with other seeds and other values of anything in it.
@@ -54,8 +54,6 @@ def batch(
 
     if robot and cluster:
         raise UserError("--robot: of this machine's processes, expected without --cluster")
-    take_robot(robot)
-
     if until not in ("", "FAIL"):
         raise UserError(f"--until: found {until!r}, expected FAIL")
     order = Order(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from terrapin_tools.command_options import Json, RobotName, deliver, take_robot
+from terrapin_tools.command_options import Json, ThisRobot, deliver
 from terrapin_tools.errors import UserError
 
 if TYPE_CHECKING:
@@ -35,7 +35,13 @@ def runs(
         float | None,
         typer.Option("--span", metavar="SECONDS", help="rows of this length, steady or not, in place of the windows"),
     ] = None,
-    robot: RobotName = "",
+    soil: Annotated[
+        str, typer.Option("--soil", metavar="NAME", help="under a sphere; dry_sand_li where not given")
+    ] = "",
+    pitch_error: Annotated[
+        float, typer.Option("--pitch-error", metavar="RAD", help="sd of the zero of a sphere's pitch sensor")
+    ] = 0.5e-3,
+    robot: ThisRobot = "",
 ) -> None:
     """Turn logged runs into a case of rolling_steady: one row for each steady window that the controller called valid.
 
@@ -44,20 +50,30 @@ def runs(
     With --span 0.2 the rows show what goes with the shell's angle; inertia then belongs to the model:
 
     terrapin case runs out/runs/* --to out/case --effect speed_squared --effect inertia --span 0.2
-    """
-    take_robot(robot)
-    from terrapin_hil.physics.effects import catalogue
-    from terrapin_tools.workbench.bases.rolling_steady import BASE
-    from terrapin_tools.workbench.robot.runs import read_run, write_case
 
+    Runs of a sphere become a case of rolling_sphere, one row for each steady state:
+
+    terrapin case runs out/runs/* --to out/case --robot sphere --soil dry_sand_li --effect bulldozing --after 15
+    """
+    from terrapin_hil.physics.effects import catalogue
+    from terrapin_tools.workbench.robot.runs import base_of_logs, read_run, write_case
+
+    base = base_of_logs()
+    rolls = "slip" in base.needs
+    if span is not None and rolls:
+        raise UserError("--span: found a sphere, expected a cylinder: a sphere's rows are its steady states")
+    if soil and not rolls:
+        raise UserError("--soil: found a cylinder, expected a sphere")
+    if not 0.0 < pitch_error <= 0.1:
+        raise UserError(f"--pitch-error: found {pitch_error:g}, expected more than 0, up to 0.1 rad")
     if span is not None and not 0.02 <= span <= 10.0:
         raise UserError(f"--span: found {span:g}, expected 0.02 to 10 s")
-    known = [name for name, found in catalogue().items() if BASE.takes(found)]
+    known = [name for name, found in catalogue().items() if base.takes(found)]
     for name in effect or []:
         if name not in known:
             raise UserError(f"--effect: found {name!r}, expected one of {', '.join(known)}")
-    read = [read_run(folder, after, before, span) for folder in folders]
-    print(write_case(to, read, title, effect or []))
+    read = [read_run(folder, after, before, span, pitch_error) for folder in folders]
+    print(write_case(to, read, title, effect or [], soil))
 
 
 def table(
@@ -103,14 +119,13 @@ def map_(
     dbc: Annotated[Path | None, typer.Option("--dbc", metavar="FILE", help="of a log; else the controller's")] = None,
     period: Annotated[str, typer.Option("--period", help="of the grid that a log is sampled on")] = "10 ms",
     json: Json = "",
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> None:
     """Make a case of tables or logs whose columns you map: nothing is guessed, and the files are copied into the case.
 
     Example: terrapin case map day_1.csv --to my_case --base equation --column "f=force" --unit f=N
     --column "x=way [mm]" --unit x=mm --equation "f=k*x" --fit k=1:0:9
     """
-    take_robot(robot)
     from terrapin_tools.workbench.files.writing import whole_folder
     from terrapin_tools.workbench.new_case import options
     from terrapin_tools.workbench.new_case.from_columns import make

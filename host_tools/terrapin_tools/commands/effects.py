@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from terrapin_tools.command_options import Picture
 from terrapin_tools.errors import UserError
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ __all__ = ["effects"]
 
 def effects(
     name: Annotated[str, typer.Argument(help="an effect to explain")] = "",
-    plot: Annotated[str, typer.Option("--plot", metavar="FILE", help="picture of its shape, .png or .svg")] = "",
+    plot: Picture = None,
     case: Annotated[str, typer.Option("--case", metavar="CASE", help="also the effects that this case brings")] = "",
 ) -> None:
     """List the catalogue of effects and your own, or explain one and show its shape.
@@ -40,7 +41,7 @@ def effects(
     if not chosen:
         raise UserError(f"found {name!r}, expected one of {', '.join(dict.fromkeys([*known, *mechanics()]))}")
     if plot:
-        draw(chosen[0], shape_of(chosen[0]), Path(plot))
+        draw(chosen[0], shape_of(chosen[0]), plot)
     for other in chosen[1:]:
         print(_explain(other), end="\n\n")
     effect, shape = chosen[0], shape_of(chosen[0])

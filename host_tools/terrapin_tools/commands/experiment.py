@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from dataclasses import asdict
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from terrapin_tools.command_options import CaseFolder, Json, Level, deliver
+from terrapin_tools.command_options import CaseFolder, Json, Level, Picture, deliver
 from terrapin_tools.errors import UserError, about
-
-if TYPE_CHECKING:
-    from terrapin_tools.experiments.l9 import Analysis, Design
 
 __all__ = ["SUBCOMMANDS"]
 
@@ -36,6 +34,10 @@ def l9(
     run_up: Annotated[
         list[float] | None, typer.Option("--run-up", help="simulated: way on the board [m]; repeat for more")
     ] = None,
+    ramp: Annotated[
+        list[float] | None,
+        typer.Option("--ramp", help="simulated: share of the paper's accelerations; repeat for more"),
+    ] = None,
     json: Json = "",
     level: Level = 0.05,
 ) -> None:
@@ -46,25 +48,26 @@ def l9(
 
     Example: terrapin experiment l9 --factor "mass [kg]=7.7,8.0,8.3" --factor "a=0.3,0.4,0.5" --factor "w=1,1.125,1.25"
     """
-    from terrapin_tools.experiments.l9 import LI_2024, analyse
+    from terrapin_tools.experiments.l9 import LI_2024, analyse, describe, plan_text, read_design
 
     if not 0.0 < level < 1.0:
         raise UserError(f"--level: found {level:g}, expected between 0 and 1")
     if simulate:
         if factor or file is not None:
             raise UserError("--simulate rolls the paper's runs, expected neither --factor nor FILE.csv beside it")
-        _simulate(_numbers("--torque", torque, 1.4, 1.7), _numbers("--run-up", run_up, 1.0, 1.4), json)
+        torques, run_ups = _numbers("--torque", torque, 1.4, 1.7), _numbers("--run-up", run_up, 1.0, 1.4)
+        _simulate(list(product(torques, run_ups, _numbers("--ramp", ramp, 1.0))), json)
         return
-    if torque or run_up:
-        raise UserError("--torque and --run-up: expected together with --simulate")
+    if torque or run_up or ramp:
+        raise UserError("--torque, --run-up and --ramp: expected together with --simulate")
     if factor:
         if file is not None:
             raise UserError("--factor makes a plan and FILE.csv is analysed, expected one of the two")
-        print(_plan(factor))
+        print(plan_text(factor))
         return
     with about(file or "Li et al. 2024"):
-        analysis = analyse(LI_2024 if file is None else _read(file), level)
-    deliver({"schema": "terrapin.l9/1", **asdict(analysis)}, _describe(analysis), json)
+        analysis = analyse(LI_2024 if file is None else read_design(file), level)
+    deliver({"schema": "terrapin.l9/1", **asdict(analysis)}, describe(analysis), json)
 
 
 def slip_limit(
@@ -75,7 +78,7 @@ def slip_limit(
         list[str] | None,
         typer.Option("--ground", help="a robot or ground of the study; repeat for more [default: all]"),
     ] = None,
-    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE", help="draw it, as .png or .svg")] = None,
+    plot: Picture = None,
     json: Json = "",
 ) -> None:
     """Which slip limit carries most, climbs furthest, digs least, costs least: the sphere on a rig and rolling freely.
@@ -87,8 +90,6 @@ def slip_limit(
     from terrapin_hil.robots import select
     from terrapin_tools.experiments import slip_limit as study
 
-    if plot is not None and plot.suffix.lower() not in (".png", ".svg"):
-        raise UserError(f"--plot: found {plot.name!r}, expected a name that ends in .png or .svg")
     for name in case or ():
         if name not in study.CASES:
             raise UserError(f"--ground: found {name!r}, expected one of {', '.join(study.CASES)}")
@@ -103,8 +104,6 @@ def slip_limit(
 
 
 def _told(done: int, of: int) -> None:
-    import sys
-
     if done % 20 == 0:
         print(f"run {done + 1} of {of}", file=sys.stderr, flush=True)
 
@@ -116,14 +115,11 @@ def _numbers(option: str, given: list[float] | None, *usual: float) -> list[floa
     return given or list(usual)
 
 
-def _simulate(torques: list[float], run_ups: list[float], json: str) -> None:
-    import sys
-
+def _simulate(settings: list[tuple[float, float, float]], json: str) -> None:
     from terrapin_hil.robots import select
     from terrapin_tools.experiments import l9_runs
 
     select(l9_runs.ROBOT)
-    settings = [(torque, run_up) for torque in torques for run_up in run_ups]
     found = []
     for number, setting in enumerate(settings):
         print(f"nine runs, setting {number + 1} of {len(settings)}", file=sys.stderr, flush=True)
@@ -148,8 +144,6 @@ def run(
 
     Example: terrapin experiment run my_case --to my_case_more --truth aerodynamic_drag
     """
-    import sys
-
     from terrapin_tools.workbench.case import history
     from terrapin_tools.workbench.case.case import load_case
     from terrapin_tools.workbench.robot.simulated_experiment import carry_out, write_larger
@@ -175,68 +169,6 @@ def run(
     }
     words = f"{to}: {rows} rows of {len(carried.runs)} simulated runs with {' + '.join(carried.truth)} added"
     deliver(found, words, json)
-
-
-def _plan(factors: list[str]) -> str:
-    from terrapin_tools.experiments.l9 import plan
-
-    names, levels = [], []
-    for text in factors:
-        name, equals, values = text.rpartition("=")
-        try:
-            numbers = [float(value) for value in values.split(",")]
-        except ValueError:
-            numbers = []
-        if not equals or not name.strip() or not numbers or "," in name or not all(map(math.isfinite, numbers)):
-            raise UserError(f"--factor: found {text!r}, expected NAME=LEVEL,LEVEL,LEVEL")
-        names.append(name.strip())
-        levels.append(numbers)
-    with about("--factor"):
-        runs = plan(levels)
-    rows = [",".join(f"{value:g}" for value in run) for run in runs]
-    return "\n".join([",".join([*names, "response"]), *(f"{row}," for row in rows)])
-
-
-def _read(file: Path) -> Design:
-    from terrapin_tools.experiments.l9 import Design
-    from terrapin_tools.workbench.files.tables import read
-
-    table = read(file)
-    names = list(table.columns)
-    if len(names) != 4:
-        raise UserError(f"{file.name}: found {len(names)} columns, expected three factors and the response")
-    columns = [table.numbers(name).tolist() for name in names]
-    return Design(
-        factors=tuple(names[:3]),
-        settings=tuple(zip(*columns[:3], strict=True)),
-        response=tuple(columns[3]),
-        response_name=names[3],
-    )
-
-
-def _describe(analysis: Analysis) -> str:
-    width = max(len(factor.name) for factor in analysis.factors)
-    lines = [f"{analysis.response_name}, range analysis (K: sums at the levels, R: range of their means)"]
-    for factor in analysis.factors:
-        levels = "  ".join(f"{value:g}: {total:.3f}" for value, total in zip(factor.levels, factor.sums, strict=True))
-        lines.append(f"  {factor.name.ljust(width)}  K  {levels}   R {factor.range_of_means:.2f}")
-    lines.append(f"  strongest first: {', '.join(analysis.order)}")
-    lines.append("")
-    lines.append("Analysis of variance")
-    lines.append(f"  {'source'.ljust(width)}  {'squares':>8}  df  {'F':>8}  p")
-    for factor in analysis.factors:
-        mark = " *" if factor.p_value < analysis.level else ""
-        lines.append(
-            f"  {factor.name.ljust(width)}  {factor.sum_of_squares:8.4f}  {factor.degrees:2d}  "
-            f"{factor.f_ratio:8.3f}  {factor.p_value:.3g}{mark}"
-        )
-    lines.append(f"  {'error'.ljust(width)}  {analysis.error_squares:8.4f}  {analysis.error_degrees:2d}")
-    lines.append(f"  critical F at {analysis.level:g}: {analysis.critical_f:.2f}")
-    if analysis.pooled and analysis.pooled_degrees > analysis.error_degrees:
-        lines.append(f"  with factors below F = 1 taken as error ({analysis.pooled_degrees} degrees of freedom):")
-        lines += [f"    {name}: F = {ratio:.0f}, p = {p:.2g}" for name, ratio, p in analysis.pooled]
-    lines += ["", "What this allows one to conclude", *(f"  {text}" for text in analysis.conclusions)]
-    return "\n".join(lines)
 
 
 SUBCOMMANDS = (l9, run, slip_limit)

@@ -17,7 +17,7 @@ from terrapin_tools.progress import bar
 
 if TYPE_CHECKING:  # cryptography, which `terrapin flash --help` does not need
     from terrapin_tools.flash.update import SignedFile
-    from terrapin_tools.flash.wires import Told, Wire
+    from terrapin_tools.flash.wire import Told, Wire
 
 __all__ = ["flash"]
 
@@ -90,17 +90,21 @@ def _controller(link: LinkName | None, via: str, port: str, baud: int, bitrate: 
     return replace(link, baud=link.baud or baud)
 
 
-def _update(files: Sequence[SignedFile], wire: Wire, change_robot: bool) -> str:
+def _update(files: Sequence[SignedFile], wire: Wire, change_robot: bool, link_key: Path | None) -> str:
+    from terrapin_hil.links.seal import LinkKey
     from terrapin_tools.flash.update import update
 
     with closing(wire), bar("", None) as shown:
-        outcome = update(wire, files, _told(shown), change_robot)
+        key = LinkKey.read(link_key) if link_key else None
+        outcome = update(wire, files, _told(shown), change_robot, key)
     after = {
         "confirmed": "started and confirmed",
         "on trial": "started; not confirmed yet: without that the old image comes back at the next reset",
         "silent": "verified by the boot loader; the application does not say whether it started",
     }
-    return f"slot {outcome.slot}: {after[outcome.state]}"
+    revokes = next(file.image.revokes for file in files if file.image.slot == outcome.slot).hex()
+    counts = "counts no more" if outcome.revoked else "counts until a start after the image is confirmed"
+    return f"slot {outcome.slot}: {after[outcome.state]}{f'; key {revokes} {counts}' if revokes else ''}"
 
 
 def _whole(
@@ -180,7 +184,12 @@ def flash(
     ] = None,
     link_key: Annotated[
         Path | None,
-        typer.Option("--link-key", metavar="LINK.key", help="beside that boot loader; without, the chip keeps its own"),
+        typer.Option(
+            "--link-key",
+            metavar="LINK.key",
+            help="over a link: the controller's, if it has one; with --boot-loader: put it beside that, else the chip "
+            "keeps its own",
+        ),
     ] = None,
     node: NodeNumber = None,
     change_robot: Annotated[
@@ -222,7 +231,7 @@ def flash(
         via = "can" if link.interface else "serial"
     if via not in VIAS:
         raise UserError(f"--via: found {via!r}, expected one of {', '.join(VIAS)}, or --link")
-    if link_key and not loader:
+    if link_key and not loader and via in ("swd", "stm32"):
         raise UserError("--link-key: expected with --boot-loader, whose sector it shares")
     if loader and via in ("can", "serial"):
         raise UserError(f"--boot-loader: cannot be written via {via}, expected --via swd or stm32")
@@ -243,4 +252,4 @@ def flash(
     else:
         from terrapin_tools.flash.wires import open_wire
 
-        print(_update(files, open_wire(controller.at_node(node), bitrate or BIT_RATE), change_robot))
+        print(_update(files, open_wire(controller.at_node(node), bitrate or BIT_RATE), change_robot, link_key))

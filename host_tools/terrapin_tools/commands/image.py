@@ -71,6 +71,10 @@ def sign(
     unit: Annotated[
         str, typer.Option("--unit", help="chip (PORT_IDENTITY.unique) whose release boot loader takes this desk image")
     ] = "",
+    revoke: Annotated[
+        Path | None,
+        typer.Option("--revoke", metavar="OLD.pem", help="a key that controllers take no more once this is confirmed"),
+    ] = None,
 ) -> None:
     """Put header, security counter and signature around code. The slot is that which the code is linked for.
 
@@ -78,7 +82,7 @@ def sign(
     """
     from terrapin_tools.flash.image import ImageError, Version, code_slot, kind_of, read_start
     from terrapin_tools.flash.image import sign as make
-    from terrapin_tools.flash.keys import development_key, private_key
+    from terrapin_tools.flash.keys import development_key, private_key, public_key
     from terrapin_tools.flash.layout import HEADER_SIZE, SLOT_SIZE, SLOTS
     from terrapin_tools.workbench.files.writing import write_whole
 
@@ -105,7 +109,8 @@ def sign(
         raise UserError(f"{code}: more than the {SLOT_SIZE} bytes of a slot")
     data += b"\xff" * (-len(data) % 4)
     with about(code, ImageError):
-        image = make(data, private_key(key or development_key()), number, counter, slot, chip)
+        revoked = public_key(revoke) if revoke else None
+        image = make(data, private_key(key or development_key()), number, counter, slot, chip, revoked)
     try:
         write_whole(to, image)
     except OSError as error:
@@ -145,7 +150,7 @@ def info(path: ImageFile) -> None:
         f"  code              {image.code_size} bytes\n"
         f"  security counter  {image.security_counter}\n"
         f"  SHA-256           {image.digest.hex()}\n"
-        f"  signature         {signed}"
+        f"  signature         {signed}" + (f"\n  revokes           key {image.revokes.hex()}" if image.revokes else "")
     )
 
 

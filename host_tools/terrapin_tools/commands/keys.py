@@ -27,6 +27,22 @@ def new(
     print(f"{path}: private key, public half {key_hash(new_key(path))[:4].hex()}; keep it, and keep it secret")
 
 
+def public(
+    key: Annotated[Path, typer.Argument(metavar="KEY.pem", help="a key that signs images")],
+    path: Annotated[Path, typer.Argument(metavar="PUBLIC.pem", help="the file to make; never replaced")],
+) -> None:
+    """Write the public half of a key into a file of its own: what a release boot loader is built with, and what
+    `flash --protect` and `keys revoke` need of it.
+
+    Example: terrapin keys public robot.pem robot.pub.pem
+    """
+    from terrapin_tools.flash.keys import key_hash, public_key, public_text, write_new
+
+    half = public_key(key)
+    write_new(path, public_text(half))
+    print(f"{path}: public half {key_hash(half)[:4].hex()}, no secret")
+
+
 LinkKeyFile = Annotated[Path, typer.Argument(metavar="LINK.key", help="the file to make; never replaced")]
 
 
@@ -82,4 +98,43 @@ def show(path: Annotated[Path, typer.Argument(metavar="KEY", help="a PEM or a li
         print(f"{path}: link key {key.fingerprint}, generation {key.generation}")
 
 
-SUBCOMMANDS = (new, link, renew, show)
+def revoke(
+    old: Annotated[
+        Path, typer.Argument(metavar="OLD.pem", help="the key that shall count no more; its public half will do")
+    ],
+    images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="signed with it; they stay as they are")],
+    key: Annotated[
+        Path, typer.Option("--key", metavar="NEXT.pem", help="the boot loader's other key (TERRAPIN_NEXT_KEY)")
+    ],
+    to: Annotated[Path, typer.Option("--out", metavar="DIR", help="where the new images go, under the same names")],
+) -> None:
+    """Sign images anew with a boot loader's other key, so that they revoke the old one: once such an image is on a
+    controller (`terrapin flash`) and confirmed, no image that the old key signed starts there any more.
+
+    Example: terrapin keys revoke robot.pem robot-a.bin robot-b.bin --key robot-2.pem --out revoking
+    """
+    from terrapin_tools.errors import about
+    from terrapin_tools.flash.image import ImageError, intact, parse, read_start, sign_again
+    from terrapin_tools.flash.keys import key_hash, private_key, public_key
+    from terrapin_tools.workbench.files.writing import write_whole
+
+    revoked, signer = public_key(old), private_key(key)
+    made = []
+    for path in images:
+        data = read_start(path)
+        with about(path, ImageError):
+            intact(parse(data))
+            made.append((to / path.name, sign_again(data, signer, revoked)))
+        if (to / path.name).exists():
+            raise UserError(f"{to / path.name}: exists already; expected another --out")
+    for path, data in made:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(path, data)
+        except OSError as error:
+            raise UserError(f"{path}: cannot write: {error.strerror}") from None
+        by = key_hash(signer.public_key())[:4].hex()
+        print(f"{path}: signed with key {by}, revokes key {key_hash(revoked)[:4].hex()} once it is confirmed")
+
+
+SUBCOMMANDS = (new, public, revoke, link, renew, show)

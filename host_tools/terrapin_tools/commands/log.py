@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from terrapin_hil.links.names import PTY, LinkName
-from terrapin_tools.command_options import BitRate, Json, NodeNumber, RobotName, deliver, link_option, take_robot
+from terrapin_tools.command_options import BitRate, Json, NodeNumber, ThisRobot, deliver, link_option
 from terrapin_tools.errors import UserError
 from terrapin_tools.progress import bar
 
@@ -55,13 +55,12 @@ def info(
     dbc: Dbc = None,
     node: NodeNumber = None,
     json: Json = "",
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> None:
     """What a log holds: how long, which frames how often, errors, gaps in time, whether its end is missing.
 
     Example: terrapin log info out/slope/telemetry.log
     """
-    take_robot(robot)
     from terrapin_tools.logs.info import Summary, describe
     from terrapin_tools.logs.reading import LogReader
 
@@ -83,13 +82,12 @@ def convert(
         str, typer.Option("--period", help="signals on this grid instead of frames (.csv, .parquet)")
     ] = "",
     force: Annotated[bool, typer.Option("--force", help="replace TO if it exists")] = False,
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> None:
     """Convert a log to another kind. Frames stay frames; to MCAP with a DBC, signals are added for plotting.
 
     Example: terrapin log convert out/slope/telemetry.log slope.mcap
     """
-    take_robot(robot)
     from terrapin_tools.logs.reading import READABLE, LogReader
     from terrapin_tools.logs.writing import LogWriter
 
@@ -125,7 +123,6 @@ def convert(
 
 def _signals(path: Path, decoder: Decoder | None, period: str, to: Path) -> int:
     """All signals on a grid, last value held, as CSV or Parquet; the number of rows."""
-    import pyarrow
     import pyarrow.csv
     import pyarrow.parquet
 
@@ -158,13 +155,12 @@ def record(
     duration: Annotated[float, typer.Option("--duration", help="seconds; 0: until Ctrl-C")] = 0.0,
     dbc: Dbc = None,
     bitrate: BitRate = 500_000,
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> None:
     """Record a bus. It only listens. What came is in the file at least twice a second, so a crash costs little.
 
     Example: terrapin log record drive.blf --link socketcan:can0
     """
-    take_robot(robot)
     from terrapin_tools.logs.bus import open_bus
     from terrapin_tools.logs.writing import GROWING, LogWriter
 
@@ -215,7 +211,7 @@ def replay(
         Path | None, typer.Option("--parameters", help="TOML; default: run.toml beside the log")
     ] = None,
     json: Json = "",
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> None:
     """Send a recorded run to the firmware again and compare its answers with the recorded ones.
 
@@ -223,7 +219,6 @@ def replay(
 
     Example: terrapin log replay out/slope
     """
-    take_robot(robot)
     from terrapin_hil.links import open_link
     from terrapin_hil.messages import ParameterError, interface
     from terrapin_tools.logs.reading import LogReader, read_log
@@ -266,13 +261,12 @@ def replay(
 def dbc_(
     to: Annotated[Path, typer.Argument(metavar="TO.dbc", help="a new file")],
     node: NodeNumber = None,
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> None:
     """Write the DBC of a controller, with the identifiers of its node, for other tools.
 
     Example: terrapin log dbc node-3.dbc --node 3
     """
-    take_robot(robot)
     from terrapin_hil import paths
     from terrapin_hil.nodes import node_number
     from terrapin_tools.logs.nodes import dbc_of_node

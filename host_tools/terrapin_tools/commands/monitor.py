@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from terrapin_hil.links.names import INPROCESS, LinkName
-from terrapin_tools.command_options import BitRate, NodeNumber, RobotName, link_option, take_robot
+from terrapin_tools.command_options import BitRate, NodeNumber, ThisRobot, link_option
 from terrapin_tools.errors import UserError
 
 __all__ = ["monitor"]
@@ -24,7 +24,7 @@ def monitor(
     speed: Annotated[float, typer.Option("--speed", help="of a log: times its own pace")] = 1.0,
     bitrate: BitRate = 500_000,
     node: NodeNumber = None,
-    robot: RobotName = "",
+    robot: ThisRobot = "",
     controller: Annotated[LinkName, link_option("lockstep", "of a scenario", "--controller")] = INPROCESS,
 ) -> None:
     """Watch a controller: state, faults and what they mean, slip, C_t, currents, the bus, any signal as a plot.
@@ -39,7 +39,6 @@ def monitor(
     from terrapin_tools.monitor.live import Live
     from terrapin_tools.monitor.sources import Bus, LogFile, Simulator
 
-    take_robot(robot)
     if not 0.0 < speed <= 1000.0:
         raise UserError(f"--speed: found {speed:g}, expected more than 0, at most 1000")
     path = Path(source)

@@ -17,10 +17,9 @@ from terrapin_tools.command_options import (
     Json,
     LinkKeyFile,
     NodeNumber,
-    RobotName,
+    ThisRobot,
     deliver,
     link_option,
-    take_robot,
 )
 from terrapin_tools.errors import UserError
 from terrapin_tools.param.files import raw_of, read_file, text_of, to_toml
@@ -124,7 +123,7 @@ def list_(
     flash: Flash = None,
     timeout: Timeout = 1.0,
     json: Json = "",
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> None:
     """Every parameter with value, unit, default and range; * marks those that are not at their default.
 
@@ -132,7 +131,6 @@ def list_(
 
     Example: terrapin param list --link serial:/dev/ttyACM0
     """
-    take_robot(robot)
     link = link.at_node(node)
     with _session(link, flash, timeout) as session:
         values, store, found = session.all(), session.store(), session.found()
@@ -153,13 +151,12 @@ def get(
     flash: Flash = None,
     timeout: Timeout = 1.0,
     json: Json = "",
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> None:
     """Values of parameters, one a line.
 
     Example: terrapin param get torque_constant armature_resistance --link socketcan:can0
     """
-    take_robot(robot)
     link = link.at_node(node)
     parameters = [interface().parameter(name) for name in names]
     with _session(link, flash, timeout) as session:
@@ -219,7 +216,7 @@ def set_(
     link_key: LinkKeyFile = None,
     timeout: Timeout = 1.0,
     json: Json = "",
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> None:
     """Write one parameter and keep it in flash. A negative value comes after --.
 
@@ -227,7 +224,6 @@ def set_(
 
     terrapin param set comp_coulomb --flash robot.flash -- -0.5 "mN m"
     """
-    take_robot(robot)
     link = link.at_node(node)
     parameter = interface().parameter(name)
     number = raw_of(parameter, " ".join(value), raw)
@@ -243,13 +239,12 @@ def save(
     node: NodeNumber = None,
     flash: Flash = None,
     timeout: Timeout = 1.0,
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> None:
     """Write the controller's parameters into a TOML file, in their units.
 
     Example: terrapin param save robot7.toml --link serial:/dev/ttyACM0
     """
-    take_robot(robot)
     link = link.at_node(node)
     with _session(link, flash, timeout) as session:
         values = session.all()
@@ -268,7 +263,7 @@ def load(
     link_key: LinkKeyFile = None,
     timeout: Timeout = 1.0,
     json: Json = "",
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> None:
     """Write the parameters in a TOML file and keep them in flash; those that it does not name stay.
 
@@ -276,7 +271,6 @@ def load(
 
     Example: terrapin param load robot7.toml --link socketcan:can0
     """
-    take_robot(robot)
     link = link.at_node(node)
     values = read_file(file, interface())
     _write(lambda session: session.set_all(values), link, flash, timeout, link_key, volatile, json)
@@ -295,13 +289,12 @@ def diff(
     flash: Flash = None,
     timeout: Timeout = 1.0,
     json: Json = "",
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> int:
     """What differs between the controller and a file, or the defaults. Exit status 1 when something does.
 
     Example: terrapin param diff robot7.toml --link serial:/dev/ttyACM0
     """
-    take_robot(robot)
     link = link.at_node(node)
     description = interface()
     other = _other(file, description)
@@ -330,13 +323,12 @@ def reset(
     link_key: LinkKeyFile = None,
     timeout: Timeout = 1.0,
     json: Json = "",
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> None:
     """Put all parameters, or those named, back to their defaults and keep that in flash.
 
     Example: terrapin param reset --link serial:/dev/ttyACM0
     """
-    take_robot(robot)
     link = link.at_node(node)
     chosen = [interface().parameter(name) for name in names or ()]
     values = {parameter.name: parameter.default for parameter in chosen}

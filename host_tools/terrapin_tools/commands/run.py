@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from terrapin_hil.links.names import INPROCESS, LinkName, able
-from terrapin_tools.command_options import LinkKeyFile, NodeNumber, RobotName, link_option, take_robot
+from terrapin_tools.command_options import LinkKeyFile, NodeNumber, ThisRobot, link_option
 from terrapin_tools.errors import UserError
 
 if TYPE_CHECKING:  # NumPy and the C libraries, which `terrapin run --help` does not need
@@ -193,7 +193,7 @@ def run(
     scenario: Annotated[str, typer.Argument(help="scenario file, or the name of a shipped scenario")],
     link: Annotated[LinkName, link_option("lockstep", "where the controller is")] = INPROCESS,
     out: Annotated[Path | None, typer.Option(help="folder for telemetry.log, truth.csv and run.toml")] = None,
-    robot: RobotName = "",
+    robot: ThisRobot = "",
     seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="instead of the scenario's")] = None,
     changes: Annotated[
         list[str] | None,
@@ -233,7 +233,6 @@ def run(
     from terrapin_tools.param.files import read_parameters
     from terrapin_tools.progress import bar
 
-    take_robot(robot)
     try:
         chosen = load_scenario(find_scenario(scenario), _values(changes or ()))
         if seed is not None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from terrapin_tools.command_options import CaseFolder, Json, Seed, check_options, deliver
+from terrapin_tools.command_options import CaseFolder, Json, Picture, Seed, check_options, deliver
 from terrapin_tools.errors import UserError, about
 from terrapin_tools.progress import say
 
@@ -176,7 +176,7 @@ def _describe(answer: dict[str, Any]) -> str:
 def tactile(
     case: CaseFolder,
     margin: Annotated[float, typer.Option("--margin", help="least margin 1 - tau/tau_max that counts as safe")] = 0.1,
-    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE", help="draw it, as .png or .svg")] = None,
+    plot: Picture = None,
     json: Json = "",
 ) -> None:
     """Cohesion and friction angle from a driven wheel at several loads and drawbar levels, with confidence regions.
@@ -192,7 +192,6 @@ def tactile(
 
     if not 0.0 <= margin < 1.0:
         raise UserError(f"--margin: found {margin:g}, expected 0 to less than 1")
-    _check_picture(plot)
     read = load_tactile_case(case)
     with about(case, Unsolved):
         found = answer(read, margin)
@@ -203,18 +202,13 @@ def tactile(
     deliver(found, describe(found), json)
 
 
-def _check_picture(plot: Path | None) -> None:
-    if plot is not None and plot.suffix.lower() not in (".png", ".svg"):
-        raise UserError(f"--plot: found {plot.name!r}, expected a name that ends in .png or .svg")
-
-
 def plates(
     file: Annotated[Path, typer.Argument(metavar="FILE.csv", help="rows of plate tests of at least three sizes")],
     size: Annotated[str, typer.Option("--size", metavar="COLUMN [UNIT]", help="plate size")] = "plate_mm [mm]",
     depth: Annotated[str, typer.Option("--depth", metavar="COLUMN [UNIT]", help="sinkage")] = "z_m [m]",
     pressure: Annotated[str, typer.Option("--pressure", metavar="COLUMN [UNIT]", help="pressure")] = "p_kPa [kPa]",
     test: Annotated[str, typer.Option("--test", metavar="COLUMN", help="which test a row belongs to")] = "test",
-    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE", help="draw it, as .png or .svg")] = None,
+    plot: Picture = None,
     json: Json = "",
 ) -> None:
     """Fit pressure-sinkage laws to plates of several sizes, and test each on a size that it has not seen.
@@ -224,7 +218,6 @@ def plates(
     from terrapin_tools.soil import plates_answer
     from terrapin_tools.soil.plates import read_plates
 
-    _check_picture(plot)
     read = read_plates(file, size, depth, pressure, test)
     found, fits = plates_answer.answer(file.name, read)
     if plot is not None:

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from terrapin_hil.links import LinkName
-from terrapin_tools.command_options import NodeNumber, RobotName, link_option, take_robot
+from terrapin_tools.command_options import NodeNumber, ThisRobot, link_option
 from terrapin_tools.errors import UserError
 
 __all__ = ["web"]
@@ -24,13 +24,12 @@ def web(
     ] = Path("terrapin-workspace"),
     link: Annotated[LinkName | None, link_option("listen", "a bus that the live view offers first")] = None,
     node: NodeNumber = None,
-    robot: RobotName = "",
+    robot: ThisRobot = "",
 ) -> None:
     """Serve the workbench as a page on this machine only; it prints the address with its token. Ctrl-C ends it.
 
     Example: terrapin web --port 8765 --workspace my-work
     """
-    take_robot(robot)
     if node is not None and link is None:
         raise UserError("--node: of a bus, expected --link as well")
     link = link.at_node(node) if link else None

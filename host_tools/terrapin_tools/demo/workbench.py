@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -68,12 +67,9 @@ def logged_run(
 ) -> Result:
     """A run that leaves its folder (log, truth, run.toml), as `terrapin run --out` does."""
     values = parameters or {}
-    log = RunFolder(folder, scenario, link, values, interface())
-    try:
+    with closing(RunFolder(folder, scenario, link, values, interface())) as log:
         result = run(scenario, link, parameters=values, observers=[log], progress=progress)
         log.finish(result)
-    finally:
-        log.close()
     return result
 
 
@@ -126,7 +122,11 @@ def heated(stage: Stage, chapter: Chapter) -> None:
     """A series over which the winding heats; compare, add, export, and a run with the parameters written back."""
     out = stage.out
     scenario = load_scenario(find_scenario("heated_winding"))
-    folders = []
+    folders: list[Path] = []
+
+    def progress(share: float) -> None:
+        stage.progress((len(folders) - 1 + share) / len(HEATED_RUNS))
+
     for number, (volt, celsius) in enumerate(HEATED_RUNS, 1):
         orders = tuple(
             replace(order, setpoint=volt) if order.request == "run" else order for order in scenario.operator
@@ -134,7 +134,7 @@ def heated(stage: Stage, chapter: Chapter) -> None:
         winding = replace(scenario.winding, profile=((0.0, celsius), (1.0, celsius)))
         variant = replace(scenario, seed=number, duration=10.0, operator=orders, winding=winding, checks=(), source="")
         folders.append(out / "runs" / f"heated_{number}")
-        logged_run(variant, "inprocess", folders[-1], partial(_part, stage.progress, number - 1))
+        logged_run(variant, "inprocess", folders[-1], progress)
     stage.tell(
         chapter,
         "Eight runs on sand, one after the other; from the first to the last the winding warms from 25 to 65 °C, which "
@@ -178,7 +178,7 @@ def heated(stage: Stage, chapter: Chapter) -> None:
     written = run(
         trial, "inprocess", parameters=read_parameters(out / "firmware.toml", interface()), progress=stage.progress
     )
-    errors = [_error(plain), _error(written)]
+    errors = [_rms(plain), _rms(written)]
     stage.tell(
         chapter,
         "Back on the robot, which now heats by 40 K within one run: rms error of the controller's C_t "
@@ -205,14 +205,7 @@ def heated(stage: Stage, chapter: Chapter) -> None:
     chapter.links.append((out / "firmware.toml", "firmware.toml"))
 
 
-def _part(progress: Callable[[float], None], done: int, share: float) -> None:
-    progress((done + share) / len(HEATED_RUNS))
-
-
-def _error(result: Result) -> float:
+def _rms(result: Result) -> float:
     """Rms error of the valid values of C_t [mN m]."""
-    ground: dict[str, Any] = result.telemetry["GROUND"]
-    valid = ground["valid"] > 0
-    ticks = np.round(ground["time"][valid] * 1000).astype(int)
-    error = ground["torque"][valid] - result.truth["contact_torque"][ticks]
+    error = figures.contact_errors(result)[1]
     return 1e3 * float(np.sqrt(np.mean(error * error)))

@@ -11,15 +11,23 @@ al. 2024, Tables 2 and 3, whose numbers this reproduces.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
-__all__ = ["ARRAY", "LI_2024", "Analysis", "Design", "FactorAnalysis", "analyse", "plan"]
+from terrapin_tools.errors import UserError, about
+from terrapin_tools.workbench.files.tables import read
+
+__all__ = [
+    *("ARRAY", "LI_2024", "Analysis", "Design", "FactorAnalysis"),
+    *("analyse", "describe", "plan", "plan_text", "read_design"),
+]
 
 # Levels 0 to 2 of the four columns in the nine runs; any two columns hold every pair of levels once.
 ARRAY: tuple[tuple[int, int, int, int], ...] = tuple(
@@ -190,16 +198,78 @@ def _conclude(
     # The sd that chi squared allows: two degrees of freedom leave it open by an order of magnitude.
     sd = float(np.sqrt(error / degrees))
     low, high = (float(np.sqrt(error / chi2.ppf(q, degrees))) for q in (1.0 - level / 2.0, level / 2.0))
-    said.append(
+    return [
+        *said,
         f"The error has {degrees} degrees of freedom, all from the empty column: its sd is {sd:.3g}, but the "
         f"{100 * (1 - level):g} % interval goes from {low:.2g} to {high:.2g}. An effect must reach F = {critical:.1f} "
-        "to be seen, so only large ones are."
-    )
-    said.append(
+        "to be seen, so only large ones are.",
         "No run was repeated: what stands as error is measuring error and the interactions of the factors together; "
-        "they cannot be told apart, and an interaction also hides inside the factors' own columns."
+        "they cannot be told apart, and an interaction also hides inside the factors' own columns.",
+    ]
+
+
+def plan_text(factors: Sequence[str]) -> str:
+    """The plan as CSV, of three NAME=LEVEL,LEVEL,LEVEL. UserError says which is wrong."""
+    names, levels = [], []
+    for text in factors:
+        name, equals, values = text.rpartition("=")
+        try:
+            numbers = [float(value) for value in values.split(",")]
+        except ValueError:
+            numbers = []
+        if not equals or not name.strip() or not numbers or "," in name or not all(map(math.isfinite, numbers)):
+            raise UserError(f"--factor: found {text!r}, expected NAME=LEVEL,LEVEL,LEVEL")
+        names.append(name.strip())
+        levels.append(numbers)
+    with about("--factor"):
+        runs = plan(levels)
+    rows = [",".join(f"{value:g}" for value in run) for run in runs]
+    return "\n".join([",".join([*names, "response"]), *(f"{row}," for row in rows)])
+
+
+def read_design(file: Path) -> Design:
+    """A table of nine rows: three factors, and last the response. UserError where it is none."""
+    table = read(file)
+    names = list(table.columns)
+    if len(names) != 4:
+        raise UserError(f"{file.name}: found {len(names)} columns, expected three factors and the response")
+    columns = [table.numbers(name).tolist() for name in names]
+    return Design(
+        factors=tuple(names[:3]),
+        settings=tuple(zip(*columns[:3], strict=True)),
+        response=tuple(columns[3]),
+        response_name=names[3],
     )
-    return said
+
+
+def describe(analysis: Analysis) -> str:
+    """The analysis for people."""
+    width = max(len(factor.name) for factor in analysis.factors)
+    lines = [f"{analysis.response_name}, range analysis (K: sums at the levels, R: range of their means)"]
+    for factor in analysis.factors:
+        levels = "  ".join(f"{value:g}: {total:.3f}" for value, total in zip(factor.levels, factor.sums, strict=True))
+        lines.append(f"  {factor.name.ljust(width)}  K  {levels}   R {factor.range_of_means:.2f}")
+    lines += [
+        f"  strongest first: {', '.join(analysis.order)}",
+        "",
+        "Analysis of variance",
+        f"  {'source'.ljust(width)}  {'squares':>8}  df  {'F':>8}  p",
+    ]
+    for factor in analysis.factors:
+        mark = " *" if factor.p_value < analysis.level else ""
+        lines.append(
+            f"  {factor.name.ljust(width)}  {factor.sum_of_squares:8.4f}  {factor.degrees:2d}  "
+            f"{factor.f_ratio:8.3f}  {factor.p_value:.3g}{mark}"
+        )
+    lines += [
+        f"  {'error'.ljust(width)}  {analysis.error_squares:8.4f}  {analysis.error_degrees:2d}",
+        f"  critical F at {analysis.level:g}: {analysis.critical_f:.2f}",
+    ]
+    if analysis.pooled and analysis.pooled_degrees > analysis.error_degrees:
+        lines.append(f"  with factors below F = 1 taken as error ({analysis.pooled_degrees} degrees of freedom):")
+        lines += [f"    {name}: F = {ratio:.0f}, p = {p:.2g}" for name, ratio, p in analysis.pooled]
+    lines += ["", "What this allows one to conclude", *(f"  {text}" for text in analysis.conclusions)]
+    return "\n".join(lines)
 
 
 LI_2024 = Design(

@@ -3,7 +3,8 @@
 From rest over a board, then on sand until the robot stands; measured is the way on the sand. The paper's factors are
 the robot's mass (here of its frame), the joint's acceleration and its greatest speed, which the controller has as
 speed_ramp and setpoint. The text states them in turns, the table in radians; turns are taken. What the paper does not
-print, and the ways depend on: the motor's greatest torque and the run-up on the board.
+print, and the ways depend on: the motor's greatest torque and the run-up on the board. A ramp that the motor cannot
+follow has hardly an effect; `ramp` takes a share of the paper's accelerations.
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ class Nine:
 
     torque: float  # [N m]
     run_up: float  # [m]
+    ramp: float  # share of the paper's accelerations
     runs: tuple[Rolled, ...]
     analysis: Analysis
 
@@ -78,10 +80,10 @@ def roll(mass: float, acceleration: float, speed: float, torque: float, run_up: 
     )
 
 
-def nine(torque: float, run_up: float) -> Nine:
+def nine(torque: float, run_up: float, ramp: float = 1.0) -> Nine:
     """The nine runs of the paper's Table 2. UserError as a scenario's, ValueError where their ways are no response."""
-    runs = [roll(mass, acceleration, speed, torque, run_up) for mass, acceleration, speed in LI_2024.settings]
-    return Nine(torque, run_up, tuple(runs), analyse(_design(runs)))
+    runs = [roll(mass, ramp * acceleration, speed, torque, run_up) for mass, acceleration, speed in LI_2024.settings]
+    return Nine(torque, run_up, ramp, tuple(runs), analyse(_design(runs)))
 
 
 def _design(runs: list[Rolled]) -> Design:
@@ -95,8 +97,8 @@ def as_json(found: list[Nine]) -> dict[str, Any]:
 def describe(found: list[Nine]) -> str:
     """The nine ways beside the paper's, effects of the factors and their order at each setting."""
     paper = analyse(LI_2024)
-    lines = ["Way on the sand [m], nine runs; g: the guard of the swing stopped it"]
-    heads = [f"{n.torque:g} N m {n.run_up:g} m" for n in found]
+    lines = ["Way on the sand [m], nine runs; g: the guard of the swing stopped it; x: share of the paper's ramps"]
+    heads = [f"{n.torque:g} N m {n.run_up:g} m" + (f" x{n.ramp:g}" if n.ramp != 1.0 else "") for n in found]
     lines.append(f"  {'mass, ramp, speed':<22}{'paper':>8}{''.join(head.rjust(16) for head in heads)}")
     for i, setting in enumerate(LI_2024.settings):
         cells = "".join(f"{n.runs[i].way:14.3f}{' g' if n.runs[i].ended == 'guard' else '  '}" for n in found)

@@ -18,6 +18,7 @@ import numpy as np
 
 from terrapin_hil.run.run import Result, run
 from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+from terrapin_tools.figure_style import PANELS, picture
 
 __all__ = [
     *("CASES", "LAWS", "LIMITS", "ROBOT", "Free", "Pull", "Study"),
@@ -240,23 +241,15 @@ def describe(found: Study) -> str:
 
 def plot(found: Study, file: Path) -> None:
     """Shares of the best pull against the limit, a panel a case, a curve a law; .svg or .png."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    pyplot.rcParams["svg.hashsalt"] = "terrapin"
     table = shares(found)
     cases = list(dict.fromkeys(case for case, _ in table))
-    figure, axes = pyplot.subplots(1, len(cases), figsize=(3.0 * len(cases), 3.2), sharey=True, squeeze=False)
-    for panel, case in zip(axes[0], cases, strict=True):
-        for (of, law), row in table.items():
-            if of == case:
-                panel.plot(list(row), [max(value, 0.0) for value in row.values()], marker="o", ms=3, label=law)
-        panel.axvline(PAPER, color="#6b7280", lw=0.8, ls="--")
-        panel.set(title=case, xlabel="slip limit", ylim=(0.0, 1.05))
-    axes[0][0].set_ylabel("pull over the best")
-    axes[0][0].legend(frameon=False, fontsize=7)
-    figure.tight_layout()
-    figure.savefig(file, metadata={"Date": None} if file.suffix.lower() == ".svg" else None)
-    pyplot.close(figure)
+    with picture(file, (3.0 * len(cases), 3.2), PANELS) as figure:
+        panels = figure.subplots(1, len(cases), sharey=True, squeeze=False)[0]
+        for panel, case in zip(panels, cases, strict=True):
+            for (of, law), row in table.items():
+                if of == case:
+                    panel.plot(list(row), [max(value, 0.0) for value in row.values()], marker="o", ms=3, label=law)
+            panel.axvline(PAPER, color="#6b7280", lw=0.8, ls="--")
+            panel.set(title=case, xlabel="slip limit", ylim=(0.0, 1.05))
+        panels[0].set_ylabel("pull over the best")
+        panels[0].legend()

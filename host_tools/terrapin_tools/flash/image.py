@@ -2,9 +2,9 @@
 
     imgtool sign -k KEY.pem -v VERSION -s COUNTER -H 0x200 --pad-header -S 0x20000 -F ADDRESS --align 4
 
-Header (0x200 bytes), code, protected TLVs (security counter; where they are needed, kind and unit), TLVs: SHA-256, key
-hash, Ed25519 signature of the SHA-256. What the boot loader asks of an image stands in firmware/boot/image.h; `parse`
-asks the same.
+Header (0x200 bytes), code, protected TLVs (security counter; where they are needed, kind, unit and revoked key), TLVs:
+SHA-256, key hash, Ed25519 signature of the SHA-256. What the boot loader asks of an image stands in
+firmware/boot/image.h; `parse` asks the same.
 """
 
 from __future__ import annotations
@@ -22,13 +22,25 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.flash.keys import key_hash
 from terrapin_tools.flash.layout import HEADER_SIZE, RAM, SLOT_SIZE, SLOTS, slot_at
 
-__all__ = ["Image", "ImageError", "Version", "code_slot", "intact", "kind_of", "parse", "read_start", "sign", "verify"]
+__all__ = [
+    "Image",
+    "ImageError",
+    "Version",
+    "code_slot",
+    "intact",
+    "kind_of",
+    "parse",
+    "read_start",
+    "sign",
+    "sign_again",
+    "verify",
+]
 
 MAGIC = 0x96F3B83D
 ROM_FIXED = 0x100
 PROTECTED, PLAIN = 0x6908, 0x6907
 KEY_HASH, SHA256, ED25519, SECURITY_COUNTER = 0x01, 0x10, 0x24, 0x50
-KIND, UNIT, MADE_FOR, INTERFACE = 0xA0, 0xA1, 0xA2, 0xA3
+KIND, UNIT, MADE_FOR, INTERFACE, REVOKES = 0xA0, 0xA1, 0xA2, 0xA3, 0xA4
 KINDS = ("desk", "production")
 MARK = b"terrapin-kind\0\0\0"  # stands before the kind in the code (terrapin_image_mark of link/dispatch.h)
 _HEADER = struct.Struct("<IIHHIIBBHI4x")
@@ -84,6 +96,7 @@ class Image:
     robot: int = 0  # robot_identity that it is made for,
     board: int = 0  # board,
     interface: int = 0  # and version of the interface; each 0 when it does not say
+    revokes: bytes = b""  # first four bytes of the hash of a key that counts no more once it is confirmed
 
 
 def read_start(path: Path) -> bytes:
@@ -139,10 +152,17 @@ def made_for(code: bytes) -> tuple[int, int, int]:
 
 
 def sign(
-    code: bytes, key: Ed25519PrivateKey, version: Version, security_counter: int, slot: str, unit: int | None = None
+    code: bytes,
+    key: Ed25519PrivateKey,
+    version: Version,
+    security_counter: int,
+    slot: str,
+    unit: int | None = None,
+    revokes: Ed25519PublicKey | None = None,
 ) -> bytes:
     """The image of `code`, linked for `slot`; `unit`: the chip on which a release boot loader takes it although it is a
-    desk image. ImageError when it does not fit."""
+    desk image; `revokes`: the key that the boot loader takes no more once the image is confirmed. ImageError when it
+    does not fit, or would revoke the key that signs it."""
     tlvs = _tlv(SECURITY_COUNTER, struct.pack("<I", security_counter))
     if kind_of(code) == "production":
         tlvs += _tlv(KIND, bytes([KINDS.index("production")]))
@@ -151,6 +171,10 @@ def sign(
         tlvs += _tlv(MADE_FOR, struct.pack("<I", robot | board << 24)) + _tlv(INTERFACE, struct.pack("<I", interface))
     if unit is not None:
         tlvs += _tlv(UNIT, struct.pack("<I", unit))
+    if revokes is not None:
+        if key_hash(revokes) == key_hash(key.public_key()):
+            raise ImageError("would revoke the key that signs it, expected another one")
+        tlvs += _tlv(REVOKES, key_hash(revokes)[:4])
     protected = struct.pack("<HH", PROTECTED, 4 + len(tlvs)) + tlvs
     header = _HEADER.pack(
         MAGIC, SLOTS[slot], HEADER_SIZE, len(protected), len(code), ROM_FIXED,
@@ -163,6 +187,13 @@ def sign(
     if not code or len(image) > SLOT_SIZE:
         raise ImageError(f"{len(code)} bytes of code, expected 1 to {SLOT_SIZE - (len(image) - len(code))}")
     return image
+
+
+def sign_again(data: bytes, key: Ed25519PrivateKey, revokes: Ed25519PublicKey) -> bytes:
+    """The image in `data`, signed with `key` in the place of its own, which it revokes. ImageError when it is none."""
+    old = parse(data)
+    code = data[HEADER_SIZE : HEADER_SIZE + old.code_size]
+    return sign(code, key, old.version, old.security_counter, old.slot, old.unit, revokes)
 
 
 def _tlvs(data: bytes, offset: int, magic: int, what: str) -> tuple[list[tuple[int, bytes]], int]:
@@ -198,7 +229,9 @@ def parse(data: bytes) -> Image:
     if hashed_size != code_end + protected_size or len(counters) != 1:
         raise ImageError("no security counter")
     more = {
-        kind: int.from_bytes(value, "little") for kind, value in protected if kind in (KIND, UNIT, MADE_FOR, INTERFACE)
+        kind: int.from_bytes(value, "little")
+        for kind, value in protected
+        if kind in (KIND, UNIT, MADE_FOR, INTERFACE, REVOKES)
     }
     tlvs, end = _tlvs(data, hashed_size, PLAIN, "TLVs")
     values = dict(tlvs)
@@ -222,6 +255,7 @@ def parse(data: bytes) -> Image:
         robot=more.get(MADE_FOR, 0) & 0xFFFFFF,
         board=more.get(MADE_FOR, 0) >> 24,
         interface=more.get(INTERFACE, 0),
+        revokes=more[REVOKES].to_bytes(4, "little") if REVOKES in more else b"",
     )
 
 

@@ -12,7 +12,17 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 from terrapin_hil import paths
 from terrapin_tools.errors import UserError
 
-__all__ = ["development_key", "key_hash", "key_in", "new_key", "private_key", "public_key", "write_secret"]
+__all__ = [
+    "development_key",
+    "key_hash",
+    "key_in",
+    "new_key",
+    "private_key",
+    "public_key",
+    "public_text",
+    "write_new",
+    "write_secret",
+]
 
 _INFO = bytes.fromhex("302a300506032b6570032100")  # what precedes the key in its SubjectPublicKeyInfo
 PEM_LIMIT = 10_000  # bytes of a file that are looked at
@@ -39,13 +49,23 @@ def new_key(path: Path) -> Ed25519PublicKey:
     return key.public_key()
 
 
+def public_text(key: Ed25519PublicKey) -> bytes:
+    """A public key as PEM."""
+    return key.public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)
+
+
 def write_secret(path: Path, text: bytes) -> None:
     """A new file that its owner alone may read. UserError when it exists or cannot be made."""
+    write_new(path, text, 0o600)
+
+
+def write_new(path: Path, text: bytes, mode: int = 0o644) -> None:
+    """A new file of a key. UserError when it exists or cannot be made."""
     try:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         try:
             with os.fdopen(handle, "wb") as file:
-                os.fchmod(handle, 0o600)  # whatever the umask is
+                os.fchmod(handle, mode)  # whatever the umask is
                 file.write(text)
         except BaseException:  # a part of a key is none, and would stand in the next one's way
             path.unlink()

@@ -19,7 +19,7 @@ from terrapin_tools.flash.image import ImageError, verify
 from terrapin_tools.flash.keys import key_in
 from terrapin_tools.flash.layout import BASE, RAM, RECORDS, SLOT_SIZE, SLOTS
 from terrapin_tools.flash.update import SignedFile
-from terrapin_tools.flash.wires import Told
+from terrapin_tools.flash.wire import Told
 
 __all__ = [
     "BOOT_SIZE",

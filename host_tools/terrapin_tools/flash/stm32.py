@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from functools import reduce
 
 from terrapin_tools.errors import UserError
-from terrapin_tools.flash.wires import Told, open_serial
+from terrapin_tools.flash.wire import Told
+from terrapin_tools.flash.wires import open_serial
 
 __all__ = ["Stm32", "sectors_of"]
 

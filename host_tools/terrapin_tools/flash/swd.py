@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from terrapin_tools.errors import UserError
-from terrapin_tools.flash.wires import Told
+from terrapin_tools.flash.wire import Told
 
 __all__ = ["Swd", "probes"]
 

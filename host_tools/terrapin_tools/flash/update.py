@@ -12,11 +12,12 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+from terrapin_hil.links.seal import LinkKey, seal_link, takes_changes
 from terrapin_hil.messages import Frame, Sender, interface
 from terrapin_interface.robot import identity_of, robots
 from terrapin_tools.errors import UserError
 from terrapin_tools.flash.image import Image, Version
-from terrapin_tools.flash.wires import Told, Wire
+from terrapin_tools.flash.wire import Told, Wire
 
 __all__ = ["Controller", "Outcome", "SignedFile", "query", "update"]
 
@@ -44,6 +45,7 @@ REASONS = {
     "not_an_image": "what arrived is no image for this boot loader",
     "wrong_slot": "the image is linked for the other slot",
     "wrong_key": "the image is signed with a key that the boot loader does not know",
+    "revoked_key": "the image is signed with a key that is revoked; `terrapin image sign --key` with the other one",
     "corrupted": "the image arrived damaged",
     "bad_signature": "the image is not signed, or its signature is forged",
     "counter_too_low": "the security counter is lower than that of the image confirmed before the present one",
@@ -75,7 +77,8 @@ class Controller:
     phase: str
     version: Version  # that an update needs at least
     security_counter: int
-    key: bytes  # first four bytes of the hash of the boot loader's key
+    keys: tuple[bytes, ...]  # first two bytes of the hash of each key that the boot loader takes
+    revoked: bytes = b""  # and of the one that it takes no more
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,7 @@ class Outcome:
 
     slot: str
     state: str  # "confirmed", "on trial", "silent": no answer that tells
+    revoked: bool = False  # the key that the image revokes counts no more
 
 
 def _slot(number: int) -> str:
@@ -122,6 +126,8 @@ def _ask(wire: Wire, sender: Sender, seconds: float) -> Controller | None:
                 if info["protocol"] != PROTOCOL:
                     raise UserError(f"{wire.name}: speaks update protocol {info['protocol']}, expected {PROTOCOL}")
                 phases = {number: name for name, number in enums["update_phase"].items()}
+                names = [(least[name] & 0xFFFF).to_bytes(2, "little") for name in ("key", "next_key")]
+                counting = [name for place, name in enumerate(names, 1) if place != info["revoked"]]
                 return Controller(
                     running=_slot(info["running"]),
                     confirmed=_slot(info["confirmed"]),
@@ -129,7 +135,8 @@ def _ask(wire: Wire, sender: Sender, seconds: float) -> Controller | None:
                     phase=phases.get(info["phase"], "none"),
                     version=Version(info["major"], info["minor"], info["revision"]),
                     security_counter=least["security_counter"],
-                    key=(least["key"] & 0xFFFFFFFF).to_bytes(4, "little"),
+                    keys=tuple(dict.fromkeys(counting)),
+                    revoked=names[info["revoked"] - 1] if info["revoked"] in (1, 2) else b"",
                 )
     return None
 
@@ -202,7 +209,29 @@ def _reset(wire: Wire, sender: Sender, values: dict[str, int], name: str, done: 
         found = _ask(wire, sender, ANSWER)
         if found is not None and done(found):
             return
+    if wire.session is None and not takes_changes(wire):
+        raise UserError(
+            f"{wire.name}: the controller takes no reset without its link key; expected --link-key LINK.key", status=1
+        )
     raise _silent(wire, "reset")
+
+
+def _reset_application(
+    wire: Wire,
+    sender: Sender,
+    values: dict[str, int],
+    name: str,
+    done: Callable[[Controller], bool],
+    key: LinkKey | None,
+) -> None:
+    """RESET of an application, which wants it sealed when it has a link key. What answers after it is unsealed: the
+    boot loader, or another session's application."""
+    if key is not None:
+        seal_link(wire, key)
+    try:
+        _reset(wire, sender, values, name, done)
+    finally:
+        wire.session = None
 
 
 def robot_name(identity: int) -> str:
@@ -260,10 +289,12 @@ def _choose(files: Sequence[SignedFile], controller: Controller) -> SignedFile:
     image, least = file.image, controller.version
     if image.key_hash is None or image.signature is None:
         raise UserError(f"{file.name}: not signed; `terrapin image sign` does it")
-    if image.key_hash[:4] != controller.key:
-        raise UserError(
-            f"{file.name}: signed with key {image.key_hash[:4].hex()}, the boot loader knows {controller.key.hex()}"
-        )
+    if image.key_hash[:2] not in controller.keys:
+        taken = " and ".join(f"{name.hex()}..." for name in controller.keys)
+        found = f"{file.name}: signed with key {image.key_hash[:4].hex()}"
+        if image.key_hash[:2] == controller.revoked:
+            raise UserError(f"{found}, which is revoked; `terrapin image sign --key` with the one that counts, {taken}")
+        raise UserError(f"{found}, the boot loader knows {taken}")
     if (image.version.major, image.version.minor, image.version.revision) < (least.major, least.minor, least.revision):
         raise UserError(f"{file.name}: version too old: {image.version}, expected {least} or newer")
     if image.security_counter < controller.security_counter:
@@ -273,8 +304,8 @@ def _choose(files: Sequence[SignedFile], controller: Controller) -> SignedFile:
     return file
 
 
-def _enter_loader(wire: Wire, sender: Sender, name: str) -> Controller:
-    _reset(wire, sender, {"stay": 1}, name, lambda found: not found.running)
+def _enter_loader(wire: Wire, sender: Sender, name: str, key: LinkKey | None) -> Controller:
+    _reset_application(wire, sender, {"stay": 1}, name, lambda found: not found.running, key)
     end = time.monotonic() + ANSWER
     while time.monotonic() < end:
         found = _ask(wire, sender, ANSWER)
@@ -310,16 +341,24 @@ def _send_blocks(wire: Wire, sender: Sender, data: bytes, told: Told) -> None:
             raise UserError(f"{wire.name}: refused: another host is updating it, or it was reset", status=1)
 
 
-def update(wire: Wire, files: Sequence[SignedFile], told: Told, change_robot: bool = False) -> Outcome:
-    """Put one of the files (one a slot) on the controller. UserError when it or they would not.
+def update(
+    wire: Wire,
+    files: Sequence[SignedFile],
+    told: Told,
+    change_robot: bool = False,
+    key: LinkKey | None = None,
+) -> Outcome:
+    """Put one of the files (one a slot) on the controller. UserError when it or they would not; LinkError for a `key`
+    that is not the controller's.
 
-    `change_robot`: the controller takes the images of the file's robot from now on, and no other's.
+    `change_robot`: the controller takes the images of the file's robot from now on, and no other's. `key`: the link key
+    of the application that runs.
     """
     sender = Sender()
     controller = query(wire)
     file = _choose(files, controller)
     if controller.running:
-        controller = _enter_loader(wire, sender, file.name)
+        controller = _enter_loader(wire, sender, file.name, key)
         file = _choose(files, controller)
     image = file.image
     there = _made_for(wire, sender, image.robot if change_robot else None)
@@ -335,7 +374,21 @@ def update(wire: Wire, files: Sequence[SignedFile], told: Told, change_robot: bo
     _demand(wire, sender, "end", {"checksum": zlib.crc32(data)}, VERIFY, file.name)
     told("starting", len(data), len(data))
     _reset(wire, sender, {}, file.name, lambda found: bool(found.running))
-    return Outcome(image.slot, _started(wire, sender, image.slot, file.name))
+    state = _started(wire, sender, image.slot, file.name)
+    return Outcome(image.slot, state, state == "confirmed" and _revoked(wire, sender, file, key))
+
+
+def _revoked(wire: Wire, sender: Sender, file: SignedFile, key: LinkKey | None) -> bool:
+    """Whether the key that a confirmed image revokes counts no more: from its next start on, which is now."""
+    name = file.image.revokes[:2]
+    if not name:
+        return False
+    found = _ask(wire, sender, ANSWER)
+    if found is not None and found.revoked != name:
+        _reset_application(wire, sender, {}, file.name, lambda found: found.revoked == name, key)
+        time.sleep(START)
+        found = _ask(wire, sender, CONFIRM)
+    return found is not None and found.revoked == name
 
 
 def _started(wire: Wire, sender: Sender, slot: str, name: str) -> str:

@@ -3,39 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any, Protocol
+from typing import Any
 
 from terrapin_hil.links.names import BIT_RATE, LinkName
 from terrapin_hil.links.slcan import slcan_line, slcan_parse
 from terrapin_hil.messages import Frame
 from terrapin_hil.nodes import Node
 from terrapin_tools.errors import UserError
-from terrapin_tools.flash.layout import ANSWERS
+from terrapin_tools.flash.wire import Wire, heard
 
-__all__ = ["SerialWire", "Told", "Wire", "open_serial", "open_wire"]
+__all__ = ["SerialWire", "open_serial", "open_wire"]
 
-Told = Callable[[str, int, int], None]  # (what is being done, bytes done, bytes in all)
 BAUD = 1_000_000  # of the F405's USART1
 POLL = 0.01  # s of one read of a serial port
-
-
-class Wire(Protocol):
-    """An open link. Failures are LinkError, or UserError with status 1: one line that names the link."""
-
-    name: str
-
-    def send(self, frames: Sequence[Frame]) -> None:
-        """Sends frames in order."""
-
-    def receive(self, wait: float) -> list[Frame]:
-        """The next frames of an update, in order; none when none comes within `wait` seconds."""
-
-    def wake(self) -> None:
-        """Opens the other side's channel again: a reset closes it."""
-
-    def close(self) -> None: ...
 
 
 def open_serial(port: str, baud: int, **more: Any) -> Any:
@@ -49,12 +31,13 @@ def open_serial(port: str, baud: int, **more: Any) -> Any:
         raise UserError(f"{port}: cannot open the serial port: {reason}", status=1) from None
 
 
-class SerialWire:
+class SerialWire(Wire):
     """SLCAN. Its acknowledgements are not waited for: the update has its own."""
 
     def __init__(self, port: str, baud: int = BAUD, node: int = 0) -> None:
         self.name = port
         self._node = Node(node)
+        self._heard = heard()
         self._rest = b""
         self._port = open_serial(port, baud, timeout=POLL)
         self.wake()
@@ -71,7 +54,7 @@ class SerialWire:
         except OSError as error:
             raise self._lost(error) from None
 
-    def send(self, frames: Sequence[Frame]) -> None:
+    def send_plain(self, frames: Sequence[Frame]) -> None:
         self._write(b"".join(slcan_line(self._node.to_bus(frame)) for frame in frames))
 
     def receive(self, wait: float) -> list[Frame]:
@@ -88,7 +71,7 @@ class SerialWire:
             for line in lines:
                 with suppress(ValueError):
                     own = self._node.from_bus(slcan_parse(line))
-                    if own is not None and own[0] in ANSWERS:
+                    if own is not None and own[0] in self._heard:
                         found.append(own)
         return found
 

@@ -91,6 +91,7 @@ class RunFolder:
         document = tomlkit.document()
         document["run"] = {
             "scenario": scenario.name,
+            "robot": scenario.design.name,
             "title": scenario.title,
             "seed": scenario.seed,
             "duration": f"{scenario.duration:g} s",

@@ -8,12 +8,12 @@ import numpy as np
 
 from terrapin_hil.physics.soils import Footing
 from terrapin_hil.physics.tyre import Tyre
-from terrapin_hil.physics.vehicle import Vehicle, simulate
+from terrapin_hil.physics.vehicle import PERIOD, Vehicle, profile_torque, simulate
 from terrapin_tools.papers.figures import AMBER, BLUE, GREEN, GREY
 from terrapin_tools.papers.part import Figure, Part, Table
 from terrapin_tools.papers.printed import half_unit, numbers, printed
 from terrapin_tools.papers.verdict import digits, states, unchecked
-from terrapin_tools.soil.vehicle import Fit, Objective, bounds_of, estimate, synthetic
+from terrapin_tools.soil.vehicle import AXLE, Drive, Fit, Objective, bounds_of, estimate, synthetic
 from terrapin_tools.soil.vehicle_limits import Limits, analyse
 
 __all__ = ["parts"]
@@ -116,9 +116,6 @@ def _table_1(train: Objective, nominal: Footing, optimal: Footing) -> Part:
 
 def _moves(optimal: Footing, tyre: Tyre) -> list[float]:
     """Change of Eq. 5 [%] on noise-free runs where one parameter is 5 % too large."""
-    from terrapin_hil.physics.vehicle import PERIOD, profile_torque
-    from terrapin_tools.soil.vehicle import AXLE, Drive
-
     clean = []
     for profile in (0, 1):
         torque = profile_torque(profile)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from terrapin_tools.soil.panels import panels
+from terrapin_tools.figure_style import PANELS, picture
 from terrapin_tools.soil.plates import LawFit, Plates, analyse, fit, replicate_sd
 
 __all__ = ["answer", "describe", "plot"]
@@ -90,7 +90,8 @@ def plot(result: dict[str, Any], fits: list[LawFit], plates: Plates, file: Path)
 
     best = next(f for f in fits if f.law.name == result["best"])
     bekker = next(f for f in fits if f.law.name == "bekker")
-    with panels(file, (11.0, 4.6), (2, 1)) as (left, right):
+    with picture(file, (11.0, 4.6), PANELS) as figure:
+        left, right = figure.subplots(1, 2, width_ratios=(2, 1))
         for size, color in zip(
             plates.sizes, colormaps["viridis"](np.linspace(0.05, 0.8, len(plates.sizes))), strict=True
         ):

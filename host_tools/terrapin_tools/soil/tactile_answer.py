@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 
 from terrapin_hil.physics import wheel
-from terrapin_tools.soil.panels import panels
+from terrapin_tools.figure_style import PANELS, picture
 from terrapin_tools.soil.region import LEVEL, explore, single, strengths
 from terrapin_tools.soil.tactile import Fit, Unsolved, fit, predict
 from terrapin_tools.soil.tactile_case import MOST_SLIP, TactileCase
@@ -252,7 +252,8 @@ def plot(result: dict[str, Any], file: Path) -> None:
     cohesion, friction = (result["parameters"][name] for name in ("cohesion", "friction_angle"))
     closed = [*range(len(outline["cohesion"])), 0]
     points = result["traversability"]["points"]
-    with panels(file, (10.0, 4.0)) as (left, right):
+    with picture(file, (10.0, 4.0), PANELS) as figure:
+        left, right = figure.subplots(1, 2)
         left.fill(
             [1e-3 * outline["cohesion"][i] for i in closed],
             [float(np.degrees(outline["friction_angle"][i])) for i in closed],

@@ -60,7 +60,7 @@ static void repair(terrapin_frame *frame, const terrapin_update *update, uint32_
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
-    static const uint8_t key[32] = {0x0BU, 0xB9U, 0x92U};
+    static const uint8_t keys[64] = {0x0BU, 0xB9U, 0x92U};
     static const terrapin_record confirmed = {.confirmed = TERRAPIN_UPDATE_SLOT_A, .security_counter = 1U};
     static terrapin_update update;
     (void)memset(memory_bytes, 0xFF, sizeof memory_bytes);
@@ -69,7 +69,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
     terrapin_flash flash = emulated;
     flash.erase = erase;
     flash.write = write;
-    const terrapin_boot boot = {.flash = &flash, .key = key};
+    const terrapin_boot boot = {.flash = &flash, .keys = keys};
     CHECK(terrapin_records_append(&flash, &confirmed));
     terrapin_update_init(&update, &boot, TERRAPIN_UPDATE_SLOT_NONE);
 

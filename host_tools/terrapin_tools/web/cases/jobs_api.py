@@ -110,16 +110,14 @@ async def start(context: Terrapin, name: Name, body: Body) -> JobStarted:
     async def keep(job: Job) -> None:
         await context.warm.call("terrapin_tools.web.cases.summary:keep", str(folder), job.result, kind="keep")
 
-    async def told(job: Job) -> None:
-        context.events.send({"cases": True})
-
     changes = isinstance(body, Add | Remove)
+    done = keep if changes or isinstance(body, Compare) else None
     job = context.jobs.add(
         body.do,
         name,
         steps,
         restore=folder if changes else None,
-        done=keep if changes or isinstance(body, Compare) else told if isinstance(body, Experiment) else None,
+        done=context.events.cases if isinstance(body, Experiment) else done,
     )
     return JobStarted(id=job.id, command=job.command)
 

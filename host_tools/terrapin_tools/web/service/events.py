@@ -41,6 +41,10 @@ class Events:
         finally:
             self._queues.discard(queue)
 
+    async def cases(self, _: object = None) -> None:
+        """Tell all listeners that the list of cases has changed; for a job that has ended well, too."""
+        self.send({"cases": True})
+
     def close(self) -> None:
         """Let all listeners go."""
         for queue in self._queues:

@@ -41,6 +41,7 @@ MAX_RESULT = 64 << 20  # bytes
 ENDED = ("done", "failed", "cancelled")
 INTERRUPTED = "interrupted: the server ended while it ran"
 ID = re.compile(r"[0-9a-f]{12}\Z")
+RUNNING = ("begun", "done", "task", "cancelled", "making")  # what only a job that runs has
 
 
 @dataclass
@@ -61,12 +62,19 @@ class Job:
     created: float = 0.0  # s since 1970
     seconds: float = 0.0  # that it ran
     begun: float | None = field(default=None, repr=False)
+    # While it runs, and kept nowhere:
+    done: Callable[[Job], Awaitable[None]] | None = field(default=None, repr=False)  # awaited when it ends well
+    task: asyncio.Task[None] | None = field(default=None, repr=False)
+    cancelled: bool = field(default=False, repr=False)
+    making: bool = field(default=False, repr=False)  # its new case was not there when it began
+
+    def kept(self, *without: str) -> dict[str, Any]:
+        """What a file keeps of it; no copy: results are large."""
+        return {k: v for k, v in vars(self).items() if k not in (*RUNNING, *without)}
 
     def view(self) -> dict[str, Any]:
         """What the API gives."""
-        view = {
-            k: v for k, v in vars(self).items() if k not in ("steps", "restore", "fresh", "begun")
-        }  # no copy: results are large
+        view = self.kept("steps", "restore", "fresh")
         if self.begun is not None:
             view["seconds"] = time.monotonic() - self.begun
         return view
@@ -80,10 +88,6 @@ class Jobs:
         self._warm = warm
         self._events = events
         self._jobs: dict[str, Job] = {}
-        self._tasks: dict[str, asyncio.Task[None]] = {}
-        self._cancelled: set[str] = set()
-        self._making: set[str] = set()  # jobs whose new case was not there when they began
-        self._done: dict[str, Callable[[Job], Awaitable[None]]] = {}
         self._closing = False
         self._load()
 
@@ -106,11 +110,9 @@ class Jobs:
         identifier = secrets.token_hex(6)
         job = Job(
             identifier, do, case, command, steps, str(restore) if restore else None, str(fresh) if fresh else None,
-            created=time.time(),
+            created=time.time(), done=done,
         )  # fmt: skip
         self._jobs[identifier] = job
-        if done is not None:
-            self._done[identifier] = done
         self._save(job)
         self._tell(job)
         self._forget()
@@ -147,16 +149,13 @@ class Jobs:
         job = self.get(identifier)
         if job.state == "queued":
             self._end(job, "cancelled", None)
-        elif job.state == "running":
-            task = self._tasks[identifier]
-            if identifier not in self._cancelled:  # a second time would not wait until its process has ended
-                self._cancelled.add(identifier)
+        elif (task := job.task) is not None:
+            if not job.cancelled:  # a second time would not wait until its process has ended
+                job.cancelled = True
                 task.cancel()
             with suppress(asyncio.CancelledError):
                 await asyncio.shield(asyncio.wait([task]))
             if job.state == "running":  # cancelled before its first step: nothing of _run has run
-                self._tasks.pop(identifier, None)
-                self._cancelled.discard(identifier)
                 self._end(job, "cancelled", None)
                 self._next()
         return job
@@ -164,9 +163,9 @@ class Jobs:
     async def close(self) -> None:
         """End what runs; it is marked as interrupted."""
         self._closing = True
-        tasks = list(self._tasks.values())
-        for identifier, task in self._tasks.items():
-            if identifier not in self._cancelled:
+        tasks = {job.task: job for job in self._jobs.values() if job.task is not None}
+        for task, job in tasks.items():
+            if not job.cancelled:
                 task.cancel()
         if tasks:
             await asyncio.wait(tasks)
@@ -191,7 +190,7 @@ class Jobs:
                 job.state, job.begun = "running", time.monotonic()
                 if job.case is not None:
                     busy.add(job.case)
-                self._tasks[job.id] = asyncio.get_running_loop().create_task(self._run(job))
+                job.task = asyncio.get_running_loop().create_task(self._run(job))
                 self._tell(job)
             elif job.state == "queued" and job.case is not None:
                 busy.add(job.case)  # whoever waits for it comes before those behind
@@ -209,11 +208,11 @@ class Jobs:
                     break
             else:
                 job.result = results[0] if len(results) == 1 else results
-                if job.id in self._done:
-                    await self._done[job.id](job)
+                if job.done is not None:
+                    await job.done(job)
                 state = "done"
         except asyncio.CancelledError:
-            state, error = ("cancelled", None) if job.id in self._cancelled else ("failed", INTERRUPTED)
+            state, error = ("cancelled", None) if job.cancelled else ("failed", INTERRUPTED)
         except UserError as problem:
             error = str(problem)
         except OSError as problem:
@@ -222,8 +221,6 @@ class Jobs:
             error = f"internal error: {type(problem).__name__}: {problem}"
             print(f"terrapin: job {job.id}: {error}", file=sys.stderr)
         finally:
-            self._tasks.pop(job.id, None)
-            self._cancelled.discard(job.id)
             try:
                 self._end(job, state, error)
             finally:  # on a full disk too
@@ -267,8 +264,7 @@ class Jobs:
             job.begun = None
         if state != "done":
             job.result = None
-        job.state, job.error = state, error
-        self._done.pop(job.id, None)
+        job.state, job.error, job.done, job.task = state, error, None, None
         self._put_back(job)
         self._save(job)
         self._tell(job)
@@ -279,15 +275,14 @@ class Jobs:
             self._events.send({"case": job.case})
 
     def _save(self, job: Job) -> None:
-        kept = {key: value for key, value in vars(job).items() if key != "begun"}
-        write_whole(self._folder / f"{job.id}.json", json.dumps(kept, allow_nan=False) + "\n")
+        write_whole(self._folder / f"{job.id}.json", json.dumps(job.kept(), allow_nan=False) + "\n")
 
     def _keep_before(self, job: Job) -> None:
         """A copy of what the job may change: case.toml and what the commands keep. The measurements nobody changes."""
         if job.fresh is not None:
             if Path(job.fresh).exists():
                 raise UserError(f"case: {Path(job.fresh).name!r} exists, expected a new name")
-            self._making.add(job.id)
+            job.making = True
         if job.restore is None:
             return
         folder, part = Path(job.restore), self._folder / f"{job.id}.part"
@@ -298,11 +293,10 @@ class Jobs:
         os.replace(part, self._folder / f"{job.id}.before")  # there whole or not at all
 
     def _put_back(self, job: Job) -> None:
-        if job.id in self._making and job.state == "cancelled":
+        if job.making and job.state == "cancelled":
             target = Path(job.fresh or "")
             for path in [target, *target.parent.glob(f".new-{target.name}~*")]:  # its processes have ended
                 shutil.rmtree(path, ignore_errors=True)
-        self._making.discard(job.id)
         before = self._folder / f"{job.id}.before"
         if not before.is_dir():
             return

@@ -106,14 +106,10 @@ def _batch(context: Context, name: str) -> Path:
 
 
 @router.get("/batches", responses=problems())
-async def batches(context: Terrapin) -> list[BatchLine]:
+def batches(context: Terrapin) -> list[BatchLine]:
     """The batches of the workspace, newest first."""
-    return await asyncio.to_thread(_lines, context.workspace.folder("batches"))
-
-
-def _lines(folder: Path) -> list[BatchLine]:
     found = []
-    for path in folder.iterdir():
+    for path in context.workspace.folder("batches").iterdir():
         try:
             state = json.loads((path / "progress.json").read_text(encoding="utf-8"))
             line = BatchLine(
@@ -129,11 +125,11 @@ def _lines(folder: Path) -> list[BatchLine]:
 
 
 @router.get("/batches/{name}", responses=problems(404))
-async def batch(context: Terrapin, name: Name) -> dict[str, Any]:
+def batch(context: Terrapin, name: Name) -> dict[str, Any]:
     """How far a batch is, and the latest runs one by one: passed, seed, what was varied."""
     path = _batch(context, name) / "progress.json"
     try:
-        state: dict[str, Any] = json.loads(await asyncio.to_thread(path.read_text, encoding="utf-8"))
+        state: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         raise NotThere(f"batch: {name} has not begun") from None
     return {"name": name, **state}

@@ -20,7 +20,6 @@ from pydantic import BaseModel, Field, FiniteFloat
 from terrapin_hil import paths
 from terrapin_tools.errors import UserError
 from terrapin_tools.web.service.context import Context, Terrapin
-from terrapin_tools.web.service.jobs import Job
 from terrapin_tools.web.service.models import WHOLE, EffectName, Line, Name, Named, Request, problems
 from terrapin_tools.web.service.workspace import NotThere, Taken
 
@@ -123,13 +122,9 @@ def _never_begun(run: Path) -> bool:
 
 
 @router.get("/scenarios", responses=problems())
-async def scenarios(context: Terrapin) -> dict[str, Any]:
-    """The shipped scenarios, and what can be changed: terrains, soils, effects and faults with their bounds."""
-    return await asyncio.to_thread(_description)
-
-
 @cache
-def _description() -> dict[str, Any]:
+def scenarios() -> dict[str, Any]:
+    """The shipped scenarios, and what can be changed: terrains, soils, effects and faults with their bounds."""
     from terrapin_hil.effect_files import known_effects
     from terrapin_hil.physics import soils
     from terrapin_hil.robot.compiled_effects import in_plant
@@ -258,7 +253,7 @@ def changed_scenario(source: str, body: Simulate) -> str:
 @router.post("/simulate", responses=problems(404, 409), status_code=202)
 async def simulate(context: Terrapin, body: Simulate) -> Started:
     """Run a scenario as a job; the run's folder then holds its log."""
-    if body.scenario not in {one["name"] for one in (await asyncio.to_thread(_description))["scenarios"]}:
+    if body.scenario not in {one["name"] for one in (await asyncio.to_thread(scenarios))["scenarios"]}:
         raise NotThere(f"scenario: found no {body.scenario!r}")
     name, step = await asyncio.to_thread(_prepare, context.workspace.folder("runs"), body)
     try:
@@ -310,14 +305,10 @@ def _run(context: Context, name: str) -> Path:
 
 
 @router.get("/simulate", responses=problems())
-async def runs(context: Terrapin) -> list[RunLine]:
+def runs(context: Terrapin) -> list[RunLine]:
     """The runs of the workspace, newest first."""
-    return await asyncio.to_thread(_runs, context.workspace.folder("runs"))
-
-
-def _runs(folder: Path) -> list[RunLine]:
     found = []
-    for path in folder.iterdir():
+    for path in context.workspace.folder("runs").iterdir():
         try:
             document = tomllib.loads((path / "run.toml").read_text(encoding="utf-8"))
             run = document["run"]
@@ -366,11 +357,8 @@ async def case(context: Terrapin, name: Name, body: KeepCase) -> Started:
     options += ["--title", body.title] if body.title else []
     steps.append(["case", "runs", *map(str, folders), "--to", str(target), *options])
 
-    async def told(job: Job) -> None:
-        context.events.send({"cases": True})
-
     try:
-        job = context.jobs.add("case", None, steps, done=told, fresh=target)
+        job = context.jobs.add("case", None, steps, done=context.events.cases, fresh=target)
     except UserError:
         if not body.others:
             shutil.rmtree(folders[-1], ignore_errors=True)

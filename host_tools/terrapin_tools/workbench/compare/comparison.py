@@ -74,6 +74,7 @@ class Analysis:
     odd: Mask = field(repr=False)  # (all rows,), that stand alone and are left out
     # (channels, rows, count), in noise sd: what noise in the inputs does to the prediction (input_noise.py)
     nuisance: Array = field(repr=False)
+    held: Mask = field(repr=False)  # (all rows,), every row of the held-out runs, looked at or not
     step: int = 1  # every how many rows of a run are looked at (thinned.py)
     together: bool = False  # the search found what no single effect, column or run of the test shows
 
@@ -173,23 +174,25 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     ------
     UserError : the model gives no number for a row; file and row are named.
     """
-    long = step_of_long(case)
+    long, held = step_of_long(case), case.test
     case = every(case, long) if long > 1 else case
     fitted = _fitted(case, seed)
     step = long * step_of(case, fitted[1].node)
     if step == long:
-        return _analysed(case, seed, level, long, fitted)
+        return _analysed(case, seed, level, long, fitted, held)
     thin = every(case, step)
-    found = _analysed(thin, seed, level, step, _fitted(thin, seed))
+    found = _analysed(thin, seed, level, step, _fitted(thin, seed), held)
     if found.missing:
         return found
     # what is seen only between the rows that were taken (a wave in time) has to be seen clearly: there the model of the
     # noise is an approximation
-    whole = _analysed(case, seed, level, long, fitted)
+    whole = _analysed(case, seed, level, long, fitted, held)
     return whole if whole.adequacy.p_value < level / CLEARLY else found
 
 
-def _analysed(case: Case, seed: int, level: float, step: int, fitted: tuple[list[Fit], Noise, Array]) -> Analysis:
+def _analysed(
+    case: Case, seed: int, level: float, step: int, fitted: tuple[list[Fit], Noise, Array], held: Mask
+) -> Analysis:
     """The answer for the rows of a case as it is, fitted as `_fitted` says."""
     odd = np.zeros(case.rows, dtype=bool)
     fits, noise, nuisance = fitted
@@ -237,6 +240,7 @@ def _analysed(case: Case, seed: int, level: float, step: int, fitted: tuple[list
         shapes=effects,
         odd=odd,
         nuisance=nuisance / sigma[:, None, None],
+        held=held,
         step=step,
     )
 

@@ -8,7 +8,7 @@ large it is. What comes near the best is refitted, and has neighbours of its own
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from terrapin_tools.workbench.discover.leftover import absent
 from terrapin_tools.workbench.discover.ranker import Ranker, by_effect
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
-__all__ = ["neighbours"]
+__all__ = ["neighbours", "twins"]
 
 CLOSE = 3.0  # log weight behind the best within which an answer's own neighbours are looked at; chosen by hand
 CENTRES = 6  # answers whose neighbours are looked at, at most; chosen by hand, for time
@@ -25,6 +25,8 @@ REFITS = 60  # at most; chosen by hand, for time
 ANYWAY = (3, 2)  # effects and formulas that are refitted in the place of a member, whatever is promised; by hand
 PROMISED = (6, 4)  # of those within NEAR of the best; chosen by hand
 NEAR = 8.0  # log evidence behind the best that a promise may lie and be refitted; chosen by hand
+WITH_TWINS = 3  # answers of which twins are looked for at the end; chosen by hand, for time
+TWIN = 1.0  # log evidence behind a member of such an answer within which an effect is its twin; chosen by hand
 MOST = (4, 3)  # terms of an answer, and expressions among them: a person shall read it
 
 
@@ -56,6 +58,27 @@ def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
                 known[key] = ranker.weighed(names)
                 new.append(known[key])
     return new
+
+
+def twins(ranker: Ranker, ranked: Sequence[Hypothesis], known: Container[frozenset[str]]) -> list[Hypothesis]:
+    """The best answers, likeliest first, with a member exchanged for an effect that does the same on these data;
+    without those known already."""
+    found: dict[frozenset[str], Hypothesis] = {}
+    leading = [h for h in ranked if h.effects and h.log_weight > ranked[0].log_weight - CLOSE][:WITH_TWINS]
+    for centre in leading:
+        if centre.fit is None or absent(centre.fit, centre.effects) or not ranker.sound(centre.fit, centre.effects):
+            continue
+        for member in centre.effects:
+            if member not in ranker.shapes:
+                continue
+            scores = by_effect(ranker.beyond(centre.fit, member), ranker.flat)
+            rest = tuple(n for n in centre.effects if n != member)
+            for name, score in scores.items():
+                names = (*rest, name)
+                new = name not in centre.effects and not (frozenset(names) in known or frozenset(names) in found)
+                if new and score > scores.get(member, np.inf) - TWIN and ranker.together_possible(names):
+                    found[frozenset(names)] = ranker.weighed(names)
+    return list(found.values())
 
 
 def _next_to(ranker: Ranker, centre: Hypothesis) -> list[tuple[str, ...]]:

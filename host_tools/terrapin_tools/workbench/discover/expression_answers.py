@@ -7,16 +7,18 @@ sums come from what lies next to the best answers (closure.py). An answer has a 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from scipy.special import logsumexp
 
 from terrapin_hil.arrays import Array, Index
+from terrapin_tools.workbench.compare.comparison import error
 from terrapin_tools.workbench.discover.expressions import Sketch, library
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
 from terrapin_tools.workbench.discover.leftover import absent, pays
 from terrapin_tools.workbench.discover.ranker import CATALOGUE, SIZE_OF_SET, Ranker
+from terrapin_tools.workbench.model.fitting import Fit
 
 __all__ = ["expression_pairs", "expressions", "paying"]
 
@@ -29,12 +31,18 @@ WITHIN = 12.0  # log weight behind the best beyond which none is asked whether i
 PAIRS_REFITTED = (6, 4)  # pairs of expressions, and of one with an effect; chosen by hand, for time
 
 
-def expressions(ranker: Ranker) -> list[Hypothesis]:
+def expressions(ranker: Ranker, absurd: Collection[str] = ()) -> list[Hypothesis]:
     """Expressions around the present fit; where something is missing the best are refitted, the others weigh as a
-    group."""
+    group. `absurd`: effects of a size that none of them has, whose curve may be that of something else."""
     flat = ranker.base.reshape(ranker.values.size, -1)
+    known = [shape.columns for shape in ranker.flat if shape.effect not in absurd]
     ranker.listed = listed = library(
-        ranker.model, ranker.analysis.fit.theta, ranker.rows, ranker.sigma, ranker.columns, flat
+        ranker.model,
+        ranker.analysis.fit.theta,
+        ranker.rows,
+        ranker.sigma,
+        np.concatenate([np.zeros((ranker.values.size, 0)), *known], axis=1),
+        flat,
     )
     if not listed.sketches:
         return []
@@ -135,10 +143,12 @@ def _named(ranker: Ranker, index: int) -> str:
 def paying(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
     """The answers without those of several terms of which one does not pay on the held-out runs: an expression, and any
     effect where the noise sd is an estimate. That is too large where what is missing differs between equal settings (a
-    friction that turns round), and then the smallest flaw of an effect's shape would earn it company."""
+    friction that turns round), and then the smallest flaw of an effect's shape would earn it company. There it must
+    also pay beside the shorter set of effects that predicts the held-out runs best, whatever that is made of."""
     known = {frozenset(h.effects): h.fit for h in found if h.fit is not None}
     kept: list[Hypothesis] = []
     estimated = not ranker.analysis.noise.known.all()
+    best = _best_heldout(ranker, found) if estimated else []
     for h in sorted(found, key=lambda h: -h.log_weight):
         own = [name for name in h.effects if name in ranker.sketches or estimated]
         if len(h.effects) > 1 and own and h.fit is not None:
@@ -146,8 +156,25 @@ def paying(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
                 continue
             shorter = [tuple(n for n in h.effects if n != name) for name in own]
             near = not kept or h.log_weight > kept[0].log_weight - WITHIN
-            asked = [names for names in shorter if frozenset(names) in known or near]
-            if not all(pays(ranker.analysis, h.fit, known.get(frozenset(n)) or ranker.fit(n)) for n in asked):
+            asked = [known.get(frozenset(n)) or ranker.fit(n) for n in shorter if frozenset(n) in known or near]
+            if estimated:
+                asked += best[: len(h.effects) - 1][-1:]
+            if not all(pays(ranker.analysis, h.fit, fit) for fit in asked):
                 continue
         kept.append(h)
     return kept
+
+
+def _best_heldout(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Fit]:
+    """Of the sets of at most one, two ... effects those that predict the held-out runs best; none without such runs."""
+    case, sigma = ranker.case, ranker.analysis.noise.sigma
+    sets = [h for h in found if h.kind == "catalogue" and h.fit is not None and not absent(h.fit, h.effects)]
+    errors = {id(h): value for h in sets if h.fit and (value := error(h.fit, case.test, sigma)) is not None}
+    chosen: list[Fit] = []
+    for count in range(1, max((len(h.effects) for h in sets), default=0) + 1):
+        upto = [h for h in sets if len(h.effects) <= count and id(h) in errors]
+        if upto:
+            fit = min(upto, key=lambda h: errors[id(h)]).fit
+            assert fit is not None
+            chosen.append(fit)
+    return chosen

@@ -24,7 +24,7 @@ from terrapin_tools.workbench.noise.covariance import Node, Runs
 from terrapin_tools.workbench.noise.estimate import repeated_settings
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
 
-__all__ = ["Left", "absent", "allowed", "left", "pays"]
+__all__ = ["Left", "absent", "allowed", "left", "loses", "pays"]
 
 # A set clearly leaves something where the p-value is below the level over CLEARLY and an error is above FLOOR, a misfit
 # of half a noise sd. Both chosen by hand.
@@ -133,6 +133,11 @@ def pays(analysis: Analysis, longer: Fit, shorter: Fit) -> bool:
     The error must fall. Where the shorter answer's training and held-out error are within what noise allows, the fall
     must be significant: a likelihood ratio above 1 over the level on the held-out runs. It counts down to the
     floor only. An error below 1 is luck, or a noise sd that is stated too large; it shows no effect.
+
+    An estimated sd may be too large itself and hold a part of what is missing. There what counts, too, is the ratio of
+    the two errors, whatever the sd: it must be significant, and the shorter answer must leave a misfit of half the
+    noise sd that the longer one shows. Less is a flaw of a shape (a friction that is not quite dry), which many rows
+    show.
     """
     case, sigma, node = analysis.case, analysis.noise.sigma, analysis.noise.node
     after, before = error(longer, case.test, sigma), error(shorter, case.test, sigma)
@@ -144,5 +149,19 @@ def pays(analysis: Analysis, longer: Fit, shorter: Fit) -> bool:
     assert train is not None, "a case has training rows"
     held = len(sigma) * int(case.test.sum())
     at_floor = train**2 <= allowed(len(sigma) * int(case.train.sum()), node) and before**2 <= allowed(held, node)
-    fall = before**2 - max(after**2, 1.0)
-    return not at_floor or 0.5 * fall * _independent(held, node) > -np.log(analysis.level)
+    enough = -np.log(analysis.level) / _independent(held, node)
+    if not at_floor or 0.5 * (before**2 - max(after**2, 1.0)) > enough:
+        return True
+    ratio = before / max(after, 1e-300)
+    return bool(not analysis.noise.known.all() and ratio > FLOOR and np.log(ratio) > enough)
+
+
+def loses(analysis: Analysis, fit: Fit) -> bool:
+    """Whether the held-out runs are predicted worse with an answer than without: in the rows that were looked at, or in
+    all of them. What was left out because it stands alone must not stand farther off with the answer: a term that is
+    large where only such rows are is known by nothing else."""
+    for rows in (analysis.case.test, analysis.held):
+        before, after = (error(one, rows, analysis.noise.sigma) for one in (analysis.fit, fit))
+        if before is not None and after is not None and np.isfinite(before) and not after <= before:
+            return True
+    return False

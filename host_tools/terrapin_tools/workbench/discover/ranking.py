@@ -8,7 +8,7 @@ refit; then what lies next to the best answers is refitted too (closure.py), so 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 
 import numpy as np
@@ -17,13 +17,14 @@ from scipy.special import logsumexp
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.compare.comparison import Analysis
-from terrapin_tools.workbench.discover.closure import neighbours
+from terrapin_tools.workbench.discover.closure import neighbours, twins
 from terrapin_tools.workbench.discover.expression_answers import expression_pairs, expressions, paying
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
 from terrapin_tools.workbench.discover.ranker import RUN, SIZE_OF_SET, Ranker, by_effect
 from terrapin_tools.workbench.discover.suspect_answers import beside_constants, table_answers
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.model.fitting import Fit
+from terrapin_tools.workbench.model.usual_sizes import MOST_TAX
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
 __all__ = ["Hypothesis", "Ranking", "rank"]
@@ -106,7 +107,7 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
         singles |= {h.effects[0]: h for h in wrong if len(h.effects) == 1}
         found += [*wrong, *beside_constants(ranker)]
     report("short expressions in every column")
-    found += expressions(ranker)
+    found += expressions(ranker, [name for name, h in singles.items() if h.taxed >= MOST_TAX])
     if analysis.missing:
         found += expression_pairs(ranker)
         report("what lies next to the best answers")
@@ -114,7 +115,10 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
     unlike: dict[frozenset[str], Hypothesis] = {}
     for h in sorted(found, key=lambda h: -h.log_weight):
         unlike.setdefault(frozenset(h.effects) if h.effects else frozenset([h.kind, h.column]), h)
-    ranked = _merged(ranker, paying(ranker, list(unlike.values())))
+    kept = paying(ranker, list(unlike.values()))
+    if analysis.missing and (same := twins(ranker, kept, unlike)):
+        kept = paying(ranker, [*unlike.values(), *same])
+    ranked = _merged(ranker, kept)
     logs = np.array([h.log_weight for h in ranked])
     shown = list(dict.fromkeys(n for h in ranked[:SHOWN] for n in h.effects if n in ranker.sketches))
     lone = [ranker.weighed((name,)) for name in shown]
@@ -167,17 +171,22 @@ def _pairs(
 
 
 def _merged(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """The answers, likeliest first; of those with expressions that are one curve, written in two ways, one is kept."""
+    """The answers, likeliest first; of those with expressions that are one curve, written in two ways, one is kept.
+    Beside different effects of the catalogue they are two answers: an offset is no dry friction."""
+
+    def named(one: Hypothesis) -> frozenset[str]:
+        return frozenset(one.effects) - ranker.sketches.keys()
+
     ranked = sorted(found, key=lambda h: -h.log_weight)
     for place, h in enumerate(ranked[:SHOWN]):
         if h.kind not in ("expression", "mixed") or h.fit is None or h not in ranked:
             continue
         for other in ranked[place + 1 : 2 * SHOWN]:
-            if other.kind == h.kind and other.fit is not None and _one_curve(ranker, h.fit, other.fit):
+            if other.kind != h.kind or other.fit is None or named(other) != named(h):
+                continue
+            if _one_curve(ranker, h.fit, other.fit):
                 ranked.remove(other)
-                h = ranked[place] = Hypothesis(
-                    h.effects, h.kind, float(np.logaddexp(h.log_weight, other.log_weight)), h.fit, h.column, h.taxed
-                )
+                h = ranked[place] = replace(h, log_weight=float(np.logaddexp(h.log_weight, other.log_weight)))
     return sorted(ranked, key=lambda h: -h.log_weight)
 
 

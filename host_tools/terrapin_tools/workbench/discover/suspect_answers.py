@@ -7,6 +7,7 @@ likeliest effect beside each is looked at, too.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +25,7 @@ __all__ = ["beside_constants", "table_answers"]
 
 MECHANICS = ("equation",)  # bases of effects whose speeds and sizes follow a column's own range: no scale shows in them
 BESIDE = 6  # constants with an effect that are weighed; chosen by hand, for time
+ALIKE = 3.0  # log evidence by which a factor must lead another to be told from it: odds of 20; chosen by hand
 REFITTED = 4  # faults, alone and with an effect, that are weighed as answers; chosen by hand, for time
 
 
@@ -43,17 +45,27 @@ class _Looked:
 
 def table_answers(ranker: Ranker) -> list[Hypothesis]:
     """The likeliest faults alone, and each with its likeliest effect, refitted."""
-    likeliest: dict[str, _Looked] = {}
+    looked: dict[str, list[_Looked]] = {}
     for fault in ranker.possible:
         one = _look(ranker, fault)
-        if one is not None and (fault.name not in likeliest or one.best > likeliest[fault.name].best):
-            likeliest[fault.name] = one
+        if one is not None:
+            looked.setdefault(fault.name, []).append(one)
+    likeliest = {name: _likeliest(each) for name, each in looked.items()}
     ranker.faults = {name: one.fault for name, one in likeliest.items()}
     ranker.effects |= ranker.faults
     ranked = sorted(likeliest.values(), key=lambda one: -one.alone)
     found = [ranker.weighed((one.fault.name,)) for one in ranked[:REFITTED]]
     ranked = sorted(likeliest.values(), key=lambda one: -one.beside)
     return found + [ranker.weighed((one.fault.name, one.effect)) for one in ranked[:REFITTED] if one.effect]
+
+
+def _likeliest(looked: Sequence[_Looked]) -> _Looked:
+    """Of the factors of a column the likeliest; its title names those that the data cannot tell from it."""
+    first, *others = sorted(looked, key=lambda one: -one.best)
+    column = first.fault.column
+    alike = [one.fault.title.removeprefix(f"{column} ") for one in others if one.best > first.best - ALIKE]
+    title = " or ".join([first.fault.title, *alike])
+    return replace(first, fault=replace(first.fault, title=title))
 
 
 def beside_constants(ranker: Ranker) -> list[Hypothesis]:

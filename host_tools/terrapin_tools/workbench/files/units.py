@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from terrapin_hil.reading import shorten
-from terrapin_hil.units import read_unit
+from terrapin_hil.units import read_unit, same_kind
 from terrapin_hil.units import units as registry
 
 __all__ = ["check", "convert", "convert_difference", "in_si", "quantity", "same_kind", "si_factor", "turns"]
@@ -30,13 +30,6 @@ LARGEST = 1e100  # of a number in a case: its square is still a number
 def check(unit: str) -> None:
     """ValueError unless pint reads `unit`."""
     read_unit(unit)
-
-
-def same_kind(unit: str, other: str) -> bool:
-    """Whether values in the one convert to the other (exponents agree to 1e-6, so m^0.97 works)."""
-    left: dict[Any, Any] = dict(read_unit(unit).dimensionality)
-    right: dict[Any, Any] = dict(read_unit(other).dimensionality)
-    return all(abs(float(left.get(d, 0)) - float(right.get(d, 0))) < 1e-6 for d in {*left, *right})
 
 
 def convert(values: Numbers, unit: str, to: str) -> Numbers:

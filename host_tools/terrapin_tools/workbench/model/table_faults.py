@@ -21,21 +21,26 @@ from terrapin_tools.workbench.case.intake import BOTH_WAYS
 
 __all__ = ["Fault", "at_fault", "fault_of", "faults", "read", "recorded"]
 
-# What a column must be multiplied by where its unit was taken for another one, and the inverse of each; the second lot
-# only where the unit of the role is one of these ("" : none is stated).
+ANGLES = ("rad", "rad/s", "rad/s^2", "")  # units of a role or channel; "" : none is stated
+FORCES = ("N", "N m", "Pa", "")
+# What a column must be multiplied by where its unit was taken for another one, and the inverse of each: the factor, and
+# the units of columns to which it happens. Elsewhere it costs UNUSUAL, as numbers may be wrong without a reason.
 FACTORS = {
-    "a mistaken direction": -1.0,
-    "turns a minute": np.pi / 30.0,
-    "degrees": np.pi / 180.0,
-    "kilograms of force": 9.80665,
-    "thousandths": 1e-3,
+    "a mistaken direction": (-1.0, None),
+    "turns a minute": (np.pi / 30.0, ANGLES),
+    "degrees": (np.pi / 180.0, ANGLES),
+    "kilograms of force": (9.80665, FORCES),
+    "thousandths": (1e-3, None),
 }
+# The same, only where the unit of the column is one of these.
 OF_UNIT = {
     "turns": (2.0 * np.pi, ("rad/s", "rad", "")),
     "minutes": (60.0, ("rad/s", "s", "")),
     "km/h": (1.0 / 3.6, ("m/s", "")),
     "hundredths": (1e-2, ("m", "1", "")),
 }
+RARE = ("minutes",)  # of those: an angular speed is counted in radians a minute by hardly anybody
+UNUSUAL = float(np.log(20.0))  # log evidence; chosen by hand
 LATE = 1  # rows
 
 
@@ -45,7 +50,7 @@ class Fault(Effect):
 
     `factor`: what its numbers have to be multiplied by. `sign_of`: role or channel whose sign they lack. `late`: rows
     by which they come after the others of their run. `cost`: log evidence that it takes to be told: a sign that is read
-    off what is predicted is fitted, once for each stretch in which it stays.
+    off what is predicted is fitted, once for each stretch in which it stays; and some factors are rare.
     """
 
     column: str = ""
@@ -76,9 +81,13 @@ def faults(case: Case) -> list[Fault]:
     found = []
     for name, values in columns.items():
         unit = case.units[name] or ""
-        for about, factor in {**FACTORS, **{a: f for a, (f, units) in OF_UNIT.items() if unit in units}}.items():
+        for about, (factor, units) in {**FACTORS, **{a: f for a, f in OF_UNIT.items() if unit in f[1]}}.items():
             inverse = () if factor == -1.0 else (1.0 / factor,)
-            found += [_fault(case, name, "scale", _scaled(about, f, factor), factor=f) for f in (factor, *inverse)]
+            usual = about not in RARE and (units is None or unit in units)
+            found += [
+                _fault(case, name, "scale", _scaled(about, f, factor), factor=f, cost=0.0 if usual else UNUSUAL)
+                for f in (factor, *inverse)
+            ]
         if not _reverses(values):
             lacks = {other: f"lacks the sign of {other}" for other in signed}
             found += [_fault(case, name, "sign", t, sign_of=o, cost=_cost(case, o)) for o, t in lacks.items()]

@@ -17,9 +17,9 @@ from terrapin_tools.workbench.bases import formula_name
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.model.fitting import Fit
 
-__all__ = ["size_tax", "usual_size"]
+__all__ = ["MOST_TAX", "size_tax", "usual_size"]
 
-MOST = float(np.log(10.0))  # that a size can cost; chosen by hand
+MOST_TAX = float(np.log(10.0))  # that a size can cost; chosen by hand
 
 
 def usual_size(effect: Effect, case: Case) -> float | None:
@@ -43,5 +43,5 @@ def size_tax(fit: Fit, names: Collection[str]) -> float:
     for effect in fit.model.effects:
         usual = usual_size(effect, fit.model.case) if effect.name in names else None
         if usual is not None:
-            tax += min(float(np.log1p((sizes[effect.name] / usual) ** 2)), MOST)
+            tax += min(float(np.log1p((sizes[effect.name] / usual) ** 2)), MOST_TAX)
     return tax

@@ -12,6 +12,8 @@ acceleration are then the derivatives of a cubic through the shell's angle over 
 
 The voltage is left out on purpose: with the speed it gives the current by the motor's own circuit, i = (U - K omega)/R,
 whatever resists the motion. As a column it would explain every missing effect, and say nothing of any.
+
+Logs of a sphere become a case of `rolling_sphere`, a row for each steady state (steady_states.py).
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,18 +30,22 @@ import tomlkit
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.messages import Interface, interface
+from terrapin_hil.physics import soils
 from terrapin_hil.reading import parse_toml
+from terrapin_hil.robots import selected
 from terrapin_hil.telemetry import si_factor
 from terrapin_tools.errors import UserError, about
 from terrapin_tools.logs import candump
 from terrapin_tools.logs.candump import telemetry
-from terrapin_tools.workbench.bases.rolling_steady import BASE
+from terrapin_tools.workbench.bases import Base, rolling_sphere, rolling_steady
 from terrapin_tools.workbench.case.changes import inline_tables
 from terrapin_tools.workbench.files.units import quantity
 from terrapin_tools.workbench.files.writing import write_whole
+from terrapin_tools.workbench.robot.steady_states import PITCH_ERROR, on_soft_ground
 
-__all__ = ["Run", "read_run", "write_case"]
+__all__ = ["SOIL", "Run", "base_of_logs", "read_run", "write_case"]
 
+SOIL = "dry_sand_li"  # under a sphere, where nobody says another
 
 COLUMNS = {
     "time": "s",
@@ -51,6 +57,8 @@ COLUMNS = {
     "slope": "rad",
     "angle": "rad",
     "acceleration": "rad/s^2",
+    "slip": "1",
+    "traction": "N",
 }
 TELEMETRY_PERIOD = 0.01  # s
 KNOWN = ("radius", "drive_radius", "torque_constant", "coulomb", "viscous", "weight")  # parameters of the controller
@@ -63,7 +71,12 @@ class Run:
     name: str
     rows: list[dict[str, float]]
     constants: Mapping[str, float]
-    sigma: float | None = None  # sd of a row's current [A] by the scatter inside the rows, where that is known
+    sigma: Mapping[str, float] = field(default_factory=dict)  # sd of a row by channel, where that is known
+
+
+def base_of_logs() -> Base:
+    """The base model of what this process' robot logs."""
+    return rolling_sphere.BASE if selected().kind == "sphere" else rolling_steady.BASE
 
 
 def _parameters(folder: Path, description: Interface) -> dict[str, float]:
@@ -76,6 +89,10 @@ def _parameters(folder: Path, description: Interface) -> dict[str, float]:
         document = parse_toml(file.read_text(encoding="utf-8-sig"), file)
     except UnicodeDecodeError:
         raise UserError(f"{file}: not TOML: found something that is not UTF-8 text") from None
+    said = document.get("run", {})
+    robot = said.get("robot", selected().name) if isinstance(said, dict) else selected().name
+    if robot != selected().name:
+        raise UserError(f"{file}: run.robot: found {robot!r}, expected {selected().name!r}: name it with --robot")
     for table in ("firmware", "parameters"):
         found = document.get(table, {})
         for name, value in found.items() if isinstance(found, dict) else ():
@@ -86,9 +103,16 @@ def _parameters(folder: Path, description: Interface) -> dict[str, float]:
     return values
 
 
-def read_run(folder: Path, after: float = 0.0, before: float = float("inf"), span: float | None = None) -> Run:
-    """Rows of a run's telemetry.log between `after` and `before` [s]: its valid steady windows, or, with `span` [s],
-    means over that time of a running robot that does not limit. UserError when it has none."""
+def read_run(
+    folder: Path,
+    after: float = 0.0,
+    before: float = float("inf"),
+    span: float | None = None,
+    pitch_error: float = PITCH_ERROR,
+) -> Run:
+    """Rows of a run's telemetry.log between `after` and `before` [s]: its valid steady windows (of a sphere: its steady
+    states), or, with `span` [s], means over that time of a running robot that does not limit. `pitch_error` [rad]: sd
+    of the zero of a sphere's pitch sensor. UserError when it has none."""
     log = folder / "telemetry.log"
     if not log.is_file():
         raise UserError(f"{log}: no such file, expected a run's folder (terrapin run --out)")
@@ -96,7 +120,7 @@ def read_run(folder: Path, after: float = 0.0, before: float = float("inf"), spa
     tables = telemetry(candump.read(log), description)
     parameters = _parameters(folder, description)
     running = description.enums["state"]["run"]
-    sigma = None
+    sigma: dict[str, float] = {}
     if span is None:
         width = parameters["window"] * si_factor(description.parameters["window"].unit)
         times = _window_ends(tables, running, after, before)
@@ -108,17 +132,24 @@ def read_run(folder: Path, after: float = 0.0, before: float = float("inf"), spa
             # What the differentiated angle scatters comes back through the inertia, as if the current did.
             geared = parameters["drive_radius"] / parameters["radius"] / parameters["torque_constant"]
             through = parameters["inertia"] * geared * turning
-            sigma = float(np.hypot(_scatter(tables["ELECTRICAL"], columns["time"], span), through))
+            sigma = {"current": float(np.hypot(_scatter(tables["ELECTRICAL"], columns["time"], span), through))}
     if len(columns["time"]) == 0:
         kind = "valid steady window" if span is None else f"stretch of {2 * width:g} s"
         hint = "; terrapin case --span makes rows of motion that is not steady" if span is None else ""
         raise UserError(f"{log}: found no {kind} of a running robot, expected at least one{hint}")
     columns["load"] = np.full(len(columns["time"]), parameters["weight"])
-    rows = [dict(zip(columns, map(float, values), strict=True)) for values in zip(*columns.values(), strict=True)]
+    last = columns["time"][-1:]
     constants = {name: parameters[name] for name in KNOWN}
+    if selected().kind == "sphere":
+        constants["drive_radius"] = parameters["radius"] / selected().wheel_gear  # the parameter is rounded to 1 um
+        valid = _held(tables["MOTION"], "slip_valid", columns["time"]) > 0 if "MOTION" in tables else slice(None)
+        windows = {name: values[valid] for name, values in columns.items()}
+        with about(str(log)):
+            columns, sigma = on_soft_ground(windows, parameters["radius"], width, pitch_error)
+    rows = [dict(zip(columns, map(float, values), strict=True)) for values in zip(*columns.values(), strict=True)]
     for name in ("coulomb", "viscous"):  # what the calibration found, or the parameter in use before it
         if "CALIBRATION" in tables:
-            constants[name] = float(_held(tables["CALIBRATION"], name, columns["time"][-1:])[0])
+            constants[name] = float(_held(tables["CALIBRATION"], name, last)[0])
     return Run(folder.resolve().name, rows, constants, sigma)
 
 
@@ -219,8 +250,11 @@ def _mean(table: Mapping[str, Array], signal: str, times: Array, span: float) ->
     return np.asarray((sums[last] - sums[first]) / (last - first))
 
 
-def write_case(folder: Path, runs: Sequence[Run], title: str, effects: Sequence[str]) -> str:
-    """Write runs.csv and case.toml of a new case; returns a sentence about it. UserError when the folder is in use."""
+def write_case(folder: Path, runs: Sequence[Run], title: str, effects: Sequence[str], soil: str = "") -> str:
+    """Write runs.csv and case.toml of a new case; returns a sentence about it. UserError when the folder is in use.
+
+    `soil`: under a sphere, one of the library's; none: SOIL, as a guess.
+    """
     if (folder / "case.toml").exists():
         raise UserError(f"{folder / 'case.toml'}: exists, expected a new folder for the case")
     names = [run.name for run in runs]
@@ -237,7 +271,8 @@ def write_case(folder: Path, runs: Sequence[Run], title: str, effects: Sequence[
         for row in run.rows:
             writer.writerow([run.name, *(f"{row[column]:.9g}" for column in common)])
     varying = {c for c in common if len({row[c] for run in runs for row in run.rows}) > 1 or c == "omega"}
-    document = _document(runs, title, effects, [c for c in common if c in varying or c == "current"])
+    mapped = [c for c in common if c in varying or c in base_of_logs().channels]
+    document = _document(runs, title, effects, mapped, soil)
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "runs.csv", text.getvalue())
     write_whole(folder / "case.toml", document)
@@ -245,23 +280,48 @@ def write_case(folder: Path, runs: Sequence[Run], title: str, effects: Sequence[
     return f"{folder}: {rows} rows of {len(runs)} runs"
 
 
-def _document(runs: Sequence[Run], title: str, effects: Sequence[str], columns: Sequence[str]) -> str:
+def _soil(name: str) -> dict[str, Any]:
+    """Numbers of a soil under a sphere, as a case says them. UserError where it does not do."""
+    known = {key: soil for key, soil in soils.library().items() if soil.c1 is not None and soil.shear_modulus}
+    if name not in known:
+        raise UserError(f"--soil: found {name!r}, expected one of {', '.join(known)}")
+    soil = known[name]
+    names = ("cohesion", "friction_angle", "shear_modulus", "unit_weight", "c1", "c2", "n_c", "n_gamma")
+    stated = {"n": soil.exponent} | {key: getattr(soil, key) for key in names if getattr(soil, key) is not None}
+    units = {key: soil.unit(key) for key in stated}
+    said = {key: v if units[key] == "1" else f"{v:.9g} {units[key]}" for key, v in stated.items()}
+    return {"k_s": f"{soil.k_phi:.9g} {soil.unit('k_phi')}", **said}
+
+
+def _document(runs: Sequence[Run], title: str, effects: Sequence[str], columns: Sequence[str], soil: str) -> str:
+    base = base_of_logs()
     document = tomlkit.document()
     document.add(tomlkit.comment("made by `terrapin case` from logged runs"))
     document["case"] = {"title": title}
-    document["model"] = {"base": BASE.name, "effects": list(effects)}
-    known = {name: unit for name, unit in BASE.units.items() if name not in BASE.first_fit}
+    document["model"] = {"base": base.name, "effects": list(effects)}
+    known = {name: unit for name, unit in base.units.items() if name in KNOWN}
     means = {name: sum(run.constants[name] for run in runs) / len(runs) for name in known}
     parameters = {name: f"{means[name]:.9g} {unit}" for name, unit in known.items()}
     if "load" not in columns:
         parameters["load"] = f"{runs[0].constants['weight']:.9g} N"
+    fit = {name: tomlkit.value(entry).unwrap() for name, entry in base.first_fit.items()}
+    if "slip" in base.needs:
+        of_soil = _soil(soil or SOIL)
+        for name in fit:
+            fit[name]["value"] = of_soil.pop(name)
+        parameters |= of_soil
+        if not soil:
+            document["case"]["guessed"] = [f"parameters.{name}" for name in of_soil]
     document["parameters"] = parameters
-    document["fit"] = inline_tables({name: tomlkit.value(entry).unwrap() for name, entry in BASE.first_fit.items()})
+    document["fit"] = inline_tables(fit)
+    columns = [c for c in columns if not ("slip" in base.needs and c == "slope")]  # it is what gives the pull
     mapped: dict[str, dict[str, Any]] = {column: {"column": column, "unit": COLUMNS[column]} for column in columns}
-    if runs[0].sigma is not None:
-        pooled = np.sqrt(np.mean([run.sigma * run.sigma for run in runs if run.sigma is not None]))
-        mapped["current"]["sigma"] = float(f"{pooled:.3g}")
+    for channel in runs[0].sigma:
+        pooled = np.sqrt(np.mean([run.sigma[channel] ** 2 for run in runs]))
+        mapped[channel]["sigma"] = float(f"{pooled:.3g}")
     data = tomlkit.table()
     data.update({"files": ["runs.csv"], "run": "run", "columns": inline_tables(mapped)})
+    if "slip" in base.needs:
+        data["ignore"] = ["slope"]
     document["data"] = data
     return tomlkit.dumps(document)

@@ -11,6 +11,7 @@ import csv
 import io
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from terrapin_hil.robot.plant import TERRAINS, Ground, Robot, Segment, Winding
 from terrapin_hil.robot.sensors import kit
 from terrapin_hil.run.run import DivergedError, run
 from terrapin_hil.scenario.scenario import Order, Scenario
-from terrapin_tools.errors import UserError
+from terrapin_tools.errors import UserError, about
 from terrapin_tools.logs.folder import RunFolder
 from terrapin_tools.workbench.bases import BASES, ROLES
 from terrapin_tools.workbench.case.case import Case
@@ -134,14 +135,10 @@ def _scenario(case: Case, fit: Fit, setting: Mapping[str, float], name: str, see
 
 
 def _run(scenario: Scenario, folder: Path) -> Run:
-    log = RunFolder(folder, scenario, "inprocess", {}, interface())
-    try:
+    cannot = about(scenario.name, (EffectError, DivergedError))
+    with cannot, closing(RunFolder(folder, scenario, "inprocess", {}, interface())) as log:
         log.finish(run(scenario, "inprocess", observers=[log]))
-        return read_run(folder, AFTER)
-    except (EffectError, DivergedError) as error:
-        raise UserError(f"{scenario.name}: {error}") from None
-    finally:
-        log.close()
+    return read_run(folder, AFTER)
 
 
 def write_larger(case: Case, carried: Carried, to: Path) -> int:

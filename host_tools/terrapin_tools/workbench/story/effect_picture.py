@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_hil.physics.expression import parse
-from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import ROLES, formula_name
 
 __all__ = ["Shape", "as_text", "draw", "shape_of"]
@@ -113,10 +112,8 @@ def as_text(shape: Shape) -> list[str]:
 
 
 def draw(effect: Effect, shape: Shape, target: Path) -> None:
-    """The picture as PNG or SVG, the same bytes every time. UserError when the name ends otherwise."""
+    """The picture as PNG or SVG, the same bytes every time."""
     kind = target.suffix.lower().removeprefix(".")
-    if kind not in ("png", "svg"):
-        raise UserError(f"--plot: found {target.name!r}, expected a name that ends in .png or .svg")
     from matplotlib import rc_context
     from matplotlib.figure import Figure
     from matplotlib.mathtext import MathTextParser

@@ -172,6 +172,9 @@ def headline(found: Findings, p: float, level: float) -> str:
             more = "more is missing, which no catalogued effect and no short expression explains"
             are = "is" if len(found.part) == 1 else "are"
             return f"{_joined(found.part)} {are} part of it; with probability {sure} {more}.{on}"
+        if found.probability < EVEN:
+            doubt = f"that no catalogued effect and no short expression explains it has only probability {sure}"
+            return f"Something is missing, and what is likeliest is not shown yet; {doubt}.{on}"
         return f"With probability {sure} no catalogued effect and no short expression explains what is missing.{on}"
     before, after = [rung.heldout_error for rung in (found.ladder[0], *found.ladder)[-2:]]
     faults = [one for one in found.candidates if one.effect in found.missing and one.kind in FAULTS]
@@ -233,6 +236,26 @@ def best_leaves(best: Rung) -> str:
     return f"The best set, {best.added}, leaves more than noise: error {errors}."
 
 
+def unproved(best: Rung, before: float, after: float) -> str:
+    """What the likeliest set does to the held-out runs [noise sd], where that speaks against it."""
+    rises = f"the error of the held-out runs rises from {in_sd(before)} to {in_sd(after)} noise sd"
+    return f"Likeliest is {best.added}, but with it {rises}. More runs would decide."
+
+
+def constant_in_set(rung: Rung, name: str, value: float, stated: float, unit: str) -> str:
+    """A set among rivals that changes a stated constant: what it would be, what the set leaves, what speaks against."""
+    off = abs(value / stated - 1.0)
+    against = [f"{percent(off)} from what is stated"]
+    errors = [rung.train_error, *([] if rung.heldout_error is None else [rung.heldout_error])]
+    if max(errors) > NEAR_FLOOR:
+        against.append("more than noise is left")
+    leaves = f"errors {in_sd(rung.train_error)} training, {in_sd(rung.heldout_error)} held out"
+    return (
+        f"With {rung.added} {name} would be {number(value, 3)}{behind(unit)} ({leaves}). "
+        f"Against it: {' and '.join(against)}."
+    )
+
+
 def only_here(effects: Sequence[str]) -> str:
     return f"{_joined(effects)}: in no catalogue. It holds inside the range of these measurements, not beyond."
 
@@ -251,6 +274,8 @@ def reason(found: Findings, one: Proposal, why_not: str) -> str:
     mine = [set(rival) for rival in found.rivals if one.effect in rival]
     if mine and len(found.rivals) > 1:
         others = _either([sorted(set(rival) - mine[0]) for rival in found.rivals if set(rival) - mine[0]])
+        if rest := sorted(mine[0] - {one.effect}):
+            return f"With {_joined(rest)} it does as well as {others} on these data; alone it takes away {share}{left}."
         return f"Does as well as {others} on these data: it takes away {share}{left}."
     if found.verdict == "adequate":
         return f"{HEADINGS['adequate'][0]}."
@@ -288,6 +313,12 @@ def thinned(step: int) -> str:
 def too_large(parameter: str, times: float) -> str:
     """What speaks against an effect of such a size."""
     return f" Its {parameter} is {number(times, 2)} times what is usual for such a robot, which speaks against it."
+
+
+def doubtful(effect: str, parameter: str, times: float) -> str:
+    """What speaks against an effect that is named."""
+    usual = f"The {parameter} of {effect} is {number(times, 2)} times what is usual for such a robot"
+    return f"{usual}, which speaks for something else that has the same shape."
 
 
 def noise_source(source: str, kind: str, rho: float) -> str:
@@ -352,6 +383,8 @@ def next_step(
             text = "Put in what is surely part of it, and look again at what is left."
             command = f"terrapin add {folder} {' '.join(found.part)}"
             return Next("add", text, offer="Add it" if len(found.part) == 1 else "Add them", command=command)
+        if found.probability < EVEN:
+            return Next("nothing", "Measure more runs over the same range, and look again.")
         text = "Look at the runs that carry it, and measure what may go with it: a column that is not there cannot be"
         return Next("nothing", f"{text} named. An effect of your own can be tried, too.")
     if found.plan is not None:

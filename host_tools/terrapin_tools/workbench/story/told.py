@@ -17,7 +17,7 @@ from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.compare.groups import differences
 from terrapin_tools.workbench.compare.noise_findings import noise_findings
 from terrapin_tools.workbench.discover.certainty import EVEN
-from terrapin_tools.workbench.discover.discovery import Candidate, Discovery
+from terrapin_tools.workbench.discover.discovery import Candidate, Discovery, rung
 from terrapin_tools.workbench.model import constants
 from terrapin_tools.workbench.model.fitting import Fit, covariance
 from terrapin_tools.workbench.model.table_faults import Fault
@@ -44,6 +44,9 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
     notes = [sentences.goal(one) for one in goals]
     notes += [sentences.thinned(analysis.step)] if analysis.step > 1 else []
     notes += [_carried(analysis)] if analysis.missing and not (found and found.odd_runs) else []
+    for one in found.candidates if found else ():
+        if found and one.effect in found.missing and (large := _too_large(analysis, found, one)):
+            notes.append(sentences.doubtful(one.effect, *large))
     findings = noise_findings(analysis)
     notes += [sentences.noise_told(one, case.units.get(one.channel) or "") for one in findings]
     heading, measure = sentences.HEADINGS.get(verdict if found else "", sentences.HEADINGS[""])
@@ -103,8 +106,13 @@ def found_by(discovery: Discovery) -> Findings:
         remarks = sentences.doubt(likeliest.effects, likeliest.column, discovery.ranking.blind)
     elif discovery.verdict == "unexplained" and discovery.leaves and discovery.best and not discovery.odd_runs:
         remarks = (sentences.best_leaves(*_rungs([discovery.best])),)
+    elif discovery.verdict == "unexplained" and discovery.best and not discovery.odd_runs:
+        (first, best) = _rungs([discovery.ladder[0], discovery.best])
+        if first.heldout_error and best.heldout_error and best.heldout_error > first.heldout_error:
+            remarks = (sentences.unproved(best, first.heldout_error, best.heldout_error),)
     elif own := [c.effect for c in candidates if c.kind == "expression" and c.effect in discovery.missing]:
         remarks = (sentences.only_here(own),)
+    remarks += _constants_in_sets(discovery)
     return Findings(
         verdict=discovery.verdict,
         missing=discovery.missing,
@@ -121,6 +129,20 @@ def found_by(discovery: Discovery) -> Findings:
         remarks=remarks,
         then=_rms(analysis, discovery.ladder[-1].fit) if discovery.missing else {},
     )
+
+
+def _constants_in_sets(discovery: Discovery) -> tuple[str, ...]:
+    """Of the rivals that change a stated constant beside an effect: a card shows the constant alone."""
+    found = []
+    for hypothesis in discovery.ranking.hypotheses:
+        if hypothesis.effects not in discovery.rivals or len(hypothesis.effects) < 2 or hypothesis.fit is None:
+            continue
+        for effect in filter(constants.named, hypothesis.effects):
+            case, name = hypothesis.fit.model.case, constants.named(effect)
+            (told,) = _rungs([rung(discovery.analysis, " + ".join(hypothesis.effects), hypothesis.fit)])
+            value = constants.value_of(hypothesis.fit, effect)
+            found.append(sentences.constant_in_set(told, name, value, case.parameters[name], case.base.units[name]))
+    return tuple(found)
 
 
 def _places(where: Sequence[Failure]) -> tuple[Place, ...]:
@@ -237,6 +259,8 @@ def _cards(analysis: Analysis, found: Findings) -> list[Card]:
         effect = case.library.get(one.effect)
         own = one.kind == "expression" or (effect is None and one.mend is None)
         reason = sentences.reason(found, one, _why_not(analysis, found, effect))
+        if one.effect not in found.missing and (large := _too_large(analysis, found, one)):
+            reason += sentences.too_large(*large)
         cards.append(
             Card(
                 proposal=one,
@@ -245,7 +269,7 @@ def _cards(analysis: Analysis, found: Findings) -> list[Card]:
                 latex=_latex(one, effect),
                 acts=sentences.acts(one.target, {**case.base.channels, **case.base.forces}) if own else "",
                 source=effect.source if effect else "",
-                reason=reason + _too_large(analysis, found, one),
+                reason=reason,
                 values=found.together.get(one.effect, one.parameters),
             )
         )
@@ -268,15 +292,15 @@ def _why_not(analysis: Analysis, found: Findings, effect: Effect | None) -> str:
     return ""
 
 
-def _too_large(analysis: Analysis, found: Findings, one: Proposal) -> str:
-    """That a size is far from what such an effect usually has, "" where it is not."""
+def _too_large(analysis: Analysis, found: Findings, one: Proposal) -> tuple[str, float] | None:
+    """The parameter that is its size, and how many times what is usual that is; None where it is not far from it."""
     effect = analysis.case.library.get(one.effect)
     usual = usual_size(effect, analysis.case) if effect is not None else None
     values = found.together.get(one.effect, one.parameters)
     if effect is None or usual is None or one.explains < sentences.LITTLE:
-        return ""
+        return None
     times = abs(values[effect.parameters[0].name].value) / usual
-    return sentences.too_large(effect.parameters[0].name, times) if times > TOO_LARGE else ""
+    return (effect.parameters[0].name, times) if times > TOO_LARGE else None
 
 
 def _carried(analysis: Analysis) -> str:

@@ -13,10 +13,10 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.physics import sphere
 from terrapin_hil.physics.contact import THETA_MAX
 from terrapin_hil.physics.expression import parse
-from terrapin_tools.workbench.bases.kinds.algebraic import Algebraic, Rows, Values
+from terrapin_tools.workbench.bases.kinds.algebraic import Algebraic, Rows, Terms, Values
 from terrapin_tools.workbench.bases.kinds.base import PARAMETER_COST, Problem, Quantity, Target
 
-__all__ = ["SOIL", "Contact"]
+__all__ = ["SOIL", "Contact", "Solved"]
 
 Flat = Callable[[str], Array]
 
@@ -32,6 +32,15 @@ SOIL = {
     "friction_angle": Quantity("rad", "35 deg"),
     "shear_modulus": Quantity("m", "15 mm"),
 }
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What the soil does to a shell that it carries: traction [N], torque [N m], sinkage [m], each (sets, rows)."""
+
+    traction: Array
+    torque: Array
+    sinkage: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +74,15 @@ class Contact(Algebraic):
 
     def prepare(self, values: Values) -> None:
         values.update(self.neutral)
+
+    def outputs(self, values: Values, terms: Terms, solved: Solved) -> dict[str, Array]:
+        """Channels of what was solved, with the effects that act as a drag."""
+        drag = terms.sum("drag")
+        return {
+            "traction": solved.traction - drag,
+            "torque": solved.torque - values["radius"] * drag,
+            "sinkage": solved.sinkage,
+        }
 
     def predictor(self, problem: Problem) -> ContactRows:
         return ContactRows(self, problem)
@@ -142,12 +160,8 @@ class ContactRows(Rows):
         if self.piles:
             piled = [flat(name) for name in ("cohesion", "friction_angle", "unit_weight", "n_c", "n_gamma")]
             values["bulldozing_resistance"] = law.bulldozing(theta, *geometry, *piled).reshape(shape)
-        drag = terms.sum("drag")
-        channels = {
-            "traction": traction - drag,
-            "torque": torque - values["radius"] * drag,
-            "sinkage": sphere.sinkage(theta, sizes["radius"]).reshape(shape),
-        }
+        solved = Solved(traction, torque, sphere.sinkage(theta, sizes["radius"]).reshape(shape))
+        channels = self.base.outputs(values, terms, solved)
         return self.measured(channels, terms, len(sets)), theta.reshape(shape), vertical
 
 
