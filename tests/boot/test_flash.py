@@ -9,6 +9,7 @@ import os
 import re
 import shutil
 import stat
+import struct
 import subprocess
 import sys
 import zlib
@@ -21,7 +22,7 @@ from unittest import mock
 
 import pytest
 from an3155 import Emulator
-from bootlib import Chip
+from bootlib import Chip, image_file, send
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from kit import KEY, NEXT_KEY, NEXT_PUBLIC, OTHER_KEY, PUBLIC, code, image
@@ -778,6 +779,32 @@ def test_what_swd_writes_has_a_node_number() -> None:
     assert plan([file("a", "1.0.0")], None).write == plan([file("a", "1.0.0")], None, node=5).write[:-1]
 
 
+def test_what_a_programmer_writes_keeps_a_revocation(probe: Target, tmp_path: Path) -> None:
+    """The records go with the images; that a key is revoked stays, and the boot loader holds to it."""
+    chip = Chip(PUBLIC, NEXT_PUBLIC)
+    chip.put("a", image("a", "1.0.0"))
+    assert chip.start() == "a"
+    assert chip.confirm()
+    for _ in range(40):  # the newest of many records, behind the first read
+        assert chip.lib.terrapin_records_append(chip.flash, chip.record())
+    data = image("b", "1.1.0", key=NEXT_KEY, revokes=KEY)
+    assert send(chip, data, "b") == "ok"
+    assert chip.start() == "b"
+    assert chip.confirm()
+    assert chip.start() == "b"
+    loader = struct.pack("<II", 0x2002_0000, BASE + 9) + bytes(100) + PUBLIC + NEXT_PUBLIC
+    probe.flash[:0x6_0000] = chip.contents()
+    probe.flash[: len(loader)] = loader
+    stolen, good = image_file(tmp_path, "old.bin", image("a", "2.0.0")), image_file(tmp_path, "new.bin", data)
+    for path, starts in ((stolen, ""), (good, "b")):
+        done = terrapin("flash", path, "--via", "swd")
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.endswith("started; its first key stays revoked: an image of it does not start\n")
+        chip.restore(bytes(probe.flash[:0x6_0000]))
+        assert chip.start() == starts
+        assert chip.record().revoked == 1
+
+
 def test_swd_with_a_number_that_no_node_has(tmp_path: Path) -> None:
     done = terrapin("flash", signed(tmp_path, "a", "1.0.0"), "--via", "swd", "--node", "9")
     assert done.returncode == 2
@@ -857,3 +884,6 @@ def test_protect(probe: Target, tmp_path: Path) -> None:
 def test_protect_refuses_the_key_of_the_bench() -> None:
     with pytest.raises(UserError, match="the key of the bench"):
         refuse_bench_key("chip", PUBLIC, KEY.public_key(), KEY.public_key())
+    with pytest.raises(UserError, match="starts images of the bench, too"):
+        refuse_bench_key("chip", PUBLIC + NEXT_PUBLIC, KEY.public_key(), NEXT_KEY.public_key())
+    refuse_bench_key("chip", PUBLIC + NEXT_PUBLIC, NEXT_KEY.public_key(), OTHER_KEY.public_key())

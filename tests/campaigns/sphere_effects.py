@@ -2,7 +2,7 @@
 
 Each case: 18 runs of the sphere of 150 N on weak sand (30 degrees, K = 25 mm) under its controller, logged, made into a
 case of rolling_sphere by what `terrapin case runs` calls, discovered in, and the effect added. The design, fixed before
-any result: slopes from -4 to 6.2 degrees (slips from 0 to 0.5), weights from 147 to 166 N, windings from 25 to 65
+any result: slopes from -6.3 to 6.2 degrees (slips from 0 to 0.5), weights from 110 to 212 N, windings from 25 to 65
 degC, a voltage a run; the soil's stiffness, friction angle and shear modulus are fitted, since no user knows them well.
 The case's seed draws the effect's size, the order of the settings, the sensors' noise and a pitch sensor that is off by
 0.5 mrad (sd) in each run. The family `nothing` hides nothing.
@@ -48,12 +48,12 @@ __all__ = ["HIDDEN", "logs", "look", "main", "scenario"]
 
 RUNS = 18
 PITCHES = (
-    *(-0.07, -0.055, -0.04, -0.025, -0.01, 0.0, 0.02, 0.04, 0.06),
+    *(-0.11, -0.095, -0.08, -0.06, -0.04, -0.02, 0.0, 0.03, 0.06),
     *(0.08, 0.09, 0.098, 0.102, 0.104, 0.105, 0.106, 0.107, 0.108),
 )  # rad, of the slope; downhill the joint's friction is most of what the motor holds
-FRAMES = tuple(np.linspace(-2.3, -0.4, RUNS))  # kg beside the frame's own; the bob of BOB makes up for it
+MASSES = tuple(np.linspace(0.65, 1.25, RUNS))  # times those of the frame and of a bob of BOB
 CELSIUS = tuple(np.linspace(25.0, 65.0, RUNS))
-VOLTS = tuple(np.linspace(5.5, 12.0, RUNS))
+VOLTS = tuple(np.linspace(7.5, 12.0, RUNS))
 BOB = 11.0  # kg: one that climbs what this sand carries
 DURATION, RAMP, STEPS, AFTER = 27.5, 14.0, 56, 17.5  # s; of which the voltage rises; in so many orders; s left out
 SMALLEST = 2.0  # sd, of the rms of what an effect changes
@@ -85,12 +85,12 @@ def _base() -> Scenario:
 
 
 def scenario(name: str, draw: np.random.Generator, number: int, place: Sequence[int], size: float) -> Scenario:
-    """Run `number`; `place` says which pitch, frame, winding and voltage it has."""
+    """Run `number`; `place` says which pitch, masses, winding and voltage it has."""
     base = _base()
-    pitch, frame, celsius, volts = (
-        float(each[at]) for each, at in zip((PITCHES, FRAMES, CELSIUS, VOLTS), place, strict=True)
+    pitch, mass, celsius, volts = (
+        float(each[at]) for each, at in zip((PITCHES, MASSES, CELSIUS, VOLTS), place, strict=True)
     )
-    robot = replace(base.robot, body_mass=BOB, shell_mass=base.robot.shell_mass + frame)
+    robot = replace(base.robot, body_mass=mass * BOB, shell_mass=mass * base.robot.shell_mass)
     effects = [ActiveEffect(catalogue()["bulldozing"], {"scale": 1.0})]
     if name != "nothing":
         effect = catalogue()[name]
@@ -165,21 +165,25 @@ def true_values(name: str, size: float) -> dict[str, float]:
     return values
 
 
-def sizes(larger: Model, name: str, size: float) -> tuple[Array, Array]:
-    """Rms of what the effect changes, and of what the true model leaves, in each channel, in sd of the case's noise."""
+def sizes(larger: Model, name: str, size: float) -> tuple[Array, float, Array]:
+    """In sd of the case's noise: the rms of what the effect changes, by channel; the same beyond what the model's own
+    parameters take over, over both channels; and the rms of what the true model leaves, by channel."""
     case, truth = larger.case, true_values(name, size)
     theta = np.array([truth[f.key] for f in larger.fitted])
-    without = np.array(
-        [
-            0.0 if f.key == f"{name}.{catalogue()[name].parameters[0].name}" else v
-            for f, v in zip(larger.fitted, theta, strict=True)
-        ]
-    )
+    first = [f.key for f in larger.fitted].index(f"{name}.{catalogue()[name].parameters[0].name}")
+    own = [k for k, f in enumerate(larger.fitted) if f.effect != name]
+    without = theta.copy()
+    without[first] = 0.0
     every = np.ones(case.rows, dtype=bool)
-    present, absent = larger.bind(case.inputs, every).predict(np.stack([theta, without]))
+    bound = larger.bind(case.inputs, every)
+    present, absent = bound.predict(np.stack([theta, without]))
     sigma = np.array([[case.sigma[channel]] for channel in larger.channels], dtype=np.float64)
-    left = measured(larger, every) - present
-    return rms((present - absent) / sigma), rms(left / sigma)
+    change = (present - absent) / sigma
+    slopes = (bound.jacobian(without)[1][:, :, own] / sigma[:, :, None]).reshape(change.size, -1)
+    slopes /= np.linalg.norm(slopes, axis=0)
+    rest = change.reshape(-1) - slopes @ np.linalg.lstsq(slopes, change.reshape(-1), rcond=None)[0]
+    left = (measured(larger, every) - present) / sigma
+    return rms(change), float(np.sqrt((rest * rest).sum() / case.rows)), rms(left)
 
 
 def rms(values: Array) -> Array:
@@ -194,7 +198,7 @@ def look(name: str, number: int, out: Path) -> Record:
         if name == "nothing":
             break
         larger = parse_case(case.folder, add_effects(case.text, [name], {}))
-        changed, left = sizes(Model.of(larger), name, size)
+        changed, beyond, left = sizes(Model.of(larger), name, size)
         if changed.max() >= SMALLEST:
             break
     else:
@@ -220,6 +224,7 @@ def look(name: str, number: int, out: Path) -> Record:
     record |= {
         "right": alone or (found.verdict == "ambiguous" and (name,) in found.rivals),
         "size": [float(each) for each in changed],
+        "beyond": beyond,
         "left": [float(each) for each in left],
         "after": added.ladder[-1].heldout_error,
         "floor": fitted.ladder[-1].heldout_error,

@@ -378,6 +378,14 @@ static void test_friction_beyond_the_line_is_taken(void) {
     TEST_ASSERT_EQUAL_INT32(friction, rig.state.estimator.beyond_unm);
 }
 
+static void test_friction_beyond_the_line_is_taken_in_every_window(void) {
+    rig_set(TERRAPIN_PARAMETER_COMP_COULOMB, 2000);
+    rig_drive(5000, TERRAPIN_CONTROL_VOLTAGE);
+    rig_run(2000);
+    TEST_ASSERT_TRUE(rig.state.estimator.counts > 100);
+    TEST_ASSERT_EQUAL_INT32(2000, rig.state.estimator.beyond_unm);
+}
+
 static void test_current_offset_comes_off(void) {
     rig_set(TERRAPIN_PARAMETER_COMP_CURRENT_OFFSET, 12345);
     rig_set(TERRAPIN_PARAMETER_TRIM_CURRENT, 0);
@@ -437,6 +445,7 @@ int main(void) {
     RUN_TEST(test_the_gate_is_shut_at_its_bound);
     RUN_TEST(test_gains_to_their_last_digits);
     RUN_TEST(test_friction_beyond_the_line_is_taken);
+    RUN_TEST(test_friction_beyond_the_line_is_taken_in_every_window);
     RUN_TEST(test_current_offset_comes_off);
     RUN_TEST(test_sd_is_the_budget);
     return UNITY_END();

@@ -272,9 +272,19 @@ static void test_distances_are_told_in_eighths_of_sd(void) {
     near_curves(349000); /* one eighth nearer to this than to that */
     TEST_ASSERT_EQUAL_INT32(3, rig.state.ground.terrain);
     TEST_ASSERT_EQUAL_INT32(2, rig.state.ground.margin_q3);
-    near_curves(349600); /* as near, rounded: the first */
+    near_curves(349500);
+    TEST_ASSERT_EQUAL_INT32(3, rig.state.ground.terrain);
+    TEST_ASSERT_EQUAL_INT32(1, rig.state.ground.margin_q3);
+    near_curves(349501); /* as near, rounded: the first */
     TEST_ASSERT_EQUAL_INT32(2, rig.state.ground.terrain);
     TEST_ASSERT_EQUAL_INT32(0, rig.state.ground.margin_q3);
+    rig.state.parameter[TERRAPIN_PARAMETER_TERRAIN_SAND_F_O] = 500003; /* 2.4 and 1.6 eighths of 10e-6, both 2 */
+    rig.state.parameter[TERRAPIN_PARAMETER_TERRAIN_DRY_PEAT_F_O] = 500002;
+    rig.state.ground.f_r_ppm = 500000;
+    rig.state.ground.f_r_sd_ppm = 10;
+    rig.state.estimator.open = true;
+    ground_nearest(&rig.state);
+    TEST_ASSERT_EQUAL_INT32(1, rig.state.ground.terrain);
     near_curves(564499); /* 64 eighths */
     TEST_ASSERT_EQUAL_INT32(1, rig.state.ground.terrain);
     near_curves(564500); /* 65 */

@@ -15,6 +15,7 @@ from terrapin_hil.reading import ReadingError
 from terrapin_hil.run.run import run
 from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 from terrapin_tools.cli import main
+from terrapin_tools.param.nodes import controllers, store_node
 
 
 @pytest.fixture
@@ -101,3 +102,27 @@ def test_commands(
     # the scenario is cut short: its checks may fail, its frames are taken
     assert call(monkeypatch, "run", "speed_control", "--set", "duration=1.5s", *words[:2], *words[4:]) in (0, 1)
     assert "output sha256" in capsys.readouterr().out
+
+
+def test_a_node_number_needs_the_key(
+    key: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with SlcanLink.of_process(arguments=["--link-key", str(key), "--flash", str(tmp_path / "flash")]) as link:
+        with pytest.raises(LinkError, match="takes no change without its link key; expected --link-key FILE"):
+            store_node(link, 3, None)
+        [answer] = controllers(link)  # to ask is free
+        assert answer.stored == 0
+        seal_link(link, LinkKey.read(key))
+        assert store_node(link, 3, None).stored == 3
+    words = ["--link", "pty", "--flash", str(tmp_path / "other"), "--link-key", str(key)]
+    assert call(monkeypatch, "node", "set", "5", *words) == 0
+    assert "node 5 from its next reset on" in capsys.readouterr().out
+
+
+def test_a_recorded_run_is_replayed_sealed(
+    key: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = str(tmp_path / "run")
+    assert call(monkeypatch, "run", "speed_control", "--set", "duration=1.5s", "--out", out) in (0, 1)
+    assert call(monkeypatch, "log", "replay", out, "--link", "pty", "--link-key", str(key)) == 0
+    assert "every answer is the recorded one" in capsys.readouterr().out

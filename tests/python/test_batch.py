@@ -19,7 +19,7 @@ import pytest
 from casekit import one_line, terrapin
 
 from terrapin_hil.scenario.scenario import find_scenario, load_scenario
-from terrapin_tools.batch import filling, journal
+from terrapin_tools.batch import filling, journal, told
 from terrapin_tools.batch.design import Row, design, read_seeds, read_varied
 from terrapin_tools.batch.one_run import Plan, work
 from terrapin_tools.batch.summary import classes, summarise
@@ -461,6 +461,14 @@ def test_what_decides_is_found() -> None:
     assert sum(part.runs for part in parts) == 2000
     assert [part.failed for part in parts[:6]] == [0] * 6
     assert parts[-1].failed == parts[-1].runs
+
+
+@pytest.mark.parametrize(
+    ("runs", "said"), [(10, "too few runs to say what decides"), (200, "what decides whether it fails (share")]
+)
+def test_few_runs_do_not_say_what_decides(runs: int, said: str) -> None:
+    x = np.linspace(0.0, 1.0, runs)
+    assert said in told.words(summarise(a_table({"x": x}, x < 0.65, {})), "head", [], "folder")
 
 
 def test_correlation_ratio_against_a_closed_form() -> None:

@@ -78,17 +78,22 @@ def test_case_of_a_table_loads_after_the_guess(tmp_path: Path, capsys: pytest.Ca
 
 def test_a_table_of_something_else_becomes_an_equation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = tmp_path / "pump.csv"
-    lines = ["terrain,run,flow [l/min],dp_kPa"]
-    lines += [f"{t},{r},{f},{3.0 * f + r}" for t in ("sand", "clay") for r in range(6) for f in (1.0, 2.0, 4.0)]
+    lines = ["terrain,run,t_s,oil_temp_C,flow [l/min],dp_kPa"]
+    lines += [f"{t},{r},{f},{20 + r},{f},{3.0 * f + r}" for t in ("sand", "clay") for r in range(6) for f in (1, 2, 4)]
     table.write_text("\n".join(lines) + "\n")
     status, out, _ = terrapin(capsys, "case", table, "--to", tmp_path / "case", "--title", 'A "pump"')
     assert status == 0
     assert "flow [l/min] = flow, l/min" in out
+    assert "oil_temp_C = oil_temp, degC\n" in out
     assert "terrain differs within a run" in out
     loaded = load_case(tmp_path / "case")
     assert loaded.title == 'A "pump"'
     assert list(loaded.channels) == ["dp"]
+    assert 'dp = "offset + gradient*oil_temp"' in loaded.text, "a line over time says nothing"
     assert terrapin(capsys, "compare", tmp_path / "case")[0] == 0
+    status, _, err = terrapin(capsys, "compare", table)
+    assert status == 2
+    one_line(err, ["pump.csv: is a file", "terrapin case table"])
 
 
 def test_a_column_with_a_gap_is_mapped_and_the_gap_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

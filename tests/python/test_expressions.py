@@ -13,8 +13,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaigns"))
 from discovery_cases import Made, make
 
 from terrapin_hil.physics.expression import parse
+from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case, load_case
-from terrapin_tools.workbench.compare.comparison import error
+from terrapin_tools.workbench.compare.comparison import analyse, error
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from terrapin_tools.workbench.discover.vocabulary import product_text, shapes
 from terrapin_tools.workbench.noise.covariance import Runs
@@ -152,6 +153,47 @@ def test_a_parameter_that_goes_with_a_column_is_seen(tmp_path: Path, seed: int) 
     found = discover(spring(tmp_path / "case", "oil*x", 2.5, seed=seed))
     assert found.analysis.adequacy.p_value < 1e-6
     assert named(found) == ["k*oil*x"]
+
+
+def plates(folder: Path, seed: int) -> Path:
+    """Pressure over sinkage under plates of three sizes, whose exponent goes with the size, against one exponent."""
+    random, lines = np.random.default_rng(seed), ["run,size,z,p"]
+    for size in (60.0, 80.0, 100.0):
+        for repeat in range(3):
+            z = np.linspace(2.0, 25.0, 14) + 0.2 * random.standard_normal(14)
+            p = 1.4 * z ** (0.5 + 0.005 * size) + 0.8 * random.standard_normal(14)
+            lines += [f"s{size:g}_{repeat},{size},{a:.5g},{b:.5g}" for a, b in zip(z, p, strict=True)]
+    folder.mkdir()
+    (folder / "runs.csv").write_text("\n".join(lines) + "\n")
+    (folder / "case.toml").write_text(
+        '[model]\nbase = "equation"\n[model.equation]\np = "k*z**n"\n'
+        "[fit]\nk = { value = 1, min = 0, max = 100 }\nn = { value = 1, min = 0.1, max = 3 }\n"
+        '[data]\nfiles = ["runs.csv"]\nrun = "run"\n[data.columns]\nz = { column = "z", unit = "mm" }\n'
+        'size = { column = "size", unit = "mm" }\np = { column = "p", unit = "kPa", sigma = 0.8 }\n'
+    )
+    return folder
+
+
+def test_an_exponent_that_goes_with_a_column_is_named(tmp_path: Path) -> None:
+    folder = plates(tmp_path / "case", 2)
+    found = discover(load_case(folder))
+    told = [found.missing, *found.rivals]
+    targets = {(found.ranking.expressions[name].target, found.ranking.columns[name]) for one in told for name in one}
+    assert ("n", "size") in targets, told
+    assert found.ladder[-1].heldout_error is not None
+    assert found.ladder[-1].heldout_error < 1.2
+    # and as the user's own
+    text = (folder / "case.toml").read_text()
+    own = '[effect.by_size]\nexpression = "c*size"\ntarget = "n"\nc = { value = 0.0, unit = "1/mm" }\n'
+    (folder / "case.toml").write_text(text.replace('"equation"', '"equation"\neffects = ["by_size"]', 1) + own)
+    assert analyse(load_case(folder)).ladder[-1].train_error < 1.2
+    # from a start beside which nothing fits, the fit goes on from the model without the effect
+    far = text.replace('"equation"', '"equation"\neffects = ["by_size"]', 1) + own.replace("value = 0.0", "value = 0.2")
+    (folder / "case.toml").write_text(far)
+    assert analyse(load_case(folder)).ladder[-1].train_error < 1.2
+    (folder / "case.toml").write_text(text + own.replace('"n"', '"m"'))
+    with pytest.raises(UserError, match="target: found 'm', expected one of p, k, n"):
+        load_case(folder)
 
 
 def test_units_of_an_expression_are_sound(tmp_path: Path) -> None:

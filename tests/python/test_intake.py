@@ -226,7 +226,8 @@ def test_append_says_it_in_words_and_shares_listed_runs_out(tmp_path: Path, caps
 
 def test_append_refuses_what_does_not_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     case = rolling(tmp_path / "case", 1)
-    other, gaps = tmp_path / "other.csv", tmp_path / "gaps.csv"
+    other, gaps, copy = tmp_path / "other.csv", tmp_path / "gaps.csv", tmp_path / "copy.csv"
+    copy.write_text((case / "runs.csv").read_text().replace("\nr", "\nn"))
     other.write_text("run,w,W,temp\nn1,1,2,3\n")
     gaps.write_text("run,w,W,temp,i,humidity\nn1,,2,3,4,5\n")
     text = (case / "case.toml").read_bytes()
@@ -235,6 +236,7 @@ def test_append_refuses_what_does_not_fit(tmp_path: Path, capsys: pytest.Capture
         ([case, rolling(tmp_path / "again", 1) / "runs.csv"], "run 'r00' is in the case already"),
         ([case, other], "column 'i' is not in other.csv"),
         ([case, gaps], "found no row without a gap"),
+        ([case, copy], "copy.csv: run 'n00' has the very numbers of 'r00', expected new ones"),
         ([case, tmp_path / "none.csv"], "no such file"),
         ([tmp_path / "none", other], "no such file"),
         ([case], "FILE"),

@@ -83,6 +83,23 @@ def test_a_node_among_others() -> None:
         assert not bus.fit
 
 
+def test_states_and_faults_of_all_nodes() -> None:
+    """Beside the chosen node's values, the state of every other, by its own STATUS."""
+    states, faults = interface().enums["state"], {f["name"]: f["number"] for f in interface().json["faults"]}
+    bus = Live(Decoder(DBC), interface(), node=1)
+    bus.take(at_node(block((0.0, "STATUS", {"state": states["run"]})), 1))
+    bus.take(at_node(block((0.1, "STATUS", {"state": states["run"]})), 0))
+    bus.take(at_node(block((0.2, "MOTION", {"slip": 100})), 4))
+    held = (1 << faults["estop"]) | (1 << faults["swing"])
+    safe = (0.3, "STATUS", {"state": states["safe"], "faults": held})
+    bus.take(at_node(block(safe, (0.4, "STATUS", {"state": states["safe"], "faults": held})), 6))
+    assert bus.word("state", "STATUS.state") == "run"
+    assert bus.health(0.0) == "no error frames; also on it: node 0 run, node 4, node 6 safe: estop, swing"
+    bus.take(at_node(block((0.5, "STATUS", {"state": states["idle"], "faults": 0})), 6))
+    assert bus.health(0.0).endswith("node 6 idle")
+    assert not bus.faults
+
+
 def test_two_controllers_that_are_one_node() -> None:
     bus = Live(Decoder(DBC), interface(), node=2)
     for time_, unique in enumerate((0xAAAA0001, 0xAAAA0001, 0xBBBB0002, 0xAAAA0001, 0xBBBB0002)):

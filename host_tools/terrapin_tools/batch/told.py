@@ -55,7 +55,9 @@ def words(summary: Summary, head: str, commands: list[str], folder: str) -> str:
     for text, values in summary.quantiles.items():
         shown = "".join("           -" if v is None else f"{v:12.4g}" for v in values)
         lines.append(f"  {text:{width}}{shown}")
-    if summary.failed and summary.decides["failed"]:
+    if summary.failed and summary.classes and all(len(one) in (1, summary.runs) for one in summary.classes.values()):
+        lines.append("  too few runs to say what decides whether it fails")
+    elif summary.failed and summary.decides["failed"]:
         lines.append("  what decides whether it fails (share of the variance that the input alone explains):")
         lines += [f"    {share:5.2f}  {name}" for name, share in summary.decides["failed"].items()]
     if commands:

@@ -17,6 +17,18 @@ if TYPE_CHECKING:
 __all__ = ["effects"]
 
 
+CHANNELS = ("current", "traction", "torque", "sinkage")
+ACTS = {
+    "gain": "multiplies {} by 1 + it",
+    "measured": "is added to the measured {}",
+    "channel": "is added to {}",
+}
+FORCES = {
+    "resistance": "adds a resisting torque [N m]",
+    "drag": "adds a resisting force X [N]: traction - X, torque - R X",
+}
+
+
 def effects(
     name: Annotated[str, typer.Argument(help="an effect to explain")] = "",
     plot: Picture = None,
@@ -78,21 +90,8 @@ def _list(known: dict[str, Effect]) -> None:
 
 
 def _explain(effect: Effect) -> str:
-    acts = {
-        "resistance": "adds a resisting torque [N m]",
-        "drag": "adds a resisting force X [N]: traction - X, torque - R X",
-    }.get(effect.target)
-    if acts is None:
-        how = {
-            "gain": "multiplies {} by 1 + it",
-            "measured": "is added to the measured {}",
-            "channel": "is added to {}",
-        }
-        channels = ("current", "traction", "torque", "sinkage")
-        if effect.target in channels:
-            acts = how[effect.stage].format(effect.target)
-        else:
-            acts = f"is added to {effect.target}" if effect.additive else f"multiplies {effect.target} by 1 + it"
+    how = effect.stage if effect.target in CHANNELS else "channel" if effect.additive else "gain"
+    acts = FORCES.get(effect.target) or ACTS[how].format(effect.target)
     lines = [
         f"{effect.name}: {effect.title}",
         f"  equation    {effect.equation}",

@@ -120,6 +120,7 @@ def _whole(
     if data is not None:
         plans.check_starts(data, str(loader), files)
     key = LinkKey.read(link_key) if link_key else None
+    revoked = 0
     programmer = Swd(port or None) if via == "swd" else Stm32(_serial_port(port, via), baud or 115_200)
     with closing(programmer), bar("", None) as shown:
         told = _told(shown)
@@ -132,12 +133,16 @@ def _whole(
                     f"{programmer.name}: the chip has no boot loader to start an image, expected --boot-loader"
                 )
             plans.check_starts(there, "the chip's boot loader", files)
+            revoked = plans.revoked_place(programmer, told)
         else:  # its sector is erased, and what was sealed stays so: the key that is there goes with it
             there = key.block() if key else plans.read(programmer, BASE + plans.LINK_KEY, plans.LINK_KEY_SIZE, told)
             data = plans.with_link_key(data, there)
-        plans.perform(programmer, plans.plan(files, data, node), told)
+        plans.perform(programmer, plans.plan(files, data, node, revoked), told)
     written = ", ".join(f"slot {file.image.slot}" for file in files)
-    return f"{'boot loader, ' if loader else ''}{written}: written and read back, started"
+    stays = (
+        f"; its {('first', 'second')[revoked - 1]} key stays revoked: an image of it does not start" if revoked else ""
+    )
+    return f"{'boot loader, ' if loader else ''}{written}: written and read back, started{stays}"
 
 
 def _protect(port: str, key: Path | None, yes: bool) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from terrapin_hil.links.names import PTY, LinkName
-from terrapin_tools.command_options import BitRate, Json, NodeNumber, ThisRobot, deliver, link_option
+from terrapin_tools.command_options import BitRate, Json, LinkKeyFile, NodeNumber, ThisRobot, deliver, link_option
 from terrapin_tools.errors import UserError
 from terrapin_tools.progress import bar
 
@@ -210,6 +210,7 @@ def replay(
     parameters: Annotated[
         Path | None, typer.Option("--parameters", help="TOML; default: run.toml beside the log")
     ] = None,
+    link_key: LinkKeyFile = None,
     json: Json = "",
     robot: ThisRobot = "",
 ) -> None:
@@ -233,7 +234,7 @@ def replay(
     frames, cut = read_log(path)
     _warn(path, cut)
     try:
-        with open_link(link) as opened:
+        with open_link(link, link_key=link_key) as opened:
             found = again(frames, opened, values, description, real_time)
     except ParameterError as error:
         raise UserError(str(error), status=1) from None

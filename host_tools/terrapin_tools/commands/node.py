@@ -12,7 +12,7 @@ import typer
 
 from terrapin_hil.links import LinkName, open_link
 from terrapin_hil.links.names import INPROCESS
-from terrapin_tools.command_options import Json, NodeNumber, deliver, link_option
+from terrapin_tools.command_options import Json, LinkKeyFile, NodeNumber, deliver, link_option
 from terrapin_tools.errors import UserError
 
 if TYPE_CHECKING:
@@ -82,6 +82,7 @@ def set_(
     node: NodeNumber = None,
     unique: Annotated[str, typer.Option("--unique", help="which one, where several have the same number")] = "",
     flash: Flash = None,
+    link_key: LinkKeyFile = None,
     json: Json = "",
 ) -> None:
     """Give a controller another node number, from its next reset on. Its bridge must be off.
@@ -95,7 +96,7 @@ def set_(
     if flash is not None and "flash file" not in link.row.jobs:
         raise UserError(f"--flash: {link} keeps its node number itself")
     wanted = node_number(number, "node set")
-    with open_link(link, LISTED, **({"flash": flash} if flash else {})) as opened:
+    with open_link(link, LISTED, link_key, **({"flash": flash} if flash else {})) as opened:
         answer = store_node(opened, wanted, _unique(unique))
     words = f"controller {answer.unique:08x}: node {answer.stored} from its next reset on; it is node {answer.node} now"
     deliver({"link": str(link), **asdict(answer)}, words, json)

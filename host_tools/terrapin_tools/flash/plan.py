@@ -32,6 +32,7 @@ __all__ = [
     "perform",
     "plan",
     "read",
+    "revoked_place",
     "with_link_key",
 ]
 
@@ -39,6 +40,8 @@ BOOT_SIZE = 0x4000  # of the sector; its end is
 LINK_KEY = 0x3FC0  # the link key's:
 LINK_KEY_SIZE = 28  # bytes
 RECORD_MAGIC = 0x00015442
+RECORD_SIZE = 32  # bytes
+READ_AT_ONCE = 1024  # bytes of records
 
 
 @dataclass(frozen=True)
@@ -100,14 +103,32 @@ def check_starts(loader: bytes, where: str, files: Sequence[SignedFile]) -> None
             verify(file.image, key)
 
 
-def first_record(node: int, robot: int) -> bytes:
-    """The boot loader's first record (firmware/boot/records.c): nothing is confirmed, node and robot are these."""
-    record = struct.pack("<IIIIQI", RECORD_MAGIC, 1, 0, 0, 0, node | robot << 8)
+def first_record(node: int, robot: int, revoked: int = 0) -> bytes:
+    """The boot loader's first record (firmware/boot/records.c): nothing is confirmed, node, robot and the revoked key's
+    place are these."""
+    record = struct.pack("<IIIIQI", RECORD_MAGIC, 1, 0, 0, 0, node | revoked << 4 | robot << 8)
     return record + zlib.crc32(record).to_bytes(4, "little")
 
 
-def plan(files: Sequence[SignedFile], loader: bytes | None, node: int = 0) -> Plan:
-    """For these images, at most one a slot, and perhaps the boot loader; the controller is this node and their robot's.
+def revoked_place(programmer: Programmer, told: Told) -> int:
+    """The key that the boot loader's newest record says is revoked: 1 the first, 2 the second; 0 none."""
+    newest, place = 0, 0
+    for address, size in RECORDS:
+        for at in range(0, size, READ_AT_ONCE):
+            data = read(programmer, address + at, READ_AT_ONCE, told)
+            for record in (data[i : i + RECORD_SIZE] for i in range(0, READ_AT_ONCE, RECORD_SIZE)):
+                magic, sequence = struct.unpack_from("<II", record)
+                good = magic == RECORD_MAGIC and zlib.crc32(record[:-4]) == int.from_bytes(record[-4:], "little")
+                if good and sequence > newest:
+                    newest, place = sequence, record[24] >> 4
+            if not data[-RECORD_SIZE:].strip(b"\xff"):  # a page is filled in order
+                break
+    return place
+
+
+def plan(files: Sequence[SignedFile], loader: bytes | None, node: int = 0, revoked: int = 0) -> Plan:
+    """For these images, at most one a slot, and perhaps the boot loader; the controller is this node and their robot's,
+    and the key in place `revoked` stays so.
 
     UserError when the images are made for several robots or boards.
     """
@@ -121,8 +142,8 @@ def plan(files: Sequence[SignedFile], loader: bytes | None, node: int = 0) -> Pl
     if loader is not None:
         erase.insert(0, (BASE, BOOT_SIZE))
         write.insert(0, (BASE, loader))
-    if node or robot:
-        write.append((RECORDS[0][0], first_record(node, robot)))
+    if node or robot or revoked:
+        write.append((RECORDS[0][0], first_record(node, robot, revoked)))
     return Plan(tuple(erase), tuple(write))
 
 

@@ -37,9 +37,11 @@ class Registers(Protocol):
 
 
 def refuse_bench_key(name: str, loader: bytes, key: Ed25519PublicKey, bench: Ed25519PublicKey | None) -> None:
-    """UserError unless the boot loader on the chip starts images of `key`, and that is not the bench's."""
+    """UserError unless the boot loader on the chip starts images of `key`, and none of the bench's."""
     if bench is not None and key_hash(key) == key_hash(bench):
         raise UserError("--key: the key of the bench; expected that of a release")
+    if bench is not None and key_in(loader, key_hash(bench)) is not None:
+        raise UserError(f"{name}: its boot loader starts images of the bench, too; expected that of a release")
     if key_in(loader, key_hash(key)) is None:
         raise UserError(
             f"{name}: its boot loader does not know the key {key_hash(key)[:4].hex()}; nothing is protected"

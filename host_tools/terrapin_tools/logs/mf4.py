@@ -47,17 +47,29 @@ def _kind(width: int) -> np.dtype[Any]:
     )
 
 
+def _record(width: int) -> np.dtype[Any]:
+    return np.dtype([("time", "<f8"), ("frame", _kind(width))])
+
+
 def _samples(frames: Frames, width: int) -> npt.NDArray[Any]:
     samples = np.zeros(len(frames), dtype=_kind(width))
-    samples["CAN_DataFrame.BusChannel"] = 1
-    samples["CAN_DataFrame.ID"] = frames.identifiers
-    samples["CAN_DataFrame.IDE"] = (frames.flags & EXTENDED) != 0
-    samples["CAN_DataFrame.DLC"] = np.searchsorted(_FD_LENGTHS, frames.lengths)
-    samples["CAN_DataFrame.DataLength"] = frames.lengths
-    samples["CAN_DataFrame.DataBytes"][:, : frames.data.shape[1]] = frames.data
-    samples["CAN_DataFrame.Dir"] = (frames.flags & SENT) != 0
-    samples["CAN_DataFrame.EDL"] = (frames.flags & FD) != 0
+    for name, values in {
+        "BusChannel": 1,
+        "ID": frames.identifiers,
+        "IDE": (frames.flags & EXTENDED) != 0,
+        "DLC": np.searchsorted(_FD_LENGTHS, frames.lengths),
+        "DataLength": frames.lengths,
+        "DataBytes": _as_wide(frames.data, width),
+        "Dir": (frames.flags & SENT) != 0,
+        "EDL": (frames.flags & FD) != 0,
+    }.items():
+        samples[f"CAN_DataFrame.{name}"] = values
     return samples
+
+
+def _as_wide(data: npt.NDArray[np.uint8], width: int) -> npt.NDArray[np.uint8]:
+    """Data (rows, any) as (rows, `width`): zeros at the end, or what is beyond left out."""
+    return np.pad(data, ((0, 0), (0, max(0, width - data.shape[1]))))[:, :width]
 
 
 class WholeMf4:
@@ -136,13 +148,8 @@ class GrowingMf4:
         self._count += len(frames)
 
     def _records(self, frames: Frames) -> npt.NDArray[Any]:
-        kind = _kind(self._width)
-        records = np.zeros(len(frames), dtype=[("time", "<f8"), ("frame", kind)])
-        records["time"] = frames.times - self._start
-        short = Frames(
-            frames.path, frames.times, frames.identifiers, frames.lengths, frames.data[:, : self._width], frames.flags
-        )
-        records["frame"] = _samples(short, self._width)
+        records = np.zeros(len(frames), dtype=_record(self._width))
+        records["time"], records["frame"] = frames.times - self._start, _samples(frames, self._width)
         return records
 
     def _head(self, path: Path, frames: Frames) -> BinaryIO:
@@ -179,7 +186,7 @@ class GrowingMf4:
     def _widen(self, frames: Frames) -> None:
         """The same log with room for 64 bytes of data."""
         assert self._file is not None
-        narrow = np.dtype([("time", "<f8"), ("frame", _kind(self._width))])
+        narrow = _record(self._width)
         self.flush()
         begin = self._places[0] - _LENGTH + _HEAD
         old, start, count = self._path.open("rb"), self._start, self._count
@@ -193,14 +200,11 @@ class GrowingMf4:
             while count:
                 records = np.frombuffer(old.read(min(count, CHUNK) * narrow.itemsize), dtype=narrow)
                 count -= len(records)
-                wide = np.zeros(len(records), dtype=[("time", "<f8"), ("frame", _kind(64))])
+                wide = np.zeros(len(records), dtype=_record(64))
                 wide["time"] = records["time"] + shift
                 for name in narrow["frame"].names or ():
                     column = records["frame"][name]
-                    if name.endswith("DataBytes"):
-                        wide["frame"][name][:, : column.shape[1]] = column
-                    else:
-                        wide["frame"][name] = column
+                    wide["frame"][name] = _as_wide(column, 64) if column.ndim == 2 else column
                 self._file.write(wide.tobytes())
         self.flush()
         wider.replace(self._path)

@@ -138,7 +138,6 @@ class LogReader:
         told(self.size)
 
     def _parquet(self, told: Callable[[int], None]) -> Iterator[Frames]:
-        import pyarrow
         import pyarrow.parquet
 
         try:

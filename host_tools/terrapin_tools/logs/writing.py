@@ -219,7 +219,6 @@ class _Mcap:
 
 class _Parquet:
     def __init__(self, path: Path) -> None:
-        import pyarrow
         import pyarrow.parquet
 
         self._arrow = pyarrow

@@ -124,24 +124,22 @@ class MonitorApp(App[None]):
 
     def _controller(self) -> Text:
         live = self.live
-        text = Text()
         state = live.word("state", "STATUS.state")
-        text.append("state   ", style="dim")
-        text.append(f"{state}\n", style="bold red" if state == "safe" else "bold")
-        faults = live.faults
-        if faults:
-            for fault in faults[:3]:
-                text.append(f"{fault['name']}: ", style="bold red")
-                text.append(f"{fault['cause']}; {fault['reaction']}\n")
-        else:
-            text.append("faults  ", style="dim")
-            text.append("none\n")
+        faults = [
+            part
+            for fault in live.faults[:3]
+            for part in ((f"{fault['name']}: ", "bold red"), f"{fault['cause']}; {fault['reaction']}\n")
+        ]
         waited = 0.0 if self.source.over else time.monotonic() - self._heard
-        text.append("bus     ", style="dim")
         lost = f"{self.source.lost} frames lost: this machine is too slow; " if self.source.lost else ""
         over = f"; {self.source.note}" if self.source.over and self.source.note else ""
-        text.append(lost + live.health(waited) + over)
-        return text
+        return Text.assemble(
+            ("state   ", "dim"),
+            (f"{state}\n", "bold red" if state == "safe" else "bold"),
+            *(faults or (("faults  ", "dim"), "none\n")),
+            ("bus     ", "dim"),
+            lost + live.health(waited) + over,
+        )
 
     def _values(self) -> Table:
         live = self.live

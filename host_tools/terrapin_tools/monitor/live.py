@@ -10,6 +10,7 @@ import numpy as np
 
 from terrapin_hil.arrays import Array, Index
 from terrapin_hil.messages import Interface
+from terrapin_hil.nodes import Node
 from terrapin_tools.logs.decoding import Decoded, Decoder
 from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, Frames
 from terrapin_tools.logs.nodes import ELSEWHERE, others, renamed
@@ -71,6 +72,7 @@ class Live:
         self._decoder = decoder
         self._node = node if interface else None
         self.others: Counter[int] = Counter()  # node number -> frames of other controllers on the bus
+        self.said: dict[int, str] = {}  # node number -> state and faults of another controller, in words
         self._unique: dict[int, float] = {}  # of the controllers that say they are this node -> time
         self._faults = {f["number"]: f for f in interface.json["faults"]} if interface else {}
         self._words = (
@@ -134,7 +136,10 @@ class Live:
         if self._decoder is None:
             return {}
         if self._node is not None:
-            self.others.update(others(block, self._node))
+            beside = others(block, self._node)
+            self.others.update(beside)
+            for number in beside:
+                self._beside(block, number, self._decoder)
             block = renamed(block, self._node)
         seen = np.zeros(len(block), dtype=bool)
         decoded = self._decoder.decode(block)
@@ -183,6 +188,19 @@ class Live:
                 text = f"no frame for {step:.3f} s, or the clock jumped ahead"
                 self.tell(float(block.times[row]), "clock", text)
         self._latest = float(block.times[-1])
+
+    def _beside(self, block: Frames, number: int, decoder: Decoder) -> None:
+        """Notes what another controller's last STATUS says."""
+        own = (block.identifiers == Node(number).identifier("STATUS")) & (block.flags & EXTENDED == 0)
+        status = decoder.decode(renamed(block.pick(own), number)).get("STATUS") if own.any() else None
+        if status is None:
+            return
+        state, faults = (float(status.signals[name][-1]) for name in ("state", "faults"))
+        if state == state and faults == faults:
+            word = self._words.get("state", {}).get(int(state), f"{state:g}")
+            self.said[number] = ": ".join(
+                [word, *([", ".join(map(self._fault, _bits(int(faults))))] if faults else [])]
+            )
 
     def _check_length(self, message: str, lengths: Index) -> None:
         short = int((lengths < self._lengths[message]).sum())
@@ -306,7 +324,7 @@ class Live:
             worst += f"; error counters: sending {self.counters[0]}, receiving {self.counters[1]}"
         if self.fit:
             return self.fit
-        beside = ", ".join(f"node {number}" for number in sorted(self.others))
+        beside = ", ".join(f"node {number} {self.said.get(number, '')}".strip() for number in sorted(self.others))
         return (f"error frames: {worst}" if worst else "no error frames") + (
             f"; also on it: {beside}" if beside else ""
         )

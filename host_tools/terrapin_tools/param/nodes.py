@@ -86,6 +86,10 @@ def store_node(link: Link, number: int, unique: int | None) -> NodeAnswer:
         if answers:
             break
     else:
+        if unique in {answer.unique for answer in found}:
+            raise LinkError(
+                f"{link.name}: the controller takes no change without its link key; expected --link-key FILE"
+            )
         raise LinkError(f"{link.name}: no controller {unique:08x} answers to this node number")
     reasons = {
         "locked": "locked while the bridge is on; stop the motor first (request idle)",

@@ -147,20 +147,14 @@ def _noise(tables: Tables) -> tuple[Noise, bool]:
     found = tables.table("noise")
     if not found:
         return Noise(), False
-    standard = Noise()
-    shares = {
-        "load": standard.load,
-        "drawbar_pull": standard.drawbar,
-        "torque": standard.torque,
-        "slip": standard.slip,
-    }
-    for name in shares:
+    shares = {}
+    for name in COLUMNS:
         if name not in found:
             raise tables.complain(f"{name} is missing, expected all four or no table", "noise")
         shares[name] = _share(tables, 0.5, "noise", name)
         if shares[name] <= 0.0:
             raise tables.complain("found 0, expected more than 0", "noise", name)
-    return Noise(shares["load"], shares["drawbar_pull"], shares["torque"], shares["slip"]), True
+    return Noise(*shares.values()), True
 
 
 def _points(folder: Path, tables: Tables) -> tuple[dict[str, Array], tuple[str, ...]]:

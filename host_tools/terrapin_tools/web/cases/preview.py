@@ -15,9 +15,13 @@ import numpy as np
 
 from terrapin_hil import paths
 from terrapin_tools.errors import UserError
+from terrapin_tools.logs.decoding import Decoder
+from terrapin_tools.logs.info import Summary
+from terrapin_tools.logs.reading import LogReader
+from terrapin_tools.progress import bar
 from terrapin_tools.web.cases.clock import Clock
 from terrapin_tools.workbench.files import units
-from terrapin_tools.workbench.files.streamed_tables import Told, stream
+from terrapin_tools.workbench.files.streamed_tables import stream
 from terrapin_tools.workbench.files.tables import LOG_SUFFIXES, Table
 from terrapin_tools.workbench.new_case.from_tables import guess_base, guess_columns, guess_run, split_unit
 
@@ -182,8 +186,6 @@ def _number(text: str) -> bool:
 
 
 def _look_dbc(path: Path) -> dict[str, Any]:
-    from terrapin_tools.logs.decoding import Decoder
-
     decoder = Decoder(path)
     names = [str(message.name) for message in decoder.messages.values()]
     if not names:
@@ -192,28 +194,25 @@ def _look_dbc(path: Path) -> dict[str, Any]:
 
 
 def _look_log(path: Path, dbc: Path) -> dict[str, Any]:
-    from terrapin_tools.logs.decoding import Decoder
-    from terrapin_tools.logs.info import Summary
-    from terrapin_tools.logs.reading import LogReader
-
     decoder = Decoder(dbc)
-    summary, log, told = Summary(decoder), LogReader(path), Told(path)
+    summary, log = Summary(decoder), LogReader(path)
     gathered = _Columns()
     unit_of = {str(m.name): dict(decoder.units(str(m.name))) for m in decoder.messages.values()}
     known = 0
-    for block in log.blocks(told):
-        summary.take(block)
-        for message, decoded in decoder.decode(block).items():
-            known += len(decoded.rows)
-            for signal, values in decoded.signals.items():
-                name, there = f"{message}.{signal}", values[~np.isnan(values)]
-                if not there.size:
-                    continue
-                if name not in gathered.low:
-                    gathered.names.append(name)
-                    gathered.cells[name] = [f"{v:.9g}" for v in there[:SHOWN]]
-                gathered.low[name] = min(gathered.low.get(name, np.inf), float(there.min()))
-                gathered.high[name] = max(gathered.high.get(name, -np.inf), float(there.max()))
+    with bar(path.name, log.size) as shown:
+        for block in log.blocks(lambda done: shown(completed=done)):
+            summary.take(block)
+            for message, decoded in decoder.decode(block).items():
+                known += len(decoded.rows)
+                for signal, values in decoded.signals.items():
+                    name, there = f"{message}.{signal}", values[~np.isnan(values)]
+                    if not there.size:
+                        continue
+                    if name not in gathered.low:
+                        gathered.names.append(name)
+                        gathered.cells[name] = [f"{v:.9g}" for v in there[:SHOWN]]
+                    gathered.low[name] = min(gathered.low.get(name, np.inf), float(there.min()))
+                    gathered.high[name] = max(gathered.high.get(name, -np.inf), float(there.max()))
     answer = summary.answer()
     if not answer["frames"]:
         raise UserError(f"{path.name}: found no frame, expected a bus log")

@@ -10,7 +10,14 @@ from terrapin_hil.physics.effects import Effect
 from terrapin_hil.physics.expression import Expression
 from terrapin_hil.physics.signals import derivative, played
 from terrapin_tools.workbench.bases.kinds.algebraic import Algebraic, Rows, Terms, Values
-from terrapin_tools.workbench.bases.kinds.base import PRODUCT_COST, Factor, Problem
+from terrapin_tools.workbench.bases.kinds.base import (
+    ALONE,
+    PARAMETER_COST,
+    PRODUCT_COST,
+    Factor,
+    Problem,
+    Target,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,10 +27,16 @@ class Equation(Algebraic):
     formulas: Mapping[str, Expression] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)
 
+    def targets(self) -> list[Target]:
+        """The channels, and fitted parameters of the formulas, which may go with a column: a product of the two."""
+        return [*super().targets(), *((name, PARAMETER_COST * PRODUCT_COST) for name in self.further)]
+
     def reads(self) -> set[str]:
         return {name for formula in self.formulas.values() for name in formula.names}
 
     def factors(self, target: str, main: str, values: Mapping[str, Array], roles: Collection[str]) -> list[Factor]:
+        if target in self.further:  # a column that the formulas read is for another formula, not for a parameter
+            return [(*ALONE[:2], False)] if main and main not in self.reads() else []
         found: list[Factor] = []
         for name, prior, step in super().factors(target, main, values, roles):
             found.append((name, prior, step))

@@ -110,8 +110,8 @@ def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, 
             own_prior = 1.0 if name in roles or not name else UNMAPPED_COST
             for i, term in enumerate(listed):
                 for factor, factor_prior, beside_step, numbers in beside:
-                    if not (term.plain or beside_step):
-                        continue
+                    if not (term.plain or beside_step) or (term.scales and target in case.fit):
+                        continue  # of a parameter of the user's own, how it goes with a column is simple or unknown
                     change = act(features[name, i] * numbers)
                     size = float(np.sqrt((change * change).mean(axis=1).max()))
                     if not np.isfinite(size) or size == 0.0:

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtrc
 
-from terrapin_hil.arrays import Array
+from terrapin_hil.arrays import Array, Mask
 from terrapin_tools.workbench.compare.bayes_factor import BayesFactor, blocks_of
-from terrapin_tools.workbench.compare.comparison import Analysis, error, free_slopes
+from terrapin_tools.workbench.compare.comparison import Analysis, error, free_slopes, predict
 from terrapin_tools.workbench.model.constants import suspected
 from terrapin_tools.workbench.model.data_columns import column_shapes
 from terrapin_tools.workbench.model.effect_columns import shapes_of, terms_of
@@ -157,11 +157,21 @@ def pays(analysis: Analysis, longer: Fit, shorter: Fit) -> bool:
 
 
 def loses(analysis: Analysis, fit: Fit) -> bool:
-    """Whether the held-out runs are predicted worse with an answer than without: in the rows that were looked at, or in
-    all of them. What was left out because it stands alone must not stand farther off with the answer: a term that is
-    large where only such rows are is known by nothing else."""
-    for rows in (analysis.case.test, analysis.held):
-        before, after = (error(one, rows, analysis.noise.sigma) for one in (analysis.fit, fit))
+    """Whether the held-out runs are predicted worse with an answer than without: in the rows that were looked at, or
+    with those of the others that the answer changes more than any row that was looked at. A term that is large only
+    where rows stand alone is known by nothing else; elsewhere an outlier says nothing for or against it."""
+    case, sigma = analysis.case, analysis.noise.sigma
+    for rows in (case.test, case.test | (analysis.held & _beyond(analysis, fit))):
+        before, after = (error(one, rows, sigma) for one in (analysis.fit, fit))
         if before is not None and after is not None and np.isfinite(before) and not after <= before:
             return True
     return False
+
+
+def _beyond(analysis: Analysis, fit: Fit) -> Mask:
+    """Of all rows those in which an answer changes a channel by more than in any row that was looked at."""
+    case = analysis.case
+    every, looked_at = np.ones(case.rows, dtype=bool), case.train | case.test
+    change = np.abs(predict(fit, every) - predict(analysis.fit, every))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(~(change <= change[:, looked_at].max(axis=1, keepdims=True)).all(axis=0))

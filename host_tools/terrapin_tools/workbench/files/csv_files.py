@@ -113,7 +113,6 @@ def _with_points(cells: list[str]) -> list[str]:
 
 def _read_large(path: Path, header: list[str], delimiter: str, first: int, texts: Collection[str]) -> Columns | None:
     """The same, fifty times as fast; None for whatever needs a second look."""
-    import pyarrow
     import pyarrow.compute
     import pyarrow.csv
 

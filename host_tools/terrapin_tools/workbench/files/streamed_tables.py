@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-import sys
-import time
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,26 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.csv_files import LARGE
+from terrapin_tools.progress import bar
+from terrapin_tools.workbench.files.csv_files import LARGE, read_header
 from terrapin_tools.workbench.files.tables import Table, read
 
-__all__ = ["Told", "stream"]
+__all__ = ["stream"]
 
 BLOCK = 8 << 20  # bytes of CSV at once
-EVERY = 0.5  # s between lines of progress
-
-
-class Told:
-    """Progress on standard error, a line now and then."""
-
-    def __init__(self, path: Path) -> None:
-        self.name, self.size = path.name, max(1, path.stat().st_size)
-        self.next = time.monotonic() + EVERY
-
-    def __call__(self, done: int) -> None:
-        if time.monotonic() >= self.next:
-            self.next = time.monotonic() + EVERY
-            print(f"{self.name}: {min(100, 100 * done // self.size)} %", file=sys.stderr, flush=True)
 
 
 def stream(path: Path, texts: Collection[str] = ()) -> Iterator[Table]:
@@ -49,11 +34,7 @@ def stream(path: Path, texts: Collection[str] = ()) -> Iterator[Table]:
 
 
 def _stream_csv(path: Path, texts: Collection[str]) -> Iterator[Table]:
-    import pyarrow
-    import pyarrow.compute
     import pyarrow.csv
-
-    from terrapin_tools.workbench.files.csv_files import read_header
 
     try:
         header, delimiter, line = read_header(path)
@@ -62,16 +43,15 @@ def _stream_csv(path: Path, texts: Collection[str]) -> Iterator[Table]:
     except csv.Error as error:
         raise UserError(f"{path.name}: {error}, expected a CSV file") from None
     names = [str(i) for i in range(len(header))]
-    told, done = Told(path), 0
+    size, done = path.stat().st_size, 0
+    read_options = pyarrow.csv.ReadOptions(column_names=names, skip_rows=line - 1, use_threads=False, block_size=BLOCK)
+    parse_options = pyarrow.csv.ParseOptions(delimiter=delimiter, ignore_empty_lines=False)
+    convert_options = pyarrow.csv.ConvertOptions(column_types=dict.fromkeys(names, pyarrow.string()))
     try:
-        with pyarrow.csv.open_csv(
-            path,
-            read_options=pyarrow.csv.ReadOptions(
-                column_names=names, skip_rows=line - 1, use_threads=False, block_size=BLOCK
-            ),
-            parse_options=pyarrow.csv.ParseOptions(delimiter=delimiter, ignore_empty_lines=False),
-            convert_options=pyarrow.csv.ConvertOptions(column_types=dict.fromkeys(names, pyarrow.string())),
-        ) as reader:
+        with (
+            bar(path.name, size) as shown,
+            pyarrow.csv.open_csv(path, read_options, parse_options, convert_options) as reader,
+        ):
             for batch in reader:
                 columns: dict[str, npt.NDArray[Any]] = {}
                 for name, number in zip(header, names, strict=True):
@@ -81,7 +61,7 @@ def _stream_csv(path: Path, texts: Collection[str]) -> Iterator[Table]:
                 yield Table(path, columns, line)
                 line += batch.num_rows
                 done += batch.nbytes
-                told(done)
+                shown(completed=min(done, size))  # in memory it may be more
     except pyarrow.ArrowException as error:
         reason = str(error).splitlines()[0][:200]
         hint = " (a decimal comma?)" if delimiter == "," and "columns" in reason else ""
@@ -90,7 +70,6 @@ def _stream_csv(path: Path, texts: Collection[str]) -> Iterator[Table]:
 
 def _cells(column: Any, delimiter: str) -> npt.NDArray[Any]:
     """Numbers if all cells are, else text; decimal commas where commas do not part the fields."""
-    import pyarrow
     import pyarrow.compute
 
     plain = column
@@ -107,7 +86,6 @@ def _texts(column: Any) -> npt.NDArray[Any]:
 
 
 def _stream_parquet(path: Path) -> Iterator[Table]:
-    import pyarrow
     import pyarrow.parquet
 
     try:

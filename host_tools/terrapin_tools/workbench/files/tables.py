@@ -129,7 +129,6 @@ def _read(
 
 
 def _read_parquet(path: Path) -> Table:
-    import pyarrow
     import pyarrow.parquet
 
     try:

@@ -39,7 +39,9 @@ def read_case_text(folder: Path) -> str:
     try:
         with file.open(encoding="utf-8-sig", newline="") as opened:
             return opened.read()
-    except (FileNotFoundError, NotADirectoryError):
+    except NotADirectoryError:
+        raise UserError(f"{folder}: is a file, expected a case's folder; `terrapin case table` makes one") from None
+    except FileNotFoundError:
         raise UserError(f"{file}: no such file, expected a case folder with a case.toml, or a folder of such") from None
     except (UnicodeDecodeError, IsADirectoryError):
         raise UserError(f"{file}: found something that is not UTF-8 text, expected TOML") from None

@@ -29,6 +29,7 @@ from terrapin_tools.workbench.story.told import told
 __all__ = ["append"]
 
 SHOWN = 8  # runs whose error is told
+BY_CHANCE = 4  # rows of a run that may have the very numbers of another's
 
 
 def append(folder: Path, file: Path, seed: int = 0) -> tuple[dict[str, Any], str]:
@@ -54,6 +55,7 @@ def append(folder: Path, file: Path, seed: int = 0) -> tuple[dict[str, Any], str
         raise UserError(f"{file}: run {known[0]!r} is in the case already, expected new names of runs")
     if not runs:
         raise UserError(f"{file}: found no row without a gap, expected at least one")
+    _refuse_copies(file, grown, new)
     name = _free_name(folder, file)
     text = _listing(present.text, name, runs)
     with step("the model as it was, and the fit with the new runs"):
@@ -76,6 +78,17 @@ def append(folder: Path, file: Path, seed: int = 0) -> tuple[dict[str, Any], str
     done = f"Appended {len(runs)} run{'s' * (len(runs) > 1)} of {file.name} to {folder / 'case.toml'}."
     refit = change(told(before).ladder[-1], story.ladder[-1])
     return said, "\n".join([done, *_words(predicted, before), refit, "", tell(story)])
+
+
+def _refuse_copies(file: Path, grown: Case, new: Mask) -> None:
+    """UserError for a run that is another's copy: repeats without any scatter would be taken for the noise."""
+    channels = np.stack([*grown.channels.values()])
+    known: dict[bytes, str] = {}
+    for i in dict.fromkeys([*grown.run[~new].tolist(), *grown.run[new].tolist()]):
+        values = channels[:, grown.run == i]
+        twin = known.setdefault(values.tobytes(), grown.run_names[i])
+        if twin != grown.run_names[i] and new[grown.run == i].all() and values.shape[1] > BY_CHANCE:
+            raise UserError(f"{file}: run {grown.run_names[i]!r} has the very numbers of {twin!r}, expected new ones")
 
 
 def _listing(text: str, file: str, runs: Sequence[str]) -> str:

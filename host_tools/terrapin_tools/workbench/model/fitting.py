@@ -167,8 +167,12 @@ def extend(
     model = inputs_bound.model
     count = len(parent.theta)
     assert len(model.fitted) > count or not any(f.effect == effect_name for f in model.fitted)
-    absent = np.concatenate([parent.theta, model.start[count:]])
-    starts = [absent, *_screened(parent, inputs_bound, absent, measured, sigma), *more]
+    stated = np.concatenate([parent.theta, model.start[count:]])
+    starts = [stated, *_screened(parent, inputs_bound, stated, measured, sigma), *more]
+    if len(model.start) > count and model.start[count] != 0.0:  # a size that was found beside other values
+        absent = stated.copy()
+        absent[count] = np.clip(0.0, model.lower[count], model.upper[count])
+        starts.append(absent)
     return fit_model(inputs_bound, measured, sigma, starts)
 
 

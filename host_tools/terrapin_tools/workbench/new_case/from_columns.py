@@ -106,7 +106,6 @@ def _bring(folder: Path, source: Path, every: int, run: str) -> str:
 
 def _thin(source: Path, target: Path, every: int, run: str) -> None:
     """Every n-th row, a block at a time. A column is of numbers if it is in the first block; names of runs are text."""
-    import pyarrow
     import pyarrow.parquet
 
     writer, done = None, 0

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from terrapin_tools.errors import UserError
+from terrapin_tools.errors import UserError, about
 from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES, Base
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.tables import Table, read
@@ -74,6 +74,8 @@ def split_unit(column: str) -> tuple[str, str]:
 
     >>> split_unit("w_shell [rad/s]"), split_unit("i_motor_mA"), split_unit("slip"), split_unit("fz (N)")
     (('w_shell', 'rad/s'), ('i_motor', 'mA'), ('slip', ''), ('fz', 'N'))
+    >>> split_unit("coil_temp_C"), split_unit("phase_C")
+    (('coil_temp', 'degC'), ('phase_C', ''))
     """
     bracket = re.fullmatch(r"\s*(.+?)\s*[\[(]\s*([^\])]*)\s*[\])]\s*", column)
     if bracket:
@@ -85,6 +87,8 @@ def split_unit(column: str) -> tuple[str, str]:
         except ValueError:
             return column, ""
         return bracket[1], unit
+    if column.endswith("_C") and {"temp", "temperature"} & {*_words(column)}:
+        return column[:-2], "degC"
     low = column.lower()
     for ending, unit in SUFFIXES.items():
         if low.endswith("_" + ending) and len(low) > len(ending) + 1:
@@ -227,11 +231,9 @@ def _settled(guesses: Sequence[Guess], columns: Mapping[str, str], told: Mapping
         canonical, unit = _unit(name, base), told.get(name, guess.unit)
         if not unit and canonical != "1":
             unit = ask(f"What is the unit of {guess.column} ({name})?", [canonical], f"--unit {name}=UNIT")
-        try:
-            if unit:
+        if unit:
+            with about(f"--unit: {name}"):
                 units.convert(1.0, unit, canonical)
-        except ValueError as error:
-            raise UserError(f"--unit: {name}: {error}") from None
         found[[g.column for g in found].index(guess.column)] = replace(guess, unit=unit)
     unknown = next((name for name in told if name not in [guess.name for guess in found]), None)
     if unknown is not None:
@@ -371,9 +373,10 @@ def _names(mapped: Sequence[Guess], base: Base) -> list[str]:
 
 
 def _equation(mapped: Sequence[Guess], base: Base) -> list[str]:
-    """A straight line through the last column over the first: a start to write the right formula over."""
+    """A straight line through the last column over the first that is no time: a start to write the right one over."""
     *inputs, channel = _names(mapped, base)
-    formula = f"offset + gradient*{inputs[0]}" if inputs else "offset"
+    likely = [name for guess, name in zip(mapped, inputs, strict=False) if guess.name != "time"] or inputs
+    formula = f"offset + gradient*{likely[0]}" if inputs else "offset"
     lines = ["# CHECK: which column is predicted, and by what", "[model.equation]", f"{channel} = {_quoted(formula)}"]
     lines += ["", "[fit]", "offset = { value = 0.0 }"]
     return [*lines, "gradient = { value = 1.0 }"] if inputs else lines
