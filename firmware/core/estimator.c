@@ -7,12 +7,13 @@
  */
 #include "core.h"
 
+enum { COUNTS_MOST = WINDOW_MAX_SLOTS * RECORD_MS * 32768 }; /* sixteen bits a tick, over the longest window */
+
 enum {
     QUIET_SLOTS = 20,   /* the gate must hold this long: a transient passes through zero faster */
     MOVING_COUNTS = 20, /* fewer counts a window are no rolling: the friction's sign would be a guess */
     SWING_TICKS_MAX = 200 * RECORD_MS,
-    COUNTS_MOST = WINDOW_MAX_SLOTS * RECORD_MS * 32768, /* sixteen bits a tick, over the longest window */
-    CURRENT_MAX_10UA = 10000000,                        /* 100 A: more than any code at any current_scale */
+    CURRENT_MAX_10UA = 10000000, /* 100 A: more than any code at any current_scale */
     CURRENT_STEP_UNM = 1500 * (TERRAPIN_LIMIT_TORQUE_FULL_SCALE / 1000000), /* 1.5e-3 of the full scale: the last
                                                                              * record's torque may differ by this from
                                                                              * the window's, and by */

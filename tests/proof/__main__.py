@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -132,6 +133,12 @@ PROOFS = (
     Proof("telemetry", 10, "core/telemetry.c", (
         ("state->counter < TERRAPIN_E2E_COUNTER_MAX", "state->counter <= TERRAPIN_E2E_COUNTER_MAX"),
     )),
+    Proof("gains", 9, "core/gains.c", (
+        ("integer_clamp(p[TERRAPIN_PARAMETER_DRIVE_RADIUS], 1, radius)", "p[TERRAPIN_PARAMETER_DRIVE_RADIUS] - radius"),
+    )),
+    Proof("step", 100, "core/step.c", (
+        ("schedule_work(state, inputs);\n", "schedule_work(state, inputs);\n    outputs->enable = true;\n"),
+    ), alone=("clear",)),
     Proof("integer", 3, "core/integer.c", (
         ("if (held > high) {", "if (held > low) {"),
     )),
@@ -139,11 +146,13 @@ PROOFS = (
 
 
 def ranges() -> str:
-    """A macro for the harnesses: every parameter of a state is within its range, in numbers."""
-    parameters = interface().parameters.values()
+    """A macro for the harnesses: every parameter of a state is within its range, whatever the board's ceilings."""
+    source = ROOT / "firmware/terrapin_interface/controller.toml"
+    given = tomllib.loads(source.read_text(encoding="utf-8"))["parameter"]
     held = (
-        f"ASSUME((state).parameter[{p.index}] >= {p.minimum} && (state).parameter[{p.index}] <= {p.maximum})"
-        for p in parameters
+        f"ASSUME((state).parameter[{p.index}] >= {given[p.name]['min']}); "
+        f"ASSUME((state).parameter[{p.index}] <= {given[p.name]['max']})"
+        for p in interface().parameters.values()
     )
     return "#define PARAMETERS_HOLD(state) do { " + "; ".join(held) + "; } while (0)\n"
 

@@ -138,6 +138,8 @@ int32_t integer_factor(int64_t value, uint32_t bits, int32_t divisor) {
     const int64_t most = two_to(length, shift);
     const int32_t factor = signed_as((value > 0) ? 1 : 0, 1, (most < INT32_MAX) ? most : INT32_MAX);
     ASSUME((value > divisor) || (factor <= ((int64_t)1 << bits)));
+    const int64_t least = two_to(length, length_of(divisor) + 1U);
+    ASSUME((value == 0) || (factor >= least) || (factor == INT32_MAX));
     return factor;
 }
 

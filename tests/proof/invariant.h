@@ -29,9 +29,9 @@ static bool gains_hold(const terrapin_state *s) {
            (g->fixed_variance <= 750000000000000000U) && within(g->trimmed_unm, HELD_OR_LEAST) &&
            within(g->untrimmed_unm, HELD_OR_LEAST) && within(g->floor_unm, HELD_OR_LEAST) && (g->gain_q30 >= 0) &&
            (g->gain_q30 <= 0x40000000) && is_gain(&g->half_urad) && is_gain(&g->way_um) && (g->current_q32 >= 0) &&
-           (g->recent_q28 >= 0) && (g->voltage_q32 >= 0) && (g->swing_q20 >= 0) && (g->swing_q20 < 0x800000) &&
-           (g->per_weight_q24 >= 0) && within(g->slope_q24, 0x0FFFFFFF) && (g->wheel_q22 >= 0) &&
-           within(g->heat_q24, 0x0FFFFFFF) && (g->stribeck_q16 >= 0) && within(g->speed_squared_q24, INT32_MAX) &&
+           (g->recent_q28 >= 0) && (g->voltage_q32 >= 0) && (g->swing_q20 >= 0) && (g->swing_q20 <= 0x800000) &&
+           (g->per_weight_q24 >= 0) && within(g->slope_q24, 0x10000000) && (g->wheel_q22 >= 0) &&
+           within(g->heat_q24, 0x20000000) && (g->stribeck_q16 >= 0) && within(g->speed_squared_q24, INT32_MAX) &&
            within(g->comp_viscous_q32, INT32_MAX) && within(g->comp_inertia_q30, 0x40000000) && (g->inertia_q30 >= 0) &&
            (g->inertia_q30 <= 0x40000000) && (g->weight_q22 >= 0) && is_gain(&r->motor_speed) &&
            is_gain(&r->motor_fast) && is_gain(&r->ground_fast) && is_gain(&r->swing_fast) &&

@@ -3,6 +3,25 @@
 #define TO_THE_UNIT
 #include "invariant.h"
 
+/* The ends of two products, which CBMC does not find, follow from those of their factors, which are shown here. */
+static int32_t squared_q20(int32_t value, int32_t factor, uint32_t bits) {
+    PROVE((value >= 0) && (value <= 4000000) && (factor == 1374390) && (bits == 17U));
+    const int32_t result = contract_q(value, factor, bits);
+    ASSUME((result >= 0) && (result <= 41943055));
+    return result;
+}
+
+static int32_t curve_sum(int32_t summand, int32_t value, int32_t factor) {
+    PROVE(within(value, 1280000000) && (factor >= 0) && (factor <= 1342177760));
+    PROVE(within(summand, 1000000));
+    const int32_t part = nondet_int();
+    ASSUME(within(part, 400000144));
+    return summand + part;
+}
+
+#undef integer_q
+#define integer_q        squared_q20
+#define integer_q32_plus curve_sum
 #include "ground.c"
 
 static terrapin_state state;
@@ -15,7 +34,7 @@ static bool fit_holds(const terrapin_state *s) {
            (g->xy >= -most) && (g->xy <= most) && (g->windows <= (uint8_t)WINDOWS_MAX) &&
            (g->todo <= (uint8_t)FIT_STEPS) &&
            ((g->todo == 0U) || (g->todo == (uint8_t)FIT_STEPS) || (g->weight_q8 >= 256)) && within(g->f_r_ppm, Y_MAX) &&
-           (g->f_r_sd_ppm >= 0) && (g->f_r_sd_ppm <= Y_MAX);
+           (g->square_q25 >= 0) && (g->square_q25 <= 1342177760) && (g->f_r_sd_ppm >= 0) && (g->f_r_sd_ppm <= Y_MAX);
 }
 
 int main(void) {
@@ -28,6 +47,9 @@ int main(void) {
     case 0U:
         ASSUME(omega > INT32_MIN);
         PROVE(within(ground_floor_unm(&state, omega), HELD_OR_LEAST));
+        break;
+    case 3U:
+        ground_speed(&state);
         break;
     case 1U:
         ground_resistance(&state);

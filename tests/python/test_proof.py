@@ -65,6 +65,22 @@ def test_the_models_are_what_the_c_does(arithmetic: Any) -> None:
         assert lib.integer_divide(numerator, denominator) == models.divide(numerator, denominator)
 
 
+def test_the_ends_of_products_and_quotients() -> None:
+    """What prove_gains.c and prove_ground.c say of some: each grows with its factors, and falls with its divisor."""
+    count = (628318530718 + 1024) // 2048  # an encoder's count of the wheel's turn [1e-5 urad]
+    assert models.scale(count, 2000, 500000) >= 1
+    assert models.scale(count, 500000, 500000) <= 0x1FFFFFFF
+    assert models.scale(count, 5000, 1000000) >= 1
+    assert models.scale(count, 200000, 1000000) <= 0x3FFFFFF
+    assert models.scale(10000, 1000, 10000) >= 1
+    assert models.scale(500000, 2000000, 2000) == 500000000
+    assert models.scale(10000, 1000, 1000) == 10000
+    assert models.scale(500000, 500000, 1000) == 250000000
+    assert 40 * 2**25 < (largest := (4000000 * 1374390 + 2**16 >> 17) * 32) <= 1342177760  # prove_ground.c
+    assert 1280000000 * largest + 2**31 >> 32 <= 400000144
+    assert [models.scale(sign * 1000000, 256, 100) for sign in (-1, 1)] == [-2560000, 2560000]
+
+
 def tied(folder: Path, contracts: str) -> subprocess.CompletedProcess[str]:
     """The functions of integer.h against these contracts, at POINTS draws each."""
     (folder / "integers.h").write_text(contracts)
