@@ -21,47 +21,32 @@ SCHEMA = "terrapin.case/1"
 
 def answer(story: Story) -> dict[str, Any]:
     """What `terrapin compare` and `terrapin discover` write with --json."""
-    found, parts = story.found, _parts(story)
+    found, missing, runs = story.found, {}, {}
     if found is not None:
-        parts["missing"] = found.missing
-        parts["answer_probability"] = found.probability
-        parts["candidates"] = [{**vars(c), "parameters": _values(c.parameters)} for c in found.candidates]
-        parts["rivals"] = found.rivals
-        parts["part"] = found.part
-        parts["next_experiment"] = found.plan and vars(found.plan)
-    parts["ladder"] = [vars(rung) for rung in story.ladder]
-    parts["noise"] = {
-        "model": story.noise_model,
-        "rho": story.rho,
-        "source": story.noise,
-        "findings": [vars(one) for one in story.noise_findings],
-    }
-    if story.goals:
-        parts["goal"] = {one.channel: _goal(one) for one in story.goals}
-    if story.groups:
-        parts["groups"] = {
-            one.parameter: {
-                "by": one.by,
-                "unit": one.unit,
-                "values": {group: {"value": value, "sd": one.sds[group]} for group, value in one.values.items()},
-                "p_value": one.p_value,
-            }
-            for one in story.groups
+        missing = {
+            "missing": found.missing,
+            "answer_probability": found.probability,
+            "candidates": [{**vars(c), "parameters": _values(c.parameters)} for c in found.candidates],
+            "rivals": found.rivals,
+            "part": found.part,
+            "next_experiment": found.plan and vars(found.plan),
         }
+        runs = {
+            "odd_runs": found.odd_runs,
+            "operating": [vars(one) for one in found.operating],
+            "selected": [vars(one) for one in found.selected],
+        }
+    groups = {
+        one.parameter: {
+            "by": one.by,
+            "unit": one.unit,
+            "values": {group: {"value": value, "sd": one.sds[group]} for group, value in one.values.items()},
+            "p_value": one.p_value,
+        }
+        for one in story.groups
+    }
     intake = {"rows_left_out": story.rows_left_out, "guessed": story.guessed, "remarks": story.intake}
-    if story.intake:
-        parts["intake"] = intake
-    parts["at_bound"] = [key for key, value in story.parameters.items() if value.at_bound]
-    if found is not None:
-        parts["odd_runs"] = found.odd_runs
-        parts["operating"] = [vars(one) for one in found.operating]
-        parts["selected"] = [vars(one) for one in found.selected]
-    return dict(finite({**parts, "seconds": story.seconds}))
-
-
-def _parts(story: Story) -> dict[str, Any]:
-    """What stands first in both answers."""
-    return {
+    parts = {
         "schema": SCHEMA,
         "case": story.title,
         "model": {"base": story.base, "effects": story.effects},
@@ -70,7 +55,22 @@ def _parts(story: Story) -> dict[str, Any]:
         "adequacy": {"p_value": story.p_value, "false_alarm_rate": story.level},
         "where": places(story.where),
         "verdict": story.verdict,
+        **missing,
+        "ladder": [vars(rung) for rung in story.ladder],
+        "noise": {
+            "model": story.noise_model,
+            "rho": story.rho,
+            "source": story.noise,
+            "findings": [vars(one) for one in story.noise_findings],
+        },
+        **({"goal": {one.channel: _goal(one) for one in story.goals}} if story.goals else {}),
+        **({"groups": groups} if groups else {}),
+        **({"intake": intake} if story.intake else {}),
+        "at_bound": [key for key, value in story.parameters.items() if value.at_bound],
+        **runs,
+        "seconds": story.seconds,
     }
+    return dict(finite(parts))
 
 
 def _values(values: Mapping[str, Value]) -> dict[str, dict[str, Any]]:
