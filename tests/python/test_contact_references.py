@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 from terrapin_hil.physics import soils, sphere, tyre, wheel
+from terrapin_hil.physics.effects import catalogue
+from terrapin_hil.physics.expression import parse
 
 DATA = Path(__file__).parent / "data"
 RTOL = 1e-6
@@ -41,11 +43,12 @@ def test_sphere(stress: str) -> None:
     assert np.abs(c.vertical / load - 1.0).max() < 1e-9
     r_c = sphere.bulldozing(c.entry, radius, 0.0, PHI, 19600.0, 20.0, 6.0)
     found = {"entry": c.entry, "sinkage": c.sinkage, "traction": c.traction, "torque": c.torque, "bulldozing": r_c}
-    for clip, tail in ((True, ""), (False, "_printed")):
-        r_f = sphere.slip_resistance(load, slip, clip=clip)
+    slip_resistance = parse(catalogue()["slip_sinkage"].expression)  # Eq. 9
+    for clip, tail in ((1.0, ""), (0.0, "_printed")):
+        r_f = slip_resistance.evaluate({"load": load, "slip": slip, "xi1": 2.0, "xi2": 0.45, "xi3": 2.0, "clip": clip})
         found["slip_sinkage" + tail] = r_f
-        pull, moment = sphere.corrected(c.traction, c.torque, radius, r_c + r_f)
-        found["corrected_traction" + tail], found["corrected_torque" + tail] = pull, moment
+        found["corrected_traction" + tail] = c.traction - (r_c + r_f)  # Eq. 10
+        found["corrected_torque" + tail] = c.torque - radius * (r_c + r_f)
     assert set(found) == set(columns) - {"stress", "radius", "load", "slip"}
     for name, value in found.items():
         np.testing.assert_allclose(value, columns[name].astype(float), rtol=RTOL, atol=1e-9, err_msg=name)

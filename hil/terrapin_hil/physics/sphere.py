@@ -19,19 +19,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from terrapin_hil.physics.contact import Array, Contact, Rows, contact, equilibrium, evaluate, points, rows
-from terrapin_hil.physics.effects import catalogue
-from terrapin_hil.physics.expression import parse
 
 __all__ = [
     "Soil",
     "at",
     "bulldozing",
     "bulldozing_factors",
-    "corrected",
     "entry_angle",
     "forces",
     "sinkage",
-    "slip_resistance",
     "slopes",
     "solve",
 ]
@@ -135,17 +131,3 @@ def bulldozing(
     first = radius * radius * theta - a * h  # 2 * integral of z_x over the half width
     second = radius * radius * h - h**3 / 3.0 - a * radius * radius * theta  # integral of z_x^2 over the full width / 2
     return np.asarray(0.67 * cohesion * k_l * first + unit_weight * k_g * second)
-
-
-def slip_resistance(
-    load: Rows, slip: Rows, xi1: Rows = 2.0, xi2: Rows = 0.45, xi3: Rows = 2.0, clip: bool = True
-) -> Array:
-    """Resistance of slip sinkage R_f [N] (Eq. 9); 0 below slip xi2, or as printed, |slip - xi2|, without `clip`."""
-    effect = catalogue()["slip_sinkage"]
-    values = {"load": load, "slip": slip, "xi1": xi1, "xi2": xi2, "xi3": xi3, "clip": 1.0 if clip else 0.0}
-    return parse(effect.expression).evaluate(values)
-
-
-def corrected(traction: Rows, torque: Rows, radius: Rows, resistance: Rows) -> tuple[Array, Array]:
-    """Traction DP - X and torque T - R X (Eq. 10) for the resistance X = R_c + R_f [N]; T/R - DP does not change."""
-    return np.asarray(traction - resistance), np.asarray(torque - radius * resistance)

@@ -72,7 +72,7 @@ def carry_out(order: Order, folder: Path, jobs: int = 0, cluster: str = "", as_j
         shown, complete = Shown(folder, rows, varied), False
         try:
             answers = fill(
-                plan, rows, folder, scenario.duration, jobs=jobs or _cores(), cluster=cluster,
+                plan, rows, folder, scenario.duration, jobs=jobs or len(os.sched_getaffinity(0)), cluster=cluster,
                 until_failed=order.until_failed, seen=shown.seen, say=shown.say,
             )  # fmt: skip
             complete = True
@@ -102,10 +102,6 @@ def carry_out(order: Order, folder: Path, jobs: int = 0, cluster: str = "", as_j
         head = f"{scenario.name}: {scenario.title}" if scenario.title else scenario.name
         print(words(summary, head, commands, str(folder)))
     return 1 if summary.failed else 0
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0))
 
 
 def _report(order: Order, varied: list[Varied], table: Any, summary: Summary, commands: list[str]) -> str:

@@ -185,21 +185,20 @@ def tactile(
 
     Example: terrapin soil tactile cases/driven_rig_sand --json soil.json
     """
+    from terrapin_tools.soil import tactile_answer
     from terrapin_tools.soil.tactile import Unsolved
-    from terrapin_tools.soil.tactile_answer import answer, describe
-    from terrapin_tools.soil.tactile_answer import plot as draw
     from terrapin_tools.soil.tactile_case import load_tactile_case
 
     if not 0.0 <= margin < 1.0:
         raise UserError(f"--margin: found {margin:g}, expected 0 to less than 1")
     read = load_tactile_case(case)
     with about(case, Unsolved):
-        found = answer(read, margin)
+        found = tactile_answer.answer(read, margin)
     if plot is not None and found["identified"]:
-        draw(found, plot)
+        tactile_answer.plot(found, plot)
     elif plot is not None:
         print(f"terrapin: --plot: nothing to draw: {found['reason']}", file=sys.stderr)
-    deliver(found, describe(found), json)
+    deliver(found, tactile_answer.describe(found), json)
 
 
 def plates(
