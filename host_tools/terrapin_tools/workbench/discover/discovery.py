@@ -37,7 +37,6 @@ from terrapin_tools.workbench.model.constants import named
 from terrapin_tools.workbench.model.data_columns import numeric_columns
 from terrapin_tools.workbench.model.fitting import Fit, covariance
 from terrapin_tools.workbench.model.table_faults import at_fault
-from terrapin_tools.workbench.model.usual_sizes import MOST_TAX
 from terrapin_tools.workbench.noise.covariance import Node, Runs
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
@@ -209,10 +208,8 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
     rivals = [top]
     for other, p in sets:
         nested = any(set(r.effects) <= set(other.effects) or set(other.effects) <= set(r.effects) for r in rivals)
-        # a formula in the place of an effect of the catalogue is a rival only if it is about as likely, or if the
-        # effect's size is one that none of its kind has
-        alike = other.kind == "catalogue" or top.kind != "catalogue" or top.taxed >= MOST_TAX
-        least = SAME_AS_GOOD if alike else AS_GOOD
+        # a formula in the place of an effect of the catalogue is a rival only if it is about as likely
+        least = SAME_AS_GOOD if other.kind == "catalogue" or top.kind != "catalogue" else AS_GOOD
         first, second = top.fit, other.fit
         if _faulty(other):  # nothing in it is fitted to the noise
             first, second = second, first
