@@ -12,10 +12,10 @@ enum {
     Y_MAX = 1048576, /* f_r up to 1.05, in 1e-6 */
     UNKNOWN_Q3 = 64, /* farther than 8 sd from every curve is no terrain of the table */
     MARGIN_MAX_Q3 = 255,
-    SQUARE_MOST = 4000000, /* 200 rad/s squared, in 0.01 rad^2/s^2: below 2^31 in Q25 of 1000 rad^2/s^2 */
-    FIT_NOISE_PPM = 1000,  /* sd of f_r over windows that the prior is weighed against */
-    MOMENT_BITS = 22,      /* moments of Q8 numbers are kept in 64 times the product of their units */
-    FIT_PRIOR = 156,       /* f_s is 0 +- 1e-3 s^2/rad^2, ten of the slope's units: (FIT_NOISE_PPM / 10)^2 / 64 */
+    SQUARE_MOST_Q20 = 41943054, /* 200 rad/s squared, in Q20 of 1000 rad^2/s^2: 32 times it fits */
+    FIT_NOISE_PPM = 1000,       /* sd of f_r over windows that the prior is weighed against */
+    MOMENT_BITS = 22,           /* moments of Q8 numbers are kept in 64 times the product of their units */
+    FIT_PRIOR = 156,            /* f_s is 0 +- 1e-3 s^2/rad^2, ten of the slope's units: (FIT_NOISE_PPM / 10)^2 / 64 */
     WINDOWS_MAX = 127
 };
 
@@ -33,9 +33,8 @@ static int32_t omega_squared(int32_t omega_urad_s) {
 
 /* What the curves take of a speed: its square in Q25 of 1000 rad^2/s^2. Held at 200 rad/s. */
 static int32_t square_of(int32_t omega_urad_s) {
-    const int32_t square = omega_squared(omega_urad_s);
-    const int32_t held = (square < SQUARE_MOST) ? square : SQUARE_MOST;
-    return integer_q(held, 1374390, 17U) * 32; /* 2^20 / 1e5 is 1374390 / 2^17 */
+    const int32_t square = integer_q_held(omega_squared(omega_urad_s), 1374390, 17U); /* 2^20 / 1e5 is 1374390 / 2^17 */
+    return ((square < SQUARE_MOST_Q20) ? square : SQUARE_MOST_Q20) * 32;
 }
 
 void ground_speed(terrapin_state *state) {

@@ -34,7 +34,8 @@ static bool fit_holds(const terrapin_state *s) {
            (g->xy >= -most) && (g->xy <= most) && (g->windows <= (uint8_t)WINDOWS_MAX) &&
            (g->todo <= (uint8_t)FIT_STEPS) &&
            ((g->todo == 0U) || (g->todo == (uint8_t)FIT_STEPS) || (g->weight_q8 >= 256)) && within(g->f_r_ppm, Y_MAX) &&
-           (g->square_q25 >= 0) && (g->square_q25 <= 1342177760) && (g->f_r_sd_ppm >= 0) && (g->f_r_sd_ppm <= Y_MAX);
+           (g->f_r_sd_ppm >= 0) && (g->f_r_sd_ppm <= Y_MAX) && (g->square_q25 >= 0) &&
+           (g->square_q25 <= 1342177728); /* 40 and 1.4e-5 of 2^25, by 1374390 / 2^17 */
 }
 
 int main(void) {
@@ -58,6 +59,9 @@ int main(void) {
     case 2U:
         ASSUME(state.ground.f_r_sd_ppm > 0); /* ground_resistance, a tick before */
         ground_nearest(&state);
+        break;
+    case 3U:
+        ground_speed(&state);
         break;
     default:
         ground_fit_work(&state);
