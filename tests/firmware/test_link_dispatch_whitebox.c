@@ -274,6 +274,17 @@ static void test_two_hosts_that_jump_are_never_taken(void) {
     TEST_ASSERT_EQUAL(100U, link.out_of_step);
 }
 
+/* A dropped frame counts as the first of two only until the next one that is taken, an IDLE too. */
+static void test_an_old_dropped_frame_has_no_second(void) {
+    for (uint32_t idle = 0; idle < 2U; idle++) {
+        link.command_counter = 1U;
+        TEST_ASSERT_FALSE(taken(TERRAPIN_REQUEST_RUN, 9U));
+        TEST_ASSERT_TRUE(taken((idle != 0U) ? TERRAPIN_REQUEST_IDLE : TERRAPIN_REQUEST_RUN, 2U));
+        TEST_ASSERT_FALSE(taken(TERRAPIN_REQUEST_RUN, 10U));
+        TEST_ASSERT_TRUE(taken(TERRAPIN_REQUEST_RUN, 11U));
+    }
+}
+
 static void test_no_command_takes_the_place_of_an_idle_in_its_tick(void) {
     terrapin_outputs outputs;
     for (int32_t request = TERRAPIN_REQUEST_CALIBRATE; request <= TERRAPIN_REQUEST_CLEAR; request++) {
@@ -630,6 +641,7 @@ int main(void) {
     RUN_TEST(test_protected_frames_are_checked);
     RUN_TEST(test_the_counter_of_a_command_follows_in_a_window_of_four);
     RUN_TEST(test_two_hosts_that_jump_are_never_taken);
+    RUN_TEST(test_an_old_dropped_frame_has_no_second);
     RUN_TEST(test_no_command_takes_the_place_of_an_idle_in_its_tick);
     RUN_TEST(test_wrong_lengths_and_values);
     RUN_TEST(test_other_traffic_is_counted);
