@@ -106,8 +106,9 @@ def test_an_absurd_size_speaks_for_another_effect_of_that_shape(tmp_path: Path) 
         text.replace('"rpm"', '"rad/s"').replace('"mA", sigma = 4.0', '"A", sigma = 0.004')
     )
     found = discover(load_case(folder))
-    assert (found.verdict, found.missing) == ("missing", ("aerodynamic_drag",))
-    assert found.answer_probability < 0.9  # a formula of the same curve has the rest
+    assert found.verdict == "ambiguous"
+    assert {one[0] for one in found.rivals} == {"aerodynamic_drag", "expression_1"}  # a formula of the same curve
+    assert found.answer_probability < 0.9
     assert any(
         "speaks for something else that has the same shape" in note for note in told(found.analysis, found).notes
     )
