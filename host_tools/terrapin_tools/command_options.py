@@ -50,7 +50,7 @@ _ROBOT: dict[str, Any] = {
     "help": "a shipped robot, or the file of one; the cylinder where nothing is said",
 }
 RobotName = Annotated[str, typer.Option("--robot", **_ROBOT)]
-ThisRobot = Annotated[str, typer.Option("--robot", **_ROBOT, callback=_take_robot, is_eager=True)]  # of this process
+ThisRobot = Annotated[str, typer.Option("--robot", **_ROBOT, callback=_take_robot)]  # of this process
 Json = Annotated[str, typer.Option("--json", metavar="FILE", help="write the answer as JSON; - for standard output")]
 Seed = Annotated[int, typer.Option("--seed", help="of everything drawn at random; same seed, same answer")]
 Jobs = Annotated[int, typer.Option("--jobs", help="processes to use at most")]

@@ -11,8 +11,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from casekit import terrapin
 
 from terrapin_hil import paths
+from terrapin_hil.robots import selected
 from terrapin_tools import __version__, commands
 from terrapin_tools.cli import main
 
@@ -163,3 +165,11 @@ def test_the_list_of_commands_imports_none_of_them(arguments: list[str], environ
     assert "terrapin_tools.command_line" in came
     assert not {f"terrapin_tools.commands.{name}" for name in COMMANDS} & came
     assert not {"numpy", "scipy", "can"} & came
+
+
+def test_help_takes_no_robot(capsys: pytest.CaptureFixture[str]) -> None:
+    """`--robot NAME --help` shows the help, whatever is built, and leaves this process its robot."""
+    before = selected().name
+    status, out, _ = terrapin(capsys, "run", "carriage_limiter", "--robot", "sphere", "--help")
+    assert (status, selected().name) == (0, before)
+    assert out.startswith("Usage: terrapin run")
