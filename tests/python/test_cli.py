@@ -11,7 +11,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from casekit import terrapin
+from casekit import terrapin as in_this_process
 
 from terrapin_hil import paths
 from terrapin_hil.robots import selected
@@ -170,6 +170,6 @@ def test_the_list_of_commands_imports_none_of_them(arguments: list[str], environ
 def test_help_takes_no_robot(capsys: pytest.CaptureFixture[str]) -> None:
     """`--robot NAME --help` shows the help, whatever is built, and leaves this process its robot."""
     before = selected().name
-    status, out, _ = terrapin(capsys, "run", "carriage_limiter", "--robot", "sphere", "--help")
+    status, out, _ = in_this_process(capsys, "run", "carriage_limiter", "--robot", "sphere", "--help")
     assert (status, selected().name) == (0, before)
     assert out.startswith("Usage: terrapin run")
