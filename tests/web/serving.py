@@ -124,7 +124,11 @@ class Server:
 
     def files(self) -> dict[str, int]:
         """Every file of the workspace with its size: what was written, and what was not."""
-        return {p.relative_to(self.workspace).as_posix(): p.stat().st_size for p in self.workspace.rglob("*")}
+        found = {}
+        for path in self.workspace.rglob("*"):
+            with contextlib.suppress(FileNotFoundError):  # a file that is written whole has another name until then
+                found[path.relative_to(self.workspace).as_posix()] = path.stat().st_size
+        return found
 
     def kill(self) -> None:
         """As a crash would: no chance to tidy up."""
