@@ -37,7 +37,7 @@ Cases = Annotated[
 
 
 def _take_robot(name: str) -> str:
-    """Makes what `--robot` names the robot of this process, before anything else is read."""
+    """Makes what `--robot` names the robot of this process. Not before `--help`, which needs none that is built."""
     if name:
         from terrapin_hil.robots import select
 

@@ -6,6 +6,8 @@ counted is printed; a case is named (cut, way), so that it can be run again.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 from bootlib import CUTS, Chip, send
 from kit import KEY, NEXT_KEY, NEXT_PUBLIC, PUBLIC, image
@@ -53,25 +55,32 @@ def check_whole(chip: Chip, name: object) -> str:
     return started
 
 
-@pytest.mark.parametrize("way", range(len(CUTS)), ids=CUTS)
-def test_every_write_and_erase(way: int) -> None:
-    chip = before_update()
+def every_cut(
+    chip: Chip, way: int, act: Callable[[Chip], None], check: Callable[[Chip, object], str]
+) -> dict[str, int]:
+    """How many lives end with the old image ("a") and the new ("b"), power failing at each write and erase of `act`."""
     fresh = chip.contents()
     fails_at(chip, 0xFFFFFFFF, way)
-    life(chip)
+    act(chip)
     operations = chip.memory.operations
-    assert operations > 170  # the erase, the image's words, three records of eight words
     ended = {"a": 0, "b": 0}
     for cut in range(operations):
         chip.restore(fresh)
         assert chip.start() == "a"
         fails_at(chip, cut, way)
-        life(chip)
+        act(chip)
         assert chip.memory.off, cut
-        ended[check_whole(chip, (cut, way))] += 1
+        ended[check(chip, (cut, way))] += 1
+    print(f"{CUTS[way]}: {operations} cuts, {ended['a']} ended with the old image, {ended['b']} with the new, 0 bricks")
+    return ended
+
+
+@pytest.mark.parametrize("way", range(len(CUTS)), ids=CUTS)
+def test_every_write_and_erase(way: int) -> None:
+    ended = every_cut(before_update(), way, life, check_whole)
+    assert sum(ended.values()) > 170  # the erase, the image's words, three records of eight words
     assert ended["a"] > 100
     assert ended["b"] > 0
-    print(f"{CUTS[way]}: {operations} cuts, {ended['a']} ended with the old image, {ended['b']} with the new, 0 bricks")
 
 
 @pytest.mark.parametrize("way", [CUTS.index("torn"), CUTS.index("noise")], ids=["torn", "noise"])
@@ -186,29 +195,16 @@ def check_revoked(chip: Chip, name: object) -> str:
 @pytest.mark.parametrize("way", range(len(CUTS)), ids=CUTS)
 def test_every_write_of_a_revocation(way: int) -> None:
     """From the update's erase to the record that revokes the key of the image before."""
-    chip = before_revocation()
-    fresh = chip.contents()
 
     def revocation(chip: Chip) -> None:
         if send(chip, REVOKING, "b") == "ok":
             tried(chip)
+            assert chip.memory.off or chip.record().revoked == 1
 
-    fails_at(chip, 0xFFFFFFFF, way)
-    revocation(chip)
-    assert chip.record().revoked == 1
-    operations = chip.memory.operations
-    assert operations > 180  # as an update, and one record more
-    ended = {"a": 0, "b": 0}
-    for cut in range(operations):
-        chip.restore(fresh)
-        assert chip.start() == "a"
-        fails_at(chip, cut, way)
-        revocation(chip)
-        assert chip.memory.off, cut
-        ended[check_revoked(chip, (cut, way))] += 1
+    ended = every_cut(before_revocation(), way, revocation, check_revoked)
+    assert sum(ended.values()) > 180  # as an update, and one record more
     assert ended["a"] > 100
     assert ended["b"] >= 24
-    print(f"{CUTS[way]}: {operations} cuts, {ended['a']} ended with the old image, {ended['b']} with the new, 0 bricks")
 
 
 @pytest.mark.parametrize("record", range(3), ids=["trial", "confirmed", "revoked"])

@@ -25,6 +25,7 @@ from terrapin_hil.physics.dynamic import simulate
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import error, fitted_on
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
+from tests.campaigns.drawn import noise
 from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
 
 __all__ = ["BODIES", "Body", "draw", "one", "right", "table"]
@@ -153,15 +154,8 @@ def draw(base: str, number: int, seed: int, folder: Path) -> tuple[Case, str]:
     sigma = {c: times * sd for c, sd in rough.items()}
     rho = float(random.choice([0.0, 0.5]))
     for c, sd in sigma.items():
-        table[c] = table[c] + sd * np.concatenate([_noise(body.rows, rho, random) for _ in range(RUNS)])
+        table[c] = table[c] + sd * noise(np.repeat(np.arange(RUNS), body.rows), rho, random)
     return _written(folder, base, table, theta, sigma if random.random() < 0.5 else {}), effect
-
-
-def _noise(count: int, rho: float, random: Random) -> Array:
-    found = random.standard_normal(count)
-    for row in range(1, count):
-        found[row] = rho * found[row - 1] + np.sqrt(1.0 - rho * rho) * found[row]
-    return found
 
 
 def _left(case: Case) -> float:

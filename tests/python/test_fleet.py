@@ -164,47 +164,6 @@ def test_ctrl_c_while_workers_start_says_one_line(tmp_path: Path) -> None:
     assert all(is_progress(line, MANY) for line in progress)
 
 
-HELD_LOCK = """
-import signal, sys, threading, time
-from terrapin_tools.workbench.fleet.pool import pool
-
-take, interrupts, number = threading.Condition.__enter__, 0, int(sys.argv[1])
-
-class Stopped(BaseException):
-    pass
-
-def stop(number, frame):
-    raise Stopped
-
-def interrupted(lock):
-    global interrupts
-    taken = take(lock)
-    if threading.get_ident() == threading.main_thread().ident and interrupts < 1:
-        interrupts += 1
-        signal.raise_signal(number)
-    return taken
-
-if __name__ == "__main__":
-    signal.signal(number, stop)
-    try:
-        with pool(2, "") as workers:
-            future = workers.submit(time.sleep, 0.2)
-            threading.Condition.__enter__ = interrupted
-            future.result()
-    except Stopped:
-        print("stopped", interrupts)
-"""
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_on_the_way_into_a_lock_leaves_it_free(tmp_path: Path, number: signal.Signals) -> None:
-    """It comes when a future's lock is taken and its block not yet entered: the pool closes all the same."""
-    script = tmp_path / "held_lock.py"
-    script.write_text(HELD_LOCK)
-    ended = subprocess.run([sys.executable, script, str(number.value)], capture_output=True, text=True, timeout=BOUND)
-    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "stopped 1\n", "")
-
-
 def test_a_reader_that_leaves_is_no_error(tmp_path: Path) -> None:
     folder = a_fleet(tmp_path, MANY)
     running = subprocess.Popen(

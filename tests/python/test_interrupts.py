@@ -1,4 +1,4 @@
-"""A signal on the way into a lock leaves it free: in a fit's threads, as in test_fleet.py in the pool's processes."""
+"""Signals wait at the doors of pools: Ctrl-C and its like leave no lock taken."""
 
 from __future__ import annotations
 
@@ -12,11 +12,9 @@ import pytest
 from terrapin_tools.interrupts import later
 from tests.waiting import BOUND
 
-HELD_LOCK = """
+# A signal of this number comes when a lock is taken and its block not yet entered.
+INTERRUPTED = """
 import signal, sys, threading, time
-from concurrent.futures import ThreadPoolExecutor
-from types import SimpleNamespace
-from terrapin_tools.soil import vehicle
 
 take, interrupts, number = threading.Condition.__enter__, 0, int(sys.argv[1])
 
@@ -33,6 +31,24 @@ def interrupted(lock):
         interrupts += 1
         signal.raise_signal(number)
     return taken
+"""
+POOL = """
+from terrapin_tools.workbench.fleet.pool import pool
+
+if __name__ == "__main__":
+    signal.signal(number, stop)
+    try:
+        with pool(2, "") as workers:
+            future = workers.submit(time.sleep, 0.2)
+            threading.Condition.__enter__ = interrupted
+            future.result()
+    except Stopped:
+        print("stopped", interrupts)
+"""
+FIT = """
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+from terrapin_tools.soil import vehicle
 
 signal.signal(number, stop)
 objective = object.__new__(vehicle.Objective)
@@ -49,10 +65,12 @@ except Stopped:
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_to_a_fit_leaves_its_threads_free_to_end(tmp_path: Path, number: signal.Signals) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("work", [POOL, FIT], ids=["processes of a pool", "threads of a fit"])
+def test_a_signal_on_the_way_into_a_lock_leaves_it_free(tmp_path: Path, work: str, number: signal.Signals) -> None:
+    """What waits for the lock then ends all the same, and the program with it."""
     script = tmp_path / "held_lock.py"
-    script.write_text(HELD_LOCK)
+    script.write_text(INTERRUPTED + work)
     ended = subprocess.run([sys.executable, script, str(number.value)], capture_output=True, text=True, timeout=BOUND)
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "stopped 1\n", "")
 

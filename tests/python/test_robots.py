@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import subprocess
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -25,6 +24,7 @@ from terrapin_interface.description import load
 from terrapin_interface.quantity import QuantityError, parse_quantity
 from terrapin_interface.robot import RobotError, find_robot, load_robot, robots
 from terrapin_tools.commands import robot as command
+from tests.own_robot import taken
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -299,20 +299,9 @@ def test_no_quantity(text: str) -> None:
 
 
 @pytest.fixture
-def sphere(monkeypatch: pytest.MonkeyPatch) -> Iterator[Robot]:
-    """The sphere as the robot of this process, its controller built."""
-    done = subprocess.run(
-        ["tests/tools/build.sh", "robot=sphere", "host"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=600,
-    )
-    assert done.returncode == 0, done.stderr
-    monkeypatch.setenv(ROBOT_VARIABLE, "")
-    yield select("sphere")
-    monkeypatch.undo()
+def sphere() -> Iterator[Robot]:
+    with taken("sphere") as found:
+        yield found
 
 
 ROLLS = """

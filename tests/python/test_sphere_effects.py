@@ -6,7 +6,6 @@ All effects: python -m tests.campaigns.sphere_effects
 from __future__ import annotations
 
 import csv
-import subprocess
 from collections.abc import Iterator
 from math import cos, radians, sin
 from pathlib import Path
@@ -16,13 +15,12 @@ import pytest
 from casekit import terrapin
 from spheres import SPHERE
 
-from terrapin_hil import paths
-from terrapin_hil.robots import select
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.robot.steady_states import on_soft_ground
 from tests.campaigns import sphere_effects
+from tests.own_robot import taken
 
 REFERENCE = Path(__file__).with_name("data") / "sphere_robot.csv"
 CASE = """[model]
@@ -60,13 +58,7 @@ SIZES = {"bulldozing.scale": 1.0, "slip_sinkage.xi1": 2.0, "slip_sinkage.xi2": 0
 
 @pytest.fixture(scope="module")
 def sphere() -> Iterator[None]:
-    """The sphere as the robot of this process, its controller built."""
-    build = ["tests/tools/build.sh", "robot=sphere", "host"]
-    done = subprocess.run(build, cwd=paths.ROOT, capture_output=True, text=True, check=False, timeout=600)
-    assert done.returncode == 0, done.stderr
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(paths.ROBOT_VARIABLE, "")
-        select("sphere")
+    with taken("sphere"):
         yield
 
 

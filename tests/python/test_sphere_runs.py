@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -11,26 +10,20 @@ import numpy as np
 import pytest
 
 from terrapin_hil import paths
-from terrapin_hil.robots import select
 from terrapin_hil.run.run import run
 from terrapin_hil.scenario.scenario import Order, find_scenario, load_scenario
 from terrapin_tools import cli
 from terrapin_tools.errors import UserError
 from terrapin_tools.experiments import l9_runs, slip_limit
 from tests.campaigns import sphere as campaign
+from tests.own_robot import taken
 
 SHIPPED = sorted(path.stem for path in (paths.SCENARIOS / "sphere").glob("*.toml"))
 
 
 @pytest.fixture(scope="module", autouse=True)
 def sphere() -> Iterator[None]:
-    """The sphere as the robot of this process, its controller built."""
-    build = ["tests/tools/build.sh", "robot=sphere", "host"]
-    done = subprocess.run(build, cwd=paths.ROOT, capture_output=True, text=True, check=False, timeout=600)
-    assert done.returncode == 0, done.stderr
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(paths.ROBOT_VARIABLE, "")
-        select("sphere")
+    with taken("sphere"):
         yield
 
 

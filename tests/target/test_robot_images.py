@@ -18,11 +18,12 @@ import tomlkit
 
 from terrapin_hil import paths
 from terrapin_hil.firmware import Firmware
-from terrapin_hil.robots import Robot, select
+from terrapin_hil.robots import Robot
 from terrapin_hil.run.run import run
 from terrapin_hil.scenario.scenario import Scenario, load_scenario
 from terrapin_interface.description import load
 from terrapin_interface.robot import DEFAULT, find_robot, robots
+from tests.own_robot import taken
 from tests.python.robot_files import set_fields
 from tests.target.replay import compensated, count_all, record, whole
 from tests.target.replay import image as counting_image
@@ -83,12 +84,8 @@ def _merge(table: Any, changes: dict[str, Any]) -> None:
 @pytest.fixture(scope="module", params=[*SHIPPED, "wide"])
 def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
     name = request.param if request.param in SHIPPED else str(wide(tmp_path_factory.mktemp("robot")))
-    build = ["tests/tools/build.sh", f"robot={name}", "host", "cortex-m4"]
-    done = subprocess.run(build, cwd=ROOT, capture_output=True, text=True, check=False, timeout=1200)
-    assert done.returncode == 0, done.stderr
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(paths.ROBOT_VARIABLE, DEFAULT)
-        yield select(name)
+    with taken(name, "cortex-m4") as found:
+        yield found
 
 
 def rolls(robot: Robot, folder: Path) -> Scenario:

@@ -39,8 +39,9 @@ def runs(
         str, typer.Option("--soil", metavar="NAME", help="under a sphere; dry_sand_li where not given")
     ] = "",
     pitch_error: Annotated[
-        float, typer.Option("--pitch-error", metavar="RAD", help="sd of the zero of a sphere's pitch sensor")
-    ] = 0.5e-3,
+        float | None,
+        typer.Option("--pitch-error", metavar="RAD", help="sd of a sphere's pitch zero; else an ordinary sensor's"),
+    ] = None,
     robot: ThisRobot = "",
 ) -> None:
     """Turn logged runs into a case of rolling_steady: one row for each steady window that the controller called valid.
@@ -57,6 +58,7 @@ def runs(
     """
     from terrapin_hil.physics.effects import catalogue
     from terrapin_tools.workbench.robot.runs import base_of_logs, read_run, write_case
+    from terrapin_tools.workbench.robot.steady_states import PITCH_ERROR
 
     base = base_of_logs()
     rolls = "slip" in base.needs
@@ -64,15 +66,16 @@ def runs(
         raise UserError("--span: found a sphere, expected a cylinder: a sphere's rows are its steady states")
     if soil and not rolls:
         raise UserError("--soil: found a cylinder, expected a sphere")
-    if not 0.0 < pitch_error <= 0.1:
-        raise UserError(f"--pitch-error: found {pitch_error:g}, expected more than 0, up to 0.1 rad")
+    zero = PITCH_ERROR if pitch_error is None else pitch_error
+    if not 0.0 < zero <= 0.1:
+        raise UserError(f"--pitch-error: found {zero:g}, expected more than 0, up to 0.1 rad")
     if span is not None and not 0.02 <= span <= 10.0:
         raise UserError(f"--span: found {span:g}, expected 0.02 to 10 s")
     known = [name for name, found in catalogue().items() if base.takes(found)]
     for name in effect or []:
         if name not in known:
             raise UserError(f"--effect: found {name!r}, expected one of {', '.join(known)}")
-    read = [read_run(folder, after, before, span, pitch_error) for folder in folders]
+    read = [read_run(folder, after, before, span, zero) for folder in folders]
     print(write_case(to, read, title, effect or [], soil))
 
 

@@ -14,6 +14,7 @@ from terrapin_tools.workbench.bases.kinds.base import (
     ALONE,
     PARAMETER_COST,
     PRODUCT_COST,
+    Base,
     Factor,
     Problem,
     Target,
@@ -26,6 +27,10 @@ class Equation(Algebraic):
 
     formulas: Mapping[str, Expression] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)
+
+    def with_formulas(self, formulas: Mapping[str, Expression], fitted: Collection[str]) -> Base:
+        known = replace(self, formulas=formulas)
+        return replace(known, further=tuple(name for name in fitted if name in known.reads()))
 
     def targets(self) -> list[Target]:
         """The channels, and fitted parameters of the formulas, which may go with a column: a product of the two."""

@@ -21,7 +21,6 @@ from terrapin_hil.units import read_unit
 from terrapin_hil.units import units as registry
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import BASES, ELSEWHERE, ROLES, Base, formula_name
-from terrapin_tools.workbench.bases.equation import Equation
 from terrapin_tools.workbench.bases.kinds.base import Dynamics
 from terrapin_tools.workbench.case.columns import Measurements, read_measurements
 from terrapin_tools.workbench.case.dynamics import check_dynamics, read_dynamics, with_states
@@ -127,10 +126,7 @@ def parse_case(folder: Path, text: str) -> Case:
     measured = read_measurements(folder, tables, base)
     if measured.equations:
         base = replace(base, channels={name: measured.units[name] for name in measured.channels})
-    if isinstance(base, Equation):
-        read = {name for formula in measured.equations.values() for name in formula.names}
-        free = [name for name in tables.table("fit") if name in read]
-        base = replace(base, formulas=measured.equations, further=tuple(free))
+    base = base.with_formulas(measured.equations, tables.table("fit"))
     dynamics = read_dynamics(tables, base, measured)
     base = with_states(base, dynamics)
     library, effect_names = read_library(folder, tables, base, _mechanics(tables, measured))

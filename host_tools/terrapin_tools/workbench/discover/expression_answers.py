@@ -35,14 +35,8 @@ def expressions(ranker: Ranker, absurd: Collection[str] = ()) -> list[Hypothesis
     """Expressions around the present fit; where something is missing the best are refitted, the others weigh as a
     group. `absurd`: effects of a size that none of them has, whose curve may be that of something else."""
     flat = ranker.base.reshape(ranker.values.size, -1)
-    known = [shape.columns for shape in ranker.flat if shape.effect not in absurd]
     ranker.listed = listed = library(
-        ranker.model,
-        ranker.analysis.fit.theta,
-        ranker.rows,
-        ranker.sigma,
-        np.concatenate([np.zeros((ranker.values.size, 0)), *known], axis=1),
-        flat,
+        ranker.model, ranker.analysis.fit.theta, ranker.rows, ranker.sigma, ranker.columns_without(absurd), flat
     )
     if not listed.sketches:
         return []

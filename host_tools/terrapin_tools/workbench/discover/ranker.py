@@ -53,9 +53,7 @@ class Ranker:
         self.possible = faults(self.case)
         self.shapes = analysis.shapes
         self.flat = [shape for shapes in self.shapes.values() for shape in shapes]
-        self.columns = np.concatenate(
-            [np.zeros((self.values.size, 0)), *(shape.columns for shape in self.flat)], axis=1
-        )
+        self.columns = self.columns_without(())
         self.listed = Library((), np.zeros((self.values.size, 0)), np.zeros(0))
         self.sketches: dict[str, Sketch] = {}  # by the name that each got as an effect
         self.together: dict[tuple[str, ...], list[tuple[str, Array]]] = {}  # start values of a pair's parameters
@@ -69,6 +67,11 @@ class Ranker:
 
     def _widened(self, slopes: Array) -> Array:
         return np.concatenate([slopes, self.analysis.nuisance], axis=-1)
+
+    def columns_without(self, effects: Collection[str]) -> Array:
+        """The shapes of the catalogue but these effects', (channels * rows, columns)."""
+        kept = [shape.columns for shape in self.flat if shape.effect not in effects]
+        return np.concatenate([np.zeros((self.values.size, 0)), *kept], axis=1)
 
     # -- linear, around the present fit ------------------------------------------------------------------------------
 

@@ -44,9 +44,7 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
     notes = [sentences.goal(one) for one in goals]
     notes += [sentences.thinned(analysis.step)] if analysis.step > 1 else []
     notes += [_carried(analysis)] if analysis.missing and not (found and found.odd_runs) else []
-    for one in found.candidates if found else ():
-        if found and one.effect in found.missing and (large := _too_large(analysis, found, one)):
-            notes.append(sentences.doubtful(one.effect, *large))
+    notes += _doubtful(analysis, found) if found else []
     findings = noise_findings(analysis)
     notes += [sentences.noise_told(one, case.units.get(one.channel) or "") for one in findings]
     heading, measure = sentences.HEADINGS.get(verdict if found else "", sentences.HEADINGS[""])
@@ -301,6 +299,12 @@ def _too_large(analysis: Analysis, found: Findings, one: Proposal) -> tuple[str,
         return None
     times = abs(values[effect.parameters[0].name].value) / usual
     return (effect.parameters[0].name, times) if times > TOO_LARGE else None
+
+
+def _doubtful(analysis: Analysis, found: Findings) -> list[str]:
+    """What is named although its size speaks against it."""
+    sizes = {one.effect: _too_large(analysis, found, one) for one in found.candidates if one.effect in found.missing}
+    return [sentences.doubtful(effect, *large) for effect, large in sizes.items() if large]
 
 
 def _carried(analysis: Analysis) -> str:

@@ -204,6 +204,10 @@ class Base:
     def takes(self, effect: Effect) -> bool:
         return self.name in effect.bases or effect.name in self.effects
 
+    def with_formulas(self, formulas: Mapping[str, Expression], fitted: Collection[str]) -> Base:
+        """This base with what a case says of it: a formula for each channel, and the names that it fits."""
+        return self
+
     def acts_on(self) -> tuple[str, ...]:
         """Every name that the user's own expression may act on."""
         return (*self.channels, *self.forces, *self.further, *self.parameters)
