@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from casekit import dense, rolling
+from scipy.linalg import block_diag
 
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.case.case import Case, load_case
@@ -29,7 +30,7 @@ WHITE = Node(0.0, 0.0, 0.0, 0.0, 1.0)
 def scattered() -> Runs:
     """Two channels, runs of 12, 7, 1, 300 and a few rows, their rows mixed."""
     run = np.random.default_rng(0).permutation(np.repeat([2, 0, 1, 3, 7, 6, 4, 5], [12, 7, 1, 300, 2, 3, 5, 8]))
-    return Runs(run, 2)
+    return Runs(run, 2, np.random.default_rng(4).uniform(0.5, 3.0, (2, len(run))))
 
 
 @pytest.mark.parametrize("node", NODES, ids=str)
@@ -37,7 +38,7 @@ def test_products_are_those_of_dense_covariances(node: Node) -> None:
     runs = scattered()
     random = np.random.default_rng(1)
     x, y = random.standard_normal((2 * runs.rows, 3)), random.standard_normal((2 * runs.rows, 2))
-    covariance = np.kron(np.eye(2), dense(Runs(runs.run), node))
+    covariance = block_diag(*(dense(Runs(runs.run, level=one[None]), node) for one in runs.level))
     expected = x.T @ np.linalg.solve(covariance, y)
     fx, fy = runs.filtered(x, node.share, node.rho), runs.filtered(y, node.share, node.rho)
     assert runs.products(fx, fy).at(node) == pytest.approx(expected, abs=1e-7)
@@ -50,9 +51,10 @@ def test_products_are_those_of_dense_covariances(node: Node) -> None:
 
 
 def test_what_is_drawn_has_the_covariance() -> None:
-    runs, node = Runs(np.repeat(np.arange(8)[::-1], [6, 4, 1, 2, 1, 1, 3, 2])), Node(0.5, 0.8, 0.7, 0.5, 1.0, 0.8)
-    drawn = runs.draw(np.random.default_rng(2), 40_000, node)
-    assert drawn @ drawn.T / 40_000 == pytest.approx(dense(runs, node), abs=0.06)
+    run, level = np.repeat(np.arange(8)[::-1], [6, 4, 1, 2, 1, 1, 3, 2]), np.linspace(-1.0, 2.0, 20)[None]
+    runs, node = Runs(run, level=level), Node(0.5, 0.8, 0.7, 0.5, 1.0, 0.8, 0.9)
+    drawn = runs.draw(np.random.default_rng(2), 200_000, node)
+    assert drawn @ drawn.T / 200_000 == pytest.approx(dense(runs, node), abs=0.06)
 
 
 def test_priors_of_the_kinds_of_noise_add_up() -> None:
@@ -176,11 +178,11 @@ def test_what_the_search_is_sure_of_is_an_alarm() -> None:
     assert "no one thing alone shows it" in told(found.analysis, found).alarm
 
 
-@pytest.mark.parametrize("place", [*range(0, len(NODES), 5), len(NODES) - 1])
+@pytest.mark.parametrize("place", [*range(0, len(NODES), 5), len(NODES) - 9, len(NODES) - 1])
 def test_the_precision_is_the_inverse_of_the_covariance(place: int) -> None:
     random = np.random.default_rng(place)
     run = random.permutation(np.repeat(np.arange(8), [1, 2, 3, 9, 20, 40, 4, 4]))
-    runs, node = Runs(run), NODES[place]
+    runs, node = Runs(run, level=random.uniform(-1.0, 2.0, (1, len(run)))), NODES[place]
     covariance = runs.times(np.eye(len(run)), node)
     precision = Precision(runs, node)
     assert precision.times(covariance) == pytest.approx(np.eye(len(run)), abs=1e-10)

@@ -210,7 +210,7 @@ def _analysed(
     widened = np.concatenate([slopes, nuisance], axis=-1)
     varying = varying_parameters(case, slopes / sigma[:, None, None], rows)
     alternatives = {**effects, **terms_of(model, fits[-1].theta, rows, sigma)}
-    adequacy = assess(case, residual, widened, noise, directions, alternatives, shapes, rows, seed, varying)
+    adequacy = assess(case, residual, widened, prediction, noise, directions, alternatives, shapes, rows, seed, varying)
     missing = adequacy.p_value < level
     scaled = residual / sigma[:, None]
     where = where_it_fails(case, adequacy, scaled, rows, numeric_columns(case), model.channels) if missing else []
@@ -267,11 +267,11 @@ def _fitted(case: Case, seed: int) -> tuple[list[Fit], Noise, Array]:
         roles = {} if case.base.whole_runs else {name: v[rows] for name, v in case.roles.items()}
         directions = _directions(fits[-1].model, fits[-1].theta, rows, sigma)
         pools = _pools(fits[-1].model, directions, shapes, rows)
-        noise = estimate_noise(residual, slopes, case.run[rows], given, roles, pools, least)
+        noise = estimate_noise(residual, slopes, prediction, case.run[rows], given, roles, pools, least)
         nuisance = input_noise(fits[-1], rows, residual, slopes, noise.sigma, noise.node)
         if nuisance.shape[-1]:
             widened = np.concatenate([slopes, nuisance], axis=-1)
-            noise = estimate_noise(residual, widened, case.run[rows], given, roles, pools, least)
+            noise = estimate_noise(residual, widened, prediction, case.run[rows], given, roles, pools, least)
             noise = replace(noise, odd=noise.odd | undecided(nuisance, noise.sigma, ODD_SHARE))
         sigma = noise.sigma
     if not stated:

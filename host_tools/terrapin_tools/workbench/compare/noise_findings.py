@@ -21,9 +21,10 @@ OFF = 1.1  # factor on the stated sd from which it is worth a word: a user knows
 @dataclass(frozen=True)
 class NoiseFinding:
     """`value`: of larger and smaller, the factor on the stated sd; of run_offsets, drift and walk, their sd in the
-    channel's unit; of rows, how many. `rows` are places ("runs.csv:17")."""
+    channel's unit; of run_gains, the sd of a factor from run to run; of rows, how many. `rows` are places
+    ("runs.csv:17")."""
 
-    kind: str  # larger, smaller, run_offsets, drift (within runs), walk (over the test) or rows
+    kind: str  # larger, smaller, run_offsets, run_gains, drift (within runs), walk (over the test) or rows
     channel: str  # "" for rows, which are left out in every channel
     value: float
     probability: float
@@ -38,8 +39,8 @@ def noise_findings(analysis: Analysis) -> list[NoiseFinding]:
     """
     noise, case = analysis.noise, analysis.case
     found: list[NoiseFinding] = []
-    each = zip(analysis.model.channels, noise.known, noise.sigma, noise.ratio, strict=True)
-    for channel, known, sigma, ratio in each if not analysis.missing else ():
+    each = zip(analysis.model.channels, noise.known, noise.sigma, noise.ratio, analysis.prediction, strict=True)
+    for channel, known, sigma, ratio, predicted in each if not analysis.missing else ():
         if known:
             freedom = STATED + noise.ratio_freedom
             square = STATED + noise.ratio_freedom * ratio * ratio  # over chi-square(freedom): the true over the stated
@@ -49,12 +50,19 @@ def noise_findings(analysis: Analysis) -> list[NoiseFinding]:
             ):
                 if probability > SURE:
                     found.append(NoiseFinding(kind, channel, float(np.sqrt(square / freedom)), probability))
-        for kind, size in (("run_offsets", "offset"), ("drift", "drift"), ("walk", "walk")):
+        for kind, size in (
+            ("run_offsets", "offset"),
+            ("run_gains", "gain"),
+            ("drift", "drift"),
+            ("walk", "walk"),
+        ):
             sizes = np.array([getattr(node, size) for node in NODES])
             probability = float(noise.weights[sizes > 0.0].sum())
             if probability > LIKELY:
                 row = sigma if known else sigma / noise.node.floor
                 value = float(noise.weights @ sizes / probability * row)
+                if kind == "run_gains":
+                    value /= float(np.sqrt(np.mean(predicted * predicted)))
                 found.append(NoiseFinding(kind, channel, value, probability))
     if analysis.odd.any():
         rows = np.flatnonzero(analysis.odd)

@@ -278,9 +278,9 @@ def _says_enough(ranking: Ranking, analysis: Analysis, top: Hypothesis) -> bool:
 def _noise_left(analysis: Analysis, fit: Fit) -> Node:
     """The likeliest kind of noise around an answer: what is missing looks like offsets of the runs as long as it is."""
     sigma, rows = analysis.noise.sigma, analysis.rows
-    _, residual, slopes = free_slopes(fit, sigma, rows)
+    prediction, residual, slopes = free_slopes(fit, sigma, rows)
     base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
-    runs = Runs(analysis.case.run[rows], len(residual))
+    runs = Runs(analysis.case.run[rows], len(residual), prediction)
     return Evidence(runs, residual / sigma[:, None], base, analysis.noise.behind).likeliest()
 
 

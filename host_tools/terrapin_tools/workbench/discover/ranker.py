@@ -42,7 +42,7 @@ class Ranker:
         self.case, self.model, self.rows = analysis.case, analysis.model, analysis.rows
         self.sigma = analysis.noise.sigma
         self.behind = analysis.noise.behind
-        self.runs = Runs(self.case.run[self.rows], len(self.model.channels))
+        self.runs = Runs(self.case.run[self.rows], len(self.model.channels), analysis.prediction)
         self.values = measured(self.model, self.rows)
         self.train = measured(self.model, self.case.train)
         self.effects: dict[str, Effect] = {effect.name: effect for effect in candidates(self.model)}

@@ -221,7 +221,7 @@ def covariance(fit: Fit, run: Index, node: Node) -> tuple[Array, Array]:
     as what they do.
     """
     channels, rows, count = fit.jacobian.shape
-    runs = Runs(run, channels)
+    runs = Runs(run, channels, fit.bound.predict(fit.theta) if node.gain else None)
     flat = runs.sort(fit.jacobian.reshape(channels * rows, count))
     scale = np.sqrt((flat * flat).sum(axis=0))
     flat = flat / np.where(scale > 0, scale, 1.0)

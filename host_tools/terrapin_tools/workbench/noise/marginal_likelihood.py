@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
 from terrapin_hil.arrays import Array, Index
-from terrapin_tools.workbench.noise.covariance import NODES, Filtered, Node, Runs, by_filter, orthonormal
+from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Filtered, Node, Runs, by_filter, orthonormal
 
 __all__ = ["SIZES", "STATED", "Evidence", "Gram"]
 
@@ -111,12 +111,12 @@ class Evidence:
 
     def among(self, columns: Array) -> tuple[int, ...]:
         """Kinds of noise (places in NODES) that are likely if nothing is missing, or any one of columns
-        (channels * rows, D), and those that have neither offsets nor drifts."""
+        (channels * rows, D), and those in which runs are alike."""
         norms, scores = self._free(columns)
         gain = (scores**2 / np.maximum(norms, 1e-300)) if columns.shape[1] else np.zeros((len(self.nodes), 0))
         logs = self.start[:, None] + self.fit_term(self.total[:, None] - np.column_stack([np.zeros(len(gain)), gain]))
         share = np.exp(logs - logsumexp(logs, axis=0)).max(axis=1)
-        plain = np.array([not (NODES[i].offset or NODES[i].drift or NODES[i].walk) for i in self.nodes])
+        plain = np.isin(self.nodes, PLAIN)
         return tuple(np.array(self.nodes)[(share > LIKELY) | plain].tolist())
 
     def whitened(self, columns: Array, node: Node) -> Array:

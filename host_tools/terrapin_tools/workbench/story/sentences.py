@@ -64,6 +64,7 @@ HEADINGS = {  # over the candidates, and what the number beside each of them is;
 }
 SLOW = {  # noise that is alike over many rows
     "run_offsets": "Runs differ by",
+    "run_gains": "Runs differ by a factor, of",
     "drift": "Within its runs the data drift by",
     "walk": "Over the whole test the data drift by",
 }
@@ -338,6 +339,8 @@ def noise_told(one: NoiseFinding, unit: str) -> str:
         stand = "row stands" if len(one.rows) == 1 else "rows stand"
         left = "is" if len(one.rows) == 1 else "are"
         return f"{len(one.rows)} {stand} apart from the others of the run and {left} left out: {few}."
+    if one.kind == "run_gains":
+        value = f"{number(100.0 * one.value, 2)} %"
     what = f"{SLOW[one.kind]} {value} in {one.channel} more than the model explains"
     return f"{what} (probability {chance(one.probability)})."
 
