@@ -154,7 +154,9 @@ def parse_case(folder: Path, text: str) -> Case:
         options=options,
         fit=fit,
         library=sound(tables, base, library, units),
-        scales={} if dynamics else _scales(measured.equations, {**units, **measured.units}, complain),
+        scales={}
+        if dynamics
+        else _scales(measured.equations, {**parameter_units, **_fit_units(fit)}, measured.units, complain),
         limits=limits,
         goal=read_goal(tables, {name: measured.units[name] for name in measured.channels}, measured.channels),
         dynamics=dynamics,
@@ -288,12 +290,40 @@ def _fit_units(fit: Mapping[str, Estimate]) -> dict[str, str]:
     return {name: estimate.unit for name, estimate in fit.items() if estimate.unit}
 
 
-def _scales(equations: Mapping[str, Expression], units: Mapping[str, str], complain: Complaint) -> dict[str, float]:
+def _scales(
+    equations: Mapping[str, Expression], stated: Mapping[str, str], columns: Mapping[str, str], complain: Complaint
+) -> dict[str, float]:
     """Check the units of equations whose names all have one; their numbers then go through SI.
 
-    Where a unit is missing the formula works on the numbers as they stand in the file.
+    A constant or fitted name without a unit is a pure number if others have one and the formulas are sound so. Where
+    none has one, the formulas work on the numbers as they stand in the file.
+
+    Parameters
+    ----------
+    stated : units of constants and fitted names.
+    columns : units of roles and channels.
+
+    Raises
+    ------
+    UserError : the units do not fit, or some are missing and numbers that are not SI would meet some that are.
     """
-    if not equations or not all(e.names <= units.keys() for e in equations.values()):
+    units = {**stated, **columns}
+    read = {name for e in equations.values() for name in e.names}
+    if bare := sorted(read - units.keys()):
+        if not read & stated.keys():
+            return {}
+        units |= dict.fromkeys(bare, "1")
+        if not all(_is_sound(e, units, channel) for channel, e in equations.items()):
+            other = next((n for n in sorted({*read, *equations} & columns.keys()) if si_factor(columns[n]) != 1.0), "")
+            if not other:
+                return {}
+            first = min(read & stated.keys())
+            raise complain(
+                f"{first} has a unit and {bare[0]} has none, so {other} would be read in {columns[other]} beside it; "
+                f"expected units for {', '.join(bare)} too",
+                "model", "equation", next(iter(equations)),
+            )  # fmt: skip
+    if not equations:
         return {}
     for channel, expression in equations.items():
         path = ("model", "equation", channel)
@@ -305,6 +335,13 @@ def _scales(equations: Mapping[str, Expression], units: Mapping[str, str], compl
             raise complain(f"{expression} is in {found}, expected {units[channel]}", *path)
     names = {*equations, *(name for e in equations.values() for name in e.names)}
     return {name: si_factor(units[name]) for name in names}
+
+
+def _is_sound(formula: Expression, units: Mapping[str, str], channel: str) -> bool:
+    try:
+        return same_kind(str(formula.unit(units)) or "1", units[channel])
+    except ValueError:
+        return False
 
 
 def _check_names(case: Case, complain: Complaint) -> None:

@@ -36,7 +36,13 @@ def expressions(ranker: Ranker, absurd: Collection[str] = ()) -> list[Hypothesis
     group. `absurd`: effects of a size that none of them has, whose curve may be that of something else."""
     flat = ranker.base.reshape(ranker.values.size, -1)
     ranker.listed = listed = library(
-        ranker.model, ranker.analysis.fit.theta, ranker.rows, ranker.sigma, ranker.columns_without(absurd), flat
+        ranker.model,
+        ranker.analysis.fit.theta,
+        ranker.rows,
+        ranker.sigma,
+        ranker.columns_without(absurd),
+        flat,
+        ranker.misfit,
     )
     if not listed.sketches:
         return []
@@ -75,7 +81,7 @@ def _instead(ranker: Ranker, best: Hypothesis, tried: set[tuple[str, str]]) -> l
     assert fit is not None
     beyond = ranker.beyond(fit, best.effects[0])
     none = np.zeros((ranker.values.size, 0))
-    listed = library(fit.model, fit.theta, ranker.rows, ranker.sigma, none, beyond.flat)
+    listed = library(fit.model, fit.theta, ranker.rows, ranker.sigma, none, beyond.flat, ranker.misfit)
     logs = beyond.single(listed.columns) + np.log([s.prior for s in listed.sketches])
     chosen: dict[tuple[str, str], Sketch] = {}
     for index in np.argsort(-logs, kind="stable")[:INSTEAD]:

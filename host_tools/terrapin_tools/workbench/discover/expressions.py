@@ -33,6 +33,9 @@ LIMIT = 6000  # expressions; chosen by hand, for time and memory
 # Correlation, beyond what the model can absorb, above which an expression is a catalogued effect. Chosen by hand.
 DUPLICATE = 0.9995
 SAME = 0.9999  # the same between two expressions; chosen by hand
+# Of a shape or factor: sd over mean below which the column that it depends on hardly varies. By hand.
+HARDLY = 0.15
+UNSEEN = 2.0  # squared distance [noise sd] that such a column must make at least (discovery.py has the same)
 BLOCK = 256  # expressions that are compared at once
 PROJECTIONS = 64  # in which two columns of correlation SAME have
 NEAR = 0.999  # less than this with a probability below 1e-12
@@ -65,7 +68,9 @@ class Library:
     scales: Array  # k = coefficient * scale
 
 
-def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, base: Array) -> Library:
+def library(
+    model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, base: Array, misfit: float = np.inf
+) -> Library:
     """Every sketch of a case that differs from what the model and the catalogue can already say.
 
     Parameters
@@ -75,6 +80,8 @@ def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, 
     sigma : (channels,), noise sd in the channels' units.
     known : (channels * rows, K), columns of the catalogue, in noise sd.
     base : (channels * rows, P), derivatives of the model's prediction, in noise sd.
+    misfit : sum of squares, in noise sd, that an expression may explain. Of a sketch that would be as good without a
+        column that hardly varies only the shorter one is listed.
     """
     case = model.case
     inputs = {name: values[rows] for name, values in case.inputs.items()}
@@ -98,6 +105,8 @@ def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, 
     sketches: list[Sketch] = []
     columns: list[Array] = []
     scales: list[float] = []
+    places: dict[tuple[str, str, int, str], int] = {}
+    shorter: dict[int, tuple[str, str, int, str]] = {}  # sketch -> it without a column that hardly varies
     for target, target_prior in targets(case):
         if (target in case.base.parameters and not case.parameters.get(target, 1.0)) or len(sketches) > LIMIT:
             continue
@@ -116,6 +125,11 @@ def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, 
                     size = float(np.sqrt((change * change).mean(axis=1).max()))
                     if not np.isfinite(size) or size == 0.0:
                         continue
+                    places[target, name, i, factor] = len(sketches)
+                    if name and _hardly(features[name, i]):
+                        shorter[len(sketches)] = (target, "", 0, factor)
+                    elif factor and _hardly(numbers):
+                        shorter[len(sketches)] = (target, name, i, "")
                     sketches.append(
                         Sketch(
                             product_text(size_name, term.text, factor),
@@ -134,7 +148,11 @@ def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, 
     if not sketches:
         return Library((), np.zeros((base.shape[0], 0)), np.zeros(0))
     stacked = np.array(columns).T
-    keep = _distinct(stacked, basis, catalogue, np.array([s.prior for s in sketches]))
+    instead = {i: places[key] for i, key in shorter.items() if key in places}
+    idle = _unseen(stacked, basis, instead, misfit)
+    keep = [i for i in _distinct(stacked, basis, catalogue, np.array([s.prior for s in sketches])) if i not in idle]
+    if not keep:
+        return Library((), np.zeros((base.shape[0], 0)), np.zeros(0))
     chosen = [sketches[i] for i in keep]
     total = sum(s.prior for s in chosen)
     final = tuple(replace(s, prior=s.prior / total) for s in chosen)
@@ -147,6 +165,23 @@ def _role_unit(name: str) -> str:
 
 def _feature(term: Term, values: Mapping[str, Array]) -> Array:
     return parse(term.text).evaluate({**values, **term.scales})
+
+
+def _hardly(values: Array | float) -> bool:
+    """Whether a shape is nearly a constant on these rows."""
+    return float(np.std(values)) < HARDLY * abs(float(np.mean(values)))
+
+
+def _unseen(columns: Array, basis: Array, instead: Mapping[int, int], misfit: float) -> set[int]:
+    """Of the columns, those that differ from another one by less than anybody could see, if they explained `misfit`."""
+    found: set[int] = set()
+    for one, other in instead.items():
+        pair = columns[:, [one, other]]
+        pair = pair - basis @ (basis.T @ pair)
+        (own, cross), (_, square) = pair.T @ pair
+        if misfit * (own * square - cross * cross) < UNSEEN * own * square:
+            found.add(one)
+    return found
 
 
 def _distinct(columns: Array, basis: Array, catalogue: Array, prior: Array) -> list[int]:

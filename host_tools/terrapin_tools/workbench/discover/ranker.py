@@ -62,6 +62,8 @@ class Ranker:
         slopes = free_slopes(analysis.fit, self.sigma, self.rows)[2]
         self.base = self._widened(slopes / self.sigma[:, None, None])
         residual = analysis.residual / self.sigma[:, None]
+        # what an answer may explain: the squares beyond those of noise, which may be few by chance
+        self.misfit = max(float((residual * residual).sum()) - residual.size, float(np.sqrt(2.0 * residual.size)))
         self.nodes = Evidence(self.runs, residual, self.base, self.behind).among(self.columns)
         self.evidence = Evidence(self.runs, residual, self.base, self.behind, self.nodes)
 

@@ -246,23 +246,24 @@ def _triples(ranker: Ranker, pairs: Sequence[Hypothesis]) -> list[Hypothesis]:
 
 
 def _runs(ranker: Ranker) -> list[Hypothesis]:
-    """One run that stands out by itself: an offset of one channel in that run alone."""
+    """One run that stands out by itself: an offset, or a factor on the prediction, of one channel in that run alone."""
     run = ranker.case.run[ranker.rows]
     runs = np.unique(run)
     channels = len(ranker.model.channels)
     if len(runs) < 4:
         return []
-    columns = np.zeros((channels, len(run), len(runs) * channels))
+    columns = np.zeros((channels, len(run), len(runs), channels, 2))
     for i, one in enumerate(runs):
         for channel in range(channels):
-            columns[channel, run == one, i * channels + channel] = 1.0
-    logs = ranker.evidence.single(columns.reshape(channels * len(run), -1))
-    prior = np.log(RUN / len(logs))
+            columns[channel, run == one, i, channel, 0] = 1.0
+            columns[channel, run == one, i, channel, 1] = ranker.runs.level[channel, run == one]
+    logs = ranker.evidence.single(columns.reshape(channels * len(run), -1)).reshape(len(runs), -1)
+    prior = np.log(RUN / logs.size)
     return [
         Hypothesis(
             (),
             "run",
-            float(logsumexp(logs[i * channels : (i + 1) * channels])) + prior,
+            float(logsumexp(logs[i])) + prior,
             None,
             ranker.case.run_names[one],
         )

@@ -347,8 +347,8 @@ def _strongest(
 def within_scatter(runs: Runs, values: Array, group: Index, node: Node) -> float:
     """Noise sd from the scatter of values (rows,) within groups of repeated settings.
 
-    Rows of one run are alike where the noise is correlated, and runs differ by their offsets and gains: the scatter within
-    a group is compared with what this kind of noise would give for s = 1.
+    Rows of one run are alike where the noise is correlated, and runs differ by their offsets and gains: the scatter
+    within a group is compared with what this kind of noise would give for s = 1.
     """
     order = np.argsort(group, kind="stable")
     starts = np.flatnonzero(np.diff(group[order], prepend=-1))
