@@ -1,12 +1,12 @@
 """How much likelier the residuals are if something is missing than if nothing is: one number for a whole data set.
 
-Every alternative (an effect of the catalogue at one shape, shapes of one column, an offset of one run or a factor
-on it) gets its marginal likelihood (Evidence): its size, the kind of noise and the noise sd are integrated over *under
+Every alternative (an effect of the catalogue at one shape, shapes of one column, an offset of one run or a factor on
+it) gets its marginal likelihood (Evidence): its size, the kind of noise and the noise sd are integrated over *under
 that alternative*. A missing effect makes the noise look larger and more correlated than it is; a test that estimates
-both before it looks for the effect hides it. The sd is always integrated over all values, so that no error in a stated one
-can move the statistic: noise that is larger than stated is a finding of its own, not a missing effect. Alternatives are
-averaged with prior weights, so many unlikely shapes cost the likely ones little. The logarithm of the average's ratio
-to the likelihood of "nothing" is the statistic.
+both before it looks for the effect hides it. The sd is always integrated over all values, so that no error in a stated
+one can move the statistic: noise that is larger than stated is a finding of its own, not a missing effect. Alternatives
+are averaged with prior weights, so many unlikely shapes cost the likely ones little. The logarithm of the average's
+ratio to the likelihood of "nothing" is the statistic.
 
 Sources: Good (1957) and Berger & Delampady (1987) for the Bayes factor as a test statistic; for the rest see
 marginal_likelihood.py.
