@@ -41,7 +41,8 @@ def expressions(ranker: Ranker, absurd: Collection[str] = ()) -> list[Hypothesis
     if not listed.sketches:
         return []
     share = np.log(SIZE_OF_SET[1] * (1.0 - (CATALOGUE if ranker.catalogue else 0.0)))
-    weight = ranker.evidence.single(listed.columns) + np.log([s.prior for s in listed.sketches]) + share
+    ranker.promised = ranker.evidence.single(listed.columns) + np.log([s.prior for s in listed.sketches])
+    weight = ranker.promised + share
     found: list[Hypothesis] = []
     grouped: dict[str, list[float]] = {}
     tried: dict[str, int] = {}
@@ -90,8 +91,7 @@ def expression_pairs(ranker: Ranker) -> list[Hypothesis]:
     listed = ranker.listed
     if not listed.sketches:
         return []
-    logs = ranker.evidence.single(listed.columns) + np.log([s.prior for s in listed.sketches])
-    pool = _pool(ranker, logs)
+    pool = _pool(ranker, ranker.promised)
     shapes = [i for i, s in enumerate(ranker.flat) if s.columns.shape[1] == 1]
     every = [listed.columns[:, pool], *(ranker.flat[i].columns for i in shapes)]
     gram = ranker.evidence.gram(np.concatenate(every, axis=1))

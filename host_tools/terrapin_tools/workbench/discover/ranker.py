@@ -55,6 +55,7 @@ class Ranker:
         self.flat = [shape for shapes in self.shapes.values() for shape in shapes]
         self.columns = self.columns_without(())
         self.listed = Library((), np.zeros((self.values.size, 0)), np.zeros(0))
+        self.promised = np.zeros(0)  # log evidence and prior of each that is listed, around the present fit
         self.sketches: dict[str, Sketch] = {}  # by the name that each got as an effect
         self.together: dict[tuple[str, ...], list[tuple[str, Array]]] = {}  # start values of a pair's parameters
         self.razor: dict[frozenset[str], float] = {}  # log evidence lost by the choice of shapes

@@ -22,6 +22,7 @@ __all__ = ["Fit", "covariance", "extend", "fit_model", "minimise"]
 Evaluate = Callable[[Array], tuple[Array, Array]]
 
 ENOUGH = 1e-9  # relative gain at which a fit stops
+ENOUGH_OF_RUNS = 1e-6  # of a model that is integrated over time, whose fits take long: 0.01 of a nat for 20,000 rows
 SCREENED = 4  # starts kept of an effect's grid
 UNSEEN = 1e-12  # of the largest curvature: less is none
 GRID_LIMIT = 300  # combinations of an effect's grid that are looked at
@@ -44,14 +45,20 @@ class Fit:
 
 
 def minimise(
-    evaluate: Evaluate, residual: Callable[[Array], Array], start: Array, lower: Array, upper: Array, free: Mask
+    evaluate: Evaluate,
+    residual: Callable[[Array], Array],
+    start: Array,
+    lower: Array,
+    upper: Array,
+    free: Mask,
+    enough: float = ENOUGH,
 ) -> tuple[Array, float]:
     """Levenberg and Marquardt's method inside a box; only parameters whose `free` is true move.
 
     `evaluate` gives residuals (m,) and their derivatives (m, parameters), `residual` the residuals alone. Stops when a
-    step gains, or promises, less than 1e-9 of the cost (a thousandth of a noise sd in the parameters), or when three
-    in a row gain less than 1e-6 (a valley that the data do not close). Returns parameters and cost, which is never
-    above that of the start.
+    step gains, or promises, less than `enough` of the cost (1e-9: a thousandth of a noise sd in the parameters), or
+    when three in a row gain less than 1e-6 (a valley that the data do not close). Returns parameters and cost, which is
+    never above that of the start.
     """
     theta = np.clip(start, lower, upper)
     r, jac = evaluate(theta)
@@ -75,7 +82,7 @@ def minimise(
             damped = normal + damping * np.eye(len(scale))
             step[moving] = -np.linalg.solve(damped, gradient[moving] / scale) / scale
             new = np.clip(theta + step, lower, upper)
-            if np.array_equal(new, theta) or abs(float(gradient @ (new - theta))) <= 0.1 * ENOUGH * cost:
+            if np.array_equal(new, theta) or abs(float(gradient @ (new - theta))) <= 0.1 * enough * cost:
                 break
             new_r = residual(new)
             new_cost = float(new_r @ new_r)
@@ -88,7 +95,7 @@ def minimise(
         gain = cost - new_cost
         theta, cost = new, new_cost
         slow = slow + 1 if gain <= 1e-6 * cost else 0
-        if gain <= ENOUGH * cost or slow == 3:
+        if gain <= enough * cost or slow == 3:
             break
         damping = max(damping / 20.0, 1e-14)
         r, jac = evaluate(theta)
@@ -100,6 +107,12 @@ class _Problem:
 
     def __init__(self, bound: Bound, measured: Array, sigma: Array) -> None:
         self.bound, self.measured, self.weight = bound, measured, 1.0 / sigma[:, None]
+        self.enough = ENOUGH_OF_RUNS if bound.model.case.base.whole_runs else ENOUGH
+
+    def minimum(self, start: Array, free: Mask) -> tuple[Array, float]:
+        """Parameters and cost, from a start; only parameters whose `free` is true move."""
+        lower, upper = self.bound.model.lower, self.bound.model.upper
+        return minimise(self.evaluate, self.residual, start, lower, upper, free, self.enough)
 
     def residual(self, theta: Array) -> Array:
         prediction = self.bound.predict(theta)
@@ -118,7 +131,7 @@ def fit_model(bound: Bound, measured: Array, sigma: Array, starts: Sequence[Arra
     whole = np.array([f.whole for f in model.fitted], dtype=bool)
     best, best_cost = np.clip(model.start, model.lower, model.upper), np.inf
     for start in starts:
-        theta, cost = minimise(problem.evaluate, problem.residual, start, model.lower, model.upper, ~whole)
+        theta, cost = problem.minimum(start, ~whole)
         if whole.any():
             theta, cost = _neighbours(problem, model, theta, cost, whole)
         if cost < best_cost * (1.0 - 1e-12):
@@ -144,7 +157,7 @@ def _neighbours(problem: _Problem, model: Model, theta: Array, cost: float, whol
         for change in (-1.0, 1.0):
             start = theta.copy()
             start[index] = np.clip(round(start[index]) + change, model.lower[index], model.upper[index])
-            new, new_cost = minimise(problem.evaluate, problem.residual, start, model.lower, model.upper, ~whole)
+            new, new_cost = problem.minimum(start, ~whole)
             if new_cost < cost:
                 theta, cost = new, new_cost
     return theta, cost
