@@ -41,7 +41,7 @@ def expressions(ranker: Ranker, absurd: Collection[str] = ()) -> list[Hypothesis
     if not listed.sketches:
         return []
     share = np.log(SIZE_OF_SET[1] * (1.0 - (CATALOGUE if ranker.catalogue else 0.0)))
-    ranker.promised = ranker.evidence.single(listed.columns) + np.log([s.prior for s in listed.sketches])
+    ranker.promised = listed.promise(ranker.evidence)
     weight = ranker.promised + share
     found: list[Hypothesis] = []
     grouped: dict[str, list[float]] = {}
@@ -77,7 +77,7 @@ def _instead(ranker: Ranker, best: Hypothesis, tried: set[tuple[str, str]]) -> l
     beyond = ranker.beyond(fit, best.effects[0])
     none = np.zeros((ranker.values.size, 0))
     listed = library(fit.model, fit.theta, ranker.rows, ranker.sigma, none, beyond.flat)
-    logs = beyond.single(listed.columns) + np.log([s.prior for s in listed.sketches])
+    logs = listed.promise(beyond)
     chosen: dict[tuple[str, str], Sketch] = {}
     for index in np.argsort(-logs, kind="stable")[:INSTEAD]:
         sketch = listed.sketches[index]

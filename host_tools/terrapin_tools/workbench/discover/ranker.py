@@ -157,7 +157,9 @@ class Ranker:
             starts = [np.concatenate([self.analysis.fit.theta, *own])] if linear else []
             if effect.name in self.faults:
                 starts = [parent.model.start]
-            self.fits[key] = extend(parent, effect.name, bound, self.train, self.sigma, starts)
+            # where each step is a simulation of all runs, what cannot come near is not followed to its end
+            aim = min(fit.cost for fit in self.fits.values()) if self.case.base.whole_runs else np.inf
+            self.fits[key] = extend(parent, effect.name, bound, self.train, self.sigma, starts, aim)
         return self.fits[key]
 
     def around(self, fit: Fit, names: Collection[str]) -> float | None:
