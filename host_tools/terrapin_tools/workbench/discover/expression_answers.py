@@ -47,7 +47,8 @@ def expressions(ranker: Ranker, absurd: Collection[str] = ()) -> list[Hypothesis
     if not listed.sketches:
         return []
     share = np.log(SIZE_OF_SET[1] * (1.0 - (CATALOGUE if ranker.catalogue else 0.0)))
-    weight = ranker.evidence.single(listed.columns) + np.log([s.prior for s in listed.sketches]) + share
+    ranker.promised = listed.promise(ranker.evidence)
+    weight = ranker.promised + share
     found: list[Hypothesis] = []
     grouped: dict[str, list[float]] = {}
     tried: dict[str, int] = {}
@@ -82,7 +83,7 @@ def _instead(ranker: Ranker, best: Hypothesis, tried: set[tuple[str, str]]) -> l
     beyond = ranker.beyond(fit, best.effects[0])
     none = np.zeros((ranker.values.size, 0))
     listed = library(fit.model, fit.theta, ranker.rows, ranker.sigma, none, beyond.flat, ranker.misfit)
-    logs = beyond.single(listed.columns) + np.log([s.prior for s in listed.sketches])
+    logs = listed.promise(beyond)
     chosen: dict[tuple[str, str], Sketch] = {}
     for index in np.argsort(-logs, kind="stable")[:INSTEAD]:
         sketch = listed.sketches[index]
@@ -96,8 +97,7 @@ def expression_pairs(ranker: Ranker) -> list[Hypothesis]:
     listed = ranker.listed
     if not listed.sketches:
         return []
-    logs = ranker.evidence.single(listed.columns) + np.log([s.prior for s in listed.sketches])
-    pool = _pool(ranker, logs)
+    pool = _pool(ranker, ranker.promised)
     shapes = [i for i, s in enumerate(ranker.flat) if s.columns.shape[1] == 1]
     every = [listed.columns[:, pool], *(ranker.flat[i].columns for i in shapes)]
     gram = ranker.evidence.gram(np.concatenate(every, axis=1))

@@ -22,6 +22,7 @@ from terrapin_tools.workbench.discover.vocabulary import Term, factors, free_nam
 from terrapin_tools.workbench.model.effect_columns import acting
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.covariance import orthonormal
+from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
 __all__ = ["SCALE_COST", "Library", "Sketch", "as_effect", "library"]
 
@@ -30,6 +31,7 @@ Mask = npt.NDArray[np.bool_]
 
 COLUMNS = 24  # columns of the data that are looked at, roles first; chosen by hand, for time
 LIMIT = 6000  # expressions; chosen by hand, for time and memory
+WEIGHED = 300  # of them in every kind of noise; chosen by hand, for time
 # Correlation, beyond what the model can absorb, above which an expression is a catalogued effect. Chosen by hand.
 DUPLICATE = 0.9995
 SAME = 0.9999  # the same between two expressions; chosen by hand
@@ -66,6 +68,20 @@ class Library:
     sketches: tuple[Sketch, ...]
     columns: Array
     scales: Array  # k = coefficient * scale
+
+    def promise(self, evidence: Evidence) -> Array:
+        """Log evidence of each sketch with its prior (count,).
+
+        Of a long list all are weighed in two kinds of noise, and those that lead there in every kind: each correlation
+        is a filter over all columns.
+        """
+        prior = np.log([sketch.prior for sketch in self.sketches])
+        if len(self.sketches) <= WEIGHED:
+            return np.asarray(evidence.single(self.columns) + prior)
+        found = evidence.of_few().single(self.columns) + prior
+        leading = np.argsort(-found, kind="stable")[:WEIGHED]
+        found[leading] = evidence.single(self.columns[:, leading]) + prior[leading]
+        return np.asarray(found)
 
 
 def library(

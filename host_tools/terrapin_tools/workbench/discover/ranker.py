@@ -55,6 +55,7 @@ class Ranker:
         self.flat = [shape for shapes in self.shapes.values() for shape in shapes]
         self.columns = self.columns_without(())
         self.listed = Library((), np.zeros((self.values.size, 0)), np.zeros(0))
+        self.promised = np.zeros(0)  # log evidence and prior of each that is listed, around the present fit
         self.sketches: dict[str, Sketch] = {}  # by the name that each got as an effect
         self.together: dict[tuple[str, ...], list[tuple[str, Array]]] = {}  # start values of a pair's parameters
         self.razor: dict[frozenset[str], float] = {}  # log evidence lost by the choice of shapes
@@ -158,7 +159,9 @@ class Ranker:
             starts = [np.concatenate([self.analysis.fit.theta, *own])] if linear else []
             if effect.name in self.faults:
                 starts = [parent.model.start]
-            self.fits[key] = extend(parent, effect.name, bound, self.train, self.sigma, starts)
+            # where each step is a simulation of all runs, what cannot come near is not followed to its end
+            aim = min(fit.cost for fit in self.fits.values()) if self.case.base.whole_runs else np.inf
+            self.fits[key] = extend(parent, effect.name, bound, self.train, self.sigma, starts, aim)
         return self.fits[key]
 
     def around(self, fit: Fit, names: Collection[str]) -> float | None:

@@ -178,21 +178,23 @@ def _merged(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
         return frozenset(one.effects) - ranker.sketches.keys()
 
     ranked = sorted(found, key=lambda h: -h.log_weight)
+    predicted: dict[int, Array] = {}
+
+    def curve(fit: Fit) -> Array:
+        if id(fit) not in predicted:
+            predicted[id(fit)] = _predicted(ranker, fit)
+        return predicted[id(fit)]
+
     for place, h in enumerate(ranked[:SHOWN]):
         if h.kind not in ("expression", "mixed") or h.fit is None or h not in ranked:
             continue
         for other in ranked[place + 1 : 2 * SHOWN]:
             if other.kind != h.kind or other.fit is None or named(other) != named(h):
                 continue
-            if _one_curve(ranker, h.fit, other.fit):
+            if float(((curve(h.fit) - curve(other.fit)) ** 2).sum()) < ONE:
                 ranked.remove(other)
                 h = ranked[place] = replace(h, log_weight=float(np.logaddexp(h.log_weight, other.log_weight)))
     return sorted(ranked, key=lambda h: -h.log_weight)
-
-
-def _one_curve(ranker: Ranker, first: Fit, other: Fit) -> bool:
-    gap = _predicted(ranker, first) - _predicted(ranker, other)
-    return float((gap * gap).sum()) < ONE
 
 
 def _predicted(ranker: Ranker, fit: Fit) -> Array:

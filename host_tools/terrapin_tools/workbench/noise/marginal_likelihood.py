@@ -14,7 +14,7 @@ restricted likelihood that integrating over the base parameters gives.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,7 +56,7 @@ class Evidence:
     """
 
     def __init__(
-        self, runs: Runs, residual: Array, base: Array, behind: float, nodes: Sequence[int] | None = None
+        self, runs: Runs, residual: Array, base: Array, behind: float, nodes: Collection[int] | None = None
     ) -> None:
         self.runs, self.behind = runs, behind
         self.nodes = tuple(range(len(NODES)) if nodes is None else nodes)
@@ -108,6 +108,12 @@ class Evidence:
     def likeliest(self) -> Node:
         """The kind of noise that is likeliest if nothing is missing."""
         return self.node(int(np.argmax(self.start + self.fit_term(self.total))))
+
+    def of_few(self) -> Evidence:
+        """The same with two kinds of noise: white, and the likeliest one if nothing is missing."""
+        best = self.nodes[int(np.argmax(self.posterior))]
+        shape = (self.channels, self.rows)
+        return Evidence(self.runs, self.residual.reshape(shape), self.flat.reshape(*shape, -1), self.behind, sorted({0, best}))
 
     def among(self, columns: Array) -> tuple[int, ...]:
         """Kinds of noise (places in NODES) that are likely if nothing is missing, or any one of columns
