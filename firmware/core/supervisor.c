@@ -76,10 +76,10 @@ static uint32_t swing_causes(terrapin_state *state, const terrapin_inputs *input
         if ((limit > 0) && (integer_abs(inputs->swing_angle_mrad) >= limit)) {
             causes = fault_bit(TERRAPIN_FAULT_SWING);
         }
-    } else if (s->blind_ms < (uint8_t)BLIND_MS) {
+    } else if ((s->blind_ms < (uint8_t)BLIND_MS) && (s->state > TERRAPIN_STATE_SELF_TEST)) {
         s->blind_ms++;
     } else {
-        /* blind for long enough */
+        /* blind for long enough, or the sensor still starts */
     }
     if (s->blind_ms >= (uint8_t)BLIND_MS) {
         causes |= fault_bit(TERRAPIN_FAULT_SWING_SENSOR);

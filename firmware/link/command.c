@@ -49,7 +49,18 @@ static bool idle_stands(const terrapin_inputs *inputs) {
     return inputs->command_fresh && (inputs->command.request == (uint8_t)TERRAPIN_REQUEST_IDLE);
 }
 
+/* Without a wheel on the ground no slip is known: who counts on the limiter must not drive without one. */
+static bool counts_on_nothing(const terrapin_link *link, const terrapin_command_t *message) {
+    return link->no_ground_wheel && !link->test_mode && (message->request == TERRAPIN_REQUEST_RUN) &&
+           (message->limiter != 0);
+}
+
 static void take_command(terrapin_link *link, terrapin_inputs *inputs, const terrapin_command_t *message) {
+    link->limiter_refused = counts_on_nothing(link, message);
+    if (link->limiter_refused) {
+        link->out_of_place++;
+        return;
+    }
     link->held =
         link->held && (message->request != TERRAPIN_REQUEST_IDLE) && (message->request != TERRAPIN_REQUEST_CLEAR);
     inputs->command.request = link->held ? (uint8_t)TERRAPIN_REQUEST_IDLE : (uint8_t)message->request;

@@ -58,6 +58,8 @@ typedef struct {
     uint8_t board;         /* enum board of controller.toml, set by the port after terrapin_link_init */
     uint8_t reply_counter; /* of the next PARAMETER_VALUE or STORE_STATUS */
     bool test_mode;
+    bool no_ground_wheel;  /* set by the port after terrapin_link_init: out of test mode there is no slip to limit */
+    bool limiter_refused;  /* the last COMMAND asked for that all the same */
     bool held;             /* by STOP_ALL: COMMANDs are taken for IDLE until one says idle or clear */
     bool stepped;          /* a tick was taken since test mode was armed */
     uint32_t latched;      /* faults that stood when test mode was armed: they stand again when it is left */
@@ -65,7 +67,8 @@ typedef struct {
     uint32_t repeated;     /* counter or tick of the last accepted frame */
     uint32_t malformed;    /* wrong length, or a value that controller.toml does not know */
     uint32_t out_of_step;  /* COMMANDs that do not follow: a second host, or old frames */
-    uint32_t out_of_place; /* SENSORS_* outside test mode; arming it with the bridge on; a COMMAND beside an IDLE */
+    uint32_t out_of_place; /* SENSORS_* outside test mode; arming it with the bridge on; a COMMAND beside an IDLE, or
+                            * for a limiter without a ground wheel */
     uint32_t unsealed;     /* without a good tag, where one is needed */
     uint32_t unknown;      /* other traffic on the bus */
     struct terrapin_store *store; /* the port's; NULL: parameters last until a reset */

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from terrapin_interface.robot_table import RobotTable
 
-__all__ = ["ADC_CHANNELS", "Board", "can_reaches", "find_board", "load_board"]
+__all__ = ["ADC_CHANNELS", "Board", "Imu", "can_reaches", "find_board", "load_board"]
 
 _PIN = re.compile(r"P([A-E])(\d{1,2}) (\w+)")
 # What a signal's pin has to be able to do; of the chip's alternatives those that the port's drivers set up.
@@ -34,7 +34,13 @@ ROLES: Mapping[str, tuple[str, ...]] = {
     "current": ("ADC",),
     "supply": ("ADC",),
     "temperature": ("ADC",),
+    "imu_select": ("output",),
+    "imu_clock": ("SPI1_SCK",),
+    "imu_in": ("SPI1_MISO",),
+    "imu_out": ("SPI1_MOSI",),
 }
+IMU = tuple(role for role in ROLES if role.startswith("imu_"))
+GROUND = ("ground_a", "ground_b")  # of a wheel that a board may do without
 # Channels of ADC1: data sheet DS8626, table 7.
 ADC_CHANNELS: Mapping[str, int] = {
     **{f"PA{n}": n for n in range(8)},
@@ -57,6 +63,9 @@ FUNCTIONS: Mapping[str, tuple[str, ...]] = {
     "USART1_RX": ("PA10", "PB7"),
     "CAN1_RX": ("PB8", "PA11", "PD0"),
     "CAN1_TX": ("PB9", "PA12", "PD1"),
+    "SPI1_SCK": ("PA5", "PB3"),
+    "SPI1_MISO": ("PA6", "PB4"),
+    "SPI1_MOSI": ("PA7", "PB5"),
     "ADC": tuple(ADC_CHANNELS),
 }
 DEBUG = ("PA13", "PA14")  # SWD: the probe's, from the reset on
@@ -65,6 +74,25 @@ LONGEST = 65535  # to this at most
 CONVERSION = 3 * (15 + 12) * 4  # clocks of the bus for three samples (analog.c)
 QUANTA = range(8, 19)  # of a bit on CAN (can.c)
 BUS = 42e6  # [Hz] of CAN
+
+
+Axis = tuple[int, int]  # of a chip: 0 is x; 1 or -1
+
+
+@dataclass(frozen=True)
+class Imu:
+    """An IMU on the inner body: which of its axes point forward and away from the bob when that hangs at rest."""
+
+    chip: str
+    forward: Axis
+    up: Axis
+
+    @property
+    def right(self) -> Axis:
+        """Forward cross up: the axle, about which a positive rate swings the bob forward."""
+        axis = 3 - self.forward[0] - self.up[0]
+        even = (self.forward[0] + 1) % 3 == self.up[0]
+        return axis, self.forward[1] * self.up[1] * (1 if even else -1)
 
 
 @dataclass(frozen=True)
@@ -90,16 +118,27 @@ class Board:
     amplification: float
     upper: float  # of the supply's divider [ohm]
     lower: float
-    swing: bool  # sensors that it can read
-    pitch: bool
+    pitch: bool  # sensors that it can read
     ground_speed: bool
+    imu: Imu | None
     pins: Mapping[str, tuple[str, int, str]]  # signal -> port letter, number, function
     text: str = field(repr=False)  # the file
+
+    @property
+    def swing(self) -> bool:
+        """Whether it can read the swing."""
+        return self.imu is not None
+
+    @property
+    def ground_wheel(self) -> bool:
+        """Whether it has an encoder for the ground wheel, without which the slip limiter is not armed."""
+        return GROUND[0] in self.pins
 
 
 def load_board(path: Path) -> Board:
     """The board of a file. RobotError: one line with file, line, field and what was expected."""
     table = RobotTable.load(path)
+    imu = _imu(table)
     board = Board(
         name=path.stem,
         file=path,
@@ -120,13 +159,24 @@ def load_board(path: Path) -> Board:
         amplification=table.number("analog.amplification", "1", 1.0, 1000.0),
         upper=table.number("analog.upper", "ohm", 0.0, 1e7),
         lower=table.number("analog.lower", "ohm", 1.0, 1e7),
-        swing=table.flag("sensors.swing", False),
         pitch=table.flag("sensors.pitch", False),
         ground_speed=table.flag("sensors.ground_speed", False),
-        pins=_pins(table),
+        imu=imu,
+        pins=_pins(table, [*(GROUND if _ground_wheel(table) else ()), *(IMU if imu else ())]),
         text=table.text,
     )
+    for sensor in ("pitch", "ground_speed"):
+        if getattr(board, sensor):
+            raise table.error(f"sensors.{sensor}", f"found true, expected false: {board.chip} has no driver for one")
+    swing = table.flag("sensors.swing", board.swing)
     table.done()
+    if swing != board.swing:
+        raise table.contradiction(
+            "sensors.swing",
+            str(swing).lower(),
+            str(board.swing).lower(),
+            table.place("imu.chip") if imu else "no [imu]",
+        )
     if board.crystal % 1e6:
         raise table.error("clock.crystal", f"found {board.crystal:g} Hz, expected a whole number of MHz for the PLL")
     if board.off != ("coast",):
@@ -165,10 +215,34 @@ def _check_pwm(table: RobotTable, board: Board) -> None:
         )
 
 
-def _pins(table: RobotTable) -> dict[str, tuple[str, int, str]]:
+def _imu(table: RobotTable) -> Imu | None:
+    if not table.below("imu"):
+        return None
+    ends = [sign + axis for axis in "xyz" for sign in "+-"]
+    chip = table.choice("imu.chip", ["icm42688p"])
+    forward, up = (table.choice(f"imu.{key}", ends) for key in ("forward", "up"))
+    if forward[1] == up[1]:
+        raise table.contradiction("imu.up", up, "another axis", table.place("imu.forward"))
+    first, second = (("xyz".index(end[1]), 1 if end[0] == "+" else -1) for end in (forward, up))
+    return Imu(chip, first, second)
+
+
+def _ground_wheel(table: RobotTable) -> bool:
+    """Both of its pins, or none."""
+    given = [f"pins.{role}" in table for role in GROUND]
+    if any(given) and not all(given):
+        there, missing = (f"pins.{GROUND[given.index(each)]}" for each in (True, False))
+        raise table.contradiction(there, "one input of the ground wheel's encoder", "both or none", missing)
+    return all(given)
+
+
+def _pins(table: RobotTable, fitted: Sequence[str]) -> dict[str, tuple[str, int, str]]:
+    """Pins of the roles that each board has, and of those that are `fitted` on this one."""
     pins: dict[str, tuple[str, int, str]] = {}
     owner: dict[str, str] = {}
     for role, functions in ROLES.items():
+        if role in (*GROUND, *IMU) and role not in fitted:
+            continue
         key = f"pins.{role}"
         text = table.word(key)
         match = _PIN.fullmatch(text)
@@ -186,7 +260,9 @@ def _pins(table: RobotTable) -> dict[str, tuple[str, int, str]]:
             raise table.contradiction(key, pin, "a pin that nothing else takes", table.place(owner[pin]))
         owner[pin] = key
         pins[role] = match[1], int(match[2]), function
-    extra = set(table.below("pins")) - set(ROLES)
+    extra = set(table.below("pins")) - set(pins)
+    if extra & set(IMU):
+        raise table.error(f"pins.{min(extra & set(IMU))}", "found a pin, expected a table [imu] that says which chip")
     if extra:
         raise table.error(f"pins.{min(extra)}", f"no such signal; known: {', '.join(ROLES)}")
     return pins

@@ -17,9 +17,13 @@ _SET_UP = {
     "estop": ("INPUT", "UP"),
     "led": ("OUTPUT", "FLOATING"),
     "can_transmit": ("FUNCTION", "FLOATING"),
+    "imu_select": ("OUTPUT", "UP"),
+    "imu_clock": ("FUNCTION", "FLOATING"),
+    "imu_out": ("FUNCTION", "FLOATING"),
 }
-_ALTERNATES = {"TIM1": 1, "TIM3": 2, "TIM4": 2, "USART1": 7, "CAN1": 9}  # DS8626, table 9
-_OWN = ("enable", "estop", "led")  # which the port drives itself
+_ALTERNATES = {"TIM1": 1, "TIM3": 2, "TIM4": 2, "SPI1": 5, "USART1": 7, "CAN1": 9}  # DS8626, table 9
+_OWN = ("enable", "estop", "led", "imu_select")  # which the port drives itself
+_NOWHERE = "{0U, 0U, PIN_INPUT, PIN_FLOATING, 0U}"
 ANALOG = ("current", "supply", "temperature")  # in the order of the samples
 
 
@@ -28,6 +32,11 @@ def _pin(board: Board, role: str) -> str:
     mode, pull = _SET_UP.get(role, ("ANALOG", "FLOATING") if function == "ADC" else ("FUNCTION", "UP"))
     alternate = _ALTERNATES[function.partition("_")[0]] if mode == "FUNCTION" else 0
     return f"{{{'ABCDE'.index(letter)}U, {number}U, PIN_{mode}, PIN_{pull}, {alternate}U}}"
+
+
+def _axis(board: Board, name: str) -> str:
+    axis, sign = getattr(board.imu, name) if board.imu else (0, 1)
+    return f"{{{axis}U, {sign}}}"
 
 
 def _code(robot: Robot, d: Description, name: str, code: float, part: str) -> int:
@@ -63,7 +72,10 @@ def board_header(robot: Robot, d: Description) -> str:
         "MOTOR_REVERSED": str(board.motor_reversed).lower(),
         "GROUND_REVERSED": str(board.ground_reversed).lower(),
         "CHANNELS": "{" + ", ".join(f"{channel}U" for channel in channels) + "} /* current, supply, temperature */",
-        **{role.upper(): _pin(board, role) for role in _OWN},
+        **{role.upper(): _pin(board, role) if role in board.pins else _NOWHERE for role in _OWN},
+        "GROUND_WHEEL": str(board.ground_wheel).lower(),
+        "IMU": str(board.swing).lower(),
+        **{f"IMU_{name.upper()}": _axis(board, name) for name in ("forward", "up", "right")},
     }
     lines = [
         f"/* Board {board.name} of the robot {robot.name}. Generated from their files: do not edit. */",

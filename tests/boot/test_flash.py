@@ -26,7 +26,7 @@ from bootlib import Chip, image_file, send
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from kit import KEY, NEXT_KEY, NEXT_PUBLIC, OTHER_KEY, PUBLIC, code, image
-from virtual_chip import on_bus
+from virtual_chip import QUERY, beside, on_bus
 
 from terrapin_hil import paths
 from terrapin_hil.links import LinkName
@@ -282,6 +282,41 @@ def test_late_answers() -> None:
     with on_bus(lose=61) as (node, wire):
         node.answers = 2
         assert update(wire, [file("a", "1.0.0", size=1500)], quiet).slot == "a"
+
+
+def written(chip: Chip) -> bytes:
+    """All of its flash."""
+    return bytes(chip.ffi.buffer(chip.bytes))
+
+
+@pytest.mark.parametrize("running", [False, True])
+def test_two_controllers_with_one_number_are_told_before_anything_is_written(running: bool) -> None:
+    """Both in their boot loader, or one in an application; and the same bus with one of them is good."""
+    with on_bus() as (node, wire):
+        if running:
+            assert update(wire, [file("a", "1.0.0")], quiet) == Outcome("a", "confirmed")
+        before = written(node.chip)
+        with beside(node) as other:
+            blank = written(other.chip)
+            with pytest.raises(UserError, match="found 2 controllers with this node number, expected one; "):
+                update(wire, [file("a", "1.1.0"), file("b", "1.1.0")], quiet)
+            assert (written(node.chip), written(other.chip)) == (before, blank)
+            assert node.resets + other.resets == int(running)
+        assert update(wire, [file("a", "1.1.0"), file("b", "1.1.0")], quiet).state == "confirmed"
+
+
+def test_a_frame_that_the_bus_repeats_is_no_second_controller() -> None:
+    with on_bus() as (node, wire):
+        answer, counted = node.answer, [0]
+
+        def twice_once(identifier: int, data: bytes) -> list[Frame]:
+            replies = answer(identifier, data)
+            counted[0] += identifier == QUERY
+            return replies * 2 if identifier == QUERY and counted[0] == 2 else replies
+
+        node.answer = twice_once  # type: ignore[method-assign]
+        assert update(wire, [file("a", "1.0.0")], quiet) == Outcome("a", "confirmed")
+        assert counted[0] > 2
 
 
 def test_an_application_whose_motor_is_on_answers_no_query() -> None:

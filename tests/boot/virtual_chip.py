@@ -13,8 +13,10 @@ from bootlib import Chip
 from kit import PUBLIC
 
 from terrapin_hil.links import LinkName
-from terrapin_hil.messages import Frame
+from terrapin_hil.messages import Frame, interface
 from terrapin_tools.flash.can_wire import CanWire
+
+QUERY = interface().messages["UPDATE_QUERY"].id
 
 
 class Node(threading.Thread):
@@ -28,7 +30,7 @@ class Node(threading.Thread):
         self.lose, self.count, self.resets = lose, 0, 0
         self.going = True
         self.mute: set[int] = set()  # identifiers that it does not hear
-        self.answers = 1  # to each request, as to one that was sent as often
+        self.answers = 1  # to each request but a query, as to one that was sent as often
         self.lose_once: list[int] = []  # identifiers of requests that are lost, once each,
         self.lose_answer: list[int] = []  # and of those whose answer is
 
@@ -55,8 +57,9 @@ class Node(threading.Thread):
             if message.arbitration_id in self.lose_answer:
                 self.lose_answer.remove(message.arbitration_id)
                 replies = []
+            answers = 1 if message.arbitration_id == QUERY else self.answers
             for identifier, data in replies:
-                for _ in range(0 if self.lost() else self.answers):
+                for _ in range(0 if self.lost() else answers):
                     self.bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
             if self.chip.update.reset:
                 self.resets += 1
@@ -65,6 +68,19 @@ class Node(threading.Thread):
                 elif self.chip.start():
                     self.chip.confirm()
                 self.started()
+
+
+@contextlib.contextmanager
+def beside(node: Node) -> Iterator[Node]:
+    """Another chip with the same node number on the bus of one."""
+    other = Node(node.bus.channel_id)
+    other.start()
+    try:
+        yield other
+    finally:
+        other.going = False
+        other.join(5)
+        other.bus.shutdown()
 
 
 @contextlib.contextmanager

@@ -16,6 +16,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "bench"))
 
 from slcan_feeder import Feeder
 
+from terrapin_hil.messages import interface
+from terrapin_hil.nodes import Node
 from terrapin_tools.logs.reading import read_log
 
 SERIOUS = ("serious", "critical")
@@ -74,6 +76,28 @@ def test_full_bus_is_counted_and_recorded(page: Page, server: Server) -> None:
     numbers = [int.from_bytes(log.payload(row)[:4], "little") for row in range(len(log))]
     assert numbers == list(range(numbers[0], int(8000 * seconds)))
     assert serious(page) == []
+
+
+def test_all_controllers_on_a_bus_and_one_of_them(page: Page, server: Server) -> None:
+    """A log of two nodes: a row for each, and a button that watches the other one."""
+    message = interface().messages["MOTION"]
+    rows = [Node(n).to_bus((message.id, message.encode({"slip": slip})[0])) for n, slip in ((0, 100), (3, 250))]
+    lines = [f"({i * 0.001:.6f}) can0 {rows[i % 2][0]:03X}#{rows[i % 2][1].hex()}" for i in range(100)]
+    (server.workspace / "logs" / "two.log").write_text("\n".join(lines) + "\n")
+    page.get_by_role("link", name="Live").click()
+    page.locator("#live-source").select_option("log:two.log")
+    page.get_by_role("button", name="Watch", exact=True).click()
+    nodes = page.locator(".nodes")
+    expect(nodes.get_by_role("row")).to_have_text(
+        [re.compile("node"), re.compile("0.*0.10.*watched"), re.compile("3.*0.25")]
+    )
+    nodes.get_by_role("button", name="Watch node 3").click()
+    expect(page.locator("#command")).to_contain_text("--node 3")
+    expect(nodes.get_by_role("row").nth(2)).to_have_text(re.compile("3.*0.25.*watched"))
+    expect(page.locator("#live-node")).to_have_value("3")
+    assert serious(page) == []
+    page.get_by_role("button", name="Leave").click()
+    expect(nodes).to_be_hidden()
 
 
 BARS = """async ([points, begin, end, width, steps]) => {

@@ -460,6 +460,19 @@ static void test_a_guard_without_a_swing_sensor_is_refused(void) {
     TEST_ASSERT_EQUAL_INT32_MESSAGE(TERRAPIN_STATE_IDLE, rig_state(), "without a guard it may run");
 }
 
+/* A sensor takes its time to start: that is no failure before the self test is over. */
+static void test_a_swing_sensor_may_start_during_the_self_test(void) {
+    for (uint32_t late = 0U; late < 2U; late++) {
+        terrapin_init(&rig.state);
+        rig_set(TERRAPIN_PARAMETER_SWING_LIMIT, 1134);
+        rig.in.swing_valid = false;
+        rig_run(190 + 19 + late);
+        rig.in.swing_valid = true;
+        rig_run(50);
+        TEST_ASSERT_EQUAL(late == 1U, rig_fault(TERRAPIN_FAULT_SWING_SENSOR));
+    }
+}
+
 /* Boot and self test are not yet at work; a latched fault is not either. */
 static void test_at_work_from_idle_on(void) {
     for (int32_t number = TERRAPIN_STATE_BOOT; number <= TERRAPIN_STATE_SAFE; number++) {
@@ -498,6 +511,7 @@ int main(void) {
     RUN_TEST(test_protected_parameters_are_locked_while_the_bridge_is_on);
     RUN_TEST(test_state_size_is_that_of_the_state);
     RUN_TEST(test_every_write_prepares_what_follows_from_it);
+    RUN_TEST(test_a_swing_sensor_may_start_during_the_self_test);
     RUN_TEST(test_at_work_from_idle_on);
     return UNITY_END();
 }

@@ -586,6 +586,24 @@ static void test_tells_status_once_and_counts(void) {
     TEST_ASSERT_EQUAL(0, status.receive_overflow);
 }
 
+/* A board without a ground wheel refuses the limiter, and says so until something else is commanded. */
+static void test_a_limiter_without_a_wheel_is_refused_and_told(void) {
+    const hardware_facts hardware = {.core_hz = 168000000U, .no_ground_wheel = true, .imu_absent = true};
+    terrapin_frame frame = {0};
+    terrapin_port_status_t status;
+    port_open(&controller, state, &bus, &line, NULL, NULL, &hardware);
+    (void)ticks(300U, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_TRUE(told(TERRAPIN_ID_PORT_STATUS, &frame, 101U));
+    TEST_ASSERT_TRUE(terrapin_decode_port_status(&frame, &status));
+    TEST_ASSERT_EQUAL(0, status.limiter_refused);
+    TEST_ASSERT_EQUAL(1, status.imu_absent);
+    controller.link.limiter_refused = true;
+    TEST_ASSERT_TRUE(told(TERRAPIN_ID_PORT_STATUS, &frame, 101U));
+    TEST_ASSERT_TRUE(terrapin_decode_port_status(&frame, &status));
+    TEST_ASSERT_EQUAL(1, status.limiter_refused);
+    TEST_ASSERT_TRUE(controller.link.no_ground_wheel);
+}
+
 static void test_missed_ticks_are_the_core_s_fault_too(void) {
     (void)ticks(100U, TERRAPIN_REQUEST_IDLE);
     TEST_ASSERT_EQUAL_HEX32(0U, controller.outputs.faults & BIT(TERRAPIN_FAULT_OVERRUN));
@@ -651,6 +669,7 @@ int main(void) {
     RUN_TEST(test_update_resets_with_the_motor_off_alone);
     RUN_TEST(test_a_node_has_identifiers_of_its_own);
     RUN_TEST(test_tells_status_once_and_counts);
+    RUN_TEST(test_a_limiter_without_a_wheel_is_refused_and_told);
     RUN_TEST(test_missed_ticks_are_the_core_s_fault_too);
     RUN_TEST(test_absent_bus_is_told_on_the_line);
     RUN_TEST(test_host_that_does_not_read_loses_its_own_lines);

@@ -324,6 +324,44 @@ static void test_other_traffic_is_counted(void) {
     TEST_ASSERT_EQUAL(1, link.unknown);
 }
 
+/* A RUN that counts on the limiter is not taken where no wheel sees the ground; all else is, and in test mode the host
+ * is the wheel. */
+static void test_no_limiter_without_a_ground_wheel(void) {
+    link.no_ground_wheel = true;
+    terrapin_frame frame = command(TERRAPIN_REQUEST_RUN, 0, 5000, 1);
+    inputs.command_fresh = false;
+    (void)accept(&frame);
+    TEST_ASSERT_FALSE(inputs.command_fresh);
+    TEST_ASSERT_TRUE(link.limiter_refused);
+    TEST_ASSERT_EQUAL(1, link.out_of_place);
+    for (int32_t request = TERRAPIN_REQUEST_IDLE; request <= TERRAPIN_REQUEST_CLEAR; request++) {
+        if (request != TERRAPIN_REQUEST_RUN) {
+            frame = command(request, 0, 0, 2U + (uint32_t)request);
+            inputs.command_fresh = false;
+            (void)accept(&frame);
+            TEST_ASSERT_EQUAL(request, inputs.command.request);
+            TEST_ASSERT_TRUE(inputs.command_fresh);
+            TEST_ASSERT_FALSE_MESSAGE(link.limiter_refused, "that of the last one alone");
+            inputs.command_fresh = false;
+        }
+    }
+    const terrapin_command_t without = {.request = TERRAPIN_REQUEST_RUN, .limiter = 0, .setpoint = 5000};
+    TEST_ASSERT_TRUE(terrapin_encode_command(&without, &frame));
+    terrapin_e2e_protect(&frame, 6);
+    (void)accept(&frame);
+    TEST_ASSERT_TRUE(inputs.command_fresh);
+    TEST_ASSERT_FALSE(inputs.command.limiter);
+    TEST_ASSERT_EQUAL(1, link.out_of_place);
+
+    arm(0);
+    link.no_ground_wheel = true;
+    inputs.command_fresh = false;
+    frame = command(TERRAPIN_REQUEST_RUN, 0, 5000, 1);
+    (void)accept(&frame);
+    TEST_ASSERT_TRUE(inputs.command_fresh && inputs.command.limiter);
+    TEST_ASSERT_FALSE(link.limiter_refused);
+}
+
 static void test_sensors_only_in_test_mode(void) {
     const terrapin_frame step = fast(0);
     const terrapin_frame slow = {.id = TERRAPIN_ID_SENSORS_SLOW, .length = 8, .data = {0xFF, 0xFF}};
@@ -645,6 +683,7 @@ int main(void) {
     RUN_TEST(test_no_command_takes_the_place_of_an_idle_in_its_tick);
     RUN_TEST(test_wrong_lengths_and_values);
     RUN_TEST(test_other_traffic_is_counted);
+    RUN_TEST(test_no_limiter_without_a_ground_wheel);
     RUN_TEST(test_sensors_only_in_test_mode);
     RUN_TEST(test_wrong_key_does_not_reset_a_controller_at_work);
     RUN_TEST(test_wrong_key_leaves_the_counters);

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from robot_files import Change, with_board
 
@@ -70,6 +71,48 @@ def test_every_field_of_the_board_is_in_its_header(tmp_path: Path) -> None:
     assert scales(own)[0] == 1060
 
 
+IMU: Change = {
+    "imu": {"chip": "icm42688p", "forward": "+x", "up": "+z"},
+    "pins.imu_select": "PA4 output",
+    "pins.imu_clock": "PA5 SPI1_SCK",
+    "pins.imu_in": "PB4 SPI1_MISO",
+    "pins.imu_out": "PA7 SPI1_MOSI",
+}
+NO_WHEEL: Change = {"pins.ground_a": None, "pins.ground_b": None}
+
+
+def test_an_imu_and_a_ground_wheel_are_fitted_or_not(tmp_path: Path) -> None:
+    plain, full = (header(with_board(tmp_path, each)) for each in ({}, IMU))
+    assert defined(plain)["BOARD_IMU"] == "false"
+    assert defined(full)["BOARD_IMU"] == "true"
+    assert "imu" not in plain
+    assert "{0U, 5U, PIN_FUNCTION, PIN_FLOATING, 5U}, /* imu_clock */" in full
+    assert "{1U, 4U, PIN_FUNCTION, PIN_UP, 5U}, /* imu_in */" in full
+    assert defined(full)["BOARD_IMU_SELECT"] == "{0U, 4U, PIN_OUTPUT, PIN_UP, 0U}"
+    none = header(with_board(tmp_path, NO_WHEEL))
+    assert (defined(plain)["BOARD_GROUND_WHEEL"], defined(none)["BOARD_GROUND_WHEEL"]) == ("true", "false")
+    assert "ground_a" not in none
+    board = load_robot(with_board(tmp_path, {**IMU, **NO_WHEEL}, {}, "sphere")).board
+    assert (board.swing, board.ground_wheel) == (True, False)
+
+
+@pytest.mark.parametrize("forward", ["+x", "-x", "+y", "-y", "+z", "-z"])
+@pytest.mark.parametrize("up", ["+x", "-x", "+y", "-y", "+z", "-z"])
+def test_the_axle_is_forward_cross_up(forward: str, up: str, tmp_path: Path) -> None:
+    change = {**IMU, "imu": {"chip": "icm42688p", "forward": forward, "up": up}}
+    if forward[1] == up[1]:
+        with pytest.raises(RobotError, match=r"imu\.up: found .*, expected another axis, .*imu\.forward"):
+            header(with_board(tmp_path, change))
+        return
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    names = ["+x", "+y", "+z", "-x", "-y", "-z"]
+    right = np.cross(axes[names.index(forward)], axes[names.index(up)])
+    found = defined(header(with_board(tmp_path, change)))
+    for name, vector in (("FORWARD", axes[names.index(forward)]), ("UP", axes[names.index(up)]), ("RIGHT", right)):
+        axis = int(np.flatnonzero(vector)[0])
+        assert found[f"BOARD_IMU_{name}"] == f"{{{axis}U, {round(vector[axis])}}}"
+
+
 CONTRADICTIONS: list[tuple[Change, Change, tuple[str, str]]] = [  # of the board, of the robot, both places
     ({"pins.led": "PE14 output"}, {}, ("pins.led", "pins.enable (line ")),
     ({"pins.estop": "PE9 input"}, {}, ("pins.estop", "pins.gate_a_high (line ")),
@@ -88,6 +131,14 @@ CONTRADICTIONS: list[tuple[Change, Change, tuple[str, str]]] = [  # of the board
     ({}, {"can.bit_rate": "800 kbit/s"}, ("can.bit_rate", "divides 42 MHz")),
     ({"analog.shunt": "21 mohm"}, {"sensors.current.code": None}, ("limits.over_current", "analog.shunt of board")),
     ({"analog.upper": "30 kohm"}, {}, ("limits.supply_high", "analog.upper of board mine")),
+    ({"pins.ground_b": None}, {}, ("pins.ground_a", "pins.ground_b", "both or none")),
+    ({"pins.imu_clock": "PA5 SPI1_SCK"}, {}, ("pins.imu_clock", "[imu]")),
+    ({**IMU, "pins.imu_in": "PB5 SPI1_MISO"}, {}, ("pins.imu_in", "PA6, PB4")),
+    ({**IMU, "pins.motor_a": "PB4 TIM3_CH1"}, {}, ("pins.imu_in", "pins.motor_a (line ")),
+    ({**IMU, "imu": {"chip": "mpu6500", "forward": "+x", "up": "+z"}}, {}, ("imu.chip", "icm42688p")),
+    ({"sensors": {"swing": True}}, {}, ("sensors.swing", "[imu]")),
+    ({**IMU, "sensors": {"swing": False}}, {}, ("sensors.swing", "imu.chip (line ")),
+    ({"sensors": {"pitch": True}}, {}, ("sensors.pitch", "no driver")),
     ({"analog.shunt": "5 mohm"}, {}, ("sensors.current.code", "analog.shunt of board mine")),
     ({"analog.upper": "80 kohm"}, {}, ("sensors.supply.code", "analog.upper of board mine")),
 ]  # fmt: skip

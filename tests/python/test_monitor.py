@@ -100,6 +100,28 @@ def test_states_and_faults_of_all_nodes() -> None:
     assert not bus.faults
 
 
+def test_each_controller_has_a_row() -> None:
+    """State, faults and the few signals of every node, whichever of them is watched; None while one has not come."""
+    states, estop = interface().enums["state"], {f["name"]: f["number"] for f in interface().json["faults"]}["estop"]
+    made = [
+        at_node(block((0.0, "STATUS", {"state": states["run"], "faults": 0}), (0.1, "MOTION", {"slip": 100})), 1),
+        at_node(block((0.2, "STATUS", {"state": states["safe"], "faults": 1 << estop})), 4),
+        at_node(block((0.3, "GROUND", {"torque": 50_000}), (0.4, "MOTION", {"slip": 250})), 4),
+    ]
+    for number in (1, 4):
+        bus = Live(Decoder(DBC), interface(), node=number)
+        for each in made:
+            bus.take(each)
+        first, second = bus.nodes
+        assert (first["node"], first["said"], first["watched"]) == (1, "run", number == 1)
+        assert (second["node"], second["said"], second["watched"]) == (4, "safe: estop", number == 4)
+        assert first["MOTION.slip"] == pytest.approx(0.1)
+        assert second["MOTION.slip"] == pytest.approx(0.25)
+        assert second["GROUND.torque"] == pytest.approx(0.05)
+        assert first["GROUND.torque"] is None
+    assert Live(Decoder(DBC), None).nodes == []
+
+
 def test_two_controllers_that_are_one_node() -> None:
     bus = Live(Decoder(DBC), interface(), node=2)
     for time_, unique in enumerate((0xAAAA0001, 0xAAAA0001, 0xBBBB0002, 0xAAAA0001, 0xBBBB0002)):

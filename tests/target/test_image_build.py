@@ -47,7 +47,7 @@ def test_images_of_a_robot_on_another_board(tmp_path: Path, board: Path) -> None
     other = terrapin(*flash, "cylinder")
     assert (other.returncode, "made for sphere, expected cylinder" in other.stderr) == (2, True)
     shipped = terrapin(*flash, "sphere")
-    assert (shipped.returncode, "made for board number 101, expected 1" in shipped.stderr) == (2, True)
+    assert (shipped.returncode, "made for board number 101, expected 3" in shipped.stderr) == (2, True)
 
 
 def test_without_a_compiler_one_line_says_so(tmp_path: Path) -> None:

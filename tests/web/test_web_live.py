@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,6 +25,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "bench"))
 
 from slcan_feeder import Feeder
 
+from terrapin_hil.messages import interface
+from terrapin_hil.nodes import Node
 from terrapin_tools.logs.frames import frames
 from terrapin_tools.logs.reading import read_log
 from terrapin_tools.logs.writing import LogWriter
@@ -401,6 +404,23 @@ def test_uploaded_log_and_dbc(live: Server, tmp_path: Path) -> None:
     assert found.hello["name"] == "drive.log"
 
 
+def test_a_node_of_several_and_all_of_them(live: Server) -> None:
+    """A log of two controllers: the values are those of the node that is chosen, the rows those of both."""
+    message, slips = interface().messages["MOTION"], {0: 100, 3: 250}
+    rows = [Node(node).to_bus((message.id, message.encode({"slip": slip})[0])) for node, slip in slips.items()]
+    lines = [f"({i * 0.001:.6f}) can0 {rows[i % 2][0]:03X}#{rows[i % 2][1].hex()}" for i in range(100)]
+    (live.workspace / "logs" / "two.log").write_text("\n".join(lines) + "\n")
+    for body, node in (({}, 0), ({"node": 0}, 0), ({"node": 3}, 3)):
+        ask = partial(post, live, "live", source="log:two.log", **body)
+        found = watch(live, lambda w: w.status.get("total") == 100, ask)
+        assert found.hello["watch"].get("node") == body.get("node")
+        assert found.hello["command"].endswith(f"--node {node}") == bool(body)
+        names = [signal["name"] for signal in found.hello["signals"]]
+        assert found.status["values"][names.index("MOTION.slip")] == pytest.approx(slips[node] * 1e-3)
+        shown = [(row["node"], row["watched"], row["MOTION.slip"]) for row in found.status["nodes"]]
+        assert shown == [(n, n == node, pytest.approx(slip * 1e-3)) for n, slip in slips.items()]
+
+
 @pytest.mark.parametrize(
     ("body", "status", "said"),
     [
@@ -422,6 +442,8 @@ def test_uploaded_log_and_dbc(live: Server, tmp_path: Path) -> None:
         ({"source": "simulator:estop", "speed": 0.0}, 422, "speed"),
         ({"source": "simulator:estop", "dbc": "none.dbc"}, 404, "found no"),
         ({"source": "simulator:estop", "more": 1}, 422, "more"),
+        ({"source": "simulator:estop", "node": 1}, 422, "a scenario has one controller"),
+        ({"source": "can:virtual:x", "node": 8}, 422, "less than 8"),
     ],
 )
 def test_refused(live: Server, body: dict[str, Any], status: int, said: str) -> None:

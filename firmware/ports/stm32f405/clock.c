@@ -61,7 +61,7 @@ clocks clock_start(rcc_registers *rcc, flash_registers *flash, pwr_registers *pw
                    uint32_t internal_hz) {
     rcc->AHB1ENR |= RCC_AHB1_GPIO_ALL | RCC_AHB1_DMA2;
     rcc->APB1ENR |= RCC_APB1_TIM2 | RCC_APB1_TIM3 | RCC_APB1_TIM4 | RCC_APB1_CAN1 | RCC_APB1_PWR;
-    rcc->APB2ENR |= RCC_APB2_TIM1 | RCC_APB2_USART1 | RCC_APB2_ADC1;
+    rcc->APB2ENR |= RCC_APB2_TIM1 | RCC_APB2_USART1 | RCC_APB2_ADC1 | RCC_APB2_SPI1;
     const clock_result result = raise_speed(rcc, flash, pwr, crystal_hz);
     if (result != CLOCK_GOOD) {
         return internal_clocks(result, internal_hz);

@@ -15,7 +15,9 @@
 #include "processor.h"
 #include "reset_cause.h"
 #include "retained.h"
+#include "spi.h"
 #include "startup.h"
+#include "swing.h"
 #include "unique.h"
 #include "watchdog.h"
 
@@ -41,6 +43,9 @@ const uint32_t hardware_parameter_count = sizeof hardware_parameters / sizeof ha
 static const pin estop_pin = BOARD_ESTOP;
 static const pin enable_pin = BOARD_ENABLE;
 static const pin led_pin = BOARD_LED;
+static const pin imu_select_pin = BOARD_IMU_SELECT;
+
+static swing pendulum = {.forward = BOARD_IMU_FORWARD, .up = BOARD_IMU_UP, .right = BOARD_IMU_RIGHT};
 
 /* ---- which image this is */
 
@@ -69,6 +74,21 @@ void emergency_stop(void) {
     pin_write(GPIO(enable_pin.port), &enable_pin, false);
 }
 
+static void imu_select(bool on) {
+    pin_write(GPIO(imu_select_pin.port), &imu_select_pin, !on);
+}
+
+bool imu_exchange(uint8_t address, uint8_t *bytes, uint32_t count) {
+    uint8_t unused = 0U;
+    imu_select(true);
+    bool good = spi_byte(SPI1, address, &unused);
+    for (uint32_t i = 0U; good && (i < count); i++) {
+        good = spi_byte(SPI1, bytes[i], &bytes[i]);
+    }
+    imu_select(false);
+    return good;
+}
+
 /* ---- each tick */
 
 void hardware_sense(hardware_facts *facts, terrapin_inputs *inputs) {
@@ -79,7 +99,10 @@ void hardware_sense(hardware_facts *facts, terrapin_inputs *inputs) {
     inputs->supply_code = sensors.codes[1];
     inputs->temperature_code = sensors.codes[2];
     inputs->motor_count = encoder_read(TIM3);
-    inputs->ground_count = encoder_read(TIM4);
+    inputs->ground_count = encoder_read(TIM4); /* stands at 0 where the board has no ground wheel */
+    if (BOARD_IMU) {
+        facts->imu_absent = !swing_sense(&pendulum, inputs);
+    }
     inputs->estop = pin_read(GPIO(estop_pin.port), &estop_pin);
 }
 
@@ -145,6 +168,10 @@ static void setup_pins(void) {
     pin_setup(GPIO(enable_pin.port), &enable_pin);
     pin_setup(GPIO(led_pin.port), &led_pin);
     pin_setup(GPIO(estop_pin.port), &estop_pin);
+    if (BOARD_IMU) {
+        imu_select(false);
+        pin_setup(GPIO(imu_select_pin.port), &imu_select_pin);
+    }
 }
 
 /* Behind the boot loader the store has sectors 1 and 2; an image that stands alone covers these, and takes the last
@@ -192,6 +219,9 @@ void hardware_open(const clocks *speed) {
     PWR->CR |= PWR_CR_PVDE | PWR_CR_PLS_2V7;
     setup_pins();
     start_motor(speed);
+    if (BOARD_IMU) {
+        spi_open(SPI1);
+    }
 }
 
 static uint8_t stored_node(void) {
@@ -221,6 +251,7 @@ hardware_facts hardware_look(const clocks *speed, uint32_t flags) {
         .brown_out_unset = (FLASH->OPTCR & FLASH_OPTCR_BOR) == FLASH_OPTCR_BOR_OFF,
         .reset_cause = reset_cause(flags, retained_take(&retained)),
         .board = BOARD_NUMBER,
+        .no_ground_wheel = !BOARD_GROUND_WHEEL,
         .slot = slot(),
         .node = stored_node(),
         .unique = unique_number(),

@@ -16,6 +16,8 @@ struct terrapin_store;
 typedef struct {
     bool clock_fallback;
     bool adc_silent;
+    bool imu_absent;      /* fitted, and says nothing good */
+    bool no_ground_wheel; /* the board has no encoder for it */
     bool watchdog_absent;
     bool bridge_break;
     bool brown_out;

@@ -207,6 +207,8 @@ static void tell_status(port *p) {
         .brown_out = hardware->brown_out ? 1 : 0,
         .brown_out_unset = hardware->brown_out_unset ? 1 : 0,
         .overrun = (p->overruns != p->told.overruns) ? 1 : 0,
+        .imu_absent = hardware->imu_absent ? 1 : 0,
+        .limiter_refused = p->link.limiter_refused ? 1 : 0,
         .reset_cause = hardware->reset_cause,
         .bus_off_count = capped(bus->bus_off_count),
         .transmit_errors = bus->transmit_errors,
@@ -395,6 +397,7 @@ void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct ter
     }
     p->link.identity = &p->identity;
     p->link.board = (uint8_t)hardware->board;
+    p->link.no_ground_wheel = hardware->no_ground_wheel;
     terrapin_parameter_defaults(p->defaults);
     for (uint32_t i = 0; i < hardware_parameter_count; i++) {
         p->defaults[hardware_parameters[i].index] = hardware_parameters[i].value; /* a test checks the range */

@@ -63,6 +63,7 @@ _Static_assert(offsetof(rcc_registers, CSR) == 0x74, "RM0090, 7.3.28");
 #define RCC_APB2_TIM1     BIT(0)
 #define RCC_APB2_USART1   BIT(4)
 #define RCC_APB2_ADC1     BIT(8)
+#define RCC_APB2_SPI1     BIT(12)
 #define RCC_CSR_RMVF      BIT(24)
 #define RCC_CSR_BORRSTF   BIT(25)
 #define RCC_CSR_PINRSTF   BIT(26)
@@ -125,6 +126,19 @@ typedef struct {
 #define USART_CR1_RXNEIE BIT(5)
 #define USART_CR1_TXEIE  BIT(7)
 #define USART_CR1_UE     BIT(13)
+
+/* ---- SPI (RM0090, 28) */
+typedef struct {
+    reg32 CR1, CR2, SR, DR, CRCPR, RXCRCR, TXCRCR, I2SCFGR, I2SPR;
+} spi_registers;
+#define SPI_CR1_CPHA BIT(0)
+#define SPI_CR1_CPOL BIT(1)
+#define SPI_CR1_MSTR BIT(2)
+#define SPI_CR1_BR   3U /* first bit of the clock's divider */
+#define SPI_CR1_SPE  BIT(6)
+#define SPI_CR1_SSI  BIT(8)
+#define SPI_CR1_SSM  BIT(9) /* the chip's select line is a pin of its own */
+#define SPI_SR_RXNE  BIT(0)
 
 /* ---- bxCAN (RM0090, 32) */
 typedef struct {
@@ -265,6 +279,7 @@ typedef struct {
 #define FLASH        ((flash_registers *)0x40023C00U)
 #define GPIO(port)   ((gpio_registers *)(0x40020000U + (0x400U * (port)))) /* 0 is A */
 #define USART1       ((usart_registers *)0x40011000U)
+#define SPI1         ((spi_registers *)0x40013000U)
 #define CAN1         ((can_registers *)0x40006400U)
 #define TIM1         ((tim_registers *)0x40010000U)
 #define TIM2         ((tim_registers *)0x40000000U)

@@ -77,7 +77,13 @@ def _notes(robot: Robot) -> list[str]:
     missing = [
         what for what in ("swing", "pitch", "ground_speed") if getattr(robot, what) and not getattr(robot.board, what)
     ]
-    return [f"board {robot.board.name} has no sensor for {', '.join(missing)}"] if missing else []
+    board = robot.board.name
+    notes = [f"board {board} has no sensor for {', '.join(missing)}"] if missing else []
+    if robot.board.swing < ("swing" in robot.limits):
+        notes.append(f"on board {board} the guard of the swing keeps the bridge off")
+    if not robot.board.ground_wheel:
+        notes.append(f"on board {board}, which has no ground wheel, a run with the slip limiter is refused")
+    return notes
 
 
 def new(

@@ -34,6 +34,7 @@ CONFIRM = 10.0  # s; 5 s of health, and the start
 LATE = 0.02  # s in which an answer to what was sent twice comes
 TRIES = 8  # of one block
 REQUESTS = 3  # of any other request that is not answered
+ALONE = 0.1  # s in which all answers to one query come; the first takes 15 ms at most
 
 REASONS = {
     "motor_on": "the motor is on; stop it first",
@@ -156,6 +157,27 @@ def query(wire: Wire, seconds: float = ANSWER) -> Controller:
             status=1,
         )
     return found
+
+
+def _require_alone(wire: Wire, sender: Sender) -> None:
+    """UserError when two controllers answer to one node number: both would take each block.
+
+    A query that is sent once has one answer of each. Two of three queries decide: an answer may be lost, or come twice.
+    """
+    identifier = interface().messages["UPDATE_INFO"].id
+    counts: list[int] = []
+    for _ in range(REQUESTS):
+        for _ in _heard(wire, LATE):
+            pass  # answers to the queries before
+        wire.send([sender.frame("UPDATE_QUERY", {"protocol": PROTOCOL})])
+        counts.append(sum(frame[0] == identifier for frame in _heard(wire, ALONE)))
+        if sum(count > 1 for count in counts) == 2:
+            raise UserError(
+                f"{wire.name}: found {max(counts)} controllers with this node number, expected one; `terrapin node "
+                "set` gives one another, and one without an application is taken off the bus"
+            )
+        if sum(count <= 1 for count in counts) == 2:
+            return
 
 
 def _request(
@@ -356,6 +378,7 @@ def update(
     """
     sender = Sender()
     controller = query(wire)
+    _require_alone(wire, sender)
     file = _choose(files, controller)
     if controller.running:
         controller = _enter_loader(wire, sender, file.name, key)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -42,6 +44,10 @@ _ERRORS = {
 }
 
 
+# Of every controller on the bus, beside all signals of the one that is watched.
+OF_EACH = ("STATUS.state", "STATUS.faults", "MOTION.slip", "GROUND.torque", "ELECTRICAL.current")
+
+
 @dataclass(frozen=True)
 class Event:
     """Something that happened at `time` [s] of the bus."""
@@ -72,7 +78,7 @@ class Live:
         self._decoder = decoder
         self._node = node if interface else None
         self.others: Counter[int] = Counter()  # node number -> frames of other controllers on the bus
-        self.said: dict[int, str] = {}  # node number -> state and faults of another controller, in words
+        self._beside: dict[int, dict[str, float]] = {}  # node number -> OF_EACH of another controller
         self._unique: dict[int, float] = {}  # of the controllers that say they are this node -> time
         self._faults = {f["number"]: f for f in interface.json["faults"]} if interface else {}
         self._words = (
@@ -139,7 +145,7 @@ class Live:
             beside = others(block, self._node)
             self.others.update(beside)
             for number in beside:
-                self._beside(block, number, self._decoder)
+                self._look_beside(block, number, self._decoder)
             block = renamed(block, self._node)
         seen = np.zeros(len(block), dtype=bool)
         decoded = self._decoder.decode(block)
@@ -189,18 +195,44 @@ class Live:
                 self.tell(float(block.times[row]), "clock", text)
         self._latest = float(block.times[-1])
 
-    def _beside(self, block: Frames, number: int, decoder: Decoder) -> None:
-        """Notes what another controller's last STATUS says."""
-        own = (block.identifiers == Node(number).identifier("STATUS")) & (block.flags & EXTENDED == 0)
-        status = decoder.decode(renamed(block.pick(own), number)).get("STATUS") if own.any() else None
-        if status is None:
-            return
-        state, faults = (float(status.signals[name][-1]) for name in ("state", "faults"))
-        if state == state and faults == faults:
-            word = self._words.get("state", {}).get(int(state), f"{state:g}")
-            self.said[number] = ": ".join(
-                [word, *([", ".join(map(self._fault, _bits(int(faults))))] if faults else [])]
-            )
+    def _look_beside(self, block: Frames, number: int, decoder: Decoder) -> None:
+        """Notes the last values of OF_EACH of another controller."""
+        node = Node(number)
+        wanted = {node.identifier(name.partition(".")[0]) for name in OF_EACH}
+        own = np.isin(block.identifiers, list(wanted)) & (block.flags & EXTENDED == 0)
+        decoded = decoder.decode(renamed(block.pick(own), number)) if own.any() else {}
+        for name in OF_EACH:
+            message, _, signal = name.partition(".")
+            if message in decoded and np.isfinite(value := float(decoded[message].signals[signal][-1])):
+                self._beside.setdefault(number, {})[name] = value
+
+    @property
+    def said(self) -> dict[int, str]:
+        """Node number -> state and faults of another controller, in words, once its STATUS has come."""
+        found = {number: self._in_words(values) for number, values in self._beside.items()}
+        return {number: text for number, text in found.items() if text}
+
+    def _in_words(self, values: Mapping[str, float]) -> str:
+        """State and faults; "" when no STATUS has come."""
+        if "STATUS.state" not in values:
+            return ""
+        state, faults = int(values["STATUS.state"]), int(values.get("STATUS.faults", 0.0))
+        word = self._words.get("state", {}).get(state, str(state))
+        return ": ".join([word, *([", ".join(map(self._fault, _bits(faults)))] if faults else [])])
+
+    @property
+    def nodes(self) -> list[dict[str, Any]]:
+        """Every controller on the bus by its number: whether it is the one that is watched, state and faults in words,
+        and the other signals of OF_EACH, None while one has not come. Empty without an interface."""
+        if self._node is None:
+            return []
+        rows = {number: self._beside.get(number, {}) for number in self.others}
+        rows[self._node] = {name: v for name in OF_EACH if (v := self.values.get(name, math.nan)) == v}
+        return [
+            {"node": number, "watched": number == self._node, "said": self._in_words(values)}
+            | {name: values.get(name) for name in OF_EACH[2:]}
+            for number, values in sorted(rows.items())
+        ]
 
     def _check_length(self, message: str, lengths: Index) -> None:
         short = int((lengths < self._lengths[message]).sum())
@@ -324,7 +356,8 @@ class Live:
             worst += f"; error counters: sending {self.counters[0]}, receiving {self.counters[1]}"
         if self.fit:
             return self.fit
-        beside = ", ".join(f"node {number} {self.said.get(number, '')}".strip() for number in sorted(self.others))
+        said = self.said
+        beside = ", ".join(f"node {number} {said.get(number, '')}".strip() for number in sorted(self.others))
         return (f"error frames: {worst}" if worst else "no error frames") + (
             f"; also on it: {beside}" if beside else ""
         )

@@ -16,6 +16,7 @@ from pydantic import BaseModel, Field, StringConstraints
 
 from terrapin_hil import paths
 from terrapin_hil.links.names import LinkName, able
+from terrapin_hil.nodes import node_count
 from terrapin_tools.errors import UserError
 from terrapin_tools.web.live.session import Picture, Session
 from terrapin_tools.web.live.socket import Audience
@@ -54,6 +55,7 @@ class Watch(Body):
     speed: Annotated[float, Field(gt=0.0, le=1000.0, description="of a log: times its own pace")] = 1.0
     bitrate: Annotated[int, Field(ge=1, le=10_000_000, description="bit/s"), WHOLE] = 500_000
     controller: Literal["inprocess", "pty", "qemu"] = "inprocess"
+    node: Annotated[int, Field(ge=0, lt=node_count()), WHOLE] | None = None  # of several; else the link's
 
 
 class Watched(BaseModel):
@@ -184,9 +186,14 @@ def _open(context: Context, body: Watch, tell: Any) -> Session:
     ours = _OURS.fullmatch(body.source)
     kind, where = ours.groups() if ours else ("", "")
     dbc = ["--dbc", str(given)] if given is not None else []
+    at_node = ["--node", str(body.node)] if body.node is not None else []
+    if at_node and given is not None:
+        raise UserError("node: the identifiers of a DBC are its own, expected it without dbc")
     source: Source
-    rate, node = body.bitrate, 0
+    rate, node = body.bitrate, body.node or 0
     if kind == "simulator":
+        if at_node:
+            raise UserError("node: a scenario has one controller, expected a bus or a log")
         if not is_name(where):
             raise UserError(f"source: found {where!r}, expected a scenario's name")
         source = Simulator(where, LinkName(body.controller))
@@ -196,15 +203,16 @@ def _open(context: Context, body: Watch, tell: Any) -> Session:
         log = _stored(context, where)
         source = LogFile(log, body.speed)
         speed = ["--speed", f"{body.speed:g}"] if body.speed != 1.0 else []
-        arguments = ["monitor", str(log), *speed, *dbc]
+        arguments = ["monitor", str(log), *speed, *at_node, *dbc]
     else:
-        link = _bus(body.source, context.link)
+        link = _bus(body.source, context.link).at_node(body.node)
         rate, node = link.bit_rate(body.bitrate), link.node
         source = Bus(link, rate)
         bitrate = ["--bitrate", str(body.bitrate)] if body.bitrate != 500_000 else []
-        arguments = ["monitor", "--link", body.source, *bitrate, *dbc]
+        arguments = ["monitor", "--link", body.source, *bitrate, *at_node, *dbc]
     command = shlex.join(["terrapin", *arguments])
-    return Session(source, decoder, None if body.dbc else interface(), rate, command, tell, node)
+    watch = body.model_dump(exclude_none=True)
+    return Session(source, decoder, None if body.dbc else interface(), rate, command, tell, node, watch)
 
 
 def _stored(context: Context, name: str) -> Path:

@@ -153,9 +153,11 @@ class Session:
         command: str,
         tell: Callable[[Picture | None, dict[str, Any] | None], None],
         node: int = 0,
+        watch: Mapping[str, Any] | None = None,
     ) -> None:
         self.source = source
         self.command = command
+        self._watch = watch  # as it was asked for: another browser changes a part of it
         self.decoder = decoder
         self.live = Live(decoder, interface, bitrate, node)
         self.names = list(self.live.units)
@@ -285,6 +287,7 @@ class Session:
             "type": "hello",
             "name": self.source.name,
             "command": self.command,
+            "watch": self._watch,
             "dbc": self.decoder.path.name,
             "signals": signals,
             "stop": stop if self._interface is not None else "",
@@ -327,6 +330,7 @@ class Session:
             "lost": self.source.lost,
             "damaged": self.source.damaged if isinstance(self.source, Bus) else 0,
             "faults": [dict(f) for f in live.faults],
+            "nodes": live.nodes,
             "values": [_number(live.values.get(name, float("nan"))) for name in self.names],
             "unknown": [
                 [f"{i:08X}" if extended else f"{i:03X}", count]

@@ -3,6 +3,7 @@
 import { h, lineOf } from './app.js';
 import { Bus } from './live/bus.js';
 import { Events } from './live/events.js';
+import { Nodes } from './live/nodes.js';
 import { Recorder } from './live/record.js';
 import { Signals } from './live/signals.js';
 import { Source } from './live/source.js';
@@ -38,6 +39,7 @@ class Live {
     this.tiles = new Tiles();
     this.stop = new Stop((request) => this.command({ request }));
     this.bus = new Bus();
+    this.nodes = new Nodes((node) => { void this.source.choose(node); });
     this.recorder = new Recorder(this, () => this.source.offer());
     this.events = new Events();
     this.signals = new Signals(this.telemetry, (name, box) => this.pick(name, box));
@@ -47,7 +49,7 @@ class Live {
     this.pause = h('button', { type: 'button', text: 'Pause', 'aria-pressed': 'false', onclick: () => { this.setPaused(this.strip.paused === null); } });
     this.counts = h('p', { class: 'soft small counts' });
     this.cursorSaid = h('span', { class: 'soft small' });
-    element.append(this.source.element, this.notice, this.tiles.element,
+    element.append(this.source.element, this.notice, this.nodes.element, this.tiles.element,
       h('div', { class: 'live-grid' }, this.chartPanel(place),
         h('div', { class: 'side' }, this.stop.element, this.bus.element, this.recorder.element, this.events.element)),
       this.signals.element);
@@ -97,11 +99,12 @@ class Live {
     if (said.command) app.showCommand(said.command);
     app.context(said.name || '');
     this.stop.begin(said);
+    this.source.watched = said.watch ?? null;
     this.recorder.begin(watched);
     this.want();
     this.signals.chosen = this.chosen;
     this.signals.list();
-    if (!watched) { this.source.draw(null); this.tiles.clear(); this.bus.clear(); this.counts.textContent = ''; this.tell(''); }
+    if (!watched) { this.source.draw(null); this.tiles.clear(); this.bus.clear(); this.nodes.clear(); this.counts.textContent = ''; this.tell(''); }
   }
 
   /** Draw the signals that are chosen, as far as there are such. */
@@ -129,6 +132,7 @@ class Live {
     if (!this.shown) return;
     this.tiles.draw(this.telemetry, said);
     this.bus.draw(said);
+    this.nodes.draw(said);
     this.count(said);
     this.recorder.draw(said);
     this.stop.draw(said);

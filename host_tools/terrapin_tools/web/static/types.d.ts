@@ -123,16 +123,20 @@ interface Mark { time: number | null; kind: string; text: string; number?: numbe
 interface Link { source: string; title: string; kind: 'bus' | 'log' | 'simulator' | 'dbc' }
 interface Signal { name: string; unit: string; words?: Record<number, string> | null }
 interface Hello {
-  type: 'hello'; name: string | null; command?: string; stop?: '' | 'bus' | 'simulator'; slip_limit: number | null;
+  type: 'hello'; name: string | null; command?: string; stop?: '' | 'bus' | 'simulator'; slip_limit: number | null; watch?: Watch | null;
   signals?: { name: string; unit: string; words?: Record<string, number> | null }[];
 }
 interface Recording { name: string; frames: number; bytes: number; seconds: number }
 interface Status {
   type: 'status'; state: 'live' | 'over' | 'gone'; note: string; begin: number; total: number; rate: number; load: number; health: string;
   silent: boolean; fit: string; errors: Record<string, number>; bus_off: number; counters: number[] | null; lost: number; damaged: number;
-  faults: { name: string; cause: string; reaction: string }[]; values: (number | null)[]; unknown: [string, number][];
+  faults: { name: string; cause: string; reaction: string }[]; values: (number | null)[]; unknown: [string, number][]; nodes: NodeLine[];
   recording: Recording | null; last_log: Recording | null; stop_held: boolean; events: (Mark & { number: number })[];
 }
+/** What is asked for with POST live. */
+interface Watch { source: string; dbc: string; speed: number; bitrate: number; controller: string; node?: number }
+/** A controller on the bus: state and faults in words, and signals by their names. */
+interface NodeLine { node: number; watched: boolean; said: string; 'MOTION.slip': number | null; 'GROUND.torque': number | null; 'ELECTRICAL.current': number | null }
 /** What the panels of the Live tab ask of the tab. */
 interface LiveDesk { app: App; run<T>(action: () => Promise<T>): Promise<T | null>; tell(text: string): void }
 

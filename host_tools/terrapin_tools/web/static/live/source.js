@@ -1,10 +1,14 @@
 // The bar that says what is watched: a bus, a log or the simulator, with the options of each.
 import { h } from '../app.js';
 
+const NODES = 8; // on a bus
+
 export class Source {
   /** @param {LiveDesk} desk */
   constructor(desk) {
     this.desk = desk;
+    /** @type {Watch | null} */
+    this.watched = null; // what was asked for, by whichever browser
     this.source = h('select', { id: 'live-source', 'aria-label': 'Source', onchange: () => { this.options(); } });
     this.watch = h('button', { type: 'button', class: 'main', text: 'Watch', onclick: () => this.begin() });
     this.leave = h('button', { type: 'button', text: 'Leave', onclick: () => this.end() });
@@ -12,12 +16,13 @@ export class Source {
     this.speed = h('select', { id: 'live-speed', 'aria-label': 'Speed of a log' }, ...[1, 2, 5, 10, 100].map((s) => h('option', { value: String(s), text: `${s} ×` })));
     this.bitrate = h('select', { id: 'live-bitrate', 'aria-label': 'Bit rate of the bus' }, ...[125, 250, 500, 1000].map((k) => h('option', { value: String(k * 1000), text: `${k} kbit/s`, selected: k === 500 })));
     this.controller = h('select', { id: 'live-controller', 'aria-label': 'Controller of the simulator' }, h('option', { value: 'inprocess', text: 'in this process' }), h('option', { value: 'pty', text: 'a process, over a pty' }));
+    this.node = h('select', { id: 'live-node', 'aria-label': 'Node number of the controller' }, h('option', { value: '', text: 'node of the link' }), ...Array.from({ length: NODES }, (_, n) => h('option', { value: String(n), text: `node ${n}` })));
     this.dbc = h('select', { id: 'live-dbc', 'aria-label': 'DBC' });
     this.file = h('input', { type: 'file', id: 'live-file', hidden: true, accept: '.log,.blf,.asc,.mf4,.mcap,.parquet,.dbc', onchange: () => this.upload() });
     this.chip = h('span', { class: 'chip small', role: 'status' });
     const open = h('button', { type: 'button', text: 'Open a log or DBC …', onclick: () => { this.file.click(); } });
     this.element = h('div', { class: 'panel live-bar row' },
-      h('label', { for: 'live-source', text: 'Source' }), this.source, this.typed, this.bitrate, this.speed, this.controller, this.dbc, open, this.file, this.watch, this.leave, this.chip);
+      h('label', { for: 'live-source', text: 'Source' }), this.source, this.typed, this.bitrate, this.speed, this.controller, this.node, this.dbc, open, this.file, this.watch, this.leave, this.chip);
   }
 
   /** What there is to watch. */
@@ -46,12 +51,25 @@ export class Source {
     this.typed.hidden = this.source.value !== 'typed';
     this.speed.hidden = kind !== 'log' && kind !== 'upload';
     this.controller.hidden = kind !== 'simulator';
+    this.node.hidden = kind === 'simulator';
     this.bitrate.hidden = ['log', 'upload', 'simulator'].includes(kind);
   }
 
+  /** Another controller of what is watched. @param {number} node */
+  choose(node) {
+    this.node.value = String(node);
+    if (this.watched) return this.open({ ...this.watched, node });
+    return undefined;
+  }
+
   async begin() {
+    const node = this.node.hidden || !this.node.value ? {} : { node: Number(this.node.value) };
+    await this.open({ source: this.source.value === 'typed' ? this.typed.value.trim() : this.source.value, dbc: this.dbc.value, speed: Number(this.speed.value), bitrate: Number(this.bitrate.value), controller: this.controller.value, ...node });
+  }
+
+  /** @param {Watch} body */
+  async open(body) {
     const { app, run } = this.desk;
-    const body = { source: this.source.value === 'typed' ? this.typed.value.trim() : this.source.value, dbc: this.dbc.value, speed: Number(this.speed.value), bitrate: Number(this.bitrate.value), controller: this.controller.value };
     this.watch.disabled = true;
     const answer = await run(() => app.api('live', { body }));
     this.watch.disabled = false;
