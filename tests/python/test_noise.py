@@ -24,13 +24,14 @@ from terrapin_tools.workbench.story.answer import answer
 from terrapin_tools.workbench.story.told import told
 from tests.campaigns import calibration
 
+LEVEL = np.random.default_rng(4).uniform(0.5, 3.0, (2, 338))  # what a model predicts, on two channels
 WHITE = Node(0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def scattered() -> Runs:
     """Two channels, runs of 12, 7, 1, 300 and a few rows, their rows mixed."""
     run = np.random.default_rng(0).permutation(np.repeat([2, 0, 1, 3, 7, 6, 4, 5], [12, 7, 1, 300, 2, 3, 5, 8]))
-    return Runs(run, 2, np.random.default_rng(4).uniform(0.5, 3.0, (2, len(run))))
+    return Runs(run, 2, LEVEL)
 
 
 @pytest.mark.parametrize("node", NODES, ids=str)
@@ -38,7 +39,7 @@ def test_products_are_those_of_dense_covariances(node: Node) -> None:
     runs = scattered()
     random = np.random.default_rng(1)
     x, y = random.standard_normal((2 * runs.rows, 3)), random.standard_normal((2 * runs.rows, 2))
-    covariance = block_diag(*(dense(Runs(runs.run, level=one[None]), node) for one in runs.level))
+    covariance = block_diag(*(dense(Runs(runs.run, level=one[None]), node) for one in LEVEL))
     expected = x.T @ np.linalg.solve(covariance, y)
     fx, fy = runs.filtered(x, node.share, node.rho), runs.filtered(y, node.share, node.rho)
     assert runs.products(fx, fy).at(node) == pytest.approx(expected, abs=1e-7)
@@ -48,6 +49,11 @@ def test_products_are_those_of_dense_covariances(node: Node) -> None:
     assert runs.log_determinant(node) == pytest.approx(np.linalg.slogdet(covariance)[1], abs=1e-7)
     ordered = runs.sort(x)
     assert ordered.T @ runs.times(ordered, node) == pytest.approx(x.T @ covariance @ x, rel=1e-9)
+
+
+def test_a_factor_on_a_run_of_few_rows_is_noise_of_its_rows() -> None:
+    runs, level = np.repeat(np.arange(4), [1, 2, 3, 9]), np.ones((1, 15))
+    assert np.array_equal(Runs(runs, level=level).level[0], np.repeat([0.0, 1.0], [3, 12]))
 
 
 def test_what_is_drawn_has_the_covariance() -> None:

@@ -27,6 +27,7 @@ from terrapin_hil.arrays import Array, Index
 
 __all__ = ["NODES", "PLAIN", "WALKED", "WAVES", "Filtered", "Node", "Products", "Runs", "by_filter", "orthonormal"]
 
+SCALED = 3  # rows of a run from which a factor on it differs from noise of its rows; chosen by hand
 WAVES = 6  # half waves over the test, that a walk is made of: 91 % of its variance
 WALKED = 8  # runs from which a walk over the test differs from an offset a run; chosen by hand
 OWN = 3  # columns that each run has of its own: constant, line and prediction
@@ -163,7 +164,8 @@ class Runs:
     ----------
     run : (rows,), the run of each row.
     channels : columns below are (channels * rows, count), channel by channel.
-    level : (channels, rows), what the model predicts, in any unit; without it a gain changes nothing.
+    level : (channels, rows), what the model predicts, in any unit; without it, and in runs of fewer than SCALED rows,
+        a gain changes nothing.
     """
 
     def __init__(self, run: Index, channels: int = 1, level: Array | None = None) -> None:
@@ -188,7 +190,9 @@ class Runs:
         self.line[self.order] = self.sorted_line[: self.rows]
         level = np.zeros((channels, self.rows)) if level is None else level
         rms = np.sqrt(np.mean(level * level, axis=1, keepdims=True))
-        self.level = level / np.where(rms > 0.0, rms, 1.0)  # (channels, rows), in file order
+        many = np.empty(self.rows, dtype=bool)
+        many[self.order] = np.repeat(length >= SCALED, length)
+        self.level = np.where(many, level, 0.0) / np.where(rms > 0.0, rms, 1.0)  # (channels, rows), in file order
         self.sorted_level = self.level[:, self.order].reshape(-1)
         self._gains: dict[tuple[float, float], tuple[Array, Array]] = {}
         self._corners: dict[tuple[float, float], Array] = {}
