@@ -30,6 +30,7 @@ from terrapin_tools.workbench.case.groups import read_shares
 from terrapin_tools.workbench.case.intake import guesses
 from terrapin_tools.workbench.case.mechanics import Told, mechanics_of
 from terrapin_tools.workbench.case.rig_limits import read_limits
+from terrapin_tools.workbench.case.zero_points import zero_points
 from terrapin_tools.workbench.files.toml_tables import (
     Complaint,
     Estimate,
@@ -129,7 +130,7 @@ def parse_case(folder: Path, text: str) -> Case:
     base = base.with_formulas(measured.equations, tables.table("fit"))
     dynamics = read_dynamics(tables, base, measured)
     base = with_states(base, dynamics)
-    library, effect_names = read_library(folder, tables, base, _mechanics(tables, measured))
+    library, effect_names = read_library(folder, tables, base, _mechanics(tables, measured, base))
     parameters, parameter_units, options = _constants(tables, base, library, effect_names)
     fit = _estimates(tables, base, parameters)
     for name, known in base.parameters.items():
@@ -168,8 +169,8 @@ def parse_case(folder: Path, text: str) -> Case:
     return case
 
 
-def _mechanics(tables: Tables, measured: Measurements) -> dict[str, Effect]:
-    """What the roles of an equation's inputs bring. UserError when its time does not rise within a run."""
+def _mechanics(tables: Tables, measured: Measurements, base: Base) -> dict[str, Effect]:
+    """What the roles and columns of an equation's inputs bring. UserError when its time does not rise within a run."""
     told = {r: Told(formula_name(n), measured.units[n] or "1", measured.roles[n]) for r, n in measured.told.items()}
     if "time" in told:
         falls = (np.diff(told["time"].values) <= 0.0) & (np.diff(measured.run) == 0)
@@ -182,7 +183,11 @@ def _mechanics(tables: Tables, measured: Measurements) -> dict[str, Effect]:
             )
     names = {name for formula in measured.equations.values() for name in formula.names}
     known = {*tables.table("parameters"), *tables.table("fit")}
-    return mechanics_of(told, {n: measured.units[n] or "1" for n in measured.channels}, names & known)
+    columns = {formula_name(n): values for n, values in {**measured.roles, **measured.extra}.items()}
+    units = {formula_name(n): unit or "1" for n, unit in measured.units.items()}
+    formulas = {} if base.own_dynamics else measured.equations
+    zeros = zero_points(formulas, columns, {**dict.fromkeys(columns, "1"), **units})
+    return zeros | mechanics_of(told, {n: measured.units[n] or "1" for n in measured.channels}, names & known)
 
 
 def _guessed(tables: Tables) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from scipy.special import logsumexp
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
+from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.comparison import Analysis, free_slopes, measured
 from terrapin_tools.workbench.discover.expressions import SCALE_COST, Library, Sketch, as_effect
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
@@ -46,8 +47,9 @@ class Ranker:
         self.values = measured(self.model, self.rows)
         self.train = measured(self.model, self.case.train)
         self.effects: dict[str, Effect] = {effect.name: effect for effect in candidates(self.model)}
-        self.catalogue = len(self.effects)
-        self.suspects = {effect.name: effect for effect in constants(self.model)}
+        self.suspects = {name: effect for name, effect in self.effects.items() if name.startswith(ZERO)}
+        self.catalogue = len(self.effects) - len(self.suspects)
+        self.suspects |= {effect.name: effect for effect in constants(self.model)}
         self.effects |= self.suspects
         self.faults: dict[str, Fault] = {}  # the likeliest of each name, once they were looked at
         self.possible = faults(self.case)
