@@ -12,7 +12,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from scipy.special import logsumexp
 
-from terrapin_hil.arrays import Array, Index
+from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.compare.comparison import error
 from terrapin_tools.workbench.discover.expressions import Sketch, library
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
@@ -105,9 +105,13 @@ def expression_pairs(ranker: Ranker) -> list[Hypothesis]:
     count = len(pool)
     first, second = np.triu_indices(count, 1)
     both = ranker.evidence.pairs(gram, first, second) + prior[first] + prior[second]
-    names: list[tuple[str, ...]] = [
-        (_named(ranker, pool[first[i]]), _named(ranker, pool[second[i]])) for i in _best(both, PAIRS_REFITTED[0])
-    ]
+    names: list[tuple[str, ...]] = []
+    for i in np.argsort(-both, kind="stable"):
+        pair = (_named(ranker, pool[first[i]]), _named(ranker, pool[second[i]]))
+        if pair[0] != pair[1] and pair not in names:
+            names.append(pair)
+        if len(names) == PAIRS_REFITTED[0]:
+            break
     if shapes:
         one, effect = (a.reshape(-1) for a in np.meshgrid(np.arange(count), np.arange(len(shapes)), indexing="ij"))
         mixed = ranker.evidence.pairs(gram, one, count + effect) + prior[one]
@@ -130,10 +134,6 @@ def _pool(ranker: Ranker, logs: Array) -> list[int]:
         columns.setdefault(ranker.listed.sketches[i].column, []).append(i)
     chosen = [i for members in columns.values() for i in members[:OF_EACH_COLUMN]]
     return list(dict.fromkeys([*chosen, *order]))[: max(POOL, len(chosen))]
-
-
-def _best(logs: Array, count: int) -> Index:
-    return np.argsort(-logs, kind="stable")[:count]
 
 
 def _named(ranker: Ranker, index: int) -> str:

@@ -137,9 +137,11 @@ class Ranker:
     # -- refits ------------------------------------------------------------------------------------------------------
 
     def expression(self, sketch: Sketch) -> str:
-        """The name of a sketch as an effect; the same sketch always has the same."""
+        """The name of a sketch as an effect; the same sketch always has the same. In equations of the user's own, where
+        a refit takes long, so has the same formula: starts of its scale are tried in the refit."""
         for name, known in self.sketches.items():
-            if known is sketch:
+            one = self.case.dynamics is not None and (known.target, known.text) == (sketch.target, sketch.text)
+            if known is sketch or one:
                 return name
         number = 1
         while (name := f"expression_{number}") in self.effects or name in self.case.library:

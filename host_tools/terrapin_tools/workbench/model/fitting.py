@@ -22,8 +22,9 @@ __all__ = ["Fit", "covariance", "extend", "fit_model", "minimise"]
 Evaluate = Callable[[Array], tuple[Array, Array]]
 
 ENOUGH = 1e-9  # relative gain at which a fit stops
-ENOUGH_OF_RUNS = 1e-6  # of a model that is integrated over time, whose fits take long: 0.01 of a nat for 20,000 rows
-HOPELESS = 0.02  # of the way to what another model reaches: two such steps in a row, and this one does not
+# Of a model that is integrated over time, whose fits take long: relative, and a gain that is none: 0.005 of a nat.
+ENOUGH_OF_RUNS = (1e-6, 1e-2)
+HOPELESS = 0.05  # of the way to what another model reaches: three such steps in a row, and this one does not
 SCREENED = 4  # starts kept of an effect's grid
 UNSEEN = 1e-12  # of the largest curvature: less is none
 GRID_LIMIT = 300  # combinations of an effect's grid that are looked at
@@ -52,17 +53,17 @@ def minimise(
     lower: Array,
     upper: Array,
     free: Mask,
-    enough: float = ENOUGH,
+    enough: tuple[float, float] = (ENOUGH, 0.0),
     aim: float = np.inf,
 ) -> tuple[Array, float]:
     """Levenberg and Marquardt's method inside a box; only parameters whose `free` is true move.
 
     `evaluate` gives residuals (m,) and their derivatives (m, parameters), `residual` the residuals alone. Stops when a
-    step gains, or promises, less than `enough` of the cost (1e-9: a thousandth of a noise sd in the parameters), or
-    when three in a row gain less than 1e-6 (a valley that the data do not close). Returns parameters and cost, which is
-    never above that of the start.
+    step gains, or promises, less than `enough`, a share of the cost (1e-9: a thousandth of a noise sd in the
+    parameters) or so much of it, or when three in a row gain less than 1e-6 (a valley that the data do not close).
+    Returns parameters and cost, which is never above that of the start.
 
-    `aim` is a cost that something else has reached: two steps in a row that gain less than a fiftieth of what lies
+    `aim` is a cost that something else has reached: three steps in a row that gain less than a twentieth of what lies
     between end the search.
     """
     theta = np.clip(start, lower, upper)
@@ -87,7 +88,8 @@ def minimise(
             damped = normal + damping * np.eye(len(scale))
             step[moving] = -np.linalg.solve(damped, gradient[moving] / scale) / scale
             new = np.clip(theta + step, lower, upper)
-            if np.array_equal(new, theta) or abs(float(gradient @ (new - theta))) <= 0.1 * enough * cost:
+            promised = abs(float(gradient @ (new - theta)))
+            if np.array_equal(new, theta) or promised <= 0.1 * max(enough[0] * cost, enough[1]):
                 break
             new_r = residual(new)
             new_cost = float(new_r @ new_r)
@@ -101,7 +103,7 @@ def minimise(
         theta, cost = new, new_cost
         slow = slow + 1 if gain <= 1e-6 * cost else 0
         far = far + 1 if gain <= HOPELESS * (cost - aim) else 0
-        if gain <= enough * cost or slow == 3 or far == 2:
+        if gain <= max(enough[0] * cost, enough[1]) or slow == 3 or far == 3:
             break
         damping = max(damping / 20.0, 1e-14)
         r, jac = evaluate(theta)
@@ -114,7 +116,7 @@ class _Problem:
     def __init__(self, bound: Bound, measured: Array, sigma: Array, aim: float) -> None:
         self.bound, self.measured, self.weight = bound, measured, 1.0 / sigma[:, None]
         self.aim = aim
-        self.enough = ENOUGH_OF_RUNS if bound.model.case.base.whole_runs else ENOUGH
+        self.enough = ENOUGH_OF_RUNS if bound.model.case.base.whole_runs else (ENOUGH, 0.0)
 
     def minimum(self, start: Array, free: Mask) -> tuple[Array, float]:
         """Parameters and cost, from a start; only parameters whose `free` is true move."""
@@ -140,6 +142,8 @@ def fit_model(bound: Bound, measured: Array, sigma: Array, starts: Sequence[Arra
     best, best_cost = np.clip(model.start, model.lower, model.upper), np.inf
     for start in starts:
         theta, cost = problem.minimum(start, ~whole)
+        if model.case.base.whole_runs:  # further starts need not crawl far above it
+            problem.aim = min(problem.aim, cost)
         if whole.any():
             theta, cost = _neighbours(problem, model, theta, cost, whole)
         if cost < best_cost * (1.0 - 1e-12):

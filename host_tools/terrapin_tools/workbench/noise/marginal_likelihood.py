@@ -113,8 +113,9 @@ class Evidence:
         """The same with two kinds of noise: white, and the likeliest one if nothing is missing."""
         best = self.nodes[int(np.argmax(self.posterior))]
         shape = (self.channels, self.rows)
-        base = self.flat.reshape(*shape, -1)
-        return Evidence(self.runs, self.residual.reshape(shape), base, self.behind, sorted({0, best}))
+        return Evidence(
+            self.runs, self.residual.reshape(shape), self.flat.reshape(*shape, -1), self.behind, sorted({0, best})
+        )
 
     def among(self, columns: Array) -> tuple[int, ...]:
         """Kinds of noise (places in NODES) that are likely if nothing is missing, or any one of columns
