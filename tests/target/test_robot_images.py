@@ -149,7 +149,8 @@ def test_its_longest_step_and_the_bound_from_its_image(robot: Robot) -> None:
 def test_its_images_fit(robot: Robot) -> None:
     """RAM with the stack that is set aside; the text of an application; a boot loader's sector."""
     images = sorted(paths.images().glob("terrapin-*f405*.elf"))
-    assert {"terrapin-f405-h-bridge-alone", "terrapin-boot-f405-h-bridge"} <= {image.stem for image in images}
+    board = robot.board.name.replace("_", "-")
+    assert {f"terrapin-{board}-alone", f"terrapin-boot-{board}"} <= {image.stem for image in images}
     for image in images:
         size = subprocess.run(["arm-none-eabi-size", image], capture_output=True, text=True, check=True).stdout
         text, data, bss = map(int, size.splitlines()[1].split()[:3])
