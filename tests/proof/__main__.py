@@ -63,7 +63,7 @@ PROOFS = (
         ("(intake->first + intake->count) % TERRAPIN_INTAKE_SIZE", "intake->first + intake->count"),
     )),
     Proof("command", 10, "link/command.c", (
-        ("} else if (link->seal.key != NULL) {", "} else if (false) {"),
+        ("} else if (!sealed && (link->seal.key != NULL)) {", "} else if (false) {"),
         ("} else if (idle_stands(inputs)) {", "} else if (false) {"),
     )),
     Proof("dispatch", 10, "link/dispatch.c", (
