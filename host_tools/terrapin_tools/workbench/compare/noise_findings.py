@@ -11,10 +11,11 @@ from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.noise.covariance import NODES
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED
 
-__all__ = ["NoiseFinding", "noise_findings"]
+__all__ = ["NoiseFinding", "far_above_stated", "noise_findings"]
 
 SURE = 0.9  # probability from which a stated sd is said to be off; chosen by hand
 LIKELY = 0.8  # from which offsets and drifts are said to be there; chosen by hand
+FAR = 3.0  # factor on the stated sd that no user is wrong by; chosen by hand
 OFF = 1.1  # factor on the stated sd from which it is worth a word: a user knows it to 15 or 20 %
 
 
@@ -30,6 +31,12 @@ class NoiseFinding:
     probability: float
     rows: tuple[str, ...] = ()
     runs: tuple[str, ...] = ()
+
+
+def far_above_stated(analysis: Analysis) -> tuple[str, ...]:
+    """Channels of which even the smoothest model leaves more than FAR times the stated noise sd."""
+    each = zip(analysis.model.channels, analysis.noise.known, analysis.noise.ratio, strict=True)
+    return tuple(channel for channel, known, ratio in each if known and ratio > FAR)
 
 
 def noise_findings(analysis: Analysis) -> list[NoiseFinding]:

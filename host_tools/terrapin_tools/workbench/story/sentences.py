@@ -40,6 +40,7 @@ __all__ = [
     "place",
     "reason",
     "stands_out",
+    "strange_noise",
     "stuck",
     "thinned",
     "verdict",
@@ -320,6 +321,13 @@ def doubtful(effect: str, parameter: str, times: float) -> str:
     """What speaks against an effect that is named."""
     usual = f"The {parameter} of {effect} is {number(times, 2)} times what is usual for such a robot"
     return f"{usual}, which speaks for something else that has the same shape."
+
+
+def strange_noise(channels: Sequence[str]) -> str:
+    """Why a model that passed is not called adequate although nothing else is likelier."""
+    what = f"What is left in {_joined(channels)} is far more than the stated noise"
+    look = "Look at the residual: a sensor that sticks or has lost its sign looks so, and a sd that is stated wrong"
+    return f"{what}, and depends on nothing that was looked at. {look}."
 
 
 def noise_source(source: str, kind: str, rho: float) -> str:

@@ -16,7 +16,7 @@ from terrapin_tools.workbench.compare import comparison
 from terrapin_tools.workbench.compare.adequacy import Failure
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.compare.groups import differences
-from terrapin_tools.workbench.compare.noise_findings import noise_findings
+from terrapin_tools.workbench.compare.noise_findings import far_above_stated, noise_findings
 from terrapin_tools.workbench.discover.certainty import EVEN
 from terrapin_tools.workbench.discover.discovery import Candidate, Discovery, rung
 from terrapin_tools.workbench.model import constants
@@ -102,7 +102,10 @@ def found_by(discovery: Discovery) -> Findings:
     remarks: tuple[str, ...] = ()
     if discovery.verdict == "adequate" and discovery.answer_probability < EVEN:
         likeliest = max(discovery.ranking.hypotheses, key=lambda h: h.log_weight)
-        remarks = sentences.doubt(likeliest.effects, likeliest.column, discovery.ranking.blind)
+        if strange := far_above_stated(analysis):
+            remarks = (sentences.strange_noise(strange),)
+        else:
+            remarks = sentences.doubt(likeliest.effects, likeliest.column, discovery.ranking.blind)
     elif discovery.verdict == "unexplained" and discovery.leaves and discovery.best and not discovery.odd_runs:
         remarks = (sentences.best_leaves(*_rungs([discovery.best])),)
     elif discovery.verdict == "unexplained" and discovery.best and not discovery.odd_runs:
