@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -71,13 +72,10 @@ def test_every_field_of_the_board_is_in_its_header(tmp_path: Path) -> None:
     assert scales(own)[0] == 1060
 
 
-IMU: Change = {
-    "imu": {"chip": "icm42688p", "forward": "+x", "up": "+z"},
-    "pins.imu_select": "PA4 output",
-    "pins.imu_clock": "PA5 SPI1_SCK",
-    "pins.imu_in": "PB4 SPI1_MISO",
-    "pins.imu_out": "PA7 SPI1_MOSI",
-}
+PAGE = (Path(__file__).parents[2] / "docs" / "stm32f405.md").read_text(encoding="utf-8")
+(SHOWN,) = re.findall(r"<!-- built: tests/python/test_boards\.py -->\n```toml\n(.*?)```", PAGE, re.DOTALL)
+FITTED = tomllib.loads(SHOWN)  # what the page adds to a board's file
+IMU: Change = {"imu": FITTED["imu"], **{f"pins.{role}": pin for role, pin in FITTED["pins"].items()}}
 NO_WHEEL: Change = {"pins.ground_a": None, "pins.ground_b": None}
 
 
@@ -87,7 +85,7 @@ def test_an_imu_and_a_ground_wheel_are_fitted_or_not(tmp_path: Path) -> None:
     assert defined(full)["BOARD_IMU"] == "true"
     assert "imu" not in plain
     assert "{0U, 5U, PIN_FUNCTION, PIN_FLOATING, 5U}, /* imu_clock */" in full
-    assert "{1U, 4U, PIN_FUNCTION, PIN_UP, 5U}, /* imu_in */" in full
+    assert "{0U, 6U, PIN_FUNCTION, PIN_UP, 5U}, /* imu_in */" in full
     assert defined(full)["BOARD_IMU_SELECT"] == "{0U, 4U, PIN_OUTPUT, PIN_UP, 0U}"
     none = header(with_board(tmp_path, NO_WHEEL))
     assert (defined(plain)["BOARD_GROUND_WHEEL"], defined(none)["BOARD_GROUND_WHEEL"]) == ("true", "false")
@@ -134,7 +132,7 @@ CONTRADICTIONS: list[tuple[Change, Change, tuple[str, str]]] = [  # of the board
     ({"pins.ground_b": None}, {}, ("pins.ground_a", "pins.ground_b", "both or none")),
     ({"pins.imu_clock": "PA5 SPI1_SCK"}, {}, ("pins.imu_clock", "[imu]")),
     ({**IMU, "pins.imu_in": "PB5 SPI1_MISO"}, {}, ("pins.imu_in", "PA6, PB4")),
-    ({**IMU, "pins.motor_a": "PB4 TIM3_CH1"}, {}, ("pins.imu_in", "pins.motor_a (line ")),
+    ({**IMU, "pins.motor_a": "PA6 TIM3_CH1"}, {}, ("pins.imu_in", "pins.motor_a (line ")),
     ({**IMU, "imu": {"chip": "mpu6500", "forward": "+x", "up": "+z"}}, {}, ("imu.chip", "icm42688p")),
     ({"sensors": {"swing": True}}, {}, ("sensors.swing", "[imu]")),
     ({**IMU, "sensors": {"swing": False}}, {}, ("sensors.swing", "imu.chip (line ")),

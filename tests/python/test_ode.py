@@ -11,6 +11,7 @@ import pytest
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.compiled import ffi, library, pointer
+from terrapin_hil.physics.equations import ode as equations
 from terrapin_hil.physics.equations.ode import Ode, OdeDrive, OdeError
 from terrapin_hil.physics.expression import parse
 from terrapin_hil.physics.program import instructions
@@ -103,8 +104,11 @@ def test_response_is_that_of_an_addition() -> None:
     np.testing.assert_allclose(found, (more.channels - plain.channels) / size, atol=1e-3)
 
 
-def test_stretches_are_runs_of_their_own() -> None:
-    """Each from its own start; one that is not wanted stays as it was."""
+@pytest.mark.parametrize("threads", ["1", "2", "3"])
+def test_stretches_are_runs_of_their_own(threads: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each from its own start, in one thread or several; one that is not wanted stays as it was."""
+    monkeypatch.setattr(equations, "WORTH_A_THREAD", 10)
+    monkeypatch.setenv("OMP_NUM_THREADS", threads)
     ode, whole = oscillator(), driven()
     cut, starts = [0, 25, 60], np.array([[0.5, 1.2], [-0.3, 0.1]])
     drive = OdeDrive(whole.time, whole.inputs, whole.slots, cut)

@@ -9,7 +9,9 @@ A table of values has the time at slot 0, the states from slot 1 on, then whatev
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +30,7 @@ RELATIVE = 1e-7  # tolerance of a step: far below any noise, and difference quot
 BOUND = 1e12  # of a state
 
 
+WORTH_A_THREAD = 2_000  # samples: some milliseconds
 END = np.dtype([("kind", np.int32), ("state", np.int32), ("time", np.float64)])  # hil_ode_end
 
 
@@ -157,22 +160,31 @@ class Ode:
         return found
 
     def run_some(self, values: Array, drive: OdeDrive, start: Array, wanted: Mask, into: OdeRun) -> OdeEnds:
-        """The stretches that are `wanted` (stretches,), written into the arrays of `into`."""
+        """The stretches that are `wanted` (stretches,), written into the arrays of `into`; many of them in threads, as
+        many as OMP_NUM_THREADS says, else as there are cores: each stretch is the same whoever integrates it."""
         ends = np.zeros(drive.stretches, dtype=END)
         record, kept = _drive(drive)
         begin = np.ascontiguousarray(start, dtype=np.float64)
-        mask = np.ascontiguousarray(wanted, dtype=np.uint8)
-        library().hil_ode_run(
-            self.native,
-            record,
-            pointer(values),
-            pointer(begin),
-            ffi().from_buffer("unsigned char[]", mask),
-            pointer(into.states),
-            pointer(into.channels),
-            pointer(into.slopes),
-            ffi().from_buffer("hil_ode_end[]", ends),
-        )
+
+        def run(part: Mask) -> None:
+            library().hil_ode_run(
+                self.native,
+                record,
+                pointer(values),
+                pointer(begin),
+                ffi().from_buffer("unsigned char[]", np.ascontiguousarray(part, dtype=np.uint8)),
+                pointer(into.states),
+                pointer(into.channels),
+                pointer(into.slopes),
+                ffi().from_buffer("hil_ode_end[]", ends),
+            )
+
+        shares = _shares(drive, wanted)
+        if len(shares) == 1:
+            run(wanted)
+        else:
+            with ThreadPoolExecutor(len(shares)) as pool:
+                list(pool.map(run, shares))
         del kept
         stiff = ends["kind"] == library().HIL_ODE_STIFF
         return OdeEnds(ends["kind"] != 0, stiff, ends["state"].astype(np.int64), ends["time"])
@@ -190,6 +202,16 @@ class Ode:
         if end.kind:
             raise OdeError(end.kind == library().HIL_ODE_STIFF, end.state, end.time)
         return Linear(self, drive, record, output)
+
+
+def _shares(drive: OdeDrive, wanted: Mask) -> list[Mask]:
+    """The wanted stretches in as many parts as are worth a thread each, about equal in samples."""
+    said = os.environ.get("OMP_NUM_THREADS", "")
+    cores = int(said) if said.isdecimal() else os.cpu_count() or 1
+    lengths = np.where(wanted, np.diff(drive.begin) if len(drive.begin) else len(drive.time), 0)
+    count = max(1, min(cores, int(lengths.sum()) // WORTH_A_THREAD))
+    share = (np.cumsum(lengths) - lengths) * count // max(int(lengths.sum()), 1)
+    return [wanted & (share == i) for i in range(count)]
 
 
 def _drive(drive: OdeDrive) -> tuple[Any, Any]:
