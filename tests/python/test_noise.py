@@ -144,6 +144,30 @@ def test_a_stated_sd_that_is_too_small_hides_no_effect(tmp_path: Path) -> None:
     assert not analyse(replace(quiet, sigma={"current": 0.002})).missing
 
 
+def test_a_factor_from_run_to_run_is_no_effect(tmp_path: Path) -> None:
+    """Before the noise knew of factors, 9 of 12 such sets raised an alarm."""
+    alarms, told_so = 0, 0
+    for seed in range(12):
+        case = load_case(rolling(tmp_path / str(seed), 100 + seed, runs=14))
+        factor = 1.0 + 0.04 * np.random.default_rng(seed).standard_normal(14)
+        found = analyse(replace(case, channels={"current": case.channels["current"] * factor[case.run]}))
+        alarms += found.missing
+        told_so += "run_gains" in [one.kind for one in told(found).noise_findings]
+    assert alarms <= 2
+    assert told_so >= 6
+
+
+def test_noise_far_above_what_is_stated_is_no_adequate_model(tmp_path: Path) -> None:
+    """A speed without its sign, where nothing else has it: the residual has no shape but is far too large."""
+    case = load_case(rolling(tmp_path / "case", 8, runs=14))
+    random = np.random.default_rng(3)
+    lost = replace(case, channels={"current": case.channels["current"] * random.choice([-1.0, 1.0], case.rows)})
+    found = discover(lost)
+    assert found.verdict == "adequate"
+    assert found.answer_probability < 0.5
+    assert "far more than the stated noise" in " ".join(told(found.analysis, found).notes)
+
+
 def test_what_the_noise_is_like_is_told_and_no_effect(tmp_path: Path) -> None:
     case = load_case(rolling(tmp_path / "case", 8, runs=14))
     small = told(analyse(replace(case, sigma={"current": 0.0025})))
