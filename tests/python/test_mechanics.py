@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from casekit import one_line, terrapin
+from scipy.signal import TransferFunction, lsim
 
 from terrapin_hil.physics.expression import parse
 from terrapin_hil.physics.mechanics import ROLES, mechanics
@@ -16,6 +17,7 @@ from terrapin_hil.physics.signals import play, played
 from terrapin_hil.units import read_unit
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case, load_case
+from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.model import Model
 
 Array = npt.NDArray[np.float64]
@@ -42,6 +44,7 @@ VALUES = {
     "c": 0.1,
     "r": 0.2,
     "g": 0.1,
+    "tau": 0.03,
 }
 
 
@@ -107,6 +110,9 @@ def expected(name: str, c: dict[str, Array]) -> Array:
     p, v, x, i = VALUES, c["v"], c["x"], c["i"]
     followed = np.concatenate([play(c["t"][:60], x[n : n + 60], p["w"]) for n in range(0, len(x), 60)])
     stuck = np.abs(v) <= p["v_0"]
+    low_pass = TransferFunction([1.0], [p["tau"], 1.0])  # settled where a run begins
+    starts = np.repeat(0.5 * i[::60], 60)
+    through = [lsim(low_pass, 0.5 * i[n : n + 60] - 0.5 * i[n], c["t"][:60])[1] for n in range(0, len(i), 60)]
     return {
         "coulomb_friction": p["k"] * np.sign(v),
         "stiction": np.where(stuck, 0.0, p["k"] * np.sign(v) * (1 + p["a"] * np.exp(-((v / p["v_s"]) ** 2)))),
@@ -121,6 +127,7 @@ def expected(name: str, c: dict[str, Array]) -> Array:
         "heating": 0.5 * i * p["a"] * (c["temp"] - 25.0),
         "saturation": p["k"] * i * np.abs(i),
         "gain": 0.5 * i * p["g"],
+        "sensor_lag": np.concatenate(through) + starts - 0.5 * i,
         "dead_zone": p["k"] * np.sign(x) * np.maximum(np.abs(x) - p["w"], 0.0),
         "smooth_friction": p["k"] * np.tanh(v / p["v_s"]),
         "resistance": p["r"] * i,
@@ -136,7 +143,7 @@ UNITS = {
     "viscous_asymmetry": {"b": "N m s/rad"}, "speed_squared": {"k": "N m s^2/rad^2"},
     "backlash": {"k": "N m/rad", "w": "rad"}, "cogging": {"k": "N m", "n": "1", "phase": "rad"},
     "inertia": {"j": "N m s^2/rad"}, "offset": {"c": "N m"}, "heating": {"a": "1/K"}, "saturation": {"k": "N m/A^2"},
-    "gain": {"g": "1"},
+    "gain": {"g": "1"}, "sensor_lag": {"tau": "s"},
     "dead_zone": {"k": "N m/rad", "w": "rad"},
     "smooth_friction": {"k": "N m", "v_s": "rad/s"},
 }  # fmt: skip
@@ -159,7 +166,7 @@ def test_the_catalogue_is_that_of_the_contract() -> None:
 
 @pytest.mark.parametrize("name", sorted(UNITS))
 def test_formula_and_units(tmp_path: Path, name: str) -> None:
-    case = load_case(write(tmp_path, "speed position acceleration temperature current"))
+    case = load_case(write(tmp_path, "speed position acceleration temperature current time"))
     assert added(case, name, VALUES) == pytest.approx(expected(name, table()), rel=1e-6, abs=1e-8)
     assert added(case, name, {**VALUES, case.library[name].parameters[0].name: 0.0}) == pytest.approx(0.0, abs=1e-12)
     for parameter in case.library[name].parameters:
@@ -191,9 +198,9 @@ def test_a_voltage_and_a_power_have_effects_of_their_own(tmp_path: Path, unit: s
         ("temperature", {"heating"}),
         ("acceleration", {"inertia"}),
         ("direction", {"coulomb_friction"}),
-        ("time", set()),
+        ("time", {"sensor_lag"}),
         ("speed time", {"coulomb_friction", "stiction", "stribeck", "viscous_friction", "viscous_asymmetry",
-                        "speed_squared", "smooth_friction", "inertia"}),
+                        "speed_squared", "smooth_friction", "inertia", "sensor_lag"}),
     ],
 )  # fmt: skip
 def test_an_effect_comes_with_its_role(tmp_path: Path, told: str, brought: set[str]) -> None:
@@ -231,6 +238,18 @@ def test_inertia_by_the_derivative_of_the_speed(tmp_path: Path) -> None:
     whole, part = (model.bind(case.inputs, r).predict(theta) for r in (None, rows))
     assert part == pytest.approx(whole[:, rows])
     assert read_unit(case.library["inertia"].parameters[0].unit) == read_unit("N m s^2/rad")
+
+
+def test_a_low_pass_of_the_sensor_is_named_and_starts_anew_in_each_run(tmp_path: Path) -> None:
+    c = table()
+    case = load_case(write(tmp_path, "speed time", plus=expected("sensor_lag", c)))
+    found = discover(case)
+    assert (found.verdict, found.missing) == ("missing", ("sensor_lag",))
+    assert found.ladder[-1].fit.theta[-1] == pytest.approx(0.03, abs=0.001)  # s
+    model = Model.of(case).having(case.library["sensor_lag"])
+    theta = np.append(Model.of(case).start, 0.03)
+    whole, part = (model.bind(case.inputs, rows).predict(theta) for rows in (None, case.run == 2))
+    assert part == pytest.approx(whole[:, case.run == 2])
 
 
 def test_a_direction_gives_the_speed_its_sign(tmp_path: Path) -> None:

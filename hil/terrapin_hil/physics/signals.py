@@ -13,7 +13,7 @@ import numpy as np
 
 from terrapin_hil.arrays import Array, Mask
 
-__all__ = ["delayed", "derivative", "integral", "play", "played"]
+__all__ = ["delayed", "derivative", "integral", "lagged", "play", "played"]
 
 
 def delayed(time: Array, values: Array, delay: float) -> Array:
@@ -32,6 +32,29 @@ def derivative(time: Array, values: Array) -> Array:
     if len(time) < 2:
         return np.zeros(len(time))
     return np.asarray(np.gradient(values, time))
+
+
+def lagged(time: Array, values: Array, constant: Array, first: Mask) -> Array:
+    """What a low-pass of first order makes of signals that are straight between samples, exactly.
+
+    Parameters
+    ----------
+    time : (rows,), rising within each run; any unit.
+    values : (sets, rows); the rows of a run stand together.
+    constant : (sets,), time constants in that unit, 0 for none.
+    first : (rows,), the first row of each run, where the low-pass is settled.
+    """
+    found = values.copy()
+    begin = np.flatnonzero(first)
+    length = np.diff(np.append(begin, values.shape[1]))
+    for place in range(1, int(length.max(initial=0))):
+        row = begin[length > place] + place
+        step = time[row] - time[row - 1]
+        behind = constant[:, None] * (values[:, row] - values[:, row - 1]) / step
+        with np.errstate(divide="ignore"):
+            kept = np.exp(-step / constant[:, None])
+        found[:, row] = values[:, row] - behind + kept * (found[:, row - 1] - values[:, row - 1] + behind)
+    return found
 
 
 def play(time: Array, values: Array, gap: float, rate: bool = False) -> Array:

@@ -72,7 +72,8 @@ class Effect:
     on: Mapping[str, str] = field(default_factory=dict)  # base model -> target there, where it is another
     # dynamic models: the target as measured is late by the expression ("delay" [s]), follows it through a gap ("play"
     # [rad]), or errs by it in the angle that is measured ("angle" [rad]); equation: the expression may name `played`,
-    # the position through a gap w ("play"), or `rate`, the derivative of the speed by time ("rate")
+    # the position through a gap w ("play"), or `rate`, the derivative of the speed by time ("rate"), or is the time
+    # constant of a low-pass that the channel as measured has gone through ("lag", which is its stage, too)
     transform: str = ""
     sensor: Mapping[str, str] = field(default_factory=dict)  # in the plant: CHANNEL.SETTING of sensors -> own parameter
     where: str = "robot"  # in the plant: a torque inside the robot (on alpha), or "ground": on the shell, part of C_t

@@ -8,7 +8,7 @@ import numpy as np
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
 from terrapin_hil.physics.expression import Expression
-from terrapin_hil.physics.signals import derivative, played
+from terrapin_hil.physics.signals import derivative, lagged, played
 from terrapin_tools.workbench.bases.kinds.algebraic import Algebraic, Rows, Terms, Values
 from terrapin_tools.workbench.bases.kinds.base import (
     ALONE,
@@ -58,15 +58,19 @@ class Equation(Algebraic):
 
 
 class Remembering(Rows):
-    """Rows of which an effect may see those before: `played` and `rate` of physics/mechanics."""
+    """Rows of which an effect may see those before: `played` and `rate` of physics/mechanics, and a low-pass."""
 
     def __init__(self, base: Equation, problem: Problem) -> None:
         super().__init__(base, problem)
         self.moving = [effect for effect in problem.effects if effect.transform in ("play", "rate")]
-        if not self.moving:
+        self.lags = [effect for effect in problem.effects if effect.transform == "lag"]
+        if not (self.moving or self.lags):
             return
         count = len(next(iter(problem.inputs.values())))
         run = problem.runs.index if problem.runs else np.arange(count)
+        mine = run if problem.rows is None else run[problem.rows]
+        self.sorted = np.argsort(mine, kind="stable")
+        self.begins = np.diff(mine[self.sorted], prepend=-1) != 0
         self.order = np.argsort(run, kind="stable")
         self.first = np.diff(run[self.order], prepend=-1) != 0
         self.back = np.argsort(self.order)[slice(None) if problem.rows is None else problem.rows]
@@ -85,6 +89,18 @@ class Remembering(Rows):
             followed = played(self.problem.inputs[position][self.order], gaps, self.first)
             own["played"] = followed[:, self.back][place]
         return values, terms
+
+    def measured(self, channels: dict[str, Array], terms: Terms, count: int) -> Array:
+        found = super().measured(channels, terms, count)
+        for effect in self.lags:
+            at = self.problem.channels.index(effect.target)
+            ((name,),) = effect.needs
+            time = self.problem.inputs[name]
+            time = time if self.problem.rows is None else time[self.problem.rows]
+            constant = np.broadcast_to(np.asarray(terms.of(effect)), (count, 1))[:, 0]
+            signal = found[:, at, self.sorted]
+            found[:, at, self.sorted] = lagged(time[self.sorted], signal, constant, self.begins)
+        return found
 
     def _rate(self, effect: Effect) -> Array:
         (speed,), (time,) = effect.needs[:2]
