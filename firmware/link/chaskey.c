@@ -11,16 +11,17 @@ static uint32_t rotated(uint32_t value, uint32_t by) {
 
 void terrapin_chaskey(const uint32_t key[4], const uint32_t block[4], uint32_t tag[4]) {
     /* Twice the key, in the field of 2^128: what whole last blocks are masked with. */
-    const uint32_t mask[4] = {
-        (key[0] << 1U) ^ (((key[3] >> 31U) != 0U) ? 0x87U : 0U),
-        (key[1] << 1U) | (key[0] >> 31U),
-        (key[2] << 1U) | (key[1] >> 31U),
-        (key[3] << 1U) | (key[2] >> 31U),
-    };
-    uint32_t a = key[0] ^ block[0] ^ mask[0];
-    uint32_t b = key[1] ^ block[1] ^ mask[1];
-    uint32_t c = key[2] ^ block[2] ^ mask[2];
-    uint32_t d = key[3] ^ block[3] ^ mask[3];
+    uint32_t mask[TERRAPIN_CHASKEY_WORDS];
+    uint32_t carry = (key[3] >> 31U) * 0x87U;
+    for (uint32_t i = 0U; i < TERRAPIN_CHASKEY_WORDS; i++) {
+        mask[i] = (key[i] << 1U) ^ carry;
+        carry = key[i] >> 31U;
+        tag[i] = key[i] ^ block[i] ^ mask[i];
+    }
+    uint32_t a = tag[0];
+    uint32_t b = tag[1];
+    uint32_t c = tag[2];
+    uint32_t d = tag[3];
     for (uint32_t i = 0U; i < ROUNDS; i++) {
         a += b;
         b = rotated(b, 5U) ^ a;

@@ -3,6 +3,7 @@
 #include "genuine.h"
 #include "terrapin_assert.h"
 #include "terrapin_interface.h"
+#include "terrapin_pack.h"
 
 #define COUNTER_WINDOW 4U /* steps of a COMMAND's counter: as many cycles as the longest command_timeout has */
 
@@ -55,39 +56,37 @@ static bool counts_on_nothing(const terrapin_link *link, const terrapin_command_
            (message->limiter != 0);
 }
 
-static void take_command(terrapin_link *link, terrapin_inputs *inputs, const terrapin_command_t *message) {
-    link->limiter_refused = counts_on_nothing(link, message);
-    if (link->limiter_refused) {
-        link->out_of_place++;
-        return;
-    }
-    link->held =
-        link->held && (message->request != TERRAPIN_REQUEST_IDLE) && (message->request != TERRAPIN_REQUEST_CLEAR);
-    inputs->command.request = link->held ? (uint8_t)TERRAPIN_REQUEST_IDLE : (uint8_t)message->request;
-    inputs->command.control = (uint8_t)message->control;
-    inputs->command.limiter = message->limiter != 0;
-    inputs->command.setpoint = (int16_t)message->setpoint;
-    inputs->command_fresh = true;
-}
-
 /* An IDLE is taken with any counter, and no other COMMAND of its tick takes its place. */
-void command_plain(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
+void command_accept(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
+    TERRAPIN_ASSERT((frame->id == TERRAPIN_ID_COMMAND) || (frame->id == TERRAPIN_ID_COMMAND_SEALED));
     terrapin_command_t message;
     uint8_t counter = TERRAPIN_E2E_NO_COUNTER;
-    if (!link_genuine(link, frame, TERRAPIN_LENGTH_COMMAND, &counter) || !terrapin_decode_command(frame, &message)) {
+    const bool sealed = frame->id == (uint16_t)TERRAPIN_ID_COMMAND_SEALED;
+    if (!sealed && !link_genuine(link, frame, TERRAPIN_LENGTH_COMMAND, &counter)) {
         return;
     }
+    if (sealed) {
+        terrapin_command_sealed_t of_it; /* the same at the same places: the compiler makes one of both */
+        terrapin_read_command_sealed(frame, &of_it);
+        message.request = of_it.request;
+        message.control = of_it.control;
+        message.limiter = of_it.limiter;
+        message.setpoint = of_it.setpoint;
+    } else {
+        terrapin_read_command(frame, &message);
+    }
+    const bool idle = message.request == TERRAPIN_REQUEST_IDLE;
     if ((message.request > TERRAPIN_REQUEST_CLEAR) || (message.control > TERRAPIN_CONTROL_SPEED)) {
         link->malformed++;
         return;
     }
-    if (message.request == TERRAPIN_REQUEST_IDLE) {
+    if (idle) {
         link->command_counter = counter;
         link->dropped_counter = TERRAPIN_E2E_NO_COUNTER;
-    } else if (link->seal.key != NULL) {
+    } else if (!sealed && (link->seal.key != NULL)) {
         link->unsealed++;
         return;
-    } else if (!follows(link, counter)) {
+    } else if (!sealed && !follows(link, counter)) {
         return;
     } else if (idle_stands(inputs)) {
         link->out_of_place++;
@@ -95,27 +94,15 @@ void command_plain(terrapin_link *link, const terrapin_frame *frame, terrapin_in
     } else {
         /* taken */
     }
-    take_command(link, inputs, &message);
-}
-
-void command_sealed(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
-    terrapin_command_sealed_t sealed;
-    if (!terrapin_decode_command_sealed(frame, &sealed) || (sealed.request > TERRAPIN_REQUEST_CLEAR) ||
-        (sealed.control > TERRAPIN_CONTROL_SPEED)) {
-        link->malformed++;
-        return;
-    }
-    const uint32_t bytes =
-        (uint32_t)frame->data[0] | ((uint32_t)frame->data[1] << 8U) | ((uint32_t)frame->data[2] << 16U);
-    if (!terrapin_seal_check(&link->seal, frame->id, (uint32_t)sealed.counter, 8U, bytes, 0U, sealed.tag)) {
-        link->unsealed++;
-        return;
-    }
-    const terrapin_command_t message = {
-        .request = sealed.request, .control = sealed.control, .limiter = sealed.limiter, .setpoint = sealed.setpoint};
-    if (idle_stands(inputs) && (message.request != TERRAPIN_REQUEST_IDLE)) {
+    link->limiter_refused = counts_on_nothing(link, &message);
+    if (link->limiter_refused) {
         link->out_of_place++;
         return;
     }
-    take_command(link, inputs, &message);
+    link->held = link->held && !idle && (message.request != TERRAPIN_REQUEST_CLEAR);
+    inputs->command.request = link->held ? (uint8_t)TERRAPIN_REQUEST_IDLE : (uint8_t)message.request;
+    inputs->command.control = (uint8_t)message.control;
+    inputs->command.limiter = message.limiter != 0;
+    inputs->command.setpoint = (int16_t)message.setpoint;
+    inputs->command_fresh = true;
 }

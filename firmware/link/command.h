@@ -9,7 +9,8 @@
 #include "dispatch.h"
 
 void command_stop_all(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs);
-void command_plain(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs);
-void command_sealed(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs);
+
+/* COMMAND, or a COMMAND_SEALED whose tag was good. */
+void command_accept(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs);
 
 #endif

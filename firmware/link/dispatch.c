@@ -4,6 +4,7 @@
 #include "genuine.h"
 #include "parameters.h"
 #include "terrapin_interface.h"
+#include "terrapin_pack.h"
 #include "terrapin_assert.h"
 
 #ifdef TERRAPIN_PRODUCTION
@@ -61,22 +62,6 @@ static void accept_test_mode(terrapin_link *link, terrapin_state *state, const t
     link->store_counter = TERRAPIN_E2E_NO_COUNTER;
 }
 #endif
-
-static terrapin_accept_result accept_session_open(terrapin_link *link, const terrapin_frame *frame,
-                                                  terrapin_frame *reply) {
-    terrapin_session_open_t message;
-    if (!terrapin_decode_session_open(frame, &message)) {
-        link->malformed++;
-        return TERRAPIN_ACCEPT_NOTHING;
-    }
-    if (!terrapin_seal_open(&link->seal, message.host, message.generation)) {
-        link->out_of_place++;
-        return TERRAPIN_ACCEPT_NOTHING;
-    }
-    const terrapin_session_t answer = {.start = link->seal.start, .count = link->seal.opened};
-    (void)terrapin_encode_session(&answer, reply); /* the fields have the signals' widths */
-    return TERRAPIN_ACCEPT_REPLY;
-}
 
 static void protect_reply(terrapin_link *link, terrapin_frame *reply) {
     TERRAPIN_ASSERT(link->reply_counter <= TERRAPIN_E2E_COUNTER_MAX);
@@ -283,7 +268,6 @@ void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inp
         .test_counter = TERRAPIN_E2E_NO_COUNTER,
         .store_counter = TERRAPIN_E2E_NO_COUNTER,
     };
-    terrapin_seal_init(&link->seal, NULL, 0U, 0U);
     reset_controller(state, inputs, NULL);
 }
 
@@ -308,13 +292,15 @@ static terrapin_accept_result take_frame(terrapin_link *link, terrapin_state *st
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
     switch (frame->id) {
     case TERRAPIN_ID_COMMAND:
-        command_plain(link, frame, inputs);
-        break;
     case TERRAPIN_ID_COMMAND_SEALED:
-        command_sealed(link, frame, inputs);
+        command_accept(link, frame, inputs);
         break;
     case TERRAPIN_ID_SESSION_OPEN:
-        result = accept_session_open(link, frame, reply);
+        if (terrapin_seal_open(&link->seal, frame, reply)) {
+            result = TERRAPIN_ACCEPT_REPLY;
+        } else {
+            link->out_of_place++;
+        }
         break;
     case TERRAPIN_ID_PARAMETER_WRITE:
         result = accept_parameter_write(link, state, frame, reply);
@@ -372,67 +358,69 @@ static terrapin_accept_result take_frame(terrapin_link *link, terrapin_state *st
     return result;
 }
 
+/* A bit for an identifier among 32. */
+#define BIT(id) ((uint32_t)1U << ((uint32_t)(id) % 32U))
+
 /* What waits for its SEAL on a controller that has a key. */
 static bool needs_seal(const terrapin_frame *frame) {
-    terrapin_node_request_t request;
-    bool yes = false;
-    switch (frame->id) {
-    case TERRAPIN_ID_PARAMETER_WRITE:
-    case TERRAPIN_ID_STORE_COMMAND:
-    case TERRAPIN_ID_TEST_MODE:
-    case TERRAPIN_ID_UPDATE_BEGIN:
-    case TERRAPIN_ID_UPDATE_END:
-    case TERRAPIN_ID_UPDATE_RESET:
-        yes = true;
-        break;
-    case TERRAPIN_ID_NODE_REQUEST: /* to ask is free */
-        yes = !terrapin_decode_node_request(frame, &request) || (request.action != TERRAPIN_NODE_ACTION_READ);
-        break;
-    default:
-        break;
+    const uint32_t of_link = BIT(TERRAPIN_ID_PARAMETER_WRITE) | BIT(TERRAPIN_ID_TEST_MODE) |
+                             BIT(TERRAPIN_ID_STORE_COMMAND) | BIT(TERRAPIN_ID_NODE_REQUEST);
+    const uint32_t of_update =
+        BIT(TERRAPIN_ID_UPDATE_BEGIN) | BIT(TERRAPIN_ID_UPDATE_END) | BIT(TERRAPIN_ID_UPDATE_RESET);
+    const uint32_t block = (uint32_t)frame->id / 32U;
+    uint32_t which = 0U;
+    if (block == ((uint32_t)TERRAPIN_ID_COMMAND / 32U)) {
+        which = of_link;
+    } else if (block == ((uint32_t)TERRAPIN_ID_UPDATE_BEGIN / 32U)) {
+        which = of_update;
+    } else {
+        /* everything else is as it comes */
     }
-    return yes;
+    terrapin_node_request_t request;
+    terrapin_read_node_request(frame, &request);
+    const bool asks = (frame->id == (uint16_t)TERRAPIN_ID_NODE_REQUEST) &&
+                      (request.action == TERRAPIN_NODE_ACTION_READ); /* which is free */
+    return ((which & BIT(frame->id)) != 0U) && !asks;
 }
 
 bool terrapin_link_holds(terrapin_link *link, const terrapin_frame *frame) {
     const bool held = (link->seal.key != NULL) && needs_seal(frame);
     if (held) {
         link->unsealed += link->seal.holding ? 1U : 0U; /* the one that waited never got its seal */
-        terrapin_seal_hold(&link->seal, frame);
+        link->seal.held = *frame;
+        link->seal.held_ms = link->seal.now_ms;
+        link->seal.holding = true;
     }
     return held;
-}
-
-static terrapin_accept_result accept_seal(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
-                                          terrapin_inputs *inputs, terrapin_frame *reply) {
-    terrapin_seal_t message;
-    terrapin_frame held = {0};
-    if (!terrapin_decode_seal(frame, &message)) {
-        link->malformed++;
-        return TERRAPIN_ACCEPT_NOTHING;
-    }
-    if (!terrapin_seal_release(&link->seal, (uint32_t)message.message, (uint32_t)message.counter, message.tag, &held)) {
-        link->unsealed++;
-        return TERRAPIN_ACCEPT_NOTHING;
-    }
-    if ((held.id >= (uint16_t)TERRAPIN_ID_UPDATE_BEGIN) && (held.id <= (uint16_t)TERRAPIN_ID_UPDATE_RESET)) {
-        *reply = held;
-        return TERRAPIN_ACCEPT_UPDATE;
-    }
-    return take_frame(link, state, &held, inputs, reply);
 }
 
 terrapin_accept_result terrapin_accept(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
                                        terrapin_inputs *inputs, terrapin_frame *reply) {
     TERRAPIN_ASSERT((link != NULL) && (state != NULL) && (inputs != NULL));
     TERRAPIN_ASSERT((frame != NULL) && (reply != NULL));
-    terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
-    if (frame->id == (uint16_t)TERRAPIN_ID_SEAL) {
-        result = accept_seal(link, state, frame, inputs, reply);
-    } else if (!terrapin_link_holds(link, frame)) {
-        result = take_frame(link, state, frame, inputs, reply);
+    const bool of_seal = (frame->id >= (uint16_t)TERRAPIN_ID_SESSION_OPEN) &&
+                         (frame->id <= (uint16_t)TERRAPIN_ID_COMMAND_SEALED); /* and SEAL between them */
+    const terrapin_frame *taken = frame;
+    if (of_seal && (frame->length != TERRAPIN_LENGTH_SEAL)) {
+        link->malformed++;
+        return TERRAPIN_ACCEPT_NOTHING;
+    }
+    if (of_seal && (frame->id != TERRAPIN_ID_SESSION_OPEN)) {
+        taken = terrapin_seal_taken(&link->seal, frame);
+        TERRAPIN_ASSERT((taken == NULL) || (taken == frame) || needs_seal(taken));
+        link->unsealed += (taken == NULL) ? 1U : 0U;
+    } else if (terrapin_link_holds(link, frame)) {
+        taken = NULL;
     } else {
-        /* waits for its SEAL */
+        /* as it comes */
+    }
+    terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
+    if (taken == NULL) {
+        /* nothing */
+    } else if ((taken != frame) && (taken->id >= (uint16_t)TERRAPIN_ID_UPDATE_BEGIN)) {
+        result = TERRAPIN_ACCEPT_UPDATE;
+    } else {
+        result = take_frame(link, state, taken, inputs, reply);
     }
     return result;
 }

@@ -80,7 +80,7 @@ typedef struct {
 typedef enum {
     TERRAPIN_ACCEPT_NOTHING = 0,
     TERRAPIN_ACCEPT_REPLY = 1,  /* *reply was written: send it */
-    TERRAPIN_ACCEPT_UPDATE = 3, /* *reply is a frame of an update whose SEAL has come: take it now */
+    TERRAPIN_ACCEPT_UPDATE = 3, /* the SEAL of an UPDATE_* has come: take link->seal.held now */
     TERRAPIN_ACCEPT_STEP = 2    /* the inputs of a tick are complete: step now */
 } terrapin_accept_result;
 

@@ -333,7 +333,7 @@ terrapin_e2e_result terrapin_e2e_check(const terrapin_frame *frame, uint8_t *las
 
 _PACK_HELPERS = """\
 /* terrapin_pack_... and terrapin_unpack_... are terrapin_encode_... and terrapin_decode_..., to be compiled where they
- * are used. */
+ * are used; terrapin_read_... is for who has looked at identifier and length. */
 
 /* value within low..high, as bits; *lost is not 0 any more when it was outside. */
 static inline uint32_t terrapin_hold(int32_t value, int32_t low, int32_t high, uint32_t *lost) {
@@ -421,27 +421,36 @@ def _packer(message: Message) -> list[str]:
 
 
 def _unpacker(message: Message) -> list[str]:
-    """Straight shifts out of the two halves of a frame."""
+    """Straight shifts out of the two halves of a frame, and the same where the frame is one of this message."""
     name, upper = message.name.lower(), message.name.upper()
     lines = [
-        f"static inline bool terrapin_unpack_{name}(const terrapin_frame *frame, terrapin_{name}_t *message) {{",
-        f"    const bool ours = (frame->id == TERRAPIN_ID_{upper}) && (frame->length == TERRAPIN_LENGTH_{upper});",
-        "    if (ours) {",
+        f"static inline void terrapin_read_{name}(const terrapin_frame *frame, terrapin_{name}_t *message) {{",
     ]
     halves = [half for half, used in zip(("low", "high"), _halves(message), strict=True) if used]
     for half in halves:
         place = "frame->data" if half == "low" else "&frame->data[4]"
-        lines.append(f"        const uint32_t {half} = terrapin_get_word({place});")
+        lines.append(f"    const uint32_t {half} = terrapin_get_word({place});")
     for s in message.signals:
         bits = _bits(s)
         if s.length < 32:
             bits = f"{bits} & 0x{(1 << s.length) - 1:X}U"
         if c_kind(s) == "uint32_t":
-            lines.append(f"        message->{s.name} = {bits};")
+            lines.append(f"    message->{s.name} = {bits};")
         else:
             half = f"0x{1 << (s.length - 1):X}U" if s.signed else "0U"
-            lines.append(f"        message->{s.name} = terrapin_signed({bits}, {half});")
-    return [*lines, "    }", "    return ours;", "}"]
+            lines.append(f"    message->{s.name} = terrapin_signed({bits}, {half});")
+    return [
+        *lines,
+        "}",
+        "",
+        f"static inline bool terrapin_unpack_{name}(const terrapin_frame *frame, terrapin_{name}_t *message) {{",
+        f"    const bool ours = (frame->id == TERRAPIN_ID_{upper}) && (frame->length == TERRAPIN_LENGTH_{upper});",
+        "    if (ours) {",
+        f"        terrapin_read_{name}(frame, message);",
+        "    }",
+        "    return ours;",
+        "}",
+    ]
 
 
 def _halves(message: Message) -> tuple[bool, bool]:

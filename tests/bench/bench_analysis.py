@@ -1,7 +1,8 @@
 """Seconds of the processor that an analysis takes: python tests/bench/bench_analysis.py
 
-8 s of each dynamic model with an effect (bound 60 ms), 500,000 rows of a CSV file (6 s), and five parameters of soil
-under a car from one start (10 s). The best of several rounds counts: on a machine that others use it is what it can do.
+8 s of each dynamic model with an effect (bound 60 ms), 500,000 rows of a CSV file (6 s), five parameters of soil under
+a car from one start (10 s), and `discover` on equations of the user's own, of order 2 and 4 and with 10 runs of 1,000
+samples each (60 s). The best of several rounds counts: on a machine that others use it is what it can do.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "python"))  # runs as a script
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from casekit import rolling
 
@@ -25,6 +27,8 @@ from terrapin_hil.physics.tyre import Tyre
 from terrapin_hil.physics.vehicle import Vehicle, profile_torque
 from terrapin_tools.soil.vehicle import Objective, estimate, synthetic
 from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.discover.discovery import discover
+from tests.campaigns.ode_systems import draw
 
 T = np.arange(0.0, 8.0, 0.01)
 SAND = library()["sand_vella"].footing(0.235)
@@ -69,6 +73,9 @@ def main() -> int:
         case = long_case(Path(folder))
         rows = [(f"8 s of {base}", 0.060, best(lambda b=base: motion(b), 5)) for base in bodies()]
         rows.append(("500,000 rows of CSV", 6.0, best(lambda: load_case(case), 2)))
+        for name in ("duffing", "pair of masses, hard spring"):
+            own = load_case(draw(10_000, Path(folder) / name, alone=name).folder)
+            rows.append((f"discover: {name}", 60.0, best(lambda own=own: discover(own), 1)))
         rows.append(("five soil parameters", 10.0, best(lambda: estimate(train, nominal, starts=1), 2)))
     for what, bound, seconds in rows:
         print(f"{what}: {seconds:.3f} s (bound {bound:g} s)")

@@ -67,6 +67,9 @@ def monitor(seconds: float) -> bool:
         _, status, usage = os.wait4(pid, 0)
     found = re.findall(rb"(\d+) frames seen, (\d+) lost", shown)
     seen, lost = map(int, found[-1]) if found else (0, -1)
+    if not sent:
+        print(f"monitor: ended with status {status} before all was sent; its last words: {shown[-200:]!r}")
+        return False
     cores = (usage.ru_utime + usage.ru_stime) / (sent["seconds"] + 1.0)  # its start included
     print(
         f"monitor: {sent['sent']:.0f} frames sent in {sent['seconds']:.1f} s (late by {sent['latest'] * 1e3:.0f} ms at "

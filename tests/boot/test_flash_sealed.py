@@ -62,10 +62,11 @@ class KeyedNode(Node):
         if identifier in UPDATES:
             return [] if lib.terrapin_link_holds(self._link, frame) else self._application(identifier, data)
         result = lib.terrapin_accept(self._link, self._state, frame, self._inputs, self._reply)
-        taken = self._reply.id, bytes(ffi.buffer(self._reply.data))[: self._reply.length]
+        taken = self._link.seal.held if result == lib.TERRAPIN_ACCEPT_UPDATE else self._reply
+        found = taken.id, bytes(ffi.buffer(taken.data))[: taken.length]
         if result == lib.TERRAPIN_ACCEPT_UPDATE:
-            return self._application(*taken)
-        return [taken] if result == lib.TERRAPIN_ACCEPT_REPLY else []
+            return self._application(*found)
+        return [found] if result == lib.TERRAPIN_ACCEPT_REPLY else []
 
 
 @pytest.fixture(autouse=True)

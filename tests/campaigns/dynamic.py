@@ -6,7 +6,8 @@
 Each case has six runs whose inputs are drawn; its effect takes turns among those of the base, its size is drawn. Noise,
 white or AR(1) with 0.5, is drawn so that 1.5 to 5 noise sd (rms, in the loudest channel) of the effect are left where
 the model's own parameters follow. The simulation is the program's own: what is asked here is whether the search tells
-effects apart that a body carries on through its motion. Right is the effect, alone or as one of at most four rivals.
+effects apart that a body carries on through its motion. Right is the effect, alone or as one of at most four rivals;
+a case that is refused is wrong.
 A rerun goes on where the last one stopped.
 """
 
@@ -22,6 +23,7 @@ import numpy as np
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.dynamic import simulate
+from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import error, fitted_on
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
@@ -201,7 +203,11 @@ def one(base: str, number: int, seed: int) -> Record:
     with tempfile.TemporaryDirectory() as place:
         case, effect = draw(base, number, seed, Path(place) / "case")
         begin = time.perf_counter()
-        found = discover(case, seed=number)
+        try:
+            found = discover(case, seed=number)
+        except UserError as error:
+            answer = {"truth": effect, "verdict": "refused", "probability": 0.0, "told": [], "right": False}
+            return {**answer, "why": str(error), "errors": [], "seconds": round(time.perf_counter() - begin, 1)}
         seconds = time.perf_counter() - begin
     texts = {name: f"{e.target}: {e.expression}" for name, e in found.ranking.expressions.items()}
     told = found.rivals or ((found.missing,) if found.missing else ())
@@ -226,7 +232,7 @@ def table(records: list[Record]) -> str:
         lines.append(f"{base:18}{len(mine):6d}{rates}{np.median([r['seconds'] for r in mine]):9.1f}")
     for r in records:
         if not r["right"]:
-            said = " | ".join(" + ".join(names) for names in r["told"]) or "-"
+            said = " | ".join(" + ".join(names) for names in r["told"]) or r.get("why", "-")
             lines.append(f"  {r['family']} {r['number']}, {r['truth']}: {r['verdict']} {r['probability']:.2f}  {said}")
     return "\n".join(lines)
 

@@ -262,6 +262,26 @@ static void near_curves(int32_t f_r_ppm) {
     ground_nearest(&rig.state);
 }
 
+static int32_t square_at(int32_t urad_s) {
+    rig.state.estimator.omega_urad_s = urad_s;
+    ground_speed(&rig.state);
+    return rig.state.ground.square_q25;
+}
+
+static void test_the_speed_of_the_curves_ends_at_200_rad_s(void) {
+    const int32_t most = square_at(200000000);
+    TEST_ASSERT_INT32_WITHIN(most / 2000000, 40.0 * (1 << 25), most);
+    TEST_ASSERT_EQUAL_INT32_MESSAGE(most, square_at(-300000000), "no more beyond");
+    TEST_ASSERT_LESS_THAN_INT32_MESSAGE(most, square_at(199990000), "and no sooner");
+}
+
+/* 1e9 / 20,001 in Q12, to the nearest. */
+static void test_the_rim_of_a_radius(void) {
+    rig_set(TERRAPIN_PARAMETER_DRIVE_RADIUS, 10000);
+    rig_set(TERRAPIN_PARAMETER_RADIUS, 20001);
+    TEST_ASSERT_EQUAL_INT32(204789761, rig.state.rates.shell_per_rim.factor);
+}
+
 static void test_distances_are_told_in_eighths_of_sd(void) {
     rig_run(400);
     rig.state.estimator.omega_urad_s = 0;
@@ -533,6 +553,8 @@ int main(void) {
     RUN_TEST(test_slope_stays_in_torque_and_leaves_f_r);
     RUN_TEST(test_curves_follow_the_speed);
     RUN_TEST(test_f_r_is_held);
+    RUN_TEST(test_the_speed_of_the_curves_ends_at_200_rad_s);
+    RUN_TEST(test_the_rim_of_a_radius);
     RUN_TEST(test_distances_are_told_in_eighths_of_sd);
     RUN_TEST(test_the_margin_and_the_fits_speed_are_held);
     RUN_TEST(test_one_message_a_slot_and_an_empty_one);

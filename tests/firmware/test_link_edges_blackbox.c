@@ -4,7 +4,7 @@
 
 #include "unity.h"
 
-#include "chaskey.h"
+#include "sealed_host.h"
 #include "intake.h"
 #include "parameters.h"
 #include "service.h"
@@ -103,10 +103,7 @@ static void test_a_save_begins_or_fails(void) {
 
 /* ---- the seal */
 
-static struct {
-    uint32_t key[4];
-    uint32_t counter;
-} host;
+static sealed_host host;
 
 static bool open_session(uint32_t generation) {
     terrapin_frame frame;
@@ -117,20 +114,8 @@ static bool open_session(uint32_t generation) {
         return false;
     }
     TEST_ASSERT_TRUE(terrapin_decode_session(&reply, &answer));
-    const uint32_t numbers[4] = {99U, answer.start, answer.count, generation};
-    terrapin_chaskey(link_key, numbers, host.key);
-    host.counter = 0U;
+    sealed_host_opens(&host, link_key, 99U, generation, &answer);
     return true;
-}
-
-static uint32_t word(const uint8_t *bytes) {
-    return (uint32_t)bytes[0] | ((uint32_t)bytes[1] << 8U) | ((uint32_t)bytes[2] << 16U) | ((uint32_t)bytes[3] << 24U);
-}
-
-static void put_word(uint8_t *bytes, uint32_t value) {
-    for (uint32_t i = 0U; i < 4U; i++) {
-        bytes[i] = (uint8_t)(value >> (8U * i));
-    }
 }
 
 /* The frame, and the SEAL behind it. */
@@ -138,12 +123,7 @@ static terrapin_accept_result give_sealed(terrapin_frame *frame, uint32_t steps)
     counter++;
     host.counter += steps;
     terrapin_e2e_protect(frame, counter);
-    terrapin_frame seal = {.id = TERRAPIN_ID_SEAL, .length = 8U};
-    seal.data[0] = (uint8_t)frame->id;
-    seal.data[1] = (uint8_t)host.counter;
-    seal.data[2] = (uint8_t)(host.counter >> 8U);
-    put_word(&seal.data[4],
-             terrapin_seal_tag(host.key, frame->id, host.counter, word(frame->data), word(&frame->data[4])));
+    const terrapin_frame seal = sealed_host_seals(&host, frame);
     TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, give(frame));
     return give(&seal);
 }
@@ -177,26 +157,44 @@ static void test_a_sealed_clear_and_no_request_above_it(void) {
     link.seal.checks_max = UINT16_MAX;
     TEST_ASSERT_TRUE(open_session(GENERATION));
     for (int32_t request = 0; request <= 7; request++) {
-        const terrapin_command_sealed_t message = {.request = request, .counter = (int32_t)host.counter + 1};
+        const terrapin_command_sealed_t message = {.request = request};
         terrapin_frame frame;
         TEST_ASSERT_TRUE(terrapin_encode_command_sealed(&message, &frame));
-        put_word(&frame.data[4],
-                 terrapin_seal_tag(host.key, frame.id, host.counter + 1U, word(frame.data) & 0x00FFFFFFU, 0U));
+        host.counter++;
+        sealed_host_commands(&host, &frame);
         inputs.command_fresh = false;
         (void)give(&frame);
         TEST_ASSERT_EQUAL(request <= TERRAPIN_REQUEST_CLEAR, inputs.command_fresh);
-        host.counter += inputs.command_fresh ? 1U : 0U;
     }
     TEST_ASSERT_EQUAL(7 - TERRAPIN_REQUEST_CLEAR, link.malformed);
 }
 
 static void test_the_last_session_and_a_short_frame(void) {
     terrapin_link_seal(&link, link_key, GENERATION, 5U);
-    link.seal.opened = UINT32_MAX; /* a number that comes twice would open an old session again */
+    link.seal.opened = UINT32_MAX / 2U; /* a number that comes twice would open an old session again */
     TEST_ASSERT_FALSE(open_session(GENERATION));
+    link.seal.opened--;
+    TEST_ASSERT_TRUE(open_session(GENERATION));
     const terrapin_frame half = {.id = TERRAPIN_ID_SESSION_OPEN, .length = 4U};
     TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, give(&half));
     TEST_ASSERT_EQUAL(1U, link.malformed);
+}
+
+static void test_another_key_leaves_nothing_of_the_last_one(void) {
+    memset(&link.seal, 0xA5, sizeof link.seal);
+    terrapin_link_seal(&link, link_key, GENERATION, 6U);
+    TEST_ASSERT_EQUAL_PTR(link_key, link.seal.key);
+    TEST_ASSERT_EQUAL_UINT32(GENERATION, link.seal.generation);
+    TEST_ASSERT_EQUAL_UINT32(6U, link.seal.start);
+    TEST_ASSERT_EQUAL_UINT32(0U, link.seal.opened);
+    TEST_ASSERT_EQUAL_UINT32(0U, link.seal.next[0]);
+    TEST_ASSERT_EQUAL_UINT32(0U, link.seal.next[1]);
+    TEST_ASSERT_EQUAL_UINT8(0U, link.seal.waiting);
+    TEST_ASSERT_FALSE(link.seal.holding);
+    TEST_ASSERT_EQUAL_UINT16(0U, link.seal.checks);
+    TEST_ASSERT_EQUAL_UINT16(TERRAPIN_SEAL_CHECKS, link.seal.checks_max);
+    TEST_ASSERT_EQUAL_UINT32(0U, link.seal.checks_ms);
+    TEST_ASSERT_EQUAL_UINT32(0U, link.seal.now_ms);
 }
 
 /* Keys with the top bit of each word, as tests/python/test_chaskey.py's model has them. */
@@ -366,6 +364,7 @@ int main(void) {
     RUN_TEST(test_a_sealed_write_whatever_its_bytes);
     RUN_TEST(test_a_sealed_clear_and_no_request_above_it);
     RUN_TEST(test_the_last_session_and_a_short_frame);
+    RUN_TEST(test_another_key_leaves_nothing_of_the_last_one);
     RUN_TEST(test_the_cipher_with_every_top_bit);
     RUN_TEST(test_every_answer_of_a_node);
     RUN_TEST(test_a_tick_is_spent_to_its_last_instruction);

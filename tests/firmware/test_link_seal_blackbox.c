@@ -6,6 +6,7 @@
 #include "unity.h"
 
 #include "dispatch.h"
+#include "sealed_host.h"
 #include "state.h"
 
 #define GENERATION 3U
@@ -18,11 +19,7 @@ static terrapin_inputs inputs;
 static terrapin_frame reply;
 static uint64_t noise;
 
-/* A host with the key. */
-typedef struct {
-    uint32_t key[4];
-    uint32_t counter;
-} host;
+typedef sealed_host host;
 
 static uint32_t draw(void) { /* xorshift64* */
     noise ^= noise >> 12U;
@@ -66,33 +63,22 @@ static void open_session(host *h, uint32_t number) {
     const terrapin_frame frame = session_open(number, GENERATION);
     TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, give(&frame));
     TEST_ASSERT_TRUE(terrapin_decode_session(&reply, &answer));
-    const uint32_t numbers[4] = {number, answer.start, answer.count, GENERATION};
-    terrapin_chaskey(link_key, numbers, h->key);
-    h->counter = 0U;
+    TEST_ASSERT_EQUAL_UINT32((2U * link.seal.opened) + link.seal.waiting, answer.count);
+    sealed_host_opens(h, link_key, number, GENERATION, &answer);
 }
 
 static terrapin_frame sealed(host *h, int32_t request) {
     terrapin_frame frame;
-    terrapin_command_sealed_t message = {.request = request, .setpoint = 1000};
+    const terrapin_command_sealed_t message = {.request = request, .setpoint = 1000};
+    TEST_ASSERT_TRUE(terrapin_encode_command_sealed(&message, &frame));
     h->counter++;
-    message.counter = (int32_t)(h->counter & 0xFFU);
-    TEST_ASSERT_TRUE(terrapin_encode_command_sealed(&message, &frame));
-    const uint32_t low = (uint32_t)frame.data[0] | ((uint32_t)frame.data[1] << 8U) | ((uint32_t)frame.data[2] << 16U);
-    message.tag = terrapin_seal_tag(h->key, frame.id, h->counter, low, 0U);
-    TEST_ASSERT_TRUE(terrapin_encode_command_sealed(&message, &frame));
+    sealed_host_commands(h, &frame);
     return frame;
 }
 
 static terrapin_frame seal_of(host *h, const terrapin_frame *frame) {
-    terrapin_frame seal;
-    uint32_t words[2];
-    memcpy(words, frame->data, sizeof words);
     h->counter++;
-    const terrapin_seal_t message = {.message = (int32_t)(frame->id & 0xFFU),
-                                     .counter = (int32_t)(h->counter & 0xFFFFU),
-                                     .tag = terrapin_seal_tag(h->key, frame->id, h->counter, words[0], words[1])};
-    TEST_ASSERT_TRUE(terrapin_encode_seal(&message, &seal));
-    return seal;
+    return sealed_host_seals(h, frame);
 }
 
 static terrapin_frame plain_command(int32_t request, uint32_t counter) {
@@ -311,16 +297,82 @@ static void test_a_stranger_ends_no_session(void) {
     TEST_ASSERT_EQUAL_MESSAGE(refused + 1U, link.out_of_place, "which is counted");
 }
 
+static void test_sessions_have_places(void) {
+    host first;
+    host second;
+    host third;
+    open_session(&first, 7U);
+    terrapin_frame frame = sealed(&first, TERRAPIN_REQUEST_RUN);
+    TEST_ASSERT_TRUE(commands(&frame));
+    open_session(&second, 8U);
+    TEST_ASSERT_NOT_EQUAL(first.place, second.place);
+    link.seal.now_ms += 200U;
+    open_session(&third, 9U); /* takes the place of the one that waited */
+    TEST_ASSERT_EQUAL(second.place, third.place);
+    frame = sealed(&second, TERRAPIN_REQUEST_RUN);
+    TEST_ASSERT_FALSE_MESSAGE(commands(&frame), "another number, another key");
+    link.seal.now_ms += 10U;
+    frame = sealed(&third, TERRAPIN_REQUEST_RUN);
+    frame.data[0] ^= 0x80U;
+    TEST_ASSERT_FALSE_MESSAGE(commands(&frame), "at the other one's place");
+    frame.data[0] ^= 0x80U;
+    TEST_ASSERT_TRUE(commands(&frame));
+    frame = sealed(&first, TERRAPIN_REQUEST_RUN);
+    link.seal.now_ms += 10U;
+    const uint16_t checked = link.seal.checks;
+    TEST_ASSERT_FALSE_MESSAGE(commands(&frame), "it has ended");
+    TEST_ASSERT_LESS_OR_EQUAL_MESSAGE(checked, link.seal.checks, "without a look at its tag");
+    open_session(&second, 10U);
+    TEST_ASSERT_EQUAL_MESSAGE(first.place, second.place, "which is free at once");
+    TEST_ASSERT_EQUAL(4U, link.seal.opened);
+    frame = sealed(&third, TERRAPIN_REQUEST_RUN);
+    TEST_ASSERT_TRUE_MESSAGE(commands(&frame), "while another one waits");
+    frame = sealed(&second, TERRAPIN_REQUEST_RUN);
+    TEST_ASSERT_TRUE(commands(&frame));
+}
+
+static void test_no_sealed_run_takes_the_place_of_an_idle(void) {
+    host h;
+    open_session(&h, 7U);
+    const terrapin_frame idle = plain_command(TERRAPIN_REQUEST_IDLE, 3U);
+    const terrapin_frame run = sealed(&h, TERRAPIN_REQUEST_RUN);
+    (void)give(&idle);
+    (void)give(&run);
+    TEST_ASSERT_TRUE(inputs.command_fresh);
+    TEST_ASSERT_EQUAL(TERRAPIN_REQUEST_IDLE, inputs.command.request);
+    TEST_ASSERT_EQUAL(1U, link.out_of_place);
+    const terrapin_frame sealed_idle = sealed(&h, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_TRUE(commands(&sealed_idle));
+    TEST_ASSERT_EQUAL(1U, link.out_of_place);
+}
+
+static void test_short_frames_are_malformed(void) {
+    host h;
+    open_session(&h, 7U);
+    terrapin_frame frame = sealed(&h, TERRAPIN_REQUEST_RUN);
+    frame.length = 7U;
+    TEST_ASSERT_FALSE(commands(&frame));
+    frame.id = TERRAPIN_ID_SEAL;
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, give(&frame));
+    frame.id = TERRAPIN_ID_SESSION_OPEN;
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, give(&frame));
+    TEST_ASSERT_EQUAL(3U, link.malformed);
+    TEST_ASSERT_EQUAL(0U, link.unsealed);
+    TEST_ASSERT_EQUAL(0U, link.seal.checks);
+}
+
 static void test_counters_wrap_and_end(void) {
     host h;
     open_session(&h, 7U);
-    h.counter = link.seal.waiting.counter = 0xFEU;
+    const terrapin_frame first = sealed(&h, TERRAPIN_REQUEST_RUN);
+    TEST_ASSERT_TRUE(commands(&first));
     for (uint32_t i = 0; i < 600U; i++) {
         const terrapin_frame frame = sealed(&h, TERRAPIN_REQUEST_RUN);
         link.seal.now_ms += 10U;
         TEST_ASSERT_TRUE(commands(&frame));
     }
-    h.counter = link.seal.running.counter = 0xFFFFFFFDU;
+    h.counter = 0xFFFFFFFDU;
+    link.seal.next[h.place] = h.counter + 1U;
     for (uint32_t i = 0; i < 6U; i++) {
         const terrapin_frame frame = sealed(&h, TERRAPIN_REQUEST_RUN);
         link.seal.now_ms += 10U;
@@ -366,8 +418,8 @@ static void test_writes_wait_for_their_seal(void) {
         TEST_ASSERT_FALSE(link.seal.holding);
         TEST_ASSERT_EQUAL(update, result == TERRAPIN_ACCEPT_UPDATE);
         if (update) {
-            TEST_ASSERT_EQUAL_MEMORY(frame.data, reply.data, 8U);
-            TEST_ASSERT_EQUAL(frame.id, reply.id);
+            TEST_ASSERT_EQUAL_MEMORY(frame.data, link.seal.held.data, 8U);
+            TEST_ASSERT_EQUAL(frame.id, link.seal.held.id);
         }
     }
 }
@@ -401,6 +453,9 @@ int main(int count, char **arguments) {
     RUN_TEST(test_whole_recorded_sessions);
     RUN_TEST(test_five_percent_loss_refuses_nothing);
     RUN_TEST(test_a_stranger_ends_no_session);
+    RUN_TEST(test_sessions_have_places);
+    RUN_TEST(test_no_sealed_run_takes_the_place_of_an_idle);
+    RUN_TEST(test_short_frames_are_malformed);
     RUN_TEST(test_counters_wrap_and_end);
     RUN_TEST(test_writes_wait_for_their_seal);
     RUN_TEST(test_it_keeps_its_memory_bound);

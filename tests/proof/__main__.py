@@ -63,7 +63,7 @@ PROOFS = (
         ("(intake->first + intake->count) % TERRAPIN_INTAKE_SIZE", "intake->first + intake->count"),
     )),
     Proof("command", 10, "link/command.c", (
-        ("} else if (link->seal.key != NULL) {", "} else if (false) {"),
+        ("} else if (!sealed && (link->seal.key != NULL)) {", "} else if (false) {"),
         ("} else if (idle_stands(inputs)) {", "} else if (false) {"),
     )),
     Proof("dispatch", 10, "link/dispatch.c", (
@@ -139,6 +139,11 @@ PROOFS = (
     Proof("step", 100, "core/step.c", (
         ("schedule_work(state, inputs);\n", "schedule_work(state, inputs);\n    outputs->enable = true;\n"),
     ), alone=("clear",)),
+    Proof("clear", 250, "core/step.c", (
+        ("(uint32_t)STATE_WORDS - 8U", "(uint32_t)STATE_WORDS - 7U"),
+        ("    clear_four(&word[last + 4U]);", ""),
+        ("i < last; i += 8U", "i < last; i += 9U"),
+    )),
     Proof("integer", 3, "core/integer.c", (
         ("if (held > high) {", "if (held > low) {"),
     )),

@@ -91,7 +91,8 @@ static bool sound(void) {
            counter(link.test_counter) && counter(link.store_counter) &&
            (link.reply_counter <= TERRAPIN_E2E_COUNTER_MAX) && counter(identity.request_counter) &&
            (identity.reply_counter <= TERRAPIN_E2E_COUNTER_MAX) && (identity.node < TERRAPIN_NODES) &&
-           (identity.stored < TERRAPIN_NODES);
+           (identity.stored < TERRAPIN_NODES) && (link.seal.waiting < 2U) &&
+           (!link.seal.holding || needs_seal(&link.seal.held));
 }
 
 int main(void) {

@@ -57,6 +57,7 @@ def dense(runs: Runs, node: Node) -> npt.NDArray[np.float64]:
     lag = np.abs(runs.position[:, None] - runs.position[None, :])
     own = (1.0 - node.share) * (lag == 0) + node.offset**2 + node.drift**2 * np.outer(runs.line, runs.line)
     own = own + node.share * node.rho**lag if node.share else own
+    own = own + node.gain**2 * np.outer(runs.level[0], runs.level[0])
     own = np.where(runs.run[:, None] == runs.run[None, :], own, 0.0)
     if node.walk and runs.runs >= WALKED:
         place = (np.argsort(np.argsort(runs.run, kind="stable")) + 0.5) / runs.rows

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from casekit import dense, rolling
+from scipy.linalg import block_diag
 
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.case.case import Case, load_case
@@ -23,13 +24,14 @@ from terrapin_tools.workbench.story.answer import answer
 from terrapin_tools.workbench.story.told import told
 from tests.campaigns import calibration
 
+LEVEL = np.random.default_rng(4).uniform(0.5, 3.0, (2, 338))  # what a model predicts, on two channels
 WHITE = Node(0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def scattered() -> Runs:
     """Two channels, runs of 12, 7, 1, 300 and a few rows, their rows mixed."""
     run = np.random.default_rng(0).permutation(np.repeat([2, 0, 1, 3, 7, 6, 4, 5], [12, 7, 1, 300, 2, 3, 5, 8]))
-    return Runs(run, 2)
+    return Runs(run, 2, LEVEL)
 
 
 @pytest.mark.parametrize("node", NODES, ids=str)
@@ -37,7 +39,7 @@ def test_products_are_those_of_dense_covariances(node: Node) -> None:
     runs = scattered()
     random = np.random.default_rng(1)
     x, y = random.standard_normal((2 * runs.rows, 3)), random.standard_normal((2 * runs.rows, 2))
-    covariance = np.kron(np.eye(2), dense(Runs(runs.run), node))
+    covariance = block_diag(*(dense(Runs(runs.run, level=one[None]), node) for one in LEVEL))
     expected = x.T @ np.linalg.solve(covariance, y)
     fx, fy = runs.filtered(x, node.share, node.rho), runs.filtered(y, node.share, node.rho)
     assert runs.products(fx, fy).at(node) == pytest.approx(expected, abs=1e-7)
@@ -49,10 +51,16 @@ def test_products_are_those_of_dense_covariances(node: Node) -> None:
     assert ordered.T @ runs.times(ordered, node) == pytest.approx(x.T @ covariance @ x, rel=1e-9)
 
 
+def test_a_factor_on_a_run_of_few_rows_is_noise_of_its_rows() -> None:
+    runs, level = np.repeat(np.arange(4), [1, 2, 3, 9]), np.ones((1, 15))
+    assert np.array_equal(Runs(runs, level=level).level[0], np.repeat([0.0, 1.0], [3, 12]))
+
+
 def test_what_is_drawn_has_the_covariance() -> None:
-    runs, node = Runs(np.repeat(np.arange(8)[::-1], [6, 4, 1, 2, 1, 1, 3, 2])), Node(0.5, 0.8, 0.7, 0.5, 1.0, 0.8)
-    drawn = runs.draw(np.random.default_rng(2), 40_000, node)
-    assert drawn @ drawn.T / 40_000 == pytest.approx(dense(runs, node), abs=0.06)
+    run, level = np.repeat(np.arange(8)[::-1], [6, 4, 1, 2, 1, 1, 3, 2]), np.linspace(-1.0, 2.0, 20)[None]
+    runs, node = Runs(run, level=level), Node(0.5, 0.8, 0.7, 0.5, 1.0, 0.8, 0.9)
+    drawn = runs.draw(np.random.default_rng(2), 200_000, node)
+    assert drawn @ drawn.T / 200_000 == pytest.approx(dense(runs, node), abs=0.06)
 
 
 def test_priors_of_the_kinds_of_noise_add_up() -> None:
@@ -136,6 +144,30 @@ def test_a_stated_sd_that_is_too_small_hides_no_effect(tmp_path: Path) -> None:
     assert not analyse(replace(quiet, sigma={"current": 0.002})).missing
 
 
+def test_a_factor_from_run_to_run_is_no_effect(tmp_path: Path) -> None:
+    """Before the noise knew of factors, 9 of 12 such sets raised an alarm."""
+    alarms, told_so = 0, 0
+    for seed in range(12):
+        case = load_case(rolling(tmp_path / str(seed), 100 + seed, runs=14))
+        factor = 1.0 + 0.04 * np.random.default_rng(seed).standard_normal(14)
+        found = analyse(replace(case, channels={"current": case.channels["current"] * factor[case.run]}))
+        alarms += found.missing
+        told_so += "run_gains" in [one.kind for one in told(found).noise_findings]
+    assert alarms <= 2
+    assert told_so >= 6
+
+
+def test_noise_far_above_what_is_stated_is_no_adequate_model(tmp_path: Path) -> None:
+    """A speed without its sign, where nothing else has it: the residual has no shape but is far too large."""
+    case = load_case(rolling(tmp_path / "case", 8, runs=14))
+    random = np.random.default_rng(3)
+    lost = replace(case, channels={"current": case.channels["current"] * random.choice([-1.0, 1.0], case.rows)})
+    found = discover(lost)
+    assert found.verdict == "adequate"
+    assert found.answer_probability < 0.5
+    assert "far more than the stated noise" in " ".join(told(found.analysis, found).notes)
+
+
 def test_what_the_noise_is_like_is_told_and_no_effect(tmp_path: Path) -> None:
     case = load_case(rolling(tmp_path / "case", 8, runs=14))
     small = told(analyse(replace(case, sigma={"current": 0.0025})))
@@ -176,11 +208,11 @@ def test_what_the_search_is_sure_of_is_an_alarm() -> None:
     assert "no one thing alone shows it" in told(found.analysis, found).alarm
 
 
-@pytest.mark.parametrize("place", [*range(0, len(NODES), 5), len(NODES) - 1])
+@pytest.mark.parametrize("place", [*range(0, len(NODES), 5), len(NODES) - 9, len(NODES) - 1])
 def test_the_precision_is_the_inverse_of_the_covariance(place: int) -> None:
     random = np.random.default_rng(place)
     run = random.permutation(np.repeat(np.arange(8), [1, 2, 3, 9, 20, 40, 4, 4]))
-    runs, node = Runs(run), NODES[place]
+    runs, node = Runs(run, level=random.uniform(-1.0, 2.0, (1, len(run)))), NODES[place]
     covariance = runs.times(np.eye(len(run)), node)
     precision = Precision(runs, node)
     assert precision.times(covariance) == pytest.approx(np.eye(len(run)), abs=1e-10)

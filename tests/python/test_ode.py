@@ -11,14 +11,18 @@ import pytest
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.compiled import ffi, library, pointer
+from terrapin_hil.physics.equations import ode as equations
 from terrapin_hil.physics.equations.ode import Ode, OdeDrive, OdeError
 from terrapin_hil.physics.expression import parse
 from terrapin_hil.physics.program import instructions
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import analyse, error, fitted_on
+from terrapin_tools.workbench.discover import expressions
 from terrapin_tools.workbench.discover.discovery import discover
-from terrapin_tools.workbench.model.fitting import covariance
+from terrapin_tools.workbench.discover.expressions import library as listed_expressions
+from terrapin_tools.workbench.discover.ranker import Ranker
+from terrapin_tools.workbench.model.fitting import covariance, minimise
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.covariance import NODES
 from tests.campaigns.ode_systems import SYSTEMS, draw, right
@@ -98,6 +102,43 @@ def test_response_is_that_of_an_addition() -> None:
     more = ode.run(table, driven(force=lambda t: np.sin(t) + size * shape), start, False)
     found = ode.linear(table, driven(), plain.states, 1).respond(shape)
     np.testing.assert_allclose(found, (more.channels - plain.channels) / size, atol=1e-3)
+
+
+@pytest.mark.parametrize("threads", ["1", "2", "3"])
+def test_stretches_are_runs_of_their_own(threads: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each from its own start, in one thread or several; one that is not wanted stays as it was."""
+    monkeypatch.setattr(equations, "WORTH_A_THREAD", 10)
+    monkeypatch.setenv("OMP_NUM_THREADS", threads)
+    ode, whole = oscillator(), driven()
+    cut, starts = [0, 25, 60], np.array([[0.5, 1.2], [-0.3, 0.1]])
+    drive = OdeDrive(whole.time, whole.inputs, whole.slots, cut)
+    both = ode.run(values(9.0, 0.4), drive, starts, True)
+    addition = np.cos(2.0 * whole.time)
+    response = ode.linear(values(9.0, 0.4), drive, both.states, 1).respond(addition)
+    for i, part in enumerate((slice(0, 25), slice(25, 60))):
+        one = OdeDrive(whole.time[part].copy(), whole.inputs[part].copy(), whole.slots)
+        alone = ode.run(values(9.0, 0.4), one, starts[i], True)
+        assert alone.slopes is not None
+        assert both.slopes is not None
+        np.testing.assert_array_equal(both.states[part], alone.states)
+        np.testing.assert_array_equal(both.slopes[part], alone.slopes)
+        linear = ode.linear(values(9.0, 0.4), one, alone.states, 1)
+        np.testing.assert_array_equal(response[part], linear.respond(addition[part]))
+    before = both.states.copy()
+    ends = ode.run_some(values(4.0, 0.4), drive, starts, np.array([False, True]), both)
+    assert not ends.failed.any()
+    np.testing.assert_array_equal(both.states[:25], before[:25])
+    assert (both.states[30:] != before[30:]).all()
+
+
+def test_a_stretch_that_fails_is_named() -> None:
+    """x' = x^2 runs off from 1 within the stretch, and from 0.01 does not."""
+    whole = driven()
+    drive = OdeDrive(whole.time, whole.inputs, whole.slots, [0, 20, 60])
+    with pytest.raises(OdeError) as found:
+        oscillator(formulas=("x*x", "0*v")).run(values(1, 1), drive, np.array([[0.01, 0.0], [1.0, 0.0]]), False)
+    assert found.value.stretch == 1
+    assert found.value.time == pytest.approx(whole.time[20] + 1.0, abs=1e-6)
 
 
 def test_inputs_hold_or_run() -> None:
@@ -193,6 +234,65 @@ def test_the_derivatives_of_a_case_are_those_of_its_prediction(tmp_path: Path) -
         costs = [float(((measured - bound.predict(theta + s)[0]) ** 2).sum()) for s in (step, -step)]
         gradient = -2.0 * float((measured - prediction[0]) @ slopes[0, :, column])
         assert gradient == pytest.approx((costs[0] - costs[1]) / 2e-3, rel=1e-3)
+
+
+def test_starts_are_found_again(tmp_path: Path) -> None:
+    """Another predictor of the same equations goes on where the first one ended, on rows that it had and others."""
+    case = load_case(spring(tmp_path / "case"))
+    theta, every = np.array([0.5, 8.0]), np.ones(case.rows, dtype=bool)
+    first = Model.of(case).bind(case.inputs, every).predict(theta)
+    assert case.dynamics is not None
+    ((_, known),) = case.dynamics.starts.items()
+    assert sorted(known)[:2] == [0, ROWS // 5]
+    np.testing.assert_allclose(
+        Model.of(case).bind(case.inputs, case.train).predict(theta), first[:, case.train], atol=1e-7
+    )
+    kept = {row: start.copy() for row, start in known.items()}
+    for start in known.values():
+        start += 0.05  # and searches there, as from any other start
+    again = Model.of(case).bind(case.inputs, every).predict(theta)
+    np.testing.assert_allclose(again, first, atol=1e-6)
+    for row, start in case.dynamics.starts.popitem()[1].items():
+        np.testing.assert_allclose(start, kept[row], atol=1e-3)
+
+
+def test_what_cannot_come_near_is_not_followed() -> None:
+    """A narrow curved valley: with something else far below the search ends early, with nothing there it goes on."""
+    steps = []
+
+    def residual(theta: Array) -> Array:
+        return np.array([30.0 * (theta[1] - theta[0] ** 2), 1.0 - theta[0], 30.0])
+
+    def evaluate(theta: Array) -> tuple[Array, Array]:
+        steps.append(theta)
+        return residual(theta), np.array([[-60.0 * theta[0], 30.0], [-1.0, 0.0], [0.0, 0.0]])
+
+    counts, costs = [], []
+    for aim in (np.inf, 100.0):
+        steps.clear()
+        wide, free = np.full(2, 100.0), np.ones(2, dtype=bool)
+        costs.append(minimise(evaluate, residual, np.array([-6.0, 36.0]), -wide, wide, free, aim=aim)[1])
+        counts.append(len(steps))
+    assert costs[0] == pytest.approx(900.0)
+    assert counts[1] < counts[0]
+    assert costs[1] < 949.0 + 1e-9
+
+
+def test_a_long_list_is_weighed_as_a_short_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The leading expressions have the evidence that they have in all kinds of noise."""
+    found = analyse(load_case(spring(tmp_path / "case", CUBIC)))
+    ranker = Ranker(found, lambda _: None)
+    base = ranker.base.reshape(ranker.values.size, -1)
+    listed = listed_expressions(
+        found.model, found.fit.theta, ranker.rows, ranker.sigma, ranker.columns_without(()), base
+    )
+    every = listed.promise(ranker.evidence)
+    monkeypatch.setattr(expressions, "WEIGHED", 40)
+    assert len(listed.sketches) > 40
+    few = listed.promise(ranker.evidence)
+    leading = np.argsort(-every)[:10]
+    np.testing.assert_allclose(few[leading], every[leading], rtol=1e-12)
+    assert (few <= every + 1e-6).all()
 
 
 def test_a_start_from_a_column_or_a_number_holds(tmp_path: Path) -> None:

@@ -119,8 +119,7 @@ def main() -> int:
     if shutil.which("clang") is None:
         print("not run here: fuzzing (clang not installed)")
         return 1
-    if not options.lines:
-        subprocess.run([str(ROOT / "tests/tools/build.sh"), "fuzz"], cwd=ROOT, check=True, timeout=1800)
+    subprocess.run([str(ROOT / "tests/tools/build.sh"), "fuzz"], cwd=ROOT, check=True, timeout=1800)
     passed = True
     for target in options.target or list(PARSERS):
         for path in [] if options.lines else search(target, options.minutes):

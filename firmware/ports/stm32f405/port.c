@@ -104,7 +104,7 @@ static void take_frame(port *p, source from, const terrapin_frame *frame) {
         break;
     case TERRAPIN_ACCEPT_UPDATE:
         if (p->update != NULL) {
-            take_update(p, from, &reply);
+            take_update(p, from, &p->link.seal.held);
         }
         break;
     case TERRAPIN_ACCEPT_STEP:

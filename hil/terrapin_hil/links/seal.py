@@ -107,6 +107,7 @@ class Session:
     def __init__(self, key: bytes, number: tuple[int, int] = (0, 0), description: Interface | None = None) -> None:
         self.number = number
         self._key = key
+        self._place = number[1] & 1
         self._counter = 0
         self._interface = description or interface()
         self._command: tuple[bytes, Frame] | None = None  # the last one, and what it became
@@ -128,6 +129,7 @@ class Session:
             self._counter += 1
             values, sealed = message.decode(data), self._interface.messages["COMMAND_SEALED"]
             wanted = {key: values[key] for key in ("request", "control", "limiter", "setpoint")}
+            wanted["session"] = self._place
             plain, _ = sealed.encode({**wanted, "counter": 0, "tag": 0})
             tag = self._tag(sealed.id, plain[:3] + bytes(5))
             frame = sealed.id, sealed.encode({**wanted, "counter": self._counter & 0xFF, "tag": tag})[0]
@@ -139,7 +141,7 @@ class Session:
         self._counter += 1
         tag = self._tag(identifier, data.ljust(8, b"\0"))
         seal = self._interface.messages["SEAL"]
-        values = {"message": identifier & 0xFF, "counter": self._counter & 0xFFFF, "tag": tag}
+        values = {"session": self._place, "counter": self._counter & 0xFFFF, "tag": tag}
         return seal.id, seal.encode(values)[0]
 
     def _one(self, frame: Frame) -> list[Frame]:

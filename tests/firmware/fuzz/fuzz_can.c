@@ -11,6 +11,7 @@
 #include "dispatch.h"
 #include "flash_emulated.c"
 #include "parameters.h"
+#include "../sealed_host.h"
 #include "terrapin_interface.h"
 
 #define RECORD 11U
@@ -42,28 +43,8 @@ static const uint32_t link_key[4] = {1U, 2U, 3U, 4U};
 
 #define GENERATION 3U
 
-/* A host with the key, in the session that it opened last. */
-static struct {
-    uint32_t key[4];
-    uint32_t number;
-    uint32_t counter;
-} host;
-
-static uint32_t word(const uint8_t *bytes) {
-    return (uint32_t)bytes[0] | ((uint32_t)bytes[1] << 8U) | ((uint32_t)bytes[2] << 16U) | ((uint32_t)bytes[3] << 24U);
-}
-
-static void put_word(uint8_t *bytes, uint32_t value) {
-    for (uint32_t i = 0U; i < 4U; i++) {
-        bytes[i] = (uint8_t)(value >> (8U * i));
-    }
-}
-
-static void new_session(const terrapin_session_t *answer) {
-    const uint32_t numbers[4] = {host.number, answer->start, answer->count, GENERATION};
-    terrapin_chaskey(link_key, numbers, host.key);
-    host.counter = 0U;
-}
+static sealed_host host; /* in the session that it opened last */
+static uint32_t number;
 
 static void send(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame, terrapin_inputs *inputs) {
     terrapin_frame reply;
@@ -82,14 +63,14 @@ static void send(terrapin_link *link, terrapin_state *state, const terrapin_fram
         terrapin_node_status_t node;
         terrapin_session_t session;
         if (terrapin_decode_session(&reply, &session)) {
-            new_session(&session);
+            sealed_host_opens(&host, link_key, number, GENERATION, &session);
             return;
         }
         CHECK(terrapin_decode_node_status(&reply, &node) || terrapin_decode_parameter_value(&reply, &value) ||
               terrapin_decode_store_status(&reply, &status) || terrapin_decode_store_found(&reply, &found) ||
               terrapin_decode_identity(&reply, &identity));
     } else if (result == TERRAPIN_ACCEPT_UPDATE) {
-        CHECK((link->seal.key != NULL) && (reply.id >= TERRAPIN_ID_UPDATE_BEGIN));
+        CHECK((link->seal.key != NULL) && (link->seal.held.id >= TERRAPIN_ID_UPDATE_BEGIN));
     } else {
         /* dropped, or taken without an answer */
     }
@@ -108,22 +89,14 @@ static void send(terrapin_link *link, terrapin_state *state, const terrapin_fram
 static void send_sealed(terrapin_link *link, terrapin_state *state, terrapin_frame *frame, terrapin_inputs *inputs) {
     host.counter++;
     if (frame->id == TERRAPIN_ID_SESSION_OPEN) {
-        host.number = word(frame->data);
-        put_word(&frame->data[4], GENERATION);
+        number = terrapin_get_word(frame->data);
+        terrapin_put_word(&frame->data[4], GENERATION);
         send(link, state, frame, inputs);
     } else if (frame->id == TERRAPIN_ID_COMMAND_SEALED) {
-        const uint32_t low = word(frame->data) & 0x00FFFFFFU;
-        frame->data[3] = (uint8_t)host.counter;
-        put_word(&frame->data[4], terrapin_seal_tag(host.key, frame->id, host.counter, low, 0U));
+        sealed_host_commands(&host, frame);
         send(link, state, frame, inputs);
     } else {
-        const uint32_t tag =
-            terrapin_seal_tag(host.key, frame->id, host.counter, word(frame->data), word(&frame->data[4]));
-        terrapin_frame seal = {.id = TERRAPIN_ID_SEAL, .length = 8U};
-        seal.data[0] = (uint8_t)frame->id;
-        seal.data[1] = (uint8_t)host.counter;
-        seal.data[2] = (uint8_t)(host.counter >> 8U);
-        put_word(&seal.data[4], tag);
+        const terrapin_frame seal = sealed_host_seals(&host, frame);
         send(link, state, frame, inputs);
         send(link, state, &seal, inputs);
     }

@@ -33,10 +33,9 @@ typedef struct {
     int target; /* -1, or the state to whose derivative the last two columns add */
 } model;
 
-/* Values at `share` of the way through the interval after `sample`. */
-static void look(const model *m, int sample, double share, const double *state, double *v) {
+/* Values at `share` of the way through the interval between a sample and the next. */
+static void look(const model *m, int sample, int next, double share, const double *state, double *v) {
     const hil_ode_drive *d = m->drive;
-    const int next = sample + 1 < d->samples ? sample + 1 : sample;
     v[0] = d->time[sample] + share * (d->time[next] - d->time[sample]);
     memcpy(&v[1], state, sizeof(double) * (size_t)m->ode->states);
     for (int i = 0; i < d->inputs; i++) {
@@ -77,7 +76,7 @@ static double formula(const model *m, int which, const double *v, const double *
 static void rates(const model *m, int sample, double share, double *v, const double *cells, double *found) {
     const int n = m->ode->states;
     memset(found, 0, sizeof(double) * (size_t)(n * (1 + m->columns)));
-    look(m, sample, share, cells, v);
+    look(m, sample, sample + 1, share, cells, v);
     for (int s = 0; s < n; s++) {
         found[s] = formula(m, s, v, cells, &found[n + s * m->columns]);
     }
@@ -104,12 +103,17 @@ static hil_ode_end interval(const model *m, int sample, double *v, double *cells
         const int last = *step >= (1.0 - done) * span * (1.0 - 1e-12);
         const double h = last ? (1.0 - done) * span : *step;
         for (int stage = 1; stage < STAGES; stage++) {
+            double sum[CELLS];
             for (int i = 0; i < count; i++) {
-                double sum = 0.0;
-                for (int j = 0; j < stage; j++) {
-                    sum += WEIGHT[stage][j] * k[j][i];
+                sum[i] = WEIGHT[stage][0] * k[0][i];
+            }
+            for (int j = 1; j < stage; j++) {
+                for (int i = 0; i < count; i++) {
+                    sum[i] += WEIGHT[stage][j] * k[j][i];
                 }
-                at[i] = cells[i] + h * sum;
+            }
+            for (int i = 0; i < count; i++) {
+                at[i] = cells[i] + h * sum[i];
             }
             rates(m, sample, done + SHARE[stage] * h / span, v, at, k[stage]);
         }
@@ -150,31 +154,24 @@ static hil_ode_end interval(const model *m, int sample, double *v, double *cells
     return end;
 }
 
-hil_ode_end hil_ode_run(const hil_ode *ode, const hil_ode_drive *drive, const double *values, const double *start,
-                        double *state, double *channel, double *slope) {
-    const model m = {ode, drive, values, slope != NULL ? ode->states + ode->free : 0, slope != NULL ? ode->free : 0,
-                     -1};
-    assert(ode->states >= 1 && ode->states <= HIL_ODE_STATES && m.columns <= HIL_ODE_COLUMNS &&
-           ode->values <= HIL_ODE_VALUES);
+/* One stretch, from `cells` on. */
+static hil_ode_end stretch(const model *m, int begin, int after, double *cells, double *state, double *channel,
+                           double *slope) {
+    const hil_ode *ode = m->ode;
     const int n = ode->states;
     double v[HIL_ODE_VALUES];
-    double cells[CELLS] = {0.0};
     double unused[HIL_ODE_COLUMNS];
-    memcpy(v, values, sizeof(double) * (size_t)ode->values);
-    memcpy(cells, start, sizeof(double) * (size_t)n);
-    for (int s = 0; s < n && m.columns > 0; s++) {
-        cells[n + s * m.columns + s] = 1.0;
-    }
-    double step = drive->samples > 1 ? drive->time[1] - drive->time[0] : 0.0;
-    for (int k = 0; k < drive->samples; k++) {
+    memcpy(v, m->values, sizeof(double) * (size_t)ode->values);
+    double step = after - begin > 1 ? m->drive->time[begin + 1] - m->drive->time[begin] : 0.0;
+    for (int k = begin; k < after; k++) {
         memcpy(&state[(ptrdiff_t)k * n], cells, sizeof(double) * (size_t)n);
-        look(&m, k, 0.0, cells, v);
+        look(m, k, k, 0.0, cells, v);
         for (int c = 0; c < ode->channels; c++) {
             const ptrdiff_t place = (ptrdiff_t)k * ode->channels + c;
-            channel[place] = formula(&m, n + c, v, cells, slope != NULL ? &slope[place * m.columns] : unused);
+            channel[place] = formula(m, n + c, v, cells, slope != NULL ? &slope[place * m->columns] : unused);
         }
-        if (k + 1 < drive->samples) {
-            const hil_ode_end end = interval(&m, k, v, cells, &step);
+        if (k + 1 < after) {
+            const hil_ode_end end = interval(m, k, v, cells, &step);
             if (end.kind != HIL_ODE_DONE) {
                 return end;
             }
@@ -183,64 +180,98 @@ hil_ode_end hil_ode_run(const hil_ode *ode, const hil_ode_drive *drive, const do
     return (hil_ode_end){HIL_ODE_DONE, 0, 0.0};
 }
 
+void hil_ode_run(const hil_ode *ode, const hil_ode_drive *drive, const double *values, const double *start,
+                 const unsigned char *wanted, double *state, double *channel, double *slope, hil_ode_end *end) {
+    const model m = {ode, drive, values, slope != NULL ? ode->states + ode->free : 0, slope != NULL ? ode->free : 0,
+                     -1};
+    assert(ode->states >= 1 && ode->states <= HIL_ODE_STATES && m.columns <= HIL_ODE_COLUMNS &&
+           ode->values <= HIL_ODE_VALUES);
+    const int n = ode->states;
+    for (int i = 0; i < drive->stretches; i++) {
+        if (wanted[i] == 0) {
+            continue;
+        }
+        double cells[CELLS] = {0.0};
+        memcpy(cells, &start[(ptrdiff_t)i * n], sizeof(double) * (size_t)n);
+        for (int s = 0; s < n && m.columns > 0; s++) {
+            cells[n + s * m.columns + s] = 1.0;
+        }
+        end[i] = stretch(&m, drive->begin[i], drive->begin[i + 1], cells, state, channel, slope);
+    }
+}
+
+/* The neighbourhood after one sample, and (unless it is the `last` of its stretch) on the interval after it. */
+static hil_ode_end around(const model *m, int k, int last, double *v, double *step, const double *state, double *record,
+                          double *output) {
+    const int n = m->ode->states;
+    const model plain = {m->ode, m->drive, m->values, n, 0, -1};
+    double cells[CELLS];
+    hil_ode_end end = {HIL_ODE_DONE, 0, 0.0};
+    for (int pass = 0; pass < 2 - last; pass++) {
+        const model *use = pass == 0 ? &plain : m;
+        memset(cells, 0, sizeof cells);
+        memcpy(cells, &state[(ptrdiff_t)k * n], sizeof(double) * (size_t)n);
+        for (int s = 0; s < n; s++) {
+            cells[n + s * use->columns + s] = 1.0;
+        }
+        if (pass == 0) {
+            look(use, k, k, 0.0, cells, v);
+            for (int c = 0; c < m->ode->channels; c++) {
+                (void)formula(use, n + c, v, cells, &output[((ptrdiff_t)k * m->ode->channels + c) * n]);
+            }
+        } else {
+            end = interval(use, k, v, cells, step);
+            memcpy(&record[(ptrdiff_t)k * n * m->columns], &cells[n], sizeof(double) * (size_t)(n * m->columns));
+        }
+    }
+    return end;
+}
+
 hil_ode_end hil_ode_linear(const hil_ode *ode, const hil_ode_drive *drive, const double *values, const double *state,
                            int target, double *record, double *output) {
-    const int n = ode->states;
-    assert(n >= 1 && n <= HIL_ODE_STATES && ode->values <= HIL_ODE_VALUES);
-    const model m = {ode, drive, values, n + 2, 0, target};
-    const model around = {ode, drive, values, n, 0, -1};
+    assert(ode->states >= 1 && ode->states <= HIL_ODE_STATES && ode->values <= HIL_ODE_VALUES);
+    const model m = {ode, drive, values, ode->states + 2, 0, target};
     double v[HIL_ODE_VALUES];
-    double cells[CELLS];
     memcpy(v, values, sizeof(double) * (size_t)ode->values);
-    double step = drive->samples > 1 ? drive->time[1] - drive->time[0] : 0.0;
-    for (int k = 0; k < drive->samples; k++) {
-        for (int pass = 0; pass < 2; pass++) {
-            const model *use = pass == 0 ? &around : &m;
-            memset(cells, 0, sizeof cells);
-            memcpy(cells, &state[(ptrdiff_t)k * n], sizeof(double) * (size_t)n);
-            for (int s = 0; s < n; s++) {
-                cells[n + s * use->columns + s] = 1.0;
-            }
-            if (pass == 0) {
-                look(use, k, 0.0, cells, v);
-                for (int c = 0; c < ode->channels; c++) {
-                    (void)formula(use, n + c, v, cells, &output[((ptrdiff_t)k * ode->channels + c) * n]);
-                }
-            } else if (k + 1 < drive->samples) {
-                const hil_ode_end end = interval(use, k, v, cells, &step);
-                if (end.kind != HIL_ODE_DONE) {
-                    return end;
-                }
-                memcpy(&record[(ptrdiff_t)k * n * m.columns], &cells[n], sizeof(double) * (size_t)(n * m.columns));
+    for (int i = 0; i < drive->stretches; i++) {
+        const int begin = drive->begin[i];
+        const int after = drive->begin[i + 1];
+        double step = after - begin > 1 ? drive->time[begin + 1] - drive->time[begin] : 0.0;
+        for (int k = begin; k < after; k++) {
+            const hil_ode_end end = around(&m, k, k + 1 == after, v, &step, state, record, output);
+            if (end.kind != HIL_ODE_DONE) {
+                return end;
             }
         }
     }
     return (hil_ode_end){HIL_ODE_DONE, 0, 0.0};
 }
 
-void hil_ode_respond(const hil_ode *ode, int samples, const double *record, const double *output,
+void hil_ode_respond(const hil_ode *ode, const hil_ode_drive *drive, const double *record, const double *output,
                      const double *addition, double *channel) {
     const int n = ode->states;
-    double at[HIL_ODE_STATES] = {0.0};
-    double next[HIL_ODE_STATES] = {0.0};
-    for (int k = 0; k < samples; k++) {
-        for (int c = 0; c < ode->channels; c++) {
-            const double *by = &output[((ptrdiff_t)k * ode->channels + c) * n];
-            double sum = 0.0;
-            for (int s = 0; s < n; s++) {
-                sum += by[s] * at[s];
-            }
-            channel[(ptrdiff_t)k * ode->channels + c] = sum;
-        }
-        if (k + 1 < samples) {
-            for (int s = 0; s < n; s++) {
-                const double *by = &record[((ptrdiff_t)k * n + s) * (n + 2)];
-                next[s] = by[n] * addition[k] + by[n + 1] * addition[k + 1];
-                for (int i = 0; i < n; i++) {
-                    next[s] += by[i] * at[i];
+    for (int part = 0; part < drive->stretches; part++) {
+        double at[HIL_ODE_STATES] = {0.0};
+        double next[HIL_ODE_STATES] = {0.0};
+        for (int k = drive->begin[part]; k < drive->begin[part + 1]; k++) {
+            for (int c = 0; c < ode->channels; c++) {
+                const double *by = &output[((ptrdiff_t)k * ode->channels + c) * n];
+                double sum = 0.0;
+                for (int s = 0; s < n; s++) {
+                    sum += by[s] * at[s];
                 }
+                channel[(ptrdiff_t)k * ode->channels + c] = sum;
             }
-            memcpy(at, next, sizeof at);
+            if (k + 1 < drive->begin[part + 1]) {
+                for (int s = 0; s < n; s++) {
+                    const double *by = &record[((ptrdiff_t)k * n + s) * (n + 2)];
+                    next[s] = by[n] * addition[k] + by[n + 1] * addition[k + 1];
+                    for (int i = 0; i < n; i++) {
+                        next[s] += by[i] * at[i];
+                    }
+                }
+                memcpy(at, next, sizeof at);
+            }
         }
     }
 }

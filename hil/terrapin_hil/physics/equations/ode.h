@@ -28,15 +28,17 @@ typedef struct {
     int held;               /* inputs hold their value until the next sample; else they are linear between samples */
 } hil_ode;
 
+/* Samples in stretches: stretch i has those from begin[i] up to begin[i + 1], and a start of its own. */
 typedef struct {
-    int samples;
-    const double *time; /* rising */
+    int stretches;
+    const int *begin;   /* stretches + 1 */
+    const double *time; /* of each sample, rising within a stretch */
     int inputs;
     const int *slot;
     const double *input; /* samples x inputs */
 } hil_ode_drive;
 
-/* How a run ended. */
+/* How a stretch ended. */
 enum { HIL_ODE_DONE, HIL_ODE_UNBOUNDED, HIL_ODE_STIFF };
 
 typedef struct {
@@ -45,23 +47,26 @@ typedef struct {
     double time; /* when */
 } hil_ode_end;
 
-/* Integrates from `start` (states) at the first sample. `values` holds parameters and constants at their slots.
+/* Integrates each stretch for which `wanted` (stretches) is not 0 from its row of `start` (stretches x states) at its
+ * first sample on; end (stretches) says how. `values` holds parameters and constants at their slots.
  *
  * state: samples x states. channel: samples x channels. slope, or NULL: samples x channels x (states + free), the
- * channels' derivatives by the start and by the free parameters. What lies after a failure is left as it was. */
-hil_ode_end hil_ode_run(const hil_ode *ode, const hil_ode_drive *drive, const double *values, const double *start,
-                        double *state, double *channel, double *slope);
+ * channels' derivatives by the stretch's start and by the free parameters. What lies after a failure, or in a stretch
+ * that is not wanted, is left as it was. */
+void hil_ode_run(const hil_ode *ode, const hil_ode_drive *drive, const double *values, const double *start,
+                 const unsigned char *wanted, double *state, double *channel, double *slope, hil_ode_end *end);
 
 /* What additions to the derivative of one state change, near a solution: `record`, samples x states x (states + 2),
  * has for each interval after a sample the states' change by the states at its begin, and by an addition to the
  * derivative of `target` of 1 at its begin that falls to 0 at its end, and of one that rises from 0 to 1. `output`,
- * samples x channels x states, has the channels' derivatives by the states. `state` comes from hil_ode_run. */
+ * samples x channels x states, has the channels' derivatives by the states. `state` comes from hil_ode_run. How the
+ * first stretch ended that has no such neighbourhood; HIL_ODE_DONE if all have one. */
 hil_ode_end hil_ode_linear(const hil_ode *ode, const hil_ode_drive *drive, const double *values, const double *state,
                            int target, double *record, double *output);
 
 /* channel (samples x channels) changes by an addition (samples, linear between) to the derivative that `record` and
- * `output` were made for; the start stays. */
-void hil_ode_respond(const hil_ode *ode, int samples, const double *record, const double *output,
+ * `output` were made for; the starts stay. */
+void hil_ode_respond(const hil_ode *ode, const hil_ode_drive *drive, const double *record, const double *output,
                      const double *addition, double *channel);
 
 #endif

@@ -30,6 +30,7 @@ from terrapin_tools.workbench.case.groups import read_shares
 from terrapin_tools.workbench.case.intake import guesses
 from terrapin_tools.workbench.case.mechanics import Told, mechanics_of
 from terrapin_tools.workbench.case.rig_limits import read_limits
+from terrapin_tools.workbench.case.zero_points import zero_points
 from terrapin_tools.workbench.files.toml_tables import (
     Complaint,
     Estimate,
@@ -129,7 +130,7 @@ def parse_case(folder: Path, text: str) -> Case:
     base = base.with_formulas(measured.equations, tables.table("fit"))
     dynamics = read_dynamics(tables, base, measured)
     base = with_states(base, dynamics)
-    library, effect_names = read_library(folder, tables, base, _mechanics(tables, measured))
+    library, effect_names = read_library(folder, tables, base, _mechanics(tables, measured, base))
     parameters, parameter_units, options = _constants(tables, base, library, effect_names)
     fit = _estimates(tables, base, parameters)
     for name, known in base.parameters.items():
@@ -154,7 +155,9 @@ def parse_case(folder: Path, text: str) -> Case:
         options=options,
         fit=fit,
         library=sound(tables, base, library, units),
-        scales={} if dynamics else _scales(measured.equations, {**units, **measured.units}, complain),
+        scales={}
+        if dynamics
+        else _scales(measured.equations, {**parameter_units, **_fit_units(fit)}, measured.units, complain),
         limits=limits,
         goal=read_goal(tables, {name: measured.units[name] for name in measured.channels}, measured.channels),
         dynamics=dynamics,
@@ -166,8 +169,8 @@ def parse_case(folder: Path, text: str) -> Case:
     return case
 
 
-def _mechanics(tables: Tables, measured: Measurements) -> dict[str, Effect]:
-    """What the roles of an equation's inputs bring. UserError when its time does not rise within a run."""
+def _mechanics(tables: Tables, measured: Measurements, base: Base) -> dict[str, Effect]:
+    """What the roles and columns of an equation's inputs bring. UserError when its time does not rise within a run."""
     told = {r: Told(formula_name(n), measured.units[n] or "1", measured.roles[n]) for r, n in measured.told.items()}
     if "time" in told:
         falls = (np.diff(told["time"].values) <= 0.0) & (np.diff(measured.run) == 0)
@@ -180,7 +183,11 @@ def _mechanics(tables: Tables, measured: Measurements) -> dict[str, Effect]:
             )
     names = {name for formula in measured.equations.values() for name in formula.names}
     known = {*tables.table("parameters"), *tables.table("fit")}
-    return mechanics_of(told, {n: measured.units[n] or "1" for n in measured.channels}, names & known)
+    columns = {formula_name(n): values for n, values in {**measured.roles, **measured.extra}.items()}
+    units = {formula_name(n): unit or "1" for n, unit in measured.units.items()}
+    formulas = {} if base.own_dynamics else measured.equations
+    zeros = zero_points(formulas, columns, {**dict.fromkeys(columns, "1"), **units})
+    return zeros | mechanics_of(told, {n: measured.units[n] or "1" for n in measured.channels}, names & known)
 
 
 def _guessed(tables: Tables) -> tuple[str, ...]:
@@ -288,12 +295,40 @@ def _fit_units(fit: Mapping[str, Estimate]) -> dict[str, str]:
     return {name: estimate.unit for name, estimate in fit.items() if estimate.unit}
 
 
-def _scales(equations: Mapping[str, Expression], units: Mapping[str, str], complain: Complaint) -> dict[str, float]:
+def _scales(
+    equations: Mapping[str, Expression], stated: Mapping[str, str], columns: Mapping[str, str], complain: Complaint
+) -> dict[str, float]:
     """Check the units of equations whose names all have one; their numbers then go through SI.
 
-    Where a unit is missing the formula works on the numbers as they stand in the file.
+    A constant or fitted name without a unit is a pure number if others have one and the formulas are sound so. Where
+    none has one, the formulas work on the numbers as they stand in the file.
+
+    Parameters
+    ----------
+    stated : units of constants and fitted names.
+    columns : units of roles and channels.
+
+    Raises
+    ------
+    UserError : the units do not fit, or some are missing and numbers that are not SI would meet some that are.
     """
-    if not equations or not all(e.names <= units.keys() for e in equations.values()):
+    units = {**stated, **columns}
+    read = {name for e in equations.values() for name in e.names}
+    if bare := sorted(read - units.keys()):
+        if not read & stated.keys():
+            return {}
+        units |= dict.fromkeys(bare, "1")
+        if not all(_is_sound(e, units, channel) for channel, e in equations.items()):
+            other = next((n for n in sorted({*read, *equations} & columns.keys()) if si_factor(columns[n]) != 1.0), "")
+            if not other:
+                return {}
+            first = min(read & stated.keys())
+            raise complain(
+                f"{first} has a unit and {bare[0]} has none, so {other} would be read in {columns[other]} beside it; "
+                f"expected units for {', '.join(bare)} too",
+                "model", "equation", next(iter(equations)),
+            )  # fmt: skip
+    if not equations:
         return {}
     for channel, expression in equations.items():
         path = ("model", "equation", channel)
@@ -305,6 +340,13 @@ def _scales(equations: Mapping[str, Expression], units: Mapping[str, str], compl
             raise complain(f"{expression} is in {found}, expected {units[channel]}", *path)
     names = {*equations, *(name for e in equations.values() for name in e.names)}
     return {name: si_factor(units[name]) for name in names}
+
+
+def _is_sound(formula: Expression, units: Mapping[str, str], channel: str) -> bool:
+    try:
+        return same_kind(str(formula.unit(units)) or "1", units[channel])
+    except ValueError:
+        return False
 
 
 def _check_names(case: Case, complain: Complaint) -> None:

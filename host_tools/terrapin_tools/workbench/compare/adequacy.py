@@ -95,6 +95,7 @@ def assess(
     case: Case,
     residual: Array,
     jacobian: Array,
+    prediction: Array,
     noise: Noise,
     directions: Sequence[Direction],
     effects: Mapping[str, Sequence[Shape]],
@@ -109,6 +110,7 @@ def assess(
     ----------
     residual : (channels, rows), measured minus predicted, in the channels' units.
     jacobian : (channels, rows, parameters), derivatives of the prediction, in the same units.
+    prediction : (channels, rows), in the same units.
     noise : sd and kind, from `estimate_noise`.
     directions, effects, shapes : what an effect of the catalogue, at each shape, or a column of the data could change.
     rows : (all rows,), mask of the case's rows that these are.
@@ -117,10 +119,10 @@ def assess(
     """
     run = case.run[rows]
     channels = len(residual)
-    runs = Runs(run, channels)
+    runs = Runs(run, channels, prediction)
     slopes = jacobian / noise.sigma[:, None, None]
     scaled = (residual / noise.sigma[:, None]).reshape(-1, 1)
-    blocks = blocks_of(effects, shapes, run, channels, varying)
+    blocks = blocks_of(effects, shapes, runs.level, run, varying)
     few = scaled.size - slopes.shape[-1] < ENOUGH
     behind = noise.behind if few or float(np.sqrt(np.mean(scaled**2))) < ROUNDING else 0.0
     every = BayesFactor(runs, slopes, blocks, behind)

@@ -1,12 +1,12 @@
 """How much likelier the residuals are if something is missing than if nothing is: one number for a whole data set.
 
-Every alternative (an effect of the catalogue at one shape, shapes of one column, an offset of one run) gets its
-marginal likelihood (Evidence): its size, the kind of noise and the noise sd are integrated over *under that
-alternative*. A missing effect makes the noise look larger and more correlated than it is; a test that estimates both
-before it looks for the effect hides it. The sd is always integrated over all values, so that no error in a stated one
-can move the statistic: noise that is larger than stated is a finding of its own, not a missing effect. Alternatives are
-averaged with prior weights, so many unlikely shapes cost the likely ones little. The logarithm of the average's ratio
-to the likelihood of "nothing" is the statistic.
+Every alternative (an effect of the catalogue at one shape, shapes of one column, an offset of one run or a factor on
+it) gets its marginal likelihood (Evidence): its size, the kind of noise and the noise sd are integrated over *under
+that alternative*. A missing effect makes the noise look larger and more correlated than it is; a test that estimates
+both before it looks for the effect hides it. The sd is always integrated over all values, so that no error in a stated
+one can move the statistic: noise that is larger than stated is a finding of its own, not a missing effect. Alternatives
+are averaged with prior weights, so many unlikely shapes cost the likely ones little. The logarithm of the average's
+ratio to the likelihood of "nothing" is the statistic.
 
 Sources: Good (1957) and Berger & Delampady (1987) for the Bayes factor as a test statistic; for the rest see
 marginal_likelihood.py.
@@ -44,8 +44,8 @@ class Block:
 def blocks_of(
     effects: Mapping[str, Sequence[Shape]],
     shapes: Mapping[str, Shapes],
+    level: Array,
     run: Index,
-    channels: int,
     varying: Sequence[Array] = (),
 ) -> list[Block]:
     """The alternatives on these rows. Each effect, column, run and varying parameter has the same share of its family.
@@ -54,11 +54,11 @@ def blocks_of(
     ----------
     effects : for each effect its shapes, with columns (channels * rows, count) in noise sd.
     shapes : for each column of the data its smooth shapes (count, rows).
+    level : (channels, rows), what the model predicts, of rms 1.
     run : (rows,), the run of each row.
-    channels : number of channels.
     varying : what it changes that a parameter goes with a column, (channels * rows, 1) each, in noise sd.
     """
-    rows = len(run)
+    channels, rows = level.shape
     found: list[Block] = []
     present = [listed for listed in effects.values() if listed]
     for listed in present:
@@ -75,9 +75,10 @@ def blocks_of(
     runs = np.unique(run)
     for one in runs if len(runs) > 2 else ():
         for channel in range(channels):
-            offset = np.zeros((channels, rows, 1))
-            offset[channel, run == one] = 1.0
-            found.append(Block("run", offset.reshape(channels * rows, 1), 1.0 / len(runs) / channels))
+            for own in (np.ones(rows), level[channel]):
+                column = np.zeros((channels, rows, 1))
+                column[channel, :, 0] = np.where(run == one, own, 0.0)
+                found.append(Block("run", column.reshape(channels * rows, 1), 0.5 / len(runs) / channels))
     return found
 
 

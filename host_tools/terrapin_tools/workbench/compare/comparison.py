@@ -121,7 +121,13 @@ def _base_starts(model: Model, seed: int) -> list[Array]:
 
 
 def fitted_on(
-    case: Case, effects: Sequence[str], rows: Mask, sigma: Array, seed: int = 0, wrong: Sequence[Fault] = ()
+    case: Case,
+    effects: Sequence[str],
+    rows: Mask,
+    sigma: Array,
+    seed: int = 0,
+    wrong: Sequence[Fault] = (),
+    near: Sequence[Fit] = (),
 ) -> list[Fit]:
     """Fits of the base model and of each larger one, effects added in the given order, each started at its parent.
 
@@ -132,6 +138,7 @@ def fitted_on(
     sigma : (channels,), noise sd in the channels' units.
     seed : of the start values inside the bounds.
     wrong : faults of the table that all fits have.
+    near : the same fits, made with another sigma: the first starts there alone.
 
     Returns
     -------
@@ -139,7 +146,8 @@ def fitted_on(
     """
     model = reduce(Model.having, wrong, Model.of(case, ()))
     values = measured(model, rows)
-    fits = [fit_model(model.bind(case.inputs, rows), values, sigma, _base_starts(model, seed))]
+    starts = [near[0].theta] if near else _base_starts(model, seed)
+    fits = [fit_model(model.bind(case.inputs, rows), values, sigma, starts)]
     for name in effects:
         model = model.having(case.library[name])
         fits.append(extend(fits[-1], name, model.bind(case.inputs, rows), values, sigma))
@@ -210,7 +218,7 @@ def _analysed(
     widened = np.concatenate([slopes, nuisance], axis=-1)
     varying = varying_parameters(case, slopes / sigma[:, None, None], rows)
     alternatives = {**effects, **terms_of(model, fits[-1].theta, rows, sigma)}
-    adequacy = assess(case, residual, widened, noise, directions, alternatives, shapes, rows, seed, varying)
+    adequacy = assess(case, residual, widened, prediction, noise, directions, alternatives, shapes, rows, seed, varying)
     missing = adequacy.p_value < level
     scaled = residual / sigma[:, None]
     where = where_it_fails(case, adequacy, scaled, rows, numeric_columns(case), model.channels) if missing else []
@@ -259,23 +267,24 @@ def _fitted(case: Case, seed: int) -> tuple[list[Fit], Noise, Array]:
     rough = np.maximum(0.05 * np.sqrt(np.mean(values * values, axis=1)), least)
     sigma = np.array([r if g is None else g for r, g in zip(rough, given, strict=True)])
     shapes = column_shapes(case, rows)
+    fits: list[Fit] = []
     for _ in range(1 if stated else 2):
-        fits = fitted_on(case, case.effects, case.train, sigma, seed)
+        fits = fitted_on(case, case.effects, case.train, sigma, seed, near=fits if case.base.whole_runs else ())
         prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)
         _require_numbers(case, model, prediction, fits[-1].theta, rows, "after the fit")
         # a dynamic model's motion depends on what went before: equal inputs are no repeated settings
         roles = {} if case.base.whole_runs else {name: v[rows] for name, v in case.roles.items()}
         directions = _directions(fits[-1].model, fits[-1].theta, rows, sigma)
         pools = _pools(fits[-1].model, directions, shapes, rows)
-        noise = estimate_noise(residual, slopes, case.run[rows], given, roles, pools, least)
+        noise = estimate_noise(residual, slopes, prediction, case.run[rows], given, roles, pools, least)
         nuisance = input_noise(fits[-1], rows, residual, slopes, noise.sigma, noise.node)
         if nuisance.shape[-1]:
             widened = np.concatenate([slopes, nuisance], axis=-1)
-            noise = estimate_noise(residual, widened, case.run[rows], given, roles, pools, least)
+            noise = estimate_noise(residual, widened, prediction, case.run[rows], given, roles, pools, least)
             noise = replace(noise, odd=noise.odd | undecided(nuisance, noise.sigma, ODD_SHARE))
         sigma = noise.sigma
     if not stated:
-        fits = fitted_on(case, case.effects, case.train, sigma, seed)
+        fits = fitted_on(case, case.effects, case.train, sigma, seed, near=fits if case.base.whole_runs else ())
     return fits, noise, nuisance
 
 

@@ -40,7 +40,7 @@ def input_noise(fit: Fit, rows: Mask, residual: Array, slopes: Array, sigma: Arr
     none = np.zeros((*residual.shape, 0))
     if case.base.whole_runs:
         return none
-    runs = Runs(case.run[rows], channels)
+    runs = Runs(case.run[rows], channels, fit.model.bind(case.inputs, rows).predict(fit.theta))
     found = [c for name in case.inputs if (c := _column(fit, name, rows)) is not None]
     if not found:
         return none

@@ -11,24 +11,32 @@ from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.noise.covariance import NODES
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED
 
-__all__ = ["NoiseFinding", "noise_findings"]
+__all__ = ["NoiseFinding", "far_above_stated", "noise_findings"]
 
 SURE = 0.9  # probability from which a stated sd is said to be off; chosen by hand
 LIKELY = 0.8  # from which offsets and drifts are said to be there; chosen by hand
+FAR = 3.0  # factor on the stated sd that no user is wrong by; chosen by hand
 OFF = 1.1  # factor on the stated sd from which it is worth a word: a user knows it to 15 or 20 %
 
 
 @dataclass(frozen=True)
 class NoiseFinding:
     """`value`: of larger and smaller, the factor on the stated sd; of run_offsets, drift and walk, their sd in the
-    channel's unit; of rows, how many. `rows` are places ("runs.csv:17")."""
+    channel's unit; of run_gains, the sd of a factor from run to run; of rows, how many. `rows` are places
+    ("runs.csv:17")."""
 
-    kind: str  # larger, smaller, run_offsets, drift (within runs), walk (over the test) or rows
+    kind: str  # larger, smaller, run_offsets, run_gains, drift (within runs), walk (over the test) or rows
     channel: str  # "" for rows, which are left out in every channel
     value: float
     probability: float
     rows: tuple[str, ...] = ()
     runs: tuple[str, ...] = ()
+
+
+def far_above_stated(analysis: Analysis) -> tuple[str, ...]:
+    """Channels of which even the smoothest model leaves more than FAR times the stated noise sd."""
+    each = zip(analysis.model.channels, analysis.noise.known, analysis.noise.ratio, strict=True)
+    return tuple(channel for channel, known, ratio in each if known and ratio > FAR)
 
 
 def noise_findings(analysis: Analysis) -> list[NoiseFinding]:
@@ -38,8 +46,8 @@ def noise_findings(analysis: Analysis) -> list[NoiseFinding]:
     """
     noise, case = analysis.noise, analysis.case
     found: list[NoiseFinding] = []
-    each = zip(analysis.model.channels, noise.known, noise.sigma, noise.ratio, strict=True)
-    for channel, known, sigma, ratio in each if not analysis.missing else ():
+    each = zip(analysis.model.channels, noise.known, noise.sigma, noise.ratio, analysis.prediction, strict=True)
+    for channel, known, sigma, ratio, predicted in each if not analysis.missing else ():
         if known:
             freedom = STATED + noise.ratio_freedom
             square = STATED + noise.ratio_freedom * ratio * ratio  # over chi-square(freedom): the true over the stated
@@ -49,12 +57,19 @@ def noise_findings(analysis: Analysis) -> list[NoiseFinding]:
             ):
                 if probability > SURE:
                     found.append(NoiseFinding(kind, channel, float(np.sqrt(square / freedom)), probability))
-        for kind, size in (("run_offsets", "offset"), ("drift", "drift"), ("walk", "walk")):
+        for kind, size in (
+            ("run_offsets", "offset"),
+            ("run_gains", "gain"),
+            ("drift", "drift"),
+            ("walk", "walk"),
+        ):
             sizes = np.array([getattr(node, size) for node in NODES])
             probability = float(noise.weights[sizes > 0.0].sum())
             if probability > LIKELY:
                 row = sigma if known else sigma / noise.node.floor
                 value = float(noise.weights @ sizes / probability * row)
+                if kind == "run_gains":
+                    value /= float(np.sqrt(np.mean(predicted * predicted)))
                 found.append(NoiseFinding(kind, channel, value, probability))
     if analysis.odd.any():
         rows = np.flatnonzero(analysis.odd)

@@ -115,7 +115,7 @@ def _likely(
     chosen = [n for i, n in enumerate(effects[: PROMISED[0]]) if i < anyway[0] or scores[n] > top - NEAR]
     if not ranker.listed.sketches:
         return chosen
-    logs = beyond.single(ranker.listed.columns) + np.log([s.prior for s in ranker.listed.sketches])
+    logs = ranker.listed.promise(beyond)
     order = np.argsort(-logs, kind="stable")[: PROMISED[1]]
     top = max([best, float(logs[order[0]])])
     likely = [int(i) for place, i in enumerate(order) if place < anyway[1] or logs[i] > top - NEAR]

@@ -12,7 +12,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from scipy.special import logsumexp
 
-from terrapin_hil.arrays import Array, Index
+from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.compare.comparison import error
 from terrapin_tools.workbench.discover.expressions import Sketch, library
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
@@ -36,12 +36,19 @@ def expressions(ranker: Ranker, absurd: Collection[str] = ()) -> list[Hypothesis
     group. `absurd`: effects of a size that none of them has, whose curve may be that of something else."""
     flat = ranker.base.reshape(ranker.values.size, -1)
     ranker.listed = listed = library(
-        ranker.model, ranker.analysis.fit.theta, ranker.rows, ranker.sigma, ranker.columns_without(absurd), flat
+        ranker.model,
+        ranker.analysis.fit.theta,
+        ranker.rows,
+        ranker.sigma,
+        ranker.columns_without(absurd),
+        flat,
+        ranker.misfit,
     )
     if not listed.sketches:
         return []
     share = np.log(SIZE_OF_SET[1] * (1.0 - (CATALOGUE if ranker.catalogue else 0.0)))
-    weight = ranker.evidence.single(listed.columns) + np.log([s.prior for s in listed.sketches]) + share
+    ranker.promised = listed.promise(ranker.evidence)
+    weight = ranker.promised + share
     found: list[Hypothesis] = []
     grouped: dict[str, list[float]] = {}
     tried: dict[str, int] = {}
@@ -75,8 +82,8 @@ def _instead(ranker: Ranker, best: Hypothesis, tried: set[tuple[str, str]]) -> l
     assert fit is not None
     beyond = ranker.beyond(fit, best.effects[0])
     none = np.zeros((ranker.values.size, 0))
-    listed = library(fit.model, fit.theta, ranker.rows, ranker.sigma, none, beyond.flat)
-    logs = beyond.single(listed.columns) + np.log([s.prior for s in listed.sketches])
+    listed = library(fit.model, fit.theta, ranker.rows, ranker.sigma, none, beyond.flat, ranker.misfit)
+    logs = listed.promise(beyond)
     chosen: dict[tuple[str, str], Sketch] = {}
     for index in np.argsort(-logs, kind="stable")[:INSTEAD]:
         sketch = listed.sketches[index]
@@ -90,8 +97,7 @@ def expression_pairs(ranker: Ranker) -> list[Hypothesis]:
     listed = ranker.listed
     if not listed.sketches:
         return []
-    logs = ranker.evidence.single(listed.columns) + np.log([s.prior for s in listed.sketches])
-    pool = _pool(ranker, logs)
+    pool = _pool(ranker, ranker.promised)
     shapes = [i for i, s in enumerate(ranker.flat) if s.columns.shape[1] == 1]
     every = [listed.columns[:, pool], *(ranker.flat[i].columns for i in shapes)]
     gram = ranker.evidence.gram(np.concatenate(every, axis=1))
@@ -99,9 +105,13 @@ def expression_pairs(ranker: Ranker) -> list[Hypothesis]:
     count = len(pool)
     first, second = np.triu_indices(count, 1)
     both = ranker.evidence.pairs(gram, first, second) + prior[first] + prior[second]
-    names: list[tuple[str, ...]] = [
-        (_named(ranker, pool[first[i]]), _named(ranker, pool[second[i]])) for i in _best(both, PAIRS_REFITTED[0])
-    ]
+    names: list[tuple[str, ...]] = []
+    for i in np.argsort(-both, kind="stable"):
+        pair = (_named(ranker, pool[first[i]]), _named(ranker, pool[second[i]]))
+        if pair[0] != pair[1] and pair not in names:
+            names.append(pair)
+        if len(names) == PAIRS_REFITTED[0]:
+            break
     if shapes:
         one, effect = (a.reshape(-1) for a in np.meshgrid(np.arange(count), np.arange(len(shapes)), indexing="ij"))
         mixed = ranker.evidence.pairs(gram, one, count + effect) + prior[one]
@@ -124,10 +134,6 @@ def _pool(ranker: Ranker, logs: Array) -> list[int]:
         columns.setdefault(ranker.listed.sketches[i].column, []).append(i)
     chosen = [i for members in columns.values() for i in members[:OF_EACH_COLUMN]]
     return list(dict.fromkeys([*chosen, *order]))[: max(POOL, len(chosen))]
-
-
-def _best(logs: Array, count: int) -> Index:
-    return np.argsort(-logs, kind="stable")[:count]
 
 
 def _named(ranker: Ranker, index: int) -> str:

@@ -22,6 +22,7 @@ from terrapin_tools.workbench.discover.vocabulary import Term, factors, free_nam
 from terrapin_tools.workbench.model.effect_columns import acting
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.covariance import orthonormal
+from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
 __all__ = ["SCALE_COST", "Library", "Sketch", "as_effect", "library"]
 
@@ -30,9 +31,13 @@ Mask = npt.NDArray[np.bool_]
 
 COLUMNS = 24  # columns of the data that are looked at, roles first; chosen by hand, for time
 LIMIT = 6000  # expressions; chosen by hand, for time and memory
+WEIGHED = 300  # of them in every kind of noise; chosen by hand, for time
 # Correlation, beyond what the model can absorb, above which an expression is a catalogued effect. Chosen by hand.
 DUPLICATE = 0.9995
 SAME = 0.9999  # the same between two expressions; chosen by hand
+# Of a shape or factor: sd over mean below which the column that it depends on hardly varies. By hand.
+HARDLY = 0.15
+UNSEEN = 2.0  # squared distance [noise sd] that such a column must make at least (discovery.py has the same)
 BLOCK = 256  # expressions that are compared at once
 PROJECTIONS = 64  # in which two columns of correlation SAME have
 NEAR = 0.999  # less than this with a probability below 1e-12
@@ -64,8 +69,24 @@ class Library:
     columns: Array
     scales: Array  # k = coefficient * scale
 
+    def promise(self, evidence: Evidence) -> Array:
+        """Log evidence of each sketch with its prior (count,).
 
-def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, base: Array) -> Library:
+        Of a long list all are weighed in two kinds of noise, and those that lead there in every kind: each correlation
+        is a filter over all columns.
+        """
+        prior = np.log([sketch.prior for sketch in self.sketches])
+        if len(self.sketches) <= WEIGHED:
+            return np.asarray(evidence.single(self.columns) + prior)
+        found = evidence.of_few().single(self.columns) + prior
+        leading = np.argsort(-found, kind="stable")[:WEIGHED]
+        found[leading] = evidence.single(self.columns[:, leading]) + prior[leading]
+        return np.asarray(found)
+
+
+def library(
+    model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, base: Array, misfit: float = np.inf
+) -> Library:
     """Every sketch of a case that differs from what the model and the catalogue can already say.
 
     Parameters
@@ -75,6 +96,8 @@ def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, 
     sigma : (channels,), noise sd in the channels' units.
     known : (channels * rows, K), columns of the catalogue, in noise sd.
     base : (channels * rows, P), derivatives of the model's prediction, in noise sd.
+    misfit : sum of squares, in noise sd, that an expression may explain. Of a sketch that would be as good without a
+        column that hardly varies only the shorter one is listed.
     """
     case = model.case
     inputs = {name: values[rows] for name, values in case.inputs.items()}
@@ -98,6 +121,8 @@ def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, 
     sketches: list[Sketch] = []
     columns: list[Array] = []
     scales: list[float] = []
+    places: dict[tuple[str, str, int, str], int] = {}
+    shorter: dict[int, tuple[str, str, int, str]] = {}  # sketch -> it without a column that hardly varies
     for target, target_prior in targets(case):
         if (target in case.base.parameters and not case.parameters.get(target, 1.0)) or len(sketches) > LIMIT:
             continue
@@ -116,6 +141,11 @@ def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, 
                     size = float(np.sqrt((change * change).mean(axis=1).max()))
                     if not np.isfinite(size) or size == 0.0:
                         continue
+                    places[target, name, i, factor] = len(sketches)
+                    if name and _hardly(features[name, i]):
+                        shorter[len(sketches)] = (target, "", 0, factor)
+                    elif factor and _hardly(numbers):
+                        shorter[len(sketches)] = (target, name, i, "")
                     sketches.append(
                         Sketch(
                             product_text(size_name, term.text, factor),
@@ -134,7 +164,11 @@ def library(model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, 
     if not sketches:
         return Library((), np.zeros((base.shape[0], 0)), np.zeros(0))
     stacked = np.array(columns).T
-    keep = _distinct(stacked, basis, catalogue, np.array([s.prior for s in sketches]))
+    instead = {i: places[key] for i, key in shorter.items() if key in places}
+    idle = _unseen(stacked, basis, instead, misfit)
+    keep = [i for i in _distinct(stacked, basis, catalogue, np.array([s.prior for s in sketches])) if i not in idle]
+    if not keep:
+        return Library((), np.zeros((base.shape[0], 0)), np.zeros(0))
     chosen = [sketches[i] for i in keep]
     total = sum(s.prior for s in chosen)
     final = tuple(replace(s, prior=s.prior / total) for s in chosen)
@@ -147,6 +181,23 @@ def _role_unit(name: str) -> str:
 
 def _feature(term: Term, values: Mapping[str, Array]) -> Array:
     return parse(term.text).evaluate({**values, **term.scales})
+
+
+def _hardly(values: Array | float) -> bool:
+    """Whether a shape is nearly a constant on these rows."""
+    return float(np.std(values)) < HARDLY * abs(float(np.mean(values)))
+
+
+def _unseen(columns: Array, basis: Array, instead: Mapping[int, int], misfit: float) -> set[int]:
+    """Of the columns, those that differ from another one by less than anybody could see, if they explained `misfit`."""
+    found: set[int] = set()
+    for one, other in instead.items():
+        pair = columns[:, [one, other]]
+        pair = pair - basis @ (basis.T @ pair)
+        (own, cross), (_, square) = pair.T @ pair
+        if misfit * (own * square - cross * cross) < UNSEEN * own * square:
+            found.add(one)
+    return found
 
 
 def _distinct(columns: Array, basis: Array, catalogue: Array, prior: Array) -> list[int]:

@@ -62,14 +62,14 @@ def left(analysis: Analysis, fit: Fit) -> Left:
     assert train is not None, "a case has training rows"
     if max(train, held or 0.0) <= FLOOR:
         return Left(train, held, 1.0)
-    _, residual, slopes = free_slopes(fit, sigma, rows)
+    prediction, residual, slopes = free_slopes(fit, sigma, rows)
     scaled = residual / sigma[:, None]
     base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
-    runs = Runs(case.run[rows], len(scaled))
+    runs = Runs(case.run[rows], len(scaled), prediction)
     p_value = _squares(Evidence(runs, scaled, base, analysis.noise.behind), float(np.min(analysis.noise.freedom)))
     effects = {e.name: shapes_of(fit.model, fit.theta, e, rows, sigma) for e in suspected(fit.model)}
     effects |= {name: list(shapes) for name, shapes in terms_of(fit.model, fit.theta, rows, sigma).items()}
-    blocks = blocks_of(effects, column_shapes(case, rows), case.run[rows], len(scaled))
+    blocks = blocks_of(effects, column_shapes(case, rows), runs.level, case.run[rows])
     factor = float(BayesFactor(runs, base, blocks)(scaled.reshape(-1, 1))[0][0])
     return Left(train, held, float(min(p_value, np.exp(-max(factor, 0.0)), _repeated(analysis, fit, residual))))
 

@@ -12,6 +12,7 @@ from scipy.special import logsumexp
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
+from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.comparison import Analysis, free_slopes, measured
 from terrapin_tools.workbench.discover.expressions import SCALE_COST, Library, Sketch, as_effect
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
@@ -42,12 +43,13 @@ class Ranker:
         self.case, self.model, self.rows = analysis.case, analysis.model, analysis.rows
         self.sigma = analysis.noise.sigma
         self.behind = analysis.noise.behind
-        self.runs = Runs(self.case.run[self.rows], len(self.model.channels))
+        self.runs = Runs(self.case.run[self.rows], len(self.model.channels), analysis.prediction)
         self.values = measured(self.model, self.rows)
         self.train = measured(self.model, self.case.train)
         self.effects: dict[str, Effect] = {effect.name: effect for effect in candidates(self.model)}
-        self.catalogue = len(self.effects)
-        self.suspects = {effect.name: effect for effect in constants(self.model)}
+        self.suspects = {name: effect for name, effect in self.effects.items() if name.startswith(ZERO)}
+        self.catalogue = len(self.effects) - len(self.suspects)
+        self.suspects |= {effect.name: effect for effect in constants(self.model)}
         self.effects |= self.suspects
         self.faults: dict[str, Fault] = {}  # the likeliest of each name, once they were looked at
         self.possible = faults(self.case)
@@ -55,6 +57,7 @@ class Ranker:
         self.flat = [shape for shapes in self.shapes.values() for shape in shapes]
         self.columns = self.columns_without(())
         self.listed = Library((), np.zeros((self.values.size, 0)), np.zeros(0))
+        self.promised = np.zeros(0)  # log evidence and prior of each that is listed, around the present fit
         self.sketches: dict[str, Sketch] = {}  # by the name that each got as an effect
         self.together: dict[tuple[str, ...], list[tuple[str, Array]]] = {}  # start values of a pair's parameters
         self.razor: dict[frozenset[str], float] = {}  # log evidence lost by the choice of shapes
@@ -62,6 +65,8 @@ class Ranker:
         slopes = free_slopes(analysis.fit, self.sigma, self.rows)[2]
         self.base = self._widened(slopes / self.sigma[:, None, None])
         residual = analysis.residual / self.sigma[:, None]
+        # what an answer may explain: the squares beyond those of noise, which may be few by chance
+        self.misfit = max(float((residual * residual).sum()) - residual.size, float(np.sqrt(2.0 * residual.size)))
         self.nodes = Evidence(self.runs, residual, self.base, self.behind).among(self.columns)
         self.evidence = Evidence(self.runs, residual, self.base, self.behind, self.nodes)
 
@@ -132,9 +137,11 @@ class Ranker:
     # -- refits ------------------------------------------------------------------------------------------------------
 
     def expression(self, sketch: Sketch) -> str:
-        """The name of a sketch as an effect; the same sketch always has the same."""
+        """The name of a sketch as an effect; the same sketch always has the same. In equations of the user's own, where
+        a refit takes long, so has the same formula: starts of its scale are tried in the refit."""
         for name, known in self.sketches.items():
-            if known is sketch:
+            one = self.case.dynamics is not None and (known.target, known.text) == (sketch.target, sketch.text)
+            if known is sketch or one:
                 return name
         number = 1
         while (name := f"expression_{number}") in self.effects or name in self.case.library:
@@ -156,7 +163,9 @@ class Ranker:
             starts = [np.concatenate([self.analysis.fit.theta, *own])] if linear else []
             if effect.name in self.faults:
                 starts = [parent.model.start]
-            self.fits[key] = extend(parent, effect.name, bound, self.train, self.sigma, starts)
+            # where each step is a simulation of all runs, what cannot come near is not followed to its end
+            aim = min(fit.cost for fit in self.fits.values()) if self.case.base.whole_runs else np.inf
+            self.fits[key] = extend(parent, effect.name, bound, self.train, self.sigma, starts, aim)
         return self.fits[key]
 
     def around(self, fit: Fit, names: Collection[str]) -> float | None:

@@ -178,21 +178,23 @@ def _merged(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
         return frozenset(one.effects) - ranker.sketches.keys()
 
     ranked = sorted(found, key=lambda h: -h.log_weight)
+    predicted: dict[int, Array] = {}
+
+    def curve(fit: Fit) -> Array:
+        if id(fit) not in predicted:
+            predicted[id(fit)] = _predicted(ranker, fit)
+        return predicted[id(fit)]
+
     for place, h in enumerate(ranked[:SHOWN]):
         if h.kind not in ("expression", "mixed") or h.fit is None or h not in ranked:
             continue
         for other in ranked[place + 1 : 2 * SHOWN]:
             if other.kind != h.kind or other.fit is None or named(other) != named(h):
                 continue
-            if _one_curve(ranker, h.fit, other.fit):
+            if float(((curve(h.fit) - curve(other.fit)) ** 2).sum()) < ONE:
                 ranked.remove(other)
                 h = ranked[place] = replace(h, log_weight=float(np.logaddexp(h.log_weight, other.log_weight)))
     return sorted(ranked, key=lambda h: -h.log_weight)
-
-
-def _one_curve(ranker: Ranker, first: Fit, other: Fit) -> bool:
-    gap = _predicted(ranker, first) - _predicted(ranker, other)
-    return float((gap * gap).sum()) < ONE
 
 
 def _predicted(ranker: Ranker, fit: Fit) -> Array:
@@ -246,23 +248,24 @@ def _triples(ranker: Ranker, pairs: Sequence[Hypothesis]) -> list[Hypothesis]:
 
 
 def _runs(ranker: Ranker) -> list[Hypothesis]:
-    """One run that stands out by itself: an offset of one channel in that run alone."""
+    """One run that stands out by itself: an offset, or a factor on the prediction, of one channel in that run alone."""
     run = ranker.case.run[ranker.rows]
     runs = np.unique(run)
     channels = len(ranker.model.channels)
     if len(runs) < 4:
         return []
-    columns = np.zeros((channels, len(run), len(runs) * channels))
+    columns = np.zeros((channels, len(run), len(runs), channels, 2))
     for i, one in enumerate(runs):
         for channel in range(channels):
-            columns[channel, run == one, i * channels + channel] = 1.0
-    logs = ranker.evidence.single(columns.reshape(channels * len(run), -1))
-    prior = np.log(RUN / len(logs))
+            columns[channel, run == one, i, channel, 0] = 1.0
+            columns[channel, run == one, i, channel, 1] = ranker.runs.level[channel, run == one]
+    logs = ranker.evidence.single(columns.reshape(channels * len(run), -1)).reshape(len(runs), -1)
+    prior = np.log(RUN / logs.size)
     return [
         Hypothesis(
             (),
             "run",
-            float(logsumexp(logs[i * channels : (i + 1) * channels])) + prior,
+            float(logsumexp(logs[i])) + prior,
             None,
             ranker.case.run_names[one],
         )

@@ -19,7 +19,7 @@ from terrapin_tools.workbench.discover.hypothesis import Hypothesis
 from terrapin_tools.workbench.discover.ranker import Ranker, by_effect
 from terrapin_tools.workbench.model.effect_columns import Shape, shapes_of
 from terrapin_tools.workbench.model.fitting import Fit, extend
-from terrapin_tools.workbench.model.table_faults import Fault
+from terrapin_tools.workbench.model.table_faults import UNUSUAL, Fault
 
 __all__ = ["beside_constants", "table_answers"]
 
@@ -63,7 +63,9 @@ def _likeliest(looked: Sequence[_Looked]) -> _Looked:
     """Of the factors of a column the likeliest; its title names those that the data cannot tell from it."""
     first, *others = sorted(looked, key=lambda one: -one.best)
     column = first.fault.column
-    alike = [one.fault.title.removeprefix(f"{column} ") for one in others if one.best > first.best - ALIKE]
+    near = [one.fault for one in others if one.best > first.best - ALIKE]
+    # a speed is not given in kilograms of force: such a factor is told only where no better one is
+    alike = [one.title.removeprefix(f"{column} ") for one in near if one.cost < UNUSUAL or first.fault.cost >= UNUSUAL]
     title = " or ".join([first.fault.title, *alike])
     return replace(first, fault=replace(first.fault, title=title))
 

@@ -23,14 +23,16 @@ TYPICAL = 0.3
 
 
 def constants(model: Model) -> list[Effect]:
-    """One suspect for each stated parameter of the base model that is not fitted, and not 0."""
+    """One suspect for each stated parameter of the base model, or of formulas of the user's own, that is not fitted,
+    and not 0."""
     case = model.case
     if case.base.whole_runs:
         return []
+    read = set(case.base.parameters).union(*(formula.names for formula in case.equations.values()))
     return [
         _suspect(case.base.name, name)
         for name, value in case.parameters.items()
-        if value != 0.0 and name in case.base.parameters and name not in case.fit
+        if value != 0.0 and name in read and name not in case.fit
     ]
 
 

@@ -22,6 +22,9 @@ __all__ = ["Fit", "covariance", "extend", "fit_model", "minimise"]
 Evaluate = Callable[[Array], tuple[Array, Array]]
 
 ENOUGH = 1e-9  # relative gain at which a fit stops
+# Of a model that is integrated over time, whose fits take long: relative, and a gain that is none: 0.005 of a nat.
+ENOUGH_OF_RUNS = (1e-6, 1e-2)
+HOPELESS = 0.05  # of the way to what another model reaches: three such steps in a row, and this one does not
 SCREENED = 4  # starts kept of an effect's grid
 UNSEEN = 1e-12  # of the largest curvature: less is none
 GRID_LIMIT = 300  # combinations of an effect's grid that are looked at
@@ -44,20 +47,30 @@ class Fit:
 
 
 def minimise(
-    evaluate: Evaluate, residual: Callable[[Array], Array], start: Array, lower: Array, upper: Array, free: Mask
+    evaluate: Evaluate,
+    residual: Callable[[Array], Array],
+    start: Array,
+    lower: Array,
+    upper: Array,
+    free: Mask,
+    enough: tuple[float, float] = (ENOUGH, 0.0),
+    aim: float = np.inf,
 ) -> tuple[Array, float]:
     """Levenberg and Marquardt's method inside a box; only parameters whose `free` is true move.
 
     `evaluate` gives residuals (m,) and their derivatives (m, parameters), `residual` the residuals alone. Stops when a
-    step gains, or promises, less than 1e-9 of the cost (a thousandth of a noise sd in the parameters), or when three
-    in a row gain less than 1e-6 (a valley that the data do not close). Returns parameters and cost, which is never
-    above that of the start.
+    step gains, or promises, less than `enough`, a share of the cost (1e-9: a thousandth of a noise sd in the
+    parameters) or so much of it, or when three in a row gain less than 1e-6 (a valley that the data do not close).
+    Returns parameters and cost, which is never above that of the start.
+
+    `aim` is a cost that something else has reached: three steps in a row that gain less than a twentieth of what lies
+    between end the search.
     """
     theta = np.clip(start, lower, upper)
     r, jac = evaluate(theta)
     cost = float(r @ r)
     damping = 1e-4
-    slow = 0
+    slow = far = 0
     for _ in range(100):
         if not np.isfinite(cost):
             return theta, np.inf
@@ -75,7 +88,8 @@ def minimise(
             damped = normal + damping * np.eye(len(scale))
             step[moving] = -np.linalg.solve(damped, gradient[moving] / scale) / scale
             new = np.clip(theta + step, lower, upper)
-            if np.array_equal(new, theta) or abs(float(gradient @ (new - theta))) <= 0.1 * ENOUGH * cost:
+            promised = abs(float(gradient @ (new - theta)))
+            if np.array_equal(new, theta) or promised <= 0.1 * max(enough[0] * cost, enough[1]):
                 break
             new_r = residual(new)
             new_cost = float(new_r @ new_r)
@@ -88,7 +102,8 @@ def minimise(
         gain = cost - new_cost
         theta, cost = new, new_cost
         slow = slow + 1 if gain <= 1e-6 * cost else 0
-        if gain <= ENOUGH * cost or slow == 3:
+        far = far + 1 if gain <= HOPELESS * (cost - aim) else 0
+        if gain <= max(enough[0] * cost, enough[1]) or slow == 3 or far == 3:
             break
         damping = max(damping / 20.0, 1e-14)
         r, jac = evaluate(theta)
@@ -98,8 +113,15 @@ def minimise(
 class _Problem:
     """Residuals of a bound model against measurements, flattened, in noise sd; optionally whitened."""
 
-    def __init__(self, bound: Bound, measured: Array, sigma: Array) -> None:
+    def __init__(self, bound: Bound, measured: Array, sigma: Array, aim: float) -> None:
         self.bound, self.measured, self.weight = bound, measured, 1.0 / sigma[:, None]
+        self.aim = aim
+        self.enough = ENOUGH_OF_RUNS if bound.model.case.base.whole_runs else (ENOUGH, 0.0)
+
+    def minimum(self, start: Array, free: Mask) -> tuple[Array, float]:
+        """Parameters and cost, from a start; only parameters whose `free` is true move."""
+        lower, upper = self.bound.model.lower, self.bound.model.upper
+        return minimise(self.evaluate, self.residual, start, lower, upper, free, self.enough, self.aim)
 
     def residual(self, theta: Array) -> Array:
         prediction = self.bound.predict(theta)
@@ -111,14 +133,17 @@ class _Problem:
         return residual.reshape(-1), (slopes * self.weight[..., None]).reshape(residual.size, -1)
 
 
-def fit_model(bound: Bound, measured: Array, sigma: Array, starts: Sequence[Array]) -> Fit:
-    """Fit from each start and keep the best. `measured` (channels, rows); `sigma` (channels,) in the same units."""
+def fit_model(bound: Bound, measured: Array, sigma: Array, starts: Sequence[Array], aim: float = np.inf) -> Fit:
+    """Fit from each start and keep the best. `measured` (channels, rows); `sigma` (channels,) in the same units; `aim`
+    as of `minimise`."""
     model = bound.model
-    problem = _Problem(bound, measured, sigma)
+    problem = _Problem(bound, measured, sigma, aim)
     whole = np.array([f.whole for f in model.fitted], dtype=bool)
     best, best_cost = np.clip(model.start, model.lower, model.upper), np.inf
     for start in starts:
-        theta, cost = minimise(problem.evaluate, problem.residual, start, model.lower, model.upper, ~whole)
+        theta, cost = problem.minimum(start, ~whole)
+        if model.case.base.whole_runs:  # further starts need not crawl far above it
+            problem.aim = min(problem.aim, cost)
         if whole.any():
             theta, cost = _neighbours(problem, model, theta, cost, whole)
         if cost < best_cost * (1.0 - 1e-12):
@@ -144,7 +169,7 @@ def _neighbours(problem: _Problem, model: Model, theta: Array, cost: float, whol
         for change in (-1.0, 1.0):
             start = theta.copy()
             start[index] = np.clip(round(start[index]) + change, model.lower[index], model.upper[index])
-            new, new_cost = minimise(problem.evaluate, problem.residual, start, model.lower, model.upper, ~whole)
+            new, new_cost = problem.minimum(start, ~whole)
             if new_cost < cost:
                 theta, cost = new, new_cost
     return theta, cost
@@ -158,11 +183,18 @@ def _wrapped(model: Model, theta: Array) -> Array:
 
 
 def extend(
-    parent: Fit, effect_name: str, inputs_bound: Bound, measured: Array, sigma: Array, more: Sequence[Array] = ()
+    parent: Fit,
+    effect_name: str,
+    inputs_bound: Bound,
+    measured: Array,
+    sigma: Array,
+    more: Sequence[Array] = (),
+    aim: float = np.inf,
 ) -> Fit:
     """Fit a model that has one effect more than `parent`, warm-started there and at the starts `more`.
 
-    The parent is among the starts, so the cost is at most its own where the effect can be absent.
+    The parent is among the starts, so the cost is at most its own where the effect can be absent. `aim` as of
+    `minimise`.
     """
     model = inputs_bound.model
     count = len(parent.theta)
@@ -173,7 +205,7 @@ def extend(
         absent = stated.copy()
         absent[count] = np.clip(0.0, model.lower[count], model.upper[count])
         starts.append(absent)
-    return fit_model(inputs_bound, measured, sigma, starts)
+    return fit_model(inputs_bound, measured, sigma, starts, aim)
 
 
 def _screened(parent: Fit, bound: Bound, absent: Array, measured: Array, sigma: Array) -> list[Array]:
@@ -221,7 +253,7 @@ def covariance(fit: Fit, run: Index, node: Node) -> tuple[Array, Array]:
     as what they do.
     """
     channels, rows, count = fit.jacobian.shape
-    runs = Runs(run, channels)
+    runs = Runs(run, channels, fit.bound.predict(fit.theta) if node.gain else None)
     flat = runs.sort(fit.jacobian.reshape(channels * rows, count))
     scale = np.sqrt((flat * flat).sum(axis=0))
     flat = flat / np.where(scale > 0, scale, 1.0)

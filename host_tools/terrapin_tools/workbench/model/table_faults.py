@@ -19,7 +19,7 @@ from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.case.changes import TABLE
 from terrapin_tools.workbench.case.intake import BOTH_WAYS
 
-__all__ = ["Fault", "at_fault", "fault_of", "faults", "read", "recorded"]
+__all__ = ["UNUSUAL", "Fault", "at_fault", "fault_of", "faults", "read", "recorded"]
 
 ANGLES = ("rad", "rad/s", "rad/s^2", "")  # units of a role or channel; "" : none is stated
 FORCES = ("N", "N m", "Pa", "")

@@ -1,14 +1,14 @@
-"""Noise as rigs make it: white and correlated from row to row, offsets from run to run, slow drifts within runs.
+"""Noise as rigs make it: white and correlated from row to row, offsets and gains from run to run, slow drifts in runs.
 
 Of a run with m rows, the noise has the covariance
 
-    s^2 [ (1 - share) I + share R(rho) + offset^2 1 1' + drift^2 l l' ],    R_ij = rho^|i - j|
+    s^2 [ (1 - share) I + share R(rho) + offset^2 1 1' + drift^2 l l' + gain^2 g g' ],    R_ij = rho^|i - j|
 
-l: the straight line over the run of mean 0 and rms 1; s: sd of a row without offset and drift. Runs are independent of
-each other: they are the unit of replication, not the rows. White noise beside AR(1) noise is an ARMA(1, 1) process,
-whose innovations a filter of one state gives; offset and drift are two more columns a run. Everything that is asked of
-the data needs only inner products x' V^-1 y, and of these each filter is gone through once (NODES share them), however
-many offsets and drifts are weighed.
+l: the straight line over the run of mean 0 and rms 1; g: what the model predicts, of rms 1 over all runs; s: sd of a
+row without offset, drift and gain. Runs are independent of each other: they are the unit of replication, not the rows.
+White noise beside AR(1) noise is an ARMA(1, 1) process, whose innovations a filter of one state gives; offset, drift
+and gain are three more columns a run. Everything that is asked of the data needs only inner products x' V^-1 y, and of
+these each filter is gone through once (NODES share them), however many offsets, drifts and gains are weighed.
 
 Sources: Harvey, Forecasting, Structural Time Series Models and the Kalman Filter (1989), ch. 3, for the filter;
 Woodbury's identity for the rest.
@@ -27,8 +27,10 @@ from terrapin_hil.arrays import Array, Index
 
 __all__ = ["NODES", "PLAIN", "WALKED", "WAVES", "Filtered", "Node", "Products", "Runs", "by_filter", "orthonormal"]
 
+SCALED = 3  # rows of a run from which a factor on it differs from noise of its rows; chosen by hand
 WAVES = 6  # half waves over the test, that a walk is made of: 91 % of its variance
 WALKED = 8  # runs from which a walk over the test differs from an offset a run; chosen by hand
+OWN = 3  # columns that each run has of its own: constant, line and prediction
 SETTLED = 1e-13  # change of the filter's gain in a row, below which it is constant
 
 
@@ -42,11 +44,17 @@ class Node:
     drift: float  # sd of the line over a run
     prior: float
     walk: float = 0.0  # sd of what wanders over the whole test, from run to run, in sd of a row
+    gain: float = 0.0  # sd of a factor on the prediction from run to run, times the prediction's rms, in sd of a row
 
     @property
     def floor(self) -> float:
         """Rms of whole runs that nothing was fitted to, in sd of a row."""
-        return float(np.sqrt(1.0 + self.offset**2 + self.drift**2 + self.walk**2))
+        return float(np.sqrt(1.0 + self.offset**2 + self.drift**2 + self.walk**2 + self.gain**2))
+
+    @property
+    def of_runs(self) -> bool:
+        """Whether runs differ by more than their rows do."""
+        return bool(self.offset or self.drift or self.gain)
 
     def thin(self, rows: int) -> float:
         """How many independent rows one of a run of so many is worth, for what is the same in all of them."""
@@ -60,7 +68,9 @@ class Node:
         'white + AR(1) + run offsets'
         """
         parts = [*(["white"] if self.share < 1.0 else []), *(["AR(1)"] if self.share > 0.0 else [])]
-        slow = {"run offsets": self.offset, "drift": self.drift, "drift over the test": self.walk}
+        slow = {
+            "run offsets": self.offset, "run gains": self.gain, "drift": self.drift, "drift over the test": self.walk
+        }  # fmt: skip
         return " + ".join([*parts, *(name for name, size in slow.items() if size)])
 
 
@@ -71,29 +81,35 @@ def _nodes() -> tuple[Node, ...]:
     slow = {(1.0, 0.92): 0.08, (1.0, 0.98): 0.06}
     offsets = {0.0: 0.4, 0.25: 0.15, 0.5: 0.15, 1.0: 0.15, 2.0: 0.15}
     found = [
-        Node(*kind, tau, 0.0, 0.8 * p * q)
+        Node(*kind, tau, 0.0, 0.74 * p * q)
         for kind, p in {(0.0, 0.0): 0.36, **correlated}.items()
         for tau, q in offsets.items()
     ]
     # noise that is alike over most of a run is hard to tell from an offset: one of each is enough
-    found += [Node(*kind, tau, 0.0, 0.8 * p * q) for kind, p in slow.items() for tau, q in ((0.0, 0.6), (1.0, 0.4))]
+    found += [Node(*kind, tau, 0.0, 0.74 * p * q) for kind, p in slow.items() for tau, q in ((0.0, 0.6), (1.0, 0.4))]
     found += [
-        Node(share, rho, tau, delta, 0.12 * 0.5 * 0.5 * q)
+        Node(share, rho, tau, delta, 0.11 * 0.5 * 0.5 * q)
         for share, rho in ((0.0, 0.0), (0.5, 0.6))
         for delta in (0.4, 1.0)
         for tau, q in ((0.0, 0.4), (0.5, 0.3), (1.0, 0.3))
     ]
     found += [
-        Node(*kind, tau, 0.0, 0.08 * 0.5 * q, walk)
+        Node(*kind, tau, 0.0, 0.07 * 0.5 * q, walk)
         for kind in ((0.0, 0.0), (0.5, 0.6))
         for tau, walk, q in ((0.0, 0.5, 0.4), (0.5, 0.5, 0.3), (0.0, 1.0, 0.3))
+    ]
+    # soil that is prepared anew, an amplifier that warms: runs differ by a factor, often by far more than rows scatter
+    found += [
+        Node(*kind, tau, 0.0, 0.08 * 0.5 * q, 0.0, gain)
+        for kind in ((0.0, 0.0), (0.5, 0.6))
+        for tau, gain, q in ((0.0, 0.5, 0.3), (0.0, 1.5, 0.3), (0.5, 1.5, 0.1), (0.0, 5.0, 0.3))
     ]
     return tuple(found)
 
 
 NODES = _nodes()
-# neither offsets nor drifts
-PLAIN = tuple(i for i, node in enumerate(NODES) if node.offset == node.drift == node.walk == 0.0)
+# runs that are alike
+PLAIN = tuple(i for i, node in enumerate(NODES) if not (node.of_runs or node.walk))
 
 
 def orthonormal(columns: Array) -> Array:
@@ -111,7 +127,8 @@ def orthonormal(columns: Array) -> Array:
 @dataclass(frozen=True)
 class Filtered:
     """Columns (channels * rows, count) made independent at one correlation, their products with each run's filtered
-    constant and line (channels * runs * 2, count), and with the filtered waves over the test (waves, count)."""
+    constant, line and prediction (channels * runs * 3, count), and with the filtered waves over the test
+    (waves, count)."""
 
     columns: Array
     sums: Array
@@ -132,7 +149,7 @@ class Products:
 
     def at(self, node: Node) -> Array:
         found = self.plain
-        if node.offset or node.drift:
+        if node.of_runs:
             found = found - self.left.sums.T @ self.runs.weigh(node, self.right.sums)
         if node.walk:
             taken = self.runs.against_waves(node, self.left).T @ self.runs.wave_weight(node)
@@ -147,9 +164,11 @@ class Runs:
     ----------
     run : (rows,), the run of each row.
     channels : columns below are (channels * rows, count), channel by channel.
+    level : (channels, rows), what the model predicts, in any unit; without it, and in runs of fewer than SCALED rows,
+        a gain changes nothing.
     """
 
-    def __init__(self, run: Index, channels: int = 1) -> None:
+    def __init__(self, run: Index, channels: int = 1, level: Array | None = None) -> None:
         self.run, self.rows, self.channels = run, len(run), channels
         self.order = np.argsort(run, kind="stable")
         sorted_run = run[self.order]
@@ -169,10 +188,16 @@ class Runs:
         self.sorted_line = np.tile((place - middle) / np.where(rms > 0.0, rms, 1.0), channels)
         self.line = np.empty(self.rows)
         self.line[self.order] = self.sorted_line[: self.rows]
+        level = np.zeros((channels, self.rows)) if level is None else level
+        rms = np.sqrt(np.mean(level * level, axis=1, keepdims=True))
+        many = np.empty(self.rows, dtype=bool)
+        many[self.order] = np.repeat(length >= SCALED, length)
+        self.level = np.where(many, level, 0.0) / np.where(rms > 0.0, rms, 1.0)  # (channels, rows), in file order
+        self.sorted_level = self.level[:, self.order].reshape(-1)
         self._gains: dict[tuple[float, float], tuple[Array, Array]] = {}
         self._corners: dict[tuple[float, float], Array] = {}
         self._weights: dict[Node, Array] = {}
-        self._halves: dict[Node, dict[int, Array]] = {}
+        self._halves: dict[Node, list[tuple[Index, Array]]] = {}
         self._wave_columns: dict[tuple[float, float], Array] = {}
         self._wave_sums: dict[tuple[float, float], Array] = {}
         self._wave_weights: dict[Node, Array] = {}
@@ -221,9 +246,9 @@ class Runs:
         return white
 
     @cached_property
-    def _two(self) -> Array:
-        """Constant and line (channels * rows, 2), sorted."""
-        return np.column_stack([np.ones(len(self.sorted_line)), self.sorted_line])
+    def _own(self) -> Array:
+        """What each run may have of its own: constant, line and prediction (channels * rows, 3), sorted."""
+        return np.column_stack([np.ones(len(self.sorted_line)), self.sorted_line, self.sorted_level])
 
     def filtered(self, columns: Array, share: float, rho: float) -> Filtered:
         """Columns (channels * rows, count) in file order, ready for `products`."""
@@ -231,10 +256,10 @@ class Runs:
 
     def _filtered(self, ordered: Array, share: float, rho: float) -> Filtered:
         white = self._innovations(ordered, share, rho)
-        two = self._innovations(self._two, share, rho)
-        sums = np.stack([np.add.reduceat(white * two[:, k : k + 1], self.begin, axis=0) for k in (0, 1)], axis=1)
+        own = self._innovations(self._own, share, rho)
+        sums = np.stack([np.add.reduceat(white * own[:, k : k + 1], self.begin, axis=0) for k in range(OWN)], axis=1)
         waves = self._filtered_waves(share, rho).T @ white
-        return Filtered(white, sums.reshape(2 * len(self.begin), -1), waves)
+        return Filtered(white, sums.reshape(OWN * len(self.begin), -1), waves)
 
     def products(self, left: Filtered, right: Filtered) -> Products:
         return Products(self, left, right)
@@ -242,7 +267,7 @@ class Runs:
     def squares(self, columns: Filtered, node: Node) -> Array:
         """x' V^-1 x of each column: (count,)."""
         found = np.einsum("ij,ij->j", columns.columns, columns.columns)
-        if node.offset or node.drift:
+        if node.of_runs:
             found = found - np.einsum("ij,ij->j", columns.sums, self.weigh(node, columns.sums))
         if node.walk:
             against = self.against_waves(node, columns)
@@ -250,21 +275,21 @@ class Runs:
         return np.asarray(found)
 
     def _corner(self, share: float, rho: float) -> Array:
-        """Products of constant and line with each other, a run: (channels * runs, 2, 2)."""
+        """Products of constant, line and prediction with each other, a run: (channels * runs, 3, 3)."""
         if (share, rho) not in self._corners:
-            two = self._innovations(self._two, share, rho)
-            outer = two[:, :, None] * two[:, None, :]
+            own = self._innovations(self._own, share, rho)
+            outer = own[:, :, None] * own[:, None, :]
             self._corners[share, rho] = np.asarray(np.add.reduceat(outer, self.begin, axis=0))
         return self._corners[share, rho]
 
     def weigh(self, node: Node, sums: Array) -> Array:
         """T (1 + T Z'Z T)^-1 T times the sums of each run: what Woodbury's identity takes off a product."""
         if node not in self._weights:
-            size = np.diag([node.offset, node.drift])
-            inner = np.eye(2) + size @ self._corner(node.share, node.rho) @ size
+            size = _sizes(node)
+            inner = np.eye(OWN) + size @ self._corner(node.share, node.rho) @ size
             self._weights[node] = size @ np.linalg.inv(inner) @ size
         weight = self._weights[node]
-        return np.asarray((weight @ sums.reshape(len(weight), 2, -1)).reshape(sums.shape))
+        return np.asarray((weight @ sums.reshape(len(weight), OWN, -1)).reshape(sums.shape))
 
     # -- what wanders over the whole test ------------------------------------------------------------------------------
 
@@ -289,7 +314,7 @@ class Runs:
 
     def against_waves(self, node: Node, columns: Filtered) -> Array:
         """W' V^-1 x (waves, count), with V all but the walk."""
-        if not (node.offset or node.drift):
+        if not node.of_runs:
             return columns.waves
         if (node.share, node.rho) not in self._wave_sums:
             self._wave_sums[node.share, node.rho] = self._filtered(self.waves, node.share, node.rho).sums
@@ -322,25 +347,26 @@ class Runs:
         return np.asarray(white - turn @ (turn.T @ white))
 
     def _without_walk(self, white: Array, node: Node) -> Array:
-        """What the filter has made white, freed of offsets and drifts."""
-        if not (node.offset or node.drift):
+        """What the filter has made white, freed of offsets, drifts and gains."""
+        if not node.of_runs:
             return white
         white = white.copy()
-        for length, turn in self._turns(node).items():  # runs of one length at once
-            rows = self.begin[self.length == length][:, None] + np.arange(length)
+        for rows, turn in self._turns(node):
             own = white[rows]  # (runs, length, count)
-            white[rows] = own - turn @ (turn.T @ own)
+            white[rows] = own - turn @ (np.swapaxes(turn, 1, 2) @ own)
         return white
 
-    def _turns(self, node: Node) -> dict[int, Array]:
-        """By run length: U (length, 2), so that 1 - U U' takes offset and drift from what the filter has made white."""
+    def _turns(self, node: Node) -> list[tuple[Index, Array]]:
+        """For the runs of each length: their rows (runs, length), and U (runs or 1, length, 3), so that 1 - U U' takes
+        offset, drift and gain from what the filter has made white."""
         if node not in self._halves:
-            two = self._innovations(self._two, node.share, node.rho) * [node.offset, node.drift]
-            self._halves[node] = {}
+            own = self._innovations(self._own, node.share, node.rho) @ _sizes(node)
+            self._halves[node] = []
             for length in np.unique(self.length):
-                begin = self.begin[int(np.argmax(self.length == length))]
-                u, s, _ = np.linalg.svd(two[begin : begin + length], full_matrices=False)
-                self._halves[node][int(length)] = u * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + s * s))
+                rows = self.begin[self.length == length][:, None] + np.arange(length)
+                # without gains runs of one length have the same
+                u, s, _ = np.linalg.svd(own[rows if node.gain else rows[:1]], full_matrices=False)
+                self._halves[node].append((rows, u * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + s * s))[:, None, :]))
         return self._halves[node]
 
     def log_determinants(self, node: Node) -> Array:
@@ -349,9 +375,9 @@ class Runs:
         if node.share > 0.0:
             variance = self._gain(node.share, node.rho)[1]
             found += np.add.reduceat(np.log(variance[np.minimum(self.place, len(variance) - 1)]), self.begin)
-        if node.offset or node.drift:
-            size = np.diag([node.offset, node.drift])
-            found += np.linalg.slogdet(np.eye(2) + size @ self._corner(node.share, node.rho) @ size)[1]
+        if node.of_runs:
+            size = _sizes(node)
+            found += np.linalg.slogdet(np.eye(OWN) + size @ self._corner(node.share, node.rho) @ size)[1]
         return found
 
     def log_determinant(self, node: Node) -> float:
@@ -369,11 +395,10 @@ class Runs:
             for begin, length in zip(self.begin, self.length, strict=True):
                 slow[begin : begin + length] = lfilter([1.0], [1.0, -node.rho], slow[begin : begin + length], axis=0)
             ordered = ordered + np.sqrt(node.share) * slow
-        if node.offset or node.drift:
-            count = len(self.begin)
-            ordered = ordered + node.offset * np.repeat(random.standard_normal((count, sets)), self.length, axis=0)
-            lines = np.repeat(random.standard_normal((count, sets)), self.length, axis=0)
-            ordered = ordered + node.drift * self.sorted_line[:, None] * lines
+        for size, column in zip(np.diagonal(_sizes(node)), self._own.T, strict=True):
+            if size:
+                drawn = np.repeat(random.standard_normal((len(self.begin), sets)), self.length, axis=0)
+                ordered = ordered + size * column[:, None] * drawn
         if node.walk:
             ordered = ordered + node.walk * self.waves @ random.standard_normal((self.waves.shape[1], sets))
         split = np.asarray(ordered).reshape(self.channels, self.rows, sets)
@@ -391,12 +416,17 @@ class Runs:
                 forward = lfilter([1.0], [1.0, -node.rho], own, axis=0)
                 backward = lfilter([1.0], [1.0, -node.rho], own[::-1], axis=0)[::-1]
                 result[part] += node.share * (forward + backward - own)
-            for size, column in ((node.offset, np.ones(length)), (node.drift, self.sorted_line[part])):
+            for size, column in zip(np.diagonal(_sizes(node)), self._own[part].T, strict=True):
                 if size:
                     result[part] += size * size * np.outer(column, column @ own)
         if node.walk:
             result = result + node.walk**2 * self.waves @ (self.waves.T @ columns)
         return np.asarray(result)
+
+
+def _sizes(node: Node) -> Array:
+    """Sd of what each run has of its own: (OWN, OWN), diagonal."""
+    return np.diag([node.offset, node.drift, node.gain])
 
 
 def by_filter(nodes: Sequence[int]) -> dict[tuple[float, float], list[int]]:

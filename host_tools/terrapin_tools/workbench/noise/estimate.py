@@ -70,13 +70,13 @@ class Noise:
 
 
 def restricted_likelihood(
-    runs: Runs, residuals: Sequence[Array], bases: Sequence[Array], sigma: Sequence[float | None]
+    runs: Sequence[Runs], residuals: Sequence[Array], bases: Sequence[Array], sigma: Sequence[float | None]
 ) -> tuple[Array, Array]:
     """-2 log restricted likelihood of the residuals at each kind of noise, and their sums of squares.
 
     Parameters
     ----------
-    runs : the rows, of one channel.
+    runs : the rows, for each channel.
     residuals : for each channel (rows,), in any one unit.
     bases : for each channel (rows, count), orthonormal columns that were fitted.
     sigma : for each channel the noise sd in the unit of its residuals, an estimate with STATED degrees of freedom;
@@ -90,15 +90,15 @@ def restricted_likelihood(
     criterion = np.array([-2.0 * np.log(node.prior) for node in NODES])
     squares = np.zeros((len(NODES), len(residuals)))
     for kind, places in by_filter(range(len(NODES))).items():
-        for channel, (residual, basis, sd) in enumerate(zip(residuals, bases, sigma, strict=True)):
-            own, base = runs.filtered(residual[:, None], *kind), runs.filtered(basis, *kind)
-            among, cross = runs.products(base, base), runs.products(base, own)
+        for channel, (rows, residual, basis, sd) in enumerate(zip(runs, residuals, bases, sigma, strict=True)):
+            own, base = rows.filtered(residual[:, None], *kind), rows.filtered(basis, *kind)
+            among, cross = rows.products(base, base), rows.products(base, own)
             for place in places:
                 inner, taken = among.at(NODES[place]), cross.at(NODES[place])[:, 0]
-                total = float(runs.squares(own, NODES[place])[0] - taken @ np.linalg.solve(inner, taken))
+                total = float(rows.squares(own, NODES[place])[0] - taken @ np.linalg.solve(inner, taken))
                 squares[place, channel] = max(total, 1e-300)
-                fit = _likelihood(squares[place, channel], runs.rows - basis.shape[1], sd)
-                criterion[place] += float(fit) + runs.log_determinant(NODES[place]) + np.linalg.slogdet(inner)[1]
+                fit = _likelihood(squares[place, channel], rows.rows - basis.shape[1], sd)
+                criterion[place] += float(fit) + rows.log_determinant(NODES[place]) + np.linalg.slogdet(inner)[1]
     return criterion, squares
 
 
@@ -133,6 +133,7 @@ def repeated_settings(roles: Mapping[str, Array], rows: int) -> Index:
 def estimate_noise(
     residual: Array,
     jacobian: Array,
+    prediction: Array,
     run: Index,
     given: Sequence[float | None],
     roles: Mapping[str, Array],
@@ -145,20 +146,21 @@ def estimate_noise(
     ----------
     residual : (channels, rows), measured minus predicted, in the channels' units.
     jacobian : (channels, rows, parameters), derivatives of the prediction, in the same units.
+    prediction : (channels, rows), in the same units: runs may differ by a factor on it.
     run : (rows,), the run of each row.
     given : for each channel the sd that the case states, in the channel's unit, or None.
     roles : mapped roles (rows,), among which repeated settings are looked for; empty: there are none.
     shapes : for each channel (count, rows), functions of the data's columns, candidates for the smoothest model.
     least : (channels,), see `least_noise`; a smaller sd is that of rounding, and this one is taken as if it were given.
     """
-    noise = _estimate(residual, jacobian, run, given, roles, shapes)
+    noise = _estimate(residual, jacobian, prediction, run, given, roles, shapes)
     noise = replace(noise, sigma=noise.sigma * np.where(noise.known, 1.0, noise.node.floor))
     exact = ~noise.known & (noise.sigma < least)
     if not exact.any():
         return noise
     stated = [float(low) if bare else g for low, bare, g in zip(least, exact, given, strict=True)]
     source = f"measurements without noise: an sd of {EXACT:g} of their spread is assumed"
-    return replace(_estimate(residual, jacobian, run, stated, roles, shapes), source=source)
+    return replace(_estimate(residual, jacobian, prediction, run, stated, roles, shapes), source=source)
 
 
 def least_noise(values: Array) -> Array:
@@ -175,13 +177,14 @@ def least_noise(values: Array) -> Array:
 def _estimate(
     residual: Array,
     jacobian: Array,
+    prediction: Array,
     run: Index,
     given: Sequence[float | None],
     roles: Mapping[str, Array],
     shapes: Sequence[Array],
 ) -> Noise:
     channels, rows, _ = jacobian.shape
-    runs = Runs(run)
+    runs = [Runs(run, level=one[None]) for one in prediction]
     bases = [orthonormal(jacobian[c]) for c in range(channels)]
     pools = [np.ascontiguousarray(shape.T) for shape in shapes]
     limit = min(SHAPES_LIMIT, max(0, (rows - bases[0].shape[1]) // 4))
@@ -203,7 +206,7 @@ def _estimate(
     known = np.array([g is not None for g in given], dtype=bool)
     odd = np.zeros(rows, dtype=bool)
     for channel in range(channels):
-        odd |= odd_rows(runs, residual[channel], bases[channel], node, given[channel])
+        odd |= odd_rows(runs[channel], residual[channel], bases[channel], node, given[channel])
     found = Noise(sigma, known, node, "noise sd as given", np.where(known, np.inf, free), None, odd)
     weights = np.exp(0.5 * (criterion.min() - criterion))
     found = replace(found, ratio=estimated / sigma, ratio_freedom=float(free.min()), weights=weights / weights.sum())
@@ -214,7 +217,8 @@ def _estimate(
     if repeats < REPEATS_NEEDED:
         source = f"no repeated settings: noise sd from the smoothest model ({taken} shapes beside the model's own)"
         return replace(found, source=source)
-    repeated, freedom = within_scatter(runs, residual.T, group, node), float(repeats)
+    repeated = np.array([within_scatter(*of, group, node) for of in zip(runs, residual, strict=True)])
+    freedom = float(repeats)
     agree = [_agree(sigma[c], free[c], repeated[c], freedom) for c in range(channels)]
     if freedom < FEW_REPEATS and all(agree):
         pooled = np.sqrt((free * sigma**2 + freedom * repeated**2) / (free + freedom))
@@ -276,7 +280,7 @@ def odd_rows(runs: Runs, residual: Array, basis: Array, node: Node, sigma: float
 
 
 def _alike(node: Node, lag: Index) -> Array:
-    """Covariance of rows of one run that are `lag` rows apart, drifts left out."""
+    """Covariance of rows of one run that are `lag` rows apart, drifts and gains left out."""
     own = np.where(lag == 0, 1.0 - node.share, 0.0) + node.offset**2
     return np.asarray(own + node.share * node.rho**lag if node.share else own)
 
@@ -299,7 +303,7 @@ def _likelihood(squares: Array, rows: int, sigma: float | None) -> Array:
 
 
 def _strongest(
-    runs: Runs,
+    runs: Sequence[Runs],
     residual: Array,
     bases: Sequence[Array],
     pools: Sequence[Array],
@@ -313,21 +317,21 @@ def _strongest(
     also tried at weaker ones.
     """
     own = np.array(
-        [[float(_likelihood(q, runs.rows, sd)) for q, sd in zip(row, sigma, strict=True)] for row in squares]
+        [[float(_likelihood(q, runs[0].rows, sd)) for q, sd in zip(row, sigma, strict=True)] for row in squares]
     )
-    known = np.array([len(sigma) * runs.log_determinant(node) - 2.0 * np.log(node.prior) for node in NODES])
+    known = np.array([sum(one.log_determinant(node) for one in runs) - 2.0 * np.log(node.prior) for node in NODES])
     whole = own.sum(axis=1) + known
     present = float(whole.min())
     found = (0.0, 0, 0)
     for trial in sorted({best, *TRIED}):
         node = NODES[trial]
-        for channel, pool in enumerate(pools):
+        for channel, (rows, pool) in enumerate(zip(runs, pools, strict=True)):
             if pool.shape[1] == 0:
                 continue
-            white, columns = runs.whiten(residual[channel][:, None], node)[:, 0], runs.whiten(pool, node)
+            white, columns = rows.whiten(residual[channel][:, None], node)[:, 0], rows.whiten(pool, node)
             before = (columns * columns).sum(axis=0)
             if bases[channel].shape[1]:
-                q = np.linalg.qr(runs.whiten(bases[channel], node))[0]
+                q = np.linalg.qr(rows.whiten(bases[channel], node))[0]
                 white = white - q @ (q.T @ white)
                 columns = columns - q @ (q.T @ columns)
             norm = (columns * columns).sum(axis=0)
@@ -335,29 +339,30 @@ def _strongest(
             taken = np.where(usable, (columns.T @ white) ** 2 / np.where(usable, norm, 1.0), 0.0)
             index = int(np.argmax(taken))
             left = np.asarray(max(float(white @ white) - float(taken[index]), 1e-300))
-            new = whole[trial] - own[trial, channel] + float(_likelihood(left, runs.rows, sigma[channel]))
+            new = whole[trial] - own[trial, channel] + float(_likelihood(left, rows.rows, sigma[channel]))
             found = max(found, (present - float(new), channel, index), key=lambda entry: entry[0])
     return found
 
 
-def within_scatter(runs: Runs, values: Array, group: Index, node: Node) -> Array:
-    """Noise sd (sets,) from the scatter of values (rows, sets) within groups of repeated settings.
+def within_scatter(runs: Runs, values: Array, group: Index, node: Node) -> float:
+    """Noise sd from the scatter of values (rows,) within groups of repeated settings.
 
-    Rows of one run are alike where the noise is correlated, and runs differ by their offsets: the scatter within a
-    group is compared with what this kind of noise would give for s = 1.
+    Rows of one run are alike where the noise is correlated, and runs differ by their offsets and gains: the scatter
+    within a group is compared with what this kind of noise would give for s = 1.
     """
     order = np.argsort(group, kind="stable")
     starts = np.flatnonzero(np.diff(group[order], prepend=-1))
     sizes = np.diff(np.append(starts, len(order)))
-    sums = np.add.reduceat(values[order], starts, axis=0)
-    scatter = (values * values).sum(axis=0) - (sums * sums / sizes[:, None]).sum(axis=0)
+    sums = np.add.reduceat(values[order], starts)
+    scatter = float(values @ values - (sums * sums / sizes).sum())
     share = 0.0
     waves = node.walk * runs.waves[np.argsort(runs.order)] if node.walk else np.zeros((runs.rows, 0))
     for begin, size in zip(starts[sizes > 1], sizes[sizes > 1], strict=True):
         rows = order[begin : begin + size]
         same = runs.run[rows][:, None] == runs.run[rows][None, :]
         lag = np.abs(runs.position[rows][:, None] - runs.position[rows][None, :])
-        alike = same * (_alike(node, lag) + node.drift**2 * np.outer(runs.line[rows], runs.line[rows]))
+        slow = np.column_stack([node.drift * runs.line[rows], node.gain * runs.level[0][rows]])
+        alike = same * (_alike(node, lag) + slow @ slow.T)
         alike = alike + waves[rows] @ waves[rows].T
         share += float(np.trace(alike)) - float(alike.sum()) / size
-    return np.asarray(np.sqrt(np.maximum(scatter, 1e-300) / max(share, 1e-12)))
+    return float(np.sqrt(max(scatter, 1e-300) / max(share, 1e-12)))

@@ -14,14 +14,14 @@ restricted likelihood that integrating over the base parameters gives.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
 from terrapin_hil.arrays import Array, Index
-from terrapin_tools.workbench.noise.covariance import NODES, Filtered, Node, Runs, by_filter, orthonormal
+from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Filtered, Node, Runs, by_filter, orthonormal
 
 __all__ = ["SIZES", "STATED", "Evidence", "Gram"]
 
@@ -56,7 +56,7 @@ class Evidence:
     """
 
     def __init__(
-        self, runs: Runs, residual: Array, base: Array, behind: float, nodes: Sequence[int] | None = None
+        self, runs: Runs, residual: Array, base: Array, behind: float, nodes: Collection[int] | None = None
     ) -> None:
         self.runs, self.behind = runs, behind
         self.nodes = tuple(range(len(NODES)) if nodes is None else nodes)
@@ -109,14 +109,22 @@ class Evidence:
         """The kind of noise that is likeliest if nothing is missing."""
         return self.node(int(np.argmax(self.start + self.fit_term(self.total))))
 
+    def of_few(self) -> Evidence:
+        """The same with two kinds of noise: white, and the likeliest one if nothing is missing."""
+        best = self.nodes[int(np.argmax(self.posterior))]
+        shape = (self.channels, self.rows)
+        return Evidence(
+            self.runs, self.residual.reshape(shape), self.flat.reshape(*shape, -1), self.behind, sorted({0, best})
+        )
+
     def among(self, columns: Array) -> tuple[int, ...]:
         """Kinds of noise (places in NODES) that are likely if nothing is missing, or any one of columns
-        (channels * rows, D), and those that have neither offsets nor drifts."""
+        (channels * rows, D), and those in which runs are alike."""
         norms, scores = self._free(columns)
         gain = (scores**2 / np.maximum(norms, 1e-300)) if columns.shape[1] else np.zeros((len(self.nodes), 0))
         logs = self.start[:, None] + self.fit_term(self.total[:, None] - np.column_stack([np.zeros(len(gain)), gain]))
         share = np.exp(logs - logsumexp(logs, axis=0)).max(axis=1)
-        plain = np.array([not (NODES[i].offset or NODES[i].drift or NODES[i].walk) for i in self.nodes])
+        plain = np.isin(self.nodes, PLAIN)
         return tuple(np.array(self.nodes)[(share > LIKELY) | plain].tolist())
 
     def whitened(self, columns: Array, node: Node) -> Array:

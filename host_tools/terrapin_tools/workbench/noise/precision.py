@@ -1,12 +1,12 @@
 """The inverse of the noise's covariance, times columns and on its diagonal, in time that grows with the rows alone.
 
-Within a run the covariance is b 1 + a R + offset and drift, with R the AR(1) correlation, whose inverse T is
+Within a run the covariance is b 1 + a R + offset, drift and gain, with R the AR(1) correlation, whose inverse T is
 tridiagonal. From R (a 1 + b T) = a R + b 1 follows
 
     (a R + b 1)^-1 = (1 - a (a 1 + b T)^-1) / b,
 
-a tridiagonal system; offset and drift come in by Woodbury's identity, two columns a run, and so does a walk over the
-test, a few columns in all.
+a tridiagonal system; offset, drift and gain come in by Woodbury's identity, three columns a run, and so does a walk
+over the test, a few columns in all.
 """
 
 from __future__ import annotations
@@ -28,9 +28,11 @@ class Precision:
     def __init__(self, runs: Runs, node: Node) -> None:
         self.runs, self.a, self.b, self.rho = runs, node.share, 1.0 - node.share, node.rho
         self.bands = self._bands()
-        self.random = np.column_stack([np.full(runs.rows, node.offset), node.drift * runs.sorted_line])
+        self.random = np.column_stack(
+            [np.full(runs.rows, node.offset), node.drift * runs.sorted_line, node.gain * runs.sorted_level]
+        )
         self.weighed = self._rows_alone(self.random)
-        inner = np.eye(2) + self._summed(self.random[:, :, None] * self.weighed[:, None, :])
+        inner = np.eye(self.random.shape[1]) + self._summed(self.random[:, :, None] * self.weighed[:, None, :])
         self.inner = np.linalg.inv(inner)
         taken = np.einsum("ri,rij,rj->r", self.weighed, np.repeat(self.inner, runs.length, axis=0), self.weighed)
         self.diagonal = self._diagonal() - taken  # (rows,)
@@ -48,7 +50,7 @@ class Precision:
     def _runs_alone(self, columns: Array) -> Array:
         """Without the walk over the test."""
         alone = self._rows_alone(columns)
-        sums = self._summed(self.weighed[:, :, None] * columns[:, None, :])  # (runs, 2, count)
+        sums = self._summed(self.weighed[:, :, None] * columns[:, None, :])  # (runs, 3, count)
         back = np.repeat(self.inner @ sums, self.runs.length, axis=0)
         return np.asarray(alone - np.einsum("ri,ric->rc", self.weighed, back))
 
@@ -68,7 +70,7 @@ class Precision:
         )
 
     def _rows_alone(self, columns: Array) -> Array:
-        """Without offset and drift."""
+        """Without offset, drift and gain."""
         if self.a == 0.0:
             return columns
         if self.b == 0.0:

@@ -40,6 +40,7 @@ __all__ = [
     "place",
     "reason",
     "stands_out",
+    "strange_noise",
     "stuck",
     "thinned",
     "verdict",
@@ -64,6 +65,7 @@ HEADINGS = {  # over the candidates, and what the number beside each of them is;
 }
 SLOW = {  # noise that is alike over many rows
     "run_offsets": "Runs differ by",
+    "run_gains": "Runs differ by a factor, of",
     "drift": "Within its runs the data drift by",
     "walk": "Over the whole test the data drift by",
 }
@@ -321,6 +323,13 @@ def doubtful(effect: str, parameter: str, times: float) -> str:
     return f"{usual}, which speaks for something else that has the same shape."
 
 
+def strange_noise(channels: Sequence[str]) -> str:
+    """Why a model that passed is not called adequate although nothing else is likelier."""
+    what = f"What is left in {_joined(channels)} is far more than the stated noise"
+    look = "Look at the residual: a sensor that sticks or has lost its sign looks so, and a sd that is stated wrong"
+    return f"{what}, and depends on nothing that was looked at. {look}."
+
+
 def noise_source(source: str, kind: str, rho: float) -> str:
     """Where the noise sd comes from, and of what kind the noise is; `rho`: correlation from row to row."""
     return f"{source}; {kind}" + (f", correlation from row to row {number(rho)}" if rho else "")
@@ -338,6 +347,8 @@ def noise_told(one: NoiseFinding, unit: str) -> str:
         stand = "row stands" if len(one.rows) == 1 else "rows stand"
         left = "is" if len(one.rows) == 1 else "are"
         return f"{len(one.rows)} {stand} apart from the others of the run and {left} left out: {few}."
+    if one.kind == "run_gains":
+        value = f"{number(100.0 * one.value, 2)} %"
     what = f"{SLOW[one.kind]} {value} in {one.channel} more than the model explains"
     return f"{what} (probability {chance(one.probability)})."
 

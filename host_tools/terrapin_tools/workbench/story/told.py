@@ -11,11 +11,12 @@ import numpy.typing as npt
 from terrapin_hil.physics.effects import Effect
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.bases import ROLES
+from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.compare import comparison
 from terrapin_tools.workbench.compare.adequacy import Failure
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.compare.groups import differences
-from terrapin_tools.workbench.compare.noise_findings import noise_findings
+from terrapin_tools.workbench.compare.noise_findings import far_above_stated, noise_findings
 from terrapin_tools.workbench.discover.certainty import EVEN
 from terrapin_tools.workbench.discover.discovery import Candidate, Discovery, rung
 from terrapin_tools.workbench.model import constants
@@ -101,7 +102,10 @@ def found_by(discovery: Discovery) -> Findings:
     remarks: tuple[str, ...] = ()
     if discovery.verdict == "adequate" and discovery.answer_probability < EVEN:
         likeliest = max(discovery.ranking.hypotheses, key=lambda h: h.log_weight)
-        remarks = sentences.doubt(likeliest.effects, likeliest.column, discovery.ranking.blind)
+        if strange := far_above_stated(analysis):
+            remarks = (sentences.strange_noise(strange),)
+        else:
+            remarks = sentences.doubt(likeliest.effects, likeliest.column, discovery.ranking.blind)
     elif discovery.verdict == "unexplained" and discovery.leaves and discovery.best and not discovery.odd_runs:
         remarks = (sentences.best_leaves(*_rungs([discovery.best])),)
     elif discovery.verdict == "unexplained" and discovery.best and not discovery.odd_runs:
@@ -139,8 +143,13 @@ def _constants_in_sets(discovery: Discovery) -> tuple[str, ...]:
             case, name = hypothesis.fit.model.case, constants.named(effect)
             (told,) = _rungs([rung(discovery.analysis, " + ".join(hypothesis.effects), hypothesis.fit)])
             value = constants.value_of(hypothesis.fit, effect)
-            found.append(sentences.constant_in_set(told, name, value, case.parameters[name], case.base.units[name]))
+            found.append(sentences.constant_in_set(told, name, value, case.parameters[name], _unit(case, name)))
     return tuple(found)
+
+
+def _unit(case: Case, name: str) -> str:
+    """The unit of a stated constant."""
+    return str(case.base.units.get(name) or case.parameter_units.get(name, "1"))
 
 
 def _places(where: Sequence[Failure]) -> tuple[Place, ...]:
@@ -238,7 +247,7 @@ def _mended(mend: Mapping[str, float | str | int]) -> dict[str, Value]:
 def _constant(fit: Fit, effect: str, sd: float) -> dict[str, Value]:
     """What a stated constant would be; `sd` of its relative error."""
     case, name = fit.model.case, constants.named(effect)
-    return {"value": Value(constants.value_of(fit, effect), abs(case.parameters[name]) * sd, case.base.units[name])}
+    return {"value": Value(constants.value_of(fit, effect), abs(case.parameters[name]) * sd, _unit(case, name))}
 
 
 def _latex(one: Proposal, effect: Effect | None) -> str:

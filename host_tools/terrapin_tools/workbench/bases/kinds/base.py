@@ -91,11 +91,13 @@ class State:
 
 @dataclass(frozen=True)
 class Dynamics:
-    """Differential equations of the user's own. `held`: inputs keep their value until the next row."""
+    """Differential equations of the user's own. `held`: inputs keep their value until the next row. `starts` keeps what
+    was found of fitted starts, by equations with parameters and by rows, for whoever solves the same again."""
 
     states: Mapping[str, State]
     derivative: Mapping[str, Expression]
     held: bool
+    starts: dict[tuple[int, bytes], dict[int, Array]] = field(default_factory=dict, compare=False, repr=False)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 A state that starts at a number or a column's value starts there. One whose start is to be fitted takes, at any values
 of the parameters, the start at which the run fits its measurements best (least squares, each channel weighted by the
 scatter from row to row). Predictions and derivatives are those beyond such starts (variable projection: Golub and
-Pereyra, SIAM J. Numer. Anal. 10, 1973, 413-432), so a fit sees the parameters alone.
+Pereyra, SIAM J. Numer. Anal. 10, 1973, 413-432), so a fit sees the parameters alone. All stretches are solved at once.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from terrapin_hil.arrays import Array, Index
+from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_hil.physics.equations.ode import Linear, Ode, OdeDrive, OdeError, OdeRun
 from terrapin_hil.physics.expression import Name, Node, Operation, parse
 from terrapin_hil.physics.program import instructions
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases.kinds.base import Act, Dynamics, Predictor, Problem, Runs
+from terrapin_tools.workbench.bases.kinds.starts import ABSURD, Near
 
 __all__ = ["Stretches"]
 
@@ -28,39 +29,39 @@ ADD = (2, 0, 0.0)  # HIL_OP_ADD
 PARTS = 8  # stretches of a run at least, where its rows allow
 ITERATIONS = 30  # of the search for a start
 ENOUGH = 1e-6  # of the sum of squares: a start that gains less is found, but for a step that is linear
-ABSURD = 1e50  # derivative by a start: the solution runs off
+REMEMBERED = 200  # sets of parameters whose starts are kept
+SAMPLES = 200  # of a proposed setting
 STRETCH = (25, 400)  # rows of a stretch: fewer tell little beside its start, in more a lacking term leads far away
 
 
 @dataclass(frozen=True)
-class _Stretch:
-    """Some rows of a run: what drives them, what was measured (samples, channels), a first guess of the states at the
-    first, which of these are fitted, and which of the samples are wanted, at which of the rows."""
+class _Layout:
+    """Samples in stretches: what drives them, what was measured (samples, channels), a first guess of the states where
+    each stretch begins (stretches, states), which of these are fitted, the names of the runs, the first row of each
+    stretch, and which of the samples are wanted, at which of the rows."""
 
-    name: str
     drive: OdeDrive
     measured: Array
     guess: Array
-    free: Index
+    free: Mask
+    names: list[str]
+    first: list[int]
     samples: Index
     rows: Index
 
 
 @dataclass(frozen=True)
-class _Start:
-    """Where a stretch began at `theta`, and how that follows the parameters (states, parameters), where known."""
+class _Solved:
+    """At `theta`: the run from the best starts (stretches, states), and how these follow the parameters (stretches,
+    states, parameters). `channels` (samples, channels) are those of the very best starts, `basis` (stretches, padded
+    samples * channels, states) is orthonormal, of what the starts can do, weighted."""
 
     theta: Array
-    start: Array
-    follows: Array | None
-
-
-@dataclass(frozen=True)
-class _Solved:
     run: OdeRun
-    channels: Array  # (samples, channels), from the best start
+    channels: Array
     start: Array
-    basis: Array  # (samples * channels, free starts), orthonormal, of what the starts can do, weighted
+    follows: Array
+    basis: Array
 
 
 class Stretches(Predictor):
@@ -91,14 +92,18 @@ class Stretches(Predictor):
         channels = [self._formula(problem.formulas[name].text, name) for name in problem.channels]
         turning = {name for formula in (*formulas, *added) for name in _inside_sign(formula.tree)} & set(names)
         smoothing = SMOOTH * min((float(self.size[names.index(name)]) for name in turning), default=1.0)
-        common = (len(listed), self.size, smoothing, self.dynamics.held)
+        held = self.dynamics.held
         try:
-            self.plain = Ode(derivatives, channels, common[0], [], *common[1:])
-            self.free = Ode(derivatives, channels, common[0], self.places.tolist(), *common[1:])
+            self.ode = Ode(derivatives, channels, len(listed), self.places.tolist(), self.size, smoothing, held)
         except ValueError as error:
             raise UserError(f"model.derivative: {error}") from None
-        self.stretches = self._of_runs() if problem.runs else self._settings()
-        self.starts: dict[int, _Start] = {}  # of each stretch, as last found
+        self.layout = self._of_runs() if problem.runs else self._settings()
+        begin, count = np.asarray(self.layout.drive.begin), len(self.layout.drive.time)
+        places = begin[:-1, None] + np.arange(np.diff(begin).max(initial=1))
+        self.padded = np.where(places < begin[1:, None], places, count)  # (stretches, samples), `count` for none
+        self.solved: _Solved | None = None  # as last found
+        codes = (tuple(map(tuple, derivatives)), tuple(map(tuple, channels)))
+        self.equations = hash((codes, self.table.tobytes(), self.places.tobytes()))
 
     def _formula(self, text: str, target: str) -> list[tuple[int, int, float]]:
         """A formula with what effects add to it; their own parameters hide equal names."""
@@ -111,36 +116,35 @@ class Stretches(Predictor):
 
     # -- rows --------------------------------------------------------------------------------------------------------
 
-    def _of_runs(self) -> list[_Stretch]:
+    def _of_runs(self) -> _Layout:
         """Each run that has a wanted row."""
         problem, runs = self.problem, self.problem.runs
         assert runs is not None
         time = problem.inputs["time"]
         wanted = np.arange(len(runs.index)) if problem.rows is None else np.flatnonzero(problem.rows)
-        place = np.full(len(runs.index), -1)
-        place[wanted] = np.arange(len(wanted))
-        found = []
         longest = _half_period(problem, runs)
+        parts: list[Index] = []
+        first: list[bool] = []
         for run in np.unique(runs.index[wanted]):
             mine = np.flatnonzero(runs.index == run)
             _check_times(runs, mine, time[mine])
-            count = round(len(mine) / max(min(longest, len(mine) // PARTS), STRETCH[0]))
-            for part in np.array_split(mine, max(1, count)):
-                samples = np.flatnonzero(place[part] >= 0)
-                if samples.size:
-                    found.append(self._stretch(runs, part, part[0] == mine[0], samples, place[part[samples]]))
-        return found
-
-    def _stretch(self, runs: Runs, rows: Index, first: bool, samples: Index, at: Index) -> _Stretch:
-        problem = self.problem
-        time = problem.inputs["time"][rows]
-        measured = np.column_stack([runs.measured[c][rows] for c in problem.channels])
-        known = np.array([self._known(name, rows) if first else np.nan for name in self.dynamics.states])
-        guess = np.where(np.isnan(known), _guess(problem, self.dynamics, time, measured), known)
-        drive = self._drive(time, {name: problem.inputs[name][rows] for name in self.inputs})
-        return _Stretch(
-            runs.names[runs.index[rows[0]]], drive, measured, guess, np.flatnonzero(np.isnan(known)), samples, at
-        )
+            count = max(1, round(len(mine) / max(min(longest, len(mine) // PARTS), STRETCH[0])))
+            parts += np.array_split(mine, count)
+            first += [True] + [False] * (count - 1)
+        every = np.concatenate(parts)
+        begin = np.cumsum([0, *map(len, parts)])
+        place = np.full(len(runs.index), -1)
+        place[wanted] = np.arange(len(wanted))
+        samples = np.flatnonzero(place[every] >= 0)
+        measured = np.column_stack([runs.measured[c][every] for c in problem.channels])
+        states = self.dynamics.states
+        begins = zip(parts, first, strict=True)
+        known = np.array([[self._known(n, part) if at_first else np.nan for n in states] for part, at_first in begins])
+        guess = np.where(np.isnan(known), _guess(problem, self.dynamics, time[every], measured, begin), known)
+        drive = self._drive(time[every], {name: problem.inputs[name][every] for name in self.inputs}, begin)
+        names = [runs.names[runs.index[part[0]]] for part in parts]
+        at = [int(part[0]) for part in parts]
+        return _Layout(drive, measured, guess, np.isnan(known), names, at, samples, place[every[samples]])
 
     def _known(self, state: str, rows: Index) -> float:
         initial = self.dynamics.states[state].initial
@@ -151,181 +155,193 @@ class Stretches(Predictor):
             return float(column[rows[0]])
         return np.nan if initial is None else initial
 
-    def _drive(self, time: Array, inputs: Mapping[str, Array]) -> OdeDrive:
+    def _drive(self, time: Array, inputs: Mapping[str, Array], begin: Index) -> OdeDrive:
         stacked = np.column_stack([inputs[n] for n in self.inputs]) if self.inputs else np.zeros((len(time), 0))
         slots = tuple(self.slots[name] for name in self.inputs)
-        return OdeDrive(np.ascontiguousarray(time), np.ascontiguousarray(stacked, dtype=np.float64), slots)
+        contiguous = np.ascontiguousarray(stacked, dtype=np.float64)
+        return OdeDrive(np.ascontiguousarray(time), contiguous, slots, begin.tolist())
 
-    def _settings(self) -> list[_Stretch]:
+    def _settings(self) -> _Layout:
         """Proposed settings: inputs held from the start on, for the time that each says; what counts is the end."""
         problem, count = self.problem, self.problem.count
-        found = []
         states = self.dynamics.states.values()
         start = np.array([s.initial if isinstance(s.initial, float) else 0.0 for s in states])
-        for row in range(count):
-            time = np.linspace(0.0, max(float(problem.inputs["time"][row]), 1e-9), 200)
-            drive = self._drive(time, {n: np.full(len(time), problem.inputs[n][row]) for n in self.inputs})
-            none = np.zeros((len(time), len(problem.channels)))
-            found.append(
-                _Stretch("", drive, none, start, np.zeros(0, np.int64), np.array([len(time) - 1]), np.array([row]))
-            )
-        return found
+        lasting = np.maximum(problem.inputs["time"], 1e-9)
+        time = (lasting[:, None] * np.linspace(0.0, 1.0, SAMPLES)).reshape(-1)
+        drive = self._drive(
+            time, {n: np.repeat(problem.inputs[n], SAMPLES) for n in self.inputs}, SAMPLES * np.arange(count + 1)
+        )
+        none, guess = np.zeros((len(time), len(problem.channels))), np.tile(start, (count, 1))
+        ends = SAMPLES * np.arange(1, count + 1) - 1
+        fixed, rows = np.zeros(guess.shape, dtype=bool), np.arange(count)
+        return _Layout(drive, none, guess, fixed, [""] * count, [-1] * count, ends, rows)
 
     # -- solutions ---------------------------------------------------------------------------------------------------
 
-    def _solve(self, theta: Array, number: int, slopes: bool = False) -> _Solved:
-        """A stretch from where it fits best; with derivatives by the parameters if asked for. OdeError."""
-        stretch, table = self.stretches[number], self._at(theta)
-        free = stretch.free
-        ode = self.free if slopes else self.plain
-        if not free.size:
-            run = ode.run(table, stretch.drive, stretch.guess, slopes)
-            return _Solved(run, run.channels, stretch.guess, np.zeros((stretch.measured.size, 0)))
-        start, run = self._first(theta, table, number)
-        damping = 0.0
-        for _ in range(ITERATIONS):
-            residual, columns = self._weighted(stretch, run)
-            if not (np.abs(columns) < ABSURD).all():
-                raise OdeError(False, int(free[0]), float(stretch.drive.time[-1]))
-            basis, triangle = np.linalg.qr(columns)
-            scores = basis.T @ residual
-            cost = float(residual @ residual)
-            if not np.isfinite(cost) or float(scores @ scores) <= ENOUGH * cost:
-                break
-            better = None
-            while better is None and damping < 1e6:
-                new = start.copy()
-                new[free] += _step(triangle, scores, damping)
-                better = self._better(table, stretch, new, cost)
-                if better is None:
-                    damping = max(10.0 * damping, 1e-3)
-            if better is None:
-                break
-            run, start, damping = better, new, 0.1 * damping
-        basis = _orthonormal(columns)
-        # what is left of the way to the best start is so short that the channels are linear on it
-        channels = run.channels + (basis @ (basis.T @ residual)).reshape(run.channels.shape) / self.weight
-        follows = None
-        if slopes:
-            run = ode.run(table, stretch.drive, start, True)
-            assert run.slopes is not None
-            by = (run.slopes[:, :, len(self.size) :] * self.weight[:, None]).reshape(residual.size, -1)
-            follows = np.zeros((len(start), len(theta)))
-            follows[free] = -np.linalg.lstsq(columns, by, rcond=1e-9)[0]
-        self.starts[number] = _Start(theta, start, follows)
-        return _Solved(run, channels, start, basis)
-
-    def _first(self, theta: Array, table: Array, number: int) -> tuple[Array, OdeRun]:
-        """A start to search from, with its run: where the last ones lead, else the guess."""
-        stretch, last = self.stretches[number], self.starts.get(number)
-        tried = [stretch.guess]
-        if last is not None:
-            tried.insert(0, last.start)
-            if last.follows is not None:
-                tried.insert(0, last.start + last.follows @ (theta - last.theta))
-        for start in tried[:-1]:
-            try:
-                return start, self.plain.run(table, stretch.drive, start, True)
-            except OdeError:
-                continue
-        return stretch.guess, self.plain.run(table, stretch.drive, stretch.guess, True)
-
-    def _better(self, table: Array, stretch: _Stretch, start: Array, cost: float) -> OdeRun | None:
-        """The run from a start, if it fits better."""
-        try:
-            run = self.plain.run(table, stretch.drive, start, True)
-        except OdeError:
-            return None
-        left = (stretch.measured - run.channels) * self.weight
-        return run if float((left * left).sum()) < cost else None
-
-    def _weighted(self, stretch: _Stretch, run: OdeRun) -> tuple[Array, Array]:
-        """Residual (samples * channels,) and its derivatives by the fitted starts."""
+    def _solve(self, theta: Array) -> _Solved:
+        """All stretches from where each fits best, with derivatives by the parameters. OdeError."""
+        if self.solved is not None and np.array_equal(self.solved.theta, theta):
+            return self.solved
+        table = self.table.copy()
+        table[self.places] = theta
+        layout, states = self.layout, len(self.size)
+        start, run = self._first(theta, table)
         assert run.slopes is not None
-        residual = ((stretch.measured - run.channels) * self.weight).reshape(-1)
-        columns = (run.slopes[:, :, stretch.free] * self.weight[:, None]).reshape(residual.size, -1)
-        return residual, columns
+        damping = np.zeros(len(start))
+        near = self._near(run)
+        stuck = np.zeros(len(start), dtype=bool)
+        for _ in range(ITERATIONS):
+            active = ~stuck & (near.gain > ENOUGH * near.cost)
+            if not active.any():
+                break
+            new = np.where(active[:, None], start + near.step(damping), start)
+            other = OdeRun(np.zeros_like(run.states), np.zeros_like(run.channels), np.zeros_like(run.slopes))
+            ends = self.ode.run_some(table, layout.drive, new, active, other)
+            there = self._near(other)
+            better = active & ~ends.failed & (there.cost < near.cost)
+            near.take(there, better)
+            start = np.where(better[:, None], new, start)
+            self._take(run, other, better)
+            damping = np.where(better, 0.1 * damping, np.where(active, np.maximum(10.0 * damping, 1e-3), damping))
+            stuck |= damping > 1e6
+        basis = near.basis()
+        # what is left of the way to the best start is so short that the channels are linear on it
+        found = near.gain <= ENOUGH * near.cost
+        left = np.einsum("sij,sj->si", basis, np.where(found[:, None], near.scores, 0.0))
+        channels = run.channels + self._unpadded(left[..., None])[..., 0] / self.weight
+        by = self._weighted(run.slopes[:, :, states:])
+        self.solved = _Solved(theta.copy(), run, channels, start, near.follows(by), basis)
+        self._remember(theta, start)
+        return self.solved
+
+    def _remember(self, theta: Array, start: Array) -> None:
+        """Keeps the starts, by their first rows, for another predictor of the same equations on these rows, or more."""
+        if not self.layout.free.any():
+            return
+        kept = self.dynamics.starts
+        known = kept.pop((self.equations, theta.tobytes()), {})
+        kept[self.equations, theta.tobytes()] = {**known, **dict(zip(self.layout.first, start, strict=True))}
+        while len(kept) > REMEMBERED:
+            kept.pop(next(iter(kept)))
+
+    def _first(self, theta: Array, table: Array) -> tuple[Array, OdeRun]:
+        """Starts to search from, with their run: where the last ones lead, else the last ones, else the guess. OdeError
+        of the first stretch that none of them takes to its end."""
+        layout, last = self.layout, self.solved
+        count, states = len(layout.drive.time), len(self.size)
+        known = self.dynamics.starts.get((self.equations, theta.tobytes()), {})
+        tried = [np.array([known.get(row, g) for row, g in zip(layout.first, layout.guess, strict=True)]), layout.guess]
+        if last is not None and not known:
+            tried = [last.start + last.follows @ (theta - last.theta), last.start, layout.guess]
+        columns = states + len(self.places)
+        shape = (count, len(self.problem.channels))
+        run = OdeRun(np.zeros((count, states)), np.zeros(shape), np.zeros((*shape, columns)))
+        assert run.slopes is not None
+        start, waiting = layout.guess.copy(), np.ones(len(layout.guess), dtype=bool)
+        for one in tried:
+            start[waiting] = one[waiting]
+            ends = self.ode.run_some(table, layout.drive, start, waiting, run)
+            sound = np.append((np.abs(run.slopes) < ABSURD).all(axis=(1, 2)), True)[self.padded].all(axis=1)
+            waiting &= ends.failed | ~sound
+            if not waiting.any():
+                return start, run
+        number = int(np.flatnonzero(waiting)[0])
+        if ends.failed[number]:
+            raise ends.error(number)
+        raise OdeError(False, 0, float(layout.drive.time[layout.drive.begin[number + 1] - 1]), number)
+
+    def _take(self, run: OdeRun, other: OdeRun, which: Mask) -> None:
+        """Puts the stretches `which` of the other run into the first."""
+        assert run.slopes is not None
+        assert other.slopes is not None
+        taken = self.padded[which].reshape(-1)
+        taken = taken[taken < len(run.states)]
+        run.states[taken], run.channels[taken], run.slopes[taken] = (
+            other.states[taken],
+            other.channels[taken],
+            other.slopes[taken],
+        )
+
+    def _near(self, run: OdeRun) -> Near:
+        """What the fitted starts of each stretch can do around a run."""
+        assert run.slopes is not None
+        columns = self._weighted(run.slopes[:, :, : len(self.size)]) * self.layout.free[:, None, :]
+        return Near(self._weighted((self.layout.measured - run.channels)[..., None])[..., 0], columns)
+
+    def _weighted(self, change: Array) -> Array:
+        """Samples (samples, channels, count) in stretches, weighted: (stretches, padded samples * channels, count)."""
+        whole = np.concatenate([change * self.weight[:, None], np.zeros((1, *change.shape[1:]))])
+        return np.asarray(whole[self.padded].reshape(len(self.padded), -1, change.shape[2]))
+
+    def _unpadded(self, weighted: Array) -> Array:
+        """What `_weighted` gives in the order of the samples, its weights kept: (samples, channels, count)."""
+        shape = (*self.padded.shape, len(self.weight), weighted.shape[2])
+        return np.asarray(weighted.reshape(shape)[self.padded < len(self.layout.measured)])
 
     def _beyond(self, solved: _Solved, change: Array) -> Array:
         """A change of the channels (samples, channels, ...) less what other starts would make of it."""
-        weight = self.weight.reshape(-1, *(1,) * (change.ndim - 2))
-        flat = (change * weight).reshape(solved.basis.shape[0], -1)
-        flat = flat - solved.basis @ (solved.basis.T @ flat)
-        return np.asarray(flat.reshape(change.shape) / weight)
+        flat = self._weighted(change)
+        taken = solved.basis @ (np.swapaxes(solved.basis, 1, 2) @ flat)
+        return np.asarray(change - self._unpadded(taken) / self.weight[:, None])
 
-    def _at(self, theta: Array) -> Array:
-        table = self.table.copy()
-        table[self.places] = theta
-        return table
+    def _placed(self, values: Array) -> Array:
+        """Samples (samples, ...) at the wanted rows (rows, ...)."""
+        found = np.zeros((self.problem.count, *values.shape[1:]))
+        found[self.layout.rows] = values[self.layout.samples]
+        return found
 
     def sets(self, sets: Array) -> Array:
         found = np.full((len(sets), len(self.problem.channels), self.problem.count), np.nan)
         for one, theta in zip(found, sets, strict=True):
-            for number, stretch in enumerate(self.stretches):
-                try:
-                    solved = self._solve(theta, number)
-                except OdeError:
-                    break
-                one[:, stretch.rows] = solved.channels[stretch.samples].T
+            try:
+                one[:] = self._placed(self._solve(theta).channels).T
+            except OdeError:
+                continue
         return found
 
     def jacobian(self, theta: Array) -> tuple[Array, Array]:
         channels, count = len(self.problem.channels), self.problem.count
-        found = np.full((channels, count), np.nan)
-        slopes = np.full((channels, count, len(theta)), np.nan)
-        for number, stretch in enumerate(self.stretches):
-            try:
-                solved = self._solve(theta, number, slopes=True)
-            except OdeError:
-                break
-            assert solved.run.slopes is not None
-            by = self._beyond(solved, solved.run.slopes[:, :, len(self.size) :])
-            found[:, stretch.rows] = solved.channels[stretch.samples].T
-            slopes[:, stretch.rows] = np.moveaxis(by[stretch.samples], 0, 1)
-        return found, slopes
+        try:
+            solved = self._solve(theta)
+        except OdeError:
+            return np.full((channels, count), np.nan), np.full((channels, count, len(theta)), np.nan)
+        assert solved.run.slopes is not None
+        by = self._beyond(solved, solved.run.slopes[:, :, len(self.size) :])
+        return self._placed(solved.channels).T, np.moveaxis(self._placed(by), 0, 1)
 
     def motion(self, theta: Array) -> Mapping[str, Array]:
-        found = np.zeros((len(self.size), self.problem.count))
-        for number, stretch in enumerate(self.stretches):
-            solved = self._solve(theta, number)
-            found[:, stretch.rows] = solved.run.states[stretch.samples].T
-        return dict(zip(self.dynamics.states, found, strict=True))
+        return dict(zip(self.dynamics.states, self._placed(self._solve(theta).run.states).T, strict=True))
 
     def acting(self, theta: Array, target: str) -> Act:
-        table = self._at(theta)
-        solved = [self._solve(theta, number) for number in range(len(self.stretches))]
-        linear: list[Linear] = []
+        solved, layout = self._solve(theta), self.layout
+        table = self.table.copy()
+        table[self.places] = theta
+        linear: Linear | None = None
         if target not in self.problem.channels:
             state = list(self.dynamics.states).index(target.removeprefix("derivative."))
-            linear = [
-                self.plain.linear(table, stretch.drive, one.run.states, state)
-                for stretch, one in zip(self.stretches, solved, strict=True)
-            ]
+            linear = self.ode.linear(table, layout.drive, solved.run.states, state)
 
         def act(feature: Array) -> Array:
-            found = np.zeros((len(self.problem.channels), self.problem.count))
-            for number, stretch in enumerate(self.stretches):
-                addition = np.zeros(len(stretch.measured))
-                addition[stretch.samples] = feature[stretch.rows]
-                if linear:
-                    change = linear[number].respond(addition)
-                else:
-                    change = np.zeros_like(stretch.measured)
-                    change[:, self.problem.channels.index(target)] = addition
-                found[:, stretch.rows] = self._beyond(solved[number], change)[stretch.samples].T
-            return found
+            addition = np.zeros(len(layout.measured))
+            addition[layout.samples] = feature[layout.rows]
+            if linear is not None:
+                change = linear.respond(addition)
+            else:
+                change = np.zeros_like(layout.measured)
+                change[:, self.problem.channels.index(target)] = addition
+            return self._placed(self._beyond(solved, change[..., None])[..., 0]).T
 
         return act
 
     def trouble(self, theta: Array) -> str:
-        for number, stretch in enumerate(self.stretches):
-            try:
-                self._solve(theta, number)
-            except OdeError as error:
-                name = list(self.dynamics.states)[error.state]
-                why = "is too stiff" if error.stiff else "leaves all bounds"
-                hint = "a slower derivative" if error.stiff else "start values at which it stays bounded"
-                return f"run {stretch.name}: state {name} {why} at time {error.time:.6g} s, expected {hint}"
+        try:
+            self._solve(theta)
+        except OdeError as error:
+            name = list(self.dynamics.states)[error.state]
+            why = "is too stiff" if error.stiff else "leaves all bounds"
+            hint = "a slower derivative" if error.stiff else "start values at which it stays bounded"
+            run = self.layout.names[error.stretch]
+            return f"run {run}: state {name} {why} at time {error.time:.6g} s, expected {hint}"
         return ""
 
 
@@ -392,19 +408,24 @@ def _measured_as(problem: Problem) -> dict[str, str]:
     return {tree.name: name for name, tree in formulas.items() if isinstance(tree, Name)}
 
 
-def _guess(problem: Problem, dynamics: Dynamics, time: Array, measured: Array) -> Array:
-    """Starts as the first rows tell them: of what is measured, and of what is its rate; else 0."""
-    few = min(FIRST_ROWS, len(time))
-    found = dict.fromkeys(dynamics.states, 0.0)
+def _guess(problem: Problem, dynamics: Dynamics, time: Array, measured: Array, begin: Index) -> Array:
+    """Starts (stretches, states) as the first samples of each stretch tell them: of what is measured, and of what is
+    its rate; else 0."""
+    found = {name: np.zeros(len(begin) - 1) for name in dynamics.states}
     direct = _measured_as(problem)
+    order = np.minimum(np.diff(begin) - 1, 2)
+    places = np.minimum(begin[:-1, None] + np.arange(FIRST_ROWS), begin[1:, None] - 1)
+    clock = time[places] - time[places[:, :1]]
+    span = np.maximum(clock.max(axis=1), 1e-300)
+    powers = (clock / span[:, None])[..., None] ** np.arange(3)
+    inverse = np.linalg.pinv(np.where(np.arange(3) <= order[:, None, None], powers, 0.0), rcond=1e-9)
     for state, channel in direct.items():
-        column = measured[:few, problem.channels.index(channel)]
-        line = np.polynomial.Polynomial.fit(time[:few] - time[0], column, min(2, few - 1)).convert()
-        found[state] = float(line(0.0))
+        curve = np.einsum("sij,sj->si", inverse, measured[places, problem.channels.index(channel)])
+        found[state] = curve[:, 0]
         tree = dynamics.derivative[state].tree if state in dynamics.derivative else None
         if isinstance(tree, Name) and tree.name in found and tree.name not in direct:
-            found[tree.name] = float(line.deriv()(0.0))
-    return np.array([found[name] for name in dynamics.states])
+            found[tree.name] = curve[:, 1] / span
+    return np.stack([found[name] for name in dynamics.states], axis=1)
 
 
 def _inside_sign(node: Node, inside: bool = False) -> set[str]:
@@ -414,19 +435,3 @@ def _inside_sign(node: Node, inside: bool = False) -> set[str]:
     if isinstance(node, Operation):
         return set().union(*(_inside_sign(a, inside or node.kind == "sign") for a in node.arguments))
     return set()
-
-
-def _step(triangle: Array, scores: Array, damping: float) -> Array:
-    """The step of Levenberg and Marquardt from a QR decomposition."""
-    scale = np.maximum(np.abs(triangle).max(axis=0), 1e-300)
-    below = np.sqrt(damping) * np.eye(len(scale))
-    stacked, wanted = np.vstack([triangle / scale, below]), np.append(scores, np.zeros(len(scale)))
-    return np.asarray(np.linalg.lstsq(stacked, wanted, rcond=1e-9)[0] / scale)
-
-
-def _orthonormal(columns: Array) -> Array:
-    """A basis of what the columns can do; what they hardly can is left out."""
-    left, values, _ = np.linalg.svd(
-        columns / np.maximum(np.sqrt((columns**2).sum(axis=0)), 1e-300), full_matrices=False
-    )
-    return np.asarray(left[:, values > 1e-9 * values.max(initial=0.0)])

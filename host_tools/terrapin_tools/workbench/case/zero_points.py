@@ -1,0 +1,69 @@
+"""Zero points of the columns that an `equation` reads: a depth that is counted from 5 mm below the surface.
+
+Each is an effect that adds a constant to what the formulas read. A column in which the formulas are linear needs none:
+there a zero point is an offset of the channel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from terrapin_hil.arrays import Array
+from terrapin_hil.physics.effects import Effect, Parameter
+from terrapin_hil.physics.expression import Expression
+
+__all__ = ["ZERO", "zero_points"]
+
+ZERO = "zero_of_"  # before the name of the column
+MOST = 0.5  # of the column's range, of such an error; chosen by hand
+STEP = 0.01  # of the range, by which a column is moved to see whether the formulas are linear in it
+LINEAR = 1e-6  # of the change, by which it may differ from row to row where they are; rounding is far below
+
+
+def zero_points(
+    formulas: Mapping[str, Expression], columns: Mapping[str, Array], units: Mapping[str, str]
+) -> dict[str, Effect]:
+    """Effects by name.
+
+    Parameters
+    ----------
+    formulas : by channel.
+    columns : what they may read, by its name in formulas, (rows,) each.
+    units : of the columns; "1" where none is stated.
+    """
+    read = {name for formula in formulas.values() for name in formula.names}
+    names = sorted(read - columns.keys())
+    # any numbers do for the constants: whether a formula is linear in a column does not hang on them
+    values: dict[str, Array | float] = {**columns, **{name: 1.1 + 0.07 * i for i, name in enumerate(names)}}
+    found = {}
+    for name in sorted(read & columns.keys()):
+        span = float(np.ptp(columns[name]))
+        moved = {**values, name: columns[name] + STEP * span}
+        with np.errstate(all="ignore"):
+            changes = [f.evaluate(moved) - f.evaluate(values) for f in formulas.values() if name in f.names]
+        if span == 0.0 or all(_constant(change) for change in changes):
+            continue
+        size = "d"
+        while size in values:
+            size += "_"
+        meaning = f"to be added to {name}"
+        found[ZERO + name] = Effect(
+            name=ZERO + name,
+            title=f"Zero point of {name}",
+            equation=rf"\mathrm{{{name}}} \to \mathrm{{{name}}} + d".replace("_", r"\_"),
+            source="Zero error of the column's sensor, or a scale that begins elsewhere",
+            bases=("equation",),
+            parameters=(Parameter(size, units[name], 0.0, -MOST * span, MOST * span, meaning),),
+            needs=((name,),),
+            expression=size,
+            target=name,
+            additive=True,
+            plant=False,
+        )
+    return found
+
+
+def _constant(change: Array) -> bool:
+    return bool(np.ptp(change) <= LINEAR * np.abs(change).max())
