@@ -20,6 +20,7 @@ from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Node, Runs, 
 from terrapin_tools.workbench.noise.estimate import odd_rows
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
 from terrapin_tools.workbench.noise.precision import Precision
+from terrapin_tools.workbench.noise.stuck import stuck_rows
 from terrapin_tools.workbench.story.answer import answer
 from terrapin_tools.workbench.story.told import told
 from tests.campaigns import calibration
@@ -155,6 +156,25 @@ def test_a_factor_from_run_to_run_is_no_effect(tmp_path: Path) -> None:
         told_so += "run_gains" in [one.kind for one in told(found).noise_findings]
     assert alarms <= 2
     assert told_so >= 6
+
+
+def test_a_sensor_that_sticks_is_told_and_left_out(tmp_path: Path) -> None:
+    case = load_case(rolling(tmp_path / "case", 8, runs=14))
+    values = case.channels["current"].copy()
+    rows = np.flatnonzero(case.run == 5)[:10]
+    values[rows] = values[rows[0]]
+    found = analyse(replace(case, channels={"current": values}))
+    assert set(np.flatnonzero(found.stuck)) == set(rows[1:])  # the first may be right
+    assert not found.missing
+    assert not (found.case.train | found.case.test)[rows[1:]].any()
+    assert any("sensor that sticks" in note for note in told(found).notes)
+    limit = np.minimum(case.channels["current"], np.quantile(case.channels["current"], 0.9))
+    assert not stuck_rows(limit, case.run).any()  # the end of a range
+    assert not stuck_rows(np.round(values, 2), case.run).any()  # a coarse converter
+    run = np.repeat([0, 1], 10)
+    alike = np.arange(20.0)
+    alike[6:14] = 6.0  # four rows at the end of a run and four at the begin of the next
+    assert not stuck_rows(alike, run).any()
 
 
 def test_noise_far_above_what_is_stated_is_no_adequate_model(tmp_path: Path) -> None:

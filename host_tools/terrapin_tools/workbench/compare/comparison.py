@@ -34,6 +34,7 @@ from terrapin_tools.workbench.model.fitting import Fit, covariance, extend, fit_
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.noise.estimate import ODD_SHARE, Noise, estimate_noise, least_noise
+from terrapin_tools.workbench.noise.stuck import stuck_rows
 
 __all__ = ["LEVEL", "Analysis", "Rung", "analyse", "error", "fitted_on", "free_slopes", "measured", "predict"]
 
@@ -72,6 +73,7 @@ class Analysis:
     residual: Array  # measured - predicted (channels, rows)
     shapes: Mapping[str, Sequence[Shape]] = field(repr=False)  # of every effect that could be added
     odd: Mask = field(repr=False)  # (all rows,), that stand alone and are left out
+    stuck: Mask = field(repr=False)  # (all rows,), at which a sensor sticks, left out too
     # (channels, rows, count), in noise sd: what noise in the inputs does to the prediction (input_noise.py)
     nuisance: Array = field(repr=False)
     held: Mask = field(repr=False)  # (all rows,), every row of the held-out runs, looked at or not
@@ -182,24 +184,39 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     ------
     UserError : the model gives no number for a row; file and row are named.
     """
+    sticks = _stuck(case)
+    case = replace(case, train=case.train & ~sticks, test=case.test & ~sticks)
     long, held = step_of_long(case), case.test
     case = every(case, long) if long > 1 else case
     fitted = _fitted(case, seed)
     step = long * step_of(case, fitted[1].node)
     if step == long:
-        return _analysed(case, seed, level, long, fitted, held)
+        return _analysed(case, seed, level, long, fitted, held, sticks)
     thin = every(case, step)
-    found = _analysed(thin, seed, level, step, _fitted(thin, seed), held)
+    found = _analysed(thin, seed, level, step, _fitted(thin, seed), held, sticks)
     if found.missing:
         return found
     # what is seen only between the rows that were taken (a wave in time) has to be seen clearly: there the model of the
     # noise is an approximation
-    whole = _analysed(case, seed, level, long, fitted, held)
+    whole = _analysed(case, seed, level, long, fitted, held, sticks)
     return whole if whole.adequacy.p_value < level / CLEARLY else found
 
 
+def _stuck(case: Case) -> Mask:
+    """Rows (all rows,) at which the sensor of any channel sticks; none where too little would be left to train on."""
+    looked = [case.channels[name] for name in case.base.channels if name in case.channels]
+    found = np.any([stuck_rows(values, case.run) for values in looked], axis=0)
+    return found if (case.train & ~found).sum() > 0.5 * case.train.sum() else np.zeros_like(found)
+
+
 def _analysed(
-    case: Case, seed: int, level: float, step: int, fitted: tuple[list[Fit], Noise, Array], held: Mask
+    case: Case,
+    seed: int,
+    level: float,
+    step: int,
+    fitted: tuple[list[Fit], Noise, Array],
+    held: Mask,
+    sticks: Mask,
 ) -> Analysis:
     """The answer for the rows of a case as it is, fitted as `_fitted` says."""
     odd = np.zeros(case.rows, dtype=bool)
@@ -247,6 +264,7 @@ def _analysed(
         residual=residual,
         shapes=effects,
         odd=odd,
+        stuck=sticks,
         nuisance=nuisance / sigma[:, None, None],
         held=held,
         step=step,

@@ -22,10 +22,10 @@ OFF = 1.1  # factor on the stated sd from which it is worth a word: a user knows
 @dataclass(frozen=True)
 class NoiseFinding:
     """`value`: of larger and smaller, the factor on the stated sd; of run_offsets, drift and walk, their sd in the
-    channel's unit; of run_gains, the sd of a factor from run to run; of rows, how many. `rows` are places
-    ("runs.csv:17")."""
+    channel's unit; of run_gains, the sd of a factor from run to run; of rows and stuck, how many.
+    `rows` are places ("runs.csv:17")."""
 
-    kind: str  # larger, smaller, run_offsets, run_gains, drift (within runs), walk (over the test) or rows
+    kind: str  # larger, smaller, run_offsets, run_gains, drift (within runs), walk (over the test), rows or stuck
     channel: str  # "" for rows, which are left out in every channel
     value: float
     probability: float
@@ -71,8 +71,9 @@ def noise_findings(analysis: Analysis) -> list[NoiseFinding]:
                 if kind == "run_gains":
                     value /= float(np.sqrt(np.mean(predicted * predicted)))
                 found.append(NoiseFinding(kind, channel, value, probability))
-    if analysis.odd.any():
-        rows = np.flatnonzero(analysis.odd)
-        runs = tuple(dict.fromkeys(case.run_names[case.run[row]] for row in rows))
-        found.append(NoiseFinding("rows", "", float(len(rows)), 1.0, tuple(case.place(int(r)) for r in rows), runs))
+    for kind, mask in (("rows", analysis.odd), ("stuck", analysis.stuck)):
+        if mask.any():
+            rows = np.flatnonzero(mask)
+            runs = tuple(dict.fromkeys(case.run_names[case.run[row]] for row in rows))
+            found.append(NoiseFinding(kind, "", float(len(rows)), 1.0, tuple(case.place(int(r)) for r in rows), runs))
     return found

@@ -341,11 +341,14 @@ def noise_told(one: NoiseFinding, unit: str) -> str:
     if one.kind in ("larger", "smaller"):
         times = f"{number(one.value, 3)} times what is stated"
         return f"The noise of {one.channel} is {times} (probability {chance(one.probability)})."
-    if one.kind == "rows":
+    if one.kind in ("rows", "stuck"):
         more = len(one.rows) - SHOWN_ROWS
         few = ", ".join(one.rows[:SHOWN_ROWS]) + (f" and {more} more" if more > 0 else "")
         stand = "row stands" if len(one.rows) == 1 else "rows stand"
         left = "is" if len(one.rows) == 1 else "are"
+        if one.kind == "stuck":
+            sticks = "repeat the value before them, as a sensor that sticks does, and are left out"
+            return f"{len(one.rows)} rows {sticks}: {few}."
         return f"{len(one.rows)} {stand} apart from the others of the run and {left} left out: {few}."
     if one.kind == "run_gains":
         value = f"{number(100.0 * one.value, 2)} %"

@@ -1,0 +1,38 @@
+"""A sensor that sticks: the same number row after row, in a channel that otherwise hardly repeats one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from terrapin_hil.arrays import Array, Index, Mask
+
+__all__ = ["stuck_rows"]
+
+LONG = 8  # rows of one value; chosen by hand
+REPEATS = 0.05  # share of equal neighbours elsewhere, above which a channel is coarse rather than stuck; by hand
+MOST = 0.1  # of the rows that may be stuck: more are no exception; chosen by hand
+
+
+def stuck_rows(values: Array, run: Index) -> Mask:
+    """Rows (rows,) of one channel at which its sensor sticks, but for the first of each stretch, which may be right.
+
+    Values at either end of the range are those of a limit, and zeros those of rest: they are left.
+
+    Parameters
+    ----------
+    values : (rows,), as measured.
+    run : (rows,), the run of each row; rows of a run in their order.
+    """
+    order = np.argsort(run, kind="stable")
+    ordered, sorted_run = values[order], run[order]
+    same = np.zeros(len(values), dtype=bool)
+    same[1:] = (ordered[1:] == ordered[:-1]) & (sorted_run[1:] == sorted_run[:-1])
+    stretch = np.cumsum(~same) - 1
+    length = np.bincount(stretch) if len(values) else np.zeros(0, dtype=int)
+    inside = (ordered > values.min(initial=np.inf)) & (ordered < values.max(initial=-np.inf)) & (ordered != 0.0)
+    found = same & (length[stretch] >= LONG) & inside
+    if not found.any() or found.mean() > MOST or (same & ~found).sum() > REPEATS * (~found).sum():
+        return np.zeros(len(values), dtype=bool)
+    mask = np.zeros(len(values), dtype=bool)
+    mask[order[found]] = True
+    return mask
