@@ -275,11 +275,13 @@ static void test_the_speed_of_the_curves_ends_at_200_rad_s(void) {
     TEST_ASSERT_LESS_THAN_INT32_MESSAGE(most, square_at(199990000), "and no sooner");
 }
 
-/* 1e9 / 20,001 in Q12, to the nearest. */
+/* 1e9 / radius in Q12, to the next above. */
 static void test_the_rim_of_a_radius(void) {
     rig_set(TERRAPIN_PARAMETER_DRIVE_RADIUS, 10000);
-    rig_set(TERRAPIN_PARAMETER_RADIUS, 20001);
-    TEST_ASSERT_EQUAL_INT32(204789761, rig.state.rates.shell_per_rim.factor);
+    rig_set(TERRAPIN_PARAMETER_RADIUS, 20002);
+    TEST_ASSERT_EQUAL_INT32(204779523, rig.state.rates.shell_per_rim.factor);
+    rig_set(TERRAPIN_PARAMETER_RADIUS, 20000);
+    TEST_ASSERT_EQUAL_INT32(204800000, rig.state.rates.shell_per_rim.factor);
 }
 
 static void test_distances_are_told_in_eighths_of_sd(void) {

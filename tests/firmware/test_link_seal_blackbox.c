@@ -390,7 +390,9 @@ static void test_writes_wait_for_their_seal(void) {
     TEST_ASSERT_EQUAL_MESSAGE(before, radius(), "without a seal nothing happens");
     const terrapin_frame seal = seal_of(&h, &write);
     link.seal.now_ms += 10U;
+    const uint32_t unsealed = link.unsealed;
     TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, give(&other)); /* takes its place */
+    TEST_ASSERT_EQUAL_MESSAGE(unsealed + 1U, link.unsealed, "the one before never got its seal");
     TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_ACCEPT_NOTHING, give(&seal), "of another frame");
     TEST_ASSERT_EQUAL(before, radius());
     (void)give(&write);
