@@ -24,7 +24,7 @@ from terrapin_tools.workbench.bases.kinds.starts import ABSURD, Near
 __all__ = ["Stretches"]
 
 FIRST_ROWS = 9  # from which a start is guessed
-SMOOTH = 0.01  # of a state's size: where sign() turns in a solution
+SMOOTH = 0.001  # of a state's size: where sign() turns in a solution; 0.01 showed as a missing term in noise of 1 %
 ADD = (2, 0, 0.0)  # HIL_OP_ADD
 PARTS = 8  # stretches of a run at least, where its rows allow
 ITERATIONS = 30  # of the search for a start
