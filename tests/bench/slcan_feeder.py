@@ -23,7 +23,8 @@ SLICE = 5e-3  # s between writes: less than a kB of a full bus, as an adapter on
 
 def texts(rate: int, seconds: float) -> list[bytes]:
     """What is written every SLICE."""
-    names = [m.id for m in interface().messages.values() if m.sender == "controller" and m.length == 8]
+    whole = [m for m in interface().messages.values() if m.sender == "controller" and m.length == 8]
+    names = [m.id for m in whole if m.name != "IDENTITY"]  # made-up numbers there are those of another's controller
     lines = []
     for number in range(round(rate * seconds)):
         wave = (number // len(names)) % 4096
