@@ -16,6 +16,7 @@ from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.case.changes import extended
 from terrapin_tools.workbench.compare.refit import refit
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
+from terrapin_tools.workbench.discover.suspect_answers import _likeliest, _Looked
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.model.table_faults import faults
 from terrapin_tools.workbench.story.story import Proposal
@@ -121,6 +122,17 @@ def test_factors_that_the_noise_hides_from_each_other_are_told_together(tmp_path
     named = {**found.ranking.expressions, **{one.effect.name: one.effect for one in found.candidates}}
     title = named["table.omega.scale"].title
     assert title == "omega is in degrees or is in thousandths"
+
+
+def test_a_speed_is_not_said_to_be_a_force(tmp_path: Path) -> None:
+    """Where the noise hides the factor of kilograms of force from that of turns a minute, only the latter is told."""
+    case = load_case(written(tmp_path / "case", measured(3)))
+    scales = [one for one in faults(case) if one.name == "table.omega.scale"]
+    turns, force = (next(one for one in scales if about in one.title) for about in ("turns a minute", "force"))
+    told_first = _likeliest([_Looked(force, -4.0, -np.inf, ""), _Looked(turns, -3.0, -np.inf, "")])
+    assert told_first.fault.title == turns.title
+    alone = _likeliest([_Looked(force, -4.0, -np.inf, "")])
+    assert alone.fault.title == force.title
 
 
 def test_a_sound_table_is_not_blamed(tmp_path: Path) -> None:

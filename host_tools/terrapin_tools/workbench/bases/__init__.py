@@ -10,9 +10,9 @@ from collections.abc import Mapping
 
 from terrapin_hil.catalogues import entries
 from terrapin_tools.workbench.bases.kinds.base import Base
-from terrapin_tools.workbench.bases.kinds.names import ROLES, RUNNING, formula_name
+from terrapin_tools.workbench.bases.kinds.names import ROLES, RUNNING, formula_name, free_name
 
-__all__ = ["BASES", "CHANNELS", "ELSEWHERE", "ROLES", "RUNNING", "Base", "formula_name"]
+__all__ = ["BASES", "CHANNELS", "ELSEWHERE", "ROLES", "RUNNING", "Base", "formula_name", "free_name"]
 
 _FOUND: Mapping[str, Base] = entries(__name__, __path__, "BASE")
 BASES = {name: base for name, base in _FOUND.items() if not base.reader}

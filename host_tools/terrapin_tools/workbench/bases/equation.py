@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from terrapin_hil.arrays import Array
+from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_hil.physics.effects import Effect
 from terrapin_hil.physics.expression import Expression
 from terrapin_hil.physics.signals import derivative, lagged, played
@@ -68,12 +68,10 @@ class Remembering(Rows):
             return
         count = len(next(iter(problem.inputs.values())))
         run = problem.runs.index if problem.runs else np.arange(count)
-        mine = run if problem.rows is None else run[problem.rows]
-        self.sorted = np.argsort(mine, kind="stable")
-        self.begins = np.diff(mine[self.sorted], prepend=-1) != 0
-        self.order = np.argsort(run, kind="stable")
-        self.first = np.diff(run[self.order], prepend=-1) != 0
-        self.back = np.argsort(self.order)[slice(None) if problem.rows is None else problem.rows]
+        self.mine = slice(None) if problem.rows is None else problem.rows  # of the case's rows those that are wanted
+        self.order, self.first = _by_run(run)
+        self.sorted, self.begins = _by_run(run[self.mine])
+        self.back = np.argsort(self.order)[self.mine]
         self.rates = {effect.name: self._rate(effect) for effect in self.moving if effect.transform == "rate"}
 
     def state(self, sets: Array) -> tuple[Values, Terms]:
@@ -95,8 +93,7 @@ class Remembering(Rows):
         for effect in self.lags:
             at = self.problem.channels.index(effect.target)
             ((name,),) = effect.needs
-            time = self.problem.inputs[name]
-            time = time if self.problem.rows is None else time[self.problem.rows]
+            time = self.problem.inputs[name][self.mine]
             constant = np.broadcast_to(np.asarray(terms.of(effect)), (count, 1))[:, 0]
             signal = found[:, at, self.sorted]
             found[:, at, self.sorted] = lagged(time[self.sorted], signal, constant, self.begins)
@@ -107,6 +104,12 @@ class Remembering(Rows):
         v, t = (self.problem.inputs[name][self.order] for name in (speed, time))
         runs = np.split(np.arange(len(v)), np.flatnonzero(self.first)[1:])
         return np.concatenate([derivative(t[rows], v[rows]) for rows in runs])[self.back]
+
+
+def _by_run(run: Index) -> tuple[Index, Mask]:
+    """The order in which the rows of a run stand together, and the first rows of the runs in it."""
+    order = np.argsort(run, kind="stable")
+    return order, np.diff(run[order], prepend=-1) != 0
 
 
 BASE = Equation(name="equation", own_names=True, follows=())

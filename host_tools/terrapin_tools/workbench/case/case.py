@@ -312,6 +312,8 @@ def _scales(
     ------
     UserError : the units do not fit, or some are missing and numbers that are not SI would meet some that are.
     """
+    if not equations:
+        return {}
     units = {**stated, **columns}
     read = {name for e in equations.values() for name in e.names}
     if bare := sorted(read - units.keys()):
@@ -328,8 +330,6 @@ def _scales(
                 f"expected units for {', '.join(bare)} too",
                 "model", "equation", next(iter(equations)),
             )  # fmt: skip
-    if not equations:
-        return {}
     for channel, expression in equations.items():
         path = ("model", "equation", channel)
         try:

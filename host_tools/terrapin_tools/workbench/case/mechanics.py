@@ -18,6 +18,7 @@ from terrapin_hil.physics.expression import parse
 from terrapin_hil.physics.mechanics import ROLES, mechanics
 from terrapin_hil.units import read_unit
 from terrapin_hil.units import units as registry
+from terrapin_tools.workbench.bases import free_name
 from terrapin_tools.workbench.files.units import convert, convert_difference, same_kind
 
 __all__ = ["Told", "is_of", "mechanics_of", "role_of_unit"]
@@ -119,9 +120,7 @@ def _effect(template: Effect, told: Mapping[str, Told], channel: str) -> Effect 
     taken = {one.name for one in (*columns.values(), *told.values())} | {RATE, PLAYED}
     parameters = []
     for parameter in template.parameters:
-        name = parameter.name
-        while name in taken:
-            name += "_"
+        name = free_name(parameter.name, taken)
         if name != parameter.name:
             text = re.sub(rf"\b{parameter.name}\b", name, text)
         parameters.append(_parameter(replace(parameter, name=name), columns, units))

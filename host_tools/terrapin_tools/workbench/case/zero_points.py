@@ -13,6 +13,7 @@ import numpy as np
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_hil.physics.expression import Expression
+from terrapin_tools.workbench.bases import free_name
 
 __all__ = ["ZERO", "zero_points"]
 
@@ -45,10 +46,7 @@ def zero_points(
             changes = [f.evaluate(moved) - f.evaluate(values) for f in formulas.values() if name in f.names]
         if span == 0.0 or all(_constant(change) for change in changes):
             continue
-        size = "d"
-        while size in values:
-            size += "_"
-        meaning = f"to be added to {name}"
+        size, meaning = free_name("d", values), f"to be added to {name}"
         found[ZERO + name] = Effect(
             name=ZERO + name,
             title=f"Zero point of {name}",

@@ -122,7 +122,7 @@ def assess(
     runs = Runs(run, channels, prediction)
     slopes = jacobian / noise.sigma[:, None, None]
     scaled = (residual / noise.sigma[:, None]).reshape(-1, 1)
-    blocks = blocks_of(effects, shapes, runs.level, run, varying)
+    blocks = blocks_of(effects, shapes, runs, varying)
     few = scaled.size - slopes.shape[-1] < ENOUGH
     behind = noise.behind if few or float(np.sqrt(np.mean(scaled**2))) < ROUNDING else 0.0
     every = BayesFactor(runs, slopes, blocks, behind)

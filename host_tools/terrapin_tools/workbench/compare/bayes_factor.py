@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from terrapin_hil.arrays import Array, Index
+from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.model.data_columns import Shapes
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.noise.covariance import Runs
@@ -44,8 +44,7 @@ class Block:
 def blocks_of(
     effects: Mapping[str, Sequence[Shape]],
     shapes: Mapping[str, Shapes],
-    level: Array,
-    run: Index,
+    runs: Runs,
     varying: Sequence[Array] = (),
 ) -> list[Block]:
     """The alternatives on these rows. Each effect, column, run and varying parameter has the same share of its family.
@@ -54,11 +53,10 @@ def blocks_of(
     ----------
     effects : for each effect its shapes, with columns (channels * rows, count) in noise sd.
     shapes : for each column of the data its smooth shapes (count, rows).
-    level : (channels, rows), what the model predicts, of rms 1.
-    run : (rows,), the run of each row.
+    runs : the rows.
     varying : what it changes that a parameter goes with a column, (channels * rows, 1) each, in noise sd.
     """
-    channels, rows = level.shape
+    channels, rows = runs.channels, runs.rows
     found: list[Block] = []
     present = [listed for listed in effects.values() if listed]
     for listed in present:
@@ -72,13 +70,9 @@ def blocks_of(
                 share = 1.0 / len(shapes) / channels / len(kinds)
                 found.append(Block("column", block.reshape(channels * rows, -1), share))
     found += [Block("varying", columns, 1.0 / len(varying)) for columns in varying]
-    runs = np.unique(run)
-    for one in runs if len(runs) > 2 else ():
-        for channel in range(channels):
-            for own in (np.ones(rows), level[channel]):
-                column = np.zeros((channels, rows, 1))
-                column[channel, :, 0] = np.where(run == one, own, 0.0)
-                found.append(Block("run", column.reshape(channels * rows, 1), 0.5 / len(runs) / channels))
+    if len(np.unique(runs.run)) > 2:
+        alone = runs.single().reshape(channels * rows, -1)
+        found += [Block("run", column[:, None], 1.0 / alone.shape[1]) for column in alone.T]
     return found
 
 

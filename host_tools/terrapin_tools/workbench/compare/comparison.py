@@ -73,11 +73,12 @@ class Analysis:
     residual: Array  # measured - predicted (channels, rows)
     shapes: Mapping[str, Sequence[Shape]] = field(repr=False)  # of every effect that could be added
     odd: Mask = field(repr=False)  # (all rows,), that stand alone and are left out
-    stuck: Mask = field(repr=False)  # (all rows,), at which a sensor sticks, left out too
     # (channels, rows, count), in noise sd: what noise in the inputs does to the prediction (input_noise.py)
     nuisance: Array = field(repr=False)
     held: Mask = field(repr=False)  # (all rows,), every row of the held-out runs, looked at or not
     step: int = 1  # every how many rows of a run are looked at (thinned.py)
+    # (all rows,), at which a sensor sticks, left out too
+    stuck: Mask = field(repr=False, default_factory=lambda: np.zeros(0, dtype=bool))
     together: bool = False  # the search found what no single effect, column or run of the test shows
 
     @property
@@ -184,21 +185,26 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     ------
     UserError : the model gives no number for a row; file and row are named.
     """
-    sticks = _stuck(case)
-    case = replace(case, train=case.train & ~sticks, test=case.test & ~sticks)
+    stuck = _stuck(case)
+    moving = replace(case, train=case.train & ~stuck, test=case.test & ~stuck)
+    return replace(_at_steps(moving, seed, level), stuck=stuck)
+
+
+def _at_steps(case: Case, seed: int, level: float) -> Analysis:
+    """The answer, on as many rows as are worth looking at."""
     long, held = step_of_long(case), case.test
     case = every(case, long) if long > 1 else case
     fitted = _fitted(case, seed)
     step = long * step_of(case, fitted[1].node)
     if step == long:
-        return _analysed(case, seed, level, long, fitted, held, sticks)
+        return _analysed(case, seed, level, long, fitted, held)
     thin = every(case, step)
-    found = _analysed(thin, seed, level, step, _fitted(thin, seed), held, sticks)
+    found = _analysed(thin, seed, level, step, _fitted(thin, seed), held)
     if found.missing:
         return found
     # what is seen only between the rows that were taken (a wave in time) has to be seen clearly: there the model of the
     # noise is an approximation
-    whole = _analysed(case, seed, level, long, fitted, held, sticks)
+    whole = _analysed(case, seed, level, long, fitted, held)
     return whole if whole.adequacy.p_value < level / CLEARLY else found
 
 
@@ -210,13 +216,7 @@ def _stuck(case: Case) -> Mask:
 
 
 def _analysed(
-    case: Case,
-    seed: int,
-    level: float,
-    step: int,
-    fitted: tuple[list[Fit], Noise, Array],
-    held: Mask,
-    sticks: Mask,
+    case: Case, seed: int, level: float, step: int, fitted: tuple[list[Fit], Noise, Array], held: Mask
 ) -> Analysis:
     """The answer for the rows of a case as it is, fitted as `_fitted` says."""
     odd = np.zeros(case.rows, dtype=bool)
@@ -264,7 +264,6 @@ def _analysed(
         residual=residual,
         shapes=effects,
         odd=odd,
-        stuck=sticks,
         nuisance=nuisance / sigma[:, None, None],
         held=held,
         step=step,

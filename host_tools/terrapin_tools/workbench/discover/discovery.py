@@ -27,9 +27,10 @@ from terrapin_tools.workbench.compare.comparison import (
 )
 from terrapin_tools.workbench.compare.noise_findings import far_above_stated
 from terrapin_tools.workbench.discover.certainty import EVEN, Operating, calibrated, operating_characteristic
+from terrapin_tools.workbench.discover.hypothesis import UNSEEN, Hypothesis
 from terrapin_tools.workbench.discover.leftover import Left, absent, allowed, left, loses, pays
 from terrapin_tools.workbench.discover.ranker import SIZE_OF_SET
-from terrapin_tools.workbench.discover.ranking import Hypothesis, Ranking, rank
+from terrapin_tools.workbench.discover.ranking import Ranking, rank
 from terrapin_tools.workbench.discover.resampled import Selected, selection
 from terrapin_tools.workbench.discover.textbook import plain_names
 from terrapin_tools.workbench.discover.which_column import importance
@@ -44,11 +45,10 @@ from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 __all__ = ["Candidate", "Discovery", "discover", "rung"]
 
 # Posterior over the likeliest set's, from which another set does equally well. Chosen by hand; the campaigns measure it
-# (row "tied"). SAME_AS_GOOD is for a set within SAME of the likeliest, which these data cannot tell from it.
+# (row "tied"). SAME_AS_GOOD is for a set within UNSEEN of the likeliest, which these data cannot tell from it.
 AS_GOOD = 0.75
 SAME_AS_GOOD = 0.2
 MOST_RIVALS = 4  # that are told where none of them is likelier than not; chosen by hand
-SAME = 2.0  # squared distance of two sets' predictions [noise sd] beyond the other's parameters; chosen by hand
 CLASSED = 0.02  # probability over the likeliest set's, from which a set is put in a class; chosen by hand, for time
 # Such a distance, below which a part of a set does what the whole does. Halves of one effect lie 1e-6 apart; at 2 a
 # right pair lost an effect (pool mixed, seed 11, case 363).
@@ -199,7 +199,7 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
     top, best = sets[0]
     for other, p in sets[1:]:
         shorter = top.log_weight - other.log_weight < SHORTER and _size_of(other) < _size_of(top) and not _faulty(other)
-        if shorter and _distance(analysis, ranking, top.fit, other.fit) < SAME:
+        if shorter and _distance(analysis, ranking, top.fit, other.fit) < UNSEEN:
             top, best = other, p
             break
     if top.kind != "catalogue" and not _says_enough(ranking, analysis, top):
@@ -222,7 +222,7 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
         if nested or p * np.exp(max(other.taxed - top.taxed, 0.0)) < least * best:
             continue
         # what is the same on these data is told even where its size speaks against it
-        if _distance(analysis, ranking, first, second) < SAME:
+        if _distance(analysis, ranking, first, second) < UNSEEN:
             # what can become the likeliest by its shape (a decay so slow that it is a constant) is no rival of it
             if _size_of(other) <= _size_of(top):
                 rivals.append(other)

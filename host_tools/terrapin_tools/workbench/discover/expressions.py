@@ -16,9 +16,10 @@ import numpy.typing as npt
 
 from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_hil.physics.expression import Expression, parse
-from terrapin_tools.workbench.bases import ROLES, formula_name
+from terrapin_tools.workbench.bases import ROLES, formula_name, free_name
 from terrapin_tools.workbench.case.case import Case
-from terrapin_tools.workbench.discover.vocabulary import Term, factors, free_name, product_text, shapes, targets
+from terrapin_tools.workbench.discover.hypothesis import UNSEEN
+from terrapin_tools.workbench.discover.vocabulary import Term, factors, product_text, shapes, targets
 from terrapin_tools.workbench.model.effect_columns import acting
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.covariance import orthonormal
@@ -37,7 +38,6 @@ DUPLICATE = 0.9995
 SAME = 0.9999  # the same between two expressions; chosen by hand
 # Of a shape or factor: sd over mean below which the column that it depends on hardly varies. By hand.
 HARDLY = 0.15
-UNSEEN = 2.0  # squared distance [noise sd] that such a column must make at least (discovery.py has the same)
 BLOCK = 256  # expressions that are compared at once
 PROJECTIONS = 64  # in which two columns of correlation SAME have
 NEAR = 0.999  # less than this with a probability below 1e-12
@@ -122,7 +122,8 @@ def library(
     columns: list[Array] = []
     scales: list[float] = []
     places: dict[tuple[str, str, int, str], int] = {}
-    shorter: dict[int, tuple[str, str, int, str]] = {}  # sketch -> it without a column that hardly varies
+    # sketch -> where it stands without a column that hardly varies: as a factor, or as a shape of its own
+    shorter: dict[int, list[tuple[str, str, int, str]]] = {}
     for target, target_prior in targets(case):
         if (target in case.base.parameters and not case.parameters.get(target, 1.0)) or len(sketches) > LIMIT:
             continue
@@ -143,9 +144,9 @@ def library(
                         continue
                     places[target, name, i, factor] = len(sketches)
                     if name and _hardly(features[name, i]):
-                        shorter[len(sketches)] = (target, "", 0, factor)
+                        shorter[len(sketches)] = [(target, "", 0, factor), (target, factor, 0, "")]
                     elif factor and _hardly(numbers):
-                        shorter[len(sketches)] = (target, name, i, "")
+                        shorter[len(sketches)] = [(target, name, i, "")]
                     sketches.append(
                         Sketch(
                             product_text(size_name, term.text, factor),
@@ -164,7 +165,7 @@ def library(
     if not sketches:
         return Library((), np.zeros((base.shape[0], 0)), np.zeros(0))
     stacked = np.array(columns).T
-    instead = {i: places[key] for i, key in shorter.items() if key in places}
+    instead = {i: places[key] for i, keys in shorter.items() for key in keys[::-1] if key in places}
     idle = _unseen(stacked, basis, instead, misfit)
     keep = [i for i in _distinct(stacked, basis, catalogue, np.array([s.prior for s in sketches])) if i not in idle]
     if not keep:

@@ -6,7 +6,10 @@ from dataclasses import dataclass
 
 from terrapin_tools.workbench.model.fitting import Fit
 
-__all__ = ["Hypothesis"]
+__all__ = ["UNSEEN", "Hypothesis"]
+
+# Squared distance of two predictions [noise sd], beyond what parameters take up, that nobody can see; chosen by hand.
+UNSEEN = 2.0
 
 
 @dataclass(frozen=True)

@@ -249,17 +249,11 @@ def _triples(ranker: Ranker, pairs: Sequence[Hypothesis]) -> list[Hypothesis]:
 
 def _runs(ranker: Ranker) -> list[Hypothesis]:
     """One run that stands out by itself: an offset, or a factor on the prediction, of one channel in that run alone."""
-    run = ranker.case.run[ranker.rows]
-    runs = np.unique(run)
-    channels = len(ranker.model.channels)
+    runs = np.unique(ranker.runs.run)
     if len(runs) < 4:
         return []
-    columns = np.zeros((channels, len(run), len(runs), channels, 2))
-    for i, one in enumerate(runs):
-        for channel in range(channels):
-            columns[channel, run == one, i, channel, 0] = 1.0
-            columns[channel, run == one, i, channel, 1] = ranker.runs.level[channel, run == one]
-    logs = ranker.evidence.single(columns.reshape(channels * len(run), -1)).reshape(len(runs), -1)
+    columns = ranker.runs.single()
+    logs = ranker.evidence.single(columns.reshape(len(columns), -1)).reshape(len(runs), -1)
     prior = np.log(RUN / logs.size)
     return [
         Hypothesis(

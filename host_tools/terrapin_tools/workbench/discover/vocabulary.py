@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from terrapin_tools.workbench.bases import formula_name
+from terrapin_tools.workbench.bases import formula_name, free_name
 from terrapin_tools.workbench.case.case import Case
 
-__all__ = ["Term", "factors", "free_name", "product_text", "shapes", "targets"]
+__all__ = ["Term", "factors", "product_text", "shapes", "targets"]
 
 Array = npt.NDArray[np.float64]
 
@@ -35,17 +35,6 @@ class Term:
     prior: float
     plain: bool = True  # stands beside any factor; a step beside the direction of motion only
     grid: tuple[float, ...] = ()  # further start values of its scale, for a refit
-
-
-def free_name(name: str, taken: Collection[str]) -> str:
-    """A name for a parameter that no column has.
-
-    >>> free_name("k", {"k", "x"})
-    'k_'
-    """
-    while name in taken:
-        name += "_"
-    return name
 
 
 def shapes(name: str, values: Array, unit: str, taken: Collection[str] = ()) -> list[Term]:

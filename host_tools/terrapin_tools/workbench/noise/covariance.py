@@ -203,6 +203,16 @@ class Runs:
         self._wave_weights: dict[Node, Array] = {}
         self._wave_turns: dict[Node, Array] = {}
 
+    def single(self) -> Array:
+        """What a run may have alone, an offset or a factor on the prediction, of one channel: (channels * rows, runs,
+        2 * channels), in file order."""
+        mine = self.run[:, None] == np.unique(self.run)
+        found = np.zeros((self.channels, self.rows, mine.shape[1], self.channels, 2))
+        for channel in range(self.channels):
+            found[channel, :, :, channel, 0] = mine
+            found[channel, :, :, channel, 1] = mine * self.level[channel][:, None]
+        return found.reshape(self.channels * self.rows, mine.shape[1], -1)
+
     def sort(self, columns: Array) -> Array:
         """Columns (channels * rows, count) with the rows of each run together."""
         split = columns.reshape(self.channels, self.rows, -1)

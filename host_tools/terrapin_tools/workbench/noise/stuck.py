@@ -25,14 +25,12 @@ def stuck_rows(values: Array, run: Index) -> Mask:
     """
     order = np.argsort(run, kind="stable")
     ordered, sorted_run = values[order], run[order]
-    same = np.zeros(len(values), dtype=bool)
+    same = np.zeros(len(values), dtype=bool)  # as the row before
     same[1:] = (ordered[1:] == ordered[:-1]) & (sorted_run[1:] == sorted_run[:-1])
     stretch = np.cumsum(~same) - 1
-    length = np.bincount(stretch) if len(values) else np.zeros(0, dtype=int)
-    inside = (ordered > values.min(initial=np.inf)) & (ordered < values.max(initial=-np.inf)) & (ordered != 0.0)
-    found = same & (length[stretch] >= LONG) & inside
-    if not found.any() or found.mean() > MOST or (same & ~found).sum() > REPEATS * (~found).sum():
-        return np.zeros(len(values), dtype=bool)
+    inside = (ordered > ordered.min()) & (ordered < ordered.max()) & (ordered != 0.0)
+    found = same & (np.bincount(stretch)[stretch] >= LONG) & inside
     mask = np.zeros(len(values), dtype=bool)
-    mask[order[found]] = True
+    if found.mean() <= MOST and (same & ~found).sum() <= REPEATS * (~found).sum():
+        mask[order[found]] = True
     return mask

@@ -11,7 +11,6 @@ import numpy.typing as npt
 from terrapin_hil.physics.effects import Effect
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.bases import ROLES
-from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.compare import comparison
 from terrapin_tools.workbench.compare.adequacy import Failure
 from terrapin_tools.workbench.compare.comparison import Analysis
@@ -143,13 +142,9 @@ def _constants_in_sets(discovery: Discovery) -> tuple[str, ...]:
             case, name = hypothesis.fit.model.case, constants.named(effect)
             (told,) = _rungs([rung(discovery.analysis, " + ".join(hypothesis.effects), hypothesis.fit)])
             value = constants.value_of(hypothesis.fit, effect)
-            found.append(sentences.constant_in_set(told, name, value, case.parameters[name], _unit(case, name)))
+            unit = case.parameter_units.get(name, "1")
+            found.append(sentences.constant_in_set(told, name, value, case.parameters[name], unit))
     return tuple(found)
-
-
-def _unit(case: Case, name: str) -> str:
-    """The unit of a stated constant."""
-    return str(case.base.units.get(name) or case.parameter_units.get(name, "1"))
 
 
 def _places(where: Sequence[Failure]) -> tuple[Place, ...]:
@@ -247,7 +242,8 @@ def _mended(mend: Mapping[str, float | str | int]) -> dict[str, Value]:
 def _constant(fit: Fit, effect: str, sd: float) -> dict[str, Value]:
     """What a stated constant would be; `sd` of its relative error."""
     case, name = fit.model.case, constants.named(effect)
-    return {"value": Value(constants.value_of(fit, effect), abs(case.parameters[name]) * sd, _unit(case, name))}
+    unit = case.parameter_units.get(name, "1")
+    return {"value": Value(constants.value_of(fit, effect), abs(case.parameters[name]) * sd, unit)}
 
 
 def _latex(one: Proposal, effect: Effect | None) -> str:

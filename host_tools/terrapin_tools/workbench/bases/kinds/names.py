@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
-__all__ = ["ROLES", "RUNNING", "formula_name"]
+__all__ = ["ROLES", "RUNNING", "formula_name", "free_name"]
 
 ROLES: Mapping[str, str] = {
     "time": "s",
@@ -30,3 +30,14 @@ RUNNING = ("time", "angle", "acceleration")
 def formula_name(name: str) -> str:
     """The name of a role or column inside formulas: `pass` is a word of Python's, so formulas say `pass_`."""
     return "pass_" if name == "pass" else name
+
+
+def free_name(name: str, taken: Collection[str]) -> str:
+    """A name for a parameter that no column has.
+
+    >>> free_name("k", {"k", "x"})
+    'k_'
+    """
+    while name in taken:
+        name += "_"
+    return name

@@ -1,0 +1,148 @@
+"""Equations as laboratories write them: pure numbers without a unit, wrong constants, columns that hardly vary, and a
+run in which the rig slipped."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from casekit import terrapin
+
+from terrapin_hil.arrays import Array
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.compare.comparison import analyse
+from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.discover.expression_answers import expressions
+from terrapin_tools.workbench.discover.ranker import Ranker
+from terrapin_tools.workbench.story.told import told
+
+RUNS, ROWS = 12, 15
+
+
+def write(folder: Path, equation: str, tables: str, mapped: str, columns: Mapping[str, Array]) -> Path:
+    lines = ["run," + ",".join(columns)]
+    table = np.array(list(columns.values())).T
+    lines += [f"r{n // ROWS:02d}," + ",".join(f"{v:.9g}" for v in row) for n, row in enumerate(table)]
+    folder.mkdir()
+    (folder / "runs.csv").write_text("\n".join(lines) + "\n")
+    (folder / "case.toml").write_text(
+        f'[case]\ntitle = "x"\n\n[model]\nbase = "equation"\n\n[model.equation]\n{equation}\n\n{tables}\n'
+        f'[data]\nfiles = ["runs.csv"]\nrun = "run"\n\n[data.columns]\n{mapped}'
+    )
+    return folder
+
+
+def bearing(folder: Path, equation: str = "mu*load*r*sign(w) + b*w", tables: str = "", si: bool = False) -> Path:
+    """The torque of a bearing: 4e-3 of the load on 20 mm, and 2e-4 N m s/rad."""
+    random = np.random.default_rng(1)
+    w = random.uniform(10.0, 60.0, RUNS * ROWS) * random.choice([-1.0, 1.0], RUNS * ROWS)  # rad/s
+    load = np.repeat(random.uniform(100.0, 500.0, RUNS), ROWS)
+    torque = 4e-3 * load * 0.02 * np.sign(w) + 2e-4 * w + 2e-4 * random.standard_normal(len(w))
+    units = ("rad/s", "N m") if si else ("rpm", "mN m")
+    columns = {
+        "w": w if si else w * 30.0 / np.pi, "load": load, "torque": torque if si else 1e3 * torque
+    }  # fmt: skip
+    mapped = f'w = {{ column = "w", unit = "{units[0]}" }}\nload = {{ column = "load", unit = "N" }}\n'
+    fit = '[parameters]\nr = "20 mm"\n\n[fit]\nmu = { value = 0.01 }\nb = { value = 1e-4, unit = "N m s/rad" }\n'
+    channel = f'torque = {{ column = "torque", unit = "{units[1]}" }}\n'
+    return write(folder, f'torque = "{equation}"', tables or fit, mapped + channel, columns)
+
+
+def fitted(folder: Path) -> dict[str, float]:
+    found = analyse(load_case(folder))
+    return {one.key: float(value) for one, value in zip(found.model.fitted, found.fit.theta, strict=True)}
+
+
+def test_a_name_without_a_unit_is_a_pure_number_beside_others(tmp_path: Path) -> None:
+    """It used to switch all conversions off, and b was printed 97 times too large."""
+    values = fitted(bearing(tmp_path / "case"))
+    assert values["mu"] == pytest.approx(4e-3, rel=0.02)
+    assert values["b"] == pytest.approx(2e-4, rel=0.05)
+
+
+def test_a_missing_unit_that_leaves_formulas_unsound_is_refused(tmp_path: Path) -> None:
+    fit = '[fit]\nmu = { value = 0.01 }\nb = { value = 1e-4, unit = "N m s/rad" }\n'
+    folder = bearing(tmp_path / "case", "mu*load*sign(w) + b*w", fit)
+    with pytest.raises(UserError, match=r"b has a unit and mu has none, so torque would be read in mN m .* for mu too"):
+        load_case(folder)
+    # where every column is in SI as it stands, nothing would be converted
+    assert not load_case(bearing(tmp_path / "si", "mu*load*sign(w) + b*w", fit, si=True)).scales
+
+
+def test_without_any_unit_the_numbers_are_those_of_the_file(tmp_path: Path) -> None:
+    fit = "[fit]\nmu = { value = 0.1 }\nb = { value = 0.02 }\n"
+    case = load_case(bearing(tmp_path / "case", "mu*load*sign(w) + b*w", fit))
+    assert not case.scales
+    assert analyse(case).fit.theta == pytest.approx([0.08, 0.2 * np.pi / 30.0], rel=0.05)
+
+
+def test_a_constant_of_a_formula_may_be_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A gear of 46 that is stated as 50 does what a sensor's gain does: both are told."""
+    random = np.random.default_rng(2)
+    w, load = random.uniform(-100.0, 100.0, RUNS * ROWS), random.uniform(-60.0, 60.0, RUNS * ROWS)
+    torque = load / 46.0 + 1e-3 * w + 0.03 * random.standard_normal(len(w))
+    folder = write(
+        tmp_path / "case", 'torque = "load/N + b*w"',
+        '[parameters]\nN = 50\n\n[fit]\nb = { value = 5e-4, unit = "N m s/rad" }\n',
+        'w = { column = "w", unit = "rad/s", is = "speed" }\nload = { column = "load", unit = "N m" }\n'
+        'torque = { column = "torque", unit = "N m" }\n',
+        {"w": w, "load": load, "torque": torque},
+    )  # fmt: skip
+    found = discover(load_case(folder))
+    assert found.verdict == "ambiguous"
+    assert {("gain",), ("constant.N",)} <= set(found.rivals)
+    status, _, _ = terrapin(capsys, "add", folder, "constant.N")
+    assert status == 0
+    after = analyse(load_case(folder))
+    assert dict(zip([one.key for one in after.model.fitted], after.fit.theta, strict=True))["N"] == pytest.approx(
+        46, rel=0.02
+    )
+
+
+def propeller(folder: Path, batt: float) -> Path:
+    """Thrust over speed; the model lacks a tare of 0.3 N. The battery's voltage varies by `batt` of itself."""
+    random = np.random.default_rng(3)
+    n = random.uniform(20.0, 80.0, RUNS * ROWS)
+    columns = {
+        "n": n, "batt": 12.0 * (1.0 + batt * np.repeat(random.standard_normal(RUNS), ROWS)),
+        "room": 295.0 + 0.2 * np.repeat(random.standard_normal(RUNS), ROWS),
+        "thrust": 8e-4 * n * n + 0.3 + 0.08 * random.standard_normal(len(n)),
+    }  # fmt: skip
+    mapped = 'n = { column = "n", unit = "1/s" }\nthrust = { column = "thrust", unit = "N", sigma = 0.08 }\n'
+    return write(folder, 'thrust = "c*n**2"', "[fit]\nc = { value = 1e-3 }\n", mapped, columns)
+
+
+def listed(folder: Path) -> set[str]:
+    """The formulas that compete to be added to the thrust."""
+    ranker = Ranker(analyse(load_case(folder)), lambda _: None)
+    expressions(ranker)
+    return {sketch.text for sketch in ranker.listed.sketches if sketch.target == "thrust"}
+
+
+def test_a_column_that_hardly_varies_is_no_factor(tmp_path: Path) -> None:
+    found = discover(load_case(propeller(tmp_path / "case", 0.001)))
+    assert found.verdict == "missing"
+    assert [c.effect.expression for c in found.candidates if c.effect.name in found.missing] == ["k"]
+    steady, varied = listed(tmp_path / "case"), listed(propeller(tmp_path / "varied", 0.3))
+    assert "k" in steady & varied
+    assert {"k*batt", "k*batt*n", "k*batt**2"} <= varied
+    assert not {"k*batt", "k*batt*n", "k*batt**2", "k*room"} & steady
+    assert "k*room" not in varied
+
+
+def test_a_run_in_which_the_coupling_slipped_stands_out(tmp_path: Path) -> None:
+    random = np.random.default_rng(4)
+    load = random.uniform(5.0, 60.0, RUNS * ROWS)
+    torque = 0.02 * load * np.where(np.repeat(np.arange(RUNS), ROWS) == 7, 0.7, 1.0)
+    torque += 0.01 * random.standard_normal(len(load))
+    folder = write(
+        tmp_path / "case", 'torque = "a*load"', '[fit]\na = { value = 0.01 }\n',
+        'load = { column = "load", unit = "N" }\ntorque = { column = "torque", unit = "N m", sigma = 0.01 }\n',
+        {"load": load, "torque": torque},
+    )  # fmt: skip
+    found = discover(load_case(folder))
+    assert (found.verdict, found.odd_runs) == ("unexplained", ("r07",))
+    assert "r07" in told(found.analysis, found).headline
