@@ -26,7 +26,7 @@ from terrapin_tools.workbench.compare.comparison import (
     predict,
 )
 from terrapin_tools.workbench.compare.noise_findings import far_above_stated
-from terrapin_tools.workbench.discover.certainty import EVEN, Operating, calibrated, operating_characteristic
+from terrapin_tools.workbench.discover.certainty import BENT, EVEN, Operating, calibrated, operating_characteristic
 from terrapin_tools.workbench.discover.hypothesis import UNSEEN, Hypothesis
 from terrapin_tools.workbench.discover.leftover import Left, absent, allowed, left, loses, pays
 from terrapin_tools.workbench.discover.ranker import SIZE_OF_SET
@@ -157,6 +157,8 @@ def discover(
         if plain:
             verdict, top, rivals = "ambiguous" if plain[1:] else "missing", plain[0], plain
             probability = calibrated(likely, verdict)
+    if top is not None and verdict in ("missing", "ambiguous") and not ranking.bent.isdisjoint(top.effects):
+        probability = min(probability, BENT)
     missing = top.effects if top is not None and verdict != "unexplained" else ()
     odd = _odd_runs(ranking) if analysis.missing else ()
     report("what to measure next")
@@ -395,6 +397,8 @@ def _candidates(analysis: Analysis, ranking: Ranking) -> tuple[Candidate, ...]:
         column = ranking.columns.get(name)
         each = [ranking.inclusion(name), *([] if column is None else [ranking.column_inclusion(column)])]
         likely = [calibrated(p) if p > 1e-9 else 0.0 for p in each]
+        if name in ranking.bent:  # as it is written; what it says of its column stays
+            likely[0] = min(likely[0], BENT)
         found.append(_candidate(analysis, hypothesis, likely[0], likely[1] if column is not None else None))
     order = {h.effects: i for i, h in enumerate(ranking.hypotheses)}
     lead = next((h.effects for h in ranking.hypotheses if h.effects), ())

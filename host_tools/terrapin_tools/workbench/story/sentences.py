@@ -258,8 +258,10 @@ def constant_in_set(rung: Rung, name: str, value: float, stated: float, unit: st
     )
 
 
-def only_here(effects: Sequence[str]) -> str:
-    return f"{_joined(effects)}: in no catalogue. It holds inside the range of these measurements, not beyond."
+def only_here(effects: Sequence[str], bent: bool) -> str:
+    """Of formulas that are the answer; `bent`: a shape of theirs looks like many others."""
+    said = f"{_joined(effects)}: in no catalogue. It holds inside the range of these measurements, not beyond."
+    return f"{said} The curve is known, its formula less so: other shapes bend alike." if bent else said
 
 
 def acts(target: str, channels: Collection[str]) -> str:
