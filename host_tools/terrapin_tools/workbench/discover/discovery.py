@@ -207,6 +207,7 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
     if top.kind != "catalogue" and not _says_enough(ranking, analysis, top):
         return "unexplained", top, [], calibrated(sum(p for h, p in sets if h.kind != "catalogue"), "unexplained")
     assert top.fit is not None
+    every = sets
     if loses(analysis, top.fit):
         near = [(h, p) for h, p in sets if h.kind == "catalogue" and p >= SAME_AS_GOOD * best]
         sets = [(h, p) for h, p in near if h.fit is not None and not loses(analysis, h.fit)]
@@ -230,9 +231,14 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
                 rivals.append(other)
         elif p >= AS_GOOD * best:
             rivals.append(other)
-    if best < EVEN:  # likelier wrong than right: then what is next likely is told, too
-        further = [other for other, p in sets if other not in rivals and p >= SAME_AS_GOOD * best]
+    # likelier wrong than right: then what is next likely is told, too
+    least = SAME_AS_GOOD * (best if best < EVEN else own[top.effects])
+    if best < EVEN or (len(rivals) == 1 and own[top.effects] < EVEN):
+        others = [h for h, p in {id(h): (h, p) for h, p in (*sets, *every)}.values() if h not in rivals and p >= least]
+        further = [h for h in others if h.fit is not None and not loses(analysis, h.fit)]
         rivals += further[: max(MOST_RIVALS - len(rivals), 0)]
+        if len(rivals) == 1:
+            return "unexplained", top, [], UNPROVED
     verdict = "ambiguous" if len(rivals) > 1 else "missing"
     return verdict, top, rivals, calibrated(own[top.effects], verdict)
 

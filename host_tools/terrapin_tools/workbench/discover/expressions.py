@@ -118,7 +118,7 @@ def library(
     features = {(name, i): _feature(t, values) for name, ts in terms.items() for i, t in enumerate(ts)}
     terms[""] = [Term("", {}, (-np.inf, np.inf), CONSTANT_COST)]
     features["", 0] = np.ones(int(rows.sum()))
-    size_name = free_name("k", case.inputs)
+    size_name = free_name("k", {*case.inputs, *(case.fit if case.base.own_names else ())})
     sketches: list[Sketch] = []
     columns: list[Array] = []
     scales: list[float] = []

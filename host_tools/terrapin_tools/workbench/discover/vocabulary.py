@@ -52,6 +52,8 @@ def shapes(name: str, values: Array, unit: str, taken: Collection[str] = ()) -> 
     def term(text: str, prior: float, bends: bool = False) -> Term:
         return Term(text, {}, (-np.inf, np.inf), prior, bends=bends)
 
+    if set(np.unique(values)) == {0.0, 1.0}:  # in one group or not: every other shape is the same
+        return [term(name, 1.0)]
     magnitude = name if low >= 0.0 else f"abs({name})"
     floor, top = (low, high) if one_sign and low >= 0.0 else (0.0, size)
     found = [
