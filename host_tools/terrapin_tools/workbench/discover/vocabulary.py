@@ -64,7 +64,7 @@ def shapes(name: str, values: Array, unit: str, taken: Collection[str] = ()) -> 
         term(f"{magnitude}**1.5", SHAPE_COST**2, bends=True),
     ]
     if unit == "rad" and span > 1.0:
-        found += [term(f"sin({name})", SHAPE_COST), term(f"cos({name})", SHAPE_COST)]
+        found += [term(f"{wave}({name})", SHAPE_COST, bends=span < 3.0) for wave in ("sin", "cos")]
     if one_sign:
         found.append(term(f"sqrt({magnitude})", SHAPE_COST))
         if (
