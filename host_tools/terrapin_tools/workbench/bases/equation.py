@@ -33,7 +33,6 @@ class Equation(Algebraic):
         return replace(known, further=(*(name for name in fitted if name in known.reads()), *known.gains().values()))
 
     def gains(self) -> dict[str, str]:
-        """By channel, what its formula is multiplied with: an effect may let it go with a column."""
         return {channel: f"gain_of_{channel}" for channel in self.formulas}
 
     def targets(self) -> list[Target]:

@@ -48,6 +48,7 @@ __all__ = ["Candidate", "Discovery", "discover", "rung"]
 # (row "tied"). SAME_AS_GOOD is for a set within UNSEEN of the likeliest, which these data cannot tell from it.
 AS_GOOD = 0.75
 SAME_AS_GOOD = 0.2
+TWIN_CONSTANT = 0.02  # the same of a stated constant whose error does exactly what the likeliest set does; by hand
 MOST_RIVALS = 4  # that are told where none of them is likelier than not; chosen by hand
 CLASSED = 0.02  # probability over the likeliest set's, from which a set is put in a class; chosen by hand, for time
 # Such a distance, below which a part of a set does what the whole does. Halves of one effect lie 1e-6 apart; at 2 a
@@ -220,6 +221,8 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
         # a formula in the place of an effect of the catalogue is a rival only if it is about as likely
         least = SAME_AS_GOOD if other.kind == "catalogue" or top.kind != "catalogue" else AS_GOOD
         first, second = top.fit, other.fit
+        if len(other.effects) == 1 and named(other.effects[0]) and _same(analysis, ranking, top, other):
+            least = TWIN_CONSTANT
         if _faulty(other):  # nothing in it is fitted to the noise
             first, second = second, first
         if nested or p * np.exp(max(other.taxed - top.taxed, 0.0)) < least * best:
