@@ -158,7 +158,8 @@ def discover(
         if plain:
             verdict, top, rivals = "ambiguous" if plain[1:] else "missing", plain[0], plain
             probability = calibrated(likely, verdict)
-    if top is not None and verdict in ("missing", "ambiguous") and not ranking.bent.isdisjoint(top.effects):
+    bent = top is not None and (not ranking.bent.isdisjoint(top.effects) or _undetermined(analysis, top))
+    if bent and verdict in ("missing", "ambiguous"):
         probability = min(probability, BENT)
     missing = top.effects if top is not None and verdict != "unexplained" else ()
     odd = _odd_runs(ranking) if analysis.missing else ()
@@ -459,6 +460,17 @@ def _operating(
     size = _size(analysis, top.fit, name)
     found = [operating_characteristic(ranking, name, s, analysis.noise.node, classes, seed) for s in (size, 1.0)]
     return tuple(o for o in found if o is not None)
+
+
+def _undetermined(analysis: Analysis, top: Hypothesis) -> bool:
+    """Whether the size of one of the effects is less than its own sd: two that nearly cancel each other are one curve,
+    of which these data do not say what it is made of."""
+    covered = covariance(fit, analysis.case.run[analysis.case.train], analysis.noise.node)[0]
+    sd = np.sqrt(np.maximum(np.diag(covered), 0.0))
+    sizes = {
+        f.effect: (abs(value), s) for f, value, s in reversed(list(zip(fit.model.fitted, fit.theta, sd, strict=True)))
+    }
+    return any(sizes[name][0] < sizes[name][1] for name in names if name in sizes)
 
 
 def _size(analysis: Analysis, fit: Fit, name: str) -> float:
