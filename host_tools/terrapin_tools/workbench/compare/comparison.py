@@ -209,7 +209,7 @@ def _at_steps(case: Case, seed: int, level: float) -> Analysis:
 
 
 def _stuck(case: Case) -> Mask:
-    """Rows (all rows,) at which the sensor of any channel sticks or clips; none where too little would be left to train on."""
+    """Rows (all rows,) at which a channel's sensor sticks or clips; none where too little would be left to train on."""
     looked = [case.channels[name] for name in case.base.channels if name in case.channels]
     found = np.any([stuck_rows(values, case.run) | clipped_rows(values) for values in looked], axis=0)
     return found if (case.train & ~found).sum() > 0.5 * case.train.sum() else np.zeros_like(found)

@@ -465,12 +465,14 @@ def _operating(
 def _undetermined(analysis: Analysis, top: Hypothesis) -> bool:
     """Whether the size of one of the effects is less than its own sd: two that nearly cancel each other are one curve,
     of which these data do not say what it is made of."""
+    fit = top.fit
+    if fit is None:
+        return False
     covered = covariance(fit, analysis.case.run[analysis.case.train], analysis.noise.node)[0]
     sd = np.sqrt(np.maximum(np.diag(covered), 0.0))
-    sizes = {
-        f.effect: (abs(value), s) for f, value, s in reversed(list(zip(fit.model.fitted, fit.theta, sd, strict=True)))
-    }
-    return any(sizes[name][0] < sizes[name][1] for name in names if name in sizes)
+    each = reversed(list(zip(fit.model.fitted, fit.theta, sd, strict=True)))
+    sizes = {fitted.effect: (abs(value), own) for fitted, value, own in each}
+    return any(sizes[name][0] < sizes[name][1] for name in top.effects if name in sizes)
 
 
 def _size(analysis: Analysis, fit: Fit, name: str) -> float:
