@@ -431,13 +431,15 @@ def _candidate(analysis: Analysis, hypothesis: Hypothesis, probability: float, c
     assert before is not None
     above = before * before - 1.0
     explains = (before * before - after * after) / above if above > 1e-9 else 0.0
+    if not np.isfinite(after):  # it diverges on runs that it was not fitted to
+        explains, held = -1.0, None
     covered = covariance(fit, case.run[case.train], analysis.noise.node)[0]
     return Candidate(
         effect=effect,
         kind=_kind(effect, hypothesis),
         probability=probability,
         column_probability=column,
-        heldout_rmse={c: float(v) if case.test.any() else None for c, v in zip(fit.model.channels, each, strict=True)},
+        heldout_rmse={c: float(v) if case.test.any() and np.isfinite(v) else None for c, v in zip(fit.model.channels, each, strict=True)},
         noise_ratio=held,
         explains=float(np.clip(explains, -1.0, 1.0)),
         fit=fit,
