@@ -315,8 +315,8 @@ def _strongest(
 ) -> tuple[float, int, int]:
     """Largest gain of -2 log likelihood by one shape more, the kind of noise being free to change; channel and index.
 
-    `white` keeps pools that were whitened, and their squared lengths, for a next call with the same ones. A misfit that drifts looks like strong correlation, under which its own shape would hardly count: so the shape is
-    also tried at weaker ones.
+    A misfit that drifts looks like strong correlation, under which its own shape would hardly count: so the shape is
+    also tried at weaker ones. `white` keeps pools once whitened, and their squared lengths, for the next call.
     """
     own = np.array(
         [[float(_likelihood(q, runs[0].rows, sd)) for q, sd in zip(row, sigma, strict=True)] for row in squares]
