@@ -26,7 +26,7 @@ from terrapin_tools.workbench.compare.comparison import (
     predict,
 )
 from terrapin_tools.workbench.compare.noise_findings import far_above_stated
-from terrapin_tools.workbench.discover.certainty import EVEN, Operating, calibrated, operating_characteristic
+from terrapin_tools.workbench.discover.certainty import BENT, EVEN, Operating, calibrated, operating_characteristic
 from terrapin_tools.workbench.discover.hypothesis import UNSEEN, Hypothesis
 from terrapin_tools.workbench.discover.leftover import Left, absent, allowed, left, loses, pays
 from terrapin_tools.workbench.discover.ranker import SIZE_OF_SET
@@ -157,6 +157,8 @@ def discover(
         if plain:
             verdict, top, rivals = "ambiguous" if plain[1:] else "missing", plain[0], plain
             probability = calibrated(likely, verdict)
+    if top is not None and verdict in ("missing", "ambiguous") and not ranking.bent.isdisjoint(top.effects):
+        probability = min(probability, BENT)
     missing = top.effects if top is not None and verdict != "unexplained" else ()
     odd = _odd_runs(ranking) if analysis.missing else ()
     report("what to measure next")
@@ -205,6 +207,7 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
     if top.kind != "catalogue" and not _says_enough(ranking, analysis, top):
         return "unexplained", top, [], calibrated(sum(p for h, p in sets if h.kind != "catalogue"), "unexplained")
     assert top.fit is not None
+    every = sets
     if loses(analysis, top.fit):
         near = [(h, p) for h, p in sets if h.kind == "catalogue" and p >= SAME_AS_GOOD * best]
         sets = [(h, p) for h, p in near if h.fit is not None and not loses(analysis, h.fit)]
@@ -228,9 +231,14 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
                 rivals.append(other)
         elif p >= AS_GOOD * best:
             rivals.append(other)
-    if best < EVEN:  # likelier wrong than right: then what is next likely is told, too
-        further = [other for other, p in sets if other not in rivals and p >= SAME_AS_GOOD * best]
+    # likelier wrong than right: then what is next likely is told, too
+    least = SAME_AS_GOOD * (best if best < EVEN else own[top.effects])
+    if best < EVEN or (len(rivals) == 1 and own[top.effects] < EVEN):
+        others = [h for h, p in {id(h): (h, p) for h, p in (*sets, *every)}.values() if h not in rivals and p >= least]
+        further = [h for h in others if h.fit is not None and not loses(analysis, h.fit)]
         rivals += further[: max(MOST_RIVALS - len(rivals), 0)]
+        if len(rivals) == 1:
+            return "unexplained", top, [], UNPROVED
     verdict = "ambiguous" if len(rivals) > 1 else "missing"
     return verdict, top, rivals, calibrated(own[top.effects], verdict)
 
@@ -395,6 +403,8 @@ def _candidates(analysis: Analysis, ranking: Ranking) -> tuple[Candidate, ...]:
         column = ranking.columns.get(name)
         each = [ranking.inclusion(name), *([] if column is None else [ranking.column_inclusion(column)])]
         likely = [calibrated(p) if p > 1e-9 else 0.0 for p in each]
+        if name in ranking.bent:  # as it is written; what it says of its column stays
+            likely[0] = min(likely[0], BENT)
         found.append(_candidate(analysis, hypothesis, likely[0], likely[1] if column is not None else None))
     order = {h.effects: i for i, h in enumerate(ranking.hypotheses)}
     lead = next((h.effects for h in ranking.hypotheses if h.effects), ())
