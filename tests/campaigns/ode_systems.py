@@ -93,6 +93,10 @@ SYSTEMS = (
            {}, 15.0),
     System("rotor, current squared", {"w": "k*i - b*w"}, ("w", "-s*i*abs(i)"), {"k": 2.0, "b": 0.5}, {"s": 0.15},
            {"w": (-2.0, 2.0)}, ("w",), {"i": (-5.0, 5.0)}),
+    System("tank, overflow", {"h": "(q - r*sqrt(max(h, 0)))/A"}, ("h", "-s*max(h - e, 0)"), {"r": 0.04, "A": 0.5},
+           {"s": 0.35, "e": 0.3}, {"h": (0.05, 0.5)}, ("h",), {"q": (0.0, 0.09)}, 60.0),
+    System("spring in a gap", OSCILLATOR, ("v", "-s*sign(x)*max(abs(x) - e, 0)"), OSCILLATING, {"s": 9.0, "e": 0.5},
+           AROUND, ("x",), FORCE),
 )  # fmt: skip
 
 

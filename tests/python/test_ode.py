@@ -93,6 +93,19 @@ def test_derivatives_are_those_of_the_solution() -> None:
         np.testing.assert_allclose(slopes[:, :, column], (ends[0] - ends[1]) / 2e-4, atol=2e-4)
 
 
+@pytest.mark.parametrize("rate", [3.0, 300.0])
+def test_derivatives_of_what_is_faster_than_the_samples(rate: float) -> None:
+    """x' = rate (u - x) with u = t, 100 ms a sample: x lags by 1/rate, x(t) = t - (1 - exp(-rate t))/rate."""
+    slots = {"time": 0, "x": 1, "rate": 2}
+    ode = Ode([instructions("rate*(time - x)", slots, {})], [instructions("x", slots, {})], 3, [2], np.ones(1))
+    t = np.linspace(0.0, 3.0, 31)
+    slopes = ode.run(np.array([0.0, 0.0, rate]), OdeDrive(t, np.zeros((31, 0)), ()), np.zeros(1), True).slopes
+    assert slopes is not None
+    decay = np.exp(-rate * t)
+    np.testing.assert_allclose(slopes[:, 0, 0], decay, atol=1e-4)
+    np.testing.assert_allclose(slopes[:, 0, 1] * rate**2, 1.0 - decay * (1.0 + rate * t), atol=1e-3)
+
+
 def test_response_is_that_of_an_addition() -> None:
     """An addition to a derivative, linear between rows, is what an input would do."""
     ode, start, size = oscillator(), np.array([0.5, 1.2]), 1e-4
@@ -397,10 +410,10 @@ def predicted(case: Case, theta: Array) -> Array:
     return Model.of(case).bind(case.inputs, case.train).predict(theta)
 
 
-@pytest.mark.parametrize("seed", [0, 11])
-def test_drawn_systems(seed: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("seed", "name"), [(0, ""), (11, ""), (1, "tank, overflow"), (2, "tank, overflow")])
+def test_drawn_systems(seed: int, name: str, tmp_path: Path) -> None:
     """Few cases of the campaign: the term is named."""
-    drawn = draw(seed, tmp_path / "case", runs=6, rows=250)
+    drawn = draw(seed, tmp_path / "case", runs=6, rows=250, alone=name)
     assert right(drawn, discover(load_case(drawn.folder)))
 
 

@@ -106,8 +106,8 @@ static double slope(int op, double x, double y, double smoothing) {
     }
 }
 
-/* Derivatives of two(op, x, y), whose value is z, by x and by y. */
-static void slopes(int op, double x, double y, double z, double *by) {
+/* Derivatives of two(op, x, y), whose value is z, by x and by y; by y not where y is a `number` of the formula. */
+static void slopes(int op, double x, double y, double z, int number, double *by) {
     by[0] = 0.0;
     by[1] = 0.0;
     switch (op) {
@@ -128,8 +128,8 @@ static void slopes(int op, double x, double y, double z, double *by) {
         by[1] = -z / y;
         break;
     case HIL_OP_POWER:
-        by[0] = y == 2.0 ? 2.0 * x : x == 0.0 && y < 1.0 ? 0.0 : y * pow(x, y - 1.0);
-        by[1] = x > 0.0 ? z * log(x) : 0.0;
+        by[0] = y == 2.0 ? 2.0 * x : y == 3.0 ? 3.0 * x * x : x == 0.0 && y < 1.0 ? 0.0 : y * pow(x, y - 1.0);
+        by[1] = x > 0.0 && !number ? z * log(x) : 0.0;
         break;
     case HIL_OP_MINIMUM:
         by[x <= y ? 0 : 1] = 1.0;
@@ -170,7 +170,7 @@ double hil_program_gradient(const hil_instruction *code, int count, double smoot
             const double x = value[from[i][0]];
             const double y = value[from[i][1]];
             value[i] = two(now->op, x, y);
-            slopes(now->op, x, y, value[i], by[i]);
+            slopes(now->op, x, y, value[i], code[from[i][1]].op == HIL_OP_NUMBER, by[i]);
         }
         stack[depth - 1] = i;
     }

@@ -19,7 +19,7 @@ from terrapin_hil.physics.expression import Expression, parse
 from terrapin_tools.workbench.bases import ROLES, formula_name, free_name
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.discover.hypothesis import UNSEEN
-from terrapin_tools.workbench.discover.vocabulary import Term, factors, product_text, shapes, targets
+from terrapin_tools.workbench.discover.vocabulary import LOWEST, Term, factors, product_text, shapes, targets
 from terrapin_tools.workbench.model.effect_columns import acting
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.covariance import orthonormal
@@ -29,6 +29,7 @@ __all__ = ["SCALE_COST", "Library", "Sketch", "as_effect", "library"]
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+Index = npt.NDArray[np.int64]
 
 COLUMNS = 24  # columns of the data that are looked at, roles first; chosen by hand, for time
 LIMIT = 6000  # expressions; chosen by hand, for time and memory
@@ -41,6 +42,8 @@ HARDLY = 0.15
 BLOCK = 256  # expressions that are compared at once
 PROJECTIONS = 64  # in which two columns of correlation SAME have
 NEAR = 0.999  # less than this with a probability below 1e-12
+# The same as LOWEST where a state's motion is known without noise, and a bend close to its end shows; chosen by hand.
+LOWEST_OF_STATES = 0.1
 UNMAPPED_COST = 0.5  # prior factor of a column that the case does not map; chosen by hand
 CONSTANT_COST = 1.0  # prior factor of an expression that depends on no column but the direction: none; by hand
 SCALE_COST = 1.5  # log evidence taken off a refit for each scale that it could choose; chosen by hand
@@ -103,10 +106,12 @@ def library(
     case = model.case
     inputs = {name: values[rows] for name, values in case.inputs.items()}
     roles = {formula_name(role) for role in case.roles}
+    lowest = LOWEST
     if case.dynamics is not None:  # its own states, and what drives them; no clock
         states = model.bind(case.inputs, rows).motion(theta)
         inputs = {**states, **{name: values for name, values in inputs.items() if name not in ("time", *states)}}
         roles |= states.keys()
+        lowest = LOWEST_OF_STATES
     ordered = sorted(inputs, key=lambda name: (name not in roles, list(inputs).index(name)))
     usable = [n for n in ordered if np.ptp(inputs[n]) > 1e-9 * max(1e-300, float(np.abs(inputs[n]).max()))][:COLUMNS]
     values = {name: inputs[name] for name in usable}
@@ -114,7 +119,8 @@ def library(
     catalogue = known - basis @ (basis.T @ known)
     norms = np.sqrt((catalogue * catalogue).sum(axis=0))
     catalogue = catalogue[:, norms > 0] / norms[norms > 0]
-    terms = {name: shapes(name, v, case.units.get(name) or _role_unit(name), case.inputs) for name, v in values.items()}
+    units = {name: case.units.get(name) or _role_unit(name) for name in values}
+    terms = {name: shapes(name, v, units[name], case.inputs, lowest) for name, v in values.items()}
     features = {(name, i): _feature(t, values) for name, ts in terms.items() for i, t in enumerate(ts)}
     terms[""] = [Term("", {}, (-np.inf, np.inf), CONSTANT_COST)]
     features["", 0] = np.ones(int(rows.sum()))
@@ -155,7 +161,7 @@ def library(
                             target,
                             {"pass_": "pass"}.get(name, name),
                             term.scales,
-                            dict.fromkeys(term.scales, case.units.get(name) or _role_unit(name)),
+                            dict.fromkeys(term.scales, units.get(name, "1")),
                             term.limits,
                             term.grid,
                             target_prior * term.prior * factor_prior * own_prior,
@@ -206,36 +212,39 @@ def _unseen(columns: Array, basis: Array, instead: Mapping[int, int], misfit: fl
 
 def _distinct(columns: Array, basis: Array, catalogue: Array, prior: Array) -> list[int]:
     """Indices of columns that neither the model nor the catalogue nor a likelier sketch already has."""
-    free = columns - basis @ (basis.T @ columns)
-    before = np.sqrt((columns * columns).sum(axis=0))
-    after = np.sqrt((free * free).sum(axis=0))
-    visible = after > 1e-3 * before
-    free = free / np.where(visible, after, 1.0)
+    # products of what is left beside the basis are those of the columns less those inside it: no copy of a long table
+    rows, inside = columns.T, (basis.T @ columns).T
+    before = np.einsum("ij,ij->i", rows, rows)
+    after = before - np.einsum("ij,ij->i", inside, inside)
+    visible = after > 1e-6 * before
+    length = np.sqrt(np.where(visible, after, 1.0))
     if catalogue.shape[1]:
-        visible &= np.abs(catalogue.T @ free).max(axis=0) < DUPLICATE
+        known = rows @ catalogue - inside @ (basis.T @ catalogue)
+        visible &= np.abs(known).max(axis=1) < DUPLICATE * length
+
+    def alike(one: Index, other: Index) -> Mask:
+        found = rows[one] @ rows[other].T - inside[one] @ inside[other].T
+        return np.asarray(np.abs(found) > SAME * np.outer(length[one], length[other]))
+
     order = np.argsort(-prior, kind="stable")
     order = order[visible[order]]
     kept: list[int] = []
     # columns alike are alike in a few random projections too: only pairs that are there are compared in full
-    projections = np.random.default_rng(PROJECTIONS).standard_normal((PROJECTIONS, free.shape[0])) @ free[:, order]
+    random = np.random.default_rng(PROJECTIONS).standard_normal((PROJECTIONS, columns.shape[0]))
+    projections = (random @ columns - (random @ basis) @ inside.T) / length
     projections /= np.maximum(np.sqrt((projections * projections).sum(axis=0)), 1e-300)
-    seen = np.zeros((len(order), PROJECTIONS))
-    matrix = np.zeros((len(order), free.shape[0]))
     for begin in range(0, len(order), BLOCK):
         block = order[begin : begin + BLOCK]
-        part = np.ascontiguousarray(free[:, block].T)
-        near = np.abs(seen[: len(kept)] @ projections[:, begin : begin + BLOCK]) > NEAR
-        alike = np.abs(part @ part.T) > SAME
-        chosen: list[int] = []
+        near = np.abs(projections[:, kept].T @ projections[:, block]) > NEAR
+        own = alike(block, block)
+        earlier, chosen = np.array(kept, dtype=np.int64), []
         for place in range(len(block)):
-            likely = np.flatnonzero(near[:, place])
-            if likely.size and np.abs(matrix[likely] @ part[place]).max() > SAME:
+            likely = earlier[near[:, place]]
+            if likely.size and alike(likely, block[place : place + 1]).any():
                 continue
-            if not alike[place, chosen].any():
+            if not own[place, chosen].any():
                 chosen.append(place)
-        matrix[len(kept) : len(kept) + len(chosen)] = part[chosen]
-        seen[len(kept) : len(kept) + len(chosen)] = projections[:, begin : begin + BLOCK].T[chosen]
-        kept += [int(block[place]) for place in chosen]
+        kept += block[chosen].tolist()
     return kept
 
 

@@ -241,12 +241,17 @@ class Ranker:
         of the effect `without`, whose contribution the residual then holds."""
         bound = fit.model.bind(self.case.inputs, self.rows)
         prediction, slopes = bound.jacobian(fit.theta)
-        free = np.array([f.effect != without and f.key not in fit.at_bound for f in fit.model.fitted], dtype=bool)
+        # beside another effect, a parameter of the user's own equations may leave the bound that this one drove it to
+        held = () if without and self.case.dynamics is not None else fit.at_bound
+        free = np.array([f.effect != without and f.key not in held for f in fit.model.fitted], dtype=bool)
         if without:
             at = next(i for i, f in enumerate(fit.model.fitted) if f.effect == without)
             absent = fit.theta.copy()
             absent[at] = np.clip(0.0, fit.model.lower[at], fit.model.upper[at])
-            prediction = bound.predict(absent)
+            if self.case.dynamics is not None:  # without it the motion is another one, along which no term is right
+                prediction = prediction - slopes[..., at] * (fit.theta[at] - absent[at])
+            else:
+                prediction = bound.predict(absent)
         residual = (self.values - prediction) / self.sigma[:, None]
         scaled = self._widened(slopes[..., free] / self.sigma[:, None, None])
         return Evidence(self.runs, residual, scaled, self.behind, self.nodes)

@@ -16,12 +16,13 @@ import numpy.typing as npt
 from terrapin_tools.workbench.bases import formula_name, free_name
 from terrapin_tools.workbench.case.case import Case
 
-__all__ = ["Term", "factors", "product_text", "shapes", "targets"]
+__all__ = ["LOWEST", "Term", "factors", "product_text", "shapes", "targets"]
 
 Array = npt.NDArray[np.float64]
 
 SHAPE_COST = 0.35  # prior factor of a shape other than the column itself; chosen by hand
 STEPS = 7  # thresholds of a step that are looked at; chosen by hand
+LOWEST = 0.3  # of the range, for a threshold of a dead zone: below, it is nearly a straight line; chosen by hand
 EDGES = 60  # thresholds of a step that its refit starts from; chosen by hand
 
 
@@ -38,8 +39,10 @@ class Term:
     bends: bool = False  # one of the shapes that look like many others over a limited range
 
 
-def shapes(name: str, values: Array, unit: str, taken: Collection[str] = ()) -> list[Term]:
+def shapes(name: str, values: Array, unit: str, taken: Collection[str] = (), lowest: float = LOWEST) -> list[Term]:
     """Terms in a column with these values (rows,) and unit ("1" for none or where it is not known).
+
+    `lowest`: share of the column's range below which no threshold of a dead zone lies.
 
     Scales have names that are not `taken`. Every term is sound in its units: what exp, tanh or log see has none.
     """
@@ -82,8 +85,8 @@ def shapes(name: str, values: Array, unit: str, taken: Collection[str] = ()) -> 
             term(f"sqrt(abs({name}))", SHAPE_COST**1.5, bends=True),
             term(f"sign({name})*sqrt(abs({name}))", SHAPE_COST**1.5, bends=True),
         ]
-    dead = (floor + 0.3 * (top - floor), floor + 0.85 * (top - floor))  # outside, a threshold is a straight line
-    for share in (0.45, 0.7):
+    dead = (floor + lowest * (top - floor), floor + 0.85 * (top - floor))  # outside, a threshold is a straight line
+    for share in ((0.25,) if lowest < 0.25 else ()) + (0.45, 0.7):
         start = {w: floor + share * (top - floor)}
         found.append(Term(f"max({magnitude} - {w}, 0)", start, dead, SHAPE_COST**3, bends=True))
         if not one_sign:

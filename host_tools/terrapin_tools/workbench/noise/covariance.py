@@ -171,6 +171,7 @@ class Runs:
     def __init__(self, run: Index, channels: int = 1, level: Array | None = None) -> None:
         self.run, self.rows, self.channels = run, len(run), channels
         self.order = np.argsort(run, kind="stable")
+        self.sorted = bool((np.diff(run) >= 0).all())
         sorted_run = run[self.order]
         first = np.ones(self.rows, dtype=bool)
         first[1:] = sorted_run[1:] != sorted_run[:-1]
@@ -214,7 +215,9 @@ class Runs:
         return found.reshape(self.channels * self.rows, mine.shape[1], -1)
 
     def sort(self, columns: Array) -> Array:
-        """Columns (channels * rows, count) with the rows of each run together."""
+        """Columns (channels * rows, count) with the rows of each run together; the very columns where they are so."""
+        if self.sorted:
+            return columns.reshape(self.channels * self.rows, -1)
         split = columns.reshape(self.channels, self.rows, -1)
         return split[:, self.order].reshape(self.channels * self.rows, -1)
 
@@ -239,8 +242,9 @@ class Runs:
         if share == 0.0:
             return ordered
         gain, variance = self._gain(share, rho)
-        white = ordered.copy()
-        white[1:] -= rho * ordered[:-1]
+        white = np.empty(ordered.shape)
+        np.multiply(ordered[:-1], -rho, out=white[1:])
+        white[1:] += ordered[1:]
         white[self.begin] = ordered[self.begin]
         if share < 1.0:
             back = rho * (1.0 - gain)
@@ -267,9 +271,17 @@ class Runs:
     def _filtered(self, ordered: Array, share: float, rho: float) -> Filtered:
         white = self._innovations(ordered, share, rho)
         own = self._innovations(self._own, share, rho)
-        sums = np.stack([np.add.reduceat(white * own[:, k : k + 1], self.begin, axis=0) for k in range(OWN)], axis=1)
         waves = self._filtered_waves(share, rho).T @ white
-        return Filtered(white, sums.reshape(OWN * len(self.begin), -1), waves)
+        return Filtered(white, self._by_run(own, white).reshape(OWN * len(self.begin), -1), waves)
+
+    def _by_run(self, left: Array, right: Array) -> Array:
+        """Products of columns (channels * rows, count), sorted, in each run: (channels * runs, left's, right's)."""
+        count, length = len(self.begin), int(self.length[0])
+        if (self.length == length).all():
+            split = (part.reshape(count, length, part.shape[1]) for part in (left, right))
+            return np.asarray(np.swapaxes(next(split), 1, 2) @ next(split))
+        runs = [slice(b, b + n) for b, n in zip(self.begin, self.length, strict=True)]
+        return np.stack([left[run].T @ right[run] for run in runs])
 
     def products(self, left: Filtered, right: Filtered) -> Products:
         return Products(self, left, right)
@@ -288,8 +300,7 @@ class Runs:
         """Products of constant, line and prediction with each other, a run: (channels * runs, 3, 3)."""
         if (share, rho) not in self._corners:
             own = self._innovations(self._own, share, rho)
-            outer = own[:, :, None] * own[:, None, :]
-            self._corners[share, rho] = np.asarray(np.add.reduceat(outer, self.begin, axis=0))
+            self._corners[share, rho] = self._by_run(own, own)
         return self._corners[share, rho]
 
     def weigh(self, node: Node, sums: Array) -> Array:

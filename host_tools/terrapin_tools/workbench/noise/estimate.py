@@ -189,6 +189,7 @@ def _estimate(
     pools = [np.ascontiguousarray(shape.T) for shape in shapes]
     limit = min(SHAPES_LIMIT, max(0, (rows - bases[0].shape[1]) // 4))
     taken = 0
+    white: dict[tuple[int, int], tuple[Array, Array]] = {}
     while True:
         criterion, squares = restricted_likelihood(runs, list(residual), bases, given)
         best = int(np.argmin(criterion))
@@ -197,7 +198,7 @@ def _estimate(
         sigma = np.array([e if g is None else g for e, g in zip(estimated, given, strict=True)])
         if taken >= limit:
             break
-        gain, channel, index = _strongest(runs, residual, bases, pools, given, squares, best)
+        gain, channel, index = _strongest(runs, residual, bases, pools, given, squares, best, white)
         if gain < ENTRY:
             break
         bases[channel] = orthonormal(np.column_stack([bases[channel], pools[channel][:, index]]))
@@ -310,11 +311,12 @@ def _strongest(
     sigma: Sequence[float | None],
     squares: Array,
     best: int,
+    white: dict[tuple[int, int], tuple[Array, Array]],
 ) -> tuple[float, int, int]:
     """Largest gain of -2 log likelihood by one shape more, the kind of noise being free to change; channel and index.
 
     A misfit that drifts looks like strong correlation, under which its own shape would hardly count: so the shape is
-    also tried at weaker ones.
+    also tried at weaker ones. `white` keeps pools once whitened, and their squared lengths, for the next call.
     """
     own = np.array(
         [[float(_likelihood(q, runs[0].rows, sd)) for q, sd in zip(row, sigma, strict=True)] for row in squares]
@@ -328,18 +330,20 @@ def _strongest(
         for channel, (rows, pool) in enumerate(zip(runs, pools, strict=True)):
             if pool.shape[1] == 0:
                 continue
-            white, columns = rows.whiten(residual[channel][:, None], node)[:, 0], rows.whiten(pool, node)
-            before = (columns * columns).sum(axis=0)
+            if (trial, channel) not in white:
+                columns = rows.whiten(pool, node)
+                white[trial, channel] = columns, (columns * columns).sum(axis=0)
+            (columns, before), left = white[trial, channel], rows.whiten(residual[channel][:, None], node)[:, 0]
+            norm = before
             if bases[channel].shape[1]:
                 q = np.linalg.qr(rows.whiten(bases[channel], node))[0]
-                white = white - q @ (q.T @ white)
-                columns = columns - q @ (q.T @ columns)
-            norm = (columns * columns).sum(axis=0)
+                left = left - q @ (q.T @ left)
+                norm = before - ((q.T @ columns) ** 2).sum(axis=0)
             usable = norm > 1e-8 * before
-            taken = np.where(usable, (columns.T @ white) ** 2 / np.where(usable, norm, 1.0), 0.0)
+            taken = np.where(usable, (columns.T @ left) ** 2 / np.where(usable, norm, 1.0), 0.0)
             index = int(np.argmax(taken))
-            left = np.asarray(max(float(white @ white) - float(taken[index]), 1e-300))
-            new = whole[trial] - own[trial, channel] + float(_likelihood(left, rows.rows, sigma[channel]))
+            rest = np.asarray(max(float(left @ left) - float(taken[index]), 1e-300))
+            new = whole[trial] - own[trial, channel] + float(_likelihood(rest, rows.rows, sigma[channel]))
             found = max(found, (present - float(new), channel, index), key=lambda entry: entry[0])
     return found
 
