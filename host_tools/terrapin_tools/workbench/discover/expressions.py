@@ -142,7 +142,10 @@ def library(
                 for f, p, step in factors(case, target, name, values)
             ]
             own_prior = 1.0 if name in roles or not name else UNMAPPED_COST
+            about = target in simply and any(term.centred for term in listed)
             for i, term in enumerate(listed):
+                if term.centred != (about and (term.centred or term.text == name)):
+                    continue
                 for factor, factor_prior, beside_step, numbers in beside:
                     if not (term.plain or beside_step) or (term.scales and target in simply):
                         continue  # how a formula, or a parameter in it, goes with a column is simple or unknown
@@ -237,7 +240,8 @@ def _distinct(columns: Array, basis: Array, catalogue: Array, prior: Array) -> l
         block = order[begin : begin + BLOCK]
         near = np.abs(projections[:, kept].T @ projections[:, block]) > NEAR
         own = alike(block, block)
-        earlier, chosen = np.array(kept, dtype=np.int64), []
+        earlier = np.array(kept, dtype=np.int64)
+        chosen: list[int] = []
         for place in range(len(block)):
             likely = earlier[near[:, place]]
             if likely.size and alike(likely, block[place : place + 1]).any():
