@@ -237,7 +237,8 @@ def _distinct(columns: Array, basis: Array, catalogue: Array, prior: Array) -> l
         block = order[begin : begin + BLOCK]
         near = np.abs(projections[:, kept].T @ projections[:, block]) > NEAR
         own = alike(block, block)
-        earlier, chosen = np.array(kept, dtype=np.int64), []
+        earlier = np.array(kept, dtype=np.int64)
+        chosen: list[int] = []
         for place in range(len(block)):
             likely = earlier[near[:, place]]
             if likely.size and alike(likely, block[place : place + 1]).any():
