@@ -33,7 +33,6 @@ class Equation(Algebraic):
         return replace(known, further=(*(name for name in fitted if name in known.reads()), *known.gains().values()))
 
     def gains(self) -> dict[str, str]:
-        """By channel, what its formula is multiplied with: an effect may let it go with a column."""
         return {channel: f"gain_of_{channel}" for channel in self.formulas}
 
     def targets(self) -> list[Target]:
@@ -49,8 +48,8 @@ class Equation(Algebraic):
         if target in self.further:  # a column that the formulas read is for another formula, not for a parameter
             return [(*ALONE[:2], False)] if main and main not in self.reads() else []
         found: list[Factor] = []
-        for name, prior, step in super().factors(target, main, values, roles):
-            found.append((name, prior, step))
+        for name, prior, _ in super().factors(target, main, values, roles):
+            found.append((name, prior, True))
             if name and values[name].min() < 0.0 < values[name].max():
                 found += [(f"sign({name})", PRODUCT_COST, True), (f"{name}*abs({name})", PRODUCT_COST**2, False)]
         return found

@@ -48,6 +48,7 @@ __all__ = ["Candidate", "Discovery", "discover", "rung"]
 # (row "tied"). SAME_AS_GOOD is for a set within UNSEEN of the likeliest, which these data cannot tell from it.
 AS_GOOD = 0.75
 SAME_AS_GOOD = 0.2
+TWIN_CONSTANT = 0.02  # the same of a stated constant whose error does exactly what the likeliest set does; by hand
 MOST_RIVALS = 4  # that are told where none of them is likelier than not; chosen by hand
 CLASSED = 0.02  # probability over the likeliest set's, from which a set is put in a class; chosen by hand, for time
 # Such a distance, below which a part of a set does what the whole does. Halves of one effect lie 1e-6 apart; at 2 a
@@ -161,7 +162,8 @@ def discover(
         if plain:
             verdict, top, rivals = "ambiguous" if plain[1:] else "missing", plain[0], plain
             probability = calibrated(likely, verdict)
-    if top is not None and verdict in ("missing", "ambiguous") and not ranking.bent.isdisjoint(top.effects):
+    bent = top is not None and (not ranking.bent.isdisjoint(top.effects) or _undetermined(analysis, top))
+    if bent and verdict in ("missing", "ambiguous"):
         probability = min(probability, BENT)
     doubted = doubts(analysis, top.fit if top is not None and top.fit is not None else analysis.fit)
     if doubted:
@@ -228,6 +230,8 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
         # a formula in the place of an effect of the catalogue is a rival only if it is about as likely
         least = SAME_AS_GOOD if other.kind == "catalogue" or top.kind != "catalogue" else AS_GOOD
         first, second = top.fit, other.fit
+        if len(other.effects) == 1 and named(other.effects[0]) and _same(analysis, ranking, top, other):
+            least = TWIN_CONSTANT
         if _faulty(other):  # nothing in it is fitted to the noise
             first, second = second, first
         if nested or p * np.exp(max(other.taxed - top.taxed, 0.0)) < least * best:
@@ -435,13 +439,15 @@ def _candidate(analysis: Analysis, hypothesis: Hypothesis, probability: float, c
     assert before is not None
     above = before * before - 1.0
     explains = (before * before - after * after) / above if above > 1e-9 else 0.0
+    if not np.isfinite(after):  # it diverges on runs that it was not fitted to
+        explains, held = -1.0, None
     covered = covariance(fit, case.run[case.train], analysis.noise.node)[0]
     return Candidate(
         effect=effect,
         kind=_kind(effect, hypothesis),
         probability=probability,
         column_probability=column,
-        heldout_rmse={c: float(v) if case.test.any() else None for c, v in zip(fit.model.channels, each, strict=True)},
+        heldout_rmse={c: float(v) if case.test.any() and np.isfinite(v) else None for c, v in zip(fit.model.channels, each, strict=True)},
         noise_ratio=held,
         explains=float(np.clip(explains, -1.0, 1.0)),
         fit=fit,
@@ -464,6 +470,19 @@ def _operating(
     size = _size(analysis, top.fit, name)
     found = [operating_characteristic(ranking, name, s, analysis.noise.node, classes, seed) for s in (size, 1.0)]
     return tuple(o for o in found if o is not None)
+
+
+def _undetermined(analysis: Analysis, top: Hypothesis) -> bool:
+    """Whether the size of one of the effects is less than its own sd: two that nearly cancel each other are one curve,
+    of which these data do not say what it is made of."""
+    fit = top.fit
+    if fit is None:
+        return False
+    covered = covariance(fit, analysis.case.run[analysis.case.train], analysis.noise.node)[0]
+    sd = np.sqrt(np.maximum(np.diag(covered), 0.0))
+    each = reversed(list(zip(fit.model.fitted, fit.theta, sd, strict=True)))
+    sizes = {fitted.effect: (abs(value), own) for fitted, value, own in each}
+    return any(sizes[name][0] < sizes[name][1] for name in top.effects if name in sizes)
 
 
 def _size(analysis: Analysis, fit: Fit, name: str) -> float:

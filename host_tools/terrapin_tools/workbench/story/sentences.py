@@ -367,7 +367,7 @@ def noise_told(one: NoiseFinding, unit: str) -> str:
         stand = "row stands" if len(one.rows) == 1 else "rows stand"
         left = "is" if len(one.rows) == 1 else "are"
         if one.kind == "stuck":
-            sticks = "repeat the value before them, as a sensor that sticks does, and are left out"
+            sticks = "repeat a value exactly, as a sensor that sticks or clips does, and are left out"
             return f"{len(one.rows)} rows {sticks}: {few}."
         return f"{len(one.rows)} {stand} apart from the others of the run and {left} left out: {few}."
     if one.kind == "run_gains":
