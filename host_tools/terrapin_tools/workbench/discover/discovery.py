@@ -28,7 +28,7 @@ from terrapin_tools.workbench.compare.comparison import (
 from terrapin_tools.workbench.compare.noise_findings import far_above_stated
 from terrapin_tools.workbench.discover.certainty import BENT, EVEN, Operating, calibrated, operating_characteristic
 from terrapin_tools.workbench.discover.hypothesis import UNSEEN, Hypothesis
-from terrapin_tools.workbench.discover.leftover import Left, absent, allowed, left, loses, pays
+from terrapin_tools.workbench.discover.leftover import Doubts, Left, absent, allowed, doubts, left, loses, pays
 from terrapin_tools.workbench.discover.ranker import SIZE_OF_SET
 from terrapin_tools.workbench.discover.ranking import Ranking, rank
 from terrapin_tools.workbench.discover.resampled import Selected, selection
@@ -64,6 +64,9 @@ SHORTER = 2.3  # log weight that a set with fewer parameters and the same curve 
 # Probability of "nothing" below which something is missing although the test, which looks at one thing at a time,
 # raises no alarm. Of 941 cases of the campaigns in which nothing is missing none went below, of 15 missed ones 6 did.
 TOGETHER = 0.01
+# Of an answer at most in whose fit a parameter is pulled beyond its bound, or which leaves far more than the scatter
+# from row to row: both are what a wrong term beside a bent model looks like. Chosen by hand.
+DOUBTED = 0.8
 ENOUGH_EXPLAINED = 0.7  # share of the misfit that an expression must take away to be an answer; chosen by hand
 # Probability that nothing known explains it where the likeliest answer predicts the held-out runs worse than before: of
 # 27 such answers of the campaigns (noises, seeds 7 to 9; calibration, seeds 1 to 6) the truth was known in all.
@@ -110,6 +113,7 @@ class Discovery:
     leaves: Left | None  # what that set leaves, where it clearly is more than noise
     odd_runs: tuple[str, ...]
     operating: tuple[Operating, ...]
+    doubts: Doubts  # that keep the answer from being sure
     selected: tuple[Selected, ...]  # by a bootstrap over runs, when one was asked for
 
 
@@ -161,6 +165,9 @@ def discover(
     bent = top is not None and (not ranking.bent.isdisjoint(top.effects) or _undetermined(analysis, top))
     if bent and verdict in ("missing", "ambiguous"):
         probability = min(probability, BENT)
+    doubted = doubts(analysis, top.fit if top is not None and top.fit is not None else analysis.fit)
+    if doubted:
+        probability = min(probability, DOUBTED)
     missing = top.effects if top is not None and verdict != "unexplained" else ()
     odd = _odd_runs(ranking) if analysis.missing else ()
     report("what to measure next")
@@ -185,6 +192,7 @@ def discover(
         leaves=leaves,
         odd_runs=odd,
         operating=_operating(ranking, top if missing else None, rivals, analysis, seed),
+        doubts=doubted,
         selected=selection(analysis, ranking, bootstrap, seed) if bootstrap else (),
     )
 

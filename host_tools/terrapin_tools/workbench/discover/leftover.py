@@ -7,30 +7,33 @@ factor of b has a p-value of at most 1/b (Markov's inequality), and only clear c
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import fdtrc
 
 from terrapin_hil.arrays import Array, Mask
+from terrapin_hil.physics.signals import row_scatter
 from terrapin_tools.workbench.compare.bayes_factor import BayesFactor, blocks_of
-from terrapin_tools.workbench.compare.comparison import Analysis, error, free_slopes, predict
+from terrapin_tools.workbench.compare.comparison import Analysis, error, free_slopes, measured, predict
 from terrapin_tools.workbench.model.constants import suspected
 from terrapin_tools.workbench.model.data_columns import column_shapes
 from terrapin_tools.workbench.model.effect_columns import shapes_of, terms_of
 from terrapin_tools.workbench.model.fitting import Fit
-from terrapin_tools.workbench.noise.covariance import Node, Runs
+from terrapin_tools.workbench.noise.covariance import Node, Runs, orthonormal
 from terrapin_tools.workbench.noise.estimate import repeated_settings
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
 
-__all__ = ["Left", "absent", "allowed", "left", "loses", "pays"]
+__all__ = ["Doubts", "Left", "absent", "allowed", "doubts", "left", "loses", "pays"]
 
 # A set clearly leaves something where the p-value is below the level over CLEARLY and an error is above FLOOR, a misfit
 # of half a noise sd. Both chosen by hand.
 CLEARLY = 50.0
 FLOOR = np.sqrt(1.25)
 SETTINGS = 6  # that are repeated in several runs, to ask what they have in common; chosen by hand
+PULLED = 9.0  # of its variance that a parameter at its bound would gain beyond it: three sd, as usual
+RESTLESS = 2.0  # times the scatter from row to row that what is left may be, of white noise: 1; chosen by hand
 NOISE = 2.0  # standard deviations of the mean square above 1 that noise may explain: the usual two sd
 
 
@@ -47,6 +50,49 @@ class Left:
 
     def clearly(self, level: float) -> bool:
         return self.p_value < level / CLEARLY
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """Why an answer about equations of the user's own is not sure: parameters of the model that stand at a bound beyond
+    which the data pull them, and channels in which so many times the scatter from row to row is left."""
+
+    at_bound: tuple[str, ...] = ()
+    restless: Mapping[str, float] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return bool(self.at_bound or self.restless)
+
+
+def doubts(analysis: Analysis, fit: Fit) -> Doubts:
+    """What speaks against a fit of equations of the user's own, although no better one is known; for other models, and
+    of a channel whose sd is stated, nothing."""
+    case = analysis.case
+    if case.dynamics is None:
+        return Doubts()
+    own = [f.key for f in fit.model.fitted if f.effect is None and f.key in fit.at_bound]
+    slopes = fit.jacobian.reshape(fit.residual.size, -1)
+    free = orthonormal(slopes[:, [f.key not in fit.at_bound for f in fit.model.fitted]])
+    residual = fit.residual.reshape(-1)
+    variance = float(residual @ residual) / max(residual.size - free.shape[1], 1)
+    pulled = []
+    for key in own:
+        slope = slopes[:, next(i for i, f in enumerate(fit.model.fitted) if f.key == key)]
+        slope = slope - free @ (free.T @ slope)
+        if float(slope @ residual) ** 2 > PULLED * variance * float(slope @ slope):
+            pulled.append(key)
+    restless = {}
+    for channel, values, known in zip(fit.model.channels, _left_of(analysis, fit), analysis.noise.known, strict=True):
+        quiet = row_scatter(case.channels[channel], case.run)
+        times = float(np.sqrt(np.mean(values * values))) / max(quiet, 1e-300)
+        if quiet > 0.0 and times > RESTLESS and not known:
+            restless[channel] = times
+    return Doubts(tuple(pulled), restless)
+
+
+def _left_of(analysis: Analysis, fit: Fit) -> Array:
+    """Measured minus predicted (channels, rows), in the channels' units."""
+    return measured(fit.model, analysis.rows) - predict(fit, analysis.rows)
 
 
 def left(analysis: Analysis, fit: Fit) -> Left:

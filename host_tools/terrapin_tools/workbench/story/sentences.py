@@ -43,6 +43,7 @@ __all__ = [
     "strange_noise",
     "stuck",
     "thinned",
+    "unsure",
     "verdict",
 ]
 
@@ -238,6 +239,21 @@ def doubt(likeliest: Sequence[str], column: str, blind: bool) -> tuple[str, ...]
 def best_leaves(best: Rung) -> str:
     errors = f"{in_sd(best.train_error)} training, {in_sd(best.heldout_error)} held out"
     return f"The best set, {best.added}, leaves more than noise: error {errors}."
+
+
+def unsure(at_bound: Sequence[str], restless: Mapping[str, float]) -> tuple[str, ...]:
+    """Why an answer about equations of the user's own is not sure: `restless` has the channels with how many times the
+    scatter from row to row they keep."""
+    found = [
+        f"{name} stands at its bound and would go beyond: widen it in [fit] if it may, else the equations lack more."
+        for name in at_bound
+    ]
+    found += [
+        f"{name}: what is left is {number(times, 2)} times what its rows scatter from one to the next. Either its "
+        "noise is slow, or more is missing."
+        for name, times in restless.items()
+    ]
+    return tuple(found)
 
 
 def unproved(best: Rung, before: float, after: float) -> str:

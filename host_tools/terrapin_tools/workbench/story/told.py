@@ -114,6 +114,7 @@ def found_by(discovery: Discovery) -> Findings:
     elif own := [c.effect for c in candidates if c.kind == "expression" and c.effect in discovery.missing]:
         remarks = (sentences.only_here(own, not discovery.ranking.bent.isdisjoint(own)),)
     remarks += _constants_in_sets(discovery)
+    remarks += sentences.unsure(discovery.doubts.at_bound, discovery.doubts.restless)
     return Findings(
         verdict=discovery.verdict,
         missing=discovery.missing,

@@ -17,6 +17,7 @@ from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_hil.physics.equations.ode import Linear, Ode, OdeDrive, OdeError, OdeRun
 from terrapin_hil.physics.expression import Name, Node, Operation, parse
 from terrapin_hil.physics.program import instructions
+from terrapin_hil.physics.signals import row_scatter
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases.kinds.base import GAIN, Act, Dynamics, Predictor, Problem, Runs
 from terrapin_tools.workbench.bases.kinds.starts import ABSURD, Near
@@ -391,11 +392,10 @@ def _sizes(problem: Problem, dynamics: Dynamics) -> tuple[Array, Array]:
         return np.ones(len(problem.channels)), np.ones(len(dynamics.states))
     runs = problem.runs
     order = np.argsort(runs.index, kind="stable")
-    inner = (np.diff(runs.index[order], n=1) == 0)[1:] & (np.diff(runs.index[order], n=1) == 0)[:-1]
     weight = []
     for channel in problem.channels:
-        values = runs.measured[channel][order]
-        scatter = 1.4826 * np.median(np.abs(np.diff(values, n=2)[inner])) / np.sqrt(6.0) if inner.any() else 0.0
+        values = runs.measured[channel]
+        scatter = row_scatter(values, runs.index)
         weight.append(1.0 / max(scatter, 1e-4 * float(values.std()), 1e-300))
     size = {}
     for state, channel in _measured_as(problem).items():
