@@ -172,9 +172,9 @@ static void sign(uint8_t *image, uint32_t size, uint32_t repairs) {
     terrapin_sha2_end(&sha, digest);
     if ((repairs & 1U) != 0U) {
         put32(tail, 0x6907U | (TAIL << 16U)); /* as image.c has them */
-        put32(&tail[4], 0x10U | (32UL << 16U));
-        put32(&tail[40], 0x01U | (32UL << 16U));
-        put32(&tail[76], 0x24U | (64UL << 16U));
+        put32(&tail[4], 0x10U | (32U << 16U));
+        put32(&tail[40], 0x01U | (32U << 16U));
+        put32(&tail[76], 0x24U | (64U << 16U));
     }
     if ((repairs & 2U) != 0U) {
         (void)memcpy(&tail[8], digest, sizeof digest);
