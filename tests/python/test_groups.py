@@ -12,6 +12,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.compare.groups import differences
+from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.model import Model
 from tests.python.casekit import one_line, terrapin
 from tests.python.test_ode import TEXT, spring
@@ -158,3 +159,19 @@ def test_a_single_group(tmp_path: Path) -> None:
     (folder / "runs.csv").write_text(text)
     with pytest.raises(UserError, match="surface has the one group 'ground', expected two or more"):
         load_case(folder)
+
+
+def test_a_group_that_no_parameter_has_is_found_missing(tmp_path: Path) -> None:
+    """Factors from run to run used to take it up, and the group that the case declares was not asked."""
+    text = SLIDE.replace(', by = "surface"', "")
+    found = discover(load_case(sled(tmp_path / "case", (0.6, 0.4, 0.4), text)))
+    formulas = [c.effect.expression for c in found.candidates if c.effect.name in found.missing]
+    assert any("surface_sand" in formula for formula in formulas)
+    assert discover(load_case(sled(tmp_path / "null", (0.4, 0.4, 0.4), text))).verdict == "adequate"
+
+
+def test_columns_of_groups_are_there_where_no_parameter_has_them(tmp_path: Path) -> None:
+    shared = load_case(sled(tmp_path / "shared", (0.6, 0.1, 0.4), SLIDE.replace(', by = "surface"', "")))
+    assert {"surface_sand", "surface_ice", "surface_turf"} <= shared.extra.keys()
+    assert shared.extra["surface_ice"].mean() == pytest.approx(1.0 / 3.0)
+    assert not any(name.startswith("surface_") for name in load_case(sled(tmp_path / "own", (0.6, 0.1, 0.4))).extra)

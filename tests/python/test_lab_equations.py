@@ -11,6 +11,7 @@ import pytest
 from casekit import terrapin
 
 from terrapin_hil.arrays import Array
+from terrapin_hil.physics.expression import parse
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.compare.comparison import analyse
@@ -146,3 +147,43 @@ def test_a_run_in_which_the_coupling_slipped_stands_out(tmp_path: Path) -> None:
     found = discover(load_case(folder))
     assert (found.verdict, found.odd_runs) == ("unexplained", ("r07",))
     assert "r07" in told(found.analysis, found).headline
+
+
+def test_what_a_celsius_column_divides_is_refused(tmp_path: Path) -> None:
+    """Arrhenius' law on numbers in degC has no meaning, and used to be fitted without a word."""
+    random = np.random.default_rng(3)
+    temp = random.uniform(15.0, 45.0, RUNS * ROWS)
+    columns = {"temp": temp, "rate": np.exp(-3000.0 / (temp + 273.15))}
+    mapped = 'temp = { column = "temp", unit = "degC" }\nrate = { column = "rate", unit = "1" }\n'
+    fit = '[fit]\nb = { value = -3000.0, unit = "K" }\n'
+    with pytest.raises(UserError, match=r"equation\.rate: temp is in degC, .* expected \(temp \+ 273\.15\)"):
+        load_case(write(tmp_path / "wrong", 'rate = "exp(b/temp)"', fit, mapped, columns))
+    load_case(write(tmp_path / "right", 'rate = "exp(b/(temp + 273.15))"', fit, mapped, columns))
+
+
+def pendulum(folder: Path, period: str, seed: int) -> Path:
+    """The period of a pendulum, whose swing A is up to 1.2 rad."""
+    random = np.random.default_rng(seed)
+    length, swing = np.repeat(random.uniform(0.2, 1.5, RUNS), ROWS), random.uniform(0.05, 1.2, RUNS * ROWS)
+    true = parse(period).evaluate({"L": length, "A": swing})
+    columns = {"L": length, "A": swing, "T": true + 0.01 * random.standard_normal(len(true))}
+    mapped = "".join(f'{n} = {{ column = "{n}", unit = "{u}" }}\n' for n, u in (("L", "m"), ("A", "rad"), ("T", "s")))
+    fixed = '[parameters]\ng = "9.81 m/s^2"\n\n[fit]\nlate = { value = 0.0, unit = "s" }\n'
+    return write(folder, 'T = "6.2832*sqrt(L/g) + late"', fixed, mapped, columns)
+
+
+def test_a_whole_formula_may_go_with_a_column_that_it_reads_or_not(tmp_path: Path) -> None:
+    found = discover(load_case(pendulum(tmp_path / "case", "2.0061*sqrt(L)*(1 + A**2/16)", 1)))
+    (term,) = [c.effect for c in found.candidates if c.effect.name in found.missing]
+    assert (term.target, term.expression) == ("gain_of_T", "k*A**2")
+    assert found.ladder[-1].fit.theta[-1] == pytest.approx(1.0 / 16.0, rel=0.1)
+    assert discover(load_case(pendulum(tmp_path / "null", "2.0061*sqrt(L)", 2))).verdict == "adequate"
+
+
+def test_a_bend_says_less_of_its_formula_than_of_its_column(tmp_path: Path) -> None:
+    """A decay with the swing that no shape of the vocabulary is: whatever stands for it is not above 0.8 sure."""
+    found = discover(load_case(pendulum(tmp_path / "case", "2.0061*sqrt(L) + 0.2/(1 + (A/0.3)**2)**2", 3)))
+    assert found.verdict in ("missing", "ambiguous")
+    assert not found.ranking.bent.isdisjoint(found.missing)
+    assert found.answer_probability <= 0.8
+    assert max(c.column_probability or 0.0 for c in found.candidates) > 0.9

@@ -20,7 +20,7 @@ from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Node, Runs, 
 from terrapin_tools.workbench.noise.estimate import odd_rows
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
 from terrapin_tools.workbench.noise.precision import Precision
-from terrapin_tools.workbench.noise.stuck import stuck_rows
+from terrapin_tools.workbench.noise.stuck import clipped_rows, stuck_rows
 from terrapin_tools.workbench.story.answer import answer
 from terrapin_tools.workbench.story.told import told
 from tests.campaigns import calibration
@@ -175,6 +175,19 @@ def test_a_sensor_that_sticks_is_told_and_left_out(tmp_path: Path) -> None:
     alike = np.arange(20.0)
     alike[6:14] = 6.0  # four rows at the end of a run and four at the begin of the next
     assert not stuck_rows(alike, run).any()
+
+
+def test_a_sensor_that_clips_is_told_from_what_saturates(tmp_path: Path) -> None:
+    random = np.random.default_rng(5)
+    values = random.normal(2.0, 1.0, 200)
+    clipped = np.minimum(values, 4.0)
+    assert set(np.flatnonzero(clipped_rows(clipped))) == set(np.flatnonzero(values > 4.0))
+    assert clipped_rows(clipped).sum() >= 3
+    assert not clipped_rows(values).any()
+    assert not clipped_rows(clipped + 1e-3 * random.standard_normal(200)).any()  # saturated, then measured
+    assert not clipped_rows(np.round(clipped, 1)).any()  # a coarse converter
+    assert not clipped_rows(np.minimum(values, 2.5)).any()  # a third of the rows: that is no exception
+    assert not clipped_rows(np.maximum(values, 0.0)).any()  # at rest
 
 
 def test_noise_far_above_what_is_stated_is_no_adequate_model(tmp_path: Path) -> None:

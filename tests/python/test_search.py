@@ -83,7 +83,7 @@ def test_a_likely_answer_that_the_held_out_runs_refute_is_not_called_unknown() -
     assert (hidden, found.verdict, found.missing) == (("current_offset",), "unexplained", ())
     assert found.answer_probability < 0.1
     story = told(found.analysis, found)
-    assert "what is likeliest is not shown yet" in story.headline
+    assert "no likely term predicts the held-out runs better" in story.headline
     assert any(note.startswith("Likeliest is current_offset, but with it the error") for note in story.notes)
 
 

@@ -189,6 +189,11 @@ class Expression:
         """Every name that the formula uses."""
         return frozenset(_names(self.tree))
 
+    @cached_property
+    def divisors(self) -> frozenset[str]:
+        """Names that by themselves divide something, or stand under a logarithm or a root: their zero has a meaning."""
+        return frozenset(_divisors(self.tree))
+
     def evaluate(self, values: Mapping[str, Array | float]) -> Array:
         """Value over arrays (broadcast against each other); comparisons give 0.0 or 1.0.
 
@@ -226,6 +231,14 @@ def _names(node: Node) -> set[str]:
     if isinstance(node, Operation):
         return set().union(*(_names(a) for a in node.arguments))
     return set()
+
+
+def _divisors(node: Node) -> set[str]:
+    if not isinstance(node, Operation):
+        return set()
+    below = {"/": node.arguments[1:], "log": node.arguments, "sqrt": node.arguments}.get(node.kind, ())
+    own = {argument.name for argument in below if isinstance(argument, Name)}
+    return own.union(*(_divisors(a) for a in node.arguments))
 
 
 def _evaluate(node: Node, values: Mapping[str, Array | float]) -> Any:

@@ -59,7 +59,7 @@ class Effect:
     expression: str
     target: str = "resistance"
     usual: str = ""  # magnitude that the size has as a rule; roles in it stand for their largest magnitudes
-    law: str = ""  # of effects with the same law on the same target one is true at most
+    laws: tuple[str, ...] = ()  # of two effects that share one, on the same target, one is true at most
     additive: bool = False  # target is a parameter: the expression is added to it, not multiplied on
     stage: str = (
         "channel"  # target is a channel: "channel" adds, then "gain" multiplies by 1 + it, then "measured" adds

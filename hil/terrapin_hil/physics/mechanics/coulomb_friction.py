@@ -12,5 +12,5 @@ EFFECT = Effect(
     needs=(("speed", "direction"),),
     expression="k*sign(speed)",
     target="channel",
-    law="dry friction",
+    laws=("dry friction",),
 )

@@ -15,6 +15,6 @@ EFFECT = Effect(
     needs=(("speed",),),
     expression="k*tanh(speed/v_s)",
     target="channel",
-    law="dry friction",
+    laws=("dry friction",),
     reverses=("speed",),
 )

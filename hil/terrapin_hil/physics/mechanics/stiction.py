@@ -17,5 +17,5 @@ EFFECT = Effect(
     needs=(("speed",),),
     expression="k*sign(speed)*(1 + a*exp(-(speed/v_s)**2))*(abs(speed) > v_0)",
     target="channel",
-    law="dry friction",
+    laws=("dry friction", "fall of friction with speed"),
 )

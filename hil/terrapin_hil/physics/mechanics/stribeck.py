@@ -15,4 +15,5 @@ EFFECT = Effect(
     needs=(("speed",),),
     expression="k*exp(-(speed/v_s)**2)*sign(speed)",
     target="channel",
+    laws=("fall of friction with speed",),
 )

@@ -30,28 +30,37 @@ class Equation(Algebraic):
 
     def with_formulas(self, formulas: Mapping[str, Expression], fitted: Collection[str]) -> Base:
         known = replace(self, formulas=formulas)
-        return replace(known, further=tuple(name for name in fitted if name in known.reads()))
+        return replace(known, further=(*(name for name in fitted if name in known.reads()), *known.gains().values()))
+
+    def gains(self) -> dict[str, str]:
+        return {channel: f"gain_of_{channel}" for channel in self.formulas}
 
     def targets(self) -> list[Target]:
-        """The channels, and fitted parameters of the formulas, which may go with a column: a product of the two."""
+        """The channels; their formulas as a whole, and fitted parameters in them, which may go with a column."""
         return [*super().targets(), *((name, PARAMETER_COST * PRODUCT_COST) for name in self.further)]
 
     def reads(self) -> set[str]:
         return {name for formula in self.formulas.values() for name in formula.names}
 
     def factors(self, target: str, main: str, values: Mapping[str, Array], roles: Collection[str]) -> list[Factor]:
+        if target in self.gains().values():
+            return [(*ALONE[:2], False)] if main else []
         if target in self.further:  # a column that the formulas read is for another formula, not for a parameter
             return [(*ALONE[:2], False)] if main and main not in self.reads() else []
         found: list[Factor] = []
-        for name, prior, step in super().factors(target, main, values, roles):
-            found.append((name, prior, step))
+        for name, prior, _ in super().factors(target, main, values, roles):
+            found.append((name, prior, True))
             if name and values[name].min() < 0.0 < values[name].max():
                 found += [(f"sign({name})", PRODUCT_COST, True), (f"{name}*abs({name})", PRODUCT_COST**2, False)]
         return found
 
+    def prepare(self, values: Values) -> None:
+        values.update(dict.fromkeys(self.gains().values(), 1.0))
+
     def evaluate(self, values: Values, effects: Terms) -> dict[str, Array]:
+        gains = self.gains()
         scaled = {name: value * self.scales.get(name, 1.0) for name, value in values.items()}
-        return {c: f.evaluate(scaled) / self.scales.get(c, 1.0) for c, f in self.formulas.items()}
+        return {c: f.evaluate(scaled) / self.scales.get(c, 1.0) * values[gains[c]] for c, f in self.formulas.items()}
 
     def predictor(self, problem: Problem) -> Rows:
         return Remembering(replace(self, formulas=problem.formulas, scales=problem.scales), problem)

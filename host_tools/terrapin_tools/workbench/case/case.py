@@ -141,6 +141,9 @@ def parse_case(folder: Path, text: str) -> Case:
         names = {*measured.roles, *measured.extra, *parameters, *fit}
         check_dynamics(dynamics, base, measured, units, names, complain)
         units |= {name: state.unit for name, state in dynamics.states.items() if state.unit}
+    _check_celsius({("model", "measured" if dynamics else "equation"): measured.equations}, measured.units, complain)
+    if dynamics is not None:
+        _check_celsius({("model", "derivative"): dynamics.derivative}, measured.units, complain)
     limits = read_limits(tables, base, measured.units, measured.extra, measured.column_of)
     more = {} if dynamics is None else {**{n: s.unit for n, s in dynamics.states.items()}, **base.forces}
     case = Case(
@@ -320,14 +323,17 @@ def _scales(
         if not read & stated.keys():
             return {}
         units |= dict.fromkeys(bare, "1")
-        if not all(_is_sound(e, units, channel) for channel, e in equations.items()):
+        if any(_unsound(e, units, channel) for channel, e in equations.items()):
             other = next((n for n in sorted({*read, *equations} & columns.keys()) if si_factor(columns[n]) != 1.0), "")
             if not other:
                 return {}
             first = min(read & stated.keys())
+            why = next(why for c, e in equations.items() if (why := _unsound(e, units, c)))
+            pure = "a pure number" if len(bare) == 1 else "pure numbers"
             raise complain(
                 f"{first} has a unit and {bare[0]} has none, so {other} would be read in {columns[other]} beside it; "
-                f"expected units for {', '.join(bare)} too",
+                f"expected units for {', '.join(bare)} too (as {pure}, as every number in a "
+                f"formula is: {why})",
                 "model", "equation", next(iter(equations)),
             )  # fmt: skip
     for channel, expression in equations.items():
@@ -342,11 +348,28 @@ def _scales(
     return {name: si_factor(units[name]) for name in names}
 
 
-def _is_sound(formula: Expression, units: Mapping[str, str], channel: str) -> bool:
+def _check_celsius(
+    formulas: Mapping[tuple[str, ...], Mapping[str, Expression]], units: Mapping[str, str], complain: Complaint
+) -> None:
+    """UserError where something is divided by a temperature in degC, or its logarithm or root is taken."""
+    for path, each in formulas.items():
+        for key, formula in each.items():
+            for name in sorted(formula.divisors & units.keys()):
+                if units[name] == "degC":
+                    raise complain(
+                        f"{name} is in degC, whose zero is no zero of temperature; "
+                        f"expected ({name} + 273.15) where it divides, or stands in a logarithm or a root",
+                        *path, key,
+                    )  # fmt: skip
+
+
+def _unsound(formula: Expression, units: Mapping[str, str], channel: str) -> str:
+    """What is wrong with a formula's units, "" where nothing is."""
     try:
-        return same_kind(str(formula.unit(units)) or "1", units[channel])
-    except ValueError:
-        return False
+        found = str(formula.unit(units)) or "1"
+    except ValueError as error:
+        return str(error)
+    return "" if same_kind(found, units[channel]) else f"{channel} would be in {found}"
 
 
 def _check_names(case: Case, complain: Complaint) -> None:

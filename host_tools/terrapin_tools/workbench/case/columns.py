@@ -16,7 +16,7 @@ from terrapin_hil.physics.mechanics import ROLES as MECHANICS
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import CHANNELS, ROLES, Base
 from terrapin_tools.workbench.case.changes import MENDS
-from terrapin_tools.workbench.case.groups import Groups, group_columns, read_groups
+from terrapin_tools.workbench.case.groups import Groups, group_columns, membership, read_groups
 from terrapin_tools.workbench.case.intake import Mapped, converted, gaps, unsigned
 from terrapin_tools.workbench.case.mechanics import is_of, role_of_unit
 from terrapin_tools.workbench.case.mends import earlier, mended, read_mend, told_mends
@@ -91,13 +91,14 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
     used = {entry.column for entry in mapped} | {run_column, *group_columns(tables).values()}
     train = np.isin(run, [index[name] for name in train_runs])
     extra, sparse = _extra(loaded, used | set(values) | _ignored(tables, loaded, used))
+    groups = read_groups(tables, loaded, kept, run, run_names, train)
     remarks = [*gaps(columns, whole, sparse), *told_mends(mends), *converted(mapped), *unsigned(values, _told(mapped))]
     return Measurements(
         roles={e.name: values[e.name] for e in mapped if not e.channel},
         channels={e.name: values[e.name] for e in mapped if e.channel},
         sigma={e.name: e.sigma for e in mapped if e.channel},
         units={e.name: e.canonical for e in mapped},
-        extra={name: column[rows] for name, column in extra.items()},
+        extra={name: column[rows] for name, column in extra.items()} | membership(tables, groups, {*values, *extra}),
         column_of={e.name: e.column for e in mapped},
         run_names=run_names,
         run=run,
@@ -105,7 +106,7 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
         test=np.isin(run, [index[name] for name in test_runs]),
         place=lambda row: place(int(kept[row])),
         equations=equations,
-        groups=read_groups(tables, loaded, kept, run, run_names, train),
+        groups=groups,
         told=_told(mapped),
         rows_left_out=int((~whole).sum()),
         remarks=tuple(remarks),

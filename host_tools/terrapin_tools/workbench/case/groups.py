@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from terrapin_hil.arrays import Index, Mask
+from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.toml_tables import Tables
 
-__all__ = ["Groups", "group_columns", "read_groups", "read_shares"]
+__all__ = ["Groups", "group_columns", "membership", "read_groups", "read_shares"]
 
+MOST = 6  # groups of a grouping that are looked at one by one; chosen by hand
 LEAST = 2  # rows of a group: one says nothing of its noise
 
 
@@ -80,4 +82,21 @@ def read_shares(tables: Tables, groups: Mapping[str, Groups]) -> dict[str, str]:
             if len(groups[by].names) < 2:
                 raise tables.complain(f"{by} has the one group {groups[by].names[0]!r}, expected two or more", *path)
             found[name] = by
+    return found
+
+
+def membership(tables: Tables, groups: Mapping[str, Groups], taken: Collection[str]) -> dict[str, Array]:
+    """Columns (rows,) that are 1 in one group and 0 elsewhere, of the groupings that no fitted parameter has: so
+    discovery sees what differs between groups although the model knows no difference. None has a name that is `taken`.
+    """
+    known = {tables.get("fit", name, "by") for name, entry in tables.table("fit").items() if isinstance(entry, dict)}
+    found: dict[str, Array] = {}
+    for name, grouping in groups.items():
+        names = grouping.names[1:] if len(grouping.names) == 2 else grouping.names
+        if name in known or len(grouping.names) > MOST:
+            continue
+        for group in names:
+            column = re.sub(r"\W+", "_", f"{name}_{group}")
+            if column not in taken and column not in found and column.isidentifier():
+                found[column] = (grouping.index == grouping.names.index(group)).astype(float)
     return found

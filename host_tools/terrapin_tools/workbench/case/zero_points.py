@@ -18,6 +18,7 @@ from terrapin_tools.workbench.bases import free_name
 __all__ = ["ZERO", "zero_points"]
 
 ZERO = "zero_of_"  # before the name of the column
+USUAL = 0.03  # of the column's range, that such an error has as a rule; chosen by hand
 MOST = 0.5  # of the column's range, of such an error; chosen by hand
 STEP = 0.01  # of the range, by which a column is moved to see whether the formulas are linear in it
 LINEAR = 1e-6  # of the change, by which it may differ from row to row where they are; rounding is far below
@@ -57,6 +58,7 @@ def zero_points(
             needs=((name,),),
             expression=size,
             target=name,
+            usual=f"{USUAL * span:.6g}",
             additive=True,
             plant=False,
         )

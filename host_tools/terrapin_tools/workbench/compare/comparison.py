@@ -34,7 +34,7 @@ from terrapin_tools.workbench.model.fitting import Fit, covariance, extend, fit_
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.noise.estimate import ODD_SHARE, Noise, estimate_noise, least_noise
-from terrapin_tools.workbench.noise.stuck import stuck_rows
+from terrapin_tools.workbench.noise.stuck import clipped_rows, stuck_rows
 
 __all__ = ["LEVEL", "Analysis", "Rung", "analyse", "error", "fitted_on", "free_slopes", "measured", "predict"]
 
@@ -209,9 +209,9 @@ def _at_steps(case: Case, seed: int, level: float) -> Analysis:
 
 
 def _stuck(case: Case) -> Mask:
-    """Rows (all rows,) at which the sensor of any channel sticks; none where too little would be left to train on."""
+    """Rows (all rows,) at which a channel's sensor sticks or clips; none where too little would be left to train on."""
     looked = [case.channels[name] for name in case.base.channels if name in case.channels]
-    found = np.any([stuck_rows(values, case.run) for values in looked], axis=0)
+    found = np.any([stuck_rows(values, case.run) | clipped_rows(values) for values in looked], axis=0)
     return found if (case.train & ~found).sum() > 0.5 * case.train.sum() else np.zeros_like(found)
 
 
@@ -233,7 +233,10 @@ def _analysed(
     shapes = column_shapes(case, rows)
     effects = {e.name: shapes_of(model, fits[-1].theta, e, rows, sigma) for e in suspected(model)}
     widened = np.concatenate([slopes, nuisance], axis=-1)
-    varying = varying_parameters(case, slopes / sigma[:, None, None], rows)
+    may_vary = slopes
+    if case.base.gains():  # the formulas as a whole
+        may_vary = np.concatenate([slopes, np.eye(len(sigma))[:, None, :] * prediction[..., None]], axis=-1)
+    varying = varying_parameters(case, may_vary / sigma[:, None, None], rows)
     alternatives = {**effects, **terms_of(model, fits[-1].theta, rows, sigma)}
     adequacy = assess(case, residual, widened, prediction, noise, directions, alternatives, shapes, rows, seed, varying)
     missing = adequacy.p_value < level

@@ -26,7 +26,7 @@ from terrapin_tools.workbench.compare.comparison import (
     predict,
 )
 from terrapin_tools.workbench.compare.noise_findings import far_above_stated
-from terrapin_tools.workbench.discover.certainty import EVEN, Operating, calibrated, operating_characteristic
+from terrapin_tools.workbench.discover.certainty import BENT, EVEN, Operating, calibrated, operating_characteristic
 from terrapin_tools.workbench.discover.hypothesis import UNSEEN, Hypothesis
 from terrapin_tools.workbench.discover.leftover import Left, absent, allowed, left, loses, pays
 from terrapin_tools.workbench.discover.ranker import SIZE_OF_SET
@@ -48,6 +48,7 @@ __all__ = ["Candidate", "Discovery", "discover", "rung"]
 # (row "tied"). SAME_AS_GOOD is for a set within UNSEEN of the likeliest, which these data cannot tell from it.
 AS_GOOD = 0.75
 SAME_AS_GOOD = 0.2
+TWIN_CONSTANT = 0.02  # the same of a stated constant whose error does exactly what the likeliest set does; by hand
 MOST_RIVALS = 4  # that are told where none of them is likelier than not; chosen by hand
 CLASSED = 0.02  # probability over the likeliest set's, from which a set is put in a class; chosen by hand, for time
 # Such a distance, below which a part of a set does what the whole does. Halves of one effect lie 1e-6 apart; at 2 a
@@ -157,6 +158,9 @@ def discover(
         if plain:
             verdict, top, rivals = "ambiguous" if plain[1:] else "missing", plain[0], plain
             probability = calibrated(likely, verdict)
+    bent = top is not None and (not ranking.bent.isdisjoint(top.effects) or _undetermined(analysis, top))
+    if bent and verdict in ("missing", "ambiguous"):
+        probability = min(probability, BENT)
     missing = top.effects if top is not None and verdict != "unexplained" else ()
     odd = _odd_runs(ranking) if analysis.missing else ()
     report("what to measure next")
@@ -205,6 +209,7 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
     if top.kind != "catalogue" and not _says_enough(ranking, analysis, top):
         return "unexplained", top, [], calibrated(sum(p for h, p in sets if h.kind != "catalogue"), "unexplained")
     assert top.fit is not None
+    every = sets
     if loses(analysis, top.fit):
         near = [(h, p) for h, p in sets if h.kind == "catalogue" and p >= SAME_AS_GOOD * best]
         sets = [(h, p) for h, p in near if h.fit is not None and not loses(analysis, h.fit)]
@@ -217,6 +222,8 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
         # a formula in the place of an effect of the catalogue is a rival only if it is about as likely
         least = SAME_AS_GOOD if other.kind == "catalogue" or top.kind != "catalogue" else AS_GOOD
         first, second = top.fit, other.fit
+        if len(other.effects) == 1 and named(other.effects[0]) and _same(analysis, ranking, top, other):
+            least = TWIN_CONSTANT
         if _faulty(other):  # nothing in it is fitted to the noise
             first, second = second, first
         if nested or p * np.exp(max(other.taxed - top.taxed, 0.0)) < least * best:
@@ -228,9 +235,14 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
                 rivals.append(other)
         elif p >= AS_GOOD * best:
             rivals.append(other)
-    if best < EVEN:  # likelier wrong than right: then what is next likely is told, too
-        further = [other for other, p in sets if other not in rivals and p >= SAME_AS_GOOD * best]
+    # likelier wrong than right: then what is next likely is told, too
+    least = SAME_AS_GOOD * (best if best < EVEN else own[top.effects])
+    if best < EVEN or (len(rivals) == 1 and own[top.effects] < EVEN):
+        others = [h for h, p in {id(h): (h, p) for h, p in (*sets, *every)}.values() if h not in rivals and p >= least]
+        further = [h for h in others if h.fit is not None and not loses(analysis, h.fit)]
         rivals += further[: max(MOST_RIVALS - len(rivals), 0)]
+        if len(rivals) == 1:
+            return "unexplained", top, [], UNPROVED
     verdict = "ambiguous" if len(rivals) > 1 else "missing"
     return verdict, top, rivals, calibrated(own[top.effects], verdict)
 
@@ -395,6 +407,8 @@ def _candidates(analysis: Analysis, ranking: Ranking) -> tuple[Candidate, ...]:
         column = ranking.columns.get(name)
         each = [ranking.inclusion(name), *([] if column is None else [ranking.column_inclusion(column)])]
         likely = [calibrated(p) if p > 1e-9 else 0.0 for p in each]
+        if name in ranking.bent:  # as it is written; what it says of its column stays
+            likely[0] = min(likely[0], BENT)
         found.append(_candidate(analysis, hypothesis, likely[0], likely[1] if column is not None else None))
     order = {h.effects: i for i, h in enumerate(ranking.hypotheses)}
     lead = next((h.effects for h in ranking.hypotheses if h.effects), ())
@@ -446,6 +460,19 @@ def _operating(
     size = _size(analysis, top.fit, name)
     found = [operating_characteristic(ranking, name, s, analysis.noise.node, classes, seed) for s in (size, 1.0)]
     return tuple(o for o in found if o is not None)
+
+
+def _undetermined(analysis: Analysis, top: Hypothesis) -> bool:
+    """Whether the size of one of the effects is less than its own sd: two that nearly cancel each other are one curve,
+    of which these data do not say what it is made of."""
+    fit = top.fit
+    if fit is None:
+        return False
+    covered = covariance(fit, analysis.case.run[analysis.case.train], analysis.noise.node)[0]
+    sd = np.sqrt(np.maximum(np.diag(covered), 0.0))
+    each = reversed(list(zip(fit.model.fitted, fit.theta, sd, strict=True)))
+    sizes = {fitted.effect: (abs(value), own) for fitted, value, own in each}
+    return any(sizes[name][0] < sizes[name][1] for name in top.effects if name in sizes)
 
 
 def _size(analysis: Analysis, fit: Fit, name: str) -> float:

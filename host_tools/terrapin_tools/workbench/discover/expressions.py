@@ -59,6 +59,7 @@ class Sketch:
     grid: tuple[float, ...]  # further starts of a scale
     prior: float
     size: str = "k"  # the name of its size
+    bends: bool = False  # as Term has it
 
 
 @dataclass(frozen=True)
@@ -117,13 +118,14 @@ def library(
     features = {(name, i): _feature(t, values) for name, ts in terms.items() for i, t in enumerate(ts)}
     terms[""] = [Term("", {}, (-np.inf, np.inf), CONSTANT_COST)]
     features["", 0] = np.ones(int(rows.sum()))
-    size_name = free_name("k", case.inputs)
+    size_name = free_name("k", {*case.inputs, *(case.fit if case.base.own_names else ())})
     sketches: list[Sketch] = []
     columns: list[Array] = []
     scales: list[float] = []
     places: dict[tuple[str, str, int, str], int] = {}
     # sketch -> where it stands without a column that hardly varies: as a factor, or as a shape of its own
     shorter: dict[int, list[tuple[str, str, int, str]]] = {}
+    simply = {*case.fit, *(case.base.further if case.base.own_names else ())}
     for target, target_prior in targets(case):
         if (target in case.base.parameters and not case.parameters.get(target, 1.0)) or len(sketches) > LIMIT:
             continue
@@ -136,8 +138,8 @@ def library(
             own_prior = 1.0 if name in roles or not name else UNMAPPED_COST
             for i, term in enumerate(listed):
                 for factor, factor_prior, beside_step, numbers in beside:
-                    if not (term.plain or beside_step) or (term.scales and target in case.fit):
-                        continue  # of a parameter of the user's own, how it goes with a column is simple or unknown
+                    if not (term.plain or beside_step) or (term.scales and target in simply):
+                        continue  # how a formula, or a parameter in it, goes with a column is simple or unknown
                     change = act(features[name, i] * numbers)
                     size = float(np.sqrt((change * change).mean(axis=1).max()))
                     if not np.isfinite(size) or size == 0.0:
@@ -158,6 +160,7 @@ def library(
                             term.grid,
                             target_prior * term.prior * factor_prior * own_prior,
                             size_name,
+                            term.bends,
                         )
                     )
                     columns.append((change / size).reshape(-1))

@@ -189,7 +189,7 @@ class Ranker:
 
     def together_possible(self, names: Sequence[str]) -> bool:
         """Whether no two of the effects are one law in two forms (dry friction, smooth or with stiction)."""
-        laws = [(e.law, e.target) for name in names if (e := self.effects[name]).law]
+        laws = [(law, self.effects[name].target) for name in names for law in self.effects[name].laws]
         return len(laws) == len(set(laws))
 
     def log_prior(self, names: Collection[str]) -> float:
@@ -251,8 +251,10 @@ class Ranker:
         scaled = self._widened(slopes[..., free] / self.sigma[:, None, None])
         return Evidence(self.runs, residual, scaled, self.behind, self.nodes)
 
-    def renamed(self, hypotheses: Sequence[Hypothesis]) -> tuple[list[Hypothesis], dict[str, Effect], dict[str, str]]:
-        """The hypotheses with expressions numbered in their order, these effects by name, and their columns."""
+    def renamed(
+        self, hypotheses: Sequence[Hypothesis]
+    ) -> tuple[list[Hypothesis], dict[str, Effect], dict[str, Sketch]]:
+        """The hypotheses with expressions numbered in their order, these effects by name, and what they come from."""
         order = list(dict.fromkeys(name for h in hypotheses for name in h.effects if name in self.sketches))
         free = (n for n in (f"expression_{i}" for i in range(1, 10_000)) if n not in self.case.library)
         names = dict(zip(order, free, strict=False))
@@ -265,7 +267,7 @@ class Ranker:
             )
             for h in hypotheses
         ]
-        return found, effects, {new: self.sketches[old].column for old, new in names.items()}
+        return found, effects, {new: self.sketches[old] for old, new in names.items()}
 
 
 def by_effect(beyond: Evidence, shapes: Sequence[Shape]) -> dict[str, float]:

@@ -16,6 +16,7 @@ from scipy.special import logsumexp
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
+from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.discover.closure import neighbours, twins
 from terrapin_tools.workbench.discover.expression_answers import expression_pairs, expressions, paying
@@ -51,6 +52,8 @@ class Ranking:
     alone: Mapping[str, Hypothesis]  # every expression of the likeliest answers alone
     expressions: Mapping[str, Effect]  # by the name they were given
     columns: Mapping[str, str]  # of each expression, the column whose shape it is
+    # expressions with a shape that looks like many others, and zero points: they bend a curve like many shapes
+    bent: frozenset[str] = frozenset()
     shapes: tuple[Shape, ...] = field(repr=False, default=())
     evidence: Evidence | None = field(repr=False, default=None)
 
@@ -122,14 +125,18 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
     logs = np.array([h.log_weight for h in ranked])
     shown = list(dict.fromkeys(n for h in ranked[:SHOWN] for n in h.effects if n in ranker.sketches))
     lone = [ranker.weighed((name,)) for name in shown]
-    renamed, effects, columns = ranker.renamed([*ranked, *lone])
+    renamed, effects, sketches = ranker.renamed([*ranked, *lone])
     return Ranking(
         hypotheses=tuple(renamed[: len(ranked)]),
         posterior=np.exp(logs - logsumexp(logs)),
         singles=singles,
         alone={h.effects[0]: h for h in renamed[len(ranked) :]},
         expressions=effects,
-        columns=columns,
+        columns={name: sketch.column for name, sketch in sketches.items()},
+        bent=frozenset(
+            [name for name, sketch in sketches.items() if sketch.bends]
+            + [name for name in ranker.suspects if name.startswith(ZERO)]
+        ),
         shapes=tuple(ranker.flat),
         evidence=ranker.evidence,
     )

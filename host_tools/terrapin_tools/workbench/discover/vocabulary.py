@@ -35,6 +35,7 @@ class Term:
     prior: float
     plain: bool = True  # stands beside any factor; a step beside the direction of motion only
     grid: tuple[float, ...] = ()  # further start values of its scale, for a refit
+    bends: bool = False  # one of the shapes that look like many others over a limited range
 
 
 def shapes(name: str, values: Array, unit: str, taken: Collection[str] = ()) -> list[Term]:
@@ -48,19 +49,22 @@ def shapes(name: str, values: Array, unit: str, taken: Collection[str] = ()) -> 
     one_sign = low >= 0.0 or high <= 0.0
     scale = (0.02 * size, 1.2 * size)
 
-    def term(text: str, prior: float, plain: bool = True) -> Term:
-        return Term(text, {}, (-np.inf, np.inf), prior, plain)
+    def term(text: str, prior: float, bends: bool = False) -> Term:
+        return Term(text, {}, (-np.inf, np.inf), prior, bends=bends)
 
+    if set(np.unique(values)) == {0.0, 1.0}:  # in one group or not: every other shape is the same
+        return [term(name, 1.0)]
     magnitude = name if low >= 0.0 else f"abs({name})"
     floor, top = (low, high) if one_sign and low >= 0.0 else (0.0, size)
     found = [
         term(name, 1.0),
         term(f"{name}**2", SHAPE_COST),
-        term(f"{name}**3", SHAPE_COST**1.5),
-        term(f"{magnitude}**1.5", SHAPE_COST**2),
+        term(f"{name}**3", SHAPE_COST**1.5, bends=one_sign),
+        term(f"{name}**4", SHAPE_COST**2.5, bends=one_sign),
+        term(f"{magnitude}**1.5", SHAPE_COST**2, bends=True),
     ]
     if unit == "rad" and span > 1.0:
-        found += [term(f"sin({name})", SHAPE_COST), term(f"cos({name})", SHAPE_COST)]
+        found += [term(f"{wave}({name})", SHAPE_COST, bends=span < 3.0) for wave in ("sin", "cos")]
     if one_sign:
         found.append(term(f"sqrt({magnitude})", SHAPE_COST))
         if (
@@ -74,20 +78,20 @@ def shapes(name: str, values: Array, unit: str, taken: Collection[str] = ()) -> 
             term(f"abs({name})", SHAPE_COST),
             term(f"{name}*abs({name})", SHAPE_COST),
             term(f"sign({name})", SHAPE_COST),
-            term(f"abs({name})**3", SHAPE_COST**2),
-            term(f"sqrt(abs({name}))", SHAPE_COST**1.5),
-            term(f"sign({name})*sqrt(abs({name}))", SHAPE_COST**1.5),
+            term(f"abs({name})**3", SHAPE_COST**2, bends=True),
+            term(f"sqrt(abs({name}))", SHAPE_COST**1.5, bends=True),
+            term(f"sign({name})*sqrt(abs({name}))", SHAPE_COST**1.5, bends=True),
         ]
     dead = (floor + 0.3 * (top - floor), floor + 0.85 * (top - floor))  # outside, a threshold is a straight line
     for share in (0.45, 0.7):
         start = {w: floor + share * (top - floor)}
-        found.append(Term(f"max({magnitude} - {w}, 0)", start, dead, SHAPE_COST**3))
+        found.append(Term(f"max({magnitude} - {w}, 0)", start, dead, SHAPE_COST**3, bends=True))
         if not one_sign:
-            found.append(Term(f"sign({name})*max({magnitude} - {w}, 0)", start, dead, SHAPE_COST**3))
+            found.append(Term(f"sign({name})*max({magnitude} - {w}, 0)", start, dead, SHAPE_COST**3, bends=True))
     if floor < 0.5 * top:  # else a saturation is out of sight
         for share in (0.1, 0.3):
             prior = 0.5 * SHAPE_COST**1.5
-            found.append(Term(f"tanh({name}/{w})", {w: share * size}, scale, prior))
+            found.append(Term(f"tanh({name}/{w})", {w: share * size}, scale, prior, bends=True))
     if low > 0.0:
         if unit in ("", "1"):
             found.append(term(f"log({name})", SHAPE_COST))
@@ -97,11 +101,11 @@ def shapes(name: str, values: Array, unit: str, taken: Collection[str] = ()) -> 
             found.append(term(f"1/{name}", SHAPE_COST))
     if low >= 0.0 and span > 0.0:
         for share in (0.06, 0.15, 0.4, 1.0):
-            found.append(Term(f"exp(-{name}/{tau})", {tau: share * high}, scale, 0.25 * SHAPE_COST))
+            found.append(Term(f"exp(-{name}/{tau})", {tau: share * high}, scale, 0.25 * SHAPE_COST, bends=True))
     else:
         for share in (0.15, 0.5):
             start = {tau: share * size}
-            found.append(Term(f"exp(-abs({name})/{tau})", start, scale, 0.5 * SHAPE_COST**1.5))
+            found.append(Term(f"exp(-abs({name})/{tau})", start, scale, 0.5 * SHAPE_COST**1.5, bends=True))
     found += _steps(name, values, w)
     if not one_sign:
         found += _steps(f"abs({name})", np.abs(values), w)

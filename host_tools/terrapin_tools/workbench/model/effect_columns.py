@@ -121,11 +121,11 @@ def terms_of(model: Model, theta: Array, rows: Mask, sigma: Array) -> dict[str, 
 
 
 def varying_parameters(case: Case, slopes: Array, rows: Mask) -> list[Array]:
-    """What it changes that a parameter of the model goes with a column of the data, up or down along it.
+    """What it changes that a parameter of the model, or a whole formula, goes with a column of the data, up or down.
 
     Parameters
     ----------
-    slopes : (channels, rows, parameters), derivatives of the prediction, in noise sd.
+    slopes : (channels, rows, count), derivatives of the prediction, in noise sd.
     rows : (all rows,), mask of the case's rows that these are.
 
     Returns

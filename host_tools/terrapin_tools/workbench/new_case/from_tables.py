@@ -31,8 +31,16 @@ SUFFIXES = {  # endings of names that are units, longest first where one ends an
     "mn_m": "mN m", "mnm": "mN m", "n_m": "N m", "nm": "N m", "kpa": "kPa", "pa": "Pa", "ma": "mA", "a": "A",
     "mv": "mV", "v": "V", "kn": "kN", "mn": "mN", "n": "N", "mm": "mm", "cm": "cm", "m": "m", "ms": "ms", "s": "s",
     "mrad": "mrad", "rad": "rad", "degc": "degC", "celsius": "degC", "degf": "degF", "deg": "deg", "pct": "percent",
-    "percent": "percent", "kg": "kg", "ohm": "ohm",
+    "percent": "percent", "kg": "kg", "ohm": "ohm", "mbar": "mbar", "bar": "bar", "mpa": "MPa", "l_min": "L/min",
+    "hz": "Hz", "kw": "kW", "kj": "kJ", "us": "us",
 }  # fmt: skip
+# endings that are a unit as they are written only, and words beside which they are; "": beside any
+LETTERS = {
+    "C": ("degC", "temp temperature t room ambient oil water coil lab winding case air board motor bath"),
+    "K": ("K", ""),
+    "W": ("W", "q qc qh p power heat loss losses pin pout"),
+    "h": ("h", "time clock t since"),
+}
 WORDS = {  # role or channel -> words of a name that stand for it, and words beside which they do not
     "time": ("time t clock timestamp stamp seconds", ""),
     "omega": ("omega w rpm wheel shell rim speed rate velocity", "motor ground"),
@@ -74,8 +82,8 @@ def split_unit(column: str) -> tuple[str, str]:
 
     >>> split_unit("w_shell [rad/s]"), split_unit("i_motor_mA"), split_unit("slip"), split_unit("fz (N)")
     (('w_shell', 'rad/s'), ('i_motor', 'mA'), ('slip', ''), ('fz', 'N'))
-    >>> split_unit("coil_temp_C"), split_unit("phase_C")
-    (('coil_temp', 'degC'), ('phase_C', ''))
+    >>> split_unit("coil_temp_C"), split_unit("phase_C"), split_unit("dT_K"), split_unit("time_of_day_h")
+    (('coil_temp', 'degC'), ('phase_C', ''), ('dT', 'K'), ('time_of_day', 'h'))
     """
     bracket = re.fullmatch(r"\s*(.+?)\s*[\[(]\s*([^\])]*)\s*[\])]\s*", column)
     if bracket:
@@ -87,8 +95,10 @@ def split_unit(column: str) -> tuple[str, str]:
         except ValueError:
             return column, ""
         return bracket[1], unit
-    if column.endswith("_C") and {"temp", "temperature"} & {*_words(column)}:
-        return column[:-2], "degC"
+    for letter, (unit, beside) in LETTERS.items():
+        name = column.removesuffix(f"_{letter}")
+        if name != column and name and (not beside or {*beside.split()} & {*_words(name)}):
+            return name, unit
     low = column.lower()
     for ending, unit in SUFFIXES.items():
         if low.endswith("_" + ending) and len(low) > len(ending) + 1:

@@ -175,8 +175,10 @@ def headline(found: Findings, p: float, level: float) -> str:
             are = "is" if len(found.part) == 1 else "are"
             return f"{_joined(found.part)} {are} part of it; with probability {sure} {more}.{on}"
         if found.probability < EVEN:
-            doubt = f"that no catalogued effect and no short expression explains it has only probability {sure}"
-            return f"Something is missing, and what is likeliest is not shown yet; {doubt}.{on}"
+            return (
+                "What is left has a pattern, but no likely term predicts the held-out runs better than the model as it "
+                f"is, so none is named; that nothing known explains it has only probability {sure}.{on}"
+            )
         return f"With probability {sure} no catalogued effect and no short expression explains what is missing.{on}"
     before, after = [rung.heldout_error for rung in (found.ladder[0], *found.ladder)[-2:]]
     faults = [one for one in found.candidates if one.effect in found.missing and one.kind in FAULTS]
@@ -258,8 +260,10 @@ def constant_in_set(rung: Rung, name: str, value: float, stated: float, unit: st
     )
 
 
-def only_here(effects: Sequence[str]) -> str:
-    return f"{_joined(effects)}: in no catalogue. It holds inside the range of these measurements, not beyond."
+def only_here(effects: Sequence[str], bent: bool) -> str:
+    """Of formulas that are the answer; `bent`: a shape of theirs looks like many others."""
+    said = f"{_joined(effects)}: in no catalogue. It holds inside the range of these measurements, not beyond."
+    return f"{said} The curve is known, its formula less so: other shapes bend alike." if bent else said
 
 
 def acts(target: str, channels: Collection[str]) -> str:
@@ -347,7 +351,7 @@ def noise_told(one: NoiseFinding, unit: str) -> str:
         stand = "row stands" if len(one.rows) == 1 else "rows stand"
         left = "is" if len(one.rows) == 1 else "are"
         if one.kind == "stuck":
-            sticks = "repeat the value before them, as a sensor that sticks does, and are left out"
+            sticks = "repeat a value exactly, as a sensor that sticks or clips does, and are left out"
             return f"{len(one.rows)} rows {sticks}: {few}."
         return f"{len(one.rows)} {stand} apart from the others of the run and {left} left out: {few}."
     if one.kind == "run_gains":
@@ -398,7 +402,9 @@ def next_step(
             command = f"terrapin add {folder} {' '.join(found.part)}"
             return Next("add", text, offer="Add it" if len(found.part) == 1 else "Add them", command=command)
         if found.probability < EVEN:
-            return Next("nothing", "Measure more runs over the same range, and look again.")
+            errors = [found.ladder[0].train_error, found.ladder[0].heldout_error or 0.0]
+            within = "The model is within the noise that was stated. " if max(errors) < 1.0 else ""
+            return Next("nothing", f"{within}Measure more runs over the same range, and look again.")
         text = "Look at the runs that carry it, and measure what may go with it: a column that is not there cannot be"
         return Next("nothing", f"{text} named. An effect of your own can be tried, too.")
     if found.plan is not None:

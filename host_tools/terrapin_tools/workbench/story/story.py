@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from terrapin_tools.workbench.case.changes import OwnEffect, OwnParameter
+from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.groups import Differing
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.discover.certainty import Operating
@@ -136,15 +137,19 @@ class Findings:
 
     @property
     def part(self) -> tuple[str, ...]:
-        """Of what is not explained: candidates that are surely part of it. A formula must explain most of it, because
-        formulas imitate what is not known."""
+        """Of what is not explained: candidates that are surely part of it. A formula or a zero point must explain most
+        of it, because these imitate what is not known."""
         if self.verdict != "unexplained" or self.odd_runs:
             return ()
         return tuple(
             one.effect
             for one in self.candidates
-            if one.probability >= SURELY and one.explains >= (PART if one.kind == "catalogue" else MOST)
+            if one.probability >= SURELY and one.explains >= (MOST if _imitates(one) else PART)
         )
+
+
+def _imitates(one: Proposal) -> bool:
+    return one.kind != "catalogue" or one.effect.startswith(ZERO)
 
 
 @dataclass(frozen=True)

@@ -210,6 +210,10 @@ class Base:
         """This base with what a case says of it: a formula for each channel, and the names that it fits."""
         return self
 
+    def gains(self) -> dict[str, str]:
+        """By channel, what its whole formula is multiplied with, where an effect may let that go with a column."""
+        return {}
+
     def acts_on(self) -> tuple[str, ...]:
         """Every name that the user's own expression may act on."""
         return (*self.channels, *self.forces, *self.further, *self.parameters)
