@@ -100,8 +100,8 @@ def libfuzzer(program: Path, folder: Path, minutes: float, *corpora: Path) -> tu
     (folder / "found").mkdir(parents=True, exist_ok=True)
     command = [
         str(program), f"-max_total_time={max(1, round(60 * minutes))}", f"-timeout={ONE_INPUT}",
-        f"-max_len={LONGEST_INPUT}", f"-artifact_prefix={folder / 'found'}/", "-print_final_stats=1",
-        *map(str, corpora),
+        f"-report_slow_units={ONE_INPUT}", f"-max_len={LONGEST_INPUT}", f"-artifact_prefix={folder / 'found'}/",
+        "-print_final_stats=1", *map(str, corpora),
     ]  # fmt: skip
     with (folder / "log.txt").open("wb") as log:
         done = subprocess.run(
@@ -143,7 +143,7 @@ def find_planted(target: str, minutes: float) -> bool:
     start = time.monotonic()
     status, runs = libfuzzer(program, folder, minutes, folder / "seeds")
     took = f"{time.monotonic() - start:.0f} s, {runs or 'no count of'} inputs"
-    found = any((folder / "found").iterdir())
+    found = any((folder / "found").glob("crash-*"))
     told = "found" if found else f"NOT found (status {status}, see {folder / 'log.txt'})"
     print(
         f"{target}: planted bug {told} after {took}, from the {silent} of {len(seeds)} inputs that do not show it",
