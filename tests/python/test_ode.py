@@ -486,3 +486,28 @@ def test_a_small_gain_does_what_its_refit_does(tmp_path: Path) -> None:
     larger = model.having(term).bind(case.inputs, rows)
     change = (larger.predict(np.append(theta, 1e-4)) - larger.predict(np.append(theta, -1e-4))) / 2e-4
     np.testing.assert_allclose(expected(feature), change, atol=0.02 * np.abs(change).max())  # samples apart
+
+
+def test_an_addition_to_a_definition_loses_to_one_to_a_law(tmp_path: Path) -> None:
+    """A rest angle that is not zero: a constant on th' = w does exactly the same as one on w', and used to be named."""
+    random = np.random.default_rng(8)
+    lines = ["run,t,deg"]
+    for run in range(4):
+        t = np.linspace(0.0, 20.0, 120)
+        swing = random.uniform(5.0, 15.0) * np.exp(-0.02 * t) * np.cos(0.9 * t + random.uniform(0.0, 6.0))
+        for time, angle in zip(t, 2.0 + swing + 0.1 * random.standard_normal(len(t)), strict=True):
+            lines.append(f"r{run},{time:.6g},{angle:.6g}")
+    folder = tmp_path / "case"
+    folder.mkdir()
+    (folder / "runs.csv").write_text("\n".join(lines) + "\n")
+    (folder / "case.toml").write_text(
+        '[case]\ntitle = "Torsion"\n[model]\nbase = "ode"\n[model.states]\nth = { initial = "fit" }\n'
+        'w = { initial = "fit" }\n[model.derivative]\nth = "w"\nw = "-c*th - b*w"\n[model.measured]\nangle = "th"\n'
+        "[fit]\nc = { value = 0.7, min = 0.0, max = 9.0 }\nb = { value = 0.1, min = 0.0, max = 2.0 }\n"
+        '[data]\nfiles = ["runs.csv"]\nrun = "run"\n[data.columns]\ntime = { column = "t", unit = "1" }\n'
+        'angle = { column = "deg", unit = "1", sigma = 0.1 }\n'
+    )
+    found = discover(load_case(folder))
+    terms = {c.effect.name: c.effect.target for c in found.candidates}
+    assert {terms[name] for names in (found.missing, *found.rivals) for name in names} <= {"derivative.w", "angle"}
+    assert found.missing

@@ -44,10 +44,8 @@ class Equation(Algebraic):
         return {name for formula in self.formulas.values() for name in formula.names}
 
     def factors(self, target: str, main: str, values: Mapping[str, Array], roles: Collection[str]) -> list[Factor]:
-        if target in self.gains().values():
+        if target in self.further:
             return [(*ALONE[:2], False)] if main else []
-        if target in self.further:  # a column that the formulas read is for another formula, not for a parameter
-            return [(*ALONE[:2], False)] if main and main not in self.reads() else []
         found: list[Factor] = []
         for name, prior, _ in super().factors(target, main, values, roles):
             found.append((name, prior, True))

@@ -45,6 +45,7 @@ NEAR = 0.999  # less than this with a probability below 1e-12
 # The same as LOWEST where a state's motion is known without noise, and a bend close to its end shows; chosen by hand.
 LOWEST_OF_STATES = 0.1
 UNMAPPED_COST = 0.5  # prior factor of a column that the case does not map; chosen by hand
+IDLE_COST = 0.05  # of one that hardly varies, too: a room's temperature stands for a constant; chosen by hand
 CONSTANT_COST = 1.0  # prior factor of an expression that depends on no column but the direction: none; by hand
 SCALE_COST = 1.5  # log evidence taken off a refit for each scale that it could choose; chosen by hand
 
@@ -142,6 +143,8 @@ def library(
                 for f, p, step in factors(case, target, name, values)
             ]
             own_prior = 1.0 if name in roles or not name else UNMAPPED_COST
+            if own_prior < 1.0 and _hardly(values[name]):
+                own_prior = IDLE_COST
             about = target in simply and any(term.centred for term in listed)
             for i, term in enumerate(listed):
                 if term.centred != (about and (term.centred or term.text == name)):

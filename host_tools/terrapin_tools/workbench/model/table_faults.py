@@ -18,6 +18,7 @@ from terrapin_tools.workbench.bases import formula_name
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.case.changes import TABLE
 from terrapin_tools.workbench.case.intake import BOTH_WAYS
+from terrapin_tools.workbench.files.units import same_kind
 
 __all__ = ["UNUSUAL", "Fault", "at_fault", "fault_of", "faults", "read", "recorded"]
 
@@ -83,11 +84,11 @@ def faults(case: Case) -> list[Fault]:
         unit = case.units[name] or ""
         for about, (factor, units) in {**FACTORS, **{a: f for a, f in OF_UNIT.items() if unit in f[1]}}.items():
             inverse = () if factor == -1.0 else (1.0 / factor,)
-            usual = about not in RARE and (units is None or unit in units)
-            found += [
-                _fault(case, name, "scale", _scaled(about, f, factor), factor=f, cost=0.0 if usual else UNUSUAL)
-                for f in (factor, *inverse)
-            ]
+            fits = units is None or unit in units or any(other and same_kind(unit, other) for other in units)
+            usual = about not in RARE and fits
+            for f in (factor, *inverse):
+                title = _scaled(about, f, factor) if fits else f"is wrong by a factor of {f:.4g}"
+                found.append(_fault(case, name, "scale", title, factor=f, cost=0.0 if usual else UNUSUAL))
         if not _reverses(values):
             lacks = {other: f"lacks the sign of {other}" for other in signed}
             found += [_fault(case, name, "sign", t, sign_of=o, cost=_cost(case, o)) for o, t in lacks.items()]

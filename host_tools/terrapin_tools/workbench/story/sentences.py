@@ -291,7 +291,7 @@ def acts(target: str, channels: Collection[str]) -> str:
 
 def reason(found: Findings, one: Proposal, why_not: str) -> str:
     """Why a candidate is likely, or why it is not: what it explains, what the data hold against it."""
-    share = f"{percent(one.explains)} of the misfit"
+    share = f"{percent(max(one.explains, 0.0))} of the misfit"
     left = "" if one.noise_ratio is None else f" and leaves {in_sd(one.noise_ratio)} noise sd on held-out runs"
     mine = [set(rival) for rival in found.rivals if one.effect in rival]
     if mine and len(found.rivals) > 1:
