@@ -447,7 +447,10 @@ def _candidate(analysis: Analysis, hypothesis: Hypothesis, probability: float, c
         kind=_kind(effect, hypothesis),
         probability=probability,
         column_probability=column,
-        heldout_rmse={c: float(v) if case.test.any() and np.isfinite(v) else None for c, v in zip(fit.model.channels, each, strict=True)},
+        heldout_rmse={
+            c: float(v) if case.test.any() and np.isfinite(v) else None
+            for c, v in zip(fit.model.channels, each, strict=True)
+        },
         noise_ratio=held,
         explains=float(np.clip(explains, -1.0, 1.0)),
         fit=fit,
