@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "bench"))
 from slcan_feeder import Feeder
 
 from terrapin_hil.messages import interface
-from terrapin_hil.nodes import Node
+from terrapin_hil.nodes import Node, node_count
 from terrapin_tools.logs.reading import read_log
 
 SERIOUS = ("serious", "critical")
@@ -95,6 +95,8 @@ def test_all_controllers_on_a_bus_and_one_of_them(page: Page, server: Server) ->
     expect(page.locator("#command")).to_contain_text("--node 3")
     expect(nodes.get_by_role("row").nth(2)).to_have_text(re.compile("3.*0.25.*watched"))
     expect(page.locator("#live-node")).to_have_value("3")
+    numbers = [f"node {n}" for n in range(node_count())]
+    expect(page.locator("#live-node option")).to_have_text(["node of the link", *numbers])
     assert serious(page) == []
     page.get_by_role("button", name="Leave").click()
     expect(nodes).to_be_hidden()

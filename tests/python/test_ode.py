@@ -11,6 +11,7 @@ import pytest
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.compiled import ffi, library, pointer
+from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_hil.physics.equations import ode as equations
 from terrapin_hil.physics.equations.ode import Ode, OdeDrive, OdeError
 from terrapin_hil.physics.expression import parse
@@ -425,3 +426,63 @@ def test_every_drawn_system_is_one(tmp_path: Path) -> None:
         assert load_case(drawn.folder).base.name == "ode"
         assert np.abs(drawn.term).max() > 0.0
         assert parse(system.term[1]).names & {*system.derivative, *system.inputs}
+
+
+CULTURE = """[case]
+title = "Culture"
+[model]
+base = "ode"
+[model.states]
+X = { initial = "fit" }
+[model.derivative]
+X = "mu*X*(1 - X/K)"
+[model.measured]
+od = "X"
+[fit]
+mu = { value = 0.3, min = 0.0, max = 2.0 }
+K = { value = 5.0, min = 0.1, max = 50.0 }
+[data]
+files = ["runs.csv"]
+run = "run"
+[data.columns]
+time = { column = "t_h", unit = "1" }
+od = { column = "od", unit = "1", sigma = 0.05 }
+"""
+
+
+def culture(folder: Path, per_degree: float) -> Path:
+    """Logistic growth at another temperature in each run, which the model reads as a column that it does not use."""
+    random = np.random.default_rng(4)
+    lines = ["run,t_h,od,broth_C"]
+    for run, temperature in enumerate(np.linspace(28.0, 36.0, 7)):
+        rate, start, t = 0.4 * (1 + per_degree * (temperature - 32.0)), random.uniform(0.2, 0.6), np.linspace(0, 14, 25)
+        grown = 6.0 / (1 + (6.0 / start - 1) * np.exp(-rate * t))
+        for time, od in zip(t, grown + 0.05 * random.standard_normal(len(t)), strict=True):
+            lines.append(f"b{run},{time:.6g},{od:.6g},{temperature:.2f}")
+    folder.mkdir(parents=True)
+    (folder / "runs.csv").write_text("\n".join(lines) + "\n")
+    (folder / "case.toml").write_text(CULTURE)
+    return folder
+
+
+def test_a_whole_derivative_may_go_with_a_column(tmp_path: Path) -> None:
+    found = discover(load_case(culture(tmp_path / "case", 0.05)))
+    terms = {c.effect.name: (c.effect.target, c.effect.expression) for c in found.candidates}
+    told = [terms[name] for names in (found.missing, *found.rivals) for name in names]
+    assert ("gain_of_X", "k*(broth_C - 32)") in told
+    assert all(target == "gain_of_X" for target, _ in told)
+    assert discover(load_case(culture(tmp_path / "null", 0.0))).verdict == "adequate"
+
+
+def test_a_small_gain_does_what_its_refit_does(tmp_path: Path) -> None:
+    """Along the motion that was fitted, the response to a gain is the difference that a refit's model shows."""
+    case = load_case(culture(tmp_path / "case", 0.05))
+    model, theta, rows = Model.of(case), analyse(case).fit.theta, case.train | case.test
+    feature = case.extra["broth_C"][rows] - 32.0
+    bound = model.bind(case.inputs, rows)
+    expected = bound.acting(theta, "gain_of_X")
+    assert expected is not None
+    term = Effect("e", "", "", "", ("ode",), (Parameter("k", "1", 0.0),), (), "k*(broth_C - 32)", target="gain_of_X")
+    larger = model.having(term).bind(case.inputs, rows)
+    change = (larger.predict(np.append(theta, 1e-4)) - larger.predict(np.append(theta, -1e-4))) / 2e-4
+    np.testing.assert_allclose(expected(feature), change, atol=0.02 * np.abs(change).max())  # samples apart

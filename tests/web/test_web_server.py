@@ -14,6 +14,7 @@ import pytest
 from serving import START, Server
 from websockets.sync.client import connect
 
+from terrapin_hil.nodes import node_count
 from tests.waiting import wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -44,6 +45,7 @@ def test_start_prints_the_address_with_a_token(server: Server) -> None:
     status = server.get("/api/status")
     assert status["workspace"] == "ws"
     assert status["version"] == "0.1.0"
+    assert status["nodes"] == node_count()
 
 
 def test_page_and_static_files_need_no_token_and_keep_to_themselves(server: Server) -> None:

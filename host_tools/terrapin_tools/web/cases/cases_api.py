@@ -10,6 +10,7 @@ from fastapi import APIRouter, Query
 from fastapi.responses import FileResponse
 
 from terrapin_hil import paths
+from terrapin_hil.nodes import node_count
 from terrapin_tools import __version__
 from terrapin_tools.web.service import models
 from terrapin_tools.web.service.context import Context, Terrapin
@@ -82,6 +83,7 @@ async def status(context: Terrapin) -> models.Status:
         cases=len(workspace.names()),
         jobs_running=context.jobs.running(),
         link=context.link,
+        nodes=node_count(),
     )
 
 

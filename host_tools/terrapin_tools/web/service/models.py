@@ -65,6 +65,7 @@ class Status(BaseModel):
     cases: int
     jobs_running: int
     link: str = Field(description="what `terrapin web --link` named, or empty")
+    nodes: int = Field(description="node numbers that controllers on a bus may have, from 0 on")
 
 
 class Named(BaseModel):

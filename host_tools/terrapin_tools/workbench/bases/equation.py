@@ -12,6 +12,7 @@ from terrapin_hil.physics.signals import derivative, lagged, played
 from terrapin_tools.workbench.bases.kinds.algebraic import Algebraic, Rows, Terms, Values
 from terrapin_tools.workbench.bases.kinds.base import (
     ALONE,
+    GAIN,
     PARAMETER_COST,
     PRODUCT_COST,
     Base,
@@ -33,7 +34,7 @@ class Equation(Algebraic):
         return replace(known, further=(*(name for name in fitted if name in known.reads()), *known.gains().values()))
 
     def gains(self) -> dict[str, str]:
-        return {channel: f"gain_of_{channel}" for channel in self.formulas}
+        return {channel: GAIN + channel for channel in self.formulas}
 
     def targets(self) -> list[Target]:
         """The channels; their formulas as a whole, and fitted parameters in them, which may go with a column."""

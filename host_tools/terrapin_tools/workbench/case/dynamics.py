@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
+from terrapin_hil.physics.expression import Operation
 from terrapin_hil.units import read_unit
 from terrapin_tools.workbench.bases import Base
-from terrapin_tools.workbench.bases.kinds.base import Dynamics, State
+from terrapin_tools.workbench.bases.kinds.base import GAIN, Dynamics, State
 from terrapin_tools.workbench.case.columns import Measurements, read_formulas
 from terrapin_tools.workbench.case.effect_units import plain, unit_problem
 from terrapin_tools.workbench.files.toml_tables import Complaint, Tables
@@ -73,7 +74,9 @@ def with_states(base: Base, dynamics: Dynamics | None) -> Base:
     if dynamics is None:
         return base
     forces = {f"derivative.{name}": _per_second(state.unit) for name, state in dynamics.states.items()}
-    return replace(base, provides=tuple(dynamics.states), forces=forces)
+    # what is a state itself, or a number, is a definition: no law that might go with a column
+    laws = [name for name, formula in dynamics.derivative.items() if isinstance(formula.tree, Operation)]
+    return replace(base, provides=tuple(dynamics.states), forces=forces, further=tuple(GAIN + name for name in laws))
 
 
 def _per_second(unit: str) -> str:

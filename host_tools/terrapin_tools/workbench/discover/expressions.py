@@ -142,7 +142,10 @@ def library(
                 for f, p, step in factors(case, target, name, values)
             ]
             own_prior = 1.0 if name in roles or not name else UNMAPPED_COST
+            about = target in simply and any(term.centred for term in listed)
             for i, term in enumerate(listed):
+                if term.centred != (about and (term.centred or term.text == name)):
+                    continue
                 for factor, factor_prior, beside_step, numbers in beside:
                     if not (term.plain or beside_step) or (term.scales and target in simply):
                         continue  # how a formula, or a parameter in it, goes with a column is simple or unknown

@@ -36,6 +36,7 @@ class Term:
     prior: float
     plain: bool = True  # stands beside any factor; a step beside the direction of motion only
     grid: tuple[float, ...] = ()  # further start values of its scale, for a refit
+    centred: bool = False  # for what a law is multiplied with: its own constant keeps its meaning, and its bounds
     bends: bool = False  # one of the shapes that look like many others over a limited range
 
 
@@ -69,6 +70,8 @@ def shapes(name: str, values: Array, unit: str, taken: Collection[str] = (), low
     if unit == "rad" and span > 1.0:
         found += [term(f"{wave}({name})", SHAPE_COST, bends=span < 3.0) for wave in ("sin", "cos")]
     if one_sign:
+        middle = f"{'-' if low >= 0.0 else '+'} {abs(0.5 * (low + high)):.3g}"
+        found.append(Term(f"({name} {middle})", {}, (-np.inf, np.inf), 1.0, centred=True))
         found.append(term(f"sqrt({magnitude})", SHAPE_COST))
         if (
             low >= 0.0

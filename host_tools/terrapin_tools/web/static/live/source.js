@@ -1,8 +1,6 @@
 // The bar that says what is watched: a bus, a log or the simulator, with the options of each.
 import { h } from '../app.js';
 
-const NODES = 8; // on a bus
-
 export class Source {
   /** @param {LiveDesk} desk */
   constructor(desk) {
@@ -16,7 +14,7 @@ export class Source {
     this.speed = h('select', { id: 'live-speed', 'aria-label': 'Speed of a log' }, ...[1, 2, 5, 10, 100].map((s) => h('option', { value: String(s), text: `${s} ×` })));
     this.bitrate = h('select', { id: 'live-bitrate', 'aria-label': 'Bit rate of the bus' }, ...[125, 250, 500, 1000].map((k) => h('option', { value: String(k * 1000), text: `${k} kbit/s`, selected: k === 500 })));
     this.controller = h('select', { id: 'live-controller', 'aria-label': 'Controller of the simulator' }, h('option', { value: 'inprocess', text: 'in this process' }), h('option', { value: 'pty', text: 'a process, over a pty' }));
-    this.node = h('select', { id: 'live-node', 'aria-label': 'Node number of the controller' }, h('option', { value: '', text: 'node of the link' }), ...Array.from({ length: NODES }, (_, n) => h('option', { value: String(n), text: `node ${n}` })));
+    this.node = h('select', { id: 'live-node', 'aria-label': 'Node number of the controller' }, h('option', { value: '', text: 'node of the link' }));
     this.dbc = h('select', { id: 'live-dbc', 'aria-label': 'DBC' });
     this.file = h('input', { type: 'file', id: 'live-file', hidden: true, accept: '.log,.blf,.asc,.mf4,.mcap,.parquet,.dbc', onchange: () => this.upload() });
     this.chip = h('span', { class: 'chip small', role: 'status' });
@@ -28,9 +26,11 @@ export class Source {
   /** What there is to watch. */
   async offer() {
     const { app, run } = this.desk, { source, dbc } = this;
-    /** @type {Link[] | null} */
-    const links = await run(() => app.api('links'));
-    if (!links) return;
+    /** @type {[Link[], { nodes: number }] | null} */
+    const found = await run(() => Promise.all([app.api('links'), app.api('status')]));
+    if (!found) return;
+    const [links, { nodes }] = found;
+    for (let n = this.node.options.length - 1; n < nodes; n++) this.node.append(h('option', { value: String(n), text: `node ${n}` }));
     const before = source.value;
     /** @param {string} kind */
     const options = (kind) => links.filter((l) => l.kind === kind).map((l) => h('option', { value: l.source, text: l.title }));

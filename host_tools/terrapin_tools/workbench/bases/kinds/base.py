@@ -13,6 +13,7 @@ from terrapin_hil.physics.expression import Expression
 
 __all__ = [
     "CHANNEL_COST",
+    "GAIN",
     "PRODUCT_COST",
     "Act",
     "Base",
@@ -32,6 +33,7 @@ Factor = tuple[str, float, bool]
 Target = tuple[str, float]
 
 CHANNEL_COST, PARAMETER_COST = 0.7, 0.25  # prior factors of what an expression acts on
+GAIN = "gain_of_"  # before the name of a channel or a state: what its formula is multiplied with
 PRODUCT_COST = 0.35  # prior factor of a further column
 ALONE: Factor = ("", 1.0, True)  # no further column
 

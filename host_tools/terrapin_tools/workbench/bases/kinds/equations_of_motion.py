@@ -19,14 +19,14 @@ from terrapin_hil.physics.expression import Name, Node, Operation, parse
 from terrapin_hil.physics.program import instructions
 from terrapin_hil.physics.signals import row_scatter
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.bases.kinds.base import Act, Dynamics, Predictor, Problem, Runs
+from terrapin_tools.workbench.bases.kinds.base import GAIN, Act, Dynamics, Predictor, Problem, Runs
 from terrapin_tools.workbench.bases.kinds.starts import ABSURD, Near
 
 __all__ = ["Stretches"]
 
 FIRST_ROWS = 9  # from which a start is guessed
 SMOOTH = 0.001  # of a state's size: where sign() turns in a solution; 0.01 showed as a missing term in noise of 1 %
-ADD = (2, 0, 0.0)  # HIL_OP_ADD
+ADD, MULTIPLY = (2, 0, 0.0), (4, 0, 0.0)  # HIL_OP_ADD, HIL_OP_MULTIPLY
 PARTS = 8  # stretches of a run at least, where its rows allow
 ITERATIONS = 30  # of the search for a start
 ENOUGH = 1e-6  # of the sum of squares: a start that gains less is found, but for a step that is linear
@@ -107,11 +107,14 @@ class Stretches(Predictor):
         self.equations = hash((codes, self.table.tobytes(), self.places.tobytes()))
 
     def _formula(self, text: str, target: str) -> list[tuple[int, int, float]]:
-        """A formula with what effects add to it; their own parameters hide equal names."""
+        """A formula with what effects multiply it with and add to it; their own parameters hide equal names."""
         code = instructions(text, self.slots, {})
-        for effect in self.problem.effects:
-            if effect.target == target:
-                mine = {p.name: self.slots[f"{effect.name}.{p.name}"] for p in effect.parameters}
+        gain = GAIN + target.removeprefix("derivative.")
+        for effect in sorted(self.problem.effects, key=lambda effect: effect.target != gain):
+            mine = {p.name: self.slots[f"{effect.name}.{p.name}"] for p in effect.parameters}
+            if effect.target == gain:
+                code = [*code, *instructions(f"1 + ({effect.expression})", {**self.slots, **mine}, {}), MULTIPLY]
+            elif effect.target == target:
                 code = [*code, *instructions(effect.expression, {**self.slots, **mine}, {}), ADD]
         return code
 
@@ -318,13 +321,19 @@ class Stretches(Predictor):
         table = self.table.copy()
         table[self.places] = theta
         linear: Linear | None = None
+        through: Array | float = 1.0  # what the feature is multiplied with on its way
         if target not in self.problem.channels:
-            state = list(self.dynamics.states).index(target.removeprefix("derivative."))
-            linear = self.ode.linear(table, layout.drive, solved.run.states, state)
+            name = target.removeprefix(GAIN).removeprefix("derivative.")
+            linear = self.ode.linear(table, layout.drive, solved.run.states, list(self.dynamics.states).index(name))
+            if target.startswith(GAIN):
+                known: dict[str, Array | float] = {n: float(table[slot]) for n, slot in self.slots.items()}
+                taken = slice(None) if self.problem.rows is None else self.problem.rows
+                known |= {n: self.problem.inputs[n][taken] for n in ("time", *self.inputs)}
+                through = self.dynamics.derivative[name].evaluate({**known, **self.motion(theta)})
 
         def act(feature: Array) -> Array:
             addition = np.zeros(len(layout.measured))
-            addition[layout.samples] = feature[layout.rows]
+            addition[layout.samples] = (feature * through)[layout.rows]
             if linear is not None:
                 change = linear.respond(addition)
             else:
