@@ -7,10 +7,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from terrapin_tools.workbench.compare.comparison import error, fitted_on
+from terrapin_tools.workbench.compare.comparison import analyse, error, fitted_on
 from terrapin_tools.workbench.model.model import Model
 from tests.campaigns import dynamic, later_rounds, ode_systems
 from tests.campaigns.resumed import Record
+
+
+def test_a_car_whose_wheels_dig_in_at_the_start_values_is_fitted_from_others(tmp_path: Path) -> None:
+    """At the case's own start values, and at two more inside the bounds, no soil carries a wheel at full throttle."""
+    case, _ = dynamic.draw("vehicle", 2, 1, tmp_path / "case")
+    model = Model.of(case)
+    with np.errstate(all="ignore"):
+        assert not np.isfinite(model.bind(case.inputs).predict(model.start)).all()
+    found = analyse(case, seed=2)
+    assert np.isfinite(found.prediction).all()
+    assert found.missing
 
 
 @pytest.mark.parametrize("base", dynamic.BODIES)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
+from itertools import islice
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from terrapin_tools.workbench.model.data_columns import (
 )
 from terrapin_tools.workbench.model.effect_columns import Shape, shapes_of, terms_of, varying_parameters
 from terrapin_tools.workbench.model.fitting import Fit, covariance, extend, fit_model
-from terrapin_tools.workbench.model.model import Model
+from terrapin_tools.workbench.model.model import Bound, Model
 from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.noise.estimate import ODD_SHARE, Noise, estimate_noise, least_noise
 from terrapin_tools.workbench.noise.stuck import clipped_rows, stuck_rows
@@ -41,6 +42,7 @@ __all__ = ["LEVEL", "Analysis", "Rung", "analyse", "error", "fitted_on", "free_s
 LEVEL = 0.05  # false alarm rate of "something is missing", the usual one; --level changes it
 # Starts of a base model with bounded parameters: the case's own, the others inside the bounds. Chosen by hand.
 STARTS = 3
+MORE_STARTS = 20  # that are drawn where none of these gives numbers, at most; chosen by hand
 CLEARLY = 50.0  # times below the level, to raise an alarm on rows closer than a correlation length; chosen by hand
 ROUNDS = 3  # looks for rows that stand alone: without the farthest, others may show
 
@@ -107,20 +109,33 @@ def error(fit: Fit, rows: Mask, sigma: Array) -> float | None:
     return float(np.sqrt(np.mean(scaled * scaled)))
 
 
-def _base_starts(model: Model, seed: int) -> list[Array]:
-    """The case's start values, and points inside the bounds (logarithmic where both bounds are positive)."""
+def _base_starts(bound: Bound, seed: int) -> list[Array]:
+    """The case's start values, and points inside the bounds (logarithmic where both bounds are positive). Of what is
+    integrated over time one more where none of them gives numbers: at some values no wheel is carried."""
+    model = bound.model
     starts = [model.start]
     bounded = np.isfinite(model.lower) & np.isfinite(model.upper)
     if model.case.base.convex or not bounded.all() or not bounded.size:
         return starts
     random = np.random.default_rng([seed, 0x57A7])
-    for _ in range(STARTS - 1):
+    positive = (model.lower > 0) & (model.upper > 10.0 * model.lower)
+    low, high = np.where(positive, model.lower, 1.0), np.where(positive, model.upper, 1.0)
+
+    def drawn() -> Array:
         share = random.uniform(0.1, 0.9, len(model.start))
-        positive = (model.lower > 0) & (model.upper > 10.0 * model.lower)
-        low, high = np.where(positive, model.lower, 1.0), np.where(positive, model.upper, 1.0)
         geometric = low * (high / low) ** share
-        starts.append(np.where(positive, geometric, model.lower + share * (model.upper - model.lower)))
+        return np.where(positive, geometric, model.lower + share * (model.upper - model.lower))
+
+    starts += [drawn() for _ in range(STARTS - 1)]
+    if model.case.base.whole_runs and not any(_gives_numbers(bound, one) for one in starts):
+        further = (drawn() for _ in range(MORE_STARTS))
+        starts += islice((one for one in further if _gives_numbers(bound, one)), 1)
     return starts
+
+
+def _gives_numbers(bound: Bound, theta: Array) -> bool:
+    with np.errstate(all="ignore"):
+        return bool(np.isfinite(bound.predict(theta)).all())
 
 
 def fitted_on(
@@ -149,8 +164,8 @@ def fitted_on(
     """
     model = reduce(Model.having, wrong, Model.of(case, ()))
     values = measured(model, rows)
-    starts = [near[0].theta] if near else _base_starts(model, seed)
-    fits = [fit_model(model.bind(case.inputs, rows), values, sigma, starts)]
+    bound = model.bind(case.inputs, rows)
+    fits = [fit_model(bound, values, sigma, [near[0].theta] if near else _base_starts(bound, seed))]
     for name in effects:
         model = model.having(case.library[name])
         fits.append(extend(fits[-1], name, model.bind(case.inputs, rows), values, sigma))
@@ -277,13 +292,11 @@ def _fitted(case: Case, seed: int) -> tuple[list[Fit], Noise, Array]:
     """Fits of the ladder, the noise, and the columns of noisy inputs (channels, rows, count) in the channels' units."""
     rows = case.train | case.test
     model = Model.of(case)
-    # a body whose wheels dig in at the case's own start values may have others inside the bounds at which it rolls
-    starts = _base_starts(model, seed) if case.base.whole_runs else []
     bound = model.bind(case.inputs, rows)
-    with np.errstate(all="ignore"):
-        first = bound.predict(model.start)
-        known = any(np.isfinite(bound.predict(start)).all() for start in starts)
-    if not known:
+    starts = _base_starts(bound, seed) if case.base.whole_runs else []
+    if not any(_gives_numbers(bound, start) for start in starts):
+        with np.errstate(all="ignore"):
+            first = bound.predict(model.start)
         _require_numbers(case, model, first, model.start, rows, "at the start values")
     given = [case.sigma[c] for c in model.channels]
     stated = all(g is not None for g in given)
