@@ -128,7 +128,9 @@ def test_a_speed_is_not_said_to_be_a_force(tmp_path: Path) -> None:
     """Where the noise hides the factor of kilograms of force from that of turns a minute, only the latter is told."""
     case = load_case(written(tmp_path / "case", measured(3)))
     scales = [one for one in faults(case) if one.name == "table.omega.scale"]
-    turns, force = (next(one for one in scales if about in one.title) for about in ("turns a minute", "force"))
+    turns = next(one for one in scales if "turns a minute" in one.title)
+    force = next(one for one in scales if one.factor == pytest.approx(9.80665))
+    assert force.title == "omega is wrong by a factor of 9.807"
     told_first = _likeliest([_Looked(force, -4.0, -np.inf, ""), _Looked(turns, -3.0, -np.inf, "")])
     assert told_first.fault.title == turns.title
     alone = _likeliest([_Looked(force, -4.0, -np.inf, "")])

@@ -230,7 +230,8 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
         # a formula in the place of an effect of the catalogue is a rival only if it is about as likely
         least = SAME_AS_GOOD if other.kind == "catalogue" or top.kind != "catalogue" else AS_GOOD
         first, second = top.fit, other.fit
-        if len(other.effects) == 1 and named(other.effects[0]) and _same(analysis, ranking, top, other):
+        stated = analysis.case.base.own_names and len(other.effects) == 1 and named(other.effects[0])
+        if stated and _same(analysis, ranking, top, other):
             least = TWIN_CONSTANT
         if _faulty(other):  # nothing in it is fitted to the noise
             first, second = second, first
