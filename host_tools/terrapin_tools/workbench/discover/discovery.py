@@ -49,6 +49,8 @@ __all__ = ["Candidate", "Discovery", "discover", "rung"]
 AS_GOOD = 0.75
 SAME_AS_GOOD = 0.2
 TWIN_CONSTANT = 0.02  # the same of a stated constant whose error does exactly what the likeliest set does; by hand
+# Beside a shape that looks like many others so many answers are told that are this likely over it; chosen by hand.
+BEHIND_BENT, BESIDE_BENT = 0.1, 2
 MOST_RIVALS = 4  # that are told where none of them is likelier than not; chosen by hand
 CLASSED = 0.02  # probability over the likeliest set's, from which a set is put in a class; chosen by hand, for time
 # Such a distance, below which a part of a set does what the whole does. Halves of one effect lie 1e-6 apart; at 2 a
@@ -244,6 +246,10 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
                 rivals.append(other)
         elif p >= AS_GOOD * best:
             rivals.append(other)
+    if len(rivals) == 1 and not ranking.bent.isdisjoint(top.effects):
+        close = [h for h, p in sets[1:] if p * np.exp(max(h.taxed - top.taxed, 0.0)) >= BEHIND_BENT * best]
+        apart = [h for h in close if _size_of(h) <= _size_of(top) and set(top.effects).isdisjoint(h.effects)]
+        rivals += [h for h in apart if h.fit is not None and not loses(analysis, h.fit)][:BESIDE_BENT]
     # likelier wrong than right: then what is next likely is told, too
     least = SAME_AS_GOOD * (best if best < EVEN else own[top.effects])
     if best < EVEN or (len(rivals) == 1 and own[top.effects] < EVEN):

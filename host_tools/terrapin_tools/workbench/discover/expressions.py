@@ -8,7 +8,7 @@ probability, so the answer is as short as the measurements allow. expression_ans
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +25,7 @@ from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.covariance import orthonormal
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
-__all__ = ["SCALE_COST", "Library", "Sketch", "as_effect", "library"]
+__all__ = ["SCALE_COST", "Library", "Sketch", "as_effect", "library", "read_by"]
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -39,6 +39,7 @@ DUPLICATE = 0.9995
 SAME = 0.9999  # the same between two expressions; chosen by hand
 # Of a shape or factor: sd over mean below which the column that it depends on hardly varies. By hand.
 HARDLY = 0.15
+TOGETHER = 2  # columns that do the same of which an expression is kept beside that of the likeliest; by hand
 BLOCK = 256  # expressions that are compared at once
 PROJECTIONS = 64  # in which two columns of correlation SAME have
 NEAR = 0.999  # less than this with a probability below 1e-12
@@ -182,7 +183,9 @@ def library(
     stacked = np.array(columns).T
     instead = {i: places[key] for i, keys in shorter.items() for key in keys[::-1] if key in places}
     idle = _unseen(stacked, basis, instead, misfit)
-    keep = [i for i in _distinct(stacked, basis, catalogue, np.array([s.prior for s in sketches])) if i not in idle]
+    prior = np.array([s.prior for s in sketches])
+    kept = _distinct(stacked, basis, catalogue, prior, [read_by(s, values) for s in sketches])
+    keep = [i for i in kept if i not in idle]
     if not keep:
         return Library((), np.zeros((base.shape[0], 0)), np.zeros(0))
     chosen = [sketches[i] for i in keep]
@@ -216,8 +219,17 @@ def _unseen(columns: Array, basis: Array, instead: Mapping[int, int], misfit: fl
     return found
 
 
-def _distinct(columns: Array, basis: Array, catalogue: Array, prior: Array) -> list[int]:
-    """Indices of columns that neither the model nor the catalogue nor a likelier sketch already has."""
+def read_by(sketch: Sketch, columns: Collection[str]) -> frozenset[str]:
+    """Columns of the data that a sketch reads."""
+    return parse(sketch.text).names & frozenset(columns)
+
+
+def _distinct(
+    columns: Array, basis: Array, catalogue: Array, prior: Array, reads: Sequence[frozenset[str]]
+) -> list[int]:
+    """Indices of columns that neither the model nor the catalogue nor a likelier sketch already has. `reads`: of each
+    the columns of the data in it. Where two that have none in common go together, both are kept: nobody can tell them
+    apart, and an answer that names one of them has to say so."""
     # products of what is left beside the basis are those of the columns less those inside it: no copy of a long table
     rows, inside = columns.T, (basis.T @ columns).T
     before = np.einsum("ij,ij->i", rows, rows)
@@ -246,10 +258,11 @@ def _distinct(columns: Array, basis: Array, catalogue: Array, prior: Array) -> l
         earlier = np.array(kept, dtype=np.int64)
         chosen: list[int] = []
         for place in range(len(block)):
+            mine = reads[block[place]]
             likely = earlier[near[:, place]]
-            if likely.size and alike(likely, block[place : place + 1]).any():
-                continue
-            if not own[place, chosen].any():
+            same = likely[alike(likely, block[place : place + 1])[:, 0]].tolist() if likely.size else []
+            same += [int(block[other]) for other in chosen if own[place, other]]
+            if len(same) <= TOGETHER and all(mine and reads[one] and mine.isdisjoint(reads[one]) for one in same):
                 chosen.append(place)
         kept += block[chosen].tolist()
     return kept

@@ -20,6 +20,7 @@ from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.discover.closure import neighbours, twins
 from terrapin_tools.workbench.discover.expression_answers import expression_pairs, expressions, paying
+from terrapin_tools.workbench.discover.expressions import read_by
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
 from terrapin_tools.workbench.discover.ranker import RUN, SIZE_OF_SET, Ranker, by_effect
 from terrapin_tools.workbench.discover.suspect_answers import beside_constants, table_answers
@@ -198,10 +199,18 @@ def _merged(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
         for other in ranked[place + 1 : 2 * SHOWN]:
             if other.kind != h.kind or other.fit is None or named(other) != named(h):
                 continue
+            if _columns(ranker, h).isdisjoint(_columns(ranker, other)) and _columns(ranker, h):
+                continue  # one curve in two columns that go together: two answers
             if float(((curve(h.fit) - curve(other.fit)) ** 2).sum()) < ONE:
                 ranked.remove(other)
                 h = ranked[place] = replace(h, log_weight=float(np.logaddexp(h.log_weight, other.log_weight)))
     return sorted(ranked, key=lambda h: -h.log_weight)
+
+
+def _columns(ranker: Ranker, one: Hypothesis) -> frozenset[str]:
+    """Columns of the data that the expressions of an answer read."""
+    read = [read_by(ranker.sketches[name], ranker.case.inputs) for name in one.effects if name in ranker.sketches]
+    return frozenset().union(*read)
 
 
 def _predicted(ranker: Ranker, fit: Fit) -> Array:
