@@ -36,7 +36,7 @@ OUTSIDE = 0.8
 # Of a formula with a shape that looks like many others over a limited range (a saturation, a decay, a dead zone, a
 # power like 1.5, a cubic of one sign), or of a zero point, at most: where the truth is none of the shapes that are
 # tried, one of these stands for it. Of 20 such answers above 0.7, of 236 cases by somebody who had read the docs only,
-# 9 were right. So also of a set of which one member's size is less than its sd.
+# 9 were right. So also of two formulas in one column, and of a set of which one member's size is less than its sd.
 BENT = 0.8
 EVEN = 0.5  # probability of "nothing" below which no text calls the model adequate: something is then likelier
 DRAWS = 200  # simulated cases; chosen by hand: a rate of 0.5 is known to +- 0.035

@@ -164,7 +164,7 @@ def discover(
         if plain:
             verdict, top, rivals = "ambiguous" if plain[1:] else "missing", plain[0], plain
             probability = calibrated(likely, verdict)
-    bent = top is not None and (not ranking.bent.isdisjoint(top.effects) or _undetermined(analysis, top))
+    bent = top is not None and (_bent(ranking, top) or _undetermined(analysis, top))
     if bent and verdict in ("missing", "ambiguous"):
         probability = min(probability, BENT)
     doubted = doubts(analysis, top.fit if top is not None and top.fit is not None else analysis.fit)
@@ -246,7 +246,7 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
                 rivals.append(other)
         elif p >= AS_GOOD * best:
             rivals.append(other)
-    if len(rivals) == 1 and not ranking.bent.isdisjoint(top.effects):
+    if len(rivals) == 1 and _bent(ranking, top):
         close = [h for h, p in sets[1:] if p * np.exp(max(h.taxed - top.taxed, 0.0)) >= BEHIND_BENT * best]
         apart = [h for h in close if _size_of(h) <= _size_of(top) and set(top.effects).isdisjoint(h.effects)]
         rivals += [h for h in apart if h.fit is not None and not loses(analysis, h.fit)][:BESIDE_BENT]
@@ -480,6 +480,12 @@ def _operating(
     size = _size(analysis, top.fit, name)
     found = [operating_characteristic(ranking, name, s, analysis.noise.node, classes, seed) for s in (size, 1.0)]
     return tuple(o for o in found if o is not None)
+
+
+def _bent(ranking: Ranking, top: Hypothesis) -> bool:
+    """Whether the answer's curve looks like many others: by a shape of it, or as a sum of two in one column."""
+    columns = [ranking.columns[name] for name in top.effects if name in ranking.columns]
+    return not ranking.bent.isdisjoint(top.effects) or len({*columns} - {""}) < len([c for c in columns if c])
 
 
 def _undetermined(analysis: Analysis, top: Hypothesis) -> bool:

@@ -65,8 +65,8 @@ def expressions(ranker: Ranker, absurd: Collection[str] = ()) -> list[Hypothesis
             found.append(ranker.weighed((name,), float(weight[index]) - ranker.log_prior((name,))))
         else:
             grouped.setdefault(chosen.column, []).append(float(weight[index]))
-    if ranker.case.dynamics is not None and found:
-        best = max(found, key=lambda h: h.log_weight)
+    if ranker.case.dynamics is not None and (sound := [h for h in found if h.fit and ranker.sound(h.fit, h.effects)]):
+        best = max(sound, key=lambda h: h.log_weight)  # of those that run off on no run
         found += [ranker.weighed((ranker.expression(one),)) for one in _instead(ranker, best, texts)]
     found += [Hypothesis((), "expression", float(logsumexp(v)), None, column) for column, v in grouped.items()]
     return found
