@@ -34,6 +34,7 @@ FLOOR = np.sqrt(1.25)
 SETTINGS = 6  # that are repeated in several runs, to ask what they have in common; chosen by hand
 PULLED = 9.0  # of its variance that a parameter at its bound would gain beyond it: three sd, as usual
 RESTLESS = 2.0  # times the scatter from row to row that what is left may be, of white noise: 1; chosen by hand
+SILENCED = 0.2  # of the training error before, that is left in both; chosen by hand
 NOISE = 2.0  # standard deviations of the mean square above 1 that noise may explain: the usual two sd
 
 
@@ -205,11 +206,16 @@ def pays(analysis: Analysis, longer: Fit, shorter: Fit) -> bool:
 def loses(analysis: Analysis, fit: Fit) -> bool:
     """Whether the held-out runs are predicted worse with an answer than without: in the rows that were looked at, or
     with those of the others that the answer changes more than any row that was looked at. A term that is large only
-    where rows stand alone is known by nothing else; elsewhere an outlier says nothing for or against it."""
+    where rows stand alone is known by nothing else; elsewhere an outlier says nothing for or against it. Where nearly
+    all of a large misfit is gone, and little is left in the held-out runs, these had little of what is missing."""
     case, sigma = analysis.case, analysis.noise.sigma
+    loud, quiet = (error(one, case.train, sigma) for one in (analysis.fit, fit))
+    assert loud is not None
     for rows in (case.test, case.test | (analysis.held & _beyond(analysis, fit))):
         before, after = (error(one, rows, sigma) for one in (analysis.fit, fit))
-        if before is not None and after is not None and np.isfinite(before) and not after <= before:
+        if before is None or after is None or not np.isfinite(before) or after <= before:
+            continue
+        if not (quiet is not None and max(quiet, after) < SILENCED * loud):
             return True
     return False
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from terrapin_hil.arrays import Array
+from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.comparison import Analysis, error, predict
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
 from terrapin_tools.workbench.discover.leftover import absent
@@ -57,7 +58,7 @@ def _plain(ranking: Ranking) -> list[Hypothesis]:
         for one in ranking.hypotheses
         if one.kind == "catalogue"
         and one.effects
-        and not any(named(name) or at_fault(name) for name in one.effects)
+        and not any(named(name) or at_fault(name) or name.startswith(ZERO) for name in one.effects)
         and not absent(one.fit, one.effects)
     ]
 
