@@ -22,7 +22,7 @@ __all__ = ["Card", "Channel", "Findings", "Goal", "Next", "Place", "Proposal", "
 
 # Probability, and share of the misfit that an effect and a formula take away alone, from which a candidate is surely
 # part of what is not explained. Chosen by hand.
-SURELY, PART, MOST = 0.9, 0.1, 0.7
+SURELY, LIKELY, PART, MOST = 0.9, 0.5, 0.1, 0.7
 
 
 @dataclass(frozen=True)
@@ -138,13 +138,16 @@ class Findings:
     @property
     def part(self) -> tuple[str, ...]:
         """Of what is not explained: candidates that are surely part of it. A formula or a zero point must explain most
-        of it, because these imitate what is not known."""
+        of it, because these imitate what is not known; a formula counts where some formula in its column is sure, and
+        it is likelier than not."""
         if self.verdict != "unexplained" or self.odd_runs:
             return ()
         return tuple(
             one.effect
             for one in self.candidates
-            if one.probability >= SURELY and one.explains >= (MOST if _imitates(one) else PART)
+            if max(one.probability, one.column_probability or 0.0) >= SURELY
+            and one.probability >= LIKELY
+            and one.explains >= (MOST if _imitates(one) else PART)
         )
 
 
