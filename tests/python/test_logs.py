@@ -349,3 +349,31 @@ def test_what_a_socket_has_no_place_for_is_counted() -> None:
         for _ in range(500):
             to.sendto(bytes(16), here.getsockname())
         assert socket_drops(here) == 500 - heard
+
+
+def test_a_log_that_grows_while_it_is_read_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """asammdf takes the file's length first and a block's later: what came in between looked like a broken file."""
+    path, reader, looks = tmp_path / "x.mf4", can.LogReader, []
+    writer = LogWriter(path, growing=True)
+    writer.write(some(5, plain=True))
+    writer.flush()
+
+    def growing(file: Path) -> can.LogReader:
+        looks.append(path.stat().st_size)
+        if len(looks) == 1:
+            writer.write(some(5, plain=True))
+            writer.flush()
+            raise ValueError("Incomplete block")
+        return reader(file)
+
+    monkeypatch.setattr(can, "LogReader", growing)
+    assert len(read_log(path)[0]) == 10
+    assert len(looks) == 2
+    writer.close()
+
+    def broken(file: Path) -> can.LogReader:
+        raise ValueError("Incomplete block")
+
+    monkeypatch.setattr(can, "LogReader", broken)
+    with pytest.raises(UserError, match="Incomplete block"):
+        read_log(path)

@@ -27,6 +27,7 @@ from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames
 __all__ = ["RAW_TOPIC", "READABLE", "LogReader", "message_flags", "read_log"]
 
 BLOCK = 50_000  # frames
+TRIES = 5  # at a log that grows while it is read
 RAW_TOPIC = "/can"  # of MCAP: frames as they are; one topic more a message, with its signals
 READABLE = (".log", ".blf", ".asc", ".mf4", ".mcap", ".parquet")
 
@@ -56,6 +57,17 @@ class LogReader:
         reader = {".log": self._candump, ".mcap": self._mcap, ".parquet": self._parquet}.get(
             self.kind, self._python_can
         )
+        begun = False
+        for _ in range(TRIES - 1):  # a log that is being written may grow between two looks at it
+            size = self.path.stat().st_size
+            try:
+                for frames in reader(told):
+                    begun = True
+                    yield frames
+                return
+            except UserError:
+                if begun or self.path.stat().st_size == size:
+                    raise
         yield from reader(told)
 
     def _candump(self, told: Callable[[int], None]) -> Iterator[Frames]:
