@@ -419,7 +419,7 @@ def next_step(
             return Next("add", text, offer="Add it" if len(found.part) == 1 else "Add them", command=command)
         if found.probability < EVEN:
             errors = [found.ladder[0].train_error, found.ladder[0].heldout_error or 0.0]
-            within = "The model is within the noise that was stated. " if max(errors) < 1.0 else ""
+            within = "The model is within its noise all the same. " if max(errors) < 1.0 else ""
             return Next("nothing", f"{within}Measure more runs over the same range, and look again.")
         text = "Look at the runs that carry it, and measure what may go with it: a column that is not there cannot be"
         return Next("nothing", f"{text} named. An effect of your own can be tried, too.")
