@@ -18,7 +18,8 @@ from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.discover.expression_answers import expressions
 from terrapin_tools.workbench.discover.ranker import Ranker
-from terrapin_tools.workbench.story.told import told
+from terrapin_tools.workbench.story.sentences import LOOKS_LIKE_OTHERS
+from terrapin_tools.workbench.story.told import found_by, told
 
 RUNS, ROWS = 12, 15
 
@@ -187,6 +188,7 @@ def test_a_bend_says_less_of_its_formula_than_of_its_column(tmp_path: Path) -> N
     assert found.verdict in ("missing", "ambiguous")
     assert not found.ranking.bent.isdisjoint(found.missing)
     assert found.answer_probability <= 0.8
+    assert LOOKS_LIKE_OTHERS in found_by(found).remarks
     assert max(c.column_probability or 0.0 for c in found.candidates) > 0.9
 
 
@@ -222,3 +224,10 @@ def test_held_out_runs_that_hardly_have_it_are_no_argument(tmp_path: Path) -> No
     assert last.heldout_error is not None
     assert first.heldout_error is not None
     assert last.heldout_error > first.heldout_error  # else nothing spoke against it
+
+
+def test_a_column_with_the_name_of_a_gain_is_refused(tmp_path: Path) -> None:
+    """Its numbers would be overwritten by the 1 that the formula is multiplied with."""
+    folder = pendulum(tmp_path / "case", "2.0061*sqrt(L)", 1, gain_of_T="2*A")
+    with pytest.raises(UserError, match="gain_of_T is what the formula of T is multiplied with, expected another name"):
+        load_case(folder)

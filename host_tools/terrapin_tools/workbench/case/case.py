@@ -21,7 +21,7 @@ from terrapin_hil.units import read_unit
 from terrapin_hil.units import units as registry
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import BASES, ELSEWHERE, ROLES, Base, formula_name
-from terrapin_tools.workbench.bases.kinds.base import Dynamics
+from terrapin_tools.workbench.bases.kinds.base import GAIN, Dynamics
 from terrapin_tools.workbench.case.columns import Measurements, read_measurements
 from terrapin_tools.workbench.case.dynamics import check_dynamics, read_dynamics, with_states
 from terrapin_tools.workbench.case.effects import read_library, sound
@@ -386,6 +386,11 @@ def _check_names(case: Case, complain: Complaint) -> None:
         expected = ", ".join(case.base.channels)
         raise complain(f"no channel is mapped, expected one of {expected}", "data", "columns")
     known = {*case.inputs, *case.parameters, *case.fit}
+    for law in sorted({*case.channels, *case.base.provides}):
+        if GAIN + law in known and GAIN + law in case.base.further:
+            raise complain(
+                f"{GAIN + law} is what the formula of {law} is multiplied with, expected another name", "data"
+            )
     for channel, expression in ({} if case.dynamics else case.equations).items():
         unknown = sorted(expression.names - known)
         if unknown:

@@ -116,6 +116,7 @@ class Discovery:
     odd_runs: tuple[str, ...]
     operating: tuple[Operating, ...]
     doubts: Doubts  # that keep the answer from being sure
+    bent: bool  # the curve of what is missing looks like many others
     selected: tuple[Selected, ...]  # by a bootstrap over runs, when one was asked for
 
 
@@ -164,8 +165,9 @@ def discover(
         if plain:
             verdict, top, rivals = "ambiguous" if plain[1:] else "missing", plain[0], plain
             probability = calibrated(likely, verdict)
-    bent = top is not None and (_bent(ranking, top) or _undetermined(analysis, top))
-    if bent and verdict in ("missing", "ambiguous"):
+    likeliest = top if verdict in ("missing", "ambiguous") else None
+    bent = likeliest is not None and (_bent(ranking, likeliest) or _undetermined(analysis, likeliest))
+    if bent:
         probability = min(probability, BENT)
     doubted = doubts(analysis, top.fit if top is not None and top.fit is not None else analysis.fit)
     if doubted:
@@ -195,6 +197,7 @@ def discover(
         odd_runs=odd,
         operating=_operating(ranking, top if missing else None, rivals, analysis, seed),
         doubts=doubted,
+        bent=bent,
         selected=selection(analysis, ranking, bootstrap, seed) if bootstrap else (),
     )
 
@@ -484,8 +487,8 @@ def _operating(
 
 def _bent(ranking: Ranking, top: Hypothesis) -> bool:
     """Whether the answer's curve looks like many others: by a shape of it, or as a sum of two in one column."""
-    columns = [ranking.columns[name] for name in top.effects if name in ranking.columns]
-    return not ranking.bent.isdisjoint(top.effects) or len({*columns} - {""}) < len([c for c in columns if c])
+    columns = [column for name in top.effects if (column := ranking.columns.get(name))]
+    return not ranking.bent.isdisjoint(top.effects) or len(set(columns)) < len(columns)
 
 
 def _undetermined(analysis: Analysis, top: Hypothesis) -> bool:

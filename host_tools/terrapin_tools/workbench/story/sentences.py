@@ -16,6 +16,7 @@ from terrapin_tools.workbench.story.story import Findings, Goal, Next, Place, Pr
 __all__ = [
     "BY_RUN",
     "HEADINGS",
+    "LOOKS_LIKE_OTHERS",
     "NOT_LOOKED",
     "acts",
     "alarm",
@@ -58,6 +59,7 @@ CHIPS = {
     "ambiguous": "the data cannot tell",
     "unexplained": "unexplained",
 }
+LOOKS_LIKE_OTHERS = "The curve is known, what it is made of less so: other shapes look alike on these data."
 SHOWN_ROWS = 4  # rows that are named at most
 HEADINGS = {  # over the candidates, and what the number beside each of them is; "" for every other verdict
     "": ("What is missing", "probability to be part of it"),
@@ -276,10 +278,8 @@ def constant_in_set(rung: Rung, name: str, value: float, stated: float, unit: st
     )
 
 
-def only_here(effects: Sequence[str], bent: bool) -> str:
-    """Of formulas that are the answer; `bent`: a shape of theirs looks like many others."""
-    said = f"{_joined(effects)}: in no catalogue. It holds inside the range of these measurements, not beyond."
-    return f"{said} The curve is known, its formula less so: other shapes bend alike." if bent else said
+def only_here(effects: Sequence[str]) -> str:
+    return f"{_joined(effects)}: in no catalogue. It holds inside the range of these measurements, not beyond."
 
 
 def acts(target: str, channels: Collection[str]) -> str:

@@ -112,7 +112,9 @@ def found_by(discovery: Discovery) -> Findings:
         if first.heldout_error and best.heldout_error and best.heldout_error > first.heldout_error:
             remarks = (sentences.unproved(best, first.heldout_error, best.heldout_error),)
     elif own := [c.effect for c in candidates if c.kind == "expression" and c.effect in discovery.missing]:
-        remarks = (sentences.only_here(own, not discovery.ranking.bent.isdisjoint(own)),)
+        remarks = (sentences.only_here(own),)
+    if discovery.bent:
+        remarks += (sentences.LOOKS_LIKE_OTHERS,)
     remarks += _constants_in_sets(discovery)
     remarks += sentences.unsure(discovery.doubts.at_bound, discovery.doubts.restless)
     return Findings(
