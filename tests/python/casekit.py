@@ -55,8 +55,9 @@ def ar1(random: np.random.Generator, count: int, rho: float) -> npt.NDArray[np.f
 def dense(runs: Runs, node: Node) -> npt.NDArray[np.float64]:
     """The covariance of the rows of one channel (rows, rows) written out, in file order, s = 1."""
     lag = np.abs(runs.position[:, None] - runs.position[None, :])
-    own = (1.0 - node.share) * (lag == 0) + node.offset**2 + node.drift**2 * np.outer(runs.line, runs.line)
-    own = own + node.share * node.rho**lag if node.share else own
+    own = (1.0 - node.share) * (lag == 0) + (node.share * node.rho**lag if node.share else 0.0)
+    sd = np.sqrt(1.0 - node.grow + node.grow * runs.sorted_reading[np.argsort(runs.order)] ** 2)
+    own = own * np.outer(sd, sd) + node.offset**2 + node.drift**2 * np.outer(runs.line, runs.line)
     own = own + node.gain**2 * np.outer(runs.level[0], runs.level[0])
     own = np.where(runs.run[:, None] == runs.run[None, :], own, 0.0)
     if node.walk and runs.runs >= WALKED:

@@ -16,6 +16,7 @@ from discovery_cases import Made, confounded, make
 
 from terrapin_tools.workbench.compare.comparison import error, fitted_on, measured
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
+from terrapin_tools.workbench.discover.hypothesis import Blamed
 from terrapin_tools.workbench.discover.resampled import Sums
 from terrapin_tools.workbench.files.json_text import to_json
 from terrapin_tools.workbench.model.linearised import linearise
@@ -192,7 +193,7 @@ def test_names_a_single_bad_run() -> None:
     current[case.run == 5] += 8.0 * float(case.sigma["current"] or 0.0)
     found = discover(replace(case, channels={"current": current}))
     assert found.verdict == "unexplained"
-    assert found.odd_runs == (case.run_names[5],)
+    assert found.blamed == Blamed("run", (case.run_names[5],))
     assert "stands out" in tell(told(found.analysis, found))
 
 

@@ -17,6 +17,7 @@ from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.discover.expression_answers import expressions
+from terrapin_tools.workbench.discover.hypothesis import Blamed
 from terrapin_tools.workbench.discover.ranker import Ranker
 from terrapin_tools.workbench.story.sentences import LOOKS_LIKE_OTHERS
 from terrapin_tools.workbench.story.told import found_by, told
@@ -146,7 +147,7 @@ def test_a_run_in_which_the_coupling_slipped_stands_out(tmp_path: Path) -> None:
         {"load": load, "torque": torque},
     )  # fmt: skip
     found = discover(load_case(folder))
-    assert (found.verdict, found.odd_runs) == ("unexplained", ("r07",))
+    assert (found.verdict, found.blamed) == ("unexplained", Blamed("run", ("r07",)))
     assert "r07" in told(found.analysis, found).headline
 
 

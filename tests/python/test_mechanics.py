@@ -120,6 +120,7 @@ def expected(name: str, c: dict[str, Array]) -> Array:
         "viscous_friction": p["b"] * v,
         "viscous_asymmetry": p["b"] * np.abs(v),
         "speed_squared": p["k"] * v * np.abs(v),
+        "stiffness": p["k"] * x,
         "backlash": p["k"] * followed,
         "cogging": p["k"] * np.sin(p["n"] * x + p["phase"]),
         "inertia": p["j"] * c["acc"],
@@ -141,7 +142,8 @@ UNITS = {
     "coulomb_friction": {"k": "N m"}, "stiction": {"k": "N m", "a": "1", "v_s": "rad/s", "v_0": "rad/s"},
     "stribeck": {"k": "N m", "v_s": "rad/s"}, "viscous_friction": {"b": "N m s/rad"},
     "viscous_asymmetry": {"b": "N m s/rad"}, "speed_squared": {"k": "N m s^2/rad^2"},
-    "backlash": {"k": "N m/rad", "w": "rad"}, "cogging": {"k": "N m", "n": "1", "phase": "rad"},
+    "stiffness": {"k": "N m/rad"}, "backlash": {"k": "N m/rad", "w": "rad"},
+    "cogging": {"k": "N m", "n": "1", "phase": "rad"},
     "inertia": {"j": "N m s^2/rad"}, "offset": {"c": "N m"}, "heating": {"a": "1/K"}, "saturation": {"k": "N m/A^2"},
     "gain": {"g": "1"}, "sensor_lag": {"tau": "s"},
     "dead_zone": {"k": "N m/rad", "w": "rad"},
@@ -194,7 +196,7 @@ def test_a_voltage_and_a_power_have_effects_of_their_own(tmp_path: Path, unit: s
 @pytest.mark.parametrize(
     ("told", "brought"),
     [
-        ("position", {"backlash", "cogging", "dead_zone"}),
+        ("position", {"stiffness", "backlash", "cogging", "dead_zone"}),
         ("temperature", {"heating"}),
         ("acceleration", {"inertia"}),
         ("direction", {"coulomb_friction"}),

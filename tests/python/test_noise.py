@@ -17,8 +17,8 @@ from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Node, Runs, orthonormal
-from terrapin_tools.workbench.noise.estimate import odd_rows
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
+from terrapin_tools.workbench.noise.odd import odd_rows
 from terrapin_tools.workbench.noise.precision import Precision
 from terrapin_tools.workbench.noise.stuck import clipped_rows, stuck_rows
 from terrapin_tools.workbench.story.answer import answer
@@ -42,7 +42,7 @@ def test_products_are_those_of_dense_covariances(node: Node) -> None:
     x, y = random.standard_normal((2 * runs.rows, 3)), random.standard_normal((2 * runs.rows, 2))
     covariance = block_diag(*(dense(Runs(runs.run, level=one[None]), node) for one in LEVEL))
     expected = x.T @ np.linalg.solve(covariance, y)
-    fx, fy = runs.filtered(x, node.share, node.rho), runs.filtered(y, node.share, node.rho)
+    fx, fy = runs.filtered(x, node.filter), runs.filtered(y, node.filter)
     assert runs.products(fx, fy).at(node) == pytest.approx(expected, abs=1e-7)
     assert runs.whiten(x, node).T @ runs.whiten(y, node) == pytest.approx(expected, abs=1e-7)
     squares = np.diagonal(x.T @ np.linalg.solve(covariance, x))
@@ -59,7 +59,7 @@ def test_a_factor_on_a_run_of_few_rows_is_noise_of_its_rows() -> None:
 
 def test_what_is_drawn_has_the_covariance() -> None:
     run, level = np.repeat(np.arange(8)[::-1], [6, 4, 1, 2, 1, 1, 3, 2]), np.linspace(-1.0, 2.0, 20)[None]
-    runs, node = Runs(run, level=level), Node(0.5, 0.8, 0.7, 0.5, 1.0, 0.8, 0.9)
+    runs, node = Runs(run, level=level), Node(0.5, 0.8, 0.7, 0.5, 1.0, 0.8, 0.9, 0.4)
     drawn = runs.draw(np.random.default_rng(2), 200_000, node)
     assert drawn @ drawn.T / 200_000 == pytest.approx(dense(runs, node), abs=0.06)
 
@@ -146,16 +146,16 @@ def test_a_stated_sd_that_is_too_small_hides_no_effect(tmp_path: Path) -> None:
 
 
 def test_a_factor_from_run_to_run_is_no_effect(tmp_path: Path) -> None:
-    """Before the noise knew of factors, 9 of 12 such sets raised an alarm."""
+    """Before the noise knew of factors, three in four such sets raised an alarm."""
     alarms, told_so = 0, 0
-    for seed in range(12):
+    for seed in range(24):
         case = load_case(rolling(tmp_path / str(seed), 100 + seed, runs=14))
         factor = 1.0 + 0.04 * np.random.default_rng(seed).standard_normal(14)
         found = analyse(replace(case, channels={"current": case.channels["current"] * factor[case.run]}))
         alarms += found.missing
         told_so += "run_gains" in [one.kind for one in told(found).noise_findings]
-    assert alarms <= 2
-    assert told_so >= 6
+    assert alarms <= 4
+    assert told_so >= 12
 
 
 def test_a_sensor_that_sticks_is_told_and_left_out(tmp_path: Path) -> None:
@@ -185,6 +185,8 @@ def test_a_sensor_that_clips_is_told_from_what_saturates(tmp_path: Path) -> None
     assert clipped_rows(clipped).sum() >= 3
     assert not clipped_rows(values).any()
     assert not clipped_rows(clipped + 1e-3 * random.standard_normal(200)).any()  # saturated, then measured
+    coarse = np.round(np.minimum(values, 3.4), 2)  # other numbers occur two and three times
+    assert set(np.flatnonzero(clipped_rows(coarse))) == set(np.flatnonzero(coarse == 3.4))
     assert not clipped_rows(np.round(clipped, 1)).any()  # a coarse converter
     assert not clipped_rows(np.minimum(values, 2.5)).any()  # a third of the rows: that is no exception
     assert not clipped_rows(np.maximum(values, 0.0)).any()  # at rest
@@ -241,7 +243,7 @@ def test_what_the_search_is_sure_of_is_an_alarm() -> None:
     assert "no one thing alone shows it" in told(found.analysis, found).alarm
 
 
-@pytest.mark.parametrize("place", [*range(0, len(NODES), 5), len(NODES) - 9, len(NODES) - 1])
+@pytest.mark.parametrize("place", [*range(0, len(NODES), 5), len(NODES) - 9, len(NODES) - 2, len(NODES) - 1])
 def test_the_precision_is_the_inverse_of_the_covariance(place: int) -> None:
     random = np.random.default_rng(place)
     run = random.permutation(np.repeat(np.arange(8), [1, 2, 3, 9, 20, 40, 4, 4]))

@@ -13,7 +13,7 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.physics.compiled import ffi, library, pointer
 from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_hil.physics.equations import ode as equations
-from terrapin_hil.physics.equations.ode import Ode, OdeDrive, OdeError
+from terrapin_hil.physics.equations.ode import Ode, OdeDrive, OdeError, OdeRun
 from terrapin_hil.physics.expression import parse
 from terrapin_hil.physics.program import instructions
 from terrapin_tools.errors import UserError
@@ -174,6 +174,16 @@ def test_what_cannot_be_solved_says_where(formula: str, stiff: bool) -> None:
         assert found.value.time == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.parametrize(("until", "failed"), [(0.1, False), (9.0, True)])
+def test_a_stretch_has_steps_on_average(until: float, failed: bool) -> None:
+    """More than 200 in one interval are none too many, in every interval they are."""
+    drive, run = driven(), OdeRun(np.zeros((60, 2)), np.zeros((60, 2)), None)
+    ode = oscillator(formulas=(f"-25000*(x - force)*(time < {until})", "0*v"))
+    ends = ode.run_some(values(1, 1), drive, np.zeros((1, 2)), np.ones(1, dtype=bool), run)
+    assert (bool(ends.failed[0]), bool(ends.stiff[0])) == (failed, failed)
+    assert ends.steps[0] == 200 * 60 if failed else 400 < ends.steps[0] < 2000
+
+
 TEXT = """[case]
 title = "Mass on a spring"
 [model]
@@ -250,6 +260,16 @@ def test_the_derivatives_of_a_case_are_those_of_its_prediction(tmp_path: Path) -
         assert gradient == pytest.approx((costs[0] - costs[1]) / 2e-3, rel=1e-3)
 
 
+def test_what_is_far_stiffer_than_at_first_is_no_solution(tmp_path: Path) -> None:
+    """But where it is so from the first, it is solved."""
+    soft, stiff = np.array([0.5, 8.0]), np.array([5000.0, 8.0])
+    for first, solved in ((soft, False), (stiff, True)):
+        case = load_case(spring(tmp_path / str(solved)))
+        bound = Model.of(case).bind(case.inputs, case.train)
+        assert np.isfinite(bound.predict(first)).all()
+        assert np.isfinite(bound.predict(stiff)).all() == solved
+
+
 def test_starts_are_found_again(tmp_path: Path) -> None:
     """Another predictor of the same equations goes on where the first one ended, on rows that it had and others."""
     case = load_case(spring(tmp_path / "case"))
@@ -290,6 +310,27 @@ def test_what_cannot_come_near_is_not_followed() -> None:
     assert costs[0] == pytest.approx(900.0)
     assert counts[1] < counts[0]
     assert costs[1] < 949.0 + 1e-9
+
+
+def test_a_way_to_where_there_are_no_numbers_is_not_followed() -> None:
+    """A cost that sinks by little to an edge, as that of a motor with less and less inertia."""
+    steps = []
+
+    def residual(theta: Array) -> Array:
+        return np.array([10.0 + theta[0] ** 0.25, 0.0]) if theta[0] > 0.0 else np.full(2, np.nan)
+
+    def evaluate(theta: Array) -> tuple[Array, Array]:
+        steps.append(theta)
+        return residual(theta), np.array([[0.25 * theta[0] ** -0.75], [0.0]])
+
+    counts = []
+    for edge in (0.0, 0.01):
+        steps.clear()
+        low, high, free = np.full(1, -1.0), np.ones(1), np.ones(1, dtype=bool)
+        cost = minimise(evaluate, residual, np.array([1e-3]), low, high, free, edge=edge)[1]
+        assert cost <= (10.0 + 1e-3**0.25) ** 2
+        counts.append(len(steps))
+    assert counts[1] < counts[0]
 
 
 def test_a_long_list_is_weighed_as_a_short_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -472,6 +513,15 @@ def test_a_whole_derivative_may_go_with_a_column(tmp_path: Path) -> None:
     assert ("gain_of_X", "k*(broth_C - 32)") in told
     assert all(target == "gain_of_X" for target, _ in told)
     assert discover(load_case(culture(tmp_path / "null", 0.0))).verdict == "adequate"
+
+
+def test_a_gain_is_added_as_it_was_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = culture(tmp_path / "case", 0.05)
+    formula = ("mine", "--expression", "q*(broth_C - 32)", "--target", "gain_of_X", "--parameter", "q=0.01:-1:1")
+    status, _, err = terrapin(capsys, "add", folder, *formula)
+    assert status == 0, err
+    fit = analyse(load_case(folder)).fit
+    assert fit.theta[[f.key for f in fit.model.fitted].index("mine.q")] == pytest.approx(0.05, abs=0.005)
 
 
 def test_a_small_gain_does_what_its_refit_does(tmp_path: Path) -> None:

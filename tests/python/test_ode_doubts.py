@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.compare.comparison import analyse
-from terrapin_tools.workbench.discover import discovery
+from terrapin_tools.workbench.discover import discovery, expression_answers, ranker
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.discover.leftover import Doubts, doubts
+from terrapin_tools.workbench.discover.ranker import Ranker
+from terrapin_tools.workbench.model.fitting import Fit
+from terrapin_tools.workbench.model.model import Bound
 from terrapin_tools.workbench.story.told import found_by
 from tests.python.test_ode import CUBIC, TEXT, spring
 
@@ -45,3 +50,26 @@ def test_a_doubted_answer_is_not_sure(tmp_path: Path, monkeypatch: pytest.Monkey
     remarks = found_by(doubted).remarks
     assert [one.split()[0] for one in remarks[-2:]] == ["k", "position:"]
     assert "4.6 times" in remarks[-1]
+
+
+def test_a_doubted_fit_is_left_for_the_stated_values(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Terms are weighed along the motion of these, too, and refits begin there: the fit may be no spring any more."""
+    text = FREE.replace("max = 50.0", "max = 7.0")
+    found = analyse(load_case(spring(tmp_path / "case", cubic=CUBIC, text=text)))
+    asked: list[list[Array]] = []
+    extend = ranker.extend
+
+    def noted(
+        parent: Fit, name: str, bound: Bound, values: Array, sigma: Array, starts: list[Array], aim: float
+    ) -> Fit:
+        asked.append(starts)
+        return extend(parent, name, bound, values, sigma, starts, aim)
+
+    monkeypatch.setattr(ranker, "extend", noted)
+    ranked = Ranker(found, lambda _: None)
+    tried: set[tuple[str, str]] = set()
+    sketches = expression_answers._as_stated(ranked, tried)
+    assert ("derivative.v", "k_*x**3") in tried
+    assert not set(tried) & {(s.target, s.text) for s in expression_answers._as_stated(ranked, tried)}
+    ranked.fit((ranked.expression(sketches[0]),))
+    np.testing.assert_array_equal([starts[-1][:2] for starts in asked], [[0.3, 6.0]])

@@ -15,7 +15,7 @@ from casekit import ROLLING, rolling, terrapin
 
 from terrapin_hil.paths import ROOT
 from terrapin_hil.physics.effects import catalogue
-from terrapin_tools.workbench.noise import estimate
+from terrapin_tools.workbench.noise import odd
 from terrapin_tools.workbench.story import plot_data
 from terrapin_tools.workbench.story.formulas import from_expression, from_latex
 from terrapin_tools.workbench.story.notes import to_html
@@ -163,7 +163,7 @@ def test_many_rows_are_thinned_and_the_worst_stays(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(plot_data, "MAX_ROWS", 40)
-    monkeypatch.setattr(estimate, "ODD_MOST", 0)  # else the worst row stands alone, and is left out
+    monkeypatch.setattr(odd, "ODD_MOST", 0)  # else the worst row stands alone, and is left out
     folder = rolling(tmp_path / "case", 37, runs=10, rows=30)
     lines = (folder / "runs.csv").read_text().splitlines()
     cells = lines[177].split(",")

@@ -160,7 +160,7 @@ def test_discover_add_discover_ends(tmp_path: Path) -> None:
         own = {c.effect.name: c for c in found.candidates if c.effect.name in found.missing}
         assert not set(found.missing) & set(case.library)
         proposals = {one.proposal.effect: one.proposal.own for one in told(found.analysis, found).cards}
-        text = extended(case.text, case.parameters, found.missing, {name: proposals[name] for name in own})
+        text = extended(case.text, case.stated, found.missing, {name: proposals[name] for name in own})
         (folder / "case.toml").write_text(text)
     assert not found.missing
     assert len(errors) > 1

@@ -104,7 +104,7 @@ def test_named_and_put_right(tmp_path: Path, what: str) -> None:
     assert one.kind == "table"
     assert one.mend == pytest.approx(mend) if "factor" in mend else one.mend == mend
     case = load_case(folder)
-    text = extended(case.text, case.parameters, [one.effect], {one.effect: one.own})
+    text = extended(case.text, case.stated, [one.effect], {one.effect: one.own})
     assert "# of the shell" in text
     (folder / "case.toml").write_text(text)
     right = load_case(folder)
@@ -214,7 +214,7 @@ def test_refits_beside_a_fault_and_a_name_without_an_answer(tmp_path: Path) -> N
     assert fit is not None
     assert float(np.sqrt(np.mean(fit.residual**2))) < 1.2
     with pytest.raises(UserError, match="expected what terrapin discover named last"):
-        extended(case.text, case.parameters, ["table.omega.scale"], {})
+        extended(case.text, case.stated, ["table.omega.scale"], {})
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -10,7 +10,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from terrapin_hil.physics.compiled import ffi
@@ -53,14 +53,20 @@ _OPERATION = {kind: 2 + i for i, kind in enumerate((*_BINARY, *_UNARY))}
 Instruction = tuple[int, int, float]
 
 
-def instructions(expression: str, slots: Mapping[str, int], numbers: Mapping[str, float]) -> list[Instruction]:
-    """A formula's instructions; each of its names is one of `numbers` or stands in a slot. KeyError when neither."""
+def instructions(
+    expression: str, slots: Mapping[str, int], values: Mapping[str, float | Sequence[Instruction]]
+) -> list[Instruction]:
+    """A formula's instructions; each of its names is one of `values` (a number, or what computes it) or stands in a
+    slot. KeyError when neither."""
 
     def write(node: Node) -> list[Instruction]:
         if isinstance(node, Number):
             return [(0, 0, node.value)]
         if isinstance(node, Name):
-            return [(0, 0, numbers[node.name]) if node.name in numbers else (1, slots[node.name], 0.0)]
+            value = values.get(node.name)
+            if value is None:
+                return [(1, slots[node.name], 0.0)]
+            return [(0, 0, value)] if isinstance(value, (int, float)) else list(value)
         return [*(one for argument in node.arguments for one in write(argument)), (_OPERATION[node.kind], 0, 0.0)]
 
     return write(parse(expression).tree)

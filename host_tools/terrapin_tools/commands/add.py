@@ -44,7 +44,7 @@ def add(
     own = _own_effects(case, effects, expression, target, parameter or [], set(present.library))
     _check_expressions(own, present)
     answer, words = carry_out(
-        present, extended(present.text, present.parameters, effects, own), "added", list(effects), seed
+        present, extended(present.text, present.stated, effects, own), "added", list(effects), seed
     )
     deliver(answer, words, json)
 

@@ -59,6 +59,7 @@ typedef struct {
     around_point point[3]; /* at the begin, in the middle and at the end of a step */
     double step;
     int known;
+    int left; /* steps that the stretch may still take */
 } way;
 
 /* Values at `share` of the way through the interval between a sample and the next. */
@@ -244,7 +245,7 @@ static hil_ode_end interval(const model *m, int sample, way *w) {
     const double span = m->drive->time[sample + 1] - begin;
     double at[STATES];
     double done = 0.0; /* share of the interval */
-    hil_ode_end end = {HIL_ODE_STIFF, 0, begin};
+    hil_ode_end end = {HIL_ODE_STIFF, 0, begin, 0};
     if (!w->known || ode->held) { /* an input that is held jumps at the sample */
         rates(m, sample, 0.0, w->state, w->v, w->rate[0]);
         if (m->columns > 0) {
@@ -252,7 +253,7 @@ static hil_ode_end interval(const model *m, int sample, way *w) {
         }
         w->known = 1;
     }
-    for (int steps = 0; steps < HIL_ODE_MOST_STEPS; steps++) {
+    for (int steps = 0; steps < HIL_ODE_MOST_STEPS && w->left > 0; steps++, w->left--) {
         const int last = w->step >= (1.0 - done) * span * (1.0 - 1e-12);
         const double h = last ? (1.0 - done) * span : w->step;
         try_step(m, sample, w, h, done, span, at);
@@ -267,12 +268,12 @@ static hil_ode_end interval(const model *m, int sample, way *w) {
             memcpy(w->rate[0], w->rate[STAGES - 1], sizeof(double) * (size_t)ode->states);
             for (int s = 0; s < ode->states; s++) {
                 if (!(fabs(w->state[s]) <= ode->bound)) {
-                    return (hil_ode_end){HIL_ODE_UNBOUNDED, s, end.time};
+                    return (hil_ode_end){HIL_ODE_UNBOUNDED, s, end.time, 0};
                 }
             }
             if (last) {
                 w->step = fmax(w->step, h) * change;
-                return (hil_ode_end){HIL_ODE_DONE, 0, begin + span};
+                return (hil_ode_end){HIL_ODE_DONE, 0, begin + span, 0};
             }
             done += h / span;
         }
@@ -339,7 +340,7 @@ static hil_ode_end stretch(const model *m, int begin, int after, way *w, double 
             }
         }
     }
-    return (hil_ode_end){HIL_ODE_DONE, 0, 0.0};
+    return (hil_ode_end){HIL_ODE_DONE, 0, 0.0, 0};
 }
 
 void hil_ode_run(const hil_ode *ode, const hil_ode_drive *drive, const double *values, const double *start,
@@ -351,7 +352,10 @@ void hil_ode_run(const hil_ode *ode, const hil_ode_drive *drive, const double *v
     for (int i = 0; i < drive->stretches; i++) {
         if (wanted[i] != 0) {
             begin_at(&m, &start[(ptrdiff_t)i * ode->states], &w);
+            const int most = HIL_ODE_MEAN_STEPS * (drive->begin[i + 1] - drive->begin[i]);
+            w.left = most;
             end[i] = stretch(&m, drive->begin[i], drive->begin[i + 1], &w, state, channel, slope);
+            end[i].steps = most - w.left;
         }
     }
 }
@@ -362,12 +366,13 @@ static hil_ode_end around(const model *m, int k, int last, way *w, const double 
     const int n = m->ode->states;
     const model plain = {m->ode, m->drive, n, 0, -1};
     begin_at(m, &state[(ptrdiff_t)k * n], w);
+    w->left = HIL_ODE_MOST_STEPS;
     look(m, k, k, 0.0, w->state, w->v);
     for (int c = 0; c < m->ode->channels; c++) {
         (void)channel_of(&plain, c, w, &output[((ptrdiff_t)k * m->ode->channels + c) * n]);
     }
     if (last) {
-        return (hil_ode_end){HIL_ODE_DONE, 0, 0.0};
+        return (hil_ode_end){HIL_ODE_DONE, 0, 0.0, 0};
     }
     const hil_ode_end end = interval(m, k, w);
     for (int s = 0; s < n; s++) {
@@ -393,7 +398,7 @@ hil_ode_end hil_ode_linear(const hil_ode *ode, const hil_ode_drive *drive, const
             }
         }
     }
-    return (hil_ode_end){HIL_ODE_DONE, 0, 0.0};
+    return (hil_ode_end){HIL_ODE_DONE, 0, 0.0, 0};
 }
 
 void hil_ode_respond(const hil_ode *ode, const hil_ode_drive *drive, const double *record, const double *output,

@@ -11,7 +11,10 @@
 
 #include "program.h"
 
-enum { HIL_ODE_STATES = 8, HIL_ODE_COLUMNS = 64, HIL_ODE_VALUES = 256, HIL_ODE_MOST_STEPS = 2000 };
+enum { HIL_ODE_STATES = 8, HIL_ODE_COLUMNS = 64, HIL_ODE_VALUES = 256 };
+
+/* Steps between two samples, and on average over a stretch. */
+enum { HIL_ODE_MOST_STEPS = 2000, HIL_ODE_MEAN_STEPS = 200 };
 
 /* Slots of the values: 0 is the time, 1 .. states the states, the others as the caller likes. */
 typedef struct {
@@ -47,6 +50,7 @@ typedef struct {
     int kind;
     int state;   /* the one that left its bounds, or whose error kept the steps small */
     double time; /* when */
+    int steps;   /* that were tried */
 } hil_ode_end;
 
 /* Integrates each stretch for which `wanted` (stretches) is not 0 from its row of `start` (stretches x states) at its

@@ -31,7 +31,8 @@ BOUND = 1e12  # of a state
 
 
 WORTH_A_THREAD = 2_000  # samples: some milliseconds
-END = np.dtype([("kind", np.int32), ("state", np.int32), ("time", np.float64)])  # hil_ode_end
+FIELDS = [("kind", np.int32), ("state", np.int32), ("time", np.float64), ("steps", np.int32)]
+END = np.dtype(FIELDS, align=True)  # hil_ode_end
 
 
 class OdeError(Exception):
@@ -69,12 +70,14 @@ class OdeRun:
 
 @dataclass(frozen=True)
 class OdeEnds:
-    """How each stretch ended (stretches,): `failed` or not, or was not wanted; with what state and when."""
+    """How each stretch ended (stretches,): `failed` or not, or was not wanted; with what state, when and after how many
+    steps."""
 
     failed: Mask
     stiff: Mask
     state: Index
     time: Array
+    steps: Index
 
     def error(self, stretch: int) -> OdeError:
         """Why a stretch failed."""
@@ -187,7 +190,8 @@ class Ode:
                 list(pool.map(run, shares))
         del kept
         stiff = ends["kind"] == library().HIL_ODE_STIFF
-        return OdeEnds(ends["kind"] != 0, stiff, ends["state"].astype(np.int64), ends["time"])
+        state, steps = (ends[name].astype(np.int64) for name in ("state", "steps"))
+        return OdeEnds(ends["kind"] != 0, stiff, state, ends["time"], steps)
 
     def linear(self, values: Array, drive: OdeDrive, states: Array, target: int) -> Linear:
         """The neighbourhood of a solution for additions to the derivative of state `target`. OdeError."""

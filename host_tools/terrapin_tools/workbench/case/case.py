@@ -17,8 +17,6 @@ from terrapin_hil.physics.effects import Effect, catalogue
 from terrapin_hil.physics.expression import Expression, parse
 from terrapin_hil.physics.mechanics import mechanics
 from terrapin_hil.reading import shorten
-from terrapin_hil.units import read_unit
-from terrapin_hil.units import units as registry
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import BASES, ELSEWHERE, ROLES, Base, formula_name
 from terrapin_tools.workbench.bases.kinds.base import GAIN, Dynamics
@@ -78,6 +76,12 @@ class Case(Measurements):
     def intake(self) -> tuple[str, ...]:
         """What a reader has to know of the numbers before the answer."""
         return (*self.remarks, *guesses(self.guessed))
+
+    @property
+    def stated(self) -> dict[str, tuple[float, str]]:
+        """Constants in SI, each with the unit that an estimate of it in [fit] needs: "" where the base knows it."""
+        own = self.parameter_units if self.base.own_names else {}
+        return {name: (value, own.get(name, "")) for name, value in self.parameters.items()}
 
     @property
     def rows(self) -> int:
@@ -262,7 +266,8 @@ def _free_number(tables: Tables, *path: str) -> tuple[float, str]:
     if isinstance(value, str):
         _, _, unit = value.strip().partition(" ")
         try:
-            base_unit = str(registry().Quantity(1.0, read_unit(unit)).to_base_units().units)
+            base_unit = in_si(unit) or "1"
+            base_unit = "kelvin" if base_unit == "degC" else base_unit
             return quantity(value, base_unit), base_unit
         except (TypeError, ValueError, ArithmeticError) as error:
             raise tables.complain(str(error), *path) from None

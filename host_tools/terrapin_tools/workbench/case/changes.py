@@ -68,12 +68,14 @@ def parse_parameter(text: str) -> tuple[str, OwnParameter]:
     return name.strip(), OwnParameter(start, limits[0], limits[1], parts[3].strip() if len(parts) == 4 else "1")
 
 
-def extended(text: str, stated: Mapping[str, float], names: Sequence[str], own: Mapping[str, OwnEffect]) -> str:
+def extended(
+    text: str, stated: Mapping[str, tuple[float, str]], names: Sequence[str], own: Mapping[str, OwnEffect]
+) -> str:
     """case.toml with effects added, with the constants freed that suspects (constant.NAME) are about, and with the
     columns put right that faults of the table (table.NAME.KIND) are about.
 
     UserError when such a constant is not stated, or nobody said how a column is wrong; `stated` are the numbers of
-    [parameters], in SI.
+    [parameters], in SI, and the units that [fit] has to give with them ("" for none).
     """
     for name in names:
         constant = name.removeprefix(SUSPECT)
@@ -82,8 +84,9 @@ def extended(text: str, stated: Mapping[str, float], names: Sequence[str], own: 
                 raise UserError(
                     f"found {name}, expected a constant of [parameters]: one of {', '.join(sorted(stated))}"
                 )
-            low, high = sorted(float(f"{stated[constant] * (1.0 + error):.6g}") for error in SUSPECTED)
-            text = _free(text, constant, stated[constant], low, high)
+            value, unit = stated[constant]
+            low, high = sorted(float(f"{value * (1.0 + error):.6g}") for error in SUSPECTED)
+            text = _free(text, constant, {"value": value, "min": low, "max": high, **({"unit": unit} if unit else {})})
         elif name.startswith(TABLE):
             if name not in own or not own[name].mend:
                 raise UserError(f"found {name}, expected what terrapin discover named last (its answer says how much)")
@@ -102,14 +105,14 @@ def _mend(text: str, column: str, mend: Mapping[str, float | str | int]) -> str:
     return tomlkit.dumps(document)
 
 
-def _free(text: str, constant: str, value: float, low: float, high: float) -> str:
-    """A constant of [parameters] becomes an entry of [fit], in SI, within bounds."""
+def _free(text: str, constant: str, estimate: Mapping[str, float | str]) -> str:
+    """A constant of [parameters] becomes an entry of [fit]."""
     document = tomlkit.parse(text)
     document["parameters"].remove(constant)
     if "fit" not in document:
         document["fit"] = tomlkit.table()
     entry = tomlkit.inline_table()
-    entry.update({"value": value, "min": low, "max": high})
+    entry.update(estimate)
     document["fit"][constant] = entry
     return tomlkit.dumps(document)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -37,7 +38,7 @@ class Measurements:
     units: Mapping[str, str]  # canonical unit of each role and channel
     extra: Mapping[str, Array]  # numeric columns that are not mapped, in the file's own units
     column_of: Mapping[str, str]  # role or channel -> column of the file
-    run_names: tuple[str, ...]  # sorted
+    run_names: tuple[str, ...]  # sorted, numbers by their size
     run: Index  # index into run_names
     train: Mask
     test: Mask
@@ -80,10 +81,11 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
         first = next(name for name, values in columns.items() if np.isnan(values).any())
         raise UserError(f"{place(0)}: column {first}: every row has a gap, expected at least one without")
     run_text = [name for name, keep in zip(names, whole, strict=True) if keep]
-    run_names = tuple(sorted(set(run_text)))
+    run_names = tuple(sorted(set(run_text), key=_in_order))
     index = {name: i for i, name in enumerate(run_names)}
     run = np.array([index[name] for name in run_text], dtype=np.int64)
-    held_out = run_names[4::5] if len(run_names) >= 5 else run_names[-1:]
+    by_name = tuple(sorted(run_names))
+    held_out = by_name[4::5] if len(by_name) >= 5 else by_name[-1:]
     train_runs, test_runs = split_runs(tables, run_names, held_out)
     values = {e.name: units.convert(columns[e.column][rows], e.unit, e.canonical) for e in mapped}
     mends = {e.name: e.mend for e in mapped}
@@ -111,6 +113,11 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
         rows_left_out=int((~whole).sum()),
         remarks=tuple(remarks),
     )
+
+
+def _in_order(name: str) -> list[str | int]:
+    """So that run 2 comes before run 10: what wanders over the test, or changes in it, goes by this order."""
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
 
 
 def _told(mapped: list[Mapped]) -> dict[str, str]:

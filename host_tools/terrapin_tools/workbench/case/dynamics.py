@@ -80,7 +80,7 @@ def with_states(base: Base, dynamics: Dynamics | None) -> Base:
 
 
 def _per_second(unit: str) -> str:
-    return plain(read_unit(unit) / read_unit("s")) if unit else ""
+    return plain(read_unit("K" if unit == "degC" else unit) / read_unit("s")) if unit else ""
 
 
 def check_dynamics(

@@ -12,6 +12,7 @@ from terrapin_hil.physics.expression import parse
 from terrapin_hil.units import read_unit
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES, Base, formula_name
+from terrapin_tools.workbench.bases.kinds.base import GAIN
 from terrapin_tools.workbench.case.effect_units import open_units, plain, unit_problem
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.toml_tables import Estimate, Tables, read_estimate
@@ -185,6 +186,8 @@ def _wanted(effect: Effect, base: Base, known: Mapping[str, str]) -> str | None:
     """The unit that an effect's expression has to come out in."""
     if effect.target in base.forces:
         return base.forces[effect.target] or None
+    if effect.target.startswith(GAIN):
+        return "1"
     if base.own_dynamics:
         return base.channels[effect.target]
     if effect.target in CHANNELS:

@@ -1,10 +1,10 @@
 """Is anything missing, and where does the model fail?
 
 The statistic is a Bayes factor (bayes_factor.py): how much likelier the residuals are if the model lacks an effect of
-the catalogue, a smooth shape in any numeric column (mapped or not), or an offset of any single run, than if it lacks
-nothing. Its distribution when nothing is missing comes from simulation: noise on the very rows of the case, each set of
-a kind drawn from what the data say about it. A test that takes rows as independent would raise a false alarm nearly
-always at a correlation of 0.9, or where runs differ by an offset.
+the catalogue, a smooth shape in any numeric column (mapped or not), or something went wrong on the rig (mishaps.py),
+than if it lacks nothing. Its distribution when nothing is missing comes from simulation: noise on the very rows of the
+case, each set of a kind drawn from what the data say about it. A test that takes rows as independent would raise a
+false alarm nearly always at a correlation of 0.9, or where runs differ by an offset.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.noise.covariance import NODES, Node, Runs, orthonormal
 from terrapin_tools.workbench.noise.estimate import Noise
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED
+from terrapin_tools.workbench.noise.mishaps import Mishap
 
 __all__ = ["Adequacy", "Failure", "assess", "failure_on", "where_it_fails"]
 
@@ -103,6 +104,8 @@ def assess(
     rows: Mask,
     seed: int = 0,
     varying: Sequence[Array] = (),
+    wrong: Sequence[Mishap] = (),
+    felt: Array | None = None,
 ) -> Adequacy:
     """The p-value of "nothing is missing" for the residuals of a fitted model, and what raised it.
 
@@ -115,14 +118,15 @@ def assess(
     directions, effects, shapes : what an effect of the catalogue, at each shape, or a column of the data could change.
     rows : (all rows,), mask of the case's rows that these are.
     seed : the draw of simulated noise depends on it alone.
-    varying : see `blocks_of`.
+    varying, wrong : see `blocks_of`.
+    felt : see `Runs`.
     """
     run = case.run[rows]
     channels = len(residual)
-    runs = Runs(run, channels, prediction)
+    runs = Runs(run, channels, prediction, felt)
     slopes = jacobian / noise.sigma[:, None, None]
     scaled = (residual / noise.sigma[:, None]).reshape(-1, 1)
-    blocks = blocks_of(effects, shapes, runs, varying)
+    blocks = blocks_of(effects, shapes, runs, varying, wrong)
     few = scaled.size - slopes.shape[-1] < ENOUGH
     behind = noise.behind if few or float(np.sqrt(np.mean(scaled**2))) < ROUNDING else 0.0
     every = BayesFactor(runs, slopes, blocks, behind)

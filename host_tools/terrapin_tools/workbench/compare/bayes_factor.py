@@ -1,8 +1,8 @@
 """How much likelier the residuals are if something is missing than if nothing is: one number for a whole data set.
 
-Every alternative (an effect of the catalogue at one shape, shapes of one column, an offset of one run or a factor on
-it) gets its marginal likelihood (Evidence): its size, the kind of noise and the noise sd are integrated over *under
-that alternative*. A missing effect makes the noise look larger and more correlated than it is; a test that estimates
+Every alternative (an effect of the catalogue at one shape, shapes of one column, a mishap of the test: mishaps.py)
+gets its marginal likelihood (Evidence): its size, the kind of noise and the noise sd are integrated over *under that
+alternative*. A missing effect makes the noise look larger and more correlated than it is; a test that estimates
 both before it looks for the effect hides it. The sd is always integrated over all values, so that no error in a stated
 one can move the statistic: noise that is larger than stated is a finding of its own, not a missing effect. Alternatives
 are averaged with prior weights, so many unlikely shapes cost the likely ones little. The logarithm of the average's
@@ -25,11 +25,15 @@ from terrapin_tools.workbench.model.data_columns import Shapes
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.marginal_likelihood import SIZES, Evidence
+from terrapin_tools.workbench.noise.mishaps import Mishap
 
 __all__ = ["BayesFactor", "Block", "blocks_of"]
 
 # Prior of each family, given that one is true. Chosen by hand; docs/discovery.md states them.
-WEIGHT = {"catalogue": 0.56, "column": 0.29, "varying": 0.1, "run": 0.05}
+WEIGHT = {
+    "catalogue": 0.55, "column": 0.27, "varying": 0.08, "run": 0.04, "change": 0.03, "warming": 0.01, "start": 0.01,
+    "lag": 0.01,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -46,8 +50,10 @@ def blocks_of(
     shapes: Mapping[str, Shapes],
     runs: Runs,
     varying: Sequence[Array] = (),
+    wrong: Sequence[Mishap] = (),
 ) -> list[Block]:
-    """The alternatives on these rows. Each effect, column, run and varying parameter has the same share of its family.
+    """The alternatives on these rows. Each effect, column, mishap and varying parameter has the same share of its
+    family.
 
     Parameters
     ----------
@@ -55,6 +61,7 @@ def blocks_of(
     shapes : for each column of the data its smooth shapes (count, rows).
     runs : the rows.
     varying : what it changes that a parameter goes with a column, (channels * rows, 1) each, in noise sd.
+    wrong : what may have gone wrong on the rig.
     """
     channels, rows = runs.channels, runs.rows
     found: list[Block] = []
@@ -70,9 +77,9 @@ def blocks_of(
                 share = 1.0 / len(shapes) / channels / len(kinds)
                 found.append(Block("column", block.reshape(channels * rows, -1), share))
     found += [Block("varying", columns, 1.0 / len(varying)) for columns in varying]
-    if len(np.unique(runs.run)) > 2:
-        alone = runs.single().reshape(channels * rows, -1)
-        found += [Block("run", column[:, None], 1.0 / alone.shape[1]) for column in alone.T]
+    for kind in {one.kind: None for one in wrong}:
+        columns = [column for one in wrong if one.kind == kind for column in one.columns.T]
+        found += [Block(kind, column[:, None], 1.0 / len(columns)) for column in columns]
     return found
 
 
@@ -128,8 +135,8 @@ class BayesFactor:
         for kind, places in evidence.filters.items():
             base, columns, drawn = (
                 evidence.base[kind],
-                runs.filtered(self.columns, *kind),
-                runs.filtered(residuals, *kind),
+                runs.filtered(self.columns, kind),
+                runs.filtered(residuals, kind),
             )
             among, crossed = runs.products(columns, columns), runs.products(base, columns)
             with_base, with_columns = runs.products(base, drawn), runs.products(columns, drawn)

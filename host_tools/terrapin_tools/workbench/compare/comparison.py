@@ -30,11 +30,14 @@ from terrapin_tools.workbench.model.data_columns import (
     column_shapes,
     numeric_columns,
 )
-from terrapin_tools.workbench.model.effect_columns import Shape, shapes_of, terms_of, varying_parameters
+from terrapin_tools.workbench.model.effect_columns import Shape, acting, shapes_of, terms_of, varying_parameters
 from terrapin_tools.workbench.model.fitting import Fit, covariance, extend, fit_model
 from terrapin_tools.workbench.model.model import Bound, Model
 from terrapin_tools.workbench.model.table_faults import Fault
-from terrapin_tools.workbench.noise.estimate import ODD_SHARE, Noise, estimate_noise, least_noise
+from terrapin_tools.workbench.noise.covariance import Runs
+from terrapin_tools.workbench.noise.estimate import Noise, estimate_noise, least_noise
+from terrapin_tools.workbench.noise.mishaps import Mishap, mishaps
+from terrapin_tools.workbench.noise.odd import ODD_SHARE, odd_limit
 from terrapin_tools.workbench.noise.stuck import clipped_rows, stuck_rows
 
 __all__ = ["LEVEL", "Analysis", "Rung", "analyse", "error", "fitted_on", "free_slopes", "measured", "predict"]
@@ -78,6 +81,8 @@ class Analysis:
     # (channels, rows, count), in noise sd: what noise in the inputs does to the prediction (input_noise.py)
     nuisance: Array = field(repr=False)
     held: Mask = field(repr=False)  # (all rows,), every row of the held-out runs, looked at or not
+    mishaps: Sequence[Mishap] = field(repr=False)  # that may have happened on the rig
+    felt: Array | None = field(repr=False)  # see `Runs`
     step: int = 1  # every how many rows of a run are looked at (thinned.py)
     # (all rows,), at which a sensor sticks, left out too
     stuck: Mask = field(repr=False, default_factory=lambda: np.zeros(0, dtype=bool))
@@ -237,7 +242,7 @@ def _analysed(
     odd = np.zeros(case.rows, dtype=bool)
     fits, noise, nuisance = fitted
     for _ in range(ROUNDS):
-        if not noise.odd.any() or odd.sum() + noise.odd.sum() > ODD_SHARE * len(odd):
+        if not noise.odd.any() or odd.sum() + noise.odd.sum() > odd_limit(len(odd)):
             break
         odd[np.flatnonzero(case.train | case.test)[noise.odd]] = True
         case = replace(case, train=case.train & ~odd, test=case.test & ~odd)
@@ -253,12 +258,17 @@ def _analysed(
         may_vary = np.concatenate([slopes, np.eye(len(sigma))[:, None, :] * prediction[..., None]], axis=-1)
     varying = varying_parameters(case, may_vary / sigma[:, None, None], rows)
     alternatives = {**effects, **terms_of(model, fits[-1].theta, rows, sigma)}
-    adequacy = assess(case, residual, widened, prediction, noise, directions, alternatives, shapes, rows, seed, varying)
+    wrong = _mishaps(model, fits[-1].theta, prediction, rows, sigma)
+    felt = _felt(model, fits[-1].theta, prediction, rows, sigma)
+    adequacy = assess(
+        case, residual, widened, prediction, noise, directions, alternatives, shapes, rows, seed, varying, wrong, felt
+    )
     missing = adequacy.p_value < level
     scaled = residual / sigma[:, None]
     where = where_it_fails(case, adequacy, scaled, rows, numeric_columns(case), model.channels) if missing else []
     from_noise, robust = covariance(fits[-1], case.run[case.train], noise.node)
-    variance = np.diag(from_noise)
+    # an estimated sd holds what runs have in common, which the kind of noise says once more
+    variance = np.diag(from_noise) / (1.0 if noise.known.any() else noise.node.floor**2)
     if missing:  # the misfit then outweighs the noise, and only its scatter over runs says how uncertain we are
         variance = np.maximum(variance, np.diag(robust))
     names: list[str | None] = [None, *case.effects]
@@ -284,8 +294,31 @@ def _analysed(
         odd=odd,
         nuisance=nuisance / sigma[:, None, None],
         held=held,
+        mishaps=wrong,
+        felt=felt,
         step=step,
     )
+
+
+def _felt(model: Model, theta: Array, prediction: Array, rows: Mask, sigma: Array) -> Array | None:
+    """What is left of what runs may have of their own (channels, rows, OWN): starts that are fitted follow it. None for
+    models without such starts."""
+    if model.case.dynamics is None:
+        return None
+    shifts = Runs(model.case.run[rows], len(sigma), prediction).shifts
+    found = np.empty_like(shifts)
+    for number, channel in enumerate(model.channels):
+        act = acting(model, theta, channel, rows, sigma)
+        for column, shift in enumerate(shifts[number].T):
+            found[number, :, column] = act(sigma[number] * shift)[number]
+    return found
+
+
+def _mishaps(model: Model, theta: Array, prediction: Array, rows: Mask, sigma: Array) -> list[Mishap]:
+    """What may have gone wrong on the rig, as the channels would show it."""
+    acts = [acting(model, theta, channel, rows, sigma) for channel in model.channels]
+    runs = Runs(model.case.run[rows], len(sigma), prediction)
+    return mishaps(runs, lambda channel, change: acts[channel](sigma[channel] * change), model.case.base.whole_runs)
 
 
 def _fitted(case: Case, seed: int) -> tuple[list[Fit], Noise, Array]:
@@ -314,11 +347,12 @@ def _fitted(case: Case, seed: int) -> tuple[list[Fit], Noise, Array]:
         roles = {} if case.base.whole_runs else {name: v[rows] for name, v in case.roles.items()}
         directions = _directions(fits[-1].model, fits[-1].theta, rows, sigma)
         pools = _pools(fits[-1].model, directions, shapes, rows)
-        noise = estimate_noise(residual, slopes, prediction, case.run[rows], given, roles, pools, least)
+        felt = _felt(fits[-1].model, fits[-1].theta, prediction, rows, sigma)
+        noise = estimate_noise(residual, slopes, prediction, case.run[rows], given, roles, pools, least, felt)
         nuisance = input_noise(fits[-1], rows, residual, slopes, noise.sigma, noise.node)
         if nuisance.shape[-1]:
             widened = np.concatenate([slopes, nuisance], axis=-1)
-            noise = estimate_noise(residual, widened, prediction, case.run[rows], given, roles, pools, least)
+            noise = estimate_noise(residual, widened, prediction, case.run[rows], given, roles, pools, least, felt)
             noise = replace(noise, odd=noise.odd | undecided(nuisance, noise.sigma, ODD_SHARE))
         sigma = noise.sigma
     if not stated:

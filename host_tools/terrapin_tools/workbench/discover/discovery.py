@@ -21,14 +21,25 @@ from terrapin_tools.workbench.compare.comparison import (
     Rung,
     analyse,
     error,
-    free_slopes,
     measured,
     predict,
 )
 from terrapin_tools.workbench.compare.noise_findings import far_above_stated
 from terrapin_tools.workbench.discover.certainty import BENT, EVEN, Operating, calibrated, operating_characteristic
-from terrapin_tools.workbench.discover.hypothesis import UNSEEN, Hypothesis
-from terrapin_tools.workbench.discover.leftover import Doubts, Left, absent, allowed, doubts, left, loses, pays
+from terrapin_tools.workbench.discover.hypothesis import UNSEEN, Blamed, Hypothesis
+from terrapin_tools.workbench.discover.leftover import (
+    Doubts,
+    Left,
+    absent,
+    allowed,
+    doubts,
+    left,
+    loses,
+    noise_left,
+    pays,
+    sd_of,
+    stand_alone,
+)
 from terrapin_tools.workbench.discover.ranker import SIZE_OF_SET
 from terrapin_tools.workbench.discover.ranking import Ranking, rank
 from terrapin_tools.workbench.discover.resampled import Selected, selection
@@ -37,10 +48,10 @@ from terrapin_tools.workbench.discover.which_column import importance
 from terrapin_tools.workbench.experiment.proposal import Experiment, propose
 from terrapin_tools.workbench.model.constants import named
 from terrapin_tools.workbench.model.data_columns import numeric_columns
-from terrapin_tools.workbench.model.fitting import Fit, covariance
+from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.table_faults import at_fault
-from terrapin_tools.workbench.noise.covariance import Node, Runs
-from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
+from terrapin_tools.workbench.noise.marginal_likelihood import STATED
+from terrapin_tools.workbench.noise.mishaps import KINDS
 
 __all__ = ["Candidate", "Discovery", "discover", "rung"]
 
@@ -73,7 +84,8 @@ ENOUGH_EXPLAINED = 0.7  # share of the misfit that an expression must take away 
 # Probability that nothing known explains it where the likeliest answer predicts the held-out runs worse than before: of
 # 27 such answers of the campaigns (noises, seeds 7 to 9; calibration, seeds 1 to 6) the truth was known in all.
 UNPROVED = 0.05
-LISTED = 0.5  # probability of one odd run, from which it is named: likelier than not
+LISTED = 0.5  # share of all that may be wrong, from which a mishap is named, or a run among odd ones
+LOOKS = 2  # for rows that stand alone beside the likeliest answer
 LAST = 10_000  # place of a column that compare does not list
 
 
@@ -113,7 +125,7 @@ class Discovery:
     ladder: tuple[Rung, ...]
     best: Rung | None  # the likeliest set, named or not
     leaves: Left | None  # what that set leaves, where it clearly is more than noise
-    odd_runs: tuple[str, ...]
+    blamed: Blamed | None
     operating: tuple[Operating, ...]
     doubts: Doubts  # that keep the answer from being sure
     bent: bool  # the curve of what is missing looks like many others
@@ -143,6 +155,18 @@ def discover(
     report("fit of the present model, noise, adequacy")
     analysis = analyse(case, seed, level)
     ranking = _without_idle(analysis, rank(analysis, report))
+    for _ in range(LOOKS):
+        likeliest = next((h for h in ranking.hypotheses if h.effects and h.fit is not None), None)
+        if not analysis.missing or likeliest is None or likeliest.fit is None:
+            break
+        alone = stand_alone(analysis, likeliest.fit)
+        if not alone.any():
+            break
+        report("again, without the rows that stand alone beside the likeliest answer")
+        case = replace(case, train=case.train & ~alone, test=case.test & ~alone)
+        again = analyse(case, seed, level)
+        analysis = replace(again, odd=again.odd | analysis.odd | alone)
+        ranking = _without_idle(analysis, rank(analysis, report))
     if not analysis.missing and ranking.probability("nothing") < TOGETHER:
         analysis = replace(analysis, together=True)
         ranking = _without_idle(analysis, rank(analysis, report))
@@ -152,6 +176,9 @@ def discover(
         verdict, top, rivals, probability = "adequate", None, [], calibrated(nothing, "nothing")
         if far_above_stated(analysis):
             probability = min(probability, STRANGE)
+        # a misfit that is a share of the reading looks like noise that grows with it, unless the sd is known otherwise
+        if analysis.noise.node.grow and analysis.noise.groups is None and not analysis.noise.known.all():
+            probability = min(probability, DOUBTED)
     leaves: Left | None = None
     if top is not None and top.fit is not None and verdict in ("missing", "ambiguous"):
         report("does it bring the model to the noise floor?")
@@ -173,12 +200,12 @@ def discover(
     if doubted:
         probability = min(probability, DOUBTED)
     missing = top.effects if top is not None and verdict != "unexplained" else ()
-    odd = _odd_runs(ranking) if analysis.missing else ()
+    blamed = _blamed(ranking, analysis.case.run_names) if analysis.missing else None
     report("what to measure next")
     experiment = None
     if verdict == "ambiguous":
         told_apart = [(h.effects, h.fit) for h in rivals if h.fit is not None]
-        experiment = propose(analysis, told_apart, _noise_left(analysis, told_apart[0][1]))
+        experiment = propose(analysis, told_apart, noise_left(analysis, told_apart[0][1])[0])
     candidates = _candidates(analysis, ranking)
     return Discovery(
         analysis=analysis,
@@ -194,7 +221,7 @@ def discover(
         ladder=_ladder(analysis, top if missing else None),
         best=_ladder(analysis, top)[-1] if top is not None and top.fit is not None else None,
         leaves=leaves,
-        odd_runs=odd,
+        blamed=blamed,
         operating=_operating(ranking, top if missing else None, rivals, analysis, seed),
         doubts=doubted,
         bent=bent,
@@ -204,12 +231,12 @@ def discover(
 
 def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | None, list[Hypothesis], float]:
     """Verdict, likeliest hypothesis, sets that do equally well (with the likeliest, first), probability."""
-    run = ranking.probability("run")
+    mishap = ranking.probability(*KINDS)
     pairs = list(zip(ranking.hypotheses, ranking.posterior, strict=True))
     sets = [(h, float(p)) for h, p in pairs if h.effects and h.fit is not None and not absent(h.fit, h.effects)]
-    if not sets or run > sets[0][1]:
-        if run > EVEN:
-            return "unexplained", None, [], calibrated(run)
+    if not sets or mishap > sets[0][1]:
+        if blamed := _blamed(ranking, analysis.case.run_names):
+            return "unexplained", None, [], calibrated(ranking.probability(blamed.kind))
         return "unexplained", None, [], calibrated(1.0 - ranking.probability("nothing"), "unexplained")
     own = {h.effects: p for h, p in sets}
     sets = _by_class(analysis, ranking, sets)
@@ -308,16 +335,9 @@ def _says_enough(ranking: Ranking, analysis: Analysis, top: Hypothesis) -> bool:
     # where the noise sd itself holds the misfit, nothing is left before and after: then it must be likely at least
     own = next(p for h, p in zip(ranking.hypotheses, ranking.posterior, strict=True) if h is top)
     likely = own > LIKELIER * ranking.probability("nothing")
-    return (likely or not _nothing_left(analysis, analysis.fit)) and _nothing_left(analysis, top.fit)
-
-
-def _noise_left(analysis: Analysis, fit: Fit) -> Node:
-    """The likeliest kind of noise around an answer: what is missing looks like offsets of the runs as long as it is."""
-    sigma, rows = analysis.noise.sigma, analysis.rows
-    prediction, residual, slopes = free_slopes(fit, sigma, rows)
-    base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
-    runs = Runs(analysis.case.run[rows], len(residual), prediction)
-    return Evidence(runs, residual / sigma[:, None], base, analysis.noise.behind).likeliest()
+    return (likely or not _nothing_left(analysis, analysis.fit)) and _nothing_left(
+        analysis, top.fit, max(_floor(analysis, top.fit), 1.0)
+    )
 
 
 def _without_idle(analysis: Analysis, ranking: Ranking) -> Ranking:
@@ -360,12 +380,21 @@ def _explained(analysis: Analysis, fit: Fit | None) -> float:
     """Share of the mean square above the noise floor, over all rows, that a fit takes away."""
     before = _total(analysis, analysis.fit)
     after = _total(analysis, fit) if fit is not None else before
-    return float((before - after) / (before - 1.0)) if before > 1.0 else 0.0
+    floor = max(min(_floor(analysis, fit), after), 1.0) if fit is not None else 1.0
+    return float((before - after) / (before - floor)) if before > floor else 0.0
 
 
-def _nothing_left(analysis: Analysis, fit: Fit | None) -> bool:
+def _floor(analysis: Analysis, fit: Fit) -> float:
+    """Mean square, in noise variances, that is noise: runs that differ by a factor lie above the noise of a row, and a
+    stated sd is right to one part in sqrt(2 STATED)."""
+    node, row = noise_left(analysis, fit)
+    stated = min(row, 1.0 + 1.0 / np.sqrt(2.0 * STATED)) if analysis.noise.known.all() else 1.0
+    return float(stated**2 * (1.0 + node.gain**2))
+
+
+def _nothing_left(analysis: Analysis, fit: Fit | None, floor: float = 1.0) -> bool:
     """Whether what a fit leaves is no more than noise as correlated as this may leave (Bartlett's variance)."""
-    return fit is not None and _total(analysis, fit) < allowed(analysis.residual.size, analysis.noise.node)
+    return fit is not None and _total(analysis, fit) < floor * allowed(analysis.residual.size, analysis.noise.node)
 
 
 def _total(analysis: Analysis, fit: Fit) -> float:
@@ -374,12 +403,17 @@ def _total(analysis: Analysis, fit: Fit) -> float:
     return found * found
 
 
-def _odd_runs(ranking: Ranking) -> tuple[str, ...]:
-    share = ranking.probability("run")
-    if share < LISTED:
-        return ()
-    runs = [(h, p) for h, p in zip(ranking.hypotheses, ranking.posterior, strict=True) if h.kind == "run"]
-    return tuple(h.column for h, p in runs if p >= LISTED * share)
+def _blamed(ranking: Ranking, names: Sequence[str]) -> Blamed | None:
+    """The mishap that is likelier than all else that may be wrong."""
+    share = {kind: ranking.probability(kind) for kind in KINDS}
+    kind = max(share, key=lambda one: share[one])
+    if share[kind] < LISTED * (1.0 - ranking.probability("nothing")):
+        return None
+    mine = [(h, p) for h, p in zip(ranking.hypotheses, ranking.posterior, strict=True) if h.kind == kind]
+    if kind == "change":
+        after = mine[0][0].column
+        return Blamed(kind, (names[names.index(after) - 1], after))
+    return Blamed(kind, tuple(h.column for h, p in mine if h.column and p >= LISTED * share[kind]))
 
 
 def _where(analysis: Analysis, ranking: Ranking, top: Hypothesis | None) -> tuple[Failure, ...]:
@@ -451,7 +485,6 @@ def _candidate(analysis: Analysis, hypothesis: Hypothesis, probability: float, c
     explains = (before * before - after * after) / above if above > 1e-9 else 0.0
     if not np.isfinite(after):  # it diverges on runs that it was not fitted to
         explains, held = -1.0, None
-    covered = covariance(fit, case.run[case.train], analysis.noise.node)[0]
     return Candidate(
         effect=effect,
         kind=_kind(effect, hypothesis),
@@ -464,7 +497,7 @@ def _candidate(analysis: Analysis, hypothesis: Hypothesis, probability: float, c
         noise_ratio=held,
         explains=float(np.clip(explains, -1.0, 1.0)),
         fit=fit,
-        sd=np.sqrt(np.maximum(np.diag(covered), 0.0)),
+        sd=sd_of(analysis, fit),
     )
 
 
@@ -497,9 +530,7 @@ def _undetermined(analysis: Analysis, top: Hypothesis) -> bool:
     fit = top.fit
     if fit is None:
         return False
-    covered = covariance(fit, analysis.case.run[analysis.case.train], analysis.noise.node)[0]
-    sd = np.sqrt(np.maximum(np.diag(covered), 0.0))
-    each = reversed(list(zip(fit.model.fitted, fit.theta, sd, strict=True)))
+    each = reversed(list(zip(fit.model.fitted, fit.theta, sd_of(analysis, fit), strict=True)))
     sizes = {fitted.effect: (abs(value), own) for fitted, value, own in each}
     return any(sizes[name][0] < sizes[name][1] for name in top.effects if name in sizes)
 

@@ -8,17 +8,20 @@ sums come from what lies next to the best answers (closure.py). An answer has a 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import logsumexp
 
 from terrapin_hil.arrays import Array
+from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.comparison import error
 from terrapin_tools.workbench.discover.expressions import Sketch, library
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
-from terrapin_tools.workbench.discover.leftover import absent, pays
+from terrapin_tools.workbench.discover.leftover import absent, doubts, pays
 from terrapin_tools.workbench.discover.ranker import CATALOGUE, SIZE_OF_SET, Ranker
 from terrapin_tools.workbench.model.fitting import Fit
+from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
 __all__ = ["expression_pairs", "expressions", "paying"]
 
@@ -35,14 +38,16 @@ def expressions(ranker: Ranker, absurd: Collection[str] = ()) -> list[Hypothesis
     """Expressions around the present fit; where something is missing the best are refitted, the others weigh as a
     group. `absurd`: effects of a size that none of them has, whose curve may be that of something else."""
     flat = ranker.base.reshape(ranker.values.size, -1)
+    zeros = {name for name in ranker.effects if name.startswith(ZERO)}
     ranker.listed = listed = library(
         ranker.model,
         ranker.analysis.fit.theta,
         ranker.rows,
         ranker.sigma,
-        ranker.columns_without(absurd),
+        ranker.columns_without({*absurd, *zeros}),
         flat,
         ranker.misfit,
+        ranker.columns_without(ranker.effects.keys() - zeros),
     )
     if not listed.sketches:
         return []
@@ -65,6 +70,8 @@ def expressions(ranker: Ranker, absurd: Collection[str] = ()) -> list[Hypothesis
             found.append(ranker.weighed((name,), float(weight[index]) - ranker.log_prior((name,))))
         else:
             grouped.setdefault(chosen.column, []).append(float(weight[index]))
+    if ranker.analysis.missing and doubts(ranker.analysis, ranker.analysis.fit):
+        found += [ranker.weighed((ranker.expression(one),)) for one in _as_stated(ranker, texts)]
     if ranker.case.dynamics is not None and (sound := [h for h in found if h.fit and ranker.sound(h.fit, h.effects)]):
         best = max(sound, key=lambda h: h.log_weight)  # of those that run off on no run
         found += [ranker.weighed((ranker.expression(one),)) for one in _instead(ranker, best, texts)]
@@ -78,9 +85,24 @@ def _instead(ranker: Ranker, best: Hypothesis, tried: set[tuple[str, str]]) -> l
     A lacking term bends the motion of equations of the user's own. Around the best refit the motion is nearly right,
     and with it the terms along it; around the present fit it is not.
     """
-    fit = best.fit
-    assert fit is not None
-    beyond = ranker.beyond(fit, best.effects[0])
+    assert best.fit is not None
+    return _along(ranker, best.fit, ranker.beyond(best.fit, best.effects[0]), tried)
+
+
+def _as_stated(ranker: Ranker, tried: set[tuple[str, str]]) -> list[Sketch]:
+    """Sketches judged around the values that the user gives the parameters of equations of the user's own.
+
+    A fit that lacks a term may drive a parameter to where the equations are no motor any more (no inertia, no constant
+    of torque): along such a motion no term is right, and none is near.
+    """
+    fit = replace(ranker.analysis.fit, theta=ranker.model.start, at_bound=())
+    if not np.isfinite(fit.model.bind(ranker.case.inputs, ranker.rows).predict(fit.theta)).all():
+        return []
+    return _along(ranker, fit, ranker.beyond(fit), tried)
+
+
+def _along(ranker: Ranker, fit: Fit, beyond: Evidence, tried: set[tuple[str, str]]) -> list[Sketch]:
+    """The likeliest sketches along the motion of a fit, which are tried from now on."""
     none = np.zeros((ranker.values.size, 0))
     listed = library(fit.model, fit.theta, ranker.rows, ranker.sigma, none, beyond.flat, ranker.misfit)
     logs = listed.promise(beyond)
@@ -89,6 +111,7 @@ def _instead(ranker: Ranker, best: Hypothesis, tried: set[tuple[str, str]]) -> l
         sketch = listed.sketches[index]
         if (sketch.target, sketch.text) not in tried:
             chosen.setdefault((sketch.target, sketch.text), sketch)
+    tried.update(chosen)
     return list(chosen.values())
 
 

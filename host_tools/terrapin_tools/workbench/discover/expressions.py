@@ -91,7 +91,14 @@ class Library:
 
 
 def library(
-    model: Model, theta: Array, rows: Mask, sigma: Array, known: Array, base: Array, misfit: float = np.inf
+    model: Model,
+    theta: Array,
+    rows: Mask,
+    sigma: Array,
+    known: Array,
+    base: Array,
+    misfit: float = np.inf,
+    zeros: Array | None = None,
 ) -> Library:
     """Every sketch of a case that differs from what the model and the catalogue can already say.
 
@@ -104,6 +111,8 @@ def library(
     base : (channels * rows, P), derivatives of the model's prediction, in noise sd.
     misfit : sum of squares, in noise sd, that an expression may explain. Of a sketch that would be as good without a
         column that hardly varies only the shorter one is listed.
+    zeros : (channels * rows, Z), the same of columns whose zero point may be wrong: what a plain constant does, too,
+        which is listed all the same.
     """
     case = model.case
     inputs = {name: values[rows] for name, values in case.inputs.items()}
@@ -118,11 +127,10 @@ def library(
     usable = [n for n in ordered if np.ptp(inputs[n]) > 1e-9 * max(1e-300, float(np.abs(inputs[n]).max()))][:COLUMNS]
     values = {name: inputs[name] for name in usable}
     basis = orthonormal(base)
-    catalogue = known - basis @ (basis.T @ known)
-    norms = np.sqrt((catalogue * catalogue).sum(axis=0))
-    catalogue = catalogue[:, norms > 0] / norms[norms > 0]
+    catalogue, shifted = (_beyond(one, basis) for one in (known, known[:, :0] if zeros is None else zeros))
     units = {name: case.units.get(name) or _role_unit(name) for name in values}
-    terms = {name: shapes(name, v, units[name], case.inputs, lowest) for name, v in values.items()}
+    free = case.base.own_names and case.dynamics is None
+    terms = {name: shapes(name, v, units[name], case.inputs, lowest, free) for name, v in values.items()}
     features = {(name, i): _feature(t, values) for name, ts in terms.items() for i, t in enumerate(ts)}
     terms[""] = [Term("", {}, (-np.inf, np.inf), CONSTANT_COST)]
     features["", 0] = np.ones(int(rows.sum()))
@@ -184,7 +192,10 @@ def library(
     instead = {i: places[key] for i, keys in shorter.items() for key in keys[::-1] if key in places}
     idle = _unseen(stacked, basis, instead, misfit)
     prior = np.array([s.prior for s in sketches])
-    kept = _distinct(stacked, basis, catalogue, prior, [read_by(s, values) for s in sketches])
+    reads = [read_by(s, values) for s in sketches]
+    taken = _like_any(stacked, basis, catalogue)
+    taken |= _like_any(stacked, basis, shifted) & np.array([bool(read) for read in reads])
+    kept = _distinct(stacked, basis, taken, prior, reads)
     keep = [i for i in kept if i not in idle]
     if not keep:
         return Library((), np.zeros((base.shape[0], 0)), np.zeros(0))
@@ -224,21 +235,35 @@ def read_by(sketch: Sketch, columns: Collection[str]) -> frozenset[str]:
     return parse(sketch.text).names & frozenset(columns)
 
 
-def _distinct(
-    columns: Array, basis: Array, catalogue: Array, prior: Array, reads: Sequence[frozenset[str]]
-) -> list[int]:
-    """Indices of columns that neither the model nor the catalogue nor a likelier sketch already has. `reads`: of each
-    the columns of the data in it. Where two that have none in common go together, both are kept: nobody can tell them
-    apart, and an answer that names one of them has to say so."""
+def _beyond(columns: Array, basis: Array) -> Array:
+    """What columns (channels * rows, count) have beside the basis, of length 1; without those that have nothing."""
+    found = columns - basis @ (basis.T @ columns)
+    norms = np.sqrt((found * found).sum(axis=0))
+    return np.asarray(found[:, norms > 0] / norms[norms > 0])
+
+
+def _like_any(columns: Array, basis: Array, known: Array) -> Mask:
+    """Which columns (channels * rows, count) do what one of `known` (channels * rows, K), of length 1, does."""
+    if not known.shape[1]:
+        return np.zeros(columns.shape[1], dtype=bool)
+    rows, inside = columns.T, (basis.T @ columns).T
+    length = np.sqrt(np.maximum(np.einsum("ij,ij->i", rows, rows) - np.einsum("ij,ij->i", inside, inside), 0.0))
+    return np.asarray(np.abs(rows @ known - inside @ (basis.T @ known)).max(axis=1) >= DUPLICATE * length)
+
+
+def _distinct(columns: Array, basis: Array, taken: Mask, prior: Array, reads: Sequence[frozenset[str]]) -> list[int]:
+    """Indices of columns that neither the model nor the catalogue (`taken`) nor a likelier sketch already has.
+
+    `reads`: of each the columns of the data in it. Where two that have none in common go together, both are kept:
+    nobody can tell them apart, and an answer that names one of them has to say so.
+    """
     # products of what is left beside the basis are those of the columns less those inside it: no copy of a long table
     rows, inside = columns.T, (basis.T @ columns).T
     before = np.einsum("ij,ij->i", rows, rows)
     after = before - np.einsum("ij,ij->i", inside, inside)
     visible = after > 1e-6 * before
     length = np.sqrt(np.where(visible, after, 1.0))
-    if catalogue.shape[1]:
-        known = rows @ catalogue - inside @ (basis.T @ catalogue)
-        visible &= np.abs(known).max(axis=1) < DUPLICATE * length
+    visible &= ~taken
 
     def alike(one: Index, other: Index) -> Mask:
         found = rows[one] @ rows[other].T - inside[one] @ inside[other].T

@@ -20,12 +20,25 @@ from terrapin_tools.workbench.compare.comparison import Analysis, error, free_sl
 from terrapin_tools.workbench.model.constants import suspected
 from terrapin_tools.workbench.model.data_columns import column_shapes
 from terrapin_tools.workbench.model.effect_columns import shapes_of, terms_of
-from terrapin_tools.workbench.model.fitting import Fit
+from terrapin_tools.workbench.model.fitting import Fit, covariance
 from terrapin_tools.workbench.noise.covariance import Node, Runs, orthonormal
 from terrapin_tools.workbench.noise.estimate import repeated_settings
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
+from terrapin_tools.workbench.noise.odd import odd_limit, standing_alone
 
-__all__ = ["Doubts", "Left", "absent", "allowed", "doubts", "left", "loses", "pays"]
+__all__ = [
+    "Doubts",
+    "Left",
+    "absent",
+    "allowed",
+    "doubts",
+    "left",
+    "loses",
+    "noise_left",
+    "pays",
+    "sd_of",
+    "stand_alone",
+]
 
 # A set clearly leaves something where the p-value is below the level over CLEARLY and an error is above FLOOR, a misfit
 # of half a noise sd. Both chosen by hand.
@@ -63,6 +76,42 @@ class Doubts:
 
     def __bool__(self) -> bool:
         return bool(self.at_bound or self.restless)
+
+
+def noise_left(analysis: Analysis, fit: Fit) -> tuple[Node, float]:
+    """The likeliest kind of noise around an answer, and the sd of a row in it, in noise sd of the analysis: what is
+    missing looks like offsets of the runs as long as it is."""
+    sigma, rows = analysis.noise.sigma, analysis.rows
+    prediction, residual, slopes = free_slopes(fit, sigma, rows)
+    base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
+    runs = Runs(analysis.case.run[rows], len(residual), prediction, analysis.felt)
+    return Evidence(runs, residual / sigma[:, None], base, analysis.noise.behind).likeliest()
+
+
+def sd_of(analysis: Analysis, fit: Fit) -> Array:
+    """Sd of each parameter of an answer, in the noise that it leaves: (parameters,)."""
+    node, row = noise_left(analysis, fit)
+    covered = covariance(fit, analysis.case.run[analysis.case.train], node)[0]
+    return np.asarray(row * np.sqrt(np.maximum(np.diag(covered), 0.0)))
+
+
+def stand_alone(analysis: Analysis, fit: Fit) -> Mask:
+    """Rows (all rows,) that lie far off what the others say of them around an answer; none where so many do.
+
+    Parameters
+    ----------
+    fit : of the model with the answer, on the training runs.
+    """
+    case, noise, rows = analysis.case, analysis.noise, analysis.rows
+    prediction, residual, slopes = free_slopes(fit, noise.sigma, rows)
+    felt = [None] * len(prediction) if analysis.felt is None else [one[None] for one in analysis.felt]
+    runs = [Runs(case.run[rows], level=one[None], felt=own) for one, own in zip(prediction, felt, strict=True)]
+    columns = np.concatenate([slopes / noise.sigma[:, None, None], analysis.nuisance], axis=-1)
+    stated = [float(sigma) if known else None for sigma, known in zip(noise.sigma, noise.known, strict=True)]
+    odd = standing_alone(runs, list(residual), [orthonormal(one) for one in columns], stated)
+    found = np.zeros(case.rows, dtype=bool)
+    found[np.flatnonzero(rows)[odd]] = True
+    return found if (found | analysis.odd).sum() <= odd_limit(case.rows) else np.zeros_like(found)
 
 
 def doubts(analysis: Analysis, fit: Fit) -> Doubts:
@@ -112,11 +161,11 @@ def left(analysis: Analysis, fit: Fit) -> Left:
     prediction, residual, slopes = free_slopes(fit, sigma, rows)
     scaled = residual / sigma[:, None]
     base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
-    runs = Runs(case.run[rows], len(scaled), prediction)
+    runs = Runs(case.run[rows], len(scaled), prediction, analysis.felt)
     p_value = _squares(Evidence(runs, scaled, base, analysis.noise.behind), float(np.min(analysis.noise.freedom)))
     effects = {e.name: shapes_of(fit.model, fit.theta, e, rows, sigma) for e in suspected(fit.model)}
     effects |= {name: list(shapes) for name, shapes in terms_of(fit.model, fit.theta, rows, sigma).items()}
-    blocks = blocks_of(effects, column_shapes(case, rows), runs)
+    blocks = blocks_of(effects, column_shapes(case, rows), runs, wrong=analysis.mishaps)
     factor = float(BayesFactor(runs, base, blocks)(scaled.reshape(-1, 1))[0][0])
     return Left(train, held, float(min(p_value, np.exp(-max(factor, 0.0)), _repeated(analysis, fit, residual))))
 

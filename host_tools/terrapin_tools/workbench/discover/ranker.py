@@ -26,12 +26,12 @@ from terrapin_tools.workbench.model.usual_sizes import size_tax
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
-__all__ = ["RUN", "SIZE_OF_SET", "Ranker", "by_effect"]
+__all__ = ["MISHAP", "SIZE_OF_SET", "Ranker", "by_effect"]
 
-# Prior of a set by its number of terms, and of one odd run. Chosen by hand; the campaigns (row "probability") measure
-# what comes of it.
+# Prior of a set by its number of terms, and of each kind of mishap. Chosen by hand; the campaigns (row "probability")
+# measure what comes of it.
 SIZE_OF_SET = (0.2, 0.54, 0.19, 0.045, 0.005)
-RUN = 0.02
+MISHAP = {"run": 0.02, "change": 0.02, "warming": 0.01, "start": 0.01, "lag": 0.01}
 CATALOGUE = 0.62  # of a term that is not known yet to stand in the catalogue, where that has any; by hand
 CONSTANT = 0.03  # of it to be a stated constant that is wrong, where there are any; by hand
 FAULT = 0.02  # of it to be a fault of the table, where there may be any; by hand
@@ -43,7 +43,7 @@ class Ranker:
         self.case, self.model, self.rows = analysis.case, analysis.model, analysis.rows
         self.sigma = analysis.noise.sigma
         self.behind = analysis.noise.behind
-        self.runs = Runs(self.case.run[self.rows], len(self.model.channels), analysis.prediction)
+        self.runs = Runs(self.case.run[self.rows], len(self.model.channels), analysis.prediction, analysis.felt)
         self.values = measured(self.model, self.rows)
         self.train = measured(self.model, self.case.train)
         self.effects: dict[str, Effect] = {effect.name: effect for effect in candidates(self.model)}
@@ -163,10 +163,18 @@ class Ranker:
             starts = [np.concatenate([self.analysis.fit.theta, *own])] if linear else []
             if effect.name in self.faults:
                 starts = [parent.model.start]
+            elif self.case.dynamics is not None and not {f.key for f in self.model.fitted}.isdisjoint(parent.at_bound):
+                starts.append(self._as_stated(parent, bound.model.start))
             # where each step is a simulation of all runs, what cannot come near is not followed to its end
             aim = min(fit.cost for fit in self.fits.values()) if self.case.base.whole_runs else np.inf
             self.fits[key] = extend(parent, effect.name, bound, self.train, self.sigma, starts, aim)
         return self.fits[key]
+
+    def _as_stated(self, parent: Fit, start: Array) -> Array:
+        """Start values of equations of the user's own beside one more term: a parameter that a lacking term drove to
+        its bound may not come back from there."""
+        own = len(self.model.fitted)
+        return np.concatenate([self.model.start, parent.theta[own:], start[len(parent.theta) :]])
 
     def around(self, fit: Fit, names: Collection[str]) -> float | None:
         """Log evidence of a refitted set, its shapes as fitted; None when a size is 0 and nothing can be told."""

@@ -22,7 +22,7 @@ from terrapin_tools.workbench.discover.closure import neighbours, twins
 from terrapin_tools.workbench.discover.expression_answers import expression_pairs, expressions, paying
 from terrapin_tools.workbench.discover.expressions import read_by
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
-from terrapin_tools.workbench.discover.ranker import RUN, SIZE_OF_SET, Ranker, by_effect
+from terrapin_tools.workbench.discover.ranker import MISHAP, SIZE_OF_SET, Ranker, by_effect
 from terrapin_tools.workbench.discover.suspect_answers import beside_constants, table_answers
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.model.fitting import Fit
@@ -39,6 +39,7 @@ PAIRS_FROM = 3  # best single effects that a second one is tried on once more; c
 UNSEEN = 1.0  # log weight by which a pair that was not refitted stays behind the best; chosen by hand
 TRIPLES_FROM = 2  # best pairs that a third effect is tried on; chosen by hand, for time
 WITHIN = 12.0  # log evidence behind the best beyond which no set is refitted: a posterior of 6e-6; chosen by hand
+FEWEST_RUNS = 4  # from which a mishap of one of them differs from the rest; chosen by hand
 ONE = 1e-3  # squared distance of two predictions [noise sd] below which they are one curve
 SHOWN = 10  # likeliest answers whose expressions are also refitted alone, for the table
 
@@ -64,7 +65,7 @@ class Ranking:
     @property
     def blind(self) -> bool:
         """No effect could be weighed: the model's own parameters take up whatever the columns could show."""
-        return all(h.kind in ("nothing", "run") for h in self.hypotheses)
+        return all(h.kind == "nothing" or h.kind in MISHAP for h in self.hypotheses)
 
     def inclusion(self, effect: str) -> float:
         """Probability that an effect, or an expression as it is written, is part of what is missing."""
@@ -104,7 +105,7 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
     pairs = _pairs(ranker, singles, average, max(h.log_weight for h in found))
     found += pairs
     found += _triples(ranker, [h for h in pairs if h.fit is not None])
-    found += _runs(ranker)
+    found += _mishaps(ranker)
     if analysis.missing:
         report("columns that are scaled, late or without their sign")
         wrong = table_answers(ranker)
@@ -263,21 +264,16 @@ def _triples(ranker: Ranker, pairs: Sequence[Hypothesis]) -> list[Hypothesis]:
     return list(found.values())
 
 
-def _runs(ranker: Ranker) -> list[Hypothesis]:
-    """One run that stands out by itself: an offset, or a factor on the prediction, of one channel in that run alone."""
-    runs = np.unique(ranker.runs.run)
-    if len(runs) < 4:
+def _mishaps(ranker: Ranker) -> list[Hypothesis]:
+    """What may have gone wrong on the rig instead: an odd run, a change between two runs, a beginning, a lag."""
+    listed = ranker.analysis.mishaps
+    if ranker.runs.runs < FEWEST_RUNS or not listed:
         return []
-    columns = ranker.runs.single()
-    logs = ranker.evidence.single(columns.reshape(len(columns), -1)).reshape(len(runs), -1)
-    prior = np.log(RUN / logs.size)
-    return [
-        Hypothesis(
-            (),
-            "run",
-            float(logsumexp(logs[i])) + prior,
-            None,
-            ranker.case.run_names[one],
-        )
-        for i, one in enumerate(runs)
-    ]
+    logs = ranker.evidence.single(np.concatenate([one.columns for one in listed], axis=1))
+    found = []
+    for one, own in zip(listed, np.split(logs, np.cumsum([one.columns.shape[1] for one in listed])[:-1]), strict=True):
+        among = own.size * sum(other.kind == one.kind for other in listed)
+        name = "" if one.run is None else ranker.case.run_names[one.run]
+        weight = float(logsumexp(own)) + np.log(MISHAP[one.kind] / among)
+        found.append(Hypothesis((), one.kind, weight, None, name))
+    return found

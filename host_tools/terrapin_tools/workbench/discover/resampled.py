@@ -65,7 +65,7 @@ def selection(analysis: Analysis, ranking: Ranking, draws: int, seed: int) -> tu
         except ValueError:
             continue
         widened = replace(linear, base=np.concatenate([linear.base, analysis.nuisance], axis=-1))
-        sums = Sums(Runs(run, channels, analysis.prediction), widened, analysis.noise.behind, nodes)
+        sums = Sums(Runs(run, channels, analysis.prediction, analysis.felt), widened, analysis.noise.behind, nodes)
         # prior and what the shapes cost stay: only the evidence is drawn anew
         logs.append(hypothesis.log_weight + sums.evidence(weight) - sums.evidence(once))
         taking_part.append(hypothesis)

@@ -23,6 +23,7 @@ Array = npt.NDArray[np.float64]
 SHAPE_COST = 0.35  # prior factor of a shape other than the column itself; chosen by hand
 STEPS = 7  # thresholds of a step that are looked at; chosen by hand
 LOWEST = 0.3  # of the range, for a threshold of a dead zone: below, it is nearly a straight line; chosen by hand
+DECADE = 3.0  # ratio of a column's ends from which its logarithm is not nearly a straight line; chosen by hand
 EDGES = 60  # thresholds of a step that its refit starts from; chosen by hand
 
 
@@ -40,10 +41,13 @@ class Term:
     bends: bool = False  # one of the shapes that look like many others over a limited range
 
 
-def shapes(name: str, values: Array, unit: str, taken: Collection[str] = (), lowest: float = LOWEST) -> list[Term]:
+def shapes(
+    name: str, values: Array, unit: str, taken: Collection[str] = (), lowest: float = LOWEST, free: bool = False
+) -> list[Term]:
     """Terms in a column with these values (rows,) and unit ("1" for none or where it is not known).
 
-    `lowest`: share of the column's range below which no threshold of a dead zone lies.
+    `lowest`: share of the column's range below which no threshold of a dead zone lies. `free`: formulas take the
+    column's numbers as they are, without its unit.
 
     Scales have names that are not `taken`. Every term is sound in its units: what exp, tanh or log see has none.
     """
@@ -72,6 +76,8 @@ def shapes(name: str, values: Array, unit: str, taken: Collection[str] = (), low
     if one_sign:
         middle = f"{'-' if low >= 0.0 else '+'} {abs(0.5 * (low + high)):.3g}"
         found.append(Term(f"({name} {middle})", {}, (-np.inf, np.inf), 1.0, centred=True))
+        if low > 0.0 and high > DECADE * low and (free or unit in ("", "1")):
+            found.append(Term(f"log({name}/{0.5 * (low + high):.3g})", {}, (-np.inf, np.inf), SHAPE_COST, centred=True))
         found.append(term(f"sqrt({magnitude})", SHAPE_COST))
         if (
             low >= 0.0

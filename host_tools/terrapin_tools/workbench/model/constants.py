@@ -26,9 +26,10 @@ def constants(model: Model) -> list[Effect]:
     """One suspect for each stated parameter of the base model, or of formulas of the user's own, that is not fitted,
     and not 0."""
     case = model.case
-    if case.base.whole_runs:
+    if case.base.whole_runs and case.dynamics is None:
         return []
-    read = set(case.base.parameters).union(*(formula.names for formula in case.equations.values()))
+    formulas = [*case.equations.values(), *(case.dynamics.derivative.values() if case.dynamics is not None else ())]
+    read = set(case.base.parameters).union(*(formula.names for formula in formulas))
     return [
         _suspect(case.base.name, name)
         for name, value in case.parameters.items()

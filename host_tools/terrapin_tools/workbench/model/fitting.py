@@ -24,6 +24,7 @@ Evaluate = Callable[[Array], tuple[Array, Array]]
 ENOUGH = 1e-9  # relative gain at which a fit stops
 # Of a model that is integrated over time, whose fits take long: relative, and a gain that is none: 0.005 of a nat.
 ENOUGH_OF_RUNS = (1e-6, 1e-2)
+EDGE = 0.01  # of the cost that a step must gain there, before a place without numbers: three that do not, and it ends
 HOPELESS = 0.05  # of the way to what another model reaches: three such steps in a row, and this one does not
 SCREENED = 4  # starts kept of an effect's grid
 UNSEEN = 1e-12  # of the largest curvature: less is none
@@ -55,6 +56,7 @@ def minimise(
     free: Mask,
     enough: tuple[float, float] = (ENOUGH, 0.0),
     aim: float = np.inf,
+    edge: float = 0.0,
 ) -> tuple[Array, float]:
     """Levenberg and Marquardt's method inside a box; only parameters whose `free` is true move.
 
@@ -64,13 +66,14 @@ def minimise(
     Returns parameters and cost, which is never above that of the start.
 
     `aim` is a cost that something else has reached: three steps in a row that gain less than a twentieth of what lies
-    between end the search.
+    between end the search. So do three that gain less than the share `edge` of the cost and were cut short because
+    farther on there are no numbers: a way to an inertia of zero, along which each solution takes longer than the last.
     """
     theta = np.clip(start, lower, upper)
     r, jac = evaluate(theta)
     cost = float(r @ r)
     damping = 1e-4
-    slow = far = 0
+    slow = far = cut = 0
     for _ in range(100):
         if not np.isfinite(cost):
             return theta, np.inf
@@ -82,7 +85,7 @@ def minimise(
         columns = jac[:, moving]
         scale = np.sqrt((columns * columns).sum(axis=0))
         normal = columns.T @ columns / np.outer(scale, scale)
-        improved = False
+        improved = blocked = False
         while damping < 1e12:
             step = np.zeros_like(theta)
             damped = normal + damping * np.eye(len(scale))
@@ -96,6 +99,7 @@ def minimise(
             if np.isfinite(new_cost) and new_cost < cost:
                 improved = True
                 break
+            blocked |= not np.isfinite(new_cost)
             damping = max(damping, 1e-12) * 8.0
         if not improved:
             break
@@ -103,7 +107,8 @@ def minimise(
         theta, cost = new, new_cost
         slow = slow + 1 if gain <= 1e-6 * cost else 0
         far = far + 1 if gain <= HOPELESS * (cost - aim) else 0
-        if gain <= max(enough[0] * cost, enough[1]) or slow == 3 or far == 3:
+        cut = cut + 1 if blocked and gain <= edge * cost else 0
+        if gain <= max(enough[0] * cost, enough[1]) or 3 in (slow, far, cut):
             break
         damping = max(damping / 20.0, 1e-14)
         r, jac = evaluate(theta)
@@ -116,12 +121,13 @@ class _Problem:
     def __init__(self, bound: Bound, measured: Array, sigma: Array, aim: float) -> None:
         self.bound, self.measured, self.weight = bound, measured, 1.0 / sigma[:, None]
         self.aim = aim
-        self.enough = ENOUGH_OF_RUNS if bound.model.case.base.whole_runs else (ENOUGH, 0.0)
+        whole_runs = bound.model.case.base.whole_runs
+        self.enough, self.edge = (ENOUGH_OF_RUNS, EDGE) if whole_runs else ((ENOUGH, 0.0), 0.0)
 
     def minimum(self, start: Array, free: Mask) -> tuple[Array, float]:
         """Parameters and cost, from a start; only parameters whose `free` is true move."""
         lower, upper = self.bound.model.lower, self.bound.model.upper
-        return minimise(self.evaluate, self.residual, start, lower, upper, free, self.enough, self.aim)
+        return minimise(self.evaluate, self.residual, start, lower, upper, free, self.enough, self.aim, self.edge)
 
     def residual(self, theta: Array) -> Array:
         prediction = self.bound.predict(theta)
@@ -253,8 +259,9 @@ def covariance(fit: Fit, run: Index, node: Node) -> tuple[Array, Array]:
     as what they do.
     """
     channels, rows, count = fit.jacobian.shape
-    runs = Runs(run, channels, fit.bound.predict(fit.theta) if node.gain else None)
+    runs = Runs(run, channels, fit.bound.predict(fit.theta) if node.gain or node.grow else None)
     flat = runs.sort(fit.jacobian.reshape(channels * rows, count))
+    flat = np.where(np.isfinite(flat).all(axis=0), flat, 0.0)  # what has no derivative is not determined
     scale = np.sqrt((flat * flat).sum(axis=0))
     flat = flat / np.where(scale > 0, scale, 1.0)
     scale = np.where(scale > 0, scale, 1.0)

@@ -2,10 +2,11 @@
 
 Of a run with m rows, the noise has the covariance
 
-    s^2 [ (1 - share) I + share R(rho) + offset^2 1 1' + drift^2 l l' + gain^2 g g' ],    R_ij = rho^|i - j|
+    s^2 [ W ((1 - share) I + share R(rho)) W + offset^2 1 1' + drift^2 l l' + gain^2 g g' ],    R_ij = rho^|i - j|
 
-l: the straight line over the run of mean 0 and rms 1; g: what the model predicts, of rms 1 over all runs; s: sd of a
-row without offset, drift and gain. Runs are independent of each other: they are the unit of replication, not the rows.
+l: the straight line over the run of mean 0 and rms 1; g: what the model predicts, of rms 1 over all runs; W: diagonal,
+W^2 = 1 - grow + grow g^2, for instruments that are right to some percent of the reading; s: rms of a row without
+offset, drift and gain. Runs are independent of each other: they are the unit of replication, not the rows.
 White noise beside AR(1) noise is an ARMA(1, 1) process, whose innovations a filter of one state gives; offset, drift
 and gain are three more columns a run. Everything that is asked of the data needs only inner products x' V^-1 y, and of
 these each filter is gone through once (NODES share them), however many offsets, drifts and gains are weighed.
@@ -23,15 +24,31 @@ from functools import cached_property
 import numpy as np
 from scipy.signal import lfilter
 
-from terrapin_hil.arrays import Array, Index
+from terrapin_hil.arrays import Array, Index, Mask
 
-__all__ = ["NODES", "PLAIN", "WALKED", "WAVES", "Filtered", "Node", "Products", "Runs", "by_filter", "orthonormal"]
+__all__ = [
+    "NODES",
+    "PLAIN",
+    "WALKED",
+    "WAVES",
+    "Filtered",
+    "Kind",
+    "Node",
+    "Products",
+    "Runs",
+    "by_filter",
+    "orthonormal",
+]
 
 SCALED = 3  # rows of a run from which a factor on it differs from noise of its rows; chosen by hand
 WAVES = 6  # half waves over the test, that a walk is made of: 91 % of its variance
 WALKED = 8  # runs from which a walk over the test differs from an offset a run; chosen by hand
 OWN = 3  # columns that each run has of its own: constant, line and prediction
+GROWN = 0.08  # prior of noise that grows with the reading; chosen by hand
 SETTLED = 1e-13  # change of the filter's gain in a row, below which it is constant
+
+
+Kind = tuple[float, float, float]  # share, rho and grow of a Node
 
 
 @dataclass(frozen=True)
@@ -45,6 +62,12 @@ class Node:
     prior: float
     walk: float = 0.0  # sd of what wanders over the whole test, from run to run, in sd of a row
     gain: float = 0.0  # sd of a factor on the prediction from run to run, times the prediction's rms, in sd of a row
+    grow: float = 0.0  # share of the variance of a row that goes with the square of the prediction
+
+    @property
+    def filter(self) -> Kind:
+        """What makes the rows of a run independent, but for what they have in common."""
+        return self.share, self.rho, self.grow
 
     @property
     def floor(self) -> float:
@@ -68,6 +91,7 @@ class Node:
         'white + AR(1) + run offsets'
         """
         parts = [*(["white"] if self.share < 1.0 else []), *(["AR(1)"] if self.share > 0.0 else [])]
+        parts[-1] += " growing with the reading" if self.grow else ""
         slow = {
             "run offsets": self.offset, "run gains": self.gain, "drift": self.drift, "drift over the test": self.walk
         }  # fmt: skip
@@ -81,12 +105,14 @@ def _nodes() -> tuple[Node, ...]:
     slow = {(1.0, 0.92): 0.08, (1.0, 0.98): 0.06}
     offsets = {0.0: 0.4, 0.25: 0.15, 0.5: 0.15, 1.0: 0.15, 2.0: 0.15}
     found = [
-        Node(*kind, tau, 0.0, 0.74 * p * q)
+        Node(*kind, tau, 0.0, (0.74 - GROWN) * p * q)
         for kind, p in {(0.0, 0.0): 0.36, **correlated}.items()
         for tau, q in offsets.items()
     ]
     # noise that is alike over most of a run is hard to tell from an offset: one of each is enough
-    found += [Node(*kind, tau, 0.0, 0.74 * p * q) for kind, p in slow.items() for tau, q in ((0.0, 0.6), (1.0, 0.4))]
+    found += [
+        Node(*kind, tau, 0.0, (0.74 - GROWN) * p * q) for kind, p in slow.items() for tau, q in ((0.0, 0.6), (1.0, 0.4))
+    ]
     found += [
         Node(share, rho, tau, delta, 0.11 * 0.5 * 0.5 * q)
         for share, rho in ((0.0, 0.0), (0.5, 0.6))
@@ -103,6 +129,12 @@ def _nodes() -> tuple[Node, ...]:
         Node(*kind, tau, 0.0, 0.08 * 0.5 * q, 0.0, gain)
         for kind in ((0.0, 0.0), (0.5, 0.6))
         for tau, gain, q in ((0.0, 0.5, 0.3), (0.0, 1.5, 0.3), (0.5, 1.5, 0.1), (0.0, 5.0, 0.3))
+    ]
+    # an instrument that is right to some percent of its reading, or one that counts
+    found += [
+        Node(0.0, 0.0, tau, 0.0, GROWN * p * q, grow=grow)
+        for grow, p in ((0.5, 0.4), (0.98, 0.6))
+        for tau, q in ((0.0, 0.6), (0.5, 0.4))
     ]
     return tuple(found)
 
@@ -166,9 +198,11 @@ class Runs:
     channels : columns below are (channels * rows, count), channel by channel.
     level : (channels, rows), what the model predicts, in any unit; without it, and in runs of fewer than SCALED rows,
         a gain changes nothing.
+    felt : (channels, rows, OWN), what is left of `shifts` where starts are fitted that follow them; None: all of them.
     """
 
-    def __init__(self, run: Index, channels: int = 1, level: Array | None = None) -> None:
+    def __init__(self, run: Index, channels: int = 1, level: Array | None = None, felt: Array | None = None) -> None:
+        self.felt = felt
         self.run, self.rows, self.channels = run, len(run), channels
         self.order = np.argsort(run, kind="stable")
         self.sorted = bool((np.diff(run) >= 0).all())
@@ -186,33 +220,28 @@ class Runs:
         self.place = np.tile(place, channels)
         middle = 0.5 * (np.repeat(length, length) - 1.0)
         rms = np.sqrt(np.maximum(np.repeat(length, length) ** 2 - 1.0, 0.0) / 12.0)
-        self.sorted_line = np.tile((place - middle) / np.where(rms > 0.0, rms, 1.0), channels)
         self.line = np.empty(self.rows)
-        self.line[self.order] = self.sorted_line[: self.rows]
+        self.line[self.order] = (place - middle) / np.where(rms > 0.0, rms, 1.0)
         level = np.zeros((channels, self.rows)) if level is None else level
         rms = np.sqrt(np.mean(level * level, axis=1, keepdims=True))
         many = np.empty(self.rows, dtype=bool)
         many[self.order] = np.repeat(length >= SCALED, length)
-        self.level = np.where(many, level, 0.0) / np.where(rms > 0.0, rms, 1.0)  # (channels, rows), in file order
-        self.sorted_level = self.level[:, self.order].reshape(-1)
+        self.reading = np.where(rms > 0.0, level, 1.0) / np.where(rms > 0.0, rms, 1.0)  # (channels, rows)
+        self.sorted_reading = self.reading[:, self.order].reshape(-1)
+        self.level = np.where(many & (rms > 0.0), self.reading, 0.0)  # the same, for a gain
         self._gains: dict[tuple[float, float], tuple[Array, Array]] = {}
-        self._corners: dict[tuple[float, float], Array] = {}
+        self._corners: dict[Kind, Array] = {}
         self._weights: dict[Node, Array] = {}
         self._halves: dict[Node, list[tuple[Index, Array]]] = {}
-        self._wave_columns: dict[tuple[float, float], Array] = {}
-        self._wave_sums: dict[tuple[float, float], Array] = {}
+        self._wave_columns: dict[Kind, Array] = {}
+        self._wave_sums: dict[Kind, Array] = {}
         self._wave_weights: dict[Node, Array] = {}
         self._wave_turns: dict[Node, Array] = {}
 
-    def single(self) -> Array:
-        """What a run may have alone, an offset or a factor on the prediction, of one channel: (channels * rows, runs,
-        2 * channels), in file order."""
-        mine = self.run[:, None] == np.unique(self.run)
-        found = np.zeros((self.channels, self.rows, mine.shape[1], self.channels, 2))
-        for channel in range(self.channels):
-            found[channel, :, :, channel, 0] = mine
-            found[channel, :, :, channel, 1] = mine * self.level[channel][:, None]
-        return found.reshape(self.channels * self.rows, mine.shape[1], -1)
+    def without(self, rows: Mask) -> Runs:
+        """The other rows."""
+        felt = None if self.felt is None else self.felt[:, ~rows]
+        return Runs(self.run[~rows], self.channels, self.reading[:, ~rows], felt)
 
     def sort(self, columns: Array) -> Array:
         """Columns (channels * rows, count) with the rows of each run together; the very columns where they are so."""
@@ -220,6 +249,10 @@ class Runs:
             return columns.reshape(self.channels * self.rows, -1)
         split = columns.reshape(self.channels, self.rows, -1)
         return split[:, self.order].reshape(self.channels * self.rows, -1)
+
+    def sd(self, grow: float) -> Array:
+        """Of each row (channels * rows,), sorted, of rms 1: how it grows with the reading."""
+        return np.asarray(np.sqrt(1.0 - grow + grow * self.sorted_reading**2))
 
     # -- the filter ---------------------------------------------------------------------------------------------------
 
@@ -238,7 +271,10 @@ class Runs:
             self._gains[share, rho] = np.array(gains), np.array(variances)
         return self._gains[share, rho]
 
-    def _innovations(self, ordered: Array, share: float, rho: float) -> Array:
+    def _innovations(self, ordered: Array, kind: Kind) -> Array:
+        share, rho, grow = kind
+        if grow:
+            ordered = ordered / self.sd(grow)[:, None]
         if share == 0.0:
             return ordered
         gain, variance = self._gain(share, rho)
@@ -259,19 +295,25 @@ class Runs:
         white /= np.sqrt(variance[np.minimum(self.place, len(variance) - 1)])[:, None]
         return white
 
+    @property
+    def shifts(self) -> Array:
+        """What each run may have of its own: constant, line and prediction (channels, rows, OWN), in file order."""
+        line = np.broadcast_to(self.line, self.level.shape)
+        return np.stack([np.ones(self.level.shape), line, self.level], axis=-1)
+
     @cached_property
-    def _own(self) -> Array:
-        """What each run may have of its own: constant, line and prediction (channels * rows, 3), sorted."""
-        return np.column_stack([np.ones(len(self.sorted_line)), self.sorted_line, self.sorted_level])
+    def own(self) -> Array:
+        """The same as the rows show it: (channels * rows, OWN), sorted."""
+        return self.sort((self.shifts if self.felt is None else self.felt).reshape(-1, OWN))
 
-    def filtered(self, columns: Array, share: float, rho: float) -> Filtered:
+    def filtered(self, columns: Array, kind: Kind) -> Filtered:
         """Columns (channels * rows, count) in file order, ready for `products`."""
-        return self._filtered(self.sort(columns), share, rho)
+        return self._filtered(self.sort(columns), kind)
 
-    def _filtered(self, ordered: Array, share: float, rho: float) -> Filtered:
-        white = self._innovations(ordered, share, rho)
-        own = self._innovations(self._own, share, rho)
-        waves = self._filtered_waves(share, rho).T @ white
+    def _filtered(self, ordered: Array, kind: Kind) -> Filtered:
+        white = self._innovations(ordered, kind)
+        own = self._innovations(self.own, kind)
+        waves = self._filtered_waves(kind).T @ white
         return Filtered(white, self._by_run(own, white).reshape(OWN * len(self.begin), -1), waves)
 
     def _by_run(self, left: Array, right: Array) -> Array:
@@ -296,18 +338,18 @@ class Runs:
             found = found - np.einsum("ij,ij->j", against, self.wave_weight(node) @ against)
         return np.asarray(found)
 
-    def _corner(self, share: float, rho: float) -> Array:
+    def _corner(self, kind: Kind) -> Array:
         """Products of constant, line and prediction with each other, a run: (channels * runs, 3, 3)."""
-        if (share, rho) not in self._corners:
-            own = self._innovations(self._own, share, rho)
-            self._corners[share, rho] = self._by_run(own, own)
-        return self._corners[share, rho]
+        if kind not in self._corners:
+            own = self._innovations(self.own, kind)
+            self._corners[kind] = self._by_run(own, own)
+        return self._corners[kind]
 
     def weigh(self, node: Node, sums: Array) -> Array:
         """T (1 + T Z'Z T)^-1 T times the sums of each run: what Woodbury's identity takes off a product."""
         if node not in self._weights:
             size = _sizes(node)
-            inner = np.eye(OWN) + size @ self._corner(node.share, node.rho) @ size
+            inner = np.eye(OWN) + size @ self._corner(node.filter) @ size
             self._weights[node] = size @ np.linalg.inv(inner) @ size
         weight = self._weights[node]
         return np.asarray((weight @ sums.reshape(len(weight), OWN, -1)).reshape(sums.shape))
@@ -328,23 +370,23 @@ class Runs:
         one = weight * np.cos(np.pi * np.outer((np.arange(self.rows) + 0.5) / self.rows, k))
         return np.kron(np.eye(self.channels), one)
 
-    def _filtered_waves(self, share: float, rho: float) -> Array:
-        if (share, rho) not in self._wave_columns:
-            self._wave_columns[share, rho] = self._innovations(self.waves, share, rho)
-        return self._wave_columns[share, rho]
+    def _filtered_waves(self, kind: Kind) -> Array:
+        if kind not in self._wave_columns:
+            self._wave_columns[kind] = self._innovations(self.waves, kind)
+        return self._wave_columns[kind]
 
     def against_waves(self, node: Node, columns: Filtered) -> Array:
         """W' V^-1 x (waves, count), with V all but the walk."""
         if not node.of_runs:
             return columns.waves
-        if (node.share, node.rho) not in self._wave_sums:
-            self._wave_sums[node.share, node.rho] = self._filtered(self.waves, node.share, node.rho).sums
-        own = self._wave_sums[node.share, node.rho]
+        if node.filter not in self._wave_sums:
+            self._wave_sums[node.filter] = self._filtered(self.waves, node.filter).sums
+        own = self._wave_sums[node.filter]
         return np.asarray(columns.waves - own.T @ self.weigh(node, columns.sums))
 
     def _wave_inner(self, node: Node) -> Array:
         """1 + w^2 W' V^-1 W (waves, waves), with V all but the walk."""
-        own = self._filtered(self.waves, node.share, node.rho)
+        own = self._filtered(self.waves, node.filter)
         return np.asarray(np.eye(self.waves.shape[1]) + node.walk**2 * self.against_waves(node, own))
 
     def wave_weight(self, node: Node) -> Array:
@@ -357,11 +399,11 @@ class Runs:
 
     def whiten(self, columns: Array, node: Node) -> Array:
         """Columns (channels * rows, count) made independent with unit variance, if the noise had s = 1; sorted."""
-        white = self._without_walk(self._innovations(self.sort(columns), node.share, node.rho), node)
+        white = self._without_walk(self._innovations(self.sort(columns), node.filter), node)
         if not node.walk:
             return white
         if node not in self._wave_turns:
-            own = self._without_walk(self._filtered_waves(node.share, node.rho), node)
+            own = self._without_walk(self._filtered_waves(node.filter), node)
             u, s, _ = np.linalg.svd(node.walk * own, full_matrices=False)
             self._wave_turns[node] = u * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + s * s))
         turn = self._wave_turns[node]
@@ -381,12 +423,13 @@ class Runs:
         """For the runs of each length: their rows (runs, length), and U (runs or 1, length, 3), so that 1 - U U' takes
         offset, drift and gain from what the filter has made white."""
         if node not in self._halves:
-            own = self._innovations(self._own, node.share, node.rho) @ _sizes(node)
+            own = self._innovations(self.own, node.filter) @ _sizes(node)
             self._halves[node] = []
             for length in np.unique(self.length):
                 rows = self.begin[self.length == length][:, None] + np.arange(length)
-                # without gains runs of one length have the same
-                u, s, _ = np.linalg.svd(own[rows if node.gain else rows[:1]], full_matrices=False)
+                # where nothing goes with the prediction or with starts, runs of one length have the same
+                alone = node.gain or node.grow or self.felt is not None
+                u, s, _ = np.linalg.svd(own[rows if alone else rows[:1]], full_matrices=False)
                 self._halves[node].append((rows, u * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + s * s))[:, None, :]))
         return self._halves[node]
 
@@ -396,9 +439,11 @@ class Runs:
         if node.share > 0.0:
             variance = self._gain(node.share, node.rho)[1]
             found += np.add.reduceat(np.log(variance[np.minimum(self.place, len(variance) - 1)]), self.begin)
+        if node.grow:
+            found += 2.0 * np.add.reduceat(np.log(self.sd(node.grow)), self.begin)
         if node.of_runs:
             size = _sizes(node)
-            found += np.linalg.slogdet(np.eye(OWN) + size @ self._corner(node.share, node.rho) @ size)[1]
+            found += np.linalg.slogdet(np.eye(OWN) + size @ self._corner(node.filter) @ size)[1]
         return found
 
     def log_determinant(self, node: Node) -> float:
@@ -416,7 +461,8 @@ class Runs:
             for begin, length in zip(self.begin, self.length, strict=True):
                 slow[begin : begin + length] = lfilter([1.0], [1.0, -node.rho], slow[begin : begin + length], axis=0)
             ordered = ordered + np.sqrt(node.share) * slow
-        for size, column in zip(np.diagonal(_sizes(node)), self._own.T, strict=True):
+        ordered = ordered * self.sd(node.grow)[:, None]
+        for size, column in zip(np.diagonal(_sizes(node)), self.own.T, strict=True):
             if size:
                 drawn = np.repeat(random.standard_normal((len(self.begin), sets)), self.length, axis=0)
                 ordered = ordered + size * column[:, None] * drawn
@@ -429,15 +475,17 @@ class Runs:
 
     def times(self, columns: Array, node: Node) -> Array:
         """The covariance (s = 1) times columns (channels * rows, count), both sorted by run."""
-        result = (1.0 - node.share) * columns
+        sd = self.sd(node.grow)[:, None]
+        result = (1.0 - node.share) * sd**2 * columns
         for begin, length in zip(self.begin, self.length, strict=True):
             part = slice(begin, begin + length)
             own = columns[part]
             if node.share > 0.0:
-                forward = lfilter([1.0], [1.0, -node.rho], own, axis=0)
-                backward = lfilter([1.0], [1.0, -node.rho], own[::-1], axis=0)[::-1]
-                result[part] += node.share * (forward + backward - own)
-            for size, column in zip(np.diagonal(_sizes(node)), self._own[part].T, strict=True):
+                grown = sd[part] * own
+                forward = lfilter([1.0], [1.0, -node.rho], grown, axis=0)
+                backward = lfilter([1.0], [1.0, -node.rho], grown[::-1], axis=0)[::-1]
+                result[part] += node.share * sd[part] * (forward + backward - grown)
+            for size, column in zip(np.diagonal(_sizes(node)), self.own[part].T, strict=True):
                 if size:
                     result[part] += size * size * np.outer(column, column @ own)
         if node.walk:
@@ -450,9 +498,9 @@ def _sizes(node: Node) -> Array:
     return np.diag([node.offset, node.drift, node.gain])
 
 
-def by_filter(nodes: Sequence[int]) -> dict[tuple[float, float], list[int]]:
+def by_filter(nodes: Sequence[int]) -> dict[Kind, list[int]]:
     """Places in `nodes`, by what filter the node takes."""
-    found: dict[tuple[float, float], list[int]] = {}
+    found: dict[Kind, list[int]] = {}
     for place, index in enumerate(nodes):
-        found.setdefault((NODES[index].share, NODES[index].rho), []).append(place)
+        found.setdefault(NODES[index].filter, []).append(place)
     return found

@@ -13,22 +13,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.special import betainc, stdtrit
+from scipy.special import betainc
 
 from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_tools.workbench.bases import RUNNING
-from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Node, Runs, by_filter, orthonormal
+from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Node, Runs, orthonormal
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED
-from terrapin_tools.workbench.noise.precision import Precision
+from terrapin_tools.workbench.noise.odd import standing_alone
+from terrapin_tools.workbench.noise.restricted import likelihood, restricted_likelihood
 
 __all__ = [
-    "ODD_SHARE",
     "Noise",
     "estimate_noise",
     "least_noise",
-    "odd_rows",
     "repeated_settings",
-    "restricted_likelihood",
     "within_scatter",
 ]
 
@@ -37,10 +35,7 @@ ENTRY = (
     20.0  # squared score, in noise variances, at which a shape enters: 1e-5 a shape by chance, over hundreds of them
 )
 # Kinds of noise at which a shape is tried beside the present one: white, and two correlations. Chosen by hand.
-TRIED = tuple(i for i in PLAIN if (NODES[i].share, NODES[i].rho) in ((0.0, 0.0), (1.0, 0.6), (1.0, 0.92)))
-ODD = 0.01  # false alarm rate of "a row of this case stands alone"; chosen by hand
-ODD_SHARE = 0.05  # of the rows that may stand alone at most: more are no exception
-ODD_MOST = 300  # rows, for time: more are no exception either
+TRIED = tuple(i for i in PLAIN if NODES[i].filter in ((0.0, 0.0, 0.0), (1.0, 0.6, 0.0), (1.0, 0.92, 0.0)))
 FEW_REPEATS = 30  # degrees of freedom below which the repeats alone give too rough an sd; chosen by hand (13 % of sd)
 REPEATS_NEEDED = 4  # degrees of freedom that repeated settings must give; chosen by hand
 # Share of a channel's spread below which no noise was measured. Chosen by hand, after cases of computed numbers, whose
@@ -67,39 +62,6 @@ class Noise:
     def behind(self) -> float:
         """Degrees of freedom that evidence counts behind the sd."""
         return STATED if self.known.all() else 0.0
-
-
-def restricted_likelihood(
-    runs: Sequence[Runs], residuals: Sequence[Array], bases: Sequence[Array], sigma: Sequence[float | None]
-) -> tuple[Array, Array]:
-    """-2 log restricted likelihood of the residuals at each kind of noise, and their sums of squares.
-
-    Parameters
-    ----------
-    runs : the rows, for each channel.
-    residuals : for each channel (rows,), in any one unit.
-    bases : for each channel (rows, count), orthonormal columns that were fitted.
-    sigma : for each channel the noise sd in the unit of its residuals, an estimate with STATED degrees of freedom;
-        None: it is profiled.
-
-    Returns
-    -------
-    (nodes,) : -2 log likelihood, up to a constant; the prior of each node is in it.
-    (nodes, channels) : whitened residual sums of squares, in the unit of the residuals squared.
-    """
-    criterion = np.array([-2.0 * np.log(node.prior) for node in NODES])
-    squares = np.zeros((len(NODES), len(residuals)))
-    for kind, places in by_filter(range(len(NODES))).items():
-        for channel, (rows, residual, basis, sd) in enumerate(zip(runs, residuals, bases, sigma, strict=True)):
-            own, base = rows.filtered(residual[:, None], *kind), rows.filtered(basis, *kind)
-            among, cross = rows.products(base, base), rows.products(base, own)
-            for place in places:
-                inner, taken = among.at(NODES[place]), cross.at(NODES[place])[:, 0]
-                total = float(rows.squares(own, NODES[place])[0] - taken @ np.linalg.solve(inner, taken))
-                squares[place, channel] = max(total, 1e-300)
-                fit = _likelihood(squares[place, channel], rows.rows - basis.shape[1], sd)
-                criterion[place] += float(fit) + rows.log_determinant(NODES[place]) + np.linalg.slogdet(inner)[1]
-    return criterion, squares
 
 
 def repeated_settings(roles: Mapping[str, Array], rows: int) -> Index:
@@ -139,6 +101,7 @@ def estimate_noise(
     roles: Mapping[str, Array],
     shapes: Sequence[Array],
     least: Array,
+    felt: Array | None = None,
 ) -> Noise:
     """Noise of the residuals of a fitted model: sd of each channel, correlation, and where the sd comes from.
 
@@ -152,15 +115,19 @@ def estimate_noise(
     roles : mapped roles (rows,), among which repeated settings are looked for; empty: there are none.
     shapes : for each channel (count, rows), functions of the data's columns, candidates for the smoothest model.
     least : (channels,), see `least_noise`; a smaller sd is that of rounding, and this one is taken as if it were given.
+    felt : see `Runs`.
     """
-    noise = _estimate(residual, jacobian, prediction, run, given, roles, shapes)
+    runs = [
+        Runs(run, level=one[None], felt=None if felt is None else felt[c][None]) for c, one in enumerate(prediction)
+    ]
+    noise = _estimate(residual, jacobian, runs, given, roles, shapes)
     noise = replace(noise, sigma=noise.sigma * np.where(noise.known, 1.0, noise.node.floor))
     exact = ~noise.known & (noise.sigma < least)
     if not exact.any():
         return noise
     stated = [float(low) if bare else g for low, bare, g in zip(least, exact, given, strict=True)]
     source = f"measurements without noise: an sd of {EXACT:g} of their spread is assumed"
-    return replace(_estimate(residual, jacobian, prediction, run, stated, roles, shapes), source=source)
+    return replace(_estimate(residual, jacobian, runs, stated, roles, shapes), source=source)
 
 
 def least_noise(values: Array) -> Array:
@@ -177,14 +144,12 @@ def least_noise(values: Array) -> Array:
 def _estimate(
     residual: Array,
     jacobian: Array,
-    prediction: Array,
-    run: Index,
+    runs: Sequence[Runs],
     given: Sequence[float | None],
     roles: Mapping[str, Array],
     shapes: Sequence[Array],
 ) -> Noise:
     channels, rows, _ = jacobian.shape
-    runs = [Runs(run, level=one[None]) for one in prediction]
     bases = [orthonormal(jacobian[c]) for c in range(channels)]
     pools = [np.ascontiguousarray(shape.T) for shape in shapes]
     limit = min(SHAPES_LIMIT, max(0, (rows - bases[0].shape[1]) // 4))
@@ -205,9 +170,7 @@ def _estimate(
         taken += 1
     node = NODES[best]
     known = np.array([g is not None for g in given], dtype=bool)
-    odd = np.zeros(rows, dtype=bool)
-    for channel in range(channels):
-        odd |= odd_rows(runs[channel], residual[channel], bases[channel], node, given[channel])
+    odd = standing_alone(runs, list(residual), bases, given)
     found = Noise(sigma, known, node, "noise sd as given", np.where(known, np.inf, free), None, odd)
     weights = np.exp(0.5 * (criterion.min() - criterion))
     found = replace(found, ratio=estimated / sigma, ratio_freedom=float(free.min()), weights=weights / weights.sum())
@@ -231,58 +194,9 @@ def _estimate(
     return replace(found, sigma=np.where(known, sigma, repeated), source=source, freedom=behind, groups=group)
 
 
-def odd_rows(runs: Runs, residual: Array, basis: Array, node: Node, sigma: float | None) -> Mask:
-    """Rows (rows,) that stand alone: far off what the other rows of their run say about them.
-
-    Each residual is judged given all others, externally studentised, against Student's t at ODD over all rows; the
-    farthest first, again without it until none is left.
-
-    Parameters
-    ----------
-    runs : the rows, of one channel.
-    residual : (rows,), measured minus predicted.
-    basis : (rows, count), orthonormal columns that were fitted.
-    node : the likeliest kind of noise.
-    sigma : the stated sd in the unit of the residual; None: there is none.
-    """
-    odd = np.zeros(runs.rows, dtype=bool)
-    behind = STATED if sigma is not None else 0.0
-    scaled = residual / (sigma if sigma is not None else max(float(np.sqrt(np.mean(residual**2))), 1e-150))
-    precision = Precision(runs, node)
-    x = basis[runs.order]
-    weighed = precision.times(np.column_stack([x, scaled[runs.order]]))
-    inner = np.linalg.inv(x.T @ weighed[:, :-1])
-    # of P = V^-1 - V^-1 x (x' V^-1 x)^-1 x' V^-1: P times the residual, and its diagonal
-    left = weighed[:, -1] - weighed[:, :-1] @ (inner @ (x.T @ weighed[:, -1]))
-    own = precision.diagonal - np.einsum("ij,jk,ik->i", weighed[:, :-1], inner, weighed[:, :-1])
-    total = float(scaled[runs.order] @ left)
-    gone: list[Array] = []
-    for count in range(min(int(ODD_SHARE * runs.rows), ODD_MOST)):
-        free = runs.rows - count - x.shape[1] + behind - 1.0
-        if free < 5.0:
-            return odd
-        square = left * left / np.maximum(own, 1e-12)
-        others = np.maximum(behind + total - square, 1e-30) / free
-        farthest = int(np.argmax(square / others))
-        if np.sqrt(square[farthest] / others[farthest]) < stdtrit(free, 1.0 - 0.5 * ODD / runs.rows):
-            return odd
-        odd[runs.order[farthest]] = True
-        # a row less is P less the product of its own column with itself
-        unit = np.zeros((runs.rows, 1))
-        unit[farthest] = 1.0
-        column = precision.times(unit)[:, 0] - weighed[:, :-1] @ (inner @ weighed[farthest, :-1])
-        column -= sum((one * one[farthest] for one in gone), np.zeros(runs.rows))
-        gone.append(column / np.sqrt(own[farthest]))
-        total -= square[farthest]
-        left = left - gone[-1] * (left[farthest] / np.sqrt(own[farthest]))
-        own = own - gone[-1] ** 2
-        left[odd[runs.order]], own[odd[runs.order]] = 0.0, 1.0
-    return np.zeros_like(odd)  # so many are no exception
-
-
 def _alike(node: Node, lag: Index) -> Array:
-    """Covariance of rows of one run that are `lag` rows apart, drifts and gains left out."""
-    own = np.where(lag == 0, 1.0 - node.share, 0.0) + node.offset**2
+    """Covariance of rows of one run that are `lag` rows apart, of what is a row's own."""
+    own = np.where(lag == 0, 1.0 - node.share, 0.0)
     return np.asarray(own + node.share * node.rho**lag if node.share else own)
 
 
@@ -294,13 +208,6 @@ def _agree(smooth: float, smooth_freedom: float, repeated: float, freedom: float
 
 def _f_tail(ratio: float, above: float, below: float) -> float:
     return float(betainc(below / 2.0, above / 2.0, below / (below + above * ratio)))
-
-
-def _likelihood(squares: Array, rows: int, sigma: float | None) -> Array:
-    """-2 log likelihood of whitened sums of squares, but for what depends on the kind of noise alone."""
-    if sigma is not None:
-        return np.asarray((STATED + rows) * np.log(STATED + squares / (sigma * sigma)))
-    return np.asarray(rows * np.log(np.maximum(squares, 1e-300)))
 
 
 def _strongest(
@@ -319,7 +226,7 @@ def _strongest(
     also tried at weaker ones. `white` keeps pools once whitened, and their squared lengths, for the next call.
     """
     own = np.array(
-        [[float(_likelihood(q, runs[0].rows, sd)) for q, sd in zip(row, sigma, strict=True)] for row in squares]
+        [[float(likelihood(q, runs[0].rows, sd)) for q, sd in zip(row, sigma, strict=True)] for row in squares]
     )
     known = np.array([sum(one.log_determinant(node) for one in runs) - 2.0 * np.log(node.prior) for node in NODES])
     whole = own.sum(axis=1) + known
@@ -343,7 +250,7 @@ def _strongest(
             taken = np.where(usable, (columns.T @ left) ** 2 / np.where(usable, norm, 1.0), 0.0)
             index = int(np.argmax(taken))
             rest = np.asarray(max(float(left @ left) - float(taken[index]), 1e-300))
-            new = whole[trial] - own[trial, channel] + float(_likelihood(rest, rows.rows, sigma[channel]))
+            new = whole[trial] - own[trial, channel] + float(likelihood(rest, rows.rows, sigma[channel]))
             found = max(found, (present - float(new), channel, index), key=lambda entry: entry[0])
     return found
 
@@ -360,13 +267,17 @@ def within_scatter(runs: Runs, values: Array, group: Index, node: Node) -> float
     sums = np.add.reduceat(values[order], starts)
     scatter = float(values @ values - (sums * sums / sizes).sum())
     share = 0.0
-    waves = node.walk * runs.waves[np.argsort(runs.order)] if node.walk else np.zeros((runs.rows, 0))
+    back = np.argsort(runs.order)
+    waves = node.walk * runs.waves[back] if node.walk else np.zeros((runs.rows, 0))
+    sd = runs.sd(node.grow)[back]
     for begin, size in zip(starts[sizes > 1], sizes[sizes > 1], strict=True):
         rows = order[begin : begin + size]
         same = runs.run[rows][:, None] == runs.run[rows][None, :]
         lag = np.abs(runs.position[rows][:, None] - runs.position[rows][None, :])
-        slow = np.column_stack([node.drift * runs.line[rows], node.gain * runs.level[0][rows]])
-        alike = same * (_alike(node, lag) + slow @ slow.T)
+        slow = np.column_stack(
+            [np.full(size, node.offset), node.drift * runs.line[rows], node.gain * runs.level[0][rows]]
+        )
+        alike = same * (np.outer(sd[rows], sd[rows]) * _alike(node, lag) + slow @ slow.T)
         alike = alike + waves[rows] @ waves[rows].T
         share += float(np.trace(alike)) - float(alike.sum()) / size
     return float(np.sqrt(max(scatter, 1e-300) / max(share, 1e-12)))

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
 from terrapin_hil.arrays import Array, Index
-from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Filtered, Node, Runs, by_filter, orthonormal
+from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Filtered, Kind, Node, Runs, by_filter, orthonormal
 
 __all__ = ["SIZES", "STATED", "Evidence", "Gram"]
 
@@ -66,14 +66,14 @@ class Evidence:
         count = self.flat.shape[1]
         self.freedom = self.channels * self.rows - count
         self.filters = by_filter(self.nodes)
-        self.base: dict[tuple[float, float], Filtered] = {}
-        self.own: dict[tuple[float, float], Filtered] = {}
+        self.base: dict[Kind, Filtered] = {}
+        self.own: dict[Kind, Filtered] = {}
         inner = np.empty((len(self.nodes), count, count))
         cross = np.empty((len(self.nodes), count))
         square, start = np.empty(len(self.nodes)), np.empty(len(self.nodes))
         for kind, places in self.filters.items():
-            self.base[kind] = base_ = runs.filtered(self.flat, *kind)
-            self.own[kind] = own = runs.filtered(self.residual[:, None], *kind)
+            self.base[kind] = base_ = runs.filtered(self.flat, kind)
+            self.own[kind] = own = runs.filtered(self.residual[:, None], kind)
             among, with_own = runs.products(base_, base_), runs.products(base_, own)
             for place in places:
                 node = NODES[self.nodes[place]]
@@ -105,9 +105,10 @@ class Evidence:
         logs = self.start + self.fit_term(self.total)
         return np.asarray(np.exp(logs - logsumexp(logs)))
 
-    def likeliest(self) -> Node:
-        """The kind of noise that is likeliest if nothing is missing."""
-        return self.node(int(np.argmax(self.start + self.fit_term(self.total))))
+    def likeliest(self) -> tuple[Node, float]:
+        """The kind of noise that is likeliest if nothing is missing, and the sd of a row in it."""
+        place = int(np.argmax(self.start + self.fit_term(self.total)))
+        return self.node(place), float(np.sqrt((self.behind + self.total[place]) / (self.behind + self.freedom)))
 
     def of_few(self) -> Evidence:
         """The same with two kinds of noise: white, and the likeliest one if nothing is missing."""
@@ -145,7 +146,7 @@ class Evidence:
         count = columns.shape[1]
         products, scores = np.empty((len(self.nodes), count, count)), np.empty((len(self.nodes), count))
         for kind, places in self.filters.items():
-            white = self.runs.filtered(columns, *kind)
+            white = self.runs.filtered(columns, kind)
             own, base = self.runs.products(white, white), self.runs.products(self.base[kind], white)
             score = self.runs.products(white, self.own[kind])
             for place in places:
@@ -162,7 +163,7 @@ class Evidence:
         for kind, places in self.filters.items():
             for begin in range(0, count, CHUNK):
                 part = slice(begin, min(begin + CHUNK, count))
-                white = self.runs.filtered(columns[:, part], *kind)
+                white = self.runs.filtered(columns[:, part], kind)
                 base = self.runs.products(self.base[kind], white)
                 score = self.runs.products(self.own[kind], white)
                 for place in places:

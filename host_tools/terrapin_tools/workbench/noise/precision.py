@@ -1,7 +1,7 @@
 """The inverse of the noise's covariance, times columns and on its diagonal, in time that grows with the rows alone.
 
-Within a run the covariance is b 1 + a R + offset, drift and gain, with R the AR(1) correlation, whose inverse T is
-tridiagonal. From R (a 1 + b T) = a R + b 1 follows
+Within a run the covariance is W (b 1 + a R) W + offset, drift and gain, with R the AR(1) correlation, whose inverse T
+is tridiagonal, and W what grows with the reading. From R (a 1 + b T) = a R + b 1 follows
 
     (a R + b 1)^-1 = (1 - a (a 1 + b T)^-1) / b,
 
@@ -27,15 +27,14 @@ class Precision:
 
     def __init__(self, runs: Runs, node: Node) -> None:
         self.runs, self.a, self.b, self.rho = runs, node.share, 1.0 - node.share, node.rho
+        self.sd = runs.sd(node.grow)
         self.bands = self._bands()
-        self.random = np.column_stack(
-            [np.full(runs.rows, node.offset), node.drift * runs.sorted_line, node.gain * runs.sorted_level]
-        )
+        self.random = runs.own * np.array([node.offset, node.drift, node.gain])
         self.weighed = self._rows_alone(self.random)
         inner = np.eye(self.random.shape[1]) + self._summed(self.random[:, :, None] * self.weighed[:, None, :])
         self.inner = np.linalg.inv(inner)
         taken = np.einsum("ri,rij,rj->r", self.weighed, np.repeat(self.inner, runs.length, axis=0), self.weighed)
-        self.diagonal = self._diagonal() - taken  # (rows,)
+        self.diagonal = self._diagonal() / self.sd**2 - taken  # (rows,)
         waves = node.walk * runs.waves if node.walk else np.zeros((runs.rows, 0))
         weighed = self._runs_alone(waves)
         # C C' = W (1 + W' V^-1 W)^-1 W', between V^-1: what the walk over the test takes off
@@ -71,6 +70,9 @@ class Precision:
 
     def _rows_alone(self, columns: Array) -> Array:
         """Without offset, drift and gain."""
+        return self._filtered(columns / self.sd[:, None]) / self.sd[:, None]
+
+    def _filtered(self, columns: Array) -> Array:
         if self.a == 0.0:
             return columns
         if self.b == 0.0:

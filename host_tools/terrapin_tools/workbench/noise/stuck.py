@@ -9,7 +9,7 @@ from terrapin_hil.arrays import Array, Index, Mask
 __all__ = ["clipped_rows", "stuck_rows"]
 
 LONG = 8  # rows of one value; chosen by hand
-CLIPPED = 3  # rows at an end of the range; chosen by hand
+CLIPPED, OFTENER = 3, 3  # rows at an end of the range, and times any other number's; chosen by hand
 REPEATS = 0.05  # share of equal neighbours elsewhere, above which a channel is coarse rather than stuck; by hand
 MOST = 0.1  # of the rows that may be stuck: more are no exception; chosen by hand
 
@@ -38,14 +38,14 @@ def stuck_rows(values: Array, run: Index) -> Mask:
 
 
 def clipped_rows(values: Array) -> Mask:
-    """Rows (rows,) of one channel at the end of its sensor's range: the largest or least number, several times exactly,
-    in a channel whose other numbers hardly occur twice. What saturates by itself has noise and does not repeat.
-    """
+    """Rows (rows,) of one channel at the end of its sensor's range: the largest or least number, exactly and far more
+    often than any other. What saturates by itself has noise and does not repeat."""
     mask = np.zeros(len(values), dtype=bool)
     known, place, count = np.unique(values, return_inverse=True, return_counts=True)
-    if len(known) < 3 or (count[1:-1] - 1).sum() > REPEATS * count[1:-1].sum():
+    if len(known) < 3:
         return mask
+    least = max(CLIPPED, OFTENER * int(count[1:-1].max()))
     for end in (0, len(known) - 1):
-        if count[end] >= CLIPPED and known[end] != 0.0:
+        if count[end] >= least and known[end] != 0.0:
             mask |= place == end
     return mask if mask.mean() <= MOST else np.zeros_like(mask)

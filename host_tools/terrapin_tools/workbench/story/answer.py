@@ -9,6 +9,7 @@ from typing import Any
 
 from terrapin_tools.workbench.case import history
 from terrapin_tools.workbench.discover.certainty import Operating
+from terrapin_tools.workbench.discover.hypothesis import Blamed
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.experiment.proposal import Experiment
 from terrapin_tools.workbench.files.json_text import finite
@@ -32,7 +33,8 @@ def answer(story: Story) -> dict[str, Any]:
             "next_experiment": found.plan and vars(found.plan),
         }
         runs = {
-            "odd_runs": found.odd_runs,
+            "odd_runs": found.blamed.runs if found.blamed and found.blamed.kind == "run" else (),
+            "mishap": found.blamed and vars(found.blamed),
             "operating": [vars(one) for one in found.operating],
             "selected": [vars(one) for one in found.selected],
         }
@@ -126,13 +128,19 @@ def read(kept: Mapping[str, Any]) -> Findings:
             for p, way in zip(kept["where"], along, strict=True)
         ),
         ladder=tuple(Rung(**rung) for rung in kept["ladder"]),
-        odd_runs=tuple(kept["odd_runs"]),
+        blamed=_blamed(kept),
         operating=tuple(Operating(**one) for one in kept["operating"]),
         selected=tuple(Selected(tuple(s["effects"]), s["kind"], s["frequency"]) for s in kept["selected"]),
         together={e: {n: Value(**v) for n, v in values.items()} for e, values in kept.get("together", {}).items()},
         remarks=tuple(kept.get("remarks", ())),
         then={name: float(error) for name, error in kept.get("then", {}).items()},
     )
+
+
+def _blamed(kept: Mapping[str, Any]) -> Blamed | None:
+    """Answers that were kept before there were other mishaps name the odd runs alone."""
+    mishap = kept.get("mishap") or ({"kind": "run", "runs": kept["odd_runs"]} if kept["odd_runs"] else None)
+    return Blamed(mishap["kind"], tuple(mishap["runs"])) if mishap else None
 
 
 def _goal(one: Goal) -> dict[str, Any]:

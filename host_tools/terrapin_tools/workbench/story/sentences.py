@@ -9,6 +9,7 @@ from terrapin_hil.units import behind
 from terrapin_tools.workbench.compare.groups import Differing
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.discover.certainty import EVEN, Operating
+from terrapin_tools.workbench.discover.hypothesis import Blamed
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.experiment.proposal import Experiment
 from terrapin_tools.workbench.story.story import Findings, Goal, Next, Place, Proposal, Rung, Value
@@ -40,7 +41,6 @@ __all__ = [
     "percent",
     "place",
     "reason",
-    "stands_out",
     "strange_noise",
     "stuck",
     "thinned",
@@ -170,8 +170,8 @@ def headline(found: Findings, p: float, level: float) -> str:
         sets = _either(found.rivals)
         return f"Something is missing, and these data cannot tell what: {sets}. Likeliest: {missing} ({sure})."
     if found.verdict == "unexplained":
-        if found.odd_runs:
-            return f"What fails is a single run, not the model (probability {sure}). {stands_out(found.odd_runs)}"
+        if found.blamed:
+            return _mishap(found.blamed, found.probability)
         on = f" It depends on {found.where[0].variable} most." if found.where else ""
         if found.part:
             more = "more is missing, which no catalogued effect and no short expression explains"
@@ -209,10 +209,36 @@ def place(failure: Place, unit_text: str) -> str:
     return f"{within}: {failure.channel} measured {abs(failure.mean):.1f} noise sd {side} the model{way}"
 
 
-def stands_out(runs: Sequence[str]) -> str:
-    one = len(runs) == 1
+def _mishap(blamed: Blamed, probability: float) -> str:
+    what, sure = "What fails is" if probability >= EVEN else "What fails may be", chance(probability)
+    if blamed.kind == "change":
+        before, after = blamed.runs
+        return (
+            f"{what} a change between runs {before} and {after}, not the model (probability {sure}). From then "
+            "on a channel is off by the same amount or factor: find out what was done to the rig or to the instrument "
+            "before looking for physics."
+        )
+    if blamed.kind == "warming":
+        return (
+            f"{what} how the test begins, not the model (probability {sure}). Something warms up or settles over its "
+            "first runs: leave them out before looking for physics."
+        )
+    if blamed.kind == "start":
+        return (
+            f"{what} how the runs begin, not the model (probability {sure}). Something settles there: wait "
+            "longer before recording, or leave the first rows of each run out, before looking for physics."
+        )
+    if blamed.kind == "lag":
+        return (
+            f"{what} an instrument that comes late, not the model (probability {sure}): each row still shows a part of "
+            "the one before. Hold each setting longer, or give the model that lag, before looking for physics."
+        )
+    one = len(blamed.runs) == 1
     which, stand = ("Run", "stands out by itself") if one else ("Runs", "stand out by themselves")
-    return f"{which} {', '.join(runs)} {stand}: look at {'it' if one else 'them'} before looking for physics."
+    return (
+        f"{what} a single run, not the model (probability {sure}). {which} {', '.join(blamed.runs)} {stand}: "
+        f"look at {'it' if one else 'them'} before looking for physics."
+    )
 
 
 def carried(errors: Sequence[tuple[str, float]], runs: int) -> str:

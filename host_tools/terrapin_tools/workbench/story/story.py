@@ -15,6 +15,7 @@ from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.groups import Differing
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.discover.certainty import Operating
+from terrapin_tools.workbench.discover.hypothesis import Blamed
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.experiment.proposal import Experiment
 
@@ -128,7 +129,7 @@ class Findings:
     plan: Experiment | None
     where: tuple[Place, ...]
     ladder: tuple[Rung, ...]
-    odd_runs: tuple[str, ...]
+    blamed: Blamed | None
     operating: tuple[Operating, ...]
     selected: tuple[Selected, ...]
     together: Mapping[str, Mapping[str, Value]]  # values of what is missing, all fitted together, by effect
@@ -140,7 +141,7 @@ class Findings:
         """Of what is not explained: candidates that are surely part of it. A formula or a zero point must explain most
         of it, because these imitate what is not known; a formula counts where some formula in its column is sure, and
         it is likelier than not."""
-        if self.verdict != "unexplained" or self.odd_runs:
+        if self.verdict != "unexplained" or self.blamed:
             return ()
         return tuple(
             one.effect

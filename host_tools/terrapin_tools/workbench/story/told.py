@@ -43,7 +43,7 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
     goals = _goals(analysis, found)
     notes = [sentences.goal(one) for one in goals]
     notes += [sentences.thinned(analysis.step)] if analysis.step > 1 else []
-    notes += [_carried(analysis)] if analysis.missing and not (found and found.odd_runs) else []
+    notes += [_carried(analysis)] if analysis.missing and not (found and found.blamed) else []
     notes += _doubtful(analysis, found) if found else []
     findings = noise_findings(analysis)
     notes += [sentences.noise_told(one, case.units.get(one.channel) or "") for one in findings]
@@ -105,9 +105,9 @@ def found_by(discovery: Discovery) -> Findings:
             remarks = (sentences.strange_noise(strange),)
         else:
             remarks = sentences.doubt(likeliest.effects, likeliest.column, discovery.ranking.blind)
-    elif discovery.verdict == "unexplained" and discovery.leaves and discovery.best and not discovery.odd_runs:
+    elif discovery.verdict == "unexplained" and discovery.leaves and discovery.best and not discovery.blamed:
         remarks = (sentences.best_leaves(*_rungs([discovery.best])),)
-    elif discovery.verdict == "unexplained" and discovery.best and not discovery.odd_runs:
+    elif discovery.verdict == "unexplained" and discovery.best and not discovery.blamed:
         (first, best) = _rungs([discovery.ladder[0], discovery.best])
         if first.heldout_error and best.heldout_error and best.heldout_error > first.heldout_error:
             remarks = (sentences.unproved(best, first.heldout_error, best.heldout_error),)
@@ -126,7 +126,7 @@ def found_by(discovery: Discovery) -> Findings:
         plan=discovery.experiment,
         where=_places(discovery.where),
         ladder=_rungs(discovery.ladder),
-        odd_runs=discovery.odd_runs,
+        blamed=discovery.blamed,
         operating=discovery.operating,
         selected=discovery.selected,
         together=named,

@@ -94,12 +94,14 @@ class State:
 @dataclass(frozen=True)
 class Dynamics:
     """Differential equations of the user's own. `held`: inputs keep their value until the next row. `starts` keeps what
-    was found of fitted starts, by equations with parameters and by rows, for whoever solves the same again."""
+    was found of fitted starts, by equations with parameters and by rows, for whoever solves the same again; `effort`
+    the steps a second that the first solution took."""
 
     states: Mapping[str, State]
     derivative: Mapping[str, Expression]
     held: bool
     starts: dict[tuple[int, bytes], dict[int, Array]] = field(default_factory=dict, compare=False, repr=False)
+    effort: list[float] = field(default_factory=list, compare=False, repr=False)
 
 
 @dataclass(frozen=True)

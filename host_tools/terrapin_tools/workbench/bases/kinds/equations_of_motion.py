@@ -16,7 +16,7 @@ import numpy as np
 from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_hil.physics.equations.ode import Linear, Ode, OdeDrive, OdeError, OdeRun
 from terrapin_hil.physics.expression import Name, Node, Operation, parse
-from terrapin_hil.physics.program import instructions
+from terrapin_hil.physics.program import Instruction, instructions
 from terrapin_hil.physics.signals import row_scatter
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases.kinds.base import GAIN, Act, Dynamics, Predictor, Problem, Runs
@@ -32,6 +32,7 @@ ITERATIONS = 30  # of the search for a start
 ENOUGH = 1e-6  # of the sum of squares: a start that gains less is found, but for a step that is linear
 REMEMBERED = 200  # sets of parameters whose starts are kept
 SAMPLES = 200  # of a proposed setting
+EASY, STIFFER = 30, 4  # steps a row that a solution may always take, and times those of the first solution
 STRETCH = (25, 400)  # rows of a stretch: fewer tell little beside its start, in more a lacking term leads far away
 
 
@@ -87,6 +88,7 @@ class Stretches(Predictor):
         self.places = np.array([self.slots[f.key] for f in problem.fitted], dtype=np.int64)
         weight, self.size = _sizes(problem, self.dynamics)
         self.weight = np.asarray(weight)
+        self.changed = self._changed()
         derivatives = [
             self._formula(self.dynamics.derivative[name].text, f"derivative.{name}") for name in self.dynamics.states
         ]
@@ -102,13 +104,27 @@ class Stretches(Predictor):
         begin, count = np.asarray(self.layout.drive.begin), len(self.layout.drive.time)
         places = begin[:-1, None] + np.arange(np.diff(begin).max(initial=1))
         self.padded = np.where(places < begin[1:, None], places, count)  # (stretches, samples), `count` for none
+        self.wanted = np.zeros((count, 1, 1))  # rows that are left out (a sensor that stuck) tell nothing of a start
+        self.wanted[self.layout.samples] = 1.0
         self.solved: _Solved | None = None  # as last found
         codes = (tuple(map(tuple, derivatives)), tuple(map(tuple, channels)))
         self.equations = hash((codes, self.table.tobytes(), self.places.tobytes()))
 
+    def _changed(self) -> dict[str, list[Instruction]]:
+        """What computes each constant that effects multiply by 1 and their expressions."""
+        found: dict[str, list[Instruction]] = {}
+        for effect in self.problem.effects:
+            if effect.target in self.problem.constants:
+                mine = {p.name: self.slots[f"{effect.name}.{p.name}"] for p in effect.parameters}
+                factor = instructions(f"1 + ({effect.expression})", {**self.slots, **mine}, {})
+                before = found.get(effect.target, instructions(effect.target, self.slots, {}))
+                found[effect.target] = [*before, *factor, MULTIPLY]
+        return found
+
     def _formula(self, text: str, target: str) -> list[tuple[int, int, float]]:
-        """A formula with what effects multiply it with and add to it; their own parameters hide equal names."""
-        code = instructions(text, self.slots, {})
+        """A formula with what effects multiply its constants and it with and add to it; their own parameters hide equal
+        names."""
+        code = instructions(text, self.slots, self.changed)
         gain = GAIN + target.removeprefix("derivative.")
         for effect in sorted(self.problem.effects, key=lambda effect: effect.target != gain):
             mine = {p.name: self.slots[f"{effect.name}.{p.name}"] for p in effect.parameters}
@@ -242,17 +258,34 @@ class Stretches(Predictor):
         run = OdeRun(np.zeros((count, states)), np.zeros(shape), np.zeros((*shape, columns)))
         assert run.slopes is not None
         start, waiting = layout.guess.copy(), np.ones(len(layout.guess), dtype=bool)
+        steps = np.zeros(len(start), dtype=np.int64)
         for one in tried:
             start[waiting] = one[waiting]
             ends = self.ode.run_some(table, layout.drive, start, waiting, run)
             sound = np.append((np.abs(run.slopes) < ABSURD).all(axis=(1, 2)), True)[self.padded].all(axis=1)
+            steps = np.where(waiting, ends.steps, steps)
             waiting &= ends.failed | ~sound
             if not waiting.any():
+                self._require_ease(steps)
                 return start, run
+            if (ends.failed & ends.stiff).any():  # at these parameters, wherever it starts
+                break
         number = int(np.flatnonzero(waiting)[0])
         if ends.failed[number]:
             raise ends.error(number)
         raise OdeError(False, 0, float(layout.drive.time[layout.drive.begin[number + 1] - 1]), number)
+
+    def _require_ease(self, steps: Index) -> None:
+        """OdeError where a solution in so many steps a stretch is far stiffer than the first one was: no row shows so
+        fast a motion, and a fit that drives a time constant to zero would stay with it."""
+        drive, effort = self.layout.drive, self.dynamics.effort
+        begin, end = np.array(drive.begin[:-1]), np.array(drive.begin[1:]) - 1
+        lasting = float((drive.time[end] - drive.time[begin]).sum())
+        if not effort:
+            effort.append(float(steps.sum()) / max(lasting, 1e-300))
+        if steps.sum() > max(EASY * len(drive.time), STIFFER * effort[0] * lasting):
+            worst = int(np.argmax(steps / (end - begin + 1)))
+            raise OdeError(True, 0, float(drive.time[begin[worst]]), worst)
 
     def _take(self, run: OdeRun, other: OdeRun, which: Mask) -> None:
         """Puts the stretches `which` of the other run into the first."""
@@ -274,7 +307,7 @@ class Stretches(Predictor):
 
     def _weighted(self, change: Array) -> Array:
         """Samples (samples, channels, count) in stretches, weighted: (stretches, padded samples * channels, count)."""
-        whole = np.concatenate([change * self.weight[:, None], np.zeros((1, *change.shape[1:]))])
+        whole = np.concatenate([change * self.weight[:, None] * self.wanted, np.zeros((1, *change.shape[1:]))])
         return np.asarray(whole[self.padded].reshape(len(self.padded), -1, change.shape[2]))
 
     def _unpadded(self, weighted: Array) -> Array:

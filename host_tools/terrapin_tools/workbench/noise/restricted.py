@@ -1,0 +1,53 @@
+"""Restricted likelihood of residuals at each kind of noise (Harville 1974): what was fitted is integrated over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from terrapin_hil.arrays import Array
+from terrapin_tools.workbench.noise.covariance import NODES, Runs, by_filter
+from terrapin_tools.workbench.noise.marginal_likelihood import STATED
+
+__all__ = ["likelihood", "restricted_likelihood"]
+
+
+def restricted_likelihood(
+    runs: Sequence[Runs], residuals: Sequence[Array], bases: Sequence[Array], sigma: Sequence[float | None]
+) -> tuple[Array, Array]:
+    """-2 log restricted likelihood of the residuals at each kind of noise, and their sums of squares.
+
+    Parameters
+    ----------
+    runs : the rows, for each channel.
+    residuals : for each channel (rows,), in any one unit.
+    bases : for each channel (rows, count), orthonormal columns that were fitted.
+    sigma : for each channel the noise sd in the unit of its residuals, an estimate with STATED degrees of freedom;
+        None: it is profiled.
+
+    Returns
+    -------
+    (nodes,) : -2 log likelihood, up to a constant; the prior of each node is in it.
+    (nodes, channels) : whitened residual sums of squares, in the unit of the residuals squared.
+    """
+    criterion = np.array([-2.0 * np.log(node.prior) for node in NODES])
+    squares = np.zeros((len(NODES), len(residuals)))
+    for kind, places in by_filter(range(len(NODES))).items():
+        for channel, (rows, residual, basis, sd) in enumerate(zip(runs, residuals, bases, sigma, strict=True)):
+            own, base = rows.filtered(residual[:, None], kind), rows.filtered(basis, kind)
+            among, cross = rows.products(base, base), rows.products(base, own)
+            for place in places:
+                inner, taken = among.at(NODES[place]), cross.at(NODES[place])[:, 0]
+                total = float(rows.squares(own, NODES[place])[0] - taken @ np.linalg.solve(inner, taken))
+                squares[place, channel] = max(total, 1e-300)
+                fit = likelihood(squares[place, channel], rows.rows - basis.shape[1], sd)
+                criterion[place] += float(fit) + rows.log_determinant(NODES[place]) + np.linalg.slogdet(inner)[1]
+    return criterion, squares
+
+
+def likelihood(squares: Array, rows: int, sigma: float | None) -> Array:
+    """-2 log likelihood of whitened sums of squares, but for what depends on the kind of noise alone."""
+    if sigma is not None:
+        return np.asarray((STATED + rows) * np.log(STATED + squares / (sigma * sigma)))
+    return np.asarray(rows * np.log(np.maximum(squares, 1e-300)))

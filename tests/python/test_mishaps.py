@@ -1,0 +1,118 @@
+"""What goes wrong on the rig, and noise that grows with the reading: neither is a missing effect."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from casekit import terrapin
+
+from terrapin_hil.arrays import Array
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.compare.bayes_factor import WEIGHT
+from terrapin_tools.workbench.discover.discovery import Discovery, discover
+from terrapin_tools.workbench.discover.hypothesis import Blamed
+from terrapin_tools.workbench.discover.ranker import MISHAP
+from terrapin_tools.workbench.noise.covariance import Runs
+from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
+from terrapin_tools.workbench.noise.mishaps import KINDS, mishaps
+from terrapin_tools.workbench.story.told import told
+
+RUNS, ROWS, SD = 12, 10, 0.01
+RUN, PLACE = np.repeat(np.arange(RUNS), ROWS), np.tile(np.arange(ROWS), RUNS)
+
+
+def bench(
+    folder: Path, random: np.random.Generator, wrong: Array, factor: Array | float = 1.0, load: Array | None = None
+) -> Path:
+    """A brake of 0.02 N m/N, in runs 1, 2 ... 12, with what is wrong added [noise sd]."""
+    load = random.uniform(5.0, 60.0, RUNS * ROWS) if load is None else load
+    torque = 0.02 * load * factor + SD * (random.standard_normal(len(load)) + wrong)
+    folder.mkdir()
+    rows = zip(RUN + 1, load, torque, strict=True)
+    lines = ["run,load,torque", *(f"{run},{a:.9g},{b:.9g}" for run, a, b in rows)]
+    (folder / "runs.csv").write_text("\n".join(lines) + "\n")
+    (folder / "case.toml").write_text(
+        '[case]\ntitle = "brake"\n\n[model]\nbase = "equation"\n\n[model.equation]\ntorque = "a*load"\n\n'
+        '[fit]\na = { value = 0.01 }\n\n[data]\nfiles = ["runs.csv"]\nrun = "run"\n\n[data.columns]\n'
+        'load = { column = "load", unit = "N" }\ntorque = { column = "torque", unit = "N m", sigma = 0.01 }\n'
+    )
+    return folder
+
+
+def found_on(folder: Path, wrong: Array, factor: Array | float = 1.0, load: Array | None = None) -> Discovery:
+    return discover(load_case(bench(folder, np.random.default_rng(4), wrong, factor, load)))
+
+
+@pytest.mark.parametrize("kind", ["offset", "factor"])
+def test_a_change_between_two_runs_is_told(tmp_path: Path, kind: str) -> None:
+    """Run 10 comes after run 9, whatever their names sort like as text."""
+    late = np.where(RUN >= 9, 1.0, 0.0)
+    found = (
+        found_on(tmp_path / "x", 3.0 * late)
+        if kind == "offset"
+        else found_on(tmp_path / "x", 0.0 * late, 1.0 + 0.06 * late)
+    )
+    assert (found.verdict, found.blamed) == ("unexplained", Blamed("change", ("9", "10")))
+    assert "a change between runs 9 and 10, not the model" in told(found.analysis, found).headline
+
+
+def test_a_test_that_begins_unsettled_is_told(tmp_path: Path) -> None:
+    found = found_on(tmp_path / "x", 6.0 * np.exp(-np.arange(RUNS * ROWS) / 15.0))
+    assert (found.verdict, found.blamed) == ("unexplained", Blamed("warming", ()))
+    assert "how the test begins" in told(found.analysis, found).headline
+
+
+def test_runs_that_begin_unsettled_are_told(tmp_path: Path) -> None:
+    found = found_on(tmp_path / "x", 4.0 * np.exp(-PLACE / 1.5))
+    assert (found.verdict, found.blamed) == ("unexplained", Blamed("start", ()))
+    assert "how the runs begin" in told(found.analysis, found).headline
+
+
+def test_an_instrument_that_comes_late_is_told(tmp_path: Path) -> None:
+    load = np.tile([*np.linspace(5.0, 60.0, ROWS // 2), *np.linspace(60.0, 5.0, ROWS // 2)], RUNS)
+    late = 0.02 * load.reshape(RUNS, ROWS)
+    for row in range(1, ROWS):
+        late[:, row] = 0.4 * late[:, row - 1] + 0.6 * late[:, row]
+    found = found_on(tmp_path / "x", (late.reshape(-1) - 0.02 * load) / SD, load=load)
+    assert (found.verdict, found.blamed) == ("unexplained", Blamed("lag", ()))
+    assert "an instrument that comes late" in told(found.analysis, found).headline
+
+
+def test_an_effect_is_not_taken_for_a_mishap(tmp_path: Path) -> None:
+    found = found_on(tmp_path / "x", np.full(RUNS * ROWS, 10.0))
+    assert found.verdict in ("missing", "ambiguous")
+    assert found.blamed is None
+
+
+def test_a_mishap_is_kept_with_the_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = bench(tmp_path / "x", np.random.default_rng(4), 3.0 * (RUN >= 9))
+    assert terrapin(capsys, "discover", folder)[0] == 0
+    status, _, said = terrapin(capsys, "report", folder, "-o", tmp_path / "report.html")
+    assert status == 0, said
+    assert "a change between runs 9 and 10" in (tmp_path / "report.html").read_text()
+
+
+def test_how_runs_begin_is_the_models_own_where_it_follows_them() -> None:
+    runs = Runs(RUN, 2, np.ones((2, RUNS * ROWS)))
+
+    def act(channel: int, change: Array) -> Array:
+        return change * (np.arange(2) == channel)[:, None]
+
+    assert set(MISHAP) == set(KINDS) <= set(WEIGHT)  # each has a prior in the ranking and one in the test
+    found = mishaps(runs, act, True)
+    assert {one.kind for one in mishaps(runs, act, False)} == set(KINDS)
+    assert {one.kind for one in found} == set(KINDS) - {"start"}
+    assert {one.kind: one.columns.shape[1] for one in found} == {"run": 4, "change": 4, "warming": 4, "lag": 2}
+    assert [one.run for one in found if one.kind == "change"] == list(range(2, 11))
+
+
+@pytest.mark.parametrize("grown", [False, True])
+def test_noise_that_grows_with_the_reading_is_a_kind_of_noise(grown: bool) -> None:
+    random = np.random.default_rng(1)
+    level = random.uniform(0.2, 3.0, (1, RUNS * ROWS))
+    noise = random.standard_normal(level.shape) * (level if grown else 1.0)
+    evidence = Evidence(Runs(RUN, level=level), noise, np.ones((*level.shape, 1)), 0.0)
+    assert (evidence.likeliest()[0].grow > 0.0) == grown
+    assert ("growing with the reading" in evidence.likeliest()[0].words()) == grown
