@@ -55,14 +55,42 @@ def test_ctrl_c_ends_it_after_what_runs(tmp_path: Path) -> None:
     assert int(count.read_text()) < 50
 
 
-def test_it_finds_the_tests_that_wait() -> None:
-    found = steady("--list").stdout.split()
-    waiting = (
-        "browser/test_tutorial.py",
-        "links/test_slcan_process.py",
-        "python/test_fleet.py",
-        "web/test_view_api.py",
-    )
-    for name in waiting:
-        assert f"tests/{name}" in found
-    assert "tests/python/test_noise.py" not in found
+WAITING = """import subprocess
+import sys
+
+import pytest
+
+@pytest.fixture
+def child():
+    return subprocess.run([sys.executable, "-c", ""], check=True)
+
+def test_in_the_test():
+    subprocess.run([sys.executable, "-c", ""], check=True)
+
+def test_in_its_fixture(child):
+    assert child.returncode == 0
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_that_computes(number):
+    assert number
+
+def test_that_sleeps():
+    __import__("time").sleep(0.001)
+"""
+
+
+def test_the_tests_that_wait_are_known_by_what_they_do(tmp_path: Path) -> None:
+    (tmp_path / "test_any.py").write_text(WAITING)
+    (tmp_path / "test_imports.py").write_text("import threading\n\ndef test_any():\n    assert threading\n")
+    notes = tmp_path / "notes"
+
+    def pytest(*options: object) -> str:
+        command = [sys.executable, "-m", "pytest", "-v", "--rootdir", tmp_path, "-p", "tests.tools.waits", *options]
+        return subprocess.run(
+            [*map(str, command), str(tmp_path)], cwd=ROOT, capture_output=True, text=True, check=True, timeout=BOUND
+        ).stdout
+
+    assert "6 passed" in pytest("--waits-to", notes)
+    again = pytest("--waits-of", notes)
+    assert "4 passed" in again
+    assert "test_that_computes" not in again

@@ -1,11 +1,12 @@
 """Whether the tests that wait, spawn, draw or time pass every time: again and again, beside other work.
 
-    steady.py [--times 20] [--load 8] [--jobs N] [FILE...]   the files of such tests, or those that are named
-    steady.py --suite [--times 3] [--load 0]                 all that `make test` runs, as often
+    steady.py --suite [--times 3] [--workers N]               all that `make test` runs; notes which tests wait
+    steady.py [--times 20] [--workers 10]                     rounds of those, each other's load
+    steady.py [--times 20] [--load 8] [--jobs N] FILE...      files of tests, beside processes that only compute
 
-Interrupted, it goes on where it was: what has run of the same sources stands in build/steady/runs.jsonl. The output of
-a run that failed stays beside it. Prints `N passed, N failed`, of a file or the suite. Status 1 when one failed. A
-file whose tests are all skipped here has passed, but its line says `nothing`.
+Interrupted, it goes on where it was: what has run of the same sources stands in build/steady/runs.jsonl, each run with
+the machine's median load. The output of a run that failed stays beside it. Prints `N passed, N failed`, of rounds,
+files or suites. Status 1 when one failed. What is skipped here as a whole has passed, but its line says `nothing`.
 """
 
 from __future__ import annotations
@@ -23,31 +24,24 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from threading import Lock
+from statistics import median
+from threading import Event, Lock, Thread
 
 from hygiene import tracked
 from steps import ROOT, TOOLS
+from suite import PYTEST
 
-# What a file of tests takes that waits for others, starts them, draws, or looks at a clock.
-SUSPECT = re.compile(
-    r"^(import|from) (asyncio|concurrent|multiprocessing|playwright|pty|select|serving|signal|slcan_feeder|subprocess"
-    r"|tests\.waiting|threading|time)\b|\b(ControllerProcess|open_qemu|run_inside|usefixtures\(\"bounded\"\))",
-    re.MULTILINE,
-)
+LAST = re.compile(r"^=* ?(\d+ (?:passed|failed).*?) ?=*$", re.MULTILINE)  # pytest's closing line
 NOTHING = 5  # pytest's status where no test ran
 BURN = "import os; parent = os.getppid()\nwhile os.getppid() == parent:\n    for _ in range(1_000_000): pass"
 
 
-def suspects() -> list[Path]:
-    """Files of tests that wait, spawn, draw or time."""
-    found = [path for path in tracked(ROOT) if path.parts[0] == "tests" and path.match("test_*.py")]
-    return [path for path in found if SUSPECT.search((ROOT / path).read_text(encoding="utf-8"))]
-
-
 def sources() -> str:
-    """A name for what is tested: all files of the repository as they are now."""
+    """A name for what is tested: all files of the repository as they are now, but what campaigns have found."""
     digest = hashlib.sha256()
     for path in tracked(ROOT):
+        if path.is_relative_to("tests/campaigns/results"):
+            continue
         digest.update(f"{path}\0".encode() + hashlib.sha256((ROOT / path).read_bytes()).digest())
     return digest.hexdigest()[:16]
 
@@ -62,6 +56,27 @@ def burning(count: int) -> Iterator[None]:
         for process in started:
             process.kill()
             process.wait()
+
+
+class Load(Thread):
+    """The machine's load while something runs, each few seconds."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.seen = [os.getloadavg()[0]]
+        self._ended = Event()
+
+    def run(self) -> None:
+        while not self._ended.wait(5):
+            self.seen.append(os.getloadavg()[0])
+
+    def __enter__(self) -> Load:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self.join()
 
 
 class Runs:
@@ -86,10 +101,11 @@ class Runs:
         if (name, number) in self.passed:
             return
         begin = time.monotonic()
-        done = subprocess.run(
-            command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-            errors="replace", check=False,
-        )  # fmt: skip
+        with Load() as load:
+            done = subprocess.run(
+                command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                text=True, errors="replace", check=False,
+            )  # fmt: skip
         passed, seconds = done.returncode in (0, NOTHING), time.monotonic() - begin
         what = "nothing" if done.returncode == NOTHING else "ok" if passed else "FAILED"
         with self._lock:
@@ -97,33 +113,38 @@ class Runs:
             if not passed:
                 (self.folder / f"{name.replace('/', '-')}-{number}.log").write_text(done.stdout)
             with self.file.open("a") as file:
-                line = {"sources": self.key, "name": name, "number": number, "passed": passed, "seconds": seconds}
+                line = {"sources": self.key, "name": name, "number": number, "passed": passed}
+                line |= {"seconds": round(seconds, 1), "load": median(load.seen), "end": LAST.findall(done.stdout)[-1:]}
                 file.write(json.dumps(line) + "\n")
-            print(f"{what:7} {number:3} {seconds:6.1f} s  {name}", flush=True)
+            print(f"{what:7} {number:3} {seconds:6.1f} s  {name}, load {median(load.seen):.1f}", flush=True)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="Tests that wait, spawn, draw or time, again and again.")
     parser.add_argument("--times", type=int, help="20, of the suite 3")
-    parser.add_argument("--load", type=int, help="processes that compute beside it: 8, beside the suite 0")
+    parser.add_argument("--load", type=int, help="processes that compute beside it: 8 beside files, else 0")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="files at a time")
+    parser.add_argument("--workers", type=int, help="of pytest: 10, of the suite as many as there are cores")
     parser.add_argument("--suite", action="store_true", help="all that `make test` runs")
-    parser.add_argument("--list", action="store_true", help="list the files and run nothing")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "steady")
     parser.add_argument("file", nargs="*", type=Path)
     options = parser.parse_args()
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where a shell runs us in its background
-    files = [str(path) for path in options.file or suspects()]
-    if options.list:
-        print("\n".join(files))
-        return 0
-    python = str(TOOLS / "python")
-    pytest = [python, "-m", "pytest", "-q", "--durations=3"]
-    commands = {"suite": [python, "tests/tools/suite.py"]} if options.suite else {f: [*pytest, f] for f in files}
+    python, notes = str(TOOLS / "python"), options.out / "waits"
+    if options.suite:
+        workers = ["--workers", str(options.workers)] if options.workers else []
+        commands = {"suite": [python, "tests/tools/suite.py", "--waits-to", str(notes), *workers]}
+    elif options.file:
+        commands = {str(path): [python, "-m", "pytest", "-q", "--durations=3", str(path)] for path in options.file}
+    elif any(notes.glob("*.txt")):
+        rounds = ["-p", "tests.tools.waits", "--waits-of", str(notes), f"-n{options.workers or 10}"]
+        commands = {"waiting": [python, "-m", "pytest", *PYTEST, *rounds]}
+    else:
+        parser.error(f"which tests wait is not known yet in {notes}: run steady.py --suite first")
     times = options.times or (3 if options.suite else 20)
+    load = options.load if options.load is not None else 8 if options.file else 0
     runs = Runs(options.out, sources())
-    load = options.load if options.load is not None else 0 if options.suite else 8
-    with burning(load), ThreadPoolExecutor(1 if options.suite else options.jobs) as pool:
+    with burning(load), ThreadPoolExecutor(options.jobs if options.file else 1) as pool:
         queued = [pool.submit(runs.run, n, i, command) for i in range(times) for n, command in commands.items()]
         try:
             for future in queued:

@@ -5,6 +5,7 @@ Run by `make test`, after tests/setup/setup.sh test. Exit status 1 when anything
 
 from __future__ import annotations
 
+import argparse
 import os
 import platform
 import shutil
@@ -13,11 +14,16 @@ import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ElementTree
+from pathlib import Path
 
 from steps import LOGS, ROOT, TOOLS, Result, report, run
 
 CLOSING = r"% tests passed|^\d+: core on Cortex-M4"
 COVERED = r"firmware/core/.*\.c"
+PYTEST = [
+    "-q", "--doctest-modules", "--durations=20", "--durations-min=5", "--dist=loadfile",
+    "tests", "hil", "host_tools", "firmware/terrapin_interface",
+]  # fmt: skip
 
 
 def probe(function: str) -> bool:
@@ -78,18 +84,15 @@ def coverage() -> Result:
     )  # fmt: skip
 
 
-def pytest() -> tuple[Result, list[str], dict[str, int]]:
-    """All Python tests and doctests, a file on each core at a time.
+def pytest(workers: int, waits: Path | None) -> tuple[Result, list[str], dict[str, int]]:
+    """All Python tests and doctests, a file at a time in each worker.
 
     Also what they skipped, with the reason, and how many blocks of the pages ran and how many need hardware.
     """
     start = time.monotonic()
     junit = ROOT / LOGS / "pytest.xml"
-    command = [
-        str(TOOLS / "python"), "-m", "pytest", "-q", "--doctest-modules", "--durations=20", "--durations-min=5",
-        f"-n{os.cpu_count()}", "--dist=loadfile", f"--junitxml={junit}",
-        "tests", "hil", "host_tools", "firmware/terrapin_interface",
-    ]  # fmt: skip
+    noting = ["-p", "tests.tools.waits", "--waits-to", str(waits)] if waits else []
+    command = [str(TOOLS / "python"), "-m", "pytest", *PYTEST, f"-n{workers}", f"--junitxml={junit}", *noting]
     status = subprocess.run(command, cwd=ROOT, check=False, stdin=subprocess.DEVNULL).returncode
     skipped = []
     examples = {"examples_ran": 0, "examples_hardware": 0}
@@ -103,6 +106,10 @@ def pytest() -> tuple[Result, list[str], dict[str, int]]:
 
 
 def main() -> int:
+    parser = argparse.ArgumentParser(description="All tests.")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="of pytest: as many as there are cores")
+    parser.add_argument("--waits-to", type=Path, help="note in this folder which tests wait (tests/tools/waits.py)")
+    options = parser.parse_args()
     os.environ.pop("TERRAPIN_BUILD", None)  # what is tested is what is built here
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where a shell runs us in its background
     start = time.monotonic()
@@ -122,7 +129,7 @@ def main() -> int:
         report(results[-1], r"passed")
         results.append(coverage())
         report(results[-1], r"^firmware|^TOTAL")
-    python, skipped, examples = pytest()
+    python, skipped, examples = pytest(options.workers, options.waits_to)
     results.append(python)
     absent += skipped
     failed = [result.name for result in results if not result.passed]
