@@ -160,6 +160,12 @@ def test_its_images_fit(robot: Robot) -> None:
         )
 
 
+def test_its_core_passes_the_check_of_make_firmware(robot: Robot) -> None:
+    check = ["ctest", "--test-dir", str(paths.images()), "-R", "core_size", "--no-tests=error", "-V"]
+    done = subprocess.run(check, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 0, done.stdout
+
+
 def test_a_boards_file_is_in_its_image(tmp_path: Path) -> None:
     """The page's own board: its pins, channels and scales by its file alone, none of them the shipped board's."""
     page = (ROOT / "docs" / "robots.md").read_text(encoding="utf-8").partition("## Boards")[2]
