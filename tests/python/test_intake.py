@@ -53,6 +53,20 @@ def test_a_gap_drops_its_row_and_says_so(
     assert "3 of 120 rows left out" in (tmp_path / "page.html").read_text()
 
 
+def test_text_that_could_tell_groups_apart_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = rolling(tmp_path, 1)
+    lines = (folder / "runs.csv").read_text().splitlines()
+    by_run = {name: "clay" if k % 2 else "sand" for k, name in enumerate(load_case(folder).run_names)}
+    rows = [line.split(",") for line in lines[1:]]
+    more = [f"{line},{by_run[cells[0]]},row {k}" for k, (line, cells) in enumerate(zip(lines[1:], rows, strict=True))]
+    (folder / "runs.csv").write_text("\n".join([f"{lines[0]},surface,note", *more]) + "\n")
+    said = " ".join(terrapin(capsys, "compare", folder)[1].split())
+    assert "Not looked at, for text: surface (what differs between groups of runs is for [groups])." in said
+    case = folder / "case.toml"
+    case.write_text(case.read_text() + '\n[groups]\nsurface = { column = "surface" }\n')
+    assert "Not looked at" not in terrapin(capsys, "compare", folder)[1]
+
+
 def test_a_case_without_gaps_says_nothing_of_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     answer = json.loads(terrapin(capsys, "compare", rolling(tmp_path, 1), "--json", "-")[1])
     assert "intake" not in answer

@@ -18,7 +18,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import CHANNELS, ROLES, Base
 from terrapin_tools.workbench.case.changes import MENDS
 from terrapin_tools.workbench.case.groups import Groups, group_columns, membership, read_groups
-from terrapin_tools.workbench.case.intake import Mapped, converted, gaps, unsigned
+from terrapin_tools.workbench.case.intake import Mapped, converted, gaps, ungrouped, unsigned
 from terrapin_tools.workbench.case.mechanics import is_of, role_of_unit
 from terrapin_tools.workbench.case.mends import earlier, mended, read_mend, told_mends
 from terrapin_tools.workbench.files import units
@@ -92,9 +92,11 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
     values = mended(tables, values, mends)
     used = {entry.column for entry in mapped} | {run_column, *group_columns(tables).values()}
     train = np.isin(run, [index[name] for name in train_runs])
-    extra, sparse = _extra(loaded, used | set(values) | _ignored(tables, loaded, used))
+    extra, sparse, text = _extra(loaded, used | set(values) | _ignored(tables, loaded, used))
     groups = read_groups(tables, loaded, kept, run, run_names, train)
+    kinds = [name for name, count in text.items() if 1 < count < len(run_names)]
     remarks = [*gaps(columns, whole, sparse), *told_mends(mends), *converted(mapped), *unsigned(values, _told(mapped))]
+    remarks += ungrouped(kinds)
     return Measurements(
         roles={e.name: values[e.name] for e in mapped if not e.channel},
         channels={e.name: values[e.name] for e in mapped if e.channel},
@@ -288,19 +290,24 @@ def _ignored(tables: Tables, loaded: list[Table], used: set[str]) -> set[str]:
     return set(names)
 
 
-def _extra(loaded: list[Table], used: set[str]) -> tuple[dict[str, Array], list[str]]:
-    """Columns that are not mapped but numeric: the residual may depend on them. Apart from them, those with gaps."""
+def _extra(loaded: list[Table], used: set[str]) -> tuple[dict[str, Array], list[str], dict[str, int]]:
+    """Columns that are not mapped but numeric: the residual may depend on them. Apart from them, those with gaps.
+
+    And those of text, with the count of their different values: no formula could use them.
+    """
     extra: dict[str, Array] = {}
     sparse = []
+    text = {}
     for name in loaded[0].columns:
         if name in used or any(name not in table.columns for table in loaded):
             continue
         try:
             column = np.concatenate([table.numbers(name, gaps=True) for table in loaded])
         except UserError:
-            continue  # text: nothing a formula could use, and nothing the contract asks to complain about
+            text[name] = len({str(cell) for table in loaded for cell in set(table.columns[name].tolist())})
+            continue
         if not np.isnan(column).any():
             extra[name] = column
         elif not np.isnan(column).all():
             sparse.append(name)
-    return extra, sparse
+    return extra, sparse, text

@@ -11,7 +11,7 @@ from terrapin_hil.arrays import Array, Mask
 from terrapin_tools.workbench.case.mends import Mend
 from terrapin_tools.workbench.files.units import convert, turns
 
-__all__ = ["BOTH_WAYS", "Mapped", "converted", "gaps", "guesses", "unsigned"]
+__all__ = ["BOTH_WAYS", "Mapped", "converted", "gaps", "guesses", "ungrouped", "unsigned"]
 
 BOTH_WAYS = 0.02  # share of the rows in each direction, from which a motion reverses
 
@@ -41,6 +41,13 @@ def gaps(columns: Mapping[str, Array], whole: Mask, sparse: Sequence[str]) -> li
     if sparse:
         found.append(f"Not looked at, for gaps: {', '.join(sparse)}.")
     return found
+
+
+def ungrouped(columns: Sequence[str]) -> list[str]:
+    """Columns of text that could tell surfaces, robots or days apart, if [groups] named them."""
+    if not columns:
+        return []
+    return [f"Not looked at, for text: {', '.join(columns)} (what differs between groups of runs is for [groups])."]
 
 
 def converted(mapped: Sequence[Mapped]) -> list[str]:
