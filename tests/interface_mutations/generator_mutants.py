@@ -63,7 +63,12 @@ class Mutant:
     line: int
     number: int  # of the mutants in this module
     what: str
-    text: str  # of the module with it
+
+    def text(self) -> str:
+        """Of the module with it."""
+        return next(
+            text for number, (_, text) in enumerate(_mutants(self.module, self.number)) if number == self.number
+        )
 
     @property
     def name(self) -> str:
@@ -170,7 +175,8 @@ def _texts(module: str, node: ast.Constant) -> Iterator[tuple[str, Callable[[Any
         )
 
 
-def _mutants(module: str) -> Iterator[Mutant]:
+def _mutants(module: str, wanted: int = -1) -> Iterator[tuple[Mutant, str]]:
+    """All of a module; with the module's text for the one whose number is `wanted`, since writing it takes its time."""
     source = (PACKAGE / f"{module}.py").read_text(encoding="utf-8")
     tree = ast.parse(source)
     nodes = list(_nodes(tree))
@@ -186,7 +192,7 @@ def _mutants(module: str) -> Iterator[Mutant]:
             if isinstance(node, ast.Compare):
                 node.ops = list(node.ops)
             change(node)
-            text = ast.unparse(tree)
+            text = ast.unparse(tree) if number == wanted else ""
             node.__dict__.update(kept)
             if isinstance(node, ast.Compare):
                 node.ops = kept["ops"]
@@ -194,13 +200,13 @@ def _mutants(module: str) -> Iterator[Mutant]:
             what = f"{line[:80]}: {what}"
             seen[what] += 1
             what += f" (number {seen[what]})" if seen[what] > 1 else ""
-            yield Mutant(module, getattr(node, "lineno", 0), number, what, text)
+            yield Mutant(module, getattr(node, "lineno", 0), number, what), text
             number += 1
 
 
 def _all() -> Iterator[Mutant]:
     for module in MODULES:
-        yield from _mutants(module)
+        yield from (mutant for mutant, _ in _mutants(module))
 
 
 MUTANTS: tuple[Mutant, ...] = tuple(_all())
@@ -293,7 +299,7 @@ def judge(mutant: Mutant) -> tuple[bool, str]:
     place = _workplace()
     file = place.package / "terrapin_interface" / f"{mutant.module}.py"
     kept = file.read_text(encoding="utf-8")
-    file.write_text(mutant.text, encoding="utf-8")
+    file.write_text(mutant.text(), encoding="utf-8")
     try:
         said = place.attempt()
     finally:
