@@ -24,9 +24,9 @@ SECONDS = 300  # after which something hangs, on a machine however busy
 expect.set_options(timeout=1000 * SECONDS)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # else a report that another file's test wrote stands on the page
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    """A server on a fresh workspace, shared."""
+    """A server on a fresh workspace, shared by a file's tests."""
     if CHROMIUM is None:
         pytest.skip("no Chromium here")
     running = Server(tmp_path_factory.mktemp("browser"))

@@ -27,7 +27,6 @@ export class CasePage {
     this.preview = null;
     /** @type {Map<string, JobNews>} */
     this.jobs = new Map(); // that run
-    this.ended = new Set(); // ids of jobs: an answer may overtake the news that its job runs
     this.closed = this.reported = false;
     this.turn = 0;
     this.path = `cases/${encodeURIComponent(name)}`;
@@ -266,9 +265,7 @@ export class CasePage {
   /** @param {JobNews} job */
   progress(job) {
     const { h } = this.app;
-    const running = job.state !== undefined && ACTIVE.includes(job.state);
-    if (job.state !== undefined && !running) this.ended.add(job.id);
-    if (running && !this.ended.has(job.id)) this.jobs.set(job.id, job); else this.jobs.delete(job.id);
+    if (job.state && ACTIVE.includes(job.state)) this.jobs.set(job.id, job); else this.jobs.delete(job.id);
     const [first] = this.jobs.values();
     this.app.keepFocus(this.element, () => { this.jobBar.hidden = !first; }, this.after);
     if (!first) return;
