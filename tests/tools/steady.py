@@ -106,6 +106,8 @@ class Runs:
                 command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
                 text=True, errors="replace", check=False,
             )  # fmt: skip
+        if done.returncode != 0 and "KeyboardInterrupt" in done.stdout:  # Ctrl-C reaches it, too: nothing has failed
+            return
         passed, seconds = done.returncode in (0, NOTHING), time.monotonic() - begin
         what = "nothing" if done.returncode == NOTHING else "ok" if passed else "FAILED"
         with self._lock:
@@ -153,7 +155,7 @@ def main() -> int:
             pool.shutdown(wait=False, cancel_futures=True)  # else all that is queued would run
             print("interrupted: what runs is waited for", flush=True)
             return 130
-    asked = [runs.passed[name, number] for name in commands for number in range(times)]
+    asked = [runs.passed.get((name, number), False) for name in commands for number in range(times)]
     print(f"{sum(asked)} passed, {len(asked) - sum(asked)} failed")
     return 0 if all(asked) else 1
 
