@@ -111,6 +111,7 @@ def main() -> int:
     parser.add_argument("--waits-to", type=Path, help="note in this folder which tests wait (tests/tools/waits.py)")
     options = parser.parse_args()
     os.environ.pop("TERRAPIN_BUILD", None)  # what is tested is what is built here
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each of some thousand processes compiles all that it imports
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where a shell runs us in its background
     start = time.monotonic()
     results: list[Result] = []
