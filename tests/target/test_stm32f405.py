@@ -55,6 +55,7 @@ def port() -> Iterator[SlcanPort]:
     machine = QemuUsart()
     try:
         with machine.start() as opened:
+            opened.timeout = BOUND  # a thousand lines of a flood are answered no faster than a busy machine emulates
             yield opened
     finally:
         machine.stop()
