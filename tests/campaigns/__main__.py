@@ -27,22 +27,17 @@ from threadpoolctl import threadpool_limits
 
 from tests.campaigns import commands, mutants, practice
 from tests.campaigns.pools import POOLS, run
+from tests.campaigns.resumed import engine_files
 from tests.campaigns.table import ROWS, Line, show
 
 ROOT = Path(__file__).resolve().parents[2]
 OTHERS = ("time", "same", "mutants", "practice")
-SOURCES = (
-    "host_tools/terrapin_tools/workbench/**/*.py",
-    "hil/terrapin_hil/physics/*.py",
-    "hil/terrapin_hil/physics/effects/*.py",
-)
 OWN = ("formulas", "designs", "drawn", "followup", "truth", "pools")
 
 
 def fingerprint() -> str:
     """Eight digits that change with the engine or with the way cases are drawn."""
-    files = [path for pattern in SOURCES for path in sorted(ROOT.glob(pattern))]
-    files += [ROOT / "tests" / "campaigns" / f"{name}.py" for name in OWN]
+    files = engine_files() + [ROOT / "tests" / "campaigns" / f"{name}.py" for name in OWN]
     digest = hashlib.sha256()
     for path in files:
         digest.update(path.read_bytes())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,7 @@ import pytest
 from terrapin_tools.workbench.compare.comparison import analyse, error, fitted_on
 from terrapin_tools.workbench.model.model import Model
 from tests.campaigns import dynamic, later_rounds, ode_systems
-from tests.campaigns.resumed import Record
+from tests.campaigns.resumed import Record, engine, resumed
 
 
 def test_a_car_whose_wheels_dig_in_at_the_start_values_is_fitted_from_others(tmp_path: Path) -> None:
@@ -56,6 +58,20 @@ def test_a_crash_is_a_result(monkeypatch: pytest.MonkeyPatch) -> None:
     found = later_rounds.one("mixed", 0, seed=2)
     assert found["crashed"]
     assert "crash: boom" in later_rounds.table([{"family": "mixed", "number": 0, **found}])
+
+
+def test_a_campaign_goes_on_after_a_kill_and_counts_one_engine_only(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = Namespace(part="1/1", families="a,b", cases=2, out=tmp_path)
+    file = tmp_path / "s-1of1.jsonl"
+    mine = {"family": "a", "number": 0, "engine": engine(), "said": "kept"}
+    file.write_text(f'{json.dumps(mine)}\n{json.dumps({**mine, "number": 1, "engine": "0ther"})}\n{{"family": "b", "nu')
+    found = resumed(options, "s", lambda family, number: {"said": f"{family}{number}"})
+    assert [record["said"] for record in found] == ["kept", "a1", "b0", "b1"]
+    assert "1 lines of another engine" in capsys.readouterr().err
+    assert resumed(options, "s", lambda *_: pytest.fail("made again")) == found
+    assert len(file.read_text().splitlines()) == 6
 
 
 def answered(number: int, right: bool, probability: float) -> Record:
