@@ -11,18 +11,17 @@ White noise beside AR(1) noise is an ARMA(1, 1) process, whose innovations a fil
 and gain are three more columns a run. Everything that is asked of the data needs only inner products x' V^-1 y, and of
 these each filter is gone through once (NODES share them), however many offsets, drifts and gains are weighed.
 
-Sources: Harvey, Forecasting, Structural Time Series Models and the Kalman Filter (1989), ch. 3, for the filter;
-Woodbury's identity for the rest.
+Sources: Harvey, Forecasting, Structural Time Series Models and the Kalman Filter (1989), ch. 3, for the filter; Hillis
+and Steele, Data Parallel Algorithms (1986), for all its rows at once; Woodbury's identity for the rest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
-from scipy.signal import lfilter
 
 from terrapin_hil.arrays import Array, Index, Mask
 
@@ -37,6 +36,8 @@ __all__ = [
     "Products",
     "Runs",
     "by_filter",
+    "carried",
+    "doublings",
     "orthonormal",
 ]
 
@@ -46,7 +47,7 @@ WALKED = 8  # runs from which a walk over the test differs from an offset a run;
 OWN = 3  # columns that each run has of its own: constant, line and prediction
 GROWN = 0.08  # prior of noise that grows with the reading; chosen by hand
 SETTLED = 1e-13  # change of the filter's gain in a row, below which it is constant
-
+FORGOTTEN = 1e-18  # share of a row that is not carried on to later ones: below rounding
 
 Kind = tuple[float, float, float]  # share, rho and grow of a Node
 
@@ -156,6 +157,44 @@ def orthonormal(columns: Array) -> Array:
     return np.asarray(u[:, s > 1e-9 * s[0]])
 
 
+@cache
+def _gain(share: float, rho: float) -> tuple[Array, Array]:
+    """Gain of the filter and variance of its innovation by place in a run; the last ones hold for all later places."""
+    p = share
+    gains: list[float] = []
+    variances: list[float] = []
+    while len(gains) < 2 or abs(gains[-1] - gains[-2]) >= SETTLED:
+        variances.append(p + 1.0 - share)
+        gains.append(p / variances[-1])
+        p = rho * rho * p * (1.0 - gains[-1]) + share * (1.0 - rho * rho)
+    return np.array(gains), np.array(variances)
+
+
+def doublings(rate: Array) -> list[tuple[int, Array]]:
+    """What `carried` does for y_t = x_t + rate_t y_(t-1): (rows,), 0 at the first row and wherever it begins anew.
+
+    After the first step a row holds its own and the one before, after the second four of them, and so on.
+    """
+    steps = []
+    reach = 1
+    while reach < len(rate) and np.abs(rate).max() > FORGOTTEN:
+        steps.append((reach, rate[reach:, None]))
+        rate = np.concatenate([np.zeros(reach), rate[reach:] * rate[:-reach]])
+        reach *= 2
+    return steps
+
+
+def carried(columns: Array, steps: Sequence[tuple[int, Array]]) -> Array:
+    """y_t = x_t + rate_t y_(t-1) of columns (rows, count), in their place.
+
+    >>> carried(np.array([[1.0], [0.0], [0.0], [4.0]]), doublings(np.array([0.0, 0.5, 0.5, 0.0]))).ravel().tolist()
+    [1.0, 0.5, 0.25, 4.0]
+    """
+    for reach, rate in steps:
+        columns[reach:] += rate * columns[:-reach]
+    return columns
+
+
 @dataclass(frozen=True)
 class Filtered:
     """Columns (channels * rows, count) made independent at one correlation, their products with each run's filtered
@@ -229,12 +268,16 @@ class Runs:
         self.reading = np.where(rms > 0.0, level, 1.0) / np.where(rms > 0.0, rms, 1.0)  # (channels, rows)
         self.sorted_reading = self.reading[:, self.order].reshape(-1)
         self.level = np.where(many & (rms > 0.0), self.reading, 0.0)  # the same, for a gain
-        self._gains: dict[tuple[float, float], tuple[Array, Array]] = {}
+        self._parts = [slice(b, b + n) for b, n in zip(self.begin, self.length, strict=True)]
+        self._steps: dict[Kind, list[tuple[int, Array]]] = {}
+        self._owns: dict[Kind, Array] = {}
         self._corners: dict[Kind, Array] = {}
         self._weights: dict[Node, Array] = {}
         self._halves: dict[Node, list[tuple[Index, Array]]] = {}
+        self._determinants: dict[Node, Array] = {}
         self._wave_columns: dict[Kind, Array] = {}
-        self._wave_sums: dict[Kind, Array] = {}
+        self._waves_filtered: dict[Kind, Filtered] = {}
+        self._wave_inners: dict[Node, Array] = {}
         self._wave_weights: dict[Node, Array] = {}
         self._wave_turns: dict[Node, Array] = {}
 
@@ -256,44 +299,29 @@ class Runs:
 
     # -- the filter ---------------------------------------------------------------------------------------------------
 
-    def _gain(self, share: float, rho: float) -> tuple[Array, Array]:
-        """Gain of the filter and variance of its innovation by place in the run; the last holds for all later ones."""
-        if (share, rho) not in self._gains:
-            longest, p = int(self.length.max()), share
-            gains: list[float] = []
-            variances: list[float] = []
-            while len(gains) < longest:
-                variances.append(p + 1.0 - share)
-                gains.append(p / variances[-1])
-                p = rho * rho * p * (1.0 - gains[-1]) + share * (1.0 - rho * rho)
-                if len(gains) > 1 and abs(gains[-1] - gains[-2]) < SETTLED:
-                    break
-            self._gains[share, rho] = np.array(gains), np.array(variances)
-        return self._gains[share, rho]
-
     def _innovations(self, ordered: Array, kind: Kind) -> Array:
         share, rho, grow = kind
         if grow:
             ordered = ordered / self.sd(grow)[:, None]
         if share == 0.0:
             return ordered
-        gain, variance = self._gain(share, rho)
+        gain, variance = _gain(share, rho)
         white = np.empty(ordered.shape)
         np.multiply(ordered[:-1], -rho, out=white[1:])
         white[1:] += ordered[1:]
         white[self.begin] = ordered[self.begin]
         if share < 1.0:
-            back = rho * (1.0 - gain)
-            for place in range(1, min(int(self.length.max()), len(gain))):
-                row = self.begin[self.length > place] + place
-                white[row] += back[place - 1] * white[row - 1]
-            late = self.length > len(gain)
-            for begin, length in zip(self.begin[late], self.length[late], strict=True):
-                rest = slice(begin + len(gain), begin + length)
-                state = back[-1] * white[begin + len(gain) - 1 : begin + len(gain)]
-                white[rest] = lfilter([1.0], [1.0, -back[-1]], white[rest], axis=0, zi=state)[0]
+            if kind not in self._steps:
+                back = rho * (1.0 - gain)
+                rate = np.where(self.place > 0, back[np.minimum(self.place - 1, len(back) - 1)], 0.0)
+                self._steps[kind] = doublings(rate)
+            carried(white, self._steps[kind])
         white /= np.sqrt(variance[np.minimum(self.place, len(variance) - 1)])[:, None]
         return white
+
+    def _correlated(self, columns: Array, rho: float) -> Array:
+        """y_t = x_t + rho y_(t-1) in each run: columns (channels * rows, count), sorted, in their place."""
+        return carried(columns, doublings(np.where(self.place > 0, rho, 0.0)))
 
     @property
     def shifts(self) -> Array:
@@ -312,9 +340,14 @@ class Runs:
 
     def _filtered(self, ordered: Array, kind: Kind) -> Filtered:
         white = self._innovations(ordered, kind)
-        own = self._innovations(self.own, kind)
         waves = self._filtered_waves(kind).T @ white
-        return Filtered(white, self._by_run(own, white).reshape(OWN * len(self.begin), -1), waves)
+        return Filtered(white, self._by_run(self._own(kind), white).reshape(OWN * len(self.begin), -1), waves)
+
+    def _own(self, kind: Kind) -> Array:
+        """What each run has of its own, filtered."""
+        if kind not in self._owns:
+            self._owns[kind] = self._innovations(self.own, kind)
+        return self._owns[kind]
 
     def _by_run(self, left: Array, right: Array) -> Array:
         """Products of columns (channels * rows, count), sorted, in each run: (channels * runs, left's, right's)."""
@@ -322,8 +355,10 @@ class Runs:
         if (self.length == length).all():
             split = (part.reshape(count, length, part.shape[1]) for part in (left, right))
             return np.asarray(np.swapaxes(next(split), 1, 2) @ next(split))
-        runs = [slice(b, b + n) for b, n in zip(self.begin, self.length, strict=True)]
-        return np.stack([left[run].T @ right[run] for run in runs])
+        found = np.empty((count, left.shape[1], right.shape[1]))
+        for one, part in zip(found, self._parts, strict=True):
+            np.matmul(left[part].T, right[part], out=one)
+        return found
 
     def products(self, left: Filtered, right: Filtered) -> Products:
         return Products(self, left, right)
@@ -341,7 +376,7 @@ class Runs:
     def _corner(self, kind: Kind) -> Array:
         """Products of constant, line and prediction with each other, a run: (channels * runs, 3, 3)."""
         if kind not in self._corners:
-            own = self._innovations(self.own, kind)
+            own = self._own(kind)
             self._corners[kind] = self._by_run(own, own)
         return self._corners[kind]
 
@@ -379,15 +414,21 @@ class Runs:
         """W' V^-1 x (waves, count), with V all but the walk."""
         if not node.of_runs:
             return columns.waves
-        if node.filter not in self._wave_sums:
-            self._wave_sums[node.filter] = self._filtered(self.waves, node.filter).sums
-        own = self._wave_sums[node.filter]
+        own = self._own_waves(node.filter).sums
         return np.asarray(columns.waves - own.T @ self.weigh(node, columns.sums))
+
+    def _own_waves(self, kind: Kind) -> Filtered:
+        """The waves as any other columns."""
+        if kind not in self._waves_filtered:
+            self._waves_filtered[kind] = self._filtered(self.waves, kind)
+        return self._waves_filtered[kind]
 
     def _wave_inner(self, node: Node) -> Array:
         """1 + w^2 W' V^-1 W (waves, waves), with V all but the walk."""
-        own = self._filtered(self.waves, node.filter)
-        return np.asarray(np.eye(self.waves.shape[1]) + node.walk**2 * self.against_waves(node, own))
+        if node not in self._wave_inners:
+            against = self.against_waves(node, self._own_waves(node.filter))
+            self._wave_inners[node] = np.asarray(np.eye(self.waves.shape[1]) + node.walk**2 * against)
+        return self._wave_inners[node]
 
     def wave_weight(self, node: Node) -> Array:
         """What Woodbury's identity takes off a product for the walk: (waves, waves)."""
@@ -423,7 +464,7 @@ class Runs:
         """For the runs of each length: their rows (runs, length), and U (runs or 1, length, 3), so that 1 - U U' takes
         offset, drift and gain from what the filter has made white."""
         if node not in self._halves:
-            own = self._innovations(self.own, node.filter) @ _sizes(node)
+            own = self._own(node.filter) @ _sizes(node)
             self._halves[node] = []
             for length in np.unique(self.length):
                 rows = self.begin[self.length == length][:, None] + np.arange(length)
@@ -435,9 +476,11 @@ class Runs:
 
     def log_determinants(self, node: Node) -> Array:
         """Of the covariance of each run's rows, s = 1, but for the walk: (channels * runs,)."""
-        found = np.zeros(len(self.begin))
+        if node in self._determinants:
+            return self._determinants[node]
+        found = self._determinants[node] = np.zeros(len(self.begin))
         if node.share > 0.0:
-            variance = self._gain(node.share, node.rho)[1]
+            variance = _gain(node.share, node.rho)[1]
             found += np.add.reduceat(np.log(variance[np.minimum(self.place, len(variance) - 1)]), self.begin)
         if node.grow:
             found += 2.0 * np.add.reduceat(np.log(self.sd(node.grow)), self.begin)
@@ -458,9 +501,7 @@ class Runs:
         if node.share > 0.0:
             slow = np.sqrt(1.0 - node.rho**2) * random.standard_normal((total, sets))
             slow[self.begin] /= np.sqrt(1.0 - node.rho**2)
-            for begin, length in zip(self.begin, self.length, strict=True):
-                slow[begin : begin + length] = lfilter([1.0], [1.0, -node.rho], slow[begin : begin + length], axis=0)
-            ordered = ordered + np.sqrt(node.share) * slow
+            ordered = ordered + np.sqrt(node.share) * self._correlated(slow, node.rho)
         ordered = ordered * self.sd(node.grow)[:, None]
         for size, column in zip(np.diagonal(_sizes(node)), self.own.T, strict=True):
             if size:
@@ -477,17 +518,15 @@ class Runs:
         """The covariance (s = 1) times columns (channels * rows, count), both sorted by run."""
         sd = self.sd(node.grow)[:, None]
         result = (1.0 - node.share) * sd**2 * columns
-        for begin, length in zip(self.begin, self.length, strict=True):
-            part = slice(begin, begin + length)
-            own = columns[part]
-            if node.share > 0.0:
-                grown = sd[part] * own
-                forward = lfilter([1.0], [1.0, -node.rho], grown, axis=0)
-                backward = lfilter([1.0], [1.0, -node.rho], grown[::-1], axis=0)[::-1]
-                result[part] += node.share * sd[part] * (forward + backward - grown)
-            for size, column in zip(np.diagonal(_sizes(node)), self.own[part].T, strict=True):
-                if size:
-                    result[part] += size * size * np.outer(column, column @ own)
+        if node.share > 0.0:
+            grown = sd * columns
+            ahead = np.where(np.roll(self.place, -1) > 0, node.rho, 0.0)  # of the row after, where the run goes on
+            backward = carried(grown[::-1].copy(), doublings(ahead[::-1]))[::-1]
+            result += node.share * sd * (self._correlated(grown.copy(), node.rho) + backward - grown)
+        for size, column in zip(np.diagonal(_sizes(node)), self.own.T, strict=True):
+            if size:
+                for part in self._parts:
+                    result[part] += size * size * np.outer(column[part], column[part] @ columns[part])
         if node.walk:
             result = result + node.walk**2 * self.waves @ (self.waves.T @ columns)
         return np.asarray(result)

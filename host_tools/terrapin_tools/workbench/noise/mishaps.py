@@ -12,10 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from terrapin_hil.arrays import Array, Mask
-from terrapin_tools.workbench.noise.covariance import Runs
+from terrapin_tools.workbench.noise.covariance import Runs, carried, doublings
 
 __all__ = ["KINDS", "Mishap", "mishaps"]
 
@@ -75,8 +74,9 @@ def _off(runs: Runs, act: Act, rows: Array | Mask) -> Array:
 def _lagging(runs: Runs, act: Act, share: float) -> Array:
     """What a lag of first order changes in each channel, a row being its unit of time: (channels * rows, channels)."""
     late = np.zeros((runs.channels, runs.rows))
-    for begin, length in zip(runs.begin[: runs.runs], runs.length, strict=False):
-        rows = runs.order[begin : begin + length]
-        own = runs.reading[:, rows]
-        late[:, rows] = lfilter([1.0 - share], [1.0, -share], own, axis=1, zi=share * own[:, :1])[0] - own
+    place = runs.position[runs.order]
+    own = runs.reading[:, runs.order].T
+    # each run begins settled: its first row is shown as it is
+    shown = np.where(place[:, None] > 0, (1.0 - share) * own, own)
+    late[:, runs.order] = (carried(shown, doublings(np.where(place > 0, share, 0.0))) - own).T
     return np.stack([act(c, one).reshape(-1) for c, one in enumerate(late)], axis=1)
