@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
 
 from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_tools.workbench.case.case import Case
@@ -22,6 +21,7 @@ from terrapin_tools.workbench.model.data_columns import Direction, Shapes
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.noise.covariance import NODES, Node, Runs, orthonormal
 from terrapin_tools.workbench.noise.estimate import Noise
+from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED
 from terrapin_tools.workbench.noise.mishaps import Mishap
 

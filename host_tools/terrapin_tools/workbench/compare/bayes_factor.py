@@ -18,12 +18,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
 
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.model.data_columns import Shapes
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.noise.covariance import Runs
+from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import SIZES, Evidence
 from terrapin_tools.workbench.noise.mishaps import Mishap
 
@@ -134,7 +134,7 @@ class BayesFactor:
         parts = np.empty_like(null)
         for kind, places in evidence.filters.items():
             base, columns, drawn = (
-                evidence.base[kind],
+                evidence.both[kind].only(slice(0, -1)),
                 runs.filtered(self.columns, kind),
                 runs.filtered(residuals, kind),
             )
@@ -143,7 +143,7 @@ class BayesFactor:
             for place in places:
                 node, inverse = evidence.node(place), evidence.inverse[place]
                 shared, seen = crossed.at(node), with_base.at(node)
-                total = np.maximum(runs.squares(drawn, node) - (seen * (inverse @ seen)).sum(axis=0), 1e-300)
+                total = np.maximum(runs.squares(drawn, (node,))[0] - (seen * (inverse @ seen)).sum(axis=0), 1e-300)
                 null[place] = evidence.start[place] + evidence.fit_term(total)
                 products = among.at(node) - shared.T @ inverse @ shared
                 scores = with_columns.at(node) - shared.T @ (inverse @ seen)

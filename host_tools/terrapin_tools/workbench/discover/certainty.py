@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
 
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.discover.ranking import Ranking
 from terrapin_tools.workbench.noise.covariance import Node, orthonormal
+from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import SIZES
 
 __all__ = ["BENT", "EVEN", "Operating", "calibrated", "operating_characteristic"]

@@ -11,7 +11,6 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.case.zero_points import ZERO
@@ -21,6 +20,7 @@ from terrapin_tools.workbench.discover.hypothesis import Hypothesis
 from terrapin_tools.workbench.discover.leftover import absent, doubts, pays
 from terrapin_tools.workbench.discover.ranker import CATALOGUE, SIZE_OF_SET, Ranker
 from terrapin_tools.workbench.model.fitting import Fit
+from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
 __all__ = ["expression_pairs", "expressions", "paying"]

@@ -8,7 +8,6 @@ from itertools import combinations, product
 from math import factorial
 
 import numpy as np
-from scipy.special import logsumexp
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
@@ -24,6 +23,7 @@ from terrapin_tools.workbench.model.linearised import linearise
 from terrapin_tools.workbench.model.table_faults import Fault, faults
 from terrapin_tools.workbench.model.usual_sizes import size_tax
 from terrapin_tools.workbench.noise.covariance import Runs
+from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
 __all__ = ["MISHAP", "SIZE_OF_SET", "Ranker", "by_effect"]

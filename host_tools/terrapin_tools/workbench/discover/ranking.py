@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from itertools import chain
 
 import numpy as np
-from scipy.special import logsumexp
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
@@ -27,6 +26,7 @@ from terrapin_tools.workbench.discover.suspect_answers import beside_constants, 
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.usual_sizes import MOST_TAX
+from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
 __all__ = ["Hypothesis", "Ranking", "rank"]

@@ -13,13 +13,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import log_ndtr
 
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.compare.comparison import Analysis, measured
 from terrapin_tools.workbench.discover.ranking import Hypothesis, Ranking
 from terrapin_tools.workbench.model.linearised import Linear, linearise
 from terrapin_tools.workbench.noise.covariance import NODES, Runs, orthonormal
+from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import SIZES
 
 __all__ = ["Selected", "Sums", "selection"]

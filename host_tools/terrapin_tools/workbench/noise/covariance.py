@@ -47,6 +47,7 @@ WALKED = 8  # runs from which a walk over the test differs from an offset a run;
 OWN = 3  # columns that each run has of its own: constant, line and prediction
 GROWN = 0.08  # prior of noise that grows with the reading; chosen by hand
 SETTLED = 1e-13  # change of the filter's gain in a row, below which it is constant
+MOST = 2**21  # numbers of one array in which several nodes are gone through at once; bounds the memory
 FORGOTTEN = 1e-18  # share of a row that is not carried on to later ones: below rounding
 
 Kind = tuple[float, float, float]  # share, rho and grow of a Node
@@ -205,6 +206,10 @@ class Filtered:
     sums: Array
     waves: Array
 
+    def only(self, part: slice) -> Filtered:
+        """Some of the columns."""
+        return Filtered(self.columns[:, part], self.sums[:, part], self.waves[:, part])
+
 
 @dataclass(frozen=True)
 class Products:
@@ -219,13 +224,19 @@ class Products:
         return np.asarray(self.left.columns.T @ self.right.columns)
 
     def at(self, node: Node) -> Array:
-        found = self.plain
-        if node.of_runs:
-            found = found - self.left.sums.T @ self.runs.weigh(node, self.right.sums)
-        if node.walk:
-            taken = self.runs.against_waves(node, self.left).T @ self.runs.wave_weight(node)
-            found = found - taken @ self.runs.against_waves(node, self.right)
-        return np.asarray(found)
+        return np.asarray(self.each((node,))[0])
+
+    def each(self, nodes: Sequence[Node]) -> Array:
+        """At several nodes of that filter: (nodes, left's count, right's)."""
+        found = np.repeat(self.plain[None], len(nodes), axis=0)
+        left, right = self.left.sums, self.right.sums
+        for places in _handfuls([i for i, node in enumerate(nodes) if node.of_runs], right.size):
+            found[places] -= left.T @ self.runs.weigh([nodes[i] for i in places], right)
+        for i, node in enumerate(nodes):
+            if node.walk:
+                taken = self.runs.against_waves(node, self.left).T @ self.runs.wave_weight(node)
+                found[i] -= taken @ self.runs.against_waves(node, self.right)
+        return found
 
 
 class Runs:
@@ -363,15 +374,16 @@ class Runs:
     def products(self, left: Filtered, right: Filtered) -> Products:
         return Products(self, left, right)
 
-    def squares(self, columns: Filtered, node: Node) -> Array:
-        """x' V^-1 x of each column: (count,)."""
-        found = np.einsum("ij,ij->j", columns.columns, columns.columns)
-        if node.of_runs:
-            found = found - np.einsum("ij,ij->j", columns.sums, self.weigh(node, columns.sums))
-        if node.walk:
-            against = self.against_waves(node, columns)
-            found = found - np.einsum("ij,ij->j", against, self.wave_weight(node) @ against)
-        return np.asarray(found)
+    def squares(self, columns: Filtered, nodes: Sequence[Node]) -> Array:
+        """x' V^-1 x of each column at several nodes of one filter: (nodes, count)."""
+        found = np.repeat(np.einsum("ij,ij->j", columns.columns, columns.columns)[None], len(nodes), axis=0)
+        for places in _handfuls([i for i, node in enumerate(nodes) if node.of_runs], columns.sums.size):
+            found[places] -= np.einsum("ij,nij->nj", columns.sums, self.weigh([nodes[i] for i in places], columns.sums))
+        for i, node in enumerate(nodes):
+            if node.walk:
+                against = self.against_waves(node, columns)
+                found[i] -= np.einsum("ij,ij->j", against, self.wave_weight(node) @ against)
+        return found
 
     def _corner(self, kind: Kind) -> Array:
         """Products of constant, line and prediction with each other, a run: (channels * runs, 3, 3)."""
@@ -380,14 +392,18 @@ class Runs:
             self._corners[kind] = self._by_run(own, own)
         return self._corners[kind]
 
-    def weigh(self, node: Node, sums: Array) -> Array:
-        """T (1 + T Z'Z T)^-1 T times the sums of each run: what Woodbury's identity takes off a product."""
+    def _weight(self, node: Node) -> Array:
+        """T (1 + T Z'Z T)^-1 T of each run, with T the sizes of what it has of its own: (channels * runs, 3, 3)."""
         if node not in self._weights:
             size = _sizes(node)
             inner = np.eye(OWN) + size @ self._corner(node.filter) @ size
             self._weights[node] = size @ np.linalg.inv(inner) @ size
-        weight = self._weights[node]
-        return np.asarray((weight @ sums.reshape(len(weight), OWN, -1)).reshape(sums.shape))
+        return self._weights[node]
+
+    def weigh(self, nodes: Sequence[Node], sums: Array) -> Array:
+        """What Woodbury's identity takes off a product, from the sums of runs (runs * 3, count): (nodes, ...)."""
+        weight = np.array([self._weight(node) for node in nodes])
+        return np.asarray((weight @ sums.reshape(len(self.begin), OWN, -1)).reshape(len(nodes), *sums.shape))
 
     # -- what wanders over the whole test ------------------------------------------------------------------------------
 
@@ -415,7 +431,7 @@ class Runs:
         if not node.of_runs:
             return columns.waves
         own = self._own_waves(node.filter).sums
-        return np.asarray(columns.waves - own.T @ self.weigh(node, columns.sums))
+        return np.asarray(columns.waves - own.T @ self.weigh((node,), columns.sums)[0])
 
     def _own_waves(self, kind: Kind) -> Filtered:
         """The waves as any other columns."""
@@ -535,6 +551,12 @@ class Runs:
 def _sizes(node: Node) -> Array:
     """Sd of what each run has of its own: (OWN, OWN), diagonal."""
     return np.diag([node.offset, node.drift, node.gain])
+
+
+def _handfuls(places: list[int], size: int) -> list[list[int]]:
+    """Places, so many together that as many arrays of a size hold at most MOST numbers, at least one."""
+    count = max(1, MOST // max(1, size))
+    return [places[begin : begin + count] for begin in range(0, len(places), count)]
 
 
 def by_filter(nodes: Sequence[int]) -> dict[Kind, list[int]]:

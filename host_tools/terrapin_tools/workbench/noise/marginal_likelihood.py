@@ -14,14 +14,15 @@ restricted likelihood that integrating over the base parameters gives.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import log_ndtr
 
 from terrapin_hil.arrays import Array, Index
 from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Filtered, Kind, Node, Runs, by_filter, orthonormal
+from terrapin_tools.workbench.noise.log_sums import logsumexp
 
 __all__ = ["SIZES", "STATED", "Evidence", "Gram"]
 
@@ -66,20 +67,18 @@ class Evidence:
         count = self.flat.shape[1]
         self.freedom = self.channels * self.rows - count
         self.filters = by_filter(self.nodes)
-        self.base: dict[Kind, Filtered] = {}
-        self.own: dict[Kind, Filtered] = {}
+        self.both: dict[Kind, Filtered] = {}  # columns of the base, and the residual
         inner = np.empty((len(self.nodes), count, count))
         cross = np.empty((len(self.nodes), count))
         square, start = np.empty(len(self.nodes)), np.empty(len(self.nodes))
+        columns = np.column_stack([self.flat, self.residual])
         for kind, places in self.filters.items():
-            self.base[kind] = base_ = runs.filtered(self.flat, kind)
-            self.own[kind] = own = runs.filtered(self.residual[:, None], kind)
-            among, with_own = runs.products(base_, base_), runs.products(base_, own)
-            for place in places:
-                node = NODES[self.nodes[place]]
-                inner[place], cross[place] = among.at(node), with_own.at(node)[:, 0]
-                square[place] = runs.squares(own, node)[0]
-                start[place] = np.log(node.prior) - 0.5 * runs.log_determinant(node)
+            self.both[kind] = both = runs.filtered(columns, kind)
+            these = [self.node(place) for place in places]
+            products = runs.products(both, both).each(these)
+            inner[places], cross[places] = products[:, :count, :count], products[:, :count, count]
+            square[places] = products[:, count, count]
+            start[places] = [np.log(node.prior) - 0.5 * runs.log_determinant(node) for node in these]
         self.inverse = np.linalg.inv(inner)
         self.taken = np.einsum("nij,nj->ni", self.inverse, cross)  # the base's coefficients
         self.total = np.maximum(square - np.einsum("ni,ni->n", cross, self.taken), 1e-300)
@@ -146,15 +145,17 @@ class Evidence:
         count = columns.shape[1]
         products, scores = np.empty((len(self.nodes), count, count)), np.empty((len(self.nodes), count))
         for kind, places in self.filters.items():
-            white = self.runs.filtered(columns, kind)
-            own, base = self.runs.products(white, white), self.runs.products(self.base[kind], white)
-            score = self.runs.products(white, self.own[kind])
-            for place in places:
-                node = self.node(place)
-                shared = base.at(node)
-                products[place] = own.at(node) - shared.T @ self.inverse[place] @ shared
-                scores[place] = score.at(node)[:, 0] - self.taken[place] @ shared
+            white, nodes = self.runs.filtered(columns, kind), [self.node(place) for place in places]
+            shared, score = self._shared(kind, white, nodes)
+            own = self.runs.products(white, white).each(nodes)
+            products[places] = own - np.swapaxes(shared, 1, 2) @ (self.inverse[places] @ shared)
+            scores[places] = score - np.einsum("ni,nij->nj", self.taken[places], shared)
         return Gram(products, scores)
+
+    def _shared(self, kind: Kind, white: Filtered, nodes: Sequence[Node]) -> tuple[Array, Array]:
+        """Products of filtered columns with the base (nodes, parameters, D), and with the residual (nodes, D)."""
+        found = self.runs.products(self.both[kind], white).each(nodes)
+        return found[:, :-1], found[:, -1]
 
     def _free(self, columns: Array) -> tuple[Array, Array]:
         """Squared length of each column (channels * rows, D) beyond the base, and its product with the residual."""
@@ -163,16 +164,13 @@ class Evidence:
         for kind, places in self.filters.items():
             for begin in range(0, count, CHUNK):
                 part = slice(begin, min(begin + CHUNK, count))
-                white = self.runs.filtered(columns[:, part], kind)
-                base = self.runs.products(self.base[kind], white)
-                score = self.runs.products(self.own[kind], white)
-                for place in places:
-                    node = self.node(place)
-                    shared, whole = base.at(node), self.runs.squares(white, node)
-                    norm = whole - np.einsum("ij,ij->j", shared, self.inverse[place] @ shared)
-                    visible = norm > ROUNDING * whole
-                    norms[place, part] = np.where(visible, norm, 0.0)
-                    scores[place, part] = np.where(visible, score.at(node)[0] - self.taken[place] @ shared, 0.0)
+                white, nodes = self.runs.filtered(columns[:, part], kind), [self.node(place) for place in places]
+                shared, score = self._shared(kind, white, nodes)
+                whole = self.runs.squares(white, nodes)
+                norm = whole - np.einsum("nij,nij->nj", shared, self.inverse[places] @ shared)
+                score = score - np.einsum("ni,nij->nj", self.taken[places], shared)
+                visible = norm > ROUNDING * whole
+                norms[places, part], scores[places, part] = np.where(visible, norm, 0.0), np.where(visible, score, 0.0)
         return norms, scores
 
     def single(self, columns: Array) -> Array:

@@ -35,11 +35,11 @@ def restricted_likelihood(
     squares = np.zeros((len(NODES), len(residuals)))
     for kind, places in by_filter(range(len(NODES))).items():
         for channel, (rows, residual, basis, sd) in enumerate(zip(runs, residuals, bases, sigma, strict=True)):
-            own, base = rows.filtered(residual[:, None], kind), rows.filtered(basis, kind)
-            among, cross = rows.products(base, base), rows.products(base, own)
-            for place in places:
-                inner, taken = among.at(NODES[place]), cross.at(NODES[place])[:, 0]
-                total = float(rows.squares(own, NODES[place])[0] - taken @ np.linalg.solve(inner, taken))
+            both = rows.filtered(np.column_stack([basis, residual]), kind)
+            products = rows.products(both, both).each([NODES[place] for place in places])
+            for place, product in zip(places, products, strict=True):
+                inner, taken = product[:-1, :-1], product[:-1, -1]
+                total = float(product[-1, -1] - taken @ np.linalg.solve(inner, taken))
                 squares[place, channel] = max(total, 1e-300)
                 fit = likelihood(squares[place, channel], rows.rows - basis.shape[1], sd)
                 criterion[place] += float(fit) + rows.log_determinant(NODES[place]) + np.linalg.slogdet(inner)[1]
