@@ -18,6 +18,12 @@ import fuzz
 MUTATIONS = 10_000
 
 
+@pytest.fixture(scope="module")
+def objects(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What all targets have in common is compiled once."""
+    return tmp_path_factory.mktemp("objects")
+
+
 def test_every_target_has_inputs_and_a_planted_bug() -> None:
     assert set(fuzz.TARGETS) == {path.name for path in fuzz.CORPUS.iterdir() if path.is_dir()}
     assert set(fuzz.TARGETS) == {p.stem.removeprefix("fuzz_") for p in (ROOT / "tests/firmware/fuzz").glob("fuzz_*.c")}
@@ -25,12 +31,11 @@ def test_every_target_has_inputs_and_a_planted_bug() -> None:
 
 @pytest.mark.parametrize("target", fuzz.TARGETS)
 @pytest.mark.parametrize("planted", [True, False])
-def test_a_planted_bug_is_found(target: str, planted: bool, tmp_path: Path) -> None:
+def test_a_planted_bug_is_found(target: str, planted: bool, tmp_path: Path, objects: Path) -> None:
     """By the corpus and mutations of it, without libFuzzer; `fuzz.py --planted` searches as `make fuzz` does."""
     program = tmp_path / "target"
-    driver = str(ROOT / "tests/firmware/fuzz/driver.c")
     sanitizers = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-    fuzz.build(target, tmp_path, program, driver, *sanitizers, planted=planted, compiler="cc")
+    fuzz.build(target, tmp_path, program, *sanitizers, planted=planted, compiler="cc", driver=True, objects=objects)
     mutations = str(MUTATIONS if target != "step" else MUTATIONS // 200)  # an input of it is 16,384 ticks
     done = subprocess.run(
         [str(program), mutations, str(fuzz.CORPUS / target)], env={**os.environ, "ASAN_OPTIONS": "detect_leaks=0"},

@@ -71,28 +71,54 @@ ONE_INPUT = 20  # s that one input may take
 
 
 def build(
-    target: str, folder: Path, program: Path, *flags: str, planted: bool = False, compiler: str = "clang"
+    target: str,
+    folder: Path,
+    program: Path,
+    *flags: str,
+    planted: bool = False,
+    compiler: str = "clang",
+    driver: bool = False,
+    objects: Path | None = None,
 ) -> None:
-    """Compile a target with assertions, its bug in it or not, all of it with these flags. `folder` takes the copy."""
+    """Compile a target with assertions, its bug in it or not, all of it with these flags; `driver` runs it elsewhere
+    than under libFuzzer.
+
+    `folder` takes the copy with the bug; `objects` what was compiled without it, for other targets with the same flags.
+    """
     firmware, generated = ROOT / "firmware", ROOT / "build" / "host" / "generated"
+    objects = objects or folder / "objects"
+    objects.mkdir(parents=True, exist_ok=True)
     parts = [path for part in ("core", "link", "boot") for path in sorted((firmware / part).glob("*.c"))]
     parts += [firmware / "store/parameters.c", firmware / "store/crc32.c", generated / "terrapin_interface.c"]
     parts += [] if target == "can" else [firmware / "store/flash_emulated.c"]  # which includes it
-    include = [firmware / part for part in ("core", "link", "store", "boot")]
-    if planted:
-        name, good, bad = TARGETS[target].bug
-        text = (firmware / name).read_text(encoding="utf-8")
-        if good not in text:
-            raise SystemExit(f"{name} no longer has {good!r}: plant another bug (TARGETS in {Path(__file__).name})")
-        copy = folder / Path(name).name
-        copy.write_text(text.replace(good, bad), encoding="utf-8")
-        parts = [copy if path == firmware / name else path for path in parts]
-        include = [(firmware / name).parent, *include]
-    subprocess.run(
-        [compiler, "-std=c11", "-O1", "-g", "-w", "-DTERRAPIN_ASSERTIONS", *flags, *(f"-I{path}" for path in include),
-         f"-I{generated}", str(ROOT / f"tests/firmware/fuzz/fuzz_{target}.c"), *map(str, parts), "-o", str(program)],
-        check=True, timeout=600,
-    )  # fmt: skip
+    include = [*(firmware / part for part in ("core", "link", "store", "boot")), generated]
+
+    def compiled(source: Path, to: Path, *more: Path) -> Path:
+        words = [*flags, *(f"-I{path}" for path in (*more, *include)), "-c", str(source), "-o", str(to)]
+        command = [compiler, "-std=c11", "-O1", "-g", "-w", "-DTERRAPIN_ASSERTIONS", *words]
+        subprocess.run(command, check=True, timeout=600)
+        return to
+
+    own = [f"fuzz_{target}", *(["driver"] if driver else [])]
+    linked = [compiled(ROOT / f"tests/firmware/fuzz/{name}.c", folder / f"{name}.o") for name in own]
+    for path in parts:
+        if planted and path == firmware / TARGETS[target].bug[0]:
+            linked.append(compiled(_with_bug(target, folder), folder / "planted.o", path.parent))
+        else:
+            kept = objects / f"{path.parent.name}-{path.stem}.o"
+            linked.append(kept if kept.exists() else compiled(path, kept))
+    subprocess.run([compiler, *flags, *map(str, linked), "-o", str(program)], check=True, timeout=600)
+
+
+def _with_bug(target: str, folder: Path) -> Path:
+    """A copy, in folder, of the file that the target's bug is planted in."""
+    name, good, bad = TARGETS[target].bug
+    text = (ROOT / "firmware" / name).read_text(encoding="utf-8")
+    if good not in text:
+        raise SystemExit(f"{name} no longer has {good!r}: plant another bug (TARGETS in {Path(__file__).name})")
+    copy = folder / Path(name).name
+    copy.write_text(text.replace(good, bad), encoding="utf-8")
+    return copy
 
 
 def libfuzzer(program: Path, folder: Path, minutes: float, *corpora: Path) -> tuple[int, int | None]:
@@ -162,10 +188,10 @@ def lines(target: str) -> tuple[int, int]:
     every.mkdir()
     for number, path in enumerate([*sorted((CORPUS / target).iterdir()), *_kept(target)]):
         shutil.copyfile(path, every / f"{number:06d}")
-    driver = str(ROOT / "tests/firmware/fuzz/driver.c")
     counting = ("-fprofile-instr-generate", "-fcoverage-mapping")
     # An assertion's way out would make the line behind it look as if nothing came there.
-    build(target, folder, folder / "target", driver, "-UTERRAPIN_ASSERTIONS", "-DFILES_MAX=100000", *counting)
+    flags = ("-UTERRAPIN_ASSERTIONS", "-DFILES_MAX=100000", *counting)
+    build(target, folder, folder / "target", *flags, driver=True)
     subprocess.run(
         [str(folder / "target"), "0", str(every)], env={"LLVM_PROFILE_FILE": str(folder / "raw")}, check=True,
         capture_output=True, timeout=3600,
