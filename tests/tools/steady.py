@@ -132,7 +132,8 @@ def main() -> int:
     parser.add_argument("file", nargs="*", type=Path)
     options = parser.parse_args()
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where a shell runs us in its background
-    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # as in suite.py
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # as in suite.py, both
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     python, notes = str(TOOLS / "python"), options.out / "waits"
     if options.suite:
         workers = ["--workers", str(options.workers)] if options.workers else []

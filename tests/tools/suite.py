@@ -112,6 +112,7 @@ def main() -> int:
     options = parser.parse_args()
     os.environ.pop("TERRAPIN_BUILD", None)  # what is tested is what is built here
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each of some thousand processes compiles all that it imports
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # as the commands compute; a worker a core leaves none for more
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where a shell runs us in its background
     start = time.monotonic()
     results: list[Result] = []
