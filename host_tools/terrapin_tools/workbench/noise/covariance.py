@@ -199,16 +199,21 @@ def carried(columns: Array, steps: Sequence[tuple[int, Array]]) -> Array:
 @dataclass(frozen=True)
 class Filtered:
     """Columns (channels * rows, count) made independent at one correlation, their products with each run's filtered
-    constant, line and prediction (channels * runs * 3, count), and with the filtered waves over the test
-    (waves, count)."""
+    constant, line and prediction (channels * runs * 3, count), and the filtered waves over the test
+    (channels * rows, waves)."""
 
     columns: Array
     sums: Array
-    waves: Array
+    over_test: Array
+
+    @cached_property
+    def waves(self) -> Array:
+        """Products of waves and columns (waves, count); few kinds of noise ask for them."""
+        return np.asarray(self.over_test.T @ self.columns)
 
     def only(self, part: slice) -> Filtered:
         """Some of the columns."""
-        return Filtered(self.columns[:, part], self.sums[:, part], self.waves[:, part])
+        return Filtered(self.columns[:, part], self.sums[:, part], self.over_test)
 
 
 @dataclass(frozen=True)
@@ -351,8 +356,8 @@ class Runs:
 
     def _filtered(self, ordered: Array, kind: Kind) -> Filtered:
         white = self._innovations(ordered, kind)
-        waves = self._filtered_waves(kind).T @ white
-        return Filtered(white, self._by_run(self._own(kind), white).reshape(OWN * len(self.begin), -1), waves)
+        sums = self._by_run(self._own(kind), white).reshape(OWN * len(self.begin), -1)
+        return Filtered(white, sums, self._filtered_waves(kind))
 
     def _own(self, kind: Kind) -> Array:
         """What each run has of its own, filtered."""
