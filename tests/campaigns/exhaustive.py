@@ -116,7 +116,8 @@ def main() -> None:
     parser = parser_of(__doc__, "python -m tests.campaigns.exhaustive", calibration.GROUPS, cases=30)
     options = parser.parse_args()
     theirs = resumed(options, str(options.seed), lambda group, number: one(group, number, options.seed))
-    beside = Namespace(**{**vars(options), "out": Path(options.out).with_name("calibration")})
+    own = {"out": Path(options.out).with_name("calibration"), "campaign": "calibration"}
+    beside = Namespace(**{**vars(options), **own})
     ours = resumed(beside, str(options.seed), lambda group, number: calibration.one(group, number, options.seed))
     print(table(ours, theirs))
 

@@ -4,26 +4,30 @@ options = parser_of(__doc__, "python -m tests.campaigns.noises", list(FAMILIES),
 records = resumed(options.parse_args(), "0-14-1", lambda family, number: {...})
 
 Each line says which engine answered. Lines of another engine stay in their files and are not counted: figures of two
-programs do not mix.
+programs do not mix. What was counted of the present engine and committed (results/counted) is not made again;
+
+    python -m tests.campaigns.resumed --keep [FOLDER]      puts what stands in FOLDER, out/ else, there
 """
 
 from __future__ import annotations
 
 import argparse
+import gzip
 import hashlib
 import json
 import sys
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from tests.campaigns.statistics import rate_limits
 
-__all__ = ["Record", "engine", "engine_files", "parser_of", "rate", "resumed", "sure_and_wrong"]
+__all__ = ["Record", "engine", "engine_files", "keep", "parser_of", "rate", "resumed", "sure_and_wrong"]
 
 Record = dict[str, Any]
 ROOT = Path(__file__).resolve().parents[2]
+COUNTED = Path(__file__).parent / "results" / "counted"
 SOURCES = (
     "host_tools/terrapin_tools/workbench/**/*.py",
     "hil/terrapin_hil/physics/*.py",
@@ -48,6 +52,7 @@ def engine() -> str:
 def parser_of(about: str, command: str, families: Collection[str], cases: int) -> argparse.ArgumentParser:
     """The options that such a campaign has: --cases, --families, --seed, --part K/N, --out."""
     parser = argparse.ArgumentParser(prog=command, description=about.partition("\n")[0])
+    parser.set_defaults(campaign=command.rpartition(".")[2])
     parser.add_argument("--cases", type=int, default=cases, help=f"of each family; {cases} where not given")
     parser.add_argument("--families", default=",".join(families), help=f"of {', '.join(families)}; all where not given")
     parser.add_argument("--seed", type=int, default=1)
@@ -66,16 +71,12 @@ def resumed(options: argparse.Namespace, setting: str, make: Callable[[str, int]
     options.out.mkdir(parents=True, exist_ok=True)
     known: dict[tuple[str, int], Record] = {}
     others = 0
-    for path in sorted(options.out.glob(f"{setting}-*.jsonl")):
-        for line in path.read_text(encoding="utf-8").splitlines():
-            try:
-                record = json.loads(line)
-            except ValueError:  # a kill cut it short
-                continue
-            if record.get("engine") == engine():
-                known[record["family"], record["number"]] = record
-            else:
-                others += 1
+    kept = [record for record in _counted(options.campaign) if record["setting"] == setting]
+    for record in (*kept, *(one for path in sorted(options.out.glob(f"{setting}-*.jsonl")) for one in _lines(path))):
+        if record.get("engine") == engine():
+            known[record["family"], record["number"]] = record
+        else:
+            others += 1
     if others:
         print(f"{options.out}: {others} lines of another engine than {engine()} are not counted", file=sys.stderr)
     mine = options.out / f"{setting}-{part}of{parts}.jsonl"
@@ -85,12 +86,42 @@ def resumed(options: argparse.Namespace, setting: str, make: Callable[[str, int]
         for number in range(part - 1, options.cases, parts):
             for family in families:
                 if (family, number) not in known:
-                    begun = {"family": family, "number": number, "engine": engine()}
+                    begun = {"family": family, "number": number, "setting": setting, "engine": engine()}
                     record = known[family, number] = {**begun, **make(family, number)}
                     file.write(json.dumps(record) + "\n")
                     file.flush()
             print(f"{number + 1} of {options.cases}", file=sys.stderr)
     return [record for (family, _), record in sorted(known.items()) if family in families]
+
+
+def _lines(path: Path) -> Iterator[Record]:
+    """Records of a file, but for a line that a kill cut short."""
+    for line in path.read_text(encoding="utf-8").splitlines():
+        try:
+            yield json.loads(line)
+        except ValueError:
+            continue
+
+
+def _counted(campaign: str) -> list[Record]:
+    """What was committed of a campaign."""
+    path = COUNTED / f"{campaign}.jsonl.gz"
+    return [json.loads(line) for line in gzip.decompress(path.read_bytes()).splitlines()] if path.is_file() else []
+
+
+def keep(folder: Path) -> dict[str, int]:
+    """Put the lines of the present engine below a folder beside those that are committed, in their order: the same
+    bytes from the same lines. How many there are then, by campaign; lines of other engines are dropped."""
+    counts = {}
+    for place in sorted({path.parent for path in folder.glob("*/*.jsonl")}):
+        lines = [*_counted(place.name), *(line for path in sorted(place.glob("*.jsonl")) for line in _lines(path))]
+        mine = {(r["setting"], r["family"], r["number"]): r for r in lines if r.get("engine") == engine()}
+        if mine:
+            text = "".join(json.dumps(mine[key]) + "\n" for key in sorted(mine))
+            COUNTED.mkdir(parents=True, exist_ok=True)
+            (COUNTED / f"{place.name}.jsonl.gz").write_bytes(gzip.compress(text.encode(), mtime=0))
+            counts[place.name] = len(mine)
+    return counts
 
 
 def rate(hits: int, count: int) -> str:
@@ -102,3 +133,10 @@ def rate(hits: int, count: int) -> str:
 def sure_and_wrong(verdict: str, probability: float, right: bool) -> bool:
     """Whether one answer was given above 0.9 and is wrong; that the data cannot tell claims no answer."""
     return not right and verdict != "ambiguous" and probability > 0.9
+
+
+if __name__ == "__main__":
+    if "--keep" not in sys.argv[1:]:
+        sys.exit(__doc__)
+    for name, count in keep(Path(sys.argv[-1]) if sys.argv[-1] != "--keep" else Path("out")).items():
+        print(f"{name}: {count} cases of engine {engine()}")

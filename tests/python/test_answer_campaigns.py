@@ -12,7 +12,7 @@ import pytest
 from terrapin_tools.workbench.compare.comparison import analyse, error, fitted_on
 from terrapin_tools.workbench.model.model import Model
 from tests.campaigns import dynamic, later_rounds, ode_systems
-from tests.campaigns.resumed import Record, engine, resumed
+from tests.campaigns.resumed import Record, engine, keep, resumed
 
 
 def test_a_car_whose_wheels_dig_in_at_the_start_values_is_fitted_from_others(tmp_path: Path) -> None:
@@ -61,17 +61,25 @@ def test_a_crash_is_a_result(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_campaign_goes_on_after_a_kill_and_counts_one_engine_only(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    options = Namespace(part="1/1", families="a,b", cases=2, out=tmp_path)
-    file = tmp_path / "s-1of1.jsonl"
-    mine = {"family": "a", "number": 0, "engine": engine(), "said": "kept"}
+    monkeypatch.setattr("tests.campaigns.resumed.COUNTED", tmp_path / "counted")
+    out = tmp_path / "out" / "made_up"
+    out.mkdir(parents=True)
+    options = Namespace(campaign="made_up", part="1/1", families="a,b", cases=2, out=out)
+    file = out / "s-1of1.jsonl"
+    mine = {"family": "a", "number": 0, "setting": "s", "engine": engine(), "said": "kept"}
     file.write_text(f'{json.dumps(mine)}\n{json.dumps({**mine, "number": 1, "engine": "0ther"})}\n{{"family": "b", "nu')
     found = resumed(options, "s", lambda family, number: {"said": f"{family}{number}"})
     assert [record["said"] for record in found] == ["kept", "a1", "b0", "b1"]
     assert "1 lines of another engine" in capsys.readouterr().err
     assert resumed(options, "s", lambda *_: pytest.fail("made again")) == found
     assert len(file.read_text().splitlines()) == 6
+    assert keep(tmp_path / "out") == {"made_up": 4}
+    file.unlink()
+    assert resumed(options, "s", lambda *_: pytest.fail("made again")) == found
+    assert len(resumed(options, "other", lambda *_: {})) == 4
+    assert keep(tmp_path / "out") == {"made_up": 8}
 
 
 def answered(number: int, right: bool, probability: float) -> Record:
