@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # setup.sh runtime   the virtual environment .venv with the exact packages of requirements.lock and this project
-# setup.sh test      that with requirements-dev.lock, and what tests need from the system (32-bit and ARM compilers, clang, cppcheck)
+# setup.sh test      that with requirements-dev.lock, and what tests need from the system (32-bit and ARM compilers, clang, cppcheck, a browser)
 # setup.sh bench     that, and valgrind
 # setup.sh sandbox   that of test, and what the kernel of tests/sandbox is built with
 # Doing it again does no work twice. pip's own environment settings (index, certificates) are respected.
@@ -130,6 +130,8 @@ test | bench | sandbox)
     fi
     # What cannot be had is named in the closing lines of the tests.
     [ ${#packages[@]} = 0 ] || apt_install "${packages[@]}" || true
+    # By itself: where the system has it under another name, all else is installed nevertheless.
+    command -v chromium >/dev/null || command -v google-chrome >/dev/null || apt_install chromium fonts-liberation || true
     ;;
 *) fail "unknown level '$level': runtime, test, bench or sandbox" ;;
 esac
