@@ -16,7 +16,7 @@ from terrapin_tools.workbench.discover.hypothesis import Blamed
 from terrapin_tools.workbench.discover.ranker import MISHAP
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
-from terrapin_tools.workbench.noise.mishaps import KINDS, mishaps
+from terrapin_tools.workbench.noise.mishaps import KINDS, LAGS, mishaps
 from terrapin_tools.workbench.story.told import told
 
 RUNS, ROWS, SD = 12, 10, 0.01
@@ -116,3 +116,23 @@ def test_noise_that_grows_with_the_reading_is_a_kind_of_noise(grown: bool) -> No
     evidence = Evidence(Runs(RUN, level=level), noise, np.ones((*level.shape, 1)), 0.0)
     assert (evidence.likeliest()[0].grow > 0.0) == grown
     assert ("growing with the reading" in evidence.likeliest()[0].words()) == grown
+
+
+def test_a_lag_shows_a_share_of_the_row_before_and_each_run_begins_settled() -> None:
+    """Of runs of unequal length whose rows stand mixed in the file, against a loop over their rows."""
+    random = np.random.default_rng(1)
+    run = random.permutation(np.repeat([0, 1, 2], [6, 9, 5]))
+    level = random.standard_normal((2, len(run)))
+    runs = Runs(run, 2, level)
+    alone = lambda c, change: np.array([change if k == c else np.zeros(len(run)) for k in range(2)])  # noqa: E731
+    found = [one for one in mishaps(runs, alone, whole_runs=False) if one.kind == "lag"]
+    assert len(found) == len(LAGS)
+    for share, mishap in zip(LAGS, found, strict=True):
+        expected = np.zeros((2, len(run), 2))
+        for c in range(2):
+            shown: dict[int, float] = {}
+            for row, one in enumerate(run):
+                now = runs.reading[c, row]
+                shown[one] = share * shown.get(one, now) + (1.0 - share) * now
+                expected[c, row, c] = shown[one] - now
+        assert mishap.columns == pytest.approx(expected.reshape(-1, 2), abs=1e-12)

@@ -16,7 +16,7 @@ from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.model import Model
-from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Node, Runs, orthonormal
+from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Kind, Node, Runs, by_filter, orthonormal
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
 from terrapin_tools.workbench.noise.odd import odd_rows
 from terrapin_tools.workbench.noise.precision import Precision
@@ -50,6 +50,22 @@ def test_products_are_those_of_dense_covariances(node: Node) -> None:
     assert runs.log_determinant(node) == pytest.approx(np.linalg.slogdet(covariance)[1], abs=1e-7)
     ordered = runs.sort(x)
     assert ordered.T @ runs.times(ordered, node) == pytest.approx(x.T @ covariance @ x, rel=1e-9)
+
+
+@pytest.mark.parametrize("most", [1, 2**21])
+@pytest.mark.parametrize("kind", list(by_filter(range(len(NODES)))), ids=str)
+def test_several_kinds_of_noise_at_once_are_each_alone(kind: Kind, most: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However few of them fit into memory together."""
+    monkeypatch.setattr("terrapin_tools.workbench.noise.covariance.MOST", most)
+    runs = scattered()
+    random = np.random.default_rng(1)
+    x, y = (runs.filtered(random.standard_normal((2 * runs.rows, count)), kind) for count in (3, 2))
+    nodes = [node for node in NODES if node.filter == kind]
+    together, squares = runs.products(x, y).each(nodes), runs.squares(x, nodes)
+    assert together.shape == (len(nodes), 3, 2)
+    for node, products, square in zip(nodes, together, squares, strict=True):
+        assert runs.products(x, y).at(node) == pytest.approx(products, rel=1e-12)
+        assert np.diagonal(runs.products(x, x).at(node)) == pytest.approx(square, rel=1e-12)
 
 
 def test_a_factor_on_a_run_of_few_rows_is_noise_of_its_rows() -> None:
