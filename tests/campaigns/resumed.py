@@ -30,8 +30,8 @@ ROOT = Path(__file__).resolve().parents[2]
 COUNTED = Path(__file__).parent / "results" / "counted"
 SOURCES = (
     "host_tools/terrapin_tools/workbench/**/*.py",
-    "hil/terrapin_hil/physics/*.py",
-    "hil/terrapin_hil/physics/effects/*.py",
+    "hil/terrapin_hil/physics/**/*.py",
+    "hil/terrapin_hil/**/*.c",
 )
 
 
