@@ -6,9 +6,8 @@
 Each case has six runs whose inputs are drawn; its effect takes turns among those of the base, its size is drawn. Noise,
 white or AR(1) with 0.5, is drawn so that 1.5 to 5 noise sd (rms, in the loudest channel) of the effect are left where
 the model's own parameters follow. The simulation is the program's own: what is asked here is whether the search tells
-effects apart that a body carries on through its motion. Right is the effect, alone or as one of at most four rivals;
-a case that is refused is wrong.
-A rerun goes on where the last one stopped.
+effects apart that a body carries on through its motion. Right is the effect, alone or in a tie of at
+most four (ties.py); a case that is refused is wrong. A rerun goes on where the last one stopped.
 """
 
 from __future__ import annotations
@@ -29,6 +28,7 @@ from terrapin_tools.workbench.compare.comparison import error, fitted_on
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from tests.campaigns.drawn import noise
 from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
+from tests.campaigns.ties import distances, is_tie, rivals, told
 
 __all__ = ["BODIES", "Body", "draw", "one", "right", "table"]
 
@@ -52,6 +52,16 @@ class Body:
     rows: int
     settings: Mapping[str, tuple[str, Range]]
     known: Mapping[str, float]  # parameters that the case states
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A case and its truth: the effect that it lacks, what is measured without noise (rows,), and the noise's sd."""
+
+    case: Case
+    effect: str
+    true: Mapping[str, Array]
+    sigma: Mapping[str, float]
 
 
 WAVE = (0.0, 6.28)
@@ -129,8 +139,8 @@ def _driven(name: str, clock: Array, random: Random) -> Array:
     return np.asarray(np.interp(clock, knots, [0.0, *random.uniform(200.0, 1500.0, 4)]))
 
 
-def draw(base: str, number: int, seed: int, folder: Path) -> tuple[Case, str]:
-    """A case in a folder, and the effect that it lacks."""
+def draw(base: str, number: int, seed: int, folder: Path) -> Drawn:
+    """A case in a folder, and its truth."""
     body, random = BODIES[base], np.random.default_rng([seed, list(BODIES).index(base), number])
     effect = list(body.effects)[number % len(body.effects)]
     clock = body.step * np.arange(body.rows, dtype=np.float64)
@@ -155,9 +165,11 @@ def draw(base: str, number: int, seed: int, folder: Path) -> tuple[Case, str]:
     times = left / random.uniform(*SEEN)
     sigma = {c: times * sd for c, sd in rough.items()}
     rho = float(random.choice([0.0, 0.5]))
+    true = {c: table[c] for c in sigma}
     for c, sd in sigma.items():
         table[c] = table[c] + sd * noise(np.repeat(np.arange(RUNS), body.rows), rho, random)
-    return _written(folder, base, table, theta, sigma if random.random() < 0.5 else {}), effect
+    case = _written(folder, base, table, theta, sigma if random.random() < 0.5 else {})
+    return Drawn(case, effect, true, sigma)
 
 
 def _left(case: Case) -> float:
@@ -194,14 +206,14 @@ def _written(
 
 
 def right(found: Discovery, effect: str) -> bool:
-    told = found.rivals or ((found.missing,) if found.missing else ())
-    return len(told) <= MOST_RIVALS + 1 and (effect,) in told
+    return len(told(found)) <= MOST_RIVALS + 1 and (effect,) in told(found)
 
 
 def one(base: str, number: int, seed: int) -> Record:
     """Make and answer one case."""
     with tempfile.TemporaryDirectory() as place:
-        case, effect = draw(base, number, seed, Path(place) / "case")
+        drawn = draw(base, number, seed, Path(place) / "case")
+        case, effect = drawn.case, drawn.effect
         begin = time.perf_counter()
         try:
             found = discover(case, seed=number)
@@ -210,13 +222,18 @@ def one(base: str, number: int, seed: int) -> Record:
             return {**answer, "why": str(error), "errors": [], "seconds": round(time.perf_counter() - begin, 1)}
         seconds = time.perf_counter() - begin
     texts = {name: f"{e.target}: {e.expression}" for name, e in found.ranking.expressions.items()}
-    told = found.rivals or ((found.missing,) if found.missing else ())
+    channels = found.analysis.fit.model.channels
+    true, sigma = (np.array([known[c] for c in channels]) for known in (drawn.true, drawn.sigma))
+    apart = distances(found, case.inputs, true, sigma)
+    named = right(found, effect)
     return {
         "truth": effect,
         "verdict": found.verdict,
         "probability": found.answer_probability,
-        "told": [[texts.get(name, name) for name in names] for names in told],
-        "right": right(found, effect),
+        "told": [[texts.get(name, name) for name in names] for names in told(found)],
+        "named": named,
+        "distances": apart,
+        "right": named and is_tie(apart),
         "errors": [round(found.ladder[0].train_error, 3), round(found.ladder[-1].train_error, 3)],
         "seconds": round(seconds, 1),
     }
@@ -224,12 +241,12 @@ def one(base: str, number: int, seed: int) -> Record:
 
 def table(records: list[Record]) -> str:
     """Rates by base, the worst first; below them what was said instead."""
-    lines = [f"{'base':18}{'cases':>6}{'named or tied':>24}{'above 0.9 and wrong':>24}{'seconds':>9}"]
+    lines = [f"{'base':18}{'cases':>6}{'named or tied':>24}{'above 0.9 and wrong':>24}{'rivals':>8}{'seconds':>9}"]
     of_base = {base: [r for r in records if r["family"] == base] for base in {r["family"] for r in records}}
     for base, mine in sorted(of_base.items(), key=lambda one: (sum(r["right"] for r in one[1]) / len(one[1]), one[0])):
         sure = sum(sure_and_wrong(r["verdict"], r["probability"], r["right"]) for r in mine)
         rates = rate(sum(r["right"] for r in mine), len(mine)) + rate(sure, len(mine))
-        lines.append(f"{base:18}{len(mine):6d}{rates}{np.median([r['seconds'] for r in mine]):9.1f}")
+        lines.append(f"{base:18}{len(mine):6d}{rates}{rivals(mine):8.1f}{np.median([r['seconds'] for r in mine]):9.1f}")
     for r in records:
         if not r["right"]:
             said = " | ".join(" + ".join(names) for names in r["told"]) or r.get("why", "-")
@@ -239,7 +256,7 @@ def table(records: list[Record]) -> str:
 
 def main() -> None:
     options = parser_of(__doc__, "python -m tests.campaigns.dynamic", list(BODIES), cases=20).parse_args()
-    print(table(resumed(options, str(options.seed), lambda base, number: one(base, number, options.seed))))
+    print(table(resumed(options, f"{options.seed}-ties", lambda base, number: one(base, number, options.seed))))
 
 
 if __name__ == "__main__":

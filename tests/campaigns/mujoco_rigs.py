@@ -5,8 +5,9 @@
 
 A shaft (or a cart) is driven along slow random motions, and the torque (force) of its drive is recorded with noise,
 beside position, speed and acceleration. The user's model of base `equation` lacks one feature of the rig. Noise is
-drawn so that 1.5 to 5 noise sd of the feature are left where the model's own parameters follow. Results are lines of
-JSON; a rerun goes on where the last one stopped. The table puts the worst feature first.
+drawn so that 1.5 to 5 noise sd of the feature are left where the model's own parameters follow. Right is the feature,
+alone or in a tie with at most three more (ties.py). Results are lines of JSON; a rerun goes on where the last one
+stopped. The table puts the worst feature first.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
+from tests.campaigns.ties import distances, is_tie, rivals
 
 __all__ = ["FEATURES", "Drawn", "Feature", "draw", "one", "right", "table"]
 
@@ -77,6 +79,8 @@ class Drawn:
     folder: Path
     values: Mapping[str, float]  # of the rig
     left: float  # rms of what is missing, in noise sd, beyond the model's own parameters
+    torque: Array  # of the drive, without noise (rows,)
+    noise: float  # its sd
 
 
 def _rig(feature: Feature, own: Mapping[str, float]) -> str:
@@ -148,7 +152,8 @@ def draw(name: str, number: int, seed: int, folder: Path) -> Drawn:
     rms = float(np.sqrt(np.mean(left * left)))
     size = float(random.uniform(*SEEN))
     noise = rms / size
-    table["torque"] = table["torque"] + noise * random.standard_normal(len(lacking))
+    torque = table["torque"]
+    table["torque"] = torque + noise * random.standard_normal(len(lacking))
     rows = len(runs[0]["q"])
     folder.mkdir(parents=True, exist_ok=True)
     names = [f"r{n:02d}" for n in np.repeat(np.arange(RUNS), rows)]
@@ -158,7 +163,7 @@ def draw(name: str, number: int, seed: int, folder: Path) -> Drawn:
     ]
     (folder / "rows.csv").write_text("\n".join([",".join(["run", *table]), *lines]) + "\n", encoding="utf-8")
     (folder / "case.toml").write_text(_case(feature, known), encoding="utf-8")
-    return Drawn(feature, folder, own, size)
+    return Drawn(feature, folder, own, size, torque, noise)
 
 
 def _case(feature: Feature, known: Mapping[str, float]) -> str:
@@ -202,11 +207,16 @@ def one(name: str, number: int, seed: int) -> Record:
     """Make and answer one case."""
     with tempfile.TemporaryDirectory() as place:
         drawn = draw(name, number, seed, Path(place) / "case")
-        found = discover(load_case(drawn.folder), seed=number)
+        case = load_case(drawn.folder)
+        found = discover(case, seed=number)
+    apart = distances(found, case.inputs, drawn.torque[None], np.array([drawn.noise]))
     texts = {c.effect.name: c.effect.expression for c in found.candidates if c.kind == "expression"}
-    good = right(drawn.feature, found)
+    named = right(drawn.feature, found)
+    good = named and is_tie(apart, exact=False)
     return {
         "left": round(drawn.left, 2),
+        "named": named,
+        "distances": apart,
         "right": good,
         "verdict": found.verdict,
         "said": [[texts.get(n, n) for n in names] for names in found.rivals or [found.missing]],
@@ -219,13 +229,14 @@ def one(name: str, number: int, seed: int) -> Record:
 
 def table(records: list[Record]) -> str:
     """Rates by feature with 95 % limits, the worst first, and what was said where it was not right."""
-    lines = [f"{'feature':16}{'cases':>6}{'right or tied':>24}{'above 0.9 and wrong':>24}"]
+    lines = [f"{'feature':16}{'cases':>6}{'right or tied':>24}{'above 0.9 and wrong':>24}{'rivals':>8}"]
     mean = {n: np.mean([r["right"] for r in records if r["family"] == n]) for n in {r["family"] for r in records}}
     names = sorted(mean, key=lambda n: (mean[n], n))
     for name in [*names, "all"]:
         mine = [r for r in records if name in (r["family"], "all")]
         hits = [sum(r["right"] for r in mine), sum(r["wrong and sure"] for r in mine)]
-        lines.append(f"{name:16}{len(mine):6d}" + "".join(rate(count, len(mine)) for count in hits))
+        rates = "".join(rate(count, len(mine)) for count in hits)
+        lines.append(f"{name:16}{len(mine):6d}{rates}{rivals(mine):8.1f}")
         if name != "all":
             for r in mine:
                 if not r["right"]:
@@ -236,7 +247,7 @@ def table(records: list[Record]) -> str:
 
 def main() -> None:
     options = parser_of(__doc__, "python -m tests.campaigns.mujoco_rigs", FEATURES, cases=5).parse_args()
-    print(table(resumed(options, str(options.seed), lambda name, number: one(name, number, options.seed))))
+    print(table(resumed(options, f"{options.seed}-ties", lambda name, number: one(name, number, options.seed))))
 
 
 if __name__ == "__main__":

@@ -5,8 +5,9 @@
     python -m tests.campaigns.noises --part 1/4                    a quarter of the cases; parts merge
 
 A case of rolling_steady is drawn as in discovery_cases.py; the noise that stands in it is replaced by that of a family
-below. None of them knows the nodes of the engine's noise model. Results are lines of JSON, one file a setting; a rerun
-goes on where the last one stopped. The table puts the worst family first.
+below. None of them knows the nodes of the engine's noise model. Right is no alarm where nothing is missing, else the
+effect, alone or in a tie (ties.py). Results are lines of JSON, one file a setting; a rerun goes on where the last one
+stopped. The table puts the worst family first.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.discover.discovery import discover
 from tests.campaigns.discovery_cases import ROLLING, Made, make, without_noise
 from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
+from tests.campaigns.ties import distances, is_tie, rivals, told
 
 __all__ = ["FAMILIES", "disturbed"]
 
@@ -127,7 +129,9 @@ def one(family: str, number: int, size: float, runs: int, seed: int) -> Record:
         hidden = (str(random.choice(ROLLING)),) if size else ()
         made = make("rolling_steady", hidden, runs, 0.0, size or 1.0, random)
     found = discover(disturbed(made, family, random), seed=number)
-    named = [set(found.missing), *(set(r) for r in found.rivals)]
+    model, true = without_noise(made)
+    apart = distances(found, made.case.inputs, true, np.array([made.sigma[c] for c in model.channels])) if size else []
+    named = set(made.truth) in map(set, told(found))
     return {
         "truth": list(made.truth),
         "alarm": found.analysis.missing,
@@ -135,7 +139,8 @@ def one(family: str, number: int, size: float, runs: int, seed: int) -> Record:
         "missing": list(found.missing),
         "rivals": [list(r) for r in found.rivals],
         "probability": found.answer_probability,
-        "right": set(made.truth) in named if size else not found.analysis.missing,
+        "right": named and is_tie(apart) if size else not found.analysis.missing,
+        **({"named": named, "distances": apart} if size else {}),
         "noise": found.analysis.noise.node.words(),
         "odd": int(found.analysis.odd.sum()),
     }
@@ -143,7 +148,7 @@ def one(family: str, number: int, size: float, runs: int, seed: int) -> Record:
 
 def table(records: list[Record]) -> str:
     """Rates by family, the worst first; 95 % limits."""
-    lines = [f"{'family':12}{'cases':>6}{'alarm':>24}{'right or tied':>24}{'above 0.9 and wrong':>24}"]
+    lines = [f"{'family':12}{'cases':>6}{'alarm':>24}{'right or tied':>24}{'above 0.9 and wrong':>24}{'rivals':>8}"]
     families = sorted(
         {r["family"] for r in records}, key=lambda f: np.mean([r["right"] for r in records if r["family"] == f])
     )
@@ -151,7 +156,8 @@ def table(records: list[Record]) -> str:
         mine = [r for r in records if r["family"] == family]
         sure = [sure_and_wrong(r["verdict"], r["probability"], r["right"]) for r in mine]
         hits = [sum(r["alarm"] for r in mine), sum(r["right"] for r in mine), sum(sure)]
-        lines.append(f"{family:12}{len(mine):6d}" + "".join(rate(count, len(mine)) for count in hits))
+        rates = "".join(rate(count, len(mine)) for count in hits)
+        lines.append(f"{family:12}{len(mine):6d}{rates}{rivals(mine):8.1f}")
     return "\n".join(lines)
 
 
@@ -162,7 +168,7 @@ def main() -> None:
     )
     parser.add_argument("--runs", type=int, default=14)
     options = parser.parse_args()
-    setting = f"{options.size:g}-{options.runs}-{options.seed}"
+    setting = f"{options.size:g}-{options.runs}-{options.seed}{'-ties' if options.size else ''}"
     make = lambda family, number: one(family, number, options.size, options.runs, options.seed)  # noqa: E731
     print(table(resumed(options, setting, make)))
 

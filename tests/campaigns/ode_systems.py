@@ -5,9 +5,9 @@
     python -m tests.campaigns.ode_systems --part 1/4                        a quarter of the cases; parts merge
 
 The truth is integrated by SciPy (DOP853), which shares nothing with the program's own integrator. An answer is right
-where a set that it names, alone or among rivals, is one term that acts on the right derivative and is the same function
-there: its values along the true motion lie within 0.99 (cosine) of the true term's. Systems take turns by the number of
-the case. A rerun goes on where the last one stopped.
+where a set that it names, alone or in a tie (ties.py), is one term that acts on the right derivative and is the same
+function there: its values along the true motion lie within 0.99 (cosine) of the true term's. Systems take turns by the
+number of the case. A rerun goes on where the last one stopped.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
+from tests.campaigns.ties import distances, is_tie, rivals, told
 
 __all__ = ["KINDS", "SYSTEMS", "Drawn", "System", "draw", "one", "right", "table"]
 
@@ -186,16 +187,15 @@ def right(drawn: Drawn, found: Discovery) -> bool:
     """Whether the term is named, alone or among rivals."""
     if found.verdict not in ("missing", "ambiguous"):
         return False
-    sets = found.rivals if found.rivals else (found.missing,)
     cards = {card.effect.name: card for card in found.candidates}
-    for names in sets:
+    for names in told(found):
         if len(names) != 1 or names[0] not in cards:
             continue
         card = cards[names[0]]
         own = {f.name: float(v) for f, v in zip(card.fit.model.fitted, card.fit.theta, strict=True) if f.effect}
-        told = parse(card.effect.expression).evaluate({**drawn.names, **own})
-        told = np.broadcast_to(told, drawn.term.shape)
-        cosine = abs(float(told @ drawn.term)) / max(np.linalg.norm(told) * np.linalg.norm(drawn.term), 1e-300)
+        named = parse(card.effect.expression).evaluate({**drawn.names, **own})
+        named = np.broadcast_to(named, drawn.term.shape)
+        cosine = abs(float(named @ drawn.term)) / max(np.linalg.norm(named) * np.linalg.norm(drawn.term), 1e-300)
         if card.effect.target == f"derivative.{drawn.system.term[0]}" and cosine >= SAME:
             return True
     return False
@@ -206,10 +206,13 @@ def one(kind: str, number: int, seed: int, runs: int = 10, rows: int = 1000) -> 
     with tempfile.TemporaryDirectory() as place:
         drawn = draw(SEEDS * seed + number, Path(place) / "case", runs, rows, complete=kind == "complete")
         begin = time.perf_counter()
-        found = discover(load_case(drawn.folder))
+        case = load_case(drawn.folder)
+        found = discover(case)
         seconds = time.perf_counter() - begin
+    true = np.array([drawn.names[c] for c in drawn.system.measured])
+    apart = distances(found, case.inputs, true, drawn.noise * true.std(axis=1)) if found.rivals else []
+    named = right(drawn, found)
     cards = {card.effect.name: f"{card.effect.target}: {card.effect.expression}" for card in found.candidates}
-    told = found.rivals or ((found.missing,) if found.missing else ())
     sd = found.analysis.noise.sigma / [drawn.noise * drawn.names[c].std() for c in drawn.system.measured]
     return {
         "system": drawn.system.name,
@@ -217,9 +220,11 @@ def one(kind: str, number: int, seed: int, runs: int = 10, rows: int = 1000) -> 
         "noise": drawn.noise,
         "verdict": found.verdict,
         "probability": found.answer_probability,
-        "told": [[cards.get(name, name) for name in names] for names in told],
+        "told": [[cards.get(name, name) for name in names] for names in told(found)],
+        "named": named,
+        "distances": apart,
         "likeliest": next(iter(cards.values()), ""),
-        "right": found.verdict == "adequate" if kind == "complete" else right(drawn, found),
+        "right": found.verdict == "adequate" if kind == "complete" else named and is_tie(apart, exact=False),
         "errors": [round(found.ladder[0].train_error, 3), round(found.ladder[-1].train_error, 3)],
         "sd_over_true": np.round(sd, 3).tolist(),
         "seconds": round(seconds, 1),
@@ -240,10 +245,9 @@ def table(records: list[Record]) -> str:
         worst = sorted(systems.items(), key=lambda item: (sum(r["right"] for r in item[1]) / len(item[1]), item[0]))
         for name, part in (("all", mine), *worst):
             sure = sum(sure_and_wrong(r["verdict"], r["probability"], r["right"]) for r in part)
-            rivals = np.mean([max(len(r["told"]) - 1, 0) for r in part])
             seconds = np.median([r["seconds"] for r in part])
             rates = rate(sum(r["right"] for r in part), len(part)) + rate(sure, len(part))
-            lines.append(f"{name:32}{len(part):6d}{rates}{rivals:8.1f}{seconds:9.1f}")
+            lines.append(f"{name:32}{len(part):6d}{rates}{rivals(part):8.1f}{seconds:9.1f}")
         for r in sorted((r for r in mine if not r["right"]), key=lambda r: r["system"]):
             said = " | ".join(" + ".join(names) for names in r["told"]) or f"- (likeliest {r['likeliest']})"
             lines.append(
@@ -259,7 +263,7 @@ def main() -> None:
     parser.add_argument("--rows", type=int, default=1000, help="of each run; 1000")
     options = parser.parse_args()
     make = lambda kind, number: one(kind, number, options.seed, options.runs, options.rows)  # noqa: E731
-    print(table(resumed(options, f"{options.runs}-{options.rows}-{options.seed}", make)))
+    print(table(resumed(options, f"{options.runs}-{options.rows}-{options.seed}-ties", make)))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@
 Cases are drawn as in discovery_cases.py. `constant`: a stated number is off by 5 to 50 %. `scale`: a column stands in a
 unit that it is not said to have. `sign`: a column lost its sign, or is turned round. `sound`: nothing is wrong, one
 effect of 2 noise sd is missing. What the fitted parameters take up whole is no case and is drawn again. Right is the
-wrong statement as the answer, or among those that it cannot be told from. A rerun goes on where the last one stopped.
+wrong statement as the answer, or in a tie (ties.py). A rerun goes on where the last one stopped.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.model.table_faults import at_fault
 from tests.campaigns.discovery_cases import ROLLING, make, unreached, without_noise
 from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
+from tests.campaigns.ties import distances, is_tie, rivals, told
 
 __all__ = ["KINDS", "one", "spoilt"]
 
@@ -71,20 +72,20 @@ def one(base: str, kind: str, number: int, seed: int) -> Record:
         made = make(base, hidden, RUNS, 0.0, 2.0, random)
         if made is None:
             continue
-        if kind == "sound":
-            case, truth = made.case, hidden[0]
-            found = discover(case, seed=number)
-            break
         model, true = without_noise(made)
-        clean = replace(made.case, channels=dict(zip(model.channels, true, strict=True)))
+        clean = replace(made.case, channels=dict(zip(model.channels, true, strict=True)), sigma=dict(made.sigma))
+        case, truth = made.case, "".join(hidden)
+        if kind == "sound":
+            break
         clean = spoilt(clean, kind, deepcopy(random))[0]
         case, truth = spoilt(made.case, kind, random)
         fitted = analyse(case, number)
-        true = np.array([clean.channels[c] for c in model.channels])
-        if unreached(fitted, true, fitted.noise.sigma) > SHOWS:
-            found = discover(case, seed=number)
+        if unreached(fitted, np.array([clean.channels[c] for c in model.channels]), fitted.noise.sigma) > SHOWS:
             break
-    told = [list(found.missing), *map(list, found.rivals)] if found.missing else []
+    found = discover(case, seed=number)
+    true, sigma = (np.array([known[c] for c in model.channels]) for known in (clean.channels, clean.sigma))
+    apart = distances(found, clean.inputs, true, sigma)
+    wrong = any((name,) in told(found) for name in (truth, SAME.get(truth, truth)))
     faulty = any(named(name) or at_fault(name) for name in found.missing)
     return {
         "truth": truth,
@@ -92,19 +93,25 @@ def one(base: str, kind: str, number: int, seed: int) -> Record:
         "missing": list(found.missing),
         "rivals": [list(r) for r in found.rivals],
         "probability": found.answer_probability,
-        "right": [truth] in told or [SAME.get(truth, truth)] in told,
+        "named": wrong,
+        "distances": apart,
+        "right": wrong and is_tie(apart),
         "blamed": faulty and kind == "sound",
     }
 
 
 def table(records: list[Record]) -> str:
     """Rates by kind, the worst first."""
-    lines = [f"{'kind':10}{'cases':>6}{'named or tied':>24}{'blamed though sound':>24}{'above 0.9 and wrong':>24}"]
+    lines = [
+        f"{'kind':10}{'cases':>6}{'named or tied':>24}{'blamed though sound':>24}{'above 0.9 and wrong':>24}"
+        f"{'rivals':>8}"
+    ]
     of_kind = {kind: [r for r in records if r["family"] == kind] for kind in {r["family"] for r in records}}
     for kind, mine in sorted(of_kind.items(), key=lambda one: (sum(r["right"] for r in one[1]) / len(one[1]), one[0])):
         sure = [sure_and_wrong(r["verdict"], r["probability"], r["right"]) for r in mine]
         hits = [sum(r["right"] for r in mine), sum(r["blamed"] for r in mine), sum(sure)]
-        lines.append(f"{kind:10}{len(mine):6d}" + "".join(rate(count, len(mine)) for count in hits))
+        rates = "".join(rate(count, len(mine)) for count in hits)
+        lines.append(f"{kind:10}{len(mine):6d}{rates}{rivals(mine):8.1f}")
     return "\n".join(lines)
 
 
@@ -113,7 +120,7 @@ def main() -> None:
     parser.add_argument("--base", default="rolling_steady", help="base model of the cases; rolling_steady")
     options = parser.parse_args()
     make = lambda kind, number: one(options.base, kind, number, options.seed)  # noqa: E731
-    print(table(resumed(options, f"{options.base}-{options.seed}", make)))
+    print(table(resumed(options, f"{options.base}-{options.seed}-ties", make)))
 
 
 if __name__ == "__main__":

@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 
 from terrapin_tools.workbench.compare.comparison import analyse, error, fitted_on
+from terrapin_tools.workbench.model.fitting import fit_model
 from terrapin_tools.workbench.model.model import Model
-from tests.campaigns import dynamic, later_rounds, ode_systems
+from tests.campaigns import dynamic, later_rounds, ode_systems, statements
 from tests.campaigns.resumed import Record, engine, keep, resumed
+from tests.campaigns.ties import ADMISSIBLE, is_tie, rivals
 
 
 def test_a_car_whose_wheels_dig_in_at_the_start_values_is_fitted_from_others(tmp_path: Path) -> None:
     """At the case's own start values, and at two more inside the bounds, no soil carries a wheel at full throttle."""
-    case, _ = dynamic.draw("vehicle", 2, 1, tmp_path / "case")
+    case = dynamic.draw("vehicle", 2, 1, tmp_path / "case").case
     model = Model.of(case)
     with np.errstate(all="ignore"):
         assert not np.isfinite(model.bind(case.inputs).predict(model.start)).all()
@@ -28,7 +30,8 @@ def test_a_car_whose_wheels_dig_in_at_the_start_values_is_fitted_from_others(tmp
 
 @pytest.mark.parametrize("base", dynamic.BODIES)
 def test_what_is_hidden_in_a_motion_shows_and_is_what_brings_the_model_to_the_noise(base: str, tmp_path: Path) -> None:
-    case, effect = dynamic.draw(base, 0, 3, tmp_path / "case")
+    drawn = dynamic.draw(base, 0, 3, tmp_path / "case")
+    case, effect = drawn.case, drawn.effect
     assert case.effects == ()
     assert effect in dynamic.BODIES[base].effects
     sigma = np.array([case.sigma[c] or np.std(case.channels[c]) for c in Model.of(case).channels], dtype=np.float64)
@@ -37,8 +40,35 @@ def test_what_is_hidden_in_a_motion_shows_and_is_what_brings_the_model_to_the_no
     assert before is not None
     assert after is not None
     assert before > 1.1 * after
-    again, _ = dynamic.draw(base, 0, 3, tmp_path / "again")
+    again = dynamic.draw(base, 0, 3, tmp_path / "again").case
     assert all(np.array_equal(case.channels[c], again.channels[c]) for c in case.channels)
+    channels = larger.model.channels
+    true, scale = (np.array([known[c] for c in channels]) for known in (drawn.true, drawn.sigma))
+    every = np.ones(case.rows, dtype=bool)
+    without, with_it = (
+        fit_model(fit.model.bind(case.inputs, every), true, scale, [fit.theta]).cost for fit in (plain, larger)
+    )
+    assert with_it < 0.1 < 100.0 < without  # what D2 is counted against, and in what
+
+
+def test_a_tie_that_the_data_tell_apart_is_wrong() -> None:
+    """Radius, gear and torque constant are one error on this rig; the friction that stands beside them is none."""
+    found = statements.one("rolling_steady", "constant", 2, 77)
+    told = dict(zip([tuple(names) for names in found["rivals"]], found["distances"], strict=True))
+    assert found["truth"] == "constant.drive_radius"
+    assert all(told[f"constant.{name}",] < 0.1 for name in ("drive_radius", "radius", "torque_constant"))
+    assert told["viscous_friction",] > ADMISSIBLE
+    assert (found["named"], found["right"]) == (True, False)
+    assert statements.table([{"family": "constant", **found}]).splitlines()[1].endswith("     3.0")
+
+
+def test_what_a_tie_is() -> None:
+    assert is_tie([400.0])  # one answer: its name says whether it is right
+    assert is_tie([0.0, 8.9])
+    assert not is_tie([0.0, 9.0])
+    assert is_tie([629.0, 637.0], exact=False)  # no set gives the data: beyond the best of them
+    assert not is_tie([629.0, 638.1], exact=False)
+    assert rivals([{"distances": [0.0, 1.0, 2.0]}, {"distances": [0.0]}, {"distances": []}, {}]) == 1.0
 
 
 def test_rounds_of_a_drawn_case_end_and_the_error_falls() -> None:

@@ -131,6 +131,8 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "steady")
     parser.add_argument("file", nargs="*", type=Path)
     options = parser.parse_args()
+    if sys.prefix == sys.base_prefix:  # minutes of builds before the first test fails
+        parser.error(f"{sys.executable} is of no virtual environment: use .venv/bin/python, which `make test` sets up")
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where a shell runs us in its background
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # as in suite.py, both
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
