@@ -32,7 +32,7 @@ from terrapin_hil.run.run import run as run_here
 from terrapin_hil.scenario.scenario import load_scenario
 from terrapin_interface.robot import find_robot, load_robot, robots
 
-PATIENCE = 240.0  # s for anything that is waited for
+PATIENCE = 900.0  # s for anything that is waited for: `terrapin demo` takes 25 s here, ten times that at a load of 14
 STATIC = paths.ROOT / "host_tools/terrapin_tools/web/static"
 PACKAGES = {"terrapin_hil", "terrapin_interface", "terrapin_tools"}
 

@@ -1,7 +1,7 @@
 """Whether the tests that wait, spawn, draw or time pass every time: again and again, beside other work.
 
     steady.py --suite [--times 3] [--workers N]               all that `make test` runs; notes which tests wait
-    steady.py [--times 20] [--workers 10]                     rounds of those, each other's load
+    steady.py [--times 20] [--workers 8]                      rounds of those, each other's load
     steady.py [--times 20] [--load 8] [--jobs N] FILE...      files of tests, beside processes that only compute
 
 Interrupted, it goes on where it was: what has run of the same sources stands in build/steady/runs.jsonl, each run with
@@ -29,7 +29,7 @@ from threading import Event, Lock, Thread
 
 from hygiene import tracked
 from steps import ROOT, TOOLS
-from suite import PYTEST
+from suite import FOLDERS, PYTEST
 
 LAST = re.compile(r"^=* ?(\d+ (?:passed|failed).*?) ?=*$", re.MULTILINE)  # pytest's closing line
 NOTHING = 5  # pytest's status where no test ran
@@ -126,7 +126,7 @@ def main() -> int:
     parser.add_argument("--times", type=int, help="20, of the suite 3")
     parser.add_argument("--load", type=int, help="processes that compute beside it: 8 beside files, else 0")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="files at a time")
-    parser.add_argument("--workers", type=int, help="of pytest: 10, of the suite as many as there are cores")
+    parser.add_argument("--workers", type=int, help="of pytest: 8, of the suite as many as there are cores")
     parser.add_argument("--suite", action="store_true", help="all that `make test` runs")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "steady")
     parser.add_argument("file", nargs="*", type=Path)
@@ -143,8 +143,11 @@ def main() -> int:
     elif options.file:
         commands = {str(path): [python, "-m", "pytest", "-q", "--durations=3", str(path)] for path in options.file}
     elif any(notes.glob("*.txt")):
-        rounds = ["-p", "tests.tools.waits", "--waits-of", str(notes), f"-n{options.workers or 10}"]
-        commands = {"waiting": [python, "-m", "pytest", *PYTEST, *rounds]}
+        from waits import noted  # and pytest with it, which a bare Python lacks
+
+        rounds = ["-p", "tests.tools.waits", "--waits-of", str(notes), f"-n{options.workers or 8}"]
+        files = sorted({name.partition("::")[0] for name in noted(notes)})  # each worker reads all that it is given
+        commands = {"waiting": [python, "-m", "pytest", *PYTEST[: -len(FOLDERS)], *rounds, *files]}
     else:
         parser.error(f"which tests wait is not known yet in {notes}: run steady.py --suite first")
     times = options.times or (3 if options.suite else 20)

@@ -20,10 +20,8 @@ from steps import LOGS, ROOT, TOOLS, Result, report, run
 
 CLOSING = r"% tests passed|^\d+: core on Cortex-M4"
 COVERED = r"firmware/core/.*\.c"
-PYTEST = [
-    "-q", "--doctest-modules", "--durations=20", "--durations-min=5", "--dist=loadfile",
-    "tests", "hil", "host_tools", "firmware/terrapin_interface",
-]  # fmt: skip
+FOLDERS = ["tests", "hil", "host_tools", "firmware/terrapin_interface"]  # that hold tests
+PYTEST = ["-q", "--doctest-modules", "--durations=20", "--durations-min=5", "--dist=loadfile", *FOLDERS]
 
 
 def probe(function: str) -> bool:
