@@ -29,6 +29,7 @@ from tests.campaigns.discovery_cases import CONTACT, ROLLING, Made, make
 from tests.campaigns.noises import FAMILIES, disturbed
 from tests.campaigns.resumed import rate, sure_and_wrong
 from tests.campaigns.statements import SAME, spoilt
+from tests.campaigns.ties import MOST_TOLD, told
 
 __all__ = ["KINDS", "answers", "judged", "seal_of"]
 
@@ -84,14 +85,14 @@ def seal_of(text: str) -> str:
 
 def judged(kind: str, truth: Sequence[str], found: Discovery) -> bool:
     """Whether the truth is named, or among at most three rivals; of nothing, whether no alarm was raised."""
-    told = [set(found.missing), *map(set, found.rivals)] if found.missing else []
+    sets = [set(names) for names in told(found)]
     if kind == "nothing":
         return not found.analysis.missing
     if kind == "mujoco":
         return mujoco_rigs.right(mujoco_rigs.FEATURES[truth[0]], found)
     wanted = {SAME.get(name, name) for name in truth}
-    few = len(found.rivals) <= mujoco_rigs.MOST_RIVALS + 1
-    return few and (set(truth) in told or wanted in told)
+    few = len(sets) <= MOST_TOLD
+    return few and (set(truth) in sets or wanted in sets)
 
 
 def run(sealed: dict[str, Any]) -> list[dict[str, Any]]:

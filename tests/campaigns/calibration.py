@@ -18,10 +18,10 @@ import numpy as np
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
-from terrapin_tools.workbench.model.fitting import fit_model
 from tests.campaigns.discovery_cases import HIDDEN, ROLLING, Made, make, unreached, without_noise
 from tests.campaigns.noises import disturbed
 from tests.campaigns.resumed import Record, parser_of, rate, resumed
+from tests.campaigns.ties import distances
 
 __all__ = ["GROUPS", "drawn", "expected_error", "fitted", "one"]
 
@@ -71,13 +71,6 @@ def drawn(group: str, number: int, seed: int) -> tuple[Made, Case, str]:
     return made, disturbed(made, family, random), family
 
 
-def _away(made: Made, found: Discovery, true: Array, sigma: Array) -> float:
-    """What the named set, fitted to the case without its noise, leaves of it: D2 (docs/campaigns.md)."""
-    fit = found.ladder[-1].fit
-    bound = fit.model.bind(made.case.inputs, np.ones(made.case.rows, dtype=bool))
-    return fit_model(bound, true, sigma, [fit.theta]).cost
-
-
 def one(group: str, number: int, seed: int) -> Record:
     """Make and answer one case."""
     kind = KINDS[number % len(KINDS)]
@@ -86,7 +79,7 @@ def one(group: str, number: int, seed: int) -> Record:
     model, true = without_noise(made)
     sigma = np.array([made.sigma[c] for c in model.channels])
     left = unreached(found.analysis, true, sigma) if made.truth or made.column else 0.0
-    away = _away(made, found, true, sigma) if found.missing else left
+    away = distances(found, made.case.inputs, true, sigma)[0] if found.missing else left
     return {
         "kind": kind,
         "noise": family,

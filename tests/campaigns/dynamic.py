@@ -6,8 +6,8 @@
 Each case has six runs whose inputs are drawn; its effect takes turns among those of the base, its size is drawn. Noise,
 white or AR(1) with 0.5, is drawn so that 1.5 to 5 noise sd (rms, in the loudest channel) of the effect are left where
 the model's own parameters follow. The simulation is the program's own: what is asked here is whether the search tells
-effects apart that a body carries on through its motion. Right is the effect, alone or in a tie of at
-most four (ties.py); a case that is refused is wrong. A rerun goes on where the last one stopped.
+effects apart that a body carries on through its motion. Right is the effect, alone or in a tie of at most four
+(ties.py); a case that is refused is wrong. A rerun goes on where the last one stopped.
 """
 
 from __future__ import annotations
@@ -28,13 +28,12 @@ from terrapin_tools.workbench.compare.comparison import error, fitted_on
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from tests.campaigns.drawn import noise
 from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
-from tests.campaigns.ties import distances, is_tie, rivals, told
+from tests.campaigns.ties import MOST_TOLD, distances, is_tie, rivals, told
 
 __all__ = ["BODIES", "Body", "draw", "one", "right", "table"]
 
 RUNS = 6
 SEEN = (1.5, 5.0)  # noise sd (rms) of the effect beyond the model's own parameters
-MOST_RIVALS = 3
 Random = np.random.Generator
 Range = tuple[float, float]
 
@@ -206,7 +205,7 @@ def _written(
 
 
 def right(found: Discovery, effect: str) -> bool:
-    return len(told(found)) <= MOST_RIVALS + 1 and (effect,) in told(found)
+    return len(told(found)) <= MOST_TOLD and (effect,) in told(found)
 
 
 def one(base: str, number: int, seed: int) -> Record:

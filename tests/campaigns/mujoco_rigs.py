@@ -24,13 +24,12 @@ from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
-from tests.campaigns.ties import distances, is_tie, rivals
+from tests.campaigns.ties import MOST_TOLD, distances, is_tie, rivals, told
 
 __all__ = ["FEATURES", "Drawn", "Feature", "draw", "one", "right", "table"]
 
 RUNS, SECONDS, STEP, EVERY = 10, 4.0, 0.002, 20  # a row each 40 ms
 SEEN = (1.5, 5.0)  # noise sd (rms) of what is missing, beyond the model's own parameters
-MOST_RIVALS = 3
 
 
 @dataclass(frozen=True)
@@ -192,8 +191,8 @@ torque = {{ column = "torque", unit = "{force}" }}
 
 def right(feature: Feature, found: Discovery) -> bool:
     """Whether the feature is named, alone or as one of few rivals."""
-    sets = found.rivals or ((found.missing,) if found.missing else ())
-    return len(sets) <= MOST_RIVALS + 1 and any(_is_it(feature, found, one) for one in sets)
+    sets = told(found)
+    return len(sets) <= MOST_TOLD and any(_is_it(feature, found, one) for one in sets)
 
 
 def _is_it(feature: Feature, found: Discovery, names: tuple[str, ...]) -> bool:

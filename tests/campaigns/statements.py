@@ -85,7 +85,7 @@ def one(base: str, kind: str, number: int, seed: int) -> Record:
     found = discover(case, seed=number)
     true, sigma = (np.array([known[c] for c in model.channels]) for known in (clean.channels, clean.sigma))
     apart = distances(found, clean.inputs, true, sigma)
-    wrong = any((name,) in told(found) for name in (truth, SAME.get(truth, truth)))
+    hit = any((name,) in told(found) for name in (truth, SAME.get(truth, truth)))
     faulty = any(named(name) or at_fault(name) for name in found.missing)
     return {
         "truth": truth,
@@ -93,9 +93,9 @@ def one(base: str, kind: str, number: int, seed: int) -> Record:
         "missing": list(found.missing),
         "rivals": [list(r) for r in found.rivals],
         "probability": found.answer_probability,
-        "named": wrong,
+        "named": hit,
         "distances": apart,
-        "right": wrong and is_tie(apart),
+        "right": hit and is_tie(apart),
         "blamed": faulty and kind == "sound",
     }
 

@@ -17,9 +17,10 @@ from terrapin_tools.workbench.discover.discovery import Discovery
 from terrapin_tools.workbench.model.fitting import fit_model
 from tests.campaigns.resumed import Record
 
-__all__ = ["ADMISSIBLE", "distances", "is_tie", "rivals", "told"]
+__all__ = ["ADMISSIBLE", "MOST_TOLD", "distances", "is_tie", "rivals", "told"]
 
 ADMISSIBLE = 9.0  # squared, in noise sd
+MOST_TOLD = 4  # sets of an answer that still is one, where a campaign bounds them
 
 
 def told(found: Discovery) -> tuple[tuple[str, ...], ...]:

@@ -29,7 +29,7 @@ from threading import Event, Lock, Thread
 
 from hygiene import tracked
 from steps import ROOT, TOOLS
-from suite import FOLDERS, PYTEST
+from suite import PYTEST
 
 LAST = re.compile(r"^=* ?(\d+ (?:passed|failed).*?) ?=*$", re.MULTILINE)  # pytest's closing line
 NOTHING = 5  # pytest's status where no test ran
@@ -147,7 +147,7 @@ def main() -> int:
 
         rounds = ["-p", "tests.tools.waits", "--waits-of", str(notes), f"-n{options.workers or 8}"]
         files = sorted({name.partition("::")[0] for name in noted(notes)})  # each worker reads all that it is given
-        commands = {"waiting": [python, "-m", "pytest", *PYTEST[: -len(FOLDERS)], *rounds, *files]}
+        commands = {"waiting": [python, "-m", "pytest", *PYTEST, *rounds, *files]}
     else:
         parser.error(f"which tests wait is not known yet in {notes}: run steady.py --suite first")
     times = options.times or (3 if options.suite else 20)

@@ -21,7 +21,7 @@ from steps import LOGS, ROOT, TOOLS, Result, report, run
 CLOSING = r"% tests passed|^\d+: core on Cortex-M4"
 COVERED = r"firmware/core/.*\.c"
 FOLDERS = ["tests", "hil", "host_tools", "firmware/terrapin_interface"]  # that hold tests
-PYTEST = ["-q", "--doctest-modules", "--durations=20", "--durations-min=5", "--dist=loadfile", *FOLDERS]
+PYTEST = ["-q", "--doctest-modules", "--durations=20", "--durations-min=5", "--dist=loadfile"]
 
 
 def probe(function: str) -> bool:
@@ -90,7 +90,7 @@ def pytest(workers: int, waits: Path | None) -> tuple[Result, list[str], dict[st
     start = time.monotonic()
     junit = ROOT / LOGS / "pytest.xml"
     noting = ["-p", "tests.tools.waits", "--waits-to", str(waits)] if waits else []
-    command = [str(TOOLS / "python"), "-m", "pytest", *PYTEST, f"-n{workers}", f"--junitxml={junit}", *noting]
+    command = [str(TOOLS / "python"), "-m", "pytest", *PYTEST, *FOLDERS, f"-n{workers}", f"--junitxml={junit}", *noting]
     status = subprocess.run(command, cwd=ROOT, check=False, stdin=subprocess.DEVNULL).returncode
     skipped = []
     examples = {"examples_ran": 0, "examples_hardware": 0}
