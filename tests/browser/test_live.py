@@ -78,6 +78,27 @@ def test_full_bus_is_counted_and_recorded(page: Page, server: Server) -> None:
     assert serious(page) == []
 
 
+def test_live_left_while_it_connects_and_shown_again(page: Page) -> None:
+    """Nobody is told of it (the page's console stays empty), nothing goes on behind the page, and Live works again."""
+    page.evaluate(
+        """() => {
+            let sockets = 0;
+            window.WebSocket = class extends window.WebSocket {
+                constructor(...all) {
+                    super(...all);
+                    const name = `socket${++sockets}`;
+                    for (const event of ['open', 'close'])
+                        this.addEventListener(event, () => { document.documentElement.dataset[name] = event; });
+                    if (sockets === 1) location.hash = '#workbench'; // before it can be open
+                }
+            };
+        }"""
+    )
+    for socket, event in (("socket1", "close"), ("socket2", "open")):
+        page.get_by_role("link", name="Live").click()
+        expect(page.locator("html")).to_have_attribute(f"data-{socket}", event)
+
+
 def test_all_controllers_on_a_bus_and_one_of_them(page: Page, server: Server) -> None:
     """A log of two nodes: a row for each, and a button that watches the other one."""
     message = interface().messages["MOTION"]

@@ -48,7 +48,7 @@ export class Telemetry {
 
   close() {
     this.shown = false;
-    this.socket?.close();
+    if (this.socket?.readyState === 1) this.socket.close(); // one that still connects closes when it is open: else the browser warns
   }
 
   connect() {
@@ -57,7 +57,7 @@ export class Telemetry {
     const socket = new WebSocket(`${scheme}://${location.host}/api/live/socket${token ? `?token=${encodeURIComponent(token)}` : ''}`);
     this.socket = socket;
     socket.binaryType = 'arraybuffer';
-    socket.onopen = () => { this.wait = 500; };
+    socket.onopen = () => { this.wait = 500; if (!this.shown) socket.close(); };
     socket.onmessage = (message) => {
       if (typeof message.data !== 'string') { this.picture(message.data); return; }
       /** @type {Hello | Status} */
