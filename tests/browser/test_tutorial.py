@@ -5,6 +5,7 @@ against those of docs/pictures (fonts differ from machine to machine). TERRAPIN_
 from __future__ import annotations
 
 import os
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,9 @@ TAKEN = ROOT / "build" / "pictures"
 LOOSE = 10.0  # of 255: mean difference of two pictures made small; another layout or theme differs by 20 and more
 
 
-def small(path: Path) -> npt.NDArray[np.float64]:
+def small(image: Path | BytesIO) -> npt.NDArray[np.float64]:
     """The picture in grey, 64 x 40."""
-    with Image.open(path) as picture:
+    with Image.open(image) as picture:
         assert picture.size == (1280, 800)
         return np.asarray(picture.convert("L").resize((64, 40), Image.Resampling.BOX), dtype=np.float64)
 
@@ -32,12 +33,13 @@ def picture(page: Page, name: str) -> None:
     TAKEN.mkdir(parents=True, exist_ok=True)
     path = TAKEN / f"{name}.png"
     page.mouse.move(0, 0)
-    page.screenshot(path=str(path), animations="disabled", caret="hide")
+    image = BytesIO(page.screenshot(animations="disabled", caret="hide"))
+    path.write_bytes(image.getvalue())  # to look at: another run in this tree may write there, too
     if os.environ.get("TERRAPIN_PICTURES") == "renew":
         KEPT.mkdir(parents=True, exist_ok=True)
-        with Image.open(path) as taken:  # a palette is enough for a page, and a third of the bytes
+        with Image.open(image) as taken:  # a palette is enough for a page, and a third of the bytes
             taken.convert("RGB").quantize(128, dither=Image.Dither.NONE).save(KEPT / f"{name}.png", optimize=True)
-    difference = float(np.abs(small(path) - small(KEPT / f"{name}.png")).mean())
+    difference = float(np.abs(small(image) - small(KEPT / f"{name}.png")).mean())
     assert difference < LOOSE, f"{path} differs by {difference:.1f} of 255 from docs/pictures/{name}.png"
 
 
