@@ -76,11 +76,6 @@ class Signal:
     ceiling: bool = False  # what is beyond maximum, or floor, is held there and is no saturation
 
     @property
-    def lowest(self) -> int:
-        """Smallest raw value that the bits can say."""
-        return _ends(self.length, self.signed)[0]
-
-    @property
     def floor(self) -> int:
         """Smallest raw value that a ceiling lets through: as far from 0 as the largest, where the range has that."""
         return max(self.minimum, -self.maximum)

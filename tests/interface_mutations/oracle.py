@@ -294,6 +294,29 @@ def _tables(r: Reference, library: ctypes.CDLL) -> None:
         _need(guarded == bool(e.get("protects")), f"parameter {name}: protected {guarded}")
         wanted = fnv(name, e.get("unit", ""), float(e.get("scale", 1.0)))
         _need(hashes[index] == wanted, f"parameter {name}: hash {hashes[index]:#x}")
+    if table:
+        _all_parameters(list(table.values()), library)
+
+
+def _all_parameters(entries: list[dict[str, int]], library: ctypes.CDLL) -> None:
+    """All defaults at once, and which values are in range: nothing beside them is written or read."""
+    library.terrapin_parameters_in_range.restype = ctypes.c_bool
+    for beside in (-(2**31), 2**31 - 1):  # before and after the values
+        array = ctypes.c_int32 * (len(entries) + 2)
+        values = array(*[beside] * len(array()))
+        inner = ctypes.byref(values, ctypes.sizeof(ctypes.c_int32))
+        library.terrapin_parameter_defaults(inner)
+        _need(list(values) == [beside, *(e["default"] for e in entries), beside], "defaults of all parameters")
+        for key, further in (("min", -1), ("max", 1)):
+            edges = [e[key] for e in entries]
+            values[1:-1] = edges
+            _need(library.terrapin_parameters_in_range(inner), f"parameters at their {key} are in range")
+            for index, edge in enumerate(edges):
+                if not -(2**31) <= edge + further < 2**31:
+                    continue
+                values[1 + index] = edge + further
+                _need(not library.terrapin_parameters_in_range(inner), f"parameter {index} beyond its {key}")
+                values[1 + index] = edge
 
 
 def _protection(generator: random.Random, library: ctypes.CDLL) -> None:
