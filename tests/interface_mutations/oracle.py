@@ -301,9 +301,9 @@ def _tables(r: Reference, library: ctypes.CDLL) -> None:
 def _all_parameters(entries: list[dict[str, int]], library: ctypes.CDLL) -> None:
     """All defaults at once, and which values are in range: nothing beside them is written or read."""
     library.terrapin_parameters_in_range.restype = ctypes.c_bool
+    size = len(entries) + 2
     for beside in (-(2**31), 2**31 - 1):  # before and after the values
-        array = ctypes.c_int32 * (len(entries) + 2)
-        values = array(*[beside] * len(array()))
+        values = (ctypes.c_int32 * size)(*[beside] * size)
         inner = ctypes.byref(values, ctypes.sizeof(ctypes.c_int32))
         library.terrapin_parameter_defaults(inner)
         _need(list(values) == [beside, *(e["default"] for e in entries), beside], "defaults of all parameters")
