@@ -12,6 +12,7 @@ from collections.abc import Container, Sequence
 
 import numpy as np
 
+from terrapin_tools.workbench.discover.expression_answers import pairs_beside
 from terrapin_tools.workbench.discover.hypothesis import Hypothesis
 from terrapin_tools.workbench.discover.leftover import absent
 from terrapin_tools.workbench.discover.ranker import Ranker, by_effect
@@ -27,6 +28,8 @@ PROMISED = (6, 4)  # of those within NEAR of the best; chosen by hand
 NEAR = 8.0  # log evidence behind the best that a promise may lie and be refitted; chosen by hand
 WITH_TWINS = 3  # answers of which twins are looked for at the end; chosen by hand, for time
 TWIN = 1.0  # log evidence behind a member of such an answer within which an effect is its twin; chosen by hand
+BESIDE = 6  # members of answers beside which pairs of formulas are looked for; chosen by hand, for time
+PAIRS = 2  # of them that are refitted; chosen by hand, for time
 MOST = (4, 3)  # terms of an answer, and expressions among them: a person shall read it
 
 
@@ -36,6 +39,7 @@ def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
     begun = len(known)
     new: list[Hypothesis] = []
     looked_at: set[frozenset[str]] = set()
+    beside: set[str] = set()
     while len(looked_at) < CENTRES:
         best = max(h.log_weight for h in known.values())
         waiting = [
@@ -47,7 +51,10 @@ def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
             break
         centre = max(waiting, key=lambda h: h.log_weight)
         looked_at.add(frozenset(centre.effects))
-        for names in _next_to(ranker, centre):
+        kept = [n for n in centre.effects if n not in beside][: BESIDE - len(beside)] if _of_formulas(ranker, centre) else []
+        beside.update(kept)
+        pairs = [(one, *pair) for one in kept for pair in pairs_beside(ranker, one, PAIRS)]
+        for names in [*_next_to(ranker, centre), *pairs]:
             key = frozenset(names)
             if (
                 key
@@ -58,6 +65,11 @@ def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
                 known[key] = ranker.weighed(names)
                 new.append(known[key])
     return new
+
+
+def _of_formulas(ranker: Ranker, centre: Hypothesis) -> bool:
+    """Whether formulas explain an answer, in a model whose columns stay as they are where a term is added."""
+    return ranker.case.dynamics is None and any(name in ranker.sketches for name in centre.effects)
 
 
 def twins(ranker: Ranker, ranked: Sequence[Hypothesis], known: Container[frozenset[str]]) -> list[Hypothesis]:

@@ -2,7 +2,7 @@
 
 They compete with all other answers. Every pair of the likeliest expressions, and of one with an effect, is judged in
 closed form around the present fit, so that a sum is found even where neither of its terms looks like much alone. Longer
-sums come from what lies next to the best answers (closure.py). An answer has a few terms, so that a person can read it.
+sums come from what lies next to the best answers, and from pairs beside their terms (closure.py). An answer has a few terms, so that a person can read it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
-__all__ = ["expression_pairs", "expressions", "paying"]
+__all__ = ["expression_pairs", "expressions", "pairs_beside", "paying"]
 
 REFITTED = 6  # expressions; chosen by hand, for time
 OF_ONE_COLUMN = 2  # of them at most: shapes of one column look alike, and another column must get its chance
@@ -147,6 +147,21 @@ def expression_pairs(ranker: Ranker) -> list[Hypothesis]:
             if len(taken) == PAIRS_REFITTED[1]:
                 break
     return [ranker.weighed(pair) for pair in names]
+
+
+def pairs_beside(ranker: Ranker, name: str, most: int) -> list[tuple[str, str]]:
+    """The likeliest pairs of expressions beside one term, of all around the model that has it."""
+    fit = ranker.fit((name,))
+    if not ranker.sound(fit, (name,)):
+        return []
+    beyond = ranker.beyond(fit)
+    pool = _pool(ranker, ranker.listed.promise(beyond))
+    first, second = np.triu_indices(len(pool), 1)
+    prior = np.log([ranker.listed.sketches[i].prior for i in pool])
+    both = beyond.pairs(beyond.gram(ranker.listed.columns[:, pool]), first, second) + prior[first] + prior[second]
+    best = np.argsort(-both, kind="stable")[:most]
+    pairs = [(_named(ranker, pool[first[i]]), _named(ranker, pool[second[i]])) for i in best]
+    return [pair for pair in pairs if name not in pair]
 
 
 def _pool(ranker: Ranker, logs: Array) -> list[int]:
