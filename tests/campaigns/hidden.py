@@ -172,7 +172,10 @@ def table(records: Sequence[Record]) -> str:
         hits = [
             sum(r["alarm"] for r in mine),
             sum(r["right"] for r in mine),
-            sum(good and r["verdict"] == "missing" and r["probability"] > 0.9 for r, good in zip(mine, right, strict=True)),
+            sum(
+                good and r["verdict"] == "missing" and r["probability"] > 0.9
+                for r, good in zip(mine, right, strict=True)
+            ),
             sum(sure),
             sum(denies(r) for r in mine),
             sum(r["loud"] for r in mine),

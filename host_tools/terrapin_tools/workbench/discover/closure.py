@@ -51,7 +51,11 @@ def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
             break
         centre = max(waiting, key=lambda h: h.log_weight)
         looked_at.add(frozenset(centre.effects))
-        kept = [n for n in centre.effects if n not in beside][: BESIDE - len(beside)] if _of_formulas(ranker, centre) else []
+        kept = (
+            [n for n in centre.effects if n not in beside][: BESIDE - len(beside)]
+            if _of_formulas(ranker, centre)
+            else []
+        )
         beside.update(kept)
         pairs = [(one, *pair) for one in kept for pair in pairs_beside(ranker, one, PAIRS)]
         for names in [*_next_to(ranker, centre), *pairs]:

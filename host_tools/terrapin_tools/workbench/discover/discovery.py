@@ -155,6 +155,7 @@ def discover(
     report("fit of the present model, noise, adequacy")
     analysis = analyse(case, seed, level)
     ranking = _without_idle(analysis, rank(analysis, report))
+    first = analysis, ranking
     for _ in range(LOOKS):
         likeliest = next((h for h in ranking.hypotheses if h.effects and h.fit is not None), None)
         if not analysis.missing or likeliest is None or likeliest.fit is None:
@@ -170,23 +171,14 @@ def discover(
     if not analysis.missing and ranking.probability("nothing") < TOGETHER:
         analysis = replace(analysis, together=True)
         ranking = _without_idle(analysis, rank(analysis, report))
-    nothing = ranking.probability("nothing") * (SIZE_OF_SET[0] if ranking.blind else 1.0)
-    verdict, top, rivals, probability = _verdict(ranking, analysis)
-    if not analysis.missing:
-        verdict, top, rivals, probability = "adequate", None, [], calibrated(nothing, "nothing")
-        if far_above_stated(analysis):
-            probability = min(probability, STRANGE)
-        # a misfit that is a share of the reading looks like noise that grows with it, unless the sd is known otherwise
-        if analysis.noise.node.grow and analysis.noise.groups is None and not analysis.noise.known.all():
-            probability = min(probability, DOUBTED)
-    leaves: Left | None = None
-    if top is not None and top.fit is not None and verdict in ("missing", "ambiguous"):
-        report("does it bring the model to the noise floor?")
-        leaves = left(analysis, top.fit)
-        if leaves.clearly(level):
-            verdict, rivals, probability = "unexplained", [], calibrated(1.0 - leaves.p_value, "unexplained")
-        else:
-            leaves = None
+    report("does it bring the model to the noise floor?")
+    verdict, top, rivals, probability, leaves = _settled(analysis, ranking, level)
+    if leaves is not None and analysis is not first[0]:
+        # rows were left out beside an answer that is none: they may be what is not understood
+        whole = _settled(*first, level)
+        if whole[0] == "unexplained":
+            analysis, ranking = first
+            verdict, top, rivals, probability, leaves = whole
     if top is not None and verdict in ("missing", "ambiguous"):
         plain, likely = plain_names(analysis, ranking, top)
         if plain:
@@ -227,6 +219,28 @@ def discover(
         bent=bent,
         selected=selection(analysis, ranking, bootstrap, seed) if bootstrap else (),
     )
+
+
+def _settled(
+    analysis: Analysis, ranking: Ranking, level: float
+) -> tuple[str, Hypothesis | None, list[Hypothesis], float, Left | None]:
+    """What `_verdict` gives, but adequate without an alarm, and unexplained where the likeliest set clearly leaves more
+    than noise; then also what that leaves."""
+    if not analysis.missing:
+        nothing = ranking.probability("nothing") * (SIZE_OF_SET[0] if ranking.blind else 1.0)
+        probability = calibrated(nothing, "nothing")
+        if far_above_stated(analysis):
+            probability = min(probability, STRANGE)
+        # a misfit that is a share of the reading looks like noise that grows with it, unless the sd is known otherwise
+        if analysis.noise.node.grow and analysis.noise.groups is None and not analysis.noise.known.all():
+            probability = min(probability, DOUBTED)
+        return "adequate", None, [], probability, None
+    verdict, top, rivals, probability = _verdict(ranking, analysis)
+    if top is not None and top.fit is not None and verdict in ("missing", "ambiguous"):
+        leaves = left(analysis, top.fit)
+        if leaves.clearly(level):
+            return "unexplained", top, [], calibrated(1.0 - leaves.p_value, "unexplained"), leaves
+    return verdict, top, rivals, probability, None
 
 
 def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | None, list[Hypothesis], float]:
