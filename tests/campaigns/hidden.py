@@ -6,16 +6,16 @@
 Cases are drawn by drawn.py, whose formulas share no line with the program; D2 is that of truth.py. One case of ten is a
 contact rig, the others roll. Families:
 
-single12, single30   one effect of 1 noise sd, 12 or 30 runs; correlation of the noise 0, 0.5, 0.8, 0.9 in turn. Right is
-                     the effect as the first candidate, or one with D2 below 4
-small                one effect of 2 sd, 14 runs; the noise sd is stated 10 to 50 % too small. Right is the effect, alone or
-                     in a tie (ties.py); `noise told`: the answer after the effect was added says that the noise is larger
-twin                 two effects of 2 to 50 sd, one of which has an exact twin in the catalogue; without either of the two
-                     D2 is at least 25. Right is a tie with the truth among its sets
+single12, single30   one effect of 1 noise sd, 12 or 30 runs; correlation of the noise 0, 0.5, 0.8, 0.9 in turn. Right
+                     is the effect as the first candidate, or one with D2 below 4
+small                one effect of 2 sd, 14 runs; the noise sd is stated 10 to 50 % too small. Right is the effect,
+                     alone or in a tie (ties.py); `noise told`: once it is added, compare says that the noise is larger
+twin                 two effects of 2 to 50 sd, one of which has an exact twin in the catalogue; without either of the
+                     two D2 is at least 25. Right is a tie with the truth among its sets
 apart                one or two effects of 1 to 4 sd; every other set of as many of the catalogue has D2 of at least 25.
                      Right is the truth alone
 
-A case whose D2 without anything missing is below 4 is set aside, and counted. A rerun goes on where the last one stopped.
+A case whose D2 without anything missing is below 4 is set aside, and counted. A rerun goes on where the last stopped.
 """
 
 from __future__ import annotations

@@ -3,11 +3,11 @@
     python -m tests.campaigns.several_columns --cases 200                     two columns, and three
     python -m tests.campaigns.several_columns --families three --part 1/4     a quarter of the cases; parts merge
 
-The user knows y = p + q*u. The table has five more columns, of which the truth reads two or three; in every second case
-these go together (correlation 0.85 to 0.95). Rows of a run scatter about its setting; the noise is white or AR(1), its sd
-stated or not. Each term of the truth is needed: without it D2 is at least 25, so large are the terms drawn (1.5 to 6 noise
-sd at least). Right is an answer all of whose sets have D2 below 9 and no more terms than the truth, one of which reads the
-columns that the truth reads. A rerun goes on where the last one stopped.
+The user knows y = p + q*u. The table has five more columns, of which the truth reads two or three; in every second
+case these go together (correlation 0.85 to 0.95). Rows of a run scatter about its setting; the noise is white or AR(1),
+its sd stated or not. Terms are of 1.5 to 6 noise sd, and each is needed: without it D2 is at least 25. Right is an
+answer all of whose sets have D2 below 9 and no more terms than the truth, one of which reads the columns that the truth
+reads. A rerun goes on where the last one stopped.
 """
 
 from __future__ import annotations
@@ -86,10 +86,10 @@ def draw(family: str, number: int, seed: int) -> Drawn:
         picked = dict(zip("xyz", names, strict=False))
         if "/y" in "".join(form) and picked["y"] not in POSITIVE:
             continue
-        terms = tuple(re.sub(r"[xyz]", lambda m: picked[m[0]], term) for term in form)
+        terms = tuple(term.translate(str.maketrans(picked)) for term in form)
         reads = frozenset(picked[letter] for letter in "xyz" if letter in "".join(form))
         run, columns = _columns(random, runs, sorted(reads), together)
-        shapes = np.column_stack([eval(term, {"__builtins__": {}}, dict(columns)) for term in terms])  # noqa: S307
+        shapes = np.column_stack([eval(term, {"__builtins__": {}}, dict(columns)) for term in terms])
         base = np.column_stack([np.ones(len(run)), columns["u"]])
         shapes = shapes / np.sqrt(np.mean((shapes - shapes.mean(axis=0)) ** 2, axis=0))
         size = random.uniform(1.5, 6.0, len(terms)) * random.choice([-1.0, 1.0], len(terms))

@@ -2,7 +2,8 @@
 
 They compete with all other answers. Every pair of the likeliest expressions, and of one with an effect, is judged in
 closed form around the present fit, so that a sum is found even where neither of its terms looks like much alone. Longer
-sums come from what lies next to the best answers, and from pairs beside their terms (closure.py). An answer has a few terms, so that a person can read it.
+sums come from what lies next to the best answers, and from pairs beside their terms (closure.py). An answer has a few
+terms, so that a person can read it.
 """
 
 from __future__ import annotations
