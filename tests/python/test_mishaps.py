@@ -80,6 +80,17 @@ def test_an_instrument_that_comes_late_is_told(tmp_path: Path) -> None:
     assert "an instrument that comes late" in told(found.analysis, found).headline
 
 
+def test_an_effect_is_named_although_an_instrument_comes_late(tmp_path: Path) -> None:
+    load = np.tile([*np.linspace(5.0, 60.0, ROWS // 2), *np.linspace(60.0, 5.0, ROWS // 2)], RUNS)
+    torque = 0.02 * load + 0.1
+    late = torque.reshape(RUNS, ROWS).copy()
+    for row in range(1, ROWS):
+        late[:, row] = 0.05 * late[:, row - 1] + 0.95 * late[:, row]
+    found = found_on(tmp_path / "x", (late.reshape(-1) - 0.02 * load) / SD, load=load)
+    said = [found.ranking.expressions[name].expression for name in found.missing]
+    assert (found.verdict, said) == ("missing", ["k"])
+
+
 def test_an_effect_is_not_taken_for_a_mishap(tmp_path: Path) -> None:
     found = found_on(tmp_path / "x", np.full(RUNS * ROWS, 10.0))
     assert found.verdict in ("missing", "ambiguous")

@@ -160,13 +160,14 @@ def left(analysis: Analysis, fit: Fit) -> Left:
         return Left(train, held, 1.0)
     prediction, residual, slopes = free_slopes(fit, sigma, rows)
     scaled = residual / sigma[:, None]
-    base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
+    # a sensor that lags misreads each row a little, and is no reason to doubt what was named
+    late = [one.columns.reshape(*scaled.shape, -1) for one in analysis.mishaps if one.kind == "lag"]
+    wrong = [one for one in analysis.mishaps if one.kind != "lag"]
+    base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance, *late], axis=-1)
     runs = Runs(case.run[rows], len(scaled), prediction, analysis.felt)
     p_value = _squares(Evidence(runs, scaled, base, analysis.noise.behind), float(np.min(analysis.noise.freedom)))
     effects = {e.name: shapes_of(fit.model, fit.theta, e, rows, sigma) for e in suspected(fit.model)}
     effects |= {name: list(shapes) for name, shapes in terms_of(fit.model, fit.theta, rows, sigma).items()}
-    # a sensor that lags misreads each row a little, and is no reason to doubt what was named
-    wrong = [one for one in analysis.mishaps if one.kind != "lag"]
     blocks = blocks_of(effects, column_shapes(case, rows), runs, wrong=wrong)
     factor = float(BayesFactor(runs, base, blocks)(scaled.reshape(-1, 1))[0][0])
     return Left(train, held, float(min(p_value, np.exp(-max(factor, 0.0)), _repeated(analysis, fit, residual))))
