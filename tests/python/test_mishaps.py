@@ -9,8 +9,9 @@ import pytest
 from casekit import terrapin
 
 from terrapin_hil.arrays import Array
-from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.bayes_factor import WEIGHT
+from terrapin_tools.workbench.discover import discovery
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from terrapin_tools.workbench.discover.hypothesis import Blamed
 from terrapin_tools.workbench.discover.ranker import MISHAP
@@ -95,6 +96,41 @@ def test_an_effect_is_not_taken_for_a_mishap(tmp_path: Path) -> None:
     found = found_on(tmp_path / "x", np.full(RUNS * ROWS, 10.0))
     assert found.verdict in ("missing", "ambiguous")
     assert found.blamed is None
+
+
+def supply(folder: Path, limited: bool) -> Case:
+    """A battery behind a resistance; above 10.9 A a limited one gives what it can."""
+    random = np.random.default_rng(0)
+    throttle = (np.tile(np.arange(12.0), 16) + random.uniform(0.0, 1.0, 192)) * 12.5 / 12.0
+    current = np.minimum(throttle, 10.9 + 0.1 * random.uniform(size=192)) if limited else throttle
+    voltage = 11.1 - 0.06 * current - (throttle - current) * random.uniform(0.2, 1.5, 192)
+    voltage += SD * random.standard_normal(192)
+    rows = zip(np.repeat(np.arange(16), 12), current, voltage, strict=True)
+    folder.mkdir()
+    (folder / "runs.csv").write_text("\n".join(["run,i,u", *(f"{r},{i:.9g},{u:.9g}" for r, i, u in rows)]) + "\n")
+    (folder / "case.toml").write_text(
+        '[model]\nbase = "equation"\n[model.equation]\nu = "u0"\n[fit]\nu0 = { value = 11, unit = "V" }\n'
+        '[data]\nfiles = ["runs.csv"]\nrun = "run"\n[data.columns]\ni = { column = "i", unit = "A" }\n'
+        'u = { column = "u", unit = "V", sigma = 0.01 }\n'
+    )
+    return load_case(folder)
+
+
+@pytest.mark.parametrize("limited", [True, False])
+def test_rows_left_out_beside_an_answer_that_is_none_come_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limited: bool
+) -> None:
+    """A row far off what an answer says of it is an outlier where the answer holds else, and a question where not."""
+    case, far = supply(tmp_path / "x", limited), np.arange(192) == 30
+    looks = iter([far, far & False])
+    monkeypatch.setattr(discovery, "stand_alone", lambda *_: next(looks))
+    found = discover(case)
+    if limited:
+        assert (found.verdict, found.analysis.odd.sum()) == ("unexplained", 0)
+        assert found.where[0].variable == "i"
+        assert found.where[0].low > 10.0
+    else:
+        assert (found.verdict, np.flatnonzero(found.analysis.odd).tolist()) == ("missing", [30])
 
 
 def test_a_mishap_is_kept_with_the_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

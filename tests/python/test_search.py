@@ -25,7 +25,7 @@ from terrapin_tools.workbench.case.changes import extended
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.usual_sizes import usual_size
 from terrapin_tools.workbench.story.told import told
-from tests.campaigns import noises
+from tests.campaigns import noises, several_columns
 
 
 def example(folder: Path, name: str, effects: str) -> Path:
@@ -183,3 +183,12 @@ def test_usual_sizes_are_read_off_the_robot() -> None:
     for effect in catalogue().values():
         if effect.usual:
             parse(effect.usual)
+
+
+def test_a_sum_of_three_columns_is_found_where_products_stand_for_it(tmp_path: Path) -> None:
+    """Three products of two columns come near; no exchange of one of them leads to the sum."""
+    drawn = several_columns.draw("three", 2, 99)
+    assert drawn.terms == ("e", "d", "a")
+    found = discover(load_case(several_columns.write(drawn, tmp_path)), seed=2)
+    said = {found.ranking.expressions[name].expression for name in found.missing}
+    assert (found.verdict, said) == ("missing", {"k*e", "k*d", "k*a"})
