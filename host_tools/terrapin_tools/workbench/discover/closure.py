@@ -21,8 +21,8 @@ from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 __all__ = ["neighbours", "twins"]
 
 CLOSE = 3.0  # log weight behind the best within which an answer's own neighbours are looked at; chosen by hand
-CENTRES = 6  # answers whose neighbours are looked at, at most; chosen by hand, for time
-REFITS = 60  # at most; chosen by hand, for time
+CENTRES = 6  # answers whose neighbours are looked at, or as many more that lead in turn; chosen by hand, for time
+REFITS = 60  # from which only what leads has neighbours; chosen by hand, for time
 ANYWAY = (3, 2)  # effects and formulas that are refitted in the place of a member, whatever is promised; by hand
 PROMISED = (6, 4)  # of those within NEAR of the best; chosen by hand
 NEAR = 8.0  # log evidence behind the best that a promise may lie and be refitted; chosen by hand
@@ -40,16 +40,18 @@ def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
     new: list[Hypothesis] = []
     looked_at: set[frozenset[str]] = set()
     beside: set[str] = set()
-    while len(looked_at) < CENTRES:
+    while len(looked_at) < 2 * CENTRES:
         best = max(h.log_weight for h in known.values())
         waiting = [
             h
             for key, h in known.items()
             if h.effects and key not in looked_at and h.log_weight > best - CLOSE and not absent(h.fit, h.effects)
         ]
-        if not waiting or len(known) - begun > REFITS:
+        if not waiting:
             break
         centre = max(waiting, key=lambda h: h.log_weight)
+        if (len(looked_at) >= CENTRES or len(known) - begun > REFITS) and centre.log_weight < best:
+            break  # what lies next to the best is looked at in any case
         looked_at.add(frozenset(centre.effects))
         kept = (
             [n for n in centre.effects if n not in beside][: BESIDE - len(beside)]

@@ -48,6 +48,7 @@ SETTINGS = 6  # that are repeated in several runs, to ask what they have in comm
 PULLED = 9.0  # of its variance that a parameter at its bound would gain beyond it: three sd, as usual
 RESTLESS = 2.0  # times the scatter from row to row that what is left may be, of white noise: 1; chosen by hand
 SILENCED = 0.2  # of the training error before, that is left in both; chosen by hand
+SURELY = 20.0  # times as likely as none, from which a lag is allowed for; chosen by hand, as usual
 NOISE = 2.0  # standard deviations of the mean square above 1 that noise may explain: the usual two sd
 
 
@@ -160,17 +161,24 @@ def left(analysis: Analysis, fit: Fit) -> Left:
         return Left(train, held, 1.0)
     prediction, residual, slopes = free_slopes(fit, sigma, rows)
     scaled = residual / sigma[:, None]
-    # a sensor that lags misreads each row a little, and is no reason to doubt what was named
-    late = [one.columns.reshape(*scaled.shape, -1) for one in analysis.mishaps if one.kind == "lag"]
-    wrong = [one for one in analysis.mishaps if one.kind != "lag"]
-    base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance, *late], axis=-1)
     runs = Runs(case.run[rows], len(scaled), prediction, analysis.felt)
+    base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
+    # a sensor that lags misreads each row a little, and is no reason to doubt what was named
+    wrong = [one for one in analysis.mishaps if one.kind != "lag"]
+    late = [one.columns for one in analysis.mishaps if one.kind == "lag"]
+    if late and _lags(Evidence(runs, scaled, base, analysis.noise.behind), late):
+        base = np.concatenate([base, *(columns.reshape(*scaled.shape, -1) for columns in late)], axis=-1)
     p_value = _squares(Evidence(runs, scaled, base, analysis.noise.behind), float(np.min(analysis.noise.freedom)))
     effects = {e.name: shapes_of(fit.model, fit.theta, e, rows, sigma) for e in suspected(fit.model)}
     effects |= {name: list(shapes) for name, shapes in terms_of(fit.model, fit.theta, rows, sigma).items()}
     blocks = blocks_of(effects, column_shapes(case, rows), runs, wrong=wrong)
     factor = float(BayesFactor(runs, base, blocks)(scaled.reshape(-1, 1))[0][0])
     return Left(train, held, float(min(p_value, np.exp(-max(factor, 0.0)), _repeated(analysis, fit, residual))))
+
+
+def _lags(around: Evidence, late: Sequence[Array]) -> bool:
+    """Whether a lag of some channel clearly explains what an answer leaves."""
+    return bool(around.single(np.concatenate(late, axis=1)).max() - around.nothing > np.log(SURELY))
 
 
 def _repeated(analysis: Analysis, fit: Fit, residual: Array) -> float:
