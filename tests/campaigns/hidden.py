@@ -59,6 +59,8 @@ def _twin(number: int, random: Random) -> Drawn:
         except RuntimeError:  # this size is beyond what one of them can be
             continue
         other = next(name for name in pair if name != hidden[0])
+        if not set(CATALOGUE[base][other].needs) <= set(drawn.design.mapped):  # no twin where a column lacks
+            continue
         if min(distance(drawn, (name,)) for name in hidden) >= SEEN and distance(drawn, (other, hidden[1])) < EXACT:
             return drawn
 
