@@ -61,7 +61,7 @@ def _twin(number: int, random: Random) -> Drawn:
         other = next(name for name in pair if name != hidden[0])
         if not set(CATALOGUE[base][other].needs) <= set(drawn.design.mapped):  # no twin where a column lacks
             continue
-        if min(distance(drawn, (name,)) for name in hidden) >= SEEN and distance(drawn, (other, hidden[1])) < EXACT:
+        if all(_d2(drawn, (name,)) >= SEEN for name in hidden) and _d2(drawn, (other, hidden[1])) < EXACT:
             return drawn
 
 
@@ -70,8 +70,16 @@ def _apart(number: int, random: Random) -> Drawn:
     while True:
         size, runs = float(random.uniform(1.0, 4.0)), int(random.choice([14, 30]))
         drawn = draw(base, runs, RHOS[(number // 2) % 2], size, random, count)
-        if all(distance(drawn, names) >= SEEN for names in _others(drawn)):
+        if all(_d2(drawn, names) >= SEEN for names in _others(drawn)):
             return drawn
+
+
+def _d2(drawn: Drawn, names: tuple[str, ...]) -> float:
+    """NaN, which is neither near nor far, where the formulas of a contact give no number on the way."""
+    try:
+        return distance(drawn, names)
+    except ValueError:
+        return float("nan")
 
 
 def _others(drawn: Drawn) -> list[tuple[str, ...]]:
