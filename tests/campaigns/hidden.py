@@ -28,7 +28,7 @@ from pathlib import Path
 
 import numpy as np
 
-from terrapin_tools.workbench.case.case import Case, load_case
+from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.compare.noise_findings import noise_findings
 from terrapin_tools.workbench.discover.discovery import discover
@@ -43,6 +43,7 @@ __all__ = ["FAMILIES", "one", "table"]
 FAMILIES = ("single12", "single30", "small", "twin", "apart")
 SEEN = 25.0  # D2 from which the best test errs in 1 of 160 cases
 EXACT = 0.01  # D2 of a set with a twin in the place of a member
+DRAWS = 1000  # of a case at most
 Random = np.random.Generator
 
 
@@ -51,7 +52,7 @@ def _twin(number: int, random: Random) -> Drawn:
     ties = [tie for tie in TIES if tie[0].endswith("contact") == contact]
     base, tied, pair = ties[(number // 10 if contact else number) % len(ties)]
     others = sorted(set(CATALOGUE[base]) - set(pair))
-    while True:
+    for _ in range(DRAWS):
         hidden = [str(random.choice(pair)), str(random.choice(others))]
         size, runs = float(np.exp(random.uniform(np.log(2.0), np.log(50.0)))), int(random.integers(14, 31))
         try:
@@ -63,15 +64,17 @@ def _twin(number: int, random: Random) -> Drawn:
             continue
         if all(_d2(drawn, (name,)) >= SEEN for name in hidden) and _d2(drawn, (other, hidden[1])) < EXACT:
             return drawn
+    raise RuntimeError(f"twin {number}: no case in {DRAWS} draws")
 
 
 def _apart(number: int, random: Random) -> Drawn:
     base, count = _base(number), 1 + number % 2
-    while True:
+    for _ in range(DRAWS):
         size, runs = float(random.uniform(1.0, 4.0)), int(random.choice([14, 30]))
         drawn = draw(base, runs, RHOS[(number // 2) % 2], size, random, count)
         if all(_d2(drawn, names) >= SEEN for names in _others(drawn)):
             return drawn
+    raise RuntimeError(f"apart {number}: no case in {DRAWS} draws")
 
 
 def _d2(drawn: Drawn, names: tuple[str, ...]) -> float:
@@ -155,15 +158,14 @@ def _larger(folder: Path, added: Sequence[str]) -> bool:
     """Whether the noise is told to be larger than stated once these effects of the catalogue are added."""
     path = folder / "case.toml"
     text = path.read_text(encoding="utf-8")
-    case: Case = load_case(folder)
-    if not set(added) <= set(case.library):
+    if not set(added) <= set(load_case(folder).library):
         return False
     names = ", ".join(f'"{name}"' for name in added)
     path.write_text(text.replace("effects = []", f"effects = [{names}]", 1), encoding="utf-8")
     return any(one.kind == "larger" for one in noise_findings(analyse(load_case(folder))))
 
 
-def denies(record: Record) -> bool:
+def _denies(record: Record) -> bool:
     """Whether an answer says `unexplained` at 0.5 or more of what the catalogue has."""
     return record["verdict"] == "unexplained" and record["probability"] >= 0.5
 
@@ -187,7 +189,7 @@ def table(records: Sequence[Record]) -> str:
                 for r, good in zip(mine, right, strict=True)
             ),
             sum(sure),
-            sum(denies(r) for r in mine),
+            sum(_denies(r) for r in mine),
             sum(r["loud"] for r in mine),
         ]
         rates = "".join(rate(count, len(mine)) for count in hits) if mine else ""

@@ -95,12 +95,14 @@ def resumed(options: argparse.Namespace, setting: str, make: Callable[[str, int]
 
 
 def _lines(path: Path) -> Iterator[Record]:
-    """Records of a file, but for a line that a kill cut short."""
+    """Records of a file, but for a line that a kill cut short, and what others keep there that is no record."""
     for line in path.read_text(encoding="utf-8").splitlines():
         try:
-            yield json.loads(line)
+            record = json.loads(line)
         except ValueError:
             continue
+        if isinstance(record, dict):
+            yield record
 
 
 def _counted(campaign: str) -> list[Record]:

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from terrapin_hil.arrays import Array, Index
+from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from tests.campaigns.drawn import noise
@@ -37,6 +38,7 @@ FORMS: Mapping[str, tuple[tuple[str, ...], ...]] = {
 RANGES = {"a": (1.0, 5.0), "b": (-3.0, 3.0), "c": (20.0, 60.0), "d": (0.2, 0.9), "e": (-10.0, 10.0)}
 POSITIVE = ("a", "c", "d")  # by these may be divided
 SEEN = 25.0  # D2 from which the best test errs in 1 of 160 cases
+DRAWS = 1000  # of a case at most
 Random = np.random.Generator
 
 
@@ -80,7 +82,7 @@ def draw(family: str, number: int, seed: int) -> Drawn:
     random = np.random.default_rng([seed, sorted(FORMS).index(family), number])
     form = FORMS[family][(number // 2) % len(FORMS[family])]
     together = number % 2 == 1
-    while True:
+    for _ in range(DRAWS):
         runs = int(random.integers(12, 31))
         names = [str(name) for name in random.permutation(list(RANGES))]
         picked = dict(zip("xyz", names, strict=False))
@@ -89,7 +91,7 @@ def draw(family: str, number: int, seed: int) -> Drawn:
         terms = tuple(term.translate(str.maketrans(picked)) for term in form)
         reads = frozenset(picked[letter] for letter in "xyz" if letter in "".join(form))
         run, columns = _columns(random, runs, sorted(reads), together)
-        shapes = np.column_stack([eval(term, {"__builtins__": {}}, dict(columns)) for term in terms])
+        shapes = np.column_stack([parse(term).evaluate(columns) for term in terms])
         base = np.column_stack([np.ones(len(run)), columns["u"]])
         shapes = shapes / np.sqrt(np.mean((shapes - shapes.mean(axis=0)) ** 2, axis=0))
         size = random.uniform(1.5, 6.0, len(terms)) * random.choice([-1.0, 1.0], len(terms))
@@ -98,6 +100,8 @@ def draw(family: str, number: int, seed: int) -> Drawn:
         without = [np.column_stack([base, np.delete(shapes, i, axis=1)]) for i in range(len(terms))]
         if min(_left(whole, rest) for rest in without) >= SEEN:
             break
+    else:
+        raise RuntimeError(f"{family} {number}: no case in {DRAWS} draws, in which each term is needed")
     known = base @ np.array([random.uniform(5.0, 20.0), random.uniform(0.5, 2.0)])
     sigma = float(f"{0.02 * np.sqrt(np.mean(known * known)) * random.uniform(0.5, 2.0):.3g}")
     true = known + sigma * whole

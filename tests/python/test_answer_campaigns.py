@@ -105,6 +105,8 @@ def test_a_campaign_goes_on_after_a_kill_and_counts_one_engine_only(
     assert "1 lines of another engine" in capsys.readouterr().err
     assert resumed(options, "s", lambda *_: pytest.fail("made again")) == found
     assert len(file.read_text().splitlines()) == 6
+    (tmp_path / "out" / "another").mkdir()
+    (tmp_path / "out" / "another" / "x.jsonl").write_text('["no", "record"]\n')
     assert keep(tmp_path / "out") == {"made_up": 4}
     file.unlink()
     assert resumed(options, "s", lambda *_: pytest.fail("made again")) == found
