@@ -224,3 +224,18 @@ def test_campaign_of_wrong_statements(kind: str) -> None:
     assert not any(record["blamed"] for record in records)
     assert not any(sure_and_wrong(r["verdict"], r["probability"], r["right"]) for r in records), records
     assert sum(record["right"] for record in records) >= 3, records
+
+
+def test_a_scale_is_told_beside_the_effect_that_does_the_same() -> None:
+    """A speed in another unit changes viscous friction only, here: both are told, and neither is sure."""
+    record = one("rolling_steady", "scale", 18, 35)
+    assert record["rivals"] == [["viscous_friction"], ["table.omega.scale"]], record
+    assert record["right"]
+    assert max(record["distances"]) < 1.0
+
+
+def test_dry_friction_is_told_beside_a_stribeck_effect_so_wide_that_it_is_that() -> None:
+    record = one("rolling_steady", "constant", 42, 35)
+    assert record["truth"] == "constant.coulomb"
+    assert record["rivals"] == [["stribeck"], ["coulomb_friction"]], record
+    assert record["right"]

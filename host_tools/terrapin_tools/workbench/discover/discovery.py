@@ -59,6 +59,7 @@ __all__ = ["Candidate", "Discovery", "discover", "rung"]
 # (row "tied"). SAME_AS_GOOD is for a set within UNSEEN of the likeliest, which these data cannot tell from it.
 AS_GOOD = 0.75
 SAME_AS_GOOD = 0.2
+TWIN_FAULT = 0.02  # the same of a fault of the table, which says with no parameter what it says with one; by hand
 TWIN_CONSTANT = 0.02  # the same of a stated constant whose error does exactly what the likeliest set does; by hand
 # Beside a shape that looks like many others so many answers are told that are this likely over it; chosen by hand.
 BEHIND_BENT, BESIDE_BENT = 0.1, 2
@@ -250,7 +251,7 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
     sets = [(h, float(p)) for h, p in pairs if h.effects and h.fit is not None and not absent(h.fit, h.effects)]
     if not sets or mishap > sets[0][1]:
         if blamed := _blamed(ranking, analysis.case.run_names):
-            return "unexplained", None, [], calibrated(ranking.probability(blamed.kind))
+            return "unexplained", None, [], calibrated(ranking.probability(blamed.kind), "mishap")
         return "unexplained", None, [], calibrated(1.0 - ranking.probability("nothing"), "unexplained")
     own = {h.effects: p for h, p in sets}
     sets = _by_class(analysis, ranking, sets)
@@ -273,22 +274,7 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
     rivals = [top]
     for other, p in sets:
         nested = any(set(r.effects) <= set(other.effects) or set(other.effects) <= set(r.effects) for r in rivals)
-        # a formula in the place of an effect of the catalogue is a rival only if it is about as likely
-        least = SAME_AS_GOOD if other.kind == "catalogue" or top.kind != "catalogue" else AS_GOOD
-        first, second = top.fit, other.fit
-        stated = analysis.case.base.own_names and len(other.effects) == 1 and named(other.effects[0])
-        if stated and _same(analysis, ranking, top, other):
-            least = TWIN_CONSTANT
-        if _faulty(other):  # nothing in it is fitted to the noise
-            first, second = second, first
-        if nested or p * np.exp(max(other.taxed - top.taxed, 0.0)) < least * best:
-            continue
-        # what is the same on these data is told even where its size speaks against it
-        if _distance(analysis, ranking, first, second) < UNSEEN:
-            # what can become the likeliest by its shape (a decay so slow that it is a constant) is no rival of it
-            if _size_of(other) <= _size_of(top):
-                rivals.append(other)
-        elif p >= AS_GOOD * best:
+        if not nested and _as_good(analysis, ranking, (top, best), (other, p)):
             rivals.append(other)
     if len(rivals) == 1 and _bent(ranking, top):
         close = [h for h, p in sets[1:] if p * np.exp(max(h.taxed - top.taxed, 0.0)) >= BEHIND_BENT * best]
@@ -304,6 +290,33 @@ def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | No
             return "unexplained", top, [], UNPROVED
     verdict = "ambiguous" if len(rivals) > 1 else "missing"
     return verdict, top, rivals, calibrated(own[top.effects], verdict)
+
+
+def _as_good(
+    analysis: Analysis, ranking: Ranking, likeliest: tuple[Hypothesis, float], one: tuple[Hypothesis, float]
+) -> bool:
+    """Whether a set, given with its probability, does as well as the likeliest one and is told beside it."""
+    (top, best), (other, p) = likeliest, one
+    # what is the same is told even where its size speaks against it
+    weight = p * np.exp(max(other.taxed - top.taxed, 0.0))
+    plain = other.kind == "catalogue" and _size_of(other) < _size_of(top)
+    # a formula in the place of an effect of the catalogue is a rival only if it is about as likely
+    least = SAME_AS_GOOD if other.kind == "catalogue" or top.kind != "catalogue" else AS_GOOD
+    if analysis.case.base.own_names and len(other.effects) == 1 and named(other.effects[0]):
+        least = TWIN_CONSTANT if _same(analysis, ranking, top, other) else least
+    elif plain and _faulty(other):
+        least = TWIN_FAULT
+    if weight < least * best:
+        return False
+    back = _distance(analysis, ranking, other.fit, top.fit) if plain or _faulty(other) else np.inf
+    if _faulty(other):  # nothing in it is fitted to the noise
+        alike = back < UNSEEN
+    elif plain and back < IDLE:  # a case of the likeliest (a Stribeck effect so wide that it is dry friction)
+        return True
+    else:
+        alike = _distance(analysis, ranking, top.fit, other.fit) < UNSEEN
+    # what can become the likeliest by its shape (a decay so slow that it is a constant) is no rival of it
+    return _size_of(other) <= _size_of(top) if alike else p >= AS_GOOD * best
 
 
 def _by_class(

@@ -104,8 +104,10 @@ class Stretches(Predictor):
         begin, count = np.asarray(self.layout.drive.begin), len(self.layout.drive.time)
         places = begin[:-1, None] + np.arange(np.diff(begin).max(initial=1))
         self.padded = np.where(places < begin[1:, None], places, count)  # (stretches, samples), `count` for none
-        self.wanted = np.zeros((count, 1, 1))  # rows that are left out (a sensor that stuck) tell nothing of a start
-        self.wanted[self.layout.samples] = 1.0
+        self.unpadded = np.flatnonzero(self.padded < count)  # places of the samples among the padded ones
+        wanted = np.zeros((count, 1, 1))  # rows that are left out (a sensor that stuck) tell nothing of a start
+        wanted[self.layout.samples] = 1.0
+        self.weights = self.weight[:, None] * wanted  # of each sample (samples, channels, 1)
         self.solved: _Solved | None = None  # as last found
         codes = (tuple(map(tuple, derivatives)), tuple(map(tuple, channels)))
         self.equations = hash((codes, self.table.tobytes(), self.places.tobytes()))
@@ -307,13 +309,13 @@ class Stretches(Predictor):
 
     def _weighted(self, change: Array) -> Array:
         """Samples (samples, channels, count) in stretches, weighted: (stretches, padded samples * channels, count)."""
-        whole = np.concatenate([change * self.weight[:, None] * self.wanted, np.zeros((1, *change.shape[1:]))])
-        return np.asarray(whole[self.padded].reshape(len(self.padded), -1, change.shape[2]))
+        whole = np.zeros((len(change) + 1, *change.shape[1:]))
+        np.multiply(change, self.weights, out=whole[:-1])
+        return whole.take(self.padded, axis=0).reshape(len(self.padded), -1, change.shape[2])
 
     def _unpadded(self, weighted: Array) -> Array:
         """What `_weighted` gives in the order of the samples, its weights kept: (samples, channels, count)."""
-        shape = (*self.padded.shape, len(self.weight), weighted.shape[2])
-        return np.asarray(weighted.reshape(shape)[self.padded < len(self.layout.measured)])
+        return weighted.reshape(-1, len(self.weight), weighted.shape[2]).take(self.unpadded, axis=0)
 
     def _beyond(self, solved: _Solved, change: Array) -> Array:
         """A change of the channels (samples, channels, ...) less what other starts would make of it."""
