@@ -228,7 +228,7 @@ def test_campaign_of_wrong_statements(kind: str) -> None:
 
 def test_a_scale_is_told_beside_the_effect_that_does_the_same() -> None:
     """A speed in another unit changes viscous friction only, here: both are told, and neither is sure."""
-    record = one("rolling_steady", "scale", 18, 35)
+    record = one("rolling_steady", "scale", 41, 35)
     assert record["rivals"] == [["viscous_friction"], ["table.omega.scale"]], record
     assert record["right"]
     assert max(record["distances"]) < 1.0

@@ -59,7 +59,7 @@ __all__ = ["Candidate", "Discovery", "discover", "rung"]
 # (row "tied"). SAME_AS_GOOD is for a set within UNSEEN of the likeliest, which these data cannot tell from it.
 AS_GOOD = 0.75
 SAME_AS_GOOD = 0.2
-TWIN_FAULT = 0.02  # the same of a fault of the table, which says with no parameter what it says with one; by hand
+TWIN_FAULT = 0.1  # the same of a fault of the table, which says with no parameter what it says with one; by hand
 TWIN_CONSTANT = 0.02  # the same of a stated constant whose error does exactly what the likeliest set does; by hand
 # Beside a shape that looks like many others so many answers are told that are this likely over it; chosen by hand.
 BEHIND_BENT, BESIDE_BENT = 0.1, 2
