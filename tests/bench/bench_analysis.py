@@ -8,7 +8,6 @@ and 4 and with 10 runs of 1,000 samples each (60 s).
 
 from __future__ import annotations
 
-import subprocess
 import sys
 import tempfile
 import time
@@ -29,6 +28,7 @@ from terrapin_hil.physics.tyre import Tyre
 from terrapin_hil.physics.vehicle import Vehicle, profile_torque
 from terrapin_tools.soil.vehicle import Objective, estimate, synthetic
 from terrapin_tools.workbench.case.case import load_case
+from tests.campaigns.commands import terrapin
 from tests.campaigns.ode_systems import draw
 
 T = np.arange(0.0, 8.0, 0.01)
@@ -55,8 +55,7 @@ def best(work: Callable[[], object], rounds: int) -> float:
 def answered(case: Path) -> float:
     """Seconds from the start of `terrapin discover` to its answer."""
     begin = time.perf_counter()
-    terrapin = Path(sys.executable).with_name("terrapin")
-    subprocess.run([terrapin, "discover", case, "--json", "-"], check=True, stdout=subprocess.DEVNULL, timeout=600)
+    terrapin("discover", case, "--json", "-")
     return time.perf_counter() - begin
 
 

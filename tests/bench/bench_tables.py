@@ -26,7 +26,7 @@ from scipy.signal import lfilter
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "python"))  # runs as a script
 
-from casekit import DRIVE, K_T, ROLLING, A, B, R
+from casekit import ROLLING, driven
 
 BOUNDS = {100_000: (10.0, 0.5), 1_000_000: (60.0, 1.5)}  # rows: s, GB
 SILENCE = 1.5  # s: a line each second, and half of one for the machine
@@ -46,8 +46,7 @@ def table(folder: Path, rows: int) -> Path:
     load = np.clip(random.uniform(15, 40, RUNS)[run] + random.standard_normal(run.size), 5.0, None)
     celsius = random.uniform(20, 35, RUNS)[run] + 30.0 * np.tile(np.arange(each) / each, RUNS)
     noise = lfilter([0.6], [1.0, -0.8], random.standard_t(3, run.size)) / 1.7 + 0.5 * random.standard_normal(RUNS)[run]
-    torque = 0.09 * R * load * np.sign(omega) + A * np.sign(omega) + B * omega
-    current = torque * DRIVE / (R * K_T * (1 - 0.004 * (celsius - 25))) + 0.004 * noise
+    current = driven(omega, load, celsius, heating=0.004) + 0.004 * noise
     humidity = random.normal(50, 5, run.size)
     columns = np.column_stack([run, omega * 30 / np.pi, load, celsius * 1.8 + 32, 1000 * current, humidity])
     folder.mkdir()

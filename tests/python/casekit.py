@@ -68,6 +68,16 @@ def dense(runs: Runs, node: Node) -> npt.NDArray[np.float64]:
     return own
 
 
+def driven(
+    omega: npt.ArrayLike, load: npt.ArrayLike, celsius: npt.ArrayLike, heating: float
+) -> npt.NDArray[np.float64]:
+    """Current [A] of a wheel with f_o = 0.09 that rolls steadily at omega [rad/s] under a load [N], its motor at a
+    temperature [degC]; `heating` is the loss of torque constant a kelvin."""
+    omega, load, celsius = (np.asarray(one, dtype=np.float64) for one in (omega, load, celsius))
+    torque = 0.09 * R * load * np.sign(omega) + A * np.sign(omega) + B * omega
+    return np.asarray(torque * DRIVE / (R * K_T * (1 - heating * (celsius - 25))))
+
+
 def rolling(
     folder: Path,
     seed: int,
@@ -90,8 +100,7 @@ def rolling(
         for row in range(rows):
             omega = speed * (1 + 0.02 * random.standard_normal())
             celsius = first + 2.5 * row
-            torque = 0.09 * R * load * np.sign(omega) + A * np.sign(omega) + B * omega
-            current = torque * DRIVE / (R * K_T * (1 - heating * (celsius - 25))) + sigma * noise[row]
+            current = driven(omega, load, celsius, heating) + sigma * noise[row]
             values = (omega * 30 / np.pi, load, celsius * 1.8 + 32, 1000 * current, random.normal(50, 5))
             lines.append(",".join([f"r{run:02d}", *(f"{v:.8g}" for v in values)]))
     folder.mkdir(parents=True, exist_ok=True)
