@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from terrapin_tools.workbench.compare.comparison import analyse, error, fitted_on
+from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.fitting import fit_model
 from terrapin_tools.workbench.model.model import Model
-from tests.campaigns import dynamic, later_rounds, ode_systems, statements
+from tests.campaigns import dynamic, later_rounds, noises, ode_systems, statements
+from tests.campaigns.discovery_cases import make, without_noise
 from tests.campaigns.resumed import Record, engine, keep, resumed
-from tests.campaigns.ties import ADMISSIBLE, is_tie, rivals
+from tests.campaigns.ties import ADMISSIBLE, distances, is_tie, rivals
 
 
 def test_a_car_whose_wheels_dig_in_at_the_start_values_is_fitted_from_others(tmp_path: Path) -> None:
@@ -60,6 +62,45 @@ def test_a_tie_that_the_data_tell_apart_is_wrong() -> None:
     assert told["viscous_friction",] > ADMISSIBLE
     assert (found["named"], found["right"]) == (True, False)
     assert statements.table([{"family": "constant", **found}]).splitlines()[1].endswith("     3.0")
+
+
+def test_offsets_of_runs_hide_what_independent_noise_would_tell() -> None:
+    """Drag and viscous friction are 8.7 noise sd apart if each row's noise is its own, 2.1 under that of the rig."""
+    found = noises.one("rig", 181, 2.0, 30, 14)
+    assert found["rivals"] == [["aerodynamic_drag"], ["viscous_friction"]]
+    assert found["distances"][1] < ADMISSIBLE < 50.0 < found["independent"][1]
+    assert found["right"]
+
+
+def test_distance_under_a_covariance() -> None:
+    """Twice the sd is a quarter of the distance; what all rows have in common hides what is the same in all rows."""
+    made = make("rolling_steady", ("aerodynamic_drag",), 14, 0.0, 3.0, np.random.default_rng(5))
+    assert made is not None
+    found = discover(made.case, seed=1)
+    assert found.missing
+    model, true = without_noise(made)
+    true[0] += 3.0 * made.sigma[model.channels[0]] * np.cos(made.case.roles["omega"])  # what no told set gives
+    sigma = np.array([made.sigma[c] for c in model.channels])
+    given = (found, made.case.inputs, true, sigma)
+    alone = [np.eye(true.shape[1])] * len(sigma)
+    plain = distances(*given)
+    assert plain[0] > 10.0
+    assert distances(*given, alone) == pytest.approx(plain, abs=0.11)
+    assert distances(*given, [4.0 * one for one in alone]) == pytest.approx(np.array(plain) / 4.0, abs=0.11)
+    assert distances(*given, [one + 1.0 for one in alone])[0] < plain[0]
+
+
+@pytest.mark.parametrize("family", noises.FAMILIES)
+def test_noise_has_the_covariance_that_is_said(family: str) -> None:
+    run, speed, random = np.repeat([0, 1, 2], 4), np.linspace(-2.0, 3.0, 12), np.random.default_rng(3)
+    found, said, draws = np.zeros((12, 12)), np.zeros((12, 12)), 4000
+    for _ in range(draws):
+        values, covariance = noises.FAMILIES[family](run, speed, random)
+        found += np.outer(values, values) / draws
+        said += covariance / draws
+    if family in ("outliers", "rig"):
+        np.fill_diagonal(found, np.diag(said))  # outliers are not in it
+    assert np.abs(found - said).mean() < 0.05
 
 
 def test_what_a_tie_is() -> None:
