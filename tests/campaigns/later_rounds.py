@@ -7,7 +7,7 @@ Cases are those of pools.py, whose seed and number make them. The commands `terr
 turns as in measured.py, at most five rounds, in the folder that a user would have. The error is the root mean square
 over every row of the held-out runs, rows that discovery left out included. `false` counts catalogued effects that
 were added and that the data do not hold; of effects that are one on the data the likeliest is added, so it is an upper
-limit.
+limit. `not the same` leaves out those whose set is the same as the truth on these data (D2 below 4, truth.py).
 A rerun goes on where the last one stopped.
 """
 
@@ -21,6 +21,7 @@ from tests.campaigns.drawn import write
 from tests.campaigns.measured import Outcome, rounds
 from tests.campaigns.pools import make
 from tests.campaigns.resumed import Record, parser_of, rate, resumed
+from tests.campaigns.truth import SAME, distance
 
 __all__ = ["POOLS", "one", "table"]
 
@@ -40,12 +41,14 @@ def one(pool: str, number: int, seed: int) -> Record:
             found.problems.append(f"crash: {error}"[:300])
         case = load_case(folder)
         catalogued = [name for name in case.effects if not case.library[name].title.startswith("own")]
+    false = [name for name in catalogued if name not in drawn.hidden]
     return {
         "kind": kind,
         "base": drawn.design.base,
         "truth": sorted(drawn.hidden),
         "added": list(case.effects),
-        "false": [name for name in catalogued if name not in drawn.hidden],
+        "false": false,
+        "unlike": bool(false) and distance(drawn, catalogued) >= SAME,
         "rounds": found.rounds,
         "crashed": any(text.startswith("crash") for text in found.problems),
         "rose": any("rose" in text for text in found.problems),
@@ -57,6 +60,7 @@ def one(pool: str, number: int, seed: int) -> Record:
 def table(records: list[Record]) -> str:
     """Rates by pool; below them what went wrong."""
     what = {"crashed": "a crash", "rose": "the error rose", "endless": "more than five rounds", "false": "false added"}
+    what["unlike"] = "not the same"
     lines = [f"{'pool':10}{'cases':>6}{'later rounds':>14}" + "".join(f"{title:>24}" for title in what.values())]
     for pool in dict.fromkeys(r["family"] for r in records):
         mine = [r for r in records if r["family"] == pool]

@@ -117,6 +117,7 @@ def test_rounds_of_a_drawn_case_end_and_the_error_falls() -> None:
     assert found["problems"] == []
     assert 2 <= len(found["rounds"]) <= 6
     assert found["added"]
+    assert not found["unlike"]
     shown = later_rounds.table([{"family": "single30", "number": 0, **found}])
     assert "single30       1             0     0.0 %" in shown
 
