@@ -19,7 +19,7 @@ from terrapin_tools.workbench.compare.bayes_factor import WEIGHT, BayesFactor, B
 from terrapin_tools.workbench.compare.comparison import Analysis, analyse, fitted_on
 from terrapin_tools.workbench.model.fitting import covariance
 from terrapin_tools.workbench.model.model import Model
-from terrapin_tools.workbench.noise.covariance import NODES, Node, Runs
+from terrapin_tools.workbench.noise.covariance import ALIKE, Node, Runs
 from terrapin_tools.workbench.noise.estimate import repeated_settings
 from terrapin_tools.workbench.noise.marginal_likelihood import SIZES, STATED
 
@@ -233,7 +233,7 @@ def test_bayes_factor_is_that_of_dense_covariances() -> None:
     for one in range(2):
         observed = rest.T @ residual[:, one]
         nothing, something = [], []
-        for node in NODES:
+        for node in ALIKE:
             prior, noise = np.log(node.prior), rest.T @ dense(runs, node) @ rest
 
             def density(covariance: np.ndarray, observed: np.ndarray = observed) -> float:

@@ -16,14 +16,25 @@ from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.model import Model
-from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Kind, Node, Runs, by_filter, orthonormal
+from terrapin_tools.workbench.noise.covariance import (
+    ALIKE,
+    ALL,
+    NODES,
+    PLAIN,
+    Kind,
+    Node,
+    Runs,
+    by_filter,
+    considered,
+    orthonormal,
+)
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
 from terrapin_tools.workbench.noise.odd import odd_rows
 from terrapin_tools.workbench.noise.precision import Precision
 from terrapin_tools.workbench.noise.stuck import clipped_rows, stuck_rows
 from terrapin_tools.workbench.story.answer import answer
 from terrapin_tools.workbench.story.told import told
-from tests.campaigns import calibration
+from tests.campaigns import calibration, two_channels
 
 LEVEL = np.random.default_rng(4).uniform(0.5, 3.0, (2, 338))  # what a model predicts, on two channels
 WHITE = Node(0.0, 0.0, 0.0, 0.0, 1.0)
@@ -35,12 +46,21 @@ def scattered() -> Runs:
     return Runs(run, 2, LEVEL)
 
 
-@pytest.mark.parametrize("node", NODES, ids=str)
-def test_products_are_those_of_dense_covariances(node: Node) -> None:
+KINDS = NODES[: considered(2)]
+
+
+@pytest.mark.parametrize(
+    ("node", "whole"), [*((n, False) for n in KINDS), *((n, True) for n in KINDS if n.only == 1)], ids=str
+)
+def test_products_are_those_of_dense_covariances(node: Node, whole: bool) -> None:
     runs = scattered()
+    runs.whole = np.array([whole, whole])
     random = np.random.default_rng(1)
     x, y = random.standard_normal((2 * runs.rows, 3)), random.standard_normal((2 * runs.rows, 2))
-    covariance = block_diag(*(dense(Runs(runs.run, level=one[None]), node) for one in LEVEL))
+    each = [dense(Runs(runs.run, level=one[None]), node.of(channel)) for channel, one in enumerate(LEVEL)]
+    if whole:  # the sd that is known is that of whole runs
+        each = [one / node.of(channel).floor ** 2 for channel, one in enumerate(each)]
+    covariance = block_diag(*each)
     expected = x.T @ np.linalg.solve(covariance, y)
     fx, fy = runs.filtered(x, node.filter), runs.filtered(y, node.filter)
     assert runs.products(fx, fy).at(node) == pytest.approx(expected, abs=1e-7)
@@ -53,7 +73,7 @@ def test_products_are_those_of_dense_covariances(node: Node) -> None:
 
 
 @pytest.mark.parametrize("most", [1, 2**21])
-@pytest.mark.parametrize("kind", list(by_filter(range(len(NODES)))), ids=str)
+@pytest.mark.parametrize("kind", list(by_filter(range(considered(2)))), ids=str)
 def test_several_kinds_of_noise_at_once_are_each_alone(kind: Kind, most: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """However few of them fit into memory together."""
     monkeypatch.setattr("terrapin_tools.workbench.noise.covariance.MOST", most)
@@ -80,9 +100,38 @@ def test_what_is_drawn_has_the_covariance() -> None:
     assert drawn @ drawn.T / 200_000 == pytest.approx(dense(runs, node), abs=0.06)
 
 
+@pytest.mark.parametrize("whole", [False, True])
+def test_unlike_noise_is_drawn_in_each_channel(whole: bool) -> None:
+    run = np.repeat(np.arange(4)[::-1], [4, 2, 1, 3])
+    runs, node = (
+        Runs(run, 2, whole=np.array([whole, whole])),
+        Node(0.5, 0.8, 0.7, 0.5, 1.0, only=1, rest=Node(0.0, 0.0, 1.0, 0.0, 1.0)),
+    )
+    drawn = runs.draw(np.random.default_rng(2), 200_000, node)
+    each = [dense(Runs(run), one) / (one.floor**2 if whole else 1.0) for one in (node.of(0), node.of(1))]
+    assert drawn @ drawn.T / 200_000 == pytest.approx(block_diag(*each), abs=0.04)
+
+
+@pytest.mark.parametrize("number", [9, 27])
+def test_unlike_noise_of_two_channels_is_no_effect(number: int) -> None:
+    """Offsets of runs in one channel, rows that are alike in the other; once stated, once not."""
+    case, kinds = two_channels.drawn(number, 20)
+    assert sorted(kinds) == ["ar1", "offsets"]
+    found = analyse(case, seed=number)
+    assert not found.missing
+    assert found.noise.node.rest is not None
+
+
+def test_noise_of_one_channel_in_words() -> None:
+    node = Node(0.0, 0.0, 1.0, 0.0, 1.0, only=1, rest=WHITE)
+    assert node.words(("current", "voltage")) == "white + run offsets in voltage, white elsewhere"
+
+
 def test_priors_of_the_kinds_of_noise_add_up() -> None:
-    assert sum(node.prior for node in NODES) == pytest.approx(1.0)
+    assert sum(node.prior for node in ALIKE) == pytest.approx(1.0)
     assert len(set(NODES)) == len(NODES)
+    assert considered(1) == len(ALIKE)  # a channel alone is unlike none
+    assert {node.only for node in NODES[: considered(3)]} == {ALL, 0, 1, 2}
 
 
 def test_pairs_in_closed_form_are_blocks_of_two() -> None:
@@ -259,7 +308,7 @@ def test_what_the_search_is_sure_of_is_an_alarm() -> None:
     assert "no one thing alone shows it" in told(found.analysis, found).alarm
 
 
-@pytest.mark.parametrize("place", [*range(0, len(NODES), 5), len(NODES) - 9, len(NODES) - 2, len(NODES) - 1])
+@pytest.mark.parametrize("place", [*range(0, len(ALIKE), 5), len(ALIKE) - 9, len(ALIKE) - 2, len(ALIKE) - 1])
 def test_the_precision_is_the_inverse_of_the_covariance(place: int) -> None:
     random = np.random.default_rng(place)
     run = random.permutation(np.repeat(np.arange(8), [1, 2, 3, 9, 20, 40, 4, 4]))

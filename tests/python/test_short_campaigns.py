@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.campaigns import calibration, hidden, mujoco_rigs, noises, several_columns
+from tests.campaigns import calibration, hidden, mujoco_rigs, noises, several_columns, two_channels
 from tests.campaigns.resumed import Record, sure_and_wrong
 
 SEED, CASES, MISSES = 3, 5, 1
@@ -22,6 +22,7 @@ ANSWERED: dict[str, Callable[[str, int], Record]] = {
         f"columns {name}": lambda name, number: several_columns.one(name, number, SEED)
         for name in several_columns.FORMS
     },
+    "two channels": lambda name, number: two_channels.one(name, number, SEED),
     **{f"mujoco {name}": lambda name, number: mujoco_rigs.one(name, number, SEED) for name in mujoco_rigs.FEATURES},
 }
 

@@ -123,7 +123,7 @@ def assess(
     """
     run = case.run[rows]
     channels = len(residual)
-    runs = Runs(run, channels, prediction, felt)
+    runs = Runs(run, channels, prediction, felt, ~noise.known)
     slopes = jacobian / noise.sigma[:, None, None]
     scaled = (residual / noise.sigma[:, None]).reshape(-1, 1)
     blocks = blocks_of(effects, shapes, runs, varying, wrong)

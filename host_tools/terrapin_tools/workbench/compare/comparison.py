@@ -266,9 +266,10 @@ def _analysed(
     missing = adequacy.p_value < level
     scaled = residual / sigma[:, None]
     where = where_it_fails(case, adequacy, scaled, rows, numeric_columns(case), model.channels) if missing else []
-    from_noise, robust = covariance(fits[-1], case.run[case.train], noise.node)
-    # an estimated sd holds what runs have in common, which the kind of noise says once more
-    variance = np.diag(from_noise) / (1.0 if noise.known.any() else noise.node.floor**2)
+    from_noise, robust = covariance(fits[-1], case.run[case.train], noise.node, ~noise.known)
+    # an estimated sd holds what runs have in common, which the kind of noise of all channels says once more
+    said = 1.0 if noise.known.any() or noise.node.rest is not None else noise.node.floor**2
+    variance = np.diag(from_noise) / said
     if missing:  # the misfit then outweighs the noise, and only its scatter over runs says how uncertain we are
         variance = np.maximum(variance, np.diag(robust))
     names: list[str | None] = [None, *case.effects]
@@ -349,7 +350,7 @@ def _fitted(case: Case, seed: int) -> tuple[list[Fit], Noise, Array]:
         pools = _pools(fits[-1].model, directions, shapes, rows)
         felt = _felt(fits[-1].model, fits[-1].theta, prediction, rows, sigma)
         noise = estimate_noise(residual, slopes, prediction, case.run[rows], given, roles, pools, least, felt)
-        nuisance = input_noise(fits[-1], rows, residual, slopes, noise.sigma, noise.node)
+        nuisance = input_noise(fits[-1], rows, residual, slopes, noise.sigma, noise.node, ~noise.known)
         if nuisance.shape[-1]:
             widened = np.concatenate([slopes, nuisance], axis=-1)
             noise = estimate_noise(residual, widened, prediction, case.run[rows], given, roles, pools, least, felt)

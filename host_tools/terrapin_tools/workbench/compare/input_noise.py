@@ -24,7 +24,7 @@ ROUGHLY = 0.1  # by which a share may lie above 1: the parameters were fitted wi
 UNDECIDED = 10.0  # noise sd by which the noise of an input moves a prediction that says nothing then; chosen by hand
 
 
-def input_noise(fit: Fit, rows: Mask, residual: Array, slopes: Array, sigma: Array, node: Node) -> Array:
+def input_noise(fit: Fit, rows: Mask, residual: Array, slopes: Array, sigma: Array, node: Node, whole: Mask) -> Array:
     """Columns (channels, rows, count), in the channels' units, for the inputs whose noise shows in the residual.
 
     Parameters
@@ -34,13 +34,13 @@ def input_noise(fit: Fit, rows: Mask, residual: Array, slopes: Array, sigma: Arr
     residual : (channels, rows), measured minus predicted, in the channels' units.
     slopes : (channels, rows, parameters), derivatives of the prediction, in the same units.
     sigma : (channels,), noise sd in the same units.
-    node : the kind of noise.
+    node, whole : the kind of noise, and whose sd it is (see `Runs`).
     """
     case, channels = fit.model.case, len(residual)
     none = np.zeros((*residual.shape, 0))
     if case.base.whole_runs:
         return none
-    runs = Runs(case.run[rows], channels, fit.model.bind(case.inputs, rows).predict(fit.theta))
+    runs = Runs(case.run[rows], channels, fit.model.bind(case.inputs, rows).predict(fit.theta), whole=whole)
     found = [c for name in case.inputs if (c := _column(fit, name, rows)) is not None]
     if not found:
         return none

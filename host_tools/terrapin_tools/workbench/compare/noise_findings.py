@@ -47,7 +47,8 @@ def noise_findings(analysis: Analysis) -> list[NoiseFinding]:
     noise, case = analysis.noise, analysis.case
     found: list[NoiseFinding] = []
     each = zip(analysis.model.channels, noise.known, noise.sigma, noise.ratio, analysis.prediction, strict=True)
-    for channel, known, sigma, ratio, predicted in each if not analysis.missing else ():
+    for place, (channel, known, sigma, ratio, predicted) in enumerate(each) if not analysis.missing else ():
+        nodes = [node.of(place) for node in NODES[: len(noise.weights)]]
         if known:
             freedom = STATED + noise.ratio_freedom
             square = STATED + noise.ratio_freedom * ratio * ratio  # over chi-square(freedom): the true over the stated
@@ -63,10 +64,10 @@ def noise_findings(analysis: Analysis) -> list[NoiseFinding]:
             ("drift", "drift"),
             ("walk", "walk"),
         ):
-            sizes = np.array([getattr(node, size) for node in NODES])
+            sizes = np.array([getattr(node, size) for node in nodes])
             probability = float(noise.weights[sizes > 0.0].sum())
             if probability > LIKELY:
-                row = sigma if known else sigma / noise.node.floor
+                row = sigma if known else sigma / noise.node.of(place).floor
                 value = float(noise.weights @ sizes / probability * row)
                 if kind == "run_gains":
                     value /= float(np.sqrt(np.mean(predicted * predicted)))

@@ -85,14 +85,14 @@ def noise_left(analysis: Analysis, fit: Fit) -> tuple[Node, float]:
     sigma, rows = analysis.noise.sigma, analysis.rows
     prediction, residual, slopes = free_slopes(fit, sigma, rows)
     base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
-    runs = Runs(analysis.case.run[rows], len(residual), prediction, analysis.felt)
+    runs = Runs(analysis.case.run[rows], len(residual), prediction, analysis.felt, ~analysis.noise.known)
     return Evidence(runs, residual / sigma[:, None], base, analysis.noise.behind).likeliest()
 
 
 def sd_of(analysis: Analysis, fit: Fit) -> Array:
     """Sd of each parameter of an answer, in the noise that it leaves: (parameters,)."""
     node, row = noise_left(analysis, fit)
-    covered = covariance(fit, analysis.case.run[analysis.case.train], node)[0]
+    covered = covariance(fit, analysis.case.run[analysis.case.train], node, ~analysis.noise.known)[0]
     return np.asarray(row * np.sqrt(np.maximum(np.diag(covered), 0.0)))
 
 
@@ -161,7 +161,7 @@ def left(analysis: Analysis, fit: Fit) -> Left:
         return Left(train, held, 1.0)
     prediction, residual, slopes = free_slopes(fit, sigma, rows)
     scaled = residual / sigma[:, None]
-    runs = Runs(case.run[rows], len(scaled), prediction, analysis.felt)
+    runs = Runs(case.run[rows], len(scaled), prediction, analysis.felt, ~analysis.noise.known)
     base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
     # a sensor that lags misreads each row a little, and is no reason to doubt what was named
     wrong = [one for one in analysis.mishaps if one.kind != "lag"]

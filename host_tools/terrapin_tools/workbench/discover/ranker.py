@@ -43,7 +43,8 @@ class Ranker:
         self.case, self.model, self.rows = analysis.case, analysis.model, analysis.rows
         self.sigma = analysis.noise.sigma
         self.behind = analysis.noise.behind
-        self.runs = Runs(self.case.run[self.rows], len(self.model.channels), analysis.prediction, analysis.felt)
+        whole = ~analysis.noise.known
+        self.runs = Runs(self.case.run[self.rows], len(self.model.channels), analysis.prediction, analysis.felt, whole)
         self.values = measured(self.model, self.rows)
         self.train = measured(self.model, self.case.train)
         self.effects: dict[str, Effect] = {effect.name: effect for effect in candidates(self.model)}

@@ -19,7 +19,7 @@ from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.compare.comparison import Analysis, measured
 from terrapin_tools.workbench.discover.ranking import Hypothesis, Ranking
 from terrapin_tools.workbench.model.linearised import Linear, linearise
-from terrapin_tools.workbench.noise.covariance import NODES, Runs, orthonormal
+from terrapin_tools.workbench.noise.covariance import NODES, Runs, considered, orthonormal
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import SIZES
 
@@ -53,7 +53,7 @@ def selection(analysis: Analysis, ranking: Ranking, draws: int, seed: int) -> tu
     once = np.ones((1, runs))
     values = measured(analysis.model, analysis.rows)
     channels = len(analysis.model.channels)
-    weighed = ranking.evidence.nodes if ranking.evidence is not None else range(len(NODES))
+    weighed = ranking.evidence.nodes if ranking.evidence is not None else range(considered(channels))
     nodes = [i for i in weighed if not NODES[i].walk]  # a walk over the test has no meaning among runs drawn anew
     taking_part: list[Hypothesis] = []
     logs: list[Array] = []
@@ -66,7 +66,12 @@ def selection(analysis: Analysis, ranking: Ranking, draws: int, seed: int) -> tu
         except ValueError:
             continue
         widened = replace(linear, base=np.concatenate([linear.base, analysis.nuisance], axis=-1))
-        sums = Sums(Runs(run, channels, analysis.prediction, analysis.felt), widened, analysis.noise.behind, nodes)
+        sums = Sums(
+            Runs(run, channels, analysis.prediction, analysis.felt, ~analysis.noise.known),
+            widened,
+            analysis.noise.behind,
+            nodes,
+        )
         # prior and what the shapes cost stay: only the evidence is drawn anew
         logs.append(hypothesis.log_weight + sums.evidence(weight) - sums.evidence(once))
         taking_part.append(hypothesis)

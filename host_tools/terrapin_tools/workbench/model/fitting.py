@@ -250,16 +250,16 @@ def _screened(parent: Fit, bound: Bound, absent: Array, measured: Array, sigma: 
     return starts
 
 
-def covariance(fit: Fit, run: Index, node: Node) -> tuple[Array, Array]:
+def covariance(fit: Fit, run: Index, node: Node, whole: Mask | None = None) -> tuple[Array, Array]:
     """Covariance of the parameters: from the kind of noise, and cluster-robust over runs.
 
-    `run` (rows,) names the run of each training row. The second makes no assumption about noise or misfit inside a run,
-    but with few runs it is itself noisy (small-sample factor G / (G - 1)). What the data do not determine (a direction
-    in which nothing changes: an effect that the model's own parameters can take up) has an sd a million times as large
-    as what they do.
+    `run` (rows,) names the run of each training row; `whole` as of `Runs`. The second makes no assumption about noise
+    or misfit inside a run, but with few runs it is itself noisy (small-sample factor G / (G - 1)). What the data do not
+    determine (a direction in which nothing changes: an effect that the model's own parameters can take up) has an sd a
+    million times as large as what they do.
     """
     channels, rows, count = fit.jacobian.shape
-    runs = Runs(run, channels, fit.bound.predict(fit.theta) if node.gain or node.grow else None)
+    runs = Runs(run, channels, fit.bound.predict(fit.theta) if node.gain or node.grow else None, whole=whole)
     flat = runs.sort(fit.jacobian.reshape(channels * rows, count))
     flat = np.where(np.isfinite(flat).all(axis=0), flat, 0.0)  # what has no derivative is not determined
     scale = np.sqrt((flat * flat).sum(axis=0))

@@ -6,7 +6,8 @@ Of a run with m rows, the noise has the covariance
 
 l: the straight line over the run of mean 0 and rms 1; g: what the model predicts, of rms 1 over all runs; W: diagonal,
 W^2 = 1 - grow + grow g^2, for instruments that are right to some percent of the reading; s: rms of a row without
-offset, drift and gain. Runs are independent of each other: they are the unit of replication, not the rows.
+offset, drift and gain. Runs are independent of each other: they are the unit of replication, not the rows. Of several
+channels all have one kind of noise, or one of them has another than the rest.
 White noise beside AR(1) noise is an ARMA(1, 1) process, whose innovations a filter of one state gives; offset, drift
 and gain are three more columns a run. Everything that is asked of the data needs only inner products x' V^-1 y, and of
 these each filter is gone through once (NODES share them), however many offsets, drifts and gains are weighed.
@@ -17,15 +18,18 @@ and Steele, Data Parallel Algorithms (1986), for all its rows at once; Woodbury'
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from terrapin_hil.arrays import Array, Index, Mask
 
 __all__ = [
+    "ALIKE",
+    "ALL",
     "NODES",
     "PLAIN",
     "WALKED",
@@ -37,6 +41,7 @@ __all__ = [
     "Runs",
     "by_filter",
     "carried",
+    "considered",
     "doublings",
     "orthonormal",
 ]
@@ -50,7 +55,23 @@ SETTLED = 1e-13  # change of the filter's gain in a row, below which it is const
 MOST = 2**21  # numbers of one array in which several nodes are gone through at once; bounds the memory
 FORGOTTEN = 1e-18  # share of a row that is not carried on to later ones: below rounding
 
-Kind = tuple[float, float, float]  # share, rho and grow of a Node
+CHANNELS = 6  # of which each may have another kind of noise than the rest; further ones belong to the rest
+ALL = -1  # channels
+
+One = tuple[float, float, float]  # share, rho and grow of a Node
+
+
+class Two(NamedTuple):
+    """Of a node that one channel has, and of the rest."""
+
+    only: int
+    own: One
+    floor: float
+    others: One
+    their_floor: float
+
+
+Kind = One | Two
 
 
 @dataclass(frozen=True)
@@ -65,11 +86,22 @@ class Node:
     walk: float = 0.0  # sd of what wanders over the whole test, from run to run, in sd of a row
     gain: float = 0.0  # sd of a factor on the prediction from run to run, times the prediction's rms, in sd of a row
     grow: float = 0.0  # share of the variance of a row that goes with the square of the prediction
+    only: int = ALL  # the channel that has it, and what the others have
+    rest: Node | None = None
 
     @property
     def filter(self) -> Kind:
         """What makes the rows of a run independent, but for what they have in common."""
-        return self.share, self.rho, self.grow
+        own, rest = (self.share, self.rho, self.grow), self.rest
+        if rest is None:
+            return own
+        return Two(self.only, own, self.floor, (rest.share, rest.rho, rest.grow), rest.floor)
+
+    def of(self, channel: int) -> Node:
+        """What a channel alone has."""
+        if self.rest is None:
+            return self
+        return replace(self, only=ALL, rest=None) if self.only == channel else self.rest
 
     @property
     def floor(self) -> float:
@@ -79,15 +111,15 @@ class Node:
     @property
     def of_runs(self) -> bool:
         """Whether runs differ by more than their rows do."""
-        return bool(self.offset or self.drift or self.gain)
+        return bool(self.offset or self.drift or self.gain or (self.rest is not None and self.rest.of_runs))
 
     def thin(self, rows: int) -> float:
         """How many independent rows one of a run of so many is worth, for what is the same in all of them."""
         alike = 1.0 - self.share + self.share * (1.0 + self.rho) / (1.0 - self.rho)
         return float(1.0 / (alike + rows * self.offset**2))
 
-    def words(self) -> str:
-        """As a person would name it.
+    def words(self, channels: Sequence[str] = ()) -> str:
+        """As a person would name it, of a case with these channels.
 
         >>> Node(0.5, 0.6, 1.0, 0.0, 0.1).words()
         'white + AR(1) + run offsets'
@@ -97,7 +129,10 @@ class Node:
         slow = {
             "run offsets": self.offset, "run gains": self.gain, "drift": self.drift, "drift over the test": self.walk
         }  # fmt: skip
-        return " + ".join([*parts, *(name for name, size in slow.items() if size)])
+        told = " + ".join([*parts, *(name for name, size in slow.items() if size)])
+        if self.rest is None:
+            return told
+        return f"{told} in {channels[self.only] if channels else 'one channel'}, {self.rest.words()} elsewhere"
 
 
 def _nodes() -> tuple[Node, ...]:
@@ -141,9 +176,32 @@ def _nodes() -> tuple[Node, ...]:
     return tuple(found)
 
 
-NODES = _nodes()
+def _unlike(channel: int) -> tuple[Node, ...]:
+    """One channel has other noise than the rest; priors beside those of `_nodes`, by hand."""
+    white, grown = ALIKE[0], Node(0.0, 0.0, 0.0, 0.0, 1.0, grow=0.98)
+    weak, slow = (Node(1.0, rho, 0.0, 0.0, 1.0) for rho in (0.4, 0.8))
+    small, middle, large = (Node(0.0, 0.0, tau, 0.0, 1.0) for tau in (0.5, 1.0, 2.0))
+    found = [
+        *((small, white, 0.016), (middle, white, 0.012), (large, white, 0.012)),
+        *((weak, white, 0.012), (slow, white, 0.012), (Node(0.5, 0.9, 0.0, 0.0, 1.0), white, 0.008)),
+        (Node(0.5, 0.6, 1.0, 0.0, 1.0), white, 0.008),
+        (Node(0.0, 0.0, 0.0, 0.0, 1.0, gain=1.5), white, 0.01),
+        *((grown, white, 0.01), (grown, weak, 0.005), (grown, slow, 0.005)),
+        *((one, rest, 0.006) for rest in (weak, slow, grown) for one in (small, middle)),
+    ]
+    return tuple(replace(one, prior=prior, only=channel, rest=rest) for one, rest, prior in found)
+
+
+ALIKE = _nodes()
+UNLIKE = tuple(_unlike(channel) for channel in range(CHANNELS))
+NODES = ALIKE + tuple(node for one in UNLIKE for node in one)
 # runs that are alike
-PLAIN = tuple(i for i, node in enumerate(NODES) if not (node.of_runs or node.walk))
+PLAIN = tuple(i for i, node in enumerate(ALIKE) if not (node.of_runs or node.walk))
+
+
+def considered(channels: int) -> int:
+    """How many of NODES, from the first on, are kinds of noise of a case with so many channels."""
+    return len(ALIKE) + (len(UNLIKE[0]) * min(channels, CHANNELS) if channels > 1 else 0)
 
 
 def orthonormal(columns: Array) -> Array:
@@ -254,10 +312,19 @@ class Runs:
     level : (channels, rows), what the model predicts, in any unit; without it, and in runs of fewer than SCALED rows,
         a gain changes nothing.
     felt : (channels, rows, OWN), what is left of `shifts` where starts are fitted that follow them; None: all of them.
+    whole : (channels,), whose sd is that of whole runs, so that what runs have of their own is in it; None: none. It
+        counts where channels have unlike noise: what all have is in each sd or in none.
     """
 
-    def __init__(self, run: Index, channels: int = 1, level: Array | None = None, felt: Array | None = None) -> None:
-        self.felt = felt
+    def __init__(
+        self,
+        run: Index,
+        channels: int = 1,
+        level: Array | None = None,
+        felt: Array | None = None,
+        whole: Mask | None = None,
+    ) -> None:
+        self.felt, self.whole = felt, whole
         self.run, self.rows, self.channels = run, len(run), channels
         self.order = np.argsort(run, kind="stable")
         self.sorted = bool((np.diff(run) >= 0).all())
@@ -300,7 +367,7 @@ class Runs:
     def without(self, rows: Mask) -> Runs:
         """The other rows."""
         felt = None if self.felt is None else self.felt[:, ~rows]
-        return Runs(self.run[~rows], self.channels, self.reading[:, ~rows], felt)
+        return Runs(self.run[~rows], self.channels, self.reading[:, ~rows], felt, self.whole)
 
     def sort(self, columns: Array) -> Array:
         """Columns (channels * rows, count) with the rows of each run together; the very columns where they are so."""
@@ -316,6 +383,13 @@ class Runs:
     # -- the filter ---------------------------------------------------------------------------------------------------
 
     def _innovations(self, ordered: Array, kind: Kind) -> Array:
+        if isinstance(kind, Two):
+            white, mine = (
+                self._scaled(self._innovations(ordered, kind.others), kind.their_floor),
+                self._rows_of(kind.only),
+            )
+            white[mine] = self._scaled(self._innovations(ordered, kind.own), kind.floor)[mine]
+            return white
         share, rho, grow = kind
         if grow:
             ordered = ordered / self.sd(grow)[:, None]
@@ -334,6 +408,18 @@ class Runs:
             carried(white, self._steps[kind])
         white /= np.sqrt(variance[np.minimum(self.place, len(variance) - 1)])[:, None]
         return white
+
+    def _rows_of(self, channel: int) -> slice:
+        return slice(channel * self.rows, (channel + 1) * self.rows)
+
+    def _runs_of(self, channel: int) -> slice:
+        return slice(channel * self.runs, (channel + 1) * self.runs)
+
+    def _scaled(self, columns: Array, floor: float) -> Array:
+        """Columns (channels * rows, count) times the rms of whole runs where that is in the sd; a copy in any case."""
+        if self.whole is None or not self.whole.any():
+            return columns.copy()
+        return np.asarray(columns * np.repeat(np.where(self.whole, floor, 1.0), self.rows)[:, None])
 
     def _correlated(self, columns: Array, rho: float) -> Array:
         """y_t = x_t + rho y_(t-1) in each run: columns (channels * rows, count), sorted, in their place."""
@@ -361,6 +447,10 @@ class Runs:
 
     def _own(self, kind: Kind) -> Array:
         """What each run has of its own, filtered."""
+        if isinstance(kind, Two):  # not scaled: sizes of what runs have are in sd of a row
+            found, mine = self._own(kind.others).copy(), self._rows_of(kind.only)
+            found[mine] = self._own(kind.own)[mine]
+            return found
         if kind not in self._owns:
             self._owns[kind] = self._innovations(self.own, kind)
         return self._owns[kind]
@@ -399,6 +489,10 @@ class Runs:
 
     def _weight(self, node: Node) -> Array:
         """T (1 + T Z'Z T)^-1 T of each run, with T the sizes of what it has of its own: (channels * runs, 3, 3)."""
+        if node not in self._weights and node.rest is not None:
+            self._weights[node] = self._weight(node.rest).copy()
+            mine = self._runs_of(node.only)
+            self._weights[node][mine] = self._weight(node.of(node.only))[mine]
         if node not in self._weights:
             size = _sizes(node)
             inner = np.eye(OWN) + size @ self._corner(node.filter) @ size
@@ -485,21 +579,40 @@ class Runs:
         """For the runs of each length: their rows (runs, length), and U (runs or 1, length, 3), so that 1 - U U' takes
         offset, drift and gain from what the filter has made white."""
         if node not in self._halves:
-            own = self._own(node.filter) @ _sizes(node)
-            self._halves[node] = []
-            for length in np.unique(self.length):
-                rows = self.begin[self.length == length][:, None] + np.arange(length)
-                # where nothing goes with the prediction or with starts, runs of one length have the same
-                alone = node.gain or node.grow or self.felt is not None
-                u, s, _ = np.linalg.svd(own[rows if alone else rows[:1]], full_matrices=False)
-                self._halves[node].append((rows, u * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + s * s))[:, None, :]))
+            every = range(self.channels)
+            if node.rest is None:
+                self._halves[node] = self._turns_of(node, every)
+            else:
+                others = [channel for channel in every if channel != node.only]
+                own = self._turns_of(node.of(node.only), [node.only])
+                self._halves[node] = own + self._turns_of(node.rest, others)
         return self._halves[node]
+
+    def _turns_of(self, node: Node, channels: Sequence[int]) -> list[tuple[Index, Array]]:
+        """The same in some channels, that have one kind of noise."""
+        if not node.of_runs:
+            return []
+        own, found = self._own(node.filter) @ _sizes(node), []
+        mine = np.repeat(np.isin(np.arange(self.channels), channels), self.runs)
+        for length in np.unique(self.length):
+            rows = self.begin[mine & (self.length == length)][:, None] + np.arange(length)
+            # where nothing goes with the prediction or with starts, runs of one length have the same
+            alone = node.gain or node.grow or self.felt is not None
+            u, s, _ = np.linalg.svd(own[rows if alone else rows[:1]], full_matrices=False)
+            found.append((rows, u * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + s * s))[:, None, :]))
+        return found
 
     def log_determinants(self, node: Node) -> Array:
         """Of the covariance of each run's rows, s = 1, but for the walk: (channels * runs,)."""
         if node in self._determinants:
             return self._determinants[node]
         found = self._determinants[node] = np.zeros(len(self.begin))
+        if node.rest is not None:
+            mine = self._runs_of(node.only)
+            found += self.log_determinants(node.rest) - self._larger(node.rest)
+            own = node.of(node.only)
+            found[mine] = (self.log_determinants(own) - self._larger(own))[mine]
+            return found
         if node.share > 0.0:
             variance = _gain(node.share, node.rho)[1]
             found += np.add.reduceat(np.log(variance[np.minimum(self.place, len(variance) - 1)]), self.begin)
@@ -510,6 +623,11 @@ class Runs:
             found += np.linalg.slogdet(np.eye(OWN) + size @ self._corner(node.filter) @ size)[1]
         return found
 
+    def _larger(self, node: Node) -> Array:
+        """What the log determinants (channels * runs,) are larger by than where the sd is that of whole runs."""
+        whole = np.zeros(self.channels) if self.whole is None else self.whole
+        return np.asarray(2.0 * np.log(node.floor) * np.repeat(whole, self.runs) * self.length)
+
     def log_determinant(self, node: Node) -> float:
         """Of the covariance of all rows, s = 1."""
         walk = float(np.linalg.slogdet(self._wave_inner(node))[1]) if node.walk else 0.0
@@ -517,6 +635,8 @@ class Runs:
 
     def draw(self, random: np.random.Generator, sets: int, node: Node) -> Array:
         """Noise (channels * rows, sets) of this kind with s = 1, in file order."""
+        if node.rest is not None:
+            return self._of_two(node, lambda one: self.draw(random, sets, one), -1.0)
         total = self.channels * self.rows
         ordered = np.sqrt(1.0 - node.share) * random.standard_normal((total, sets)) if node.share < 1.0 else 0.0
         if node.share > 0.0:
@@ -535,8 +655,19 @@ class Runs:
         drawn[:, self.order] = split
         return drawn.reshape(total, sets)
 
+    def _of_two(self, node: Node, of: Callable[[Node], Array], power: float) -> Array:
+        """Rows (channels * rows, count), in file order or sorted, of each channel's kind of noise; `power` of the rms
+        of whole runs where that is in the sd."""
+        own, rest = node.of(node.only), node.rest
+        assert rest is not None, "a node of two kinds"
+        found, mine = self._scaled(of(rest), rest.floor**power), self._rows_of(node.only)
+        found[mine] = self._scaled(of(own), own.floor**power)[mine]
+        return found
+
     def times(self, columns: Array, node: Node) -> Array:
         """The covariance (s = 1) times columns (channels * rows, count), both sorted by run."""
+        if node.rest is not None:
+            return self._of_two(node, lambda one: self.times(columns, one), -2.0)
         sd = self.sd(node.grow)[:, None]
         result = (1.0 - node.share) * sd**2 * columns
         if node.share > 0.0:

@@ -121,7 +121,8 @@ def estimate_noise(
         Runs(run, level=one[None], felt=None if felt is None else felt[c][None]) for c, one in enumerate(prediction)
     ]
     noise = _estimate(residual, jacobian, runs, given, roles, shapes)
-    noise = replace(noise, sigma=noise.sigma * np.where(noise.known, 1.0, noise.node.floor))
+    floor = np.array([noise.node.of(channel).floor for channel in range(len(runs))])
+    noise = replace(noise, sigma=noise.sigma * np.where(noise.known, 1.0, floor))
     exact = ~noise.known & (noise.sigma < least)
     if not exact.any():
         return noise
@@ -181,7 +182,12 @@ def _estimate(
     if repeats < REPEATS_NEEDED:
         source = f"no repeated settings: noise sd from the smoothest model ({taken} shapes beside the model's own)"
         return replace(found, source=source)
-    repeated = np.array([within_scatter(*of, group, node) for of in zip(runs, residual, strict=True)])
+    repeated = np.array(
+        [
+            within_scatter(rows, values, group, node.of(c))
+            for c, (rows, values) in enumerate(zip(runs, residual, strict=True))
+        ]
+    )
     freedom = float(repeats)
     agree = [_agree(sigma[c], free[c], repeated[c], freedom) for c in range(channels)]
     if freedom < FEW_REPEATS and all(agree):
@@ -228,15 +234,20 @@ def _strongest(
     own = np.array(
         [[float(likelihood(q, runs[0].rows, sd)) for q, sd in zip(row, sigma, strict=True)] for row in squares]
     )
-    known = np.array([sum(one.log_determinant(node) for one in runs) - 2.0 * np.log(node.prior) for node in NODES])
+    known = np.array(
+        [
+            sum(one.log_determinant(node.of(c)) for c, one in enumerate(runs)) - 2.0 * np.log(node.prior)
+            for node in NODES[: len(squares)]
+        ]
+    )
     whole = own.sum(axis=1) + known
     present = float(whole.min())
     found = (0.0, 0, 0)
     for trial in sorted({best, *TRIED}):
-        node = NODES[trial]
         for channel, (rows, pool) in enumerate(zip(runs, pools, strict=True)):
             if pool.shape[1] == 0:
                 continue
+            node = NODES[trial].of(channel)
             if (trial, channel) not in white:
                 columns = rows.whiten(pool, node)
                 white[trial, channel] = columns, (columns * columns).sum(axis=0)

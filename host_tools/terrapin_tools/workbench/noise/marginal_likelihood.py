@@ -21,7 +21,17 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from terrapin_hil.arrays import Array, Index
-from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Filtered, Kind, Node, Runs, by_filter, orthonormal
+from terrapin_tools.workbench.noise.covariance import (
+    NODES,
+    PLAIN,
+    Filtered,
+    Kind,
+    Node,
+    Runs,
+    by_filter,
+    considered,
+    orthonormal,
+)
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 
 __all__ = ["SIZES", "STATED", "Evidence", "Gram"]
@@ -53,15 +63,15 @@ class Evidence:
     base : (channels, rows, parameters), derivatives of the prediction, in noise sd.
     behind : degrees of freedom behind the noise sd: STATED where the case gives it, 0 where it is integrated over all
         values (one factor for all channels).
-    nodes : kinds of noise that are weighed, places in NODES; all of them when not given.
+    nodes : kinds of noise that are weighed, places in NODES; all that so many channels may have when not given.
     """
 
     def __init__(
         self, runs: Runs, residual: Array, base: Array, behind: float, nodes: Collection[int] | None = None
     ) -> None:
         self.runs, self.behind = runs, behind
-        self.nodes = tuple(range(len(NODES)) if nodes is None else nodes)
         self.channels, self.rows = residual.shape
+        self.nodes = tuple(range(considered(self.channels)) if nodes is None else nodes)
         self.flat = orthonormal(base.reshape(self.channels * self.rows, -1))
         self.residual = residual.reshape(-1)
         count = self.flat.shape[1]

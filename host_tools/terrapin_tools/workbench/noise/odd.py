@@ -37,21 +37,23 @@ def standing_alone(
     without them, too. For the parameters see `restricted_likelihood`.
     """
     criterion = restricted_likelihood(runs, residuals, bases, sigma)[0]
-    calm = NODES[int(np.argmin(np.where(GROWS, np.inf, criterion)))]
+    grows = GROWS[: len(criterion)]
+    calm = NODES[int(np.argmin(np.where(grows, np.inf, criterion)))]
     odd = _in_any(runs, residuals, bases, sigma, calm)
-    if not (odd.any() and GROWS[np.argmin(criterion)]):
+    if not (odd.any() and grows[np.argmin(criterion)]):
         return odd
     kept = [one.without(odd) for one in runs]
     left = [orthonormal(basis[~odd]) for basis in bases]
     again = restricted_likelihood(kept, [residual[~odd] for residual in residuals], left, sigma)[0]
-    return _in_any(runs, residuals, bases, sigma, NODES[np.argmin(again)]) if GROWS[np.argmin(again)] else odd
+    return _in_any(runs, residuals, bases, sigma, NODES[np.argmin(again)]) if grows[np.argmin(again)] else odd
 
 
 def _in_any(
     runs: Sequence[Runs], residuals: Sequence[Array], bases: Sequence[Array], sigma: Sequence[float | None], node: Node
 ) -> Mask:
-    each = zip(runs, residuals, bases, sigma, strict=True)
-    return np.asarray(np.any([odd_rows(one, values, basis, node, sd) for one, values, basis, sd in each], axis=0))
+    nodes = [node.of(channel) for channel in range(len(runs))]
+    each = zip(runs, residuals, bases, nodes, sigma, strict=True)
+    return np.asarray(np.any([odd_rows(*one) for one in each], axis=0))
 
 
 def odd_rows(runs: Runs, residual: Array, basis: Array, node: Node, sigma: float | None) -> Mask:

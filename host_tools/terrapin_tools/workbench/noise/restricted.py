@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from terrapin_hil.arrays import Array
-from terrapin_tools.workbench.noise.covariance import NODES, Runs, by_filter
+from terrapin_tools.workbench.noise.covariance import NODES, Kind, Node, Runs, considered
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED
 
 __all__ = ["likelihood", "restricted_likelihood"]
@@ -31,18 +32,24 @@ def restricted_likelihood(
     (nodes,) : -2 log likelihood, up to a constant; the prior of each node is in it.
     (nodes, channels) : whitened residual sums of squares, in the unit of the residuals squared.
     """
-    criterion = np.array([-2.0 * np.log(node.prior) for node in NODES])
-    squares = np.zeros((len(NODES), len(residuals)))
-    for kind, places in by_filter(range(len(NODES))).items():
-        for channel, (rows, residual, basis, sd) in enumerate(zip(runs, residuals, bases, sigma, strict=True)):
+    nodes = NODES[: considered(len(residuals))]
+    criterion = np.array([-2.0 * np.log(node.prior) for node in nodes])
+    squares = np.zeros((len(nodes), len(residuals)))
+    for channel, (rows, residual, basis, sd) in enumerate(zip(runs, residuals, bases, sigma, strict=True)):
+        places: dict[Node, list[int]] = {}  # several kinds of noise may be one in this channel
+        for place, node in enumerate(nodes):
+            places.setdefault(replace(node.of(channel), prior=1.0), []).append(place)
+        kinds: dict[Kind, list[Node]] = {}
+        for node in places:
+            kinds.setdefault(node.filter, []).append(node)
+        for kind, these in kinds.items():
             both = rows.filtered(np.column_stack([basis, residual]), kind)
-            products = rows.products(both, both).each([NODES[place] for place in places])
-            for place, product in zip(places, products, strict=True):
+            for node, product in zip(these, rows.products(both, both).each(these), strict=True):
                 inner, taken = product[:-1, :-1], product[:-1, -1]
-                total = float(product[-1, -1] - taken @ np.linalg.solve(inner, taken))
-                squares[place, channel] = max(total, 1e-300)
-                fit = likelihood(squares[place, channel], rows.rows - basis.shape[1], sd)
-                criterion[place] += float(fit) + rows.log_determinant(NODES[place]) + np.linalg.slogdet(inner)[1]
+                total = max(float(product[-1, -1] - taken @ np.linalg.solve(inner, taken)), 1e-300)
+                fit = float(likelihood(np.asarray(total), rows.rows - basis.shape[1], sd))
+                squares[places[node], channel] = total
+                criterion[places[node]] += fit + rows.log_determinant(node) + np.linalg.slogdet(inner)[1]
     return criterion, squares
 
 

@@ -73,8 +73,10 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         parameters=_values(analysis.fit, analysis.sd),
         channels=_channels(analysis),
         noise=noise.source,
-        noise_model=noise.node.words(),
-        noise_told=sentences.noise_source(noise.source, noise.node.words(), noise.node.share * noise.node.rho),
+        noise_model=noise.node.words(analysis.model.channels),
+        noise_told=sentences.noise_source(
+            noise.source, noise.node.words(analysis.model.channels), noise.node.share * noise.node.rho
+        ),
         noise_findings=tuple(findings),
         rho=noise.node.share * noise.node.rho,
         found=found,
@@ -159,7 +161,8 @@ def _rungs(ladder: Sequence[comparison.Rung]) -> tuple[Rung, ...]:
 
 
 def _sd(analysis: Analysis, fit: Fit) -> npt.NDArray[np.float64]:
-    variance = np.diag(covariance(fit, analysis.case.run[analysis.case.train], analysis.noise.node)[0])
+    noise = analysis.noise
+    variance = np.diag(covariance(fit, analysis.case.run[analysis.case.train], noise.node, ~noise.known)[0])
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
