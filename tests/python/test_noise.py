@@ -112,11 +112,11 @@ def test_unlike_noise_is_drawn_in_each_channel(whole: bool) -> None:
     assert drawn @ drawn.T / 200_000 == pytest.approx(block_diag(*each), abs=0.04)
 
 
-@pytest.mark.parametrize("number", [9, 27])
+@pytest.mark.parametrize("number", [11, 32, 52])
 def test_unlike_noise_of_two_channels_is_no_effect(number: int) -> None:
-    """Offsets of runs in one channel, rows that are alike in the other; once stated, once not."""
+    """Offsets of runs in one channel, rows that are alike or white noise in the other; once not stated, twice stated."""
     case, kinds = two_channels.drawn(number, 20)
-    assert sorted(kinds) == ["ar1", "offsets"]
+    assert "offsets" in kinds
     found = analyse(case, seed=number)
     assert not found.missing
     assert found.noise.node.rest is not None
