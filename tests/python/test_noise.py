@@ -114,7 +114,7 @@ def test_unlike_noise_is_drawn_in_each_channel(whole: bool) -> None:
 
 @pytest.mark.parametrize("number", [11, 32, 52])
 def test_unlike_noise_of_two_channels_is_no_effect(number: int) -> None:
-    """Offsets of runs in one channel, rows that are alike or white noise in the other; once not stated, twice stated."""
+    """Offsets of runs in one channel, rows that are alike or white noise in the other; stated or not."""
     case, kinds = two_channels.drawn(number, 20)
     assert "offsets" in kinds
     found = analyse(case, seed=number)
