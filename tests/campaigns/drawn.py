@@ -17,7 +17,7 @@ import numpy.typing as npt
 from tests.campaigns.designs import CHANNELS, UNITS, Design, design
 from tests.campaigns.formulas import EQUATIONS, Foreign, predict
 
-__all__ = ["CATALOGUE", "FOREIGN", "Drawn", "Hidden", "draw", "measure", "noise", "write"]
+__all__ = ["CATALOGUE", "FOREIGN", "Drawn", "Hidden", "draw", "measure", "noise", "write", "write_table"]
 
 Array = npt.NDArray[np.float64]
 Random = np.random.Generator
@@ -319,6 +319,16 @@ TEXT = {
     "unit_weight": ("kN/m^3", 1e3),
     "width": ("mm", 1e-3),
 }
+
+
+def write_table(path: Path, run: Sequence[str], columns: Mapping[str, Array], digits: int = 9) -> None:
+    """A table of rows that belong to runs, as a logger writes it: columns (rows,) with so many significant digits."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = [
+        ",".join([name, *(f"{value:.{digits}g}" for value in row)])
+        for name, row in zip(run, zip(*columns.values(), strict=True), strict=True)
+    ]
+    path.write_text("\n".join([",".join(["run", *columns]), *rows]) + "\n", encoding="utf-8")
 
 
 def write(drawn: Drawn, folder: Path, extra: str = "") -> Path:

@@ -26,7 +26,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import error, fitted_on
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
-from tests.campaigns.drawn import noise
+from tests.campaigns.drawn import noise, write_table
 from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
 from tests.campaigns.ties import MOST_TOLD, distances, is_tie, rivals, told
 
@@ -185,10 +185,7 @@ def _written(
     folder: Path, base: str, table: Mapping[str, Array], theta: Mapping[str, float], sigma: Mapping[str, float]
 ) -> Case:
     body = BODIES[base]
-    folder.mkdir(parents=True, exist_ok=True)
-    run = np.repeat(np.arange(RUNS), body.rows)
-    rows = [",".join([f"r{r}", *(f"{v:.8g}" for v in row)]) for r, *row in zip(run, *table.values(), strict=True)]
-    (folder / "runs.csv").write_text("\n".join([",".join(["run", *table]), *rows]) + "\n", encoding="utf-8")
+    write_table(folder / "runs.csv", [f"r{r}" for r in np.repeat(np.arange(RUNS), body.rows)], table, digits=8)
     units = {"time": "s", body.drive[0]: body.drive[1], **{n: u for n, (u, _) in body.settings.items()}}
     lines = ["[case]", f'title = "{base}"', "[model]", f'base = "{base}"', "[parameters]"]
     lines += [f"{name} = {value!r}" for name, value in body.known.items()] + ["[fit]"]

@@ -23,6 +23,7 @@ import numpy as np
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
+from tests.campaigns.drawn import write_table
 from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
 from tests.campaigns.ties import MOST_TOLD, distances, is_tie, rivals, told
 
@@ -154,13 +155,7 @@ def draw(name: str, number: int, seed: int, folder: Path) -> Drawn:
     torque = table["torque"]
     table["torque"] = torque + noise * random.standard_normal(len(lacking))
     rows = len(runs[0]["q"])
-    folder.mkdir(parents=True, exist_ok=True)
-    names = [f"r{n:02d}" for n in np.repeat(np.arange(RUNS), rows)]
-    lines = [
-        ",".join([run, *(f"{v:.8g}" for v in row)])
-        for run, row in zip(names, zip(*table.values(), strict=True), strict=True)
-    ]
-    (folder / "rows.csv").write_text("\n".join([",".join(["run", *table]), *lines]) + "\n", encoding="utf-8")
+    write_table(folder / "rows.csv", [f"r{n:02d}" for n in np.repeat(np.arange(RUNS), rows)], table, digits=8)
     (folder / "case.toml").write_text(_case(feature, known), encoding="utf-8")
     return Drawn(feature, folder, own, size, torque, noise)
 

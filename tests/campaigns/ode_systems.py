@@ -25,6 +25,7 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
+from tests.campaigns.drawn import write_table
 from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
 from tests.campaigns.ties import distances, is_tie, rivals, told
 
@@ -131,12 +132,9 @@ def draw(seed: int, folder: Path, runs: int = 10, rows: int = 1000, alone: str =
             columns[name].append(column)
     names = {name: np.concatenate(parts) for name, parts in columns.items()}
     measured = {c: names[c] + noise * names[c].std() * random.standard_normal(runs * rows) for c in system.measured}
-    table = {"run": np.repeat(np.arange(runs), rows), "time": np.tile(clock, runs)}
-    table |= {n: names[n] for n in system.inputs} | {f"{n}_measured": values for n, values in measured.items()}
-    folder.mkdir(parents=True, exist_ok=True)
-    lines = [",".join(f"r{v:02.0f}" if n == "run" else f"{v:.9g}" for n, v in zip(table, row, strict=True))
-             for row in zip(*table.values(), strict=True)]  # fmt: skip
-    (folder / "runs.csv").write_text("\n".join([",".join(table), *lines]) + "\n")
+    table = {"time": np.tile(clock, runs)} | {n: names[n] for n in system.inputs}
+    table |= {f"{n}_measured": values for n, values in measured.items()}
+    write_table(folder / "runs.csv", [f"r{n:02d}" for n in np.repeat(np.arange(runs), rows)], table)
     (folder / "case.toml").write_text(_case(system, random, complete))
     return Drawn(system, noise, folder, names, formulas[""].evaluate({**names, **values}))
 

@@ -24,7 +24,7 @@ from terrapin_hil.arrays import Array, Index
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
-from tests.campaigns.drawn import noise
+from tests.campaigns.drawn import noise, write_table
 from tests.campaigns.resumed import Record, parser_of, rate, resumed, sure_and_wrong
 from tests.campaigns.ties import ADMISSIBLE, distances, rivals, told
 
@@ -112,11 +112,8 @@ def draw(family: str, number: int, seed: int) -> Drawn:
 
 def write(drawn: Drawn, folder: Path) -> Path:
     """The case folder, as a user would write it."""
-    table = {**drawn.columns, "y": drawn.measured}
-    lines = [",".join(["run", *table])]
-    for run, *values in zip(drawn.run, *table.values(), strict=True):
-        lines.append(",".join([f"r{run:02d}", *(f"{v:.9g}" for v in values)]))
-    (folder / "rows.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    names = [f"r{run:02d}" for run in drawn.run]
+    write_table(folder / "rows.csv", names, {**drawn.columns, "y": drawn.measured})
     sigma = f", sigma = {drawn.sigma:.6g}" if drawn.stated else ""
     mapped = "\n".join(f'{name} = {{ column = "{name}", unit = "1" }}' for name in drawn.columns)
     (folder / "case.toml").write_text(

@@ -17,6 +17,7 @@ import numpy as np
 
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.discover.discovery import discover
+from tests.campaigns.drawn import write_table
 from tests.campaigns.noises import FAMILIES, table
 from tests.campaigns.resumed import Record, parser_of, resumed
 
@@ -67,12 +68,9 @@ def drawn(number: int, seed: int) -> tuple[Case, list[str]]:
         columns[name] = values + sigma * FAMILIES[kind](run, w, random)[0]
         stated = f", sigma = {sigma}" if number % 2 == 0 else ""
         text += f'{name} = {{ column = "{name}", unit = "{unit}"{stated} }}\n'
-    lines = [",".join(["run", *columns])]
-    for one_run, *values in zip(run, *columns.values(), strict=True):
-        lines.append(",".join([f"r{one_run:02d}", *(f"{value:.9g}" for value in values)]))
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
-        (place / "rows.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        write_table(place / "rows.csv", [f"r{one:02d}" for one in run], columns)
         (place / "case.toml").write_text(text, encoding="utf-8")
         return load_case(place), kinds
 
