@@ -17,6 +17,8 @@ import secrets
 import sys
 import tempfile
 from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +26,15 @@ import numpy as np
 
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
+from terrapin_tools.workbench.model.fitting import fit_model
+from terrapin_tools.workbench.model.model import Model
 from tests.campaigns import mujoco_rigs
-from tests.campaigns.discovery_cases import CONTACT, ROLLING, Made, make
+from tests.campaigns.discovery_cases import CONTACT, ROLLING, Made, make, without_noise
 from tests.campaigns.noises import FAMILIES, disturbed
 from tests.campaigns.resumed import rate, sure_and_wrong
 from tests.campaigns.statements import SAME, spoilt
 from tests.campaigns.ties import MOST_TOLD, told
+from tests.campaigns.truth import SAME as NOT_VISIBLE
 
 __all__ = ["KINDS", "answers", "judged", "seal_of"]
 
@@ -52,20 +57,32 @@ def _drawn(kind: str, random: Random) -> tuple[Made, str]:
             return made, family if base == "rolling_steady" else "as stated"
 
 
-def _case(kind: str, number: int, seed: int, place: Path) -> tuple[Case, dict[str, Any]]:
-    """A case and its answer; the same for the same arguments."""
+def _case(kind: str, number: int, seed: int, place: Path) -> tuple[Case, dict[str, Any], float]:
+    """A case, its answer, and D2 of a fault (truth.py), inf of all else; the same for the same arguments."""
     random = np.random.default_rng([seed, number])
     if kind == "mujoco":
         name = str(random.choice(sorted(mujoco_rigs.FEATURES)))
         drawn = mujoco_rigs.draw(name, number, seed, place / str(number))
-        return load_case(drawn.folder), {"truth": [name]}
+        return load_case(drawn.folder), {"truth": [name]}, np.inf
     made, family = _drawn(kind, random)
     case = made.case if family == "as stated" else disturbed(made, family, random)
-    truth = list(made.truth)
+    truth, visible = list(made.truth), np.inf
     if kind in ("constant", "scale", "sign"):
+        visible = _left(made, kind, deepcopy(random))
         case, fault = spoilt(case, kind, random)
         truth = [fault]
-    return case, {"truth": truth, "noise": family}
+    return case, {"truth": truth, "noise": family}, visible
+
+
+def _left(made: Made, kind: str, random: Random) -> float:
+    """What the model's own parameters leave of a fault, squared, in noise sd: as if each row's noise were its own."""
+    model, true = without_noise(made)
+    sound = replace(made.case, channels=dict(zip(model.channels, true, strict=True)), sigma=dict(made.sigma))
+    case = spoilt(sound, kind, random)[0]
+    case.__dict__.pop("inputs", None)  # computed from the roles of before
+    model = Model.of(case)
+    values, sigma = (np.array([of[c] for c in model.channels]) for of in (case.channels, case.sigma))
+    return fit_model(model.bind(case.inputs), values, sigma, [model.start]).cost
 
 
 def answers(cases: int, seed: int) -> dict[str, Any]:
@@ -100,7 +117,7 @@ def run(sealed: dict[str, Any]) -> list[dict[str, Any]]:
     records = []
     with tempfile.TemporaryDirectory() as place:
         for number, answer in enumerate(sealed["cases"]):
-            case, again = _case(answer["kind"], number, sealed["seed"], Path(place))
+            case, again, visible = _case(answer["kind"], number, sealed["seed"], Path(place))
             if {"kind": answer["kind"], **again} != answer:
                 raise SystemExit(f"case {number} is not the one that was sealed: the campaigns' code has changed")
             found = discover(case, seed=number)
@@ -114,6 +131,7 @@ def run(sealed: dict[str, Any]) -> list[dict[str, Any]]:
                     "probability": round(found.answer_probability, 3),
                     "right": good,
                     "wrong and sure": sure_and_wrong(found.verdict, found.answer_probability, good),
+                    "visible": round(visible, 1) if np.isfinite(visible) else None,
                 }
             )
             print(f"{number + 1} of {len(sealed['cases'])}", file=sys.stderr)
@@ -121,18 +139,21 @@ def run(sealed: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def table(records: list[dict[str, Any]]) -> str:
-    """Rates by kind, the worst first, then each failure."""
+    """Rates by kind, the worst first; without faults that the model's own parameters take up; each failure."""
     lines = [f"{'kind':10}{'cases':>6}{'right or tied':>24}{'above 0.9 and wrong':>24}"]
     of_kind = {kind: [r for r in records if r["kind"] == kind] for kind in {r["kind"] for r in records}}
     listed = sorted(of_kind.items(), key=lambda one: (sum(r["right"] for r in one[1]) / len(one[1]), one[0]))
-    for kind, mine in [*listed, ("all", records)]:
+    shown = [r for r in records if r["visible"] is None or r["visible"] >= NOT_VISIBLE]
+    for kind, mine in [*listed, ("all", records), ("visible", shown)]:
         hits = [sum(r["right"] for r in mine), sum(r["wrong and sure"] for r in mine)]
         lines.append(f"{kind:10}{len(mine):6d}" + "".join(rate(count, len(mine)) for count in hits))
     for r in records:
         if not r["right"]:
             said = " | ".join(" + ".join(names) for names in r["said"]) or "-"
             hidden = " + ".join(r["truth"]) or "nothing"
-            lines.append(f"  {r['number']}: {hidden} ({r.get('noise', '')}): {r['verdict']} {r['probability']}: {said}")
+            visible = "" if r["visible"] is None else f", D2 {r['visible']}"
+            noise = f"{r.get('noise', '')}{visible}"
+            lines.append(f"  {r['number']}: {hidden} ({noise}): {r['verdict']} {r['probability']}: {said}")
     return "\n".join(lines)
 
 
