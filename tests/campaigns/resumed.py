@@ -23,7 +23,17 @@ from typing import Any
 
 from tests.campaigns.statistics import rate_limits
 
-__all__ = ["Record", "engine", "engine_files", "keep", "parser_of", "rate", "resumed", "sure_and_wrong"]
+__all__ = [
+    "Record",
+    "engine",
+    "engine_files",
+    "everything",
+    "keep",
+    "parser_of",
+    "rate",
+    "resumed",
+    "sure_and_wrong",
+]
 
 Record = dict[str, Any]
 ROOT = Path(__file__).resolve().parents[2]
@@ -111,18 +121,24 @@ def _counted(campaign: str) -> list[Record]:
     return [json.loads(line) for line in gzip.decompress(path.read_bytes()).splitlines()] if path.is_file() else []
 
 
+def everything(campaign: str, out: Path = Path("out")) -> list[Record]:
+    """All that is known of a campaign, on every setting, of the present engine: committed, and in `out`."""
+    lines = [*_counted(campaign), *(line for path in sorted((out / campaign).glob("*.jsonl")) for line in _lines(path))]
+    mine = {(r["setting"], r["family"], r["number"]): r for r in lines if r.get("engine") == engine()}
+    return [mine[key] for key in sorted(mine)]
+
+
 def keep(folder: Path) -> dict[str, int]:
     """Put the lines of the present engine below a folder beside those that are committed, in their order: the same
     bytes from the same lines. How many there are then, by campaign; lines of other engines are dropped."""
     counts = {}
     for place in sorted({path.parent for path in folder.glob("*/*.jsonl")}):
-        lines = [*_counted(place.name), *(line for path in sorted(place.glob("*.jsonl")) for line in _lines(path))]
-        mine = {(r["setting"], r["family"], r["number"]): r for r in lines if r.get("engine") == engine()}
-        if mine:
-            text = "".join(json.dumps(mine[key]) + "\n" for key in sorted(mine))
+        records = everything(place.name, folder)
+        if records:
+            text = "".join(json.dumps(record) + "\n" for record in records)
             COUNTED.mkdir(parents=True, exist_ok=True)
             (COUNTED / f"{place.name}.jsonl.gz").write_bytes(gzip.compress(text.encode(), mtime=0))
-            counts[place.name] = len(mine)
+            counts[place.name] = len(records)
     return counts
 
 

@@ -13,7 +13,7 @@ from terrapin_tools.workbench.compare.comparison import analyse, error, fitted_o
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.fitting import fit_model
 from terrapin_tools.workbench.model.model import Model
-from tests.campaigns import dynamic, later_rounds, noises, ode_systems, statements
+from tests.campaigns import dynamic, later_rounds, noises, ode_systems, statements, sure
 from tests.campaigns.discovery_cases import make, without_noise
 from tests.campaigns.resumed import Record, engine, keep, resumed
 from tests.campaigns.ties import ADMISSIBLE, distances, is_tie, rivals
@@ -110,6 +110,22 @@ def test_what_a_tie_is() -> None:
     assert is_tie([629.0, 637.0], exact=False)  # no set gives the data: beyond the best of them
     assert not is_tie([629.0, 638.1], exact=False)
     assert rivals([{"distances": [0.0, 1.0, 2.0]}, {"distances": [0.0]}, {"distances": []}, {}]) == 1.0
+
+
+def test_what_is_above_09_and_wrong() -> None:
+    """A set that the data do not tell from the truth counts strictly only; names where nothing is missing always do."""
+    said: Record = {"family": "rig", "verdict": "missing", "probability": 0.95, "right": False, "missing": ["slope"]}
+    far, near = ({**said, "number": n, "truth": ["cogging"], "distances": [d]} for n, d in ((1, 9.0), (2, 8.9)))
+    nothing = {**said, "number": 3, "truth": []}
+    unsure = {**said, "number": 4, "truth": ["cogging"], "probability": 0.9}
+    shown = sure.table({"noises": [far, near, nothing, unsure], "dynamic": []})
+    assert [line.split()[:3] for line in shown.splitlines()[1:3]] == [["noises", "4", "75.0"], ["all", "4", "75.0"]]
+    assert shown.splitlines()[1].count("50.0 %") == 1
+    assert shown.count("(admissible)") == 1
+    small: Record = {**said, "family": "single12", "verdict": "adequate", "among": False, "hidden": 5.0}
+    aside: Record = {**small, "hidden": 3.9}
+    assert sure.judged("hidden", [small, aside]) == [(small, True)]
+    assert sure.excused(small)
 
 
 def test_rounds_of_a_drawn_case_end_and_the_error_falls() -> None:
