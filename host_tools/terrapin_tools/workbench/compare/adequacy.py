@@ -129,9 +129,10 @@ def assess(
     blocks = blocks_of(effects, shapes, runs, varying, wrong)
     few = scaled.size - slopes.shape[-1] < ENOUGH
     behind = noise.behind if few or float(np.sqrt(np.mean(scaled**2))) < ROUNDING else 0.0
-    every = BayesFactor(runs, slopes, blocks, behind)
+    every = BayesFactor(runs, slopes, blocks, behind, noise.kinds)
     likely = [np.exp(logs[:, 0] - logsumexp(logs[:, 0])) > LIKELY for logs in every.weigh(scaled)]
-    statistic = BayesFactor(runs, slopes, blocks, behind, np.flatnonzero(likely[0] | likely[1]).tolist())
+    nodes = np.array(noise.kinds)[likely[0] | likely[1]].tolist()
+    statistic = BayesFactor(runs, slopes, blocks, behind, nodes)
     observed, posterior = statistic(scaled)
     random = np.random.default_rng([seed, 0x7E57])
     drawn = _simulated(runs, statistic.evidence.nodes, posterior[:, 0], random)

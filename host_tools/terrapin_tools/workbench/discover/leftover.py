@@ -86,7 +86,7 @@ def noise_left(analysis: Analysis, fit: Fit) -> tuple[Node, float]:
     prediction, residual, slopes = free_slopes(fit, sigma, rows)
     base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
     runs = Runs(analysis.case.run[rows], len(residual), prediction, analysis.felt, ~analysis.noise.known)
-    return Evidence(runs, residual / sigma[:, None], base, analysis.noise.behind).likeliest()
+    return Evidence(runs, residual / sigma[:, None], base, analysis.noise.behind, analysis.noise.kinds).likeliest()
 
 
 def sd_of(analysis: Analysis, fit: Fit) -> Array:

@@ -68,7 +68,7 @@ class Ranker:
         residual = analysis.residual / self.sigma[:, None]
         # what an answer may explain: the squares beyond those of noise, which may be few by chance
         self.misfit = max(float((residual * residual).sum()) - residual.size, float(np.sqrt(2.0 * residual.size)))
-        self.nodes = Evidence(self.runs, residual, self.base, self.behind).among(self.columns)
+        self.nodes = Evidence(self.runs, residual, self.base, self.behind, analysis.noise.kinds).among(self.columns)
         self.evidence = Evidence(self.runs, residual, self.base, self.behind, self.nodes)
 
     def _widened(self, slopes: Array) -> Array:

@@ -53,6 +53,7 @@ OWN = 3  # columns that each run has of its own: constant, line and prediction
 GROWN = 0.08  # prior of noise that grows with the reading; chosen by hand
 SETTLED = 1e-13  # change of the filter's gain in a row, below which it is constant
 MOST = 2**21  # numbers of one array in which several nodes are gone through at once; bounds the memory
+WIDE = 32  # columns that are filtered at once: those of a long recording stay in the processor's cache
 FORGOTTEN = 1e-18  # share of a row that is not carried on to later ones: below rounding
 
 CHANNELS = 6  # of which each may have another kind of noise than the rest; further ones belong to the rest
@@ -383,30 +384,47 @@ class Runs:
     # -- the filter ---------------------------------------------------------------------------------------------------
 
     def _innovations(self, ordered: Array, kind: Kind) -> Array:
-        if isinstance(kind, Two):
-            white, mine = (
-                self._scaled(self._innovations(ordered, kind.others), kind.their_floor),
-                self._rows_of(kind.only),
-            )
-            white[mine] = self._scaled(self._innovations(ordered, kind.own), kind.floor)[mine]
-            return white
+        if not isinstance(kind, Two):
+            return self._of_one(ordered, kind, range(self.channels))
+        white = np.empty(ordered.shape)
+        for channels, one, floor in (
+            (range(kind.only), kind.others, kind.their_floor),
+            (range(kind.only, kind.only + 1), kind.own, kind.floor),
+            (range(kind.only + 1, self.channels), kind.others, kind.their_floor),
+        ):
+            if channels:
+                mine = slice(channels.start * self.rows, channels.stop * self.rows)
+                white[mine] = self._of_one(ordered[mine], one, channels)
+                white[mine] *= self._larger(floor, channels)
+        return white
+
+    def _of_one(self, ordered: Array, kind: One, channels: range) -> Array:
+        """Of some channels that follow each other, (their rows, count)."""
         share, rho, grow = kind
+        count = len(channels) * self.rows
         if grow:
-            ordered = ordered / self.sd(grow)[:, None]
+            ordered = ordered / self.sd(grow)[channels.start * self.rows :][:count, None]
         if share == 0.0:
             return ordered
         gain, variance = _gain(share, rho)
+        begin = self.begin[: len(channels) * self.runs]
+        sd = np.sqrt(variance[np.minimum(self.place[:count], len(variance) - 1)])[:, None]
+        if share < 1.0 and kind not in self._steps:
+            back = rho * (1.0 - gain)
+            rate = np.where(self.place > 0, back[np.minimum(self.place - 1, len(back) - 1)], 0.0)
+            self._steps[kind] = doublings(rate)
+        steps = self._steps[kind] if share < 1.0 else []
+        steps = [(reach, rate[: count - reach]) for reach, rate in steps if reach < count]
         white = np.empty(ordered.shape)
-        np.multiply(ordered[:-1], -rho, out=white[1:])
-        white[1:] += ordered[1:]
-        white[self.begin] = ordered[self.begin]
-        if share < 1.0:
-            if kind not in self._steps:
-                back = rho * (1.0 - gain)
-                rate = np.where(self.place > 0, back[np.minimum(self.place - 1, len(back) - 1)], 0.0)
-                self._steps[kind] = doublings(rate)
-            carried(white, self._steps[kind])
-        white /= np.sqrt(variance[np.minimum(self.place, len(variance) - 1)])[:, None]
+        for first in range(0, ordered.shape[1], WIDE):
+            columns = ordered[:, first : first + WIDE]
+            found = np.empty(columns.shape)
+            np.multiply(columns[:-1], -rho, out=found[1:])
+            found[1:] += columns[1:]
+            found[begin] = columns[begin]
+            carried(found, steps)
+            found /= sd
+            white[:, first : first + WIDE] = found
         return white
 
     def _rows_of(self, channel: int) -> slice:
@@ -415,11 +433,10 @@ class Runs:
     def _runs_of(self, channel: int) -> slice:
         return slice(channel * self.runs, (channel + 1) * self.runs)
 
-    def _scaled(self, columns: Array, floor: float) -> Array:
-        """Columns (channels * rows, count) times the rms of whole runs where that is in the sd; a copy in any case."""
-        if self.whole is None or not self.whole.any():
-            return columns.copy()
-        return np.asarray(columns * np.repeat(np.where(self.whole, floor, 1.0), self.rows)[:, None])
+    def _larger(self, floor: float, channels: range) -> Array:
+        """The rms of whole runs, where that is in the sd, by row of some channels (their rows, 1)."""
+        whole = np.zeros(self.channels, dtype=bool) if self.whole is None else self.whole
+        return np.repeat(np.where(whole[channels.start : channels.stop], floor, 1.0), self.rows)[:, None]
 
     def _correlated(self, columns: Array, rho: float) -> Array:
         """y_t = x_t + rho y_(t-1) in each run: columns (channels * rows, count), sorted, in their place."""
@@ -609,9 +626,9 @@ class Runs:
         found = self._determinants[node] = np.zeros(len(self.begin))
         if node.rest is not None:
             mine = self._runs_of(node.only)
-            found += self.log_determinants(node.rest) - self._larger(node.rest)
+            found += self.log_determinants(node.rest) - self._share(node.rest)
             own = node.of(node.only)
-            found[mine] = (self.log_determinants(own) - self._larger(own))[mine]
+            found[mine] = (self.log_determinants(own) - self._share(own))[mine]
             return found
         if node.share > 0.0:
             variance = _gain(node.share, node.rho)[1]
@@ -623,7 +640,7 @@ class Runs:
             found += np.linalg.slogdet(np.eye(OWN) + size @ self._corner(node.filter) @ size)[1]
         return found
 
-    def _larger(self, node: Node) -> Array:
+    def _share(self, node: Node) -> Array:
         """What the log determinants (channels * runs,) are larger by than where the sd is that of whole runs."""
         whole = np.zeros(self.channels) if self.whole is None else self.whole
         return np.asarray(2.0 * np.log(node.floor) * np.repeat(whole, self.runs) * self.length)
@@ -660,8 +677,9 @@ class Runs:
         of whole runs where that is in the sd."""
         own, rest = node.of(node.only), node.rest
         assert rest is not None, "a node of two kinds"
-        found, mine = self._scaled(of(rest), rest.floor**power), self._rows_of(node.only)
-        found[mine] = self._scaled(of(own), own.floor**power)[mine]
+        every, mine = range(self.channels), self._rows_of(node.only)
+        found = of(rest) * self._larger(rest.floor**power, every)
+        found[mine] = (of(own) * self._larger(own.floor**power, every))[mine]
         return found
 
     def times(self, columns: Array, node: Node) -> Array:

@@ -41,6 +41,7 @@ REPEATS_NEEDED = 4  # degrees of freedom that repeated settings must give; chose
 # Share of a channel's spread below which no noise was measured. Chosen by hand, after cases of computed numbers, whose
 # sd of rounding (1e-151 in one) made every formula wrong.
 EXACT = 1e-6
+FAINT = 1e-9  # posterior below which noise of unlike channels is no more weighed: there are many kinds of it; by hand
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,11 @@ class Noise:
     ratio: Array = field(default_factory=lambda: np.ones(0))  # (channels,): what the smoothest model leaves over sigma
     ratio_freedom: float = np.inf
     weights: Array = field(default_factory=lambda: np.ones(1))  # (nodes,): posterior of each kind of noise
+
+    @property
+    def kinds(self) -> list[int]:
+        """Kinds of noise that are weighed, places in NODES: of unlike channels those that are not FAINT."""
+        return [i for i, weight in enumerate(self.weights) if NODES[i].rest is None or weight > FAINT]
 
     @property
     def behind(self) -> float:
