@@ -4,8 +4,9 @@
     python -m tests.campaigns.sure --out FOLDER
 
 Strictly, an answer above 0.9 is wrong where its campaign does not call it right. Of these are left: `missing` whose set
-the data tell from the truth (D2 of ADMISSIBLE and more), or where nothing is missing; `unexplained`; and `adequate`,
-but for effects that were drawn at 1 noise sd: the model's own parameters leave less of them.
+the data tell from the truth (D2 of ADMISSIBLE and more), that has more members than the truth (one that holds it and
+more always reaches it), or where nothing is missing; `unexplained`; and `adequate`, but for effects that were drawn at
+1 noise sd: the model's own parameters leave less of them.
 """
 
 from __future__ import annotations
@@ -36,8 +37,12 @@ def judged(campaign: str, records: Sequence[Record]) -> list[tuple[Record, bool]
 
 def excused(record: Record) -> bool:
     """Whether the data do not tell what is said from the truth, or less than 1 sd is missing."""
-    if record["verdict"] == "missing" and (record.get("truth") or "system" in record or "left" in record):
-        return bool(record.get("distance", min(record.get("distances") or [ADMISSIBLE])) < ADMISSIBLE)
+    if record["verdict"] == "missing" and record.get("truth"):
+        truth = record["truth"]
+        members = 1 if isinstance(truth, str) else len(truth)
+        said = record["missing"] if "missing" in record else (record.get("said") or record["told"])[0]
+        distance = record["distance"] if "distance" in record else record["distances"][0]
+        return len(said) <= members and bool(distance < ADMISSIBLE)
     return record["verdict"] == "adequate" and record["family"].startswith("single")
 
 

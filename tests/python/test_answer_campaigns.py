@@ -117,6 +117,9 @@ def test_what_is_above_09_and_wrong() -> None:
     said: Record = {"family": "rig", "verdict": "missing", "probability": 0.95, "right": False, "missing": ["slope"]}
     far, near = ({**said, "number": n, "truth": ["cogging"], "distances": [d]} for n, d in ((1, 9.0), (2, 8.9)))
     nothing = {**said, "number": 3, "truth": []}
+    more = {**near, "missing": ["cogging", "slope"], "distances": [0.0]}
+    assert sure.excused(near)
+    assert not sure.excused(more)  # what holds the truth and more reaches it always
     unsure = {**said, "number": 4, "truth": ["cogging"], "probability": 0.9}
     shown = sure.table({"noises": [far, near, nothing, unsure], "dynamic": []})
     assert [line.split()[:3] for line in shown.splitlines()[1:3]] == [["noises", "4", "75.0"], ["all", "4", "75.0"]]
