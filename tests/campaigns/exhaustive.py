@@ -13,8 +13,10 @@ calibration.py, which are made where they are not there yet.
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular, toeplitz
@@ -27,7 +29,7 @@ from terrapin_tools.workbench.model.fitting import Fit, extend
 from tests.campaigns import calibration
 from tests.campaigns.resumed import Record, parser_of, rate, resumed
 
-__all__ = ["chosen", "one"]
+__all__ = ["chosen", "counts", "one", "paired"]
 
 CORRELATIONS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9)  # of neighbouring rows of a run
 OFFSETS = (0.0, 0.3, 0.6, 1.0, 1.5)  # sd of a run's offset, in that of a row
@@ -97,18 +99,38 @@ def _right(bic: Record, own: Record) -> bool:
     return bic["right"] or (not bic["named"] and own["hidden"] < calibration.SAME)
 
 
-def table(ours: list[Record], theirs: list[Record]) -> str:
+def paired(ours: Sequence[Record], theirs: Sequence[Record]) -> list[tuple[Record, Record]]:
+    """Answers of discovery and of BIC to the same cases."""
+    answers = {(r["family"], r["number"]): r for r in ours}
+    return [(answers[r["family"], r["number"]], r) for r in theirs]
+
+
+class Count(NamedTuple):
+    right: int
+    wrong: int  # claims
+
+
+def counts(pairs: Sequence[tuple[Record, Record]]) -> tuple[Count, Count]:
+    """Of discovery, and of BIC."""
+    own = Count(
+        sum(own["right"] for own, _ in pairs),
+        sum(own["verdict"] == "missing" and not own["right"] for own, _ in pairs),
+    )
+    right = [_right(bic, own) for own, bic in pairs]
+    return own, Count(
+        sum(right), sum(bool(bic["named"]) and not good for (_, bic), good in zip(pairs, right, strict=True))
+    )
+
+
+def table(ours: Sequence[Record], theirs: Sequence[Record]) -> str:
     """Who is right how often, and who names something wrong, by group and over all."""
     lines = [f"{'group':14}{'cases':>6}{'right':>24}{'of BIC':>24}{'wrong claims':>14}{'of BIC':>8}"]
-    answers = {(r["family"], r["number"]): r for r in ours}
-    pairs = [(answers[r["family"], r["number"]], r) for r in theirs]
+    pairs = paired(ours, theirs)
     for group in [*sorted({r["family"] for r in theirs}), "all"]:
         mine = [pair for pair in pairs if group in (pair[1]["family"], "all")]
-        right = [sum(own["right"] for own, _ in mine), sum(_right(bic, own) for own, bic in mine)]
-        wrong = sum(own["verdict"] == "missing" and not own["right"] for own, _ in mine)
-        wrong_of_bic = sum(bool(bic["named"]) and not _right(bic, own) for own, bic in mine)
-        rates = "".join(rate(hits, len(mine)) for hits in right)
-        lines.append(f"{group:14}{len(mine):6d}{rates}{wrong:14d}{wrong_of_bic:8d}")
+        own, bic = counts(mine)
+        rates = rate(own.right, len(mine)) + rate(bic.right, len(mine))
+        lines.append(f"{group:14}{len(mine):6d}{rates}{own.wrong:14d}{bic.wrong:8d}")
     return "\n".join(lines)
 
 

@@ -25,6 +25,7 @@ from tests.campaigns.statistics import rate_limits
 
 __all__ = [
     "Record",
+    "committed",
     "engine",
     "engine_files",
     "everything",
@@ -81,7 +82,7 @@ def resumed(options: argparse.Namespace, setting: str, make: Callable[[str, int]
     options.out.mkdir(parents=True, exist_ok=True)
     known: dict[tuple[str, int], Record] = {}
     others = 0
-    kept = [record for record in _counted(options.campaign) if record["setting"] == setting]
+    kept = [record for record in committed(options.campaign) if record["setting"] == setting]
     for record in (*kept, *(one for path in sorted(options.out.glob(f"{setting}-*.jsonl")) for one in _lines(path))):
         if record.get("engine") == engine():
             known[record["family"], record["number"]] = record
@@ -115,15 +116,18 @@ def _lines(path: Path) -> Iterator[Record]:
             yield record
 
 
-def _counted(campaign: str) -> list[Record]:
-    """What was committed of a campaign."""
+def committed(campaign: str) -> list[Record]:
+    """What was committed of a campaign, all of one engine."""
     path = COUNTED / f"{campaign}.jsonl.gz"
     return [json.loads(line) for line in gzip.decompress(path.read_bytes()).splitlines()] if path.is_file() else []
 
 
 def everything(campaign: str, out: Path = Path("out")) -> list[Record]:
     """All that is known of a campaign, on every setting, of the present engine: committed, and in `out`."""
-    lines = [*_counted(campaign), *(line for path in sorted((out / campaign).glob("*.jsonl")) for line in _lines(path))]
+    lines = [
+        *committed(campaign),
+        *(line for path in sorted((out / campaign).glob("*.jsonl")) for line in _lines(path)),
+    ]
     mine = {(r["setting"], r["family"], r["number"]): r for r in lines if r.get("engine") == engine()}
     return [mine[key] for key in sorted(mine)]
 
