@@ -2,6 +2,7 @@
 
     python -m tests.campaigns.later_rounds --cases 50                     of the pool mixed
     python -m tests.campaigns.later_rounds --families removed --part 1/4  a quarter of the cases; parts merge
+    python -m tests.campaigns.later_rounds --practice DIR                 cases of somebody else with answers.json
 
 Cases are those of pools.py, whose seed and number make them. The commands `terrapin discover` and `terrapin add` take
 turns as in measured.py, at most five rounds, in the folder that a user would have. The error is the root mean square
@@ -13,7 +14,10 @@ A rerun goes on where the last one stopped.
 
 from __future__ import annotations
 
+import json
+import shutil
 import tempfile
+from collections.abc import Collection
 from pathlib import Path
 
 from terrapin_tools.workbench.case.case import load_case
@@ -23,7 +27,7 @@ from tests.campaigns.pools import make
 from tests.campaigns.resumed import Record, parser_of, rate, resumed
 from tests.campaigns.truth import SAME, distance
 
-__all__ = ["POOLS", "one", "table"]
+__all__ = ["POOLS", "given", "one", "table"]
 
 POOLS = ("mixed", "single12", "single30", "pair30", "removed")
 
@@ -31,24 +35,39 @@ POOLS = ("mixed", "single12", "single30", "pair30", "removed")
 def one(pool: str, number: int, seed: int) -> Record:
     """Make one case and answer it until nothing is added any more."""
     kind, drawn, _ = make(pool, seed, number)
-    found = Outcome(f"{pool} {number}")
     with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
-        write(drawn, folder)
-        try:
-            rounds(folder, found, "round")
-        except RuntimeError as error:
-            found.problems.append(f"crash: {error}"[:300])
-        case = load_case(folder)
-        catalogued = [name for name in case.effects if not case.library[name].title.startswith("own")]
-    false = [name for name in catalogued if name not in drawn.hidden]
+        write(drawn, Path(place))
+        found = _answered(Path(place), f"{pool} {number}", drawn.hidden)
+    effects = found.pop("catalogued")
+    unlike = bool(found["false"]) and distance(drawn, effects) >= SAME
+    return {"kind": kind, "base": drawn.design.base, "truth": sorted(drawn.hidden), **found, "unlike": unlike}
+
+
+def given(folder: Path) -> list[Record]:
+    """Cases of somebody else, copied before they are changed. Of rivals that tie any may be added."""
+    records = []
+    for name, expected in sorted(json.loads((folder / "answers.json").read_text(encoding="utf-8")).items()):
+        true = {*expected["truth"], *(effect for rival in expected.get("rivals", ()) for effect in rival)}
+        with tempfile.TemporaryDirectory() as place:
+            shutil.copytree(folder / name, Path(place), dirs_exist_ok=True)
+            found = _answered(Path(place), name, true)
+        records.append({"family": "practice", "number": name, **found, "unlike": bool(found["false"])})
+    return records
+
+
+def _answered(folder: Path, label: str, true: Collection[str]) -> Record:
+    """What the rounds came to, of a case in a folder that may be changed."""
+    found = Outcome(label)
+    try:
+        rounds(folder, found, "round")
+    except RuntimeError as error:
+        found.problems.append(f"crash: {error}"[:300])
+    case = load_case(folder)
+    catalogued = [name for name in case.effects if not case.library[name].title.startswith("own")]
     return {
-        "kind": kind,
-        "base": drawn.design.base,
-        "truth": sorted(drawn.hidden),
         "added": list(case.effects),
-        "false": false,
-        "unlike": bool(false) and distance(drawn, catalogued) >= SAME,
+        "catalogued": catalogued,
+        "false": [name for name in catalogued if name not in true],
         "rounds": found.rounds,
         "crashed": any(text.startswith("crash") for text in found.problems),
         "rose": any("rose" in text for text in found.problems),
@@ -73,7 +92,12 @@ def table(records: list[Record]) -> str:
 
 
 def main() -> None:
-    options = parser_of(__doc__, "python -m tests.campaigns.later_rounds", POOLS, cases=50).parse_args()
+    parser = parser_of(__doc__, "python -m tests.campaigns.later_rounds", POOLS, cases=50)
+    parser.add_argument("--practice", type=Path, metavar="DIR", help="answer the cases there, and no others")
+    options = parser.parse_args()
+    if options.practice:
+        print(table(given(options.practice)))
+        return
     print(table(resumed(options, str(options.seed), lambda pool, number: one(pool, number, options.seed))))
 
 

@@ -13,8 +13,10 @@ from terrapin_tools.workbench.compare.comparison import analyse, error, fitted_o
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.fitting import fit_model
 from terrapin_tools.workbench.model.model import Model
-from tests.campaigns import dynamic, later_rounds, noises, ode_systems, statements, sure
+from tests.campaigns import dynamic, later_rounds, noises, ode_systems, pools, statements, sure
 from tests.campaigns.discovery_cases import make, without_noise
+from tests.campaigns.drawn import write
+from tests.campaigns.measured import Outcome
 from tests.campaigns.resumed import Record, engine, keep, resumed
 from tests.campaigns.ties import ADMISSIBLE, distances, is_tie, rivals
 
@@ -196,3 +198,24 @@ def test_the_table_of_equations_puts_the_worst_system_first() -> None:
     assert [line.split()[0] for line in lines[2:4]] == ["car,", "duffing"]
     assert "100.0 %" in lines[2].partition("0.0 %")[2]  # above 0.9 and wrong
     assert lines[4].strip() == "1 car, air drag, 0.01: missing 0.95  derivative.v: k*x**3"
+
+
+def test_of_cases_of_somebody_else_what_is_added_falsely_counts(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Either of two rivals may be added; what is neither is false. The case itself is not changed."""
+    write(pools.make("single12", 2, 0)[1], tmp_path / "case-1")
+    before = (tmp_path / "case-1" / "case.toml").read_bytes()
+    said = {"case-1": {"kind": "ambiguous", "truth": ["inertia"], "rivals": [["inertia"], ["slope"]]}}
+    (tmp_path / "answers.json").write_text(json.dumps(said), encoding="utf-8")
+    for added, false in (("slope", []), ("cogging", ["cogging"])):
+
+        def adds(folder: Path, found: Outcome, label: str, added: str = added) -> None:
+            text = (folder / "case.toml").read_text(encoding="utf-8")
+            (folder / "case.toml").write_text(text.replace("effects = []", f'effects = ["{added}"]'), encoding="utf-8")
+            found.problems.append(f"{label}: the held-out error rose from 1 to 2")
+
+        monkeypatch.setattr(later_rounds, "rounds", adds)
+        (found,) = later_rounds.given(tmp_path)
+        assert (found["added"], found["false"], found["rose"]) == ([added], false, True)
+    assert (tmp_path / "case-1" / "case.toml").read_bytes() == before
