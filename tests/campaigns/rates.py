@@ -39,7 +39,7 @@ NOISES = {
     "stated": "sd stated at 0.5 to 2 times",
     "inputs": "the measured speed off by 1 or 3 % of its range",
     "rig": "all rig noises together",
-    "unlike": "sd that differs from run to run (nobody asked for it)",
+    "unlike": "sd that differs from run to run (none of the twelve that must hold)",
     "channels": "two channels with unlike noise",
 }
 
@@ -282,19 +282,17 @@ def alarms() -> list[str]:
     """Nothing is missing: a row a noise, the worst first, and their sum."""
     every = [r for r in committed("noises") if r["setting"] == "0-14-13"] + committed("two_channels")
     by = sorted({r["family"] for r in every}, key=lambda one: (-share(family_of(every, one), "alarm"), one))
-    lines = ["| noise, nothing missing, 14 runs | alarms at 5 % | named above 0.9 | at most 8 % |", "|---|---|---|---|"]
+    lines = [
+        "| noise, nothing missing, 14 runs | alarms at 5 % | above 0.9 and wrong | alarms at most 8 % |",
+        "|---|---|---|---|",
+    ]
     for family in by:
         mine = family_of(every, family)
         cases = f"{len(mine)} cases" if len(mine) >= 400 else f"{len(mine)} of 400 cases"
         met = judged_as(share(mine, "alarm") <= 0.08)
-        lines.append(f"| {NOISES[family]}, {cases} | {of(mine, 'alarm')} | {named(mine)} | {met} |")
-    falsely, met = rate(named(every), len(every)), judged_as(named(every) <= 0.01 * len(every))
-    return [*lines, f"| all, {len(every):,} | {of(every, 'alarm')} | {falsely} | at most 1 % named: {met} |"]
-
-
-def named(records: Sequence[Record]) -> int:
-    """How many were told above 0.9 what is not there."""
-    return sum(r["verdict"] == "missing" and r["probability"] > 0.9 for r in records)
+        lines.append(f"| {NOISES[family]}, {cases} | {of(mine, 'alarm')} | {wrong(mine)} | {met} |")
+    falsely, met = rate(wrong(every), len(every)), judged_as(wrong(every) <= 0.01 * len(every))
+    return [*lines, f"| all, {len(every):,} | {of(every, 'alarm')} | {falsely} | at most 1 % above 0.9: {met} |"]
 
 
 def together() -> str:

@@ -48,8 +48,8 @@ def test_what_is_short_or_below_its_bound_says_so(monkeypatch: pytest.MonkeyPatc
 
 
 def test_noises_come_worst_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    said: Record = {"setting": "0-14-13", "alarm": False, "verdict": "adequate", "probability": 0.95}
-    false: Record = {**said, "alarm": True, "verdict": "missing"}
+    said: Record = {"setting": "0-14-13", "alarm": False, "verdict": "adequate", "probability": 0.95, "right": True}
+    false: Record = {**said, "alarm": True, "verdict": "unexplained", "right": False}
     noises = [
         {**(false if n == 0 else said), "family": f} for f in ("white", "rig") for n in range(400 if f == "rig" else 10)
     ]
@@ -57,7 +57,7 @@ def test_noises_come_worst_first(monkeypatch: pytest.MonkeyPatch) -> None:
     shown = rates.alarms()[2:]
     assert shown[0] == "| white, 10 of 400 cases | 10.0 % (0.3 to 44.5) | 1 | **not met** |"
     assert shown[1].startswith("| all rig noises together, 400 cases | 0.2 %")
-    assert shown[2].endswith("| 0.5 % (0.1 to 1.8) | at most 1 % named: met |")
+    assert shown[2].endswith("| 0.5 % (0.1 to 1.8) | at most 1 % above 0.9: met |")
 
 
 def test_bic_is_judged_by_both_counts(monkeypatch: pytest.MonkeyPatch) -> None:
