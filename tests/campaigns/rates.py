@@ -25,7 +25,7 @@ from tests.campaigns.truth import SAME
 __all__ = ["page", "tables"]
 
 PAGE = ROOT / "docs" / "discovery.md"
-BEGIN, END = "<!-- counted: python -m tests.campaigns.rates --write -->", "<!-- counted: end -->"
+BEGIN, END = "<!-- counted (python -m tests.campaigns.rates --write) -->", "<!-- end of what is counted -->"
 NOISES = {
     "white": "white",
     "ar1": "AR(1), 0.4 or 0.8",
