@@ -22,6 +22,7 @@ from tests.campaigns.discovery_cases import HIDDEN, ROLLING, Made, make, unreach
 from tests.campaigns.noises import disturbed
 from tests.campaigns.resumed import Record, parser_of, rate, resumed
 from tests.campaigns.ties import distances
+from tests.campaigns.truth import SAME
 
 __all__ = ["GROUPS", "drawn", "expected_error", "fitted", "one"]
 
@@ -34,7 +35,6 @@ GROUPS = {
 }
 KINDS = ("nothing", "effect", "pair", "nothing", "effect", "formula")
 SIZES = (1.0, 3.0)
-SAME = 4.0  # squared distance [noise sd] below which what is hidden counts as nothing (docs/campaigns.md)
 BINS = 10
 Random = np.random.Generator
 

@@ -28,6 +28,7 @@ from terrapin_tools.workbench.model.constants import suspected
 from terrapin_tools.workbench.model.fitting import Fit, extend
 from tests.campaigns import calibration
 from tests.campaigns.resumed import Record, parser_of, rate, resumed
+from tests.campaigns.truth import SAME
 
 __all__ = ["chosen", "counts", "one", "paired"]
 
@@ -96,7 +97,7 @@ def one(group: str, number: int, seed: int) -> Record:
 
 def _right(bic: Record, own: Record) -> bool:
     """Nothing named counts where too little is hidden, as for discovery; only that campaign counts how much."""
-    return bic["right"] or (not bic["named"] and own["hidden"] < calibration.SAME)
+    return bic["right"] or (not bic["named"] and own["hidden"] < SAME)
 
 
 def paired(ours: Sequence[Record], theirs: Sequence[Record]) -> list[tuple[Record, Record]]:
