@@ -11,7 +11,7 @@ other are refused with the places of both. Standard library only: the build read
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -43,6 +43,7 @@ RECORDS = 60  # of the estimator's history in one window,
 SLOT = 0.01  # s: each a whole number of these apart
 FAST_TICKS = 128  # ticks over which counts are kept in 16 bits
 LEAST_JUMP = 200  # counts a tick
+FEWEST, MOST = 1171, 65536  # counts a turn of the drive wheel that the controller's formats hold
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,8 @@ class Robot:
     supply_code: float  # [V]
     shunt_code: float  # [A] of one code by shunt and amplifier, and
     divider_code: float  # [V] by the divider: what an image for a chip measures with
-    counts: int  # a turn of the drive wheel
+    counts: int  # a turn of the drive wheel, as the controller is given them:
+    encoder_divider: int  # one for so many of the encoder's own
     ground_wheel_radius: float  # [m], of a wheel with as many counts a turn as the drive wheel
     wheel_radius: float  # [m], as it is,
     wheel_counts: int  # and its own counts
@@ -153,6 +155,7 @@ class Robot:
             "gate": self.gate,
             "encoder_counts": self.counts,
             "encoder_jump": self.jump,
+            "encoder_divider": self.encoder_divider,
             "record_interval": 10 * self.record_slots,
             "robot_identity": self.identity,
             "robot_board": self.board.number,
@@ -225,14 +228,15 @@ def robots(folder: Path = ROBOTS) -> list[str]:
     return sorted(path.stem for path in folder.glob("*.toml"))
 
 
-def find_robot(name: str, folder: Path = ROBOTS) -> Path:
-    """The file of a shipped robot, or a file as it is. RobotError when it is neither."""
+def find_robot(name: str, folder: Path = ROBOTS, around: Iterable[Path] = ()) -> Path:
+    """The file of a shipped robot, or a file: by its path, or with or without `.toml` in one of the folders `around`.
+    RobotError when it is none."""
     if name in robots(folder):
         return folder / f"{name}.toml"
-    path = Path(name)
     try:
-        if path.is_file():
-            return path
+        for path in (Path(name), *(place / f"{name}{end}" for place in around for end in ("", ".toml"))):
+            if path.is_file():
+                return path
     except OSError as error:
         raise RobotError(f"{name[:60]!r}: {error.strerror}, expected the file of a robot") from None
     raise RobotError(f"{name[:60]!r}: found no such file, expected one, or a robot of {', '.join(robots(folder))}")
@@ -261,15 +265,8 @@ def _read(table: RobotTable, name: str) -> Robot:
     body = KINDS[kind](table, gear, rotor)
     joint = kind == "sphere"  # its motor drives the shell, the cylinder's a wheel inside it
     plant = {**body, **motor, "torque_constant": motor["torque_constant"] * (1.0 if joint else gear)}
-    exact = table.whole("sensors.motor_encoder.counts", 1, 65536) * (1.0 if joint else gear)
-    counts = round(exact)
-    if abs(exact - counts) > 1e-4 * exact or not 1171 <= counts <= 65536:
-        raise table.contradiction(
-            "sensors.motor_encoder.counts",
-            f"{exact:g} counts a turn of the drive wheel",
-            "a whole number of 1171 to 65536",
-            table.place("motor.gear"),
-        )
+    voltage = table.number("supply.voltage", "V", 1.0, 60.0)
+    counts, divider = _encoder(table, 1.0 if joint else gear, voltage / plant["torque_constant"])
     wheel_radius = table.number("sensors.ground_wheel.radius", "m", 5e-3, 0.2)
     wheel_counts = table.whole("sensors.ground_wheel.counts", 1, 65536)
     current_code, supply_code, shunt_code, divider_code = _converters(table, board)
@@ -279,7 +276,7 @@ def _read(table: RobotTable, name: str) -> Robot:
         kind=kind,
         board=board,
         plant={key: plant[key] for key in PLANT},
-        supply=table.number("supply.voltage", "V", 1.0, 60.0),
+        supply=voltage,
         swing=table.flag("sensors.swing"),
         pitch=table.flag("sensors.pitch"),
         ground_speed=table.flag("sensors.ground_speed", False),
@@ -288,6 +285,7 @@ def _read(table: RobotTable, name: str) -> Robot:
         shunt_code=shunt_code,
         divider_code=divider_code,
         counts=counts,
+        encoder_divider=divider,
         ground_wheel_radius=wheel_radius * counts / wheel_counts,
         wheel_radius=wheel_radius,
         wheel_counts=wheel_counts,
@@ -312,6 +310,36 @@ def _read(table: RobotTable, name: str) -> Robot:
     _check_sensors(robot)
     _check_scales(robot)
     return robot
+
+
+def _encoder(table: RobotTable, gear: float, free_speed: float) -> tuple[int, int]:
+    """Counts a turn of the drive wheel that the controller is given, and how many of the encoder's make one of them.
+
+    A turn that is no whole number of counts is rounded: at the fewest counts that is 0.04 % of a speed. Counts are
+    divided by as little as the controller's formats allow: MOST a turn, and less than 2^15 in FAST_TICKS without load.
+    """
+    key = "sensors.motor_encoder.counts"
+    exact = table.whole(key, 1, 1_000_000) * gear
+    fastest = 32768 / FAST_TICKS / _counts_a_tick(free_speed, 1)  # counts a turn
+    divider = max(1, math.ceil(exact / MOST), math.floor(exact / fastest) + 1)
+    counts = round(exact / divider)
+    if counts >= FEWEST:
+        return counts, divider
+    if exact < FEWEST:
+        raise table.contradiction(
+            key,
+            f"{exact:g} counts a turn of the drive wheel",
+            f"{FEWEST} or more: an encoder of {math.ceil(FEWEST / gear)} counts, or a gear of "
+            f"{FEWEST / exact * gear:.4g}",
+            table.place("motor.gear"),
+        )
+    raise table.contradiction(
+        key,
+        f"a drive wheel that turns at {free_speed:.4g} rad/s without load",
+        f"at most {2e3 * math.pi * 32768 / FAST_TICKS / FEWEST:.4g} rad/s: a higher gear, or a lower supply.voltage",
+        table.place("motor.gear"),
+        table.place("motor.torque_constant"),
+    )
 
 
 def _converters(table: RobotTable, board: Board) -> tuple[float, float, float, float]:
@@ -465,15 +493,6 @@ def _check_sensors(robot: Robot) -> None:
                 f"at most {reach:.4g} {unit}, where the converter ends",
                 table.place(key) if key in table else part,
             )
-    rate = _counts_a_tick(robot.free_speed, robot.counts)
-    if rate * FAST_TICKS >= 32768:
-        raise table.contradiction(
-            "sensors.motor_encoder.counts",
-            f"{rate:.0f} counts a millisecond without load",
-            f"less than {32768 // FAST_TICKS}",
-            table.place("motor.gear"),
-            table.place("motor.torque_constant"),
-        )
     if "swing" in limits and not robot.swing:
         raise table.contradiction("limits.swing", "a limit", "none without a sensor", table.place("sensors.swing"))
     if not 5e-3 <= robot.ground_wheel_radius <= 0.2:

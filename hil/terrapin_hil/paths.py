@@ -24,6 +24,7 @@ __all__ = [
     "dbc",
     "development_key",
     "examples",
+    "firmware_sources",
     "header",
     "images",
     "make",
@@ -45,6 +46,12 @@ WHEEL = PACKAGE / "_native"
 def sources() -> Path | None:
     """The tree with the sources of the firmware; None in a wheel."""
     return ROOT if (ROOT / "CMakeLists.txt").is_file() and not WHEEL.is_dir() else None
+
+
+def firmware_sources() -> Path | None:
+    """The tree whose host build is in use, which TERRAPIN_BUILD may name from a wheel; None where there is none."""
+    tree = simulator().parent.parent
+    return tree if simulator().name == "host" and (tree / "CMakeLists.txt").is_file() else None
 
 
 def simulator() -> Path:

@@ -14,6 +14,7 @@ static void hardware_takes(volatile uint32_t *address, uint32_t value);
 #include "../../firmware/ports/stm32f405/analog.c"
 #include "../../firmware/ports/stm32f405/bridge.c"
 #include "../../firmware/ports/stm32f405/clock.c"
+#include "../../firmware/ports/encoder_count.h"
 #include "../../firmware/ports/stm32f405/encoder.c"
 #include "../../firmware/ports/stm32f405/flash.c"
 #include "../../firmware/ports/stm32f405/phases.c"
@@ -552,6 +553,21 @@ static void test_break_holds_until_off_was_asked_for(void) {
 
 /* ---- small things */
 
+/* Every n-th count of an encoder's own is given, whichever way it turns, over the wrap of its 16 bits. */
+static void test_a_divided_encoder(void) {
+    static const int32_t steps[] = {0, 1, 1, 1, -1, -2, -7, 13, 32767, 32767, -32768, -32768, -5};
+    for (int32_t divider = 1; divider <= 7; divider += 3) {
+        encoder_count encoder = {0};
+        int64_t own = 0;
+        for (size_t i = 0; i < (sizeof steps / sizeof steps[0]); i++) {
+            own += steps[i];
+            const int64_t whole = (own >= 0) ? (own / divider) : -((-own + divider - 1) / divider);
+            TEST_ASSERT_EQUAL_UINT16((uint16_t)whole, encoder_divided(&encoder, (uint16_t)own, divider));
+            TEST_ASSERT_TRUE((encoder.rest >= 0) && (encoder.rest < divider));
+        }
+    }
+}
+
 static void test_encoder(void) {
     encoder_open(&timer, false);
     TEST_ASSERT_EQUAL_UINT32(3U, timer.SMCR);
@@ -696,6 +712,7 @@ int main(void) {
     RUN_TEST(test_bridge_follows_duty);
     RUN_TEST(test_break_holds_until_off_was_asked_for);
     RUN_TEST(test_encoder);
+    RUN_TEST(test_a_divided_encoder);
     RUN_TEST(test_pins);
     RUN_TEST(test_phases);
     RUN_TEST(test_ticks_that_were_missed_are_counted);

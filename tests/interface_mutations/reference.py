@@ -106,7 +106,7 @@ CYLINDER = {
     "inertia_shell": 14880, "inertia_swing": 7936, "torque_constant": 100000, "armature_resistance": 5000,
     "coulomb": 12000, "viscous": 100000, "current_scale": 1000, "supply_scale": 4000, "window": 300, "gate": 400,
     "slip_limit": 5000, "voltage_limit": 10000, "current_limit": 1800, "over_current": 2000, "supply_low": 6000,
-    "supply_high": 15000, "temperature_high": 120000, "encoder_jump": 200, "encoder_counts": 2048,
+    "supply_high": 15000, "temperature_high": 120000, "encoder_jump": 200, "encoder_counts": 2048, "encoder_divider": 1,
     "record_interval": 10,
     "robot_identity": 0x1EBF42, "robot_board": 1, "swing_limit": 0,
 }  # fmt: skip

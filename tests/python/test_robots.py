@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
+import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -14,7 +18,7 @@ from robot_files import Change, set_fields
 from typer.testing import CliRunner
 
 from terrapin_hil.errors import UserError
-from terrapin_hil.paths import ROBOT_VARIABLE
+from terrapin_hil.paths import ROBOT_VARIABLE, SCENARIOS
 from terrapin_hil.reading import ReadingError
 from terrapin_hil.robot.plant import Robot as Plant
 from terrapin_hil.robots import Robot, select, selected
@@ -69,9 +73,9 @@ CONTRADICTIONS: list[tuple[str, Change, str, str]] = [
     ("sphere", {"sensors.supply.code": "5 mV"}, "sensors.supply.code", "sensors.supply.upper"),
     ("cylinder", {"limits.supply_high": "17 V"}, "limits.supply_high", "sensors.supply.code"),
     ("sphere", {"sensors.supply.upper": "60 kohm"}, "limits.supply_high", "sensors.supply.upper"),
-    ("sphere", {"sensors.motor_encoder.counts": 4096}, "sensors.motor_encoder.counts", "motor.torque_constant"),
-    ("cylinder", {"motor.gear": 8, "motor.torque_constant": 0.0125}, "sensors.motor_encoder.counts", "motor.gear"),
-    ("roller", {"motor.gear": 18.7}, "sensors.motor_encoder.counts", "motor.gear"),
+    ("cylinder", {"motor.torque_constant": 0.004}, "sensors.motor_encoder.counts", "motor.torque_constant"),
+    ("sphere", {"sensors.motor_encoder.counts": 1000}, "sensors.motor_encoder.counts", "motor.gear"),
+    ("roller", {"motor.gear": 18.2}, "sensors.motor_encoder.counts", "motor.gear"),
     ("roller", {"sensors.motor_encoder.counts": 48}, "sensors.motor_encoder.counts", "motor.gear"),
     ("sphere", {"sensors.swing": False}, "limits.swing", "sensors.swing"),
     ("cylinder", {"sensors.ground_wheel.counts": 100}, "sensors.ground_wheel.counts", "sensors.motor_encoder.counts"),
@@ -186,7 +190,7 @@ def test_a_consistent_file_is_taken(number: int, tmp_path: Path) -> None:
         ({"firmware.slip_kp": "5 m"}, "expected a number in V s/rad"),
         ({"firmware.slip_kp": 500}, "expected 0 to 20 V s/rad"),
         ({"full_scale.torque": "1.5 N m"}, "expected a multiple of 1 N m"),
-        ({"sensors.motor_encoder.counts": 2048.5}, "expected a whole number from 1 to 65536"),
+        ({"sensors.motor_encoder.counts": 2048.5}, "expected a whole number from 1 to 1000000"),
         (
             {
                 "body.radius": "0.5 m",
@@ -357,11 +361,91 @@ def test_a_scenario_for_another_robot_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_robot_without_a_controller_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no compiler is."""
     monkeypatch.setenv(ROBOT_VARIABLE, "cylinder")
-    path = tmp_path / "mine.toml"
+    monkeypatch.setattr("terrapin_hil.robots.PROGRAMS", ("cmake", "no-such-compiler"))
+    path = tmp_path / "mine_without_compiler.toml"
     path.write_text(find_robot("cylinder").read_text(encoding="utf-8"), encoding="utf-8")
-    with pytest.raises(UserError, match="no controller is built for this robot; run `make firmware ROBOT="):
+    with pytest.raises(UserError, match="no controller is built for this robot, and no-such-compiler to build it"):
         select(str(path))
+
+
+COUNTED = [  # counts at the motor, gear, counts that the controller is given, encoder's counts in one of them
+    (2000, 14, 14000, 2),  # a 500-line encoder of 24 V and 67 rad/s: 300 counts a millisecond are more than 255
+    (64, 18.75, 1200, 1),
+    (64, 46.85, 2998, 1),
+    (100_000, 1, 20_000, 5),
+    (100_000, 14, 23729, 59),
+]
+
+
+@pytest.mark.parametrize(("counts", "gear", "given", "divider"), COUNTED)
+def test_fine_encoders_are_divided(counts: int, gear: float, given: int, divider: int, tmp_path: Path) -> None:
+    fields = {
+        "motor.torque_constant": 0.357 / gear,
+        "motor.gear": gear,
+        "supply.voltage": 24,
+        "sensors.motor_encoder.counts": counts,
+        "sensors.ground_wheel.counts": given,
+        "sensors.supply.code": None,
+        "sensors.supply.upper": "100 kohm",
+        "sensors.supply.lower": "10 kohm",
+        "limits.supply_high": 29,
+        "limits.voltage": 16,
+        "limits.current": "0.8 A",
+        "full_scale.torque": "2 N m",
+    }
+    robot = load_robot(changed(tmp_path, "cylinder", fields))
+    assert (robot.counts, robot.encoder_divider) == (given, divider)
+    assert robot.free_speed / (2 * np.pi) * robot.counts * 128e-3 < 32768  # what 16 bits hold of 128 ticks
+
+
+def command_line(*words: str, folder: Path) -> tuple[int, str]:
+    environment = {key: value for key, value in os.environ.items() if key != ROBOT_VARIABLE}
+    program = "from terrapin_tools.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", program, *words],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_a_scenario_runs_with_the_robot_that_it_names(tmp_path: Path) -> None:
+    status, said = command_line("run", "level", folder=tmp_path)  # the sphere has it alone
+    assert status == 0, said
+    text = (SCENARIOS / "sphere" / "level.toml").read_text(encoding="utf-8")
+    assert 'file = "sphere"' in text
+    (tmp_path / "named.toml").write_text(text, encoding="utf-8")
+    status, said = command_line("run", "named.toml", folder=tmp_path)
+    assert status == 0, said
+    status, said = command_line("run", "named.toml", "--robot", "cylinder", folder=tmp_path)
+    assert (status, said.count("\n")) == (2, 1)
+    assert "found sphere, expected cylinder" in said
+
+
+def test_a_robot_of_ones_own_is_built_when_it_is_first_used(tmp_path: Path) -> None:
+    """Its file is found beside the scenario; the second run builds nothing, a changed file builds anew."""
+    name = f"own_{tmp_path.name.replace('-', '_')}"
+    file = tmp_path / "work" / f"{name}.toml"
+    file.parent.mkdir()
+    file.write_text(find_robot("roller").read_text(encoding="utf-8"), encoding="utf-8")
+    scenario_file = file.parent / "drive.toml"
+    scenario_file.write_text(ROLLS.format(extra=f'[robot]\nfile = "{name}"'), encoding="utf-8")
+    try:
+        for expected in (True, False):
+            status, said = command_line("run", str(scenario_file), folder=tmp_path)
+            assert status == 0, said
+            assert (f"{name}: building its controller, once" in said) == expected
+        file.write_text(file.read_text(encoding="utf-8").replace("gear = 18.75", "gear = 20"), encoding="utf-8")
+        status, said = command_line("run", str(scenario_file), folder=tmp_path)
+        assert status == 0, said
+        assert "building its controller" in said
+    finally:
+        shutil.rmtree(ROOT / "build" / "robots" / name, ignore_errors=True)
 
 
 def test_what_the_controller_is_not_told_is_said(tmp_path: Path) -> None:

@@ -116,7 +116,7 @@ static void watch_estop(controller *c) {
 static void sense(controller *c) {
     quadrature_update(&c->motor);
     quadrature_update(&c->ground);
-    c->inputs.motor_count = c->motor.count;
+    c->inputs.motor_count = encoder_divided(&c->motor_encoder, c->motor.count, TERRAPIN_ENCODER_DIVIDER);
     c->inputs.ground_count = c->ground.count;
     c->inputs.current_code = analog_read(&c->current);
     if ((c->inputs.tick & 1U) == 0U) {

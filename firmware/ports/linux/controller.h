@@ -9,6 +9,7 @@
 #ifndef TERRAPIN_LINUX_CONTROLLER_H
 #define TERRAPIN_LINUX_CONTROLLER_H
 
+#include "../encoder_count.h"
 #include "bus.h"
 #include "clock.h"
 #include "dispatch.h"
@@ -24,6 +25,7 @@ typedef struct {
     tick_clock clock;
     gpio_line *estop, *enable, *led, *direction; /* NULL: not named */
     quadrature motor, ground;
+    encoder_count motor_encoder;
     analog_input current, supply, temperature;
     pwm_output pwm;
     terrapin_state *state;

@@ -5,6 +5,7 @@
 #include "boards/selected.h"
 #include "boot_key.h"
 #include "bridge.h"
+#include "../encoder_count.h"
 #include "encoder.h"
 #include "flash_driver.h"
 #include "layout.h"
@@ -32,6 +33,7 @@ static terrapin_update update;
 static analog sensors;
 static watchdog guard;
 static bridge motor;
+static encoder_count motor_encoder;
 
 static volatile uint32_t ticks;
 static volatile uint32_t tick_cycles;
@@ -98,7 +100,7 @@ void hardware_sense(hardware_facts *facts, terrapin_inputs *inputs) {
     inputs->current_code = sensors.codes[0];
     inputs->supply_code = sensors.codes[1];
     inputs->temperature_code = sensors.codes[2];
-    inputs->motor_count = encoder_read(TIM3);
+    inputs->motor_count = encoder_divided(&motor_encoder, encoder_read(TIM3), TERRAPIN_ENCODER_DIVIDER);
     inputs->ground_count = encoder_read(TIM4); /* stands at 0 where the board has no ground wheel */
     if (BOARD_IMU) {
         facts->imu_absent = !swing_sense(&pendulum, inputs);

@@ -30,12 +30,12 @@ from terrapin_hil.robot.soft_ground import (
     read_soft_ground,
 )
 from terrapin_hil.robots import Robot as Design
-from terrapin_hil.robots import selected
+from terrapin_hil.robots import select, selected
 from terrapin_hil.scenario.changes import changed, place_of
 from terrapin_hil.scenario.checks import Check, parse_check
 from terrapin_hil.scenario.faults import MAX_FAULTS, Fault, Provocation, read_fault, read_provocation
 from terrapin_hil.telemetry import signals, words
-from terrapin_interface.robot import DEFAULT, ORIGINS
+from terrapin_interface.robot import DEFAULT, ORIGINS, robots
 
 __all__ = [
     "CONTROLS",
@@ -46,6 +46,8 @@ __all__ = [
     "load_scenario",
     "parameters_of",
     "read_scenario",
+    "robot_of",
+    "take_scenario",
 ]
 
 REQUESTS = {"idle": 0, "calibrate": 1, "run": 2, "clear": 3}
@@ -105,24 +107,54 @@ class Scenario:
 
 
 def find_scenario(name: str) -> Path:
-    """A file as it is, or the shipped scenario of that name: scenarios/NAME.toml, of another robot than the cylinder
-    scenarios/ROBOT/NAME.toml. ReadingError when neither is.
+    """A file as it is, or the shipped scenario of that name: scenarios/ROBOT/NAME.toml, else scenarios/NAME.toml, which
+    is the cylinder's and is scaled to another robot. ReadingError when neither is.
     """
     path, robot = Path(name), selected().name
-    folder = paths.SCENARIOS if robot == DEFAULT else paths.SCENARIOS / robot
-    names = sorted(p.stem for p in folder.glob("*.toml"))
+    own = {} if robot == DEFAULT else _shipped(robot)
+    known = {**_shipped(DEFAULT), **own}
     try:
         if path.is_file():
             return path
     except OSError as error:  # a name that is too long, a folder that may not be searched
         raise ReadingError(f"{shorten(name)}: {error.strerror}") from None
-    if name in names:
-        return folder / f"{name}.toml"
+    if name in known:
+        return known[name]
     shown = name if len(name) < 200 else shorten(name)
-    of = "" if robot == DEFAULT else f" for the {robot}"
-    raise ReadingError(
-        f"{shown}: no such file, and no scenario of that name; shipped{of}: {', '.join(names) or 'none'}"
-    )
+    raise ReadingError(f"{shown}: no such file, and no scenario of that name; shipped: {', '.join(sorted(known))}")
+
+
+def _shipped(robot: str) -> dict[str, Path]:
+    folder = paths.SCENARIOS if robot == DEFAULT else paths.SCENARIOS / robot
+    return {path.stem: path for path in folder.glob("*.toml")}
+
+
+def robot_of(path: Path) -> str:
+    """The robot that a scenario's file says it is for: `file` in its table [robot]; empty where it says none, or is no
+    scenario that can be read, which reading it then tells."""
+    try:
+        table = load(path).section("robot")
+        named = table.text("file", "")
+    except ReadingError:
+        return ""
+    return named
+
+
+def take_scenario(name: str, robot: str = "") -> Path:
+    """`find_scenario` for a command: unless it was given a `robot`, the one that the scenario is for becomes that of
+    this process. Its file is looked for by its path, beside the scenario, in the folder above and here.
+
+    A shipped scenario that only one other robot has is found by its name alone.
+    """
+    if not robot and not Path(name).is_file() and name not in _shipped(selected().name) | _shipped(DEFAULT):
+        others = [other for other in robots() if name in _shipped(other)]
+        if len(others) == 1:
+            select(others[0])
+    path = find_scenario(name)
+    if not robot and (named := robot_of(path)) and Path(named).name.removesuffix(".toml") != selected().name:
+        here = path.resolve().parent
+        select(named, (here, here.parent, Path()))
+    return path
 
 
 def _terrain(section: Section) -> Terrain:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+from terrapin_hil.scenario.scenario import load_scenario, take_scenario
 from terrapin_tools.batch.design import Varied, design, read_seeds, read_varied
 from terrapin_tools.batch.filling import fill
 from terrapin_tools.batch.journal import claimed, read_journals
@@ -58,9 +58,14 @@ def _description(order: Order, seeds: str, source: str) -> dict[str, Any]:
     }
 
 
-def carry_out(order: Order, folder: Path, jobs: int = 0, cluster: str = "", as_json: bool = False) -> int:
-    """Do what is missing of the batch and write what came of it; the exit status. UserError says what is wrong."""
-    path = find_scenario(order.scenario)
+def carry_out(
+    order: Order, folder: Path, jobs: int = 0, cluster: str = "", as_json: bool = False, robot: str = ""
+) -> int:
+    """Do what is missing of the batch and write what came of it; the exit status. UserError says what is wrong.
+
+    `robot`: what the command names; the scenario's own otherwise.
+    """
+    path = take_scenario(order.scenario, robot)
     scenario = load_scenario(path)
     own = f"1:{HUNT}" if order.until_failed and order.points is None else str(scenario.seed)
     seeds = order.seeds or own

@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Iterable
 from typing import Any
 
+from terrapin_hil.robots import robot_words
 from terrapin_tools.batch.design import Row
 from terrapin_tools.batch.one_run import Answer
 from terrapin_tools.batch.summary import QUANTILES, Summary
@@ -27,7 +28,7 @@ def value_text(value: Any) -> str:
 def repeat_command(scenario: str, row: Row) -> str:
     """The command line that does this run again, for a shell."""
     sets = [word for name, value in row.values for word in ("--set", f"{name}={value_text(value)}")]
-    return shlex.join(["terrapin", "run", scenario, "--seed", str(row.seed), *sets])
+    return shlex.join(["terrapin", "run", scenario, "--seed", str(row.seed), *sets, *robot_words()])
 
 
 def repeat_script(scenario: str, failed: Iterable[tuple[Row, Answer]]) -> str:

@@ -59,4 +59,4 @@ def batch(
     order = Order(
         scenario, seeds, tuple(vary or ()), design, points, draw, tuple(metric or ()), until_failed=until == "FAIL"
     )
-    return carry_out(order, out, jobs, cluster, as_json)
+    return carry_out(order, out, jobs, cluster, as_json, robot)

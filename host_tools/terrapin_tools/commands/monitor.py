@@ -17,7 +17,7 @@ __all__ = ["monitor"]
 
 def monitor(
     source: Annotated[
-        str, typer.Argument(metavar="[SOURCE]", help="a log or a run's folder, or a scenario's name")
+        str, typer.Argument(metavar="[SOURCE]", help="a log or a run's folder, or a scenario's name or file")
     ] = "steady_sand",
     link: Annotated[LinkName | None, link_option("listen", "a bus instead")] = None,
     dbc: Annotated[Path | None, typer.Option("--dbc", help="names of signals; default: the controller's")] = None,
@@ -35,6 +35,7 @@ def monitor(
     """
     from terrapin_hil import paths
     from terrapin_hil.messages import interface
+    from terrapin_hil.scenario.scenario import take_scenario
     from terrapin_tools.logs.decoding import Decoder
     from terrapin_tools.monitor.live import Live
     from terrapin_tools.monitor.sources import Bus, LogFile, Simulator
@@ -42,17 +43,20 @@ def monitor(
     if not 0.0 < speed <= 1000.0:
         raise UserError(f"--speed: found {speed:g}, expected more than 0, at most 1000")
     path = Path(source)
-    if node is not None and link is None and not path.exists():
+    if node is not None and link is None and (not path.exists() or path.suffix == ".toml"):
         raise UserError("--node: a scenario has one controller, expected --link or a log")
     if dbc is not None and node is not None:
         raise UserError("--node: the identifiers of a DBC are its own, expected it without --dbc")
+    simulated = link is None and (not path.exists() or path.suffix == ".toml")
+    if simulated:
+        source = str(take_scenario(source, robot))
     number = link.at_node(node).node if link else INPROCESS.at_node(node).node
     bitrate = link.bit_rate(bitrate) if link else bitrate
     if not sys.stdout.isatty():
         raise UserError("monitor needs a terminal; `terrapin log record` and `log info` do without")
     own = paths.dbc()
     live = Live(Decoder(dbc or own), interface() if dbc is None else None, bitrate, number)
-    opened = Bus(link, bitrate) if link else LogFile(path, speed) if path.exists() else Simulator(source, controller)
+    opened = Bus(link, bitrate) if link else Simulator(source, controller) if simulated else LogFile(path, speed)
     if isinstance(opened, Bus) and dbc is None:
         try:
             opened.require_fitting()

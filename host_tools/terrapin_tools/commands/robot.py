@@ -54,7 +54,9 @@ def show(name: Named) -> None:
     rows = [
         ("body", f"{robot.kind}, R = {plant['radius']:g} m, R/r = {robot.wheel_gear:.5g}, W = {robot.weight:.5g} N"),
         ("drive", f"K_t = {plant['torque_constant']:.5g} N m/A, R_e = {plant['armature_resistance']:g} ohm, "
-                  f"{robot.counts} counts a turn, {robot.free_speed:.4g} rad/s without load"),
+                  f"{robot.counts} counts a turn"
+                  f"{f' (1 of {robot.encoder_divider} of the encoder)' if robot.encoder_divider > 1 else ''}, "
+                  f"{robot.free_speed:.4g} rad/s without load"),
         ("friction", f"A = {plant['coulomb']:g} N m, B = {plant['viscous']:g} N m s/rad"),
         ("shell", f"{reach:.3g} N m at {robot.limits['current']:g} A; C_t up to {full['torque']:g} N m "
                   f"in steps of {1e-6 * robot.ratio('torque'):.2g} N m"),

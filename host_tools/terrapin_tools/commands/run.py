@@ -228,13 +228,13 @@ def run(
     """
     from terrapin_hil.messages import interface
     from terrapin_hil.run.run import run as run_scenario
-    from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+    from terrapin_hil.scenario.scenario import load_scenario, take_scenario
     from terrapin_tools.logs.folder import RunFolder
     from terrapin_tools.param.files import read_parameters
     from terrapin_tools.progress import bar
 
     try:
-        chosen = load_scenario(find_scenario(scenario), _values(changes or ()))
+        chosen = load_scenario(take_scenario(scenario, robot), _values(changes or ()))
         if seed is not None:
             chosen = replace(chosen, seed=seed)
         if real_time:

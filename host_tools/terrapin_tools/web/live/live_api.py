@@ -177,6 +177,7 @@ async def end(context: Context) -> None:
 def _open(context: Context, body: Watch, tell: Any) -> Session:
     """Opens source and DBC. UserError when one of them cannot be."""
     from terrapin_hil.messages import interface
+    from terrapin_hil.robots import robot_words
     from terrapin_tools.logs.decoding import Decoder
     from terrapin_tools.monitor.sources import Bus, LogFile, Simulator, Source
 
@@ -210,7 +211,7 @@ def _open(context: Context, body: Watch, tell: Any) -> Session:
         source = Bus(link, rate)
         bitrate = ["--bitrate", str(body.bitrate)] if body.bitrate != 500_000 else []
         arguments = ["monitor", "--link", body.source, *bitrate, *at_node, *dbc]
-    command = shlex.join(["terrapin", *arguments])
+    command = shlex.join(["terrapin", *arguments, *robot_words()])
     watch = body.model_dump(exclude_none=True)
     return Session(source, decoder, None if body.dbc else interface(), rate, command, tell, node, watch)
 

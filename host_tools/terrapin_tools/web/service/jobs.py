@@ -25,6 +25,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from terrapin_hil.robots import robot_words
 from terrapin_tools.errors import UserError
 from terrapin_tools.web.service.events import Events
 from terrapin_tools.web.service.warm import Process, Warm
@@ -344,7 +345,8 @@ class Jobs:
 
 def for_a_shell(step: list[str]) -> str:
     """A command line to copy: without `--json -`, it answers in words."""
-    return shlex.join(["terrapin", *(step[:-2] if step[-2:] == ["--json", "-"] else step)])
+    robot = robot_words() if step[0] in ("run", "batch") and "--cluster" not in step else []
+    return shlex.join(["terrapin", *(step[:-2] if step[-2:] == ["--json", "-"] else step), *robot])
 
 
 def _read_result(place: Path) -> Any:
