@@ -112,7 +112,8 @@ def _build(name: str, file: Path, sources: Path) -> None:
     commands = (
         ("cmake", "--preset", "host", "-B", str(place), f"-DPython3_EXECUTABLE={sys.executable}", "-DTERRAPIN_HIL=OFF",
          f"-DTERRAPIN_ROBOT={file.resolve()}"),
-        ("cmake", "--build", str(place), "--target", "terrapin", "terrapin-controller", "interface"),
+        ("cmake", "--build", str(place), "--target", "terrapin", "terrapin-controller", "terrapin_boot",
+         "interface"),
     )  # fmt: skip
     with (place.parent / "lock").open("w") as lock:  # two commands of one robot build it once
         fcntl.flock(lock, fcntl.LOCK_EX)

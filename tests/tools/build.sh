@@ -22,7 +22,7 @@ for preset in "$@"; do
             continue
         fi
         targets=(all) options=()
-        [ "$preset" = host ] && targets=(terrapin terrapin-controller interface) options=(-DTERRAPIN_HIL=OFF)
+        [ "$preset" = host ] && targets=(terrapin terrapin-controller terrapin_boot interface) options=(-DTERRAPIN_HIL=OFF)
         [ -f "$place/build.ninja" ] || say "building $preset for $name"
         quietly "configure-$name-$preset" cmake --preset "$preset" -B "$place" "-DPython3_EXECUTABLE=$PWD/.venv/bin/python" \
             "-DTERRAPIN_ROBOT=$robot" ${UNITY_ROOT:+"-DUNITY_ROOT=$UNITY_ROOT"} "${options[@]}"

@@ -67,6 +67,20 @@ class InProcess(Link):
             self.firmware.set_parameter(self._state, name, value)
         self._link.test_mode = True
 
+    def power_on(self, parameters: Mapping[str, float]) -> None:
+        """A reset as `start`, but with the parameters that are stored, and `parameters` over them."""
+        self._reset()
+        if self._file is not None:
+            self._lib.terrapin_link_use_store(self._link, self._state, self._store)
+        for name, value in parameters.items():
+            self.firmware.set_parameter(self._state, name, value)
+        self._link.test_mode = True
+
+    @property
+    def bridge_on(self) -> bool:
+        """The last step left the bridge on."""
+        return bool(self._outputs.enable)
+
     def advance(self, simulation: Simulation, ticks: int) -> None:
         if simulation.disturbed:
             super().advance(simulation, ticks)

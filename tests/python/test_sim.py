@@ -1,0 +1,235 @@
+"""A robot that lives on its buses: tools come and go, several at once, and it changes while it runs."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+
+from terrapin_hil.errors import UserError
+from terrapin_hil.links.link import LinkError
+from terrapin_hil.links.names import LinkName
+from terrapin_hil.links.slcan import SlcanPort
+from terrapin_hil.messages import Sender, interface
+from terrapin_hil.run.changes_live import change
+from terrapin_hil.run.control import Control
+from terrapin_hil.run.living import Living
+from terrapin_hil.run.ports import BusPort, PtyPort, open_port
+from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+from tests.living import at_work
+
+PROGRAM = "from terrapin_tools.cli import main; main()"
+
+
+def terrapin(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "TMPDIR": str(folder)}
+    return subprocess.run(
+        [sys.executable, "-c", PROGRAM, *words],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def living(*ports: PtyPort | BusPort, scenario: str = "steady_sand") -> Living:
+    return Living(load_scenario(find_scenario(scenario)), ports, told=lambda _: None)
+
+
+def ticks_of(frames: list[tuple[int, bytes]]) -> list[int]:
+    actuate = interface().messages["ACTUATE"]
+    return [actuate.decode(data)["tick"] for identifier, data in frames if identifier == actuate.id]
+
+
+def test_who_does_not_read_costs_the_others_no_frame() -> None:
+    """Two attached; one never reads. The other has every tick, in order; the first one's frames are counted as lost."""
+    slow, good = PtyPort(), PtyPort()
+    robot = living(slow, good)
+    with closing(robot), closing(SlcanPort(slow.path)) as sleeper:
+        with closing(SlcanPort(good.path)) as reader:
+            for port, client in ((slow, sleeper), (good, reader)):
+                client.send(b"O\r")
+                port.read(robot._heard)
+            seen: list[int] = []
+            for _ in range(8000):
+                robot.tick()
+                if robot.simulation.ticks % 20 == 0:
+                    reader._read(time.monotonic() + 1.0)
+            seen = ticks_of(reader._frames)
+            assert good.lost == 0
+        assert len(seen) > 7900
+        assert np.all(np.diff(seen) == 1)
+        assert slow._untaken > 1000  # of whom it is not known yet whether it is gone
+
+
+def test_a_pseudo_terminal_outlives_its_clients() -> None:
+    port = PtyPort()
+    asked = Sender().frame("IDENTITY_READ", {})
+    with at_work(living(port)) as robot:
+        for _ in range(3):
+            with SlcanPort.open(port.path) as client:
+                answers = client.exchange_frames([asked])
+                assert interface().messages["IDENTITY"].id in [identifier for identifier, _ in answers]
+        before = robot.simulation.time
+        time.sleep(0.3)
+        assert robot.simulation.time > before
+
+
+def test_two_ports_are_one_bus() -> None:
+    """What one tool sends the other hears; the controller's answer both."""
+    first, second = PtyPort(), PtyPort()
+    with at_work(living(first, second)), SlcanPort.open(first.path) as one, SlcanPort.open(second.path) as other:
+        foreign = (0x7DF, b"\x01\x02")
+        one.exchange_frames([foreign])
+        assert foreign in other.exchange(b"F\r")
+
+
+def test_it_keeps_to_the_clock_or_says_by_how_much_it_does_not() -> None:
+    with at_work(living(PtyPort())) as robot:
+        began = time.monotonic()
+        time.sleep(1.0)
+        lived, passed = robot.simulation.time, time.monotonic() - began
+    assert abs(lived + robot.lag - passed) < 0.25
+    assert robot.latest >= 0.0
+    assert robot.punctual <= robot.latest + 1e-4
+
+
+def test_it_changes_while_it_lives() -> None:
+    robot = living(scenario="steady_sand")
+
+    def after(seconds: float) -> dict[str, float]:
+        for _ in range(round(seconds * 1000)):
+            robot.tick()
+        return dict(robot.state()["truth"])
+
+    on_sand = after(6.0)
+    assert change(robot, "ground = hard_floor") == "ground is hard_floor"
+    on_floor = after(6.0)
+    assert on_floor["contact_torque"] < 0.3 * on_sand["contact_torque"]
+    assert on_floor["speed"] > on_sand["speed"]
+    change(robot, "voltage = 4 V")
+    assert after(6.0)["speed"] < 0.6 * on_floor["speed"]
+    change(robot, "slope = 5deg")
+    assert after(4.0)["contact_torque"] > 0.0
+    change(robot, "estop = pressed")
+    after(2.0)
+    assert not robot.state()["bridge_on"]
+    change(robot, "estop = released")
+    change(robot, "slope = 0deg")
+    change(robot, "request = clear")
+    after(1.0)
+    change(robot, "speed = 0.5 m/s")
+    assert after(4.0)["speed"] == pytest.approx(0.5, abs=0.05)
+    change(robot, 'fault = {kind = "stuck", channel = "motor"}')
+    assert [fault.kind for fault in robot.faults] == ["stuck"]
+    change(robot, "fault = none")
+    assert robot.faults == []
+    robot.close()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("ground = lava", "expected one of hard_floor"),
+        ("ground", "expected NAME = VALUE"),
+        ("weather = fine", "expected NAME = VALUE with one of ground"),
+        ("slope = 90deg", "expected -1.2 to 1.2 rad"),
+        ("voltage = 8 m", "expected a number in V"),
+        ("fault = {kind = 'tired'}", "expected one of stuck"),
+        ("fault = {kind = ", "not TOML"),
+        ("estop = maybe", "expected one of pressed"),
+    ],
+)
+def test_a_change_that_is_none_is_one_line_and_changes_nothing(text: str, words: str) -> None:
+    robot = living()
+    with pytest.raises(UserError) as found:
+        change(robot, text)
+    assert words in str(found.value)
+    assert "\n" not in str(found.value)
+    robot.tick()
+    robot.close()
+
+
+def test_a_bus_that_vanishes_ends_it_with_one_line() -> None:
+    port = BusPort(LinkName.parse("can:virtual:vanishing", "listen"))
+    robot = living(port)
+    for _ in range(5):
+        robot.tick()
+    port._bus.shutdown()
+    with pytest.raises(LinkError, match=r"^can:virtual:vanishing: the bus is gone: "):
+        robot.run(lambda: False)
+    robot.close()
+
+
+def test_tools_of_python_can_attach() -> None:
+    port = open_port("can:virtual:living")
+    robot = living(port)
+    with closing(robot), can.Bus(interface="virtual", channel="living") as bus:
+        for _ in range(50):
+            robot.tick()
+        heard = []
+        while (message := bus.recv(0)) is not None:
+            heard.append((message.arbitration_id, bytes(message.data)))
+        assert len(ticks_of(heard)) == 50
+
+
+def test_frames_of_sensors_from_outside_are_not_taken() -> None:
+    port = PtyPort()
+    robot = living(port)
+    before = robot._link.dropped
+    for name in ("TEST_MODE", "SENSORS_FAST", "SENSORS_SLOW"):
+        robot._heard(port, [(interface().messages[name].id, bytes(8))])
+    assert robot._link.dropped == before
+    robot.close()
+
+
+def test_the_command_detaches_changes_and_stops(tmp_path: Path) -> None:
+    try:
+        begun = terrapin("sim", "steady_sand", "--on", "pty:bus", "--detach", folder=tmp_path)
+        assert (begun.returncode, begun.stderr) == (0, "")
+        assert "terrapin monitor --link serial:bus" in begun.stdout
+        twice = terrapin("sim", "--on", "pty:bus", folder=tmp_path)
+        assert (twice.returncode, twice.stderr.count("\n")) == (2, 1)
+        assert "a robot lives there already" in twice.stderr
+        done = terrapin("sim", "--do", "ground = hard_floor", "--do", "status", folder=tmp_path)
+        assert "ground is hard_floor" in done.stdout
+        assert "real time: 99 % of ticks within" in done.stdout
+        listed = terrapin("param", "get", "radius", "--link", "serial:bus", folder=tmp_path)
+        assert listed.returncode == 0, listed.stderr
+    finally:
+        ended = terrapin("sim", "--do", "stop", folder=tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    for _ in range(100):
+        if not (tmp_path / "bus").is_symlink():
+            break
+        time.sleep(0.05)
+    assert not (tmp_path / "bus").is_symlink()
+    nobody = terrapin("sim", "--do", "status", folder=tmp_path)
+    assert (nobody.returncode, nobody.stderr.count("\n")) == (2, 1)
+    assert "no robot lives" in nobody.stderr
+
+
+def test_a_socket_that_was_left_behind_is_taken_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    first = Control("pty:here")
+    with pytest.raises(UserError, match="a robot lives there already"):
+        Control("pty:here")
+    first._socket.close()  # killed
+    Control("pty:here").close()
+
+
+@pytest.mark.parametrize("name", ["", "pty:", "udp:5", "bus", "serial:/dev/null"])
+def test_a_bus_that_is_none(name: str) -> None:
+    if name == "pty:":
+        open_port(name).close()
+        return
+    with pytest.raises(UserError, match="expected pty, pty:PATH, udp"):
+        open_port(name)
