@@ -370,3 +370,14 @@ traction = { column = "F", unit = "N" }
     (tmp_path / "d.csv").write_text("run,s,v,F\na,0.2,10,3\na,0.3,0,4\nb,0.3,20,4\n")
     with pytest.raises(UserError, match=r"d\.csv:3: column v: found speed 0, expected more than 0 \(rate_effect"):
         load_case(tmp_path)
+
+
+@pytest.mark.parametrize("factor", [2.5, -0.4])
+def test_the_sd_of_a_mended_column_is_mended_too(tmp_path: Path, factor: float) -> None:
+    """A sigma is stated of the table's numbers; a factor that puts them right widens their noise as much."""
+    case = rolling(tmp_path, 1)
+    plain = load_case(case)
+    path = case / "case.toml"
+    path.write_text(path.read_text().replace("sigma = 4.0", f"sigma = 4.0, factor = {factor}"))
+    sd = [one.sigma["current"] for one in (plain, load_case(case))]
+    assert sd == pytest.approx([4e-3, 4e-3 * abs(factor)])

@@ -15,6 +15,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
 from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.compare.adequacy import _p_value
 from terrapin_tools.workbench.compare.bayes_factor import WEIGHT, BayesFactor, Block
 from terrapin_tools.workbench.compare.comparison import Analysis, analyse, fitted_on
 from terrapin_tools.workbench.model.fitting import covariance
@@ -397,3 +398,13 @@ def test_equation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert answer["where"][0]["variable"] == "velocity"
     assert answer["parameters"]["m"]["unit"] == "kg"
     assert answer["parameters"]["m"]["value"] == pytest.approx(3.0, abs=0.1)
+
+
+def test_a_p_value_is_never_zero() -> None:
+    """The measured set counts as one of those drawn (Davison & Hinkley 1997, eq. 4.11)."""
+    null = np.arange(400.0)
+    assert _p_value(-1.0, null) == 1.0
+    assert _p_value(200.0, null) == pytest.approx(201 / 401)
+    assert _p_value(385.0, null) == pytest.approx(16 / 401)
+    far = [_p_value(statistic, null) for statistic in (395.0, 420.0, 1000.0)]
+    assert 0.0 < far[2] < far[1] < far[0] < 0.05

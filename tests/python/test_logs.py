@@ -377,3 +377,27 @@ def test_a_log_that_grows_while_it_is_read_is_read_again(tmp_path: Path, monkeyp
     monkeypatch.setattr(can, "LogReader", broken)
     with pytest.raises(UserError, match="Incomplete block"):
         read_log(path)
+
+
+def test_half_floats_like_cantools() -> None:
+    """The generator above has no floats of 16 bits: their layout is Intel, their numbers are IEEE 754's."""
+    conversion = cantools.database.conversion.BaseConversion.factory(scale=0.5, offset=-1, is_float=True)
+    signal = cantools.database.Signal("half", 8, 16, byte_order="little_endian", conversion=conversion)
+    message = cantools.database.Message(0x123, "M", 4, [signal], strict=True)
+    decoder = Decoder.__new__(Decoder)
+    decoder.messages = {(0x123, False): message}
+    payloads = [bytes([9]) + np.float16(value).tobytes() + b"\7" for value in (1.5, -2.25, 65504.0, 6e-8)]
+    found = decoder.decode(frames(Path("made"), np.zeros(4), [0x123] * 4, payloads, [0] * 4))["M"].signals["half"]
+    expected = [float(message.decode(payload)["half"]) for payload in payloads]
+    np.testing.assert_allclose(found, expected, rtol=1e-14)
+
+
+def test_an_extended_identifier_is_another_message(tmp_path: Path) -> None:
+    """100 and 100x are two messages; remote and error frames are none, whatever their bytes."""
+    dbc = tmp_path / "x.dbc"
+    signal = ' SG_ a : 0|8@1+ (1,0) [0|255] "" A\n'
+    dbc.write_text(f'VERSION ""\nBU_: A\nBO_ 100 P: 8 A\n{signal}BO_ {100 | 1 << 31} X: 8 A\n{signal}')
+    flags = [0, EXTENDED, REMOTE, ERROR, EXTENDED | REMOTE]
+    log = frames(Path("made"), np.arange(5.0), [100] * 5, [bytes([i]) for i in range(5)], flags)
+    found = Decoder(dbc).decode(log)
+    assert {name: decoded.signals["a"].tolist() for name, decoded in found.items()} == {"P": [0.0], "X": [1.0]}

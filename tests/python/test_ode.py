@@ -561,3 +561,30 @@ def test_an_addition_to_a_definition_loses_to_one_to_a_law(tmp_path: Path) -> No
     terms = {c.effect.name: c.effect.target for c in found.candidates}
     assert {terms[name] for names in (found.missing, *found.rivals) for name in names} <= {"derivative.w", "angle"}
     assert found.missing
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_parameter_at_its_bound_is_held_on_either_side(side: float) -> None:
+    """y = 3 u - 2 v, |a| <= 1, u and v correlated by 0.9: the data want a beyond its bound, and b alone is to move.
+
+    A step that still moves a takes b the wrong way, and is damped until it hardly moves at all.
+    """
+    random = np.random.default_rng(5)
+    u = random.standard_normal(200)
+    v = 0.9 * u + np.sqrt(1.0 - 0.81) * random.standard_normal(200)
+    design, y = np.stack([u, v], axis=1), side * (3.0 * u - 2.0 * v)
+    looked = []
+
+    def residual(theta: Array) -> Array:
+        return np.asarray(design @ theta - y)
+
+    def evaluate(theta: Array) -> tuple[Array, Array]:
+        looked.append(theta)
+        return residual(theta), design
+
+    box, free = np.array([1.0, 10.0]), np.ones(2, dtype=bool)
+    theta, cost = minimise(evaluate, residual, np.array([side, 0.0]), -box, box, free)
+    alone = float(v @ (y - side * u) / (v @ v))
+    assert theta == pytest.approx([side, alone], rel=1e-6)
+    assert cost == pytest.approx(float(np.sum((y - side * u - alone * v) ** 2)), rel=1e-9)
+    assert len(looked) <= 4

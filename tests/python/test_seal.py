@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from terrapin_hil.links.inprocess import InProcess
 from terrapin_hil.links.link import LinkError
-from terrapin_hil.links.seal import LinkKey, open_session
+from terrapin_hil.links.seal import SEALED, LinkKey, Session, open_session
 from terrapin_hil.messages import Frame, Sender, interface
 from terrapin_hil.reading import ReadingError
 
@@ -88,3 +89,35 @@ def test_files_of_keys(tmp_path: Path) -> None:
         path.write_text(text)
         with pytest.raises(ReadingError, match=expected):
             LinkKey.read(path)
+
+
+def test_a_host_asks_with_another_number_each_time() -> None:
+    """Its number is half of what makes a session's key fresh (firmware/link/seal.h): the controller has the other."""
+    asked: list[int] = []
+
+    class Asked(Sealed):
+        def ask(self, frame: Frame, wanted: Callable[[Frame], bool]) -> Frame | None:
+            asked.append(interface().messages["SESSION_OPEN"].decode(frame[1])["host"])
+            return super().ask(frame, wanted)
+
+    for _ in range(4):
+        open_session(Asked(), KEY)
+    assert len(set(asked)) == 4
+
+
+@pytest.mark.parametrize("name", SEALED)
+def test_what_changes_a_controller_has_a_seal_behind_it(name: str) -> None:
+    message = interface().messages[name]
+    frame = message.id, bytes([1]) * message.length  # action and its like are not 0, which would only ask
+    sent = Session(bytes(16)).sealed([frame])
+    assert [identifier for identifier, _ in sent] == [message.id, interface().messages["SEAL"].id]
+
+
+def test_the_host_seals_what_the_firmware_holds_back() -> None:
+    """The list stands in C too (firmware/link/dispatch.c, needs_seal): every message the controller takes, tried."""
+    session = Session(bytes(16))
+    for message in interface().messages.values():
+        link = Sealed()
+        frame = message.id, bytes([1]) * message.length
+        link.exchange([frame])
+        assert bool(link._link.seal.holding) == (len(session.sealed([frame])) > 1), message.name

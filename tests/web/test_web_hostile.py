@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import socket
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from serving import Server
 from websockets.exceptions import InvalidStatus, WebSocketException
 from websockets.sync.client import connect
 
+from terrapin_tools.web.service.security import Door
 from tests.waiting import wait_for
 
 
@@ -132,6 +134,28 @@ def test_host_must_be_there_once(server: Server) -> None:
     assert b" 400 " in server.raw(both.encode()).splitlines()[0]
     old = f"GET /api/status HTTP/1.0\r\nAuthorization: Bearer {server.token}\r\n\r\n"
     assert b" 400 " in server.raw(old.encode()).splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    ("hosts", "status"), [((), 400), (("{}", "example.org"), 400), (("{}", "{}"), 400), (("{}",), 200)]
+)
+def test_the_door_itself_wants_one_host(hosts: tuple[str, ...], status: int) -> None:
+    """h11 refuses two before the door sees them; another server below it might not."""
+    sent: list[dict[str, Any]] = []
+
+    async def page(scope: Any, receive: Any, send: Any) -> None:
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    headers = [(b"host", host.format("127.0.0.1:1").encode()) for host in hosts]
+    scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"", "headers": headers}
+    asyncio.run(Door(page, "token")(scope, receive, send))  # type: ignore[arg-type]
+    assert sent[0]["status"] == status
 
 
 @pytest.mark.parametrize(
