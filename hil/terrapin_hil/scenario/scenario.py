@@ -30,10 +30,11 @@ from terrapin_hil.robot.soft_ground import (
     read_soft_ground,
 )
 from terrapin_hil.robots import Robot as Design
-from terrapin_hil.robots import select, selected
+from terrapin_hil.robots import cylinder, select, selected
 from terrapin_hil.scenario.changes import changed, place_of
 from terrapin_hil.scenario.checks import Check, parse_check
 from terrapin_hil.scenario.faults import MAX_FAULTS, Fault, Provocation, read_fault, read_provocation
+from terrapin_hil.scenario.scaled import scaled
 from terrapin_hil.telemetry import signals, words
 from terrapin_interface.robot import DEFAULT, ORIGINS, robots
 
@@ -345,13 +346,22 @@ def _told(
 def load_scenario(path: Path, values: Mapping[str, Any] | None = None) -> Scenario:
     """The scenario of a file, with `values` by name (changes.py) in the place of its own; its `source` has them too.
 
+    A shipped one that is the default robot's is scaled to the robot of this process (scaled.py).
+
     ReadingError: one line that names file, line, field and what was expected.
     """
-    root = load(path)
+    root, note = load(path), ""
+    if path.parent == paths.SCENARIOS and selected().name != DEFAULT:
+        try:
+            fitted, note = scaled(parse_toml(root.source, path), cylinder(), selected())
+        except ValueError as error:
+            raise ReadingError(f"{path.stem}: {error}") from None
+        values = {**fitted, **(values or {})}
     if values:
         text = _changed_text(root.source, values)
         root = Section(parse_toml(text, path), str(path), text)
-    return read_scenario(root, path.stem)
+    scenario = read_scenario(root, path.stem)
+    return replace(scenario, notes=(note, *scenario.notes)) if note else scenario
 
 
 def _changed_text(text: str, values: Mapping[str, Any]) -> str:
