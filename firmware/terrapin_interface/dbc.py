@@ -28,6 +28,13 @@ def _signal(signal: Signal, receiver: str) -> str:
     )
 
 
+def _comment(d: Description, signal: Signal) -> str:
+    """What a signal is; of a field of fault bits also which bit is which fault."""
+    if signal.name != "faults":
+        return signal.comment
+    return f"{signal.comment}: {', '.join(f'bit {fault.number} {fault.name}' for fault in d.faults)}"
+
+
 def dbc(d: Description) -> str:
     """Text of the DBC: messages, units, comments, value tables and cycle times."""
     nodes = list(d.nodes.values())
@@ -42,7 +49,7 @@ def dbc(d: Description) -> str:
     for m in d.messages:
         if m.comment:
             out.append(f"CM_ BO_ {m.id} {_text(m.comment)};")
-        out += [f"CM_ SG_ {m.id} {s.name} {_text(s.comment)};" for s in m.signals if s.comment]
+        out += [f"CM_ SG_ {m.id} {s.name} {_text(_comment(d, s))};" for s in m.signals if s.comment]
     out += ['BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;', 'BA_DEF_DEF_ "GenMsgCycleTime" 0;']
     out += [f'BA_ "GenMsgCycleTime" BO_ {m.id} {m.cycle_ms};' for m in d.messages if m.cycle_ms]
     for m in d.messages:

@@ -21,7 +21,7 @@ from terrapin_interface.robot import find_robot, identity_of, load_robot
 from terrapin_tools.flash.image import MADE, Version, parse, sign
 from terrapin_tools.flash.layout import BASE
 from terrapin_tools.flash.plan import plan
-from terrapin_tools.flash.update import SignedFile, update
+from terrapin_tools.flash.update import SignedFile, robot_name, update
 from terrapin_tools.logs.frames import Frames, frames
 from terrapin_tools.monitor import sources
 from tests.boot.bootlib import SLOT, Chip, send
@@ -269,3 +269,11 @@ def test_what_a_probe_writes_has_the_images_robot() -> None:
 def test_images_of_two_robots_or_boards_are_not_written_together(what: str) -> None:
     with pytest.raises(UserError, match=r"made for another robot or board than new\.bin"):
         plan([file("a", "1.0.0", **RIGHT), file("b", "1.0.0", **(RIGHT | WRONG[what]))], None)
+
+
+def test_a_robot_of_ones_own_is_named_where_its_file_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    number = identity_of("somebodys_rover")
+    assert robot_name(number) == f"robot 0x{number:06x}"
+    (tmp_path / "somebodys_rover.toml").touch()
+    monkeypatch.chdir(tmp_path)
+    assert robot_name(number) == "somebodys_rover"

@@ -112,6 +112,12 @@ def test_encoders_clamp_and_flag(firmware: Firmware, database) -> None:
             assert message.encode(wanted) == (data, exact)
 
 
+def test_the_dbc_names_each_fault_bit(database) -> None:
+    said = database.get_message_by_name("STATUS").get_signal_by_name("faults").comment
+    for name, bit in interface().faults.items():
+        assert f"bit {bit} {name}" in said
+
+
 def test_dbc_says_what_the_description_says(database) -> None:
     d = load()
     assert [m.frame_id for m in sorted(database.messages, key=lambda m: m.frame_id)] == sorted(m.id for m in d.messages)
@@ -124,7 +130,8 @@ def test_dbc_says_what_the_description_says(database) -> None:
         for signal in message.signals:
             entry = found.get_signal_by_name(signal.name)
             assert (entry.unit or "") == signal.unit
-            assert (entry.comment or "") == signal.comment.replace('"', "'")
+            said = (entry.comment or "").partition(": bit 0 ")[0] if signal.name == "faults" else entry.comment or ""
+            assert said == signal.comment.replace('"', "'")
             assert float(entry.scale) == signal.scale
             choices = {int(k): str(v) for k, v in (entry.choices or {}).items()}
             assert choices == ({v: k for k, v in d.enums[signal.enum].items()} if signal.enum else {})

@@ -11,7 +11,9 @@ import time
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
+from terrapin_hil import paths
 from terrapin_hil.links.seal import LinkKey, seal_link, takes_changes
 from terrapin_hil.messages import Frame, Sender, interface
 from terrapin_interface.robot import identity_of, robots
@@ -257,12 +259,15 @@ def _reset_application(
 
 
 def robot_name(identity: int) -> str:
-    """A shipped robot by its identity, else the number.
+    """A robot by its identity: shipped, built in these sources, or with a file here; else the number.
 
     >>> robot_name(0x1ebf42), robot_name(1)
     ('cylinder', 'robot 0x000001')
     """
-    return {identity_of(name): name for name in robots()}.get(identity, f"robot 0x{identity:06x}")
+    sources = paths.firmware_sources()
+    built = [] if sources is None else [folder.name for folder in (sources / "build" / "robots").glob("*")]
+    names = (*(path.stem for path in Path().glob("*.toml")), *built, *robots())
+    return {identity_of(name): name for name in names}.get(identity, f"robot 0x{identity:06x}")
 
 
 def _made_for(wire: Wire, sender: Sender, robot: int | None = None) -> MadeFor | None:
