@@ -16,8 +16,8 @@ from discovery_cases import Made, confounded, make
 
 from terrapin_tools.workbench.compare.comparison import error, fitted_on, measured
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
-from terrapin_tools.workbench.discover.hypothesis import Blamed
 from terrapin_tools.workbench.discover.resampled import Sums
+from terrapin_tools.workbench.discover.unexplained import Blamed
 from terrapin_tools.workbench.files.json_text import to_json
 from terrapin_tools.workbench.model.linearised import linearise
 from terrapin_tools.workbench.noise.covariance import PLAIN, Runs
@@ -208,7 +208,7 @@ def test_the_answer_has_what_the_contract_asks_for() -> None:
     found = discover(case.case)
     story = told(found.analysis, found)
     said = answer(story)
-    assert said["schema"] == "terrapin.case/1"
+    assert said["schema"] == "terrapin.case/2"
     for key in ("case", "model", "parameters", "channels", "adequacy", "where", "verdict", "missing"):
         assert key in said
     assert said["ladder"][0]["added"] is None

@@ -17,8 +17,8 @@ from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.discover.expression_answers import expressions
-from terrapin_tools.workbench.discover.hypothesis import Blamed
 from terrapin_tools.workbench.discover.ranker import Ranker
+from terrapin_tools.workbench.discover.unexplained import Blamed
 from terrapin_tools.workbench.story.sentences import LOOKS_LIKE_OTHERS
 from terrapin_tools.workbench.story.told import found_by, told
 

@@ -13,8 +13,8 @@ from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.bayes_factor import WEIGHT
 from terrapin_tools.workbench.discover import discovery
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
-from terrapin_tools.workbench.discover.hypothesis import Blamed
 from terrapin_tools.workbench.discover.ranker import MISHAP
+from terrapin_tools.workbench.discover.unexplained import Blamed
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 from terrapin_tools.workbench.noise.mishaps import KINDS, LAGS, mishaps

@@ -26,6 +26,7 @@ from terrapin_tools.workbench.experiment.rig_settings import SETTABLE
 from terrapin_tools.workbench.files.json_text import finite
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.story import answer
+from terrapin_tools.workbench.story.effect_picture import as_svg
 from terrapin_tools.workbench.story.formulas import from_latex
 from terrapin_tools.workbench.story.notes import to_html
 from terrapin_tools.workbench.story.plot_data import Drawn, drawn_data, page_data
@@ -87,6 +88,7 @@ def view(folder: str | Path) -> dict[str, Any]:
         "headline": story.headline,
         "where": [{"variable": p.variable, "channel": p.channel, "text": p.sentence} for p in story.where],
         "remarks": [*story.intake, *([story.alarm] if story.alarm else []), *story.notes],
+        "curve": as_svg(found.unknown) if found and found.unknown else "",
         "discovered": found is not None,
         "missing": found.missing if found else (),
         "rivals": found.rivals if found else (),

@@ -13,9 +13,8 @@ from collections.abc import Container, Sequence
 import numpy as np
 
 from terrapin_tools.workbench.discover.expression_answers import pairs_beside
-from terrapin_tools.workbench.discover.hypothesis import Hypothesis
 from terrapin_tools.workbench.discover.leftover import absent
-from terrapin_tools.workbench.discover.ranker import Ranker, by_effect
+from terrapin_tools.workbench.discover.ranker import Hypothesis, Ranker, by_effect
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
 __all__ = ["neighbours", "twins"]

@@ -26,7 +26,7 @@ from terrapin_tools.workbench.compare.comparison import (
 )
 from terrapin_tools.workbench.compare.noise_findings import far_above_stated
 from terrapin_tools.workbench.discover.certainty import BENT, EVEN, Operating, calibrated, operating_characteristic
-from terrapin_tools.workbench.discover.hypothesis import UNSEEN, Blamed, Hypothesis
+from terrapin_tools.workbench.discover.expressions import UNSEEN
 from terrapin_tools.workbench.discover.leftover import (
     Doubts,
     Left,
@@ -40,10 +40,11 @@ from terrapin_tools.workbench.discover.leftover import (
     sd_of,
     stand_alone,
 )
-from terrapin_tools.workbench.discover.ranker import SIZE_OF_SET
+from terrapin_tools.workbench.discover.ranker import SIZE_OF_SET, Hypothesis
 from terrapin_tools.workbench.discover.ranking import Ranking, rank
 from terrapin_tools.workbench.discover.resampled import Selected, selection
 from terrapin_tools.workbench.discover.textbook import plain_names
+from terrapin_tools.workbench.discover.unexplained import Blamed, Curve, curve
 from terrapin_tools.workbench.discover.which_column import importance
 from terrapin_tools.workbench.experiment.proposal import Experiment, propose
 from terrapin_tools.workbench.model.constants import named
@@ -85,7 +86,6 @@ ENOUGH_EXPLAINED = 0.7  # share of the misfit that an expression must take away 
 # Probability that nothing known explains it where the likeliest answer predicts the held-out runs worse than before: of
 # 27 such answers of the campaigns (noises, seeds 7 to 9; calibration, seeds 1 to 6) the truth was known in all.
 UNPROVED = 0.05
-LISTED = 0.5  # share of all that may be wrong, from which a mishap is named, or a run among odd ones
 LOOKS = 2  # for rows that stand alone beside the likeliest answer
 LAST = 10_000  # place of a column that compare does not list
 
@@ -127,6 +127,7 @@ class Discovery:
     best: Rung | None  # the likeliest set, named or not
     leaves: Left | None  # what that set leaves, where it clearly is more than noise
     blamed: Blamed | None
+    unknown: Curve | None  # likelier than all else that may be missing: a function of a column, no formula known
     operating: tuple[Operating, ...]
     doubts: Doubts  # that keep the answer from being sure
     bent: bool  # the curve of what is missing looks like many others
@@ -174,7 +175,7 @@ def discover(
         ranking = _without_idle(analysis, rank(analysis, report))
     report("does it bring the model to the noise floor?")
     verdict, top, rivals, probability, leaves = _settled(analysis, ranking, level)
-    if leaves is not None and analysis is not first[0]:
+    if verdict == "unexplained" and (leaves is not None or ranking.curve) and analysis is not first[0]:
         # rows were left out beside an answer that is none: they may be what is not understood
         whole = _settled(*first, level)
         if whole[0] == "unexplained":
@@ -193,7 +194,8 @@ def discover(
     if doubted:
         probability = min(probability, DOUBTED)
     missing = top.effects if top is not None and verdict != "unexplained" else ()
-    blamed = _blamed(ranking, analysis.case.run_names) if analysis.missing else None
+    blamed = ranking.mishap(analysis.case.run_names) if analysis.missing else None
+    column = ranking.curve if analysis.missing and verdict == "unexplained" and leaves is None else ""
     report("what to measure next")
     experiment = None
     if verdict == "ambiguous":
@@ -210,11 +212,12 @@ def discover(
         rivals=tuple(h.effects for h in rivals) if verdict == "ambiguous" else (),
         experiment=experiment,
         indistinguishable=verdict == "ambiguous" and experiment is None,
-        where=_where(analysis, ranking, top),
+        where=_where(analysis, ranking, top, column),
         ladder=_ladder(analysis, top if missing else None),
         best=_ladder(analysis, top)[-1] if top is not None and top.fit is not None else None,
         leaves=leaves,
         blamed=blamed,
+        unknown=curve(analysis, ranking.evidence, column) if column and ranking.evidence is not None else None,
         operating=_operating(ranking, top if missing else None, rivals, analysis, seed),
         doubts=doubted,
         bent=bent,
@@ -246,11 +249,13 @@ def _settled(
 
 def _verdict(ranking: Ranking, analysis: Analysis) -> tuple[str, Hypothesis | None, list[Hypothesis], float]:
     """Verdict, likeliest hypothesis, sets that do equally well (with the likeliest, first), probability."""
+    if ranking.curve:
+        return "unexplained", None, [], calibrated(ranking.probability("unknown"), "unexplained")
     mishap = ranking.probability(*KINDS)
     pairs = list(zip(ranking.hypotheses, ranking.posterior, strict=True))
     sets = [(h, float(p)) for h, p in pairs if h.effects and h.fit is not None and not absent(h.fit, h.effects)]
     if not sets or mishap > sets[0][1]:
-        if blamed := _blamed(ranking, analysis.case.run_names):
+        if blamed := ranking.mishap(analysis.case.run_names):
             return "unexplained", None, [], calibrated(ranking.probability(blamed.kind), "mishap")
         return "unexplained", None, [], calibrated(1.0 - ranking.probability("nothing"), "unexplained")
     own = {h.effects: p for h, p in sets}
@@ -430,23 +435,11 @@ def _total(analysis: Analysis, fit: Fit) -> float:
     return found * found
 
 
-def _blamed(ranking: Ranking, names: Sequence[str]) -> Blamed | None:
-    """The mishap that is likelier than all else that may be wrong."""
-    share = {kind: ranking.probability(kind) for kind in KINDS}
-    kind = max(share, key=lambda one: share[one])
-    if share[kind] < LISTED * (1.0 - ranking.probability("nothing")):
-        return None
-    mine = [(h, p) for h, p in zip(ranking.hypotheses, ranking.posterior, strict=True) if h.kind == kind]
-    if kind == "change":
-        after = mine[0][0].column
-        return Blamed(kind, (names[names.index(after) - 1], after))
-    return Blamed(kind, tuple(h.column for h, p in mine if h.column and p >= LISTED * share[kind]))
-
-
-def _where(analysis: Analysis, ranking: Ranking, top: Hypothesis | None) -> tuple[Failure, ...]:
-    """What compare says; the column on which the likeliest answers depend most comes first, where there are any."""
+def _where(analysis: Analysis, ranking: Ranking, top: Hypothesis | None, column: str = "") -> tuple[Failure, ...]:
+    """What compare says; first comes `column`, or that on which the likeliest answers depend most, if there is one."""
     where = analysis.where
     shares = importance(analysis, ranking) if top is not None and where else {}
+    shares |= {column: np.inf} if column and where else {}
     listed = [f.variable for f in where]
     ordered = sorted(shares, key=lambda name: (-round(shares[name], 3), listed.index(name) if name in listed else LAST))
     if not ordered or ordered[0] == listed[0]:

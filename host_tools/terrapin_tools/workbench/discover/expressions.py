@@ -18,7 +18,6 @@ from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_hil.physics.expression import Expression, parse
 from terrapin_tools.workbench.bases import ROLES, formula_name, free_name
 from terrapin_tools.workbench.case.case import Case
-from terrapin_tools.workbench.discover.hypothesis import UNSEEN
 from terrapin_tools.workbench.discover.vocabulary import LOWEST, Term, factors, product_text, shapes, targets
 from terrapin_tools.workbench.model.effect_columns import acting
 from terrapin_tools.workbench.model.model import Model
@@ -31,6 +30,8 @@ Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.int64]
 
+# Squared distance of two predictions [noise sd], beyond what parameters take up, that nobody can see; chosen by hand.
+UNSEEN = 2.0
 COLUMNS = 24  # columns of the data that are looked at, roles first; chosen by hand, for time
 LIMIT = 6000  # expressions; chosen by hand, for time and memory
 WEIGHED = 300  # of them in every kind of noise; chosen by hand, for time

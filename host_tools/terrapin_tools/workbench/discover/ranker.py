@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations, product
 from math import factorial
 
@@ -14,7 +14,6 @@ from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.comparison import Analysis, free_slopes, measured
 from terrapin_tools.workbench.discover.expressions import SCALE_COST, Library, Sketch, as_effect
-from terrapin_tools.workbench.discover.hypothesis import Hypothesis
 from terrapin_tools.workbench.model.constants import constants, error_tax
 from terrapin_tools.workbench.model.data_columns import candidates
 from terrapin_tools.workbench.model.effect_columns import Shape, is_phase
@@ -26,7 +25,7 @@ from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
-__all__ = ["MISHAP", "SIZE_OF_SET", "Ranker", "by_effect"]
+__all__ = ["MISHAP", "SIZE_OF_SET", "Hypothesis", "Ranker", "by_effect"]
 
 # Prior of a set by its number of terms, and of each kind of mishap. Chosen by hand; the campaigns (row "probability")
 # measure what comes of it.
@@ -35,6 +34,22 @@ MISHAP = {"run": 0.02, "change": 0.02, "warming": 0.01, "start": 0.01, "lag": 0.
 CATALOGUE = 0.62  # of a term that is not known yet to stand in the catalogue, where that has any; by hand
 CONSTANT = 0.07  # of it to be a stated constant that is wrong, where there are any; by hand
 FAULT = 0.03  # of it to be a fault of the table, where there may be any; by hand
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A set of effects that may be missing, with its log of evidence times prior.
+
+    `kind` is nothing, catalogue, expression, mixed (catalogued effects and an expression), unknown (a curve of a column
+    that has no formula), or that of a mishap.
+    """
+
+    effects: tuple[str, ...]
+    kind: str
+    log_weight: float
+    fit: Fit | None = None
+    column: str = ""  # of an expression or a curve; of a mishap: its run
+    taxed: float = 0.0  # what the log weight has lost to sizes that are unlikely
 
 
 class Ranker:

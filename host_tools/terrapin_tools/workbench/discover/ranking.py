@@ -20,14 +20,15 @@ from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.discover.closure import neighbours, twins
 from terrapin_tools.workbench.discover.expression_answers import expression_pairs, expressions, paying
 from terrapin_tools.workbench.discover.expressions import read_by
-from terrapin_tools.workbench.discover.hypothesis import Hypothesis
-from terrapin_tools.workbench.discover.ranker import MISHAP, SIZE_OF_SET, Ranker, by_effect
+from terrapin_tools.workbench.discover.ranker import MISHAP, SIZE_OF_SET, Hypothesis, Ranker, by_effect
 from terrapin_tools.workbench.discover.suspect_answers import beside_constants, table_answers
+from terrapin_tools.workbench.discover.unexplained import Blamed, unknown
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.usual_sizes import MOST_TAX
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
+from terrapin_tools.workbench.noise.mishaps import KINDS
 
 __all__ = ["Hypothesis", "Ranking", "rank"]
 
@@ -37,10 +38,10 @@ PAIRS_LOOKED_AT = 40  # likeliest pairs from which these are taken; chosen by ha
 WORTH_A_REFIT = 0.0  # log evidence that a second effect must add to be refitted: any
 PAIRS_FROM = 3  # best single effects that a second one is tried on once more; chosen by hand
 UNSEEN = 1.0  # log weight by which a pair that was not refitted stays behind the best; chosen by hand
-TRIPLES_FROM = 2  # best pairs that a third effect is tried on; chosen by hand, for time
 WITHIN = 12.0  # log evidence behind the best beyond which no set is refitted: a posterior of 6e-6; chosen by hand
 FEWEST_RUNS = 4  # from which a mishap of one of them differs from the rest; chosen by hand
 ONE = 1e-3  # squared distance of two predictions [noise sd] below which they are one curve
+LISTED = 0.5  # share of all that may be wrong, from which a mishap or a curve is named, or a run among odd ones
 SHOWN = 10  # likeliest answers whose expressions are also refitted alone, for the table
 
 
@@ -65,7 +66,26 @@ class Ranking:
     @property
     def blind(self) -> bool:
         """No effect could be weighed: the model's own parameters take up whatever the columns could show."""
-        return all(h.kind == "nothing" or h.kind in MISHAP for h in self.hypotheses)
+        return all(h.kind in ("nothing", "unknown", *MISHAP) for h in self.hypotheses)
+
+    def mishap(self, names: Sequence[str]) -> Blamed | None:
+        """The mishap that is likelier than all else that may be wrong; `names` of the runs in their order."""
+        share = {kind: self.probability(kind) for kind in KINDS}
+        kind = max(share, key=lambda one: share[one])
+        if share[kind] < LISTED * (1.0 - self.probability("nothing")):
+            return None
+        mine = [(h, p) for h, p in zip(self.hypotheses, self.posterior, strict=True) if h.kind == kind]
+        if kind == "change":
+            after = mine[0][0].column
+            return Blamed(kind, (names[names.index(after) - 1], after))
+        return Blamed(kind, tuple(h.column for h, p in mine if h.column and p >= LISTED * share[kind]))
+
+    @property
+    def curve(self) -> str:
+        """The column of a curve without a formula, where such curves are likelier than all else that may be wrong."""
+        if self.blind or self.probability("unknown") < LISTED * (1.0 - self.probability("nothing")):
+            return ""
+        return next((h.column for h in self.hypotheses if h.kind == "unknown"), "")
 
     def inclusion(self, effect: str) -> float:
         """Probability that an effect, or an expression as it is written, is part of what is missing."""
@@ -102,9 +122,7 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
         singles[one[0]] = ranker.weighed(one, average[one])
     found += singles.values()
     report("refits of the best pairs")
-    pairs = _pairs(ranker, singles, average, max(h.log_weight for h in found))
-    found += pairs
-    found += _triples(ranker, [h for h in pairs if h.fit is not None])
+    found += _pairs(ranker, singles, average, max(h.log_weight for h in found))
     found += _mishaps(ranker)
     if analysis.missing:
         report("columns that are scaled, late or without their sign")
@@ -117,6 +135,7 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
         found += expression_pairs(ranker)
         report("what lies next to the best answers")
         found += neighbours(ranker, found)
+    found += unknown(analysis, ranker.evidence)
     unlike: dict[frozenset[str], Hypothesis] = {}
     for h in sorted(found, key=lambda h: -h.log_weight):
         unlike.setdefault(frozenset(h.effects) if h.effects else frozenset([h.kind, h.column]), h)
@@ -248,20 +267,6 @@ def _onward(ranker: Ranker, singles: Mapping[str, Hypothesis], best: float) -> d
             if _first(names, singles) == single.effects[0]:
                 found[names] = gain
     return found
-
-
-def _triples(ranker: Ranker, pairs: Sequence[Hypothesis]) -> list[Hypothesis]:
-    found: dict[frozenset[str], Hypothesis] = {}
-    for pair in sorted(pairs, key=lambda h: -h.log_weight)[:TRIPLES_FROM]:
-        assert pair.fit is not None
-        gains = _gains(ranker, pair.fit, pair.effects)
-        if not gains:
-            continue
-        third = max(gains, key=lambda n: gains[n])
-        key = frozenset((*pair.effects, third))
-        if key not in found and gains[third] > 0.0:
-            found[key] = ranker.weighed((*pair.effects, third))
-    return list(found.values())
 
 
 def _mishaps(ranker: Ranker) -> list[Hypothesis]:

@@ -15,8 +15,7 @@ import numpy as np
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.bases import formula_name
 from terrapin_tools.workbench.compare.comparison import predict
-from terrapin_tools.workbench.discover.hypothesis import Hypothesis
-from terrapin_tools.workbench.discover.ranker import Ranker, by_effect
+from terrapin_tools.workbench.discover.ranker import Hypothesis, Ranker, by_effect
 from terrapin_tools.workbench.model.effect_columns import Shape, shapes_of
 from terrapin_tools.workbench.model.fitting import Fit, extend
 from terrapin_tools.workbench.model.table_faults import UNUSUAL, Fault

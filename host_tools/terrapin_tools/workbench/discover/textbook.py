@@ -13,8 +13,8 @@ import numpy as np
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.comparison import Analysis, error, predict
-from terrapin_tools.workbench.discover.hypothesis import Hypothesis
 from terrapin_tools.workbench.discover.leftover import absent
+from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.discover.ranking import Ranking
 from terrapin_tools.workbench.model.constants import named
 from terrapin_tools.workbench.model.fitting import Fit

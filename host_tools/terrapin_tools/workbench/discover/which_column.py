@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from terrapin_tools.workbench.bases import formula_name
 from terrapin_tools.workbench.compare.comparison import Analysis
-from terrapin_tools.workbench.discover.hypothesis import Hypothesis
+from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.discover.ranking import Ranking
 from terrapin_tools.workbench.model.data_columns import numeric_columns
 from terrapin_tools.workbench.model.table_faults import Fault

@@ -1,4 +1,4 @@
-"""The JSON of the contract (docs/cases.md, schema terrapin.case/1) from a story, and a kept answer read back."""
+"""The JSON of the contract (docs/cases.md, schema terrapin.case/2) from a story, and a kept answer read back."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Any
 
 from terrapin_tools.workbench.case import history
 from terrapin_tools.workbench.discover.certainty import Operating
-from terrapin_tools.workbench.discover.hypothesis import Blamed
 from terrapin_tools.workbench.discover.resampled import Selected
+from terrapin_tools.workbench.discover.unexplained import Blamed, Curve
 from terrapin_tools.workbench.experiment.proposal import Experiment
 from terrapin_tools.workbench.files.json_text import finite
 from terrapin_tools.workbench.story.story import Findings, Goal, Place, Proposal, Rung, Story, Value
 
 __all__ = ["SCHEMA", "answer", "keep", "places", "proposal", "read", "recall"]
 
-SCHEMA = "terrapin.case/1"
+SCHEMA = "terrapin.case/2"
 
 
 def answer(story: Story) -> dict[str, Any]:
@@ -35,6 +35,7 @@ def answer(story: Story) -> dict[str, Any]:
         runs = {
             "odd_runs": found.blamed.runs if found.blamed and found.blamed.kind == "run" else (),
             "mishap": found.blamed and vars(found.blamed),
+            "unknown": found.unknown and vars(found.unknown),
             "operating": [vars(one) for one in found.operating],
             "selected": [vars(one) for one in found.selected],
         }
@@ -129,6 +130,7 @@ def read(kept: Mapping[str, Any]) -> Findings:
         ),
         ladder=tuple(Rung(**rung) for rung in kept["ladder"]),
         blamed=_blamed(kept),
+        unknown=_curve(kept.get("unknown")),
         operating=tuple(Operating(**one) for one in kept["operating"]),
         selected=tuple(Selected(tuple(s["effects"]), s["kind"], s["frequency"]) for s in kept["selected"]),
         together={e: {n: Value(**v) for n, v in values.items()} for e, values in kept.get("together", {}).items()},
@@ -141,6 +143,10 @@ def _blamed(kept: Mapping[str, Any]) -> Blamed | None:
     """Answers that were kept before there were other mishaps name the odd runs alone."""
     mishap = kept.get("mishap") or ({"kind": "run", "runs": kept["odd_runs"]} if kept["odd_runs"] else None)
     return Blamed(mishap["kind"], tuple(mishap["runs"])) if mishap else None
+
+
+def _curve(kept: Mapping[str, Any] | None) -> Curve | None:
+    return Curve(**{**kept, **{name: tuple(kept[name]) for name in ("x", "y", "sd")}}) if kept else None
 
 
 def _goal(one: Goal) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,9 @@ import numpy.typing as npt
 from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.bases import ROLES, formula_name
+from terrapin_tools.workbench.discover.unexplained import Curve
 
-__all__ = ["Shape", "as_text", "draw", "shape_of"]
+__all__ = ["Shape", "as_svg", "as_text", "draw", "shape_of", "unnamed"]
 
 Array = npt.NDArray[np.float64]
 
@@ -36,6 +38,7 @@ RANGES: Mapping[str, tuple[float, float]] = {
 POSITIVE = (0.02, 0.5)  # of a speed that has to be above 0
 USUAL: Mapping[str, float] = {"radius": 0.08, "load": 20.0, "clip": 1.0, "gear": 16.0}
 WIDTH, HEIGHT = 61, 11  # of the text
+PICTURE, BORDER = (360, 180), 34  # of the curve that has no formula
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,40 @@ def as_text(shape: Shape) -> list[str]:
     left, right = f"{shape.x[0]:.3g}", f"{shape.x[-1]:.3g}"
     gap = WIDTH - len(left) - len(right)
     return [*lines, " " * 9 + " +" + "-" * WIDTH, " " * 11 + left + shape.axis.center(gap) + right]
+
+
+def unnamed(curve: Curve) -> Shape:
+    """A curve that has no formula, for `as_text`."""
+    return Shape(curve.column, curve.unit, np.array(curve.x), np.array(curve.y), {})
+
+
+def as_svg(curve: Curve) -> str:
+    """The same with its band of two sd, to stand in a page."""
+    x, y, sd = (np.array(values) for values in (curve.x, curve.y, curve.sd))
+    low, high = float((y - 2.0 * sd).min()), float((y + 2.0 * sd).max())
+    (width, height), span = PICTURE, high - low or 1.0
+
+    def path(across: Array, up: Array) -> str:
+        left = BORDER + (across - x[0]) / (x[-1] - x[0]) * (width - 2 * BORDER)
+        top = BORDER / 2 + (high - up) / span * (height - 1.5 * BORDER)
+        return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(left, top, strict=True))
+
+    axis = escape(unnamed(curve).axis)
+    at = height - 14.0
+    words = [(float(BORDER), at, "middle", f"{x[0]:.3g}"), (width - BORDER, at, "middle", f"{x[-1]:.3g}")]
+    words += [
+        (width / 2, height - 4, "middle", axis),
+        (2, 14, "start", f"{high:.2g}"),
+        (2, at - 16, "start", f"{low:.2g}"),
+    ]
+    text = "".join(f'<text x="{a}" y="{b}" text-anchor="{side}">{word}</text>' for a, b, side, word in words)
+    return (
+        f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="curve over {axis}" fill="currentColor" '
+        f'font-size="11">'
+        f'<polygon points="{path(np.concatenate([x, x[::-1]]), np.concatenate([y - 2 * sd, (y + 2 * sd)[::-1]]))}" '
+        f'opacity="0.2"/><polyline points="{path(x, y)}" fill="none" stroke="currentColor" stroke-width="2"/>{text}'
+        "</svg>"
+    )
 
 
 def draw(effect: Effect, shape: Shape, target: Path) -> None:

@@ -10,6 +10,7 @@ from jinja2 import Environment, StrictUndefined
 
 from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.story import sentences
+from terrapin_tools.workbench.story.effect_picture import as_svg
 from terrapin_tools.workbench.story.formulas import from_latex
 from terrapin_tools.workbench.story.notes import to_html
 from terrapin_tools.workbench.story.page_frame import PAGE, STYLE
@@ -47,6 +48,7 @@ def render(
         not_looked=sentences.NOT_LOOKED,
         mathml=from_latex,
         full=CARDS // 2 if story.verdict == "adequate" else max(CARDS, named),
+        curve_svg=as_svg(story.found.unknown) if story.found and story.found.unknown else "",
         curves={tuple(effects): i for i, effects in enumerate(data["sets"])},
         columns=[(name, name) for name in data["columns"]],
         channels=[(str(i), channel["name"]) for i, channel in enumerate(data["channels"])],

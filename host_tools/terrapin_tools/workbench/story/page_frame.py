@@ -133,6 +133,8 @@ click: what it would do</span></h2>
 </span></td><td class="n">{{ chance(one.proposal.probability) }}</td></tr>{% endfor %}</tbody></table></details>
 {%- endif %}
 </section>{% endif %}
+{%- if curve_svg %}<section><h2>A curve that has no formula here <span>band: 95 %</span></h2>{{ curve_svg|safe }}
+</section>{% endif %}
 <section class="next{{ " ok" if story.verdict in ("adequate", "missing") }}"><h2>Next</h2><p>{{ story.next.text }}</p>
 {%- if story.next.settings %}<table><thead><tr>
 {%- for role in story.next.vary %}<th class="n">{{ role }}</th>{% endfor %}</tr></thead><tbody>

@@ -9,8 +9,8 @@ from terrapin_hil.units import behind
 from terrapin_tools.workbench.compare.groups import Differing
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.discover.certainty import EVEN, Operating
-from terrapin_tools.workbench.discover.hypothesis import Blamed
 from terrapin_tools.workbench.discover.resampled import Selected
+from terrapin_tools.workbench.discover.unexplained import DIRECTION, Blamed, Curve
 from terrapin_tools.workbench.experiment.proposal import Experiment
 from terrapin_tools.workbench.story.story import Findings, Goal, Next, Place, Proposal, Rung, Value
 
@@ -172,6 +172,8 @@ def headline(found: Findings, p: float, level: float) -> str:
     if found.verdict == "unexplained":
         if found.blamed:
             return _mishap(found.blamed, found.probability)
+        if found.unknown:
+            return _curve(found.unknown, found.probability)
         on = f" It depends on {found.where[0].variable} most." if found.where else ""
         if found.part:
             more = "more is missing, which no catalogued effect and no short expression explains"
@@ -238,6 +240,15 @@ def _mishap(blamed: Blamed, probability: float) -> str:
     return (
         f"{what} a single run, not the model (probability {sure}). {which} {', '.join(blamed.runs)} {stand}: "
         f"look at {'it' if one else 'them'} before looking for physics."
+    )
+
+
+def _curve(one: Curve, probability: float) -> str:
+    by = {"": "", DIRECTION: ", times the direction of motion"}.get(one.by, f", times {one.by}")
+    return (
+        f"With probability {chance(probability)} the model lacks something that depends on {one.column}{by}, and no "
+        f"formula is known for it: in {one.channel} it makes {number(one.rms, 2)}{behind(one.channel_unit)} rms, "
+        f"{in_sd(one.in_sd)} noise sd."
     )
 
 
@@ -443,6 +454,12 @@ def next_step(
             text = "Put in what is surely part of it, and look again at what is left."
             command = f"terrapin add {folder} {' '.join(found.part)}"
             return Next("add", text, offer="Add it" if len(found.part) == 1 else "Add them", command=command)
+        if found.unknown:
+            text = (
+                f"Measure between the settings of {found.unknown.column} that you have, and look at the curve: it says "
+                "what a formula must do. Then try it as an effect of your own."
+            )
+            return Next("nothing", text)
         if found.probability < EVEN:
             errors = [found.ladder[0].train_error, found.ladder[0].heldout_error or 0.0]
             within = "The model is within its noise all the same. " if max(errors) < 1.0 else ""

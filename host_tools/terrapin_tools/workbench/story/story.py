@@ -15,8 +15,8 @@ from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.groups import Differing
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.discover.certainty import Operating
-from terrapin_tools.workbench.discover.hypothesis import Blamed
 from terrapin_tools.workbench.discover.resampled import Selected
+from terrapin_tools.workbench.discover.unexplained import Blamed, Curve
 from terrapin_tools.workbench.experiment.proposal import Experiment
 
 __all__ = ["Card", "Channel", "Findings", "Goal", "Next", "Place", "Proposal", "Rung", "Story", "Value"]
@@ -130,6 +130,7 @@ class Findings:
     where: tuple[Place, ...]
     ladder: tuple[Rung, ...]
     blamed: Blamed | None
+    unknown: Curve | None
     operating: tuple[Operating, ...]
     selected: tuple[Selected, ...]
     together: Mapping[str, Mapping[str, Value]]  # values of what is missing, all fitted together, by effect

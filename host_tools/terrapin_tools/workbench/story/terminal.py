@@ -10,6 +10,8 @@ import textwrap
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
+from terrapin_hil.units import behind
+from terrapin_tools.workbench.story.effect_picture import as_text, unnamed
 from terrapin_tools.workbench.story.sentences import (
     amount,
     chance,
@@ -39,6 +41,12 @@ def tell(story: Story) -> str:
     if story.where:
         lines += ["", "Where the model fails, on average over the range:"]
         lines += [f"  {place.variable} {place.sentence}" for place in story.where]
+    if story.found and (curve := story.found.unknown):
+        lines += [
+            "",
+            f"What is missing in {curve.channel}{behind(curve.channel_unit)}, no formula known:",
+            *as_text(unnamed(curve)),
+        ]
     lines += [part for note in story.notes for part in _wrapped(note, "  ")]
     lines += _candidates(story)
     if story.chances:

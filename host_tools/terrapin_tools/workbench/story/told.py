@@ -129,6 +129,7 @@ def found_by(discovery: Discovery) -> Findings:
         where=_places(discovery.where),
         ladder=_rungs(discovery.ladder),
         blamed=discovery.blamed,
+        unknown=discovery.unknown,
         operating=discovery.operating,
         selected=discovery.selected,
         together=named,

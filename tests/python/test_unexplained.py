@@ -1,0 +1,71 @@
+"""A curve that has no formula: its column is told, the picture is that of the truth, and a true name beats it."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+
+from terrapin_tools.workbench.discover.discovery import Discovery, discover
+from terrapin_tools.workbench.discover.unexplained import unknown
+from terrapin_tools.workbench.story.answer import answer, read
+from terrapin_tools.workbench.story.effect_picture import as_svg
+from terrapin_tools.workbench.story.terminal import tell
+from terrapin_tools.workbench.story.told import told
+from tests.campaigns.discovery_cases import Made, make
+
+
+@cache
+def hidden(*formula: str) -> tuple[Made, Discovery]:
+    """20 runs of steady rolling in which a formula of 3 noise sd is hidden: target, formula, column."""
+    random, made = np.random.default_rng(5), None
+    while made is None:
+        made = make("rolling_steady", (), 20, 0.0, 3.0, random, expression=(formula[0], formula[1], formula[2]))
+    return made, discover(made.case)
+
+
+def test_a_wave_in_a_column_is_a_curve_without_a_formula() -> None:
+    made, found = hidden("current", "k*sin(humidity/4)", "humidity")
+    assert (found.verdict, found.missing) == ("unexplained", ())
+    assert found.unknown is not None
+    assert (found.unknown.column, found.unknown.channel, found.unknown.by) == ("humidity", "current", "")
+    assert found.where[0].variable == "humidity"
+    x, y, sd = (np.array(values) for values in (found.unknown.x, found.unknown.y, found.unknown.sd))
+    truth = made.theta["hidden.k"] * np.sin(x / 4.0)
+    within = np.interp(np.asarray(made.case.inputs["humidity"]), x, truth).mean()
+    away = np.abs(y - (truth - within)) / sd
+    assert np.mean(away < 2.0) >= 0.8, away
+    assert found.unknown.in_sd == pytest.approx(3.0, rel=0.2)
+
+
+def test_it_is_told_drawn_and_kept() -> None:
+    found = hidden("current", "k*sin(humidity/4)", "humidity")[1]
+    story = told(found.analysis, found)
+    said = " ".join(tell(story).split())
+    assert "the model lacks something that depends on humidity, and no formula is known for it: in current" in said
+    assert "Measure between the settings of humidity" in said
+    kept = json.loads(json.dumps(answer(story)))
+    assert kept["schema"] == "terrapin.case/2"
+    assert read(kept).unknown == found.unknown
+    assert read({name: value for name, value in kept.items() if name != "unknown"}).unknown is None
+    assert found.unknown is not None
+    assert as_svg(found.unknown).count("<polyline") == 1
+
+
+def test_a_formula_that_is_true_beats_the_curve() -> None:
+    found = hidden("resistance", "k*humidity*sign(omega)", "humidity")[1]
+    assert (found.verdict, found.unknown) == ("missing", None)
+    assert {found.ranking.columns.get(name) for name in found.missing} == {"humidity"}
+    assert found.ranking.probability("unknown") < 0.1
+
+
+def test_each_column_has_its_share_of_the_prior() -> None:
+    analysis = (found := hidden("current", "k*sin(humidity/4)", "humidity")[1]).analysis
+    assert found.ranking.evidence is not None
+    every = unknown(analysis, found.ranking.evidence)
+    columns = [one.column for one in every]
+    assert len(set(columns)) == len(columns)
+    assert max(every, key=lambda one: one.log_weight).column == "humidity"
+    assert all(one.kind == "unknown" and not one.effects and one.fit is None for one in every)
