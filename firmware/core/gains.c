@@ -4,7 +4,9 @@
 enum {
     COUNT_E5_URAD = (628318530718 + (TERRAPIN_ENCODER_COUNTS / 2)) / TERRAPIN_ENCODER_COUNTS,
     COUNT_TURN = 4294967296 / TERRAPIN_ENCODER_COUNTS,
-    SPAN_MOST_MV = 200000 /* beyond every supply */
+    SPAN_MOST_MV = 200000, /* beyond every supply */
+    /* 25 m/s^2 times JUMP_TICKS squared: twice what any ground and a swinging body make of a robot */
+    JUMP_E5_UM = 25 * JUMP_TICKS * JUMP_TICKS * 100000
 };
 
 _Static_assert(COUNT_E5_URAD < 0x20000000, "encoders of 1,171 counts a turn and more");
@@ -61,6 +63,7 @@ static void rates_prepare(terrapin_state *state) {
     r->slip_ki_q32 = integer_factor(p[TERRAPIN_PARAMETER_SLIP_KI], 32U, 1000000);
     r->dead_urad_s = 1000 * p[TERRAPIN_PARAMETER_SLIP_DEAD_BAND];
     r->margin_counts = integer_factor((int64_t)p[TERRAPIN_PARAMETER_EXTRICATE_MARGIN] * 100000000, 0U, g->ground_e5_um);
+    r->jump_counts = (JUMP_E5_UM / (uint32_t)g->ground_e5_um) + 2U; /* that rounding to counts makes */
 }
 
 void gains_slope(terrapin_state *state) {

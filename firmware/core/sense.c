@@ -158,7 +158,16 @@ static bool encoder_lies(terrapin_state *state) {
         const int32_t seen_mv = state->drive.applied_mv - drop_mv; /* below 2^22: 100 ohm at 21 A */
         off = integer_abs(seen_mv - (state->slip.emf_uv / 1000)) > p[TERRAPIN_PARAMETER_ENCODER_TOLERANCE];
     }
-    return lasting(&state->sense.encoder_ticks, off, ENCODER_FAULT_TICKS);
+    /* A tick of agreement takes back a quarter of one that disagreed: a loose contact agrees half of the time. */
+    uint16_t *quarters = &state->sense.encoder_quarters;
+    if (off) {
+        *quarters = (uint16_t)integer_clamp((int32_t)*quarters + 4, 0, 4 * ENCODER_FAULT_TICKS);
+    } else if (*quarters > 0U) {
+        (*quarters)--;
+    } else {
+        /* they agree */
+    }
+    return *quarters >= (uint16_t)(4 * ENCODER_FAULT_TICKS);
 }
 
 static void read_counts(terrapin_sense *sense, const terrapin_inputs *inputs) {

@@ -23,11 +23,7 @@ static int32_t slip_of(int32_t ground_um_s, int32_t rim_um_s) {
     const uint32_t rim = (uint32_t)integer_abs(rim_um_s);
     const uint32_t way = (uint32_t)integer_abs(along);
     int32_t gone;
-    if ((way < 429000U) && (rim < 429000U)) { /* the same in one division: the numerator is below 2^32 */
-        const uint32_t size = ((way * 10000U) + (rim / 2U)) / rim;
-        gone = (int32_t)size;
-        gone = (along < 0) ? -gone : gone;
-    } else if (rim < 42000000U) {
+    if (rim < 42000000U) {
         const uint32_t ones = way / rim;
         const uint32_t rest = (way - (ones * rim)) * 100U;
         const uint32_t hundredths = rest / rim;
@@ -83,6 +79,29 @@ static bool speeds(terrapin_state *state) {
     return known;
 }
 
+/* What changes the robot's speed is the ground, which takes time. A wheel that stops, turns round or jumps within
+ * JUMP_TICKS is a sensor's defect: real slip comes with the shell's speed or with torque, and the robot's speed
+ * follows. Once doubted, a wheel must agree with the shell for DOUBT_TICKS before it is believed again. */
+static void doubt(terrapin_state *state) {
+    terrapin_slip_state *slip = &state->slip;
+    const uint16_t *counts = state->fast.ground_counts;
+    TERRAPIN_ASSERT(slip->doubt_ticks <= (uint16_t)DOUBT_TICKS);
+    const uint32_t middle = ((uint32_t)slip->newest - (uint32_t)JUMP_TICKS) & (FAST_TICKS - 1U);
+    const uint32_t then = ((uint32_t)slip->newest - (2U * (uint32_t)JUMP_TICKS)) & (FAST_TICKS - 1U);
+    const uint32_t change = ((uint32_t)counts[slip->newest] - (2U * counts[middle]) + counts[then]) & 0xFFFFU;
+    const uint32_t size = (change < 0x8000U) ? change : (0x10000U - change);
+    const bool jumped = (slip->ticks > (2U * (uint32_t)JUMP_TICKS)) && (size > state->rates.jump_counts);
+    const bool agrees =
+        slip->moving && ((2 * integer_abs(slip->slip_e4)) < state->parameter[TERRAPIN_PARAMETER_SLIP_LIMIT]);
+    if (jumped || slip->implausible || ((slip->doubt_ticks > 0U) && !agrees)) {
+        slip->doubt_ticks = (uint16_t)DOUBT_TICKS;
+    } else if (slip->doubt_ticks > 0U) {
+        slip->doubt_ticks--;
+    } else {
+        /* believed */
+    }
+}
+
 /* Two ways to know the ground's speed: they must agree, and when they do not the lower one makes the larger slip. */
 static void compare_grounds(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_slip_state *slip = &state->slip;
@@ -123,15 +142,16 @@ void slip_update(terrapin_state *state, const terrapin_inputs *inputs) {
         slip->wheel_urad_s = wheel_urad_s;
         slip->emf_uv = emf_uv;
     }
+    doubt(state);
     const bool known = speeds(state);
     if (known) {
         compare_grounds(state, inputs);
     }
     /* At least 50 mrad/s, and R 1e4 um: the rim's speed is at least 500 um/s, and nothing is divided by zero. */
-    const bool moving = known && (integer_abs(slip->shell_urad_s) >= state->rates.dead_urad_s);
-    const int32_t rim_um_s = moving ? integer_q32(slip->shell_urad_s, state->rates.rim_q32) : 1;
-    slip->slip_e4 = slip_of(moving ? slip->ground_um_s : 1, rim_um_s); /* 0 of equal speeds */
-    slip->valid = moving && !slip->implausible;
+    slip->moving = known && (integer_abs(slip->shell_urad_s) >= state->rates.dead_urad_s);
+    const int32_t rim_um_s = slip->moving ? integer_q32(slip->shell_urad_s, state->rates.rim_q32) : 1;
+    slip->slip_e4 = slip_of(slip->moving ? slip->ground_um_s : 1, rim_um_s); /* 0 of equal speeds */
+    slip->valid = slip->moving && !slip->implausible && (slip->doubt_ticks == 0U);
     if ((slip->slip_e4 > slip->peak_e4) && (slip->slip_e4 <= 10000)) { /* above 1 it rolls back */
         slip->peak_e4 = slip->slip_e4;
     }

@@ -19,6 +19,8 @@ enum {
     HISTORY_SLOTS = 144,                  /* at least 2 * WINDOW_MAX_SLOTS + BLOCK_SLOTS + 1 */
     FAST_TICKS = 128,                     /* a power of two above the range of parameter slip_window */
     SPEED_TICKS = 20,                     /* window of the drive wheel's speed that the drive uses */
+    JUMP_TICKS = 8,                       /* between the two windows in which the ground wheel's speeds are compared */
+    DOUBT_TICKS = 500,                    /* that a doubted ground wheel must agree with the shell for */
     TRIM_TICKS = 128,                     /* ticks with the bridge off that make one zero of the current */
     TRIM_RISE = 32,                       /* the current limit's trim gains 1/32 of an excess a tick */
     CALIBRATE_WINDOWS = 3,                /* disjoint valid windows averaged at each calibration speed */
@@ -94,6 +96,7 @@ typedef struct {
     int32_t slip_ki_q32;
     int32_t dead_urad_s;   /* slip_dead_band */
     int32_t margin_counts; /* extricate_margin, of the ground wheel */
+    uint32_t jump_counts;  /* of the ground wheel, in JUMP_TICKS: by more than this no robot changes its speed */
 } terrapin_rates;
 
 /* The sensors in engineering units. */
@@ -117,7 +120,7 @@ typedef struct {
     uint16_t off_ticks;                  /* ticks since the bridge went off, stops at 1000 */
     uint16_t fault_ticks[SENSED_FAULTS]; /* how long each cause has lasted, from over_current to over_temperature */
     uint32_t causes;                     /* of the last tick, one bit each from over_current on */
-    uint16_t encoder_ticks;              /* how long encoder and back-EMF have disagreed */
+    uint16_t encoder_quarters;           /* how long encoder and back-EMF have disagreed, in quarters of a tick */
 } terrapin_sense;
 
 /* One record of the history, written every RECORD_MS. Sums wrap; only their differences mean something. */
@@ -209,7 +212,9 @@ typedef struct {
     bool external;    /* ground speed from outside */
     bool implausible; /* the two ground speeds disagree */
     uint16_t disagree_ticks;
-    int32_t peak_e4; /* largest since the last request */
+    bool moving;          /* slip is defined */
+    uint16_t doubt_ticks; /* 0: the ground wheel is believed; else how long it must yet agree with the shell */
+    int32_t peak_e4;      /* largest since the last request */
 } terrapin_slip_state;
 
 typedef enum { DEMAND_OFF = 0, DEMAND_VOLTAGE = 1, DEMAND_SPEED = 2 } terrapin_demand_mode;
@@ -256,9 +261,12 @@ typedef struct {
     uint32_t no_progress_ms;
     uint32_t episode_ms;        /* since the request, then since stuck */
     uint32_t dig_ground_counts; /* position of the ground wheel where slip passed its limit */
+    uint32_t back_motor_counts; /* position of the motor where backing out began */
     bool digging;
-    bool moved;        /* since the request */
-    int32_t direction; /* of the drive when it got stuck: -1 or 1 */
+    bool moved;         /* since the request */
+    bool borne_out;     /* slip passed its limit, and the motor's current had risen with it; backing out goes well */
+    int32_t rolling_ua; /* current along the motion while slip was small, low-passed; 0: it never was */
+    int32_t direction;  /* of the drive when it got stuck: -1 or 1 */
     int32_t stuck_pitch_mrad;
     int32_t report; /* enum report */
     uint8_t report_number;

@@ -101,6 +101,10 @@ static void judge(terrapin_state *state, const terrapin_inputs *inputs, uint32_t
     }
     if (state->slip.implausible) {
         causes |= fault_bit(TERRAPIN_FAULT_GROUND_SPEED);
+    } else if (state->slip.doubt_ticks > 0U) {
+        causes |= fault_bit(TERRAPIN_FAULT_GROUND_WHEEL);
+    } else {
+        /* wheel and ground bear each other out */
     }
     if (state->saturated_shown || state->estimator.saturated) {
         causes |= fault_bit(TERRAPIN_FAULT_SATURATED);
@@ -130,8 +134,8 @@ static void judge(terrapin_state *state, const terrapin_inputs *inputs, uint32_t
 }
 
 static void watch_motion(terrapin_state *state) {
-    const bool still =
-        (integer_abs(state->slip.wheel_urad_s) < STILL_URAD_S) && (integer_abs(state->slip.ground_um_s) < STILL_UM_S);
+    const bool still = (integer_abs(state->slip.wheel_urad_s) < STILL_URAD_S) &&
+                       ((state->slip.doubt_ticks > 0U) || (integer_abs(state->slip.ground_um_s) < STILL_UM_S));
     state->supervisor.still_ms = still ? (state->supervisor.still_ms + 1U) : 0U;
 }
 
@@ -146,6 +150,7 @@ static void idle(terrapin_state *state) {
         s->episode_ms = 0U;
         s->digging = false;
         s->moved = false;
+        s->rolling_ua = 0;
         s->no_progress_ms = 0U;
         state->slip.peak_e4 = 0;
         episode_enter(state, TERRAPIN_STATE_RUN, PHASE_FIRST);
@@ -207,7 +212,7 @@ static void run(terrapin_state *state, const terrapin_inputs *inputs, terrapin_d
         demand->mode = speed ? DEMAND_SPEED : DEMAND_VOLTAGE;
         demand->voltage_mv = s->setpoint;
         demand->speed_urad_s = speed ? shell_speed(state, s->setpoint) : 0;
-        demand->limiter = s->limiter;
+        demand->limiter = s->limiter && (state->slip.doubt_ticks == 0U);
         s->state = state->drive.limiting ? TERRAPIN_STATE_LIMITING : TERRAPIN_STATE_RUN;
         if (extrication_watch(state, direction)) {
             extrication_start(state, inputs, direction);

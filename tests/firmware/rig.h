@@ -41,6 +41,10 @@ static struct {
     double carriage; /* imposed axle speed; NAN: free */
     bool command;    /* the operator sends COMMAND every 50 ticks */
     bool blind;      /* the ground wheel does not turn */
+    bool stuck;      /* it keeps its count */
+    double scale;    /* that it counts of its way; */
+    double runaway;  /* and what it counts of itself [m/s] */
+    double counted;  /* [m] */
     uint32_t seed;
     terrapin_frame last[10]; /* the last telemetry frame of each slot */
 } rig;
@@ -57,6 +61,7 @@ static inline void rig_start(void) {
     rig.viscous = 1e-3;
     rig.f_o = 0.010;
     rig.carriage = NAN;
+    rig.scale = 1.0;
     rig.slope_from = INFINITY;
     rig.seed = 1U;
     rig.noise_codes = 1.0;
@@ -94,6 +99,7 @@ static inline void rig_plant(void) {
         }
         rig.alpha += dt * rig.omega;
         rig.ground += dt * rig.speed;
+        rig.counted += dt * (rig.scale * rig.speed + rig.runaway);
     }
 }
 
@@ -117,7 +123,9 @@ static inline void rig_tick(void) {
     const double code = 2048.0 + rig.offset_codes + rig.current * 1000.0 + rig.noise_codes * rig_random();
     rig.in.current_code = (uint16_t)fmax(0.0, fmin(4095.0, rint(code)));
     rig.in.motor_count = rig_count(rig.alpha * GEAR / WHEEL_TURN);
-    rig.in.ground_count = rig.blind ? 0U : rig_count(rig.ground / 0.030 / WHEEL_TURN);
+    if (!rig.stuck) {
+        rig.in.ground_count = rig.blind ? 0U : rig_count(rig.counted / 0.030 / WHEEL_TURN);
+    }
     rig.in.command_fresh = rig.command && rig.in.tick % 50U == 0U;
     rig_step();
     rig_plant();

@@ -243,12 +243,116 @@ static void test_backs_out_until_the_pitch_is_gone(void) {
     rig_drive(8000, TERRAPIN_CONTROL_VOLTAGE);
     rig.in.pitch_mrad = 244;
     rig_until(TERRAPIN_STATE_EXTRICATE, 20000U);
-    rig_run(4000); /* the pitch still reads 14 degrees */
-    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_EXTRICATE, rig_state());
+    rig_run(2500); /* behind where it dug in, and the pitch still reads 14 degrees */
+    TEST_ASSERT_TRUE(rig.ground < 0.85);
     TEST_ASSERT_EQUAL(PHASE_FIRST, rig.state.supervisor.phase);
     rig.in.pitch_mrad = 10;
     rig_until(TERRAPIN_STATE_IDLE, 4000U);
     TEST_ASSERT_EQUAL_INT32(TERRAPIN_REPORT_EXTRICATED, rig.state.supervisor.report);
+}
+
+/* Whatever pitch and ground wheel say: the shell turns back once. */
+static void test_backs_out_one_turn_at_most(void) {
+    for (int sticks = 0; sticks <= 1; sticks++) {
+        rig_start();
+        rig.in.pitch_valid = true;
+        on_sand();
+        rig.slope = 14.0 / 180.0 * 3.14159265358979323846;
+        rig.slope_from = 1.0;
+        rig_drive(8000, TERRAPIN_CONTROL_VOLTAGE);
+        rig.in.pitch_mrad = 244;
+        rig_until(TERRAPIN_STATE_EXTRICATE, 20000U);
+        const double from = rig.alpha;
+        double least = from;
+        rig.slope = 0.0; /* no help from gravity */
+        for (int ms = 0; (ms < 15000) && (rig_state() != TERRAPIN_STATE_IDLE); ms++) {
+            rig.stuck = rig.stuck || ((sticks == 1) && (ms == 1500));
+            rig_tick();
+            least = fmin(least, rig.alpha);
+        }
+        TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
+        TEST_ASSERT_EQUAL_INT32(TERRAPIN_REPORT_EXTRICATION_FAILED, rig.state.supervisor.report);
+        TEST_ASSERT_TRUE(least > from - 1.03 * WHEEL_TURN);
+        TEST_ASSERT_TRUE((sticks == 1) || (least < from - 0.97 * WHEEL_TURN));
+    }
+}
+
+/* Slip alone, at the current of rolling, stops the robot and puts the ground wheel in doubt. */
+static void test_without_torque_nothing_is_backed_out(void) {
+    for (int8_t direction = -1; direction <= 1; direction += 2) {
+        rig_start();
+        rig.f_o = 0.09;
+        rig.scale = 1.0;
+        rig_drive((int16_t)(direction * 3000), TERRAPIN_CONTROL_VOLTAGE);
+        rig_run(1500);
+        TEST_ASSERT_TRUE(rig.state.slip.valid);
+        for (int ms = 0; ms < 1500; ms++) { /* the wheel loses its grip bit by bit; the robot rolls on */
+            rig.scale -= 1e-3 / 1.5;
+            rig_tick();
+        }
+        rig_run(400);
+        const double stopped = rig.ground;
+        TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_GROUND_WHEEL));
+        rig_until(TERRAPIN_STATE_IDLE, 2000U);
+        TEST_ASSERT_EQUAL_INT32(TERRAPIN_REPORT_EXTRICATION_FAILED, rig.state.supervisor.report);
+        TEST_ASSERT_TRUE(fabs(rig.ground - stopped) < 0.01);
+        TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_GROUND_WHEEL));
+    }
+}
+
+/* A wheel that stops in a tick is no slip: the limiter does not act, and the wheel is believed when it has agreed again
+ * for half a second. */
+static void test_a_wheel_that_sticks_is_doubted(void) {
+    for (int8_t direction = -1; direction <= 1; direction += 2) {
+        rig_start();
+        rig_drive((int16_t)(direction * 8000), TERRAPIN_CONTROL_VOLTAGE);
+        rig_run(2000);
+        const double speed = rig.speed;
+        rig.stuck = true;
+        rig_run(13);
+        TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_GROUND_WHEEL));
+        TEST_ASSERT_FALSE(rig.state.slip.valid);
+        for (int ms = 0; ms < 2000; ms++) {
+            rig_tick();
+            TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_RUN, rig_state());
+            TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_GROUND_WHEEL));
+        }
+        TEST_ASSERT_TRUE(fabs(rig.speed) > fabs(speed) - 0.01);
+        rig.stuck = false;
+        rig_run(500);
+        TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_GROUND_WHEEL));
+        rig_run(100);
+        TEST_ASSERT_EQUAL_HEX32(0U, rig.out.faults);
+        TEST_ASSERT_TRUE(rig.state.slip.valid);
+        TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_RUN, rig_state());
+    }
+}
+
+/* A halt ends by the motor alone while the wheel is doubted. */
+static void test_a_doubted_wheel_does_not_hold_up_the_halt(void) {
+    rig_drive(8000, TERRAPIN_CONTROL_VOLTAGE);
+    rig_run(2000);
+    rig.scale = -1.0; /* it turns the other way, faster and faster */
+    rig_run(30);
+    TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_GROUND_WHEEL));
+    rig_request(TERRAPIN_REQUEST_IDLE, 0);
+    rig.runaway = 1.0;
+    rig_until(TERRAPIN_STATE_IDLE, 3000U);
+    TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_GROUND_WHEEL));
+}
+
+/* Who wants another direction by now, or none, does not want to back out. */
+static void test_no_backing_out_against_the_operator(void) {
+    for (int16_t setpoint = -3000; setpoint <= 0; setpoint += 3000) {
+        rig_start();
+        climb(8000);
+        rig_until(TERRAPIN_STATE_EXTRICATE, 1000U);
+        rig_request(TERRAPIN_REQUEST_RUN, setpoint);
+        rig_run(51);
+        TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
+        TEST_ASSERT_EQUAL_INT32(TERRAPIN_REPORT_EXTRICATION_FAILED, rig.state.supervisor.report);
+        TEST_ASSERT_FALSE(rig.out.enable);
+    }
 }
 
 /* Faster than four times stuck_speed is progress: whoever slows down from it waits no longer. */
@@ -265,11 +369,61 @@ static void test_what_counts_as_having_moved(void) {
     }
 }
 
+/* An eighth more than rolling took is borne out; nothing is without rolling before, and rolling again forgets it. */
+static void test_what_bears_slip_out(void) {
+    for (int32_t direction = -1; direction <= 1; direction += 2) {
+        for (int32_t more = 0; more <= 1; more++) {
+            terrapin_supervisor *s = &rig.state.supervisor;
+            s->rolling_ua = 0;
+            rig.state.slip.valid = true;
+            rig.state.slip.slip_e4 = 2000;
+            rig.state.drive.limiting = false;
+            rig.state.estimator.recent_ua = direction * 80000;
+            (void)extrication_watch(&rig.state, direction);
+            TEST_ASSERT_EQUAL_INT32_MESSAGE(0, s->rolling_ua, "that much slip is no rolling");
+            rig.state.drive.limiting = true;
+            (void)extrication_watch(&rig.state, direction);
+            TEST_ASSERT_FALSE_MESSAGE(s->borne_out, "it never rolled");
+            rig.state.drive.limiting = false;
+            rig.state.slip.slip_e4 = direction * 1999;
+            rig.state.slip.valid = false;
+            (void)extrication_watch(&rig.state, direction);
+            TEST_ASSERT_EQUAL_INT32(0, s->rolling_ua);
+            rig.state.slip.valid = true;
+            (void)extrication_watch(&rig.state, direction);
+            TEST_ASSERT_EQUAL_INT32(80000 / 64, s->rolling_ua);
+            for (int i = 0; i < 2000; i++) {
+                (void)extrication_watch(&rig.state, direction);
+            }
+            TEST_ASSERT_INT32_WITHIN(64, 80000, s->rolling_ua);
+            const int32_t edge = s->rolling_ua + (s->rolling_ua / 8);
+            rig.state.slip.slip_e4 = 6000;
+            rig.state.drive.limiting = true;
+            rig.state.estimator.recent_ua = direction * (edge + more);
+            (void)extrication_watch(&rig.state, direction);
+            TEST_ASSERT_EQUAL(more == 1, s->borne_out);
+            rig.state.drive.limiting = false; /* lets go for a moment, and takes less then */
+            (void)extrication_watch(&rig.state, direction);
+            rig.state.drive.limiting = true;
+            rig.state.estimator.recent_ua = 0;
+            (void)extrication_watch(&rig.state, direction);
+            TEST_ASSERT_EQUAL(more == 1, s->borne_out);
+            rig.state.slip.slip_e4 = 0;
+            (void)extrication_watch(&rig.state, direction);
+            TEST_ASSERT_FALSE(s->borne_out);
+        }
+    }
+}
+
 static void test_extrication_is_bounded_in_time(void) {
+    rig_set(TERRAPIN_PARAMETER_EXTRICATE_TIMEOUT, 1000);
     climb(8000);
     rig.traction = 1e-6; /* no grip at all, and held by a wall */
     rig.carriage = 0.0;
-    rig_until(TERRAPIN_STATE_IDLE, 21000U);
+    rig_until(TERRAPIN_STATE_EXTRICATE, 300U);
+    rig_run(750);
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_EXTRICATE, rig_state());
+    rig_until(TERRAPIN_STATE_IDLE, 100U);
     TEST_ASSERT_EQUAL_INT32(TERRAPIN_REPORT_EXTRICATION_FAILED, rig.state.supervisor.report);
     TEST_ASSERT_FALSE(rig.out.enable);
 }
@@ -333,7 +487,13 @@ int main(void) {
     RUN_TEST(test_reversal_stays_within_the_current_limit);
     RUN_TEST(test_stuck_on_a_slope_backs_out_and_reports);
     RUN_TEST(test_backs_out_until_the_pitch_is_gone);
+    RUN_TEST(test_backs_out_one_turn_at_most);
+    RUN_TEST(test_without_torque_nothing_is_backed_out);
+    RUN_TEST(test_a_wheel_that_sticks_is_doubted);
+    RUN_TEST(test_a_doubted_wheel_does_not_hold_up_the_halt);
+    RUN_TEST(test_no_backing_out_against_the_operator);
     RUN_TEST(test_what_counts_as_having_moved);
+    RUN_TEST(test_what_bears_slip_out);
     RUN_TEST(test_extrication_is_bounded_in_time);
     RUN_TEST(test_the_operator_may_end_the_extrication);
     RUN_TEST(test_a_robot_that_never_moved_is_given_its_time);

@@ -76,6 +76,7 @@ static int32_t peak_of(int32_t counts) {
     state.parameter[TERRAPIN_PARAMETER_SLIP_WINDOW] = 10;
     state.estimator.swing_ticks = 100U;
     state.slip.ticks = FAST_TICKS;
+    state.rates.jump_counts = UINT32_MAX;
     state.rates.motor_fast = (integer_gain){.factor = 4096, .most = INTEGER_MOST / 4};
     state.rates.ground_fast = state.rates.motor_fast;
     state.rates.rim_q32 = INT32_MAX; /* a half */
@@ -94,6 +95,50 @@ static void test_the_peak_of_slip_is_one(void) {
     TEST_ASSERT_EQUAL_INT32(9999, peak_of(1));
     TEST_ASSERT_EQUAL_INT32(10000, peak_of(0));
     TEST_ASSERT_EQUAL_INT32(0, peak_of(-1));
+}
+
+/* Counts of the ground wheel at the ends of the two windows, and the ticks that were seen: is it doubted? */
+static bool doubted(int32_t change, uint16_t ticks) {
+    setUp();
+    state.slip.newest = 3U; /* the windows reach over the end of the ring */
+    state.slip.ticks = ticks;
+    state.rates.jump_counts = 19U;
+    state.fast.ground_counts[3] = (uint16_t)(7 + change);
+    state.fast.ground_counts[FAST_TICKS - 5] = 5U; /* 8 ticks before */
+    state.fast.ground_counts[FAST_TICKS - 13] = 3U;
+    doubt(&state);
+    return state.slip.doubt_ticks > 0U;
+}
+
+static void test_what_jumps(void) {
+    for (int32_t sign = -1; sign <= 1; sign += 2) {
+        TEST_ASSERT_FALSE(doubted(sign * 19, 17U));
+        TEST_ASSERT_TRUE(doubted(sign * 20, 17U));
+        TEST_ASSERT_FALSE_MESSAGE(doubted(sign * 20, 16U), "the windows are not filled");
+    }
+    TEST_ASSERT_TRUE(doubted(32768, 17U));
+    TEST_ASSERT_TRUE(doubted(32767, 17U));
+}
+
+/* What takes a doubt back: slip is defined, and below half of the limit, for 500 ticks in a row. */
+static void test_what_takes_a_doubt_back(void) {
+    setUp();
+    state.parameter[TERRAPIN_PARAMETER_SLIP_LIMIT] = 5000;
+    for (int i = 0; i < 3; i++) {
+        state.slip.doubt_ticks = 7U;
+        state.slip.moving = i != 0;
+        state.slip.slip_e4 = i == 1 ? -2500 : 2499;
+        doubt(&state);
+        TEST_ASSERT_EQUAL_UINT(i == 2 ? 6U : 500U, state.slip.doubt_ticks);
+    }
+    state.slip.implausible = true;
+    doubt(&state);
+    TEST_ASSERT_EQUAL_UINT(500U, state.slip.doubt_ticks);
+    state.slip.implausible = false;
+    for (int ticks = 1; ticks <= 501; ticks++) {
+        doubt(&state);
+        TEST_ASSERT_EQUAL_UINT(ticks < 500 ? 500 - ticks : 0, state.slip.doubt_ticks);
+    }
 }
 
 /* ---- drive */
@@ -241,7 +286,7 @@ static void test_the_encoder_is_judged_with_a_speed(void) {
         state.drive.applied_mv = 9000;
         state.slip.ticks = (uint16_t)(SPEED_TICKS + more);
         (void)encoder_lies(&state);
-        TEST_ASSERT_EQUAL(more == 1U, state.sense.encoder_ticks > 0U);
+        TEST_ASSERT_EQUAL(more == 1U, state.sense.encoder_quarters > 0U);
     }
 }
 
@@ -257,9 +302,35 @@ static void test_the_encoder_may_be_off_by_its_tolerance(void) {
             state.drive.applied_mv = 5000 + (sign * off);
             state.parameter[TERRAPIN_PARAMETER_ENCODER_TOLERANCE] = 1000;
             (void)encoder_lies(&state);
-            TEST_ASSERT_EQUAL(off > 1000, state.sense.encoder_ticks > 0U);
+            TEST_ASSERT_EQUAL(off > 1000, state.sense.encoder_quarters > 0U);
         }
     }
+}
+
+/* 200 ticks in a row are too many, and so is a loose contact that is off for half of the time. */
+static void test_an_encoder_that_is_off_now_and_then(void) {
+    for (uint32_t period = 1U; period <= 6U; period++) {
+        uint32_t ticks = 0U;
+        bool lies = false;
+        setUp();
+        state.drive.enable = true;
+        state.slip.ticks = SPEED_TICKS + 1U;
+        state.parameter[TERRAPIN_PARAMETER_ENCODER_TOLERANCE] = 1000;
+        while (!lies && (ticks < 5000U)) {
+            state.drive.applied_mv = ((ticks % period) == 0U) ? 1001 : 1000;
+            lies = encoder_lies(&state);
+            ticks++;
+        }
+        /* of `period` ticks one counts four quarters, and the others take one back each: 796 before the last of 800 */
+        const uint32_t gain = 5U - ((period < 5U) ? period : 5U);
+        TEST_ASSERT_EQUAL_UINT32((gain > 0U) ? (period * ((796U + gain - 1U) / gain)) + 1U : 5000U, ticks);
+        state.drive.applied_mv = 1000;
+        TEST_ASSERT_FALSE(encoder_lies(&state));
+    }
+    state.sense.encoder_quarters = 0U;
+    state.drive.applied_mv = 0;
+    TEST_ASSERT_FALSE(encoder_lies(&state));
+    TEST_ASSERT_EQUAL_UINT(0U, state.sense.encoder_quarters);
 }
 
 /* ---- gains: how far a count may go is told to the nearest, less one */
@@ -278,6 +349,8 @@ static void test_the_most_that_a_gain_takes(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_slip_is_one_division_however_it_is_done);
+    RUN_TEST(test_what_jumps);
+    RUN_TEST(test_what_takes_a_doubt_back);
     RUN_TEST(test_the_peak_of_slip_is_one);
     RUN_TEST(test_below_one_volt_there_is_no_duty);
     RUN_TEST(test_one_milliampere_too_much_is_taken_off);
@@ -288,6 +361,7 @@ int main(void) {
     RUN_TEST(test_how_far_a_zero_may_be_off);
     RUN_TEST(test_a_temperature_beyond_all_is_held);
     RUN_TEST(test_the_encoder_is_judged_with_a_speed);
+    RUN_TEST(test_an_encoder_that_is_off_now_and_then);
     RUN_TEST(test_the_encoder_may_be_off_by_its_tolerance);
     RUN_TEST(test_the_most_that_a_gain_takes);
     return UNITY_END();

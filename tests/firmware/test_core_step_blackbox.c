@@ -78,16 +78,18 @@ static void noise(void) {
 
 /* Something like a robot: counts that follow the duty, a current, an operator; in integers. */
 static void plausible(void) {
-    static int32_t speed, position, way;
+    static int32_t speed, position, way, grip;
     if (in.tick == 0U) {
         speed = position = way = 0;
+        grip = 330000;
     }
     in.tick++;
-    speed += (out.enable ? out.duty_q15 * 600 : 0) / 16 - speed / 32 - speed / 256;
+    speed += (out.enable ? out.duty_q15 * 600 : 0) / 160 - speed / 288;
     position += speed / 200000;
-    way += speed / ((in.tick / 4096U) % 2U == 0U ? 330000 : 700000);
-    in.current_code =
-        (uint16_t)(2048 + (out.enable ? out.duty_q15 / 40 - speed / 30000 : 0) / 4 + (int32_t)(draw() % 3U));
+    grip += (in.tick / 4096U) % 2U == 0U ? (grip > 330000 ? -500 : 0) : (grip < 900000 ? 500 : 0);
+    way += speed / grip; /* slip comes and goes, and takes current */
+    in.current_code = (uint16_t)(2048 + (out.enable ? out.duty_q15 / 40 - speed / 30000 : 0) / 4 +
+                                 (out.enable ? grip / 3000 - 110 : 0) + (int32_t)(draw() % 3U));
     in.supply_code = (uint16_t)(2990U + draw() % 20U);
     in.temperature_code = (uint16_t)(1500U + (in.tick / 1024U) % 256U);
     in.motor_count = (uint16_t)position;
@@ -158,7 +160,7 @@ static void test_same_bits_on_every_machine(void) {
     TEST_ASSERT_EQUAL_HEX32_MESSAGE(0x1FFU, states_seen | (1U << (out.frames[0].data[4] & 0xFU)),
                                     "every state was passed through");
     /* The hash of every frame. It changes with the controller's behaviour, and with nothing else. */
-    TEST_ASSERT_EQUAL_HEX64(0xBB42789CAE5228F5ULL, hash);
+    TEST_ASSERT_EQUAL_HEX64(0xB69921806C796FFFULL, hash);
 }
 
 static void test_two_controllers_do_not_know_each_other(void) {

@@ -48,7 +48,7 @@ static bool sense_holds(const terrapin_state *s) {
                 (n->supply_q8_mv >= 0) && (n->supply_q8_mv < 0x20000000) &&
                 within(n->temperature_q8_mc, INTEGER_MOST) && (n->temperature_known || (n->temperature_q8_mc == 0)) &&
                 within(n->trim_q8_codes, 16 * 256) && (n->trim_count < (uint16_t)TRIM_TICKS) &&
-                (n->causes < (1U << (uint32_t)SENSED_FAULTS)) && (n->encoder_ticks <= 200U);
+                (n->causes < (1U << (uint32_t)SENSED_FAULTS)) && (n->encoder_quarters <= 800U);
     for (uint32_t i = 0U; i < (uint32_t)SENSED_FAULTS; i++) {
         good = good && (n->fault_ticks[i] <= ((i <= 1U) ? 3U : 20U));
     }
@@ -60,7 +60,8 @@ static bool slip_holds(const terrapin_state *s) {
     return (p->newest < (uint8_t)FAST_TICKS) && (p->ticks <= (uint16_t)FAST_TICKS) &&
            within(p->wheel_urad_s, INTEGER_MOST) && within(p->emf_uv, INTEGER_MOST) &&
            within(p->shell_urad_s, HELD_OR_LEAST) && within(p->ground_um_s, INTEGER_MOST) &&
-           (p->disagree_ticks <= 500U) && within(p->slip_e4, 40000) && (p->peak_e4 >= 0) && (p->peak_e4 <= 10000);
+           (p->disagree_ticks <= 500U) && (p->doubt_ticks <= 500U) && within(p->slip_e4, 40000) && (p->peak_e4 >= 0) &&
+           (p->peak_e4 <= 10000);
 }
 
 static bool drive_holds(const terrapin_state *s) {
@@ -89,7 +90,7 @@ static bool estimator_holds(const terrapin_state *s) {
 static bool supervisor_holds(const terrapin_state *s) {
     const terrapin_supervisor *v = &s->supervisor;
     return (v->phase >= PHASE_FIRST) && (v->phase <= PHASE_HALT) && within(v->setpoint, 32768) &&
-           within(v->stuck_pitch_mrad, 32768);
+           within(v->stuck_pitch_mrad, 32768) && within(v->rolling_ua, HELD_OR_LEAST);
 }
 
 static bool heading_holds(const terrapin_state *s) {

@@ -16,7 +16,7 @@ FOREVER = 1e9  # s
 # kind: number in faults.h, channels that it may name, unit of its value ("" for none)
 KINDS: dict[str, tuple[int, tuple[str, ...], str]] = {
     "stuck": (0, CHANNELS, ""),
-    "forced": (1, ADCS, "1"),
+    "forced": (1, CHANNELS, "1"),
     "absent": (2, DIGITALS, ""),
     "lost_counts": (3, ENCODERS, "1"),
     "estop_pressed": (4, (), ""),
@@ -25,6 +25,12 @@ KINDS: dict[str, tuple[int, tuple[str, ...], str]] = {
     "command_silence": (6, (), ""),
     "link_silence": (7, (), ""),
     "reversed": (8, ENCODERS, ""),
+    "drift": (9, CHANNELS, "1/s"),
+    "scaled": (10, CHANNELS, "1"),
+    "delayed": (11, CHANNELS, "s"),
+    "noisy": (12, CHANNELS, "1"),
+    "intermittent": (13, CHANNELS, "s"),
+    "mirrored": (14, (*ADCS, *DIGITALS), ""),
     # of the bus (wire_faults.py): numbers that the compiled simulator does not know
     "command_crc": (100, (), ""),
     "command_counter": (101, (), ""),
@@ -32,13 +38,24 @@ KINDS: dict[str, tuple[int, tuple[str, ...], str]] = {
     "tick_repeated": (103, (), ""),
     "extremes": (104, (), ""),
 }
+# kind: least and greatest value; of `forced` they are the channel's
+_VALUES = {
+    "lost_counts": (0.0, 1.0),
+    "supply": (0.0, 100.0),
+    "babble": (1.0, 40.0),
+    "drift": (-1e6, 1e6),
+    "scaled": (-100.0, 100.0),
+    "delayed": (0.0, 0.255),
+    "noisy": (0.0, 1e4),
+    "intermittent": (0.002, 10.0),
+}
 WIRE = tuple(kind for kind, (number, _, _) in KINDS.items() if number >= 100)
 
 
 @dataclass(frozen=True)
 class Fault:
-    """Active from `begin` to `end` [s]. `value`: ADC code (forced), probability (lost_counts), volts (supply) or frames
-    a tick (babble)."""
+    """Active from `begin` to `end` [s]. `value`: raw number (forced), probability (lost_counts), volts (supply), frames
+    a tick (babble), raw numbers a second (drift) or rms (noisy), factor (scaled), seconds (delayed, intermittent)."""
 
     kind: str
     channel: str = ""
@@ -52,9 +69,9 @@ def read_fault(section: Section) -> Fault:
     kind = section.choice("kind", KINDS)
     _, channels, unit = KINDS[kind]
     channel = section.choice("channel", channels) if channels else ""
-    low, high = {"forced": (0.0, 4095.0), "lost_counts": (0.0, 1.0), "supply": (0.0, 100.0), "babble": (1.0, 40.0)}.get(
-        kind, (0.0, 0.0)
-    )
+    low, high = _VALUES.get(kind, (0.0, 0.0))
+    if kind == "forced":
+        low, high = (0.0, 4095.0) if channel in ADCS else (0.0, 65535.0) if channel in ENCODERS else (-32768.0, 32767.0)
     value = section.quantity("value", unit, None, low, high) if unit else 0.0
     begin = section.quantity("from", "s", 0.0, 0.0)
     end = section.quantity("to", "s", FOREVER, begin)

@@ -63,6 +63,7 @@ void hil_start(hil_simulator *simulator) {
         simulator->body.sinkage = hil_grip_value(&grip, HIL_SINKAGE, 0.0, &unused);
     }
     hil_sensors_start(&simulator->sensors, config->seed);
+    hil_faults_start(&simulator->failing, config->seed);
     simulator->temperature =
         config->winding.profile.count > 0 ? profile_at(&config->winding.profile, 0.0) : config->winding.start;
     simulator->heading = config->steering.count > 0 ? profile_at(&config->steering, 0.0) : 0.0;
@@ -76,30 +77,36 @@ void hil_start(hil_simulator *simulator) {
     simulator->commands = 0;
 }
 
+/* What a channel says, read every so many ms. */
+static int32_t told(hil_simulator *simulator, int channel, int32_t reading, int32_t zero, int32_t low, int32_t high,
+                    int every) {
+    const hil_faults *faults = &simulator->config.faults;
+    return faults->count == 0 ? reading
+                              : hil_fault_reading(faults, &simulator->failing, channel, reading, zero, low, high, every,
+                                                  now(simulator));
+}
+
+static uint16_t converted(hil_simulator *simulator, int channel, int every) {
+    const hil_sensors *sensors = &simulator->config.sensors;
+    const int32_t code = hil_adc_read(sensors, &simulator->sensors, channel);
+    const int32_t zero = (int32_t)lrint(sensors->adc[channel].zero);
+    return (uint16_t)told(simulator, channel, code, zero, 0, 4095, every);
+}
+
 static void read_fast(hil_simulator *simulator) {
     const hil_config *config = &simulator->config;
     terrapin_inputs *in = &simulator->inputs;
-    const uint16_t code = hil_adc_read(&config->sensors, &simulator->sensors, HIL_CURRENT);
+    in->current_code = converted(simulator, HIL_CURRENT, 1);
     uint16_t count[HIL_ENCODERS];
     for (int i = 0; i < HIL_ENCODERS; i++) {
         const hil_fault *fault = active(simulator, HIL_FAULT_LOST_COUNTS, HIL_MOTOR + i);
         const double lost = fault != NULL ? fault->value : 0.0;
         const bool reversed = failing(simulator, HIL_FAULT_REVERSED, HIL_MOTOR + i);
-        count[i] = hil_encoder_read(&config->sensors, &simulator->sensors, i, reversed ? HIL_REVERSED : lost);
+        const int32_t read = hil_encoder_read(&config->sensors, &simulator->sensors, i, reversed ? HIL_REVERSED : lost);
+        count[i] = (uint16_t)(uint32_t)told(simulator, HIL_MOTOR + i, read, 0, 0, 0, 1);
     }
-    if (!failing(simulator, HIL_FAULT_STUCK, HIL_CURRENT)) {
-        in->current_code = code;
-    }
-    if (!failing(simulator, HIL_FAULT_STUCK, HIL_MOTOR)) {
-        in->motor_count = count[0];
-    }
-    if (!failing(simulator, HIL_FAULT_STUCK, HIL_WHEEL)) {
-        in->ground_count = count[1];
-    }
-    const hil_fault *forced = active(simulator, HIL_FAULT_FORCED, HIL_CURRENT);
-    if (forced != NULL) {
-        in->current_code = (uint16_t)forced->value;
-    }
+    in->motor_count = count[0];
+    in->ground_count = count[1];
     in->swing_valid = config->sensors.digital[0].present && config->sensors.digital[1].present &&
                       !failing(simulator, HIL_FAULT_ABSENT, HIL_SWING_ANGLE) &&
                       !failing(simulator, HIL_FAULT_ABSENT, HIL_SWING_RATE);
@@ -118,20 +125,13 @@ static void read_slow(hil_simulator *simulator) {
     terrapin_inputs *in = &simulator->inputs;
     const int channel = (simulator->tick & 1U) == 0U ? HIL_SUPPLY : HIL_TEMPERATURE;
     uint16_t *code = channel == HIL_SUPPLY ? &in->supply_code : &in->temperature_code;
-    const uint16_t read = hil_adc_read(&config->sensors, &simulator->sensors, channel);
-    const hil_fault *forced = active(simulator, HIL_FAULT_FORCED, channel);
-    if (forced != NULL) {
-        *code = (uint16_t)forced->value;
-    } else if (!failing(simulator, HIL_FAULT_STUCK, channel)) {
-        *code = read;
-    }
+    *code = converted(simulator, channel, 2);
     int16_t *digital[HIL_DIGITALS] = {&in->swing_angle_mrad, &in->swing_rate_centirad_s, &in->pitch_mrad,
                                       &in->ground_speed_mm_s};
     for (int i = 0; i < HIL_DIGITALS; i++) {
         const int16_t value = hil_digital_read(&config->sensors, &simulator->sensors, i);
-        if (!failing(simulator, HIL_FAULT_STUCK, HIL_SWING_ANGLE + i)) {
-            *digital[i] = value;
-        }
+        const int32_t most = (int32_t)config->sensors.digital[i].largest;
+        *digital[i] = (int16_t)told(simulator, HIL_SWING_ANGLE + i, value, 0, -most - 1, most, 1);
     }
 }
 

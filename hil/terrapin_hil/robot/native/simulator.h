@@ -117,6 +117,7 @@ typedef struct {
     hil_robot_derived derived;
     hil_body body;
     hil_sensor_state sensors;
+    hil_fault_memory failing;
     terrapin_inputs inputs;
     hil_surroundings around;
     double heading;
