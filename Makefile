@@ -1,10 +1,10 @@
 # Terrapin's front door. The work is done by the scripts that each target names.
 .DEFAULT_GOAL := help
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
-.PHONY: help setup demo test sandbox check bench campaigns mutants fuzz proof firmware release docs wheel lock clean
+.PHONY: help setup demo test test-all sandbox check bench campaigns mutants fuzz proof firmware release docs wheel lock clean
 
 help: ## list the targets
-	@sed -n 's/^\([a-z]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
+	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
 
 setup: ## make .venv and build firmware and simulator for this machine
 	@tests/setup/setup.sh runtime && tests/tools/build.sh host
@@ -12,10 +12,14 @@ setup: ## make .venv and build firmware and simulator for this machine
 demo: setup ## run the whole circle once: firmware, simulated robot, link, log, comparison; results under out/
 	@.venv/bin/terrapin demo
 
-test: ## set up what tests need, run all of them
-	@tests/setup/setup.sh test && .venv/bin/python tests/tools/suite.py
+test: ## set up what tests need, run those that a change needs
+	@tests/setup/setup.sh test && .venv/bin/python tests/tools/suite.py --tier test
 
-sandbox: ## build the kernel that the tests of real CAN and GPIO run in, once (some minutes); `make test` then runs them
+test-all: ## the tests that `make test` leaves out: every other build, the pages' blocks, the wheel, short campaigns
+	@tests/setup/setup.sh test && UNITY_ROOT=$$(tests/setup/unity.sh) tests/tools/build.sh host \
+		&& .venv/bin/python tests/tools/suite.py --tier rest
+
+sandbox: ## build the kernel that the tests of real CAN and GPIO run in, once (some minutes); `make test-all` then runs them
 	@tests/setup/setup.sh sandbox && tests/sandbox/kernel.sh build
 
 check: ## formatting, types, static analysis, MISRA, hygiene; would tests see a slip in the C functions last changed?

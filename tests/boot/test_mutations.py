@@ -40,7 +40,7 @@ def test_ten_thousand_mutants() -> None:
 def test_mutants_under_the_sanitizers() -> None:
     library = paths.ROOT / "build" / "asan" / "libterrapin_boot.so"
     if not library.is_file():
-        pytest.skip("build/asan is not built (make test builds it)")
+        pytest.skip("build/asan is not built (make test-all builds it)")
     runtime = subprocess.run(["cc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True)
     environment = {
         **os.environ, "BOOT_LIBRARY": str(library), "LD_PRELOAD": runtime.stdout.strip(),

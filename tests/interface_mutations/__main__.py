@@ -1,7 +1,7 @@
 """Is the interface told once, would a slip be seen? `python -m tests.interface_mutations`; status 1 on a miss.
 
     python -m tests.interface_mutations                     all mutants (an hour); goes on where it was stopped
-    python -m tests.interface_mutations --short             a spread of them in about a minute, as `make test` does
+    python -m tests.interface_mutations --short             a spread of them in about a minute, as `make test-all` does
     python -m tests.interface_mutations --rows generator    only those of the generator, or of the description
     python -m tests.interface_mutations --match GROUND      those whose name has this
     python -m tests.interface_mutations --show              the figures of what is there already

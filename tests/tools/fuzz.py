@@ -5,7 +5,7 @@
     fuzz.py --planted [TARGET...]          a bug planted in a copy of what each target reads: is it found in that time?
 
 What was found worth keeping stays in out/fuzz/TARGET/corpus. An input that makes a target fail is written to
-out/fuzz/TARGET/found and named; put it into tests/firmware/fuzz/corpus/TARGET once the fault is mended: `make test`
+out/fuzz/TARGET/found and named; put it into tests/firmware/fuzz/corpus/TARGET once the fault is mended: `make test-all`
 runs every input there, in all builds. Status 1 when something was found, too few lines were reached, or a planted bug
 was not found. The search for a planted bug begins with the inputs that do not show it.
 """

@@ -1,6 +1,6 @@
 """Whether the tests that wait, spawn, draw or time pass every time: again and again, beside other work.
 
-    steady.py --suite [--times 3] [--workers N]               all that `make test` runs; notes which tests wait
+    steady.py --suite [--times 3] [--workers N]               all tests of both tiers; notes which tests wait
     steady.py [--times 20] [--workers 8]                      rounds of those, each other's load
     steady.py [--times 20] [--load 8] [--jobs N] FILE...      files of tests, beside processes that only compute
 
@@ -127,7 +127,7 @@ def main() -> int:
     parser.add_argument("--load", type=int, help="processes that compute beside it: 8 beside files, else 0")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="files at a time")
     parser.add_argument("--workers", type=int, help="of pytest: 8, of the suite as many as there are cores")
-    parser.add_argument("--suite", action="store_true", help="all that `make test` runs")
+    parser.add_argument("--suite", action="store_true", help="all tests of both tiers")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "steady")
     parser.add_argument("file", nargs="*", type=Path)
     options = parser.parse_args()

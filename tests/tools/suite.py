@@ -1,6 +1,9 @@
-"""All tests: the C tests in every build, the fuzz corpus, pytest, coverage of the core; then what cannot run here.
+"""Tests: the C tests in every build, the fuzz corpus, pytest, coverage of the core; then what cannot run here.
 
-Run by `make test`, after tests/setup/setup.sh test. Exit status 1 when anything failed.
+    suite.py [--tier test|rest]   all of them, or a tier: what `make test` runs, or the rest, for `make test-all`
+
+Run after tests/setup/setup.sh test. The tiers of pytest are in tests/tools/tiers.toml, those of the builds in BUILDS.
+Exit status 1 when anything failed.
 """
 
 from __future__ import annotations
@@ -19,6 +22,10 @@ from pathlib import Path
 from steps import LOGS, ROOT, TOOLS, Result, report, run
 
 CLOSING = r"% tests passed|^\d+: core on Cortex-M4"
+BUILDS = {
+    "test": ("host",),
+    "rest": ("o0", "m32", "asan", "fuzz", "coverage", "cortex-m4"),
+}
 COVERED = r"firmware/core/.*\.c"
 FOLDERS = ["tests", "hil", "host_tools", "firmware/terrapin_interface"]  # that hold tests
 PYTEST = ["-q", "--doctest-modules", "--durations=20", "--durations-min=5", "--dist=loadfile"]
@@ -82,14 +89,16 @@ def coverage() -> Result:
     )  # fmt: skip
 
 
-def pytest(workers: int, waits: Path | None) -> tuple[Result, list[str], dict[str, int]]:
-    """All Python tests and doctests, a file at a time in each worker.
+def pytest(workers: int, waits: Path | None, tier: str | None) -> tuple[Result, list[str], dict[str, int]]:
+    """All Python tests and doctests, or those of a tier, a file at a time in each worker.
 
     Also what they skipped, with the reason, and how many blocks of the pages ran and how many need hardware.
     """
     start = time.monotonic()
     junit = ROOT / LOGS / "pytest.xml"
     noting = ["-p", "tests.tools.waits", "--waits-to", str(waits)] if waits else []
+    if tier:
+        noting += ["-p", "tests.tools.tiers", "--tier", tier]
     command = [str(TOOLS / "python"), "-m", "pytest", *PYTEST, *FOLDERS, f"-n{workers}", f"--junitxml={junit}", *noting]
     status = subprocess.run(command, cwd=ROOT, check=False, stdin=subprocess.DEVNULL).returncode
     skipped = []
@@ -107,7 +116,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="All tests.")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="of pytest: as many as there are cores")
     parser.add_argument("--waits-to", type=Path, help="note in this folder which tests wait (tests/tools/waits.py)")
+    parser.add_argument("--tier", choices=BUILDS, help="only this tier: what `make test` runs, or the rest")
     options = parser.parse_args()
+    tiers = (options.tier,) if options.tier else tuple(BUILDS)
     os.environ.pop("TERRAPIN_BUILD", None)  # what is tested is what is built here
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each of some thousand processes compiles all that it imports
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # as the commands compute; a worker a core leaves none for more
@@ -116,29 +127,32 @@ def main() -> int:
     results: list[Result] = []
     missing = missing_tools()
     unity = find_unity()
-    absent = [f"{name} build and its tests ({reason})" for name, reason in missing.items()]
+    builds = [preset for tier in tiers for preset in BUILDS[tier]]
+    absent = [f"{name} build and its tests ({reason})" for name, reason in missing.items() if name in builds]
     if unity is None:
         absent.append("C unit tests and the coverage of the core (Unity could not be fetched)")
-    for preset in ("host", "o0", "m32", "asan", "fuzz", "coverage", "cortex-m4"):
+    for preset in builds:
         if preset in missing or (preset == "coverage" and unity is None):
             continue
         results.append(build_and_test(preset, unity))
         report(results[-1], CLOSING)
-    if unity is not None:
+    if unity is not None and "rest" in tiers:
         results.append(scenarios())
         report(results[-1], r"passed")
         results.append(coverage())
         report(results[-1], r"^firmware|^TOTAL")
-    python, skipped, examples = pytest(options.workers, options.waits_to)
+    python, skipped, examples = pytest(options.workers, options.waits_to, options.tier)
     results.append(python)
     absent += skipped
     failed = [result.name for result in results if not result.passed]
 
-    print(f"\n== make test: {time.monotonic() - start:.0f} s")
+    name = {"test": "make test", "rest": "make test-all", None: "all tests"}[options.tier]
+    print(f"\n== {name}: {time.monotonic() - start:.0f} s")
     for result in results:
         report(Result(result.name, result.passed, "", result.seconds))
     ran, hardware = examples.values()
-    print(f"examples of README.md, CONTRIBUTING.md and docs/: {ran} blocks ran, {hardware} need hardware")
+    if "rest" in tiers:
+        print(f"examples of README.md, CONTRIBUTING.md and docs/: {ran} blocks ran, {hardware} need hardware")
     print("not run here: " + ("nothing, all of it ran" if not absent else ""))
     for line in absent:
         print(f"  {line}")

@@ -1,0 +1,91 @@
+"""The tiers of tests: each test is in one, what is listed is there, and `.ci/run` runs both."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from tests.tools.tiers import covers, pytest_collection_modifyitems, rest, tier
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests/tools"))
+
+from suite import BUILDS  # noqa: E402
+
+
+def test_each_entry_names_what_is_there() -> None:
+    for entry, reason in rest().items():
+        assert reason
+        file, _, test = entry.partition("::")
+        path = ROOT / file
+        assert any(path.glob("test_*.py")) if path.is_dir() else path.name.startswith("test_"), entry
+        if test:
+            functions = [node.name for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef)]
+            assert test.partition("[")[0] in functions, entry
+        assert path.exists(), entry
+        assert not any(covers(other, entry) for other in rest() if other != entry), f"{entry} is listed twice"
+
+
+def kept(asked: str | None, names: list[str]) -> list[str]:
+    """What the plugin leaves of the tests that pytest collected; the others are told to pytest as deselected."""
+    told: list[Any] = []
+    hook = SimpleNamespace(pytest_deselected=lambda items: told.extend(items))
+    config: Any = SimpleNamespace(getoption=lambda _: asked, hook=hook)
+    items: list[Any] = [SimpleNamespace(nodeid=name) for name in names]
+    pytest_collection_modifyitems(config, items)
+    assert len(items) + len(told) == len(names)
+    return [item.nodeid for item in items]
+
+
+def test_no_test_is_lost_between_the_tiers() -> None:
+    names = [f"{file.relative_to(ROOT)}::test_it" for file in sorted((ROOT / "tests").glob("*/test_*.py"))]
+    names += [entry for entry in rest() if "::" in entry]
+    first, second = kept("test", names), kept("rest", names)
+    assert len(first) > 50
+    assert len(second) > 20
+    assert sorted([*first, *second]) == sorted(names)
+    assert kept(None, names) == names
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("tests/package/test_wheel.py::test_new[a]", "rest"),
+        ("tests/packages/test_wheel.py::test_new", "test"),
+        ("tests/python/test_goal.py::test_told_the_same_everywhere", "rest"),
+        ("tests/python/test_goal.py::test_told_the_same_everywhere_else", "test"),
+        ("tests/python/test_that_nobody_has_listed.py::test_new", "test"),
+    ],
+)
+def test_what_is_not_listed_is_run_by_make_test(name: str, expected: str) -> None:
+    assert tier(name) == expected
+
+
+def test_each_build_is_in_one_tier() -> None:
+    presets = {preset["name"] for preset in json.loads((ROOT / "CMakePresets.json").read_text())["buildPresets"]}
+    listed = [preset for builds in BUILDS.values() for preset in builds]
+    assert sorted(listed) == sorted(presets - {"debug"})  # which is for the debugger
+
+
+@pytest.mark.parametrize("failing", ["", "test", "test-all", "check"])
+def test_ci_runs_all_and_says_which_failed(failing: str, tmp_path: Path) -> None:
+    make = tmp_path / "make"
+    make.write_text(f'#!/bin/sh\necho "made $1"\n[ "$1" != "{failing}" ] || exit 2\n')
+    make.chmod(0o755)
+    environment = {**os.environ, "PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}"}
+    done = subprocess.run([ROOT / ".ci/run"], env=environment, capture_output=True, text=True, check=False, timeout=60)
+    targets = ("test", "test-all", "check")
+    assert [line for line in done.stdout.splitlines() if line.startswith("made ")] == [
+        f"made {name}" for name in targets
+    ]
+    for name in targets:
+        assert f"\nmake {name}: exit {2 if name == failing else 0}, " in done.stdout
+    assert done.returncode == (1 if failing else 0)

@@ -1,0 +1,49 @@
+"""Two tiers of tests, also as a plugin of pytest: what `make test` runs, and the rest, which `make test-all` runs.
+
+    python -m pytest -p tests.tools.tiers --tier test|rest ...
+
+tests/tools/tiers.toml names the rest, each with its reason. Whatever is not named there is run by `make test`: so every
+test is in one tier, and a new file is in the one that people run.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+TIERS = ("test", "rest")
+LIST = Path(__file__).with_name("tiers.toml")
+
+
+@cache
+def rest() -> dict[str, str]:
+    """Folder, file or test of the rest, as pytest names it from the root -> why it is there."""
+    listed: dict[str, str] = tomllib.loads(LIST.read_text(encoding="utf-8"))["rest"]
+    return listed
+
+
+def covers(entry: str, name: str) -> bool:
+    """Whether the test or file `name` is `entry`, or stands in it."""
+    return name == entry or name.startswith((f"{entry}/", f"{entry}::", f"{entry}["))
+
+
+def tier(name: str) -> str:
+    """The tier of a test, or of all that a file holds, by pytest's name of it."""
+    return "rest" if any(covers(entry, name) for entry in rest()) else "test"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--tier", choices=TIERS, help="only the tests of this tier")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    asked = config.getoption("--tier")
+    if asked is None:
+        return
+    others = [item for item in items if tier(item.nodeid) != asked]
+    config.hook.pytest_deselected(items=others)
+    items[:] = [item for item in items if tier(item.nodeid) == asked]
