@@ -222,6 +222,8 @@ def test_a_socket_that_was_left_behind_is_taken_over(tmp_path: Path, monkeypatch
     first = Control("pty:here")
     with pytest.raises(UserError, match="a robot lives there already"):
         Control("pty:here")
+    with closing(Control("udp")), pytest.raises(UserError, match="a robot lives there already"):
+        Control("can:udp_multicast:239.74.163.2")  # the same bus
     first._socket.close()  # killed
     Control("pty:here").close()
 

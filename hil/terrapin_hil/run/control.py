@@ -19,8 +19,9 @@ from urllib.parse import quote
 
 from terrapin_hil.errors import UserError
 
-__all__ = ["Control", "ask", "living"]
+__all__ = ["MULTICAST", "Control", "ask", "living"]
 
+MULTICAST = "can:udp_multicast:239.74.163.2"  # `udp`: a group of this machine's network, python-can's own choice
 LONGEST = 1 << 16  # bytes of a question or an answer
 PATIENCE = 5.0  # s
 
@@ -35,7 +36,8 @@ def _folder() -> Path:
 
 
 def _path(bus: str) -> Path:
-    return _folder() / f"{quote(bus, safe='')[-60:]}.sock"
+    bus = MULTICAST if bus == "udp" else bus  # one bus by either name
+    return _folder() / f"{quote(bus, safe='')[-20:]}.sock"
 
 
 def _connected(path: Path) -> socket.socket | None:

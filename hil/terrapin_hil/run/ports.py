@@ -19,10 +19,10 @@ from terrapin_hil.links.names import LinkName
 from terrapin_hil.links.pythoncan import opened
 from terrapin_hil.links.slcan import slcan_line, slcan_parse
 from terrapin_hil.messages import Frame
+from terrapin_hil.run.control import MULTICAST
 
-__all__ = ["MULTICAST", "BusPort", "Port", "PtyPort", "open_port"]
+__all__ = ["BusPort", "Port", "PtyPort", "open_port"]
 
-MULTICAST = "can:udp_multicast:239.74.163.2"  # `udp`: a group of this machine's network, python-can's own choice
 DEAF = 2.0  # s without reading after which who attached to a pseudo-terminal is taken to be gone
 WAITING = 1 << 16  # bytes that wait for a client that is slow
 Heard = Callable[["Port", Sequence[Frame]], None]
