@@ -42,7 +42,7 @@ from terrapin_hil.scenario.scenario import Order, Scenario
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "sensors.md"
-BEGIN, END = "<!-- table: begin -->\n", "<!-- table: end -->\n"
+BEGIN, END = "<!-- begin of the table -->\n", "<!-- end of the table -->\n"
 ROBOTS = ("cylinder", "roller", "sphere")
 WAYS = ("stuck", "zero", "full scale", "drift", "dropout", "sign", "scale 2", "delay", "noise", "intermittent")
 SITUATIONS = ("floor", "sand", "slope", "limiter", "extrication")
