@@ -97,6 +97,8 @@ def read_unit(text: str) -> pint.Unit:
         raise ValueError(f"{text[:40] + '...'!r} is not a unit: longer than {MAX_LENGTH} characters")
     if spelling.count("**") != len(_POWER.findall(spelling)) or len(_POWER_OF_GROUP.findall(spelling)) > 2:
         raise ValueError(f"{text!r} is not a unit: expected powers such as m^2 or m^0.97")
+    if "!" in spelling:  # pint takes it for a factorial, and `m!` for a metre
+        raise ValueError(f"{text!r} is not a unit: found !")
     try:
         return units().Unit(spelling)
     except Exception as error:  # pint's parser lets Python's tokenizer errors and its own assertions through

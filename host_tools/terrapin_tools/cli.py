@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
-from terrapin_tools.errors import UserError
+from terrapin_tools.errors import UserError, printable
 
 __all__ = ["main"]
 
@@ -47,8 +47,7 @@ def _signals() -> Iterator[None]:
 
 def _say(message: object) -> None:
     """One line on standard error, whatever a file or a name brought along."""
-    text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(message))
-    print(f"terrapin: {text}", file=sys.stderr)
+    print(f"terrapin: {printable(str(message))}", file=sys.stderr)
 
 
 def _discard_output() -> None:

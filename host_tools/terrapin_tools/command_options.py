@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from terrapin_hil.links.names import LinkName, helped
-from terrapin_tools.errors import UserError
+from terrapin_tools.errors import UserError, printable
 
 __all__ = [
     "BitRate",
@@ -114,4 +114,4 @@ def deliver(answer: dict[str, Any], words: str, target: str) -> None:
         return
     if target:
         write_whole(Path(target), to_json(answer))
-    print(words)
+    print(printable(words, keep="\n\t"))

@@ -177,7 +177,7 @@ def _command(request: dict[str, Any]) -> int:
 
 
 def _function(request: dict[str, Any]) -> int:
-    from terrapin_tools.errors import UserError
+    from terrapin_tools.errors import UserError, printable
     from terrapin_tools.workbench.files.json_text import finite
 
     module, _, name = request["call"].partition(":")
@@ -185,8 +185,7 @@ def _function(request: dict[str, Any]) -> int:
     try:
         answer = getattr(importlib.import_module(module), name)(*request["arguments"])
     except UserError as error:
-        text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(error))
-        print(text, file=sys.stderr)
+        print(printable(str(error)), file=sys.stderr)
         return 2
     except MemoryError:
         print("out of memory", file=sys.stderr)

@@ -366,6 +366,8 @@ def test_the_unit_starts_again_whatever_ended_it(tmp_path: Path) -> None:
     said = {row[0]: row[1] for row in rows}
     assert said["Restart"] == "always"
     assert said["StartLimitIntervalSec"] == "0"
+    assert said["WatchdogSignal"] == "SIGKILL"  # a stopped process takes no other
+    assert (said["WatchdogSec"], said["TimeoutAbortSec"]) == ("500ms", "1")
     assert said["BindsTo"] in said["WantedBy"].split()
     enable = said["Environment"].split("--enable ")[1].split()[0]
     assert said["ExecStopPost"].endswith(f"--off --enable {enable}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import tomllib
@@ -12,7 +13,12 @@ from casekit import ROLLING, rolling, terrapin
 
 from terrapin_hil.messages import interface
 from terrapin_hil.physics.effects import catalogue
-from terrapin_tools.workbench.files.writing import write_whole
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.compare.comparison import analyse
+from terrapin_tools.workbench.files import writing
+from terrapin_tools.workbench.files.writing import write_changed, write_whole
+from terrapin_tools.workbench.story import change
 
 
 def test_add_mends_the_model_and_keeps_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -223,3 +229,51 @@ def test_effects_are_listed_and_explained(capsys: pytest.CaptureFixture[str]) ->
     status, _, err = terrapin(capsys, "effects", "warp")
     assert status == 2
     assert "'warp'" in err
+
+
+def test_a_change_that_came_between_is_not_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two `add` at once: the later one to write finds another case.toml than it read, and says so in one line."""
+    folder = rolling(tmp_path, 30, heating=0.003)
+    present = load_case(folder)
+    texts = [
+        present.text.replace("effects = []", f'effects = ["{name}"]') for name in ("motor_heating", "coulomb_friction")
+    ]
+    write_changed(folder / "case.toml", present.text, texts[0])
+    with pytest.raises(UserError, match="changed since it was read"):
+        write_changed(folder / "case.toml", present.text, texts[1])
+    assert (folder / "case.toml").read_text() == texts[0]
+    monkeypatch.setattr(writing, "LOCK_SECONDS", 0.05)
+    handle = os.open(folder, os.O_RDONLY)
+    fcntl.flock(handle, fcntl.LOCK_EX)  # of a command that hangs
+    with pytest.raises(UserError, match="another command is writing"):
+        write_changed(folder / "case.toml", texts[0], texts[1])
+    os.close(handle)
+    write_changed(folder / "case.toml", texts[0], texts[1])
+    assert (folder / "case.toml").read_text() == texts[1]
+
+
+def test_an_effect_that_is_added_meanwhile_stays(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = rolling(tmp_path, 30, heating=0.003)
+    meanwhile = ROLLING.replace("effects = []     ", 'effects = ["motor_heating"]     ')
+
+    def slow(*arguments: object) -> object:
+        (folder / "case.toml").write_text(meanwhile)
+        return analyse(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(change, "analyse", slow)
+    status, out, err = terrapin(capsys, "add", folder, "viscous_friction")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "changed since it was read, nothing was written" in err
+    assert (folder / "case.toml").read_text() == meanwhile
+
+
+def test_escapes_of_a_title_stay_out_of_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = rolling(tmp_path, 30)
+    path = folder / "case.toml"
+    path.write_text(path.read_text().replace('title = "Rolling"', 'title = "Rolling\\u001b[2J\\u0007"'))
+    status, out, err = terrapin(capsys, "compare", folder)
+    assert status == 0, err
+    assert "\x1b" not in out + err
+    assert "\x07" not in out + err

@@ -39,3 +39,9 @@ def test_what_is_not_in_the_table_is_asked_of_pint(text: str) -> None:
     else:
         with pytest.raises(ValueError, match="converts to it"):
             parse_quantity(text, "m")
+
+
+@pytest.mark.parametrize("text", ["m!", "3!", "N m!!", "kg/m!"])
+def test_a_factorial_is_no_unit(text: str) -> None:
+    with pytest.raises(ValueError, match="found !"):
+        read_unit(text)

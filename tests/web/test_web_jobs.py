@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import shutil
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -113,6 +114,17 @@ def test_a_deleted_case_leaves_no_export_and_no_jobs(workspace: Workspace) -> No
     assert asyncio.run(go()) == ["two"]
     assert list(workspace.folder("exports").iterdir()) == []
     assert len(list(workspace.folder("jobs").glob("*.json"))) == 1
+
+
+def test_a_case_that_is_a_link_goes_and_its_target_stays(workspace: Workspace, tmp_path: Path) -> None:
+    target = tmp_path / "elsewhere"
+    shutil.copytree(workspace.case("one"), target)
+    (workspace.folder("cases") / "linked").symlink_to(target)
+    assert "linked" in workspace.names()
+    workspace.delete_case("linked")
+    assert not (workspace.folder("cases") / "linked").is_symlink()
+    assert (target / "case.toml").is_file()
+    assert list(workspace.folder("cases").glob(".new-*")) == []
 
 
 class MakingProcess(SlowProcess):

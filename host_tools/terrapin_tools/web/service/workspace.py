@@ -107,7 +107,10 @@ class Workspace:
         folder = self.case(name)
         away = self.folder("cases") / f".new-{secrets.token_hex(6)}"
         os.replace(folder, away)
-        shutil.rmtree(away)
+        if away.is_symlink():  # the case is elsewhere, and stays there
+            away.unlink()
+        else:
+            shutil.rmtree(away)
         (self.folder("reports") / f"{name}.html").unlink(missing_ok=True)
         (self.folder("exports") / f"{name}.toml").unlink(missing_ok=True)
 

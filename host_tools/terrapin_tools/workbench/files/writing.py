@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import secrets
 import shutil
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +15,9 @@ from pathlib import Path
 from terrapin_hil import paths
 from terrapin_tools.errors import UserError
 
-__all__ = ["copy_example", "whole_folder", "write_whole"]
+__all__ = ["copy_example", "whole_folder", "write_changed", "write_whole"]
+
+LOCK_SECONDS = 5.0  # the lock is held for one look and one write
 
 
 def write_whole(path: Path, text: str | bytes) -> None:
@@ -48,6 +52,30 @@ def _write_whole(path: Path, data: bytes) -> None:
     except BaseException:
         os.unlink(name)
         raise
+
+
+def write_changed(path: Path, seen: str, text: str) -> None:
+    """Replace a file by a text that was made from `seen`, its text when it was read.
+
+    UserError when it holds something else by now: nobody's change is lost. Commands wait for each other (LOCK_SECONDS
+    at most) between look and write; an editor, which does not, has that moment alone.
+    """
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        until = time.monotonic() + LOCK_SECONDS
+        while True:
+            try:
+                fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() > until:
+                    raise UserError(f"{path}: another command is writing it, expected it to end soon") from None
+                time.sleep(0.01)
+        if path.read_bytes().decode("utf-8-sig") != seen:
+            raise UserError(f"{path}: changed since it was read, nothing was written; expected one change at a time")
+        write_whole(path, text)
+    finally:
+        os.close(folder)
 
 
 @contextmanager

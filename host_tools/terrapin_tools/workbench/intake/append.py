@@ -19,7 +19,7 @@ from terrapin_tools.progress import step
 from terrapin_tools.workbench.case import history
 from terrapin_tools.workbench.case.case import Case, load_case, parse_case
 from terrapin_tools.workbench.compare.comparison import Analysis, analyse, measured
-from terrapin_tools.workbench.files.writing import write_whole
+from terrapin_tools.workbench.files.writing import write_changed
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.story.answer import answer
 from terrapin_tools.workbench.story.sentences import change, in_sd, number
@@ -64,8 +64,8 @@ def append(folder: Path, file: Path, seed: int = 0) -> tuple[dict[str, Any], str
         after = analyse(parse_case(folder, _listing(present.text, str(file.resolve()), runs)), seed)
     shutil.copyfile(file, folder / name)
     try:
-        write_whole(folder / "case.toml", text)
-    except OSError:
+        write_changed(folder / "case.toml", present.text, text)
+    except (OSError, UserError):
         (folder / name).unlink()
         raise
     story = replace(told(after), seconds=time.monotonic() - begin)

@@ -10,7 +10,7 @@ from terrapin_tools.progress import step
 from terrapin_tools.workbench.case import history
 from terrapin_tools.workbench.case.case import Case, parse_case
 from terrapin_tools.workbench.compare.comparison import analyse
-from terrapin_tools.workbench.files.writing import write_whole
+from terrapin_tools.workbench.files.writing import write_changed
 from terrapin_tools.workbench.story.answer import answer
 from terrapin_tools.workbench.story.terminal import tell_change
 from terrapin_tools.workbench.story.told import told
@@ -21,13 +21,13 @@ __all__ = ["carry_out"]
 def carry_out(present: Case, text: str, action: str, effects: list[str], seed: int) -> tuple[dict[str, Any], str]:
     """Give the case the new text of its case.toml. `action`: "added" or "removed". Returns JSON and words.
 
-    UserError when the text is no sound case; nothing is written then.
+    UserError when the text is no sound case, or case.toml changed since `present` was read; nothing is written then.
     """
     begin = time.monotonic()
     changed = parse_case(present.folder, text)
     with step("fit"):
         before, after = (told(analyse(case, seed)) for case in (present, changed))
-    write_whole(present.folder / "case.toml", text)
+    write_changed(present.folder / "case.toml", present.text, text)
     after = replace(after, seconds=time.monotonic() - begin)
     old, new = (
         {"train_error": rung.train_error, "heldout_error": rung.heldout_error}
