@@ -12,8 +12,8 @@ setup: ## make .venv and build firmware and simulator for this machine
 demo: setup ## run the whole circle once: firmware, simulated robot, link, log, comparison; results under out/
 	@.venv/bin/terrapin demo
 
-test: ## set up what tests need, run those that a change needs
-	@tests/setup/setup.sh test && .venv/bin/python tests/tools/suite.py --tier test
+test: ## set up what tests need, run those that a change needs (CHANGED=1: those that your last commit and your tree reach)
+	@tests/setup/setup.sh test && .venv/bin/python tests/tools/suite.py $(if $(CHANGED),--changed,--tier test)
 
 test-all: ## the tests that `make test` leaves out: every other build, the pages' blocks, the wheel, short campaigns
 	@tests/setup/setup.sh test && UNITY_ROOT=$$(tests/setup/unity.sh) tests/tools/build.sh host \

@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,7 +19,13 @@ from tests.tools.tiers import covers, pytest_collection_modifyitems, rest, tier
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/tools"))
 
+from reach import Imports, changed_files, programs, reached  # noqa: E402
 from suite import BUILDS  # noqa: E402
+
+
+@cache
+def imports() -> Imports:
+    return Imports(ROOT)
 
 
 def test_each_entry_names_what_is_there() -> None:
@@ -89,3 +96,55 @@ def test_ci_runs_all_and_says_which_failed(failing: str, tmp_path: Path) -> None
     for name in targets:
         assert f"\nmake {name}: exit {2 if name == failing else 0}, " in done.stdout
     assert done.returncode == (1 if failing else 0)
+
+
+@pytest.mark.parametrize(
+    ("changed", "expected"),
+    [
+        ("host_tools/terrapin_tools/commands/keys.py", "tests/boot/test_flash.py"),  # a test names the command
+        ("host_tools/terrapin_tools/logs/decoding.py", "tests/python/test_logs.py"),  # a test imports it
+        ("host_tools/terrapin_tools/workbench/noise/mishaps.py", "tests/python/test_mishaps.py"),  # through another
+        ("tests/python/casekit.py", "tests/python/test_add.py"),  # a helper beside it
+        ("tests/web/conftest.py", "tests/web/test_web_hostile.py"),  # fixtures
+        ("hil/terrapin_hil/scenario/scenarios/slope_limiter.toml", "tests/python/test_run.py"),  # by its name
+        ("firmware/core/slip.c", "tests/python/test_same_bits.py"),
+        ("tests/python/test_units.py", "tests/python/test_units.py"),
+    ],
+)
+def test_a_change_reaches_its_tests(changed: str, expected: str) -> None:
+    found = reached([changed], imports(), {})
+    assert expected in found.tests
+    assert len(found.tests) < 80
+    assert found.by_none == ()
+
+
+def test_what_no_test_reaches_is_said() -> None:
+    unnamed = "docs/no" + "where.svg"  # a file that a test names is reached by it, by this one too
+    found = reached([unnamed, "tests/python/test_units.py"], imports(), {})
+    assert (found.tests, found.by_none) == (("tests/python/test_units.py",), (unnamed,))
+
+
+@pytest.mark.skipif(not programs(ROOT), reason="build/host is not built by Ninja")
+def test_a_header_reaches_the_c_tests_that_are_built_of_it() -> None:
+    built = programs(ROOT)
+    of_boot = reached(["firmware/boot/boot.h"], imports(), built).programs
+    assert "test_boot_loader_blackbox" in of_boot
+    assert "test_core_drive_blackbox" not in of_boot
+    assert "test_core_drive_blackbox" in reached(["firmware/core/drive.c"], imports(), built).programs
+
+
+def test_what_changed_is_what_git_says(tmp_path: Path) -> None:
+    def git(*words: str) -> None:
+        who = ["-c", "user.name=a", "-c", "user.email=a@example.org"]
+        subprocess.run(["git", *who, *words], cwd=tmp_path, check=True, capture_output=True)
+
+    git("init", "-q")
+    for name in ("a.py", "b.py"):
+        (tmp_path / name).write_text("")
+        git("add", name)
+        git("commit", "-q", "-m", name)
+    assert changed_files("HEAD~5", tmp_path) == ["a.py", "b.py"]  # there is no such commit: all
+    (tmp_path / "a.py").write_text("1")
+    (tmp_path / "c.py").write_text("")
+    assert changed_files("HEAD~1", tmp_path) == ["a.py", "b.py", "c.py"]
+    assert changed_files("HEAD", tmp_path) == ["a.py", "c.py"]

@@ -1,6 +1,7 @@
 """Tests: the C tests in every build, the fuzz corpus, pytest, coverage of the core; then what cannot run here.
 
     suite.py [--tier test|rest]   all of them, or a tier: what `make test` runs, or the rest, for `make test-all`
+    suite.py --changed            of the first tier those that the last commit and the working tree reach (reach.py)
 
 Run after tests/setup/setup.sh test. The tiers of pytest are in tests/tools/tiers.toml, those of the builds in BUILDS.
 Exit status 1 when anything failed.
@@ -17,8 +18,10 @@ import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 from pathlib import Path
 
+from reach import of_change
 from steps import LOGS, ROOT, TOOLS, Result, report, run
 
 CLOSING = r"% tests passed|^\d+: core on Cortex-M4"
@@ -28,6 +31,7 @@ BUILDS = {
 }
 COVERED = r"firmware/core/.*\.c"
 FOLDERS = ["tests", "hil", "host_tools", "firmware/terrapin_interface"]  # that hold tests
+NO_TESTS = 5  # pytest's exit status
 PYTEST = ["-q", "--doctest-modules", "--durations=20", "--durations-min=5", "--dist=loadfile"]
 
 
@@ -56,19 +60,18 @@ def find_unity() -> str | None:
     return done.stdout.strip() if done.returncode == 0 else None
 
 
-def build_and_test(preset: str, unity: str | None) -> Result:
+def build_and_test(preset: str, unity: str | None, programs: Sequence[str] | None = None) -> Result:
+    """Build a preset and run its C tests, or those of `programs`."""
     configure = ["cmake", "--preset", preset, f"-DPython3_EXECUTABLE={sys.executable}"]
     if unity and preset != "cortex-m4":
         configure.append(f"-DUNITY_ROOT={unity}")
     verbose = ["-V"] if preset == "cortex-m4" else []  # the size of the core is worth seeing on every run
     for counts in (ROOT / "build" / preset).rglob("*.gcda"):  # counts of an earlier run
         counts.unlink()
-    return run(
-        preset,
-        configure,
-        ["cmake", "--build", "--preset", preset],
-        ["ctest", "--preset", preset, "--no-tests=error", "-j", str(os.cpu_count()), *verbose],
-    )
+    chosen = [] if programs is None else ["-R", f"^({'|'.join(programs)})$"]
+    tests = ["ctest", "--preset", preset, "--no-tests=error", "-j", str(os.cpu_count()), *verbose, *chosen]
+    steps = [configure, ["cmake", "--build", "--preset", preset], tests]
+    return run(preset, *(steps if programs is None or programs else steps[:-1]))
 
 
 def scenarios() -> Result:
@@ -89,8 +92,10 @@ def coverage() -> Result:
     )  # fmt: skip
 
 
-def pytest(workers: int, waits: Path | None, tier: str | None) -> tuple[Result, list[str], dict[str, int]]:
-    """All Python tests and doctests, or those of a tier, a file at a time in each worker.
+def pytest(
+    workers: int, waits: Path | None, tier: str | None, files: Sequence[str] | None = None
+) -> tuple[Result, list[str], dict[str, int]]:
+    """All Python tests and doctests, or those of a tier, or of its `files`, a file at a time in each worker.
 
     Also what they skipped, with the reason, and how many blocks of the pages ran and how many need hardware.
     """
@@ -99,8 +104,19 @@ def pytest(workers: int, waits: Path | None, tier: str | None) -> tuple[Result, 
     noting = ["-p", "tests.tools.waits", "--waits-to", str(waits)] if waits else []
     if tier:
         noting += ["-p", "tests.tools.tiers", "--tier", tier]
-    command = [str(TOOLS / "python"), "-m", "pytest", *PYTEST, *FOLDERS, f"-n{workers}", f"--junitxml={junit}", *noting]
+    command = [
+        str(TOOLS / "python"),
+        "-m",
+        "pytest",
+        *PYTEST,
+        *(FOLDERS if files is None else files),
+        f"-n{workers}",
+        f"--junitxml={junit}",
+        *noting,
+    ]
     status = subprocess.run(command, cwd=ROOT, check=False, stdin=subprocess.DEVNULL).returncode
+    if files is not None and status == NO_TESTS:  # all that is reached is of the other tier
+        status = 0
     skipped = []
     examples = {"examples_ran": 0, "examples_hardware": 0}
     if junit.is_file():
@@ -112,17 +128,39 @@ def pytest(workers: int, waits: Path | None, tier: str | None) -> tuple[Result, 
     return Result("pytest", status == 0, "", time.monotonic() - start), skipped, examples
 
 
+def changed(workers: int) -> int:
+    """Of `make test`: what the last commit and the working tree reach."""
+    start = time.monotonic()
+    build = build_and_test("host", find_unity(), ())  # first, so that what C tests are built of is known
+    found = of_change()
+    ran = found.programs if build.passed else ()
+    results = [build_and_test("host", find_unity(), ran)] if ran else [build]
+    report(results[-1], CLOSING)
+    if found.tests and build.passed:
+        results.append(pytest(workers, None, "test", found.tests)[0])
+    passed = all(result.passed for result in results)
+    size = f"{len(found.changed)} changed files reach {len(found.programs)} C tests and {len(found.tests)} test files"
+    print(f"\n== make test CHANGED=1: {time.monotonic() - start:.0f} s; {size}")
+    for name in found.by_none:
+        print(f"  {name}: reached by no test, run `make test`")
+    print("all that ran has passed; `make test` runs the rest" if passed else "failed")
+    return 0 if passed else 1
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description="All tests.")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="of pytest: as many as there are cores")
     parser.add_argument("--waits-to", type=Path, help="note in this folder which tests wait (tests/tools/waits.py)")
     parser.add_argument("--tier", choices=BUILDS, help="only this tier: what `make test` runs, or the rest")
+    parser.add_argument("--changed", action="store_true", help="of `make test` what a change reaches (reach.py)")
     options = parser.parse_args()
     tiers = (options.tier,) if options.tier else tuple(BUILDS)
     os.environ.pop("TERRAPIN_BUILD", None)  # what is tested is what is built here
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each of some thousand processes compiles all that it imports
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # as the commands compute; a worker a core leaves none for more
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where a shell runs us in its background
+    if options.changed:
+        return changed(options.workers)
     start = time.monotonic()
     results: list[Result] = []
     missing = missing_tools()
