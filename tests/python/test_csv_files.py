@@ -59,10 +59,9 @@ def test_the_same_case_from_every_spelling(
     [
         ('"3,5"', ["runs.csv:4", "column w", "'3,5'", "decimal point"]),
         ("3,5", ["runs.csv:4", "found 7 fields, expected 6", "decimal comma?"]),
-        ("NA", ["runs.csv:4", "text 'NA'"]),
+        ("none of it", ["runs.csv:4", "text 'none of it'"]),
         ("1_0", ["runs.csv:4", "text '1_0'"]),
         ("0x10", ["runs.csv:4", "text '0x10'"]),
-        ("-inf", ["runs.csv:4", "infinity"]),
         ("1e400", ["runs.csv:4", "infinity"]),
         ("\u0663", ["runs.csv:4", "text '\u0663'"]),
         ("\u22125", ["runs.csv:4", "text '\u22125'"]),
@@ -98,13 +97,115 @@ def test_run_names_stay_as_they_are_written(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_text_with_commas_between_semicolons_stays_text(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("run;note;x;y\na,b;1,5 mm;1,5;1.5\nc;2;,5e1;1,5\n")
+    (tmp_path / "a.csv").write_text("run;note;date;x\na,b;1,5 mm;12.03.2026;1,5\nc;2;13.03.2026;,5e1\n")
     table = read(tmp_path / "a.csv")
     assert table.text("run") == ["a,b", "c"]
     assert table.text("note") == ["1,5 mm", "2"]
+    assert table.text("date") == ["12.03.2026", "13.03.2026"]
     assert table.numbers("x").tolist() == [1.5, 5.0]
-    with pytest.raises(UserError, match=r"a\.csv:3: column y: found text '1,5'"):  # points and commas in one column
-        table.numbers("y")
+
+
+# Text of a file -> its columns as numbers, and words of what was assumed.
+LAYOUTS: dict[str, tuple[bytes, dict[str, list[float]], str]] = {
+    "a row of units": (b"w,M\nrpm,mN m\n1.5,2\n3,4\n", {"w [rpm]": [1.5, 3], "M [mN m]": [2, 4]}, "units from line 2"),
+    "Windows-1252": ("w;M\n1/min;mN\u00b7m\n1,5;2\n3;4\n".encode("cp1252"), {"M [mN m]": [2, 4]}, "Windows-1252"),
+    "UTF-16": ("w;T\n1,5;2\n3;4\n".encode("utf-16"), {"w": [1.5, 3], "T": [2, 4]}, "UTF-16"),
+    "thousands": (b"w;M\n1.302,5;2\n2.000;4\n", {"w": [1302.5, 2000]}, "parts thousands"),
+    "thousands in quotes": (b'w,M\n"1,302.5",2\n"12,345,678",4\n', {"w": [1302.5, 12345678]}, "parts thousands"),
+    "spaces part thousands": ("w;M\n1\u00a0302,5;2\n3;4\n".encode(), {"w": [1302.5, 3]}, "decimal comma"),
+    "lines above": (
+        b"Rig\t3\nRate\t9 Hz\nDone\n\nt\tw\tM\n1\t2\t3\n4\t5\t6\n",
+        {"t": [1, 4]},
+        "4 lines above the names",
+    ),
+    "sep": (b"sep=|\nw|M\n1|2\n", {"w": [1], "M": [2]}, "by its first line"),
+    "a name twice": (b"M [N m],M [N m],M\n1,2,3\n", {"M [N m]": [1], "M 2 [N m]": [2], "M": [3]}, "more than once"),
+    "exponents of Fortran": (b"w,M\n1.5D-02,2\n2.5d+1,4\n", {"w": [0.015, 25]}, ""),
+    "delimiters at the end of rows": (b"w,M\n1,2,\n3,4,\n", {"w": [1, 3], "M": [2, 4]}, ""),
+}
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_layouts(tmp_path: Path, name: str) -> None:
+    content, expected, words = LAYOUTS[name]
+    (tmp_path / "a.csv").write_bytes(content)
+    table = read(tmp_path / "a.csv")
+    for column, values in expected.items():
+        assert table.numbers(column).tolist() == values, column
+    told = "; ".join(table.notes)
+    assert words in told
+    assert words or not told
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("w;M\n1,5;2\n1,75;2\n1.5;3\n", 4),  # one decimal point among commas
+        ('w,M\n1.5,2\n2.75,1\n"1,5",3\n', 4),
+        ("w;M\n1,5;2\n1.302,75;2\n1,302.5;3\n", 4),
+        ('w,M\n"1,302",2\n3,4\n', 2),  # 1.302 or 1302
+    ],
+)
+def test_what_may_be_read_in_two_ways_is_refused(tmp_path: Path, text: str, line: int) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(UserError, match=rf"a\.csv:{line}: column w: found '1.*expected a decimal"):
+        read(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("mark", ["#N/A", "NA", "n/a", "-", "---", "NaN", "inf", "-inf", "", "NULL"])
+@pytest.mark.parametrize("large", [False, True], ids=["small", "large"])
+def test_marks_of_what_was_not_measured_are_gaps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mark: str, large: bool
+) -> None:
+    if large:
+        monkeypatch.setattr(csv_files, "LARGE", 1)
+    (tmp_path / "a.csv").write_text(f"w,M\n1.5,2\n{mark},4\n")
+    np.testing.assert_array_equal(read(tmp_path / "a.csv").numbers("w", gaps=True), [1.5, np.nan])
+
+
+def written(random: np.random.Generator) -> tuple[bytes, dict[str, list[float]], list[str]]:
+    """A table in a spelling drawn at random, with its numbers; and how it was drawn."""
+    rows = int(random.integers(4, 12))
+    numbers = {
+        "speed": np.round(random.uniform(-3000, 3000, rows), int(random.integers(1, 5))),
+        "torque": np.round(random.uniform(0.01, 90, rows), 4),
+        "temp": np.round(random.uniform(15, 40, rows), 1),
+    }
+    unit = {"speed": "1/min", "torque": "mN\u00b7m", "temp": "\u00b0C"}
+    comma = bool(random.integers(2))
+    delimiter = str(random.choice([";", "\t", "|"] if comma else [",", ";", "\t", "|"]))
+    thousands = bool(random.integers(2)) and delimiter != ("," if not comma else "")
+    encoding = str(random.choice(["utf-8", "utf-8-sig", "utf-16", "cp1252"]))
+    heading = str(random.choice(["names", "brackets", "row"]))
+    above = int(random.integers(0, 4))
+    end = str(random.choice(["\n", "\r\n"]))
+    fortran = not thousands and random.random() < 0.2
+
+    def spelt(value: float) -> str:
+        text = f"{value:.5e}".replace("e", "D") if fortran else f"{value:,}" if thousands else f"{value!r}"
+        swap = {",": ".", ".": ","}
+        return "".join(swap.get(c, c) for c in text) if comma else text
+
+    names = [f"{name} [{unit[name]}]" if heading == "brackets" else name for name in numbers]
+    lines = [f"Rig{' ' * i} {i}" for i in range(above)] + [delimiter.join(["run", *names])]
+    if heading == "row":
+        lines.append(delimiter.join(["", *unit.values()]))
+    for i in range(rows):
+        lines.append(delimiter.join([f"V{i // 3}", *(spelt(float(values[i])) for values in numbers.values())]))
+    content = (end.join(lines) + end).encode(encoding)
+    values = {name: [float(f"{v:.5e}") if fortran else float(v) for v in column] for name, column in numbers.items()}
+    return content, values, [f"{encoding} {delimiter!r} comma={comma} thousands={thousands} {heading} above={above}"]
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_drawn_spellings_give_their_numbers(tmp_path: Path, seed: int) -> None:
+    content, numbers, drawn = written(np.random.default_rng([38, seed]))
+    (tmp_path / "a.csv").write_bytes(content)
+    table = read(tmp_path / "a.csv")
+    for name, values in numbers.items():
+        column = next(found for found in table.columns if found.split(" [")[0] == name)
+        assert table.numbers(column).tolist() == values, drawn
+    assert table.text(next(iter(table.columns)))[0] == "V0"
 
 
 def test_a_column_cannot_be_two_things(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

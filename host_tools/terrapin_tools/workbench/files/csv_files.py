@@ -1,11 +1,8 @@
-"""CSV as laboratories write it: commas, semicolons or tabs between the fields, decimal commas where those do not stand
-between them, a byte order mark, comment lines at the top. A large file without quotes goes through Arrow.
-"""
+"""CSV files as columns. csv_layout.py finds how they are laid out; a large one without quotes goes through Arrow."""
 
 from __future__ import annotations
 
 import csv
-import re
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -13,20 +10,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from terrapin_hil.reading import shorten
 from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.files.csv_layout import Layout, find_layout, plain_numbers
 
-__all__ = ["read_csv", "read_header"]
+__all__ = ["layout_of", "read_csv"]
 
 Columns = dict[str, npt.NDArray[Any]]
 LARGE = 1_000_000  # bytes from which Arrow reads the file, if it can
-MAX_TOP = 1000  # comment lines
-_NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?")
-_COMMA = re.compile(r"\s*[-+]?(?:\d+,?\d*|,\d+)(?:[eE][-+]?\d+)?\s*")
 
 
-def read_csv(path: Path, texts: Collection[str] = ()) -> tuple[Columns, int]:
-    """The columns of a CSV file by name, and the line of its first row.
+def read_csv(path: Path, texts: Collection[str] = ()) -> tuple[Columns, int, tuple[str, ...]]:
+    """The columns of a CSV file by name, the line of its first row, and what was assumed about it, in words.
 
     Columns are text, or numbers where Arrow has read them (large files); those in `texts` stay text.
 
@@ -35,80 +29,53 @@ def read_csv(path: Path, texts: Collection[str] = ()) -> tuple[Columns, int]:
     UserError : names the file and line.
     OSError : the file cannot be read.
     """
+    layout = layout_of(path)
     try:
-        header, delimiter, first = read_header(path)
-        columns = _read_large(path, header, delimiter, first, texts) if path.stat().st_size >= LARGE else None
-        if columns is None:
-            columns = _read_any(path, header, delimiter, first)
-    except UnicodeDecodeError as error:
-        raise UserError(f"{path.name}: byte {error.start} is not UTF-8 text, expected a CSV file in UTF-8") from None
+        columns: Columns | None = None
+        if layout.encoding == "utf-8-sig" and path.stat().st_size >= LARGE:
+            columns = _read_large(path, list(layout.names), layout.delimiter, layout.first, texts)
+        if columns is not None:
+            columns.pop("", None)
+            return columns, layout.first, layout.notes
+        cells = _read_any(path, layout)
     except csv.Error as error:
         raise UserError(f"{path.name}: {error}, expected a CSV file") from None
-    columns.pop("", None)  # a comma at the end of every line
-    return columns, first
+    cells.pop("", None)  # a comma at the end of every line
+    told, notes = plain_numbers(cells, layout.delimiter, path.name, layout.first)
+    found = {name: np.array(column, dtype=str) for name, column in told.items()}
+    return found, layout.first, (*layout.notes, *notes)
 
 
-def read_header(path: Path) -> tuple[list[str], str, int]:
-    """Names of the columns, the delimiter, and the number of the line after them.
-
-    Raises
-    ------
-    UserError, UnicodeDecodeError, csv.Error : the file has no header.
-    """
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        number = 1
-        for line in file:
-            if not line.startswith("#") or number > MAX_TOP:
-                break
-            number += 1
-        else:
-            line = ""
-    if len(line) > csv.field_size_limit():
-        raise UserError(f"{path.name}:{number}: a line of {len(line)} characters, expected a line of column names")
-    delimiter = next((mark for mark in ",;\t" if mark in line), ",")
-    header = [name.strip() for name in next(csv.reader([line], delimiter=delimiter), [])]
-    if not any(header):
-        raise UserError(f"{path.name}:{number}: found nothing, expected a line of column names")
-    if any("\0" in name for name in header):
-        raise UserError(f"{path.name}:{number}: found a byte 0, expected text")
-    if all(_NUMBER.fullmatch(name) for name in header if name):
-        raise UserError(f"{path.name}:{number}: found numbers only, expected a line of column names")
-    twice = {name for name in header if name and header.count(name) > 1}
-    if twice:
-        raise UserError(f"{path.name}:{number}: column {shorten(sorted(twice)[0])} stands twice, expected once")
-    return header, delimiter, number + 1
+def layout_of(path: Path) -> Layout:
+    """`find_layout`; UserError where the file is no CSV file at all."""
+    try:
+        return find_layout(path)
+    except (csv.Error, UnicodeError) as error:
+        raise UserError(f"{path.name}: {error}, expected a CSV file") from None
 
 
-def _read_any(path: Path, header: list[str], delimiter: str, first: int) -> Columns:
+def _read_any(path: Path, layout: Layout) -> dict[str, list[str]]:
     rows = []
-    with path.open(encoding="utf-8-sig", newline="") as file:
+    names, first = layout.names, layout.first
+    with path.open(encoding=layout.encoding, newline="") as file:
         for _ in range(first - 1):
             file.readline()
-        reader = csv.reader(file, delimiter=delimiter)
+        reader = csv.reader(file, delimiter=layout.delimiter)
         for row in reader:
             if not row:
                 continue
             line = reader.line_num + first - 1
-            if len(row) != len(header):
-                hint = " (a decimal comma?)" if delimiter == "," and len(row) > len(header) else ""
-                raise UserError(f"{path.name}:{line}: found {len(row)} fields, expected {len(header)}{hint}")
+            if len(row) == len(names) + 1 and not row[-1].strip():
+                row.pop()  # a delimiter at the end of rows, and none behind the names
+            if len(row) != len(names):
+                hint = " (a decimal comma?)" if layout.delimiter == "," and len(row) > len(names) else ""
+                raise UserError(f"{path.name}:{line}: found {len(row)} fields, expected {len(names)}{hint}")
             if any("\0" in cell for cell in row):
                 raise UserError(f"{path.name}:{line}: found a byte 0, expected text")
             rows.append(row)
             if len(rows) != reader.line_num:
                 raise UserError(f"{path.name}:{line}: found an empty or broken line before this one")
-    columns: Columns = {}
-    for i, name in enumerate(header):
-        cells = [row[i] for row in rows]
-        columns[name] = np.array(_with_points(cells) if delimiter != "," else cells, dtype=str)
-    return columns
-
-
-def _with_points(cells: list[str]) -> list[str]:
-    """A column whose numbers all have decimal commas (or none), with points."""
-    if not any("," in cell for cell in cells) or not all(not cell.strip() or _COMMA.fullmatch(cell) for cell in cells):
-        return cells
-    return [cell.replace(",", ".") for cell in cells]
+    return {name: [row[i] for row in rows] for i, name in enumerate(names)}
 
 
 def _read_large(path: Path, header: list[str], delimiter: str, first: int, texts: Collection[str]) -> Columns | None:
@@ -134,8 +101,10 @@ def _read_large(path: Path, header: list[str], delimiter: str, first: int, texts
         column = table.column(number)
         if name not in texts:
             try:
-                columns[name] = pyarrow.compute.cast(column, pyarrow.float64()).to_numpy()
-                continue
+                values = pyarrow.compute.cast(column, pyarrow.float64()).to_numpy()
+                if not np.isinf(values).any():  # written so, it is a gap; 1e400 is none
+                    columns[name] = values
+                    continue
             except pyarrow.ArrowException:  # text, or numbers in another spelling
                 if delimiter != ",":
                     return None

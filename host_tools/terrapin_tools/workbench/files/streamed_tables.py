@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,8 @@ import numpy.typing as npt
 
 from terrapin_tools.errors import UserError
 from terrapin_tools.progress import bar
-from terrapin_tools.workbench.files.csv_files import LARGE, read_header
+from terrapin_tools.workbench.files.csv_files import LARGE, layout_of
+from terrapin_tools.workbench.files.csv_layout import Layout
 from terrapin_tools.workbench.files.tables import Table, read
 
 __all__ = ["stream"]
@@ -27,21 +27,16 @@ def stream(path: Path, texts: Collection[str] = ()) -> Iterator[Table]:
     """
     if path.suffix.lower() == ".parquet":
         yield from _stream_parquet(path)
-    elif path.stat().st_size < LARGE:
-        yield read(path)
+    elif path.stat().st_size < LARGE or (layout := layout_of(path)).notes:
+        yield read(path)  # what is not plain is looked at as a whole
     else:
-        yield from _stream_csv(path, texts)
+        yield from _stream_csv(path, layout, texts)
 
 
-def _stream_csv(path: Path, texts: Collection[str]) -> Iterator[Table]:
+def _stream_csv(path: Path, layout: Layout, texts: Collection[str]) -> Iterator[Table]:
     import pyarrow.csv
 
-    try:
-        header, delimiter, line = read_header(path)
-    except UnicodeDecodeError as error:
-        raise UserError(f"{path.name}: byte {error.start} is not UTF-8 text, expected a CSV file in UTF-8") from None
-    except csv.Error as error:
-        raise UserError(f"{path.name}: {error}, expected a CSV file") from None
+    header, delimiter, line = list(layout.names), layout.delimiter, layout.first
     names = [str(i) for i in range(len(header))]
     size, done = path.stat().st_size, 0
     read_options = pyarrow.csv.ReadOptions(column_names=names, skip_rows=line - 1, use_threads=False, block_size=BLOCK)

@@ -16,12 +16,12 @@ import numpy.typing as npt
 from terrapin_hil.reading import shorten
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.files.csv_files import read_csv
+from terrapin_tools.workbench.files.csv_layout import GAPS
 from terrapin_tools.workbench.files.units import LARGEST
 
 __all__ = ["LOG_SUFFIXES", "Table", "read"]
 
-LOG_SUFFIXES = (".log", ".blf", ".asc", ".mf4", ".mcap")
-GAPS = ("", "nan")  # how tables write that nothing was measured
+LOG_SUFFIXES = (".log", ".blf", ".asc", ".trc", ".mf4", ".mcap")
 Column = npt.NDArray[Any]  # float64, or str where the file holds text
 
 
@@ -32,6 +32,7 @@ class Table:
     path: Path
     columns: dict[str, Column]
     first_line: int
+    notes: tuple[str, ...] = ()  # what was assumed about the file, in words
 
     @property
     def rows(self) -> int:

@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,12 +20,30 @@ from terrapin_hil.reading import shorten
 from terrapin_hil.units import read_unit, same_kind
 from terrapin_hil.units import units as registry
 
-__all__ = ["check", "convert", "convert_difference", "in_si", "quantity", "same_kind", "si_factor", "turns"]
+__all__ = ["check", "convert", "convert_difference", "in_si", "quantity", "same_kind", "si_factor", "spelling", "turns"]
 
 Numbers = TypeVar("Numbers", float, npt.NDArray[np.float64])
 
 
 LARGEST = 1e100  # of a number in a case: its square is still a number
+
+
+# As instruments and spreadsheets write them -> as pint reads them.
+_SPELLINGS = {
+    "": "1", "-": "1", "%": "percent", "\u00b0": "deg", "\u00b0C": "degC", "\u2103": "degC", "\u00b0F": "degF",
+    "Nm": "N m", "mNm": "mN m", "kNm": "kN m", "Nmm": "N mm", "Ncm": "N cm", "U/min": "rpm", "min-1": "1/min",
+    "s-1": "1/s", "Ohm": "ohm", "\u03a9": "ohm", "\u2126": "ohm",
+}  # fmt: skip
+
+
+def spelling(unit: str) -> str:
+    """A unit as people write it, as pint reads it.
+
+    >>> spelling("mN\u00b7m"), spelling("Nm"), spelling("%"), spelling("rad/s")
+    ('mN m', 'N m', 'percent', 'rad/s')
+    """
+    unit = re.sub("[\u00b7\u22c5*](?!\\*)", " ", unit.strip()) if "**" not in unit else unit.strip()
+    return _SPELLINGS.get(unit, unit)
 
 
 def check(unit: str) -> None:

@@ -57,7 +57,7 @@ WORDS = {  # role or channel -> words of a name that stand for it, and words bes
     **{name: words for base in BASES.values() for name, words in base.column_words.items()},
 }
 NAMED = 3  # columns with text between numbers whose first text is told
-RUN_WORDS = ("run", "test", "trial", "experiment", "series", "id")
+RUN_WORDS = ("run", "test", "trial", "experiment", "series", "id", "versuch", "lauf", "messung", "essai")
 
 
 Ask = Callable[[str, Sequence[str], str], str]  # a question, likely answers, the option that answers it
@@ -87,9 +87,7 @@ def split_unit(column: str) -> tuple[str, str]:
     """
     bracket = re.fullmatch(r"\s*(.+?)\s*[\[(]\s*([^\])]*)\s*[\])]\s*", column)
     if bracket:
-        unit = {"-": "1", "": "1", "%": "percent", "\u00b0": "deg", "\u00b0C": "degC", "Nm": "N m"}.get(
-            bracket[2], bracket[2]
-        )
+        unit = units.spelling(bracket[2])
         try:
             units.check(unit)
         except ValueError:
@@ -178,7 +176,8 @@ def write_table_case(
     document = _document(folder, files, title, base, run, guesses)
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "case.toml", document)
-    lines = [f"{folder / 'case.toml'}: {base.name}, {runs} runs; guessed from the columns' names, to be corrected:"]
+    lines = [f"{table.path.name}: {'; '.join(table.notes)}" for table in tables if table.notes]
+    lines += [f"{folder / 'case.toml'}: {base.name}, {runs} runs; guessed from the columns' names, to be corrected:"]
     used = _mapped(guesses, base)
     for guess, name in zip(used, _names(used, base), strict=True):
         unit = guess.unit or _unit(name, base)
