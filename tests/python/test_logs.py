@@ -401,3 +401,65 @@ def test_an_extended_identifier_is_another_message(tmp_path: Path) -> None:
     log = frames(Path("made"), np.arange(5.0), [100] * 5, [bytes([i]) for i in range(5)], flags)
     found = Decoder(dbc).decode(log)
     assert {name: decoded.signals["a"].tolist() for name, decoded in found.items()} == {"P": [0.0], "X": [1.0]}
+
+
+SCREEN = """
+  can0  110   [8]  10 27 00 00 E8 03 00 01
+  can0  20000088   [8]  00 00 00 02 00 00 00 00   ERRORFRAME
+  can0  TX - -  111   [2]  11 27   '.\'\'
+  can0  1F0   [0]  remote request
+
+  can0  01ABCDE2  [12]  00 11 22 33 44 55 66 77 88 99 AA BB
+"""
+
+
+def test_what_candump_prints_on_a_screen(tmp_path: Path) -> None:
+    path = tmp_path / "x.log"
+    path.write_text(SCREEN)
+    log, cut = read_log(path)
+    assert cut == ""
+    assert log.identifiers.tolist() == [0x110, 0x88, 0x111, 0x1F0, 0x1ABCDE2]
+    assert log.flags.tolist() == [0, ERROR, SENT, REMOTE, EXTENDED | FD]
+    assert [log.payload(i).hex() for i in range(5)][0::2] == ["10270000e8030001", "1127", "00112233445566778899aabb"]
+    assert log.times.tolist() == [0.0] * 5
+
+
+@pytest.mark.parametrize(
+    ("stamps", "times"),
+    [
+        (["2026-03-02 14:05:01.250001", "2026-03-02 14:05:01.350420"], [1772460301.250001, 1772460301.350420]),
+        (["000.000000", "1.5"], [0.0, 1.5]),
+    ],
+)
+def test_stamps_on_a_screen(tmp_path: Path, stamps: list[str], times: list[float]) -> None:
+    (tmp_path / "x.log").write_text("".join(f" ({stamp})  can1  2A0   [2]  01 02\n" for stamp in stamps))
+    np.testing.assert_allclose(read_log(tmp_path / "x.log")[0].times, times, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "row", ["  can0  110   [3]  10 27", " (yesterday)  can0  110   [1]  10", "  can0  110  8 bytes"]
+)
+def test_a_damaged_line_of_a_screen_is_named(tmp_path: Path, row: str) -> None:
+    (tmp_path / "x.log").write_text(f"  can0  110   [1]  10\n{row}\n")
+    with pytest.raises(UserError, match=r"x\.log:2: found"):
+        read_log(tmp_path / "x.log")
+
+
+def test_busmasters_first_frame_is_read(tmp_path: Path) -> None:
+    """python-can 4.6 takes it for the begin of a trigger block, and it is gone."""
+    rows = [f"50701.25{i}100 1 11{i} Rx d 2 1{i} 27" for i in range(3)]
+    head = "date Mon Mar 2 02:05:01 pm 2026\nbase hex  no internal events logged\n// version 7.1.0\n"
+    (tmp_path / "x.asc").write_text(head + "\n".join(rows) + "\n")
+    log, _ = read_log(tmp_path / "x.asc")
+    assert log.identifiers.tolist() == [0x110, 0x111, 0x112]
+
+
+def test_a_log_of_pcan_says_what_is_no_frame(tmp_path: Path) -> None:
+    head = ";$FILEVERSION=1.1\n;$STARTTIME=46083.5868200231\n;\n"
+    rows = ["     1)        10.4  Rx         0110  2  10 27", "     2)        20.4  Error      0008  4  00 00 00 00"]
+    rows += ["     3)        30.4  Rx         0111  2  11 27"]
+    (tmp_path / "x.trc").write_text(head + "\n".join(rows) + "\n")
+    reader = LogReader(tmp_path / "x.trc")
+    assert [name for block in reader.blocks() for name in block.identifiers.tolist()] == [0x110, 0x111]
+    assert reader.cut == ""
+    assert reader.lost.startswith("1 of its 3 rows")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SUBCOMMANDS"]
 
-LogFile = Annotated[Path, typer.Argument(metavar="LOG", help=".log .blf .asc .mf4 .mcap .parquet, or a run's folder")]
+LogFile = Annotated[Path, typer.Argument(metavar="LOG", help=".log .blf .asc .trc .mf4 .mcap .parquet, or a run's")]
 Dbc = Annotated[
     Path | None, typer.Option("--dbc", help="names and scales of signals; default: terrapin.dbc beside the log")
 ]
@@ -37,9 +37,11 @@ def _decoder(log: Path, dbc: Path | None) -> Decoder | None:
     return Decoder(dbc) if dbc is not None else None
 
 
-def _warn(log: Path, cut: str) -> None:
+def _warn(log: Path, cut: str, lost: str = "") -> None:
     if cut:
         print(f"terrapin: {log}: read up to where it was cut off: {cut}", file=sys.stderr)
+    if lost:
+        print(f"terrapin: {log}: {lost}", file=sys.stderr)
 
 
 def _taken(block: Frames, node: int | None) -> Frames:
@@ -69,7 +71,7 @@ def info(
     with bar("reading", reader.size) as shown:
         for block in reader.blocks(lambda done: shown(completed=done)):
             summary.take(_taken(block, node))
-    answer = {"log": str(reader.path), "bytes": reader.size, "cut": reader.cut, **summary.answer()}
+    answer = {"log": str(reader.path), "bytes": reader.size, "cut": reader.cut, "lost": reader.lost, **summary.answer()}
     deliver(answer, describe(answer), json)
 
 
@@ -88,10 +90,10 @@ def convert(
 
     Example: terrapin log convert out/slope/telemetry.log slope.mcap
     """
-    from terrapin_tools.logs.reading import READABLE, LogReader
-    from terrapin_tools.logs.writing import LogWriter
+    from terrapin_tools.logs.reading import LogReader
+    from terrapin_tools.logs.writing import WRITABLE, LogWriter
 
-    kinds = (*READABLE, ".csv")
+    kinds = (*WRITABLE, ".csv")
     if to.suffix.lower() not in kinds:
         raise UserError(f"{to}: unknown kind of log {to.suffix!r}, expected one of {' '.join(kinds)}")
     if to.exists() and not force:
@@ -117,7 +119,7 @@ def convert(
         raise UserError(f"{to}: cannot write the log: {error.strerror or error}", status=1) from None
     finally:
         temporary.unlink(missing_ok=True)
-    _warn(reader.path, reader.cut)
+    _warn(reader.path, reader.cut, reader.lost)
     print(f"{count} {'rows' if period or to.suffix.lower() == '.csv' else 'frames'} in {to}")
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,12 @@ BLOCK = 4 << 20  # bytes of text taken at once
 _LINE = re.compile(
     rb"^\((\d+(?:\.\d+)?)\)[ \t]+(\S+)[ \t]+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#"
     rb"(?:(R)\d?|(#[0-9A-Fa-f])?((?:[0-9A-Fa-f]{2}){0,64}))(?:[ \t]+([RT]))?[ \t\r]*$",
+    re.MULTILINE,
+)
+# As candump prints it on a screen: stamp (-t), channel, direction and flags (-x), ID, [length], data.
+_SCREEN = re.compile(
+    rb"^[ \t]*(?:\(([^)]*)\)[ \t]+)?(\S+)[ \t]+(?:([RT])X [-BE ]{3}[ \t]+)?([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})[ \t]+"
+    rb"\[(\d+)\]((?:[ \t]+[0-9A-Fa-f]{2})*)(?:[ \t]+(remote request|ERRORFRAME))?[ \t]*(?:'.*')?[ \t\r]*$",
     re.MULTILINE,
 )
 _ERROR_FRAME = 0x2000_0000  # as the kernel marks them, in an identifier of 8 digits
@@ -84,6 +91,8 @@ def blocks(path: Path, told: Callable[[int], None] = lambda _: None) -> Iterator
 
 
 def _parse(path: Path, text: bytes, first: int) -> Frames:
+    if _SCREEN.match(text.lstrip(b"\r\n")):
+        text = _as_log(path, text, first)
     rows = _LINE.findall(text)
     if len(rows) != text.count(b"\n"):  # empty lines, or something else
         for number, row in enumerate(text.split(b"\n"), first):
@@ -105,6 +114,42 @@ def _parse(path: Path, text: bytes, first: int) -> Frames:
             identifiers[i] = identifier & ~_ERROR_FRAME
     stamps = np.array(times, dtype="S").astype(np.float64) if times else np.zeros(0)
     return frames(path, stamps, identifiers, [bytes.fromhex(hexes.decode()) for hexes in body], flags)
+
+
+def _as_log(path: Path, text: bytes, first: int) -> bytes:
+    """Lines of a screen as candump -l writes them, line by line. Without stamps all times are 0; dates are of UTC."""
+    found = []
+    for number, row in enumerate(text.splitlines(), first):
+        parts = _SCREEN.fullmatch(row)
+        if parts is None and row.strip():
+            raise _no_candump(path, number, row)
+        if parts is None:
+            found.append(b"")
+            continue
+        stamp, channel, sent, name, length, data, kind = parts.groups()
+        body = b"".join(data.split())
+        if kind == b"remote request":
+            body = b"R"
+        elif len(body) != 2 * int(length):
+            raise _no_candump(path, number, row)
+        elif len(length) == 2:  # two digits: CAN FD
+            body = b"#0" + body
+        seconds = b"%.6f" % _seconds(path, number, stamp, row)
+        found.append(b"(%s) %s %s#%s%s" % (seconds, channel, name, body, b" T" if sent == b"T" else b""))
+    return b"\n".join([*found, b""])
+
+
+def _seconds(path: Path, number: int, stamp: bytes | None, row: bytes) -> float:
+    if stamp is None:
+        return 0.0
+    try:
+        return float(stamp)
+    except ValueError:
+        pass
+    try:
+        return datetime.fromisoformat(stamp.decode()).replace(tzinfo=UTC).timestamp()
+    except ValueError:
+        raise _no_candump(path, number, row) from None
 
 
 def _no_candump(path: Path, number: int, row: bytes) -> UserError:

@@ -91,6 +91,8 @@ def describe(answer: Mapping[str, Any]) -> str:
     rows = [f"{answer['log']}: {answer['frames']} frames in {seconds:.6g} s{rate}, {answer['bytes'] / 1e6:.3g} MB"]
     if answer["cut"]:
         rows.append(f"  read up to where it was cut off: {answer['cut']}")
+    if answer["lost"]:
+        rows.append(f"  {answer['lost']}")
     for key, text in (("error_frames", "error frames"), ("remote_frames", "remote frames")):
         if answer[key]:
             rows.append(f"  {answer[key]} {text}")

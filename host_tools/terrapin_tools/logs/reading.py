@@ -1,16 +1,20 @@
-"""Any log to frames: candump text, BLF, ASC, MF4, MCAP, Parquet, a run's folder; some ten thousand frames at a time.
+"""Any log to frames, some ten thousand at a time: candump text (of a file or a screen), BLF, ASC, TRC, MF4, MCAP,
+Parquet, a run's folder.
 
 with LogReader(path) as log:
     for frames in log.blocks(): ...
     log.cut         what is wrong with the end, if a crash cut the log off; else ""
+    log.lost        what its reader passed over in silence; else ""
 """
 
 from __future__ import annotations
 
 import base64
 import gc
+import io
 import json
 import logging
+import re
 import struct
 import sys
 import traceback
@@ -29,7 +33,8 @@ __all__ = ["RAW_TOPIC", "READABLE", "LogReader", "message_flags", "read_log"]
 BLOCK = 50_000  # frames
 TRIES = 5  # at a log that grows while it is read
 RAW_TOPIC = "/can"  # of MCAP: frames as they are; one topic more a message, with its signals
-READABLE = (".log", ".blf", ".asc", ".mf4", ".mcap", ".parquet")
+READABLE = (".log", ".blf", ".asc", ".trc", ".mf4", ".mcap", ".parquet")
+TOP = 1 << 16  # bytes at the beginning of an ASC log in which its trigger block is looked for
 
 logging.getLogger("can").addHandler(logging.NullHandler())
 
@@ -43,6 +48,7 @@ class LogReader:
         self.path = path
         self.kind = path.suffix.lower()
         self.cut = ""
+        self.lost = ""
         if self.kind not in READABLE:
             raise UserError(f"{path}: unknown kind of log {self.kind!r}, expected one of {' '.join(READABLE)}")
         try:
@@ -84,7 +90,7 @@ class LogReader:
         if self.kind == ".mf4":
             self._check_mf4()
         try:
-            with can.LogReader(self.path) as reader:
+            with _without_trigger(self.path) or can.LogReader(self.path) as reader:
                 file = getattr(reader, "file", None)
                 for message in reader:
                     collected.add_message(message)
@@ -102,6 +108,8 @@ class LogReader:
         yield collected.take()
         if self.kind == ".blf" and not self.cut:
             self.cut = _blf_cut(self.path)
+        if self.kind == ".trc":
+            self.lost = _trc_rest(self.path, collected.total)
         told(self.size)
 
     def _check_mf4(self) -> None:
@@ -166,6 +174,36 @@ class LogReader:
                     told(self.size * done // max(1, file.metadata.num_rows))
         except (pyarrow.ArrowException, OSError, TypeError, ValueError) as error:
             raise UserError(f"{self.path}: {_brief(error)}, expected a Parquet file of frames") from None
+
+
+def _without_trigger(path: Path) -> Any:
+    """python-can's reader of an ASC log that has no trigger block (BusMaster writes none); None for any other log.
+
+    python-can takes the line behind the header for the block's begin, whatever it is, and so loses the first frame
+    (4.6, `ASCReader.__iter__`): here it gets one.
+    """
+    import can
+
+    if path.suffix.lower() != ".asc":
+        return None
+    with path.open("rb") as file:
+        if re.search(rb"^begin trigger", file.read(TOP), re.IGNORECASE | re.MULTILINE):
+            return None
+    text = path.read_text(encoding="utf-8", errors="replace")
+    first = re.search(r"^[ \t]*\d+\.\d+[ \t]", text, re.MULTILINE)
+    if first is None:
+        return None
+    date = re.search(r"^date[ \t]+(.*)$", text[: first.start()], re.IGNORECASE | re.MULTILINE)
+    begin = f"Begin Triggerblock {date[1] if date else ''}\n"
+    return can.ASCReader(io.StringIO(text[: first.start()] + begin + text[first.start() :]))
+
+
+def _trc_rest(path: Path, read: int) -> str:
+    """What of a PCAN log python-can passes over in silence: rows of errors and of events."""
+    with path.open("rb") as file:
+        rows = [number for number, line in enumerate(file, 1) if re.match(rb"\s*\d+\)?\s+[\d.]+\s", line)]
+    left = len(rows) - read
+    return f"{left} of its {len(rows)} rows are no frames that could be read (errors, events)" if left > 0 else ""
 
 
 def message_flags(message: Any) -> int:

@@ -23,10 +23,11 @@ from terrapin_tools.logs.candump import line
 from terrapin_tools.logs.decoding import Decoder
 from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, writing
 from terrapin_tools.logs.mf4 import GrowingMf4, WholeMf4
-from terrapin_tools.logs.reading import RAW_TOPIC, READABLE
+from terrapin_tools.logs.reading import RAW_TOPIC
 
-__all__ = ["GROWING", "LogWriter"]
+__all__ = ["GROWING", "WRITABLE", "LogWriter"]
 
+WRITABLE = (".log", ".blf", ".asc", ".mf4", ".mcap", ".parquet")
 GROWING = (".log", ".blf", ".mf4", ".mcap")  # readable up to the last flush, whatever happens
 EVENTS_TOPIC = "/events"
 
@@ -52,7 +53,7 @@ class LogWriter(AbstractContextManager["LogWriter"]):
         }
         kind = path.suffix.lower()
         if kind not in kinds:
-            raise UserError(f"{path}: unknown kind of log {kind!r}, expected one of {' '.join(READABLE)}")
+            raise UserError(f"{path}: unknown kind of log {kind!r}, expected one of {' '.join(WRITABLE)}")
         self.path = path
         self._open = True
         with writing(path):
