@@ -125,6 +125,7 @@ def splits_of_links(source: str) -> Iterator[int]:
 
 # Files that split other things at ":", and how often.
 OTHERS = {
+    "hil/terrapin_hil/run/ports.py": 1,  # --on pty:PATH; a bus is handed on to names.py
     "hil/terrapin_hil/run/rig.py": 1,  # CHIP:LINE
     "host_tools/terrapin_tools/batch/design.py": 2,  # FIRST:LAST, LOW:HIGH:STEPS
     "host_tools/terrapin_tools/worker.py": 1,  # module:function

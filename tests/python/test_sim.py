@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -217,8 +219,16 @@ def test_the_command_detaches_changes_and_stops(tmp_path: Path) -> None:
     assert "no robot lives" in nobody.stderr
 
 
-def test_a_socket_that_was_left_behind_is_taken_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A folder for sockets, whose paths may have some hundred bytes: pytest's own is too long where it has workers."""
+    with tempfile.TemporaryDirectory(prefix="sim") as folder:
+        monkeypatch.setattr("tempfile.tempdir", folder)
+        yield
+
+
+@pytest.mark.usefixtures("short")
+def test_a_socket_that_was_left_behind_is_taken_over() -> None:
     first = Control("pty:here")
     with pytest.raises(UserError, match="a robot lives there already"):
         Control("pty:here")

@@ -167,8 +167,8 @@ def test_bad_input_of_the_commands(monkeypatch: pytest.MonkeyPatch, capsys: pyte
         assert error.count("\n") == 1
 
 
-def test_a_scenario_of_another_robot_is_not_found() -> None:
-    with pytest.raises(
-        UserError, match="steady_sand: no such file, and no scenario of that name; shipped for the sphere"
-    ):
-        find_scenario("steady_sand")
+def test_its_own_scenario_comes_before_the_cylinders() -> None:
+    assert find_scenario("level").parent.name == "sphere"
+    assert find_scenario("steady_sand").parent.name == "scenarios"  # which is scaled (test_scaled_scenarios.py)
+    with pytest.raises(UserError, match=r"nowhere: no such file, and no scenario of that name; shipped: .*level"):
+        find_scenario("nowhere")

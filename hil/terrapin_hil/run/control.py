@@ -77,7 +77,9 @@ class Control:
             self._socket.bind(str(self._at))
         except OSError as error:
             self._socket.close()
-            raise UserError(f"{self._at}: {error.strerror}, expected a folder for the robot's socket") from None
+            raise UserError(
+                f"{self._at}: {error.strerror or error}, expected a folder for the robot's socket"
+            ) from None
         self._socket.listen(4)
         self.descriptor = self._socket.fileno()
 

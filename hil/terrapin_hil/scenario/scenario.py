@@ -8,6 +8,7 @@ Numbers are SI, strings carry units. `ReadingError` names file, line and field o
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
@@ -147,7 +148,7 @@ def take_scenario(name: str, robot: str = "") -> Path:
 
     A shipped scenario that only one other robot has is found by its name alone.
     """
-    if not robot and not Path(name).is_file() and name not in _shipped(selected().name) | _shipped(DEFAULT):
+    if not robot and not os.path.isfile(name) and name not in _shipped(selected().name) | _shipped(DEFAULT):
         others = [other for other in robots() if name in _shipped(other)]
         if len(others) == 1:
             select(others[0])
