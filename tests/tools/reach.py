@@ -100,8 +100,9 @@ def programs(root: Path = ROOT) -> dict[str, set[str]]:
         return {}
 
     def ninja(*words: str) -> list[str]:
-        command = [TOOLS / "ninja", "-C", build, "-t", *words]
-        return subprocess.run(command, check=False, capture_output=True, text=True).stdout.splitlines()
+        command = [str(TOOLS / "ninja"), "-C", str(build), "-t", *words]
+        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        return done.stdout.splitlines()
 
     headers: dict[str, set[str]] = {}
     current = ""

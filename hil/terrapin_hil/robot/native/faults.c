@@ -22,7 +22,7 @@ enum { STREAM = 100 }; /* of the random numbers; those of the sensors are below 
 void hil_faults_start(hil_fault_memory *memory, uint64_t seed) {
     memset(memory, 0, sizeof *memory);
     for (int i = 0; i < HIL_CHANNELS; i++) {
-        memory->random[i] = hil_random_split(seed, (uint64_t)(STREAM + i));
+        memory->random[i] = hil_random_split(seed, (uint64_t)STREAM + (uint64_t)i);
     }
 }
 
