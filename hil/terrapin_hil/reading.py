@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import difflib
 import math
+import os
 import re
+import shlex
+import stat
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import IO, Any, TypeVar
 
 from terrapin_hil.errors import UserError
 from terrapin_hil.units import factor, read_unit, units
@@ -24,6 +27,7 @@ __all__ = [
     "key_parts",
     "load",
     "locate",
+    "owner_alone",
     "parse_quantity",
     "parse_toml",
     "quantities",
@@ -39,6 +43,19 @@ MAX_SHOWN = 60  # characters of a wrong value in a message
 
 class ReadingError(UserError, ValueError):
     """A file is wrong. `str()` is one line: file, line, field, what was found, what was expected."""
+
+
+def owner_alone(path: Path, file: IO[Any]) -> None:
+    """ReadingError with the mend when a file of a secret, open as `file`, may be read or written by others.
+
+    Where there are no such rights (Windows), and for a pipe, nothing is said.
+    """
+    found = os.fstat(file.fileno())
+    if os.name == "posix" and stat.S_ISREG(found.st_mode) and found.st_mode & 0o077:
+        rights = f"{stat.S_IMODE(found.st_mode):04o}"
+        raise ReadingError(
+            f"{path}: a secret that others may read or write (mode {rights}): chmod 600 {shlex.quote(str(path))}"
+        )
 
 
 def parse_quantity(value: object, unit: str) -> float:

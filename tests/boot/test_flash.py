@@ -7,6 +7,7 @@ import errno
 import io
 import os
 import re
+import shlex
 import shutil
 import stat
 import struct
@@ -176,6 +177,7 @@ def test_can_end_to_end() -> None:
 
 
 def pem(path: Path, key: Ed25519PrivateKey) -> Path:
+    path.touch(0o600)
     path.write_bytes(
         key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
     )
@@ -861,16 +863,43 @@ def test_link_keys(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert LinkKey.read(second).generation == 2
     assert LinkKey.read(second).key != key.key
+    empty = tmp_path / "empty.key"
+    empty.touch(0o600)
     for arguments, expected in (
         (("link", first), "exists already"),
         (("show", tmp_path / "none.key"), "cannot read the key"),
-        (("show", Path(__file__)), "no link key"),
+        (("show", empty), "no link key"),
         (("renew", tmp_path / "none.key", tmp_path / "third.key"), "cannot read the link key"),
     ):
         done = terrapin("keys", *arguments)
         assert done.returncode == 2
         assert expected in done.stderr
         assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("mode", [0o644, 0o640, 0o604, 0o620])
+def test_a_key_that_others_may_read_is_refused_with_the_mend(tmp_path: Path, mode: int) -> None:
+    """A private key and a link key alike, by every command that reads one; the mend that is told mends. A public key
+    is nobody's secret."""
+    private, public, link = pem(tmp_path / "robot.pem", KEY), tmp_path / "robot.pub.pem", tmp_path / "robot.key"
+    assert terrapin("keys", "public", private, public).returncode == 0
+    assert terrapin("keys", "link", link).returncode == 0
+    reads = {
+        private: [("show", private), ("public", private, tmp_path / "again.pem")],
+        link: [("show", link), ("renew", link, tmp_path / "next.key")],
+    }
+    for path, commands in reads.items():
+        path.chmod(mode)
+        for arguments in commands:
+            done = terrapin("keys", *arguments)
+            assert done.returncode == 2
+            (line,) = done.stderr.splitlines()
+            assert line.endswith(f"(mode {mode:04o}): chmod 600 {path}")
+        subprocess.run(shlex.split(line.rpartition(": ")[2]), check=True)
+        for arguments in commands:
+            assert terrapin("keys", *arguments).returncode == 0
+    public.chmod(0o644)
+    assert terrapin("keys", "show", public).returncode == 0
 
 
 def test_a_link_key_stands_beside_the_boot_loader() -> None:

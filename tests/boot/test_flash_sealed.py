@@ -111,6 +111,7 @@ def keyed(tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.Mo
 
 def key_file(folder: Path, key: LinkKey) -> Path:
     path = folder / "link.key"
+    path.touch(0o600)
     path.write_text(key.text())
     return path
 

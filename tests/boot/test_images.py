@@ -27,6 +27,7 @@ def imgtool(*arguments: str) -> subprocess.CompletedProcess[str]:
 @pytest.fixture
 def key_file(tmp_path: Path) -> Path:
     path = tmp_path / "key.pem"
+    path.touch(0o600)
     path.write_bytes(
         KEY.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
     )

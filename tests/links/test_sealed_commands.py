@@ -21,6 +21,7 @@ from terrapin_tools.param.nodes import controllers, store_node
 @pytest.fixture
 def key(tmp_path: Path) -> Path:
     path = tmp_path / "robot.key"
+    path.touch(0o600)
     path.write_text(LinkKey.new().text(), encoding="utf-8")
     return path
 
@@ -79,6 +80,7 @@ def test_a_session_that_was_replaced_is_no_more(keyed: SlcanLink, key: Path) -> 
 
 def test_a_file_without_a_key(tmp_path: Path) -> None:
     path = tmp_path / "none.key"
+    path.touch(0o600)
     path.write_text("generation = 1\n", encoding="utf-8")
     with pytest.raises(ReadingError, match=r"none\.key: no link key; `terrapin keys link"):
         open_link("pty", link_key=path)

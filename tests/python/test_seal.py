@@ -77,12 +77,14 @@ def test_a_wrong_key_and_an_old_generation() -> None:
 
 def test_files_of_keys(tmp_path: Path) -> None:
     path = tmp_path / "robot.key"
+    path.touch(0o600)
     path.write_text(KEY.text())
     assert LinkKey.read(path) == KEY
     assert LinkKey.new() != LinkKey.new()
     for text, expected in (
         ("", "no link key"),
         ('generation = 1\nkey = "zz"', "no link key"),
+        ("key = " + "[" * 9_000, "no link key"),
         ('generation = 0\nkey = "' + "00" * 16 + '"', "expected a key of 16 bytes"),
         ('generation = 1\nkey = "00"', "expected a key of 16 bytes"),
     ):

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from terrapin_hil.links.link import LinkError, Sealable
 from terrapin_hil.messages import Frame, Interface, Message, Sender, interface, protect
-from terrapin_hil.reading import ReadingError
+from terrapin_hil.reading import ReadingError, owner_alone
 
 __all__ = ["WAY_BACK", "LinkKey", "Session", "chaskey", "open_session", "seal_link", "takes_changes"]
 
@@ -26,6 +26,7 @@ SEALED = (
     "PARAMETER_WRITE", "STORE_COMMAND", "TEST_MODE", "NODE_REQUEST", "UPDATE_BEGIN", "UPDATE_END", "UPDATE_RESET"
 )  # fmt: skip
 TAG_EVERY = 0.01  # s: a controller looks at two in this time (firmware/link/seal.h), the other is for late ones
+LONGEST = 10_000  # bytes of a key's file that are looked at
 ATTEMPTS, PAUSE = 3, 0.12  # s: a session of somebody else may wait for 0.2 s
 NO_PARAMETER = 0xFFFF  # an index that none has
 BY_A_PROBE = "terrapin flash IMAGE.bin --via swd --boot-loader FILE.bin --link-key LINK.key"
@@ -65,13 +66,18 @@ class LinkKey:
 
     @classmethod
     def read(cls, path: Path) -> LinkKey:
-        """ReadingError when there is none in the file."""
+        """ReadingError when there is none in the file, or when others may read it."""
         try:
-            table = tomllib.loads(path.read_text(encoding="utf-8"))
+            with path.open("rb") as file:
+                text = file.read(LONGEST)
+                owner_alone(path, file)
+            table = tomllib.loads(text.decode("utf-8"))
             found = cls(bytes.fromhex(table["key"]), table["generation"])
         except OSError as error:
             raise ReadingError(f"{path}: cannot read the link key: {error.strerror}") from None
-        except (ValueError, KeyError, TypeError):
+        except ReadingError:
+            raise
+        except (ValueError, KeyError, TypeError, RecursionError):
             raise ReadingError(f"{path}: no link key; `terrapin keys link {path}` makes one") from None
         if len(found.key) != 16 or not isinstance(found.generation, int) or not 0 < found.generation <= _MASK:
             raise ReadingError(f"{path}: expected a key of 16 bytes and its generation from 1")

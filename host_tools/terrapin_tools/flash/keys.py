@@ -10,6 +10,7 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
 from terrapin_hil import paths
+from terrapin_hil.reading import owner_alone
 from terrapin_tools.errors import UserError
 
 __all__ = [
@@ -80,6 +81,8 @@ def _load(path: Path) -> Ed25519PrivateKey | Ed25519PublicKey:
     try:
         with path.open("rb") as file:
             text = file.read(PEM_LIMIT)
+            if b"PRIVATE KEY" in text:
+                owner_alone(path, file)
     except OSError as error:
         hint = "; `terrapin keys new` makes one" if isinstance(error, FileNotFoundError) else ""
         raise UserError(f"{path}: cannot read the key: {error.strerror}{hint}") from None
@@ -97,7 +100,7 @@ def _load(path: Path) -> Ed25519PrivateKey | Ed25519PublicKey:
 
 
 def private_key(path: Path) -> Ed25519PrivateKey:
-    """The private key in a PEM. UserError when there is none."""
+    """The private key in a PEM. UserError when there is none, or when others may read it."""
     key = _load(path)
     if not isinstance(key, Ed25519PrivateKey):
         raise UserError(f"{path}: a public key, expected the private one")
@@ -105,7 +108,8 @@ def private_key(path: Path) -> Ed25519PrivateKey:
 
 
 def public_key(path: Path) -> Ed25519PublicKey:
-    """The public key in a PEM, or that of the private key in it. UserError when there is neither."""
+    """The public key in a PEM, or that of the private key in it. UserError when there is neither, or when others may
+    read a private one."""
     key = _load(path)
     return key.public_key() if isinstance(key, Ed25519PrivateKey) else key
 
