@@ -203,13 +203,14 @@ WRONG = [
     (_text('unit = "N" }', 'unit = "N", sigma = 1 }'), ["case.toml:25", "data.columns.load.sigma", "unknown name"]),
     (_text("[data]", "[dada]\n[data]"), ["case.toml:19", "dada", "unknown name"]),
     (_cell(7, 1, "fast"), ["runs.csv:7", "column w", "'fast'", "number"]),
-    (_cell(9, 4, "inf"), ["runs.csv:9", "column i", "infinity"]),
+    (_cell(9, 4, "1e999"), ["runs.csv:9", "column i", "infinity"]),
     (_cell(4, 0, ""), ["runs.csv:4", "column run"]),
     (_cell(5, 0, "r00,3"), ["runs.csv:5", "7 fields", "6"]),
-    (_cell(1, 1, "W"), ["runs.csv:1", "'W'", "twice"]),
+    (_cell(1, 1, "W"), ["case.toml:24", "column 'w' is not in runs.csv", "run, W, W 2, temp"]),
     (_file("runs.csv", b""), ["runs.csv:1", "column names"]),
     (_file("runs.csv", b"run,w,W,temp,i,humidity\n"), ["case.toml:20", "no rows"]),
-    (_file("runs.csv", b"run,w\xff\n"), ["runs.csv", "UTF-8"]),
+    (_file("runs.csv", b"run,w\xff\n"), ["case.toml:24", "column 'w' is not in runs.csv", "one of run, w\u00ff\n"]),
+    (_file("runs.csv", b"run,w\x81\n"), ["runs.csv", "UTF-8"]),
 ]
 
 

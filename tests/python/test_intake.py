@@ -45,12 +45,43 @@ def test_a_gap_drops_its_row_and_says_so(
     status, out, _ = terrapin(capsys, "compare", folder)
     assert status == 0
     said = " ".join(out.split())
-    assert "3 of 120 rows left out: no number in a mapped column (w 1, W 1, i 2)." in said
+    assert "3 of 120 rows left out: no number in a mapped column (w 1, W 1, i 2). The first is runs.csv:4." in said
     assert "Not looked at, for gaps: humidity." in said
     answer = json.loads(terrapin(capsys, "compare", folder, "--json", "-")[1])
     assert answer["intake"]["rows_left_out"] == 3
     terrapin(capsys, "report", folder, "--no-discover", "-o", tmp_path / "page.html")
     assert "3 of 120 rows left out" in (tmp_path / "page.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("column", "text", "told"),
+    [
+        (1, "#DIV/0!", "1 of 120 rows left out: no number in a mapped column (w 1). The first is runs.csv:9."),
+        (4, "-inf", "1 of 120 rows left out: no number in a mapped column (i 1). The first is runs.csv:9."),
+        (1, '"1,234.5"', "runs.csv: , parts thousands ('1,234.5')."),
+    ],
+)
+def test_what_was_assumed_of_a_cell_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], column: int, text: str, told: str
+) -> None:
+    folder = rolling(tmp_path, 1)
+    before = load_case(folder)
+    change(folder, {(9, column): text})
+    case = load_case(folder)
+    gap = "," not in text
+    assert case.rows == before.rows - gap
+    if not gap:
+        assert case.roles["omega"][7] == pytest.approx(1234.5 * np.pi / 30)
+    assert told in " ".join(terrapin(capsys, "compare", folder)[1].split())
+
+
+def test_a_table_in_utf_16_is_the_same_case(tmp_path: Path) -> None:
+    folder = rolling(tmp_path, 1)
+    before = load_case(folder)
+    (folder / "runs.csv").write_bytes((folder / "runs.csv").read_text().encode("utf-16"))
+    case = load_case(folder)
+    np.testing.assert_array_equal(case.channels["current"], before.channels["current"])
+    assert case.remarks == ("runs.csv: UTF-16.",)
 
 
 def test_text_that_could_tell_groups_apart_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,7 +18,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import CHANNELS, ROLES, Base
 from terrapin_tools.workbench.case.changes import MENDS
 from terrapin_tools.workbench.case.groups import Groups, group_columns, membership, read_groups
-from terrapin_tools.workbench.case.intake import Mapped, converted, gaps, ungrouped, unsigned
+from terrapin_tools.workbench.case.intake import Mapped, assumed, converted, gaps, ungrouped, unsigned
 from terrapin_tools.workbench.case.mechanics import is_of, role_of_unit
 from terrapin_tools.workbench.case.mends import earlier, mended, read_mend, told_mends
 from terrapin_tools.workbench.files import units
@@ -95,8 +95,8 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
     extra, sparse, text = _extra(loaded, used | set(values) | _ignored(tables, loaded, used))
     groups = read_groups(tables, loaded, kept, run, run_names, train)
     kinds = [name for name, count in text.items() if 1 < count < len(run_names)]
-    remarks = [*gaps(columns, whole, sparse), *told_mends(mends), *converted(mapped), *unsigned(values, _told(mapped))]
-    remarks += ungrouped(kinds)
+    remarks = [*assumed(loaded), *gaps(columns, whole, sparse, place), *told_mends(mends), *converted(mapped)]
+    remarks += [*unsigned(values, _told(mapped)), *ungrouped(kinds)]
     return Measurements(
         roles={e.name: values[e.name] for e in mapped if not e.channel},
         channels={e.name: values[e.name] for e in mapped if e.channel},

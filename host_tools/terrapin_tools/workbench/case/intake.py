@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from terrapin_hil.arrays import Array, Mask
 from terrapin_tools.workbench.case.mends import Mend
+from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.units import convert, turns
 
-__all__ = ["BOTH_WAYS", "Mapped", "converted", "gaps", "guesses", "ungrouped", "unsigned"]
+__all__ = ["BOTH_WAYS", "Mapped", "assumed", "converted", "gaps", "guesses", "ungrouped", "unsigned"]
 
 BOTH_WAYS = 0.02  # share of the rows in each direction, from which a motion reverses
 
@@ -30,14 +31,30 @@ class Mapped:
     mend: Mend = field(default_factory=Mend)
 
 
-def gaps(columns: Mapping[str, Array], whole: Mask, sparse: Sequence[str]) -> list[str]:
-    """Rows without a number in a mapped column (`columns`, by the file's names), and unmapped columns with gaps."""
+def assumed(tables: Sequence[Table]) -> list[str]:
+    """What was assumed about files, a sentence for each kind of file."""
+    names: dict[tuple[str, ...], list[str]] = {}
+    for table in tables:
+        names.setdefault(table.notes, []).append(table.path.name)
+    found = []
+    for notes, (first, *more) in names.items():
+        also = f" and {len(more)} more" if more else ""
+        found += [f"{first}{also}: {'; '.join(notes)}."] if notes else []
+    return found
+
+
+def gaps(columns: Mapping[str, Array], whole: Mask, sparse: Sequence[str], place: Callable[[int], str]) -> list[str]:
+    """Rows without a number in a mapped column (`columns`, by the file's names), and unmapped columns with gaps.
+
+    `place` says where a row stands.
+    """
     found = []
     missing = {name: int(np.isnan(values).sum()) for name, values in columns.items()}
     if not whole.all():
         where = ", ".join(f"{name} {count}" for name, count in missing.items() if count)
         count = int((~whole).sum())
         found.append(f"{count} of {len(whole)} rows left out: no number in a mapped column ({where}).")
+        found[-1] += f" The first is {place(int(np.argmin(whole)))}."
     if sparse:
         found.append(f"Not looked at, for gaps: {', '.join(sparse)}.")
     return found
