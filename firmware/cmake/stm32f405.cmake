@@ -30,7 +30,7 @@ set(F405_IMAGES "")
 foreach(board IN LISTS F405_BOARDS)
     add_library(f405_${board} OBJECT ${F405_DIR}/main.c ${F405_DIR}/hardware.c ${F405_DIR}/port.c ${F405_DIR}/phases.c ${F405_DIR}/health.c ${F405_DIR}/link_key.c ${F405_DIR}/analog.c
         ${F405_DIR}/bridge.c ${F405_DIR}/encoder.c ${F405_DIR}/reset_cause.c
-        ${F405_DIR}/spi.c ${F405_DIR}/imu.c ${F405_DIR}/swing.c)
+        ${F405_DIR}/spi.c ${F405_DIR}/imu.c ${F405_DIR}/imu_bus.c ${F405_DIR}/swing.c)
     target_link_libraries(f405_${board} PRIVATE f405_chip)
     target_include_directories(f405_${board} PRIVATE ${CMAKE_SOURCE_DIR}/firmware/boot)
     add_dependencies(f405_${board} boot_key)

@@ -8,6 +8,7 @@
 #include "../encoder_count.h"
 #include "encoder.h"
 #include "flash_driver.h"
+#include "imu_bus.h"
 #include "layout.h"
 #include "link_key.h"
 #include "parameters.h"
@@ -45,7 +46,6 @@ const uint32_t hardware_parameter_count = sizeof hardware_parameters / sizeof ha
 static const pin estop_pin = BOARD_ESTOP;
 static const pin enable_pin = BOARD_ENABLE;
 static const pin led_pin = BOARD_LED;
-static const pin imu_select_pin = BOARD_IMU_SELECT;
 
 static swing pendulum = {.forward = BOARD_IMU_FORWARD, .up = BOARD_IMU_UP, .right = BOARD_IMU_RIGHT};
 
@@ -74,21 +74,6 @@ void systick_interrupt(void) {
 void emergency_stop(void) {
     bridge_off(TIM1);
     pin_write(GPIO(enable_pin.port), &enable_pin, false);
-}
-
-static void imu_select(bool on) {
-    pin_write(GPIO(imu_select_pin.port), &imu_select_pin, !on);
-}
-
-bool imu_exchange(uint8_t address, uint8_t *bytes, uint32_t count) {
-    uint8_t unused = 0U;
-    imu_select(true);
-    bool good = spi_byte(SPI1, address, &unused);
-    for (uint32_t i = 0U; good && (i < count); i++) {
-        good = spi_byte(SPI1, bytes[i], &bytes[i]);
-    }
-    imu_select(false);
-    return good;
 }
 
 /* ---- each tick */
@@ -171,8 +156,7 @@ static void setup_pins(void) {
     pin_setup(GPIO(led_pin.port), &led_pin);
     pin_setup(GPIO(estop_pin.port), &estop_pin);
     if (BOARD_IMU) {
-        imu_select(false);
-        pin_setup(GPIO(imu_select_pin.port), &imu_select_pin);
+        imu_bus_open();
     }
 }
 
