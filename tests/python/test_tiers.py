@@ -46,9 +46,16 @@ def kept(asked: str | None, names: list[str]) -> list[str]:
     told: list[Any] = []
     hook = SimpleNamespace(pytest_deselected=lambda items: told.extend(items))
     config: Any = SimpleNamespace(getoption=lambda _: asked, hook=hook)
-    items: list[Any] = [SimpleNamespace(nodeid=name) for name in names]
+    groups: dict[str, str] = {}
+
+    def item(name: str) -> Any:
+        mark = lambda mark: groups.__setitem__(name, mark.args[0])  # noqa: E731
+        return SimpleNamespace(nodeid=name, get_closest_marker=lambda _: None, add_marker=mark)
+
+    items: list[Any] = [item(name) for name in names]
     pytest_collection_modifyitems(config, items)
     assert len(items) + len(told) == len(names)
+    assert groups == {name: name.partition("::")[0] for name in names}  # a file's tests stay together
     return [item.nodeid for item in items]
 
 

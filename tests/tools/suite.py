@@ -32,7 +32,7 @@ BUILDS = {
 COVERED = r"firmware/core/.*\.c"
 FOLDERS = ["tests", "hil", "host_tools", "firmware/terrapin_interface"]  # that hold tests
 NO_TESTS = 5  # pytest's exit status
-PYTEST = ["-q", "--doctest-modules", "--durations=20", "--durations-min=5", "--dist=loadfile"]
+PYTEST = ["-q", "--doctest-modules", "--durations=20", "--durations-min=5", "--dist=loadgroup"]
 
 
 def probe(function: str) -> bool:
@@ -95,15 +95,14 @@ def coverage() -> Result:
 def pytest(
     workers: int, waits: Path | None, tier: str | None, files: Sequence[str] | None = None
 ) -> tuple[Result, list[str], dict[str, int]]:
-    """All Python tests and doctests, or those of a tier, or of its `files`, a file at a time in each worker.
+    """All Python tests and doctests, or those of a tier, or of its `files`, a file at a time in each worker (tiers.py).
 
     Also what they skipped, with the reason, and how many blocks of the pages ran and how many need hardware.
     """
     start = time.monotonic()
     junit = ROOT / LOGS / "pytest.xml"
     noting = ["-p", "tests.tools.waits", "--waits-to", str(waits)] if waits else []
-    if tier:
-        noting += ["-p", "tests.tools.tiers", "--tier", tier]
+    noting += ["-p", "tests.tools.tiers", *(["--tier", tier] if tier else [])]
     command = [
         str(TOOLS / "python"),
         "-m",
@@ -121,7 +120,8 @@ def pytest(
     examples = {"examples_ran": 0, "examples_hardware": 0}
     if junit.is_file():
         for case in ElementTree.parse(junit).iter("testcase"):
-            skipped += [f"{case.get('name')}: {skip.get('message')}" for skip in case.iter("skipped")]
+            name = str(case.get("name")).rpartition("@")  # the group that tiers.py gave it stands behind
+            skipped += [f"{name[0] or name[2]}: {skip.get('message')}" for skip in case.iter("skipped")]
             for entry in case.iter("property"):
                 if entry.get("name") in examples:
                     examples[str(entry.get("name"))] += int(str(entry.get("value")))

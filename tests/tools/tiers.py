@@ -1,9 +1,11 @@
 """Two tiers of tests, also as a plugin of pytest: what `make test` runs, and the rest, which `make test-all` runs.
 
-    python -m pytest -p tests.tools.tiers --tier test|rest ...
+    python -m pytest -p tests.tools.tiers --tier test|rest --dist=loadgroup ...
 
 tests/tools/tiers.toml names the rest, each with its reason. Whatever is not named there is run by `make test`: so every
 test is in one tier, and a new file is in the one that people run.
+
+A file's tests stay in one process, so that they share what its fixtures made; marked `xdist_group`, they go elsewhere.
 """
 
 from __future__ import annotations
@@ -39,8 +41,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--tier", choices=TIERS, help="only the tests of this tier")
 
 
-@pytest.hookimpl(trylast=True)
+@pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.get_closest_marker("xdist_group") is None:
+            item.add_marker(pytest.mark.xdist_group(item.nodeid.partition("::")[0]))
     asked = config.getoption("--tier")
     if asked is None:
         return

@@ -1,4 +1,4 @@
-"""Every block of a quarter of the pages runs, in order, as tests/docs/pages.py says. Four files: cores share them."""
+"""Every block of every page runs, in order, as tests/docs/pages.py says. The cores share the pages, not this file."""
 
 from pathlib import Path
 from typing import Any
@@ -7,7 +7,7 @@ import pytest
 from pages import PAGES, ROOT, Runner, blocks
 
 
-@pytest.mark.parametrize("page", PAGES[2::4])
+@pytest.mark.parametrize("page", [pytest.param(page, marks=pytest.mark.xdist_group(page)) for page in PAGES])
 def test_blocks_run(page: str, tmp_path: Path, record_property: Any) -> None:
     runner = Runner(tmp_path / "terrapin")
     runner.page(blocks(page, (ROOT / page).read_text()))
