@@ -1,6 +1,6 @@
 """How often discovery is right: campaigns of cases with known answers. `python tests/campaigns/discovery_campaign.py`.
 
-Prints for each kind of case the rates that docs/discovery.md quotes, the reliability of the probabilities, and what map
+Prints for each kind of case the rates that docs/rates.md quotes, the reliability of the probabilities, and what map
 of log odds would make them exact. Each case depends on the seed and its own number only.
 """
 

@@ -1,7 +1,7 @@
-"""How often is discovery right? The tables of docs/discovery.md, from the lines that are committed (results/counted).
+"""How often is discovery right? The tables of docs/rates.md, from the lines that are committed (results/counted).
 
     python -m tests.campaigns.rates              print them
-    python -m tests.campaigns.rates --write      put them into docs/discovery.md, between its two marks
+    python -m tests.campaigns.rates --write      put them into docs/rates.md, between its two marks
 
 The worst comes first. A figure that is short of its count, or of its bound, says so. The bounds are those that were set
 before anything was counted. A test holds the page against the lines.
@@ -24,7 +24,7 @@ from tests.campaigns.truth import SAME
 
 __all__ = ["page", "tables"]
 
-PAGE = ROOT / "docs" / "discovery.md"
+PAGE = ROOT / "docs" / "rates.md"
 BEGIN, END = "<!-- counted (python -m tests.campaigns.rates --write) -->", "<!-- end of what is counted -->"
 NOISES = {
     "white": "white",
@@ -356,7 +356,7 @@ def page(text: str) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.campaigns.rates", description=__doc__.partition("\n")[0])
-    parser.add_argument("--write", action="store_true", help="put them into docs/discovery.md")
+    parser.add_argument("--write", action="store_true", help="put them into docs/rates.md")
     if parser.parse_args().write:
         PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
     else:

@@ -1,4 +1,4 @@
-"""The rates that docs/discovery.md gives are those of the lines that are committed."""
+"""The rates that docs/rates.md gives are those of the lines that are committed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The campaigns of docs/discovery.md in a short form: five cases of each family, on a seed of their own.
+"""The campaigns of docs/rates.md in a short form: five cases of each family, on a seed of their own.
 
 Whole, they run for hours (docs/campaigns.md); here a family that has broken shows. Five cases cannot show a rate: a
 family may miss one of them, and no answer may be wrong above 0.9.

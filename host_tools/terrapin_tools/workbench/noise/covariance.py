@@ -137,7 +137,7 @@ class Node:
 
 
 def _nodes() -> tuple[Node, ...]:
-    """By hand: independent rows and runs are the likeliest; the rates by family of noise in docs/discovery.md are what
+    """By hand: independent rows and runs are the likeliest; the rates by family of noise in docs/rates.md are what
     comes of it. Correlations above 0.9 are those of fast loggers."""
     correlated = {(0.5, 0.6): 0.1, (0.5, 0.9): 0.1, (1.0, 0.3): 0.1, (1.0, 0.6): 0.1, (1.0, 0.8): 0.1}
     slow = {(1.0, 0.92): 0.08, (1.0, 0.98): 0.06}
