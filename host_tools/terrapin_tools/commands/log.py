@@ -20,9 +20,10 @@ if TYPE_CHECKING:
 
 __all__ = ["SUBCOMMANDS"]
 
-LogFile = Annotated[Path, typer.Argument(metavar="LOG", help=".log .blf .asc .trc .mf4 .mcap .parquet, or a run's")]
+LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="of any kind (docs/logs.md), or a run's")]
 Dbc = Annotated[
-    Path | None, typer.Option("--dbc", help="names and scales of signals; default: terrapin.dbc beside the log")
+    Path | None,
+    typer.Option("--dbc", help="DBC, ARXML, KCD or SYM; default: terrapin.dbc beside the log"),
 ]
 
 FLUSH = 0.5  # s between flushes of a recording: what a kill -9 may cost
@@ -71,7 +72,8 @@ def info(
     with bar("reading", reader.size) as shown:
         for block in reader.blocks(lambda done: shown(completed=done)):
             summary.take(_taken(block, node))
-    answer = {"log": str(reader.path), "bytes": reader.size, "cut": reader.cut, "lost": reader.lost, **summary.answer()}
+    answer = {"log": str(reader.path), "bytes": reader.size, "cut": reader.cut, "lost": reader.lost}
+    answer |= {"assumed": reader.assumed, "buses": reader.buses, **summary.answer()}
     deliver(answer, describe(answer), json)
 
 

@@ -14,8 +14,8 @@ import can
 from terrapin_hil.links.names import BIT_RATE, LinkName
 from terrapin_hil.links.pythoncan import opened
 from terrapin_tools.errors import UserError
+from terrapin_tools.logs.formats.source import message_flags
 from terrapin_tools.logs.frames import Frames, frames
-from terrapin_tools.logs.reading import message_flags
 from terrapin_tools.logs.slcan import SlcanBus
 
 __all__ = ["ListenedBus", "PythonCanBus", "open_bus"]

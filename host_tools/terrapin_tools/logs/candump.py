@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from terrapin_hil.telemetry import decode
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, frames, joined
 
-__all__ = ["blocks", "line", "lines", "read", "telemetry"]
+__all__ = ["Form", "blocks", "line", "lines", "read", "telemetry"]
 
 
 BLOCK = 4 << 20  # bytes of text taken at once
@@ -38,7 +39,45 @@ _SCREEN = re.compile(
     rb"\[(\d+)\]((?:[ \t]+[0-9A-Fa-f]{2})*)(?:[ \t]+(remote request|ERRORFRAME))?[ \t]*(?:'.*')?[ \t\r]*$",
     re.MULTILINE,
 )
+# Of -td (between frames) and -tz (from the first frame on); -ta has ten digits.
+_SHORT = re.compile(rb"^[ \t]*\((\d{3,9}\.\d{6})\)", re.MULTILINE)
+_EXPLAINED = re.compile(rb"^\t[ \t]*[a-z][^\r\n]*(?=\r?$)", re.MULTILINE)  # of an error frame, by candump -e
+STEPS_BACK = 0.1  # share of short stamps that do not rise: from it on they are times between frames
 _ERROR_FRAME = 0x2000_0000  # as the kernel marks them, in an identifier of 8 digits
+
+
+@dataclass
+class Form:
+    """How a log is written: found at its beginning, and told. `bus` numbers the buses by name."""
+
+    bus: Callable[[str], int] = lambda _: 0
+    assumed: list[str] = field(default_factory=list)
+    untimed: bool = False
+    delta: bool | None = None  # times between frames (candump -td)
+    time: float = 0.0  # so far [s], of times between frames
+
+    def look(self, text: bytes) -> None:
+        """At the first block. On one bus, two frames cannot have the same time, and only mishaps let one step back: if
+        many do, the stamps are the times between frames."""
+        stamps = [float(stamp) for stamp in _SHORT.findall(text)]
+        steps = np.diff(stamps)
+        short = len(stamps) > 1 and len(stamps) == text.count(b"(")
+        self.delta = short and bool((steps <= 0).mean() >= STEPS_BACK)
+        if self.delta:
+            self.assumed.append("times are those between frames (candump -td): summed")
+
+    def tell(self, what: str) -> None:
+        """Once."""
+        if what not in self.assumed:
+            self.assumed.append(what)
+
+    def summed(self, block: Frames) -> Frames:
+        """Times from the first frame on."""
+        if not self.delta or not len(block):
+            return block
+        times = self.time + np.cumsum(block.times)
+        self.time = float(times[-1])
+        return replace(block, times=times)
 
 
 def line(time: float, identifier: int, data: bytes, channel: str = "can0", flags: int = 0) -> str:
@@ -69,12 +108,13 @@ def _there(records: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
     return np.concatenate(places, axis=1)
 
 
-def blocks(path: Path, told: Callable[[int], None] = lambda _: None) -> Iterator[Frames]:
+def blocks(path: Path, told: Callable[[int], None] = lambda _: None, form: Form | None = None) -> Iterator[Frames]:
     """All frames of a log, some ten thousand at a time; `told` gets the bytes read so far.
 
     A last line without its end is one that a crash cut off and is left out. UserError names file and line of what is
-    no candump text.
+    no candump text. `form` gets how it is written.
     """
+    form = form or Form()
     number, done, rest = 1, 0, b""
     with path.open("rb") as file:
         while piece := file.read(BLOCK):
@@ -85,20 +125,23 @@ def blocks(path: Path, told: Callable[[int], None] = lambda _: None) -> Iterator
                 raise _no_candump(path, number, text)
             text, rest = text[:end], text[end:]
             if end:
-                yield _parse(path, text, number)
+                if form.delta is None:
+                    form.look(text)
+                yield form.summed(_parse(path, text, number, form))
             number += text.count(b"\n")
             told(done)
 
 
-def _parse(path: Path, text: bytes, first: int) -> Frames:
+def _parse(path: Path, text: bytes, first: int, form: Form) -> Frames:
+    text = _EXPLAINED.sub(b"", text)
     if _SCREEN.match(text.lstrip(b"\r\n")):
-        text = _as_log(path, text, first)
+        text = _as_log(path, text, first, form)
     rows = _LINE.findall(text)
     if len(rows) != text.count(b"\n"):  # empty lines, or something else
         for number, row in enumerate(text.split(b"\n"), first):
             if row.strip() and not _LINE.fullmatch(row):
                 raise _no_candump(path, number, row)
-    times, _, names, remote, fd, body, sent = zip(*rows, strict=True) if rows else ((),) * 7
+    times, channels, names, remote, fd, body, sent = zip(*rows, strict=True) if rows else ((),) * 7
     if not any(fd):
         long = next((i for i, hexes in enumerate(body) if len(hexes) > 16), None)
         if long is not None:
@@ -113,10 +156,12 @@ def _parse(path: Path, text: bytes, first: int) -> Frames:
             flags[i] = flags[i] & ~EXTENDED | ERROR
             identifiers[i] = identifier & ~_ERROR_FRAME
     stamps = np.array(times, dtype="S").astype(np.float64) if times else np.zeros(0)
-    return frames(path, stamps, identifiers, [bytes.fromhex(hexes.decode()) for hexes in body], flags)
+    numbers = {channel: form.bus(channel.decode("utf-8", "replace")) for channel in dict.fromkeys(channels)}
+    payloads = [bytes.fromhex(hexes.decode()) for hexes in body]
+    return frames(path, stamps, identifiers, payloads, flags, [numbers[channel] for channel in channels])
 
 
-def _as_log(path: Path, text: bytes, first: int) -> bytes:
+def _as_log(path: Path, text: bytes, first: int, form: Form) -> bytes:
     """Lines of a screen as candump -l writes them, line by line. Without stamps all times are 0; dates are of UTC."""
     found = []
     for number, row in enumerate(text.splitlines(), first):
@@ -134,20 +179,24 @@ def _as_log(path: Path, text: bytes, first: int) -> bytes:
             raise _no_candump(path, number, row)
         elif len(length) == 2:  # two digits: CAN FD
             body = b"#0" + body
-        seconds = b"%.6f" % _seconds(path, number, stamp, row)
+        seconds = b"%.6f" % _seconds(path, number, stamp, row, form)
         found.append(b"(%s) %s %s#%s%s" % (seconds, channel, name, body, b" T" if sent == b"T" else b""))
     return b"\n".join([*found, b""])
 
 
-def _seconds(path: Path, number: int, stamp: bytes | None, row: bytes) -> float:
+def _seconds(path: Path, number: int, stamp: bytes | None, row: bytes, form: Form) -> float:
     if stamp is None:
+        form.untimed = True
+        form.tell("found no time stamps (candump without -t): all times are 0")
         return 0.0
     try:
         return float(stamp)
     except ValueError:
         pass
     try:
-        return datetime.fromisoformat(stamp.decode()).replace(tzinfo=UTC).timestamp()
+        seconds = datetime.fromisoformat(stamp.decode()).replace(tzinfo=UTC).timestamp()
+        form.tell("dates are taken as those of UTC")
+        return seconds
     except ValueError:
         raise _no_candump(path, number, row) from None
 

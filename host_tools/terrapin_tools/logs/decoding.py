@@ -1,4 +1,4 @@
-"""Frames to signals by any DBC, whole arrays at a time.
+"""Frames to signals by any description that cantools reads (DBC, ARXML, KCD, SYM), whole arrays at a time.
 
 decoder = Decoder(Path("terrapin.dbc"))
 decoder.decode(frames)["GROUND"].signals["torque"]      physical values, one a frame
@@ -21,6 +21,9 @@ from terrapin_tools.logs.frames import EXTENDED, Frames
 __all__ = ["Decoded", "Decoder"]
 
 
+EXPECTED = "a DBC file (or ARXML, KCD, SYM)"
+
+
 @dataclass(frozen=True)
 class Decoded:
     """Frames of one message. Signals that a frame does not carry (multiplexed, cut short) are NaN there."""
@@ -31,7 +34,7 @@ class Decoded:
 
 
 class Decoder:
-    """A DBC. UserError when it is none. `wanted` limits the messages."""
+    """A description of a bus: DBC, ARXML, KCD or SYM. UserError when it is none. `wanted` limits the messages."""
 
     def __init__(self, dbc: Path, wanted: Collection[str] = ()) -> None:
         import cantools
@@ -39,11 +42,12 @@ class Decoder:
         if not dbc.is_file():
             raise UserError(f"{dbc}: no such file")
         try:
-            database: Any = cantools.database.load_file(dbc)
-        except (cantools.Error, UnicodeDecodeError, ValueError) as error:
-            raise UserError(f"{dbc.name}: {str(error).splitlines()[0]}, expected a DBC file") from None
+            database: Any = _load(dbc)
+        except (cantools.Error, SyntaxError, LookupError, ValueError, TypeError, AttributeError) as error:
+            reason = next(iter(str(error).splitlines()), "") or type(error).__name__
+            raise UserError(f"{dbc.name}: {reason[:200]}, expected {EXPECTED}") from None
         if not hasattr(database, "messages"):
-            raise UserError(f"{dbc.name}: describes no CAN messages, expected a DBC file")
+            raise UserError(f"{dbc.name}: describes no CAN messages, expected {EXPECTED}")
         self.path = dbc
         self.messages = {
             (m.frame_id, bool(m.is_extended_frame)): m for m in database.messages if not wanted or m.name in wanted
@@ -68,17 +72,36 @@ class Decoder:
         return found
 
 
+def _load(path: Path) -> Any:
+    """cantools' database; its strict check refuses signals that overlap or leave their message, as some that are in use
+    do: they are decoded all the same."""
+    import cantools
+
+    try:
+        return cantools.database.load_file(path)
+    except cantools.Error:
+        return cantools.database.load_file(path, strict=False)
+
+
 def _signals(message: Any, data: npt.NDArray[np.uint8], lengths: Index) -> Iterator[tuple[str, Array]]:
-    raw: dict[str, npt.NDArray[Any]] = {}
-    for signal in sorted(message.signals, key=lambda s: not s.is_multiplexer):
-        values, last = _raw(signal, data)
-        raw[signal.name] = values
+    named = {signal.name: signal for signal in message.signals}
+    found: dict[str, tuple[npt.NDArray[Any], npt.NDArray[np.bool_]]] = {}
+
+    def raw(signal: Any, depth: int = 0) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_]]:
+        """Raw values, and where there are none. With extended multiplexing the selector may be selected itself."""
+        if signal.name not in found:
+            values, last = _raw(signal, data)
+            absent = lengths <= last
+            selector = named.get(signal.multiplexer_signal)
+            if signal.multiplexer_ids is not None and selector is not None and depth < len(named):
+                chosen, missing = raw(selector, depth + 1)
+                absent = absent | missing | ~np.isin(chosen, list(signal.multiplexer_ids))
+            found[signal.name] = values, absent
+        return found[signal.name]
+
+    for signal in message.signals:
+        values, absent = raw(signal)
         physical = values.astype(np.float64) * float(signal.scale) + float(signal.offset)
-        absent = lengths <= last
-        if signal.multiplexer_ids is not None:
-            selector = raw.get(signal.multiplexer_signal)
-            if selector is not None:
-                absent = absent | ~np.isin(selector, list(signal.multiplexer_ids))
         physical[absent] = np.nan
         yield signal.name, physical
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,11 @@ class Frames:
     lengths: Index
     data: npt.NDArray[np.uint8]  # (frames, 8 or 64)
     flags: npt.NDArray[np.uint8]
+    bus: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))  # number of the bus; default: 0
+
+    def __post_init__(self) -> None:
+        if len(self.bus) != len(self.times):
+            object.__setattr__(self, "bus", np.zeros(len(self.times), np.uint8))
 
     def __len__(self) -> int:
         return len(self.times)
@@ -43,6 +48,7 @@ class Frames:
             self.lengths[chosen],
             self.data[chosen],
             self.flags[chosen],
+            self.bus[chosen],
         )
 
     @property
@@ -61,6 +67,7 @@ def frames(
     identifiers: Sequence[int],
     payloads: Sequence[bytes],
     flags: Sequence[int],
+    bus: Sequence[int] = (),
 ) -> Frames:
     """Frames from lists."""
     width = 8 if all(len(payload) <= 8 for payload in payloads) else 64
@@ -72,6 +79,7 @@ def frames(
         np.array([len(payload) for payload in payloads], dtype=np.int64),
         data,
         np.array(flags, dtype=np.uint8),
+        np.array(bus, dtype=np.uint8),
     )
 
 
@@ -87,6 +95,7 @@ def joined(path: Path, parts: Sequence[Frames]) -> Frames:
         np.concatenate([part.lengths for part in parts]),
         np.concatenate([np.pad(part.data, ((0, 0), (0, width - part.data.shape[1]))) for part in parts]),
         np.concatenate([part.flags for part in parts]),
+        np.concatenate([part.bus for part in parts]),
     )
 
 

@@ -16,14 +16,17 @@ GAP = 20.0  # times a message's usual period: so long a silence is told
 FEW = 5  # frames of a message from which it has a usual period
 
 
+_Name = tuple[int, bool, int]  # identifier, whether of 29 bits, number of the bus
+
+
 class Summary:
     """Counts, rates, error frames, gaps and steps back in time."""
 
     def __init__(self, decoder: Decoder | None) -> None:
         self._names = {key: str(m.name) for key, m in decoder.messages.items()} if decoder else {}
-        self._count: dict[tuple[int, bool], int] = {}
-        self._span: dict[tuple[int, bool], tuple[float, float]] = {}
-        self._longest: dict[tuple[int, bool], tuple[float, float]] = {}  # silence, when it began
+        self._count: dict[_Name, int] = {}
+        self._span: dict[_Name, tuple[float, float]] = {}
+        self._longest: dict[_Name, tuple[float, float]] = {}  # silence, when it began
         self._total = self._errors = self._remote = self._back = 0
         self._first = self._last = self._latest = 0.0
 
@@ -41,9 +44,9 @@ class Summary:
         self._errors += int((block.flags & ERROR != 0).sum())
         self._remote += int((block.flags & REMOTE != 0).sum())
         data = block.data_frames
-        keys = data.identifiers * 2 + (data.flags & EXTENDED)
+        keys = (data.identifiers * 2 + (data.flags & EXTENDED)) * 256 + data.bus
         for key in np.unique(keys):
-            name = (int(key) // 2, bool(key % 2))
+            name = (int(key) // 512, bool(key // 256 % 2), int(key) % 256)
             times = data.times[keys == key]
             begin, end = self._span.get(name, (float(times[0]), float(times[0])))
             steps = np.diff(np.concatenate([[end], times]))
@@ -67,7 +70,8 @@ class Summary:
                 {
                     "id": name[0],
                     "extended": name[1],
-                    "name": self._names.get(name),
+                    "name": self._names.get(name[:2]),
+                    "bus": name[2],
                     "frames": count,
                     "period": period,
                     "gap": {"begin": at, "seconds": silence} if gap else None,
@@ -91,11 +95,13 @@ def describe(answer: Mapping[str, Any]) -> str:
     rows = [f"{answer['log']}: {answer['frames']} frames in {seconds:.6g} s{rate}, {answer['bytes'] / 1e6:.3g} MB"]
     if answer["cut"]:
         rows.append(f"  read up to where it was cut off: {answer['cut']}")
-    if answer["lost"]:
-        rows.append(f"  {answer['lost']}")
+    rows += [f"  {text}" for text in (answer["lost"], *answer["assumed"]) if text]
+    buses = answer["buses"] if len(answer["buses"]) > 1 else []
+    if buses:
+        rows.append(f"  buses: {', '.join(buses)}")
     for key, text in (("error_frames", "error frames"), ("remote_frames", "remote frames")):
         if answer[key]:
-            rows.append(f"  {answer[key]} {text}")
+            rows.append(f"  {answer[key]} {text if answer[key] > 1 else text.removesuffix('s')}")
     if answer["steps_back"]:
         rows.append(f"  {answer['steps_back']} frames with a time before the frame before them")
     for message in answer["messages"]:
@@ -103,5 +109,6 @@ def describe(answer: Mapping[str, Any]) -> str:
         period = f"every {message['period'] * 1e3:.4g} ms" if message["period"] is not None else "once"
         gap = message["gap"]
         silent = f"   silent for {gap['seconds']:.3g} s from {gap['begin']:.3f} s on" if gap else ""
-        rows.append(f"  {name:>8}  {message['name'] or '':<18} {message['frames']:>9}  {period}{silent}")
+        bus = f"  {buses[message['bus']]:<6}" if buses else ""
+        rows.append(f"{bus}  {name:>8}  {message['name'] or '':<18} {message['frames']:>9}  {period}{silent}")
     return "\n".join(rows)

@@ -54,7 +54,7 @@ def _record(width: int) -> np.dtype[Any]:
 def _samples(frames: Frames, width: int) -> npt.NDArray[Any]:
     samples = np.zeros(len(frames), dtype=_kind(width))
     for name, values in {
-        "BusChannel": 1,
+        "BusChannel": 1 + frames.bus,
         "ID": frames.identifiers,
         "IDE": (frames.flags & EXTENDED) != 0,
         "DLC": np.searchsorted(_FD_LENGTHS, frames.lengths),

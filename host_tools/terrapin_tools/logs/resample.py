@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,14 +19,19 @@ DISORDER = 1.0  # s by which frames of several channels may be out of order
 MOST_ROWS = 1e7  # that a log may give
 
 
-def signals_on_grid(path: Path, decoder: Decoder, period: float, needed: Collection[str] = ()) -> dict[str, Array]:
+def signals_on_grid(
+    path: Path, decoder: Decoder, period: float, needed: Collection[str] = (), notes: list[str] | None = None
+) -> dict[str, Array]:
     """`time` and every MESSAGE.SIGNAL of the log at 0, period, 2 period ... [s] from the first known frame on.
 
-    Rows before the first in which all `needed` signals have come are dropped; other signals are NaN until they come.
-    UserError when times run backwards, when the DBC knows no frame, or when the grid had too many rows.
+    A message that came on several buses gives BUS:MESSAGE.SIGNAL for each. Rows before the first in which all `needed`
+    signals have come are dropped; other signals are NaN until they come. `notes` gets what the reader tells.
+
+    UserError when times run backwards or there are none, when the DBC knows no frame, when it is open which bus is
+    needed, or when the grid had too many rows.
     """
-    times: dict[str, list[Array]] = {}
-    values: dict[str, list[Array]] = {}
+    times: dict[tuple[int, str], list[Array]] = {}
+    values: dict[tuple[int, str], list[Array]] = {}
     latest, row = -np.inf, 0
     log = LogReader(path)
     for block in log.blocks():
@@ -39,12 +44,20 @@ def signals_on_grid(path: Path, decoder: Decoder, period: float, needed: Collect
             raise UserError(f"{place}: {found}, expected times that rise")
         latest, row = float(running[-1]), row + len(block)
         for message, table in decoder.decode(block).items():
-            for name, column in table.signals.items():
-                there = ~np.isnan(column)
-                times.setdefault(f"{message}.{name}", []).append(table.times[there])
-                values.setdefault(f"{message}.{name}", []).append(column[there])
-    stamps = {name: np.concatenate(parts) for name, parts in times.items()}
-    stamps = {name: stamp for name, stamp in stamps.items() if stamp.size}
+            buses = block.bus[table.rows]
+            for number in np.unique(buses).tolist():
+                for name, column in table.signals.items():
+                    there = (buses == number) & ~np.isnan(column)
+                    times.setdefault((number, f"{message}.{name}"), []).append(table.times[there])
+                    values.setdefault((number, f"{message}.{name}"), []).append(column[there])
+    if notes is not None:
+        notes += [text for text in (log.lost, log.cut and f"read up to where it was cut off: {log.cut}") if text]
+        notes += log.assumed
+    if not log.timed and len(times):
+        raise UserError(f"{path.name}: found no time stamps, expected a log with them (candump -ta, or -l)")
+    whole = {key: np.concatenate(parts) for key, parts in times.items()}
+    names = _names([key for key, stamp in whole.items() if stamp.size], log.buses, needed, path)
+    stamps = {name: whole[key] for name, key in names.items()}
     if not stamps:
         raise UserError(f"{path.name}: found no frame that the DBC knows")
     first = min(float(stamp.min()) for stamp in stamps.values())
@@ -60,10 +73,30 @@ def signals_on_grid(path: Path, decoder: Decoder, period: float, needed: Collect
     start = 0.0
     for name, raw in stamps.items():
         order = np.argsort(raw, kind="stable")
-        stamp, column = raw[order] - first, np.concatenate(values[name])[order]
+        stamp, column = raw[order] - first, np.concatenate(values[names[name]])[order]
         index = np.searchsorted(stamp, grid + 1e-9 * period, side="right") - 1
         columns[name] = np.where(index >= 0, column[np.maximum(index, 0)], np.nan)
         if name in needed:
             start = max(start, float(stamp[0]))
     keep = grid + 1e-9 * period >= start
     return {"time": grid[keep], **{name: column[keep] for name, column in columns.items()}}
+
+
+def _names(
+    keys: Collection[tuple[int, str]], buses: Sequence[str], needed: Collection[str], path: Path
+) -> dict[str, tuple[int, str]]:
+    """Columns' names: the bus stands before what came on several."""
+    on: dict[str, list[int]] = {}
+    for number, name in keys:
+        on.setdefault(name, []).append(number)
+    for name, numbers in on.items():
+        if len(numbers) > 1 and name in needed:
+            raise UserError(
+                f"{path.name}: column {name}: found it on the buses {' and '.join(buses[i] for i in sorted(numbers))}, "
+                f"expected one of them: {buses[min(numbers)]}:{name}"
+            )
+    return {
+        f"{buses[number]}:{name}" if len(numbers) > 1 else name: (number, name)
+        for name, numbers in on.items()
+        for number in numbers
+    }

@@ -21,9 +21,9 @@ import numpy as np
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.candump import line
 from terrapin_tools.logs.decoding import Decoder
+from terrapin_tools.logs.formats.mcap import RAW_TOPIC
 from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, writing
 from terrapin_tools.logs.mf4 import GrowingMf4, WholeMf4
-from terrapin_tools.logs.reading import RAW_TOPIC
 
 __all__ = ["GROWING", "WRITABLE", "LogWriter"]
 
@@ -91,9 +91,9 @@ class _Candump:
         self._file = path.open("w", encoding="ascii")
 
     def write(self, frames: Frames) -> None:
-        columns = (frames.times.tolist(), frames.identifiers.tolist(), frames.flags.tolist())
+        columns = (frames.times.tolist(), frames.identifiers.tolist(), frames.bus.tolist(), frames.flags.tolist())
         rows = enumerate(zip(*columns, strict=True))
-        self._file.writelines(line(t, i, frames.payload(row), flags=f) + "\n" for row, (t, i, f) in rows)
+        self._file.writelines(line(t, i, frames.payload(row), f"can{b}", f) + "\n" for row, (t, i, b, f) in rows)
 
     def flush(self) -> None:
         self._file.flush()
@@ -128,7 +128,7 @@ class _PythonCan:
                     is_error_frame=bool(flags & ERROR),
                     is_fd=bool(flags & FD),
                     is_rx=not flags & SENT,
-                    channel=0,
+                    channel=int(frames.bus[row]),
                     data=b"" if flags & REMOTE else frames.payload(row),
                 )
             )
@@ -154,6 +154,7 @@ _RAW_SCHEMA = {
         "id": {"type": "integer"},
         "flags": {"type": "integer", "description": "1 extended, 2 remote, 4 error, 8 CAN FD, 16 sent"},
         "data": {"type": "string", "contentEncoding": "base64"},
+        "bus": {"type": "integer", "description": "number of the bus; 0 where it is not given"},
     },
 }
 
@@ -197,6 +198,8 @@ class _Mcap:
         for row, time in enumerate(frames.times.tolist()):
             raw = base64.b64encode(frames.payload(row)).decode()
             value = {"id": int(frames.identifiers[row]), "flags": int(frames.flags[row]), "data": raw}
+            if frames.bus[row]:
+                value["bus"] = int(frames.bus[row])
             self._put(self._raw, time, value)
             found = decoded[row]
             if found is not None:
@@ -229,13 +232,14 @@ class _Parquet:
                 ("id", pyarrow.uint32()),
                 ("data", pyarrow.binary()),
                 ("flags", pyarrow.uint8()),
+                ("bus", pyarrow.uint8()),
             ]
         )
         self._writer = pyarrow.parquet.ParquetWriter(path, self._schema)
 
     def write(self, frames: Frames) -> None:
         payloads = [frames.payload(row) for row in range(len(frames))]
-        columns = [frames.times, frames.identifiers.astype(np.uint32), payloads, frames.flags]
+        columns = [frames.times, frames.identifiers.astype(np.uint32), payloads, frames.flags, frames.bus]
         arrays = [self._arrow.array(c, type=f.type) for c, f in zip(columns, self._schema, strict=True)]
         self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema))
 

@@ -17,17 +17,18 @@ from terrapin_hil import paths
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.decoding import Decoder
 from terrapin_tools.logs.info import Summary
-from terrapin_tools.logs.reading import LogReader
+from terrapin_tools.logs.reading import READABLE, LogReader, is_log
 from terrapin_tools.progress import bar
 from terrapin_tools.web.cases.clock import Clock
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.streamed_tables import stream
-from terrapin_tools.workbench.files.tables import LOG_SUFFIXES, Table
+from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.new_case.from_tables import guess_base, guess_columns, guess_run, split_unit
 
 __all__ = ["SUFFIXES", "look"]
 
-SUFFIXES = (".csv", ".parquet", ".dbc", *LOG_SUFFIXES)
+DESCRIPTIONS = (".dbc", ".arxml", ".kcd", ".sym")
+SUFFIXES = tuple(dict.fromkeys((".csv", ".parquet", *DESCRIPTIONS, *READABLE)))
 SHOWN = 8  # cells of a column
 MAX_COLUMNS = 1000
 
@@ -38,9 +39,9 @@ def look(file: str, dbc: str) -> dict[str, Any]:
     suffix = path.suffix.lower()
     if path.stat().st_size == 0:
         raise UserError(f"{path.name}: found no bytes, expected measurements")
-    if suffix == ".dbc":
+    if suffix in DESCRIPTIONS:
         return _look_dbc(path)
-    if suffix in LOG_SUFFIXES:
+    if is_log(path):
         return _look_log(path, Path(dbc) if dbc else paths.dbc())
     return _look_table(path, suffix[1:])
 
@@ -218,7 +219,7 @@ def _look_log(path: Path, dbc: Path) -> dict[str, Any]:
         raise UserError(f"{path.name}: found no frame, expected a bus log")
     if not known:
         raise UserError(f"{path.name}: found no frame that {dbc.name} knows, expected the DBC of this bus")
-    warnings = _log_warnings(answer, log.cut, known, dbc)
+    warnings = _log_warnings(answer, log, known, dbc)
     spelt = {f"{name} [{_spelt(unit_of, name)}]": name for name in gathered.names}
     guesses = {spelt[guess.column]: guess for guess in guess_columns(list(spelt))}
     found = _answer("log", answer["frames"], [], gathered, None, [])
@@ -234,10 +235,10 @@ def _spelt(unit_of: dict[str, dict[str, str]], name: str) -> str:
     return unit if _is_unit(unit) else "1"
 
 
-def _log_warnings(answer: dict[str, Any], cut: str, known: int, dbc: Path) -> list[str]:
-    warnings = []
-    if cut:
-        warnings.append(f"read up to where it was cut off: {cut}")
+def _log_warnings(answer: dict[str, Any], log: LogReader, known: int, dbc: Path) -> list[str]:
+    warnings = [text for text in (log.lost, *log.assumed) if text]
+    if log.cut:
+        warnings.append(f"read up to where it was cut off: {log.cut}")
     if known < 0.9 * answer["frames"]:
         share = 100.0 * known / answer["frames"]
         warnings.append(f"{dbc.name} knows {share:.0f} % of the frames: is it the DBC of this bus?")

@@ -40,7 +40,8 @@ DBC_SECONDS = 10.0  # a description of a bus, whatever its size: what takes long
 SMALL = 8 << 20  # bytes; files above it wait for each other, and others do not wait for them
 MOST = 1000  # uploads that are kept
 EVERY = 0.25  # s between events of progress
-SUFFIXES = (".csv", ".parquet", ".dbc", ".log", ".blf", ".asc", ".mf4", ".mcap")
+DESCRIPTIONS = (".dbc", ".arxml", ".kcd", ".sym")
+SUFFIXES = (".csv", ".parquet", *DESCRIPTIONS, ".log", ".blf", ".asc", ".trc", ".txt", ".db", ".mf4", ".mcap")
 
 Identifier = Annotated[str, StringConstraints(pattern="^[0-9a-f]{12}$")]
 Typed = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]*$", max_length=2000)]
@@ -244,7 +245,7 @@ async def _look(
 ) -> dict[str, Any]:
     """What is in the file, read in a process of its own and cut off when that takes too long."""
     size = file.stat().st_size
-    seconds = DBC_SECONDS if file.suffix == ".dbc" else LOOK_SECONDS + size / LOOK_PACE
+    seconds = DBC_SECONDS if file.suffix in DESCRIPTIONS else LOOK_SECONDS + size / LOOK_PACE
     kind: Kind = "read" if size <= SMALL else "read large"
     call = context.warm.call(
         "terrapin_tools.web.cases.preview:look", str(file), bus, seconds=seconds, told=told, kind=kind

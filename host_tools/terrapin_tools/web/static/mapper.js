@@ -3,7 +3,7 @@
 import { lineOf } from './app.js';
 import { MapForm } from './map_form.js';
 
-const KINDS = '.csv,.parquet,.dbc,.log,.blf,.asc,.mf4,.mcap';
+const KINDS = '.csv,.parquet,.dbc,.arxml,.kcd,.sym,.log,.blf,.asc,.trc,.txt,.db,.mf4,.mcap';
 const KEEP_MS = 300; // after the last key, before what is typed is kept
 
 export class Mapper {

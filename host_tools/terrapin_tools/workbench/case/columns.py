@@ -15,6 +15,7 @@ from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_hil.physics.expression import Expression, parse
 from terrapin_hil.physics.mechanics import ROLES as MECHANICS
 from terrapin_tools.errors import UserError
+from terrapin_tools.logs.reading import is_log
 from terrapin_tools.workbench.bases import CHANNELS, ROLES, Base
 from terrapin_tools.workbench.case.changes import MENDS
 from terrapin_tools.workbench.case.groups import Groups, group_columns, membership, read_groups
@@ -22,7 +23,7 @@ from terrapin_tools.workbench.case.intake import Mapped, assumed, converted, gap
 from terrapin_tools.workbench.case.mechanics import is_of, role_of_unit
 from terrapin_tools.workbench.case.mends import earlier, mended, read_mend, told_mends
 from terrapin_tools.workbench.files import units
-from terrapin_tools.workbench.files.tables import LOG_SUFFIXES, Table, read
+from terrapin_tools.workbench.files.tables import Table, read
 from terrapin_tools.workbench.files.toml_tables import Tables
 
 __all__ = ["Measurements", "mapped_column", "read_formulas", "read_measurements", "run_of_rows", "split_runs"]
@@ -230,7 +231,7 @@ def _read_files(folder: Path, tables: Tables, files: list[str], mapped: list[Map
     for name, place in zip(files, places, strict=True):
         if places.count(place) > 1:
             raise tables.complain(f"found {name!r} under two names, expected each file once", "data", "files")
-    if any(Path(name).suffix.lower() in LOG_SUFFIXES for name in files):
+    if any(is_log(place) for place in map(Path, places)):
         dbc = folder / tables.text("data", "dbc")
         period = tables.number("s", "data", "period")
         if period <= 0:
@@ -244,7 +245,7 @@ def run_of_rows(tables: Tables, loaded: list[Table], column: str) -> list[str]:
     """The run of each row: of the column, or (without one, or of a log) the file's name."""
     names: list[str] = []
     for table in loaded:
-        if table.path.suffix.lower() in LOG_SUFFIXES or not column:
+        if is_log(table.path) or not column:
             names += [table.path.stem] * table.rows
             continue
         _check_there(tables, table, column, "data", "run")

@@ -15,13 +15,14 @@ import numpy.typing as npt
 
 from terrapin_hil.reading import shorten
 from terrapin_tools.errors import UserError
+from terrapin_tools.logs.reading import is_log
 from terrapin_tools.workbench.files.csv_files import read_csv
 from terrapin_tools.workbench.files.csv_layout import GAPS
 from terrapin_tools.workbench.files.units import LARGEST
 
 __all__ = ["LOG_SUFFIXES", "Table", "read"]
 
-LOG_SUFFIXES = (".log", ".blf", ".asc", ".trc", ".mf4", ".mcap")
+LOG_SUFFIXES = (".log", ".blf", ".asc", ".trc", ".mf4", ".mcap")  # what else may be a log: logs.reading.is_log
 Column = npt.NDArray[Any]  # float64, or str where the file holds text
 
 
@@ -118,14 +119,14 @@ def read(
 def _read(
     path: Path, suffix: str, dbc: Path | None, period: float | None, needed: Collection[str], texts: Collection[str]
 ) -> Table:
+    if is_log(path):
+        if dbc is None or period is None:
+            raise UserError(f"{path.name}: a log needs data.dbc and data.period in case.toml")
+        return _read_log(path, dbc, period, needed)
     if suffix == ".csv":
         return Table(path, *read_csv(path, texts))
     if suffix == ".parquet":
         return _read_parquet(path)
-    if suffix in LOG_SUFFIXES:
-        if dbc is None or period is None:
-            raise UserError(f"{path.name}: a log needs data.dbc and data.period in case.toml")
-        return _read_log(path, dbc, period, needed)
     raise UserError(f"{path.name}: unknown kind of file {suffix!r}, expected .csv .parquet {' '.join(LOG_SUFFIXES)}")
 
 
@@ -156,4 +157,6 @@ def _read_log(path: Path, dbc: Path, period: float, needed: Collection[str]) -> 
 
     if not dbc.is_file():
         raise UserError(f"{dbc}: no such file (data.dbc)")
-    return Table(path, dict(signals_on_grid(path, Decoder(dbc), period, needed)), 0)
+    notes: list[str] = []
+    columns = dict(signals_on_grid(path, Decoder(dbc), period, needed, notes))
+    return Table(path, columns, 0, tuple(notes))

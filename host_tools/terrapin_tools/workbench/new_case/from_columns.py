@@ -15,12 +15,13 @@ import tomlkit
 
 from terrapin_hil import paths
 from terrapin_tools.errors import UserError
+from terrapin_tools.logs.reading import is_log
 from terrapin_tools.progress import step
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.case.changes import inline_tables
 from terrapin_tools.workbench.files.csv_files import LARGE
 from terrapin_tools.workbench.files.streamed_tables import stream
-from terrapin_tools.workbench.files.tables import LOG_SUFFIXES, Table
+from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.writing import write_whole
 from terrapin_tools.workbench.new_case.from_tables import split_unit
 
@@ -37,13 +38,15 @@ def make(folder: str, files: list[str], dbc: str, order: dict[str, Any]) -> dict
     """
     place = Path(folder)
     sources = [Path(file) for file in files]
-    logs = [source for source in sources if source.suffix in LOG_SUFFIXES]
+    logs = [source for source in sources if is_log(source)]
     _check_units(sources)
     _check_size(sources, order["every"])
     names = [_bring(place, source, order["every"], order["run"]) for source in sources]
     if logs:
-        shutil.copyfile(Path(dbc) if dbc else paths.dbc(), place / "bus.dbc")
-    write_whole(place / "case.toml", _document(order, names, bool(logs)))
+        described = Path(dbc) if dbc else paths.dbc()
+        name = f"bus{described.suffix.lower()}"  # by which cantools knows its kind
+        shutil.copyfile(described, place / name)
+    write_whole(place / "case.toml", _document(order, names, name if logs else ""))
     with step("reading the case"):
         case = load_case(place)
     if case.rows > MAX_ROWS:
@@ -61,7 +64,7 @@ def _check_units(sources: list[Path]) -> None:
     """The same quantity has the same unit in all tables."""
     seen: dict[str, tuple[str, str]] = {}
     for source in sources:
-        if source.suffix in LOG_SUFFIXES:
+        if is_log(source):
             continue
         first = next(stream(source))
         for column in first.columns:
@@ -91,7 +94,7 @@ def _check_size(sources: list[Path], every: int) -> None:
 
 def _bring(folder: Path, source: Path, every: int, run: str) -> str:
     """The file's name in the case: a copy, or every n-th row of it."""
-    thin = every > 1 and source.suffix not in LOG_SUFFIXES
+    thin = every > 1 and not is_log(source)
     suffix = THINNED if thin else source.suffix
     name, number = f"{source.stem}{suffix}", 1
     while (folder / name).exists():
@@ -133,7 +136,7 @@ def _values(table: Table, name: str, text: bool) -> npt.NDArray[Any]:
         return table.columns[name]
 
 
-def _document(order: dict[str, Any], files: Iterable[str], log: bool) -> str:
+def _document(order: dict[str, Any], files: Iterable[str], dbc: str) -> str:
     document = tomlkit.document()
     document.add(tomlkit.comment("made by `terrapin case --base`; docs/cases.md says what can stand here"))
     document["case"] = {"title": order["title"]}
@@ -152,8 +155,8 @@ def _document(order: dict[str, Any], files: Iterable[str], log: bool) -> str:
     for key in ("run", "train", "test"):
         if order[key]:
             data[key] = order[key]
-    if log:
-        data["dbc"], data["period"] = "bus.dbc", order["period"]
+    if dbc:
+        data["dbc"], data["period"] = dbc, order["period"]
     data["columns"] = inline_tables(order["columns"])
     document["data"] = data
     return tomlkit.dumps(document)

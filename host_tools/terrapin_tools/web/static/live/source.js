@@ -16,7 +16,7 @@ export class Source {
     this.controller = h('select', { id: 'live-controller', 'aria-label': 'Controller of the simulator' }, h('option', { value: 'inprocess', text: 'in this process' }), h('option', { value: 'pty', text: 'a process, over a pty' }));
     this.node = h('select', { id: 'live-node', 'aria-label': 'Node number of the controller' }, h('option', { value: '', text: 'node of the link' }));
     this.dbc = h('select', { id: 'live-dbc', 'aria-label': 'DBC' });
-    this.file = h('input', { type: 'file', id: 'live-file', hidden: true, accept: '.log,.blf,.asc,.mf4,.mcap,.parquet,.dbc', onchange: () => this.upload() });
+    this.file = h('input', { type: 'file', id: 'live-file', hidden: true, accept: '.log,.blf,.asc,.trc,.csv,.txt,.db,.mf4,.mcap,.parquet,.dbc', onchange: () => this.upload() });
     this.chip = h('span', { class: 'chip small', role: 'status' });
     const open = h('button', { type: 'button', text: 'Open a log or DBC …', onclick: () => { this.file.click(); } });
     this.element = h('div', { class: 'panel live-bar row' },

@@ -1,0 +1,66 @@
+"""MCAP with frames as JSON on the topic /can."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from collections.abc import Iterator
+
+from terrapin_tools.errors import UserError
+from terrapin_tools.logs.formats.source import Source, brief
+from terrapin_tools.logs.frames import Frames
+
+__all__ = ["RAW_TOPIC", "SUFFIXES", "blocks", "recognises"]
+
+SUFFIXES = (".mcap",)
+RAW_TOPIC = "/can"  # frames as they are; one topic more a message, with its signals
+
+
+def recognises(head: bytes) -> bool | None:
+    """The suffix says it."""
+    del head
+    return None
+
+
+def blocks(source: Source) -> Iterator[Frames]:
+    """Frames of the topic."""
+    from mcap.exceptions import McapError
+    from mcap.records import Channel, DataEnd, Message
+    from mcap.stream_reader import StreamReader
+
+    raw: set[int] = set()
+    ended = False
+    with source.path.open("rb") as file:
+        try:
+            for record in StreamReader(file).records:
+                if isinstance(record, Channel) and record.topic == RAW_TOPIC:
+                    raw.add(record.id)
+                elif isinstance(record, Message) and record.channel_id in raw:
+                    value = json.loads(record.data)
+                    data = base64.b64decode(value["data"], validate=True)
+                    bus = str(value.get("bus", ""))
+                    source.add(record.log_time * 1e-9, int(value["id"]), data, int(value["flags"]), bus)
+                elif isinstance(record, DataEnd):
+                    ended = True
+                    break
+                if source.full:
+                    yield source.take()
+                    source.told(file.tell())
+        except (
+            McapError,
+            struct.error,
+            ValueError,
+            KeyError,
+            TypeError,
+            EOFError,
+            OverflowError,
+            MemoryError,
+        ) as error:
+            if not source.total and not raw:
+                raise UserError(f"{source.path}: {brief(error)}, expected an MCAP file") from None
+            source.cut = "the end is missing" if source.total else f"unreadable ({brief(error)})"
+    if not ended and not source.cut:
+        source.cut = "the end is missing"
+    yield source.take()
+    source.told(source.size)
