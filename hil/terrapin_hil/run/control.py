@@ -1,8 +1,8 @@
 """How a command reaches a robot that lives in another process: one line of JSON over a local socket, one back.
 
-server = Control("udp")                # UserError where a robot lives there already
+server = Control("pty:robot")          # UserError where a robot lives there already
 server.descriptor, server.serve(act)   # act(text) -> what was done; its UserError goes back to who asked
-ask("ground = sand", "udp")            # from another process
+ask("ground = sand", "pty:robot")      # from another process
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ from urllib.parse import quote
 
 from terrapin_hil.errors import UserError
 
-__all__ = ["MULTICAST", "Control", "ask", "living"]
+__all__ = ["Control", "ask", "living"]
 
-MULTICAST = "can:udp_multicast:239.74.163.2"  # `udp`: a group of this machine's network, python-can's own choice
 LONGEST = 1 << 16  # bytes of a question or an answer
 PATIENCE = 5.0  # s
 
@@ -36,7 +35,6 @@ def _folder() -> Path:
 
 
 def _path(bus: str) -> Path:
-    bus = MULTICAST if bus == "udp" else bus  # one bus by either name
     return _folder() / f"{quote(bus, safe='')[-20:]}.sock"
 
 

@@ -19,7 +19,6 @@ from terrapin_hil.links.names import LinkName
 from terrapin_hil.links.pythoncan import opened
 from terrapin_hil.links.slcan import slcan_line, slcan_parse
 from terrapin_hil.messages import Frame
-from terrapin_hil.run.control import MULTICAST
 
 __all__ = ["BusPort", "Port", "PtyPort", "open_port"]
 
@@ -95,7 +94,8 @@ class PtyPort:
         if not self._open:
             return
         for frame in frames:
-            self._untaken += not self._write(slcan_line(frame))
+            if not self._write(slcan_line(frame)):
+                self._untaken += 1
         if time.monotonic() - self._moved > DEAF:  # gone without a word: nothing was lost to it
             self._open = False
             self._untaken = 0
@@ -180,13 +180,11 @@ def _first(error: Exception) -> str:
 
 
 def open_port(name: str) -> Port:
-    """`pty`, `pty:PATH` (a link to it), `udp`, `socketcan:CHANNEL` or `can:INTERFACE:CHANNEL`. UserError or LinkError,
+    """`pty`, `pty:PATH` (a link to it), `socketcan:CHANNEL` or `can:INTERFACE:CHANNEL`. UserError or LinkError,
     one line, where it is none of these or does not open."""
     kind, _, rest = name.partition(":")
     if kind == "pty":
         return PtyPort(Path(rest) if rest else None)
-    if kind == "udp" and not rest:
-        return BusPort(LinkName.parse(MULTICAST, "listen"))
     if kind not in ("socketcan", "can"):
-        raise UserError(f"--on {name!r}: expected pty, pty:PATH, udp, socketcan:CHANNEL or can:INTERFACE:CHANNEL")
+        raise UserError(f"--on {name!r}: expected pty, pty:PATH, socketcan:CHANNEL or can:INTERFACE:CHANNEL")
     return BusPort(LinkName.parse(name, "listen"))

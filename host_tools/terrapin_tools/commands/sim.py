@@ -39,7 +39,7 @@ def sim(
     ] = "",
     on: Annotated[
         list[str] | None,
-        typer.Option("--on", metavar="BUS", help="pty, pty:PATH, udp, socketcan:CHANNEL, can:...; several are one bus"),
+        typer.Option("--on", metavar="BUS", help="pty, pty:PATH, socketcan:CHANNEL, can:...; several are one bus"),
     ] = None,
     flash: Annotated[
         Path | None, typer.Option(help="file of the chip's flash, made if absent; kept in memory without it")
@@ -58,7 +58,7 @@ def sim(
 ) -> None:
     """Let a robot live on a bus, in real time, until Ctrl-C. Tools attach and detach as they like.
 
-    Examples: terrapin sim steady_sand --on udp
+    Examples: terrapin sim steady_sand --on pty:robot --on pty:second
 
     terrapin sim --do "ground = sand" --do "voltage = 8 V"
 
