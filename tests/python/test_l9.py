@@ -62,6 +62,30 @@ def test_pure_noise_is_called_significant_as_often_as_stated() -> None:
     assert abs(np.mean(np.array(p) < 0.05) - 0.05) < 0.015  # 3 sd of 2,100 draws
 
 
+def test_left_out_runs() -> None:
+    """Of an additive response without error the others give the same means; a level without runs has none."""
+    steps = [
+        {v: k * (n + 1) for n, v in enumerate(levels)}
+        for k, levels in zip((3.0, 1.0, 0.5), LI_2024.levels, strict=True)
+    ]
+    noise = [0.01, -0.02, 0.0, 0.02, 0.01, -0.01, 0.0, -0.01, 0.01]
+    exact = [sum(step[v] for step, v in zip(steps, run, strict=True)) for run in LI_2024.settings]
+    response = tuple(e + n for e, n in zip(exact, noise, strict=True))
+    whole = analyse(replace(LI_2024, response=response))
+    one = analyse(replace(LI_2024, response=(99.0, *response[1:]), left_out=(0,)))
+    assert [f.range_of_means for f in one.factors] == pytest.approx([f.range_of_means for f in whole.factors], abs=0.05)
+    assert (one.error_degrees, one.order) == (1, whole.order)
+    assert "Left out: run 1, ended by something else." in one.conclusions
+    two = analyse(replace(LI_2024, response=response, left_out=(0, 5)))
+    assert two.error_degrees == 0
+    assert np.isnan([f.f_ratio for f in two.factors]).all()
+    assert two.order == whole.order
+    three = analyse(replace(LI_2024, response=response, left_out=(6, 7, 8)))
+    assert np.isnan(three.factors[0].range_of_means)
+    assert three.order == whole.order[1:]
+    assert "there is no F" in " ".join(three.conclusions) or three.error_degrees == 1
+
+
 def test_what_is_no_l9_is_refused() -> None:
     swapped = list(LI_2024.settings)
     swapped[0], swapped[1] = (8.3, 0.3, 1.25), (8.3, 0.4, 1.0)

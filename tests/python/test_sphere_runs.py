@@ -124,28 +124,37 @@ def test_the_study_says_all_of_it(capsys: pytest.CaptureFixture[str], tmp_path: 
     assert slip_limit.as_json(found)["rows"][1]["shares"]["0.5"] == 1.0
 
 
-def test_heavier_rolls_less_far_and_the_greatest_speed_matters_least() -> None:
-    """The paper's nine runs: all end; the ramp's sign is the paper's at a run-up of 1.4 m."""
+def test_heavier_rolls_less_far_where_the_guard_ends_no_run() -> None:
+    """The paper's nine runs, the mass on the pendulum. Ways and signs: an own integration of the same nine settings."""
     found = l9_runs.nine(1.4, 1.4)
     mass, ramp, speed = found.analysis.factors
-    assert {rolled.ended for rolled in found.runs} <= {"stood", "guard"}
+    ways = [rolled.way for rolled in found.runs]
+    assert ways == pytest.approx([1.183, 1.142, 1.112, 1.337, 1.335, 1.321, 1.391, 1.405, 1.410], abs=2e-3)
+    assert {rolled.ended for rolled in found.runs} == {"stood"}
     assert mass.means[0] < mass.means[1] < mass.means[2]
-    assert ramp.means[0] < ramp.means[2]
-    assert speed.range_of_means < min(mass.range_of_means, ramp.range_of_means)
+    assert ramp.means[0] > ramp.means[2]
+    assert max(speed.range_of_means, ramp.range_of_means) < 0.1 * mass.range_of_means
     words = l9_runs.describe([found])
     assert "1.4 N m 1.4 m" in words
     assert words.count("strongest first") == 2
 
 
-def test_a_faster_ramp_rolls_farther_where_the_motor_can_follow_it() -> None:
-    """Half the paper's accelerations: the sign is the paper's, and the ramp is the strongest factor."""
+def test_runs_that_the_guard_ends_are_no_part_of_effects_and_order() -> None:
+    """Half the paper's accelerations: the ramp's sign is the paper's. The same source."""
     found = l9_runs.nine(1.4, 1.0, 0.5)
     mass, ramp, speed = found.analysis.factors
+    ways = [rolled.way for rolled in found.runs]
+    assert ways == pytest.approx([0.364, 0.565, 0.807, 0.376, 0.640, 0.839, 0.359, 0.673, 0.928], abs=2e-3)
+    assert [rolled.ended == "guard" for rolled in found.runs] == [*[False] * 6, True, True, False]
     assert ramp.means[0] < ramp.means[1] < ramp.means[2]
     assert speed.range_of_means < mass.range_of_means < ramp.range_of_means
+    assert mass.means[0] < mass.means[2]
+    assert np.isnan([f.f_ratio for f in found.analysis.factors]).all()  # seven runs, seven parameters
     slow, fast = (sum(found.runs[i].entered for i in rows) / 3 for rows in ((0, 3, 6), (2, 5, 8)))
     assert fast > 1.1 * slow  # at the edge of the sand
-    assert "1.4 N m 1 m x0.5" in l9_runs.describe([found])
+    words = l9_runs.describe([found])
+    assert "1.4 N m 1 m x0.5" in words
+    assert words.count(" g\n") == 2
 
 
 def test_bad_input_of_the_commands(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -44,11 +44,16 @@ class Design:
     response: tuple[float, ...]  # (9,)
     response_name: str
     levels: tuple[tuple[float, ...], ...] = ()  # of each factor, in the order in which they are numbered; rising if ()
+    left_out: tuple[int, ...] = ()  # runs, from 0, whose response is none: something else ended them
 
 
 @dataclass(frozen=True)
 class FactorAnalysis:
-    """One factor: sums and means of the response at each level, and its variance."""
+    """One factor: sums and means of the response at each level, and its variance.
+
+    Where runs are left out, sums are of the others and means are adjusted for the levels of the other factors; nan
+    where what is left does not determine them.
+    """
 
     name: str
     levels: tuple[float, float, float]
@@ -97,43 +102,48 @@ def analyse(design: Design, level: float = 0.05) -> Analysis:
     response = np.array(design.response, dtype=np.float64)
     settings = np.array(design.settings, dtype=np.float64)
     _check(design, settings, response)
-    grand = float(response.mean())
-    total = float(((response - grand) ** 2).sum())
-    found = []
-    for column, name in enumerate(design.factors):
-        levels = design.levels[column] if design.levels else tuple(sorted(set(settings[:, column].tolist())))
-        groups = [response[settings[:, column] == value] for value in levels]
-        sums = tuple(float(group.sum()) for group in groups)
-        means = tuple(float(group.mean()) for group in groups)
-        squares = float(sum(group.size * (group.mean() - grand) ** 2 for group in groups))
-        found.append((name, levels, sums, means, squares))
-    error = total - sum(entry[4] for entry in found)
-    degrees = 8 - 2 * len(found)
-    if error <= 1e-12 * total:
+    kept = np.array([run not in design.left_out for run in range(9)])
+    response, settings = response[kept], settings[kept]
+    total = float(((response - response.mean()) ** 2).sum()) if response.size else 0.0
+    levels = [
+        tuple(design.levels[column]) if design.levels else tuple(sorted({run[column] for run in design.settings}))
+        for column in range(3)
+    ]
+    blocks = [
+        np.array([[float(run[column] == level) for level in choices] for run in settings]).reshape(-1, 3)
+        for column, choices in enumerate(levels)
+    ]
+    error, rank, effects = _additive(blocks, response)
+    degrees = response.size - rank
+    if degrees > 0 and error <= 1e-12 * total:
         raise ValueError(
             f"response: found an error of {error:g}, expected one to compare with: these are no measurements"
         )
     factors = []
-    for name, levels, sums, means, squares in found:
-        ratio = (squares / 2.0) / (error / degrees)
+    for column, name in enumerate(design.factors):
+        others = blocks[:column] + blocks[column + 1 :]
+        without, rank_without, _ = _additive(others, response)
+        squares, freedom = max(without - error, 0.0), rank - rank_without
+        means = effects[column] if freedom == 2 else np.full(3, np.nan)
+        ratio = (squares / freedom) / (error / degrees) if degrees > 0 and freedom == 2 else math.nan
         factors.append(
             FactorAnalysis(
                 name=name,
-                levels=(levels[0], levels[1], levels[2]),
-                sums=(sums[0], sums[1], sums[2]),
-                means=(means[0], means[1], means[2]),
-                range_of_means=max(means) - min(means),
+                levels=(levels[column][0], levels[column][1], levels[column][2]),
+                sums=_three(blocks[column].T @ response),
+                means=_three(means),
+                range_of_means=float(means.max() - means.min()),
                 sum_of_squares=squares,
-                degrees=2,
+                degrees=freedom,
                 f_ratio=ratio,
-                p_value=float(f_distribution.sf(ratio, 2, degrees)),
-                best_level=levels[int(np.argmax(means))],
+                p_value=float(f_distribution.sf(ratio, 2, degrees)) if degrees > 0 else math.nan,
+                best_level=levels[column][int(np.argmax(means))] if freedom == 2 else math.nan,
             )
         )
     weak = [f for f in factors if f.f_ratio < 1.0]
     strong = [f for f in factors if f.f_ratio >= 1.0]
     pooled_degrees = degrees + 2 * len(weak)
-    pooled_error = (error + sum(f.sum_of_squares for f in weak)) / pooled_degrees
+    pooled_error = (error + sum(f.sum_of_squares for f in weak)) / pooled_degrees if pooled_degrees > 0 else math.nan
     pooled = tuple(
         (
             f.name,
@@ -142,11 +152,13 @@ def analyse(design: Design, level: float = 0.05) -> Analysis:
         )
         for f in strong
     )
-    critical = float(f_distribution.isf(level, 2, degrees))
+    critical = float(f_distribution.isf(level, 2, degrees)) if degrees > 0 else math.nan
     return Analysis(
         response_name=design.response_name,
         factors=tuple(factors),
-        order=tuple(f.name for f in sorted(factors, key=lambda f: -f.range_of_means)),
+        order=tuple(
+            f.name for f in sorted(factors, key=lambda f: -f.range_of_means) if not math.isnan(f.range_of_means)
+        ),
         error_squares=error,
         error_degrees=degrees,
         total_squares=total,
@@ -154,9 +166,24 @@ def analyse(design: Design, level: float = 0.05) -> Analysis:
         level=level,
         pooled=pooled,
         pooled_degrees=pooled_degrees,
-        pooled_critical_f=float(f_distribution.isf(level, 2, pooled_degrees)),
-        conclusions=tuple(_conclude(factors, error, degrees, critical, level)),
+        pooled_critical_f=float(f_distribution.isf(level, 2, pooled_degrees)) if pooled_degrees > 0 else math.nan,
+        conclusions=tuple(_conclude(factors, error, degrees, critical, level, design.left_out)),
     )
+
+
+def _three(values: np.ndarray) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+def _additive(blocks: list[np.ndarray], response: np.ndarray) -> tuple[float, int, list[np.ndarray]]:
+    """Least squares of a mean and a step for each level: residual squares, rank, and each factor's means at its levels
+    with the other factors at the middle of theirs, which in a whole array are the means of the runs."""
+    matrix = np.hstack([np.ones((response.size, 1)), *blocks])
+    fitted, _, rank, _ = np.linalg.lstsq(matrix, response, rcond=None)
+    effects = np.split(fitted[1:], len(blocks))
+    mean = float(fitted[0] + sum(effect.mean() for effect in effects))
+    means = [mean + effect - effect.mean() for effect in effects]
+    return float(((response - matrix @ fitted) ** 2).sum()), int(rank), means
 
 
 def _check(design: Design, settings: np.ndarray, response: np.ndarray) -> None:
@@ -183,11 +210,23 @@ def _check(design: Design, settings: np.ndarray, response: np.ndarray) -> None:
 
 
 def _conclude(
-    factors: Sequence[FactorAnalysis], error: float, degrees: int, critical: float, level: float
+    factors: Sequence[FactorAnalysis],
+    error: float,
+    degrees: int,
+    critical: float,
+    level: float,
+    left_out: Sequence[int],
 ) -> list[str]:
     """What these degrees of freedom support, in sentences."""
     said = []
+    if left_out:
+        said.append(f"Left out: run {', '.join(str(run + 1) for run in sorted(left_out))}, ended by something else.")
+    if degrees <= 0:
+        return [*said, f"{9 - len(left_out)} runs leave no degree of freedom for the error: there is no F."]
     for factor in factors:
+        if math.isnan(factor.f_ratio):
+            said.append(f"{factor.name}: the runs that are left do not determine its effect.")
+            continue
         if factor.p_value < level:
             said.append(f"{factor.name}: F = {factor.f_ratio:.3f} exceeds {critical:.1f}; it has an effect.")
         else:
@@ -200,7 +239,8 @@ def _conclude(
     low, high = (float(np.sqrt(error / chi2.ppf(q, degrees))) for q in (1.0 - level / 2.0, level / 2.0))
     return [
         *said,
-        f"The error has {degrees} degrees of freedom, all from the empty column: its sd is {sd:.3g}, but the "
+        f"The error has {degrees} degree{'s' if degrees > 1 else ''} of freedom, all from the empty column: "
+        f"its sd is {sd:.3g}, but the "
         f"{100 * (1 - level):g} % interval goes from {low:.2g} to {high:.2g}. An effect must reach F = {critical:.1f} "
         "to be seen, so only large ones are.",
         "No run was repeated: what stands as error is measuring error and the interactions of the factors together; "
