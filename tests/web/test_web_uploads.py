@@ -267,3 +267,12 @@ def test_progress_of_a_large_upload_is_told(server: Server) -> None:
     mine = [event for event in events if event.get("upload") == upload["id"]]
     assert mine[0]["state"] == "receiving"
     assert mine[0]["of"] == len(content)
+
+
+def test_what_a_file_holds_is_what_the_command_says(server: Server) -> None:
+    table = "time [s],torque [N m]\n" + "".join(f"{i * 0.1:.1f},{(i * 7) % 13 / 4}\n" for i in range(50))
+    upload = good(server, "a.csv", table.encode())
+    lines = server.get(f"/api/uploads/{upload['id']}/look")["lines"]
+    assert lines[0] == "a.csv: 50 rows, 2 columns"
+    assert any("steps of 0.25" in line for line in lines)
+    assert any("every 0.1 s, 10 Hz" in line for line in lines)

@@ -39,6 +39,7 @@ LOOK_SECONDS, LOOK_PACE = 30.0, 0.5e6  # to read a file: so long, and for each L
 DBC_SECONDS = 10.0  # a description of a bus, whatever its size: what takes longer would stop others' work, too
 SMALL = 8 << 20  # bytes; files above it wait for each other, and others do not wait for them
 MOST = 1000  # uploads that are kept
+PREVIEW, LOOK = "terrapin_tools.web.cases.preview:look", "terrapin_tools.workbench.intake.look:look_at"
 EVERY = 0.25  # s between events of progress
 DESCRIPTIONS = (".dbc", ".arxml", ".kcd", ".sym")
 SUFFIXES = (".csv", ".parquet", *DESCRIPTIONS, ".log", ".blf", ".asc", ".trc", ".txt", ".db", ".mf4", ".mcap")
@@ -241,15 +242,13 @@ async def _looked_at(context: Context, request: Request, file: FilePath, bus: st
 
 
 async def _look(
-    context: Context, file: FilePath, bus: str, told: Callable[[str], None] | None = None
+    context: Context, file: FilePath, bus: str, told: Callable[[str], None] | None = None, by: str = PREVIEW
 ) -> dict[str, Any]:
     """What is in the file, read in a process of its own and cut off when that takes too long."""
     size = file.stat().st_size
     seconds = DBC_SECONDS if file.suffix in DESCRIPTIONS else LOOK_SECONDS + size / LOOK_PACE
     kind: Kind = "read" if size <= SMALL else "read large"
-    call = context.warm.call(
-        "terrapin_tools.web.cases.preview:look", str(file), bus, seconds=seconds, told=told, kind=kind
-    )
+    call = context.warm.call(by, str(file), bus, seconds=seconds, told=told, kind=kind)
     try:
         found = await call
     except Late:
@@ -301,6 +300,27 @@ async def preview(
         bus = str(upload_dbc(context.workspace, dbc))
         view |= await _look(context, upload_file(context.workspace, identifier), bus)
     return Upload(**view)
+
+
+class Looked(BaseModel):
+    """What a file holds, as `terrapin look` prints it."""
+
+    lines: list[str]
+
+
+@router.get("/uploads/{identifier}/look", responses=problems(404))
+async def look(
+    context: Terrapin,
+    identifier: UploadId,
+    dbc: Annotated[str, Query(pattern="^([0-9a-f]{12})?$", description="upload of a DBC, for a log")] = "",
+) -> Looked:
+    """Columns, rate, gaps, steps, saturation, candidates for runs and steady states of an upload."""
+    view = upload_view(context.workspace, identifier)
+    if view["kind"] == "dbc":
+        raise UserError(f"{view['name']}: describes a bus, expected measurements")
+    bus = str(upload_dbc(context.workspace, dbc)) if dbc else ""
+    found = await _look(context, upload_file(context.workspace, identifier), bus, by=LOOK)
+    return Looked(lines=found["lines"])
 
 
 def keep_draft(context: Context, identifier: str, draft: Draft | None) -> None:

@@ -35,6 +35,9 @@ export class MapForm {
     this.problem = h('div', { role: 'alert' });
     this.making = h('div', { class: 'job', role: 'status', hidden: true });
     this.submit = h('button', { type: 'submit', class: 'main', text: 'Make the case' });
+    this.said = h('pre', { class: 'scroll small', tabindex: '0', 'aria-live': 'polite', text: 'reading' });
+    this.holds = h('details', { class: 'wide', ontoggle: () => { if (this.holds.open) heard.look((text) => { this.said.textContent = text; }); } },
+      h('summary', { text: 'What the file holds' }), this.said);
     this.element = this.layout(first, heard);
   }
 
@@ -46,6 +49,7 @@ export class MapForm {
       h('h2', { text: 'Map the columns' }),
       h('p', { class: 'soft small', text: `${this.data.map((one) => one.name).join(', ')}: ${first.rows} ${first.kind === 'log' ? 'frames' : 'rows'}. Guessed from the names of the columns; correct what is wrong. What is not mapped is looked at all the same.` }),
       first.warnings.map((line) => h('p', { class: 'warn small', text: line })),
+      this.holds,
       h('div', { class: 'four' }, label('name', this.caseName), label('title', this.title), label('model', this.model), label('run', this.run), this.period ? label('one row every', this.period) : label('every n-th row', this.every)),
       h('div', { class: 'scroll wide', tabindex: '0', role: 'region', 'aria-label': 'Columns' }, h('table', { class: 'inputs' },
         h('thead', {}, h('tr', {}, ['column', 'first values', 'is', 'unit', 'noise sd'].map((words) => h('th', { scope: 'col', text: words })))),

@@ -94,10 +94,21 @@ export class Mapper {
     this.draw({ bases: this.bases, data, dbc, first }, draft?.base || first.base_guess || '', draft);
   }
 
+  /** What each file holds, as `terrapin look` says it. @param {MapSource} source @returns {Promise<string>} */
+  async look({ data, dbc }) {
+    const found = [];
+    for (const one of data) {
+      const bus = one.kind === 'log' && dbc ? `?dbc=${dbc.id}` : '';
+      try { found.push((await this.app.api(`uploads/${one.id}/look${bus}`)).lines.join('\n')); } catch (error) { found.push(lineOf(error)); }
+    }
+    return found.join('\n\n');
+  }
+
   /** The form for a base model. @param {MapSource} source @param {string} base @param {Partial<MapTyped> | null} draft */
   draw(source, base, draft) {
     const sheet = new MapForm(source, base, draft, {
       make: () => this.make(), discard: () => this.discard(), later: () => this.later(), remodel: () => this.remodel(source),
+      look: (show) => { this.look(source).then(show); },
     });
     this.sheet = sheet;
     this.app.keepFocus(this.form, () => this.form.replaceChildren(sheet.element));

@@ -88,7 +88,7 @@ interface MapDraft extends MapTyped { uploads: string[]; base: string }
 /** What is mapped: tables or logs, the first of which shows its columns, and the DBC of logs. */
 interface MapSource { bases: Base[]; data: Upload[]; dbc: Upload | undefined; first: Upload }
 /** What happens when somebody changes the form. */
-interface MapHeard { make(): void; discard(): void; later(): void; remodel(): void }
+interface MapHeard { make(): void; discard(): void; later(): void; remodel(): void; look(show: (text: string) => void): void }
 interface MapRow { column: UploadColumn; is: HTMLSelectElement | HTMLInputElement; unit: HTMLInputElement; sigma: HTMLInputElement; element: HTMLElement }
 interface Base {
   name: string; channels: { name: string; unit: string }[]; roles: { name: string; unit: string; needed: boolean }[];
