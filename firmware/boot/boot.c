@@ -14,6 +14,12 @@ terrapin_flash_area terrapin_boot_slot(uint8_t slot) {
     return area;
 }
 
+/* The image is of the controller's robot, or of another one and made to take its place. */
+static bool may_be_of(const terrapin_image *image, const terrapin_record *record) {
+    return (record->robot == 0U) || (image->robot == record->robot) ||
+           ((image->robot != 0U) && (image->replaces == record->robot));
+}
+
 terrapin_image_result terrapin_boot_check(const terrapin_boot *boot, uint8_t slot, const terrapin_record *record,
                                           bool update, terrapin_image *image) {
     TERRAPIN_ASSERT((slot == A) || (slot == B));
@@ -30,7 +36,7 @@ terrapin_image_result terrapin_boot_check(const terrapin_boot *boot, uint8_t slo
         } else if (boot->release && (image->kind != (uint8_t)TERRAPIN_IMAGE_KIND_PRODUCTION) &&
                    !(image->for_unit && (image->unit == boot->unit))) {
             result = TERRAPIN_UPDATE_RESULT_DESK_IMAGE;
-        } else if ((record->robot != 0U) && (image->robot != record->robot)) {
+        } else if (!may_be_of(image, record)) {
             result = TERRAPIN_UPDATE_RESULT_WRONG_ROBOT;
         } else if ((image->board != 0U) && (boot->board != 0U) && (image->board != boot->board)) {
             result = TERRAPIN_UPDATE_RESULT_WRONG_BOARD;
@@ -152,8 +158,8 @@ bool terrapin_boot_confirm(const terrapin_boot *boot, uint8_t running) {
         record.security_counter = image.security_counter;
     }
     record.confirmed = running;
-    if (record.robot == 0U) { /* the first image that starts well says whose this controller is */
-        record.robot = image.robot;
+    if (may_be_of(&image, &record)) { /* the first image that starts well says whose this controller is, */
+        record.robot = image.robot;   /* and one that replaces that robot says so anew */
     }
     if (trial) {
         record.candidate = NONE;

@@ -12,6 +12,10 @@
  * An image is started only with a good signature and a security counter that is no lower than the floor's. Without any
  * such image the boot loader stays and serves updates.
  *
+ * A controller is that of the first image that was confirmed. Another robot's is taken when it says, signed, that it
+ * replaces this one; the controller is that robot's once it is confirmed, and what was confirmed before is the way back
+ * until then.
+ *
  * There are two keys. A confirmed image of one of them may name the other (image.revokes): from its next start on that
  * one starts nothing and updates nothing. The last key cannot be revoked, since none is left that could do it.
  */

@@ -18,6 +18,7 @@
 #define TLV_MADE_FOR    0xA2U /* robot_identity, board */
 #define TLV_INTERFACE   0xA3U
 #define TLV_REVOKES     0xA4U /* four bytes: first of the hash of the key that shall count no more */
+#define TLV_REPLACES    0xA5U /* four bytes: robot_identity of the controller that it may be put on */
 #define ERASED          0xFFU
 #define TLV_HEAD        4U /* bytes before a TLV's value, and before the first TLV */
 
@@ -26,13 +27,14 @@
 #define PLACE_KEY     (PLACE_SHA256 + TLV_HEAD + 32U)
 #define PLACE_ED25519 (PLACE_KEY + TLV_HEAD + 32U)
 #define TLV_SIZE      (PLACE_ED25519 + TLV_HEAD + 64U)
+_Static_assert(TLV_SIZE == TERRAPIN_IMAGE_TLVS, "as the header says");
 
 static uint16_t get16(const uint8_t *bytes) {
     return (uint16_t)(((uint32_t)bytes[1] << 8U) | bytes[0]);
 }
 
 static uint32_t get32(const uint8_t *bytes) {
-    return ((uint32_t)get16(&bytes[2]) << 16U) | get16(bytes);
+    return ((uint32_t)bytes[3] << 24U) | ((uint32_t)bytes[2] << 16U) | ((uint32_t)bytes[1] << 8U) | bytes[0];
 }
 
 bool terrapin_image_header_version(const uint8_t header[32], terrapin_image_version *version) {
@@ -56,12 +58,13 @@ static bool read_protected(const terrapin_flash *flash, uint32_t offset, uint32_
     image->board = 0U;
     image->interface = 0U;
     image->revokes = 0U;
+    image->replaces = 0U;
     while (good && (place < size)) { /* each turn advances by TLV_HEAD or more */
         good = ((size - place) >= TLV_HEAD) && flash->read(flash->context, offset + place, bytes, TLV_HEAD);
         const uint16_t type = get16(bytes);
         const uint32_t length = get16(&bytes[2]);
         good = good && (length <= (size - place - TLV_HEAD));
-        if (good && ((type == TLV_COUNTER) || ((type >= TLV_KIND) && (type <= TLV_REVOKES)))) {
+        if (good && ((type == TLV_COUNTER) || ((type >= TLV_KIND) && (type <= TLV_REPLACES)))) {
             uint32_t expected = 4U;
             if (type == TLV_KIND) {
                 expected = 1U;
@@ -80,6 +83,8 @@ static bool read_protected(const terrapin_flash *flash, uint32_t offset, uint32_
                 image->interface = get32(bytes);
             } else if (type == TLV_REVOKES) {
                 image->revokes = get32(bytes);
+            } else if (type == TLV_REPLACES) {
+                image->replaces = get32(bytes);
             } else {
                 image->kind = bytes[0];
             }
@@ -91,8 +96,8 @@ static bool read_protected(const terrapin_flash *flash, uint32_t offset, uint32_
 }
 
 /* A TLV of that type and length stands there. */
-static bool tlv_is(const uint8_t *bytes, uint16_t type, uint16_t length) {
-    return (get16(bytes) == type) && (get16(&bytes[2]) == length);
+static bool tlv_is(const uint8_t *bytes, uint32_t type, uint32_t length) {
+    return get32(bytes) == (type | (length << 16U));
 }
 
 terrapin_image_result terrapin_image_read(const terrapin_flash *flash, terrapin_flash_area slot, uint32_t address,
@@ -182,6 +187,35 @@ static bool erased(const terrapin_flash *flash, uint32_t offset, uint32_t end) {
     return good;
 }
 
+static bool has_digest(const uint8_t *tlvs) {
+    return (get16(tlvs) == TLV_MAGIC) && tlv_is(&tlvs[PLACE_SHA256], TLV_SHA256, 32U);
+}
+
+terrapin_image_result terrapin_image_signed(const uint8_t tlvs[TERRAPIN_IMAGE_TLVS], const uint8_t *keys,
+                                            uint8_t *key) {
+    TERRAPIN_ASSERT((tlvs != NULL) && (keys != NULL) && (key != NULL));
+    if (!tlv_is(tlvs, TLV_MAGIC, TLV_SIZE) || !tlv_is(&tlvs[PLACE_SHA256], TLV_SHA256, 32U) ||
+        !tlv_is(&tlvs[PLACE_KEY], TLV_KEY_HASH, 32U) || !tlv_is(&tlvs[PLACE_ED25519], TLV_ED25519, 64U)) {
+        return TERRAPIN_UPDATE_RESULT_BAD_SIGNATURE; /* not signed, or in another way */
+    }
+    const uint8_t *candidate = keys;
+    uint8_t place = 0U;
+    while ((place < TERRAPIN_IMAGE_KEYS) && !is_named(candidate, &tlvs[PLACE_KEY + TLV_HEAD])) {
+        place++;
+        candidate = &candidate[TERRAPIN_IMAGE_KEY_SIZE];
+    }
+    terrapin_image_result result = TERRAPIN_UPDATE_RESULT_OK;
+    if (place == TERRAPIN_IMAGE_KEYS) {
+        result = TERRAPIN_UPDATE_RESULT_WRONG_KEY;
+    } else if (!terrapin_ed25519_verify(candidate, &tlvs[PLACE_ED25519 + TLV_HEAD], &tlvs[PLACE_SHA256 + TLV_HEAD],
+                                        TERRAPIN_SHA256_SIZE)) {
+        result = TERRAPIN_UPDATE_RESULT_BAD_SIGNATURE;
+    } else {
+        *key = place;
+    }
+    return result;
+}
+
 terrapin_image_result terrapin_image_verify(const terrapin_flash *flash, terrapin_flash_area slot, uint32_t address,
                                             const uint8_t *keys, terrapin_image *image) {
     uint8_t tlv[TLV_SIZE];
@@ -194,27 +228,15 @@ terrapin_image_result terrapin_image_verify(const terrapin_flash *flash, terrapi
         !digest_of(flash, slot.offset, image->hashed_size, hash)) {
         return TERRAPIN_UPDATE_RESULT_FLASH;
     }
-    if ((get16(tlv) != TLV_MAGIC) || !tlv_is(&tlv[PLACE_SHA256], TLV_SHA256, 32U)) {
+    if (!has_digest(tlv)) {
         return TERRAPIN_UPDATE_RESULT_NOT_AN_IMAGE;
     }
     if (!same32(&tlv[PLACE_SHA256 + TLV_HEAD], hash)) {
         return TERRAPIN_UPDATE_RESULT_CORRUPTED;
     }
-    if ((get16(&tlv[2]) != TLV_SIZE) || !tlv_is(&tlv[PLACE_KEY], TLV_KEY_HASH, 32U) ||
-        !tlv_is(&tlv[PLACE_ED25519], TLV_ED25519, 64U)) {
-        return TERRAPIN_UPDATE_RESULT_BAD_SIGNATURE; /* not signed, or in another way */
-    }
-    const uint8_t *key = keys;
-    image->key = 0U;
-    while ((image->key < TERRAPIN_IMAGE_KEYS) && !is_named(key, &tlv[PLACE_KEY + TLV_HEAD])) {
-        image->key++;
-        key = &key[TERRAPIN_IMAGE_KEY_SIZE];
-    }
-    if (image->key == TERRAPIN_IMAGE_KEYS) {
-        return TERRAPIN_UPDATE_RESULT_WRONG_KEY;
-    }
-    if (!terrapin_ed25519_verify(key, &tlv[PLACE_ED25519 + TLV_HEAD], hash, sizeof hash)) {
-        return TERRAPIN_UPDATE_RESULT_BAD_SIGNATURE;
+    const terrapin_image_result origin = terrapin_image_signed(tlv, keys, &image->key);
+    if (origin != (uint8_t)TERRAPIN_UPDATE_RESULT_OK) {
+        return origin;
     }
     if (!erased(flash, slot.offset + image->size, slot.offset + slot.size)) {
         return TERRAPIN_UPDATE_RESULT_NOT_AN_IMAGE; /* something follows it */

@@ -2,10 +2,10 @@
  *
  *     imgtool sign -k KEY.pem -v 1.2.3 -s COUNTER -H 0x200 --pad-header -S 0x20000 -F 0x08020000 --align 4 IN OUT
  *
- * header (0x200 bytes), code, protected TLVs (security counter; where they are needed, kind, unit and revoked key, in
- * MCUboot's range for vendors), TLVs: SHA-256, hash of the key, Ed25519 signature of the SHA-256. Strict: ROM_FIXED to
- * its slot and no other flag, one security counter, those three TLVs in that order and no other. So an image that
- * differs in any bit from the signed one is refused. Format: MCUboot, docs/design.md.
+ * header (0x200 bytes), code, protected TLVs (security counter; where they are needed, kind, unit, revoked key and
+ * replaced robot, in MCUboot's range for vendors), TLVs: SHA-256, hash of the key, Ed25519 signature of the SHA-256.
+ * Strict: ROM_FIXED to its slot and no other flag, one security counter, those three TLVs in that order and no other.
+ * So an image that differs in any bit from the signed one is refused. Format: MCUboot, docs/design.md.
  */
 #ifndef TERRAPIN_IMAGE_H
 #define TERRAPIN_IMAGE_H
@@ -17,8 +17,9 @@
 extern "C" {
 #endif
 
-#define TERRAPIN_IMAGE_KEYS     2U  /* that a boot loader knows */
-#define TERRAPIN_IMAGE_KEY_SIZE 32U /* bytes of a public key */
+#define TERRAPIN_IMAGE_KEYS     2U   /* that a boot loader knows */
+#define TERRAPIN_IMAGE_KEY_SIZE 32U  /* bytes of a public key */
+#define TERRAPIN_IMAGE_TLVS     144U /* bytes behind what is hashed: SHA-256, key's hash, signature */
 
 typedef struct {
     uint8_t major;
@@ -39,6 +40,7 @@ typedef struct {
     uint32_t robot;       /* robot_identity that it is made for, */
     uint8_t board;        /* board, */
     uint32_t interface;   /* and version of the interface; each 0 when the image does not say */
+    uint32_t replaces;    /* robot_identity whose controller it may become the image of; 0: none */
     uint32_t revokes;     /* first four bytes of the hash of a key that shall count no more; 0: none */
     uint8_t key;          /* once it is verified: the place of the key that signed it */
 } terrapin_image;
@@ -53,6 +55,10 @@ terrapin_image_result terrapin_image_read(const terrapin_flash *flash, terrapin_
 /* Read it and verify digest, key and signature. `keys`: the public keys, 32 bytes each; one of them signed it. */
 terrapin_image_result terrapin_image_verify(const terrapin_flash *flash, terrapin_flash_area slot, uint32_t address,
                                             const uint8_t *keys, terrapin_image *image);
+
+/* The SHA-256 in an image's last TLVs is signed with one of the keys, whose place is then in *key. What was signed is
+ * not looked at: it proves that somebody who has a key made an image with that digest. */
+terrapin_image_result terrapin_image_signed(const uint8_t tlvs[TERRAPIN_IMAGE_TLVS], const uint8_t *keys, uint8_t *key);
 
 /* The version in the first 32 bytes of an image; false when they are no header. */
 bool terrapin_image_header_version(const uint8_t header[32], terrapin_image_version *version);

@@ -159,14 +159,6 @@ bool terrapin_records_set_node(const terrapin_flash *flash, uint8_t node) {
     return terrapin_records_append(flash, &record);
 }
 
-bool terrapin_records_set_robot(const terrapin_flash *flash, uint32_t robot) {
-    TERRAPIN_ASSERT(robot <= 0x00FFFFFFU);
-    terrapin_record record;
-    terrapin_records_read(flash, &record);
-    record.robot = robot;
-    return terrapin_records_append(flash, &record);
-}
-
 bool terrapin_records_make_room(const terrapin_flash *flash) {
     position where;
     find(flash, &where);

@@ -37,9 +37,6 @@ bool terrapin_records_append(const terrapin_flash *flash, const terrapin_record 
 /* Append the newest record with another node number; false as above. */
 bool terrapin_records_set_node(const terrapin_flash *flash, uint8_t node);
 
-/* Append the newest record with another robot, 24 bits; false as above. */
-bool terrapin_records_set_robot(const terrapin_flash *flash, uint32_t robot);
-
 /* Change pages now when the present one has no room for the records of one update, so that the next appends take
  * 0.1 ms and no erase. */
 bool terrapin_records_make_room(const terrapin_flash *flash);

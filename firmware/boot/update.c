@@ -23,54 +23,67 @@ static uint8_t clear_slot(const terrapin_update *update, uint8_t slot) {
 }
 
 /* The BEGIN that was accepted last, and nothing was written since: its answer was lost. */
-static bool begun(const terrapin_update *update, const terrapin_update_begin_t *message) {
-    return update->active && (update->written == 0U) && (update->slot == (uint8_t)message->slot) &&
-           (update->size == ((uint32_t)message->size * 4U)) && (update->version.major == (uint8_t)message->major) &&
-           (update->version.minor == (uint8_t)message->minor) &&
-           (update->version.revision == (uint16_t)message->revision);
+static bool begun(const terrapin_update *update, uint8_t slot, uint32_t size, terrapin_image_version version) {
+    return update->active && (update->written == 0U) && (update->slot == slot) && (update->size == size) &&
+           (terrapin_image_compare(update->version, version) == 0);
 }
 
+/* The end of an image came whole before a BEGIN, is signed, and with a key that counts. */
+static uint8_t announced(const terrapin_update *update, const terrapin_record *record) {
+    uint8_t result = TERRAPIN_UPDATE_RESULT_AGAIN;
+    if (update->filled == TERRAPIN_IMAGE_TLVS) {
+        uint8_t key = 0U;
+        result = terrapin_image_signed(update->block, update->boot->keys, &key);
+        if ((result == OK) && (record->revoked == (key + 1U))) {
+            result = TERRAPIN_UPDATE_RESULT_REVOKED_KEY;
+        }
+    }
+    return result;
+}
+
+static bool too_soon(const terrapin_update *update) {
+    return (update->erases >= TERRAPIN_UPDATE_ERASES) ||
+           ((update->erases > 0U) && ((update->now_ms - update->erased_ms) < TERRAPIN_UPDATE_ERASE_MS));
+}
+
+/* What is refused leaves an update that is under way alone. */
 static uint8_t begin(terrapin_update *update, const terrapin_update_begin_t *message, bool motor_on) {
     terrapin_record record;
     const uint8_t slot = (uint8_t)message->slot;
     const uint32_t size = (uint32_t)message->size * 4U;
-    if (!motor_on && begun(update, message)) {
-        update->filled = 0U;
-        return OK;
-    }
-    update->version.major = (uint8_t)message->major;
-    update->version.minor = (uint8_t)message->minor;
-    update->version.revision = (uint16_t)message->revision;
+    const terrapin_image_version version = {(uint8_t)message->major, (uint8_t)message->minor,
+                                            (uint16_t)message->revision, 0U};
     terrapin_records_read(update->boot->flash, &record);
     terrapin_image_version least = record.version;
     least.build = 0U; /* is not announced */
-    update->active = false;
-    update->ended = false;
     uint8_t result = OK;
     if (motor_on) {
         result = TERRAPIN_UPDATE_RESULT_MOTOR_ON;
+    } else if (begun(update, slot, size, version)) {
+        /* answered as before */
     } else if (!update_writable(update, &record, slot)) {
         result = TERRAPIN_UPDATE_RESULT_SLOT_IN_USE;
     } else if ((size > TERRAPIN_LAYOUT_SLOT_SIZE) || (size <= TERRAPIN_LAYOUT_HEADER_SIZE)) {
         result = TERRAPIN_UPDATE_RESULT_TOO_LARGE;
-    } else if (terrapin_image_compare(update->version, least) < 0) {
+    } else if (terrapin_image_compare(version, least) < 0) {
         result = TERRAPIN_UPDATE_RESULT_VERSION_TOO_OLD;
-    } else if ((update->erases >= TERRAPIN_UPDATE_ERASES) ||
-               ((update->erases > 0U) && ((update->now_ms - update->erased_ms) < TERRAPIN_UPDATE_ERASE_MS))) {
+    } else if (too_soon(update)) {
         result = TERRAPIN_UPDATE_RESULT_BUSY;
     } else {
-        update->erases++;
-        update->erased_ms = update->now_ms;
-        result = clear_slot(update, slot);
+        result = announced(update, &record);
+        if (result == OK) {
+            update->erases++;
+            update->erased_ms = update->now_ms;
+            update->ended = false;
+            update->written = 0U;
+            update->checksum = 0U;
+            update->version = version;
+            update->slot = slot;
+            update->size = size;
+            result = clear_slot(update, slot);
+            update->active = result == OK;
+        }
     }
-    if (result == OK) {
-        update->active = true;
-        update->slot = slot;
-        update->size = size;
-    }
-    TERRAPIN_ASSERT((update->active) == (result == OK));
-    update->written = 0U;
-    update->checksum = 0U;
     update->filled = 0U;
     return result;
 }
@@ -104,8 +117,9 @@ static void accept_data(terrapin_update *update, const terrapin_frame *frame) {
 /* The header must be that of the image that was announced; so an old one is refused before anything is written. */
 static uint8_t check_header(const terrapin_update *update) {
     terrapin_image_version version;
-    if ((!terrapin_image_header_version(update->block, &version)) || (version.major != update->version.major) ||
-        (version.minor != update->version.minor) || (version.revision != update->version.revision)) {
+    const bool header = terrapin_image_header_version(update->block, &version);
+    version.build = 0U; /* is not announced */
+    if (!header || (terrapin_image_compare(update->version, version) != 0)) {
         return TERRAPIN_UPDATE_RESULT_NOT_AN_IMAGE;
     }
     return OK;
@@ -162,20 +176,21 @@ static uint32_t accept_block(terrapin_update *update, const terrapin_frame *fram
     return update_status(update, TERRAPIN_UPDATE_REQUEST_BLOCK, result, reply);
 }
 
+/* A wrong checksum ends nothing: whoever knows the right one asks for what the signature decides. */
 static uint8_t end(terrapin_update *update, uint32_t checksum) {
     terrapin_record record;
     terrapin_image image = {0};
     if (!update->active || (update->written != update->size)) {
         return TERRAPIN_UPDATE_RESULT_SEQUENCE;
     }
+    if (checksum != update->checksum) {
+        return TERRAPIN_UPDATE_RESULT_CORRUPTED;
+    }
     update->active = false;
     update->ended = true;
     update->end_checksum = checksum;
     terrapin_records_read(update->boot->flash, &record);
-    uint8_t result = (checksum == update->checksum) ? OK : (uint8_t)TERRAPIN_UPDATE_RESULT_CORRUPTED;
-    if (result == OK) {
-        result = terrapin_boot_check(update->boot, update->slot, &record, true, &image);
-    }
+    uint8_t result = terrapin_boot_check(update->boot, update->slot, &record, true, &image);
     if ((result == OK) && (((image.size + 3U) & ~3U) != update->size)) {
         result = TERRAPIN_UPDATE_RESULT_NOT_AN_IMAGE; /* something follows the image */
     }
@@ -184,8 +199,6 @@ static uint8_t end(terrapin_update *update, uint32_t checksum) {
         record.phase = TERRAPIN_UPDATE_PHASE_PENDING;
         record.tries = 0U; /* counted from its first start on */
         result = terrapin_records_append(update->boot->flash, &record) ? OK : (uint8_t)TERRAPIN_UPDATE_RESULT_FLASH;
-    } else {
-        (void)clear_slot(update, update->slot); /* what was refused does not stay; the reason is the answer */
     }
     update->end_result = result;
     return result;
@@ -207,32 +220,30 @@ static uint32_t accept_end(terrapin_update *update, const terrapin_frame *frame,
     return update_status(update, TERRAPIN_UPDATE_REQUEST_END, result, reply);
 }
 
-static uint32_t accept_robot(terrapin_update *update, const terrapin_frame *frame, bool motor_on,
-                             terrapin_frame *reply) {
-    terrapin_update_robot_t message;
+/* Whose images are taken is asked here, and changed by an image alone. */
+static uint32_t accept_robot(terrapin_update *update, const terrapin_frame *frame, terrapin_frame *reply) {
     terrapin_record record;
-    if (!update_genuine(update, frame, &update->robot_counter) || !terrapin_decode_update_robot(frame, &message)) {
+    if (!update_genuine(update, frame, &update->robot_counter)) {
         return 0U;
-    }
-    uint8_t result = OK;
-    if (message.write != 0) { /* else it is only asked */
-        if (motor_on) {
-            result = TERRAPIN_UPDATE_RESULT_MOTOR_ON;
-        } else if (!terrapin_records_set_robot(update->boot->flash, (uint32_t)message.robot)) {
-            result = TERRAPIN_UPDATE_RESULT_FLASH;
-        } else {
-            /* another robot's from now on */
-        }
     }
     terrapin_records_read(update->boot->flash, &record);
     const terrapin_update_identity_t answer = {
         .robot = (int32_t)record.robot,
         .board = (int32_t)update->boot->board,
         .interface = TERRAPIN_INTERFACE_VERSION,
-        .result = (int32_t)result,
+        .result = (int32_t)OK,
     };
     (void)terrapin_encode_update_identity(&answer, reply); /* the fields have the signals' widths */
     return 1U;
+}
+
+/* In the boot loader only a verified image is a reason to reset; an application says itself who may ask it. */
+static uint32_t accept_reset(terrapin_update *update, const terrapin_frame *frame, bool motor_on,
+                             terrapin_frame *reply) {
+    const bool verified = update->ended && (update->end_result == OK);
+    return (verified || (update->running != (uint8_t)TERRAPIN_UPDATE_SLOT_NONE))
+               ? update_reset(update, frame, motor_on, reply)
+               : update_status(update, TERRAPIN_UPDATE_REQUEST_RESET, TERRAPIN_UPDATE_RESULT_SEQUENCE, reply);
 }
 
 uint32_t terrapin_update_accept(terrapin_update *update, const terrapin_frame *frame, bool motor_on,
@@ -256,10 +267,10 @@ uint32_t terrapin_update_accept(terrapin_update *update, const terrapin_frame *f
         count = update_query(update, frame, replies);
         break;
     case TERRAPIN_ID_UPDATE_ROBOT:
-        count = accept_robot(update, frame, motor_on, &replies[0]);
+        count = accept_robot(update, frame, &replies[0]);
         break;
     case TERRAPIN_ID_UPDATE_RESET:
-        count = update_reset(update, frame, motor_on, &replies[0]);
+        count = accept_reset(update, frame, motor_on, &replies[0]);
         break;
     default:
         /* another's */

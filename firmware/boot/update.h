@@ -7,18 +7,27 @@
  *
  *     host                                   controller
  *     UPDATE_QUERY                           UPDATE_INFO, UPDATE_FLOOR: slots, versions
+ *     UPDATE_BLOCK of nothing                UPDATE_STATUS `sequence`: what DATA brought before is dropped
+ *     18 x UPDATE_DATA: the image's TLVs
  *     UPDATE_BEGIN size, version, slot       UPDATE_STATUS, once the slot is erased (1 s, 2 s at most)
  *     32 x UPDATE_DATA, UPDATE_BLOCK crc     UPDATE_STATUS, once the 256 bytes are written (1 ms, 7 ms at most)
  *     ...                                    `again`: send the block `next` (again)
- *     UPDATE_END crc                         UPDATE_STATUS, once the image is verified (and, if it is refused, erased)
+ *     UPDATE_END crc                         UPDATE_STATUS, once the image is verified
  *     UPDATE_RESET                           UPDATE_STATUS, then the reset
  *     UPDATE_ROBOT                           UPDATE_IDENTITY: whose images are taken
  *
  * A host whose answer does not come sends its request again, with its next E2E counter: the same BEGIN before the first
  * block, the last block and the same END are answered as before and do nothing again.
  *
- * Anybody may ask, so BEGIN erases at most once in TERRAPIN_UPDATE_ERASE_MS, and TERRAPIN_UPDATE_ERASES times between
- * two starts; more is answered `busy`: flash wears out.
+ * Anybody may send, and a boot loader has no session.
+ * What a frame may do follows from a signature that came before it (`authority` of controller.toml;
+ * tests/proof/prove_update.c shows it of every frame in every state):
+ *     BEGIN erases for who sends the end of an image that one of the keys signed: SHA-256, key's name, signature
+ *     DATA and BLOCK fill the slot that such a BEGIN opened, and nothing else; END verifies the whole
+ *     RESET is taken when END found the image good. A boot loader that is left alone resets by itself
+ * Who has recorded the end of a signed image can still have the spare slot erased: at most once in
+ * TERRAPIN_UPDATE_ERASE_MS, and TERRAPIN_UPDATE_ERASES times between two starts, which no frame can shorten; more is
+ * answered `busy`. What is refused stays where it is: without a signature nothing of it ever starts.
  *
  * The window is one block: a block is answered before the next may be sent, so that no frame comes while the flash is
  * written, for which the processor stands still. terrapin_update_accept takes that time too: a caller with a watchdog
@@ -36,7 +45,7 @@ extern "C" {
 
 #define TERRAPIN_UPDATE_ID_FIRST 0x0A0U
 #define TERRAPIN_UPDATE_ID_LAST  0x0A7U
-#define TERRAPIN_UPDATE_PROTOCOL 1U
+#define TERRAPIN_UPDATE_PROTOCOL 2U /* 1: BEGIN needed no signature, UPDATE_ROBOT wrote */
 #define TERRAPIN_UPDATE_BLOCK    256U
 #define TERRAPIN_UPDATE_REPLIES  2U /* at most, to one frame */
 #define TERRAPIN_UPDATE_ERASES   20U
@@ -48,7 +57,7 @@ typedef struct {
     bool reset;         /* send the replies, then reset */
     bool stay;          /* and stay in the boot loader */
     uint32_t now_ms;    /* the caller's clock, set before each frame; wraps */
-    uint32_t erases;    /* that BEGIN asked for since the start, */
+    uint32_t erases;    /* since the start, */
     uint32_t erased_ms; /* and when the last one was */
 
     bool active;                    /* between BEGIN and END */

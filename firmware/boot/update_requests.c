@@ -11,15 +11,14 @@
 void terrapin_update_init(terrapin_update *update, const terrapin_boot *boot, uint8_t running) {
     TERRAPIN_ASSERT((update != NULL) && (boot != NULL));
     TERRAPIN_ASSERT(running <= B);
-    static const terrapin_update fresh = {
+    *update = (terrapin_update){
+        .boot = boot,
+        .running = running,
         .begin_counter = TERRAPIN_E2E_NO_COUNTER,
         .end_counter = TERRAPIN_E2E_NO_COUNTER,
         .reset_counter = TERRAPIN_E2E_NO_COUNTER,
         .robot_counter = TERRAPIN_E2E_NO_COUNTER,
     };
-    *update = fresh;
-    update->boot = boot;
-    update->running = running;
 }
 
 bool update_writable(const terrapin_update *update, const terrapin_record *record, uint8_t slot) {

@@ -210,8 +210,20 @@ def _nodes(d: Description) -> Iterator[list[str]]:
             f"#define TERRAPIN_BLOCK_RECEIVED {sum(b.sender != 'controller' for b in blocks)}U",
             f"#define TERRAPIN_BLOCK_COUNT {len(d.blocks)}U",
             f"#define TERRAPIN_BLOCKS {{{', '.join(rows)}}}",
+            *_authorities(d),
             "",
         ]
+
+
+def _authorities(d: Description) -> list[str]:
+    """What each identifier of the block `updates` must have before it changes anything; of one without message: 0."""
+    named = {m.id: d.enums["authority"][m.authority] for m in d.messages if m.authority}
+    return [
+        f"#define TERRAPIN_{b.name.upper()}_AUTHORITY "
+        f"{{{', '.join(f'{named.get(b.first + i, 0)}U' for i in range(b.size))}}} /* enum authority, by identifier */"
+        for b in d.blocks
+        if b.name == "updates"
+    ]
 
 
 def _protected_bits(d: Description, block: Block) -> str:

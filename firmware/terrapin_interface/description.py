@@ -98,6 +98,7 @@ class Message:
     e2e: bool
     comment: str
     signals: tuple[Signal, ...]
+    authority: str = ""  # of an update's request: a name of enum.authority, what must come before it is taken
 
     @property
     def telemetry(self) -> bool:
@@ -298,6 +299,7 @@ def parse(text: str, robot: Robot | None = None) -> Description:
     head.done()
     root.done()
     _unique("id", ((m.id, f"message {m.name}") for m in description.messages), "0x{:03X}")
+    _with_authority(description)
     _in_blocks(description)
     _unique("hash", ((p.hash, f"parameter {p.name}") for p in description.parameters), "0x{:08X}")
     _unique("number", ((f.number, f"fault {f.name}") for f in description.faults), "{}")
@@ -375,6 +377,21 @@ def _block(index: int, table: Any, nodes: Mapping[str, str]) -> Block:
     return Block(name, sender, first, size, node_1, step)
 
 
+def _with_authority(d: Description) -> None:
+    """Each request of an update says what must have come before it; none can be forgotten."""
+    known = d.enums.get("authority", {})
+    updates = [b for b in d.blocks if b.name == "updates"]
+    for m in d.messages:
+        if any(b.first <= m.id < b.first + b.size for b in updates):
+            if m.authority not in known:
+                raise DescriptionError(
+                    f"message {m.name}: 'authority' is {m.authority!r}, expected one of enum.authority: "
+                    f"{', '.join(known) or 'none'}"
+                )
+        elif m.authority:
+            raise DescriptionError(f"message {m.name}: 'authority' is for the requests of block updates alone")
+
+
 def _in_blocks(d: Description) -> None:
     for m in d.messages if d.blocks else ():
         if not any(b.first <= m.id < b.first + b.size and b.sender == m.sender for b in d.blocks):
@@ -413,6 +430,7 @@ def _message(
         e2e=reader.take("e2e", bool, False),
         comment=reader.take("comment", str, ""),
         signals=signals,
+        authority=reader.take("authority", str, ""),
     )
     reader.done()
     if message.sender not in nodes:

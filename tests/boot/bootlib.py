@@ -26,6 +26,7 @@ SECTORS = 7
 SLOT = {"a": 1, "b": 2}
 START = {"a": 0x20000, "b": 0x40000}
 NONE, PENDING, TRIAL = 0, 1, 2
+TLVS = 144  # bytes behind what is hashed: info, SHA-256, key hash, signature
 CUTS = ("before", "after", "torn", "part", "noise")
 
 
@@ -123,8 +124,18 @@ def data_frames(block: bytes) -> Iterator[tuple[int, bytes]]:
         yield identifier, block[at : at + 8].ljust(8, b"\xff")
 
 
-def send(chip: Chip, image: bytes, slot: str, version: tuple[int, int, int] | None = None) -> str:
-    """The whole update up to its end; the name of the first result that is not ok, else "ok". A cut power: "cut"."""
+def announce(chip: Chip, image: bytes) -> None:
+    """What BEGIN wants to have seen: the end of an image, its digest and signature."""
+    for frame in data_frames(image[-TLVS:]):
+        chip.accept(*frame)
+
+
+def send(
+    chip: Chip, image: bytes, slot: str, version: tuple[int, int, int] | None = None, announced: bytes = b""
+) -> str:
+    """The whole update up to its end; the name of the first result that is not ok, else "ok". A cut power: "cut".
+
+    `announced`: the image whose end is shown before BEGIN, where that is another one."""
     results = {number: name for name, number in interface().enums["update_result"].items()}
     sender = Sender()
     data = image + b"\xff" * (-len(image) % 4)
@@ -136,6 +147,7 @@ def send(chip: Chip, image: bytes, slot: str, version: tuple[int, int, int] | No
         return chip.ask(frame)["result"]
 
     begin = {"size": len(data) // 4, "slot": SLOT[slot], "major": major, "minor": minor, "revision": revision}
+    announce(chip, announced or image)
     result = answer(sender.frame("UPDATE_BEGIN", begin))
     for index, at in enumerate(range(0, len(data), 256)):
         if result:

@@ -17,13 +17,12 @@ import sys
 from collections import Counter
 from collections.abc import Callable
 
-from bootlib import PENDING, SLOT, Chip, send
+from bootlib import PENDING, SLOT, TLVS, Chip, send
 from kit import KEY, OTHER_KEY, PUBLIC, image
 
 from terrapin_tools.flash.keys import key_hash
 
 ORDER = 2**252 + 27742317777372353535851937790883648493
-TLVS = 144  # bytes behind what is hashed: info, SHA-256, key hash, signature
 GOOD = image("b", "1.2.0", counter=3)
 OLDER = {
     "version": image("b", "1.0.9", counter=2),
@@ -168,7 +167,7 @@ def campaign(cases: int, seed: int = 1) -> tuple[Counter[str], Counter[str], lis
             kind = "bits"
         kinds[kind] += 1
         version = (1, 2, 0) if len(mutant) < 24 or rng.random() < 0.8 else None
-        result = send(chip, mutant, "b", version)
+        result = send(chip, mutant, "b", version, GOOD)  # whose end a stranger has recorded
         reasons[result] += 1
         refused = result != "ok" and not chip.record().phase
         chip.put("b", mutant[:0x20000])

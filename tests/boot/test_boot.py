@@ -6,7 +6,7 @@ import hashlib
 import zlib
 
 import pytest
-from bootlib import NONE, PENDING, SLOT, TRIAL, Chip, data_frames, send
+from bootlib import NONE, PENDING, SLOT, TLVS, TRIAL, Chip, announce, data_frames, send
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from kit import KEY, NEXT_KEY, NEXT_PUBLIC, OTHER_KEY, PUBLIC, image
 
@@ -15,6 +15,7 @@ from terrapin_tools.flash.image import ImageError, parse
 
 RESULT = interface().enums["update_result"]
 RESET_KEY = int(interface().constants["update_reset_key"])
+GOOD = image("b", "1.1.0")
 
 
 @pytest.fixture
@@ -189,10 +190,74 @@ def test_neither_the_running_nor_the_confirmed_slot_is_written(chip: Chip) -> No
 ])  # fmt: skip
 def test_refused_and_nothing_of_it_stays(chip: Chip, data: bytes, result: str) -> None:
     version = (1, 1, 0) if not any(data[:32]) else None
-    assert send(chip, data, "b", version) == result
-    if result not in ("version_too_old", "too_large"):
-        assert set(chip.contents()[0x40000:]) == {0xFF}
+    before = chip.contents()
+    assert send(chip, data, "b", version, GOOD) == result
+    assert chip.record().phase == NONE
+    assert (chip.contents() == before) == (result in ("version_too_old", "too_large") or not any(data[:32]))
     assert chip.start() == "a"
+    chip.put("a", b"")  # not even when nothing else is left
+    assert chip.start() == ""
+
+
+@pytest.mark.parametrize("tail", ["none", "bits", "key", "revoked", "short", "long"])
+def test_begin_without_a_signature_erases_nothing(chip: Chip, tail: str) -> None:
+    """Nothing before it, any bit wrong, another key, a revoked key, less or more than an image's end."""
+    if tail == "revoked":
+        chip = with_two_keys("a", image("a", "1.0.0", key=NEXT_KEY, revokes=KEY))
+        assert chip.start() == "a"
+        assert chip.confirm()
+        assert chip.start() == "a"
+    sender, good = Sender(), GOOD[-TLVS:]
+    frames = list(data_frames(image("b", "1.1.0", key=OTHER_KEY)[-TLVS:] if tail == "key" else good))
+    tried = {"none": [[]], "short": [frames[1:]], "long": [[*frames, frames[0]]]}.get(tail, [frames])
+    if tail == "bits":
+        flipped = ((int.from_bytes(good, "little") ^ 1 << bit).to_bytes(TLVS, "little") for bit in range(8 * TLVS))
+        tried = [list(data_frames(data)) for data in flipped]
+    before = chip.contents()
+    for each in tried:
+        for frame in each:
+            chip.accept(*frame)
+        chip.accept(*sender.frame("UPDATE_QUERY", {"protocol": 2}))
+        values = {"size": 250, "slot": SLOT["b"], "major": 1, "minor": 1, "revision": 0}
+        result = chip.ask(sender.frame("UPDATE_BEGIN", values))["result"]
+        wanted = {"key": "wrong_key", "revoked": "revoked_key", "bits": "bad_signature"}.get(tail, "again")
+        assert result == RESULT[wanted] or (tail == "bits" and result == RESULT["wrong_key"])
+    assert chip.contents() == before
+    assert (chip.update.active, chip.update.erases) == (False, 0)
+
+
+def test_what_is_refused_leaves_an_update_alone(chip: Chip) -> None:
+    """A stranger's BEGIN, END and RESET in an update: it goes on to its end."""
+    sender, data = Sender(), image("b", "1.1.0")
+    begin(chip, sender, data)
+    for index in range((len(data) + 255) // 256):
+        foreign = {"size": 999, "slot": SLOT["b"], "major": 2, "minor": 0, "revision": 0}
+        assert chip.ask(sender.frame("UPDATE_BEGIN", foreign))["result"] == RESULT["again" if index else "busy"]
+        chip.update.now_ms += 10_000
+        announce(chip, image("b", "2.0.0", key=OTHER_KEY))
+        assert chip.ask(sender.frame("UPDATE_BEGIN", foreign))["result"] == RESULT["wrong_key"]
+        assert chip.ask(sender.frame("UPDATE_END", {"checksum": 0}))["result"] == RESULT["sequence"]
+        assert chip.ask(sender.frame("UPDATE_RESET", {"key": RESET_KEY}))["result"] == RESULT["ok"]  # of slot a's image
+        body = data[256 * index : 256 * index + 256]
+        for frame in data_frames(body):
+            chip.accept(*frame)
+        values = {"index": index, "size": len(body), "checksum": zlib.crc32(body)}
+        assert chip.ask(sender.frame("UPDATE_BLOCK", values))["result"] == RESULT["ok"]
+    assert chip.ask(sender.frame("UPDATE_END", {"checksum": 1}))["result"] == RESULT["corrupted"]
+    assert chip.ask(sender.frame("UPDATE_END", {"checksum": zlib.crc32(data)}))["result"] == RESULT["ok"]
+
+
+def test_the_boot_loader_resets_for_a_verified_image_alone() -> None:
+    blank, sender = Chip(PUBLIC), Sender()
+    reset = {"key": RESET_KEY, "stay": 1}
+    assert blank.ask(sender.frame("UPDATE_RESET", reset))["result"] == RESULT["sequence"]
+    assert send(blank, image("b", "1.1.0", key=OTHER_KEY), "b", None, GOOD) == "wrong_key"
+    assert blank.ask(sender.frame("UPDATE_RESET", reset))["result"] == RESULT["sequence"]
+    assert (blank.update.reset, blank.update.stay) == (False, False)
+    blank.update.now_ms += 10_000
+    assert send(blank, GOOD, "b") == "ok"
+    assert blank.ask(sender.frame("UPDATE_RESET", reset))["result"] == RESULT["ok"]
+    assert (blank.update.reset, blank.update.stay) == (True, True)
 
 
 def test_an_announced_version_must_be_that_of_the_header(chip: Chip) -> None:
@@ -250,6 +315,7 @@ def begin(chip: Chip, sender: Sender, data: bytes) -> None:
     chip.accept(*sender.frame("UPDATE_QUERY", {"protocol": 1}))
     chip.update.now_ms += 10_000  # each a while after the other
     values = {"size": len(data) // 4, "slot": SLOT["b"], "major": 1, "minor": 1, "revision": 0}
+    announce(chip, GOOD)
     answer = chip.ask(sender.frame("UPDATE_BEGIN", values))
     assert (answer["request"], answer["result"], answer["next"]) == (1, RESULT["ok"], 0)
 
@@ -316,6 +382,8 @@ def test_frames_that_are_wrong_change_nothing(chip: Chip) -> None:
     assert chip.accept(0x080, good) == []
     assert chip.memory.operations == before
     assert chip.update.bad_crc >= 64
+    chip.update.filled = 0
+    announce(chip, GOOD)
     assert chip.ask((identifier, good))["result"] == RESULT["ok"]
     assert chip.update.repeated == 0
     assert chip.accept(identifier, good) == []
@@ -326,7 +394,7 @@ def test_query(chip: Chip) -> None:
     info, least = chip.accept(*Sender().frame("UPDATE_QUERY", {"protocol": 1}))
     messages = interface().messages
     assert messages["UPDATE_INFO"].decode(info[1]) == {
-        "protocol": 1, "running": 1, "confirmed": 1, "candidate": 0, "phase": 0, "major": 1, "minor": 0, "revision": 0,
+        "protocol": 2, "running": 1, "confirmed": 1, "candidate": 0, "phase": 0, "major": 1, "minor": 0, "revision": 0,
         "target": 2, "revoked": 0,
     }  # fmt: skip
     assert messages["UPDATE_FLOOR"].decode(least[1])["security_counter"] == 1
@@ -389,7 +457,7 @@ def test_a_request_that_comes_again_is_done_once(chip: Chip) -> None:
 
 def test_a_refusal_that_comes_again_keeps_its_reason(chip: Chip) -> None:
     data = image("b", "1.1.0", key=OTHER_KEY)
-    assert send(chip, data, "b") == "wrong_key"
+    assert send(chip, data, "b", None, GOOD) == "wrong_key"
     sender = Sender()
     chip.accept(*sender.frame("UPDATE_QUERY", {"protocol": 1}))
     operations = chip.memory.operations
@@ -404,6 +472,7 @@ def test_begin_erases_once_in_ten_seconds_and_twenty_times_a_start(chip: Chip) -
         chip.update.now_ms = at_ms % 2**32
         values = {"size": 1000 + at_ms % 7, "slot": SLOT["b"], "major": 1, "minor": 0, "revision": at_ms % 5}
         before = chip.memory.busy_us
+        announce(chip, GOOD)
         result = chip.ask(sender.frame("UPDATE_BEGIN", values))["result"]
         assert (chip.memory.busy_us > before) == (result == RESULT["ok"])
         return result
@@ -479,7 +548,9 @@ def test_a_confirmed_image_revokes_the_other_key(old: Ed25519PrivateKey) -> None
     assert chip.confirm()
     assert chip.start() == "a"
     assert chip.lib.terrapin_records_set_node(chip.flash, 3)
-    assert chip.lib.terrapin_records_set_robot(chip.flash, 7)
+    record = chip.record()
+    record.robot = 7
+    assert chip.lib.terrapin_records_append(chip.flash, record)
     assert (chip.record().revoked, chip.record().node, chip.record().robot) == (place, 3, 7)
 
 

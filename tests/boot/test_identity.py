@@ -16,12 +16,12 @@ from terrapin_hil.links.identity import require_fitting
 from terrapin_hil.links.inprocess import InProcess
 from terrapin_hil.links.link import LinkError
 from terrapin_hil.links.slcan import ControllerProcess
-from terrapin_hil.messages import Frame, Sender, interface
+from terrapin_hil.messages import Frame, Sender, crc8, interface
 from terrapin_interface.robot import find_robot, identity_of, load_robot
-from terrapin_tools.flash.image import MADE, Version, parse, sign
+from terrapin_tools.flash.image import MADE, ImageError, Version, parse, sign
 from terrapin_tools.flash.layout import BASE
 from terrapin_tools.flash.plan import plan
-from terrapin_tools.flash.update import SignedFile, robot_name, update
+from terrapin_tools.flash.update import MadeFor, SignedFile, _require_fit, robot_name, update
 from terrapin_tools.logs.frames import Frames, frames
 from terrapin_tools.monitor import sources
 from tests.boot.bootlib import SLOT, Chip, send
@@ -34,9 +34,9 @@ RIGHT = {"robot": CYLINDER, "board": BOARD, "interface": VERSION}
 WRONG = {"robot": {"robot": SPHERE}, "board": {"board": BOARD + 1}, "interface": {"interface": VERSION + 1}}
 
 
-def image(slot: str, version: str, robot: int, board: int, interface: int) -> bytes:
+def image(slot: str, version: str, robot: int, board: int, interface: int, replaces: int = 0) -> bytes:
     made = code(slot, 600, version) + MADE + struct.pack("<II", robot | board << 24, interface)
-    return sign(made, KEY, Version.of(version), 1, slot)
+    return sign(made, KEY, Version.of(version), 1, slot, replaces=replaces)
 
 
 def controller() -> Chip:
@@ -100,10 +100,9 @@ def test_the_boot_loader_accepts() -> None:
 
 
 def test_an_image_that_names_no_robot_is_for_a_controller_without_one() -> None:
-    nameless = sign(code("b", 600, "1.1.0"), KEY, Version.of("1.1.0"), 1, "b")
-    assert send(controller(), nameless, "b") == "wrong_robot"
+    assert send(controller(), nameless(), "b") == "wrong_robot"
     blank = Chip(PUBLIC)
-    assert send(blank, nameless, "b") == "ok"
+    assert send(blank, nameless(), "b") == "ok"
 
 
 @pytest.mark.parametrize("what", WRONG)
@@ -124,33 +123,80 @@ def test_flash_refuses_before_anything_is_erased(what: str) -> None:
 
 @pytest.mark.parametrize("robot", ["cylinder", "sphere"])
 def test_flash_accepts(robot: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The right image; that of another robot with one option, which makes the controller that robot's."""
+    """The right image; that of another robot with one option, if it is signed to replace this one."""
     monkeypatch.setattr("terrapin_tools.flash.update.START", 0.0)
     monkeypatch.setattr("terrapin_tools.flash.update._started", lambda *_: "confirmed")
     chip = controller()
-    right = file("b", "1.1.0", **{**RIGHT, "robot": identity_of(robot)})
+    right = file("b", "1.1.0", **{**RIGHT, "robot": identity_of(robot)}, replaces=CYLINDER)
     outcome = update(ChipWire(chip), [right], lambda *_: None, robot != "cylinder")  # type: ignore[arg-type]
     assert outcome.slot == "b"
+    assert chip.record().robot == CYLINDER
+    assert chip.start() == "b"
+    assert chip.confirm()
     assert chip.record().robot == identity_of(robot)
     assert chip.start() == "b"
+
+
+def test_another_robot_needs_the_option_the_signature_and_a_boot_loader_that_knows_it() -> None:
+    sphere = {**RIGHT, "robot": SPHERE}
+    for replaces, change, expected in (
+        (CYLINDER, False, "--change-robot makes it another's"),
+        (0, True, "may take its place: `terrapin image sign --replaces cylinder`"),
+        (7, True, "may take its place: `terrapin image sign --replaces cylinder`"),
+    ):
+        wire = ChipWire(controller())
+        with pytest.raises(UserError, match=expected):
+            update(wire, [file("b", "1.1.0", **sphere, replaces=replaces)], lambda *_: None, change)  # type: ignore[arg-type]
+        assert interface().messages["UPDATE_BEGIN"].id not in wire.sent
+    there = MadeFor(CYLINDER, BOARD, VERSION)
+    with pytest.raises(UserError, match="boot loader is too old for another robot's image; --via swd writes both"):
+        _require_fit(file("b", "1.1.0", **sphere, replaces=CYLINDER), there, True, 1)
+
+
+@pytest.mark.parametrize("wrong", [{"replaces": 0}, {"replaces": SPHERE}, {"replaces": 1}, {"robot": 0}])
+def test_only_what_replaces_this_robot_starts_in_its_place(wrong: dict[str, int]) -> None:
+    chip = controller()
+    made = {**RIGHT, "robot": SPHERE, "replaces": CYLINDER, **wrong}
+    if made["robot"]:
+        assert send(chip, image("b", "1.1.0", **made), "b") == "wrong_robot"
+    chip.put("a", b"")  # not even when nothing else is left
+    chip.put("b", image("b", "1.1.0", **made) if made["robot"] else nameless())
+    assert chip.start() == ""
+
+
+def nameless() -> bytes:
+    return sign(code("b", 600, "1.1.0"), KEY, Version.of("1.1.0"), 1, "b")
+
+
+def test_what_replaces_another_robot_says_which_it_is() -> None:
+    with pytest.raises(ImageError, match="does not say which robot"):
+        sign(code("b", 600, "1.1.0"), KEY, Version.of("1.1.0"), 1, "b", replaces=CYLINDER)
+
+
+def test_a_robot_that_is_not_confirmed_leaves_the_old_one() -> None:
+    """Three starts on trial, none confirmed: the cylinder's image and identity are as they were."""
+    chip = controller()
+    assert send(chip, image("b", "1.1.0", **{**RIGHT, "robot": SPHERE}, replaces=CYLINDER), "b") == "ok"
+    assert [chip.start() for _ in range(4)] == ["b", "b", "b", "a"]
+    assert (chip.record().robot, chip.record().confirmed) == (CYLINDER, SLOT["a"])
 
 
 def test_the_robot_of_a_controller_survives_a_reset_and_its_updates() -> None:
     chip = controller()
     chip.lib.terrapin_records_set_node(chip.flash, 3)
     assert (chip.record().robot, chip.record().node) == (CYLINDER, 3)
-    answer = chip.ask(Sender().frame("UPDATE_ROBOT", {"robot": SPHERE, "write": 1}))
-    assert (answer["robot"], answer["board"], answer["interface"]) == (SPHERE, BOARD, VERSION)
-    assert (chip.record().robot, chip.record().node, chip.record().confirmed) == (SPHERE, 3, SLOT["a"])
-    assert chip.start() == ""  # what runs is the cylinder's: the boot loader stays
+    before = chip.contents()
+    answer = chip.ask(written(SPHERE))
+    assert (answer["robot"], answer["board"], answer["interface"]) == (CYLINDER, BOARD, VERSION)
+    assert chip.contents() == before
+    assert chip.start() == "a"
 
 
-def test_the_motor_is_on() -> None:
-    chip = controller()
-    chip.motor_on = True
-    answer = chip.ask(Sender().frame("UPDATE_ROBOT", {"robot": SPHERE, "write": 1}))
-    assert answer["robot"] == CYLINDER
-    assert answer["result"] == interface().enums["update_result"]["motor_on"]
+def written(robot: int) -> Frame:
+    """UPDATE_ROBOT with `write`, as it once was taken."""
+    identifier, data = Sender().frame("UPDATE_ROBOT", {})
+    body = (robot | 1 << 24).to_bytes(6, "little") + data[6:7]
+    return identifier, body + bytes([crc8(identifier.to_bytes(2, "little") + body)])
 
 
 def identity(**changes: int) -> Frame:

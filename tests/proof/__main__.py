@@ -78,6 +78,9 @@ PROOFS = (
         ("update->filled < TERRAPIN_UPDATE_BLOCK", "update->filled <= TERRAPIN_UPDATE_BLOCK"),
         ("} else if ((size > TERRAPIN_LAYOUT_SLOT_SIZE) ||", "} else if ("),
         ("} else if (!update_writable(update, &record, slot)) {", "} else if (false) {"),
+        ("result = announced(update, &record);", "result = OK;"),
+        ("if ((result == OK) && (record->revoked == (key + 1U))) {", "if (false) {"),
+        ("const bool verified = update->ended &&", "const bool verified = update->ended ||"),
     )),
     Proof("store", 100, "store/parameters.c", (
         ("if ((guess < PARAMETERS) && (", "if (("),

@@ -9,6 +9,14 @@
 static terrapin_update update;
 static terrapin_record record;
 static bool motor_on;
+static bool is_signed; /* what the frame announces, by a key that counts */
+static uint8_t is_signed_by;
+static bool is_good;      /* the image in the slot, as boot.c judges it */
+static uint8_t authority; /* of the frame, as controller.toml has it */
+
+static bool is_authentic(void) {
+    return is_signed && (record.revoked != (is_signed_by + 1U));
+}
 
 /* Records are within their ranges (proof `records`), and do not change but by an append. */
 void terrapin_records_read(const terrapin_flash *flash, terrapin_record *found) {
@@ -23,7 +31,12 @@ static bool slot_ok(uint8_t slot) {
 bool terrapin_records_append(const terrapin_flash *flash, const terrapin_record *next) {
     (void)flash;
     PROVE(!motor_on && slot_ok(next->confirmed) && slot_ok(next->candidate));
-    PROVE(next->confirmed == record.confirmed); /* an update confirms nothing */
+    PROVE(next->confirmed ==
+          record.confirmed); /* an update confirms nothing, and changes nobody's robot, node or key */
+    PROVE((next->robot == record.robot) && (next->node == record.node) && (next->revoked == record.revoked));
+    PROVE((next->phase == (uint8_t)TERRAPIN_UPDATE_PHASE_PENDING)
+              ? ((authority == (uint8_t)TERRAPIN_AUTHORITY_UPDATE) && is_good)
+              : ((authority == (uint8_t)TERRAPIN_AUTHORITY_SIGNATURE) && is_authentic()));
     const bool good = nondet_bool();
     if (good) {
         record = *next;
@@ -31,10 +44,16 @@ bool terrapin_records_append(const terrapin_flash *flash, const terrapin_record 
     return good;
 }
 
-bool terrapin_records_set_robot(const terrapin_flash *flash, uint32_t robot) {
-    (void)flash;
-    PROVE(!motor_on && (robot <= 0x00FFFFFFU));
-    return nondet_bool();
+/* Whether what DATA brought before a BEGIN is signed. */
+terrapin_image_result terrapin_image_signed(const uint8_t tlvs[TERRAPIN_IMAGE_TLVS], const uint8_t *keys,
+                                            uint8_t *key) {
+    (void)keys;
+    PROVE(__CPROVER_r_ok(tlvs, TERRAPIN_IMAGE_TLVS));
+    *key = nondet_byte();
+    ASSUME(*key < TERRAPIN_IMAGE_KEYS);
+    is_signed = nondet_bool();
+    is_signed_by = *key;
+    return is_signed ? (uint8_t)TERRAPIN_UPDATE_RESULT_OK : (uint8_t)TERRAPIN_UPDATE_RESULT_BAD_SIGNATURE;
 }
 
 terrapin_flash_area terrapin_boot_slot(uint8_t slot) {
@@ -52,7 +71,9 @@ terrapin_image_result terrapin_boot_check(const terrapin_boot *boot, uint8_t slo
     PROVE(strict && (slot == update.slot));
     ANYTHING(*image);
     ASSUME(image->size <= TERRAPIN_LAYOUT_SLOT_SIZE); /* asserted in terrapin_image_read */
-    return nondet_byte();
+    const uint8_t result = nondet_byte();
+    is_good = result == (uint8_t)TERRAPIN_UPDATE_RESULT_OK;
+    return result;
 }
 
 bool terrapin_image_header_version(const uint8_t header[32], terrapin_image_version *version) {
@@ -84,13 +105,14 @@ static bool write(void *context, uint32_t offset, const uint8_t *bytes, uint32_t
     const terrapin_flash_area area = terrapin_boot_slot(update.slot);
     PROVE(!motor_on && (size > 0U) && __CPROVER_r_ok(bytes, size));
     PROVE((offset >= area.offset) && (size <= area.size) && ((offset - area.offset) <= (area.size - size)));
-    PROVE(is_spare(offset));
+    PROVE(is_spare(offset) && (authority == (uint8_t)TERRAPIN_AUTHORITY_UPDATE) && update.active);
     return nondet_bool();
 }
 
 static bool erase(void *context, terrapin_flash_area area) {
     (void)context;
     PROVE(!motor_on && (area.size == TERRAPIN_LAYOUT_SLOT_SIZE) && is_spare(area.offset));
+    PROVE((authority == (uint8_t)TERRAPIN_AUTHORITY_SIGNATURE) && is_authentic());
     return nondet_bool();
 }
 
@@ -128,11 +150,34 @@ int main(void) {
     motor_on = nondet_bool();
     ASSUME(slot_ok(record.confirmed) && slot_ok(record.candidate) && (record.phase <= TERRAPIN_UPDATE_PHASE_TRIAL));
     ASSUME(sound());
+    static const uint8_t authorities[] = TERRAPIN_UPDATES_AUTHORITY;
+    const uint32_t place = (uint32_t)frame.id - TERRAPIN_UPDATE_ID_FIRST;
+    authority = (place < sizeof authorities) ? authorities[place] : (uint8_t)TERRAPIN_AUTHORITY_NOTHING;
+    is_signed = false;
+    is_good = false;
     const bool reset = update.reset;
-    const uint32_t count = nondet_bool() ? terrapin_update_accept(&update, &frame, motor_on, replies)
-                                         : terrapin_update_application(&update, &frame, motor_on, replies);
+    const bool active = update.active;
+    const bool verified = update.ended && (update.end_result == (uint8_t)TERRAPIN_UPDATE_RESULT_OK);
+    const uint32_t written = update.written;
+    const uint32_t erases = update.erases;
+    const bool application = nondet_bool();
+    const uint32_t count = application ? terrapin_update_application(&update, &frame, motor_on, replies)
+                                       : terrapin_update_accept(&update, &frame, motor_on, replies);
     PROVE(count <= TERRAPIN_UPDATE_REPLIES);
     PROVE(sound());
     PROVE(!motor_on || reset || !update.reset);
+    if (!application) { /* an application's port asks itself who may */
+        const bool of_loader = update.running == (uint8_t)TERRAPIN_UPDATE_SLOT_NONE;
+        PROVE(reset || !update.reset || (authority == (uint8_t)TERRAPIN_AUTHORITY_IMAGE));
+        PROVE(reset || !update.reset || !of_loader || verified);
+        PROVE(active || !update.active || is_authentic()); /* opened */
+        PROVE((update.erases == erases) || is_authentic());
+        PROVE((authority != (uint8_t)TERRAPIN_AUTHORITY_NOTHING) ||
+              ((update.active == active) && (update.written == written) && (update.reset == reset)));
+        PROVE(is_authentic() || (authority == (uint8_t)TERRAPIN_AUTHORITY_UPDATE) ||
+              ((update.active == active) && (update.written == written)));
+        const bool now = update.ended && (update.end_result == (uint8_t)TERRAPIN_UPDATE_RESULT_OK);
+        PROVE(verified || !now || (is_good && (authority == (uint8_t)TERRAPIN_AUTHORITY_UPDATE)));
+    }
     return 0;
 }

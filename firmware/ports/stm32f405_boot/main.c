@@ -2,9 +2,9 @@
  *
  * After reset it listens for 100 ms on CAN and USART1. A host that asks (UPDATE_QUERY), or an application that asked
  * before its reset (RETAINED_UPDATE), makes it stay and serve updates; otherwise it starts what terrapin_boot_choose
- * says. It stays, too, when there is nothing to start. A minute without an update's frame is a reset, so that a host
- * that went away leaves no robot behind that waits for ever. The motor is off throughout: its pins are left as the
- * reset leaves them, but for the gate driver's enable line, which is held low.
+ * says. It stays, too, when there is nothing to start. A minute outside of an update, or without one of its frames,
+ * is a reset: a host that went away, or that only asks, leaves no robot behind that waits for ever. The motor is off
+ * throughout: its pins are left as the reset leaves them, but for the gate driver's enable line, which is held low.
  */
 #include "boards/selected.h"
 #include "boot_key.h"
@@ -144,7 +144,7 @@ _Noreturn void application(void) {
     }
     uint32_t last_ms = now_ms;
     while (!serial.update.reset && ((now_ms - last_ms) < IDLE_MS)) {
-        if (serve()) {
+        if (serve() && serial.update.active) {
             last_ms = now_ms;
         }
     }

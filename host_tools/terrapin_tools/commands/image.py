@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -40,6 +41,16 @@ def _made_for(image: Image) -> str:
     return f"{robot_name(image.robot)}, board {board}, interface version {image.interface}"
 
 
+def _identity(robot: str) -> int:
+    """A robot's number, by its name, its file or the number itself; 0 for none."""
+    from terrapin_interface.robot import RobotError, find_robot, identity_of
+
+    if re.fullmatch("0x[0-9a-f]{1,6}", robot):
+        return int(robot, 16)
+    with about("--replaces", RobotError):
+        return identity_of(find_robot(robot).stem) if robot else 0
+
+
 def build(
     to: Annotated[Path, typer.Option("--out", metavar="DIR", help="where boot loader and images go")],
     robot: RobotName = "cylinder",
@@ -75,6 +86,12 @@ def sign(
         Path | None,
         typer.Option("--revoke", metavar="OLD.pem", help="a key that controllers take no more once this is confirmed"),
     ] = None,
+    replaces: Annotated[
+        str,
+        typer.Option(
+            "--replaces", metavar="ROBOT", help="a robot whose controller takes it, and is another robot's from then on"
+        ),
+    ] = "",
 ) -> None:
     """Put header, security counter and signature around code. The slot is that which the code is linked for.
 
@@ -110,7 +127,9 @@ def sign(
     data += b"\xff" * (-len(data) % 4)
     with about(code, ImageError):
         revoked = public_key(revoke) if revoke else None
-        image = make(data, private_key(key or development_key()), number, counter, slot, chip, revoked)
+        image = make(
+            data, private_key(key or development_key()), number, counter, slot, chip, revoked, _identity(replaces)
+        )
     try:
         write_whole(to, image)
     except OSError as error:
@@ -139,6 +158,8 @@ def info(path: ImageFile) -> None:
 
     Example: terrapin image info robot-a.bin
     """
+    from terrapin_tools.flash.update import robot_name
+
     image, data = _read(path)
     signed = f"Ed25519, key {image.key_hash[:4].hex()}" if image.key_hash else "not signed"
     print(
@@ -150,7 +171,9 @@ def info(path: ImageFile) -> None:
         f"  code              {image.code_size} bytes\n"
         f"  security counter  {image.security_counter}\n"
         f"  SHA-256           {image.digest.hex()}\n"
-        f"  signature         {signed}" + (f"\n  revokes           key {image.revokes.hex()}" if image.revokes else "")
+        f"  signature         {signed}"
+        + (f"\n  replaces          {robot_name(image.replaces)}" if image.replaces else "")
+        + (f"\n  revokes           key {image.revokes.hex()}" if image.revokes else "")
     )
 
 

@@ -2,8 +2,8 @@
 
     imgtool sign -k KEY.pem -v VERSION -s COUNTER -H 0x200 --pad-header -S 0x20000 -F ADDRESS --align 4
 
-Header (0x200 bytes), code, protected TLVs (security counter; where they are needed, kind, unit and revoked key), TLVs:
-SHA-256, key hash, Ed25519 signature of the SHA-256. What the boot loader asks of an image stands in
+Header (0x200 bytes), code, protected TLVs (security counter; where they are needed, kind, unit, revoked key and
+replaced robot), TLVs: SHA-256, key hash, Ed25519 signature of the SHA-256. What the boot loader asks of an image is in
 firmware/boot/image.h; `parse` asks the same.
 """
 
@@ -40,7 +40,7 @@ MAGIC = 0x96F3B83D
 ROM_FIXED = 0x100
 PROTECTED, PLAIN = 0x6908, 0x6907
 KEY_HASH, SHA256, ED25519, SECURITY_COUNTER = 0x01, 0x10, 0x24, 0x50
-KIND, UNIT, MADE_FOR, INTERFACE, REVOKES = 0xA0, 0xA1, 0xA2, 0xA3, 0xA4
+KIND, UNIT, MADE_FOR, INTERFACE, REVOKES, REPLACES = 0xA0, 0xA1, 0xA2, 0xA3, 0xA4, 0xA5
 KINDS = ("desk", "production")
 MARK = b"terrapin-kind\0\0\0"  # stands before the kind in the code (terrapin_image_mark of link/dispatch.h)
 _HEADER = struct.Struct("<IIHHIIBBHI4x")
@@ -96,6 +96,7 @@ class Image:
     robot: int = 0  # robot_identity that it is made for,
     board: int = 0  # board,
     interface: int = 0  # and version of the interface; each 0 when it does not say
+    replaces: int = 0  # robot_identity whose controller it may become the image of, 0: none
     revokes: bytes = b""  # first four bytes of the hash of a key that counts no more once it is confirmed
 
 
@@ -159,10 +160,12 @@ def sign(
     slot: str,
     unit: int | None = None,
     revokes: Ed25519PublicKey | None = None,
+    replaces: int = 0,
 ) -> bytes:
     """The image of `code`, linked for `slot`; `unit`: the chip on which a release boot loader takes it although it is a
-    desk image; `revokes`: the key that the boot loader takes no more once the image is confirmed. ImageError when it
-    does not fit, or would revoke the key that signs it."""
+    desk image; `revokes`: the key that the boot loader takes no more once the image is confirmed; `replaces`: the
+    robot_identity of a robot whose controller takes it and becomes that of the code's robot. ImageError when it does
+    not fit, would revoke the key that signs it, or replaces a robot and names none."""
     tlvs = _tlv(SECURITY_COUNTER, struct.pack("<I", security_counter))
     if kind_of(code) == "production":
         tlvs += _tlv(KIND, bytes([KINDS.index("production")]))
@@ -175,6 +178,10 @@ def sign(
         if key_hash(revokes) == key_hash(key.public_key()):
             raise ImageError("would revoke the key that signs it, expected another one")
         tlvs += _tlv(REVOKES, key_hash(revokes)[:4])
+    if replaces:
+        if not robot:
+            raise ImageError("does not say which robot it is made for, expected that of one which replaces another")
+        tlvs += _tlv(REPLACES, struct.pack("<I", replaces))
     protected = struct.pack("<HH", PROTECTED, 4 + len(tlvs)) + tlvs
     header = _HEADER.pack(
         MAGIC, SLOTS[slot], HEADER_SIZE, len(protected), len(code), ROM_FIXED,
@@ -193,7 +200,7 @@ def sign_again(data: bytes, key: Ed25519PrivateKey, revokes: Ed25519PublicKey) -
     """The image in `data`, signed with `key` in the place of its own, which it revokes. ImageError when it is none."""
     old = parse(data)
     code = data[HEADER_SIZE : HEADER_SIZE + old.code_size]
-    return sign(code, key, old.version, old.security_counter, old.slot, old.unit, revokes)
+    return sign(code, key, old.version, old.security_counter, old.slot, old.unit, revokes, old.replaces)
 
 
 def _tlvs(data: bytes, offset: int, magic: int, what: str) -> tuple[list[tuple[int, bytes]], int]:
@@ -231,7 +238,7 @@ def parse(data: bytes) -> Image:
     more = {
         kind: int.from_bytes(value, "little")
         for kind, value in protected
-        if kind in (KIND, UNIT, MADE_FOR, INTERFACE, REVOKES)
+        if kind in (KIND, UNIT, MADE_FOR, INTERFACE, REVOKES, REPLACES)
     }
     tlvs, end = _tlvs(data, hashed_size, PLAIN, "TLVs")
     values = dict(tlvs)
@@ -255,6 +262,7 @@ def parse(data: bytes) -> Image:
         robot=more.get(MADE_FOR, 0) & 0xFFFFFF,
         board=more.get(MADE_FOR, 0) >> 24,
         interface=more.get(INTERFACE, 0),
+        replaces=more.get(REPLACES, 0),
         revokes=more[REVOKES].to_bytes(4, "little") if REVOKES in more else b"",
     )
 

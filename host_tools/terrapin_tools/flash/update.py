@@ -25,7 +25,8 @@ __all__ = ["Controller", "Outcome", "SignedFile", "query", "update"]
 
 
 BLOCK = 256
-PROTOCOL = 1
+PROTOCOL = 2  # 1: older boot loaders, which asked for no signature before they erased
+ANNOUNCED = 144  # bytes at the end of an image: SHA-256, key, signature
 ASK_EVERY = 0.03  # s, so that the boot loader's 100 ms are not missed
 ANSWER = 3.0  # s for a controller to answer at all
 ERASE = 8.0  # s: 128 kB take 2 s at most, and as much again when another slot's record is dropped first
@@ -54,7 +55,7 @@ REASONS = {
     "counter_too_low": "the security counter is lower than that of the image confirmed before the present one",
     "desk_image": "a desk image, which this release refuses; expected a production image, or one signed with --unit",
     "busy": "a slot was erased just now; wait 10 s (or, after 20 times, reset the controller)",
-    "wrong_robot": "the image is made for another robot; --change-robot makes the controller that robot's",
+    "wrong_robot": "the image is made for another robot, and not signed to replace this one",
     "wrong_board": "the image is made for another board",
     "wrong_interface": "the image has another version of the interface than the boot loader",
     "boot_loader_only": "the application leaves updates to the boot loader",
@@ -82,6 +83,7 @@ class Controller:
     security_counter: int
     keys: tuple[bytes, ...]  # first two bytes of the hash of each key that the boot loader takes
     revoked: bytes = b""  # and of the one that it takes no more
+    protocol: int = PROTOCOL
 
 
 @dataclass(frozen=True)
@@ -126,8 +128,11 @@ def _ask(wire: Wire, sender: Sender, seconds: float) -> Controller | None:
                 info = messages["UPDATE_INFO"].decode(data)
             elif identifier == messages["UPDATE_FLOOR"].id and info and len(data) == 8:
                 least = messages["UPDATE_FLOOR"].decode(data)
-                if info["protocol"] != PROTOCOL:
-                    raise UserError(f"{wire.name}: speaks update protocol {info['protocol']}, expected {PROTOCOL}")
+                if not 1 <= info["protocol"] <= PROTOCOL:
+                    raise UserError(
+                        f"{wire.name}: speaks update protocol {info['protocol']}, expected 1 to {PROTOCOL}; a newer "
+                        "`terrapin flash` knows it"
+                    )
                 phases = {number: name for name, number in enums["update_phase"].items()}
                 names = [(least[name] & 0xFFFF).to_bytes(2, "little") for name in ("key", "next_key")]
                 counting = [name for place, name in enumerate(names, 1) if place != info["revoked"]]
@@ -140,6 +145,7 @@ def _ask(wire: Wire, sender: Sender, seconds: float) -> Controller | None:
                     security_counter=least["security_counter"],
                     keys=tuple(dict.fromkeys(counting)),
                     revoked=names[info["revoked"] - 1] if info["revoked"] in (1, 2) else b"",
+                    protocol=info["protocol"],
                 )
     return None
 
@@ -202,9 +208,11 @@ def _request(
     return None
 
 
-def _asked(wire: Wire, frame: Frame, request: str, seconds: float, name: str) -> bool:
-    """A request that must not be refused; whether it was answered."""
-    answer = _request(wire, [frame], request, seconds)
+def _asked(wire: Wire, frames: Sequence[Frame], request: str, seconds: float, name: str) -> bool:
+    """A request, the last of the frames, that must not be refused; whether it was answered, and arrived whole."""
+    answer = _request(wire, frames, request, seconds)
+    if answer is not None and answer[0] == "again":
+        return False
     if answer is not None and answer[0] != "ok":
         raise UserError(f"{name}: refused: {REASONS.get(answer[0], answer[0])}")
     return answer is not None
@@ -214,10 +222,19 @@ def _silent(wire: Wire, request: str) -> UserError:
     return UserError(f"{wire.name}: the controller stopped answering ({request})", status=1)
 
 
-def _demand(wire: Wire, sender: Sender, request: str, values: dict[str, int], seconds: float, name: str) -> None:
-    """BEGIN or END, which must succeed. Sent again when the answer does not come: the boot loader knows it again."""
+def _demand(
+    wire: Wire,
+    sender: Sender,
+    request: str,
+    values: dict[str, int],
+    seconds: float,
+    name: str,
+    before: Sequence[Frame] = (),
+) -> None:
+    """BEGIN, with what comes `before` it, or END, which must succeed. Sent again when the answer does not come: the
+    boot loader knows it again."""
     for _ in range(REQUESTS):
-        if _asked(wire, sender.frame(f"UPDATE_{request.upper()}", values), request, seconds, name):
+        if _asked(wire, [*before, sender.frame(f"UPDATE_{request.upper()}", values)], request, seconds, name):
             return
         wire.wake()
     raise _silent(wire, request)
@@ -228,7 +245,7 @@ def _reset(wire: Wire, sender: Sender, values: dict[str, int], name: str, done: 
     would end its trial."""
     key = int(sender.interface.constants["update_reset_key"])
     for _ in range(REQUESTS):
-        if _asked(wire, sender.frame("UPDATE_RESET", {"key": key} | values), "reset", BLOCK_ANSWER, name):
+        if _asked(wire, [sender.frame("UPDATE_RESET", {"key": key} | values)], "reset", BLOCK_ANSWER, name):
             return
         found = _ask(wire, sender, ANSWER)
         if found is not None and done(found):
@@ -270,31 +287,36 @@ def robot_name(identity: int) -> str:
     return {identity_of(name): name for name in names}.get(identity, f"robot 0x{identity:06x}")
 
 
-def _made_for(wire: Wire, sender: Sender, robot: int | None = None) -> MadeFor | None:
-    """Whose images the boot loader takes; with `robot` from now on that one's. None: it knows nothing of robots."""
-    answer, enums = interface().messages["UPDATE_IDENTITY"], interface().enums
-    values = {} if robot is None else {"robot": robot, "write": 1}
+def _made_for(wire: Wire, sender: Sender) -> MadeFor | None:
+    """Whose images the boot loader takes. None: it knows nothing of robots."""
+    answer = interface().messages["UPDATE_IDENTITY"]
     for _ in range(REQUESTS):
-        wire.send([sender.frame("UPDATE_ROBOT", values)])
+        wire.send([sender.frame("UPDATE_ROBOT", {})])
         for identifier, data in _heard(wire, BLOCK_ANSWER):
             if identifier == answer.id and len(data) == answer.length:
                 found = answer.decode(data)
-                if found["result"] != enums["update_result"]["ok"]:
-                    names = {number: name for name, number in enums["update_result"].items()}
-                    raise UserError(f"{wire.name}: refused: {REASONS.get(names.get(found['result'], ''), 'flash')}")
                 return MadeFor(found["robot"], found["board"], found["interface"])
     return None
 
 
-def _require_fit(file: SignedFile, there: MadeFor) -> None:
+def _require_robot(file: SignedFile, robot: int, change_robot: bool, protocol: int) -> None:
+    image = file.image
+    made = robot_name(image.robot) if image.robot else "no robot that it names"
+    begins = f"{file.name}: made for {made}, the controller is that of {robot_name(robot)}; "
+    if not change_robot:
+        raise UserError(begins + "--change-robot makes it another's")
+    if protocol < PROTOCOL:
+        raise UserError(begins + "its boot loader is too old for another robot's image; --via swd writes both")
+    if image.replaces != robot:
+        name = robot_name(robot).removeprefix("robot ")
+        raise UserError(begins + f"expected an image that may take its place: `terrapin image sign --replaces {name}`")
+
+
+def _require_fit(file: SignedFile, there: MadeFor, change_robot: bool, protocol: int) -> None:
     """UserError when the boot loader would not start the image: before anything is erased."""
     image = file.image
     if there.robot and image.robot != there.robot:
-        made = robot_name(image.robot) if image.robot else "no robot that it names"
-        raise UserError(
-            f"{file.name}: made for {made}, the controller is that of {robot_name(there.robot)}; "
-            "--change-robot makes it another's"
-        )
+        _require_robot(file, there.robot, change_robot, protocol)
     if image.board and there.board and image.board != there.board:
         names = {number: name for name, number in interface().enums["board"].items()}
         found, expected = names.get(image.board, image.board), names.get(there.board, there.board)
@@ -341,13 +363,23 @@ def _enter_loader(wire: Wire, sender: Sender, name: str, key: LinkKey | None) ->
     raise UserError(f"{wire.name}: the controller did not come back in its boot loader", status=1)
 
 
-def _send_blocks(wire: Wire, sender: Sender, data: bytes, told: Told) -> None:
+def _data(block: bytes) -> list[Frame]:
     identifier = interface().messages["UPDATE_DATA"].id
+    return [(identifier, block[at : at + 8].ljust(8, b"\xff")) for at in range(0, len(block), 8)]
+
+
+def _announcement(sender: Sender, file: SignedFile) -> list[Frame]:
+    """The image's digest and signature, without which nothing is erased. A block of nothing drops what came before."""
+    size = file.image.size
+    return [sender.frame("UPDATE_BLOCK", {}), *_data(file.data[size - ANNOUNCED : size])]
+
+
+def _send_blocks(wire: Wire, sender: Sender, data: bytes, told: Told) -> None:
     count = -(-len(data) // BLOCK)
     index = tries = 0
     while index < count:
         block = data[BLOCK * index : BLOCK * (index + 1)]
-        frames = [(identifier, block[at : at + 8].ljust(8, b"\xff")) for at in range(0, len(block), 8)]
+        frames = _data(block)
         values = {"index": index, "size": len(block), "checksum": zlib.crc32(block)}
         last = index + 1 == count
         beyond = -1 if last else index  # the last one may be a part, which `next` does not count:
@@ -378,7 +410,8 @@ def update(
     """Put one of the files (one a slot) on the controller. UserError when it or they would not; LinkError for a `key`
     that is not the controller's.
 
-    `change_robot`: the controller takes the images of the file's robot from now on, and no other's. `key`: the link key
+    `change_robot`: an image that replaces the controller's robot may do so; once confirmed, it takes the images of the
+    file's robot, and no other's. `key`: the link key
     of the application that runs.
     """
     sender = Sender()
@@ -389,14 +422,14 @@ def update(
         controller = _enter_loader(wire, sender, file.name, key)
         file = _choose(files, controller)
     image = file.image
-    there = _made_for(wire, sender, image.robot if change_robot else None)
+    there = _made_for(wire, sender)
     if there is not None:
-        _require_fit(file, there)
+        _require_fit(file, there, change_robot, controller.protocol)
     data = file.data[: image.size] + b"\xff" * (-image.size % 4)
     told("erasing", 0, len(data))
     begin = {"size": len(data) // 4, "slot": interface().enums["update_slot"][image.slot]}
     begin |= {"major": image.version.major, "minor": image.version.minor, "revision": image.version.revision}
-    _demand(wire, sender, "begin", begin, ERASE, file.name)
+    _demand(wire, sender, "begin", begin, ERASE, file.name, _announcement(sender, file))
     _send_blocks(wire, sender, data, told)
     told("verifying", len(data), len(data))
     _demand(wire, sender, "end", {"checksum": zlib.crc32(data)}, VERIFY, file.name)

@@ -279,7 +279,6 @@ static void check_boot(const uint8_t *bytes, size_t size, uint32_t repairs) {
     record.security_counter++;
     (void)terrapin_records_append(&flash, &record); /* may be refused: pages as no power cut leaves them */
     (void)terrapin_records_set_node(&flash, (uint8_t)(record.tries % TERRAPIN_NODES));
-    (void)terrapin_records_set_robot(&flash, record.security_counter & 0x00FFFFFFU);
     terrapin_records_read(&flash, &back);
     CHECK((back.confirmed <= TERRAPIN_UPDATE_SLOT_B) && (back.candidate <= TERRAPIN_UPDATE_SLOT_B) &&
           (back.phase <= TERRAPIN_UPDATE_PHASE_TRIAL));
