@@ -22,6 +22,7 @@ from terrapin_tools.workbench.case.groups import Groups, group_columns, membersh
 from terrapin_tools.workbench.case.intake import Mapped, assumed, converted, gaps, ungrouped, unsigned
 from terrapin_tools.workbench.case.mechanics import is_of, role_of_unit
 from terrapin_tools.workbench.case.mends import earlier, mended, read_mend, told_mends
+from terrapin_tools.workbench.derived.columns import derive, inputs
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.tables import Table, read
 from terrapin_tools.workbench.files.toml_tables import Tables
@@ -53,12 +54,15 @@ class Measurements:
 
 def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
     """Read the files that [data] names. UserError when anything is wrong."""
-    tables.allow(("data",), "files", "run", "train", "test", "columns", "dbc", "period", "ignore")
+    tables.allow(("data",), "files", "run", "train", "test", "columns", "dbc", "period", "ignore", "derived")
     equations = _equations(tables, base)
     mapped = _columns(tables, base, equations)
     files = tables.files()
     loaded = _read_files(folder, tables, files, mapped)
     run_column = tables.text("data", "run", default="")
+    derived: list[str] = []
+    if tables.table("data", "derived"):
+        loaded, derived = derive(tables, loaded, run_of_rows(tables, loaded, run_column))
     starts = np.cumsum([0, *(table.rows for table in loaded)]).tolist()
 
     def place(row: int) -> str:
@@ -96,7 +100,7 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
     extra, sparse, text = _extra(loaded, used | set(values) | _ignored(tables, loaded, used))
     groups = read_groups(tables, loaded, kept, run, run_names, train)
     kinds = [name for name, count in text.items() if 1 < count < len(run_names)]
-    remarks = [*assumed(loaded), *gaps(columns, whole, sparse, place), *told_mends(mends), *converted(mapped)]
+    remarks = [*assumed(loaded), *derived, *gaps(columns, whole, sparse, place), *told_mends(mends), *converted(mapped)]
     remarks += [*unsigned(values, _told(mapped)), *ungrouped(kinds)]
     return Measurements(
         roles={e.name: values[e.name] for e in mapped if not e.channel},
@@ -236,7 +240,7 @@ def _read_files(folder: Path, tables: Tables, files: list[str], mapped: list[Map
         period = tables.number("s", "data", "period")
         if period <= 0:
             raise tables.complain(f"found {period:g} s, expected more than 0", "data", "period")
-    needed, run = {entry.column for entry in mapped}, tables.text("data", "run", default="")
+    needed, run = inputs(tables, [entry.column for entry in mapped]), tables.text("data", "run", default="")
     text = {run, *group_columns(tables).values()}
     return [read(folder / name, dbc, period, needed, text) for name in files]
 

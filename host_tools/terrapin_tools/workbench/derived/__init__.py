@@ -1,0 +1,1 @@
+"""Columns that a case derives from those of its files: formulas with units, speeds of counts, means over a window."""
