@@ -29,6 +29,7 @@ _UNITS: dict[str, tuple[float, Dimension]] = {
     "K": (1.0, (0, 0, 0, 0, 1, 0)),
     "degC": (1.0, (0, 0, 0, 0, 1, 0)),  # a temperature of a limit: never converted to another scale
     "N": (1.0, (1, 1, -2, 0, 0, 0)),
+    "kgf": (9.80665, (1, 1, -2, 0, 0, 0)),  # as sheets of small gear motors give torques: kgf cm
     "V": (1.0, (1, 2, -3, -1, 0, 0)),
     "ohm": (1.0, (1, 2, -3, -2, 0, 0)),
     "H": (1.0, (1, 2, -2, -2, 0, 0)),

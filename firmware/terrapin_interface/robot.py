@@ -29,6 +29,7 @@ __all__ = [
     "find_robot",
     "identity_of",
     "load_robot",
+    "read_robot",
     "robots",
 ]
 
@@ -245,6 +246,11 @@ def find_robot(name: str, folder: Path = ROBOTS, around: Iterable[Path] = ()) ->
 def load_robot(path: Path) -> Robot:
     """The robot of a file. RobotError: one line with file, line, field, what was found and what was expected."""
     return _read(RobotTable.load(path), path.stem)
+
+
+def read_robot(text: str, path: Path) -> Robot:
+    """The robot of a text that may be written to `path`. RobotError as `load_robot`."""
+    return _read(RobotTable(text, str(path)), path.stem)
 
 
 def _read(table: RobotTable, name: str) -> Robot:

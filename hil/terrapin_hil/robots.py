@@ -119,6 +119,7 @@ def _build(name: str, file: Path, sources: Path) -> None:
         fcntl.flock(lock, fcntl.LOCK_EX)
         print(f"{name}: building its controller, once ...", end=" ", file=sys.stderr, flush=True)
         began = time.monotonic()
+        (place / "libterrapin.so").unlink(missing_ok=True)  # one that is interrupted leaves none of an older file
         for words in commands:
             done = subprocess.run(
                 words, cwd=sources, env=_environment(), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,

@@ -370,6 +370,9 @@ def _changed_text(text: str, values: Mapping[str, Any]) -> str:
     import tomlkit
 
     document: Any = tomlkit.parse(text)
+    for name in [name for name, value in values.items() if value is None]:
+        document.remove(name)
+    values = {name: value for name, value in values.items() if value is not None}
     changed(document.unwrap(), values)  # says what is wrong with a name
     for name, value in values.items():
         *way, last = place_of(name)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import sys
+from inspect import Parameter, Signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from terrapin_tools.errors import UserError, about
+from terrapin_tools.sheet.figures import FIGURES, option
 
 if TYPE_CHECKING:
     from terrapin_interface.robot import Robot
@@ -76,6 +79,8 @@ def show(name: Named) -> None:
 
 def _notes(robot: Robot) -> list[str]:
     """What is no contradiction, but worth knowing."""
+    from terrapin_interface.description import load
+
     missing = [
         what for what in ("swing", "pitch", "ground_speed") if getattr(robot, what) and not getattr(robot.board, what)
     ]
@@ -83,18 +88,24 @@ def _notes(robot: Robot) -> list[str]:
     notes = [f"board {board} has no sensor for {', '.join(missing)}"] if missing else []
     if robot.board.swing < ("swing" in robot.limits):
         notes.append(f"on board {board} the guard of the swing keeps the bridge off")
+    (parameter,) = (each for each in load(robot=robot).parameters if each.name == "encoder_tolerance")
+    tolerance, reach = parameter.default * parameter.scale, robot.plant["armature_resistance"] * robot.limits["current"]
+    if reach < tolerance:
+        notes.append(
+            "a motor encoder that sticks or counts backwards is told by over_current at most: limits.current leaves it "
+            f"{reach:.3g} V, encoder_tolerance is {tolerance:.3g} V; a smaller one in [firmware] tells it"
+        )
     if not robot.board.ground_wheel:
         notes.append(f"on board {board}, which has no ground wheel, a run with the slip limiter is refused")
     return notes
 
 
-def new(
-    to: Annotated[Path, typer.Argument(metavar="FILE", help="the file to make; never replaced")],
-    like: Annotated[str, typer.Option("--like", metavar="ROBOT", help="whose file to begin with")] = "cylinder",
-) -> None:
-    """Begin the file of a robot of your own with that of another.
+def new(to: Path, like: str, from_sheet: bool, **sheet: str) -> None:
+    """Begin the file of a robot of your own: with that of another, or from the data sheet of its drive.
 
     Example: terrapin robot new mine.toml --like roller
+
+    With --from-sheet it asks for what the sheet says, or takes it as options, and writes from what each value follows.
     """
     from terrapin_tools.workbench.files.writing import write_whole
 
@@ -102,10 +113,72 @@ def new(
         raise UserError(f"{to}: expected letters, digits and _ before .toml: the file's name is the robot's")
     if to.exists():
         raise UserError(f"{to}: is there already")
-    text = _load(like).text
+    given = {name: text for name, text in sheet.items() if text}
+    if given and not from_sheet:
+        raise UserError(f"{option(next(iter(given)))}: is of a data sheet, expected --from-sheet beside it")
+    if from_sheet and like:
+        raise UserError("--like: found it beside --from-sheet, expected one of the two")
+    text = _from_sheet(to, given) if from_sheet else _load(like or "cylinder").text
     with about(to, OSError):
         write_whole(to, text)
-    print(f"{to}: as {like}; put your numbers in, then: terrapin robot check {to}")
+    if from_sheet:
+        check(str(to))
+        print(f"{to}: each line says from what it follows; look at what is assumed, then: terrapin robot show {to}")
+    else:
+        print(f"{to}: as {like or 'cylinder'}; put your numbers in, then: terrapin robot check {to}")
+
+
+def _from_sheet(to: Path, given: dict[str, str]) -> str:
+    """The text of the file, which is then one that the controller can be built for."""
+    from terrapin_interface.description import load
+    from terrapin_interface.robot import RobotError, read_robot
+    from terrapin_tools.sheet.asking import asked
+    from terrapin_tools.sheet.figures import read
+    from terrapin_tools.sheet.proposal import robot_text
+
+    if sys.stdin.isatty():
+        given = asked(given, input)
+    text = robot_text(to.stem.replace("_", " "), read(given))
+    try:
+        load(robot=read_robot(text, to))
+    except RobotError as error:
+        raise UserError(
+            f"{str(error).partition(': ')[2]}; in what follows from the sheet, which was not written"
+        ) from None
+    return text
+
+
+def _with_figures() -> None:
+    """The options of `new`: its own, and one for each figure of a data sheet."""
+    own: list[tuple[str, Any, Any]] = [
+        (
+            "to",
+            Annotated[Path, typer.Argument(metavar="FILE", help="the file to make; never replaced")],
+            Parameter.empty,
+        ),
+        ("like", Annotated[str, typer.Option("--like", metavar="ROBOT", help="whose file to begin with")], ""),
+        (
+            "from_sheet",
+            Annotated[bool, typer.Option("--from-sheet", help="from what the drive's data sheet says")],
+            False,
+        ),
+    ]
+    for name, figure in FIGURES.items():
+        about_it = (
+            f"{figure.meaning}: {', '.join(figure.words)}"
+            if figure.words
+            else f"{figure.meaning}, like {figure.example!r}"
+        )
+        shown = typer.Option(option(name), metavar="TEXT", help=about_it, rich_help_panel="From a data sheet")
+        own.append((name, Annotated[str, shown], ""))
+    parameters = [
+        Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind) for name, kind, default in own
+    ]
+    setattr(new, "__signature__", Signature(parameters))  # noqa: B010  of a function: mypy knows no such attribute
+    new.__annotations__ = {name: kind for name, kind, _ in own}
+
+
+_with_figures()
 
 
 def check(name: Named) -> None:

@@ -1,0 +1,152 @@
+"""A robot's file from a data sheet: what follows from what, what contradicts itself, the questions at a terminal."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from terrapin_interface.robot import load_robot, read_robot
+from terrapin_tools.commands import robot as command
+from terrapin_tools.errors import UserError
+from terrapin_tools.sheet.asking import asked
+from terrapin_tools.sheet.figures import FIGURES, read
+from terrapin_tools.sheet.motor import motor_of
+from terrapin_tools.sheet.proposal import robot_text
+from tests.drives import DRIVES
+
+RE30 = {**DRIVES["maxon_re30"].robot, **DRIVES["maxon_re30"].sheet}
+POLOLU = {**DRIVES["pololu_37d_30"].robot, **DRIVES["pololu_37d_30"].sheet}
+
+
+def test_the_motors_constants_are_those_of_the_sheet() -> None:
+    motor = motor_of(read(RE30))
+    assert (motor.torque_constant, motor.resistance) == (pytest.approx(0.0259), 0.611)
+    speed_only = {name: text for name, text in RE30.items() if name not in ("torque_constant", "kv", "resistance")}
+    motor = motor_of(read(speed_only))
+    assert motor.resistance == pytest.approx(24.0 / 39.3)
+    assert motor.torque_constant == pytest.approx((24.0 - 24.0 / 39.3 * 0.164) / (8810 * 0.104719755))
+
+
+def test_what_a_sheet_says_at_the_output_goes_through_the_gear() -> None:
+    """330 rpm behind 30:1 are 9900 rpm of the motor; its torque at stall shows what the gear loses."""
+    motor = motor_of(read(POLOLU))
+    assert motor.torque_constant == pytest.approx((12.0 - 12.0 / 5.5 * 0.2) / (9900 * 0.104719755))
+    assert motor.efficiency == pytest.approx(14 * 0.0980665 / 5.3 / 30 / motor.torque_constant)
+
+
+def test_an_encoder_behind_the_gear_makes_motor_and_gear_one() -> None:
+    drive = DRIVES["dynamixel_ax12a"]
+    robot = read_robot(robot_text("servo", read({**drive.robot, **drive.sheet})), Path("servo.toml"))
+    assert robot.counts == 4096
+    assert robot.plant["torque_constant"] == pytest.approx((12.0 - 8.0 * 0.075) / (59 * 0.104719755))
+
+
+@pytest.mark.parametrize(
+    ("sheet", "changes", "words"),
+    [
+        (
+            RE30,
+            {"kv": "300 rpm/V"},
+            r"^--kv: found 0\.03183 N m/A, .*expected 0\.0259 N m/A within 15%.*--torque-constant",
+        ),
+        (RE30, {"stall_current": "30 A"}, r"^--stall-current: found 0\.8 ohm, .*expected 0\.611 ohm.*--resistance"),
+        (RE30, {"no_load_speed": "7000 rpm"}, r"^--no-load-speed: found 0\.0326.*expected 0\.0259 N m/A"),
+        (RE30, {"stall_torque": "0.7 N m"}, r"^--stall-torque: found 0\.0178.*expected 0\.0259 N m/A"),
+        (RE30, {"no_load_current": "25 A"}, r"^--no-load-current: found 25 A, expected less than half of the 39\.28 A"),
+        (RE30, {"gear_efficiency": "1.2"}, r"^--gear-efficiency: found 1\.2, expected more than 0, at most 1$"),
+        (RE30, {"gear": "0.2"}, r"^--gear: found 0\.2, with which rolling on sand takes .* expected a higher gear"),
+        (
+            RE30,
+            {"gear": "140"},
+            r"^--gear: found 140, with which the inner body follows its motor within .* expected 10 ms",
+        ),
+        (
+            RE30,
+            {"drive_radius": "160 mm"},
+            r"^--drive-radius: found 0\.16 m, expected less than the 0\.15 m of --radius",
+        ),
+        (
+            POLOLU,
+            {"stall_torque": "40 kgf cm"},
+            r"^--stall-torque: found 3\.923 N m, expected 0\.532 to 2\.04 N m at 5\.5 A",
+        ),
+        (POLOLU, {"gear_efficiency": "0.3"}, r"^--gear-efficiency: found 0\.3, expected 0\.77 within 0\.25"),
+        (POLOLU, {"no_load_speed": ""}, r"^--kv is missing, expected it, --torque-constant, or --no-load-speed"),
+        (POLOLU, {"stall_current": ""}, r"^--resistance is missing, expected it or --stall-current"),
+        (POLOLU, {"radius": "", "supply": ""}, r"^--radius is missing, expected R, of the shell, .*; so are --supply$"),
+        (POLOLU, {"radius": "0.11"}, r"^--radius: found '0\.11', expected a number in m or a text with a unit"),
+        (POLOLU, {"kind": "cube"}, r"^--kind: found 'cube', expected one of cylinder, sphere"),
+        (POLOLU, {"gear": "-30"}, r"^--gear: found '-30', expected more than 0"),
+    ],
+)
+def test_a_sheet_that_contradicts_itself_is_refused_in_one_line(
+    sheet: dict[str, str], changes: dict[str, str], words: str
+) -> None:
+    with pytest.raises(UserError, match=words) as found:
+        robot_text("robot", read({**sheet, **changes}))
+    assert "\n" not in str(found.value)
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_every_value_says_from_what(name: str) -> None:
+    drive = DRIVES[name]
+    text = robot_text(name, read({**drive.robot, **drive.sheet}))
+    robot = read_robot(text, Path(f"{name}.toml"))
+    for line in text.splitlines()[3:]:
+        assert not line or re.fullmatch(r"\[[a-z_.]+\]|\S+ = .+ # \S.*", line), line
+    assert robot.limits["current"] < robot.limits["over_current"]
+
+
+def test_the_command_writes_a_file_or_nothing(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    words = ["new", str(file), "--from-sheet", *DRIVES["pololu_37d_30"].words]
+    runner = CliRunner()
+    application = _application()
+    assert isinstance(runner.invoke(application, [*words, "--stall-torque", "40 kgf cm"]).exception, UserError)
+    assert not file.exists()
+    done = runner.invoke(application, words)
+    assert done.exit_code == 0, done.output
+    assert load_robot(file).counts == 1920
+    assert isinstance(runner.invoke(application, words).exception, UserError)  # it is there already
+    other = str(tmp_path / "other.toml")
+    for wrong in (["new", other, "--kv", "100 rpm/V"], ["new", other, "--from-sheet", "--like", "roller"]):
+        assert isinstance(runner.invoke(application, wrong).exception, UserError)
+
+
+def _application() -> object:
+    import typer
+
+    application = typer.Typer()
+    for subcommand in command.SUBCOMMANDS:
+        application.command(subcommand.__name__.strip("_"))(subcommand)
+    return application
+
+
+def test_it_asks_for_what_is_not_given() -> None:
+    """Each figure once; what is wrong or needed is asked again, and after three tries told."""
+    given = {name: text for name, text in POLOLU.items() if name not in ("supply", "gear", "shell_mass")}
+    asked_for: list[str] = []
+    answers = {"supply": ["12 pears", "12 V"], "gear": ["30"], "shell mass": ["", "0.55 kg"]}
+
+    def answer(question: str) -> str:
+        name = question.partition(",")[0]
+        asked_for.append(name)
+        return answers[name].pop(0) if answers.get(name) else ""
+
+    told: list[str] = []
+    found = asked(given, answer, told.append)
+    assert robot_text("robot", read(found)) == robot_text("robot", read(POLOLU))
+    assert asked_for.count("supply") == asked_for.count("shell mass") == 2
+    assert "radius" not in asked_for
+    assert "frame mass" not in asked_for
+    assert any("--supply: found '12 pears'" in line for line in told)
+    with pytest.raises(UserError, match=r"^radius: no answer that can be used after 3 tries$"):
+        asked({}, lambda _: "", told.append)
+
+
+def test_every_figure_is_an_option() -> None:
+    shown = CliRunner().invoke(_application(), ["new", "--help"], env={"COLUMNS": "200"}).output
+    assert all(f"--{name.replace('_', '-')} " in shown for name in FIGURES)
