@@ -218,7 +218,7 @@ def test_a_factor_from_run_to_run_is_no_effect(tmp_path: Path) -> None:
         factor = 1.0 + 0.04 * np.random.default_rng(seed).standard_normal(14)
         found = analyse(replace(case, channels={"current": case.channels["current"] * factor[case.run]}))
         alarms += found.missing
-        told_so += "run_gains" in [one.kind for one in told(found).noise_findings]
+        told_so += "run_gains" in [one.kind for one in told(found).noise.findings]
     assert alarms <= 4
     assert told_so >= 12
 
@@ -265,24 +265,25 @@ def test_noise_far_above_what_is_stated_is_no_adequate_model(tmp_path: Path) -> 
     found = discover(lost)
     assert found.verdict == "adequate"
     assert found.answer_probability < 0.5
-    assert "far more than the stated noise" in " ".join(told(found.analysis, found).notes)
+    both = told(found.analysis, found), told(found.analysis)
+    assert all("far more than the stated noise" in story.headline and story.chip == "no alarm" for story in both)
 
 
 def test_what_the_noise_is_like_is_told_and_no_effect(tmp_path: Path) -> None:
     case = load_case(rolling(tmp_path / "case", 8, runs=14))
     small = told(analyse(replace(case, sigma={"current": 0.0025})))
     assert small.verdict == "adequate"
-    assert [one.kind for one in small.noise_findings] == ["larger"]
-    assert small.noise_findings[0].value == pytest.approx(1.6, abs=0.25)
+    assert [one.kind for one in small.noise.findings] == ["larger"]
+    assert small.noise.findings[0].value == pytest.approx(1.6, abs=0.25)
     offset = 0.008 * np.random.default_rng(1).standard_normal(14)
     apart = told(analyse(replace(case, channels={"current": case.channels["current"] + offset[case.run]})))
-    assert [one.kind for one in apart.noise_findings] == ["run_offsets"]
-    assert 0.5 < apart.noise_findings[0].value / offset.std() < 2.0  # sizes are weighed a factor of 2 apart
-    assert "run offsets" in apart.noise_model
+    assert [one.kind for one in apart.noise.findings] == ["run_offsets"]
+    assert 0.5 < apart.noise.findings[0].value / offset.std() < 2.0  # sizes are weighed a factor of 2 apart
+    assert "run offsets" in apart.noise.model
     for story in (small, apart):
         assert answer(story)["noise"]["findings"][0]["kind"] in ("larger", "run_offsets")
         assert any("times what is stated" in note or "Runs differ by" in note for note in story.notes)
-    assert not told(analyse(case)).noise_findings
+    assert not told(analyse(case)).noise.findings
 
 
 def test_what_wanders_over_the_whole_test_is_no_effect() -> None:

@@ -66,7 +66,7 @@ def test_a_source_that_lies_deeper_is_named(tmp_path: Path, capsys: pytest.Captu
     assert found.missing == ("zero_of_d",)
     status, out, _ = terrapin(capsys, "add", folder, "zero_of_d", "--json", tmp_path / "a.json")
     assert status == 0
-    assert "[adequate]" in out
+    assert "[no alarm]" in out
     size = json.loads((tmp_path / "a.json").read_text())["parameters"]["zero_of_d.d_"]
     assert size["unit"] == "mm"
     assert size["value"] == pytest.approx(12.0, abs=4 * size["sd"])

@@ -14,6 +14,7 @@ from terrapin_tools.workbench.case import history
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.files.json_text import to_json
 from terrapin_tools.workbench.files.writing import write_whole
+from terrapin_tools.workbench.noise.stated import FAR
 from terrapin_tools.workbench.story.sentences import chip
 
 __all__ = ["bases", "check_expression", "detail", "effects", "keep", "summaries"]
@@ -55,6 +56,8 @@ def _summary(folder: Path) -> dict[str, Any]:
     except UserError as error:
         return {**empty, "verdict": None, "chip": "", "error": _plain(error)}
     answer = _last(folder)
+    findings = answer.get("noise", {}).get("findings", ()) if answer else ()
+    strange = [one["channel"] for one in findings if one["kind"] == "larger" and one["value"] > FAR]
     return {
         "title": case.title,
         "base": case.base.name,
@@ -63,7 +66,7 @@ def _summary(folder: Path) -> dict[str, Any]:
         "rows": case.rows,
         "channels": list(case.channels),
         "verdict": None if answer is None else answer["verdict"],
-        "chip": "" if answer is None else chip(answer["verdict"], answer.get("answer_probability")),
+        "chip": "" if answer is None else chip(answer["verdict"], answer.get("answer_probability"), strange),
         "error": None,
     }
 

@@ -30,7 +30,7 @@ from terrapin_tools.workbench.story.effect_picture import as_svg
 from terrapin_tools.workbench.story.formulas import from_latex
 from terrapin_tools.workbench.story.notes import to_html
 from terrapin_tools.workbench.story.plot_data import Drawn, drawn_data, page_data
-from terrapin_tools.workbench.story.sentences import amount, chance, number, stuck
+from terrapin_tools.workbench.story.sentences import amount, chance, floor, number, stuck
 from terrapin_tools.workbench.story.story import Card, Story
 from terrapin_tools.workbench.story.told import told
 
@@ -104,7 +104,7 @@ def view(folder: str | Path) -> dict[str, Any]:
             name: [*(number(v) for v in (c.noise_sd, c.train_rmse, c.heldout_rmse)), c.unit]
             for name, c in story.channels.items()
         },
-        "noise": f"{story.noise_told[:1].upper()}{story.noise_told[1:]}",
+        "noise": f"{story.noise_told[:1].upper()}{story.noise_told[1:]}. In noise sd {floor(story.noise)}",
         "chances": story.chances,
         "history": history.history(folder),
         "notes": to_html(case.notes),

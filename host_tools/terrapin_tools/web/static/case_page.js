@@ -48,7 +48,7 @@ export class CasePage {
       h('div', { class: 'panel-head' }, h('h2', { text: 'Error ladder' }), h('span', { text: 'noise sd' }),
         h('span', { class: 'key train' }, h('i', { class: 'box' }), 'training'),
         h('span', { class: 'key held' }, h('i', { class: 'box' }), 'held out'),
-        h('span', { class: 'key floor' }, h('i', { class: 'dashed' }), 'floor')),
+        h('span', { class: 'key floor' }, h('i', { class: 'dashed' }), '1.0')),
       this.ladderHost);
     this.grid = h('div', { class: 'case-grid', hidden: true },
       h('div', { class: 'plots' }, this.plots.overlayPanel, h('div', { class: 'pair' }, this.plots.residualPanel, ladder)),

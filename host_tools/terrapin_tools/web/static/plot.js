@@ -420,7 +420,7 @@ export class Ladder {
   words() {
     const rungs = this.rungs.map((r) => `${r.added === null ? 'base model' : `with ${r.added}`}: training ${sd(r.train_error)}`
       + (r.heldout_error === null ? '' : `, held out ${sd(r.heldout_error)}`));
-    return `Error ladder in noise sd, 1.0 is the noise floor. ${rungs.join('; ')}.`;
+    return `Error ladder in noise sd. ${rungs.join('; ')}.`;
   }
 
   redraw() {

@@ -38,9 +38,22 @@ from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.estimate import Noise, estimate_noise, least_noise
 from terrapin_tools.workbench.noise.mishaps import Mishap, mishaps
 from terrapin_tools.workbench.noise.odd import ODD_SHARE, odd_limit
+from terrapin_tools.workbench.noise.stated import followed
 from terrapin_tools.workbench.noise.stuck import clipped_rows, stuck_rows
 
-__all__ = ["LEVEL", "Analysis", "Rung", "analyse", "error", "fitted_on", "free_slopes", "measured", "predict"]
+__all__ = [
+    "LEVEL",
+    "Analysis",
+    "Rung",
+    "analyse",
+    "error",
+    "fitted_on",
+    "free_slopes",
+    "measured",
+    "noise_around",
+    "predict",
+    "sds",
+]
 
 LEVEL = 0.05  # false alarm rate of "something is missing", the usual one; --level changes it
 # Starts of a base model with bounded parameters: the case's own, the others inside the bounds. Chosen by hand.
@@ -91,6 +104,12 @@ class Analysis:
     @property
     def missing(self) -> bool:
         return self.together or self.adequacy.p_value < self.level
+
+    @property
+    def told(self) -> Noise:
+        """The noise that is told: as found, but of a model that lacks something as stated, for its misfit would be
+        taken for noise."""
+        return self.noise if self.missing else followed(self.noise)
 
 
 def measured(model: Model, rows: Mask) -> Array:
@@ -193,6 +212,14 @@ def free_slopes(fit: Fit, sigma: Array, rows: Mask) -> tuple[Array, Array, Array
     return prediction, measured(fit.model, rows) - prediction, slopes[..., free]
 
 
+def sds(fit: Fit, case: Case, sigma: Array, noise: Noise) -> Array:
+    """Sd (parameters,) of a fit that was made with the sds `sigma`, in this noise."""
+    # an estimated sd holds what runs have in common, which the kind of noise says once more
+    floor = np.array([1.0 if known else noise.node.of(c).floor for c, known in enumerate(noise.known)])
+    covered = covariance(fit, case.run[case.train], noise.node, noise.sigma / sigma / floor)[0]
+    return np.asarray(np.sqrt(np.maximum(np.diag(covered), 0.0)))
+
+
 def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
     """The answer of compare: the case's model fitted on its training runs, and whether and where it fails.
 
@@ -266,12 +293,10 @@ def _analysed(
     missing = adequacy.p_value < level
     scaled = residual / sigma[:, None]
     where = where_it_fails(case, adequacy, scaled, rows, numeric_columns(case), model.channels) if missing else []
-    from_noise, robust = covariance(fits[-1], case.run[case.train], noise.node, ~noise.known)
-    # an estimated sd holds what runs have in common, which the kind of noise of all channels says once more
-    said = 1.0 if noise.known.any() or noise.node.rest is not None else noise.node.floor**2
-    variance = np.diag(from_noise) / said
+    sd = sds(fits[-1], case, sigma, noise if missing else followed(noise))
     if missing:  # the misfit then outweighs the noise, and only its scatter over runs says how uncertain we are
-        variance = np.maximum(variance, np.diag(robust))
+        robust = covariance(fits[-1], case.run[case.train], noise.node)[1]
+        sd = np.maximum(sd, np.sqrt(np.maximum(np.diag(robust), 0.0)))
     names: list[str | None] = [None, *case.effects]
     ladder = []
     for name, fit in zip(names, fits, strict=True):
@@ -284,7 +309,7 @@ def _analysed(
         level=level,
         noise=noise,
         fit=fits[-1],
-        sd=np.sqrt(np.maximum(variance, 0.0)),
+        sd=sd,
         adequacy=adequacy,
         where=where,
         ladder=ladder,
@@ -338,27 +363,40 @@ def _fitted(case: Case, seed: int) -> tuple[list[Fit], Noise, Array]:
     least = least_noise(measured(model, rows))
     rough = np.maximum(0.05 * np.sqrt(np.mean(values * values, axis=1)), least)
     sigma = np.array([r if g is None else g for r, g in zip(rough, given, strict=True)])
-    shapes = column_shapes(case, rows)
     fits: list[Fit] = []
     for _ in range(1 if stated else 2):
         fits = fitted_on(case, case.effects, case.train, sigma, seed, near=fits if case.base.whole_runs else ())
-        prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)
-        _require_numbers(case, model, prediction, fits[-1].theta, rows, "after the fit")
-        # a dynamic model's motion depends on what went before: equal inputs are no repeated settings
-        roles = {} if case.base.whole_runs else {name: v[rows] for name, v in case.roles.items()}
-        directions = _directions(fits[-1].model, fits[-1].theta, rows, sigma)
-        pools = _pools(fits[-1].model, directions, shapes, rows)
-        felt = _felt(fits[-1].model, fits[-1].theta, prediction, rows, sigma)
-        noise = estimate_noise(residual, slopes, prediction, case.run[rows], given, roles, pools, least, felt)
-        nuisance = input_noise(fits[-1], rows, residual, slopes, noise.sigma, noise.node, ~noise.known)
-        if nuisance.shape[-1]:
-            widened = np.concatenate([slopes, nuisance], axis=-1)
-            noise = estimate_noise(residual, widened, prediction, case.run[rows], given, roles, pools, least, felt)
-            noise = replace(noise, odd=noise.odd | undecided(nuisance, noise.sigma, ODD_SHARE))
+        noise, nuisance = _noise_of(case, fits[-1], sigma, given, least)
         sigma = noise.sigma
     if not stated:
         fits = fitted_on(case, case.effects, case.train, sigma, seed, near=fits if case.base.whole_runs else ())
     return fits, noise, nuisance
+
+
+def _noise_of(case: Case, fit: Fit, sigma: Array, given: Sequence[float | None], least: Array) -> tuple[Noise, Array]:
+    """The noise around a fit that was made with the sds `sigma`, and the columns of noisy inputs."""
+    rows = case.train | case.test
+    prediction, residual, slopes = free_slopes(fit, sigma, rows)
+    _require_numbers(case, fit.model, prediction, fit.theta, rows, "after the fit")
+    # a dynamic model's motion depends on what went before: equal inputs are no repeated settings
+    roles = {} if case.base.whole_runs else {name: v[rows] for name, v in case.roles.items()}
+    directions = _directions(fit.model, fit.theta, rows, sigma)
+    pools = _pools(fit.model, directions, column_shapes(case, rows), rows)
+    felt = _felt(fit.model, fit.theta, prediction, rows, sigma)
+    noise = estimate_noise(residual, slopes, prediction, case.run[rows], given, roles, pools, least, felt)
+    nuisance = input_noise(fit, rows, residual, slopes, noise.sigma, noise.node, ~noise.known)
+    if nuisance.shape[-1]:
+        widened = np.concatenate([slopes, nuisance], axis=-1)
+        noise = estimate_noise(residual, widened, prediction, case.run[rows], given, roles, pools, least, felt)
+        noise = replace(noise, odd=noise.odd | undecided(nuisance, noise.sigma, ODD_SHARE))
+    return noise, nuisance
+
+
+def noise_around(analysis: Analysis, fit: Fit) -> Noise:
+    """The noise of a case, estimated again around an answer: what is missing no longer passes for noise."""
+    case, model = analysis.case, analysis.model
+    least = least_noise(measured(model, analysis.rows))
+    return _noise_of(case, fit, analysis.noise.sigma, [case.sigma[c] for c in model.channels], least)[0]
 
 
 def _require_numbers(case: Case, model: Model, prediction: Array, theta: Array, rows: Mask, when: str) -> None:

@@ -32,7 +32,7 @@ def differences(analysis: Analysis) -> list[Differing]:
     runs.
     """
     fit, case = analysis.fit, analysis.case
-    matrix = covariance(fit, case.run[case.train], analysis.noise.node, ~analysis.noise.known)[0]
+    matrix = covariance(fit, case.run[case.train], analysis.noise.node)[0]
     wider = analysis.sd / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     matrix = matrix * np.outer(wider, wider)
     found = []

@@ -5,18 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtr, chdtrc
 
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.noise.covariance import NODES
-from terrapin_tools.workbench.noise.marginal_likelihood import STATED
+from terrapin_tools.workbench.noise.estimate import Noise
+from terrapin_tools.workbench.noise.stated import FAR, chances, is_off
 
 __all__ = ["NoiseFinding", "far_above_stated", "noise_findings"]
 
-SURE = 0.9  # probability from which a stated sd is said to be off; chosen by hand
 LIKELY = 0.8  # from which offsets and drifts are said to be there; chosen by hand
-FAR = 3.0  # factor on the stated sd that no user is wrong by; chosen by hand
-OFF = 1.1  # factor on the stated sd from which it is worth a word: a user knows it to 15 or 20 %
 
 
 @dataclass(frozen=True)
@@ -39,25 +36,24 @@ def far_above_stated(analysis: Analysis) -> tuple[str, ...]:
     return tuple(channel for channel, known, ratio in each if known and ratio > FAR)
 
 
-def noise_findings(analysis: Analysis) -> list[NoiseFinding]:
+def noise_findings(analysis: Analysis, noise: Noise | None = None) -> list[NoiseFinding]:
     """What differs from independent noise of the stated sd, judged on what the smoothest model leaves.
 
-    Where something is missing only the rows are told: its misfit would be taken for offsets, or for a larger sd.
+    `noise` is that around an answer that was named. Without it, where something is missing, only the rows are told: its
+    misfit would be taken for offsets, or for a larger sd.
     """
-    noise, case = analysis.noise, analysis.case
+    case, judged = analysis.case, noise is not None or not analysis.missing
+    noise = noise or analysis.noise
     found: list[NoiseFinding] = []
-    each = zip(analysis.model.channels, noise.known, noise.sigma, noise.ratio, analysis.prediction, strict=True)
-    for place, (channel, known, sigma, ratio, predicted) in enumerate(each) if not analysis.missing else ():
+    off, (larger, smaller) = is_off(noise), chances(noise)
+    for place, (channel, predicted) in enumerate(
+        zip(analysis.model.channels, analysis.prediction, strict=True) if judged else ()
+    ):
         nodes = [node.of(place) for node in NODES[: len(noise.weights)]]
-        if known:
-            freedom = STATED + noise.ratio_freedom
-            square = STATED + noise.ratio_freedom * ratio * ratio  # over chi-square(freedom): the true over the stated
-            for kind, probability in (
-                ("larger", float(chdtr(freedom, square / OFF**2))),
-                ("smaller", float(chdtrc(freedom, square * OFF**2))),
-            ):
-                if probability > SURE:
-                    found.append(NoiseFinding(kind, channel, float(np.sqrt(square / freedom)), probability))
+        if off[place]:
+            kind = "larger" if larger[place] > smaller[place] else "smaller"
+            probability = float(max(larger[place], smaller[place]))
+            found.append(NoiseFinding(kind, channel, float(noise.ratio[place]), probability))
         for kind, size in (
             ("run_offsets", "offset"),
             ("run_gains", "gain"),
@@ -67,7 +63,8 @@ def noise_findings(analysis: Analysis) -> list[NoiseFinding]:
             sizes = np.array([getattr(node, size) for node in nodes])
             probability = float(noise.weights[sizes > 0.0].sum())
             if probability > LIKELY:
-                row = sigma if known else sigma / noise.node.of(place).floor
+                row = noise.sigma[place] * (noise.ratio[place] if off[place] else 1.0)
+                row /= 1.0 if noise.known[place] else noise.node.of(place).floor
                 value = float(noise.weights @ sizes / probability * row)
                 if kind == "run_gains":
                     value /= float(np.sqrt(np.mean(predicted * predicted)))

@@ -22,7 +22,9 @@ from terrapin_tools.workbench.compare.comparison import (
     analyse,
     error,
     measured,
+    noise_around,
     predict,
+    sds,
 )
 from terrapin_tools.workbench.compare.noise_findings import far_above_stated
 from terrapin_tools.workbench.discover.certainty import BENT, EVEN, Operating, calibrated, operating_characteristic
@@ -51,8 +53,10 @@ from terrapin_tools.workbench.model.constants import named
 from terrapin_tools.workbench.model.data_columns import numeric_columns
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.table_faults import at_fault
+from terrapin_tools.workbench.noise.estimate import Noise
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED
 from terrapin_tools.workbench.noise.mishaps import KINDS
+from terrapin_tools.workbench.noise.stated import followed
 
 __all__ = ["Candidate", "Discovery", "discover", "rung"]
 
@@ -129,6 +133,7 @@ class Discovery:
     blamed: Blamed | None
     unknown: Curve | None  # likelier than all else that may be missing: a function of a column, no formula known
     operating: tuple[Operating, ...]
+    around: Noise | None  # the noise, estimated again around what is named
     doubts: Doubts  # that keep the answer from being sure
     bent: bool  # the curve of what is missing looks like many others
     selected: tuple[Selected, ...]  # by a bootstrap over runs, when one was asked for
@@ -201,7 +206,10 @@ def discover(
     if verdict == "ambiguous":
         told_apart = [(h.effects, h.fit) for h in rivals if h.fit is not None]
         experiment = propose(analysis, told_apart, noise_left(analysis, told_apart[0][1])[0])
-    candidates = _candidates(analysis, ranking)
+    around = noise_around(analysis, top.fit) if missing and top is not None and top.fit is not None else None
+    noise = analysis.told if around is None else followed(around)
+    named_fit = top.fit if missing and top is not None else None
+    candidates = _candidates(analysis, ranking, noise, named_fit)
     return Discovery(
         analysis=analysis,
         ranking=ranking,
@@ -213,12 +221,13 @@ def discover(
         experiment=experiment,
         indistinguishable=verdict == "ambiguous" and experiment is None,
         where=_where(analysis, ranking, top, column),
-        ladder=_ladder(analysis, top if missing else None),
-        best=_ladder(analysis, top)[-1] if top is not None and top.fit is not None else None,
+        ladder=_ladder(analysis, top if missing else None, noise),
+        best=_ladder(analysis, top, noise)[-1] if top is not None and top.fit is not None else None,
         leaves=leaves,
         blamed=blamed,
         unknown=curve(analysis, ranking.evidence, column) if column and ranking.evidence is not None else None,
         operating=_operating(ranking, top if missing else None, rivals, analysis, seed),
+        around=around,
         doubts=doubted,
         bent=bent,
         selected=selection(analysis, ranking, bootstrap, seed) if bootstrap else (),
@@ -457,23 +466,22 @@ def _where(analysis: Analysis, ranking: Ranking, top: Hypothesis | None, column:
     return (found, *rest)
 
 
-def _ladder(analysis: Analysis, top: Hypothesis | None) -> tuple[Rung, ...]:
-    rungs = list(analysis.ladder)
+def _ladder(analysis: Analysis, top: Hypothesis | None, noise: Noise) -> tuple[Rung, ...]:
+    rungs = [rung(analysis, one.added, one.fit, noise) for one in analysis.ladder]
     if top is None or top.fit is None:
         return tuple(rungs)
-    rungs.append(rung(analysis, "+".join(top.effects), top.fit))
-    return tuple(rungs)
+    return (*rungs, rung(analysis, "+".join(top.effects), top.fit, noise))
 
 
-def rung(analysis: Analysis, name: str, fit: Fit) -> Rung:
+def rung(analysis: Analysis, name: str | None, fit: Fit, noise: Noise) -> Rung:
     """A step of the ladder: an answer with its errors."""
-    sigma = analysis.noise.sigma
+    sigma = noise.sigma
     train = error(fit, analysis.case.train, sigma)
     assert train is not None
     return Rung(name, train, error(fit, analysis.case.test, sigma), fit)
 
 
-def _candidates(analysis: Analysis, ranking: Ranking) -> tuple[Candidate, ...]:
+def _candidates(analysis: Analysis, ranking: Ranking, noise: Noise, answer: Fit | None) -> tuple[Candidate, ...]:
     found = []
     for name, hypothesis in {**ranking.singles, **ranking.alone}.items():
         column = ranking.columns.get(name)
@@ -481,17 +489,22 @@ def _candidates(analysis: Analysis, ranking: Ranking) -> tuple[Candidate, ...]:
         likely = [calibrated(p) if p > 1e-9 else 0.0 for p in each]
         if name in ranking.bent:  # as it is written; what it says of its column stays
             likely[0] = min(likely[0], BENT)
-        found.append(_candidate(analysis, hypothesis, likely[0], likely[1] if column is not None else None))
+        fit = hypothesis.fit
+        assert fit is not None
+        own = sds(fit, analysis.case, analysis.noise.sigma, noise) if fit is answer else sd_of(analysis, fit)
+        found.append(_candidate(analysis, hypothesis, noise, own, likely[0], likely[1] if column is not None else None))
     order = {h.effects: i for i, h in enumerate(ranking.hypotheses)}
     lead = next((h.effects for h in ranking.hypotheses if h.effects), ())
     found.sort(key=lambda c: (-c.probability, c.effect.name not in lead, order.get((c.effect.name,), len(order))))
     return tuple(found)
 
 
-def _candidate(analysis: Analysis, hypothesis: Hypothesis, probability: float, column: float | None) -> Candidate:
+def _candidate(
+    analysis: Analysis, hypothesis: Hypothesis, noise: Noise, sd: Array, probability: float, column: float | None
+) -> Candidate:
     fit = hypothesis.fit
     assert fit is not None
-    case, sigma = analysis.case, analysis.noise.sigma
+    case, sigma = analysis.case, noise.sigma
     effect = fit.model.effects[-1]
     rows = case.test if case.test.any() else case.train
     gap = measured(fit.model, rows) - predict(fit, rows)
@@ -517,7 +530,7 @@ def _candidate(analysis: Analysis, hypothesis: Hypothesis, probability: float, c
         noise_ratio=held,
         explains=float(np.clip(explains, -1.0, 1.0)),
         fit=fit,
-        sd=sd_of(analysis, fit),
+        sd=sd,
     )
 
 

@@ -8,7 +8,7 @@ factor of b has a p-value of at most 1/b (Markov's inequality), and only clear c
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import fdtrc
@@ -16,11 +16,11 @@ from scipy.special import fdtrc
 from terrapin_hil.arrays import Array, Mask
 from terrapin_hil.physics.signals import row_scatter
 from terrapin_tools.workbench.compare.bayes_factor import BayesFactor, blocks_of
-from terrapin_tools.workbench.compare.comparison import Analysis, error, free_slopes, measured, predict
+from terrapin_tools.workbench.compare.comparison import Analysis, error, free_slopes, measured, predict, sds
 from terrapin_tools.workbench.model.constants import suspected
 from terrapin_tools.workbench.model.data_columns import column_shapes
 from terrapin_tools.workbench.model.effect_columns import shapes_of, terms_of
-from terrapin_tools.workbench.model.fitting import Fit, covariance
+from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.noise.covariance import Node, Runs, orthonormal
 from terrapin_tools.workbench.noise.estimate import repeated_settings
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
@@ -92,8 +92,9 @@ def noise_left(analysis: Analysis, fit: Fit) -> tuple[Node, float]:
 def sd_of(analysis: Analysis, fit: Fit) -> Array:
     """Sd of each parameter of an answer, in the noise that it leaves: (parameters,)."""
     node, row = noise_left(analysis, fit)
-    covered = covariance(fit, analysis.case.run[analysis.case.train], node, ~analysis.noise.known)[0]
-    return np.asarray(row * np.sqrt(np.maximum(np.diag(covered), 0.0)))
+    known = analysis.noise.known | (node.rest is None)  # whose sd is that of a row
+    noise = replace(analysis.noise, sigma=row * analysis.noise.sigma, node=node, known=known)
+    return sds(fit, analysis.case, analysis.noise.sigma, noise)
 
 
 def stand_alone(analysis: Analysis, fit: Fit) -> Mask:

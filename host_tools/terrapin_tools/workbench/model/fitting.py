@@ -250,16 +250,17 @@ def _screened(parent: Fit, bound: Bound, absent: Array, measured: Array, sigma: 
     return starts
 
 
-def covariance(fit: Fit, run: Index, node: Node, whole: Mask | None = None) -> tuple[Array, Array]:
+def covariance(fit: Fit, run: Index, node: Node, sd: Array | None = None) -> tuple[Array, Array]:
     """Covariance of the parameters: from the kind of noise, and cluster-robust over runs.
 
-    `run` (rows,) names the run of each training row; `whole` as of `Runs`. The second makes no assumption about noise
+    `run` (rows,) names the run of each training row; `sd` (channels,) is that of a row, in the sd that the fit was made
+    with (1 unless given). The second makes no assumption about noise
     or misfit inside a run, but with few runs it is itself noisy (small-sample factor G / (G - 1)). What the data do not
     determine (a direction in which nothing changes: an effect that the model's own parameters can take up) has an sd a
     million times as large as what they do.
     """
     channels, rows, count = fit.jacobian.shape
-    runs = Runs(run, channels, fit.bound.predict(fit.theta) if node.gain or node.grow else None, whole=whole)
+    runs = Runs(run, channels, fit.bound.predict(fit.theta) if node.gain or node.grow else None)
     flat = runs.sort(fit.jacobian.reshape(channels * rows, count))
     flat = np.where(np.isfinite(flat).all(axis=0), flat, 0.0)  # what has no derivative is not determined
     scale = np.sqrt((flat * flat).sum(axis=0))
@@ -269,7 +270,8 @@ def covariance(fit: Fit, run: Index, node: Node, whole: Mask | None = None) -> t
     seen = values > UNSEEN * values.max(initial=0.0)
     inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
     free = vectors[:, ~seen] @ vectors[:, ~seen].T / (UNSEEN * max(1.0, values.max(initial=0.0)))
-    middle = flat.T @ runs.times(flat, node)
+    noisy = flat if sd is None else flat * np.repeat(sd, rows)[:, None]
+    middle = noisy.T @ runs.times(noisy, node)
     score = np.add.reduceat(flat * runs.sort(fit.residual.reshape(-1, 1)), runs.begin, axis=0)
     score = score.reshape(channels, runs.runs, count).sum(axis=0)
     factor = runs.runs / (runs.runs - 1) if runs.runs > 1 else 1.0

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from terrapin_tools.workbench.case import history
+from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.discover.certainty import Operating
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.discover.unexplained import Blamed, Curve
 from terrapin_tools.workbench.experiment.proposal import Experiment
 from terrapin_tools.workbench.files.json_text import finite
-from terrapin_tools.workbench.story.story import Findings, Goal, Place, Proposal, Rung, Story, Value
+from terrapin_tools.workbench.story.story import Findings, Goal, NoiseTold, Place, Proposal, Rung, Story, Value
 
 __all__ = ["SCHEMA", "answer", "keep", "places", "proposal", "read", "recall"]
 
@@ -61,10 +62,11 @@ def answer(story: Story) -> dict[str, Any]:
         **missing,
         "ladder": [vars(rung) for rung in story.ladder],
         "noise": {
-            "model": story.noise_model,
-            "rho": story.rho,
-            "source": story.noise,
-            "findings": [vars(one) for one in story.noise_findings],
+            "model": story.noise.model,
+            "rho": story.noise.rho,
+            "source": story.noise.source,
+            "findings": [vars(one) for one in story.noise.findings],
+            "floor": story.noise.floor,
         },
         **({"goal": {one.channel: _goal(one) for one in story.goals}} if story.goals else {}),
         **({"groups": groups} if groups else {}),
@@ -136,7 +138,18 @@ def read(kept: Mapping[str, Any]) -> Findings:
         together={e: {n: Value(**v) for n, v in values.items()} for e, values in kept.get("together", {}).items()},
         remarks=tuple(kept.get("remarks", ())),
         then={name: float(error) for name, error in kept.get("then", {}).items()},
+        noise=_noise(kept),
     )
+
+
+def _noise(kept: Mapping[str, Any]) -> NoiseTold:
+    """The noise of a kept answer. KeyError or TypeError when it is none."""
+    told = kept["noise"]
+    findings = [
+        NoiseFinding(**{**one, "rows": tuple(one["rows"]), "runs": tuple(one["runs"])}) for one in told["findings"]
+    ]
+    sds = {name: float(channel["noise_sd"]) for name, channel in kept["channels"].items()}
+    return NoiseTold(sds, told["source"], told["model"], told["rho"], tuple(findings), told["floor"])
 
 
 def _blamed(kept: Mapping[str, Any]) -> Blamed | None:

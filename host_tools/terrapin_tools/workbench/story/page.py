@@ -36,7 +36,7 @@ def render(
     from plotly.offline import get_plotlyjs
 
     environment = Environment(autoescape=True, undefined=StrictUndefined)
-    words = {name: getattr(sentences, name) for name in ("amount", "chance", "in_sd", "number", "stuck")}
+    words = {name: getattr(sentences, name) for name in ("amount", "chance", "floor", "in_sd", "number", "stuck")}
     named = sum(card.named for card in story.cards)
     return environment.from_string(PAGE).render(
         words,

@@ -111,7 +111,7 @@ with the lowest and the highest residual. Every number on this page is of all ro
 <span class="key-fail" id="range"></span></h2>
 <div id="residual" role="img" aria-label="residuals in noise standard deviations"></div></section>
 <section><h2>Error ladder <span>noise sd; <b style="color:var(--mute)">&#9646;</b> training
-<b style="color:var(--blue)">&#9646;</b> held out; dashed: floor</span></h2>
+<b style="color:var(--blue)">&#9646;</b> held out; dashed: {{ "floor" if story.noise.floor else "1.0" }}</span></h2>
 <div id="ladder" role="img" aria-label="errors of the model with each effect added"></div>
 {%- if history %}<details><summary>History: {{ history|length }} steps</summary><ol>{% for step in history %}
 <li>{{ step.action }} <b>{{ step.effects|join(" + ") }}</b>: held out {{ in_sd(step.before.heldout_error) }} &rarr;
@@ -162,7 +162,7 @@ click: what it would do</span></h2>
 </div>
 {%- if notes %}<section class="wide notes">{{ notes|safe }}</section>{% endif %}
 </main>
-<footer>Made by <code>terrapin report</code>. An error of 1.0 is the noise floor: no model can do better for long.
+<footer>Made by <code>terrapin report</code>. Errors in noise sd: {{ floor(story.noise) }}.
 Probabilities are calibrated: of all given with 0.9, nine in ten are right.</footer>
 <script type="application/json" id="data">{{ json|safe }}</script>
 <script>{{ plotly|safe }}</script><script>{{ script|safe }}</script>

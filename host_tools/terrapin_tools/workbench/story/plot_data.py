@@ -51,9 +51,10 @@ class Drawn:
     base: Array | None  # prediction of the base model, where effects have been added to it
 
     @classmethod
-    def of(cls, analysis: Analysis) -> Drawn:
+    def of(cls, analysis: Analysis, story: Story) -> Drawn:
         base = predict(analysis.ladder[0].fit, analysis.rows) if analysis.case.effects else None
-        sigma, prediction = analysis.noise.sigma, analysis.prediction
+        sigma = np.array([story.noise.sds[name] for name in analysis.model.channels])
+        prediction = analysis.prediction
         return cls(
             analysis.case, analysis.rows, tuple(analysis.model.channels), sigma, prediction, analysis.residual, base
         )
@@ -74,7 +75,7 @@ def previews(analysis: Analysis, story: Story) -> list[Preview]:
 
 def page_data(analysis: Analysis, story: Story, shown: Sequence[Preview]) -> dict[str, Any]:
     """Everything that the page's script draws."""
-    return drawn_data(Drawn.of(analysis), story.where, story.ladder, shown)
+    return drawn_data(Drawn.of(analysis, story), story.where, story.ladder, shown)
 
 
 def drawn_data(

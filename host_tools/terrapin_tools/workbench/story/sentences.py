@@ -12,7 +12,7 @@ from terrapin_tools.workbench.discover.certainty import EVEN, Operating
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.discover.unexplained import DIRECTION, Blamed, Curve
 from terrapin_tools.workbench.experiment.proposal import Experiment
-from terrapin_tools.workbench.story.story import Findings, Goal, Next, Place, Proposal, Rung, Value
+from terrapin_tools.workbench.story.story import Findings, Goal, Next, NoiseTold, Place, Proposal, Rung, Value
 
 __all__ = [
     "BY_RUN",
@@ -30,6 +30,7 @@ __all__ = [
     "chip",
     "differs",
     "doubt",
+    "floor",
     "goal",
     "headline",
     "in_sd",
@@ -153,14 +154,21 @@ def verdict(found: Findings | None, p: float) -> str:
     return f"{_either(found.rivals or [found.missing])} (probability {chance(found.probability)})".lstrip()
 
 
-def chip(verdict: str, probability: float | None) -> str:
-    """The verdict in a word or two. No alarm is not yet an adequate model: something else may be likelier."""
-    doubtful = verdict == "adequate" and probability is not None and probability < EVEN
+def chip(verdict: str, probability: float | None, strange: Collection[str]) -> str:
+    """The verdict in a word or two. No alarm, which is all that compare can say, is not yet an adequate model:
+    something else may be likelier, or the noise `strange`."""
+    doubtful = verdict == "adequate" and (bool(strange) or probability is None or probability < EVEN)
     return CHIPS["doubtful" if doubtful else verdict]
 
 
-def headline(found: Findings, p: float, level: float) -> str:
-    """The verdict in one sentence, with its probability."""
+def headline(found: Findings | None, lacking: bool, p: float, level: float, strange: Sequence[str] = ()) -> str:
+    """The verdict in one sentence, with its probability where discover says it; `strange` are channels of which far
+    more than the stated noise is left."""
+    if strange and not lacking:
+        what = f"No alarm ({_test(p, level)}), but what is left in {_joined(strange)} is far more than the stated noise"
+        return f"{what}."
+    if found is None:
+        return alarm(lacking, p, level)
     sure, missing = chance(found.probability), _joined(found.missing)
     if found.verdict == "adequate":
         if found.probability < EVEN:
@@ -341,7 +349,7 @@ def reason(found: Findings, one: Proposal, why_not: str) -> str:
     if one.effect in found.missing:
         if len(found.missing) > 1:
             return f"Alone it takes away {share}{left}; the others take away the rest."
-        return f"Takes away {share}{left} (floor 1.0)."
+        return f"Takes away {share}{left}."
     if one.explains < LITTLE:
         return f"Takes away next to nothing of the misfit{why_not}."
     if one.noise_ratio is not None and one.noise_ratio < NEAR_FLOOR:
@@ -380,16 +388,25 @@ def doubtful(effect: str, parameter: str, times: float) -> str:
     return f"{usual}, which speaks for something else that has the same shape."
 
 
-def strange_noise(channels: Sequence[str]) -> str:
-    """Why a model that passed is not called adequate although nothing else is likelier."""
-    what = f"What is left in {_joined(channels)} is far more than the stated noise"
-    look = "Look at the residual: a sensor that sticks or has lost its sign looks so, and a sd that is stated wrong"
-    return f"{what}, and depends on nothing that was looked at. {look}."
+def strange_noise(probability: float | None) -> str:
+    """Why a model that passed is not called adequate although nothing else is likelier; what discover adds to it."""
+    sure = "" if probability is None else f" That nothing is missing has only probability {chance(probability)}."
+    look = "a sensor that sticks or has lost its sign looks so, and a sd that is stated wrong"
+    return f"It depends on nothing that was looked at. Look at the residual: {look}.{sure}"
 
 
-def noise_source(source: str, kind: str, rho: float) -> str:
-    """Where the noise sd comes from, and of what kind the noise is; `rho`: correlation from row to row."""
-    return f"{source}; {kind}" + (f", correlation from row to row {number(rho)}" if rho else "")
+def noise_source(noise: NoiseTold) -> str:
+    """Where the noise sd comes from, and of what kind the noise is."""
+    return f"{noise.source}; {noise.model}" + (
+        f", correlation from row to row {number(noise.rho)}" if noise.rho else ""
+    )
+
+
+def floor(noise: NoiseTold) -> str:
+    """What an error of 1.0 is."""
+    if noise.floor:
+        return "1.0 is the noise floor"
+    return "the noise sd was estimated while something is missing, and holds a part of it: 1.0 is no floor"
 
 
 def noise_told(one: NoiseFinding, unit: str) -> str:
@@ -435,20 +452,25 @@ def chances(operating: Sequence[Operating], selected: Sequence[Selected]) -> tup
 
 
 def next_step(
-    missing: bool, found: Findings | None, folder: str, units: Mapping[str, str], zeros: Collection[str]
+    missing: bool,
+    found: Findings | None,
+    folder: str,
+    units: Mapping[str, str],
+    zeros: Collection[str],
+    strange: bool = False,
 ) -> Next:
     """What to do next, in words, and the command that does it; `zeros`: what to hold at 0."""
-    if found is None:
-        if missing:
-            text = "Let discover rank what could be missing, and say how sure it is."
-            return Next("discover", text, offer="Look for it", command=f"terrapin discover {folder}")
-        return Next("nothing", "Nothing to add: what is left looks like noise.")
+    if strange and not missing:
+        return Next("nothing", "See first where so much noise comes from, or state the sd that was found.")
+    if found is None and missing:
+        text = "Let discover rank what could be missing, and say how sure it is."
+        return Next("discover", text, offer="Look for it", command=f"terrapin discover {folder}")
+    if found is None or found.verdict == "adequate":
+        text = "Nothing to add. New runs outside these ranges would test more than more runs inside them."
+        return Next("nothing", text)
     add = f"terrapin add {folder} {' '.join(found.missing)}"
     if found.verdict == "missing":
         return Next("add", "Put it in, and see the error fall.", offer="Add it", command=add)
-    if found.verdict == "adequate":
-        text = "Nothing to add. New runs outside these ranges would test more than more runs inside them."
-        return Next("nothing", text)
     if found.verdict == "unexplained":
         if found.part:
             text = "Put in what is surely part of it, and look again at what is left."

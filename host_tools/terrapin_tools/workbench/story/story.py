@@ -18,8 +18,9 @@ from terrapin_tools.workbench.discover.certainty import Operating
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.discover.unexplained import Blamed, Curve
 from terrapin_tools.workbench.experiment.proposal import Experiment
+from terrapin_tools.workbench.noise.stated import FAR
 
-__all__ = ["Card", "Channel", "Findings", "Goal", "Next", "Place", "Proposal", "Rung", "Story", "Value"]
+__all__ = ["Card", "Channel", "Findings", "Goal", "Next", "NoiseTold", "Place", "Proposal", "Rung", "Story", "Value"]
 
 # Probability, and share of the misfit that an effect and a formula take away alone, from which a candidate is surely
 # part of what is not explained. Chosen by hand.
@@ -46,6 +47,23 @@ class Channel:
     train_rmse: float
     heldout_rmse: float | None
     unit: str
+
+
+@dataclass(frozen=True)
+class NoiseTold:
+    """The noise that every sd, band and error of the answer is in: `sds` by channel, in its unit."""
+
+    sds: Mapping[str, float]
+    source: str
+    model: str  # of what kind it is
+    rho: float  # correlation from row to row within a run
+    findings: tuple[NoiseFinding, ...]
+    floor: bool  # no model can do better; else the sd was estimated while something is missing, and holds a part of it
+
+    @property
+    def strange(self) -> tuple[str, ...]:
+        """Channels in which far more than the stated noise is left."""
+        return tuple(one.channel for one in self.findings if one.kind == "larger" and one.value > FAR)
 
 
 @dataclass(frozen=True)
@@ -136,6 +154,7 @@ class Findings:
     together: Mapping[str, Mapping[str, Value]]  # values of what is missing, all fitted together, by effect
     remarks: tuple[str, ...]  # sentences that need more than is kept
     then: Mapping[str, float]  # rms error with what is missing, by channel: held-out runs, else the training runs
+    noise: NoiseTold  # around what is named
 
     @property
     def part(self) -> tuple[str, ...]:
@@ -211,11 +230,8 @@ class Story:
     ladder: tuple[Rung, ...]
     parameters: Mapping[str, Value]
     channels: Mapping[str, Channel]
-    noise: str
-    noise_model: str  # of what kind it is
-    noise_told: str  # both in words
-    noise_findings: tuple[NoiseFinding, ...]
-    rho: float  # correlation from row to row within a run
+    noise: NoiseTold
+    noise_told: str  # its source and kind in words
     found: Findings | None
     groups: tuple[Differing, ...] = ()  # parameters with one value a group
     intake: tuple[str, ...] = ()  # what happened to the measurements on their way in

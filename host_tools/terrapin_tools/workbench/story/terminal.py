@@ -17,6 +17,7 @@ from terrapin_tools.workbench.story.sentences import (
     chance,
     change,
     differs,
+    floor,
     in_sd,
     number,
     percent,
@@ -63,7 +64,8 @@ def tell(story: Story) -> str:
     lines += ["", f"Errors ({story.noise_told}):"]
     lines += _table([("channel", "noise sd", "training rms", "held-out rms", ""), *channels])
     ladder = [(rung.added or "(base model)", *_errors(rung)) for rung in story.ladder]
-    lines += ["", "Errors in noise sd (1.0 is the noise floor):", *_table([("added", "training", "held out"), *ladder])]
+    lines += ["", *_wrapped(f"Errors in noise sd ({floor(story.noise)}):")]
+    lines += _table([("added", "training", "held out"), *ladder])
     return "\n".join(lines)
 
 

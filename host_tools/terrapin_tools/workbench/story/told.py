@@ -15,15 +15,28 @@ from terrapin_tools.workbench.compare import comparison
 from terrapin_tools.workbench.compare.adequacy import Failure
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.compare.groups import differences
-from terrapin_tools.workbench.compare.noise_findings import far_above_stated, noise_findings
+from terrapin_tools.workbench.compare.noise_findings import NoiseFinding, far_above_stated, noise_findings
 from terrapin_tools.workbench.discover.certainty import EVEN
 from terrapin_tools.workbench.discover.discovery import Candidate, Discovery, rung
 from terrapin_tools.workbench.model import constants
-from terrapin_tools.workbench.model.fitting import Fit, covariance
+from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.model.usual_sizes import usual_size
+from terrapin_tools.workbench.noise.estimate import Noise
+from terrapin_tools.workbench.noise.stated import followed
 from terrapin_tools.workbench.story import sentences
-from terrapin_tools.workbench.story.story import Card, Channel, Findings, Goal, Place, Proposal, Rung, Story, Value
+from terrapin_tools.workbench.story.story import (
+    Card,
+    Channel,
+    Findings,
+    Goal,
+    NoiseTold,
+    Place,
+    Proposal,
+    Rung,
+    Story,
+    Value,
+)
 
 __all__ = ["found_by", "told"]
 
@@ -34,19 +47,23 @@ AS_ZERO = 0.01  # share of a role's largest value below which what to hold is 0
 
 def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> Story:
     """The story of a comparison, and of what discover found in it, just now or as it was kept."""
-    case, noise = analysis.case, analysis.noise
+    case = analysis.case
     found = found_by(discovery) if isinstance(discovery, Discovery) else discovery
     verdict = found.verdict if found else ("missing" if analysis.missing else "adequate")
+    noise = found.noise if found else _noise(analysis, analysis.told, noise_findings(analysis))
+    sigma = np.array([noise.sds[channel] for channel in analysis.model.channels])
     p, units = analysis.adequacy.p_value, {**ROLES, **case.parameter_units, **case.units}
     alarm = sentences.alarm(analysis.missing, p, analysis.level)
-    where = found.where if found else _places(analysis.where)
+    strange = noise.strange
+    where = found.where if found else _places(analysis, analysis.where, sigma)
     goals = _goals(analysis, found)
     notes = [sentences.goal(one) for one in goals]
     notes += [sentences.thinned(analysis.step)] if analysis.step > 1 else []
-    notes += [_carried(analysis)] if analysis.missing and not (found and found.blamed) else []
+    notes += [_carried(analysis, sigma)] if analysis.missing and not (found and found.blamed) else []
     notes += _doubtful(analysis, found) if found else []
-    findings = noise_findings(analysis)
-    notes += [sentences.noise_told(one, case.units.get(one.channel) or "") for one in findings]
+    notes += [sentences.noise_told(one, case.units.get(one.channel) or "") for one in noise.findings]
+    if strange and not analysis.missing:
+        notes.append(sentences.strange_noise(found.probability if found else None))
     heading, measure = sentences.HEADINGS.get(verdict if found else "", sentences.HEADINGS[""])
     return Story(
         folder=case.folder,
@@ -58,8 +75,8 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         verdict=verdict,
         p_value=p,
         level=analysis.level,
-        chip=sentences.chip(verdict, found.probability if found else None),
-        headline=sentences.headline(found, p, analysis.level) if found else alarm,
+        chip=sentences.chip(verdict, found.probability if found else None, strange),
+        headline=sentences.headline(found, analysis.missing, p, analysis.level, strange),
         alarm=alarm if found and analysis.missing else "",
         where=tuple(replace(p, sentence=sentences.place(p, case.units.get(p.variable, ""))) for p in where),
         notes=(*notes, *(found.remarks if found else ())),
@@ -68,17 +85,16 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         measure=measure,
         cards=tuple(_cards(analysis, found)) if found else (),
         chances=sentences.chances(found.operating, found.selected) if found else (),
-        next=sentences.next_step(analysis.missing, found, str(case.folder), units, _zeros(analysis, found)),
-        ladder=found.ladder if found else _rungs(analysis.ladder),
-        parameters=_values(analysis.fit, analysis.sd),
-        channels=_channels(analysis),
-        noise=noise.source,
-        noise_model=noise.node.words(analysis.model.channels),
-        noise_told=sentences.noise_source(
-            noise.source, noise.node.words(analysis.model.channels), noise.node.share * noise.node.rho
+        next=sentences.next_step(
+            analysis.missing, found, str(case.folder), units, _zeros(analysis, found), bool(strange)
         ),
-        noise_findings=tuple(findings),
-        rho=noise.node.share * noise.node.rho,
+        ladder=found.ladder
+        if found
+        else _rungs([rung(analysis, r.added, r.fit, analysis.told) for r in analysis.ladder]),
+        parameters=_values(analysis.fit, analysis.sd),
+        channels=_channels(analysis, sigma),
+        noise=noise,
+        noise_told=sentences.noise_source(noise),
         found=found,
         groups=tuple(differences(analysis)),
         intake=case.intake,
@@ -90,22 +106,21 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
 
 def found_by(discovery: Discovery) -> Findings:
     """What discover found, as plain data."""
-    analysis = discovery.analysis
+    analysis, around, fit = discovery.analysis, discovery.around, discovery.ladder[-1].fit
+    noise = followed(around) if around is not None else analysis.told
     named: dict[str, dict[str, Value]] = {}
     if discovery.missing:
-        for key, value in _values(discovery.ladder[-1].fit, _sd(analysis, discovery.ladder[-1].fit)).items():
+        for key, value in _values(fit, comparison.sds(fit, analysis.case, analysis.noise.sigma, noise)).items():
             effect, _, name = key.rpartition(".")
             if effect in discovery.missing:
                 named.setdefault(effect, {})[name] = value
         for effect in filter(constants.named, named):
-            named[effect] = _constant(discovery.ladder[-1].fit, effect, next(iter(named[effect].values())).sd or 0.0)
+            named[effect] = _constant(fit, effect, next(iter(named[effect].values())).sd or 0.0)
     candidates = tuple(_proposal(one) for one in discovery.candidates)
     remarks: tuple[str, ...] = ()
     if discovery.verdict == "adequate" and discovery.answer_probability < EVEN:
         likeliest = max(discovery.ranking.hypotheses, key=lambda h: h.log_weight)
-        if strange := far_above_stated(analysis):
-            remarks = (sentences.strange_noise(strange),)
-        else:
+        if not far_above_stated(analysis):
             remarks = sentences.doubt(likeliest.effects, likeliest.column, discovery.ranking.blind)
     elif discovery.verdict == "unexplained" and discovery.leaves and discovery.best and not discovery.blamed:
         remarks = (sentences.best_leaves(*_rungs([discovery.best])),)
@@ -117,7 +132,7 @@ def found_by(discovery: Discovery) -> Findings:
         remarks = (sentences.only_here(own),)
     if discovery.bent:
         remarks += (sentences.LOOKS_LIKE_OTHERS,)
-    remarks += _constants_in_sets(discovery)
+    remarks += _constants_in_sets(discovery, noise)
     remarks += sentences.unsure(discovery.doubts.at_bound, discovery.doubts.restless)
     return Findings(
         verdict=discovery.verdict,
@@ -126,7 +141,7 @@ def found_by(discovery: Discovery) -> Findings:
         candidates=candidates,
         rivals=discovery.rivals,
         plan=discovery.experiment,
-        where=_places(discovery.where),
+        where=_places(analysis, discovery.where, noise.sigma),
         ladder=_rungs(discovery.ladder),
         blamed=discovery.blamed,
         unknown=discovery.unknown,
@@ -134,11 +149,12 @@ def found_by(discovery: Discovery) -> Findings:
         selected=discovery.selected,
         together=named,
         remarks=remarks,
-        then=_rms(analysis, discovery.ladder[-1].fit) if discovery.missing else {},
+        then=_rms(analysis, fit) if discovery.missing else {},
+        noise=_noise(analysis, noise, noise_findings(analysis, around), around is not None),
     )
 
 
-def _constants_in_sets(discovery: Discovery) -> tuple[str, ...]:
+def _constants_in_sets(discovery: Discovery, noise: Noise) -> tuple[str, ...]:
     """Of the rivals that change a stated constant beside an effect: a card shows the constant alone."""
     found = []
     for hypothesis in discovery.ranking.hypotheses:
@@ -146,25 +162,31 @@ def _constants_in_sets(discovery: Discovery) -> tuple[str, ...]:
             continue
         for effect in filter(constants.named, hypothesis.effects):
             case, name = hypothesis.fit.model.case, constants.named(effect)
-            (told,) = _rungs([rung(discovery.analysis, " + ".join(hypothesis.effects), hypothesis.fit)])
+            (told,) = _rungs([rung(discovery.analysis, " + ".join(hypothesis.effects), hypothesis.fit, noise)])
             value = constants.value_of(hypothesis.fit, effect)
             unit = case.parameter_units.get(name, "1")
             found.append(sentences.constant_in_set(told, name, value, case.parameters[name], unit))
     return tuple(found)
 
 
-def _places(where: Sequence[Failure]) -> tuple[Place, ...]:
-    return tuple(Place(f.variable, f.low, f.high, f.channel, f.mean_residual, f.with_direction) for f in where)
+def _noise(analysis: Analysis, noise: Noise, findings: Sequence[NoiseFinding], again: bool = False) -> NoiseTold:
+    """`again`: the noise was estimated around what is named."""
+    channels, rho = analysis.model.channels, noise.node.share * noise.node.rho
+    sds = dict(zip(channels, noise.sigma.tolist(), strict=True))
+    held = analysis.missing and not again and not noise.known.all() and noise.groups is None
+    return NoiseTold(sds, noise.source, noise.node.words(channels), rho, tuple(findings), not held)
+
+
+def _places(analysis: Analysis, where: Sequence[Failure], sigma: npt.NDArray[np.float64]) -> tuple[Place, ...]:
+    """Where the model fails, in noise of the sds `sigma`."""
+    scale = dict(zip(analysis.model.channels, (analysis.noise.sigma / sigma).tolist(), strict=True))
+    return tuple(
+        Place(f.variable, f.low, f.high, f.channel, f.mean_residual * scale[f.channel], f.with_direction) for f in where
+    )
 
 
 def _rungs(ladder: Sequence[comparison.Rung]) -> tuple[Rung, ...]:
     return tuple(Rung(rung.added, rung.train_error, rung.heldout_error) for rung in ladder)
-
-
-def _sd(analysis: Analysis, fit: Fit) -> npt.NDArray[np.float64]:
-    noise = analysis.noise
-    variance = np.diag(covariance(fit, analysis.case.run[analysis.case.train], noise.node, ~noise.known)[0])
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def _values(fit: Fit, sd: npt.NDArray[np.float64]) -> dict[str, Value]:
@@ -175,7 +197,7 @@ def _values(fit: Fit, sd: npt.NDArray[np.float64]) -> dict[str, Value]:
     }
 
 
-def _channels(analysis: Analysis) -> dict[str, Channel]:
+def _channels(analysis: Analysis, sigmas: npt.NDArray[np.float64]) -> dict[str, Channel]:
     case, held = analysis.case, analysis.case.test[analysis.rows]
     return {
         name: Channel(
@@ -184,7 +206,7 @@ def _channels(analysis: Analysis) -> dict[str, Channel]:
             float(np.sqrt(np.mean(residual[held] ** 2))) if held.any() else None,
             case.units[name] or "1",
         )
-        for name, sigma, residual in zip(analysis.model.channels, analysis.noise.sigma, analysis.residual, strict=True)
+        for name, sigma, residual in zip(analysis.model.channels, sigmas, analysis.residual, strict=True)
     }
 
 
@@ -319,10 +341,10 @@ def _doubtful(analysis: Analysis, found: Findings) -> list[str]:
     return [sentences.doubtful(effect, *large) for effect, large in sizes.items() if large]
 
 
-def _carried(analysis: Analysis) -> str:
+def _carried(analysis: Analysis, sigma: npt.NDArray[np.float64]) -> str:
     """The runs whose misfit beyond noise makes up half of all."""
     run = analysis.case.run[analysis.rows]
-    square = ((analysis.residual / analysis.noise.sigma[:, None]) ** 2).mean(axis=0) - 1.0
+    square = ((analysis.residual / sigma[:, None]) ** 2).mean(axis=0) - 1.0
     runs, place = np.unique(run, return_inverse=True)
     each = np.bincount(place, square)
     order = np.argsort(-each, kind="stable")
