@@ -16,14 +16,17 @@ __all__ = ["open_units", "plain", "unit_problem"]
 ANY = ("sign", "<", "<=", ">", ">=", "==", "!=")  # operations whose value says nothing of their arguments' unit
 
 
-def unit_problem(expression: Expression, given: Mapping[str, str], wanted: str) -> str | None:
-    """What is wrong with the units of a formula, in words; None when they are sound."""
+def unit_problem(expression: Expression, given: Mapping[str, str], wanted: str, exactly: bool = False) -> str | None:
+    """What is wrong with the units of a formula, in words; None when they are sound. `exactly`: not of the same kind is
+    enough, for nothing is converted."""
     try:
         found = expression.unit(given)
     except ValueError as error:
         return str(error)
     if _same(found, read_unit(wanted)):
-        return None
+        factor = units().Quantity(1.0, found).to_base_units().m / units().Quantity(1.0, _unit(wanted)).to_base_units().m
+        if not exactly or abs(factor - 1.0) < 1e-9:
+            return None
     return f"{expression} comes out in {_spell(found)}, expected {wanted}"
 
 

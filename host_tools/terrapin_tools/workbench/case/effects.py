@@ -17,8 +17,9 @@ from terrapin_tools.workbench.case.effect_units import open_units, plain, unit_p
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.toml_tables import Estimate, Tables, read_estimate
 
-__all__ = ["read_library", "sound"]
+__all__ = ["OWN", "read_library", "sound", "without_unit"]
 
+OWN = "case.toml"  # source of an effect that stands there
 OPEN = ""  # unit of a parameter that states none: `sound` gives it the one that makes the expression sound
 
 
@@ -121,7 +122,7 @@ def _own(tables: Tables, base: Base, name: str) -> Effect:
         name=name,
         title="own expression",
         equation=expression.to_latex(),
-        source="case.toml",
+        source=OWN,
         bases=(base.name,),
         parameters=tuple(parameters),
         needs=(),
@@ -136,7 +137,7 @@ def _own_parameter(tables: Tables, base: Base, path: tuple[str, ...]) -> Paramet
     with tables.about(*path, "unit"):
         units.check(unit)
         if (base.own_names and not base.own_dynamics) or not unit:
-            factor, spelt = 1.0, unit or ("1" if base.own_names and not base.own_dynamics else OPEN)
+            factor, spelt = 1.0, unit or OPEN
         elif units.convert(0.0, unit, plain(read_unit(unit))) != 0.0 and units.si_factor(unit) != 1.0:
             raise ValueError(f"found {unit!r}, whose zero is not that of SI, expected degC, or K for a difference")
         else:
@@ -150,25 +151,22 @@ def sound(tables: Tables, base: Base, library: Mapping[str, Effect], given: Mapp
     """The library with the units of own effects checked against their targets and open ones filled in.
 
     `given` holds the units of the model's parameters and constants. An expression that uses a column or a constant
-    without a unit is taken as it stands.
+    without a unit is taken as it stands (`without_unit`).
     """
-    if base.own_names and not base.own_dynamics:
-        return dict(library)
-    known = {} if base.own_names else {formula_name(role): unit for role, unit in ROLES.items()}
-    known.update({**{name: unit for name, unit in base.units.items() if "^n" not in unit}, **given})
-    known["bulldozing_resistance"] = "N"
+    known = _known(base, given)
+    as_they_stand = base.own_names and not base.own_dynamics  # numbers, as the file has them
     checked = {}
     for name, effect in library.items():
-        if name in catalogue():
+        if name in catalogue() or (as_they_stand and effect.source != OWN):
             checked[name] = effect
             continue
         expression = parse(effect.expression)
         own = {p.name: p.unit for p in effect.parameters if p.unit != OPEN}
         without = [p.name for p in effect.parameters if p.unit == OPEN]
         wanted = _wanted(effect, base, known)
-        if expression.names <= known.keys() | own.keys() | set(without) and wanted is not None:
+        if not without_unit(effect, base, given) and wanted is not None:
             found = {**own, **open_units(expression, {**known, **own}, without, wanted)}
-            problem = unit_problem(expression, {**known, **found}, wanted)
+            problem = unit_problem(expression, {**known, **found}, wanted, exactly=as_they_stand and not without)
             if problem is not None:
                 units_given = ", ".join(f"{key} [{unit}]" for key, unit in own.items())
                 hint = f" (with {units_given})" if own and not without else ""
@@ -177,9 +175,25 @@ def sound(tables: Tables, base: Base, library: Mapping[str, Effect], given: Mapp
                 raise tables.complain(problem + hint, "effect", name, "expression")
         else:
             found = {**own, **dict.fromkeys(without, "1")}
+        if as_they_stand:  # a number beside numbers, whose unit nobody told
+            found |= dict.fromkeys(without, "1")
         parameters = tuple(replace(p, unit=found[p.name]) for p in effect.parameters)
         checked[name] = replace(effect, parameters=parameters)
     return checked
+
+
+def without_unit(effect: Effect, base: Base, given: Mapping[str, str]) -> tuple[str, ...]:
+    """Names in an own effect, or what it acts on, that have no unit: with them its units cannot be checked."""
+    known, own = _known(base, given), {p.name for p in effect.parameters}
+    names = sorted(name for name in parse(effect.expression).names - own if not known.get(name))
+    return (*names, *([] if _wanted(effect, base, known) else [effect.target]))
+
+
+def _known(base: Base, given: Mapping[str, str]) -> dict[str, str]:
+    known = {} if base.own_names else {formula_name(role): unit for role, unit in ROLES.items()}
+    known.update({**{name: unit for name, unit in base.units.items() if "^n" not in unit}, **given})
+    known["bulldozing_resistance"] = "N"
+    return known
 
 
 def _wanted(effect: Effect, base: Base, known: Mapping[str, str]) -> str | None:
@@ -188,8 +202,8 @@ def _wanted(effect: Effect, base: Base, known: Mapping[str, str]) -> str | None:
         return base.forces[effect.target] or None
     if effect.target.startswith(GAIN):
         return "1"
-    if base.own_dynamics:
-        return base.channels[effect.target]
+    if base.own_names:
+        return (base.channels[effect.target] or None) if effect.target in base.channels else "1"
     if effect.target in CHANNELS:
         return "1" if effect.stage == "gain" else CHANNELS[effect.target]
     return known.get(effect.target) if effect.additive else "1"

@@ -81,6 +81,8 @@ class Analysis:
     model: Model
     level: float
     noise: Noise
+    # that is told: a stated sd as it was found, but of a model that lacks something, whose misfit would pass for noise
+    told: Noise
     fit: Fit  # on the training runs
     sd: Array  # of the fitted parameters
     adequacy: Adequacy
@@ -104,12 +106,6 @@ class Analysis:
     @property
     def missing(self) -> bool:
         return self.together or self.adequacy.p_value < self.level
-
-    @property
-    def told(self) -> Noise:
-        """The noise that is told: as found, but of a model that lacks something as stated, for its misfit would be
-        taken for noise."""
-        return self.noise if self.missing else followed(self.noise)
 
 
 def measured(model: Model, rows: Mask) -> Array:
@@ -293,7 +289,8 @@ def _analysed(
     missing = adequacy.p_value < level
     scaled = residual / sigma[:, None]
     where = where_it_fails(case, adequacy, scaled, rows, numeric_columns(case), model.channels) if missing else []
-    sd = sds(fits[-1], case, sigma, noise if missing else followed(noise))
+    told = noise if missing else noise_around(case, fits[-1], noise)
+    sd = sds(fits[-1], case, sigma, told)
     if missing:  # the misfit then outweighs the noise, and only its scatter over runs says how uncertain we are
         robust = covariance(fits[-1], case.run[case.train], noise.node)[1]
         sd = np.maximum(sd, np.sqrt(np.maximum(np.diag(robust), 0.0)))
@@ -308,6 +305,7 @@ def _analysed(
         model=model,
         level=level,
         noise=noise,
+        told=told,
         fit=fits[-1],
         sd=sd,
         adequacy=adequacy,
@@ -392,11 +390,16 @@ def _noise_of(case: Case, fit: Fit, sigma: Array, given: Sequence[float | None],
     return noise, nuisance
 
 
-def noise_around(analysis: Analysis, fit: Fit) -> Noise:
-    """The noise of a case, estimated again around an answer: what is missing no longer passes for noise."""
-    case, model = analysis.case, analysis.model
-    least = least_noise(measured(model, analysis.rows))
-    return _noise_of(case, fit, analysis.noise.sigma, [case.sigma[c] for c in model.channels], least)[0]
+def noise_around(case: Case, fit: Fit, known: Noise, again: bool = False) -> Noise:
+    """The noise around a fit that was made with that noise `known`, as it is told: stated sds that surely are off are
+    found. With `again` all is estimated again: around an answer, what is missing no longer passes for noise."""
+    given = [case.sigma[c] for c in fit.model.channels]
+    least = least_noise(measured(fit.model, case.train | case.test))
+
+    def estimated(given: Sequence[float | None]) -> Noise:
+        return _noise_of(case, fit, known.sigma, given, least)[0]
+
+    return followed(estimated(given) if again else known, given, estimated)
 
 
 def _require_numbers(case: Case, model: Model, prediction: Array, theta: Array, rows: Mask, when: str) -> None:

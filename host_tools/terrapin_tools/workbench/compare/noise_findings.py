@@ -9,7 +9,7 @@ import numpy as np
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.noise.covariance import NODES
 from terrapin_tools.workbench.noise.estimate import Noise
-from terrapin_tools.workbench.noise.stated import FAR, chances, is_off
+from terrapin_tools.workbench.noise.stated import FAR
 
 __all__ = ["NoiseFinding", "far_above_stated", "noise_findings"]
 
@@ -43,17 +43,17 @@ def noise_findings(analysis: Analysis, noise: Noise | None = None) -> list[Noise
     misfit would be taken for offsets, or for a larger sd.
     """
     case, judged = analysis.case, noise is not None or not analysis.missing
-    noise = noise or analysis.noise
+    noise = noise or analysis.told
     found: list[NoiseFinding] = []
-    off, (larger, smaller) = is_off(noise), chances(noise)
     for place, (channel, predicted) in enumerate(
         zip(analysis.model.channels, analysis.prediction, strict=True) if judged else ()
     ):
         nodes = [node.of(place) for node in NODES[: len(noise.weights)]]
-        if off[place]:
-            kind = "larger" if larger[place] > smaller[place] else "smaller"
-            probability = float(max(larger[place], smaller[place]))
-            found.append(NoiseFinding(kind, channel, float(noise.ratio[place]), probability))
+        if noise.wrong.any() and noise.wrong[place]:
+            ratio = float(noise.ratio[place])
+            found.append(
+                NoiseFinding("larger" if ratio > 1.0 else "smaller", channel, ratio, float(noise.wrong[place]))
+            )
         for kind, size in (
             ("run_offsets", "offset"),
             ("run_gains", "gain"),
@@ -63,8 +63,7 @@ def noise_findings(analysis: Analysis, noise: Noise | None = None) -> list[Noise
             sizes = np.array([getattr(node, size) for node in nodes])
             probability = float(noise.weights[sizes > 0.0].sum())
             if probability > LIKELY:
-                row = noise.sigma[place] * (noise.ratio[place] if off[place] else 1.0)
-                row /= 1.0 if noise.known[place] else noise.node.of(place).floor
+                row = noise.sigma[place] / (1.0 if noise.known[place] else noise.node.of(place).floor)
                 value = float(noise.weights @ sizes / probability * row)
                 if kind == "run_gains":
                     value /= float(np.sqrt(np.mean(predicted * predicted)))

@@ -56,7 +56,6 @@ from terrapin_tools.workbench.model.table_faults import at_fault
 from terrapin_tools.workbench.noise.estimate import Noise
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED
 from terrapin_tools.workbench.noise.mishaps import KINDS
-from terrapin_tools.workbench.noise.stated import followed
 
 __all__ = ["Candidate", "Discovery", "discover", "rung"]
 
@@ -176,7 +175,7 @@ def discover(
         analysis = replace(again, odd=again.odd | analysis.odd | alone)
         ranking = _without_idle(analysis, rank(analysis, report))
     if not analysis.missing and ranking.probability("nothing") < TOGETHER:
-        analysis = replace(analysis, together=True)
+        analysis = replace(analysis, together=True, told=analysis.noise)
         ranking = _without_idle(analysis, rank(analysis, report))
     report("does it bring the model to the noise floor?")
     verdict, top, rivals, probability, leaves = _settled(analysis, ranking, level)
@@ -206,10 +205,10 @@ def discover(
     if verdict == "ambiguous":
         told_apart = [(h.effects, h.fit) for h in rivals if h.fit is not None]
         experiment = propose(analysis, told_apart, noise_left(analysis, told_apart[0][1])[0])
-    around = noise_around(analysis, top.fit) if missing and top is not None and top.fit is not None else None
-    noise = analysis.told if around is None else followed(around)
-    named_fit = top.fit if missing and top is not None else None
-    candidates = _candidates(analysis, ranking, noise, named_fit)
+    answer = top.fit if missing and top is not None else None
+    around = None if answer is None else noise_around(analysis.case, answer, analysis.noise, again=True)
+    noise = around or analysis.told
+    candidates = _candidates(analysis, ranking, noise, answer)
     return Discovery(
         analysis=analysis,
         ranking=ranking,

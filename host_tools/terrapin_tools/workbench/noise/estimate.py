@@ -58,6 +58,8 @@ class Noise:
     ratio: Array = field(default_factory=lambda: np.ones(0))  # (channels,): what the smoothest model leaves over sigma
     ratio_freedom: float = np.inf
     weights: Array = field(default_factory=lambda: np.ones(1))  # (nodes,): posterior of each kind of noise
+    # (channels,): probability that the stated sd is off, where it was found again for that (stated.py)
+    wrong: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def kinds(self) -> list[int]:

@@ -45,6 +45,7 @@ __all__ = [
     "strange_noise",
     "stuck",
     "thinned",
+    "unchecked",
     "unsure",
     "verdict",
 ]
@@ -428,6 +429,12 @@ def noise_told(one: NoiseFinding, unit: str) -> str:
         value = f"{number(100.0 * one.value, 2)} %"
     what = f"{SLOW[one.kind]} {value} in {one.channel} more than the model explains"
     return f"{what} (probability {chance(one.probability)})."
+
+
+def unchecked(effect: str, bare: Sequence[str]) -> str:
+    """Why the units of an own effect are taken as they stand."""
+    has = "has" if len(bare) == 1 else "have"
+    return f"The units of {effect} are not checked: {', '.join(bare)} {has} none."
 
 
 def title(one: Proposal, known: str) -> str:

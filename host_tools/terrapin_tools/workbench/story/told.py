@@ -11,6 +11,7 @@ import numpy.typing as npt
 from terrapin_hil.physics.effects import Effect
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.bases import ROLES
+from terrapin_tools.workbench.case.effects import OWN, without_unit
 from terrapin_tools.workbench.compare import comparison
 from terrapin_tools.workbench.compare.adequacy import Failure
 from terrapin_tools.workbench.compare.comparison import Analysis
@@ -23,7 +24,6 @@ from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.model.usual_sizes import usual_size
 from terrapin_tools.workbench.noise.estimate import Noise
-from terrapin_tools.workbench.noise.stated import followed
 from terrapin_tools.workbench.story import sentences
 from terrapin_tools.workbench.story.story import (
     Card,
@@ -62,6 +62,10 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
     notes += [_carried(analysis, sigma)] if analysis.missing and not (found and found.blamed) else []
     notes += _doubtful(analysis, found) if found else []
     notes += [sentences.noise_told(one, case.units.get(one.channel) or "") for one in noise.findings]
+    given = {**case.parameter_units, **{n: one.unit for n, one in case.fit.items()}, **case.units}
+    for name in case.effects:
+        bare = without_unit(case.library[name], case.base, given) if case.library[name].source == OWN else ()
+        notes += [sentences.unchecked(name, bare)] if bare else []
     if strange and not analysis.missing:
         notes.append(sentences.strange_noise(found.probability if found else None))
     heading, measure = sentences.HEADINGS.get(verdict if found else "", sentences.HEADINGS[""])
@@ -107,7 +111,7 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
 def found_by(discovery: Discovery) -> Findings:
     """What discover found, as plain data."""
     analysis, around, fit = discovery.analysis, discovery.around, discovery.ladder[-1].fit
-    noise = followed(around) if around is not None else analysis.told
+    noise = around or analysis.told
     named: dict[str, dict[str, Value]] = {}
     if discovery.missing:
         for key, value in _values(fit, comparison.sds(fit, analysis.case, analysis.noise.sigma, noise)).items():
