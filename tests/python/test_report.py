@@ -92,7 +92,7 @@ def test_page_needs_nothing_from_outside(tmp_path: Path, capsys: pytest.CaptureF
         assert tag not in ("link", "iframe", "img", "object", "embed", "base")
         assert "src" not in attributes
         assert tag == "a" or "href" not in attributes
-    assert any("Plotly" in text or "plotly" in text for _, text in page.scripts)
+    assert (tmp_path / "r.html").stat().st_size < 200_000
 
 
 def test_text_of_the_user_stays_text(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -103,7 +103,7 @@ def test_text_of_the_user_stays_text(tmp_path: Path, capsys: pytest.CaptureFixtu
     lines = (folder / "runs.csv").read_text().replace("r01", nasty.replace(",", ""))
     (folder / "runs.csv").write_text(lines.replace("humidity", "<b>wet</b>"))
     page = _report(folder, tmp_path / "r.html", capsys)
-    assert len([1 for tag, _ in page.tags if tag == "script"]) == 3
+    assert len([1 for tag, _ in page.tags if tag == "script"]) == 2
     assert not any(tag == "img" for tag, _ in page.tags)
     assert not any("javascript:" in str(attributes) for _, attributes in page.tags)
     assert page.text.count(nasty) >= 2

@@ -18,19 +18,37 @@ FLAGS = [
 ]  # fmt: skip
 USE = """<script>
 let used = 0;
-for (const id of ['variable', 'channel']) {
-  const select = document.getElementById(id);
-  for (const option of select ? select.options : []) {
-    select.value = option.value;
-    select.dispatchEvent(new Event('change'));
+const press = (what, times = 1) => {
+  for (const button of document.querySelectorAll(what)) for (let n = 0; n < times; n++) { button.click(); used++; }
+};
+for (const select of document.querySelectorAll('select')) {
+  for (const name of [...select.options].map((option) => option.value)) {
+    const now = [...document.querySelectorAll('select')].find((one) => [...one.options].some((o) => o.value === name));
+    now.value = name;
+    now.dispatchEvent(new Event('change'));
     used++;
   }
 }
-for (const button of document.querySelectorAll('button')) { button.click(); used++; }
-document.getElementById('heat').emit('plotly_click', {points: [{pointIndex: [0, 0]}]});
-const marks = document.querySelectorAll('#overlay .scatterlayer .trace').length;
+const against = document.querySelector('.axis select');
+against.value = against.options[0].value; // "row" has no residual by run
+against.dispatchEvent(new Event('change'));
+press('button[data-preview]', 2);
+press('#theme', 2);
+press('#heat th button');
+const named = [...document.querySelectorAll('#heat th button')].pop().textContent.replace(' ◇', '');
+const picked = document.querySelector('#overlay [role=status]').textContent.replace(named, 'the last');
+const canvas = document.querySelector('#overlay canvas'), box = canvas.getBoundingClientRect();
+canvas.setPointerCapture = () => {};
+const mouse = (type, x, y) => canvas.dispatchEvent(new PointerEvent(type,
+  {clientX: box.left + x, clientY: box.top + y, button: 0, pointerId: 1, bubbles: true}));
+mouse('pointerdown', 100, 40); mouse('pointermove', 200, 150); mouse('pointerup', 200, 150);
+const zoomed = document.querySelector('#overlay .plot').dataset.zoomed;
+canvas.dispatchEvent(new MouseEvent('dblclick'));
+const ink = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.some((v) => v > 0);
+const ladder = document.querySelectorAll('#ladder rect').length;
 const width = document.documentElement.scrollWidth;
-console.log('used ' + used + ' drawn ' + marks + ' width ' + width + ' of ' + innerWidth);
+console.log(`used ${used} drawn ${ink} zoomed ${zoomed} bars ${ladder} width ${width} of ${innerWidth} `
+  + `picked ${picked}`);
 </script></body>"""
 
 
@@ -46,9 +64,10 @@ def test_every_control_works_on_a_phone_too(tmp_path: Path, capsys: pytest.Captu
     done = subprocess.run([*command, *shot], capture_output=True, text=True, timeout=300, check=False)
     lines = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
     assert len(lines) == 1, lines  # the line above and no error
-    found = re.search(r"used (\d+) drawn (\d+) width (\d+) of (\d+)", lines[0])
+    found = re.search(r"used (\d+) drawn true zoomed yes bars (\d+) width (\d+) of (\d+) picked (.*)\"", lines[0])
     assert found is not None, lines
-    used, drawn, width, window = map(int, found.groups())
-    assert used >= 6
-    assert drawn >= 3
+    used, bars, width, window = map(int, found.groups()[:4])
+    assert used >= 12  # eight runs, the theme twice, and each column
+    assert bars >= 2
     assert width <= window
+    assert found[5] == "8 rows picked out, of the last"

@@ -149,7 +149,12 @@ def changed(workers: int) -> int:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="All tests.")
-    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="of pytest: as many as there are cores")
+    parser.add_argument(
+        "--workers",
+        type=int,
+        default=2 * (os.cpu_count() or 1),
+        help="of pytest: two a core, for tests with servers and buses wait as long as they compute",
+    )
     parser.add_argument("--waits-to", type=Path, help="note in this folder which tests wait (tests/tools/waits.py)")
     parser.add_argument("--tier", choices=BUILDS, help="only this tier: what `make test` runs, or the rest")
     parser.add_argument("--changed", action="store_true", help="of `make test` what a change reaches (reach.py)")

@@ -2,6 +2,10 @@
 // Each tab is a module with `export function mount(element, app)`; it returns { show(rest), hide(), redraw() }, all
 // optional. `rest` is what follows the tab's name in the address: #workbench/heated_motor -> "heated_motor".
 
+import { css, h, number, still, unit } from './plots/basics.js';
+
+export { css, h, number, still, unit };
+
 const TABS = [
   { name: 'workbench', title: 'Workbench' },
   { name: 'simulate', title: 'Simulate' },
@@ -13,40 +17,6 @@ const POLL_MS = 400;
 const $ = (id) => /** @type {HTMLElement} */ (document.getElementById(id));
 
 // ---------------------------------------------------------------- small helpers, exported for the tabs
-
-/**
- * An element: h('button', { class: 'x', onclick: f, text: 'Add' }, child, ...). Text is never read as HTML.
- * @template {keyof HTMLElementTagNameMap} K
- * @param {K} tag @param {Properties} properties @param {Child[]} children @returns {HTMLElementTagNameMap[K]}
- */
-export function h(tag, properties = {}, ...children) {
-  const element = document.createElement(tag);
-  for (const [key, value] of Object.entries(properties)) {
-    if (value === undefined || value === null || value === false) continue;
-    if (key === 'text') element.textContent = value;
-    else if (key === 'html') element.innerHTML = value; // only what the server itself has typeset (MathML, notes)
-    else if (key.startsWith('on')) element.addEventListener(key.slice(2), value);
-    else if (key === 'value' || key === 'checked' || key === 'disabled' || key === 'selected') Object.assign(element, { [key]: value });
-    else element.setAttribute(key, value === true ? '' : value);
-  }
-  const parts = /** @type {(Node | string | null | undefined | false)[]} */ (children.flat());
-  element.append(...parts.filter((child) => child !== null && child !== undefined && child !== false));
-  return element;
-}
-
-/** Four digits, as short as they go; a dash for what is not there. @param {number | null | undefined} value */
-export function number(value, digits = 4) {
-  if (value === null || value === undefined || !Number.isFinite(value)) return '–';
-  const text = String(Number(value.toPrecision(digits)));
-  return text.replace('-', '−');
-}
-
-/** A unit to stand behind a number; nothing for a plain number. @param {string | null | undefined} text */
-export const unit = (text) => (text && text !== '1' ? ` ${text}` : '');
-
-/** A colour of the style sheet. @param {string} name */
-export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-export const still = () => matchMedia('(prefers-reduced-motion: reduce)').matches;
 
 /** @param {Element} element */
 const label = (element) => element.getAttribute('aria-label') || element.textContent.trim();

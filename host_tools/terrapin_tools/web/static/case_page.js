@@ -1,9 +1,9 @@
 // One case: verdict, plots, ranking, ladder, and what can be done with it.
 import { lineOf } from './app.js';
 import { ranking } from './cards.js';
-import { CasePlots } from './case_plots.js';
+import { CasePlots } from './plots/case_plots.js';
 import { below, OwnEffect, nextStep, Controller } from './panels.js';
-import { Ladder } from './plot.js';
+import { Ladder } from './plots/ladder.js';
 
 /** @type {Record<string, string>} */
 const WORDS = {
@@ -37,7 +37,7 @@ export class CasePage {
     this.controller = new Controller(this);
     this.top = h('div');
     this.jobBar = h('div', { class: 'job', role: 'status', hidden: true });
-    this.plots = new CasePlots(this.app, () => { this.draw(); if (this.view) this.below.replaceChildren(...below(this, this.view)); });
+    this.plots = new CasePlots(() => { this.draw(); if (this.view) this.below.replaceChildren(...below(this, this.view)); });
     this.ladderHost = h('div');
     this.ladder = new Ladder(this.ladderHost);
     this.side = h('div', { class: 'side' });

@@ -1,5 +1,6 @@
 // Panels of a case beside the ranking: the next step, an effect of one's own, the controller; and the tables below.
 import { focus, h, lineOf, number, quote } from './app.js';
+import { heat } from './plots/heat.js';
 
 const WAIT_MS = 250; // after the last key, before an expression is checked
 
@@ -255,30 +256,8 @@ export function below(page, view) {
   if (view.history.length) found.push(h('section', { class: 'panel' }, h('h2', { text: 'History' }),
     h('ol', { class: 'small' }, view.history.slice(-12).map((one) => h('li', {}, `${one.action} `, h('b', { text: one.effects.join(' + ') }), `: held out ${number(one.before.heldout_error, 3)} → ${number(one.after.heldout_error, 3)}`)))));
   if (view.curve) found.unshift(h('section', { class: 'panel' }, h('h2', { text: 'A curve that has no formula here' }), h('div', { html: view.curve })));
-  const map = heat(page, view);
+  const map = heat(view.plot, view.by_run, page.plots.variable, page.plots.channel, (run) => page.plots.pickRun(run));
   if (map) found.unshift(map);
   if (view.notes) found.push(h('section', { class: 'panel notes', html: view.notes }));
   return found;
-}
-
-/** Mean residual by run and range of the variable, as a table with coloured cells. @param {CasePage} page @param {View} view */
-function heat(page, view) {
-  const { plot } = view, { variable, channel } = page.plots;
-  const one = plot.heat.columns[variable];
-  if (!one) return null;
-  const bins = one.mean[channel][0].length;
-  /** @param {number} v */
-  const short = (v) => number(v, 3);
-  /** @param {number} i */
-  const name = (i) => (one.single ? short(one.edges[i]) : `${short(one.edges[i])} to ${short(one.edges[i + 1])}`);
-  const size = Math.max(3, ...one.mean[channel].flat().filter((v) => v !== null).map(Math.abs));
-  /** @param {number | null} value @param {number} i @param {number} count */
-  const cell = (value, i, count) => {
-    const td = h('td', { text: value === null ? '' : number(value, 2), title: `${name(i)}: ${count} rows` });
-    if (value !== null) td.style.background = `color-mix(in srgb, var(${value > 0 ? '--red' : '--blue'}) ${Math.round(45 * Math.min(1, Math.abs(value) / size))}%, transparent)`;
-    return td;
-  };
-  const rows = plot.heat.runs.map((run, r) => h('tr', {}, h('th', { scope: 'row', text: `${plot.runs[run]}${plot.held[run] ? ' ◇' : ''}` }), one.mean[channel][r].map((value, i) => cell(value, i, one.count[r][i]))));
-  return h('section', { class: 'panel heat' }, h('div', { class: 'panel-head' }, h('h2', { text: view.by_run }), h('span', { text: `mean residual of ${channel} in noise sd, by ${variable}; ◇ held out` })),
-    h('div', { class: 'scroll wide', tabindex: '0', role: 'region', 'aria-label': 'Residual by run' }, h('table', {}, h('thead', {}, h('tr', {}, h('th', { text: 'run' }), Array.from({ length: bins }, (_, i) => h('th', { scope: 'col', text: name(i) })))), h('tbody', {}, rows))));
 }

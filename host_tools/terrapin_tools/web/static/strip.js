@@ -1,7 +1,7 @@
 // Strip charts over one time axis, on one canvas: each signal in a lane of its own, events in the last, one cursor over
 // all. Where several points fall on a pixel, the line spans from the lowest to the highest: no spike is lost.
 import { css, h, number, unit } from './app.js';
-import { ticks } from './plot.js';
+import { ticks } from './plots/painting.js';
 
 const KEPT = 1 << 15; // points of a signal
 const RATE = 30; // redraws a second

@@ -45,6 +45,8 @@ interface PlotData {
   run: number[]; runs: string[]; held: boolean[]; ladder: Rung[]; where: { variable: string; channel: string; range: number[] }[];
   heat: { runs: number[]; columns: Record<string, Heat> };
 }
+/** What a report draws: with the curves of `sets` added. */
+interface ReportData extends PlotData { channels: (PlotChannel & { previews: number[][] })[]; sets: string[][]; by_run: string }
 interface Card {
   effect: string; title: string; named: boolean; kind: string; probability: number; chance: string; equation: string; acts: string;
   reason: string; values: string[];
@@ -110,6 +112,8 @@ interface PlotSpec {
   x: Axis & { values: number[]; chosen?: boolean }; y: Axis; points: Points[]; lines: Line[]; bands: Band[]; ranges: number[][];
   level?: number[] | null; describe(row: number): string; table(): PlotTable; alt?: string;
 }
+/** Where a plot stands on its canvas [px], what it shows, and how a value becomes a place. */
+interface PlotMap { box: { x0: number; x1: number; y0: number; y1: number }; xs: number[]; ys: number[]; X: Scale; Y: Scale }
 /** A picture of the ladder: rungs that fall show an error on its way. */
 interface Shown { train: number | null; held: number | null }
 

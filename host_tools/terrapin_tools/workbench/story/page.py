@@ -14,7 +14,7 @@ from terrapin_tools.workbench.story.effect_picture import as_svg
 from terrapin_tools.workbench.story.formulas import from_latex
 from terrapin_tools.workbench.story.notes import to_html
 from terrapin_tools.workbench.story.page_frame import PAGE, STYLE
-from terrapin_tools.workbench.story.page_script import SCRIPT
+from terrapin_tools.workbench.story.page_script import plots_script, plots_style
 from terrapin_tools.workbench.story.plot_data import CARDS
 from terrapin_tools.workbench.story.story import Story
 
@@ -33,8 +33,6 @@ def render(
     `data`: what its script draws, of plot_data; `history`: of the case's steps; `model`: the effects in it; `notes`:
     Markdown.
     """
-    from plotly.offline import get_plotlyjs
-
     environment = Environment(autoescape=True, undefined=StrictUndefined)
     words = {name: getattr(sentences, name) for name in ("amount", "chance", "floor", "in_sd", "number", "stuck")}
     named = sum(card.named for card in story.cards)
@@ -50,10 +48,7 @@ def render(
         full=CARDS // 2 if story.verdict == "adequate" else max(CARDS, named),
         curve_svg=as_svg(story.found.unknown) if story.found and story.found.unknown else "",
         curves={tuple(effects): i for i, effects in enumerate(data["sets"])},
-        columns=[(name, name) for name in data["columns"]],
-        channels=[(str(i), channel["name"]) for i, channel in enumerate(data["channels"])],
-        json=json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
-        style=STYLE,
-        plotly=get_plotlyjs().replace("</script", "<\\/script"),
-        script=SCRIPT,
+        json=json.dumps({**data, "by_run": story.by_run}, separators=(",", ":")).replace("<", "\\u003c"),
+        style=STYLE + plots_style(),
+        script=plots_script(),
     )

@@ -3,11 +3,13 @@
 __all__ = ["PAGE", "STYLE"]
 
 LIGHT = """--name:light;--bg:#f6f7f9;--card:#fff;--ink:#1b2430;--soft:#5b6573;--mute:#b3bcc8;--line:#e0e4ea;
+--hair:#e9ecf1;--grey-bar:#a3aebb;
 --blue:#2a66d1;--teal:#0d7a70;--amber:#a86500;--red:#c73650;--band:rgba(42,102,209,.15);--fail:rgba(214,69,93,.10);
---floor:rgba(17,138,126,.14);--hot:#c73650;--cold:#2a66d1;color-scheme:light"""
+--floor:rgba(17,138,126,.14);color-scheme:light"""
 DARK = """--name:dark;--bg:#12161c;--card:#1a2028;--ink:#e8edf3;--soft:#9aa7b7;--mute:#5d6a7a;--line:#2a323d;
+--hair:#252d37;--grey-bar:#5f6d7e;
 --blue:#6aa1ff;--teal:#3cc4b4;--amber:#ffb648;--red:#ff7088;--band:rgba(106,161,255,.20);--fail:rgba(255,112,136,.14);
---floor:rgba(60,196,180,.16);--hot:#ff7088;--cold:#6aa1ff;color-scheme:dark"""
+--floor:rgba(60,196,180,.16);color-scheme:dark"""
 STYLE = (
     f":root{{{LIGHT}}}:root[data-theme=dark]{{{DARK}}}"
     f"@media (prefers-color-scheme:dark){{:root:not([data-theme=light]){{{DARK}}}}}"
@@ -29,6 +31,8 @@ section{background:var(--card);border:1px solid var(--line);border-radius:10px;p
 min-width:0}
 .pair{margin-bottom:12px}.pair section,.three section{margin-bottom:0}
 h2{margin:0 0 4px;font-size:13px;font-weight:600;display:flex;gap:2px 12px;align-items:center;flex-wrap:wrap}
+[hidden]{display:none!important}.quiet{font:inherit;color:var(--soft);background:none;border:1px solid transparent;
+border-radius:6px;cursor:pointer}.quiet:hover{border-color:var(--line)}.scroll{overflow:auto;max-height:420px}
 h2 span{font-weight:400;color:var(--soft);font-size:12px}h2 .choices{margin-left:auto}h2 label{font-weight:400;
 font-size:12px;color:var(--soft);margin-left:6px}
 select,#theme{font:inherit;color:var(--ink);background:var(--card);border:1px solid var(--line);border-radius:6px;
@@ -57,13 +61,12 @@ padding:3px 0 5px}math{font-family:"STIX Two Math","Latin Modern Math",
 .value{white-space:nowrap;margin-right:8px}
 .next{border-left:4px solid var(--amber)}.next.ok{border-left-color:var(--teal)}
 summary{cursor:pointer;color:var(--soft)}
-.key-model{color:var(--blue)!important}.key-fail{color:var(--red)!important}.key-new{color:var(--teal)!important}
 footer{padding:0 20px 16px;color:var(--soft);font-size:12px;max-width:1640px;margin:auto}
 @media (max-width:980px){main{display:flex;flex-direction:column;gap:0}main>div:not(.three){display:contents}
-#ranking{order:1}.next{order:2}#heatbox{order:3}.three{order:4}.notes{order:5}}
+#ranking{order:1}.next{order:2}#heat{order:3}.three{order:4}.notes{order:5}}
 @media (max-width:640px){main,.lead{padding-left:10px;padding-right:10px}header{padding:8px 10px}.verdict{margin-left:0}
 .pair{grid-template-columns:minmax(0,1fr)}h2 .choices{margin-left:0}}
-@media print{#theme,.modebar{display:none}section{break-inside:avoid}}
+@media print{#theme,.tools{display:none}section{break-inside:avoid}}
 """
 )
 
@@ -72,9 +75,6 @@ PAGE = """<!doctype html>
 {%- endmacro %}
 {%- macro values(values) %}{% for name, value in values.items() %}<span class="value">{{ name }} = {{ amount(value) }}
 {{- stuck(value, " ") }}</span> {% endfor %}{% endmacro %}
-{%- macro select(id, label, options, chosen) %}<label>{{ label }} <select id="{{ id }}">
-{%- for value, text in options %}<option value="{{ value }}"{{ " selected" if value == chosen }}>{{ text }}</option>
-{%- endfor %}</select></label> {% endmacro %}
 {%- macro card(one) %}{% set effect = one.proposal %}{% set curve = curves.get((effect.effect,)) %}
 <{{ "div" if curve is none else "button" }} class="card{{ " named" if one.named }}"
 {%- if curve is not none %} data-preview="{{ curve }}" aria-pressed="false"{% endif %}>
@@ -96,30 +96,19 @@ PAGE = """<!doctype html>
 <ul class="where">{% for place in story.where %}<li><b>{{ place.variable }}</b> {{ place.sentence }}</li>{% endfor %}
 {%- for note in story.intake + story.notes %}<li class="warn">{{ note }}</li>{% endfor %}</ul></div>
 <main><div>
-<section><h2>Model and measurement <span>&#9679; training &#9671; held out</span>
-<span class="key-model">&#9473; model, 95 % of the noise</span>
-{%- if story.effects %}<span>&#9478; base model</span>{% endif %}
-<span class="key-new" id="previewed" hidden></span>
-{%- if story.where %}<span class="key-fail">&#9646; fails here</span>{% endif %}<span class="choices">
-{%- if data.channels|length > 1 %}{{ select("channel", "channel", channels, "0") }}{% endif %}
-{{- select("variable", "against", columns, data.variable) }}</span></h2>
-<div id="overlay" role="img" aria-label="measured and predicted values"></div>
+<div id="overlay"></div>
 {%- if data.kept < data.rows %}<p class="soft">{{ data.kept }} of {{ data.rows }} rows are drawn: of each stretch those
-with the lowest and the highest residual. Every number on this page is of all rows.</p>{% endif %}</section>
+with the lowest and the highest residual. Every number on this page is of all rows.</p>{% endif %}
 <div class="pair">
-<section><h2>Residual <span>measured - predicted; band: 95 % of noise</span>
-<span class="key-fail" id="range"></span></h2>
-<div id="residual" role="img" aria-label="residuals in noise standard deviations"></div></section>
-<section><h2>Error ladder <span>noise sd; <b style="color:var(--mute)">&#9646;</b> training
+<div id="residual"></div>
+<section><h2>Error ladder <span>noise sd; <b style="color:var(--grey-bar)">&#9646;</b> training
 <b style="color:var(--blue)">&#9646;</b> held out; dashed: {{ "floor" if story.noise.floor else "1.0" }}</span></h2>
-<div id="ladder" role="img" aria-label="errors of the model with each effect added"></div>
+<div id="ladder"></div>
 {%- if history %}<details><summary>History: {{ history|length }} steps</summary><ol>{% for step in history %}
 <li>{{ step.action }} <b>{{ step.effects|join(" + ") }}</b>: held out {{ in_sd(step.before.heldout_error) }} &rarr;
 {{ in_sd(step.after.heldout_error) }}</li>{% endfor %}</ol></details>{% endif %}</section>
 </div>
-<section id="heatbox"><h2>{{ story.by_run }}
-<span>mean residual in noise sd; &#9671; held out; click: pick a run out</span></h2>
-<div id="heat" role="img" aria-label="mean residual by run and range"></div></section>
+<div id="heat"></div>
 </div><div>
 {% if not story.found %}<section><h2>{{ story.heading }}</h2><p class="soft">{{ not_looked }}</p></section>
 {%- elif story.cards %}<section id="ranking"><h2>{{ story.heading }} <span class="soft">{{ story.measure }};
@@ -165,6 +154,6 @@ click: what it would do</span></h2>
 <footer>Made by <code>terrapin report</code>. Errors in noise sd: {{ floor(story.noise) }}.
 Probabilities are calibrated: of all given with 0.9, nine in ten are right.</footer>
 <script type="application/json" id="data">{{ json|safe }}</script>
-<script>{{ plotly|safe }}</script><script>{{ script|safe }}</script>
+<script>{{ script|safe }}</script>
 </body></html>
 """

@@ -1,6 +1,7 @@
 // The overlay and the residual of a case: what is drawn of a view, and the choice of variable and channel.
-import { css, h, number, unit } from './app.js';
-import { curve, Plot } from './plot.js';
+import { css, h, number, unit } from './basics.js';
+import { curve } from './painting.js';
+import { Plot } from './plot.js';
 
 /** Standard deviation. @param {number[]} values */
 const spread = (values) => {
@@ -9,15 +10,16 @@ const spread = (values) => {
 };
 
 export class CasePlots {
-  /** @param {App} app @param {() => void} changed */
-  constructor(app, changed) {
-    this.app = app;
+  /** @param {() => void} changed another variable or channel was chosen */
+  constructor(changed) {
     this.changed = changed;
     /** @type {Draft | null} */
     this.view = null;
     this.variable = this.channel = ''; // what is shown
     /** @type {{ variable?: string, channel?: string }} */
     this.picked = {}; // what the user chose; else the view says what matters most
+    /** @type {number | null} */
+    this.run = null; // whose rows are picked out
     const overlay = h('div', { class: 'tall' }), residual = h('div');
     this.overlay = new Plot(overlay, 'Model and measurement');
     this.residual = new Plot(residual, 'Residual');
@@ -26,12 +28,30 @@ export class CasePlots {
     this.choices = h('span', { class: 'choices' });
     this.axis = h('span', { class: 'axis' });
     this.range = h('span', { class: 'key fails' });
+    this.picks = h('div', { class: 'soft small', role: 'status' });
+    for (const plot of [this.overlay, this.residual]) plot.onselect = (rows) => this.pick(rows);
     this.overlayPanel = h('section', { class: 'panel' },
-      h('div', { class: 'panel-head' }, h('h2', { text: 'Model and measurement' }), this.keys, this.choices), overlay);
+      h('div', { class: 'panel-head' }, h('h2', { text: 'Model and measurement' }), this.keys, this.choices, this.overlay.tools()), overlay, this.picks);
     overlay.append(this.axis); // the choice of variable stands where the name of the axis would
     this.residualPanel = h('section', { class: 'panel' },
       h('div', { class: 'panel-head' }, h('h2', { text: 'Residual' }), h('span', { text: 'shaded: 95 % of the noise' }), this.range,
-        h('span', { class: 'choices' }, this.tableButton())), residual);
+        h('span', { class: 'choices' }, this.tableButton(), this.residual.tools())), residual);
+  }
+
+  /** Pick rows out in both plots; null: none. @param {number[] | null} rows */
+  pick(rows) {
+    const selected = rows ? new Set(rows) : null, plot = this.view?.plot;
+    for (const one of [this.overlay, this.residual]) { one.selected = selected; one.redraw(); }
+    this.run = null;
+    this.picks.textContent = !rows || !plot ? ''
+      : `${rows.length} rows picked out, of ${[...new Set(rows.map((i) => plot.runs[plot.run[i]]))].join(', ')}`;
+  }
+
+  /** Pick out the rows of a run, or none when they are already. @param {number} run */
+  pickRun(run) {
+    const again = this.run === run, plot = this.view?.plot;
+    this.pick(again || !plot ? null : plot.run.flatMap((r, i) => (r === run ? [i] : [])));
+    this.run = again ? null : run;
   }
 
   tableButton() {
@@ -46,6 +66,7 @@ export class CasePlots {
 
   /** @param {Draft} view */
   take(view) {
+    if (view.plot.run.length !== this.view?.plot.run.length) this.pick(null);
     this.view = view;
     const plot = view.plot;
     const { variable, channel } = this.picked;
