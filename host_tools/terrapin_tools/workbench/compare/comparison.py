@@ -46,6 +46,7 @@ __all__ = [
     "Analysis",
     "Rung",
     "analyse",
+    "covered",
     "error",
     "fitted_on",
     "free_slopes",
@@ -208,12 +209,16 @@ def free_slopes(fit: Fit, sigma: Array, rows: Mask) -> tuple[Array, Array, Array
     return prediction, measured(fit.model, rows) - prediction, slopes[..., free]
 
 
-def sds(fit: Fit, case: Case, sigma: Array, noise: Noise) -> Array:
-    """Sd (parameters,) of a fit that was made with the sds `sigma`, in this noise."""
+def covered(fit: Fit, case: Case, sigma: Array, noise: Noise) -> tuple[Array, Array]:
+    """`covariance` of a fit that was made with the sds `sigma`, in this noise."""
     # an estimated sd holds what runs have in common, which the kind of noise says once more
     floor = np.array([1.0 if known else noise.node.of(c).floor for c, known in enumerate(noise.known)])
-    covered = covariance(fit, case.run[case.train], noise.node, noise.sigma / sigma / floor)[0]
-    return np.asarray(np.sqrt(np.maximum(np.diag(covered), 0.0)))
+    return covariance(fit, case.run[case.train], noise.node, noise.sigma / sigma / floor)
+
+
+def sds(fit: Fit, case: Case, sigma: Array, noise: Noise) -> Array:
+    """Sd (parameters,) of a fit that was made with the sds `sigma`, in this noise."""
+    return np.asarray(np.sqrt(np.maximum(np.diag(covered(fit, case, sigma, noise)[0]), 0.0)))
 
 
 def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:

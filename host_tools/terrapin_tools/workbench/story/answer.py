@@ -9,6 +9,7 @@ from typing import Any
 
 from terrapin_tools.workbench.case import history
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
+from terrapin_tools.workbench.compare.together import Together
 from terrapin_tools.workbench.discover.certainty import Operating
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.discover.unexplained import Blamed, Curve
@@ -71,11 +72,16 @@ def answer(story: Story) -> dict[str, Any]:
         **({"goal": {one.channel: _goal(one) for one in story.goals}} if story.goals else {}),
         **({"groups": groups} if groups else {}),
         **({"intake": intake} if story.intake else {}),
+        **({"not_apart": [_tied(one) for one in story.together]} if story.together else {}),
         "at_bound": [key for key, value in story.parameters.items() if value.at_bound],
         **runs,
         "seconds": story.seconds,
     }
     return dict(finite(parts))
+
+
+def _tied(one: Together) -> dict[str, Any]:
+    return {"parameters": one.parameters, "determined": [vars(known) for known in one.determined]}
 
 
 def _values(values: Mapping[str, Value]) -> dict[str, dict[str, Any]]:

@@ -8,6 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 from terrapin_hil.units import behind
 from terrapin_tools.workbench.compare.groups import Differing
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
+from terrapin_tools.workbench.compare.together import Together
 from terrapin_tools.workbench.discover.certainty import EVEN, Operating
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.discover.unexplained import DIRECTION, Blamed, Curve
@@ -36,6 +37,7 @@ __all__ = [
     "in_sd",
     "named_unit",
     "next_step",
+    "not_apart",
     "number",
     "of_hundred",
     "only_here",
@@ -429,6 +431,16 @@ def noise_told(one: NoiseFinding, unit: str) -> str:
         value = f"{number(100.0 * one.value, 2)} %"
     what = f"{SLOW[one.kind]} {value} in {one.channel} more than the model explains"
     return f"{what} (probability {chance(one.probability)})."
+
+
+def not_apart(one: Together) -> str:
+    """What of some parameters is determined."""
+    known = [
+        f"{d.formula} = {amount(Value(d.value, d.sd, '1'))}{', near these values' if d.near else ''}"
+        for d in one.determined
+    ]
+    names = f"{', '.join(one.parameters[:-1])} and {one.parameters[-1]}"
+    return f"These data do not tell {names} apart; of them they determine {'; '.join(known) or 'nothing'}."
 
 
 def unchecked(effect: str, bare: Sequence[str]) -> str:

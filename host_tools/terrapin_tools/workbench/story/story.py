@@ -14,6 +14,7 @@ from terrapin_tools.workbench.case.changes import OwnEffect, OwnParameter
 from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.groups import Differing
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
+from terrapin_tools.workbench.compare.together import Together
 from terrapin_tools.workbench.discover.certainty import Operating
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.discover.unexplained import Blamed, Curve
@@ -234,6 +235,7 @@ class Story:
     noise_told: str  # its source and kind in words
     found: Findings | None
     groups: tuple[Differing, ...] = ()  # parameters with one value a group
+    together: tuple[Together, ...] = ()  # parameters that the data do not tell apart
     intake: tuple[str, ...] = ()  # what happened to the measurements on their way in
     goals: tuple[Goal, ...] = ()  # what the user asked for
     guessed: tuple[str, ...] = ()  # what nobody has confirmed

@@ -48,7 +48,7 @@ def tell(story: Story) -> str:
             f"What is missing in {curve.channel}{behind(curve.channel_unit)}, no formula known:",
             *as_text(unnamed(curve)),
         ]
-    lines += [part for note in story.notes for part in _wrapped(note, "  ")]
+    lines += [part for note in story.notes for part in _wrapped(_plain(note), "  ")]
     lines += _candidates(story)
     if story.chances:
         lines += ["", "What these runs can show:", *_table(story.chances)]

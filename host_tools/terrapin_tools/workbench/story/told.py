@@ -17,6 +17,7 @@ from terrapin_tools.workbench.compare.adequacy import Failure
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.compare.groups import differences
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding, far_above_stated, noise_findings
+from terrapin_tools.workbench.compare.together import together
 from terrapin_tools.workbench.discover.certainty import EVEN
 from terrapin_tools.workbench.discover.discovery import Candidate, Discovery, rung
 from terrapin_tools.workbench.model import constants
@@ -66,6 +67,8 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
     for name in case.effects:
         bare = without_unit(case.library[name], case.base, given) if case.library[name].source == OWN else ()
         notes += [sentences.unchecked(name, bare)] if bare else []
+    tied = together(analysis)
+    notes += [sentences.not_apart(one) for one in tied]
     if strange and not analysis.missing:
         notes.append(sentences.strange_noise(found.probability if found else None))
     heading, measure = sentences.HEADINGS.get(verdict if found else "", sentences.HEADINGS[""])
@@ -101,6 +104,7 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         noise_told=sentences.noise_source(noise),
         found=found,
         groups=tuple(differences(analysis)),
+        together=tuple(tied),
         intake=case.intake,
         goals=goals,
         guessed=case.guessed,

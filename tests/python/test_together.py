@@ -1,0 +1,47 @@
+"""Parameters that data cannot tell apart are named, with the combinations that are determined."""
+
+from __future__ import annotations
+
+import doctest
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.compare import together as module
+from terrapin_tools.workbench.compare.comparison import analyse
+from terrapin_tools.workbench.compare.together import together
+from terrapin_tools.workbench.story.answer import answer
+from terrapin_tools.workbench.story.told import told
+from tests.campaigns import null_directions
+from tests.python.casekit import rolling
+
+NUMBERS = list(range(len(null_directions.KNOWN)))
+
+
+def test_the_examples_hold() -> None:
+    assert doctest.testmod(module).failed == 0
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_known_directions_are_named(tmp_path: Path, number: int) -> None:
+    groups = null_directions.draw(number, 1, tmp_path / "case")
+    found = together(analyse(load_case(tmp_path / "case")))
+    assert sorted("".join(one.parameters) for one in found) == sorted(groups)
+    for one in found:  # what is sure lies within 4 sd; how often within 95 % is a rate
+        for known in one.determined:
+            truth = null_directions.truth(known.formula)
+            assert known.near or abs(truth - known.value) < 4.0 * known.sd, (known, truth)
+
+
+def test_what_is_determined_is_not_named_and_what_is_not_is_told(tmp_path: Path) -> None:
+    assert together(analyse(load_case(rolling(tmp_path / "rolling", 8)))) == []
+    null_directions.draw(7, 1, tmp_path / "case")  # (a*w + b*t)/c
+    story = told(analyse(load_case(tmp_path / "case")))
+    (note,) = [note for note in story.notes if "apart" in note]
+    assert note.startswith("These data do not tell a, b and c apart; of them they determine a/c = 0.70")
+    (tied,) = answer(story)["not_apart"]
+    assert list(tied["parameters"]) == ["a", "b", "c"]
+    assert [known["formula"] for known in tied["determined"]] == ["a/c", "b/c"]
+    assert np.isfinite(tied["determined"][0]["sd"])
