@@ -8,7 +8,8 @@
 #define COUNTER_WINDOW 4U /* steps of a COMMAND's counter: as many cycles as the longest command_timeout has */
 
 /* Of all requests the one that is never wrong: whoever sent it, and whatever came before. */
-void command_stop_all(terrapin_link *link, const terrapin_frame *frame, terrapin_inputs *inputs) {
+void command_stop_all(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
+                      terrapin_inputs *inputs) {
     terrapin_stop_all_t message;
     if (!terrapin_decode_stop_all(frame, &message) || (message.request != TERRAPIN_REQUEST_IDLE)) {
         link->malformed++;
@@ -17,7 +18,7 @@ void command_stop_all(terrapin_link *link, const terrapin_frame *frame, terrapin
     static const terrapin_command idle = {.request = TERRAPIN_REQUEST_IDLE};
     inputs->command = idle;
     inputs->command_fresh = true;
-    link->held = true;
+    terrapin_latch(state, TERRAPIN_LINK_STOPPED);
 }
 
 /* How far a counter is behind another, round the circle. */
@@ -99,8 +100,7 @@ void command_accept(terrapin_link *link, const terrapin_frame *frame, terrapin_i
         link->out_of_place++;
         return;
     }
-    link->held = link->held && !idle && (message.request != TERRAPIN_REQUEST_CLEAR);
-    inputs->command.request = link->held ? (uint8_t)TERRAPIN_REQUEST_IDLE : (uint8_t)message.request;
+    inputs->command.request = (uint8_t)message.request;
     inputs->command.control = (uint8_t)message.control;
     inputs->command.limiter = message.limiter != 0;
     inputs->command.setpoint = (int16_t)message.setpoint;

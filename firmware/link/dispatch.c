@@ -37,7 +37,10 @@ static void accept_test_mode(terrapin_link *link, terrapin_state *state, const t
         return;
     }
     const bool arm = message.key == (uint32_t)TERRAPIN_TEST_MODE_KEY;
-    if (arm && terrapin_bridge_on(state)) {
+    /* A controller without a clock of its own has no tick for a clear but those of test mode. */
+    const bool clears = inputs->command_fresh && (inputs->command.request == (uint8_t)TERRAPIN_REQUEST_CLEAR);
+    const uint32_t stopped = clears ? 0U : (terrapin_latched(state) & TERRAPIN_LINK_STOPPED);
+    if (arm && (terrapin_bridge_on(state) || (stopped != 0U))) {
         link->out_of_place++;
         return;
     }
@@ -50,10 +53,9 @@ static void accept_test_mode(terrapin_link *link, terrapin_state *state, const t
     }
     reset_controller(state, inputs, arm ? NULL : start_values(link));
     if (!arm) {
-        terrapin_latch(state, link->latched);
+        terrapin_latch(state, link->latched | stopped);
     }
     link->test_mode = arm;
-    link->held = false;
     link->stepped = false;
     link->reply_counter = 0U;
     link->command_counter = TERRAPIN_E2E_NO_COUNTER; /* an earlier run leaves nothing behind */
@@ -272,12 +274,11 @@ void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inp
 }
 
 /* What concerns the bus, and other traffic on it. */
-static terrapin_accept_result accept_of_the_bus(terrapin_link *link, const terrapin_state *state,
-                                                const terrapin_frame *frame, terrapin_inputs *inputs,
-                                                terrapin_frame *reply) {
+static terrapin_accept_result accept_of_the_bus(terrapin_link *link, terrapin_state *state, const terrapin_frame *frame,
+                                                terrapin_inputs *inputs, terrapin_frame *reply) {
     terrapin_accept_result result = TERRAPIN_ACCEPT_NOTHING;
     if (frame->id == TERRAPIN_ID_STOP_ALL) {
-        command_stop_all(link, frame, inputs);
+        command_stop_all(link, state, frame, inputs);
     } else if ((frame->id == TERRAPIN_ID_NODE_REQUEST) && (link->identity != NULL)) {
         result = accept_node_request(link, state, frame, reply);
     } else {

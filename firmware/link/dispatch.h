@@ -24,17 +24,18 @@
  * that is the hold of an IDLE (limit stop_hold), and the IDLE is taken with any counter.
  *
  * Test mode (armed by TEST_MODE, off after reset): sensors come from SENSORS_SLOW and SENSORS_FAST, and each
- * SENSORS_FAST is one tick. It is not armed while the bridge is enabled. Arming resets the controller, parameters to
- * the defaults of controller.toml, so that a run in test mode is a function of its frames alone; leaving resets it
- * again, parameters to the stored ones, or to the port's own defaults, and latched faults that stood before it stand
- * again. A production build (TERRAPIN_PRODUCTION) has no test mode: TEST_MODE and SENSORS_* are counted and change
- * nothing.
+ * SENSORS_FAST is one tick. It is not armed while the bridge is enabled, nor while STOP_ALL holds and no clear has
+ * come. Arming resets the controller, parameters to the defaults of controller.toml, so that a run in test mode is a
+ * function of its frames alone; leaving resets it again, parameters to the stored ones, or to the port's own defaults,
+ * and latched faults that stood before it stand again. A production build (TERRAPIN_PRODUCTION) has no test mode:
+ * TEST_MODE and SENSORS_* are counted and change nothing.
  */
 #ifndef TERRAPIN_DISPATCH_H
 #define TERRAPIN_DISPATCH_H
 
 #include "node.h"
 #include "seal.h"
+#include "terrapin.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -60,7 +61,6 @@ typedef struct {
     bool test_mode;
     bool no_ground_wheel;  /* set by the port after terrapin_link_init: out of test mode there is no slip to limit */
     bool limiter_refused;  /* the last COMMAND asked for that all the same */
-    bool held;             /* by STOP_ALL: COMMANDs are taken for IDLE until one says idle or clear */
     bool stepped;          /* a tick was taken since test mode was armed */
     uint32_t latched;      /* faults that stood when test mode was armed: they stand again when it is left */
     uint32_t bad_crc;      /* frames dropped, by cause; these wrap */
@@ -76,6 +76,10 @@ typedef struct {
     terrapin_identity *identity;  /* the port's; NULL: NODE_REQUEST is other traffic */
     terrapin_seal seal;
 } terrapin_link;
+
+/* Of terrapin_latched: STOP_ALL holds. A port keeps it over a reset, from the tick after it came on, and latches it
+ * again (terrapin_latch) after terrapin_link_init. */
+#define TERRAPIN_LINK_STOPPED ((uint32_t)1U << (uint32_t)TERRAPIN_FAULT_STOP_ALL)
 
 typedef enum {
     TERRAPIN_ACCEPT_NOTHING = 0,

@@ -110,7 +110,7 @@ static void take_idle(terrapin_intake *intake, terrapin_link *link, terrapin_sta
 
 static void take_stop_all(terrapin_intake *intake, terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs,
                           const terrapin_frame *frame) {
-    if (!intake->stopped || !link->held) { /* a COMMAND in between may have ended the hold */
+    if (!intake->stopped) {
         terrapin_frame no_reply = {0};
         const uint32_t malformed = link->malformed;
         (void)terrapin_accept(link, state, frame, inputs, &no_reply);

@@ -196,7 +196,7 @@ def test_simulator_signals_events_and_stop(page: Page, server: Server) -> None:
     expect(page.locator("[data-tile=Faults]")).to_contain_text("estop")
     expect(page.locator("[data-tile=State]")).to_contain_text("bridge off")
     page.wait_for_timeout(1000)  # in which it does not let go
-    page.get_by_role("button", name="Stopped: release").click()
+    page.get_by_role("button", name="Stopped: clear").click()
     expect(page.get_by_role("button", name="Stop the robot")).to_be_visible()
     assert said(page)["missed"] == "0"
     assert serious(page) == []

@@ -255,6 +255,19 @@ static void test_retained_memory_is_not_believed_blindly(void) {
     TEST_ASSERT_EQUAL(RETAINED_STACK_OVERFLOW, retained_look(&kept));
     TEST_ASSERT_EQUAL(RETAINED_STACK_OVERFLOW, retained_take(&kept));
     TEST_ASSERT_EQUAL(RETAINED_NOTHING, retained_take(&kept)); /* once */
+    for (uint32_t noise = 0U; noise < 256U; noise++) {         /* what a RAM holds after a loss of power says nothing */
+        memset(&kept, (int)noise, sizeof kept);
+        TEST_ASSERT_FALSE(retained_stopped(&kept));
+    }
+    retained_set_stopped(&kept, true);
+    retained_note(&kept, RETAINED_UPDATE, 0U, 0U);
+    (void)retained_take(&kept);
+    TEST_ASSERT_TRUE(retained_stopped(&kept)); /* the boot loader was there in between */
+    kept.running ^= 1U;
+    TEST_ASSERT_FALSE(retained_stopped(&kept));
+    retained_set_stopped(&kept, true);
+    retained_set_stopped(&kept, false);
+    TEST_ASSERT_FALSE(retained_stopped(&kept));
 }
 
 static void test_watchdog(void) {

@@ -65,6 +65,11 @@ bool hardware_store_node(uint8_t node) {
     return true;
 }
 
+static bool stop_kept;
+void hardware_keep_stop(bool stopped) {
+    stop_kept = stopped;
+}
+
 void hardware_reset(can *to_bus, usart *to_line, bool stay) {
     TEST_ASSERT_EQUAL_PTR(&bus, to_bus);
     TEST_ASSERT_EQUAL_PTR(&line, to_line);
@@ -352,6 +357,29 @@ static void test_test_mode_holds_the_bridge_off_and_stops_the_own_clock(void) {
 /* ---- what is kept, and what the boot loader is told */
 
 static uint8_t pages[32768];
+
+/* A clear ends it and is known to the next start; a reset, an IDLE or a RUN does not. */
+static void test_stop_all_outlives_a_reset(void) {
+    const terrapin_stop_all_t message = {.request = TERRAPIN_REQUEST_IDLE};
+    terrapin_frame stop;
+    TEST_ASSERT_TRUE(terrapin_encode_stop_all(&message, &stop));
+    TEST_ASSERT_TRUE(ticks(UNTIL_RUN, TERRAPIN_REQUEST_RUN));
+    terrapin_intake_put(&controller.intake, &controller.link, state, &controller.inputs, &stop, 0U);
+    (void)port_pass(&controller, controller.tick + 1U);
+    TEST_ASSERT_FALSE_MESSAGE(driven, "in the next tick, in which the chip knows it, too");
+    TEST_ASSERT_TRUE(stop_kept);
+    hardware_facts hardware = {.core_hz = 168000000U, .stopped = stop_kept};
+    port_open(&controller, state, &bus, &line, NULL, NULL, &hardware);
+    TEST_ASSERT_FALSE(ticks(500U, TERRAPIN_REQUEST_IDLE));
+    TEST_ASSERT_FALSE(ticks(UNTIL_RUN, TERRAPIN_REQUEST_RUN));
+    TEST_ASSERT_TRUE((controller.outputs.faults & BIT(TERRAPIN_FAULT_STOP_ALL)) != 0U);
+    TEST_ASSERT_TRUE(stop_kept);
+    (void)ticks(300U, TERRAPIN_REQUEST_CLEAR);
+    TEST_ASSERT_FALSE(stop_kept);
+    hardware.stopped = stop_kept;
+    port_open(&controller, state, &bus, &line, NULL, NULL, &hardware);
+    TEST_ASSERT_TRUE(ticks(UNTIL_RUN, TERRAPIN_REQUEST_RUN));
+}
 
 static hardware_facts plain(void) {
     return (hardware_facts){.core_hz = 168000000U};
@@ -654,6 +682,7 @@ static void test_host_that_does_not_read_loses_its_own_lines(void) {
 
 int main(void) {
     UNITY_BEGIN();
+    RUN_TEST(test_stop_all_outlives_a_reset);
     RUN_TEST(test_foreign_frames_at_full_load);
     RUN_TEST(test_more_frames_than_it_can_take);
     RUN_TEST(test_flood_of_parameter_writes);

@@ -91,6 +91,10 @@ bool hardware_store_node(uint8_t node) {
     return false;
 }
 
+void hardware_keep_stop(bool stopped) {
+    TEST_ASSERT_FALSE(stopped); /* nobody said so */
+}
+
 void hardware_reset(can *to_bus, usart *to_line, bool stay) {
     (void)to_bus;
     (void)to_line;

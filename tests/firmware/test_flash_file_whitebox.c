@@ -78,7 +78,7 @@ static void test_a_file_of_parameters_grows(void) {
 }
 
 static void test_the_node_number_is_kept(void) {
-    for (uint32_t i = 0; i < (PAGE / WRITE_SIZE); i++) {
+    for (uint32_t i = 0; i < ((PAGE / WRITE_SIZE) - 1U); i++) { /* the last unit is not a number's */
         const uint8_t node = (uint8_t)(1U + (i % 7U));
         TEST_ASSERT_TRUE(terrapin_flash_file_set_node(&file, node));
         TEST_ASSERT_EQUAL(node, terrapin_flash_file_node(&file));
@@ -87,6 +87,22 @@ static void test_the_node_number_is_kept(void) {
     TEST_ASSERT_FALSE(terrapin_flash_file_set_node(&file, 0U)); /* full, after four thousand */
     TEST_ASSERT_EQUAL(last, terrapin_flash_file_node(&file));
     TEST_ASSERT_EQUAL_MEMORY_MESSAGE("N", &disk[NODE_PAGE], 1U, "it is on the disk");
+}
+
+/* As often as it changes, beside the numbers, and for whoever opens the file next. */
+static void test_a_stop_is_kept(void) {
+    TEST_ASSERT_FALSE(terrapin_flash_file_stopped(&file));
+    for (uint32_t i = 0; i < 5000U; i++) {
+        const bool stopped = (i % 2U) == 0U;
+        terrapin_flash_file_set_stopped(&file, stopped);
+        TEST_ASSERT_EQUAL(stopped, terrapin_flash_file_stopped(&file));
+    }
+    TEST_ASSERT_TRUE(terrapin_flash_file_set_node(&file, 5U));
+    terrapin_flash_file_set_stopped(&file, true);
+    terrapin_flash_file_close(&file);
+    TEST_ASSERT_EQUAL(0, terrapin_flash_file_open(&file, path));
+    TEST_ASSERT_TRUE(terrapin_flash_file_stopped(&file));
+    TEST_ASSERT_EQUAL(5, terrapin_flash_file_node(&file));
 }
 
 static void test_a_torn_number_is_none(void) {
@@ -168,6 +184,7 @@ int main(void) {
     RUN_TEST(test_a_file_of_parameters_grows);
     RUN_TEST(test_the_node_number_is_kept);
     RUN_TEST(test_a_torn_number_is_none);
+    RUN_TEST(test_a_stop_is_kept);
     RUN_TEST(test_a_file_that_could_not_be_made_is_made_next_time);
     RUN_TEST(test_a_new_file_is_on_the_disk);
     RUN_TEST(test_what_was_read_back_stays);

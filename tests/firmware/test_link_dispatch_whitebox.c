@@ -163,47 +163,77 @@ static void test_command_arrives_and_is_fresh_for_one_step(void) {
     TEST_ASSERT_EQUAL_MESSAGE(-300, inputs.command.setpoint, "the command itself stays");
 }
 
-/* Whatever the counters say; and no COMMAND of a host that goes on driving undoes it. */
-static void test_stop_all_holds_until_a_host_says_idle(void) {
+static void test_mode_frame(uint32_t key, uint32_t counter) {
+    terrapin_frame frame;
+    const terrapin_test_mode_t message = {.key = key};
+    TEST_ASSERT_TRUE(terrapin_encode_test_mode(&message, &frame));
+    terrapin_e2e_protect(&frame, counter);
+    (void)accept(&frame);
+}
+
+/* It is a latched fault, which the core takes away with a clear alone; nothing that comes here does. */
+static void test_stop_all_latches_and_no_frame_takes_it_away(void) {
     const terrapin_stop_all_t message = {.request = TERRAPIN_REQUEST_IDLE};
     terrapin_frame stop;
     terrapin_link_init(&link, &state, &inputs);
     TEST_ASSERT_TRUE(terrapin_encode_stop_all(&message, &stop));
-    static const struct {
-        int32_t request, taken;
-    } commands[] = {
-        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_RUN},
-        {-1, TERRAPIN_REQUEST_IDLE},
-        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_IDLE},
-        {TERRAPIN_REQUEST_CALIBRATE, TERRAPIN_REQUEST_IDLE},
-        {-1, TERRAPIN_REQUEST_IDLE},
-        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_IDLE},
-        {TERRAPIN_REQUEST_IDLE, TERRAPIN_REQUEST_IDLE},
-        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_RUN},
-        {-1, TERRAPIN_REQUEST_IDLE},
-        {TERRAPIN_REQUEST_CLEAR, TERRAPIN_REQUEST_CLEAR},
-        {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_RUN},
-    };
-    for (uint32_t i = 0; i < (sizeof commands / sizeof commands[0]); i++) {
-        terrapin_frame frame = stop;
-        if (commands[i].request >= 0) {
-            const terrapin_command_t command = {.request = commands[i].request, .setpoint = 100};
-            (void)terrapin_encode_command(&command, &frame);
-            terrapin_e2e_protect(&frame, i);
-        }
-        inputs.command_fresh = false;
-        TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, terrapin_accept(&link, &state, &frame, &inputs, &reply));
-        TEST_ASSERT_TRUE(inputs.command_fresh);
-        TEST_ASSERT_EQUAL(commands[i].taken, inputs.command.request);
+    const terrapin_frame clear = command(TERRAPIN_REQUEST_CLEAR, 0, 0, 1U);
+    (void)accept(&clear);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, accept(&stop));
+    TEST_ASSERT_EQUAL_HEX32(1UL << TERRAPIN_FAULT_STOP_ALL, state.latched);
+    TEST_ASSERT_TRUE(inputs.command_fresh);
+    TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_REQUEST_IDLE, inputs.command.request, "instead of the clear before it");
+    for (int32_t request = TERRAPIN_REQUEST_IDLE; request <= TERRAPIN_REQUEST_CLEAR; request++) {
+        const terrapin_frame later = command(request, 0, 100, (uint32_t)(2 + request));
+        (void)accept(&later);
+        TEST_ASSERT_EQUAL_MESSAGE(TERRAPIN_REQUEST_IDLE, inputs.command.request, "in the same tick");
     }
+    inputs.command_fresh = false; /* a tick */
+    const int resets = state.resets;
+    const uint32_t out_of_place = link.out_of_place;
+    test_mode_frame(TERRAPIN_TEST_MODE_KEY, 1U);
+    TEST_ASSERT_FALSE_MESSAGE(link.test_mode, "not armed while it holds");
+    TEST_ASSERT_EQUAL(resets, state.resets);
+    TEST_ASSERT_EQUAL(out_of_place + 1U, link.out_of_place);
+    TEST_ASSERT_EQUAL_HEX32(1UL << TERRAPIN_FAULT_STOP_ALL, state.latched);
+    const terrapin_frame then = command(TERRAPIN_REQUEST_CLEAR, 0, 0, 9U);
+    (void)accept(&then);
+    TEST_ASSERT_EQUAL(TERRAPIN_REQUEST_CLEAR, inputs.command.request);
+    test_mode_frame(TERRAPIN_TEST_MODE_KEY, 2U);
+    TEST_ASSERT_TRUE_MESSAGE(link.test_mode, "armed instead of the tick that would have taken the clear");
+    TEST_ASSERT_EQUAL_HEX32(0U, state.latched);
+}
+
+/* In test mode it stops the simulated robot, and the real one when that is left; arming anew does not undo it. */
+static void test_stop_all_in_test_mode_outlives_it(void) {
+    const terrapin_stop_all_t message = {.request = TERRAPIN_REQUEST_IDLE};
+    terrapin_frame stop;
+    terrapin_link_init(&link, &state, &inputs);
+    TEST_ASSERT_TRUE(terrapin_encode_stop_all(&message, &stop));
+    state.latched = 5U;
+    test_mode_frame(TERRAPIN_TEST_MODE_KEY, 1U);
+    TEST_ASSERT_TRUE(link.test_mode);
+    (void)accept(&stop);
+    test_mode_frame(TERRAPIN_TEST_MODE_KEY, 2U);
+    TEST_ASSERT_EQUAL_HEX32(1UL << TERRAPIN_FAULT_STOP_ALL, state.latched);
+    test_mode_frame(0U, 3U);
+    TEST_ASSERT_FALSE(link.test_mode);
+    TEST_ASSERT_EQUAL_HEX32(5U | (1UL << TERRAPIN_FAULT_STOP_ALL), state.latched);
+}
+
+static void test_a_stop_all_that_is_none(void) {
+    const terrapin_stop_all_t message = {.request = TERRAPIN_REQUEST_RUN}; /* nobody starts all robots at once */
+    terrapin_frame stop;
+    terrapin_link_init(&link, &state, &inputs);
+    TEST_ASSERT_TRUE(terrapin_encode_stop_all(&message, &stop));
     const uint32_t malformed = link.malformed;
-    stop.data[0] = TERRAPIN_REQUEST_RUN; /* nobody starts all robots at once */
-    (void)terrapin_accept(&link, &state, &stop, &inputs, &reply);
+    (void)accept(&stop);
     stop.data[0] = 0U;
     stop.length = 0U;
-    (void)terrapin_accept(&link, &state, &stop, &inputs, &reply);
+    (void)accept(&stop);
     TEST_ASSERT_EQUAL(malformed + 2U, link.malformed);
-    TEST_ASSERT_FALSE(link.held);
+    TEST_ASSERT_EQUAL_HEX32(0U, state.latched);
+    TEST_ASSERT_FALSE(inputs.command_fresh);
 }
 
 static void test_node_requests_reach_the_identity(void) {
@@ -674,7 +704,9 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_reset_clears_everything);
     RUN_TEST(test_command_arrives_and_is_fresh_for_one_step);
-    RUN_TEST(test_stop_all_holds_until_a_host_says_idle);
+    RUN_TEST(test_stop_all_latches_and_no_frame_takes_it_away);
+    RUN_TEST(test_stop_all_in_test_mode_outlives_it);
+    RUN_TEST(test_a_stop_all_that_is_none);
     RUN_TEST(test_node_requests_reach_the_identity);
     RUN_TEST(test_protected_frames_are_checked);
     RUN_TEST(test_the_counter_of_a_command_follows_in_a_window_of_four);

@@ -265,18 +265,40 @@ static void test_stop_all_never_waits(void) {
     }
 }
 
-/* STOP_ALL, an IDLE that ends its hold, and STOP_ALL again, all in one tick: held. (Found by fuzz_intake.) */
-static void test_stop_all_after_an_idle_in_its_tick(void) {
+static bool held(void) {
+    return (terrapin_latched(&state) & TERRAPIN_LINK_STOPPED) != 0U;
+}
+
+static void tick(void) {
+    terrapin_outputs outputs;
+    terrapin_intake_begin_tick(&intake);
+    inputs.tick++;
+    terrapin_link_step(&state, &inputs, &outputs);
+}
+
+/* No request of its tick ends it, nor an IDLE or a RUN after it; a clear does, and then it can hold anew. */
+static void test_stop_all_holds_until_a_clear(void) {
     uint16_t indexes[TERRAPIN_INTAKE_SIZE];
     const terrapin_stop_all_t message = {.request = TERRAPIN_REQUEST_IDLE};
     terrapin_frame stop;
+    uint32_t counter = 0U;
     TEST_ASSERT_TRUE(terrapin_encode_stop_all(&message, &stop));
-    put(&stop, 0U);
-    put_command(TERRAPIN_REQUEST_IDLE, 1U);
-    (void)take(indexes);
-    TEST_ASSERT_FALSE(link.held);
-    put(&stop, 0U);
-    TEST_ASSERT_TRUE(link.held);
+    for (uint32_t again = 0U; again < 2U; again++) {
+        put(&stop, 0U);
+        for (uint32_t i = 0U; i < 100U; i++) {
+            for (int32_t request = 0; request < ((i == 0U) ? 4 : 3); request++) {
+                put_command(request, counter++ % 15U);
+            }
+            (void)take(indexes);
+            TEST_ASSERT_TRUE(held());
+            tick();
+            TEST_ASSERT_TRUE(held());
+        }
+        put_command(TERRAPIN_REQUEST_CLEAR, counter++ % 15U);
+        (void)take(indexes);
+        tick();
+        TEST_ASSERT_FALSE(held());
+    }
 }
 
 /* Frames of these kinds, by letter, in this order. */
@@ -399,7 +421,7 @@ int main(void) {
     RUN_TEST(test_a_damaged_idle_changes_nothing);
     RUN_TEST(test_a_third_idle_waits_in_order);
     RUN_TEST(test_stop_all_never_waits);
-    RUN_TEST(test_stop_all_after_an_idle_in_its_tick);
+    RUN_TEST(test_stop_all_holds_until_a_clear);
     RUN_TEST(test_a_tick_takes_what_its_budget_buys);
     RUN_TEST(test_what_was_taken_out_of_turn_is_paid_for);
     RUN_TEST(test_stop_all_is_fresh_in_each_tick);

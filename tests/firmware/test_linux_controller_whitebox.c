@@ -207,6 +207,13 @@ bool terrapin_process_store(terrapin_flash_file *file, terrapin_store *store, co
 void terrapin_process_identity(terrapin_identity *identity, int node, terrapin_flash_file *file) {
     (void)identity, (void)node, (void)file;
 }
+bool terrapin_process_take_stop(const terrapin_flash_file *file, terrapin_state *state) {
+    (void)file, (void)state;
+    return false;
+}
+void terrapin_process_keep_stop(terrapin_flash_file *file, const terrapin_state *state, bool *kept) {
+    (void)file, (void)state, (void)kept;
+}
 bool terrapin_process_option(const char *word) {
     (void)word;
     return false;

@@ -27,7 +27,7 @@ from terrapin_hil.simulation import Simulation
 from terrapin_tools.cli import main
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.candump import line
-from terrapin_tools.param.nodes import controllers, require_one, store_node
+from terrapin_tools.param.nodes import clear, controllers, require_one, store_node
 from terrapin_tools.param.session import Session
 
 MESSAGES = interface().messages
@@ -173,8 +173,8 @@ def test_one_of_two_gets_another_number(tmp_path: Path) -> None:
 
 
 def test_stop_all_stops_every_node_within_a_tick() -> None:
-    """Both drive; then one frame without a counter, and COMMANDs to run that go on coming: as an IDLE does, the shorted
-    motor brakes from that tick on, and the bridge goes off at rest."""
+    """Both drive; then one frame without a counter, and COMMANDs to run that go on coming: the bridge is off from that
+    tick on."""
     robots = {n: (Simulation(scenario("steady_sand", 6.0)), InProcess(node=n)) for n in (0, 5)}
     for _, link in robots.values():
         link.start({})
@@ -191,7 +191,29 @@ def test_stop_all_stops_every_node_within_a_tick() -> None:
     for tape in duties.values():
         assert all(duty > 0 for duty, _ in tape[2000:3000])
         assert all(duty == 0 for duty, _ in tape[3000:])
-        assert not any(on for _, on in tape[5500:])
+        assert not any(on for _, on in tape[3000:])
+
+
+def test_a_stop_outlives_its_process_and_ends_with_a_clear(tmp_path: Path) -> None:
+    """With a file of flash: the next process is stopped too, is not armed, and says so; a clear is for good."""
+    stop = (MESSAGES["STOP_ALL"].id, b"\0")
+
+    def armed(cleared: bool, stopped: bool) -> bool:
+        with open_link("pty", flash=tmp_path / "flash.bin") as link:
+            if stopped:
+                link.exchange([stop])
+            if cleared:
+                clear(link)
+            key = int(interface().constants["test_mode_key"])
+            link.exchange([Sender().frame("TEST_MODE", {"key": key})])
+            answers = link.exchange([Sender().frame("SENSORS_FAST", {"tick": 1})])
+            return any(identifier == MESSAGES["ACTUATE"].id for identifier, _ in answers)
+
+    assert armed(cleared=False, stopped=False)
+    assert not armed(cleared=False, stopped=True)
+    assert not armed(cleared=False, stopped=False)
+    assert armed(cleared=True, stopped=False)
+    assert armed(cleared=False, stopped=False)
 
 
 def test_lockstep_a_minute_same_hashes_as_alone() -> None:

@@ -65,9 +65,13 @@ PROOFS = (
     Proof("command", 10, "link/command.c", (
         ("} else if (!sealed && (link->seal.key != NULL)) {", "} else if (false) {"),
         ("} else if (idle_stands(inputs)) {", "} else if (false) {"),
+        ("terrapin_latch(state, TERRAPIN_LINK_STOPPED);", ""),
     )),
     Proof("dispatch", 10, "link/dispatch.c", (
-        ("if (arm && terrapin_bridge_on(state)) {", "if (false) {"),
+        ("if (arm && (terrapin_bridge_on(state) || (stopped != 0U))) {", "if (arm && (stopped != 0U)) {"),
+        ("(terrapin_bridge_on(state) || (stopped != 0U))", "terrapin_bridge_on(state)"),
+        ("terrapin_latch(state, link->latched | stopped);", "terrapin_latch(state, link->latched);"),
+        ("const uint32_t stopped = clears ? 0U :", "const uint32_t stopped = inputs->command_fresh ? 0U :"),
         ("(link->reply_counter < TERRAPIN_E2E_COUNTER_MAX) ?", "(link->reply_counter <= TERRAPIN_E2E_COUNTER_MAX) ?"),
     )),
     Proof("service", 10, "link/service.c", (

@@ -15,6 +15,7 @@ static terrapin_identity identity;
 static int32_t values[TERRAPIN_PARAMETER_COUNT];
 static const uint32_t key[4] = {1U, 2U, 3U, 4U};
 static bool bridge_on;
+static bool stopped; /* STOP_ALL is among the latched faults, of which the core takes it with a clear alone */
 
 bool terrapin_bridge_on(const terrapin_state *s) {
     (void)s;
@@ -23,18 +24,19 @@ bool terrapin_bridge_on(const terrapin_state *s) {
 
 uint32_t terrapin_latched(const terrapin_state *s) {
     (void)s;
-    return nondet_word();
+    return (nondet_word() & ~TERRAPIN_LINK_STOPPED) | (stopped ? TERRAPIN_LINK_STOPPED : 0U);
 }
 
 void terrapin_latch(terrapin_state *s, uint32_t faults) {
     (void)s;
-    (void)faults;
-    PROVE(!bridge_on || link.test_mode);
+    PROVE(((faults & ~TERRAPIN_LINK_STOPPED) == 0U) || !bridge_on || link.test_mode);
+    stopped = stopped || ((faults & TERRAPIN_LINK_STOPPED) != 0U);
 }
 
 terrapin_parameter_result terrapin_init_with(terrapin_state *s, const int32_t *given) {
     (void)s;
     PROVE((given == NULL) || __CPROVER_r_ok(given, sizeof values));
+    stopped = false; /* with all of the controller */
     return TERRAPIN_PARAMETER_OK;
 }
 
@@ -113,7 +115,10 @@ int main(void) {
     identity.store = nondet_bool() ? store_node : NULL;
     ASSUME(sound());
     const bool test_mode = link.test_mode;
-    const bool held = link.held;
+    stopped = nondet_bool();
+    const bool held = stopped;
+    terrapin_stop_all_t stop;
+    const bool stops = terrapin_decode_stop_all(&frame, &stop) && (stop.request == TERRAPIN_REQUEST_IDLE);
     const bool fresh = inputs.command_fresh;
     const terrapin_command before = inputs.command;
 
@@ -133,9 +138,10 @@ int main(void) {
     if (fresh && (before.request == TERRAPIN_REQUEST_IDLE) && inputs.command_fresh) {
         PROVE(idle); /* nothing takes the place of an IDLE of this tick */
     }
-    if (held && link.held && !fresh && inputs.command_fresh) {
-        PROVE(idle); /* after STOP_ALL, until a COMMAND ends it */
-    }
+    const bool clears = fresh && (before.request == TERRAPIN_REQUEST_CLEAR);
+    PROVE(stopped || !held || clears);                      /* no frame takes it away, */
+    PROVE(test_mode || !link.test_mode || !held || clears); /* test mode is no way round it, */
+    PROVE(!stops || (stopped && idle));                     /* and it takes the place of a clear of its tick */
     PROVE((link.seal.key == NULL) || (frame.id != TERRAPIN_ID_COMMAND) || fresh || !inputs.command_fresh || idle);
     return 0;
 }

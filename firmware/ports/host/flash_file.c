@@ -12,11 +12,12 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#define WRITE_SIZE 4U /* as on the chip */
 #define PAGE       TERRAPIN_FLASH_FILE_PAGE
 #define NODE_PAGE  (2U * PAGE) /* where it begins */
 #define SIZE       (3U * PAGE)
+#define STOP_UNIT  (SIZE - WRITE_SIZE) /* behind the node numbers */
 #define PIECE      512U
-#define WRITE_SIZE 4U /* as on the chip */
 
 static bool inside(uint32_t offset, uint32_t size) {
     return (offset <= SIZE) && (size <= (SIZE - offset));
@@ -152,15 +153,15 @@ static bool unit_of(const uint8_t unit[WRITE_SIZE], uint8_t *node) {
     return good;
 }
 
-/* The number that counts, and the offset of the first unit that was never written: SIZE when there is none. */
+/* The number that counts, and the offset of the first unit that was never written: STOP_UNIT when there is none. */
 static uint32_t find_node(const terrapin_flash_file *file, uint8_t *node) {
     static const uint8_t erased[WRITE_SIZE] = {0xFF, 0xFF, 0xFF, 0xFF};
     uint8_t unit[WRITE_SIZE];
-    uint32_t next = SIZE;
+    uint32_t next = STOP_UNIT;
     *node = 0U;
-    for (uint32_t at = NODE_PAGE; (next == SIZE) && (at < SIZE); at += WRITE_SIZE) {
+    for (uint32_t at = NODE_PAGE; (next == STOP_UNIT) && (at < STOP_UNIT); at += WRITE_SIZE) {
         if (!get(file, at, unit, WRITE_SIZE)) {
-            return SIZE;
+            return STOP_UNIT;
         }
         if (!unit_of(unit, node) && (memcmp(unit, erased, WRITE_SIZE) == 0)) {
             next = at;
@@ -183,5 +184,18 @@ bool terrapin_flash_file_set_node(void *file, uint8_t node) {
         return true;
     }
     const uint8_t unit[WRITE_SIZE] = {(uint8_t)'N', node, (uint8_t)(node ^ 0xFFU), 0U};
-    return (next < SIZE) && put(own, next, unit, WRITE_SIZE) && sync_file(own);
+    return (next < STOP_UNIT) && put(own, next, unit, WRITE_SIZE) && sync_file(own);
+}
+
+static const uint8_t stop_unit[WRITE_SIZE] = {(uint8_t)'S', (uint8_t)'T', (uint8_t)'O', (uint8_t)'P'};
+
+bool terrapin_flash_file_stopped(const terrapin_flash_file *file) {
+    uint8_t unit[WRITE_SIZE];
+    return get(file, STOP_UNIT, unit, WRITE_SIZE) && (memcmp(unit, stop_unit, WRITE_SIZE) == 0);
+}
+
+/* No flash: it is written over as often as it changes, and waits for no disk. */
+void terrapin_flash_file_set_stopped(terrapin_flash_file *file, bool stopped) {
+    static const uint8_t goes[WRITE_SIZE] = {0xFF, 0xFF, 0xFF, 0xFF};
+    (void)put(file, STOP_UNIT, stopped ? stop_unit : goes, WRITE_SIZE);
 }

@@ -1,4 +1,4 @@
-/* A file as flash: what the host's controller keeps its parameters and its node number in.
+/* A file as flash: what the host's controller keeps its parameters, its node number and a STOP_ALL in.
  *
  * Two pages of parameters, then one with the node number: a file of two pages, from before there was one, is grown.
  * Offsets count from the file's start, erased bytes are 0xFF. A file that does not exist is made, all of it erased. It
@@ -34,6 +34,11 @@ TERRAPIN_API uint8_t terrapin_flash_file_node(const terrapin_flash_file *file);
 /* Keep another; false when the file cannot be written, and the old one stands. What terrapin_identity.store may be,
  * with the file as its context. */
 TERRAPIN_API bool terrapin_flash_file_set_node(void *file, uint8_t node);
+
+/* STOP_ALL held when the file was used last, and whether it holds now, for the next start. Kept in whatever way the
+ * process ends, at once; not over a loss of the host's power. */
+TERRAPIN_API bool terrapin_flash_file_stopped(const terrapin_flash_file *file);
+TERRAPIN_API void terrapin_flash_file_set_stopped(terrapin_flash_file *file, bool stopped);
 
 #ifdef __cplusplus
 }

@@ -44,6 +44,8 @@ typedef struct {
     int fd;
     terrapin_service service;
     terrapin_flash_file flash;
+    bool flash_open;
+    bool stop_kept; /* as it stands in there */
     terrapin_store store;
     terrapin_identity identity;
     uint8_t out[OUT_SIZE];
@@ -193,6 +195,9 @@ static int serve(controller *c, const sigset_t *while_waiting) {
         const ssize_t n = read(c->fd, in, sizeof in);
         if (n > 0) {
             take_bytes(c, in, (size_t)n);
+            if (c->flash_open) {
+                terrapin_process_keep_stop(&c->flash, c->service.state, &c->stop_kept);
+            }
             going = flush(c, while_waiting);
         } else if ((n == 0) || (errno == EIO)) {
             going = 0;
@@ -218,7 +223,7 @@ static int usage(int status) {
         "usage: terrapin-controller [OPTION]... --pty [LINK]   serve a new pseudo-terminal; its path is "
         "printed\n"
         "       terrapin-controller [OPTION]... DEVICE         serve a serial port (set its speed with stty)\n"
-        "       --flash FILE   keep parameters and node number in FILE over a reset\n"
+        "       --flash FILE   keep parameters, node number and a STOP_ALL in FILE over a reset\n"
         "       --node N       node number on its bus, 0 to 7, whatever FILE says (0)\n"
         "       --link-key FILE  take commands and changes only from who has this key, too\n"
         "The controller speaks SLCAN. Example: terrapin-controller --pty /tmp/terrapin\n");
@@ -243,6 +248,20 @@ static uint32_t unique_number(void) {
         number = (uint32_t)getpid();
     }
     return number | 1U;
+}
+
+void terrapin_process_keep_stop(terrapin_flash_file *file, const terrapin_state *state, bool *kept) {
+    const bool stopped = (terrapin_latched(state) & TERRAPIN_LINK_STOPPED) != 0U;
+    if (stopped != *kept) {
+        *kept = stopped;
+        terrapin_flash_file_set_stopped(file, stopped);
+    }
+}
+
+bool terrapin_process_take_stop(const terrapin_flash_file *file, terrapin_state *state) {
+    const bool stopped = terrapin_flash_file_stopped(file);
+    terrapin_latch(state, stopped ? TERRAPIN_LINK_STOPPED : 0U);
+    return stopped;
 }
 
 void terrapin_process_identity(terrapin_identity *identity, int node, terrapin_flash_file *file) {
@@ -278,6 +297,8 @@ static bool use_flash(controller *c, const char *path) {
             return false;
         }
         terrapin_service_use_store(&c->service, &c->store);
+        c->flash_open = true;
+        c->stop_kept = terrapin_process_take_stop(&c->flash, c->service.state);
     }
     return true;
 }

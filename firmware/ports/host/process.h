@@ -3,6 +3,7 @@
 #ifndef TERRAPIN_HOST_PROCESS_H
 #define TERRAPIN_HOST_PROCESS_H
 
+#include "dispatch.h"
 #include "flash_file.h"
 #include "node.h"
 #include "parameters.h"
@@ -22,5 +23,10 @@ void terrapin_process_identity(terrapin_identity *identity, int node, terrapin_f
 
 /* --flash: open the file, and the store in it. False, and one line on stderr, when that cannot be. */
 bool terrapin_process_store(terrapin_flash_file *file, terrapin_store *store, const char *path);
+
+/* STOP_ALL held when the file was used last: it is latched again, and true. After each tick, and with what that said:
+ * whether it holds goes into the file as it changes. */
+bool terrapin_process_take_stop(const terrapin_flash_file *file, terrapin_state *state);
+void terrapin_process_keep_stop(terrapin_flash_file *file, const terrapin_state *state, bool *kept);
 
 #endif

@@ -133,6 +133,9 @@ static void step(controller *c) {
     terrapin_link_drive(c->state, &c->inputs, &c->outputs);
     apply(c); /* first the bridge, then the ground and the words about both */
     terrapin_link_think(c->state, &c->inputs, &c->outputs);
+    if (c->flash_open) {
+        terrapin_process_keep_stop(&c->flash, c->state, &c->stop_kept);
+    }
     c->steps++;
     bus_send(&c->bus, c->outputs.frames, c->outputs.frame_count);
 }
@@ -388,6 +391,7 @@ bool controller_open(controller *c, const controller_options *options) {
     c->link.identity = &c->identity;
     if (c->flash_open) {
         terrapin_link_use_store(&c->link, c->state, &c->store);
+        c->stop_kept = terrapin_process_take_stop(&c->flash, c->state);
     }
     return (options->link_key == NULL) || terrapin_process_seal(&c->link, options->link_key);
 }

@@ -37,6 +37,7 @@ typedef struct {
     terrapin_flash_file flash; /* of --flash */
     terrapin_store store;
     bool flash_open;
+    bool stop_kept;      /* STOP_ALL, as it stands in there */
     int signals;         /* descriptor */
     bool driving;        /* the bridge is enabled */
     bool backward;       /* what the direction line says */

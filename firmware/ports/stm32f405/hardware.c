@@ -112,6 +112,10 @@ bool hardware_store_node(uint8_t node) {
     return terrapin_records_set_node(&boot_flash, node);
 }
 
+void hardware_keep_stop(bool stopped) {
+    retained_set_stopped(&retained, stopped);
+}
+
 void hardware_reset(can *bus, usart *line, bool stay) {
     if (stay) {
         retained_note(&retained, RETAINED_UPDATE, 0U, 0U);
@@ -232,6 +236,7 @@ hardware_facts hardware_look(const clocks *speed, uint32_t flags) {
         .link_key = key,
         .link_generation = generation,
         .start = start,
+        .stopped = retained_stopped(&retained),
         .clock_fallback = speed->result != CLOCK_GOOD,
         .watchdog_absent = !watchdog_set(&guard, IWDG, WATCHDOG_ERASE), /* the stored parameters are read first */
         .brown_out_unset = (FLASH->OPTCR & FLASH_OPTCR_BOR) == FLASH_OPTCR_BOR_OFF,

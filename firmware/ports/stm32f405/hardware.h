@@ -18,6 +18,7 @@ typedef struct {
     bool adc_silent;
     bool imu_absent;      /* fitted, and says nothing good */
     bool no_ground_wheel; /* the board has no encoder for it */
+    bool stopped;         /* STOP_ALL held when the chip was reset */
     bool watchdog_absent;
     bool bridge_break;
     bool brown_out;
@@ -46,6 +47,8 @@ void hardware_flash_work(bool begins);
 void hardware_healthy(void);
 /* Another node number, from the next reset on; the bridge is off. False when the flash refuses. */
 bool hardware_store_node(uint8_t node);
+/* STOP_ALL holds, or no more: known after a reset that leaves the supply on. */
+void hardware_keep_stop(bool stopped);
 /* A host asked for it (UPDATE_RESET): what waits on bus and line leaves, then the chip is reset; with `stay` the boot
  * loader remains. */
 void hardware_reset(can *bus, usart *line, bool stay);

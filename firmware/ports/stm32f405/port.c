@@ -357,6 +357,11 @@ static void tick(port *p, uint32_t now) {
     } else {
         own_tick(p);
     }
+    const bool stopped = (terrapin_latched(p->state) & TERRAPIN_LINK_STOPPED) != 0U;
+    if (stopped != p->hardware.stopped) {
+        p->hardware.stopped = stopped;
+        hardware_keep_stop(stopped);
+    }
     can_poll(p->bus);
     keep_parameters(p);
     if (!p->link.test_mode) {
@@ -406,6 +411,7 @@ void port_open(port *p, terrapin_state *state, can *bus, usart *line, struct ter
     if (store != NULL) {
         terrapin_link_use_store(&p->link, state, store);
     }
+    terrapin_latch(state, hardware->stopped ? TERRAPIN_LINK_STOPPED : 0U);
 }
 
 bool port_pass(port *p, uint32_t now) {

@@ -28,3 +28,12 @@ retained_reason retained_take(retained_memory *memory) {
     memory->magic = 0U;
     return reason;
 }
+
+void retained_set_stopped(retained_memory *memory, bool stopped) {
+    memory->stopped = stopped ? RETAINED_STOPPED : 0U;
+    memory->running = ~memory->stopped;
+}
+
+bool retained_stopped(const retained_memory *memory) {
+    return (memory->stopped == RETAINED_STOPPED) && (memory->running == ~RETAINED_STOPPED);
+}

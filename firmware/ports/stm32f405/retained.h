@@ -1,4 +1,5 @@
-/* What outlives a reset (not a loss of power): why the firmware itself reset the chip, and a word for the boot loader.
+/* What outlives a reset (not a loss of power): why the firmware itself reset the chip, a word for the boot loader, and
+ * whether STOP_ALL holds.
  * It stands in the last 32 bytes of RAM, which no image clears. */
 #ifndef TERRAPIN_RETAINED_H
 #define TERRAPIN_RETAINED_H
@@ -6,7 +7,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define RETAINED_MAGIC 0x7E57ACEDU
+#define RETAINED_MAGIC   0x7E57ACEDU
+#define RETAINED_STOPPED 0x570BA110U
 
 typedef enum {
     RETAINED_NOTHING = 0,
@@ -22,7 +24,9 @@ typedef struct {
     uint32_t address; /* of the instruction that failed, 0 when not known */
     uint32_t status;  /* the fault status register */
     uint32_t check;   /* all words exclusive-or'ed */
-    uint32_t spare[3];
+    uint32_t stopped; /* RETAINED_STOPPED: STOP_ALL holds; */
+    uint32_t running; /* and what it is not, or it is not to be believed */
+    uint32_t spare;
 } retained_memory;
 
 /* Note a reason, for the next start. */
@@ -31,6 +35,10 @@ void retained_note(retained_memory *memory, retained_reason reason, uint32_t add
  * others: it looks with retained_look. */
 retained_reason retained_look(const retained_memory *memory);
 retained_reason retained_take(retained_memory *memory);
+
+/* STOP_ALL holds, or no more. Neither of the above touches it. */
+void retained_set_stopped(retained_memory *memory, bool stopped);
+bool retained_stopped(const retained_memory *memory);
 
 /* The memory itself. */
 extern retained_memory retained;

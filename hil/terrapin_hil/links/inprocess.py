@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from terrapin_hil.firmware import Firmware
 from terrapin_hil.links.link import Link, LinkError
 from terrapin_hil.links.names import LinkName
-from terrapin_hil.messages import Frame
+from terrapin_hil.messages import Frame, interface
 
 if TYPE_CHECKING:
     from terrapin_hil.simulation import Simulation
@@ -38,6 +38,7 @@ class InProcess(Link):
         self._lib.terrapin_identity_init(self._identity, 0, node)
         self._node = self._ffi.new("terrapin_node *")
         self._lib.terrapin_node_init(self._node, node)
+        self._stopped, self._stop_kept = 1 << interface().faults["stop_all"], False  # STOP_ALL, and as the file has it
         self._reset()
         if flash is not None:
             self._open_flash(flash)
@@ -54,6 +55,7 @@ class InProcess(Link):
             taken = "another controller uses it" if error == errno.EWOULDBLOCK else os.strerror(error)
             raise LinkError(f"{path}: {taken}")
         self._file = file
+        self._stop_kept = bool(self._lib.terrapin_flash_file_stopped(file))
         self._store = self._ffi.new("terrapin_store *")
         self._lib.terrapin_store_open(self._store, self._ffi.addressof(file, "flash"), file.pages)
         self._lib.terrapin_link_use_store(self._link, self._state, self._store)
@@ -72,6 +74,8 @@ class InProcess(Link):
         self._reset()
         if self._file is not None:
             self._lib.terrapin_link_use_store(self._link, self._state, self._store)
+            if self._lib.terrapin_flash_file_stopped(self._file):
+                self._lib.terrapin_latch(self._state, self._stopped)
         for name, value in parameters.items():
             self.firmware.set_parameter(self._state, name, value)
         self._link.test_mode = True
@@ -128,6 +132,11 @@ class InProcess(Link):
             answers += map(_plain, self._outputs.frames[0 : self._outputs.frame_count])
         elif result == self._lib.TERRAPIN_ACCEPT_REPLY:
             answers.append(_plain(self._reply))
+        if self._file is not None:
+            stopped = bool(self._lib.terrapin_latched(self._state) & self._stopped)
+            if stopped != self._stop_kept:
+                self._stop_kept = stopped
+                self._lib.terrapin_flash_file_set_stopped(self._file, stopped)
         return answers
 
     def close(self) -> None:

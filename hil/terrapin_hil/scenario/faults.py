@@ -37,6 +37,7 @@ KINDS: dict[str, tuple[int, tuple[str, ...], str]] = {
     "babble": (102, (), "1"),
     "tick_repeated": (103, (), ""),
     "extremes": (104, (), ""),
+    "stop_all": (105, (), ""),
 }
 # kind: least and greatest value; of `forced` they are the channel's
 _VALUES = {

@@ -1,4 +1,4 @@
-"""Faults of the bus between host and controller: damaged, repeated, foreign and absurd frames.
+"""Faults of the bus between host and controller: damaged, repeated, foreign and absurd frames, and somebody's STOP_ALL.
 
 A run in this process has no bus; one with such a fault goes through the firmware's dispatcher, frame by frame. The log
 keeps the host's frames as they were before.
@@ -82,6 +82,10 @@ class Disturbance:
     def _tick_repeated(self, fault: Fault, frames: list[Frame]) -> list[Frame]:
         return [*frames, *(frame for frame in frames if frame[0] == self._interface.messages["SENSORS_FAST"].id)]
 
+    def _stop_all(self, fault: Fault, frames: list[Frame]) -> list[Frame]:
+        stop = self._interface.messages["STOP_ALL"]
+        return [(stop.id, stop.encode({"request": self._interface.enums["request"]["idle"]})[0]), *frames]
+
 
 _APPLY: dict[str, Callable[[Disturbance, Fault, list[Frame]], list[Frame]]] = {
     "command_crc": Disturbance._crc,
@@ -89,4 +93,5 @@ _APPLY: dict[str, Callable[[Disturbance, Fault, list[Frame]], list[Frame]]] = {
     "extremes": Disturbance._extremes,
     "babble": Disturbance._babble,
     "tick_repeated": Disturbance._tick_repeated,
+    "stop_all": Disturbance._stop_all,
 }

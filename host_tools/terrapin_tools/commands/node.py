@@ -102,4 +102,21 @@ def set_(
     deliver({"link": str(link), **asdict(answer)}, words, json)
 
 
-SUBCOMMANDS = (list_, set_)
+def clear(
+    link: Link = INPROCESS, node: NodeNumber = None, link_key: LinkKeyFile = None, flash: Flash = None, json: Json = ""
+) -> None:
+    """End a STOP_ALL, and every latched fault whose cause is gone. Where there is a link key it is needed.
+
+    Example: terrapin node clear --link socketcan:can0 --link-key robot.key
+    """
+    from terrapin_tools.param.nodes import clear as clear_one
+
+    link = link.at_node(node)
+    if flash is not None and "flash file" not in link.row.jobs:
+        raise UserError(f"--flash: {link} keeps a STOP_ALL itself")
+    with open_link(link, LISTED, link_key, **({"flash": flash} if flash else {})) as opened:
+        clear_one(opened)
+    deliver({"link": str(link), "cleared": True}, f"{link}: told clear", json)
+
+
+SUBCOMMANDS = (list_, set_, clear)

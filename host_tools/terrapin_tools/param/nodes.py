@@ -10,7 +10,7 @@ from terrapin_hil.links.link import Link, LinkError
 from terrapin_hil.messages import Frame, Sender, interface, protect
 from terrapin_tools.errors import UserError
 
-__all__ = ["NodeAnswer", "controllers", "require_one", "store_node"]
+__all__ = ["NodeAnswer", "clear", "controllers", "require_one", "store_node"]
 
 WAIT = 0.1  # s in which all controllers of a number answer
 ATTEMPTS = 3  # a frame may be lost, and the first may carry the counter with which an earlier host ended
@@ -63,6 +63,22 @@ def require_one(link: Link, node: int) -> None:
         raise LinkError(
             f"{link.name}: found {len(found)} controllers with node number {node} ({names}), expected one; "
             "`terrapin node set` gives one another number"
+        )
+
+
+def clear(link: Link) -> None:
+    """Tells the controller `clear`. LinkError when it says after it that a STOP_ALL still holds."""
+    sender, status = Sender(), interface().messages["STATUS"]
+    request = {"request": interface().enums["request"]["clear"]}
+    stopped = 1 << interface().faults["stop_all"]
+    heard: list[bool] = []
+    for _ in range(ATTEMPTS):  # of an unknown sender the second COMMAND is the first that is taken
+        answers = _talk(link, [sender.frame("COMMAND", request)])
+        heard += [bool(status.decode(data)["faults"] & stopped) for name, data in answers if name == status.id]
+    if heard and heard[-1]:
+        raise LinkError(
+            f"{link.name}: STOP_ALL still holds: somebody sends it again, or the controller takes no clear without its "
+            "link key; expected --link-key FILE (a key that is lost: `terrapin flash --via swd` writes a new one)"
         )
 
 

@@ -73,7 +73,7 @@ static void put(port *p, const terrapin_frame *frame) {
     CHECK((p->intake.lost == lost) || ((before == TERRAPIN_INTAKE_SIZE) && (p->intake.count == before)));
     p->put += ((p->intake.count != before) || (p->intake.lost != lost)) ? 1U : 0U; /* it waits */
     if (stops && !test_mode) {
-        CHECK(p->link.held && (p->intake.count == before));
+        CHECK(((terrapin_latched(state) & TERRAPIN_LINK_STOPPED) != 0U) && (p->intake.count == before));
     }
     if ((p->intake.count == before) && (before > 0U) && (p->intake.superseded == before)) {
         p->superseded = p->put; /* an IDLE or a STOP_ALL was taken: what waits is older */

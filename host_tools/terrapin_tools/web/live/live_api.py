@@ -349,14 +349,14 @@ async def record(context: Terrapin, request: Request, body: Record) -> Recorded:
 
 @router.post("/live/command", responses=problems(404, 409, 500))
 async def command(context: Terrapin, request: Request, body: Command) -> Done:
-    """Ask the controller to go idle, again and again until released; or note an event."""
+    """Stop all controllers of the bus until released, which clears the one that is watched; or note an event."""
     hub = _hubs[context]
     if body.request == "mark":
         await asyncio.to_thread(hub.watched().mark, body.text or "mark")
         done = f"marked: {body.text or 'mark'}"
     else:
         await hub.hold_stop(body.request == "idle")
-        done = "asking for idle until released" if body.request == "idle" else "released"
+        done = "stopped until released" if body.request == "idle" else "released"
     return Done(done=done, command=_same(request, body))
 
 

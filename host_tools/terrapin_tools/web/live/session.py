@@ -36,7 +36,8 @@ PICTURES = 30  # a second
 STATUS_EVERY = 0.1  # s
 FLUSH = 0.5  # s: what a crash may cost the log
 HISTORY = 8192  # points of each signal that are kept for a browser that begins to look
-REPEAT = 0.02  # s between idle requests while the stop button is held in
+REPEAT = 0.02  # s between stops while the stop button is held in
+CLEARS = 5  # sent when it is let go: one may be lost, and a new sender's second is the first that is taken
 HEADER = struct.Struct("<BBHIIIdd")  # version, kind, columns, number, epoch, frames, first frame, base time [s]
 COLUMN = struct.Struct("<HH")  # signal, points; then float32 pairs (s after the base, value)
 SAMPLES, PAST = 1, 2  # kinds of packets
@@ -178,6 +179,7 @@ class Session:
         self._sender = Sender(interface) if interface is not None else None
         self._node = Node(node)
         self._asked = 0.0
+        self._clears = 0
         self._asked_past: list[tuple[Collection[int], Callable[[bytes], object]]] = []
         self._faults = _injections(source) if isinstance(source, Simulator) else []
         self._thread = threading.Thread(target=self._work, name="live", daemon=True)
@@ -262,14 +264,17 @@ class Session:
             self.live.tell(self._faults[0][0], "injected", self._faults.pop(0)[1])
 
     def _hold(self) -> None:
-        """While the stop button is held in: ask a controller on a bus for idle, again and again."""
-        if not self.stop_held or not isinstance(self.source, Bus) or self._sender is None:
+        """While the stop button is held in STOP_ALL to all controllers on a bus, again and again; then a few times
+        `clear` to the one that is watched."""
+        if not (self.stop_held or self._clears) or not isinstance(self.source, Bus) or self._sender is None:
             return
         now = time.monotonic()
         if now - self._asked >= REPEAT:
             self._asked = now
-            idle = self._sender.frame("COMMAND", {"request": self._sender.interface.enums["request"]["idle"]})
-            self.source.send(*self._node.to_bus(idle))
+            requests = self._sender.interface.enums["request"]
+            self._clears = 0 if self.stop_held else self._clears - 1
+            message, request = ("STOP_ALL", "idle") if self.stop_held else ("COMMAND", "clear")
+            self.source.send(*self._node.to_bus(self._sender.frame(message, {"request": requests[request]})))
 
     # ---------------------------------------------------------------- what browsers ask for
 
@@ -404,6 +409,7 @@ class Session:
             if held != self.stop_held:
                 text = "stop button held in" if held else "stop button let go"
                 self.live.tell(self.live.time, "injected" if isinstance(self.source, Simulator) else "mark", text)
+            self._clears = CLEARS if self.stop_held and not held else 0
             self.stop_held = held
             self._asked = 0.0
 
