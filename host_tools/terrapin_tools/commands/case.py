@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from terrapin_tools.command_options import Json, ThisRobot, deliver
+from terrapin_tools.command_options import Json, Picture, ThisRobot, deliver
 from terrapin_tools.errors import UserError
 
 if TYPE_CHECKING:
@@ -148,6 +148,41 @@ def map_(
     deliver(made, "\n".join(words), json)
 
 
+def merge(
+    files: Annotated[tuple[Path, Path], typer.Argument(metavar="FIRST SECOND", help="recordings of one test")],
+    match: Annotated[str, typer.Option("--match", metavar="COLUMN=COLUMN", help="of each: one quantity in both")],
+    to: Annotated[Path, typer.Option("--to", metavar="FILE.csv", help="a new table")],
+    clock: Annotated[str, typer.Option("--time", metavar="COLUMN=COLUMN", help="where the names leave it open")] = "",
+    within: Annotated[float, typer.Option("--within", metavar="SECONDS", help="look so far for the offset")] = 10.0,
+    hold: Annotated[Texts, typer.Option("--hold", metavar="COLUMN", help="take its last value, not its mean")] = None,
+    dbc: Annotated[Path | None, typer.Option("--dbc", metavar="FILE", help="of a log; else the controller's")] = None,
+    plot: Picture = None,
+    json: Json = "",
+) -> None:
+    """Bring two recordings of one test, each with its own clock, into one table: their offset is found by correlation.
+
+    Example: terrapin case merge rig.csv drive.csv --match "speed [rad/s]=w" --to merged.csv --plot merged.png
+    """
+    from terrapin_tools.workbench.intake import merging
+    from terrapin_tools.workbench.new_case.options import halves
+
+    if to.suffix.lower() != ".csv" or to.exists():
+        raise UserError(f"{to}: {'exists already' if to.exists() else 'found'}, expected the name of a new .csv")
+    if not 0.0 < within <= 3600.0:
+        raise UserError(f"--within: found {within:g} s, expected more than 0, up to 3600")
+    pairs = halves("--match", match), halves("--time", clock) if clock else ("", "")
+    made = merging.merge(files, pairs[0], pairs[1], within, hold or [], dbc)
+    merging.write(made, to)
+    if plot is not None:
+        from terrapin_tools.workbench.intake.merge_picture import draw
+
+        draw(made, plot)
+    noise = {name: column["noise_sd"] for name, column in made.answer["columns"].items() if column["noise_sd"]}
+    words = [f"{to}: {made.answer['rows']} rows; {made.told}", "sd of a row's noise, as it was left:"]
+    words += [f"  {name}: {sd:.3g}" for name, sd in noise.items()]
+    deliver(made.answer, "\n".join(words), json)
+
+
 def example(name: Annotated[str, typer.Argument(metavar="NAME", help="of a shipped case")], to: To) -> None:
     """Copy a case that ships with Terrapin.
 
@@ -201,4 +236,4 @@ def implied(words: list[str]) -> list[str]:
     return ["table" if any(_is_table(Path(word)) for word in words) else "runs", *words]
 
 
-SUBCOMMANDS = (runs, table, map_, example, append)
+SUBCOMMANDS = (runs, table, map_, merge, example, append)

@@ -12,8 +12,10 @@ from terrapin_tools.workbench.case.mends import Mend
 from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.units import convert, turns
 
-__all__ = ["BOTH_WAYS", "Mapped", "assumed", "converted", "gaps", "guesses", "ungrouped", "unsigned"]
+__all__ = ["BOTH_WAYS", "MARK", "Mapped", "assumed", "converted", "gaps", "guesses", "ungrouped", "unsigned"]
 
+MARK = "# assumed: "  # of a first line that says what was assumed when the table was made; every answer repeats it
+LONGEST = 1 << 12  # bytes of that line
 BOTH_WAYS = 0.02  # share of the rows in each direction, from which a motion reverses
 
 
@@ -35,12 +37,21 @@ def assumed(tables: Sequence[Table]) -> list[str]:
     """What was assumed about files, a sentence for each kind of file."""
     names: dict[tuple[str, ...], list[str]] = {}
     for table in tables:
-        names.setdefault(table.notes, []).append(table.path.name)
+        names.setdefault((*table.notes, *_stated(table)), []).append(table.path.name)
     found = []
     for notes, (first, *more) in names.items():
         also = f" and {len(more)} more" if more else ""
         found += [f"{first}{also}: {'; '.join(notes)}."] if notes else []
     return found
+
+
+def _stated(table: Table) -> list[str]:
+    """What the first line of a CSV says that it assumes, as `terrapin case merge` writes it."""
+    if table.path.suffix.lower() != ".csv":
+        return []
+    with table.path.open("rb") as file:
+        line = file.readline(LONGEST).decode("utf-8", "replace").strip()
+    return [line.removeprefix(MARK)] if line.startswith(MARK) else []
 
 
 def gaps(columns: Mapping[str, Array], whole: Mask, sparse: Sequence[str], place: Callable[[int], str]) -> list[str]:

@@ -14,7 +14,7 @@ from typing import Any
 
 from terrapin_tools.errors import UserError
 
-__all__ = ["arguments", "pairs", "read"]
+__all__ = ["arguments", "halves", "pairs", "read"]
 
 
 def arguments(order: dict[str, Any], files: Sequence[str], dbc: str, to: str) -> list[str]:
@@ -104,6 +104,14 @@ def read(
         "every": every,
         "period": period,
     }
+
+
+def halves(option: str, text: str) -> tuple[str, str]:
+    """COLUMN=COLUMN: of a first and a second file."""
+    first, equals, second = text.partition("=")
+    if not equals or not first or not second:
+        raise UserError(f"{option}: found {text!r}, expected COLUMN=COLUMN, of the first file and of the second")
+    return first, second
 
 
 def pairs(option: str, texts: Iterable[str]) -> dict[str, str]:
