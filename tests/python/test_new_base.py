@@ -12,6 +12,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -186,3 +187,49 @@ def test_a_comparison_that_is_planted_is_found(tmp_path: Path, text: str) -> Non
     assert comparisons(tmp_path) == []
     file.write_text(text + "\n")
     assert len(comparisons(tmp_path)) == 1
+
+
+def _package(folder: Path, base: str) -> dict[str, str]:
+    """An installed package with the page's winch, and the environment in which it is found."""
+    (entry,) = re.findall(r"```toml\n(\[project.entry-points.*?)```", PAGE, re.DOTALL)
+    (points,) = tomllib.loads(entry)["project"]["entry-points"].items()
+    package = folder / "site" / "my_bases"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    (package / "winch.py").write_text(base)
+    information = folder / "site" / "my_bases-1.0.dist-info"
+    information.mkdir()
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: my_bases\nVersion: 1.0\n")
+    lines = [f"[{points[0]}]", *(f"{name} = {value}" for name, value in points[1].items())]
+    (information / "entry_points.txt").write_text("\n".join(lines) + "\n")
+    return {**os.environ, "PYTHONPATH": str(folder / "site")}
+
+
+@pytest.mark.parametrize(
+    ("base", "words"),
+    [
+        (WINCH, ""),
+        ("BASE = 3\n", "found int, expected a base model"),
+        ("import nothing_there\n", "ModuleNotFoundError: No module named 'nothing_there', expected a base model"),
+        (WINCH.replace('name="winch"', 'name="cmr"'), "the name cmr is in use, expected another"),
+    ],
+)
+def test_a_base_of_an_installed_package_is_found(base: str, words: str, tmp_path: Path) -> None:
+    """Outside the tree, as the page says; what is none is told in one line that names the package."""
+    environment = _package(tmp_path, base)
+    lifted(tmp_path / "lifts.csv")
+
+    def terrapin(*words: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-c", "from terrapin_tools.cli import main; main()", *words]
+        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+
+    made = terrapin("case", "table", "lifts.csv", "--to", "lifts")
+    if words:
+        assert (made.returncode, made.stderr.count("\n")) == (2, 1), made.stderr
+        assert "my_bases: terrapin.bases: winch = my_bases.winch:BASE: " in made.stderr
+        assert words in made.stderr
+        return
+    assert "lifts/case.toml: winch, 10 runs" in made.stdout, made.stderr
+    compared = terrapin("compare", "lifts", "--json", "compared.json")
+    assert compared.returncode == 0, compared.stderr
+    assert json.loads((tmp_path / "compared.json").read_text())["model"]["base"] == "winch"
