@@ -1,12 +1,18 @@
 # What a wheel holds beside the Python packages (pyproject.toml, [tool.scikit-build]): terrapin_hil/paths.py finds it.
 set(WHEEL_NATIVE terrapin_hil/_native)
-install(TARGETS terrapin terrapin_hil LIBRARY DESTINATION ${WHEEL_NATIVE} COMPONENT python EXCLUDE_FROM_ALL)
+install(TARGETS terrapin terrapin_hil terrapin_boot LIBRARY DESTINATION ${WHEEL_NATIVE} COMPONENT python EXCLUDE_FROM_ALL)
 install(TARGETS terrapin-controller RUNTIME DESTINATION ${WHEEL_NATIVE} COMPONENT python EXCLUDE_FROM_ALL)
 install(FILES ${CMAKE_CURRENT_LIST_DIR}/../core/terrapin.h DESTINATION ${WHEEL_NATIVE} COMPONENT python EXCLUDE_FROM_ALL)
 install(FILES
     ${GENERATED}/interface.json ${GENERATED}/interface.md ${GENERATED}/terrapin.dbc ${GENERATED}/terrapin_cdef.h
     ${GENERATED}/robot.toml ${GENERATED}/board.toml
     DESTINATION ${WHEEL_NATIVE}/generated COMPONENT python EXCLUDE_FROM_ALL)
+# What the boot loader's library is read by (terrapin_hil/run/boot_loader.py).
+install(FILES ${GENERATED}/terrapin_interface.h DESTINATION ${WHEEL_NATIVE}/generated COMPONENT python EXCLUDE_FROM_ALL)
+foreach(folder core store boot)
+    file(GLOB headers ${CMAKE_CURRENT_LIST_DIR}/../${folder}/*.h)
+    install(FILES ${headers} DESTINATION ${WHEEL_NATIVE}/headers/${folder} COMPONENT python EXCLUDE_FROM_ALL)
+endforeach()
 install(DIRECTORY ${CMAKE_CURRENT_LIST_DIR}/../../cases/ DESTINATION terrapin_hil/_cases COMPONENT python EXCLUDE_FROM_ALL
     PATTERN ".terrapin" EXCLUDE)
 
@@ -19,13 +25,14 @@ foreach(robot IN LISTS TERRAPIN_WHEEL_ROBOTS)
             -DCMAKE_MAKE_PROGRAM=${CMAKE_MAKE_PROGRAM} -DCMAKE_C_COMPILER=${CMAKE_C_COMPILER}
             -DCMAKE_BUILD_TYPE=${CMAKE_BUILD_TYPE} -DPython3_EXECUTABLE=${Python3_EXECUTABLE}
             -DTERRAPIN_GPIO=${TERRAPIN_GPIO} -DTERRAPIN_HIL=OFF -DTERRAPIN_ROBOT=${robot}
-        COMMAND ${CMAKE_COMMAND} --build ${place} --target terrapin terrapin-controller interface
+        COMMAND ${CMAKE_COMMAND} --build ${place} --target terrapin terrapin-controller terrapin_boot interface
         COMMENT "The controller of the robot ${robot}"
         VERBATIM)
     set(there ${WHEEL_NATIVE}/robots/${robot})
-    install(PROGRAMS ${place}/${CMAKE_SHARED_LIBRARY_PREFIX}terrapin${CMAKE_SHARED_LIBRARY_SUFFIX} ${place}/terrapin-controller
-        DESTINATION ${there} COMPONENT python EXCLUDE_FROM_ALL)
-    foreach(file interface.json interface.md terrapin.dbc terrapin_cdef.h robot.toml board.toml)
+    set(library ${CMAKE_SHARED_LIBRARY_PREFIX}terrapin)
+    install(PROGRAMS ${place}/${library}${CMAKE_SHARED_LIBRARY_SUFFIX} ${place}/terrapin-controller
+        ${place}/${library}_boot${CMAKE_SHARED_LIBRARY_SUFFIX} DESTINATION ${there} COMPONENT python EXCLUDE_FROM_ALL)
+    foreach(file interface.json interface.md terrapin.dbc terrapin_cdef.h terrapin_interface.h robot.toml board.toml)
         install(FILES ${place}/generated/${file} DESTINATION ${there}/generated COMPONENT python EXCLUDE_FROM_ALL)
     endforeach()
 endforeach()

@@ -20,6 +20,7 @@ __all__ = [
     "ROBOT_VARIABLE",
     "ROOT",
     "SCENARIOS",
+    "boot_headers",
     "build",
     "dbc",
     "development_key",
@@ -86,6 +87,13 @@ def make(target: str) -> str:
 def header() -> Path:
     """The controller's public C header."""
     return WHEEL / "terrapin.h" if WHEEL.is_dir() else ROOT / "firmware" / "core" / "terrapin.h"
+
+
+def boot_headers() -> Path | None:
+    """Folder of the firmware's headers that the boot loader's library is read by; None where there are none."""
+    sources = firmware_sources()
+    folder = WHEEL / "headers" if simulator() == WHEEL else sources / "firmware" if sources is not None else None
+    return folder if folder is not None and folder.is_dir() else None
 
 
 def images() -> Path:

@@ -11,6 +11,9 @@ import io
 import json
 import os
 import platform
+import re
+import shlex
+import shutil
 import signal
 import struct
 import subprocess
@@ -21,7 +24,7 @@ import urllib.request
 import venv
 import zipfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -243,6 +246,28 @@ def test_images(installed: Installed) -> None:
         refused = installed.run("terrapin", "run", "steady_sand", "--link", link, status=1)
         assert "`make firmware` in the sources, and set TERRAPIN_BUILD to their build/host" in refused.stderr
         assert refused.stderr.count("\n") == 1
+
+
+def test_docs_start_runs_in_an_empty_folder(installed: Installed) -> None:
+    """Every block of the page for those who have the wheel alone, as typed; the image of its rehearsal is given."""
+    text = (paths.ROOT / "docs" / "start.md").read_text(encoding="utf-8")
+    found = re.findall(r"((?:<!-- .*? -->\n)*)```(\w+)\n(.*?)```", text, re.DOTALL)
+    assert {language for _, language, _ in found} == {"sh", "python", "csv", "toml"}
+    folder = installed.folder / "start"
+    folder.mkdir()
+    there = replace(installed, folder=folder)
+    for marks, language, block in found:
+        for given in " ".join(re.findall(r"<!-- given: (.*?) -->", marks)).split():
+            (folder / given).parent.mkdir(parents=True)
+            shutil.copy(paths.ROOT / "tests" / "docs" / "given" / given, folder / given)
+        if language != "sh":
+            (name,) = re.findall(r"<!-- file: (\S+) -->", marks)
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).write_text(block, encoding="utf-8")
+            continue
+        for line in block.replace("\\\n", " ").splitlines():
+            there.run(*shlex.split(line))
+    wait_for(lambda: not (folder / "robot").is_symlink())  # the robot on its bus has ended
 
 
 def test_the_page(installed: Installed) -> None:

@@ -28,12 +28,24 @@ SIZE, SECTORS, WORD = 0x60000, 7, 4  # of the F405's flash up to the end of slot
 
 
 @cache
-def _library(folder: Path, sources: Path) -> tuple[cffi.FFI, Any]:
+def _library(folder: Path, headers: Path) -> tuple[cffi.FFI, Any]:
     generated = folder / "generated" / "terrapin_interface.h"
-    texts = [(sources / "firmware" / h if h else generated).read_text(encoding="utf-8") for h in HEADERS]
+    texts = [(headers / h if h else generated).read_text(encoding="utf-8") for h in HEADERS]
     ffi = cffi.FFI()
     ffi.cdef(cdef(texts).replace("[TERRAPIN_FLASH_F405_SECTORS]", "[12]"))
     return ffi, ffi.dlopen(str(folder / "libterrapin_boot.so"))
+
+
+def _own_keys() -> tuple[bytes, list[int]]:
+    """The two public keys of this build, and their numbers. UserError where it has none."""
+    file = paths.simulator() / "generated" / "boot_key.h"
+    try:
+        words = [int(word, 16) for word in re.findall(r"0x([0-9A-F]+)U", file.read_text(encoding="utf-8"))]
+    except OSError:
+        raise UserError(
+            "boot loader: a wheel has no key of its own; give it yours with --key, made by `terrapin keys new KEY.pem`"
+        ) from None
+    return bytes(words[:64]), words[64:66]
 
 
 class BootLoader:
@@ -43,17 +55,13 @@ class BootLoader:
         """`key`: the Ed25519 public key that images must be signed with, and its number (the first 32 bits of its
         hash); without it the keys of this build.
 
-        UserError where the sources or their build are missing, or the file is no such flash.
+        UserError where it is not built, where there is no key (a wheel has none), or the file is no such flash.
         """
-        sources, folder = paths.firmware_sources(), paths.build()
-        keys = paths.simulator() / "generated" / "boot_key.h"
-        if sources is None or not keys.is_file() or not (folder / "libterrapin_boot.so").is_file():
+        headers, folder = paths.boot_headers(), paths.build()
+        if headers is None or not (folder / "libterrapin_boot.so").is_file():
             raise UserError(f"boot loader: not built here; run {paths.make('setup')}")
-        self._ffi, self._lib = _library(folder, sources)
-        words = [int(word, 16) for word in re.findall(r"0x([0-9A-F]+)U", keys.read_text(encoding="utf-8"))]
-        known, numbers = bytes(words[:64]), words[64:66]
-        if key is not None:
-            known, numbers = key[0] * 2, [key[1]] * 2
+        self._ffi, self._lib = _library(folder, headers)
+        known, numbers = _own_keys() if key is None else (key[0] * 2, [key[1]] * 2)
         self._keys = self._ffi.new("uint8_t[64]", known)
         memory = self._map(file)
         self._bytes = self._ffi.from_buffer("uint8_t[]", memory)
