@@ -102,7 +102,9 @@ def test_a_column_with_a_gap_is_mapped_and_the_gap_told(tmp_path: Path, capsys: 
     table.write_text("\n".join(lines) + "\n")
     status, out, _ = terrapin(capsys, "case", table, "--to", tmp_path / "case")
     assert status == 0
-    assert "Not numbers: clock\n" in out
+    assert "  clock as time: [s] since 12:00:00\n" in out
+    assert "clock [s] = clock, s\n" in out
+    assert "Not numbers" not in out
     assert "y = y" in out
     assert "Rows with a gap in a mapped column will be left out: y 1." in out
     assert "named alike" not in out
@@ -123,6 +125,8 @@ def test_of_many_columns_with_text_the_first_ones_say_where(tmp_path: Path, caps
 
 def test_tables_that_cannot_be_a_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words, other, bare, names = (tmp_path / f"{name}.csv" for name in ("words", "other", "bare", "names"))
+    empty = tmp_path / "empty"
+    empty.mkdir()
     bare.write_text("1,0.5,-3e2\n2,0.7,1\n")
     names.write_text("a,b\n")
     words.write_text("a,b\nx,y\nz,w\n")
@@ -133,7 +137,7 @@ def test_tables_that_cannot_be_a_case(tmp_path: Path, capsys: pytest.CaptureFixt
         ([names], "names.csv: found no row"),
         ([words, other], "no column in common"),
         ([tmp_path / "none.csv"], "none.csv"),
-        ([other, tmp_path], "beside tables"),
+        ([other, empty], "empty: found no table in the folder"),
         ([other, "--after", "3"], "--after"),
     ):
         status, _, err = terrapin(capsys, "case", *arguments, "--to", tmp_path / "case")

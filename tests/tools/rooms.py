@@ -79,7 +79,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
 FLOOR = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
 MOST = 15  # modules, C units or scripts in one folder, each kind by itself
 # One file an entry, however many.
-CATALOGUES = ("physics/effects", "physics/mechanics", "terrapin_tools/commands", "scenario/scenarios")
+CATALOGUES = ("physics/effects", "files/formats", "physics/mechanics", "terrapin_tools/commands", "scenario/scenarios")
 Arrows = Mapping[str, set[str]]
 
 

@@ -13,14 +13,17 @@ from terrapin_tools.command_options import Json, Picture, ThisRobot, deliver
 from terrapin_tools.errors import UserError
 
 if TYPE_CHECKING:
-    from terrapin_tools.workbench.new_case.from_tables import Ask
+    from terrapin_tools.workbench.new_case.reading import Ask
 
 __all__ = ["SUBCOMMANDS", "implied"]
 
-TABLES = (".csv", ".parquet")
 Texts = list[str] | None
 To = Annotated[Path, typer.Option("--to", metavar="CASE", help="the case's folder; made if it is not there")]
 Title = Annotated[str, typer.Option("--title", help="of the case")]
+Reading = Annotated[
+    Texts,
+    typer.Option("--read", metavar="KEY=VALUE", help="how to read: sheet, range, names, decimal, dates, runs, ..."),
+]
 Effects = Annotated[Texts, typer.Option("--effect", metavar="EFFECT", help="already in the model; repeat for more")]
 
 
@@ -80,26 +83,37 @@ def runs(
 
 
 def table(
-    tables: Annotated[list[Path], typer.Argument(metavar="TABLE...", help="CSV or Parquet, with a line of names")],
+    tables: Annotated[
+        list[Path], typer.Argument(metavar="TABLE...", help="CSV, .xlsx, .mat, HDF5, Parquet, ...; a folder of such")
+    ],
     to: To,
     title: Title = "",
     column: Annotated[
         Texts, typer.Option("--column", metavar="NAME=COLUMN", help="where the names leave it open")
     ] = None,
     unit: Annotated[Texts, typer.Option("--unit", metavar="NAME=UNIT", help="where the names leave it open")] = None,
+    read: Reading = None,
 ) -> None:
     """Make a case of tables of your own: roles and units are guessed from the columns' names, for you to correct.
 
     Example: terrapin case table day_1.csv day_2.csv --to my_case
+
+    What was assumed of the files is shown first. --read says otherwise:
+
+    terrapin case table book.xlsx --read sheet=Tests --read range=A3:F90 --to my_case
     """
+    from terrapin_tools.workbench.files.format import Asked
     from terrapin_tools.workbench.new_case.from_tables import write_table_case
     from terrapin_tools.workbench.new_case.options import pairs
+    from terrapin_tools.workbench.new_case.reading import files_of
 
+    tables = files_of(tables)
     other = next((path for path in tables if not _is_table(path)), None)
     if other is not None:
         raise UserError(f"{other}: found beside tables, expected tables only, or folders of runs only")
     said = pairs("--column", column or []), pairs("--unit", unit or [])
-    print(write_table_case(to, tables, title or to.resolve().name, *said, _ask()))
+    asked = Asked.of(pairs("--read", read or []), "--read")
+    print(write_table_case(to, tables, title or to.resolve().name, *said, _ask(), asked))
 
 
 def map_(
@@ -121,6 +135,7 @@ def map_(
     every: Annotated[int, typer.Option("--every", metavar="N", help="take every n-th row of a table")] = 1,
     dbc: Annotated[Path | None, typer.Option("--dbc", metavar="FILE", help="of a log; else the controller's")] = None,
     period: Annotated[str, typer.Option("--period", help="of the grid that a log is sampled on")] = "10 ms",
+    read: Reading = None,
     json: Json = "",
     robot: ThisRobot = "",
 ) -> None:
@@ -140,7 +155,7 @@ def map_(
         title=title or to.resolve().name, base=base, effects=effect or [],
         columns=column or [], units=unit or [], noises=noise or [],
         constants=constant or [], fits=fit or [], equations=equation or [], limits=limit or [],
-        run=run, train=train or [], test=test or [], every=every, period=period,
+        run=run, train=train or [], test=test or [], every=every, period=period, readings=read or [],
     )  # fmt: skip
     with whole_folder(to) as scratch:
         made = make(str(scratch), list(map(str, files)), str(dbc or ""), asked)
@@ -211,7 +226,7 @@ def append(
 
 def _ask() -> Ask:
     """Asks who sits at the terminal; where nobody does, the error names the option."""
-    from terrapin_tools.workbench.new_case.from_tables import refuse
+    from terrapin_tools.workbench.new_case.reading import refuse
 
     def prompt(question: str, choices: Sequence[str], option: str) -> str:
         if len(choices) == 1:
@@ -224,7 +239,9 @@ def _ask() -> Ask:
 
 
 def _is_table(path: Path) -> bool:
-    return path.suffix.lower() in TABLES and not path.is_dir()
+    from terrapin_tools.workbench.files.formats import PACKED, format_of
+
+    return format_of(path) is not None or (path.suffix.lower() in PACKED and not path.is_dir())
 
 
 def implied(words: list[str]) -> list[str]:

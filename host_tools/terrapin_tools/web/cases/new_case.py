@@ -65,6 +65,9 @@ class NewCase(Request):
     run: Line = Field(default="", description="column that names the run; empty: each file is one")
     train: Annotated[list[Line], Field(default_factory=list, max_length=10_000)]
     test: Annotated[list[Line], Field(default_factory=list, max_length=10_000)]
+    read: dict[Key, Line] = Field(
+        default={}, max_length=10, json_schema_extra=CLOSED, description="how the files are read: [data.read]"
+    )
     columns: dict[Key, MappedColumn] = Field(min_length=1, max_length=200, json_schema_extra=CLOSED)
     equation: dict[Key, Formula] = Field(default={}, max_length=20, json_schema_extra=CLOSED)
     parameters: dict[Key, Quantity | bool] = Field(default={}, max_length=200, json_schema_extra=CLOSED)

@@ -21,6 +21,7 @@ from terrapin_tools.logs.reading import READABLE, LogReader, is_log
 from terrapin_tools.progress import bar
 from terrapin_tools.web.cases.clock import Clock
 from terrapin_tools.workbench.files import units
+from terrapin_tools.workbench.files.formats import SUFFIXES as TABLES
 from terrapin_tools.workbench.files.streamed_tables import stream
 from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.new_case.from_tables import guess_base, guess_columns, guess_run, split_unit
@@ -28,7 +29,8 @@ from terrapin_tools.workbench.new_case.from_tables import guess_base, guess_colu
 __all__ = ["SUFFIXES", "look"]
 
 DESCRIPTIONS = (".dbc", ".arxml", ".kcd", ".sym")
-SUFFIXES = tuple(dict.fromkeys((".csv", ".parquet", *DESCRIPTIONS, *READABLE)))
+SUFFIXES = tuple(dict.fromkeys((*TABLES, *DESCRIPTIONS, *READABLE)))
+PLAIN = (".csv", ".parquet")
 SHOWN = 8  # cells of a column
 MAX_COLUMNS = 1000
 
@@ -43,7 +45,7 @@ def look(file: str, dbc: str) -> dict[str, Any]:
         return _look_dbc(path)
     if is_log(path):
         return _look_log(path, Path(dbc) if dbc else paths.dbc())
-    return _look_table(path, suffix[1:])
+    return _look_table(path, suffix[1:] if suffix in PLAIN else "table")
 
 
 class _Columns:

@@ -23,6 +23,7 @@ from terrapin_tools.web.service.context import Context, Terrapin
 from terrapin_tools.web.service.models import problems
 from terrapin_tools.web.service.warm import Kind, Late
 from terrapin_tools.web.service.workspace import NotThere, Workspace
+from terrapin_tools.workbench.files.formats import SUFFIXES as TABLES
 from terrapin_tools.workbench.files.writing import write_whole
 
 __all__ = [
@@ -42,7 +43,7 @@ MOST = 1000  # uploads that are kept
 PREVIEW, LOOK = "terrapin_tools.web.cases.preview:look", "terrapin_tools.workbench.intake.look:look_at"
 EVERY = 0.25  # s between events of progress
 DESCRIPTIONS = (".dbc", ".arxml", ".kcd", ".sym")
-SUFFIXES = (".csv", ".parquet", *DESCRIPTIONS, ".log", ".blf", ".asc", ".trc", ".txt", ".db", ".mf4", ".mcap")
+SUFFIXES = (*TABLES, *DESCRIPTIONS, ".log", ".blf", ".asc", ".trc", ".db", ".mf4", ".mcap")
 
 Identifier = Annotated[str, StringConstraints(pattern="^[0-9a-f]{12}$")]
 Typed = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]*$", max_length=2000)]
@@ -95,7 +96,7 @@ class Upload(BaseModel):
     id: str
     name: str
     bytes: int
-    kind: Literal["csv", "parquet", "log", "dbc"]
+    kind: Literal["csv", "parquet", "table", "log", "dbc"]
     columns: list[UploadColumn]
     rows: int
     warnings: list[str]

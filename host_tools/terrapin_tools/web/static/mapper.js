@@ -3,7 +3,6 @@
 import { lineOf } from './app.js';
 import { MapForm } from './map_form.js';
 
-const KINDS = '.csv,.parquet,.dbc,.arxml,.kcd,.sym,.log,.blf,.asc,.trc,.txt,.db,.mf4,.mcap';
 const KEEP_MS = 300; // after the last key, before what is typed is kept
 
 export class Mapper {
@@ -23,10 +22,10 @@ export class Mapper {
     this.timer = this.turn = 0;
     this.keeping = false;
     const { h } = app;
-    this.input = h('input', { type: 'file', multiple: true, accept: KINDS, class: 'visually-hidden', id: 'files', onchange: () => { this.send(this.input.files); this.input.value = ''; } });
+    this.input = h('input', { type: 'file', multiple: true, class: 'visually-hidden', id: 'files', onchange: () => { this.send(this.input.files); this.input.value = ''; } });
     this.zone = h('div', { class: 'drop' },
       h('p', {}, h('strong', { text: 'New case: drop measurements here' })),
-      h('p', { class: 'soft small', text: 'CSV or Parquet; or a CAN log (candump, BLF, ASC, MF4, MCAP) with its DBC' }),
+      h('p', { class: 'soft small', text: 'CSV, a spreadsheet, MATLAB, HDF5, Parquet, ...; or a CAN log (candump, BLF, ASC, MF4, MCAP) with its DBC' }),
       this.input, h('label', { for: 'files', class: 'button', text: 'Choose files…' }));
     this.progress = h('div', { 'aria-live': 'polite' });
     this.form = h('div');

@@ -24,6 +24,7 @@ from terrapin_tools.workbench.case.mechanics import is_of, role_of_unit
 from terrapin_tools.workbench.case.mends import earlier, mended, read_mend, told_mends
 from terrapin_tools.workbench.derived.columns import derive, inputs
 from terrapin_tools.workbench.files import units
+from terrapin_tools.workbench.files.format import Asked
 from terrapin_tools.workbench.files.tables import Table, read
 from terrapin_tools.workbench.files.toml_tables import Tables
 
@@ -54,7 +55,7 @@ class Measurements:
 
 def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
     """Read the files that [data] names. UserError when anything is wrong."""
-    tables.allow(("data",), "files", "run", "train", "test", "columns", "dbc", "period", "ignore", "derived")
+    tables.allow(("data",), "files", "run", "train", "test", "columns", "dbc", "period", "ignore", "derived", "read")
     equations = _equations(tables, base)
     mapped = _columns(tables, base, equations)
     files = tables.files()
@@ -242,7 +243,9 @@ def _read_files(folder: Path, tables: Tables, files: list[str], mapped: list[Map
             raise tables.complain(f"found {period:g} s, expected more than 0", "data", "period")
     needed, run = inputs(tables, [entry.column for entry in mapped]), tables.text("data", "run", default="")
     text = {run, *group_columns(tables).values()}
-    return [read(folder / name, dbc, period, needed, text) for name in files]
+    with tables.about("data", "read"):
+        asked = Asked.of(tables.table("data", "read"), "data.read")
+    return [read(folder / name, dbc, period, needed, text, asked) for name in files]
 
 
 def run_of_rows(tables: Tables, loaded: list[Table], column: str) -> list[str]:

@@ -11,15 +11,17 @@ import numpy as np
 import numpy.typing as npt
 
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.csv_layout import Layout, find_layout, plain_numbers
+from terrapin_tools.workbench.files.csv_layout import Layout, called, find_layout, plain_numbers
+from terrapin_tools.workbench.files.format import Asked
 
 __all__ = ["layout_of", "read_csv"]
 
 Columns = dict[str, npt.NDArray[Any]]
+PLAIN = Asked()
 LARGE = 1_000_000  # bytes from which Arrow reads the file, if it can
 
 
-def read_csv(path: Path, texts: Collection[str] = ()) -> tuple[Columns, int, tuple[str, ...]]:
+def read_csv(path: Path, texts: Collection[str] = (), asked: Asked = PLAIN) -> tuple[Columns, int, tuple[str, ...]]:
     """The columns of a CSV file by name, the line of its first row, and what was assumed about it, in words.
 
     Columns are text, or numbers where Arrow has read them (large files); those in `texts` stay text.
@@ -29,10 +31,10 @@ def read_csv(path: Path, texts: Collection[str] = ()) -> tuple[Columns, int, tup
     UserError : names the file and line.
     OSError : the file cannot be read.
     """
-    layout = layout_of(path)
+    layout = layout_of(path, asked)
     try:
         columns: Columns | None = None
-        if layout.encoding == "utf-8-sig" and path.stat().st_size >= LARGE:
+        if layout.encoding == "utf-8-sig" and not asked.decimal and path.stat().st_size >= LARGE:
             columns = _read_large(path, list(layout.names), layout.delimiter, layout.first, texts)
         if columns is not None:
             columns.pop("", None)
@@ -41,15 +43,17 @@ def read_csv(path: Path, texts: Collection[str] = ()) -> tuple[Columns, int, tup
     except csv.Error as error:
         raise UserError(f"{path.name}: {error}, expected a CSV file") from None
     cells.pop("", None)  # a comma at the end of every line
-    told, notes = plain_numbers(cells, layout.delimiter, path.name, layout.first)
+    told, notes = plain_numbers(cells, layout.delimiter, path.name, layout.first, asked.decimal)
     found = {name: np.array(column, dtype=str) for name, column in told.items()}
+    if notes and not layout.notes and layout.delimiter != ",":
+        notes.insert(0, f"separator {called(layout.delimiter)}")
     return found, layout.first, (*layout.notes, *notes)
 
 
-def layout_of(path: Path) -> Layout:
+def layout_of(path: Path, asked: Asked = PLAIN) -> Layout:
     """`find_layout`; UserError where the file is no CSV file at all."""
     try:
-        return find_layout(path)
+        return find_layout(path, asked)
     except (csv.Error, UnicodeError) as error:
         raise UserError(f"{path.name}: {error}, expected a CSV file") from None
 

@@ -5,6 +5,7 @@ Everything here is found in the file and told as an assumption (`Layout.notes`);
 
 from __future__ import annotations
 
+import codecs
 import csv
 import re
 from collections import Counter
@@ -15,13 +16,27 @@ from pathlib import Path
 from terrapin_hil.reading import shorten
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.files import units
+from terrapin_tools.workbench.files.format import Ambiguous, Asked
 
-__all__ = ["GAPS", "Layout", "find_layout", "is_number", "plain_numbers"]
+__all__ = [
+    "GAPS",
+    "Layout",
+    "are_units",
+    "called",
+    "distinct",
+    "find_layout",
+    "is_number",
+    "plain_numbers",
+    "with_unit",
+]
 
 GAPS = ("", "nan", "na", "n/a", "#n/a", "#na", "null", "none", "-", "--", "---", "inf", "-inf", "+inf", "#div/0!")
 TOP = 1 << 18  # bytes at the beginning in which names and rows are looked for
 MAX_TOP = 1000  # lines above the names
+FEW = 0.05  # share of a column's numbers that are odd if they alone show no decimals
+LEAP = 10.0  # times the largest of them
 BODY = 3  # rows of equal length, names among them, that make a table below other lines
+PLAIN = Asked()
 Place = tuple[int, str, str]
 DELIMITERS = ",;\t|"
 _SEP_LINE = re.compile(r'"?sep=(.)"?,*;*\s*')
@@ -48,8 +63,8 @@ def is_number(text: str) -> bool:
     return _NUMBER.fullmatch(text.strip()) is not None
 
 
-def find_layout(path: Path) -> Layout:
-    """The layout of a file.
+def find_layout(path: Path, asked: Asked = PLAIN) -> Layout:
+    """The layout of a file, as far as `asked` (encoding, separator, names, units) leaves it open.
 
     Raises
     ------
@@ -58,7 +73,7 @@ def find_layout(path: Path) -> Layout:
     """
     with path.open("rb") as file:
         top = file.read(TOP + 1)
-    encoding, told = _encoding(path, top)
+    encoding, told = (_known(asked.encoding), []) if asked.encoding else _encoding(path, top)
     if len(top) > TOP:
         top = top[: max(top.rfind(b"\n"), top.rfind(b"\r")) + 1] or top  # whole lines
     text = top.decode(encoding, errors="ignore")
@@ -67,9 +82,12 @@ def find_layout(path: Path) -> Layout:
         lines.pop()
     number = 0
     separator = _SEP_LINE.fullmatch(lines[0]) if lines else None
+    given = {"tab": "\t", "comma": ",", "semicolon": ";", "bar": "|"}.get(asked.separator, asked.separator)
+    if len(given) > 1 or given in ('"', "\n", "\r"):
+        raise UserError(f"separator: found {shorten(given)}, expected one character, or tab, comma, semicolon, bar")
     if separator:
         number = 1
-        told.append(f"separator {_called(separator[1])} by its first line")
+        told.append(f"separator {called(separator[1])} by its first line")
     while number < min(len(lines), MAX_TOP) and lines[number].startswith("#"):
         number += 1
     if number >= len(lines):
@@ -77,9 +95,14 @@ def find_layout(path: Path) -> Layout:
     if len(lines[number]) > csv.field_size_limit():
         long = len(lines[number])
         raise UserError(f"{path.name}:{number + 1}: a line of {long} characters, expected a line of column names")
-    delimiter = separator[1] if separator else next((mark for mark in DELIMITERS if mark in lines[number]), ",")
-    if not _is_table(lines[number:], delimiter):
-        found = _below_others(lines, number)
+    if asked.names:
+        number = int(asked.names) - 1
+        if not 0 <= number < len(lines):
+            raise UserError(f"{path.name}: names: found {asked.names}, expected one of its first {len(lines)} lines")
+    delimiter = given or (separator[1] if separator else "")
+    delimiter = delimiter or next((mark for mark in DELIMITERS if mark in lines[number]), ",")
+    if not asked.names and not _is_table(lines[number:], delimiter):
+        found = _below_others(lines, number, given or DELIMITERS)
         if found:
             above, delimiter = found
             told.append(f"{above - number} lines above the names")
@@ -89,16 +112,31 @@ def find_layout(path: Path) -> Layout:
     row = next(csv.reader([lines[number + 1]], delimiter=delimiter), []) if number + 1 < len(lines) else []
     below = next(csv.reader([lines[number + 2]], delimiter=delimiter), []) if number + 2 < len(lines) else []
     number += 1
-    if _are_units(row, below, len(names)):
+    if asked.units and asked.units not in ("0", str(number + 1)):
+        raise UserError(
+            f"{path.name}: units: found {asked.units}, expected {number + 1}, below the names, or 0 for none"
+        )
+    if asked.units != "0" and (asked.units or are_units(row, below, len(names))):
         told.append(f"units from line {number + 1}")
-        names = [_with_unit(name, unit) for name, unit in zip(names, row, strict=False)]
+        place = f"{path.name}:{number + 1}"
+        names = [with_unit(name, unit, place) for name, unit in zip(names, row, strict=False)]
         number += 1
-    names, twice = _distinct(names)
+    names, twice = distinct(names)
     if twice:
         told.append(f"{shorten(twice)} stands more than once, so its columns are numbered")
     if told and delimiter != ",":
-        told.insert(0, f"separator {_called(delimiter)}")
+        told.insert(0, f"separator {called(delimiter)}")
     return Layout(encoding, delimiter, tuple(names), number + 1, tuple(told))
+
+
+def _known(encoding: str) -> str:
+    """UserError for an encoding that Python does not have."""
+    try:
+        if codecs.lookup(encoding)._is_text_encoding:
+            return "utf-8-sig" if codecs.lookup(encoding).name == "utf-8" else encoding
+    except (LookupError, ValueError):
+        pass
+    raise UserError(f"encoding: found {shorten(encoding)}, expected utf-8, utf-16, cp1252, latin-1 or the like")
 
 
 def _encoding(path: Path, top: bytes) -> tuple[str, list[str]]:
@@ -118,7 +156,7 @@ def _encoding(path: Path, top: bytes) -> tuple[str, list[str]]:
     return "cp1252", ["Windows-1252, as it is not UTF-8"]
 
 
-def _called(mark: str) -> str:
+def called(mark: str) -> str:
     return {"\t": "tab", ",": "comma", ";": "semicolon"}.get(mark, mark)
 
 
@@ -135,21 +173,25 @@ def _is_table(lines: Sequence[str], delimiter: str) -> bool:
     return 2 * alike > len(counts) and (counts[0] > 1 or len(lines) < BODY)
 
 
-def _below_others(lines: Sequence[str], begin: int) -> tuple[int, str] | None:
+def _below_others(lines: Sequence[str], begin: int, delimiters: str) -> tuple[int, str] | None:
     """The line of names and the delimiter of a table that stands below lines of something else."""
     best: tuple[int, int, int, str] | None = None
-    for delimiter in DELIMITERS:
-        counts = _counts(lines, delimiter)
-        width, _ = Counter(count for count in counts if count > 1).most_common(1)[0] if max(counts) > 1 else (0, 0)
-        at = next((i for i in range(begin, len(lines)) if counts[i] == width), len(lines))
-        rest = counts[at:]
-        alike = rest.count(width)
-        if at == begin or alike < BODY or 2 * alike <= len(rest):
-            continue
-        names = [cell.strip() for cell in next(csv.reader([lines[at]], delimiter=delimiter))]
-        sound = not any(is_number(name) for name in names) and sum(map(bool, names)) >= 2
-        if sound and (best is None or (alike, width) > best[:2]):
-            best = (alike, width, at, delimiter)
+    for delimiter in delimiters:
+        if delimiter == "," and any(2 * sum(mark in line for line in lines) > len(lines) for mark in ";\t|"):
+            continue  # these commas are decimal ones
+        plain = _counts(lines, delimiter)
+        ended = [count - (line.endswith(delimiter) and count > 1) for count, line in zip(plain, lines, strict=True)]
+        for counts in (plain, ended):
+            width, _ = Counter(count for count in counts if count > 1).most_common(1)[0] if max(counts) > 1 else (0, 0)
+            at = next((i for i in range(begin, len(lines)) if counts[i] == width), len(lines))
+            rest = counts[at:]
+            alike = rest.count(width)
+            if at == begin or alike < BODY or 2 * alike <= len(rest):
+                continue
+            names = [cell.strip() for cell in next(csv.reader([lines[at]], delimiter=delimiter))]
+            sound = not any(is_number(name) for name in names) and sum(map(bool, names)) >= 2
+            if sound and (best is None or (alike, width) > best[:2]):
+                best = (alike, width, at, delimiter)
     return (best[2], best[3]) if best else None
 
 
@@ -167,12 +209,13 @@ def _unit(cell: str) -> str:
     return units.spelling(cell.strip().strip("[]()"))
 
 
-def _are_units(row: Sequence[str], below: Sequence[str], count: int) -> bool:
+def are_units(row: Sequence[str], below: Sequence[str], count: int) -> bool:
     """Whether a row is the units of the columns above it: words that pint reads, above numbers."""
+    row, below = (cells[:-1] if len(cells) == count + 1 and not cells[-1] else cells for cells in (row, below))
     given = [i for i, cell in enumerate(row) if cell.strip()]
     if len(row) != count or not given or any(is_number(row[i]) for i in given):
         return False
-    if len(below) != count or not any(is_number(below[i]) for i in given):
+    if len(below) != count or not any(_is_marked(below[i]) for i in given):
         return False
     for i in given:
         try:
@@ -182,11 +225,19 @@ def _are_units(row: Sequence[str], below: Sequence[str], count: int) -> bool:
     return True
 
 
-def _with_unit(name: str, cell: str) -> str:
+def with_unit(name: str, cell: str, place: str) -> str:
+    """A name with the unit below it. UserError, which begins with `place`, where the name has another one already."""
+    own = re.search(r"[\[(]([^\])]*)[\])]\s*$", name)
+    if own and cell.strip():
+        if _unit(own[1]) != _unit(cell):
+            raise UserError(
+                f"{place}: column {shorten(name)}: found the unit {shorten(cell)}, expected that of its name"
+            )
+        return name
     return f"{name} [{_unit(cell)}]" if cell.strip() else name
 
 
-def _distinct(names: Iterable[str]) -> tuple[list[str], str]:
+def distinct(names: Iterable[str]) -> tuple[list[str], str]:
     """Names of which none stands twice: `torque [N m]`, `torque 2 [N m]`; and one that did ("" for none)."""
     found: list[str] = []
     twice = ""
@@ -224,11 +275,12 @@ def _is_marked(cell: str) -> bool:
 
 
 def plain_numbers(
-    columns: dict[str, list[str]], delimiter: str, file: str, first: int = 1
+    columns: dict[str, list[str]], delimiter: str, file: str, first: int = 1, decimal_is: str = ""
 ) -> tuple[dict[str, list[str]], list[str]]:
     """The columns with their numbers as Python reads them, and what was assumed of their marks.
 
-    The decimal mark and that of thousands are one thing for the whole file. A column with other text stays as it is.
+    The decimal mark and that of thousands are one thing for the whole file; `decimal_is` (point, comma) says which
+    where it is known. A column with other text stays as it is.
 
     Raises
     ------
@@ -258,6 +310,16 @@ def plain_numbers(
                 decimal.setdefault(last, []).append(place)
             else:
                 unsure.setdefault(last, []).append(place)
+    if decimal_is:
+        here, there = (".", ",") if decimal_is == "point" else (",", ".")
+        wrong = [*decimal.pop(there, []), *thousands.pop(here, [])]
+        if wrong:
+            row, name, cell = wrong[0]
+            raise UserError(
+                f"{file}:{row + first}: column {name}: found {shorten(cell)}, expected a decimal {decimal_is}"
+            )
+        decimal[here] = [*decimal.get(here, []), *unsure.pop(here, [])]
+        thousands[there] = [*thousands.get(there, []), *unsure.pop(there, [])]
     for mark in decimal:
         against = decimal.get("," if mark == "." else ".", []) or thousands.get(mark, [])
         if against and len(decimal[mark]) <= len(against):
@@ -268,16 +330,16 @@ def plain_numbers(
                 f"{file}:{row + first}: column {name}: found {shorten(cell)}, expected a decimal {kind}, "
                 f"as in {shorten(example)} of {other}"
             )
-    if not decimal and "," in unsure and "." not in thousands and delimiter == ",":
-        row, name, cell = unsure[","][0]
-        point, none = cell.strip().replace(",", "."), cell.strip().replace(",", "")
-        raise UserError(
-            f"{file}:{row + first}: column {name}: found {shorten(cell)}, which is {point} or {none}; "
-            "expected a decimal point, or no mark of thousands"
-        )
+    doubtful = _doubtful(decimal, thousands, unsure, delimiter)
+    if doubtful is not None:
+        row, name, cell = doubtful
+        point, none = cell.strip().replace(",", "."), re.sub("[.,]", "", cell.strip())
+        what = f"{file}:{row + first}: column {name}: found {shorten(cell)}, which is {point} or {none}"
+        raise Ambiguous(f"{what}; expected a decimal point, or no mark of thousands", "decimal", ("point", "comma"))
     point = next(iter(decimal), "") or ("," if "," in unsure and "," not in thousands else ".")
     group = "," if point == "." else "."
-    notes = [f"decimal comma ({shorten((decimal.get(',') or unsure[','])[0][2])})"] if point == "," else []
+    commas = (decimal.get(",") or unsure.get(",", []))[:1]
+    notes = [f"decimal comma ({shorten(commas[0][2])})"] if point == "," and commas else []
     grouped = thousands.get(group) or unsure.get(group)
     if grouped:
         notes.append(f"{group} parts thousands ({shorten(grouped[0][2])})")
@@ -285,6 +347,23 @@ def plain_numbers(
     for name in marked:
         found[name] = [_plain(cell, point, group) for cell in columns[name]]
     return found, notes
+
+
+def _doubtful(
+    decimal: dict[str, list[Place]], thousands: dict[str, list[Place]], unsure: dict[str, list[Place]], delimiter: str
+) -> Place | None:
+    """A cell like 1,302 that nothing in the file settles, or that is unlike the others of its column."""
+    for mark, places in unsure.items():
+        other = "." if mark == "," else ","
+        if not decimal and not thousands and (mark == "," or delimiter == ";"):
+            return places[0]
+        for row, name, cell in places:
+            shown = [abs(float(_plain(c, other, mark))) for _, n, c in decimal.get(other, []) if n == name]
+            grouped = sum(n == name for _, n, _ in thousands.get(mark, []))
+            few = FEW * len(shown) > sum(n == name for _, n, _ in places)
+            if shown and (not grouped or few or abs(float(_plain(cell, other, mark))) > LEAP * max(shown)):
+                return row, name, cell
+    return None
 
 
 def _plain(cell: str, point: str, group: str) -> str:

@@ -1,4 +1,4 @@
-"""Tables of any size: CSV and Parquet files a piece at a time, with progress on standard error."""
+"""Tables of any size: CSV and Parquet files a piece at a time, with progress on standard error; others as a whole."""
 
 from __future__ import annotations
 
@@ -13,24 +13,36 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.progress import bar
 from terrapin_tools.workbench.files.csv_files import LARGE, layout_of
 from terrapin_tools.workbench.files.csv_layout import Layout
+from terrapin_tools.workbench.files.format import Asked
+from terrapin_tools.workbench.files.formats.csv_text import FORMAT as CSV
 from terrapin_tools.workbench.files.tables import Table, read
+from terrapin_tools.workbench.files.times import has_times
 
 __all__ = ["stream"]
 
+PLAIN = Asked()
+TEXT = CSV.suffixes
 BLOCK = 8 << 20  # bytes of CSV at once
 
 
-def stream(path: Path, texts: Collection[str] = ()) -> Iterator[Table]:
-    """A CSV or Parquet file as tables, some megabytes at a time; columns in `texts` of a CSV stay text.
+def stream(path: Path, texts: Collection[str] = (), asked: Asked = PLAIN) -> Iterator[Table]:
+    """A file as tables, some megabytes of it at a time where it is plain; columns in `texts` stay text.
 
     UserError where the file is broken.
     """
-    if path.suffix.lower() == ".parquet":
-        yield from _stream_parquet(path)
-    elif path.stat().st_size < LARGE or (layout := layout_of(path)).notes:
-        yield read(path)  # what is not plain is looked at as a whole
-    else:
-        yield from _stream_csv(path, layout, texts)
+    pieces: Iterator[Table] | None = None
+    suffix = path.suffix.lower()
+    if not path.is_dir() and not asked.said():
+        if suffix == ".parquet":
+            pieces = _stream_parquet(path)
+        elif suffix in TEXT and path.stat().st_size >= LARGE and not (layout := layout_of(path)).notes:
+            pieces = _stream_csv(path, layout, texts)
+    first = next(pieces, None) if pieces is not None else None
+    if pieces is None or first is None or has_times(first.columns):
+        yield read(path, texts=texts, asked=asked)  # what is not plain is looked at as a whole
+        return
+    yield first
+    yield from pieces
 
 
 def _stream_csv(path: Path, layout: Layout, texts: Collection[str]) -> Iterator[Table]:
@@ -86,6 +98,8 @@ def _stream_parquet(path: Path) -> Iterator[Table]:
     try:
         with pyarrow.parquet.ParquetFile(path) as file:
             names = file.schema_arrow.names
+            if any((field.metadata or {}).keys() & {b"unit", b"units"} for field in file.schema_arrow):
+                return  # names with units: read() makes them
             if len(set(names)) < len(names):
                 twice = next(name for name in names if names.count(name) > 1)
                 raise UserError(f"{path.name}: column {twice!r} stands twice, expected once")

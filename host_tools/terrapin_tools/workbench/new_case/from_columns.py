@@ -20,6 +20,7 @@ from terrapin_tools.progress import step
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.case.changes import inline_tables
 from terrapin_tools.workbench.files.csv_files import LARGE
+from terrapin_tools.workbench.files.format import Asked
 from terrapin_tools.workbench.files.streamed_tables import stream
 from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.writing import write_whole
@@ -39,9 +40,10 @@ def make(folder: str, files: list[str], dbc: str, order: dict[str, Any]) -> dict
     place = Path(folder)
     sources = [Path(file) for file in files]
     logs = [source for source in sources if is_log(source)]
-    _check_units(sources)
+    asked = Asked.of(order.get("read", {}), "--read")
+    _check_units(sources, asked)
     _check_size(sources, order["every"])
-    names = [_bring(place, source, order["every"], order["run"]) for source in sources]
+    names = [_bring(place, source, order["every"], order["run"], asked) for source in sources]
     if logs:
         described = Path(dbc) if dbc else paths.dbc()
         name = f"bus{described.suffix.lower()}"  # by which cantools knows its kind
@@ -60,13 +62,13 @@ def make(folder: str, files: list[str], dbc: str, order: dict[str, Any]) -> dict
     return {"rows": case.rows, "runs": len(case.run_names), "warnings": warnings}
 
 
-def _check_units(sources: list[Path]) -> None:
+def _check_units(sources: list[Path], asked: Asked) -> None:
     """The same quantity has the same unit in all tables."""
     seen: dict[str, tuple[str, str]] = {}
     for source in sources:
         if is_log(source):
             continue
-        first = next(stream(source))
+        first = next(stream(source, asked=asked))
         for column in first.columns:
             name, unit = split_unit(column)
             other, file = seen.setdefault(name.lower(), (unit, source.name))
@@ -92,7 +94,7 @@ def _check_size(sources: list[Path], every: int) -> None:
         raise UserError(f"found {rows} rows, expected at most {MAX_ROWS}: take one of {least} (--every {least})")
 
 
-def _bring(folder: Path, source: Path, every: int, run: str) -> str:
+def _bring(folder: Path, source: Path, every: int, run: str, asked: Asked) -> str:
     """The file's name in the case: a copy, or every n-th row of it."""
     thin = every > 1 and not is_log(source)
     suffix = THINNED if thin else source.suffix
@@ -101,19 +103,19 @@ def _bring(folder: Path, source: Path, every: int, run: str) -> str:
         number += 1
         name = f"{source.stem}_{number}{suffix}"
     if thin:
-        _thin(source, folder / name, every, run)
+        _thin(source, folder / name, every, run, asked)
     else:
         shutil.copyfile(source, folder / name)
     return name
 
 
-def _thin(source: Path, target: Path, every: int, run: str) -> None:
+def _thin(source: Path, target: Path, every: int, run: str, asked: Asked) -> None:
     """Every n-th row, a block at a time. A column is of numbers if it is in the first block; names of runs are text."""
     import pyarrow.parquet
 
     writer, done = None, 0
     try:
-        for table in stream(source, {run}):
+        for table in stream(source, {run}, asked):
             first = -done % every
             done += table.rows
             columns = {name: _values(table, name, name == run)[first::every].copy() for name in table.columns}
@@ -157,6 +159,8 @@ def _document(order: dict[str, Any], files: Iterable[str], dbc: str) -> str:
             data[key] = order[key]
     if dbc:
         data["dbc"], data["period"] = dbc, order["period"]
+    if order.get("read") and order["every"] == 1:  # rows that were taken have been read so
+        data["read"] = order["read"]
     data["columns"] = inline_tables(order["columns"])
     document["data"] = data
     return tomlkit.dumps(document)

@@ -20,10 +20,23 @@ import numpy as np
 from terrapin_tools.errors import UserError, about
 from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES, Base
 from terrapin_tools.workbench.files import units
-from terrapin_tools.workbench.files.tables import Table, read
+from terrapin_tools.workbench.files.format import Asked
+from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.writing import write_whole
+from terrapin_tools.workbench.new_case.reading import (
+    Ask,
+    assumptions,
+    first_gap,
+    guess_groups,
+    read_all,
+    refuse,
+    told_gaps,
+    told_others,
+    told_repeats,
+    with_runs,
+)
 
-__all__ = ["Ask", "Guess", "guess_base", "guess_columns", "guess_run", "refuse", "split_unit", "write_table_case"]
+__all__ = ["Guess", "guess_base", "guess_columns", "guess_run", "split_unit", "write_table_case"]
 
 SUFFIXES = {  # endings of names that are units, longest first where one ends another
     "rad_per_s": "rad/s", "rad_s2": "rad/s^2", "rad_s": "rad/s", "radps": "rad/s", "rpm": "rpm", "deg_s": "deg/s",
@@ -56,16 +69,9 @@ WORDS = {  # role or channel -> words of a name that stand for it, and words bes
     "voltage": ("voltage volt volts u", "board supply"),
     **{name: words for base in BASES.values() for name, words in base.column_words.items()},
 }
+PLAIN = Asked()
 NAMED = 3  # columns with text between numbers whose first text is told
 RUN_WORDS = ("run", "test", "trial", "experiment", "series", "id", "versuch", "lauf", "messung", "essai")
-
-
-Ask = Callable[[str, Sequence[str], str], str]  # a question, likely answers, the option that answers it
-
-
-def refuse(question: str, choices: Sequence[str], option: str) -> str:
-    """Nobody is there to answer: UserError that names the option."""
-    raise UserError(f"{question} {' or '.join(choices)}? Say it with {option}")
 
 
 @dataclass(frozen=True)
@@ -145,6 +151,8 @@ def write_table_case(
     columns: Mapping[str, str] | None = None,
     told: Mapping[str, str] | None = None,
     ask: Ask = refuse,
+    asked: Asked = PLAIN,
+    show: Callable[[str], object] = print,
 ) -> str:
     """Write case.toml into the (new) folder, naming the tables where they lie; returns what was guessed, in words.
 
@@ -152,6 +160,7 @@ def write_table_case(
     ----------
     columns, told : column and unit of a role or channel, as far as they are known.
     ask : is asked what the names leave open, a unit or one of several columns.
+    asked : how the files are to be read. show : is given what was assumed of them, before anything is written.
 
     Raises
     ------
@@ -159,11 +168,15 @@ def write_table_case(
     """
     if (folder / "case.toml").exists():
         raise UserError(f"{folder / 'case.toml'}: exists, expected a new folder for the case")
-    tables = [read(file) for file in files]
+    tables, asked = read_all(files, asked, ask)
     common = [name for name in tables[0].columns if all(name in table.columns for table in tables)]
     if not common:
         raise UserError(f"{files[0]}: has no column in common with the others, expected tables of one kind")
-    run, runs = _run_column(tables, common)
+    run, runs = _run_column(tables, common, asked)
+    tables, asked = with_runs(tables, run, asked)
+    common = [name for name in tables[0].columns if all(name in table.columns for table in tables)]
+    run, runs = _run_column(tables, common, asked)
+    others = told_others(tables, common)
     if not any(table.rows for table in tables):
         raise UserError(f"{files[0]}: found no row below the column names, expected at least one")
     wrong = {name: _no_number(tables, name) for name in common if name != run}
@@ -173,11 +186,15 @@ def write_table_case(
         raise UserError(f"{files[0]}: found no column of numbers ({why}), expected at least one")
     guesses = _settled(_pinned(guess_columns(numeric), columns or {}), columns or {}, told or {}, ask)
     base = guess_base(guesses)
-    document = _document(folder, files, title, base, run, guesses)
+    text = [name for name in wrong if name not in numeric]
+    groups = guess_groups(tables, run, [name for name in text if not _is_time(name, common)])
+    document = _document(folder, files, title, base, run, guesses, asked, groups)
+    assumed = assumptions(tables)
+    if assumed:
+        show(assumed)
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "case.toml", document)
-    lines = [f"{table.path.name}: {'; '.join(table.notes)}" for table in tables if table.notes]
-    lines += [f"{folder / 'case.toml'}: {base.name}, {runs} runs; guessed from the columns' names, to be corrected:"]
+    lines = [f"{folder / 'case.toml'}: {base.name}, {runs} runs; guessed from the columns' names, to be corrected:"]
     used = _mapped(guesses, base)
     for guess, name in zip(used, _names(used, base), strict=True):
         unit = guess.unit or _unit(name, base)
@@ -186,7 +203,8 @@ def write_table_case(
     rest = [guess.column for guess in guesses if guess not in used]
     if rest:
         lines.append(f"Not mapped (discover looks at them all the same): {', '.join(rest)}")
-    text = [name for name in wrong if name not in numeric]
+    lines += [f"Groups of runs by {name}: {', '.join(values)}" for name, values in groups.items()]
+    text = [name for name in text if name not in groups and not _is_time(name, common)]
     words = [name for name in text if not any(_has_numbers(table, name) for table in tables)]
     if words:
         lines.append(f"Not numbers: {', '.join(words)}")
@@ -198,7 +216,8 @@ def write_table_case(
     if any(gaps.values()):
         named = ", ".join(f"{name} {count}" for name, count in gaps.items() if count)
         lines.append(f"Rows with a gap in a mapped column will be left out: {named}.")
-    lines += _shared_names(tables, run, text)
+        lines[-1] += f" The first is {first_gap(tables, list(gaps))}."
+    lines += [*_shared_names(tables, run, text), *told_gaps(tables, asked), *told_repeats(tables), *others]
     if run is None:
         lines.append("No column names the run: each file is one.")
     if runs < 2:
@@ -287,13 +306,23 @@ def _has_numbers(table: Table, name: str) -> bool:
     return any(re.fullmatch(r"[-+]?\d+\.?\d*(e[-+]?\d+)?", cell, re.IGNORECASE) for cell in table.text(name))
 
 
+def _is_time(name: str, names: Sequence[str]) -> bool:
+    """Whether a column of text stands as seconds beside itself."""
+    return f"{name} [s]" in names
+
+
 def guess_run(names: Sequence[str]) -> str | None:
     """The column that by its name tells the runs apart."""
     return next((name for word in RUN_WORDS for name in names if word in _words(name)), None)
 
 
-def _run_column(tables: Sequence[Table], common: Sequence[str]) -> tuple[str | None, int]:
+def _run_column(tables: Sequence[Table], common: Sequence[str], asked: Asked) -> tuple[str | None, int]:
     """The column that names the run and the number of runs; without one each file is a run."""
+    kind, _, told = asked.runs.partition(":")
+    if kind == "column":
+        if told not in common:
+            raise UserError(f"runs: found column {told!r}, expected one of {', '.join(common)}")
+        return told, len({value for table in tables for value in table.text(told)})
     for word in RUN_WORDS:
         for name in common:
             if word in _words(name):
@@ -344,7 +373,14 @@ effects = []
 
 
 def _document(
-    folder: Path, files: Sequence[Path], title: str, base: Base, run: str | None, guesses: Sequence[Guess]
+    folder: Path,
+    files: Sequence[Path],
+    title: str,
+    base: Base,
+    run: str | None,
+    guesses: Sequence[Guess],
+    asked: Asked,
+    groups: Mapping[str, Sequence[str]],
 ) -> str:
     mapped = _mapped(guesses, base)
     own = _equation(mapped, base) if base.own_names else _constants(base, {str(guess.name) for guess in mapped})
@@ -356,6 +392,12 @@ def _document(
     near = [os.path.relpath(file.resolve(), folder.resolve()) for file in files]
     lines += ["", "[data]", f"files = [{', '.join(_quoted(name) for name in near)}]"]
     lines.append(f"run = {_quoted(run)}" if run is not None else "# run = ...  # no column names it: each file is one")
+    if asked.said():
+        lines += ["", "[data.read]", *(f"{key} = {_quoted(value)}" for key, value in asked.said().items())]
+    if groups:
+        own_names = _distinct_names(groups)
+        lines += ["", "[groups]  # of runs; a parameter with by = NAME has a value for each"]
+        lines += [f"{n} = {{ column = {_quoted(c)} }}  # {', '.join(groups[c])}" for c, n in own_names.items()]
     lines += ["", "[data.columns]  # give channels sigma = ... where the noise of one row is known"]
     for guess, name in zip(mapped, _names(mapped, base), strict=True):
         unit = guess.unit or _unit(name, base)
@@ -372,13 +414,18 @@ def _names(mapped: Sequence[Guess], base: Base) -> list[str]:
     """What each column is called in case.toml, none twice."""
     if not base.own_names:
         return [str(guess.name) for guess in mapped]
-    names: list[str] = []
-    for guess in mapped:
-        name = _name(guess.column)
-        while name in names:
+    return list(_distinct_names([guess.column for guess in mapped]).values())
+
+
+def _distinct_names(columns: Sequence[str] | Mapping[str, object]) -> dict[str, str]:
+    """Column -> a name that case.toml can use, none twice."""
+    found: dict[str, str] = {}
+    for column in columns:
+        name = _name(column)
+        while name in found.values():
             name += "_"
-        names.append(name)
-    return names
+        found[column] = name
+    return found
 
 
 def _equation(mapped: Sequence[Guess], base: Base) -> list[str]:

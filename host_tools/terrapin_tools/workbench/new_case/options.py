@@ -36,6 +36,7 @@ def arguments(order: dict[str, Any], files: Sequence[str], dbc: str, to: str) ->
         *(("test", run) for run in order["test"]),
         ("every", "" if order["every"] == 1 else str(order["every"])),
         ("dbc", dbc),
+        *(("read", f"{key}={value}") for key, value in order.get("read", {}).items()),
         ("period", "" if order["period"] == "10 ms" else _spelt(order["period"])),
     ]
     return ["case", *files, f"--to={to}", *(f"--{name}={value}" for name, value in options if value)]
@@ -74,6 +75,7 @@ def read(
     test: Sequence[str],
     every: int,
     period: str,
+    readings: Sequence[str],
 ) -> dict[str, Any]:
     """The order that the options ask for. UserError names the option that is wrong."""
     mapped: dict[str, dict[str, Any]] = {
@@ -103,6 +105,7 @@ def read(
         "test": list(test),
         "every": every,
         "period": period,
+        "read": pairs("--read", readings),
     }
 
 

@@ -1,0 +1,69 @@
+"""Parquet, Feather and Arrow files. A unit may stand in a field's metadata, as `unit` or `units`."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from terrapin_hil.reading import shorten
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.files.format import MAX_BYTES, Asked, Column, Format, Part, cells
+
+
+def read(path: Path, asked: Asked, texts: Collection[str]) -> list[Part]:
+    """One table. UserError for a column that stands twice, and for more than MAX_BYTES."""
+    import pyarrow.ipc
+
+    if path.suffix.lower() == ".parquet":
+        import pyarrow.parquet
+
+        with pyarrow.parquet.ParquetFile(path) as file:
+            return [_part(path, file.read())]
+    with path.open("rb") as stream:
+        stream.seek(0)
+        old = stream.read(4) == b"FEA1"
+        stream.seek(0)
+        if old:
+            raise UserError(f"{path.name}: is a Feather file of version 1, expected version 2")
+        try:
+            reader = pyarrow.ipc.open_file(stream)
+            batches = (reader.get_batch(i) for i in range(reader.num_record_batches))
+        except pyarrow.ArrowInvalid:
+            stream.seek(0)
+            batches = reader = pyarrow.ipc.open_stream(stream)
+        taken, size = [], 0
+        for batch in batches:
+            taken.append(batch)
+            size += batch.nbytes
+            if size > MAX_BYTES:
+                raise UserError(f"{path.name}: holds more than {MAX_BYTES >> 20} MiB, expected less")
+        return [_part(path, pyarrow.Table.from_batches(taken, reader.schema))]
+
+
+def _part(path: Path, table: Any) -> Part:
+    names = table.column_names
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise UserError(f"{path.name}: column {shorten(twice)} stands twice, expected once")
+    columns = {name: _column(table.column(name)) for name in names}
+    units = {}
+    for name in names:
+        about = table.schema.field(name).metadata or {}
+        unit = about.get(b"unit", about.get(b"units", b""))
+        units[name] = unit.decode("utf-8", errors="replace")
+    return Part("", columns, units)
+
+
+def _column(column: Any) -> Column:
+    values = column.to_numpy()
+    if values.dtype.kind in "fiub":
+        return np.asarray(values.astype(np.float64))
+    if values.dtype.kind == "M":
+        return np.where(np.isnat(values), "", values.astype(str))
+    return cells(values.tolist())
+
+
+FORMAT = Format("an Arrow, Feather or Parquet file", (".parquet", ".feather", ".arrow", ".ipc"), read)
