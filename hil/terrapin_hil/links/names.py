@@ -22,6 +22,7 @@ from terrapin_hil.errors import UserError
 
 __all__ = [
     "BIT_RATE",
+    "EMPTY_BUS",
     "INPROCESS",
     "JOBS",
     "KINDS",
@@ -38,6 +39,7 @@ BIT_RATE = 500_000  # bit/s, of the controller's CAN
 FASTEST = 10_000_000  # bit/s that a bus may be said to have
 BYTES = "surrogatepass"  # what is no UTF-8 on a command line comes back as it was
 OURS = {"interface", "channel", "can_filters"}  # of python-can's options: those that the name or the program says
+EMPTY_BUS = "is the bus up, the bit rate right, another node there to acknowledge?"  # to ask where nothing comes
 SET_OUTSIDE = "socketcan's is set outside (ip link set can0 type can bitrate 500000)"
 
 JOBS = {  # what commands ask of a link, as it reads after "cannot"

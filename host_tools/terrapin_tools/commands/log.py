@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from terrapin_hil.links.names import PTY, LinkName
+from terrapin_hil.links.names import EMPTY_BUS, PTY, LinkName
 from terrapin_tools.command_options import BitRate, Json, LinkKeyFile, NodeNumber, ThisRobot, deliver, link_option
 from terrapin_tools.errors import UserError
 from terrapin_tools.progress import bar
@@ -199,6 +199,8 @@ def record(
             print(file=sys.stderr)
         if to.exists():
             print(f"{frames} frames in {to}")
+        if not frames:
+            print(f"{link}: nothing received: {EMPTY_BUS}", file=sys.stderr)
         if lost:
             print(f"{to}: {lost} frames lost before they could be read: this machine was too busy", file=sys.stderr)
         if damaged:

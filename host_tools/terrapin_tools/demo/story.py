@@ -39,7 +39,7 @@ class Demo:
             step(chapter)
             self.chapters.append(chapter)
         page = self.stage.out / "index.html"
-        summary = "Made by `make demo`: every number and picture comes from the runs of this page."
+        summary = "Made by `terrapin demo`: every number and picture comes from the runs of this page."
         write_page(page, "Terrapin: a robot that feels the ground", summary, self.chapters)
         return page
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from terrapin_hil.arrays import Array, Index
+from terrapin_hil.links.names import EMPTY_BUS
 from terrapin_hil.messages import Interface
 from terrapin_hil.nodes import Node
 from terrapin_tools.logs.decoding import Decoded, Decoder
@@ -349,8 +350,7 @@ class Live:
         """One line on the bus. `waited`: s since a frame came, by the clock of whoever looks."""
         if waited > SILENT:
             self._recent.clear()
-            hint = "is the bus up, the bit rate right, another node there to acknowledge?"
-            return f"nothing received for {waited:.0f} s: {hint}"
+            return f"nothing received for {waited:.0f} s: {EMPTY_BUS}"
         worst = ", ".join(f"{text} ({count})" for text, count in self.errors.items())
         if self.counters is not None:
             worst += f"; error counters: sending {self.counters[0]}, receiving {self.counters[1]}"
