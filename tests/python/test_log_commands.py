@@ -161,3 +161,9 @@ def test_full_disk(run: Path, tmp_path: Path) -> None:
     (tmp_path / "x.log").symlink_to("/dev/full")
     with pytest.raises(UserError, match="No space left"), LogWriter(tmp_path / "x.log") as writer:
         writer.write(read_log(run)[0])
+
+
+def test_an_empty_bus_is_called_one(tmp_path: Path) -> None:
+    done = terrapin("log", "record", tmp_path / "nothing.log", "--link", "can:virtual:nobody", "--duration", "0.5")
+    assert done.stdout == f"0 frames in {tmp_path / 'nothing.log'}\n"
+    assert done.stderr.startswith("can:virtual:nobody: nothing received: is the bus up")

@@ -21,7 +21,7 @@ from terrapin_hil.errors import UserError
 from terrapin_hil.paths import ROBOT_VARIABLE, SCENARIOS
 from terrapin_hil.reading import ReadingError
 from terrapin_hil.robot.plant import Robot as Plant
-from terrapin_hil.robots import Robot, select, selected
+from terrapin_hil.robots import Robot, _build, select, selected
 from terrapin_hil.run.run import run
 from terrapin_hil.scenario.scenario import Scenario, load_scenario
 from terrapin_interface.description import load
@@ -446,6 +446,32 @@ def test_a_robot_of_ones_own_is_built_when_it_is_first_used(tmp_path: Path) -> N
         assert "building its controller" in said
     finally:
         shutil.rmtree(ROOT / "build" / "robots" / name, ignore_errors=True)
+
+
+def test_a_build_that_is_interrupted_leaves_no_library_of_an_older_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = tmp_path / "own" / "host"
+    place.mkdir(parents=True)
+    (place / "libterrapin.so").write_bytes(b"of an older file")
+
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("terrapin_hil.robots.paths.build", lambda: place)
+    monkeypatch.setattr("terrapin_hil.robots.subprocess.run", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        _build("own", tmp_path / "own.toml", tmp_path)
+    assert not (place / "libterrapin.so").exists()
+
+
+def test_an_encoder_that_the_current_limit_hides_is_noted(tmp_path: Path) -> None:
+    """2.2 ohm times 1 A is less than the 2.5 V at which a wrong encoder is told."""
+    weak = load_robot(changed(tmp_path, "roller", {"limits.current": "1 A"}))
+    (note,) = [note for note in command._notes(weak) if "motor encoder" in note]
+    assert "limits.current leaves it 2.2 V, encoder_tolerance is 2.5 V" in note
+    told = load_robot(changed(tmp_path, "roller", {"limits.current": "1 A", "firmware.encoder_tolerance": "1 V"}))
+    assert not [note for note in command._notes(told) if "motor encoder" in note]
 
 
 def test_what_the_controller_is_not_told_is_said(tmp_path: Path) -> None:
