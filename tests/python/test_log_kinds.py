@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from pathlib import Path
 
@@ -374,3 +375,19 @@ def test_what_a_log_assumed_is_told_by_the_case(tmp_path: Path) -> None:
     found = read(tmp_path / "x.log", tmp_path / "x.dbc", 0.005, ["M.a"])
     assert found.notes == ("times are those between frames (candump -td): summed",)
     assert found.columns["M.a"].tolist() == [0.001, 0.001, 0.002, 0.003]
+
+
+def test_a_damaged_mf4_prints_no_traceback(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """asammdf's own log does; what is wrong stands in the answer, or is one line."""
+    with can.Logger(str(tmp_path / "x.mf4")) as writer:
+        for message in some(60, "sent"):
+            writer.on_message_received(message)
+    whole = (tmp_path / "x.mf4").read_bytes()
+    capfd.readouterr()
+    for place in range(100, len(whole), len(whole) // 25):
+        (tmp_path / "y.mf4").write_bytes(whole[:place] + bytes([whole[place] ^ 0x5A]) + whole[place + 1 :])
+        reader = LogReader(tmp_path / "y.mf4")
+        with contextlib.suppress(UserError):
+            read_back = sum(len(block) for block in reader.blocks())
+            assert read_back == 60 or reader.cut or reader.lost, place
+    assert capfd.readouterr().err == ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from typing import Any
 
@@ -21,10 +22,20 @@ def recognises(head: bytes) -> bool | None:
     return None
 
 
+def _check(group: Any) -> None:
+    """ValueError for a channel that reaches beyond its record: asammdf 8.8 would read memory that is not its own."""
+    size = int(group.channel_group.samples_byte_nr) + int(group.channel_group.invalidation_bytes_nr)
+    for channel in group.channels:
+        if int(channel.byte_offset) + (int(channel.bit_offset) + int(channel.bit_count) + 7) // 8 > size:
+            raise ValueError(f"channel {channel.name} reaches beyond its record of {size} bytes")
+
+
 def blocks(source: Source) -> Iterator[Frames]:
     """Frames of all groups in order of time; records that python-can passes over (LIN, signals) are counted."""
+    import asammdf  # noqa: F401  # sets up its log, which prints tracebacks of damaged files
     import can
 
+    logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
     with source.path.open("rb") as file:
         begin = file.read(3)
     if begin not in (b"MDF", b"UnF"):  # UnFinMF: unfinished
@@ -34,6 +45,8 @@ def blocks(source: Source) -> Iterator[Frames]:
     def opened() -> Any:
         reader = can.LogReader(source.path)
         mdf = getattr(reader, "_mdf", None)
+        for group in mdf.groups if mdf is not None else ():
+            _check(group)
         records[0] = sum(int(group.channel_group.cycles_nr) for group in mdf.groups) if mdf is not None else 0
         return reader
 
