@@ -27,8 +27,10 @@ from terrapin_hil.simulation import Simulation
 from terrapin_tools.cli import main
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.candump import line
+from terrapin_tools.monitor.sources import Bus
 from terrapin_tools.param.nodes import clear, controllers, require_one, store_node
 from terrapin_tools.param.session import Session
+from terrapin_tools.web.live import session as live
 
 MESSAGES = interface().messages
 NODES = range(node_count())
@@ -214,6 +216,35 @@ def test_a_stop_outlives_its_process_and_ends_with_a_clear(tmp_path: Path) -> No
     assert not armed(cleared=False, stopped=False)
     assert armed(cleared=True, stopped=False)
     assert armed(cleared=False, stopped=False)
+
+
+def test_the_pages_stop_is_stop_all_and_its_release_a_clear() -> None:
+    """To a controller at node 5 that drives: stopped while the button is held in, and ready once it was let go."""
+    simulation, robot, node = Simulation(scenario("steady_sand", 3.0)), InProcess(node=5), Node(5)
+    robot.start({})
+
+    def tick() -> None:
+        said = robot.hear([*map(node.to_bus, simulation.sense())])
+        simulation.answer([frame for f in said if (frame := node.from_bus(f)) is not None])
+
+    for _ in range(1000):
+        tick()
+    page, bus, sent = object.__new__(live.Session), object.__new__(Bus), list[Frame]()
+    vars(bus)["send"] = lambda identifier, data: sent.append((identifier, data))
+    vars(page).update(source=bus, _sender=Sender(), _node=node, stop_held=True, _clears=0, _asked=0.0)
+    page._hold()
+    assert sent == [(0x000, b"\0")]
+    robot.hear(sent)
+    tick()  # what comes in that of a stop does not end it
+    assert robot._lib.terrapin_latched(robot._state) == 1 << interface().faults["stop_all"]
+    page.stop_held, page._clears = False, live.CLEARS
+    for _ in range(2 * live.CLEARS):
+        page._asked = 0.0
+        page._hold()
+    assert len(sent) == 1 + live.CLEARS
+    robot.hear(sent[1:])
+    tick()
+    assert robot._lib.terrapin_latched(robot._state) == 0
 
 
 def test_lockstep_a_minute_same_hashes_as_alone() -> None:

@@ -76,7 +76,7 @@ def query(line: socket.socket, end: float) -> dict[str, int]:
         if time.monotonic() - asked > 0.03:
             asked = time.monotonic()
             with contextlib.suppress(OSError):
-                line.send(b"\rO\r" + slcan_line(Sender().frame("UPDATE_QUERY", {"protocol": 1})))
+                line.send(b"\rO\r" + slcan_line(Sender().frame("UPDATE_QUERY", {"protocol": 2})))
     pytest.fail("no answer")
 
 
@@ -93,7 +93,7 @@ def slot_file(folder: Path, key: Path, damaged: bool = False) -> Path:
 def test_it_starts_and_answers() -> None:
     with machine() as line:
         info = query(line, time.monotonic() + BOUND)
-    assert (info["protocol"], info["running"], info["confirmed"], info["target"]) == (1, 0, 0, 1)
+    assert (info["protocol"], info["running"], info["confirmed"], info["target"]) == (2, 0, 0, 1)
 
 
 def test_a_host_that_asks_at_once_keeps_it_from_starting(tmp_path: Path) -> None:
