@@ -88,7 +88,10 @@ def _read_large(path: Path, header: list[str], delimiter: str, first: int, texts
     import pyarrow.csv
 
     content = path.read_bytes()
-    if b"\0" in content or b'"' in content or content.count(b"\r") != content.count(b"\r\n"):
+    begin = 0
+    for _ in range(first - 1):
+        begin = content.find(b"\n", begin) + 1
+    if b"\0" in content or content.find(b'"', begin) >= 0 or content.count(b"\r") != content.count(b"\r\n"):
         return None
     names = [str(i) for i in range(len(header))]
     try:
