@@ -366,6 +366,8 @@ def test_discover_add_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     status, out, _ = terrapin(capsys, "discover", folder)
     assert status == 0
     assert "expression_1 = k_*x**3, added to derivative.v" in out.replace("k*x", "k_*x")
+    lacks = "the model lacks k_*x**3 in derivative.v and nothing else"
+    assert lacks in " ".join(out.split()).replace("k*x", "k_*x")
     assert terrapin(capsys, "add", folder, "expression_1")[0] == 0
     case = load_case(folder)
     assert case.library["expression_1"].target == "derivative.v"
