@@ -16,6 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaigns"))
 import next_experiment
 from discovery_cases import Made
 
+from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_tools.workbench.compare.comparison import Analysis, analyse, fitted_on
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.experiment.proposal import Experiment, propose
@@ -100,6 +101,32 @@ def test_a_twin_that_no_setting_separates_does_not_stand_in_the_way() -> None:
     assert plan.vary == ("omega",)
     assert propose(analysis, [fits[0], fits[2]]) is None
     assert propose(analysis, fits[:1]) is None
+
+
+def test_an_unmapped_column_that_a_rival_reads_is_set_within_what_was_measured() -> None:
+    """And the reason speaks of what was measured: a column that went far did not vary too little."""
+    made, random = confounded("load").case, np.random.default_rng(5)
+    x = np.repeat(random.uniform(47.0, 220.0, made.run.max() + 1), np.bincount(made.run))
+    other = x + 4.0 * random.standard_normal(len(x))
+    case = replace(made, extra={**made.extra, "x": x, "z": other, "kind": (x > 100.0).astype(float)}, limits={})
+    rows = np.ones(case.rows, dtype=bool)
+    assert "x" not in levels(case, rows)
+    steps = levels(case, rows, {"x", "kind"})
+    assert min(steps["x"]) == pytest.approx(x.min(), rel=1e-3)
+    assert max(steps["x"]) == pytest.approx(x.max(), rel=1e-3)
+    assert steps["kind"] == [0.0, 1.0]
+    assert "z" not in steps
+    own = {
+        name: Effect(name, name, "", "", (case.base.name,), (Parameter("k", "1", 0.0),), (), f"k*{text}", "current")
+        for name, text in (("first", "x"), ("second", "sqrt(x)"))
+    }
+    case = replace(case, library={**case.library, **own})
+    analysis = analyse(replace(case, channels={"current": case.channels["current"] + 3e-4 * x}))
+    fits = [((n,), fitted_on(analysis.case, [n], case.train, analysis.noise.sigma)[-1]) for n in own]
+    plan = propose(analysis, fits)
+    assert plan is not None
+    assert "x" in {*plan.vary, *plan.hold}
+    assert "varies too little" not in plan.reason
 
 
 def test_new_rows_run_on_and_the_axle_follows_the_shell() -> None:

@@ -8,7 +8,7 @@ that it misses least, as long as D stays large enough for every pair of rivals, 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
 
@@ -64,7 +64,8 @@ def propose(
     telling the others apart.
     """
     case, rows = analysis.case, analysis.rows
-    steps, hold = levels(case, rows), held(case, rows)
+    read = {name for _, fit in rivals for formula in fit.model.expressions.values() for name in formula.names}
+    steps, hold = levels(case, rows, read), held(case, rows, read)
     old = [_rows(fit, analysis, None) for _, fit in rivals]
     grids = []
     for roles in [*combinations(steps, 1), *combinations(steps, 2)]:
@@ -103,7 +104,7 @@ def propose(
         runs=len(best.settings),
         error_rate=float(ndtr(-0.5 * np.sqrt(best.worth))),
         reason=(
-            f"{_listed(names)} predict the same here because {_why(analysis, best)}; "
+            f"{_listed(names)} predict the same here because {_why(analysis, best, read)}; "
             f"in the proposed runs they differ by {np.sqrt(best.worth):.1f} noise sd in all."
         ),
     )
@@ -119,10 +120,10 @@ def _listed(names: Sequence[str]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def _why(analysis: Analysis, plan: _Plan) -> str:
+def _why(analysis: Analysis, plan: _Plan, read: Collection[str]) -> str:
     """What would have to vary and does not, or what varies only together with something else."""
     case = analysis.case
-    seen = observed(case, analysis.rows)
+    seen = observed(case, analysis.rows, read)
     constant, tied, other = [], [], []
     for role in plan.roles:
         values, unit = seen[role], case.units.get(role, case.parameter_units.get(role, ""))
@@ -138,7 +139,10 @@ def _why(analysis: Analysis, plan: _Plan) -> str:
                 pair = " and ".join(sorted((role, partner)))
                 tied.append(f"{pair} go together in all runs (correlation {how:.2f})")
             else:
-                other.append(f"{role} varies too little by itself")
+                low, high = float(values.min()), float(values.max())
+                beyond = max(low - new.min(), new.max() - high) > CONSTANT * (high - low)
+                where = "not beyond" if beyond else "too seldom where they differ"
+                other.append(f"{role} went from {low:.4g} to {high:.4g}{behind(unit)}, {where}")
     return " and ".join(dict.fromkeys(constant or tied or other))
 
 

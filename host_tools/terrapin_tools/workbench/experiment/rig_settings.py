@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -22,23 +22,27 @@ SETTABLE = ("omega", "load", "slope", "temperature")  # what a run of the simula
 SHARES = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)  # where between the ends the levels lie
 
 
-def observed(case: Case, rows: Mask) -> dict[str, Array]:
-    """Roles as measured, the constants that stand for one, and unmapped columns that the rig is said to set."""
+def observed(case: Case, rows: Mask, read: Collection[str] = ()) -> dict[str, Array]:
+    """Roles as measured, the constants that stand for one, and unmapped columns that the rig is said to set or that
+    are `read` (names as in formulas)."""
     found = {role: values[rows] for role, values in case.roles.items()}
     found.update({role: np.array([case.parameters[role]]) for role in case.base.needs if role in case.parameters})
-    found.update({name: values[rows] for name, values in case.extra.items() if name in case.limits})
+    found.update(
+        {name: values[rows] for name, values in case.extra.items() if name in case.limits or formula_name(name) in read}
+    )
     return found
 
 
-def levels(case: Case, rows: Mask) -> dict[str, list[float]]:
-    """Levels of every role that can be set, in canonical units.
+def levels(case: Case, rows: Mask, read: Collection[str] = ()) -> dict[str, list[float]]:
+    """Levels of every role that can be set, in canonical units; `read` as of `observed`.
 
     What [limits] names is taken from end to end of its limits, everything else stays within what was measured. Without
-    limits: the observed range, extended, but speeds stay within what was measured. Without a limit of its own the
-    axle's speed follows omega, and what only follows from a run (temperature, voltage, time, angle) is not set.
+    limits: the observed range, extended, but speeds and unmapped columns stay within what was measured. Without a limit
+    of its own the axle's speed follows omega, and what only follows from a run (temperature, voltage, time, angle) is
+    not set.
     """
     found: dict[str, list[float]] = {}
-    for role, values in observed(case, rows).items():
+    for role, values in observed(case, rows, read).items():
         own = role in case.limits
         if role in case.base.follows and not own:
             continue
@@ -47,6 +51,8 @@ def levels(case: Case, rows: Mask) -> dict[str, list[float]]:
         if high <= low:
             continue
         steps = [low + share * (high - low) for share in SHARES]
+        if role in case.extra and not own and len(known := np.unique(values)) <= len(SHARES):  # one of few kinds
+            steps = known.tolist()
         if role == "pass":
             steps = sorted({float(np.clip(round(v), np.ceil(low), np.floor(high))) for v in steps})
         found[role] = [
@@ -59,7 +65,7 @@ def _range(case: Case, role: str, values: Array) -> tuple[float, float]:
     low, high = float(values.min()), float(values.max())
     span = high - low
     constant = span <= 0.02 * max(abs(low), abs(high))
-    if case.limits or role in SPEEDS:
+    if case.limits or role in SPEEDS or role in case.extra:
         return (low, low) if constant else (low, high)
     if constant:
         first, last = sorted((0.5 * low, 1.5 * high))
@@ -73,9 +79,9 @@ def _digits(value: float, low: float, high: float) -> float:
     return float(min(max(float(f"{value:.4g}"), low), high))
 
 
-def held(case: Case, rows: Mask) -> dict[str, float]:
+def held(case: Case, rows: Mask, read: Collection[str] = ()) -> dict[str, float]:
     """Where a role stays that is not varied: the middle of what was measured, 0 for what only runs on."""
-    seen = sorted(observed(case, rows).items(), key=lambda one: one[0] in RUNNING)
+    seen = sorted(observed(case, rows, read).items(), key=lambda one: one[0] in RUNNING)
     running = () if case.base.own_names else RUNNING
     found = {role: 0.0 if role in running else float(np.median(values)) for role, values in seen}
     if "pass" in found:
