@@ -1,7 +1,7 @@
 # Terrapin's front door. The work is done by the scripts that each target names.
 .DEFAULT_GOAL := help
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
-.PHONY: help setup demo test test-all sandbox check bench campaigns mutants fuzz proof firmware release docs wheel lock clean
+.PHONY: help setup demo test test-all sandbox check bench campaigns mutants fuzz attack proof firmware release docs wheel lock clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -41,6 +41,10 @@ mutants: ## would a slip be seen? in the firmware's C (1,000 of them; ARGS=--who
 
 fuzz: ## search every parser and the step for inputs that break them, MINUTES (10) each; goes on where it was stopped
 	@tests/setup/setup.sh test && .venv/bin/python tests/tools/fuzz.py --minutes $(or $(MINUTES),10) $(ARGS)
+
+attack: ## try what somebody hostile would: forged and old frames, requests, files; counts (ARGS="--short"; docs/safety.md has the last ones)
+	@tests/setup/setup.sh test && UNITY_ROOT=$$(tests/setup/unity.sh) tests/tools/build.sh host \
+		&& .venv/bin/python -m tests.attack $(ARGS)
 
 proof: ## show what tests cannot: no overflow, nothing read or written outside, off when it must be (docs/proof.md)
 	@tests/setup/setup.sh test && tests/tools/build.sh host \

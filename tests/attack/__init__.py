@@ -1,4 +1,7 @@
-"""Attacks on what a robot trusts: each module has `attack(count, seed)`, which prints one line and returns a Result.
+"""Attacks: what somebody hostile, or a damaged file, tries, with counts.
+
+An attack is a module here with `attack(count, seed) -> Result`; `make attack` (`python -m tests.attack`) finds them by
+itself. All of it stays on this machine, and each part has a bound on time and memory. One by itself, with its own text:
 
 python -m tests.attack.boot_frames --count 1000000 --seed 1
 """
@@ -19,7 +22,7 @@ class Result:
     name: str
     tried: int
     taken: int
-    note: str
+    note: str = ""
 
     def __str__(self) -> str:
         return f"{self.name}: {self.tried} tried, {self.taken} taken; {self.note}"

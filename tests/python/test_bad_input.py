@@ -272,6 +272,13 @@ def test_wrong_command_line(
     refused(capsys, expected, *arguments, status=status)
 
 
+@pytest.mark.parametrize("command", ["run", "batch"])
+def test_a_scenario_that_is_no_text(tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str) -> None:
+    (tmp_path / "x.toml").write_bytes(SCENARIO.encode() + b"# \xff\n")
+    refused(capsys, ["x.toml", "UTF-8"], command, tmp_path / "x.toml", "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_wrong_link_leaves_no_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     refused(capsys, ["'radio'"], "run", "steady_sand", "--link", "radio", "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -157,6 +157,15 @@ def test_history_of_what_was_added_and_removed(tmp_path: Path, capsys: pytest.Ca
     text = _report(folder, tmp_path / "r.html", capsys).text
     assert "History: 2 steps" in text
     assert re.search(r"added motor_heating : held out [\d.]+ → [\d.]+ removed motor_heating", text)
+    history = folder / ".terrapin" / "history.jsonl"
+    whole = history.read_bytes()
+    damaged = b'{"action": "added", "effects": ["x"], "before": {}, "after": {}}\n[]\n\xff\n{"action": 1}\n'
+    history.write_bytes(whole + damaged)
+    status, _, err = terrapin(capsys, "report", folder, "--output", tmp_path / "d.html")
+    assert (status, err) == (0, f"terrapin: {history}: 4 of 6 lines are damaged and left out\n")
+    assert "History: 2 steps" in (tmp_path / "d.html").read_text()
+    assert terrapin(capsys, "add", folder, "motor_heating")[0] == 0
+    assert history.read_bytes().startswith(whole + damaged)  # nothing of it is lost
 
 
 def test_many_rows_are_thinned_and_the_worst_stays(

@@ -48,6 +48,8 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("terrapin_hil.links",),
     ("terrapin_hil.run",),
     ("terrapin_tools", "terrapin_tools.errors", "terrapin_tools.figure_style"),
+    ("terrapin_tools.bounded",),
+    ("terrapin_tools.parquet_files",),
     ("terrapin_tools.logs",),
     ("terrapin_tools.workbench", "terrapin_tools.workbench.files", "terrapin_tools.workbench.bases"),
     ("terrapin_tools.command_options",),

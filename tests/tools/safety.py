@@ -16,6 +16,7 @@ from steps import ROOT
 
 HAZARDS = Path(__file__).with_name("hazards.toml")
 DESCRIPTION = ROOT / "firmware" / "terrapin_interface" / "controller.toml"
+HELD = ROOT / "tests" / "attack" / "held.toml"
 PAGE = ROOT / "docs" / "safety.md"
 SCENARIOS = ROOT / "hil" / "terrapin_hil" / "scenario" / "scenarios"
 HEAD = """# What keeps the robot from doing harm
@@ -24,6 +25,14 @@ Made by `tests/tools/safety.py --renew` from [hazards.toml](../tests/tools/hazar
 `controller.toml`; `make test` looks whether it is still so, whether each place and each test is there, and whether each
 fault is some hazard's. A cell of the last column without a test says what is left to people.
 """
+ATTACKS = """
+## What was tried
+
+`make attack` tries to move, brick or break what must not be, and counts; `make test-all` does a part of each. The
+counts that were kept last (`make attack ARGS=--keep`, then `safety.py --renew`):
+
+| attack | tried | taken |
+|---|---|---|"""
 
 
 def table(path: Path) -> dict[str, Any]:
@@ -78,7 +87,13 @@ def page(hazards: list[dict[str, Any]], faults: dict[str, Any]) -> str:
                 )
                 parts.append(f"| {what} | fault `{name}` | {shown}; scenarios {scenarios} |")
         parts.append("")
-    return "\n".join(parts)
+    return "\n".join(parts) + attacks()
+
+
+def attacks() -> str:
+    """What `make attack` tried last, as a table."""
+    rows = [f"| {name} | {counts['tried']:,} | {counts['taken']} |" for name, counts in sorted(table(HELD).items())]
+    return "\n".join([ATTACKS, *rows, ""])
 
 
 def main() -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import random
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ import pyarrow.parquet
 import pytest
 from serving import Server
 from websockets.sync.client import connect
+
+from tests.attack.bombs import READERS, frames_log
 
 ROOT = Path(__file__).resolve().parents[2]
 HEATED = (ROOT / "cases" / "heated_motor" / "runs.csv").read_bytes()
@@ -276,3 +279,27 @@ def test_what_a_file_holds_is_what_the_command_says(server: Server) -> None:
     assert lines[0] == "a.csv: 50 rows, 2 columns"
     assert any("steps of 0.25" in line for line in lines)
     assert any("every 0.1 s, 10 Hz" in line for line in lines)
+
+
+@pytest.mark.parametrize("reader", ["MCAP", "BLF", "MF4", "Parquet of frames", "Parquet of a table"])
+def test_bombs_are_refused(server: Server, tmp_path: Path, reader: str) -> None:
+    """Never 500, and nothing is kept; whatever is small enough is looked at as any other."""
+    file, make, _ = READERS[reader]
+    for seed in range(3):
+        make(tmp_path / file, random.Random(seed))
+        answer = server.upload(file, (tmp_path / file).read_bytes())
+        assert answer.status == 201 or 400 <= answer.status < 500, (seed, answer.body)
+        if answer.status != 201:
+            assert "\n" not in answer.detail
+    assert server.process.poll() is None
+
+
+def test_damaged_zstd_is_one_line(server: Server, tmp_path: Path) -> None:
+    path = frames_log(tmp_path / "x.mcap", 400)
+    data = bytearray(path.read_bytes())
+    at = data.index(b"\x28\xb5\x2f\xfd")  # a frame of zstd
+    data[at + 8 : at + 40] = bytes(32)
+    answer = server.upload("x.mcap", bytes(data))
+    assert answer.status == 422, answer.body
+    assert "x.mcap" in answer.detail
+    assert "\n" not in answer.detail

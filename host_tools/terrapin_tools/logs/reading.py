@@ -19,6 +19,7 @@ from types import ModuleType
 
 import numpy as np
 
+from terrapin_tools.bounded import each
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs import formats
 from terrapin_tools.logs.formats.source import Source
@@ -120,7 +121,7 @@ class LogReader:
             self._source = Source(self.path, self.size, told)
             begun = False
             try:
-                for frames in self._kind.blocks(self._source):
+                for frames in each(self.path, self._kind.blocks(self._source)):
                     begun = True
                     yield frames
                 return

@@ -30,7 +30,7 @@ def by_python_can(
                 if source.full:
                     yield source.take()
                     source.told(place(reader))
-    except UserError:
+    except (UserError, MemoryError):
         raise
     except Exception as error:  # each reader of python-can has its own way of failing on a broken file
         _bury(error)

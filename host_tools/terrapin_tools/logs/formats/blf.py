@@ -29,10 +29,10 @@ def recognises(head: bytes) -> bool | None:
 
 def _reader(path: Path, others: Counter[int]) -> Any:
     """python-can's, which ignores other types of objects silently, and all outside of containers: they are counted."""
-    import can
+    from terrapin_tools.logs.packed import BoundedBLF
 
-    class Counting(can.BLFReader):
-        def _parse_data(self, data: bytes) -> Iterator[can.Message]:
+    class Counting(BoundedBLF):
+        def _parse_data(self, data: bytes) -> Iterator[Any]:
             try:
                 yield from super()._parse_data(data)
             finally:
@@ -65,6 +65,9 @@ def _types(data: bytes, end: int) -> Iterator[int]:
 
 def blocks(source: Source) -> Iterator[Frames]:
     """Frames; the header gets the file's size when it is closed, so one that was cut off says so."""
+    from terrapin_tools.logs.packed import check_blf
+
+    check_blf(source.path)
     others: Counter[int] = Counter()
     source.first_bus = 1
     yield from by_python_can(source, lambda: _reader(source.path, others), lambda reader: int(reader.file.tell()))

@@ -26,37 +26,32 @@ def recognises(head: bytes) -> bool | None:
 def blocks(source: Source) -> Iterator[Frames]:
     """Frames of the topic."""
     from mcap.exceptions import McapError
-    from mcap.records import Channel, DataEnd, Message
+    from mcap.records import Channel, Chunk, DataEnd, Message
     from mcap.stream_reader import StreamReader
 
+    from terrapin_tools.logs.packed import check_mcap, chunk_records
+
+    check_mcap(source.path)
     raw: set[int] = set()
     ended = False
     with source.path.open("rb") as file:
         try:
-            for record in StreamReader(file).records:
-                if isinstance(record, Channel) and record.topic == RAW_TOPIC:
-                    raw.add(record.id)
-                elif isinstance(record, Message) and record.channel_id in raw:
-                    value = json.loads(record.data)
-                    data = base64.b64decode(value["data"], validate=True)
-                    bus = str(value.get("bus", ""))
-                    source.add(record.log_time * 1e-9, int(value["id"]), data, int(value["flags"]), bus)
-                elif isinstance(record, DataEnd):
+            for record in StreamReader(file, emit_chunks=True, record_size_limit=source.size).records:
+                if isinstance(record, DataEnd):
                     ended = True
                     break
-                if source.full:
-                    yield source.take()
-                    source.told(file.tell())
-        except (
-            McapError,
-            struct.error,
-            ValueError,
-            KeyError,
-            TypeError,
-            EOFError,
-            OverflowError,
-            MemoryError,
-        ) as error:
+                for inner in chunk_records(record) if isinstance(record, Chunk) else (record,):
+                    if isinstance(inner, Channel) and inner.topic == RAW_TOPIC:
+                        raw.add(inner.id)
+                    elif isinstance(inner, Message) and inner.channel_id in raw:
+                        value = json.loads(inner.data)
+                        data = base64.b64decode(value["data"], validate=True)
+                        bus = str(value.get("bus", ""))
+                        source.add(inner.log_time * 1e-9, int(value["id"]), data, int(value["flags"]), bus)
+                    if source.full:
+                        yield source.take()
+                        source.told(file.tell())
+        except (McapError, struct.error, ValueError, KeyError, TypeError, EOFError, OverflowError) as error:
             if not source.total and not raw:
                 raise UserError(f"{source.path}: {brief(error)}, expected an MCAP file") from None
             source.cut = "the end is missing" if source.total else f"unreadable ({brief(error)})"

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.formats.source import BLOCK, Source, brief
 from terrapin_tools.logs.frames import Frames, frames
+from terrapin_tools.parquet_files import batches, opened
 
 __all__ = ["SUFFIXES", "blocks", "recognises"]
 
@@ -22,21 +23,19 @@ def recognises(head: bytes) -> bool | None:
 
 def blocks(source: Source) -> Iterator[Frames]:
     """Frames."""
-    import pyarrow.parquet
-
     try:
-        with pyarrow.parquet.ParquetFile(source.path) as file:
+        with opened(source.path, "a Parquet file of frames") as file:
             names = file.schema_arrow.names
             missing = set(COLUMNS) - set(names)
             if missing:
                 expected = "the columns time, id, data, flags of frames"
                 raise UserError(f"{source.path}: found no column {sorted(missing)[0]!r}, expected {expected}")
             chosen, done = [*COLUMNS, *(["bus"] if "bus" in names else [])], 0
-            for batch in file.iter_batches(BLOCK, columns=chosen):
+            for batch in batches(source.path, file, BLOCK, chosen):
                 done += batch.num_rows
-                times, identifiers, data, flags, *bus = (column.to_pylist() for column in batch.columns)
+                times, identifiers, data, flags, *bus = (batch.column(name).to_pylist() for name in chosen)
                 numbers = [source.bus(str(name)) for name in bus[0]] if bus else [source.bus("")] * len(times)
                 yield frames(source.path, times, identifiers, data, flags, numbers)
                 source.told(source.size * done // max(1, file.metadata.num_rows))
-    except (pyarrow.ArrowException, OSError, TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise UserError(f"{source.path}: {brief(error)}, expected a Parquet file of frames") from None

@@ -13,6 +13,7 @@ from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, Frames
 __all__ = ["SUFFIXES", "blocks", "recognises"]
 
 SUFFIXES = (".db",)
+MOST = 1 << 20  # bytes of a value
 COLUMNS = "ts, arbitration_id, extended, remote, error, data"
 
 
@@ -28,6 +29,10 @@ def blocks(source: Source) -> Iterator[Frames]:
     except sqlite3.Error as error:
         raise UserError(f"{source.path}: {error}, expected python-can's SQLite") from None
     try:
+        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST)
+        kind = connection.execute("SELECT type FROM sqlite_master WHERE name = 'messages'").fetchone()
+        if kind is not None and kind != ("table",):  # a view may go on for ever
+            raise UserError(f"{source.path}: messages is a {str(kind[0])[:20]}, expected python-can's SQLite: a table")
         found = connection.execute(f"SELECT {COLUMNS} FROM messages ORDER BY rowid")
         for number, (time, name, extended, remote, mistake, data) in enumerate(found, 1):
             if not (isinstance(time, float | int) and isinstance(name, int) and isinstance(data, bytes | None)):

@@ -12,7 +12,7 @@ from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames
 
 __all__ = ["BLOCK", "FD_LENGTHS", "Source", "brief", "message_flags"]
 
-BLOCK = 50_000  # frames
+BLOCK = 20_000  # frames: of the slowest reader within half a second (terrapin_tools.bounded)
 MOST_BUSES = 256
 FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)  # by data length code
 SHOWN = 60  # characters of a line that gave no frame

@@ -256,6 +256,10 @@ async def _look(
         raise UserError(
             f"{file.name}: found no end of it after {seconds:.0f} s of reading, expected less in it"
         ) from None
+    except UserError as error:
+        if error.status == 1:  # a library gave up on it, or brought its process down
+            raise UserError(f"{file.name}: could not be read: {error}, expected a whole file of its kind") from None
+        raise
     assert isinstance(found, dict)
     return found
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import sys
 import tomllib
 from pathlib import Path
@@ -20,6 +21,7 @@ from terrapin_tools.workbench.files.writing import write_whole
 __all__ = ["case_state", "history", "keep", "recall", "remember"]
 
 FOLDER = ".terrapin"
+HISTORY = "history.jsonl"
 HISTORY_LIMIT = 200  # entries
 
 
@@ -66,25 +68,45 @@ def remember(folder: Path, action: str, effects: list[str], answer: dict[str, An
     place = folder / FOLDER
     try:
         place.mkdir(exist_ok=True)
-        text = "".join(json.dumps(one) + "\n" for one in [*history(folder), entry][-HISTORY_LIMIT:])
-        write_whole(place / "history.jsonl", text)
+        kept = _lines(folder)[1 - HISTORY_LIMIT :]  # as they are: what is damaged may be mended by hand
+        write_whole(place / HISTORY, b"".join(line + b"\n" for line in [*kept, json.dumps(entry).encode()]))
     except OSError as error:
         reason = error.strerror or str(error)
         print(f"terrapin: {place}: {reason}; the report will not show this step", file=sys.stderr)
 
 
 def history(folder: Path) -> list[dict[str, Any]]:
-    """What was added and removed, oldest first; lines that are not readable are left out."""
-    try:
-        lines = (folder / FOLDER / "history.jsonl").read_text(encoding="utf-8").splitlines()
-    except (OSError, ValueError):
-        return []
-    found = []
-    for line in lines:
-        try:
-            entry = json.loads(line)
-        except ValueError:
-            continue
-        if isinstance(entry, dict) and {"action", "effects", "before", "after"} <= entry.keys():
-            found.append(entry)
+    """What was added and removed, oldest first; damaged lines are left out, and told on standard error."""
+    lines = _lines(folder)
+    found = [entry for line in lines if (entry := _entry(line)) is not None]
+    if left := len(lines) - len(found):
+        where = folder / FOLDER / HISTORY
+        print(f"terrapin: {where}: {left} of {len(lines)} lines are damaged and left out", file=sys.stderr)
     return found
+
+
+def _lines(folder: Path) -> list[bytes]:
+    try:
+        return (folder / FOLDER / HISTORY).read_bytes().splitlines()
+    except OSError:
+        return []
+
+
+def _entry(line: bytes) -> dict[str, Any] | None:
+    """A line as `remember` writes it; None for any other."""
+    try:
+        entry = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(entry, dict):
+        return None
+    effects = entry.get("effects")
+    if not isinstance(entry.get("action"), str) or not isinstance(effects, list):
+        return None
+    sides = [entry.get(side) for side in ("before", "after")]
+    right = all(isinstance(side, dict) and _is_error(side.get("heldout_error", "")) for side in sides)
+    return entry if right and all(isinstance(name, str) for name in effects) else None
+
+
+def _is_error(value: object) -> bool:
+    return value is None or (isinstance(value, int | float) and math.isfinite(value))

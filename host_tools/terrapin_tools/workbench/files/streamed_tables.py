@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from terrapin_tools.errors import UserError
+from terrapin_tools.parquet_files import batches, opened
 from terrapin_tools.progress import bar
 from terrapin_tools.workbench.files.csv_files import LARGE, layout_of
 from terrapin_tools.workbench.files.csv_layout import Layout
@@ -93,25 +94,14 @@ def _texts(column: Any) -> npt.NDArray[Any]:
 
 
 def _stream_parquet(path: Path) -> Iterator[Table]:
-    import pyarrow.parquet
-
-    try:
-        with pyarrow.parquet.ParquetFile(path) as file:
-            names = file.schema_arrow.names
-            if any((field.metadata or {}).keys() & {b"unit", b"units"} for field in file.schema_arrow):
-                return  # names with units: read() makes them
-            if len(set(names)) < len(names):
-                twice = next(name for name in names if names.count(name) > 1)
-                raise UserError(f"{path.name}: column {twice!r} stands twice, expected once")
-            done = 0
-            for batch in file.iter_batches(100_000):
-                columns = {}
-                for name, column in zip(names, batch.columns, strict=True):
-                    values = column.to_numpy(zero_copy_only=False)
-                    numeric = values.dtype.kind in "fiub"
-                    texts = ["" if cell is None else str(cell) for cell in values] if not numeric else []
-                    columns[name] = values.astype(np.float64) if numeric else np.array(texts, dtype=str)
-                yield Table(path, columns, 0)
-                done += batch.num_rows
-    except (pyarrow.ArrowException, OSError) as error:
-        raise UserError(f"{path.name}: {str(error).splitlines()[0][:200]}, expected a Parquet file") from None
+    with opened(path) as file:
+        if any((field.metadata or {}).keys() & {b"unit", b"units"} for field in file.schema_arrow):
+            return  # names with units: read() makes them
+        for batch in batches(path, file):
+            columns = {}
+            for name, column in zip(batch.schema.names, batch.columns, strict=True):
+                values = column.to_numpy(zero_copy_only=False)
+                numeric = values.dtype.kind in "fiub"
+                texts = ["" if cell is None else str(cell) for cell in values] if not numeric else []
+                columns[name] = values.astype(np.float64) if numeric else np.array(texts, dtype=str)
+            yield Table(path, columns, 0)

@@ -16,6 +16,7 @@ import tomlkit
 from terrapin_hil import paths
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.reading import is_log
+from terrapin_tools.parquet_files import rows as parquet_rows
 from terrapin_tools.progress import step
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.case.changes import inline_tables
@@ -83,9 +84,7 @@ def _check_size(sources: list[Path], every: int) -> None:
     rows = 0
     for source in sources:
         if source.suffix == ".parquet":
-            import pyarrow.parquet
-
-            rows += pyarrow.parquet.read_metadata(source).num_rows
+            rows += parquet_rows(source)
         elif source.suffix == ".csv" and source.stat().st_size >= LARGE:
             with source.open("rb") as file:
                 rows += sum(block.count(b"\n") for block in iter(lambda: file.read(1 << 20), b""))

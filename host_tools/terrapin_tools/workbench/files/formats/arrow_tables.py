@@ -10,6 +10,7 @@ import numpy as np
 
 from terrapin_hil.reading import shorten
 from terrapin_tools.errors import UserError
+from terrapin_tools.parquet_files import batches, opened
 from terrapin_tools.workbench.files.format import MAX_BYTES, Asked, Column, Format, Part, cells
 
 
@@ -18,10 +19,9 @@ def read(path: Path, asked: Asked, texts: Collection[str]) -> list[Part]:
     import pyarrow.ipc
 
     if path.suffix.lower() == ".parquet":
-        import pyarrow.parquet
-
-        with pyarrow.parquet.ParquetFile(path) as file:
-            return [_part(path, file.read())]
+        with opened(path) as file:
+            parts = list(batches(path, file))
+            return [_part(path, pyarrow.Table.from_batches(parts) if parts else file.schema_arrow.empty_table())]
     with path.open("rb") as stream:
         stream.seek(0)
         old = stream.read(4) == b"FEA1"
@@ -30,12 +30,12 @@ def read(path: Path, asked: Asked, texts: Collection[str]) -> list[Part]:
             raise UserError(f"{path.name}: is a Feather file of version 1, expected version 2")
         try:
             reader = pyarrow.ipc.open_file(stream)
-            batches = (reader.get_batch(i) for i in range(reader.num_record_batches))
+            pieces = (reader.get_batch(i) for i in range(reader.num_record_batches))
         except pyarrow.ArrowInvalid:
             stream.seek(0)
-            batches = reader = pyarrow.ipc.open_stream(stream)
+            pieces = reader = pyarrow.ipc.open_stream(stream)
         taken, size = [], 0
-        for batch in batches:
+        for batch in pieces:
             taken.append(batch)
             size += batch.nbytes
             if size > MAX_BYTES:

@@ -1,0 +1,118 @@
+"""What a file may unpack to, and what reading it may take: some kB can hold gigabytes, or blocks that never end.
+
+    check(path, unpacked)                before anything is unpacked, by what the file states
+    with bounded(path): ...              a limit of memory and of processor time for a library that reads the file
+    for part in each(path, parts): ...   the same for every step of a reader, not for what is done with its parts
+
+docs/logs.md states the limits.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import TypeVar
+
+try:
+    import resource
+except ImportError:  # Windows: no limit of memory there
+    resource = None  # type: ignore[assignment]
+
+from terrapin_tools.errors import UserError
+
+__all__ = ["LEAST", "MEMORY", "TIMES", "bounded", "check", "each", "most"]
+
+# The tightest log of this controller that we know is an idle one: 8 times as BLF, 6 as MCAP. Zeros make 1000 (deflate)
+# to 30,000 (zstd).
+TIMES = 50  # a file may unpack to so many times its size,
+LEAST = 16 << 20  # or to so many bytes, whichever is more
+MEMORY = 600 << 20  # bytes that a library may take for a file, and GROWTH for each of its bytes
+GROWTH = 32
+SECONDS = 8.0  # of the processor for one step, and one more for each PACE bytes of the file
+PACE = 2e6
+
+T = TypeVar("T")
+
+
+def most(size: int, times: int = TIMES) -> int:
+    """The bytes that a file of `size` bytes may unpack to."""
+    return max(LEAST, times * size)
+
+
+def check(path: Path, unpacked: int, times: int = TIMES) -> None:
+    """UserError when a file that states (or was counted to hold) `unpacked` bytes may not."""
+    size = path.stat().st_size
+    if unpacked > most(size, times):
+        found = f"{unpacked / 1e6:.0f} MB or more in {max(1, size // 1000)} kB"
+        raise UserError(f"{path}: unpacks to {found}, expected at most {times} times its size or {LEAST >> 20} MiB")
+
+
+class _TooLong(BaseException):
+    """The time is over: no Exception, which libraries catch."""
+
+
+@contextmanager
+def bounded(path: Path) -> Iterator[None]:
+    """Limits of memory (this process may not ask for more) and of processor time. UserError where one is met."""
+    size = path.stat().st_size
+    seconds = SECONDS + size / PACE
+    try:
+        with _memory(MEMORY + GROWTH * size), _time(seconds):
+            yield
+    except MemoryError:
+        raise UserError(f"{path}: takes more than {(MEMORY + GROWTH * size) >> 20} MiB to read") from None
+    except _TooLong:
+        raise UserError(f"{path}: found no end of it in {seconds:.0f} s of the processor") from None
+
+
+def each(path: Path, parts: Iterable[T]) -> Iterator[T]:
+    """What a reader of a file yields, each step `bounded`."""
+    steps = iter(parts)
+    while True:
+        with bounded(path):
+            try:
+                part = next(steps)
+            except StopIteration:
+                return
+        yield part
+
+
+@contextmanager
+def _memory(more: int) -> Iterator[None]:
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
+    except (OSError, ValueError, IndexError):  # no Linux
+        yield
+        return
+    limit = pages * resource.getpagesize() + more
+    before, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    if before != resource.RLIM_INFINITY and before <= limit:
+        yield
+        return
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (before, hard))
+
+
+@contextmanager
+def _time(seconds: float) -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+        yield  # only the main thread is told of signals
+        return
+
+    def over(number: int, frame: FrameType | None) -> None:
+        raise _TooLong
+
+    before = signal.signal(signal.SIGVTALRM, over)
+    signal.setitimer(signal.ITIMER_VIRTUAL, seconds, 1.0)  # and again, where a library swallowed it
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
+        signal.signal(signal.SIGVTALRM, before)

@@ -1,0 +1,124 @@
+"""`terrapin` commands in forks of this process, which has imported everything: some ms each, measured and bounded."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import resource
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+__all__ = ["Outcome", "run", "together"]
+
+SECONDS = 30  # of the processor; then the command is killed
+WALL = 240.0  # s
+WARM = (
+    *(f"terrapin_tools.commands.{name}" for name in ("add", "batch", "case", "compare", "log", "report", "run")),
+    "can", "cantools", "asammdf", "mcap.stream_reader", "pyarrow.parquet", "pyarrow.csv", "zstandard", "lz4.frame",
+    "terrapin_hil.run.run", "terrapin_tools.batch.batch", "terrapin_tools.logs.info", "terrapin_tools.logs.packed",
+    "terrapin_tools.logs.mf4_blocks", "terrapin_tools.parquet_files", "terrapin_tools.command_line",
+    "terrapin_tools.workbench.story.page", "terrapin_tools.workbench.discover.discovery", "tomlkit",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command did: its exit status (negative: the signal that ended it), words, cost."""
+
+    status: int
+    out: str
+    err: str
+    seconds: float  # of the processor
+    memory: int  # bytes, at most at any time
+
+    def wrong(self, memory: int = 1 << 30, seconds: float = 10.0) -> str:
+        """What is wrong with it for a command that was given something damaged; "" when nothing is."""
+        if "Traceback" in self.err or "Exception ignored" in self.err:
+            return "a traceback"
+        if self.status not in (0, 1, 2):
+            return f"status {self.status}"
+        if self.status and not (self.err.startswith("terrapin: ") and self.err.count("\n") == 1):
+            return f"{self.err.count(chr(10))} lines"
+        if self.memory > memory:
+            return f"{self.memory >> 20} MiB"
+        return f"{self.seconds:.1f} s" if self.seconds > seconds else ""
+
+
+def run(arguments: Sequence[object], folder: Path, file_size: int | None = None) -> Outcome:
+    """One command in `folder`; `file_size`: no file may grow beyond [bytes], as on a full disk."""
+    return together([arguments], folder, file_size)[0]
+
+
+def together(commands: Sequence[Sequence[object]], folder: Path, file_size: int | None = None) -> list[Outcome]:
+    """Commands that are started at the same moment."""
+    for name in WARM:
+        importlib.import_module(name)
+    with ExitStack() as open_files:
+        begun = []
+        for arguments in commands:
+            out, err = (open_files.enter_context(tempfile.TemporaryFile()) for _ in range(2))
+            sys.stdout.flush()
+            sys.stderr.flush()
+            pid = os.fork()
+            if pid == 0:
+                _child([str(a) for a in arguments], folder, out.fileno(), err.fileno(), file_size)
+            begun.append((pid, out, err))
+        until = time.monotonic() + WALL
+        return [_ended(pid, out, err, until) for pid, out, err in begun]
+
+
+def _ended(pid: int, out: IO[bytes], err: IO[bytes], until: float) -> Outcome:
+    while True:
+        done, status, used = os.wait4(pid, os.WNOHANG)
+        if done:
+            break
+        if time.monotonic() > until:
+            os.killpg(pid, signal.SIGKILL)
+        time.sleep(0.005)
+    words = []
+    for file in (out, err):
+        file.seek(0)
+        words.append(file.read(1 << 20).decode("utf-8", "replace"))
+    cpu = used.ru_utime + used.ru_stime
+    return Outcome(os.waitstatus_to_exitcode(status), words[0], words[1], cpu, used.ru_maxrss << 10)
+
+
+def _child(arguments: list[str], folder: Path, out: int, err: int, file_size: int | None) -> None:
+    status = 70
+    try:
+        os.setsid()
+        os.chdir(folder)
+        nothing = os.open(os.devnull, os.O_RDONLY)
+        for number, handle in enumerate((nothing, out, err)):
+            os.dup2(handle, number)
+        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        if file_size is not None:
+            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+            resource.setrlimit(resource.RLIMIT_FSIZE, (file_size, file_size))
+        sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+        sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+        sys.argv = ["terrapin", *arguments]
+        from terrapin_tools.cli import main
+
+        try:
+            main()
+        except SystemExit as stop:
+            status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        try:
+            sys.stdout.flush()
+            sys.stderr.flush()
+        except OSError:
+            pass
+        os._exit(status)
