@@ -62,7 +62,7 @@ def is_log(path: Path) -> bool:
     try:
         with path.open("rb") as file:
             return _kind(path, file.read(HEAD)) is not None
-    except OSError:
+    except (OSError, ValueError):  # a name that no file can have
         return False
 
 
