@@ -24,6 +24,7 @@ from terrapin_interface.robot import DEFAULT, ROBOTS, Robot, RobotError, find_ro
 
 __all__ = ["DEFAULT", "Robot", "cylinder", "robot_words", "select", "selected"]
 
+SOURCES = {".c", ".h", ".py", ".toml", ".cmake"}
 PROGRAMS = ("cmake", "ninja", "cc")  # that build a controller for this machine
 
 
@@ -97,7 +98,21 @@ def _lack(robot: Robot) -> str:
             return "no controller is built for this robot"
         if text != wanted:
             return f"the controller was built from another {file}"
-    return "" if (built / "libterrapin.so").is_file() else "no controller is built for this robot"
+    library = built / "libterrapin.so"
+    if not library.is_file():
+        return "no controller is built for this robot"
+    sources = paths.firmware_sources() if robot.name != DEFAULT else None  # the default one's is `make setup`'s
+    changed = sources is not None and _changed_since(library, sources / "firmware")
+    return "the controller was built from older sources" if changed else ""
+
+
+def _changed_since(library: Path, firmware: Path) -> bool:
+    """A source of the firmware or of its interface is newer than the library."""
+    built = library.stat().st_mtime_ns
+    return any(
+        file.suffix in SOURCES and ROBOTS.name not in file.parts and file.stat().st_mtime_ns > built
+        for file in firmware.rglob("*.*")
+    )
 
 
 def _environment() -> dict[str, str]:
@@ -132,4 +147,5 @@ def _build(name: str, file: Path, sources: Path) -> None:
                 lines = [line.strip() for line in done.stdout.splitlines() if line.strip()] or ["it says nothing"]
                 first = next((line for line in lines if "error" in line.lower()), lines[-1])
                 raise UserError(f"{name}: its controller cannot be built: {first}; all of it: {log}", status=1)
+        (place / "libterrapin.so").touch()  # newer than every source, also where none of it had to be made again
         print(f"done in {time.monotonic() - began:.0f} s", file=sys.stderr)

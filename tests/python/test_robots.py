@@ -21,7 +21,7 @@ from terrapin_hil.errors import UserError
 from terrapin_hil.paths import ROBOT_VARIABLE, SCENARIOS
 from terrapin_hil.reading import ReadingError
 from terrapin_hil.robot.plant import Robot as Plant
-from terrapin_hil.robots import Robot, _build, select, selected
+from terrapin_hil.robots import Robot, _build, _changed_since, select, selected
 from terrapin_hil.run.run import run
 from terrapin_hil.scenario.scenario import Scenario, load_scenario
 from terrapin_interface.description import load
@@ -463,6 +463,20 @@ def test_a_build_that_is_interrupted_leaves_no_library_of_an_older_file(
     with pytest.raises(KeyboardInterrupt):
         _build("own", tmp_path / "own.toml", tmp_path)
     assert not (place / "libterrapin.so").exists()
+
+
+def test_a_controller_of_older_sources_is_built_again(tmp_path: Path) -> None:
+    firmware, library = tmp_path / "firmware", tmp_path / "libterrapin.so"
+    (firmware / "core").mkdir(parents=True)
+    (firmware / "robots").mkdir()
+    library.write_bytes(b"")
+    for name, newer in (("core/step.c", True), ("core/notes.md", False), ("robots/sphere.toml", False)):
+        file = firmware / name
+        file.write_text("")
+        assert not _changed_since(library, firmware) or newer
+        os.utime(file, ns=(library.stat().st_mtime_ns + 10**9,) * 2)
+        assert _changed_since(library, firmware) == newer
+        file.unlink()
 
 
 def test_an_encoder_that_the_current_limit_hides_is_noted(tmp_path: Path) -> None:
