@@ -130,7 +130,7 @@ def _signals(path: Path, decoder: Decoder | None, period: str, to: Path) -> int:
     import pyarrow.csv
     import pyarrow.parquet
 
-    from terrapin_tools.logs.resample import signals_on_grid
+    from terrapin_tools.logs.resample import as_arrow, signals_on_grid
     from terrapin_tools.workbench.files import units
 
     if decoder is None:
@@ -145,11 +145,10 @@ def _signals(path: Path, decoder: Decoder | None, period: str, to: Path) -> int:
     if not grid > 0:
         raise UserError(f"--period: found {period!r}, expected more than 0")
     columns = signals_on_grid(path, decoder, float(grid))
-    arrow = pyarrow.table(columns)
     if to.suffix.lower() == ".csv":
-        pyarrow.csv.write_csv(arrow, to, pyarrow.csv.WriteOptions(quoting_style="none"))
+        pyarrow.csv.write_csv(pyarrow.table(columns), to, pyarrow.csv.WriteOptions(quoting_style="none"))
     else:
-        pyarrow.parquet.write_table(arrow, to)
+        pyarrow.parquet.write_table(as_arrow(columns, decoder), to)
     return len(columns["time"])
 
 

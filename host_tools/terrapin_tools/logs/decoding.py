@@ -6,7 +6,7 @@ decoder.decode(frames)["GROUND"].signals["torque"]      physical values, one a f
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from terrapin_hil.arrays import Array, Index
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.frames import EXTENDED, Frames
 
-__all__ = ["Decoded", "Decoder"]
+__all__ = ["Decoded", "Decoder", "Described"]
 
 
 EXPECTED = "a DBC file (or ARXML, KCD, SYM)"
@@ -31,6 +31,23 @@ class Decoded:
     rows: Index  # of the frames that were decoded
     times: Array
     signals: dict[str, Array]
+
+
+@dataclass(frozen=True)
+class Described:
+    """What the description says of a signal: unit, meaning, and words for its values ("" and none where it says
+    nothing)."""
+
+    name: str
+    unit: str
+    comment: str
+    words: Mapping[int, str]  # raw value -> word
+    flag: bool  # one bit that is 0 or 1
+
+    @property
+    def text(self) -> str:
+        """Meaning and unit in a line."""
+        return " ".join(part for part in (f"[{self.unit}]" if self.unit else "", self.comment) if part)
 
 
 class Decoder:
@@ -58,6 +75,11 @@ class Decoder:
         found = next(m for m in self.messages.values() if m.name == message)
         return [(signal.name, signal.unit or "") for signal in found.signals]
 
+    def described(self, message: str) -> list[Described]:
+        """The signals of a message, by its name."""
+        found = next(m for m in self.messages.values() if m.name == message)
+        return [_described(signal) for signal in found.signals]
+
     def decode(self, frames: Frames) -> dict[str, Decoded]:
         """Message -> its signals, for those that the DBC knows and the log has. Remote and error frames are not
         decoded, nor frames too short for any signal."""
@@ -70,6 +92,13 @@ class Decoder:
                 signals = dict(_signals(message, frames.data[rows], frames.lengths[rows]))
                 found[str(message.name)] = Decoded(rows, frames.times[rows], signals)
         return found
+
+
+def _described(signal: Any) -> Described:
+    plain = float(signal.scale) == 1.0 and float(signal.offset) == 0.0 and not signal.is_float
+    words = {int(value): str(word) for value, word in (signal.choices or {}).items()} if plain else {}
+    flag = plain and not words and int(signal.length) == 1 and not signal.is_signed
+    return Described(str(signal.name), signal.unit or "", " ".join((signal.comment or "").split()), words, flag)
 
 
 def _load(path: Path) -> Any:

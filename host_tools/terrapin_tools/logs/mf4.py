@@ -15,6 +15,8 @@ from typing import Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
+from terrapin_hil.arrays import Array
+from terrapin_tools.logs.decoding import Decoded, Decoder, Described
 from terrapin_tools.logs.frames import EXTENDED, FD, SENT, Frames
 
 __all__ = ["GrowingMf4", "WholeMf4"]
@@ -73,9 +75,10 @@ def _as_wide(data: npt.NDArray[np.uint8], width: int) -> npt.NDArray[np.uint8]:
 
 
 class WholeMf4:
-    """Compressed, and whole when it is closed. Remote and error frames are left out."""
+    """Compressed, and whole when it is closed. Remote and error frames are left out. With a `decoder` it has its
+    description attached, and a group of channels for each message: its signals with unit, comment and words."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, decoder: Decoder | None = None) -> None:
         from asammdf import MDF
 
         with path.open("wb"):
@@ -83,6 +86,8 @@ class WholeMf4:
         self._path = path
         self._mdf: Any = MDF(version="4.10")
         self._start: float | None = None
+        self._decoder = decoder
+        self._decoded: dict[str, list[Decoded]] = {}
 
     def write(self, frames: Frames) -> None:
         frames = frames.data_frames
@@ -93,13 +98,41 @@ class WholeMf4:
             self._start = _begin(self._mdf, frames, samples)
         else:
             self._mdf.extend(0, [(frames.times - self._start, None), (samples, None)])
+        for message, table in (self._decoder.decode(frames) if self._decoder else {}).items():
+            self._decoded.setdefault(message, []).append(table)
 
     def flush(self) -> None:
         pass  # not before close
 
+    def _describe(self, decoder: Decoder) -> None:
+        self._mdf.attach(decoder.path.read_bytes(), decoder.path.name, mime="text/plain")
+        for message, tables in self._decoded.items():
+            times = np.concatenate([table.times for table in tables]) - (self._start or 0.0)
+            signals = [
+                _signal(one, times, np.concatenate([table.signals[one.name] for table in tables]))
+                for one in decoder.described(message)
+            ]
+            self._mdf.append(signals, acq_name=message, comment=message, common_timebase=True)
+
     def close(self) -> None:
+        if self._decoder is not None:
+            self._describe(self._decoder)
         self._mdf.save(self._path, overwrite=True, compression=2)
         self._mdf.close()
+
+
+def _signal(one: Described, times: Array, values: Array) -> Any:
+    """A channel; words for values as a conversion, so that the raw number stays."""
+    from asammdf import Signal
+
+    conversion: dict[str, Any] | None = None
+    if one.words:
+        conversion = {"default_addr": b""}
+        for place, (value, word) in enumerate(sorted(one.words.items())):
+            conversion |= {f"val_{place}": value, f"text_{place}": word.encode()}
+    whole = (one.words or one.flag) and not np.isnan(values).any()
+    samples = values.astype(np.int32) if whole else values
+    return Signal(samples, times, name=one.name, unit=one.unit, comment=one.comment, conversion=conversion)
 
 
 def _begin(mdf: Any, frames: Frames, samples: npt.NDArray[Any]) -> float:

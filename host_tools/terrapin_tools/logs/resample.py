@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.logs.decoding import Decoder
 from terrapin_tools.logs.reading import LogReader
 
-__all__ = ["signals_on_grid"]
+__all__ = ["as_arrow", "signals_on_grid"]
 
 
 DISORDER = 1.0  # s by which frames of several channels may be out of order
@@ -100,3 +101,37 @@ def _names(
         for name, numbers in on.items()
         for number in numbers
     }
+
+
+def as_arrow(columns: dict[str, Array], decoder: Decoder) -> Any:
+    """The columns of `signals_on_grid` as a pyarrow.Table with the description in its metadata (`dbc`). Metadata of a
+    column: `unit`, `description`. A signal with words for its values has a column NAME_word beside its numbers."""
+    import pyarrow
+
+    fields, arrays = [pyarrow.field("time", pyarrow.float64(), metadata={"unit": "s"})], [columns["time"]]
+    known = {message: {one.name: one for one in decoder.described(message)} for message in _messages(columns)}
+    for name, values in columns.items():
+        message, _, signal = name.partition(".")
+        if not signal:
+            continue
+        one = known[message.rpartition(":")[2]][signal]
+        said = {"unit": one.unit, "description": one.comment}
+        metadata = {key: text for key, text in said.items() if text}
+        fields.append(pyarrow.field(name, pyarrow.float64(), metadata=metadata or None))
+        arrays.append(values)
+        if one.words:
+            index = {value: place for place, value in enumerate(sorted(one.words))}
+            places = [index.get(int(value)) if value == value else None for value in values.tolist()]
+            texts = pyarrow.array([one.words[value] for value in sorted(one.words)])
+            column = pyarrow.DictionaryArray.from_arrays(pyarrow.array(places, pyarrow.int32()), texts)
+            fields.append(pyarrow.field(f"{name}_word", column.type, metadata=metadata or None))
+            arrays.append(column)
+    schema = pyarrow.schema(fields, {"dbc": decoder.path.read_bytes()})
+    return pyarrow.Table.from_arrays(
+        [pyarrow.array(a) if isinstance(a, np.ndarray) else a for a in arrays], schema=schema
+    )
+
+
+def _messages(columns: Collection[str]) -> set[str]:
+    """Without the bus before them: `can1:GROUND.torque`."""
+    return {name.partition(".")[0].rpartition(":")[2] for name in columns if "." in name}

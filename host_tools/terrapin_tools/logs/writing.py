@@ -20,7 +20,7 @@ import numpy as np
 
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.candump import line
-from terrapin_tools.logs.decoding import Decoder
+from terrapin_tools.logs.decoding import Decoder, Described
 from terrapin_tools.logs.formats.mcap import RAW_TOPIC
 from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, writing
 from terrapin_tools.logs.mf4 import GrowingMf4, WholeMf4
@@ -39,17 +39,18 @@ class _Writer(Protocol):
 
 
 class LogWriter(AbstractContextManager["LogWriter"]):
-    """A log file, by its suffix. `decoder` adds a topic a message with its signals (MCAP only); `growing`: readable up
-    to the last flush even if it is never closed. UserError (status 1) when it cannot be written."""
+    """A log file, by its suffix. `decoder` adds what the frames mean: its description is in the file (MCAP, whole MF4,
+    Parquet), and the signals by name, with units, comments and words for values (MCAP, whole MF4). `growing`: readable
+    up to the last flush even if it is never closed. UserError (status 1) when it cannot be written."""
 
     def __init__(self, path: Path, decoder: Decoder | None = None, growing: bool = False) -> None:
         kinds: Mapping[str, Any] = {
             ".log": lambda: _Candump(path),
             ".blf": lambda: _PythonCan(path),
             ".asc": lambda: _PythonCan(path),
-            ".mf4": lambda: GrowingMf4(path) if growing else WholeMf4(path),
+            ".mf4": lambda: GrowingMf4(path) if growing else WholeMf4(path, decoder),
             ".mcap": lambda: _Mcap(path, decoder, growing),
-            ".parquet": lambda: _Parquet(path),
+            ".parquet": lambda: _Parquet(path, decoder),
         }
         kind = path.suffix.lower()
         if kind not in kinds:
@@ -170,13 +171,16 @@ class _Mcap:
         self._writer.start(profile="", library="terrapin")
         self._raw = self._channel(RAW_TOPIC, _RAW_SCHEMA)
         self._decoder = decoder
+        if decoder is not None:
+            self._writer.add_attachment(0, 0, decoder.path.name, "text/plain", decoder.path.read_bytes())
         self._topics: dict[str, int] = {}
+        self._whole: dict[str, dict[str, type]] = {}  # message -> signals that are no floats
         self._events: int | None = None
 
-    def _channel(self, topic: str, schema: Mapping[str, Any]) -> int:
+    def _channel(self, topic: str, schema: Mapping[str, Any], metadata: Mapping[str, str] | None = None) -> int:
         name = str(schema["title"])
         number = self._writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
-        return int(self._writer.register_channel(topic, "json", number))
+        return int(self._writer.register_channel(topic, "json", number, dict(metadata or {})))
 
     def _put(self, channel: int, time: float, value: Mapping[str, Any]) -> None:
         stamp = round(time * 1e9)
@@ -203,14 +207,18 @@ class _Mcap:
             self._put(self._raw, time, value)
             found = decoded[row]
             if found is not None:
-                self._put(self._topic(found[0]), time, found[1])
+                topic, kinds = self._topic(found[0]), self._whole[found[0]]
+                self._put(topic, time, {name: kinds.get(name, float)(value) for name, value in found[1].items()})
 
     def _topic(self, message: str) -> int:
         if message not in self._topics:
             assert self._decoder is not None
-            properties = {name: {"type": "number", "description": unit} for name, unit in self._decoder.units(message)}
+            signals = self._decoder.described(message)
+            properties = {signal.name: _property(signal) for signal in signals}
             schema = {"type": "object", "title": message, "properties": properties}
-            self._topics[message] = self._channel(f"/{message}", schema)
+            units = {f"unit.{signal.name}": signal.unit for signal in signals if signal.unit}
+            self._topics[message] = self._channel(f"/{message}", schema, units)
+            self._whole[message] = {s.name: bool if s.flag else int for s in signals if s.flag or s.words}
         return self._topics[message]
 
     def flush(self) -> None:
@@ -221,8 +229,18 @@ class _Mcap:
         self._file.close()
 
 
+def _property(signal: Described) -> dict[str, Any]:
+    """A signal in a JSON schema; words for values as Foxglove reads them: `oneOf` with `const` and `title`."""
+    if signal.flag:
+        return {"type": "boolean", "description": signal.text}
+    if signal.words:
+        words = [{"title": word, "const": value} for value, word in sorted(signal.words.items())]
+        return {"type": "integer", "oneOf": words, "description": signal.text}
+    return {"type": "number", "description": signal.text}
+
+
 class _Parquet:
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, decoder: Decoder | None) -> None:
         import pyarrow.parquet
 
         self._arrow = pyarrow
@@ -233,7 +251,8 @@ class _Parquet:
                 ("data", pyarrow.binary()),
                 ("flags", pyarrow.uint8()),
                 ("bus", pyarrow.uint8()),
-            ]
+            ],
+            {"unit.time": "s", **({"dbc": decoder.path.read_bytes()} if decoder is not None else {})},
         )
         self._writer = pyarrow.parquet.ParquetWriter(path, self._schema)
 
