@@ -182,10 +182,15 @@ class Runner:
         (self.folder / "build" / "host").symlink_to(build())
         (self.folder / "out").mkdir()
         self.here = self.folder
+        offered = self.folder / ".offered"  # to python-can and pytest, as `make setup` writes it
+        offered.mkdir()
+        link = [sys.executable, str(ROOT / "tests/setup/link_project.py"), str(offered), str(offered)]
+        subprocess.run(link, check=True)
         path = [str(Path(sys.executable).parent), str(build()), os.environ["PATH"]]
         self.environment = {
             **os.environ,
             "PATH": os.pathsep.join(path),
+            "PYTHONPATH": str(offered),
             "BROWSER": "true",  # a page that is opened is opened by nobody
             "XDG_CONFIG_HOME": str(self.folder / ".config"),
         }

@@ -32,28 +32,6 @@ make_environment() {
     quietly venv "$python" -m venv --clear .venv || exit 1
 }
 
-# link_project: the packages of this tree become importable through a static .pth, which editors and type checkers follow,
-# `terrapin` a command, and the version known. A wheel is what others install (docs/install.md).
-link_project() {
-    .venv/bin/python - <<'END'
-import os, sys, sysconfig, tomllib
-from pathlib import Path
-
-project = tomllib.loads(Path("pyproject.toml").read_text())["project"]
-site = Path(sysconfig.get_path("purelib"))
-folders = [str(Path.cwd() / name) for name in ("hil", "host_tools", "firmware")]
-Path(site, "terrapin.pth").write_text("\n".join(folders) + "\n")
-command = Path(sysconfig.get_path("scripts"), "terrapin")
-command.write_text(f"#!{sys.executable}\nfrom terrapin_tools.cli import main\n\nmain()\n")
-command.chmod(0o755)
-about = Path(site, f"{project['name'].replace('-', '_')}-{project['version']}.dist-info")
-about.mkdir(exist_ok=True)
-(about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
-files = [site / "terrapin.pth", command, about / "METADATA", about / "RECORD"]  # so that pip can replace it by a wheel
-(about / "RECORD").write_text("".join(f"{os.path.relpath(path, site)},,\n" for path in files))
-END
-}
-
 # Bytecode of the packages that `terrapin run` imports, a second's work: where Python may not write any, a start would take
 # twice as long. The rest of some 170 packages waits for its first import.
 compile_used() {
@@ -78,7 +56,7 @@ install_python() {
     fi
     say "installing $(grep -c '^[A-Za-z].*==' "$lock") Python packages of $lock (about a minute)"
     quietly pip .venv/bin/python -m pip install --no-deps --no-compile --require-hashes -r "$lock" || exit 1
-    link_project
+    .venv/bin/python tests/setup/link_project.py
     printf '%s' "$stamp" >"$done"
 }
 
