@@ -172,6 +172,15 @@ class Simulation:
         self.done = 0
         self._disturbance = Disturbance(scenario.faults, scenario.seed)
 
+    @property
+    def ticks(self) -> int:
+        """Done since the start."""
+        return self.done
+
+    def rows(self, begin: int, end: int) -> npt.NDArray[Any]:
+        """Records of the ticks from `begin` up to `end`."""
+        return self.records[begin:end]
+
     def run(self, step: int, state: int, ticks: int) -> None:
         """`ticks` ticks with the controller at the address `step` and its state at `state`."""
         function = self._ffi.cast("hil_step", step)
@@ -202,6 +211,11 @@ class Simulation:
         """Column of the truth -> one value for each tick that was done."""
         return {name: self.records["truth"][: self.done, i] for i, name in enumerate(TRUTH)}
 
+    def answers(self, tick: int) -> list[Frame]:
+        """What the controller said in a tick that the records hold."""
+        row = self._rows[tick - (self.ticks - self.done)]
+        return [(f.id, self._ffi.buffer(f.data, f.length)[:]) for f in row.answer[0 : row.answer_count]]
+
     def sense(self) -> list[Frame]:
         """Frames for the controller at this tick; none while a fault silences the link."""
         row = self._rows[self.done]
@@ -211,7 +225,7 @@ class Simulation:
         for i in range(row.host_count):
             frame = row.host[i]
             frames.append((frame.id, bytes(frame.data[0 : frame.length])))
-        return self._disturbance.apply(self.done, frames) if self.disturbed else frames
+        return self._disturbance.apply(self.ticks, frames) if self.disturbed else frames
 
     @property
     def disturbed(self) -> bool:

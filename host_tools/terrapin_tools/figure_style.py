@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-__all__ = ["PANELS", "picture"]
+__all__ = ["PANELS", "STYLE", "picture"]
 
 STYLE: Any = {  # of the keys that Matplotlib knows
     "axes.spines.top": False,

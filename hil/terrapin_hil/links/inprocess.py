@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from terrapin_hil.errors import UserError
 from terrapin_hil.firmware import Firmware
 from terrapin_hil.links.link import Link, LinkError
 from terrapin_hil.links.names import LinkName
@@ -138,6 +139,25 @@ class InProcess(Link):
                 self._stop_kept = stopped
                 self._lib.terrapin_flash_file_set_stopped(self._file, stopped)
         return answers
+
+    def checkpoint(self) -> tuple[Any, ...]:
+        """The controller's memory, for `restore` of this object until it is started anew. UserError for one that keeps
+        parameters in a file."""
+        if self._file is not None:
+            raise UserError("checkpoint: the controller keeps its parameters in a file, expected one without")
+        return self._state, [bytes(self._ffi.buffer(memory)) for memory in self._memory()]
+
+    def restore(self, kept: tuple[Any, ...]) -> None:
+        """Back to a `checkpoint`. UserError when the controller was started since."""
+        state, contents = kept
+        if state is not self._state:
+            raise UserError("restore: the controller was started since, expected a checkpoint of the same start")
+        for memory, content in zip(self._memory(), contents, strict=True):
+            self._ffi.memmove(memory, content, len(content))
+
+    def _memory(self) -> list[Any]:
+        state = self._ffi.cast(f"char (*)[{self.firmware.state_size}]", self._state)
+        return [state, self._link, self._inputs, self._outputs, self._identity, self._node]
 
     def close(self) -> None:
         if self._file is not None:

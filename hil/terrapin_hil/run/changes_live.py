@@ -74,16 +74,7 @@ def _tow(robot: Living, text: str) -> str:
 
 
 def _ordered(robot: Living, request: str, control: str, setpoint: float) -> None:
-    config = robot.simulation.config
-    limiter = bool(config.order[max(0, config.order_count - 1)].limiter)
-    config.order_count = 1
-    config.order[0] = {
-        "time": 0.0,
-        "request": REQUESTS[request],
-        "control": CONTROLS[control],
-        "limiter": limiter,
-        "setpoint": max(-32768, min(32767, round(setpoint * 1000))),
-    }
+    robot.simulation.order(request, control, setpoint)
 
 
 def _drive(control: str) -> Callable[[Living, str], str]:

@@ -14,7 +14,6 @@ from __future__ import annotations
 import select
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,72 +21,19 @@ from terrapin_hil.links.inprocess import InProcess
 from terrapin_hil.messages import Frame, interface
 from terrapin_hil.nodes import Node
 from terrapin_hil.run.boot_loader import BootLoader
+from terrapin_hil.run.endless import Endless
 from terrapin_hil.run.ports import Port
 from terrapin_hil.scenario.faults import Fault
 from terrapin_hil.scenario.scenario import Scenario
-from terrapin_hil.scenario.wire_faults import Disturbance
-from terrapin_hil.simulation import TICK, Simulation
+from terrapin_hil.simulation import TICK
 
-__all__ = ["Endless", "Living"]
+__all__ = ["Living"]
 
-ROWS = 1000  # ticks of the log that are kept
 OPERATOR_AWAY = 1.0  # s after the last COMMAND from outside
 AT_ONCE = 20  # ticks between looks at the buses, where the robot is late
 BEHIND = 0.2  # s that it makes up for; more is told as lag
 CONFIRMED = 1.0  # s that an image has to run before it is confirmed
 INTERNAL = ("TEST_MODE", "SENSORS_FAST", "SENSORS_SLOW", "SENSORS_HEADING")  # never taken from outside
-
-
-class Endless(Simulation):
-    """A simulation without an end: of its records the last `ROWS` ticks stay. `config` may be changed between ticks."""
-
-    def __init__(self, scenario: Scenario) -> None:
-        super().__init__(replace(scenario, duration=ROWS * TICK))
-        self.ticks = 0  # done since the start
-
-    @property
-    def config(self) -> Any:
-        """hil_config, as the compiled simulator reads it at each tick."""
-        return self._simulator.config
-
-    @property
-    def time(self) -> float:
-        """[s] since the start."""
-        return self.ticks * TICK
-
-    def _turn(self) -> None:
-        self.ticks += 1
-        if self.done == len(self.records):
-            self.done = 0
-
-    def sense(self) -> list[Frame]:
-        row, wire = self.done, self._disturbance
-        try:
-            if self.disturbed:
-                self._disturbance = Disturbance((), 0)  # its clock is the row; ours goes on
-            frames = super().sense()
-        finally:
-            self.done, self._disturbance = row, wire
-        return wire.apply(self.ticks, frames) if wire.faults else frames
-
-    def answer(self, frames: Any) -> None:
-        super().answer(frames)
-        self._turn()
-
-    def coast(self) -> None:
-        """A tick without a controller: the bridge is open."""
-        self.drive(None, 1)
-        self._turn()
-
-    def set_faults(self, faults: Sequence[Fault]) -> None:
-        """These in place of all others. ValueError when there are too many."""
-        there = self.config.faults
-        if len(faults) > len(there.fault):
-            raise ValueError(f"found {len(faults)} faults, expected at most {len(there.fault)}")
-        there.count = 0
-        for fault in faults:
-            self.set_fault(fault)
-        self._disturbance = Disturbance(faults, self.scenario.seed)
 
 
 class Living:

@@ -20,17 +20,17 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from terrapin_hil.arrays import Array
-from terrapin_hil.errors import UserError
 from terrapin_hil.links import LinkName, open_link
 from terrapin_hil.links.link import Link
 from terrapin_hil.messages import Interface, interface
 from terrapin_hil.robot.truth import TRUTH
+from terrapin_hil.run.lockstep import DivergedError, Lockstep, Observer
 from terrapin_hil.run.reaction import reaction
 from terrapin_hil.scenario.checks import CheckError, Outcome
 from terrapin_hil.scenario.faults import Provocation
@@ -43,17 +43,6 @@ __all__ = ["DivergedError", "Observer", "Result", "Timing", "run"]
 
 CHUNK = 500  # ticks between looks at progress, log and Ctrl-C
 LIVE_CHUNK = 33  # the same in real time, where somebody may be watching
-
-
-class DivergedError(UserError):
-    """The simulated robot moves in a way that the plant cannot follow."""
-
-
-class Observer(Protocol):
-    """Sees the log as it grows."""
-
-    def write(self, records: npt.NDArray[Any]) -> None:
-        """The next rows of the log, in order."""
 
 
 @dataclass(frozen=True)
@@ -165,27 +154,14 @@ class _Signals(Mapping[str, Array]):
         return len(self._names)
 
 
-def _require_motion(simulation: Simulation) -> None:
-    """DivergedError when the plant's numbers have run away; once they have, they stay so."""
-    truth = simulation.records["truth"]
-    if np.all(np.isfinite(truth[simulation.done - 1])):
-        return
-    tick = int(np.flatnonzero(~np.isfinite(truth[: simulation.done]).all(axis=1))[0])
-    raise DivergedError(
-        f"{simulation.scenario.name}: the simulated motion has no finite value at {tick * TICK:.3f} s: "
-        "robot or effects are beyond what steps of 1 ms can follow",
-        status=1,
-    )
-
-
-def _real_time(link: Link, simulation: Simulation, ticks: int, start: float, late: list[float]) -> None:
+def _real_time(run: Lockstep, ticks: int, start: float, late: list[float]) -> None:
     for _ in range(ticks):
-        due = start + simulation.done * TICK
+        due = start + run.simulation.done * TICK
         wait = due - time.monotonic()
         if wait > 0:
             time.sleep(wait)
         late.append(time.monotonic() - due)
-        link.advance(simulation, 1)
+        run.advance(1)
 
 
 def run(
@@ -203,38 +179,24 @@ def run(
     CheckError, EffectError, DivergedError.
     """
     values = {**scenario.firmware, **(parameters or {})}
-    observers = tuple(observers)
     with contextlib.ExitStack() as stack:
         opened = stack.enter_context(open_link(link)) if isinstance(link, str | LinkName) else link
         simulation = Simulation(scenario)
         opened.start(values)
-        begin, late, written = time.monotonic(), list[float](), 0
-
-        def flush(whole: bool = True) -> None:
-            # On a bus a tick's telemetry may come with the next tick's answer: its row is kept back until then.
-            nonlocal written
-            end = simulation.done if whole else max(written, simulation.done - 1)
-            if observers:
-                simulation.write_frames(written)
-            rows = simulation.records[written:end]
-            written = simulation.done  # an observer that fails is not asked again
-            for observer in observers:
-                observer.write(rows)
-            written = end
-
+        begin, late = time.monotonic(), list[float]()
+        lockstep = Lockstep(simulation, opened, observers)
         try:
             while simulation.done < scenario.ticks:
                 ticks = min(LIVE_CHUNK if scenario.real_time else CHUNK, scenario.ticks - simulation.done)
                 if scenario.real_time:
-                    _real_time(opened, simulation, ticks, begin, late)
+                    _real_time(lockstep, ticks, begin, late)
                 else:
-                    opened.advance(simulation, ticks)
-                flush(whole=simulation.done == scenario.ticks)
-                _require_motion(simulation)
+                    lockstep.advance(ticks)
+                lockstep.settle(whole=simulation.done == scenario.ticks)
                 if progress is not None:
                     progress(simulation.done / scenario.ticks)
         except BaseException:
-            flush()
+            lockstep.flush()
             raise
         seconds = time.monotonic() - begin
     timing = Timing(seconds, max(late), float(np.sqrt(np.mean(np.square(late))))) if late else Timing(seconds)

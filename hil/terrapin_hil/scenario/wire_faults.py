@@ -29,6 +29,18 @@ class Disturbance:
         self._counter = 0  # of the last COMMAND that passed unharmed
         assert not set(FOREIGN) & set(self._interface.by_id)
 
+    def checkpoint(self) -> Disturbance:
+        """Its state, for `restored`: apart from this object."""
+        return self.restored(self)
+
+    @classmethod
+    def restored(cls, kept: Disturbance) -> Disturbance:
+        """One in the state of `kept`."""
+        found = cls(kept.faults, 0, kept._interface)
+        found._random.setstate(kept._random.getstate())
+        found._counter = kept._counter
+        return found
+
     def apply(self, tick: int, frames: list[Frame]) -> list[Frame]:
         """The frames of `tick` as they arrive."""
         for fault in self.faults:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json as jsonlib
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from terrapin_tools.command_options import CaseFolder, Jobs, Json, Seed, check_options, deliver
-from terrapin_tools.errors import UserError, about
-from terrapin_tools.workbench.case.changes import OwnEffect, extended, parse_parameter
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.case.changes import OwnEffect, parse_parameter
 
 __all__ = ["add"]
 
@@ -34,18 +34,13 @@ def add(
     terrapin add CASE my_drag --expression "k * omega**3" --parameter "k=0:-1:1:N m s^3/rad^3"
     """
     from terrapin_tools.workbench.case.case import load_case
-    from terrapin_tools.workbench.story.change import carry_out
+    from terrapin_tools.workbench.story.change import carry_out, with_effects
 
     check_options(seed, jobs)
     present = load_case(case)
-    for name in effects:
-        if name in present.effects or effects.count(name) > 1:
-            raise UserError(f"{case / 'case.toml'}: model.effects: {name} is in the model already")
     own = _own_effects(case, effects, expression, target, parameter or [], set(present.library))
-    _check_expressions(own, present)
-    answer, words = carry_out(
-        present, extended(present.text, present.stated, effects, own), "added", list(effects), seed
-    )
+    text = with_effects(present, effects, own, "--expression", "--parameter", "--target")
+    answer, words = carry_out(present, text, "added", list(effects), seed)
     deliver(answer, words, json)
 
 
@@ -84,24 +79,3 @@ def _proposed(case: Path, name: str) -> OwnEffect | None:
         raise UserError(
             f"{file}: {type(error).__name__} {error}, expected the last answer of terrapin discover"
         ) from None
-
-
-def _check_expressions(own: dict[str, OwnEffect], case: Any) -> None:
-    """Complaints about a formula name the option, not a line of a file that is not written."""
-    from terrapin_hil.physics.expression import parse
-    from terrapin_tools.workbench.bases import formula_name
-
-    for effect in (one for one in own.values() if not one.mend):
-        with about("--expression"):
-            names = parse(effect.expression).names
-        known = {*case.inputs, *case.parameters, *case.fit, *effect.parameters, "speed", "bulldozing_resistance"}
-        known |= {formula_name(name) for name in case.base.provides}
-        unknown = sorted(names - known)
-        if unknown:
-            expected = ", ".join(sorted(known))
-            raise UserError(f"--expression: {unknown[0]} is no role, column or parameter, expected one of {expected}")
-        unused = sorted(set(effect.parameters) - names)
-        if unused:
-            raise UserError(f"--parameter: {unused[0]} does not occur in the expression {effect.expression}")
-        if effect.target is not None and effect.target not in case.base.acts_on():
-            raise UserError(f"--target: found {effect.target!r}, expected one of {', '.join(case.base.acts_on())}")

@@ -7,8 +7,6 @@ from typing import Annotated
 import typer
 
 from terrapin_tools.command_options import CaseFolder, Jobs, Json, Seed, check_options, deliver
-from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.case.changes import remove_effect
 
 __all__ = ["remove"]
 
@@ -25,13 +23,10 @@ def remove(
     Example: terrapin remove CASE motor_heating
     """
     from terrapin_tools.workbench.case.case import load_case
-    from terrapin_tools.workbench.story.change import carry_out
+    from terrapin_tools.workbench.story.change import carry_out, without_effect
 
     check_options(seed, jobs)
     present = load_case(case)
-    if effect not in present.effects:
-        found = ", ".join(present.effects) or "none"
-        raise UserError(f"{case / 'case.toml'}: model.effects: {effect} is not in the model, expected one of {found}")
-    answer, words = carry_out(present, remove_effect(present.text, effect), "removed", [effect], seed)
+    answer, words = carry_out(present, without_effect(present, effect), "removed", [effect], seed)
     answer["removed"] = effect
     deliver(answer, words, json)

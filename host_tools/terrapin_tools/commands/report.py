@@ -38,8 +38,7 @@ def report(
     from terrapin_tools.workbench.compare.comparison import analyse
     from terrapin_tools.workbench.discover.discovery import discover as find
     from terrapin_tools.workbench.story.answer import answer, keep, recall
-    from terrapin_tools.workbench.story.page import render
-    from terrapin_tools.workbench.story.plot_data import page_data, previews
+    from terrapin_tools.workbench.story.page import page_of
     from terrapin_tools.workbench.story.told import told
 
     check_options(seed, jobs, level)
@@ -52,9 +51,7 @@ def report(
         analysis = discovery.analysis if discovery else analyse(loaded, seed, level)
     story = replace(told(analysis, discovery or found), seconds=time.monotonic() - begin)
     with step("page"):
-        shown = previews(analysis, story)
-        data = page_data(analysis, story, shown)
-        page = render(story, data, history.history(case), analysis.model.effects, loaded.notes)
+        page = page_of(analysis, story, history.history(case))
     write_whole(output, page)
     if new:
         keep(case, story)

@@ -313,6 +313,31 @@ static bool stands(const hil_body *body) {
     return fabs(body->rate[HIL_X]) < 1e-9 && body->rate[HIL_BETA] == 0.0 && body->rate[HIL_ALPHA] == 0.0;
 }
 
+/* The tick from `start` on [s], in the plant's own steps; the mean torque on the shell at the contact [N m]. */
+static double roll(hil_simulator *simulator, double start) {
+    const hil_config *config = &simulator->config;
+    hil_surroundings *around = &simulator->around;
+    hil_body *body = &simulator->body;
+    const double fastest = larger(fabs(config->robot.radius * body->rate[HIL_BETA]), fabs(body->rate[HIL_X]));
+    const int steps = fastest < config->fine_below ? config->fine_substeps : config->substeps;
+    const double dt = TICK / steps;
+    const bool standing = stands(body) && config->carriage.count == 0;
+    double torque = 0.0;
+    int taken = 0;
+    /* What stands still under constant forces does so in the next step as well: one step then says it for the tick. */
+    while (taken < steps && !(taken == 1 && standing && stands(body))) {
+        around->time = start + taken * dt;
+        around->carried = carried(&config->carriage, around->time + dt);
+        if (around->carried) {
+            around->carriage_speed = profile_at(&config->carriage, around->time + dt);
+        }
+        hil_body_step(&config->robot, &simulator->derived, &config->path, &config->effects, around, dt, body);
+        torque += body->friction[HIL_BETA] + config->robot.radius * body->traction + body->ground_torque;
+        taken++;
+    }
+    return torque / taken;
+}
+
 void hil_act(hil_simulator *simulator, int16_t duty, bool enabled) {
     const hil_config *config = &simulator->config;
     hil_surroundings *around = &simulator->around;
@@ -334,25 +359,13 @@ void hil_act(hil_simulator *simulator, int16_t duty, bool enabled) {
     around->moisture = config->moisture;
     around->tow = config->tow.count > 0 ? profile_at(&config->tow, start) : 0.0;
 
-    const double fastest = larger(fabs(config->robot.radius * body->rate[HIL_BETA]), fabs(body->rate[HIL_X]));
-    const int steps = fastest < config->fine_below ? config->fine_substeps : config->substeps;
-    const double dt = TICK / steps;
-    const bool standing = stands(body) && config->carriage.count == 0;
     const double position = body->position[HIL_X];
-    double torque = 0.0;
-    int taken = 0;
-    /* What stands still under constant forces does so in the next step as well: one step then says it for the tick. */
-    while (taken < steps && !(taken == 1 && standing && stands(body))) {
-        around->time = start + taken * dt;
-        around->carried = carried(&config->carriage, around->time + dt);
-        if (around->carried) {
-            around->carriage_speed = profile_at(&config->carriage, around->time + dt);
-        }
-        hil_body_step(&config->robot, &simulator->derived, &config->path, &config->effects, around, dt, body);
-        torque += body->friction[HIL_BETA] + config->robot.radius * body->traction + body->ground_torque;
-        taken++;
+    if (simulator->plant != NULL) {
+        simulator->plant(simulator->context, enabled ? around->drive.duty * around->drive.supply : 0.0, enabled, body);
+        simulator->contact_torque = body->friction[HIL_BETA];
+    } else {
+        simulator->contact_torque = roll(simulator, start);
     }
-    simulator->contact_torque = torque / taken;
     simulator->supply =
         around->drive.supply - (enabled ? config->supply_resistance * around->drive.duty * body->current : 0.0);
     warm(simulator);

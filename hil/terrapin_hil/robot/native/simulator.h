@@ -112,6 +112,9 @@ typedef struct {
     terrapin_frame answer[TERRAPIN_MAX_FRAMES];
 } hil_record;
 
+/* Moves the body by one tick in the place of hil_body_step; `voltage` is the bridge's mean one [V]. */
+typedef void (*hil_plant)(void *context, double voltage, bool enabled, hil_body *body);
+
 typedef struct {
     hil_config config;
     hil_robot_derived derived;
@@ -130,6 +133,9 @@ typedef struct {
     bool silent; /* no exchange in this tick */
     uint32_t tick;
     uint32_t commands;
+    hil_plant plant; /* of the caller's own, or NULL; it says motion, current and the contact torque, which stands in
+                      * friction[HIL_BETA]. Sensors, faults, operator and winding are ours as ever. */
+    void *context;
 } hil_simulator;
 
 typedef void (*hil_step)(void *state, const terrapin_inputs *inputs, terrapin_outputs *outputs);

@@ -179,7 +179,6 @@ def check_expression(
     """Whether an effect of one's own is sound: what `terrapin add --expression` would say, without adding it."""
     from terrapin_hil.physics.expression import parse
     from terrapin_tools.workbench.bases import formula_name
-    from terrapin_tools.workbench.case.case import parse_case
     from terrapin_tools.workbench.case.changes import OwnEffect, OwnParameter, add_effects
     from terrapin_tools.workbench.story.formulas import from_expression
 
@@ -218,7 +217,7 @@ def check_expression(
     while name in case.library:
         name += "_"
     try:
-        larger = parse_case(case.folder, add_effects(case.text, [name], {name: OwnEffect(expression, target, own)}))
+        larger = case.changed(add_effects(case.text, [name], {name: OwnEffect(expression, target, own)}))
     except UserError as error:
         return answer(False, _plain(error), mathml=mathml, names=sorted(parsed.names))
     units = {p.name: p.unit or "1" for p in larger.library[name].parameters}

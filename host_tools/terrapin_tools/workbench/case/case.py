@@ -6,7 +6,7 @@ Anything wrong is a UserError of one line: file, line or row, field, what was fo
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -29,6 +29,7 @@ from terrapin_tools.workbench.case.intake import guesses
 from terrapin_tools.workbench.case.mechanics import Told, mechanics_of
 from terrapin_tools.workbench.case.rig_limits import read_limits
 from terrapin_tools.workbench.case.zero_points import zero_points
+from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.toml_tables import (
     Complaint,
     Estimate,
@@ -71,6 +72,11 @@ class Case(Measurements):
     guessed: tuple[str, ...]  # what nobody has confirmed, as TABLE.KEY
     dynamics: Dynamics | None  # of the user's own
     by: Mapping[str, str]  # fitted parameter -> the grouping of which each group has its own value
+    held: Mapping[str, Table] = field(repr=False)  # tables that stand in no file, by their names in data.files
+
+    def changed(self, text: str) -> Case:
+        """The case whose case.toml has `text`. UserError as `parse_case`."""
+        return parse_case(self.folder, text, self.held)
 
     @property
     def intake(self) -> tuple[str, ...]:
@@ -109,9 +115,9 @@ def load_case(folder: Path) -> Case:
     return parse_case(folder, read_case_text(folder))
 
 
-def parse_case(folder: Path, text: str) -> Case:
-    """Read a case whose case.toml has `text`; the measurements come from `folder`."""
-
+def parse_case(folder: Path, text: str, held: Mapping[str, Table] | None = None) -> Case:
+    """Read a case whose case.toml has `text`; the measurements come from `folder`, or are `held` by their names."""
+    held = held or {}
     tables = case_tables(folder, text)
     complain = tables.complain
     name = tables.get("model", "base")
@@ -128,7 +134,7 @@ def parse_case(folder: Path, text: str) -> Case:
         raise complain(f"found {base_name!r}, expected one of {', '.join(BASES)}", "model", "base")
     base = BASES[base_name]
     effects = tuple(tables.texts("model", "effects", default=[]))
-    measured = read_measurements(folder, tables, base)
+    measured = read_measurements(folder, tables, base, held)
     if measured.equations:
         base = replace(base, channels={name: measured.units[name] for name in measured.channels})
     base = base.with_formulas(measured.equations, tables.table("fit"))
@@ -170,6 +176,7 @@ def parse_case(folder: Path, text: str) -> Case:
         dynamics=dynamics,
         by=read_shares(tables, measured.groups),
         guessed=_guessed(tables),
+        held=held,
         **{**vars(measured), "units": {**more, **measured.units}},
     )
     _check_names(case, complain)

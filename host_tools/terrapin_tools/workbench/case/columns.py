@@ -6,7 +6,7 @@ import os
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,20 @@ from terrapin_tools.workbench.files.toml_tables import Tables
 __all__ = ["Measurements", "mapped_column", "read_formulas", "read_measurements", "run_of_rows", "split_runs"]
 
 
+@dataclass(frozen=True)
+class Places:
+    """Where rows stand, as "runs.csv:17"; goes to another process as it is."""
+
+    tables: tuple[Table, ...]  # without their columns
+    starts: tuple[int, ...]  # row at which each begins, and the count of all
+    kept: Index  # rows of the files that are rows of the case
+
+    def __call__(self, row: int) -> str:
+        whole = int(self.kept[row])
+        index = bisect_right(self.starts, whole) - 1
+        return self.tables[index].place(whole - self.starts[index])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Measurements:
     """What the files of a case hold. Arrays have one entry a row; roles and channels are in canonical units."""
@@ -53,23 +67,20 @@ class Measurements:
     remarks: tuple[str, ...]  # what was left out, converted or looks odd, in sentences
 
 
-def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
-    """Read the files that [data] names. UserError when anything is wrong."""
+def read_measurements(folder: Path, tables: Tables, base: Base, held: Mapping[str, Table]) -> Measurements:
+    """Read the files that [data] names, but those that are `held`. UserError when anything is wrong."""
     tables.allow(("data",), "files", "run", "train", "test", "columns", "dbc", "period", "ignore", "derived", "read")
     equations = _equations(tables, base)
     mapped = _columns(tables, base, equations)
     files = tables.files()
-    loaded = _read_files(folder, tables, files, mapped)
+    loaded = _read_files(folder, tables, files, mapped, held)
     run_column = tables.text("data", "run", default="")
     derived: list[str] = []
     if tables.table("data", "derived"):
         loaded, derived = derive(tables, loaded, run_of_rows(tables, loaded, run_column))
     starts = np.cumsum([0, *(table.rows for table in loaded)]).tolist()
-
-    def place(row: int) -> str:
-        index = bisect_right(starts, row) - 1
-        return loaded[index].place(row - starts[index])
-
+    places = tuple(replace(table, columns={}) for table in loaded), tuple(starts)
+    place = Places(*places, np.arange(starts[-1]))
     for entry in mapped:
         for table in loaded:
             _check_there(tables, table, entry.column, "data", "columns", entry.name, "column")
@@ -114,7 +125,7 @@ def read_measurements(folder: Path, tables: Tables, base: Base) -> Measurements:
         run=run,
         train=train,
         test=np.isin(run, [index[name] for name in test_runs]),
-        place=lambda row: place(int(kept[row])),
+        place=Places(*places, kept),
         equations=equations,
         groups=groups,
         told=_told(mapped),
@@ -230,7 +241,9 @@ def _check_there(tables: Tables, table: Table, column: str, *path: str) -> None:
         raise tables.complain(f"column {column!r} is not in {table.path.name}, expected one of {expected}", *path)
 
 
-def _read_files(folder: Path, tables: Tables, files: list[str], mapped: list[Mapped]) -> list[Table]:
+def _read_files(
+    folder: Path, tables: Tables, files: list[str], mapped: list[Mapped], held: Mapping[str, Table]
+) -> list[Table]:
     dbc = period = None
     places = [os.path.normpath(folder / name) for name in files]
     for name, place in zip(files, places, strict=True):
@@ -245,7 +258,7 @@ def _read_files(folder: Path, tables: Tables, files: list[str], mapped: list[Map
     text = {run, *group_columns(tables).values()}
     with tables.about("data", "read"):
         asked = Asked.of(tables.table("data", "read"), "data.read")
-    return [read(folder / name, dbc, period, needed, text, asked) for name in files]
+    return [held[name] if name in held else read(folder / name, dbc, period, needed, text, asked) for name in files]
 
 
 def run_of_rows(tables: Tables, loaded: list[Table], column: str) -> list[str]:

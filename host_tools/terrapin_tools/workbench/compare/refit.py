@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.case.case import Case, parse_case
+from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.case.changes import OwnEffect, extended
 from terrapin_tools.workbench.compare.comparison import fitted_on, predict
 from terrapin_tools.workbench.model.fitting import Fit
@@ -32,7 +32,7 @@ def refit(case: Case, sigma: Array, own: Mapping[str, OwnEffect], effects: tuple
     effects = tuple(name for name in effects if name not in {fault.name for fault in wrong})
     wanted = {n: o for n, o in own.items() if n in effects and n not in case.library}
     try:
-        larger = parse_case(case.folder, extended(case.text, case.stated, effects, wanted))
+        larger = case.changed(extended(case.text, case.stated, effects, wanted))
     except UserError:  # a proposal that case.toml cannot hold: its card stands without a curve
         return None
     fit = fitted_on(larger, larger.effects, case.train, sigma, wrong=wrong)[-1]

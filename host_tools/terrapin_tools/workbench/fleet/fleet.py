@@ -16,13 +16,17 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.fleet.pool import POLL, Done, Future, Lost, Pool, pool
 from terrapin_tools.workbench.story.story import Story
 
-__all__ = ["Question", "Result", "answer_one", "answers", "cases_in", "solve"]
+if TYPE_CHECKING:
+    from terrapin_tools.workbench.compare.comparison import Analysis
+
+__all__ = ["Question", "Result", "answer_one", "answers", "cases_in", "examine", "solve"]
 
 BUSY = 2  # cases sent to each worker and not done: one in work, one waiting
 HELD = 32  # cases sent for each worker and not given out: so many may overtake a slow one
@@ -62,8 +66,8 @@ def cases_in(folder: Path) -> list[Path] | None:
     return inside if any((p / "case.toml").exists() for p in inside) else None
 
 
-def solve(question: Question, case: Case, report: Callable[[str], None] = lambda _: None) -> Story:
-    """The answer for one case. UserError when the case is wrong."""
+def examine(question: Question, case: Case, report: Callable[[str], None] = lambda _: None) -> tuple[Analysis, Story]:
+    """The answer for one case, with the fits behind it. UserError when the case is wrong."""
     from threadpoolctl import threadpool_limits
 
     from terrapin_tools.workbench.compare.comparison import analyse
@@ -73,11 +77,17 @@ def solve(question: Question, case: Case, report: Callable[[str], None] = lambda
     begin = time.monotonic()
     with threadpool_limits(limits=1):
         if question.command == "compare":
-            story = told(analyse(case, question.seed, question.level))
+            analysis = analyse(case, question.seed, question.level)
+            story = told(analysis)
         else:
             found = discover(case, question.seed, question.level, report, question.bootstrap)
-            story = told(found.analysis, found)
-    return replace(story, seconds=time.monotonic() - begin)
+            analysis, story = found.analysis, told(found.analysis, found)
+    return analysis, replace(story, seconds=time.monotonic() - begin)
+
+
+def solve(question: Question, case: Case, report: Callable[[str], None] = lambda _: None) -> Story:
+    """The answer for one case. UserError when the case is wrong."""
+    return examine(question, case, report)[1]
 
 
 def answer_one(

@@ -27,7 +27,7 @@ from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.writing import write_whole
 from terrapin_tools.workbench.new_case.from_tables import split_unit
 
-__all__ = ["make"]
+__all__ = ["document_of", "make"]
 
 MAX_ROWS = 2_000_000  # of a case made here
 THINNED = ".parquet"
@@ -49,7 +49,7 @@ def make(folder: str, files: list[str], dbc: str, order: dict[str, Any]) -> dict
         described = Path(dbc) if dbc else paths.dbc()
         name = f"bus{described.suffix.lower()}"  # by which cantools knows its kind
         shutil.copyfile(described, place / name)
-    write_whole(place / "case.toml", _document(order, names, name if logs else ""))
+    write_whole(place / "case.toml", document_of(order, names, name if logs else ""))
     with step("reading the case"):
         case = load_case(place)
     if case.rows > MAX_ROWS:
@@ -137,9 +137,12 @@ def _values(table: Table, name: str, text: bool) -> npt.NDArray[Any]:
         return table.columns[name]
 
 
-def _document(order: dict[str, Any], files: Iterable[str], dbc: str) -> str:
+def document_of(
+    order: dict[str, Any], files: Iterable[str], dbc: str = "", maker: str = "`terrapin case --base`"
+) -> str:
+    """The text of case.toml for an order (options.py); `dbc`: the name of that in the case, where there are logs."""
     document = tomlkit.document()
-    document.add(tomlkit.comment("made by `terrapin case --base`; docs/cases.md says what can stand here"))
+    document.add(tomlkit.comment(f"made by {maker}; docs/cases.md says what can stand here"))
     document["case"] = {"title": order["title"]}
     model: dict[str, Any] = {"base": order["base"], "effects": order["effects"]}
     if order["equation"]:

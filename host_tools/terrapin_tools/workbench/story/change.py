@@ -3,19 +3,67 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from terrapin_hil.physics.expression import parse
+from terrapin_tools.errors import UserError, about
 from terrapin_tools.progress import step
+from terrapin_tools.workbench.bases import formula_name
 from terrapin_tools.workbench.case import history
-from terrapin_tools.workbench.case.case import Case, parse_case
+from terrapin_tools.workbench.case.case import Case
+from terrapin_tools.workbench.case.changes import OwnEffect, extended, remove_effect
 from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.files.writing import write_changed
 from terrapin_tools.workbench.story.answer import answer
 from terrapin_tools.workbench.story.terminal import tell_change
 from terrapin_tools.workbench.story.told import told
 
-__all__ = ["carry_out"]
+__all__ = ["carry_out", "with_effects", "without_effect"]
+
+
+def with_effects(
+    case: Case,
+    effects: Sequence[str],
+    own: Mapping[str, OwnEffect],
+    expression: str = "expression",
+    parameter: str = "parameters",
+    target: str = "target",
+) -> str:
+    """case.toml with effects added, those of the user's `own` among them.
+
+    UserError for one that is there, and for a formula that does not fit; it then names who said it (`expression`,
+    `parameter`, `target`), not a line of a file that is not written.
+    """
+    for name in effects:
+        if name in case.effects or effects.count(name) > 1:
+            raise UserError(f"{case.folder / 'case.toml'}: model.effects: {name} is in the model already")
+    for effect in (one for one in own.values() if not one.mend):
+        with about(expression):
+            names = parse(effect.expression).names
+        known = {*case.inputs, *case.parameters, *case.fit, *effect.parameters, "speed", "bulldozing_resistance"}
+        known |= {formula_name(name) for name in case.base.provides}
+        unknown = sorted(names - known)
+        if unknown:
+            expected = ", ".join(sorted(known))
+            raise UserError(f"{expression}: {unknown[0]} is no role, column or parameter, expected one of {expected}")
+        unused = sorted(set(effect.parameters) - names)
+        if unused:
+            raise UserError(f"{parameter}: {unused[0]} does not occur in the expression {effect.expression}")
+        if effect.target is not None and effect.target not in case.base.acts_on():
+            raise UserError(f"{target}: found {effect.target!r}, expected one of {', '.join(case.base.acts_on())}")
+    return extended(case.text, case.stated, effects, own)
+
+
+def without_effect(case: Case, effect: str) -> str:
+    """case.toml without an effect of the model. UserError when it is not in it."""
+    if effect not in case.effects:
+        found = ", ".join(case.effects) or "none"
+        raise UserError(
+            f"{case.folder / 'case.toml'}: model.effects: {effect} is not in the model, expected one of {found}"
+        )
+    return remove_effect(case.text, effect)
 
 
 def carry_out(present: Case, text: str, action: str, effects: list[str], seed: int) -> tuple[dict[str, Any], str]:
@@ -24,7 +72,7 @@ def carry_out(present: Case, text: str, action: str, effects: list[str], seed: i
     UserError when the text is no sound case, or case.toml changed since `present` was read; nothing is written then.
     """
     begin = time.monotonic()
-    changed = parse_case(present.folder, text)
+    changed = present.changed(text)
     with step("fit"):
         before, after = (told(analyse(case, seed)) for case in (present, changed))
     write_changed(present.folder / "case.toml", present.text, text)

@@ -9,16 +9,23 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined
 
 from terrapin_hil.physics.effects import Effect
+from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.story import sentences
 from terrapin_tools.workbench.story.effect_picture import as_svg
 from terrapin_tools.workbench.story.formulas import from_latex
 from terrapin_tools.workbench.story.notes import to_html
 from terrapin_tools.workbench.story.page_frame import PAGE, STYLE
 from terrapin_tools.workbench.story.page_script import plots_script, plots_style
-from terrapin_tools.workbench.story.plot_data import CARDS
+from terrapin_tools.workbench.story.plot_data import CARDS, page_data, previews
 from terrapin_tools.workbench.story.story import Story
 
-__all__ = ["render"]
+__all__ = ["page_of", "render"]
+
+
+def page_of(analysis: Analysis, story: Story, history: Sequence[Mapping[str, Any]] = ()) -> str:
+    """The page of a case; `history` of its steps."""
+    data = page_data(analysis, story, previews(analysis, story))
+    return render(story, data, history, analysis.model.effects, analysis.case.notes)
 
 
 def render(

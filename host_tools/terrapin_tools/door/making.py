@@ -1,0 +1,154 @@
+"""Cases of what a program holds: a table in memory becomes a case.toml and a table that it names."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from terrapin_tools.door.effect import numbers
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.bases import BASES
+from terrapin_tools.workbench.case.case import Case, load_case, parse_case
+from terrapin_tools.workbench.files.arrow_tables import from_arrow
+from terrapin_tools.workbench.files.tables import Table, read
+from terrapin_tools.workbench.new_case.from_columns import document_of
+from terrapin_tools.workbench.new_case.from_tables import split_unit
+from terrapin_tools.workbench.robot.runs import read_run, write_case
+
+__all__ = ["case_of", "case_of_runs", "table_of"]
+
+FILE = "table.parquet"  # in which the table stands when the case is saved
+
+
+def table_of(source: object) -> tuple[Table, dict[str, str]]:
+    """A table with the units that it tells; a text or Path is the name of a CSV or Parquet file."""
+    if isinstance(source, str | Path):
+        table = read(Path(source))
+        return table, {}
+    return from_arrow(source, "table")
+
+
+def case_of(
+    source: object,
+    *,
+    base: str,
+    run: str,
+    columns: Mapping[str, str],
+    units: Mapping[str, str],
+    noise: Mapping[str, float],
+    equation: Mapping[str, str],
+    constants: Mapping[str, Any],
+    fit: Mapping[str, Any],
+    effects: Sequence[str],
+    limits: Mapping[str, Any],
+    train: Iterable[object],
+    test: Iterable[object],
+    title: str,
+) -> Case:
+    """See `terrapin_tools.Case.from_table`. UserError names the argument that is wrong."""
+    table, told = table_of(source)
+    if base not in BASES:
+        raise UserError(f"base: found {base!r}, expected one of {', '.join(BASES)}")
+    names = _columns(table, base, columns, {**told, **units}, equation)
+    for option, given in (("units", units), ("noise", noise)):
+        unknown = next((name for name in given if name not in {*names, *table.columns}), None)
+        if unknown is not None:
+            raise UserError(f"{option}: found {unknown}, expected one of {', '.join({**names, **table.columns})}")
+    mapped = {}
+    for name, column in names.items():
+        unit = units.get(name) or units.get(column) or told.get(column) or split_unit(column)[1]
+        if not unit:
+            raise UserError(f"column {column}: found no unit, expected one: units={{{name!r}: 'mm'}}; '1' for none")
+        mapped[name] = {"column": column, "unit": unit, "sigma": noise.get(name)}
+    if run and run not in table.columns:
+        raise UserError(f"run: found {run!r}, expected one of {', '.join(table.columns)}")
+    order = {
+        "title": title,
+        "base": base,
+        "effects": [str(one) for one in effects],
+        "columns": mapped,
+        "equation": dict(equation),
+        "parameters": {name: _constant(name, value) for name, value in constants.items()},
+        "fit": {
+            name: dict(zip(("value", "min", "max", "unit"), numbers(f"fit: {name}", value), strict=True))
+            for name, value in fit.items()
+        },
+        "limits": {name: _limit(name, value) for name, value in limits.items()},
+        "run": run,
+        "train": [_run(one) for one in train],
+        "test": [_run(one) for one in test],
+    }
+    text = document_of(order, [FILE], maker="terrapin_tools.Case")
+    held = {FILE: table}
+    try:
+        return parse_case(Path(), text, held)
+    except UserError as error:  # the line of a file that is not there says nothing
+        place, _, rest = str(error).partition(": ")
+        raise UserError(rest if place.startswith("case.toml:") else str(error), error.status) from None
+
+
+def _columns(
+    table: Table, base: str, columns: Mapping[str, str], units: Mapping[str, str], equation: Mapping[str, str]
+) -> dict[str, str]:
+    """Name -> column: those that are named, those of an equation, and those that have a unit and a fitting name."""
+    for name, column in columns.items():
+        if column not in table.columns:
+            raise UserError(f"columns: {name}: found {column!r}, expected one of {', '.join(table.columns)}")
+    known = dict(columns)
+    own = BASES[base].own_names
+    for column in table.columns:
+        used = column in equation or (column in units and (own or column in {*BASES[base].channels}))
+        role = not own and column in units and column not in columns.values()
+        if (used or role) and column not in known.values() and column.isidentifier():
+            known.setdefault(column, column)
+    lost = next((name for name in equation if name not in known), None)
+    if lost is not None:
+        raise UserError(f"equation: {lost} is no column of the table, expected one of {', '.join(table.columns)}")
+    if not known:
+        raise UserError("units: found none, expected the unit of each column that the model uses: units={'w': 'rpm'}")
+    return known
+
+
+def _constant(name: str, value: Any) -> Any:
+    if isinstance(value, tuple | list) and len(value) == 2 and isinstance(value[1], str):
+        return f"{value[0]!r} {value[1]}"
+    if not isinstance(value, float | int | str):
+        raise UserError(f"constants: {name}: found {value!r}, expected a number, (NUMBER, UNIT) or '80 mm'")
+    return value
+
+
+def _limit(name: str, value: Any) -> dict[str, Any]:
+    parts = list(value) if isinstance(value, tuple | list) else []
+    if len(parts) not in (2, 3):
+        raise UserError(f"limits: {name}: found {value!r}, expected (MIN, MAX) or (MIN, MAX, UNIT)")
+    return {"min": parts[0], "max": parts[1], "unit": parts[2] if len(parts) == 3 else ""}
+
+
+def _run(name: object) -> str:
+    """As the table's text has it: run 3.0 is "3"."""
+    return str(int(name)) if isinstance(name, float) and name.is_integer() else str(name)
+
+
+def case_of_runs(
+    logs: Sequence[Any],
+    effects: Sequence[str],
+    after: float,
+    before: float,
+    span: float | None,
+    soil: str,
+    title: str,
+) -> Case:
+    """See `terrapin_tools.Case.from_log`."""
+    runs = [read_run(Path(getattr(log, "path", log)), after, before, span) for log in logs]
+    with tempfile.TemporaryDirectory() as scratch:
+        write_case(Path(scratch), runs, title, effects, soil)
+        made = load_case(Path(scratch))
+        table = read(Path(scratch, "runs.csv"), texts={"run"})
+    document: Any = tomlkit.parse(made.text)
+    document["data"]["files"] = [FILE]
+    return parse_case(Path(), tomlkit.dumps(document), {FILE: replace(table, path=Path("runs"), first_line=0)})

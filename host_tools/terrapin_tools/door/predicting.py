@@ -1,0 +1,106 @@
+"""A fitted case's model on rows that it never saw, with the sd of what it says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import tomlkit
+
+from terrapin_hil.arrays import Array
+from terrapin_hil.physics.expression import parse
+from terrapin_tools.errors import UserError, about
+from terrapin_tools.workbench.bases import formula_name
+from terrapin_tools.workbench.case.case import Case, parse_case
+from terrapin_tools.workbench.compare.comparison import Analysis
+from terrapin_tools.workbench.files.arrow_tables import labelled
+from terrapin_tools.workbench.files.tables import Table
+from terrapin_tools.workbench.files.units import convert
+from terrapin_tools.workbench.model.fitting import covariance
+
+__all__ = ["parameter_covariance", "predicted"]
+
+FILE = "new.parquet"
+
+
+def parameter_covariance(analysis: Analysis) -> Array:
+    """Covariance of the fitted parameters (parameters, parameters): what goes with what as the noise has it, and each
+    one's sd as the answer tells it."""
+    found = covariance(analysis.fit, analysis.case.run[analysis.case.train], analysis.noise.node, ~analysis.noise.known)
+    size = np.sqrt(np.maximum(np.diag(found[0]), 1e-300))
+    return np.asarray(found[0] / np.outer(size, size) * np.outer(analysis.sd, analysis.sd))
+
+
+def predicted(analysis: Analysis, table: Table, units: dict[str, str]) -> Any:
+    """A row for each of `table`, which has the columns of the case by their names there or in the model, in the units
+    of the case where `units` does not tell others; channels may be absent.
+
+    Returns a pyarrow.Table: of each channel NAME what the model says, NAME_sd its sd from the sds of the parameters,
+    and NAME_noise_sd, that of one measurement beside it. UserError when a column is missing or its unit is of another
+    kind.
+    """
+    case = analysis.case
+    new = _rows(case, table, units)
+    model = replace(analysis.fit.model, case=new)
+    for one in model.fitted:
+        if one.by and new.groups[one.by].names != case.groups[one.by].names:
+            raise UserError(
+                f"column {one.by}: found {', '.join(new.groups[one.by].names)}, expected all of "
+                f"{', '.join(case.groups[one.by].names)}: {one.name} has a value for each"
+            )
+    values, slopes = model.bind(new.inputs, np.ones(new.rows, dtype=bool)).jacobian(analysis.fit.theta)
+    if not np.isfinite(values).all():
+        row = int(np.flatnonzero(~np.isfinite(values).all(axis=0))[0])
+        raise UserError(f"{new.place(row)}: the model gives no number for this row")
+    slopes = np.where(np.isfinite(slopes), slopes, 0.0)
+    variance = np.einsum("crp,pq,crq->cr", slopes, parameter_covariance(analysis), slopes)
+    columns: dict[str, Array] = {}
+    for i, name in enumerate(model.channels):
+        columns[name] = values[i]
+        columns[f"{name}_sd"] = np.sqrt(np.maximum(variance[i], 0.0))
+        columns[f"{name}_noise_sd"] = np.full(new.rows, analysis.noise.sigma[i])
+    return labelled(columns, {name: case.units[name.removesuffix("_sd").removesuffix("_noise")] for name in columns})
+
+
+def _rows(case: Case, table: Table, units: dict[str, str]) -> Case:
+    """The case with other rows; what it says of files, runs and noise goes. What is absent and not needed is 0."""
+    document: Any = tomlkit.parse(case.text)
+    data = document["data"]
+    columns = dict(table.columns)
+    needed, derived = _needed(case), data.get("derived", {})
+    for name, entry in data["columns"].items():
+        column, unit = str(entry["column"]), str(entry.get("unit", ""))
+        told = column if column in columns else name
+        if told in columns and units.get(told, unit) != unit:
+            with about(f"column {told}"):
+                columns[column] = convert(table.numbers(told), units[told], unit)
+        elif told in columns:
+            columns[column] = columns[told]
+        if column in derived:
+            continue
+        if column not in columns and name not in needed:
+            columns[column] = np.zeros(table.rows)
+        if column not in columns:
+            raise UserError(f"column {column}: is missing, expected it: the model needs {name}")
+    run = str(data.get("run", ""))
+    if run and run not in columns:
+        columns[run] = np.full(table.rows, "new")
+    rows = Table(table.path, columns, table.first_line)
+    data["files"], data["test"] = [FILE], []
+    data["train"] = list(dict.fromkeys(rows.text(run))) if run else [table.path.stem]  # none of them is fitted
+    new = parse_case(case.folder, tomlkit.dumps(document), {FILE: rows})
+    if new.rows_left_out:
+        raise UserError(f"table: {new.remarks[0]}")
+    return new
+
+
+def _needed(case: Case) -> set[str]:
+    """Names of [data.columns] that the model reads: channels are read where a run's own motion starts from them."""
+    if case.base.whole_runs or case.dynamics is not None:
+        return {*case.roles, *case.channels}
+    if not case.base.own_names:
+        return {*case.roles}
+    formulas = [*case.equations.values(), *(parse(case.library[name].expression) for name in case.effects)]
+    used = {name for formula in formulas for name in formula.names}
+    return {name for name in case.roles if formula_name(name) in used}

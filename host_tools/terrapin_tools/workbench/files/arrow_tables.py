@@ -1,0 +1,82 @@
+"""Tables that come from a program and go to one: whatever speaks Arrow, with units in the metadata of the columns."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from terrapin_hil.reading import shorten
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.files.tables import Table
+
+__all__ = ["from_arrow", "labelled", "to_arrow"]
+
+INDEX = re.compile(r"__index_level_\d+__")  # pandas' count of rows without a name
+EXPECTED = "a DataFrame of pandas or polars, a pyarrow.Table, or a mapping of columns"
+
+
+def from_arrow(source: object, name: str) -> tuple[Table, dict[str, str]]:
+    """A table and the units that its columns' metadata tell (key `unit`).
+
+    `source` has `__arrow_c_stream__` or `__dataframe__`, or maps names to arrays of one length; `name` is what messages
+    call it. Numbers become float64, NaN where there is none, everything else text. UserError for anything else, for no
+    row, and for two columns of one name.
+    """
+    found = _arrow(source, name)
+    found = found.select([i for i, one in enumerate(found.column_names) if not INDEX.fullmatch(one)])
+    twice = next((one for one in found.column_names if found.column_names.count(one) > 1), None)
+    if twice is not None:
+        raise UserError(f"{name}: column {shorten(twice)} stands twice, expected once")
+    if not found.num_rows or not found.num_columns:
+        raise UserError(f"{name}: found {found.num_rows} rows of {found.num_columns} columns, expected at least one")
+    units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in found.schema}
+    columns = {str(one): _values(found.column(one)) for one in found.column_names}
+    return Table(Path(name), columns, 0), {one: unit for one, unit in units.items() if unit}
+
+
+def _arrow(source: object, name: str) -> Any:
+    import pyarrow
+    import pyarrow.interchange
+
+    try:
+        if hasattr(source, "__arrow_c_stream__") or isinstance(source, Mapping):
+            return pyarrow.table(source)
+        if hasattr(source, "__dataframe__"):
+            return pyarrow.interchange.from_dataframe(source)
+    except (pyarrow.ArrowException, ValueError, TypeError, NotImplementedError) as error:
+        why = next(iter(str(error).splitlines()), type(error).__name__)
+        raise UserError(f"{name}: {why}, expected {EXPECTED}") from None
+    raise UserError(f"{name}: found a {type(source).__name__}, expected {EXPECTED}")
+
+
+def _values(column: Any) -> npt.NDArray[Any]:
+    import pyarrow
+
+    if pyarrow.types.is_dictionary(column.type):
+        column = column.cast(column.type.value_type)
+    values = column.to_numpy()
+    if values.dtype.kind in "fiub":
+        return np.asarray(values, dtype=np.float64)
+    return np.array(["" if cell is None or cell != cell else str(cell) for cell in values], dtype=str)
+
+
+def to_arrow(table: Table, units: Mapping[str, str] | None = None) -> Any:
+    """The same as a pyarrow.Table."""
+    return labelled(table.columns, units or {})
+
+
+def labelled(columns: Mapping[str, Any], units: Mapping[str, str]) -> Any:
+    """A pyarrow.Table whose columns name their units in their metadata."""
+    import pyarrow
+
+    arrays = {name: pyarrow.array(values) for name, values in columns.items()}
+    fields = [
+        pyarrow.field(name, array.type, metadata={"unit": units[name]} if units.get(name) else None)
+        for name, array in arrays.items()
+    ]
+    return pyarrow.Table.from_arrays(list(arrays.values()), schema=pyarrow.schema(fields))

@@ -1,0 +1,371 @@
+"""The front door for Python: what a notebook does with it, and that it says what the command line says."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import inspect
+import json
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import matplotlib.figure
+import numpy as np
+import pandas as pd
+import pyarrow
+import pytest
+
+import terrapin_tools as terrapin
+from terrapin_hil import paths
+from terrapin_tools import _HOMES
+
+ROOT = Path(__file__).resolve().parents[2]
+FIT = {"a": (0.01, 0.0, 1.0, "N m"), "b": (1e-4, -1.0, 1.0, "N m s/rad")}
+UNITS = {"w": "rpm", "M": "mN m", "temp": "degC"}
+
+
+def bench(seed: int = 0) -> pd.DataFrame:
+    """Six runs of a motor whose torque wanders with the temperature, which the model does not know."""
+    draw = np.random.default_rng(seed)
+    runs = []
+    for run in range(6):
+        w, temp = np.linspace(100.0, 900.0, 60), 25.0 + 8.0 * run + 0.02 * np.arange(60)
+        torque = 10.0 + 0.02 * w + 0.06 * (temp - 25.0) + draw.normal(0.0, 0.1, 60)
+        runs.append(pd.DataFrame({"run": run, "w": w, "M": torque, "temp": temp}))
+    return pd.concat(runs, ignore_index=True)
+
+
+@pytest.fixture(scope="module")
+def case() -> terrapin.Case:
+    return terrapin.Case.from_table(bench(), run="run", units=UNITS, equation={"M": "a + b*w"}, fit=FIT)
+
+
+@pytest.fixture(scope="module")
+def answer(case: terrapin.Case) -> terrapin.Answer:
+    told: list[str] = []
+    found = case.discover(progress=told.append)
+    assert told
+    return found
+
+
+def command(*words: object) -> dict[str, Any]:
+    program = "from terrapin_tools.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", program, *map(str, words)], capture_output=True, text=True, check=False, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    return dict(json.loads(done.stdout))
+
+
+def test_a_bench_in_eight_lines_says_what_the_command_line_says(
+    case: terrapin.Case, answer: terrapin.Answer, tmp_path: Path
+) -> None:
+    better = case.add(answer.missing)
+    folder = case.save(tmp_path / "my_case")
+    same = command("discover", folder, "--json", "-")
+    assert json.loads(answer.json()) | {"seconds": 0} == same | {"seconds": 0}
+    assert answer.verdict == "missing"
+    assert "temp" in answer.missing[0].expression
+    added = command("add", folder, *answer.missing, "--json", "-")
+    assert better.compare().as_dict()["ladder"] == added["ladder"]
+    assert better.ladder().column("heldout_error").to_pylist() == [rung["heldout_error"] for rung in added["ladder"]]
+    assert terrapin.Case.load(folder) == better
+    figure = better.plot("residual", against="temp")
+    assert isinstance(figure, matplotlib.figure.Figure)
+    assert figure.axes[0].get_xlabel() == "temp [degC]"
+
+
+@pytest.mark.parametrize("kind", ["pandas", "arrow", "columns", "interchange", "metadata"])
+def test_every_table_that_speaks_arrow_is_the_same_case(case: terrapin.Case, kind: str) -> None:
+    frame, units = bench(), UNITS
+    table: Any = frame
+    if kind == "arrow":
+        table = pyarrow.Table.from_pandas(frame)
+    elif kind == "columns":
+        table = {name: frame[name].to_numpy() for name in frame}
+    elif kind == "interchange":
+
+        class Old:  # a library that has no Arrow stream yet
+            def __dataframe__(self, **more: Any) -> Any:
+                return pyarrow.Table.from_pandas(frame).__dataframe__(**more)
+
+        table = Old()
+    elif kind == "metadata":
+        found = pyarrow.Table.from_pandas(frame)
+        fields = [f.with_metadata({"unit": UNITS[f.name]}) if f.name in UNITS else f for f in found.schema]
+        table, units = found.cast(pyarrow.schema(fields)), {}
+    assert terrapin.Case.from_table(table, run="run", units=units, equation={"M": "a + b*w"}, fit=FIT) == case
+
+
+def test_a_table_without_pandas(tmp_path: Path) -> None:
+    """pandas is no dependency: where there is none, a case is made, asked and shown all the same."""
+    program = f"""
+import sys
+class Without:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "pandas":
+            raise ModuleNotFoundError(name, name=name)
+sys.meta_path.insert(0, Without())
+import numpy as np, terrapin_tools as terrapin
+w = np.tile(np.linspace(1.0, 9.0, 30), 4)
+table = {{"run": np.repeat(np.arange(4), 30), "w": w, "M": 1.0 + w + np.random.default_rng(1).normal(0, 0.1, 120)}}
+case = terrapin.Case.from_table(table, run="run", units={{"w": "rad/s", "M": "N m"}}, equation={{"M": "a + b*w"}},
+                                fit={{"a": (0, -9, 9, "N m"), "b": (0, -9, 9, "N m s/rad")}})
+case.save({str(tmp_path / "case")!r})
+print(case.compare().verdict, case.residuals().num_rows)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=120)
+    assert done.stdout.split() == ["adequate", "120"], done.stderr
+
+
+def test_cases_and_answers_are_values(case: terrapin.Case, answer: terrapin.Answer) -> None:
+    before = case.text
+    better = case.add(answer.missing)
+    assert case.text == before
+    assert case.effects == ()
+    assert better != case
+    assert better.remove(better.effects[0]).effects == ()
+    for one in (case, better, answer, answer.missing[0], terrapin.Robot("sphere")):
+        again = pickle.loads(pickle.dumps(one))
+        assert again == one
+        assert hash(again) == hash(one)
+    assert pickle.loads(pickle.dumps(better)).compare() == better.compare()
+
+
+def test_a_worker_gives_the_same_answer(case: terrapin.Case) -> None:
+    import joblib
+
+    (found,) = joblib.Parallel(n_jobs=2)([joblib.delayed(terrapin.Case.compare)(case)])
+    assert found == case.compare()
+
+
+def test_nothing_is_written_before_save(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    case = terrapin.Case.from_table(bench(), run="run", units=UNITS, equation={"M": "a + b*w"}, fit=FIT)
+    case.compare()
+    case.ladder()
+    case.plot()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_prediction_knows_its_sd(case: terrapin.Case, answer: terrapin.Answer) -> None:
+    """Of 40 tables the model's value at new rows is off by as many sd as it says: rms 1 within the scatter of 40."""
+    new = {"w": np.array([200.0, 500.0, 800.0])}
+    truth, off = 10.0 + 0.02 * new["w"], []
+    noise = []
+    for seed in range(40):
+        draw = np.random.default_rng(seed + 100)
+        w = np.tile(np.linspace(100.0, 900.0, 20), 5)
+        table = {"run": np.repeat(np.arange(5), 20), "w": w, "M": 10.0 + 0.02 * w + draw.normal(0.0, 0.1, 100)}
+        units = {"w": "rpm", "M": "mN m"}
+        said = terrapin.Case.from_table(
+            table, run="run", units=units, equation={"M": "a + b*w"}, fit=FIT, noise={"M": 0.1}
+        ).predict(new)
+        assert said.schema.field("M_sd").metadata[b"unit"] == b"mN m"
+        off.append((said["M"].to_numpy() - truth) / said["M_sd"].to_numpy())
+        noise += said["M_noise_sd"].to_pylist()
+    assert noise == pytest.approx([0.1] * 120)
+    mean_square = np.mean(np.square(off))
+    assert 0.5 < mean_square < 1.7  # 40 tables of 2 parameters: 4 sd of a chi-square of 80, over 80
+    with_all = case.add(answer.missing).predict(bench().head(3))
+    assert with_all["M"].to_numpy() == pytest.approx(10.0 + 0.02 * bench()["w"].head(3), abs=0.1)
+
+
+def test_a_picture_on_axes_of_ones_own(case: terrapin.Case) -> None:
+    axes = matplotlib.figure.Figure().subplots(1, 3)
+    for ax, kind in zip(axes, ("residual", "prediction", "ladder"), strict=True):
+        assert case.plot(kind, ax=ax) is ax
+        assert ax.lines
+
+
+def test_the_card(case: terrapin.Case, answer: terrapin.Answer) -> None:
+    from rich.console import Console
+
+    html = answer._repr_html_()
+    assert answer.headline in html
+    assert answer.missing[0] in html
+    assert len(repr(answer).splitlines()) == 3
+    console = Console(record=True, width=200)
+    console.print(answer)
+    assert repr(answer).splitlines()[1] in console.export_text()
+    assert str(answer).startswith(repr(answer).splitlines()[0])
+    title = "<script>alert(1)</script>"
+    hostile = terrapin.Case.from_table(bench(), run="run", units=UNITS, equation={"M": "a + b*w"}, fit=FIT, title=title)
+    assert "<script" not in hostile.compare()._repr_html_()
+
+
+def test_the_report_is_that_of_the_command_line(tmp_path: Path) -> None:
+    case = terrapin.Case.load(paths.examples()["heated_motor"])
+    folder = case.save(tmp_path / "case")
+    case.report(tmp_path / "door.html", discover=False)
+    command("report", folder, "-o", tmp_path / "command.html", "--no-discover", "--json", "-")
+    one, other = ((tmp_path / name).read_text() for name in ("door.html", "command.html"))
+    assert one.replace(str(paths.examples()["heated_motor"]), "CASE") == other.replace(str(folder), "CASE")
+
+
+def test_logged_runs_become_a_case(tmp_path: Path) -> None:
+    for number in (1, 2):
+        with terrapin.Session("steady_sand", seed=number, log=tmp_path / f"run_{number}") as s:
+            s.step(12.0)
+    logs = [terrapin.Log(tmp_path / f"run_{number}") for number in (1, 2)]
+    case = terrapin.Case.from_log(*logs, effects=["speed_squared"], after=2.0)
+    assert case.base == "rolling_steady"
+    folder = case.save(tmp_path / "case")
+    assert terrapin.Case.load(folder) == case
+    assert pickle.loads(pickle.dumps(logs[0])) == logs[0]
+    column = logs[0]["GROUND.torque"]
+    assert column.schema.field("GROUND.torque").metadata[b"unit"] == b"N m"
+    grid = logs[0].table("100 ms")
+    assert grid.num_rows > 100
+    assert grid.schema.field("GROUND.torque").metadata[b"unit"] == b"N m"
+
+
+WRONG: list[tuple[dict[str, Any], str]] = [
+    ({"units": {"w": "rpm"}}, "column M: found no unit, expected one"),
+    ({"units": {**UNITS, "speed": "rpm"}}, "units: found speed, expected one of"),
+    ({"units": {**UNITS, "w": "rmp"}}, "rmp"),
+    ({"run": "test"}, "run: found 'test', expected one of run, w, M, temp"),
+    ({"equation": {"torque": "a + b*w"}}, "equation: torque is no column"),
+    ({"equation": {"M": "a + b*speed"}}, "speed has none"),
+    ({"fit": {"a": (0.0, 1.0), "b": 1.0}}, "fit: a: found (0.0, 1.0), expected START"),
+    ({"fit": {"a": "much", "b": 1.0}}, "fit: a: found 'much', expected START"),
+    ({"base": "rolling"}, "base: found 'rolling', expected one of"),
+    ({"table": 3}, "table: found a int, expected a DataFrame"),
+    ({"table": pd.DataFrame(np.ones((3, 2)), columns=["w", "w"])}, "table: "),
+    ({"table": pyarrow.Table.from_arrays([[1.0], [2.0]], names=["w", "w"])}, "column 'w' stands twice, expected once"),
+    ({"table": {"w": [], "M": []}}, "table: found 0 rows"),
+    ({"table": {"w": [1.0, 2.0], "M": [1.0]}}, "table: "),
+]
+
+
+@pytest.mark.parametrize(("change", "expected"), WRONG, ids=[text[:30] for _, text in WRONG])
+def test_what_is_wrong_is_one_line(change: dict[str, Any], expected: str) -> None:
+    given: dict[str, Any] = {"table": bench(), "run": "run", "units": UNITS, "equation": {"M": "a + b*w"}, "fit": FIT}
+    given |= change
+    with pytest.raises(ValueError, match=r"\S") as caught:
+        terrapin.Case.from_table(given.pop("table"), **given)
+    assert isinstance(caught.value, terrapin.errors.InputError)
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_other_complaints(case: terrapin.Case, tmp_path: Path) -> None:
+    wrong = terrapin.errors.InputError
+    for asked, expected in (
+        (lambda: case.add("no_such"), "unknown effect no_such"),
+        (lambda: case.add(terrapin.Effect("mine", "k*nothing", k=1.0)), "expression: nothing is no role"),
+        (lambda: case.remove("drag"), "drag is not in the model"),
+        (lambda: case.predict({"temp": [1.0]}), "column w: is missing, expected it"),
+        (lambda: case.predict({"w": [1.0, np.nan]}), "no number in a mapped column"),
+        (lambda: case.plot("pie"), "plot: found 'pie', expected one of residual, prediction, ladder"),
+        (lambda: case.plot(against="colour"), "against: found 'colour', expected one of"),
+        (lambda: case.plot(channel="x"), "channel: found 'x', expected one of M"),
+        (lambda: case.compare(level=2.0), "level 2"),
+        (lambda: terrapin.Case.load(tmp_path / "no"), "no such file, expected a case folder"),
+        (lambda: terrapin.Case.example("no"), "example: found 'no', expected one of"),
+        (lambda: terrapin.Log(tmp_path / "x.log"), "expected a readable log"),
+        (lambda: terrapin.Log(tmp_path / "x.txt"), "unknown kind of log"),
+        (lambda: terrapin.Robot("elephant"), "elephant"),
+        (lambda: terrapin.Link("telepathy"), "telepathy"),
+        (lambda: terrapin.Effect("no name", "k", k=1.0), "expected a name of letters"),
+    ):
+        with pytest.raises(wrong, match=r"\S") as caught:
+            asked()
+        assert expected in str(caught.value)
+        assert "\n" not in str(caught.value)
+    case.save(tmp_path / "there")
+    with pytest.raises(wrong, match="exists, expected a new folder"):
+        case.save(tmp_path / "there")
+
+
+def test_a_file_that_changed_since_is_not_saved_as_if_it_had_not(tmp_path: Path) -> None:
+    folder = terrapin.Case.example("heated_motor").save(tmp_path / "case")
+    case = terrapin.Case.load(folder)
+    file = folder / "runs.csv"
+    lines = file.read_text().splitlines(keepends=True)
+    file.write_text("".join(lines[:-1]))
+    with pytest.raises(terrapin.errors.InputError, match="has changed since it was read"):
+        case.save(tmp_path / "copy")
+    assert not (tmp_path / "copy").exists()
+
+
+def test_import_loads_nothing() -> None:
+    """0.3 s and 40 MB are the bounds; modules are what a busy machine cannot blur."""
+    program = r"""
+import importlib, re, sys, time, warnings
+before, began = set(sys.modules), time.perf_counter()
+import terrapin_tools
+took, held = time.perf_counter() - began, re.search(r"VmRSS:\s+(\d+)", open("/proc/self/status").read())
+print(took, int(held[1]) / 1024, *sorted(set(sys.modules) - before))
+"""
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    assert float(found[1]) < 40.0
+    assert set(found[2:]) - sys.stdlib_module_names == {"terrapin_tools"}
+
+
+def test_eight_public_names_and_each_is_documented_with_an_example_that_runs(tmp_path: Path) -> None:
+    assert sorted(terrapin.__all__) == sorted([*_HOMES, "errors"])
+    assert len(terrapin.__all__) <= 8
+    names = {name: getattr(terrapin, name) for name in _HOMES} | {"paths": paths}
+    names["errors"] = terrapin.errors
+    here = Path.cwd()
+    os.chdir(tmp_path)
+    try:
+        for name, home in _HOMES.items():
+            found = getattr(terrapin, name)
+            members = [member for key, member in vars(found).items() if not key.startswith("_") and callable(member)]
+            members += [m for key, m in vars(found).items() if not key.startswith("_") and isinstance(m, property)]
+            assert all(inspect.getdoc(member) for member in members), name
+            finder, runner = doctest.DocTestFinder(recurse=True), doctest.DocTestRunner(verbose=False)
+            module = importlib.import_module(home)
+            tests = [t for t in finder.find(found, name, module=module, extraglobs=names) if t.examples]
+            assert tests, name
+            for test in tests:
+                assert runner.run(test).failed == 0, test.name
+        errors = importlib.import_module("terrapin_tools.errors")
+        assert doctest.testmod(errors).failed == 0
+    finally:
+        os.chdir(here)
+
+
+def test_the_reference_is_made_of_the_docstrings() -> None:
+    done = subprocess.run([sys.executable, ROOT / "tests/tools/python_reference.py"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
+
+
+def test_programs_that_use_it_are_typed(tmp_path: Path) -> None:
+    program = tmp_path / "own.py"
+    program.write_text(
+        """import terrapin_tools as terrapin
+
+case: terrapin.Case = terrapin.Case.example("heated_motor")
+answer: terrapin.Answer = case.discover()
+better = case.add(answer.missing)
+drag = terrapin.Effect("drag", "k * omega**2", k=(0.0, -1.0, 1.0, "N m s^2/rad^2"))
+chance: float | None = answer.probability
+
+
+def run(name: str) -> float:
+    with terrapin.Session(name, seed=3) as s:
+        s.until(lambda s: s.time > 0.1, timeout=1.0).inject("stuck", "motor")
+        return s["GROUND.torque"] - s.truth["contact_torque"]
+
+
+terrapin.Case.example(3)
+try:
+    run("steady_sand")
+except terrapin.errors.InputError as error:
+    print(error)
+"""
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", "--config-file", "/dev/null", str(program)],
+        cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300,
+        env={**os.environ, "MYPYPATH": os.pathsep.join(str(ROOT / p) for p in ("hil", "host_tools", "firmware"))},
+    )  # fmt: skip
+    (only,) = [line for line in done.stdout.splitlines() if line.startswith("own.py") and ": error" in line]
+    assert only.startswith("own.py:16: error: Argument 1"), done.stdout
