@@ -25,6 +25,8 @@ from terrapin_hil.run.can_bus import TerrapinBus
 from tests.entry_points import environment
 from tests.waiting import BOUND, wait_for
 
+CANTOOLS = [sys.executable, "-m", "cantools", "monitor"]
+
 
 def listen(bus: can.BusABC, seconds: float) -> list[can.Message]:
     found, end = [], time.monotonic() + seconds
@@ -82,17 +84,7 @@ def test_tools_of_others_show_it(tmp_path: Path, tool: str) -> None:
     """On a terminal of their own: python-can's viewer and cantools' monitor, each until it shows the robot's status."""
     words = {
         "viewer": [sys.executable, "-m", "can.viewer", "-i", "terrapin", "-c", "steady_sand"],
-        "cantools": [
-            sys.executable,
-            "-m",
-            "cantools",
-            "monitor",
-            "-b",
-            "terrapin",
-            "-c",
-            "steady_sand",
-            str(paths.dbc()),
-        ],
+        "cantools": [*CANTOOLS, "-i", "terrapin", "-c", "steady_sand", str(paths.dbc())],
     }[tool]
     expected = {"viewer": f"0x{interface().messages['STATUS'].id:03X}", "cantools": "STATUS"}[tool]
     master, slave = pty.openpty()
