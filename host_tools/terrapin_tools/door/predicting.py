@@ -27,7 +27,7 @@ FILE = "new.parquet"
 def parameter_covariance(analysis: Analysis) -> Array:
     """Covariance of the fitted parameters (parameters, parameters): what goes with what as the noise has it, and each
     one's sd as the answer tells it."""
-    found = covariance(analysis.fit, analysis.case.run[analysis.case.train], analysis.noise.node, ~analysis.noise.known)
+    found = covariance(analysis.fit, analysis.case.run[analysis.case.train], analysis.told.node)
     size = np.sqrt(np.maximum(np.diag(found[0]), 1e-300))
     return np.asarray(found[0] / np.outer(size, size) * np.outer(analysis.sd, analysis.sd))
 
@@ -59,7 +59,7 @@ def predicted(analysis: Analysis, table: Table, units: dict[str, str]) -> Any:
     for i, name in enumerate(model.channels):
         columns[name] = values[i]
         columns[f"{name}_sd"] = np.sqrt(np.maximum(variance[i], 0.0))
-        columns[f"{name}_noise_sd"] = np.full(new.rows, analysis.noise.sigma[i])
+        columns[f"{name}_noise_sd"] = np.full(new.rows, analysis.told.sigma[i])
     return labelled(columns, {name: case.units[name.removesuffix("_sd").removesuffix("_noise")] for name in columns})
 
 
