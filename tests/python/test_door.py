@@ -268,7 +268,7 @@ def test_other_complaints(case: terrapin.Case, tmp_path: Path) -> None:
         (lambda: terrapin.Case.load(tmp_path / "no"), "no such file, expected a case folder"),
         (lambda: terrapin.Case.example("no"), "example: found 'no', expected one of"),
         (lambda: terrapin.Log(tmp_path / "x.log"), "expected a readable log"),
-        (lambda: terrapin.Log(tmp_path / "x.txt"), "unknown kind of log"),
+        (lambda: terrapin.Log(paths.dbc()), "unknown kind of log"),
         (lambda: terrapin.Robot("elephant"), "elephant"),
         (lambda: terrapin.Link("telepathy"), "telepathy"),
         (lambda: terrapin.Effect("no name", "k", k=1.0), "expected a name of letters"),

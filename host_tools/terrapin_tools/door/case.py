@@ -239,7 +239,7 @@ class Case:
         """
         from terrapin_tools.workbench.files.arrow_tables import labelled
 
-        rungs = self._asked("compare", seed, LEVEL)[0].ladder
+        rungs = self._asked("compare", seed, LEVEL)[1].ladder
         return labelled(
             {key: [getattr(r, key) for r in rungs] for key in ("added", "train_error", "heldout_error")}, {}
         )
@@ -264,7 +264,7 @@ class Case:
                 name: found.prediction[i] + found.residual[i],
                 f"{name}_predicted": found.prediction[i],
                 f"{name}_residual": found.residual[i],
-                f"{name}_sd": [float(found.noise.sigma[i])] * int(rows.sum()),
+                f"{name}_sd": [float(found.told.sigma[i])] * int(rows.sum()),
             }
             columns |= parts
             units |= dict.fromkeys(parts, case.units[name])
@@ -311,7 +311,7 @@ class Case:
         """
         from terrapin_tools.door.pictures import drawn
 
-        return drawn(self._asked("compare", seed, LEVEL)[0], kind, against, channel, ax)
+        return drawn(*self._asked("compare", seed, LEVEL), kind, against, channel, ax)
 
     # -- changes -------------------------------------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.figure_style import STYLE
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.model.data_columns import numeric_columns
+from terrapin_tools.workbench.story.story import Story
 
 __all__ = ["KINDS", "drawn"]
 
@@ -18,7 +19,7 @@ BLUE, TEAL, RED, MUTE = "#2a66d1", "#0d7a70", "#c73650", "#5b6573"  # of the pag
 BAND = 1.96  # noise sd on either side: 95 %
 
 
-def drawn(analysis: Analysis, kind: str, against: str, channel: str, ax: Any) -> Any:
+def drawn(analysis: Analysis, story: Story, kind: str, against: str, channel: str, ax: Any) -> Any:
     """The figure, or `ax` where one is given. UserError for a kind, a column or a channel that is none."""
     if kind not in KINDS:
         raise UserError(f"plot: found {kind!r}, expected one of {', '.join(KINDS)}")
@@ -29,11 +30,11 @@ def drawn(analysis: Analysis, kind: str, against: str, channel: str, ax: Any) ->
     if channel not in analysis.model.channels:
         raise UserError(f"channel: found {channel!r}, expected one of {', '.join(analysis.model.channels)}")
     if ax is not None:
-        KINDS[kind](analysis, against, channel, ax)
+        KINDS[kind](analysis, story, against, channel, ax)
         return ax
     with rc_context(STYLE):
         figure = Figure(figsize=(6.4, 4.0), layout="constrained")
-        KINDS[kind](analysis, against, channel, figure.subplots())
+        KINDS[kind](analysis, story, against, channel, figure.subplots())
     return figure
 
 
@@ -58,11 +59,11 @@ def _points(analysis: Analysis, x: Any, y: Any, ax: Any) -> None:
     ax.plot(x[held], y[held], "D", color=MUTE, ms=4, mfc="none", label="held out")
 
 
-def _residual(analysis: Analysis, against: str, channel: str, ax: Any) -> None:
+def _residual(analysis: Analysis, story: Story, against: str, channel: str, ax: Any) -> None:
     """Measured - predicted; the band holds 95 % of the noise."""
     label, x = _column(analysis, against)
     row, unit = analysis.model.channels.index(channel), analysis.case.units[channel]
-    sigma = float(analysis.noise.sigma[row])
+    sigma = float(analysis.told.sigma[row])
     ax.axhspan(-BAND * sigma, BAND * sigma, color=TEAL, alpha=0.14, lw=0)
     ax.axhline(0.0, color=BLUE, lw=1)
     _points(analysis, x, analysis.residual[row], ax)
@@ -71,7 +72,7 @@ def _residual(analysis: Analysis, against: str, channel: str, ax: Any) -> None:
     ax.legend()
 
 
-def _prediction(analysis: Analysis, against: str, channel: str, ax: Any) -> None:
+def _prediction(analysis: Analysis, story: Story, against: str, channel: str, ax: Any) -> None:
     """Measured and predicted values."""
     label, x = _column(analysis, against)
     row, unit = analysis.model.channels.index(channel), analysis.case.units[channel]
@@ -83,11 +84,11 @@ def _prediction(analysis: Analysis, against: str, channel: str, ax: Any) -> None
     ax.legend()
 
 
-def _ladder(analysis: Analysis, against: str, channel: str, ax: Any) -> None:
+def _ladder(analysis: Analysis, story: Story, against: str, channel: str, ax: Any) -> None:
     """Errors in noise sd, step by step."""
-    names = [rung.added or "(base model)" for rung in analysis.ladder]
-    ax.plot(names, [rung.train_error for rung in analysis.ladder], "o-", color=MUTE, label="training")
-    held = [np.nan if rung.heldout_error is None else rung.heldout_error for rung in analysis.ladder]
+    names = [rung.added or "(base model)" for rung in story.ladder]
+    ax.plot(names, [rung.train_error for rung in story.ladder], "o-", color=MUTE, label="training")
+    held = [np.nan if rung.heldout_error is None else rung.heldout_error for rung in story.ladder]
     ax.plot(names, held, "D-", color=BLUE, label="held out")
     ax.axhline(1.0, color=TEAL, lw=1)
     ax.set_ylim(bottom=0.0)
@@ -95,7 +96,7 @@ def _ladder(analysis: Analysis, against: str, channel: str, ax: Any) -> None:
     ax.legend()
 
 
-KINDS: dict[str, Callable[[Analysis, str, str, Any], None]] = {
+KINDS: dict[str, Callable[[Analysis, Story, str, str, Any], None]] = {
     "residual": _residual,
     "prediction": _prediction,
     "ladder": _ladder,
