@@ -163,7 +163,11 @@ def heated(stage: Stage, chapter: Chapter) -> None:
         (label, sentences.in_sd(rung.train_error), sentences.in_sd(rung.heldout_error)) for rung, label in ladder
     )
     chapter.tables.append(
-        Table("Error in noise sd (1.0 is the noise floor)", ("model", "training runs", "held-out runs"), rows)
+        Table(
+            f"Error in noise sd ({sentences.floor(told_after.noise)})",
+            ("model", "training runs", "held-out runs"),
+            rows,
+        )
     )
 
     exported, refused = export_parameters(after)

@@ -283,7 +283,7 @@ def _doubt(fine: Offset, found: _Coarse, period: float, drifted: float) -> str:
     second = int(np.argmax(other))
     behind = found.independent * np.log(max(1e-12, 1 - other[second] ** 2) / max(1e-12, 1 - best**2))
     if behind < CLEAR or other[second] > ALIKE * best:
-        return f"{found.lags[second]:.4g} s fits nearly as well as {fine.offset:.4g} s: the columns repeat themselves"
+        return f"{found.lags[second]:.4g} s fits almost as well as {fine.offset:.4g} s: the columns repeat themselves"
     if found.peak in (0, len(found.r) - 1):
         return f"the best offset is at the end of what was searched ({fine.offset:.4g} s): look further"
     if not fine.offset_sd < TELLING * period:
