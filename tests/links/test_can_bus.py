@@ -86,7 +86,7 @@ def test_tools_of_others_show_it(tmp_path: Path, tool: str) -> None:
         "viewer": [sys.executable, "-m", "can.viewer", "-i", "terrapin", "-c", "steady_sand"],
         "cantools": [*CANTOOLS, "-i", "terrapin", "-c", "steady_sand", str(paths.dbc())],
     }[tool]
-    expected = {"viewer": f"0x{interface().messages['STATUS'].id:03X}", "cantools": "STATUS"}[tool]
+    expected = {"viewer": f"0x{interface().messages['STATUS'].id:03X}", "cantools": "ELECTRICAL"}[tool]
     master, slave = pty.openpty()
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 50, 160, 0, 0))
     with closing(os.fdopen(master, "rb", buffering=0)) as screen:
