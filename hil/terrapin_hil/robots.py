@@ -63,9 +63,23 @@ def select(name: str, around: Iterable[Path] = ()) -> Robot:
     own = path.parent != ROBOTS
     if own and robot.name == DEFAULT:
         raise UserError(f"{path}: found the name of the shipped {DEFAULT}, expected one of its own: rename the file")
+    before = os.environ.get(paths.ROBOT_VARIABLE)
     os.environ[paths.ROBOT_VARIABLE] = str(path.resolve()) if own else robot.name
+    try:
+        _have_built(robot, path, name)
+    except BaseException:  # the process keeps the robot that it had
+        if before is None:
+            del os.environ[paths.ROBOT_VARIABLE]
+        else:
+            os.environ[paths.ROBOT_VARIABLE] = before
+        raise
+    return robot
+
+
+def _have_built(robot: Robot, path: Path, name: str) -> None:
+    """The controller of this process's robot is there, or is built now. UserError as in `select`."""
     if not (lack := _lack(robot)):
-        return robot
+        return
     target = paths.make("setup" if robot.name == DEFAULT else f"firmware ROBOT={name}")
     sources = paths.firmware_sources()
     if robot.name == DEFAULT or sources is None:
@@ -73,10 +87,9 @@ def select(name: str, around: Iterable[Path] = ()) -> Robot:
     missing = [program for program in PROGRAMS if shutil.which(program, path=_environment()["PATH"]) is None]
     if missing:
         raise UserError(f"{robot.name}: {lack}, and {', '.join(missing)} to build it not found on PATH; run {target}")
-    _build(robot.name, path, sources)
+    _build(robot, path, sources)
     if lack := _lack(robot):
         raise UserError(f"{robot.name}: {lack}; run {target}")
-    return robot
 
 
 def robot_words() -> list[str]:
@@ -120,8 +133,9 @@ def _environment() -> dict[str, str]:
     return {**os.environ, "PATH": os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", "")))}
 
 
-def _build(name: str, file: Path, sources: Path) -> None:
+def _build(robot: Robot, file: Path, sources: Path) -> None:
     """Builds the controller of a robot for this machine. UserError with the compiler's first complaint."""
+    name = robot.name
     place = paths.build()
     place.mkdir(parents=True, exist_ok=True)
     commands = (
@@ -130,8 +144,10 @@ def _build(name: str, file: Path, sources: Path) -> None:
         ("cmake", "--build", str(place), "--target", "terrapin", "terrapin-controller", "terrapin_boot",
          "interface"),
     )  # fmt: skip
-    with (place.parent / "lock").open("w") as lock:  # two commands of one robot build it once
+    with (place.parent / "lock").open("w") as lock:  # two commands of one robot, and build.sh, build it once
         fcntl.flock(lock, fcntl.LOCK_EX)
+        if not _lack(robot):  # another command has built it meanwhile
+            return
         print(f"{name}: building its controller, once ...", end=" ", file=sys.stderr, flush=True)
         began = time.monotonic()
         (place / "libterrapin.so").unlink(missing_ok=True)  # one that is interrupted leaves none of an older file

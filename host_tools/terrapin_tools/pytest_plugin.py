@@ -43,13 +43,17 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    marked = [item for item in items if item.get_closest_marker("terrapin_hardware")]
+    if not marked:
+        return
+    from terrapin_hil.links.names import LinkName
+
     link = str(config.getoption("--terrapin-link"))
-    if link.partition(":")[0] in ("serial", "socketcan", "can"):
+    if LinkName.parse(link).kind in ("serial", "socketcan", "can"):
         return
     skipped = pytest.mark.skip(reason=f"needs a real board, found --terrapin-link {link}")
-    for item in items:
-        if item.get_closest_marker("terrapin_hardware"):
-            item.add_marker(skipped)
+    for item in marked:
+        item.add_marker(skipped)
 
 
 @pytest.hookimpl(hookwrapper=True)

@@ -128,9 +128,13 @@ OTHERS = {
     "hil/terrapin_hil/run/ports.py": 1,  # --on pty:PATH; a bus is handed on to names.py
     "hil/terrapin_hil/run/rig.py": 1,  # CHIP:LINE
     "host_tools/terrapin_tools/batch/design.py": 2,  # FIRST:LAST, LOW:HIGH:STEPS
+    "host_tools/terrapin_tools/logs/resample.py": 2,  # BUS:MESSAGE of a log with several
     "host_tools/terrapin_tools/worker.py": 1,  # module:function
     "host_tools/terrapin_tools/workbench/case/changes.py": 1,  # a library's message, file:line:column
     "host_tools/terrapin_tools/workbench/compare/adequacy.py": 3,  # labels of the tests of adequacy
+    "host_tools/terrapin_tools/workbench/files/split_runs.py": 1,  # --runs gap:SECONDS
+    "host_tools/terrapin_tools/workbench/files/times.py": 1,  # a clock
+    "host_tools/terrapin_tools/workbench/new_case/from_tables.py": 1,  # --runs gap:SECONDS
     "host_tools/terrapin_tools/workbench/new_case/options.py": 1,  # COLUMN:UNIT:ROLE
 }
 

@@ -325,7 +325,6 @@ WRONG_LOGS: dict[str, tuple[bytes, bytes, str, list[str]]] = {
     "cut DBC": (LOG.encode(), DBC[:-12].encode(), ".log", ["load.column", "MOTOR.load"]),
     "DBC of another bus": (LOG.encode(), DBC.replace("BO_ 1", "BO_ 9").encode(), ".log", ["no frame"]),
     "DBC with another signal": (LOG.encode(), DBC.replace("omega", "speed").encode(), ".log", ["MOTION.omega"]),
-    "overlapping signals": (LOG.encode(), DBC.replace("16|16@1-", "8|16@1-").encode(), ".log", ["x.dbc", "DBC"]),
     "empty BLF": (b"", DBC.encode(), ".blf", ["slow.blf", "bus log"]),
     "BLF of junk": (b"junk" * 50, DBC.encode(), ".blf", ["slow.blf", "bus log"]),
     "MF4 of junk": (b"junk" * 50, DBC.encode(), ".mf4", ["slow.mf4"]),

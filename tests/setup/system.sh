@@ -25,7 +25,7 @@ quietly() {
     local log=$LOGS/$1.log
     shift
     mkdir -p "$LOGS"
-    "$@" >"$log" 2>&1 </dev/null 9<&- && return 0 # a daemon that it starts must not keep the lock
+    "$@" >"$log" 2>&1 </dev/null 9<&- 8<&- && return 0 # a daemon that it starts must not keep the lock
     say "failed: $*"
     tail -n 20 "$log" >&2
     return 1

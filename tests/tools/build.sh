@@ -21,6 +21,11 @@ for preset in "$@"; do
             ctest --test-dir "build/robots/$name/cortex-m4" -V | sed -n 's/^[0-9]*: //p' | grep -Ev '^(Test|Working)'
             continue
         fi
+        mkdir -p "build/robots/$name"
+        if command -v flock >/dev/null; then # commands that select this robot build it, too (hil/terrapin_hil/robots.py)
+            exec 8>"build/robots/$name/lock"
+            flock -w "${TERRAPIN_WAIT:-900}" 8 || fail "another program was still building $name: let it end, then try again"
+        fi
         targets=(all) options=()
         [ "$preset" = host ] && targets=(terrapin terrapin-controller terrapin_boot interface) options=(-DTERRAPIN_HIL=OFF)
         [ -f "$place/build.ninja" ] || say "building $preset for $name"

@@ -151,12 +151,13 @@ ORDERS = st.fixed_dictionaries(
         ),
         "run": st.just("") | LINES, "train": st.lists(LINES, max_size=2), "test": st.lists(LINES, max_size=2),
         "every": st.integers(1, 1_000_000), "period": st.sampled_from(["10 ms", "0.5 s"]),
+        "read": st.dictionaries(NAMES, LINES, max_size=2),
     }
 )  # fmt: skip
 OPTIONS = {
     "title": "title", "base": "base", "effect": "effects", "column": "columns", "unit": "units", "noise": "noises",
     "constant": "constants", "fit": "fits", "equation": "equations", "limit": "limits", "run": "run",
-    "train": "train", "test": "test", "every": "every", "period": "period",
+    "train": "train", "test": "test", "every": "every", "period": "period", "read": "readings",
 }  # fmt: skip
 
 

@@ -91,7 +91,7 @@ class Answer:
 
     @property
     def next_experiment(self) -> Mapping[str, Any] | None:
-        """The experiment that tells the rivals apart, as `terrapin discover --json` has it; None where none is."""
+        """What tells the rivals apart, as `terrapin discover CASE --json -` has it; None where nothing does."""
         plan = self._story.found.plan if self._story.found else None
         return dict(vars(plan)) if plan else None
 

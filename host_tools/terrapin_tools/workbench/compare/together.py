@@ -48,6 +48,8 @@ class Together:
 def together(analysis: Analysis) -> list[Together]:
     """Groups of parameters of the fit that the training runs do not tell apart, largest first."""
     fit = analysis.fit
+    if not len(fit.theta):
+        return []
     flat = fit.jacobian.reshape(-1, len(fit.theta))
     size = np.sqrt((flat * flat).sum(axis=0))
     used = np.flatnonzero(np.isfinite(size) & (size > 0.0) & [not one.whole for one in fit.model.fitted])

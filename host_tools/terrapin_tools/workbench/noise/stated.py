@@ -27,7 +27,8 @@ def followed(noise: Noise, given: Given, again: Callable[[Given], Noise]) -> Noi
     A stated sd that is far too large also makes noise look correlated, or runs apart, in which a row's sd is as large
     as stated: so what is found without it is asked too, and not only the sd follows it.
     """
-    if not noise.known.any():
+    told = noise.known & [one is not None for one in given]  # others are known by rounding alone
+    if not told.any():
         return noise
     channels = range(len(noise.known))
     freedom = STATED + noise.ratio_freedom
@@ -36,10 +37,10 @@ def followed(noise: Noise, given: Given, again: Callable[[Given], Noise]) -> Noi
     found = again([None] * len(given))
     whole = found.sigma / noise.sigma / [noise.node.of(c).floor for c in channels]  # of runs, which is seen best
     wrong = np.where(np.maximum(whole, 1.0 / whole) > PLAINLY, 1.0, wrong)
-    off = noise.known & (wrong > SURE)
+    off = told & (wrong > SURE)
     if not off.any():
         return noise
-    if not off[noise.known].all():
+    if not off[told].all():
         found = again([None if bad else one for bad, one in zip(off, given, strict=True)])
     row = found.sigma / [found.node.of(c).floor for c in channels]
     ratio = [s / one if bad and one else 1.0 for s, one, bad in zip(row, given, off, strict=True)]

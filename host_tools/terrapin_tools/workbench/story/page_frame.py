@@ -151,7 +151,7 @@ click: what it would do</span></h2>
 </div>
 {%- if notes %}<section class="wide notes">{{ notes|safe }}</section>{% endif %}
 </main>
-<footer>Made by <code>terrapin report</code>. Errors in noise sd: {{ floor(story.noise) }}.
+<footer>Made by <code>terrapin report</code>. All errors are in noise sd: {{ floor(story.noise) }}.
 Probabilities are calibrated: of all given with 0.9, nine in ten are right.</footer>
 <script type="application/json" id="data">{{ json|safe }}</script>
 <script>{{ script|safe }}</script>
