@@ -194,7 +194,8 @@ class Reference:
                 {
                     "name": m.name, "id": m.id, "sender": m.table["sender"], "length": m.length,
                     "cycle_ms": m.table.get("cycle_ms", 0), "e2e": m.table.get("e2e", False),
-                    "comment": m.table.get("comment", ""), "signals": [signal(s) for s in m.signals],
+                    "comment": m.table.get("comment", ""), "authority": m.table.get("authority", ""),
+                    "signals": [signal(s) for s in m.signals],
                 }
                 for m in self.messages
             ],
