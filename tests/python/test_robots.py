@@ -21,7 +21,7 @@ from terrapin_hil.errors import UserError
 from terrapin_hil.paths import ROBOT_VARIABLE, SCENARIOS
 from terrapin_hil.reading import ReadingError
 from terrapin_hil.robot.plant import Robot as Plant
-from terrapin_hil.robots import Robot, _build, _changed_since, select, selected
+from terrapin_hil.robots import Robot, _build, _changed_since, cylinder, select, selected
 from terrapin_hil.run.run import run
 from terrapin_hil.scenario.scenario import Scenario, load_scenario
 from terrapin_interface.description import load
@@ -461,7 +461,7 @@ def test_a_build_that_is_interrupted_leaves_no_library_of_an_older_file(
     monkeypatch.setattr("terrapin_hil.robots.paths.build", lambda: place)
     monkeypatch.setattr("terrapin_hil.robots.subprocess.run", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        _build("own", tmp_path / "own.toml", tmp_path)
+        _build(cylinder(), tmp_path / "own.toml", tmp_path)
     assert not (place / "libterrapin.so").exists()
 
 

@@ -201,7 +201,7 @@ def test_what_is_wrong_in_an_option_is_said_of_it(option: str, text: Any, words:
     given_: dict[str, Any] = {
         "title": "", "base": "equation", "run": "", "period": "10 ms", "every": 1, "columns": ["omega=w"],
         **{key: [] for key in ("effects", "units", "noises", "constants", "fits", "equations", "limits")},
-        "train": [], "test": [],
+        "train": [], "test": [], "readings": [],
     }  # fmt: skip
     given_[option] = [*given_[option], text] if isinstance(given_[option], list) else text
     with pytest.raises(UserError) as found:
