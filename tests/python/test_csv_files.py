@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import resource
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from casekit import ROLLING, one_line, rolling, terrapin
+from drawn_tables import DAMAGES, damaged, draw
 
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import load_case
@@ -206,6 +208,50 @@ def test_drawn_spellings_give_their_numbers(tmp_path: Path, seed: int) -> None:
         column = next(found for found in table.columns if found.split(" [")[0] == name)
         assert table.numbers(column).tolist() == values, drawn
     assert table.text(next(iter(table.columns)))[0] == "V0"
+
+
+@pytest.mark.parametrize("seed", range(0, 60, 3))
+def test_a_large_file_is_read_as_a_small_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    """Numbers, texts, what was assumed and what is refused; also with one damage."""
+    drawn = draw(seed)
+    for content in (drawn.content, *(damaged(drawn, kind, seed)[0] for kind in DAMAGES)):
+        (tmp_path / "a.csv").write_bytes(content)
+        told = []
+        for least in (1 << 40, 1):
+            monkeypatch.setattr(csv_files, "LARGE", least)
+            try:
+                table = read(tmp_path / "a.csv", texts={"run"})
+            except UserError as error:
+                told.append({"refused": str(error)})
+                continue
+            columns = {name: table.text(name) for name in table.columns}
+            for name in columns:
+                with contextlib.suppress(UserError):
+                    columns[name] = [repr(value) for value in table.numbers(name, gaps=True).tolist()]
+            told.append({"notes": table.notes, **columns})
+        assert told[0] == told[1]
+
+
+def test_one_long_text_does_not_widen_its_column(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(csv_files, "LARGE", 1)
+    rows = [f"short,{i}" for i in range(100_000)]
+    rows[500], rows[700] = f"{'x' * 90_000}y,500", f"{'x' * 90_000}z,700"
+    (tmp_path / "a.csv").write_text("\n".join(["note,w", *rows]) + "\n")
+    column = read(tmp_path / "a.csv").columns["note"]
+    assert column.nbytes < 100_000 * 200 * 4 + 1
+    assert column[0] == column[-1] == "short"
+    assert len({*column.tolist()}) == 3
+    assert "90001 characters" in str(column[500])
+
+
+def test_doubts_of_a_large_file_are_asked_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(csv_files, "LARGE", 1)
+    monkeypatch.setattr(csv_files, "_read_any", pytest.fail)
+    (tmp_path / "a.csv").write_text("w;M\n" + "1,302;2\n" * 3000)
+    with pytest.raises(UserError, match=r"a\.csv:2: column w: found '1,302', which is 1\.302 or 1302"):
+        read(tmp_path / "a.csv")
+    (tmp_path / "a.csv").write_text("w;M\n" + "1,302;2\n" * 3000 + "0,125;7\n")
+    assert read(tmp_path / "a.csv").numbers("w")[[0, -1]].tolist() == [1.302, 0.125]
 
 
 def test_a_column_cannot_be_two_things(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

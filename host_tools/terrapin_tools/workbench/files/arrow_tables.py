@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from terrapin_hil.reading import shorten
 from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.files.format import text_cells
 from terrapin_tools.workbench.files.tables import Table
 
 __all__ = ["from_arrow", "labelled", "to_arrow"]
@@ -62,7 +63,7 @@ def _values(column: Any) -> npt.NDArray[Any]:
     values = column.to_numpy()
     if values.dtype.kind in "fiub":
         return np.asarray(values, dtype=np.float64)
-    return np.array(["" if cell is None or cell != cell else str(cell) for cell in values], dtype=str)
+    return text_cells(["" if cell is None or cell != cell else str(cell) for cell in values])
 
 
 def to_arrow(table: Table, units: Mapping[str, str] | None = None) -> Any:

@@ -6,6 +6,7 @@ them (which part, units, dates, runs, bounds, complaints) is in tables.py.
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -20,10 +21,24 @@ from terrapin_hil.reading import shorten
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.files import units
 
-__all__ = ["MAX_BYTES", "Ambiguous", "Asked", "Column", "Format", "Part", "cells", "named", "need"]
+__all__ = [
+    "MAX_BYTES",
+    "Ambiguous",
+    "Asked",
+    "Column",
+    "Format",
+    "Part",
+    "arrow_texts",
+    "cells",
+    "named",
+    "need",
+    "text_cells",
+]
 
 Column = npt.NDArray[Any]  # float64, or str where the file holds text
 MAX_BYTES = 1 << 30  # that a file may hold once it is unpacked
+LONG = 200  # characters of a text that stay where one makes its column too wide,
+ROOM = 16 << 20  # which is so many characters
 
 _VALUES = {
     "decimal": ("point", "comma"),
@@ -142,7 +157,36 @@ def need(path: Path, package: str, extra: str) -> None:
 
 def cells(values: Sequence[Any]) -> Column:
     """A column of any values, as text: whole numbers without a point, nothing as ""."""
-    return np.array(["" if value is None else _text(value) for value in values], dtype=str)
+    return text_cells(["" if value is None else _text(value) for value in values])
+
+
+def text_cells(texts: Sequence[str]) -> Column:
+    """A column of text. NumPy gives each row the room of the longest: where that is much, long ones are cut.
+
+    What is cut keeps its beginning, its length and a digest, so that different texts stay different.
+    """
+    longest = max(map(len, texts), default=0)
+    if longest > LONG and longest * len(texts) > ROOM:
+        texts = [text if len(text) <= LONG else _cut(text) for text in texts]
+    return np.array(texts, dtype=str)
+
+
+def _cut(text: str) -> str:
+    digest = hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:8]
+    return f"{text[: LONG - 60]}... ({len(text)} characters, SHA-256 {digest})"
+
+
+def arrow_texts(column: Any) -> Column:
+    """A column of text of Arrow's, as `text_cells`; texts that come again are made once."""
+    import pyarrow
+
+    if isinstance(column, pyarrow.ChunkedArray):
+        column = column.combine_chunks()
+    coded = column.fill_null("").dictionary_encode()
+    words = text_cells(coded.dictionary.to_pylist())
+    if words.itemsize * len(coded) > 4 * ROOM:
+        words = text_cells([word if len(word) <= LONG else _cut(word) for word in coded.dictionary.to_pylist()])
+    return words[coded.indices.to_numpy()] if len(words) else np.array([""] * len(coded), dtype=str)
 
 
 def _text(value: Any) -> str:

@@ -14,7 +14,7 @@ from terrapin_tools.parquet_files import batches, opened
 from terrapin_tools.progress import bar
 from terrapin_tools.workbench.files.csv_files import LARGE, layout_of
 from terrapin_tools.workbench.files.csv_layout import Layout
-from terrapin_tools.workbench.files.format import Asked
+from terrapin_tools.workbench.files.format import Asked, arrow_texts, text_cells
 from terrapin_tools.workbench.files.formats.csv_text import FORMAT as CSV
 from terrapin_tools.workbench.files.tables import Table, read
 from terrapin_tools.workbench.files.times import has_times
@@ -36,8 +36,10 @@ def stream(path: Path, texts: Collection[str] = (), asked: Asked = PLAIN) -> Ite
     if not path.is_dir() and not asked.said():
         if suffix == ".parquet":
             pieces = _stream_parquet(path)
-        elif suffix in TEXT and path.stat().st_size >= LARGE and not (layout := layout_of(path)).notes:
-            pieces = _stream_csv(path, layout, texts)
+        elif suffix in TEXT and path.stat().st_size >= LARGE:
+            layout = layout_of(path)
+            if not layout.notes and layout.delimiter == ",":  # else the decimal mark is found over the whole file
+                pieces = _stream_csv(path, layout, texts)
     first = next(pieces, None) if pieces is not None else None
     if pieces is None or first is None or has_times(first.columns):
         yield read(path, texts=texts, asked=asked)  # what is not plain is looked at as a whole
@@ -64,7 +66,7 @@ def _stream_csv(path: Path, layout: Layout, texts: Collection[str]) -> Iterator[
                 columns: dict[str, npt.NDArray[Any]] = {}
                 for name, number in zip(header, names, strict=True):
                     cells = batch.column(int(number))
-                    columns[name] = _texts(cells) if name in texts else _cells(cells, delimiter)
+                    columns[name] = arrow_texts(cells) if name in texts else _cells(cells)
                 columns.pop("", None)
                 yield Table(path, columns, line)
                 line += batch.num_rows
@@ -76,21 +78,14 @@ def _stream_csv(path: Path, layout: Layout, texts: Collection[str]) -> Iterator[
         raise UserError(f"{path.name}: from line {line} on: {reason}{hint}, expected a CSV file") from None
 
 
-def _cells(column: Any, delimiter: str) -> npt.NDArray[Any]:
-    """Numbers if all cells are, else text; decimal commas where commas do not part the fields."""
+def _cells(column: Any) -> npt.NDArray[Any]:
+    """Numbers if all cells are, else text."""
     import pyarrow.compute
 
-    plain = column
-    if delimiter != ",":
-        plain = pyarrow.compute.replace_substring(column, ",", ".")
     try:
-        return np.asarray(pyarrow.compute.cast(plain, pyarrow.float64()).to_numpy(zero_copy_only=False))
+        return np.asarray(pyarrow.compute.cast(column, pyarrow.float64()).to_numpy(zero_copy_only=False))
     except pyarrow.ArrowException:
-        return _texts(column)
-
-
-def _texts(column: Any) -> npt.NDArray[Any]:
-    return np.asarray(column.to_numpy(zero_copy_only=False).astype(str))
+        return arrow_texts(column)
 
 
 def _stream_parquet(path: Path) -> Iterator[Table]:
@@ -103,5 +98,5 @@ def _stream_parquet(path: Path) -> Iterator[Table]:
                 values = column.to_numpy(zero_copy_only=False)
                 numeric = values.dtype.kind in "fiub"
                 texts = ["" if cell is None else str(cell) for cell in values] if not numeric else []
-                columns[name] = values.astype(np.float64) if numeric else np.array(texts, dtype=str)
+                columns[name] = values.astype(np.float64) if numeric else text_cells(texts)
             yield Table(path, columns, 0)

@@ -106,9 +106,9 @@ def told_repeats(tables: Sequence[Table]) -> list[str]:
     """Rows that are another's copy, where they are few: a coarse sensor repeats many."""
     found = []
     for table in tables:
-        columns = [np.asarray(column).astype(str) for column in table.columns.values()]
-        if table.rows > MOST_ROWS or len(columns) < 2:
+        if table.rows > MOST_ROWS or len(table.columns) < 2:
             continue
+        columns = [np.asarray(column).astype(str) for column in table.columns.values()]
         seen: dict[tuple[str, ...], int] = {}
         copies = []
         for row, cells in enumerate(zip(*(column.tolist() for column in columns), strict=True)):

@@ -11,7 +11,7 @@ import numpy as np
 from terrapin_hil.reading import shorten
 from terrapin_tools.errors import UserError
 from terrapin_tools.parquet_files import batches, opened
-from terrapin_tools.workbench.files.format import MAX_BYTES, Asked, Column, Format, Part, cells
+from terrapin_tools.workbench.files.format import MAX_BYTES, Asked, Column, Format, Part, arrow_texts, cells
 
 
 def read(path: Path, asked: Asked, texts: Collection[str]) -> list[Part]:
@@ -58,9 +58,13 @@ def _part(path: Path, table: Any) -> Part:
 
 
 def _column(column: Any) -> Column:
+    import pyarrow.types
+
+    if pyarrow.types.is_string(column.type) or pyarrow.types.is_large_string(column.type):
+        return arrow_texts(column)
     values = column.to_numpy()
     if values.dtype.kind in "fiub":
-        return np.asarray(values.astype(np.float64))
+        return np.asarray(values.astype(np.float64, copy=False))
     if values.dtype.kind == "M":
         return np.where(np.isnat(values), "", values.astype(str))
     return cells(values.tolist())
