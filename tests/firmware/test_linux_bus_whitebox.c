@@ -95,11 +95,95 @@ static void test_an_interface_that_goes_down_counts_whoever_sees_it_first(void) 
     TEST_ASSERT_EQUAL(2, b.counts.went_down);
 }
 
+static void told(bus *b, uint32_t kind, uint8_t problem) {
+    struct can_frame frame = {.can_id = CAN_ERR_FLAG | kind, .can_dlc = CAN_ERR_DLC};
+    terrapin_frame out;
+    frame.data[1] = problem;
+    TEST_ASSERT_FALSE_MESSAGE(take_frame(b, &frame, &out), "an error is no frame");
+}
+
+/* linux/can/error.h, class by class; a controller that was restarted is active again. */
+static void test_error_frames_one_by_one(void) {
+    bus b = {.name = "none", .state = BUS_ACTIVE};
+    told(&b, CAN_ERR_CRTL, CAN_ERR_CRTL_TX_WARNING);
+    TEST_ASSERT_EQUAL(BUS_WARNING, b.state);
+    told(&b, CAN_ERR_CRTL, CAN_ERR_CRTL_RX_WARNING);
+    TEST_ASSERT_EQUAL(2, b.counts.error_warning);
+    told(&b, CAN_ERR_CRTL, CAN_ERR_CRTL_RX_PASSIVE | CAN_ERR_CRTL_TX_WARNING);
+    TEST_ASSERT_EQUAL(BUS_PASSIVE, b.state);
+    TEST_ASSERT_EQUAL(1, b.counts.error_passive);
+    TEST_ASSERT_EQUAL(2, b.counts.error_warning);
+    told(&b, CAN_ERR_CRTL, CAN_ERR_CRTL_ACTIVE);
+    TEST_ASSERT_EQUAL(BUS_ACTIVE, b.state);
+    told(&b, CAN_ERR_BUSOFF, 0U);
+    TEST_ASSERT_EQUAL(BUS_OFF, b.state);
+    TEST_ASSERT_EQUAL(1, b.counts.bus_off);
+    told(&b, CAN_ERR_RESTARTED, 0U);
+    TEST_ASSERT_EQUAL(BUS_ACTIVE, b.state);
+    TEST_ASSERT_EQUAL(1, b.counts.restarted);
+    told(&b, CAN_ERR_BUSOFF | CAN_ERR_RESTARTED, 0U); /* off again since */
+    TEST_ASSERT_EQUAL(BUS_OFF, b.state);
+    told(&b, CAN_ERR_ACK, 0U);
+    TEST_ASSERT_EQUAL(1, b.counts.no_acknowledge);
+    told(&b, CAN_ERR_CRTL, CAN_ERR_CRTL_TX_OVERFLOW);
+    TEST_ASSERT_EQUAL(1, b.counts.overflowed);
+    TEST_ASSERT_EQUAL(0, b.counts.other_error);
+    told(&b, CAN_ERR_CRTL, 0U);
+    told(&b, CAN_ERR_PROT | CAN_ERR_ACK, 0U);
+    TEST_ASSERT_EQUAL(2, b.counts.other_error);
+    TEST_ASSERT_EQUAL(2, b.counts.no_acknowledge);
+    TEST_ASSERT_EQUAL(0, b.counts.received);
+}
+
+static void test_frames_that_are_ours_to_read(void) {
+    bus b = {.name = "none"};
+    terrapin_frame out = {0};
+    struct can_frame frame = {.can_id = CAN_SFF_MASK, .can_dlc = 8, .data = {1, 2, 3, 4, 5, 6, 7, 8}};
+    TEST_ASSERT_TRUE(take_frame(&b, &frame, &out));
+    TEST_ASSERT_EQUAL_HEX(CAN_SFF_MASK, out.id);
+    TEST_ASSERT_EQUAL(8, out.length);
+    TEST_ASSERT_EQUAL_MEMORY(frame.data, out.data, 8);
+    frame.can_dlc = 9;
+    TEST_ASSERT_FALSE(take_frame(&b, &frame, &out));
+    frame.can_dlc = 8;
+    frame.can_id = 0x100U | CAN_EFF_FLAG;
+    TEST_ASSERT_FALSE(take_frame(&b, &frame, &out));
+    frame.can_id = 0x100U | CAN_RTR_FLAG;
+    TEST_ASSERT_FALSE(take_frame(&b, &frame, &out));
+    TEST_ASSERT_EQUAL(1, b.counts.received);
+}
+
+/* Unplugged: the socket is of no more use. A full queue costs the frame alone. */
+static void test_what_a_refusal_means(void) {
+    static const struct {
+        int reason;
+        bool lost;
+    } sending[] = {{ENOBUFS, false}, {EAGAIN, false}, {ENODEV, true}, {ENXIO, true}},
+      receiving[] = {{EAGAIN, false}, {EINTR, false}, {ENODEV, true}, {EBADF, true}};
+    const terrapin_frame out = {.id = 0x180U};
+    terrapin_frame in[BUS_AT_ONCE];
+    for (size_t i = 0; i < 4U; i++) {
+        bus b = {.name = "none", .descriptor = 5, .state = BUS_ACTIVE};
+        refusal = sending[i].reason;
+        socketcan_send(&b, &out, 1);
+        TEST_ASSERT_EQUAL(sending[i].lost ? -1 : 5, b.descriptor);
+        TEST_ASSERT_EQUAL(1, b.counts.unsent);
+        TEST_ASSERT_EQUAL(0, b.counts.went_down);
+        b.descriptor = 5;
+        refusal = receiving[i].reason;
+        TEST_ASSERT_EQUAL(0, socketcan_receive(&b, in));
+        TEST_ASSERT_EQUAL(receiving[i].lost ? -1 : 5, b.descriptor);
+    }
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_losses_add_up);
     RUN_TEST(test_a_new_socket_counts_from_zero);
     RUN_TEST(test_error_counters_are_no_error);
+    RUN_TEST(test_error_frames_one_by_one);
+    RUN_TEST(test_frames_that_are_ours_to_read);
+    RUN_TEST(test_what_a_refusal_means);
     RUN_TEST(test_an_interface_that_goes_down_counts_whoever_sees_it_first);
     return UNITY_END();
 }

@@ -1,0 +1,481 @@
+/* What the Linux controller decides: when the bridge may be on, when the e-stop is released, what each signal and each
+ * mode does, in which order things are had and given back. */
+#define _GNU_SOURCE
+
+#include "linux_rig.h"
+
+static controller c;
+static gpio_line estop, enable, led;
+static volatile bool lit;
+static controller_options wanted;
+
+void setUp(void) {
+    steps = 0;
+    steps_with_estop = 0;
+    steps_until_the_end = 1000000;
+    brought = 100000; /* nothing comes */
+    opened[0] = '\0';
+    outputs_set[0] = '\0';
+    refused = '\0';
+    offered = &enable;
+    pwm_refuses = enable_refuses = bridge_forbidden = false;
+    modes_to_change = stops_kept = frames_sent = reopened = 0;
+    idle_at = -1;
+    wanted = (controller_options){.debounce_ms = 20U};
+    enable = (gpio_line){.output = enable_output, .letter = 'E'};
+    led = (gpio_line){.output = &lit, .letter = 'L'};
+    estop = (gpio_line){.descriptor = -1, .level = 1};
+    TEST_ASSERT_TRUE(controller_open(&c, &wanted));
+    c.estop = &estop;
+    c.enable = &enable;
+    c.clock.period_ns = TICK_NS;
+    *enable_output = false;
+}
+
+void tearDown(void) {
+    c.estop = NULL;
+    c.led = NULL;
+    controller_close(&c);
+}
+
+/* ---- the bridge */
+
+static void test_the_bridge_is_on_when_all_allow_it(void) {
+    for (unsigned int bits = 0; bits < 64U; bits++) {
+        c.outputs.enable = (bits & 1U) != 0U;
+        bridge_forbidden = (bits & 2U) != 0U;
+        c.stopped = (bits & 4U) != 0U;
+        c.broken = (bits & 8U) != 0U;
+        c.driving = (bits & 16U) != 0U;
+        c.outputs.duty_q15 = (bits & 32U) != 0U ? 1000 : -1000;
+        *enable_output = c.driving;
+        outputs_set[0] = '\0';
+        apply(&c);
+        TEST_ASSERT_EQUAL((bits & 15U) == 1U, *enable_output);
+        TEST_ASSERT_EQUAL((bits & 15U) == 1U, c.driving);
+        if ((bits & 15U) != 1U) {
+            TEST_ASSERT_NULL_MESSAGE(strpbrk(outputs_set, "E+-"), "nothing of it on the way to off");
+        }
+    }
+}
+
+static void test_an_output_that_cannot_be_set_ends_it_with_all_off(void) {
+    for (int which = 0; which < 2; which++) {
+        enable_refuses = which == 0;
+        pwm_refuses = which == 1;
+        c.broken = false;
+        c.outputs.duty_q15 = 500;
+        steps = 0;
+        steps_until_the_end = 60;
+        outputs_set[0] = '\0';
+        TEST_ASSERT_EQUAL(1, controller_run(&c));
+        TEST_ASSERT_TRUE(c.broken);
+        TEST_ASSERT_LESS_THAN(60, steps);
+        TEST_ASSERT_FALSE(*enable_output);
+        TEST_ASSERT_FALSE(c.driving);
+        if (which == 1) {
+            TEST_ASSERT_NULL_MESSAGE(strchr(outputs_set, 'E'), "not enabled at a duty that was not set");
+        }
+    }
+}
+
+static void test_an_emergency_needs_no_step(void) {
+    char text[8] = "";
+    FILE *const file = tmpfile();
+    TEST_ASSERT_NOT_NULL(file);
+    c.pwm.descriptor = fileno(file);
+    TEST_ASSERT_EQUAL(3, write(c.pwm.descriptor, "987", 3));
+    *enable_output = true;
+    controller_emergency(&c);
+    TEST_ASSERT_FALSE(*enable_output);
+    TEST_ASSERT_EQUAL(3, pread(c.pwm.descriptor, text, 3, 0));
+    TEST_ASSERT_EQUAL_STRING_LEN("0\n", text, 2);
+    c.pwm.descriptor = -1;
+    (void)fclose(file);
+}
+
+/* Each of them ends the program as it would without a handler, the bridge off by then. */
+static void test_every_fatal_signal_puts_the_bridge_off(void) {
+    static const int numbers[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGSYS, SIGXCPU};
+    for (size_t i = 0; i < (sizeof numbers / sizeof numbers[0]); i++) {
+        int status = 0;
+        *enable_output = true;
+        const pid_t child = fork();
+        if (child == 0) {
+            const struct rlimit none = {0, 0};
+            (void)setrlimit(RLIMIT_CORE, &none);
+            the_controller.enable = &enable;
+            the_controller.pwm.descriptor = -1;
+            catch_fatal();
+            (void)raise(numbers[i]);
+            _exit(0);
+        }
+        TEST_ASSERT_EQUAL(child, waitpid(child, &status, 0));
+        TEST_ASSERT_TRUE(WIFSIGNALED(status));
+        TEST_ASSERT_EQUAL(numbers[i], WTERMSIG(status));
+        TEST_ASSERT_FALSE(*enable_output);
+    }
+}
+
+/* ---- the e-stop */
+
+static void test_the_release_waits_for_its_time_without_a_break(void) {
+    c.stopped = false;
+    stop(&c);
+    TEST_ASSERT_EQUAL(1, c.presses);
+    for (int look = 0; look < 20; look++) {
+        watch_estop(&c);
+        TEST_ASSERT_TRUE(c.stopped);
+    }
+    estop.level = 0; /* one look in the last millisecond: all of it again, and the same press */
+    watch_estop(&c);
+    estop.level = 1;
+    for (int look = 0; look < 20; look++) {
+        watch_estop(&c);
+        TEST_ASSERT_TRUE(c.stopped);
+    }
+    watch_estop(&c);
+    TEST_ASSERT_FALSE(c.stopped);
+    TEST_ASSERT_EQUAL(1, c.presses);
+    watch_estop(&c);
+    TEST_ASSERT_FALSE(c.stopped);
+    stop(&c);
+    TEST_ASSERT_EQUAL(2, c.presses);
+    c.clock.period_ns = (uint64_t)CHORE_MS * TICK_NS; /* in test mode a look stands for 100 ms */
+    watch_estop(&c);
+    TEST_ASSERT_TRUE(c.stopped);
+    watch_estop(&c);
+    TEST_ASSERT_FALSE(c.stopped);
+}
+
+static void test_a_press_puts_the_bridge_off_at_once(void) {
+    c.stopped = false;
+    c.outputs.enable = true;
+    apply(&c);
+    TEST_ASSERT_TRUE(*enable_output);
+    stop(&c);
+    TEST_ASSERT_FALSE(*enable_output);
+}
+
+static void test_without_an_estop_there_is_nothing_to_release(void) {
+    c.estop = NULL;
+    watch_estop(&c);
+    TEST_ASSERT_FALSE(c.stopped);
+}
+
+static void test_a_line_that_is_gone_is_not_believed_again(void) {
+    c.stopped = false;
+    estop.gone = true;
+    take_estop_edges(&c, POLLIN);
+    TEST_ASSERT_TRUE(c.stopped);
+    TEST_ASSERT_TRUE(c.estop_gone);
+    estop.gone = false;
+    for (int look = 0; look < 100; look++) {
+        watch_estop(&c);
+    }
+    TEST_ASSERT_TRUE(c.stopped);
+}
+
+static void edge(uint64_t time_ns, bool active) {
+    int ends[2];
+    TEST_ASSERT_EQUAL(0, pipe(ends));
+    TEST_ASSERT_EQUAL(1, write(ends[1], "x", 1));
+    estop.descriptor = ends[0];
+    estop.edge = (gpio_edge){.time_ns = time_ns, .active = active};
+    estop.has_edge = true;
+    take_estop_edges(&c, POLLIN);
+    (void)close(ends[0]);
+    (void)close(ends[1]);
+}
+
+static uint64_t now_ns_here(void) {
+    struct timespec now;
+    (void)clock_gettime(CLOCK_MONOTONIC, &now);
+    return ((uint64_t)now.tv_sec * 1000000000U) + (uint64_t)now.tv_nsec;
+}
+
+static void test_only_an_edge_to_inactive_while_it_drives_is_timed(void) {
+    c.stopped = false;
+    edge(now_ns_here(), true); /* released */
+    TEST_ASSERT_FALSE(c.stopped);
+    TEST_ASSERT_FALSE(c.estop_gone);
+    edge(now_ns_here(), false); /* it does not drive */
+    TEST_ASSERT_TRUE(c.stopped);
+    TEST_ASSERT_EQUAL(0, c.timed);
+    c.stopped = false;
+    c.driving = true;
+    edge(now_ns_here() + 3600000000000U, false); /* a clock that is not ours */
+    TEST_ASSERT_TRUE(c.stopped);
+    TEST_ASSERT_EQUAL(0, c.timed);
+    for (uint64_t ago = 3; ago > 0U; ago--) { /* the slowest is kept */
+        c.stopped = false;
+        c.driving = true;
+        edge(now_ns_here() - (ago * 3600000000000U), false);
+    }
+    TEST_ASSERT_EQUAL(3, c.timed);
+    TEST_ASSERT_EQUAL(3, c.slowest_off_ns / 3600000000000U);
+    TEST_ASSERT_EQUAL(5, c.presses);
+}
+
+/* ---- modes, ticks and signals */
+
+static void pass_a_period(void) {
+    struct pollfd clock = {.fd = c.clock.descriptor, .events = POLLIN};
+    TEST_ASSERT_EQUAL(1, poll(&clock, 1, 1000));
+    tick(&c);
+}
+
+static void test_in_test_mode_the_bridge_is_off_and_the_clock_steps_no_more(void) {
+    terrapin_frame command = {.id = TERRAPIN_ID_COMMAND};
+    TEST_ASSERT_TRUE(tick_clock_start(&c.clock, TICK_NS));
+    c.stopped = false;
+    pass_a_period();
+    TEST_ASSERT_EQUAL(1, steps);
+    TEST_ASSERT_TRUE(*enable_output);
+    modes_to_change = 2;
+    TEST_ASSERT_TRUE(take_frame(&c, &command));
+    TEST_ASSERT_TRUE(c.link.test_mode);
+    TEST_ASSERT_FALSE(*enable_output);
+    TEST_ASSERT_FALSE(c.outputs.enable);
+    TEST_ASSERT_EQUAL(100 * TICK_NS, c.clock.period_ns);
+    const uint32_t before = c.uptime_ms;
+    const uint32_t told = c.inputs.tick;
+    const int opened_again = reopened;
+    pass_a_period();
+    TEST_ASSERT_EQUAL(1, steps);
+    TEST_ASSERT_EQUAL(told, c.inputs.tick);
+    TEST_ASSERT_GREATER_OR_EQUAL(before + 100U, c.uptime_ms);
+    TEST_ASSERT_EQUAL(opened_again + 1, reopened);
+    TEST_ASSERT_EQUAL_STRING("WATCHDOG=1", told_systemd);
+    TEST_ASSERT_TRUE(take_frame(&c, &command));
+    TEST_ASSERT_EQUAL(TICK_NS, c.clock.period_ns);
+    pass_a_period();
+    TEST_ASSERT_EQUAL(2, steps);
+}
+
+static void test_ticks_that_were_missed_are_in_the_step_s_tick(void) {
+    const struct timespec stall = {.tv_nsec = 30000000};
+    TEST_ASSERT_TRUE(tick_clock_start(&c.clock, TICK_NS));
+    (void)nanosleep(&stall, NULL);
+    pass_a_period();
+    TEST_ASSERT_EQUAL(1, steps);
+    TEST_ASSERT_GREATER_OR_EQUAL(30, c.inputs.tick);
+    TEST_ASSERT_EQUAL(c.inputs.tick, c.uptime_ms);
+    TEST_ASSERT_EQUAL(c.inputs.tick - 1U, c.clock.missed);
+}
+
+static void test_the_step_senses_keeps_and_sends(void) {
+    c.stopped = true;
+    c.flash_open = true;
+    c.outputs.frame_count = 2;
+    c.inputs.tick = 4;
+    sense(&c);
+    TEST_ASSERT_TRUE(c.inputs.estop);
+    TEST_ASSERT_EQUAL(2048, c.inputs.supply_code);
+    TEST_ASSERT_EQUAL(0, c.inputs.temperature_code);
+    TEST_ASSERT_EQUAL(2048, c.inputs.current_code);
+    c.inputs.supply_code = 0;
+    c.inputs.tick = 5;
+    c.motor.count = 12U * (uint16_t)TERRAPIN_ENCODER_DIVIDER;
+    c.ground.count = 77U;
+    sense(&c);
+    TEST_ASSERT_EQUAL(2048, c.inputs.temperature_code);
+    TEST_ASSERT_EQUAL(0, c.inputs.supply_code);
+    TEST_ASSERT_EQUAL(12, c.inputs.motor_count);
+    TEST_ASSERT_EQUAL(77, c.inputs.ground_count);
+    step(&c);
+    TEST_ASSERT_EQUAL(1, stops_kept);
+    TEST_ASSERT_EQUAL(2, frames_sent);
+    TEST_ASSERT_EQUAL(1, c.steps);
+    c.flash_open = false;
+    step(&c);
+    TEST_ASSERT_EQUAL(1, stops_kept);
+}
+
+static void seen_lit(char pattern[11]) {
+    for (uint32_t i = 0; i < 10U; i++) {
+        c.uptime_ms = (i + 20U) * CHORE_MS;
+        chores(&c);
+        pattern[i] = (char)(lit ? '#' : '.');
+    }
+    pattern[10] = '\0';
+}
+
+static void test_what_the_led_says(void) {
+    char pattern[11];
+    c.led = &led;
+    seen_lit(pattern);
+    TEST_ASSERT_EQUAL_STRING("#####.....", pattern);
+    c.outputs.faults = TERRAPIN_FAULTS_LATCHED;
+    seen_lit(pattern);
+    TEST_ASSERT_EQUAL_STRING("#.#.#.#.#.", pattern);
+    c.outputs.faults = ~(uint32_t)TERRAPIN_FAULTS_LATCHED; /* none that latches */
+    seen_lit(pattern);
+    TEST_ASSERT_EQUAL_STRING("#####.....", pattern);
+    c.outputs.faults = TERRAPIN_FAULTS_LATCHED;
+    c.link.test_mode = true;
+    seen_lit(pattern);
+    TEST_ASSERT_EQUAL_STRING("#.........", pattern);
+    c.driving = true;
+    seen_lit(pattern);
+    TEST_ASSERT_EQUAL_STRING("##########", pattern);
+    c.link.test_mode = false;
+    c.driving = false;
+}
+
+static void test_signals(void) {
+    static const int ending[] = {SIGTERM, SIGINT, SIGHUP, SIGQUIT};
+    for (size_t i = 0; i < (sizeof ending / sizeof ending[0]); i++) {
+        steps = 0;
+        c.outputs.duty_q15 = 100;
+        c.estop = NULL;
+        (void)raise(SIGUSR1); /* is no end */
+        TEST_ASSERT_TRUE(take_signal(&c));
+        TEST_ASSERT_TRUE_MESSAGE(take_signal(&c), "nothing waits");
+        (void)raise(ending[i]);
+        TEST_ASSERT_EQUAL(0, controller_run(&c));
+        TEST_ASSERT_FALSE(*enable_output);
+        TEST_ASSERT_EQUAL_STRING("STOPPING=1", told_systemd);
+    }
+}
+
+static void test_the_end_puts_the_bridge_off(void) {
+    c.estop = NULL;
+    steps_until_the_end = 30; /* by a signal, between two steps that drive */
+    outputs_set[0] = '\0';
+    TEST_ASSERT_EQUAL(0, controller_run(&c));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strchr(outputs_set, 'E'), "it drove");
+    TEST_ASSERT_FALSE(*enable_output);
+}
+
+/* ---- opening and closing */
+
+static void name_everything(void) {
+    wanted.enable = (line_option){.given = true, .name = {.line = "E"}, .text = "E"};
+    wanted.direction = (line_option){.given = true, .name = {.line = "D"}, .text = "D"};
+    wanted.estop = (line_option){.given = true, .name = {.line = "S"}, .text = "S"};
+    wanted.led = (line_option){.given = true, .name = {.line = "L"}, .text = "L"};
+    wanted.motor[0] = (line_option){.given = true, .name = {.line = "M"}, .text = "M"};
+    wanted.ground[0] = (line_option){.given = true, .name = {.line = "G"}, .text = "G"};
+    wanted.pwm = "P";
+    wanted.current = "1";
+    wanted.supply = "2";
+    wanted.temperature = "3";
+    wanted.link_key = "K";
+}
+
+/* First what switches the bridge off, last what lets others switch it on; the e-stop is asked for its edges. */
+static void test_the_order_in_which_things_are_had(void) {
+    static const char order[] = "EPDsLMG123*K";
+    name_everything();
+    controller_close(&c);
+    opened[0] = '\0';
+    TEST_ASSERT_TRUE(controller_open(&c, &wanted));
+    TEST_ASSERT_EQUAL_STRING(order, opened);
+    TEST_ASSERT_TRUE_MESSAGE(c.stopped, "until the line was seen healthy");
+    for (size_t i = 0; order[i] != '\0'; i++) {
+        controller_close(&c);
+        opened[0] = '\0';
+        refused = order[i];
+        TEST_ASSERT_FALSE(controller_open(&c, &wanted));
+        TEST_ASSERT_EQUAL(i + 1U, strlen(opened));
+    }
+    refused = '\0';
+}
+
+static void test_closing_puts_off(void) {
+    *enable_output = true;
+    lit = true;
+    c.led = &led;
+    outputs_set[0] = '\0';
+    controller_close(&c);
+    TEST_ASSERT_FALSE(*enable_output);
+    TEST_ASSERT_FALSE(lit);
+    TEST_ASSERT_EQUAL('e', outputs_set[0]);
+    TEST_ASSERT_TRUE(controller_open(&c, &wanted));
+}
+
+/* ---- main */
+
+static int run_main(const char *first, const char *second, const char *third, const char *fourth) {
+    char words[5][24] = {"controller"};
+    char *arguments[6] = {words[0]};
+    const char *given[4] = {first, second, third, fourth};
+    int count = 1;
+    for (int i = 0; (i < 4) && (given[i] != NULL); i++) {
+        (void)snprintf(words[count], sizeof words[count], "%s", given[i]);
+        arguments[count] = words[count];
+        count++;
+    }
+    return linux_main(count, arguments);
+}
+
+static void test_the_command_line_says_which_program_it_is(void) {
+    read_as = OPTIONS_WRONG;
+    TEST_ASSERT_EQUAL(2, run_main("--can", "can0", NULL, NULL));
+    read_as = OPTIONS_DONE;
+    TEST_ASSERT_EQUAL(0, run_main("--help", NULL, NULL, NULL));
+    TEST_ASSERT_EQUAL(0, run_main(NULL, NULL, NULL, NULL));
+    TEST_ASSERT_EQUAL(0, run_main("--flash", "file", NULL, NULL)); /* a process of which nothing follows */
+    TEST_ASSERT_EQUAL(0, run_main("--flash", "file", "--can", "can0"));
+    TEST_ASSERT_EQUAL(42, run_main("--pty", NULL, NULL, NULL)); /* the process, with two words */
+    TEST_ASSERT_EQUAL(42, run_main("/dev/ttyACM0", NULL, NULL, NULL));
+    TEST_ASSERT_EQUAL(44, run_main("--flash", "file", "--pty", NULL));
+    TEST_ASSERT_EQUAL(44, run_main("--flash", "file", "device", NULL));
+}
+
+static void test_off_puts_the_outputs_off_and_says_what_it_could_not(void) {
+    read_as = OPTIONS_RUN;
+    name_everything();
+    read_options = wanted;
+    read_options.off = true;
+    opened[0] = '\0';
+    TEST_ASSERT_EQUAL(0, run_main("--off", NULL, NULL, NULL));
+    TEST_ASSERT_EQUAL_STRING("EP", opened); /* an output: requested inactive, and given back */
+    refused = 'E';
+    TEST_ASSERT_EQUAL(1, run_main("--off", NULL, NULL, NULL));
+    TEST_ASSERT_EQUAL_STRING("EPEP", opened);
+    refused = 'P';
+    TEST_ASSERT_EQUAL(1, run_main("--off", NULL, NULL, NULL));
+    refused = '\0';
+    read_as = OPTIONS_DONE;
+}
+
+static void test_what_cannot_be_had_is_status_1(void) {
+    read_as = OPTIONS_RUN;
+    name_everything();
+    read_options = wanted;
+    refused = '*';
+    TEST_ASSERT_EQUAL(1, run_main("--can", "can0", NULL, NULL));
+    refused = '\0';
+    read_as = OPTIONS_DONE;
+}
+
+int main(void) {
+    enable_output = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    if (enable_output == MAP_FAILED) {
+        return 1;
+    }
+    UNITY_BEGIN();
+    RUN_TEST(test_the_bridge_is_on_when_all_allow_it);
+    RUN_TEST(test_an_output_that_cannot_be_set_ends_it_with_all_off);
+    RUN_TEST(test_an_emergency_needs_no_step);
+    RUN_TEST(test_every_fatal_signal_puts_the_bridge_off);
+    RUN_TEST(test_the_release_waits_for_its_time_without_a_break);
+    RUN_TEST(test_a_press_puts_the_bridge_off_at_once);
+    RUN_TEST(test_without_an_estop_there_is_nothing_to_release);
+    RUN_TEST(test_a_line_that_is_gone_is_not_believed_again);
+    RUN_TEST(test_only_an_edge_to_inactive_while_it_drives_is_timed);
+    RUN_TEST(test_in_test_mode_the_bridge_is_off_and_the_clock_steps_no_more);
+    RUN_TEST(test_ticks_that_were_missed_are_in_the_step_s_tick);
+    RUN_TEST(test_the_step_senses_keeps_and_sends);
+    RUN_TEST(test_what_the_led_says);
+    RUN_TEST(test_signals);
+    RUN_TEST(test_the_end_puts_the_bridge_off);
+    RUN_TEST(test_the_order_in_which_things_are_had);
+    RUN_TEST(test_closing_puts_off);
+    RUN_TEST(test_the_command_line_says_which_program_it_is);
+    RUN_TEST(test_off_puts_the_outputs_off_and_says_what_it_could_not);
+    RUN_TEST(test_what_cannot_be_had_is_status_1);
+    return UNITY_END();
+}
