@@ -47,6 +47,8 @@ static uint32_t caches_emptied;
 static uint32_t iwdg_spins; /* until a new time of the watchdog is in force */
 static uint32_t iwdg_slowness;
 static bool bridge_locked, bridge_written;
+static uint32_t compares_at_on; /* CCR1, CCR2 when the outputs were switched on: high and low half */
+static gpio_registers port_e;   /* RM0090, 8.4: a pin shows what MODER selects */
 
 static void hardware_moves(void) {
     spins++;
@@ -87,6 +89,17 @@ static void iwdg_takes(volatile uint32_t *address, uint32_t value) {
     }
 }
 
+/* The pin below test must have its function, pull and speed before it is more than an input. */
+static const pin *expected_pin;
+static void port_takes(volatile uint32_t *address, uint32_t value) {
+    *address = value;
+    if ((address == &port_e.MODER) && (expected_pin != NULL)) {
+        const uint32_t number = expected_pin->number;
+        TEST_ASSERT_EQUAL_HEX32(expected_pin->function, (port_e.AFR[number / 8U] >> (4U * (number % 8U))) & 15U);
+        TEST_ASSERT_EQUAL_HEX32(expected_pin->pull, (port_e.PUPDR >> (2U * number)) & 3U);
+    }
+}
+
 /* RM0090, 3.6 to 3.8: keys, errors cleared by ones, erase by STRT, a write that only clears bits and only when PG. */
 static void hardware_takes(volatile uint32_t *address, uint32_t value) {
     if (address == &flash_chip.KEYR) {
@@ -121,7 +134,12 @@ static void hardware_takes(volatile uint32_t *address, uint32_t value) {
         const uint32_t lock = BIT(8) | BIT(9);
         bridge_locked = bridge_written ? bridge_locked : ((value & lock) == TIM_BDTR_LOCK_1);
         bridge_written = true;
+        if ((value & ~timer.BDTR & TIM_BDTR_MOE) != 0U) {
+            compares_at_on = (timer.CCR1 << 16U) | timer.CCR2;
+        }
         timer.BDTR = (value & ~lock) | (bridge_locked ? TIM_BDTR_LOCK_1 : 0U);
+    } else if ((address >= &port_e.MODER) && (address <= &port_e.AFR[1])) {
+        port_takes(address, value);
     } else {
         TEST_ASSERT_TRUE((flash_chip.CR & (FLASH_CR_PG | FLASH_CR_LOCK)) == FLASH_CR_PG);
         TEST_ASSERT_EQUAL_HEX32(FLASH_CR_PSIZE_32, flash_chip.CR & FLASH_CR_PSIZE_32);
@@ -139,6 +157,8 @@ void setUp(void) {
     memset(&adc, 0, sizeof adc);
     memset(&dma, 0, sizeof dma);
     memset(&serial, 0, sizeof serial);
+    memset(&port_e, 0, sizeof port_e);
+    expected_pin = NULL;
     memset(memory, 0xFF, sizeof memory);
     caches_emptied = 0U;
     iwdg_spins = 0U;
@@ -361,6 +381,19 @@ static void test_flash_writes_and_erases(void) {
     TEST_ASSERT_EQUAL_HEX32(BIT(1) | BIT(2), erased);
 }
 
+/* RM0090, 3.5.2: lines of a sector that was erased stand in the caches; they are emptied while off, then on again. */
+static void test_an_erase_empties_the_caches_and_leaves_them_on(void) {
+    const terrapin_flash flash = open_pages();
+    const uint32_t as_started = 5U | FLASH_ACR_PRFTEN | FLASH_ACR_ICEN | FLASH_ACR_DCEN;
+    flash_chip.ACR = as_started;
+    TEST_ASSERT_TRUE(flash.erase(flash.context, (terrapin_flash_area){0x4000U, 0x4000U}));
+    TEST_ASSERT_EQUAL_HEX32(FLASH_ACR_ICRST | FLASH_ACR_DCRST, caches_emptied);
+    TEST_ASSERT_EQUAL_HEX32(as_started, flash_chip.ACR);
+    flash_error = BIT(4);
+    TEST_ASSERT_FALSE(flash.erase(flash.context, (terrapin_flash_area){0x4000U, 0x4000U}));
+    TEST_ASSERT_EQUAL_HEX32(as_started, flash_chip.ACR);
+}
+
 static void test_flash_refuses_what_is_not_its_own(void) {
     const terrapin_flash flash = open_pages();
     uint8_t bytes[8] = {0};
@@ -518,6 +551,52 @@ static void test_dead_time_is_never_shorter_than_asked(void) {
     TEST_ASSERT_EQUAL_HEX32(0xFFU, bridge_dead_time(168000000U, 1000000U));
 }
 
+/* What a channel of the timer makes of its two gates: RM0090, table 95 (complementary channels with break). */
+typedef enum { FLOATING, DRIVEN_OFF, SWITCHING, ONE_SIDE } gates;
+static gates gates_of(uint32_t channel) {
+    const uint32_t both = BIT(0) | BIT(2);
+    const uint32_t enabled = (timer.CCER >> (4U * channel)) & both;
+    const uint32_t idle_high = (timer.CR2 >> (8U + (2U * channel))) & 3U; /* OISx, OISxN */
+    const uint32_t inverted = (timer.CCER >> (4U * channel)) & (BIT(1) | BIT(3));
+    if ((timer.BDTR & TIM_BDTR_MOE) == 0U) {
+        const bool held = ((timer.BDTR & TIM_BDTR_OSSI) != 0U) && (enabled == both);
+        return (held && (idle_high == 0U) && (inverted == 0U)) ? DRIVEN_OFF : FLOATING;
+    }
+    return ((enabled == both) && (inverted == 0U)) ? SWITCHING : ONE_SIDE;
+}
+
+static void all_gates(gates expected) {
+    for (uint32_t channel = 0; channel < 2U; channel++) {
+        TEST_ASSERT_EQUAL(expected, gates_of(channel));
+    }
+}
+
+/* Off means all four gates held off, never floating: a floating gate keeps what charge it has. */
+static void test_gates_are_held_off_from_the_start_and_after_each_off(void) {
+    bridge b;
+    bridge_open(&b, &timer, 168000000U, 20000U, 500U);
+    all_gates(DRIVEN_OFF);
+    bridge_drive(&b, 1000, false);
+    all_gates(DRIVEN_OFF);
+    bridge_drive(&b, 1000, true);
+    all_gates(SWITCHING);
+    TEST_ASSERT_EQUAL_HEX32(((1000U * 4200U + 16384U) >> 15U) << 16U, compares_at_on);
+    bridge_drive(&b, 1000, false);
+    all_gates(DRIVEN_OFF);
+    bridge_drive(&b, -2000, true); /* on with its own duty, not with the last one */
+    TEST_ASSERT_EQUAL_HEX32((2000U * 4200U + 16384U) >> 15U, compares_at_on);
+    bridge_off(&timer);
+    all_gates(DRIVEN_OFF);
+    bridge_drive(&b, 500, true);
+    timer.SR = TIM_SR_BIF;
+    bridge_drive(&b, 500, true);
+    all_gates(DRIVEN_OFF);
+    TEST_ASSERT_EQUAL_HEX32(TIM_CR2_MMS_OC3REF, timer.CR2);
+    TEST_ASSERT_EQUAL_HEX32(TIM_CR1_CENTRE | TIM_CR1_ARPE | TIM_CR1_CEN, timer.CR1);
+    TEST_ASSERT_TRUE((timer.EGR & TIM_EGR_UG) != 0U);
+    TEST_ASSERT_EQUAL_HEX32(TIM_BDTR_OSSR, timer.BDTR & TIM_BDTR_OSSR);
+}
+
 static void test_bridge_follows_duty(void) {
     bridge b;
     bridge_open(&b, &timer, 168000000U, 20000U, 500U);
@@ -593,21 +672,44 @@ static void test_encoder(void) {
 }
 
 static void test_pins(void) {
-    gpio_registers port;
-    memset(&port, 0, sizeof port);
-    port.MODER = 0xFFFFFFFFU;
+    port_e.MODER = 0xFFFFFFFFU;
     static const pin p = {4U, 9U, PIN_FUNCTION, PIN_DOWN, 1U};
-    pin_setup(&port, &p);
-    TEST_ASSERT_EQUAL_HEX32(0xFFFBFFFFU, port.MODER);
-    TEST_ASSERT_EQUAL_HEX32(2U << 18U, port.PUPDR);
-    TEST_ASSERT_EQUAL_HEX32(1U << 4U, port.AFR[1]);
-    TEST_ASSERT_EQUAL_HEX32(0U, port.AFR[0]);
-    pin_write(&port, &p, true);
-    TEST_ASSERT_EQUAL_HEX32(BIT(9), port.BSRR);
-    pin_write(&port, &p, false);
-    TEST_ASSERT_EQUAL_HEX32(BIT(25), port.BSRR);
-    port.IDR = BIT(9);
-    TEST_ASSERT_TRUE(pin_read(&port, &p));
+    pin_setup(&port_e, &p);
+    TEST_ASSERT_EQUAL_HEX32(0xFFFBFFFFU, port_e.MODER);
+    TEST_ASSERT_EQUAL_HEX32(2U << 18U, port_e.PUPDR);
+    TEST_ASSERT_EQUAL_HEX32(1U << 4U, port_e.AFR[1]);
+    TEST_ASSERT_EQUAL_HEX32(0U, port_e.AFR[0]);
+    pin_write(&port_e, &p, true);
+    TEST_ASSERT_EQUAL_HEX32(BIT(9), port_e.BSRR);
+    pin_write(&port_e, &p, false);
+    TEST_ASSERT_EQUAL_HEX32(BIT(25), port_e.BSRR);
+    port_e.IDR = BIT(9);
+    TEST_ASSERT_TRUE(pin_read(&port_e, &p));
+}
+
+/* From the reset's input to its function in one step: nothing else on the way, its neighbours untouched. */
+static void test_a_pin_is_an_input_until_all_of_it_is_set(void) {
+    static const pin pins[] = {{4U, 9U, PIN_FUNCTION, PIN_DOWN, 1U},
+                               {4U, 14U, PIN_OUTPUT, PIN_DOWN, 0U},
+                               {4U, 3U, PIN_FUNCTION, PIN_UP, 7U},
+                               {4U, 2U, PIN_ANALOG, PIN_FLOATING, 0U},
+                               {4U, 0U, PIN_INPUT, PIN_UP, 0U}};
+    for (size_t i = 0; i < (sizeof pins / sizeof pins[0]); i++) {
+        memset(&port_e, 0, sizeof port_e);
+        port_e.AFR[0] = port_e.AFR[1] = 0xFFFFFFFFU; /* as another loader may leave them */
+        port_e.PUPDR = port_e.OSPEEDR = 0xFFFFFFFFU;
+        expected_pin = &pins[i];
+        pin_setup(&port_e, &pins[i]);
+        const uint32_t at = 2U * pins[i].number;
+        TEST_ASSERT_EQUAL_HEX32((uint32_t)pins[i].mode << at, port_e.MODER);
+        TEST_ASSERT_EQUAL_HEX32(0xFFFFFFFFU ^ ((3U ^ (uint32_t)pins[i].pull) << at), port_e.PUPDR);
+        const uint32_t speed = (pins[i].mode == (uint8_t)PIN_FUNCTION) ? 2U : 0U;
+        TEST_ASSERT_EQUAL_HEX32(0xFFFFFFFFU ^ ((3U ^ speed) << at), port_e.OSPEEDR);
+        const uint32_t nibble = 4U * (pins[i].number % 8U);
+        TEST_ASSERT_EQUAL_HEX32(0xFFFFFFFFU ^ ((15U ^ (uint32_t)pins[i].function) << nibble),
+                                port_e.AFR[pins[i].number / 8U]);
+        TEST_ASSERT_EQUAL_HEX32(0xFFFFFFFFU, port_e.AFR[1U - (pins[i].number / 8U)]);
+    }
 }
 
 static void test_phases(void) {
@@ -714,6 +816,7 @@ int main(void) {
     RUN_TEST(test_watchdog_is_short_again_however_slowly_it_takes_its_times);
     RUN_TEST(test_flash_sectors);
     RUN_TEST(test_flash_writes_and_erases);
+    RUN_TEST(test_an_erase_empties_the_caches_and_leaves_them_on);
     RUN_TEST(test_flash_refuses_what_is_not_its_own);
     RUN_TEST(test_flash_says_errors_and_gives_up);
     RUN_TEST(test_adc_sampling_times_of_all_channels);
@@ -722,11 +825,13 @@ int main(void) {
     RUN_TEST(test_absent_adc_is_silent);
     RUN_TEST(test_adc_overrun_begins_anew);
     RUN_TEST(test_dead_time_is_never_shorter_than_asked);
+    RUN_TEST(test_gates_are_held_off_from_the_start_and_after_each_off);
     RUN_TEST(test_bridge_follows_duty);
     RUN_TEST(test_break_holds_until_off_was_asked_for);
     RUN_TEST(test_encoder);
     RUN_TEST(test_a_divided_encoder);
     RUN_TEST(test_pins);
+    RUN_TEST(test_a_pin_is_an_input_until_all_of_it_is_set);
     RUN_TEST(test_phases);
     RUN_TEST(test_ticks_that_were_missed_are_counted);
     RUN_TEST(test_ring);

@@ -316,13 +316,16 @@ static void test_a_guard_without_its_sensor_keeps_the_bridge_off(void) {
 static void test_test_mode_holds_the_bridge_off_and_stops_the_own_clock(void) {
     (void)ticks(1500U, TERRAPIN_REQUEST_IDLE);
     const terrapin_frame arm = test_mode(TERRAPIN_TEST_MODE_KEY, 1U);
+    driven = true; /* whatever it was */
     give(&arm);
     TEST_ASSERT_TRUE(controller.link.test_mode);
+    TEST_ASSERT_FALSE(driven);
     int32_t scale = 0;
     (void)terrapin_parameter_get(state, TERRAPIN_PARAMETER_SUPPLY_SCALE, &scale);
     TEST_ASSERT_EQUAL_INT32(terrapin_parameter((uint16_t)TERRAPIN_PARAMETER_SUPPLY_SCALE).default_value, scale);
     const terrapin_outputs before = controller.outputs;
     for (int i = 0; i < 100; i++) {
+        driven = true; /* said again each tick */
         (void)port_pass(&controller, controller.tick + 1U);
         TEST_ASSERT_FALSE(driven);
     }
@@ -503,6 +506,7 @@ static void test_update_resets_with_the_motor_off_alone(void) {
     TEST_ASSERT_EQUAL_UINT32(before + 1U, flash_work);
     TEST_ASSERT_EQUAL_UINT32(before + 1U, flash_rest);
     terrapin_e2e_protect(&frame, 1U);
+    driven = true; /* whatever it was: it is put off before the reset, which asserts it */
     give(&frame);
     TEST_ASSERT_EQUAL_UINT32(100U, resets); /* and stays in the boot loader */
 }

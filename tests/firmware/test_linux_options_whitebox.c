@@ -159,7 +159,7 @@ static void test_names_of_lines(void) {
         text[(length < 199) ? length : 199] = '\0';
         TEST_ASSERT_EQUAL(length < GPIO_TEXT_MAX, gpio_parse(text, &name, why, sizeof why));
         if (length < 190) {
-            (void)strcpy(&text[length], ":y");
+            (void)memcpy(&text[length], ":y", 3U);
             TEST_ASSERT_EQUAL(length < GPIO_TEXT_MAX, gpio_parse(text, &name, why, sizeof why));
         }
     }

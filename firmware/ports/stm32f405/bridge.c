@@ -46,7 +46,7 @@ void bridge_open(bridge *b, tim_registers *timer, uint32_t timer_hz, uint32_t pw
 }
 
 void bridge_off(tim_registers *timer) {
-    timer->BDTR &= ~TIM_BDTR_MOE;
+    TERRAPIN_PUT(timer->BDTR, timer->BDTR & ~TIM_BDTR_MOE);
 }
 
 void bridge_drive(bridge *b, int16_t duty_q15, bool on) {
@@ -60,7 +60,7 @@ void bridge_drive(bridge *b, int16_t duty_q15, bool on) {
         /* quiet */
     }
     if (!on || b->broken) {
-        timer->BDTR &= ~TIM_BDTR_MOE;
+        TERRAPIN_PUT(timer->BDTR, timer->BDTR & ~TIM_BDTR_MOE);
         timer->CCR1 = 0U;
         timer->CCR2 = 0U;
         return;
@@ -70,5 +70,5 @@ void bridge_drive(bridge *b, int16_t duty_q15, bool on) {
     const uint32_t compare = ((size * b->period) + 16384U) >> 15U;
     timer->CCR1 = (duty_q15 > 0) ? compare : 0U;
     timer->CCR2 = (duty_q15 < 0) ? compare : 0U;
-    timer->BDTR |= TIM_BDTR_MOE;
+    TERRAPIN_PUT(timer->BDTR, timer->BDTR | TIM_BDTR_MOE);
 }

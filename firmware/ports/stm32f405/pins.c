@@ -1,8 +1,10 @@
 #include "pins.h"
 
+#include "wait.h"
+
 static void field(reg32 *address, uint32_t at, uint32_t bits, uint32_t value) {
     const uint32_t mask = (BIT(bits) - 1U) << at;
-    *address = (*address & ~mask) | (value << at);
+    TERRAPIN_PUT(*address, (*address & ~mask) | (value << at));
 }
 
 void pin_setup(gpio_registers *port, const pin *p) {
