@@ -24,7 +24,7 @@ except ImportError:  # Windows: no limit of memory there
 
 from terrapin_tools.errors import UserError
 
-__all__ = ["LEAST", "MEMORY", "TIMES", "bounded", "check", "each", "most"]
+__all__ = ["CELLS", "LEAST", "MEMORY", "TIMES", "bounded", "check", "each", "most", "refuse_beyond", "room"]
 
 # The tightest log of this controller that we know is an idle one: 8 times as BLF, 6 as MCAP. Zeros make 1000 (deflate)
 # to 30,000 (zstd).
@@ -34,6 +34,10 @@ MEMORY = 600 << 20  # bytes that a library may take for a file, and GROWTH for e
 GROWTH = 32
 SECONDS = 8.0  # of the processor for one step, and one more for each PACE bytes of the file
 PACE = 2e6
+# Of tables: a number takes 8 bytes, and some 45 more while a case is made of it.
+CELLS = 1 << 24  # that any table may hold, 128 MiB,
+TABLE_TIMES = 16  # or so many times the bytes of its file,
+TABLE_MOST = 1 << 30  # and never more than so many bytes
 
 T = TypeVar("T")
 
@@ -53,6 +57,21 @@ def check(path: Path, unpacked: int, times: int = TIMES) -> None:
 
 class _TooLong(BaseException):
     """The time is over: no Exception, which libraries catch."""
+
+
+def room(path: Path) -> int:
+    """The bytes of numbers or text that a table's file, or a folder of them, may stand for once it is unpacked."""
+    files = [path, *path.glob("*")] if path.is_dir() else [path]
+    return min(TABLE_MOST, max(8 * CELLS, TABLE_TIMES * sum(file.stat().st_size for file in files)))
+
+
+def refuse_beyond(path: Path, size: int) -> None:
+    """UserError for a table of more bytes than `room`."""
+    if size > room(path):
+        raise UserError(
+            f"{path.name}: stands for more than {room(path) >> 20} MiB, expected at most {TABLE_TIMES} times its size "
+            f"or {8 * CELLS >> 20} MiB"
+        )
 
 
 @contextmanager

@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from terrapin_hil.reading import shorten
-from terrapin_tools.bounded import bounded, each
+from terrapin_tools.bounded import bounded, each, refuse_beyond
 from terrapin_tools.errors import UserError
 
 __all__ = ["batches", "opened", "rows"]
 
-LEAST = 32 << 20  # bytes that a file may stand for: a case made of them takes some twenty times as much,
-TIMES = 16  # or so many times its size, whichever is more
 PIECE = 32 << 20  # bytes of numbers that a piece has at most
-NESTED = 16  # times its bytes, a list takes in Python
+NESTED = 16  # times its bytes, a list takes in Python,
+LETTER = 4  # and a letter of a column of text
 MOST_ROWS = 100_000  # of a piece
 
 
@@ -64,16 +63,9 @@ def batches(path: Path, file: Any, most: int = MOST_ROWS, columns: Sequence[str]
     for batch in each(path, file.iter_batches(size, columns=columns)):
         with bounded(path):
             total += sum(_bytes(column) for column in batch.columns)
-            _allow(path, total)
+            refuse_beyond(path, total)
             plain = _plain(batch)
         yield plain
-
-
-def _allow(path: Path, size: int) -> None:
-    packed = path.stat().st_size
-    if size > max(LEAST, TIMES * packed):
-        found = f"{size / 1e6:.0f} MB or more in {max(1, packed // 1000)} kB"
-        raise UserError(f"{path}: stands for {found}, expected at most {TIMES} times its size or {LEAST >> 20} MiB")
 
 
 def _check(path: Path, metadata: Any, widths: Sequence[int]) -> None:
@@ -85,7 +77,7 @@ def _check(path: Path, metadata: Any, widths: Sequence[int]) -> None:
             column = stated.column(i)
             values += max(0, column.num_values, stated.num_rows) * width
             packed += max(0, column.total_uncompressed_size)
-    _allow(path, max(values, packed, metadata.num_rows * sum(widths)))
+    refuse_beyond(path, max(values, packed, metadata.num_rows * sum(widths)))
 
 
 def _bytes(column: Any) -> int:
@@ -98,7 +90,7 @@ def _bytes(column: Any) -> int:
     if not len(column.dictionary):
         return 0
     lengths = pyarrow.compute.binary_length(column.dictionary)
-    return int(pyarrow.compute.sum(pyarrow.compute.take(lengths, column.indices)).as_py() or 0)
+    return LETTER * int(pyarrow.compute.sum(pyarrow.compute.take(lengths, column.indices)).as_py() or 0)
 
 
 def _plain(batch: Any) -> Any:

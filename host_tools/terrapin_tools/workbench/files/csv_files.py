@@ -98,7 +98,10 @@ def _read_large(path: Path, layout: Layout, asked: Asked, texts: Collection[str]
     begin = 0
     for _ in range(layout.first - 1):
         begin = content.find(b"\n", begin) + 1
-    if b"\0" in content or content.find(b'"', begin) >= 0 or content.count(b"\r") != content.count(b"\r\n"):
+    quotes = content.find(b'"', begin) >= 0
+    if b"\0" in content or content.count(b"\r") != content.count(b"\r\n"):
+        return None
+    if quotes and not _plain_quotes(content[begin:], layout.delimiter.encode()):
         return None
     cells = _cells(content, layout)
     del content
@@ -114,7 +117,7 @@ def _read_large(path: Path, layout: Layout, asked: Asked, texts: Collection[str]
         else:
             columns[name], marks[name] = found
     marked = {name for name, column in odd.items() if name not in texts and _mostly_marked(column)}
-    if marked and layout.delimiter != ",":
+    if marked and (quotes or layout.delimiter != ","):
         return None
     mark = _one_mark({name: cells[name] for name in marks}, marks, layout, asked)
     if mark is None:
@@ -124,7 +127,7 @@ def _read_large(path: Path, layout: Layout, asked: Asked, texts: Collection[str]
     notes = []
     if mark.startswith(","):
         notes.append(f"decimal comma ({shorten(mark.partition(' ')[2])})")
-        if not layout.notes:
+        if not layout.notes and layout.delimiter != ",":
             notes.insert(0, f"separator {called(layout.delimiter)}")
     for name, column in odd.items():
         if name in marked:
@@ -134,6 +137,13 @@ def _read_large(path: Path, layout: Layout, asked: Asked, texts: Collection[str]
         else:
             columns[name] = arrow_texts(column)
     return {name: columns[name] for name in cells}, notes
+
+
+def _plain_quotes(body: bytes, delimiter: bytes) -> bool:
+    """Whether each quote begins or ends a field, so that every reader takes them alike."""
+    quote = b'"'
+    edges = (delimiter + quote, b"\n" + quote, quote + delimiter, quote + b"\n", quote + b"\r\n")
+    return sum(map(body.count, edges)) + body.startswith(quote) + body.endswith(quote) == body.count(quote)
 
 
 def _cells(content: bytes, layout: Layout) -> dict[str, Any] | None:

@@ -22,7 +22,6 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.files import units
 
 __all__ = [
-    "MAX_BYTES",
     "Ambiguous",
     "Asked",
     "Column",

@@ -7,24 +7,26 @@ import gzip
 import tempfile
 import zipfile
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
 from terrapin_hil.reading import shorten
+from terrapin_tools.bounded import CELLS, refuse_beyond
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.format import MAX_BYTES
 
 __all__ = ["unpacked"]
 
 MOST = 1000  # files of a .zip
 BLOCK = 1 << 20
+TEXT = (".csv", ".tsv", ".txt", ".dat")
 
 
 @contextlib.contextmanager
 def unpacked(path: Path, suffixes: tuple[str, ...]) -> Iterator[list[Path]]:
     """The files in it, as files; those that end in `suffixes`. Their names are the packed ones, without folders.
 
-    UserError for no such file, a password, and more than MAX_BYTES in all.
+    UserError for no such file, a password, and more than it may stand for in all.
     """
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="terrapin-")))
@@ -35,12 +37,12 @@ def unpacked(path: Path, suffixes: tuple[str, ...]) -> Iterator[list[Path]]:
                     f"{path.name}: holds {shorten(path.stem)}, expected a name that ends in {' '.join(suffixes)}"
                 )
             with gzip.open(path, "rb") as source:
-                _copy(path, source, target, MAX_BYTES)
+                _copy(source, target, Left(path))
             yield [target]
             return
         packed = stack.enter_context(zipfile.ZipFile(path))
         found: list[Path] = []
-        left = MAX_BYTES
+        left = Left(path)
         for number, info in enumerate(packed.infolist()):
             name = Path(info.filename).name
             if info.is_dir() or name.startswith(".") or "__MACOSX" in info.filename:
@@ -54,19 +56,29 @@ def unpacked(path: Path, suffixes: tuple[str, ...]) -> Iterator[list[Path]]:
             target = folder / str(number) / name
             target.parent.mkdir()
             with packed.open(info) as source:
-                left -= _copy(path, source, target, left)
+                _copy(source, target, left)
             found.append(target)
         if not found:
             raise UserError(f"{path.name}: holds no file that ends in {' '.join(suffixes)}")
         yield found
 
 
-def _copy(path: Path, source: IO[bytes] | gzip.GzipFile, target: Path, most: int) -> int:
-    done = 0
+@dataclass
+class Left:
+    """What was unpacked of a file so far: bytes, and what looks like cells of text."""
+
+    path: Path
+    bytes: int = 0
+    cells: int = 0
+
+
+def _copy(source: IO[bytes] | gzip.GzipFile, target: Path, so_far: Left) -> None:
     with target.open("wb") as file:
         while block := source.read(BLOCK):
-            done += len(block)
-            if done > most:
-                raise UserError(f"{path.name}: unpacks to more than {MAX_BYTES >> 20} MiB, expected less")
+            so_far.bytes += len(block)
+            refuse_beyond(so_far.path, so_far.bytes)
+            if target.suffix.lower() in TEXT:  # two bytes may be a cell
+                so_far.cells += sum(map(block.count, (b",", b";", b"\t", b"|", b"\n")))
+                if so_far.cells > CELLS:
+                    raise UserError(f"{so_far.path.name}: holds more than {CELLS >> 20} Mi cells, expected fewer")
             file.write(block)
-    return done

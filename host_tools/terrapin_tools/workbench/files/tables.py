@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from terrapin_hil.reading import shorten
+from terrapin_tools.bounded import refuse_beyond
 from terrapin_tools.errors import UserError, printable
 from terrapin_tools.logs.reading import is_log
 from terrapin_tools.workbench.files.csv_layout import GAPS
@@ -173,7 +174,9 @@ def _parts(path: Path, texts: Collection[str], asked: Asked) -> list[Part]:
     if entry.package:
         need(path, entry.package, entry.extra)
     with _complaints(path, entry.name):
-        return entry.read(path, asked, texts)
+        found = entry.read(path, asked, texts)
+        refuse_beyond(path, 8 * sum(part.rows * len(part.columns) for part in found))
+        return found
 
 
 @contextlib.contextmanager

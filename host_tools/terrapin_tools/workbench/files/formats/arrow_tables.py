@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from terrapin_hil.reading import shorten
+from terrapin_tools.bounded import refuse_beyond
 from terrapin_tools.errors import UserError
 from terrapin_tools.parquet_files import batches, opened
-from terrapin_tools.workbench.files.format import MAX_BYTES, Asked, Column, Format, Part, arrow_texts, cells
+from terrapin_tools.workbench.files.format import Asked, Column, Format, Part, arrow_texts, cells
 
 
 def read(path: Path, asked: Asked, texts: Collection[str]) -> list[Part]:
-    """One table. UserError for a column that stands twice, and for more than MAX_BYTES."""
+    """One table. UserError for a column that stands twice, and for more than it may stand for."""
     import pyarrow.ipc
 
     if path.suffix.lower() == ".parquet":
@@ -38,8 +39,7 @@ def read(path: Path, asked: Asked, texts: Collection[str]) -> list[Part]:
         for batch in pieces:
             taken.append(batch)
             size += batch.nbytes
-            if size > MAX_BYTES:
-                raise UserError(f"{path.name}: holds more than {MAX_BYTES >> 20} MiB, expected less")
+            refuse_beyond(path, size)
         return [_part(path, pyarrow.Table.from_batches(taken, reader.schema))]
 
 

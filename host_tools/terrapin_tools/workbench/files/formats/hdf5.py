@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.format import MAX_BYTES, Asked, Format, Part
+from terrapin_tools.bounded import refuse_beyond
+from terrapin_tools.workbench.files.format import Asked, Format, Part
 from terrapin_tools.workbench.files.trees.arrays import parts_of_tree
 from terrapin_tools.workbench.files.trees.hdf5 import hdf5_tree
 
@@ -32,8 +32,7 @@ def _classic(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
         warnings.simplefilter("ignore")
         with scipy.io.netcdf_file(path, "r", mmap=False, maskandscale=False) as file:
             for name, variable in file.variables.items():
-                if variable.data.nbytes > MAX_BYTES:
-                    raise UserError(f"{path.name}: holds more than {MAX_BYTES >> 20} MiB, expected less")
+                refuse_beyond(path, variable.data.nbytes)
                 unit = getattr(variable, "units", b"")
                 units[name] = unit.decode("utf-8", errors="replace") if isinstance(unit, bytes) else str(unit)
                 data = np.array(variable.data)

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from terrapin_tools.bounded import refuse_beyond
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.format import MAX_BYTES, Asked, Format, Part
+from terrapin_tools.workbench.files.format import Asked, Format, Part
 from terrapin_tools.workbench.files.trees.arrays import parts_of_tree
 
 PICKLE = (
@@ -22,8 +23,7 @@ def read(path: Path, asked: Asked, texts: Collection[str]) -> list[Part]:
     """Arrays of one length are columns; a structured array is a part of its own."""
     if zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as packed:
-            if sum(info.file_size for info in packed.infolist()) > MAX_BYTES:
-                raise UserError(f"{path.name}: unpacks to more than {MAX_BYTES >> 20} MiB, expected less")
+            refuse_beyond(path, sum(info.file_size for info in packed.infolist()))
     try:
         found: Any = np.load(path, allow_pickle=False)
         arrays = {path.stem: found} if isinstance(found, np.ndarray) else {name: found[name] for name in found.files}

@@ -10,21 +10,22 @@ from typing import Any
 import numpy as np
 
 from terrapin_hil.reading import shorten
+from terrapin_tools.bounded import room
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.format import MAX_BYTES, Asked, Column, Format, Part, cells
+from terrapin_tools.workbench.files.format import Asked, Column, Format, Part, cells
 
 LONGEST = 64  # of an array in a message whose entries become columns
 DEEPEST = 8
 
 
 def read(path: Path, asked: Asked, texts: Collection[str]) -> list[Part]:
-    """`time` [s] is that at which a message was recorded, since the bag's first. UserError for more than MAX_BYTES."""
+    """`time` [s] is that at which a message was recorded, since the bag's first. UserError beyond its bound."""
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
     rows: dict[str, list[dict[str, Any]]] = {}
     unknown: set[str] = set()
-    size = 0
+    size, most = 0, room(path)
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         chosen = [c for c in reader.connections if asked.part in ("", "*", c.topic)]
         if not chosen:
@@ -39,10 +40,8 @@ def read(path: Path, asked: Asked, texts: Collection[str]) -> list[Part]:
                 continue
             row = {"time": (stamp - begin) * 1e-9, **dict(_fields(message, "", 0))}
             size += 32 * len(row)
-            if size > MAX_BYTES:
-                raise UserError(
-                    f"{path.name}: holds more than {MAX_BYTES >> 20} MiB, expected less, or --read topic=TOPIC"
-                )
+            if size > most:
+                raise UserError(f"{path.name}: holds more than {most >> 20} MiB, expected less, or --read topic=TOPIC")
             rows.setdefault(connection.topic, []).append(row)
     notes = (f"left out, as its type is not known: {', '.join(sorted(unknown)[:3])}",) if unknown else ()
     return [Part(topic, _columns(found), {"time": "s"}, 0, notes) for topic, found in rows.items()]

@@ -8,8 +8,9 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from terrapin_hil.reading import shorten
+from terrapin_tools.bounded import refuse_beyond
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.format import MAX_BYTES, Asked, Format, Part
+from terrapin_tools.workbench.files.format import Asked, Format, Part
 from terrapin_tools.workbench.files.grid import Merged, Row, part_of_grid
 
 MOST = 20_000_000  # cells of a sheet
@@ -72,15 +73,14 @@ def _number(letters: bytes) -> int:
 
 
 def _check_size(path: Path) -> None:
-    """UserError for a file that unpacks to more than MAX_BYTES, or to a sheet of more than MOST cells.
+    """UserError for a file that unpacks to more than it may, or to a sheet of more than MOST cells.
 
     The library holds a sheet as the rectangle of its cells: two of them in opposite corners would fill the memory.
     """
     if not zipfile.is_zipfile(path):
         return  # .xls: what a file of its size can hold
     with zipfile.ZipFile(path) as packed:
-        if sum(info.file_size for info in packed.infolist()) > MAX_BYTES:
-            raise UserError(f"{path.name}: unpacks to more than {MAX_BYTES >> 20} MiB, expected less")
+        refuse_beyond(path, sum(info.file_size for info in packed.infolist()))
         for info in packed.infolist():
             if re.fullmatch(r"xl/worksheets/[^/]+\.xml", info.filename):
                 last = [(int(row), _number(letters)) for letters, row in _places(packed, info, _PLACE)]
@@ -102,8 +102,7 @@ def _places(
     with packed.open(info) as file:
         while block := file.read(BLOCK):
             done += len(block)
-            if done > MAX_BYTES:
-                raise UserError(f"{Path(packed.filename or '').name}: unpacks to more than {MAX_BYTES >> 20} MiB")
+            refuse_beyond(Path(packed.filename or ""), done)
             text = rest + block
             end = text.rfind(b">") + 1
             for match in pattern.finditer(text, 0, end):

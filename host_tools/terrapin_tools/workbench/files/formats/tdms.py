@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.format import MAX_BYTES, Asked, Column, Format, Part, cells
+from terrapin_tools.bounded import refuse_beyond
+from terrapin_tools.workbench.files.format import Asked, Column, Format, Part, cells
 
 
 def read(path: Path, asked: Asked, texts: Collection[str]) -> list[Part]:
-    """Channels of the length that most in a group have. UserError for more than MAX_BYTES."""
+    """Channels of the length that most in a group have. UserError for more than it may stand for."""
     import nptdms
     from nptdms.log import log_manager
 
@@ -22,8 +22,7 @@ def read(path: Path, asked: Asked, texts: Collection[str]) -> list[Part]:
     found = []
     with nptdms.TdmsFile.open(path) as file:
         size = sum(len(channel) * 8 for group in file.groups() for channel in group.channels())
-        if size > MAX_BYTES:
-            raise UserError(f"{path.name}: holds more than {MAX_BYTES >> 20} MiB, expected less")
+        refuse_beyond(path, size)
         for group in file.groups():
             lengths = Counter(len(channel) for channel in group.channels() if len(channel))
             if not lengths:

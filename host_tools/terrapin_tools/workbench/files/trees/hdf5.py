@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from terrapin_hil.reading import shorten
+from terrapin_tools.bounded import refuse_beyond
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.format import MAX_BYTES, need
+from terrapin_tools.workbench.files.format import need
 from terrapin_tools.workbench.files.trees.mat5 import OBJECT
 
 __all__ = ["hdf5_tree"]
@@ -25,7 +26,7 @@ _MATLAB = (b"double", b"single", b"logical", b"char", b"cell", b"struct", b"cano
 def hdf5_tree(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
     """The tree and the units of its arrays, by their place.
 
-    UserError for MATLAB's objects, for data of other files, and for more than MAX_BYTES.
+    UserError for MATLAB's objects, for data of other files, and for more than it may stand for.
     """
     need(path, "h5py", "hdf5")
     import h5py
@@ -90,9 +91,8 @@ class _Walk:
             )
         if item.shape is None or item.attrs.get("MATLAB_empty", 0):
             return None
-        self.bytes += item.size * max(item.dtype.itemsize, 1)
-        if self.bytes > MAX_BYTES:
-            raise UserError(f"{self.path.name}: holds more than {MAX_BYTES >> 20} MiB, expected less")
+        self.bytes += item.size * max(item.dtype.itemsize, 8)
+        refuse_beyond(self.path, self.bytes)
         unit = next((item.attrs[key] for key in ("units", "unit", "Units", "Unit") if key in item.attrs), "")
         self.units[place] = unit.decode("utf-8", errors="replace") if isinstance(unit, bytes) else str(unit)
         matlab = bytes(item.attrs.get("MATLAB_class", b""))

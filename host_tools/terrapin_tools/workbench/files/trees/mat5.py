@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from terrapin_hil.reading import shorten
+from terrapin_tools.bounded import room
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.format import MAX_BYTES
 
 __all__ = ["OBJECT", "mat5_tree"]
 
@@ -33,7 +33,7 @@ CELL, STRUCT, OBJECT_CLASS, CHAR, SPARSE, FUNCTION, OPAQUE = 1, 2, 3, 4, 5, 16, 
 def mat5_tree(path: Path) -> dict[str, Any]:
     """The variables: arrays, texts, lists of a cell array, trees of a struct, lists of trees.
 
-    UserError for an object, for more than MAX_BYTES once it is unpacked, and for what is no such file.
+    UserError for an object, for more than it may stand for once it is unpacked, and for what is no such file.
     """
     return _Reader(path).tree(path.read_bytes())
 
@@ -42,7 +42,8 @@ class _Reader:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.order = "<"
-        self.left = MAX_BYTES
+        self.room = room(path)
+        self.left = 2 * self.room  # what is unpacked counts as matrices once more
         self.count = 0
 
     def tree(self, content: bytes) -> dict[str, Any]:
@@ -61,7 +62,7 @@ class _Reader:
         found = unpack.decompress(data, self.left)
         self.left -= len(found)
         if self.left <= 0 or unpack.unconsumed_tail:
-            raise UserError(f"{self.path.name}: unpacks to more than {MAX_BYTES >> 20} MiB, expected less")
+            raise UserError(f"{self.path.name}: unpacks to more than {self.room >> 20} MiB, expected less")
         return found
 
     def _elements(self, data: memoryview) -> Iterator[tuple[int, memoryview]]:
@@ -89,7 +90,7 @@ class _Reader:
         self.count += 1
         self.left -= len(data) if depth == 0 else 0
         if depth > DEEPEST or self.count > MOST or self.left <= 0:
-            raise UserError(f"{self.path.name}: holds more than {MOST} values or {MAX_BYTES >> 20} MiB, expected fewer")
+            raise UserError(f"{self.path.name}: holds more than {MOST} values or {self.room >> 20} MiB, expected fewer")
         if not len(data):
             return "", np.zeros(0)
         parts = list(self._elements(data))
