@@ -62,7 +62,7 @@ FEATURES: Mapping[str, Feature] = {
         Feature("armature", HELD, ("b",), ("inertia", "constant.j"), r"^k\*a$", known=("j",),
                 values={"armature": (0.005, 0.02)}),
         Feature("slope", HELD, ("j", "b"), ("offset",), r"^k$", joint="slide", values={"slope": (0.02, 0.15)}),
-        Feature("off-centre mass", HELD, ("j", "b"), ("cogging",), r"^k\*(sin|cos)\(q\)$",
+        Feature("off-centre mass", HELD, ("j", "b"), ("imbalance",), r"^k\*(sin|cos)\(q\)$",
                 values={"shift": (0.01, 0.04)}),
         Feature("backlash", HELD, ("j", "b"), ("dead_zone", "backlash"), r"max\(abs\(q\) - w, 0\)",
                 values={"gap": (0.2, 0.5), "stiffness": (0.3, 1.5)}),

@@ -123,6 +123,7 @@ def expected(name: str, c: dict[str, Array]) -> Array:
         "stiffness": p["k"] * x,
         "backlash": p["k"] * followed,
         "cogging": p["k"] * np.sin(p["n"] * x + p["phase"]),
+        "imbalance": p["k"] * np.sin(x + p["phase"]),
         "inertia": p["j"] * c["acc"],
         "offset": np.full(len(v), p["c"]),
         "heating": 0.5 * i * p["a"] * (c["temp"] - 25.0),
@@ -144,6 +145,7 @@ UNITS = {
     "viscous_asymmetry": {"b": "N m s/rad"}, "speed_squared": {"k": "N m s^2/rad^2"},
     "stiffness": {"k": "N m/rad"}, "backlash": {"k": "N m/rad", "w": "rad"},
     "cogging": {"k": "N m", "n": "1", "phase": "rad"},
+    "imbalance": {"k": "N m", "phase": "rad"},
     "inertia": {"j": "N m s^2/rad"}, "offset": {"c": "N m"}, "heating": {"a": "1/K"}, "saturation": {"k": "N m/A^2"},
     "gain": {"g": "1"}, "sensor_lag": {"tau": "s"},
     "dead_zone": {"k": "N m/rad", "w": "rad"},
@@ -163,7 +165,7 @@ def test_the_catalogue_is_that_of_the_contract() -> None:
         assert all((effect.title, effect.equation, effect.source))
         assert effect.parameters[0].start == 0.0
         assert all(p.meaning and p.minimum <= p.start <= p.maximum for p in effect.parameters)
-        assert {role for group in effect.needs for role in group} <= ROLES.keys()
+        assert {role for group in effect.needs for role in group} <= {*ROLES, "angle"}
 
 
 @pytest.mark.parametrize("name", sorted(UNITS))
@@ -196,7 +198,7 @@ def test_a_voltage_and_a_power_have_effects_of_their_own(tmp_path: Path, unit: s
 @pytest.mark.parametrize(
     ("told", "brought"),
     [
-        ("position", {"stiffness", "backlash", "cogging", "dead_zone"}),
+        ("position", {"stiffness", "backlash", "cogging", "imbalance", "dead_zone"}),
         ("temperature", {"heating"}),
         ("acceleration", {"inertia"}),
         ("direction", {"coulomb_friction"}),
@@ -281,11 +283,21 @@ def test_cogging_of_degrees_and_of_a_length(tmp_path: Path) -> None:
     told = 'x = { column = "x", unit = "deg", is = "position" }\n'
     case = load_case(write(tmp_path / "deg", "", extra=told, change={"x": np.degrees(table()["x"])}))
     assert added(case, "cogging", VALUES) == pytest.approx(expected("cogging", table()), rel=1e-5, abs=1e-6)
+    assert case.library["cogging"].parameters[1].minimum == 2.0
+    assert added(case, "imbalance", VALUES) == pytest.approx(expected("imbalance", table()), rel=1e-5, abs=1e-6)
     case = load_case(write(tmp_path / "m", "", extra=told.replace("deg", "mm")))
+    assert "imbalance" not in case.library
     number = case.library["cogging"].parameters[1]
     assert not number.whole
     assert number.unit == "rad/mm"
     assert number.grid[:2] == pytest.approx((2 * np.pi / 4.0, 4 * np.pi / 4.0), rel=1e-2)
+
+
+def test_once_a_turn_is_an_imbalance_and_no_cogging(tmp_path: Path) -> None:
+    for name, waves in (("imbalance", 1.0), ("cogging", 3.0)):
+        plus = 0.2 * np.sin(waves * table()["x"] + 0.4)
+        found = discover(load_case(write(tmp_path / name, "position", plus=plus)))
+        assert (found.verdict, found.missing) == ("missing", (name,))
 
 
 def test_several_channels_and_parameters_are_named(tmp_path: Path) -> None:

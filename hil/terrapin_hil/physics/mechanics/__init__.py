@@ -5,7 +5,8 @@ These are templates. `expression` and `needs` name roles (ROLES), not columns; t
 1 + expression. `channels` says on which units of channels it may act: "" stands for any but a power, of which a force
 or a torque is no part. Units of parameters are formulas over `channel` and roles, which stand for the units of the
 case. The numbers of a parameter that is measured in a role's unit alone are shares of the largest magnitude in that
-column; those of one in waves a `position` are waves a turn, or for a length waves over its range.
+column; those of one in waves a `position` are waves a turn, from 2 on, or for a length waves over its range. `angle`
+is a position that is one.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A ripple with the position: magnets, teeth, balls."""
+"""A ripple with the position: magnets, teeth, balls. Once a turn is no cogging but an imbalance.py."""
 
 from math import pi
 
@@ -8,7 +8,7 @@ EFFECT = Effect(
     name="cogging",
     title="Cogging",
     equation=r"k \sin(n\,x + \varphi)",
-    source="First harmonic of a periodic detent force; n whole, 1 to 64, if x is an angle",
+    source="First harmonic of a periodic detent force; n whole, 2 to 64, if x is an angle",
     bases=("equation",),
     parameters=(
         Parameter("k", "channel", 0.0, 0.0, meaning="amplitude of the ripple"),

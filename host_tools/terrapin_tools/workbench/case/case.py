@@ -416,6 +416,7 @@ def require_effect(case: Case, name: str, complain: Complaint) -> Effect:
     if effect is None:
         if name in mechanics() and case.base.own_names:
             needs = " and ".join(" or ".join(group) for group in mechanics()[name].needs) or "role of any kind"
+            needs = needs.replace("angle", "position, of an angle")
             hint = f"{name} needs a column that is told to be the {needs}"
             if case.told:
                 hint += f", or the name of what it acts on: expected one of {', '.join(case.library)}"

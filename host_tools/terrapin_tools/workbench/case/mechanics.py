@@ -101,6 +101,8 @@ def _effect(template: Effect, told: Mapping[str, Told], channel: str) -> Effect 
     columns: dict[str, Told] = {}
     text, needs, transform = template.expression, [], template.transform
     units = {"channel": channel}
+    if "position" in told and _root(told["position"].unit) == "radian":
+        told = {**told, "angle": told["position"]}
     for group in template.needs:
         role = next((one for one in group if one in told), "")
         if role:
@@ -142,7 +144,11 @@ def _effect(template: Effect, told: Mapping[str, Told], channel: str) -> Effect 
 
 def _spelt(role: str, column: Told) -> str:
     """A column as the template's formula takes it: an angle in radians, a temperature in degC."""
-    if role == "position" and _root(column.unit) == "radian" and (factor := convert(1.0, column.unit, "rad")) != 1.0:
+    if (
+        role in ("position", "angle")
+        and _root(column.unit) == "radian"
+        and (factor := convert(1.0, column.unit, "rad")) != 1.0
+    ):
         return f"{factor:.12g}*{column.name}"
     if role == "temperature" and column.unit != "1":
         zero, factor = convert(0.0, "degC", column.unit), convert_difference(1.0, column.unit, "degC")
@@ -160,7 +166,8 @@ def _parameter(parameter: Parameter, columns: Mapping[str, Told], units: Mapping
     if parameter.unit == role:
         return _scaled(parameter, float(np.abs(column.values).max()), column.unit)
     if _root(column.unit) == "radian":
-        return replace(parameter, unit="1")
+        grid = tuple(value for value in parameter.grid if value >= 2.0)  # once a turn is an imbalance
+        return replace(parameter, unit="1", start=grid[0], minimum=2.0, grid=grid)
     span = float(np.ptp(column.values))
     waves = _scaled(parameter, 2.0 * np.pi / span if span else 1.0, _unit(f"rad/{role}", units))
     return replace(waves, whole=False, minimum=0.5 * waves.minimum, maximum=1.1 * waves.maximum)
