@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from terrapin_interface.board import ADC_CHANNELS, Board
-from terrapin_interface.description import Description
+from terrapin_interface.entries import Description
 from terrapin_interface.robot import Robot
 
 __all__ = ["board_header"]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from terrapin_interface.description import INT32_MAX, Block, Description, DescriptionError, Message, Signal
+from terrapin_interface.entries import INT32_MAX, Block, Description, DescriptionError, Message, Signal
 
 __all__ = ["NOTICE", "c_kind", "header", "pack_header", "source"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from decimal import Decimal
 
-from terrapin_interface.description import Description, Message, Signal
+from terrapin_interface.entries import Description, Message, Signal
 
 __all__ = ["dbc"]
 

@@ -25,7 +25,8 @@ from terrapin_interface.board_header import board_header
 from terrapin_interface.cdef import cdef
 from terrapin_interface.codec import header, pack_header, source
 from terrapin_interface.dbc import dbc
-from terrapin_interface.description import CONTROLLER_TOML, DescriptionError, load
+from terrapin_interface.description import CONTROLLER_TOML, load
+from terrapin_interface.entries import DescriptionError
 from terrapin_interface.reference import as_json, markdown
 from terrapin_interface.robot import DEFAULT, Robot, RobotError, find_robot, load_robot
 from terrapin_interface.scaling import scaling_header

@@ -6,13 +6,13 @@ import json
 from dataclasses import asdict
 
 from terrapin_interface.codec import NOTICE
-from terrapin_interface.description import Description, Message, Parameter
+from terrapin_interface.entries import Description, Message, Parameter
 
 __all__ = ["as_json", "markdown"]
 
 
 def as_json(d: Description) -> str:
-    """Everything in the description, as JSON: the dataclasses of description.py, field by field."""
+    """Everything in the description, as JSON: the dataclasses of entries.py, field by field."""
     return json.dumps(asdict(d), indent=1, ensure_ascii=False) + "\n"
 
 

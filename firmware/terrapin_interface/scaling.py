@@ -6,7 +6,7 @@ The core fills a struct with values as it has them; divisor, ceiling and width a
 from __future__ import annotations
 
 from terrapin_interface.codec import NOTICE, c_kind
-from terrapin_interface.description import Description, Message, Signal
+from terrapin_interface.entries import Description, Message, Signal
 
 __all__ = ["scaling_header"]
 

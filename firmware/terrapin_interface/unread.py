@@ -19,7 +19,8 @@ from pathlib import Path
 if __package__ in (None, ""):  # run as a file
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from terrapin_interface.description import CONTROLLER_TOML, Description, DescriptionError, Message, load
+from terrapin_interface.description import CONTROLLER_TOML, load
+from terrapin_interface.entries import Description, DescriptionError, Message
 
 __all__ = ["main", "unread"]
 

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from terrapin_hil import paths
 from terrapin_hil.errors import UserError
-from terrapin_interface import description
-from terrapin_interface.description import Signal
+from terrapin_interface import entries
+from terrapin_interface.entries import Signal
 
 if TYPE_CHECKING:
     import numpy as np
@@ -90,7 +90,7 @@ def raw_value(signal: Signal, data: Raw) -> Raw:
 
 
 @dataclass(frozen=True)
-class Message(description.Message):
+class Message(entries.Message):
     """One CAN frame of the interface, with its codec."""
 
     def encode(self, values: Mapping[str, int]) -> tuple[bytes, bool]:
@@ -130,7 +130,7 @@ class Message(description.Message):
 
 
 @dataclass(frozen=True)
-class Parameter(description.Parameter):
+class Parameter(entries.Parameter):
     """A parameter of the controller: physical value = raw * scale, in `unit`. Default and bounds are raw."""
 
     def raw(self, physical: float) -> int:

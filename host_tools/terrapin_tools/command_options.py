@@ -10,6 +10,7 @@ import typer
 
 from terrapin_hil.links.names import LinkName, helped
 from terrapin_tools.errors import UserError, printable
+from terrapin_tools.figure_style import need_pictures
 
 __all__ = [
     "BitRate",
@@ -72,6 +73,7 @@ Cluster = Annotated[
 def _picture(name: str) -> Path:
     if not name.lower().endswith((".png", ".svg")):
         raise UserError(f"--plot: found {Path(name).name!r}, expected a name that ends in .png or .svg")
+    need_pictures("--plot")
     return Path(name)
 
 

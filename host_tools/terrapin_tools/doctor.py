@@ -199,6 +199,9 @@ LOOKS: tuple[tuple[str, str, Callable[[], tuple[bool, str, str]], bool], ...] = 
     ("cluster", "`--cluster`: folders of cases on a Dask cluster", _package("distributed",
      extra="distributed"), False),
     ("mujoco", "a second opinion on the simulated motion", _package("mujoco", extra="'mujoco<3.4'"), False),
+    ("pictures", "plots as files, the demonstration, the papers' page", _package("matplotlib",
+     extra="'terrapin-robot[pictures]'"), False),
+    ("mf4", "MF4 logs", _package("asammdf", extra="'terrapin-robot[mf4]'"), False),
     ("browser", "`terrapin web`, reports", _browser, False),
 )  # fmt: skip
 NAMES = tuple(name for name, *_ in LOOKS)

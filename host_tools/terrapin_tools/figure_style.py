@@ -7,7 +7,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-__all__ = ["PANELS", "STYLE", "picture"]
+from terrapin_tools.extras import need
+
+__all__ = ["PANELS", "STYLE", "need_pictures", "picture"]
 
 STYLE: Any = {  # of the keys that Matplotlib knows
     "axes.spines.top": False,
@@ -20,9 +22,18 @@ STYLE: Any = {  # of the keys that Matplotlib knows
 PANELS = {"legend.fontsize": 8, "figure.dpi": 110}  # of panels side by side
 
 
+def need_pictures(what: str) -> None:
+    """UserError where nothing can be drawn; asked before long work whose end is a picture."""
+    need(what, "matplotlib", "pictures")
+
+
 @contextmanager
 def picture(file: Path, size: tuple[float, float], style: Any) -> Iterator[Any]:
-    """A figure to draw on, `size` in inches; `file` (.png or .svg) is written at the end. `style`: more than STYLE."""
+    """A figure to draw on, `size` in inches; `file` (.png or .svg) is written at the end. `style`: more than STYLE.
+
+    UserError: Matplotlib is not there.
+    """
+    need_pictures(str(file))
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 

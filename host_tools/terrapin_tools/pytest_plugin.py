@@ -160,9 +160,11 @@ def _leave(node: Any, session: Any, folder: Path, end: str, number: int) -> Path
         f"repeat    {shlex.join(['pytest', node.nodeid, *options])}",
     ]
     (place / "repeat.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    from terrapin_tools.errors import UserError
+
     try:
         _plot(place)
-    except (ValueError, OSError) as error:  # a run that ended before the controller said anything
+    except (UserError, ValueError, OSError) as error:  # no Matplotlib, or a run that ended before a first word
         (place / "plot.txt").write_text(f"{error}\n", encoding="utf-8")
     return place
 

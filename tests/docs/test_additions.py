@@ -1,6 +1,8 @@
-"""A new effect, terrain and sub-command: each is added to a scratch copy as its page says, in at most two files."""
+"""A new effect, terrain, link, sub-command: each is added to a scratch copy as its page says, in at most two files."""
 
+import os
 import re
+import shutil
 from pathlib import Path
 
 from pages import ROOT, Block, apply, blocks
@@ -61,6 +63,18 @@ def test_terrain(tmp_path: Path) -> None:
         in_copy(copy, "terrapin", "run", shipped, build=copy / "build/host")
     tests = ("tests/python/test_plant.py", "-k", "snow or sand", "-q")
     assert " passed" in in_copy(copy, "python", "-m", "pytest", *tests, build=copy / "build/host").stdout
+
+
+def test_link(tmp_path: Path) -> None:
+    """A program that is named is driven as the shipped one is: the same bytes."""
+    copy = added("docs/links.md", "## A new link", tmp_path)
+    assert "program:PATH" in in_copy(copy, "terrapin", "run", "--help").stdout
+    built = Path(os.environ.get("TERRAPIN_BUILD", ROOT / "build" / "host"))
+    program = shutil.copy(built / "terrapin-controller", tmp_path / "own-controller")
+    said = [in_copy(copy, "terrapin", "run", "steady_sand", "--link", name) for name in (f"program:{program}", "pty")]
+    hashes = [re.findall(r"output sha256 (\w{64})", one.stdout) for one in said]
+    assert hashes[0] == hashes[1]
+    assert len(hashes[0]) == 1
 
 
 def test_sub_command(tmp_path: Path) -> None:

@@ -14,7 +14,8 @@ from decimal import Decimal
 from functools import cache
 from pathlib import Path
 
-from terrapin_interface.description import CONTROLLER_TOML, DescriptionError
+from terrapin_interface.description import CONTROLLER_TOML
+from terrapin_interface.entries import DescriptionError
 from terrapin_interface.generate import generate
 from tests.interface_mutations.oracle import compile_core, wrong
 from tests.interface_mutations.reference import Message, Reference, Signal

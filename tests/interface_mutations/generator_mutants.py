@@ -216,7 +216,7 @@ import json, sys
 from pathlib import Path
 package, good, bad, out = sys.argv[1:]
 sys.path.insert(0, package)
-from terrapin_interface.description import DescriptionError
+from terrapin_interface.entries import DescriptionError
 from terrapin_interface.generate import generate
 for name in json.loads(good):
     generate(Path(name), [], Path(name).parent / "generated")

@@ -7,6 +7,7 @@ every file of the repository; PATH leads to nothing but the environment itself.
 from __future__ import annotations
 
 import csv
+import importlib.metadata
 import io
 import json
 import os
@@ -20,6 +21,7 @@ import subprocess
 import sys
 import sysconfig
 import time
+import tomllib
 import urllib.request
 import venv
 import zipfile
@@ -29,6 +31,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from terrapin_hil import paths
 from terrapin_hil.run.run import run as run_here
@@ -50,7 +54,21 @@ def refuse(event, arguments):
             raise PermissionError(13, "the test's guard: a file of the repository", path)
 
 sys.addaudithook(refuse)
+
+hidden = set(os.environ.get("HIDDEN_BY_THE_TEST", "").split())
+
+def finding(finder):
+    class Finder(finder):
+        @classmethod
+        def find_spec(cls, name, path=None, target=None):
+            return None if name in hidden else finder.find_spec(name, path, target)
+
+    return Finder
+
+if hidden:
+    sys.meta_path[:] = [finding(one) if one.__name__ == "PathFinder" else one for one in sys.meta_path]
 """
+MOST = 450e6  # bytes of everything that the wheel needs, byte code apart
 
 
 ROLLS = """
@@ -207,6 +225,60 @@ def test_from_a_case_to_parameters(installed: Installed) -> None:
     assert "output sha256" in installed.terrapin("run steady_sand --parameters firmware.toml")
 
 
+@pytest.fixture(scope="module")
+def needed() -> set[str]:
+    """The distributions that the wheel brings along without an extra."""
+    project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    todo = [Requirement(text) for text in project["dependencies"]]
+    found: set[str] = set()
+    while todo:
+        asked = todo.pop()
+        if (name := canonicalize_name(asked.name)) in found and not asked.extras:
+            continue
+        found.add(name)
+        for requirement in map(Requirement, importlib.metadata.distribution(name).requires or []):
+            marker = requirement.marker
+            if marker is None or any(marker.evaluate({"extra": extra}) for extra in ("", *asked.extras)):
+                todo.append(requirement)
+    return found
+
+
+@pytest.fixture(scope="module")
+def bare(installed: Installed, needed: set[str]) -> Installed:
+    """The wheel where nothing is installed that only an extra brings."""
+    owners = importlib.metadata.packages_distributions()
+    others = {name for name, of in owners.items() if not any(canonicalize_name(one) in needed for one in of)}
+    hidden = {"HIDDEN_BY_THE_TEST": " ".join(sorted(others - PACKAGES))}
+    assert {"matplotlib", "asammdf", "pandas", "h5py"} <= others
+    return replace(installed, environment=installed.environment | hidden)
+
+
+def test_what_it_brings_along_is_small(needed: set[str]) -> None:
+    total = 0
+    for name in needed:
+        own = importlib.metadata.distribution(name)
+        places = [Path(str(own.locate_file(file))) for file in own.files or [] if file.suffix != ".pyc"]
+        total += sum(place.stat().st_size for place in places if place.exists())
+    assert total < MOST
+
+
+def test_without_extras(bare: Installed) -> None:
+    """All of it works but what says in a line which extra it wants."""
+    bare.terrapin("case example heated_motor --to bare")
+    assert json.loads(bare.terrapin("discover bare --json -"))["missing"] == ["motor_heating"]
+    bare.terrapin("add bare motor_heating")
+    bare.terrapin("report bare -o bare.html")
+    bare.terrapin("run steady_sand --out bare_run")
+    for command, wanted in {
+        "demo --out nowhere": "[pictures]",
+        "look bare/runs.csv --plot bare.png": "[pictures]",
+        "log convert bare_run/telemetry.log bare.mf4": "[mf4]",
+    }.items():
+        (line,) = bare.run("terrapin", *command.split(), status=2).stderr.splitlines()
+        assert wanted in line
+    assert not (bare.folder / "nowhere").exists()
+
+
 def test_demo_and_papers(installed: Installed) -> None:
     installed.terrapin("demo --out demo")
     assert list((installed.folder / "demo").glob("*.html"))
@@ -270,8 +342,8 @@ def test_docs_start_runs_in_an_empty_folder(installed: Installed) -> None:
     wait_for(lambda: not (folder / "robot").is_symlink())  # the robot on its bus has ended
 
 
-def test_the_page(installed: Installed) -> None:
-    process = installed.start("terrapin", "web", "--no-open", "--port", "0", "--workspace", "work")
+def test_the_page(bare: Installed) -> None:
+    process = bare.start("terrapin", "web", "--no-open", "--port", "0", "--workspace", "work")
     try:
         assert process.stdout is not None
         server, _, token = process.stdout.readline().strip().partition("/?token=")

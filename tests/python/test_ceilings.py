@@ -13,7 +13,8 @@ from terrapin_hil.messages import Sender, interface
 from terrapin_hil.run.run import run
 from terrapin_hil.scenario.faults import Fault
 from terrapin_hil.scenario.scenario import find_scenario, load_scenario
-from terrapin_interface.description import DescriptionError, load, parse
+from terrapin_interface.description import load, parse
+from terrapin_interface.entries import DescriptionError
 
 PARAMETERS = interface().parameters
 CEILINGS = {p.name: p for p in load().parameters if p.ceiling}

@@ -19,7 +19,8 @@ from terrapin_hil.physics.effects import catalogue
 from terrapin_hil.physics.expression import parse as parse_expression
 from terrapin_interface import description as description_module
 from terrapin_interface import unread as unread_module
-from terrapin_interface.description import CONTROLLER_TOML, DescriptionError, Promise, load, parse
+from terrapin_interface.description import CONTROLLER_TOML, load, parse
+from terrapin_interface.entries import DescriptionError, Promise
 from terrapin_interface.generate import generate
 from terrapin_interface.unread import unread
 from tests.interface_mutations.planted import GOOD, PLANTED

@@ -1,4 +1,4 @@
-"""A new telemetry signal and a new fault are two files each: added to a copy of the sources, which is then built."""
+"""A new telemetry signal, message or fault is two files: added to a copy of the sources, which is then built."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -15,23 +15,64 @@ from terrapin_hil import paths
 
 TARGETS = ("terrapin", "terrapin_hil", "unread")
 TOML = "firmware/terrapin_interface/controller.toml"
-Edits = dict[str, tuple[str, str]]  # file -> (what stands before the addition, the addition)
+Edits = dict[str, Sequence[tuple[str, str]]]  # file -> pairs of (what stands there, what is added behind it)
 
 SIGNAL: Edits = {
-    TOML: (
-        'largest slip since the request, rolling back not counted" },\n',
-        '  { name = "motor_torque", start = 53, length = 11, signed = true, scale = 0.001, unit = "N m", '
-        'source = "motor_unm" },\n',
-    ),
-    "firmware/core/telemetry.c": (
-        "        .peak_e4 = state->slip.peak_e4,\n",
-        "        .motor_unm = state->estimator.motor_unm,\n",
-    ),
+    TOML: [
+        (
+            'largest slip since the request, rolling back not counted" },\n',
+            '  { name = "motor_torque", start = 53, length = 11, signed = true, scale = 0.001, unit = "N m", '
+            'source = "motor_unm" },\n',
+        )
+    ],
+    "firmware/core/telemetry.c": [
+        ("        .peak_e4 = state->slip.peak_e4,\n", "        .motor_unm = state->estimator.motor_unm,\n")
+    ],
+}
+# 64 bits of its own in the slot that HEADING leaves free: each round, or every second one where HEADING is sent.
+MESSAGE: Edits = {
+    TOML: [
+        (
+            'source = "y_um" },\n]\n',
+            """
+[message.DRIVE]
+id = 0x18B
+sender = "controller"
+cycle_ms = 10
+comment = "Slot 9, every second round where HEADING is sent."
+signals = [
+  { name = "motor", start = 0, length = 32, signed = true, scale = 0.000001, unit = "N m", source = "motor_unm" },
+  { name = "supply", start = 32, length = 32, signed = true, scale = 0.001, unit = "V", source = "supply_mv" },
+]
+""",
+        )
+    ],
+    "firmware/core/telemetry.c": [
+        (
+            "    return terrapin_pack_heading(&message, frame);\n}\n",
+            """
+static bool drive(const terrapin_state *state, terrapin_frame *frame) {
+    const terrapin_drive_source source = {
+        .motor_unm = state->estimator.motor_unm,
+        .supply_mv = sense_supply_mv(state),
+    };
+    const terrapin_drive_t message = terrapin_scale_drive(&source);
+    return terrapin_pack_drive(&message, frame);
+}
+""",
+        ),
+        ("    default:\n        sent = state->heading.known", " && (((inputs->tick / (uint32_t)SLOT_MS) % 2U) != 0U)"),
+        (
+            "            *fits = heading(state, frame);\n        }",
+            " else {\n            sent = true;\n            *fits = drive(state, frame);\n        }",
+        ),
+    ],
 }
 FAULT: Edits = {
-    TOML: (
-        'scenarios = ["link_silence", "missed_tick"]\n',
-        """
+    TOML: [
+        (
+            'scenarios = ["link_silence", "missed_tick"]\n',
+            """
 [fault.current_rail]
 number = 20
 cause = "current code at the upper end of its range"
@@ -40,12 +81,15 @@ within_ms = 1
 latched = false
 scenarios = ["current_sensor_stuck"]
 """,
-    ),
-    "firmware/core/sense.c": (
-        "    uint32_t causes = watch(state, inputs);\n",
-        "    if (inputs->current_code >= (uint16_t)CODE_HIGH) {\n"
-        "        causes |= fault_bit(TERRAPIN_FAULT_CURRENT_RAIL);\n    }\n",
-    ),
+        )
+    ],
+    "firmware/core/sense.c": [
+        (
+            "    uint32_t causes = watch(state, inputs);\n",
+            "    if (inputs->current_code >= (uint16_t)CODE_HIGH) {\n"
+            "        causes |= fault_bit(TERRAPIN_FAULT_CURRENT_RAIL);\n    }\n",
+        )
+    ],
 }
 
 # What goes in is the whole program, run against the copy's build in a process of its own.
@@ -71,6 +115,38 @@ for frame, value in zip(frames[-100:], values[-100:], strict=True):
     assert abs(message.decode(bytes(frame["data"]))["motor_torque"] - value) < 1e-9
 print("seen")
 """
+DRIVES = """
+duration = 8
+seed = 1
+[[path]]
+terrain = "agricultural"
+[[operator]]
+at = 0.2
+request = "run"
+setpoint = "5 V"
+"""
+STEERED = """steering = [[0, "0 deg"], [8, "90 deg"]]""" + DRIVES
+SEE_MESSAGE = (
+    f"SCENARIOS = {DRIVES!r}, {STEERED!r}"
+    + """
+from pathlib import Path
+from terrapin_hil.run.run import run
+from terrapin_hil.scenario.scenario import load_scenario
+for text, shared in zip(SCENARIOS, (False, True)):
+    Path("drives.toml").write_text(text)
+    result = run(load_scenario(Path("drives.toml")))
+    said = {name: len(table["time"]) for name, table in result.telemetry.items()}
+    rounds, own, heading = said["STATUS"], said["DRIVE"], said.get("HEADING", 0)
+    assert rounds > 700 and abs(own - (rounds / 2 if shared else rounds)) <= 2, (text, own, rounds)
+    assert own + heading <= rounds + 1 and (heading > 300) == shared, (text, heading)
+    last = {name: result.held(*name.split("."))[-1000:] for name in ("DRIVE.supply", "ELECTRICAL.supply", "DRIVE.motor",
+            "GROUND.torque", "CALIBRATION.coulomb", "CALIBRATION.viscous", "WINDOW.omega")}
+    assert abs(last["DRIVE.supply"] - last["ELECTRICAL.supply"]).max() < 0.1
+    friction = last["CALIBRATION.coulomb"] + last["CALIBRATION.viscous"] * last["WINDOW.omega"]
+    assert abs(last["DRIVE.motor"] - last["GROUND.torque"] - friction).max() < 0.003
+print("seen")
+"""
+)
 SEE_FAULT = """
 from terrapin_hil.run.run import run
 from terrapin_hil.scenario.scenario import find_scenario, load_scenario
@@ -94,10 +170,12 @@ def scratch(folder: Path) -> Callable[[Edits | None, str], subprocess.CompletedP
     python = f"-DPython3_EXECUTABLE={sys.executable}"
 
     def attempt(edits: Edits | None, program: str) -> subprocess.CompletedProcess[str]:
-        for name, (before, addition) in (edits or {}).items():
+        for name, pairs in (edits or {}).items():
             text = (paths.ROOT / name).read_text(encoding="utf-8")
-            assert text.count(before) == 1, name
-            (folder / name).write_text(text.replace(before, before + addition), encoding="utf-8")
+            for before, addition in pairs:
+                assert text.count(before) == 1, (name, before)
+                text = text.replace(before, before + addition)
+            (folder / name).write_text(text, encoding="utf-8")
         subprocess.run(["cmake", "--preset", "host", python], cwd=folder, check=True, capture_output=True, timeout=300)
         build = ["cmake", "--build", "--preset", "host", "--target", *TARGETS]
         built = subprocess.run(build, cwd=folder, check=False, capture_output=True, text=True, timeout=900)
@@ -125,7 +203,11 @@ def attempt(
     return scratch(tmp_path_factory.mktemp("sources"))
 
 
-@pytest.mark.parametrize(("edits", "program"), [(SIGNAL, SEE_SIGNAL), (FAULT, SEE_FAULT)], ids=["signal", "fault"])
+@pytest.mark.parametrize(
+    ("edits", "program"),
+    [(SIGNAL, SEE_SIGNAL), (MESSAGE, SEE_MESSAGE), (FAULT, SEE_FAULT)],
+    ids=["signal", "message", "fault"],
+)
 def test_two_files_are_all(attempt, edits: Edits, program: str) -> None:
     assert len(edits) <= 2
     done = attempt(edits, program)

@@ -21,8 +21,11 @@ command.write_text(f"#!{sys.executable}\nfrom terrapin_tools.cli import main\n\n
 command.chmod(0o755)
 about = site / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
 about.mkdir(exist_ok=True)
+extras = project.get("optional-dependencies", {})  # what a line tells to install, pip finds here as well
 texts = {
-    "METADATA": f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n",
+    "METADATA": f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
+    + "".join(f"Provides-Extra: {extra}\n" for extra in extras)
+    + "".join(f'Requires-Dist: {name}; extra == "{extra}"\n' for extra, names in extras.items() for name in names),
     "entry_points.txt": "".join(
         f"[{group}]\n" + "".join(f"{name} = {place}\n" for name, place in entries.items()) + "\n"
         for group, entries in project.get("entry-points", {}).items()

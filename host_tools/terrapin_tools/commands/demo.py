@@ -29,7 +29,9 @@ def demo(
     """
     from terrapin_tools.demo.stage import Stage
     from terrapin_tools.demo.story import Demo
+    from terrapin_tools.figure_style import need_pictures
 
+    need_pictures("the demonstration")
     out.mkdir(parents=True, exist_ok=True)
     with bar("demo") as shown:
         page = Demo(Stage(out.resolve(), _say, lambda share: shown(completed=share))).play()

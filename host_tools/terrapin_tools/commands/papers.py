@@ -22,11 +22,13 @@ def papers(
     Example: terrapin papers -o papers
     """
     from terrapin_tools.errors import UserError
+    from terrapin_tools.figure_style import need_pictures
     from terrapin_tools.papers.build import build
     from terrapin_tools.papers.verdict import worst
 
     if out.exists() and not out.is_dir():
         raise UserError(f"--out: found the file {out}, expected a folder")
+    need_pictures("the papers' page")
     page, parts = build(out, say)
     for part in parts:
         numbers, statements = (worst(part.checks, which) or "-" for which in (False, True))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from terrapin_tools.errors import UserError
-from terrapin_tools.figure_style import STYLE
+from terrapin_tools.figure_style import STYLE, need_pictures
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.model.data_columns import numeric_columns
 from terrapin_tools.workbench.story.story import Story
@@ -23,6 +23,7 @@ def drawn(analysis: Analysis, story: Story, kind: str, against: str, channel: st
     """The figure, or `ax` where one is given. UserError for a kind, a column or a channel that is none."""
     if kind not in KINDS:
         raise UserError(f"plot: found {kind!r}, expected one of {', '.join(KINDS)}")
+    need_pictures("a plot")
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 

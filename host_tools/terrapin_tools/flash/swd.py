@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from terrapin_tools.errors import UserError
+from terrapin_tools.extras import need
 from terrapin_tools.flash.wire import Told
 
 __all__ = ["Swd", "probes"]
@@ -22,10 +23,9 @@ F405 = 0x413  # STM32F405/407/415/417
 
 
 def _pyocd() -> Any:
-    try:
-        from pyocd.core import helpers
-    except ImportError:
-        raise UserError("--via swd needs pyOCD: pip install 'terrapin-robot[swd]'", status=1) from None
+    need("--via swd", "pyocd", "swd")
+    from pyocd.core import helpers
+
     logging.getLogger("pyocd").setLevel(logging.CRITICAL)  # what matters of its words comes as an error
     return helpers.ConnectHelper
 

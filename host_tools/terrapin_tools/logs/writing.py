@@ -19,6 +19,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from terrapin_tools.errors import UserError
+from terrapin_tools.extras import need
 from terrapin_tools.logs.candump import line
 from terrapin_tools.logs.decoding import Decoder, Described
 from terrapin_tools.logs.formats.mcap import RAW_TOPIC
@@ -55,6 +56,8 @@ class LogWriter(AbstractContextManager["LogWriter"]):
         kind = path.suffix.lower()
         if kind not in kinds:
             raise UserError(f"{path}: unknown kind of log {kind!r}, expected one of {' '.join(WRITABLE)}")
+        if kind == ".mf4":
+            need(f"{path.name}: .mf4", "asammdf", "mf4")
         self.path = path
         self._open = True
         with writing(path):

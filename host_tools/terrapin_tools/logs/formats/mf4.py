@@ -6,6 +6,7 @@ import logging
 from collections.abc import Iterator
 from typing import Any
 
+from terrapin_tools.extras import need
 from terrapin_tools.logs.formats.binary import by_python_can
 from terrapin_tools.logs.formats.source import Source
 from terrapin_tools.logs.frames import Frames
@@ -23,6 +24,7 @@ def recognises(head: bytes) -> bool | None:
 
 def blocks(source: Source) -> Iterator[Frames]:
     """Frames of all groups in order of time; records that python-can passes over (LIN, signals) are counted."""
+    need(f"{source.path.name}: .mf4", "asammdf", "mf4")
     import asammdf  # noqa: F401  # sets up its log, which prints tracebacks of damaged files
     import can
 

@@ -71,7 +71,7 @@ class Record(Body):
     """Begin a log (its suffix says of which kind: .log .blf .mf4 .mcap) or end it."""
 
     do: Literal["start", "stop"]
-    name: Annotated[str, StringConstraints(pattern=LOG)] = "live.mf4"
+    name: Annotated[str, StringConstraints(pattern=LOG)] = "live.mcap"
 
 
 class Recorded(BaseModel):

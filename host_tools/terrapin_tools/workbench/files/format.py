@@ -7,7 +7,6 @@ them (which part, units, dates, runs, bounds, complaints) is in tables.py.
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -30,7 +29,6 @@ __all__ = [
     "arrow_texts",
     "cells",
     "named",
-    "need",
     "text_cells",
 ]
 
@@ -145,13 +143,6 @@ class Format:
     package: str = ""
     extra: str = ""
     folder: Callable[[Path], bool] | None = None
-
-
-def need(path: Path, package: str, extra: str) -> None:
-    """UserError that says what to install, where a reader's package is not there."""
-    if importlib.util.find_spec(package) is None:
-        how = f"pip install 'terrapin-robot[{extra}]'"
-        raise UserError(f"{path.name}: {path.suffix} is read by {package}, which is not installed: {how}")
 
 
 def cells(values: Sequence[Any]) -> Column:

@@ -17,9 +17,10 @@ import numpy.typing as npt
 from terrapin_hil.reading import shorten
 from terrapin_tools.bounded import refuse_beyond
 from terrapin_tools.errors import UserError, printable
+from terrapin_tools.extras import need
 from terrapin_tools.logs.reading import is_log
 from terrapin_tools.workbench.files.csv_layout import GAPS
-from terrapin_tools.workbench.files.format import Ambiguous, Asked, Column, Part, cells, named, need
+from terrapin_tools.workbench.files.format import Ambiguous, Asked, Column, Part, cells, named
 from terrapin_tools.workbench.files.formats import PACKED, SUFFIXES, format_of
 from terrapin_tools.workbench.files.packed import unpacked
 from terrapin_tools.workbench.files.split_runs import split
@@ -172,7 +173,7 @@ def _parts(path: Path, texts: Collection[str], asked: Asked) -> list[Part]:
         expected = " ".join([*SUFFIXES, *LOG_SUFFIXES])
         raise UserError(f"{path.name}: unknown kind of file {path.suffix.lower()!r}, expected {expected}")
     if entry.package:
-        need(path, entry.package, entry.extra)
+        need(f"{path.name}: {path.suffix}", entry.package, entry.extra)
     with _complaints(path, entry.name):
         found = entry.read(path, asked, texts)
         refuse_beyond(path, 8 * sum(part.rows * len(part.columns) for part in found))

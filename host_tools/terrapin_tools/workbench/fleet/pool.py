@@ -20,6 +20,7 @@ from typing import Any, Protocol
 
 from terrapin_hil import paths
 from terrapin_tools.errors import UserError
+from terrapin_tools.extras import need
 from terrapin_tools.interrupts import later
 
 __all__ = ["POLL", "Done", "Future", "Lost", "Pool", "fingerprint", "pool"]
@@ -202,12 +203,11 @@ def _executor(jobs: int) -> Any:
 
 @contextmanager
 def _cluster(address: str) -> Iterator[Pool]:
-    try:
-        import distributed
-    except ImportError:
-        raise UserError("--cluster: Dask is not installed: pip install 'terrapin-robot[cluster]'") from None
+    need("--cluster", "distributed", "cluster")
     import logging
     import warnings
+
+    import distributed
 
     _check_address(address)
     logging.disable(logging.CRITICAL)  # what goes wrong is told here, in one line

@@ -13,7 +13,7 @@ import numpy as np
 from terrapin_hil.reading import shorten
 from terrapin_tools.bounded import refuse_beyond
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.format import need
+from terrapin_tools.extras import need
 from terrapin_tools.workbench.files.trees.mat5 import OBJECT
 
 __all__ = ["hdf5_tree"]
@@ -28,7 +28,7 @@ def hdf5_tree(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
 
     UserError for MATLAB's objects, for data of other files, and for more than it may stand for.
     """
-    need(path, "h5py", "hdf5")
+    need(f"{path.name}: {path.suffix}", "h5py", "hdf5")
     import h5py
 
     with h5py.File(path, "r") as file:
