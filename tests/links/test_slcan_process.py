@@ -170,12 +170,30 @@ def test_python_can(controller: ControllerProcess) -> None:
     assert answers == expected
 
 
-def test_process_ends_when_the_peer_goes_away(controller: ControllerProcess) -> None:
-    port = SlcanPort.open(controller.start())
+def test_process_outlives_its_peers(controller: ControllerProcess) -> None:
+    """Each is served as the first was, though the one before it went in the middle of a line."""
+    path = controller.start()
+    for _ in range(3):
+        with SlcanPort.open(path) as port:
+            assert port.exchange_frames([Sender().frame("PARAMETER_READ", {"index": 0})]) != []
+            os.write(port._to, b"t123")
     assert controller.process is not None
     assert controller.process.poll() is None
+    assert controller.stop() == 0
+
+
+def test_process_ends_with_whoever_started_it() -> None:
+    """Nobody reads its output, and its peer is gone."""
+    process = subprocess.Popen([PROGRAM, "--pty"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    port = SlcanPort.open(process.stdout.readline().strip())
+    process.stdout.close()
+    assert port.exchange_frames([Sender().frame("PARAMETER_READ", {"index": 0})]) != []
     port.close()
-    assert controller.process.wait(300) == 0
+    assert process.wait(300) == 0
+    assert process.stderr is not None
+    assert "peer gone" in process.stderr.read()
+    process.stderr.close()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
@@ -309,9 +327,12 @@ def test_pty_under_a_name(tmp_path: Path) -> None:
     )
     assert process.stdout is not None
     assert process.stdout.readline() == f"{name}\n"
-    with SlcanPort.open(name) as port:
-        assert port.exchange_frames([Sender().frame("PARAMETER_READ", {"index": 0})]) != []
+    for _ in range(2):
+        with SlcanPort.open(name) as port:
+            assert port.exchange_frames([Sender().frame("PARAMETER_READ", {"index": 0})]) != []
+    process.terminate()
     assert process.wait(300) == 0
+    process.stdout.close()
     assert not name.is_symlink()
 
 

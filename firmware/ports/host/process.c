@@ -1,15 +1,16 @@
 /* terrapin-controller: the controller as a process that speaks SLCAN, like a board on USB.
  *
- *     terrapin-controller --pty [LINK]    make a pseudo-terminal, print its path, serve the first peer that opens it
+ *     terrapin-controller --pty [LINK]    make a pseudo-terminal, print its path, serve whoever opens it
  *     terrapin-controller DEVICE          serve a tty (its speed is left as stty set it)
  *     --flash FILE before either          keep parameters and node number in FILE (made when absent); without it a
  * reset forgets them
  *     --node N before either              have this node number, whatever FILE says (0)
  *     --link-key FILE before either       take commands and changes only from who has this key, too (link/seal.h)
  *
- * It has no sensors of its own and no bridge: it steps in test mode only, once a SENSORS_FAST. It ends, with the
- * outputs off, when the peer goes away (status 0), on SIGTERM, SIGINT or SIGHUP (status 0), or when the device fails
- * (status 1). What one read brought is answered by one write; both buffers are bounded.
+ * It has no sensors of its own and no bridge: it steps in test mode only, once a SENSORS_FAST. On a pseudo-terminal it
+ * outlives its peers; it ends, with the outputs off, on SIGTERM, SIGINT or SIGHUP (status 0), when a tty's peer goes
+ * away, or a pseudo-terminal's and nobody reads what is printed any more (status 0), or when the device fails (status
+ * 1). What one read brought is answered by one write; both buffers are bounded.
  */
 #define _GNU_SOURCE /* ppoll, posix_openpt, ptsname_r, cfmakeraw */
 
@@ -23,6 +24,7 @@
 #include <sys/random.h>
 #include <sys/stat.h>
 #include <termios.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "flash_file.h"
@@ -187,8 +189,36 @@ static int flush(controller *c, const sigset_t *while_waiting) {
     return 1;
 }
 
+/* Whatever the reason for leaving, nothing drives the bridge any more. */
+static void outputs_off(controller *c) {
+    c->service.outputs.enable = false;
+    c->service.outputs.duty_q15 = 0;
+}
+
+/* Whether nobody reads any more what is printed: whoever started this process over a pipe has ended. */
+static bool abandoned(void) {
+    struct pollfd out = {.fd = STDOUT_FILENO};
+    return (poll(&out, 1, 0) > 0) && ((out.revents & (POLLHUP | POLLERR)) != 0);
+}
+
+/* A pseudo-terminal outlives its peers. Wait for the next one (1), a signal, or an end without anybody (0). */
+static int next_peer(controller *c, const sigset_t *while_waiting) {
+    const struct timespec pause = {.tv_nsec = 20000000L}; /* nothing tells that somebody opens the other side */
+    outputs_off(c);
+    c->out_length = 0;
+    terrapin_slcan_init(&c->service.parser); /* half a line of the last peer is no begin of a line of the next */
+    while ((stop_signal == 0) && !abandoned()) {
+        struct pollfd device = {.fd = c->fd, .events = POLLIN};
+        if ((poll(&device, 1, 0) >= 0) && ((device.revents & POLLHUP) == 0)) {
+            return 1;
+        }
+        (void)ppoll(NULL, 0, &pause, while_waiting);
+    }
+    return 0;
+}
+
 /* Until the peer goes away or a signal comes (0) or the device fails (-1). */
-static int serve(controller *c, const sigset_t *while_waiting) {
+static int serve_peer(controller *c, const sigset_t *while_waiting) {
     uint8_t in[IN_SIZE];
     int going = wait_for(c, POLLIN, while_waiting);
     while (going == 1) {
@@ -211,16 +241,18 @@ static int serve(controller *c, const sigset_t *while_waiting) {
     return going;
 }
 
-/* Whatever the reason for leaving, nothing drives the bridge any more. */
-static void outputs_off(controller *c) {
-    c->service.outputs.enable = false;
-    c->service.outputs.duty_q15 = 0;
+static int serve(controller *c, bool pty, const sigset_t *while_waiting) {
+    int result = serve_peer(c, while_waiting);
+    while ((result == 0) && pty && (stop_signal == 0) && (next_peer(c, while_waiting) == 1)) {
+        result = serve_peer(c, while_waiting);
+    }
+    return result;
 }
 
 static int usage(int status) {
     (void)fprintf(
         (status == 0) ? stdout : stderr,
-        "usage: terrapin-controller [OPTION]... --pty [LINK]   serve a new pseudo-terminal; its path is "
+        "usage: terrapin-controller [OPTION]... --pty [LINK]   serve a new pseudo-terminal until stopped; its path is "
         "printed\n"
         "       terrapin-controller [OPTION]... DEVICE         serve a serial port (set its speed with stty)\n"
         "       --flash FILE   keep parameters, node number and a STOP_ALL in FILE over a reset\n"
@@ -355,7 +387,7 @@ int terrapin_process(int argc, char **argv) {
         return 1;
     }
 
-    const int result = serve(&c, &while_waiting);
+    const int result = serve(&c, pty, &while_waiting);
     if (result != 0) {
         fail("lost", pty ? "the pseudo-terminal" : argv[1]);
     }
