@@ -97,6 +97,26 @@ static void test_the_peak_of_slip_is_one(void) {
     TEST_ASSERT_EQUAL_INT32(0, peak_of(-1));
 }
 
+/* Ticks that two measured ground speeds disagree, after one. */
+static uint16_t disagreed(int16_t outside_mm_s, int32_t wheel_um_s) {
+    setUp();
+    state.slip.ground_um_s = wheel_um_s;
+    const terrapin_inputs inputs = {.ground_speed_valid = true, .ground_speed_mm_s = outside_mm_s};
+    compare_grounds(&state, &inputs);
+    return state.slip.disagree_ticks;
+}
+
+/* A tenth of the larger one, whichever that is and whichever way both go. */
+static void test_two_ground_speeds_may_differ_by_a_tenth_of_the_larger(void) {
+    TEST_ASSERT_EQUAL(0, disagreed(110, 99500));
+    TEST_ASSERT_EQUAL(0, disagreed(-110, -99500));
+    TEST_ASSERT_EQUAL(0, disagreed(99, 110000));
+    TEST_ASSERT_EQUAL(0, disagreed(-99, -110000));
+    TEST_ASSERT_EQUAL(1, disagreed(112, 99500));
+    TEST_ASSERT_EQUAL(1, disagreed(98, 110000));
+    TEST_ASSERT_EQUAL(1, disagreed(-98, -110000));
+}
+
 /* Counts of the ground wheel at the ends of the two windows, and the ticks that were seen: is it doubted? */
 static bool doubted(int32_t change, uint16_t ticks) {
     setUp();
@@ -142,6 +162,22 @@ static void test_what_takes_a_doubt_back(void) {
 }
 
 /* ---- drive */
+
+/* The limiter takes all that it may: down to the bound that the current's limit leaves, in both directions. */
+static void test_the_limiter_s_bounds_are_mirrored_backwards(void) {
+    static const struct {
+        int32_t low, high, wanted, left;
+    } cases[] = {{200, 900, 1000, 200}, {-900, -200, -1000, -200}, {-300, 900, 1000, 0},
+                 {-900, 300, -1000, 0}, {600, 700, 500, 500},      {-700, -600, -500, -500}};
+    for (size_t i = 0; i < (sizeof cases / sizeof cases[0]); i++) {
+        setUp();
+        state.drive.limiting = true;
+        state.drive.limiter_direction = (cases[i].wanted > 0) ? 1 : -1;
+        state.drive.limiter_integral_uv = -INTEGRAL_MAX_UV;
+        const bounds within = {.low_mv = cases[i].low, .high_mv = cases[i].high};
+        TEST_ASSERT_EQUAL_INT32(cases[i].left, limited(&state, cases[i].wanted, within));
+    }
+}
 
 static void test_below_one_volt_there_is_no_duty(void) {
     for (int32_t mv = 998; mv <= 1002; mv++) {
@@ -352,6 +388,8 @@ int main(void) {
     RUN_TEST(test_what_jumps);
     RUN_TEST(test_what_takes_a_doubt_back);
     RUN_TEST(test_the_peak_of_slip_is_one);
+    RUN_TEST(test_two_ground_speeds_may_differ_by_a_tenth_of_the_larger);
+    RUN_TEST(test_the_limiter_s_bounds_are_mirrored_backwards);
     RUN_TEST(test_below_one_volt_there_is_no_duty);
     RUN_TEST(test_one_milliampere_too_much_is_taken_off);
     RUN_TEST(test_a_calibration_begins_with_nothing_of_the_last);

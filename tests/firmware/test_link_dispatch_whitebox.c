@@ -489,6 +489,25 @@ static void test_leaving_test_mode_keeps_latched_faults(void) {
     TEST_ASSERT_EQUAL(5U, state.latched);
 }
 
+/* What stands in flash of another robot is told as that, and is not what holds after a reset. */
+static void test_a_store_of_another_robot_is_told_as_foreign(void) {
+    static const terrapin_frame read = {.id = TERRAPIN_ID_STORE_READ, .length = 1, .data = {0}};
+    static const int32_t defaults[TERRAPIN_PARAMETER_COUNT] = {7};
+    terrapin_store_status_t status;
+    static terrapin_store stored = {.origin = TERRAPIN_STORE_ORIGIN_STORED, .sequence = 5U};
+    link.defaults = defaults;
+    for (int i = 0; i < 2; i++) {
+        stored.foreign = i == 1;
+        link.store = &stored;
+        TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, accept(&read));
+        TEST_ASSERT_TRUE(terrapin_decode_store_status(&reply, &status));
+        TEST_ASSERT_EQUAL((i == 1) ? TERRAPIN_STORE_ORIGIN_FOREIGN : TERRAPIN_STORE_ORIGIN_STORED, status.origin);
+        TEST_ASSERT_EQUAL(5, status.sequence);
+        TEST_ASSERT_EQUAL_PTR((i == 1) ? defaults : stored.value, start_values(&link));
+    }
+    link.store = NULL;
+}
+
 static void test_store_commands_without_a_store(void) {
     terrapin_frame frame;
     terrapin_store_status_t status;
@@ -722,6 +741,7 @@ int main(void) {
     RUN_TEST(test_test_mode_is_not_armed_while_the_bridge_is_on);
     RUN_TEST(test_test_mode_is_off_after_a_reset);
     RUN_TEST(test_leaving_test_mode_keeps_latched_faults);
+    RUN_TEST(test_a_store_of_another_robot_is_told_as_foreign);
     RUN_TEST(test_store_commands_without_a_store);
     RUN_TEST(test_defaults_are_the_ports_own);
     RUN_TEST(test_sensors_reach_the_inputs);

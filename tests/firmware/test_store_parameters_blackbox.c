@@ -674,6 +674,39 @@ static void test_absurd_heads_are_survived(void) {
     TEST_ASSERT_EQUAL_UINT16(COUNT, store.missing);
 }
 
+static bool lies_erase(void *context, terrapin_flash_area area) {
+    (void)context, (void)area;
+    return true;
+}
+static bool lies_write(void *context, uint32_t offset, const uint8_t *from, uint32_t size) {
+    (void)context, (void)offset, (void)from, (void)size;
+    return true;
+}
+
+/* A flash that says yes and does nothing: the old set that is whole where the new one should stand is not it. */
+static void test_an_old_set_in_the_new_one_s_place_is_no_save(void) {
+    for (uint32_t generation = 1U; generation <= (A_PAGE + 1U); generation++) { /* sets in both pages */
+        save_generation(generation);
+    }
+    const terrapin_flash good = flash;
+    while ((store.page[store.active].size - store.next[store.active]) >= SET_SIZE) {
+        save_generation(2U); /* until the next one needs an erase */
+    }
+    const uint32_t newest = store.newest;
+    const uint32_t sequence = store.sequence;
+    flash.erase = lies_erase;
+    flash.write = lies_write;
+    set_all(9U);
+    TEST_ASSERT_TRUE(terrapin_store_save(&store, state));
+    for (uint32_t i = 0U; terrapin_store_work(&store, true); i++) {
+        TEST_ASSERT_LESS_THAN_UINT32(1000U, i);
+    }
+    flash = good;
+    TEST_ASSERT_TRUE(store.failed);
+    TEST_ASSERT_EQUAL_UINT32(newest, store.newest);
+    TEST_ASSERT_EQUAL_UINT32(sequence, store.sequence);
+}
+
 static void test_sequence_numbers_wrap(void) {
     memset(bytes, 0xFF, sizeof bytes);
     for (uint32_t i = 0U; i < 3U; i++) { /* 0xFFFFFFFE, 0xFFFFFFFF, 0 */
@@ -744,6 +777,7 @@ int main(void) {
     RUN_TEST(test_a_set_that_names_a_parameter_twice);
     RUN_TEST(test_another_layout_is_not_read);
     RUN_TEST(test_absurd_heads_are_survived);
+    RUN_TEST(test_an_old_set_in_the_new_one_s_place_is_no_save);
     RUN_TEST(test_sequence_numbers_wrap);
     RUN_TEST(test_the_crc_is_that_of_v42);
     RUN_TEST(test_hashes_are_fnv1a_of_name_unit_and_scale);

@@ -1,8 +1,9 @@
-"""Would the tests see a slip in core, link layer, store or boot loader? `python -m tests.mutation`; status 1 if not.
+"""Would the tests see a slip in core, link layer, store, boot loader, ports? `python -m tests.mutation`; status 1: no.
 
     python -m tests.mutation                      a seeded sample: 1,000 and more, 150 or more a library (an hour)
     python -m tests.mutation --whole              all of them (a day); goes on where it was stopped
     python -m tests.mutation --changed            those of functions changed by the last commit or since (make check)
+    python -m tests.mutation --further 600        so many of the operators of neighbours.py alone, by seed
     python -m tests.mutation --match supervisor   those whose name has this
     python -m tests.mutation --library boot       those of the sample (or of --whole) that this library has
     python -m tests.mutation --show               the figures and the survivors of what was judged already
@@ -21,6 +22,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import math
 import os
 import random
 import subprocess
@@ -31,15 +33,24 @@ from pathlib import Path
 from typing import Any
 
 from terrapin_hil.paths import ROOT
-from tests.mutation.judge import BITS, Bench, NotReady
+from tests.mutation.judge import BITS, Bench, NotReady, ports_tested
+from tests.mutation.neighbours import further
 from tests.mutation.operators import Mutant, mutants
 
-LIBRARIES = {name: f"firmware/{name}/*.c" for name in ("core", "link", "store", "boot")}
+LIBRARIES = {name: f"firmware/{name}/*.c" for name in ("core", "link", "store", "boot")} | {
+    "ports": "firmware/ports/*/*.c"
+}
 NOT_IN_IMAGES = ("firmware/store/flash_emulated.c",)
 WHOLE_FILES = ("firmware/core/supervisor.c",)  # all mutants of these, in every sample
-NO_SURVIVOR = ("firmware/core/supervisor.c", "firmware/boot/")
+NO_SURVIVOR = ("firmware/core/supervisor.c", "firmware/boot/", "firmware/ports/stm32f405/bridge.c")
 SHARE, LISTED = 0.97, 0.05  # killed of those that are not equivalent; listed as equivalent of a file's mutants
-SAMPLE = {"core": 300, "link": 170, "store": 165, "boot": 200}  # 150 and more when equivalents are left out
+SAMPLE = {
+    "core": 300,
+    "link": 170,
+    "store": 165,
+    "boot": 200,
+    "ports": 165,
+}  # 150 and more when equivalents are left out
 TESTS = ("tests/firmware/*.[ch]", "tests/boot/*.py", "hil/terrapin_hil/scenario/scenarios/*.toml", BITS)
 KEPT = Path(__file__).with_name("judged.txt")
 LETTERS = {"k": "killed", "s": "survived", "e": "equal", "i": "invalid"}
@@ -49,6 +60,7 @@ HEAD = (
 )
 EQUIVALENT = Path(__file__).with_name("equivalent.toml")
 NICE = 10  # others work on this machine
+FURTHER_SHARE = 0.15  # of the other mutants of a change: `make check` may take 1.2 times what it took
 MOST_CHANGED = 400  # mutants that `make check` judges: a spread of them when a commit changes more
 
 
@@ -60,20 +72,56 @@ def key(mutant: Mutant, again: int) -> str:
 
 
 def everything() -> dict[str, Mutant]:
-    """All mutants of the four libraries, by key."""
+    """All mutants of the libraries and ports, by key."""
     found: dict[str, Mutant] = {}
     for pattern in LIBRARIES.values():
         for path in sorted(ROOT.glob(pattern)):
             name = path.relative_to(ROOT)
             seen: Counter[str] = Counter()
-            for mutant in [] if name.as_posix() in NOT_IN_IMAGES else mutants(name, ROOT):
+            if name.as_posix() in NOT_IN_IMAGES or not seen_by_a_test(name):
+                continue
+            for mutant in [*mutants(name, ROOT), *further(name, ROOT)]:  # judged.txt counts on this order
                 found[key(mutant, seen[mutant.name])] = mutant
                 seen[mutant.name] += 1
     return found
 
 
+def seen_by_a_test(path: Path) -> bool:
+    """Of a port what a C test is built of; the rest runs on the chip, in the emulator or as a process alone."""
+    return path.parts[1] != "ports" or path.as_posix() in ports_tested(ROOT)
+
+
+def a_part_of_the_further(chosen: dict[str, Mutant], seed: int) -> dict[str, Mutant]:
+    """Those of operators.py, and FURTHER_SHARE as many of neighbours.py: `make check` takes the same time whatever is
+    added there."""
+    first = {m.name for path in {m.path for m in chosen.values()} for m in mutants(path, ROOT)}
+    plain = {k: m for k, m in chosen.items() if m.name in first}
+    rest = sorted((k for k in chosen if k not in plain), key=lambda k: hashlib.sha256(f"{seed} {k}".encode()).digest())
+    return plain | {k: chosen[k] for k in rest[: math.ceil(FURTHER_SHARE * len(plain))]}
+
+
+def only_further(all_of_them: dict[str, Mutant], count: int, seed: int) -> dict[str, Mutant]:
+    """As many of neighbours.py of each library and port, those with the lowest digests."""
+    first = {m.name for path in {m.path for m in all_of_them.values()} for m in mutants(path, ROOT)}
+    rest = {k: m for k, m in all_of_them.items() if m.name not in first}
+    parts = sorted({part(m) for m in rest.values()})
+    found = {}
+    for name in parts:
+        mine = sorted(
+            (k for k, m in rest.items() if part(m) == name),
+            key=lambda k: hashlib.sha256(f"{seed} {k}".encode()).digest(),
+        )
+        found |= {k: rest[k] for k in mine[: math.ceil(count / len(parts))]}
+    return found
+
+
+def part(mutant: Mutant) -> str:
+    """A library, or one port of them."""
+    return "/".join(mutant.path.parts[1:-1])
+
+
 def library(mutant: Mutant) -> str:
-    """core, link, store or boot."""
+    """core, link, store, boot or ports."""
     return mutant.path.parts[1]
 
 
@@ -111,7 +159,7 @@ def changed(all_of_them: dict[str, Mutant], since: str) -> dict[str, Mutant]:
 
 def extent(mutant: Mutant) -> tuple[int, int]:
     """First and last line of the mutant's function."""
-    begin = mutant.source.rfind("\n\n", 0, mutant.begin) if mutant.function == "enum" else -1
+    begin = mutant.source.rfind("\n\n", 0, mutant.begin) if mutant.function in ("enum", "table") else -1
     if begin < 0:
         begin = mutant.source.rfind(f"{mutant.function}(", 0, mutant.source.find("\n}", mutant.begin))
         at = mutant.source.rfind("\n}", 0, mutant.begin)
@@ -262,6 +310,7 @@ def main() -> int:
     parser.add_argument("--whole", action="store_true")
     parser.add_argument("--changed", nargs="?", const="HEAD~1", metavar="COMMIT", help="since then; the last but one")
     parser.add_argument("--match", default="")
+    parser.add_argument("--further", type=int, metavar="N", help="N of neighbours.py, as many of each library, by seed")
     parser.add_argument("--library", choices=LIBRARIES)
     parser.add_argument("--seed", type=int, default=1, help="of the sample")
     parser.add_argument("--show", action="store_true", help="no new ones")
@@ -273,11 +322,13 @@ def main() -> int:
     equivalent, wrong = listed(all_of_them)
     path = ROOT / "out" / "mutation" / "judged.jsonl"
     if options.changed is not None:
-        chosen = changed(all_of_them, options.changed)
+        chosen = a_part_of_the_further(changed(all_of_them, options.changed), options.seed)
         if len(chosen) > MOST_CHANGED:
             names = random.Random(options.seed).sample(sorted(chosen), MOST_CHANGED)
             print(f"a spread of {MOST_CHANGED} of {len(chosen)} mutants of changed functions")
             chosen = {k: chosen[k] for k in names}
+    elif options.further is not None:
+        chosen = only_further(all_of_them, options.further, options.seed)
     elif options.whole or options.match:
         chosen = {k: m for k, m in all_of_them.items() if options.match in m.name}
     else:
@@ -305,7 +356,7 @@ def main() -> int:
         print(f"mutants: {error}", file=sys.stderr)
         return 2
     if not chosen:
-        print("mutants: no function of core, link layer, store or boot loader has changed")
+        print("mutants: no function of core, link layer, store, boot loader or ports has changed")
     for line in wrong:
         print(line)
     missed = told(chosen, equivalent, done, options.show or options.changed is not None)

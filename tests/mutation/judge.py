@@ -27,6 +27,7 @@ import time
 import tomllib
 from collections.abc import Callable, Sequence
 from fnmatch import fnmatch
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -34,7 +35,7 @@ from typing import Any
 from terrapin_hil.paths import ROOT
 from tests.mutation.operators import Mutant
 
-__all__ = ["BITS", "Bench", "NotReady"]
+__all__ = ["BITS", "Bench", "NotReady", "ports_tested"]
 
 BUILD = ROOT / "build" / "host"
 PARTS = ("core_objects", "link_objects", "boot_objects")
@@ -45,7 +46,9 @@ SEEN_BY = {
     "link": "test_(link|f405|codec|assertions)",
     "store": "test_(store|f405|assertions)",
     "boot": "test_(boot|f405)",
+    "ports": "test_f405_(port|trial)",
 }
+LOGIC = "f405_logic"  # what the F405's port decides: part of its black-box tests
 LOOKED_IN = ("core", "link", "store", "boot")  # as the C tests do, in this order
 NOT_THESE = re.compile(r"test_(linux|f405_parts|f405_hardware|f405_can|f405_imu|flash_file)_")  # they test ports alone
 BITS = "tests/python/data/same_bits.toml"
@@ -94,12 +97,16 @@ class Bench:
         self._link(self._objects)
         unity = BUILD / "libunity.a"
         self._unity = str(unity) if unity.is_file() else str(next(BUILD.rglob("unity.c.o")))
+        self._of_ports: dict[str, tuple[str, list[str]]] = {}  # built when a port's mutant is there
         for source, (_, part) in sorted(self._commands.items()):
-            if source.startswith("tests/firmware/test_") and not NOT_THESE.match(part) and not self._is_off(part):
-                text = (ROOT / source).read_text(encoding="utf-8")
+            if source.startswith("tests/firmware/test_") and not self._is_off(part):
                 white = part.endswith("_whitebox")
-                self._programs[part] = [name for name, _ in _included(ROOT / source, text)] if white else []
-                self._build_program(source, part, {})
+                inside = [name for name, _ in _included(ROOT / source, expanded(ROOT / source))] if white else []
+                if NOT_THESE.match(part):
+                    self._of_ports[part] = source, inside
+                else:
+                    self._programs[part] = inside
+                    self._build_program(source, part, {})
         shutil.copytree(BUILD / "generated", self.folder / "generated")
         (self.folder / "libterrapin_boot.so").symlink_to(self._library)
         self._seconds: dict[str, float] = {}  # of processor time that a test may take, once it passed without a mutant
@@ -122,22 +129,38 @@ class Bench:
             self._link(self._objects)
             self._order[source] = self._tests(source)
         order = self._order[source]
+        made: Path | None = None
         try:
-            made = self._compile(source, mutant.text(), "mutant")
+            if source in self._commands:
+                if source not in self._bytes:  # of a port
+                    text = mutant.source
+                    self._bytes[source] = self._compile(source, text, "base").read_bytes()
+                made = self._compile(source, mutant.text(), "mutant")
         except _Refused:
             return "invalid", ""
-        if made.read_bytes() == self._bytes[source]:
+        if made is not None and made.read_bytes() == self._bytes[source]:
             return "equal", ""
-        self._link({**self._objects, source: made})
+        of_a_port = Path(source).parts[1] == "ports"
+        if made is not None and not of_a_port:
+            self._link({**self._objects, source: made})
+        if made is None:
+            self._copy(source).parent.mkdir(parents=True, exist_ok=True)
+            self._copy(source).write_text(mutant.text(), encoding="utf-8")
         for name in order:
-            if source in self._programs.get(name, []):
-                self._build_program(source_of(self._commands, name), name, {source: self._copy(source)})
+            try:
+                if source in self._programs.get(name, []):
+                    self._build_program(source_of(self._commands, name), name, {source: self._copy(source)})
+                elif of_a_port and made is not None:
+                    self._build_program(source_of(self._commands, name), name, {}, (source, made))
+            except _Refused:
+                return "invalid", ""
             by = self._killer(name, source)
             if by is not None:
                 order.remove(name)
                 order.insert(0, name)
                 return "killed", by
-        return ("invalid", "warnings") if self._warns(source, mutant.text()) else ("survived", "")
+        warns = source in self._commands and self._warns(source, mutant.text())
+        return ("invalid", "warnings") if warns else ("survived", "")
 
     def _is_off(self, name: str) -> bool:
         return any(fnmatch(name, pattern) for pattern in self._switched_off)
@@ -145,6 +168,8 @@ class Bench:
     def _tests(self, source: str) -> list[str]:
         """The tests that may see a mutant of this file."""
         library = Path(source).parts[1]
+        if library == "ports":
+            return self._tests_of_ports(source)
         found = [
             program
             for program, included in self._programs.items()
@@ -158,6 +183,20 @@ class Bench:
         if slow not in self._seconds and not self._sound(slow):  # the library is still as it is without a mutant
             raise NotReady(f"{slow}: failed without a mutant, expected to pass first")
         return [*found, slow]
+
+    def _tests_of_ports(self, source: str) -> list[str]:
+        logic = self._commands.get(source, ([], ""))[1] == LOGIC
+        for part, (test, inside) in self._of_ports.items():
+            if source in inside and part not in self._programs:
+                self._programs[part] = inside
+                self._build_program(test, part, {})
+                if not self._sound(part):
+                    raise NotReady(f"{part}: failed without a mutant, expected to pass first")
+        return [
+            name
+            for name, inside in self._programs.items()
+            if source in inside or (logic and not inside and re.match(SEEN_BY["ports"], name))
+        ]
 
     def _sound(self, name: str) -> bool:
         """Whether this test passes; how long it may take from now on."""
@@ -199,20 +238,27 @@ class Bench:
         self._run(["cc", "-shared", "-Wl,-Bsymbolic", *map(str, objects.values()), "-o", str(made), "-lm"])
         made.replace(self._library)  # a new file: what runs still maps the old one
 
-    def _build_program(self, source: str, name: str, mutated: dict[str, Path]) -> None:
+    def _build_program(
+        self, source: str, name: str, mutated: dict[str, Path], object_of: tuple[str, Path] | None = None
+    ) -> None:
+        """`mutated`: files that the test includes, by path; `object_of`: one of the port's that it is linked with."""
         words = self._commands[source][0]
         place = ROOT / source
         if mutated:  # a copy of the test that includes the mutant's file
-            text = place.read_text(encoding="utf-8")
+            text = expanded(place)
             for included, spelt in _included(place, text):
                 path = mutated.get(included, ROOT / included)
                 text = text.replace(f'#include "{spelt}"', f'#include "{path}"', 1)
             place = self.folder / "src" / Path(source).name
             place.write_text(text, encoding="utf-8")
         where = [f"-I{(ROOT / source).parent}", f"-I{ROOT / 'firmware/link'}", f"-I{ROOT / 'firmware/boot'}"]
+        where += [f"-I{(ROOT / one).parent}" for one in mutated]
         library = [] if self._programs[name] else [str(self._library), f"-Wl,-rpath,{self.folder}"]
-        if name.startswith("test_f405_"):  # which has what these ask of the hardware
-            library = [*map(str, sorted(BUILD.glob("CMakeFiles/f405_logic.dir/**/*.o"))), *library]
+        if name.startswith("test_f405_") and library:  # which has what these ask of the hardware
+            objects = {path.name: path for path in BUILD.glob(f"CMakeFiles/{LOGIC}.dir/**/*.o")}
+            if object_of is not None:
+                objects[Path(object_of[0]).name + ".o"] = object_of[1]
+            library = [*(str(objects[one]) for one in sorted(objects)), *library]
         self._run([*words, "-w", *where, str(place), self._unity, *library, "-lm", "-o", str(self.folder / name)])
 
     def _run(self, command: list[str]) -> None:
@@ -227,6 +273,33 @@ class Bench:
         if name == "tests/boot":
             return _in_a_child(lambda: _boot_tests(self.folder / "libterrapin_boot.so", first), seconds)
         return _in_a_child(lambda: os.execv(self.folder / name, [name]), seconds)
+
+
+def expanded(test: Path) -> str:
+    """A test's text, with those headers beside it that include .c files themselves."""
+    text = test.read_text(encoding="utf-8")
+    for spelt in re.findall(r'^#include "(\w+\.h)"', text, re.MULTILINE):
+        header = test.parent / spelt
+        inside = header.read_text(encoding="utf-8") if header.is_file() else ""
+        if re.search(r'^#include "[^"]+\.c"', inside, re.MULTILINE):
+            text = text.replace(f'#include "{spelt}"', inside, 1)
+    return text
+
+
+@cache
+def ports_tested(root: Path) -> frozenset[str]:
+    """Files of the ports that a C test includes, or is linked with."""
+    tests = sorted((root / "tests" / "firmware").glob("test_*.c"))
+    found = {name for test in tests for name, _ in _included(test, expanded(test))}
+    cmake = root / "firmware" / "cmake" / "tests.cmake"
+    line = (
+        re.search(rf"add_library\({LOGIC} OBJECT (.*)\)", cmake.read_text(encoding="utf-8"))
+        if cmake.is_file()
+        else None
+    )
+    for word in line[1].split() if line else []:
+        found.add("firmware/ports/stm32f405/" + word.rpartition("/")[2])
+    return frozenset(name for name in found if name.startswith("firmware/ports/"))
 
 
 def _included(test: Path, text: str) -> list[tuple[str, str]]:

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["Mutant", "mutants"]
+__all__ = ["HEAD", "Mutant", "Token", "closing", "constants", "mutants", "tokens_of"]
 
 SWAPS = {
     "<": ("<=", ">="), "<=": ("<", ">"), ">": (">=", "<="), ">=": (">", "<"), "==": ("!=",), "!=": ("==",),
@@ -32,7 +32,7 @@ _TOKEN = re.compile(
     re.DOTALL | re.MULTILINE,
 )
 _ASSERTION = ("TERRAPIN_ASSERT", "_Static_assert", "static_assert")
-_HEAD = re.compile(
+HEAD = re.compile(
     r"^[A-Za-z_][^;={}]*?\b(\w+)\([^;{}]*\)\s*\{$|^(?:static )?(?:const )?(enum)\b[^;{}]*\{$", re.MULTILINE
 )
 _DECLARING = {"const", "static", "struct", "enum", "union", "typedef", "extern", "volatile", "return", "case", "goto"}
@@ -40,7 +40,8 @@ _DECLARING = {"const", "static", "struct", "enum", "union", "typedef", "extern",
 
 @dataclass(frozen=True)
 class Mutant:
-    """One slip: `old` at `begin` of the file's text becomes `new`. `function` is "enum" for constants of the file."""
+    """One slip: `old` at `begin` of the file's text becomes `new`. `function` is "enum" or "table" for constants of the
+    file."""
 
     path: Path
     source: str
@@ -78,7 +79,9 @@ class Mutant:
 
 
 @dataclass(frozen=True)
-class _Token:
+class Token:
+    """A word of C: its kind (name, number, text, sign), and where it begins in the file."""
+
     kind: str
     text: str
     begin: int
@@ -92,13 +95,13 @@ def mutants(path: Path, root: Path) -> list[Mutant]:
     """All mutants of root/path, in the order of the file."""
     source = (root / path).read_text(encoding="utf-8")
     found = []
-    for head in _HEAD.finditer(source):
+    for head in HEAD.finditer(source):
         end = source.find("\n}", head.end())
-        tokens = _tokens(source, head.end(), end)
+        tokens = tokens_of(source, head.end(), end)
         function = head[1] or head[2]
         slips = [
             *_swaps(source, tokens),
-            *_constants(tokens),
+            *constants(tokens),
             *_conditions(source, tokens),
             *_statements(source, tokens),
         ]
@@ -106,26 +109,28 @@ def mutants(path: Path, root: Path) -> list[Mutant]:
     return found
 
 
-def _tokens(source: str, begin: int, end: int) -> list[_Token]:
-    found: list[_Token] = []
+def tokens_of(source: str, begin: int, end: int) -> list[Token]:
+    """The tokens of a part of a file, without assertions."""
+    found: list[Token] = []
     while begin < end:
         match = _TOKEN.match(source, begin)
         assert match is not None
         begin = match.end()
         if match.lastgroup != "skip":
-            found.append(_Token(str(match.lastgroup), match[0], match.start()))
-    kept: list[_Token] = []
+            found.append(Token(str(match.lastgroup), match[0], match.start()))
+    kept: list[Token] = []
     at = 0
     while at < len(found):  # assertions are what the mutants are held against
         if found[at].text in _ASSERTION:
-            at = _closing(found, at + 1) + 2
+            at = closing(found, at + 1) + 2
         else:
             kept.append(found[at])
             at += 1
     return kept
 
 
-def _closing(tokens: list[_Token], opening: int) -> int:
+def closing(tokens: list[Token], opening: int) -> int:
+    """Index of the parenthesis that closes the one at `opening`."""
     depth = 0
     for at in range(opening, len(tokens)):
         depth += {"(": 1, ")": -1}.get(tokens[at].text, 0)
@@ -134,7 +139,7 @@ def _closing(tokens: list[_Token], opening: int) -> int:
     raise ValueError(f"unbalanced parentheses at {tokens[opening].begin}")
 
 
-def _swaps(source: str, tokens: list[_Token]) -> Iterator[tuple[int, str, str]]:
+def _swaps(source: str, tokens: list[Token]) -> Iterator[tuple[int, str, str]]:
     for token in tokens:
         spaced = source[token.begin - 1] == " " and source[token.end] in " \n"
         if token.kind == "name" or token.text in ("++", "--") or (token.kind == "sign" and spaced):
@@ -142,25 +147,32 @@ def _swaps(source: str, tokens: list[_Token]) -> Iterator[tuple[int, str, str]]:
                 yield token.begin, token.text, new
 
 
-def _constants(tokens: list[_Token]) -> Iterator[tuple[int, str, str]]:
+def constants(tokens: list[Token]) -> Iterator[tuple[int, str, str]]:
+    """Each whole number one off, both ways, as far as it stays one."""
     for token in tokens:
         match = re.fullmatch(r"(0[xX][0-9a-fA-F]+|\d+)([uUlL]*)", token.text) if token.kind == "number" else None
         if match is None:
             continue
-        value, hexadecimal = int(match[1], 0), match[1][:2].lower() == "0x"
+        hexadecimal = match[1][:2].lower() == "0x"
+        octal = match[1][0] == "0" and len(match[1]) > 1 and not hexadecimal
+        value = int(match[1], 16 if hexadecimal else 8 if octal else 10)
         for other in (value + 1, value - 1):
             if other >= 0:
-                yield token.begin, token.text, (f"0x{other:X}" if hexadecimal else str(other)) + match[2]
+                yield (
+                    token.begin,
+                    token.text,
+                    (f"0x{other:X}" if hexadecimal else f"0{other:o}" if octal else str(other)) + match[2],
+                )
 
 
-def _conditions(source: str, tokens: list[_Token]) -> Iterator[tuple[int, str, str]]:
+def _conditions(source: str, tokens: list[Token]) -> Iterator[tuple[int, str, str]]:
     for at, token in enumerate(tokens[:-1]):
         if token.text in ("if", "while") and tokens[at + 1].text == "(":
-            begin, end = tokens[at + 1].begin, tokens[_closing(tokens, at + 1)].end
+            begin, end = tokens[at + 1].begin, tokens[closing(tokens, at + 1)].end
             yield begin, source[begin:end], f"(!{source[begin:end]})"
 
 
-def _statements(source: str, tokens: list[_Token]) -> Iterator[tuple[int, str, str]]:
+def _statements(source: str, tokens: list[Token]) -> Iterator[tuple[int, str, str]]:
     at = 0
     while at < len(tokens):
         first, depth, end = tokens[at], 0, at

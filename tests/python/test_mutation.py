@@ -10,6 +10,7 @@ import pytest
 from terrapin_hil.paths import ROOT
 from tests.mutation import __main__ as gate
 from tests.mutation.judge import Bench, NotReady
+from tests.mutation.neighbours import further
 from tests.mutation.operators import Mutant, mutants
 
 SOURCE = """#include "a.h"
@@ -48,11 +49,65 @@ def test_the_slips_of_a_function(tmp_path: Path) -> None:
         assert mutant.line in SOURCE
 
 
+NEIGHBOURS = """#include "a.h"
+
+static const uint8_t table[2] = {7U, 0x10U};
+
+static int32_t larger(pair *p, const int32_t *value, uint32_t at) {
+    if ((p->left > 0) && p->good) {
+        p->count = least(value, at, 3U);
+    }
+    return (p->left > p->right) ? p->left : value[at];
+}
+"""
+
+
+def test_the_slips_of_one_who_looks_at_the_wrong_line(tmp_path: Path) -> None:
+    folder = tmp_path / "firmware" / "core"
+    folder.mkdir(parents=True)
+    (folder / "a.c").write_text(NEIGHBOURS)
+    (folder / "a.h").write_text(
+        "typedef struct {\n    int32_t left, right;\n    bool good;\n    uint32_t count;\n} pair;\n"
+    )
+    found = {(m.function, m.change) for m in further(Path("firmware/core/a.c"), tmp_path)}
+    assert found == {
+        ("table", "7U -> 8U"), ("table", "7U -> 6U"), ("table", "0x10U -> 0x11U"), ("table", "0x10U -> 0xFU"),
+        ("larger", "left -> right"), ("larger", "left -> right (number 2)"), ("larger", "right -> left"),
+        ("larger", "(p->left > 0) && -> nothing"), ("larger", "&& p->good -> nothing"),
+        ("larger", "((p->left > 0) && p->good) -> (0)"), ("larger", "((p->left > 0) && p->good) -> (1)"),
+        ("larger", "value, at -> at, value"), ("larger", "at, 3U -> 3U, at"),
+        ("larger", "p->left : value[at] -> value[at] : p->left"), ("larger", "at -> (at) + 1"),
+    }  # fmt: skip
+    for mutant in further(Path("firmware/core/a.c"), tmp_path):
+        assert mutant.text().count("\n") == NEIGHBOURS.count("\n")
+
+
+def test_of_a_change_the_check_takes_a_part_of_them() -> None:
+    everything = {k: m for k, m in gate.everything().items() if m.path.as_posix() == "firmware/core/slip.c"}
+    chosen = gate.a_part_of_the_further(everything, 1)
+    plain = {m.name for m in mutants(Path("firmware/core/slip.c"), ROOT)}
+    old = sum(m.name in plain for m in everything.values())
+    assert old < len(chosen) <= 1.16 * old + 1  # and so the time of make check is at most 1.2 times what it was
+    assert set(chosen) == set(gate.a_part_of_the_further(everything, 1))
+    assert set(chosen) != set(gate.a_part_of_the_further(everything, 2))
+
+
 def test_every_function_of_the_firmware_has_some() -> None:
     by_file = {m.path.as_posix() for m in gate.everything().values()}
     assert by_file == {
-        p.relative_to(ROOT).as_posix() for part in gate.LIBRARIES.values() for p in ROOT.glob(part)
+        p.relative_to(ROOT).as_posix()
+        for part in gate.LIBRARIES.values()
+        for p in ROOT.glob(part)
+        if gate.seen_by_a_test(p.relative_to(ROOT))
     } - set(gate.NOT_IN_IMAGES)
+    ports = {name for name in by_file if name.startswith("firmware/ports/")}
+    assert {name.rpartition("/")[2] for name in ports} >= {
+        "controller.c",
+        "bridge.c",
+        "hardware.c",
+        "gpio_v2.c",
+        "port.c",
+    }
     chosen = gate.sample(gate.everything(), 1)
     assert len(chosen) >= 1000
     for name in gate.LIBRARIES:
@@ -106,7 +161,7 @@ def test_changed_functions_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyP
     place.mkdir(parents=True)
     text = "void one(int *a) {\n    *a = 1;\n}\n\nvoid two(int *a) {\n    *a = 2;\n}\n"
     (place / "a.c").write_text(text)
-    for folder in ("link", "store", "boot"):
+    for folder in ("link", "store", "boot", "ports"):
         (tmp_path / "firmware" / folder).mkdir()
         (tmp_path / "firmware" / folder / "keep.txt").write_text("")
     for words in (["init", "-q"], ["add", "."], ["-c", "user.name=a", "-c", "user.email=a", "commit", "-qm", "a"]):
