@@ -34,9 +34,10 @@ campaigns: ## how often discovery is right, and whether tests see slips: every b
 	@tests/setup/setup.sh test && UNITY_ROOT=$$(tests/setup/unity.sh) tests/tools/build.sh host \
 		&& .venv/bin/python -m tests.campaigns $(ARGS)
 
-mutants: ## would a slip be seen? in the firmware's C (1,000 of them; ARGS=--whole), in controller.toml and its generator (2 h)
+mutants: ## would a slip be seen? in the firmware's C (1,000 of them; ARGS=--whole), Python, controller.toml, its generator (3 h)
 	@tests/setup/setup.sh test && UNITY_ROOT=$$(tests/setup/unity.sh) tests/tools/build.sh host \
 		&& .venv/bin/python -m tests.mutation $(ARGS) \
+		&& .venv/bin/python -m tests.mutation.python --count 100 \
 		&& .venv/bin/python -m tests.interface_mutations
 
 fuzz: ## search every parser and the step for inputs that break them, MINUTES (10) each; goes on where it was stopped

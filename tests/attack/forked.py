@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
+import fcntl
 import importlib
 import os
 import resource
 import signal
+import struct
 import sys
 import tempfile
 import time
@@ -20,6 +23,7 @@ __all__ = ["Outcome", "run", "together"]
 
 SECONDS = 30  # of the processor; then the command is killed
 WALL = 240.0  # s
+CAPABILITIES = 0x20080522  # version 3 of their structure: 3 words each, twice
 WARM = (
     *(f"terrapin_tools.commands.{name}" for name in ("add", "batch", "case", "compare", "log", "report", "run")),
     "can", "cantools", "asammdf", "mcap.stream_reader", "pyarrow.parquet", "pyarrow.csv", "zstandard", "lz4.frame",
@@ -57,25 +61,63 @@ def run(arguments: Sequence[object], folder: Path, file_size: int | None = None)
     return together([arguments], folder, file_size)[0]
 
 
-def together(commands: Sequence[Sequence[object]], folder: Path, file_size: int | None = None) -> list[Outcome]:
-    """Commands that are started at the same moment."""
+def together(
+    commands: Sequence[Sequence[object]],
+    folder: Path,
+    file_size: int | None = None,
+    kill_after: float | None = None,
+    only_reads: bool = False,
+) -> list[Outcome]:
+    """Commands that are started at the same moment. `kill_after`: each gets SIGKILL then [s]; `only_reads`: they may
+    write nothing in `folder`, as one who is not its owner."""
     for name in WARM:
         importlib.import_module(name)
     with ExitStack() as open_files:
         begun = []
         for arguments in commands:
-            out, err = (open_files.enter_context(tempfile.TemporaryFile()) for _ in range(2))
+            out, err = (open_files.enter_context(_Words(file_size is not None)) for _ in range(2))
             sys.stdout.flush()
             sys.stderr.flush()
             pid = os.fork()
             if pid == 0:
-                _child([str(a) for a in arguments], folder, out.fileno(), err.fileno(), file_size)
+                _child([str(a) for a in arguments], folder, out.to, err.to, file_size, only_reads)
             begun.append((pid, out, err))
+        if kill_after is not None:
+            time.sleep(kill_after)
+            for pid, _, _ in begun:
+                os.kill(pid, signal.SIGKILL)  # not waited for yet: the number is still its own
         until = time.monotonic() + WALL
         return [_ended(pid, out, err, until) for pid, out, err in begun]
 
 
-def _ended(pid: int, out: IO[bytes], err: IO[bytes], until: float) -> Outcome:
+class _Words:
+    """Where a command speaks: a file, or a pipe of 1 MiB, which a full disk does not fill."""
+
+    def __init__(self, pipe: bool) -> None:
+        self._file: IO[bytes]
+        if pipe:
+            end, self.to = os.pipe()
+            fcntl.fcntl(self.to, fcntl.F_SETPIPE_SZ, 1 << 20)
+            os.set_blocking(end, False)
+            self._file = os.fdopen(end, "rb", buffering=0)
+        else:
+            self._file = tempfile.TemporaryFile()  # noqa: SIM115
+            self.to = os.dup(self._file.fileno())
+
+    def __enter__(self) -> _Words:
+        return self
+
+    def __exit__(self, *what: object) -> None:
+        self._file.close()
+        os.close(self.to)
+
+    def said(self) -> str:
+        if self._file.seekable():
+            self._file.seek(0)
+        return (self._file.read(1 << 20) or b"").decode("utf-8", "replace")
+
+
+def _ended(pid: int, out: _Words, err: _Words, until: float) -> Outcome:
     while True:
         done, status, used = os.wait4(pid, os.WNOHANG)
         if done:
@@ -83,15 +125,24 @@ def _ended(pid: int, out: IO[bytes], err: IO[bytes], until: float) -> Outcome:
         if time.monotonic() > until:
             os.killpg(pid, signal.SIGKILL)
         time.sleep(0.005)
-    words = []
-    for file in (out, err):
-        file.seek(0)
-        words.append(file.read(1 << 20).decode("utf-8", "replace"))
+    words = [file.said() for file in (out, err)]
     cpu = used.ru_utime + used.ru_stime
     return Outcome(os.waitstatus_to_exitcode(status), words[0], words[1], cpu, used.ru_maxrss << 10)
 
 
-def _child(arguments: list[str], folder: Path, out: int, err: int, file_size: int | None) -> None:
+def _give_up_writing(folder: Path) -> None:
+    """What is in `folder` may be read and not written, by root neither: it gives up what lets it (capset(2))."""
+    for path in [folder, *folder.rglob("*")]:
+        path.chmod(0o555 if path.is_dir() else 0o444)
+    if os.geteuid() == 0:
+        head = struct.pack("Ii", CAPABILITIES, 0)
+        if ctypes.CDLL(None, use_errno=True).capset(head, bytes(24)):
+            raise OSError(ctypes.get_errno(), "capset")
+
+
+def _child(
+    arguments: list[str], folder: Path, out: int, err: int, file_size: int | None, only_reads: bool = False
+) -> None:
     status = 70
     try:
         os.setsid()
@@ -101,6 +152,8 @@ def _child(arguments: list[str], folder: Path, out: int, err: int, file_size: in
             os.dup2(handle, number)
         resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        if only_reads:
+            _give_up_writing(folder)
         if file_size is not None:
             signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
             resource.setrlimit(resource.RLIMIT_FSIZE, (file_size, file_size))

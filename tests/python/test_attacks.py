@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from tests.attack.__main__ import attacks
-from tests.attack.forked import Outcome
+from tests.attack.failing_writes import OTHERS, WRITES, command_names
+from tests.attack.forked import Outcome, together
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -28,6 +29,26 @@ def test_nothing_is_taken(name: str) -> None:
     counts = [int(tried) for tried in re.findall(r"^held  0 of (\d+)", done.stdout, re.MULTILINE)]
     assert counts, done.stdout
     assert min(counts) > 0
+
+
+def test_every_command_is_tried_or_says_why_not() -> None:
+    assert set(WRITES) | set(OTHERS) == command_names()
+    assert not set(WRITES) & set(OTHERS)
+    assert all(" ".join(write.arguments).startswith(name) for name, write in WRITES.items())
+
+
+def test_what_it_is_to_be_without_a_disk_a_life_or_a_right(tmp_path: Path) -> None:
+    """The three failures are real: the same command writes its file without them."""
+    tmp_path.chmod(0o755)
+    command = ("log", "dbc", "new.dbc")
+    for failure in ({"file_size": 100}, {"kill_after": 0.0}, {"only_reads": True}):
+        place = tmp_path / next(iter(failure))
+        place.mkdir()
+        assert together([command], place, **failure)[0].status != 0, failure  # type: ignore[arg-type]
+        assert not (place / "new.dbc").exists(), failure
+        place.chmod(0o755)
+    assert together([command], tmp_path)[0].status == 0
+    assert (tmp_path / "new.dbc").stat().st_size > 100
 
 
 def test_what_is_taken_is_told(tmp_path: Path) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import os
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +15,7 @@ from tests.mutation import __main__ as gate
 from tests.mutation.judge import Bench, NotReady
 from tests.mutation.neighbours import further
 from tests.mutation.operators import Mutant, mutants
+from tests.mutation.python import rooms, slips
 
 SOURCE = """#include "a.h"
 
@@ -80,6 +84,45 @@ def test_the_slips_of_one_who_looks_at_the_wrong_line(tmp_path: Path) -> None:
     }  # fmt: skip
     for mutant in further(Path("firmware/core/a.c"), tmp_path):
         assert mutant.text().count("\n") == NEIGHBOURS.count("\n")
+
+
+def test_the_slips_of_a_module() -> None:
+    text = (
+        'def larger(a: int, b: int = 1) -> int:\n    """Words."""\n    if a > b and not empty(a, b):\n'
+        "        seen[0] = max(a, b) - 2\n        raise ValueError(f'{a + 1}')\n    return a\n"
+    )
+    found = {(s.old, s.new) for s in slips("a.py", text)}
+    assert found == {
+        ("a > b and not empty(a, b)", "True"), ("a > b and not empty(a, b)", "False"), ("a > b", "(a >= b)"),
+        ("a > b and not empty(a, b)", "(not empty(a, b))"), ("a > b and not empty(a, b)", "(a > b)"),
+        ("a > b and not empty(a, b)", "(a > b or not empty(a, b))"), ("not empty(a, b)", "(empty(a, b))"),
+        ("empty(a, b)", "(empty(b, a))"), ("0", "(1)"), ("max(a, b)", "(min(a, b))"), ("max(a, b)", "(max(b, a))"),
+        ("max(a, b) - 2", "(max(a, b) + 2)"), ("2", "(3)"), ("seen[0] = max(a, b) - 2", "pass"),
+        ("raise ValueError(f'{a + 1}')", "pass"),
+    }  # fmt: skip
+    for slip in slips("a.py", text):
+        compile(text[: slip.begin] + slip.new + text[slip.end :], "a.py", "exec")
+
+
+def test_every_room_has_its_modules_and_tests() -> None:
+    for room in rooms():
+        assert room.modules, room.name
+        assert room.tests, room.name
+        assert all((ROOT / test.partition(" -k ")[0]).is_file() for test in room.tests), room.name
+
+
+def test_a_process_sees_the_mutant_in_place_of_the_module(tmp_path: Path) -> None:
+    """And leaves no compiled text of it behind."""
+    (tmp_path / "told.py").write_text("ANSWER = 1\n")
+    (tmp_path / "mutant.json").write_text(json.dumps([str((tmp_path / "told.py").resolve()), "ANSWER = 2\n"]))
+    inside = str(ROOT / "tests" / "mutation" / "inside")
+    environment = {"PYTHONPATH": os.pathsep.join([inside, str(tmp_path)]), "PATH": os.environ["PATH"]}
+    said = []
+    for planted in ({"TERRAPIN_MUTANT": str(tmp_path / "mutant.json")}, {}):
+        command = [sys.executable, "-c", "import told; print(told.ANSWER)"]
+        done = subprocess.run(command, env={**environment, **planted}, capture_output=True, text=True, check=True)
+        said.append(done.stdout.strip())
+    assert said == ["2", "1"]
 
 
 def test_of_a_change_the_check_takes_a_part_of_them() -> None:
