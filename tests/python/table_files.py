@@ -285,6 +285,24 @@ def bag_2(path: Path, columns: Columns) -> None:
         _ros(writer, columns, False)
 
 
+def mcap(path: Path, columns: Columns) -> None:
+    """JSON, as Foxglove and the tools around it write it."""
+    import json
+
+    from mcap.writer import Writer
+
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="", library="test")
+        schema = writer.register_schema("rig", "jsonschema", b'{"type": "object"}')
+        units = {f"unit.{name}": unit for name, unit in UNITS.items()}
+        channel = writer.register_channel("/rig", "json", schema, units)
+        for i, (run, *values) in enumerate(zip(runs(), *(c.tolist() for c in columns.values()), strict=True)):
+            message = json.dumps({"run": run, **dict(zip(columns, values, strict=True))}).encode()
+            writer.add_message(channel, 10**9 * (5 + i), message, 10**9 * (5 + i))
+        writer.finish()
+
+
 ROS = {"name.0": "run", "position.0": "speed", "velocity.0": "torque", "effort.0": "temp"}
 Write = Callable[[Path, Columns], None]
 WRITERS: dict[str, tuple[str, Write]] = {
@@ -306,6 +324,7 @@ WRITERS: dict[str, tuple[str, Write]] = {
     "parquet": ("a.parquet", parquet),
     "npz": ("a.npz", npz),
     "tdms": ("a.tdms", tdms),
+    "mcap": ("a.mcap", mcap),
     "ros 1": ("a.bag", bag),
     "ros 2": ("bag", bag_2),
 }

@@ -239,8 +239,11 @@ def _ask() -> Ask:
 
 
 def _is_table(path: Path) -> bool:
+    from terrapin_tools.logs.reading import is_log
     from terrapin_tools.workbench.files.formats import PACKED, format_of
 
+    if path.suffix.lower() == ".mcap" and is_log(path):
+        return False
     return format_of(path) is not None or (path.suffix.lower() in PACKED and not path.is_dir())
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from terrapin_tools.bounded import each
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs import formats
+from terrapin_tools.logs.formats.mcap import holds_frames
 from terrapin_tools.logs.formats.source import Source
 from terrapin_tools.logs.frames import Frames, joined
 
@@ -55,11 +56,13 @@ def _kind(path: Path, head: bytes) -> ModuleType | None:
 
 
 def is_log(path: Path) -> bool:
-    """Whether a file is a log of a bus: by its suffix, or (.csv, .txt, .db) by its beginning."""
+    """Whether a file is a log of a bus: by its suffix, or (.csv, .txt, .db) by its beginning, (.mcap) by its topics."""
     suffix = path.suffix.lower()
-    if suffix in SURE or suffix not in READABLE or suffix == ".parquet":
-        return suffix in SURE
     try:
+        if suffix == ".mcap":
+            return holds_frames(path)
+        if suffix in SURE or suffix not in READABLE or suffix == ".parquet":
+            return suffix in SURE
         with path.open("rb") as file:
             return _kind(path, file.read(HEAD)) is not None
     except (OSError, ValueError):  # a name that no file can have

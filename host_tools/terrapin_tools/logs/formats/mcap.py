@@ -6,12 +6,14 @@ import base64
 import json
 import struct
 from collections.abc import Iterator
+from pathlib import Path
 
+from terrapin_tools.bounded import bounded
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.formats.source import Source, brief
 from terrapin_tools.logs.frames import Frames
 
-__all__ = ["RAW_TOPIC", "SUFFIXES", "blocks", "recognises"]
+__all__ = ["RAW_TOPIC", "SUFFIXES", "blocks", "holds_frames", "recognises"]
 
 SUFFIXES = (".mcap",)
 RAW_TOPIC = "/can"  # frames as they are; one topic more a message, with its signals
@@ -21,6 +23,20 @@ def recognises(head: bytes) -> bool | None:
     """The suffix says it."""
     del head
     return None
+
+
+def holds_frames(path: Path) -> bool:
+    """Whether a file is a log, and no table: it has the topic of frames, or none that it tells. OSError."""
+    from mcap.exceptions import McapError
+    from mcap.reader import SeekingReader
+
+    try:
+        with path.open("rb") as file, bounded(path):
+            summary = SeekingReader(file, record_size_limit=max(1, path.stat().st_size)).get_summary()
+    except (McapError, struct.error, ValueError, KeyError, EOFError, OverflowError, UserError):
+        return True  # its reader says what is wrong
+    topics = {channel.topic for channel in summary.channels.values()} if summary is not None else set()
+    return not topics or RAW_TOPIC in topics
 
 
 def blocks(source: Source) -> Iterator[Frames]:
