@@ -389,7 +389,6 @@ bool terrapin_link_holds(terrapin_link *link, const terrapin_frame *frame) {
     if (held) {
         link->unsealed += link->seal.holding ? 1U : 0U; /* the one that waited never got its seal */
         link->seal.held = *frame;
-        link->seal.held_ms = link->seal.now_ms;
         link->seal.holding = true;
     }
     return held;

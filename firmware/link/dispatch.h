@@ -91,9 +91,9 @@ typedef enum {
 /* Reset of the link (without a store), the inputs (all zero, nothing valid) and the controller. */
 TERRAPIN_API void terrapin_link_init(terrapin_link *link, terrapin_state *state, terrapin_inputs *inputs);
 
-/* A link key of four words, which must stay where it is, its generation, and the number of this start, which must never
- * come twice under one key (link/seal.h). NULL: anybody's frames are taken. With a key the port sets link->seal.now_ms
- * before it gives a frame. */
+/* After terrapin_link_init, once: a link key of four words, which must stay where it is, its generation, and the number
+ * of this start, which must never come twice under one key (link/seal.h). NULL, with generation 0: anybody's frames are
+ * taken. With a key the port calls terrapin_seal_at before it gives a frame. */
 TERRAPIN_API void terrapin_link_seal(terrapin_link *link, const uint32_t *key, uint32_t generation, uint32_t start);
 
 /* True when a frame waits for its SEAL now: for a port that serves UPDATE_* beside terrapin_accept. */

@@ -77,7 +77,7 @@ class _Stranger:
 def _stopped_with(link: InProcess, kept: tuple[bytes, bytes], key: Any) -> None:
     lib, ffi = link._lib, link._ffi
     lib.terrapin_link_init(link._link, link._state, link._inputs)
-    lib.terrapin_link_seal(link._link, key, 1, 1)
+    lib.terrapin_link_seal(link._link, key, 1 if key else 0, 1)
     ffi.buffer(link._state, lib.terrapin_state_size())[:] = kept[0]
     ffi.buffer(link._inputs)[:] = kept[1]
     stop = interface().messages["STOP_ALL"]
@@ -87,7 +87,7 @@ def _stopped_with(link: InProcess, kept: tuple[bytes, bytes], key: Any) -> None:
 def attack(count: int, seed: int) -> Result:
     """STOP_ALL, then other frames in every state, open and sealed: ms for which the bridge was on must be none."""
     rng, link, reached = random.Random(seed), InProcess(), states()
-    lib = link._lib
+    lib, seal = link._lib, link._ffi.addressof(link._link, "seal")
     key = link._ffi.new("uint32_t[4]", [rng.getrandbits(32) for _ in range(4)])
     stranger, tried, on, lifted = _Stranger(rng), 0, 0, 0
     stop_bit = 1 << interface().faults["stop_all"]
@@ -106,7 +106,7 @@ def attack(count: int, seed: int) -> Result:
                 _stopped_with(link, kept, key if sealed else link._ffi.NULL)
                 on += ticks(AFTER)
                 for _ in range(TURNS):
-                    link._link.seal.now_ms += AFTER
+                    lib.terrapin_seal_at(seal, seal.now_ms + AFTER)
                     link.exchange([stranger.frame(sealed)])
                     tried += 1
                     on += ticks(AFTER)

@@ -16,7 +16,7 @@ from kit import KEY, NEXT_KEY, NEXT_PUBLIC, image
 from virtual_chip import Node, on_bus
 
 from terrapin_hil.firmware import Firmware
-from terrapin_hil.links.seal import LinkKey
+from terrapin_hil.links.seal import LinkKey, clock
 from terrapin_hil.messages import Frame, Sender, interface
 from terrapin_tools import cli
 from terrapin_tools.flash.can_wire import CanWire
@@ -57,7 +57,7 @@ class KeyedNode(Node):
         if not self.chip.update.running:
             return self.chip.accept(identifier, data)
         lib, ffi = self._firmware.lib, self._firmware.ffi
-        self._link.seal.now_ms += 10
+        lib.terrapin_seal_at(ffi.addressof(self._link, "seal"), int(clock() * 1000) & 0xFFFFFFFF)
         frame = ffi.new("terrapin_frame *", {"id": identifier, "length": len(data), "data": data})
         if identifier in UPDATES:
             return [] if lib.terrapin_link_holds(self._link, frame) else self._application(identifier, data)

@@ -251,6 +251,10 @@ void terrapin_process_keep_stop(terrapin_flash_file *file, const terrapin_state 
 bool terrapin_process_option(const char *word) {
     return strcmp(word, "--flash") == 0;
 }
+void terrapin_seal_at(terrapin_seal *seal, uint32_t now_ms) {
+    seal->now_ms = now_ms;
+}
+
 bool terrapin_process_seal(terrapin_link *link, const char *path) {
     (void)link;
     return open_of(path[0]);

@@ -74,6 +74,12 @@ PROOFS = (
         ("const uint32_t stopped = clears ? 0U :", "const uint32_t stopped = inputs->command_fresh ? 0U :"),
         ("(link->reply_counter < TERRAPIN_E2E_COUNTER_MAX) ?", "(link->reply_counter <= TERRAPIN_E2E_COUNTER_MAX) ?"),
     )),
+    Proof("seal", 10, "link/seal.c", (
+        ("(age > (LATE + EARLY)) || ", ""),
+        ("(sent < next) || ", ""),
+        (" + EARLY;", " + 2U * EARLY;"),
+        ("(sent >= LASTING)", "(sent > LASTING)"),
+    )),
     Proof("service", 10, "link/service.c", (
         ("i < service->outputs.frame_count;", "i <= service->outputs.frame_count;"),
     )),

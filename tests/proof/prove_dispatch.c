@@ -94,7 +94,19 @@ static bool sound(void) {
            (link.reply_counter <= TERRAPIN_E2E_COUNTER_MAX) && counter(identity.request_counter) &&
            (identity.reply_counter <= TERRAPIN_E2E_COUNTER_MAX) && (identity.node < TERRAPIN_NODES) &&
            (identity.stored < TERRAPIN_NODES) && (link.seal.waiting < 2U) &&
-           (!link.seal.holding || needs_seal(&link.seal.held));
+           (!link.seal.holding || needs_seal(&link.seal.held)) &&
+           ((link.seal.key != NULL) || (link.seal.generation == 0U)) && (link.seal.session[0].next <= LASTING) &&
+           (link.seal.session[1].next <= LASTING);
+}
+
+/* What a session takes is of now and behind all that it took; one that has ended takes nothing. */
+static void prove_time(const terrapin_sealed_session *before, const terrapin_sealed_session *session) {
+    if ((session->next != before->next) && (session->next > 1U)) {
+        const uint32_t now = (link.seal.now_ms - session->begun_ms) / UNIT_MS;
+        const uint32_t sent = session->next - 1U;
+        PROVE((before->next != 0U) && (sent >= before->next) && (sent < LASTING));
+        PROVE((sent <= (now + EARLY)) && ((sent + LATE) >= now));
+    }
 }
 
 int main(void) {
@@ -121,10 +133,14 @@ int main(void) {
     const bool stops = terrapin_decode_stop_all(&frame, &stop) && (stop.request == TERRAPIN_REQUEST_IDLE);
     const bool fresh = inputs.command_fresh;
     const terrapin_command before = inputs.command;
+    const terrapin_sealed_session first = link.seal.session[0];
+    const terrapin_sealed_session second = link.seal.session[1];
 
     const terrapin_accept_result result = terrapin_accept(&link, state, &frame, &inputs, &reply);
 
     PROVE(sound());
+    prove_time(&first, &link.seal.session[0]);
+    prove_time(&second, &link.seal.session[1]);
     PROVE((result != TERRAPIN_ACCEPT_STEP) || link.test_mode);
     PROVE(test_mode || !link.test_mode || !bridge_on); /* armed with the bridge off alone */
     if ((result == TERRAPIN_ACCEPT_REPLY) || (result == TERRAPIN_ACCEPT_UPDATE)) {

@@ -26,10 +26,18 @@ class Sealed(InProcess):
         self._key = self._ffi.new("uint32_t[4]", list(struct.unpack("<4I", key.key)))
         self._lib.terrapin_link_seal(self._link, self._key, key.generation, STARTED)
 
+    def later(self, ms: int) -> None:
+        seal = self._ffi.addressof(self._link, "seal")
+        self._lib.terrapin_seal_at(seal, seal.now_ms + ms)
+
+    def seconds(self) -> float:
+        """Its clock, which is the host's, too."""
+        return int(self._link.seal.now_ms) / 1000
+
     def commanded(self, frames: list[Frame]) -> int | None:
         """The request that frames bring, if they are taken."""
         self._inputs.command_fresh = False
-        self._link.seal.now_ms += 50
+        self.later(50)
         self.exchange(frames)
         return int(self._inputs.command.request) if self._inputs.command_fresh else None
 
@@ -40,14 +48,14 @@ class Sealed(InProcess):
 
 def test_who_has_the_key_commands_and_writes() -> None:
     link, sender = Sealed(), Sender()
-    session = open_session(link, KEY)
-    for _ in range(300):  # past the 8 bits of the counter
+    session = open_session(link, KEY, link.seconds)
+    for _ in range(160):  # 8 s, past the 8 bits of the time
         assert link.commanded(session.sealed([sender.frame("COMMAND", {"request": 2, "setpoint": -500})])) == 2
     index = interface().parameters["radius"].index
     write = sender.frame("PARAMETER_WRITE", {"index": index, "value": 81_000})
     [answer] = link.exchange(session.sealed([write]))
     assert interface().messages["PARAMETER_VALUE"].decode(answer[1])["value"] == 81_000
-    link._link.seal.now_ms += 50
+    link.later(50)
     link.exchange(session.sealed(sender.test_mode()))
     assert link._link.test_mode
     assert link.unsealed == 0
@@ -69,7 +77,7 @@ def test_a_wrong_key_and_an_old_generation() -> None:
     link, sender = Sealed(), Sender()
     with pytest.raises(LinkError, match=r"opens no session for link key \w{8}, generation 2"):
         open_session(link, LinkKey(KEY.key, 2))
-    wrong = open_session(link, LinkKey(bytes(16), 3))  # nothing tells before the first tag
+    wrong = open_session(link, LinkKey(bytes(16), 3), link.seconds)  # nothing tells before the first tag
     assert link.commanded(wrong.sealed([sender.frame("COMMAND", {"request": 2})])) is None
     with pytest.raises(LinkError, match="no session"):
         open_session(InProcess(), KEY)  # which has no key
@@ -123,3 +131,36 @@ def test_the_host_seals_what_the_firmware_holds_back() -> None:
         frame = message.id, bytes([1]) * message.length
         link.exchange([frame])
         assert bool(link._link.seal.holding) == (len(session.sealed([frame])) > 1), message.name
+
+
+def test_a_session_is_renewed_by_itself() -> None:
+    """While it speaks, after it was silent, and after an hour; nothing is refused."""
+    link, sender = Sealed(), Sender()
+    link.session = session = open_session(link, KEY, link.seconds)
+    numbers = set()
+    for gap in [50] * 400 + [850, 950, 1900, 5000, 3_600_000] + [50] * 100:
+        link.later(gap)
+        link._inputs.command_fresh = False
+        link.exchange([sender.frame("COMMAND", {"request": 2, "setpoint": 5})])
+        assert link._inputs.command_fresh
+        numbers.add(session.number)
+        session._next = 0.0  # time is the controller's here
+    assert link.unsealed == 0
+    assert len(numbers) >= 6
+
+
+def test_a_session_that_cannot_be_renewed_goes_on() -> None:
+    link, sender = Sealed(), Sender()
+    asked = 0
+
+    def renewed() -> None:
+        nonlocal asked
+        asked += 1
+
+    link.session = session = open_session(link, KEY, link.seconds)
+    session._renewed = renewed
+    for _ in range(200):  # 10 s, of which it asks in the last two
+        assert link.commanded(list(session.sealed([sender.frame("COMMAND", {"request": 2})]))) == 2
+        session._next = 0.0
+        session._renew()
+    assert 2 <= asked <= 4

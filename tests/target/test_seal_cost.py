@@ -9,7 +9,7 @@ import shutil
 import struct
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
@@ -17,7 +17,7 @@ import pytest
 from terrapin_hil import paths
 from terrapin_hil.firmware import Firmware
 from terrapin_hil.links.inprocess import InProcess
-from terrapin_hil.links.seal import NO_PARAMETER, LinkKey, Session
+from terrapin_hil.links.seal import NO_PARAMETER, LinkKey, Session, chaskey
 from terrapin_hil.messages import Frame, Sender, interface
 from tests.target.replay import FRAME, KEY, RESET, TICK, emulate, output_type, raw_values
 
@@ -52,7 +52,7 @@ def test_instructions_a_frame(
     subprocess.run(link, check=True, capture_output=True)
     assert bound("terrapin_chaskey", parts, monkeypatch, capsys) <= 250
     assert bound("terrapin_seal_taken", parts, monkeypatch, capsys) <= 350  # one tag, whatever waits
-    assert bound("terrapin_seal_open", parts, monkeypatch, capsys) <= 300
+    assert bound("terrapin_seal_open", parts, monkeypatch, capsys) <= 600  # two: the challenge, and the key
 
 
 # What makes dispatcher and commands those of a controller that knows of no seal.
@@ -124,7 +124,8 @@ class Keyed(InProcess):
 
     def taken(self, frame: Frame, tick: int) -> bool:
         """Whether a frame brings a command or an answer."""
-        self._link.seal.now_ms, self._inputs.command_fresh = tick, False
+        self._lib.terrapin_seal_at(self._ffi.addressof(self._link, "seal"), tick)
+        self._inputs.command_fresh = False
         answers = self.exchange([frame])
         return bool(self._inputs.command_fresh) or bool(answers)
 
@@ -134,29 +135,44 @@ def session_open(host: int) -> Frame:
     return message.id, message.encode({"host": host, "generation": KEYED.generation})[0]
 
 
-def session(host: int, count: int) -> Session:
-    return Session.answering(KEYED, host, {"start": STARTED, "count": count})
+def session(host: int, count: int, now: Callable[[], float]) -> Session:
+    challenge = chaskey(KEYED.key, struct.pack("<4I", STARTED, count // 2, 0, 0))
+    return Session.answering(KEYED, host, {"start": int.from_bytes(challenge[:4], "little"), "count": count}, now=now)
 
 
 def sealed_frames() -> dict[str, Frame]:
-    """What the count is of, in the order in which it comes; "" is a tick without a frame."""
-    sender, first, second, third = Sender(), session(7, 2), session(8, 5), session(9, 6)  # twice a count, and the place
+    """What the count is of, in the order in which it comes; "" is a tick without a frame. Each has its tick's time."""
+    sender, names = Sender(), ("", "open", "first RUN", "RUN", "write, held", "seal", "open another",
+                               "RUN, wrong tag, two sessions", "write, held again", "seal, two sessions",
+                               "open a third", "RUN, two sessions")  # fmt: skip
+    at, now = dict(zip(names, times(names), strict=True)), 0.0
     setpoints = iter(range(100, 1000))
 
-    def run(of: Session) -> Frame:
+    def opened(host: int, count: int, name: str) -> Session:  # twice a count, and the place
+        return session(host, count, lambda: now or at[name] / 1000)
+
+    first, second, third = opened(7, 2, "open"), opened(8, 5, "open another"), opened(9, 6, "open a third")
+
+    def run(of: Session, name: str) -> Frame:
+        nonlocal now
+        now = at[name] / 1000
         [frame] = of.sealed([sender.frame("COMMAND", {"request": 2, "setpoint": next(setpoints)})])
         return frame
 
-    found = {"": NOTHING, "open": session_open(7), "first RUN": run(first), "RUN": run(first)}
-    found["write, held"], found["seal"] = first.sealed([sender.frame("PARAMETER_WRITE", {"index": NO_PARAMETER})])
+    def write(of: Session, name: str) -> list[Frame]:
+        nonlocal now
+        now = at[name] / 1000
+        return of.sealed([sender.frame("PARAMETER_WRITE", {"index": NO_PARAMETER})])
+
+    found = {"": NOTHING, "open": session_open(7), "first RUN": run(first, "first RUN"), "RUN": run(first, "RUN")}
+    found["write, held"], found["seal"] = write(first, "write, held")
     found["open another"] = session_open(8)
-    identifier, data = run(second)
+    identifier, data = run(second, "RUN, wrong tag, two sessions")
     found["RUN, wrong tag, two sessions"] = identifier, data[:7] + bytes([data[7] ^ 1])
-    found["write, held again"], found["seal, two sessions"] = second.sealed(
-        [sender.frame("PARAMETER_WRITE", {"index": NO_PARAMETER})]
-    )
+    found["write, held again"], found["seal, two sessions"] = write(second, "write, held again")
     found["open a third"] = session_open(9)
-    found["RUN, two sessions"] = run(third)
+    found["RUN, two sessions"] = run(third, "RUN, two sessions")
+    assert tuple(found) == names
     return found
 
 

@@ -111,6 +111,6 @@ bool terrapin_process_seal(terrapin_link *link, const char *path) {
 
 uint32_t terrapin_process_ms(void) {
     struct timespec now = {0};
-    (void)clock_gettime(CLOCK_MONOTONIC, &now);
+    (void)clock_gettime(CLOCK_BOOTTIME, &now);
     return (uint32_t)(((uint64_t)now.tv_sec * 1000U) + ((uint64_t)now.tv_nsec / 1000000U));
 }

@@ -15,7 +15,7 @@ bool terrapin_process_link_key(const char *path, uint32_t key[TERRAPIN_CHASKEY_W
  * process seals one link. False, and one line on stderr, when that cannot be. */
 bool terrapin_process_seal(terrapin_link *link, const char *path);
 
-/* Now, for link->seal.now_ms. */
+/* Now, for terrapin_seal_at: the time goes on while the machine sleeps. */
 uint32_t terrapin_process_ms(void);
 
 #endif

@@ -140,7 +140,7 @@ static void queue(controller *c, const uint8_t *bytes, size_t length) {
 static void take_bytes(controller *c, const uint8_t *bytes, size_t length) {
     uint8_t answer[TERRAPIN_SERVICE_ANSWER_MAX];
     if (c->service.link.seal.key != NULL) { /* the clock is a call of the system */
-        c->service.link.seal.now_ms = terrapin_process_ms();
+        terrapin_seal_at(&c->service.link.seal, terrapin_process_ms());
     }
     for (size_t i = 0; i < length; i++) {
         queue(c, answer, terrapin_service_take(&c->service, bytes[i], answer));

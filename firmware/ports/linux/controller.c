@@ -156,6 +156,7 @@ static void chores(controller *c) {
         (void)gpio_set(c->led, lit);
     }
     (void)bus_reopen(&c->bus);
+    terrapin_seal_at(&c->link.seal, terrapin_process_ms());
     systemd_tell("WATCHDOG=1");
 }
 
@@ -193,7 +194,7 @@ static bool change_mode(controller *c) {
 static bool take_frame(controller *c, const terrapin_frame *frame) {
     const bool test_mode = c->link.test_mode;
     terrapin_frame reply = {0};
-    c->link.seal.now_ms = terrapin_process_ms();
+    terrapin_seal_at(&c->link.seal, terrapin_process_ms());
     switch (terrapin_accept(&c->link, c->state, frame, &c->inputs, &reply)) {
     case TERRAPIN_ACCEPT_REPLY:
         bus_send(&c->bus, &reply, 1);

@@ -140,7 +140,7 @@ static bool tick(void) {
     if (!take(&inputs, sizeof inputs)) {
         return false;
     }
-    link.seal.now_ms = inputs.tick;
+    terrapin_seal_at(&link.seal, inputs.tick);
     uint32_t counts[5];
     uint32_t before = SYSTICK_VALUE;
     terrapin_intake_begin_tick(&intake);

@@ -350,7 +350,7 @@ static void tick(port *p, uint32_t now) {
     const uint32_t missed = now - p->tick - 1U;
     p->overruns += missed;
     p->tick = now;
-    p->link.seal.now_ms = now;
+    terrapin_seal_at(&p->link.seal, now);
     terrapin_intake_begin_tick(&p->intake);
     if (p->link.test_mode) {
         hardware_drive(&p->hardware, 0, false);

@@ -45,6 +45,7 @@ class BusLink(Link):
         self._actuate = self._interface.messages["ACTUATE"].id
         self._sender = Sender(self._interface)
         self._waiting: deque[Frame] = deque()  # received, not yet asked for
+        self._lockstep = False  # what comes is of a tick and kept, whoever asks for something else
 
     def _send(self, frames: Sequence[Frame]) -> None:
         for piece in self.outgoing(frames):
@@ -82,9 +83,12 @@ class BusLink(Link):
         end = time.monotonic() + self._timeout
         self._send([frame])
         while (left := end - time.monotonic()) > 0:
-            for answer in self._bus.receive(left):
-                if wanted(answer):
-                    return answer
+            heard = self._bus.receive(left)
+            found = next((answer for answer in heard if wanted(answer)), None)
+            if self._lockstep:
+                self._waiting += (answer for answer in heard if answer is not found)
+            if found is not None:
+                return found
         return None
 
     def start(self, parameters: Mapping[str, float]) -> None:
@@ -103,6 +107,7 @@ class BusLink(Link):
         asked([*self._sender.test_mode(False), *self._sender.test_mode(), question])
         self._require_quiet(reply)
         write_parameters(self._sender, self._interface, parameters, asked)
+        self._lockstep = True
 
     def _require_quiet(self, reply: int) -> None:
         """LinkError when more comes than the one answer (`reply`) to the one question."""

@@ -28,6 +28,8 @@ SEALED = (
 TAG_EVERY = 0.01  # s: a controller looks at two in this time (firmware/link/seal.h), the other is for late ones
 LONGEST = 10_000  # bytes of a key's file that are looked at
 ATTEMPTS, PAUSE = 3, 0.12  # s: a session of somebody else may wait for 0.2 s
+UNIT = 0.008  # s of a sealed frame's time; a session has 2,048
+SILENT, HALF = 0.9, 8.0  # s without a tag, or since it began, after which a session is left for another one
 NO_PARAMETER = 0xFFFF  # an index that none has
 BY_A_PROBE = "terrapin flash IMAGE.bin --via swd --boot-loader FILE.bin --link-key LINK.key"
 WAY_BACK = f"expected its own key (--link-key), or write a new one beside its boot loader: {BY_A_PROBE}"
@@ -104,63 +106,107 @@ class LinkKey:
         return chaskey(self.key, b"fingerprint\0\0\0\0\0")[:4].hex()
 
 
-class Session:
-    """A session with a controller: seals frames, and counts them. It seals no faster than a controller looks at tags.
+def clock() -> float:
+    """Seconds of a clock that nobody sets, and that goes on while the machine sleeps where there is such a one."""
+    boot = getattr(time, "CLOCK_BOOTTIME", None)
+    return time.monotonic() if boot is None else time.clock_gettime(boot)
 
-    `number`: the controller's, (start, count), never twice under one key.
+
+class Session:
+    """A session with a controller: seals frames with the time since it began, as fast as a controller looks at tags.
+
+    `number`: the controller's, (start, count), never twice under one key. `renewed` opens another one where this one
+    may have ended (firmware/link/seal.h): `batches` asks for it before it seals. `now`: seconds.
     """
 
-    def __init__(self, key: bytes, number: tuple[int, int] = (0, 0), description: Interface | None = None) -> None:
-        self.number = number
-        self._key = key
-        self._place = number[1] & 1
-        self._counter = 0
+    def __init__(
+        self,
+        key: bytes,
+        number: tuple[int, int] = (0, 0),
+        description: Interface | None = None,
+        renewed: Callable[[], Session | None] | None = None,
+        now: Callable[[], float] = clock,
+    ) -> None:
+        self._now, self._renewed = now, renewed
+        self._begin(key, number)
         self._interface = description or interface()
         self._command: tuple[bytes, Frame] | None = None  # the last one, and what it became
         self._next = 0.0  # s of the monotonic clock, when the next tag may go out
+        self._tried = self._began - SILENT  # s of the clock, when it last asked for another session
+
+    def _begin(self, key: bytes, number: tuple[int, int]) -> None:
+        self.number, self._key, self._place = number, key, number[1] & 1
+        self._began = self._now()
+        self._time, self._last = 0, self._began  # units; s of the clock at the last tag
 
     @classmethod
-    def answering(cls, key: LinkKey, host: int, answer: Mapping[str, int]) -> Session:
+    def answering(
+        cls,
+        key: LinkKey,
+        host: int,
+        answer: Mapping[str, int],
+        renewed: Callable[[], Session | None] | None = None,
+        now: Callable[[], float] = clock,
+    ) -> Session:
         """After the answer SESSION to a SESSION_OPEN with the number `host`."""
         start, count = (answer[name] & _MASK for name in ("start", "count"))
-        return cls(chaskey(key.key, struct.pack("<4I", host, start, count, key.generation)), (start, count))
+        sealing = chaskey(key.key, struct.pack("<4I", host, start, count, key.generation))
+        return cls(sealing, (start, count), renewed=renewed, now=now)
+
+    def _renew(self) -> None:
+        """Another session, where this one is over soon or may be; this one goes on when none is opened."""
+        now = self._now()
+        over = now - self._last >= SILENT or now - self._began >= HALF
+        if not over or self._renewed is None or now - self._tried < SILENT:
+            return
+        self._tried = now
+        other = self._renewed()
+        if other is not None:
+            self._begin(other._key, other.number)
+            self._began = self._last = other._began
 
     def _tag(self, identifier: int, data: bytes) -> int:
-        block = struct.pack("<2I", identifier, self._counter) + data
+        self._last = self._now()
+        self._time = max(self._time + 1, int((self._last - self._began) / UNIT))
+        block = struct.pack("<2I", identifier, self._time) + data
         return int.from_bytes(chaskey(self._key, block)[:4], "little")
 
     def _sealed_command(self, message: Message, data: bytes) -> Frame:
         """The same COMMAND once more is the same frame once more: a fault that is played on the host stays one."""
         if self._command is None or self._command[0] != data:
-            self._counter += 1
             values, sealed = message.decode(data), self._interface.messages["COMMAND_SEALED"]
             wanted = {key: values[key] for key in ("request", "control", "limiter", "setpoint")}
             wanted["session"] = self._place
-            plain, _ = sealed.encode({**wanted, "counter": 0, "tag": 0})
+            plain, _ = sealed.encode({**wanted, "time": 0, "tag": 0})
             tag = self._tag(sealed.id, plain[:3] + bytes(5))
-            frame = sealed.id, sealed.encode({**wanted, "counter": self._counter & 0xFF, "tag": tag})[0]
+            frame = sealed.id, sealed.encode({**wanted, "time": self._time & 0xFF, "tag": tag})[0]
             self._command = data, frame
         return self._command[1]
 
     def _seal_of(self, frame: Frame) -> Frame:
         identifier, data = frame
-        self._counter += 1
         tag = self._tag(identifier, data.ljust(8, b"\0"))
         seal = self._interface.messages["SEAL"]
-        values = {"session": self._place, "counter": self._counter & 0xFFFF, "tag": tag}
+        values = {"session": self._place, "time": self._time & 0xFF, "tag": tag}
         return seal.id, seal.encode(values)[0]
 
-    def _one(self, frame: Frame) -> list[Frame]:
-        """What goes out for one frame: itself when it needs no tag, or is damaged on purpose."""
+    def _needs_tag(self, frame: Frame) -> bool:
+        """Not what anybody may send, and not what is damaged on purpose."""
         identifier, data = frame
         message = self._interface.by_id.get(identifier)
         if message is None or len(data) != message.length:
-            return [frame]
-        if message.name == "COMMAND" and message.decode(data)["request"]:
-            intact = protect(identifier, data, data[6] & 0xF) == data
-            return [self._sealed_command(message, data)] if intact else [frame]
+            return False
+        if message.name == "COMMAND":
+            return bool(message.decode(data)["request"]) and protect(identifier, data, data[6] & 0xF) == data
         asks = message.name == "NODE_REQUEST" and not message.decode(data)["action"]
-        return [frame, self._seal_of(frame)] if message.name in SEALED and not asks else [frame]
+        return message.name in SEALED and not asks
+
+    def _one(self, frame: Frame) -> list[Frame]:
+        """What goes out for one frame."""
+        if not self._needs_tag(frame):
+            return [frame]
+        message = self._interface.by_id[frame[0]]
+        return [self._sealed_command(message, frame[1])] if message.name == "COMMAND" else [frame, self._seal_of(frame)]
 
     def sealed(self, frames: Iterable[Frame]) -> list[Frame]:
         """The frames as a controller with a key takes them: a COMMAND but IDLE as COMMAND_SEALED, what changes the
@@ -168,25 +214,25 @@ class Session:
         return [out for frame in frames for out in self._one(frame)]
 
     def batches(self, frames: Sequence[Frame]) -> Iterator[list[Frame]]:
-        """The same in pieces with one tag each at most. It waits before a piece until its tag will be looked at."""
+        """The same in pieces with one tag each at most. It waits before it makes a tag until that will be looked at."""
         piece: list[Frame] = []
         tagged = False
         for frame in frames:
-            out = self._one(frame)
-            needs_tag = out != [frame]
-            if needs_tag and tagged:
-                yield self._in_time(piece)
-                piece, tagged = [], False
-            piece += out
-            tagged |= needs_tag
-        yield self._in_time(piece) if tagged else piece
+            if self._needs_tag(frame):
+                if tagged:
+                    yield piece
+                    piece = []
+                self._wait()
+                self._renew()
+                tagged = True
+            piece += self._one(frame)
+        yield piece
 
-    def _in_time(self, piece: list[Frame]) -> list[Frame]:
+    def _wait(self) -> None:
         wait = self._next - time.monotonic()
         if wait > 0:
             time.sleep(wait)
         self._next = time.monotonic() + TAG_EVERY
-        return piece
 
 
 def _asked(link: Sealable, make: Callable[[], Frame], wanted: Callable[[Frame], bool]) -> Frame | None:
@@ -200,18 +246,21 @@ def _asked(link: Sealable, make: Callable[[], Frame], wanted: Callable[[Frame], 
     return None
 
 
-def _session(link: Sealable, key: LinkKey) -> Session | None:
+def _session(link: Sealable, key: LinkKey, now: Callable[[], float]) -> Session | None:
     messages = interface().messages
     number = secrets.randbits(32)  # the same each time: an answer may be that to the question before
     data, _ = messages["SESSION_OPEN"].encode({"host": number, "generation": key.generation})
     answer = _asked(link, lambda: (messages["SESSION_OPEN"].id, data), lambda frame: frame[0] == messages["SESSION"].id)
-    return Session.answering(key, number, messages["SESSION"].decode(answer[1])) if answer else None
+    if answer is None:
+        return None
+    told = messages["SESSION"].decode(answer[1])
+    return Session.answering(key, number, told, lambda: _session(link, key, now), now)
 
 
-def open_session(link: Sealable, key: LinkKey) -> Session:
-    """A session with the controller behind a link; whether the key is right shows with its first tag. LinkError when
-    it opens none."""
-    session = _session(link, key)
+def open_session(link: Sealable, key: LinkKey, now: Callable[[], float] = clock) -> Session:
+    """A session with the controller behind a link; whether the key is right shows with its first tag. `now`: seconds,
+    of a clock that runs as the controller's does. LinkError when it opens none."""
+    session = _session(link, key, now)
     if session is None:
         raise LinkError(
             f"{link.name}: the controller opens no session for link key {key.fingerprint}, generation "
@@ -239,7 +288,7 @@ def takes_changes(link: Sealable) -> bool:
 def seal_link(link: Sealable, key: LinkKey) -> Session:
     """From now on what the link sends is sealed with this key. LinkError, one line with the way back, when the
     controller has none or another."""
-    session = _session(link, key)
+    session = _session(link, key, clock)
     if session is None and takes_changes(link):
         raise LinkError(
             f"{link.name}: the controller has no link key and takes commands of anybody, expected one with key "

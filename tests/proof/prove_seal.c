@@ -1,0 +1,2 @@
+/* The seal is proved with the dispatcher. */
+#include "prove_dispatch.c"
