@@ -5,7 +5,7 @@
 #include "terrapin_pack.h"
 
 #define WAITING_MS 200U
-#define CHECKS_MS  10U
+#define CHECKS_MS  100U
 #define OPENED_MAX 0x80000000U /* or a number came twice */
 #define UNIT_MS    8U          /* of a frame's time */
 #define LATE       120U        /* units that a frame may be behind this clock: 0.96 s */

@@ -20,7 +20,7 @@
  * of the last frame taken, at most 0.96 s behind what the controller has counted since it sent SESSION, and at most 32
  * ms before it, for clocks that differ: so what somebody withholds is taken for 1 s at most, however long the order of
  * the frames is kept. A session ends 1 to 2 s after its last good tag (1.96 s after that one's time) and at 16.4 s:
- * then the host asks for another one, before that it may. At most SEAL_CHECKS tags are checked in 10 ms: guessing one
+ * then the host asks for another one, before that it may. At most SEAL_CHECKS tags are checked in 0.1 s: guessing one
  * of 2^32 then takes 124 days for an even chance. Time is the port's, not the tick: in test mode a tick is one of the
  * host's frames, and stands still between runs. A clock that jumps costs the sessions and the frame that is held, no
  * more.
@@ -36,7 +36,7 @@
 extern "C" {
 #endif
 
-#define TERRAPIN_SEAL_CHECKS 2U
+#define TERRAPIN_SEAL_CHECKS 20U
 
 typedef struct {
     uint32_t key[TERRAPIN_CHASKEY_WORDS];
@@ -47,7 +47,7 @@ typedef struct {
 typedef struct {
     uint8_t waiting; /* place of the session that waits, or will */
     bool holding;
-    uint16_t checks;                    /* tags that were checked in this hundredth of a second */
+    uint16_t checks;                    /* tags that were checked in this tenth of a second */
     uint32_t checks_ms;                 /* when it began */
     uint32_t now_ms;                    /* terrapin_seal_at */
     terrapin_frame held;                /* waits for its SEAL */

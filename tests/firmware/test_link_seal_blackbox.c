@@ -292,7 +292,7 @@ static void test_a_million_guessed_tags(void) {
     TEST_ASSERT_GREATER_OR_EQUAL(1000000U, link.unsealed);
 }
 
-static void test_at_most_two_tags_are_checked_in_ten_milliseconds(void) {
+static void test_at_most_twenty_tags_are_checked_in_a_tenth_of_a_second(void) {
     host h;
     uint32_t checked = 0;
     for (uint32_t tick = 0; tick < 10000U; tick++) {
@@ -306,12 +306,12 @@ static void test_at_most_two_tags_are_checked_in_ten_milliseconds(void) {
             frame.data[5] ^= 1U;
             const uint32_t before = link.seal.checks;
             (void)give(&frame);
-            const uint32_t after = link.seal.checks; /* begins anew each 10 ms */
+            const uint32_t after = link.seal.checks; /* begins anew each 0.1 s */
             checked += (after >= before) ? (after - before) : after;
         }
         TEST_ASSERT_LESS_OR_EQUAL(TERRAPIN_SEAL_CHECKS, link.seal.checks);
     }
-    TEST_ASSERT_LESS_OR_EQUAL(2U * 10000U / 10U + 2U, checked);
+    TEST_ASSERT_LESS_OR_EQUAL((20U * 10000U / 100U) + 20U, checked);
     TEST_ASSERT_GREATER_THAN(1500U, checked);
 }
 
@@ -553,7 +553,7 @@ int main(int count, char **arguments) {
     RUN_TEST(test_only_sealed_commands_but_idle_of_anybody);
     RUN_TEST(test_replayed_reordered_delayed_and_changed_frames);
     RUN_TEST(test_a_million_guessed_tags);
-    RUN_TEST(test_at_most_two_tags_are_checked_in_ten_milliseconds);
+    RUN_TEST(test_at_most_twenty_tags_are_checked_in_a_tenth_of_a_second);
     RUN_TEST(test_whole_recorded_sessions);
     RUN_TEST(test_five_percent_loss_refuses_nothing);
     RUN_TEST(test_a_stranger_ends_no_session);

@@ -25,7 +25,7 @@ _MASK = 0xFFFFFFFF
 SEALED = (
     "PARAMETER_WRITE", "STORE_COMMAND", "TEST_MODE", "NODE_REQUEST", "UPDATE_BEGIN", "UPDATE_END", "UPDATE_RESET"
 )  # fmt: skip
-TAG_EVERY = 0.01  # s: a controller looks at two in this time (firmware/link/seal.h), the other is for late ones
+TAG_EVERY = 0.01  # s: a controller looks at twenty in 0.1 s (firmware/link/seal.h), half of them for late ones
 LONGEST = 10_000  # bytes of a key's file that are looked at
 ATTEMPTS, PAUSE = 3, 0.12  # s: a session of somebody else may wait for 0.2 s
 UNIT = 0.008  # s of a sealed frame's time; a session has 2,048
