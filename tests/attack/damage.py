@@ -84,6 +84,22 @@ def _logs(path: Path) -> None:
     frames_log(path, 400)
 
 
+def _of_python_can(path: Path) -> None:
+    """A log of a kind that the tools read and do not write."""
+    import can
+
+    with can.Logger(path) as log:
+        for i in range(300):
+            data = bytes([i & 255, 2, 3, 4, 5, 6, 7, 8])
+            log.on_message_received(
+                can.Message(timestamp=i * 1e-3, arbitration_id=0x180 + i % 4, data=data, is_extended_id=False)
+            )
+
+
+def _robot(path: Path) -> None:
+    shutil.copyfile(ROOT / "firmware/terrapin_interface/robots/roller.toml", path)
+
+
 def _sqlite(path: Path) -> None:
     columns = "ts REAL, arbitration_id INTEGER, extended INTEGER, remote INTEGER, error INTEGER, dlc INTEGER, data BLOB"
     with closing(sqlite3.connect(path)) as connection:
@@ -101,6 +117,8 @@ def _dbc(path: Path) -> None:
 READERS = (
     *(Reader(f"x.{kind}", _logs, ("log", "info", "FILE")) for kind in ("log", "blf", "asc", "mf4", "mcap", "parquet")),
     *(Reader(f"x.{kind}", _logs, ("log", "convert", "FILE", "new.log")) for kind in ("blf", "mf4", "mcap")),
+    *(Reader(f"x.{kind}", _of_python_can, ("log", "info", "FILE"), text=True) for kind in ("trc", "csv")),
+    Reader("x.asc", _logs, ("log", "convert", "FILE", "new.log"), text=True),
     Reader("x.db", _sqlite, ("log", "info", "FILE")),
     Reader("x.parquet", _table, ("case", "table", "FILE", "--to", "made")),
     Reader("case/runs.csv", _case, ("compare", "case"), text=True),
@@ -109,7 +127,10 @@ READERS = (
     Reader("x.dbc", _dbc, ("log", "info", "good.log", "--dbc", "FILE"), text=True),
     Reader("x.toml", _scenario, ("run", "FILE", "--out", "made"), text=True),
     Reader("x.toml", _scenario, ("batch", "FILE", "--seeds", "1:2", "--jobs", "1", "--out", "made"), text=True),
+    Reader("mine.toml", _robot, ("robot", "check", "FILE"), text=True),
+    Reader("mine.toml", _robot, ("robot", "show", "FILE"), text=True),
     Reader("x.bin", _image, ("image", "info", "FILE")),
+    Reader("x.bin", _image, ("image", "verify", "FILE")),
     Reader("x.pem", _key, ("keys", "show", "FILE"), text=True),
     Reader("x.key", _key, ("keys", "show", "FILE"), text=True),
 )  # fmt: skip

@@ -133,7 +133,7 @@ def _ended(pid: int, out: _Words, err: _Words, until: float) -> Outcome:
 def _give_up_writing(folder: Path) -> None:
     """What is in `folder` may be read and not written, by root neither: it gives up what lets it (capset(2))."""
     for path in [folder, *folder.rglob("*")]:
-        path.chmod(0o555 if path.is_dir() else 0o444)
+        path.chmod(path.stat().st_mode & 0o555)
     if os.geteuid() == 0:
         head = struct.pack("Ii", CAPABILITIES, 0)
         if ctypes.CDLL(None, use_errno=True).capset(head, bytes(24)):

@@ -9,6 +9,7 @@
 #include "parameters.h"
 #include "port.h"
 #include "terrapin_interface.h"
+#include "terrapin_scaling.h"
 
 /* What things take, in microseconds; the chip is faster (docs/stm32f405.md). */
 #define TICK_US      1000U
@@ -357,6 +358,14 @@ static void test_test_mode_holds_the_bridge_off_and_stops_the_own_clock(void) {
     TEST_ASSERT_FALSE(ticks(100U, TERRAPIN_REQUEST_IDLE));
 }
 
+/* Nobody opened the line: what is published goes to the bus alone. */
+static void test_a_line_that_was_not_opened_is_silent(void) {
+    (void)ticks(1500U, TERRAPIN_REQUEST_IDLE);
+    TEST_ASSERT_FALSE(controller.parser.open);
+    TEST_ASSERT_EQUAL_UINT32(0U, ring_used(&line.out));
+    TEST_ASSERT_EQUAL_UINT32(0U, controller.send_lost);
+}
+
 /* ---- what is kept, and what the boot loader is told */
 
 static uint8_t pages[32768];
@@ -618,6 +627,47 @@ static void test_tells_status_once_and_counts(void) {
     TEST_ASSERT_EQUAL(0, status.receive_overflow);
 }
 
+/* Each count in its own place, held at what eight bits tell; the same of the times. */
+static void test_tells_what_it_dropped_and_how_long_it_takes(void) {
+    terrapin_frame frame = {0};
+    terrapin_port_link_t dropped;
+    terrapin_port_times_t times;
+    terrapin_link *link = &controller.link;
+    link->bad_crc = 1U;
+    link->repeated = 2U;
+    link->out_of_step = 3U;
+    link->malformed = 4U;
+    link->out_of_place = 5U;
+    link->unsealed = 6U;
+    link->seal.opened = 7U;
+    link->seal.generation = 300U;
+    TEST_ASSERT_TRUE(told(TERRAPIN_ID_PORT_LINK, &frame, 1001U));
+    TEST_ASSERT_TRUE(terrapin_decode_port_link(&frame, &dropped));
+    TEST_ASSERT_EQUAL(1, dropped.bad_crc);
+    TEST_ASSERT_EQUAL(2, dropped.repeated);
+    TEST_ASSERT_EQUAL(3, dropped.out_of_step);
+    TEST_ASSERT_EQUAL(4, dropped.malformed);
+    TEST_ASSERT_EQUAL(5, dropped.out_of_place);
+    TEST_ASSERT_EQUAL(6, dropped.unsealed);
+    TEST_ASSERT_EQUAL(7, dropped.sessions);
+    TEST_ASSERT_EQUAL(255, dropped.generation);
+    while ((controller.tick % 100U) != 0U) {
+        (void)port_pass(&controller, controller.tick + 1U);
+    }
+    for (uint32_t i = 0; i < 5U; i++) {
+        phases_note(&controller.times, (phase)i, 168000U * (i + 1U));
+    }
+    TEST_ASSERT_TRUE(told(TERRAPIN_ID_PORT_TIMES, &frame, 101U));
+    TEST_ASSERT_TRUE(terrapin_decode_port_times(&frame, &times));
+    const terrapin_port_times_source longest = {.receive_250ns = 4000 * (PHASE_RECEIVE + 1),
+                                                .sense_250ns = 4000 * (PHASE_SENSE + 1),
+                                                .step_250ns = 4000 * (PHASE_STEP + 1),
+                                                .send_250ns = 4000 * (PHASE_SEND + 1),
+                                                .late_250ns = 4000 * (PHASE_LATE + 1)};
+    const terrapin_port_times_t expected = terrapin_scale_port_times(&longest);
+    TEST_ASSERT_EQUAL_MEMORY(&expected, &times, sizeof times);
+}
+
 /* A board without a ground wheel refuses the limiter, and says so until something else is commanded. */
 static void test_a_limiter_without_a_wheel_is_refused_and_told(void) {
     const hardware_facts hardware = {.core_hz = 168000000U, .no_ground_wheel = true, .imu_absent = true};
@@ -686,6 +736,7 @@ static void test_host_that_does_not_read_loses_its_own_lines(void) {
 
 int main(void) {
     UNITY_BEGIN();
+    RUN_TEST(test_a_line_that_was_not_opened_is_silent);
     RUN_TEST(test_stop_all_outlives_a_reset);
     RUN_TEST(test_foreign_frames_at_full_load);
     RUN_TEST(test_more_frames_than_it_can_take);
@@ -702,6 +753,7 @@ int main(void) {
     RUN_TEST(test_update_resets_with_the_motor_off_alone);
     RUN_TEST(test_a_node_has_identifiers_of_its_own);
     RUN_TEST(test_tells_status_once_and_counts);
+    RUN_TEST(test_tells_what_it_dropped_and_how_long_it_takes);
     RUN_TEST(test_a_limiter_without_a_wheel_is_refused_and_told);
     RUN_TEST(test_missed_ticks_are_the_core_s_fault_too);
     RUN_TEST(test_absent_bus_is_told_on_the_line);

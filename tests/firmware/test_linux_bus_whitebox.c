@@ -1,6 +1,9 @@
 /* What the Linux controller counts of a SocketCAN interface's losses and error frames. */
 #define _GNU_SOURCE
 
+#include <net/if.h>
+#include <stdarg.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 
 #include "unity.h"
@@ -8,7 +11,16 @@
 static int refuses(int descriptor, struct mmsghdr *messages, unsigned int count, int flags);
 #define sendmmsg                                            refuses
 #define recvmmsg(descriptor, messages, count, flags, limit) refuses(descriptor, messages, count, flags)
+static int fake_setsockopt(int s, int level, int option, const void *value, socklen_t size);
+static int fake_ioctl(int s, unsigned long request, ...);
+static int fake_bind(int s, const struct sockaddr *address, socklen_t size);
+#define setsockopt fake_setsockopt
+#define ioctl      fake_ioctl
+#define bind       fake_bind
 #include "../../firmware/ports/linux/bus_socketcan.c"
+#undef setsockopt
+#undef ioctl
+#undef bind
 #include "node.c"
 #include "terrapin_interface.c"
 
@@ -17,9 +29,72 @@ void tearDown(void) {}
 
 static int refusal;
 static int refuses(int descriptor, struct mmsghdr *messages, unsigned int count, int flags) {
-    (void)descriptor, (void)messages, (void)count, (void)flags;
+    (void)descriptor;
+    TEST_ASSERT_NOT_NULL(messages);
+    TEST_ASSERT_TRUE((count == 1U) || (count == BUS_AT_ONCE));
+    TEST_ASSERT_EQUAL_MESSAGE(MSG_DONTWAIT, flags, "the loop does not wait here");
     errno = refusal;
     return -1;
+}
+
+static char asked[128];
+static const char *refused_call;
+static unsigned int interface_flags = IFF_UP;
+static struct can_filter filters_asked[TERRAPIN_BLOCK_RECEIVED];
+
+static int call(const char *name) {
+    (void)snprintf(&asked[strlen(asked)], sizeof asked - strlen(asked), "%s ", name);
+    errno = EPERM;
+    return ((refused_call != NULL) && (strcmp(name, refused_call) == 0)) ? -1 : 0;
+}
+
+static int fake_setsockopt(int s, int level, int option, const void *value, socklen_t size) {
+    TEST_ASSERT_EQUAL(7, s);
+    if (level == SOL_SOCKET) {
+        int number = 0;
+        TEST_ASSERT_EQUAL(sizeof number, size);
+        (void)memcpy(&number, value, sizeof number);
+        TEST_ASSERT_EQUAL((option == SO_RCVBUF) ? QUEUE_BYTES : 1, number);
+        return call((option == SO_RCVBUF) ? "queue" : ((option == SO_RXQ_OVFL) ? "losses" : "?"));
+    }
+    TEST_ASSERT_EQUAL(SOL_CAN_RAW, level);
+    if (option == CAN_RAW_FILTER) {
+        TEST_ASSERT_EQUAL(sizeof filters_asked, size);
+        (void)memcpy(filters_asked, value, size);
+        return call("filters");
+    }
+    can_err_mask_t mask = 0;
+    TEST_ASSERT_EQUAL(CAN_RAW_ERR_FILTER, option);
+    TEST_ASSERT_EQUAL(sizeof mask, size);
+    (void)memcpy(&mask, value, sizeof mask);
+    TEST_ASSERT_EQUAL_HEX32(CAN_ERR_MASK, mask);
+    return call("errors");
+}
+
+static int fake_ioctl(int s, unsigned long request, ...) {
+    va_list rest;
+    va_start(rest, request);
+    struct ifreq *interface = va_arg(rest, struct ifreq *);
+    va_end(rest);
+    TEST_ASSERT_EQUAL(7, s);
+    TEST_ASSERT_EQUAL_STRING("can0", interface->ifr_name);
+    if (request == SIOCGIFINDEX) {
+        interface->ifr_ifindex = 42;
+        return call("index");
+    }
+    TEST_ASSERT_EQUAL(SIOCGIFFLAGS, request);
+    interface->ifr_flags = (short)interface_flags;
+    return call("flags");
+}
+
+static int fake_bind(int s, const struct sockaddr *address, socklen_t size) {
+    struct sockaddr_can can;
+    TEST_ASSERT_EQUAL(7, s);
+    TEST_ASSERT_EQUAL(sizeof can, size);
+    (void)memcpy(&can, address, sizeof can);
+    TEST_ASSERT_EQUAL(AF_CAN, can.can_family);
+    TEST_ASSERT_EQUAL_MESSAGE(42, can.can_ifindex, "that interface, not all of them");
+    return call("bind");
 }
 
 void bus_enter(bus *b, bus_state state) {
@@ -93,6 +168,34 @@ static void test_an_interface_that_goes_down_counts_whoever_sees_it_first(void) 
     TEST_ASSERT_EQUAL(0, socketcan_receive(&b, in));
     socketcan_send(&b, &out, 1);
     TEST_ASSERT_EQUAL(2, b.counts.went_down);
+}
+
+/* What is asked of the kernel, and that each refusal is one: no controller runs with half of it. */
+static void test_a_socket_has_its_filters_errors_and_losses_before_it_is_bound(void) {
+    static const char *const calls[] = {"index", "flags", "filters", "errors", "queue", "losses", "bind"};
+    terrapin_node node;
+    terrapin_filter wanted[TERRAPIN_BLOCK_RECEIVED];
+    terrapin_node_init(&node, 3U);
+    terrapin_node_filters(&node, wanted);
+    asked[0] = '\0';
+    refused_call = NULL;
+    TEST_ASSERT_TRUE(set_up(7, "can0", &node));
+    TEST_ASSERT_EQUAL_STRING("index flags filters errors queue losses bind ", asked);
+    for (uint32_t i = 0; i < TERRAPIN_BLOCK_RECEIVED; i++) { /* of 11 bits, no remote frame */
+        TEST_ASSERT_EQUAL_HEX32(wanted[i].id, filters_asked[i].can_id);
+        TEST_ASSERT_EQUAL_HEX32(wanted[i].mask | CAN_EFF_FLAG | CAN_RTR_FLAG, filters_asked[i].can_mask);
+    }
+    for (size_t i = 0; i < (sizeof calls / sizeof calls[0]); i++) {
+        refused_call = calls[i];
+        TEST_ASSERT_FALSE_MESSAGE(set_up(7, "can0", &node), calls[i]);
+    }
+    refused_call = NULL;
+    interface_flags = 0U;
+    TEST_ASSERT_FALSE(set_up(7, "can0", &node));
+    TEST_ASSERT_EQUAL(ENETDOWN, errno);
+    interface_flags = IFF_UP;
+    TEST_ASSERT_FALSE(set_up(7, "an_interface_name_that_is_too_long", &node));
+    TEST_ASSERT_EQUAL(ENODEV, errno);
 }
 
 static void told(bus *b, uint32_t kind, uint8_t problem) {
@@ -181,6 +284,7 @@ int main(void) {
     RUN_TEST(test_losses_add_up);
     RUN_TEST(test_a_new_socket_counts_from_zero);
     RUN_TEST(test_error_counters_are_no_error);
+    RUN_TEST(test_a_socket_has_its_filters_errors_and_losses_before_it_is_bound);
     RUN_TEST(test_error_frames_one_by_one);
     RUN_TEST(test_frames_that_are_ours_to_read);
     RUN_TEST(test_what_a_refusal_means);

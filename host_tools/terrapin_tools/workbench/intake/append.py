@@ -56,15 +56,14 @@ def append(folder: Path, file: Path, seed: int = 0) -> tuple[dict[str, Any], str
     if not runs:
         raise UserError(f"{file}: found no row without a gap, expected at least one")
     _refuse_copies(file, grown, new)
-    name = _free_name(folder, file)
-    text = _listing(present.text, name, runs)
     with step("the model as it was, and the fit with the new runs"):
         before = analyse(present, seed)
         predicted = _predicted(before, grown, new)
         after = analyse(parse_case(folder, _listing(present.text, str(file.resolve()), runs)), seed)
-    shutil.copyfile(file, folder / name)
+    name = _free_name(folder, file)
     try:
-        write_changed(folder / "case.toml", present.text, text)
+        shutil.copyfile(file, folder / name)
+        write_changed(folder / "case.toml", present.text, _listing(present.text, name, runs))
     except (OSError, UserError):
         (folder / name).unlink()
         raise
@@ -104,11 +103,16 @@ def _listing(text: str, file: str, runs: Sequence[str]) -> str:
 
 
 def _free_name(folder: Path, file: Path) -> str:
+    """A name in the folder, taken by an empty file: another command that appends at this moment takes another one."""
     name, count = file.name, 1
-    while (folder / name).exists():
-        count += 1
-        name = f"{file.stem}_{count}{file.suffix}"
-    return name
+    while True:
+        try:
+            (folder / name).touch(exist_ok=False)
+        except FileExistsError:
+            count += 1
+            name = f"{file.stem}_{count}{file.suffix}"
+        else:
+            return name
 
 
 def _predicted(before: Analysis, grown: Case, new: Mask) -> dict[str, Any]:
