@@ -382,3 +382,14 @@ def test_the_sd_of_a_mended_column_is_mended_too(tmp_path: Path, factor: float) 
     path.write_text(path.read_text().replace("sigma = 4.0", f"sigma = 4.0, factor = {factor}"))
     sd = [one.sigma["current"] for one in (plain, load_case(case))]
     assert sd == pytest.approx([4e-3, 4e-3 * abs(factor)])
+
+
+def test_two_that_append_at_once_take_two_names(tmp_path: Path) -> None:
+    """The one that is refused then takes its own file away, and not the other's."""
+    from terrapin_tools.workbench.intake.append import _free_name
+
+    folder = tmp_path / "case"
+    folder.mkdir()
+    names = [_free_name(folder, tmp_path / "day.csv") for _ in range(3)]
+    assert names == ["day.csv", "day_2.csv", "day_3.csv"]
+    assert sorted(path.name for path in folder.iterdir()) == sorted(names)
