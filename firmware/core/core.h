@@ -40,6 +40,8 @@ void estimator_deviation(terrapin_state *state);
 /* (R/r) K_t I [uN m] of a window: sum of its current codes, zero taken off, in 1/256 code (within 2^30).
  * heat_q20 is K_t over K_t at the reference temperature. */
 int32_t estimator_motor_torque(const terrapin_gains *gains, int32_t current_q8, int32_t heat_q20);
+/* What gear and belt pass on of that torque, in a window with `counts` motor counts. */
+int32_t estimator_geared(const terrapin_gains *gains, int32_t torque_unm, int32_t counts);
 /* A sgn(w) + B w [uN m] of a window with `counts` motor counts. coulomb_unm within 2^29. */
 int32_t estimator_friction(const terrapin_gains *gains, int32_t coulomb_unm, int32_t counts);
 /* C_t of a window, held within the full scale; *saturated says when it was. */

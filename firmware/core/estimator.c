@@ -55,6 +55,11 @@ int32_t estimator_motor_torque(const terrapin_gains *gains, int32_t current_q8, 
     return integer_q_held(integer_q_held(current_q8, gains->current_gain_q16, 24U), heat_q20, 20U);
 }
 
+int32_t estimator_geared(const terrapin_gains *gains, int32_t torque_unm, int32_t counts) {
+    const bool driving = (torque_unm < 0) == (counts < 0);
+    return integer_q_held(torque_unm, driving ? gains->driving_q20 : gains->driven_q20, 20U);
+}
+
 int32_t estimator_friction(const terrapin_gains *gains, int32_t coulomb_unm, int32_t counts) {
     TERRAPIN_ASSERT(integer_abs(coulomb_unm) < 0x20000000);
     return (coulomb_unm * integer_sign(counts)) + integer_q_held(counts, gains->speed_gain_q16, 16U);
@@ -190,7 +195,7 @@ void estimator_torque(terrapin_state *state) {
     if (at_work(state)) {
         const int32_t drawn = estimator_motor_torque(&state->gains, e->current_q8, compensation_heat_q20(state));
         const int32_t beyond = integer_hold(e->beyond_unm + compensation_imbalance(state, e->counts));
-        e->motor_unm = integer_hold(drawn - beyond);
+        e->motor_unm = integer_hold(estimator_geared(&state->gains, drawn, e->counts) - beyond);
         e->friction_unm = estimator_friction(&state->gains, state->parameter[TERRAPIN_PARAMETER_COULOMB], e->counts);
         e->torque_unm =
             estimator_contact_torque(integer_saturate((int64_t)e->motor_unm - e->friction_unm), &e->saturated);

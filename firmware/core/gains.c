@@ -93,6 +93,8 @@ static void window_prepare(terrapin_state *state) {
     gains_slope(state);
     /* a_t [1e-6/K] * 1e-3 K, in Q20 */
     g->heat_q24 = integer_signed_factor(p[TERRAPIN_PARAMETER_COMP_HEATING], 44U, 1000000000);
+    g->driving_q20 = integer_factor(p[TERRAPIN_PARAMETER_GEAR_EFFICIENCY], 20U, 1000000);
+    g->driven_q20 = integer_factor(1000000, 20U, p[TERRAPIN_PARAMETER_DRIVEN_EFFICIENCY]);
     g->stribeck_q16 = integer_factor(65536, 16U, p[TERRAPIN_PARAMETER_COMP_STRIBECK_SPEED]);
     g->speed_squared_q24 = integer_signed_factor(p[TERRAPIN_PARAMETER_COMP_SPEED_SQUARED], 34U, 1000000000);
     g->comp_viscous_q32 = integer_signed_factor(p[TERRAPIN_PARAMETER_COMP_VISCOUS], 32U, 100000000);

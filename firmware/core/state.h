@@ -65,6 +65,8 @@ typedef struct {
     int32_t slope_q24;         /* comp_slope; within 10 */
     int32_t wheel_q22;         /* R/r; at most 250 */
     int32_t heat_q24;          /* comp_heating: Q20 of one mK; within 11 */
+    int32_t driving_q20;       /* gear_efficiency; at most 1 */
+    int32_t driven_q20;        /* one over driven_efficiency; at most 10 */
     int32_t stribeck_q16;      /* Q16 of one mrad/s over comp_stribeck_speed; at most 6554 */
     int32_t speed_squared_q24; /* uN m of (mrad/s)^2 / 1024; within 103 */
     int32_t comp_viscous_q32;  /* uN m of one urad/s; within 0.1 */
@@ -142,7 +144,7 @@ typedef struct {
     uint16_t since_fresh;     /* slots since the last disjoint valid window */
     int32_t ripple_unm;       /* mean deviation of the last slot's torque from the window's */
     /* results */
-    int32_t motor_unm;    /* (R/r) C_m, compensated for what acts on motor or current */
+    int32_t motor_unm;    /* (R/r) C_m behind the gear, compensated for what acts on motor or current */
     int32_t friction_unm; /* A sgn + B w */
     int32_t torque_unm;   /* C_t, within the full scale */
     int32_t sd_unm;

@@ -39,7 +39,7 @@ extern "C" {
 #define TERRAPIN_TICK_HZ 1000
 /* Bytes that are enough for a state, a multiple of 8, on every machine; its parameters are counted in
  * terrapin_interface.h. */
-#define TERRAPIN_STATE_BYTES ((5356U + (4U * (uint32_t)TERRAPIN_PARAMETER_COUNT) + 7U) & ~7U)
+#define TERRAPIN_STATE_BYTES ((5364U + (4U * (uint32_t)TERRAPIN_PARAMETER_COUNT) + 7U) & ~7U)
 #define TERRAPIN_MAX_FRAMES  2 /* frames that one step may emit: ACTUATE, and at most one telemetry frame */
 
 /* One classic CAN frame with an 11-bit identifier. length is 0 to 8. */

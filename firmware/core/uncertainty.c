@@ -21,7 +21,9 @@ void uncertainty_prepare(terrapin_state *state) {
     const int32_t *p = state->parameter;
     terrapin_gains *g = &state->gains;
     TERRAPIN_ASSERT((g->torque_unm_per_a > 0) && (g->window_slots > 0U));
-    const integer_wide *torque = &state->rates.emf; /* uN m of one uA */
+    const int32_t torque_unm_per_a = integer_scale(g->torque_unm_per_a, p[TERRAPIN_PARAMETER_GEAR_EFFICIENCY], 1000000);
+    const integer_wide passed = integer_wide_of(torque_unm_per_a, 1000000);
+    const integer_wide *torque = &passed; /* uN m of one uA, behind the gear */
     const int32_t noise_unm = integer_widened(torque, p[TERRAPIN_PARAMETER_SD_CURRENT_NOISE]);
     const int32_t heat = integer_scale(p[TERRAPIN_PARAMETER_COMP_HEATING], p[TERRAPIN_PARAMETER_SD_TEMPERATURE], 1000);
     g->fixed_variance = squared(integer_widened(torque, p[TERRAPIN_PARAMETER_SD_CURRENT_LINEARITY])) +

@@ -44,6 +44,7 @@ RECORDS = 60  # of the estimator's history in one window,
 SLOT = 0.01  # s: each a whole number of these apart
 FAST_TICKS = 128  # ticks over which counts are kept in 16 bits
 LEAST_JUMP = 200  # counts a tick
+LEAST_EFFICIENCY = 0.1  # of a gear, that the controller's formats hold
 FEWEST, MOST = 1171, 65536  # counts a turn of the drive wheel that the controller's formats hold
 
 
@@ -144,7 +145,11 @@ class Robot:
         bulk = radius**2 * _mass(p) + p["shell_inertia"]
         found: dict[str, float] = {
             **{key: p[key] for key in ("radius", "drive_radius", "torque_constant", "armature_resistance")},
-            **{key: p[key] for key in ("coulomb", "viscous")},
+            # where the controller sees it: behind the gear
+            "coulomb": p["coulomb"] + p["gear_efficiency"] * p["motor_coulomb"],
+            "viscous": p["viscous"] + p["gear_efficiency"] * p["motor_viscous"],
+            "gear_efficiency": p["gear_efficiency"],
+            "driven_efficiency": p["gear_efficiency"] * p["driven_ratio"],
             "weight": self.weight,
             "inertia": bulk + p["drive_inertia"] * gear**2,
             "inertia_shell": bulk + p["drive_inertia"] * gear,
@@ -185,6 +190,8 @@ ORIGINS: Mapping[str, str] = {
     "armature_resistance": "motor.armature_resistance",
     "coulomb": "friction.coulomb",
     "viscous": "friction.viscous",
+    "gear_efficiency": "motor.gear_efficiency",
+    "driven_efficiency": "motor.driven_efficiency",
     "current_scale": "sensors.current.code",
     "supply_scale": "sensors.supply.code",
     "window": "estimator.window",
@@ -265,12 +272,16 @@ def _read(table: RobotTable, name: str) -> Robot:
         "resistance_slope": table.number("motor.resistance_slope", "1/K", 0.0, 0.1, 0.0),
         "coulomb": table.number("friction.coulomb", "N m", 0.0, 1000.0),
         "viscous": table.number("friction.viscous", "N m s/rad", 0.0, 1000.0),
+        **_gear_losses(table),
         "gravity": table.number("body.gravity", "m/s^2", 0.1, 100.0, 9.81),
     }
     rotor = table.number("motor.rotor_inertia", "kg m^2", 0.0, 10.0, 0.0)
     body = KINDS[kind](table, gear, rotor)
     joint = kind == "sphere"  # its motor drives the shell, the cylinder's a wheel inside it
     plant = {**body, **motor, "torque_constant": motor["torque_constant"] * (1.0 if joint else gear)}
+    turns = plant["radius"] / plant["drive_radius"] * (1.0 if joint else gear)  # of the motor for one of alpha
+    plant["motor_coulomb"] *= turns
+    plant["motor_viscous"] *= turns**2
     voltage = table.number("supply.voltage", "V", 1.0, 60.0)
     counts, divider = _encoder(table, 1.0 if joint else gear, voltage / plant["torque_constant"])
     wheel_radius = table.number("sensors.ground_wheel.radius", "m", 5e-3, 0.2)
@@ -316,6 +327,23 @@ def _read(table: RobotTable, name: str) -> Robot:
     _check_sensors(robot)
     _check_scales(robot)
     return robot
+
+
+def _gear_losses(table: RobotTable) -> dict[str, float]:
+    """What a gear takes of what it passes on, either way, and the friction before it, at the motor's shaft."""
+    driving = table.number("motor.gear_efficiency", "1", 0.0, 1.0, 1.0, above=True)
+    driven = table.number("motor.driven_efficiency", "1", 0.0, 1.0, driving, above=True)
+    for key, value in (("motor.gear_efficiency", driving), ("motor.driven_efficiency", driven)):
+        if value < LEAST_EFFICIENCY:
+            raise table.error(
+                key, f"found {value:g}, expected at least {LEAST_EFFICIENCY:g}: the drive would lock itself"
+            )
+    return {
+        "gear_efficiency": driving,
+        "driven_ratio": driven / driving,
+        "motor_coulomb": table.number("friction.motor_coulomb", "N m", 0.0, 1000.0, 0.0),
+        "motor_viscous": table.number("friction.motor_viscous", "N m s/rad", 0.0, 1000.0, 0.0),
+    }
 
 
 def _encoder(table: RobotTable, gear: float, free_speed: float) -> tuple[int, int]:
@@ -430,7 +458,8 @@ def _check_body(robot: Robot) -> None:
 def _check_drive(robot: Robot, inductance: float) -> None:
     table, limits = robot.table, robot.limits
     stall = robot.supply / robot.plant["armature_resistance"]
-    friction = robot.plant["coulomb"] / (robot.wheel_gear * robot.plant["torque_constant"])
+    ampere = robot.wheel_gear * robot.plant["torque_constant"] * robot.plant["gear_efficiency"]
+    friction = robot.quantity("coulomb") / ampere
     rows: list[tuple[bool, str, str, str, str]] = [
         (limits["current"] < limits["over_current"], "limits.current", f"{limits['current']:g} A",
          f"less than {limits['over_current']:g} A", "limits.over_current"),
@@ -440,8 +469,8 @@ def _check_drive(robot: Robot, inductance: float) -> None:
          f"more than {robot.supply:g} V", "supply.voltage"),
         (limits["voltage"] <= robot.supply, "limits.voltage", f"{limits['voltage']:g} V",
          f"at most {robot.supply:g} V", "supply.voltage"),
-        (friction < min(stall, limits["current"]), "friction.coulomb", f"{robot.plant['coulomb']:g} N m",
-         f"less than {min(stall, limits['current']) * robot.wheel_gear * robot.plant['torque_constant']:.3g} N m, "
+        (friction < min(stall, limits["current"]), "friction.coulomb", f"{robot.quantity('coulomb'):g} N m",
+         f"less than {min(stall, limits['current']) * ampere:.3g} N m, "
          "what the motor has", "limits.current"),
     ]  # fmt: skip
     for good, key, found, expected, other in rows:
@@ -583,4 +612,5 @@ KINDS: Mapping[str, Callable[[RobotTable, float, float], dict[str, float]]] = {
 PLANT = (
     *("radius", "drive_radius", "arm", "shell_mass", "body_mass", "drive_mass", "shell_inertia", "body_inertia"),
     *("drive_inertia", "gravity", "torque_constant", "armature_resistance", "resistance_slope", "coulomb", "viscous"),
+    *("gear_efficiency", "driven_ratio", "motor_coulomb", "motor_viscous"),
 )

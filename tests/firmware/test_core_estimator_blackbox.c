@@ -274,6 +274,36 @@ static void test_heating_scales_the_motor_torque(void) {
     TEST_ASSERT_EQUAL_INT32(1048576 * 2, compensation_heat_q20(&rig.state));
 }
 
+/* A gear passes on a share of the torque when the motor drives, and takes more than it gives when the load does. */
+static void test_a_gear_loses_a_share_of_what_it_passes_on(void) {
+    const terrapin_gains *g = &rig.state.gains;
+    TEST_ASSERT_EQUAL_INT32(123456789, estimator_geared(g, 123456789, 300)); /* the cylinder's loses nothing */
+    TEST_ASSERT_EQUAL_INT32(-123456789, estimator_geared(g, -123456789, 300));
+    for (int32_t driving = 100000; driving <= 1000000; driving += 90000) {
+        for (int32_t driven = 100000; driven <= 1000000; driven += 225000) {
+            rig_set(TERRAPIN_PARAMETER_GEAR_EFFICIENCY, driving);
+            rig_set(TERRAPIN_PARAMETER_DRIVEN_EFFICIENCY, driven);
+            for (int32_t torque = -30000000; torque <= 30000000; torque += 5999999) {
+                const double ahead = torque * ((torque < 0) ? 1e6 / driven : driving * 1e-6);
+                const double astern = torque * ((torque < 0) ? driving * 1e-6 : 1e6 / driven);
+                TEST_ASSERT_TRUE(fabs(estimator_geared(g, torque, 300) - ahead) <= 1.0 + 2e-5 * fabs(ahead));
+                TEST_ASSERT_TRUE(fabs(estimator_geared(g, torque, -300) - astern) <= 1.0 + 2e-5 * fabs(astern));
+            }
+        }
+    }
+    rig_set(TERRAPIN_PARAMETER_DRIVEN_EFFICIENCY, 100000);
+    TEST_ASSERT_EQUAL_INT32(INTEGER_MOST, estimator_geared(g, INTEGER_MOST, -300));
+}
+
+/* What the current's own errors make of C_t comes through the gear as well. */
+static void test_the_sd_comes_through_the_gear(void) {
+    const uint64_t without = rig.state.gains.fixed_variance;
+    const int32_t untrimmed = rig.state.gains.untrimmed_unm;
+    rig_set(TERRAPIN_PARAMETER_GEAR_EFFICIENCY, 500000);
+    TEST_ASSERT_INT32_WITHIN(1, untrimmed / 2, rig.state.gains.untrimmed_unm);
+    TEST_ASSERT_TRUE(rig.state.gains.fixed_variance < without);
+}
+
 /* What a restart forgets, and that all parameters at once are one. */
 static void test_a_restart_fills_its_windows_anew(void) {
     terrapin_estimator *e = &rig.state.estimator;
@@ -439,6 +469,8 @@ int main(void) {
     RUN_TEST(test_imbalance_over_half_a_turn);
     RUN_TEST(test_the_sd_of_a_torque_beyond_measure);
     RUN_TEST(test_heating_scales_the_motor_torque);
+    RUN_TEST(test_a_gear_loses_a_share_of_what_it_passes_on);
+    RUN_TEST(test_the_sd_comes_through_the_gear);
     RUN_TEST(test_a_restart_fills_its_windows_anew);
     RUN_TEST(test_the_momentum_is_held);
     RUN_TEST(test_the_gate_is_shut_at_rest);

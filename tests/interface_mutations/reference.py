@@ -104,6 +104,7 @@ class Message:
 CYLINDER = {
     "radius": 80000, "drive_radius": 18000, "ground_wheel_radius": 30000, "weight": 18639, "inertia": 17636,
     "inertia_shell": 14880, "inertia_swing": 7936, "torque_constant": 100000, "armature_resistance": 5000,
+    "gear_efficiency": 1000000, "driven_efficiency": 1000000,
     "coulomb": 12000, "viscous": 100000, "current_scale": 1000, "supply_scale": 4000, "window": 300, "gate": 400,
     "slip_limit": 5000, "voltage_limit": 10000, "current_limit": 1800, "over_current": 2000, "supply_low": 6000,
     "supply_high": 15000, "temperature_high": 120000, "encoder_jump": 200, "encoder_counts": 2048, "encoder_divider": 1,

@@ -62,6 +62,32 @@ def test_transient() -> None:
         assert np.max(np.abs(got[column] - expected)) <= 1e-6 * np.max(np.abs(expected)), column
 
 
+LOSSY = replace(ROBOT, gear_efficiency=0.8, driven_ratio=0.9, motor_coulomb=0.02, motor_viscous=2e-3)
+
+
+@given(st.floats(-1.0, 1.0), st.floats(-20.0, 20.0))
+def test_a_gear_passes_on_its_share(torque: float, rate: float) -> None:
+    """Written once more: the friction before the gear, then its share by who drives."""
+    passed = library().hil_gear_passes(ffi().new("hil_robot *", asdict(LOSSY)), torque, rate)
+    for sign, found in ((1.0, passed.middle - passed.half), (-1.0, passed.middle + passed.half)):
+        before = torque - 2e-3 * rate - sign * 0.02
+        assert found == pytest.approx(before * 0.8 if before * sign > 0.0 else before / 0.72, rel=1e-12, abs=1e-15)
+    assert passed.half >= 0.0
+    whole = library().hil_gear_passes(ffi().new("hil_robot *", asdict(ROBOT)), torque, rate)
+    assert (whole.middle, whole.half) == (torque, 0.0)
+
+
+def test_a_lossy_drive_rolls_steadily_as_its_equation_says() -> None:
+    """eta ((R/r) C_m - A_m - B_m w) = C_r + A + B w: the closed form against the integration to its end."""
+    sand = TERRAINS["sand"]
+    found = rolling(LOSSY, sand, 6.0, np.array([20.0]))
+    assert found["alpha_dot"][-1] == pytest.approx(rolling_steady_speed(LOSSY, sand, 6.0), rel=1e-6)
+    gear, w = LOSSY.radius / LOSSY.drive_radius, float(found["alpha_dot"][-1])
+    left = 0.8 * (gear * found["C_m"][-1] - 0.02 - 2e-3 * w)
+    resistance = (sand.f_o + sand.f_s * w * w) * LOSSY.radius * LOSSY.weight
+    assert left == pytest.approx(resistance + LOSSY.coulomb + LOSSY.viscous * w, rel=1e-6)
+
+
 def test_energy_is_kept_without_losses() -> None:
     free = replace(ROBOT, torque_constant=0.0, coulomb=0.0, viscous=0.0)
     energy = rolling(free, Terrain(), 0.0, np.arange(0.0, 10.0005, 0.01), start=(0.0, 1.0, 0.0, 0.0))["energy"]

@@ -201,6 +201,10 @@ def test_a_consistent_file_is_taken(number: int, tmp_path: Path) -> None:
             },
             "makes the controller's inertia",
         ),
+        ({"motor.gear_efficiency": 1.2}, "motor.gear_efficiency: found 1.2, expected more than 0, at most 1"),
+        ({"motor.gear_efficiency": 0}, "motor.gear_efficiency: found 0, expected more than 0, at most 1"),
+        ({"motor.driven_efficiency": "120 %"}, "motor.driven_efficiency: found"),
+        ({"motor.driven_efficiency": 0.05}, "found 0.05, expected at least 0.1: the drive would lock itself"),
     ],
 )
 def test_bad_input_is_one_line(changes: Change, expected: str, tmp_path: Path) -> None:
@@ -220,7 +224,7 @@ def test_the_cylinder_is_the_simulators() -> None:
         "radius": 0.080, "drive_radius": 0.018, "arm": 0.062, "shell_mass": 0.3, "body_mass": 0.5, "drive_mass": 1.1,
         "shell_inertia": 1.92e-3, "body_inertia": 2.0e-4, "drive_inertia": 1.8e-4, "gravity": 9.81,
         "torque_constant": 0.10, "armature_resistance": 5.0, "resistance_slope": 0.0, "coulomb": 0.012,
-        "viscous": 1.0e-3,
+        "viscous": 1.0e-3, "gear_efficiency": 1.0, "driven_ratio": 1.0, "motor_coulomb": 0.0, "motor_viscous": 0.0,
     }  # fmt: skip
     assert (robot.current_code, robot.supply_code, robot.supply, robot.wheel_radius) == (1e-3, 4e-3, 12.0, 0.03)
     assert {scale: robot.ratio(scale) for scale in ("torque", "current", "voltage", "speed", "records")} == {
@@ -237,6 +241,26 @@ def test_the_cylinders_interface_is_that_of_the_first_paper() -> None:
     signals = {(m.name, s.name): s.scale for m in d.messages for s in m.signals}
     assert signals["GROUND", "torque"] == 1e-6
     assert signals["CALIBRATION", "viscous"] == 1e-7
+
+
+def test_friction_before_the_gear_is_the_controllers_behind_it(tmp_path: Path) -> None:
+    """20 uN m and 2 uN m s/rad at the motor's shaft, 66 turns for one of the joint, of which 0.7 come through."""
+    changes: Change = {
+        "motor.gear_efficiency": 0.7,
+        "motor.driven_efficiency": 0.35,
+        "friction.motor_coulomb": "0.2 mN m",
+        "friction.motor_viscous": "2 uN m s/rad",
+    }
+    robot = load_robot(changed(tmp_path, "sphere", changes))
+    assert robot.plant["motor_coulomb"] == pytest.approx(0.2e-3 * 66)
+    assert robot.plant["motor_viscous"] == pytest.approx(2e-6 * 66**2)
+    assert robot.plant["driven_ratio"] == pytest.approx(0.5)
+    assert robot.quantity("coulomb") == pytest.approx(0.6 + 0.7 * 0.2e-3 * 66)
+    assert robot.quantity("viscous") == pytest.approx(0.05 + 0.7 * 2e-6 * 66**2)
+    found = {p.name: p.default for p in load(robot=robot).parameters}
+    assert (found["gear_efficiency"], found["driven_efficiency"]) == (700000, 350000)
+    assert load_robot(find_robot("sphere")).plant["gear_efficiency"] == 0.72
+    assert load_robot(find_robot("cylinder")).plant["gear_efficiency"] == 1.0  # its wheel runs in the shell
 
 
 def test_the_sphere_travels_at_its_own_scales() -> None:

@@ -104,7 +104,8 @@ def test_energy_never_grows_without_work(law: str, slope: float) -> None:
     """Rolled up to speed, then the bridge opens: from there on nothing adds energy, also where the joint has no
     friction. 1e-5 of what there was covers the steps' rounding of a swing."""
     smooth = replace(SPHERE, coulomb=0.0, viscous=0.0)
-    for robot in (SPHERE, smooth):
+    lossy = replace(SPHERE, gear_efficiency=0.7, driven_ratio=0.5, motor_coulomb=0.3, motor_viscous=0.02)
+    for robot in (SPHERE, smooth, lossy):
         run = rolling(law, 8.0, slope, robot=robot)
         for k in range(1, 101):
             run.drive(8.0 * k / 100, 20)

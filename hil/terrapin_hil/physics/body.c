@@ -126,7 +126,10 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
     const double motor = drive.torque_constant * hil_motor_current(&drive, d->gear, rate[HIL_ALPHA]);
     const double smooth_friction =
         robot->viscous * (1.0 + e.robot[HIL_EFFECT_VISCOUS]) * rate[HIL_ALPHA] + e.robot[HIL_EFFECT_ACTIVE];
-    force[HIL_ALPHA] += d->gear * motor - smooth_friction;
+    hil_robot geared = *robot;
+    geared.gear_efficiency *= 1.0 + e.robot[HIL_EFFECT_GEAR_EFFICIENCY];
+    const hil_geared passed = hil_gear_passes(&geared, d->gear * motor, rate[HIL_ALPHA]);
+    force[HIL_ALPHA] += passed.middle - smooth_friction;
     force[HIL_BETA] -= e.ground[HIL_EFFECT_ACTIVE];
 
     if (around->carried) {
@@ -159,7 +162,8 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
     }
     c.bound[HIL_BETA] = dt * larger(coefficient * robot->radius * body->load + e.ground[HIL_EFFECT_PASSIVE], 0.0);
     c.bound[HIL_ALPHA] =
-        dt * larger(robot->coulomb * (1.0 + e.robot[HIL_EFFECT_COULOMB]) + e.robot[HIL_EFFECT_PASSIVE], 0.0);
+        dt *
+        (larger(robot->coulomb * (1.0 + e.robot[HIL_EFFECT_COULOMB]) + e.robot[HIL_EFFECT_PASSIVE], 0.0) + passed.half);
     for (int i = 0; i < 3; i++) {
         c.base[i] = body->rate[i];
         c.smooth[i] = dt * force[i];
@@ -197,7 +201,7 @@ void hil_body_step(const hil_robot *robot, const hil_robot_derived *d, const hil
         body->carriage_force = c.mass[0][0] * body->acceleration[0] + c.mass[0][1] * body->acceleration[1] +
                                c.mass[0][2] * body->acceleration[2] - force[HIL_X] - body->traction;
     }
-    body->internal_friction = smooth_friction + body->friction[HIL_ALPHA];
+    body->internal_friction = smooth_friction + body->friction[HIL_ALPHA] + (d->gear * motor - passed.middle);
     body->ground_torque = e.ground[HIL_EFFECT_ACTIVE];
     body->current = hil_motor_current(&drive, d->gear, body->rate[HIL_ALPHA]);
     body->motor_torque = drive.torque_constant * body->current;

@@ -13,7 +13,7 @@ enum { HIL_DYNAMIC_CMR = 0, HIL_DYNAMIC_PENDULUM = 1 };
 /* Parameters from slot HIL_ROLES on: for cmr those of hil_robot in its order, then f_o and the smoothing of sgn
  * [rad/s]; for pendulum_sphere those of
  * hil_pendulum. Further slots are the effects' own. */
-enum { HIL_DYNAMIC_F_O = HIL_ROLES + 15, HIL_DYNAMIC_SMOOTHING = HIL_ROLES + 16, HIL_DYNAMIC_VALUES = 160 };
+enum { HIL_DYNAMIC_F_O = HIL_ROLES + 19, HIL_DYNAMIC_SMOOTHING = HIL_ROLES + 20, HIL_DYNAMIC_VALUES = 160 };
 
 /* A record: the state, its second derivatives, then the current [A] (cmr) or the driving torque [N m]. State of cmr:
  * alpha (drive), beta (shell), their rates. Of pendulum_sphere: psi (joint), theta (shell), their rates. */

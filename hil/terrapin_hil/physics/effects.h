@@ -20,6 +20,7 @@ enum hil_effect_target {
     HIL_EFFECT_VISCOUS,
     HIL_EFFECT_F_O,
     HIL_EFFECT_DRAG, /* [N], on the axle */
+    HIL_EFFECT_GEAR_EFFICIENCY,
     HIL_EFFECT_TARGETS
 };
 

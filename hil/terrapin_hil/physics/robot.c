@@ -21,3 +21,15 @@ double hil_motor_current(const hil_drive *drive, double gear, double alpha_rate)
     const double resistance = drive->armature_resistance + drive->supply_resistance * drive->duty * drive->duty;
     return (drive->duty * drive->supply - emf) / resistance;
 }
+
+hil_geared hil_gear_passes(const hil_robot *robot, double torque, double alpha_rate) {
+    const double smooth = torque - robot->motor_viscous * alpha_rate;
+    const double ahead = smooth - robot->motor_coulomb;
+    const double astern = smooth + robot->motor_coulomb;
+    const double driving = robot->gear_efficiency;
+    const double driven = driving * robot->driven_ratio;
+    const double low = ahead > 0.0 ? driving * ahead : ahead / driven;
+    const double high = astern < 0.0 ? driving * astern : astern / driven;
+    const hil_geared passed = {0.5 * (low + high), 0.5 * (high - low)};
+    return passed;
+}

@@ -24,6 +24,10 @@ typedef struct {
     double resistance_slope;    /* rise of the armature resistance with temperature [1/K] */
     double coulomb;             /* A [N m], internal friction on alpha_dot */
     double viscous;             /* B [N m s/rad] */
+    double gear_efficiency;     /* eta, above 0 and at most 1: share of the torque that the motor's side hands on, */
+    double driven_ratio;        /* and the share that comes through when the load drives, over this one */
+    double motor_coulomb;       /* dry friction before the gear, as a torque on alpha [N m], */
+    double motor_viscous;       /* and viscous friction there [N m s/rad] */
 } hil_robot;
 
 /* What follows from the constants alone. */
@@ -51,5 +55,16 @@ typedef struct {
 /* Motor current [A]. The supply sags by its internal resistance times duty times this current. The back-EMF comes from
  * the relative rate (R/r) alpha_dot, the rate against which the motor works. */
 double hil_motor_current(const hil_drive *drive, double gear, double alpha_rate);
+
+/* What the gear makes of the motor's torque on alpha. It loses a share of what it passes on: of positive motion the
+ * torque behind it is `middle - half`, of negative motion `middle + half`, at rest anything between: a dry friction
+ * that grows with the load. The rotor's own inertia counts as behind the gear. */
+typedef struct {
+    double middle; /* [N m] */
+    double half;   /* [N m], never negative */
+} hil_geared;
+
+/* `torque` is (R/r) C_m [N m], `alpha_rate` the rate for the viscous friction before the gear [rad/s]. */
+hil_geared hil_gear_passes(const hil_robot *robot, double torque, double alpha_rate);
 
 #endif

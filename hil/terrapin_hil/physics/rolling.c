@@ -25,8 +25,10 @@ hil_rolling_torques hil_rolling_evaluate(const hil_robot *robot, const hil_rolli
     const double coefficient = load->f_o + load->f_s * state->beta_rate * state->beta_rate;
     hil_rolling_torques t;
     t.motor = robot->torque_constant / robot->armature_resistance * (load->voltage - back_emf);
-    t.internal_friction =
-        robot->coulomb * tanh(state->alpha_rate / load->smoothing) + robot->viscous * state->alpha_rate;
+    const double direction = tanh(state->alpha_rate / load->smoothing);
+    const hil_geared passed = hil_gear_passes(robot, d.gear * t.motor, state->alpha_rate);
+    const double lost = d.gear * t.motor - (passed.middle - passed.half * direction);
+    t.internal_friction = robot->coulomb * direction + robot->viscous * state->alpha_rate + lost;
     t.resistance = coefficient * robot->radius * d.weight * tanh(state->beta_rate / load->smoothing);
     return t;
 }

@@ -26,7 +26,7 @@ typedef struct {
 /* Torques of one state [N m]. */
 typedef struct {
     double motor;             /* C_m at the drive wheel */
-    double internal_friction; /* C_o */
+    double internal_friction; /* C_o, what the gear loses among it */
     double resistance;        /* C_r */
 } hil_rolling_torques;
 

@@ -18,7 +18,7 @@ __all__ = ["ROLES", "TARGETS", "ActiveEffect", "CompiledEffects", "EffectError",
 ROLES = ("time", "omega", "angle", "slip", "speed", "load", "slope", "temperature", "voltage", "moisture", "pass_")
 SOFT = ("bulldozing_resistance",)  # on a contact model's ground
 # as in effects.h, after passive and active resistance
-TARGETS = ("torque_constant", "armature_resistance", "coulomb", "viscous", "f_o", "drag")
+TARGETS = ("torque_constant", "armature_resistance", "coulomb", "viscous", "f_o", "drag", "gear_efficiency")
 
 
 def in_plant(effect: Effect) -> bool:

@@ -63,6 +63,10 @@ class Robot:
     resistance_slope: float = _p("resistance_slope", "1/K", 0.0, 0.1)
     coulomb: float = _p("coulomb", "N m", 0.0)
     viscous: float = _p("viscous", "N m s/rad", 0.0)
+    gear_efficiency: float = _p("gear_efficiency", "1", 1e-3, 1.0)
+    driven_ratio: float = _p("driven_ratio", "1", 1e-3, 20.0)
+    motor_coulomb: float = _p("motor_coulomb", "N m", 0.0)
+    motor_viscous: float = _p("motor_viscous", "N m s/rad", 0.0)
 
     @property
     def weight(self) -> float:
@@ -176,9 +180,10 @@ def rolling_steady_speed(robot: Robot, terrain: Terrain, voltage: float) -> floa
     """
     gear = robot.radius / robot.drive_radius
     a = terrain.f_s * robot.radius * robot.weight
-    b = gear**2 * robot.torque_constant**2 / robot.armature_resistance + robot.viscous
+    eta = robot.gear_efficiency
+    b = eta * (gear**2 * robot.torque_constant**2 / robot.armature_resistance + robot.motor_viscous) + robot.viscous
     c = terrain.f_o * robot.radius * robot.weight + robot.coulomb
-    c -= gear * robot.torque_constant * voltage / robot.armature_resistance
+    c -= eta * (gear * robot.torque_constant * voltage / robot.armature_resistance - robot.motor_coulomb)
     if c >= 0:
         return 0.0
     return float(-2 * c / (b + np.sqrt(b * b - 4 * a * c)))

@@ -343,8 +343,9 @@ def contact_steady(robot: Robot, ground: SoftGround, voltage: npt.ArrayLike) -> 
     c = _contact(ground, robot.radius, robot.weight, slip)
     gear = robot.radius / robot.drive_radius
     drive = gear * robot.torque_constant / robot.armature_resistance
-    line = drive * gear * robot.torque_constant + robot.viscous
-    omega = np.maximum((drive * volts - robot.coulomb - c.torque[0]) / line, 0.0)
+    eta = robot.gear_efficiency
+    line = eta * (drive * gear * robot.torque_constant + robot.motor_viscous) + robot.viscous
+    omega = np.maximum((eta * (drive * volts - robot.motor_coulomb) - robot.coulomb - c.torque[0]) / line, 0.0)
     current = (volts - robot.torque_constant * gear * omega) / robot.armature_resistance
     ones = np.ones_like(volts)
     return {

@@ -46,8 +46,13 @@ class Unsuited(ValueError):
 
 
 def torque_per_ampere(robot: Robot) -> float:
-    """At the shell [N m/A]."""
+    """Of the motor at the shell, before what the gear loses; back-EMF a shell speed as well [N m/A]."""
     return robot.wheel_gear * robot.plant["torque_constant"]
+
+
+def _passed(robot: Robot) -> float:
+    """What of that comes through the gear."""
+    return torque_per_ampere(robot) * robot.plant["gear_efficiency"]
 
 
 def settling(robot: Robot) -> float:
@@ -65,7 +70,7 @@ def settling(robot: Robot) -> float:
     mass = np.array([[shell, radius * imbalance], [radius * imbalance, swing]]) + p["drive_inertia"] * np.outer(
         drive, drive
     )
-    damping = (torque_per_ampere(robot) ** 2 / p["armature_resistance"] + p["viscous"]) * np.ones((2, 2))
+    damping = (_passed(robot) * torque_per_ampere(robot) / p["armature_resistance"] + p["viscous"]) * np.ones((2, 2))
     stiffness = np.diag([0.0, p["gravity"] * imbalance])
     system = np.block(
         [[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]]
@@ -79,7 +84,7 @@ def check_slip(robot: Robot, terrain: str, slope: float) -> None:
     ground, p = TERRAINS[terrain], robot.plant
     radius, inside = p["radius"], p["radius"] - p["drive_radius"]
     imbalance = inside * p["drive_mass"] + p["arm"] * p["body_mass"]
-    most = torque_per_ampere(robot) * robot.limits["current"] - p["coulomb"]
+    most = _passed(robot) * robot.limits["current"] - robot.quantity("coulomb")
     held = p["gravity"] * imbalance * math.sin(robot.limits.get("swing", math.radians(90.0)))
     needed = (ground.mu + ground.f_o) * math.cos(slope) * robot.weight * radius
     if min(most, held) < needed:
@@ -97,7 +102,7 @@ def _needed(robot: Robot, terrain: str, speed: float) -> float:
     """Current [A] of rolling at a shell speed [rad/s]."""
     ground, p = TERRAINS[terrain], robot.plant
     rolling = (ground.f_o + ground.f_s * speed**2) * robot.weight * p["radius"]
-    return (rolling + p["coulomb"] + p["viscous"] * speed) / torque_per_ampere(robot)
+    return (rolling + robot.quantity("coulomb") + robot.quantity("viscous") * speed) / _passed(robot)
 
 
 def _left(robot: Robot, terrain: str) -> float:
@@ -113,9 +118,8 @@ def climbing(robot: Robot, terrain: str, slope: float, volts: float) -> float:
     ground = TERRAINS[terrain]
     if math.tan(abs(slope)) >= ground.mu:
         slope = 0.0
-    needed = _needed(robot, terrain, 0.0) + math.sin(abs(slope)) * robot.weight * robot.plant[
-        "radius"
-    ] / torque_per_ampere(robot)
+    uphill = math.sin(abs(slope)) * robot.weight * robot.plant["radius"]
+    needed = _needed(robot, terrain, 0.0) + uphill / _passed(robot)
     if needed > 0.95 * robot.limits["current"]:
         raise Unsuited(
             robot,

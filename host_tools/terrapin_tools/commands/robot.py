@@ -53,14 +53,18 @@ def show(name: Named) -> None:
     """
     robot = _load(name)
     plant, full = robot.plant, robot.full_scale
-    reach = robot.wheel_gear * plant["torque_constant"] * robot.limits["current"]
+    reach = robot.wheel_gear * plant["torque_constant"] * plant["gear_efficiency"] * robot.limits["current"]
+    driven = plant["gear_efficiency"] * plant["driven_ratio"]
+    before = f"; before the gear {plant['motor_coulomb']:g} N m, {plant['motor_viscous']:g} N m s/rad"
+    lossy = f", gear passes on {plant['gear_efficiency']:g}, driven back {driven:g}" if driven < 1.0 else ""
     rows = [
         ("body", f"{robot.kind}, R = {plant['radius']:g} m, R/r = {robot.wheel_gear:.5g}, W = {robot.weight:.5g} N"),
         ("drive", f"K_t = {plant['torque_constant']:.5g} N m/A, R_e = {plant['armature_resistance']:g} ohm, "
                   f"{robot.counts} counts a turn"
                   f"{f' (1 of {robot.encoder_divider} of the encoder)' if robot.encoder_divider > 1 else ''}, "
-                  f"{robot.free_speed:.4g} rad/s without load"),
-        ("friction", f"A = {plant['coulomb']:g} N m, B = {plant['viscous']:g} N m s/rad"),
+                  f"{robot.free_speed:.4g} rad/s without load{lossy}"),
+        ("friction", f"A = {plant['coulomb']:g} N m, B = {plant['viscous']:g} N m s/rad"
+                     f"{before if plant['motor_coulomb'] or plant['motor_viscous'] else ''}"),
         ("shell", f"{reach:.3g} N m at {robot.limits['current']:g} A; C_t up to {full['torque']:g} N m "
                   f"in steps of {1e-6 * robot.ratio('torque'):.2g} N m"),
         ("current", f"{robot.current_code * 1e3:.4g} mA a code, {2047 * robot.current_code:.4g} A at the end"),

@@ -61,7 +61,7 @@ def roll(mass: float, acceleration: float, speed: float, torque: float, run_up: 
     values = {
         "robot.body_mass": robot.body_mass + mass - PRINTED_MASS,
         "firmware.speed_ramp": TURN * acceleration,
-        "firmware.current_limit": (torque + robot.coulomb) / (gear * robot.torque_constant),
+        "firmware.current_limit": (torque + robot.coulomb) / (gear * robot.torque_constant * robot.gear_efficiency),
         "start_position": -run_up,
         "operator.1.setpoint": TURN * speed * robot.radius,
     }

@@ -13,10 +13,11 @@ from terrapin_hil.physics import contact, sphere
 from terrapin_tools.workbench.bases.kinds.algebraic import Terms, Values
 from terrapin_tools.workbench.bases.kinds.base import PARAMETER_COST, Quantity, Target
 from terrapin_tools.workbench.bases.kinds.contact import SOIL, Contact, Solved
+from terrapin_tools.workbench.bases.rolling_steady import LOSSLESS, before_gear
 
 
 class RollingSphere(Contact):
-    """(R/r) K_t i = T(s) sgn(omega) + A sgn(omega) + B omega + dC, and the pull F(s) - X, along the motion."""
+    """eta (R/r) K_t i = T(s) sgn(omega) + A sgn(omega) + B omega + dC, and the pull F(s) - X, along the motion."""
 
     def targets(self) -> list[Target]:
         return [("resistance", 1.0), *super().targets(), ("torque_constant", PARAMETER_COST)]
@@ -33,9 +34,10 @@ class RollingSphere(Contact):
         v = {name: np.asarray(values[name]) for name in ("radius", "drive_radius", "torque_constant", "omega")}
         direction = np.sign(v["omega"])
         torque = (solved.torque + values["coulomb"]) * direction + values["viscous"] * v["omega"]
+        efficiency = np.asarray(values["gear_efficiency"])
         geared = v["radius"] / v["drive_radius"] * v["torque_constant"]
         return {
-            "current": (torque + terms.sum("resistance")) / geared,
+            "current": before_gear(torque + terms.sum("resistance"), direction, efficiency) / geared,
             "traction": solved.traction - terms.sum("drag"),
         }
 
@@ -49,6 +51,7 @@ BASE = RollingSphere(
         "torque_constant": Quantity("N m/A", "36.9 mN m/A"),
         "coulomb": Quantity("N m", "0.6 N m"),
         "viscous": Quantity("N m s/rad", "50 mN m s/rad"),
+        "gear_efficiency": LOSSLESS,
         "k_s": Quantity("Pa/m^n"),
         **SOIL,
         "c1": Quantity("1", "0.18"),

@@ -8,9 +8,16 @@ from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.bases.kinds.algebraic import Algebraic, Terms, Values
 from terrapin_tools.workbench.bases.kinds.base import ALONE, PARAMETER_COST, PRODUCT_COST, Factor, Quantity, Target
 
+LOSSLESS = Quantity("1", default=1.0)
+
+
+def before_gear(torque: Array, direction: Array, efficiency: Array) -> Array:
+    """The motor's torque behind a gear that loses a share of what it passes on, whichever side drives."""
+    return torque / np.where(torque * direction < 0.0, 1.0 / efficiency, efficiency)
+
 
 class RollingSteady(Algebraic):
-    """(R/r) K_t i = C_r + A sgn(omega) + B omega + dC."""
+    """eta (R/r) K_t i = C_r + A sgn(omega) + B omega + dC, eta the gear's efficiency; 1/eta when driven back."""
 
     def targets(self) -> list[Target]:
         return [("resistance", 1.0), *super().targets(), ("torque_constant", PARAMETER_COST)]
@@ -42,6 +49,7 @@ class RollingSteady(Algebraic):
         direction = np.sign(v["omega"])
         rolling = v["f_o"] * v["radius"] * v["load"] * direction
         torque = rolling + v["coulomb"] * direction + v["viscous"] * v["omega"] + resistance
+        torque = before_gear(torque, direction, v["gear_efficiency"])
         return {"current": np.asarray(torque * v["drive_radius"] / (v["radius"] * v["torque_constant"]))}
 
 
@@ -55,6 +63,7 @@ BASE = RollingSteady(
         "coulomb": Quantity("N m", "12 mN m"),
         "viscous": Quantity("N m s/rad", "1 mN m s/rad"),
         "f_o": Quantity("1"),
+        "gear_efficiency": LOSSLESS,
     },
     needs={"omega": "", "load": "20 N"},
     first_fit={"f_o": "{ value = 0.05, min = 0.0, max = 0.5 }"},

@@ -24,16 +24,17 @@ TYPICAL = 0.3
 
 def constants(model: Model) -> list[Effect]:
     """One suspect for each stated parameter of the base model, or of formulas of the user's own, that is not fitted,
-    and not 0."""
+    and neither 0 nor what the base takes where nothing is stated."""
     case = model.case
     if case.base.whole_runs and case.dynamics is None:
         return []
     formulas = [*case.equations.values(), *(case.dynamics.derivative.values() if case.dynamics is not None else ())]
+    unstated = {name: quantity.default for name, quantity in case.base.parameters.items()}
     read = set(case.base.parameters).union(*(formula.names for formula in formulas))
     return [
         _suspect(case.base.name, name)
         for name, value in case.parameters.items()
-        if value != 0.0 and name in read and name not in case.fit
+        if value not in (0.0, unstated.get(name)) and name in read and name not in case.fit
     ]
 
 

@@ -61,7 +61,8 @@ COLUMNS = {
     "traction": "N",
 }
 TELEMETRY_PERIOD = 0.01  # s
-KNOWN = ("radius", "drive_radius", "torque_constant", "coulomb", "viscous", "weight")  # parameters of the controller
+# parameters of the controller
+KNOWN = ("radius", "drive_radius", "torque_constant", "coulomb", "viscous", "weight", "gear_efficiency")
 
 
 @dataclass(frozen=True)
@@ -299,8 +300,8 @@ def _document(runs: Sequence[Run], title: str, effects: Sequence[str], columns: 
     document.add(tomlkit.comment("made by `terrapin case` from logged runs"))
     document["case"] = {"title": title}
     document["model"] = {"base": base.name, "effects": list(effects)}
-    known = {name: unit for name, unit in base.units.items() if name in KNOWN}
-    means = {name: sum(run.constants[name] for run in runs) / len(runs) for name in known}
+    means = {name: sum(run.constants[name] for run in runs) / len(runs) for name in base.units if name in KNOWN}
+    known = {name: base.units[name] for name, mean in means.items() if mean != base.parameters[name].default}
     parameters = {name: f"{means[name]:.9g} {unit}" for name, unit in known.items()}
     if "load" not in columns:
         parameters["load"] = f"{runs[0].constants['weight']:.9g} N"

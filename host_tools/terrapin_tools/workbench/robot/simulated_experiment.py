@@ -40,7 +40,14 @@ from terrapin_tools.workbench.robot.runs import Run, read_run
 __all__ = ["Carried", "carry_out", "write_larger"]
 
 BY_ITSELF = ("slope", "inertia")  # effects that the simulated robot has without being told
-FIXED = ("radius", "drive_radius", "torque_constant", "coulomb", "viscous")  # of the robot, as the case has them
+FIXED = (
+    "radius",
+    "drive_radius",
+    "torque_constant",
+    "coulomb",
+    "viscous",
+    "gear_efficiency",
+)  # of the robot, as the case has them
 LIGHTEST = 0.1  # kg, of the drive unit, when a light robot is asked for
 SECONDS, AFTER = 12.0, 3.0  # of each run, and what of it is left out
 RIPPLE = 10.0  # codes (10 mA) of noise on each sample of the current, as brushes and bridge make it
