@@ -23,7 +23,8 @@ SHIPPED = {
     *("bulldozing", "slip_sinkage", "bearing_friction", "force_offset", "torque_gain", "rate_effect", "multipass"),
     *("moisture_cohesion", "rut_recovery"),
     *("load_transfer", "relaxation_length", "tyre_flexibility", "torque_ripple", "winding_temperature"),
-    *("sensor_delay", "encoder_misalignment", "backlash"),
+    *("sensor_delay", "encoder_misalignment", "backlash", "gear_efficiency"),
+    *("bulldozing_at_axle", "slip_sinkage_at_axle"),
 }
 STEADY = ("rolling_steady", "sphere_contact", "wheel_contact")  # models whose rows do not depend on each other
 # effect -> the first of these models that it can be added to
@@ -130,7 +131,7 @@ def test_entry_is_sound(effect: object) -> None:
 
 # numbers in formulas that carry a unit of their own
 CARRIES = {"aerodynamic_drag": ("1.225", "air_density", "kg/m^3"), "rate_effect": ("0.1", "reference", "m/s")}
-WANTED = {"resistance": "N m", "drag": "N", **CHANNELS}
+WANTED = {"resistance": "N m", "drag": "N", "axle": "N", **CHANNELS}
 
 
 @pytest.mark.parametrize("effect", catalogue().values(), ids=lambda e: e.name)
@@ -255,6 +256,37 @@ def test_resistances_reduce_pull_and_torque_alike(tmp_path: Path) -> None:
         np.testing.assert_allclose(got[0], base[0] - drag, rtol=1e-9)
         np.testing.assert_allclose(got[1], base[1] - 0.22 * drag, rtol=1e-9)
         np.testing.assert_allclose(got[2], base[2], rtol=1e-9)
+
+
+def test_losses_of_the_axle_reduce_the_pull_alone(tmp_path: Path) -> None:
+    """The simulator's form of the same two laws; beside the printed one both act."""
+    theta = sphere.entry_angle(_column("load"), _column("slip"), 0.22, _soil())
+    slip, load, base = _column("slip"), _column("load"), _sphere(_soil())
+    r_c = sphere.bulldozing(theta, 0.22, 400.0, 0.7, 19600.0, 20.0, 6.0)
+    r_f = 2.0 * load * np.maximum(slip - 0.45, 0.0) ** 2
+    sizes = {f"slip_sinkage_at_axle.{name}": value for name, value in {"xi1": 2.0, "xi2": 0.45, "xi3": 2.0}.items()}
+    for names, values, axle, drag in (
+        (["bulldozing_at_axle"], {"bulldozing_at_axle.scale": 1.1}, 1.1 * r_c, 0.0),
+        (["slip_sinkage_at_axle"], sizes, r_f, 0.0),
+        (["bulldozing", "slip_sinkage_at_axle"], {**sizes, "bulldozing.scale": 0.5}, r_f, 0.5 * r_c),
+    ):
+        got = _predict(_case(tmp_path, "sphere_contact", ROLES_CONTACT, names), values)
+        np.testing.assert_allclose(got[0], base[0] - axle - drag, rtol=1e-9)
+        np.testing.assert_allclose(got[1], base[1] - 0.22 * drag, rtol=1e-9)
+        np.testing.assert_allclose(got[2], base[2], rtol=1e-9)
+
+
+def test_a_gear_takes_its_share_by_who_drives(tmp_path: Path) -> None:
+    """Rows whose load drives, by a torque of the user's own that pushes, need less of the motor, not more."""
+    push = '\n[effect.mine]\nexpression = "-k * sign(omega)"\nk = { value = 0.3, unit = "N m" }\n'
+    for names, extra in (([], ""), (["mine"], push)):
+        base = _predict(_case(tmp_path, "rolling_steady", ROLES_ROLLING, names, extra), {})[0]
+        case = _case(tmp_path, "rolling_steady", ROLES_ROLLING, [*names, "gear_efficiency"], extra)
+        got = _predict(case, {"gear_efficiency.loss": 0.2})[0]
+        np.testing.assert_allclose(got, np.where(base * W > 0.0, base / 0.8, base * 0.8), rtol=1e-9)
+        known = _case(tmp_path, "rolling_steady", ROLES_ROLLING, names, extra, known="gear_efficiency = 0.8\n")
+        np.testing.assert_allclose(got, _predict(known, {})[0], rtol=1e-9)
+    assert (base * W < 0.0).any()
 
 
 def test_order_additions_gains_offsets(tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ ACTS = {
 FORCES = {
     "resistance": "adds a resisting torque [N m]",
     "drag": "adds a resisting force X [N]: traction - X, torque - R X",
+    "axle": "adds a force X [N] at the axle: traction - X, and no torque",
 }
 
 

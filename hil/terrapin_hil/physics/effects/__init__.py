@@ -41,10 +41,11 @@ class Effect:
 
     `target` says what the effect acts on: "resistance" (the expression is a torque dC [N m] added to the resisting
     side), "rolling_resistance" (the same, on the shell of a pendulum sphere instead of in its joint), "drag" (contact
-    models: a force X [N] that traction - X and torque - R X feel), the name of a channel (the expression is added to
-    it), "encoder" or "measured" (dynamic models: the channels that an encoder gives, or all), or the name of a model
-    parameter or of what drives a dynamic model (which is multiplied by 1 + expression). Names in the expression are
-    roles, parameters of the model, and the effect's own parameters; temperatures are in degC.
+    models: a force X [N] that traction - X and torque - R X feel), "axle" (there: one that
+    traction - X feels alone), the name of a channel (the expression is added to it), "encoder" or "measured" (dynamic
+    models: the channels that an encoder gives, or all), or the name of a model parameter or of what drives a dynamic
+    model (which is multiplied by 1 + expression). Names in the expression are roles, parameters of the model, and the
+    effect's own parameters; temperatures are in degC.
 
     The first parameter is the effect's size: where it is 0 the effect is absent, whatever the others are.
     """

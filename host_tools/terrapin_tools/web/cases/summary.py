@@ -143,9 +143,11 @@ def effects(base: str, folder: str) -> list[dict[str, Any]]:
 
 def _sentence(effect: Any) -> str:
     """One sentence: what it is, what it acts on, what it depends on."""
-    acts = {"resistance": "adds to the resisting torque", "drag": "resists the motion"}.get(
-        effect.target, f"acts on {effect.target}"
-    )
+    acts = {
+        "resistance": "adds to the resisting torque",
+        "drag": "resists the motion",
+        "axle": "resists at the axle",
+    }.get(effect.target, f"acts on {effect.target}")
     needs = ", ".join(" or ".join(group) for group in effect.needs)
     title = effect.title[:1].upper() + effect.title[1:]
     return f"{title}: {acts}" + (f", depends on {needs}." if needs else ".")

@@ -328,7 +328,7 @@ def _unit(sketch: Sketch, case: Case) -> str:
     known.update({formula_name(name): unit for name, unit in case.units.items()})
     known.update(sketch.units)
     known[sketch.size] = "1"
-    acts_on = {"resistance": "N m", "drag": "N"}.get(sketch.target, case.units.get(sketch.target, "1"))
+    acts_on = {"resistance": "N m", "drag": "N", "axle": "N"}.get(sketch.target, case.units.get(sketch.target, "1"))
     shape = parse(sketch.text)
     if not shape.names <= set(known):
         return "1"

@@ -339,7 +339,7 @@ def only_here(effects: Sequence[str]) -> str:
 
 def acts(target: str, channels: Collection[str]) -> str:
     """What an expression does to the model."""
-    if target in ("resistance", "drag"):
+    if target in ("resistance", "drag", "axle"):
         return f"added to the resisting {'torque' if target == 'resistance' else 'force'}"
     return f"added to {target}" if target in channels else f"{target} is multiplied by 1 + it"
 

@@ -55,7 +55,7 @@ class Contact(Algebraic):
     column_words: Mapping[str, tuple[str, str]] = field(default_factory=lambda: WORDS)
     needs: Mapping[str, str] = field(default_factory=lambda: {"slip": "", "load": "20 N"})
     options: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: {"stress": ("full", "linear")})
-    forces: Mapping[str, str] = field(default_factory=lambda: {"drag": "N"})
+    forces: Mapping[str, str] = field(default_factory=lambda: {"drag": "N", "axle": "N"})
     of_soil: bool = True
     law: ModuleType
     geometry: tuple[str, ...]
@@ -65,8 +65,9 @@ class Contact(Algebraic):
     words: frozenset[str] = frozenset()
 
     def targets(self) -> list[Target]:
-        soil = [(name, PARAMETER_COST) for name in ("k_s", "cohesion", "friction_angle", "shear_modulus")]
-        return [*super().targets(), ("drag", DRAG_COST), *soil]
+        soil = ("k_s", "cohesion", "friction_angle", "shear_modulus", "n", "c1", "c2")
+        fits = [(name, PARAMETER_COST) for name in soil if name in self.parameters or name in self.further]
+        return [*super().targets(), ("drag", DRAG_COST), *fits]
 
     def resembles(self, names: Collection[str | None], words: Collection[str]) -> int:
         alike = "slip" in names and not self.channels.keys().isdisjoint(names)
@@ -76,10 +77,10 @@ class Contact(Algebraic):
         values.update(self.neutral)
 
     def outputs(self, values: Values, terms: Terms, solved: Solved) -> dict[str, Array]:
-        """Channels of what was solved, with the effects that act as a drag."""
+        """Channels of what was solved: a drag takes pull and torque (Li, Eq. 10), an axle loss pull alone."""
         drag = terms.sum("drag")
         return {
-            "traction": solved.traction - drag,
+            "traction": solved.traction - drag - terms.sum("axle"),
             "torque": solved.torque - values["radius"] * drag,
             "sinkage": solved.sinkage,
         }
