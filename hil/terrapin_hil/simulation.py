@@ -9,7 +9,7 @@ simulation.answer(controller_frames)            # what it said; moves the robot 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from functools import cache
 from typing import Any
@@ -159,6 +159,7 @@ class Simulation:
         self._simulator.config = self._ffi.new("hil_config *", _config(scenario))[0]
         config = self._simulator.config
         config.substeps, config.fine_substeps = substeps, fine_substeps
+        self._grip: list[Any] = []
         if ground.contact is not None:
             # kept alive: the C side holds their addresses only
             tables = grip_tables(ground, scenario.robot)
@@ -171,6 +172,36 @@ class Simulation:
         self._rows = self._ffi.from_buffer("hil_record[]", self.records)
         self.done = 0
         self._disturbance = Disturbance(scenario.faults, scenario.seed)
+
+    @property
+    def config(self) -> Any:
+        """hil_config, as the compiled simulator reads it at each tick."""
+        return self._simulator.config
+
+    @property
+    def duty(self) -> int:
+        """What the bridge was told for this tick, 32768 for the whole supply."""
+        return int(self._simulator.duty)
+
+    def tables(self) -> list[tuple[Any, Any, int]]:
+        """What the configuration points to: pointer, C array and its length, each before what points to it."""
+        native = self._effects.native
+        effect, code = self._effects.kept
+        found = [(native.effect, effect, len(effect)), (native.code, code, len(code))]
+        for kept in self._grip:
+            if kept is not None:
+                table = kept[1]
+                count = kept[0].row.size
+                found.append((table.row, self._ffi.cast(f"double(*)[{count}]", table.row)[0], count))
+                found.append((table, self._ffi.cast("hil_grip_table(*)[1]", table)[0], 1))
+        return found
+
+    def set_plant(self, move: Callable[..., None], failed: Callable[..., None]) -> Any:
+        """Moves the body by `move(context, voltage, enabled, hil_body)` from now on; `failed` gets what it raises. What
+        comes back has to live as long."""
+        native = self._ffi.callback("void(void *, double, bool, hil_body *)", move, onerror=failed)
+        self._simulator.plant = native
+        return native
 
     @property
     def ticks(self) -> int:

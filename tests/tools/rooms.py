@@ -47,6 +47,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("terrapin_hil.simulation",),
     ("terrapin_hil.links",),
     ("terrapin_hil.run",),
+    ("terrapin_hil.fmi",),
     ("terrapin_tools", "terrapin_tools.errors", "terrapin_tools.extras", "terrapin_tools.figure_style"),
     ("terrapin_tools.bounded",),
     ("terrapin_tools.parquet_files",),

@@ -10,7 +10,7 @@ It says the state after the tick: `omega` [rad/s] of the shell, `speed` [m/s] of
 and if it likes `alpha_rate` [rad/s] of the shell against the inner body (omega else: that hangs still), `position`
 [m], `beta` and `alpha` [rad] (else the rates are summed), `contact_torque`, `motor_torque` [N m] and `load` [N].
 Sensors with their faults, operator and the heat of the winding stay those of the scenario. A plant that is an object
-may have `checkpoint()` and `restore(kept)`.
+may have `checkpoint()` and `restore(kept)`, and in the place of its call `drive(voltage, duty_q15, enabled)`.
 """
 
 from __future__ import annotations
@@ -43,11 +43,6 @@ class Endless(Simulation):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(replace(scenario, duration=2 * ROWS * TICK))
         self.gone = 0  # ticks whose records have gone
-
-    @property
-    def config(self) -> Any:
-        """hil_config, as the compiled simulator reads it at each tick."""
-        return self._simulator.config
 
     @property
     def ticks(self) -> int:
@@ -109,13 +104,6 @@ class Endless(Simulation):
             "setpoint": max(-32768, min(32767, round(setpoint * 1000))),
         }
 
-    def set_plant(self, move: Callable[..., None], failed: Callable[..., None]) -> Any:
-        """Moves the body by `move(context, voltage, enabled, hil_body)` from now on; `failed` gets what it raises. What
-        comes back has to live as long."""
-        native = self._ffi.callback("void(void *, double, bool, hil_body *)", move, onerror=failed)
-        self._simulator.plant = native
-        return native
-
     def checkpoint(self) -> tuple[Any, ...]:
         """All that the ticks to come depend on; for `restore` of this object."""
         state = bytes(self._ffi.buffer(self._simulator))
@@ -133,10 +121,11 @@ class Endless(Simulation):
 class OwnPlant:
     """The caller's plant behind the compiled simulator; what it raises is kept until `check`."""
 
-    def __init__(self, plant: Plant, simulation: Endless) -> None:
+    def __init__(self, plant: Plant, simulation: Simulation) -> None:
         if not callable(plant):
             raise UserError(f"plant: found a {type(plant).__name__}, expected a function of the voltage")
         self._plant, self._simulation = plant, simulation
+        self._drive: Callable[[float, int, bool], Mapping[str, float]] | None = getattr(plant, "drive", None)
         self._error: BaseException | None = None
         self._native = simulation.set_plant(self._moved, self._failed)  # kept alive: the C side holds its address
 
@@ -144,7 +133,10 @@ class OwnPlant:
         if self._error is not None:
             return
         began = time.monotonic()
-        said = self._plant(voltage if enabled else None)
+        if self._drive is not None:  # one that asks for the bridge as it is told
+            said = self._drive(voltage, self._simulation.duty, enabled)
+        else:
+            said = self._plant(voltage if enabled else None)
         position, rate = body.position, body.rate
         omega, speed, turning = said["omega"], said["speed"], said.get("alpha_rate", said["omega"])
         position[0] = said["position"] if "position" in said else position[0] + TICK * speed

@@ -30,6 +30,7 @@ from terrapin_hil.links import LinkName, open_link
 from terrapin_hil.links.link import Link
 from terrapin_hil.messages import Interface, interface
 from terrapin_hil.robot.truth import TRUTH
+from terrapin_hil.run.endless import OwnPlant, Plant
 from terrapin_hil.run.lockstep import DivergedError, Lockstep, Observer
 from terrapin_hil.run.reaction import reaction
 from terrapin_hil.scenario.checks import CheckError, Outcome
@@ -171,17 +172,19 @@ def run(
     parameters: Mapping[str, float] | None = None,
     observers: Iterable[Observer] = (),
     progress: Callable[[float], None] | None = None,
+    plant: Plant | None = None,
 ) -> Result:
     """Runs `scenario` and holds its checks against it.
 
     `link` is a name (see links) or an open link, which is then left open. `progress` gets the share done, 0 to 1.
-    Observers get every tick up to the moment at which a run fails, whatever made it fail. LinkError, ParameterError,
-    CheckError, EffectError, DivergedError.
+    `plant` moves in the place of the simulated body (endless.py). Observers get every tick up to the moment at which a
+    run fails, whatever made it fail. LinkError, ParameterError, CheckError, EffectError, DivergedError.
     """
     values = {**scenario.firmware, **(parameters or {})}
     with contextlib.ExitStack() as stack:
         opened = stack.enter_context(open_link(link)) if isinstance(link, str | LinkName) else link
         simulation = Simulation(scenario)
+        own = OwnPlant(plant, simulation) if plant is not None else None
         opened.start(values)
         begin, late = time.monotonic(), list[float]()
         lockstep = Lockstep(simulation, opened, observers)
@@ -192,6 +195,8 @@ def run(
                     _real_time(lockstep, ticks, begin, late)
                 else:
                     lockstep.advance(ticks)
+                if own is not None:
+                    own.check()
                 lockstep.settle(whole=simulation.done == scenario.ticks)
                 if progress is not None:
                     progress(simulation.done / scenario.ticks)

@@ -16,6 +16,7 @@ from terrapin_tools.command_options import LinkKeyFile, NodeNumber, ThisRobot, l
 from terrapin_tools.errors import UserError
 
 if TYPE_CHECKING:  # NumPy and the C libraries, which `terrapin run --help` does not need
+    from terrapin_hil.fmi.plant import FmuPlant
     from terrapin_hil.links.link import Link
     from terrapin_hil.run.run import Result
     from terrapin_hil.run.together import BusReport
@@ -144,6 +145,21 @@ def _opened(link: LinkName, path: Path | None, key: Path | None) -> Iterator[tup
         yield opened, outcomes
 
 
+def _plant(path: Path | None, names: Iterable[str]) -> FmuPlant | None:
+    """The FMU that moves in the place of the simulated body."""
+    if path is None:
+        if names:
+            raise UserError("--plant-name: found no --plant, expected one")
+        return None
+    from terrapin_hil.fmi.plant import FmuPlant
+
+    pairs = [text.partition("=") for text in names]
+    for name, equals, own in pairs:
+        if not equals or not own:
+            raise UserError(f"--plant-name: found {name[:80]!r}, expected NAME=VARIABLE")
+    return FmuPlant(path, {name: own for name, _, own in pairs})
+
+
 def _others(names: Iterable[str]) -> list[Scenario]:
     from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 
@@ -212,6 +228,13 @@ def run(
         int | None,
         typer.Option(min=10_000, max=1_000_000, help="bit/s of the bus that robots share, whose frames then take time"),
     ] = None,
+    plant: Annotated[
+        Path | None, typer.Option(metavar="FMU", help="native code of FMI 3.0 in the place of the simulated body")
+    ] = None,
+    plant_names: Annotated[
+        list[str] | None,
+        typer.Option("--plant-name", metavar="NAME=VARIABLE", help="what the FMU calls voltage, omega, speed, ..."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="the result as JSON on standard output")] = False,
 ) -> int:
     """Run a scenario: the simulated robot against the controller, in lockstep.
@@ -222,6 +245,8 @@ def run(
     terrapin run slope_limiter --seed 7 --set path.2.slope=9deg --set robot.coulomb=0.015
 
     terrapin run steady_sand --with slope_limiter --bitrate 500000
+
+    terrapin run steady_sand --plant robot.fmu
 
     SCENARIO is a TOML file, or the name of a shipped one.
     Exit status: 0 when every check of the scenario holds, 1 when one fails or the run breaks off, 2 for bad input.
@@ -244,6 +269,8 @@ def run(
             if link.kind != "inprocess" or rig is not None or real_time or link_key is not None:
                 alone = "--link, --rig, --real-time, --link-key"
                 raise UserError(f"--with, --bitrate: robots share a bus in this process, expected no {alone}")
+            if plant is not None:
+                raise UserError("--with, --bitrate: found --plant, expected robots with the simulated body")
             return _run_together([chosen, *_others(others or ())], link.node, bitrate, out, parameters, as_json)
         if rig is not None and "board" not in link.row.jobs:
             boards = ", ".join(kind.form for kind in able("board"))
@@ -256,6 +283,9 @@ def run(
                 stack.callback(folder.close)
             shown = stack.enter_context(bar(chosen.name))
             observers = [folder] if folder else []
+            body = _plant(plant, plant_names or ())
+            if body is not None:
+                stack.callback(body.close)
             with _opened(link, rig, link_key) as (opened, outcomes):
                 result = run_scenario(
                     chosen,
@@ -263,6 +293,7 @@ def run(
                     parameters=values,
                     observers=observers,
                     progress=lambda share: shown(completed=share),
+                    plant=body,
                 )
             result.outcomes = (*outcomes, *result.outcomes)
             if folder is not None:

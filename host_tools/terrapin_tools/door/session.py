@@ -31,7 +31,7 @@ class Session(session.Session):
     robot : a shipped one or a file; it becomes that of this process.
     parameters : of the controller, in their units, over the scenario's.
     changes : fields of the scenario in place of the file's, {"path.1.slope": "3deg"}.
-    plant : Python in the place of the simulated body (docs/python.md).
+    plant : Python in the place of the simulated body, or the file of an FMU (docs/simulators.md).
     log : folder into which the log goes, as `terrapin run --out` writes it.
 
     Raises
@@ -49,12 +49,16 @@ class Session(session.Session):
         robot: str = "",
         parameters: Mapping[str, float] | None = None,
         changes: Mapping[str, Any] | None = None,
-        plant: session.Plant | None = None,
+        plant: session.Plant | str | Path | None = None,
         log: str | Path | None = None,
     ) -> None:
         from terrapin_hil.messages import interface
         from terrapin_tools.logs.folder import RunFolder
 
+        if isinstance(plant, str | Path):
+            from terrapin_hil.fmi.plant import FmuPlant
+
+            plant = FmuPlant(Path(plant))
         opened = link.opened if isinstance(link, Link) else link
         chosen = session.chosen_scenario(scenario, robot, changes)
         if seed is not None and seed >= 0:
