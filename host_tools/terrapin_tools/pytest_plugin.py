@@ -46,10 +46,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     marked = [item for item in items if item.get_closest_marker("terrapin_hardware")]
     if not marked:
         return
+    from terrapin_hil.errors import UserError
     from terrapin_hil.links.names import LinkName
 
     link = str(config.getoption("--terrapin-link"))
-    if LinkName.parse(link).kind in ("serial", "socketcan", "can"):
+    try:
+        kind = LinkName.parse(link).kind
+    except UserError as error:
+        raise pytest.UsageError(f"--terrapin-link: {error}") from None
+    if kind in ("serial", "socketcan", "can"):
         return
     skipped = pytest.mark.skip(reason=f"needs a real board, found --terrapin-link {link}")
     for item in marked:

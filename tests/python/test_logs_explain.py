@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import can
@@ -141,3 +143,40 @@ def test_a_strangers_mcap_is_one_line(tmp_path: Path) -> None:
         terrapin.Log(file).table()
     assert "stranger.mcap" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def command(*words: object, status: int = 0) -> str:
+    """What the command complains of."""
+    call = [sys.executable, "-c", "from terrapin_tools.cli import main; main()", *map(str, words)]
+    done = subprocess.run(call, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == status, done.stderr
+    return done.stderr
+
+
+def test_ros_2_bag(log: terrapin.Log, tmp_path: Path) -> None:
+    """Opened by rosbags, with no type known beforehand: names, units, words for values as constants, frames."""
+    rosbags = pytest.importorskip("rosbags.highlevel")
+    command("log", "convert", log.path, tmp_path / "x.rosbag2")
+    with rosbags.AnyReader([tmp_path / "x.rosbag2"]) as reader:
+        known = {connection.topic: connection for connection in reader.connections}
+        assert reader.typestore is not None
+        definition = known["/ground"].msgdef.data
+        assert "float64 torque # [N m] " in definition
+        words = {name: value for name, kind, value in reader.typestore.fielddefs["terrapin_msgs/msg/Status"][0]}
+        assert {f"STATE_{name.upper()}": number for number, name in STATES.items()}.items() <= words.items()
+        found = [
+            reader.deserialize(raw, "terrapin_msgs/msg/Ground")
+            for _, _, raw in reader.messages(connections=[known["/ground"]])
+        ]
+        frames = sum(1 for _ in reader.messages(connections=[known["/can"]]))
+    assert [one.torque for one in found] == log["GROUND.torque"]["GROUND.torque"].to_pylist()
+    assert {type(one.valid) for one in found} == {bool}
+    assert frames == len(read_log(log.path)[0])
+    assert "GROUND.torque: N m" in (tmp_path / "x.rosbag2" / "metadata.yaml").read_text().replace('"', "").replace(
+        "unit.", ""
+    )
+    again = ("log", "convert", log.path, tmp_path / "x.rosbag2")
+    assert "exists already" in command(*again, status=2)
+    command(*again, "--force")
+    (tmp_path / "own.rosbag2").mkdir()
+    assert "no bag" in command("log", "convert", log.path, tmp_path / "own.rosbag2", "--force", status=2)

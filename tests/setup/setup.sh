@@ -1,13 +1,14 @@
 #!/usr/bin/env bash
 # setup.sh runtime   the virtual environment .venv with the exact packages of requirements.lock and this project
-# setup.sh test      that with requirements-dev.lock, and what tests need from the system (32-bit and ARM compilers, clang, cppcheck, a browser)
+# setup.sh firmware  that, and the compiler for the chip: gcc-arm-none-eabi, libnewlib-arm-none-eabi
+# setup.sh test      that of runtime with requirements-dev.lock, and what tests need from the system (32-bit and ARM compilers, clang, cppcheck, a browser)
 # setup.sh bench     that, and valgrind
 # setup.sh sandbox   that of test, and what the kernel of tests/sandbox is built with
 # Doing it again does no work twice. pip's own environment settings (index, certificates) are respected.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 . tests/setup/system.sh
-level=${1:?runtime, test, bench or sandbox}
+level=${1:?runtime, firmware, test, bench or sandbox}
 one_at_a_time "${TERRAPIN_WAIT:-900}" "set-up"
 
 find_python() {
@@ -77,11 +78,12 @@ install_page() {
 
 can_compile cc || apt_install gcc libc6-dev || exit 1
 case $level in
-runtime) # whoever has the larger set has this one
+runtime | firmware) # whoever has the larger set has this one
     lock=requirements.lock
     [ ! -f .venv/installed-requirements-dev.lock ] || lock=requirements-dev.lock
     install_python "$lock"
     compile_used
+    [ "$level" = runtime ] || has_arm || apt_install gcc-arm-none-eabi libnewlib-arm-none-eabi || exit 1
     ;;
 test | bench | sandbox)
     install_python requirements-dev.lock
@@ -111,5 +113,5 @@ test | bench | sandbox)
     # By itself: where the system has it under another name, all else is installed nevertheless.
     command -v chromium >/dev/null || command -v google-chrome >/dev/null || apt_install chromium fonts-liberation || true
     ;;
-*) fail "unknown level '$level': runtime, test, bench or sandbox" ;;
+*) fail "unknown level '$level': runtime, firmware, test, bench or sandbox" ;;
 esac

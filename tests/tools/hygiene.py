@@ -13,7 +13,7 @@ from pathlib import Path
 
 LARGEST = 1_000_000  # bytes of one file
 TOP = {
-    "firmware", "hil", "host_tools", "tests", "docs", "cases",
+    "firmware", "hil", "host_tools", "tests", "docs", "cases", "zephyr",
     "CMakeLists.txt", "CMakePresets.json", "Makefile", "pyproject.toml", "requirements.lock", "requirements-dev.lock",
     "README.md", "CONTRIBUTING.md", "LICENSE", ".ci", ".gitignore", ".clang-format", ".clang-tidy",
 }  # fmt: skip

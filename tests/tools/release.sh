@@ -16,7 +16,8 @@ mkdir -p "$tree/firmware/core" "$tree/firmware/cmake" "$out"
 "$python" -B firmware/terrapin_interface/generate.py --out "$tree/generated"
 cp firmware/core/*.[ch] "$tree/firmware/core/"
 cp firmware/cmake/{core_package,short_core}.cmake firmware/cmake/terrapin-core.pc.in "$tree/firmware/cmake/"
-cp CMakeLists.txt LICENSE "$tree/"
+cp CMakeLists.txt LICENSE firmware/cmake/library.json "$tree/" # library.json: PlatformIO looks for it here
+cp -r zephyr "$tree/"
 cp docs/embedding.md "$tree/README.md"
 (cd firmware/terrapin_interface && sha256sum controller.toml) >"$tree/controller.toml.sha256"
 find "$tree" -type d -exec chmod 755 {} + -o -type f -exec chmod 644 {} +

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 import time
 from pathlib import Path
@@ -79,7 +80,10 @@ def info(
 
 def convert(
     log: LogFile,
-    to: Annotated[Path, typer.Argument(metavar="TO", help="the kind is that of its suffix; also .csv (signals)")],
+    to: Annotated[
+        Path,
+        typer.Argument(metavar="TO", help="the kind is that of its suffix; also .csv (signals), .rosbag2 (a folder)"),
+    ],
     dbc: Dbc = None,
     node: NodeNumber = None,
     period: Annotated[
@@ -93,13 +97,15 @@ def convert(
     Example: terrapin log convert out/slope/telemetry.log slope.mcap
     """
     from terrapin_tools.logs.reading import LogReader
-    from terrapin_tools.logs.writing import WRITABLE, LogWriter
+    from terrapin_tools.logs.writing import BAG, WRITABLE, LogWriter
 
-    kinds = (*WRITABLE, ".csv")
+    kinds = (*WRITABLE, BAG, ".csv")
     if to.suffix.lower() not in kinds:
         raise UserError(f"{to}: unknown kind of log {to.suffix!r}, expected one of {' '.join(kinds)}")
     if to.exists() and not force:
         raise UserError(f"{to}: exists already; --force replaces it")
+    if to.is_dir() and not (to / "metadata.yaml").is_file():
+        raise UserError(f"{to}: found a folder that is no bag, expected another name")
     reader, decoder = LogReader(log), _decoder(log, dbc)
     if to.exists() and to.samefile(reader.path):
         raise UserError(f"{to}: is the log itself, expected another file")
@@ -116,10 +122,14 @@ def convert(
                     block = _taken(whole, node)
                     writer.write(block)
                     count += len(block)
+        if to.is_dir():
+            shutil.rmtree(to)
         temporary.replace(to)
     except OSError as error:
         raise UserError(f"{to}: cannot write the log: {error.strerror or error}", status=1) from None
     finally:
+        if temporary.is_dir():
+            shutil.rmtree(temporary)
         temporary.unlink(missing_ok=True)
     _warn(reader.path, reader.cut, reader.lost)
     print(f"{count} {'rows' if period or to.suffix.lower() == '.csv' else 'frames'} in {to}")

@@ -26,9 +26,10 @@ from terrapin_tools.logs.formats.mcap import RAW_TOPIC
 from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, writing
 from terrapin_tools.logs.mf4 import GrowingMf4, WholeMf4
 
-__all__ = ["GROWING", "WRITABLE", "LogWriter"]
+__all__ = ["BAG", "GROWING", "WRITABLE", "LogWriter"]
 
 WRITABLE = (".log", ".blf", ".asc", ".mf4", ".mcap", ".parquet")
+BAG = ".rosbag2"  # a folder: a bag of ROS 2, which `reading` does not read
 GROWING = (".log", ".blf", ".mf4", ".mcap")  # readable up to the last flush, whatever happens
 EVENTS_TOPIC = "/events"
 
@@ -52,12 +53,15 @@ class LogWriter(AbstractContextManager["LogWriter"]):
             ".mf4": lambda: GrowingMf4(path) if growing else WholeMf4(path, decoder),
             ".mcap": lambda: _Mcap(path, decoder, growing),
             ".parquet": lambda: _Parquet(path, decoder),
+            BAG: lambda: _Ros2Bag(path, decoder),
         }
         kind = path.suffix.lower()
         if kind not in kinds:
-            raise UserError(f"{path}: unknown kind of log {kind!r}, expected one of {' '.join(WRITABLE)}")
+            raise UserError(f"{path}: unknown kind of log {kind!r}, expected one of {' '.join((*WRITABLE, BAG))}")
         if kind == ".mf4":
             need(f"{path.name}: .mf4", "asammdf", "mf4")
+        if kind == BAG:
+            need(f"{path.name}: {BAG}", "rosbags", "ros")
         self.path = path
         self._open = True
         with writing(path):
@@ -264,6 +268,93 @@ class _Parquet:
         columns = [frames.times, frames.identifiers.astype(np.uint32), payloads, frames.flags, frames.bus]
         arrays = [self._arrow.array(c, type=f.type) for c, f in zip(columns, self._schema, strict=True)]
         self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema))
+
+    def flush(self) -> None:
+        pass  # not before close
+
+    def close(self) -> None:
+        self._writer.close()
+
+
+_FRAME = """std_msgs/Header header
+uint32 id
+bool is_rtr
+bool is_extended
+bool is_error
+uint8 dlc
+uint8[8] data
+"""
+
+
+class _Ros2Bag:
+    """A bag of ROS 2 (MCAP inside): frames as can_msgs/Frame on /can, and a topic for each message of the DBC. Its type
+    terrapin_msgs/NAME has the words for values as constants, and units in its comments and in the bag's metadata."""
+
+    def __init__(self, path: Path, decoder: Decoder | None) -> None:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+        self._decoder = decoder
+        self._store: Any = get_typestore(Stores.ROS2_HUMBLE)
+        self._types_of = get_types_from_msg
+        self._writer: Any = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+        self._writer.open()
+        self._frames = self._connection("/can", "can_msgs/msg/Frame", _FRAME)
+        self._topics: dict[str, tuple[Any, dict[str, type]]] = {}
+
+    def _connection(self, topic: str, kind: str, text: str) -> Any:
+        self._store.register(self._types_of(text, kind))
+        hashed = self._store.hash_rihs01(kind)
+        own, _ = self._store.generate_msgdef(kind)
+        text += own[own.index("=" * 80) :] if "=" * 80 in own else ""  # the types inside
+        return self._writer.add_connection(topic, kind, msgdef=text, rihs01=hashed)
+
+    def _topic(self, message: str) -> tuple[Any, dict[str, type]]:
+        if message not in self._topics:
+            assert self._decoder is not None
+            lines: list[str] = []
+            kinds: dict[str, type] = {}
+            for signal in self._decoder.described(message):
+                kinds[signal.name] = bool if signal.flag else int if signal.words else float
+                for value, word in sorted(signal.words.items()) if not signal.flag else ():
+                    lines.append(f"int32 {signal.name}_{word}={value}".upper().replace("INT32", "int32", 1))
+                kind = {bool: "bool", int: "int32", float: "float64"}[kinds[signal.name]]
+                lines.append(f"{kind} {signal.name} # {signal.text}".rstrip(" #"))
+                if signal.unit:
+                    self._writer.set_custom_data(f"unit.{message}.{signal.name}", signal.unit)
+            name = "".join(part.capitalize() for part in message.split("_"))
+            connection = self._connection(f"/{message.lower()}", f"terrapin_msgs/msg/{name}", "\n".join(lines) + "\n")
+            self._topics[message] = connection, kinds
+        return self._topics[message]
+
+    def _put(self, connection: Any, stamp: int, **values: Any) -> None:
+        message = self._store.types[connection.msgtype](**values)
+        self._writer.write(connection, stamp, self._store.serialize_cdr(message, connection.msgtype))
+
+    def write(self, frames: Frames) -> None:
+        types = self._store.types
+        for row, time in enumerate(frames.times.tolist()):
+            flags, payload, stamp = int(frames.flags[row]), frames.payload(row), round(time * 1e9)
+            if len(payload) > 8:
+                raise UserError(
+                    f"frame of {len(payload)} bytes at {time:.6f} s: a bag's can_msgs/Frame holds at most 8"
+                )
+            at = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+            header = types["std_msgs/msg/Header"](stamp=at, frame_id=f"can{frames.bus[row]}")
+            data = np.frombuffer(payload.ljust(8, b"\0"), dtype=np.uint8)
+            self._put(
+                self._frames, stamp, header=header, id=int(frames.identifiers[row]), is_rtr=bool(flags & REMOTE),
+                is_extended=bool(flags & EXTENDED), is_error=bool(flags & ERROR), dlc=len(payload), data=data,
+            )  # fmt: skip
+        for message, table in (self._decoder.decode(frames) if self._decoder else {}).items():
+            connection, kinds = self._topic(message)
+            columns = {name: values.tolist() for name, values in table.signals.items()}
+            for place, row in enumerate(table.rows.tolist()):
+                values = {
+                    name: kind(columns[name][place]) if columns[name][place] == columns[name][place] else kind(0)
+                    for name, kind in kinds.items()
+                }
+                self._put(connection, round(float(frames.times[row]) * 1e9), **values)
 
     def flush(self) -> None:
         pass  # not before close
