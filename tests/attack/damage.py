@@ -18,6 +18,7 @@ from terrapin_hil import paths
 from tests.attack import Result
 from tests.attack.bombs import frames_log
 from tests.attack.forked import Outcome, run
+from tests.python import table_files
 
 COUNT, SHORT = 600, 2 * 20  # over all readers
 MEMORY, SECONDS = 1 << 30, 10.0
@@ -44,6 +45,10 @@ def _table(path: Path) -> None:
     names = ("run", "shell_speed [rad/s]", "winding [degC]", "motor_current [mA]")
     table = pyarrow.table({name: np.round(draw.random(300), 3) for name in names})
     pyarrow.parquet.write_table(table, path, compression="zstd")
+
+
+def _of_kind(write: Callable[[Path, table_files.Columns], None]) -> Callable[[Path], object]:
+    return lambda path: write(path, table_files.numbers(1))
 
 
 def _case(path: Path) -> None:
@@ -114,6 +119,12 @@ def _dbc(path: Path) -> None:
     frames_log(path.with_name("good.log"), 50)
 
 
+TABLES = {
+    "x.xlsx": table_files.xlsx, "y.xlsx": table_files.xlsx_headed, "x.ods": table_files.ods, "x.mat": table_files.mat,
+    "y.mat": table_files.mat_73, "x.h5": table_files.hdf5, "x.nc": table_files.netcdf_3, "y.nc": table_files.netcdf_4,
+    "x.feather": table_files.feather, "x.npz": table_files.npz, "x.tdms": table_files.tdms, "x.bag": table_files.bag,
+    "x.mcap": table_files.mcap, "x.csv.gz": table_files.csv_gz, "x.zip": table_files.zipped,
+}  # fmt: skip
 READERS = (
     *(Reader(f"x.{kind}", _logs, ("log", "info", "FILE")) for kind in ("log", "blf", "asc", "mf4", "mcap", "parquet")),
     *(Reader(f"x.{kind}", _logs, ("log", "convert", "FILE", "new.log")) for kind in ("blf", "mf4", "mcap")),
@@ -121,6 +132,7 @@ READERS = (
     Reader("x.asc", _logs, ("log", "convert", "FILE", "new.log"), text=True),
     Reader("x.db", _sqlite, ("log", "info", "FILE")),
     Reader("x.parquet", _table, ("case", "table", "FILE", "--to", "made")),
+    *(Reader(name, _of_kind(write), ("case", "table", "FILE", "--to", "made")) for name, write in TABLES.items()),
     Reader("case/runs.csv", _case, ("compare", "case"), text=True),
     Reader("case/case.toml", _case, ("compare", "case"), text=True),
     Reader("case/.terrapin/history.jsonl", _case, ("report", "case", "--output", "page.html"), text=True),

@@ -18,9 +18,9 @@ COUNT, SHORT = 120_000, 4_000  # replays; four times as many made up
 RECORDED = 40
 
 
-def _recorded(link: Keyed, key: LinkKey, rng: random.Random) -> list[list[Frame]]:
+def _recorded(link: Keyed, key: LinkKey, sender: Sender, rng: random.Random) -> list[list[Frame]]:
     """What a session brought, all of it taken."""
-    session, sender, frames = open_session(link, key, link.seconds), Sender(), []
+    session, frames = open_session(link, key, link.seconds), []
     for _ in range(RECORDED):
         link.later(10)
         frame = sender.frame("COMMAND", {"request": 2, "setpoint": rng.randint(-2000, 2000)})
@@ -38,13 +38,14 @@ def _replays(count: int, rng: random.Random) -> Result:
     while tried < count:
         key = LinkKey(rng.randbytes(16), 1)
         link = Keyed(key, rng.getrandbits(32))
-        recorded = _recorded(link, key, rng)
+        sender = Sender()  # its counters go on in the next session: the same one twice would be a repetition
+        recorded = _recorded(link, key, sender, rng)
         place = rng.randrange(5)
         if place == 1:
             link.later(rng.randint(2000, 600_000))
         elif place == 2:
             link.later(300)
-            _recorded(link, key, rng)
+            _recorded(link, key, sender, rng)
         elif place == 3:
             link = Keyed(key, rng.getrandbits(32), link.ms)
             link.exchange([_open(key, rng)])

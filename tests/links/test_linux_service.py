@@ -19,6 +19,7 @@ from pathlib import Path
 import pytest
 
 from terrapin_hil import paths
+from terrapin_hil.links.seal import LinkKey
 from tests.links.test_linux_controller import PROGRAM, Adapter
 from tests.waiting import BOUND, wait_for
 
@@ -128,3 +129,28 @@ def test_the_units_times() -> None:
     line = UNIT["ExecStopPost"].rpartition("--enable ")[2]
     assert UNIT["ExecStopPost"].endswith(f"--off --enable {line}")
     assert f"--enable {line} " in UNIT["Environment"]
+
+
+def test_a_start_without_a_file_says_what_it_forgets(tmp_path: Path) -> None:
+    for words, said in (((), True), (("--flash", str(tmp_path / "flash")), False)):
+        adapter = Adapter()
+        command = [str(PROGRAM), "--adapter", adapter.path, "--priority", "0", *words]
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        assert adapter.receive(BOUND)
+        process.terminate()
+        _, error = process.communicate(timeout=BOUND)
+        adapter.close()
+        assert ("no --flash FILE: a restart forgets a STOP_ALL" in error) == said
+
+
+def test_a_key_that_others_may_read_is_refused(tmp_path: Path) -> None:
+    key = tmp_path / "robot.key"
+    key.touch(0o600)
+    key.write_text(LinkKey.new().text())
+    for mode in (0o640, 0o604, 0o620, 0o602):
+        key.chmod(mode)
+        done = subprocess.run([PROGRAM, "--link-key", key, "--pty"], capture_output=True, text=True, timeout=BOUND)
+        assert done.returncode == 1
+        assert done.stderr == (
+            f"terrapin-controller: {key}: a secret that others may read or write (mode {mode:04o}): chmod 600 {key}\n"
+        )

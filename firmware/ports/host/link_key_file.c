@@ -8,9 +8,11 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/random.h>
+#include <sys/stat.h>
 #include <time.h>
 
 #define LINE_MAX_LENGTH 256
+#define OTHERS          (S_IRWXG | S_IRWXO)
 #define HEX_DIGITS      ((size_t)8 * TERRAPIN_CHASKEY_WORDS)
 
 static const char *after_blanks(const char *text) {
@@ -66,6 +68,14 @@ bool terrapin_process_link_key(const char *path, uint32_t key[TERRAPIN_CHASKEY_W
     FILE *file = fopen(path, "re");
     if (file == NULL) {
         (void)fprintf(stderr, "terrapin-controller: cannot read the link key %s: %s\n", path, strerror(errno));
+        return false;
+    }
+    struct stat found = {0};
+    if ((fstat(fileno(file), &found) == 0) && S_ISREG(found.st_mode) && ((found.st_mode & OTHERS) != 0U)) {
+        (void)fprintf(stderr,
+                      "terrapin-controller: %s: a secret that others may read or write (mode %04o): chmod 600 %s\n",
+                      path, (unsigned int)(found.st_mode & 07777U), path);
+        (void)fclose(file);
         return false;
     }
     bool good = true;

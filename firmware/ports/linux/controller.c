@@ -266,6 +266,10 @@ int controller_run(controller *c) {
     bool going = true;
     bool good = tick_clock_start(&c->clock, TICK_NS);
     (void)fprintf(stderr, "terrapin-controller: ready on %s\n", c->bus.name);
+    if (!c->flash_open) {
+        (void)fprintf(stderr,
+                      "terrapin-controller: no --flash FILE: a restart forgets a STOP_ALL, parameters, node number\n");
+    }
     systemd_tell("READY=1");
     while (going && good && !c->broken) {
         struct pollfd waiting[] = {
