@@ -288,10 +288,14 @@ def test_times_of_a_run_differ(tmp_path: Path) -> None:
         _loaded(folder)
 
 
-def test_a_car_wants_even_steps(tmp_path: Path) -> None:
+def test_a_car_takes_uneven_steps(tmp_path: Path) -> None:
     folder = car(tmp_path / "case", {})
     lines = (folder / "runs.csv").read_text().splitlines()
+    whole = _loaded(folder)
     del lines[7]
     (folder / "runs.csv").write_text("\n".join(lines) + "\n")
-    with pytest.raises(UserError, match=r"runs.csv:8: time: found a step of 0.08 s in run r0, expected even steps"):
-        _loaded(folder)
+    fewer = _loaded(folder)
+    every, some = (Model.of(case).bind(case.inputs).predict(Model.of(case).start) for case in (whole, fewer))
+    # the torque is linear between samples: a row less changes it between its neighbours, and little afterwards
+    assert np.allclose(np.delete(every, 6, axis=1)[:, :5], some[:, :5])
+    assert np.abs(np.delete(every, 6, axis=1) - some).max() < 0.05 * np.abs(some).max()

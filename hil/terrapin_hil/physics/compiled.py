@@ -24,8 +24,8 @@ HEADERS = (
     "robot.h",
     "rolling.h",
     "pendulum.h",
-    "dynamic.h",
     "equations/ode.h",
+    "dynamic.h",
     "heading.h",
 )
 _ONE_AT_A_TIME = RLock()  # two threads that make declarations at once would get types that do not mix

@@ -5,6 +5,7 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "flow.h"
 #include "pendulum.h"
 #include "rolling.h"
 
@@ -104,46 +105,102 @@ static double rates(const model *m, int sample, double share, const double *stat
     return pendulum(m, v, state, joint_acceleration, accelerations);
 }
 
-static void step(const model *m, int sample, double share, double part, double h, double *state) {
-    double k[4][4];
-    double at[4];
+/* A run and its neighbours, of which each has a row of values. */
+typedef struct {
+    model run;
+    int columns;
+} neighbourhood;
+
+static const double RELATIVE = 1e-9;                                            /* tolerance of a step */
+static const double BOUND = 1e9;                                                /* rad, rad/s */
+static const double ABSOLUTE[HIL_DYNAMIC_STATE] = {1e-11, 1e-11, 1e-10, 1e-10}; /* rad, rad/s: of 0.1 and 1 */
+static const double NEAR[HIL_DYNAMIC_STATE] = {1e-7, 1e-7, 1e-7, 1e-7};         /* steps of difference quotients */
+
+/* Rates and channel: found[0 .. 3], found[4]. */
+static void all_rates(const model *m, int sample, double share, const double *state, double *found) {
+    found[0] = state[2];
+    found[1] = state[3];
+    found[4] = rates(m, sample, share, state, &found[2]);
+}
+
+static void flow_rates(void *law, int sample, double share, const double *state, double *found) {
+    const neighbourhood *n = law;
+    double all[HIL_DYNAMIC_STATE + 1];
+    all_rates(&n->run, sample, share, state, all);
+    memcpy(found, all, sizeof(double) * HIL_DYNAMIC_STATE);
+}
+
+static void flow_derive(void *law, int sample, double share, const double *state, hil_around *found) {
+    const neighbourhood *n = law;
+    double here[HIL_DYNAMIC_STATE + 1];
+    double there[HIL_DYNAMIC_STATE + 1];
+    double at[HIL_DYNAMIC_STATE];
+    all_rates(&n->run, sample, share, state, here);
     memcpy(at, state, sizeof at);
-    for (int stage = 0; stage < 4; stage++) {
-        if (stage > 0) {
-            const double reach = stage == 3 ? h : 0.5 * h;
-            for (int i = 0; i < HIL_DYNAMIC_STATE; i++) {
-                at[i] = state[i] + reach * k[stage - 1][i];
-            }
-        }
-        k[stage][0] = at[2];
-        k[stage][1] = at[3];
-        const double into = share + part * (stage == 0 ? 0.0 : stage == 3 ? 1.0 : 0.5);
-        (void)rates(m, sample, into, at, &k[stage][2]);
-    }
     for (int i = 0; i < HIL_DYNAMIC_STATE; i++) {
-        state[i] += h / 6.0 * (k[0][i] + 2.0 * k[1][i] + 2.0 * k[2][i] + k[3][i]);
+        at[i] = state[i] + NEAR[i];
+        const double step = at[i] - state[i];
+        all_rates(&n->run, sample, share, at, there);
+        at[i] = state[i];
+        for (int s = 0; s < HIL_DYNAMIC_STATE; s++) {
+            found->a[s][i] = (there[s] - here[s]) / step;
+        }
+    }
+    model other = n->run;
+    for (int c = 0; c < n->columns; c++) {
+        other.values += other.count;
+        all_rates(&other, sample, share, state, there);
+        for (int s = 0; s < HIL_DYNAMIC_STATE; s++) {
+            found->b[s][c] = there[s] - here[s];
+        }
     }
 }
 
-void hil_dynamic_run(int base, const hil_additions *additions, const hil_drive_record *drive, int count,
-                     const double *values, const double *start, double longest_step, double *record) {
-    assert(count <= HIL_DYNAMIC_VALUES && longest_step > 0.0);
-    const model m = {base, additions, drive, count, values};
-    double state[HIL_DYNAMIC_STATE];
-    memcpy(state, start, sizeof state);
-    for (int k = 0; k < drive->samples; k++) {
-        double *row = &record[(ptrdiff_t)k * HIL_DYNAMIC_RECORD];
-        memcpy(row, state, sizeof state);
-        row[HIL_DYNAMIC_CHANNEL] = rates(&m, k, 0.0, state, &row[HIL_DYNAMIC_STATE]);
-        if (k + 1 < drive->samples) {
-            const double span = drive->time[k + 1] - drive->time[k];
-            const int steps = (int)ceil(span / longest_step - 1e-9);
-            const int parts = steps < 1 ? 1 : steps;
-            for (int i = 0; i < parts; i++) {
-                step(&m, k, (double)i / parts, 1.0 / parts, span / parts, state);
-            }
+/* The rows of a sample: the run's record, and what the neighbours change. */
+static void note(const neighbourhood *n, int sample, const hil_way *way, double *record, double *change) {
+    double *row = &record[(ptrdiff_t)sample * HIL_DYNAMIC_RECORD];
+    memcpy(row, way->state, sizeof(double) * HIL_DYNAMIC_STATE);
+    row[HIL_DYNAMIC_CHANNEL] = rates(&n->run, sample, 0.0, way->state, &row[HIL_DYNAMIC_STATE]);
+    model other = n->run;
+    for (int c = 0; c < n->columns; c++) {
+        double *more = &change[((ptrdiff_t)c * n->run.drive->samples + sample) * HIL_DYNAMIC_RECORD];
+        double at[HIL_DYNAMIC_STATE];
+        for (int s = 0; s < HIL_DYNAMIC_STATE; s++) {
+            more[s] = way->by[s][c];
+            at[s] = way->state[s] + more[s];
+        }
+        other.values += other.count;
+        more[HIL_DYNAMIC_CHANNEL] = rates(&other, sample, 0.0, at, &more[HIL_DYNAMIC_STATE]) - row[HIL_DYNAMIC_CHANNEL];
+        more[HIL_DYNAMIC_STATE] -= row[HIL_DYNAMIC_STATE];
+        more[HIL_DYNAMIC_STATE + 1] -= row[HIL_DYNAMIC_STATE + 1];
+    }
+}
+
+hil_ode_end hil_dynamic_follow(int base, const hil_additions *additions, const hil_drive_record *drive, int count,
+                               const double *values, const double *start, int columns, double *record, double *change) {
+    assert(count <= HIL_DYNAMIC_VALUES && columns <= HIL_DYNAMIC_COLUMNS);
+    neighbourhood n = {{base, additions, drive, count, values}, columns};
+    const int jumps = base == HIL_DYNAMIC_PENDULUM; /* the joint's acceleration does */
+    const hil_flow flow = {HIL_DYNAMIC_STATE, columns,     drive->time, RELATIVE, ABSOLUTE, BOUND, jumps, &n,
+                           flow_rates,        flow_derive, NULL,        NULL};
+    hil_way way;
+    hil_flow_begin(&flow, start, &way);
+    for (int c = 0; c < columns; c++) {
+        for (int s = 0; s < HIL_DYNAMIC_STATE; s++) {
+            way.by[s][c] = start[(ptrdiff_t)(c + 1) * HIL_DYNAMIC_STATE + s] - start[s];
         }
     }
+    way.step = drive->samples > 1 ? drive->time[1] - drive->time[0] : 0.0;
+    way.left = HIL_ODE_MEAN_STEPS * drive->samples;
+    note(&n, 0, &way, record, change);
+    for (int k = 0; k + 1 < drive->samples; k++) {
+        const hil_ode_end end = hil_flow_interval(&flow, k, &way);
+        if (end.kind != HIL_ODE_DONE) {
+            return end;
+        }
+        note(&n, k + 1, &way, record, change);
+    }
+    return (hil_ode_end){HIL_ODE_DONE, 0, 0.0, 0};
 }
 
 double hil_dynamic_steady_swing(int base, const hil_additions *additions, const hil_drive_record *drive, int count,

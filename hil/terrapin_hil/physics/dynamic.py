@@ -28,6 +28,7 @@ from terrapin_hil.physics.tyre import ContactError
 __all__ = ["Plan", "Run", "simulate"]
 
 MOST_VALUES = 160  # HIL_DYNAMIC_VALUES
+NEIGHBOURS = 48  # that are integrated together; HIL_DYNAMIC_COLUMNS at most
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ class Plan:
     def run(self, values: Array, time: Array, inputs: Mapping[str, Array], start: float = 0.0) -> Run:
         """Motion and channels over time, from rest or from steady motion.
 
-        Values are not finite where no soil carries a wheel's load.
+        Values are not finite where no soil carries a wheel's load, and from where a motion leaves all bounds.
 
         Parameters
         ----------
@@ -102,28 +103,53 @@ class Plan:
         inputs : by name (samples,); what drives the model is among them. Rotation starts at the first `angle` [rad].
         start : rad/s of the drive or wheel at the first sample.
         """
-        table = values.copy()
-        gear = "drive_radius"
-        table[self.slots["gear"]] = table[self.slots["radius"]] / table[self.slots[gear]] if gear in self.slots else 1.0
-        columns = {name: column for name, column in inputs.items() if name in self.slots and name != "time"}
-        drive = Drive(self.model, self.slots, table, time, columns, start, self._native)
-        motion, channels = self.model.integrate(drive)
-        return Run(time, self._measured(table, time, columns, motion, channels), motion)
+        drive = self._drive(values[None], time, inputs, start)
+        record, _ = self.model.follow(drive)
+        return Run(
+            time, self._measured(drive, drive.tables[0], record), self.model.motion(drive, drive.tables[0], record)
+        )
 
-    def _measured(
-        self,
-        table: Array,
-        time: Array,
-        columns: Mapping[str, Array],
-        motion: Mapping[str, Array],
-        channels: dict[str, Array],
-    ) -> dict[str, Array]:
+    def channels(
+        self, values: Array, time: Array, inputs: Mapping[str, Array], start: float = 0.0
+    ) -> Mapping[str, Array]:
+        """Those of `run`."""
+        drive = self._drive(values[None], time, inputs, start)
+        return self._measured(drive, drive.tables[0], self.model.follow(drive)[0])
+
+    def near(
+        self, tables: Array, time: Array, inputs: Mapping[str, Array], start: float = 0.0
+    ) -> list[Mapping[str, Array]]:
+        """Channels of a run and of its neighbours, to first order in what these change of the motion.
+
+        `tables` (1 + neighbours, slots): tables of values, that of the run first; the rest as for `run`. All are
+        integrated together, so a neighbour costs a fraction of a run.
+        """
+        found: list[Mapping[str, Array]] = []
+        for begin in range(1, max(len(tables), 2), NEIGHBOURS):
+            drive = self._drive(np.vstack([tables[:1], tables[begin : begin + NEIGHBOURS]]), time, inputs, start)
+            record, change = self.model.follow(drive)
+            records = [record, *(record + one for one in change)]
+            found += [self._measured(drive, table, one) for table, one in zip(drive.tables, records, strict=True)]
+            if begin > 1:
+                del found[begin]  # the run itself once more
+        return found
+
+    def _drive(self, values: Array, time: Array, inputs: Mapping[str, Array], start: float) -> Drive:
+        tables = np.array(values)
+        gear, radius = "drive_radius", self.slots["radius"]
+        tables[:, self.slots["gear"]] = tables[:, radius] / tables[:, self.slots[gear]] if gear in self.slots else 1.0
+        columns = {name: column for name, column in inputs.items() if name in self.slots and name != "time"}
+        return Drive(self.model, self.slots, tables, time, columns, start, self._native)
+
+    def _measured(self, drive: Drive, table: Array, record: Array) -> dict[str, Array]:
         """Channels after what acts on them: additions, gains, what measuring adds, delays and play."""
+        channels = self.model.read(drive, table, record)
         if not self.outside:
             return channels
+        time = drive.time
         known: dict[str, Array | float] = {name: table[slot] for name, slot in self.slots.items()}
-        known.update(columns)
-        known.update(motion)
+        known.update(drive.columns)
+        known.update(self.model.motion(drive, table, record))
         known["time"] = time
         for stage in ("channel", "gain", "measured", "transform"):
             for effect in self.outside:

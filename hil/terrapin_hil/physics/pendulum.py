@@ -96,16 +96,14 @@ def ramp(times: npt.ArrayLike, acceleration: float, speed: float, stop: float | 
     return t, rate
 
 
-def roll(
-    sphere: PendulumSphere, times: npt.ArrayLike, joint_rate: npt.ArrayLike, longest_step: float = 1e-3
-) -> Rolling:
-    """Roll from rest while the joint follows `joint_rate` [rad/s] (linear between samples); RK4, error O(step^4)."""
+def roll(sphere: PendulumSphere, times: npt.ArrayLike, joint_rate: npt.ArrayLike) -> Rolling:
+    """Roll from rest while the joint follows `joint_rate` [rad/s] (linear between samples); see dynamic.h."""
     t, rate = np.asarray(times, dtype=np.float64), np.asarray(joint_rate, dtype=np.float64)
     if t.ndim != 1 or t.shape != rate.shape or t.size < 2:
         raise ContactError(f"joint rate: found shapes {t.shape} and {rate.shape}, expected two equal rows of 2 or more")
     if not (np.diff(t) > 0.0).all() or not np.isfinite(t).all() or not np.isfinite(rate).all():
         raise ContactError("joint rate: found times that do not rise or numbers that are not finite")
-    plan = Plan(replace(BODY, longest_step=longest_step), [])
+    plan = Plan(BODY, [])
     values = plan.values()
     for name, value in asdict(sphere).items():
         values[plan.slots[name]] = value

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -10,30 +10,42 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.physics.bodies import Drive
 from terrapin_hil.physics.compiled import ffi, library, pointer
 
-__all__ = ["SMOOTHING", "integrate_swinging"]
+__all__ = ["SMOOTHING", "follow_swinging", "motion_of_swinging"]
 
 SMOOTHING: tuple[str, float | None] = ("rad/s", 0.05)  # of the sign of friction: sign(x) is tanh(x / smoothing)
 
 
-def integrate_swinging(drive: Drive, base: str, masses: Sequence[str], slip: float) -> tuple[dict[str, Array], Array]:
-    """The motion by name, and the channel that dynamic.h gives to `base` (samples,): a current or a torque.
+def follow_swinging(base: str) -> Callable[[Drive], tuple[Array, Array]]:
+    """What integrates the `base` of dynamic.h: its record (samples, 7), and what neighbours change in it."""
 
-    `masses` names the parameters that sum to the whole mass [kg]; `slip` is that of the shell on the ground.
-    """
-    f, lib = ffi(), library()
-    stacked, slots = drive.inputs()
-    clock = np.ascontiguousarray(drive.time, dtype=np.float64)
-    numbers = f.new("int[]", slots or [0])
-    record_in = f.new("hil_drive_record *", (len(clock), pointer(clock), len(slots), numbers, pointer(stacked)))
-    angle = float(drive.columns["angle"][0]) if "angle" in drive.columns else 0.0
-    state = np.array([angle, angle, drive.start, drive.start])
-    count, table = len(drive.table), pointer(drive.table)
-    common = (getattr(lib, base), drive.effects, record_in, count, table, pointer(state))
-    if drive.start != 0.0:
-        state[0] += lib.hil_dynamic_steady_swing(*common)
-    record = np.empty((len(clock), lib.HIL_DYNAMIC_RECORD))
-    lib.hil_dynamic_run(*common, drive.body.longest_step, pointer(record))
-    motion = {
+    def follow(drive: Drive) -> tuple[Array, Array]:
+        f, lib = ffi(), library()
+        stacked, slots = drive.inputs()
+        clock = np.ascontiguousarray(drive.time, dtype=np.float64)
+        numbers = f.new("int[]", slots or [0])
+        record_in = f.new("hil_drive_record *", (len(clock), pointer(clock), len(slots), numbers, pointer(stacked)))
+        angle = float(drive.columns["angle"][0]) if "angle" in drive.columns else 0.0
+        state = np.tile([angle, angle, drive.start, drive.start], (len(drive.tables), 1))
+        kind, count = getattr(lib, base), drive.tables.shape[1]
+        for row, table in zip(state, drive.tables, strict=True) if drive.start != 0.0 else ():
+            common = (kind, drive.effects, record_in, count, pointer(table), pointer(row))
+            row[0] += lib.hil_dynamic_steady_swing(*common)
+        record = np.full((len(clock), lib.HIL_DYNAMIC_RECORD), np.nan)
+        change = np.full((len(state) - 1, *record.shape), np.nan)
+        run = (kind, drive.effects, record_in, count, pointer(drive.tables), pointer(state))
+        lib.hil_dynamic_follow(*run, len(change), pointer(record), pointer(change))
+        return record, change
+
+    return follow
+
+
+def motion_of_swinging(
+    drive: Drive, table: Array, record: Array, masses: Sequence[str], slip: float
+) -> dict[str, Array]:
+    """The motion by name; `masses` names the parameters that sum to the whole mass [kg], `slip` is that of the shell on
+    the ground."""
+    count = len(record)
+    return {
         "omega": record[:, 2],
         "angle": record[:, 0],
         "acceleration": record[:, 4],
@@ -41,8 +53,7 @@ def integrate_swinging(drive: Drive, base: str, masses: Sequence[str], slip: flo
         "shell_angle": record[:, 1],
         "swing_angle": record[:, 0] - record[:, 1],
         "swing_rate": record[:, 2] - record[:, 3],
-        "speed": drive.value("radius") * record[:, 3] * (1.0 - slip),
-        "slip": np.full(len(clock), slip),
-        "load": np.full(len(clock), sum(drive.value(name) for name in masses) * drive.value("gravity")),
+        "speed": table[drive.slots["radius"]] * record[:, 3] * (1.0 - slip),
+        "slip": np.full(count, slip),
+        "load": np.full(count, sum(table[drive.slots[name]] for name in masses) * table[drive.slots["gravity"]]),
     }
-    return motion, record[:, 6]

@@ -5,6 +5,8 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "flow.h"
+
 enum { FRONT = 0, REAR = 1, AXLES = 2, STATE = HIL_VEHICLE_STATE, SOIL = HIL_VEHICLE_SOIL };
 
 typedef struct {
@@ -19,6 +21,15 @@ typedef struct {
     double sinkage_by_load;
 } guess;
 
+/* A contact that was solved, and for what: a neighbour that changes nothing of it takes it over. */
+typedef struct {
+    hil_tyre tyre;
+    hil_tyre_soil soil;
+    double load;
+    double slip;
+    hil_tyre_contact contact;
+} solved;
+
 typedef struct {
     const hil_vehicle *vehicle;
     const hil_tyre *tyre;
@@ -26,6 +37,7 @@ typedef struct {
     double step;
     int columns;
     guess guess[AXLES];
+    solved *known; /* of each axle, or NULL */
     hil_vehicle_failure *failure;
     const hil_vehicle_effects *effects; /* or NULL */
     int sample;                         /* that this step follows, of effects->input */
@@ -106,6 +118,22 @@ static void wheel_loads(const hil_vehicle *v, const state *s, int columns, doubl
     }
 }
 
+static int contact_of(run *r, int axle, const hil_tyre *tyre, const hil_tyre_soil *soil, double load, double slip,
+                      double *sinkage, hil_tyre_contact *c) {
+    solved *known = r->known != NULL ? &r->known[axle] : NULL;
+    if (known != NULL && load == known->load && slip == known->slip && memcmp(tyre, &known->tyre, sizeof *tyre) == 0 &&
+        memcmp(soil, &known->soil, sizeof *soil) == 0) {
+        *sinkage = r->guess[axle].sinkage;
+        *c = known->contact;
+        return HIL_TYRE_OK;
+    }
+    const int status = hil_tyre_equilibrium(tyre, soil, load, slip, r->columns, sinkage, c);
+    if (status == HIL_TYRE_OK && known != NULL) {
+        *known = (solved){*tyre, *soil, load, slip, *c};
+    }
+    return status;
+}
+
 /* One wheel: derivatives of its omega, F_x and M_y. */
 static int wheel(run *r, int axle, const state *s, const quantity *load, const quantity *torque, state *rate) {
     moment now;
@@ -137,7 +165,7 @@ static int wheel(run *r, int axle, const state *s, const quantity *load, const q
     r->failure->axle = axle;
     r->failure->load = load->value;
     r->failure->slip = slip;
-    const int status = hil_tyre_equilibrium(tyre, soil, load->value, slip, r->columns, &sinkage, &c);
+    const int status = contact_of(r, axle, tyre, soil, load->value, slip, &sinkage, &c);
     if (status != HIL_TYRE_OK) {
         return status;
     }
@@ -354,6 +382,186 @@ int hil_vehicle_run(const hil_vehicle *vehicle, const hil_tyre *tyre, const hil_
             }
         }
         note(&r, &s, k + 1, record, sensitivity);
+    }
+    return HIL_TYRE_OK;
+}
+
+/* A run and its neighbours, of which each has a row of values. */
+typedef struct {
+    run run;
+    const double *torque;
+    int columns;
+    int status; /* of the first contact that failed */
+    solved known[AXLES];
+    hil_vehicle_effects effects;
+} neighbourhood;
+
+/* State of a flow: that of the run, then the wheels' angles. */
+enum { ANGLE = STATE, FLOW = STATE + AXLES };
+
+static const double RELATIVE = 1e-7; /* tolerance of a step: contacts are solved to 1e-9 */
+static const double BOUND = 1e9;
+static const double SIZE[FLOW] = {1.0, 3.0, 3.0, 1e3, 1e3, 300.0, 300.0, 1.0, 1.0};
+
+static double torque_at(const neighbourhood *n, int sample, double share) {
+    return n->torque[sample] + (share > 0.0 ? share * (n->torque[sample + 1] - n->torque[sample]) : 0.0);
+}
+
+/* Points the run at a table of values. */
+static void take(run *r, const double *values) {
+    r->vehicle = (const hil_vehicle *)&values[HIL_VEHICLE_CAR];
+    r->tyre = (const hil_tyre *)&values[HIL_VEHICLE_TYRE];
+    r->soil = (const hil_tyre_soil *)&values[HIL_VEHICLE_GROUND];
+}
+
+static void flow_rates(void *law, int sample, double share, const double *at, double *found) {
+    neighbourhood *n = law;
+    run *r = &n->run;
+    state s, rate;
+    memset(&rate, 0, sizeof rate);
+    memcpy(s.y, at, sizeof s.y);
+    r->sample = sample;
+    r->share = share;
+    for (int axle = 0; axle < AXLES; axle++) {
+        r->angle[axle] = at[ANGLE + axle];
+        found[ANGLE + axle] = s.y[HIL_VEHICLE_OMEGA + axle];
+    }
+    const int status = rates(r, &s, torque_at(n, sample, share), &rate);
+    memcpy(found, rate.y, sizeof rate.y);
+    for (int i = HIL_VEHICLE_SPEED; i < HIL_VEHICLE_FORCE; i++) { /* the car does not roll back */
+        found[i] = at[i] <= 0.0 ? fmax(found[i], 0.0) : found[i];
+    }
+    if (status != HIL_TYRE_OK) { /* no number: the step is too long, or no soil carries the load */
+        n->status = status;
+        found[0] = NAN;
+    }
+}
+
+/* The rates of a neighbour, by its values and its state, next to a point that was just evaluated. */
+static void beside(const neighbourhood *n, const double *values, int sample, double share, const double *at,
+                   double *found) {
+    neighbourhood other = *n;
+    other.run.effects = &other.effects;
+    other.run.known = other.known;
+    other.effects.values = values;
+    take(&other.run, values);
+    flow_rates(&other, sample, share, at, found);
+}
+
+static void flow_derive(void *law, int sample, double share, const double *state_at, hil_around *found) {
+    neighbourhood copy = *(const neighbourhood *)law; /* the run itself goes the same way, followed or not */
+    neighbourhood *n = &copy;
+    double here[FLOW], there[FLOW], at[FLOW];
+    const double *values = n->effects.values;
+    n->run.effects = &n->effects;
+    n->run.known = n->known;
+    flow_rates(n, sample, share, state_at, here);
+    memcpy(at, state_at, sizeof at);
+    for (int i = 0; i < FLOW; i++) {
+        at[i] = state_at[i] + 1e-6 * fmax(SIZE[i], fabs(state_at[i]));
+        const double step = at[i] - state_at[i];
+        beside(n, values, sample, share, at, there);
+        at[i] = state_at[i];
+        for (int s = 0; s < FLOW; s++) {
+            found->a[s][i] = (there[s] - here[s]) / step;
+        }
+    }
+    for (int c = 0; c < n->columns; c++) {
+        values += n->effects.count;
+        beside(n, values, sample, share, state_at, there);
+        for (int s = 0; s < FLOW; s++) {
+            found->b[s][c] = there[s] - here[s];
+        }
+    }
+}
+
+/* What a step has rolled back. */
+static int flow_settle(void *law, double *at, double by[HIL_FLOW_STATES][HIL_ODE_COLUMNS]) {
+    int moved = 0;
+    (void)law;
+    for (int i = HIL_VEHICLE_SPEED; i < HIL_VEHICLE_FORCE; i++) {
+        if (at[i] < 0.0) {
+            at[i] = 0.0;
+            memset(by[i], 0, sizeof by[i]);
+            moved = 1;
+        }
+    }
+    return moved;
+}
+
+static void begin_rolling(const run *r, double torque, double start, double *at) {
+    state s;
+    memset(&s, 0, sizeof s);
+    if (start > 0.0) {
+        quantity load[AXLES];
+        wheel_loads(r->vehicle, &s, 1, 0.0, load);
+        s.y[HIL_VEHICLE_OMEGA + FRONT] = s.y[HIL_VEHICLE_OMEGA + REAR] = start;
+        s.y[HIL_VEHICLE_SPEED] =
+            start * (r->tyre->radius - (load[FRONT].value + load[REAR].value) / (6.0 * r->tyre->stiffness));
+        s.y[HIL_VEHICLE_TORQUE + FRONT] = torque * load[FRONT].value / load[REAR].value;
+        s.y[HIL_VEHICLE_TORQUE + REAR] = torque;
+    }
+    memset(at, 0, sizeof(double) * FLOW);
+    memcpy(at, s.y, sizeof s.y);
+}
+
+static void note_flow(const neighbourhood *n, int sample, int samples, const hil_way *way, double *record,
+                      double *change) {
+    double *row = &record[(ptrdiff_t)sample * HIL_VEHICLE_RECORD];
+    memcpy(row, way->state, sizeof(double) * STATE);
+    for (int axle = 0; axle < AXLES; axle++) {
+        row[HIL_VEHICLE_SINKAGE + axle] = n->run.guess[axle].sinkage;
+    }
+    for (int c = 0; c < n->columns; c++) {
+        double *more = &change[((ptrdiff_t)c * samples + sample) * HIL_VEHICLE_RECORD];
+        memset(more, 0, sizeof(double) * HIL_VEHICLE_RECORD);
+        for (int s = 0; s < STATE; s++) {
+            more[s] = way->by[s][c];
+        }
+    }
+}
+
+int hil_vehicle_follow(const hil_vehicle_effects *effects, int samples, const double *time, const double *torque,
+                       double start, int columns, double *record, double *change) {
+    assert(effects->count <= HIL_VEHICLE_VALUES && columns <= HIL_ODE_COLUMNS);
+    const guess first = {0.05, 0.0, 0.0};
+    hil_vehicle_failure failure;
+    neighbourhood n;
+    memset(&n, 0, sizeof n);
+    n.torque = torque;
+    n.columns = columns;
+    n.effects = *effects;
+    n.run.columns = 1;
+    n.run.guess[FRONT] = n.run.guess[REAR] = first;
+    n.run.known = n.known;
+    n.run.failure = &failure;
+    n.run.effects = &n.effects;
+    take(&n.run, effects->values);
+    double absolute[FLOW], at[FLOW], other[FLOW];
+    for (int s = 0; s < FLOW; s++) {
+        absolute[s] = 1e-2 * RELATIVE * SIZE[s];
+    }
+    const hil_flow flow = {FLOW, columns, time,       RELATIVE,    absolute,    BOUND,
+                           0,    &n,      flow_rates, flow_derive, flow_settle, SIZE};
+    hil_way way;
+    begin_rolling(&n.run, torque[0], start, at);
+    hil_flow_begin(&flow, at, &way);
+    for (int c = 0; c < columns; c++) {
+        run r = n.run;
+        take(&r, &effects->values[(ptrdiff_t)(c + 1) * effects->count]);
+        begin_rolling(&r, torque[0], start, other);
+        for (int s = 0; s < FLOW; s++) {
+            way.by[s][c] = other[s] - at[s];
+        }
+    }
+    way.step = samples > 1 ? 0.1 * (time[1] - time[0]) : 0.0;
+    way.left = HIL_ODE_MEAN_STEPS * samples;
+    note_flow(&n, 0, samples, &way, record, change);
+    for (int k = 0; k + 1 < samples; k++) {
+        if (hil_flow_interval(&flow, k, &way).kind != HIL_ODE_DONE) {
+            return n.status != HIL_TYRE_OK ? n.status : HIL_TYRE_NOT_CONVERGED;
+        }
+        note_flow(&n, k + 1, samples, &way, record, change);
     }
     return HIL_TYRE_OK;
 }

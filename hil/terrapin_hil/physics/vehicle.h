@@ -83,4 +83,12 @@ int hil_vehicle_run(const hil_vehicle *vehicle, const hil_tyre *tyre, const hil_
                     double period, int substeps, const double *torque, double start, const hil_vehicle_effects *effects,
                     double *record, double *sensitivity, hil_vehicle_failure *failure);
 
+/* The same car over `time` (samples, rising), by steps of flow.h that keep the error of each within 1e-7, with what
+ * neighbouring values change. `effects` has a row of values for the run and one for each of `columns` (at most
+ * HIL_ODE_COLUMNS) neighbours; its terms may be none. record as above; change, columns x samples x 9: what a
+ * neighbour's record has more than the run's, to first order (0 for the sinkages). Rows after a failure stay as they
+ * were. */
+int hil_vehicle_follow(const hil_vehicle_effects *effects, int samples, const double *time, const double *torque,
+                       double start, int columns, double *record, double *change);
+
 #endif

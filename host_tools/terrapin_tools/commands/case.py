@@ -93,10 +93,15 @@ def table(
     ] = None,
     unit: Annotated[Texts, typer.Option("--unit", metavar="NAME=UNIT", help="where the names leave it open")] = None,
     read: Reading = None,
+    base: Annotated[str, typer.Option("--base", help="base model; else the best of those that suit")] = "",
 ) -> None:
     """Make a case of tables of your own: roles and units are guessed from the columns' names, for you to correct.
 
     Example: terrapin case table day_1.csv day_2.csv --to my_case
+
+    Base models that the columns suit are fitted briefly and shown with what each leaves; the best is taken, or --base:
+
+    terrapin case table log.csv --base cmr --to my_case
 
     What was assumed of the files is shown first. --read says otherwise:
 
@@ -113,7 +118,7 @@ def table(
         raise UserError(f"{other}: found beside tables, expected tables only, or folders of runs only")
     said = pairs("--column", column or []), pairs("--unit", unit or [])
     asked = Asked.of(pairs("--read", read or []), "--read")
-    print(write_table_case(to, tables, title or to.resolve().name, *said, _ask(), asked))
+    print(write_table_case(to, tables, title or to.resolve().name, *said, _ask(), asked, chosen=base))
 
 
 def map_(

@@ -23,17 +23,21 @@ __all__ = ["Body", "Drive", "bodies"]
 class Body:
     """A body that is integrated over the samples of a run.
 
-    `parameters`: name -> unit and default (None: must be given), in the order of its C structs. `integrate` returns the
-    motion (roles and whatever else formulas may name) and the channels, by name, as arrays over the samples.
+    `parameters`: name -> unit and default (None: must be given), in the order of its C structs. `follow` integrates: it
+    returns a record (samples, numbers) and what each neighbour changes in it (neighbours, samples, numbers), to first
+    order; not finite from where there is no solution. `motion` (roles and whatever else formulas may name) and `read`
+    (the channels) say what a record means at a table of values (slots,), by name, as arrays over the samples.
     """
 
     name: str
     parameters: Mapping[str, tuple[str, float | None]]
     inputs: tuple[str, ...]  # roles that drive it
     channels: Mapping[str, str]  # name -> unit
-    integrate: Callable[[Drive], tuple[dict[str, Array], dict[str, Array]]]
-    longest_step: float = 2e-3  # [s]: 1e-5 of the rates at start-up, where friction turns on
+    follow: Callable[[Drive], tuple[Array, Array]]
+    motion: Callable[[Drive, Array, Array], dict[str, Array]]
+    read: Callable[[Drive, Array, Array], dict[str, Array]]
     aliases: Mapping[str, str] = field(default_factory=dict)  # further names of parameters in formulas
+    swings: str = ""  # the parameter that is the arm of what swings in it
     encoder: tuple[str, ...] = ()  # channels that an encoder gives
     states = ("omega", "angle", "acceleration", "slip", "speed", "load")  # roles that it computes itself
 
@@ -45,19 +49,16 @@ class Body:
 
 @dataclass(frozen=True)
 class Drive:
-    """One run to integrate: values at their slots, inputs over time, and the effects that act inside."""
+    """One run to integrate: values at their slots, inputs over time, and the effects that act inside. The first row of
+    `tables` is the run's own, further ones are its neighbours'."""
 
     body: Body
     slots: Mapping[str, int]
-    table: Array  # (slots,)
+    tables: Array  # (1 + neighbours, slots)
     time: Array  # (samples,) [s], rising
     columns: Mapping[str, Array]  # by name, each (samples,)
     start: float  # rate at the first sample [rad/s], 0 for rest
     effects: Any  # hil_additions *, NULL for none
-
-    def value(self, name: str) -> Any:
-        """A parameter's number."""
-        return self.table[self.slots[name]]
 
     def inputs(self, *without: str) -> tuple[Array, list[int]]:
         """Columns that the body does not compute itself, (samples, columns), and their slots."""

@@ -2,12 +2,15 @@
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.bodies import Body, Drive
-from terrapin_hil.physics.swinging import SMOOTHING, integrate_swinging
+from terrapin_hil.physics.swinging import SMOOTHING, follow_swinging, motion_of_swinging
 
 
-def _integrate(drive: Drive) -> tuple[dict[str, Array], dict[str, Array]]:
-    motion, current = integrate_swinging(drive, "HIL_DYNAMIC_CMR", ("shell_mass", "body_mass", "drive_mass"), 0.0)
-    return motion, {"omega": motion["omega"], "current": current, "swing_angle": motion["swing_angle"]}
+def _motion(drive: Drive, table: Array, record: Array) -> dict[str, Array]:
+    return motion_of_swinging(drive, table, record, ("shell_mass", "body_mass", "drive_mass"), 0.0)
+
+
+def _channels(drive: Drive, table: Array, record: Array) -> dict[str, Array]:
+    return {"omega": record[:, 2], "current": record[:, 6], "swing_angle": record[:, 0] - record[:, 1]}
 
 
 BODY = Body(
@@ -37,6 +40,9 @@ BODY = Body(
     },
     inputs=("voltage",),
     channels={"omega": "rad/s", "current": "A", "swing_angle": "rad"},
-    integrate=_integrate,
+    follow=follow_swinging("HIL_DYNAMIC_CMR"),
+    motion=_motion,
+    read=_channels,
+    swings="arm",
     encoder=("omega",),
 )

@@ -2,13 +2,16 @@
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.bodies import Body, Drive
-from terrapin_hil.physics.swinging import SMOOTHING, integrate_swinging
+from terrapin_hil.physics.swinging import SMOOTHING, follow_swinging, motion_of_swinging
 
 
-def _integrate(drive: Drive) -> tuple[dict[str, Array], dict[str, Array]]:
-    masses, slip = ("shell_mass", "frame_mass", "bob_mass"), drive.value("rolling_slip")
-    motion, torque = integrate_swinging(drive, "HIL_DYNAMIC_PENDULUM", masses, slip)
-    return motion, {"torque": torque, "rolling_angle": motion["shell_angle"], "swing_angle": motion["swing_angle"]}
+def _motion(drive: Drive, table: Array, record: Array) -> dict[str, Array]:
+    masses, slip = ("shell_mass", "frame_mass", "bob_mass"), float(table[drive.slots["rolling_slip"]])
+    return motion_of_swinging(drive, table, record, masses, slip)
+
+
+def _channels(drive: Drive, table: Array, record: Array) -> dict[str, Array]:
+    return {"torque": record[:, 6], "rolling_angle": record[:, 1], "swing_angle": record[:, 0] - record[:, 1]}
 
 
 BODY = Body(
@@ -32,6 +35,9 @@ BODY = Body(
     },
     inputs=("joint_rate",),
     channels={"torque": "N m", "rolling_angle": "rad", "swing_angle": "rad"},
-    integrate=_integrate,
+    follow=follow_swinging("HIL_DYNAMIC_PENDULUM"),
+    motion=_motion,
+    read=_channels,
+    swings="length",
     encoder=("rolling_angle",),
 )

@@ -5,55 +5,45 @@ import numpy as np
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.bodies import Body, Drive
 from terrapin_hil.physics.compiled import ffi, library, pointer
-from terrapin_hil.physics.program import FIRST
 from terrapin_hil.physics.signals import derivative, integral
 
 WHEELS = {"omega_fl": 1, "omega_fr": 1, "omega_rl": 2, "omega_rr": 2}  # columns of the record: left and right are equal
-STRUCTS = (0, 10, 15)  # parameters before those of hil_vehicle, hil_tyre and hil_tyre_soil
 
 
-def _integrate(drive: Drive) -> tuple[dict[str, Array], dict[str, Array]]:
-    f, lib, time = ffi(), library(), drive.time
-    period = float(time[-1] - time[0]) / max(len(time) - 1, 1)  # the samples are evenly spaced
-    substeps = max(1, int(np.ceil(period / drive.body.longest_step - 1e-9)))
+def _follow(drive: Drive) -> tuple[Array, Array]:
+    f, lib, time = ffi(), library(), np.ascontiguousarray(drive.time, dtype=np.float64)
     torque = np.ascontiguousarray(drive.columns["drive_torque"], dtype=np.float64)
     stacked, slots = drive.inputs("drive_torque")
     numbers = f.new("int[]", slots or [0])
-    record = np.full((len(time), 9), np.nan)
-    table = pointer(drive.table)
-    effects = f.NULL
-    if drive.effects.count:
-        given = (drive.effects, len(drive.table), table, len(slots), numbers, pointer(stacked))
-        effects = f.new("hil_vehicle_effects *", given)
-    vehicle, tyre, soil = (table + FIRST + skip for skip in STRUCTS)
-    status = lib.hil_vehicle_run(
-        f.cast("hil_vehicle *", vehicle),
-        f.cast("hil_tyre *", tyre),
-        f.cast("hil_tyre_soil *", soil),
-        len(time),
-        period,
-        substeps,
-        pointer(torque),
-        drive.start,
-        effects,
-        pointer(record),
-        f.NULL,
-        f.new("hil_vehicle_failure *"),
-    )
-    if status != lib.HIL_TYRE_OK:
+    record = np.full((len(time), lib.HIL_VEHICLE_RECORD), np.nan)
+    change = np.full((len(drive.tables) - 1, *record.shape), np.nan)
+    given = (drive.effects, drive.tables.shape[1], pointer(drive.tables), len(slots), numbers, pointer(stacked))
+    effects = f.new("hil_vehicle_effects *", given)
+    common = (len(time), pointer(time), pointer(torque), drive.start, len(change), pointer(record), pointer(change))
+    if lib.hil_vehicle_follow(effects, *common) != lib.HIL_TYRE_OK:
         record[:] = np.nan
-    speed, rear = record[:, 0], record[:, 2]
-    motion = {
+    return record, change
+
+
+def _motion(drive: Drive, table: Array, record: Array) -> dict[str, Array]:
+    def value(name: str) -> float:
+        return float(table[drive.slots[name]])
+
+    time, speed, rear = drive.time, record[:, 0], record[:, 2]
+    return {
         "omega": rear,
         "angle": integral(time, rear),
         "acceleration": derivative(time, rear),
         "speed": speed,
         "omega_front": record[:, 1],
-        "load": np.full(len(time), drive.value("mass") * drive.value("gravity")),
-        "slip": 1.0 - speed / np.maximum(rear * drive.value("tyre_radius"), 0.3),
+        "load": np.full(len(time), value("mass") * value("gravity")),
+        "slip": 1.0 - speed / np.maximum(rear * value("tyre_radius"), 0.3),
         "sinkage": record[:, 7],
     }
-    return motion, {name: record[:, column] for name, column in WHEELS.items()} | {"speed": speed}
+
+
+def _read(drive: Drive, table: Array, record: Array) -> dict[str, Array]:
+    return {name: record[:, column] for name, column in WHEELS.items()} | {"speed": record[:, 0]}
 
 
 BODY = Body(
@@ -82,8 +72,9 @@ BODY = Body(
     },
     inputs=("drive_torque",),
     channels={**dict.fromkeys(WHEELS, "rad/s"), "speed": "m/s"},
-    integrate=_integrate,
-    longest_step=2.5e-3,
+    follow=_follow,
+    motion=_motion,
+    read=_read,
     aliases={"radius": "tyre_radius"},
     encoder=tuple(WHEELS),
 )

@@ -1,10 +1,7 @@
 /* Differential equations of the user's own: x' = f(t, x, inputs, parameters), channels y = h(...), both as formulas
  * (program.h), with exact derivatives by forward sensitivities.
  *
- * Dormand and Prince's method of order 5 with its embedded error of order 4 (J. Comp. Appl. Math. 6, 1980, 19-26), its
- * step controlled within each interval between samples and never across one, for inputs have corners there. The
- * derivatives follow each accepted step by Runge and Kutta's method of order 4, along the formulas' derivatives at its
- * ends and in its middle; where the motion is faster than the step, in parts.
+ * flow.h integrates.
  */
 #ifndef HIL_ODE_H
 #define HIL_ODE_H

@@ -21,7 +21,18 @@ from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_hil.physics.compiled import ffi, library, pointer
 from terrapin_hil.physics.program import Instruction
 
-__all__ = ["MOST_FREE", "MOST_STATES", "MOST_VALUES", "Linear", "Ode", "OdeDrive", "OdeEnds", "OdeError", "OdeRun"]
+__all__ = [
+    "MOST_FREE",
+    "MOST_STATES",
+    "MOST_VALUES",
+    "Linear",
+    "Ode",
+    "OdeDrive",
+    "OdeEnds",
+    "OdeError",
+    "OdeRun",
+    "cores",
+]
 
 MOST_STATES, MOST_VALUES = 8, 256  # HIL_ODE_STATES, HIL_ODE_VALUES
 MOST_FREE = 64 - MOST_STATES  # HIL_ODE_COLUMNS
@@ -208,12 +219,16 @@ class Ode:
         return Linear(self, drive, record, output)
 
 
+def cores() -> int:
+    """Threads that integrate: as many as OMP_NUM_THREADS says, else as there are cores."""
+    said = os.environ.get("OMP_NUM_THREADS", "")
+    return int(said) if said.isdecimal() else os.cpu_count() or 1
+
+
 def _shares(drive: OdeDrive, wanted: Mask) -> list[Mask]:
     """The wanted stretches in as many parts as are worth a thread each, about equal in samples."""
-    said = os.environ.get("OMP_NUM_THREADS", "")
-    cores = int(said) if said.isdecimal() else os.cpu_count() or 1
     lengths = np.where(wanted, np.diff(drive.begin) if len(drive.begin) else len(drive.time), 0)
-    count = max(1, min(cores, int(lengths.sum()) // WORTH_A_THREAD))
+    count = max(1, min(cores(), int(lengths.sum()) // WORTH_A_THREAD))
     share = (np.cumsum(lengths) - lengths) * count // max(int(lengths.sum()), 1)
     return [wanted & (share == i) for i in range(count)]
 

@@ -60,7 +60,12 @@ def catalogue_directions(model: Model, theta: Array, rows: Mask) -> list[Directi
         sets = np.repeat(np.concatenate([theta, [p.start for p in fresh]])[None, :], len(grid), axis=0)
         sets[:, len(theta) :] = grid
         sets[:, len(theta)] = step
-        change = (bound.predict(sets) - base) / step
+        if fresh[0].start != 0.0:
+            change = (bound.predict(sets) - base) / step
+        else:
+            absent = np.concatenate([theta, [0.0], grid[0][1:]])
+            values = bound.near(np.vstack([absent, sets]))
+            change = (values[1:] - values[0]) / step
         flat = change.reshape(len(grid), -1)
         norm = np.sqrt((flat * flat).sum(axis=1))
         usable = np.flatnonzero(np.isfinite(norm) & (norm > 0.0))

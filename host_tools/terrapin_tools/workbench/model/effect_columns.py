@@ -75,7 +75,6 @@ def acting(model: Model, theta: Array, target: str, rows: Mask, sigma: Array) ->
     if not model.case.base.whole_runs or target in model.channels:
         unit_change = response(model, theta, target, rows, sigma)
         return lambda feature: unit_change * feature
-    base = model.bind(model.case.inputs, rows).predict(theta)
     unit = Effect("probe", "", "", "", (model.case.base.name,), (Parameter("probe_", "1", 0.0),), (), "probe_*shape_")
     larger = model.having(replace(unit, target=target))
 
@@ -84,7 +83,8 @@ def acting(model: Model, theta: Array, target: str, rows: Mask, sigma: Array) ->
         whole[rows] = feature
         step = 1e-4 / max(float(np.abs(feature).max()), 1e-300)
         bound = larger.bind({**model.case.inputs, "shape_": whole}, rows)
-        return np.asarray((bound.predict(np.append(theta, step)) - base) / step / sigma[:, None])
+        values = bound.near(np.array([np.append(theta, 0.0), np.append(theta, step)]))
+        return np.asarray((values[1] - values[0]) / step / sigma[:, None])
 
     return act
 
@@ -163,10 +163,10 @@ def shapes_of(model: Model, theta: Array, effect: Effect, rows: Mask, sigma: Arr
     sets = np.repeat(np.concatenate([theta, [origin], np.zeros(len(fresh) - 1)])[None, :], len(grid) + 1, axis=0)
     sets[:, len(theta) + 1 :] = [*grid, grid[0]]
     sets[:-1, len(theta)] = origin + step
-    predicted = bound.predict(sets)
     if origin != 0.0 and len(grid) > 1:
         return []  # an expression of the user's own that has shapes but cannot be absent: only its refit can judge it
-    changes = (predicted[:-1] - predicted[-1]) / step / sigma[:, None]
+    predicted = bound.near(sets[[-1, *range(len(grid))]])
+    changes = (predicted[1:] - predicted[0]) / step / sigma[:, None]
     found: list[Shape] = []
     units: list[Array] = []
     taken: set[int] = set()

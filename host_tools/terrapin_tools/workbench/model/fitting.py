@@ -228,9 +228,12 @@ def _screened(parent: Fit, bound: Bound, absent: Array, measured: Array, sigma: 
     sets = np.repeat(absent[None, :], len(combinations), axis=0)
     sets[:, count:] = combinations
     sets[:, count] = size_step
-    base = bound.predict(absent)
     weight = 1.0 / sigma[:, None]
-    change = ((bound.predict(sets) - base) / size_step * weight).reshape(len(combinations), -1)
+    first = sets[0].copy()
+    first[count] = absent[count]
+    values = bound.near(np.vstack([first, sets]))
+    base = values[0]
+    change = ((values[1:] - base) / size_step * weight).reshape(len(combinations), -1)
     residual = ((measured - base) * weight).reshape(-1)
     flat = parent.jacobian.reshape(residual.size, -1)
     basis = np.linalg.qr(flat)[0] if flat.shape[1] else np.zeros((residual.size, 0))

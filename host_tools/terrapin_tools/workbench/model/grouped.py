@@ -54,6 +54,12 @@ class Grouped(Predictor):
             found[:, :, part.rows] = part.predictor.predict(sets[:, part.places])
         return found
 
+    def near(self, sets: Array) -> Array:
+        found = np.empty((len(sets), len(self.problem.channels), self.problem.count))
+        for part in self.parts:
+            found[:, :, part.rows] = part.predictor.near(sets[:, part.places])
+        return found
+
     def jacobian(self, theta: Array) -> tuple[Array, Array]:
         found = np.empty((len(self.problem.channels), self.problem.count))
         slopes = np.zeros((*found.shape, len(theta)))

@@ -103,9 +103,10 @@ class Model:
         predictor = Grouped(case.base, problem, case.groups) if apart else case.base.predictor(problem)
         shown = recorded(wrong, self.channels, case, rows) if runs is not None else None
         if shown is not None:
-            predict, jacobian = _shown(predictor, shown)
-            return Bound(self, predict, jacobian, predictor.motion, predictor.acting, predictor.trouble)
-        return Bound(self, predictor.predict, predictor.jacobian, predictor.motion, predictor.acting, predictor.trouble)
+            predict, near, jacobian = _shown(predictor, shown)
+        else:
+            predict, near, jacobian = predictor.predict, predictor.near, predictor.jacobian
+        return Bound(self, predict, near, jacobian, predictor.motion, predictor.acting, predictor.trouble)
 
 
 @dataclass(frozen=True)
@@ -113,12 +114,14 @@ class Bound:
     """A model on rows.
 
     `predict`: channels (channels, rows) for parameters (parameters,); (sets, channels, rows) for (sets, parameters).
+    `near`: the same, where the sets hardly differ from the first, to first order.
     `jacobian`: the prediction and its derivatives (channels, rows, parameters).
     `motion`, `acting`, `trouble`: as a base's Predictor has them.
     """
 
     model: Model
     predict: Callable[[Array], Array]
+    near: Callable[[Array], Array]
     jacobian: Jacobian
     motion: Callable[[Array], Mapping[str, Array]]
     acting: Callable[[Array, str], Act | None]
@@ -132,11 +135,13 @@ def _fitted(effect: Effect) -> list[Fitted]:
     ]
 
 
-def _shown(predictor: Predictor, shown: Callable[[Array], Array]) -> tuple[Callable[[Array], Array], Jacobian]:
-    """Prediction and derivatives as a table with faults has them."""
+def _shown(
+    predictor: Predictor, shown: Callable[[Array], Array]
+) -> tuple[Callable[[Array], Array], Callable[[Array], Array], Jacobian]:
+    """Predictions and derivatives as a table with faults has them."""
 
     def jacobian(theta: Array) -> tuple[Array, Array]:
         prediction, slopes = predictor.jacobian(theta)
         return shown(prediction), np.moveaxis(shown(np.moveaxis(slopes, -1, 0)), 0, -1)
 
-    return lambda theta: shown(predictor.predict(theta)), jacobian
+    return lambda theta: shown(predictor.predict(theta)), lambda sets: shown(predictor.near(sets)), jacobian

@@ -23,6 +23,8 @@ from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.format import Asked
 from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.writing import write_whole
+from terrapin_tools.workbench.new_case.offers import offers, suiting
+from terrapin_tools.workbench.new_case.offers import told as told_offers
 from terrapin_tools.workbench.new_case.reading import (
     Ask,
     assumptions,
@@ -56,19 +58,22 @@ LETTERS = {
 }
 WORDS = {  # role or channel -> words of a name that stand for it, and words beside which they do not
     "time": ("time t clock timestamp stamp seconds", ""),
-    "omega": ("omega w rpm wheel shell rim speed rate velocity", "motor ground"),
+    "omega": ("omega w rpm wheel shell rim speed rate velocity", "motor ground joint fl fr rl rr"),
     "acceleration": ("acceleration acc accel alpha", ""),
-    "angle": ("angle theta rotation turn", "slip friction swing steer pitch roll yaw"),
-    "slip": ("slip", "angle side"),
+    "angle": ("angle theta rotation turn", "slip friction swing steer pitch roll rolling yaw"),
+    "slip": ("slip s", "angle side"),
     "speed": ("speed velocity vel v travel ground axle forward", "rim motor fan wind"),
-    "load": ("load weight w fz normal vertical", ""),
+    "load": ("load weight w fz normal vertical z", ""),
     "slope": ("slope incline inclination grade pitch", ""),
     "temperature": ("temperature temp tw winding", "room board ambient oil gearbox air"),
     "pass": ("pass passes", ""),
     "moisture": ("moisture water", ""),
     "voltage": ("voltage volt volts u", "board supply"),
+    "joint_rate": ("joint psi hinge commanded", ""),
+    "drive_torque": ("drive halfshaft shaft td torque", ""),
     **{name: words for base in BASES.values() for name, words in base.column_words.items()},
 }
+OTHERWISE = {"torque": "drive_torque"}  # what a channel of that kind is beside other columns: a car's wheels
 PLAIN = Asked()
 NAMED = 3  # columns with text between numbers whose first text is told
 RUN_WORDS = ("run", "test", "trial", "experiment", "series", "id", "versuch", "lauf", "messung", "essai")
@@ -141,7 +146,15 @@ def guess_columns(names: Sequence[str]) -> list[Guess]:
     for score, column, target in scored:
         if score > 0 and column not in given and target not in given.values():
             given[column] = target
+    for name, other in OTHERWISE.items():
+        instead = {column: other if target == name else target for column, target in given.items()}
+        if other not in given.values() and _likeness(instead) > _likeness(given):
+            given = instead
     return [Guess(c, parts[c][1], given.get(c)) for c in names]
+
+
+def _likeness(given: Mapping[str, str]) -> int:
+    return max(base.resembles({*given.values()}, ()) for base in BASES.values())
 
 
 def write_table_case(
@@ -153,6 +166,7 @@ def write_table_case(
     ask: Ask = refuse,
     asked: Asked = PLAIN,
     show: Callable[[str], object] = print,
+    chosen: str = "",
 ) -> str:
     """Write case.toml into the (new) folder, naming the tables where they lie; returns what was guessed, in words.
 
@@ -161,6 +175,7 @@ def write_table_case(
     columns, told : column and unit of a role or channel, as far as they are known.
     ask : is asked what the names leave open, a unit or one of several columns.
     asked : how the files are to be read. show : is given what was assumed of them, before anything is written.
+    chosen : the base model; else that of those which suit the columns that a brief fit finds best.
 
     Raises
     ------
@@ -184,17 +199,24 @@ def write_table_case(
     if not numeric:
         why = next(iter(wrong.values()), f"only {run}, which names the run")
         raise UserError(f"{files[0]}: found no column of numbers ({why}), expected at least one")
-    guesses = _settled(_pinned(guess_columns(numeric), columns or {}), columns or {}, told or {}, ask)
-    base = guess_base(guesses)
+    guesses = _settled(_pinned(guess_columns(numeric), columns or {}), columns or {}, told or {}, ask, chosen)
     text = [name for name in wrong if name not in numeric]
     groups = guess_groups(tables, run, [name for name in text if not _is_time(name, common)])
-    document = _document(folder, files, title, base, run, guesses, asked, groups)
+
+    def document_of(base: Base, place: Path) -> str:
+        return _document(place, files, title, base, run, guesses, asked, groups)
+
+    base, offered = _chosen(guesses, chosen, document_of, sum(table.rows for table in tables))
+    document = document_of(base, folder)
     assumed = assumptions(tables)
     if assumed:
         show(assumed)
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "case.toml", document)
-    lines = [f"{folder / 'case.toml'}: {base.name}, {runs} runs; guessed from the columns' names, to be corrected:"]
+    lines = [
+        *offered,
+        f"{folder / 'case.toml'}: {base.name}, {runs} runs; guessed from the columns' names, to be corrected:",
+    ]
     used = _mapped(guesses, base)
     for guess, name in zip(used, _names(used, base), strict=True):
         unit = guess.unit or _unit(name, base)
@@ -238,9 +260,40 @@ def _pinned(guesses: Sequence[Guess], columns: Mapping[str, str]) -> list[Guess]
     return [replace(g, name=name_of.get(g.column, None if g.name in columns else g.name)) for g in guesses]
 
 
-def _settled(guesses: Sequence[Guess], columns: Mapping[str, str], told: Mapping[str, str], ask: Ask) -> list[Guess]:
+def _chosen(
+    guesses: Sequence[Guess], wanted: str, document: Callable[[Base, Path], str], rows: int
+) -> tuple[Base, list[str]]:
+    """The base model, and what is said of it and of others that suit the columns."""
+    likely = _wanted(guesses, wanted)
+    suit = suiting([guess.name for guess in guesses])
+    if likely not in suit:
+        return likely, []
+    found = offers(suit, document, rows)
+    best = likely if wanted or found[0].why else found[0].base
+    return best, told_offers(found, best)
+
+
+def _wanted(guesses: Sequence[Guess], wanted: str) -> Base:
+    if not wanted:
+        return guess_base(guesses)
+    if wanted not in BASES or BASES[wanted].own_dynamics:
+        expected = ", ".join(name for name, base in BASES.items() if not base.own_dynamics)
+        raise UserError(f"--base: found {wanted!r}, expected one of {expected}")
+    base, names = BASES[wanted], {guess.name for guess in guesses}
+    lacking = [role for role, placeholder in base.needs.items() if not placeholder and role not in names]
+    if not base.own_names and (lacking or base.channels.keys().isdisjoint(names)):
+        inputs = ", ".join(role for role, placeholder in base.needs.items() if not placeholder)
+        found = ", ".join(str(guess.name) for guess in guesses if guess.name) or "none"
+        channels = " or ".join(base.channels)
+        raise UserError(f"--base {wanted}: found columns for {found}, expected {inputs} and {channels}: say --column")
+    return base
+
+
+def _settled(
+    guesses: Sequence[Guess], columns: Mapping[str, str], told: Mapping[str, str], ask: Ask, wanted: str = ""
+) -> list[Guess]:
     """The guesses without a doubt: of columns that fit as well as another, and of units that no name tells."""
-    base = guess_base(guesses)
+    base = _wanted(guesses, wanted)
     if base.own_names:
         if told:
             raise UserError(f"--unit: found {next(iter(told))}, expected --base too: no base model has these columns")

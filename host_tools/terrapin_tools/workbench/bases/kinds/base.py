@@ -129,7 +129,7 @@ class Problem:
 
 
 class Predictor:
-    """A base model on rows: predictions, and their derivatives, here by difference quotients."""
+    """A base model on rows: predictions, and their derivatives, here by differences to what is near."""
 
     def __init__(self, problem: Problem, step: float = 1e-6) -> None:
         """`step` is relative to a parameter's value."""
@@ -145,6 +145,11 @@ class Predictor:
         """Channels (channels, rows) for parameters (parameters,); (sets, channels, rows) for (sets, parameters)."""
         found = self.sets(np.atleast_2d(theta))
         return found[0] if theta.ndim == 1 else found
+
+    def near(self, sets: Array) -> Array:
+        """Channels (sets, channels, rows) of parameters (sets, parameters) that hardly differ from the first: where
+        that is cheaper, what they change only to first order."""
+        return self.sets(sets)
 
     def moved(self, theta: Array) -> tuple[Array, Array]:
         """`theta` and, for each parameter, theta with a step in it (1 + parameters, parameters); the steps taken."""
@@ -170,7 +175,7 @@ class Predictor:
     def jacobian(self, theta: Array) -> tuple[Array, Array]:
         """Prediction (channels, rows) and its derivatives (channels, rows, parameters)."""
         sets, step = self.moved(theta)
-        values = self.sets(sets)
+        values = self.near(sets)
         return values[0], np.moveaxis((values[1:] - values[0]) / step[:, None, None], 0, -1)
 
 

@@ -23,7 +23,7 @@ Flat = Callable[[str], Array]
 DRAG_COST = 0.5  # prior factor of an expression that acts as a drag
 WORDS = {
     "traction": ("traction drawbar pull fx thrust dp", "sd std"),
-    "torque": ("torque moment mdrive m", "sd std"),
+    "torque": ("torque moment mdrive m t", "sd std"),
     "sinkage": ("sinkage depth z", "sd std"),
 }
 SOIL = {

@@ -7,8 +7,10 @@ the integration of all of it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ import numpy as np
 from terrapin_hil.arrays import Array, Index
 from terrapin_hil.physics.bodies import Body
 from terrapin_hil.physics.dynamic import Plan
+from terrapin_hil.physics.equations.ode import cores
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases.kinds.base import Base, Predictor, Problem, Quantity, Runs, Target
@@ -26,7 +29,6 @@ __all__ = ["Integrated", "integrated"]
 
 FIRST_ROWS = 5  # from which the rate at the start is taken
 AT_REST = 0.05  # of the greatest rate of the run
-UNEVEN = 0.01  # of the period: how far samples may be off an even grid
 PROPOSED = 3.0  # s that a proposed experiment lasts
 
 
@@ -35,18 +37,23 @@ class Integrated(Base):
     """A body over time."""
 
     body: Body
+    like: int = 0  # how much a table with its inputs and `sign` looks like it
+    sign: frozenset[str] = frozenset()  # channels of which one tells it from other bases
     imposed: str = ""  # role that is the rate itself, with its derivative: none that an expression could act on
-    even_steps: bool = False  # samples must be evenly spaced
-    step: float  # relative step of the difference quotients
+    step: float  # relative, of the parameters of neighbouring runs from which derivatives come
 
     def targets(self) -> list[Target]:
         return [("resistance", 1.0), *super().targets()]
+
+    def resembles(self, names: Collection[str | None], words: Collection[str]) -> int:
+        driven = {"time", *self.body.inputs} <= set(names)
+        return self.like if driven and not self.sign.isdisjoint(names) else 0
 
     def predictor(self, problem: Problem) -> Stretches:
         return Stretches(self, problem)
 
     def check_times(self, runs: Runs, rows: Index, time: Array) -> None:
-        """UserError unless the `time` of a run rises, in even steps where the body needs them."""
+        """UserError unless the `time` of a run rises."""
         run, place = runs.names[runs.index[rows[0]]], runs.place
         if len(rows) < 3:
             raise UserError(f"{place(int(rows[0]))}: run {run} has {len(rows)} rows, expected at least 3")
@@ -55,14 +62,6 @@ class Integrated(Base):
         if bad.size:
             at = int(bad[0]) + 1
             raise UserError(f"{place(int(rows[at]))}: time: found {time[at]:g} s twice in run {run}, expected it once")
-        period = float(np.median(steps))
-        uneven = np.flatnonzero(np.abs(steps - period) > UNEVEN * period)
-        if self.even_steps and uneven.size:
-            at = int(uneven[0])
-            raise UserError(
-                f"{place(int(rows[at + 1]))}: time: found a step of {steps[at]:g} s in run {run}, "
-                f"expected even steps of {period:g} s: resample it"
-            )
 
     def start_rate(self, runs: Runs, rows: Index, time: Array) -> float:
         """The rate [rad/s] at the first sample: of the drive, of the joint, or of the wheels."""
@@ -91,7 +90,10 @@ def integrated(
     return Integrated(
         name=body.name,
         channels=body.channels,
-        parameters={n: Quantity(unit, known.get(n, ""), value) for n, (unit, value) in body.parameters.items()},
+        parameters={
+            n: Quantity(unit, known.get(n, "" if value is None else f"{value:.6g} {unit}".removesuffix(" 1")), value)
+            for n, (unit, value) in body.parameters.items()
+        },
         needs=dict.fromkeys(("time", *body.inputs), ""),
         provides=(*body.states, *body.aliases, "gear", *provides),
         forces={"resistance": "N m", "rolling_resistance": "N m"},
@@ -113,6 +115,8 @@ class _Stretch:
     start: float
     samples: Index
     rows: Index
+    name: str = ""
+    first: int = 0  # row of the case
 
 
 class Stretches(Predictor):
@@ -134,17 +138,60 @@ class Stretches(Predictor):
         places = [slots[f.name] if f.effect is None else own[f.effect][f.name] for f in problem.fitted]
         self.places = np.array(places, dtype=np.int64)
         self.stretches = _runs(base, problem, columns) if problem.runs else _settings(columns, problem.count)
+        if problem.runs:
+            self._check_lengths(base.body, problem.runs)
 
     def sets(self, sets: Array) -> Array:
-        prediction = np.empty((len(sets), len(self.problem.channels), self.problem.count))
-        for one, values in zip(prediction, sets, strict=True):
-            table = self.table.copy()
-            table[self.places] = values
-            for stretch in self.stretches:
-                run = self.plan.run(table, stretch.time, stretch.inputs, stretch.start)
-                for row, channel in zip(one, self.problem.channels, strict=True):
-                    row[stretch.rows] = run.channels[channel][stretch.samples]
-        return prediction
+        tables = self._tables(sets)
+        return self._over_runs(lambda one: [self.plan.channels(t, one.time, one.inputs, one.start) for t in tables])
+
+    def near(self, sets: Array) -> Array:
+        tables = self._tables(sets)
+        return self._over_runs(lambda one: self.plan.near(tables, one.time, one.inputs, one.start))
+
+    def _check_lengths(self, body: Body, runs: Runs) -> None:
+        """UserError where a run is shorter than the swing that it should show."""
+        arm = self.table[self.plan.slots[body.swings]] if body.swings else np.nan
+        period = 2.0 * np.pi * np.sqrt(arm / self.table[self.plan.slots["gravity"]]) if arm > 0.0 else 0.0
+        for one in self.stretches:
+            if one.time[-1] - one.time[0] < period:
+                raise UserError(
+                    f"{runs.place(one.first)}: run {one.name} lasts {one.time[-1] - one.time[0]:.3g} s, "
+                    f"expected at least the {period:.3g} s of a swing"
+                )
+
+    def trouble(self, theta: Array) -> str:
+        for one in self.stretches:
+            found = self.plan.channels(self._tables(theta[None])[0], one.time, one.inputs, one.start)
+            bad = np.flatnonzero(~np.isfinite(np.stack(list(found.values()))).all(axis=0))
+            if bad.size:
+                return (
+                    f"run {one.name}: the motion has no number from time {one.time[bad[0]]:.6g} s on: it leaves all "
+                    "bounds, or no soil carries a wheel; expected parameters at which it stays bounded"
+                )
+        return ""
+
+    def _over_runs(self, solve: Callable[[_Stretch], Sequence[Mapping[str, Array]]]) -> Array:
+        """Channels (sets, channels, rows) of what `solve` says of each run, sets at a time; runs in threads, as many as
+        OMP_NUM_THREADS says, else as there are cores: each run is the same whoever integrates it."""
+        each = list(_pool(cores()).map(solve, self.stretches)) if cores() > 1 else list(map(solve, self.stretches))
+        found = np.empty((len(each[0]), len(self.problem.channels), self.problem.count))
+        for stretch, sets in zip(self.stretches, each, strict=True):
+            for prediction, channels in zip(found, sets, strict=True):
+                for row, channel in zip(prediction, self.problem.channels, strict=True):
+                    row[stretch.rows] = channels[channel][stretch.samples]
+        return found
+
+    def _tables(self, sets: Array) -> Array:
+        """A table of values (sets, slots) for each set of parameters."""
+        tables = np.repeat(self.table[None], len(sets), axis=0)
+        tables[:, self.places] = sets
+        return tables
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads)
 
 
 def _settings(columns: Mapping[str, Array], count: int) -> list[_Stretch]:
@@ -169,5 +216,6 @@ def _runs(base: Integrated, problem: Problem, columns: Mapping[str, Array]) -> l
         clock = np.ascontiguousarray(time[mine])
         base.check_times(runs, mine, clock)
         parts = {name: np.ascontiguousarray(values[mine]) for name, values in columns.items() if name != "time"}
-        found.append(_Stretch(clock, parts, base.start_rate(runs, mine, clock), samples, at))
+        rate = base.start_rate(runs, mine, clock)
+        found.append(_Stretch(clock, parts, rate, samples, at, runs.names[run], int(mine[0])))
     return found
