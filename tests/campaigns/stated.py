@@ -3,10 +3,16 @@ discover say one thing.
 
 Each case is a bench of a geared motor whose model is right: dry and viscous friction over a torque constant, heating of
 the viscous part in half of them, two channels in a third, offsets from run to run in a third.
+
+`python -m tests.campaigns.stated 60 [SEED]` prints the rms of (estimate - truth) / sd, beside it that of the estimator
+that knows the covariance of the noise: how far off these draws lie, whatever estimates from them.
 """
 
 from __future__ import annotations
 
+import csv
+import sys
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -20,8 +26,10 @@ from terrapin_tools.workbench.story import terminal
 from terrapin_tools.workbench.story.story import Story
 from terrapin_tools.workbench.story.told import told
 
-__all__ = ["TRUTH", "both", "disagreements", "draw", "scores"]
+__all__ = ["TRUTH", "best", "both", "disagreements", "draw", "main", "scores"]
 
+SD, APART, VOLT = 0.006, 1.5, 0.02  # of the current [A], of its offsets in that, of the voltage [V]
+HELD = ("r04", "r09")
 TRUTH = {"tc": 0.046, "b": 0.004, "heating_on_b.a": -0.012, "r": 1.3}
 
 
@@ -29,7 +37,7 @@ def draw(number: int, seed: int, folder: Path) -> Path:
     """A case in `folder`: 12 runs of 12 rows; the sd is stated 0.1 to 10 times as large as it is."""
     random = np.random.default_rng([seed, number, 0x51])
     warm, two, apart = number % 2 == 0, number % 3 == 0, number % 3 == 1
-    factor, sd = 10.0 ** random.uniform(-1.0, 1.0), 0.006
+    factor, sd = 10.0 ** random.uniform(-1.0, 1.0), SD
     folder.mkdir(parents=True)
     lines = ["run,w,temp,current,volt"]
     for run in range(12):
@@ -37,9 +45,9 @@ def draw(number: int, seed: int, folder: Path) -> Path:
         temp = random.uniform(20.0, 70.0) + np.linspace(0.0, random.uniform(0.0, 10.0), 12)
         b = TRUTH["b"] * (1.0 + (TRUTH["heating_on_b.a"] * (temp - 25.0) if warm else 0.0))
         current = (TRUTH["tc"] * np.sign(w) + b * w) / 0.357 + sd * random.normal(0.0, 1.0, 12)
-        volt = TRUTH["r"] * 0.5 + 0.05 * w + 0.02 * random.normal(0.0, 1.0, 12)
+        volt = TRUTH["r"] * 0.5 + 0.05 * w + VOLT * random.normal(0.0, 1.0, 12)
         if apart:
-            current += 1.5 * sd * random.normal()
+            current += APART * sd * random.normal()
         each = zip(w, temp, current, volt, strict=True)
         lines += [f"r{run:02d}," + ",".join(f"{v:.8g}" for v in row) for row in each]
     (folder / "bench.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -65,7 +73,7 @@ run = "run"
 w = {{ column = "w", unit = "rad/s", is = "speed" }}
 temp = {{ column = "temp", unit = "degC", is = "temperature" }}
 current = {{ column = "current", unit = "A", sigma = {sd * factor:.4g} }}
-{f'volt = {{ column = "volt", sigma = {0.02 / factor:.4g} }}' if two else ""}
+{f'volt = {{ column = "volt", sigma = {VOLT / factor:.4g} }}' if two else ""}
 """,
         encoding="utf-8",
     )
@@ -82,6 +90,29 @@ def both(folder: Path) -> tuple[Story, Story]:
 def scores(story: Story) -> Mapping[str, float]:
     """(estimate - truth) / sd of every parameter."""
     return {key: (v.value - TRUTH[key]) / (v.sd or np.nan) for key, v in story.parameters.items()}
+
+
+def best(number: int, folder: Path) -> Mapping[str, float]:
+    """`scores` of generalised least squares with the covariance that the case was drawn with."""
+    with (folder / "bench.csv").open(encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["run"] not in HELD]
+    w, temp, current, volt = (np.array([float(row[name]) for row in rows]) for name in ("w", "temp", "current", "volt"))
+    run = np.array([row["run"] for row in rows])
+    warm, two, apart = number % 2 == 0, number % 3 == 0, number % 3 == 1
+    kt, change = 0.357, temp - 25.0
+    factor = 1.0 + TRUTH["heating_on_b.a"] * change * warm
+    left = current - (TRUTH["tc"] * np.sign(w) + TRUTH["b"] * factor * w) / kt
+    slopes = {"tc": np.sign(w) / kt, "b": factor * w / kt}
+    if warm:
+        slopes["heating_on_b.a"] = TRUTH["b"] * change * w / kt
+    columns = np.stack(list(slopes.values()), 1)
+    covariance = SD**2 * (np.eye(len(rows)) + (apart * APART**2) * (run[:, None] == run[None, :]))
+    weighted = np.linalg.solve(covariance, columns).T
+    of = np.linalg.inv(weighted @ columns)
+    found = dict(zip(slopes, (of @ (weighted @ left)) / np.sqrt(np.diag(of)), strict=True))
+    if two:
+        found["r"] = float((volt - 0.05 * w - 0.5 * TRUTH["r"]).mean() / (VOLT / np.sqrt(len(rows))))
+    return found
 
 
 def disagreements(one: Story, other: Story) -> list[str]:
@@ -105,3 +136,26 @@ def disagreements(one: Story, other: Story) -> list[str]:
     if one.verdict == "missing" and other.verdict != "adequate":  # which only discover can name
         mine = {name: mine[name] for name in ("p_value", "parameters")}
     return [name for name, value in mine.items() if value != theirs[name]]
+
+
+def main(count: int = 60, seed: int = 1) -> int:
+    """Prints a line for each disagreement, and the sums."""
+    far: list[tuple[float, float]] = []
+    apart = 0
+    with tempfile.TemporaryDirectory() as name:
+        for number in range(count):
+            folder = draw(number, seed, Path(name, str(number)))
+            one, other = both(folder)
+            if differs := disagreements(one, other):
+                apart += 1
+                print(f"{number}: compare and discover differ in {', '.join(differs)}", flush=True)
+            sound = best(number, folder)
+            far += [(z, sound[key]) for key, z in scores(one).items() if key in sound and np.isfinite(z)]
+    mine, theirs = np.sqrt(np.mean(np.square(far), axis=0))
+    print(f"{count} cases (seed {seed}), {len(far)} estimates: rms of (estimate - truth) / sd {mine:.3f}")
+    print(f"with the covariance known {theirs:.3f}; compare and discover differ in {apart}")
+    return int(apart > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(*map(int, sys.argv[1:])))
