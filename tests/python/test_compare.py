@@ -37,7 +37,7 @@ def test_adequate_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert (status, err) == (0, "")
     answer = json.loads(out)
     assert answer.keys() >= KEYS
-    assert answer["schema"] == "terrapin.case/2"
+    assert answer["schema"] == "terrapin.case/3"
     assert answer["case"] == "Rolling"
     assert answer["model"] == {"base": "rolling_steady", "effects": []}
     assert answer["verdict"] == "adequate"

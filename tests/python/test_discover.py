@@ -208,7 +208,7 @@ def test_the_answer_has_what_the_contract_asks_for() -> None:
     found = discover(case.case)
     story = told(found.analysis, found)
     said = answer(story)
-    assert said["schema"] == "terrapin.case/2"
+    assert said["schema"] == "terrapin.case/3"
     for key in ("case", "model", "parameters", "channels", "adequacy", "where", "verdict", "missing"):
         assert key in said
     assert said["ladder"][0]["added"] is None

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from casekit import terrapin
 
 from terrapin_hil.paths import ROOT
 from terrapin_tools.web.cases import view as page_view
@@ -26,6 +27,7 @@ from terrapin_tools.workbench.files.json_text import to_json
 from terrapin_tools.workbench.fleet.fleet import Result
 from terrapin_tools.workbench.fleet.lines import json_line
 from terrapin_tools.workbench.story import answer, page, terminal
+from terrapin_tools.workbench.story.explain import explain
 from terrapin_tools.workbench.story.plot_data import page_data
 from terrapin_tools.workbench.story.story import Findings, Story
 from terrapin_tools.workbench.story.terminal import tell, tell_shortly
@@ -195,6 +197,42 @@ def test_lines_and_json_say_the_same(examples: dict[str, Example], verdict: str)
     of_fleet = json.loads(json_line(Result(example.folder, story, "")))
     assert of_fleet.pop("folder") == example.folder.name
     assert of_fleet == said
+
+
+def test_what_was_weighed_is_explained(examples: dict[str, Example]) -> None:
+    """The likeliest first, with the odds of the second; the best set of each number of terms; of none, a line."""
+    story = examples["missing"].story
+    found = story.found
+    assert found is not None
+    chances = [one.probability for one in found.weighed if one.kind != "rest"]
+    assert chances == sorted(chances, reverse=True)
+    assert sum(one.probability for one in found.weighed) == pytest.approx(1.0, abs=1e-4)
+    assert found.missing in found.weighed[0].sets
+    assert [len(step.effects) for step in found.front] == list(range(len(found.front)))
+    assert found.front[1].effects == found.missing
+    errors = [step.heldout_error or 0.0 for step in found.front]
+    assert errors == sorted(errors, reverse=True)
+    said = _words(explain(story))
+    first, second = found.weighed[:2]
+    assert f"{first.probability:.2f}: {' + '.join(found.missing)}" in said
+    odds = float(f"{first.probability / second.probability:.2g}")
+    assert f", {odds:g} times less: " in said
+    assert "What would turn it: " in said
+    none = replace(story, found=replace(found, candidates=()))
+    assert explain(none).startswith("Nothing could be weighed: ")
+    assert len(explain(none).splitlines()) == 1
+
+
+def test_explain_is_of_one_case_and_a_text(examples: dict[str, Example], capsys: pytest.CaptureFixture[str]) -> None:
+    folder = examples["missing"].folder
+    alone = "--explain: found beside --plant or --json -, expected the answer as text"
+    for options in (("--json", "-"), ("--plant", "motor_heating=1sd")):
+        status, out, said = terrapin(capsys, "discover", folder, "--explain", *options)
+        assert (status, out) == (2, "")
+        assert alone in said
+    status, out, said = terrapin(capsys, "discover", folder.parent, "--explain")
+    assert (status, out) == (2, "")
+    assert f"--explain: {folder.parent} is a folder of cases, expected one case" in said.replace("\n", " ")
 
 
 @pytest.mark.parametrize("verdict", CHIPS)

@@ -9,8 +9,8 @@ import pytest
 
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
+from terrapin_tools.workbench.discover.names import plain_names
 from terrapin_tools.workbench.discover.ranker import Hypothesis
-from terrapin_tools.workbench.discover.textbook import plain_names
 
 CASE = """[model]
 base = "equation"

@@ -47,7 +47,7 @@ def test_it_is_told_drawn_and_kept() -> None:
     assert "the model lacks something that depends on humidity, and no formula is known for it: in current" in said
     assert "Measure between the settings of humidity" in said
     kept = json.loads(json.dumps(answer(story)))
-    assert kept["schema"] == "terrapin.case/2"
+    assert kept["schema"] == "terrapin.case/3"
     assert read(kept).unknown == found.unknown
     assert read({name: value for name, value in kept.items() if name != "unknown"}).unknown is None
     assert found.unknown is not None

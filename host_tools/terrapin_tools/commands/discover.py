@@ -29,6 +29,9 @@ Plant = Annotated[
         "--plant", metavar="EFFECT=SIZE", help="hide it in tables like yours: how often is it found? SIZE: 0.3, or 2sd"
     ),
 ]
+Explain = Annotated[
+    bool, typer.Option("--explain", help="also what was weighed, what came second, and what would turn the answer")
+]
 Repeats = Annotated[int, typer.Option("--repeats", metavar="N", help=f"tables of --plant; {TABLES} where not given")]
 
 
@@ -42,6 +45,7 @@ def discover(
     bootstrap: Bootstrap = 0,
     plant: Plant = "",
     repeats: Repeats = 0,
+    explain: Explain = False,
 ) -> None:
     """Say whether anything is missing from the model, where it fails, what is missing, how sure, and what to do next.
 
@@ -51,12 +55,15 @@ def discover(
 
     terrapin discover fleet --json answers.jsonl --jobs 8
 
+    terrapin discover cases/heated_motor --explain
+
     terrapin discover cases/heated_motor --bootstrap 200
 
     terrapin discover cases/heated_motor --plant viscous_friction=2sd --repeats 5
     """
     from terrapin_tools.workbench.fleet import fleet
     from terrapin_tools.workbench.story.answer import answer, keep
+    from terrapin_tools.workbench.story.explain import explain as reasons
     from terrapin_tools.workbench.story.terminal import tell
 
     check_options(seed, jobs, level)
@@ -64,6 +71,8 @@ def discover(
         raise UserError(f"--bootstrap: found {bootstrap}, expected 0 to {MOST_DRAWS}")
     if not 0 <= repeats <= MOST_TABLES:
         raise UserError(f"--repeats: found {repeats}, expected 1 to {MOST_TABLES}")
+    if explain and (plant or json == "-"):
+        raise UserError("--explain: found beside --plant or --json -, expected the answer as text")
     if plant:
         _plant(case, plant, repeats or TABLES, seed, level, json, bool(bootstrap or cluster))
         return
@@ -72,6 +81,8 @@ def discover(
     question = fleet.Question("discover", seed, level, bootstrap)
     folders = fleet.cases_in(case)
     if folders is not None:
+        if explain:
+            raise UserError(f"--explain: {case} is a folder of cases, expected one case")
         from terrapin_tools.workbench.fleet.lines import answer_all
 
         answer_all(folders, question, json, jobs, cluster, keep)
@@ -80,7 +91,7 @@ def discover(
         report("reading the case")
         story = fleet.answer_one(case, question, cluster, report)
     keep(case, story)  # `add` knows the expressions that it proposed, `report` and the page show it
-    deliver(answer(story), tell(story), json)
+    deliver(answer(story), "\n".join([tell(story), *([reasons(story)] if explain else [])]), json)
 
 
 def _plant(

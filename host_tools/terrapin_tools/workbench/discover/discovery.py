@@ -42,10 +42,10 @@ from terrapin_tools.workbench.discover.leftover import (
     sd_of,
     stand_alone,
 )
+from terrapin_tools.workbench.discover.names import Step, Weight, front, plain_names, weights
 from terrapin_tools.workbench.discover.ranker import SIZE_OF_SET, Hypothesis
 from terrapin_tools.workbench.discover.ranking import Ranking, rank
 from terrapin_tools.workbench.discover.resampled import Selected, selection
-from terrapin_tools.workbench.discover.textbook import plain_names
 from terrapin_tools.workbench.discover.unexplained import Blamed, Curve, curve
 from terrapin_tools.workbench.discover.which_column import importance
 from terrapin_tools.workbench.experiment.proposal import Experiment, propose
@@ -129,6 +129,8 @@ class Discovery:
     ladder: tuple[Rung, ...]
     best: Rung | None  # the likeliest set, named or not
     leaves: Left | None  # what that set leaves, where it clearly is more than noise
+    front: tuple[Step, ...]  # the likeliest set of no, one, two ... terms
+    weighed: tuple[Weight, ...]
     blamed: Blamed | None
     unknown: Curve | None  # likelier than all else that may be missing: a function of a column, no formula known
     operating: tuple[Operating, ...]
@@ -158,6 +160,21 @@ def discover(
     ------
     UserError : the model gives no number for a row; file and row are named.
     """
+    return decided(weighed(case, seed, level, report), seed, level, report, bootstrap)
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What the search gives: the analysis and the ranking; `whole`, those of all rows, where rows were left out that
+    stand alone beside the likeliest answer."""
+
+    analysis: Analysis
+    ranking: Ranking
+    whole: tuple[Analysis, Ranking]
+
+
+def weighed(case: Case, seed: int, level: float, report: Callable[[str], None] = lambda _: None) -> Weighed:
+    """Everything that may be missing, with its posterior; no decision yet."""
     report("fit of the present model, noise, adequacy")
     analysis = analyse(case, seed, level)
     ranking = _without_idle(analysis, rank(analysis, report))
@@ -177,6 +194,14 @@ def discover(
     if not analysis.missing and ranking.probability("nothing") < TOGETHER:
         analysis = replace(analysis, together=True, told=analysis.noise)
         ranking = _without_idle(analysis, rank(analysis, report))
+    return Weighed(analysis, ranking, first)
+
+
+def decided(
+    found: Weighed, seed: int, level: float, report: Callable[[str], None] = lambda _: None, bootstrap: int = 0
+) -> Discovery:
+    """What is said of what was weighed."""
+    analysis, ranking, first = found.analysis, found.ranking, found.whole
     report("does it bring the model to the noise floor?")
     verdict, top, rivals, probability, leaves = _settled(analysis, ranking, level)
     if verdict == "unexplained" and (leaves is not None or ranking.curve) and analysis is not first[0]:
@@ -223,6 +248,8 @@ def discover(
         ladder=_ladder(analysis, top if missing else None, noise),
         best=_ladder(analysis, top, noise)[-1] if top is not None and top.fit is not None else None,
         leaves=leaves,
+        front=front(analysis, ranking, noise.sigma),
+        weighed=weights(analysis, ranking),
         blamed=blamed,
         unknown=curve(analysis, ranking.evidence, column) if column and ranking.evidence is not None else None,
         operating=_operating(ranking, top if missing else None, rivals, analysis, seed),

@@ -51,6 +51,11 @@ class Hypothesis:
     column: str = ""  # of an expression or a curve; of a mishap: its run
     taxed: float = 0.0  # what the log weight has lost to sizes that are unlikely
 
+    @property
+    def parameters(self) -> int:
+        """Number of fitted ones."""
+        return len(self.fit.theta) if self.fit is not None else 0
+
 
 class Ranker:
     def __init__(self, analysis: Analysis, report: Callable[[str], None]) -> None:

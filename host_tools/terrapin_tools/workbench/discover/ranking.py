@@ -60,6 +60,10 @@ class Ranking:
     shapes: tuple[Shape, ...] = field(repr=False, default=())
     evidence: Evidence | None = field(repr=False, default=None)
 
+    def pairs(self) -> list[tuple[Hypothesis, float]]:
+        """Each hypothesis with its probability, likeliest first."""
+        return [(h, float(p)) for h, p in zip(self.hypotheses, self.posterior, strict=True)]
+
     def probability(self, *kinds: str) -> float:
         return float(sum(p for h, p in zip(self.hypotheses, self.posterior, strict=True) if h.kind in kinds))
 

@@ -1,4 +1,4 @@
-"""The JSON of the contract (docs/cases.md, schema terrapin.case/2) from a story, and a kept answer read back."""
+"""The JSON of the contract (docs/cases.md, schema terrapin.case/3) from a story, and a kept answer read back."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from terrapin_tools.workbench.case import history
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.compare.together import Together
 from terrapin_tools.workbench.discover.certainty import Operating
+from terrapin_tools.workbench.discover.names import Step, Weight
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.discover.unexplained import Blamed, Curve
 from terrapin_tools.workbench.experiment.proposal import Experiment
@@ -19,7 +20,7 @@ from terrapin_tools.workbench.story.story import Findings, Goal, NoiseTold, Plac
 
 __all__ = ["SCHEMA", "answer", "keep", "places", "proposal", "read", "recall"]
 
-SCHEMA = "terrapin.case/2"
+SCHEMA = "terrapin.case/3"
 
 
 def answer(story: Story) -> dict[str, Any]:
@@ -32,6 +33,8 @@ def answer(story: Story) -> dict[str, Any]:
             "candidates": [{**vars(c), "parameters": _values(c.parameters)} for c in found.candidates],
             "rivals": found.rivals,
             "part": found.part,
+            "front": [vars(one) for one in found.front],
+            "weighed": [vars(one) for one in found.weighed],
             "next_experiment": found.plan and vars(found.plan),
         }
         runs = {
@@ -145,6 +148,10 @@ def read(kept: Mapping[str, Any]) -> Findings:
         remarks=tuple(kept.get("remarks", ())),
         then={name: float(error) for name, error in kept.get("then", {}).items()},
         noise=_noise(kept),
+        front=tuple(Step(**{**one, "effects": tuple(one["effects"])}) for one in kept.get("front", ())),
+        weighed=tuple(
+            Weight(**{**one, "sets": tuple(tuple(names) for names in one["sets"])}) for one in kept.get("weighed", ())
+        ),
     )
 
 

@@ -44,6 +44,7 @@ __all__ = [
     "percent",
     "place",
     "reason",
+    "spelt",
     "strange_noise",
     "stuck",
     "thinned",
@@ -134,7 +135,7 @@ def _either(sets: Sequence[Sequence[str]]) -> str:
     return " or ".join(_joined(one) for one in sets)
 
 
-def _spelt(found: Findings, effects: Sequence[str]) -> list[str]:
+def spelt(found: Findings, effects: Sequence[str]) -> list[str]:
     """Effects as a headline has them: an expression by what it says, for its name says nothing."""
     formulas = {c.effect: f"{c.expression} in {c.target}" for c in found.candidates if c.kind == "expression"}
     return [formulas.get(name, name) for name in effects]
@@ -160,7 +161,7 @@ def verdict(found: Findings | None, p: float) -> str:
     """The answer in a few words, without a verb."""
     if found is None:
         return _p(p)
-    sets = [_spelt(found, one) for one in found.rivals or [found.missing]]
+    sets = [spelt(found, one) for one in found.rivals or [found.missing]]
     return f"{_either(sets)} (probability {chance(found.probability)})".lstrip()
 
 
@@ -179,13 +180,13 @@ def headline(found: Findings | None, lacking: bool, p: float, level: float, stra
         return f"{what}."
     if found is None:
         return alarm(lacking, p, level)
-    sure, missing = chance(found.probability), _joined(_spelt(found, found.missing))
+    sure, missing = chance(found.probability), _joined(spelt(found, found.missing))
     if found.verdict == "adequate":
         if found.probability < EVEN:
             return f"No alarm ({_test(p, level)}), but that nothing is missing has only probability {sure}."
         return f"The model is adequate: with probability {sure} nothing is missing ({_test(p, level)})."
     if found.verdict == "ambiguous":
-        sets = _either([_spelt(found, one) for one in found.rivals])
+        sets = _either([spelt(found, one) for one in found.rivals])
         return f"Something is missing, and these data cannot tell what: {sets}. Likeliest: {missing} ({sure})."
     if found.verdict == "unexplained":
         if found.blamed:
@@ -196,7 +197,7 @@ def headline(found: Findings | None, lacking: bool, p: float, level: float, stra
         if found.part:
             more = "more is missing, which no catalogued effect and no short expression explains"
             are = "is" if len(found.part) == 1 else "are"
-            return f"{_joined(_spelt(found, found.part))} {are} part of it; with probability {sure} {more}.{on}"
+            return f"{_joined(spelt(found, found.part))} {are} part of it; with probability {sure} {more}.{on}"
         if found.probability < EVEN:
             return (
                 "What is left has a pattern, but no likely term predicts the held-out runs better than the model as it "
@@ -212,7 +213,7 @@ def headline(found: Findings | None, lacking: bool, p: float, level: float, stra
     if not faults:
         return f"With probability {sure} the model lacks {missing} and nothing else{fall}."
     what = "; ".join(title(one, "") for one in faults)
-    lacks = _joined(_spelt(found, [name for name in found.missing if name not in {one.effect for one in faults}]))
+    lacks = _joined(spelt(found, [name for name in found.missing if name not in {one.effect for one in faults}]))
     beside = f"the model lacks {lacks} and the case" if lacks else "nothing is missing, but the case"
     return f"With probability {sure} {beside} has a fault ({what}){fall}."
 

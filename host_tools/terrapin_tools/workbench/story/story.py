@@ -16,6 +16,7 @@ from terrapin_tools.workbench.compare.groups import Differing
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.compare.together import Together
 from terrapin_tools.workbench.discover.certainty import Operating
+from terrapin_tools.workbench.discover.names import Step, Weight
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.discover.unexplained import Blamed, Curve
 from terrapin_tools.workbench.experiment.proposal import Experiment
@@ -156,6 +157,8 @@ class Findings:
     remarks: tuple[str, ...]  # sentences that need more than is kept
     then: Mapping[str, float]  # rms error with what is missing, by channel: held-out runs, else the training runs
     noise: NoiseTold  # around what is named
+    front: tuple[Step, ...] = ()  # the likeliest set of no, one, two ... terms
+    weighed: tuple[Weight, ...] = ()  # all that was, likeliest first
 
     @property
     def part(self) -> tuple[str, ...]:

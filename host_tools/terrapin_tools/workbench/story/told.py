@@ -159,6 +159,8 @@ def found_by(discovery: Discovery) -> Findings:
         remarks=remarks,
         then=_rms(analysis, fit) if discovery.missing else {},
         noise=_noise(analysis, noise, noise_findings(analysis, around), around is not None),
+        front=discovery.front,
+        weighed=discovery.weighed,
     )
 
 

@@ -1,0 +1,66 @@
+"""What was weighed for an answer, what came second, and what would turn it: `terrapin discover --explain`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from terrapin_tools.workbench.discover.names import Step, Weight
+from terrapin_tools.workbench.story.sentences import chance, in_sd, number, spelt
+from terrapin_tools.workbench.story.story import Findings, Story
+
+__all__ = ["explain"]
+
+SHOWN = 8  # answers
+WORDS = {
+    "nothing": "only noise",
+    "run": "a single run",
+    "change": "a change between two runs",
+    "warming": "how the test begins",
+    "start": "how each run begins",
+    "lag": "an instrument that comes late",
+    "rest": "the same with terms that add nothing, all together",
+}
+
+
+def explain(story: Story) -> str:
+    """Lines for a terminal."""
+    found = story.found
+    if found is None:
+        return "Nothing was weighed: discover did not look."
+    if not found.candidates or not found.weighed:
+        return "Nothing could be weighed: these columns show no effect that the model's own parameters do not take up."
+    lines = ["", "What was weighed (probability, and how much less likely than the first):"]
+    own = [one for one in found.weighed if one.kind != "rest"]
+    first = own[0].probability
+    for one in [*own[:SHOWN], *(one for one in found.weighed if one.kind == "rest")]:
+        less = "" if one is own[0] or one.kind == "rest" else f", {_times(first / one.probability)} times less"
+        lines.append(f"  {chance(one.probability)}{less}: {_what(found, one)}")
+    lines.append("What predicts the same on these rows is one answer with several names; its probability is the sum.")
+    if own[1:]:
+        odds = first / own[1].probability
+        far = number(math.sqrt(2.0 * math.log(max(odds, 1.0))), 2)
+        lines.append(
+            f"What would turn it: {_what(found, own[1])}, if further rows spoke {_times(odds)} times more for it, as "
+            f"one mean that lies {far} sd on its side would."
+        )
+    return "\n".join([*lines, *_front(found, found.front)])
+
+
+def _times(odds: float) -> str:
+    return number(odds, 2) if odds < 100.0 else number(float(f"{odds:.2g}"), 9)
+
+
+def _what(found: Findings, one: Weight) -> str:
+    sets = " or ".join(" + ".join(spelt(found, names)) for names in one.sets)
+    curve = f"a curve in {one.column} that has no formula"
+    return sets or (curve if one.kind == "unknown" else f"{WORDS[one.kind]} {one.column}".rstrip())
+
+
+def _front(found: Findings, steps: Sequence[Step]) -> list[str]:
+    lines = ["Short answers first (terms, errors in noise sd, probability to be all that is missing):"]
+    for one in steps:
+        name = " + ".join(spelt(found, one.effects)) or "the model as it is"
+        errors = f"training {in_sd(one.train_error)}, held out {in_sd(one.heldout_error)}"
+        lines.append(f"  {len(one.effects)}: {name}: {errors}, {chance(one.probability)}")
+    return lines
