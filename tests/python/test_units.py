@@ -9,6 +9,7 @@ import pytest
 from terrapin_hil.messages import interface
 from terrapin_hil.reading import parse_quantity
 from terrapin_hil.units import _BASE, _FACTORS, _TO_BASE, base_factor, factor, read_unit, units
+from terrapin_tools.workbench.files.units import LARGEST, in_si, quantity
 
 
 @pytest.mark.parametrize(("given", "unit"), [*_FACTORS, *((unit, unit) for unit in sorted(_BASE))])
@@ -45,3 +46,14 @@ def test_what_is_not_in_the_table_is_asked_of_pint(text: str) -> None:
 def test_a_factorial_is_no_unit(text: str) -> None:
     with pytest.raises(ValueError, match="found !"):
         read_unit(text)
+
+
+@pytest.mark.parametrize("value", [10**400, -(10**400), float("nan"), float("inf"), 2.0 * LARGEST, "nan m", "1e999 m"])
+def test_what_is_no_finite_number_is_refused(value: float | str) -> None:
+    with pytest.raises(ValueError, match="expected a finite number below"):
+        quantity(value, "m")
+
+
+def test_the_coherent_unit_of_the_same_kind() -> None:
+    given = ("m", "mm", "rpm", "kPa", "degC", "celsius", "", " ")
+    assert [in_si(unit) for unit in given] == ["m", "m", "rad/s", "kg/m/s^2", "degC", "degC", "", ""]
