@@ -222,6 +222,34 @@ def test_a_doubt_is_asked_at_a_terminal(tmp_path: Path) -> None:
     assert columns["omega"]["unit"] == "rpm"
 
 
+def test_how_a_file_is_to_be_read_is_asked_at_a_terminal(tmp_path: Path) -> None:
+    """1,302 may be 1.302 or 1302: what is no answer is asked again, and the answer stands in the case."""
+    (tmp_path / "a.csv").write_text("w [rpm];i [A]\n1,302;2\n1,456;3\n", encoding="ascii")
+    mine, theirs = pty.openpty()
+    try:
+        os.write(mine, b"perhaps\ncomma\n")
+        start = "from terrapin_tools.cli import main; main()"
+        command = [
+            sys.executable,
+            "-c",
+            start,
+            "case",
+            "table",
+            str(tmp_path / "a.csv"),
+            "--to",
+            str(tmp_path / "case"),
+        ]
+        done = subprocess.run(command, stdin=theirs, stdout=subprocess.PIPE, stderr=theirs, timeout=60, check=False)
+        said = os.read(mine, 4096).decode()
+    finally:
+        os.close(mine)
+        os.close(theirs)
+    assert done.returncode == 0, said
+    assert said.count("which is 1.302 or 1302") == said.count("point or comma") == 2
+    assert tomllib.loads((tmp_path / "case" / "case.toml").read_text())["data"]["read"] == {"decimal": "comma"}
+    assert b"decimal comma ('1,302')" in done.stdout
+
+
 def test_append_judges_the_old_model_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     case = rolling(tmp_path / "case", 1)
     rolling(tmp_path / "more", 2, runs=6, heating=0.004)

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
+import re
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import can
@@ -295,6 +300,47 @@ def test_a_table_is_no_log(tmp_path: Path) -> None:
             LogReader(tmp_path / name)
     (tmp_path / "d.csv").write_text(GVRET)
     assert is_log(tmp_path / "d.csv")
+
+
+def test_a_new_kind_is_one_file(tmp_path: Path) -> None:
+    """The page's example in a scratch copy of the tools: info, convert, look, a case and the upload know it."""
+    root = Path(__file__).resolve().parents[2]
+    copy = tmp_path / "host_tools"
+    shutil.copytree(root / "host_tools", copy, ignore=shutil.ignore_patterns("__pycache__", "static"))
+    text = (root / "docs" / "logs.md").read_text()
+    (block,) = re.findall(r"<!-- file: (host_tools/\S+/logs/formats/\S+) -->\n```python\n(.*?)```", text, re.DOTALL)
+    (tmp_path / block[0]).write_text(block[1])
+    (tmp_path / "x.dbc").write_text(
+        'VERSION ""\nBU_: A\nBO_ 272 M: 8 A\n SG_ a : 0|16@1+ (0.5,0) [0|65] "N" A\n SG_ b : 16|8@1+ (1,0) [0|9] "A" A'
+    )
+    (tmp_path / "x.frames").write_text("".join(f"{0.02 * i} 110 {3 * i:02X} 00 {i:02X}\n" for i in range(40)) + "no\n")
+    program = f"""
+import sys
+from terrapin_tools.cli import main
+from terrapin_tools.web.service.uploads import SUFFIXES
+assert {str(copy)!r} in sys.modules["terrapin_tools"].__file__
+assert ".frames" in SUFFIXES
+for words in (
+    "log info x.frames --dbc x.dbc", "log convert x.frames y.log", "look x.frames --dbc x.dbc",
+    "case map x.frames --to made --base equation --dbc x.dbc --period 20~ms --column f=M.a --unit f=N --column i=M.b "
+    "--unit i=A --equation f=k*i --fit k=1:0:9:N/A --train x",
+):
+    sys.argv = ["terrapin", *(word.replace("~", " ") for word in words.split())]
+    try:
+        main()
+    except SystemExit as end:
+        assert not end.code, words
+"""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(copy), str(root / "hil"), str(root / "firmware")])}
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "1 row gave no frame, the first in line 41: 'no'" in " ".join(done.stdout.split())
+    assert len((tmp_path / "y.log").read_text().splitlines()) == 40
+    assert "40 frames of 1 messages" in done.stdout
+    assert (tmp_path / "made" / "case.toml").is_file()
 
 
 def _decoder(folder: Path) -> Decoder:

@@ -18,6 +18,7 @@ from pydantic import BaseModel, Field, StringConstraints
 from starlette.requests import ClientDisconnect
 
 from terrapin_tools.errors import UserError
+from terrapin_tools.logs.reading import READABLE
 from terrapin_tools.web.service import models
 from terrapin_tools.web.service.context import Context, Terrapin
 from terrapin_tools.web.service.models import problems
@@ -43,7 +44,7 @@ MOST = 1000  # uploads that are kept
 PREVIEW, LOOK = "terrapin_tools.web.cases.preview:look", "terrapin_tools.workbench.intake.look:look_at"
 EVERY = 0.25  # s between events of progress
 DESCRIPTIONS = (".dbc", ".arxml", ".kcd", ".sym")
-SUFFIXES = (*TABLES, *DESCRIPTIONS, ".log", ".blf", ".asc", ".trc", ".db", ".mf4", ".mcap")
+SUFFIXES = tuple(dict.fromkeys((*TABLES, *DESCRIPTIONS, *READABLE)))
 
 Identifier = Annotated[str, StringConstraints(pattern="^[0-9a-f]{12}$")]
 Typed = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]*$", max_length=2000)]
