@@ -237,6 +237,21 @@ static void test_a_session_ends_one_to_two_seconds_after_its_last_good_tag(void)
     TEST_ASSERT_FALSE(after_silence(0U, 1968U));
 }
 
+static void test_a_session_ends_at_either_place_and_nothing_else(void) {
+    static struct {
+        terrapin_seal seal;
+        terrapin_sealed_session beside;
+    } held;
+    held.beside.next = 1U;
+    for (uint32_t place = 0; place < 2U; place++) {
+        held.seal.session[place].next = 9U;
+    }
+    terrapin_seal_at(&held.seal, 5000U);
+    TEST_ASSERT_EQUAL_UINT32(0U, held.seal.session[0].next);
+    TEST_ASSERT_EQUAL_UINT32(0U, held.seal.session[1].next);
+    TEST_ASSERT_EQUAL_UINT32(1U, held.beside.next);
+}
+
 static void test_a_session_without_a_tag_ends_too(void) {
     for (uint32_t ms = 1900U; ms <= 2000U; ms++) {
         host h;
@@ -563,6 +578,7 @@ int main(int count, char **arguments) {
     RUN_TEST(test_a_withheld_frame_is_taken_for_a_second_at_most);
     RUN_TEST(test_a_clock_may_be_a_little_before_this_one);
     RUN_TEST(test_a_session_ends_one_to_two_seconds_after_its_last_good_tag);
+    RUN_TEST(test_a_session_ends_at_either_place_and_nothing_else);
     RUN_TEST(test_a_session_without_a_tag_ends_too);
     RUN_TEST(test_a_challenge_is_nobodys_to_tell);
     RUN_TEST(test_writes_wait_for_their_seal);
