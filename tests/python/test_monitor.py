@@ -27,6 +27,8 @@ from terrapin_tools.logs.decoding import Decoder
 from terrapin_tools.logs.frames import ERROR, Frames, frames
 from terrapin_tools.monitor import sources
 from terrapin_tools.monitor.app import MonitorApp
+from terrapin_tools.monitor.controls import Controls
+from terrapin_tools.monitor.driving import Driving
 from terrapin_tools.monitor.live import Live
 from terrapin_tools.monitor.plot import braille
 from terrapin_tools.monitor.sources import LogFile, Simulator
@@ -238,6 +240,8 @@ def test_display(log: Path, size: tuple[int, int]) -> None:
             assert "MOTION.slip  0 to 0.199" in text(app, "plot")
             table = app.query_one("#signals", DataTable)
             everything = table.row_count
+            assert app._table.get_cell("GROUND.terrain", "value") == "sand"  # by its name
+            assert len(app._table.get_cell("MOTION.slip", "trend")) > 0
             await pilot.press("slash", *"torque")
             await until(lambda: app.query_one("#filter", Input).value == "torque")
             await until(lambda: {str(key.value) for key in table.rows} == {"GROUND.torque", "GROUND.torque_sd"})
@@ -254,6 +258,51 @@ def test_display(log: Path, size: tuple[int, int]) -> None:
 
     with ThreadPoolExecutor(1) as fresh:  # of other tests' event loops
         fresh.submit(asyncio.run, use()).result()
+
+
+class FakeBus:
+    """Takes what is sent."""
+
+    name, tap = "fake", None
+
+    def __init__(self) -> None:
+        self.frames: list[tuple[int, bytes]] = []
+
+    def send(self, identifier: int, data: bytes) -> None:
+        self.frames.append((identifier, data))
+
+
+def test_keys_that_drive() -> None:
+    """Nothing moves before `a` was pressed twice; then run, setpoint, stop; a stop ends it and is let go by space."""
+    controls = Controls(FakeBus(), interface(), Node(0))  # type: ignore[arg-type]
+    controls.close()  # its thread: nothing is sent here
+    driving = Driving(controls)
+    for key in ("r", "+"):
+        driving.press(key)
+        assert driving.said == "not armed: a arms"
+    driving.press("a")
+    assert not driving.armed
+    assert "once more" in driving.said
+    driving.press("a")
+    assert driving.armed
+    for key in ("+", "+", "-", "r", "l"):
+        driving.press(key)
+    assert controls.answer() | {"sent": 0} == {
+        "driver": "terminal", "leaving": False, "sent": 0,
+        "request": "run", "control": "speed", "setpoint": 0.05, "limiter": False,
+    }  # fmt: skip
+    assert driving.said.startswith("ARMED run 0.05 m/s, limiter off")
+    driving.press("v")
+    assert driving.order.setpoint == 0.0  # of another kind: no volt becomes a metre a second
+    driving.stop()
+    assert not driving.armed
+    assert driving.said.startswith("STOPPED")
+    for key in ("a", "a"):
+        driving.press(key)
+    assert "held in" in driving.said
+    driving.stop()
+    assert not controls.stop_held
+    assert not driving.armed
 
 
 def test_simulator_source() -> None:

@@ -40,6 +40,13 @@ ROUTES = [
     ("GET", "/api/jobs"),
     ("DELETE", "/api/jobs/0123456789ab"),
     ("POST", "/api/uploads?name=a.csv"),
+    ("GET", "/api/cases/x/steps"),
+    ("GET", "/api/examples/heated_motor/picture"),
+    ("GET", "/api/live/parameters"),
+    ("POST", "/api/live/parameters"),
+    ("POST", "/api/live/command"),
+    ("POST", "/api/live/replay"),
+    ("POST", "/api/live/robot"),
     ("GET", "/api/openapi.json"),
     ("GET", "/api/nothing"),
     ("GET", "/api"),
@@ -242,6 +249,11 @@ def test_bodies_that_are_too_large(server: Server) -> None:
         b'{"do": "add", "effects": ["x"], "parameters": {"k=1:0:1": {"value": 1}}}',
         b'{"do": "add", "effects": ["x"], "target": "y"}',
         b'{"do": "remove", "effect": "../../x"}',
+        b'{"do": "undo", "steps": 3}',
+        b'{"do": "hold", "runs": ["--json"]}',
+        b'{"do": "hold", "runs": ["a\\u0000"]}',
+        b'{"do": "constant", "name": "radius", "value": "$(id)"}',
+        b'{"do": "constant", "name": "--to", "value": "1 m"}',
         b'{"do": "export", "scenario": "/etc/passwd"}',
     ],
 )
@@ -251,6 +263,36 @@ def test_bodies_that_are_wrong(server: Server, body: bytes) -> None:
     answer = server.ask("POST", "/api/cases/forced_slip_sand/jobs", body, {"Content-Type": "application/json"})
     assert answer.status in (400, 422), answer.body
     assert len(answer.detail) < 2100
+
+
+@pytest.mark.parametrize(
+    ("route", "body"),
+    [
+        ("command", b'{"request": "run"}'),
+        ("command", b'{"request": "arm", "page": "../../x"}'),
+        ("command", b'{"request": "arm", "page": "0123456789abcdef0"}'),
+        ("robot", b'{"change": "request = run"}'),
+        ("robot", b'{"change": "ground = sand\\nvoltage = 8 V"}'),
+        ("robot", b'{"change": "tow = $(id)"}'),
+        ("replay", b'{"position": NaN}'),
+        ("replay", b'{"speed": 1e300}'),
+        ("parameters", b'{"name": "../x", "value": 1}'),
+        ("parameters", b'{"name": "window", "value": 1e999}'),
+        ("parameters", b'{"do": "erase"}'),
+    ],
+)
+def test_what_nobody_may_ask_of_a_robot(server: Server, route: str, body: bytes) -> None:
+    answer = server.ask("POST", f"/api/live/{route}", body, {"Content-Type": "application/json"})
+    assert answer.status in (400, 422), answer.body
+    assert len(answer.detail) < 2100
+
+
+def test_another_page_drives_nothing(server: Server) -> None:
+    """Another origin opens no socket of the Live tab, on which beats go."""
+    for query, origin in (("", f"http://127.0.0.1:{server.port}"), (f"?token={server.token}", "http://example.org")):
+        with pytest.raises(InvalidStatus) as refused:
+            connect(f"ws://127.0.0.1:{server.port}/api/live/socket{query}", additional_headers={"Origin": origin})
+        assert refused.value.response.status_code == 403
 
 
 def test_methods_and_routes_that_are_not_there(server: Server) -> None:

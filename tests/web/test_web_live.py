@@ -30,7 +30,7 @@ from terrapin_hil.nodes import Node
 from terrapin_tools.logs.frames import frames
 from terrapin_tools.logs.reading import read_log
 from terrapin_tools.logs.writing import LogWriter
-from terrapin_tools.web.live.session import reduced
+from terrapin_tools.web.live.picture import reduced
 from terrapin_tools.web.live.socket import WINDOW, Audience, _Client
 from tests.waiting import BOUND, wait_for
 

@@ -25,11 +25,13 @@ def monitor(
     bitrate: BitRate = 500_000,
     node: NodeNumber = None,
     robot: ThisRobot = "",
+    drive: Annotated[bool, typer.Option("--drive", help="keys arm, run, set and stop the controller")] = False,
     controller: Annotated[LinkName, link_option("lockstep", "of a scenario", "--controller")] = INPROCESS,
 ) -> None:
     """Watch a controller: state, faults and what they mean, slip, C_t, currents, the bus, any signal as a plot.
 
-    Keys: q quit, space pause, m mark, / filter, p plot the signal under the cursor.
+    Keys: q quit, space pause, m mark, / filter, p plot the signal under the cursor. With --drive: a arm, r run or halt,
+    + and - setpoint, v voltage or speed, l limiter, c clear; space then stops.
 
     Example: terrapin monitor --link socketcan:can0
     """
@@ -50,6 +52,8 @@ def monitor(
     simulated = link is None and (not path.exists() or path.suffix == ".toml")
     if simulated:
         source = str(take_scenario(source, robot))
+    if drive and (link is None or dbc is not None):
+        raise UserError("--drive: expected it with --link, and without --dbc: there is nothing else to drive")
     number = link.at_node(node).node if link else INPROCESS.at_node(node).node
     bitrate = link.bit_rate(bitrate) if link else bitrate
     if not sys.stdout.isatty():
@@ -66,10 +70,20 @@ def monitor(
     from terrapin_tools.monitor.app import MonitorApp
 
     limit = interface().parameter("slip_limit")
-    app = MonitorApp(live, opened, limit.default * limit.scale)
+    driving = None
+    if drive and isinstance(opened, Bus):
+        from terrapin_hil.nodes import Node
+        from terrapin_tools.monitor.controls import Controls
+        from terrapin_tools.monitor.driving import Driving
+
+        on = lambda: live.values.get("ACTUATE.enable") == 1.0  # noqa: E731
+        driving = Driving(Controls(opened, interface(), Node(number), bridge_on=on))
+    app = MonitorApp(live, opened, limit.default * limit.scale, driving)
     try:
         app.run()
     finally:
+        if driving is not None:
+            driving.controls.close()
         opened.close()
     print(f"{live.total} frames seen, {opened.lost} lost" + (f"; {opened.note}" if opened.note else ""))
     if app.failed is not None:

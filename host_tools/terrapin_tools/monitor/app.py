@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from collections import deque
 from typing import ClassVar
 
 from rich.table import Table
@@ -13,15 +14,20 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.widgets import DataTable, Footer, Input, Static
 
+from terrapin_hil.messages import interface
+from terrapin_hil.telemetry import words
 from terrapin_tools.errors import UserError
+from terrapin_tools.monitor.driving import Driving
 from terrapin_tools.monitor.live import Live
-from terrapin_tools.monitor.plot import braille
+from terrapin_tools.monitor.plot import braille, sparkline
 from terrapin_tools.monitor.sources import Source
 
 __all__ = ["MonitorApp"]
 
 REDRAW = 0.1  # s
 PLOT_SECONDS = 20.0
+TREND = 12  # values
+DRIVING = {"a": "a", "r": "r", "plus": "+", "minus": "-", "v": "v", "l": "l", "c": "c"}
 COLOURS = ("cyan", "yellow", "green", "magenta")
 DEFAULT_PLOTS = ("MOTION.slip", "GROUND.torque")
 
@@ -49,10 +55,12 @@ class MonitorApp(App[None]):
         Binding("slash", "filter", "Filter", key_display="/"),
         Binding("p", "pick", "Plot on/off"),
         Binding("escape", "leave", "Leave filter", show=False),
+        *(Binding(key, f"drive('{name}')", name, show=False) for key, name in DRIVING.items()),
     ]
 
-    def __init__(self, live: Live, source: Source, limit: float | None = None) -> None:
+    def __init__(self, live: Live, source: Source, limit: float | None = None, driving: Driving | None = None) -> None:
         super().__init__()
+        self.driving = driving
         self.live = live
         self.source = source
         self.paused = False
@@ -62,6 +70,9 @@ class MonitorApp(App[None]):
         self._marks = 0
         self._heard = time.monotonic()
         self._rows: dict[str, object] = {}
+        self._trends: dict[str, deque[float]] = {}
+        named = words(interface()) if live.robot else {}
+        self._words = {name: {float(value): word for word, value in found.items()} for name, found in named.items()}
         for name in DEFAULT_PLOTS:
             if name in live.units:
                 live.plot(name, True)
@@ -84,6 +95,7 @@ class MonitorApp(App[None]):
             ("value", "value", 14),
             ("unit", "unit", 10),
             ("age", "age", 8),
+            ("trend", "trend", TREND),
         ):
             table.add_column(title, key=key, width=width)
         table.focus()
@@ -104,6 +116,10 @@ class MonitorApp(App[None]):
         if len(block):
             self._heard = time.monotonic()
             self.live.take(block)
+            for name, value in self.live.values.items():
+                self._trends.setdefault(name, deque(maxlen=TREND)).append(value)
+        if self.driving is not None:
+            self.driving.beat()
         if not self.paused:
             self.draw()
 
@@ -119,7 +135,11 @@ class MonitorApp(App[None]):
         plot.update(self._plot(plot.content_size.width, plot.content_size.height))
         self._signals()
         last = list(live.events)[-3:]
+        if self.driving is not None:
+            last = last[-2:]
         events = "\n".join(f"{e.time:9.3f} s  {e.text}" for e in last) or "no events yet"
+        if self.driving is not None:
+            events = f"{self.driving.said}\n{events}"
         self.query_one("#events", Static).update(events)
 
     def _controller(self) -> Text:
@@ -193,20 +213,33 @@ class MonitorApp(App[None]):
         ]
         if list(self._rows) != wanted:
             table.clear()
-            self._rows = {name: table.add_row(name, "", live.units.get(name, ""), "", key=name) for name in wanted}
+            self._rows = {name: table.add_row(name, "", live.units.get(name, ""), "", "", key=name) for name in wanted}
         for name in wanted:
             picked = "* " if name in live.traces else ""
             if name in live.values:
                 table.update_cell(name, "signal", picked + name)
-                table.update_cell(name, "value", f"{live.values[name]:.6g}")
+                table.update_cell(
+                    name, "value", self._words.get(name, {}).get(live.values[name], f"{live.values[name]:.6g}")
+                )
+                table.update_cell(name, "trend", sparkline(self._trends.get(name, ())))
                 table.update_cell(name, "age", f"{live.time - live.times[name]:.2f} s")
             else:
                 table.update_cell(name, "value", "not in the DBC")
 
     def action_pause(self) -> None:
-        """Freeze the display; frames are taken on."""
+        """Freeze the display; frames are taken on. While the terminal drives, or holds the stop in, it is the stop."""
+        if self.driving is not None and (self.driving.armed or self.driving.controls.stop_held):
+            self.driving.stop()
+            self.draw()
+            return
         self.paused = not self.paused
         self.draw()
+
+    def action_drive(self, key: str) -> None:
+        """A key of `--drive`."""
+        if self.driving is not None:
+            self.driving.press(key)
+            self.draw()
 
     def action_mark(self) -> None:
         """Note an event."""

@@ -105,6 +105,7 @@ class Live:
         self._lengths = {str(m.name): int(m.length) for m in decoder.messages.values()} if decoder else {}
         self.counters: tuple[int, int] | None = None  # error counters of sending and receiving, once told
         self.begin = float("nan")  # of the first frame of the epoch
+        self._anew = False
         self.epoch = 0  # counts steps back of the clock: times of one epoch rise
         self.event_count = 0
         if decoder is not None:
@@ -115,6 +116,11 @@ class Live:
                         for name, unit in decoder.units(message.name)
                     }
                 )
+
+    @property
+    def robot(self) -> bool:
+        """Whether it speaks the controller's interface."""
+        return self._node is not None
 
     def plot(self, signal: str, shown: bool) -> None:
         """Start or stop keeping the points of a signal."""
@@ -176,25 +182,36 @@ class Live:
         self._known += int(seen.sum())
         return decoded
 
+    def begin_again(self) -> None:
+        """What comes next is of another time, on purpose: plots begin anew, and nothing is told of the clock."""
+        self._anew = True
+
     def _clock(self, block: Frames) -> None:
         """Steps back begin another epoch: plots begin anew. Long silences are told."""
         if not self.total:
             self._latest = self.begin = float(block.times[0])
+        elif self._anew:
+            self._latest = float(block.times[0])
+            self._begin_epoch(self._latest)
+        self._anew = False
         steps = np.diff(block.times, prepend=self._latest)
         for row in np.flatnonzero((steps < -BACK) | (steps > AHEAD)).tolist():
             step = float(steps[row])
             if step < 0:
                 self.tell(float(block.times[row]), "clock", f"the clock steps back by {-step:.3f} s")
-                self.epoch += 1
-                self.begin = float(block.times[row])
-                self._recent.clear()
-                for trace in self.traces.values():
-                    trace.times.clear()
-                    trace.values.clear()
+                self._begin_epoch(float(block.times[row]))
             else:
                 text = f"no frame for {step:.3f} s, or the clock jumped ahead"
                 self.tell(float(block.times[row]), "clock", text)
         self._latest = float(block.times[-1])
+
+    def _begin_epoch(self, time: float) -> None:
+        self.epoch += 1
+        self.begin = time
+        self._recent.clear()
+        for trace in self.traces.values():
+            trace.times.clear()
+            trace.values.clear()
 
     def _look_beside(self, block: Frames, number: int, decoder: Decoder) -> None:
         """Notes the last values of OF_EACH of another controller."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-__all__ = ["braille"]
+__all__ = ["braille", "sparkline"]
 
+BLOCKS = "▁▂▃▄▅▆▇█"
 _DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], dtype=np.int64)
 
 
@@ -37,3 +38,17 @@ def braille(
     dots = (rows >= top) & (rows <= bottom)
     cells = (dots.reshape(height, 4, width, 2) * _DOTS[None, :, None, :]).sum(axis=(1, 3))
     return ["".join(chr(0x2800 + cell) for cell in line) for line in cells.tolist()], low, high
+
+
+def sparkline(values: Iterable[float]) -> str:
+    """One character a value, from the lowest to the highest; what is not finite leaves a gap.
+
+    >>> sparkline([0.0, 1.0, 2.0, float("nan"), 2.0])
+    '▁▅█ █'
+    """
+    found = list(values)
+    there = [value for value in found if value - value == 0.0]
+    low, span = (min(there), max(there) - min(there)) if there else (0.0, 0.0)
+    return "".join(
+        " " if value - value != 0.0 else BLOCKS[round((value - low) / span * 7) if span else 0] for value in found
+    )

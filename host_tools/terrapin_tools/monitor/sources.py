@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -30,6 +31,8 @@ __all__ = ["Bus", "LogFile", "Simulator", "Source"]
 WAITING = 2_000_000  # frames that a source may be ahead of who polls (70 MB); more are counted as lost
 ASKED = 0.5  # s for a controller to say what it was built for
 SILENCE = 10.0  # s of a log without a frame that are not waited for
+PASSED = 20  # blocks of a log that one poll passes over on its way to where it is to go on
+TRUTH_EVERY = 20  # ticks between points of the simulator's truth
 
 
 class Source(Protocol):
@@ -81,6 +84,8 @@ class Bus(Source):
 
         self.name = str(link)
         self._bus = open_bus(link, bitrate)
+        self._sending = threading.Lock()
+        self.tap: Callable[[Frames], None] | None = None  # is given every block as it comes, in the thread that listens
         self._waiting = _Waiting()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._listen, daemon=True)
@@ -92,6 +97,8 @@ class Bus(Source):
                 block = self._bus.receive(0.03)
                 if len(block):
                     self._waiting.put(block)
+                    if self.tap is not None:
+                        self.tap(block)
         except UserError as error:
             self._waiting.error = error
 
@@ -121,8 +128,9 @@ class Bus(Source):
             time.sleep(0.01)
 
     def send(self, identifier: int, data: bytes) -> None:
-        """One frame to the bus. UserError (status 1) when it cannot be sent."""
-        self._bus.send(identifier, data)
+        """One frame to the bus, from any thread. UserError (status 1) when it cannot be sent."""
+        with self._sending:
+            self._bus.send(identifier, data)
 
     def close(self) -> None:
         self._stop.set()
@@ -137,17 +145,28 @@ class LogFile(Source):
     lost = 0
 
     def __init__(self, path: Path, speed: float = 1.0) -> None:
+        self._path = path
+        self.name = path.name or str(path)
+        self.speed, self._loop = speed, False
+        self.length: float | None = None  # s, once `measure` has read all of it
+        self.turns = 0  # how often it began: where it does so anew, its clock steps back
+        self._closed = False
+        self._start(0.0)
+
+    def _start(self, position: float) -> None:
+        """Reads from the beginning, and shows what comes from `position` [s] on."""
         from terrapin_tools.logs.reading import LogReader
 
-        self._reader = LogReader(path)
+        self._reader = LogReader(self._path)
         self._blocks = self._reader.blocks()
-        self.name = path.name or str(path)
-        self._speed = speed
+        self._skip = self._from = position
         self._begin = time.monotonic()
-        self._block = frames(path, [], [], [], [])
+        self.turns += 1
+        self._block = frames(self._path, [], [], [], [])
         self._due: npt.NDArray[np.float64] = np.zeros(0)  # s from the log's start at which each frame is shown
         self._latest, self._elapsed = 0.0, 0.0
         self._done = 0
+        self.over = False
         self._next(first=True)
 
     def _next(self, first: bool = False) -> None:
@@ -155,41 +174,99 @@ class LogFile(Source):
         while block is not None and not len(block):
             block = next(self._blocks, None)
         if block is None:
+            if self.loop and not first:
+                self._start(0.0)
+                return
             self.over = True
             if self._reader.cut:
                 self.note = f"read up to where it was cut off: {self._reader.cut}"
             return
-        steps = np.diff(block.times, prepend=block.times[0] if first else self._latest)
-        steps[(steps < 0) | (steps > SILENCE)] = 0.0
+        steps = _steps(block, block.times[0] if first else self._latest)
         self._block, self._done = block, 0
         self._due = self._elapsed + np.cumsum(steps)
         self._latest, self._elapsed = float(block.times[-1]), float(self._due[-1])
 
+    @property
+    def position(self) -> float:
+        """Where it is [s], without the gaps that are not waited for."""
+        now = self._from + (time.monotonic() - self._begin) * self.speed
+        return min(now, self._elapsed if self.over else np.inf, self.length or np.inf)
+
+    def seek(self, position: float) -> None:
+        """Goes on from there [s]; from its end where that is earlier."""
+        self._blocks = iter(())
+        self._start(max(0.0, position))
+
+    @property
+    def loop(self) -> bool:
+        """Whether it begins anew at its end."""
+        return self._loop
+
+    def set_loop(self, on: bool) -> None:
+        """Begin anew at the end, at once where that is reached already; or do so no more."""
+        self._loop = on
+        if on and self.over:
+            self._start(0.0)
+
+    def set_speed(self, speed: float) -> None:
+        """Goes on at another pace, from where it is."""
+        self._from, self._begin, self.speed = self.position, time.monotonic(), speed
+
+    def measure(self) -> None:
+        """Reads all of it once to know its length: takes as long as reading does."""
+        from terrapin_tools.logs.reading import LogReader
+
+        length, latest = 0.0, None
+        for block in LogReader(self._path).blocks():
+            if self._closed:
+                return
+            if len(block):
+                length += float(_steps(block, block.times[0] if latest is None else latest).sum())
+                latest = float(block.times[-1])
+        self.length = length
+
     def poll(self) -> Frames:
-        until = (time.monotonic() - self._begin) * self._speed
-        end = int(np.searchsorted(self._due, until, side="right"))
-        block = self._block.pick(np.arange(self._done, end))
+        for _ in range(PASSED):
+            if self.over or len(self._due) == 0 or self._due[-1] >= self._skip:
+                break
+            self._next()
+            self._begin = time.monotonic()  # it is not there yet
+        until = self._from + (time.monotonic() - self._begin) * self.speed
+        begin = max(self._done, int(np.searchsorted(self._due, self._skip)) if self._skip else 0)
+        end = max(begin, int(np.searchsorted(self._due, until, side="right")))
+        block = self._block.pick(np.arange(begin, end))
         self._done = end
         if end >= len(self._block) and not self.over:
             self._next()
         return block
 
     def close(self) -> None:
+        self._closed = True
         self._blocks = iter(())  # closes the file
+
+
+def _steps(block: Frames, latest: float) -> npt.NDArray[np.float64]:
+    """How long each frame is waited for [s]."""
+    steps = np.diff(block.times, prepend=latest)
+    steps[(steps < 0) | (steps > SILENCE)] = 0.0
+    return steps
 
 
 class Simulator(Source):
     """A scenario in real time with this build's controller, in this process or over a link; a thread runs it."""
 
     def __init__(self, scenario: str, link: LinkName = INPROCESS) -> None:
+        from terrapin_hil.robot.truth import TRUTH
         from terrapin_hil.run.run import run
         from terrapin_hil.scenario.scenario import find_scenario, load_scenario
 
+        self._names = TRUTH
         self.scenario = replace(load_scenario(find_scenario(scenario)), real_time=True)
         self._link = _Tapped(open_link(link))
         self.name = f"simulator: {self.scenario.name}" + (f" over {link}" if link != INPROCESS else "")
         self._stop = False
         self._tick = 0
+        self._truth: deque[tuple[float, dict[str, float]]] = deque(maxlen=1000)
         self._waiting = _Waiting()
 
         def work() -> None:
@@ -205,6 +282,10 @@ class Simulator(Source):
         self._thread = threading.Thread(target=work, daemon=True)
         self._thread.start()
 
+    def truth(self) -> list[tuple[float, dict[str, float]]]:
+        """What the robot truly did since the last call: time [s] and the columns of its log's truth, SI."""
+        return [self._truth.popleft() for _ in range(len(self._truth))]
+
     def press_stop(self, pressed: bool) -> None:
         """Open the emergency stop's circuit from the next tick on, or close it."""
         self._link.pressed = pressed
@@ -219,6 +300,8 @@ class Simulator(Source):
                 times.append(tick * 1e-3)
                 names.append(int(frame["id"]))
                 payloads.append(frame["data"][: frame["length"]].tobytes())
+            if tick % TRUTH_EVERY == 0:
+                self._truth.append((tick * 1e-3, dict(zip(self._names, record["truth"].tolist(), strict=True))))
         self._tick += len(records)
         self._waiting.put(frames(Path("simulator"), times, names, payloads, [0] * len(times)))
 

@@ -6,10 +6,11 @@ Nothing here arms test mode or resets the controller: it may be at work.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
-from terrapin_hil.links.link import Link, LinkError
+from terrapin_hil.links.link import LinkError
 from terrapin_hil.messages import Frame, Interface, Parameter, Sender, interface, protect
 from terrapin_tools.errors import UserError
 
@@ -24,6 +25,15 @@ ORIGINS = {
     "damaged": "what is stored cannot be read: defaults after a reset",
     "foreign": "what is stored is another robot's or board's: defaults after a reset",
 }
+
+
+class Port(Protocol):
+    """Where a controller is: a link, or what asks over a bus that others use as well."""
+
+    name: str
+
+    def ask(self, frame: Frame, wanted: Callable[[Frame], bool]) -> Frame | None:
+        """Sends one frame; an answer that is `wanted`, None when there is none."""
 
 
 class Unanswered(LinkError):
@@ -47,7 +57,7 @@ class Session:
     LinkError (Unanswered) when the controller does not answer; UserError when it refuses, with status 1.
     """
 
-    def __init__(self, port: Link, description: Interface | None = None) -> None:
+    def __init__(self, port: Port, description: Interface | None = None) -> None:
         self.port = port
         self.interface = description or interface()
         self._sender = Sender(self.interface)

@@ -19,8 +19,9 @@ from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
 
 from terrapin_tools.errors import UserError
+from terrapin_tools.monitor.controls import NotNow
 from terrapin_tools.web.cases import cases_api, jobs_api, new_case, view_api
-from terrapin_tools.web.live import live_api
+from terrapin_tools.web.live import drive_api, live_api
 from terrapin_tools.web.service import events, uploads
 from terrapin_tools.web.service.bounds import Sockets
 from terrapin_tools.web.service.context import Context
@@ -33,8 +34,8 @@ from terrapin_tools.web.simulate import batch_api, simulate_api
 
 __all__ = ["application"]
 
-ROUTES = (cases_api, new_case, jobs_api, uploads, events, view_api, live_api, simulate_api, batch_api)
-STATUS = {NotThere: 404, Taken: 409, Busy: 503, uploads.TooLarge: 413, uploads.NoSpace: 507}
+ROUTES = (cases_api, new_case, jobs_api, uploads, events, view_api, live_api, drive_api, simulate_api, batch_api)
+STATUS = {NotThere: 404, Taken: 409, NotNow: 409, Busy: 503, uploads.TooLarge: 413, uploads.NoSpace: 507}
 STATIC = Path(__file__).parent / "static"
 
 

@@ -7,7 +7,6 @@ browser that was too slow for some can tell which pictures it missed. The log ne
 
 from __future__ import annotations
 
-import struct
 import threading
 import time
 import traceback
@@ -16,95 +15,31 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from terrapin_hil.arrays import Array
-from terrapin_hil.messages import Interface, Sender
+from terrapin_hil.messages import Interface
 from terrapin_hil.nodes import Node
 from terrapin_hil.scenario.faults import FOREVER
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.decoding import Decoded, Decoder
 from terrapin_tools.logs.writing import LogWriter
+from terrapin_tools.monitor.controls import LIMITS, Controls
 from terrapin_tools.monitor.live import Event, Live
-from terrapin_tools.monitor.sources import Bus, Simulator, Source
+from terrapin_tools.monitor.sources import Bus, LogFile, Simulator, Source
+from terrapin_tools.web.live.picture import PAST, Picture, Ring, reduced
+from terrapin_tools.web.live.robot import SimulatedRobot
 from terrapin_tools.web.service.workspace import Taken
 
-__all__ = ["HEADER", "Picture", "Recording", "Session", "reduced"]
-
+__all__ = ["Recording", "Session"]
 
 PICTURES = 30  # a second
 STATUS_EVERY = 0.1  # s
 FLUSH = 0.5  # s: what a crash may cost the log
-HISTORY = 8192  # points of each signal that are kept for a browser that begins to look
-REPEAT = 0.02  # s between stops while the stop button is held in
-CLEARS = 5  # sent when it is let go: one may be lost, and a new sender's second is the first that is taken
-HEADER = struct.Struct("<BBHIIIdd")  # version, kind, columns, number, epoch, frames, first frame, base time [s]
-COLUMN = struct.Struct("<HH")  # signal, points; then float32 pairs (s after the base, value)
-SAMPLES, PAST = 1, 2  # kinds of packets
-
-
-def reduced(times: Array, values: Array, most: int = 4) -> tuple[Array, Array]:
-    """At most `most` points that keep lowest and highest, in order of time; NaN is left out.
-
-    >>> t, v = reduced(np.arange(100.0), np.where(np.arange(100) == 70, 9.0, 0.0))
-    >>> len(t), float(v.max())
-    (4, 9.0)
-    """
-    there = ~np.isnan(values)
-    if not there.all():
-        times, values = times[there], values[there]
-    if len(values) <= most:
-        return times, values
-    chosen: list[int] = []
-    pieces = most // 2
-    for piece in range(pieces):
-        a, b = len(values) * piece // pieces, len(values) * (piece + 1) // pieces
-        chosen += sorted((a + int(values[a:b].argmin()), a + int(values[a:b].argmax())))
-    return times[chosen], values[chosen]
-
-
-class _Ring:
-    """The latest points of one signal."""
-
-    def __init__(self) -> None:
-        self._times = np.zeros(HISTORY)
-        self._values = np.zeros(HISTORY, dtype=np.float32)
-        self._count = 0
-
-    def add(self, times: Array, values: Array) -> None:
-        place = (self._count + np.arange(len(times))) % HISTORY
-        self._times[place], self._values[place] = times, values
-        self._count += len(times)
-
-    def points(self) -> tuple[Array, npt.NDArray[np.float32]]:
-        begin = max(0, self._count - HISTORY)
-        place = np.arange(begin, self._count) % HISTORY
-        return self._times[place], self._values[place]
-
-
-class Picture:
-    """What one packet may say: few points of every signal that came, and the frames that they stand for."""
-
-    def __init__(self, number: int, epoch: int, first: int, frames: int, base: float) -> None:
-        self.number = number
-        self._head = (epoch, frames, float(first), base)
-        self._columns: dict[int, bytes] = {}
-        self._packets: dict[frozenset[int], bytes] = {}
-
-    def add(self, signal: int, times: Array, values: Array | npt.NDArray[np.float32]) -> None:
-        pairs = np.empty((len(times), 2), dtype="<f4")
-        with np.errstate(over="ignore"):  # beyond float32: infinite, and not drawn
-            pairs[:, 0], pairs[:, 1] = times - self._head[3], values
-        self._columns[signal] = COLUMN.pack(signal, len(times)) + pairs.tobytes()
-
-    def packet(self, wanted: frozenset[int], kind: int = SAMPLES) -> bytes:
-        """For a browser that looks at these signals."""
-        if wanted not in self._packets:
-            epoch, frames, first, base = self._head
-            columns = [self._columns[s] for s in sorted(wanted & self._columns.keys())]
-            head = HEADER.pack(1, kind, len(columns), self.number, epoch, frames, first, base)
-            self._packets[wanted] = head + b"".join(columns)
-        return self._packets[wanted]
+# Columns of a simulator's truth that are shown beside what the controller says: signal, column, unit
+TRUE = (
+    ("TRUTH.torque", "contact_torque", "N m"),
+    ("TRUTH.slip", "slip", ""),
+    ("TRUTH.ground_speed", "speed", "m/s"),
+)
 
 
 class Recording:
@@ -161,6 +96,9 @@ class Session:
         self._watch = watch  # as it was asked for: another browser changes a part of it
         self.decoder = decoder
         self.live = Live(decoder, interface, bitrate, node)
+        self.kind = _kind(source)
+        if self.kind in ("robot", "simulator"):
+            self.live.units.update({name: unit for name, _, unit in TRUE})
         self.names = list(self.live.units)
         self.state = "live"  # live, over, gone
         self.note = ""
@@ -169,21 +107,25 @@ class Session:
         self._interface = interface
         self._tell = tell
         self._index = {name: number for number, name in enumerate(self.names)}
-        self._rings: dict[int, _Ring] = {}
+        self._rings: dict[int, Ring] = {}
         self._recording: Recording | None = None
         self._lock = threading.RLock()
         self._pictures = 0
         self._told = 0  # events
+        self._turns = 1  # of a log
         self._heard = time.monotonic()
         self._stop = threading.Event()
-        self._sender = Sender(interface) if interface is not None else None
-        self._node = Node(node)
-        self._asked = 0.0
-        self._clears = 0
+        self.controls = (
+            Controls(source, interface, Node(node), self._note, self._bridge_on)
+            if isinstance(source, Bus) and interface is not None
+            else None
+        )
         self._asked_past: list[tuple[Collection[int], Callable[[bytes], object]]] = []
         self._faults = _injections(source) if isinstance(source, Simulator) else []
         self._thread = threading.Thread(target=self._work, name="live", daemon=True)
         self._thread.start()
+        if isinstance(source, LogFile):
+            threading.Thread(target=source.measure, name="length", daemon=True).start()
 
     # ---------------------------------------------------------------- the thread
 
@@ -204,6 +146,8 @@ class Session:
                 if self.state != "live" and self.stop_held:
                     self.stop_held = False
                     self.live.tell(self.live.time, "bus", "the stop button holds nothing: the source has ended")
+                if self.state != "live" and self.controls is not None:
+                    self.controls.end()
                 now = time.monotonic()
                 status = None
                 if now >= status_due or self.state == "gone":
@@ -219,12 +163,16 @@ class Session:
             self._stop.wait(due - time.monotonic())
 
     def _look(self) -> Picture | None:
+        if isinstance(self.source, LogFile) and self.source.turns != self._turns:
+            self._turns = self.source.turns
+            self.live.begin_again()
         over = self.source.over  # looked at first: the last block may come just before it
         block = self.source.poll()
         if over and self.state == "live" and not len(block):
             self.state, self.note = "over", self.source.note
             self._end_recording()
-        self._hold()
+        if self.controls is not None and self.controls.failed is not None:
+            raise self.controls.failed
         if not len(block):
             return None
         self._heard = time.monotonic()
@@ -245,9 +193,23 @@ class Session:
                 number = self._index.get(f"{message}.{name}")
                 times, points = reduced(table.times, values)
                 if number is not None and len(times):
-                    self._rings.setdefault(number, _Ring()).add(times, points)
+                    self._rings.setdefault(number, Ring()).add(times, points)
                     picture.add(number, times, points)
+        self._add_truth(picture)
         return picture
+
+    def _add_truth(self, picture: Picture) -> None:
+        """What a simulated robot truly did, as signals of their own."""
+        if not isinstance(self.source, (Simulator, SimulatedRobot)):
+            return
+        points = self.source.truth()
+        times = np.array([time for time, _ in points])
+        for name, column, _ in TRUE if points else ():
+            values = np.array([truth[column] for _, truth in points])
+            self.live.values[name] = float(values[-1])
+            number = self._index[name]
+            self._rings.setdefault(number, Ring()).add(times, values)
+            picture.add(number, *reduced(times, values))
 
     def _record(self, block: Any) -> None:
         if self._recording is None:
@@ -263,18 +225,13 @@ class Session:
         while self._faults and self._faults[0][0] <= now:
             self.live.tell(self._faults[0][0], "injected", self._faults.pop(0)[1])
 
-    def _hold(self) -> None:
-        """While the stop button is held in STOP_ALL to all controllers on a bus, again and again; then a few times
-        `clear` to the one that is watched."""
-        if not (self.stop_held or self._clears) or not isinstance(self.source, Bus) or self._sender is None:
-            return
-        now = time.monotonic()
-        if now - self._asked >= REPEAT:
-            self._asked = now
-            requests = self._sender.interface.enums["request"]
-            self._clears = 0 if self.stop_held else self._clears - 1
-            message, request = ("STOP_ALL", "idle") if self.stop_held else ("COMMAND", "clear")
-            self.source.send(*self._node.to_bus(self._sender.frame(message, {"request": requests[request]})))
+    def _note(self, text: str) -> None:
+        """Something that the controls did, as an event."""
+        with self._lock:
+            self.live.tell(self.live.time, "mark", text)
+
+    def _bridge_on(self) -> bool:
+        return self.live.values.get("ACTUATE.enable") == 1.0
 
     # ---------------------------------------------------------------- what browsers ask for
 
@@ -286,16 +243,19 @@ class Session:
 
             words = words_of(self._interface)
         signals = [{"name": n, "unit": self.live.units[n], "words": words.get(n)} for n in self.names]
-        stop = "bus" if isinstance(self.source, Bus) else "simulator" if isinstance(self.source, Simulator) else ""
         limit = self._interface.parameter("slip_limit") if self._interface is not None else None
         return {
             "type": "hello",
             "name": self.source.name,
+            "kind": self.kind,
+            "drive": {name: {"unit": unit, "limit": limit} for name, (unit, limit) in LIMITS.items()}
+            if self.controls is not None
+            else None,
             "command": self.command,
             "watch": self._watch,
             "dbc": self.decoder.path.name,
             "signals": signals,
-            "stop": stop if self._interface is not None else "",
+            "stop": self.can_stop,
             "slip_limit": limit.default * limit.scale if limit is not None else None,
         }
 
@@ -344,7 +304,45 @@ class Session:
             "recording": self._recording.answer() if self._recording is not None else None,
             "last_log": self.last_log,
             "stop_held": self.stop_held,
+            "drive": self.controls.answer() if self.controls is not None else None,
+            "replay": self._replay(),
         }
+
+    def _replay(self) -> dict[str, Any] | None:
+        log = self.source
+        if not isinstance(log, LogFile):
+            return None
+        return {"position": log.position, "length": log.length, "speed": log.speed, "loop": log.loop}
+
+    def replay(self, position: float | None = None, speed: float | None = None, loop: bool | None = None) -> None:
+        """Moves in a log, or changes how it is played. Taken where the source is none."""
+        with self._lock:
+            if not isinstance(self.source, LogFile) or self.state == "gone":
+                raise Taken("what is watched is no log, expected one to move in")
+            if speed is not None:
+                self.source.set_speed(speed)
+            if loop is not None:
+                self.source.set_loop(loop)
+            if position is not None:
+                self.source.seek(position)
+            if not self.source.over:
+                self.state = "live"
+
+    @property
+    def can_stop(self) -> str:
+        """How it is stopped: bus, simulator, or "" where nothing can be."""
+        if self._interface is None or self.kind == "log":
+            return ""
+        return "simulator" if isinstance(self.source, Simulator) else "bus"
+
+    @property
+    def driven(self) -> Controls:
+        """What sends to the bus. Taken where the source has no controller to drive."""
+        if self.controls is None:
+            raise Taken("what is watched cannot be driven, expected a bus with a controller, or the simulated robot")
+        if self.state != "live":
+            raise Taken("the source has ended, expected one that is live")
+        return self.controls
 
     def past(self, wanted: Collection[int], give: Callable[[bytes], object]) -> None:
         """Gives the points of these signals that are kept as one packet, in its place between the pictures."""
@@ -400,26 +398,35 @@ class Session:
     def hold_stop(self, held: bool) -> None:
         """Holds the stop button in, or lets it go. Taken when the source has no controller to stop."""
         with self._lock:
-            if not isinstance(self.source, Simulator) and (not isinstance(self.source, Bus) or self._sender is None):
+            if not isinstance(self.source, Simulator) and self.controls is None:
                 raise Taken("a log has nothing to stop, expected a bus or the simulator")
             if self.state != "live":
                 raise Taken("the source has ended, expected one that is live")
             if isinstance(self.source, Simulator):
                 self.source.press_stop(held)
+            elif self.controls is not None:
+                self.controls.hold_stop(held)
             if held != self.stop_held:
                 text = "stop button held in" if held else "stop button let go"
                 self.live.tell(self.live.time, "injected" if isinstance(self.source, Simulator) else "mark", text)
-            self._clears = CLEARS if self.stop_held and not held else 0
             self.stop_held = held
-            self._asked = 0.0
 
     def close(self) -> None:
         """Ends the log and lets go of the source."""
         self._stop.set()
+        if self.controls is not None:
+            self.controls.close()
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout=5.0)
         self.stop_recording()
         self.source.close()
+
+
+def _kind(source: Source) -> str:
+    """Of a source, for the page."""
+    if isinstance(source, SimulatedRobot):
+        return "robot"
+    return "bus" if isinstance(source, Bus) else "simulator" if isinstance(source, Simulator) else "log"
 
 
 def _injections(source: Simulator) -> list[tuple[float, str]]:

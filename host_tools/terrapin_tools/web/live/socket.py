@@ -1,22 +1,29 @@
 """The websocket of the Live tab: pictures of the one source to every browser, each as fast as it can take them.
 
 To the browser: text {"type": "hello"...} when the source changes, {"type": "status"...} ten times a second, and binary
-pictures (terrapin_tools/web/live/session.py says how they are laid out). From the browser: {"want": [signal, ...]} and
-{"seen": number of the last picture}. A browser that is behind by WINDOW pictures gets no more until it catches up; the
-numbers of the pictures and of the frames in them tell it what it missed.
+pictures (terrapin_tools/web/live/picture.py says how they are laid out). From the browser: {"want": [signal, ...]},
+{"seen": number of the last picture}, and from the page that drives, ten times a second, {"beat": {"request": "run",
+"control": "speed", "setpoint": 0.3, "limiter": true}}.
+
+A browser that is behind by WINDOW pictures gets no more until it catches up; the numbers of the pictures and of the
+frames in them tell it what it missed.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
+import math
+import secrets
 from collections import deque
 from contextlib import suppress
 from typing import Any
 
 from fastapi import WebSocket, WebSocketDisconnect
 
-from terrapin_tools.web.live.session import Picture, Session
+from terrapin_tools.monitor.controls import LIMITS, Order
+from terrapin_tools.web.live.picture import Picture
+from terrapin_tools.web.live.session import Session
 
 __all__ = ["Audience"]
 
@@ -28,6 +35,7 @@ MOST_EVENTS = 1000
 
 class _Client:
     def __init__(self) -> None:
+        self.page = secrets.token_hex(8)  # by which it is armed
         self.asked: frozenset[int] = frozenset()  # what it wants
         self.wanted: frozenset[int] = frozenset()  # what its pictures hold: what it wants, once their past was given
         self.past: bytes | None = None  # of these packets
@@ -61,11 +69,16 @@ class Audience:
         client.events.clear()
         client.asked = client.wanted = frozenset()
         client.past, client.waits_for_past = None, False
-        client.hello = self._session.hello() if self._session is not None else {"type": "hello", "name": None}
+        hello = self._session.hello() if self._session is not None else {"type": "hello", "name": None}
+        client.hello = {**hello, "page": client.page}
         client.status = self._session.so_far() if self._session is not None else None
         client.told = 0
         self._tell(client, client.status)
         client.news.set()
+
+    def is_open(self, page: str) -> bool:
+        """Whether a browser of that name looks."""
+        return any(client.page == page for client in self._clients)
 
     def _tell(self, client: _Client, status: dict[str, Any] | None) -> None:
         """The events of a status, each once: one on its way may hold some that a browser was given as it came."""
@@ -101,6 +114,8 @@ class Audience:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
             self._clients.discard(client)
+            if self._session is not None and self._session.controls is not None:
+                self._session.controls.gone(client.page)
             for task in tasks:
                 task.cancel()
             for task in tasks:
@@ -146,6 +161,8 @@ class Audience:
         if "seen" in request:
             while client.in_flight and client.in_flight[0] <= request["seen"]:
                 client.in_flight.popleft()
+        if "beat" in request and self._session is not None and self._session.controls is not None:
+            self._session.controls.beat(client.page, request["beat"])
         if "want" in request and self._session is not None:
             client.asked = frozenset(request["want"]) & frozenset(range(len(self._session.names)))
             client.wanted &= client.asked
@@ -176,12 +193,28 @@ def _request(text: str | None) -> dict[str, Any]:
         request = json.loads(text)
     except (ValueError, RecursionError):
         raise ValueError("found no JSON") from None
-    if not isinstance(request, dict) or not request.keys() <= {"want", "seen"}:
-        raise ValueError('expected {"want": [...]} or {"seen": number}')
+    if not isinstance(request, dict) or not request.keys() <= {"want", "seen", "beat"}:
+        raise ValueError('expected {"want": [...]}, {"seen": number} or {"beat": {...}}')
     seen, want = request.get("seen", 0), request.get("want", [])
     if not _whole(seen) or not isinstance(want, list) or len(want) > MOST_WANTED or not all(map(_whole, want)):
         raise ValueError(f"expected whole numbers, at most {MOST_WANTED} signals")
+    if "beat" in request:
+        request["beat"] = _order(request["beat"])
     return request
+
+
+def _order(beat: Any) -> Order:
+    """What the page that drives wants. ValueError for what is none."""
+    if not isinstance(beat, dict) or beat.keys() != {"request", "control", "setpoint", "limiter"}:
+        raise ValueError("expected request, control, setpoint and limiter")
+    request, control, setpoint, limiter = (beat[name] for name in ("request", "control", "setpoint", "limiter"))
+    if request not in ("idle", "calibrate", "run") or control not in LIMITS or not isinstance(limiter, bool):
+        raise ValueError("found no request, control or limiter that there is")
+    if isinstance(setpoint, bool) or not isinstance(setpoint, int | float) or not math.isfinite(setpoint):
+        raise ValueError("expected a number as setpoint")
+    if abs(setpoint) > LIMITS[control][1]:
+        raise ValueError("found a setpoint that no robot has")
+    return Order(request, control, float(setpoint), limiter)
 
 
 def _whole(value: Any) -> bool:

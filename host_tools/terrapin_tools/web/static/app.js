@@ -2,9 +2,10 @@
 // Each tab is a module with `export function mount(element, app)`; it returns { show(rest), hide(), redraw() }, all
 // optional. `rest` is what follows the tab's name in the address: #workbench/heated_motor -> "heated_motor".
 
-import { css, h, number, still, unit } from './plots/basics.js';
+import { stopEverywhere } from './live/everywhere.js';
+import { css, fixed, h, number, still, unit } from './plots/basics.js';
 
-export { css, h, number, still, unit };
+export { css, fixed, h, number, still, unit };
 
 const TABS = [
   { name: 'workbench', title: 'Workbench' },
@@ -307,4 +308,5 @@ if (!document.documentElement.dataset.theme) delete document.documentElement.dat
 addEventListener('hashchange', route);
 setTheme();
 connect();
+stopEverywhere($('stop'), app);
 route();

@@ -2,9 +2,13 @@
 // are this browser's own.
 import { h, lineOf } from './app.js';
 import { Bus } from './live/bus.js';
+import { Drive } from './live/drive.js';
 import { Events } from './live/events.js';
+import { Faults } from './live/faults.js';
 import { Nodes } from './live/nodes.js';
+import { Parameters } from './live/parameters.js';
 import { Recorder } from './live/record.js';
+import { Replay } from './live/replay.js';
 import { Signals } from './live/signals.js';
 import { Source } from './live/source.js';
 import { Stop } from './live/stop.js';
@@ -13,6 +17,10 @@ import { Tiles } from './live/tiles.js';
 import { COLOURS, Strip, style } from './strip.js';
 
 const FIRST = ['MOTION.slip', 'GROUND.torque', 'ELECTRICAL.current', 'ACTUATE.state'];
+/** @type {Record<string, string>} */
+const TRUTH = { 'GROUND.torque': 'TRUTH.torque', 'MOTION.slip': 'TRUTH.slip', 'MOTION.ground_speed': 'TRUTH.ground_speed' }; // on one axis with it
+/** @type {Record<string, string>} */
+const SD = { 'GROUND.torque': 'GROUND.torque_sd' }; // of a band around it
 const SECONDS = [5, 15, 30, 60, 120, 300];
 const MOST = 8; // lanes
 const KEY = 'terrapin-live-signals';
@@ -37,7 +45,10 @@ class Live {
     this.telemetry = new Telemetry(app, { hello: (said) => this.hello(said), status: (said) => this.status(said), until: (time, anew) => this.until(time, anew), tell: this.tell });
     this.source = new Source(this);
     this.tiles = new Tiles();
-    this.stop = new Stop((request) => this.command({ request }));
+    this.stop = new Stop(async (request) => { await this.command({ request }); });
+    this.replay = new Replay(this);
+    this.faults = new Faults();
+    this.parameters = new Parameters(this);
     this.bus = new Bus();
     this.nodes = new Nodes((node) => { void this.source.choose(node); });
     this.recorder = new Recorder(this, () => this.source.offer());
@@ -46,13 +57,14 @@ class Live {
     this.notice = h('p', { class: 'notice bad', role: 'alert', hidden: true });
     const place = h('div');
     this.strip = new Strip(place, (time) => this.cursorMoved(time));
+    this.drive = new Drive(this);
     this.pause = h('button', { type: 'button', text: 'Pause', 'aria-pressed': 'false', onclick: () => { this.setPaused(this.strip.paused === null); } });
     this.counts = h('p', { class: 'soft small counts' });
     this.cursorSaid = h('span', { class: 'soft small' });
-    element.append(this.source.element, this.notice, this.nodes.element, this.tiles.element,
+    element.append(h('h1', { class: 'visually-hidden', text: 'Live' }), this.source.element, this.notice, this.replay.element, this.faults.element, this.nodes.element, this.tiles.element,
       h('div', { class: 'live-grid' }, this.chartPanel(place),
-        h('div', { class: 'side' }, this.stop.element, this.bus.element, this.recorder.element, this.events.element)),
-      this.signals.element);
+        h('div', { class: 'side' }, this.stop.element, this.drive.element, this.bus.element, this.recorder.element, this.events.element)),
+      this.parameters.element, this.signals.element);
     element.addEventListener('keydown', (event) => {
       if (event.key === ' ' && event.target === this.strip.canvas) { event.preventDefault(); this.setPaused(this.strip.paused === null); }
     });
@@ -80,10 +92,11 @@ class Live {
   /** @param {string} text */
   tell(text) { this.notice.hidden = !text; this.notice.textContent = text; }
 
-  /** @param {{ request: string, text?: string }} body */
+  /** @param {{ request?: string, text?: string, page?: string }} body */
   async command(body) {
     const answer = await this.run(() => this.app.api('live/command', { body }));
     if (answer) { this.app.announce(answer.done); this.app.showCommand(answer.command); }
+    return answer;
   }
 
   // ---------------------------------------------------------------- what comes
@@ -98,22 +111,28 @@ class Live {
     if (telemetry.signals.length && !this.chosen.some((name) => telemetry.index.has(name))) this.chosen = telemetry.signals.slice(0, 3).map((s) => s.name);
     if (said.command) app.showCommand(said.command);
     app.context(said.name || '');
-    this.stop.begin(said);
+    for (const part of [this.stop, this.drive, this.replay, this.parameters]) part.begin(said);
+    this.source.kind = said.kind || '';
     this.source.watched = said.watch ?? null;
     this.recorder.begin(watched);
     this.want();
     this.signals.chosen = this.chosen;
     this.signals.list();
-    if (!watched) { this.source.draw(null); this.tiles.clear(); this.bus.clear(); this.nodes.clear(); this.counts.textContent = ''; this.tell(''); }
+    if (!watched) { this.source.draw(null); this.tiles.clear(); this.faults.draw(null); this.bus.clear(); this.nodes.clear(); this.counts.textContent = ''; this.tell(''); }
   }
 
   /** Draw the signals that are chosen, as far as there are such. */
   want() {
     const { telemetry } = this;
-    const known = this.chosen.filter((name) => telemetry.index.has(name)), rings = telemetry.want(known);
+    const known = this.chosen.filter((name) => telemetry.index.has(name));
+    /** What belongs to a signal, where there is such. @param {string} name @param {Record<string, string>} of */
+    const beside = (name, of) => (of[name] && telemetry.index.has(of[name]) ? of[name] : null);
+    const extra = known.flatMap((name) => [beside(name, TRUTH), beside(name, SD)]).filter((name) => name !== null && !known.includes(name));
+    const all = [...known, .../** @type {string[]} */ (extra)], rings = telemetry.want(all);
+    const ring = (/** @type {string | null} */ name) => (name === null ? null : rings[all.indexOf(name)]);
     this.strip.lanes = known.map((name, place) => {
       const { unit, words } = telemetry.signals[telemetry.index.get(name) ?? 0];
-      return { name, unit, words, colour: COLOURS[place % COLOURS.length], ring: rings[place] };
+      return { name, unit, words, colour: COLOURS[place % COLOURS.length], ring: rings[place], truth: ring(beside(name, TRUTH)), sd: ring(beside(name, SD)) };
     });
   }
 
@@ -129,7 +148,10 @@ class Live {
     if (said.state === 'gone') this.tell(`${said.note}. What was recorded is whole. Watch connects again.`);
     else if (said.note) this.tell(said.note);
     else if (said.fit) this.tell(said.fit);
+    this.drive.draw(said);
     if (!this.shown) return;
+    this.replay.draw(said);
+    this.faults.draw(said);
     this.tiles.draw(this.telemetry, said);
     this.bus.draw(said);
     this.nodes.draw(said);
@@ -185,7 +207,7 @@ class Live {
   hide() {
     this.shown = false;
     this.strip.stop();
-    this.telemetry.close();
+    if (!this.drive.mine) this.telemetry.close(); // who drives goes on, and space goes on stopping
   }
 
   redraw() { this.strip.recolour(); }

@@ -266,6 +266,9 @@ export class Strip {
     const base = top + height - GAP, room = height - TITLE - GAP;
     let low = Infinity, high = -Infinity;
     for (const c of found) { if (c.low < low) low = c.low; if (c.high > high) high = c.high; }
+    const truth = lane.truth ? columns(lane.truth, begin, end, Math.round(this.wide * this.ratio)) : [];
+    const other = lane.other ? columns(lane.other, begin, end, Math.round(this.wide * this.ratio)) : [];
+    for (const c of [...truth, ...other]) { if (c.low < low) low = c.low; if (c.high > high) high = c.high; }
     if (low > high) { low = 0; high = 1; }
     if (lane.words) { low = Math.min(low, 0); high = Math.max(high, low + 1); }
     const pad = (high - low) * 0.06 || Math.max(Math.abs(high) * 0.05, 1e-9);
@@ -285,17 +288,35 @@ export class Strip {
       pen.fillText(lane.words ? (lane.words[tick] ?? number(tick)).slice(0, 10) : number(tick), LEFT - 6, y(tick));
     }
     pen.fillStyle = colours[lane.colour];
-    for (const bar of bars(found, Boolean(lane.words))) {
+    const drawn = bars(found, Boolean(lane.words));
+    if (lane.sd) { // two standard deviations on either side
+      pen.globalAlpha = 0.2;
+      for (const bar of drawn) {
+        const wide = 2 * (lane.sd.at(begin + (bar.x + bar.wide) / this.ratio / this.wide * this.seconds) ?? 0);
+        const over = Math.max(top + TITLE, y(bar.high + wide)), under = Math.min(base, y(bar.low - wide));
+        pen.fillRect(this.left + bar.x / this.ratio, over, bar.wide / this.ratio, Math.max(0, under - over));
+      }
+      pen.globalAlpha = 1;
+    }
+    for (const bar of drawn) {
       const over = y(bar.high) - THICK / 2;
       pen.fillRect(this.left + bar.x / this.ratio, over, bar.wide / this.ratio, y(bar.low) + THICK / 2 - over);
     }
+    /** @type {[Column[], string][]} */
+    const over = [[other, '--mute'], [truth, '--ink']];
+    for (const [one, colour] of over) {
+      pen.fillStyle = colours[colour];
+      for (const bar of bars(one, Boolean(lane.words))) pen.fillRect(this.left + bar.x / this.ratio, y(bar.high) - THICK / 2, bar.wide / this.ratio, y(bar.low) - y(bar.high) + THICK);
+    }
     const shown = lane.ring.at(this.cursor ?? end);
+    const truly = lane.truth?.at(this.cursor ?? end);
     const said = shown === null ? '–' : lane.words ? lane.words[shown] ?? number(shown) : `${number(shown)}${unit(lane.unit)}`;
     pen.textAlign = 'left';
     pen.fillStyle = colours[lane.colour];
     pen.fillRect(LEFT, top + 5, 8, 8);
     pen.fillStyle = colours['--ink'];
-    pen.fillText(`${lane.name}   ${said}`, LEFT + 14, top + 9);
+    const beside = lane.sd ? `   ± ${number(2 * (lane.sd.at(this.cursor ?? end) ?? 0), 2)} (2 sd)` : '';
+    pen.fillText(`${lane.name}   ${said}${beside}${truly === null || truly === undefined ? '' : `   truth ${number(truly)}${unit(lane.unit)}`}${lane.other ? `   grey: ${number(lane.other.at(this.cursor ?? end))}` : ''}`, LEFT + 14, top + 9);
   }
 
   /**

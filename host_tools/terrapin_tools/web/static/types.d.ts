@@ -28,13 +28,15 @@ interface Started { id: string; command: string }
 /** An event of the server; `lost` and `back` are of the connection itself. */
 interface News {
   lost?: true; back?: true; cases?: unknown; case?: string | null; deleted?: boolean; upload?: string; state?: string;
-  job?: string; do?: string; line?: string; error?: string | null;
+  job?: string; do?: string; line?: string; error?: string | null; live?: Stands | null;
 }
 
 // ---------------------------------------------------------------- the workbench
 
 interface CaseSummary { name: string; title: string; base: string; effects: string[]; runs: number; rows: number; verdict: string | null; chip: string; error: string | null }
-interface Example { name: string; title: string }
+interface Example { name: string; title: string; about: string }
+/** A small picture of a case. */
+interface Thumbnail { x: { name: string; unit: string; values: number[] }; y: { name: string; unit: string }; measured: number[]; predicted: number[] }
 interface Quantity { value: number; unit: string; sd?: number | null }
 
 interface Rung { added: string | null; train_error: number; heldout_error: number | null }
@@ -51,7 +53,10 @@ interface Card {
   effect: string; title: string; named: boolean; kind: string; probability: number; chance: string; equation: string; acts: string;
   reason: string; values: string[];
 }
-interface InModel { effect: string; title: string; equation: string; values: string[] }
+/** The formula of an effect of one's own. */
+interface OwnFormula { expression: string; target: string; parameters: Record<string, Partial<Record<'value' | 'min' | 'max' | 'unit', number | string | null>>> }
+interface InModel { effect: string; title: string; equation: string; values: string[]; own: OwnFormula | null }
+interface ConstantLine { name: string; text: string; si: string; guessed: boolean }
 interface Next { do: 'discover' | 'add' | 'experiment' | 'nothing'; text: string }
 interface Experiment extends Next {
   vary: string[]; settings: string[][]; after: string; simulator: boolean;
@@ -61,7 +66,7 @@ interface Draft { title: string; base: string; effects: string[]; runs: number; 
 /** All that is drawn of a case. */
 interface View extends Draft {
   verdict: string; chip: string; headline: string; where: { variable: string; channel: string; text: string }[];
-  discovered: boolean; missing: string[]; rivals: string[][]; model: InModel[]; cards: Card[]; next: Next & Partial<Experiment>;
+  discovered: boolean; missing: string[]; rivals: string[][]; model: InModel[]; constants: ConstantLine[]; cards: Card[]; next: Next & Partial<Experiment>;
   curve: string; heading: string; measure: string; by_run: string; remarks: string[]; chances: [string, string][]; errors: Record<string, string[]>;
   parameters: [string, string, string][];
   channels: Record<string, { noise_sd: number; train_rmse: number; heldout_rmse: number | null; unit: string }>;
@@ -119,24 +124,33 @@ interface Shown { train: number | null; held: number | null }
 
 interface Column { x: number; first: number; low: number; high: number; last: number }
 interface Bar { x: number; wide: number; low: number; high: number }
-interface Lane { name: string; unit: string; words?: Record<number, string> | null; colour: string; ring: import('./strip.js').Ring }
+interface Lane {
+  name: string; unit: string; words?: Record<number, string> | null; colour: string; ring: import('./strip.js').Ring;
+  truth?: import('./strip.js').Ring | null; sd?: import('./strip.js').Ring | null; other?: import('./strip.js').Ring | null;
+}
 interface Mark { time: number | null; kind: string; text: string; number?: number; wide?: number }
 
 // ---------------------------------------------------------------- Live
 
-interface Link { source: string; title: string; kind: 'bus' | 'log' | 'simulator' | 'dbc' }
+interface Link { source: string; title: string; kind: 'bus' | 'log' | 'robot' | 'simulator' | 'dbc' }
 interface Signal { name: string; unit: string; words?: Record<number, string> | null }
 interface Hello {
   type: 'hello'; name: string | null; command?: string; stop?: '' | 'bus' | 'simulator'; slip_limit: number | null; watch?: Watch | null;
+  page?: string; kind?: 'bus' | 'robot' | 'simulator' | 'log'; drive?: Record<string, { unit: string; limit: number }> | null;
   signals?: { name: string; unit: string; words?: Record<string, number> | null }[];
 }
 interface Recording { name: string; frames: number; bytes: number; seconds: number }
 interface Status {
   type: 'status'; state: 'live' | 'over' | 'gone'; note: string; begin: number; total: number; rate: number; load: number; health: string;
   silent: boolean; fit: string; errors: Record<string, number>; bus_off: number; counters: number[] | null; lost: number; damaged: number;
-  faults: { name: string; cause: string; reaction: string }[]; values: (number | null)[]; unknown: [string, number][]; nodes: NodeLine[];
+  faults: { name: string; cause: string; reaction: string; latched?: boolean }[]; values: (number | null)[]; unknown: [string, number][]; nodes: NodeLine[];
   recording: Recording | null; last_log: Recording | null; stop_held: boolean; events: (Mark & { number: number })[];
+  drive: { driver: string; leaving: boolean; sent: number; request: string; control: string; setpoint: number; limiter: boolean } | null;
+  replay: { position: number; length: number | null; speed: number; loop: boolean } | null;
 }
+/** Whether what is watched can be stopped, is stopped, is driven. */
+interface Stands { name: string; stop: string; held: boolean; driven: boolean }
+interface ParameterLine { name: string; value: number; text: string; unit: string; low: number; high: number; default: number; meaning: string }
 /** What is asked for with POST live. */
 interface Watch { source: string; dbc: string; speed: number; bitrate: number; controller: string; node?: number }
 /** A controller on the bus: state and faults in words, and signals by their names. */

@@ -5,6 +5,7 @@ export class Source {
   /** @param {LiveDesk} desk */
   constructor(desk) {
     this.desk = desk;
+    this.kind = ''; // of what is watched
     /** @type {Watch | null} */
     this.watched = null; // what was asked for, by whichever browser
     this.source = h('select', { id: 'live-source', 'aria-label': 'Source', onchange: () => { this.options(); } });
@@ -36,7 +37,7 @@ export class Source {
     const options = (kind) => links.filter((l) => l.kind === kind).map((l) => h('option', { value: l.source, text: l.title }));
     source.replaceChildren(
       h('optgroup', { label: 'Buses' }, ...options('bus'), h('option', { value: 'typed', text: 'another bus …' })),
-      h('optgroup', { label: 'Logs in the workspace' }, ...options('log')), h('optgroup', { label: 'Simulator' }, ...options('simulator')));
+      h('optgroup', { label: 'To drive' }, ...options('robot')), h('optgroup', { label: 'Logs in the workspace' }, ...options('log')), h('optgroup', { label: 'Simulator' }, ...options('simulator')));
     const named = links[0]?.title.endsWith('--link)') ? links[0].source : 'simulator:steady_sand';
     source.value = [...source.options].some((o) => o.value === before) && before ? before : named;
     const dbcBefore = dbc.value;
@@ -51,8 +52,9 @@ export class Source {
     this.typed.hidden = this.source.value !== 'typed';
     this.speed.hidden = kind !== 'log' && kind !== 'upload';
     this.controller.hidden = kind !== 'simulator';
-    this.node.hidden = kind === 'simulator';
-    this.bitrate.hidden = ['log', 'upload', 'simulator'].includes(kind);
+    this.node.hidden = kind === 'robot' || kind === 'simulator';
+    this.dbc.hidden = kind === 'robot';
+    this.bitrate.hidden = ['log', 'upload', 'simulator', 'robot'].includes(kind);
   }
 
   /** Another controller of what is watched. @param {number} node */
@@ -64,13 +66,14 @@ export class Source {
 
   async begin() {
     const node = this.node.hidden || !this.node.value ? {} : { node: Number(this.node.value) };
-    await this.open({ source: this.source.value === 'typed' ? this.typed.value.trim() : this.source.value, dbc: this.dbc.value, speed: Number(this.speed.value), bitrate: Number(this.bitrate.value), controller: this.controller.value, ...node });
+    await this.open({ source: this.source.value === 'typed' ? this.typed.value.trim() : this.source.value, dbc: this.dbc.hidden ? '' : this.dbc.value, speed: Number(this.speed.value), bitrate: Number(this.bitrate.value), controller: this.controller.value, ...node });
   }
 
   /** @param {Watch} body */
   async open(body) {
     const { app, run } = this.desk;
     this.watch.disabled = true;
+    if (body.source.startsWith('robot:')) this.chip.textContent = 'a robot is started …';
     const answer = await run(() => app.api('live', { body }));
     this.watch.disabled = false;
     if (answer) app.showCommand(answer.command);
@@ -99,7 +102,8 @@ export class Source {
 
   /** How what is watched stands; null: nothing is. @param {Status | null} now */
   draw(now) {
-    this.chip.textContent = now ? { live: now.silent ? 'silent' : 'live', over: 'over', gone: 'gone' }[now.state] : 'nothing is watched';
-    this.chip.className = now ? `chip small ${now.state === 'gone' ? 'missing' : now.silent || now.state === 'over' ? 'ambiguous' : 'adequate'}` : 'chip small';
+    const plays = this.kind === 'log' ? 'replay' : 'live';
+    this.chip.textContent = now ? { live: now.silent ? 'silent' : plays, over: this.kind === 'log' ? 'replay, at its end' : 'over', gone: 'gone' }[now.state] : 'nothing is watched';
+    this.chip.className = now ? `chip small ${now.state === 'gone' ? 'missing' : now.silent || now.state === 'over' || this.kind === 'log' ? 'ambiguous' : 'adequate'}` : 'chip small';
   }
 }

@@ -46,6 +46,9 @@ export class Telemetry {
     if (!this.socket) this.connect();
   }
 
+  /** To the server, as far as it is there. @param {object} message */
+  send(message) { if (this.socket?.readyState === 1) this.socket.send(JSON.stringify(message)); }
+
   close() {
     this.shown = false;
     if (this.socket?.readyState === 1) this.socket.close(); // one that still connects closes when it is open: else the browser warns
@@ -81,11 +84,11 @@ export class Telemetry {
       return ring;
     });
     for (const name of this.rings.keys()) if (!names.includes(name)) this.rings.delete(name);
-    if (this.socket?.readyState === 1) this.socket.send(JSON.stringify({ want: names.map((name) => this.index.get(name)) }));
+    this.send({ want: names.map((name) => this.index.get(name)) });
     return rings;
   }
 
-  /** Take the points of a picture. Its layout: terrapin_tools/web/live/session.py. @param {ArrayBuffer} buffer */
+  /** Take the points of a picture. Its layout: terrapin_tools/web/live/picture.py. @param {ArrayBuffer} buffer */
   picture(buffer) {
     const view = new DataView(buffer);
     const kind = view.getUint8(1), columns = view.getUint16(2, true), count = view.getUint32(4, true), epoch = view.getUint32(8, true), frames = view.getUint32(12, true);

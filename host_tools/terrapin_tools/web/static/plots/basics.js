@@ -23,8 +23,16 @@ export function h(tag, properties = {}, ...children) {
 /** Four digits, as short as they go; a dash for what is not there. @param {number | null | undefined} value */
 export function number(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return '–';
-  const text = String(Number(value.toPrecision(digits)));
-  return text.replace('-', '−');
+  const short = Number(value.toPrecision(digits));
+  const text = short !== 0 && Math.abs(short) < 1e-4 ? short.toExponential() : String(short);
+  return text.replaceAll('-', '−');
+}
+
+/** As many decimals as the quantity is worth, so that noise is no number. @param {number | null | undefined} value @param {number} decimals */
+export function fixed(value, decimals) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return '–';
+  const text = value.toFixed(decimals);
+  return (Number(text) === 0 ? text.replace('-', '') : text).replace('-', '−');
 }
 
 /** A unit to stand behind a number; nothing for a plain number. @param {string | null | undefined} text */

@@ -1,0 +1,139 @@
+// The panel that drives the robot that is watched. Armed by a dialog; commands go out only while this page's heart beats,
+// so a page that is closed, hidden or cut off drives nothing. While armed, space stops wherever the focus is.
+import { h, unit } from '../app.js';
+
+const BEAT_MS = 100; // the server lets go 400 ms after the last one
+const TERRAINS = ['hard_floor', 'sand', 'agricultural', 'red_terrain', 'dry_peat'];
+const WHY = {
+  '': 'Choose “a simulated robot … to drive” above, or a bus with a controller, and press Watch.',
+  log: 'This is a replay: what it shows has happened, and nothing here can drive it.',
+  simulator: 'A scenario drives itself. To drive one yourself choose “a simulated robot … to drive” above.',
+  other: 'The DBC is not the controller’s own, so this page cannot speak to it.',
+};
+/** @type {Record<string, [number, number]>} */
+const RANGES = { speed: [1, 0.01], voltage: [12, 0.1] }; // of the slider, and its step
+
+export class Drive {
+  /** @param {LiveDesk & { telemetry: import('./telemetry.js').Telemetry, command(body: object): Promise<any>, setPaused(on: boolean): void, strip: { paused: number | null } }} desk */
+  constructor(desk) {
+    this.desk = desk;
+    this.page = this.kind = '';
+    this.mine = this.leaving = this.can = false;
+    this.request = 'idle';
+    /** @type {number | undefined} */
+    this.timer = undefined;
+    this.arm = h('button', { type: 'button', text: 'Arm …', onclick: () => { this.dialog.showModal(); this.yes.focus(); } });
+    this.clear = h('button', { type: 'button', text: 'Clear faults', onclick: () => desk.command({ request: 'clear' }) });
+    this.run = h('button', { type: 'button', class: 'main', text: 'Run', onclick: () => this.ask(this.request === 'run' ? 'idle' : 'run') });
+    this.calibrate = h('button', { type: 'button', text: 'Calibrate', onclick: () => this.ask('calibrate') });
+    this.off = h('button', { type: 'button', text: 'Disarm', onclick: () => this.disarm() });
+    this.control = h('select', { 'aria-label': 'What is set', onchange: () => this.ranges() }, ...Object.keys(RANGES).map((name) => h('option', { value: name, text: name })));
+    this.slider = h('input', { type: 'range', 'aria-label': 'Setpoint', oninput: () => { this.number.value = this.slider.value; this.beat(); } });
+    this.number = h('input', { type: 'number', class: 'short', 'aria-label': 'Setpoint as a number', onchange: () => { this.slider.value = this.number.value; this.beat(); } });
+    this.unit = h('span', { class: 'soft' });
+    this.limiter = h('input', { type: 'checkbox', checked: true, onchange: () => this.beat() });
+    this.yes = h('button', { type: 'button', class: 'main', text: 'Arm', onclick: () => this.armed() });
+    this.dialog = h('dialog', { 'aria-label': 'Arm the robot' }, h('h2', { text: 'Arm the robot?' }),
+      h('p', { text: 'From now on this page drives it: it moves as soon as you press Run. Space stops it at once, whatever has the focus; so does every other page of this server. Commands end when this page is closed or hidden, and the controller then switches its bridge off.' }),
+      h('div', { class: 'row' }, this.yes, h('button', { type: 'button', text: 'Cancel', onclick: () => { this.dialog.close(); this.arm.focus(); } })));
+    this.words = h('p', { class: 'soft small' });
+    this.said = h('p', { class: 'small', role: 'status' });
+    this.ground = h('select', { 'aria-label': 'Ground of the simulated robot', onchange: () => { void this.change(`ground = ${this.ground.value}`); } }, ...TERRAINS.map((name) => h('option', { value: name, text: name.replace('_', ' ') })));
+    this.slope = h('select', { 'aria-label': 'Slope of the simulated robot', onchange: () => { void this.change(`slope = ${this.slope.value} deg`); } }, ...[0, 2, 5, 8].map((d) => h('option', { value: String(d), text: `${d}°` })));
+    this.controls = h('div', { class: 'form', hidden: true },
+      h('div', { class: 'row' }, this.control, this.number, this.unit),
+      this.slider, h('label', { class: 'row' }, this.limiter, 'slip limiter'),
+      h('div', { class: 'row' }, this.run, this.calibrate, this.off));
+    this.simulated = h('div', { class: 'row', hidden: true }, h('span', { class: 'soft small', text: 'It stands on' }), this.ground, this.slope);
+    this.element = h('section', { class: 'panel drive-panel' }, h('div', { class: 'panel-head' }, h('h2', { text: 'Drive' })),
+      this.words, h('div', { class: 'row' }, this.arm, this.clear), this.controls, this.simulated, this.said, this.dialog);
+    this.ranges();
+    addEventListener('keydown', (event) => this.key(event), true);
+    addEventListener('keyup', (event) => { if (event.key === ' ' && this.mine) { event.preventDefault(); event.stopPropagation(); } }, true);
+    document.addEventListener('visibilitychange', () => { if (document.hidden && this.mine) { this.stopBeating(); } });
+  }
+
+  /** Another source, or none. @param {Hello} said */
+  begin(said) {
+    this.stopBeating();
+    this.page = said.page || '';
+    this.kind = said.name === null ? '' : said.kind || 'bus';
+    this.can = Boolean(said.drive);
+    this.words.textContent = this.can ? 'Nothing goes to the robot before you arm it.' : WHY[/** @type {keyof typeof WHY} */ (this.kind)] ?? WHY.other;
+    this.arm.disabled = this.clear.disabled = !this.can;
+    this.controls.hidden = true;
+    this.simulated.hidden = this.kind !== 'robot';
+    this.said.textContent = '';
+    if (this.dialog.open) this.dialog.close();
+  }
+
+  ranges() {
+    const [most, step] = RANGES[this.control.value];
+    for (const input of [this.slider, this.number]) Object.assign(input, { min: String(-most), max: String(most), step: String(step), value: '0' });
+    this.unit.textContent = this.control.value === 'voltage' ? 'V' : 'm/s';
+    this.beat();
+  }
+
+  async armed() {
+    this.dialog.close();
+    const answer = await this.desk.command({ request: 'arm', page: this.page });
+    if (!answer) return;
+    this.mine = true;
+    this.request = 'idle';
+    this.number.value = this.slider.value = '0';
+    this.timer = setInterval(() => this.beat(), BEAT_MS);
+    this.controls.hidden = false;
+    this.arm.disabled = true;
+    this.beat();
+    this.run.focus();
+  }
+
+  /** @param {string} request */
+  ask(request) { this.request = request; this.run.textContent = request === 'run' ? 'Halt' : 'Run'; this.beat(); }
+
+  /** This page is there, and wants this. */
+  beat() {
+    if (!this.mine || document.hidden) return;
+    const [most] = RANGES[this.control.value], setpoint = Math.min(most, Math.max(-most, Number(this.number.value) || 0));
+    this.desk.telemetry.send({ beat: { request: this.request, control: this.control.value, setpoint, limiter: this.limiter.checked } });
+  }
+
+  async disarm() { this.ask('idle'); await this.desk.command({ request: 'disarm', page: this.page }); }
+
+  stopBeating() { clearInterval(this.timer); this.mine = false; this.controls.hidden = true; this.run.textContent = 'Run'; this.request = 'idle'; }
+
+  /** @param {string} change */
+  async change(change) {
+    const { app, run } = this.desk;
+    const answer = await run(() => app.api('live/robot', { body: { change } }));
+    if (answer) { app.announce(answer.done); app.showCommand(answer.command); }
+  }
+
+  /** While armed space stops, whatever has the focus; P pauses the picture. @param {KeyboardEvent} event */
+  key(event) {
+    const typing = event.target instanceof HTMLInputElement && event.target.type === 'text';
+    if (this.mine && event.key === ' ') {
+      event.preventDefault();
+      event.stopPropagation();
+      this.stopBeating();
+      void this.desk.command({ request: 'idle' });
+    } else if (event.key === 'p' && !typing && !event.ctrlKey && !event.metaKey && !event.altKey && this.element.getClientRects().length) {
+      this.desk.setPaused(this.desk.strip.paused === null);
+    }
+  }
+
+  /** @param {Status} now */
+  draw(now) {
+    const { drive } = now, other = Boolean(drive?.driver) && drive?.driver !== this.page;
+    if (this.mine && drive && drive.driver !== this.page) {
+      this.ended = (this.ended || 0) + 1; // a status may have been on its way when it was armed
+      if (this.ended > 3) { this.stopBeating(); this.desk.tell('No longer armed: the last event says why. Arm again to go on.'); }
+    } else this.ended = 0;
+    this.arm.disabled = !this.can || this.mine || other || now.stop_held || now.state !== 'live';
+    this.clear.disabled = !this.can || now.stop_held || now.state !== 'live';
+    const text = !this.can ? '' : other ? 'Another page drives. Stop works here all the same.' : now.stop_held ? 'Stopped. Release the stop, then arm again.'
+      : this.mine && drive ? `${drive.leaving ? 'halting' : drive.request} ${drive.setpoint.toFixed(2)}${unit(drive.control === 'voltage' ? 'V' : 'm/s')}; ${drive.sent} commands sent. Space stops.` : '';
+    if (this.said.textContent !== text) this.said.textContent = text;
+    this.element.classList.toggle('armed', this.mine);
+  }
+}

@@ -1,0 +1,162 @@
+"""Driving a simulated robot from the page: armed, run, stopped by space and by another page; parameters; a replay."""
+
+from __future__ import annotations
+
+import os
+import re
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, Page, expect
+from serving import Server
+
+SHOTS = os.environ.get("TERRAPIN_SCREENSHOTS")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def warm(server: Server) -> None:
+    server.warm_live()
+
+
+@pytest.fixture
+def robot(page: Page, server: Server) -> Page:
+    """The Live tab with a robot that lives on it."""
+    page.get_by_role("link", name="Live").click()
+    page.locator("#live-source").select_option("robot:floor")
+    page.get_by_role("button", name="Watch", exact=True).click()
+    expect(page.locator("#context")).to_have_text("simulated robot")
+    return page
+
+
+def findings(page: Page) -> list[str]:
+    found = Axe().run(page).response["violations"]
+    return [f"{v['id']}: {v['nodes'][0]['target']}: {v['help']}" for v in found]
+
+
+def shot(page: Page, name: str) -> None:
+    if SHOTS:
+        Path(SHOTS).mkdir(parents=True, exist_ok=True)
+        page.screenshot(path=str(Path(SHOTS) / f"{name}.png"))
+
+
+def arm(page: Page) -> None:
+    """By the keyboard alone."""
+    page.get_by_role("button", name="Arm …").focus()
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("dialog")).to_contain_text("Space stops it at once")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("dialog")).to_be_hidden()
+
+
+def runs(page: Page) -> None:
+    """Armed and running. A machine that kept the page's heart waiting for 0.4 s has let go: then once more."""
+    panel = page.locator(".drive-panel")
+    for _ in range(20):
+        if page.locator("[data-tile=Faults] .bad").count():
+            page.get_by_role("button", name="Clear faults").click()
+            expect(page.locator("[data-tile=Faults]")).to_contain_text("none")
+        if page.get_by_role("button", name="Arm …").is_enabled():
+            arm(page)
+        page.evaluate(
+            """() => {
+                const number = document.querySelector('.drive-panel input[type=number]');
+                number.value = '0.3';
+                number.dispatchEvent(new Event('change'));
+                document.querySelector('.drive-panel button.main:not(dialog *)').click();
+            }"""
+        )
+        with suppress(AssertionError):
+            expect(panel).to_contain_text("run 0.30 m/s", timeout=5000)
+            expect(page.locator("[data-tile=State]")).to_contain_text(re.compile("run|limiting"), timeout=5000)
+            return
+    raise AssertionError(panel.text_content())
+
+
+def stopped(page: Page) -> None:
+    expect(page.locator("[data-tile=Faults]")).to_contain_text("stop_all")
+    expect(page.locator("[data-tile=State]")).to_contain_text("bridge off")
+
+
+def test_arm_run_and_stop(robot: Page, server: Server, browser: Browser) -> None:
+    """Armed and run, truth beside the estimate; space stops wherever the focus is; another page stops too."""
+    page = robot
+    page.get_by_label("Ground of the simulated robot").select_option("sand")
+    runs(page)
+    expect(page.locator(".signal-table tr", has_text="TRUTH.torque").locator(".n")).not_to_have_text("0")
+    page.keyboard.press("p")
+    expect(page.get_by_role("button", name="Go on")).to_be_visible()
+    page.keyboard.press("p")
+    assert findings(page) == []
+    shot(page, "live-driving")
+    if page.get_by_role("button", name="Run", exact=True).or_(page.get_by_role("button", name="Halt")).is_hidden():
+        runs(page)  # axe takes the page's only thread for longer than its heart may wait
+    page.get_by_label("Words of the mark").focus()
+    page.keyboard.press("Space")
+    stopped(page)
+    expect(page.get_by_label("Words of the mark")).to_have_value("mark")
+    expect(page.get_by_role("button", name="Run", exact=True)).to_be_hidden()
+    expect(page.locator(".fault-list")).to_contain_text("Release the stop")
+    page.wait_for_timeout(1000)  # in which the button does not let go
+    page.get_by_role("button", name="Stopped: clear").click()
+    expect(page.locator("[data-tile=Faults]")).to_contain_text("none")
+    runs(page)
+    context = browser.new_context(viewport={"width": 390, "height": 844})
+    other = context.new_page()
+    other.goto(server.line)  # the workbench: the stop is in its head
+    other.get_by_role("button", name="Stop", exact=True).click()
+    stopped(page)
+    expect(other.get_by_role("button", name="Stopped")).to_be_visible()
+    context.close()
+    page.wait_for_timeout(1000)
+    page.get_by_role("button", name="Stopped: clear").click()
+    expect(page.get_by_role("button", name="Stop the robot")).to_be_visible()
+
+
+def test_a_page_that_is_closed_drives_no_more(robot: Page, server: Server, browser: Browser) -> None:
+    context = browser.new_context()
+    other = context.new_page()
+    other.goto(f"{server.line}#live")
+    expect(other.locator("#context")).to_have_text("simulated robot")
+    runs(other)
+    context.close()
+    expect(robot.locator("[data-tile=Faults]")).to_contain_text("command_timeout")
+    expect(robot.locator("[data-tile=State]")).to_contain_text("bridge off")
+    expect(robot.locator(".event", has_text="no more commands")).to_be_visible()
+    robot.get_by_role("button", name="Clear faults").click()
+    expect(robot.locator("[data-tile=Faults]")).to_contain_text("none")
+
+
+def test_parameters_in_the_page(robot: Page) -> None:
+    robot.get_by_role("button", name="Read all").click()
+    expect(robot.get_by_text("all at their defaults")).to_be_visible()
+    robot.get_by_label("Filter parameters").fill("window")
+    robot.get_by_label("window in ms", exact=True).fill("ten")
+    robot.keyboard.press("Enter")
+    expect(robot.locator(".tab-live .notice")).to_contain_text("expected a number in ms")
+    robot.get_by_label("window in ms", exact=True).fill("600")
+    robot.keyboard.press("Enter")
+    expect(robot.get_by_text("not at their default: window")).to_be_visible()
+    expect(robot.locator("#command")).to_contain_text("terrapin param")
+    assert findings(robot) == []
+
+
+def test_a_replay_says_so_and_seeks(page: Page, server: Server) -> None:
+    lines = [f"({i / 100:.6f}) can0 183#{i:04X}334455667700" for i in range(6000)]
+    (server.workspace / "logs" / "minute.log").write_text("\n".join(lines) + "\n")
+    page.get_by_role("link", name="Live").click()
+    page.locator("#live-source").select_option("log:minute.log")
+    page.get_by_role("button", name="Watch", exact=True).click()
+    expect(page.locator(".live-bar .chip")).to_have_text("replay")
+    expect(page.get_by_text("This is a replay")).to_be_visible()
+    expect(page.locator(".replay-bar output")).to_contain_text("of 60.0 s")
+    page.get_by_label("Place in the log").fill("50")
+    expect(page.locator(".replay-bar output")).to_contain_text(re.compile(r"^5\d\.\d of"))
+    page.get_by_label("Speed of the replay").select_option("10")
+    page.get_by_label("loop").check()
+    expect(page.locator(".replay-bar output")).to_contain_text(re.compile(r"^[1-4]?\d\.\d of"))
+    expect(page.locator(".live-bar .chip")).to_have_text("replay")
+    assert findings(page) == []
+    page.get_by_role("button", name="Leave").click()
+    expect(page.locator(".replay-bar")).to_be_hidden()
