@@ -10,7 +10,7 @@ import typer
 
 from terrapin_tools.command_options import CaseFolder, Jobs, Json, Seed, check_options, deliver
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.case.changes import OwnEffect, parse_parameter
+from terrapin_tools.workbench.case.changes import OwnEffect, parse_parameter, without_own
 
 __all__ = ["add"]
 
@@ -23,6 +23,7 @@ def add(
     parameter: Annotated[
         list[str] | None, typer.Option("--parameter", metavar="NAME=START:MIN:MAX[:UNIT]", help="of the formula")
     ] = None,
+    replace: Annotated[bool, typer.Option("--replace", help="the formula of your own of that name gives way")] = False,
     json: Json = "",
     seed: Seed = 0,
     jobs: Jobs = 1,
@@ -38,8 +39,11 @@ def add(
 
     check_options(seed, jobs)
     present = load_case(case)
-    own = _own_effects(case, effects, expression, target, parameter or [], set(present.library))
-    text = with_effects(present, effects, own, "--expression", "--parameter", "--target")
+    if replace and not expression:
+        raise UserError("--replace: expected together with --expression")
+    before = present.changed(without_own(present.text, effects[0])) if replace else present
+    own = _own_effects(case, effects, expression, target, parameter or [], set(before.library))
+    text = with_effects(before, effects, own, "--expression", "--parameter", "--target")
     answer, words = carry_out(present, text, "added", list(effects), seed)
     deliver(answer, words, json)
 

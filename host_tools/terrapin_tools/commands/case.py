@@ -229,6 +229,79 @@ def append(
     deliver(answer, words, json)
 
 
+CaseThere = Annotated[Path, typer.Argument(metavar="CASE", help="that is there")]
+
+
+def hold(
+    case: CaseThere,
+    runs: Annotated[
+        list[str] | None, typer.Argument(metavar="RUN...", help="held out; all others are trained on")
+    ] = None,
+    json: Json = "",
+) -> None:
+    """Say which runs are held out; prints the errors before and after.
+
+    Example: terrapin case hold my_case day_3 day_4
+    """
+    from terrapin_tools.workbench.case.case import load_case
+    from terrapin_tools.workbench.case.changes import hold_out
+    from terrapin_tools.workbench.story.change import carry_out
+
+    present = load_case(case)
+    held = list(dict.fromkeys(runs or []))
+    answer, words = carry_out(present, hold_out(present.text, held, present.run_names), "held out", held, 0)
+    deliver(answer, words, json)
+
+
+def set_(
+    case: CaseThere,
+    constant: Annotated[str, typer.Argument(metavar="NAME=VALUE", help="of [parameters]: radius=80mm")],
+    json: Json = "",
+) -> None:
+    """Give a known constant another value; prints the errors before and after.
+
+    Example: terrapin case set my_case "radius=81 mm"
+    """
+    from terrapin_tools.workbench.case.case import load_case
+    from terrapin_tools.workbench.case.changes import set_constant
+    from terrapin_tools.workbench.story.change import carry_out
+
+    present = load_case(case)
+    name, equals, value = constant.partition("=")
+    if not equals or not value.strip():
+        raise UserError(f"found {constant!r}, expected NAME=VALUE")
+    text = set_constant(present.text, name.strip(), value.strip())
+    answer, words = carry_out(present, text, "set", [f"{name.strip()} = {value.strip()}"], 0)
+    deliver(answer, words, json)
+
+
+def undo(case: CaseThere, json: Json = "") -> None:
+    """Take the last change of case.toml by a command back, byte for byte.
+
+    Example: terrapin case undo my_case
+    """
+    _step(case, "undo", json)
+
+
+def redo(case: CaseThere, json: Json = "") -> None:
+    """Do a change again that was undone.
+
+    Example: terrapin case redo my_case
+    """
+    _step(case, "redo", json)
+
+
+def _step(case: Path, way: str, json: str) -> None:
+    from terrapin_tools.workbench.case import history
+    from terrapin_tools.workbench.case.case import load_case
+
+    load_case(case)  # one line where there is none
+    history.step(case, way)
+    left = history.steps(case)
+    words = f"{case / 'case.toml'}: {way} done; {left['undo']} more to undo, {left['redo']} to redo"
+    deliver({"case": str(case), **left}, words, json)
+
+
 def _ask() -> Ask:
     """Asks who sits at the terminal; where nobody does, the error names the option."""
     from terrapin_tools.workbench.new_case.reading import refuse
@@ -261,4 +334,4 @@ def implied(words: list[str]) -> list[str]:
     return ["table" if any(_is_table(Path(word)) for word in words) else "runs", *words]
 
 
-SUBCOMMANDS = (runs, table, map_, merge, example, append)
+SUBCOMMANDS = (runs, table, map_, merge, example, append, hold, set_, undo, redo)

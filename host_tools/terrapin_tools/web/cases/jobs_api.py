@@ -30,6 +30,7 @@ __all__ = ["router"]
 router = APIRouter(prefix="/api", tags=["jobs"])
 JobId = Annotated[str, Path(pattern="^[0-9a-f]{12}$")]
 Seed = Annotated[int, Field(ge=0, le=2**31 - 1), WHOLE]
+RunName = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-][^\x00-\x1f\x7f]{0,199}$")]
 Level = Annotated[float, Field(gt=0.0, lt=1.0)]
 
 
@@ -57,6 +58,7 @@ class Add(Request):
     effects: Annotated[list[EffectName], Field(min_length=1, max_length=20)]
     expression: Formula | None = None
     target: Line = ""
+    replace: Annotated[bool, Field(description="an effect of one's own of that name gives way")] = False
     parameters: dict[EffectName, Parameter] = Field(default={}, max_length=20, json_schema_extra=CLOSED)
     seed: Seed = 0
 
@@ -67,6 +69,27 @@ class Remove(Request):
     do: Literal["remove"]
     effect: EffectName
     seed: Seed = 0
+
+
+class Undo(Request):
+    """terrapin case undo, or redo: case.toml as it was before the last change"""
+
+    do: Literal["undo", "redo"]
+
+
+class Hold(Request):
+    """terrapin case hold: the runs that are held out; all others are trained on"""
+
+    do: Literal["hold"]
+    runs: Annotated[list[RunName], Field(max_length=1000)]
+
+
+class Constant(Request):
+    """terrapin case set: a known constant of the case, with its unit"""
+
+    do: Literal["constant"]
+    name: EffectName
+    value: Annotated[str, Field(pattern=r"^[A-Za-z0-9+. -][A-Za-z0-9+.*/^() -]{0,60}$")]
 
 
 class Report(Request):
@@ -98,7 +121,9 @@ class Experiment(Request):
     seed: Annotated[int, Field(ge=0, le=2**31 - 1), WHOLE] = 1
 
 
-Body = Annotated[Compare | Discover | Add | Remove | Report | Export | Experiment, Field(discriminator="do")]
+Body = Annotated[
+    Compare | Discover | Add | Remove | Undo | Hold | Constant | Report | Export | Experiment, Field(discriminator="do")
+]
 
 
 @router.post("/cases/{name}/jobs", responses=problems(404, 409), status_code=202)
@@ -110,8 +135,8 @@ async def start(context: Terrapin, name: Name, body: Body) -> JobStarted:
     async def keep(job: Job) -> None:
         await context.warm.call("terrapin_tools.web.cases.summary:keep", str(folder), job.result, kind="keep")
 
-    changes = isinstance(body, Add | Remove)
-    done = keep if changes or isinstance(body, Compare) else None
+    changes = isinstance(body, Add | Remove | Undo | Hold | Constant)
+    done = keep if isinstance(body, Add | Remove | Hold | Constant | Compare) else None
     job = context.jobs.add(
         body.do,
         name,
@@ -124,7 +149,7 @@ async def start(context: Terrapin, name: Name, body: Body) -> JobStarted:
 
 def _steps(context: Context, name: str, folder: FilePath, body: Any) -> list[list[str]]:
     """The command lines; an option that has its default is left out."""
-    options = _option("--seed", body.seed, 0) + _option("--level", getattr(body, "level", 0.05), 0.05)
+    options = _option("--seed", getattr(body, "seed", 0), 0) + _option("--level", getattr(body, "level", 0.05), 0.05)
     answer = ["--json", "-"]
     match body:
         case Compare():
@@ -132,9 +157,16 @@ def _steps(context: Context, name: str, folder: FilePath, body: Any) -> list[lis
         case Discover():
             return [["discover", str(folder), *options, *_option("--bootstrap", body.bootstrap, 0), *answer]]
         case Add():
-            return [["add", str(folder), *body.effects, *_own(body), *options, *answer]]
+            replace = ["--replace"] if body.replace else []
+            return [["add", str(folder), *body.effects, *_own(body), *replace, *options, *answer]]
         case Remove():
             return [["remove", str(folder), body.effect, *options, *answer]]
+        case Undo():
+            return [["case", body.do, str(folder), *answer]]
+        case Hold():
+            return [["case", "hold", str(folder), *body.runs, *answer]]
+        case Constant():
+            return [["case", "set", str(folder), f"{body.name}={body.value}", *answer]]
         case Report():
             page = context.workspace.folder("reports") / f"{name}.html"
             look = [] if body.discover else ["--no-discover"]

@@ -10,6 +10,7 @@ in a process of their own (warm.py), and view_api.py keeps what they answer.
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -34,7 +35,9 @@ from terrapin_tools.workbench.story.sentences import amount, chance, floor, numb
 from terrapin_tools.workbench.story.story import Card, Story
 from terrapin_tools.workbench.story.told import told
 
-__all__ = ["draft", "preview", "view"]
+__all__ = ["draft", "preview", "thumbnail", "view"]
+
+THUMBNAIL = 150  # points
 
 
 def draft(folder: str | Path) -> dict[str, Any]:
@@ -62,6 +65,20 @@ def draft(folder: str | Path) -> dict[str, Any]:
         "runs": len({*case.run[rows].tolist()}),
         "held_out": sorted({case.run_names[i] for i in case.run[case.test]}),
         "plot": plot,
+    }
+
+
+def thumbnail(folder: str | Path) -> dict[str, Any]:
+    """A small picture of a case: its first channel, measured and as the model has it, over what `draft` draws it;
+    at most THUMBNAIL points, so that it is a picture and no result."""
+    plot = draft(folder)["plot"]
+    channel, column = plot["channels"][0], plot["columns"][plot["variable"]]
+    step = -(-len(channel["measured"]) // THUMBNAIL)
+    return {
+        "x": {"name": plot["variable"], "unit": column["unit"], "values": column["values"][::step]},
+        "y": {"name": channel["name"], "unit": channel["unit"]},
+        "measured": channel["measured"][::step],
+        "predicted": channel["predicted"][::step],
     }
 
 
@@ -95,7 +112,8 @@ def view(folder: str | Path) -> dict[str, Any]:
         "heading": story.heading,
         "measure": story.measure,
         "by_run": story.by_run,
-        "model": [_in_model(effect, parameters) for effect in effects],
+        "model": [_in_model(effect, parameters, case) for effect in effects],
+        "constants": _constants(case),
         "cards": [_card(card) for card in story.cards],
         "next": _next(story, case),
         "parameters": [[key, amount(value), stuck(value)] for key, value in story.parameters.items()],
@@ -148,10 +166,35 @@ def preview(folder: str | Path, effects: Sequence[str], noise: dict[str, float],
     }
 
 
-def _in_model(effect: Effect, parameters: Mapping[str, str]) -> dict[str, Any]:
+def _constants(case: Case) -> list[dict[str, Any]]:
+    """What [parameters] states, as it is written there, what that is in SI, and whether somebody has confirmed it."""
+    written = tomllib.loads(case.text).get("parameters", {})
+    return [
+        {
+            "name": name,
+            "text": str(written[name]),
+            "si": f"{value:.6g} {case.parameter_units.get(name, '')}".strip().removesuffix(" 1"),
+            "guessed": f"parameters.{name}" in case.guessed,
+        }
+        for name, value in case.parameters.items()
+        if isinstance(written.get(name), str | int | float)
+    ]
+
+
+def _own(case: Case, name: str) -> dict[str, Any] | None:
+    """The formula of an effect of the user's own, to be mended; None of one of the catalogue."""
+    table = tomllib.loads(case.text).get("effect", {}).get(name)
+    if table is None:
+        return None
+    parameters = {key: entry for key, entry in table.items() if isinstance(entry, dict)}
+    return {"expression": table.get("expression", ""), "target": table.get("target", ""), "parameters": parameters}
+
+
+def _in_model(effect: Effect, parameters: Mapping[str, str], case: Case) -> dict[str, Any]:
     own = f"{effect.name}."
     return {
         "effect": effect.name,
+        "own": _own(case, effect.name),
         "equation": from_latex(effect.equation),
         "values": [f"{key[len(own) :]} = {text}" for key, text in parameters.items() if key.startswith(own)],
     }

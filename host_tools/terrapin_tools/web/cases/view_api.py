@@ -13,6 +13,7 @@ from fastapi import APIRouter, Path, Query
 from terrapin_tools.web.service.context import Context, Terrapin
 from terrapin_tools.web.service.models import problems
 from terrapin_tools.web.service.workspace import NAME
+from terrapin_tools.workbench.case import history
 
 __all__ = ["router", "state_of"]
 
@@ -83,3 +84,9 @@ async def case_view(
     noise = {channel: entry["noise_sd"] for channel, entry in shown["channels"].items()}
     kept = [row - 1 for row in shown["plot"]["columns"]["row"]["values"]]
     return await _answer(context, folder, "preview", effect, noise, kept)
+
+
+@router.get("/api/cases/{name}/steps", responses=problems(404))
+async def case_steps(context: Terrapin, name: Annotated[str, Path(pattern=NAME)]) -> dict[str, int]:
+    """How many changes of the case can be undone, and how many that were undone can be done again."""
+    return await asyncio.to_thread(history.steps, context.workspace.case(name))

@@ -18,6 +18,7 @@ const values = (texts) => h('div', { class: 'values small' }, texts.map((text) =
 function inside(page, one) {
   return h('article', { class: 'card inside' },
     h('div', { class: 'head' }, h('span', { class: 'name grow', text: one.effect }),
+      one.own ? h('button', { type: 'button', class: 'act', text: 'Edit', 'aria-label': `Edit ${one.effect}`, onclick: () => one.own && page.own.edit(one.effect, one.own) }) : null,
       h('button', { type: 'button', class: 'act', text: 'Remove', 'aria-label': `Remove ${one.effect}`, onclick: () => page.run({ do: 'remove', effect: one.effect }) })),
     h('div', { class: 'eq', html: one.equation }), values(one.values));
 }

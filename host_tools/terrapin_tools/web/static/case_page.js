@@ -1,6 +1,7 @@
 // One case: verdict, plots, ranking, ladder, and what can be done with it.
 import { lineOf } from './app.js';
 import { ranking } from './cards.js';
+import { Steps } from './case_edit.js';
 import { CasePlots } from './plots/case_plots.js';
 import { below, OwnEffect, nextStep, Controller } from './panels.js';
 import { Ladder } from './plots/ladder.js';
@@ -9,8 +10,9 @@ import { Ladder } from './plots/ladder.js';
 const WORDS = {
   compare: 'Comparing', discover: 'Looking for what is missing', add: 'Adding', remove: 'Removing',
   report: 'Writing the report', export: 'Exporting, and running the controller with it', experiment: 'Running the experiment',
+  undo: 'Undoing', redo: 'Doing again', hold: 'Holding runs out', constant: 'Setting the constant',
 };
-const CHANGES = ['add', 'remove']; // after these an export is no longer the model's
+const CHANGES = ['add', 'remove', 'undo', 'redo', 'hold', 'constant']; // after these an export is no longer the model's
 const ACTIVE = ['queued', 'running'];
 
 export class CasePage {
@@ -34,6 +36,7 @@ export class CasePage {
     /** @type {string[]} */
     this.after = []; // what may have the focus next, by name, when what had it is gone
     this.own = new OwnEffect(this);
+    this.steps = new Steps(this);
     this.controller = new Controller(this);
     this.top = h('div');
     this.jobBar = h('div', { class: 'job', role: 'status', hidden: true });
@@ -64,12 +67,13 @@ export class CasePage {
     this.resume();
   }
 
-  close() { this.closed = true; this.own.close(); }
+  close() { this.closed = true; this.own.close(); this.steps.close(); }
   redraw() { if (this.view) this.draw(); }
 
   /** Fetch what the server knows and draw it. */
   async load() {
     const turn = ++this.turn;
+    void this.steps.ask();
     if (!this.view) await this.sketch(); // the plot first: the verdict takes the same processors
     if (this.closed || turn !== this.turn) return;
     try {
@@ -148,6 +152,7 @@ export class CasePage {
       h('div', { class: 'row' }, h('span', { class: `chip ${view.verdict}`, text: view.chip }), h('h1', { class: 'headline grow', text: view.headline })),
       h('div', { class: 'actions' },
         main === 'add' ? h('button', { type: 'button', class: 'main', text: `Add ${view.missing.join(' + ')}`, onclick: () => this.run({ do: 'add', effects: view.missing }) }) : null,
+        this.steps.element,
         h('button', { type: 'button', text: 'Compare', onclick: () => this.run({ do: 'compare' }) }),
         h('button', { type: 'button', class: main === 'discover' ? 'main' : '', text: 'Discover', onclick: () => this.run({ do: 'discover' }) }),
         h('button', { type: 'button', text: 'Report', onclick: () => this.report() }),
@@ -206,7 +211,7 @@ export class CasePage {
   async run(body) {
     this.complain(null);
     this.say();
-    this.after = body.do === 'add' ? [`Remove ${body.effects?.[0]}`] : body.do === 'remove' ? [`Add ${body.effect}`, 'Discover'] : [];
+    this.after = body.do === 'undo' ? ['Undo', 'Redo'] : body.do === 'redo' ? ['Redo', 'Undo'] : body.do === 'add' ? [`Remove ${body.effects?.[0]}`] : body.do === 'remove' ? [`Add ${body.effect}`, 'Discover'] : [];
     try {
       const result = await this.app.job(this.name, body, (job) => this.progress(job));
       if (this.closed) return result;

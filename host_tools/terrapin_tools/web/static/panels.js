@@ -1,5 +1,6 @@
 // Panels of a case beside the ranking: the next step, an effect of one's own, the controller; and the tables below.
 import { focus, h, lineOf, number, quote } from './app.js';
+import { constants, heldOut } from './case_edit.js';
 import { heat } from './plots/heat.js';
 
 const WAIT_MS = 250; // after the last key, before an expression is checked
@@ -49,6 +50,8 @@ export class OwnEffect {
   constructor(page) {
     this.page = page;
     this.timer = this.turn = 0;
+    this.mends = ''; // the effect of the model that it takes the place of
+    this.kept = `terrapin-own-${page.name}`; // what is typed, over a reload
     /** @type {Map<string, Record<'value' | 'min' | 'max' | 'unit', HTMLInputElement>>} */
     this.parameters = new Map(); // name -> its inputs
     /** @param {string} name @param {Properties} properties */
@@ -65,16 +68,49 @@ export class OwnEffect {
       h('div', { class: 'two' }, h('label', {}, 'name', this.name), h('label', {}, 'acts on', this.target)),
       h('label', {}, 'expression', this.expression), this.formula, this.table, this.answer, this.names, h('div', {}, this.button));
     this.element = h('details', { class: 'panel own' }, h('summary', {}, h('h2', { text: 'Own effect' }), h('span', { class: 'soft small', text: 'units checked as you type' })), form);
-    form.addEventListener('input', () => this.later());
+    form.addEventListener('input', () => { this.keep(); this.later(); });
     this.target.addEventListener('change', () => this.later());
   }
 
   close() { clearTimeout(this.timer); }
 
+  keep() { sessionStorage.setItem(this.kept, JSON.stringify({ name: this.name.value, mends: this.mends, ...this.body() })); }
+
+  /** What was typed before a reload. */
+  restore() {
+    const text = sessionStorage.getItem(this.kept);
+    if (!text) return;
+    const { name, mends, ...own } = JSON.parse(text);
+    this.fill(name, own, mends);
+  }
+
+  /** @param {string} name @param {OwnFormula} own @param {string} mends */
+  fill(name, own, mends) {
+    this.element.open = true;
+    this.mends = mends;
+    this.name.value = name;
+    this.name.readOnly = Boolean(mends);
+    this.button.textContent = mends ? 'Replace it' : 'Add it';
+    this.expression.value = own.expression;
+    if (own.target) this.target.value = own.target;
+    this.parameters = new Map();
+    this.rows({ names: [], unknown: Object.keys(own.parameters) });
+    for (const [key, entry] of Object.entries(own.parameters)) {
+      const inputs = this.parameters.get(key);
+      if (inputs) for (const part of /** @type {const} */ (['value', 'min', 'max', 'unit'])) inputs[part].value = String(entry[part] ?? '');
+    }
+    this.later();
+  }
+
+  /** Mend one that is in the model. @param {string} name @param {OwnFormula} own */
+  edit(name, own) { this.fill(name, own, name); focus(this.expression); this.keep(); }
+
   /** @param {View} view */
   take(view) {
+    const first = !this.target.value;
     const chosen = this.target.value || view.targets.default;
     this.target.replaceChildren(...view.targets.all.map((name) => h('option', { value: name, text: name, selected: name === chosen })));
+    if (first) this.restore();
     this.names.textContent = `Known names: ${view.names.join(', ')}; any other becomes a parameter to fit.`;
   }
 
@@ -104,7 +140,7 @@ export class OwnEffect {
       const limits = p.min === null && p.max === null && !p.unit ? '' : `:${p.min ?? ''}:${p.max ?? ''}${p.unit ? `:${p.unit}` : ''}`;
       return quote(`--parameter=${name}=${p.value}${limits}`);
     });
-    return ['terrapin add', this.page.folder, quote(this.name.value || 'my_effect'), quote(`--expression=${body.expression}`), quote(`--target=${body.target}`), ...options].join(' ');
+    return ['terrapin add', this.page.folder, quote(this.name.value || 'my_effect'), quote(`--expression=${body.expression}`), quote(`--target=${body.target}`), ...options, ...(this.mends ? ['--replace'] : [])].join(' ');
   }
 
   async check() {
@@ -131,7 +167,7 @@ export class OwnEffect {
     this.button.disabled = !good;
   }
 
-  /** A row of inputs for every name that has no meaning; true when that changed. @param {ExpressionAnswer} found */
+  /** A row of inputs for every name that has no meaning; true when that changed. @param {{ names: string[], unknown: string[] }} found */
   rows(found) {
     const wanted = [...new Set([...found.unknown, ...[...this.parameters.keys()].filter((name) => !found.names.length || found.names.includes(name))])];
     if (wanted.join() === [...this.parameters.keys()].join()) return false;
@@ -150,7 +186,12 @@ export class OwnEffect {
 
   async add() {
     const body = this.body();
-    if (await this.page.run({ do: 'add', effects: [this.name.value], ...body })) {
+    const { mends } = this;
+    if (await this.page.run({ do: 'add', effects: [this.name.value], ...body, ...(mends ? { replace: true } : {}) })) {
+      sessionStorage.removeItem(this.kept);
+      this.mends = '';
+      this.name.readOnly = false;
+      this.button.textContent = 'Add it';
       this.expression.value = '';
       this.parameters = new Map();
       this.table.replaceChildren();
@@ -250,7 +291,7 @@ export function below(page, view) {
     h('table', {}, h('thead', {}, h('tr', {}, ['', 'noise sd', 'training', 'held out', ''].map((text, i) => h('th', { class: i ? 'n' : '', text })))),
       h('tbody', {}, Object.entries(view.errors).map(([name, texts]) => h('tr', {}, h('td', { text: name }), texts.map((text, i) => h('td', { class: i < 3 ? 'n' : '', text })))))),
     h('p', { class: 'soft small', text: `${view.noise}.` }));
-  const found = [parameters, errors];
+  const found = [parameters, errors, .../** @type {HTMLElement[]} */ ([heldOut(page, view), constants(page, view)].filter(Boolean))];
   if (view.chances.length) found.push(h('section', { class: 'panel' }, h('h2', { text: 'What these runs can show' }),
     h('table', {}, h('tbody', {}, view.chances.map(([what, often]) => h('tr', {}, h('td', { text: what }), h('td', { class: 'n', text: often })))))));
   if (view.history.length) found.push(h('section', { class: 'panel' }, h('h2', { text: 'History' }),

@@ -19,9 +19,12 @@ __all__ = [
     "OwnParameter",
     "add_effects",
     "extended",
+    "hold_out",
     "inline_tables",
     "parse_parameter",
     "remove_effect",
+    "set_constant",
+    "without_own",
 ]
 
 SUSPECT = "constant."  # before the name of a constant that may be wrong
@@ -153,6 +156,55 @@ def remove_effect(text: str, name: str) -> str:
     document = tomlkit.parse(text)
     effects = document["model"]["effects"]
     effects.remove(name)
+    return tomlkit.dumps(document)
+
+
+def hold_out(text: str, held: Sequence[str], runs: Sequence[str]) -> str:
+    """case.toml in which exactly the runs `held` of all `runs` are held out, and the others trained on."""
+    for run in held:
+        if run not in runs:
+            raise UserError(f"run {run!r} is not in the data, expected one of {', '.join(runs)}")
+    document = tomlkit.parse(text)
+    data = document["data"]
+    assert isinstance(data, tomlkit.items.Table)
+    data["test"] = list(held)
+    if "train" in data:
+        data["train"] = [run for run in runs if run not in held]
+    return tomlkit.dumps(document)
+
+
+def set_constant(text: str, name: str, value: str) -> str:
+    """case.toml in which a constant of [parameters] has another value, as it is written there: `"80 mm"`, 0.08.
+
+    Where it was guessed it no longer is.
+
+    UserError when there is none of that name.
+    """
+    document = tomlkit.parse(text)
+    table = document.get("parameters")
+    if not isinstance(table, tomlkit.items.Table) or name not in table:
+        known = ", ".join(table) if isinstance(table, tomlkit.items.Table) else "none"
+        raise UserError(f"found {name!r}, expected a constant of [parameters]: {known}")
+    try:
+        table[name] = float(value)
+    except ValueError:
+        table[name] = value
+    guessed = document["case"].get("guessed", [])
+    if f"parameters.{name}" in guessed:
+        guessed.remove(f"parameters.{name}")
+    return tomlkit.dumps(document)
+
+
+def without_own(text: str, name: str) -> str:
+    """case.toml without an effect of the user's own: neither in the model nor with a table of its own."""
+    document = tomlkit.parse(text)
+    own = document.get("effect")
+    if own is None or name not in own:
+        raise UserError(f"found {name!r}, expected an effect of your own: {', '.join(own or {}) or 'none'}")
+    effects = document["model"]["effects"]
+    if name in effects:
+        effects.remove(name)
+    del own[name]
     return tomlkit.dumps(document)
 
 

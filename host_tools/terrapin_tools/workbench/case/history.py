@@ -1,4 +1,5 @@
-"""What the commands keep of a case in its folder .terrapin: the last answer of discover, and what was added or removed.
+"""What the commands keep of a case in its folder .terrapin: the last answer of discover, what was added or removed, and
+each case.toml that a command changed, to step back to.
 
 An answer is kept with the state that it is about (a hash of case.toml, every file of data, and the program that found
 it), so that nobody shows it for another.
@@ -15,14 +16,17 @@ from pathlib import Path
 from typing import Any
 
 from terrapin_hil import paths
+from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.files.json_text import to_json
-from terrapin_tools.workbench.files.writing import write_whole
+from terrapin_tools.workbench.files.writing import write_changed, write_whole
 
-__all__ = ["case_state", "history", "keep", "recall", "remember"]
+__all__ = ["case_state", "history", "keep", "recall", "remember", "rewrite", "step", "steps"]
 
 FOLDER = ".terrapin"
 HISTORY = "history.jsonl"
 HISTORY_LIMIT = 200  # entries
+VERSIONS = "versions"
+VERSIONS_LIMIT = 100  # that can be stepped back to, and as many forward
 
 
 def case_state(folder: Path) -> str:
@@ -110,3 +114,67 @@ def _entry(line: bytes) -> dict[str, Any] | None:
 
 def _is_error(value: object) -> bool:
     return value is None or (isinstance(value, int | float) and math.isfinite(value))
+
+
+# ---------------------------------------------------------------- back and forward
+
+
+def rewrite(folder: Path, seen: str, text: str) -> None:
+    """Gives a case another case.toml, made from `seen`, and keeps the one of before. UserError as `write_changed`."""
+    before = (folder / "case.toml").read_bytes()
+    try:
+        for path in _versions(folder, "redo"):
+            _drop(path)
+        _push(folder, "undo", before)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        print(f"terrapin: {folder / FOLDER}: {reason}; this step cannot be undone", file=sys.stderr)
+    write_changed(folder / "case.toml", seen, text)
+
+
+def steps(folder: Path) -> dict[str, int]:
+    """How many changes can be undone, and how many that were undone can be done again."""
+    try:
+        now = (folder / "case.toml").read_bytes()
+        return {way: sum(path.read_bytes() != now for path in _versions(folder, way)) for way in ("undo", "redo")}
+    except OSError:
+        return {"undo": 0, "redo": 0}
+
+
+def step(folder: Path, way: str) -> None:
+    """`undo`: case.toml as it was before the last change, byte for byte, with the history of then; `redo`: as it was
+    before the last undo. What stood there is kept for the way back. UserError when there is nothing of the kind."""
+    now = (folder / "case.toml").read_bytes()
+    found = _versions(folder, way)
+    while found and found[-1].read_bytes() == now:  # of a change that was cancelled
+        _drop(found.pop())
+    if not found:
+        raise UserError(f"{folder / 'case.toml'}: nothing to {way}, expected a change by a command before")
+    text = found[-1].read_bytes()
+    past = found[-1].with_suffix(".jsonl")
+    lines = past.read_bytes() if past.is_file() else b""
+    _push(folder, "redo" if way == "undo" else "undo", now)
+    write_changed(folder / "case.toml", now.decode("utf-8-sig"), text)
+    write_whole(folder / FOLDER / HISTORY, lines)
+    _drop(found[-1])
+
+
+def _versions(folder: Path, way: str) -> list[Path]:
+    """Oldest first."""
+    return sorted((folder / FOLDER / VERSIONS).glob(f"{way}-[0-9]*.toml"))
+
+
+def _push(folder: Path, way: str, text: bytes) -> None:
+    place = folder / FOLDER / VERSIONS
+    place.mkdir(parents=True, exist_ok=True)
+    there = _versions(folder, way)
+    for path in there[: 1 - VERSIONS_LIMIT]:
+        _drop(path)
+    number = int(there[-1].stem.removeprefix(f"{way}-")) + 1 if there else 1
+    write_whole(place / f"{way}-{number:09d}.jsonl", b"".join(line + b"\n" for line in _lines(folder)))
+    write_whole(place / f"{way}-{number:09d}.toml", text)
+
+
+def _drop(path: Path) -> None:
+    path.unlink(missing_ok=True)
+    path.with_suffix(".jsonl").unlink(missing_ok=True)

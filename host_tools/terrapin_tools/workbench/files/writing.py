@@ -54,7 +54,7 @@ def _write_whole(path: Path, data: bytes) -> None:
         raise
 
 
-def write_changed(path: Path, seen: str, text: str) -> None:
+def write_changed(path: Path, seen: str, text: str | bytes) -> None:
     """Replace a file by a text that was made from `seen`, its text when it was read.
 
     UserError when it holds something else by now: nobody's change is lost. Commands wait for each other (LOCK_SECONDS

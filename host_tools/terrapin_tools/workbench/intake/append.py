@@ -19,7 +19,6 @@ from terrapin_tools.progress import step
 from terrapin_tools.workbench.case import history
 from terrapin_tools.workbench.case.case import Case, load_case, parse_case
 from terrapin_tools.workbench.compare.comparison import Analysis, analyse, measured
-from terrapin_tools.workbench.files.writing import write_changed
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.story.answer import answer
 from terrapin_tools.workbench.story.sentences import change, in_sd, number
@@ -63,7 +62,7 @@ def append(folder: Path, file: Path, seed: int = 0) -> tuple[dict[str, Any], str
     name = _free_name(folder, file)
     try:
         shutil.copyfile(file, folder / name)
-        write_changed(folder / "case.toml", present.text, _listing(present.text, name, runs))
+        history.rewrite(folder, present.text, _listing(present.text, name, runs))
     except (OSError, UserError):
         (folder / name).unlink()
         raise

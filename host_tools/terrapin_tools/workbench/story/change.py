@@ -15,7 +15,6 @@ from terrapin_tools.workbench.case import history
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.case.changes import OwnEffect, extended, remove_effect
 from terrapin_tools.workbench.compare.comparison import analyse
-from terrapin_tools.workbench.files.writing import write_changed
 from terrapin_tools.workbench.story.answer import answer
 from terrapin_tools.workbench.story.terminal import tell_change
 from terrapin_tools.workbench.story.told import told
@@ -67,7 +66,7 @@ def without_effect(case: Case, effect: str) -> str:
 
 
 def carry_out(present: Case, text: str, action: str, effects: list[str], seed: int) -> tuple[dict[str, Any], str]:
-    """Give the case the new text of its case.toml. `action`: "added" or "removed". Returns JSON and words.
+    """Give the case the new text of its case.toml. `action`: added, removed, "held out" or set. Returns JSON and words.
 
     UserError when the text is no sound case, or case.toml changed since `present` was read; nothing is written then.
     """
@@ -75,7 +74,7 @@ def carry_out(present: Case, text: str, action: str, effects: list[str], seed: i
     changed = present.changed(text)
     with step("fit"):
         before, after = (told(analyse(case, seed)) for case in (present, changed))
-    write_changed(present.folder / "case.toml", present.text, text)
+    history.rewrite(present.folder, present.text, text)
     after = replace(after, seconds=time.monotonic() - begin)
     old, new = (
         {"train_error": rung.train_error, "heldout_error": rung.heldout_error}
@@ -83,5 +82,5 @@ def carry_out(present: Case, text: str, action: str, effects: list[str], seed: i
     )
     said = {**answer(after), action: effects, "before": old, "after": new}
     history.remember(present.folder, action, effects, said)
-    where = f"{'to' if action == 'added' else 'from'} {present.folder / 'case.toml'}"
+    where = f"{ {'added': 'to', 'removed': 'from'}.get(action, 'in') } {present.folder / 'case.toml'}"
     return said, tell_change(f"{action.capitalize()} {', '.join(effects)} {where}.", before, after)

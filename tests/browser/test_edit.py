@@ -1,0 +1,77 @@
+"""A case is changed without fear: held-out runs by click, constants, an own effect mended in place, undo and redo."""
+
+from __future__ import annotations
+
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Page, expect
+from serving import Server
+
+
+def findings(page: Page) -> list[str]:
+    found = Axe().run(page).response["violations"]
+    return [f"{v['id']}: {v['nodes'][0]['target']}: {v['help']}" for v in found]
+
+
+def test_changes_and_back(page: Page, server: Server) -> None:
+    """Each change writes case.toml; Ctrl-Z as often brings it back byte for byte; a reload knows the steps."""
+    page.get_by_role("button", name="Open the example heated_motor").click()
+    expect(page.locator(".lead .chip")).to_be_visible()
+    file = server.workspace / "cases" / "heated_motor" / "case.toml"
+    stages = [file.read_bytes()]
+    undo, redo = (
+        page.get_by_role("button", name="Undo", exact=True),
+        page.get_by_role("button", name="Redo", exact=True),
+    )
+    expect(undo).to_be_disabled()
+
+    runs = page.get_by_label("Held-out runs")
+    runs.get_by_role("checkbox").first.check()
+    runs.get_by_role("button", name="Hold these out").click()
+    expect(undo).to_be_enabled()
+    stages.append(file.read_bytes())
+    assert b"test = " in stages[-1]
+
+    constant = page.get_by_label("coulomb, with its unit")
+    constant.fill("13 mN m")
+    constant.press("Enter")
+    expect(page.locator("#command")).to_contain_text("terrapin case set")
+    expect(page.get_by_label("Known constants")).to_contain_text("0.013")
+    stages.append(file.read_bytes())
+
+    page.get_by_text("Own effect").click()
+    page.get_by_label("expression").fill("k * omegaa")
+    page.get_by_label("name", exact=True).fill("drag")
+    expect(page.locator(".own [role=status]")).not_to_have_text("")
+    page.reload()  # what is typed is still there
+    expect(page.get_by_label("expression")).to_have_value("k * omegaa")
+    page.get_by_label("expression").fill("k * omega")
+    page.get_by_label("unit of k").fill("N m s/rad")
+    page.get_by_role("button", name="Add it").click()
+    expect(page.get_by_role("button", name="Remove drag")).to_be_visible()
+    stages.append(file.read_bytes())
+    page.get_by_role("button", name="Edit drag").click()
+    expect(page.get_by_label("expression")).to_have_value("k * omega")
+    page.get_by_label("expression").fill("k * omega**2")
+    page.get_by_label("unit of k").fill("N m s^2/rad^2")
+    page.get_by_role("button", name="Replace it").click()
+    expect(page.get_by_role("button", name="Add it")).to_be_visible()
+    stages.append(file.read_bytes())
+    assert stages[-1].count(b"[effect.drag]") == 1
+    assert len(set(stages)) == 5
+
+    assert findings(page) == []
+    for place in (3, 2, 1, 0):
+        page.locator("h1").click()  # where nobody types
+        expect(undo).to_be_enabled()
+        page.keyboard.press("Control+z")
+        expect(page.locator("#command")).to_contain_text("terrapin case undo")
+        page.wait_for_timeout(200)
+        expect(page.locator(".job")).to_be_hidden()
+        assert file.read_bytes() == stages[place]
+    expect(undo).to_be_disabled()
+    page.reload()
+    expect(redo).to_be_enabled()
+    redo.click()
+    page.wait_for_timeout(200)
+    expect(page.locator(".job")).to_be_hidden()
+    assert file.read_bytes() == stages[1]
