@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import re
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -140,7 +142,18 @@ async def export(context: Terrapin, name: Name) -> FileResponse:
 @router.get("/examples", responses=problems())
 async def list_examples() -> list[models.Example]:
     """Cases that ship with the project and that the workbench can open."""
-    return [models.Example(name=name, title=title) for name, title in _titles().items()]
+    return [models.Example(name=name, title=title, about=about) for name, (title, about) in _titles().items()]
+
+
+@router.get("/examples/{name}/picture", responses=problems(404))
+async def example_picture(context: Terrapin, name: Name) -> dict[str, Any]:
+    """A small picture of an example: measured and predicted values of its first channel."""
+    if name not in _titles():
+        raise NotThere(f"example: found no {name!r}, expected one of {', '.join(_titles())}")
+    if name not in _pictures:
+        folder = str(paths.examples()[name])
+        _pictures[name] = await context.warm.call("terrapin_tools.web.cases.view:thumbnail", folder, seconds=60.0)
+    return _pictures[name]
 
 
 @router.post("/examples/{name}", responses=problems(404, 409))
@@ -155,15 +168,31 @@ async def open_example(context: Terrapin, name: Name) -> models.Named:
     return models.Named(name=name)
 
 
-def _titles() -> dict[str, str]:
+_pictures: dict[str, dict[str, Any]] = {}  # of the examples, which do not change
+
+
+def _titles() -> dict[str, tuple[str, str]]:
+    """Name -> title, and the sentence with which case.toml begins."""
     import tomllib
 
     found = {}
     for name, folder in paths.examples().items():
-        document = tomllib.loads((folder / "case.toml").read_text(encoding="utf-8"))
+        text = (folder / "case.toml").read_text(encoding="utf-8")
+        document = tomllib.loads(text)
         if document["model"]["base"] != "driven_wheel":  # terrapin soil tactile reads it
-            found[name] = document["case"]["title"]
+            found[name] = document["case"]["title"], _about(text)
     return found
+
+
+def _about(text: str) -> str:
+    """The first sentence of the comment at the top of a case.toml.
+
+    >>> _about("# A motor that warms. Try\\n#   this\\n[case]"), _about("# By Li et al. in Eqs. (1).\\n[case]")
+    ('A motor that warms.', 'By Li et al. in Eqs. (1).')
+    """
+    lines = list(takewhile(lambda line: line.startswith("# "), text.splitlines()))
+    text = " ".join(line[2:].strip() for line in lines)
+    return f"{re.split(r'(?<! al)(?<!Eqs)(?<!Fig)[.](?: |$)', text)[0]}." if lines else ""
 
 
 @router.get("/bases", responses=problems())

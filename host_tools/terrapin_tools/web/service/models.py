@@ -79,6 +79,7 @@ class Example(BaseModel):
 
     name: str
     title: str
+    about: str = Field(description="one sentence on what it shows")
 
 
 class CaseSummary(BaseModel):

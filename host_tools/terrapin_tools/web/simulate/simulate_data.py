@@ -20,6 +20,7 @@ SAID = {  # column -> signal of the telemetry
     "state": ("ACTUATE", "state"),
     "limiting": ("ACTUATE", "limiting"),
     "estimate": ("GROUND", "torque"),
+    "estimate_sd": ("GROUND", "torque_sd"),
     "estimate_valid": ("GROUND", "valid"),
     "terrain": ("GROUND", "terrain"),
 }

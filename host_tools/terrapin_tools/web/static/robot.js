@@ -1,6 +1,6 @@
 // The robot rolling, from the columns of a run: shell, swinging inner device, ground with slope and sinkage, and a plot
 // of what belongs to the moment under it. Lengths are to scale, but for the sinkage, which is drawn three times as deep.
-import { css, h, number, unit } from './app.js';
+import { css, fixed, h, unit } from './app.js';
 
 const DEEPER = 3; // sinkage of some millimetres would not be seen
 const GROUNDS = { hard_floor: '#8b96a5', agricultural: '#7a6a4f', red_terrain: '#a5553b', dry_peat: '#5d4a3c', sand: '#c9a86a' };
@@ -160,7 +160,7 @@ export class Robot {
     pen.fillStyle = css('--ink');
     pen.font = '600 13px system-ui, sans-serif';
     const slip = value('slip'), sinkage = value('sinkage');
-    const lines = [`${number(value('speed'), 3)}${unit('m/s')}`, slip === null ? '' : `slip ${number(slip, 2)}`, sinkage !== null && sinkage > 1e-6 ? `sinkage ${number(sinkage * 1e3, 2)} mm (drawn ${DEEPER} ×)` : ''];
+    const lines = [`${fixed(value('speed'), 3)}${unit('m/s')}`, slip === null ? '' : `slip ${fixed(slip, 3)}`, sinkage !== null && sinkage > 1e-6 ? `sinkage ${fixed(sinkage * 1e3, 1)} mm (drawn ${DEEPER} ×)` : ''];
     lines.filter(Boolean).forEach((text, i) => pen.fillText(text, cx + r + 16, cy - r * 0.4 + 17 * i));
     pen.font = '12px system-ui, sans-serif';
   }

@@ -29,8 +29,9 @@ class Simulate {
     this.bar = h('div', { class: 'job', hidden: true }, this.progress, this.line,
       h('button', { type: 'button', text: 'Cancel', onclick: () => { const { job } = this; if (job) this.attempt(() => app.cancel(job)); } }));
     this.notice = h('p', { class: 'notice bad', role: 'alert', hidden: true });
-    element.append(h('div', { class: 'sim-grid' }, this.form.panel(this.start),
-      h('div', { class: 'plots' }, this.notice, this.bar, ...this.player.panels(),
+    this.other = h('select', { 'aria-label': 'Another run over this one', onchange: () => this.overlay() });
+    element.append(h('h1', { class: 'visually-hidden', text: 'Simulate' }), h('div', { class: 'sim-grid' }, this.form.panel(this.start),
+      h('div', { class: 'plots' }, this.notice, this.bar, ...this.player.panels(this.other),
         h('div', { class: 'below' }, h('section', { class: 'panel' }, this.player.checksTitle, this.player.checks), this.runs.element, this.batches.element))));
     app.onEvent((event) => this.event(event));
   }
@@ -84,6 +85,7 @@ class Simulate {
     bar.hidden = true;
     start.disabled = false;
     await this.runs.list();
+    this.offer();
     if (!ended) return null;
     if (ended.state === 'failed') { this.complain(ended.error || 'failed'); return null; }
     if (ended.state === 'cancelled') app.announce('cancelled');
@@ -97,8 +99,25 @@ class Simulate {
     /** @type {Run | null} */
     const run = await this.attempt(() => this.app.api(`simulate/${encodeURIComponent(wanted)}/signals`));
     if (!run) return;
+    this.player.other = null;
     this.player.open(run, roll);
     this.runs.open(run);
+    this.offer();
+    if (this.shown) history.replaceState(null, '', `#simulate/${encodeURIComponent(wanted)}`); // a reload opens it again
+  }
+
+  /** Which other runs can be drawn over the one that is open. */
+  offer() {
+    const here = this.player.run?.name, kept = this.player.other?.name || '';
+    this.other.replaceChildren(h('option', { value: '', text: 'no other run' }), ...this.runs.names.filter((name) => name !== here).map((name) => h('option', { value: name, text: `and ${name}`, selected: name === kept })));
+    this.other.hidden = this.other.options.length < 2;
+  }
+
+  async overlay() {
+    const wanted = this.other.value;
+    /** @type {Run | null} */
+    const run = wanted ? await this.attempt(() => this.app.api(`simulate/${encodeURIComponent(wanted)}/signals`)) : null;
+    this.player.overlay(run);
   }
 
   /** What another browser runs, or this one before a reload. */
@@ -119,12 +138,14 @@ class Simulate {
 
   // ---------------------------------------------------------------- the tab
 
-  show() {
+  /** @param {string} rest name of a run; empty: the one that is open */
+  show(rest) {
     this.shown = this.player.shown = true;
     if (!this.form.description) this.load();
-    this.runs.list();
+    void this.runs.list().then(() => this.offer());
     this.batches.list();
     this.running();
+    if (rest && this.player.run?.name !== rest) void this.open(rest, false);
     this.player.draw();
   }
 

@@ -3,10 +3,12 @@
 import { h, lineOf } from './app.js';
 import { CasePage } from './case_page.js';
 import { Mapper } from './mapper.js';
+import { thumbnail } from './plots/thumbnail.js';
 
 /** @param {HTMLElement} element @param {App} app @returns {Tab} */
 export function mount(element, app) { return new Workbench(element, app); }
 
+const EXAMPLE = 'heated_motor'; // whose fit fails in the picture
 const notice = (/** @type {string} */ text) => h('p', { class: 'notice bad', role: 'alert', text });
 
 class Workbench {
@@ -32,9 +34,30 @@ class Workbench {
     const examples = h('section', { class: 'panel', 'aria-label': 'Examples' });
     this.mapper ??= new Mapper(app, (name) => app.go('workbench', name)); // what is being mapped stays while one looks elsewhere
     place.append(h('div', {}, this.mapper.element, cases), examples);
-    this.element.replaceChildren(h('h1', { class: 'visually-hidden', text: 'Workbench' }), place);
+    this.element.replaceChildren(this.purpose(), place);
     app.showCommand(this.mapper.command || `terrapin compare ${app.place('cases')}`);
     await Promise.all([this.fillCases(cases), this.fillExamples(examples)]);
+  }
+
+  /** What this is for, in two sentences and a picture; three steps. */
+  purpose() {
+    const picture = h('figure', { class: 'hero' });
+    const section = h('section', { class: 'panel purpose' }, h('div', {},
+      h('h1', { text: 'Does your model of the ground hold, and if not, what does it lack?' }),
+      h('p', { text: 'Terrapin compares a model with your measurements, says whether anything is missing beyond the noise, names the effect that explains it, and shows how far the error falls once it is added. What it finds goes back into the controller of the robot, which you can try and drive here without one.' }),
+      h('ol', { class: 'three' },
+        h('li', {}, 'Open an example, or drop a table of your own below.'),
+        h('li', {}, 'See where the model fails, and press ', h('b', { text: 'Discover' }), '.'),
+        h('li', {}, 'Add what is missing; ', h('b', { text: '↶' }), ' (Ctrl-Z) takes it back.'))), picture);
+    void this.picture(EXAMPLE, 320, 150).then((drawn) => {
+      if (drawn) picture.append(drawn, h('figcaption', { class: 'soft small' }, 'A fit that fails: ', h('span', { class: 'measured', text: 'measured' }), ' current of a motor that warms, and ', h('span', { class: 'predicted', text: 'the model' }), ' that does not know it.'));
+    });
+    return section;
+  }
+
+  /** A small picture of an example; null where there is none. @param {string} name @param {number} width @param {number} height */
+  async picture(name, width, height) {
+    try { return thumbnail(await this.app.api(`examples/${encodeURIComponent(name)}/picture`), width, height); } catch { return null; }
   }
 
   /** @param {Element} section */
@@ -59,9 +82,16 @@ class Workbench {
     try { found = await this.app.api('examples'); } catch (error) { section.replaceChildren(notice(lineOf(error))); return; }
     section.replaceChildren(h('h2', { text: 'Examples' }),
       h('p', { class: 'soft small', text: 'Opened as a copy in the workspace; the example itself stays as it is.' }),
-      h('ul', { class: 'case-list' }, found.map((one) => h('li', {},
-        h('div', { class: 'grow' }, h('div', { text: one.title }), h('div', { class: 'soft small', text: one.name })),
+      h('ul', { class: 'case-list' }, found.map((one) => h('li', {}, this.small(one.name),
+        h('div', { class: 'grow' }, h('div', { text: one.title }), h('div', { class: 'soft small', text: one.about }), h('div', { class: 'soft small', text: one.name })),
         h('button', { type: 'button', text: 'Open', 'aria-label': `Open the example ${one.name}`, onclick: (event) => this.openExample(one.name, event.target) })))));
+  }
+
+  /** Where the picture of an example comes. @param {string} name */
+  small(name) {
+    const place = h('span', { class: 'thumbnail-place' });
+    void this.picture(name, 96, 54).then((drawn) => { if (drawn) place.append(drawn); });
+    return place;
   }
 
   /** @param {string} name @param {HTMLButtonElement} button */

@@ -1,11 +1,12 @@
 // A run played back: the robot rolling, a slider for the moment, strip charts, and the checks.
-import { h, number, still } from '../app.js';
+import { fixed, h, still } from '../app.js';
 import { Robot, at } from '../robot.js';
 import { COLOURS, Ring, Strip } from '../strip.js';
 
 const DEGREE = Math.PI / 180;
+// column, title, unit, the truth that belongs on its axis, the sd of a band around it
 const CHARTS = [
-  ['slip', 'slip', '1'], ['contact_torque', 'contact torque C_t (truth)', 'N m'], ['estimate', 'C_t by the controller', 'N m'],
+  ['estimate', 'C_t by the controller', 'N m', 'contact_torque', 'estimate_sd'], ['contact_torque', 'contact torque C_t (truth)', 'N m'], ['slip', 'slip', '1'],
   ['swing_angle', 'swing angle', 'rad'], ['speed', 'speed', 'm/s'], ['sinkage', 'sinkage', 'm'], ['current', 'current', 'A'],
 ];
 const DRAWN_MS = 60; // between pictures of the strip charts while it plays
@@ -14,6 +15,8 @@ export class Player {
   constructor() {
     /** @type {Run | null} */
     this.run = null;
+    /** @type {Run | null} */
+    this.other = null; // over it
     this.shown = this.playing = false;
     this.time = this.before = this.drawn = 0;
     this.name = h('h2', { text: 'The robot' });
@@ -33,13 +36,19 @@ export class Player {
     this.checksTitle = h('h2', { text: 'Checks' });
   }
 
-  /** The robot, and what it did. */
-  panels() {
+  /** The robot, and what it did. @param {HTMLElement} beside what stands beside the charts' title */
+  panels(beside) {
     return [
       h('section', { class: 'panel' }, h('div', { class: 'panel-head' }, this.name),
         this.place, h('div', { class: 'play' }, this.play, this.pace, this.scrub, this.clock), this.facts),
-      h('section', { class: 'panel' }, h('div', { class: 'panel-head' }, h('h2', { text: 'What it did' })), this.charts),
+      h('section', { class: 'panel' }, h('div', { class: 'panel-head' }, h('h2', { text: 'What it did' }), h('div', { class: 'choices' }, beside)), this.charts),
     ];
+  }
+
+  /** Another run over this one, or none. @param {Run | null} other */
+  overlay(other) {
+    this.other = other;
+    if (this.run) this.open(this.run, false);
   }
 
   /** A run, rolling or at its begin. @param {Run} run @param {boolean} roll */
@@ -50,11 +59,11 @@ export class Player {
     this.name.textContent = `${run.name}${run.run.title ? `: ${run.run.title}` : ''}${run.run.complete ? '' : ' (cut short)'}`;
     this.time = times[0];
     Object.assign(this.scrub, { min: String(times[0]), max: String(times[times.length - 1]), value: String(this.time), disabled: false });
-    this.strip.lanes = CHARTS.filter(([key]) => columns[key] && columns[key].some((v) => v)).slice(0, 6).map(([key, text, unitText], i) => {
-      const ring = new Ring();
-      columns[key].forEach((v, row) => { if (v !== null) ring.push(times[row], v); });
-      return { name: text, unit: unitText, words: null, colour: COLOURS[i % COLOURS.length], ring };
-    });
+    /** @param {Run} of */
+    const there = (of) => (/** @type {string | undefined} */ key) => (key && of.columns[key]?.some((v) => v) ? ringOf(of, key) : null);
+    const mine = there(run), theirs = this.other ? there(this.other) : () => null;
+    this.strip.lanes = CHARTS.filter(([key]) => mine(key) && !(key === 'contact_torque' && mine('estimate'))).slice(0, 6).map(([key, text, unitText, truth, sd], i) => (
+      { name: text, unit: unitText, words: null, colour: COLOURS[i % COLOURS.length], ring: ringOf(run, key), truth: mine(truth), sd: mine(sd), other: theirs(key) }));
     this.strip.seconds = times[times.length - 1] - times[0] || 1;
     this.strip.end = times[times.length - 1];
     this.strip.events = events(run);
@@ -116,6 +125,13 @@ export class Player {
   }
 }
 
+/** A column over time. @param {Run} run @param {string} key */
+function ringOf(run, key) {
+  const ring = new Ring(), { time } = run.columns;
+  run.columns[key].forEach((v, row) => { if (v !== null) ring.push(time[row], v); });
+  return ring;
+}
+
 /** What stands under the robot at a row. @param {Run} run @param {number} row */
 function factsOf(run, row) {
   const { columns } = run;
@@ -124,9 +140,9 @@ function factsOf(run, row) {
   const whole = (/** @type {string} */ key) => (columns[key] ? columns[key][Math.floor(row)] : null);
   const estimate = whole('estimate'), code = whole('state'), state = code === null ? '' : run.words.state[code];
   return [
-    `at ${number(value('position'), 4)} m`, `${number(value('speed'), 3)} m/s`, `slip ${number(value('slip'), 3)}`,
-    `C_t ${number(value('contact_torque', 1e-3), 4)} mN m, by the controller ${number(estimate === null ? null : estimate * 1e3, 4)}${whole('estimate_valid') ? '' : ' (not valid)'}`,
-    `swing ${number(value('swing_angle', DEGREE), 3)}°`, `slope ${number(value('slope', DEGREE), 3)}°`, state ? `state ${state}` : '',
+    `at ${fixed(value('position'), 3)} m`, `${fixed(value('speed'), 3)} m/s`, `slip ${fixed(value('slip'), 3)}`,
+    `C_t ${fixed(value('contact_torque', 1e-3), 1)} mN m, by the controller ${fixed(estimate === null ? null : estimate * 1e3, 1)}${whole('estimate_valid') ? '' : ' (not valid)'}`,
+    `swing ${fixed(value('swing_angle', DEGREE), 1)}°`, `slope ${fixed(value('slope', DEGREE), 1)}°`, state ? `state ${state}` : '',
   ].filter(Boolean).join('  ·  ');
 }
 

@@ -9,6 +9,8 @@ export class RunList {
     this.desk = desk;
     /** @type {Run | null} */
     this.run = null; // that is open
+    /** @type {string[]} */
+    this.names = []; // of all runs
     this.name = h('input', { type: 'text', id: 'sim-keep', 'aria-label': 'Name of the case', maxlength: '64' });
     this.keep = h('button', { type: 'button', text: 'Keep as a case', disabled: true, onclick: () => this.keepCase() });
     this.note = h('p', { class: 'small soft', text: 'A case needs two runs, as one is held out: tick others above, or the scenario is run once more with the next seed.' });
@@ -37,10 +39,11 @@ export class RunList {
     /** @type {RunLine[] | null} */
     const found = await attempt(() => app.api('simulate'));
     if (!found) return;
+    this.names = found.map((one) => one.name);
     const ticked = new Set(this.rows().filter((one) => one.box.checked).map((one) => one.name));
     if (this.run) ticked.delete(this.run.name); // marked below
     this.runs.replaceChildren(found.length ? h('table', {}, h('thead', {}, h('tr', {}, ...['In the case', 'Run', 'Seed', 'Checks', ''].map((t) => h('th', { scope: 'col', text: t })))),
-      h('tbody', {}, ...found.map((one) => this.row(one, ticked.has(one.name))))) : h('p', { class: 'soft', text: 'No runs yet.' }));
+      h('tbody', {}, ...found.map((one) => this.row(one, ticked.has(one.name))))) : h('p', { class: 'soft', text: 'No runs yet: choose a scenario, change what you like, and press Run.' }));
     this.mark();
   }
 
