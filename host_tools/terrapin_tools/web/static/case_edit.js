@@ -62,11 +62,11 @@ export function heldOut(page, view) {
 export function constants(page, view) {
   if (!view.constants.length) return null;
   return h('section', { class: 'panel', 'aria-label': 'Known constants' }, h('h2', { text: 'Known constants' }),
-    h('table', { class: 'inputs' }, h('thead', {}, h('tr', {}, ['constant', 'as stated', 'in SI', ''].map((text) => h('th', { scope: 'col', text })))),
+    h('table', { class: 'inputs' }, h('thead', {}, h('tr', {}, ['constant', 'as stated', 'in SI', 'confirmed'].map((text) => h('th', { scope: 'col', text })))),
       h('tbody', {}, view.constants.map((one) => {
         const input = h('input', { type: 'text', value: one.text, maxlength: '60', 'aria-label': `${one.name}, with its unit`, onchange: () => { void set(); } });
         const set = () => page.run({ do: 'constant', name: one.name, value: input.value.trim() });
         return h('tr', {}, h('th', { scope: 'row', text: one.name }), h('td', {}, input), h('td', { class: 'soft n', text: one.si }),
-          h('td', {}, one.guessed ? h('button', { type: 'button', class: 'act', text: 'Check', title: 'A guess that nobody has confirmed: press when it is right', 'aria-label': `Confirm ${one.name}`, onclick: () => { void set(); } }) : null));
+          h('td', {}, one.guessed ? h('button', { type: 'button', class: 'act', text: 'Check', title: 'A guess that nobody has confirmed: press when it is right', 'aria-label': `Confirm ${one.name}`, onclick: () => { void set(); } }) : h('span', { class: 'soft small', text: 'stated' })));
       }))));
 }

@@ -288,7 +288,7 @@ export function below(page, view) {
     h('table', {}, h('tbody', {}, view.parameters.map(([key, text, stuck]) => h('tr', {}, h('td', {}, key, stuck ? h('span', { class: 'warn small', text: ` ${stuck}` }) : null),
       h('td', { class: 'wrap', text }))))));
   const errors = h('section', { class: 'panel' }, h('h2', { text: 'Errors and noise' }),
-    h('table', {}, h('thead', {}, h('tr', {}, ['', 'noise sd', 'training', 'held out', ''].map((text, i) => h('th', { class: i ? 'n' : '', text })))),
+    h('table', {}, h('thead', {}, h('tr', {}, ['channel', 'noise sd', 'training', 'held out', 'unit'].map((text, i) => h('th', { class: i ? 'n' : '', text })))),
       h('tbody', {}, Object.entries(view.errors).map(([name, texts]) => h('tr', {}, h('td', { text: name }), texts.map((text, i) => h('td', { class: i < 3 ? 'n' : '', text })))))),
     h('p', { class: 'soft small', text: `${view.noise}.` }));
   const found = [parameters, errors, .../** @type {HTMLElement[]} */ ([heldOut(page, view), constants(page, view)].filter(Boolean))];

@@ -12,7 +12,7 @@ export class Nodes {
     this.rows = new Map();
     this.body = h('tbody');
     this.element = h('section', { class: 'panel nodes', hidden: true }, h('div', { class: 'panel-head' }, h('h2', { text: 'Controllers on this bus' })),
-      h('table', {}, h('thead', {}, h('tr', {}, ...['node', 'state', ...COLUMNS.map(([, title]) => title), ''].map((text) => h('th', { scope: 'col', text })))), this.body));
+      h('table', {}, h('thead', {}, h('tr', {}, ...['node', 'state', ...COLUMNS.map(([, title]) => title), 'shown'].map((text) => h('th', { scope: 'col', text })))), this.body));
   }
 
   clear() { this.rows.clear(); this.body.replaceChildren(); this.element.hidden = true; }

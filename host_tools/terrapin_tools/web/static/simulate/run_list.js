@@ -42,7 +42,7 @@ export class RunList {
     this.names = found.map((one) => one.name);
     const ticked = new Set(this.rows().filter((one) => one.box.checked).map((one) => one.name));
     if (this.run) ticked.delete(this.run.name); // marked below
-    this.runs.replaceChildren(found.length ? h('table', {}, h('thead', {}, h('tr', {}, ...['In the case', 'Run', 'Seed', 'Checks', ''].map((t) => h('th', { scope: 'col', text: t })))),
+    this.runs.replaceChildren(found.length ? h('table', {}, h('thead', {}, h('tr', {}, ...['In the case', 'Run', 'Seed', 'Checks', 'Remove'].map((t) => h('th', { scope: 'col', text: t })))),
       h('tbody', {}, ...found.map((one) => this.row(one, ticked.has(one.name))))) : h('p', { class: 'soft', text: 'No runs yet: choose a scenario, change what you like, and press Run.' }));
     this.mark();
   }
