@@ -170,8 +170,8 @@ def test_every_page_stops(robot: Server) -> None:
         assert "held in" in command(robot, 409, request="arm", page=one.name)
         assert "held in" in command(robot, 409, request="clear")
         command(robot, request="release")
-        one.until(lambda: "stop_all" not in faults(one))  # it goes on beating, unarmed
-        assert one.value("ACTUATE.enable") == 0.0
+        other.until(lambda: "stop_all" not in faults(other))  # the first page goes on beating, unarmed
+        assert other.value("ACTUATE.enable") == 0.0
 
 
 def test_parameters_ground_and_truth(robot: Server) -> None:
