@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.bases import BASES
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.story.told import told
@@ -119,7 +120,76 @@ FORMULAS = {  # base -> what the effect acts on -> formulas with the units that 
         },
     },
 }
+MORE = {  # the other bases
+    "cmr": {
+        "resistance": {
+            "k*omega**2": {"k": "N m s^2/rad^2"},
+            "k*tanh(omega/s)": {"k": "N m", "s": "rad/s"},
+        },
+        "current": {"k*omega": {"k": "A s/rad"}},
+        "voltage": {"k*omega": {"k": "s/rad"}},
+    },
+    "pendulum_sphere": {
+        "resistance": {"k*omega": {"k": "N m s/rad"}, "k*load": {"k": "m"}},
+        "torque": {"k*sign(omega)": {"k": "N m"}},
+        "rolling_angle": {"k*omega": {"k": "s"}},
+    },
+    "rolling_sphere": {
+        "resistance": {"k*omega": {"k": "N m s/rad"}},
+        "drag": {"k*load*slip": {"k": "1"}},
+        "traction": {"k*load": {"k": "1"}},
+    },
+    "sphere_contact": {
+        "drag": {"k*load": {"k": "1"}},
+        "traction": {"k*slip**2": {"k": "N"}},
+        "torque": {"k*load*slip": {"k": "m"}},
+        "sinkage": {"k*exp(-slip/s)": {"k": "m", "s": "1"}},
+    },
+    "vehicle": {
+        "resistance": {"k*speed": {"k": "N s"}},
+        "rolling_resistance": {"k*load": {"k": "m"}},
+        "speed": {"k*slip": {"k": "m/s"}},
+        "drive_torque": {"k*omega": {"k": "s/rad"}},
+    },
+    "wheel_contact": {
+        "axle": {"k*slip": {"k": "N"}},
+        "traction": {"k*load**2": {"k": "1/N"}},
+        "torque": {"k*load": {"k": "m"}},
+        "k_s": {"k*slip": {"k": "1"}},
+    },
+}
+FORMULAS |= MORE
+COLUMNS = {  # of the other bases -> unit; one row is enough where nothing is fitted
+    "cmr": {"time": "s", "voltage": "V", "omega": "rad/s", "current": "A"},
+    "pendulum_sphere": {"time": "s", "joint_rate": "rad/s", "torque": "N m", "rolling_angle": "rad"},
+    "rolling_sphere": {"omega": "rad/s", "slip": "1", "load": "N", "current": "A", "traction": "N"},
+    "sphere_contact": {"slip": "1", "load": "N", "traction": "N", "torque": "N m", "sinkage": "m"},
+    "vehicle": {"time": "s", "drive_torque": "N m", "omega_fl": "rad/s", "speed": "m/s"},
+    "wheel_contact": {"slip": "1", "load": "N", "traction": "N", "torque": "N m", "sinkage": "m"},
+}
+SOIL = "n = 1\ncohesion = 0\nfriction_angle = 0.6\nshear_modulus = 0.02\n"
+NUMBERS = {
+    "cmr": "f_o = 0.05\n",
+    "pendulum_sphere": "f_o = 0.05\n",
+    "rolling_sphere": "radius = 0.2\ndrive_radius = 0.003\ntorque_constant = 0.04\ncoulomb = 0.6\nviscous = 0.05\n"
+    "k_s = 2e6\nc1 = 0.2\nc2 = 0.3\n" + SOIL,
+    "sphere_contact": "radius = 0.2\nk_s = 2e6\nc1 = 0.2\nc2 = 0.3\n" + SOIL,
+    "vehicle": "k_s = 2e6\n" + SOIL,
+    "wheel_contact": "radius = 0.1\nwidth = 0.05\nk_c = 0\nk_phi = 2e6\n" + SOIL,
+}
+
+
+def plainly(base: str) -> str:
+    """A case of one of the other bases, in which nothing is fitted but the effect."""
+    columns = "".join(f'{name} = {{ column = "{name}", unit = "{unit}" }}\n' for name, unit in COLUMNS[base].items())
+    return (
+        f'[model]\nbase = "{base}"\neffects = ["mine"]\n[parameters]\n{NUMBERS[base]}'
+        f'[data]\nfiles = ["runs.csv"]\nrun = "run"\n[data.columns]\n{columns}'
+    )
+
+
 CASES = {"equation": EQUATION, "ode": ODE, "rolling_steady": ROLLING.replace("effects = []", 'effects = ["mine"]')}
+CASES |= {base: plainly(base) for base in MORE}
 EACH = [
     (base, target, formula, units, good)
     for base, targets in FORMULAS.items()
@@ -129,12 +199,19 @@ EACH = [
 ]
 
 
+def small(base: str) -> str:
+    names = list(COLUMNS[base])
+    rows = (f"r{run},{','.join('0.3' if n != 'time' else f'{0.1 * row:.1f}' for n in names)}"
+            for run in range(4) for row in range(4))  # fmt: skip
+    return "\n".join([f"run,{','.join(names)}", *rows]) + "\n"
+
+
 def written(folder: Path, base: str, target: str, formula: str, units: dict[str, str], more: str = "") -> Path:
     if base == "rolling_steady":
         rolling(folder, 1, runs=4, rows=4)
     else:
         folder.mkdir()
-        (folder / "runs.csv").write_text(TABLE, encoding="utf-8")
+        (folder / "runs.csv").write_text(small(base) if base in MORE else TABLE, encoding="utf-8")
     effect = f'\n[effect.mine]\nexpression = "{formula}"\ntarget = "{target}"\n'
     effect += "".join(f'{n} = {{ value = 0.1, unit = "{unit}" }}\n' for n, unit in units.items())
     (folder / "case.toml").write_text(CASES[base] + effect + more, encoding="utf-8")
@@ -156,6 +233,12 @@ def test_right_units_are_taken_and_wrong_ones_refused(
     assert "comes out in" in str(told_so.value)
 
 
+def test_sixty_of_each_kind_over_every_base() -> None:
+    assert FORMULAS.keys() == BASES.keys()
+    assert sum(good for *_, good in EACH) >= 60
+    assert sum(not good for *_, good in EACH) >= 60
+
+
 def test_nothing_is_converted_where_formulas_take_numbers_as_they_stand(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="expected A"):
         load_case(written(tmp_path / "milli", "equation", "i", "k*x", {"k": "mA/m"}))
@@ -167,3 +250,16 @@ def test_what_cannot_be_checked_is_said(tmp_path: Path) -> None:
     folder = written(tmp_path / "case", "equation", "i", "k*x*q", {"k": "N m"}, "[parameters]\nq = 2.0\n")
     story = told(analyse(load_case(folder)))
     assert "The units of mine are not checked: q has none." in story.notes
+
+
+def test_a_fitted_value_on_a_scale_with_another_zero_is_refused(tmp_path: Path) -> None:
+    """No factor takes 68 degF to kelvin; it came out as 17403 K."""
+    folder = written(tmp_path / "case", "ode", "derivative.v", "k*x", {"k": "rad/s^2/m"})
+    text = (folder / "case.toml").read_text(encoding="utf-8")
+    fitted = 'c = { value = 0.1, min = 0, max = 5, unit = "1/s" }'
+    warm = text.replace(fitted, f'{fitted}\nwarm = {{ value = 68, unit = "degF" }}')
+    (folder / "case.toml").write_text(warm, encoding="utf-8")
+    with pytest.raises(
+        UserError, match=r"fit\.warm\.unit: found 'degF', whose zero is not that of SI, expected degC, or K"
+    ):
+        load_case(folder)

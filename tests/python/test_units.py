@@ -9,7 +9,7 @@ import pytest
 from terrapin_hil.messages import interface
 from terrapin_hil.reading import parse_quantity
 from terrapin_hil.units import _BASE, _FACTORS, _TO_BASE, base_factor, factor, read_unit, units
-from terrapin_tools.workbench.files.units import LARGEST, in_si, quantity
+from terrapin_tools.workbench.files.units import LARGEST, in_si, quantity, shifted, si_factor
 
 
 @pytest.mark.parametrize(("given", "unit"), [*_FACTORS, *((unit, unit) for unit in sorted(_BASE))])
@@ -57,3 +57,13 @@ def test_what_is_no_finite_number_is_refused(value: float | str) -> None:
 def test_the_coherent_unit_of_the_same_kind() -> None:
     given = ("m", "mm", "rpm", "kPa", "degC", "celsius", "", " ")
     assert [in_si(unit) for unit in given] == ["m", "m", "rad/s", "kg/m/s^2", "degC", "degC", "", ""]
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("degF", 5 / 9), ("degreeC", 1.0), ("delta_degF", 5 / 9), ("degR", 5 / 9)]
+)
+def test_a_temperature_scale_is_scaled_as_a_difference_and_its_zero_is_told(unit: str, factor: float) -> None:
+    """A scale in kelvin steps with another zero is no SI unit, though its factor is 1."""
+    assert si_factor(unit) == pytest.approx(factor, rel=1e-12)
+    assert in_si(unit) == "K"
+    assert shifted(unit) == (unit in ("degF", "degreeC"))

@@ -38,7 +38,7 @@ from terrapin_tools.workbench.files.toml_tables import (
     read_case_text,
     read_estimate,
 )
-from terrapin_tools.workbench.files.units import in_si, quantity, same_kind, si_factor
+from terrapin_tools.workbench.files.units import in_si, quantity, same_kind, shifted, si_factor
 
 __all__ = ["Case", "load_case", "parse_case", "require_effect"]
 
@@ -296,6 +296,11 @@ def _estimates(tables: Tables, base: Base, constants: Mapping[str, float]) -> di
             unit = base.units[name].replace("^n", f"^{_exponent(tables)}")
         estimates[name] = read_estimate(tables, path, unit)
         if base.own_dynamics and unit:
+            if shifted(unit):
+                expected = "degC, or K for a difference"
+                raise tables.complain(
+                    f"found {unit!r}, whose zero is not that of SI, expected {expected}", *path, "unit"
+                )
             estimates[name] = _taken_to_si(estimates[name])
     return estimates
 

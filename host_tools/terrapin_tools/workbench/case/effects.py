@@ -138,7 +138,7 @@ def _own_parameter(tables: Tables, base: Base, path: tuple[str, ...]) -> Paramet
         units.check(unit)
         if (base.own_names and not base.own_dynamics) or not unit:
             factor, spelt = 1.0, unit or OPEN
-        elif units.convert(0.0, unit, plain(read_unit(unit))) != 0.0 and units.si_factor(unit) != 1.0:
+        elif units.shifted(unit):
             raise ValueError(f"found {unit!r}, whose zero is not that of SI, expected degC, or K for a difference")
         else:
             factor = units.si_factor(unit)
@@ -204,6 +204,7 @@ def _wanted(effect: Effect, base: Base, known: Mapping[str, str]) -> str | None:
         return "1"
     if base.own_names:
         return (base.channels[effect.target] or None) if effect.target in base.channels else "1"
-    if effect.target in CHANNELS:
-        return "1" if effect.stage == "gain" else CHANNELS[effect.target]
+    channels = {**CHANNELS, **base.channels}  # which may have a role's name, as the vehicle's speed has
+    if effect.target in channels:
+        return "1" if effect.stage == "gain" else channels[effect.target]
     return known.get(effect.target) if effect.additive else "1"

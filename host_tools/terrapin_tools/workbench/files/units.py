@@ -20,11 +20,23 @@ from terrapin_hil.reading import shorten
 from terrapin_hil.units import read_unit, same_kind
 from terrapin_hil.units import units as registry
 
-__all__ = ["check", "convert", "convert_difference", "in_si", "quantity", "same_kind", "si_factor", "spelling", "turns"]
+__all__ = [
+    "check",
+    "convert",
+    "convert_difference",
+    "in_si",
+    "quantity",
+    "same_kind",
+    "shifted",
+    "si_factor",
+    "spelling",
+    "turns",
+]
 
 Numbers = TypeVar("Numbers", float, npt.NDArray[np.float64])
 
 
+CELSIUS = ("degC", "celsius", "degree_Celsius")
 LARGEST = 1e100  # of a number in a case: its square is still a number
 
 
@@ -82,12 +94,25 @@ def turns(unit: str, to: str) -> str:
 def si_factor(unit: str) -> float:
     """What takes a difference in `unit` to coherent SI units; temperatures stay in degrees.
 
-    >>> round(si_factor("kPa min/L"))
-    60000000
+    >>> round(si_factor("kPa min/L")), round(si_factor("degF"), 6)
+    (60000000, 0.555556)
     """
-    if unit.strip() in ("degC", "celsius", "degree_Celsius"):
+    if unit.strip() in CELSIUS:
         return 1.0
-    scaled: Any = registry().Quantity(1.0, read_unit(unit)).to_base_units()
+    return _in_base(1.0, unit) - _in_base(0.0, unit)
+
+
+def shifted(unit: str) -> bool:
+    """Whether zero in `unit` is not zero in SI units: no factor takes such a value there. Formulas know degC as it is.
+
+    >>> shifted("degF"), shifted("delta_degF"), shifted("degC"), shifted("K")
+    (True, False, False, False)
+    """
+    return unit.strip() not in CELSIUS and _in_base(0.0, unit) != 0.0
+
+
+def _in_base(value: float, unit: str) -> float:
+    scaled: Any = registry().Quantity(value, read_unit(unit)).to_base_units()
     return float(scaled.magnitude)
 
 
@@ -97,9 +122,9 @@ def in_si(unit: str) -> str:
     >>> in_si("rpm"), in_si("degC"), in_si("")
     ('rad/s', 'degC', '')
     """
-    if unit.strip() in ("", "degC", "celsius", "degree_Celsius"):
+    if unit.strip() in ("", *CELSIUS):
         return unit.strip() and "degC"
-    if si_factor(unit) == 1.0 and convert(0.0, unit, unit) == 0.0:
+    if si_factor(unit) == 1.0 and not shifted(unit):
         return unit
     return f"{registry().Quantity(1.0, read_unit(unit)).to_base_units().units:~C}".replace("**", "^") or "1"
 
