@@ -239,6 +239,64 @@ def test_the_command_detaches_changes_and_stops(tmp_path: Path) -> None:
     assert "no robot lives" in nobody.stderr
 
 
+def begun(folder: Path) -> subprocess.Popen[str]:
+    """`terrapin sim --on pty:desk`, once it lives."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, "sim", "--on", "pty:desk"],
+        cwd=folder,
+        env={**os.environ, "TMPDIR": str(folder)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert any("terrapin monitor --link serial:desk" in line for line in process.stdout)
+    return process
+
+
+def test_one_that_was_killed_leaves_its_name_to_the_next(tmp_path: Path) -> None:
+    """Also where a client still has the terminal open, and another program has its number by then."""
+    link, strangers = tmp_path / "desk", []
+    first = begun(tmp_path)
+    client = os.open(link, os.O_RDWR | os.O_NOCTTY)
+    first.kill()
+    first.communicate(timeout=30.0)
+    for _ in range(20):  # of these one may have the number
+        strangers += os.openpty()
+    assert link.is_symlink()
+    second = begun(tmp_path)
+    try:
+        there = os.readlink(link)
+        twice = terrapin("sim", "--on", "pty:desk", folder=tmp_path)
+        assert (twice.returncode, twice.stderr.count("\n")) == (2, 1)
+        assert "a robot lives there already" in twice.stderr
+        assert os.readlink(link) == there
+    finally:
+        second.terminate()
+        second.communicate(timeout=30.0)
+        for descriptor in (client, *strangers):
+            os.close(descriptor)
+    assert not link.is_symlink()
+
+
+def test_a_link_of_the_living_or_of_others_is_refused_and_stays(tmp_path: Path) -> None:
+    link = tmp_path / "desk"
+    master, slave = os.openpty()
+    with closing(PtyPort(link)):
+        there = os.readlink(link)
+        with pytest.raises(UserError, match="a robot lives there already"):
+            PtyPort(link)
+        assert os.readlink(link) == there
+    assert not link.is_symlink()
+    link.symlink_to(f"/dev/./{os.ttyname(slave).removeprefix('/dev/')}")  # left by one whose number another has now
+    PtyPort(link).close()
+    link.symlink_to(os.ttyname(slave))  # socat's, say
+    with pytest.raises(UserError, match="File exists, expected a name that is free"):
+        PtyPort(link)
+    assert os.readlink(link) == os.ttyname(slave)
+    os.close(master)
+    os.close(slave)
+
+
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A folder for sockets, whose paths may have some hundred bytes: pytest's own is too long where it has workers."""

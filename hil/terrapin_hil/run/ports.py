@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
+import socket
 import termios
 import time
 import tty
@@ -23,6 +25,7 @@ from terrapin_hil.messages import Frame
 __all__ = ["BusPort", "Port", "PtyPort", "open_port"]
 
 DEAF = 2.0  # s without reading after which who attached to a pseudo-terminal is taken to be gone
+OURS = "/dev/./"  # how the text of our links begins; others write /dev/
 WAITING = 1 << 16  # bytes that wait for a client that is slow
 Heard = Callable[["Port", Sequence[Frame]], None]
 
@@ -44,6 +47,36 @@ class Port(Protocol):
     def close(self) -> None: ...
 
 
+class _Link:
+    """A fixed name for a pseudo-terminal. Whoever was killed leaves it behind, and the number of its terminal is soon
+    another program's: that a terminal is there says nothing. So the living hold a socket that ends with them, and the
+    link says by OURS that one of them made it. UserError where the name is another's; nothing of it is touched."""
+
+    def __init__(self, path: Path, terminal: str) -> None:
+        self._path = path
+        self._text = terminal.replace("/dev/", OURS, 1)
+        place = str(path.parent.resolve() / path.name)
+        self._living = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            self._living.bind(b"\0terrapin-pty-" + hashlib.sha256(place.encode()).hexdigest().encode())
+        except OSError:
+            self._living.close()
+            raise UserError(f"pty:{path}: a robot lives there already, expected a name that is free") from None
+        try:
+            if path.is_symlink() and (not path.exists() or os.readlink(path).startswith(OURS)):
+                path.unlink()  # of one that was killed
+            path.symlink_to(self._text)
+        except OSError as error:
+            self._living.close()
+            raise UserError(f"pty:{path}: {error.strerror}, expected a name that is free") from None
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            if os.readlink(self._path) == self._text:
+                self._path.unlink()
+        self._living.close()
+
+
 class PtyPort:
     """SLCAN on a pseudo-terminal that outlives its clients, one at a time."""
 
@@ -52,15 +85,13 @@ class PtyPort:
         tty.setraw(self._slave, termios.TCSANOW)  # held open here: the terminal stays when a client goes
         os.set_blocking(self._master, False)
         self.path = os.ttyname(self._slave)
-        self._link = link
+        self._link: _Link | None = None
         if link is not None:
             try:
-                if link.is_symlink() and not link.exists():
-                    link.unlink()  # of one that was killed
-                link.symlink_to(self.path)
-            except OSError as error:
+                self._link = _Link(link, self.path)
+            except UserError:
                 self.close()
-                raise UserError(f"pty:{link}: {error.strerror}, expected a name that is free") from None
+                raise
             self.path = str(link)
         self.name = f"pty:{self.path}"
         self.attach = f"serial:{self.path}"
@@ -134,7 +165,7 @@ class PtyPort:
             with contextlib.suppress(OSError):
                 os.close(descriptor)
         if self._link is not None:
-            self._link.unlink(missing_ok=True)
+            self._link.close()
 
 
 class BusPort:
