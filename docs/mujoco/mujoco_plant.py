@@ -90,6 +90,17 @@ class MujocoPlant:
             total += (np.cross(arm, force) + moment)[1]  # on geom2, the shell: the ground is geom1
         return -total
 
+    def geared(self, motor, rate):
+        """What the gear hands on of the motor's torque, and the dry friction before it, at the joint [N m]."""
+        robot = self.robot
+        driving = robot.gear_efficiency
+        driven = driving * robot.driven_ratio
+        smooth = self.gear * motor - robot.motor_viscous * rate
+        ahead, astern = smooth - robot.motor_coulomb, smooth + robot.motor_coulomb
+        low = ahead * driving if ahead > 0.0 else ahead / driven
+        high = astern * driving if astern < 0.0 else astern / driven
+        return (low + high) / 2, (high - low) / 2
+
     def __call__(self, voltage):
         robot, data = self.robot, self.data
         torque = motor = current = 0.0
@@ -102,7 +113,8 @@ class MujocoPlant:
             if voltage is not None:
                 current = (voltage - robot.torque_constant * self.gear * data.qvel[3]) / robot.armature_resistance
             motor = robot.torque_constant * current
-            data.ctrl[0] = self.gear * motor
+            data.ctrl[0], lost = self.geared(motor, data.qvel[3])
+            self.model.dof_frictionloss[3] = robot.coulomb + lost
             mujoco.mj_step(self.model, data)
             torque += self.contact_torque() / SUBSTEPS
         x, _, beta, alpha = data.qpos[:4]

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import terrapin_tools as terrapin
+from terrapin_hil import robots
 from terrapin_hil.errors import UserError
 from terrapin_hil.firmware import Firmware
 from terrapin_hil.fmi.export import export
@@ -24,6 +25,7 @@ from terrapin_hil.fmi.variables import FLAGS, WIRE
 from terrapin_hil.links.inprocess import InProcess
 from terrapin_hil.paths import SCENARIOS
 from terrapin_hil.run.run import run
+from terrapin_hil.run.session import chosen_scenario
 from terrapin_hil.scenario.scenario import Scenario, find_scenario, load_scenario
 from terrapin_hil.simulation import Simulation
 
@@ -59,7 +61,7 @@ def test_its_own_sources_have_no_warning(made: dict[str, Path], tmp_path: Path, 
         archive.extractall(tmp_path)
     # A kind may have no variable of a type: its count is 0 then.
     strict = ["-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wundef", "-Werror", "-Wno-type-limits"]
-    places = [f"-I{folder}" for folder in (".", "core", "physics", "ground", "robot")]
+    places = [f"-I{folder}" for folder in sorted({path.parent for path in (tmp_path / "sources").rglob("*.h")})]
     done = subprocess.run(
         ["cc", "-std=c11", "-fsyntax-only", *strict, *places, "fmi3.c", "fmu.c"],
         cwd=tmp_path / "sources", capture_output=True, text=True, timeout=120, check=False,
@@ -221,6 +223,26 @@ def test_both_in_one_at_ten_milliseconds(made: dict[str, Path]) -> None:
         assert np.max(np.abs(found[name][: len(expected)] - expected)) <= 1e-9, name
     assert found["GROUND.torque"][-2] == whole.held("GROUND", "torque")[9989]
     assert took < 0.5, f"{took:.2f} s of the processor"
+
+
+def test_the_sphere_in_one_is_its_run(tmp_path: Path) -> None:
+    """By the command; then FMPy's own simulation, the simulator's truth within 1e-9."""
+    done = command("fmu", "export", "both", "--robot", "sphere", "--scenario", "level", "-o", tmp_path / "sphere.fmu")
+    assert done.returncode == 0, done.stderr
+    assert validate_fmu(str(tmp_path / "sphere.fmu")) == []
+    names = ["omega", "position", "swing_angle", "contact_torque", "current"]
+    found = fmpy.simulate_fmu(
+        str(tmp_path / "sphere.fmu"), stop_time=10.0, output_interval=0.01, step_size=0.01, output=names
+    )
+    try:
+        truth = run(chosen_scenario("level", "sphere")).truth
+    finally:
+        robots.select(robots.DEFAULT)
+    assert np.max(np.abs(truth["swing_angle"])) > 0.05
+    for name in names:
+        expected = truth[name][:10_000:10]
+        assert len(expected) == 1000
+        assert np.max(np.abs(found[name][:1000] - expected)) <= 1e-9, name
 
 
 def test_our_plant_imported_again_gives_the_same_hash(made: dict[str, Path]) -> None:

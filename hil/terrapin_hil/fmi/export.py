@@ -177,12 +177,8 @@ def _sources(kind: Kind) -> dict[str, Path]:
     patterns = ["*.[ch]"] if kind != "plant" else ["terrapin.h", "terrapin_assert.h"]
     found |= {f"core/{path.name}": path for pattern in patterns for path in sorted(core.glob(pattern))}
     if kind != "controller":
-        for place, folder in (
-            ("physics", hil / "physics"),
-            ("ground", hil / "physics" / "ground"),
-            ("robot", hil / "robot" / "native"),
-        ):
-            found |= {f"{place}/{path.name}": path for path in sorted(folder.glob("*.[ch]"))}
+        found |= {f"{path.parent.name}/{path.name}": path for path in sorted((hil / "physics").rglob("*.[ch]"))}
+        found |= {f"robot/{path.name}": path for path in sorted((hil / "robot" / "native").glob("*.[ch]"))}
     return found
 
 
