@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, final
 from terrapin_tools.door.effect import Effect
 
 if TYPE_CHECKING:
+    from terrapin_tools.workbench.compare.intervals import Interval
     from terrapin_tools.workbench.story.story import Story, Value
 
 __all__ = ["Answer"]
@@ -78,6 +79,17 @@ class Answer:
     def parameters(self) -> Mapping[str, Value]:
         """Fitted parameters by name: `value`, `sd` and bounds in `unit`."""
         return self._story.parameters
+
+    @property
+    def intervals(self) -> Mapping[str, Interval]:
+        """Profile intervals at 95 % by parameter, of `Case.compare(intervals=True)`: `low` and `high` in `unit`, None
+        where a side does not close; `ends` says why; `correlation` with the `partner` it is most correlated with.
+
+        >>> answer = Case.example("forced_slip_sand").compare(intervals=True)
+        >>> answer.intervals["k_s"].ends
+        ('closes', 'closes')
+        """
+        return self._story.intervals
 
     @property
     def headline(self) -> str:

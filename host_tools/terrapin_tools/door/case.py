@@ -42,7 +42,9 @@ class Case:
 
     def __init__(self, case: Inner) -> None:
         self._case = case
-        self._known: dict[tuple[str, int, float], tuple[Analysis, Story]] = {}  # what was asked; no part of the value
+        self._known: dict[
+            tuple[str, int, float, bool], tuple[Analysis, Story]
+        ] = {}  # what was asked; no part of the value
 
     # -- where cases come from -----------------------------------------------------------------------------------------
 
@@ -211,12 +213,20 @@ class Case:
     # -- questions -----------------------------------------------------------------------------------------------------
 
     @for_programs
-    def compare(self, *, seed: int = 0, level: float = LEVEL) -> Answer:
+    def compare(
+        self,
+        *,
+        seed: int = 0,
+        level: float = LEVEL,
+        intervals: bool = False,
+        progress: Callable[[str], None] | None = None,
+    ) -> Answer:
         """Is the model good enough for the measurements, and where does it fail? As `terrapin compare`.
 
-        `seed` of what is drawn; `level`: false alarm rate of "something is missing".
+        `seed` of what is drawn; `level`: false alarm rate of "something is missing". `intervals`: with
+        `Answer.intervals`, whose `progress` is told or shown as that of `discover`.
         """
-        return Answer(self._asked("compare", seed, level)[1])
+        return Answer(self._asked("compare", seed, level, progress=progress, intervals=intervals)[1])
 
     @for_programs
     def discover(
@@ -395,15 +405,16 @@ class Case:
         level: float,
         bootstrap: int = 0,
         progress: Callable[[str], None] | None = None,
+        intervals: bool = False,
     ) -> tuple[Analysis, Story]:
         from terrapin_tools.workbench.fleet.fleet import Question, examine
 
         if seed < 0 or not 0.0 < level < 1.0 or bootstrap < 0:
             raise UserError(f"found seed {seed}, level {level:g}, bootstrap {bootstrap}, expected 0 up, 0 to 1, 0 up")
-        key = (command, seed, level)
+        key = (command, seed, level, intervals)
         if bootstrap or key not in self._known:
-            with _shown(progress if command == "discover" else lambda _: None) as report:
-                found = examine(Question(command, seed, level, bootstrap), self._case, report)
+            with _shown(progress if command == "discover" or intervals else lambda _: None) as report:
+                found = examine(Question(command, seed, level, bootstrap, intervals), self._case, report)
             if bootstrap:
                 return found
             self._known[key] = found

@@ -34,12 +34,14 @@ HELD = 32  # cases sent for each worker and not given out: so many may overtake 
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of every case: "compare" or "discover"; `bootstrap`: resampled sets of runs, for discover."""
+    """What is asked of every case: "compare" or "discover"; `bootstrap`: resampled sets of runs, for discover;
+    `intervals`: profile intervals too, for compare."""
 
     command: str
     seed: int
     level: float
     bootstrap: int = 0
+    intervals: bool = False
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,7 @@ def examine(question: Question, case: Case, report: Callable[[str], None] = lamb
     from threadpoolctl import threadpool_limits
 
     from terrapin_tools.workbench.compare.comparison import analyse
+    from terrapin_tools.workbench.compare.intervals import intervals
     from terrapin_tools.workbench.discover.discovery import discover
     from terrapin_tools.workbench.story.told import told
 
@@ -79,6 +82,8 @@ def examine(question: Question, case: Case, report: Callable[[str], None] = lamb
         if question.command == "compare":
             analysis = analyse(case, question.seed, question.level)
             story = told(analysis)
+            if question.intervals:
+                story = replace(story, intervals=intervals(analysis, report))
         else:
             found = discover(case, question.seed, question.level, report, question.bootstrap)
             analysis, story = found.analysis, told(found.analysis, found)

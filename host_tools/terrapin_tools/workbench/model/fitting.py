@@ -17,7 +17,7 @@ from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_tools.workbench.model.model import Bound, Model
 from terrapin_tools.workbench.noise.covariance import Node, Runs
 
-__all__ = ["Fit", "covariance", "extend", "fit_model", "minimise"]
+__all__ = ["Fit", "covariance", "extend", "fit_model", "minimise", "minimiser"]
 
 Evaluate = Callable[[Array], tuple[Array, Array]]
 
@@ -137,6 +137,11 @@ class _Problem:
         prediction, slopes = self.bound.jacobian(theta)
         residual = (prediction - self.measured) * self.weight
         return residual.reshape(-1), (slopes * self.weight[..., None]).reshape(residual.size, -1)
+
+
+def minimiser(bound: Bound, measured: Array, sigma: Array) -> Callable[[Array, Mask], tuple[Array, float]]:
+    """Parameters and cost from a start, of which only those move whose mask is true; else as of `fit_model`."""
+    return _Problem(bound, measured, sigma, np.inf).minimum
 
 
 def fit_model(bound: Bound, measured: Array, sigma: Array, starts: Sequence[Array], aim: float = np.inf) -> Fit:

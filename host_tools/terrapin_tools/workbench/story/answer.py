@@ -76,6 +76,7 @@ def answer(story: Story) -> dict[str, Any]:
         **({"groups": groups} if groups else {}),
         **({"intake": intake} if story.intake else {}),
         **({"not_apart": [_tied(one) for one in story.together]} if story.together else {}),
+        **({"intervals": {key: vars(one) for key, one in story.intervals.items()}} if story.intervals else {}),
         "at_bound": [key for key, value in story.parameters.items() if value.at_bound],
         **runs,
         "seconds": story.seconds,

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 from terrapin_hil.units import behind
 from terrapin_tools.workbench.compare.groups import Differing
+from terrapin_tools.workbench.compare.intervals import Interval
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.compare.together import Together
 from terrapin_tools.workbench.discover.certainty import EVEN, Operating
@@ -35,6 +36,7 @@ __all__ = [
     "goal",
     "headline",
     "in_sd",
+    "interval",
     "named_unit",
     "next_step",
     "not_apart",
@@ -114,6 +116,21 @@ def named_unit(name: str, text: str) -> str:
 def amount(value: Value) -> str:
     sd = f" ± {value.sd:.2g}" if value.sd and math.isfinite(value.sd) else ""
     return f"{number(value.value, 5)}{sd}{behind(value.unit)}"
+
+
+def interval(key: str, one: Interval) -> tuple[str, str, str, str]:
+    """A row of the table of intervals: the ends, how unequal the sides are, and what goes with the parameter."""
+    low, high = ("open" if end is None else number(end, 5) for end in (one.low, one.high))
+    said = {
+        "bound": "end is the bound of the fit",
+        "open": "side does not close",
+        "no numbers": "end is where the model gives no numbers",
+    }
+    sides = [f"the {side} {said[end]}" for side, end in zip(("lower", "upper"), one.ends, strict=True) if end in said]
+    if not sides and one.low is not None and one.high is not None:
+        sides = [f"-{number(one.value - one.low, 3)} +{number(one.high - one.value, 3)}"]
+    related = f"correlation {one.correlation:+.2f} with {one.partner}" if one.partner else ""
+    return key, f"{low} to {high}{behind(one.unit)}", ", ".join(sides), related
 
 
 def stuck(value: Value, before: str = "") -> str:

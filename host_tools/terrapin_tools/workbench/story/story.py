@@ -7,12 +7,13 @@ is plain data, so it goes to another process as it is.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from terrapin_tools.workbench.case.changes import OwnEffect, OwnParameter
 from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.groups import Differing
+from terrapin_tools.workbench.compare.intervals import Interval
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.compare.together import Together
 from terrapin_tools.workbench.discover.certainty import Operating
@@ -239,6 +240,7 @@ class Story:
     found: Findings | None
     groups: tuple[Differing, ...] = ()  # parameters with one value a group
     together: tuple[Together, ...] = ()  # parameters that the data do not tell apart
+    intervals: Mapping[str, Interval] = field(default_factory=dict)  # of the parameters, where they were asked for
     intake: tuple[str, ...] = ()  # what happened to the measurements on their way in
     goals: tuple[Goal, ...] = ()  # what the user asked for
     guessed: tuple[str, ...] = ()  # what nobody has confirmed

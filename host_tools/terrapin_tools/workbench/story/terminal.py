@@ -19,6 +19,7 @@ from terrapin_tools.workbench.story.sentences import (
     differs,
     floor,
     in_sd,
+    interval,
     number,
     percent,
     stuck,
@@ -55,6 +56,8 @@ def tell(story: Story) -> str:
     lines += ["", *_next(story.next)]
     if story.parameters:
         lines += ["", "Parameters:", *_table([(k, _plain(amount(v)), stuck(v)) for k, v in story.parameters.items()])]
+    if story.intervals:
+        lines += ["", "Profile intervals, 95 %:", *_table([interval(key, one) for key, one in story.intervals.items()])]
     if story.groups:
         lines += ["", "Between groups:", *(f"  {differs(one, story.level)}" for one in story.groups)]
     channels = [
