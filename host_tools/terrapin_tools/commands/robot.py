@@ -111,12 +111,13 @@ def new(to: Path, like: str, from_sheet: bool, **sheet: str) -> None:
 
     With --from-sheet it asks for what the sheet says, or takes it as options, and writes from what each value follows.
     """
-    from terrapin_tools.workbench.files.writing import write_whole
+    from terrapin_tools.workbench.files.writing import write_new
 
     if to.suffix != ".toml" or not to.stem.replace("_", "").isalnum() or not to.stem[0].isalpha():
         raise UserError(f"{to}: expected letters, digits and _ before .toml: the file's name is the robot's")
+    taken = UserError(f"{to}: is there already, expected a new file")
     if to.exists():
-        raise UserError(f"{to}: is there already")
+        raise taken
     given = {name: text for name, text in sheet.items() if text}
     if given and not from_sheet:
         raise UserError(f"{option(next(iter(given)))}: is of a data sheet, expected --from-sheet beside it")
@@ -124,7 +125,10 @@ def new(to: Path, like: str, from_sheet: bool, **sheet: str) -> None:
         raise UserError("--like: found it beside --from-sheet, expected one of the two")
     text = _from_sheet(to, given) if from_sheet else _load(like or "cylinder").text
     with about(to, OSError):
-        write_whole(to, text)
+        try:
+            write_new(to, text)
+        except FileExistsError:
+            raise taken from None
     if from_sheet:
         check(str(to))
         print(f"{to}: each line says from what it follows; look at what is assumed, then: terrapin robot show {to}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import secrets
@@ -15,7 +16,7 @@ from pathlib import Path
 from terrapin_hil import paths
 from terrapin_tools.errors import UserError
 
-__all__ = ["copy_example", "whole_folder", "write_changed", "write_whole"]
+__all__ = ["copy_example", "whole_folder", "write_changed", "write_new", "write_whole"]
 
 LOCK_SECONDS = 5.0  # the lock is held for one look and one write
 
@@ -32,8 +33,17 @@ def write_whole(path: Path, text: str | bytes) -> None:
         raise type(error)(error.errno, error.strerror, str(path)) from None
 
 
-def _write_whole(path: Path, data: bytes) -> None:
-    if path.exists() and not path.is_file():
+def write_new(path: Path, text: str | bytes) -> None:
+    """Make a file in one step, which holds the whole text from its first moment. FileExistsError where one of that name
+    is there, though it be of another command of this moment: nobody's file is replaced."""
+    try:
+        _write_whole(path, text.encode() if isinstance(text, str) else text, new=True)
+    except OSError as error:
+        raise type(error)(error.errno, error.strerror, str(path)) from None
+
+
+def _write_whole(path: Path, data: bytes, new: bool = False) -> None:
+    if not new and path.exists() and not path.is_file():
         path.write_bytes(data)
         return
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:100]}.")
@@ -48,10 +58,26 @@ def _write_whole(path: Path, data: bytes) -> None:
             mask = os.umask(0)
             os.umask(mask)
             os.chmod(name, 0o666 & ~mask)
-        os.replace(name, path)
+        if new:
+            _take(name, path)
+        else:
+            os.replace(name, path)
     except BaseException:
         os.unlink(name)
         raise
+
+
+def _take(name: str, path: Path) -> None:
+    """Give a file a name that nobody has. Where there are no links (FAT) it is claimed, then filled."""
+    try:
+        os.link(name, path)
+    except OSError as error:
+        if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS):
+            raise
+        path.open("xb").close()
+        os.replace(name, path)
+    else:
+        os.unlink(name)
 
 
 def write_changed(path: Path, seen: str, text: str | bytes) -> None:

@@ -22,7 +22,7 @@ from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES, Base
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.format import Asked
 from terrapin_tools.workbench.files.tables import Table
-from terrapin_tools.workbench.files.writing import write_whole
+from terrapin_tools.workbench.files.writing import write_new
 from terrapin_tools.workbench.new_case.offers import offers, suiting
 from terrapin_tools.workbench.new_case.offers import told as told_offers
 from terrapin_tools.workbench.new_case.reading import (
@@ -181,8 +181,9 @@ def write_table_case(
     ------
     UserError : the folder holds a case, a file cannot be read, no number column is found, or something is left open.
     """
+    taken = UserError(f"{folder / 'case.toml'}: exists, expected a new folder for the case")
     if (folder / "case.toml").exists():
-        raise UserError(f"{folder / 'case.toml'}: exists, expected a new folder for the case")
+        raise taken
     tables, asked = read_all(files, asked, ask)
     common = [name for name in tables[0].columns if all(name in table.columns for table in tables)]
     if not common:
@@ -212,7 +213,10 @@ def write_table_case(
     if assumed:
         show(assumed)
     folder.mkdir(parents=True, exist_ok=True)
-    write_whole(folder / "case.toml", document)
+    try:
+        write_new(folder / "case.toml", document)
+    except FileExistsError:
+        raise taken from None
     lines = [
         *offered,
         f"{folder / 'case.toml'}: {base.name}, {runs} runs; guessed from the columns' names, to be corrected:",
