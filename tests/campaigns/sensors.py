@@ -39,10 +39,11 @@ from terrapin_hil.robots import select, selected
 from terrapin_hil.run.run import Result, run
 from terrapin_hil.scenario.faults import Fault
 from terrapin_hil.scenario.scenario import Order, Scenario
+from tests.campaigns.sensor_reasons import REASONS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "sensors.md"
-BEGIN, END = "<!-- begin of the table -->\n", "<!-- end of the table -->\n"
+BEGIN, END = "<!-- begin of the {} -->\n", "<!-- end of the {} -->\n"
 ROBOTS = ("cylinder", "roller", "sphere")
 WAYS = ("stuck", "zero", "full scale", "drift", "dropout", "sign", "scale 2", "delay", "noise", "intermittent")
 SITUATIONS = ("floor", "sand", "slope", "limiter", "extrication")
@@ -271,6 +272,40 @@ def _rows(outcomes: list[Outcome]) -> Iterator[str]:
             yield f"| {channel} | {way} | " + " | ".join(cells) + f" | {', '.join(names)} |"
 
 
+def unnamed(outcomes: list[Outcome]) -> str:
+    """Markdown: how many failures are named in time, and each channel and way that is not so in every run, with its
+    reason. SystemExit where one has none, or has one and is named."""
+    cells: dict[tuple[str, str], list[Outcome]] = {}
+    for one in outcomes:
+        cells.setdefault((one.channel, one.way), []).append(one)
+    late = {cell: own for cell, own in cells.items() if not all(o.named for o in own)}
+    wrong = sorted(late.keys() ^ (REASONS.keys() & cells.keys()))
+    if wrong:
+        raise SystemExit(f"{', '.join(wrong[0])}: {'no reason is' if wrong[0] in late else 'a reason is'} given")
+    named, seen = sum(o.named for o in outcomes), sum(bool(o.faults) for o in outcomes)
+    lines = [
+        f"Within {NAMED} s {named} of {len(outcomes)} failures are named ({named / len(outcomes):.0%}), {seen} at "
+        f"some time. Of {len(cells)} channels and ways {len(cells) - len(late)} are named in time in every run; "
+        f"the other {len(late)}:",
+        "",
+        "| channel | way | named in time | later | why not sooner |",
+        "|---|---|---|---|---|",
+    ]
+    for (channel, way), own in late.items():
+        named, after = sum(o.named for o in own), sum(NAMED < o.after < np.inf for o in own)
+        lines.append(f"| {channel} | {way} | {named} of {len(own)} | {after} | {REASONS[channel, way]} |")
+    return "\n".join(lines) + "\n"
+
+
+def renew(outcomes: list[Outcome]) -> None:
+    """Write what the page has of the sweep."""
+    text = PAGE.read_text(encoding="utf-8")
+    for name, part in (("list", unnamed(outcomes)), ("table", table(outcomes))):
+        head, tail = text.split(BEGIN.format(name))[0], text.split(END.format(name))[1]
+        text = head + BEGIN.format(name) + "\n" + part + "\n" + END.format(name) + tail
+    PAGE.write_text(text, encoding="utf-8")
+
+
 def _of(robot: str, plant: bool) -> list[Outcome]:
     """In a process of its own: one process knows one robot."""
     command = [sys.executable, "-m", "tests.campaigns.sensors", "--one", robot, *(["--planted"] if plant else [])]
@@ -312,9 +347,7 @@ def main(arguments: list[str] | None = None) -> int:
         for o in [o for o in own if o.unasked > 0.1] if options.far else over:
             print(f"        {o.situation}, {o.channel} {o.way}: {o.unasked:.2f} m, {', '.join(o.faults) or 'no fault'}")
     if options.renew:
-        text = PAGE.read_text(encoding="utf-8")
-        head, tail = text.split(BEGIN)[0], text.split(END)[1]
-        PAGE.write_text(head + BEGIN + "\n" + table(outcomes) + "\n" + END + tail, encoding="utf-8")
+        renew(outcomes)
     return 1 if missed else 0
 
 

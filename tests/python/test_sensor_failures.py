@@ -8,7 +8,20 @@ from pathlib import Path
 import pytest
 
 from terrapin_hil.robot.sensors import CHANNELS
-from tests.campaigns.sensors import SITUATIONS, WAYS, bound, fail, failures, planted
+from tests.campaigns.sensor_reasons import REASONS
+from tests.campaigns.sensors import (
+    BEGIN,
+    END,
+    PAGE,
+    SITUATIONS,
+    WAYS,
+    Outcome,
+    bound,
+    fail,
+    failures,
+    planted,
+    unnamed,
+)
 
 QUICK = ("stuck", "zero", "full scale", "dropout", "sign", "scale 2", "delay", "intermittent")
 
@@ -49,3 +62,23 @@ def test_without_the_checks_the_robot_backs_out_of_nowhere(tmp_path: Path) -> No
     outcome = fail("sand", "wheel", "stuck", firmware=planted(tmp_path))
     assert outcome.unasked > bound(), outcome
     assert outcome.ended == "extricate", outcome
+
+
+def test_what_is_not_named_has_a_reason_and_what_is_has_none() -> None:
+    def outcome(channel: str, way: str, after: float) -> Outcome:
+        return Outcome("cylinder", "floor", channel, way, 0.0, 0.0, ("one",), after, "run")
+
+    late = outcome("pitch", "zero", 0.6)
+    assert "| pitch | zero | 0 of 1 | 1 | no second sensor" in unnamed([late])
+    assert "named (50%)" in unnamed([late, outcome("pitch", "zero", 0.5)])
+    with pytest.raises(SystemExit, match="pitch, zero: a reason is given"):
+        unnamed([outcome("pitch", "zero", 0.5)])
+    with pytest.raises(SystemExit, match="wheel, zero: no reason is given"):
+        unnamed([outcome("wheel", "zero", 0.6)])
+
+
+def test_the_page_lists_every_reason_once() -> None:
+    listed = PAGE.read_text(encoding="utf-8").split(BEGIN.format("list"))[1].split(END.format("list"))[0]
+    rows = [tuple(row.split(" | ")) for row in listed.splitlines() if row.startswith("| ")][1:]
+    assert {(row[0].removeprefix("| "), row[1]): row[4].removesuffix(" |") for row in rows} == dict(REASONS)
+    assert len(rows) == len(REASONS)
