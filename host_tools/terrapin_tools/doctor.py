@@ -201,6 +201,7 @@ LOOKS: tuple[tuple[str, str, Callable[[], tuple[bool, str, str]], bool], ...] = 
     ("mujoco", "a second opinion on the simulated motion", _package("mujoco", extra="'mujoco<3.4'"), False),
     ("pictures", "plots as files, the demonstration, the papers' page", _package("matplotlib",
      extra="'terrapin-robot[pictures]'"), False),
+    ("foxglove", "live telemetry to Foxglove", _package("foxglove", extra="'terrapin-robot[foxglove]'"), False),
     ("mf4", "MF4 logs", _package("asammdf", extra="'terrapin-robot[mf4]'"), False),
     ("browser", "`terrapin web`, reports", _browser, False),
 )  # fmt: skip

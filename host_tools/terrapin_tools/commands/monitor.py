@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,7 +13,14 @@ from terrapin_hil.links.names import INPROCESS, LinkName
 from terrapin_tools.command_options import BitRate, NodeNumber, ThisRobot, link_option
 from terrapin_tools.errors import UserError
 
+if TYPE_CHECKING:
+    from terrapin_tools.logs.decoding import Decoder
+    from terrapin_tools.monitor.sources import Source
+
 __all__ = ["monitor"]
+
+PORT = 8765  # that Foxglove offers
+POLL = 0.02  # s between looks at the source of --serve
 
 
 def monitor(
@@ -27,6 +35,10 @@ def monitor(
     robot: ThisRobot = "",
     drive: Annotated[bool, typer.Option("--drive", help="keys arm, run, set and stop the controller")] = False,
     controller: Annotated[LinkName, link_option("lockstep", "of a scenario", "--controller")] = INPROCESS,
+    serve: Annotated[bool, typer.Option("--serve", help="to Foxglove, in the terminal's place, until Ctrl-C")] = False,
+    port: Annotated[
+        int | None, typer.Option("--port", help="of --serve, on loopback: 8765; 0 takes one that is free")
+    ] = None,
 ) -> None:
     """Watch a controller: state, faults and what they mean, slip, C_t, currents, the bus, any signal as a plot.
 
@@ -34,10 +46,13 @@ def monitor(
     + and - setpoint, v voltage or speed, l limiter, c clear; space then stops.
 
     Example: terrapin monitor --link socketcan:can0
+
+    terrapin monitor --serve --link serial:robot
     """
     from terrapin_hil import paths
     from terrapin_hil.messages import interface
     from terrapin_hil.scenario.scenario import take_scenario
+    from terrapin_tools.extras import need
     from terrapin_tools.logs.decoding import Decoder
     from terrapin_tools.monitor.live import Live
     from terrapin_tools.monitor.sources import Bus, LogFile, Simulator
@@ -54,12 +69,20 @@ def monitor(
         source = str(take_scenario(source, robot))
     if drive and (link is None or dbc is not None):
         raise UserError("--drive: expected it with --link, and without --dbc: there is nothing else to drive")
+    if drive and serve:
+        raise UserError("--drive: has keys in the terminal, expected it without --serve")
+    if port is not None and not serve:
+        raise UserError("--port: of a server, expected --serve as well")
+    port = PORT if port is None else port
+    if not 0 <= port <= 65535:
+        raise UserError(f"--port: found {port}, expected 0 to 65535")
     number = link.at_node(node).node if link else INPROCESS.at_node(node).node
     bitrate = link.bit_rate(bitrate) if link else bitrate
-    if not sys.stdout.isatty():
-        raise UserError("monitor needs a terminal; `terrapin log record` and `log info` do without")
-    own = paths.dbc()
-    live = Live(Decoder(dbc or own), interface() if dbc is None else None, bitrate, number)
+    if not serve and not sys.stdout.isatty():
+        raise UserError("monitor needs a terminal; `terrapin log record`, `log info` and `monitor --serve` do without")
+    if serve:
+        need("--serve", "foxglove", "foxglove")
+    decoder = Decoder(dbc or paths.dbc())
     opened = Bus(link, bitrate) if link else Simulator(source, controller) if simulated else LogFile(path, speed)
     if isinstance(opened, Bus) and dbc is None:
         try:
@@ -67,6 +90,10 @@ def monitor(
         except BaseException:
             opened.close()
             raise
+    if serve:
+        _serve(opened, decoder, number if dbc is None else None, port)
+        return
+    live = Live(decoder, interface() if dbc is None else None, bitrate, number)
     from terrapin_tools.monitor.app import MonitorApp
 
     limit = interface().parameter("slip_limit")
@@ -88,3 +115,27 @@ def monitor(
     print(f"{live.total} frames seen, {opened.lost} lost" + (f"; {opened.note}" if opened.note else ""))
     if app.failed is not None:
         raise app.failed
+
+
+def _serve(opened: Source, decoder: Decoder, node: int | None, port: int) -> None:
+    """Frames of the source, those of one `node` by its names, to Foxglove until it ends or Ctrl-C."""
+    from terrapin_tools.logs.nodes import renamed
+    from terrapin_tools.monitor.serving import FoxgloveServer
+
+    total = 0
+    try:
+        with FoxgloveServer(decoder, port, opened.name) as server:
+            print(f"{opened.name}: {server.address}; in Foxglove: Open connection; Ctrl-C ends it", flush=True)
+            while True:
+                over = opened.over  # looked at first: what came before it is given before it
+                block = opened.poll()
+                total += len(block)
+                server.write(block if node is None else renamed(block, node))
+                if over and not len(block):
+                    break
+                time.sleep(POLL)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        opened.close()
+    print(f"{total} frames served, {opened.lost} lost" + (f"; {opened.note}" if opened.note else ""))

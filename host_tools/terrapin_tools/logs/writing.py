@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -26,12 +26,13 @@ from terrapin_tools.logs.formats.mcap import RAW_TOPIC
 from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, writing
 from terrapin_tools.logs.mf4 import GrowingMf4, WholeMf4
 
-__all__ = ["BAG", "GROWING", "WRITABLE", "LogWriter"]
+__all__ = ["BAG", "GROWING", "WRITABLE", "JsonTopics", "LogWriter"]
 
 WRITABLE = (".log", ".blf", ".asc", ".mf4", ".mcap", ".parquet")
 BAG = ".rosbag2"  # a folder: a bag of ROS 2, which `reading` does not read
 GROWING = (".log", ".blf", ".mf4", ".mcap")  # readable up to the last flush, whatever happens
 EVENTS_TOPIC = "/events"
+C = TypeVar("C")  # a channel, as its owner has it
 
 
 class _Writer(Protocol):
@@ -167,39 +168,26 @@ _RAW_SCHEMA = {
 }
 
 
-class _Mcap:
-    """JSON messages: the frames, and one topic a message of the DBC with its signals."""
+class JsonTopics(Generic[C]):
+    """Frames as JSON messages by topic: each as it is on /can, and what it means on a topic of its DBC message.
 
-    def __init__(self, path: Path, decoder: Decoder | None, growing: bool) -> None:
-        from mcap.writer import Writer
+    `channel(topic, schema, metadata)` opens a topic, with the words for values in its schema and units in its metadata;
+    `put(channel, time, value)` sends one message, at `time` [s].
+    """
 
-        self._file = path.open("wb")
-        self._writer: Any = Writer(self._file, use_chunking=not growing)
-        self._writer.start(profile="", library="terrapin")
-        self._raw = self._channel(RAW_TOPIC, _RAW_SCHEMA)
-        self._decoder = decoder
-        if decoder is not None:
-            self._writer.add_attachment(0, 0, decoder.path.name, "text/plain", decoder.path.read_bytes())
-        self._topics: dict[str, int] = {}
+    def __init__(
+        self,
+        decoder: Decoder | None,
+        channel: Callable[[str, Mapping[str, Any], Mapping[str, str]], C],
+        put: Callable[[C, float, Mapping[str, Any]], None],
+    ) -> None:
+        self._decoder, self._channel, self._put = decoder, channel, put
+        self._raw = channel(RAW_TOPIC, _RAW_SCHEMA, {})
+        self._topics: dict[str, C] = {}
         self._whole: dict[str, dict[str, type]] = {}  # message -> signals that are no floats
-        self._events: int | None = None
-
-    def _channel(self, topic: str, schema: Mapping[str, Any], metadata: Mapping[str, str] | None = None) -> int:
-        name = str(schema["title"])
-        number = self._writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
-        return int(self._writer.register_channel(topic, "json", number, dict(metadata or {})))
-
-    def _put(self, channel: int, time: float, value: Mapping[str, Any]) -> None:
-        stamp = round(time * 1e9)
-        self._writer.add_message(channel, stamp, json.dumps(value).encode(), stamp)
-
-    def event(self, time: float, text: str) -> None:
-        if self._events is None:
-            schema = {"type": "object", "title": "event", "properties": {"text": {"type": "string"}}}
-            self._events = self._channel(EVENTS_TOPIC, schema)
-        self._put(self._events, time, {"text": text})
 
     def write(self, frames: Frames) -> None:
+        """All of them, in their order."""
         decoded: list[tuple[str, dict[str, float]] | None] = [None] * len(frames)
         for message, table in (self._decoder.decode(frames) if self._decoder else {}).items():
             columns = {name: values.tolist() for name, values in table.signals.items()}
@@ -217,7 +205,7 @@ class _Mcap:
                 topic, kinds = self._topic(found[0]), self._whole[found[0]]
                 self._put(topic, time, {name: kinds.get(name, float)(value) for name, value in found[1].items()})
 
-    def _topic(self, message: str) -> int:
+    def _topic(self, message: str) -> C:
         if message not in self._topics:
             assert self._decoder is not None
             signals = self._decoder.described(message)
@@ -227,6 +215,39 @@ class _Mcap:
             self._topics[message] = self._channel(f"/{message}", schema, units)
             self._whole[message] = {s.name: bool if s.flag else int for s in signals if s.flag or s.words}
         return self._topics[message]
+
+
+class _Mcap:
+    """JSON messages by topic, and the DBC attached."""
+
+    def __init__(self, path: Path, decoder: Decoder | None, growing: bool) -> None:
+        from mcap.writer import Writer
+
+        self._file = path.open("wb")
+        self._writer: Any = Writer(self._file, use_chunking=not growing)
+        self._writer.start(profile="", library="terrapin")
+        self._topics = JsonTopics(decoder, self._channel, self._put)
+        if decoder is not None:
+            self._writer.add_attachment(0, 0, decoder.path.name, "text/plain", decoder.path.read_bytes())
+        self._events: int | None = None
+
+    def _channel(self, topic: str, schema: Mapping[str, Any], metadata: Mapping[str, str]) -> int:
+        name = str(schema["title"])
+        number = self._writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
+        return int(self._writer.register_channel(topic, "json", number, dict(metadata)))
+
+    def _put(self, channel: int, time: float, value: Mapping[str, Any]) -> None:
+        stamp = round(time * 1e9)
+        self._writer.add_message(channel, stamp, json.dumps(value).encode(), stamp)
+
+    def event(self, time: float, text: str) -> None:
+        if self._events is None:
+            schema = {"type": "object", "title": "event", "properties": {"text": {"type": "string"}}}
+            self._events = self._channel(EVENTS_TOPIC, schema, {})
+        self._put(self._events, time, {"text": text})
+
+    def write(self, frames: Frames) -> None:
+        self._topics.write(frames)
 
     def flush(self) -> None:
         self._file.flush()
