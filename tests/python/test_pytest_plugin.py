@@ -98,6 +98,21 @@ def test_one_line_for_what_is_wrong(tmp_path: Path) -> None:
     assert "found link, expected it on pytest's command line" in done.stdout
 
 
+def test_a_wrong_link_is_one_line_where_tests_are_marked(tmp_path: Path) -> None:
+    """Whether they are skipped depends on it: pytest ends before any test, the others too."""
+    (tmp_path / "test_own.py").write_text(
+        "import pytest\n\n\n@pytest.mark.terrapin_hardware\ndef test_board(terrapin_session):\n    pass\n\n\n"
+        "def test_any():\n    pass\n"
+    )
+    done = suite(tmp_path, "--terrapin-link", "telepathy")
+    assert done.returncode == pytest.ExitCode.USAGE_ERROR
+    assert re.fullmatch(r"ERROR: --terrapin-link: link 'telepathy': expected one of inprocess, .*", done.stderr.strip())
+    assert "no tests ran" in done.stdout
+    assert "Traceback" not in done.stdout
+    done = suite(tmp_path)
+    assert "1 passed, 1 skipped" in done.stdout
+
+
 def test_sessions_are_closed_whatever_a_test_does(tmp_path: Path) -> None:
     (tmp_path / "test_own.py").write_text(
         "import os\n\n\ndef test_first(terrapin_session):\n"
