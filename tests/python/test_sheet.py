@@ -100,6 +100,19 @@ def test_every_value_says_from_what(name: str) -> None:
     assert robot.limits["current"] < robot.limits["over_current"]
 
 
+@pytest.mark.parametrize("name", DRIVES)
+def test_the_gear_has_its_loss_and_the_motor_its_current_without_load(name: str) -> None:
+    """What the gear loses goes with the load: it is no dry friction of a robot without load."""
+    drive = DRIVES[name]
+    figures = read({**drive.robot, **drive.sheet})
+    motor, robot = motor_of(figures), read_robot(robot_text(name, figures), Path(f"{name}.toml"))
+    assert robot.plant["gear_efficiency"] == pytest.approx(motor.efficiency, abs=5e-4)
+    ampere = robot.wheel_gear * robot.plant["torque_constant"]
+    speed = (robot.supply - motor.resistance * motor.no_load_current) / ampere
+    friction = robot.plant["coulomb"] + robot.plant["viscous"] * speed
+    assert friction / (ampere * motor.efficiency) == pytest.approx(motor.no_load_current, rel=1e-3)
+
+
 def test_the_command_writes_a_file_or_nothing(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     words = ["new", str(file), "--from-sheet", *DRIVES["pololu_37d_30"].words]

@@ -66,7 +66,8 @@ class _Robot:
     arm: float
     masses: tuple[float, float, float]  # shell with frame, body or bob, drive
     gear: float  # of the file: motor for one turn of the drive wheel, or of the joint
-    torque: float  # at the shell, of one ampere [N m/A]
+    torque: float  # at the shell, of one ampere, by a gear without loss [N m/A]
+    efficiency: float  # of the gear: share of that which comes through
     counts: float  # a turn of what the controller counts
     imbalance: float  # m* [kg m]
     swing: float  # S, inertia of the inner body with all that turns with it [kg m^2]
@@ -76,6 +77,11 @@ class _Robot:
     @property
     def weight(self) -> float:
         return sum(self.masses) * G
+
+    @property
+    def driving(self) -> float:
+        """Torque at the shell, of one ampere, that comes through the gear [N m/A]."""
+        return self.efficiency * self.torque
 
     @property
     def sand(self) -> float:
@@ -115,6 +121,7 @@ def _robot(figures: Figures, motor: Motor) -> _Robot:
         masses=(shell, body, drive),
         gear=gear,
         torque=joint * motor.torque_constant,
+        efficiency=motor.efficiency,
         counts=_value(figures, "encoder_counts") * (1.0 if sphere else gear),
         imbalance=imbalance,
         swing=swing + rotor,
@@ -124,16 +131,14 @@ def _robot(figures: Figures, motor: Motor) -> _Robot:
 
 
 def _friction(figures: Figures, motor: Motor, robot: _Robot) -> tuple[float, str, float, str]:
-    """A [N m] and B [N m s/rad] at the shell."""
+    """A [N m] and B [N m s/rad] at the shell, behind the gear: with them the motor takes its current without load."""
     supply = _value(figures, "supply")
-    idle = robot.torque * motor.no_load_current
-    loss = (1.0 / motor.efficiency - 1.0) * robot.sand
+    idle = robot.driving * motor.no_load_current
     speed = (supply - motor.resistance * motor.no_load_current) / robot.torque  # of the shell, without load
     words = f"no-load current {motor.no_load_current:.3g} A ({motor.no_load_current_from})"
-    gear = f", and what a gear of {motor.efficiency:.2g} loses on sand" if loss else ""
     return (
-        DRY * idle + loss,
-        f"assumed: {DRY:.0%} of the torque of the {words}{gear}; a calibration replaces it",
+        DRY * idle,
+        f"assumed: {DRY:.0%} of the torque of the {words}; a calibration replaces it",
         (1.0 - DRY) * idle / speed,
         "assumed: the rest of it, at the speed without load",
     )
@@ -142,12 +147,12 @@ def _friction(figures: Figures, motor: Motor, robot: _Robot) -> tuple[float, str
 def _current(figures: Figures, motor: Motor, robot: _Robot, coulomb: float) -> tuple[float, str]:
     """Limit of the current [A]."""
     stall = _value(figures, "supply") / motor.resistance
-    needed = (robot.sand + coulomb) / robot.torque
+    needed = (robot.sand + coulomb) / robot.driving
     driver = _value(figures, "driver_current", math.inf)
     bounds = [
         (0.9 * stall, "nine tenths of the stall current at the supply"),
         (driver / TRIP, f"the driver's {driver:g} A, less {TRIP - 1.0:.0%} for over_current"),
-        ((robot.imbalance * G * math.sin(TUMBLE) + coulomb) / robot.torque, "more swings the inner body beyond 60 deg"),
+        ((robot.imbalance * G * math.sin(TUMBLE) + coulomb) / robot.driving, "more swings the inner body past 60 deg"),
         (MOST_CURRENT, "the controller's formats end there"),
     ]  # fmt: skip
     if "rated_current" in figures:
@@ -236,11 +241,11 @@ def robot_text(title: str, figures: Figures) -> str:
     file.put("sd_coulomb", _quantity(min(0.3 * coulomb, 0.2 * torque), "N m"), "of coulomb, which is a guess: 30 %")
     file.put("sd_viscous", _quantity(min(0.5 * viscous, 0.1 * torque), "N m s/rad"), "of viscous: 50 %")
     file.put("calibrate_timeout", '"30 s"', "the swing dies away slowly on a hard floor")
-    start = motor.resistance * (coulomb + FLOOR / SAND * robot.sand) / robot.torque
+    start = motor.resistance * (coulomb + FLOOR / SAND * robot.sand) / robot.driving
     for name, share in (("low", 0.2), ("high", 0.6)):
         volts = start + share * (voltage - start)
         file.put(f"calibrate_{name}", _quantity(volts, "V"), f"it starts to roll on a floor at {start:.3g} V")
-    gain = GRIP * motor.resistance * robot.weight * robot.radius / robot.torque
+    gain = GRIP * motor.resistance * robot.weight * robot.radius / robot.driving
     for name, part in (("kp", 1.0), ("ki", INTEGRAL)):
         file.put(
             f"slip_{name}", _quantity(gain * part, SLIP_UNITS[name]), "the torque that the cylinder's has, over R W"
@@ -301,6 +306,8 @@ def _motor(file: _File, figures: Figures, motor: Motor, robot: _Robot) -> None:
     file.put(
         "gear", f"{robot.gear:.8g}", "given" if folded == 1.0 else f"1: that of {folded:g} is in the torque constant"
     )
+    if motor.efficiency < 1.0:
+        file.put("gear_efficiency", f"{motor.efficiency:.3g}", motor.efficiency_from)
 
 
 def _sensors(file: _File, figures: Figures, robot: _Robot, trip: float) -> None:
