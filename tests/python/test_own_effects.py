@@ -195,7 +195,8 @@ def test_the_simulator_takes_an_effect_of_a_file(home: Path) -> None:
     values, sums = ffi().new("double[]", library().HIL_ROLES), ffi().new("double[]", library().HIL_EFFECT_TARGETS)
     values[ROLES["omega"]] = -4.0
     library().hil_effects_sum(ffi().new("hil_effects *", effects.native), 1, values, sums)
-    assert list(sums) == [0.01 * math.sqrt(4.0), *7 * [0.0]]  # the level of a friction on the ground
+    assert sums[0] == 0.01 * math.sqrt(4.0)  # the level of a friction on the ground
+    assert not any(list(sums)[1:])  # and of nothing else
 
 
 HOSTILE = {
