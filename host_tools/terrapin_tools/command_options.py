@@ -10,7 +10,6 @@ import typer
 
 from terrapin_hil.links.names import LinkName, helped
 from terrapin_tools.errors import UserError, printable
-from terrapin_tools.figure_style import need_pictures
 
 __all__ = [
     "BitRate",
@@ -73,6 +72,8 @@ Cluster = Annotated[
 def _picture(name: str) -> Path:
     if not name.lower().endswith((".png", ".svg")):
         raise UserError(f"--plot: found {Path(name).name!r}, expected a name that ends in .png or .svg")
+    from terrapin_tools.figure_style import need_pictures
+
     need_pictures("--plot")
     return Path(name)
 

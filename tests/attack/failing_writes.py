@@ -79,6 +79,9 @@ BATCH = ("batch", "x.toml", "--seeds", "1:2", "--jobs", "1", "--out", "made")
 WRITES = {
     "add": Write(("add", "case", "stribeck"), _in_a_case, CASE),
     "remove": Write(("remove", "case", "stribeck"), _with_an_effect, CASE),
+    "case hold": Write(("case", "hold", "case", "r02"), _in_a_case, CASE),
+    "case set": Write(("case", "set", "case", "radius=81 mm"), _in_a_case, CASE),
+    "case undo": Write(("case", "undo", "case"), _with_an_effect, CASE),
     "case append": Write(("case", "append", "case", "more.csv"), _more_rows, CASE),
     "case example": Write(("case", "example", "heated_motor", "--to", "made")),
     "case table": Write(("case", "table", "x.parquet", "--to", "made"), lambda folder: _table(folder / "x.parquet")),
@@ -104,6 +107,7 @@ OTHERS = {
     **dict.fromkeys(("robot list", "robot show", "robot check", "keys show"), _READS),
     **dict.fromkeys(("soil vehicle", "soil tactile", "soil plates", "experiment slip-limit"), _READS),
     "case runs": _SAME + "case table", "experiment l9": _READS, "case map": _SAME + "case table",
+    "case redo": _SAME + "case undo", "fmu export": "a build, of some seconds",
     "discover": _SAME + "compare",
     "export": _SAME + "report",
     "experiment run": _SAME + "case append", "demo": _SAME + "report", "papers": _SAME + "report",
@@ -151,7 +155,7 @@ def _wrong(kind: str, said: list[Outcome], write: Write, before: dict[str, str],
     lost = [
         name for name, digest in before.items() if not name.startswith(mine or ("\0",)) and after.get(name) != digest
     ]
-    gone = [name for name in before if name not in after]
+    gone = [name for name in before if name not in after and "/.terrapin/versions/" not in name]  # undone: moved
     return f"lost or changed: {sorted({*lost, *gone})[:3]}" if lost or gone else ""
 
 

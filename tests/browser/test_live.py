@@ -166,9 +166,9 @@ def test_simulator_signals_events_and_stop(page: Page, server: Server) -> None:
     expect(page.locator(".event.state").first).to_be_visible()
     expect(page.locator("[data-tile=State]")).to_contain_text(re.compile("run|limiting|stuck"))
     page.get_by_label("Filter signals").fill("torque|duty")
-    expect(page.locator(".signal-table tbody tr")).to_have_count(3)
+    expect(page.locator(".signal-table tbody tr")).to_have_count(4)
     page.get_by_label("Filter signals").fill("torque[")  # no regular expression yet: the last good one stays
-    expect(page.locator(".signal-table tbody tr")).to_have_count(3)
+    expect(page.locator(".signal-table tbody tr")).to_have_count(4)
     page.get_by_label("Filter signals").fill("duty")
     page.get_by_label("Plot ACTUATE.duty").check()
     page.get_by_label("Words of the mark").fill("here")

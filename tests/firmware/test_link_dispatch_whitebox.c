@@ -71,7 +71,9 @@ terrapin_parameter_result terrapin_parameter_get(const terrapin_state *s, uint16
 }
 
 const int32_t *terrapin_parameter_values(const terrapin_state *s) {
-    return &s->value; /* no test here has a store to compare with */
+    static int32_t values[TERRAPIN_PARAMETER_COUNT]; /* a store compares all of them */
+    values[0] = s->value;
+    return values;
 }
 
 terrapin_parameter_result terrapin_parameter_set_all(terrapin_state *s, const int32_t *values) {

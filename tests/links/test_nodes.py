@@ -27,10 +27,10 @@ from terrapin_hil.simulation import Simulation
 from terrapin_tools.cli import main
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.candump import line
+from terrapin_tools.monitor.controls import CLEARS, Controls
 from terrapin_tools.monitor.sources import Bus
 from terrapin_tools.param.nodes import clear, controllers, require_one, store_node
 from terrapin_tools.param.session import Session
-from terrapin_tools.web.live import session as live
 
 MESSAGES = interface().messages
 NODES = range(node_count())
@@ -229,20 +229,28 @@ def test_the_pages_stop_is_stop_all_and_its_release_a_clear() -> None:
 
     for _ in range(1000):
         tick()
-    page, bus, sent = object.__new__(live.Session), object.__new__(Bus), list[Frame]()
-    vars(bus)["send"] = lambda identifier, data: sent.append((identifier, data))
-    vars(page).update(source=bus, _sender=Sender(), _node=node, stop_held=True, _clears=0, _asked=0.0)
-    page._hold()
+    bus = object.__new__(Bus)
+    bus.name = "a bus"
+    controls = Controls(bus, interface(), node)
+    controls.close()  # its thread; what is due is asked for here
+
+    def due(times: int) -> list[Frame]:
+        found = list[Frame]()
+        for _ in range(times):
+            controls._due = 0.0
+            found += map(node.to_bus, controls._next(0.0))
+        return found
+
+    controls.hold_stop(True)
+    sent = due(1)
     assert sent == [(0x000, b"\0")]
     robot.hear(sent)
     tick()  # what comes in that of a stop does not end it
     assert robot._lib.terrapin_latched(robot._state) == 1 << interface().faults["stop_all"]
-    page.stop_held, page._clears = False, live.CLEARS
-    for _ in range(2 * live.CLEARS):
-        page._asked = 0.0
-        page._hold()
-    assert len(sent) == 1 + live.CLEARS
-    robot.hear(sent[1:])
+    controls.hold_stop(False)
+    sent = due(2 * CLEARS)
+    assert len(sent) == CLEARS
+    robot.hear(sent)
     tick()
     assert robot._lib.terrapin_latched(robot._state) == 0
 

@@ -68,9 +68,9 @@ def test_the_default_robot_has_its_scenarios_as_they_are(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["cylinder", "roller", "sphere"])
 def test_settling_is_that_of_the_plant(name: str) -> None:
-    """The decay of a small swing in pure rolling without friction and resistance, by another integration (RK4)."""
+    """The decay of a small swing in pure rolling without friction, the gear's too, and resistance, by RK4."""
     design = load_robot(find_robot(name))
-    constants = Plant(**{**design.plant, "coulomb": 0.0})
+    constants = Plant(**{**design.plant, "coulomb": 0.0, "gear_efficiency": 1.0, "driven_ratio": 1.0})
     expected, times = settling(design), np.arange(0.0, 8.0, 1e-3)
     free = Terrain(0.0, 0.0, 0.5, 0.1)
     found = rolling(constants, free, 0.0, times, start=(0.0, 0.05, 0.0, 0.0))

@@ -163,7 +163,7 @@ def heated(stage: Stage, chapter: Chapter) -> None:
     sds = [1e3 * float(analysis.noise.sigma[0]) for analysis in (before, after)]
     stage.tell(
         chapter,
-        f"Errors count in the sd of the noise, which each answer finds: {sds[0]:.3g} mA while something is missing, "
+        f"Errors count in the sd of the noise, which each answer finds: {sds[0]:.3g} mA while the heating is missing, "
         f"{sds[1]:.3g} mA now. So the same model stands at {sentences.in_sd(told_before.ladder[-1].heldout_error)} "
         f"above and at {sentences.in_sd(told_after.ladder[-2].heldout_error)} here.",
     )

@@ -121,15 +121,16 @@ def _is_error(value: object) -> bool:
 
 def rewrite(folder: Path, seen: str, text: str) -> None:
     """Gives a case another case.toml, made from `seen`, and keeps the one of before. UserError as `write_changed`."""
-    before = (folder / "case.toml").read_bytes()
+    before, lost = (folder / "case.toml").read_bytes(), ""
     try:
         for path in _versions(folder, "redo"):
             _drop(path)
         _push(folder, "undo", before)
     except OSError as error:
-        reason = error.strerror or str(error)
-        print(f"terrapin: {folder / FOLDER}: {reason}; this step cannot be undone", file=sys.stderr)
+        lost = error.strerror or str(error)
     write_changed(folder / "case.toml", seen, text)
+    if lost:  # said of a step that was done
+        print(f"terrapin: {folder / FOLDER}: {lost}; this step cannot be undone", file=sys.stderr)
 
 
 def steps(folder: Path) -> dict[str, int]:
