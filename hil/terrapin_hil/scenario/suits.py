@@ -59,7 +59,8 @@ def settling(robot: Robot) -> float:
     """Time constant [s] of the slowest mode of the robot on a floor without resistance, at constant voltage.
 
     The linear equations of docs/simulator.md in shell and swing angle: mass matrix, gravity of the swing, as damping
-    the motor's K^2/R_e with the viscous friction, both on the drive wheel's speed.
+    the motor's K^2/R_e with the viscous friction, both on the drive wheel's speed. What a gear loses is
+    left out: it is no linear friction, and a free swing drives the gear forth and back.
     """
     p, gear = robot.plant, robot.wheel_gear
     radius, inside = p["radius"], p["radius"] - p["drive_radius"]
@@ -70,7 +71,7 @@ def settling(robot: Robot) -> float:
     mass = np.array([[shell, radius * imbalance], [radius * imbalance, swing]]) + p["drive_inertia"] * np.outer(
         drive, drive
     )
-    damping = (_passed(robot) * torque_per_ampere(robot) / p["armature_resistance"] + p["viscous"]) * np.ones((2, 2))
+    damping = (torque_per_ampere(robot) ** 2 / p["armature_resistance"] + p["viscous"]) * np.ones((2, 2))
     stiffness = np.diag([0.0, p["gravity"] * imbalance])
     system = np.block(
         [[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]]
