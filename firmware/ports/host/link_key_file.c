@@ -74,7 +74,7 @@ bool terrapin_process_link_key(const char *path, uint32_t key[TERRAPIN_CHASKEY_W
     if ((fstat(fileno(file), &found) == 0) && S_ISREG(found.st_mode) && ((found.st_mode & OTHERS) != 0U)) {
         (void)fprintf(stderr,
                       "terrapin-controller: %s: a secret that others may read or write (mode %04o): chmod 600 %s\n",
-                      path, (unsigned int)(found.st_mode & 07777U), path);
+                      path, found.st_mode & 07777U, path);
         (void)fclose(file);
         return false;
     }

@@ -118,11 +118,19 @@ static void wheel_loads(const hil_vehicle *v, const state *s, int columns, doubl
     }
 }
 
+static int same_wheel(const solved *known, const hil_tyre *tyre, const hil_tyre_soil *soil) {
+    const hil_tyre *t = &known->tyre;
+    const hil_tyre_soil *s = &known->soil;
+    return t->radius == tyre->radius && t->width == tyre->width && t->stiffness == tyre->stiffness &&
+           t->angle_share == tyre->angle_share && t->angle_slip == tyre->angle_slip &&
+           s->stiffness == soil->stiffness && s->exponent == soil->exponent && s->cohesion == soil->cohesion &&
+           s->friction_angle == soil->friction_angle && s->shear_modulus == soil->shear_modulus;
+}
+
 static int contact_of(run *r, int axle, const hil_tyre *tyre, const hil_tyre_soil *soil, double load, double slip,
                       double *sinkage, hil_tyre_contact *c) {
     solved *known = r->known != NULL ? &r->known[axle] : NULL;
-    if (known != NULL && load == known->load && slip == known->slip && memcmp(tyre, &known->tyre, sizeof *tyre) == 0 &&
-        memcmp(soil, &known->soil, sizeof *soil) == 0) {
+    if (known != NULL && load == known->load && slip == known->slip && same_wheel(known, tyre, soil)) {
         *sinkage = r->guess[axle].sinkage;
         *c = known->contact;
         return HIL_TYRE_OK;
