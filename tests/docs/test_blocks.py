@@ -7,7 +7,7 @@ import pytest
 from pages import PAGES, ROOT, Runner, blocks
 
 
-@pytest.mark.parametrize("page", [pytest.param(page, marks=pytest.mark.xdist_group(page)) for page in PAGES])
+@pytest.mark.parametrize("page", PAGES)
 def test_blocks_run(page: str, tmp_path: Path, record_property: Any) -> None:
     runner = Runner(tmp_path / "terrapin")
     runner.page(blocks(page, (ROOT / page).read_text()))

@@ -46,16 +46,9 @@ def kept(asked: str | None, names: list[str]) -> list[str]:
     told: list[Any] = []
     hook = SimpleNamespace(pytest_deselected=lambda items: told.extend(items))
     config: Any = SimpleNamespace(getoption=lambda _: asked, hook=hook)
-    groups: dict[str, str] = {}
-
-    def item(name: str) -> Any:
-        mark = lambda mark: groups.__setitem__(name, mark.args[0])  # noqa: E731
-        return SimpleNamespace(nodeid=name, get_closest_marker=lambda _: None, add_marker=mark)
-
-    items: list[Any] = [item(name) for name in names]
+    items: list[Any] = [SimpleNamespace(nodeid=name) for name in names]
     pytest_collection_modifyitems(config, items)
     assert len(items) + len(told) == len(names)
-    assert groups == {name: name.partition("::")[0] for name in names}  # a file's tests stay together
     return [item.nodeid for item in items]
 
 
@@ -155,3 +148,18 @@ def test_what_changed_is_what_git_says(tmp_path: Path) -> None:
     (tmp_path / "c.py").write_text("")
     assert changed_files("HEAD~1", tmp_path) == ["a.py", "b.py", "c.py"]
     assert changed_files("HEAD", tmp_path) == ["a.py", "c.py"]
+
+
+def test_a_files_tests_run_in_one_process(tmp_path: Path) -> None:
+    """pytest-xdist's own groups were lost once, without a word, when pytest changed; so this runs it."""
+    for name in ("first", "second", "third"):
+        text = "import os, pathlib, pytest\n@pytest.mark.parametrize('n', range(8))\ndef test_it(n):\n"
+        text += f"    with open({str(tmp_path / name)!r}, 'a') as f: print(os.getpid(), file=f)\n"
+        (tmp_path / f"test_{name}.py").write_text(text, encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-q", "-n2", "-p", "tests.tools.tiers", "-c", os.devnull, str(tmp_path)]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout
+    processes = [set((tmp_path / name).read_text(encoding="ascii").split()) for name in ("first", "second", "third")]
+    assert [len(each) for each in processes] == [1, 1, 1]
+    assert len(set.union(*processes)) == 2

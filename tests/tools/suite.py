@@ -34,7 +34,7 @@ FOLDERS = ["tests", "hil", "host_tools", "firmware/terrapin_interface"]  # that 
 NO_TESTS = 5  # pytest's exit status
 # Examples of the door run in tests/python/test_door.py, with its names at hand and in a folder of their own.
 DOOR = "--ignore=host_tools/terrapin_tools/door"
-PYTEST = ["-q", "--doctest-modules", DOOR, "--durations=20", "--durations-min=5", "--dist=loadgroup"]
+PYTEST = ["-q", "--doctest-modules", DOOR, "--durations=20", "--durations-min=5"]
 
 
 def probe(function: str) -> bool:
@@ -122,8 +122,7 @@ def pytest(
     examples = {"examples_ran": 0, "examples_hardware": 0}
     if junit.is_file():
         for case in ElementTree.parse(junit).iter("testcase"):
-            name = str(case.get("name")).rpartition("@")  # the group that tiers.py gave it stands behind
-            skipped += [f"{name[0] or name[2]}: {skip.get('message')}" for skip in case.iter("skipped")]
+            skipped += [f"{case.get('name')}: {skip.get('message')}" for skip in case.iter("skipped")]
             for entry in case.iter("property"):
                 if entry.get("name") in examples:
                     examples[str(entry.get("name"))] += int(str(entry.get("value")))

@@ -1,11 +1,11 @@
 """Two tiers of tests, also as a plugin of pytest: what `make test` runs, and the rest, which `make test-all` runs.
 
-    python -m pytest -p tests.tools.tiers --tier test|rest --dist=loadgroup ...
+    python -m pytest -p tests.tools.tiers --tier test|rest ...
 
 tests/tools/tiers.toml names the rest, each with its reason. Whatever is not named there is run by `make test`: so every
 test is in one tier, and a new file is in the one that people run.
 
-A file's tests stay in one process, so that they share what its fixtures made; marked `xdist_group`, they go elsewhere.
+A file's tests stay in one process, so that they share what its fixtures made; those in SPREAD go where there is room.
 """
 
 from __future__ import annotations
@@ -13,10 +13,12 @@ from __future__ import annotations
 import tomllib
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 TIERS = ("test", "rest")
+SPREAD = ("tests/docs/test_blocks.py",)  # long tests that share nothing
 LIST = Path(__file__).with_name("tiers.toml")
 
 
@@ -41,11 +43,25 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--tier", choices=TIERS, help="only the tests of this tier")
 
 
-@pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
+def together(name: str) -> str:
+    """Tests with the same word run in one process."""
+    file = name.partition("::")[0]
+    return name if file in SPREAD else file
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Not --dist=loadgroup: with pytest 9.2 pytest-xdist 3.8 loses the groups without a word: all make everything."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByFile(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return together(nodeid)
+
+    return ByFile(config, log)
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    for item in items:
-        if item.get_closest_marker("xdist_group") is None:
-            item.add_marker(pytest.mark.xdist_group(item.nodeid.partition("::")[0]))
     asked = config.getoption("--tier")
     if asked is None:
         return
