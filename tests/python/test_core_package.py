@@ -184,7 +184,7 @@ def test_size_of_a_state_is_a_constant(place: Path, tmp_path: Path) -> None:
 
 def test_the_archive_is_the_same_each_time(archive: Path, unpacked: Path, tmp_path: Path) -> None:
     copy = tmp_path / "elsewhere"  # other times, another mask
-    for name in ("CMakeLists.txt", "LICENSE", "firmware", "docs/embedding.md", "tests/tools/release.sh"):
+    for name in ("CMakeLists.txt", "LICENSE", "firmware", "zephyr", "docs/embedding.md", "tests/tools/release.sh"):
         (copy / name).parent.mkdir(parents=True, exist_ok=True)
         (shutil.copytree if (ROOT / name).is_dir() else shutil.copyfile)(ROOT / name, copy / name)
     run("sh", "-c", "umask 077; bash tests/tools/release.sh out", cwd=copy)

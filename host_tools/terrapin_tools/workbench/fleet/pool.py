@@ -203,7 +203,7 @@ def _executor(jobs: int) -> Any:
 
 @contextmanager
 def _cluster(address: str) -> Iterator[Pool]:
-    need("--cluster", "distributed", "cluster")
+    need("--cluster (Dask)", "distributed", "cluster")
     import logging
     import warnings
 
