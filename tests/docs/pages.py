@@ -37,6 +37,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -177,6 +178,8 @@ class Runner:
 
     def __post_init__(self) -> None:
         copy_tree(self.folder)
+        # Pages run side by side, and a robot that lives is found by its name there; a socket's path has 107 bytes.
+        self.own = tempfile.TemporaryDirectory(prefix="page-")
         (self.folder / ".venv").symlink_to(Path(sys.executable).parents[1])
         (self.folder / "build").mkdir()
         (self.folder / "build" / "host").symlink_to(build())
@@ -193,6 +196,7 @@ class Runner:
             "PYTHONPATH": str(offered),
             "BROWSER": "true",  # a page that is opened is opened by nobody
             "XDG_CONFIG_HOME": str(self.folder / ".config"),
+            "TMPDIR": self.own.name,
         }
 
     def page(self, found: list[Block]) -> None:
