@@ -129,7 +129,8 @@ PROOFS = (
     Proof("estimator", 9, "core/estimator.c", (
         ("(e->newest < (HISTORY_SLOTS - 1))", "(e->newest < HISTORY_SLOTS)"),
         ("e->full = e->slots > ((2U * n) + (uint32_t)BLOCK_SLOTS);", "e->full = e->slots > (2U * n);"),
-        ("e->motor_unm = integer_hold(drawn - beyond);", "e->motor_unm = drawn - beyond - e->friction_unm;"),
+        ("e->motor_unm = integer_hold(estimator_geared(&state->gains, drawn, e->counts) - beyond);",
+         "e->motor_unm = drawn - beyond - e->friction_unm;"),
     )),
     Proof("friction", 9, "core/compensation.c", (
         ("if (urad < 450000) {", "if (urad > 450000) {"),
