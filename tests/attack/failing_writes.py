@@ -10,10 +10,11 @@ from __future__ import annotations
 import importlib
 import pkgutil
 import random
+import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tests.attack import Result
@@ -26,6 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 KINDS = ("full disk", "kill -9", "read-only", "two at once")
 SECONDS = 60.0  # of the processor; beside others
 MEMORY = 1 << 30
+PROGRESS = re.compile(r"^\d+ (of \d+ )?runs\b.*\n", re.MULTILINE)  # of a batch, as it goes on standard error
 
 
 def command_names() -> set[str]:
@@ -145,7 +147,7 @@ def _failing(kind: str, write: Write, folder: Path, draw: random.Random) -> list
 
 
 def _wrong(kind: str, said: list[Outcome], write: Write, before: dict[str, str], after: dict[str, str]) -> str:
-    for one in said:
+    for one in (replace(one, err=PROGRESS.sub("", one.err)) for one in said):
         killed = kind == "kill -9" and one.status == -9
         if not killed and (found := one.wrong(MEMORY, SECONDS)):
             return f"{found}: {one.err[-200:]!r}"

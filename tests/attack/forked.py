@@ -6,7 +6,6 @@ import ctypes
 import fcntl
 import importlib
 import os
-import re
 import resource
 import signal
 import struct
@@ -34,9 +33,6 @@ WARM = (
 )  # fmt: skip
 
 
-PROGRESS = re.compile(r"^\d+ (of \d+ )?runs\b.*\n", re.MULTILINE)  # of a batch, before it ends
-
-
 @dataclass(frozen=True)
 class Outcome:
     """What a command did: its exit status (negative: the signal that ended it), words, cost."""
@@ -53,9 +49,8 @@ class Outcome:
             return "a traceback"
         if self.status not in (0, 1, 2):
             return f"status {self.status}"
-        said = PROGRESS.sub("", self.err)
-        if self.status and not (said.startswith("terrapin: ") and said.count("\n") == 1):
-            return f"{said.count(chr(10))} lines"
+        if self.status and not (self.err.startswith("terrapin: ") and self.err.count("\n") == 1):
+            return f"{self.err.count(chr(10))} lines"
         if self.memory > memory:
             return f"{self.memory >> 20} MiB"
         return f"{self.seconds:.1f} s" if self.seconds > seconds else ""

@@ -20,7 +20,7 @@ def _first(words: str) -> str:
 
 
 def test_the_right_base_comes_first(tmp_path: Path) -> None:
-    """11 of 12 logs of three systems (issue: the bound); none becomes rolling_steady without a word."""
+    """At least 11 of 12 logs of three systems; none becomes rolling_steady without a word."""
     wrong = []
     for number in range(len(logs_of_papers.LOGS)):
         path, base = logs_of_papers.write(tmp_path, number)

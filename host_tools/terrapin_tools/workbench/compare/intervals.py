@@ -22,7 +22,7 @@ from terrapin_tools.workbench.noise.covariance import Node
 __all__ = ["Interval", "intervals"]
 
 SDS = 1.959964  # of a normal distribution, either side of 95 %
-FARTHER = 12  # times that the way out is doubled before an interval is open: 4096 times 1.96 sd; chosen by hand
+FARTHER = 12  # doublings of the way out before a side is open; half and twice of it give the same ends in its tests
 NARROWED = 40  # refits at most between a place inside and one outside
 CLOSE = 2e-3  # share of the rise that an end may be off
 WHITE = Node(0.0, 0.0, 0.0, 0.0, 1.0)

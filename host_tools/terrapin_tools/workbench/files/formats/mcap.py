@@ -13,10 +13,9 @@ import numpy as np
 from terrapin_hil.reading import shorten
 from terrapin_tools.bounded import each, refuse_beyond
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.format import Asked, Column, Format, Part, cells
+from terrapin_tools.workbench.files.format import Asked, Column, Format, Part
+from terrapin_tools.workbench.files.trees.messages import columns, fields
 
-LONGEST = 64  # of an array in a message whose entries become columns
-DEEPEST = 8
 STAMP = ""  # of a row: when it was logged [ns]
 UNIT = "unit."  # of a column, in the metadata of the channel: `unit.torque`
 
@@ -46,7 +45,7 @@ def read(path: Path, asked: Asked, texts: Collection[str]) -> list[Part]:
                     continue
                 if asked.part not in ("", "*", channel.topic):
                     continue
-                row = {STAMP: record.log_time, **dict(_fields(json.loads(record.data), "", 0))}
+                row = {STAMP: record.log_time, **dict(fields(json.loads(record.data)))}
                 size += 32 * len(row)
                 refuse_beyond(path, size)
                 rows.setdefault(channel.topic, []).append(row)
@@ -79,29 +78,11 @@ def _records(path: Path) -> Iterator[Any]:
     raise EOFError("the end is missing")
 
 
-def _fields(message: Any, name: str, depth: int) -> Iterator[tuple[str, Any]]:
-    """The numbers and texts in a message by their names, pose.position.x."""
-    if isinstance(message, dict) and depth < DEEPEST:
-        for key, value in message.items():
-            yield from _fields(value, f"{name}.{key}".lstrip("."), depth + 1)
-    elif isinstance(message, list) and len(message) <= LONGEST and depth < DEEPEST:
-        for i, value in enumerate(message):
-            yield from _fields(value, f"{name}.{i}".lstrip("."), depth + 1)
-    elif isinstance(message, (bool, int, float, str)):
-        yield name or "value", message
-
-
 def _columns(rows: list[dict[str, Any]], begin: int) -> dict[str, Column]:
-    names = dict.fromkeys(name for row in rows for name in row if name != STAMP)
-    stamp = "time" if "time" not in names else "log_time"
-    found: dict[str, Column] = {stamp: np.array([(row[STAMP] - begin) * 1e-9 for row in rows])}
-    for name in names:
-        values = [row.get(name) for row in rows]
-        if any(isinstance(value, str) for value in values):
-            found[name] = cells(values)
-        else:
-            found[name] = np.array([np.nan if value is None else float(value) for value in values])
-    return found
+    """Those of the messages after the time of the log, whose name gives way to a message's own."""
+    found = columns([{name: value for name, value in row.items() if name != STAMP} for row in rows])
+    stamp = "time" if "time" not in found else "log_time"
+    return {stamp: np.array([(row[STAMP] - begin) * 1e-9 for row in rows]), **found}
 
 
 FORMAT = Format("an MCAP file", (".mcap",), read, part="topic")

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from terrapin_hil.reading import shorten
 from terrapin_tools.bounded import room
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.format import Asked, Column, Format, Part, cells
-
-LONGEST = 64  # of an array in a message whose entries become columns
-DEEPEST = 8
+from terrapin_tools.workbench.files.format import Asked, Format, Part
+from terrapin_tools.workbench.files.trees.messages import columns, fields
 
 
 def read(path: Path, asked: Asked, texts: Collection[str]) -> list[Part]:
@@ -38,38 +33,13 @@ def read(path: Path, asked: Asked, texts: Collection[str]) -> list[Part]:
             except KeyError:
                 unknown.add(f"{connection.topic} ({connection.msgtype})")
                 continue
-            row = {"time": (stamp - begin) * 1e-9, **dict(_fields(message, "", 0))}
+            row = {"time": (stamp - begin) * 1e-9, **dict(fields(message))}
             size += 32 * len(row)
             if size > most:
                 raise UserError(f"{path.name}: holds more than {most >> 20} MiB, expected less, or --read topic=TOPIC")
             rows.setdefault(connection.topic, []).append(row)
     notes = (f"left out, as its type is not known: {', '.join(sorted(unknown)[:3])}",) if unknown else ()
-    return [Part(topic, _columns(found), {"time": "s"}, 0, notes) for topic, found in rows.items()]
-
-
-def _fields(message: Any, name: str, depth: int) -> Iterator[tuple[str, Any]]:
-    """The numbers and texts in a message by their names, pose.position.x."""
-    if dataclasses.is_dataclass(message) and depth < DEEPEST:
-        for each in dataclasses.fields(message):
-            if each.name != "__msgtype__":
-                yield from _fields(getattr(message, each.name), f"{name}.{each.name}".lstrip("."), depth + 1)
-    elif isinstance(message, (bool, int, float, str, np.number)):
-        yield name, message
-    elif isinstance(message, (list, tuple, np.ndarray)) and 0 < len(message) <= LONGEST:
-        for i, each in enumerate(message):
-            yield from _fields(each, f"{name}.{i}", depth + 1)
-
-
-def _columns(rows: list[dict[str, Any]]) -> dict[str, Column]:
-    names = dict.fromkeys(name for row in rows for name in row)
-    found: dict[str, Column] = {}
-    for name in names:
-        values = [row.get(name) for row in rows]
-        if any(isinstance(value, str) for value in values):
-            found[name] = cells(values)
-        else:
-            found[name] = np.array([np.nan if value is None else float(value) for value in values])
-    return found
+    return [Part(topic, columns(found), {"time": "s"}, 0, notes) for topic, found in rows.items()]
 
 
 def _is_bag(folder: Path) -> bool:
