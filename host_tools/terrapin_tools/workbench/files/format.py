@@ -33,7 +33,6 @@ __all__ = [
 ]
 
 Column = npt.NDArray[Any]  # float64, or str where the file holds text
-MAX_BYTES = 1 << 30  # that a file may hold once it is unpacked
 LONG = 200  # characters of a text that stay where one makes its column too wide,
 ROOM = 16 << 20  # which is so many characters
 
