@@ -10,12 +10,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 from websockets.sync.client import connect
 
 from terrapin_hil.messages import interface
+from terrapin_hil.scenario.scenario import find_scenario
 from terrapin_tools.errors import UserError
 
 PROGRAM = "from terrapin_tools.cli import main; main()"
@@ -23,10 +25,14 @@ BOUND = 60.0  # s, of whatever is waited for
 
 
 @pytest.fixture
-def served() -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """The command over a simulated robot, and its address."""
+def served(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """The command over a simulated robot that goes on until it is stopped, and its address."""
     pytest.importorskip("foxglove")
-    words = ["monitor", "steady_sand", "--serve", "--port", "0"]
+    text = find_scenario("steady_sand").read_text(encoding="utf-8")
+    assert 'duration = "10 s"' in text
+    robot = tmp_path / "long.toml"
+    robot.write_text(text.replace('duration = "10 s"', 'duration = "600 s"'), encoding="utf-8")
+    words = ["monitor", str(robot), "--serve", "--port", "0"]
     process = subprocess.Popen([sys.executable, "-c", PROGRAM, *words], stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
