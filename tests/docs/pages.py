@@ -55,7 +55,7 @@ ROOT = Path(__file__).resolve().parents[2]
 GIVEN = Path(__file__).parent / "given"
 PAGES = ["README.md", "CONTRIBUTING.md", *(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md")))]
 MARKERS = {"built", "file", "changes", "given", "long", "until", "beside", "status", "needs", "shows"}
-LANGUAGES = {"sh", "python", "toml", "csv", "diff", "text", "{toctree}"}
+LANGUAGES = {"sh", "python", "toml", "csv", "js", "diff", "text", "{toctree}"}
 BUILT = {"c", "cmake"}  # these cannot run here
 # Programs of others that a block for hardware may name; their options are not ours to check.
 OTHERS = {"ip", "jq", "qemu-system-arm", "cmake", "sudo", "systemctl"}
@@ -97,7 +97,7 @@ def blocks(page: str, text: str) -> list[Block]:
             known = LANGUAGES | (BUILT if "built" in marks else set())
             assert language in known, f"{where}: a block of {language}, expected one of {sorted(known)}"
             block = Block(page, (token.map or [0])[0] + 2, language, token.content, marks)
-            silent = language in ("toml", "csv") and not {"file", "changes", "built"} & set(marks)
+            silent = language in ("toml", "csv", "js") and not {"file", "changes", "built"} & set(marks)
             assert not silent, f"{where}: a block of {language} says no file, see tests/docs/pages.py"
             assert (language == "text") == ("shows" in marks), f"{where}: text is what a page shows, and only text"
             found.append(block)

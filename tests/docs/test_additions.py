@@ -1,10 +1,11 @@
-"""A new effect, terrain, link, sub-command: each is added to a scratch copy as its page says, in at most two files."""
+"""A new effect, terrain, link, sub-command, tab: each is added to a scratch copy as its page says: at most 2 files."""
 
 import os
 import re
 import shutil
 from pathlib import Path
 
+import pytest
 from pages import ROOT, Block, apply, blocks
 from scratch import copy_tree, in_copy
 
@@ -82,3 +83,33 @@ def test_sub_command(tmp_path: Path) -> None:
     assert re.search(r"hello\s+Greet a robot\.", in_copy(command, "terrapin", "--help").stdout)
     assert in_copy(command, "terrapin", "hello", "Li").stdout == "Hello, Li.\n"
     assert "terrapin hello Reina" in in_copy(command, "terrapin", "hello", "--help").stdout
+
+
+def test_tab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page that the copy serves has it and fills it, and nothing is said on its console."""
+    playwright = pytest.importorskip("playwright.sync_api")
+    chromium = next((found for name in ("chromium", "google-chrome") if (found := shutil.which(name))), None)
+    if chromium is None:
+        pytest.skip("no Chromium here")
+    monkeypatch.syspath_prepend(str(ROOT / "tests" / "web"))
+    from serving import Server
+
+    copy = added("docs/web.md", "## A new tab", tmp_path)
+    packages = [str(copy / name) for name in ("hil", "host_tools", "firmware")]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(packages))
+    monkeypatch.setenv("TERRAPIN_BUILD", os.environ.get("TERRAPIN_BUILD", str(ROOT / "build" / "host")))
+    server = Server(tmp_path)
+    try:
+        with (
+            playwright.sync_playwright() as running,
+            running.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"]) as browser,
+        ):
+            page = browser.new_page()
+            said: list[str] = []
+            page.on("console", lambda message: said.append(message.text))
+            page.goto(server.line)
+            page.get_by_role("link", name="Models").click()
+            page.get_by_text("rolling_steady", exact=True).wait_for(timeout=300_000)
+            assert said == []
+    finally:
+        server.stop()
