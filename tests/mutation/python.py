@@ -35,9 +35,10 @@ from pathlib import Path
 
 from terrapin_hil.paths import ROOT
 
-__all__ = ["Room", "Slip", "rooms", "slips"]
+__all__ = ["Room", "Slip", "judge", "passes", "rooms", "slips"]
 
 LIMIT = 300  # s of the processor for all of a mutant's tests; a mutant that takes longer is killed, and counts as seen
+NO_TESTS = 5  # of pytest: all that was chosen is of the other tier
 WAITED = 1800.0  # s by the clock
 COMPARED: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Lt: (ast.LtE,), ast.LtE: (ast.Lt,), ast.Gt: (ast.GtE,), ast.GtE: (ast.Gt,), ast.Eq: (ast.NotEq,),
@@ -228,11 +229,16 @@ def _run(tests: tuple[str, ...], environment: dict[str, str]) -> tuple[bool, str
             if process.poll() is None:
                 os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
-        if process.returncode:
+        if process.returncode not in (0, NO_TESTS):
             return True, next(
                 (line.partition(" - ")[0] for line in out.splitlines() if line.startswith("FAILED")), file
             )
     return False, ""
+
+
+def passes(file: str) -> bool:
+    """Whether a test file passes as the tree is."""
+    return not _run((file,), dict(os.environ))[0]
 
 
 def judge(slip: Slip, room: Room) -> tuple[str, str]:
