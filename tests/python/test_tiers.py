@@ -158,7 +158,7 @@ def test_a_files_tests_run_in_one_process(tmp_path: Path) -> None:
         (tmp_path / f"test_{name}.py").write_text(text, encoding="utf-8")
     command = [sys.executable, "-m", "pytest", "-q", "-n2", "-p", "tests.tools.tiers", "-c", os.devnull, str(tmp_path)]
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=900)
     assert done.returncode == 0, done.stdout
     processes = [set((tmp_path / name).read_text(encoding="ascii").split()) for name in ("first", "second", "third")]
     assert [len(each) for each in processes] == [1, 1, 1]

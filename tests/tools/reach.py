@@ -62,6 +62,7 @@ class Imports:
         }
         self._commands = {name.rpartition(".")[2]: name for name in self.paths if ".commands." in name}
         self._direct: dict[str, set[str]] = {}
+        self._below: dict[str, set[str]] = {}
 
     def direct(self, module: str) -> set[str]:
         """What a module imports; of a test also the commands that it names, its helpers beside it and its fixtures."""
@@ -81,6 +82,11 @@ class Imports:
 
     def below(self, module: str) -> set[str]:
         """A module and what it stands on, NEAR imports away; a helper of the tests is no step."""
+        if module not in self._below:
+            self._below[module] = self._near(module)
+        return self._below[module]
+
+    def _near(self, module: str) -> set[str]:
         found, edge = {module}, {module}
         for _ in range(NEAR):
             reached: set[str] = set()
