@@ -7,7 +7,7 @@ import random
 import shutil
 import sqlite3
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ import numpy as np
 from terrapin_hil import paths
 from tests.attack import Result
 from tests.attack.bombs import frames_log
-from tests.attack.forked import Outcome, run
+from tests.attack.forked import Outcome, learn, run
 from tests.python import table_files
 
 COUNT, SHORT = 600, 2 * 20  # over all readers
@@ -175,6 +175,10 @@ def damaged(data: bytes, draw: random.Random, text: bool = False) -> bytes:
     return bytes(new)
 
 
+def _words(reader: Reader) -> list[str]:
+    return [reader.file if word == "FILE" else word for word in reader.command]
+
+
 def _kept(folder: Path) -> dict[str, str]:
     """What must still be there: everything, by its digest."""
     return {
@@ -184,21 +188,25 @@ def _kept(folder: Path) -> dict[str, str]:
     }
 
 
-def tried(count: int, seed: int) -> Iterator[tuple[Reader, int, Outcome, str]]:
+def tried(count: int, seed: int, readers: Sequence[Reader] = READERS) -> Iterator[tuple[Reader, int, Outcome, str]]:
     """Reader, number, what `terrapin` did, and what is wrong with it, for `count` damaged files over all readers."""
     with tempfile.TemporaryDirectory() as name:
-        whole = [Path(name, f"whole_{i}") for i in range(len(READERS))]
-        for reader, folder in zip(READERS, whole, strict=True):
+        whole = [Path(name, f"whole_{i}") for i in range(len(readers))]
+        for reader, folder in zip(readers, whole, strict=True):
             (folder / reader.file).parent.mkdir(parents=True)
             reader.make(folder / reader.file)
         for number in range(count):
-            reader = READERS[number % len(READERS)]
+            reader = readers[number % len(readers)]
             folder = Path(name, "tried")
-            shutil.copytree(whole[number % len(READERS)], folder)
+            shutil.copytree(whole[number % len(readers)], folder)
+            if number < len(readers):
+                learn(_words(reader), folder)
+                shutil.rmtree(folder)
+                shutil.copytree(whole[number], folder)
             file = folder / reader.file
             file.write_bytes(damaged(file.read_bytes(), random.Random(f"{seed} {number}"), reader.text))
             before = _kept(folder)
-            outcome = run([reader.file if word == "FILE" else word for word in reader.command], folder)
+            outcome = run(_words(reader), folder)
             wrong = outcome.wrong(MEMORY, SECONDS)
             after = _kept(folder)
             if not wrong and any(after.get(path) != digest for path, digest in before.items()):
@@ -209,11 +217,16 @@ def tried(count: int, seed: int) -> Iterator[tuple[Reader, int, Outcome, str]]:
 
 def attack(count: int, seed: int) -> Result:
     """`count` damaged files over all readers: no traceback, one line, at most 1 GB and 10 s of the processor."""
+    return counted("damaged files at readers", tried(count, seed), seed)
+
+
+def counted(name: str, outcomes: Iterable[tuple[Reader, int, Outcome, str]], seed: int) -> Result:
+    """The sums of what was tried."""
     total, taken, first, most, longest = 0, 0, "", 0, 0.0
-    for reader, number, outcome, wrong in tried(count, seed):
+    for reader, number, outcome, wrong in outcomes:
         total += 1
         most, longest = max(most, outcome.memory), max(longest, outcome.seconds)
         if wrong:
             taken += 1
             first = first or f"; first: {reader.file}, number {number} (seed {seed}): {wrong}"
-    return Result("damaged files at readers", total, taken, f"at most {most >> 20} MiB, {longest:.1f} s{first}")
+    return Result(name, total, taken, f"at most {most >> 20} MiB, {longest:.1f} s{first}")

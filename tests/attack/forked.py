@@ -13,13 +13,13 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-__all__ = ["Outcome", "run", "together"]
+__all__ = ["Outcome", "learn", "run", "together"]
 
 SECONDS = 30  # of the processor; then the command is killed
 WALL = 240.0  # s
@@ -61,27 +61,44 @@ def run(arguments: Sequence[object], folder: Path, file_size: int | None = None)
     return together([arguments], folder, file_size)[0]
 
 
+def learn(arguments: Sequence[object], folder: Path) -> Outcome:
+    """One command in `folder`; what it has imported is imported here, so that those after it need not."""
+    with tempfile.NamedTemporaryFile("r", encoding="utf-8") as names:
+        outcome = together([arguments], folder, names=Path(names.name))[0]
+        for name in names.read().split():
+            if name not in sys.modules and not name.startswith("__"):
+                with suppress(Exception):  # one that another made by hand
+                    importlib.import_module(name)
+    return outcome
+
+
 def together(
     commands: Sequence[Sequence[object]],
     folder: Path,
     file_size: int | None = None,
     kill_after: float | None = None,
     only_reads: bool = False,
+    names: Path | None = None,
+    apart: float = 0.0,
+    then: Callable[[], object] = lambda: None,
 ) -> list[Outcome]:
-    """Commands that are started at the same moment. `kill_after`: each gets SIGKILL then [s]; `only_reads`: they may
-    write nothing in `folder`, as one who is not its owner."""
+    """Commands that are started at the same moment, or `apart` [s]. `kill_after`: each gets SIGKILL then [s];
+    `only_reads`: they may write nothing in `folder`, as one who is not its owner; `names`: gets the names of all
+    modules that they have; `then`: is done when the last has begun."""
     for name in WARM:
         importlib.import_module(name)
     with ExitStack() as open_files:
         begun = []
-        for arguments in commands:
+        for number, arguments in enumerate(commands):
+            time.sleep(apart if number else 0.0)
             out, err = (open_files.enter_context(_Words(file_size is not None)) for _ in range(2))
             sys.stdout.flush()
             sys.stderr.flush()
             pid = os.fork()
             if pid == 0:
-                _child([str(a) for a in arguments], folder, out.to, err.to, file_size, only_reads)
+                _child([str(a) for a in arguments], folder, out.to, err.to, file_size, only_reads, names)
             begun.append((pid, out, err))
+        then()
         if kill_after is not None:
             time.sleep(kill_after)
             for pid, _, _ in begun:
@@ -141,7 +158,13 @@ def _give_up_writing(folder: Path) -> None:
 
 
 def _child(
-    arguments: list[str], folder: Path, out: int, err: int, file_size: int | None, only_reads: bool = False
+    arguments: list[str],
+    folder: Path,
+    out: int,
+    err: int,
+    file_size: int | None,
+    only_reads: bool,
+    names: Path | None,
 ) -> None:
     status = 70
     try:
@@ -172,6 +195,8 @@ def _child(
         try:
             sys.stdout.flush()
             sys.stderr.flush()
+            if names is not None:
+                names.write_text("\n".join(sys.modules), encoding="utf-8")
         except OSError:
             pass
         os._exit(status)

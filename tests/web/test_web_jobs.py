@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import shutil
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
@@ -14,6 +15,7 @@ from terrapin_tools.web.service.events import Events
 from terrapin_tools.web.service.jobs import Jobs
 from terrapin_tools.web.service.warm import Warm
 from terrapin_tools.web.service.workspace import Workspace
+from terrapin_tools.workbench.files.writing import WRITTEN, write_changed
 from tests.waiting import BOUND
 
 
@@ -21,7 +23,7 @@ class SlowProcess:
     """Work that changes case.toml while it is being ended, as a process does that was about to."""
 
     def __init__(self, case: Path) -> None:
-        self.case = case
+        self.case, self.environment = case, dict[str, str]()
         self.begun, self.stopping, self.let_end = asyncio.Event(), asyncio.Event(), asyncio.Event()
         self.let_end.set()
 
@@ -36,6 +38,7 @@ class SlowProcess:
     async def stop(self) -> None:
         self.stopping.set()
         await self.let_end.wait()
+        Path(self.environment[WRITTEN]).write_text(hashlib.sha256(b"half done\n").hexdigest())
         (self.case / "case.toml").write_text("half done\n")
 
 
@@ -45,6 +48,7 @@ class SlowWarm(Warm):
         self.process = process
 
     async def run(self, arguments: list[str], out: IO[bytes], environment: dict[str, str] | None = None) -> Any:
+        self.process.environment = environment or {}
         return self.process
 
 
@@ -81,6 +85,31 @@ def test_cancelled_twice_waits_until_the_process_has_ended(workspace: Workspace)
 
     assert asyncio.run(go()) == "cancelled"
     assert (folder / "case.toml").read_text() == "as it was\n"
+
+
+class CrossedProcess(SlowProcess):
+    """Work that is ended before it wrote anything, and a command of a shell that changes the same case meanwhile."""
+
+    async def stop(self) -> None:
+        (self.case / ".terrapin").mkdir()
+        write_changed(self.case / "case.toml", "as it was\n", "of the shell\n")
+
+
+def test_what_a_shell_did_to_the_case_of_a_job_meanwhile_stays(workspace: Workspace) -> None:
+    """Cancelled or failed: the job puts back what it wrote, and nothing of another's."""
+    folder = workspace.folder("cases") / "one"
+
+    async def go() -> None:
+        process = CrossedProcess(folder)
+        jobs = Jobs(workspace, SlowWarm(process), Events())
+        job = jobs.add("add", "one", [["add"]], restore=folder)
+        await process.begun.wait()
+        await jobs.cancel(job.id)
+
+    asyncio.run(go())
+    assert (folder / "case.toml").read_text() == "of the shell\n"
+    assert (folder / ".terrapin").is_dir()
+    assert list(workspace.folder("jobs").glob("*.before")) == []
 
 
 def test_cancelled_before_its_first_step_ends_and_frees_the_case(workspace: Workspace) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import subprocess
@@ -78,7 +79,9 @@ def test_a_case_that_was_being_changed_is_put_back(tmp_path: Path) -> None:
     before.mkdir(parents=True)
     shutil.copy(folder / "case.toml", before)
     original = (folder / "case.toml").read_bytes()
-    (folder / "case.toml").write_bytes(original.replace(b'["speed_squared"]', b'["speed_squared", "motor_heating"]'))
+    changed = original.replace(b'["speed_squared"]', b'["speed_squared", "motor_heating"]')
+    (folder / "case.toml").write_bytes(changed)
+    (before / "written").write_text(hashlib.sha256(changed).hexdigest())
     (folder / ".terrapin").mkdir()
     (folder / ".terrapin" / "history.jsonl").write_text("{}\n")
     (jobs / "0123456789ab.json").write_text(

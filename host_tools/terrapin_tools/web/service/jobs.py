@@ -4,7 +4,7 @@
 
 At most AT_ONCE jobs run; two on the same case never do. A job's file jobs/ID.json is replaced at every change of its
 state: after a restart its result is there, and what had not ended has failed. A case that a job was changing when it
-was cancelled, failed or was cut off is put back as it was.
+was cancelled, failed or was cut off is put back as it was, unless somebody else has changed it since.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.web.service.events import Events
 from terrapin_tools.web.service.warm import Process, Warm
 from terrapin_tools.web.service.workspace import NotThere, Taken, Workspace
-from terrapin_tools.workbench.files.writing import write_whole
+from terrapin_tools.workbench.files.writing import WRITTEN, put_back, write_whole
 
 __all__ = ["ENDED", "Job", "Jobs", "for_a_shell"]
 
@@ -234,7 +234,7 @@ class Jobs:
         status = None
         try:
             with place.open("wb") as out:
-                process = await self._warm.run(step, out)
+                process = await self._warm.run(step, out, {WRITTEN: str(self._written(job))} if job.restore else None)
             last = ""
             async for line in process.lines():
                 if line.strip():
@@ -293,6 +293,10 @@ class Jobs:
             shutil.copytree(folder / ".terrapin", part / ".terrapin")
         os.replace(part, self._folder / f"{job.id}.before")  # there whole or not at all
 
+    def _written(self, job: Job) -> Path:
+        """Where its commands note what they gave the case."""
+        return self._folder / f"{job.id}.before" / "written"
+
     def _put_back(self, job: Job) -> None:
         if job.making and job.state == "cancelled":
             target = Path(job.fresh or "")
@@ -301,13 +305,17 @@ class Jobs:
         before = self._folder / f"{job.id}.before"
         if not before.is_dir():
             return
-        folder = Path(job.restore or "")
+        folder, written = Path(job.restore or ""), self._written(job)
         if job.state != "done" and job.restore is not None and folder.is_dir():
-            if (before / ".terrapin").is_dir():
+            own = written.read_text(encoding="ascii") if written.is_file() else ""
+            try:
+                alone = put_back(folder / "case.toml", (before / "case.toml").read_bytes(), own)
+            except (UserError, OSError) as problem:
+                alone, job.error = False, f"{job.error or job.state}; not put back: {problem}"
+            if alone and (before / ".terrapin").is_dir():
                 shutil.copytree(before / ".terrapin", folder / ".terrapin", dirs_exist_ok=True)
-            else:
+            elif alone:  # else what somebody else did meanwhile stays, and what is kept of it
                 shutil.rmtree(folder / ".terrapin", ignore_errors=True)
-            os.replace(before / "case.toml", folder / "case.toml")
         shutil.rmtree(before, ignore_errors=True)
 
     def _forget(self) -> None:

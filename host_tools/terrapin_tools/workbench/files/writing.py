@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import hashlib
 import os
 import secrets
 import shutil
@@ -16,8 +17,9 @@ from pathlib import Path
 from terrapin_hil import paths
 from terrapin_tools.errors import UserError
 
-__all__ = ["copy_example", "whole_folder", "write_changed", "write_new", "write_whole"]
+__all__ = ["WRITTEN", "copy_example", "put_back", "whole_folder", "write_changed", "write_new", "write_whole"]
 
+WRITTEN = "TERRAPIN_WRITTEN"  # environment: a file that is to hold the SHA-256 of what write_changed last wrote
 LOCK_SECONDS = 5.0  # the lock is held for one look and one write
 
 
@@ -86,6 +88,29 @@ def write_changed(path: Path, seen: str, text: str | bytes) -> None:
     UserError when it holds something else by now: nobody's change is lost. Commands wait for each other (LOCK_SECONDS
     at most) between look and write; an editor, which does not, has that moment alone.
     """
+    with _alone(path):
+        if path.read_bytes().decode("utf-8-sig") != seen:
+            raise UserError(f"{path}: changed since it was read, nothing was written; expected one change at a time")
+        data = text.encode() if isinstance(text, str) else text
+        if note := os.environ.get(WRITTEN):
+            write_whole(Path(note), hashlib.sha256(data).hexdigest())
+        write_whole(path, data)
+
+
+def put_back(path: Path, before: bytes, written: str) -> bool:
+    """Give a file what it held before a command changed it; False where it holds neither that nor what the command
+    wrote (`written`, SHA-256): then somebody else has changed it since, and it stays. UserError as `write_changed`."""
+    with _alone(path):
+        present = path.read_bytes()
+        if present != before and hashlib.sha256(present).hexdigest() != written:
+            return False
+        write_whole(path, before)
+    return True
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """No other command writes this file meanwhile."""
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         until = time.monotonic() + LOCK_SECONDS
@@ -97,9 +122,7 @@ def write_changed(path: Path, seen: str, text: str | bytes) -> None:
                 if time.monotonic() > until:
                     raise UserError(f"{path}: another command is writing it, expected it to end soon") from None
                 time.sleep(0.01)
-        if path.read_bytes().decode("utf-8-sig") != seen:
-            raise UserError(f"{path}: changed since it was read, nothing was written; expected one change at a time")
-        write_whole(path, text)
+        yield
     finally:
         os.close(folder)
 
