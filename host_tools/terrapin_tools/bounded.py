@@ -3,16 +3,21 @@
     check(path, unpacked)                before anything is unpacked, by what the file states
     with bounded(path): ...              a limit of memory and of processor time for a library that reads the file
     for part in each(path, parts): ...   the same for every step of a reader, not for what is done with its parts
+    survived(path, read)                 before a library in C reads a damaged file that may end this process, or never
 
 docs/logs.md states the limits.
 """
 
 from __future__ import annotations
 
+import faulthandler
+import math
+import os
 import signal
 import threading
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 from typing import TypeVar
@@ -24,7 +29,7 @@ except ImportError:  # Windows: no limit of memory there
 
 from terrapin_tools.errors import UserError
 
-__all__ = ["CELLS", "LEAST", "MEMORY", "TIMES", "bounded", "check", "each", "most", "refuse_beyond", "room"]
+__all__ = ["CELLS", "LEAST", "MEMORY", "TIMES", "bounded", "check", "each", "most", "refuse_beyond", "room", "survived"]
 
 # The tightest log of this controller that we know is an idle one: 8 times as BLF, 6 as MCAP. Zeros make 1000 (deflate)
 # to 30,000 (zstd).
@@ -34,6 +39,9 @@ MEMORY = 600 << 20  # bytes that a library may take for a file, and GROWTH for e
 GROWTH = 32
 SECONDS = 8.0  # of the processor for one step, and one more for each PACE bytes of the file
 PACE = 2e6
+TRIED = (
+    4.0  # s of the processor, and one more for each PACE bytes, where a file is read in a copy of this process first
+)
 # Of tables: a number takes 8 bytes, and some 45 more while a case is made of it.
 CELLS = 1 << 24  # that any table may hold, 128 MiB,
 TABLE_TIMES = 16  # or so many times the bytes of its file,
@@ -98,6 +106,53 @@ def each(path: Path, parts: Iterable[T]) -> Iterator[T]:
             except StopIteration:
                 return
         yield part
+
+
+def survived(path: Path, read: Callable[[], object], seconds: float = TRIED) -> None:
+    """UserError where `read` ends the process or has no end: what loops in C is told of no signal, and raises nothing.
+
+    It is tried in a copy of this process (fork), so it is read twice; what it raises there, it raises here again.
+    """
+    if resource is None:
+        return
+    allowed = math.ceil(seconds + path.stat().st_size / PACE)
+    pid = os.fork()
+    if pid == 0:
+        _alone(read, allowed)
+    until = time.monotonic() + 60.0 * allowed  # of the clock: others may work on this machine
+    status = None
+    try:
+        while status is None:
+            done, found = os.waitpid(pid, os.WNOHANG)
+            status = found if done else None
+            if not done and time.monotonic() > until:
+                break
+            time.sleep(0.0 if done else 0.002)
+    finally:
+        if status is None:
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+    if status is None or os.WIFSIGNALED(status):
+        number = signal.SIGXCPU if status is None else os.WTERMSIG(status)
+        if number in (signal.SIGXCPU, signal.SIGKILL):
+            raise UserError(f"{path}: found no end of it in {allowed} s of the processor")
+        raise UserError(f"{path}: is damaged: its library ends with {signal.Signals(number).name}")
+
+
+def _alone(read: Callable[[], object], seconds: int) -> None:
+    """In the copy: says nothing, leaves nothing, and ends."""
+    try:
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
+        faulthandler.disable()
+        signal.signal(signal.SIGXCPU, signal.SIG_DFL)
+        nothing = os.open(os.devnull, os.O_RDWR)
+        for number in (1, 2):
+            os.dup2(nothing, number)
+        with suppress(BaseException):  # the reader raises it again where somebody hears it
+            read()
+    finally:
+        os._exit(0)
 
 
 @contextmanager

@@ -46,7 +46,7 @@ def blocks(source: Source) -> Iterator[Frames]:
             source.add(float(time), name, body, flags | (FD if len(body) > 8 else 0))
             if source.full:
                 yield source.take()
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # the latter of what SQLite says of a damaged schema
         if not source.total:
             raise UserError(f"{source.path}: {error}, expected python-can's SQLite: a table messages") from None
         source.cut = f"unreadable after {source.last:.6f} s ({error})"

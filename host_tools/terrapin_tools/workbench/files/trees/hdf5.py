@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from terrapin_hil.reading import shorten
-from terrapin_tools.bounded import refuse_beyond
+from terrapin_tools.bounded import refuse_beyond, survived
 from terrapin_tools.errors import UserError
 from terrapin_tools.extras import need
 from terrapin_tools.workbench.files.trees.mat5 import OBJECT
@@ -26,9 +26,15 @@ _MATLAB = (b"double", b"single", b"logical", b"char", b"cell", b"struct", b"cano
 def hdf5_tree(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
     """The tree and the units of its arrays, by their place.
 
-    UserError for MATLAB's objects, for data of other files, and for more than it may stand for.
+    UserError for MATLAB's objects, for data of other files, for more than it may stand for, and for a damaged file in
+    which the library is lost (a heap of lengths 0 has no end).
     """
     need(f"{path.name}: {path.suffix}", "h5py", "hdf5")
+    survived(path, lambda: _tree(path))
+    return _tree(path)
+
+
+def _tree(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
     import h5py
 
     with h5py.File(path, "r") as file:
