@@ -330,6 +330,24 @@ static void test_at_most_twenty_tags_are_checked_in_a_tenth_of_a_second(void) {
     TEST_ASSERT_GREATER_OR_EQUAL_MESSAGE((20U * 10000U / 100U) - 20U, checked, "and a session has its twenty");
 }
 
+static void test_a_tenth_of_a_second_ends_at_100_ms(void) {
+    host h;
+    terrapin_seal_at(&link.seal, 5000U);
+    open_session(&h, 7U);
+    for (uint32_t i = 0; i < TERRAPIN_SEAL_CHECKS; i++) {
+        terrapin_frame wrong = sealed(&h, TERRAPIN_REQUEST_RUN);
+        h.time = 0U;
+        wrong.data[5] ^= 1U;
+        TEST_ASSERT_FALSE(commands(&wrong));
+    }
+    terrapin_seal_at(&link.seal, 5099U);
+    const terrapin_frame early = sealed(&h, TERRAPIN_REQUEST_RUN);
+    TEST_ASSERT_FALSE(commands(&early));
+    terrapin_seal_at(&link.seal, 5100U);
+    const terrapin_frame then = sealed(&h, TERRAPIN_REQUEST_RUN);
+    TEST_ASSERT_TRUE(commands(&then));
+}
+
 /* Whole recorded sessions: before a reset, after it, and against another running session. TERRAPIN_SESSIONS says how
  * many; 10,000 take two seconds. */
 static void test_whole_recorded_sessions(void) {
@@ -569,6 +587,7 @@ int main(int count, char **arguments) {
     RUN_TEST(test_replayed_reordered_delayed_and_changed_frames);
     RUN_TEST(test_a_million_guessed_tags);
     RUN_TEST(test_at_most_twenty_tags_are_checked_in_a_tenth_of_a_second);
+    RUN_TEST(test_a_tenth_of_a_second_ends_at_100_ms);
     RUN_TEST(test_whole_recorded_sessions);
     RUN_TEST(test_five_percent_loss_refuses_nothing);
     RUN_TEST(test_a_stranger_ends_no_session);
