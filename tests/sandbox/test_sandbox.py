@@ -60,7 +60,7 @@ def outcome(name: str) -> tuple[dict[str, list[ElementTree.Element]], str]:
 
 
 @pytest.mark.parametrize(
-    ("name", "function"), [(name, function) for name in ("bus", "lines") for function in functions(name)]
+    ("name", "function"), [(name, function) for name in ("bus", "lines", "hung") for function in functions(name)]
 )
 def test_inside(name: str, function: str) -> None:
     cases, output = outcome(name)
@@ -70,7 +70,7 @@ def test_inside(name: str, function: str) -> None:
         for kind in ("failure", "error"):
             if (found := case.find(kind)) is not None:
                 pytest.fail(f"{case.get('name')}:\n{found.text}", pytrace=False)
-    for said in re.findall(r"^.*(?:ticks/s|e-stop.s edge|slowest of).*$", output, re.MULTILINE):
+    for said in re.findall(r"^.*(?:ticks/s|e-stop.s edge|slowest of|hung \().*$", output, re.MULTILINE):
         print(said)
     if all(skip is not None for skip in skipped):
         pytest.skip(str(skipped[0].get("message") if skipped[0] is not None else ""))
