@@ -16,6 +16,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -26,6 +27,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from terrapin_tools.workbench.case.case import Case, load_case
+from terrapin_tools.workbench.discover.decide import with_curves
 from terrapin_tools.workbench.discover.discovery import LEVEL, Discovery, decided, weighed
 from terrapin_tools.workbench.story.answer import answer as as_json
 from terrapin_tools.workbench.story.told import told
@@ -72,6 +74,8 @@ class Cached:
                 path.write_bytes(cloudpickle.dumps(found))
             except TypeError:  # a contact's soil is a structure of the library in C
                 raise NotKept from None
+        found = replace(found, ranking=with_curves(found.analysis, found.ranking))
+        found = replace(found, whole=(found.whole[0], with_curves(*found.whole)))
         return decided(found, seed, level)
 
 

@@ -9,9 +9,9 @@ from casekit import ROLLING, rolling
 
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.compare.comparison import analyse, fitted_on
+from terrapin_tools.workbench.discover.misfit import explained, importance
 from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.discover.ranking import Ranking
-from terrapin_tools.workbench.discover.which_column import explained, importance
 
 OWN = """
 [effect.mine]

@@ -14,7 +14,7 @@ from terrapin_tools.workbench.compare.bayes_factor import WEIGHT
 from terrapin_tools.workbench.discover import discovery
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from terrapin_tools.workbench.discover.ranker import MISHAP
-from terrapin_tools.workbench.discover.unexplained import Blamed
+from terrapin_tools.workbench.discover.ranking import Blamed
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 from terrapin_tools.workbench.noise.mishaps import KINDS, LAGS, mishaps
@@ -126,7 +126,9 @@ def test_rows_left_out_beside_an_answer_that_is_none_come_back(
     monkeypatch.setattr(discovery, "stand_alone", lambda *_: next(looks))
     found = discover(case)
     if limited:
-        assert (found.verdict, found.analysis.odd.sum()) == ("unexplained", 0)
+        assert (found.verdict, found.analysis.odd.sum()) == ("partial", 0)
+        said = {found.ranking.expressions[name].expression for name in found.missing}
+        assert said == {"k*i", "k*(i > w)"}  # the resistance, and that something is else above the limit
         assert found.where[0].variable == "i"
         assert found.where[0].low > 10.0
     else:

@@ -29,7 +29,7 @@ from terrapin_tools.workbench.fleet.lines import json_line
 from terrapin_tools.workbench.story import answer, page, terminal
 from terrapin_tools.workbench.story.explain import explain
 from terrapin_tools.workbench.story.plot_data import page_data
-from terrapin_tools.workbench.story.story import Findings, Story
+from terrapin_tools.workbench.story.story import Findings, Part, Place, Story
 from terrapin_tools.workbench.story.terminal import tell, tell_shortly
 from terrapin_tools.workbench.story.told import found_by, told
 
@@ -39,6 +39,7 @@ CHIPS = {
     "doubtful": "no alarm",
     "missing": "something is missing",
     "ambiguous": "the data cannot tell",
+    "partial": "part is known",
     "unexplained": "unexplained",
 }
 
@@ -84,6 +85,9 @@ def _another(found: Findings | None, verdict: str) -> Findings:
         plan = Experiment(("load", "speed"), settings, {"temperature": 1e-9}, ("motor_heating", "x"), 2, 0.004, reason)
         rivals = (("motor_heating",), ("viscous_friction", "current_offset"))
         return replace(found, verdict=verdict, probability=0.4321, rivals=rivals, plan=plan)
+    if verdict == "partial":
+        part = Part(0.97, 1.7, Place("load", 12.3, 14.5, "current", -1.5))
+        return replace(found, verdict=verdict, probability=0.6543, part=part)
     return replace(
         found,
         verdict=verdict,

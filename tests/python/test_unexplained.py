@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
-from terrapin_tools.workbench.discover.unexplained import unknown
+from terrapin_tools.workbench.discover.unexplained import curves
 from terrapin_tools.workbench.story.answer import answer, read
 from terrapin_tools.workbench.story.effect_picture import as_svg
 from terrapin_tools.workbench.story.terminal import tell
@@ -63,8 +63,7 @@ def test_a_formula_that_is_true_beats_the_curve() -> None:
 
 def test_each_column_has_its_share_of_the_prior() -> None:
     analysis = (found := hidden("current", "k*sin(humidity/4)", "humidity")[1]).analysis
-    assert found.ranking.evidence is not None
-    every = unknown(analysis, found.ranking.evidence)
+    every = [one for one in curves(analysis, found.ranking) if one.kind == "unknown"]
     columns = [one.column for one in every]
     assert len(set(columns)) == len(columns)
     assert max(every, key=lambda one: one.log_weight).column == "humidity"

@@ -32,7 +32,7 @@ class Answer:
 
     @property
     def verdict(self) -> str:
-        """`adequate`, `missing`, `ambiguous` or `unexplained`."""
+        """`adequate`, `missing`, `ambiguous`, `partial` or `unexplained`."""
         return self._story.verdict
 
     @property

@@ -17,7 +17,7 @@ from terrapin_tools.workbench.noise.covariance import Node, orthonormal
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import SIZES
 
-__all__ = ["BENT", "EVEN", "Operating", "calibrated", "operating_characteristic"]
+__all__ = ["EVEN", "Operating", "calibrated", "operating_characteristic"]
 
 # Log odds of being right = slope * log odds of the posterior + shift, with one slope below even odds and one above, by
 # verdict, and for an effect to be part of it. What is told, alone or among others, and an effect that is part of it
@@ -29,6 +29,7 @@ MAP = {
     "effect": ANSWER,
     "missing": ANSWER,
     "ambiguous": ANSWER,
+    "partial": ANSWER,
     "mishap": (1.0, 1.0, 0.0),
     "unexplained": (1.0, 1.0, 0.0),
     "nothing": (1.36, 1.36, 1.73),
@@ -37,11 +38,6 @@ CEILING = 0.995  # probability at most; the campaigns are too few to check a lar
 # Of "nothing known explains it" at most: a known truth in noise of another kind than those that are weighed, or beyond
 # what is searched, looks like that, too. Chosen by hand.
 OUTSIDE = 0.8
-# Of a formula with a shape that looks like many others over a limited range (a saturation, a decay, a dead zone, a
-# power like 1.5, a cubic of one sign), or of a zero point, at most: where the truth is none of the shapes that are
-# tried, one of these stands for it. Of 20 such answers above 0.7, of 236 cases by somebody who had read the docs only,
-# 9 were right. So also of two formulas in one column, and of a set of which one member's size is less than its sd.
-BENT = 0.8
 EVEN = 0.5  # probability of "nothing" below which no text calls the model adequate: something is then likelier
 DRAWS = 200  # simulated cases; chosen by hand: a rate of 0.5 is known to +- 0.035
 

@@ -65,7 +65,6 @@ class Sketch:
     grid: tuple[float, ...]  # further starts of a scale
     prior: float
     size: str = "k"  # the name of its size
-    bends: bool = False  # as Term has it
 
 
 @dataclass(frozen=True)
@@ -182,7 +181,6 @@ def library(
                             term.grid,
                             target_prior * term.prior * factor_prior * own_prior,
                             size_name,
-                            term.bends,
                         )
                     )
                     columns.append((change / size).reshape(-1))

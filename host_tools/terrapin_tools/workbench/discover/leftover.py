@@ -7,7 +7,7 @@ factor of b has a p-value of at most 1/b (Markov's inequality), and only clear c
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -31,9 +31,9 @@ __all__ = [
     "Left",
     "absent",
     "allowed",
+    "around",
     "doubts",
     "left",
-    "loses",
     "noise_left",
     "pays",
     "sd_of",
@@ -47,7 +47,6 @@ FLOOR = np.sqrt(1.25)
 SETTINGS = 6  # that are repeated in several runs, to ask what they have in common; chosen by hand
 PULLED = 9.0  # of its variance that a parameter at its bound would gain beyond it: three sd, as usual
 RESTLESS = 2.0  # times the scatter from row to row that what is left may be, of white noise: 1; chosen by hand
-SILENCED = 0.2  # of the training error before, that is left in both; chosen by hand
 SURELY = 20.0  # times as likely as none, from which a lag is allowed for; chosen by hand, as usual
 NOISE = 2.0  # standard deviations of the mean square above 1 that noise may explain: the usual two sd
 
@@ -82,11 +81,16 @@ class Doubts:
 def noise_left(analysis: Analysis, fit: Fit) -> tuple[Node, float]:
     """The likeliest kind of noise around an answer, and the sd of a row in it, in noise sd of the analysis: what is
     missing looks like offsets of the runs as long as it is."""
+    return around(analysis, fit, analysis.noise.kinds).likeliest()
+
+
+def around(analysis: Analysis, fit: Fit, nodes: Collection[int] | None) -> Evidence:
+    """Evidence of what is missing beside an answer; `nodes`: kinds of noise, places in NODES."""
     sigma, rows = analysis.noise.sigma, analysis.rows
     prediction, residual, slopes = free_slopes(fit, sigma, rows)
     base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
     runs = Runs(analysis.case.run[rows], len(residual), prediction, analysis.felt, ~analysis.noise.known)
-    return Evidence(runs, residual / sigma[:, None], base, analysis.noise.behind, analysis.noise.kinds).likeliest()
+    return Evidence(runs, residual / sigma[:, None], base, analysis.noise.behind, nodes)
 
 
 def sd_of(analysis: Analysis, fit: Fit) -> Array:
@@ -262,29 +266,3 @@ def pays(analysis: Analysis, longer: Fit, shorter: Fit) -> bool:
         return True
     ratio = before / max(after, 1e-300)
     return bool(not analysis.noise.known.all() and ratio > FLOOR and np.log(ratio) > enough)
-
-
-def loses(analysis: Analysis, fit: Fit) -> bool:
-    """Whether the held-out runs are predicted worse with an answer than without: in the rows that were looked at, or
-    with those of the others that the answer changes more than any row that was looked at. A term that is large only
-    where rows stand alone is known by nothing else; elsewhere an outlier says nothing for or against it. Where nearly
-    all of a large misfit is gone, and little is left in the held-out runs, these had little of what is missing."""
-    case, sigma = analysis.case, analysis.noise.sigma
-    loud, quiet = (error(one, case.train, sigma) for one in (analysis.fit, fit))
-    assert loud is not None
-    for rows in (case.test, case.test | (analysis.held & _beyond(analysis, fit))):
-        before, after = (error(one, rows, sigma) for one in (analysis.fit, fit))
-        if before is None or after is None or not np.isfinite(before) or after <= before:
-            continue
-        if not (quiet is not None and max(quiet, after) < SILENCED * loud):
-            return True
-    return False
-
-
-def _beyond(analysis: Analysis, fit: Fit) -> Mask:
-    """Of all rows those in which an answer changes a channel by more than in any row that was looked at."""
-    case = analysis.case
-    every, looked_at = np.ones(case.rows, dtype=bool), case.train | case.test
-    change = np.abs(predict(fit, every) - predict(analysis.fit, every))
-    with np.errstate(invalid="ignore"):
-        return np.asarray(~(change <= change[:, looked_at].max(axis=1, keepdims=True)).all(axis=0))

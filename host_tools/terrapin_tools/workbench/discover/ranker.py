@@ -41,7 +41,7 @@ class Hypothesis:
     """A set of effects that may be missing, with its log of evidence times prior.
 
     `kind` is nothing, catalogue, expression, mixed (catalogued effects and an expression), unknown (a curve of a column
-    that has no formula), or that of a mishap.
+    that has no formula), part (a set, and such a curve beside it), or that of a mishap.
     """
 
     effects: tuple[str, ...]

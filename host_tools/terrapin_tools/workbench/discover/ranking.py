@@ -15,14 +15,12 @@ import numpy as np
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
-from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.discover.closure import neighbours, twins
 from terrapin_tools.workbench.discover.expression_answers import expression_pairs, expressions, paying
 from terrapin_tools.workbench.discover.expressions import read_by
 from terrapin_tools.workbench.discover.ranker import MISHAP, SIZE_OF_SET, Hypothesis, Ranker, by_effect
 from terrapin_tools.workbench.discover.suspect_answers import beside_constants, table_answers
-from terrapin_tools.workbench.discover.unexplained import Blamed, unknown
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.usual_sizes import MOST_TAX
@@ -30,7 +28,7 @@ from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 from terrapin_tools.workbench.noise.mishaps import KINDS
 
-__all__ = ["Hypothesis", "Ranking", "rank"]
+__all__ = ["Blamed", "Hypothesis", "Ranking", "rank"]
 
 PAIRS_REFITTED = 12  # pairs at most; chosen by hand, for time
 PAIRS_ANYWAY = 6  # of them, however far behind they look around the present fit; chosen by hand
@@ -46,6 +44,15 @@ SHOWN = 10  # likeliest answers whose expressions are also refitted alone, for t
 
 
 @dataclass(frozen=True)
+class Blamed:
+    """What went wrong on the rig, not in the model: `run`, those that stand out; `change`, those before and after it;
+    `warming`, how the test begins; `start`, how each run begins; `lag`, an instrument that comes late."""
+
+    kind: str
+    runs: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Ranking:
     """Hypotheses with their posterior probabilities, likeliest first; and what the ranking was made from."""
 
@@ -55,8 +62,6 @@ class Ranking:
     alone: Mapping[str, Hypothesis]  # every expression of the likeliest answers alone
     expressions: Mapping[str, Effect]  # by the name they were given
     columns: Mapping[str, str]  # of each expression, the column whose shape it is
-    # expressions with a shape that looks like many others, and zero points: they bend a curve like many shapes
-    bent: frozenset[str] = frozenset()
     shapes: tuple[Shape, ...] = field(repr=False, default=())
     evidence: Evidence | None = field(repr=False, default=None)
 
@@ -84,24 +89,17 @@ class Ranking:
             return Blamed(kind, (names[names.index(after) - 1], after))
         return Blamed(kind, tuple(h.column for h, p in mine if h.column and p >= LISTED * share[kind]))
 
-    @property
-    def curve(self) -> str:
-        """The column of a curve without a formula, where such curves are likelier than all else that may be wrong."""
-        if self.blind or self.probability("unknown") < LISTED * (1.0 - self.probability("nothing")):
-            return ""
-        return next((h.column for h in self.hypotheses if h.kind == "unknown"), "")
-
     def inclusion(self, effect: str) -> float:
         """Probability that an effect, or an expression as it is written, is part of what is missing."""
         return float(sum(p for h, p in zip(self.hypotheses, self.posterior, strict=True) if effect in h.effects))
 
     def column_inclusion(self, column: str) -> float:
-        """Probability that some expression in a column is part of what is missing."""
+        """Probability that some expression in a column, or a curve in it without one, is part of what is missing."""
         return float(
             sum(
                 p
                 for h, p in zip(self.hypotheses, self.posterior, strict=True)
-                if (h.kind == "expression" and not h.effects and h.column == column)
+                if (h.kind in ("expression", "unknown", "part") and h.column == column)
                 or any(self.columns.get(name) == column for name in h.effects)
             )
         )
@@ -139,7 +137,6 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
         found += expression_pairs(ranker)
         report("what lies next to the best answers")
         found += neighbours(ranker, found)
-    found += unknown(analysis, ranker.evidence)
     unlike: dict[frozenset[str], Hypothesis] = {}
     for h in sorted(found, key=lambda h: -h.log_weight):
         unlike.setdefault(frozenset(h.effects) if h.effects else frozenset([h.kind, h.column]), h)
@@ -158,10 +155,6 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
         alone={h.effects[0]: h for h in renamed[len(ranked) :]},
         expressions=effects,
         columns={name: sketch.column for name, sketch in sketches.items()},
-        bent=frozenset(
-            [name for name, sketch in sketches.items() if sketch.bends]
-            + [name for name in ranker.suspects if name.startswith(ZERO)]
-        ),
         shapes=tuple(ranker.flat),
         evidence=ranker.evidence,
     )

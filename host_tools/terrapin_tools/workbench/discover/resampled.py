@@ -59,7 +59,12 @@ def selection(analysis: Analysis, ranking: Ranking, draws: int, seed: int) -> tu
     logs: list[Array] = []
     for hypothesis, posterior in zip(ranking.hypotheses, ranking.posterior, strict=True):
         fit = analysis.fit if hypothesis.kind == "nothing" else hypothesis.fit
-        if fit is None or (posterior < CHANCE and hypothesis.kind != "nothing") or len(taking_part) == ANSWERS:
+        if (
+            hypothesis.kind == "part"
+            or fit is None
+            or (posterior < CHANCE and hypothesis.kind != "nothing")
+            or len(taking_part) == ANSWERS
+        ):
             continue
         try:
             linear = linearise(fit, hypothesis.effects, values, analysis.rows, analysis.noise.sigma)

@@ -38,7 +38,6 @@ class Term:
     plain: bool = True  # stands beside any factor; a step beside the direction of motion only
     grid: tuple[float, ...] = ()  # further start values of its scale, for a refit
     centred: bool = False  # for what a law is multiplied with: its own constant keeps its meaning, and its bounds
-    bends: bool = False  # one of the shapes that look like many others over a limited range
 
 
 def shapes(
@@ -57,8 +56,8 @@ def shapes(
     one_sign = low >= 0.0 or high <= 0.0
     scale = (0.02 * size, 1.2 * size)
 
-    def term(text: str, prior: float, bends: bool = False) -> Term:
-        return Term(text, {}, (-np.inf, np.inf), prior, bends=bends)
+    def term(text: str, prior: float) -> Term:
+        return Term(text, {}, (-np.inf, np.inf), prior)
 
     if set(np.unique(values)) == {0.0, 1.0}:  # in one group or not: every other shape is the same
         return [term(name, 1.0)]
@@ -67,12 +66,12 @@ def shapes(
     found = [
         term(name, 1.0),
         term(f"{name}**2", SHAPE_COST),
-        term(f"{name}**3", SHAPE_COST**1.5, bends=one_sign),
-        term(f"{name}**4", SHAPE_COST**2.5, bends=one_sign),
-        term(f"{magnitude}**1.5", SHAPE_COST**2, bends=True),
+        term(f"{name}**3", SHAPE_COST**1.5),
+        term(f"{name}**4", SHAPE_COST**2.5),
+        term(f"{magnitude}**1.5", SHAPE_COST**2),
     ]
     if unit == "rad" and span > 1.0:
-        found += [term(f"{wave}({name})", SHAPE_COST, bends=span < 3.0) for wave in ("sin", "cos")]
+        found += [term(f"{wave}({name})", SHAPE_COST) for wave in ("sin", "cos")]
     if one_sign:
         middle = f"{'-' if low >= 0.0 else '+'} {abs(0.5 * (low + high)):.3g}"
         found.append(Term(f"({name} {middle})", {}, (-np.inf, np.inf), 1.0, centred=True))
@@ -90,20 +89,20 @@ def shapes(
             term(f"abs({name})", SHAPE_COST),
             term(f"{name}*abs({name})", SHAPE_COST),
             term(f"sign({name})", SHAPE_COST),
-            term(f"abs({name})**3", SHAPE_COST**2, bends=True),
-            term(f"sqrt(abs({name}))", SHAPE_COST**1.5, bends=True),
-            term(f"sign({name})*sqrt(abs({name}))", SHAPE_COST**1.5, bends=True),
+            term(f"abs({name})**3", SHAPE_COST**2),
+            term(f"sqrt(abs({name}))", SHAPE_COST**1.5),
+            term(f"sign({name})*sqrt(abs({name}))", SHAPE_COST**1.5),
         ]
     dead = (floor + lowest * (top - floor), floor + 0.85 * (top - floor))  # outside, a threshold is a straight line
     for share in ((0.25,) if lowest < 0.25 else ()) + (0.45, 0.7):
         start = {w: floor + share * (top - floor)}
-        found.append(Term(f"max({magnitude} - {w}, 0)", start, dead, SHAPE_COST**3, bends=True))
+        found.append(Term(f"max({magnitude} - {w}, 0)", start, dead, SHAPE_COST**3))
         if not one_sign:
-            found.append(Term(f"sign({name})*max({magnitude} - {w}, 0)", start, dead, SHAPE_COST**3, bends=True))
+            found.append(Term(f"sign({name})*max({magnitude} - {w}, 0)", start, dead, SHAPE_COST**3))
     if floor < 0.5 * top:  # else a saturation is out of sight
         for share in (0.1, 0.3):
             prior = 0.5 * SHAPE_COST**1.5
-            found.append(Term(f"tanh({name}/{w})", {w: share * size}, scale, prior, bends=True))
+            found.append(Term(f"tanh({name}/{w})", {w: share * size}, scale, prior))
     if low > 0.0:
         if unit in ("", "1"):
             found.append(term(f"log({name})", SHAPE_COST))
@@ -113,11 +112,11 @@ def shapes(
             found.append(term(f"1/{name}", SHAPE_COST))
     if low >= 0.0 and span > 0.0:
         for share in (0.06, 0.15, 0.4, 1.0):
-            found.append(Term(f"exp(-{name}/{tau})", {tau: share * high}, scale, 0.25 * SHAPE_COST, bends=True))
+            found.append(Term(f"exp(-{name}/{tau})", {tau: share * high}, scale, 0.25 * SHAPE_COST))
     else:
         for share in (0.15, 0.5):
             start = {tau: share * size}
-            found.append(Term(f"exp(-abs({name})/{tau})", start, scale, 0.5 * SHAPE_COST**1.5, bends=True))
+            found.append(Term(f"exp(-abs({name})/{tau})", start, scale, 0.5 * SHAPE_COST**1.5))
     found += _steps(name, values, w)
     if not one_sign:
         found += _steps(f"abs({name})", np.abs(values), w)

@@ -11,12 +11,14 @@ from terrapin_tools.workbench.case import history
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.compare.together import Together
 from terrapin_tools.workbench.discover.certainty import Operating
-from terrapin_tools.workbench.discover.names import Step, Weight
+from terrapin_tools.workbench.discover.decide import Weight
+from terrapin_tools.workbench.discover.misfit import Step
+from terrapin_tools.workbench.discover.ranking import Blamed
 from terrapin_tools.workbench.discover.resampled import Selected
-from terrapin_tools.workbench.discover.unexplained import Blamed, Curve
+from terrapin_tools.workbench.discover.unexplained import Curve
 from terrapin_tools.workbench.experiment.proposal import Experiment
 from terrapin_tools.workbench.files.json_text import finite
-from terrapin_tools.workbench.story.story import Findings, Goal, NoiseTold, Place, Proposal, Rung, Story, Value
+from terrapin_tools.workbench.story.story import Findings, Goal, NoiseTold, Part, Place, Proposal, Rung, Story, Value
 
 __all__ = ["SCHEMA", "answer", "keep", "places", "proposal", "read", "recall"]
 
@@ -32,7 +34,8 @@ def answer(story: Story) -> dict[str, Any]:
             "answer_probability": found.probability,
             "candidates": [{**vars(c), "parameters": _values(c.parameters)} for c in found.candidates],
             "rivals": found.rivals,
-            "part": found.part,
+            "part": found.missing if found.part else (),
+            "rest": found.part and _rest(found.part),
             "front": [vars(one) for one in found.front],
             "weighed": [vars(one) for one in found.weighed],
             "next_experiment": found.plan and vars(found.plan),
@@ -82,6 +85,10 @@ def answer(story: Story) -> dict[str, Any]:
         "seconds": story.seconds,
     }
     return dict(finite(parts))
+
+
+def _rest(one: Part) -> dict[str, Any]:
+    return {"takes": one.takes, "left": one.left, "where": places([one.at])[0]}
 
 
 def _tied(one: Together) -> dict[str, Any]:
@@ -136,10 +143,7 @@ def read(kept: Mapping[str, Any]) -> Findings:
         candidates=tuple(proposal(one) for one in kept["candidates"]),
         rivals=tuple(tuple(effects) for effects in kept["rivals"]),
         plan=Experiment(**plan) if plan else None,
-        where=tuple(
-            Place(p["variable"], p["range"][0], p["range"][1], p["channel"], p["mean_residual_in_sd"], way)
-            for p, way in zip(kept["where"], along, strict=True)
-        ),
+        where=tuple(_place(p, way) for p, way in zip(kept["where"], along, strict=True)),
         ladder=tuple(Rung(**rung) for rung in kept["ladder"]),
         blamed=_blamed(kept),
         unknown=_curve(kept.get("unknown")),
@@ -149,11 +153,22 @@ def read(kept: Mapping[str, Any]) -> Findings:
         remarks=tuple(kept.get("remarks", ())),
         then={name: float(error) for name, error in kept.get("then", {}).items()},
         noise=_noise(kept),
-        front=tuple(Step(**{**one, "effects": tuple(one["effects"])}) for one in kept.get("front", ())),
+        part=_kept_part(kept["rest"]),
         weighed=tuple(
-            Weight(**{**one, "sets": tuple(tuple(names) for names in one["sets"])}) for one in kept.get("weighed", ())
+            Weight(w["kind"], tuple(tuple(names) for names in w["sets"]), w["column"], w["probability"])
+            for w in kept["weighed"]
         ),
+        front=tuple(Step(**{**one, "effects": tuple(one["effects"])}) for one in kept["front"]),
     )
+
+
+def _place(kept: Mapping[str, Any], along: bool = False) -> Place:
+    low, high = kept["range"]
+    return Place(kept["variable"], low, high, kept["channel"], kept["mean_residual_in_sd"], along)
+
+
+def _kept_part(kept: Mapping[str, Any] | None) -> Part | None:
+    return Part(kept["takes"], kept["left"], _place(kept["where"])) if kept else None
 
 
 def _noise(kept: Mapping[str, Any]) -> NoiseTold:

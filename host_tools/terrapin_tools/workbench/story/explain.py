@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from terrapin_tools.workbench.discover.names import Step, Weight
-from terrapin_tools.workbench.story.sentences import chance, in_sd, number, spelt
+from terrapin_tools.workbench.discover.decide import ALONE, CREDIBLE, Weight
+from terrapin_tools.workbench.discover.misfit import Step
+from terrapin_tools.workbench.story.sentences import chance, in_sd, number, percent, spelt
 from terrapin_tools.workbench.story.story import Findings, Story
 
 __all__ = ["explain"]
@@ -19,6 +20,7 @@ WORDS = {
     "warming": "how the test begins",
     "start": "how each run begins",
     "lag": "an instrument that comes late",
+    "expression": "one of the other formulas in",
     "rest": "the same with terms that add nothing, all together",
 }
 
@@ -36,7 +38,10 @@ def explain(story: Story) -> str:
     for one in [*own[:SHOWN], *(one for one in found.weighed if one.kind == "rest")]:
         less = "" if one is own[0] or one.kind == "rest" else f", {_times(first / one.probability)} times less"
         lines.append(f"  {chance(one.probability)}{less}: {_what(found, one)}")
-    lines.append("What predicts the same on these rows is one answer with several names; its probability is the sum.")
+    lines.append(
+        f"One answer is told alone from {percent(ALONE)} of what all sets have together, else as many as have "
+        f"{percent(CREDIBLE)}. What predicts the same on these rows is one answer, and its probability is the sum."
+    )
     if own[1:]:
         odds = first / own[1].probability
         far = number(math.sqrt(2.0 * math.log(max(odds, 1.0))), 2)
@@ -54,6 +59,8 @@ def _times(odds: float) -> str:
 def _what(found: Findings, one: Weight) -> str:
     sets = " or ".join(" + ".join(spelt(found, names)) for names in one.sets)
     curve = f"a curve in {one.column} that has no formula"
+    if one.kind == "part":
+        return f"{sets}, and {curve}"
     return sets or (curve if one.kind == "unknown" else f"{WORDS[one.kind]} {one.column}".rstrip())
 
 

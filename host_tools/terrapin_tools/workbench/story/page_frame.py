@@ -20,7 +20,7 @@ header{display:flex;align-items:center;gap:4px 16px;flex-wrap:wrap;padding:8px 2
 border-bottom:1px solid var(--line)}
 header h1{font-size:16px;margin:0}header .what{color:var(--soft)}
 .verdict{margin-left:auto;padding:3px 12px;border-radius:14px;font-weight:600;border:1px solid currentColor}
-.v-adequate{color:var(--teal)}.v-missing{color:var(--red)}.v-ambiguous,.v-unexplained{color:var(--amber)}
+.v-adequate{color:var(--teal)}.v-missing{color:var(--red)}.v-ambiguous,.v-partial,.v-unexplained{color:var(--amber)}
 .lead{padding:8px 20px 0;max-width:1640px;margin:auto}.lead p{font-size:16px;font-weight:600;margin:0}
 .where{margin:2px 0 0;padding:0;list-style:none;display:flex;flex-wrap:wrap;gap:0 18px;color:var(--soft);font-size:13px}
 .where b{color:var(--ink)}.where .warn{color:var(--amber)}

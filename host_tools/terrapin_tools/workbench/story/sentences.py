@@ -11,20 +11,19 @@ from terrapin_tools.workbench.compare.intervals import Interval
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.compare.together import Together
 from terrapin_tools.workbench.discover.certainty import EVEN, Operating
+from terrapin_tools.workbench.discover.ranking import Blamed
 from terrapin_tools.workbench.discover.resampled import Selected
-from terrapin_tools.workbench.discover.unexplained import DIRECTION, Blamed, Curve
+from terrapin_tools.workbench.discover.unexplained import DIRECTION, Curve
 from terrapin_tools.workbench.experiment.proposal import Experiment
-from terrapin_tools.workbench.story.story import Findings, Goal, Next, NoiseTold, Place, Proposal, Rung, Value
+from terrapin_tools.workbench.story.story import Findings, Goal, Next, NoiseTold, Part, Place, Proposal, Rung, Value
 
 __all__ = [
     "BY_RUN",
     "HEADINGS",
-    "LOOKS_LIKE_OTHERS",
     "NOT_LOOKED",
     "acts",
     "alarm",
     "amount",
-    "best_leaves",
     "carried",
     "chance",
     "chances",
@@ -64,9 +63,9 @@ CHIPS = {
     "doubtful": "no alarm",
     "missing": "something is missing",
     "ambiguous": "the data cannot tell",
+    "partial": "part is known",
     "unexplained": "unexplained",
 }
-LOOKS_LIKE_OTHERS = "The curve is known, what it is made of less so: other shapes look alike on these data."
 SHOWN_ROWS = 4  # rows that are named at most
 HEADINGS = {  # over the candidates, and what the number beside each of them is; "" for every other verdict
     "": ("What is missing", "probability to be part of it"),
@@ -211,16 +210,9 @@ def headline(found: Findings | None, lacking: bool, p: float, level: float, stra
         if found.unknown:
             return _curve(found.unknown, found.probability)
         on = f" It depends on {found.where[0].variable} most." if found.where else ""
-        if found.part:
-            more = "more is missing, which no catalogued effect and no short expression explains"
-            are = "is" if len(found.part) == 1 else "are"
-            return f"{_joined(spelt(found, found.part))} {are} part of it; with probability {sure} {more}.{on}"
-        if found.probability < EVEN:
-            return (
-                "What is left has a pattern, but no likely term predicts the held-out runs better than the model as it "
-                f"is, so none is named; that nothing known explains it has only probability {sure}.{on}"
-            )
         return f"With probability {sure} no catalogued effect and no short expression explains what is missing.{on}"
+    if found.verdict == "partial" and found.part:
+        return _partial(found, found.part, missing)
     before, after = [rung.heldout_error for rung in (found.ladder[0], *found.ladder)[-2:]]
     faults = [one for one in found.candidates if one.effect in found.missing and one.kind in FAULTS]
     fall = ""
@@ -233,6 +225,21 @@ def headline(found: Findings | None, lacking: bool, p: float, level: float, stra
     lacks = _joined(spelt(found, [name for name in found.missing if name not in {one.effect for one in faults}]))
     beside = f"the model lacks {lacks} and the case" if lacks else "nothing is missing, but the case"
     return f"With probability {sure} {beside} has a fault ({what}){fall}."
+
+
+def _partial(found: Findings, part: Part, missing: str) -> str:
+    """What is named, how much of the misfit that is, and what is left where."""
+    if found.unknown:
+        more = _curve(found.unknown, found.probability, "beside it the model")
+    else:
+        more = f"With probability {chance(found.probability)} more is missing, which no formula here takes away."
+    many = len(found.missing)
+    terms = f"{number(many)} terms take" if many > 1 else "it takes"
+    at = f"{part.at.variable} {span(part.at.low, part.at.high)}"
+    return (
+        f"Mostly {missing}: {terms} {percent(part.takes)} of the misfit; {in_sd(part.left)} noise sd are left in all, "
+        f"largest at {at}. {more}"
+    )
 
 
 def span(low: float, high: float) -> str:
@@ -279,10 +286,10 @@ def _mishap(blamed: Blamed, probability: float) -> str:
     )
 
 
-def _curve(one: Curve, probability: float) -> str:
+def _curve(one: Curve, probability: float, what: str = "the model") -> str:
     by = {"": "", DIRECTION: ", times the direction of motion"}.get(one.by, f", times {one.by}")
     return (
-        f"With probability {chance(probability)} the model lacks something that depends on {one.column}{by}, and no "
+        f"With probability {chance(probability)} {what} lacks something that depends on {one.column}{by}, and no "
         f"formula is known for it: in {one.channel} it makes {number(one.rms, 2)}{behind(one.channel_unit)} rms, "
         f"{in_sd(one.in_sd)} noise sd."
     )
@@ -311,11 +318,6 @@ def doubt(likeliest: Sequence[str], column: str, blind: bool) -> tuple[str, ...]
     )
 
 
-def best_leaves(best: Rung) -> str:
-    errors = f"{in_sd(best.train_error)} training, {in_sd(best.heldout_error)} held out"
-    return f"The best set, {best.added}, leaves more than noise: error {errors}."
-
-
 def unsure(at_bound: Sequence[str], restless: Mapping[str, float]) -> tuple[str, ...]:
     """Why an answer about equations of the user's own is not sure: `restless` has the channels with how many times the
     scatter from row to row they keep."""
@@ -329,12 +331,6 @@ def unsure(at_bound: Sequence[str], restless: Mapping[str, float]) -> tuple[str,
         for name, times in restless.items()
     ]
     return tuple(found)
-
-
-def unproved(best: Rung, before: float, after: float) -> str:
-    """What the likeliest set does to the held-out runs [noise sd], where that speaks against it."""
-    rises = f"the error of the held-out runs rises from {in_sd(before)} to {in_sd(after)} noise sd"
-    return f"Likeliest is {best.added}, but with it {rises}. More runs would decide."
 
 
 def constant_in_set(rung: Rung, name: str, value: float, stated: float, unit: str) -> str:
@@ -515,11 +511,10 @@ def next_step(
     add = f"terrapin add {folder} {' '.join(found.missing)}"
     if found.verdict == "missing":
         return Next("add", "Put it in, and see the error fall.", offer="Add it", command=add)
+    if found.verdict == "partial":
+        text = "Put in what is part of it, and look again at what is left."
+        return Next("add", text, offer="Add it" if len(found.missing) == 1 else "Add them", command=add)
     if found.verdict == "unexplained":
-        if found.part:
-            text = "Put in what is surely part of it, and look again at what is left."
-            command = f"terrapin add {folder} {' '.join(found.part)}"
-            return Next("add", text, offer="Add it" if len(found.part) == 1 else "Add them", command=command)
         if found.unknown:
             text = (
                 f"Measure between the settings of {found.unknown.column} that you have, and look at the curve: it says "

@@ -11,23 +11,33 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from terrapin_tools.workbench.case.changes import OwnEffect, OwnParameter
-from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.groups import Differing
 from terrapin_tools.workbench.compare.intervals import Interval
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.compare.together import Together
 from terrapin_tools.workbench.discover.certainty import Operating
-from terrapin_tools.workbench.discover.names import Step, Weight
+from terrapin_tools.workbench.discover.decide import Weight
+from terrapin_tools.workbench.discover.misfit import Step
+from terrapin_tools.workbench.discover.ranking import Blamed
 from terrapin_tools.workbench.discover.resampled import Selected
-from terrapin_tools.workbench.discover.unexplained import Blamed, Curve
+from terrapin_tools.workbench.discover.unexplained import Curve
 from terrapin_tools.workbench.experiment.proposal import Experiment
 from terrapin_tools.workbench.noise.stated import FAR
 
-__all__ = ["Card", "Channel", "Findings", "Goal", "Next", "NoiseTold", "Place", "Proposal", "Rung", "Story", "Value"]
-
-# Probability, and share of the misfit that an effect and a formula take away alone, from which a candidate is surely
-# part of what is not explained. Chosen by hand.
-SURELY, LIKELY, PART, MOST = 0.9, 0.5, 0.1, 0.7
+__all__ = [
+    "Card",
+    "Channel",
+    "Findings",
+    "Goal",
+    "Next",
+    "NoiseTold",
+    "Part",
+    "Place",
+    "Proposal",
+    "Rung",
+    "Story",
+    "Value",
+]
 
 
 @dataclass(frozen=True)
@@ -116,6 +126,15 @@ class Place:
 
 
 @dataclass(frozen=True)
+class Part:
+    """What is named takes the share `takes` of the misfit; `left` (rms, noise sd) stays, most of it at a place."""
+
+    takes: float
+    left: float
+    at: Place
+
+
+@dataclass(frozen=True)
 class Proposal:
     """One effect alone: the probability that it is part of what is missing, and what adding it alone does."""
 
@@ -128,7 +147,7 @@ class Proposal:
     noise_ratio: float | None  # error on held-out runs, in noise sd
     parameters: Mapping[str, Value]
     explains: float  # share of the misfit
-    column_probability: float | None = None  # of an expression: that some expression in its column is
+    column_probability: float | None = None  # of an expression: that some expression or curve in its column is
     mend: Mapping[str, float | str | int] | None = None  # of a fault of the table: what puts the column right
 
     @property
@@ -142,7 +161,7 @@ class Proposal:
 class Findings:
     """What discover adds to what compare says: what its JSON keeps, and two things that only the kept answer has."""
 
-    verdict: str  # adequate, missing, ambiguous or unexplained
+    verdict: str  # adequate, missing, ambiguous, partial or unexplained
     missing: tuple[str, ...]
     probability: float  # that exactly this is missing (adequate: that nothing is)
     candidates: tuple[Proposal, ...]  # likeliest first
@@ -158,27 +177,9 @@ class Findings:
     remarks: tuple[str, ...]  # sentences that need more than is kept
     then: Mapping[str, float]  # rms error with what is missing, by channel: held-out runs, else the training runs
     noise: NoiseTold  # around what is named
+    part: Part | None = None  # of verdict partial
     front: tuple[Step, ...] = ()  # the likeliest set of no, one, two ... terms
     weighed: tuple[Weight, ...] = ()  # all that was, likeliest first
-
-    @property
-    def part(self) -> tuple[str, ...]:
-        """Of what is not explained: candidates that are surely part of it. A formula or a zero point must explain most
-        of it, because these imitate what is not known; a formula counts where some formula in its column is sure, and
-        it is likelier than not."""
-        if self.verdict != "unexplained" or self.blamed:
-            return ()
-        return tuple(
-            one.effect
-            for one in self.candidates
-            if max(one.probability, one.column_probability or 0.0) >= SURELY
-            and one.probability >= LIKELY
-            and one.explains >= (MOST if _imitates(one) else PART)
-        )
-
-
-def _imitates(one: Proposal) -> bool:
-    return one.kind != "catalogue" or one.effect.startswith(ZERO)
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ from terrapin_tools.workbench.story.story import (
     Findings,
     Goal,
     NoiseTold,
+    Part,
     Place,
     Proposal,
     Rung,
@@ -130,16 +131,8 @@ def found_by(discovery: Discovery) -> Findings:
         likeliest = max(discovery.ranking.hypotheses, key=lambda h: h.log_weight)
         if not far_above_stated(analysis):
             remarks = sentences.doubt(likeliest.effects, likeliest.column, discovery.ranking.blind)
-    elif discovery.verdict == "unexplained" and discovery.leaves and discovery.best and not discovery.blamed:
-        remarks = (sentences.best_leaves(*_rungs([discovery.best])),)
-    elif discovery.verdict == "unexplained" and discovery.best and not discovery.blamed:
-        (first, best) = _rungs([discovery.ladder[0], discovery.best])
-        if first.heldout_error and best.heldout_error and best.heldout_error > first.heldout_error:
-            remarks = (sentences.unproved(best, first.heldout_error, best.heldout_error),)
     elif own := [c.effect for c in candidates if c.kind == "expression" and c.effect in discovery.missing]:
         remarks = (sentences.only_here(own),)
-    if discovery.bent:
-        remarks += (sentences.LOOKS_LIKE_OTHERS,)
     remarks += _constants_in_sets(discovery, noise)
     remarks += sentences.unsure(discovery.doubts.at_bound, discovery.doubts.restless)
     return Findings(
@@ -159,16 +152,30 @@ def found_by(discovery: Discovery) -> Findings:
         remarks=remarks,
         then=_rms(analysis, fit) if discovery.missing else {},
         noise=_noise(analysis, noise, noise_findings(analysis, around), around is not None),
+        part=_part(analysis, discovery, noise.sigma),
         front=discovery.front,
         weighed=discovery.weighed,
     )
+
+
+def _part(analysis: Analysis, discovery: Discovery, sigma: npt.NDArray[np.float64]) -> Part | None:
+    part = discovery.part
+    if part is None:
+        return None
+    (at,) = _places(analysis, [part.at], analysis.noise.sigma)  # it is in the sds that are told already
+    return Part(part.takes, part.left, at)
 
 
 def _constants_in_sets(discovery: Discovery, noise: Noise) -> tuple[str, ...]:
     """Of the rivals that change a stated constant beside an effect: a card shows the constant alone."""
     found = []
     for hypothesis in discovery.ranking.hypotheses:
-        if hypothesis.effects not in discovery.rivals or len(hypothesis.effects) < 2 or hypothesis.fit is None:
+        if (
+            hypothesis.kind == "part"
+            or hypothesis.effects not in discovery.rivals
+            or len(hypothesis.effects) < 2
+            or hypothesis.fit is None
+        ):
             continue
         for effect in filter(constants.named, hypothesis.effects):
             case, name = hypothesis.fit.model.case, constants.named(effect)

@@ -1,32 +1,37 @@
-"""Reads off the likeliest answers, not off the residual, on which column the missing part depends.
+"""On which column the missing part depends, what of the misfit a named set takes, and what it leaves where.
 
-An answer's own contribution is free of noise: the column without which most of it is gone is the one that matters. A
-factor that hardly varies changes nothing when it is held at its median, so `k*log(humidity)*sign(current)` depends on
-the current. A direction counts less than a size, so `k*humidity*sign(omega)` depends on a humidity that does vary. An
-effect that reads no column (a constant torque, a gain) depends on what the model's own parameters leave of it. The
-likeliest answers count by their probability.
+The column is read off the likeliest answers, not off the residual: an answer's own contribution is free of noise. The
+column without which most of it is gone is the one that matters. A factor that hardly varies changes nothing when it is
+held at its median, so `k*log(humidity)*sign(current)` depends on the current. A direction counts less than a size, so
+`k*humidity*sign(omega)` depends on a humidity that does vary. An effect that reads no column (a constant torque, a
+gain) depends on what the model's own parameters leave of it. The likeliest answers count by their probability.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from terrapin_tools.workbench.bases import formula_name
-from terrapin_tools.workbench.compare.comparison import Analysis
+from terrapin_tools.workbench.compare.adequacy import Failure, failure_on
+from terrapin_tools.workbench.compare.comparison import Analysis, error, measured, predict
+from terrapin_tools.workbench.discover.leftover import absent
 from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.discover.ranking import Ranking
 from terrapin_tools.workbench.model.data_columns import numeric_columns
+from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.table_faults import Fault
 
-__all__ = ["importance"]
+__all__ = ["Part", "Step", "explained", "front", "importance", "part_of"]
 
 Array = npt.NDArray[np.float64]
 
 ANSWERS = 8  # likeliest ones that are looked at; chosen by hand
 BINS = 8  # of equal count; chosen by hand
+MOSTLY = 0.7  # share of what is left that lies in the range that is told of a column, as compare tells it
 DIRECTION = 0.1  # weight of a column's sign beside its size; chosen by hand
 
 
@@ -40,7 +45,7 @@ def importance(analysis: Analysis, ranking: Ranking) -> dict[str, float]:
     answers = [
         (h, p)
         for h, p in zip(ranking.hypotheses, ranking.posterior, strict=True)
-        if h.fit is not None and h.effects and h.kind != "run"
+        if h.fit is not None and h.effects and h.kind != "part"
     ][:ANSWERS]
     total = sum(p for _, p in answers)
     found: dict[str, float] = {}
@@ -108,3 +113,65 @@ def explained(change: Array, values: Array) -> float:
     within = whole - float((sums[used] ** 2 / count[used]).sum() - change.sum() ** 2 / len(change))
     free = max(1, len(change) - int(used.sum()))
     return max(0.0, 1.0 - within / free * (len(change) - 1) / whole)
+
+
+@dataclass(frozen=True)
+class Part:
+    """What is named takes the share `takes` of the misfit, and leaves `left` (rms over all rows, noise sd), most of it
+    `at` a range of a column."""
+
+    takes: float
+    left: float
+    at: Failure
+
+
+@dataclass(frozen=True)
+class Step:
+    """The likeliest set of so many terms: its probability to be all that is missing, and its errors in noise sd."""
+
+    effects: tuple[str, ...]
+    probability: float
+    train_error: float
+    heldout_error: float | None
+
+
+def part_of(analysis: Analysis, fit: Fit, column: str, sigma: Array) -> Part:
+    """What a fit with the named set takes and leaves; `sigma` of the noise as it is told."""
+    before, after = ((_left(analysis, one) / sigma[:, None]) ** 2 for one in (analysis.fit, fit))
+    above = float(before.mean()) - 1.0
+    takes = (float(before.mean()) - float(after.mean())) / above if above > 0.0 else 0.0
+    channel = int(np.argmax(after.mean(axis=1)))
+    scaled = _left(analysis, fit) / sigma[:, None]
+    columns = {name: values[analysis.rows] for name, values in numeric_columns(analysis.case).items()}
+    most = column or max(columns, key=lambda name: explained(scaled[channel], columns[name]))
+    at = failure_on(
+        analysis.case, most, columns[most], scaled, channel, analysis.rows, analysis.model.channels, 0.0, MOSTLY
+    )
+    return Part(float(np.clip(takes, 0.0, 1.0)), float(np.sqrt(after.mean())), at)
+
+
+def _left(analysis: Analysis, fit: Fit) -> Array:
+    return measured(fit.model, analysis.rows) - predict(fit, analysis.rows)
+
+
+def front(analysis: Analysis, ranking: Ranking, sigma: Array) -> tuple[Step, ...]:
+    """No term, one, two ...: the likeliest set of each number, as long as more terms predict the held-out runs better,
+    or the training runs where none is held out."""
+    case, found = analysis.case, list[Step]()
+    nothing = ranking.probability("nothing")
+    steps: dict[int, tuple[tuple[str, ...], float, Fit]] = {0: ((), nothing, analysis.fit)}
+    for one, p in ranking.pairs():
+        if one.effects and one.kind != "part" and one.fit is not None and not absent(one.fit, one.effects):
+            steps.setdefault(len(one.effects), (one.effects, p, one.fit))
+    for _, (effects, p, fit) in sorted(steps.items()):
+        train, held = error(fit, case.train, sigma), error(fit, case.test, sigma)
+        assert train is not None
+        step = Step(effects, p, train, held)
+        if found and _error(step) >= _error(found[-1]):
+            break
+        found.append(step)
+    return tuple(found)
+
+
+def _error(step: Step) -> float:
+    return step.train_error if step.heldout_error is None else step.heldout_error
