@@ -92,6 +92,40 @@ def test_frames_that_a_slow_tool_did_not_get_are_counted_once() -> None:
         assert 0 <= left < 1000  # in the terminal itself, and in the tool
 
 
+def test_who_was_stopped_goes_on_and_who_is_gone_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tool that stands still for long (a debugger, a lid that was shut) has frames again when it reads again, and
+    what it missed is counted; a tool that was killed leaves no frame to the next, and none is counted."""
+    monkeypatch.setattr("terrapin_hil.run.ports.DEAF", 0.05)
+    port = PtyPort()
+
+    def flood(tool: SlcanPort) -> None:
+        tool.send(b"O\r")
+        port.read(lambda *_: None)
+        for _ in range(3):
+            port.send([(0x180, bytes(8))] * 5000)
+            time.sleep(0.1)
+
+    with closing(port):
+        with closing(SlcanPort(port.path)) as tool:
+            flood(tool)
+            for _ in range(200):
+                port.send([(0x181, bytes(8))])
+                tool._read(time.monotonic() + 1.0)
+            seen = [identifier for identifier, _ in tool._frames]
+            assert seen.count(0x181) > 100
+            assert seen == sorted(seen)
+            assert len(seen) + port.lost == 15200
+            flood(tool)
+        lost = port.lost
+        with closing(SlcanPort(port.path)) as tool:
+            tool.send(b"O\r")
+            port.read(lambda *_: None)
+            port.send([(0x182, bytes(8))])
+            tool._read(time.monotonic() + 1.0)
+            assert [identifier for identifier, _ in tool._frames] == [0x182]
+            assert port.lost == lost
+
+
 def test_a_pseudo_terminal_outlives_its_clients() -> None:
     port = PtyPort()
     asked = Sender().frame("IDENTITY_READ", {})
@@ -215,7 +249,7 @@ def test_frames_of_sensors_from_outside_are_not_taken() -> None:
 
 def test_the_command_detaches_changes_and_stops(tmp_path: Path) -> None:
     try:
-        begun = terrapin("sim", "steady_sand", "--on", "pty:bus", "--detach", folder=tmp_path)
+        begun = terrapin("sim", "steady_sand", "--on", "pty:bus", "--on", "pty:more", "--detach", folder=tmp_path)
         assert (begun.returncode, begun.stderr) == (0, "")
         assert "terrapin monitor --link serial:bus" in begun.stdout
         twice = terrapin("sim", "--on", "pty:bus", folder=tmp_path)

@@ -11,11 +11,12 @@ import contextlib
 import json
 import os
 import socket
+import struct
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 from terrapin_hil.errors import UserError
 
@@ -49,15 +50,16 @@ def _connected(path: Path) -> socket.socket | None:
     return client
 
 
-def living() -> list[Path]:
-    """The sockets of the robots that live on this machine."""
-    found = []
+def living() -> list[list[Path]]:
+    """The sockets of the robots that live on this machine: of each robot, one a bus."""
+    found: dict[int, list[Path]] = {}
     for path in sorted(_folder().glob("*.sock")):
         client = _connected(path)
         if client is not None:
-            client.close()
-            found.append(path)
-    return found
+            with client:
+                whose = client.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
+            found.setdefault(struct.unpack("3i", whose)[0], []).append(path)
+    return list(found.values())
 
 
 class Control:
@@ -102,11 +104,11 @@ class Control:
 
 def ask(text: str, bus: str = "") -> dict[str, Any]:
     """What the robot on `bus` answers; without one, the only robot there is. UserError where there is none."""
-    paths = [_path(bus)] if bus else living()
-    if len(paths) > 1:
-        names = ", ".join(path.stem for path in paths)
-        raise UserError(f"--do: found {len(paths)} robots, expected --on with one of {names}")
-    client = _connected(paths[0]) if paths else None
+    robots = [[_path(bus)]] if bus else living()
+    if len(robots) > 1:
+        names = ", ".join(unquote(path.stem) for paths in robots for path in paths)
+        raise UserError(f"--do: found {len(robots)} robots, expected --on with one of {names}")
+    client = _connected(robots[0][0]) if robots else None
     if client is None:
         where = f" on {bus}" if bus else ""
         raise UserError(f"--do: no robot lives{where}; expected `terrapin sim` in another terminal")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import hashlib
 import os
 import socket
+import sys
 import termios
 import time
 import tty
@@ -24,7 +26,7 @@ from terrapin_hil.messages import Frame
 
 __all__ = ["BusPort", "Port", "PtyPort", "open_port"]
 
-DEAF = 2.0  # s without reading after which who attached to a pseudo-terminal is taken to be gone
+DEAF = 2.0  # s without reading after which nothing is kept for who attached to a pseudo-terminal: stopped, or gone
 OURS = "/dev/./"  # how the text of our links begins; others write /dev/
 WAITING = 1 << 16  # bytes that wait for a client that is slow
 Heard = Callable[["Port", Sequence[Frame]], None]
@@ -101,6 +103,7 @@ class PtyPort:
         self._waiting = bytearray()
         self._moved = time.monotonic()
         self._untaken = 0  # frames for which there was no room since then
+        self._unread: int | None = None  # bytes that one who is deaf has before it
 
     def fileno(self) -> int:
         return self._master
@@ -124,12 +127,28 @@ class PtyPort:
     def send(self, frames: Sequence[Frame]) -> None:
         if not self._open:
             return
+        if self._unread is not None and self._before_it() >= self._unread:
+            self._untaken += len(frames)
+            return
+        self._unread = None
         for frame in frames:
             if not self._write(slcan_line(frame)):
                 self._untaken += 1
-        if time.monotonic() - self._moved > DEAF:  # gone without a word: nothing was lost to it
-            self._open = False
-            self._untaken = 0
+        if time.monotonic() - self._moved > DEAF:
+            whole = self._waiting.find(b"\r") + 1  # part of it may be written
+            self._untaken += self._waiting.count(b"\r", whole)
+            del self._waiting[whole:]
+            self._unread = self._before_it()
+
+    def _before_it(self) -> int:
+        """Bytes that nobody has read yet."""
+        count = fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4))
+        return int.from_bytes(count, sys.byteorder)
+
+    def _forget(self) -> None:
+        """What was for somebody who is gone: nothing was lost to them, and nothing is the next one's."""
+        if self._unread is not None:
+            self._unread, self._untaken = None, 0
             self._waiting.clear()
             termios.tcflush(self._slave, termios.TCIFLUSH)
 
@@ -155,6 +174,7 @@ class PtyPort:
             heard(self, [frame])
             return b"z\r"
         if kind in (b"O", b"C"):
+            self._forget()
             self._open = kind == b"O"
             self._moved = time.monotonic()
         answers = {b"V": b"V1013\r", b"N": b"NTSIM\r", b"F": b"F00\r"}
