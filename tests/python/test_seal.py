@@ -149,6 +149,31 @@ def test_a_session_is_renewed_by_itself() -> None:
     assert len(numbers) >= 6
 
 
+@pytest.mark.parametrize("ways", ["both ways", "to the controller"])
+def test_an_interrupted_stream_is_taken_again_within_a_second(ways: str) -> None:
+    """The host goes on while nothing arrives for 3 s, and asks for another session when it can know of that."""
+    link, sender = Sealed(), Sender()
+    session = open_session(link, KEY, link.seconds)
+    opened, status, refused = session._renewed, interface().messages["STATUS"], 0
+    assert opened is not None
+    session._renewed = lambda: opened() if there else None  # SESSION_OPEN is lost, too
+    for tick in range(200):
+        there = not 40 <= tick < 100
+        link.later(50)
+        session._next = 0.0
+        [sent] = session.batches([sender.frame("COMMAND", {"request": 2, "setpoint": 5})])
+        link._inputs.command_fresh = False
+        if there:
+            link.exchange(sent)
+            refused += not link._inputs.command_fresh
+        if there or ways == "to the controller":
+            without = 1 << interface().faults["command_timeout"]
+            faults = without if 44 <= tick < 120 else 0
+            session.heard([(status.id, status.encode({"faults": faults})[0])])
+    assert refused <= 20
+    assert session._began > 5.0  # of the time after it
+
+
 def test_a_session_that_cannot_be_renewed_goes_on() -> None:
     link, sender = Sealed(), Sender()
     asked = 0

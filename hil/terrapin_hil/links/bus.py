@@ -142,7 +142,7 @@ class BusLink(Link):
         heard: list[Frame] = []
         while (left := end - time.monotonic()) > 0:
             heard += self._bus.receive(left)
-        return heard
+        return self.incoming(heard)
 
     def close(self) -> None:
         self._bus.close()

@@ -47,6 +47,9 @@ class Sealing(Protocol):
     def batches(self, frames: Sequence[Frame]) -> Iterable[Sequence[Frame]]:
         """The frames as they go out, piece by piece, each when its time has come."""
 
+    def heard(self, frames: Iterable[Frame]) -> None:
+        """What the controller said, at work."""
+
 
 class Sealable(Protocol):
     """What a seal can be put on: a link, or the wire of an update."""
@@ -67,6 +70,12 @@ class Link(ABC):
     def outgoing(self, frames: Sequence[Frame]) -> Iterable[Sequence[Frame]]:
         """The frames as they go out: sealed, where the controller has a link key."""
         return (frames,) if self.session is None else self.session.batches(frames)
+
+    def incoming(self, frames: list[Frame]) -> list[Frame]:
+        """The frames that came from a controller at work: its session notes an interruption by them."""
+        if self.session is not None:
+            self.session.heard(frames)
+        return frames
 
     @abstractmethod
     def start(self, parameters: Mapping[str, float]) -> None:

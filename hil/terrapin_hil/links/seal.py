@@ -131,6 +131,9 @@ class Session:
         self._begin(key, number)
         self._interface = description or interface()
         self._command: tuple[bytes, Frame] | None = None  # the last one, and what it became
+        self._status = self._interface.messages["STATUS"]
+        self._without = 1 << self._interface.faults["command_timeout"]
+        self._missing = 0  # that fault, as it was last told
         self._next = 0.0  # s of the monotonic clock, when the next tag may go out
         self._tried = self._began - SILENT  # s of the clock, when it last asked for another session
 
@@ -138,6 +141,8 @@ class Session:
         self.number, self._key, self._place = number, key, number[1] & 1
         self._began = self._now()
         self._time, self._last = 0, self._began  # units; s of the clock at the last tag
+        self._told: float | None = None  # s of the clock, when the controller said something
+        self._lost = False  # it may have ended the session while this side went on
 
     @classmethod
     def answering(
@@ -156,7 +161,7 @@ class Session:
     def _renew(self) -> None:
         """Another session, where this one is over soon or may be; this one goes on when none is opened."""
         now = self._now()
-        over = now - self._last >= SILENT or now - self._began >= HALF
+        over = self._lost or now - self._last >= SILENT or now - self._began >= HALF
         if not over or self._renewed is None or now - self._tried < SILENT:
             return
         self._tried = now
@@ -164,6 +169,17 @@ class Session:
         if other is not None:
             self._begin(other._key, other.number)
             self._began = self._last = other._began
+
+    def heard(self, frames: Iterable[Frame]) -> None:
+        """What the controller said. When it comes again after SILENT, or has begun to miss commands, it may have ended
+        the session, though this side went on: another one is asked for before the next tag."""
+        now = self._now()
+        for identifier, data in frames:
+            self._lost |= self._told is not None and now - self._told >= SILENT
+            self._told = now
+            if identifier == self._status.id and len(data) == self._status.length:
+                before, self._missing = self._missing, self._status.decode(data)["faults"] & self._without
+                self._lost |= self._missing > before
 
     def _tag(self, identifier: int, data: bytes) -> int:
         self._last = self._now()

@@ -84,7 +84,8 @@ class SlcanLink(Link):
         """Sends frames to a controller that steps by itself; what it sends within `wait` seconds."""
         heard = self.exchange(frames)
         time.sleep(wait)
-        return [*heard, *self._own(self._port.exchange(b"F\r"))]  # all that has come stands before the answer to this
+        heard += self._own(self._port.exchange(b"F\r"))  # all that has come stands before the answer to this
+        return self.incoming(heard)
 
     def close(self) -> None:
         self._port.close()
