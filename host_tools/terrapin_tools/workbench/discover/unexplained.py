@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from terrapin_hil.arrays import Array
-from terrapin_tools.workbench.compare.comparison import Analysis
+from terrapin_tools.workbench.compare.adequacy import ROUNDING
+from terrapin_tools.workbench.compare.comparison import Analysis, error
 from terrapin_tools.workbench.discover.expressions import COLUMNS, HARDLY
 from terrapin_tools.workbench.discover.leftover import absent, around
 from terrapin_tools.workbench.discover.ranker import Hypothesis
@@ -83,9 +84,13 @@ def curves(analysis: Analysis, ranking: Ranking) -> list[Hypothesis]:
     evidence = ranking.evidence
     if analysis.case.base.whole_runs or evidence is None:
         return []
+    every = [h for h in ranking.hypotheses if h.effects and h.fit is not None and not absent(h.fit, h.effects)]
+    sets = every[:PARTS] if analysis.missing else []
+    left = [error(h.fit, analysis.rows, analysis.noise.sigma) for h in sets if h.fit is not None]
+    if min((rms for rms in left if rms is not None), default=1.0) < ROUNDING:
+        return []  # of what was computed, not measured: a size in noise sd is beyond every prior, and says nothing
     found = [Hypothesis((), "unknown", weight, None, name) for name, weight in _weights(analysis, evidence).items()]
-    sets = [h for h in ranking.hypotheses if h.effects and h.fit is not None and not absent(h.fit, h.effects)]
-    for one in sets[:PARTS] if analysis.missing else ():
+    for one in sets:
         assert one.fit is not None
         beyond = around(analysis, one.fit, evidence.nodes)
         read = [ranking.columns.get(name, "") for name in one.effects]
