@@ -39,15 +39,21 @@ pull = { column = "pull", unit = "N", sigma = 0.5 }
 SURFACES = ("sand", "ice", "turf")
 
 
-def sled(folder: Path, frictions: tuple[float, ...], text: str = SLIDE, seed: int = 3) -> Path:
-    """Runs r00, r01, ... on sand, ice, turf in turn; drag 2."""
+def sled(
+    folder: Path,
+    frictions: tuple[float, ...],
+    text: str = SLIDE,
+    seed: int = 3,
+    drags: tuple[float, ...] = (2.0, 2.0, 2.0),
+) -> Path:
+    """Runs r00, r01, ... on sand, ice, turf in turn."""
     random = np.random.default_rng(seed)
     lines = ["run,load,speed,pull,surface"]
     for run in range(12):
         surface = run % 3
         for _ in range(12):
             load, speed = random.uniform(20, 60), random.uniform(0.1, 2)
-            pull = frictions[surface] * load + 2.0 * speed + 0.5 * random.standard_normal()
+            pull = frictions[surface] * load + drags[surface] * speed + 0.5 * random.standard_normal()
             lines.append(f"r{run:02d},{load:.8g},{speed:.8g},{pull:.8g},{SURFACES[surface]}")
     folder.mkdir(parents=True)
     (folder / "runs.csv").write_text("\n".join(lines) + "\n")
@@ -170,8 +176,16 @@ def test_a_group_that_no_parameter_has_is_found_missing(tmp_path: Path) -> None:
     assert discover(load_case(sled(tmp_path / "null", (0.4, 0.4, 0.4), text))).verdict == "adequate"
 
 
-def test_columns_of_groups_are_there_where_no_parameter_has_them(tmp_path: Path) -> None:
-    shared = load_case(sled(tmp_path / "shared", (0.6, 0.1, 0.4), SLIDE.replace(', by = "surface"', "")))
+@pytest.mark.parametrize("by", ["", ', by = "surface"'])
+def test_groups_are_columns(tmp_path: Path, by: str) -> None:
+    shared = load_case(sled(tmp_path / "shared", (0.6, 0.1, 0.4), SLIDE.replace(', by = "surface"', by)))
     assert {"surface_sand", "surface_ice", "surface_turf"} <= shared.extra.keys()
     assert shared.extra["surface_ice"].mean() == pytest.approx(1.0 / 3.0)
-    assert not any(name.startswith("surface_") for name in load_case(sled(tmp_path / "own", (0.6, 0.1, 0.4))).extra)
+
+
+def test_what_else_differs_between_groups_is_found(tmp_path: Path) -> None:
+    """The friction has a value for each surface already; the drag is larger on ice, and nobody has said so."""
+    found = discover(load_case(sled(tmp_path / "case", (0.6, 0.1, 0.4), drags=(2.0, 3.0, 2.0))))
+    formulas = [c.effect.expression for c in found.candidates if c.effect.name in found.missing]
+    assert (found.verdict, len(formulas)) == ("missing", 1)
+    assert "surface_ice" in formulas[0]

@@ -119,7 +119,7 @@ def read_measurements(folder: Path, tables: Tables, base: Base, held: Mapping[st
         channels={e.name: values[e.name] for e in mapped if e.channel},
         sigma={e.name: e.sigma for e in mapped if e.channel},
         units={e.name: e.canonical for e in mapped},
-        extra={name: column[rows] for name, column in extra.items()} | membership(tables, groups, {*values, *extra}),
+        extra={name: column[rows] for name, column in extra.items()} | membership(groups, {*values, *extra}),
         column_of={e.name: e.column for e in mapped},
         run_names=run_names,
         run=run,

@@ -85,15 +85,13 @@ def read_shares(tables: Tables, groups: Mapping[str, Groups]) -> dict[str, str]:
     return found
 
 
-def membership(tables: Tables, groups: Mapping[str, Groups], taken: Collection[str]) -> dict[str, Array]:
-    """Columns (rows,) that are 1 in one group and 0 elsewhere, of the groupings that no fitted parameter has: so
-    discovery sees what differs between groups although the model knows no difference. None has a name that is `taken`.
-    """
-    known = {tables.get("fit", name, "by") for name, entry in tables.table("fit").items() if isinstance(entry, dict)}
+def membership(groups: Mapping[str, Groups], taken: Collection[str]) -> dict[str, Array]:
+    """Columns (rows,) that are 1 in one group and 0 elsewhere: so discovery sees what differs between groups although
+    the model knows no difference, or knows another. None has a name that is `taken`."""
     found: dict[str, Array] = {}
     for name, grouping in groups.items():
         names = grouping.names[1:] if len(grouping.names) == 2 else grouping.names
-        if name in known or len(grouping.names) > MOST:
+        if len(grouping.names) > MOST:
             continue
         for group in names:
             column = re.sub(r"\W+", "_", f"{name}_{group}")
