@@ -18,6 +18,7 @@ from terrapin_tools.workbench.discover.ranking import Blamed
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 from terrapin_tools.workbench.noise.mishaps import KINDS, LAGS, mishaps
+from terrapin_tools.workbench.noise.odd import gathered
 from terrapin_tools.workbench.story.told import told
 
 RUNS, ROWS, SD = 12, 10, 0.01
@@ -133,6 +134,29 @@ def test_rows_left_out_beside_an_answer_that_is_none_come_back(
         assert found.where[0].low > 10.0
     else:
         assert (found.verdict, np.flatnonzero(found.analysis.odd).tolist()) == ("missing", [30])
+
+
+def test_rows_that_stand_alone_at_one_place_of_a_column_are_no_accidents(tmp_path: Path) -> None:
+    """A narrow resonance; as many glitches as far off, anywhere, are left out."""
+    random = np.random.default_rng(6)
+    load = random.uniform(5.0, 60.0, RUNS * ROWS)
+    bump = 9.0 * np.exp(-(((load - 31.0) / 1.8) ** 2))
+    found = found_on(tmp_path / "x", bump, load=load)
+    assert found.verdict == "unexplained"
+    assert found.unknown is not None
+    assert found.unknown.column == "load"
+    left_out = found_on(tmp_path / "y", random.permutation(bump), load=load)
+    assert (left_out.verdict, left_out.analysis.odd.sum() > 2) == ("adequate", True)
+
+
+def test_one_row_of_a_run_says_where_it_stands() -> None:
+    load, every = np.linspace(0.0, 1.0, 120), np.ones(120, dtype=bool)
+    run = np.arange(120) % RUNS
+    odd = (load > 0.5) & (load < 0.55)
+    assert gathered(odd, run, {"load": load}, every)
+    assert not gathered(odd, np.zeros(120, dtype=int), {"load": load}, every)  # one glitch that lasts
+    assert not gathered(odd, run, {"load": np.random.default_rng(1).permutation(load)}, every)
+    assert not gathered(odd, run, {}, every)
 
 
 def test_a_mishap_is_kept_with_the_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -32,12 +32,13 @@ from terrapin_tools.workbench.model.data_columns import (
 )
 from terrapin_tools.workbench.model.effect_columns import Shape, acting, shapes_of, terms_of, varying_parameters
 from terrapin_tools.workbench.model.fitting import Fit, covariance, extend, fit_model
+from terrapin_tools.workbench.model.linearised import following
 from terrapin_tools.workbench.model.model import Bound, Model
 from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.estimate import Noise, estimate_noise, least_noise
 from terrapin_tools.workbench.noise.mishaps import Mishap, mishaps
-from terrapin_tools.workbench.noise.odd import ODD_SHARE, odd_limit
+from terrapin_tools.workbench.noise.odd import ODD_SHARE, gathered, odd_limit
 from terrapin_tools.workbench.noise.stated import followed
 from terrapin_tools.workbench.noise.stuck import clipped_rows, stuck_rows
 
@@ -193,10 +194,11 @@ def fitted_on(
     return fits
 
 
-def free_slopes(fit: Fit, sigma: Array, rows: Mask) -> tuple[Array, Array, Array]:
+def free_slopes(fit: Fit, sigma: Array, rows: Mask, released: bool = False) -> tuple[Array, Array, Array]:
     """Prediction, residual and derivatives of a fit on the given rows.
 
-    A parameter that ended at its bound cannot absorb what the residual asks of it, so its derivative is left out.
+    A parameter that ended at its bound cannot absorb what the residual asks of it, so its derivative is left out, but
+    `released` of those that may follow what is added.
 
     Returns
     -------
@@ -205,7 +207,7 @@ def free_slopes(fit: Fit, sigma: Array, rows: Mask) -> tuple[Array, Array, Array
     (channels, rows, free parameters) : derivatives of the prediction.
     """
     prediction, slopes = fit.model.bind(fit.model.case.inputs, rows).jacobian(fit.theta)
-    free = [f.key not in fit.at_bound for f in fit.model.fitted]
+    free = following(fit) if released else [f.key not in fit.at_bound for f in fit.model.fitted]
     return prediction, measured(fit.model, rows) - prediction, slopes[..., free]
 
 
@@ -269,10 +271,15 @@ def _analysed(
     """The answer for the rows of a case as it is, fitted as `_fitted` says."""
     odd = np.zeros(case.rows, dtype=bool)
     fits, noise, nuisance = fitted
+    columns, looked_at, whole = numeric_columns(case), case.train | case.test, case
     for _ in range(ROUNDS):
         if not noise.odd.any() or odd.sum() + noise.odd.sum() > odd_limit(len(odd)):
             break
         odd[np.flatnonzero(case.train | case.test)[noise.odd]] = True
+        if gathered(odd, case.run, columns, looked_at):
+            odd, case = np.zeros_like(odd), whole
+            fits, noise, nuisance = fitted
+            break
         case = replace(case, train=case.train & ~odd, test=case.test & ~odd)
         fits, noise, nuisance = _fitted(case, seed)
     rows, sigma, model = case.train | case.test, noise.sigma, fits[-1].model

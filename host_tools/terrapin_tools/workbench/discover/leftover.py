@@ -18,13 +18,13 @@ from terrapin_hil.physics.signals import row_scatter
 from terrapin_tools.workbench.compare.bayes_factor import BayesFactor, blocks_of
 from terrapin_tools.workbench.compare.comparison import Analysis, error, free_slopes, measured, predict, sds
 from terrapin_tools.workbench.model.constants import suspected
-from terrapin_tools.workbench.model.data_columns import column_shapes
+from terrapin_tools.workbench.model.data_columns import column_shapes, numeric_columns
 from terrapin_tools.workbench.model.effect_columns import shapes_of, terms_of
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.noise.covariance import Node, Runs, orthonormal
 from terrapin_tools.workbench.noise.estimate import repeated_settings
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
-from terrapin_tools.workbench.noise.odd import odd_limit, standing_alone
+from terrapin_tools.workbench.noise.odd import gathered, odd_limit, standing_alone
 
 __all__ = [
     "Doubts",
@@ -87,7 +87,7 @@ def noise_left(analysis: Analysis, fit: Fit) -> tuple[Node, float]:
 def around(analysis: Analysis, fit: Fit, nodes: Collection[int] | None) -> Evidence:
     """Evidence of what is missing beside an answer; `nodes`: kinds of noise, places in NODES."""
     sigma, rows = analysis.noise.sigma, analysis.rows
-    prediction, residual, slopes = free_slopes(fit, sigma, rows)
+    prediction, residual, slopes = free_slopes(fit, sigma, rows, released=True)
     base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
     runs = Runs(analysis.case.run[rows], len(residual), prediction, analysis.felt, ~analysis.noise.known)
     return Evidence(runs, residual / sigma[:, None], base, analysis.noise.behind, nodes)
@@ -117,7 +117,9 @@ def stand_alone(analysis: Analysis, fit: Fit) -> Mask:
     odd = standing_alone(runs, list(residual), [orthonormal(one) for one in columns], stated)
     found = np.zeros(case.rows, dtype=bool)
     found[np.flatnonzero(rows)[odd]] = True
-    return found if (found | analysis.odd).sum() <= odd_limit(case.rows) else np.zeros_like(found)
+    few = (found | analysis.odd).sum() <= odd_limit(case.rows)
+    accidents = few and not gathered(found, case.run, numeric_columns(case), rows)
+    return found if accidents else np.zeros_like(found)
 
 
 def doubts(analysis: Analysis, fit: Fit) -> Doubts:

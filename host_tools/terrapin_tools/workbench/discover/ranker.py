@@ -18,7 +18,7 @@ from terrapin_tools.workbench.model.constants import constants, error_tax
 from terrapin_tools.workbench.model.data_columns import candidates
 from terrapin_tools.workbench.model.effect_columns import Shape, is_phase
 from terrapin_tools.workbench.model.fitting import Fit, extend
-from terrapin_tools.workbench.model.linearised import linearise
+from terrapin_tools.workbench.model.linearised import following, linearise
 from terrapin_tools.workbench.model.table_faults import Fault, faults
 from terrapin_tools.workbench.model.usual_sizes import size_tax
 from terrapin_tools.workbench.noise.covariance import Runs
@@ -83,7 +83,7 @@ class Ranker:
         self.together: dict[tuple[str, ...], list[tuple[str, Array]]] = {}  # start values of a pair's parameters
         self.razor: dict[frozenset[str], float] = {}  # log evidence lost by the choice of shapes
         self.fits: dict[frozenset[str], Fit] = {frozenset(): analysis.fit}
-        slopes = free_slopes(analysis.fit, self.sigma, self.rows)[2]
+        slopes = free_slopes(analysis.fit, self.sigma, self.rows, released=True)[2]
         self.base = self._widened(slopes / self.sigma[:, None, None])
         residual = analysis.residual / self.sigma[:, None]
         # what an answer may explain: the squares beyond those of noise, which may be few by chance
@@ -270,9 +270,9 @@ class Ranker:
         of the effect `without`, whose contribution the residual then holds."""
         bound = fit.model.bind(self.case.inputs, self.rows)
         prediction, slopes = bound.jacobian(fit.theta)
+        free = np.array([f.effect != without for f in fit.model.fitted], dtype=bool)
         # beside another effect, a parameter of the user's own equations may leave the bound that this one drove it to
-        held = () if without and self.case.dynamics is not None else fit.at_bound
-        free = np.array([f.effect != without and f.key not in held for f in fit.model.fitted], dtype=bool)
+        free &= following(fit) | bool(without and self.case.dynamics is not None)
         if without:
             at = next(i for i, f in enumerate(fit.model.fitted) if f.effect == without)
             absent = fit.theta.copy()

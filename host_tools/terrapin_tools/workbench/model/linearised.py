@@ -11,7 +11,7 @@ from terrapin_hil.arrays import Array, Mask
 from terrapin_tools.workbench.model.effect_columns import is_phase, loudness
 from terrapin_tools.workbench.model.fitting import Fit
 
-__all__ = ["AT_BOUND", "Linear", "linearise"]
+__all__ = ["AT_BOUND", "Linear", "following", "linearise"]
 
 ABSURD = (
     1e5  # noise sd (rms): a fit that is so large off the training rows is none, and sums of squares lose all digits
@@ -36,6 +36,14 @@ class Linear:
     lost: float
 
 
+def following(fit: Fit) -> Mask:
+    """Which fitted parameters (fitted,) may follow what is added: all but those that ended at a bound. The model's own
+    may even so, for what is missing may have driven them there; not along the motion that such a value gives equations
+    over time."""
+    own = not fit.model.case.base.whole_runs
+    return np.array([f.key not in fit.at_bound or (own and f.effect is None) for f in fit.model.fitted], dtype=bool)
+
+
 def linearise(fit: Fit, names: Sequence[str], measured: Array, rows: Mask, sigma: Array) -> Linear:
     """The fit on `rows` with the effects `names` as columns, their shapes as fitted.
 
@@ -44,7 +52,7 @@ def linearise(fit: Fit, names: Sequence[str], measured: Array, rows: Mask, sigma
     prediction, slopes = fit.model.bind(fit.model.case.inputs, rows).jacobian(fit.theta)
     residual = (measured - prediction) / sigma[:, None]
     slopes = slopes / sigma[:, None, None]
-    own = np.array([f.effect not in names and f.key not in fit.at_bound for f in fit.model.fitted], dtype=bool)
+    own = np.array([f.effect not in names for f in fit.model.fitted], dtype=bool) & following(fit)
     columns: list[Array] = []
     offset: list[float] = []
     signs: list[float] = []

@@ -3,29 +3,48 @@ neighbours."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.special import stdtrit
 
-from terrapin_hil.arrays import Array, Mask
+from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_tools.workbench.noise.covariance import NODES, Node, Runs, orthonormal
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED
 from terrapin_tools.workbench.noise.precision import Precision
 from terrapin_tools.workbench.noise.restricted import restricted_likelihood
 
-__all__ = ["ODD_SHARE", "odd_limit", "odd_rows", "standing_alone"]
+__all__ = ["ODD_SHARE", "gathered", "odd_limit", "odd_rows", "standing_alone"]
 
 ODD = 0.01  # false alarm rate of "a row of this case stands alone"; chosen by hand
 ODD_SHARE = 0.05  # of the rows that may stand alone at most: more are no exception
 ODD_MOST = 300  # rows, for time: more are no exception either
 FEWEST = 20  # rows of which one may stand alone; chosen by hand
+TOGETHER = 1e-3  # chance of accidents to lie that close in any column, below which they are none: as rare as is usual
 GROWS = np.array([node.grow > 0.0 for node in NODES])
 
 
 def odd_limit(rows: int) -> int:
     """Rows that may stand alone at most: two of twenty, and a twentieth of more than forty."""
     return max(int(ODD_SHARE * rows), 2 if rows >= FEWEST else 0)
+
+
+def gathered(odd: Mask, run: Index, columns: Mapping[str, Array], looked_at: Mask) -> bool:
+    """Whether rows that stand alone lie together in a column: then something happens there, and they are no accidents.
+
+    One row of each run counts, for a glitch may last. Of n runs' rows all lie in a share w of the rows, ordered by the
+    column, with a chance of at most n w^(n-1); so many columns are looked at. Runs: (rows,) numbers; odd, looked_at:
+    (rows,).
+    """
+    few = np.flatnonzero(odd)[np.unique(run[odd], return_index=True)[1]]
+    if len(few) < 3:
+        return False
+    shares = [
+        np.mean((values[looked_at] >= values[few].min()) & (values[looked_at] <= values[few].max()))
+        for values in columns.values()
+        if np.isfinite(values).all()
+    ]
+    return bool(shares) and len(shares) * len(few) * min(shares) ** (len(few) - 1) < TOGETHER
 
 
 def standing_alone(
