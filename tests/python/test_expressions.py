@@ -90,6 +90,7 @@ force = {{ column = "force", unit = "N"{sigma} }}
         (("k", "sign(omega)*sqrt(abs(omega))", "sign(omega)"), "k*sqrt(abs(omega))"),
         (("k", "load", "load*sign(omega)"), "k*load**2*sign(omega)"),
         (("k", "1/x", "y"), "k*(1/x)*y"),
+        (("k", "1/x**2", ""), "k*(1/x**2)"),
         (("k", "omega**2", "sign(omega)"), "k*omega**2*sign(omega)"),
     ],
 )
@@ -99,7 +100,7 @@ def test_formulas_are_written_as_one_would(parts: tuple[str, str, str], text: st
     values["k"] = np.full(9, 2.0)
     whole = product_text(*parts)
     assert whole == text
-    by_hand = values["k"] * parse(f"({parts[1]})").evaluate(values) * parse(parts[2]).evaluate(values)
+    by_hand = values["k"] * parse(f"({parts[1]})").evaluate(values) * parse(parts[2] or "1").evaluate(values)
     assert parse(whole).evaluate(values) == pytest.approx(by_hand)
 
 
@@ -112,6 +113,12 @@ def test_every_shape_is_a_number_on_its_column(low: float, high: float) -> None:
         assert 0.0 < term.prior <= 1.0
         for start in (*term.scales.values(), *term.grid):
             assert term.limits[0] <= start <= term.limits[1], term.text
+
+
+def test_what_falls_with_a_distance_may_fall_with_its_square() -> None:
+    far = {term.text: term.prior for term in shapes("x", np.linspace(1.0, 7.0, 50), "m")}
+    assert far["1/x**2"] < far["1/x"] < far["x"]
+    assert not any(term.text.startswith("1/") for term in shapes("x", np.linspace(0.0, 7.0, 50), "m"))
 
 
 @pytest.mark.parametrize(

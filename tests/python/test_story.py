@@ -165,6 +165,11 @@ def check(chip: str, example: Example, said: str) -> None:
     if "Errors in noise sd" in said:  # report and page draw the ladder
         rungs = ((rung.added or "(base model)", rung.train_error, rung.heldout_error) for rung in story.ladder)
         expected += [f"{added} {train:#.3g} {held:#.3g}" for added, train, held in rungs]
+    assert len(story.front) == (len(found.front) if len(found.front) > 1 else 0)
+    if "Short answers first" in said:  # the page draws them
+        for short, step in zip(story.front, found.front, strict=True):
+            errors = f"{step.train_error:#.3g} {step.heldout_error:#.3g}"
+            expected += [f"{len(step.effects)} {short.name} {errors} {short.probability}"]
     expected += [part for row in story.chances for part in row]
     expected += [f"named first in {round(100 * o.named)} of 100" for o in found.operating]
     if found.plan is not None:

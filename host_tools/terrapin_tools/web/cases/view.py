@@ -123,6 +123,7 @@ def view(folder: str | Path) -> dict[str, Any]:
             for name, c in story.channels.items()
         },
         "noise": f"{story.noise_told[:1].upper()}{story.noise_told[1:]}. In noise sd {floor(story.noise)}",
+        "front": [vars(one) for one in story.front],
         "chances": story.chances,
         "history": history.history(folder),
         "notes": to_html(case.notes),

@@ -178,7 +178,8 @@ def decided(
     experiment = None
     if verdict == "ambiguous":
         told_apart = [(h.effects, h.fit) for h in rivals if h.fit is not None]
-        experiment = propose(analysis, told_apart, noise_left(analysis, told_apart[0][1])[0])
+        formulas = {name: one.expression for name, one in ranking.expressions.items()}
+        experiment = propose(analysis, told_apart, noise_left(analysis, told_apart[0][1])[0], formulas)
     answer = top.fit if missing and top is not None else None
     again = None if answer is None else noise_around(analysis.case, answer, analysis.noise, again=True)
     noise = again or analysis.told

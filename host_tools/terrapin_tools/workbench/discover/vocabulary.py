@@ -109,7 +109,7 @@ def shapes(
         else:
             found.append(Term(f"log({name}/{x0})", {x0: 0.5 * (low + high)}, (low, high), SHAPE_COST))
         if low > 0.02 * high:
-            found.append(term(f"1/{name}", SHAPE_COST))
+            found += [term(f"1/{name}", SHAPE_COST), term(f"1/{name}**2", SHAPE_COST**1.5)]
     if low >= 0.0 and span > 0.0:
         for share in (0.06, 0.15, 0.4, 1.0):
             found.append(Term(f"exp(-{name}/{tau})", {tau: share * high}, scale, 0.25 * SHAPE_COST))

@@ -54,11 +54,15 @@ class _Plan:
 
 
 def propose(
-    analysis: Analysis, rivals: Sequence[tuple[tuple[str, ...], Fit]], node: Node | None = None
+    analysis: Analysis,
+    rivals: Sequence[tuple[tuple[str, ...], Fit]],
+    node: Node | None = None,
+    formulas: Mapping[str, str] | None = None,
 ) -> Experiment | None:
     """The design with the fewest runs that tells the rivals apart; None when no design tells any two of them apart.
 
-    `node` is the kind of noise that is left when a rival is added; as compare found it when not given.
+    `node` is the kind of noise that is left when a rival is added; as compare found it when not given. `formulas`: what
+    an expression says, for the sentence.
 
     Two rivals that no setting tells apart (a constant and an exponential that hardly falls) do not stand in the way of
     telling the others apart.
@@ -91,7 +95,7 @@ def propose(
     if len(same) < len(best.roles):  # what is the same in all of them is held, not varied
         hold, roles = {**hold, **same}, tuple(role for role in best.roles if role not in same)
         best = _Plan(roles, tuple({r: setting[r] for r in roles} for setting in best.settings), best.worth)
-    names = [_name(effects, [r[0] for r in rivals]) for effects, _ in rivals]
+    names = [_name(effects, [r[0] for r in rivals], formulas or {}) for effects, _ in rivals]
     return Experiment(
         vary=best.roles,
         settings=best.settings,
@@ -110,10 +114,10 @@ def propose(
     )
 
 
-def _name(effects: tuple[str, ...], sets: Sequence[tuple[str, ...]]) -> str:
+def _name(effects: tuple[str, ...], sets: Sequence[tuple[str, ...]], formulas: Mapping[str, str]) -> str:
     """What distinguishes a set from the others."""
     shared = set.intersection(*(set(s) for s in sets))
-    return " + ".join(e for e in effects if e not in shared) or " + ".join(effects)
+    return " + ".join(formulas.get(e, e) for e in [e for e in effects if e not in shared] or effects)
 
 
 def _listed(names: Sequence[str]) -> str:

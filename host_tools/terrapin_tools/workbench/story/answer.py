@@ -36,6 +36,7 @@ def answer(story: Story) -> dict[str, Any]:
             "rivals": found.rivals,
             "part": found.missing if found.part else (),
             "rest": found.part and _rest(found.part),
+            "formulas": found.formulas,
             "front": [vars(one) for one in found.front],
             "weighed": [vars(one) for one in found.weighed],
             "next_experiment": found.plan and vars(found.plan),
@@ -153,6 +154,7 @@ def read(kept: Mapping[str, Any]) -> Findings:
         remarks=tuple(kept.get("remarks", ())),
         then={name: float(error) for name, error in kept.get("then", {}).items()},
         noise=_noise(kept),
+        formulas=dict(kept["formulas"]),
         part=_kept_part(kept["rest"]),
         weighed=tuple(
             Weight(w["kind"], tuple(tuple(names) for names in w["sets"]), w["column"], w["probability"])

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from terrapin_tools.workbench.discover.decide import ALONE, CREDIBLE, Weight
 from terrapin_tools.workbench.discover.misfit import Step
 from terrapin_tools.workbench.story.sentences import chance, in_sd, number, percent, spelt
-from terrapin_tools.workbench.story.story import Findings, Story
+from terrapin_tools.workbench.story.story import Findings, Short, Story
 
-__all__ = ["explain"]
+__all__ = ["explain", "short_answers"]
 
 SHOWN = 8  # answers
 WORDS = {
@@ -49,7 +48,11 @@ def explain(story: Story) -> str:
             f"What would turn it: {_what(found, own[1])}, if further rows spoke {_times(odds)} times more for it, as "
             f"one mean that lies {far} sd on its side would."
         )
-    return "\n".join([*lines, *_front(found, found.front)])
+    lines.append("Short answers first (terms, errors in noise sd, probability to be all that is missing):")
+    for short in short_answers(found):
+        errors = f"training {short.training}, held out {short.held_out}"
+        lines.append(f"  {short.terms}: {short.name}: {errors}, {short.probability}")
+    return "\n".join(lines)
 
 
 def _times(odds: float) -> str:
@@ -64,10 +67,20 @@ def _what(found: Findings, one: Weight) -> str:
     return sets or (curve if one.kind == "unknown" else f"{WORDS[one.kind]} {one.column}".rstrip())
 
 
-def _front(found: Findings, steps: Sequence[Step]) -> list[str]:
-    lines = ["Short answers first (terms, errors in noise sd, probability to be all that is missing):"]
-    for one in steps:
-        name = " + ".join(spelt(found, one.effects)) or "the model as it is"
-        errors = f"training {in_sd(one.train_error)}, held out {in_sd(one.heldout_error)}"
-        lines.append(f"  {len(one.effects)}: {name}: {errors}, {chance(one.probability)}")
-    return lines
+def short_answers(found: Findings) -> tuple[Short, ...]:
+    """The front of error against number of terms, in words."""
+
+    def error(one: Step) -> float:
+        return one.train_error if one.heldout_error is None else one.heldout_error
+
+    return tuple(
+        Short(
+            terms=len(one.effects),
+            name=" + ".join(spelt(found, one.effects)) or "the model as it is",
+            training=in_sd(one.train_error),
+            held_out=in_sd(one.heldout_error),
+            probability=chance(one.probability),
+            share=error(one) / error(found.front[0]),
+        )
+        for one in found.front
+    )

@@ -122,6 +122,12 @@ click: what it would do</span></h2>
 </span></td><td class="n">{{ chance(one.proposal.probability) }}</td></tr>{% endfor %}</tbody></table></details>
 {%- endif %}
 </section>{% endif %}
+{%- if story.front %}<section><h2>Short answers first <span>errors in noise sd; probability to be all that is
+missing</span></h2><table><thead><tr><th class="n">terms</th><th></th><th class="n">training</th>
+<th class="n">held out</th><th></th><th class="n">probability</th></tr></thead><tbody>
+{%- for one in story.front %}<tr><td class="n">{{ one.terms }}</td><td>{{ one.name }}</td>
+<td class="n">{{ one.training }}</td><td class="n">{{ one.held_out }}</td><td>{{ bar(one.share) }}</td>
+<td class="n">{{ one.probability }}</td></tr>{% endfor %}</tbody></table></section>{% endif %}
 {%- if curve_svg %}<section><h2>A curve that has no formula here <span>band: 95 %</span></h2>{{ curve_svg|safe }}
 </section>{% endif %}
 <section class="next{{ " ok" if story.verdict in ("adequate", "missing") }}"><h2>Next</h2><p>{{ story.next.text }}</p>

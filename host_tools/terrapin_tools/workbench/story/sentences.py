@@ -153,8 +153,7 @@ def _either(sets: Sequence[Sequence[str]]) -> str:
 
 def spelt(found: Findings, effects: Sequence[str]) -> list[str]:
     """Effects as a headline has them: an expression by what it says, for its name says nothing."""
-    formulas = {c.effect: f"{c.expression} in {c.target}" for c in found.candidates if c.kind == "expression"}
-    return [formulas.get(name, name) for name in effects]
+    return [found.formulas.get(name, name) for name in effects]
 
 
 def _p(value: float) -> str:
@@ -364,8 +363,8 @@ def reason(found: Findings, one: Proposal, why_not: str) -> str:
     left = "" if one.noise_ratio is None else f" and leaves {in_sd(one.noise_ratio)} noise sd on held-out runs"
     mine = [set(rival) for rival in found.rivals if one.effect in rival]
     if mine and len(found.rivals) > 1:
-        others = _either([sorted(set(rival) - mine[0]) for rival in found.rivals if set(rival) - mine[0]])
-        if rest := sorted(mine[0] - {one.effect}):
+        others = _either([spelt(found, sorted(set(rival) - mine[0])) for rival in found.rivals if set(rival) - mine[0]])
+        if rest := spelt(found, sorted(mine[0] - {one.effect})):
             return f"With {_joined(rest)} it does as well as {others} on these data; alone it takes away {share}{left}."
         return f"Does as well as {others} on these data: it takes away {share}{left}."
     if found.verdict == "adequate":

@@ -35,6 +35,7 @@ __all__ = [
     "Place",
     "Proposal",
     "Rung",
+    "Short",
     "Story",
     "Value",
 ]
@@ -180,6 +181,7 @@ class Findings:
     part: Part | None = None  # of verdict partial
     front: tuple[Step, ...] = ()  # the likeliest set of no, one, two ... terms
     weighed: tuple[Weight, ...] = ()  # all that was, likeliest first
+    formulas: Mapping[str, str] = field(default_factory=dict)  # what each expression says that is named anywhere here
 
 
 @dataclass(frozen=True)
@@ -194,6 +196,18 @@ class Card:
     source: str
     reason: str
     values: Mapping[str, Value]  # of a named effect as fitted with the others that are named
+
+
+@dataclass(frozen=True)
+class Short:
+    """The likeliest answer of so many terms, in words; `share` of the error without any that is left."""
+
+    terms: int
+    name: str
+    training: str  # noise sd
+    held_out: str
+    probability: str  # that it is all that is missing
+    share: float
 
 
 @dataclass(frozen=True)
@@ -231,6 +245,7 @@ class Story:
     heading: str  # over the candidates
     measure: str  # what the number beside a candidate is
     cards: tuple[Card, ...]  # what the answer names first, then likeliest first
+    front: tuple[Short, ...]  # with no, one, two ... terms; empty where a term predicts nothing better
     chances: tuple[tuple[str, str], ...]  # what these runs can show: of what, and how often
     next: Next
     ladder: tuple[Rung, ...]

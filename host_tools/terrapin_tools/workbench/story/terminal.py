@@ -51,6 +51,10 @@ def tell(story: Story) -> str:
         ]
     lines += [part for note in story.notes for part in _wrapped(_plain(note), "  ")]
     lines += _candidates(story)
+    if story.front:
+        rows = [(str(s.terms), s.name, s.training, s.held_out, s.probability) for s in story.front]
+        lines += ["", "Short answers first (errors in noise sd, probability to be all that is missing):"]
+        lines += _table([("terms", "", "training", "held out", "probability"), *rows])
     if story.chances:
         lines += ["", "What these runs can show:", *_table(story.chances)]
     lines += ["", *_next(story.next)]

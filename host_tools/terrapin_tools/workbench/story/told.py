@@ -26,6 +26,7 @@ from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.model.usual_sizes import usual_size
 from terrapin_tools.workbench.noise.estimate import Noise
 from terrapin_tools.workbench.story import sentences
+from terrapin_tools.workbench.story.explain import short_answers
 from terrapin_tools.workbench.story.story import (
     Card,
     Channel,
@@ -92,6 +93,7 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         heading=heading,
         measure=measure,
         cards=tuple(_cards(analysis, found)) if found else (),
+        front=short_answers(found) if found and found.front[1:] else (),
         chances=sentences.chances(found.operating, found.selected) if found else (),
         next=sentences.next_step(
             analysis.missing, found, str(case.folder), units, _zeros(analysis, found), bool(strange)
@@ -155,7 +157,17 @@ def found_by(discovery: Discovery) -> Findings:
         part=_part(analysis, discovery, noise.sigma),
         front=discovery.front,
         weighed=discovery.weighed,
+        formulas=_formulas(discovery),
     )
+
+
+def _formulas(discovery: Discovery) -> dict[str, str]:
+    sets = [discovery.missing, *discovery.rivals, *(one.effects for one in discovery.front)]
+    sets += [(one.effect.name,) for one in discovery.candidates]
+    sets += [names for one in discovery.weighed for names in one.sets]
+    known = discovery.ranking.expressions
+    named = dict.fromkeys(name for names in sets for name in names if name in known)
+    return {name: f"{known[name].expression} in {known[name].target}" for name in named}
 
 
 def _part(analysis: Analysis, discovery: Discovery, sigma: npt.NDArray[np.float64]) -> Part | None:
