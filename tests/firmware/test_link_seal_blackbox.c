@@ -490,6 +490,14 @@ static void test_no_sealed_run_takes_the_place_of_an_idle(void) {
     TEST_ASSERT_EQUAL(1U, link.out_of_place);
 }
 
+static void test_no_session_of_generation_0(void) {
+    terrapin_link_init(&link, &state, &inputs);
+    terrapin_link_seal(&link, link_key, 0U, 1U); /* a key of which no session is to be opened */
+    const terrapin_frame frame = session_open(7U, 0U);
+    TEST_ASSERT_NOT_EQUAL(TERRAPIN_ACCEPT_REPLY, give(&frame));
+    TEST_ASSERT_EQUAL_UINT32(0U, link.seal.opened);
+}
+
 static void test_short_frames_are_malformed(void) {
     host h;
     open_session(&h, 7U);
@@ -593,6 +601,7 @@ int main(int count, char **arguments) {
     RUN_TEST(test_a_stranger_ends_no_session);
     RUN_TEST(test_sessions_have_places);
     RUN_TEST(test_no_sealed_run_takes_the_place_of_an_idle);
+    RUN_TEST(test_no_session_of_generation_0);
     RUN_TEST(test_short_frames_are_malformed);
     RUN_TEST(test_time_wraps_and_a_session_ends_at_16_s);
     RUN_TEST(test_a_withheld_frame_is_taken_for_a_second_at_most);

@@ -25,6 +25,7 @@ from terrapin_tools.workbench.files.format import Asked, Part
 from terrapin_tools.workbench.files.formats import csv_text
 from terrapin_tools.workbench.files.tables import read
 from terrapin_tools.workbench.new_case.from_tables import split_unit
+from tests.attack.bombs_of_tables import with_member
 
 ROOT = Path(__file__).resolve().parents[2]
 PLAIN = Asked()
@@ -126,6 +127,24 @@ def test_two_cells_in_opposite_corners_do_not_fill_the_memory(tmp_path: Path) ->
     book.active["A1"], book.active["XFD1048576"] = "x", 1.0
     book.save(tmp_path / "a.xlsx")
     refused(tmp_path / "a.xlsx", "more than 20000000 cells")
+
+
+@pytest.mark.parametrize(
+    ("kind", "member", "at", "piece"),
+    [
+        ("xlsx", "xl/worksheets/sheet1.xml", b"</sheetData>", b"<row><c><v>1</v></c></row>"),
+        ("ods", "content.xml", b"</table:table>", b"<table:table-row><table:table-cell/></table:table-row>"),
+    ],
+)
+def test_a_sheet_of_more_cells_than_a_file_of_its_size_holds(
+    tmp_path: Path, kind: str, member: str, at: bytes, piece: bytes
+) -> None:
+    """Some kB that unpack to a few MB, of half a million rows that each cost a list."""
+    path = tmp_path / f"a.{kind}"
+    WRITERS[kind][1](path, numbers(1))
+    with_member(path, member, at, piece, 12)
+    assert path.stat().st_size < 100_000
+    refused(path, "rows and cells, expected fewer in a file of its size")
     ods(tmp_path / "b.ods", numbers(3))
     with zipfile.ZipFile(tmp_path / "b.ods") as old, zipfile.ZipFile(tmp_path / "c.ods", "w") as new:
         for info in old.infolist():

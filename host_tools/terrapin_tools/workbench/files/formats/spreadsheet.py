@@ -14,8 +14,13 @@ from terrapin_tools.workbench.files.format import Asked, Format, Part
 from terrapin_tools.workbench.files.grid import Merged, Row, part_of_grid
 
 MOST = 20_000_000  # cells of a sheet
+FEW, EACH = (
+    1 << 18,
+    2,
+)  # rows and cells that stand in a file of any size, and for each of its bytes: they pack to 2 or more
 _PLACE = re.compile(rb'<c\b[^>]*?\br="([A-Z]{1,3})(\d{1,7})"')
 _ODS = re.compile(rb"<table:(table|table-row|table-cell|covered-table-cell)(?![\w-])([^>]*)>")
+_ELEMENT = re.compile(rb"<(?:\w+:)?(?:c|row|table-row|table-cell)[\s/>]")
 _RANGE = re.compile(r"\$?([A-Z]{1,3})\$?(\d{1,7}):\$?([A-Z]{1,3})\$?(\d{1,7})", re.IGNORECASE)
 _NEVER = re.compile(rb"(?!)()()")
 BLOCK = 1 << 20
@@ -73,7 +78,8 @@ def _number(letters: bytes) -> int:
 
 
 def _check_size(path: Path) -> None:
-    """UserError for a file that unpacks to more than it may, or to a sheet of more than MOST cells.
+    """UserError for a file that unpacks to more than it may, to more cells than a file of its size, or to a sheet of
+    more than MOST cells.
 
     The library holds a sheet as the rectangle of its cells: two of them in opposite corners would fill the memory.
     """
@@ -81,7 +87,15 @@ def _check_size(path: Path) -> None:
         return  # .xls: what a file of its size can hold
     with zipfile.ZipFile(path) as packed:
         refuse_beyond(path, sum(info.file_size for info in packed.infolist()))
+        left = FEW + EACH * path.stat().st_size
         for info in packed.infolist():
+            if info.filename.startswith("xl/worksheets/") or info.filename == "content.xml":
+                left -= sum(len(_ELEMENT.findall(text)) for text in _texts(packed, info))
+            if left < 0:
+                most = FEW + EACH * path.stat().st_size
+                raise UserError(
+                    f"{path.name}: holds more than {most} rows and cells, expected fewer in a file of its size"
+                )
             if re.fullmatch(r"xl/worksheets/[^/]+\.xml", info.filename):
                 last = [(int(row), _number(letters)) for letters, row in _places(packed, info, _PLACE)]
                 if last and max(r for r, _ in last) * (max(c for _, c in last) + 1) > MOST:
@@ -97,7 +111,14 @@ def _check_size(path: Path) -> None:
 def _places(
     packed: zipfile.ZipFile, info: zipfile.ZipInfo, pattern: re.Pattern[bytes]
 ) -> Iterator[tuple[bytes, bytes]]:
-    """The groups of each match in a packed file, a block at a time."""
+    """The groups of each match in a packed file."""
+    for text in _texts(packed, info):
+        for match in pattern.finditer(text):
+            yield match[1], match[2]
+
+
+def _texts(packed: zipfile.ZipFile, info: zipfile.ZipInfo) -> Iterator[bytes]:
+    """A packed file in pieces that end behind an element's bracket."""
     done, rest = 0, b""
     with packed.open(info) as file:
         while block := file.read(BLOCK):
@@ -105,8 +126,7 @@ def _places(
             refuse_beyond(Path(packed.filename or ""), done)
             text = rest + block
             end = text.rfind(b">") + 1
-            for match in pattern.finditer(text, 0, end):
-                yield match[1], match[2]
+            yield text[:end]
             rest = text[end:] if len(text) - end < BLOCK else b""
 
 
