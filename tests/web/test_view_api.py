@@ -34,6 +34,23 @@ def test_a_preview_falls_to_the_floor(server: Server, heated: str) -> None:
     assert len(found["channels"]["current"]) == 72
 
 
+def test_another_model_of_the_case_and_an_own_effect_before_it_is_added(server: Server, heated: str) -> None:
+    """The base model alone is the first rung; an own formula like a known effect predicts what that does."""
+    ladder = server.get(f"/api/cases/{heated}/view")["plot"]["ladder"]
+    base = server.get(f"/api/cases/{heated}/view?whole=true")
+    assert base["heldout_error"] == pytest.approx(ladder[0]["heldout_error"], rel=1e-6)
+    same = server.get(f"/api/cases/{heated}/view?whole=true&effect=speed_squared")
+    assert same["heldout_error"] == pytest.approx(ladder[1]["heldout_error"], rel=1e-6)
+    assert server.ask("GET", f"/api/cases/{heated}/view?whole=true&effect=motor_heating").status == 422
+    known = server.get(f"/api/cases/{heated}/view?effect=viscous_friction")
+    parameters = {"k": {"value": 0.0, "unit": "N m s/rad"}}
+    body = {"effect": "drag", "expression": "k * omega", "target": "", "parameters": parameters}
+    own = server.ask("POST", f"/api/cases/{heated}/draw", body)
+    assert own.status == 200, own.body
+    assert own.json["heldout_error"] == pytest.approx(known["heldout_error"], rel=1e-3)
+    assert server.ask("POST", f"/api/cases/{heated}/draw", {**body, "expression": "k *"}).status == 422
+
+
 def test_what_is_asked_for_again_is_not_computed_again(server: Server, heated: str) -> None:
     """Other numbers behind the server's back, in a file of the same size and time, are not noticed; its time is."""
     runs = server.workspace / "cases" / heated / "runs.csv"

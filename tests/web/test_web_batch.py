@@ -25,7 +25,19 @@ def test_a_batch_fills_and_is_removed(server: Server) -> None:
     state = server.get(f"/api/batches/{started['batch']}")
     assert (state["done"], state["runs"], state["complete"]) == (30, 30, True)
     assert state["inputs"] == ["passed", "seed", "path.2.slope"]
-    assert len(state["points"]) == 30
+    assert len(state["points"]) == len(state["outcomes"]) == 30
+    assert "max(abs(slip))" in state["results"]
+    bad = [i for i, point in enumerate(state["points"]) if not point[0]]
+    number, why, *numbers = state["outcomes"][bad[0]]
+    assert why
+    assert len(numbers) == len(state["results"])
+    one = server.ask("POST", f"/api/batches/{started['batch']}/runs/{number}")  # the same run, with its log
+    assert one.status == 202, one.body
+    assert server.wait(one.json["id"])["state"] == "done"
+    run = server.get(f"/api/simulate/{one.json['run']}/signals")
+    failed = [check["found"] for check in run["checks"] if not check["passed"]]
+    assert len(failed) == len(why.split("; "))
+    assert server.ask("POST", f"/api/batches/{started['batch']}/runs/77777").status == 404
     assert (
         next(line for line in server.get("/api/batches") if line["name"] == started["batch"])["failed"]
         == state["failed"]

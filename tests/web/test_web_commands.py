@@ -121,6 +121,23 @@ def test_a_mapping_that_is_half_done_is_kept_until_its_case_is_made(server: Serv
     assert made(server, order("kept_draft", upload["id"]))["state"] == "done"
     assert upload["id"] not in [one["id"] for one in server.get("/api/uploads?drafts=true")]
 
+    file = server.workspace / "cases" / "kept_draft" / "case.toml"
+    case = file.read_bytes()
+    assert server.get("/api/cases/kept_draft/steps") == {"undo": 0, "redo": 0, "map": 1}
+    held = server.wait(server.start("kept_draft", do="hold", runs=["r01"]))
+    assert held["state"] == "done", held
+    assert server.get("/api/cases/kept_draft/steps") == {"undo": 1, "redo": 0, "map": 0}
+    assert server.ask("POST", "/api/cases/kept_draft/unmap").status == 409
+    assert server.wait(server.start("kept_draft", do="undo"))["state"] == "done"
+    assert server.ask("POST", "/api/cases/kept_draft/unmap").status == 200  # the making of it is taken back
+    assert not file.parent.exists()
+    assert server.get(f"/api/uploads/{upload['id']}/preview")["draft"] == draft
+    assert server.ask("POST", "/api/cases/kept_draft/unmap").status == 404
+    assert made(server, order("kept_draft", upload["id"]))["state"] == "done"
+    assert file.read_bytes() == case
+    assert server.ask("DELETE", f"/api/uploads/{upload['id']}").status == 200
+    assert server.get("/api/cases/kept_draft/steps")["map"] == 0  # of what was uploaded nothing is left
+
 
 NAMES = st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,8}", fullmatch=True)
 LINES = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"]), min_size=1, max_size=12)

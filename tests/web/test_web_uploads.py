@@ -303,3 +303,23 @@ def test_damaged_zstd_is_one_line(server: Server, tmp_path: Path) -> None:
     assert answer.status == 422, answer.body
     assert "x.mcap" in answer.detail
     assert "\n" not in answer.detail
+
+
+def test_a_table_is_read_as_somebody_says(server: Server) -> None:
+    """What may be read in two ways is refused with both; said, it is taken, and looked at the same way again."""
+    rows = "".join(f"{k};1,{k:03d}\n" for k in range(101, 140))
+    content = f"omega;current\n{rows}".encode()
+    refused = server.ask("POST", "/api/uploads?name=doubt.csv", content)
+    assert refused.status == 422
+    assert "say which it is with --read decimal=" in refused.detail
+    taken = server.ask("POST", "/api/uploads?name=doubt.csv&read=decimal=comma", content)
+    assert taken.status == 201, taken.body
+    upload = taken.json
+    column = {one["name"]: one for one in upload["columns"]}["current"]
+    assert (column["min"], column["max"]) == (1.101, 1.139)
+    other = server.get(f"/api/uploads/{upload['id']}/preview?read=decimal=point")
+    assert {one["name"]: one for one in other["columns"]}["current"]["max"] == 1139
+    lines = "\n".join(server.get(f"/api/uploads/{upload['id']}/look?read=decimal=comma")["lines"])
+    assert "1.101" in lines
+    for wrong in ("decimal=dot", "colour=red", "decimal=comma&read=decimal=point"):
+        assert server.ask("GET", f"/api/uploads/{upload['id']}/preview?read={wrong}").status == 422, wrong

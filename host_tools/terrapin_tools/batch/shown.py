@@ -12,6 +12,7 @@ from typing import Any
 from terrapin_tools.batch.design import Row, Varied
 from terrapin_tools.batch.one_run import Answer
 from terrapin_tools.progress import progress_lines
+from terrapin_tools.workbench.files.json_text import finite
 from terrapin_tools.workbench.files.writing import write_whole
 
 __all__ = ["PROGRESS", "Shown"]
@@ -20,6 +21,7 @@ PROGRESS = "progress.json"
 EVERY = 1.0  # s between states of the file
 LINES_EVERY = 10.0  # s between lines where standard error is no terminal
 MOST_POINTS = 2000  # runs that the file has one by one: the latest
+MOST_RESULTS = 16  # numbers of each
 
 
 class Shown:
@@ -29,6 +31,8 @@ class Shown:
         self._path, self._rows, self._inputs = folder / PROGRESS, rows, [one.name for one in varied]
         self._done = self._failed = self._before = 0
         self._points: list[list[Any]] = []
+        self._results: list[str] = []
+        self._outcomes: list[list[Any]] = []
         self._begin = time.monotonic()
         self._written = self._told = -1e9
         self._first_told = False
@@ -43,7 +47,10 @@ class Shown:
         for answer in answers[-MOST_POINTS:]:
             row = self._rows[answer.number]
             self._points.append([answer.passed, row.seed, *(value for _, value in row.values)])
-        del self._points[:-MOST_POINTS]
+            self._results = self._results or list(answer.numbers)[:MOST_RESULTS]
+            why = answer.error or "; ".join(text for text, held in answer.checks.items() if not held)
+            self._outcomes.append([answer.number, " ".join(why.split()), dict(answer.numbers)])
+        del self._points[:-MOST_POINTS], self._outcomes[:-MOST_POINTS]
         now = time.monotonic()
         if now - self._written >= EVERY:
             self._written = now
@@ -84,8 +91,12 @@ class Shown:
             "complete": complete,
             "inputs": ["passed", "seed", *self._inputs],
             "points": self._points,
+            "results": self._results,
+            "outcomes": [
+                [number, why, *(numbers.get(name) for name in self._results)] for number, why, numbers in self._outcomes
+            ],
         }
         try:
-            write_whole(self._path, json.dumps(state) + "\n")
+            write_whole(self._path, json.dumps(finite(state)) + "\n")
         except OSError:  # a full disk: the runs themselves say so
             return

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Annotated
 
 from fastapi import APIRouter
 from pydantic import BaseModel, Field, FiniteFloat, StringConstraints
 
 from terrapin_tools.errors import UserError
+from terrapin_tools.web.cases.mapping import keep_mapping, mapping_of
 from terrapin_tools.web.service.context import Context, Terrapin
 from terrapin_tools.web.service.jobs import Job, for_a_shell
 from terrapin_tools.web.service.models import (
@@ -18,6 +20,7 @@ from terrapin_tools.web.service.models import (
     JobStarted,
     Line,
     Name,
+    Named,
     Parameter,
     Request,
     problems,
@@ -97,12 +100,31 @@ async def new_case(context: Terrapin, body: NewCase) -> JobStarted:
         raise Taken(f"case: {body.name!r} is being made, expected a new name")
 
     async def made(job: Job) -> None:
+        keep_mapping(target, body.uploads, upload_view(context.workspace, body.uploads[0]).get("draft"))
         for identifier in body.uploads:
             keep_draft(context, identifier, None)
         context.events.send({"cases": True})
 
     job = context.jobs.add("make", body.name, [_step(context, body)], done=made, fresh=target)
     return JobStarted(id=job.id, command=job.command)
+
+
+@router.post("/cases/{name}/unmap", responses=problems(404, 409))
+async def unmap(context: Terrapin, name: Name) -> Named:
+    """Take back the making of a case whose other changes are undone: it goes, and its mapping is half done again, as it
+    was typed. 409 where nothing is kept of the mapping, or a change stands."""
+    folder = context.workspace.case(name)
+    if context.jobs.busy(name):
+        raise Taken(f"case: a job works on {name!r}, expected it cancelled or ended")
+    mapping = await asyncio.to_thread(mapping_of, context, folder)
+    if mapping is None:
+        raise Taken(f"case: {name!r} has changes or was not mapped here, expected one as it was made of uploads")
+    await asyncio.to_thread(context.workspace.delete_case, name)
+    context.jobs.forget(name)
+    keep_draft(context, mapping.uploads[0], mapping)
+    context.events.send({"case": name, "deleted": True})
+    context.events.send({"cases": True})
+    return Named(name=name)
 
 
 def _step(context: Context, body: NewCase) -> list[str]:

@@ -2,6 +2,7 @@
 
     look("day_1.csv", "")         {"kind": "csv", "columns": [...], "rows": ..., "warnings": [...], ...}
     look("run.log", "robot.dbc")  the same of a log's signals
+    look("day_1.csv", "", {"decimal": "comma"})    the same, read as somebody says
 
 Runs in the warm worker; progress goes to standard error. A file that is none of its kind is a UserError of one line.
 """
@@ -21,6 +22,7 @@ from terrapin_tools.logs.reading import READABLE, LogReader, is_log
 from terrapin_tools.progress import bar
 from terrapin_tools.web.cases.clock import Clock
 from terrapin_tools.workbench.files import units
+from terrapin_tools.workbench.files.format import Asked
 from terrapin_tools.workbench.files.formats import SUFFIXES as TABLES
 from terrapin_tools.workbench.files.streamed_tables import stream
 from terrapin_tools.workbench.files.tables import Table
@@ -35,8 +37,9 @@ SHOWN = 8  # cells of a column
 MAX_COLUMNS = 1000
 
 
-def look(file: str, dbc: str) -> dict[str, Any]:
-    """Kind, columns with guesses, rows and warnings. `dbc`: for a log; "": the controller's own."""
+def look(file: str, dbc: str, said: dict[str, str] | None = None) -> dict[str, Any]:
+    """Kind, columns with guesses, rows and warnings. `dbc`: for a log; "": the controller's own. `said`: how a table is
+    to be read, as [data.read] of case.toml."""
     path = Path(file)
     suffix = path.suffix.lower()
     if path.stat().st_size == 0:
@@ -45,7 +48,7 @@ def look(file: str, dbc: str) -> dict[str, Any]:
         return _look_dbc(path)
     if is_log(path):
         return _look_log(path, Path(dbc) if dbc else paths.dbc())
-    return _look_table(path, suffix[1:] if suffix in PLAIN else "table")
+    return _look_table(path, suffix[1:] if suffix in PLAIN else "table", Asked.of(said or {}, "read"))
 
 
 class _Columns:
@@ -83,10 +86,10 @@ class _Columns:
         self.rows += table.rows
 
 
-def _look_table(path: Path, kind: str) -> dict[str, Any]:
+def _look_table(path: Path, kind: str, asked: Asked) -> dict[str, Any]:
     gathered, clock = _Columns(), None
     time_column = run_column = None
-    for table in stream(path):
+    for table in stream(path, asked=asked):
         first = not gathered.names
         gathered.take(table)
         if first:

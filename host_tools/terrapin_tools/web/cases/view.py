@@ -21,10 +21,12 @@ from terrapin_hil.physics.effects import Effect
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case import history
 from terrapin_tools.workbench.case.case import Case, load_case
+from terrapin_tools.workbench.case.changes import OwnEffect, OwnParameter
 from terrapin_tools.workbench.compare.comparison import analyse, error, fitted_on, measured, predict
 from terrapin_tools.workbench.compare.refit import refit
 from terrapin_tools.workbench.experiment.rig_settings import SETTABLE
 from terrapin_tools.workbench.files.json_text import finite
+from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.story import answer
 from terrapin_tools.workbench.story.effect_picture import as_svg
@@ -128,6 +130,7 @@ def view(folder: str | Path) -> dict[str, Any]:
         "history": history.history(folder),
         "notes": to_html(case.notes),
         "targets": _targets(case),
+        "catalogue": sorted(name for name in case.library if name not in case.effects),
         "names": sorted({*case.inputs, *case.parameters, *case.fit}),
         "exports": sorted(effect.name for effect in effects if effect.firmware),
         "plot": page_data(analysis, story, ()),
@@ -135,23 +138,41 @@ def view(folder: str | Path) -> dict[str, Any]:
     return dict(finite(shown))
 
 
-def preview(folder: str | Path, effects: Sequence[str], noise: dict[str, float], kept: Sequence[int]) -> dict[str, Any]:
+def preview(
+    folder: str | Path,
+    effects: Sequence[str],
+    noise: dict[str, float],
+    kept: Sequence[int],
+    whole: bool = False,
+    own: dict[str, Any] | None = None,
+) -> dict[str, Any]:
     """The model refitted with `effects` added: prediction by channel on the rows `kept`, errors, parameters.
 
     `noise` is the sd by channel and `kept` the rows, counted from 0, that `view` draws; so nothing of the comparison
-    is done again. UserError when an effect is unknown, in the model already, or gives no prediction.
+    is done again. With `whole` the effects are all that the model has: those of the case and more, or some of them,
+    or none. `own` is the formula of the only effect, which the case does not know: expression, target, parameters.
+    UserError when an effect is unknown, in the model already, or gives no prediction.
     """
     folder = Path(folder)
     case = load_case(folder)
     found = answer.recall(folder)
-    own = {one.effect: one.own for one in found.candidates} if found else {}
-    known = [name for name in dict.fromkeys([*own, *case.library]) if name not in case.effects]
+    proposed = {one.effect: one.own for one in found.candidates} if found else {}
+    if own is not None:
+        proposed = {effects[0]: _formula(own)}
+    inside = case.effects if whole else ()
+    known = [name for name in dict.fromkeys([*inside, *proposed, *case.library]) if whole or name not in case.effects]
     for name in effects:
         if name not in known or list(effects).count(name) > 1:
             raise UserError(f"effect: found {name!r}, expected each once and of {', '.join(known)}")
     channels = Model.of(case).channels
     sigma = np.array([noise[name] for name in channels])
-    fit = refit(case, sigma, own, tuple(effects))
+    fit: Fit | None
+    if whole and set(effects) < set(inside):
+        fit = fitted_on(case, [name for name in inside if name in effects], case.train, sigma)[-1]
+    elif not set(inside) <= set(effects):
+        raise UserError(f"effect: expected those of the model and more, or some of them: {', '.join(inside)}")
+    else:
+        fit = refit(case, sigma, proposed, tuple(name for name in effects if name not in inside))
     if fit is None:
         raise UserError(f"{' + '.join(effects)}: gives no prediction on these data")
     prediction = predict(fit, case.train | case.test)[:, list(kept)]
@@ -165,6 +186,14 @@ def preview(folder: str | Path, effects: Sequence[str], noise: dict[str, float],
             for fitted, value in zip(fit.model.fitted, fit.theta, strict=True)
         },
     }
+
+
+def _formula(own: dict[str, Any]) -> OwnEffect:
+    parameters = {
+        name: OwnParameter(entry["value"], entry.get("min"), entry.get("max"), entry.get("unit") or "1")
+        for name, entry in own["parameters"].items()
+    }
+    return OwnEffect(own["expression"], own["target"] or None, parameters)
 
 
 def _constants(case: Case) -> list[dict[str, Any]]:

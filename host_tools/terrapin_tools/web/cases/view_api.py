@@ -10,6 +10,8 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query
 
+from terrapin_tools.web.cases.mapping import mapping_of
+from terrapin_tools.web.service import models
 from terrapin_tools.web.service.context import Context, Terrapin
 from terrapin_tools.web.service.models import problems
 from terrapin_tools.web.service.workspace import NAME
@@ -70,23 +72,41 @@ async def case_view(
     name: Annotated[str, Path(pattern=NAME)],
     draft: bool = False,
     effect: Annotated[list[Annotated[str, Query(pattern=NAME)]] | None, Query(max_length=MOST_EFFECTS)] = None,
+    whole: bool = False,
 ) -> dict[str, Any]:
     """Verdict, plots, ranking and ladder of a case; with `effect` (repeat for more) the curve with them added.
 
-    With `draft` the plot alone, which is there sooner.
+    With `draft` the plot alone, which is there sooner. With `whole` the effects are all that the model has: another
+    model of the case, to be held against its own; with none of them the base model.
     """
     folder = context.workspace.case(name)
-    if draft and not effect:
+    if draft and not effect and not whole:
         return await _answer(context, folder, "draft")
     shown = await _answer(context, folder, "view")
-    if not effect:
+    if not effect and not whole:
         return shown
+    return await _answer(context, folder, "preview", effect or [], *_drawn(shown), whole)
+
+
+def _drawn(shown: dict[str, Any]) -> tuple[dict[str, float], list[int]]:
+    """Noise sd by channel, and the rows that a view draws."""
     noise = {channel: entry["noise_sd"] for channel, entry in shown["channels"].items()}
-    kept = [row - 1 for row in shown["plot"]["columns"]["row"]["values"]]
-    return await _answer(context, folder, "preview", effect, noise, kept)
+    return noise, [row - 1 for row in shown["plot"]["columns"]["row"]["values"]]
+
+
+@router.post("/api/cases/{name}/draw", responses=problems(404))
+async def draw(context: Terrapin, name: Annotated[str, Path(pattern=NAME)], body: models.DrawRequest) -> dict[str, Any]:
+    """What the model would predict with an effect of one's own, fitted, before it is added; nothing is written."""
+    folder = context.workspace.case(name)
+    shown = await _answer(context, folder, "view")
+    own = {**body.model_dump(), "effect": None}
+    return await _answer(context, folder, "preview", [body.effect], *_drawn(shown), False, own)
 
 
 @router.get("/api/cases/{name}/steps", responses=problems(404))
 async def case_steps(context: Terrapin, name: Annotated[str, Path(pattern=NAME)]) -> dict[str, int]:
-    """How many changes of the case can be undone, and how many that were undone can be done again."""
-    return await asyncio.to_thread(history.steps, context.workspace.case(name))
+    """How many changes of the case can be undone, and how many that were undone can be done again; `map`: whether the
+    making of it can be taken back (POST unmap)."""
+    folder = context.workspace.case(name)
+    found = await asyncio.to_thread(history.steps, folder)
+    return {**found, "map": int(await asyncio.to_thread(mapping_of, context, folder) is not None)}

@@ -14,6 +14,7 @@ __all__ = [
     "Base",
     "CaseDetail",
     "CaseSummary",
+    "DrawRequest",
     "Effect",
     "EffectName",
     "Example",
@@ -203,6 +204,15 @@ class ExpressionRequest(Request):
     """An expression to be checked against a case. `target` empty: the base model's usual one."""
 
     case: Name
+    expression: Formula
+    target: Line = ""
+    parameters: dict[EffectName, Parameter] = Field(default={}, max_length=20, json_schema_extra=CLOSED)
+
+
+class DrawRequest(Request):
+    """An effect of one's own that is drawn before it is added."""
+
+    effect: EffectName
     expression: Formula
     target: Line = ""
     parameters: dict[EffectName, Parameter] = Field(default={}, max_length=20, json_schema_extra=CLOSED)

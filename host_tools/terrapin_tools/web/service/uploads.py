@@ -8,7 +8,7 @@ import re
 import secrets
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal
@@ -26,6 +26,7 @@ from terrapin_tools.web.service.warm import Kind, Late
 from terrapin_tools.web.service.workspace import NotThere, Workspace
 from terrapin_tools.workbench.files.formats import SUFFIXES as TABLES
 from terrapin_tools.workbench.files.writing import write_whole
+from terrapin_tools.workbench.new_case.options import pairs
 
 __all__ = [
     "STREAMED", "Identifier", "NoSpace", "TooLarge", "UploadId", "keep_draft", "router",
@@ -49,6 +50,10 @@ SUFFIXES = tuple(dict.fromkeys((*TABLES, *DESCRIPTIONS, *READABLE)))
 Identifier = Annotated[str, StringConstraints(pattern="^[0-9a-f]{12}$")]
 Typed = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]*$", max_length=2000)]
 UploadId = Annotated[str, Path(pattern="^[0-9a-f]{12}$")]
+Readings = Annotated[
+    Sequence[Annotated[str, StringConstraints(pattern=r"^[a-z]{1,20}=[^\x00-\x1f\x7f]{1,200}$")]],
+    Query(max_length=10, description="KEY=VALUE: how a table is read, as [data.read] of case.toml; repeat for more"),
+]
 router = APIRouter(prefix="/api", tags=["uploads"])
 
 
@@ -150,9 +155,10 @@ async def upload(
     request: Request,
     name: Annotated[str, Query(min_length=1, max_length=200, description="the file's, with its suffix")],
     dbc: Annotated[str, Query(pattern="^([0-9a-f]{12})?$", description="upload of a DBC, for a log")] = "",
+    read: Readings = (),
 ) -> Upload:
     """Send a file as it is, as the body. Nothing is kept when it is broken off, too large or no file of its kind."""
-    tidy = _tidy(name)
+    tidy, said = _tidy(name), pairs("read", read)
     bus = str(upload_dbc(context.workspace, dbc)) if dbc else ""
     announced = _announced(request)
     await _drop_oldest(context.workspace)
@@ -164,7 +170,7 @@ async def upload(
         place = folder / identifier
         place.mkdir()
         part.replace(place / tidy)
-        found = await _looked_at(context, request, place / tidy, bus)
+        found = await _looked_at(context, request, place / tidy, bus, said)
         view = {"id": identifier, "name": tidy, "bytes": size, "created": time.time(), **found}
         write_whole(folder / f"{identifier}.json", json.dumps(view) + "\n")
     except BaseException:
@@ -220,13 +226,15 @@ async def _receive(context: Context, request: Request, part: FilePath, identifie
                 context.events.send({"upload": identifier, "state": "receiving", "bytes": size, "of": announced})
 
 
-async def _looked_at(context: Context, request: Request, file: FilePath, bus: str) -> dict[str, Any]:
+async def _looked_at(
+    context: Context, request: Request, file: FilePath, bus: str, said: dict[str, str]
+) -> dict[str, Any]:
     """What is in the file. The work ends when the browser goes away."""
 
     def told(line: str) -> None:
         context.events.send({"upload": file.parent.name, "state": "reading", "line": line})
 
-    look = asyncio.create_task(_look(context, file, bus, told))
+    look = asyncio.create_task(_look(context, file, bus, told, said=said))
     gone = asyncio.create_task(_gone(request))
     try:
         await asyncio.wait((look, gone), return_when=asyncio.FIRST_COMPLETED)
@@ -244,13 +252,18 @@ async def _looked_at(context: Context, request: Request, file: FilePath, bus: st
 
 
 async def _look(
-    context: Context, file: FilePath, bus: str, told: Callable[[str], None] | None = None, by: str = PREVIEW
+    context: Context,
+    file: FilePath,
+    bus: str,
+    told: Callable[[str], None] | None = None,
+    by: str = PREVIEW,
+    said: dict[str, str] | None = None,
 ) -> dict[str, Any]:
     """What is in the file, read in a process of its own and cut off when that takes too long."""
     size = file.stat().st_size
     seconds = DBC_SECONDS if file.suffix in DESCRIPTIONS else LOOK_SECONDS + size / LOOK_PACE
     kind: Kind = "read" if size <= SMALL else "read large"
-    call = context.warm.call(by, str(file), bus, seconds=seconds, told=told, kind=kind)
+    call = context.warm.call(by, str(file), bus, said or {}, seconds=seconds, told=told, kind=kind)
     try:
         found = await call
     except Late:
@@ -297,14 +310,17 @@ async def preview(
     context: Terrapin,
     identifier: UploadId,
     dbc: Annotated[str, Query(pattern="^([0-9a-f]{12})?$", description="upload of a DBC, for a log")] = "",
+    read: Readings = (),
 ) -> Upload:
-    """An upload as it was looked at; with `dbc` a log is looked at again, with that DBC."""
-    view = upload_view(context.workspace, identifier)
-    if dbc:
-        if view["kind"] != "log":
-            raise UserError(f"dbc: found with {view['name']}, expected with a log")
-        bus = str(upload_dbc(context.workspace, dbc))
-        view |= await _look(context, upload_file(context.workspace, identifier), bus)
+    """An upload as it was looked at; with `dbc` a log is looked at again, with that DBC; with `read` a table."""
+    view, said = upload_view(context.workspace, identifier), pairs("read", read)
+    if dbc and view["kind"] != "log":
+        raise UserError(f"dbc: found with {view['name']}, expected with a log")
+    if said and view["kind"] in ("log", "dbc"):
+        raise UserError(f"read: found with {view['name']}, expected with a table")
+    if dbc or said:
+        bus = str(upload_dbc(context.workspace, dbc)) if dbc else ""
+        view |= await _look(context, upload_file(context.workspace, identifier), bus, said=said)
     return Upload(**view)
 
 
@@ -319,13 +335,15 @@ async def look(
     context: Terrapin,
     identifier: UploadId,
     dbc: Annotated[str, Query(pattern="^([0-9a-f]{12})?$", description="upload of a DBC, for a log")] = "",
+    read: Readings = (),
 ) -> Looked:
     """Columns, rate, gaps, steps, saturation, candidates for runs and steady states of an upload."""
+    said = pairs("read", read)
     view = upload_view(context.workspace, identifier)
     if view["kind"] == "dbc":
         raise UserError(f"{view['name']}: describes a bus, expected measurements")
     bus = str(upload_dbc(context.workspace, dbc)) if dbc else ""
-    found = await _look(context, upload_file(context.workspace, identifier), bus, by=LOOK)
+    found = await _look(context, upload_file(context.workspace, identifier), bus, by=LOOK, said=said)
     return Looked(lines=found["lines"])
 
 

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import shutil
-from pathlib import Path
+from pathlib import Path as FilePath
 from typing import Annotated, Any
 
-from fastapi import APIRouter
+import tomlkit
+from fastapi import APIRouter, Path
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
@@ -21,7 +23,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.web.service.context import Context, Terrapin
 from terrapin_tools.web.service.models import Line, Name, Named, problems
 from terrapin_tools.web.service.workspace import NotThere, Taken
-from terrapin_tools.web.simulate.simulate_api import Simulate, changed_scenario
+from terrapin_tools.web.simulate.simulate_api import Simulate, Started, changed_scenario, new_folder
 
 __all__ = ["router"]
 
@@ -74,7 +76,7 @@ async def start(context: Terrapin, body: Batch) -> BatchStarted:
     return BatchStarted(id=job.id, batch=name, command=job.command)
 
 
-def _prepare(folder: Path, shipped: Path, body: Batch) -> tuple[str, list[str]]:
+def _prepare(folder: FilePath, shipped: FilePath, body: Batch) -> tuple[str, list[str]]:
     """The batch's name, its scenario's file beside its folder if it was changed, and the command line."""
     from terrapin_hil.scenario.scenario import load_scenario
 
@@ -101,7 +103,7 @@ def _prepare(folder: Path, shipped: Path, body: Batch) -> tuple[str, list[str]]:
     return name, ["batch", str(file), "--seeds", body.seeds, *vary, *until, "--out", str(folder / name), "--json"]
 
 
-def _batch(context: Context, name: str) -> Path:
+def _batch(context: Context, name: str) -> FilePath:
     return context.workspace.result("batches", "batch", name)
 
 
@@ -126,13 +128,50 @@ def batches(context: Terrapin) -> list[BatchLine]:
 
 @router.get("/batches/{name}", responses=problems(404))
 def batch(context: Terrapin, name: Name) -> dict[str, Any]:
-    """How far a batch is, and the latest runs one by one: passed, seed, what was varied."""
-    path = _batch(context, name) / "progress.json"
+    """How far a batch is, and the latest runs one by one: `points` are passed, seed, what was varied, as `inputs` names
+    them; `outcomes` are the run's number, why it failed, and what it came to, as `results` names it."""
+    return {"name": name, **_state(_batch(context, name))}
+
+
+def _state(folder: FilePath) -> dict[str, Any]:
     try:
-        state: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        state: dict[str, Any] = json.loads((folder / "progress.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        raise NotThere(f"batch: {name} has not begun") from None
-    return {"name": name, **state}
+        raise NotThere(f"batch: {folder.name} has not begun") from None
+    return {"results": [], "outcomes": [[-1, ""] for _ in state.get("points", [])], **state}
+
+
+@router.post("/batches/{name}/runs/{number}", responses=problems(404, 409), status_code=202)
+async def again(context: Terrapin, name: Name, number: Annotated[int, Path(ge=0, lt=MOST_RUNS)]) -> Started:
+    """Do one of its latest runs again, as a job, with its log: what Simulate opens."""
+    folder = _batch(context, name)
+    run, step = await asyncio.to_thread(_one, context.workspace.folder("runs"), folder, number)
+    try:
+        job = context.jobs.add("simulate", None, [step])
+    except UserError:
+        shutil.rmtree(run, ignore_errors=True)
+        raise
+    return Started(id=job.id, run=run.name, command=job.command)
+
+
+def _one(runs: FilePath, batch: FilePath, number: int) -> tuple[FilePath, list[str]]:
+    """A new folder of a run with the scenario as the run of the batch had it, and the command line."""
+    from terrapin_hil.reading import parse_toml
+    from terrapin_hil.scenario.changes import changed
+
+    state = _state(batch)
+    found = [point for point, outcome in zip(state["points"], state["outcomes"], strict=True) if outcome[0] == number]
+    if not found:
+        raise NotThere(f"batch: {batch.name} has no run {number} among its latest")
+    _, seed, *values = found[0]
+    source = batch.with_name(f"{batch.name}.toml")
+    tables = parse_toml(source.read_text(encoding="utf-8"), source)
+    stem = re.sub(r"-\d+\Z", "", batch.name)
+    run = new_folder(runs, stem)
+    file = run / f"{stem}.toml"
+    text = tomlkit.dumps(changed(tables, dict(zip(state["inputs"][2:], values, strict=True))))
+    file.write_text(text, encoding="utf-8")
+    return run, ["run", str(file), "--seed", str(seed), "--out", str(run), "--json"]
 
 
 @router.get("/batches/{name}/report", responses=problems(404), response_class=FileResponse)

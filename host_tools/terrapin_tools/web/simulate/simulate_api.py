@@ -23,7 +23,7 @@ from terrapin_tools.web.service.context import Context, Terrapin
 from terrapin_tools.web.service.models import WHOLE, EffectName, Line, Name, Named, Request, problems
 from terrapin_tools.web.service.workspace import NotThere, Taken
 
-__all__ = ["begin", "changed_scenario", "router"]
+__all__ = ["Simulate", "Started", "begin", "changed_scenario", "new_folder", "router"]
 
 router = APIRouter(prefix="/api", tags=["simulate"])
 Word = Annotated[str, Field(pattern=r"^[a-z_]{0,40}$", max_length=40)]
@@ -271,7 +271,7 @@ def _prepare(folder: Path, body: Simulate) -> tuple[str, list[str]]:
 
     source = (paths.SCENARIOS / f"{body.scenario}.toml").read_text(encoding="utf-8")
     text = changed_scenario(source, body)
-    run = _new_folder(folder, body.scenario[:56])
+    run = new_folder(folder, body.scenario[:56])
     scenario = body.scenario
     if tomllib.loads(text) != tomllib.loads(source):
         file = run / f"{body.scenario}.toml"
@@ -287,8 +287,8 @@ def _prepare(folder: Path, body: Simulate) -> tuple[str, list[str]]:
     return run.name, ["run", scenario, *link, *seed, "--out", str(run), "--json"]
 
 
-def _new_folder(folder: Path, base: str) -> Path:
-    """The next folder of that name. Taken when there are as many runs as are kept."""
+def new_folder(folder: Path, base: str) -> Path:
+    """Makes the next folder of that name. Taken when there are as many runs as are kept."""
     if sum(1 for _ in folder.iterdir()) >= MOST_RUNS:
         raise Taken(f"runs: found {MOST_RUNS}, expected some of them removed")
     number = 1
@@ -374,7 +374,7 @@ def _again(folder: Path, run: Path) -> list[str]:
     except (OSError, ValueError, KeyError):
         raise UserError(f"{run.name}: the run has not begun, expected one that is complete") from None
     own = run / f"{scenario}.toml"
-    out = _new_folder(folder, re.sub(r"-\d+\Z", "", run.name))
+    out = new_folder(folder, re.sub(r"-\d+\Z", "", run.name))
     if own.is_file():
         shutil.copyfile(own, out / own.name)
     given = str(out / own.name) if own.is_file() else scenario

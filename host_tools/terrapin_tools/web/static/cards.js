@@ -8,7 +8,17 @@ export function ranking(page, view) {
   const parts = [];
   if (view.model.length) parts.push(h('section', { class: 'panel', 'aria-label': 'In the model' }, h('h2', { text: 'In the model' }), view.model.map((one) => inside(page, one))));
   parts.push(missing(page, view));
+  if (view.catalogue.length) parts.push(any(page, view));
   return parts;
+}
+
+/** Any effect of the catalogue, drawn or added whatever discover says. @param {CasePage} page @param {View} view */
+function any(page, view) {
+  const choice = h('select', { 'aria-label': 'Effect of the catalogue' }, view.catalogue.map((name) => h('option', { value: name, text: name })));
+  return h('details', { class: 'panel fold' }, h('summary', {}, h('h2', { text: 'Any effect of the catalogue' })),
+    h('div', { class: 'row' }, choice,
+      h('button', { type: 'button', text: 'Draw it', title: 'Fitted and drawn over the model; nothing is changed', onclick: () => page.showPreview([choice.value]) }),
+      h('button', { type: 'button', text: 'Add it', 'aria-label': 'Add it from the catalogue', onclick: () => page.run({ do: 'add', effects: [choice.value] }) })));
 }
 
 /** @param {string[]} texts */

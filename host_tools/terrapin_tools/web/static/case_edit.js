@@ -1,11 +1,14 @@
 // What can be changed of a case and taken back: undo and redo, which runs are held out, known constants.
 import { h } from './app.js';
 
+const UNDO = 'Undo: case.toml as it was before the last change (Control+Z)';
+
 /** Undo and redo: buttons, and Ctrl-Z, Ctrl-Y where nobody types. */
 export class Steps {
   /** @param {CasePage} page */
   constructor(page) {
     this.page = page;
+    this.map = false;
     /** @param {string} text @param {string} sign @param {string} what @param {string} keys */
     const button = (text, sign, what, keys) => h('button', { type: 'button', text: sign, 'aria-label': text, disabled: true, title: `${what} (${keys})`, 'aria-keyshortcuts': keys, onclick: () => this.go(text.toLowerCase()) });
     this.undo = button('Undo', '↶', 'Undo: case.toml as it was before the last change', 'Control+Z');
@@ -19,15 +22,27 @@ export class Steps {
 
   async ask() {
     try {
-      const { undo, redo } = await this.page.app.api(`${this.page.path}/steps`);
-      this.undo.disabled = !undo;
+      const { undo, redo, map } = await this.page.app.api(`${this.page.path}/steps`);
+      this.map = !undo && Boolean(map); // the making of the case itself
+      this.undo.title = this.map ? 'Undo: back to the mapping of the columns (Control+Z)' : UNDO;
+      this.undo.disabled = !undo && !map;
       this.redo.disabled = !redo;
     } catch { /* the view says what is wrong */ }
   }
 
   /** @param {string} way */
   async go(way) {
+    if (way === 'undo' && this.map) { await this.unmap(); return; }
     if (await this.page.run({ do: way })) this.page.app.announce(`${way === 'undo' ? 'Undone' : 'Done again'}`);
+  }
+
+  /** The case goes, and its columns are being mapped again as they were. */
+  async unmap() {
+    const { app, path, folder } = this.page;
+    try { await app.api(`${path}/unmap`, { method: 'POST' }); } catch (error) { this.page.complain(error); return; }
+    app.showCommand(`rm -r ${folder}`);
+    app.announce('Undone: the columns are being mapped again');
+    app.go('workbench');
   }
 
   /** @param {KeyboardEvent} event */
@@ -62,11 +77,10 @@ export function heldOut(page, view) {
 export function constants(page, view) {
   if (!view.constants.length) return null;
   return h('section', { class: 'panel', 'aria-label': 'Known constants' }, h('h2', { text: 'Known constants' }),
-    h('table', { class: 'inputs' }, h('thead', {}, h('tr', {}, ['constant', 'as stated', 'in SI', 'confirmed'].map((text) => h('th', { scope: 'col', text })))),
+    h('table', { class: 'inputs constants' }, h('thead', {}, h('tr', {}, ['constant', 'as stated', 'in SI'].map((text) => h('th', { scope: 'col', text })))),
       h('tbody', {}, view.constants.map((one) => {
         const input = h('input', { type: 'text', value: one.text, maxlength: '60', 'aria-label': `${one.name}, with its unit`, onchange: () => { void set(); } });
         const set = () => page.run({ do: 'constant', name: one.name, value: input.value.trim() });
-        return h('tr', {}, h('th', { scope: 'row', text: one.name }), h('td', {}, input), h('td', { class: 'soft n', text: one.si }),
-          h('td', {}, one.guessed ? h('button', { type: 'button', class: 'act', text: 'Check', title: 'A guess that nobody has confirmed: press when it is right', 'aria-label': `Confirm ${one.name}`, onclick: () => { void set(); } }) : h('span', { class: 'soft small', text: 'stated' })));
+        return h('tr', {}, h('th', { scope: 'row', text: one.name }), h('td', {}, input), h('td', { class: 'soft' }, one.si, one.guessed ? h('button', { type: 'button', class: 'act', text: 'Check', title: 'A guess that nobody has confirmed: press when it is right', 'aria-label': `Confirm ${one.name}`, onclick: () => { void set(); } }) : null));
       }))));
 }

@@ -2,6 +2,7 @@
 import { lineOf } from './app.js';
 import { ranking } from './cards.js';
 import { Steps } from './case_edit.js';
+import { CompareWith } from './compare_with.js';
 import { CasePlots } from './plots/case_plots.js';
 import { below, OwnEffect, nextStep, Controller } from './panels.js';
 import { Ladder } from './plots/ladder.js';
@@ -37,10 +38,11 @@ export class CasePage {
     this.after = []; // what may have the focus next, by name, when what had it is gone
     this.own = new OwnEffect(this);
     this.steps = new Steps(this);
+    this.compareWith = new CompareWith(this);
     this.controller = new Controller(this);
     this.top = h('div');
     this.jobBar = h('div', { class: 'job', role: 'status', hidden: true });
-    this.plots = new CasePlots(() => { this.draw(); if (this.view) this.below.replaceChildren(...below(this, this.view)); });
+    this.plots = new CasePlots(() => { this.compareWith.check(); this.draw(); if (this.view) this.below.replaceChildren(...below(this, this.view)); });
     this.ladderHost = h('div');
     this.ladder = new Ladder(this.ladderHost);
     this.side = h('div', { class: 'side' });
@@ -54,7 +56,7 @@ export class CasePage {
         h('span', { class: 'key floor' }, h('i', { class: 'dashed' }), '1.0')),
       this.ladderHost);
     this.grid = h('div', { class: 'case-grid', hidden: true },
-      h('div', { class: 'plots' }, this.plots.overlayPanel, h('div', { class: 'pair' }, this.plots.residualPanel, ladder)),
+      h('div', { class: 'plots' }, this.compareWith.element, this.plots.overlayPanel, this.plots.besidePanel, h('div', { class: 'pair' }, this.plots.residualPanel, ladder)),
       this.side);
     this.element.replaceChildren(this.top, this.problem, this.said, this.jobBar, this.grid, this.below);
     this.top.replaceChildren(h('p', { class: 'soft', role: 'status', text: 'Comparing model and measurements…' }));
@@ -103,7 +105,7 @@ export class CasePage {
   take(view) {
     const before = this.view;
     this.view = view;
-    const known = view.cards.map((card) => card.effect);
+    const known = [...view.cards.map((card) => card.effect), ...view.catalogue];
     if (this.preview && !this.preview.effects.every((name) => known.includes(name))) this.preview = null;
     if (before && JSON.stringify(before) === JSON.stringify(view)) return;
     this.grid.hidden = false;
@@ -114,6 +116,7 @@ export class CasePage {
       this.side.replaceChildren(...ranking(this, view), ...nextStep(this, view), this.own.element, this.controller.element);
       this.own.take(view);
       this.controller.take(view);
+      void this.compareWith.take(view);
       this.below.replaceChildren(...below(this, view));
     }, this.after);
     this.mark();
@@ -168,19 +171,23 @@ export class CasePage {
     this.ladder.show(inside, preview?.channels ? { added: preview.effects.join(' + '), train_error: preview.train_error ?? 0, heldout_error: preview.heldout_error ?? null } : null);
   }
 
-  /** Fetch and show what the model would predict with effects added; a second time: hide it. @param {string[]} effects */
-  async showPreview(effects, quietly = false) {
-    const same = this.preview && this.preview.effects.join() === effects.join();
+  /**
+   * Fetch and show what the model would predict with effects added; a second time: hide it. `own`: the formula of the one.
+   * @param {string[]} effects @param {OwnFormula | null} own
+   */
+  async showPreview(effects, quietly = false, own = null) {
+    const same = !own && this.preview && this.preview.effects.join() === effects.join();
     this.preview = same ? null : { effects };
     this.mark();
     this.draw();
     if (same) return;
     const wanted = this.preview;
-    if (!quietly) this.app.showCommand(`terrapin add ${this.folder} ${effects.join(' ')}`);
+    if (!quietly && !own) this.app.showCommand(`terrapin add ${this.folder} ${effects.join(' ')}`);
+    this.complain(null);
     try {
       const query = effects.map((name) => `effect=${encodeURIComponent(name)}`).join('&');
       /** @type {Preview} */
-      const found = await this.app.api(`${this.path}/view?${query}`);
+      const found = await (own ? this.app.api(`${this.path}/draw`, { body: { effect: effects[0], ...own } }) : this.app.api(`${this.path}/view?${query}`));
       if (this.preview !== wanted || this.closed) return;
       this.preview = found;
       this.draw();

@@ -113,7 +113,7 @@ class Live {
     app.context(said.name || '');
     for (const part of [this.stop, this.drive, this.replay, this.parameters]) part.begin(said);
     this.source.kind = said.kind || '';
-    this.source.watched = said.watch ?? null;
+    this.source.take(said.watch ?? null);
     this.recorder.begin(watched);
     this.want();
     this.signals.chosen = this.chosen;
@@ -194,10 +194,11 @@ class Live {
     this.pause.setAttribute('aria-pressed', String(on));
   }
 
-  show() {
+  /** @param {string} rest what is watched from now on, if nothing is */
+  show(rest) {
     const { app, telemetry } = this;
     this.shown = true;
-    this.source.offer();
+    void this.source.offer().then(() => this.source.wanted(rest));
     this.strip.start();
     telemetry.open();
     app.context(telemetry.hello?.name || '');

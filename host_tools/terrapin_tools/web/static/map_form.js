@@ -1,5 +1,6 @@
 // The form that maps the columns of a table or a log: what was guessed, and what is typed; `order` is the case asked for.
 import { h, number } from './app.js';
+import { Reading } from './map_read.js';
 
 const MOST_ROWS = 2e6; // of a case
 const FUNCTIONS = ['abs', 'sign', 'sqrt', 'exp', 'log', 'sin', 'cos', 'tan', 'tanh', 'min', 'max'];
@@ -32,6 +33,7 @@ export class MapForm {
     this.every = first.kind === 'log' ? null : text({ inputmode: 'numeric', value: fields.every ?? String(Math.max(1, Math.ceil(rows / MOST_ROWS))) });
     this.rows = first.columns.filter((c) => c.numeric && c.name !== first.run_guess).map((c) => this.row(c, draft?.columns?.find((one) => one.column === c.name)));
     this.extra = h('div', { class: 'form' });
+    this.reading = first.kind === 'log' ? null : new Reading(fields, (reading) => heard.reread(reading));
     this.problem = h('div', { role: 'alert' });
     this.making = h('div', { class: 'job', role: 'status', hidden: true });
     this.submit = h('button', { type: 'submit', class: 'main', text: 'Make the case' });
@@ -49,7 +51,7 @@ export class MapForm {
       h('h2', { text: 'Map the columns' }),
       h('p', { class: 'soft small', text: `${this.data.map((one) => one.name).join(', ')}: ${first.rows} ${first.kind === 'log' ? 'frames' : 'rows'}. Guessed from the names of the columns; correct what is wrong. What is not mapped is looked at all the same.` }),
       first.warnings.map((line) => h('p', { class: 'warn small', text: line })),
-      this.holds,
+      this.holds, this.reading?.element,
       h('div', { class: 'four' }, label('name', this.caseName), label('title', this.title), label('model', this.model), label('run', this.run), this.period ? label('one row every', this.period) : label('every n-th row', this.every)),
       h('div', { class: 'scroll wide', tabindex: '0', role: 'region', 'aria-label': 'Columns' }, h('table', { class: 'inputs' },
         h('thead', {}, h('tr', {}, ['column', 'first values', 'is', 'unit', 'noise sd'].map((words) => h('th', { scope: 'col', text: words })))),
@@ -67,7 +69,7 @@ export class MapForm {
   draft() {
     const fields = { name: this.caseName, title: this.title, run: this.run, period: this.period, every: this.every };
     return {
-      fields: Object.fromEntries(Object.entries(fields).flatMap(([key, input]) => (input ? [[key, input.value]] : []))),
+      fields: { ...Object.fromEntries(Object.entries(fields).flatMap(([key, input]) => (input ? [[key, input.value]] : []))), ...this.reading?.fields() },
       columns: this.rows.map((one) => ({ column: one.column.name, name: one.is.value, unit: one.unit.value, sigma: one.sigma.value })),
       constants: Object.fromEntries(this.typed().map((input) => [input.dataset.key, input.value])),
     };
@@ -129,6 +131,7 @@ export class MapForm {
       if (sigma && !(Number(sigma) > 0)) throw new Error(`noise sd of ${one.column.name}: found ${sigma}, expected a number above 0, or nothing`);
       columns[one.is.value] = { column: one.column.name, unit: one.unit.value.trim(), ...(sigma ? { sigma: Number(sigma) } : {}) };
     }
+    if (!Object.keys(columns).length) throw new Error('no column is mapped, expected at least one');
     /** @type {Record<string, number | string>} */
     const parameters = {};
     /** @type {Record<string, { value: number, min?: number, max?: number }>} */
@@ -155,7 +158,7 @@ export class MapForm {
     if (!/^[1-9]\d{0,6}$/.test(every)) throw new Error(`every n-th row: found ${every}, expected a whole number from 1`);
     return {
       name: this.caseName.value.trim(), title: this.title.value.trim(), base: base.name, uploads: data.map((one) => one.id), run: this.run.value, every: Number(every),
-      columns, parameters, fit, equation, ...(dbc ? { dbc: dbc.id } : {}), ...(this.period ? { period: this.period.value.trim() } : {}),
+      columns, parameters, fit, equation, ...(dbc ? { dbc: dbc.id } : {}), ...(this.period ? { period: this.period.value.trim() } : {}), read: this.reading?.said() ?? {},
     };
   }
 

@@ -2,6 +2,7 @@
 // What is typed is kept by the server beside the first of the files (its draft), so that a reload loses nothing.
 import { lineOf } from './app.js';
 import { MapForm } from './map_form.js';
+import { asQuery, choices } from './map_read.js';
 
 const KEEP_MS = 300; // after the last key, before what is typed is kept
 
@@ -43,22 +44,49 @@ export class Mapper {
   async send(files) {
     if (!files) return;
     for (const file of files) {
-      try { this.uploads.push(await this.upload(file)); } catch (error) { this.tell(file.name, lineOf(error)); continue; }
+      try { this.uploads.push(await this.upload(file)); } catch (error) { this.doubt(file, lineOf(error)); continue; }
     }
     if (!this.uploads.length) return;
     await this.map(this.draft()); // what is typed already stays
     this.keep();
   }
 
-  /** XMLHttpRequest, because fetch does not say how far it has sent. @param {File} file @returns {Promise<Upload>} */
-  upload(file) {
+  /** A file that was refused: why, and the readings between which to choose where there are two. @param {File} file @param {string} text */
+  doubt(file, text) {
+    const { h } = this.app, said = this.tell(file.name, text);
+    for (const reading of choices(text)) {
+      const [[key, value]] = Object.entries(reading);
+      said.append(' ', h('button', { type: 'button', text: `Read it with ${key} ${value}`, onclick: async () => {
+        said.remove();
+        try { this.uploads.push(await this.upload(file, reading)); } catch (error) { this.doubt(file, lineOf(error)); return; }
+        const draft = this.draft() ?? { base: '', fields: {}, columns: [], constants: {} };
+        await this.map({ ...draft, fields: { ...draft.fields, [`read_${key}`]: value } });
+        this.keep();
+      } }));
+    }
+  }
+
+  /** Look at the files again, read as somebody says. @param {Record<string, string>} reading */
+  async reread(reading) {
+    if (!this.sheet) return;
+    const { sheet } = this, { fields, constants } = sheet.draft();
+    sheet.problem.replaceChildren();
+    try {
+      this.uploads = await Promise.all(this.uploads.map((one) => (one.kind === 'dbc' || one.kind === 'log' ? one : this.app.api(`uploads/${one.id}/preview?dbc=${asQuery(reading)}`))));
+    } catch (error) { sheet.refuse(lineOf(error)); return; }
+    await this.map({ base: '', fields, columns: [], constants }); // of other columns the guesses are new
+    this.keep();
+  }
+
+  /** XMLHttpRequest, because fetch does not say how far it has sent. @param {File} file @param {Record<string, string>} reading @returns {Promise<Upload>} */
+  upload(file, reading = {}) {
     const { h } = this.app;
     const request = new XMLHttpRequest();
     const bar = h('progress', { max: '1', value: 0, 'aria-label': `sending ${file.name}` }), said = h('span', { class: 'line soft', text: 'sending' });
     const row = h('div', { class: 'job' }, bar, h('strong', { text: file.name }), said, h('button', { type: 'button', text: 'Cancel', onclick: () => request.abort() }));
     this.progress.append(row);
     return /** @type {Promise<Upload>} */ (new Promise((resolve, reject) => {
-      request.open('POST', `/api/uploads?name=${encodeURIComponent(file.name)}`);
+      request.open('POST', `/api/uploads?name=${encodeURIComponent(file.name)}${asQuery(reading)}`);
       if (this.app.token()) request.setRequestHeader('Authorization', `Bearer ${this.app.token()}`);
       request.setRequestHeader('Content-Type', 'application/octet-stream');
       request.upload.onprogress = (event) => { if (event.lengthComputable) { bar.value = event.loaded / event.total; said.textContent = event.loaded < event.total ? `${Math.round(event.loaded / 1e5) / 10} of ${Math.round(event.total / 1e5) / 10} MB` : 'reading'; } };
@@ -76,7 +104,10 @@ export class Mapper {
   /** @param {string} name of a file @param {string} text */
   tell(name, text) {
     const { h } = this.app;
-    this.progress.append(h('p', { class: 'notice bad', role: 'alert' }, h('b', { text: name }), `: ${text} `, h('button', { type: 'button', class: 'quiet', text: 'Dismiss', onclick: (event) => event.target.parentNode.remove() })));
+    /** @type {HTMLElement} */
+    const said = h('p', { class: 'notice bad', role: 'alert' }, h('b', { text: name }), `: ${text} `, h('button', { type: 'button', class: 'quiet', text: 'Dismiss', onclick: () => { said.remove(); } }));
+    this.progress.append(said);
+    return said;
   }
 
   // ---------------------------------------------------------------- mapping
@@ -87,8 +118,12 @@ export class Mapper {
     const data = this.uploads.filter((one) => one.kind !== 'dbc'), dbc = this.uploads.find((one) => one.kind === 'dbc');
     if (!data.length) { this.form.replaceChildren(this.app.h('p', { class: 'notice', text: `${dbc?.name} is here: now drop the log that it describes.` })); return; }
     let [first] = data;
+    const reading = Object.fromEntries(Object.entries(draft?.fields ?? {}).flatMap(([key, value]) => (key.startsWith('read_') && value ? [[key.slice(5), value]] : [])));
     if (first.kind === 'log' && dbc) {
       try { first = await this.app.api(`uploads/${first.id}/preview?dbc=${dbc.id}`); } catch (error) { this.tell(first.name, lineOf(error)); }
+    }
+    if (first.kind !== 'log' && Object.keys(reading).length) {
+      try { first = await this.app.api(`uploads/${first.id}/preview?dbc=${asQuery(reading)}`); } catch (error) { this.tell(first.name, lineOf(error)); }
     }
     this.draw({ bases: this.bases, data, dbc, first }, draft?.base || first.base_guess || '', draft);
   }
@@ -97,7 +132,7 @@ export class Mapper {
   async look({ data, dbc }) {
     const found = [];
     for (const one of data) {
-      const bus = one.kind === 'log' && dbc ? `?dbc=${dbc.id}` : '';
+      const bus = one.kind === 'log' ? `?dbc=${dbc?.id ?? ''}` : `?dbc=${asQuery(this.sheet?.reading?.said() ?? {})}`;
       try { found.push((await this.app.api(`uploads/${one.id}/look${bus}`)).lines.join('\n')); } catch (error) { found.push(lineOf(error)); }
     }
     return found.join('\n\n');
@@ -106,7 +141,7 @@ export class Mapper {
   /** The form for a base model. @param {MapSource} source @param {string} base @param {Partial<MapTyped> | null} draft */
   draw(source, base, draft) {
     const sheet = new MapForm(source, base, draft, {
-      make: () => this.make(), discard: () => this.discard(), later: () => this.later(), remodel: () => this.remodel(source),
+      make: () => this.make(), discard: () => this.discard(), later: () => this.later(), remodel: () => this.remodel(source), reread: (reading) => { void this.reread(reading); },
       look: (show) => { this.look(source).then(show); },
     });
     this.sheet = sheet;

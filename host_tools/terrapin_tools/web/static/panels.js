@@ -64,10 +64,11 @@ export class OwnEffect {
     this.answer = h('p', { class: 'small', role: 'status' });
     this.names = h('p', { class: 'soft small' });
     this.button = h('button', { type: 'submit', text: 'Add it', disabled: true });
+    this.drawn = h('button', { type: 'button', text: 'Draw it', 'aria-label': 'Draw the own effect', title: 'Fitted and drawn over the model; nothing is changed', disabled: true, onclick: () => page.showPreview([this.name.value], false, this.body()) });
     const form = h('form', { class: 'form', onsubmit: (event) => { event.preventDefault(); this.add(); } },
       h('div', { class: 'two' }, h('label', {}, 'name', this.name), h('label', {}, 'acts on', this.target)),
-      h('label', {}, 'expression', this.expression), this.formula, this.table, this.answer, this.names, h('div', {}, this.button));
-    this.element = h('details', { class: 'panel own' }, h('summary', {}, h('h2', { text: 'Own effect' }), h('span', { class: 'soft small', text: 'units checked as you type' })), form);
+      h('label', {}, 'expression', this.expression), this.formula, this.table, this.answer, this.names, h('div', { class: 'row' }, this.button, this.drawn));
+    this.element = h('details', { class: 'panel fold own' }, h('summary', {}, h('h2', { text: 'Own effect' }), h('span', { class: 'soft small', text: 'units checked as you type' })), form);
     form.addEventListener('input', () => { this.keep(); this.later(); });
     this.target.addEventListener('change', () => this.later());
   }
@@ -116,7 +117,7 @@ export class OwnEffect {
 
   later() {
     clearTimeout(this.timer);
-    this.button.disabled = true;
+    this.button.disabled = this.drawn.disabled = true;
     this.timer = setTimeout(() => this.check(), WAIT_MS);
   }
 
@@ -165,6 +166,7 @@ export class OwnEffect {
     this.answer.textContent = text;
     this.answer.className = `small ${good === null ? '' : good ? 'good' : 'bad'}`;
     this.button.disabled = !good;
+    this.drawn.disabled = !good || Boolean(this.mends); // one that is in the model is drawn already
   }
 
   /** A row of inputs for every name that has no meaning; true when that changed. @param {{ names: string[], unknown: string[] }} found */

@@ -22,7 +22,7 @@ class Simulate {
     this.form = new ScenarioForm((command) => { if (this.shown) app.showCommand(command); });
     this.player = new Player();
     this.runs = new RunList({ app, attempt: (action) => this.attempt(action), open: (run) => this.open(run), watch: (job) => this.watch(job, null) });
-    this.batches = new Batches({ app, attempt: (action) => this.attempt(action), body: () => this.form.body() });
+    this.batches = new Batches({ app, attempt: (action) => this.attempt(action), body: () => this.form.body(), watch: (job, run) => this.watch(job, run) });
     this.start = h('button', { type: 'button', class: 'main', text: 'Run', onclick: () => this.go() });
     this.line = h('span', { class: 'line' });
     this.progress = h('progress', { max: '100', value: 0, 'aria-label': 'Progress' });

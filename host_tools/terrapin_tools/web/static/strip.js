@@ -271,7 +271,7 @@ export class Strip {
     for (const c of [...truth, ...other]) { if (c.low < low) low = c.low; if (c.high > high) high = c.high; }
     if (low > high) { low = 0; high = 1; }
     if (lane.words) { low = Math.min(low, 0); high = Math.max(high, low + 1); }
-    const pad = (high - low) * 0.06 || Math.max(Math.abs(high) * 0.05, 1e-9);
+    const pad = (high - low) * 0.06 || Math.abs(high) * 0.05 || 1;
     const bottom = low - pad, span = high + pad - bottom;
     /** @type {Scale} */
     const y = (value) => base - (value - bottom) / span * room;

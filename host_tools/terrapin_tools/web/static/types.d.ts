@@ -72,8 +72,12 @@ interface View extends Draft {
   channels: Record<string, { noise_sd: number; train_rmse: number; heldout_rmse: number | null; unit: string }>;
   noise: string;
   history: { action: string; effects: string[]; before: { heldout_error: number }; after: { heldout_error: number } }[];
-  notes: string; targets: { all: string[]; default: string }; names: string[]; exports: string[];
+  notes: string; targets: { all: string[]; default: string }; names: string[]; catalogue: string[]; exports: string[];
 }
+/** What is drawn over a model: what another predicts on the same rows, in a colour of the style sheet. */
+interface Extra { label: string; channels: Record<string, number[]>; color: string; band?: string }
+/** What a case is held against: another model of it, or, with `plot`, another case; `error` says why the two share no axes. */
+interface Other { title: string; channels: Record<string, number[]>; plot?: PlotData; error?: string; train: number | null; held: number | null; model: string }
 /** What the model would do with `effects` added; only these until the server has answered. */
 interface Preview { effects: string[]; channels?: Record<string, number[]>; train_error?: number; heldout_error?: number | null }
 interface ExpressionAnswer { ok: boolean; message: string; mathml: string | null; names: string[]; unknown: string[] }
@@ -95,7 +99,7 @@ interface MapDraft extends MapTyped { uploads: string[]; base: string }
 /** What is mapped: tables or logs, the first of which shows its columns, and the DBC of logs. */
 interface MapSource { bases: Base[]; data: Upload[]; dbc: Upload | undefined; first: Upload }
 /** What happens when somebody changes the form. */
-interface MapHeard { make(): void; discard(): void; later(): void; remodel(): void; look(show: (text: string) => void): void }
+interface MapHeard { make(): void; discard(): void; later(): void; remodel(): void; look(show: (text: string) => void): void; reread(reading: Record<string, string>): void }
 interface MapRow { column: UploadColumn; is: HTMLSelectElement | HTMLInputElement; unit: HTMLInputElement; sigma: HTMLInputElement; element: HTMLElement }
 interface Base {
   name: string; channels: { name: string; unit: string }[]; roles: { name: string; unit: string; needed: boolean }[];
@@ -115,7 +119,7 @@ interface Band { values: number[]; lines: number[][] | null; half: number; color
 interface PlotTable { columns: string[]; rows: (string | number)[][] }
 interface PlotSpec {
   x: Axis & { values: number[]; chosen?: boolean }; y: Axis; points: Points[]; lines: Line[]; bands: Band[]; ranges: number[][];
-  level?: number[] | null; describe(row: number): string; table(): PlotTable; alt?: string;
+  level?: number[] | null; frame?: { x: number[]; y: number[] }; describe(row: number): string; table(): PlotTable; alt?: string;
 }
 /** Where a plot stands on its canvas [px], what it shows, and how a value becomes a place. */
 interface PlotMap { box: { x0: number; x1: number; y0: number; y1: number }; xs: number[]; ys: number[]; X: Scale; Y: Scale }
@@ -177,8 +181,8 @@ interface Changes {
 }
 interface RunLine { name: string; seed: number; complete: boolean; passed: boolean | null }
 interface BatchLine { name: string; done: number; failed: number; runs: number; complete: boolean; report: boolean }
-/** How far a batch is; a point is passed, seed, what was varied, as `inputs` names them. */
-interface BatchState { name: string; done: number; failed: number; runs: number; complete: boolean; inputs: string[]; points: unknown[][] }
+/** How far a batch is; a point is passed, seed, what was varied, as `inputs` names them; an outcome the run's number, why it failed, `results`. */
+interface BatchState { name: string; done: number; failed: number; runs: number; complete: boolean; inputs: string[]; points: unknown[][]; results: string[]; outcomes: [number, string, ...(number | null)[]][] }
 type Columns = Record<string, (number | null)[]> & { time: number[] };
 /** A run: columns of equal length, SI units. */
 interface Run {

@@ -48,7 +48,8 @@ class Workbench {
       h('ol', { class: 'three' },
         h('li', {}, 'Open an example, or drop a table of your own below.'),
         h('li', {}, 'See where the model fails, and press ', h('b', { text: 'Discover' }), '.'),
-        h('li', {}, 'Add what is missing; ', h('b', { text: '↶' }), ' (Ctrl-Z) takes it back.'))), picture);
+        h('li', {}, 'Add what is missing; ', h('b', { text: '↶' }), ' (Ctrl-Z) takes it back.')),
+      h('p', { class: 'row' }, h('a', { class: 'button', href: '#live/robot:floor', text: 'Drive a robot in simulation' }), h('a', { class: 'button', href: '#simulate', text: 'Run a scenario' }))), picture);
     void this.picture(EXAMPLE, 320, 150).then((drawn) => {
       if (drawn) picture.append(drawn, h('figcaption', { class: 'soft small' }, 'A fit that fails: ', h('span', { class: 'measured', text: 'measured' }), ' current of a motor that warms, and ', h('span', { class: 'predicted', text: 'the model' }), ' that does not know it.'));
     });

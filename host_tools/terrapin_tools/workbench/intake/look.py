@@ -17,7 +17,8 @@ from terrapin_hil import paths
 from terrapin_hil.arrays import Array, Index
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.reading import LogReader, is_log
-from terrapin_tools.workbench.files.tables import Table, read
+from terrapin_tools.workbench.files.format import Asked
+from terrapin_tools.workbench.files.tables import PLAIN, Table, read
 from terrapin_tools.workbench.intake.look_columns import clock, facts, steady
 from terrapin_tools.workbench.new_case.from_tables import guess_columns, guess_run, split_unit
 
@@ -30,24 +31,24 @@ RESTART = 0.5  # share of the span so far by which a clock that steps back begin
 FINEST, SELDOM = 1e-4, 1e-2  # s of a log's grid: the least, and where each message came once
 
 
-def look_at(file: str, dbc: str) -> dict[str, Any]:
-    """`look`, with the words for people as `lines`; for the page."""
-    answer = look(Path(file), Path(dbc) if dbc else None)
+def look_at(file: str, dbc: str, said: dict[str, str] | None = None) -> dict[str, Any]:
+    """`look`, with the words for people as `lines`; for the page. `said`: how a table is to be read."""
+    answer = look(Path(file), Path(dbc) if dbc else None, Asked.of(said or {}, "read"))
     return {**answer, "lines": describe(answer).splitlines()}
 
 
-def look(path: Path, dbc: Path | None = None) -> dict[str, Any]:
+def look(path: Path, dbc: Path | None = None, asked: Asked = PLAIN) -> dict[str, Any]:
     """The answer for one table or log. UserError for a file that cannot be read."""
-    table, more = table_of(path, dbc)
+    table, more = table_of(path, dbc, asked)
     return {"file": str(path), **more, **_of_table(table)} if table is not None else {"file": str(path), **more}
 
 
-def table_of(path: Path, dbc: Path | None = None) -> tuple[Table | None, dict[str, Any]]:
+def table_of(path: Path, dbc: Path | None = None, asked: Asked = PLAIN) -> tuple[Table | None, dict[str, Any]]:
     """The file's table, of a log its signals on a grid of the fastest message's period; and what is said beside it.
 
     None in place of the table for a log of which the description knows no frame."""
     if not is_log(path):
-        table = read(path)
+        table = read(path, asked=asked)
         return table, {"kind": path.suffix[1:].lower(), "units": {}, "notes": list(table.notes)}
     from terrapin_tools.logs.decoding import Decoder
     from terrapin_tools.logs.info import Summary

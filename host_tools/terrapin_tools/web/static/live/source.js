@@ -39,7 +39,8 @@ export class Source {
       h('optgroup', { label: 'Buses' }, ...options('bus'), h('option', { value: 'typed', text: 'another bus …' })),
       h('optgroup', { label: 'To drive' }, ...options('robot')), h('optgroup', { label: 'Logs in the workspace' }, ...options('log')), h('optgroup', { label: 'Simulator' }, ...options('simulator')));
     const named = links[0]?.title.endsWith('--link)') ? links[0].source : 'simulator:steady_sand';
-    source.value = [...source.options].some((o) => o.value === before) && before ? before : named;
+    const wanted = this.watched?.source || before;
+    source.value = [...source.options].some((o) => o.value === wanted) && wanted ? wanted : named;
     const dbcBefore = dbc.value;
     dbc.replaceChildren(h('option', { value: '', text: 'the controller’s DBC' }), ...options('dbc'));
     dbc.value = [...dbc.options].some((o) => o.value === dbcBefore) ? dbcBefore : '';
@@ -57,6 +58,14 @@ export class Source {
     this.bitrate.hidden = ['log', 'upload', 'simulator', 'robot'].includes(kind);
   }
 
+  /** What is watched, by whichever browser: it stands in the choice. @param {Watch | null} watched */
+  take(watched) {
+    this.watched = watched;
+    if (!watched || ![...this.source.options].some((one) => one.value === watched.source)) return;
+    this.source.value = watched.source;
+    this.options();
+  }
+
   /** Another controller of what is watched. @param {number} node */
   choose(node) {
     this.node.value = String(node);
@@ -67,6 +76,17 @@ export class Source {
   async begin() {
     const node = this.node.hidden || !this.node.value ? {} : { node: Number(this.node.value) };
     await this.open({ source: this.source.value === 'typed' ? this.typed.value.trim() : this.source.value, dbc: this.dbc.hidden ? '' : this.dbc.value, speed: Number(this.speed.value), bitrate: Number(this.bitrate.value), controller: this.controller.value, ...node });
+  }
+
+  /** What an address names, where nothing is watched yet: #live/robot:floor. @param {string} name */
+  async wanted(name) {
+    const { app, run } = this.desk;
+    if (!name || ![...this.source.options].some((one) => one.value === name)) return;
+    history.replaceState(null, '', '#live'); // a reload shows what is watched then
+    this.source.value = name;
+    this.options();
+    const now = await run(() => app.api('live'));
+    if (now && now.name === null) await this.begin();
   }
 
   /** @param {Watch} body */

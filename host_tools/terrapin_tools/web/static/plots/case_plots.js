@@ -1,6 +1,6 @@
 // The overlay and the residual of a case: what is drawn of a view, and the choice of variable and channel.
 import { css, h, number, unit } from './basics.js';
-import { curve } from './painting.js';
+import { curve, extent } from './painting.js';
 import { Plot } from './plot.js';
 
 /** Standard deviation. @param {number[]} values */
@@ -16,6 +16,10 @@ export class CasePlots {
     /** @type {Draft | null} */
     this.view = null;
     this.variable = this.channel = ''; // what is shown
+    this.times = ''; // a column that the variable is multiplied by; none: ''
+    /** @type {Other | null} */
+    this.other = null; // another model, or case, that this one is held against
+    this.apart = false; // beside it in the place of over it
     /** @type {{ variable?: string, channel?: string }} */
     this.picked = {}; // what the user chose; else the view says what matters most
     /** @type {number | null} */
@@ -30,6 +34,11 @@ export class CasePlots {
     this.range = h('span', { class: 'key fails' });
     this.picks = h('div', { class: 'soft small', role: 'status' });
     for (const plot of [this.overlay, this.residual]) plot.onselect = (rows) => this.pick(rows);
+    const besideOverlay = h('div'), besideResidual = h('div');
+    this.beside = { overlay: new Plot(besideOverlay, 'Other model and measurement'), residual: new Plot(besideResidual, 'Its residual') };
+    besideOverlay.classList.add('tall');
+    this.besideName = h('h2');
+    this.besidePanel = h('section', { class: 'panel beside', hidden: true }, h('div', { class: 'panel-head' }, this.besideName, h('span', { class: 'choices' }, this.beside.overlay.tools())), besideOverlay, besideResidual);
     this.overlayPanel = h('section', { class: 'panel' },
       h('div', { class: 'panel-head' }, h('h2', { text: 'Model and measurement' }), this.keys, this.choices, this.overlay.tools()), overlay, this.picks);
     overlay.append(this.axis); // the choice of variable stands where the name of the axis would
@@ -44,7 +53,7 @@ export class CasePlots {
     for (const one of [this.overlay, this.residual]) { one.selected = selected; one.redraw(); }
     this.run = null;
     this.picks.textContent = !rows || !plot ? ''
-      : `${rows.length} rows picked out, of ${[...new Set(rows.map((i) => plot.runs[plot.run[i]]))].join(', ')}`;
+      : `${rows.length} rows picked out, of ${[...new Set(rows.map((i) => plot.runs[plot.run[i]] ?? this.other?.title))].join(', ')}`;
   }
 
   /** Pick out the rows of a run, or none when they are already. @param {number} run */
@@ -77,7 +86,10 @@ export class CasePlots {
       names.map(([name, text]) => h('option', { value: name, selected: name === chosen, text }))));
     /** @param {string} name @param {{ unit: string }} one */
     const named = (name, one) => [name, one.unit && one.unit !== '1' ? `${name}, ${one.unit}` : name];
-    this.axis.replaceChildren(select('against', Object.entries(plot.columns).map(([name, one]) => named(name, one)), this.variable, (v) => { this.variable = this.picked.variable = v; }));
+    const columns = Object.entries(plot.columns).map(([name, one]) => named(name, one));
+    if (!plot.columns[this.times]) this.times = '';
+    this.axis.replaceChildren(select('against', columns, this.variable, (v) => { this.variable = this.picked.variable = v; }),
+      select(' ×', [['', '1'], ...columns], this.times, (v) => { this.times = v; }));
     this.choices.replaceChildren(...(plot.channels.length > 1
       ? [select('channel', plot.channels.map((c) => named(c.name, c)), this.channel, (v) => { this.channel = this.picked.channel = v; })] : []));
   }
@@ -86,57 +98,98 @@ export class CasePlots {
   choose(variable, channel) {
     if (!this.view) return;
     const { plot } = this.view;
-    if (plot.columns[variable]) this.picked.variable = variable;
+    if (plot.columns[variable]) { this.picked.variable = variable; this.times = ''; }
     if (plot.channels.some((c) => c.name === channel)) this.picked.channel = channel;
     this.take(this.view);
     this.changed();
   }
 
-  /** Both plots, with what is previewed. @param {Preview | null} preview */
+  /** Both plots, with what is previewed, and with the other model. @param {Preview | null} preview */
   draw(preview) {
     if (!this.view) return;
-    const { plot } = this.view;
-    const c = plot.channels.find((one) => one.name === this.channel) || plot.channels[0], column = plot.columns[this.variable];
-    const x = { values: column.values, name: this.variable, unit: column.unit, chosen: true };
+    const { plot } = this.view, { other } = this;
+    /** @type {Extra[]} */
+    const extras = [];
+    if (preview?.channels) extras.push({ label: `with ${preview.effects.join(' + ')}`, channels: preview.channels, color: '--teal', band: '--floor' });
+    const foreign = other?.plot && this.column(other.plot) && other.plot.channels.some((c) => c.name === this.channel) ? other.plot : null;
+    if (other && !other.plot && !this.apart) extras.push({ label: other.title, channels: other.channels, color: '--violet' });
+    const mine = this.specs(plot, extras), second = foreign ?? (other && !other.plot ? withChannels(plot, other.channels) : null);
+    const its = second && (this.apart || foreign) ? this.specs(second, []) : null;
+    if (its && other && foreign && !this.apart) over(mine, its, other.title, other.error);
+    if (its && this.apart) {
+      if (!other?.error) { alike(mine.overlay, its.overlay); alike(mine.residual, its.residual); }
+      this.besideName.textContent = other?.title ?? '';
+      this.besidePanel.hidden = false; // else its plots have no size to be drawn in
+      this.besidePanel.parentElement?.classList.add('apart');
+      this.beside.overlay.draw(its.overlay);
+      this.beside.residual.draw(its.residual);
+    }
+    this.besidePanel.hidden = !(its && this.apart);
+    this.besidePanel.parentElement?.classList.toggle('apart', !this.besidePanel.hidden);
+    this.overlay.draw(mine.overlay);
+    this.residual.draw(mine.residual);
+    this.range.textContent = mine.span ? `fails ${mine.span}` : '';
+    const known = extras.map((one) => [one.label, one.color]);
+    if (foreign && other && !this.apart) known.push([other.title, '--violet']);
+    this.legend(mine.base, known, mine.span !== '');
+  }
+
+  /** What the plots are drawn over, of a case: a column, or the product of two; null where it has none of that name. @param {PlotData} plot */
+  column(plot) {
+    const one = plot.columns[this.variable], two = this.times ? plot.columns[this.times] : null;
+    if (!one || (this.times && !two)) return null;
+    if (!two) return { name: this.variable, unit: one.unit, values: one.values };
+    const units = [one.unit, two.unit].filter((u) => u && u !== '1');
+    return { name: `${this.variable} × ${this.times}`, unit: units.join(' · '), values: one.values.map((v, i) => v * two.values[i]) };
+  }
+
+  /** Overlay and residual of a model, with others drawn over it. @param {PlotData} plot @param {Extra[]} extras */
+  specs(plot, extras) {
+    const c = plot.channels.find((one) => one.name === this.channel) || plot.channels[0], column = this.column(plot);
+    if (!column) throw new Error('a plot without its column');
+    const x = { ...column, chosen: true };
     const known = c.noise_sd !== null, noise = c.noise_sd ?? 1; // not known before the case is judged
     /** @param {number[]} values */
     const along = (values) => curve(x.values, values, known ? noise : 0.05 * spread(c.measured), plot.run, plot.runs.length);
     const held = plot.run.map((r) => plot.held[r]);
     const rows = [held.flatMap((on, i) => (on ? [] : [i])), held.flatMap((on, i) => (on ? [i] : []))];
-    const fails = plot.where.filter((w) => w.variable === this.variable && w.channel === this.channel);
-    const predicted = along(c.predicted), added = preview?.channels?.[this.channel];
+    const fails = this.times ? [] : plot.where.filter((w) => w.variable === this.variable && w.channel === this.channel);
+    const predicted = along(c.predicted);
+    const added = extras.flatMap((one) => (one.channels[this.channel] ? [{ ...one, values: one.channels[this.channel] }] : []));
     /** @type {Line[]} */
     const lines = [];
     if (c.base) lines.push({ values: c.base, lines: along(c.base), color: css('--soft'), width: 1.6, dash: [3, 4] });
     lines.push({ values: c.predicted, lines: predicted, color: css('--blue'), width: 2.2 });
-    if (added) lines.push({ values: added, lines: along(added), color: css('--teal'), width: 2.4 });
+    for (const one of added) lines.push({ values: one.values, lines: along(one.values), color: css(one.color), width: 2.4 });
     /** @param {number[]} values @returns {Points[]} */
     const both = (values, extra = {}) => [
       { values, rows: rows[0], kind: 'dot', color: css('--ink'), ...extra },
       { values, rows: rows[1], kind: 'held', color: css('--ink'), ...extra },
     ];
-    /** @param {number} i */
-    const tell = (i) => `run ${plot.runs[plot.run[i]]}${held[i] ? ', held out' : ''}\n${this.variable} ${number(x.values[i])}${unit(x.unit)}\nmeasured ${number(c.measured[i])}${unit(c.unit)}\nmodel ${number(c.predicted[i])}${unit(c.unit)}`
-      + (added ? `\nwith it ${number(added[i])}${unit(c.unit)}` : '') + `\nresidual ${number(left[i], 3)}${known ? ' noise sd' : unit(c.unit)}`;
     const left = c.measured.map((m, i) => (m - c.predicted[i]) / noise);
+    /** @param {number} i */
+    const tell = (i) => `run ${plot.runs[plot.run[i]]}${held[i] ? ', held out' : ''}\n${x.name} ${number(x.values[i])}${unit(x.unit)}\nmeasured ${number(c.measured[i])}${unit(c.unit)}\nmodel ${number(c.predicted[i])}${unit(c.unit)}`
+      + added.map((one) => `\n${one.label} ${number(one.values[i])}${unit(c.unit)}`).join('') + `\nresidual ${number(left[i], 3)}${known ? ' noise sd' : unit(c.unit)}`;
     const ranges = fails.map((w) => w.range);
-    const span = fails.map((w) => [...new Set(w.range.map((v) => number(v)))].join(' to ')).join(', ');
-    this.overlay.draw({
+    const spans = fails.map((w) => [...new Set(w.range.map((v) => number(v)))].join(' to ')).join(', ');
+    const span = spans ? `${spans}${unit(x.unit)}` : '';
+    const table = () => this.table(plot, x, c, left);
+    /** @type {PlotSpec} */
+    const overlay = {
       x, y: { name: c.name, unit: c.unit }, points: both(c.measured), lines, ranges, describe: tell,
       bands: !known ? [] : [{ values: c.predicted, lines: predicted, half: 1.96 * noise, color: css('--band') },
-        ...(added ? [{ values: added, lines: along(added), half: 1.96 * noise, color: css('--floor') }] : [])],
-      table: () => this.table(plot, x, c, left),
-      alt: `${c.name} measured and predicted against ${this.variable}, ${x.values.length} rows of ${plot.runs.length} runs.${span ? ` The model fails at ${span}${unit(x.unit)}.` : ''} Arrow keys step through the rows.`,
-    });
-    const after = added ? c.measured.map((m, i) => (m - added[i]) / noise) : null;
-    this.residual.draw({
+        ...added.flatMap((one) => (one.band ? [{ values: one.values, lines: along(one.values), half: 1.96 * noise, color: css(one.band) }] : []))],
+      table,
+      alt: `${c.name} measured and predicted against ${x.name}, ${x.values.length} rows of ${plot.runs.length} runs.${span ? ` The model fails at ${span}.` : ''} Arrow keys step through the rows.`,
+    };
+    /** @type {PlotSpec} */
+    const residual = {
       x: { ...x, chosen: false }, y: { name: 'residual', unit: known ? 'noise sd' : c.unit }, ranges, lines: [], bands: [], level: known ? [-1.96, 1.96] : null, describe: tell,
-      points: [...both(left), ...(after ? both(after, { color: css('--teal'), size: 2.4, alpha: 0.9 }) : [])],
-      table: () => this.table(plot, x, c, left),
-      alt: `Residual of ${c.name} in noise sd against ${this.variable}.${span ? ` It stands out at ${span}${unit(x.unit)}.` : ' It stands out nowhere.'} Arrow keys step through the rows.`,
-    });
-    this.range.textContent = span ? `fails ${span}${unit(x.unit)}` : '';
-    this.legend(Boolean(c.base), added ? preview?.effects : undefined, fails.length);
+      points: [...both(left), ...added.flatMap((one) => both(c.measured.map((m, i) => (m - one.values[i]) / noise), { color: css(one.color), size: 2.4, alpha: 0.9 }))],
+      table,
+      alt: `Residual of ${c.name} in noise sd against ${x.name}.${span ? ` It stands out at ${span}.` : ' It stands out nowhere.'} Arrow keys step through the rows.`,
+    };
+    return { overlay, residual, span, base: Boolean(c.base) };
   }
 
   /**
@@ -152,7 +205,7 @@ export class CasePlots {
     };
   }
 
-  /** @param {boolean} base @param {string[] | undefined} added effects that are previewed @param {number} fails */
+  /** @param {boolean} base @param {string[][]} added label and colour of what is drawn over it @param {boolean} fails */
   legend(base, added, fails) {
     /** @param {string} kind @param {string} mark @param {string} text */
     const key = (kind, mark, text) => h('span', { class: `key ${kind}` }, h('i', { class: mark }), text);
@@ -160,8 +213,41 @@ export class CasePlots {
       key('', 'dot', 'training'), key('', 'ring', 'held out'),
       base ? key('base', 'dashed', 'base model') : null,
       key('model', '', `${base ? 'extended model' : 'base model'}, 95 % band`),
-      added ? key('with', '', `with ${added.join(' + ')}`) : null,
+      ...added.map(([text, color]) => key(color === '--violet' ? 'other' : 'with', '', text)),
       fails ? key('fails', 'box', 'fails here') : null,
     ].filter((one) => one !== null));
+  }
+}
+
+/** The same rows with what another model predicts. @param {PlotData} plot @param {Record<string, number[]>} channels @returns {PlotData} */
+function withChannels(plot, channels) {
+  return { ...plot, where: [], channels: plot.channels.map((c) => ({ ...c, base: null, predicted: channels[c.name] ?? c.predicted })) };
+}
+
+/** Both on the axes that show all of either. @param {PlotSpec} one @param {PlotSpec} two */
+function alike(one, two) {
+  const a = extent(one), b = extent(two);
+  /** @param {number[]} p @param {number[]} q */
+  const both = (p, q) => [Math.min(p[0], q[0]), Math.max(p[1], q[1])];
+  one.frame = two.frame = { x: both(a.xs, b.xs), y: both(a.ys, b.ys) };
+}
+
+/**
+ * Draw another case over one: its rows come behind the rows that are there, in its own colour.
+ * @param {{ overlay: PlotSpec, residual: PlotSpec }} mine @param {{ overlay: PlotSpec, residual: PlotSpec }} its @param {string} title @param {string | undefined} apart why its values cannot lie on the same axes
+ */
+function over(mine, its, title, apart) {
+  if (apart) return;
+  for (const [one, two] of [[mine.overlay, its.overlay], [mine.residual, its.residual]]) {
+    const first = one.x.values.length, { describe } = one, color = css('--violet');
+    /** @param {number[]} values */
+    const behind = (values) => [...Array.from({ length: first }, () => NaN), ...values];
+    /** @param {number[]} rows */
+    const moved = (rows) => rows.map((i) => i + first);
+    one.x = { ...one.x, values: [...one.x.values, ...two.x.values] };
+    one.points.push(...two.points.map((p) => ({ ...p, values: behind(p.values), rows: moved(p.rows), color, size: 2.6 })));
+    const [model] = two.lines.slice(-1);
+    if (model) one.lines.push({ ...model, values: behind(model.values), lines: (model.lines ?? two.x.values.map((_, i) => [i])).map(moved), color });
+    one.describe = (row) => (row < first ? describe(row) : `${title}\n${two.describe(row - first)}`);
   }
 }

@@ -68,6 +68,14 @@ export function curve(x, y, noise, run, runs) {
 
 // ---------------------------------------------------------------- marks
 
+/** From where to where the axes go that show all. @param {PlotSpec} spec */
+export function extent(spec) {
+  const tall = [...spec.points.map((p) => p.rows.map((i) => p.values[i])), ...spec.lines.map((l) => l.values)];
+  for (const band of spec.bands) tall.push(band.values.map((v) => v + band.half), band.values.map((v) => v - band.half));
+  if (spec.level) tall.push(spec.level);
+  return { xs: span([spec.x.values], 0.03), ys: span(tall, 0.05) };
+}
+
 /**
  * Draw on a canvas, or as SVG.
  * @param {Pen} c @param {PlotSpec} spec @param {number} width @param {number} height
@@ -75,10 +83,7 @@ export function curve(x, y, noise, run, runs) {
  */
 export function paint(c, spec, width, height, view, selected) {
   const box = { x0: MARGIN.left, x1: width - MARGIN.right, y0: height - MARGIN.bottom, y1: MARGIN.top };
-  const tall = [...spec.points.map((p) => p.rows.map((i) => p.values[i])), ...spec.lines.map((l) => l.values)];
-  for (const band of spec.bands) tall.push(band.values.map((v) => v + band.half), band.values.map((v) => v - band.half));
-  if (spec.level) tall.push(spec.level);
-  const xs = view?.x ?? span([spec.x.values], 0.03), ys = view?.y ?? span(tall, 0.05);
+  const shown = view ?? spec.frame, { xs, ys } = shown ? { xs: shown.x, ys: shown.y } : extent(spec);
   /** @type {Scale} */
   const X = (v) => box.x0 + ((v - xs[0]) / (xs[1] - xs[0])) * (box.x1 - box.x0);
   /** @type {Scale} */
@@ -154,7 +159,7 @@ function drawBand(c, x, band, X, Y) {
   c.fillStyle = band.color;
   if (!band.lines) { // no curve: a short bar about each prediction
     const up = Math.abs(Y(band.half) - Y(0));
-    x.forEach((v, i) => c.fillRect(X(v) - 4, Y(band.values[i]) - up, 8, 2 * up));
+    band.values.forEach((v, i) => c.fillRect(X(x[i]) - 4, Y(v) - up, 8, 2 * up));
     return;
   }
   for (const rows of band.lines) {
@@ -181,7 +186,7 @@ function drawLine(c, x, one, X, Y) {
     }
   } else {
     c.setLineDash([]);
-    x.forEach((v, i) => dash(c, X(v), Y(one.values[i])));
+    one.values.forEach((v, i) => dash(c, X(x[i]), Y(v)));
   }
   c.stroke();
   c.setLineDash([]);
