@@ -68,8 +68,8 @@ class Class:
         likely = [m for m, p in zip(short, least, strict=True) if m[1] >= p and m[0].parameters <= first.parameters]
         odd = all(h.taxed >= MOST_TAX for h, _ in likely if h.kind == "catalogue")
         called = [m for m in likely if m[0].kind == "catalogue" or (odd and m[1] >= BESIDE * best)] or likely
-        share = self.mass / sum(p for _, p in called)
-        return [(h, p * share) for h, p in called]
+        total = sum(p for _, p in called)
+        return [(h, self.mass * (p / total if total else 1.0 / len(called))) for h, p in called]
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,8 @@ class _Apart:
 
 def classes(analysis: Analysis, ranking: Ranking) -> list[Class]:
     """Classes of the sets that were refitted, most mass first."""
-    pairs = [(h, p) for h, p in ranking.pairs() if h.effects and p > QUESTION]
+    looked_at = {h.effects for h, p in ranking.pairs() if p > QUESTION}  # alone, or beside a curve
+    pairs = [(h, p) for h, p in ranking.pairs() if h.effects and h.effects in looked_at]
     sets = [(h, p) for h, p in pairs if h.fit is not None and not absent(h.fit, h.effects)]
     whole = [one for one in sets if one[0].kind != "part"]
     if not whole:

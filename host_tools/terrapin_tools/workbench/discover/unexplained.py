@@ -29,6 +29,9 @@ WAVES = (8, 24)  # half waves over a column's range: a smooth curve, and one wit
 FACTORS, MOST = ("omega", "load"), 3  # of a curve: these roles, or the first of a model that has neither
 DIRECTION = "direction"
 PRIOR = 0.05  # of something that neither the catalogue nor the vocabulary has
+MOSTLY = (
+    0.9  # share of the squares that a formula takes, from which it is known, although a curve in its column is left
+)
 PARTS = 3  # likeliest sets beside which a curve is weighed, for time
 POINTS = 41  # at which the curve is told
 
@@ -79,7 +82,8 @@ def curves(analysis: Analysis, ranking: Ranking) -> list[Hypothesis]:
     """For each column a hypothesis that some function of it is missing, alone and beside each of the likeliest sets.
     None for models that are integrated over time, in which a curve of a column is no part of a row's prediction.
 
-    A formula in the column of a curve is part of the curve: beside it, it is nothing that is known.
+    A formula in the column of a curve is part of the curve: beside it, it is nothing that is known, unless it takes
+    nearly all of what is missing.
     """
     evidence = ranking.evidence
     if analysis.case.base.whole_runs or evidence is None:
@@ -94,9 +98,10 @@ def curves(analysis: Analysis, ranking: Ranking) -> list[Hypothesis]:
         assert one.fit is not None
         beyond = around(analysis, one.fit, evidence.nodes)
         read = [ranking.columns.get(name, "") for name in one.effects]
+        takes = 1.0 - float(np.sum(beyond.residual**2)) / float(np.sum(evidence.residual**2))
         for name, weight in _weights(analysis, beyond, WAVES[:1]).items():
             total = one.log_weight + weight - beyond.nothing
-            if name not in read:
+            if name not in read or takes >= MOSTLY:
                 found.append(replace(one, kind="part", log_weight=total, column=name))
             elif set(read) == {name}:
                 found.append(Hypothesis((), "unknown", total, None, name))
