@@ -86,9 +86,13 @@ def test_token_in_the_address_becomes_a_cookie(server: Server) -> None:
 def test_examples_are_copied_once_and_never_changed(server: Server) -> None:
     names = [entry["name"] for entry in server.get("/api/examples")]
     assert names == [
+        "car_on_soft_soil",
         "cylinder_over_time",
         "forced_slip_sand",
         "heated_motor",
+        "plates_in_soil",
+        "sphere_on_sand",
+        "wheel_on_soil",
     ]  # driven_rig_sand is for terrapin soil tactile
     assert server.ask("POST", "/api/examples/heated_motor").json == {"name": "heated_motor"}
     copied = server.workspace / "cases" / "heated_motor" / "case.toml"

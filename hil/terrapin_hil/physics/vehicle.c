@@ -18,15 +18,19 @@ typedef struct {
 typedef struct {
     double sinkage;
     double load;
-    double sinkage_by_load;
+    double slip;
+    double by_load;
+    double by_slip; /* a secant */
 } guess;
 
-/* A contact that was solved, and for what: a neighbour that changes nothing of it takes it over. */
+/* A contact that was solved, and for what: a neighbour that changes nothing of it takes it over, one that changes
+ * little moves along its derivatives. */
 typedef struct {
     hil_tyre tyre;
     hil_tyre_soil soil;
     double load;
     double slip;
+    double sinkage;
     hil_tyre_contact contact;
 } solved;
 
@@ -36,8 +40,10 @@ typedef struct {
     const hil_tyre_soil *soil;
     double step;
     int columns;
+    int contact_columns; /* that each contact is solved with */
     guess guess[AXLES];
-    solved *known; /* of each axle, or NULL */
+    solved *known;         /* of each axle, or NULL */
+    const solved *tangent; /* the same, with all derivatives: along which neighbours move */
     hil_vehicle_failure *failure;
     const hil_vehicle_effects *effects; /* or NULL */
     int sample;                         /* that this step follows, of effects->input */
@@ -127,17 +133,55 @@ static int same_wheel(const solved *known, const hil_tyre *tyre, const hil_tyre_
            s->friction_angle == soil->friction_angle && s->shear_modulus == soil->shear_modulus;
 }
 
+/* The contact next to one with all of its derivatives, to first order; 0 where soil or tyre differ by more than a
+ * small step. */
+static int along(const solved *from, const hil_tyre *tyre, const hil_tyre_soil *soil, double load, double slip,
+                 double *sinkage, hil_tyre_contact *c) {
+    const double SMALL = 1e-4;
+    const double *was = (const double *)&from->soil;
+    const double *now = (const double *)soil;
+    const hil_tyre *t = &from->tyre;
+    if (t->radius != tyre->radius || t->width != tyre->width || t->angle_share != tyre->angle_share ||
+        t->angle_slip != tyre->angle_slip || fabs(tyre->stiffness - t->stiffness) > SMALL * t->stiffness) {
+        return 0;
+    }
+    double change[HIL_TYRE_COLUMNS] = {0.0};
+    change[HIL_TYRE_BY_DEFLECTION] = load / tyre->stiffness - from->load / t->stiffness;
+    change[HIL_TYRE_BY_SLIP] = slip - from->slip;
+    for (int p = 0; p < SOIL; p++) {
+        change[HIL_TYRE_BY_SOIL + p] = now[p] - was[p];
+        if (fabs(now[p] - was[p]) > SMALL * fabs(was[p])) {
+            return 0;
+        }
+    }
+    *c = from->contact;
+    for (int k = 0; k < 3; k++) {
+        for (int q = HIL_TYRE_BY_DEFLECTION; q < HIL_TYRE_COLUMNS; q++) {
+            c->value[k] += c->derivative[k][q] * change[q];
+        }
+    }
+    const double deeper = (load - c->value[HIL_TYRE_LOAD]) / c->derivative[HIL_TYRE_LOAD][HIL_TYRE_BY_Z];
+    for (int k = 0; k < 3; k++) {
+        c->value[k] += c->derivative[k][HIL_TYRE_BY_Z] * deeper;
+    }
+    *sinkage = from->sinkage + deeper;
+    return 1;
+}
+
 static int contact_of(run *r, int axle, const hil_tyre *tyre, const hil_tyre_soil *soil, double load, double slip,
                       double *sinkage, hil_tyre_contact *c) {
     solved *known = r->known != NULL ? &r->known[axle] : NULL;
     if (known != NULL && load == known->load && slip == known->slip && same_wheel(known, tyre, soil)) {
-        *sinkage = r->guess[axle].sinkage;
+        *sinkage = known->sinkage;
         *c = known->contact;
         return HIL_TYRE_OK;
     }
-    const int status = hil_tyre_equilibrium(tyre, soil, load, slip, r->columns, sinkage, c);
+    if (r->tangent != NULL && along(&r->tangent[axle], tyre, soil, load, slip, sinkage, c)) {
+        return HIL_TYRE_OK;
+    }
+    const int status = hil_tyre_equilibrium(tyre, soil, load, slip, r->contact_columns, sinkage, c);
     if (status == HIL_TYRE_OK && known != NULL) {
-        *known = (solved){*tyre, *soil, load, slip, *c};
+        *known = (solved){*tyre, *soil, load, slip, *sinkage, *c};
     }
     return status;
 }
@@ -169,7 +213,7 @@ static int wheel(run *r, int axle, const state *s, const quantity *load, const q
     double by_axle, by_rim;
     hil_tyre_contact c;
     const double slip = hil_tyre_slip(speed, rim, v->speed_floor, &by_axle, &by_rim);
-    double sinkage = g->sinkage + g->sinkage_by_load * (load->value - g->load);
+    double sinkage = g->sinkage + g->by_load * (load->value - g->load) + g->by_slip * (slip - g->slip);
     r->failure->axle = axle;
     r->failure->load = load->value;
     r->failure->slip = slip;
@@ -178,9 +222,13 @@ static int wheel(run *r, int axle, const state *s, const quantity *load, const q
         return status;
     }
     const double slope = c.derivative[HIL_TYRE_LOAD][HIL_TYRE_BY_Z];
+    if (r->known != NULL && fabs(slip - g->slip) > 1e-9) { /* steps of a controlled length need no guess as near */
+        g->by_slip = (sinkage - g->sinkage - (load->value - g->load) / slope) / (slip - g->slip);
+    }
     g->sinkage = sinkage;
     g->load = load->value;
-    g->sinkage_by_load = 1.0 / slope;
+    g->slip = slip;
+    g->by_load = 1.0 / slope;
     const double fastest = fmax(fmax(fabs(speed), fabs(rim)), v->speed_floor);
     const double quickness = fastest / v->relaxation_length;
     r->failure->longest_step = 0.5 / quickness;
@@ -346,14 +394,14 @@ int hil_vehicle_run(const hil_vehicle *vehicle, const hil_tyre *tyre, const hil_
                     double period, int substeps, const double *torque, double start, const hil_vehicle_effects *effects,
                     double *record, double *sensitivity, hil_vehicle_failure *failure) {
     assert(effects == NULL || (sensitivity == NULL && effects->count <= HIL_VEHICLE_VALUES));
-    const guess first = {0.05, 0.0, 0.0};
+    const guess first = {0.05, 0.0, 0.0, 0.0, 0.0};
     run r;
     memset(&r, 0, sizeof r);
     r.vehicle = vehicle;
     r.tyre = tyre;
     r.soil = soil;
     r.step = period / substeps;
-    r.columns = sensitivity == NULL ? 1 : HIL_TYRE_COLUMNS;
+    r.columns = r.contact_columns = sensitivity == NULL ? 1 : HIL_TYRE_COLUMNS;
     r.guess[FRONT] = r.guess[REAR] = first;
     r.failure = failure;
     r.effects = effects;
@@ -459,11 +507,18 @@ static void beside(const neighbourhood *n, const double *values, int sample, dou
 static void flow_derive(void *law, int sample, double share, const double *state_at, hil_around *found) {
     neighbourhood copy = *(const neighbourhood *)law; /* the run itself goes the same way, followed or not */
     neighbourhood *n = &copy;
+    solved all[AXLES];
+    memset(all, 0, sizeof all);
+
     double here[FLOW], there[FLOW], at[FLOW];
     const double *values = n->effects.values;
     n->run.effects = &n->effects;
-    n->run.known = n->known;
+    n->run.known = all; /* solved once more, with all derivatives */
+    n->run.contact_columns = HIL_TYRE_COLUMNS;
     flow_rates(n, sample, share, state_at, here);
+    memcpy(n->known, all, sizeof all);
+    n->run.tangent = all;
+    n->run.contact_columns = 1;
     memcpy(at, state_at, sizeof at);
     for (int i = 0; i < FLOW; i++) {
         at[i] = state_at[i] + 1e-6 * fmax(SIZE[i], fabs(state_at[i]));
@@ -532,14 +587,14 @@ static void note_flow(const neighbourhood *n, int sample, int samples, const hil
 int hil_vehicle_follow(const hil_vehicle_effects *effects, int samples, const double *time, const double *torque,
                        double start, int columns, double *record, double *change) {
     assert(effects->count <= HIL_VEHICLE_VALUES && columns <= HIL_ODE_COLUMNS);
-    const guess first = {0.05, 0.0, 0.0};
+    const guess first = {0.05, 0.0, 0.0, 0.0, 0.0};
     hil_vehicle_failure failure;
     neighbourhood n;
     memset(&n, 0, sizeof n);
     n.torque = torque;
     n.columns = columns;
     n.effects = *effects;
-    n.run.columns = 1;
+    n.run.columns = n.run.contact_columns = 1;
     n.run.guess[FRONT] = n.run.guess[REAR] = first;
     n.run.known = n.known;
     n.run.failure = &failure;

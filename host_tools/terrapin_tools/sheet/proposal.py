@@ -36,6 +36,8 @@ SHUNTS = (0.01, 0.005, 0.003)  # ohm
 MOST_CODE = 0.015  # A of one code that the controller holds
 REFERENCE, CODES, RAILS = 3.3, 4096, 4  # V and codes of the converter
 COULOMB, VISCOUS = 0.2, 0.1  # N m and N m s/rad that the controller holds, of 1 N m full scale
+MAGNETS = 0.05  # relative sd of a sheet's K_t at hand: makers of small motors hold 10 %
+GEARS = 0.03  # the same of an efficiency, which is printed for the greatest load
 TURNS = 1171, 65536  # counts a turn of the drive wheel that the controller holds
 
 
@@ -240,6 +242,12 @@ def robot_text(title: str, figures: Figures) -> str:
     file.table("firmware")
     file.put("sd_coulomb", _quantity(min(0.3 * coulomb, 0.2 * torque), "N m"), "of coulomb, which is a guess: 30 %")
     file.put("sd_viscous", _quantity(min(0.5 * viscous, 0.1 * torque), "N m s/rad"), "of viscous: 50 %")
+    lossy = robot.efficiency < 1.0
+    file.put(
+        "sd_torque_constant",
+        f"{math.hypot(MAGNETS, GEARS if lossy else 0.0):.3f}",
+        f"assumed: K_t of a sheet, {MAGNETS:.0%}{f', and its gear, {GEARS:.0%}' if lossy else ''}; measure it",
+    )
     file.put("calibrate_timeout", '"30 s"', "the swing dies away slowly on a hard floor")
     start = motor.resistance * (coulomb + FLOOR / SAND * robot.sand) / robot.driving
     for name, share in (("low", 0.2), ("high", 0.6)):
