@@ -20,7 +20,8 @@ from terrapin_tools.workbench.bases import CHANNELS, ROLES
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import Analysis, predict
 from terrapin_tools.workbench.model.model import Model
-from terrapin_tools.workbench.noise.covariance import Node, Runs
+from terrapin_tools.workbench.noise.covariance import Runs
+from terrapin_tools.workbench.noise.kinds import Node
 
 __all__ = ["CONTACT", "ROLLING", "Made", "confounded", "make", "unreached", "without_noise"]
 

@@ -23,7 +23,8 @@ from discovery_cases import Made, _measure, make
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from terrapin_tools.workbench.experiment.rig_settings import rows_of
 from terrapin_tools.workbench.model.model import Model
-from terrapin_tools.workbench.noise.covariance import Node, Runs
+from terrapin_tools.workbench.noise.covariance import Runs
+from terrapin_tools.workbench.noise.kinds import Node
 
 __all__ = ["PAIRS", "after_proposed", "confounded", "with_runs"]
 

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from terrapin_tools.workbench.noise.covariance import WALKED, WAVES, Node, Runs
+from terrapin_tools.workbench.noise.covariance import WALKED, WAVES, Runs
+from terrapin_tools.workbench.noise.kinds import Node
 
 R, DRIVE, K_T, A, B = 0.08, 0.018, 0.1, 0.012, 1e-3
 

@@ -20,8 +20,9 @@ from terrapin_tools.workbench.compare.bayes_factor import WEIGHT, BayesFactor, B
 from terrapin_tools.workbench.compare.comparison import Analysis, analyse, fitted_on
 from terrapin_tools.workbench.model.fitting import covariance
 from terrapin_tools.workbench.model.model import Model
-from terrapin_tools.workbench.noise.covariance import ALIKE, Node, Runs
+from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.estimate import repeated_settings
+from terrapin_tools.workbench.noise.kinds import ALIKE, Node
 from terrapin_tools.workbench.noise.marginal_likelihood import SIZES, STATED
 
 KEYS = {"schema", "case", "model", "parameters", "channels", "adequacy", "where", "verdict", "ladder", "seconds"}

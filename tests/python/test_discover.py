@@ -20,7 +20,8 @@ from terrapin_tools.workbench.discover.ranking import Blamed
 from terrapin_tools.workbench.discover.resampled import Sums
 from terrapin_tools.workbench.files.json_text import to_json
 from terrapin_tools.workbench.model.linearised import linearise
-from terrapin_tools.workbench.noise.covariance import PLAIN, Runs
+from terrapin_tools.workbench.noise.covariance import Runs
+from terrapin_tools.workbench.noise.kinds import PLAIN
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
 from terrapin_tools.workbench.story.answer import answer
 from terrapin_tools.workbench.story.terminal import tell

@@ -17,7 +17,7 @@ from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import error, fitted_on
 from terrapin_tools.workbench.model.fitting import covariance
 from terrapin_tools.workbench.model.model import Model
-from terrapin_tools.workbench.noise.covariance import NODES
+from terrapin_tools.workbench.noise.kinds import NODES
 from tests.python.casekit import terrapin
 
 Array = npt.NDArray[np.float64]

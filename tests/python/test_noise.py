@@ -16,18 +16,8 @@ from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.model import Model
-from terrapin_tools.workbench.noise.covariance import (
-    ALIKE,
-    ALL,
-    NODES,
-    PLAIN,
-    Kind,
-    Node,
-    Runs,
-    by_filter,
-    considered,
-    orthonormal,
-)
+from terrapin_tools.workbench.noise.covariance import Runs, orthonormal
+from terrapin_tools.workbench.noise.kinds import ALIKE, ALL, NODES, PLAIN, Kind, Node, by_filter, considered
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
 from terrapin_tools.workbench.noise.odd import odd_rows
 from terrapin_tools.workbench.noise.precision import Precision

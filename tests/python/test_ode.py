@@ -25,7 +25,7 @@ from terrapin_tools.workbench.discover.expressions import library as listed_expr
 from terrapin_tools.workbench.discover.ranker import Ranker
 from terrapin_tools.workbench.model.fitting import covariance, minimise
 from terrapin_tools.workbench.model.model import Model
-from terrapin_tools.workbench.noise.covariance import NODES
+from terrapin_tools.workbench.noise.kinds import NODES
 from tests.campaigns.ode_systems import SYSTEMS, draw, right
 from tests.python.casekit import one_line, terrapin
 

@@ -15,7 +15,7 @@ from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.fitting import covariance
-from terrapin_tools.workbench.noise.covariance import NODES
+from terrapin_tools.workbench.noise.kinds import NODES
 
 RUNS, ROWS = 6, 60
 DRIVE = """

@@ -25,7 +25,7 @@ from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.discover.leftover import absent, allowed, left, pays
 from terrapin_tools.workbench.model.constants import value_of
 from terrapin_tools.workbench.model.fitting import Fit
-from terrapin_tools.workbench.noise.covariance import Node
+from terrapin_tools.workbench.noise.kinds import Node
 from terrapin_tools.workbench.story.terminal import tell
 from terrapin_tools.workbench.story.told import told
 

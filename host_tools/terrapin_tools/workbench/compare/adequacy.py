@@ -19,8 +19,9 @@ from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.compare.bayes_factor import BayesFactor, blocks_of
 from terrapin_tools.workbench.model.data_columns import Direction, Shapes
 from terrapin_tools.workbench.model.effect_columns import Shape
-from terrapin_tools.workbench.noise.covariance import NODES, Node, Runs, orthonormal
+from terrapin_tools.workbench.noise.covariance import Runs, orthonormal
 from terrapin_tools.workbench.noise.estimate import Noise
+from terrapin_tools.workbench.noise.kinds import NODES, Node
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED
 from terrapin_tools.workbench.noise.mishaps import Mishap

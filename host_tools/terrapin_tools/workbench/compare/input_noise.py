@@ -14,7 +14,8 @@ import numpy as np
 
 from terrapin_hil.arrays import Array, Mask
 from terrapin_tools.workbench.model.fitting import Fit
-from terrapin_tools.workbench.noise.covariance import Node, Runs, orthonormal
+from terrapin_tools.workbench.noise.covariance import Runs, orthonormal
+from terrapin_tools.workbench.noise.kinds import Node
 
 __all__ = ["input_noise", "undecided"]
 

@@ -17,7 +17,7 @@ import numpy as np
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.compare.comparison import Analysis, covered, measured
 from terrapin_tools.workbench.model.fitting import covariance, minimiser
-from terrapin_tools.workbench.noise.covariance import Node
+from terrapin_tools.workbench.noise.kinds import Node
 
 __all__ = ["Interval", "intervals"]
 

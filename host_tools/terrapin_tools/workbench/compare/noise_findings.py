@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from terrapin_tools.workbench.compare.comparison import Analysis
-from terrapin_tools.workbench.noise.covariance import NODES
 from terrapin_tools.workbench.noise.estimate import Noise
+from terrapin_tools.workbench.noise.kinds import NODES
 from terrapin_tools.workbench.noise.stated import FAR
 
 __all__ = ["NoiseFinding", "far_above_stated", "noise_findings"]

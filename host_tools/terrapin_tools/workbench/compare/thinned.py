@@ -18,7 +18,7 @@ import numpy as np
 
 from terrapin_hil.arrays import Index
 from terrapin_tools.workbench.case.case import Case
-from terrapin_tools.workbench.noise.covariance import Node
+from terrapin_tools.workbench.noise.kinds import Node
 
 __all__ = ["every", "step_of", "step_of_long"]
 

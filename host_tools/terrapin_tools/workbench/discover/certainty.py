@@ -13,7 +13,8 @@ import numpy as np
 
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.discover.ranking import Ranking
-from terrapin_tools.workbench.noise.covariance import Node, orthonormal
+from terrapin_tools.workbench.noise.covariance import orthonormal
+from terrapin_tools.workbench.noise.kinds import Node
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import SIZES
 

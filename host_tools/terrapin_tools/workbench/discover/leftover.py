@@ -21,8 +21,9 @@ from terrapin_tools.workbench.model.constants import suspected
 from terrapin_tools.workbench.model.data_columns import column_shapes, numeric_columns
 from terrapin_tools.workbench.model.effect_columns import shapes_of, terms_of
 from terrapin_tools.workbench.model.fitting import Fit
-from terrapin_tools.workbench.noise.covariance import Node, Runs, orthonormal
+from terrapin_tools.workbench.noise.covariance import Runs, orthonormal
 from terrapin_tools.workbench.noise.estimate import repeated_settings
+from terrapin_tools.workbench.noise.kinds import Node
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
 from terrapin_tools.workbench.noise.odd import gathered, odd_limit, standing_alone
 

@@ -19,7 +19,8 @@ from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.compare.comparison import Analysis, measured
 from terrapin_tools.workbench.discover.ranking import Hypothesis, Ranking
 from terrapin_tools.workbench.model.linearised import Linear, linearise
-from terrapin_tools.workbench.noise.covariance import NODES, Runs, considered, orthonormal
+from terrapin_tools.workbench.noise.covariance import Runs, orthonormal
+from terrapin_tools.workbench.noise.kinds import NODES, considered
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import SIZES
 

@@ -20,7 +20,7 @@ from terrapin_hil.units import behind
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.experiment.rig_settings import held, levels, observed, rows_of, run_length
 from terrapin_tools.workbench.model.fitting import Fit
-from terrapin_tools.workbench.noise.covariance import Node
+from terrapin_tools.workbench.noise.kinds import Node
 
 __all__ = ["Experiment", "propose"]
 

@@ -15,7 +15,8 @@ import numpy as np
 
 from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_tools.workbench.model.model import Bound, Model
-from terrapin_tools.workbench.noise.covariance import Node, Runs
+from terrapin_tools.workbench.noise.covariance import Runs
+from terrapin_tools.workbench.noise.kinds import Node
 
 __all__ = ["Fit", "covariance", "extend", "fit_model", "minimise", "minimiser"]
 

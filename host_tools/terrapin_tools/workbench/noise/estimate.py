@@ -17,7 +17,8 @@ from scipy.special import betainc
 
 from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_tools.workbench.bases import RUNNING
-from terrapin_tools.workbench.noise.covariance import NODES, PLAIN, Node, Runs, orthonormal
+from terrapin_tools.workbench.noise.covariance import Runs, orthonormal
+from terrapin_tools.workbench.noise.kinds import NODES, PLAIN, Node
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED
 from terrapin_tools.workbench.noise.odd import standing_alone
 from terrapin_tools.workbench.noise.restricted import likelihood, restricted_likelihood

@@ -21,17 +21,8 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from terrapin_hil.arrays import Array, Index
-from terrapin_tools.workbench.noise.covariance import (
-    NODES,
-    PLAIN,
-    Filtered,
-    Kind,
-    Node,
-    Runs,
-    by_filter,
-    considered,
-    orthonormal,
-)
+from terrapin_tools.workbench.noise.covariance import Filtered, Runs, orthonormal
+from terrapin_tools.workbench.noise.kinds import NODES, PLAIN, Kind, Node, by_filter, considered
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 
 __all__ = ["SIZES", "STATED", "Evidence", "Gram"]

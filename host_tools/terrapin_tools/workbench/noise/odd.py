@@ -9,7 +9,8 @@ import numpy as np
 from scipy.special import stdtrit
 
 from terrapin_hil.arrays import Array, Index, Mask
-from terrapin_tools.workbench.noise.covariance import NODES, Node, Runs, orthonormal
+from terrapin_tools.workbench.noise.covariance import Runs, orthonormal
+from terrapin_tools.workbench.noise.kinds import NODES, Node
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED
 from terrapin_tools.workbench.noise.precision import Precision
 from terrapin_tools.workbench.noise.restricted import restricted_likelihood

@@ -15,7 +15,8 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from terrapin_hil.arrays import Array
-from terrapin_tools.workbench.noise.covariance import Node, Runs
+from terrapin_tools.workbench.noise.covariance import Runs
+from terrapin_tools.workbench.noise.kinds import Node
 
 __all__ = ["Precision"]
 

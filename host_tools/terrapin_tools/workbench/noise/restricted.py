@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from terrapin_hil.arrays import Array
-from terrapin_tools.workbench.noise.covariance import NODES, Kind, Node, Runs, considered
+from terrapin_tools.workbench.noise.covariance import Runs
+from terrapin_tools.workbench.noise.kinds import NODES, Kind, Node, considered
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED
 
 __all__ = ["likelihood", "restricted_likelihood"]
