@@ -216,6 +216,8 @@ def main() -> int:
             page = browser.new_context().new_page()
             page.goto(f"{server.line}#workbench/wide")
             drawn(page)
+            page.locator(".lead .chip").wait_for(timeout=300_000)  # ms
+            page.wait_for_timeout(1000)
             took = page.evaluate(MOUSE)
             say("the mouse over 100,000 rows, median", took[50], HOVER, "ms")
             say("the mouse over 100,000 rows, 99th percentile", took[99], HOVER, "ms")

@@ -5,6 +5,7 @@ import { label, MARGIN, paint } from './painting.js';
 import { SvgPen } from './svg_pen.js';
 
 const REACH = 22; // pixels within which a point answers the mouse
+const SETTLED_MS = 150; // without another drawing, after which the mouse is made ready for
 const TABLE_ROWS = 400;
 /** @type {Record<string, number>} */
 const ZOOM = { '+': 0.8, '=': 0.8, '-': 1.25, 0: 0 }; // key -> share of what is shown; 0 shows all
@@ -40,6 +41,8 @@ export class Plot {
     this.onselect = () => {};
     /** @type {Map<string, number[]> | null} */
     this.cells = null; // rows by where they are drawn, for the mouse
+    /** @type {ReturnType<typeof setTimeout> | undefined} */
+    this.timer = undefined;
     /** @type {{ u: number, v: number } | null} */
     this.from = null; // where the mouse was pressed
     this.selecting = false;
@@ -88,6 +91,8 @@ export class Plot {
     c.clearRect(0, 0, width, height);
     this.cells = null;
     this.map = paint(c, this.spec, width, height, this.view, this.selected);
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => { if (this.map && this.spec) this.cells ??= this.drawn(this.map, this.spec); }, SETTLED_MS); // before the mouse comes
     if (this.at !== null) this.mark(this.at);
   }
 
