@@ -11,7 +11,6 @@ docs/logs.md states the limits.
 from __future__ import annotations
 
 import faulthandler
-import math
 import os
 import signal
 import threading
@@ -39,9 +38,8 @@ MEMORY = 600 << 20  # bytes that a library may take for a file, and GROWTH for e
 GROWTH = 32
 SECONDS = 8.0  # of the processor for one step, and one more for each PACE bytes of the file
 PACE = 2e6
-TRIED = (
-    4.0  # s of the processor, and one more for each PACE bytes, where a file is read in a copy of this process first
-)
+TRIED = 2.0  # s of the processor where a file is read in a copy of this process first, and one more for each
+TRIED_PACE = 5e5  # bytes: so 10,000 small sets have 18 s, and a system that ends it late has stayed below 10
 # Of tables: a number takes 8 bytes, and some 45 more while a case is made of it.
 CELLS = 1 << 24  # that any table may hold, 128 MiB,
 TABLE_TIMES = 16  # or so many times the bytes of its file,
@@ -115,7 +113,7 @@ def survived(path: Path, read: Callable[[], object], seconds: float = TRIED) -> 
     """
     if resource is None:
         return
-    allowed = math.ceil(seconds + path.stat().st_size / PACE)
+    allowed = max(1, round(seconds + path.stat().st_size / TRIED_PACE))
     pid = os.fork()
     if pid == 0:
         _alone(read, allowed)

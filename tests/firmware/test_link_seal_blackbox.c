@@ -526,6 +526,32 @@ static void test_time_wraps_and_a_session_ends_at_16_s(void) {
     TEST_ASSERT_EQUAL_UINT32(0U, link.seal.session[h.place].next);
 }
 
+static void test_a_seal_without_its_frame_takes_nothing(void) {
+    host h;
+    open_session(&h, 7U);
+    const terrapin_frame write = write_of(radius() + 1, 0U);
+    (void)give(&write);
+    later(10U);
+    const terrapin_frame seal = seal_of(&h, &write);
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_REPLY, give(&seal));
+    later(10U);
+    const terrapin_frame again = seal_of(&h, &write); /* genuine, and of a frame that is not held any more */
+    TEST_ASSERT_NULL(terrapin_seal_taken(&link.seal, &again));
+}
+
+static void test_a_command_between_a_frame_and_its_seal_costs_neither(void) {
+    host h;
+    open_session(&h, 7U);
+    const terrapin_frame write = write_of(radius() + 1, 0U);
+    (void)give(&write);
+    later(10U);
+    const terrapin_frame run = sealed(&h, TERRAPIN_REQUEST_RUN);
+    TEST_ASSERT_TRUE(commands(&run));
+    later(10U);
+    const terrapin_frame seal = seal_of(&h, &write);
+    TEST_ASSERT_NOT_NULL(terrapin_seal_taken(&link.seal, &seal));
+}
+
 static void test_writes_wait_for_their_seal(void) {
     host h;
     open_session(&h, 7U);
@@ -610,6 +636,8 @@ int main(int count, char **arguments) {
     RUN_TEST(test_a_session_ends_at_either_place_and_nothing_else);
     RUN_TEST(test_a_session_without_a_tag_ends_too);
     RUN_TEST(test_a_challenge_is_nobodys_to_tell);
+    RUN_TEST(test_a_seal_without_its_frame_takes_nothing);
+    RUN_TEST(test_a_command_between_a_frame_and_its_seal_costs_neither);
     RUN_TEST(test_writes_wait_for_their_seal);
     RUN_TEST(test_it_keeps_its_memory_bound);
     return UNITY_END();
