@@ -28,7 +28,20 @@ except ImportError:  # Windows: no limit of memory there
 
 from terrapin_tools.errors import UserError
 
-__all__ = ["CELLS", "LEAST", "MEMORY", "TIMES", "bounded", "check", "each", "most", "refuse_beyond", "room", "survived"]
+__all__ = [
+    "CELLS",
+    "LEAST",
+    "MEMORY",
+    "TIMES",
+    "bounded",
+    "check",
+    "each",
+    "most",
+    "refuse_beyond",
+    "refuse_columns",
+    "room",
+    "survived",
+]
 
 # The tightest log of this controller that we know is an idle one: 8 times as BLF, 6 as MCAP. Zeros make 1000 (deflate)
 # to 30,000 (zstd).
@@ -44,6 +57,7 @@ TRIED_PACE = 5e5  # bytes: so 10,000 small sets have 18 s, and a system that end
 CELLS = 1 << 24  # that any table may hold, 128 MiB,
 TABLE_TIMES = 16  # or so many times the bytes of its file,
 TABLE_MOST = 1 << 30  # and never more than so many bytes
+COLUMNS = 1 << 12  # a case is made of a few dozen; 20,000 took half a minute
 
 T = TypeVar("T")
 
@@ -78,6 +92,12 @@ def refuse_beyond(path: Path, size: int) -> None:
             f"{path.name}: stands for more than {room(path) >> 20} MiB, expected at most {TABLE_TIMES} times its size "
             f"or {8 * CELLS >> 20} MiB"
         )
+
+
+def refuse_columns(path: Path, count: int) -> None:
+    """UserError for a table of more columns than anybody measures."""
+    if count > COLUMNS:
+        raise UserError(f"{path.name}: holds {count} columns, expected at most {COLUMNS}")
 
 
 @contextmanager

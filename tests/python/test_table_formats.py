@@ -14,6 +14,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow.csv
+import pyarrow.feather
+import pyarrow.parquet
 import pytest
 from casekit import one_line, terrapin
 from table_files import ROS, UNITS, WRITERS, csv, mat_73, numbers, ods, runs
@@ -118,6 +121,25 @@ def test_a_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         folder.mkdir()
         write(folder / name, numbers(2))
         refused(folder / name, "0 MiB")
+
+
+WIDE = {
+    "x.csv": pyarrow.csv.write_csv,
+    "x.feather": pyarrow.feather.write_feather,
+    "x.parquet": pyarrow.parquet.write_table,
+}
+
+
+@pytest.mark.parametrize("name", WIDE)
+def test_more_columns_than_anybody_measures_are_refused(tmp_path: Path, name: str) -> None:
+    wide = pyarrow.table({f"c{i}": [1.0] for i in range(bounded.COLUMNS + 1)})
+    for table, words in ((wide.drop(["c0"]), ""), (wide, "x.*: holds 4097 columns, expected at most 4096")):
+        WIDE[name](table, tmp_path / name)
+        if words:
+            with pytest.raises(UserError, match=words):
+                read(tmp_path / name)
+        else:
+            assert len(read(tmp_path / name).columns) == bounded.COLUMNS
 
 
 def test_two_cells_in_opposite_corners_do_not_fill_the_memory(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from terrapin_hil.reading import shorten
-from terrapin_tools.bounded import refuse_beyond
+from terrapin_tools.bounded import refuse_beyond, refuse_columns
 from terrapin_tools.errors import UserError, printable
 from terrapin_tools.extras import need
 from terrapin_tools.logs.reading import is_log
@@ -176,6 +176,7 @@ def _parts(path: Path, texts: Collection[str], asked: Asked) -> list[Part]:
         need(f"{path.name}: {path.suffix}", entry.package, entry.extra)
     with _complaints(path, entry.name):
         found = entry.read(path, asked, texts)
+        refuse_columns(path, max((len(part.columns) for part in found), default=0))
         refuse_beyond(path, 8 * sum(part.rows * len(part.columns) for part in found))
         return found
 

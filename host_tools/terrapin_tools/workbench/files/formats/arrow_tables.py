@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from terrapin_hil.reading import shorten
-from terrapin_tools.bounded import refuse_beyond
+from terrapin_tools.bounded import refuse_beyond, refuse_columns
 from terrapin_tools.errors import UserError
 from terrapin_tools.parquet_files import batches, opened
 from terrapin_tools.workbench.files.format import Asked, Column, Format, Part, arrow_texts, cells
@@ -21,6 +21,7 @@ def read(path: Path, asked: Asked, texts: Collection[str]) -> list[Part]:
 
     if path.suffix.lower() == ".parquet":
         with opened(path) as file:
+            refuse_columns(path, len(file.schema_arrow))
             parts = list(batches(path, file))
             return [_part(path, pyarrow.Table.from_batches(parts) if parts else file.schema_arrow.empty_table())]
     with path.open("rb") as stream:
@@ -35,6 +36,7 @@ def read(path: Path, asked: Asked, texts: Collection[str]) -> list[Part]:
         except pyarrow.ArrowInvalid:
             stream.seek(0)
             pieces = reader = pyarrow.ipc.open_stream(stream)
+        refuse_columns(path, len(reader.schema))
         taken, size = [], 0
         for batch in pieces:
             taken.append(batch)
