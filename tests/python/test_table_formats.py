@@ -217,6 +217,19 @@ def test_a_file_that_changes_while_it_is_read_is_refused(tmp_path: Path, monkeyp
     refused(tmp_path / "a.csv", "changed while it was read")
 
 
+def test_texts_of_a_damaged_feather_file_are_not_followed_out_of_memory(tmp_path: Path) -> None:
+    """Where a text ends is a number in the file; pyarrow looks at it only when asked to, else the process may die."""
+    path = tmp_path / "x.feather"
+    texts = pyarrow.table({"run": ["abcdefgh"] * 24, "speed": np.arange(24.0)})
+    pyarrow.feather.write_feather(texts, path, compression="uncompressed")
+    ends = np.arange(0, 25 * 8, 8, dtype=np.int32)
+    whole = path.read_bytes()
+    assert whole.count(ends.tobytes()) == 1
+    ends[10] = 2**30
+    path.write_bytes(whole.replace(np.arange(0, 25 * 8, 8, dtype=np.int32).tobytes(), ends.tobytes()))
+    refused(path, "out of bounds")
+
+
 @pytest.mark.parametrize("kind", WRITERS)
 def test_a_broken_file_is_one_line(tmp_path: Path, kind: str) -> None:
     """Cut and flipped: read, or refused in one line; never a traceback of a library's."""
