@@ -108,16 +108,18 @@ def told_repeats(tables: Sequence[Table]) -> list[str]:
     for table in tables:
         if table.rows > MOST_ROWS or len(table.columns) < 2:
             continue
-        columns = [np.asarray(column).astype(str) for column in table.columns.values()]
-        seen: dict[tuple[str, ...], int] = {}
-        copies = []
-        for row, cells in enumerate(zip(*(column.tolist() for column in columns), strict=True)):
-            first = seen.setdefault(cells, row)
-            copies += [(row, first)] if first != row else []
-        if copies and len(copies) <= max(1, table.rows // 20):
-            row, first = copies[0]
+        kind = np.zeros(table.rows, dtype=np.int64)  # equal where rows are equal in the columns so far
+        for column in map(np.asarray, table.columns.values()):
+            values = column if column.dtype.kind in "fiub" else column.astype(str)
+            own = np.unique(values, return_inverse=True)[1].reshape(-1)
+            kind = np.unique(kind * table.rows + own, return_inverse=True)[1].reshape(-1)
+        _, begins, kind = np.unique(kind, return_index=True, return_inverse=True)
+        first = begins[kind.reshape(-1)]
+        copies = np.flatnonzero(first != np.arange(table.rows))
+        if 0 < len(copies) <= max(1, table.rows // 20):
+            row, other = int(copies[0]), int(first[copies[0]])
             more = f", and {len(copies) - 1} more" if len(copies) > 1 else ""
-            found.append(f"{table.place(row)}: the same in every column as {table.place(first)}{more}: read twice?")
+            found.append(f"{table.place(row)}: the same in every column as {table.place(other)}{more}: read twice?")
     return found
 
 
