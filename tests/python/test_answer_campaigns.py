@@ -71,7 +71,7 @@ def test_a_tie_that_the_data_tell_apart_is_wrong() -> None:
 def test_offsets_of_runs_hide_what_independent_noise_would_tell() -> None:
     """Drag and viscous friction are 8.7 noise sd apart if each row's noise is its own, 2.1 under that of the rig."""
     found = noises.one("rig", 181, 2.0, 30, 14)
-    assert found["rivals"] == [["aerodynamic_drag"], ["viscous_friction"]]
+    assert found["rivals"][:2] == [["aerodynamic_drag"], ["viscous_friction"]]  # 0.9 together may take a third
     assert found["distances"][1] < ADMISSIBLE < 50.0 < found["independent"][1]
     assert found["right"]
 
