@@ -108,7 +108,7 @@ def test_frames_for_others_are_no_work(bus: str) -> None:
             for _ in range(20):
                 peer.send((identifier, bytes(8)))
         for _ in range(7):
-            peer.send((0x0A8, b"\x01"))  # within the filter, unknown
+            peer.send((0x08F, b"\x01"))  # within the filter, unknown
         wait_for(lambda: count(controller.report(), "unknown") == 7, "7 unknown frames")
         assert count(controller.said(), "frames received") == 7
 
@@ -142,11 +142,11 @@ def test_what_the_queue_loses_is_counted_to_the_frame(bus: str) -> None:
         for turn in (1, 2):
             controller.send_signal(signal.SIGSTOP)
             for _ in range(400):
-                peer.send((0x0A8, b"\x01"))
+                peer.send((0x08F, b"\x01"))
                 time.sleep(0.0002)
             controller.send_signal(signal.SIGCONT)
             wait_for(lambda before=received: count(controller.report(), "frames received") > before, "it goes on")
-            peer.send((0x0A8, b"\x01"))
+            peer.send((0x08F, b"\x01"))
             sent += 401
             wait_for(
                 lambda sent=sent: (
