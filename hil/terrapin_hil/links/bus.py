@@ -112,10 +112,19 @@ class BusLink(Link):
     def _require_quiet(self, reply: int) -> None:
         """LinkError when more comes than the one answer (`reply`) to the one question."""
         heard = [*self._waiting, *self._bus.receive(QUIET)]
-        if any(identifier == reply for identifier, _ in heard):
+
+        def listen(seconds: float) -> list[Frame]:
+            heard.extend(more := self.talk((), seconds))
+            return more
+
+        def second() -> bool:
+            return any(identifier == reply for identifier, _ in heard)
+
+        if heard and not second():
+            refuse_production(self.name, listen)  # meanwhile a second one that is slow may have answered, too
+        if second():
             raise LinkError(f"{self.name}: found more than one controller with this node number, expected one")
         if heard:
-            refuse_production(self.name, lambda seconds: self.talk((), seconds))
             raise LinkError(f"{self.name}: a controller goes on by itself, out of test mode: is its bridge on?")
 
     def advance(self, simulation: Simulation, ticks: int) -> None:

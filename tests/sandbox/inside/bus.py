@@ -104,7 +104,7 @@ def test_cansend_and_candump_talk_to_it(bus: str) -> None:
 def test_frames_for_others_are_no_work(bus: str) -> None:
     """Filtered by the kernel: other identifiers, extended and remote frames do not even arrive."""
     with Controller("--can", bus) as controller, Peer(bus) as peer:
-        for identifier in (0x001, 0x200, 0x7FF, 0x80000080, 0x40000080, 0x104):
+        for identifier in (0x010, 0x200, 0x7FF, 0x80000080, 0x40000080, 0x108):
             for _ in range(20):
                 peer.send((identifier, bytes(8)))
         for _ in range(7):
