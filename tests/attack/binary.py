@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from tests.attack import Result
-from tests.attack.damage import READERS, counted, tried
+from tests.attack.damage import READERS, told, tried
+from tests.attack.forked import counted
 
 COUNT, SHORT = 400, 1  # of each reader
 TEXTS = (".log", ".asc")
@@ -15,4 +16,4 @@ EACH = tuple(
 def attack(count: int, seed: int) -> Result:
     """`count` damaged files of each binary reader: no traceback, one line, at most 1 GB and 10 s of the processor."""
     name = "damaged files of each binary reader"
-    return counted(name, tried(count * len(EACH), seed, EACH), seed)
+    return counted(name, told(tried(count * len(EACH), seed, EACH), seed))

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.attack import Result
-from tests.attack.forked import Outcome, run
+from tests.attack.forked import Outcome, counted, run
 
 COUNT, SHORT = 40, 2  # of each reader
 MEMORY, SECONDS = 1 << 30, 10.0  # that a command may take
@@ -214,11 +214,8 @@ def tried(count: int, seed: int) -> Iterator[tuple[str, int, Outcome]]:
 
 def attack(count: int, seed: int) -> Result:
     """`count` bombs of each reader: at most 1 GB, 10 s of the processor, one line."""
-    total, taken, first, most, longest = 0, 0, "", 0, 0.0
-    for reader, number, outcome in tried(count, seed):
-        total += 1
-        most, longest = max(most, outcome.memory), max(longest, outcome.seconds)
-        if wrong := outcome.wrong(MEMORY, SECONDS):
-            taken += 1
-            first = first or f"; first: {reader} {number} (seed {seed}): {wrong}"
-    return Result("bombs at readers", total, taken, f"at most {most >> 20} MiB, {longest:.1f} s{first}")
+    outcomes = tried(count, seed)
+    return counted(
+        "bombs at readers",
+        ((f"{reader} {number} (seed {seed})", one, one.wrong(MEMORY, SECONDS)) for reader, number, one in outcomes),
+    )

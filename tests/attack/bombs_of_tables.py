@@ -16,7 +16,7 @@ import numpy as np
 
 from tests.attack import Result
 from tests.attack.bombs import ZEROS
-from tests.attack.forked import Outcome, learn, run
+from tests.attack.forked import Outcome, counted, learn, run
 from tests.python import table_files
 
 COUNT, SHORT = 40, 1  # of each reader
@@ -234,11 +234,8 @@ def tried(count: int, seed: int) -> Iterator[tuple[str, int, Outcome]]:
 
 def attack(count: int, seed: int) -> Result:
     """`count` bombs of each reader: at most 1 GB, 10 s of the processor, one line."""
-    total, taken, first, most, longest = 0, 0, "", 0, 0.0
-    for file, number, outcome in tried(count, seed):
-        total += 1
-        most, longest = max(most, outcome.memory), max(longest, outcome.seconds)
-        if wrong := outcome.wrong(MEMORY, SECONDS):
-            taken += 1
-            first = first or f"; first: {file} {number} (seed {seed}): {wrong}"
-    return Result("bombs at readers of tables", total, taken, f"at most {most >> 20} MiB, {longest:.1f} s{first}")
+    outcomes = tried(count, seed)
+    return counted(
+        "bombs at readers of tables",
+        ((f"{file} {number} (seed {seed})", one, one.wrong(MEMORY, SECONDS)) for file, number, one in outcomes),
+    )

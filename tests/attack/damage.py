@@ -17,7 +17,7 @@ import numpy as np
 from terrapin_hil import paths
 from tests.attack import Result
 from tests.attack.bombs import frames_log
-from tests.attack.forked import Outcome, learn, run
+from tests.attack.forked import Outcome, counted, learn, run
 from tests.python import table_files
 
 COUNT, SHORT = 600, 2 * 20  # over all readers
@@ -217,16 +217,10 @@ def tried(count: int, seed: int, readers: Sequence[Reader] = READERS) -> Iterato
 
 def attack(count: int, seed: int) -> Result:
     """`count` damaged files over all readers: no traceback, one line, at most 1 GB and 10 s of the processor."""
-    return counted("damaged files at readers", tried(count, seed), seed)
+    return counted("damaged files at readers", told(tried(count, seed), seed))
 
 
-def counted(name: str, outcomes: Iterable[tuple[Reader, int, Outcome, str]], seed: int) -> Result:
-    """The sums of what was tried."""
-    total, taken, first, most, longest = 0, 0, "", 0, 0.0
-    for reader, number, outcome, wrong in outcomes:
-        total += 1
-        most, longest = max(most, outcome.memory), max(longest, outcome.seconds)
-        if wrong:
-            taken += 1
-            first = first or f"; first: {reader.file}, number {number} (seed {seed}): {wrong}"
-    return Result(name, total, taken, f"at most {most >> 20} MiB, {longest:.1f} s{first}")
+def told(tries: Iterable[tuple[Reader, int, Outcome, str]], seed: int) -> Iterator[tuple[str, Outcome, str]]:
+    """Each with the words that repeat it."""
+    for reader, number, outcome, wrong in tries:
+        yield f"{reader.file}, number {number} (seed {seed})", outcome, wrong

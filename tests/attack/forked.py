@@ -13,13 +13,15 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-__all__ = ["Outcome", "learn", "run", "together"]
+from tests.attack import Result
+
+__all__ = ["Outcome", "counted", "learn", "run", "together"]
 
 SECONDS = 30  # of the processor; then the command is killed
 WALL = 240.0  # s
@@ -54,6 +56,18 @@ class Outcome:
         if self.memory > memory:
             return f"{self.memory >> 20} MiB"
         return f"{self.seconds:.1f} s" if self.seconds > seconds else ""
+
+
+def counted(name: str, outcomes: Iterable[tuple[str, Outcome, str]]) -> Result:
+    """The sums of what was tried: what each try was, what came of it, and what is wrong with that."""
+    total, taken, first, most, longest = 0, 0, "", 0, 0.0
+    for what, outcome, wrong in outcomes:
+        total += 1
+        most, longest = max(most, outcome.memory), max(longest, outcome.seconds)
+        if wrong:
+            taken += 1
+            first = first or f"; first: {what}: {wrong}"
+    return Result(name, total, taken, f"at most {most >> 20} MiB, {longest:.1f} s{first}")
 
 
 def run(arguments: Sequence[object], folder: Path, file_size: int | None = None) -> Outcome:

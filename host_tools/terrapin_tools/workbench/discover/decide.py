@@ -1,9 +1,9 @@
 """The verdict, from the posterior alone: answers that predict the same are one class, and its mass is the probability.
 
 Two sets are one where each reaches what the other predicts. So supersets that add nothing, special cases, formulas that
-imitate an effect and exact twins need no rule. Nothing, each mishap of the test
-and a curve without a formula are classes of their own; so is a set beside such a curve, which is part of what is
-missing. What has most mass leads; where that is a set without most of the mass, the fewest classes that have it do.
+imitate an effect and exact twins need no rule. Nothing, each mishap of the test and a curve without a formula are
+classes of their own; so is a set beside such a curve, which is part of what is missing. What has most mass leads; where
+that is a set without most of the mass, the fewest classes that have it do.
 """
 
 from __future__ import annotations

@@ -84,13 +84,11 @@ class Discovery:
     candidates: tuple[Candidate, ...]
     rivals: tuple[tuple[str, ...], ...]
     experiment: Experiment | None
-    indistinguishable: bool  # rivals, and no experiment within the rig's limits tells them apart
     where: tuple[Failure, ...]
     ladder: tuple[Rung, ...]
     best: Rung | None  # the likeliest set, named or not
     part: Part | None  # of verdict partial: what is named takes so much of the misfit, and leaves so much where
     front: tuple[Step, ...]  # the likeliest set of no, one, two ... terms
-    decision: Decision
     weighed: tuple[Weight, ...]
     blamed: Blamed | None
     unknown: Curve | None  # likelier than all else that may be missing: a function of a column, no formula known
@@ -193,7 +191,6 @@ def decided(
         candidates=candidates,
         rivals=tuple(h.effects for h in rivals) if verdict == "ambiguous" else (),
         experiment=experiment,
-        indistinguishable=verdict == "ambiguous" and experiment is None,
         where=_where(analysis, ranking, top, "" if missing else said.column),
         ladder=_ladder(analysis, top if missing else None, noise),
         best=_ladder(analysis, top, noise)[-1] if top is not None and top.fit is not None else None,
@@ -201,7 +198,6 @@ def decided(
         if verdict == "partial" and answer is not None
         else None,
         front=front(analysis, ranking, noise.sigma),
-        decision=said,
         weighed=weights(ranking, said.classes or classes(analysis, ranking)),
         blamed=said.blamed,
         unknown=_curve(analysis, ranking, said, answer),
