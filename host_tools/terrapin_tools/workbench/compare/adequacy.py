@@ -35,6 +35,7 @@ TINY = 1e-300  # p-values below this are as good as 0, and have no logarithm
 LIKELY = 1e-3  # posterior, with or without something missing, from which a kind of noise is simulated; chosen by hand
 ENOUGH = 30  # degrees of freedom below which a stated sd is needed to tell noise from effects; chosen by hand
 ROUNDING = 1e-2  # noise sd below which a misfit is that of rounding, and has no scale of its own; chosen by hand
+STRETCH = 0.7  # of the rows, at most, that a range has of which it is said that the model fails there; chosen by hand
 TAIL = 0.05  # share of the sets from which the tail beyond is continued; chosen by hand
 
 
@@ -248,7 +249,7 @@ def where_it_fails(
             continue
         if failures and ranked[name, channel] <= 0.0:
             break
-        share = 1.0 if channel in everywhere else 0.7
+        share = 1.0 if channel in everywhere else STRETCH
         failures.append(
             failure_on(case, name, columns[name][rows], scaled, channel, rows, channels, ranked[name, channel], share)
         )
@@ -284,7 +285,7 @@ def failure_on(
     rows: Mask,
     channels: Sequence[str],
     gain: float,
-    share: float,
+    share: float = STRETCH,
 ) -> Failure:
     """The stretch of one column in which the sum of the residual stands out most.
 

@@ -233,7 +233,7 @@ def _where(analysis: Analysis, ranking: Ranking, top: Hypothesis | None, column:
         values = numeric_columns(analysis.case)[first][analysis.rows]
         scaled = analysis.residual / analysis.noise.sigma[:, None]
         found = failure_on(
-            analysis.case, first, values, scaled, channel, analysis.rows, analysis.model.channels, where[0].gain, 0.7
+            analysis.case, first, values, scaled, channel, analysis.rows, analysis.model.channels, where[0].gain
         )
     return (found, *rest)
 

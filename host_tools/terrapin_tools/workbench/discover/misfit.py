@@ -31,7 +31,6 @@ Array = npt.NDArray[np.float64]
 
 ANSWERS = 8  # likeliest ones that are looked at; chosen by hand
 BINS = 8  # of equal count; chosen by hand
-MOSTLY = 0.7  # share of what is left that lies in the range that is told of a column, as compare tells it
 DIRECTION = 0.1  # weight of a column's sign beside its size; chosen by hand
 
 
@@ -144,9 +143,7 @@ def part_of(analysis: Analysis, fit: Fit, column: str, sigma: Array) -> Part:
     scaled = _left(analysis, fit) / sigma[:, None]
     columns = {name: values[analysis.rows] for name, values in numeric_columns(analysis.case).items()}
     most = column or max(columns, key=lambda name: explained(scaled[channel], columns[name]))
-    at = failure_on(
-        analysis.case, most, columns[most], scaled, channel, analysis.rows, analysis.model.channels, 0.0, MOSTLY
-    )
+    at = failure_on(analysis.case, most, columns[most], scaled, channel, analysis.rows, analysis.model.channels, 0.0)
     return Part(float(np.clip(takes, 0.0, 1.0)), float(np.sqrt(after.mean())), at)
 
 

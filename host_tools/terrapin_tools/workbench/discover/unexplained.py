@@ -29,9 +29,7 @@ WAVES = (8, 24)  # half waves over a column's range: a smooth curve, and one wit
 FACTORS, MOST = ("omega", "load"), 3  # of a curve: these roles, or the first of a model that has neither
 DIRECTION = "direction"
 PRIOR = 0.05  # of something that neither the catalogue nor the vocabulary has
-MOSTLY = (
-    0.9  # share of the squares that a formula takes, from which it is known, although a curve in its column is left
-)
+KNOWN = 0.9  # share of the squares from which a formula is known, although a curve in its column is left; by hand
 PARTS = 3  # likeliest sets beside which a curve is weighed, for time
 POINTS = 41  # at which the curve is told
 
@@ -101,7 +99,7 @@ def curves(analysis: Analysis, ranking: Ranking) -> list[Hypothesis]:
         takes = 1.0 - float(np.sum(beyond.residual**2)) / float(np.sum(evidence.residual**2))
         for name, weight in _weights(analysis, beyond, WAVES[:1]).items():
             total = one.log_weight + weight - beyond.nothing
-            if name not in read or takes >= MOSTLY:
+            if name not in read or takes >= KNOWN:
                 found.append(replace(one, kind="part", log_weight=total, column=name))
             elif set(read) == {name}:
                 found.append(Hypothesis((), "unknown", total, None, name))

@@ -46,7 +46,8 @@ _RUNS = re.compile(r"(?:repeat|gap|gap:[0-9.eE+-]+|trigger:.+|column:.+)")
 
 
 class Ambiguous(UserError):
-    """A file that may be read in two ways; `key` of `Asked` says which, with one of `choices`."""
+    """A file that may be read in two ways; `key` of `Asked` says which, with one of `choices`. The page makes
+    buttons of what stands behind --read (map_read.js)."""
 
     def __init__(self, found: str, key: str, choices: Sequence[str]) -> None:
         self.found, self.key, self.choices = found, key, tuple(choices)
