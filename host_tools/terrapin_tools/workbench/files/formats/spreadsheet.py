@@ -14,10 +14,8 @@ from terrapin_tools.workbench.files.format import Asked, Format, Part
 from terrapin_tools.workbench.files.grid import Merged, Row, part_of_grid
 
 MOST = 20_000_000  # cells of a sheet
-FEW, EACH = (
-    1 << 18,
-    2,
-)  # rows and cells that stand in a file of any size, and for each of its bytes: they pack to 2 or more
+FEW = 1 << 18  # rows and cells that stand in a file of any size,
+EACH = 2  # and for each of its bytes: they pack to 2 or more
 _PLACE = re.compile(rb'<c\b[^>]*?\br="([A-Z]{1,3})(\d{1,7})"')
 _ODS = re.compile(rb"<table:(table|table-row|table-cell|covered-table-cell)(?![\w-])([^>]*)>")
 _ELEMENT = re.compile(rb"<(?:\w+:)?(?:c|row|table-row|table-cell)[\s/>]")
