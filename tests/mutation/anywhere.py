@@ -14,7 +14,8 @@ import os
 import sys
 
 from terrapin_hil.paths import ROOT
-from tests.mutation.python import Room, judge, passes, slips
+from tests.mutation.python import judge, passes, slips
+from tests.mutation.warm import prepare
 
 sys.path.insert(0, str(ROOT / "tests" / "tools"))
 from reach import Imports, reached
@@ -44,15 +45,16 @@ def main() -> int:
     every = [slip for path in paths for slip in slips(path, (ROOT / path).read_text(encoding="utf-8"))]
     every.sort(key=lambda slip: hashlib.sha256(f"{options.seed} {slip.name} {slip.begin}".encode()).digest())
     os.environ["PYTEST_ADDOPTS"] = "-p tests.tools.tiers --tier test"
+    prepare(["hypothesis", "numpy", "pytest", "scipy.linalg", "scipy.optimize", "scipy.stats"])
     imports, seen = Imports(ROOT), 0
     for slip in every[: options.count]:
-        room = Room("anywhere", (slip.path,), near(slip.path, imports), SEEN)
-        verdict, by = judge(slip, room)
-        if verdict == "killed" and not passes(by.removeprefix("FAILED ").partition("::")[0].partition(":")[0]):
+        files = near(slip.path, imports)
+        verdict, by = judge(slip, [[slip.path], *([file] for file in files)], {})
+        if verdict == "killed" and not passes(by.partition(": ")[0]):
             print(f"{by}: failed without a slip, expected to pass first", file=sys.stderr)
             return 2
         seen += verdict == "killed"
-        print(f"  {verdict}: {slip.name}" + (f" by {by}" if by else f" ({len(room.tests)} test files)"), flush=True)
+        print(f"  {verdict}: {slip.name}" + (f" by {by}" if by else f" ({len(files)} test files)"), flush=True)
     print(f"{seen} of {options.count} slips in {len(every)} places of {len(paths)} modules seen (at least {SEEN:.0%})")
     return 0 if seen >= SEEN * options.count else 1
 

@@ -35,7 +35,7 @@ from typing import Any
 from terrapin_hil.paths import ROOT
 from tests.mutation.operators import Mutant
 
-__all__ = ["BITS", "Bench", "NotReady", "ports_tested"]
+__all__ = ["BITS", "Bench", "NotReady", "in_a_child", "ports_tested"]
 
 BUILD = ROOT / "build" / "host"
 PARTS = ("core_objects", "link_objects", "boot_objects")
@@ -269,10 +269,10 @@ class Bench:
     def _run_test(self, name: str, source: str, seconds: float) -> tuple[bool, str, float]:
         first = self._first.get(source, [])
         if name == "scenarios":
-            return _in_a_child(lambda: _scenarios(self.folder, first), seconds)
+            return in_a_child(lambda: _scenarios(self.folder, first), seconds)
         if name == "tests/boot":
-            return _in_a_child(lambda: _boot_tests(self.folder / "libterrapin_boot.so", first), seconds)
-        return _in_a_child(lambda: os.execv(self.folder / name, [name]), seconds)
+            return in_a_child(lambda: _boot_tests(self.folder / "libterrapin_boot.so", first), seconds)
+        return in_a_child(lambda: os.execv(self.folder / name, [name]), seconds)
 
 
 def expanded(test: Path) -> str:
@@ -340,7 +340,7 @@ def _commands() -> dict[str, tuple[list[str], str]]:
     return found
 
 
-def _in_a_child(work: Callable[[], str | None], seconds: float) -> tuple[bool, str, float]:
+def in_a_child(work: Callable[[], str | None], seconds: float) -> tuple[bool, str, float]:
     """Whether `work` fails in a process of its own: it names what failed, ends by a signal, or takes more than so many
     seconds of processor time; the name, and the time it took."""
     reader, writer = os.pipe()
@@ -361,18 +361,23 @@ def _in_a_child(work: Callable[[], str | None], seconds: float) -> tuple[bool, s
             os._exit(1)
     os.close(writer)
     end = time.monotonic() + WAITED
-    wait = 0.001
+    wait, done = 0.001, 0
     with os.fdopen(reader, "rb") as told:
-        while True:
-            done, status, used = os.wait4(child, os.WNOHANG)
-            if not done and time.monotonic() > end:
+        try:
+            while True:
+                done, status, used = os.wait4(child, os.WNOHANG)
+                if not done and time.monotonic() > end:
+                    os.killpg(child, signal.SIGKILL)
+                    done, status, used = os.wait4(child, 0)
+                if done:
+                    what = told.read().decode(errors="replace") if os.WIFEXITED(status) else ""
+                    return status != 0, what, used.ru_utime + used.ru_stime
+                time.sleep(wait)
+                wait = min(2.0 * wait, 0.05)
+        finally:
+            if not done:  # interrupted
                 os.killpg(child, signal.SIGKILL)
-                done, status, used = os.wait4(child, 0)
-            if done:
-                what = told.read().decode(errors="replace") if os.WIFEXITED(status) else ""
-                return status != 0, what, used.ru_utime + used.ru_stime
-            time.sleep(wait)
-            wait = min(2.0 * wait, 0.05)
+                os.waitpid(child, 0)
 
 
 def _scenarios(folder: Path, first: Sequence[str]) -> str | None:

@@ -7,10 +7,10 @@
 
 A mutant is a module with one slip: comparison, sum, product or logic turned round, an operand dropped, a condition
 always true or false, min for max, two arguments exchanged, a constant or an index one off, a statement left out. It is
-run with the test files of its room (rooms.toml), quickest first, until one fails, in a process of its own that sees the
-changed text in place of the module's (inside/sitecustomize.py); so do processes that a test starts. Survivors are
-printed; status 1 when a room's share is below its bound. Results are JSON lines in out/mutation/python.jsonl and are
-not made again.
+run with the tests of its room (rooms.toml) that call its function, until one fails, in a process of its own that sees
+the changed text in place of the module's (warm.py); so do processes that a test starts. What `make test` leaves out is
+left out. Survivors are printed; status 1 when a room's share is below its bound. Results are JSON lines in
+out/mutation/python.jsonl and are not made again, a survivor's not as long as the room's tests are what they were.
 """
 
 from __future__ import annotations
@@ -21,25 +21,26 @@ import hashlib
 import json
 import math
 import os
-import resource
-import signal
-import subprocess
 import sys
 import tempfile
 import time
 import tomllib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from terrapin_hil.paths import ROOT
+from tests.mutation.warm import Seen, failing, prepare, record
 
 __all__ = ["Room", "Slip", "judge", "passes", "rooms", "slips"]
 
-LIMIT = 300  # s of the processor for all of a mutant's tests; a mutant that takes longer is killed, and counts as seen
-NO_TESTS = 5  # of pytest: all that was chosen is of the other tier
-WAITED = 1800.0  # s by the clock
+KEPT = ROOT / "out" / "mutation"
+REST_S = 20.0  # of the processor
+EQUIVALENT = Path(__file__).with_name("equivalent_python.toml")
+LISTED = 0.05  # of a file's slips
+BEFORE = 8  # tests that killed last, which come first
 COMPARED: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Lt: (ast.LtE,), ast.LtE: (ast.Lt,), ast.Gt: (ast.GtE,), ast.GtE: (ast.Gt,), ast.Eq: (ast.NotEq,),
     ast.NotEq: (ast.Eq,), ast.Is: (ast.IsNot,), ast.IsNot: (ast.Is,), ast.In: (ast.NotIn,), ast.NotIn: (ast.In,),
@@ -63,6 +64,13 @@ class Room:
     tests: tuple[str, ...]
     share: float
 
+    @property
+    def runs(self) -> list[list[str]]:
+        """Arguments of pytest for each run that the tests need, doctests included."""
+        chosen = [test.partition(" -k ") for test in self.tests]
+        plain = [file for file, _, words in chosen if not words]
+        return [[*plain, *self.modules], *([file, "-k", words] for file, _, words in chosen if words)]
+
 
 @dataclass(frozen=True)
 class Slip:
@@ -77,9 +85,12 @@ class Slip:
     new: str
 
     @property
+    def change(self) -> str:
+        return " ".join(f"{self.old} -> {self.new or 'nothing'}".split())[:160]
+
+    @property
     def name(self) -> str:
-        told = " ".join(f"{self.old} -> {self.new or 'nothing'}".split())
-        return f"{self.path}:{self.line} {self.function}: {told[:160]}"
+        return f"{self.path}:{self.line} {self.function}: {self.change}"
 
     @property
     def key(self) -> str:
@@ -132,14 +143,17 @@ def _swapped(node: ast.AST) -> Iterator[ast.expr]:
     elif isinstance(node, ast.Call):
         name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
         if name in NAMED:
-            other = (
+            renamed = (
                 ast.Attribute(node.func.value, NAMED[name])
                 if isinstance(node.func, ast.Attribute)
                 else ast.Name(NAMED[name])
             )
-            yield ast.Call(other, node.args, node.keywords)
-        if len(node.args) > 1 and not any(
-            isinstance(a, ast.Starred | ast.Constant | ast.JoinedStr) for a in node.args[:2]
+            yield ast.Call(renamed, node.args, node.keywords)
+        two = node.args[:2]
+        if (
+            len(two) > 1
+            and not any(isinstance(a, ast.Starred | ast.Constant | ast.JoinedStr) for a in two)
+            and ast.dump(two[0]) != ast.dump(two[1])
         ):
             yield ast.Call(node.func, [node.args[1], node.args[0], *node.args[2:]], node.keywords)
 
@@ -210,51 +224,124 @@ def sample(count: int, seed: int, names: list[str]) -> list[tuple[Room, Slip]]:
     return found
 
 
-def _run(tests: tuple[str, ...], environment: dict[str, str]) -> tuple[bool, str]:
-    """Whether a test failed (or took too long), and its name."""
-    plugins = [word for name in ("cacheprovider", "xdist", "schemathesis") for word in ("-p", f"no:{name}")]
-    for test in tests:
-        file, _, words = test.partition(" -k ")
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "--tb=no", *plugins, file]
-        command += ["-k", words] if words else []
-        process = subprocess.Popen(
-            command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-            start_new_session=True, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (LIMIT, LIMIT + 1)),
-        )  # fmt: skip
-        try:
-            out, _ = process.communicate(timeout=WAITED)
-        except subprocess.TimeoutExpired:
-            return True, f"{file}: no end"
-        finally:
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
-        if process.returncode not in (0, NO_TESTS):
-            return True, next(
-                (line.partition(" - ")[0] for line in out.splitlines() if line.startswith("FAILED")), file
+def listed(every: Sequence[Slip]) -> tuple[set[Slip], list[str]]:
+    """Those of these slips that equivalent_python.toml names, and what is wrong with that list."""
+    found: set[Slip] = set()
+    wrong = []
+    for entry in tomllib.loads(EQUIVALENT.read_text(encoding="utf-8")).get("equivalent", []):
+        meant = tuple(entry.get(word, "") for word in ("file", "function", "change"))
+        mine = [slip for slip in every if (slip.path, slip.function, slip.change) == meant]
+        if not mine or not entry.get("why"):
+            told = "matches no slip" if not mine else "gives no reason"
+            wrong.append(f"{EQUIVALENT.name}: {meant[0]} {meant[1]}: {meant[2]}: {told}")
+        found |= set(mine)
+    counts = Counter(slip.path for slip in every)
+    for path, count in Counter(slip.path for slip in found).items():
+        if count > LISTED * counts[path]:
+            wrong.append(
+                f"{EQUIVALENT.name}: {path}: found {count} of {counts[path]} slips, expected at most {LISTED:.0%}"
             )
-    return False, ""
+    return found, wrong
 
 
-def passes(file: str) -> bool:
-    """Whether a test file passes as the tree is."""
-    return not _run((file,), dict(os.environ))[0]
+def everything() -> list[Slip]:
+    """All slips of all rooms' modules."""
+    paths = sorted({path for room in rooms() for path in room.modules})
+    return [slip for path in paths for slip in slips(path, (ROOT / path).read_text(encoding="utf-8"))]
 
 
-def judge(slip: Slip, room: Room) -> tuple[str, str]:
-    """("killed", by which test) or ("survived", "") or ("invalid", "") for what is no Python."""
+def tests_for(slip: Slip, known: dict[str, Seen]) -> list[str]:
+    """Those that call the slip's function first, those after them of which that is not known, quickest first; the rest
+    where they take no longer than REST_S: what a cache keeps, another test may have called."""
+    called = f"{slip.path} {slip.function}"
+    everywhere = slip.function == "module"
+    first = sorted((n for n, t in known.items() if called in t.calls), key=lambda n: known[n].seconds)
+    others = sorted((n for n in known if n not in first), key=lambda n: known[n].seconds)
+    then = [n for n in others if everywhere or known[n].elsewhere]
+    rest = [n for n in others if n not in then]
+    return [*first, *then, *(rest if sum(known[n].seconds for n in rest) <= REST_S else [])]
+
+
+def judge(
+    slip: Slip, runs: Sequence[Sequence[str]], known: dict[str, Seen], before: Sequence[str] = ()
+) -> tuple[str, str]:
+    """("killed", by which test) or ("survived", "") or ("invalid", "") for what is no Python.
+
+    `known`: the tests to choose of, and what they call; when empty, all of `runs` are made, one after the other.
+    `before`: tests that killed another slip, those to begin with first.
+    """
     text = slip.text()
     try:
         compile(text, slip.path, "exec")
     except SyntaxError:
         return "invalid", ""
+    chosen = tests_for(slip, known)
+    chosen = [*(n for n in before if n in chosen), *(n for n in chosen if n not in before)]
+    if known and not chosen:
+        return "survived", ""
+    files = list(dict.fromkeys(name.partition("::")[0] for name in chosen))
+    seconds = sum(known[name].seconds for name in chosen) if known else None
     with tempfile.TemporaryDirectory() as folder:
+        os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = folder  # what a slip fails with is nobody's example
         planted = Path(folder, "mutant.json")
         planted.write_text(json.dumps([os.path.realpath(ROOT / slip.path), text]), encoding="utf-8")
-        path = os.pathsep.join([str(Path(__file__).with_name("inside")), os.environ.get("PYTHONPATH", "")])
-        environment = {**os.environ, "TERRAPIN_MUTANT": str(planted), "PYTHONPATH": path.rstrip(os.pathsep)}
-        failed, by = _run(room.tests, environment)
-    return ("killed", by) if failed else ("survived", "")
+        for part in [files] if known else runs:
+            by = failing(part, chosen, planted, seconds)
+            if by:
+                return "killed", by
+    return "survived", ""
+
+
+def passes(test: str) -> bool:
+    """Whether a test, by its name, passes as the tree is."""
+    return not failing([test])
+
+
+def _digest(room: Room) -> str:
+    """Changes with the room's modules and tests."""
+    digest = hashlib.sha256(repr(room.tests).encode())
+    for path in sorted({*room.modules, *(test.partition(" -k ")[0] for test in room.tests)}):
+        digest.update(path.encode() + (ROOT / path).read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def _recorded(room: Room) -> dict[str, Seen]:
+    """What the room's tests call, as long as they and its modules are what they were. ValueError: one fails."""
+    place = KEPT / f"{room.name}-{_digest(room)}.json"
+    if place.exists():
+        stored, modules = json.loads(place.read_text(encoding="utf-8"))
+        known = {n: Seen(frozenset(calls), elsewhere, took) for n, (calls, elsewhere, took) in stored.items()}
+    else:
+        known, modules = record(room.runs, room.modules)
+        told = {name: [sorted(test.calls), test.elsewhere, test.seconds] for name, test in known.items()}
+        place.write_text(json.dumps([told, modules]), encoding="utf-8")
+    prepare(modules)
+    return known
+
+
+def _judged(chosen: list[tuple[Room, Slip]]) -> Iterator[tuple[Room, Slip, dict[str, Any]]]:
+    """The slips with their verdicts, a room after the other; those that are known already are not judged again."""
+    path = KEPT / "python.jsonl"
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    stored = {entry["key"]: entry for entry in map(json.loads, lines)}
+    with path.open("a", encoding="utf-8") as file:
+        for room in {room.name: room for room, _ in chosen}.values():
+            known: dict[str, Seen] = {}
+            before: list[str] = []
+            now = _digest(room)
+            for slip in [slip for r, slip in chosen if r.name == room.name]:
+                entry = stored.get(slip.key)
+                if entry is None or (entry["verdict"] == "survived" and entry.get("tests") != now):
+                    known = known or _recorded(room)
+                    begin = time.monotonic()
+                    verdict, by = judge(slip, room.runs, known, before)
+                    if by in known:
+                        before = [by, *(name for name in before if name != by)][:BEFORE]
+                    entry = {"key": slip.key, "verdict": verdict, "by": by, "room": room.name, "slip": slip.name}
+                    took = round(time.monotonic() - begin, 1)
+                    file.write(json.dumps({**entry, "tests": now, "seconds": took}) + "\n")
+                    file.flush()
+                yield room, slip, entry
 
 
 def main() -> int:
@@ -269,32 +356,21 @@ def main() -> int:
         for room, slip in chosen:
             print(f"{room.name}: {slip.name}")
         return 0
-    path = ROOT / "out" / "mutation" / "python.jsonl"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    known = {}
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
-        entry = json.loads(line)
-        known[entry["key"]] = entry
+    KEPT.mkdir(parents=True, exist_ok=True)
+    os.environ["PYTEST_ADDOPTS"] = "-p tests.tools.tiers --tier test"
     counts: dict[str, Counter[str]] = {room.name: Counter() for room, _ in chosen}
-    used = sorted({room.name: room for room, _ in chosen}.values(), key=lambda room: room.name)
-    for room in used:
-        if any(room is r and s.key not in known for r, s in chosen) and (told := _run(room.tests, dict(os.environ)))[0]:
-            print(f"{room.name}: {told[1]}: failed without a mutant, expected to pass first", file=sys.stderr)
-            return 2
-    with path.open("a", encoding="utf-8") as file:
-        for room, slip in chosen:
-            entry = known.get(slip.key)
-            if entry is None or entry["verdict"] == "survived":
-                begin = time.monotonic()
-                verdict, by = judge(slip, room)
-                entry = {"key": slip.key, "verdict": verdict, "by": by, "room": room.name, "slip": slip.name}
-                file.write(json.dumps({**entry, "seconds": round(time.monotonic() - begin, 1)}) + "\n")
-                file.flush()
+    equivalent, wrong = listed(everything())
+    try:
+        for room, slip, entry in _judged([(room, slip) for room, slip in chosen if slip not in equivalent]):
             counts[room.name][entry["verdict"]] += 1
             if entry["verdict"] == "survived":
                 print(f"  survived: {room.name}: {slip.name}", flush=True)
-    missed = 0
-    for room in used:
+    except ValueError as error:
+        print(f"{error}: failed without a slip, expected to pass first", file=sys.stderr)
+        return 2
+    print(*wrong, sep="\n", end="\n" if wrong else "")
+    missed = len(wrong)
+    for room in sorted({room.name: room for room, _ in chosen}.values(), key=lambda room: room.name):
         kinds = counts[room.name]
         counted = kinds["killed"] + kinds["survived"]
         share = kinds["killed"] / counted if counted else 1.0

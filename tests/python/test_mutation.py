@@ -12,10 +12,12 @@ import pytest
 
 from terrapin_hil.paths import ROOT
 from tests.mutation import __main__ as gate
+from tests.mutation import python as of_python
 from tests.mutation.judge import Bench, NotReady
 from tests.mutation.neighbours import further
 from tests.mutation.operators import Mutant, mutants
-from tests.mutation.python import rooms, slips
+from tests.mutation.python import judge, rooms, slips
+from tests.mutation.warm import failing, record
 
 SOURCE = """#include "a.h"
 
@@ -109,6 +111,33 @@ def test_every_room_has_its_modules_and_tests() -> None:
         assert room.modules, room.name
         assert room.tests, room.name
         assert all((ROOT / test.partition(" -k ")[0]).is_file() for test in room.tests), room.name
+
+
+def test_the_list_of_equivalent_slips_in_python_is_kept_honest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    everything = of_python.everything()
+    assert of_python.listed(everything)[1] == []
+    one = everything[0]
+    entry = f"[[equivalent]]\nfile = {one.path!r}\nfunction = {one.function!r}\n"
+    for change, why, words in (("5 -> 6", "so", "matches no slip"), (one.change, "", "gives no reason")):
+        (tmp_path / "list.toml").write_text(f"{entry}change = '''{change}'''\nwhy = {why!r}\n")
+        monkeypatch.setattr(of_python, "EQUIVALENT", tmp_path / "list.toml")
+        assert words in of_python.listed(everything)[1][0]
+
+
+def test_a_slip_is_run_with_the_tests_that_call_it() -> None:
+    """In a process that has imported everything else: three of one room, and one that is no slip."""
+    path = "hil/terrapin_hil/units.py"
+    text = (ROOT / path).read_text(encoding="utf-8")
+    whole = [["tests/python/test_units.py", "-k", "factorial or once", path]]
+    known, _ = record(whole, [path])
+    assert sum(f"{path} read_unit" in test.calls for test in known.values()) > 1
+    by_change = {slip.change: slip for slip in slips(path, text)}
+    seen = by_change["""'!' in spelling -> False""".replace("'", '"')]
+    assert judge(seen, whole, known)[0] == "killed"
+    assert judge(seen, whole, {})[0] == "killed"
+    same = of_python.Slip(path, seen.line, seen.function, seen.begin, seen.end, seen.old, f"({seen.old})")
+    assert judge(same, whole, known) == ("survived", "")
+    assert failing(*whole) == ""
 
 
 def test_a_process_sees_the_mutant_in_place_of_the_module(tmp_path: Path) -> None:
