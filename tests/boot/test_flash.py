@@ -225,6 +225,15 @@ def test_a_key_is_revoked_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyP
         assert node.chip.contents() == before
 
 
+def test_the_key_of_the_bench_or_where_it_is_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "development.pem"
+    monkeypatch.setattr("terrapin_hil.paths.development_key", lambda: path)
+    with pytest.raises(UserError, match=f"no development key in {path}"):
+        development_key()
+    pem(path, KEY)
+    assert development_key() == path
+
+
 def test_keys_revoke_refuses_what_is_wrong(tmp_path: Path) -> None:
     old, new = pem(tmp_path / "old.pem", KEY), pem(tmp_path / "new.pem", NEXT_KEY)
     good, bad = tmp_path / "good.bin", tmp_path / "bad.bin"

@@ -45,7 +45,7 @@ def main() -> int:
     every = [slip for path in paths for slip in slips(path, (ROOT / path).read_text(encoding="utf-8"))]
     every.sort(key=lambda slip: hashlib.sha256(f"{options.seed} {slip.name} {slip.begin}".encode()).digest())
     os.environ["PYTEST_ADDOPTS"] = "-p tests.tools.tiers --tier test"
-    prepare(["hypothesis", "numpy", "pytest", "scipy.linalg", "scipy.optimize", "scipy.stats"])
+    prepare()
     imports, seen = Imports(ROOT), 0
     for slip in every[: options.count]:
         files = near(slip.path, imports)

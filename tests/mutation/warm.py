@@ -1,16 +1,15 @@
 """Test files in a fork of this process, which has imported what no slip changes.
 
-    known, others = record(runs, names)         # {node id: Seen}: what each test calls in the modules of these names
-    prepare(others)
-    failing(files, chosen, planted)             # the test that failed, "" when none did
+    known = record(runs, names)         # {node id: Seen}: what each test calls in the modules of these names
+    prepare()
+    failing(files, chosen, planted)     # the test that failed, "" when none did
 
-A fork has pytest and what the tests import of other projects; modules of this tree it imports itself, with the slip's
+A fork has pytest and what else takes long to import (HEAVY); modules of this tree it imports itself, with the slip's
 text in place of the module's. So each slip costs its tests, and neither the start of Python nor that of pytest.
 """
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import json
 import os
@@ -39,19 +38,12 @@ INSIDE = Path(__file__).with_name("inside")
 LONGER, SPARE_S = 3.0, 20.0  # of the processor, against what it took without a slip
 RECORDED_S = 3600.0
 MOST_S = 300.0  # of the processor, where it is not known what it takes
+# Plain: where assertions are rewritten, pytest reads files of the command line itself.
 OPTIONS = (
-    "--doctest-modules",
-    "-x",
-    "-q",
-    "--no-header",
-    "--tb=no",
-    "-p",
-    "no:cacheprovider",
-    "-p",
-    "no:xdist",
-    "-p",
-    "no:schemathesis",
-)
+    "--assert=plain", "--doctest-modules", "-x", "-q", "--no-header", "--tb=no",
+    *(word for name in ("cacheprovider", "xdist", "schemathesis") for word in ("-p", f"no:{name}")),
+)  # fmt: skip
+HEAVY = ("cffi", "hypothesis", "numpy", "pint", "scipy.linalg", "scipy.optimize", "scipy.special", "scipy.stats")
 STARTS = {"subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn"}  # events of sys.audit
 
 
@@ -161,41 +153,34 @@ def _run(arguments: Sequence[str], plugins: list[Any], planted: Path | None) -> 
     return int(pytest.main([*OPTIONS, *arguments], plugins=plugins))
 
 
-def record(runs: Sequence[Sequence[str]], names: Sequence[str]) -> tuple[dict[str, Seen], list[str]]:
-    """What the tests of these runs (arguments of pytest) call in the modules of these names, without a slip; and
-    the modules of other projects that they import.
+def record(runs: Sequence[Sequence[str]], names: Sequence[str]) -> dict[str, Seen]:
+    """What the tests of these runs (arguments of pytest) call in the modules of these names, without a slip.
 
     Raises ValueError, with its name, for a test that fails.
     """
     found: dict[str, Seen] = {}
-    others: set[str] = set()
     for arguments in runs:
         with tempfile.TemporaryDirectory() as folder:
             told = Path(folder, "told.json")
             failed, what, _ = in_a_child(partial(_note, arguments, names, told), RECORDED_S)
             if failed:
                 raise ValueError(what or arguments[0])
-            tests, modules = json.loads(told.read_text(encoding="utf-8"))
+            tests = json.loads(told.read_text(encoding="utf-8"))
         found |= {name: Seen(frozenset(calls), elsewhere, took) for name, (calls, elsewhere, took) in tests.items()}
-        others |= set(modules)
-    return found, sorted(others)
+    return found
 
 
 def _note(arguments: Sequence[str], names: Sequence[str], told: Path) -> str | None:
     recorder, chosen = _Recorder(names), _Chosen([])
     status = _run(arguments, [recorder, chosen], None)
-    modules = [name for name, module in sys.modules.items() if isinstance(module, ModuleType)]
-    others = [name for name in modules if name != "__main__" and not _of_this_tree(sys.modules[name])]
-    told.write_text(json.dumps([recorder.tests, others]), encoding="utf-8")
+    told.write_text(json.dumps(recorder.tests), encoding="utf-8")
     return None if status in (0, NO_TESTS) else chosen.failed or f"status {status}"
 
 
-def prepare(modules: Sequence[str]) -> None:
-    """Imports what the forks then need not; not all that tests had can be had alone."""
-    for name in modules:
-        if name not in sys.modules:
-            with contextlib.suppress(Exception):  # a fork that needs it says so
-                importlib.import_module(name)
+def prepare() -> None:
+    """Imports what the forks then need not. Not all that tests import: some of it changes what others do."""
+    for name in HEAVY:
+        importlib.import_module(name)
 
 
 def failing(

@@ -16,8 +16,8 @@ from tests.mutation import python as of_python
 from tests.mutation.judge import Bench, NotReady
 from tests.mutation.neighbours import further
 from tests.mutation.operators import Mutant, mutants
-from tests.mutation.python import judge, rooms, slips
-from tests.mutation.warm import failing, record
+from tests.mutation.python import judge, passes, rooms, slips
+from tests.mutation.warm import record
 
 SOURCE = """#include "a.h"
 
@@ -125,19 +125,20 @@ def test_the_list_of_equivalent_slips_in_python_is_kept_honest(tmp_path: Path, m
 
 
 def test_a_slip_is_run_with_the_tests_that_call_it() -> None:
-    """In a process that has imported everything else: three of one room, and one that is no slip."""
-    path = "hil/terrapin_hil/units.py"
-    text = (ROOT / path).read_text(encoding="utf-8")
-    whole = [["tests/python/test_units.py", "-k", "factorial or once", path]]
-    known, _ = record(whole, [path])
-    assert sum(f"{path} read_unit" in test.calls for test in known.values()) > 1
-    by_change = {slip.change: slip for slip in slips(path, text)}
-    seen = by_change["""'!' in spelling -> False""".replace("'", '"')]
-    assert judge(seen, whole, known)[0] == "killed"
-    assert judge(seen, whole, {})[0] == "killed"
+    """In a fork that has imported everything else; the module itself is on pytest's command line, for its doctests."""
+    path = "host_tools/terrapin_tools/workbench/files/units.py"
+    runs = [["tests/python/test_units.py", "-k", "coherent or factorial", path]]
+    known = record(runs, [path])
+    assert [name.partition("::")[2] for name, test in known.items() if f"{path} in_si" in test.calls] == [
+        "test_the_coherent_unit_of_the_same_kind"
+    ]
+    every = slips(path, (ROOT / path).read_text(encoding="utf-8"))
+    seen = next(s for s in every if s.function == "in_si" and s.change == "1.0 -> (2.0)")
+    killer = "tests/python/test_units.py::test_the_coherent_unit_of_the_same_kind"
+    assert judge(seen, runs, known) == judge(seen, runs, {}) == ("killed", killer)
+    assert passes(killer)
     same = of_python.Slip(path, seen.line, seen.function, seen.begin, seen.end, seen.old, f"({seen.old})")
-    assert judge(same, whole, known) == ("survived", "")
-    assert failing(*whole) == ""
+    assert judge(same, runs, known) == ("survived", "")
 
 
 def test_a_process_sees_the_mutant_in_place_of_the_module(tmp_path: Path) -> None:

@@ -119,18 +119,26 @@ def test_a_host_asks_with_another_number_each_time() -> None:
 def test_what_changes_a_controller_has_a_seal_behind_it(name: str) -> None:
     message = interface().messages[name]
     frame = message.id, bytes([1]) * message.length  # action and its like are not 0, which would only ask
-    sent = Session(bytes(16)).sealed([frame])
+    sent = Session(bytes(16), (0, 0)).sealed([frame])
     assert [identifier for identifier, _ in sent] == [message.id, interface().messages["SEAL"].id]
 
 
 def test_the_host_seals_what_the_firmware_holds_back() -> None:
     """The list stands in C too (firmware/link/dispatch.c, needs_seal): every message the controller takes, tried."""
-    session = Session(bytes(16))
+    session = Session(bytes(16), (0, 0))
     for message in interface().messages.values():
         link = Sealed()
         frame = message.id, bytes([1]) * message.length
         link.exchange([frame])
         assert bool(link._link.seal.holding) == (len(session.sealed([frame])) > 1), message.name
+
+
+def test_the_same_command_once_more_is_the_same_frame() -> None:
+    session, sender = Session(bytes(16), (0, 0)), Sender()
+    first, second = (sender.frame("COMMAND", {"request": 2}) for _ in range(2))
+    [sealed] = session.sealed([first])
+    assert session.sealed([first]) == [sealed]
+    assert session.sealed([second]) != [sealed]
 
 
 def test_a_session_is_renewed_by_itself() -> None:
@@ -172,6 +180,16 @@ def test_an_interrupted_stream_is_taken_again_within_a_second(ways: str) -> None
             session.heard([(status.id, status.encode({"faults": faults})[0])])
     assert refused <= 20
     assert session._began > 5.0  # of the time after it
+
+
+def test_only_the_status_tells_of_missed_commands() -> None:
+    status = interface().messages["STATUS"]
+    faults = status.encode({"faults": 1 << interface().faults["command_timeout"]})[0]
+    session = Session(bytes(16), (0, 0))
+    session.heard([(status.id + 1, faults), (status.id, faults[:-1])])
+    assert not session._lost
+    session.heard([(status.id, faults)])
+    assert session._lost
 
 
 def test_a_session_that_cannot_be_renewed_goes_on() -> None:

@@ -9,7 +9,15 @@ import pytest
 from terrapin_hil.messages import interface
 from terrapin_hil.reading import parse_quantity
 from terrapin_hil.units import _BASE, _FACTORS, _TO_BASE, base_factor, factor, read_unit, units
-from terrapin_tools.workbench.files.units import LARGEST, in_si, quantity, shifted, si_factor
+from terrapin_tools.workbench.files.units import (
+    LARGEST,
+    convert,
+    convert_difference,
+    in_si,
+    quantity,
+    shifted,
+    si_factor,
+)
 
 
 @pytest.mark.parametrize(("given", "unit"), [*_FACTORS, *((unit, unit) for unit in sorted(_BASE))])
@@ -55,8 +63,41 @@ def test_what_is_no_finite_number_is_refused(value: float | str) -> None:
 
 
 def test_the_coherent_unit_of_the_same_kind() -> None:
-    given = ("m", "mm", "rpm", "kPa", "degC", "celsius", "", " ")
-    assert [in_si(unit) for unit in given] == ["m", "m", "rad/s", "kg/m/s^2", "degC", "degC", "", ""]
+    given = ("m", "N m", "mm", "rpm", "kPa", "degC", "celsius", "", " ")
+    assert [in_si(unit) for unit in given] == ["m", "N m", "m", "rad/s", "kg/m/s^2", "degC", "degC", "", ""]
+
+
+@pytest.mark.parametrize("text", ["m**2**2", "s^9^9^9", "m^x", "(((m^2)^2)^2)^2"])
+def test_powers_of_powers_are_no_unit(text: str) -> None:
+    with pytest.raises(ValueError, match="expected powers such as"):
+        read_unit(text)
+
+
+def test_a_difference_is_scaled_and_never_shifted() -> None:
+    assert convert_difference(9.0, "degF", "degC") == pytest.approx(5.0, rel=1e-12)
+    assert convert_difference(3.0, "mm", "m") == pytest.approx(3e-3, rel=1e-12)
+
+
+@pytest.mark.parametrize(("unit", "to"), [("m", "s"), ("degC", "m"), ("dBm", "m"), ("delta_degF", "degC"), ("1", "m")])
+def test_another_kind_does_not_convert(unit: str, to: str) -> None:
+    with pytest.raises(ValueError, match=f"'{unit}' does not convert to '{to}'"):
+        convert(1.0, unit, to)
+
+
+def test_the_largest_number_is_one() -> None:
+    assert quantity(LARGEST, "m") == quantity(f"{LARGEST} m", "m") == LARGEST
+
+
+@pytest.mark.parametrize("text", ["fast m", "", "1,5 m", "m"])
+def test_what_begins_with_no_number_is_told(text: str) -> None:
+    with pytest.raises(ValueError, match="expected a number, a space and a unit"):
+        quantity(text, "m")
+
+
+def test_a_number_alone_has_the_unit_1() -> None:
+    assert quantity("3", "1") == 3.0
+    with pytest.raises(ValueError, match="'1' does not convert to 'm'"):
+        quantity("3", "m")
 
 
 @pytest.mark.parametrize(

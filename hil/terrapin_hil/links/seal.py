@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from terrapin_hil.links.link import LinkError, Sealable
-from terrapin_hil.messages import Frame, Interface, Message, Sender, interface, protect
+from terrapin_hil.messages import Frame, Message, Sender, interface, protect
 from terrapin_hil.reading import ReadingError, owner_alone
 
 __all__ = ["WAY_BACK", "LinkKey", "Session", "chaskey", "open_session", "seal_link", "takes_changes"]
@@ -122,14 +122,13 @@ class Session:
     def __init__(
         self,
         key: bytes,
-        number: tuple[int, int] = (0, 0),
-        description: Interface | None = None,
+        number: tuple[int, int],
         renewed: Callable[[], Session | None] | None = None,
         now: Callable[[], float] = clock,
     ) -> None:
         self._now, self._renewed = now, renewed
         self._begin(key, number)
-        self._interface = description or interface()
+        self._interface = interface()
         self._command: tuple[bytes, Frame] | None = None  # the last one, and what it became
         self._status = self._interface.messages["STATUS"]
         self._without = 1 << self._interface.faults["command_timeout"]

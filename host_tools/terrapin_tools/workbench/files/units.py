@@ -68,13 +68,11 @@ def convert(values: Numbers, unit: str, to: str) -> Numbers:
     if unit == to:
         return values
     source, target = read_unit(turns(unit, to)), read_unit(to)
-    if not same_kind(unit, to):
-        raise ValueError(f"{unit!r} does not convert to {to!r}")
     if source == target:
         return values
     try:
         converted: Numbers = registry().Quantity(values, source).to(target).magnitude
-    except (TypeError, ValueError, ArithmeticError):  # a difference (delta_degF), a logarithm (dBm)
+    except (TypeError, ValueError, ArithmeticError):  # another kind, a difference (delta_degF), a logarithm (dBm)
         raise ValueError(f"{unit!r} does not convert to {to!r}") from None
     return converted
 
@@ -143,7 +141,7 @@ def quantity(value: float | str, unit: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         raise ValueError(f"found {shorten(value)}, expected a number, or text with a unit such as '80 mm'")
     if not isinstance(value, str):
-        number = float(value) if abs(value) <= LARGEST or value != value else np.inf
+        number = float(value) if abs(value) <= LARGEST else np.inf
     else:
         head, _, tail = value.strip().partition(" ")
         try:
