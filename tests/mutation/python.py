@@ -233,6 +233,7 @@ def listed(every: Sequence[Slip]) -> tuple[set[Slip], list[str]]:
     for entry in tomllib.loads(EQUIVALENT.read_text(encoding="utf-8")).get("equivalent", []):
         meant = tuple(entry.get(word, "") for word in ("file", "function", "change"))
         mine = [slip for slip in every if (slip.path, slip.function, slip.change) == meant]
+        mine = mine[entry["number"] - 1 : entry["number"]] if "number" in entry else mine
         if not mine or not entry.get("why"):
             told = "matches no slip" if not mine else "gives no reason"
             wrong.append(f"{EQUIVALENT.name}: {meant[0]} {meant[1]}: {meant[2]}: {told}")
