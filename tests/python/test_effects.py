@@ -24,7 +24,7 @@ SHIPPED = {
     *("moisture_cohesion", "rut_recovery"),
     *("load_transfer", "relaxation_length", "tyre_flexibility", "torque_ripple", "winding_temperature"),
     *("sensor_delay", "encoder_misalignment", "backlash", "gear_efficiency"),
-    *("bulldozing_at_axle", "slip_sinkage_at_axle"),
+    *("bulldozing_at_axle", "slip_sinkage_at_axle", "rut", "rut_at_axle"),
 }
 STEADY = ("rolling_steady", "sphere_contact", "wheel_contact")  # models whose rows do not depend on each other
 # effect -> the first of these models that it can be added to
@@ -143,7 +143,8 @@ def test_units_agree(effect: object) -> None:
     for base in effect.bases:
         known.update({k: v.replace("^n", "") for k, v in BASES[base].units.items()})
     known.update({p.name: p.unit for p in effect.parameters})
-    known.update({**effect.constants, **dict.fromkeys(effect.options, "1"), "bulldozing_resistance": "N"})
+    known.update({**effect.constants, **dict.fromkeys(effect.options, "1")})
+    known.update({"bulldozing_resistance": "N", "rut_resistance": "N/m"})
     known |= {"gear": "1", "radius": "m"} if set(effect.bases) & {"cmr", "vehicle"} else {}
     text = effect.expression
     if effect.name in CARRIES:
@@ -259,15 +260,20 @@ def test_resistances_reduce_pull_and_torque_alike(tmp_path: Path) -> None:
 
 
 def test_losses_of_the_axle_reduce_the_pull_alone(tmp_path: Path) -> None:
-    """The simulator's form of the same two laws; beside the printed one both act."""
+    """The simulator's form of the same two laws; beside the printed one both act. A rut deepens what bulldozes."""
     theta = sphere.entry_angle(_column("load"), _column("slip"), 0.22, _soil())
     slip, load, base = _column("slip"), _column("load"), _sphere(_soil())
     r_c = sphere.bulldozing(theta, 0.22, 400.0, 0.7, 19600.0, 20.0, 6.0)
     r_f = 2.0 * load * np.maximum(slip - 0.45, 0.0) ** 2
+    deep = np.arccos(1.0 - (sphere.sinkage(theta, 0.22) + 7e-3 * slip / (1.0 - slip)) / 0.22)
+    dug = sphere.bulldozing(deep, 0.22, 400.0, 0.7, 19600.0, 20.0, 6.0)
     sizes = {f"slip_sinkage_at_axle.{name}": value for name, value in {"xi1": 2.0, "xi2": 0.45, "xi3": 2.0}.items()}
     for names, values, axle, drag in (
         (["bulldozing_at_axle"], {"bulldozing_at_axle.scale": 1.1}, 1.1 * r_c, 0.0),
         (["slip_sinkage_at_axle"], sizes, r_f, 0.0),
+        (["rut_at_axle"], {"rut_at_axle.rut_depth": 7e-3}, dug - r_c, 0.0),
+        (["bulldozing", "rut"], {"bulldozing.scale": 1.0, "rut.rut_depth": 7e-3}, 0.0, dug),
+        (["bulldozing_at_axle", "rut"], {"bulldozing_at_axle.scale": 1.0, "rut.rut_depth": 7e-3}, r_c, dug - r_c),
         (["bulldozing", "slip_sinkage_at_axle"], {**sizes, "bulldozing.scale": 0.5}, r_f, 0.5 * r_c),
     ):
         got = _predict(_case(tmp_path, "sphere_contact", ROLES_CONTACT, names), values)

@@ -200,7 +200,7 @@ def check_expression(
         return answer(
             False, f"target: found {target!r}, expected one of {', '.join(case.base.acts_on())}", mathml=mathml
         )
-    known = {*case.inputs, *case.parameters, *case.fit, "speed", "bulldozing_resistance"}
+    known = {*case.inputs, *case.parameters, *case.fit, "speed"}
     known |= {formula_name(name) for name in case.base.provides}
     unknown = sorted(parsed.names - known - parameters.keys())
     if unknown:

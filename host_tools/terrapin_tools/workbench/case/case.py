@@ -435,7 +435,7 @@ def require_effect(case: Case, name: str, complain: Complaint) -> Effect:
         kind = "constant" if role in effect.constants else "role"
         raise complain(f"{name} needs the {kind} {role}, which the case does not have", *path)
     known = {*case.inputs, *case.parameters, *case.fit, *case.base.parameters, *effect.options}
-    known |= {parameter.name for parameter in effect.parameters} | {"bulldozing_resistance", "speed"}
+    known |= {parameter.name for parameter in effect.parameters} | {"speed"}
     known |= {formula_name(name) for name in case.base.provides}
     known |= {"play": {"played"}, "rate": {"rate"}}.get(effect.transform, set())
     unknown = sorted(parse(effect.expression).names - known)

@@ -192,7 +192,7 @@ def without_unit(effect: Effect, base: Base, given: Mapping[str, str]) -> tuple[
 def _known(base: Base, given: Mapping[str, str]) -> dict[str, str]:
     known = {} if base.own_names else {formula_name(role): unit for role, unit in ROLES.items()}
     known.update({**{name: unit for name, unit in base.units.items() if "^n" not in unit}, **given})
-    known["bulldozing_resistance"] = "N"
+    known |= {"bulldozing_resistance": "N", "rut_resistance": "N/m"}
     return known
 
 

@@ -41,7 +41,7 @@ def with_effects(
     for effect in (one for one in own.values() if not one.mend):
         with about(expression):
             names = parse(effect.expression).names
-        known = {*case.inputs, *case.parameters, *case.fit, *effect.parameters, "speed", "bulldozing_resistance"}
+        known = {*case.inputs, *case.parameters, *case.fit, *effect.parameters, "speed"}
         known |= {formula_name(name) for name in case.base.provides}
         unknown = sorted(names - known)
         if unknown:

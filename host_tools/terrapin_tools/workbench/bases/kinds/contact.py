@@ -20,6 +20,8 @@ __all__ = ["SOIL", "Contact", "Solved"]
 
 Flat = Callable[[str], Array]
 
+PILED = ("bulldozing_resistance", "rut_resistance")  # what effects may name: R_c [N]; what a metre of rut adds [N/m]
+DEPTH, SHALLOW, MOST_SLIP = "rut_depth", 1e-6, 0.95  # an effect's own parameter [m]; its least [m]
 DRAG_COST = 0.5  # prior factor of an expression that acts as a drag
 WORDS = {
     "traction": ("traction drawbar pull fx thrust dp", "sd std"),
@@ -56,6 +58,7 @@ class Contact(Algebraic):
     needs: Mapping[str, str] = field(default_factory=lambda: {"slip": "", "load": "20 N"})
     options: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: {"stress": ("full", "linear")})
     forces: Mapping[str, str] = field(default_factory=lambda: {"drag": "N", "axle": "N"})
+    provides: tuple[str, ...] = PILED
     of_soil: bool = True
     law: ModuleType
     geometry: tuple[str, ...]
@@ -104,7 +107,9 @@ class ContactRows(Rows):
             self.columns = dict(zip(self.columns, distinct.T, strict=True))
             self.inverse = inverse.reshape(-1)
         self.size = len(next(iter(self.columns.values()))) if self.columns else 1
-        self.piles = any("bulldozing_resistance" in parse(effect.expression).names for effect in problem.effects)
+        named = {effect.name: parse(effect.expression).names for effect in problem.effects}
+        self.piles = any(not names.isdisjoint(PILED) for names in named.values())
+        self.ruts = [name for name, names in named.items() if "rut_resistance" in names]
 
     def sets(self, sets: Array) -> Array:
         return self.solved(sets)[0][..., self.inverse]
@@ -160,10 +165,27 @@ class ContactRows(Rows):
         vertical, traction, torque = forces
         if self.piles:
             piled = [flat(name) for name in ("cohesion", "friction_angle", "unit_weight", "n_c", "n_gamma")]
-            values["bulldozing_resistance"] = law.bulldozing(theta, *geometry, *piled).reshape(shape)
+            level = law.bulldozing(theta, *geometry, *piled)
+            values["bulldozing_resistance"] = level.reshape(shape)
+            for name in self.ruts:
+                own = np.maximum(terms.own[name][DEPTH], SHALLOW)  # a depth of 0 has the slope there
+                dug = np.broadcast_to(own * _spin(np.asarray(values["slip"])), shape).reshape(-1)
+                deep = law.bulldozing(_entry(theta, sizes["radius"], dug), *geometry, *piled)
+                terms.own[name]["rut_resistance"] = (deep - level).reshape(shape) / own
         solved = Solved(traction, torque, sphere.sinkage(theta, sizes["radius"]).reshape(shape))
         channels = self.base.outputs(values, terms, solved)
         return self.measured(channels, terms, len(sets)), theta.reshape(shape), vertical
+
+
+def _entry(theta: Array, radius: Array, dug: Array) -> Array:
+    """Entry angle of a shell that lies as much deeper [m], to its axle at most."""
+    return np.asarray(np.arccos(np.clip(np.cos(theta) - dug / radius, np.cos(THETA_MAX), 1.0)))
+
+
+def _spin(slip: Array) -> Array:
+    """What slips over what rolls, s/(1 - s), which a rut's depth follows in steady rolling; nothing while braking."""
+    held = np.clip(slip, 0.0, MOST_SLIP)
+    return np.asarray(held / (1.0 - held))
 
 
 def _near(at: tuple[Array, Array], inputs: Sequence[Array], shape: tuple[int, int]) -> Array:
