@@ -121,6 +121,8 @@ def _settled(base: str, constants: Mapping[str, float], columns: Columns, effect
     if "moisture_cohesion" in effects:
         cohesion = cohesion + effects["moisture_cohesion"]["c_w"] * columns["moisture"]
     lam = effects["rut_recovery"]["lam"] if "rut_recovery" in effects else 0.0
+    follows = effects.get("n_follows_slip", {"share": 0.0})["share"]  # in no catalogue: n (1 + share s)
+    exponent = constants["n"] * (1.0 + follows * slip)
 
     skids = slip < SKIDS
 
@@ -128,19 +130,25 @@ def _settled(base: str, constants: Mapping[str, float], columns: Columns, effect
         found = np.zeros((3, len(slip)))
         for rows, grid in ((skids, FINE), (~skids, COARSE)):
             if rows.any():
-                rest = (slip[rows], stiffer[rows], cohesion[rows], lam, grid)
+                rest = (slip[rows], stiffer[rows], cohesion[rows], exponent[rows], lam, grid)
                 found[:, rows] = _integrals(base, constants, entry[rows], *rest)
         return found[0], found[1], found[2]
 
     entry = _entry(lambda angle: carried(angle)[0], load)
     _, traction, torque = carried(entry)
-    if "bulldozing" in effects:
-        push = effects["bulldozing"]["scale"] * _bulldozing(base, constants, entry, cohesion)
-        traction, torque = traction - push, torque - radius * push
-    if "slip_sinkage" in effects:
-        p = effects["slip_sinkage"]
-        push = p["xi1"] * load * np.maximum(slip - p["xi2"], 0.0) ** p["xi3"]
-        traction, torque = traction - push, torque - radius * push
+    pushed = _bulldozing(base, constants, entry, cohesion) if "unit_weight" in constants else np.zeros(len(slip))
+    for name, p in effects.items():
+        law, _, at_axle = name.partition("_at_")
+        if law == "bulldozing":
+            push = p["scale"] * pushed
+        elif law == "slip_sinkage":
+            push = p["xi1"] * load * np.maximum(slip - p["xi2"], 0.0) ** p["xi3"]
+        elif law == "rut":  # what its depth adds to what is pushed at the sinkage
+            deep = np.arccos(np.cos(entry) - p["rut_depth"] * slip / (1.0 - slip) / radius)
+            push = _bulldozing(base, constants, deep, cohesion) - pushed
+        else:
+            continue
+        traction, torque = traction - push, torque - (0.0 if at_axle else radius) * push
     if "bearing_friction" in effects:
         torque = torque + effects["bearing_friction"]["t_b"]
     return {"traction": traction, "torque": torque, "sinkage": radius * (1.0 - np.cos(entry))}
@@ -163,12 +171,13 @@ def _integrals(
     slip: Array,
     stiffer: Array,
     cohesion: Array,
+    exponent: Array,
     lam: float,
     grid: Grid,
 ) -> tuple[Array, Array, Array]:
     """Vertical force, traction, torque: integrals of the stresses over discs and angle, shapes (rows, discs, angle)."""
     (across, across_weight), (along, along_weight) = grid
-    big = c["radius"]
+    big, power = c["radius"], exponent[:, None]
     if base == "sphere_contact":
         rim = big * np.sin(entry)[:, None]
         x = rim * np.sin(0.5 * np.pi * across)  # x = rim sin(u) takes the root at the rim out of the integrand
@@ -177,12 +186,12 @@ def _integrals(
         first = np.arccos(np.clip(big * np.cos(entry)[:, None] / r, -1.0, 1.0))
         disc_slip = (r - big * (1.0 - slip)[:, None]) / r
         peak = (c["c1"] + c["c2"] * disc_slip) * first
-        pressure = c["k_s"] * stiffer[:, None] * r ** c["n"]
+        pressure = c["k_s"] * stiffer[:, None] * r**power
     else:
         r, first = np.full((len(entry), 1), big), entry[:, None]
         thickness = np.full((len(entry), 1), c["width"])
         disc_slip, peak = slip[:, None], 0.5 * first
-        pressure = stiffer[:, None] * (c["k_c"] + c["k_phi"] * c["width"]) * (big / c["width"]) ** c["n"]
+        pressure = stiffer[:, None] * (c["k_c"] + c["k_phi"] * c["width"]) * (big / c["width"]) ** power
     last = -lam * first
     linear = c.get("stress_linear", 0.0) > 0.0
     total = [np.zeros(len(entry)) for _ in range(3)]
@@ -197,7 +206,7 @@ def _integrals(
         return np.sign(j) * strength * (1.0 - np.exp(-np.abs(j) / c["shear_modulus"]))
 
     at_peak = peak[..., None]
-    sigma_peak = pressure[..., None] * height(at_peak) ** c["n"]
+    sigma_peak = pressure[..., None] * height(at_peak) ** power[..., None]
     tau_peak = shear(at_peak, sigma_peak)
     for begin, end, front in ((peak, first, True), (last, peak, False)):
         length = (end - begin)[..., None]
@@ -210,7 +219,7 @@ def _integrals(
             mapped = angle
             if not front:
                 mapped = first[..., None] - (angle - begin[..., None]) * ((first - peak) / (peak - last))[..., None]
-            sigma = pressure[..., None] * height(mapped) ** c["n"]
+            sigma = pressure[..., None] * height(mapped) ** power[..., None]
             tau = shear(angle, sigma)
         area = thickness[..., None] * r[..., None] * length * (2.0 * along * along_weight)
         total[0] += ((sigma * np.cos(angle) + tau * np.sin(angle)) * area).sum((1, 2))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,9 @@ from terrapin_hil.physics.soils import library
 from terrapin_hil.physics.tyre import ContactError, Tyre
 from terrapin_hil.physics.vehicle import Vehicle, profile_torque
 from terrapin_hil.robot import plant
+from terrapin_hil.scenario.scenario import load_scenario
+from terrapin_hil.simulation import Simulation
+from tests.campaigns import own_bodies
 
 Array = npt.NDArray[np.float64]
 T = np.arange(0.0, 4.0, 0.01)
@@ -114,6 +118,30 @@ def test_cmr_reaches_the_steady_speeds_of_eq_12(volts: float, omega: float, curr
     assert end["current"][-1] == pytest.approx(current, rel=1e-6)
 
 
+def test_friction_that_follows_the_swing_is_dry_friction_of_that_swing(tmp_path: Path) -> None:
+    """In steady rolling, of the model over time and of the plant."""
+    t = np.arange(0.0, 12.0, 0.01)
+    inputs = {"time": t, "voltage": np.full(t.size, 6.0)}
+    run = simulate("cmr", {"f_o": 0.092}, inputs, {"swing_friction": {"k": 0.1}})
+    friction = 0.1 * abs(np.sin(run.channels["swing_angle"][-1]))
+    assert friction > 0.01
+    same = simulate("cmr", {"f_o": 0.092, "coulomb": 0.012 + friction}, inputs)
+    for name in ("omega", "current", "swing_angle"):
+        assert run.channels[name][-1] == pytest.approx(same.channels[name][-1], rel=1e-7)
+    sand = '[[path]]\nterrain = "sand"\n[[operator]]\nat = 0\nrequest = "idle"\n'
+    ends, dry, effect = [], 0.012, "[effect.swing_friction]\nk = 0.1"
+    for name in ("own", "dry"):
+        file = tmp_path / f"{name}.toml"
+        file.write_text(f"duration = 12.0\n[robot]\ncoulomb = {dry}\n{effect}\n{sand}")
+        simulation = Simulation(load_scenario(file))
+        simulation.drive(6.0, 12_000)
+        truth = simulation.truth()
+        ends.append(float(truth["omega"][-1]))
+        dry, effect = 0.012 + 0.1 * abs(np.sin(truth["swing_angle"][-1])), ""
+    assert dry > 0.022
+    assert ends[0] == pytest.approx(ends[1], rel=1e-4)
+
+
 def test_car_is_the_limit_of_the_car_of_the_estimator() -> None:
     """That one holds its wheels at rest only after each step, so it is off by the first power of the step at launch."""
     found = simulate("vehicle", SOIL, {"time": T, "drive_torque": DRIVE})
@@ -193,6 +221,31 @@ def test_effects_on_the_car_are_the_parameters_that_they_change(
     wanted = run("vehicle", **same)
     for channel, expected in wanted.channels.items():
         np.testing.assert_allclose(with_it.channels[channel], expected, rtol=1e-6, atol=1e-6)
+
+
+def test_left_and_right_wheels_part_as_those_of_a_car_with_four() -> None:
+    """One of our own (tests/campaigns/own_bodies.py), whose left soil is a tenth softer and whose right one firmer: most
+    of the difference in the first 2.5 s, where the wheels still swing in, and a tenth of it at the end."""
+    t = np.arange(0.0, 2.5, 0.02)
+    torque = np.interp(t, [0.0, 0.1, 0.6, 1.6, 1.8, 2.5], [0.0, 0.0, 720.0, 740.0, 400.0, 670.0])
+    soil = {"k_s": SAND.stiffness, "n": SAND.exponent, "cohesion": SAND.cohesion}
+    soil |= {"angle": SAND.friction_angle, "shear": SAND.shear_modulus}
+    own, equal = (own_bodies.car(own_bodies.Car(soil, left=left), t, torque[None]) for left in (0.9, 1.0))
+    plain = simulate("vehicle", SOIL, {"time": t, "drive_torque": torque})
+    parted = simulate("vehicle", SOIL, {"time": t, "drive_torque": torque}, {"split_ground": {"split": -0.18}})
+    wanted, found = [], []
+    for axle in "fr":
+        left, right = f"omega_{axle}l", f"omega_{axle}r"
+        np.testing.assert_allclose(plain.channels[left][10:], equal[left][0][10:], atol=0.01)
+        middle = 0.5 * (parted.channels[left] + parted.channels[right])
+        np.testing.assert_allclose(middle, plain.channels[left], atol=1e-9)
+        wanted.append(own[left][0] - own[right][0])
+        found.append(parted.channels[left] - parted.channels[right])
+    whole = np.array(wanted)[:, 20:]  # how the wheels start is their inertia, which the effect does not know
+    rest = np.array(found)[:, 20:] - whole
+    assert (rest**2).mean() < 0.5 * (whole**2).mean()
+    np.testing.assert_allclose(found[0][-1], wanted[0][-1], rtol=0.1)
+    np.testing.assert_allclose(found[1][-1], wanted[1][-1], rtol=0.1)
 
 
 def test_rear_wheels_of_a_car_roll_in_ruts() -> None:

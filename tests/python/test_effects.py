@@ -24,7 +24,7 @@ SHIPPED = {
     *("moisture_cohesion", "rut_recovery"),
     *("load_transfer", "relaxation_length", "tyre_flexibility", "torque_ripple", "winding_temperature"),
     *("sensor_delay", "encoder_misalignment", "backlash", "gear_efficiency"),
-    *("bulldozing_at_axle", "slip_sinkage_at_axle", "rut", "rut_at_axle"),
+    *("bulldozing_at_axle", "slip_sinkage_at_axle", "rut", "rut_at_axle", "swing_friction", "split_ground"),
 }
 STEADY = ("rolling_steady", "sphere_contact", "wheel_contact")  # models whose rows do not depend on each other
 # effect -> the first of these models that it can be added to
@@ -131,7 +131,7 @@ def test_entry_is_sound(effect: object) -> None:
 
 # numbers in formulas that carry a unit of their own
 CARRIES = {"aerodynamic_drag": ("1.225", "air_density", "kg/m^3"), "rate_effect": ("0.1", "reference", "m/s")}
-WANTED = {"resistance": "N m", "drag": "N", "axle": "N", **CHANNELS}
+WANTED = {"resistance": "N m", "drag": "N", "axle": "N", "encoder": "rad/s", **CHANNELS}
 
 
 @pytest.mark.parametrize("effect", catalogue().values(), ids=lambda e: e.name)
@@ -145,7 +145,7 @@ def test_units_agree(effect: object) -> None:
     known.update({p.name: p.unit for p in effect.parameters})
     known.update({**effect.constants, **dict.fromkeys(effect.options, "1")})
     known.update({"bulldozing_resistance": "N", "rut_resistance": "N/m"})
-    known |= {"gear": "1", "radius": "m"} if set(effect.bases) & {"cmr", "vehicle"} else {}
+    known |= {"gear": "1", "radius": "m", "side": "1"} if set(effect.bases) & {"cmr", "vehicle"} else {}
     text = effect.expression
     if effect.name in CARRIES:
         literal, name, unit = CARRIES[effect.name]

@@ -60,6 +60,7 @@ static void evaluate_effects(const hil_effects *effects, const hil_surroundings 
     values[HIL_ROLE_MOISTURE] = around->moisture;
     values[HIL_ROLE_OMEGA] = rate[HIL_ALPHA];
     values[HIL_ROLE_ANGLE] = position[HIL_ALPHA];
+    values[HIL_ROLE_SWING] = position[HIL_ALPHA] - position[HIL_BETA];
     values[HIL_ROLE_DIRECTION] = 1.0;
     values[HIL_ROLE_BULLDOZING] = 0.0;
     if (grip != NULL) {

@@ -35,6 +35,7 @@ static void take_roles(double *v, const double *state, int coordinate) {
     v[HIL_ROLE_ANGLE] = state[coordinate];
     v[HIL_ROLE_OMEGA] = state[RATE + coordinate];
     v[HIL_ROLE_ACCELERATION] = 0.0;
+    v[HIL_ROLE_SWING] = state[DRIVE] - state[SHELL];
 }
 
 static double cmr(const model *m, double *v, const double *state, double *accelerations) {

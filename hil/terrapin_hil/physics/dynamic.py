@@ -78,7 +78,7 @@ class Plan:
             slots = self.own[effect.name]
             ground = effect.where == "ground"
             target = effect.on.get(model.name, effect.target)
-            if effect.transform or target in model.channels:
+            if effect.transform or target in (*model.channels, "encoder", "measured"):
                 self.outside.append(effect)
             elif target in ("resistance", "rolling_resistance"):
                 self.additions.add(effect.expression, TORQUE, ground or target != "resistance", slots=slots)
@@ -162,6 +162,8 @@ class Plan:
                     here = {**known, **own}
                     if name.startswith("omega_"):  # of this wheel
                         here["omega"], here["angle"] = channels[name], integral(time, channels[name])
+                        here["slip"] = 1.0 - known["speed"] / np.maximum(channels[name] * known["radius"], 0.3)
+                        here["side"] = 1.0 if name.endswith("l") else -1.0
                     change = parse(effect.expression).evaluate(here)
                     rate = self.model.channels[name] == "rad/s"
                     if effect.transform == "delay":

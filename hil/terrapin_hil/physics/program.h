@@ -69,7 +69,8 @@ enum {
     HIL_ROLE_DRIVE_TORQUE,
     HIL_ROLE_BULLDOZING, /* resistance of the sand pushed ahead [N], in the plant */
     HIL_ROLE_DIRECTION,  /* 1 forwards, -1 backwards, in the plant */
-    HIL_ROLES = 16
+    HIL_ROLE_SWING,      /* of what swings in the shell: drive less shell [rad] */
+    HIL_ROLES = 17
 };
 
 /* What a term does. */

@@ -41,10 +41,11 @@ ROLES: Mapping[str, int] = {
             "drive_torque",
             "bulldozing_resistance",
             "direction",
+            "swing_angle",
         )
     )
 }
-FIRST = 16  # HIL_ROLES
+FIRST = 17  # HIL_ROLES
 
 _BINARY = ("+", "-", "*", "/", "**", "<", "<=", ">", ">=", "==", "!=", "min", "max")
 _UNARY = ("neg", "abs", "sign", "sqrt", "exp", "log", "sin", "cos", "tan", "tanh")

@@ -15,7 +15,10 @@ from terrapin_hil.robot.plant import Robot
 
 __all__ = ["ROLES", "TARGETS", "ActiveEffect", "CompiledEffects", "EffectError", "compile_effects", "drags", "in_plant"]
 
-ROLES = ("time", "omega", "angle", "slip", "speed", "load", "slope", "temperature", "voltage", "moisture", "pass_")
+ROLES = (
+    *("time", "omega", "angle", "slip", "speed", "load", "slope", "temperature", "voltage", "moisture", "pass_"),
+    "swing_angle",
+)
 SOFT = ("bulldozing_resistance",)  # on a contact model's ground
 # as in effects.h, after passive and active resistance
 TARGETS = ("torque_constant", "armature_resistance", "coulomb", "viscous", "f_o", "drag", "gear_efficiency")

@@ -39,7 +39,14 @@ class Body:
     aliases: Mapping[str, str] = field(default_factory=dict)  # further names of parameters in formulas
     swings: str = ""  # the parameter that is the arm of what swings in it
     encoder: tuple[str, ...] = ()  # channels that an encoder gives
-    states = ("omega", "angle", "acceleration", "slip", "speed", "load")  # roles that it computes itself
+    states: tuple[str, ...] = (
+        "omega",
+        "angle",
+        "acceleration",
+        "slip",
+        "speed",
+        "load",
+    )  # roles that it computes itself
 
     def slots(self) -> dict[str, int]:
         """Slots of everything that formulas may name, but for the effects' own."""

@@ -44,5 +44,6 @@ BODY = Body(
     motion=_motion,
     read=_channels,
     swings="arm",
+    states=(*Body.states, "swing_angle"),
     encoder=("omega",),
 )

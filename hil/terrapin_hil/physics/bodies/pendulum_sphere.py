@@ -39,5 +39,6 @@ BODY = Body(
     motion=_motion,
     read=_channels,
     swings="length",
+    states=(*Body.states, "swing_angle"),
     encoder=("rolling_angle",),
 )

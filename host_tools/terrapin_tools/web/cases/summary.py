@@ -155,12 +155,12 @@ def _sentence(effect: Any) -> str:
 
 def bases() -> list[dict[str, Any]]:
     """What the mapper needs of each base model: channels, roles, constants with units and placeholders."""
-    from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES
+    from terrapin_tools.workbench.bases import BASES, ROLES
 
     return [
         {
             "name": base.name,
-            "channels": [{"name": name, "unit": CHANNELS.get(name, "1")} for name in base.channels],
+            "channels": [{"name": name, "unit": unit} for name, unit in base.channels.items()],
             "roles": [{"name": name, "unit": unit, "needed": name in base.needs} for name, unit in ROLES.items()],
             "parameters": [
                 {"name": name, "unit": q.unit, "placeholder": q.placeholder or None, "default": q.default}

@@ -7,7 +7,7 @@ from terrapin_tools.workbench.bases.kinds.integrated import integrated
 BASE = integrated(
     BODY,
     placeholders={name: quantity.placeholder for name, quantity in SOIL.items()},
-    provides=("pass",),
+    provides=("pass", "side"),
     like=8,
     sign=frozenset(WHEELS),
     column_words={

@@ -20,6 +20,7 @@ ROLES: Mapping[str, str] = {
     "moisture": "1",
     "voltage": "V",
     "joint_rate": "rad/s",
+    "swing_angle": "rad",
     "drive_torque": "N m",
 }
 
