@@ -224,8 +224,7 @@ def test_effects_on_the_car_are_the_parameters_that_they_change(
 
 
 def test_left_and_right_wheels_part_as_those_of_a_car_with_four() -> None:
-    """One of our own (tests/campaigns/own_bodies.py), whose left soil is a tenth softer and whose right one firmer: most
-    of the difference in the first 2.5 s, where the wheels still swing in, and a tenth of it at the end."""
+    """One of our own (tests/campaigns/own_bodies.py), whose left soil is a tenth softer and whose right one firmer."""
     t = np.arange(0.0, 2.5, 0.02)
     torque = np.interp(t, [0.0, 0.1, 0.6, 1.6, 1.8, 2.5], [0.0, 0.0, 720.0, 740.0, 400.0, 670.0])
     soil = {"k_s": SAND.stiffness, "n": SAND.exponent, "cohesion": SAND.cohesion}

@@ -1,8 +1,8 @@
 """Left and right wheels of a car on unlike ground: one side slips more than the model says, the other less.
 
-A first look, not four wheels: of how a car with four of them parts, whose left soil is 10 to 20 % softer and whose right
-one as much firmer (tests/campaigns/own_bodies.py), 4 % of the mean square are left over 5 s, 29 % over the first 2.5 s,
-where the wheels swing in.
+A first look, not four wheels. Of how a car with four of them parts, whose left soil is 10 to 20 % softer and whose
+right one as much firmer (tests/campaigns/own_bodies.py), 4 % of the mean square are left over 5 s, 29 % over the first
+2.5 s, where the wheels swing in.
 """
 
 from terrapin_hil.physics.effects import Effect, Parameter
