@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 
 import pytest
 
@@ -71,6 +72,18 @@ def test_the_coherent_unit_of_the_same_kind() -> None:
 def test_powers_of_powers_are_no_unit(text: str) -> None:
     with pytest.raises(ValueError, match="expected powers such as"):
         read_unit(text)
+
+
+@pytest.mark.parametrize("text", ["blub", "m blub^2"])
+def test_what_pint_does_not_know_is_told_in_its_words(text: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(repr(text))} is not a unit: 'blub' is not defined"):
+        read_unit(text)
+
+
+@pytest.mark.parametrize("unit", ["degC", "celsius", " degC "])
+def test_a_formula_knows_degrees_as_they_are(unit: str) -> None:
+    assert si_factor(unit) == 1.0
+    assert not shifted(unit)
 
 
 def test_a_difference_is_scaled_and_never_shifted() -> None:
