@@ -106,10 +106,13 @@ static double rates(const model *m, int sample, double share, const double *stat
     return pendulum(m, v, state, joint_acceleration, accelerations);
 }
 
-/* A run and its neighbours, of which each has a row of values. */
+/* A run and its neighbours, of which each has a row of values; what states and neighbours change of the channel, where
+ * the derivatives were last asked for. */
 typedef struct {
     model run;
     int columns;
+    double channel_by_state[HIL_DYNAMIC_STATE];
+    double channel_by[HIL_DYNAMIC_COLUMNS];
 } neighbourhood;
 
 static const double RELATIVE = 1e-9;                                            /* tolerance of a step */
@@ -132,7 +135,7 @@ static void flow_rates(void *law, int sample, double share, const double *state,
 }
 
 static void flow_derive(void *law, int sample, double share, const double *state, hil_around *found) {
-    const neighbourhood *n = law;
+    neighbourhood *n = law;
     double here[HIL_DYNAMIC_STATE + 1];
     double there[HIL_DYNAMIC_STATE + 1];
     double at[HIL_DYNAMIC_STATE];
@@ -146,6 +149,7 @@ static void flow_derive(void *law, int sample, double share, const double *state
         for (int s = 0; s < HIL_DYNAMIC_STATE; s++) {
             found->a[s][i] = (there[s] - here[s]) / step;
         }
+        n->channel_by_state[i] = (there[HIL_DYNAMIC_STATE] - here[HIL_DYNAMIC_STATE]) / step;
     }
     model other = n->run;
     for (int c = 0; c < n->columns; c++) {
@@ -154,6 +158,7 @@ static void flow_derive(void *law, int sample, double share, const double *state
         for (int s = 0; s < HIL_DYNAMIC_STATE; s++) {
             found->b[s][c] = there[s] - here[s];
         }
+        n->channel_by[c] = there[HIL_DYNAMIC_STATE] - here[HIL_DYNAMIC_STATE];
     }
 }
 
@@ -162,25 +167,25 @@ static void note(const neighbourhood *n, int sample, const hil_way *way, double 
     double *row = &record[(ptrdiff_t)sample * HIL_DYNAMIC_RECORD];
     memcpy(row, way->state, sizeof(double) * HIL_DYNAMIC_STATE);
     row[HIL_DYNAMIC_CHANNEL] = rates(&n->run, sample, 0.0, way->state, &row[HIL_DYNAMIC_STATE]);
-    model other = n->run;
+    const hil_around *here = &way->point[0];
     for (int c = 0; c < n->columns; c++) {
         double *more = &change[((ptrdiff_t)c * n->run.drive->samples + sample) * HIL_DYNAMIC_RECORD];
-        double at[HIL_DYNAMIC_STATE];
+        more[HIL_DYNAMIC_STATE] = here->b[RATE][c];
+        more[HIL_DYNAMIC_STATE + 1] = here->b[RATE + 1][c];
+        more[HIL_DYNAMIC_CHANNEL] = n->channel_by[c];
         for (int s = 0; s < HIL_DYNAMIC_STATE; s++) {
             more[s] = way->by[s][c];
-            at[s] = way->state[s] + more[s];
+            more[HIL_DYNAMIC_STATE] += here->a[RATE][s] * more[s];
+            more[HIL_DYNAMIC_STATE + 1] += here->a[RATE + 1][s] * more[s];
+            more[HIL_DYNAMIC_CHANNEL] += n->channel_by_state[s] * more[s];
         }
-        other.values += other.count;
-        more[HIL_DYNAMIC_CHANNEL] = rates(&other, sample, 0.0, at, &more[HIL_DYNAMIC_STATE]) - row[HIL_DYNAMIC_CHANNEL];
-        more[HIL_DYNAMIC_STATE] -= row[HIL_DYNAMIC_STATE];
-        more[HIL_DYNAMIC_STATE + 1] -= row[HIL_DYNAMIC_STATE + 1];
     }
 }
 
 hil_ode_end hil_dynamic_follow(int base, const hil_additions *additions, const hil_drive_record *drive, int count,
                                const double *values, const double *start, int columns, double *record, double *change) {
     assert(count <= HIL_DYNAMIC_VALUES && columns <= HIL_DYNAMIC_COLUMNS);
-    neighbourhood n = {{base, additions, drive, count, values}, columns};
+    neighbourhood n = {{base, additions, drive, count, values}, columns, {0.0}, {0.0}};
     const int jumps = base == HIL_DYNAMIC_PENDULUM; /* the joint's acceleration does */
     const hil_flow flow = {HIL_DYNAMIC_STATE, columns,     drive->time, RELATIVE, ABSOLUTE, BOUND, jumps, &n,
                            flow_rates,        flow_derive, NULL,        NULL};
@@ -193,11 +198,17 @@ hil_ode_end hil_dynamic_follow(int base, const hil_additions *additions, const h
     }
     way.step = drive->samples > 1 ? drive->time[1] - drive->time[0] : 0.0;
     way.left = HIL_ODE_MEAN_STEPS * drive->samples;
+    if (columns > 0) {
+        hil_flow_arrive(&flow, 0, &way);
+    }
     note(&n, 0, &way, record, change);
     for (int k = 0; k + 1 < drive->samples; k++) {
         const hil_ode_end end = hil_flow_interval(&flow, k, &way);
         if (end.kind != HIL_ODE_DONE) {
             return end;
+        }
+        if (columns > 0) {
+            hil_flow_arrive(&flow, k + 1, &way);
         }
         note(&n, k + 1, &way, record, change);
     }

@@ -177,15 +177,19 @@ static void look_around(const hil_flow *f, int sample, double share, hil_way *w)
     w->known = 1;
 }
 
+void hil_flow_arrive(const hil_flow *f, int sample, hil_way *w) {
+    if (!w->known) {
+        look_around(f, sample, 0.0, w);
+    }
+}
+
 hil_ode_end hil_flow_interval(const hil_flow *f, int sample, hil_way *w) {
     const double begin = f->time[sample];
     const double span = f->time[sample + 1] - begin;
     double at[STATES];
     double done = 0.0; /* share of the interval */
     hil_ode_end end = {HIL_ODE_STIFF, 0, begin, 0};
-    if (!w->known || f->jumps) { /* the rates jump at the sample */
-        look_around(f, sample, 0.0, w);
-    }
+    hil_flow_arrive(f, sample, w);
     for (int steps = 0; steps < HIL_ODE_MOST_STEPS && w->left > 0; steps++, w->left--) {
         const int last = w->step >= (1.0 - done) * span * (1.0 - 1e-12);
         const double h = last ? (1.0 - done) * span : w->step;
@@ -208,6 +212,7 @@ hil_ode_end hil_flow_interval(const hil_flow *f, int sample, hil_way *w) {
                 }
             }
             if (last) {
+                w->known = !f->jumps;
                 w->step = fmax(w->step, h) * change;
                 return (hil_ode_end){HIL_ODE_DONE, 0, begin + span, 0};
             }

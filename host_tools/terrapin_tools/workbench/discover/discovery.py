@@ -148,10 +148,10 @@ def weighed(case: Case, seed: int, level: float, report: Callable[[str], None] =
         case = replace(case, train=case.train & ~alone, test=case.test & ~alone)
         again = analyse(case, seed, level)
         analysis = replace(again, odd=again.odd | analysis.odd | alone)
-        ranking = with_curves(analysis, rank(analysis, report))
+        ranking = with_curves(analysis, rank(analysis, report, ranking))
     if not analysis.missing and ranking.probability("nothing") < TOGETHER:
         analysis = replace(analysis, together=True, told=analysis.noise)
-        ranking = with_curves(analysis, rank(analysis, report))
+        ranking = with_curves(analysis, rank(analysis, report, ranking))
     return Weighed(analysis, ranking, first)
 
 

@@ -61,7 +61,7 @@ def expressions(ranker: Ranker, absurd: Collection[str] = ()) -> list[Hypothesis
     for index in np.argsort(-weight, kind="stable"):
         chosen = listed.sketches[index]
         room = len(found) < REFITTED and tried.get(chosen.column, 0) < OF_ONE_COLUMN
-        if ranker.case.dynamics is not None:  # one start of a shape is enough where each refit takes a while
+        if ranker.case.base.whole_runs:  # one start of a shape is enough where each refit takes a while
             room &= (chosen.target, chosen.text) not in texts
         if room and ranker.analysis.missing:
             texts.add((chosen.target, chosen.text))

@@ -24,7 +24,7 @@ from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.covariance import orthonormal
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
-__all__ = ["SCALE_COST", "Library", "Sketch", "as_effect", "library", "read_by"]
+__all__ = ["FOUND", "SCALE_COST", "Library", "Sketch", "as_effect", "library", "read_by"]
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -49,6 +49,7 @@ LOWEST_OF_STATES = 0.1
 UNMAPPED_COST = 0.5  # prior factor of a column that the case does not map; chosen by hand
 IDLE_COST = 0.05  # of one that hardly varies, too: a room's temperature stands for a constant; chosen by hand
 CONSTANT_COST = 1.0  # prior factor of an expression that depends on no column but the direction: none; by hand
+FOUND = "the measurements themselves: valid inside their range only"  # source of an expression
 SCALE_COST = 1.5  # log evidence taken off a refit for each scale that it could choose; chosen by hand
 
 
@@ -302,7 +303,7 @@ def as_effect(sketch: Sketch, case: Case, name: str) -> Effect:
         name=name,
         title="expression found in the data",
         equation=expression.to_latex(),
-        source="the measurements themselves: valid inside their range only",
+        source=FOUND,
         bases=(case.base.name,),
         parameters=tuple(parameters),
         needs=(),

@@ -22,8 +22,8 @@ from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.compare.comparison import LEVEL, Analysis, analyse, free_slopes, measured
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.files.units import convert_difference, same_kind
-from terrapin_tools.workbench.model.data_columns import candidates
-from terrapin_tools.workbench.model.effect_columns import Shape, is_phase, loudness, shapes_of
+from terrapin_tools.workbench.model.data_columns import candidates, is_phase
+from terrapin_tools.workbench.model.effect_columns import Shape, loudness, shapes_of
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.covariance import orthonormal
 

@@ -13,19 +13,20 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.comparison import Analysis, free_slopes, measured
-from terrapin_tools.workbench.discover.expressions import SCALE_COST, Library, Sketch, as_effect
+from terrapin_tools.workbench.discover.expressions import FOUND, SCALE_COST, Library, Sketch, as_effect
 from terrapin_tools.workbench.model.constants import constants, error_tax
-from terrapin_tools.workbench.model.data_columns import candidates
-from terrapin_tools.workbench.model.effect_columns import Shape, is_phase
-from terrapin_tools.workbench.model.fitting import Fit, extend
+from terrapin_tools.workbench.model.data_columns import candidates, is_phase
+from terrapin_tools.workbench.model.effect_columns import Shape
+from terrapin_tools.workbench.model.fitting import Fit, extend, fit_model
 from terrapin_tools.workbench.model.linearised import following, linearise
+from terrapin_tools.workbench.model.model import Bound, Model
 from terrapin_tools.workbench.model.table_faults import Fault, faults
 from terrapin_tools.workbench.model.usual_sizes import size_tax
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
-__all__ = ["MISHAP", "SIZE_OF_SET", "Hypothesis", "Ranker", "by_effect"]
+__all__ = ["MISHAP", "SIZE_OF_SET", "Found", "Hypothesis", "Ranker", "by_effect"]
 
 # Prior of a set by its number of terms, and of each kind of mishap. Chosen by hand; the campaigns (row "probability")
 # measure what comes of it.
@@ -57,9 +58,14 @@ class Hypothesis:
         return len(self.fit.theta) if self.fit is not None else 0
 
 
+# What a set of effects says, expressions as they act, with the value of each fitted parameter.
+Found = Mapping[frozenset[str], Mapping[tuple[str, str], float]]
+
+
 class Ranker:
-    def __init__(self, analysis: Analysis, report: Callable[[str], None]) -> None:
-        self.analysis, self.report = analysis, report
+    def __init__(self, analysis: Analysis, report: Callable[[str], None], before: Found | None = None) -> None:
+        """`before`: fits over time of the same case, but for a few of its rows: the same sets start there."""
+        self.analysis, self.report, self.before = analysis, report, before or {}
         self.case, self.model, self.rows = analysis.case, analysis.model, analysis.rows
         self.sigma = analysis.noise.sigma
         self.behind = analysis.noise.behind
@@ -158,10 +164,10 @@ class Ranker:
     # -- refits ------------------------------------------------------------------------------------------------------
 
     def expression(self, sketch: Sketch) -> str:
-        """The name of a sketch as an effect; the same sketch always has the same. In equations of the user's own, where
-        a refit takes long, so has the same formula: starts of its scale are tried in the refit."""
+        """The name of a sketch as an effect; the same sketch always has the same. Over time, where a refit takes long,
+        so has the same formula: starts of its scale are tried in the refit."""
         for name, known in self.sketches.items():
-            one = self.case.dynamics is not None and (known.target, known.text) == (sketch.target, sketch.text)
+            one = self.case.base.whole_runs and (known.target, known.text) == (sketch.target, sketch.text)
             if known is sketch or one:
                 return name
         number = 1
@@ -188,8 +194,28 @@ class Ranker:
                 starts.append(self._as_stated(parent, bound.model.start))
             # where each step is a simulation of all runs, what cannot come near is not followed to its end
             aim = min(fit.cost for fit in self.fits.values()) if self.case.base.whole_runs else np.inf
-            self.fits[key] = extend(parent, effect.name, bound, self.train, self.sigma, starts, aim)
+            again = self._again(bound, parent, aim)
+            self.fits[key] = again or extend(parent, effect.name, bound, self.train, self.sigma, starts, aim)
         return self.fits[key]
+
+    def _again(self, bound: Bound, parent: Fit, aim: float) -> Fit | None:
+        """The fit from where the same set ended before, unless that is none any more."""
+        values = self.before.get(frozenset(map(_says, bound.model.effects)))
+        if values is None:
+            return None
+        start = np.array([values[key] for key in _keys(bound.model)])
+        fit = fit_model(bound, self.train, self.sigma, [start], aim)
+        return fit if fit.cost <= parent.cost else None
+
+    def found(self) -> Found:
+        """The fits, for a search on hardly other rows; none where a fit takes no time, or may end elsewhere."""
+        if not self.case.base.whole_runs or self.case.base.own_dynamics:
+            return {}
+        fits = [fit for names, fit in self.fits.items() if names]
+        return {
+            frozenset(map(_says, fit.model.effects)): dict(zip(_keys(fit.model), fit.theta.tolist(), strict=True))
+            for fit in fits
+        }
 
     def _as_stated(self, parent: Fit, start: Array) -> Array:
         """Start values of equations of the user's own beside one more term: a parameter that a lacking term drove to
@@ -302,6 +328,17 @@ class Ranker:
             for h in hypotheses
         ]
         return found, effects, {new: self.sketches[old] for old, new in names.items()}
+
+
+def _says(effect: Effect) -> str:
+    """An effect by its name, an expression that was found by what it does: names are given anew in each search."""
+    return f"{effect.target}: {effect.expression}" if effect.source == FOUND else effect.name
+
+
+def _keys(model: Model) -> list[tuple[str, str]]:
+    """What each fitted parameter belongs to, as `_says` has it, and its name."""
+    says = {e.name: _says(e) for e in model.effects}
+    return [("", f.key) if f.effect is None else (says[f.effect], f.name) for f in model.fitted]
 
 
 def by_effect(beyond: Evidence, shapes: Sequence[Shape]) -> dict[str, float]:

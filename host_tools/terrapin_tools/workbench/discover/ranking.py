@@ -19,7 +19,7 @@ from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.discover.closure import neighbours, twins
 from terrapin_tools.workbench.discover.expression_answers import expression_pairs, expressions, paying
 from terrapin_tools.workbench.discover.expressions import read_by
-from terrapin_tools.workbench.discover.ranker import MISHAP, SIZE_OF_SET, Hypothesis, Ranker, by_effect
+from terrapin_tools.workbench.discover.ranker import MISHAP, SIZE_OF_SET, Found, Hypothesis, Ranker, by_effect
 from terrapin_tools.workbench.discover.suspect_answers import beside_constants, table_answers
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.model.fitting import Fit
@@ -64,6 +64,7 @@ class Ranking:
     columns: Mapping[str, str]  # of each expression, the column whose shape it is
     shapes: tuple[Shape, ...] = field(repr=False, default=())
     evidence: Evidence | None = field(repr=False, default=None)
+    found: Found = field(repr=False, default_factory=dict)  # where a search on hardly other rows starts
 
     def pairs(self) -> list[tuple[Hypothesis, float]]:
         """Each hypothesis with its probability, likeliest first."""
@@ -105,15 +106,16 @@ class Ranking:
         )
 
 
-def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> Ranking:
+def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None, before: Ranking | None = None) -> Ranking:
     """Everything that could be missing from a case's model, with its posterior probability, likeliest first.
 
     Parameters
     ----------
     analysis : the answer of compare.
     report : is told what is being done, one short text a step.
+    before : of the same case with a few more rows.
     """
-    ranker = Ranker(analysis, report)
+    ranker = Ranker(analysis, report, before.found if before is not None else None)
     report(f"{ranker.catalogue} effects and their pairs around the present fit")
     average = ranker.screen()
     found: list[Hypothesis] = [
@@ -157,6 +159,7 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None) -> 
         columns={name: sketch.column for name, sketch in sketches.items()},
         shapes=tuple(ranker.flat),
         evidence=ranker.evidence,
+        found=ranker.found(),
     )
 
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from math import pi
 
 import numpy as np
 
 from terrapin_hil.arrays import Array, Mask
-from terrapin_hil.physics.effects import Effect
+from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case, require_effect
 from terrapin_tools.workbench.model.model import Model
 
-__all__ = ["Direction", "Shapes", "candidates", "catalogue_directions", "column_shapes", "numeric_columns"]
+__all__ = ["Direction", "Shapes", "candidates", "catalogue_directions", "column_shapes", "is_phase", "numeric_columns"]
 
 GRID_LIMIT = 300
 DEGREE = 3  # of the polynomials in a column
@@ -25,6 +26,11 @@ class Direction:
 
     effect: str
     change: Array
+
+
+def is_phase(parameter: Parameter) -> bool:
+    """Whether a parameter is an angle at which a wave starts (the catalogue bounds those by two turns)."""
+    return parameter.unit == "rad" and (parameter.minimum, parameter.maximum) == (-2 * pi, 2 * pi)
 
 
 def candidates(model: Model) -> list[Effect]:
@@ -52,7 +58,9 @@ def catalogue_directions(model: Model, theta: Array, rows: Mask) -> list[Directi
         fresh = effect.parameters
         if not fresh:
             continue
-        axes = [(0.0,) if i == 0 else (p.grid or (p.start,)) for i, p in enumerate(fresh)]
+        # half a turn of a phase is the other sign
+        shaped = [(-0.5 * pi, 0.0) if is_phase(p) else p.grid or (p.start,) for p in fresh[1:]]
+        axes = [(0.0,), *shaped]
         grid = list(product(*axes))[:GRID_LIMIT]
         step = 1e-3 if not np.isfinite(fresh[0].maximum) else min(1e-3, 1e-3 * abs(fresh[0].maximum))
         if fresh[0].start != 0.0:  # an expression of the user's own: its first parameter need not be a size

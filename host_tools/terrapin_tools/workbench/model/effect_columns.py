@@ -18,10 +18,10 @@ import numpy as np
 from terrapin_hil.arrays import Array, Mask
 from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_tools.workbench.case.case import Case
-from terrapin_tools.workbench.model.data_columns import GRID_LIMIT, numeric_columns
+from terrapin_tools.workbench.model.data_columns import GRID_LIMIT, is_phase, numeric_columns
 from terrapin_tools.workbench.model.model import Model
 
-__all__ = ["Shape", "acting", "is_phase", "loudness", "response", "shapes_of", "terms_of", "varying_parameters"]
+__all__ = ["Shape", "acting", "loudness", "response", "shapes_of", "terms_of", "varying_parameters"]
 
 SAME = 0.9995  # correlation above which two shapes of one effect are one
 
@@ -44,11 +44,6 @@ class Shape:
     @property
     def one_sided(self) -> bool:
         return self.columns.shape[1] == 1 and (self.lower >= 0.0 or self.upper <= 0.0)
-
-
-def is_phase(parameter: Parameter) -> bool:
-    """Whether a parameter is an angle at which a wave starts (the catalogue bounds those by two turns)."""
-    return parameter.unit == "rad" and (parameter.minimum, parameter.maximum) == (-2 * pi, 2 * pi)
 
 
 def loudness(change: Array) -> float:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from terrapin_hil.arrays import Array, Mask
-from terrapin_tools.workbench.model.effect_columns import is_phase, loudness
+from terrapin_tools.workbench.model.data_columns import is_phase
+from terrapin_tools.workbench.model.effect_columns import loudness
 from terrapin_tools.workbench.model.fitting import Fit
 
 __all__ = ["AT_BOUND", "Linear", "following", "linearise"]
@@ -44,14 +45,21 @@ def following(fit: Fit) -> Mask:
     return np.array([f.key not in fit.at_bound or (own and f.effect is None) for f in fit.model.fitted], dtype=bool)
 
 
+def _around(fit: Fit, measured: Array, rows: Mask, sigma: Array) -> tuple[Array, Array]:
+    """Residual and derivatives of a fit on rows, in noise sd: over time, its own where these are the rows it had."""
+    case = fit.model.case
+    if case.base.whole_runs and np.array_equal(rows, case.train) and np.array_equal(sigma, fit.sigma):
+        return fit.residual, fit.jacobian
+    prediction, slopes = fit.model.bind(case.inputs, rows).jacobian(fit.theta)
+    return (measured - prediction) / sigma[:, None], slopes / sigma[:, None, None]
+
+
 def linearise(fit: Fit, names: Sequence[str], measured: Array, rows: Mask, sigma: Array) -> Linear:
     """The fit on `rows` with the effects `names` as columns, their shapes as fitted.
 
     Raises ValueError when an effect has no influence, an absurd one, or size 0 and with it no phase.
     """
-    prediction, slopes = fit.model.bind(fit.model.case.inputs, rows).jacobian(fit.theta)
-    residual = (measured - prediction) / sigma[:, None]
-    slopes = slopes / sigma[:, None, None]
+    residual, slopes = _around(fit, measured, rows, sigma)
     own = np.array([f.effect not in names for f in fit.model.fitted], dtype=bool) & following(fit)
     columns: list[Array] = []
     offset: list[float] = []
