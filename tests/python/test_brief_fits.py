@@ -35,10 +35,10 @@ def test_a_fit_ends_where_no_step_promises_to_come_below_a_floor(floor: float, m
         return bent(theta)
 
     wide = np.full(1, 9.0)
-    start = np.array([2.005])  # nearly there: a step promises hardly anything
+    start = np.array([2.005])  # nearly there: a step promises 0.08
     free = np.ones(1, dtype=bool)
     theta, cost = minimise(evaluate, lambda t: bent(t)[0], start, -wide, wide, free, floor=floor)
-    assert cost <= float((bent(start)[0] ** 2).sum())
+    assert cost <= float((bent(start)[0] ** 2).sum()) + 1e-12
     if most == 1:
         assert len(calls) == 1
         assert theta[0] == start[0]

@@ -51,8 +51,8 @@ typedef struct {
 /* Begins at a state, with columns that are 0. */
 void hil_flow_begin(const hil_flow *flow, const double *state, hil_way *way);
 
-/* Rates and derivatives at the sample that the way has reached, in rate[0] and point[0], for the interval after it; they
- * are those of the step that ended there, unless the rates jump. */
+/* Rates and derivatives at the sample that the way has reached, in rate[0] and point[0], for the interval after it;
+ * they are those of the step that ended there, unless the rates jump. */
 void hil_flow_arrive(const hil_flow *flow, int sample, hil_way *way);
 
 /* Goes through the interval after `sample`. */
