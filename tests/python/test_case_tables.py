@@ -50,8 +50,8 @@ def test_case_of_a_table_loads_after_the_guess(tmp_path: Path, capsys: pytest.Ca
     table = tmp_path / "day.csv"
     head, rows = (folder / "runs.csv").read_text().split("\n", 1)
     assert head == "run,w,W,temp,i,humidity"
-    table.write_text("run,omega_rpm,W [N],temp_degF,i_motor_mA,u_V,humidity,who\n" + "\n".join(
-        ",".join([*row.split(",")[:5], "6", row.split(",")[5], "me"]) for row in rows.split()
+    table.write_text("run,omega_rpm,W [N],temp_degF,i_motor_mA,u_V,swing_deg,humidity,who\n" + "\n".join(
+        ",".join([*row.split(",")[:5], "6", "9", row.split(",")[5], "me"]) for row in rows.split()
     ) + "\n")  # fmt: skip
     case = tmp_path / "case"
     status, out, err = terrapin(capsys, "case", table, "--to", case)
@@ -64,6 +64,7 @@ def test_case_of_a_table_loads_after_the_guess(tmp_path: Path, capsys: pytest.Ca
         "temperature": {"column": "temp_degF", "unit": "degF"}, "current": {"column": "i_motor_mA", "unit": "mA"},
     }  # fmt: skip
     assert "# u_V: left out" in text
+    assert "# swing_deg: left out: it follows from the torque" in text
     loaded = load_case(case)
     made = load_case(folder)
     for name, values in made.roles.items():

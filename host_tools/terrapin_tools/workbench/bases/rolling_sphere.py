@@ -73,7 +73,10 @@ BASE = RollingSphere(
         *("motor_heating", "current_offset", "coulomb_friction", "viscous_friction", "stribeck"),
     ),
     follows=("time", "angle", "temperature", "voltage", "speed", "slip"),
-    left_out={"voltage": "with the speed it gives the current by itself"},  # by the motor's circuit: no cause
+    left_out={  # no causes: what the motor's circuit gives, and what holds the torque up
+        "voltage": "with the speed it gives the current by itself",
+        "swing_angle": "it follows from the torque",
+    },
     of_soil=False,
     law=sphere,
     geometry=("radius",),

@@ -70,7 +70,10 @@ BASE = RollingSteady(
     column_words={"current": ("current cur i amps", "offset")},
     forces={"resistance": "N m"},
     follows=("time", "angle", "temperature", "voltage", "speed"),  # the axle's speed follows omega
-    left_out={"voltage": "with the speed it gives the current by itself"},  # by the motor's circuit: no cause
+    left_out={  # no causes: what the motor's circuit gives, and what holds the torque up
+        "voltage": "with the speed it gives the current by itself",
+        "swing_angle": "it follows from the torque",
+    },
     convex=True,  # linear in f_o
     on_robot=True,
 )
