@@ -285,7 +285,7 @@ def judge(
     files = list(dict.fromkeys(name.partition("::")[0] for name in chosen))
     seconds = sum(known[name].seconds for name in chosen) if known else None
     with tempfile.TemporaryDirectory() as folder:
-        os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = folder  # what a slip fails with is nobody's example
+        os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = folder
         planted = Path(folder, "mutant.json")
         planted.write_text(json.dumps([os.path.realpath(ROOT / slip.path), text]), encoding="utf-8")
         for part in [files] if known else runs:

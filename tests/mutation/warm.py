@@ -26,6 +26,7 @@ from pathlib import Path
 from types import CodeType, FrameType, ModuleType
 from typing import Any
 
+import hypothesis
 import pytest
 
 from terrapin_hil.paths import ROOT
@@ -43,7 +44,7 @@ OPTIONS = (
     "--assert=plain", "--doctest-modules", "-x", "-q", "--no-header", "--tb=no",
     *(word for name in ("cacheprovider", "xdist", "schemathesis") for word in ("-p", f"no:{name}")),
 )  # fmt: skip
-HEAVY = ("cffi", "hypothesis", "numpy", "pint", "scipy.linalg", "scipy.optimize", "scipy.special", "scipy.stats")
+HEAVY = ("cffi", "numpy", "pint", "scipy.linalg", "scipy.optimize", "scipy.special", "scipy.stats")
 STARTS = {"subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn"}  # events of sys.audit
 
 
@@ -150,6 +151,9 @@ def _run(arguments: Sequence[str], plugins: list[Any], planted: Path | None) -> 
         os.environ["TERRAPIN_MUTANT"] = str(planted)
         os.environ["PYTHONPATH"] = os.pathsep.join([str(INSIDE), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
         runpy.run_path(str(INSIDE / "sitecustomize.py"))
+    first = (hypothesis.Phase.explicit, hypothesis.Phase.generate)  # what fails is not made smaller: that takes minutes
+    hypothesis.settings.register_profile("slips", phases=first, database=None)
+    hypothesis.settings.load_profile("slips")
     return int(pytest.main([*OPTIONS, *arguments], plugins=plugins))
 
 
