@@ -46,12 +46,22 @@ def following(fit: Fit) -> Mask:
 
 
 def _around(fit: Fit, measured: Array, rows: Mask, sigma: Array) -> tuple[Array, Array]:
-    """Residual and derivatives of a fit on rows, in noise sd: over time, its own where these are the rows it had."""
+    """Residual and derivatives of a fit on rows, in noise sd: over time, its own on the rows that it was made on."""
     case = fit.model.case
-    if case.base.whole_runs and np.array_equal(rows, case.train) and np.array_equal(sigma, fit.sigma):
+    own = case.train[rows]
+    known = case.base.whole_runs and np.array_equal(sigma, fit.sigma) and own.sum() == fit.residual.shape[1]
+    rest = rows & ~case.train if known else rows
+    if known and not rest.any():
         return fit.residual, fit.jacobian
-    prediction, slopes = fit.model.bind(case.inputs, rows).jacobian(fit.theta)
-    return (measured - prediction) / sigma[:, None], slopes / sigma[:, None, None]
+    prediction, slopes = fit.model.bind(case.inputs, rest).jacobian(fit.theta)
+    left = (measured[:, ~own] if known else measured) - prediction
+    residual, scaled = left / sigma[:, None], slopes / sigma[:, None, None]
+    if not known:
+        return residual, scaled
+    whole, derivatives = np.empty(measured.shape), np.empty((*measured.shape, slopes.shape[-1]))
+    whole[:, own], whole[:, ~own] = fit.residual, residual
+    derivatives[:, own], derivatives[:, ~own] = fit.jacobian, scaled
+    return whole, derivatives
 
 
 def linearise(fit: Fit, names: Sequence[str], measured: Array, rows: Mask, sigma: Array) -> Linear:
