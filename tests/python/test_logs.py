@@ -291,6 +291,22 @@ def test_decoding_like_cantools(message: cantools.database.Message, random: obje
             np.testing.assert_allclose(found[name][row], float(value), rtol=1e-14, err_msg=name)
 
 
+def test_one_bit_is_a_flag_unless_its_values_have_words(tmp_path: Path) -> None:
+    """Nor is one that is signed, scaled or wider."""
+    dbc = tmp_path / "x.dbc"
+    dbc.write_text(
+        'VERSION ""\nBU_: A\nBO_ 100 M: 8 A\n SG_ bare : 0|1@1+ (1,0) [0|1] "" A\n'
+        ' SG_ worded : 1|1@1+ (1,0) [0|1] "" A\n SG_ signed : 2|1@1- (1,0) [0|0] "" A\n'
+        ' SG_ scaled : 3|1@1+ (2,0) [0|0] "" A\n SG_ wide : 8|2@1+ (1,0) [0|3] "" A\n'
+        'VAL_ 100 worded 0 "off" 1 "on" ;\n'
+    )
+    described = {signal.name: signal for signal in Decoder(dbc).described("M")}
+    assert [name for name, signal in described.items() if signal.flag] == ["bare"]
+    assert {name: dict(signal.words) for name, signal in described.items() if signal.words} == {
+        "worded": {0: "off", 1: "on"}
+    }
+
+
 def test_multiplexed_and_short(tmp_path: Path) -> None:
     """Signals that a frame does not carry are NaN."""
     dbc = tmp_path / "x.dbc"
