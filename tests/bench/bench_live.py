@@ -1,12 +1,14 @@
 """A full 1 Mbit/s bus, 8,000 frames/s, over a pty: nothing lost in terminal, log and page; cores, redraws a second. The
-simulator over a pty into the page for as long.
+simulator over a pty into the page for as long. `steady`: 2,000 frames/s, with the robot and eight strips drawn, and the
+memory that server and page hold after the first piece and at the end (ten minutes: 600 steady).
 
-python tests/bench/bench_live.py [SECONDS] [monitor] [page] [simulator]
+python tests/bench/bench_live.py [SECONDS] [monitor] [page] [simulator] [steady]
 """
 
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import pty
 import re
@@ -17,7 +19,7 @@ import sys
 import tempfile
 import termios
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -34,6 +36,12 @@ from terrapin_tools.logs.reading import read_log
 
 RATE, SECONDS = 8000, 60.0
 CORES, REDRAWS = 1.0, 25.0
+STEADY, STEADY_REDRAWS = 2000, 29.0  # frames/s; the page asks for 30 redraws a second
+GROWTH = 0.05  # of the memory, from the first piece to the end
+STRIPS = (
+    "MOTION.slip", "GROUND.torque", "ELECTRICAL.current", "ELECTRICAL.voltage", "MOTION.shell_speed",
+    "MOTION.ground_speed", "ATTITUDE.swing_angle", "WINDOW.current",
+)  # fmt: skip
 PIECE = 10.0  # s over which redraws are counted too, so that a page that stands still for a while shows
 FLAGS = ["--no-sandbox", "--disable-gpu"]  # as tests/browser: drawn by the processor
 TERRAPIN = str(Path(sys.executable).parent / "terrapin")
@@ -111,9 +119,24 @@ def processor_seconds(root: int) -> dict[str, float]:
     return found
 
 
-def live_tab(playwright: Playwright, server: Server) -> Page:
+def held(server: int) -> tuple[float, float]:
+    """MB that the server with what it started holds, and the browser, shared pages counted once (Pss)."""
+    import psutil
+
+    found = [0, 0]
+    ours = {server, *(one.pid for one in psutil.Process(server).children(recursive=True))}
+    for process in psutil.Process().children(recursive=True):
+        with suppress(psutil.Error):
+            if process.pid in ours or "chrom" in process.name():
+                found[process.pid not in ours] += process.memory_full_info().pss
+    return found[0] / 1e6, found[1] / 1e6
+
+
+def live_tab(playwright: Playwright, server: Server, strips: Sequence[str] = ()) -> Page:
     browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
     tab = browser.new_page(viewport={"width": 1280, "height": 800})
+    if strips:
+        tab.add_init_script(f"localStorage.setItem('terrapin-live-signals', {json.dumps(json.dumps(strips))})")
     tab.goto(f"{server.line}#live")
     tab.wait_for_selector(".tab-live .stop")
     tab.wait_for_timeout(2000)  # what the page loads is no part of this
@@ -130,7 +153,7 @@ def simulator(seconds: float) -> bool:
     """The Live tab fed by the simulator, its controller on a pty: shipped scenarios until they make so many seconds."""
     from playwright.sync_api import sync_playwright
 
-    fast, ticks, rounds, held = interface().messages["SENSORS_FAST"].id, 0, 0, True
+    fast, ticks, rounds, good = interface().messages["SENSORS_FAST"].id, 0, 0, True
     with (
         tempfile.TemporaryDirectory() as folder,
         running(Server(Path(folder))) as server,
@@ -150,7 +173,7 @@ def simulator(seconds: float) -> bool:
                 np.round(log.times[log.identifiers == fast] * 1e3).astype(int) % 1_000_000
             )  # a log's own start is apart
             whole = bool(np.all(np.diff(made) == 1))  # each tick once, in order
-            held &= whole and seen["frames"] == seen["total"] and seen["missed"] == seen["lost"] == 0
+            good &= whole and seen["frames"] == seen["total"] and seen["missed"] == seen["lost"] == 0
             ticks += len(made)
             print(
                 f"simulator over a pty: {seen['total']:.0f} frames, {seen['frames']:.0f} in pictures, "
@@ -158,20 +181,28 @@ def simulator(seconds: float) -> bool:
                 f"{len(made)} ticks {'without a gap' if whole else 'WITH GAPS'}",
                 flush=True,
             )
-    return held
+    return good
 
 
-def page(seconds: float) -> bool:
-    """The Live tab in Chromium: frames in its pictures, in the log, redraws a second, cores of server and browser."""
+def steady(seconds: float) -> bool:
+    """The Live tab in daily use: the robot and eight strips."""
+    return page(seconds, STEADY, STRIPS, STEADY_REDRAWS)
+
+
+def page(seconds: float, rate: int = RATE, strips: Sequence[str] = (), bound: float = REDRAWS) -> bool:
+    """The Live tab in Chromium: frames in its pictures, in the log, redraws a second, cores and memory of server and
+    browser."""
     from playwright.sync_api import TimeoutError, sync_playwright
 
     with (
         tempfile.TemporaryDirectory() as folder,
         running(Server(Path(folder))) as server,
         sync_playwright() as playwright,
-        Feeder(RATE, seconds) as feeder,
+        Feeder(rate, seconds) as feeder,
     ):
-        tab = live_tab(playwright, server)
+        tab = live_tab(playwright, server, strips)
+        if strips:
+            tab.set_viewport_size({"width": 1280, "height": 1000})  # the robot is on the screen
 
         def state() -> dict[str, float]:
             return counts(tab)
@@ -186,7 +217,7 @@ def page(seconds: float) -> bool:
         assert server.ask("POST", "/api/live/record", {"do": "start", "name": "full.mf4"}).status == 200
         tab.wait_for_selector(".tab-live[data-total]")
         before, used, begin = state(), processors(), time.monotonic()
-        slowest = 1e9
+        slowest, memory = 1e9, [(0.0, 0.0)]
         while feeder.waiting():  # the page counts its own redraws; each piece of ten seconds is looked at too
             first, since = state(), time.monotonic()
             while feeder.waiting() and time.monotonic() < since + PIECE:
@@ -194,11 +225,14 @@ def page(seconds: float) -> bool:
             took = time.monotonic() - since
             if took > 0.5 * PIECE or slowest == 1e9:
                 slowest = min(slowest, (state()["redraws"] - first["redraws"]) / took)
+            now_held = held(server.process.pid)
+            memory = [memory[0] if any(memory[0]) else now_held, now_held]
         after, now, took = state(), processors(), time.monotonic() - begin
         sent = feeder.sent()
         with suppress(TimeoutError):  # the counts below say what is missing
             tab.wait_for_selector(f".tab-live[data-total='{sent['sent']:.0f}']", timeout=10_000)
         last = state()
+        lanes = tab.locator(".signal-table input:checked").count()
         assert server.ask("POST", "/api/live/record", {"do": "stop"}).status == 200
         log, cut = read_log(server.workspace / "logs" / "full.mf4")
     redraws = (after["redraws"] - before["redraws"]) / took
@@ -206,19 +240,22 @@ def page(seconds: float) -> bool:
     print(
         f"page: {sent['sent']:.0f} frames sent in {sent['seconds']:.1f} s (late by {sent['latest'] * 1e3:.0f} ms at "
         f"most), {last['frames']:.0f} in pictures, {last['missed']:.0f} missed, {len(log)} in the log"
-        f"{f' ({cut})' if cut else ''}, {last['lost']:.0f} lost; {redraws:.1f} redraws/s in all (bound {REDRAWS:g}), "
-        f"{slowest:.1f} in the slowest {PIECE:.0f} s; cores: {cores}, sender {sent['cores']:.2f}; "
+        f"{f' ({cut})' if cut else ''}, {last['lost']:.0f} lost; {redraws:.1f} redraws/s in all (bound {bound:g}), "
+        f"{slowest:.1f} in the slowest {PIECE:.0f} s, {lanes} strips; memory of server and browser "
+        f"{memory[0][0]:.0f} + {memory[0][1]:.0f} MB after the first piece, {memory[1][0]:.0f} + {memory[1][1]:.0f} "
+        f"MB at the end; cores: {cores}, sender {sent['cores']:.2f}; "
         f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
     )
     numbers = np.ascontiguousarray(log.data[:, :4]).view("<u4").ravel()
     whole = bool(np.array_equal(numbers, np.arange(round(sent["sent"]))))  # each frame once, in order
-    return whole and last["frames"] == sent["sent"] and last["missed"] == 0 and redraws >= REDRAWS
+    flat = sum(memory[1]) <= (1.0 + GROWTH) * sum(memory[0])
+    return whole and flat and last["frames"] == sent["sent"] and last["missed"] == 0 and redraws >= bound
 
 
 if __name__ == "__main__":
     given = sys.argv[1:]
     length = float(given[0]) if given and given[0].replace(".", "").isdigit() else SECONDS
-    every = (monitor, page, simulator)
+    every = (monitor, page, simulator, steady)
     wanted = [f for f in every if not set(given) & {f.__name__ for f in every} or f.__name__ in given]
-    held = [f(length) for f in wanted]  # each of them, whatever the first says
-    sys.exit(0 if all(held) else 1)
+    good = [f(length) for f in wanted]  # each of them, whatever the first says
+    sys.exit(0 if all(good) else 1)

@@ -1,8 +1,9 @@
 """`terrapin web` as its user waits for it: the first page, an example's plot and verdict, the first plot of 10,000
-rows, the mouse over 100,000, the ladder after an Add; a table of a million rows made into a case, and cancelled.
+rows, the mouse over 100,000, a zoom into 1,000,000, the ladder after an Add; a table of a million rows made into a case
+and cancelled.
 
 bench_web.py [DIR]   also adds the first candidate of each case in DIR. In Chromium; each figure is a median.
-bench_web.py million | page   one part alone
+bench_web.py million | page | zoom   one part alone
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from serving import Server  # beside the tests that use it
 ROOT = Path(__file__).resolve().parents[2]
 CHROMIUM = shutil.which("chromium")
 FIRST_PAGE, BYTES, FIRST_PLOT, LADDER = 1.0, 1.5e6, 2.0, 3.0  # bounds: s, bytes, s, s
+ZOOM = 300.0  # ms
 PAINT, EXAMPLE, VERDICT, PLOT_BYTES, HOVER = 0.6, 1.0, 2.0, 300e3, 8.0  # s, s, s, bytes, ms
 MILLION_PLOT, MILLION_VERDICT, CANCEL, MEMORY = 15.0, 90.0, 2.0, 2.0  # s, s, s, GB
 SECONDS = 1200.0  # after which something hangs
@@ -152,6 +154,7 @@ def million(say: Callable[[str, float, float, str], None]) -> None:
                 time.sleep(0.2)
                 if time.perf_counter() - begin > SECONDS:
                     break
+            assert state["state"] == "done"
             say("a million rows, verdict", time.perf_counter() - begin, MILLION_VERDICT, "s")
             print(
                 f"  {lines} lines of progress, the last {time.perf_counter() - told:.1f} s before the end", flush=True
@@ -167,6 +170,37 @@ def million(say: Callable[[str, float, float, str], None]) -> None:
             watching.join()
             server.stop()
         say("a million rows, most that server and workers held", most[0], MEMORY, "GB")
+
+
+ZOOMED = """async (part) => {
+  const canvas = document.querySelector('.plots canvas'), host = canvas.parentElement;
+  const box = canvas.getBoundingClientRect();
+  delete host.dataset.refined;
+  const at = (type, u) => canvas.dispatchEvent(new PointerEvent(type, { bubbles: true, pointerId: 1, button: 0,
+    clientX: box.left + u * box.width, clientY: box.top + (type === 'pointerdown' ? 0.1 : 0.8) * box.height }));
+  canvas.setPointerCapture = () => {};
+  canvas.dispatchEvent(new MouseEvent('dblclick', { bubbles: true }));
+  await new Promise((next) => setTimeout(next, 1000));
+  at('pointerdown', part);
+  at('pointermove', part + 0.1);
+  const begin = performance.now();
+  at('pointerup', part + 0.1);
+  while (!host.dataset.refined) await new Promise(requestAnimationFrame);
+  return performance.now() - begin;
+}"""
+
+
+def zoom(page: Page, server: Server, say: Callable[[str, float, float, str], None]) -> None:
+    """From letting the mouse go to the rows of the part on the screen, at a million rows."""
+    large(server.workspace / "cases" / "million", 1_000_000)
+    page.goto(f"{server.line}#workbench/million")
+    drawn(page)
+    page.locator(".lead .chip").wait_for(timeout=300_000)  # ms
+    page.wait_for_timeout(2000)
+    took = [float(page.evaluate(ZOOMED, part)) for part in (0.2, 0.3, 0.4, 0.5, 0.6)]
+    print(f"  {page.locator('.plots [role=status]').inner_text()}", flush=True)
+    say("a zoom into 1,000,000 rows refined, median of 5", statistics.median(took), ZOOM, "ms")
+    say("a zoom into 1,000,000 rows refined, the slowest", max(took), ZOOM, "ms")
 
 
 def ladder(server: Server, name: str) -> float:
@@ -187,7 +221,7 @@ def main() -> int:
         passed &= value <= bound
         print(f"{what}: {value:.3g} {unit} (bound {bound:g}: {'met' if value <= bound else 'NOT MET'})", flush=True)
 
-    if sys.argv[1:] != ["page"]:
+    if sys.argv[1:] not in (["page"], ["zoom"]):
         million(say)
     if sys.argv[1:] == ["million"]:
         return 0 if passed else 1
@@ -196,7 +230,7 @@ def main() -> int:
         large(Path(folder) / "ws" / "cases" / "wide", 100_000)
         others = (
             sorted(p.parent.name for p in Path(sys.argv[1]).glob("*/case.toml"))
-            if sys.argv[1:] not in ([], ["page"])
+            if sys.argv[1:] not in ([], ["page"], ["zoom"])
             else []
         )
         for name in others:
@@ -204,6 +238,11 @@ def main() -> int:
         server = Server(Path(folder))
         try:
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
+            if sys.argv[1:] != ["page"]:
+                zoom(browser.new_context().new_page(), server, say)
+            if sys.argv[1:] == ["zoom"]:
+                browser.close()
+                return 0 if passed else 1
             pages = [first_page(browser.new_context().new_page(), server) for _ in range(5)]
             say("first page, the list shown", statistics.median(s for s, _ in pages), FIRST_PAGE, "s")
             say("first page, the slowest of 5", max(s for s, _ in pages), FIRST_PAGE, "s")

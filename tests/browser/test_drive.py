@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 import re
+import socket
+import threading
 from contextlib import suppress
 from pathlib import Path
 
+import psutil
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect
@@ -160,3 +163,124 @@ def test_a_replay_says_so_and_seeks(page: Page, server: Server) -> None:
     assert findings(page) == []
     page.get_by_role("button", name="Leave").click()
     expect(page.locator(".replay-bar")).to_be_hidden()
+
+
+def commands(page: Page) -> int:
+    """How many went out, as a page that does not drive is told."""
+    return int(page.evaluate(SENT))
+
+
+SENT = """() => new Promise((done, failed) => {
+  const token = sessionStorage.getItem('terrapin-token');
+  const socket = new WebSocket(`ws://${location.host}/api/live/socket?token=${token}`);
+  socket.onerror = failed;
+  socket.onmessage = (message) => {
+    if (typeof message.data !== 'string') return;
+    const said = JSON.parse(message.data);
+    if (said.type === 'status') { socket.close(); done(said.drive.sent); }
+  };
+})"""
+
+
+class Wire(threading.Thread):
+    """Hands bytes on between browser and server until it is cut, after which nothing passes and nothing is closed."""
+
+    def __init__(self, port: int) -> None:
+        super().__init__(daemon=True)
+        self._to, self.whole = port, True
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listening.getsockname()[1]
+        self.start()
+
+    def run(self) -> None:
+        with suppress(OSError):
+            while True:
+                near, far = self._listening.accept()[0], socket.create_connection(("127.0.0.1", self._to))
+                for source, sink in ((near, far), (far, near)):
+                    threading.Thread(target=self._pass, args=(source, sink), daemon=True).start()
+
+    def _pass(self, source: socket.socket, sink: socket.socket) -> None:
+        with suppress(OSError):
+            while data := source.recv(65536):
+                if self.whole:
+                    sink.sendall(data)
+            sink.close()
+
+    def close(self) -> None:
+        self._listening.close()
+
+
+@pytest.mark.parametrize("how", ["hidden", "asleep", "cut off"])
+def test_a_page_that_sleeps_or_is_cut_off_drives_no_more(
+    robot: Page, server: Server, browser: Browser, how: str
+) -> None:
+    """The last command goes out within 0.5 s; then the controller's own time-out puts the bridge off. `hidden`: another
+    tab is looked at; `asleep`: its timers stand still; `cut off`: its bytes get lost, and nobody closes anything."""
+    context, wire = browser.new_context(), Wire(server.port)
+    other = context.new_page()
+    other.goto(f"{server.line.replace(str(server.port), str(wire.port))}#live")
+    expect(other.locator("#context")).to_have_text("simulated robot")
+    runs(other)
+    if how == "hidden":
+        other.evaluate(
+            """() => {
+                Object.defineProperty(document, 'hidden', { value: true });
+                document.dispatchEvent(new Event('visibilitychange'));
+            }"""
+        )
+    elif how == "asleep":
+        context.new_cdp_session(other).send("Emulation.setVirtualTimePolicy", {"policy": "pause"})
+    else:
+        wire.whole = False
+    robot.wait_for_timeout(500)
+    last = commands(robot)
+    robot.wait_for_timeout(500)
+    assert commands(robot) == last
+    expect(robot.locator("[data-tile=Faults]")).to_contain_text("command_timeout")
+    expect(robot.locator("[data-tile=State]")).to_contain_text("bridge off")
+    expect(robot.locator(".event", has_text="no more commands").first).to_be_visible()
+    context.close()
+    wire.close()
+    robot.get_by_role("button", name="Clear faults").click()
+    expect(robot.locator("[data-tile=Faults]")).to_contain_text("none")
+
+
+def test_two_people_at_one_robot(robot: Page, server: Server, browser: Browser) -> None:
+    """The second is told in one line, may stop, and drives once the first has disarmed; nobody reloads."""
+    context = browser.new_context()
+    other = context.new_page()
+    other.goto(f"{server.line}#live")
+    expect(other.locator("#context")).to_have_text("simulated robot")
+    runs(robot)
+    expect(other.locator(".drive-panel")).to_contain_text("Another page drives. Stop works here all the same.")
+    expect(other.get_by_role("button", name="Arm …")).to_be_disabled()
+    robot.get_by_role("button", name="Disarm").click()
+    expect(other.get_by_role("button", name="Arm …")).to_be_enabled()
+    runs(other)
+    expect(robot.locator(".drive-panel")).to_contain_text("Another page drives.")
+    robot.get_by_role("button", name="Stop the robot").click()
+    stopped(other)
+    expect(other.locator(".drive-panel")).to_contain_text("Release the stop, then arm again")
+    robot.wait_for_timeout(1000)
+    robot.get_by_role("button", name="Stopped: clear").click()
+    runs(other)
+    context.close()
+    expect(robot.locator("[data-tile=State]")).to_contain_text("bridge off")
+    robot.get_by_role("button", name="Clear faults").click()
+    expect(robot.locator("[data-tile=Faults]")).to_contain_text("none")
+
+
+def test_a_controller_that_vanishes_while_driving(robot: Page, server: Server) -> None:
+    """Said where it happened; Watch finds it again, and it is driven without a reload."""
+    runs(robot)
+    [alive] = [p for p in psutil.Process(server.process.pid).children(recursive=True) if "sim" in p.cmdline()]
+    alive.kill()
+    expect(robot.locator(".live-bar .chip")).to_have_text("gone")
+    expect(robot.locator(".tab-live > .notice")).to_contain_text("Watch connects again")
+    expect(robot.get_by_role("button", name="Arm …")).to_be_disabled()
+    expect(robot.locator(".drive-panel .form")).to_be_hidden()
+    robot.get_by_role("button", name="Watch", exact=True).click()
+    expect(robot.locator(".live-bar .chip")).to_have_text("live")
+    runs(robot)
+    robot.get_by_role("button", name="Disarm").click()
+    expect(robot.get_by_role("button", name="Arm …")).to_be_enabled()

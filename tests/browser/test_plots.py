@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import csv
+import re
+import shutil
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
+import numpy as np
 import pytest
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Browser, Locator, Page, expect
+from serving import Server
 
 
 def drag(page: Page, canvas: Locator, begin: tuple[float, float], end: tuple[float, float]) -> None:
@@ -65,3 +69,108 @@ def test_zoom_select_and_save(page: Page, tmp_path: Path) -> None:
     expect(picked).to_have_text("")
     page.get_by_role("rowheader", name="r03").get_by_role("button").click()
     expect(picked).to_have_text("6 rows picked out, of r03")
+
+
+def test_a_zoom_is_refined_from_the_server(page: Page, server: Server, browser: Browser) -> None:
+    """Of 60,000 rows some are drawn; a part that is zoomed into gets its own; a server that refuses leaves the thinned
+    ones; an older question is given up."""
+    folder = server.workspace / "cases" / "many"
+    shutil.copytree(Path(__file__).parents[2] / "cases" / "heated_motor", folder)
+    head, *lines = (folder / "runs.csv").read_text().splitlines()
+    rows, current = [line.split(",") for line in lines], head.split(",").index("motor_current")
+    made = [list(rows[i * len(rows) // 60_000]) for i in range(60_000)]  # each run keeps its rows together
+    for row, noise in zip(made, np.random.default_rng(1).normal(0.0, 1.5, 60_000), strict=True):
+        row[current] = f"{float(row[current]) + noise:.4f}"
+    (folder / "runs.csv").write_text("\n".join([head, *map(",".join, made)]) + "\n")
+    page.goto(f"{server.line}#workbench/many")
+    expect(page.locator(".lead .chip")).to_be_visible()
+    overlay, said = page.locator(".plots .plot:not(.ladder)").first, page.locator(".plots [role=status]")
+    canvas = overlay.locator("canvas")
+    expect(said).to_contain_text("of 60,000 rows are drawn")
+
+    asked: list[str] = []
+    page.on("request", lambda one: asked.append(one.url) if "/rows?" in one.url else None)
+    drag(page, canvas, (0.3, 0.1), (0.45, 0.9))
+    expect(overlay).to_have_attribute("data-refined", re.compile(r"\d+"))
+    expect(said).to_contain_text("rows in this part are drawn")
+    assert len(asked) == 1
+    page.keyboard.down("Shift")
+    drag(page, canvas, (0.1, 0.02), (0.9, 0.9))
+    page.keyboard.up("Shift")
+    expect(said).to_contain_text("rows picked out, of r")
+    canvas.dblclick()
+    expect(said).to_contain_text("of 60,000 rows are drawn")
+    canvas.press("Escape")
+
+    canvas.focus()
+    for _ in range(4):  # one question after the last step, not one a step
+        page.keyboard.press("+")
+    expect(overlay).to_have_attribute("data-refined", re.compile(r"\d+"))
+    assert len(asked) < 5
+
+    context = browser.new_context(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
+    other = context.new_page()  # whose console may tell of the refusal
+    other.route("**/rows?*", lambda route: route.fulfill(status=422, json={"detail": "not today"}))
+    other.goto(f"{server.line}#workbench/many")
+    expect(other.locator(".lead .chip")).to_be_visible()
+    drag(other, other.locator(".plots canvas").first, (0.3, 0.1), (0.45, 0.9))
+    expect(other.locator(".plots [role=status]")).to_contain_text("Only the thinned rows are drawn: not today")
+    context.close()
+
+
+def test_legend_and_logarithmic_axes(page: Page, server: Server, tmp_path: Path) -> None:
+    """A key of the legend hides its line and shows it again; on a logarithmic axis the marks are powers of ten."""
+    server.ask("POST", "/api/examples/heated_motor")
+    page.goto(f"{server.line}#workbench/heated_motor")
+    expect(page.locator(".lead .chip")).to_be_visible()
+    model = page.locator(".key.model")
+    full = saved(page, "Model and measurement: save as SVG", tmp_path / "full.svg").read_text()
+    model.focus()
+    page.keyboard.press("Enter")
+    expect(model).to_have_attribute("aria-pressed", "false")
+    expect(model).to_be_focused()
+    less = saved(page, "Model and measurement: save as SVG", tmp_path / "less.svg").read_text()
+    assert len(less) < len(full)
+    model.click()
+    expect(model).to_have_attribute("aria-pressed", "true")
+    assert saved(page, "Model and measurement: save as SVG", tmp_path / "again.svg").read_text() == full
+
+    page.locator(".axis select").first.select_option("row")
+    page.get_by_role("button", name="Model and measurement: x axis logarithmic").click()
+    words = ElementTree.parse(saved(page, "Model and measurement: save as SVG", tmp_path / "log.svg"))
+    marks = [text.text for text in words.iter("{http://www.w3.org/2000/svg}text")]
+    assert {"1", "2", "5", "10", "20", "50"} <= set(marks)
+    canvas = page.locator(".plots canvas").first
+    drag(page, canvas, (0.3, 0.1), (0.7, 0.8))
+    expect(page.locator(".plots .plot").first).to_have_attribute("data-zoomed", "yes")
+    canvas.dblclick()
+    button = page.get_by_role("button", name="Model and measurement: y axis logarithmic")
+    button.click()
+    expect(button).to_have_attribute("aria-pressed", "true")
+
+
+def test_another_case_over_and_beside(page: Page, server: Server) -> None:
+    """Two cases on the same axes, side by side, and why one of another kind cannot lie over it."""
+    for name in ("warm", "cool"):
+        shutil.copytree(Path(__file__).parents[2] / "cases" / "heated_motor", server.workspace / "cases" / name)
+    server.ask("POST", "/api/examples/forced_slip_sand")
+    page.goto(f"{server.line}#workbench/warm")
+    expect(page.locator(".lead .chip")).to_be_visible()
+    choice, way, beside = (
+        page.get_by_label("Compare with", exact=True),
+        page.get_by_label("How to show both"),
+        page.locator(".beside"),
+    )
+    choice.select_option("case:cool")
+    expect(page.locator("button.key.other")).to_have_text("cool")
+    expect(page.locator(".compare-with tbody tr")).to_have_count(2)
+    expect(page.locator(".compare-with tbody tr").last).to_contain_text("cool")
+    expect(beside).to_be_hidden()
+    way.select_option("apart")
+    expect(beside.locator("h2")).to_have_text("cool")
+    expect(beside.locator("canvas").first).to_be_visible()
+    choice.select_option("case:forced_slip_sand")
+    expect(page.locator(".compare-with .warn")).to_contain_text("It measures no current")
+    choice.select_option("")
+    expect(beside).to_be_hidden()
+    expect(page.locator(".compare-with table")).to_have_count(0)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +17,8 @@ from serving import START, Server
 from websockets.sync.client import connect
 
 from terrapin_hil.nodes import node_count
+from terrapin_tools.commands.web import _listen
+from terrapin_tools.web.server import STATIC
 from tests.waiting import wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -294,3 +298,25 @@ def test_wrong_options(tmp_path: Path, arguments: tuple[str, ...], words: str) -
     assert done.returncode == 2
     assert words in done.stderr
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_the_first_tab_is_fetched_at_once(server: Server) -> None:
+    """Every module that the first tab imports, from module to module, is named in the page: none waits for another."""
+    page = server.ask("GET", "/", token=False).body.decode()
+    named = set(re.findall(r'rel="modulepreload" href="/static/([^"]+)"', page))
+    needed, looked = {"app.js", "workbench.js"}, set[str]()
+    while needed - looked:
+        name = (needed - looked).pop()
+        looked.add(name)
+        text = (STATIC / name).read_text(encoding="utf-8")
+        paths = re.findall(r"^(?:import|export)\b[^'\n]*from '(\.[^']+)'", text, re.MULTILINE)
+        needed |= {os.path.normpath(Path(name).parent / path) for path in paths}
+    assert named == needed - {"app.js"}
+
+
+def test_answers_are_sent_at_once() -> None:
+    """Not kept back by Nagle's algorithm until the browser's kernel acknowledges, 40 ms later."""
+    with _listen(0) as listening:
+        listening.listen()
+        with socket.create_connection(listening.getsockname()), listening.accept()[0] as accepted:
+            assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)

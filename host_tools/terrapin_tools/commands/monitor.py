@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from terrapin_hil.links.names import INPROCESS, LinkName
-from terrapin_tools.command_options import BitRate, NodeNumber, ThisRobot, link_option
+from terrapin_tools.command_options import BitRate, LinkKeyFile, NodeNumber, ThisRobot, link_option
 from terrapin_tools.errors import UserError
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ def monitor(
     node: NodeNumber = None,
     robot: ThisRobot = "",
     drive: Annotated[bool, typer.Option("--drive", help="keys arm, run, set and stop the controller")] = False,
+    link_key: LinkKeyFile = None,
     controller: Annotated[LinkName, link_option("lockstep", "of a scenario", "--controller")] = INPROCESS,
     serve: Annotated[bool, typer.Option("--serve", help="to Foxglove, in the terminal's place, until Ctrl-C")] = False,
     port: Annotated[
@@ -50,6 +51,7 @@ def monitor(
     terrapin monitor --serve --link serial:robot
     """
     from terrapin_hil import paths
+    from terrapin_hil.links.seal import LinkKey
     from terrapin_hil.messages import interface
     from terrapin_hil.scenario.scenario import take_scenario
     from terrapin_tools.extras import need
@@ -69,6 +71,8 @@ def monitor(
         source = str(take_scenario(source, robot))
     if drive and (link is None or dbc is not None):
         raise UserError("--drive: expected it with --link, and without --dbc: there is nothing else to drive")
+    if link_key is not None and not drive:
+        raise UserError("--link-key: seals what is sent, expected it with --drive")
     if drive and serve:
         raise UserError("--drive: has keys in the terminal, expected it without --serve")
     if port is not None and not serve:
@@ -76,6 +80,7 @@ def monitor(
     port = PORT if port is None else port
     if not 0 <= port <= 65535:
         raise UserError(f"--port: found {port}, expected 0 to 65535")
+    key = LinkKey.read(link_key) if link_key is not None else None
     number = link.at_node(node).node if link else INPROCESS.at_node(node).node
     bitrate = link.bit_rate(bitrate) if link else bitrate
     if not serve and not sys.stdout.isatty():
@@ -104,7 +109,7 @@ def monitor(
         from terrapin_tools.monitor.driving import Driving
 
         on = lambda: live.values.get("ACTUATE.enable") == 1.0  # noqa: E731
-        driving = Driving(Controls(opened, interface(), Node(number), bridge_on=on))
+        driving = Driving(Controls(opened, interface(), Node(number), bridge_on=on, key=key))
     app = MonitorApp(live, opened, limit.default * limit.scale, driving)
     try:
         app.run()

@@ -14,7 +14,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from terrapin_hil.links.link import LinkError
+from terrapin_hil.links.link import LinkError, Sealing
+from terrapin_hil.links.seal import LinkKey, seal_link, takes_changes
 from terrapin_hil.messages import Frame, Interface, Sender, protect
 from terrapin_hil.nodes import Node
 from terrapin_hil.scenario.scenario import LIMITS
@@ -51,7 +52,8 @@ class Order:
 
 class Controls:
     """Sends to `bus`, from a thread of its own. `told(text)` is called for what should be an event, `bridge_on()` says
-    whether the controller's bridge is on. `failed`: why nothing can be sent any more."""
+    whether the controller's bridge is on. `failed`: why nothing can be sent any more. `key`: the controller's link key,
+    if it has one."""
 
     def __init__(
         self,
@@ -60,12 +62,17 @@ class Controls:
         node: Node,
         told: Callable[[str], None] = lambda _: None,
         bridge_on: Callable[[], bool] = lambda: False,
+        key: LinkKey | None = None,
     ) -> None:
         self.name = bus.name
         self.failed: UserError | None = None
         self.stop_held = False
         self.sent = 0  # COMMANDs
-        self._bus, self._node, self._told, self._bridge_on = bus, node, told, bridge_on
+        self.session: Sealing | None = None  # that seals what is sent, from `secure` on
+        self._bus, self._node, self._told, self._bridge_on, self._key = bus, node, told, bridge_on, key
+        self._sealing = threading.RLock()  # a session that is renewed asks for the next one
+        self._securing, self._secured = threading.Lock(), False
+        self._status = node.to_bus((interface.messages["STATUS"].id, b""))[0]
         self._interface, self._sender = interface, Sender(interface)
         self._driver = ""  # the page that drives
         self._order = Order()
@@ -78,13 +85,38 @@ class Controls:
         self._wake = threading.Event()
         self._over = False
         self._asking = threading.Lock()
-        self._answers: list[Frame] = []
+        self._found: list[Frame] = []  # answers
         self._wanted: Callable[[Frame], bool] | None = None
         self._answered = threading.Condition()
         self.parameters = Parameters(self, interface)
         bus.tap = self._take
         self._thread = threading.Thread(target=self._work, name="controls", daemon=True)
         self._thread.start()
+
+    def secure(self) -> None:
+        """Makes sure, once, that the controller takes commands: they are sealed from now on where there is a key.
+        LinkError, one line with the remedy, when it has another key, or one and none was given here."""
+        with self._securing:
+            if self._secured:
+                return
+            if self._key is not None:
+                seal_link(self, self._key)
+            elif not takes_changes(self) and self._answers():
+                raise LinkError(
+                    f"{self.name}: the controller has a link key and takes no command without it, expected --link-key "
+                    "FILE beside --link; stopping needs none"
+                )
+            self._secured = True
+
+    @property
+    def keyed(self) -> bool:
+        """Whether a link key was given."""
+        return self._key is not None
+
+    def _answers(self) -> bool:
+        """Whether the controller answers a question that needs no key."""
+        value = self._interface.messages["PARAMETER_VALUE"].id
+        return self.ask(self._sender.frame("PARAMETER_READ", {"index": 0}), lambda frame: frame[0] == value) is not None
 
     # ---------------------------------------------------------------- what pages ask for
 
@@ -183,8 +215,7 @@ class Controls:
                 busy = bool(self._driver or self.stop_held or self._clears)
                 due = self._due
             try:
-                for frame in frames:
-                    self._bus.send(*self._node.to_bus(frame))
+                self._send(frames)
             except UserError as error:
                 self.failed = error
                 return
@@ -192,6 +223,19 @@ class Controls:
                 self._told(note)
             self._wake.wait(max(0.0, due - time.monotonic()) if busy else None)
             self._wake.clear()
+
+    def _send(self, frames: Sequence[Frame]) -> None:
+        """Frames to the controller, sealed where it wants that."""
+        if self.session is None or not frames:
+            self._put(frames)
+            return
+        with self._sealing:
+            for piece in self.session.batches(frames):
+                self._put(piece)
+
+    def _put(self, frames: Sequence[Frame]) -> None:
+        for frame in frames:
+            self._bus.send(*self._node.to_bus(frame))
 
     def _next(self, now: float) -> list[Frame]:
         """What is due, under the lock."""
@@ -233,25 +277,32 @@ class Controls:
 
     def _ask(self, frames: Sequence[Frame], wanted: Callable[[Frame], bool], most: int) -> list[Frame]:
         """Sends questions; the answers that are `wanted`, until there are `most` or ANSWER is over."""
+        if self.session is not None:  # sealed before its turn: a renewed session asks a question of its own
+            with self._sealing:
+                frames = [frame for piece in self.session.batches(frames) for frame in piece]
         with self._asking, self._answered:
-            self._answers, self._wanted = [], wanted
+            self._found, self._wanted = [], wanted
             try:
-                for frame in frames:
-                    self._bus.send(*self._node.to_bus(frame))
-                self._answered.wait_for(lambda: len(self._answers) >= most, ANSWER)
-                return self._answers
+                self._put(frames)
+                self._answered.wait_for(lambda: len(self._found) >= most, ANSWER)
+                return self._found
             finally:
                 self._wanted = None
 
     def _take(self, block: Frames) -> None:
         """Frames that came, in the thread that listens: an answer may be among them."""
+        session = self.session
+        if session is not None:
+            rows = np.flatnonzero(block.identifiers == self._status)
+            told = (self._node.from_bus((self._status, block.payload(row))) for row in rows.tolist())
+            session.heard([frame for frame in told if frame is not None])
         if self._wanted is None:
             return
         with self._answered:
             for row in np.flatnonzero(block.identifiers < 0x800).tolist():
                 own = self._node.from_bus((int(block.identifiers[row]), block.payload(row)))
                 if own is not None and self._wanted is not None and self._wanted(own):
-                    self._answers.append(own)
+                    self._found.append(own)
                     self._answered.notify_all()
 
     def values(self) -> dict[str, int]:

@@ -47,7 +47,7 @@ class Driving:
         self.note = ""
         try:
             self._press(key)
-        except UserError as error:
+        except (UserError, OSError) as error:
             self.note = str(error)
         self.beat()
 
@@ -56,6 +56,7 @@ class Driving:
         if key == "a":
             self._arm()
         elif key == "c":
+            self.controls.secure()
             self.controls.clear()
         elif not self.armed:
             self.note = "not armed: a arms"
@@ -78,6 +79,7 @@ class Driving:
             self.note = "a once more within 3 s: the robot then moves at r; space stops it"
         else:
             self.order = Order()
+            self.controls.secure()
             self.controls.arm(ME)
 
     @property

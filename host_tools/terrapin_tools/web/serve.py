@@ -12,9 +12,10 @@ import uvicorn
 from terrapin_tools.errors import UserError
 from terrapin_tools.web.server import application
 from terrapin_tools.web.service.bounds import MOST_CONNECTIONS, Http, Websocket
+from terrapin_tools.web.service.context import NamedBus
 from terrapin_tools.web.service.workspace import Workspace
 
-__all__ = ["serve"]
+__all__ = ["NamedBus", "serve"]
 
 MAX_MESSAGE = 64 << 10  # bytes of a websocket message
 # Connections that asyncio accepts at a time: it reads what came with them before MOST_OWING more of them are there.
@@ -22,12 +23,14 @@ ACCEPTED = 32
 WAITING = 2048  # connections that the kernel keeps until they are accepted
 
 
-async def serve(listening: socket.socket, workspace: Path, token: str, link: str, ready: Callable[[], None]) -> None:
+async def serve(
+    listening: socket.socket, workspace: Path, token: str, bus: NamedBus, ready: Callable[[], None]
+) -> None:
     """Serve until interrupted. `ready` is called once requests are answered."""
     place = Workspace(workspace)
     try:
         config = uvicorn.Config(
-            application(place, token, link, listening.getsockname()[1]),
+            application(place, token, bus, listening.getsockname()[1]),
             log_level="error",
             access_log=False,
             server_header=False,

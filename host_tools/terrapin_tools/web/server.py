@@ -12,6 +12,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
+import anyio.to_thread
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
@@ -24,7 +25,7 @@ from terrapin_tools.web.cases import cases_api, jobs_api, new_case, view_api
 from terrapin_tools.web.live import drive_api, live_api
 from terrapin_tools.web.service import events, uploads
 from terrapin_tools.web.service.bounds import Sockets
-from terrapin_tools.web.service.context import Context
+from terrapin_tools.web.service.context import Context, NamedBus
 from terrapin_tools.web.service.events import Events
 from terrapin_tools.web.service.jobs import Jobs
 from terrapin_tools.web.service.security import COOKIE, Door
@@ -39,7 +40,7 @@ STATUS = {NotThere: 404, Taken: 409, NotNow: 409, Busy: 503, uploads.TooLarge: 4
 STATIC = Path(__file__).parent / "static"
 
 
-def application(workspace: Workspace, token: str, link: str, port: int) -> Door:
+def application(workspace: Workspace, token: str, bus: NamedBus, port: int) -> Door:
     """The whole server as an ASGI application behind its door."""
     cookie = f"{COOKIE}_{port}"  # two servers on this machine do not overwrite each other's
 
@@ -48,7 +49,8 @@ def application(workspace: Workspace, token: str, link: str, port: int) -> Door:
         told = Events()
         warm = Warm([workspace.lock])
         await warm.ready()  # nobody's first request waits for imports
-        context = Context(workspace, Jobs(workspace, warm, told), told, warm, link)
+        await anyio.to_thread.run_sync(int)  # nor for those of anyio, a fifth of a second
+        context = Context(workspace, Jobs(workspace, warm, told), told, warm, bus)
         app.state.terrapin = context
         begun = []
         try:

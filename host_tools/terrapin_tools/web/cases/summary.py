@@ -210,7 +210,8 @@ def check_expression(
         return answer(False, message, mathml=mathml, names=sorted(parsed.names), unknown=unknown)
     unused = sorted(parameters.keys() - parsed.names)
     if unused:
-        return answer(False, f"{unused[0]} does not occur in the expression", mathml=mathml)
+        message = f"{unused[0]} does not occur in the expression"
+        return answer(False, message, mathml=mathml, names=sorted(parsed.names))  # so that the page lets go of it
     own = {
         name: OwnParameter(entry["value"], entry.get("min"), entry.get("max"), entry.get("unit") or "1")
         for name, entry in parameters.items()

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,11 @@ import numpy as np
 
 from terrapin_hil.physics.effects import Effect
 from terrapin_tools.errors import UserError
+from terrapin_tools.web.cases import all_rows
 from terrapin_tools.workbench.case import history
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.case.changes import OwnEffect, OwnParameter
-from terrapin_tools.workbench.compare.comparison import analyse, error, fitted_on, measured, predict
+from terrapin_tools.workbench.compare.comparison import Analysis, analyse, error, fitted_on, measured, predict
 from terrapin_tools.workbench.compare.refit import refit
 from terrapin_tools.workbench.experiment.rig_settings import SETTABLE
 from terrapin_tools.workbench.files.json_text import finite
@@ -32,7 +34,7 @@ from terrapin_tools.workbench.story import answer
 from terrapin_tools.workbench.story.effect_picture import as_svg
 from terrapin_tools.workbench.story.formulas import from_latex
 from terrapin_tools.workbench.story.notes import to_html
-from terrapin_tools.workbench.story.plot_data import Drawn, drawn_data, page_data
+from terrapin_tools.workbench.story.plot_data import MAX_ROWS, Drawn, drawn_data
 from terrapin_tools.workbench.story.sentences import amount, chance, floor, number, stuck
 from terrapin_tools.workbench.story.story import Card, Story
 from terrapin_tools.workbench.story.told import told
@@ -42,10 +44,10 @@ __all__ = ["draft", "preview", "thumbnail", "view"]
 THUMBNAIL = 150  # points
 
 
-def draft(folder: str | Path) -> dict[str, Any]:
+def draft(folder: str | Path, rows_to: str = "") -> dict[str, Any]:
     """The plot of a case as soon as the model is fitted; what takes longer (the noise, the verdict) is `view`'s.
 
-    Of a channel whose noise is not stated `noise_sd` is None.
+    Of a channel whose noise is not stated `noise_sd` is None. `rows_to`: where all rows go if they are thinned here.
     """
     case = load_case(Path(folder))
     rows = case.train | case.test
@@ -60,6 +62,8 @@ def draft(folder: str | Path) -> dict[str, Any]:
     plot = drawn_data(drawn, (), (), ())
     for channel in plot["channels"]:
         channel["noise_sd"] = case.sigma[channel["name"]]
+    if rows_to:
+        all_rows.keep(Path(rows_to), drawn, plot)
     return {
         "title": case.title,
         "base": case.base.name,
@@ -84,10 +88,11 @@ def thumbnail(folder: str | Path) -> dict[str, Any]:
     }
 
 
-def view(folder: str | Path) -> dict[str, Any]:
+def view(folder: str | Path, rows_to: str = "") -> dict[str, Any]:
     """Everything that is drawn of a case, in the words of its story. UserError when anything in it is wrong.
 
-    `plot` is `plot_data.page_data` without curves of candidates, which `preview` gives one by one.
+    `plot` is as `plot_data.page_data` has it, without curves of candidates, which `preview` gives one by one, and of
+    all rows where only some were judged. `rows_to`: where all rows go if they are thinned here.
     """
     folder = Path(folder)
     case = load_case(folder)
@@ -96,6 +101,11 @@ def view(folder: str | Path) -> dict[str, Any]:
     story = told(analysis, found)
     effects = analysis.model.effects
     parameters = {key: amount(value) for key, value in story.parameters.items()}
+    drawn = _drawn(case, analysis, story)
+    plot = drawn_data(drawn, story.where, story.ladder, ())
+    if drawn.case is not case:  # rows that were put aside are none of `preview`'s either
+        place = np.cumsum(case.train | case.test)[drawn.rows]
+        plot["columns"]["row"]["values"] = place[np.array(plot["columns"]["row"]["values"]) - 1].tolist()
     shown = {
         "title": story.title,
         "base": story.base,
@@ -133,9 +143,23 @@ def view(folder: str | Path) -> dict[str, Any]:
         "catalogue": sorted(name for name in case.library if name not in case.effects),
         "names": sorted({*case.inputs, *case.parameters, *case.fit}),
         "exports": sorted(effect.name for effect in effects if effect.firmware),
-        "plot": page_data(analysis, story, ()),
+        "plot": plot,
     }
+    if rows_to:
+        all_rows.keep(Path(rows_to), drawn, plot)
     return dict(finite(shown))
+
+
+def _drawn(case: Case, analysis: Analysis, story: Story) -> Drawn:
+    """What is drawn: the rows that were judged, or all of a table of which each so-manieth was, by the same fit."""
+    drawn, rows = Drawn.of(analysis, story), case.train | case.test
+    if analysis.step == 1 and rows.sum() <= MAX_ROWS:
+        return drawn
+    fit = analysis.ladder[-1].fit
+    prediction = predict(fit, rows)
+    base = predict(analysis.ladder[0].fit, rows) if case.effects else None
+    residual = measured(fit.model, rows) - prediction
+    return replace(drawn, case=case, rows=rows, prediction=prediction, residual=residual, base=base)
 
 
 def preview(

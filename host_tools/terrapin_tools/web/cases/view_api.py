@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import tomllib
 from collections import OrderedDict
 from pathlib import Path as File
@@ -10,6 +11,8 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query
 
+from terrapin_tools.errors import UserError
+from terrapin_tools.web.cases.all_rows import Box, within
 from terrapin_tools.web.cases.mapping import mapping_of
 from terrapin_tools.web.service import models
 from terrapin_tools.web.service.context import Context, Terrapin
@@ -42,12 +45,24 @@ def state_of(folder: File) -> tuple[tuple[str, int, int], ...]:
     return tuple(found)
 
 
+async def _key(folder: File, function: str, *arguments: Any) -> tuple[Any, ...]:
+    """What an answer is kept by; empty for a broken case, of which the function says in which line."""
+    try:
+        return (function, str(folder), *map(str, arguments), await asyncio.to_thread(state_of, folder))
+    except (OSError, ValueError, TypeError, AttributeError):
+        return ()
+
+
+def _rows_of(context: Context, key: tuple[Any, ...]) -> File:
+    """Where all rows of an answer are that thins them."""
+    return context.workspace.folder("rows") / f"{hashlib.sha256(repr(key).encode()).hexdigest()[:24]}.npy"
+
+
 async def _answer(context: Context, folder: File, function: str, *arguments: Any) -> dict[str, Any]:
     """What a function of view.py says of the case; whoever asks for the same at the same time waits for the same."""
-    try:
-        key = (function, str(folder), *map(str, arguments), await asyncio.to_thread(state_of, folder))
-    except (OSError, ValueError, TypeError, AttributeError):
-        key = ()  # a broken case: the function says in which line
+    key = await _key(folder, function, *arguments)
+    if key and function in ("draft", "view"):
+        arguments = (str(_rows_of(context, key)),)
     task = _kept.get(key)
     if task is None:
         call = context.warm.call(f"terrapin_tools.web.cases.view:{function}", str(folder), *arguments, seconds=SECONDS)
@@ -92,6 +107,25 @@ def _drawn(shown: dict[str, Any]) -> tuple[dict[str, float], list[int]]:
     """Noise sd by channel, and the rows that a view draws."""
     noise = {channel: entry["noise_sd"] for channel, entry in shown["channels"].items()}
     return noise, [row - 1 for row in shown["plot"]["columns"]["row"]["values"]]
+
+
+@router.get("/api/cases/{name}/rows", responses=problems(404))
+async def case_rows(
+    context: Terrapin, name: Annotated[str, Path(pattern=NAME)], box: Annotated[models.RowsQuery, Query()]
+) -> dict[str, Any]:
+    """The rows in a box of a plot that is thinned: all of them, or MOST_ROWS; what the page draws once it is zoomed."""
+    folder, function = context.workspace.case(name), "draft" if box.draft else "view"
+    wanted = Box(box.variable, box.times, box.channel, box.residual, (box.left, box.right), (box.bottom, box.top))
+    for _ in range(2):
+        shown = await _answer(context, folder, function)
+        if shown["plot"]["kept"] == shown["plot"]["rows"]:
+            raise UserError("rows: all of them are in the view, expected a plot that is thinned")
+        key = await _key(folder, function)
+        try:
+            return await asyncio.to_thread(within, _rows_of(context, key), shown["plot"], wanted)
+        except FileNotFoundError:
+            _kept.pop(key, None)  # it has made way for others: made once more
+    raise UserError("rows: they are gone, expected the page reloaded")
 
 
 @router.post("/api/cases/{name}/draw", responses=problems(404))

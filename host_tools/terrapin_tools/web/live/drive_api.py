@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import shlex
+from contextlib import suppress
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Request
@@ -100,21 +101,28 @@ async def command(context: Terrapin, request: Request, body: Command) -> Done:
             await asyncio.to_thread(hub.watched().mark, body.text or "mark")
             done = f"marked: {body.text or 'mark'}"
         case "idle" | "release":
+            controls = hub.watched().controls
+            if body.request == "release" and controls is not None and controls.keyed:
+                with suppress(OSError):  # letting go needs no key, clearing does
+                    await asyncio.to_thread(controls.secure)
             await hub.hold_stop(body.request == "idle")
             done = "stopped until released" if body.request == "idle" else "released"
         case "clear":
-            hub.watched().driven.clear()
+            driven = hub.watched().driven
+            await asyncio.to_thread(driven.secure)
+            driven.clear()
             done = "told clear"
         case _:
-            done = _arm(hub, body)
+            done = await _arm(hub, body)
     return Done(done=done, command=same(request, body))
 
 
-def _arm(hub: Hub, body: Command) -> str:
+async def _arm(hub: Hub, body: Command) -> str:
     controls = hub.watched().driven
     if not hub.audience.is_open(body.page):
         raise Taken("arm: no page of that name looks at what is watched, expected one that does")
     if body.request == "arm":
+        await asyncio.to_thread(controls.secure)
         controls.arm(body.page)
         return "armed; commands go out while this page is heard"
     controls.disarm(body.page)
@@ -175,7 +183,9 @@ async def write(context: Terrapin, body: Write) -> Done:
     """Write a parameter (in its unit), keep what stands, or put all to their defaults. The controller refuses it while
     its bridge is on, and says so."""
     hub = hubs[context]
-    talk = hub.watched().driven.parameters
+    controls = hub.watched().driven
+    await asyncio.to_thread(controls.secure)
+    talk = controls.parameters
     if body.do == "save":
         await asyncio.to_thread(talk.save)
         return Done(done="kept in the controller's flash", command=_words(hub, "save"))

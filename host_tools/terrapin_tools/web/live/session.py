@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from terrapin_hil.links.seal import LinkKey
 from terrapin_hil.messages import Interface
 from terrapin_hil.nodes import Node
 from terrapin_hil.scenario.faults import FOREVER
@@ -90,6 +91,7 @@ class Session:
         tell: Callable[[Picture | None, dict[str, Any] | None], None],
         node: int = 0,
         watch: Mapping[str, Any] | None = None,
+        key: LinkKey | None = None,
     ) -> None:
         self.source = source
         self.command = command
@@ -116,7 +118,7 @@ class Session:
         self._heard = time.monotonic()
         self._stop = threading.Event()
         self.controls = (
-            Controls(source, interface, Node(node), self._note, self._bridge_on)
+            Controls(source, interface, Node(node), self._note, self._bridge_on, key)
             if isinstance(source, Bus) and interface is not None
             else None
         )
@@ -244,6 +246,7 @@ class Session:
             words = words_of(self._interface)
         signals = [{"name": n, "unit": self.live.units[n], "words": words.get(n)} for n in self.names]
         limit = self._interface.parameter("slip_limit") if self._interface is not None else None
+        radius = self._interface.parameter("radius") if self._interface is not None else None
         return {
             "type": "hello",
             "name": self.source.name,
@@ -257,6 +260,8 @@ class Session:
             "signals": signals,
             "stop": self.can_stop,
             "slip_limit": limit.default * limit.scale if limit is not None else None,
+            "speeds": self._interface.parameter("calibrate_steps").default if self._interface is not None else None,
+            "radius": radius.default * radius.scale if radius is not None else None,
         }
 
     def status(self) -> dict[str, Any]:

@@ -59,7 +59,7 @@ def opened(context: Context, body: Watch, tell: Any) -> Session:
     if at_node and given is not None:
         raise UserError("node: the identifiers of a DBC are its own, expected it without dbc")
     source: Source
-    rate, node = body.bitrate, body.node or 0
+    rate, node, key = body.bitrate, body.node or 0, None
     if kind == "simulator":
         if at_node:
             raise UserError("node: a scenario has one controller, expected a bus or a log")
@@ -86,11 +86,12 @@ def opened(context: Context, body: Watch, tell: Any) -> Session:
         link = _bus(body.source, context.link).at_node(body.node)
         rate, node = link.bit_rate(body.bitrate), link.node
         source = Bus(link, rate)
+        key = context.bus.key if body.source == context.link else None
         bitrate = ["--bitrate", str(body.bitrate)] if body.bitrate != 500_000 else []
         arguments = ["monitor", "--link", body.source, *bitrate, *at_node, *dbc]
     command = shlex.join(["terrapin", *arguments, *robot_words()])
     watch = body.model_dump(exclude_none=True)
-    return Session(source, decoder, None if body.dbc else interface(), rate, command, tell, node, watch)
+    return Session(source, decoder, None if body.dbc else interface(), rate, command, tell, node, watch, key)
 
 
 def _stored(context: Context, name: str) -> Path:

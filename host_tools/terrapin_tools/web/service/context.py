@@ -8,12 +8,21 @@ from typing import Annotated
 from fastapi import Depends
 from fastapi.requests import HTTPConnection
 
+from terrapin_hil.links.seal import LinkKey
 from terrapin_tools.web.service.events import Events
 from terrapin_tools.web.service.jobs import Jobs
 from terrapin_tools.web.service.warm import Warm
 from terrapin_tools.web.service.workspace import Workspace
 
-__all__ = ["Context", "Terrapin", "context_of"]
+__all__ = ["Context", "NamedBus", "Terrapin", "context_of"]
+
+
+@dataclass(frozen=True)
+class NamedBus:
+    """What `terrapin web --link --link-key` named: a link, "" for none, and the key of its controller."""
+
+    link: str = ""
+    key: LinkKey | None = None  # never leaves this process
 
 
 @dataclass(frozen=True)
@@ -24,7 +33,12 @@ class Context:
     jobs: Jobs
     events: Events
     warm: Warm  # runs functions of this program in a process of their own: await warm.call("module:function", ...)
-    link: str  # that `terrapin web --link` named, "" for none
+    bus: NamedBus
+
+    @property
+    def link(self) -> str:
+        """That `terrapin web --link` named, "" for none."""
+        return self.bus.link
 
 
 def context_of(connection: HTTPConnection) -> Context:

@@ -27,6 +27,7 @@ __all__ = [
     "Parameter",
     "Problem",
     "Request",
+    "RowsQuery",
     "Status",
     "problems",
 ]  # fmt: skip
@@ -216,6 +217,22 @@ class DrawRequest(Request):
     expression: Formula
     target: Line = ""
     parameters: dict[EffectName, Parameter] = Field(default={}, max_length=20, json_schema_extra=CLOSED)
+
+
+class RowsQuery(BaseModel):
+    """A box of a plot: from left to right of `variable` (times `times`), from bottom to top of `channel`, or of its
+    residual in noise sd. `draft`: of the plot before the verdict."""
+
+    model_config = ConfigDict(extra="forbid")
+    variable: Annotated[Line, Field(min_length=1)]
+    times: Line = ""
+    channel: Line
+    residual: bool = False
+    left: FiniteFloat
+    right: FiniteFloat
+    bottom: FiniteFloat
+    top: FiniteFloat
+    draft: bool = False
 
 
 class ExpressionAnswer(BaseModel):

@@ -43,6 +43,10 @@ export class CasePage {
     this.top = h('div');
     this.jobBar = h('div', { class: 'job', role: 'status', hidden: true });
     this.plots = new CasePlots(() => { this.compareWith.check(); this.draw(); if (this.view) this.below.replaceChildren(...below(this, this.view)); });
+    this.plots.ask = (part, asked, signal) => {
+      const query = new URLSearchParams({ ...asked, residual: String(asked.residual), left: String(part.x[0]), right: String(part.x[1]), bottom: String(part.y[0]), top: String(part.y[1]), draft: String(!this.view) });
+      return app.api(`${this.path}/rows?${query}`, { signal });
+    };
     this.ladderHost = h('div');
     this.ladder = new Ladder(this.ladderHost);
     this.side = h('div', { class: 'side' });

@@ -14,6 +14,7 @@ import { Source } from './live/source.js';
 import { Stop } from './live/stop.js';
 import { Telemetry } from './live/telemetry.js';
 import { Tiles } from './live/tiles.js';
+import { Rolling } from './rolling.js';
 import { COLOURS, Strip, style } from './strip.js';
 
 const FIRST = ['MOTION.slip', 'GROUND.torque', 'ELECTRICAL.current', 'ACTUATE.state'];
@@ -56,6 +57,9 @@ class Live {
     this.signals = new Signals(this.telemetry, (name, box) => this.pick(name, box));
     this.notice = h('p', { class: 'notice bad', role: 'alert', hidden: true });
     const place = h('div');
+    this.rolling = new Rolling();
+    place.addEventListener('dragover', (event) => event.preventDefault());
+    place.addEventListener('drop', (event) => { event.preventDefault(); this.signals.tick(event.dataTransfer?.getData('text/plain') ?? ''); });
     this.strip = new Strip(place, (time) => this.cursorMoved(time));
     this.drive = new Drive(this);
     this.pause = h('button', { type: 'button', text: 'Pause', 'aria-pressed': 'false', onclick: () => { this.setPaused(this.strip.paused === null); } });
@@ -63,7 +67,7 @@ class Live {
     this.cursorSaid = h('span', { class: 'soft small' });
     element.append(h('h1', { class: 'visually-hidden', text: 'Live' }), this.source.element, this.notice, this.replay.element, this.faults.element, this.nodes.element, this.tiles.element,
       h('div', { class: 'live-grid' }, this.chartPanel(place),
-        h('div', { class: 'side' }, this.stop.element, this.drive.element, this.bus.element, this.recorder.element, this.events.element)),
+        h('div', { class: 'side' }, this.stop.element, this.rolling.element, this.drive.element, this.bus.element, this.recorder.element, this.events.element)),
       this.parameters.element, this.signals.element);
     element.addEventListener('keydown', (event) => {
       if (event.key === ' ' && event.target === this.strip.canvas) { event.preventDefault(); this.setPaused(this.strip.paused === null); }
@@ -112,6 +116,7 @@ class Live {
     if (said.command) app.showCommand(said.command);
     app.context(said.name || '');
     for (const part of [this.stop, this.drive, this.replay, this.parameters]) part.begin(said);
+    this.rolling.begin(said, telemetry.signals);
     this.source.kind = said.kind || '';
     this.source.take(said.watch ?? null);
     this.recorder.begin(watched);
@@ -128,8 +133,9 @@ class Live {
     /** What belongs to a signal, where there is such. @param {string} name @param {Record<string, string>} of */
     const beside = (name, of) => (of[name] && telemetry.index.has(of[name]) ? of[name] : null);
     const extra = known.flatMap((name) => [beside(name, TRUTH), beside(name, SD)]).filter((name) => name !== null && !known.includes(name));
-    const all = [...known, .../** @type {string[]} */ (extra)], rings = telemetry.want(all);
-    const ring = (/** @type {string | null} */ name) => (name === null ? null : rings[all.indexOf(name)]);
+    const all = [...new Set([...known, .../** @type {string[]} */ (extra), ...this.rolling.wanted()])], rings = telemetry.want(all);
+    const ring = (/** @type {string | null} */ name) => (name === null ? null : rings[all.indexOf(name)] ?? null);
+    this.rolling.take(ring);
     this.strip.lanes = known.map((name, place) => {
       const { unit, words } = telemetry.signals[telemetry.index.get(name) ?? 0];
       return { name, unit, words, colour: COLOURS[place % COLOURS.length], ring: rings[place], truth: ring(beside(name, TRUTH)), sd: ring(beside(name, SD)) };
@@ -185,6 +191,7 @@ class Live {
   cursorMoved(time) {
     const text = time === null ? '' : `cursor at ${(time - this.strip.zero).toFixed(3)} s`;
     if (this.cursorSaid.textContent !== text) this.cursorSaid.textContent = text;
+    this.rolling.draw(this.strip.until, time);
   }
 
   /** @param {boolean} on */
@@ -211,5 +218,5 @@ class Live {
     if (!this.drive.mine) this.telemetry.close(); // who drives goes on, and space goes on stopping
   }
 
-  redraw() { this.strip.recolour(); }
+  redraw() { this.strip.recolour(); this.rolling.robot.draw(); }
 }

@@ -63,13 +63,17 @@ export class OwnEffect {
     this.formula = h('div', { class: 'eq' });
     this.answer = h('p', { class: 'small', role: 'status' });
     this.names = h('p', { class: 'soft small' });
+    this.offers = h('span', { class: 'row small', role: 'group', 'aria-label': 'Names that go on so' });
+    /** @type {string[]} */
+    this.known = [];
     this.button = h('button', { type: 'submit', text: 'Add it', disabled: true });
     this.drawn = h('button', { type: 'button', text: 'Draw it', 'aria-label': 'Draw the own effect', title: 'Fitted and drawn over the model; nothing is changed', disabled: true, onclick: () => page.showPreview([this.name.value], false, this.body()) });
     const form = h('form', { class: 'form', onsubmit: (event) => { event.preventDefault(); this.add(); } },
       h('div', { class: 'two' }, h('label', {}, 'name', this.name), h('label', {}, 'acts on', this.target)),
-      h('label', {}, 'expression', this.expression), this.formula, this.table, this.answer, this.names, h('div', { class: 'row' }, this.button, this.drawn));
+      h('label', {}, 'expression', this.expression), this.offers, this.formula, this.table, this.answer, this.names, h('div', { class: 'row' }, this.button, this.drawn));
     this.element = h('details', { class: 'panel fold own' }, h('summary', {}, h('h2', { text: 'Own effect' }), h('span', { class: 'soft small', text: 'units checked as you type' })), form);
     form.addEventListener('input', () => { this.keep(); this.later(); });
+    for (const kind of ['input', 'keyup', 'click']) this.expression.addEventListener(kind, () => this.offer());
     this.target.addEventListener('change', () => this.later());
   }
 
@@ -112,7 +116,27 @@ export class OwnEffect {
     const chosen = this.target.value || view.targets.default;
     this.target.replaceChildren(...view.targets.all.map((name) => h('option', { value: name, text: name, selected: name === chosen })));
     if (first) this.restore();
+    this.known = view.names;
     this.names.textContent = `Known names: ${view.names.join(', ')}; any other becomes a parameter to fit.`;
+  }
+
+  /** The names that go on from the word at the caret; one that is pressed takes its place. */
+  offer() {
+    const { expression } = this, { value } = expression, at = expression.selectionStart ?? value.length;
+    const word = /[A-Za-z_]\w*$/.exec(value.slice(0, at))?.[0] ?? '';
+    const found = word ? this.known.filter((name) => name.startsWith(word) && name !== word).slice(0, 8) : [];
+    if (found.join() === [...this.offers.children].map((one) => one.textContent).join()) return;
+    this.offers.replaceChildren(...found.map((name) => h('button', {
+      type: 'button', class: 'quiet', text: name, onclick: () => {
+        const begin = at - word.length;
+        expression.value = value.slice(0, begin) + name + value.slice(at);
+        expression.focus();
+        expression.setSelectionRange(begin + name.length, begin + name.length);
+        this.offer();
+        this.keep();
+        this.later();
+      },
+    })));
   }
 
   later() {

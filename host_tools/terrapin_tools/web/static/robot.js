@@ -17,9 +17,11 @@ export function at(columns, name, row) {
 }
 
 export class Robot {
-  /** @param {HTMLElement} host */
-  constructor(host) {
+  /** @param {HTMLElement} host @param {number} across radii that are seen from left to right @param {number} tall from top to bottom */
+  constructor(host, across = 16, tall = 5.2) {
     this.host = host;
+    this.across = across;
+    this.tall = tall;
     this.canvas = h('canvas', { role: 'img', 'aria-label': 'The robot on its way; the numbers below say the same' });
     host.classList.add('robot');
     host.replaceChildren(this.canvas);
@@ -58,7 +60,7 @@ export class Robot {
     const { columns, radius } = this.run;
     /** @param {string} name */
     const value = (name) => at(columns, name, this.row);
-    const scale = Math.min(width / (radius * 16), height / (radius * 5.2)); // pixels a metre
+    const scale = Math.min(width / (radius * this.across), height / (radius * this.tall)); // pixels a metre
     const position = value('position') ?? 0, here = this.ground(this.run, position);
     const sunk = Math.max(0, value('sinkage') || 0) * DEEPER;
     /** @type {Scale} */

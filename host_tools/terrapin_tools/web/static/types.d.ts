@@ -45,8 +45,12 @@ interface Heat { edges: number[]; single: boolean; mean: Record<string, (number 
 interface PlotData {
   variable: string; columns: Record<string, { values: number[]; unit: string }>; channels: PlotChannel[];
   run: number[]; runs: string[]; held: boolean[]; ladder: Rung[]; where: { variable: string; channel: string; range: number[] }[];
-  heat: { runs: number[]; columns: Record<string, Heat> };
+  heat: { runs: number[]; columns: Record<string, Heat> }; rows: number; kept: number;
 }
+/** A part of what a plot shows: from where to where on both axes. */
+interface Zoomed { x: number[]; y: number[] }
+/** The rows of such a part, of one channel: `rows` in it, of which `kept` are told. */
+interface Refined { columns: PlotData['columns']; channel: Pick<PlotChannel, 'measured' | 'predicted' | 'base'>; run: number[]; rows: number; kept: number }
 /** What a report draws: with the curves of `sets` added. */
 interface ReportData extends PlotData { channels: (PlotChannel & { previews: number[][] })[]; sets: string[][]; by_run: string }
 interface Card {
@@ -122,7 +126,9 @@ interface PlotSpec {
   level?: number[] | null; frame?: { x: number[]; y: number[] }; describe(row: number): string; table(): PlotTable; alt?: string;
 }
 /** Where a plot stands on its canvas [px], what it shows, and how a value becomes a place. */
-interface PlotMap { box: { x0: number; x1: number; y0: number; y1: number }; xs: number[]; ys: number[]; X: Scale; Y: Scale }
+interface PlotMap { box: { x0: number; x1: number; y0: number; y1: number }; xs: number[]; ys: number[]; X: Scale; Y: Scale; x: Scale; y: Scale }
+/** Which axes of a plot are logarithmic. */
+interface Logs { x: boolean; y: boolean }
 /** A picture of the ladder: rungs that fall show an error on its way. */
 interface Shown { train: number | null; held: number | null }
 
@@ -139,7 +145,7 @@ interface Mark { time: number | null; kind: string; text: string; number?: numbe
 interface Link { source: string; title: string; kind: 'bus' | 'log' | 'robot' | 'simulator' | 'dbc' }
 interface Signal { name: string; unit: string; words?: Record<number, string> | null }
 interface Hello {
-  type: 'hello'; name: string | null; command?: string; stop?: '' | 'bus' | 'simulator'; slip_limit: number | null; watch?: Watch | null;
+  type: 'hello'; name: string | null; command?: string; stop?: '' | 'bus' | 'simulator'; slip_limit: number | null; radius?: number | null; speeds?: number | null; watch?: Watch | null;
   page?: string; kind?: 'bus' | 'robot' | 'simulator' | 'log'; drive?: Record<string, { unit: string; limit: number }> | null;
   signals?: { name: string; unit: string; words?: Record<string, number> | null }[];
 }

@@ -17,7 +17,7 @@ from terrapin_tools.workbench.model.data_columns import numeric_columns
 from terrapin_tools.workbench.story.answer import places
 from terrapin_tools.workbench.story.story import Place, Rung, Story
 
-__all__ = ["CARDS", "Drawn", "Preview", "drawn_data", "page_data", "previews"]
+__all__ = ["CARDS", "MAX_ROWS", "Drawn", "Preview", "drawn_data", "page_data", "previews", "thin"]
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -90,7 +90,7 @@ def drawn_data(
     order.sort(key=lambda name: name != failing)
     arrays = len(names) + 2 + len(order) * (2 + (base is not None) + len(shown))
     scaled = drawn.residual / drawn.sigma[:, None]
-    kept = _thin(scaled, min(MAX_ROWS, MAX_NUMBERS // arrays))
+    kept = thin(scaled, min(MAX_ROWS, MAX_NUMBERS // arrays))
 
     def numbers(values: Array) -> list[float]:
         return [float(f"{v:.6g}") for v in values[kept]]
@@ -140,7 +140,7 @@ def _order(drawn: Drawn, where: Sequence[Place], columns: dict[str, Array]) -> l
     return [n for n in dict.fromkeys(wanted) if n in columns and np.ptp(columns[n][drawn.rows]) > 0][:MAX_COLUMNS]
 
 
-def _thin(scaled: Array, limit: int) -> npt.NDArray[np.int64]:
+def thin(scaled: Array, limit: int) -> npt.NDArray[np.int64]:
     """Rows to draw: all, or of equal stretches the two with the lowest and highest residual, so that none hides."""
     count = scaled.shape[1]
     if count <= limit:

@@ -1,6 +1,7 @@
 // The panel that drives the robot that is watched. Armed by a dialog; commands go out only while this page's heart beats,
 // so a page that is closed, hidden or cut off drives nothing. While armed, space stops wherever the focus is.
 import { h, unit } from '../app.js';
+import { Calibration } from './calibration.js';
 
 const BEAT_MS = 100; // the server lets go 400 ms after the last one
 const TERRAINS = ['hard_floor', 'sand', 'agricultural', 'red_terrain', 'dry_peat'];
@@ -25,7 +26,8 @@ export class Drive {
     this.arm = h('button', { type: 'button', text: 'Arm …', onclick: () => { this.dialog.showModal(); this.yes.focus(); } });
     this.clear = h('button', { type: 'button', text: 'Clear faults', onclick: () => desk.command({ request: 'clear' }) });
     this.run = h('button', { type: 'button', class: 'main', text: 'Run', onclick: () => this.ask(this.request === 'run' ? 'idle' : 'run') });
-    this.calibrate = h('button', { type: 'button', text: 'Calibrate', onclick: () => this.ask('calibrate') });
+    this.calibrate = h('button', { type: 'button', text: 'Calibrate', onclick: () => { this.led.begin(); this.ask('calibrate'); } });
+    this.led = new Calibration(() => this.ask('idle'));
     this.off = h('button', { type: 'button', text: 'Disarm', onclick: () => this.disarm() });
     this.control = h('select', { 'aria-label': 'What is set', onchange: () => this.ranges() }, ...Object.keys(RANGES).map((name) => h('option', { value: name, text: name })));
     this.slider = h('input', { type: 'range', 'aria-label': 'Setpoint', oninput: () => { this.number.value = this.slider.value; this.beat(); } });
@@ -46,7 +48,7 @@ export class Drive {
       h('div', { class: 'row' }, this.run, this.calibrate, this.off));
     this.simulated = h('div', { class: 'row', hidden: true }, h('span', { class: 'soft small', text: 'It stands on' }), this.ground, this.slope);
     this.element = h('section', { class: 'panel drive-panel' }, h('div', { class: 'panel-head' }, h('h2', { text: 'Drive' })),
-      this.words, h('div', { class: 'row' }, this.arm, this.clear), this.controls, this.simulated, this.said, this.dialog);
+      this.words, h('div', { class: 'row' }, this.arm, this.clear), this.controls, this.led.element, this.simulated, this.said, this.dialog);
     this.ranges();
     addEventListener('keydown', (event) => this.key(event), true);
     addEventListener('keyup', (event) => { if (event.key === ' ' && this.mine) { event.preventDefault(); event.stopPropagation(); } }, true);
@@ -89,7 +91,7 @@ export class Drive {
   }
 
   /** @param {string} request */
-  ask(request) { this.request = request; this.run.textContent = request === 'run' ? 'Halt' : 'Run'; this.beat(); }
+  ask(request) { this.request = request; if (request !== 'calibrate') this.led.leave(); this.run.textContent = request === 'run' ? 'Halt' : 'Run'; this.beat(); }
 
   /** This page is there, and wants this. */
   beat() {
@@ -100,7 +102,7 @@ export class Drive {
 
   async disarm() { this.ask('idle'); await this.desk.command({ request: 'disarm', page: this.page }); }
 
-  stopBeating() { clearInterval(this.timer); this.mine = false; this.controls.hidden = true; this.run.textContent = 'Run'; this.request = 'idle'; }
+  stopBeating() { clearInterval(this.timer); this.mine = false; this.controls.hidden = true; this.run.textContent = 'Run'; this.request = 'idle'; this.led.leave(); }
 
   /** @param {string} change */
   async change(change) {
@@ -129,11 +131,13 @@ export class Drive {
       this.ended = (this.ended || 0) + 1; // a status may have been on its way when it was armed
       if (this.ended > 3) { this.stopBeating(); this.desk.tell('No longer armed: the last event says why. Arm again to go on.'); }
     } else this.ended = 0;
+    if (this.mine && now.state !== 'live') this.stopBeating(); // it is gone: what is told once must do
     this.arm.disabled = !this.can || this.mine || other || now.stop_held || now.state !== 'live';
     this.clear.disabled = !this.can || now.stop_held || now.state !== 'live';
     const text = !this.can ? '' : other ? 'Another page drives. Stop works here all the same.' : now.stop_held ? 'Stopped. Release the stop, then arm again.'
       : this.mine && drive ? `${drive.leaving ? 'halting' : drive.request} ${drive.setpoint.toFixed(2)}${unit(drive.control === 'voltage' ? 'V' : 'm/s')}; ${drive.sent} commands sent. Space stops.` : '';
     if (this.said.textContent !== text) this.said.textContent = text;
+    this.led.draw(this.desk.telemetry);
     this.element.classList.toggle('armed', this.mine);
   }
 }

@@ -25,6 +25,12 @@ export class Signals {
     new IntersectionObserver((entries) => { this.seen = entries[entries.length - 1].isIntersecting; }).observe(table);
   }
 
+  /** Draw a signal by its name, as if it were ticked. @param {string} name */
+  tick(name) {
+    const box = /** @type {HTMLInputElement | undefined} */ ([...this.body.querySelectorAll('input')].find((one) => one.getAttribute('aria-label') === `Plot ${name}`));
+    if (box && !box.checked) { box.checked = true; this.pick(name, box); }
+  }
+
   /** All rows anew. */
   list() {
     this.cells = [];
@@ -32,7 +38,7 @@ export class Signals {
       const box = h('input', { type: 'checkbox', checked: this.chosen.includes(signal.name), 'aria-label': `Plot ${signal.name}`, onchange: () => { this.pick(signal.name, box); } });
       const cell = h('td', { class: 'n' });
       this.cells.push([cell, signal]);
-      return h('tr', {}, h('td', {}, box), h('td', { text: signal.name }), cell, h('td', { class: 'soft', text: signal.unit }));
+      return h('tr', { draggable: 'true', title: 'Drag it into the charts, or tick it', ondragstart: (/** @type {DragEvent} */ event) => { event.dataTransfer?.setData('text/plain', signal.name); } }, h('td', {}, box), h('td', { text: signal.name }), cell, h('td', { class: 'soft', text: signal.unit }));
     }));
     this.rows();
   }

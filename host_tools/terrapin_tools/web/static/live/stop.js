@@ -3,7 +3,7 @@ import { h } from '../app.js';
 
 const STOP_MS = 1000; // after the button has become “release”, in which it does not
 const WORDS = {
-  bus: 'STOP_ALL: the bridge of every controller on this bus goes off, and stays off until it is told “clear”, whatever else asks for run; the fault stop_all shows it. Sent again and again until the button is pressed once more, which sends “clear” to the controller that is watched (one with a link key takes only `terrapin node clear --link-key`). It needs this computer and the bus, and cuts no power: the red button on the robot works always.',
+  bus: 'STOP_ALL: the bridge of every controller on this bus goes off, and stays off until it is told “clear”, whatever else asks for run; the fault stop_all shows it. Sent again and again until the button is pressed once more, which sends “clear” to the controller that is watched (one with a link key takes it only from a server that has the key). It needs this computer and the bus, and cuts no power: the red button on the robot works always.',
   simulator: 'Opens the emergency stop of the simulated robot until it is pressed again: the bridge goes off in the same tick. A controller that has been stopped wants “clear” before it runs again, as the real one does.',
   '': 'A log has nothing to stop.',
 };

@@ -3,6 +3,8 @@ import { css, h, number, unit } from './basics.js';
 import { curve, extent } from './painting.js';
 import { Plot } from './plot.js';
 
+const SETTLED_MS = 80; // after the last step of a zoom, before its rows are asked for
+
 /** Standard deviation. @param {number[]} values */
 const spread = (values) => {
   const mean = values.reduce((a, v) => a + v, 0) / values.length;
@@ -24,43 +26,64 @@ export class CasePlots {
     this.picked = {}; // what the user chose; else the view says what matters most
     /** @type {number | null} */
     this.run = null; // whose rows are picked out
+    /** @type {{ overlay: PlotSpec, residual: PlotSpec } | null} */
+    this.whole = null; // what is drawn where nothing is refined
+    /** @type {Set<number> | null} */
+    this.chosen = null; // rows that are picked out, by their number; of another case drawn over this one below zero
+    /** @type {Preview | null} */
+    this.preview = null;
+    /** @type {Set<string>} */
+    this.hidden = new Set(); // what the legend has switched off
+    /** @type {((part: Zoomed, asked: { variable: string, times: string, channel: string, residual: boolean }, signal: AbortSignal) => Promise<Refined>) | null} */
+    this.ask = null; // where all rows are had from, of a plot that is thinned
     const overlay = h('div', { class: 'tall' }), residual = h('div');
     this.overlay = new Plot(overlay, 'Model and measurement');
     this.residual = new Plot(residual, 'Residual');
     overlay.classList.add('tall');
-    this.keys = h('span', { class: 'row' });
+    this.keys = h('span', { class: 'row keys' });
     this.choices = h('span', { class: 'choices' });
     this.axis = h('span', { class: 'axis' });
+    this.logs = this.overlay.logs(this.residual);
     this.range = h('span', { class: 'key fails' });
-    this.picks = h('div', { class: 'soft small', role: 'status' });
-    for (const plot of [this.overlay, this.residual]) plot.onselect = (rows) => this.pick(rows);
+    this.picks = h('div');
+    this.thinned = h('div');
+    this.finer = [new Finer(this, this.overlay), new Finer(this, this.residual)];
+    for (const one of this.finer) one.plot.onselect = (rows) => this.pick(rows, one);
     const besideOverlay = h('div'), besideResidual = h('div');
     this.beside = { overlay: new Plot(besideOverlay, 'Other model and measurement'), residual: new Plot(besideResidual, 'Its residual') };
     besideOverlay.classList.add('tall');
     this.besideName = h('h2');
     this.besidePanel = h('section', { class: 'panel beside', hidden: true }, h('div', { class: 'panel-head' }, this.besideName, h('span', { class: 'choices' }, this.beside.overlay.tools())), besideOverlay, besideResidual);
     this.overlayPanel = h('section', { class: 'panel' },
-      h('div', { class: 'panel-head' }, h('h2', { text: 'Model and measurement' }), this.keys, this.choices, this.overlay.tools()), overlay, this.picks);
+      h('div', { class: 'panel-head' }, h('h2', { text: 'Model and measurement' }), this.keys, this.choices, this.overlay.tools()), overlay, h('div', { class: 'soft small', role: 'status' }, this.picks, this.thinned));
     overlay.append(this.axis); // the choice of variable stands where the name of the axis would
     this.residualPanel = h('section', { class: 'panel' },
       h('div', { class: 'panel-head' }, h('h2', { text: 'Residual' }), h('span', { text: 'shaded: 95 % of the noise' }), this.range,
         h('span', { class: 'choices' }, this.tableButton(), this.residual.tools())), residual);
   }
 
-  /** Pick rows out in both plots; null: none. @param {number[] | null} rows */
-  pick(rows) {
-    const selected = rows ? new Set(rows) : null, plot = this.view?.plot;
-    for (const one of [this.overlay, this.residual]) { one.selected = selected; one.redraw(); }
+  /** Pick rows out in both plots; null: none. @param {number[] | null} rows as they are drawn in `one` @param {{ drawn: PlotData | null }} one */
+  pick(rows, one = this.finer[0]) {
+    const plot = one.drawn ?? this.view?.plot;
+    this.chosen = rows && plot ? new Set(rows.map((i) => numberOf(plot, i))) : null;
     this.run = null;
+    for (const other of this.finer) { this.mark(other); other.plot.redraw(); }
     this.picks.textContent = !rows || !plot ? ''
       : `${rows.length} rows picked out, of ${[...new Set(rows.map((i) => plot.runs[plot.run[i]] ?? this.other?.title))].join(', ')}`;
+  }
+
+  /** The rows that are picked out, as a plot draws them. @param {Finer} one */
+  mark({ plot, drawn }) {
+    const data = drawn ?? this.view?.plot, { chosen, run } = this;
+    plot.selected = !chosen || !data ? null : new Set(plot.order.filter((i) => chosen.has(numberOf(data, i)) || (run !== null && data.run[i] === run)));
   }
 
   /** Pick out the rows of a run, or none when they are already. @param {number} run */
   pickRun(run) {
     const again = this.run === run, plot = this.view?.plot;
-    this.pick(again || !plot ? null : plot.run.flatMap((r, i) => (r === run ? [i] : [])));
+    this.pick(again || !plot ? null : plot.run.flatMap((r, i) => (r === run ? [i] : [])), { drawn: null });
     this.run = again ? null : run;
+    for (const other of this.finer.filter((one) => one.drawn)) { this.mark(other); other.plot.redraw(); }
   }
 
   tableButton() {
@@ -89,7 +112,7 @@ export class CasePlots {
     const columns = Object.entries(plot.columns).map(([name, one]) => named(name, one));
     if (!plot.columns[this.times]) this.times = '';
     this.axis.replaceChildren(select('against', columns, this.variable, (v) => { this.variable = this.picked.variable = v; }),
-      select(' ×', [['', '1'], ...columns], this.times, (v) => { this.times = v; }));
+      select(' ×', [['', '1'], ...columns], this.times, (v) => { this.times = v; }), ...this.logs);
     this.choices.replaceChildren(...(plot.channels.length > 1
       ? [select('channel', plot.channels.map((c) => named(c.name, c)), this.channel, (v) => { this.channel = this.picked.channel = v; })] : []));
   }
@@ -108,6 +131,7 @@ export class CasePlots {
   draw(preview) {
     if (!this.view) return;
     const { plot } = this.view, { other } = this;
+    this.preview = preview;
     /** @type {Extra[]} */
     const extras = [];
     if (preview?.channels) extras.push({ label: `with ${preview.effects.join(' + ')}`, channels: preview.channels, color: '--teal', band: '--floor' });
@@ -115,7 +139,7 @@ export class CasePlots {
     if (other && !other.plot && !this.apart) extras.push({ label: other.title, channels: other.channels, color: '--violet' });
     const mine = this.specs(plot, extras), second = foreign ?? (other && !other.plot ? withChannels(plot, other.channels) : null);
     const its = second && (this.apart || foreign) ? this.specs(second, []) : null;
-    if (its && other && foreign && !this.apart) over(mine, its, other.title, other.error);
+    if (its && other && foreign && !this.apart && !this.hidden.has(other.title)) over(mine, its, other.title, other.error);
     if (its && this.apart) {
       if (!other?.error) { alike(mine.overlay, its.overlay); alike(mine.residual, its.residual); }
       this.besideName.textContent = other?.title ?? '';
@@ -126,8 +150,8 @@ export class CasePlots {
     }
     this.besidePanel.hidden = !(its && this.apart);
     this.besidePanel.parentElement?.classList.toggle('apart', !this.besidePanel.hidden);
-    this.overlay.draw(mine.overlay);
-    this.residual.draw(mine.residual);
+    this.whole = mine;
+    for (const one of this.finer) one.begin();
     this.range.textContent = mine.span ? `fails ${mine.span}` : '';
     const known = extras.map((one) => [one.label, one.color]);
     if (foreign && other && !this.apart) known.push([other.title, '--violet']);
@@ -158,13 +182,14 @@ export class CasePlots {
     const added = extras.flatMap((one) => (one.channels[this.channel] ? [{ ...one, values: one.channels[this.channel] }] : []));
     /** @type {Line[]} */
     const lines = [];
-    if (c.base) lines.push({ values: c.base, lines: along(c.base), color: css('--soft'), width: 1.6, dash: [3, 4] });
-    lines.push({ values: c.predicted, lines: predicted, color: css('--blue'), width: 2.2 });
-    for (const one of added) lines.push({ values: one.values, lines: along(one.values), color: css(one.color), width: 2.4 });
+    const { hidden } = this;
+    if (c.base && !hidden.has('base')) lines.push({ values: c.base, lines: along(c.base), color: css('--soft'), width: 1.6, dash: [3, 4] });
+    if (!hidden.has('model')) lines.push({ values: c.predicted, lines: predicted, color: css('--blue'), width: 2.2 });
+    for (const one of added) if (!hidden.has(one.label)) lines.push({ values: one.values, lines: along(one.values), color: css(one.color), width: 2.4 });
     /** @param {number[]} values @returns {Points[]} */
     const both = (values, extra = {}) => [
-      { values, rows: rows[0], kind: 'dot', color: css('--ink'), ...extra },
-      { values, rows: rows[1], kind: 'held', color: css('--ink'), ...extra },
+      { values, rows: hidden.has('training') ? [] : rows[0], kind: 'dot', color: css('--ink'), ...extra },
+      { values, rows: hidden.has('held out') ? [] : rows[1], kind: 'held', color: css('--ink'), ...extra },
     ];
     const left = c.measured.map((m, i) => (m - c.predicted[i]) / noise);
     /** @param {number} i */
@@ -177,15 +202,15 @@ export class CasePlots {
     /** @type {PlotSpec} */
     const overlay = {
       x, y: { name: c.name, unit: c.unit }, points: both(c.measured), lines, ranges, describe: tell,
-      bands: !known ? [] : [{ values: c.predicted, lines: predicted, half: 1.96 * noise, color: css('--band') },
-        ...added.flatMap((one) => (one.band ? [{ values: one.values, lines: along(one.values), half: 1.96 * noise, color: css(one.band) }] : []))],
+      bands: !known ? [] : [...(hidden.has('model') ? [] : [{ values: c.predicted, lines: predicted, half: 1.96 * noise, color: css('--band') }]),
+        ...added.flatMap((one) => (one.band && !hidden.has(one.label) ? [{ values: one.values, lines: along(one.values), half: 1.96 * noise, color: css(one.band) }] : []))],
       table,
       alt: `${c.name} measured and predicted against ${x.name}, ${x.values.length} rows of ${plot.runs.length} runs.${span ? ` The model fails at ${span}.` : ''} Arrow keys step through the rows.`,
     };
     /** @type {PlotSpec} */
     const residual = {
       x: { ...x, chosen: false }, y: { name: 'residual', unit: known ? 'noise sd' : c.unit }, ranges, lines: [], bands: [], level: known ? [-1.96, 1.96] : null, describe: tell,
-      points: [...both(left), ...added.flatMap((one) => both(c.measured.map((m, i) => (m - one.values[i]) / noise), { color: css(one.color), size: 2.4, alpha: 0.9 }))],
+      points: [...both(left), ...added.filter((one) => !hidden.has(one.label)).flatMap((one) => both(c.measured.map((m, i) => (m - one.values[i]) / noise), { color: css(one.color), size: 2.4, alpha: 0.9 }))],
       table,
       alt: `Residual of ${c.name} in noise sd against ${x.name}.${span ? ` It stands out at ${span}.` : ' It stands out nowhere.'} Arrow keys step through the rows.`,
     };
@@ -207,17 +232,102 @@ export class CasePlots {
 
   /** @param {boolean} base @param {string[][]} added label and colour of what is drawn over it @param {boolean} fails */
   legend(base, added, fails) {
-    /** @param {string} kind @param {string} mark @param {string} text */
-    const key = (kind, mark, text) => h('span', { class: `key ${kind}` }, h('i', { class: mark }), text);
+    /** @param {string} kind @param {string} mark @param {string} text @param {string} name of what it switches */
+    const key = (kind, mark, text, name = text) => h('button', {
+      type: 'button', class: `key ${kind}`, 'aria-pressed': String(!this.hidden.has(name)), title: 'Show or hide it', onclick: () => {
+        if (!this.hidden.delete(name)) this.hidden.add(name);
+        this.draw(this.preview);
+        /** @type {HTMLElement | undefined} */ ([.../** @type {Iterable<HTMLElement>} */ (this.keys.children)].find((one) => one.textContent === text))?.focus();
+      },
+    }, h('i', { class: mark }), text);
     this.keys.replaceChildren(...[
       key('', 'dot', 'training'), key('', 'ring', 'held out'),
-      base ? key('base', 'dashed', 'base model') : null,
-      key('model', '', `${base ? 'extended model' : 'base model'}, 95 % band`),
+      base ? key('base', 'dashed', 'base model', 'base') : null,
+      key('model', '', `${base ? 'extended model' : 'base model'}, 95 % band`, 'model'),
       ...added.map(([text, color]) => key(color === '--violet' ? 'other' : 'with', '', text)),
-      fails ? key('fails', 'box', 'fails here') : null,
+      fails ? h('span', { class: 'key fails' }, h('i', { class: 'box' }), 'fails here') : null,
     ].filter((one) => one !== null));
   }
 }
+
+/** The number of a row that is drawn; of another case drawn over it below zero. @param {PlotData} plot @param {number} i */
+const numberOf = (plot, i) => (i < plot.run.length ? plot.columns.row.values[i] : plot.run.length - i - 1);
+
+/** A plot whose rows are thinned: zoomed, it asks for those of the part, and draws what it has until they come. */
+class Finer {
+  /** @param {CasePlots} plots @param {Plot} plot */
+  constructor(plots, plot) {
+    this.plots = plots;
+    this.plot = plot;
+    /** @type {PlotData | null} */
+    this.drawn = null; // the part, as it was answered
+    /** @type {Zoomed | null} */
+    this.part = null;
+    /** @type {AbortController | null} */
+    this.asked = null;
+    /** @type {ReturnType<typeof setTimeout> | undefined} */
+    this.timer = undefined;
+    plot.onzoom = () => this.later();
+  }
+
+  /** Draw what there is, and ask for more where it is zoomed. */
+  begin() {
+    const { whole } = this.plots;
+    if (!whole) return;
+    this.drawn = null;
+    this.show(whole);
+    this.later();
+  }
+
+  /** @param {{ overlay: PlotSpec, residual: PlotSpec }} specs */
+  show(specs) {
+    const { plots, plot } = this;
+    plot.draw(plot === plots.overlay ? specs.overlay : specs.residual);
+    plots.mark(this);
+    if (plot.selected) plot.redraw();
+  }
+
+  /** Whether what was answered holds all of a part. @param {Zoomed} view */
+  holds({ x, y }) { return this.part !== null && x[0] >= this.part.x[0] && x[1] <= this.part.x[1] && y[0] >= this.part.y[0] && y[1] <= this.part.y[1]; }
+
+  later() {
+    const { plots, plot } = this, data = plots.view?.plot;
+    this.asked?.abort();
+    clearTimeout(this.timer);
+    const thinned = data && data.kept < data.rows;
+    this.say(thinned ? `${count(data.kept)} of ${count(data.rows)} rows are drawn, the worst of each stretch among them${plots.ask ? '; zoom in for more' : ''}.` : '');
+    if (this.drawn && (!plot.view || !this.holds(plot.view))) { this.begin(); return; }
+    if (!plot.view) return;
+    if (thinned && plots.ask && !plots.preview && !plots.other) this.timer = setTimeout(() => { void this.refine(); }, SETTLED_MS);
+  }
+
+  async refine() {
+    const { plots, plot } = this, { view } = plots, part = plot.view;
+    if (!view || !part || !plots.ask) return;
+    const residual = plot === plots.residual, asked = this.asked = new AbortController(), begin = performance.now();
+    let found;
+    try {
+      found = await plots.ask(part, { variable: plots.variable, times: plots.times, channel: plots.channel, residual }, asked.signal);
+    } catch (error) {
+      if (!asked.signal.aborted) this.say(`Only the thinned rows are drawn: ${error instanceof Error ? error.message : error}`);
+      return;
+    }
+    if (asked.signal.aborted || plots.view !== view) return;
+    const whole = view.plot, channel = whole.channels.find((c) => c.name === plots.channel) ?? whole.channels[0];
+    this.drawn = { ...whole, columns: found.columns, run: found.run, channels: [{ ...channel, ...found.channel }] };
+    this.part = part;
+    this.show(plots.specs(this.drawn, []));
+    this.say(found.kept < found.rows ? `${count(found.kept)} of the ${count(found.rows)} rows in this part are drawn; zoom in for more.` : `All ${count(found.rows)} rows in this part are drawn.`);
+    plot.host.dataset.refined = String(found.kept);
+    plot.host.dataset.took = (performance.now() - begin + SETTLED_MS).toFixed(0); // ms from the zoom to the picture
+  }
+
+  /** @param {string} text */
+  say(text) { this.plots.thinned.textContent = text; if (!this.drawn) delete this.plot.host.dataset.refined; }
+}
+
+/** @param {number} n */
+const count = (n) => n.toLocaleString('en');
 
 /** The same rows with what another model predicts. @param {PlotData} plot @param {Record<string, number[]>} channels @returns {PlotData} */
 function withChannels(plot, channels) {

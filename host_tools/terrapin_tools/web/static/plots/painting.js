@@ -1,6 +1,7 @@
 // How a plot of a case is drawn: axes, marked ranges, bands, curves and points.
 import { css, number } from './basics.js';
 
+const LINEAR = { x: false, y: false };
 export const MARGIN = { left: 56, right: 10, top: 10, bottom: 34 };
 
 /** About `count` round numbers from low to high. @param {number} low @param {number} high @param {number} count */
@@ -14,11 +15,34 @@ export function ticks(low, high, count) {
   return found;
 }
 
-/** The lowest and the highest value of all lists, with some room. @param {(number | null)[][]} lists @param {number} pad */
-function span(lists, pad) {
+/** The same on a logarithmic axis: 1, 2 and 5 of each power of ten, or the powers alone. @param {number} low @param {number} high @param {number} count */
+function logTicks(low, high, count) {
+  const from = Math.floor(Math.log10(low)), to = Math.ceil(Math.log10(high));
+  const each = Math.max(1, Math.ceil((to - from) / count)), found = [];
+  for (let k = from; k <= to; k += each) for (const m of each > 1 || to - from > count ? [1] : [1, 2, 5]) found.push(m * 10 ** k);
+  const inside = found.filter((v) => v >= low && v <= high);
+  return inside.length > 1 ? inside : ticks(low, high, count).filter((v) => v > 0);
+}
+
+/** A value to its place, linear or logarithmic; what no logarithm has lies far outside. @param {number[]} range @param {number} from @param {number} to @param {boolean} log @returns {Scale} */
+function scale([low, high], from, to, log) {
+  const wide = to - from;
+  if (!log) return (v) => from + ((v - low) / (high - low)) * wide;
+  const all = Math.log(high / low);
+  return (v) => (v > 0 ? from + (Math.log(v / low) / all) * wide : from - 10 * wide);
+}
+
+/** The way back. @param {number[]} range @param {number} from @param {number} to @param {boolean} log @returns {Scale} */
+function back([low, high], from, to, log) {
+  return (u) => (log ? low * (high / low) ** ((u - from) / (to - from)) : low + ((u - from) / (to - from)) * (high - low));
+}
+
+/** The lowest and the highest value of all lists, with some room. @param {(number | null)[][]} lists @param {number} pad @param {boolean} log those above zero alone */
+function span(lists, pad, log = false) {
   let low = Infinity, high = -Infinity;
-  for (const list of lists) for (const v of list) if (v !== null && Number.isFinite(v)) { if (v < low) low = v; if (v > high) high = v; }
-  if (low > high) return [0, 1];
+  for (const list of lists) for (const v of list) if (v !== null && Number.isFinite(v) && (!log || v > 0)) { if (v < low) low = v; if (v > high) high = v; }
+  if (low > high) return log ? [1, 10] : [0, 1];
+  if (log) { const room = high > low ? (high / low) ** pad : 2; return [low / room, high * room]; }
   const room = (high - low || Math.abs(high) || 1) * pad;
   return [low - room, high + room];
 }
@@ -68,27 +92,24 @@ export function curve(x, y, noise, run, runs) {
 
 // ---------------------------------------------------------------- marks
 
-/** From where to where the axes go that show all. @param {PlotSpec} spec */
-export function extent(spec) {
+/** From where to where the axes go that show all. @param {PlotSpec} spec @param {Logs} log */
+export function extent(spec, log = LINEAR) {
   const tall = [...spec.points.map((p) => p.rows.map((i) => p.values[i])), ...spec.lines.map((l) => l.values)];
   for (const band of spec.bands) tall.push(band.values.map((v) => v + band.half), band.values.map((v) => v - band.half));
   if (spec.level) tall.push(spec.level);
-  return { xs: span([spec.x.values], 0.03), ys: span(tall, 0.05) };
+  return { xs: span([spec.x.values], 0.03, log.x), ys: span(tall, 0.05, log.y) };
 }
 
 /**
  * Draw on a canvas, or as SVG.
  * @param {Pen} c @param {PlotSpec} spec @param {number} width @param {number} height
- * @param {{ x: number[], y: number[] } | null} view what is zoomed into @param {Set<number> | null} selected rows @returns {PlotMap}
+ * @param {Zoomed | null} view what is zoomed into @param {Set<number> | null} selected rows @param {Logs} log which axes are logarithmic @returns {PlotMap}
  */
-export function paint(c, spec, width, height, view, selected) {
+export function paint(c, spec, width, height, view, selected, log = LINEAR) {
   const box = { x0: MARGIN.left, x1: width - MARGIN.right, y0: height - MARGIN.bottom, y1: MARGIN.top };
-  const shown = view ?? spec.frame, { xs, ys } = shown ? { xs: shown.x, ys: shown.y } : extent(spec);
-  /** @type {Scale} */
-  const X = (v) => box.x0 + ((v - xs[0]) / (xs[1] - xs[0])) * (box.x1 - box.x0);
-  /** @type {Scale} */
-  const Y = (v) => box.y0 + ((v - ys[0]) / (ys[1] - ys[0])) * (box.y1 - box.y0);
-  frame(c, spec, box, xs, ys, X, Y);
+  const shown = view ?? (log.x || log.y ? null : spec.frame), { xs, ys } = shown ? { xs: shown.x, ys: shown.y } : extent(spec, log);
+  const X = scale(xs, box.x0, box.x1, log.x), Y = scale(ys, box.y0, box.y1, log.y);
+  frame(c, spec, box, xs, ys, X, Y, log);
   c.save();
   c.beginPath();
   c.rect(box.x0, box.y1, box.x1 - box.x0, box.y0 - box.y1);
@@ -99,15 +120,15 @@ export function paint(c, spec, width, height, view, selected) {
   for (const points of spec.points) drawPoints(c, x, points, X, Y, selected);
   for (const one of spec.lines.filter((l) => !l.under)) drawLine(c, x, one, X, Y);
   c.restore();
-  return { box, xs, ys, X, Y };
+  return { box, xs, ys, X, Y, x: back(xs, box.x0, box.x1, log.x), y: back(ys, box.y0, box.y1, log.y) };
 }
 
 /**
  * Axes, level, and the ranges that are marked.
  * @param {Pen} c @param {PlotSpec} spec @param {{ x0: number, x1: number, y0: number, y1: number }} box
- * @param {number[]} xs @param {number[]} ys @param {Scale} X @param {Scale} Y
+ * @param {number[]} xs @param {number[]} ys @param {Scale} X @param {Scale} Y @param {Logs} log
  */
-function frame(c, spec, box, xs, ys, X, Y) {
+function frame(c, spec, box, xs, ys, X, Y, log) {
   c.font = '12px system-ui, sans-serif';
   c.lineWidth = 1;
   if (spec.level) {
@@ -126,14 +147,14 @@ function frame(c, spec, box, xs, ys, X, Y) {
   c.fillStyle = css('--soft');
   c.textBaseline = 'middle';
   c.textAlign = 'right';
-  for (const t of ticks(ys[0], ys[1], Math.max(2, (box.y0 - box.y1) / 42))) {
+  for (const t of (log.y ? logTicks : ticks)(ys[0], ys[1], Math.max(2, (box.y0 - box.y1) / 42))) {
     line(c, box.x0, Y(t), box.x1, Y(t));
     c.fillText(number(t), box.x0 - 7, Y(t));
   }
   c.textAlign = 'center';
   c.textBaseline = 'top';
   const room = (box.x1 - box.x0) / 90;
-  for (const t of ticks(xs[0], xs[1], Math.max(2, room))) {
+  for (const t of (log.x ? logTicks : ticks)(xs[0], xs[1], Math.max(2, room))) {
     if (X(t) > box.x1 - 4 || X(t) < box.x0) continue;
     line(c, X(t), box.y0, X(t), box.y0 + 4);
     c.fillText(number(t), X(t), box.y0 + 6);
@@ -158,8 +179,7 @@ function frame(c, spec, box, xs, ys, X, Y) {
 function drawBand(c, x, band, X, Y) {
   c.fillStyle = band.color;
   if (!band.lines) { // no curve: a short bar about each prediction
-    const up = Math.abs(Y(band.half) - Y(0));
-    band.values.forEach((v, i) => c.fillRect(X(x[i]) - 4, Y(v) - up, 8, 2 * up));
+    band.values.forEach((v, i) => c.fillRect(X(x[i]) - 4, Y(v + band.half), 8, Y(v - band.half) - Y(v + band.half)));
     return;
   }
   for (const rows of band.lines) {

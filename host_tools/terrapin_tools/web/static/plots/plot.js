@@ -33,12 +33,14 @@ export class Plot {
     this.table = null;
     /** @type {PlotMap | null} */
     this.map = null;
-    /** @type {{ x: number[], y: number[] } | null} */
+    /** @type {Zoomed | null} */
     this.view = null; // what is zoomed into
     /** @type {Set<number> | null} */
     this.selected = null;
     /** @type {(rows: number[] | null) => void} */
     this.onselect = () => {};
+    /** @type {(view: Zoomed | null) => void} */
+    this.onzoom = () => {};
     /** @type {Map<string, number[]> | null} */
     this.cells = null; // rows by where they are drawn, for the mouse
     /** @type {ReturnType<typeof setTimeout> | undefined} */
@@ -46,6 +48,7 @@ export class Plot {
     /** @type {{ u: number, v: number } | null} */
     this.from = null; // where the mouse was pressed
     this.selecting = false;
+    this.log = { x: false, y: false }; // which axes are logarithmic
     this.name = name;
     this.host = host;
     host.classList.add('plot');
@@ -90,7 +93,7 @@ export class Plot {
     c.scale(scale, scale);
     c.clearRect(0, 0, width, height);
     this.cells = null;
-    this.map = paint(c, this.spec, width, height, this.view, this.selected);
+    this.map = paint(c, this.spec, width, height, this.view, this.selected, this.log);
     clearTimeout(this.timer);
     this.timer = setTimeout(() => { if (this.map && this.spec) this.cells ??= this.drawn(this.map, this.spec); }, SETTLED_MS); // before the mouse comes
     if (this.at !== null) this.mark(this.at);
@@ -183,11 +186,7 @@ export class Plot {
     if (!found || !map) return;
     if (this.selecting || event.shiftKey) this.choose(found.us, found.vs);
     else {
-      /** @param {number} u */
-      const x = (u) => map.xs[0] + ((u - map.box.x0) / (map.box.x1 - map.box.x0)) * (map.xs[1] - map.xs[0]);
-      /** @param {number} v */
-      const y = (v) => map.ys[0] + ((v - map.box.y0) / (map.box.y1 - map.box.y0)) * (map.ys[1] - map.ys[0]);
-      this.zoom({ x: found.us.map(x), y: [y(found.vs[1]), y(found.vs[0])] });
+      this.zoom({ x: found.us.map(map.x), y: [map.y(found.vs[1]), map.y(found.vs[0])] });
     }
   }
 
@@ -202,23 +201,25 @@ export class Plot {
     this.onselect(rows.size ? [...rows] : null);
   }
 
-  /** Show a part; null: all. @param {{ x: number[], y: number[] } | null} view */
+  /** Show a part; null: all. @param {Zoomed | null} view */
   zoom(view) {
     this.view = view;
     this.host.dataset.zoomed = view ? 'yes' : '';
     this.redraw();
+    this.onzoom(view);
   }
 
   /** Zoom about a place, or move. @param {number} factor of what is shown @param {number} u @param {number} v shares, 0 to 1 */
   scale(factor, u = 0.5, v = 0.5, right = 0, up = 0) {
     const { map } = this;
     if (!map) return;
-    /** @param {number[]} range @param {number} at @param {number} move */
-    const part = ([low, high], at, move) => {
-      const wide = high - low, begin = low + at * wide * (1 - factor) + move * wide;
-      return [begin, begin + factor * wide];
+    /** @param {number[]} range @param {number} at @param {number} move @param {boolean} log */
+    const part = (range, at, move, log) => {
+      const [low, high] = log ? range.map(Math.log) : range;
+      const wide = high - low, begin = low + at * wide * (1 - factor) + move * wide, ends = [begin, begin + factor * wide];
+      return log ? ends.map(Math.exp) : ends;
     };
-    this.zoom({ x: part(map.xs, u, right), y: part(map.ys, v, up) });
+    this.zoom({ x: part(map.xs, u, right, this.log.x), y: part(map.ys, v, up, this.log.y) });
   }
 
   /** @param {WheelEvent} event */
@@ -293,6 +294,25 @@ export class Plot {
       button('CSV', 'save its rows as CSV', () => save(new Blob([this.csv()], { type: 'text/csv' }), this.file('csv'))));
   }
 
+  /** Buttons that make an axis logarithmic, or linear again. @param {Plot} beside a plot with the same x axis */
+  logs(beside) {
+    return /** @type {const} */ (['x', 'y']).map((axis) => {
+      const title = `${this.name}: ${axis} axis logarithmic, of what is above zero`;
+      const one = h('button', {
+        type: 'button', class: 'key', title, 'aria-label': title, text: `log ${axis}`, 'aria-pressed': 'false', onclick: () => {
+          this.log[axis] = !this.log[axis] && this.positive(axis);
+          one.setAttribute('aria-pressed', String(this.log[axis]));
+          if (axis === 'x') { beside.log.x = this.log.x; beside.zoom(null); }
+          this.zoom(null);
+        },
+      });
+      return one;
+    });
+  }
+
+  /** Whether there is something above zero to draw. @param {'x' | 'y'} axis */
+  positive(axis) { return Boolean(this.spec && (axis === 'x' ? [this.spec.x.values] : this.spec.points.map((p) => p.values)).some((list) => list.some((v) => v > 0))); }
+
   /** @param {string} ending */
   file(ending) { return `${this.name}-${this.spec?.y.name ?? ''}-${this.spec?.x.name ?? ''}.${ending}`.toLowerCase().replaceAll(/[^\w.]+/g, '_'); }
 
@@ -301,7 +321,7 @@ export class Plot {
     const width = this.host.clientWidth, height = this.host.clientHeight;
     const pen = new SvgPen(width, height, css('--card'));
     if (this.spec) {
-      paint(/** @type {Pen} */ (/** @type {unknown} */ (pen)), this.spec, width, height, this.view, this.selected);
+      paint(/** @type {Pen} */ (/** @type {unknown} */ (pen)), this.spec, width, height, this.view, this.selected, this.log);
       if (this.spec.x.chosen) { // the page has a choice there in the place of the axis's name
         pen.fillStyle = css('--ink');
         pen.textAlign = 'right';
