@@ -300,6 +300,8 @@ def test_one_bit_is_a_flag_unless_its_values_have_words(tmp_path: Path) -> None:
         ' SG_ scaled : 3|1@1+ (2,0) [0|0] "" A\n SG_ wide : 8|2@1+ (1,0) [0|3] "" A\n'
         'VAL_ 100 worded 0 "off" 1 "on" ;\n'
     )
+    with pytest.raises(UserError, match=r"y\.dbc: no such file$"):
+        Decoder(tmp_path / "y.dbc")
     described = {signal.name: signal for signal in Decoder(dbc).described("M")}
     assert [name for name, signal in described.items() if signal.flag] == ["bare"]
     assert {name: dict(signal.words) for name, signal in described.items() if signal.words} == {
